@@ -1,0 +1,370 @@
+//! From the columns of a file to channels: `T_room[degC]`, `P_heater_W`, and bindings such as `T_room=T_indoor_degC`.
+
+use indexmap::IndexMap;
+use serde::{Deserialize, Serialize};
+
+use super::channel::{ChannelKind, KNOWN, canonical_unit, means_same_quantity};
+use crate::fault::{Fault, nearest};
+use crate::units::Unit;
+
+/// More columns than any building automation export has; it bounds the work on a hostile header.
+pub(super) const MAX_COLUMNS: usize = 1_000;
+const MAX_NAME: usize = 128;
+
+/// Unit suffixes of column names, with the unit texts that they stand for; a longer one comes before its own tail.
+const SUFFIXES: &[(&str, &str)] = &[
+    ("_kW_m2", "kW/m2"),
+    ("_W_m2", "W/m2"),
+    ("_mol_m3", "mol/m3"),
+    ("_mg_l", "mg/l"),
+    ("_g_m3", "g/m3"),
+    ("_km_h", "km/h"),
+    ("_m3_d", "m3/d"),
+    ("_m3_h", "m3/h"),
+    ("_m_s", "m/s"),
+    ("_degC", "degC"),
+    ("_degF", "degF"),
+    ("_deg", "deg"),
+    ("_ppm", "ppm"),
+    ("_pct", "pct"),
+    ("_frac", "-"),
+    ("_kW", "kW"),
+    ("_MW", "MW"),
+    ("_W", "W"),
+    ("_K", "K"),
+];
+
+/// The end of a column name that says: the unit is not stated on purpose.
+const RAW: &str = "_raw";
+
+/// Unit texts to suggest for a slip of the pen.
+const COMMON_UNITS: &[&str] =
+    &["degC", "degF", "K", "W", "kW", "MW", "W/m2", "kW/m2", "m/s", "km/h", "ppm", "pct", "deg", "g/m3", "mol/m3", "m3/d", "m3/h", "people", "-"];
+
+/// What a column says about its unit.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum ColumnUnit {
+    /// A unit text, in brackets, by suffix or in the `channels` of a JSON window.
+    Stated(String),
+    /// Nothing: the channel's own unit is meant.
+    Unstated,
+    /// The name ends in `_raw`: nobody knows the unit. Such a column is neither converted nor judged for plausibility.
+    Raw,
+}
+
+/// A column header, taken apart.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ColumnHeader {
+    /// The header as written, without surrounding blanks.
+    pub column: String,
+    /// The name without unit: the channel that an unbound column is taken for.
+    pub channel: String,
+    /// What it says about its unit.
+    pub unit: ColumnUnit,
+}
+
+impl ColumnHeader {
+    /// Takes a header apart.
+    ///
+    /// A bracket is the last word: in `T_out_W[degC]` the `_W` belongs to the name. Without one a known suffix
+    /// is the unit and no part of the name.
+    pub fn parse(header: &str) -> Self {
+        let column = header.trim();
+        let (channel, unit) = match column.strip_suffix(']').and_then(|open| open.rsplit_once('[')) {
+            Some((name, unit)) => (name.trim(), ColumnUnit::Stated(canonical_unit(unit.trim()).to_owned())),
+            None => match split_suffix(column) {
+                Some((name, unit)) => (name, ColumnUnit::Stated(unit.to_owned())),
+                None if column.len() > RAW.len() && column.ends_with(RAW) => (column, ColumnUnit::Raw),
+                None => (column, ColumnUnit::Unstated),
+            },
+        };
+        Self { column: column.to_owned(), channel: channel.to_owned(), unit }
+    }
+
+    /// A header whose unit is stated elsewhere (in the `channels` of a JSON window), so that the name stands as it is.
+    pub(super) fn with_unit(name: &str, unit: &str) -> Self {
+        let name = name.trim();
+        Self { column: name.to_owned(), channel: name.to_owned(), unit: ColumnUnit::Stated(canonical_unit(unit.trim()).to_owned()) }
+    }
+}
+
+fn split_suffix(column: &str) -> Option<(&str, &'static str)> {
+    SUFFIXES.iter().find_map(|(suffix, unit)| {
+        let name = column.strip_suffix(suffix)?;
+        (!name.is_empty()).then_some((name, *unit))
+    })
+}
+
+/// Which column feeds which channel, where the names alone do not say it.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(transparent)]
+pub struct Bindings(IndexMap<String, String>);
+
+impl Bindings {
+    /// No bindings: every column is taken for the channel of its name.
+    pub fn none() -> Self {
+        Self::default()
+    }
+
+    /// Reads bindings from texts `channel=column`.
+    ///
+    /// # Errors
+    /// One fault for every text without `=` or with an empty side, and for every channel that is bound twice.
+    pub fn parse<'a>(texts: impl IntoIterator<Item = &'a str>) -> Result<Self, Vec<Fault>> {
+        let mut bindings = Self::default();
+        let mut faults = Vec::new();
+        for text in texts {
+            match text.split_once('=').map(|(channel, column)| (channel.trim(), column.trim())) {
+                Some((channel, column)) if !channel.is_empty() && !column.is_empty() => {
+                    if bindings.0.insert(channel.to_owned(), column.to_owned()).is_some() {
+                        faults.push(Fault::new("/bind", "bound-twice", format!("`{}` is bound twice", shown(channel))));
+                    }
+                }
+                _ => faults.push(
+                    Fault::new("/bind", "bad-binding", format!("`{}` is not a binding", shown(text)))
+                        .suggest("write channel=column, such as T_room=T_indoor_degC"),
+                ),
+            }
+        }
+        if faults.is_empty() { Ok(bindings) } else { Err(faults) }
+    }
+
+    /// Binds a channel to a column, in place of what it was bound to.
+    pub fn bind(&mut self, channel: impl Into<String>, column: impl Into<String>) {
+        self.0.insert(channel.into(), column.into());
+    }
+
+    /// The column that a channel is bound to.
+    pub fn column(&self, channel: &str) -> Option<&str> {
+        self.0.get(channel).map(String::as_str)
+    }
+
+    /// All pairs of channel and column, in the order in which they were bound.
+    pub fn iter(&self) -> impl Iterator<Item = (&str, &str)> {
+        self.0.iter().map(|(channel, column)| (channel.as_str(), column.as_str()))
+    }
+
+    /// Whether nothing is bound.
+    pub fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+}
+
+/// A channel that a window will have, and how its values come about.
+#[derive(Debug)]
+pub(super) struct Target {
+    /// Index of the column among the headers.
+    pub column: usize,
+    /// The name of the channel.
+    pub channel: String,
+    /// Its unit, hold and plausible range.
+    pub kind: ChannelKind,
+    /// The unit in which the column is written.
+    pub from: Unit,
+    /// The text of `from`.
+    pub from_text: String,
+    /// The unit of the channel.
+    pub to: Unit,
+    /// Whether the plausible range applies.
+    pub judged: bool,
+}
+
+/// The channels behind all columns of a file.
+///
+/// `pointer` turns a column's name into the place that a fault names: `column T_room` or `/values/T_room`.
+pub(super) fn resolve(
+    headers: &[ColumnHeader],
+    bindings: &Bindings,
+    pointer: &dyn Fn(&str) -> String,
+    warnings: &mut Vec<String>,
+) -> Result<Vec<Target>, Vec<Fault>> {
+    let mut faults = Vec::new();
+    if headers.len() > MAX_COLUMNS {
+        let detail = format!("{} columns, {MAX_COLUMNS} are the most", headers.len());
+        return Err(vec![Fault::new("header", "too-many-columns", detail)]);
+    }
+    let mut targets: IndexMap<String, Target> = IndexMap::new();
+    let mut bound = vec![false; headers.len()];
+    for (channel, column) in bindings.iter() {
+        let exact = headers.iter().position(|header| header.column == column);
+        match exact.or_else(|| headers.iter().position(|header| header.channel == column)) {
+            Some(index) => {
+                bound[index] = true;
+                match target(index, channel, &headers[index], pointer, warnings) {
+                    Ok(found) => drop(targets.insert(channel.to_owned(), found)),
+                    Err(fault) => faults.push(fault),
+                }
+            }
+            None => {
+                let detail = format!("`{}` is bound to a column `{}` that is not there", shown(channel), shown(column));
+                let near = nearest(column, headers.iter().map(|header| header.column.as_str()));
+                faults.push(with_near(Fault::new("/bind", "unknown-column", detail), near));
+            }
+        }
+    }
+    let mut own: IndexMap<&str, &str> = IndexMap::new();
+    for (index, header) in headers.iter().enumerate() {
+        if let Some(fault) = bad_name(header, &pointer(&shown(&header.column))) {
+            faults.push(fault);
+        } else if bound[index] {
+            continue;
+        } else if bindings.column(&header.channel).is_some() {
+            warnings.push(format!("column `{}` left out: its channel is bound to another column", header.column));
+        } else if let Some(first) = own.insert(&header.channel, &header.column) {
+            let detail = format!("`{}` and `{}` are both the channel `{}`", shown(first), shown(&header.column), shown(&header.channel));
+            faults.push(
+                Fault::new(pointer(&shown(&header.column)), "duplicate-column", detail)
+                    .suggest(format!("rename one of them, or bind one: {0}={1}", shown(&header.channel), shown(first))),
+            );
+        } else {
+            match target(index, &header.channel, header, pointer, warnings) {
+                Ok(found) => drop(targets.insert(header.channel.clone(), found)),
+                Err(fault) => faults.push(fault),
+            }
+        }
+    }
+    if targets.is_empty() && faults.is_empty() {
+        faults.push(Fault::new("header", "no-data-column", "there is no column beside the time"));
+    }
+    if faults.is_empty() { Ok(targets.into_values().collect()) } else { Err(faults) }
+}
+
+/// The channel that one column feeds.
+fn target(
+    column: usize,
+    channel: &str,
+    header: &ColumnHeader,
+    pointer: &dyn Fn(&str) -> String,
+    warnings: &mut Vec<String>,
+) -> Result<Target, Fault> {
+    let at = || pointer(&shown(&header.column));
+    let known = ChannelKind::of_name(channel);
+    let unknown_unit = |text: &str| {
+        let detail = format!("`{}` is not a known unit", shown(text));
+        with_near(Fault::new(at(), "unknown-unit", detail), nearest(text, COMMON_UNITS.iter().copied()))
+    };
+    let (kind, from_text) = match (&header.unit, known) {
+        (ColumnUnit::Stated(text), Some(kind)) => (kind, text.clone()),
+        (ColumnUnit::Stated(text), None) => (ChannelKind::of_unit(text), text.clone()),
+        (ColumnUnit::Unstated | ColumnUnit::Raw, Some(kind)) => {
+            let unit = kind.unit.clone();
+            if header.unit == ColumnUnit::Raw {
+                warnings.push(format!("`{}` does not state its unit: its numbers are taken as {unit} and not checked", header.column));
+            }
+            (kind, unit)
+        }
+        (ColumnUnit::Unstated | ColumnUnit::Raw, None) => {
+            if header.unit == ColumnUnit::Unstated
+                && let Some(near) = nearest(channel, KNOWN).filter(|near| near.eq_ignore_ascii_case(channel))
+            {
+                warnings.push(format!("`{channel}` is not a known channel; `{near}` is"));
+            }
+            (ChannelKind::of_unit("-"), "-".to_owned())
+        }
+    };
+    let from = Unit::parse(&from_text).map_err(|unknown| unknown_unit(&unknown.0))?;
+    let to = Unit::parse(&kind.unit).map_err(|unknown| unknown_unit(&unknown.0))?;
+    if !from.same_dimension(&to) || !means_same_quantity(&from_text, &kind.unit) {
+        let detail = format!("column `{}` is in {from_text}, which does not convert to the {} of `{}`", shown(&header.column), kind.unit, shown(channel));
+        return Err(Fault::new(at(), "inconvertible-unit", detail)
+            .suggest(format!("if the end of the name is no unit, say the unit in brackets: {}[{}]", shown(&header.column), kind.unit)));
+    }
+    let judged = header.unit != ColumnUnit::Raw;
+    Ok(Target { column, channel: channel.to_owned(), kind, from, from_text, to, judged })
+}
+
+fn bad_name(header: &ColumnHeader, pointer: &str) -> Option<Fault> {
+    if header.channel.is_empty() {
+        let detail = "a column has no name";
+        return Some(Fault::new(pointer, "unnamed-column", detail).suggest("name it, or remove it (a comma at the end of every line makes one)"));
+    }
+    let ends_up = header.channel.len() > MAX_NAME || header.channel.chars().any(char::is_control);
+    ends_up.then(|| Fault::new(pointer, "bad-column-name", format!("a column name has at most {MAX_NAME} bytes and no control characters")))
+}
+
+fn with_near(fault: Fault, near: Option<&str>) -> Fault {
+    match near {
+        Some(near) => fault.suggest(format!("did you mean `{}`?", shown(near))),
+        None => fault,
+    }
+}
+
+/// A name as an error may show it: short, on one line.
+pub(super) fn shown(name: &str) -> String {
+    name.chars().take(60).collect::<String>().escape_debug().to_string()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Bindings, ColumnHeader, ColumnUnit, SUFFIXES, Target, resolve};
+    use crate::fault::Fault;
+    use crate::units::Unit;
+    use proptest::prelude::{any, proptest};
+
+    fn channels(headers: &[&str], binds: &[&str]) -> Result<Vec<Target>, Vec<Fault>> {
+        let headers: Vec<ColumnHeader> = headers.iter().map(|header| ColumnHeader::parse(header)).collect();
+        let bindings = Bindings::parse(binds.iter().copied())?;
+        resolve(&headers, &bindings, &|name| format!("column {name}"), &mut Vec::new())
+    }
+
+    fn codes(result: Result<Vec<Target>, Vec<Fault>>) -> Vec<String> {
+        result.unwrap_err().into_iter().map(|fault| fault.code).collect()
+    }
+
+    #[test]
+    fn headers_come_apart() {
+        let parts = |text: &str| {
+            let header = ColumnHeader::parse(text);
+            (header.channel, header.unit)
+        };
+        let stated = |name: &str, unit: &str| (name.to_owned(), ColumnUnit::Stated(unit.to_owned()));
+        assert_eq!(parts("T_room[degC]"), stated("T_room", "degC"));
+        assert_eq!(parts(" T_room [ °C ] "), stated("T_room", "degC"));
+        assert_eq!(parts("P_heater_W"), stated("P_heater", "W"));
+        assert_eq!(parts("P_heater_kW"), stated("P_heater", "kW"));
+        assert_eq!(parts("ghi_W_m2"), stated("ghi", "W/m2"));
+        assert_eq!(parts("wind_speed_m_s"), stated("wind_speed", "m/s"));
+        assert_eq!(parts("ventilation_valve_frac"), stated("ventilation_valve", "-"));
+        assert_eq!(parts("T_out_W[degC]"), stated("T_out_W", "degC"));
+        assert_eq!(parts("heat_input_raw"), ("heat_input_raw".to_owned(), ColumnUnit::Raw));
+        assert_eq!(parts("S_S"), ("S_S".to_owned(), ColumnUnit::Unstated));
+        assert_eq!(parts("_W"), ("_W".to_owned(), ColumnUnit::Unstated));
+        for (suffix, unit) in SUFFIXES {
+            assert!(Unit::parse(unit).is_ok(), "{unit}");
+            assert_eq!(parts(&format!("x{suffix}")), stated("x", unit), "no shorter suffix may hide {suffix}");
+        }
+    }
+
+    #[test]
+    fn bound_columns_are_converted_and_not_taken_twice() {
+        let found = channels(&["T_indoor_degC", "T_outdoor_degC", "P_heater_W", "ghi_W_m2"], &["T_room=T_indoor_degC", "T_out=T_outdoor"]).unwrap();
+        let names: Vec<(&str, &str)> = found.iter().map(|target| (target.channel.as_str(), target.kind.unit.as_str())).collect();
+        assert_eq!(names, [("T_room", "degC"), ("T_out", "degC"), ("P_heater", "kW"), ("ghi", "W/m2")]);
+        let one_for_two = channels(&["T_a"], &["T_room=T_a", "T_forward=T_a"]).unwrap();
+        assert_eq!(one_for_two.len(), 2);
+        let raw = channels(&["heat_input_raw"], &["P_heater=heat_input_raw"]).unwrap();
+        assert!(!raw[0].judged);
+        assert_eq!(raw[0].kind.unit, "kW");
+    }
+
+    #[test]
+    fn every_fault_of_a_header_is_named() {
+        assert_eq!(codes(channels(&["T_room[furlong]", "T_out_W", ""], &[])), ["unknown-unit", "inconvertible-unit", "unnamed-column"]);
+        assert_eq!(codes(channels(&["T_room", "T_room_degC"], &[])), ["duplicate-column"]);
+        assert_eq!(channels(&["T_room", "T_room_degC"], &["T_room=T_room_degC"]).unwrap().len(), 1);
+        assert_eq!(codes(channels(&["T_indoor"], &["T_room=T_indor"])), ["unknown-column"]);
+        assert_eq!(codes(channels(&[], &[])), ["no-data-column"]);
+        assert_eq!(codes(channels(&["CO2_degC", "occupancy[deg]"], &[])), ["inconvertible-unit", "inconvertible-unit"]);
+        assert_eq!(codes(channels(&["a"], &["T_room", "T_room=a", "T_room=b"])), ["bad-binding", "bound-twice"]);
+        let suggestion = channels(&["T_room[degc]"], &[]).unwrap_err().remove(0).suggestion;
+        assert_eq!(suggestion.as_deref(), Some("did you mean `degC`?"));
+    }
+
+    proptest! {
+        #[test]
+        fn no_header_panics(names in proptest::collection::vec(any::<String>(), 0..6), bind in any::<String>()) {
+            let names: Vec<&str> = names.iter().map(String::as_str).collect();
+            let _ = channels(&names, &[&bind]);
+        }
+    }
+}

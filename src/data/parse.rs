@@ -1,0 +1,336 @@
+//! The CSV and the JSON form of a window.
+
+use std::borrow::Cow;
+use std::fmt;
+use std::marker::PhantomData;
+
+use serde::de::{Deserialize, Deserializer, Error, IgnoredAny, MapAccess, SeqAccess, Visitor};
+
+use super::header::{Bindings, ColumnHeader, MAX_COLUMNS, resolve, shown};
+use super::table::{Cell, Stamp, Table};
+use super::window::{Window, WindowReport};
+use crate::fault::Fault;
+
+/// The names that the column of times may have, in any case.
+const TIME_NAMES: [&str; 2] = ["time", "timestamp"];
+
+/// Eight years of one-minute data in one body.
+const MAX_ROWS: usize = 1 << 22;
+/// Cells of a JSON column whose text is kept for the report when it is no number.
+const MAX_ODD: usize = 100;
+
+fn is_time(column: &str) -> bool {
+    TIME_NAMES.iter().any(|name| column.eq_ignore_ascii_case(name))
+}
+
+/// Reads `time,T_room,…`: a header, then one row per time. Lines that start with `#` are comments.
+///
+/// Commas separate; a header without any comma may use semicolons or tabs.
+pub(super) fn csv(text: &str, bindings: &Bindings) -> Result<(Window, WindowReport), Vec<Fault>> {
+    let text = text.strip_prefix('\u{feff}').unwrap_or(text);
+    let header_line = text.lines().find(|line| !line.trim().is_empty() && !line.starts_with('#')).unwrap_or_default();
+    let delimiter = [b',', b';', b'\t'].into_iter().find(|mark| header_line.as_bytes().contains(mark)).unwrap_or(b',');
+    let mut reader = csv::ReaderBuilder::new()
+        .delimiter(delimiter)
+        .flexible(true)
+        .comment(Some(b'#'))
+        .from_reader(text.as_bytes());
+    let unreadable = |error: csv::Error| vec![Fault::new("csv", "unreadable", format!("the text cannot be read as CSV: {error}"))];
+    let header = reader.headers().map_err(unreadable)?.clone();
+
+    let headers: Vec<ColumnHeader> = header.iter().map(ColumnHeader::parse).collect();
+    let times: Vec<usize> = (0..headers.len()).filter(|index| is_time(&headers[*index].column)).collect();
+    let mut faults = Vec::new();
+    match times.len() {
+        1 => {}
+        0 => {
+            let first: String = headers.first().map(|header| shown(&header.column)).unwrap_or_default();
+            let detail = format!("there is no column `time`; the first column is `{first}`");
+            faults.push(Fault::new("line 1", "no-time-column", detail).suggest("the header starts with time, such as time,T_room[degC],T_out[degC]"));
+        }
+        _ => faults.push(Fault::new("line 1", "duplicate-column", "there are several columns of times").suggest("keep one column `time`")),
+    }
+    let data: Vec<usize> = (0..headers.len()).filter(|index| !times.contains(index)).collect();
+    let data_headers: Vec<ColumnHeader> = data.iter().map(|index| headers[*index].clone()).collect();
+    let mut warnings = Vec::new();
+    let targets = resolve(&data_headers, bindings, &|column| format!("column {column}"), &mut warnings);
+    let targets = match targets {
+        Ok(targets) if faults.is_empty() => targets,
+        other => {
+            faults.extend(other.err().into_iter().flatten());
+            return Err(limited(faults));
+        }
+    };
+    let names = data_headers.into_iter().map(|header| header.column).collect();
+    let mut table = Table::new(names, targets, "line", warnings);
+    let mut record = csv::StringRecord::new();
+    loop {
+        match reader.read_record(&mut record) {
+            Ok(false) => break,
+            Ok(true) => {
+                let line = record.position().map_or(0, csv::Position::line);
+                if record.len() == headers.len() {
+                    let stamp = Stamp::Text(record.get(times[0]).unwrap_or_default());
+                    table.push(line, stamp, data.iter().map(|index| Cell::of_text(record.get(*index).unwrap_or_default())));
+                } else {
+                    table.reject(line, format!("not the {} cells of the header", headers.len()));
+                }
+            }
+            Err(error) => return Err(unreadable(error)),
+        }
+    }
+    table.finish().map_err(limited)
+}
+
+/// Reads `{"channels":{"T_room":{"unit":"degC"}},"time":[…],"values":{"T_room":[21.1,null]}}`.
+pub(super) fn json(body: &[u8], bindings: &Bindings) -> Result<(Window, WindowReport), Vec<Fault>> {
+    let document: Document = serde_json::from_slice(body).map_err(|error| {
+        // The parser's message may quote a name of the document, which may be of any length.
+        let message: String = error.to_string().chars().take(200).collect();
+        vec![Fault::new("", "unreadable", format!("the body is not a window: {message}"))]
+    })?;
+    let Document { channels, time: Times(time), values } = document;
+    let (channels, values) = (channels.0, values.0);
+
+    let mut faults = Vec::new();
+    let stated = |name: &str| channels.iter().find(|(channel, _)| channel == name).and_then(|(_, entry)| entry.unit.as_deref());
+    let headers: Vec<ColumnHeader> = values
+        .iter()
+        .map(|(name, _)| match stated(name) {
+            Some(unit) => ColumnHeader::with_unit(name, unit),
+            None => ColumnHeader::parse(name),
+        })
+        .collect();
+    for (index, (name, _)) in channels.iter().enumerate() {
+        let fault = |code, detail| Fault::new(format!("/channels/{}", escaped(name)), code, detail);
+        if !values.iter().any(|(column, _)| column == name) {
+            faults.push(fault("no-values", format!("`{}` is described but has no values", shown(name))));
+        }
+        if channels[..index].iter().any(|(earlier, _)| earlier == name) {
+            faults.push(fault("duplicate-column", format!("`{}` is described twice", shown(name))));
+        }
+    }
+    for (name, cells) in values.iter().filter(|(_, cells)| cells.numbers.len() != time.len()) {
+        let detail = format!("{} values for {} times", cells.numbers.len(), time.len());
+        faults.push(Fault::new(format!("/values/{}", escaped(name)), "length-mismatch", detail));
+    }
+    let mut warnings = Vec::new();
+    let targets = match resolve(&headers, bindings, &|column| format!("/values/{}", escaped(column)), &mut warnings) {
+        Ok(targets) if faults.is_empty() => targets,
+        other => {
+            faults.extend(other.err().into_iter().flatten());
+            return Err(limited(faults));
+        }
+    };
+    let names = headers.into_iter().map(|header| header.column).collect();
+    let mut table = Table::new(names, targets, "row", warnings);
+    for (row, stamp) in time.iter().enumerate() {
+        let stamp = match stamp {
+            JsonCell::Text(text) => Stamp::Text(text),
+            JsonCell::Number(_) => Stamp::Number,
+            JsonCell::Missing => Stamp::Missing,
+        };
+        table.push(row as u64 + 1, stamp, values.iter().map(|(_, cells)| cells.cell(row)));
+    }
+    table.finish().map_err(limited)
+}
+
+/// At most a hundred faults: nobody reads more, and an answer stays small.
+fn limited(mut faults: Vec<Fault>) -> Vec<Fault> {
+    const MAX_FAULTS: usize = 100;
+    faults.truncate(MAX_FAULTS);
+    faults
+}
+
+/// A name as a token of a JSON pointer.
+fn escaped(name: &str) -> Cow<'_, str> {
+    let name = shown(name);
+    Cow::Owned(name.replace('~', "~0").replace('/', "~1"))
+}
+
+#[derive(serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Document {
+    #[serde(default)]
+    channels: Pairs<ChannelEntry>,
+    time: Times,
+    values: Pairs<JsonColumn>,
+}
+
+#[derive(serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ChannelEntry {
+    unit: Option<String>,
+}
+
+/// The entries of a map in the order of the document; a name that occurs twice stays twice, so that it can be a fault.
+struct Pairs<T>(Vec<(String, T)>);
+
+impl<T> Default for Pairs<T> {
+    fn default() -> Self {
+        Self(Vec::new())
+    }
+}
+
+impl<'de, T: Deserialize<'de>> Deserialize<'de> for Pairs<T> {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct Entries<T>(PhantomData<T>);
+        impl<'de, T: Deserialize<'de>> Visitor<'de> for Entries<T> {
+            type Value = Pairs<T>;
+
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("a map with one entry per channel")
+            }
+
+            fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<Pairs<T>, A::Error> {
+                let mut entries = Vec::new();
+                while let Some(entry) = map.next_entry()? {
+                    entries.push(entry);
+                    if entries.len() > MAX_COLUMNS {
+                        return Err(A::Error::custom(format!("{MAX_COLUMNS} channels are the most")));
+                    }
+                }
+                Ok(Pairs(entries))
+            }
+        }
+        deserializer.deserialize_map(Entries(PhantomData))
+    }
+}
+
+/// The list of times.
+struct Times(Vec<JsonCell>);
+
+impl<'de> Deserialize<'de> for Times {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct Stamps;
+        impl<'de> Visitor<'de> for Stamps {
+            type Value = Times;
+
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("a list of times")
+            }
+
+            fn visit_seq<A: SeqAccess<'de>>(self, mut seq: A) -> Result<Times, A::Error> {
+                let mut stamps = Vec::new();
+                while let Some(stamp) = seq.next_element()? {
+                    stamps.push(stamp);
+                    if stamps.len() > MAX_ROWS {
+                        return Err(A::Error::custom(format!("{MAX_ROWS} times are the most")));
+                    }
+                }
+                Ok(Times(stamps))
+            }
+        }
+        deserializer.deserialize_seq(Stamps)
+    }
+}
+
+/// The values of one channel, eight bytes each: a body of two bytes per value must not grow twelvefold in memory.
+///
+/// JSON has neither NaN nor infinity, so inside this type NaN stands for `null`, and infinity for what is no
+/// number; the first few of the latter keep their text for the report.
+struct JsonColumn {
+    numbers: Vec<f64>,
+    odd: Vec<(usize, Box<str>)>,
+}
+
+impl JsonColumn {
+    fn cell(&self, row: usize) -> Cell<'_> {
+        match self.numbers[row] {
+            missing if missing.is_nan() => Cell::Missing,
+            odd if odd.is_infinite() => match self.odd.binary_search_by_key(&row, |(row, _)| *row) {
+                Ok(found) => Cell::Text(&self.odd[found].1),
+                Err(_) => Cell::Text("no number"),
+            },
+            number => Cell::Number(number),
+        }
+    }
+}
+
+impl<'de> Deserialize<'de> for JsonColumn {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct Values;
+        impl<'de> Visitor<'de> for Values {
+            type Value = JsonColumn;
+
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("a list of numbers and nulls")
+            }
+
+            fn visit_seq<A: SeqAccess<'de>>(self, mut seq: A) -> Result<JsonColumn, A::Error> {
+                let mut column = JsonColumn { numbers: Vec::new(), odd: Vec::new() };
+                while let Some(cell) = seq.next_element()? {
+                    let number = match cell {
+                        JsonCell::Missing => f64::NAN,
+                        JsonCell::Number(number) => number,
+                        JsonCell::Text(text) => {
+                            if column.odd.len() < MAX_ODD {
+                                column.odd.push((column.numbers.len(), text));
+                            }
+                            f64::INFINITY
+                        }
+                    };
+                    column.numbers.push(number);
+                }
+                Ok(column)
+            }
+        }
+        deserializer.deserialize_seq(Values)
+    }
+}
+
+/// A value of a list: a number, nothing, or something that rejects its row.
+enum JsonCell {
+    Missing,
+    Number(f64),
+    Text(Box<str>),
+}
+
+impl<'de> Deserialize<'de> for JsonCell {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct Any;
+        impl<'de> Visitor<'de> for Any {
+            type Value = JsonCell;
+
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("a number, a time or null")
+            }
+
+            fn visit_f64<E>(self, number: f64) -> Result<JsonCell, E> {
+                Ok(JsonCell::Number(number))
+            }
+
+            fn visit_u64<E>(self, number: u64) -> Result<JsonCell, E> {
+                Ok(JsonCell::Number(number as f64))
+            }
+
+            fn visit_i64<E>(self, number: i64) -> Result<JsonCell, E> {
+                Ok(JsonCell::Number(number as f64))
+            }
+
+            fn visit_unit<E>(self) -> Result<JsonCell, E> {
+                Ok(JsonCell::Missing)
+            }
+
+            fn visit_bool<E>(self, truth: bool) -> Result<JsonCell, E> {
+                Ok(JsonCell::Text(truth.to_string().into()))
+            }
+
+            fn visit_str<E>(self, text: &str) -> Result<JsonCell, E> {
+                // A stamp has at most 64 bytes; of anything longer the beginning says enough.
+                Ok(JsonCell::Text(text.chars().take(80).collect::<String>().into()))
+            }
+
+            fn visit_seq<A: SeqAccess<'de>>(self, mut seq: A) -> Result<JsonCell, A::Error> {
+                while seq.next_element::<IgnoredAny>()?.is_some() {}
+                Ok(JsonCell::Text("a list".into()))
+            }
+
+            fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<JsonCell, A::Error> {
+                while map.next_entry::<IgnoredAny, IgnoredAny>()?.is_some() {}
+                Ok(JsonCell::Text("an object".into()))
+            }
+        }
+        deserializer.deserialize_any(Any)
+    }
+}

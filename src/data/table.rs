@@ -1,0 +1,318 @@
+//! The rules for rows and cells: which row is rejected, what is only missing, and what makes a whole window a fault.
+//!
+//! CSV and JSON both end here, row by row. Rubbish in a row costs that row; rubbish that repeats (more than a
+//! tenth of the rows, a unit that cannot be meant, stamps without offset) means that the window as a whole was
+//! misunderstood, and then every kind of fault is reported at once.
+
+use indexmap::IndexMap;
+
+use super::channel::canonical_unit;
+use super::header::{Target, shown};
+use super::series::Series;
+use super::stamp::{BadStamp, read_stamp};
+use super::window::{RejectedRow, Window, WindowReport};
+use crate::fault::Fault;
+use crate::units::Unit;
+
+/// Rejected rows that a report lists one by one.
+const MAX_LISTED: usize = 100;
+/// The share of rejected rows, or of implausible cells of a channel, that a window survives.
+const MAX_REJECTED_SHARE: f64 = 0.1;
+
+/// What stands in a cell.
+pub(super) enum Cell<'a> {
+    /// Nothing, or `null`.
+    Missing,
+    /// A number, finite or not.
+    Number(f64),
+    /// Anything else.
+    Text(&'a str),
+}
+
+impl<'a> Cell<'a> {
+    /// Reads a cell of a text file.
+    pub fn of_text(text: &'a str) -> Self {
+        let trimmed = text.trim();
+        if trimmed.is_empty() || trimmed.eq_ignore_ascii_case("null") {
+            return Cell::Missing;
+        }
+        trimmed.parse().map_or(Cell::Text(trimmed), Cell::Number)
+    }
+}
+
+/// What stands in the time cell.
+pub(super) enum Stamp<'a> {
+    /// A text, to be read as RFC 3339.
+    Text(&'a str),
+    /// A bare number.
+    Number,
+    /// Nothing.
+    Missing,
+}
+
+/// The first of several like faults, and how many there are.
+#[derive(Default)]
+struct Tally {
+    count: usize,
+    line: u64,
+    example: String,
+}
+
+impl Tally {
+    fn add(&mut self, line: u64, example: &str) {
+        if self.count == 0 {
+            self.line = line;
+            self.example = shown(example);
+        }
+        self.count += 1;
+    }
+}
+
+/// The present values of one column, as written, with the rows in which they stand.
+#[derive(Default)]
+struct RawColumn {
+    rows: Vec<u32>,
+    values: Vec<f64>,
+}
+
+/// Rows on their way to a window.
+pub(super) struct Table {
+    names: Vec<String>,
+    targets: Vec<Target>,
+    columns: Vec<RawColumn>,
+    times: Vec<i64>,
+    lines: Vec<u64>,
+    seen: usize,
+    rejected: Vec<RejectedRow>,
+    reasons: IndexMap<String, Tally>,
+    naive: Tally,
+    numeric: Tally,
+    scratch: Vec<Option<f64>>,
+    /// `line` for a text file, `row` for JSON: how a fault names a place.
+    place: &'static str,
+    warnings: Vec<String>,
+}
+
+impl Table {
+    /// An empty table whose data columns have these names and feed these channels.
+    pub fn new(names: Vec<String>, targets: Vec<Target>, place: &'static str, warnings: Vec<String>) -> Self {
+        let columns = names.iter().map(|_| RawColumn::default()).collect();
+        Self {
+            names,
+            targets,
+            columns,
+            times: Vec::new(),
+            lines: Vec::new(),
+            seen: 0,
+            rejected: Vec::new(),
+            reasons: IndexMap::new(),
+            naive: Tally::default(),
+            numeric: Tally::default(),
+            scratch: Vec::new(),
+            place,
+            warnings,
+        }
+    }
+
+    /// Takes a row, or notes why not.
+    pub fn push<'a>(&mut self, line: u64, stamp: Stamp<'_>, cells: impl Iterator<Item = Cell<'a>>) {
+        self.seen += 1;
+        let (read, text) = match stamp {
+            Stamp::Text(text) => (read_stamp(text), text),
+            Stamp::Number => (Err(BadStamp::Number), ""),
+            Stamp::Missing => (Err(BadStamp::Unreadable), ""),
+        };
+        let time = match read {
+            Ok(time) => time,
+            Err(bad) => {
+                match bad {
+                    BadStamp::Naive => self.naive.add(line, text),
+                    BadStamp::Number => self.numeric.add(line, text),
+                    BadStamp::OutOfRange | BadStamp::Unreadable => {}
+                }
+                return self.note(line, bad.reason().to_owned());
+            }
+        };
+        match self.times.last() {
+            Some(last) if *last == time => return self.note(line, "the time is the same as that of the row before".to_owned()),
+            Some(last) if *last > time => return self.note(line, "the time goes backwards".to_owned()),
+            _ => {}
+        }
+        self.scratch.clear();
+        for (index, cell) in cells.enumerate() {
+            let value = match cell {
+                Cell::Missing => None,
+                Cell::Number(number) if number.is_finite() => Some(number),
+                Cell::Number(_) => return self.note(line, format!("column `{}`: not a finite number", shown(&self.names[index]))),
+                Cell::Text(text) => {
+                    return self.note_example(line, format!("column `{}`: not a number", shown(&self.names[index])), text);
+                }
+            };
+            self.scratch.push(value);
+        }
+        let row = self.times.len() as u32;
+        for (column, value) in self.columns.iter_mut().zip(&self.scratch) {
+            if let Some(value) = value {
+                column.rows.push(row);
+                column.values.push(*value);
+            }
+        }
+        self.times.push(time);
+        self.lines.push(line);
+    }
+
+    /// Notes a row that never had the right number of cells.
+    pub fn reject(&mut self, line: u64, reason: String) {
+        self.seen += 1;
+        self.note(line, reason);
+    }
+
+    fn note(&mut self, line: u64, reason: String) {
+        self.note_example(line, reason, "");
+    }
+
+    fn note_example(&mut self, line: u64, reason: String, example: &str) {
+        if self.rejected.len() < MAX_LISTED {
+            let shown_example = shown(example);
+            let reason = if example.is_empty() { reason.clone() } else { format!("{reason}: `{shown_example}`") };
+            self.rejected.push(RejectedRow { line, reason });
+        }
+        self.reasons.entry(reason).or_default().add(line, example);
+    }
+
+    /// The window of the rows that were taken, with its report.
+    ///
+    /// # Errors
+    /// Every kind of fault that the rows and the channels show.
+    pub fn finish(mut self) -> Result<(Window, WindowReport), Vec<Fault>> {
+        let mut faults = self.row_faults();
+        if !faults.is_empty() {
+            return Err(faults);
+        }
+        let mut series = Vec::new();
+        for target in &self.targets {
+            match channel_series(target, &self.columns[target.column], &self.times, &self.lines, self.place, &mut self.warnings) {
+                Ok(Some(found)) => series.push(found),
+                Ok(None) => self.warnings.push(format!("`{}` has no values and was left out", shown(&target.channel))),
+                Err(fault) => faults.push(fault),
+            }
+        }
+        if faults.is_empty() && series.is_empty() {
+            faults.push(Fault::new("rows", "no-valid-rows", "no cell of any row holds a value"));
+        }
+        if !faults.is_empty() {
+            return Err(faults);
+        }
+        let rejected: usize = self.reasons.values().map(|tally| tally.count).sum();
+        if rejected > self.rejected.len() {
+            self.warnings.push(format!("{rejected} rows were rejected; the first {} are listed", self.rejected.len()));
+        }
+        let rows = self.times.len();
+        let window = Window::from_series(series)?;
+        let report = WindowReport::new(&window, rows, (self.times[0], self.times[rows - 1]), self.rejected, self.warnings);
+        Ok((window, report))
+    }
+
+    /// What the rows as a whole do wrong.
+    fn row_faults(&self) -> Vec<Fault> {
+        let mut faults = Vec::new();
+        let at = |tally: &Tally| format!("{} {}", self.place, tally.line);
+        if self.naive.count > 0 {
+            let detail = format!("{} times have no offset: `{}` could mean many instants", self.naive.count, self.naive.example);
+            faults.push(
+                Fault::new(at(&self.naive), "naive-time", detail)
+                    .suggest(format!("append the offset of the clock that wrote them, `Z` for UTC: {}Z", self.naive.example)),
+            );
+        }
+        if self.numeric.count > 0 {
+            let detail = format!("{} times are bare numbers, not RFC 3339 times", self.numeric.count);
+            faults.push(Fault::new(at(&self.numeric), "numeric-time", detail).suggest("write times like 2026-01-31T12:00:00Z"));
+        }
+        let rejected: usize = self.reasons.values().map(|tally| tally.count).sum();
+        if rejected as f64 > MAX_REJECTED_SHARE * self.seen as f64 {
+            let mut reasons: Vec<(&String, &Tally)> = self.reasons.iter().collect();
+            reasons.sort_by_key(|(_, tally)| std::cmp::Reverse(tally.count));
+            for (reason, tally) in reasons.into_iter().take(MAX_LISTED - faults.len()) {
+                if matches!(reason.as_str(), naive if naive == BadStamp::Naive.reason() || naive == BadStamp::Number.reason()) {
+                    continue;
+                }
+                let example = if tally.example.is_empty() { String::new() } else { format!(" (`{}`)", tally.example) };
+                let detail = format!("{} of {} rows rejected: {reason}{example}", tally.count, self.seen);
+                faults.push(Fault::new(at(tally), "rejected-rows", detail));
+            }
+        }
+        if self.times.len() < 2 && faults.is_empty() {
+            let detail = format!("{} valid rows; a window has at least two", self.times.len());
+            faults.push(Fault::new("rows", "no-valid-rows", detail));
+        }
+        faults
+    }
+}
+
+/// The series of one channel, without implausible cells; `None` where no value remains.
+fn channel_series(
+    target: &Target,
+    column: &RawColumn,
+    all_times: &[i64],
+    lines: &[u64],
+    place: &str,
+    warnings: &mut Vec<String>,
+) -> Result<Option<Series>, Fault> {
+    let at = || format!("column {}", shown(&target.channel));
+    let convert = |raw: f64| target.from.convert(&target.to, raw).filter(|value| value.is_finite());
+    let mut times = Vec::with_capacity(column.rows.len());
+    let mut values = Vec::with_capacity(column.rows.len());
+    let mut outside = Tally::default();
+    for (row, raw) in column.rows.iter().zip(&column.values) {
+        match convert(*raw) {
+            Some(value) if !target.judged || target.kind.is_plausible(value) => {
+                times.push(all_times[*row as usize]);
+                values.push(value);
+            }
+            _ => outside.add(lines[*row as usize], &format!("{raw}")),
+        }
+    }
+    if outside.count > 0 {
+        let (low, high) = target.kind.plausible;
+        let range = format!("{low} to {high} {}", target.kind.unit);
+        // Zero is the same in watts and kilowatts: only the other values can tell which unit was meant.
+        let telling = |value: &&f64| **value != 0.0;
+        let told = column.values.iter().filter(telling).count().max(1);
+        if outside.count as f64 > MAX_REJECTED_SHARE * told as f64 {
+            let detail = format!(
+                "{} of {} values of `{}` are outside {range}, such as {} in {place} {}",
+                outside.count,
+                column.values.len(),
+                shown(&target.channel),
+                outside.example,
+                outside.line
+            );
+            let fault = Fault::new(at(), "implausible-values", detail);
+            return Err(match meant_unit(target, &column.values) {
+                Some(unit) => fault.suggest(format!("they look like {unit}: state the unit, {}[{unit}]", shown(&target.channel))),
+                None => fault.suggest("check the unit and the sensor, or remove the column"),
+            });
+        }
+        warnings.push(format!(
+            "`{}`: {} values outside {range} left out, the first in {place} {}: {}",
+            shown(&target.channel),
+            outside.count,
+            outside.line,
+            outside.example
+        ));
+    }
+    if times.is_empty() {
+        return Ok(None);
+    }
+    Series::new(&target.channel, &target.kind.unit, target.kind.hold, times, values).map(Some)
+}
+
+/// The unit, other than the one that was assumed, in which nearly all values would be plausible.
+fn meant_unit(target: &Target, values: &[f64]) -> Option<&'static str> {
+    let told: Vec<f64> = values.iter().copied().filter(|value| *value != 0.0).collect();
+    target.kind.mistaken_units().iter().copied().find(|text| {
+        let Ok(unit) = Unit::parse(text) else { return false };
+        let plausible = told.iter().filter(|value| unit.convert(&target.to, **value).is_some_and(|v| target.kind.is_plausible(v))).count();
+        *text != canonical_unit(&target.from_text) && plausible as f64 >= 0.95 * told.len() as f64
+    })
+}

@@ -1,0 +1,172 @@
+//! The measures of a fit: free-run errors, forecasts from re-estimated states, noise floor, rho.
+
+use super::fit::{AheadError, Fit, OutputMetrics};
+use super::problem::{Problem, mean_square};
+use super::whiten::Ar;
+use crate::data::{Duration, rfc3339};
+use crate::simulate::Trajectory;
+use crate::simulate::kalman::{Filtered, Kalman, Noise};
+use indexmap::IndexMap;
+use serde::{Deserialize, Serialize};
+use std::ops::Range;
+
+/// The horizons that every fit reports.
+pub const HORIZONS: [(&str, i64); 3] = [("PT1H", 3600), ("PT6H", 21_600), ("PT24H", 86_400)];
+
+/// Seconds in a day.
+const DAY: i64 = 86_400;
+
+/// A filter run at a parameter vector, with the noise that it assumed.
+#[derive(Debug, Clone)]
+pub struct FilterRun {
+    /// States and innovations.
+    pub filtered: Filtered,
+    /// Process noise, per square root of an hour.
+    pub process_noise: f64,
+}
+
+/// The variance of each sensor: its declared noise and what its quantisation adds (step2 / 12).
+pub fn measurement_variance(problem: &Problem) -> Vec<f64> {
+    problem
+        .model()
+        .outputs()
+        .iter()
+        .zip(problem.quanta())
+        .map(|(output, quantum)| output.noise_sd.powi(2) + quantum.unwrap_or(0.0).powi(2) / 12.0)
+        .collect()
+}
+
+/// Filters the window at `theta`; the process noise is the likeliest one on the training part.
+pub fn filter(problem: &Problem, theta: &[f64], process_noise: Option<f64>) -> FilterRun {
+    let measured = problem.measured();
+    let kalman = Kalman::new(problem.model(), problem.simulator(), problem.inputs(), &measured);
+    let measurement = measurement_variance(problem);
+    let process_noise = process_noise.unwrap_or_else(|| kalman.likely_process_noise(theta, &measurement, problem.split().train.end));
+    let noise = Noise { process: process_noise, measurement };
+    FilterRun { filtered: kalman.filter(theta, &noise, problem.grid().len()), process_noise }
+}
+
+/// Forecast errors of the first output by horizon: an origin at every measured sample of `range`.
+pub fn ahead(problem: &Problem, theta: &[f64], run: &FilterRun, range: Range<usize>, horizons: &[(&str, i64)]) -> IndexMap<String, AheadError> {
+    let step = problem.grid().step();
+    let (values, valid) = (&problem.measured()[0].0.to_vec(), &problem.measured()[0].1.to_vec());
+    let leads: Vec<(&str, usize)> =
+        horizons.iter().filter(|(_, seconds)| *seconds >= step).map(|(name, seconds)| (*name, (*seconds / step) as usize)).collect();
+    let origins: Vec<usize> = range.clone().filter(|k| valid[*k]).collect();
+    let longest = leads.iter().map(|(_, lead)| *lead).max().unwrap_or(0);
+    let measured = problem.measured();
+    let kalman = Kalman::new(problem.model(), problem.simulator(), problem.inputs(), &measured);
+    let forecasts = kalman.forecasts(theta, &run.filtered, &origins, longest);
+    let mut errors = IndexMap::new();
+    for (name, lead) in leads {
+        let mut model = Vec::new();
+        let mut persistence = Vec::new();
+        for (origin, forecast) in origins.iter().zip(&forecasts) {
+            let target = origin + lead;
+            if let (true, Some(value)) = (target < range.end && valid[target], forecast[lead]) {
+                model.push(value - values[target]);
+                persistence.push(values[*origin] - values[target]);
+            }
+        }
+        if !model.is_empty() {
+            let n = model.len();
+            let rmse = |errors: &[f64]| mean_square(errors).sqrt();
+            errors.insert(name.to_owned(), AheadError { rmse: rmse(&model), persistence: rmse(&persistence), n });
+        }
+    }
+    errors
+}
+
+/// Mean square of all 24-hour forecasts from the midnights (UTC) of `range`, pooled.
+pub fn day_ahead_mse(problem: &Problem, theta: &[f64], run: &FilterRun, range: Range<usize>) -> Option<f64> {
+    let grid = problem.grid();
+    let measured = problem.measured();
+    let (values, valid) = measured[0];
+    let kalman = Kalman::new(problem.model(), problem.simulator(), problem.inputs(), &measured);
+    let leads = (DAY / grid.step()) as usize;
+    let origins: Vec<usize> = range.clone().filter(|k| grid.time(*k).rem_euclid(DAY) < grid.step()).collect();
+    let mut errors = Vec::new();
+    for (origin, forecast) in origins.iter().zip(kalman.forecasts(theta, &run.filtered, &origins, leads)) {
+        for (lead, value) in forecast.iter().enumerate().skip(1) {
+            let target = origin + lead;
+            if let (true, Some(value)) = (target < range.end && valid[target], value) {
+                errors.push(value - values[target]);
+            }
+        }
+    }
+    (!errors.is_empty()).then(|| mean_square(&errors))
+}
+
+/// All measures of a parameter vector, by output channel.
+pub fn metrics(problem: &Problem, theta: &[f64], run: &FilterRun) -> IndexMap<String, OutputMetrics> {
+    let trajectory = problem.simulate(theta);
+    let split = problem.split();
+    let part = |output: usize, range: &Range<usize>| problem.mean_square_error(&trajectory, output, range.clone()).map(f64::sqrt);
+    let mut found = IndexMap::new();
+    for (index, output) in problem.model().outputs().iter().enumerate() {
+        let first = index == 0;
+        let judged = if split.validation.is_empty() { split.train.clone() } else { split.validation.clone() };
+        let innovations: Vec<f64> = run.filtered.innovations[index].iter().flatten().copied().collect();
+        let metrics = OutputMetrics {
+            unit: error_unit(&output.unit).to_owned(),
+            train_rmse: part(index, &split.train).unwrap_or(f64::INFINITY),
+            validation_rmse: part(index, &split.validation),
+            test_rmse: part(index, &split.test),
+            ahead: if first { ahead(problem, theta, run, judged.clone(), &HORIZONS) } else { IndexMap::new() },
+            day_ahead_mse: if first { day_ahead_mse(problem, theta, run, judged) } else { None },
+            noise_floor: (!innovations.is_empty()).then(|| mean_square(&innovations).sqrt()),
+            rho: rho(problem, &trajectory, index),
+        };
+        found.insert(output.channel.clone(), metrics);
+    }
+    found
+}
+
+/// An error of a temperature in degC is in K.
+fn error_unit(unit: &str) -> &str {
+    if unit == "degC" { "K" } else { unit }
+}
+
+/// Free-run error over the innovation deviation of the AR model of the free-run residual, on the training
+/// part.
+fn rho(problem: &Problem, trajectory: &Trajectory, output: usize) -> Option<f64> {
+    let measured = problem.measured();
+    let (values, _) = measured[output];
+    let train = problem.split().train.clone();
+    let mut residual = vec![None; train.end];
+    problem.usable(output, train.clone()).into_iter().for_each(|k| residual[k] = Some(trajectory.outputs[output][k] - values[k]));
+    let rmse = problem.mean_square_error(trajectory, output, train)?.sqrt();
+    Ar::fit(&residual).map(|ar| rmse / ar.deviation).filter(|rho| rho.is_finite())
+}
+
+/// The filtered states at the newest sample: what a controller needs beside the parameters.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct CurrentState {
+    /// The instant, RFC 3339.
+    pub at: String,
+    /// The states by name.
+    #[serde(flatten)]
+    pub states: IndexMap<String, f64>,
+    /// Their standard deviations.
+    pub sd: IndexMap<String, f64>,
+}
+
+/// Filters the window with a fit's parameters and noise up to its newest sample.
+pub fn current_state(problem: &Problem, fit: &Fit) -> Option<CurrentState> {
+    let run = filter(problem, &fit.theta(), Some(fit.process_noise));
+    let last = problem.grid().len().checked_sub(1)?;
+    let named = |values: &Vec<f64>| {
+        let pairs: IndexMap<String, f64> = problem.model().states().iter().map(|state| state.name.clone()).zip(values.iter().copied()).collect();
+        pairs.values().all(|value| value.is_finite()).then_some(pairs)
+    };
+    Some(CurrentState {
+        at: rfc3339(problem.grid().time(last)),
+        states: named(run.filtered.states.get(last)?)?,
+        sd: named(run.filtered.deviations.get(last)?)?,
+    })
+}
+
+/// The name under which a horizon is reported.
+pub fn horizon_name(horizon: Duration) -> String {
+    HORIZONS.iter().find(|(_, seconds)| *seconds == horizon.seconds()).map_or_else(|| horizon.to_string(), |(name, _)| (*name).to_owned())
+}

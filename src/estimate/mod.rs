@@ -1,0 +1,22 @@
+//! The system-identification step: a problem is asked, a search answers, a gate judges.
+//!
+//! `request` says what is wanted, `problem` puts model and window together, `run` drives the optimiser,
+//! `metrics` and `uncertainty` describe what was found, `validate` decides, `served` is what may go out.
+
+pub mod fit;
+pub mod metrics;
+pub mod physics;
+pub mod problem;
+pub mod request;
+pub mod run;
+pub mod served;
+pub mod uncertainty;
+pub mod validate;
+pub mod whiten;
+
+pub use fit::{Fit, Stop};
+pub use problem::Problem;
+pub use request::{EstimateRequest, Site, prepare};
+pub use run::{Control, EstimateError, Interrupt, Progress, estimate};
+pub use served::ServedParameters;
+pub use validate::{Acceptance, Incumbent, Judgement, Policy, Verdict, validate};

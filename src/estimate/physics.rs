@@ -1,0 +1,143 @@
+//! G3: what physics demands of an estimate, from the `[[check]]` blocks of its model.
+
+use super::problem::Problem;
+use super::validate::{CheckResult, Severity};
+use crate::model::expr::Node;
+use crate::model::{Check, Hold};
+use crate::simulate::trajectory::Measured;
+use crate::simulate::{Inputs, Simulator, Stepper, Trajectory, substeps};
+use indexmap::IndexMap;
+use nalgebra::DMatrix;
+
+/// Hours of a stress run.
+const STRESS_HOURS: usize = 14 * 24;
+/// How far a stress run moves the temperatures beyond what the window saw.
+const STRESS_KELVIN: f64 = 10.0;
+
+/// Puts every check of the model to a parameter vector.
+pub fn checks(problem: &Problem, theta: &[f64], trajectory: &Trajectory) -> Vec<CheckResult> {
+    problem.model().checks().iter().filter_map(|check| one(problem, theta, trajectory, check)).collect()
+}
+
+fn one(problem: &Problem, theta: &[f64], trajectory: &Trajectory, check: &Check) -> Option<CheckResult> {
+    let result = |name: &str, statistic: f64, operator: &str, threshold: f64, unit: &str, pass: bool, comment: String| {
+        let statistic = Some(statistic).filter(|value| value.is_finite());
+        let (name, operator, unit) = (format!("G3 {name}"), operator.to_owned(), unit.to_owned());
+        Some(CheckResult { name, statistic, operator, threshold: Some(threshold), unit, pass, severity: Severity::Reject, comment })
+    };
+    match check {
+        Check::Stable => {
+            let fastest = eigenvalues(problem, theta, trajectory).into_iter().fold(f64::NEG_INFINITY, f64::max);
+            result("stable", fastest, "<", 0.0, "1/h", fastest < 0.0, "left alone, every temperature settles".to_owned())
+        }
+        Check::TimeConstants { lower, upper } => {
+            let constants: Vec<f64> = eigenvalues(problem, theta, trajectory).into_iter().map(|rate| -1.0 / rate).collect();
+            let (shortest, longest) = (constants.iter().copied().fold(f64::INFINITY, f64::min), constants.iter().copied().fold(0.0, f64::max));
+            let pass = shortest >= *lower && longest <= *upper;
+            let comment = format!("time constants from {shortest:.3} h to {longest:.1} h; physics allows {lower:.4} h to {upper:.0} h");
+            result("time constants", longest, "<=", *upper, "h", pass, comment)
+        }
+        Check::SteadyGain { input, state, above, upto, with } => {
+            let gain = steady_gain(problem, theta, input, state, with)?;
+            let pass = gain > *above && upto.is_none_or(|upto| gain <= upto);
+            let limit = upto.map_or_else(String::new, |upto| format!(" and at most {upto}"));
+            let comment = format!("one unit more of {input} moves {state} by {gain:.3} in the end; it must be above {above}{limit}");
+            result(&format!("gain of {input}"), gain, ">", *above, "-", pass, comment)
+        }
+        Check::StateRange { lower, upper } => {
+            let mut worst = 0.0f64;
+            let runs = [Some(trajectory.clone()), stress(problem, theta, -STRESS_KELVIN), stress(problem, theta, STRESS_KELVIN)];
+            for run in runs.into_iter().flatten() {
+                for (low, high) in run.state_ranges {
+                    // A range that is not a number is outside of everything.
+                    let outside = (lower - low).max(high - upper);
+                    worst = worst.max(if outside.is_nan() { f64::INFINITY } else { outside });
+                }
+            }
+            let comment = format!("all states stay within [{lower}, {upper}], on these data and in a fortnight of harsh weather");
+            result("state range", worst, "<=", 0.0, "K", worst <= 0.0, comment)
+        }
+    }
+}
+
+/// Evaluates nodes of the model at states, parameters and inputs.
+fn at(problem: &Problem, nodes: &[crate::model::expr::NodeId], states: &[f64], theta: &[f64], inputs: &[f64]) -> Vec<f64> {
+    problem.model().graph().evaluate(nodes, |leaf| match leaf {
+        Node::State(i) => states[usize::from(i)],
+        Node::Param(i) => theta[usize::from(i)],
+        Node::Input(i, _) => inputs[usize::from(i)],
+        // Slopes and steps belong to a simulation; a steady state has none.
+        _ => 0.0,
+    })
+}
+
+fn jacobian(problem: &Problem, states: &[f64], theta: &[f64], inputs: &[f64]) -> DMatrix<f64> {
+    let n = states.len();
+    let nodes: Vec<_> = problem.model().jacobian().iter().flatten().copied().collect();
+    DMatrix::from_row_slice(n, n, &at(problem, &nodes, states, theta, inputs))
+}
+
+fn mean_inputs(problem: &Problem) -> Vec<f64> {
+    (0..problem.model().inputs().len()).map(|input| problem.inputs().mean(input)).collect()
+}
+
+/// Real parts of the eigenvalues in the middle of the trajectory. Complex pairs are normal: a thermostat
+/// feeds back.
+fn eigenvalues(problem: &Problem, theta: &[f64], trajectory: &Trajectory) -> Vec<f64> {
+    let states: Vec<f64> = trajectory.state_ranges.iter().map(|(low, high)| 0.5 * (low + high)).collect();
+    let matrix = jacobian(problem, &states, theta, &mean_inputs(problem));
+    if matrix.iter().any(|value| !value.is_finite()) {
+        return vec![f64::NAN];
+    }
+    matrix.complex_eigenvalues().iter().map(|value| value.re).collect()
+}
+
+/// The steady change of a state per unit of an input, linearised in a cold room, where a thermostat is
+/// open. `None` where the model does not use the input.
+fn steady_gain(problem: &Problem, theta: &[f64], input: &str, state: &str, with: &IndexMap<String, f64>) -> Option<f64> {
+    let model = problem.model();
+    let index = model.inputs().iter().position(|known| known.name == input)?;
+    let row = model.states().iter().position(|known| known.name == state)?;
+    let mut inputs = mean_inputs(problem);
+    for (value, known) in inputs.iter_mut().zip(model.inputs()) {
+        *value = with.get(&known.name).copied().unwrap_or(*value);
+    }
+    let states = vec![0.0; model.states().len()];
+    let step = 0.5;
+    let mut moved = |change: f64| {
+        let before = inputs[index];
+        inputs[index] = before + change;
+        let rates = at(problem, model.rhs(), &states, theta, &inputs);
+        inputs[index] = before;
+        rates
+    };
+    let (above, below) = (moved(step), moved(-step));
+    let slope = DMatrix::from_fn(states.len(), 1, |i, _| (above[i] - below[i]) / (2.0 * step));
+    let gain = jacobian(problem, &states, theta, &inputs).lu().solve(&-slope)?;
+    Some(gain[(row, 0)])
+}
+
+/// A fortnight of constant inputs, with the temperatures moved beyond what the window saw.
+fn stress(problem: &Problem, theta: &[f64], kelvin: f64) -> Option<Trajectory> {
+    let model = problem.model();
+    let values: Vec<f64> = model
+        .inputs()
+        .iter()
+        .enumerate()
+        .map(|(index, input)| {
+            let (low, high) = problem.inputs().range(index);
+            match (input.unit.as_str(), input.hold) {
+                ("degC", Hold::Linear) if kelvin < 0.0 => low + kelvin,
+                ("degC", Hold::Linear) => high + kelvin,
+                // The sun does not shine for a fortnight, so everything else stays at its mean.
+                _ => problem.inputs().mean(index),
+            }
+        })
+        .collect();
+    let inputs = Inputs::constant(model, &values, STRESS_HOURS, 1.0);
+    let starts: Vec<f64> = (0..model.outputs().len()).map(|output| problem.simulator().measured_start(output).unwrap_or(20.0)).collect();
+    let columns: Vec<(Vec<f64>, Vec<bool>)> = starts.iter().map(|start| (vec![*start; STRESS_HOURS + 1], vec![true; STRESS_HOURS + 1])).collect();
+    let measured: Vec<Measured> = columns.iter().map(|(values, valid)| (values.as_slice(), valid.as_slice())).collect();
+    let simulator = Simulator::new(model, &inputs, &measured, Stepper::default(), substeps(1.0));
+    simulator.run(&[theta], STRESS_HOURS + 1).pop()
+}

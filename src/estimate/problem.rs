@@ -1,0 +1,384 @@
+//! What is asked: a model, a window on a grid, the parts of it, an objective and a box of free parameters.
+
+use super::request::{Objective, Prior};
+use crate::data::{Grid, Split};
+use crate::fault::{Fault, nearest};
+use crate::model::{Model, Nominal, Scale as ModelScale};
+use crate::optimise::{Candidate, Cost, Dimension, Evaluation, Scale, Space, Theta};
+use crate::simulate::trajectory::Measured;
+use crate::simulate::{Inputs, Simulator, Stepper, Trajectory, substeps};
+use indexmap::IndexMap;
+use std::ops::Range;
+
+/// The correlation weight of the shape-weighted error (thesis eq. 7.6).
+const SHAPE_DELTA: f64 = 0.5;
+
+/// An estimation problem. Full parameter vectors follow the model's order; free ones follow the space's.
+#[derive(Debug, Clone)]
+pub struct Problem {
+    model: Model,
+    grid: Grid,
+    inputs: Inputs,
+    simulator: Simulator,
+    split: Split,
+    objective: Objective,
+    prior: Prior,
+    /// Residual variance of the fit without a prior; the prior's weight.
+    prior_variance: Option<f64>,
+    measured: Vec<(Vec<f64>, Vec<bool>)>,
+    /// Indices of the free parameters.
+    free: Vec<usize>,
+    space: Space,
+    /// Full vector: nominal values, and the given ones of fixed parameters.
+    nominal: Vec<f64>,
+    bounds: Vec<[f64; 2]>,
+    source: Source,
+}
+
+/// Where the measurements come from.
+#[derive(Debug, Clone, Default)]
+pub struct Source {
+    /// Hash of the stitched measurements.
+    pub hash: String,
+    /// The quantisation step of each output's sensor, where it has one.
+    pub quanta: Vec<Option<f64>>,
+}
+
+/// What the caller wants different from the model's own document.
+#[derive(Debug, Clone, Default)]
+pub struct Choices {
+    /// What is minimised.
+    pub objective: Objective,
+    /// Whether the logarithms of the parameters are drawn to their nominal values.
+    pub prior: Prior,
+    /// Other bounds, by parameter.
+    pub bounds: IndexMap<String, [f64; 2]>,
+    /// Values that are not estimated, by parameter.
+    pub fixed: IndexMap<String, f64>,
+}
+
+impl Problem {
+    /// Puts a problem together.
+    ///
+    /// # Errors
+    /// Every fault: missing channels, units that do not convert, unknown parameters, empty bounds, no
+    /// valid measurement to train on.
+    pub fn new(model: Model, grid: Grid, split: Split, choices: &Choices, source: Source) -> Result<Self, Vec<Fault>> {
+        let mut faults = Vec::new();
+        let names: Vec<&str> = model.parameters().iter().map(|parameter| parameter.name.as_str()).collect();
+        for (field, name) in choices.bounds.keys().map(|name| ("bounds", name)).chain(choices.fixed.keys().map(|name| ("fixed", name))) {
+            if !names.contains(&name.as_str()) {
+                let fault = Fault::new(format!("/{field}/{name}"), "unknown-parameter", format!("the model has no parameter `{name}`"));
+                faults.push(match nearest(name, names.iter().copied()) {
+                    Some(near) => fault.suggest(format!("did you mean `{near}`?")),
+                    None => fault,
+                });
+            }
+        }
+        let mut measured = Vec::new();
+        for output in model.outputs() {
+            match grid.column(&output.channel) {
+                Some(column) => measured.push((column.values().to_vec(), column.valid().to_vec())),
+                None => faults.push(Fault::new(
+                    format!("/channels/{}", output.channel),
+                    "missing-channel",
+                    format!("the measured channel `{}` is not in the window", output.channel),
+                )),
+            }
+        }
+        if measured.iter().any(|(_, valid)| split.train.clone().filter(|k| valid[*k]).count() < 10) {
+            faults.push(Fault::new("/window", "too-short", "the training part has fewer than ten valid measurements"));
+        }
+        let inputs = match Inputs::new(&model, &grid) {
+            Ok(inputs) if faults.is_empty() => inputs,
+            Ok(_) => return Err(faults),
+            Err(more) => {
+                faults.extend(more);
+                return Err(faults);
+            }
+        };
+        let steps = substeps(inputs.hours());
+        let simulator = simulator_for(&model, &inputs, &measured, steps);
+        let mut problem = Self {
+            model,
+            grid,
+            inputs,
+            simulator,
+            split,
+            objective: choices.objective,
+            prior: choices.prior,
+            prior_variance: None,
+            measured,
+            free: Vec::new(),
+            space: Space::new(Vec::new()),
+            nominal: Vec::new(),
+            bounds: Vec::new(),
+            source,
+        };
+        problem.choose(choices)?;
+        Ok(problem)
+    }
+
+    /// Bounds, nominal and fixed values, and the box of what is free.
+    fn choose(&mut self, choices: &Choices) -> Result<(), Vec<Fault>> {
+        let mut faults = Vec::new();
+        let mut dimensions = Vec::new();
+        for (index, parameter) in self.model.parameters().iter().enumerate() {
+            let asked = choices.bounds.get(&parameter.name).copied();
+            let [lower, upper] = asked.unwrap_or([parameter.lower, parameter.upper]);
+            let log = parameter.scale == ModelScale::Log;
+            if !(lower.is_finite() && upper.is_finite() && lower < upper) || (log && lower <= 0.0) {
+                let detail = format!("[{lower}, {upper}] is not an interval on the scale of `{}`", parameter.name);
+                faults.push(Fault::new(format!("/bounds/{}", parameter.name), "bounds", detail));
+                continue;
+            }
+            let nominal = match &parameter.nominal {
+                Nominal::Value(value) => *value,
+                Nominal::Measured(channel) => {
+                    let output = self.model.outputs().iter().position(|output| output.channel == *channel);
+                    output.and_then(|output| self.simulator.measured_start(output)).unwrap_or(0.5 * (lower + upper))
+                }
+            };
+            self.bounds.push([lower, upper]);
+            match choices.fixed.get(&parameter.name) {
+                Some(value) if value.is_finite() => self.nominal.push(*value),
+                Some(value) => faults.push(Fault::new(format!("/fixed/{}", parameter.name), "not-finite", format!("{value} is not a finite number"))),
+                None => {
+                    self.nominal.push(nominal.clamp(lower, upper));
+                    self.free.push(index);
+                    let scale = if log { Scale::Log } else { Scale::Linear };
+                    dimensions.push(Dimension { name: parameter.name.clone(), lower, upper, scale });
+                }
+            }
+        }
+        self.space = Space::new(dimensions);
+        if faults.is_empty() { Ok(()) } else { Err(faults) }
+    }
+
+    /// The model.
+    pub fn model(&self) -> &Model {
+        &self.model
+    }
+
+    /// The window on its grid.
+    pub fn grid(&self) -> &Grid {
+        &self.grid
+    }
+
+    /// Hash of the stitched measurements that the grid was made from.
+    pub fn input_hash(&self) -> &str {
+        &self.source.hash
+    }
+
+    /// The quantisation step of each output's sensor, where it has one.
+    pub fn quanta(&self) -> &[Option<f64>] {
+        &self.source.quanta
+    }
+
+    /// The model's inputs on the grid.
+    pub fn inputs(&self) -> &Inputs {
+        &self.inputs
+    }
+
+    /// The simulator with the default stepper.
+    pub fn simulator(&self) -> &Simulator {
+        &self.simulator
+    }
+
+    /// Training, validation and test parts.
+    pub fn split(&self) -> &Split {
+        &self.split
+    }
+
+    /// What is minimised.
+    pub fn objective(&self) -> Objective {
+        self.objective
+    }
+
+    /// The prior.
+    pub fn prior(&self) -> Prior {
+        self.prior
+    }
+
+    /// The box of the free parameters.
+    pub fn space(&self) -> &Space {
+        &self.space
+    }
+
+    /// Indices of the free parameters in the full vector.
+    pub fn free(&self) -> &[usize] {
+        &self.free
+    }
+
+    /// The full vector of nominal values.
+    pub fn nominal(&self) -> &[f64] {
+        &self.nominal
+    }
+
+    /// Bounds of every parameter.
+    pub fn bounds(&self) -> &[[f64; 2]] {
+        &self.bounds
+    }
+
+    /// The measured outputs with their validity.
+    pub fn measured(&self) -> Vec<Measured<'_>> {
+        self.measured.iter().map(|(values, valid)| (values.as_slice(), valid.as_slice())).collect()
+    }
+
+    /// The same problem with so many internal steps per sample.
+    #[must_use]
+    pub fn with_substeps(&self, steps: usize) -> Self {
+        Self { simulator: simulator_for(&self.model, &self.inputs, &self.measured, steps), ..self.clone() }
+    }
+
+    /// The same problem with some parameters fixed at their nominal values.
+    #[must_use]
+    pub fn with_fixed(&self, parameters: &[usize]) -> Self {
+        let mut problem = self.clone();
+        let keep: Vec<bool> = self.free.iter().map(|index| !parameters.contains(index)).collect();
+        let kept = |keep: &[bool]| keep.to_vec().into_iter();
+        problem.free = self.free.iter().zip(kept(&keep)).filter_map(|(index, keep)| keep.then_some(*index)).collect();
+        problem.space = Space::new(self.space.dimensions().iter().zip(kept(&keep)).filter(|(_, keep)| *keep).map(|(d, _)| d.clone()).collect());
+        problem
+    }
+
+    /// The same problem with its prior weighted by this residual variance.
+    #[must_use]
+    pub fn with_prior_variance(&self, variance: f64) -> Self {
+        Self { prior_variance: Some(variance), ..self.clone() }
+    }
+
+    /// The same problem without its prior.
+    #[must_use]
+    pub fn without_prior(&self) -> Self {
+        Self { prior: Prior::None, ..self.clone() }
+    }
+
+    /// The full vector of a candidate.
+    pub fn theta(&self, candidate: &Candidate) -> Vec<f64> {
+        let mut theta = self.nominal.clone();
+        for (index, value) in self.free.iter().zip(self.space.theta(candidate).0) {
+            theta[*index] = value;
+        }
+        theta
+    }
+
+    /// The candidate of a full vector; values outside the box move to its edge.
+    pub fn candidate(&self, theta: &[f64]) -> Candidate {
+        self.space.candidate(&Theta(self.free.iter().map(|index| theta[*index]).collect()))
+    }
+
+    /// Costs, and residuals where wanted, of candidates on the training part. Their mean square is the cost.
+    pub fn evaluate(&self, candidates: &[Candidate], with_residuals: bool) -> Vec<Evaluation> {
+        let thetas: Vec<Vec<f64>> = candidates.iter().map(|candidate| self.theta(candidate)).collect();
+        let slices: Vec<&[f64]> = thetas.iter().map(Vec::as_slice).collect();
+        self.simulator
+            .run(&slices, self.split.train.end)
+            .iter()
+            .zip(&thetas)
+            .map(|(trajectory, theta)| {
+                let residuals = if trajectory.diverged { Vec::new() } else { self.residuals(trajectory, theta) };
+                let cost = if residuals.is_empty() { Cost::Diverged } else { Cost::new(mean_square(&residuals)) };
+                Evaluation { cost, residuals: if with_residuals && cost != Cost::Diverged { residuals } else { Vec::new() } }
+            })
+            .collect()
+    }
+
+    /// Residuals whose mean square is the objective. A model with several outputs weighs each by its noise.
+    fn residuals(&self, trajectory: &Trajectory, theta: &[f64]) -> Vec<f64> {
+        let mut residuals = Vec::new();
+        for (output, simulated) in trajectory.outputs.iter().enumerate() {
+            let (values, _) = &self.measured[output];
+            let used = self.usable(output, self.split.train.clone());
+            let scale = if self.measured.len() == 1 { 1.0 } else { 1.0 / self.model.outputs()[output].noise_sd };
+            let shape = match self.objective {
+                Objective::Mse => 1.0,
+                Objective::Swmse => shape_divisor(used.iter().map(|k| (simulated[*k], values[*k]))),
+            };
+            // Dividing each residual by the root of the divisor makes the mean square the weighted error, so
+            // that least squares applies to eq. 7.6 as well.
+            let factor = scale / shape.sqrt();
+            residuals.extend(used.iter().map(|k| (simulated[*k] - values[*k]) * factor));
+        }
+        if let (Prior::LogNormal, Some(variance)) = (self.prior, self.prior_variance) {
+            self.add_prior(&mut residuals, theta, variance);
+        }
+        residuals
+    }
+
+    /// Appends the pulls of the log-normal prior, so that the cost becomes MSE + s2/n sum z2.
+    fn add_prior(&self, residuals: &mut Vec<f64>, theta: &[f64], variance: f64) {
+        let n = residuals.len();
+        for index in &self.free {
+            let (value, nominal) = (theta[*index], self.nominal[*index]);
+            if self.model.parameters()[*index].scale == ModelScale::Log && value > 0.0 && nominal > 0.0 {
+                residuals.push(variance.sqrt() * (value / nominal).ln());
+            }
+        }
+        let stretch = (residuals.len() as f64 / n.max(1) as f64).sqrt();
+        residuals.iter_mut().for_each(|residual| *residual *= stretch);
+    }
+
+    /// The samples of a range where an output is measured and predicted.
+    pub fn usable(&self, output: usize, range: Range<usize>) -> Vec<usize> {
+        let (_, valid) = &self.measured[output];
+        range.filter(|k| valid[*k] && self.simulator.predicted(*k)).collect()
+    }
+
+    /// Simulates one full vector over the whole window.
+    pub fn simulate(&self, theta: &[f64]) -> Trajectory {
+        let mut trajectories = self.simulator.run(&[theta], self.grid.len());
+        // One vector in, one trajectory out.
+        trajectories.pop().unwrap_or(Trajectory { outputs: Vec::new(), state_ranges: Vec::new(), diverged: true })
+    }
+
+    /// Mean square of the free-run error of an output over a range, `None` where nothing is comparable.
+    pub fn mean_square_error(&self, trajectory: &Trajectory, output: usize, range: Range<usize>) -> Option<f64> {
+        let used = self.usable(output, range);
+        let (values, _) = &self.measured[output];
+        let simulated = trajectory.outputs.get(output)?;
+        let errors: Vec<f64> = used.iter().map(|k| simulated[*k] - values[*k]).collect();
+        (!errors.is_empty()).then(|| mean_square(&errors)).filter(|value| value.is_finite())
+    }
+}
+
+fn simulator_for(model: &Model, inputs: &Inputs, measured: &[(Vec<f64>, Vec<bool>)], substeps: usize) -> Simulator {
+    let measured: Vec<Measured> = measured.iter().map(|(values, valid)| (values.as_slice(), valid.as_slice())).collect();
+    Simulator::new(model, inputs, &measured, Stepper::default(), substeps)
+}
+
+/// Mean of the squares; NaN for nothing.
+pub fn mean_square(values: &[f64]) -> f64 {
+    values.iter().map(|value| value * value).sum::<f64>() / values.len() as f64
+}
+
+/// `max(delta + (1 - delta) r, 1e-3)` of eq. 7.6, with r = 0 where a series is constant.
+fn shape_divisor(pairs: impl Iterator<Item = (f64, f64)> + Clone) -> f64 {
+    let n = pairs.clone().count() as f64;
+    let (sum_a, sum_b) = pairs.clone().fold((0.0, 0.0), |(a, b), (x, y)| (a + x, b + y));
+    let (mean_a, mean_b) = (sum_a / n, sum_b / n);
+    let (mut aa, mut bb, mut ab) = (0.0, 0.0, 0.0);
+    for (x, y) in pairs {
+        let (x, y) = (x - mean_a, y - mean_b);
+        aa += x * x;
+        bb += y * y;
+        ab += x * y;
+    }
+    let correlation = if aa > 0.0 && bb > 0.0 { ab / (aa * bb).sqrt() } else { 0.0 };
+    (SHAPE_DELTA + (1.0 - SHAPE_DELTA) * correlation).max(1e-3)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_shape_divisor_is_that_of_equation_7_6() {
+        let wave: Vec<(f64, f64)> = (0..50).map(|i| (f64::from(i).sin(), 2.0 * f64::from(i).sin() + 1.0)).collect();
+        assert!((shape_divisor(wave.iter().copied()) - 1.0).abs() < 1e-12);
+        let mirrored: Vec<(f64, f64)> = wave.iter().map(|(x, y)| (*x, -y)).collect();
+        assert!((shape_divisor(mirrored.iter().copied()) - 1e-3).abs() < 1e-12);
+        let constant: Vec<(f64, f64)> = wave.iter().map(|(x, _)| (*x, 3.0)).collect();
+        assert!((shape_divisor(constant.iter().copied()) - 0.5).abs() < 1e-12);
+    }
+}

@@ -1,0 +1,360 @@
+//! The loop around an optimiser: ask, simulate, tell, until something says stop; then the fit's report.
+
+use super::fit::{Estimate, Fit, Parts, Span, Stop, TracePoint};
+use super::metrics::{filter, metrics};
+use super::problem::Problem;
+use super::request::{EstimateRequest, Prior, StartFrom};
+use super::uncertainty::uncertainty;
+use super::validate::Incumbent;
+use crate::data::rfc3339;
+use crate::model::Scale;
+use crate::optimise::{Ask, Candidate, Cost, Ended, Evaluation, Search};
+use crate::optimise::Method;
+use crate::optimise::multistart::LmOptions;
+use indexmap::IndexMap;
+use std::ops::Range;
+
+/// A parameter this close to a bound, as a share of the interval on its scale, sits on it.
+pub const AT_BOUND: f64 = 0.01;
+/// A fit with a parameter fixed may be this much worse on the hold-out before the parameter counts.
+const FIXED_MAY_BE_WORSE: f64 = 1.02;
+/// Largest discretisation error in the output's unit before the step is halved (DESIGN: 0.02 K).
+const DISCRETISATION_LIMIT: f64 = 0.02;
+/// Evaluations for a polish by least squares from a known point.
+const POLISH_EVALUATIONS: usize = 1500;
+
+/// How far a search has come.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Progress {
+    /// Generations or restarts completed.
+    pub generation: usize,
+    /// Simulations so far.
+    pub evaluations: usize,
+    /// Best cost so far.
+    pub best_train: Option<f64>,
+    /// Free-run RMSE of the best candidate on the validation part.
+    pub best_validation: Option<f64>,
+}
+
+/// Why somebody outside stops a search.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Interrupt {
+    /// An operator or a shutdown.
+    Cancelled,
+    /// The wall time is used up.
+    Deadline,
+}
+
+/// The caller's hands on a running search. The core has no clock, so deadlines come from here.
+pub struct Control<'a> {
+    /// Asked before every batch.
+    pub interrupt: &'a (dyn Fn() -> Option<Interrupt> + Sync),
+    /// Told after every batch.
+    pub progress: &'a (dyn Fn(&Progress) + Sync),
+}
+
+impl Control<'_> {
+    /// Never interrupts, tells nobody.
+    pub const NONE: Control<'static> = Control { interrupt: &|| None, progress: &|_| () };
+}
+
+/// Why there is no fit.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum EstimateError {
+    /// Every candidate diverged.
+    NothingFinite,
+    /// Stopped before a single candidate was evaluated, or cancelled: a cancelled search has no result.
+    Interrupted(Interrupt),
+}
+
+impl std::fmt::Display for EstimateError {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            EstimateError::NothingFinite => "every candidate diverged: the model cannot follow these data inside its bounds",
+            EstimateError::Interrupted(Interrupt::Cancelled) => "the estimation was cancelled",
+            EstimateError::Interrupted(Interrupt::Deadline) => "the wall time was used up before anything was found",
+        })
+    }
+}
+
+impl std::error::Error for EstimateError {}
+
+/// What a search found.
+struct Found {
+    theta: Vec<f64>,
+    cost: f64,
+    stop: Stop,
+    evaluations: usize,
+    trace: Vec<TracePoint>,
+}
+
+/// Estimates the parameters of a problem.
+///
+/// # Errors
+/// [`EstimateError`] where nothing finite was found or somebody stopped it.
+pub fn estimate(problem: &Problem, request: &EstimateRequest, incumbent: Option<&Incumbent>, control: &Control) -> Result<Fit, EstimateError> {
+    let warm = warm_starts(problem, request, incumbent);
+    // The prior's weight is the residual variance of the fit without it.
+    let mut spent = 0;
+    let problem = match problem.prior() {
+        Prior::None => problem.clone(),
+        Prior::LogNormal => {
+            let free = search(&problem.without_prior(), request, &warm, control)?;
+            spent = free.evaluations;
+            problem.with_prior_variance(free.cost)
+        }
+    };
+    let mut found = search(&problem, request, &warm, control)?;
+    found.evaluations += spent;
+    let (problem, mut found, discretisation_error) = refine_step(problem, found, control)?;
+    let mut remarks: Vec<String> = problem.model().dropped().iter().map(|what| format!("left out: {what}")).collect();
+    let (problem, non_identifiable) = fix_unidentifiable(problem, &mut found, &mut remarks, control)?;
+    Ok(report(&problem, request, found, discretisation_error, non_identifiable, remarks))
+}
+
+/// The served parameters where they are wanted and known, and the nominal ones.
+fn warm_starts(problem: &Problem, request: &EstimateRequest, incumbent: Option<&Incumbent>) -> Vec<Candidate> {
+    let mut starts = Vec::new();
+    if let (StartFrom::Current, Some(incumbent)) = (request.start_from, incumbent) {
+        let mut theta = problem.nominal().to_vec();
+        for (value, parameter) in theta.iter_mut().zip(problem.model().parameters()) {
+            *value = incumbent.theta.get(&parameter.name).copied().unwrap_or(*value);
+        }
+        starts.push(problem.candidate(&theta));
+    } else {
+        starts.push(problem.candidate(problem.nominal()));
+    }
+    starts
+}
+
+/// Runs one optimiser to its end.
+fn search(problem: &Problem, request: &EstimateRequest, warm: &[Candidate], control: &Control) -> Result<Found, EstimateError> {
+    let search = Search {
+        dimensions: problem.space().len(),
+        seed: request.seed,
+        budget: request.budget.evaluations,
+        warm: warm.to_vec(),
+        residuals: true,
+    };
+    drive(problem, &request.method, search, control)
+}
+
+/// Ask, simulate, tell.
+fn drive(problem: &Problem, method: &Method, search: Search, control: &Control) -> Result<Found, EstimateError> {
+    if problem.space().is_empty() {
+        let cost = problem.evaluate(&[Candidate(Vec::new())], false).first().map_or(Cost::Diverged, |evaluation| evaluation.cost);
+        let Cost::Finite(cost) = cost else { return Err(EstimateError::NothingFinite) };
+        return Ok(Found { theta: problem.nominal().to_vec(), cost, stop: Stop::Converged, evaluations: 1, trace: Vec::new() });
+    }
+    let mut optimiser = method.optimiser(search);
+    let mut progress = Progress::default();
+    let mut trace: Vec<TracePoint> = Vec::new();
+    let stop = loop {
+        if let Some(interrupt) = (control.interrupt)() {
+            match interrupt {
+                // A deadline keeps what was found; a cancelled search has no result.
+                Interrupt::Deadline if progress.best_train.is_some() => break Stop::Deadline,
+                other => return Err(EstimateError::Interrupted(other)),
+            }
+        }
+        let answers: Vec<Evaluation> = match optimiser.ask() {
+            Ask::Costs(candidates) => problem.evaluate(&candidates, false),
+            Ask::Residuals(candidates) => problem.evaluate(&candidates, true),
+            Ask::Done(ended) => {
+                break match ended {
+                    Ended::Converged => Stop::Converged,
+                    Ended::Stalled => Stop::Stalled,
+                    Ended::Budget => Stop::Budget,
+                };
+            }
+        };
+        progress.evaluations += answers.len();
+        optimiser.tell(&answers);
+        progress.generation = optimiser.generation();
+        if let Some((best, Cost::Finite(cost))) = optimiser.best()
+            && progress.best_train.is_none_or(|known| cost < known)
+        {
+            progress.best_train = Some(cost);
+            trace.push(TracePoint { evaluations: progress.evaluations, best: cost });
+            progress.best_validation = validation_rmse(problem, &problem.theta(best));
+        }
+        (control.progress)(&progress);
+    };
+    match optimiser.best() {
+        Some((best, Cost::Finite(cost))) => Ok(Found { theta: problem.theta(best), cost, stop, evaluations: progress.evaluations, trace }),
+        _ => Err(EstimateError::NothingFinite),
+    }
+}
+
+/// Least squares from a known point.
+fn polish(problem: &Problem, theta: &[f64], control: &Control) -> Result<Found, EstimateError> {
+    let method = Method::LmMultistart(LmOptions { starts: 1, ..LmOptions::default() });
+    let search = Search {
+        dimensions: problem.space().len(),
+        seed: 0,
+        budget: POLISH_EVALUATIONS,
+        warm: vec![problem.candidate(theta)],
+        residuals: true,
+    };
+    drive(problem, &method, search, control)
+}
+
+fn validation_rmse(problem: &Problem, theta: &[f64]) -> Option<f64> {
+    let range = problem.split().validation.clone();
+    if range.is_empty() {
+        return None;
+    }
+    problem.mean_square_error(&problem.simulate(theta), 0, range).map(f64::sqrt)
+}
+
+/// Compares with half the step; where the difference is too large the step is halved and the fit polished.
+fn refine_step(mut problem: Problem, mut found: Found, control: &Control) -> Result<(Problem, Found, f64), EstimateError> {
+    loop {
+        let finer = problem.with_substeps(2 * problem.simulator().substeps());
+        let (coarse, fine) = (problem.simulate(&found.theta), finer.simulate(&found.theta));
+        let difference = coarse
+            .outputs
+            .iter()
+            .zip(&fine.outputs)
+            .flat_map(|(a, b)| a.iter().zip(b))
+            .map(|(a, b)| (a - b).abs())
+            // A difference that is not a number is as large as can be.
+            .fold(0.0, |worst: f64, d| if d.is_nan() { f64::INFINITY } else { worst.max(d) });
+        found.evaluations += 2;
+        if difference <= DISCRETISATION_LIMIT || problem.simulator().substeps() >= 64 {
+            return Ok((problem, found, difference));
+        }
+        problem = finer;
+        let polished = polish(&problem, &found.theta, control)?;
+        found = Found { stop: found.stop, evaluations: found.evaluations + polished.evaluations, trace: found.trace, ..polished };
+    }
+}
+
+/// Fixes parameters on a bound at their nominal values where the hold-out is no worse for it.
+fn fix_unidentifiable(
+    problem: Problem,
+    found: &mut Found,
+    remarks: &mut Vec<String>,
+    control: &Control,
+) -> Result<(Problem, Vec<String>), EstimateError> {
+    let on_bound: Vec<usize> = problem.free().iter().copied().filter(|index| at_bound(&problem, &found.theta, *index)).collect();
+    if on_bound.is_empty() {
+        return Ok((problem, Vec::new()));
+    }
+    let names: Vec<String> = on_bound.iter().map(|index| problem.model().parameters()[*index].name.clone()).collect();
+    let limit = format!("{} sits on a bound of the search: the value is a limit, not an estimate", names.join(", "));
+    // Only unseen data can say that a parameter is not needed.
+    let unseen = problem.split().validation.clone();
+    if unseen.is_empty() {
+        remarks.push(limit);
+        return Ok((problem, Vec::new()));
+    }
+    let fixed = problem.with_fixed(&on_bound);
+    let mut start = found.theta.clone();
+    on_bound.iter().for_each(|index| start[*index] = problem.nominal()[*index]);
+    let error = |problem: &Problem, theta: &[f64]| problem.mean_square_error(&problem.simulate(theta), 0, unseen.clone()).map(f64::sqrt);
+    // A refit that goes nowhere only means that the parameters matter.
+    let refit = match polish(&fixed, &start, control) {
+        Ok(refit) => Some(refit),
+        Err(EstimateError::NothingFinite) => None,
+        Err(interrupted) => return Err(interrupted),
+    };
+    found.evaluations += refit.as_ref().map_or(0, |refit| refit.evaluations);
+    if let Some(refit) = refit
+        && let (Some(with), Some(without)) = (error(&problem, &found.theta), error(&fixed, &refit.theta))
+        && without <= FIXED_MAY_BE_WORSE * with
+    {
+        remarks.push(format!(
+            "the data do not determine {}: fixed at the nominal value, the error on unseen data is no worse",
+            names.join(", ")
+        ));
+        (found.theta, found.cost) = (refit.theta, refit.cost);
+        return Ok((fixed, names));
+    }
+    remarks.push(limit);
+    Ok((problem, Vec::new()))
+}
+
+/// Whether a parameter lies within one per cent of a bound, on its scale.
+pub fn at_bound(problem: &Problem, theta: &[f64], index: usize) -> bool {
+    let [lower, upper] = problem.bounds()[index];
+    let unit = match problem.model().parameters()[index].scale {
+        Scale::Linear => (theta[index] - lower) / (upper - lower),
+        Scale::Log => (theta[index] / lower).ln() / (upper / lower).ln(),
+    };
+    !(AT_BOUND..=1.0 - AT_BOUND).contains(&unit)
+}
+
+fn report(
+    problem: &Problem,
+    request: &EstimateRequest,
+    mut found: Found,
+    discretisation_error: f64,
+    non_identifiable: Vec<String>,
+    mut remarks: Vec<String>,
+) -> Fit {
+    let uncertainty = uncertainty(problem, &found.theta);
+    found.evaluations += uncertainty.evaluations;
+    let run = filter(problem, &found.theta, None);
+    let mut parameters = IndexMap::new();
+    for (index, parameter) in problem.model().parameters().iter().enumerate() {
+        let place = problem.free().iter().position(|free| *free == index);
+        parameters.insert(
+            parameter.name.clone(),
+            Estimate {
+                value: found.theta[index],
+                unit: parameter.unit.clone(),
+                ci95: place.and_then(|place| uncertainty.ci95[place]),
+                bounds: problem.bounds()[index],
+                at_bound: place.is_some() && at_bound(problem, &found.theta, index),
+                fixed: place.is_none(),
+            },
+        );
+    }
+    for pair in &uncertainty.correlated {
+        let [a, b] = &pair.parameters;
+        remarks.push(format!("{a} and {b} move together (correlation {:.2}): trust their effect, not their separate values", pair.correlation));
+    }
+    if found.stop != Stop::Converged {
+        remarks.push("the search ended before two of its restarts agreed".to_owned());
+    }
+    Fit {
+        model: problem.model().id().to_string(),
+        model_hash: problem.model().hash().to_owned(),
+        dropped: problem.model().dropped().to_vec(),
+        parameters,
+        correlated: uncertainty.correlated,
+        method: request.method.name().to_owned(),
+        objective: match request.objective {
+            super::request::Objective::Mse => "mse",
+            super::request::Objective::Swmse => "swmse",
+        }
+        .to_owned(),
+        cost: found.cost,
+        stopped_by: found.stop,
+        seed: request.seed,
+        evaluations: found.evaluations,
+        trace: found.trace,
+        metrics: metrics(problem, &found.theta, &run),
+        sample_s: problem.grid().step(),
+        substeps: problem.simulator().substeps(),
+        discretisation_error,
+        process_noise: run.process_noise,
+        parts: parts(problem),
+        input_hash: problem.input_hash().to_owned(),
+        remarks,
+        non_identifiable,
+    }
+}
+
+fn parts(problem: &Problem) -> Parts {
+    let span = |range: &Range<usize>| {
+        (!range.is_empty()).then(|| Span { from: rfc3339(problem.grid().time(range.start)), to: rfc3339(problem.grid().time(range.end - 1)) })
+    };
+    let split = problem.split();
+    Parts {
+        train: span(&split.train).unwrap_or(Span { from: String::new(), to: String::new() }),
+        validation: span(&split.validation),
+        test: span(&split.test),
+    }
+}

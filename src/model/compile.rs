@@ -1,0 +1,389 @@
+//! A composition and its bindings become a [`Model`]: the only way to make one.
+
+use super::catalogue::{AppliedEffect, Composition};
+use super::derivative::derivative;
+use super::expr::{Graph, Node, NodeId, Point};
+use super::lower::{Lowering, Symbol, Value};
+use super::parse::{declaration, is_name};
+use super::spec::{Hold, InputSpec, Nominal, ParameterSpec, Scale};
+use super::{Initial, Input, Model, Output, Parameter, State};
+use crate::fault::Fault;
+use crate::units::Unit;
+use indexmap::IndexMap;
+use std::collections::{BTreeMap, BTreeSet};
+
+/// Most states of a model.
+const MAX_STATES: usize = 256;
+/// Most parameters, and most inputs.
+const MAX_PARAMETERS: usize = 128;
+
+/// What a system tells a model: the members of its sets and the channels that are there.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Bindings {
+    /// The members of each set; a set that is not named is empty.
+    pub sets: BTreeMap<String, Vec<String>>,
+    /// The channels of the window, derived ones included; `None` where nothing is known, then all are assumed.
+    pub channels: Option<BTreeSet<String>>,
+}
+
+/// Compiles a model.
+///
+/// # Errors
+/// Every fault of the spec and its effects: unknown names, wrong units, limits, missing channels.
+pub fn compile(composition: &Composition, bindings: &Bindings) -> Result<Model, Vec<Fault>> {
+    let spec = &composition.spec;
+    let mut builder = Builder::new(composition, bindings);
+    for (name, state) in &spec.states {
+        builder.state(name, &state.unit);
+    }
+    for (key, input) in &spec.inputs {
+        builder.input(&format!("/inputs/{key}"), key, input, bindings);
+    }
+    for (key, parameter) in &spec.parameters {
+        builder.parameter(&format!("/parameters/{key}"), key, parameter);
+    }
+    for (name, definition) in &spec.define {
+        if !is_name(name) || !builder.lowering.add_define(name, definition.clone()) {
+            builder.fault(&format!("/define/{name}"), "name-taken", format!("`{name}` is no free name"));
+        }
+    }
+    let mut rhs: Vec<Value> = Vec::new();
+    for (name, state) in &spec.states {
+        let pointer = format!("/equations/{name}");
+        let Some(text) = spec.equations.get(name) else {
+            builder.fault(&pointer, "equation-missing", format!("the state `{name}` has no equation"));
+            continue;
+        };
+        let value = builder.lowering.text(&pointer, text);
+        if let Ok(unit) = Unit::parse(&state.unit) {
+            builder.lowering.demand(&pointer, value, unit.divided_by(Unit::HOUR), &format!("the rate of `{name}`"));
+        }
+        rhs.push(value);
+    }
+    for name in spec.equations.keys().filter(|name| !spec.states.contains_key(*name)) {
+        builder.fault(&format!("/equations/{name}"), "unknown-state", format!("there is no state `{name}`"));
+    }
+    let mut outputs: IndexMap<String, Value> = IndexMap::new();
+    for (channel, output) in &spec.outputs {
+        let pointer = format!("/outputs/{channel}");
+        let value = builder.lowering.text(&pointer, &output.expr);
+        match Unit::parse(&output.unit) {
+            Ok(unit) => builder.lowering.demand(&pointer, value, unit, &format!("the output `{channel}`")),
+            Err(error) => builder.fault(&pointer, "unit", error.to_string()),
+        }
+        if !(output.noise_sd.is_finite() && output.noise_sd > 0.0) {
+            builder.fault(&pointer, "noise", "the standard deviation of the noise must be positive".to_owned());
+        }
+        outputs.insert(channel.clone(), value);
+    }
+    for effect in &composition.effects {
+        builder.effect(effect, bindings, &mut rhs, &mut outputs);
+    }
+    for channel in std::mem::take(&mut builder.lowering.missing) {
+        builder.fault("/inputs", "missing-channel", format!("the model needs the channel `{channel}`, which is not there"));
+    }
+    let initials = builder.initials(composition);
+    builder.finish(composition, bindings, &rhs, &outputs, initials)
+}
+
+struct Builder {
+    lowering: Lowering,
+    inputs: Vec<Input>,
+    parameters: Vec<Parameter>,
+    states: usize,
+    applied: Vec<String>,
+}
+
+impl Builder {
+    fn new(composition: &Composition, bindings: &Bindings) -> Self {
+        let sets = composition.spec.sets.iter().map(|set| (set.clone(), bindings.sets.get(set).cloned().unwrap_or_default())).collect();
+        let mut builder = Self { lowering: Lowering::new(sets), inputs: Vec::new(), parameters: Vec::new(), states: 0, applied: Vec::new() };
+        for set in bindings.sets.keys().filter(|set| !composition.spec.sets.contains(set)) {
+            builder.fault("/bindings", "unknown-set", format!("the model has no set `{set}`"));
+        }
+        if composition.spec.states.is_empty() || composition.spec.states.len() > MAX_STATES {
+            builder.fault("/states", "limit", format!("a model has between 1 and {MAX_STATES} states"));
+        }
+        if composition.spec.outputs.is_empty() {
+            builder.fault("/outputs", "limit", "a model needs an output that is measured".to_owned());
+        }
+        builder
+    }
+
+    fn fault(&mut self, pointer: &str, code: &str, detail: String) {
+        self.lowering.faults.push(Fault::new(pointer, code, detail));
+    }
+
+    fn unit(&mut self, pointer: &str, text: &str) -> Unit {
+        Unit::parse(text).unwrap_or_else(|error| {
+            self.fault(pointer, "unit", error.to_string());
+            Unit::ONE
+        })
+    }
+
+    fn state(&mut self, name: &str, unit: &str) {
+        let pointer = format!("/states/{name}");
+        let unit = self.unit(&pointer, unit);
+        // A state is a physical quantity whose sign nothing guarantees.
+        let symbol = Symbol { node: Node::State(self.states as u16), unit, nonnegative: false, missing: None };
+        if !is_name(name) || !self.lowering.add_symbol(name.to_owned(), symbol) {
+            self.fault(&pointer, "name-taken", format!("`{name}` is no free name"));
+        }
+        self.states += 1;
+    }
+
+    /// The names that a declaration makes: one, or one per member of its set.
+    fn declare(&mut self, pointer: &str, key: &str) -> Vec<(String, Option<String>)> {
+        match declaration(key) {
+            Some((name, None)) => vec![(name.to_owned(), None)],
+            Some((name, Some((_, set)))) => match self.lowering.members(set).map(<[String]>::to_vec) {
+                Some(members) => {
+                    self.lowering.add_family(name, set);
+                    members.into_iter().map(|member| (format!("{name}[{member}]"), Some(member))).collect()
+                }
+                None => {
+                    self.fault(pointer, "unknown-set", format!("there is no set `{set}`"));
+                    Vec::new()
+                }
+            },
+            None => {
+                self.fault(pointer, "name", format!("`{key}` is neither a name nor a family such as `a[n in set]`"));
+                Vec::new()
+            }
+        }
+    }
+
+    fn input(&mut self, pointer: &str, key: &str, spec: &InputSpec, bindings: &Bindings) {
+        let unit = self.unit(pointer, &spec.unit);
+        for (name, member) in self.declare(pointer, key) {
+            let channel = match (&spec.channel, &member) {
+                (Some(channel), Some(member)) => channel.replace("{n}", member),
+                (Some(channel), None) => channel.clone(),
+                (None, _) => name.clone(),
+            };
+            if let Some(known) = self.inputs.iter().find(|input| input.name == name) {
+                // Two effects may name the same input, if they mean the same by it.
+                if known.channel != channel || known.hold != spec.hold || known.unit != spec.unit {
+                    self.fault(pointer, "name-taken", format!("the input `{name}` is declared twice with different meanings"));
+                }
+                continue;
+            }
+            let there = bindings.channels.as_ref().is_none_or(|channels| channels.contains(&channel));
+            let node = Node::Input(self.inputs.len() as u16, Point::Start);
+            let nonnegative = spec.min.is_some_and(|min| min >= 0.0);
+            let symbol = Symbol { node, unit, nonnegative, missing: (!there).then(|| channel.clone()) };
+            self.inputs.push(Input { name: name.clone(), channel, unit: spec.unit.clone(), hold: spec.hold });
+            if !self.lowering.add_symbol(name.clone(), symbol) {
+                self.fault(pointer, "name-taken", format!("`{name}` is no free name"));
+            }
+        }
+    }
+
+    fn parameter(&mut self, pointer: &str, key: &str, spec: &ParameterSpec) {
+        let unit = self.unit(pointer, &spec.unit);
+        let finite = spec.lower.is_finite() && spec.upper.is_finite() && spec.lower < spec.upper;
+        if !finite || (spec.scale == Scale::Log && spec.lower <= 0.0) {
+            self.fault(pointer, "bounds", format!("the bounds [{}, {}] are not an interval on this scale", spec.lower, spec.upper));
+        }
+        if let Nominal::Value(value) = spec.nominal
+            && !(spec.lower..=spec.upper).contains(&value)
+        {
+            self.fault(pointer, "bounds", format!("the nominal value {value} lies outside [{}, {}]", spec.lower, spec.upper));
+        }
+        for (name, _) in self.declare(pointer, key) {
+            let node = Node::Param(self.parameters.len() as u16);
+            let symbol = Symbol { node, unit, nonnegative: spec.lower >= 0.0, missing: None };
+            if !self.lowering.add_symbol(name.clone(), symbol) {
+                self.fault(pointer, "name-taken", format!("`{name}` is no free name"));
+                continue;
+            }
+            self.parameters.push(Parameter {
+                name,
+                unit: spec.unit.clone(),
+                lower: spec.lower,
+                upper: spec.upper,
+                scale: spec.scale,
+                nominal: spec.nominal.clone(),
+                title: spec.title.clone(),
+            });
+        }
+    }
+
+    /// Adds the terms of an effect; an optional one whose channels are missing leaves no trace but a note.
+    fn effect(&mut self, effect: &AppliedEffect, bindings: &Bindings, rhs: &mut [Value], outputs: &mut IndexMap<String, Value>) {
+        let at = |part: &str, name: &str| format!("/effects/{}/{part}/{name}", effect.id);
+        for (key, input) in &effect.spec.inputs {
+            self.input(&at("inputs", key), key, input, bindings);
+        }
+        for (key, parameter) in &effect.spec.parameters {
+            self.parameter(&at("parameters", key), key, parameter);
+        }
+        for (name, definition) in &effect.spec.define {
+            // The base may define the same quantity by the same name, as room3 does with the sun.
+            self.lowering.add_define(name, definition.clone());
+        }
+        let missing_before = std::mem::take(&mut self.lowering.missing);
+        let mut terms = Vec::new();
+        for (state, text) in &effect.spec.terms {
+            let pointer = at("terms", state);
+            let index = self.lowering.symbol(state).map(|symbol| (symbol.node, symbol.unit));
+            let Some((Node::State(index), unit)) = index else {
+                self.fault(&pointer, "unknown-state", format!("the model has no state `{state}` for this effect"));
+                continue;
+            };
+            let value = self.lowering.text(&pointer, text);
+            self.lowering.demand(&pointer, value, unit.divided_by(Unit::HOUR), "the term");
+            terms.push((usize::from(index), value));
+        }
+        let mut output_terms = Vec::new();
+        for (channel, text) in &effect.spec.outputs {
+            let value = self.lowering.text(&at("outputs", channel), text);
+            output_terms.push((channel, value));
+        }
+        let missing = std::mem::replace(&mut self.lowering.missing, missing_before);
+        if !missing.is_empty() && effect.optional {
+            let channels = missing.into_iter().collect::<Vec<_>>().join(", ");
+            self.lowering.dropped.insert(format!("{}: the channel {channels} is not there", effect.spec.title));
+            return;
+        }
+        self.lowering.missing.extend(missing);
+        for (index, term) in terms {
+            if let Some(value) = rhs.get_mut(index) {
+                value.node = self.lowering.graph.add(value.node, term.node);
+            }
+        }
+        for (channel, term) in output_terms {
+            match outputs.get_mut(channel) {
+                Some(value) => value.node = self.lowering.graph.add(value.node, term.node),
+                None => self.fault(&at("outputs", channel), "unknown-output", format!("the model has no output `{channel}`")),
+            }
+        }
+        self.applied.push(effect.id.clone());
+    }
+
+    fn initials(&mut self, composition: &Composition) -> Vec<Initial> {
+        let mut initials = Vec::new();
+        for (name, state) in &composition.spec.states {
+            if let Some(output) = composition.spec.outputs.get_index_of(&state.initial) {
+                initials.push(Initial::Measured(output));
+            } else if let Some(parameter) = self.parameters.iter().position(|parameter| parameter.name == state.initial) {
+                initials.push(Initial::Parameter(parameter));
+            } else {
+                let detail = format!("`{}` is neither an output channel nor a parameter", state.initial);
+                self.fault(&format!("/states/{name}/initial"), "unknown-name", detail);
+            }
+        }
+        for parameter in &self.parameters {
+            if let Nominal::Measured(channel) = &parameter.nominal
+                && !composition.spec.outputs.contains_key(channel)
+            {
+                let detail = format!("`{channel}` is not an output channel");
+                self.lowering.faults.push(Fault::new(format!("/parameters/{}/nominal", parameter.name), "unknown-name", detail));
+            }
+        }
+        initials
+    }
+
+    /// Drops what is not used, differentiates, and hashes.
+    fn finish(
+        mut self,
+        composition: &Composition,
+        bindings: &Bindings,
+        rhs: &[Value],
+        outputs: &IndexMap<String, Value>,
+        initials: Vec<Initial>,
+    ) -> Result<Model, Vec<Fault>> {
+        if self.parameters.len() > MAX_PARAMETERS || self.inputs.len() > MAX_PARAMETERS {
+            self.fault("", "limit", format!("a model has at most {MAX_PARAMETERS} parameters and {MAX_PARAMETERS} inputs"));
+        }
+        if !self.lowering.faults.is_empty() {
+            return Err(self.lowering.faults);
+        }
+        let source = self.lowering.graph;
+        let roots: Vec<NodeId> = rhs.iter().chain(outputs.values()).map(|value| value.node).collect();
+        let used = source.reachable(&roots);
+        let used_leaf = |wanted: Node| source.nodes().iter().zip(&used).any(|(node, used)| *used && *node == wanted);
+        let keep_input: Vec<bool> = (0..self.inputs.len()).map(|i| used_leaf(Node::Input(i as u16, Point::Start))).collect();
+        let keep_parameter: Vec<bool> = (0..self.parameters.len())
+            .map(|i| used_leaf(Node::Param(i as u16)) || initials.iter().any(|initial| *initial == Initial::Parameter(i)))
+            .collect();
+        let rank = |keep: &[bool], i: usize| keep[..i].iter().filter(|kept| **kept).count();
+        let mut graph = Graph::default();
+        let roots = graph.import(&source, &roots, |graph, leaf| {
+            graph.intern(match leaf {
+                Node::Input(i, point) => Node::Input(rank(&keep_input, usize::from(i)) as u16, point),
+                Node::Param(i) => Node::Param(rank(&keep_parameter, usize::from(i)) as u16),
+                other => other,
+            })
+        });
+        let kept = |keep: &[bool]| keep.to_vec().into_iter();
+        let inputs: Vec<Input> = self.inputs.into_iter().zip(kept(&keep_input)).filter_map(|(input, keep)| keep.then_some(input)).collect();
+        let parameters: Vec<Parameter> =
+            self.parameters.into_iter().zip(kept(&keep_parameter)).filter_map(|(parameter, keep)| keep.then_some(parameter)).collect();
+        let (rhs, output_nodes) = roots.split_at(composition.spec.states.len());
+        let rhs = rhs.to_vec();
+        let jacobian: Vec<Vec<NodeId>> =
+            rhs.iter().map(|f| (0..rhs.len()).map(|j| derivative(&mut graph, *f, Node::State(j as u16))).collect()).collect();
+        let rate = rhs.iter().map(|f| time_derivative(&mut graph, *f, &inputs)).collect();
+        let outputs = composition
+            .spec
+            .outputs
+            .iter()
+            .zip(output_nodes)
+            .map(|((channel, spec), node)| Output {
+                channel: channel.clone(),
+                unit: spec.unit.clone(),
+                noise_sd: spec.noise_sd,
+                node: *node,
+                gradient: (0..rhs.len()).map(|j| derivative(&mut graph, *node, Node::State(j as u16))).collect(),
+            })
+            .collect();
+        let states = composition
+            .spec
+            .states
+            .iter()
+            .zip(initials)
+            .map(|((name, state), initial)| State {
+                name: name.clone(),
+                unit: state.unit.clone(),
+                initial: match initial {
+                    Initial::Parameter(i) => Initial::Parameter(rank(&keep_parameter, i)),
+                    measured @ Initial::Measured(_) => measured,
+                },
+            })
+            .collect();
+        let channels: Vec<&str> = inputs.iter().map(|input| input.channel.as_str()).collect();
+        let identity = serde_json::json!({
+            "spec": composition.spec, "effects": composition.effects.iter().filter(|effect| self.applied.contains(&effect.id)).map(|effect| &effect.spec).collect::<Vec<_>>(),
+            "sets": bindings.sets, "channels": channels,
+        });
+        Ok(Model {
+            id: composition.id.clone(),
+            title: composition.spec.title.clone(),
+            hash: blake3::hash(identity.to_string().as_bytes()).to_hex().to_string(),
+            states,
+            inputs,
+            parameters,
+            outputs,
+            effects: self.applied,
+            dropped: self.lowering.dropped.into_iter().collect(),
+            checks: composition.spec.checks.clone(),
+            graph,
+            rhs,
+            jacobian,
+            rate,
+        })
+    }
+}
+
+/// The explicit time derivative of an equation: its linear-hold inputs move along their slopes.
+fn time_derivative(graph: &mut Graph, f: NodeId, inputs: &[Input]) -> NodeId {
+    let mut total = graph.constant(0.0);
+    for (i, _) in inputs.iter().enumerate().filter(|(_, input)| input.hold == Hold::Linear) {
+        let by_input = derivative(graph, f, Node::Input(i as u16, Point::Start));
+        let slope = graph.intern(Node::Slope(i as u16));
+        let term = graph.mul(by_input, slope);
+        total = graph.add(total, term);
+    }
+    total
+}

@@ -1,0 +1,376 @@
+//! Syntax tree to graph: names are resolved, families expanded, units checked, every fault collected.
+
+use super::expr::{Binary, Graph, Node, NodeId, Unary};
+use super::parse::{Expr, Kind, Position, parse};
+use super::spec::Definition;
+use crate::fault::{Fault, nearest};
+use crate::units::Unit;
+use indexmap::IndexMap;
+use std::collections::{BTreeMap, BTreeSet};
+
+/// Most nodes of an expanded model.
+pub const MAX_NODES: usize = 50_000;
+/// Largest integer exponent that becomes a chain of products.
+const MAX_INTEGER_POWER: f64 = 16.0;
+
+/// What a name stands for.
+#[derive(Debug, Clone)]
+pub(super) struct Symbol {
+    /// The leaf of the graph.
+    pub node: Node,
+    /// Its unit.
+    pub unit: Unit,
+    /// Whether it is known never to be negative.
+    pub nonnegative: bool,
+    /// The channel, where it is an input whose channel is not there.
+    pub missing: Option<String>,
+}
+
+/// What an expression came to: a node, its unit, and whether it can be negative.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Value {
+    pub node: NodeId,
+    /// `None` for the number zero, which is zero of any unit.
+    pub unit: Option<Unit>,
+    pub nonnegative: bool,
+}
+
+/// A definition on its way to a value.
+enum Named {
+    Text(Definition),
+    Busy,
+    Done(Value),
+}
+
+/// The names of a model, and the graph that grows from them.
+pub(super) struct Lowering {
+    pub graph: Graph,
+    pub faults: Vec<Fault>,
+    /// Channels that were used although they are not there.
+    pub missing: BTreeSet<String>,
+    /// What the chosen variants leave out.
+    pub dropped: BTreeSet<String>,
+    symbols: IndexMap<String, Symbol>,
+    families: BTreeMap<String, String>,
+    sets: BTreeMap<String, Vec<String>>,
+    defines: IndexMap<String, Named>,
+}
+
+impl Lowering {
+    pub fn new(sets: BTreeMap<String, Vec<String>>) -> Self {
+        Self {
+            graph: Graph::default(),
+            faults: Vec::new(),
+            missing: BTreeSet::new(),
+            dropped: BTreeSet::new(),
+            symbols: IndexMap::new(),
+            families: BTreeMap::new(),
+            sets,
+            defines: IndexMap::new(),
+        }
+    }
+
+    /// The members of a set.
+    pub fn members(&self, set: &str) -> Option<&[String]> {
+        self.sets.get(set).map(Vec::as_slice)
+    }
+
+    pub fn add_family(&mut self, name: &str, set: &str) {
+        self.families.insert(name.to_owned(), set.to_owned());
+    }
+
+    /// Declares a name; false where it is taken.
+    pub fn add_symbol(&mut self, name: String, symbol: Symbol) -> bool {
+        if self.symbols.contains_key(&name) || self.defines.contains_key(&name) {
+            return false;
+        }
+        self.symbols.insert(name, symbol);
+        true
+    }
+
+    pub fn symbol(&self, name: &str) -> Option<&Symbol> {
+        self.symbols.get(name)
+    }
+
+    /// Declares a definition; false where the name is taken.
+    pub fn add_define(&mut self, name: &str, definition: Definition) -> bool {
+        if self.symbols.contains_key(name) || self.defines.contains_key(name) {
+            return false;
+        }
+        self.defines.insert(name.to_owned(), Named::Text(definition));
+        true
+    }
+
+    /// Lowers the text of one expression; the faults name `pointer`.
+    pub fn text(&mut self, pointer: &str, text: &str) -> Value {
+        let value = match parse(text) {
+            Ok(expr) => self.expr(pointer, &expr, &mut Vec::new()),
+            Err(error) => {
+                self.fault(pointer, error.at, "syntax", error.message);
+                self.zero()
+            }
+        };
+        if self.graph.nodes().len() > MAX_NODES {
+            let at = Position { line: 1, column: 1 };
+            self.fault(pointer, at, "too-large", format!("the model has more than {MAX_NODES} nodes after its families are expanded"));
+        }
+        value
+    }
+
+    /// Demands a unit of a value.
+    pub fn demand(&mut self, pointer: &str, value: Value, unit: Unit, what: &str) {
+        if let Some(found) = value.unit.filter(|found| !found.addable(&unit)) {
+            let at = Position { line: 1, column: 1 };
+            self.fault(pointer, at, "unit", format!("{what} must have the unit {unit}, this has {found}"));
+        }
+    }
+
+    fn zero(&mut self) -> Value {
+        Value { node: self.graph.constant(0.0), unit: None, nonnegative: true }
+    }
+
+    fn fault(&mut self, pointer: &str, at: Position, code: &str, detail: impl std::fmt::Display) {
+        self.faults.push(Fault::new(pointer, code, format!("line {}, column {}: {detail}", at.line, at.column)));
+    }
+
+    fn expr(&mut self, pointer: &str, expr: &Expr, indices: &mut Vec<(String, String)>) -> Value {
+        // Later nodes would only repeat the message that the model is too large.
+        if self.graph.nodes().len() > MAX_NODES {
+            return self.zero();
+        }
+        match &expr.kind {
+            Kind::Number(value, unit) => self.number(pointer, expr.at, *value, unit.as_deref()),
+            Kind::Name(name) => self.name(pointer, expr.at, name),
+            Kind::Member(family, index) => match self.member_name(pointer, expr.at, family, index, indices) {
+                Some(name) => self.name(pointer, expr.at, &name),
+                None => self.zero(),
+            },
+            Kind::Negate(inner) => {
+                let x = self.expr(pointer, inner, indices);
+                Value { node: self.graph.unary(Unary::Neg, x.node), unit: x.unit, nonnegative: false }
+            }
+            Kind::Binary(op, a, b) => {
+                let left = self.expr(pointer, a, indices);
+                let right = self.expr(pointer, b, indices);
+                self.binary(pointer, expr.at, *op, left, right, a == b)
+            }
+            Kind::Call(name, arguments) => {
+                let values: Vec<Value> = arguments.iter().map(|argument| self.expr(pointer, argument, indices)).collect();
+                self.call(pointer, expr.at, name, &values)
+            }
+            Kind::Sum { variable, set, body } => {
+                let Some(members) = self.sets.get(set).cloned() else {
+                    self.fault(pointer, expr.at, "unknown-set", format!("there is no set `{set}`"));
+                    return self.zero();
+                };
+                let mut total = self.zero();
+                for member in members {
+                    indices.push((variable.clone(), member));
+                    let term = self.expr(pointer, body, indices);
+                    indices.pop();
+                    total = self.binary(pointer, expr.at, Binary::Add, total, term, false);
+                }
+                total
+            }
+        }
+    }
+
+    fn number(&mut self, pointer: &str, at: Position, value: f64, unit: Option<&str>) -> Value {
+        let node = self.graph.constant(value);
+        let unit = match unit.map(Unit::parse) {
+            None if value == 0.0 => None,
+            None => Some(Unit::ONE),
+            Some(Ok(unit)) => Some(unit),
+            Some(Err(error)) => {
+                self.fault(pointer, at, "unit", error);
+                None
+            }
+        };
+        Value { node, unit, nonnegative: value >= 0.0 }
+    }
+
+    fn member_name(&mut self, pointer: &str, at: Position, family: &str, index: &str, indices: &[(String, String)]) -> Option<String> {
+        let Some(set) = self.families.get(family) else {
+            self.fault(pointer, at, "unknown-name", format!("there is no family `{family}`"));
+            return None;
+        };
+        let Some((_, member)) = indices.iter().rev().find(|(variable, _)| variable == index) else {
+            self.fault(pointer, at, "unknown-index", format!("`{index}` is not the index of a sum around `{family}[{index}]`"));
+            return None;
+        };
+        if self.sets.get(set).is_some_and(|members| members.contains(member)) {
+            return Some(format!("{family}[{member}]"));
+        }
+        self.fault(pointer, at, "unknown-index", format!("`{family}` runs over `{set}`, which has no `{member}`"));
+        None
+    }
+
+    fn name(&mut self, pointer: &str, at: Position, name: &str) -> Value {
+        if let Some(symbol) = self.symbols.get(name) {
+            self.missing.extend(symbol.missing.clone());
+            let (unit, nonnegative) = (Some(symbol.unit), symbol.nonnegative);
+            return Value { node: self.graph.intern(symbol.node), unit, nonnegative };
+        }
+        match self.defines.get_mut(name).map(|named| std::mem::replace(named, Named::Busy)) {
+            Some(Named::Done(value)) => {
+                self.defines.insert(name.to_owned(), Named::Done(value));
+                value
+            }
+            Some(Named::Text(definition)) => {
+                let text = self.choose(&definition);
+                let value = self.text(&format!("/define/{name}"), &text);
+                self.defines.insert(name.to_owned(), Named::Done(value));
+                value
+            }
+            Some(Named::Busy) => {
+                self.fault(pointer, at, "cycle", format!("`{name}` is defined by itself"));
+                self.zero()
+            }
+            None if name == "pi" => {
+                Value { node: self.graph.constant(std::f64::consts::PI), unit: Some(Unit::ONE), nonnegative: true }
+            }
+            None => {
+                self.fault(pointer, at, "unknown-name", format!("`{name}` is not a state, input, parameter or definition"));
+                let known = self.symbols.keys().chain(self.defines.keys()).map(String::as_str);
+                let suggestion = nearest(name, known).map(|near| format!("did you mean `{near}`?"));
+                if let Some(last) = self.faults.last_mut() {
+                    last.suggestion = suggestion;
+                }
+                self.zero()
+            }
+        }
+    }
+
+    /// The first variant whose inputs are all there; the last one where none is.
+    fn choose(&mut self, definition: &Definition) -> String {
+        match definition {
+            Definition::Text(text) => text.clone(),
+            Definition::Variants(variants) => {
+                let there = |input: &String| self.symbols.get(input).is_some_and(|symbol| symbol.missing.is_none());
+                let chosen = variants.iter().find(|variant| variant.needs.iter().all(there)).or(variants.last());
+                self.dropped.extend(chosen.and_then(|variant| variant.drops.clone()));
+                chosen.map_or_else(|| "0".to_owned(), |variant| variant.expr.clone())
+            }
+        }
+    }
+
+    fn binary(&mut self, pointer: &str, at: Position, op: Binary, a: Value, b: Value, same: bool) -> Value {
+        let both = a.nonnegative && b.nonnegative;
+        let (unit, nonnegative) = match op {
+            Binary::Pow => return self.power(pointer, at, a, b),
+            Binary::Mul => (a.unit.zip(b.unit).map(|(a, b)| a.times(b)), both || same),
+            Binary::Div => (Some(a.unit.unwrap_or(Unit::ONE).divided_by(b.unit.unwrap_or(Unit::ONE))), both),
+            Binary::Add | Binary::Min => (self.alike(pointer, at, op, a, b), both),
+            Binary::Sub => (self.alike(pointer, at, op, a, b), false),
+            Binary::Max => (self.alike(pointer, at, op, a, b), a.nonnegative || b.nonnegative),
+            Binary::Less | Binary::LessEqual | Binary::Equal => {
+                self.alike(pointer, at, op, a, b);
+                (Some(Unit::ONE), true)
+            }
+        };
+        if op == Binary::Div && self.graph.constant_value(b.node) == Some(0.0) {
+            self.fault(pointer, at, "division-by-zero", "the divisor is zero");
+        }
+        Value { node: self.graph.binary(op, a.node, b.node), unit, nonnegative }
+    }
+
+    /// The common unit of two operands that must be like quantities.
+    fn alike(&mut self, pointer: &str, at: Position, op: Binary, a: Value, b: Value) -> Option<Unit> {
+        if let Some((left, right)) = a.unit.zip(b.unit).filter(|(left, right)| !left.addable(right)) {
+            self.fault(pointer, at, "unit", format!("{op:?} of {left} and {right}: not like quantities"));
+        }
+        a.unit.or(b.unit)
+    }
+
+    fn power(&mut self, pointer: &str, at: Position, base: Value, exponent: Value) -> Value {
+        if exponent.unit.is_some_and(|unit| !unit.is_number()) {
+            self.fault(pointer, at, "unit", "an exponent must be a pure number");
+        }
+        match self.graph.constant_value(exponent.node) {
+            Some(n) if n == n.trunc() && n.abs() <= MAX_INTEGER_POWER => {
+                let mut node = self.graph.constant(1.0);
+                // The loop runs at most sixteen times.
+                let mut count = n.abs();
+                while count > 0.0 {
+                    node = self.graph.mul(node, base.node);
+                    count -= 1.0;
+                }
+                if n < 0.0 {
+                    let one = self.graph.constant(1.0);
+                    node = self.graph.div(one, node);
+                }
+                let mut unit = Some(Unit::ONE);
+                for _ in 0..n.abs() as i8 {
+                    unit = unit.zip(base.unit).map(|(a, b)| if n < 0.0 { a.divided_by(b) } else { a.times(b) });
+                }
+                Value { node, unit, nonnegative: base.nonnegative || n.rem_euclid(2.0) == 0.0 }
+            }
+            _ => {
+                if !base.nonnegative {
+                    self.fault(pointer, at, "negative-base", "a real exponent needs a base that cannot be negative; wrap the base in abs() or max(0, …)");
+                }
+                if base.unit.is_some_and(|unit| !unit.is_number()) {
+                    self.fault(pointer, at, "unit", "the base of a real exponent must be a pure number");
+                }
+                Value { node: self.graph.binary(Binary::Pow, base.node, exponent.node), unit: Some(Unit::ONE), nonnegative: true }
+            }
+        }
+    }
+
+    fn call(&mut self, pointer: &str, at: Position, name: &str, x: &[Value]) -> Value {
+        let wanted = match name {
+            "if" => 3,
+            "min" | "max" => 2,
+            "abs" | "exp" | "log" | "sqrt" | "sin" | "cos" | "tanh" => 1,
+            _ => {
+                self.fault(pointer, at, "unknown-function", format!("there is no function `{name}`"));
+                return self.zero();
+            }
+        };
+        if x.len() != wanted {
+            self.fault(pointer, at, "arguments", format!("`{name}` takes {wanted} arguments, not {}", x.len()));
+            return self.zero();
+        }
+        let unary = |lowering: &mut Self, op, unit, nonnegative| Value { node: lowering.graph.unary(op, x[0].node), unit, nonnegative };
+        match name {
+            "if" => {
+                let unit = self.alike(pointer, at, Binary::Add, x[1], x[2]);
+                let nonnegative = x[1].nonnegative && x[2].nonnegative;
+                Value { node: self.graph.choose(x[0].node, x[1].node, x[2].node), unit, nonnegative }
+            }
+            "min" => self.binary(pointer, at, Binary::Min, x[0], x[1], false),
+            "max" => self.binary(pointer, at, Binary::Max, x[0], x[1], false),
+            "abs" => unary(self, Unary::Abs, x[0].unit, true),
+            "sqrt" => {
+                let unit = x[0].unit.and_then(Unit::square_root);
+                if x[0].unit.is_some() && unit.is_none() {
+                    self.fault(pointer, at, "unit", "the root of this unit is no unit");
+                }
+                if !x[0].nonnegative {
+                    self.fault(pointer, at, "negative-base", "sqrt needs an argument that cannot be negative; wrap it in abs() or max(0, …)");
+                }
+                unary(self, Unary::Sqrt, unit, true)
+            }
+            _ => self.transcendental(pointer, at, name, x[0]),
+        }
+    }
+
+    /// Functions of a pure number. Angles in degrees and fractions in percent are scaled first.
+    fn transcendental(&mut self, pointer: &str, at: Position, name: &str, x: Value) -> Value {
+        let scale = x.unit.map_or(Some(1.0), |unit| unit.number_scale());
+        let Some(scale) = scale else {
+            self.fault(pointer, at, "unit", format!("`{name}` needs a pure number"));
+            return self.zero();
+        };
+        let factor = self.graph.constant(scale);
+        let argument = self.graph.mul(x.node, factor);
+        let op = match name {
+            "exp" => Unary::Exp,
+            "log" => Unary::Log,
+            "sin" => Unary::Sin,
+            "cos" => Unary::Cos,
+            _ => Unary::Tanh,
+        };
+        Value { node: self.graph.unary(op, argument), unit: Some(Unit::ONE), nonnegative: op == Unary::Exp }
+    }
+}

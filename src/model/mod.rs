@@ -1,0 +1,332 @@
+//! Text to tape: a model is a document, and this folder turns it into something that can be simulated.
+//!
+//! ```text
+//! spec, effect documents --catalogue--> Composition --parse, lower--> expression graph (interned, folded,
+//! units checked) --derivative--> Jacobian and df/dt --compile--> Model --tape (four stages)--> simulate/
+//! ```
+//!
+//! Nothing here knows measurements or parameter values. Time is counted in hours.
+
+pub mod catalogue;
+pub mod compile;
+pub mod derivative;
+pub mod expr;
+pub mod id;
+mod lower;
+pub mod math;
+pub mod parse;
+pub mod spec;
+pub mod tape;
+
+pub use catalogue::{Catalogue, Composition};
+pub use compile::{Bindings, compile};
+pub use id::ModelId;
+pub use spec::{Check, Hold, Nominal, Scale};
+
+use expr::{Graph, NodeId};
+
+/// A compiled model. It exists only through [`compile()`].
+#[derive(Debug, Clone)]
+pub struct Model {
+    id: ModelId,
+    title: String,
+    hash: String,
+    states: Vec<State>,
+    inputs: Vec<Input>,
+    parameters: Vec<Parameter>,
+    outputs: Vec<Output>,
+    effects: Vec<String>,
+    dropped: Vec<String>,
+    checks: Vec<Check>,
+    graph: Graph,
+    rhs: Vec<NodeId>,
+    jacobian: Vec<Vec<NodeId>>,
+    rate: Vec<NodeId>,
+}
+
+/// A state variable of a compiled model.
+#[derive(Debug, Clone, PartialEq)]
+pub struct State {
+    /// Its name.
+    pub name: String,
+    /// Its unit.
+    pub unit: String,
+    /// Where its value at the start comes from.
+    pub initial: Initial,
+}
+
+/// Where a state starts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Initial {
+    /// At the mean of the first three valid samples of this output.
+    Measured(usize),
+    /// At the value of this parameter.
+    Parameter(usize),
+}
+
+/// An input of a compiled model.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Input {
+    /// Its name in the equations.
+    pub name: String,
+    /// The channel that it is read from.
+    pub channel: String,
+    /// Its unit in the equations.
+    pub unit: String,
+    /// Between samples.
+    pub hold: Hold,
+}
+
+/// A parameter of a compiled model.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Parameter {
+    /// Its name; a member of a family is `alpha_n[2]`.
+    pub name: String,
+    /// Its unit.
+    pub unit: String,
+    /// Lower bound.
+    pub lower: f64,
+    /// Upper bound.
+    pub upper: f64,
+    /// How the search spreads over the interval.
+    pub scale: Scale,
+    /// A sensible value before any data.
+    pub nominal: Nominal,
+    /// A short title for people.
+    pub title: String,
+}
+
+/// An output of a compiled model.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Output {
+    /// The channel that measures it.
+    pub channel: String,
+    /// Its unit.
+    pub unit: String,
+    /// Standard deviation of the sensor's noise.
+    pub noise_sd: f64,
+    /// Its expression.
+    pub node: NodeId,
+    /// Its derivatives with respect to the states.
+    pub gradient: Vec<NodeId>,
+}
+
+impl Model {
+    /// The readable identity.
+    pub fn id(&self) -> &ModelId {
+        &self.id
+    }
+
+    /// A short title for people.
+    pub fn title(&self) -> &str {
+        &self.title
+    }
+
+    /// Hash of the documents and the bindings that it was compiled from.
+    pub fn hash(&self) -> &str {
+        &self.hash
+    }
+
+    /// The states, in order.
+    pub fn states(&self) -> &[State] {
+        &self.states
+    }
+
+    /// The inputs that the equations use, in order.
+    pub fn inputs(&self) -> &[Input] {
+        &self.inputs
+    }
+
+    /// The parameters that the equations use, in order; a parameter vector follows it.
+    pub fn parameters(&self) -> &[Parameter] {
+        &self.parameters
+    }
+
+    /// The outputs, in order.
+    pub fn outputs(&self) -> &[Output] {
+        &self.outputs
+    }
+
+    /// The effects that took part.
+    pub fn effects(&self) -> &[String] {
+        &self.effects
+    }
+
+    /// What was left out because its channels are not there, in words.
+    pub fn dropped(&self) -> &[String] {
+        &self.dropped
+    }
+
+    /// What physics demands of an estimate.
+    pub fn checks(&self) -> &[Check] {
+        &self.checks
+    }
+
+    /// The expression graph of the equations.
+    pub fn graph(&self) -> &Graph {
+        &self.graph
+    }
+
+    /// The time derivative of each state, per hour.
+    pub fn rhs(&self) -> &[NodeId] {
+        &self.rhs
+    }
+
+    /// `jacobian()[i][j]` is the derivative of equation `i` with respect to state `j`.
+    pub fn jacobian(&self) -> &[Vec<NodeId>] {
+        &self.jacobian
+    }
+
+    /// The explicit time derivative of each equation through the slopes of its inputs.
+    pub fn rate(&self) -> &[NodeId] {
+        &self.rate
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use expr::Node;
+
+    fn bindings(channels: &[&str], neighbours: &[&str]) -> Bindings {
+        let mut bindings = Bindings { channels: Some(channels.iter().map(|name| (*name).to_owned()).collect()), ..Bindings::default() };
+        if !neighbours.is_empty() {
+            bindings.sets.insert("neighbours".into(), neighbours.iter().map(|name| (*name).to_owned()).collect());
+        }
+        bindings
+    }
+
+    fn build(id: &str, channels: &[&str], neighbours: &[&str]) -> Result<Model, Vec<crate::fault::Fault>> {
+        compile(&Catalogue::builtin().unwrap().compose(&id.parse().unwrap())?, &bindings(channels, neighbours))
+    }
+
+    const WEATHER: [&str; 4] = ["T_out", "T_forward", "sun_altitude", "cloud_cover"];
+
+    #[test]
+    fn every_built_in_model_and_effect_compiles() {
+        let catalogue = Catalogue::builtin().unwrap();
+        for document in catalogue.models() {
+            let model = compile(&catalogue.compose(&document.id().parse().unwrap()).unwrap(), &Bindings::default());
+            assert!(model.is_ok(), "{}: {model:?}", document.id());
+        }
+        for effect in catalogue.effects() {
+            let name = if effect.argument.is_some() { format!("{}:P_test", effect.id) } else { effect.id.clone() };
+            let model = compile(&catalogue.compose(&format!("rc2+{name}").parse().unwrap()).unwrap(), &Bindings::default());
+            assert!(model.is_ok(), "{name}: {model:?}");
+        }
+    }
+
+    #[test]
+    fn room3_with_four_neighbours_has_the_fifteen_parameters_of_the_thesis() {
+        let mut channels = WEATHER.to_vec();
+        channels.extend(["T_room_1", "T_room_2", "T_room_5", "T_room_6"]);
+        let model = build("room3", &channels, &["1", "2", "5", "6"]).unwrap();
+        assert_eq!(model.parameters().len(), 15);
+        let names: Vec<&str> = model.inputs().iter().map(|input| input.channel.as_str()).collect();
+        assert_eq!(names, ["T_forward", "T_out", "sun_altitude", "cloud_cover", "T_room_1", "T_room_2", "T_room_5", "T_room_6"]);
+    }
+
+    /// Equations 7.1 to 7.5, written out by hand.
+    #[test]
+    fn room3_means_the_equations_of_the_thesis() {
+        let model = build("room3", &["T_out", "T_forward", "sun_altitude", "cloud_cover", "T_room_7"], &["7"]).unwrap();
+        let value = |name: &str| match name {
+            "alpha_h" => 0.4,
+            "alpha_e" => 0.7,
+            "alpha_w" => 1.1,
+            "alpha_a" => 0.05,
+            "alpha_s" => 0.9,
+            "alpha_n[7]" => 0.3,
+            "beta_h" => 4.0,
+            "beta_he" => 9.0,
+            "k" => 2.5,
+            "T_set" => 21.5,
+            "T_out" => -3.0,
+            "T_forward" => 35.0,
+            "sun_altitude" => 20.0,
+            "cloud_cover" => 0.4,
+            "T_n[7]" => 20.5,
+            _ => f64::NAN,
+        };
+        let (t_r, t_h, t_e) = (21.0, 26.0, 18.0);
+        let leaf = |node: Node| match node {
+            Node::State(i) => [t_r, t_h, t_e][usize::from(i)],
+            Node::Param(i) => value(&model.parameters()[usize::from(i)].name),
+            Node::Input(i, _) => value(&model.inputs()[usize::from(i)].name),
+            _ => f64::NAN,
+        };
+        let ours = model.graph().evaluate(model.rhs(), leaf);
+        let flow = 1.0 / (1.0 + (2.5f64 * (t_r - 21.5)).exp());
+        let sun = 20f64.to_radians().sin() * (1.0 - 0.75 * 0.4f64.powf(3.4));
+        let by_hand = [
+            0.4 * (t_h - t_r) + 0.7 * (t_e - t_r) + 0.9 * sun,
+            0.4 / 4.0 * (t_r - t_h) + 1.1 * flow * (35.0 - t_h),
+            0.7 / 9.0 * (t_r - t_e) + 0.05 * (-3.0 - t_e) + 0.3 * (20.5 - t_e),
+        ];
+        for (ours, by_hand) in ours.iter().zip(by_hand) {
+            assert!((ours - by_hand).abs() < 1e-13, "{ours} {by_hand}");
+        }
+    }
+
+    #[test]
+    fn a_measured_valve_replaces_the_thermostat_and_its_parameters() {
+        let model = build("room3", &["T_out", "T_forward", "irradiance", "valve"], &[]).unwrap();
+        assert!(model.parameters().iter().all(|parameter| parameter.name != "k" && parameter.name != "T_set"));
+        assert_eq!(model.inputs().iter().filter(|input| input.hold == Hold::ZeroOrder).count(), 1);
+        assert!(model.dropped().is_empty());
+    }
+
+    #[test]
+    fn a_part_without_its_channel_is_dropped_and_said_so() {
+        let model = build("tite", &["T_out"], &[]).unwrap();
+        assert_eq!(model.dropped().len(), 2, "{:?}", model.dropped());
+        assert_eq!(model.parameters().len(), 4);
+        let faults = build("rc2+wind_infiltration", &["T_out"], &[]).unwrap_err();
+        assert_eq!(faults[0].code, "missing-channel");
+    }
+
+    #[test]
+    fn a_model_with_an_effect_is_another_model() {
+        let base = build("room3", &WEATHER, &[]).unwrap();
+        let mut channels = WEATHER.to_vec();
+        channels.push("wind_speed");
+        let windy = build("room3+wind_infiltration", &channels, &[]).unwrap();
+        assert_ne!(base.hash(), windy.hash());
+        assert_eq!(windy.parameters().len(), base.parameters().len() + 1);
+        assert_eq!(windy.effects(), ["wind_infiltration"]);
+        assert_eq!(build("room3", &channels, &[]).unwrap().hash(), base.hash(), "an unused channel is no part of the model");
+    }
+
+    #[test]
+    fn all_faults_are_reported_at_once() {
+        let text = r#"
+            id = "bad"
+            title = "bad"
+            [states]
+            T_r = { unit = "degC", initial = "T_room" }
+            T_e = { unit = "degC", initial = "nothing" }
+            [inputs]
+            T_out = { unit = "furlong" }
+            P = { unit = "kW" }
+            [parameters]
+            alpha_e = { unit = "1/h", lower = 2, upper = 1, scale = "log", nominal = 0.2 }
+            [define]
+            a = "b + 1"
+            b = "a"
+            [equations]
+            T_r = "alpa_e*(T_e - T_r) + P"
+            T_e = "alpha_e*(T_r - T_e"
+            [outputs]
+            T_room = { expr = "T_r + a*0[K] + T_r^2.5*0[K]", unit = "degC", noise_sd = 0.05 }
+        "#;
+        let mut catalogue = Catalogue::default();
+        catalogue.add_model(spec::ModelDocument::from_toml(text).unwrap());
+        let faults = compile(&catalogue.compose(&"bad".parse().unwrap()).unwrap(), &Bindings::default()).unwrap_err();
+        let codes: Vec<&str> = faults.iter().map(|fault| fault.code.as_str()).collect();
+        for code in ["unit", "bounds", "cycle", "unknown-name", "syntax", "negative-base"] {
+            assert!(codes.contains(&code), "{code} is missing in {faults:#?}");
+        }
+        let slip = faults.iter().find(|fault| fault.pointer == "/equations/T_r").unwrap();
+        assert_eq!(slip.suggestion.as_deref(), Some("did you mean `alpha_e`?"));
+    }
+}

@@ -1,0 +1,416 @@
+//! Text to syntax tree: a Pratt parser with positions and a depth limit, for expressions that strangers send.
+//!
+//! ```text
+//! expression := comparison of sums of products of powers; `-a^2` is `-(a^2)`, `a^b^c` is `a^(b^c)`
+//! atom       := number | number [unit] | name | name[index] | function(arguments) | sum(n in set: expression) | ( … )
+//! ```
+
+use super::expr::Binary;
+
+/// A place in a text, from 1.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Position {
+    /// Line.
+    pub line: usize,
+    /// Column in characters.
+    pub column: usize,
+}
+
+/// A syntax tree with the place where each part stands.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Expr {
+    /// Where it begins, or where its operator stands.
+    pub at: Position,
+    /// What it is.
+    pub kind: Kind,
+    /// How many levels it nests, chains of operators included.
+    height: usize,
+}
+
+impl Expr {
+    fn new(at: Position, kind: Kind) -> Self {
+        let below = match &kind {
+            Kind::Number(..) | Kind::Name(_) | Kind::Member(..) => 0,
+            Kind::Negate(x) => x.height,
+            Kind::Binary(_, a, b) => a.height.max(b.height),
+            Kind::Call(_, arguments) => arguments.iter().map(|x| x.height).max().unwrap_or(0),
+            Kind::Sum { body, .. } => body.height,
+        };
+        Self { at, kind, height: below + 1 }
+    }
+}
+
+/// The kinds of expressions.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Kind {
+    /// A number with the unit behind it, if any.
+    Number(f64, Option<String>),
+    /// A name.
+    Name(String),
+    /// A member of a family, `alpha_n[n]`.
+    Member(String, String),
+    /// Change of sign.
+    Negate(Box<Expr>),
+    /// An operation on two operands.
+    Binary(Binary, Box<Expr>, Box<Expr>),
+    /// A function call.
+    Call(String, Vec<Expr>),
+    /// `sum(variable in set: body)`.
+    Sum {
+        /// The index variable.
+        variable: String,
+        /// The set that it runs over.
+        set: String,
+        /// What is summed.
+        body: Box<Expr>,
+    },
+}
+
+/// Why a text is no expression.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct SyntaxError {
+    /// Where.
+    pub at: Position,
+    /// What is wrong.
+    pub message: String,
+}
+
+/// Longest text of one expression in bytes.
+pub const MAX_LENGTH: usize = 16 * 1024;
+/// Deepest nesting of parentheses, calls and signs.
+pub const MAX_DEPTH: usize = 64;
+/// Deepest tree: a chain of sums nests to the left without parentheses.
+const MAX_HEIGHT: usize = 512;
+
+#[derive(Debug, Clone, PartialEq)]
+enum Token {
+    Number(f64),
+    Name(String),
+    Symbol(&'static str),
+    End,
+}
+
+/// Parses one expression.
+///
+/// # Errors
+/// [`SyntaxError`] at the first place where the text cannot go on.
+pub fn parse(text: &str) -> Result<Expr, SyntaxError> {
+    if text.len() > MAX_LENGTH {
+        let at = Position { line: 1, column: 1 };
+        return Err(SyntaxError { at, message: format!("the expression has {} bytes, the limit is {MAX_LENGTH}", text.len()) });
+    }
+    let mut parser = Parser { tokens: tokens(text)?, next: 0, text };
+    let expr = parser.expression(0, 0)?;
+    match parser.peek() {
+        (Token::End, _) => Ok(expr),
+        (token, at) => Err(SyntaxError { at, message: format!("{} is not expected here", describe(&token)) }),
+    }
+}
+
+/// The name, index variable and set of a declaration such as `alpha_n[n in neighbours]`; the bare name otherwise.
+pub fn declaration(text: &str) -> Option<(&str, Option<(&str, &str)>)> {
+    let Some((name, rest)) = text.split_once('[') else {
+        return is_name(text).then_some((text, None));
+    };
+    let (variable, set) = rest.strip_suffix(']')?.split_once(" in ")?;
+    let (variable, set) = (variable.trim(), set.trim());
+    (is_name(name) && is_name(variable) && is_name(set)).then_some((name, Some((variable, set))))
+}
+
+/// Whether a text is a name: a letter or underscore, then letters, digits and underscores; at most 64 bytes.
+pub fn is_name(text: &str) -> bool {
+    let mut chars = text.chars();
+    text.len() <= 64
+        && chars.next().is_some_and(|c| c.is_ascii_alphabetic() || c == '_')
+        && chars.all(|c| c.is_ascii_alphanumeric() || c == '_')
+}
+
+const SYMBOLS: [&str; 17] = ["<=", ">=", "==", "+", "-", "*", "/", "^", "(", ")", "[", "]", ",", ":", "<", ">", "%"];
+
+/// A token, where it begins, and the byte behind it.
+type Placed = (Token, Position, usize);
+
+fn tokens(text: &str) -> Result<Vec<Placed>, SyntaxError> {
+    let mut tokens = Vec::new();
+    let (mut line, mut line_start, mut i) = (1, 0, 0);
+    let bytes = text.as_bytes();
+    while i < bytes.len() {
+        let at = Position { line, column: text[line_start..i].chars().count() + 1 };
+        let c = bytes[i];
+        if c == b'\n' {
+            line += 1;
+            line_start = i + 1;
+            i += 1;
+        } else if c.is_ascii_whitespace() {
+            i += 1;
+        } else if c.is_ascii_digit() || (c == b'.' && bytes.get(i + 1).is_some_and(u8::is_ascii_digit)) {
+            let end = number_end(bytes, i);
+            let value = text[i..end].parse::<f64>().ok().filter(|value| value.is_finite());
+            let value = value.ok_or_else(|| SyntaxError { at, message: format!("`{}` is not a finite number", clip(&text[i..end])) })?;
+            tokens.push((Token::Number(value), at, end));
+            i = end;
+        } else if c.is_ascii_alphabetic() || c == b'_' {
+            let end = bytes[i..].iter().position(|b| !(b.is_ascii_alphanumeric() || *b == b'_')).map_or(bytes.len(), |n| i + n);
+            if !is_name(&text[i..end]) {
+                return Err(SyntaxError { at, message: format!("the name `{}…` is longer than 64 characters", clip(&text[i..end])) });
+            }
+            tokens.push((Token::Name(text[i..end].to_owned()), at, end));
+            i = end;
+        } else if let Some(symbol) = SYMBOLS.iter().find(|symbol| bytes[i..].starts_with(symbol.as_bytes())) {
+            i += symbol.len();
+            tokens.push((Token::Symbol(symbol), at, i));
+        } else {
+            let c = text[i..].chars().next().unwrap_or(' ');
+            return Err(SyntaxError { at, message: format!("`{}` has no meaning in an expression", c.escape_default()) });
+        }
+    }
+    let at = Position { line, column: text[line_start..].chars().count() + 1 };
+    tokens.push((Token::End, at, bytes.len()));
+    Ok(tokens)
+}
+
+/// The byte behind a number that starts at `i`.
+fn number_end(bytes: &[u8], mut i: usize) -> usize {
+    let digits = |mut i: usize| {
+        while bytes.get(i).is_some_and(u8::is_ascii_digit) {
+            i += 1;
+        }
+        i
+    };
+    i = digits(i);
+    if bytes.get(i) == Some(&b'.') {
+        i = digits(i + 1);
+    }
+    if matches!(bytes.get(i), Some(b'e' | b'E')) {
+        let sign = usize::from(matches!(bytes.get(i + 1), Some(b'+' | b'-')));
+        if bytes.get(i + 1 + sign).is_some_and(u8::is_ascii_digit) {
+            i = digits(i + 1 + sign);
+        }
+    }
+    i
+}
+
+fn clip(text: &str) -> String {
+    text.chars().take(24).collect()
+}
+
+fn describe(token: &Token) -> String {
+    match token {
+        Token::Number(value) => format!("the number {value}"),
+        Token::Name(name) => format!("the name `{name}`"),
+        Token::Symbol(symbol) => format!("`{symbol}`"),
+        Token::End => "the end of the expression".to_owned(),
+    }
+}
+
+struct Parser<'a> {
+    tokens: Vec<Placed>,
+    next: usize,
+    text: &'a str,
+}
+
+/// Binding strength of an operator on its left, and its meaning.
+fn infix(symbol: &str) -> Option<(u8, Binary)> {
+    Some(match symbol {
+        "<" | ">" => (1, Binary::Less),
+        "<=" | ">=" => (1, Binary::LessEqual),
+        "==" => (1, Binary::Equal),
+        "+" => (3, Binary::Add),
+        "-" => (3, Binary::Sub),
+        "*" => (5, Binary::Mul),
+        "/" => (5, Binary::Div),
+        "^" => (9, Binary::Pow),
+        _ => return None,
+    })
+}
+
+impl Parser<'_> {
+    fn peek(&self) -> (Token, Position) {
+        let (token, at, _) = &self.tokens[self.next];
+        (token.clone(), *at)
+    }
+
+    fn advance(&mut self) -> (Token, Position) {
+        let current = self.peek();
+        // The end token stays: there is nothing behind it.
+        self.next = (self.next + 1).min(self.tokens.len() - 1);
+        current
+    }
+
+    fn accept(&mut self, symbol: &str) -> bool {
+        let found = matches!(&self.tokens[self.next].0, Token::Symbol(s) if *s == symbol);
+        if found {
+            self.advance();
+        }
+        found
+    }
+
+    fn expect(&mut self, symbol: &str) -> Result<(), SyntaxError> {
+        if self.accept(symbol) {
+            return Ok(());
+        }
+        let (token, at) = self.peek();
+        Err(SyntaxError { at, message: format!("`{symbol}` is missing before {}", describe(&token)) })
+    }
+
+    fn name(&mut self, what: &str) -> Result<String, SyntaxError> {
+        match self.advance() {
+            (Token::Name(name), _) => Ok(name),
+            (token, at) => Err(SyntaxError { at, message: format!("{what} is expected, not {}", describe(&token)) }),
+        }
+    }
+
+    fn expression(&mut self, strength: u8, depth: usize) -> Result<Expr, SyntaxError> {
+        let mut left = self.operand(depth)?;
+        while let (Token::Symbol(symbol), at) = self.peek() {
+            let Some((left_strength, op)) = infix(symbol) else { break };
+            if left_strength <= strength {
+                break;
+            }
+            // Whoever walks the tree recurses; its height must fit on a small stack.
+            if left.height > MAX_HEIGHT {
+                return Err(too_deep(at));
+            }
+            self.advance();
+            // The power binds to the right: its right operand may hold another power.
+            let right = self.expression(if op == Binary::Pow { left_strength - 1 } else { left_strength }, depth + 1)?;
+            let swapped = matches!(symbol, ">" | ">=");
+            let (a, b) = if swapped { (right, left) } else { (left, right) };
+            left = Expr::new(at, Kind::Binary(op, Box::new(a), Box::new(b)));
+        }
+        Ok(left)
+    }
+
+    fn operand(&mut self, depth: usize) -> Result<Expr, SyntaxError> {
+        let (token, at) = self.advance();
+        if depth >= MAX_DEPTH {
+            return Err(too_deep(at));
+        }
+        let kind = match token {
+            Token::Number(value) => Kind::Number(value, self.unit_behind_number()?),
+            Token::Symbol("-") => Kind::Negate(Box::new(self.expression(6, depth + 1)?)),
+            Token::Symbol("+") => return self.expression(6, depth + 1),
+            Token::Symbol("(") => {
+                let inner = self.expression(0, depth + 1)?;
+                self.expect(")")?;
+                return Ok(inner);
+            }
+            Token::Name(name) if self.accept("(") => self.call(name, depth)?,
+            Token::Name(name) if self.accept("[") => {
+                let index = self.name("an index variable")?;
+                self.expect("]")?;
+                Kind::Member(name, index)
+            }
+            Token::Name(name) => Kind::Name(name),
+            other => {
+                return Err(SyntaxError { at, message: format!("a value is expected, not {}", describe(&other)) });
+            }
+        };
+        Ok(Expr::new(at, kind))
+    }
+
+    /// `1000[W/m2]`: the unit's own syntax is read by the unit parser.
+    fn unit_behind_number(&mut self) -> Result<Option<String>, SyntaxError> {
+        let start = self.tokens[self.next].2;
+        if !self.accept("[") {
+            return Ok(None);
+        }
+        while !matches!(self.peek().0, Token::Symbol("]") | Token::End) {
+            self.advance();
+        }
+        let end = self.tokens[self.next].2.saturating_sub(1).max(start);
+        self.expect("]")?;
+        Ok(Some(self.text[start..end].to_owned()))
+    }
+
+    fn call(&mut self, name: String, depth: usize) -> Result<Kind, SyntaxError> {
+        if name == "sum" {
+            let variable = self.name("an index variable")?;
+            let (word, at) = self.advance();
+            if word != Token::Name("in".to_owned()) {
+                return Err(SyntaxError { at, message: "a sum is written `sum(n in set: expression)`".to_owned() });
+            }
+            let set = self.name("the name of a set")?;
+            self.expect(":")?;
+            let body = Box::new(self.expression(0, depth + 1)?);
+            self.expect(")")?;
+            return Ok(Kind::Sum { variable, set, body });
+        }
+        let mut arguments = Vec::new();
+        if !self.accept(")") {
+            loop {
+                arguments.push(self.expression(0, depth + 1)?);
+                if !self.accept(",") {
+                    break;
+                }
+            }
+            self.expect(")")?;
+        }
+        Ok(Kind::Call(name, arguments))
+    }
+}
+
+fn too_deep(at: Position) -> SyntaxError {
+    SyntaxError { at, message: format!("the expression is nested too deep (at most {MAX_DEPTH} parentheses, {MAX_HEIGHT} operators in a chain)") }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::{prop_assert, proptest};
+
+    /// Fully parenthesised, for comparing shapes.
+    fn shape(expr: &Expr) -> String {
+        match &expr.kind {
+            Kind::Number(value, None) => format!("{value}"),
+            Kind::Number(value, Some(unit)) => format!("{value}[{unit}]"),
+            Kind::Name(name) => name.clone(),
+            Kind::Member(name, index) => format!("{name}[{index}]"),
+            Kind::Negate(x) => format!("(-{})", shape(x)),
+            Kind::Binary(op, a, b) => format!("({} {op:?} {})", shape(a), shape(b)),
+            Kind::Call(name, arguments) => format!("{name}({})", arguments.iter().map(shape).collect::<Vec<_>>().join(",")),
+            Kind::Sum { variable, set, body } => format!("sum({variable} in {set}: {})", shape(body)),
+        }
+    }
+
+    #[test]
+    fn precedence_is_that_of_mathematics() {
+        for (text, expected) in [
+            ("-a^2", "(-(a Pow 2))"),
+            ("a^b^c", "(a Pow (b Pow c))"),
+            ("a-b-c", "((a Sub b) Sub c)"),
+            ("a/b*c", "((a Div b) Mul c)"),
+            ("1e-3*a", "(0.001 Mul a)"),
+            ("2^-1", "(2 Pow (-1))"),
+            ("a > b + 1", "((b Add 1) Less a)"),
+            ("x/1000[W/m2]", "(x Div 1000[W/m2])"),
+            ("sum(n in rooms: a[n]*(T[n]-T_e))", "sum(n in rooms: (a[n] Mul (T[n] Sub T_e)))"),
+            ("max(0, sin(h))", "max(0,sin(h))"),
+        ] {
+            assert_eq!(parse(text).map(|e| shape(&e)), Ok(expected.to_owned()), "{text}");
+        }
+    }
+
+    #[test]
+    fn errors_say_where() {
+        let error = parse("a +\n  * b").unwrap_err();
+        assert_eq!(error.at, Position { line: 2, column: 3 });
+        for bad in ["", "(", "a b", "1..2", "a[", "f(,)", "sum(n: a)", "é", "1e999", "a[n", "2[K"] {
+            assert!(parse(bad).is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn hostile_depth_is_refused_without_a_crash() {
+        for hostile in ["(".repeat(8000), "-".repeat(8000), "a^".repeat(5000), "a+".repeat(8000) + "a", "f(".repeat(5000)] {
+            assert!(parse(&hostile).is_err());
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn any_text_is_parsed_or_refused(text in "[ -~\n]{0,200}") {
+            prop_assert!(parse(&text).is_ok() || parse(&text).is_err());
+        }
+    }
+}

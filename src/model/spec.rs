@@ -1,0 +1,345 @@
+//! The documents: model specs, effects and their compositions, as TOML or JSON.
+//!
+//! A spec says its states, inputs, parameters, named subexpressions, equations and outputs as text. An
+//! effect says what it adds to the equations of any model that has the states it names. A composition
+//! names a base and its effects. Unknown fields are refused. See `config/` for the built-in ones.
+
+use crate::fault::Fault;
+use indexmap::IndexMap;
+use serde::{Deserialize, Serialize};
+
+
+
+/// Largest document in bytes.
+pub const MAX_DOCUMENT: usize = 64 * 1024;
+
+/// A grey-box model as its author wrote it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ModelSpec {
+    /// The name by which jobs ask for it.
+    pub id: String,
+    /// A short title for people.
+    pub title: String,
+    /// What the model describes and where it comes from.
+    #[serde(default)]
+    pub description: String,
+    /// Names of the sets that families run over; a system binds their members.
+    #[serde(default)]
+    pub sets: Vec<String>,
+    /// State variables.
+    pub states: IndexMap<String, StateSpec>,
+    /// Measured inputs.
+    #[serde(default)]
+    pub inputs: IndexMap<String, InputSpec>,
+    /// Unknown parameters.
+    #[serde(default)]
+    pub parameters: IndexMap<String, ParameterSpec>,
+    /// Named subexpressions.
+    #[serde(default)]
+    pub define: IndexMap<String, Definition>,
+    /// One expression per state: its derivative per hour.
+    pub equations: IndexMap<String, String>,
+    /// What is measured: one expression per output channel.
+    pub outputs: IndexMap<String, OutputSpec>,
+    /// What physics demands of any estimate.
+    #[serde(default, rename = "check")]
+    pub checks: Vec<Check>,
+}
+
+/// A state variable.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct StateSpec {
+    /// Its unit.
+    pub unit: String,
+    /// Its value at the start: the name of an output channel (the mean of its first three valid samples)
+    /// or of a parameter.
+    pub initial: String,
+    /// A short title for people.
+    #[serde(default)]
+    pub title: String,
+}
+
+/// How the search spreads over a parameter's interval.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Scale {
+    /// Evenly.
+    Linear,
+    /// Evenly in the logarithm.
+    Log,
+}
+
+/// How an input behaves between its samples.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Hold {
+    /// A straight line between samples.
+    Linear,
+    /// Constant from the start of each interval to its end.
+    ZeroOrder,
+}
+
+/// A measured input. The key may declare a family: `T_n[n in neighbours]`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct InputSpec {
+    /// Its unit in the equations.
+    pub unit: String,
+    /// Between samples.
+    #[serde(default = "linear")]
+    pub hold: Hold,
+    /// The channel that it is read from, its own name by default; `{n}` stands for the member of a family.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub channel: Option<String>,
+    /// The least value that it can take, where physics gives one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub min: Option<f64>,
+}
+
+fn linear() -> Hold {
+    Hold::Linear
+}
+
+/// A starting value that a document gives as a number or as the channel whose first samples give it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum Nominal {
+    /// A number in the parameter's unit.
+    Value(f64),
+    /// The first valid samples of this output channel.
+    Measured(String),
+}
+
+/// An unknown parameter. The key may declare a family: `alpha_n[n in neighbours]`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ParameterSpec {
+    /// Its unit.
+    pub unit: String,
+    /// Lower bound.
+    pub lower: f64,
+    /// Upper bound.
+    pub upper: f64,
+    /// How the search spreads over the interval.
+    pub scale: Scale,
+    /// A sensible value before any data.
+    pub nominal: Nominal,
+    /// A short title for people.
+    #[serde(default)]
+    pub title: String,
+}
+
+/// A named subexpression: one text, or the first of several variants whose channels are all there.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum Definition {
+    /// One expression.
+    Text(String),
+    /// Alternatives in order of preference.
+    Variants(Vec<Variant>),
+}
+
+/// One alternative of a definition.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Variant {
+    /// The inputs that it needs.
+    #[serde(default)]
+    pub needs: Vec<String>,
+    /// The expression.
+    pub expr: String,
+    /// What is lost when this variant is taken; the fit says so.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub drops: Option<String>,
+}
+
+/// What a sensor measures.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct OutputSpec {
+    /// The expression of the true value.
+    pub expr: String,
+    /// Unit of the channel.
+    pub unit: String,
+    /// Standard deviation of the sensor's noise.
+    pub noise_sd: f64,
+}
+
+/// A demand of physics that the validation gate puts to an estimate.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
+pub enum Check {
+    /// All eigenvalues of the linearised model have negative real parts.
+    Stable,
+    /// All time constants, in hours, lie inside this interval.
+    TimeConstants {
+        /// Shortest.
+        lower: f64,
+        /// Longest.
+        upper: f64,
+    },
+    /// The steady gain from an input to a state lies in `(above, upto]`.
+    SteadyGain {
+        /// The input.
+        input: String,
+        /// The state.
+        state: String,
+        /// Exclusive lower limit.
+        above: f64,
+        /// Inclusive upper limit.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        upto: Option<f64>,
+        /// Inputs that are set to these values for the check, such as an open valve.
+        #[serde(default, skip_serializing_if = "IndexMap::is_empty")]
+        with: IndexMap<String, f64>,
+    },
+    /// Every state stays inside this interval in every simulation.
+    StateRange {
+        /// Lowest.
+        lower: f64,
+        /// Highest.
+        upper: f64,
+    },
+}
+
+/// A physical effect: what it adds to a model.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct EffectSpec {
+    /// The name by which models and users call it.
+    pub id: String,
+    /// A short title for people.
+    pub title: String,
+    /// One sentence that an operator understands.
+    pub explain: String,
+    /// What its absence looks like in the residuals.
+    #[serde(default)]
+    pub signature: String,
+    /// `channel` where the effect is a family with one member per channel: `{channel}` stands for the name.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub argument: Option<String>,
+    /// The sign that physics gives its coefficient.
+    #[serde(default)]
+    pub sign: Sign,
+    /// Inputs that it adds to the model.
+    #[serde(default)]
+    pub inputs: IndexMap<String, InputSpec>,
+    /// Parameters that it adds to the model.
+    #[serde(default)]
+    pub parameters: IndexMap<String, ParameterSpec>,
+    /// Named subexpressions that it adds to the model.
+    #[serde(default)]
+    pub define: IndexMap<String, Definition>,
+    /// Terms added to the equations, by state.
+    #[serde(default)]
+    pub terms: IndexMap<String, String>,
+    /// Terms added to the outputs, by channel.
+    #[serde(default)]
+    pub outputs: IndexMap<String, String>,
+}
+
+/// The sign of an effect's coefficient.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Sign {
+    /// Never negative.
+    Positive,
+    /// Never positive.
+    Negative,
+    /// Either.
+    #[default]
+    Any,
+}
+
+/// A model that is a base with effects, such as `room2`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CompositionSpec {
+    /// The name by which jobs ask for it.
+    pub id: String,
+    /// A short title for people.
+    pub title: String,
+    /// What the model describes and where it comes from.
+    #[serde(default)]
+    pub description: String,
+    /// The model that it starts from.
+    pub base: String,
+    /// The effects that it adds. One whose inputs are not there is dropped, and the fit says so.
+    pub effects: Vec<String>,
+}
+
+/// A document of `config/models` or of a request: a spec or a composition.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum ModelDocument {
+    /// A base with effects.
+    Composition(CompositionSpec),
+    /// A whole model. Boxed, because it is much larger.
+    Spec(Box<ModelSpec>),
+}
+
+impl ModelDocument {
+    /// The name by which jobs ask for it.
+    pub fn id(&self) -> &str {
+        match self {
+            ModelDocument::Composition(composition) => &composition.id,
+            ModelDocument::Spec(spec) => &spec.id,
+        }
+    }
+
+    /// The title for people.
+    pub fn title(&self) -> &str {
+        match self {
+            ModelDocument::Composition(composition) => &composition.title,
+            ModelDocument::Spec(spec) => &spec.title,
+        }
+    }
+
+    /// Reads a model document in TOML. A composition is known by its `base`.
+    ///
+    /// # Errors
+    /// One fault with the place where the document stops making sense.
+    pub fn from_toml(text: &str) -> Result<Self, Fault> {
+        let table: toml::Table = from_toml(text)?;
+        if table.contains_key("base") {
+            Ok(ModelDocument::Composition(from_toml(text)?))
+        } else {
+            Ok(ModelDocument::Spec(Box::new(from_toml(text)?)))
+        }
+    }
+
+    /// Reads a model document in JSON. A composition is known by its `base`.
+    ///
+    /// # Errors
+    /// One fault with the place where the document stops making sense.
+    pub fn from_json(value: &serde_json::Value) -> Result<Self, Fault> {
+        let wrong = |error: serde_json::Error| Fault::new("", "invalid-document", error.to_string());
+        if value.get("base").is_some() {
+            Ok(ModelDocument::Composition(serde_json::from_value(value.clone()).map_err(wrong)?))
+        } else {
+            Ok(ModelDocument::Spec(Box::new(serde_json::from_value(value.clone()).map_err(wrong)?)))
+        }
+    }
+}
+
+impl EffectSpec {
+    /// Reads an effect in TOML.
+    ///
+    /// # Errors
+    /// One fault with the place where the document stops making sense.
+    pub fn from_toml(text: &str) -> Result<Self, Fault> {
+        from_toml(text)
+    }
+}
+
+fn from_toml<T: serde::de::DeserializeOwned>(text: &str) -> Result<T, Fault> {
+    if text.len() > MAX_DOCUMENT {
+        return Err(Fault::new("", "too-large", format!("the document has {} bytes, the limit is {MAX_DOCUMENT}", text.len())));
+    }
+    toml::from_str(text).map_err(|error| {
+        let line = error.span().map_or(1, |span| 1 + text[..span.start.min(text.len())].matches('\n').count());
+        Fault::new(format!("line {line}"), "invalid-document", error.message().to_owned())
+    })
+}

@@ -1,0 +1,239 @@
+//! A graph becomes a straight-line tape in four stages, by how often a value changes.
+//!
+//! - constant: folded into the graph already;
+//! - candidate: depends on parameters and the step length only, computed once per candidate;
+//! - shared: depends on inputs only, computed once per step for all candidates together;
+//! - step: depends on states, computed per candidate and step.
+//!
+//! The registers of a lane file follow in this order: parameters, step length, constants, candidate
+//! values, shared values, states, step values. An instruction writes the next register, so its operands
+//! always lie below its result. Tapes are data; the workspace belongs to the evaluator.
+
+use super::expr::{Binary, Graph, Node, NodeId, Point, Unary, operands};
+
+/// One instruction; operands are register numbers, the result is the next register.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Instruction {
+    /// An operation on one register.
+    Unary(Unary, u32),
+    /// An operation on two registers.
+    Binary(Binary, u32, u32),
+    /// A choice by the first register between the other two.
+    Select(u32, u32, u32),
+}
+
+impl Instruction {
+    /// The same operation on other registers.
+    #[must_use]
+    pub fn with_operands(self, moved: impl Fn(u32) -> u32) -> Self {
+        match self {
+            Instruction::Unary(op, x) => Instruction::Unary(op, moved(x)),
+            Instruction::Binary(op, a, b) => Instruction::Binary(op, moved(a), moved(b)),
+            Instruction::Select(c, a, b) => Instruction::Select(moved(c), moved(a), moved(b)),
+        }
+    }
+}
+
+/// A leaf of the shared stage: an input at a point of the step, or its slope.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Source {
+    /// An input at a point of the step.
+    Input(usize, Point),
+    /// The slope of an input, per hour.
+    Slope(usize),
+}
+
+/// The shared stage: leaves and constants, then instructions, then the columns that the lanes read.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct SharedStage {
+    /// The first registers, one per leaf.
+    pub sources: Vec<Source>,
+    /// The next registers.
+    pub constants: Vec<f64>,
+    /// What computes the rest.
+    pub code: Vec<Instruction>,
+    /// The registers that the lanes read, in the order of the lanes' shared registers.
+    pub columns: Vec<u32>,
+}
+
+/// A staged tape for a set of roots.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Tape {
+    /// How many parameters come first.
+    pub parameters: usize,
+    /// Numbers that follow the step length.
+    pub constants: Vec<f64>,
+    /// Once per candidate.
+    pub candidate: Vec<Instruction>,
+    /// Once per step for all candidates.
+    pub shared: SharedStage,
+    /// How many states.
+    pub states: usize,
+    /// Once per candidate and step.
+    pub step: Vec<Instruction>,
+    /// Where the roots stand, in the order asked for.
+    pub roots: Vec<u32>,
+}
+
+impl Tape {
+    /// The register of the step length.
+    pub fn step_register(&self) -> usize {
+        self.parameters
+    }
+
+    /// The first candidate value.
+    pub fn candidate_start(&self) -> usize {
+        self.parameters + 1 + self.constants.len()
+    }
+
+    /// The first shared value.
+    pub fn shared_start(&self) -> usize {
+        self.candidate_start() + self.candidate.len()
+    }
+
+    /// The first state.
+    pub fn state_start(&self) -> usize {
+        self.shared_start() + self.shared.columns.len()
+    }
+
+    /// The first step value.
+    pub fn step_start(&self) -> usize {
+        self.state_start() + self.states
+    }
+
+    /// All registers of a lane file.
+    pub fn registers(&self) -> usize {
+        self.step_start() + self.step.len()
+    }
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+enum Stage {
+    Constant,
+    Candidate,
+    Shared,
+    Step,
+}
+
+/// Schedules `roots` of `graph` for a model with so many parameters and states.
+pub fn schedule(graph: &Graph, roots: &[NodeId], parameters: usize, states: usize) -> Tape {
+    let used = graph.reachable(roots);
+    let nodes = graph.nodes();
+    let mut stages = vec![Stage::Constant; nodes.len()];
+    for (i, node) in nodes.iter().enumerate() {
+        stages[i] = match node {
+            Node::Const(_) => Stage::Constant,
+            Node::Param(_) | Node::Step => Stage::Candidate,
+            Node::Input(..) | Node::Slope(_) => Stage::Shared,
+            Node::State(_) => Stage::Step,
+            _ => operands(*node).map(|x| stages[x.0 as usize]).fold(Stage::Constant, meet),
+        };
+    }
+    // The lanes need whatever a lane instruction or a root refers to.
+    let mut for_lanes = vec![false; nodes.len()];
+    for root in roots {
+        for_lanes[root.0 as usize] = true;
+    }
+    for (_, node) in nodes.iter().enumerate().filter(|(i, _)| used[*i] && matches!(stages[*i], Stage::Candidate | Stage::Step)) {
+        operands(*node).for_each(|x| for_lanes[x.0 as usize] = true);
+    }
+    let of_stage = |stage: Stage| (0..nodes.len()).filter(|i| used[*i] && stages[*i] == stage).collect::<Vec<_>>();
+    let is_leaf = |i: &usize| operands(nodes[*i]).next().is_none();
+    let shared = shared_stage(nodes, &of_stage(Stage::Shared), &for_lanes);
+    let constants: Vec<usize> = of_stage(Stage::Constant).into_iter().filter(|i| for_lanes[*i]).collect();
+    let candidate: Vec<usize> = of_stage(Stage::Candidate).into_iter().filter(|i| !is_leaf(i)).collect();
+    let columns: Vec<usize> = of_stage(Stage::Shared).into_iter().filter(|i| for_lanes[*i]).collect();
+    let step: Vec<usize> = of_stage(Stage::Step).into_iter().filter(|i| !is_leaf(i)).collect();
+
+    let mut register = vec![u32::MAX; nodes.len()];
+    for (i, node) in nodes.iter().enumerate() {
+        match node {
+            Node::Param(p) => register[i] = u32::from(*p),
+            Node::Step => register[i] = parameters as u32,
+            _ => {}
+        }
+    }
+    let mut next = parameters as u32 + 1;
+    for i in constants.iter().chain(&candidate).chain(&columns) {
+        register[*i] = next;
+        next += 1;
+    }
+    for (i, node) in nodes.iter().enumerate() {
+        if let Node::State(s) = node {
+            register[i] = next + u32::from(*s);
+        }
+    }
+    next += states as u32;
+    for i in &step {
+        register[*i] = next;
+        next += 1;
+    }
+    let code = |list: &[usize]| list.iter().filter_map(|i| instruction(nodes[*i], &register)).collect();
+    Tape {
+        parameters,
+        constants: constants.iter().filter_map(|i| constant(nodes[*i])).collect(),
+        candidate: code(&candidate),
+        shared,
+        states,
+        step: code(&step),
+        roots: roots.iter().map(|root| register[root.0 as usize]).collect(),
+    }
+}
+
+/// The stage of an operation on values of two stages: a mix of candidate and shared changes per both.
+fn meet(a: Stage, b: Stage) -> Stage {
+    match (a, b) {
+        (Stage::Candidate, Stage::Shared) | (Stage::Shared, Stage::Candidate) => Stage::Step,
+        _ => a.max(b),
+    }
+}
+
+fn constant(node: Node) -> Option<f64> {
+    match node {
+        Node::Const(bits) => Some(f64::from_bits(bits)),
+        _ => None,
+    }
+}
+
+fn instruction(node: Node, register: &[u32]) -> Option<Instruction> {
+    let of = |id: NodeId| register[id.0 as usize];
+    match node {
+        Node::Unary(op, x) => Some(Instruction::Unary(op, of(x))),
+        Node::Binary(op, a, b) => Some(Instruction::Binary(op, of(a), of(b))),
+        Node::Select(c, a, b) => Some(Instruction::Select(of(c), of(a), of(b))),
+        _ => None,
+    }
+}
+
+fn shared_stage(nodes: &[Node], members: &[usize], for_lanes: &[bool]) -> SharedStage {
+    let mut register = vec![u32::MAX; nodes.len()];
+    let mut stage = SharedStage::default();
+    let mut next = 0;
+    let mut place = |i: usize, register: &mut Vec<u32>| {
+        register[i] = next;
+        next += 1;
+    };
+    for i in members {
+        let source = match nodes[*i] {
+            Node::Input(input, point) => Source::Input(usize::from(input), point),
+            Node::Slope(input) => Source::Slope(usize::from(input)),
+            _ => continue,
+        };
+        stage.sources.push(source);
+        place(*i, &mut register);
+    }
+    for i in members.iter().flat_map(|i| operands(nodes[*i])).map(|id| id.0 as usize) {
+        if let (Some(value), u32::MAX) = (constant(nodes[i]), register[i]) {
+            stage.constants.push(value);
+            place(i, &mut register);
+        }
+    }
+    for i in members {
+        if operands(nodes[*i]).next().is_some() {
+            stage.code.extend(instruction(nodes[*i], &register));
+            place(*i, &mut register);
+        }
+    }
+    stage.columns = members.iter().filter(|i| for_lanes[**i]).map(|i| register[*i]).collect();
+    stage
+}

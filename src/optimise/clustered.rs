@@ -1,0 +1,316 @@
+//! The Clustered Firefly Algorithm as the thesis publishes it: Algorithm 2, for comparison with the literature.
+//!
+//! Fireflies move one after the other in index order and see each other's moves at once; a move is taken whether
+//! it helps or not, and each one is an evaluation. After the initial population every batch is therefore a single
+//! candidate. Searches that need speed use the hybrid.
+
+use rand_xoshiro::Xoshiro256PlusPlus;
+use serde::{Deserialize, Serialize};
+
+use super::budget::Strategy;
+use super::firefly::{self, Firefly, Flight};
+use super::kmeans::{Clusters, Seeding, cluster_count, kmeans};
+use super::method::Search;
+use super::{Ask, Candidate, Cost, Ended, Evaluation};
+
+/// The hyperparameters of Algorithm 2; the default is Table 7.4.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct CfaThesisOptions {
+    /// Initial number of fireflies.
+    pub n: usize,
+    /// Number of generations; a smaller evaluation budget truncates the schedule.
+    pub generations: usize,
+    /// Smallest number of fireflies (eq 4.3).
+    pub n_min: usize,
+    /// Target number of fireflies per cluster at the start (eq 4.8).
+    pub target: f64,
+    /// Smallest target number of fireflies per cluster (eq 4.11).
+    pub target_min: f64,
+    /// Randomness weight at the start (eq 4.2), as a share of each parameter's range.
+    pub alpha: f64,
+    /// Factor on the randomness weight per generation (eq 4.4).
+    pub decay: f64,
+    /// Attractiveness at distance zero (eq 4.1).
+    pub beta0: f64,
+    /// Light absorption in the first generations (eq 4.5).
+    pub gamma_min: f64,
+    /// Light absorption in the last generation (eq 4.5).
+    pub gamma_max: f64,
+}
+
+impl Default for CfaThesisOptions {
+    fn default() -> Self {
+        Self {
+            n: 70,
+            generations: 70,
+            n_min: 12,
+            target: 7.0,
+            target_min: 1.0,
+            alpha: 0.5,
+            decay: 0.97,
+            beta0: 1.0,
+            gamma_min: 0.01,
+            gamma_max: 10.0,
+        }
+    }
+}
+
+/// A cluster as the others see it, fixed at the start of the generation.
+#[derive(Debug)]
+struct Centroid {
+    position: Vec<f64>,
+    intensity: Cost,
+    size: f64,
+}
+
+/// Whom the moving firefly compares itself with next.
+#[derive(Debug, Clone, Copy)]
+enum Turn {
+    /// Local movement: firefly number j.
+    Local(usize),
+    /// Global movement: centroid number j.
+    Global(usize),
+}
+
+/// Algorithm 2 between two evaluations.
+#[derive(Debug)]
+pub struct CfaThesis {
+    options: CfaThesisOptions,
+    fireflies: Vec<Firefly>,
+    /// The stream of k-means; each firefly owns another.
+    stream: Xoshiro256PlusPlus,
+    /// Generations completed; nothing is known of the initial population before `started`.
+    generation: usize,
+    started: bool,
+    assignment: Vec<usize>,
+    centroids: Vec<Centroid>,
+    flight: Flight,
+    target: f64,
+    /// The firefly whose turn it is, and its next comparison.
+    mover: usize,
+    turn: Turn,
+}
+
+impl CfaThesis {
+    /// Random fireflies; warm starts take the places of the first ones.
+    pub fn new(options: CfaThesisOptions, search: &Search) -> Self {
+        let n = options.n.max(1);
+        let warm = search.warm_starts();
+        let fireflies = (0..n)
+            .map(|id| match warm.get(id) {
+                Some(start) => Firefly::at(search.seed, 1 + id as u64, start),
+                None => Firefly::random(search.seed, 1 + id as u64, search.dimensions),
+            })
+            .collect();
+        let flight = Flight { beta0: options.beta0, gamma: options.gamma_min, alpha: options.alpha, crossover: 0.0 };
+        Self {
+            fireflies,
+            stream: firefly::stream(search.seed, 0),
+            generation: 0,
+            started: false,
+            assignment: Vec::new(),
+            centroids: Vec::new(),
+            flight,
+            target: options.target,
+            mover: 0,
+            turn: Turn::Local(0),
+            options,
+        }
+    }
+
+    /// The share of the schedule that `generation` generations are.
+    fn progress(&self, generation: usize) -> f64 {
+        generation as f64 / self.options.generations.max(1) as f64
+    }
+
+    /// Lines 4-6: gamma, the clusters and their intensities. Generations count from 1 in the schedules.
+    fn begin_generation(&mut self) {
+        let options = &self.options;
+        self.flight.gamma =
+            options.gamma_min + (options.gamma_max - options.gamma_min) * self.progress(self.generation + 1);
+        let points: Vec<&[f64]> = self.fireflies.iter().map(|firefly| firefly.position.as_slice()).collect();
+        let k = cluster_count(points.len(), self.target);
+        let clusters = kmeans(&points, k, Seeding::RandomPoints, &mut self.stream);
+        self.centroids = (0..clusters.centroids.len()).map(|cluster| self.centroid(&clusters, cluster)).collect();
+        self.assignment = clusters.assignment;
+        self.mover = 0;
+        self.turn = Turn::Local(0);
+    }
+
+    fn centroid(&self, clusters: &Clusters, cluster: usize) -> Centroid {
+        Centroid {
+            position: clusters.centroids[cluster].clone(),
+            intensity: firefly::mean_cost(clusters.members(cluster).map(|member| self.fireflies[member].cost)),
+            size: clusters.members(cluster).count() as f64,
+        }
+    }
+
+    /// Lines 7-21: the next comparison in which the other is brighter, as a target and its crowd.
+    fn next_attraction(&mut self) -> Option<(Vec<f64>, f64)> {
+        while self.mover < self.fireflies.len() {
+            let (cost, own) = (self.fireflies[self.mover].cost, self.assignment[self.mover]);
+            match self.turn {
+                Turn::Local(other) if other < self.fireflies.len() => {
+                    self.turn = Turn::Local(other + 1);
+                    let brighter = self.fireflies[other].cost < cost;
+                    if brighter && other != self.mover && self.assignment[other] == own {
+                        return Some((self.fireflies[other].position.clone(), 1.0));
+                    }
+                }
+                Turn::Local(_) => self.turn = Turn::Global(0),
+                Turn::Global(other) if other < self.centroids.len() => {
+                    self.turn = Turn::Global(other + 1);
+                    let centroid = &self.centroids[other];
+                    if other != own && centroid.intensity < cost {
+                        return Some((centroid.position.clone(), centroid.size));
+                    }
+                }
+                Turn::Global(_) => {
+                    self.mover += 1;
+                    self.turn = Turn::Local(0);
+                }
+            }
+        }
+        None
+    }
+
+    /// Lines 22-24: fewer fireflies, smaller clusters, less randomness.
+    fn end_generation(&mut self) {
+        self.generation += 1;
+        let progress = self.progress(self.generation);
+        let keep = firefly::population(self.options.n, self.options.n_min.max(1), progress);
+        firefly::keep_brightest(&mut self.fireflies, keep);
+        self.target = firefly::target_size(self.options.target, self.options.target_min, progress);
+        self.flight.alpha *= self.options.decay;
+    }
+}
+
+impl Strategy for CfaThesis {
+    fn propose(&mut self) -> Ask {
+        if !self.started {
+            return Ask::Costs(self.fireflies.iter().map(Firefly::candidate).collect());
+        }
+        while self.generation < self.options.generations {
+            if let Some((target, crowd)) = self.next_attraction() {
+                let firefly = &mut self.fireflies[self.mover];
+                firefly.fly(&target, crowd, &self.flight);
+                return Ask::Costs(vec![firefly.candidate()]);
+            }
+            self.end_generation();
+            self.begin_generation();
+        }
+        // The schedule is what Algorithm 2 has for a budget.
+        Ask::Done(Ended::Budget)
+    }
+
+    fn digest(&mut self, _candidates: &[Candidate], answers: &[Evaluation]) {
+        if self.started {
+            if let Some(answer) = answers.first() {
+                self.fireflies[self.mover].settle(answer.cost);
+            }
+            return;
+        }
+        for (firefly, answer) in self.fireflies.iter_mut().zip(answers) {
+            firefly.settle(answer.cost);
+        }
+        self.started = true;
+        self.begin_generation();
+    }
+
+    fn generation(&self) -> usize {
+        self.generation
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::optimise::functions::{Function, drive};
+    use crate::optimise::method::Method;
+
+    fn search(dimensions: usize, seed: u64, budget: usize) -> Search {
+        Search { dimensions, seed, budget, warm: Vec::new(), residuals: false }
+    }
+
+    fn run(function: Function, options: &CfaThesisOptions, search: Search) -> (f64, usize) {
+        let mut optimiser = Method::CfaThesis(options.clone()).optimiser(search);
+        let run = drive(optimiser.as_mut(), |x| function.cost(x));
+        (run.best.value(), run.evaluations)
+    }
+
+    /// Tables 5.1 and 5.3.
+    fn schwefel() -> CfaThesisOptions {
+        CfaThesisOptions {
+            generations: 100,
+            n_min: 30,
+            target: 5.0,
+            gamma_min: 1.0,
+            gamma_max: 3.0,
+            ..CfaThesisOptions::default()
+        }
+    }
+
+    fn ackley() -> CfaThesisOptions {
+        CfaThesisOptions {
+            n: 80,
+            generations: 350,
+            n_min: 25,
+            target: 8.0,
+            decay: 0.95,
+            gamma_min: 0.1,
+            ..CfaThesisOptions::default()
+        }
+    }
+
+    #[test]
+    fn table_5_3_on_ackley_5_ends_near_1e_7() {
+        let mut errors: Vec<f64> = (0..15).map(|seed| run(Function::Ackley, &ackley(), search(5, seed, 100_000)).0).collect();
+        errors.sort_by(f64::total_cmp);
+        assert!((1e-8..1e-5).contains(&errors[7]), "median {:e}", errors[7]);
+    }
+
+    #[test]
+    fn table_5_1_on_schwefel_5_ends_near_100() {
+        let mean = (0..15).map(|seed| run(Function::Schwefel, &schwefel(), search(5, seed, 20_000)).0).sum::<f64>() / 15.0;
+        assert!((10.0..200.0).contains(&mean), "mean {mean}");
+    }
+
+    #[test]
+    fn a_seed_fixes_the_evaluations_and_the_result() {
+        let options = CfaThesisOptions { generations: 10, ..CfaThesisOptions::default() };
+        let first = run(Function::Ackley, &options, search(4, 11, 100_000));
+        assert_eq!(first, run(Function::Ackley, &options, search(4, 11, 100_000)));
+        assert_ne!(first.0, run(Function::Ackley, &options, search(4, 12, 100_000)).0);
+        assert_eq!(first.1, GOLDEN_EVALUATIONS);
+    }
+
+    const GOLDEN_EVALUATIONS: usize = 0;
+
+    #[test]
+    fn the_budget_truncates_and_divergence_ends_with_the_schedule() {
+        for budget in [0, 1, 69, 70, 71, 500] {
+            let (_, evaluations) = run(Function::Schwefel, &CfaThesisOptions::default(), search(3, 1, budget));
+            assert_eq!(evaluations, budget);
+        }
+        let mut optimiser = Method::CfaThesis(CfaThesisOptions::default()).optimiser(search(3, 1, 1000));
+        let run = drive(optimiser.as_mut(), |_| f64::NAN);
+        assert_eq!((run.best, run.evaluations, run.ended), (Cost::Diverged, 70, Ended::Budget));
+    }
+
+    #[test]
+    fn after_the_first_population_each_move_is_one_evaluation() {
+        let mut optimiser = Method::CfaThesis(CfaThesisOptions::default()).optimiser(search(2, 5, 300));
+        let mut sizes = Vec::new();
+        while let Ask::Costs(batch) = optimiser.ask() {
+            sizes.push(batch.len());
+            let answers: Vec<Evaluation> = batch
+                .iter()
+                .map(|candidate| Evaluation { cost: Cost::new(candidate.0[0]), residuals: Vec::new() })
+                .collect();
+            optimiser.tell(&answers);
+        }
+        assert_eq!(sizes[0], 70);
+        assert!(sizes[1..].iter().all(|size| *size == 1) && sizes.len() == 231);
+    }
+}

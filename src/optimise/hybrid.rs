@@ -1,0 +1,278 @@
+//! The default search: a small swarm finds basins, a local stage goes to their bottoms, and restarts confirm them.
+//!
+//! It is the Clustered Firefly Algorithm (thesis section 4.3) with a synchronous update and schedules that run on
+//! evaluations, followed by Levenberg-Marquardt from the best places of distinct clusters. The published algorithm
+//! keeps its randomness for convergence as well and spends most of its evaluations on that; a handful of
+//! least-squares steps does it better.
+
+use serde::{Deserialize, Serialize};
+
+use super::agreement::{Agreement, AgreementOptions};
+use super::budget::Strategy;
+use super::local::{LocalOptions, LocalStage};
+use super::method::Search;
+use super::swarm::Swarm;
+use super::{Ask, Candidate, Cost, Ended, Evaluation};
+
+/// The hyperparameters of the hybrid.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct CfaOptions {
+    /// Initial number of fireflies of a swarm.
+    pub n: usize,
+    /// Smallest number of fireflies (eq 4.3).
+    pub n_min: usize,
+    /// Target number of fireflies per cluster at the start (eq 4.8).
+    pub target: f64,
+    /// Smallest target number of fireflies per cluster (eq 4.11).
+    pub target_min: f64,
+    /// Randomness weight at the start of a swarm (eq 4.2), as a share of each parameter's range.
+    pub alpha: f64,
+    /// Randomness weight at its end, where the local stage takes over.
+    pub alpha_end: f64,
+    /// Attractiveness at distance zero (eq 4.1).
+    pub beta0: f64,
+    /// Light absorption (eq 4.1), constant.
+    pub gamma: f64,
+    /// Probability that a coordinate stays as it is in a move.
+    pub crossover: f64,
+    /// Evaluations of the first swarm.
+    pub swarm: usize,
+    /// Factor on the evaluations of a swarm per restart.
+    pub growth: f64,
+    /// A swarm hands over early after this many generations without a noticeably lower cost; 0 for never.
+    pub stall: usize,
+    /// Local runs per swarm, from distinct clusters.
+    pub starts: usize,
+    /// The local runs.
+    pub local: LocalOptions,
+    /// When restarts have told enough.
+    pub agreement: AgreementOptions,
+}
+
+impl Default for CfaOptions {
+    fn default() -> Self {
+        Self {
+            n: 40,
+            n_min: 12,
+            target: 7.0,
+            target_min: 1.0,
+            alpha: 0.5,
+            alpha_end: 1e-2,
+            beta0: 1.0,
+            gamma: 1.0,
+            crossover: 0.2,
+            swarm: 1000,
+            growth: 1.0,
+            stall: 10,
+            starts: 4,
+            local: LocalOptions::default(),
+            agreement: AgreementOptions::default(),
+        }
+    }
+}
+
+/// What the search is doing.
+#[derive(Debug)]
+enum Stage {
+    Swarm(Swarm),
+    Local(LocalStage),
+    Ended(Ended),
+}
+
+/// The hybrid between two batches.
+#[derive(Debug)]
+pub struct Cfa {
+    options: CfaOptions,
+    dimensions: usize,
+    seed: u64,
+    residuals: bool,
+    stage: Stage,
+    /// Swarms begun, each with its own random streams.
+    swarms: usize,
+    agreement: Agreement,
+    /// Generations of the swarms and batches of the local stages completed.
+    generation: usize,
+}
+
+impl Cfa {
+    /// A search that polishes the warm starts first, if there are any: a recalibration whose parameters still hold
+    /// has its optimum at once, and one swarm that reaches nothing better confirms it.
+    pub fn new(options: CfaOptions, search: &Search) -> Self {
+        let warm = search.warm_starts();
+        let mut cfa = Self {
+            dimensions: search.dimensions,
+            seed: search.seed,
+            residuals: search.residuals,
+            stage: Stage::Local(LocalStage::new(&options.local, &warm, search.residuals)),
+            swarms: 0,
+            agreement: Agreement::new(options.agreement),
+            generation: 0,
+            options,
+        };
+        if warm.is_empty() {
+            cfa.stage = cfa.next_swarm(&[]);
+        }
+        cfa
+    }
+
+    fn next_swarm(&mut self, first: &[Candidate]) -> Stage {
+        let grown = self.options.swarm as f64 * self.options.growth.max(1.0).powi(self.swarms as i32);
+        // The cast saturates, and more than any budget is as good as infinite.
+        let budget = grown as usize;
+        let first_id = self.swarms as u64 * Swarm::ids(&self.options);
+        self.swarms += 1;
+        Stage::Swarm(Swarm::new(&self.options, budget, self.seed, first_id, self.dimensions, first))
+    }
+
+    /// A restart is complete: either it settles the search, or another swarm sets out. The first swarm knows the
+    /// polished warm starts, later ones begin without prejudice.
+    fn restart(&mut self, places: &[(Candidate, Cost)]) -> Stage {
+        let optimum = places.iter().map(|(_, cost)| *cost).min().unwrap_or(Cost::Diverged);
+        match self.agreement.restart(optimum) {
+            Some(ended) => Stage::Ended(ended),
+            None if self.swarms == 0 => {
+                let first: Vec<Candidate> = places.iter().map(|(place, _)| place.clone()).collect();
+                self.next_swarm(&first)
+            }
+            None => self.next_swarm(&[]),
+        }
+    }
+}
+
+impl Strategy for Cfa {
+    fn propose(&mut self) -> Ask {
+        loop {
+            self.stage = match &mut self.stage {
+                Stage::Swarm(swarm) => match swarm.propose() {
+                    Some(batch) => return Ask::Costs(batch),
+                    None => {
+                        let starts = swarm.cluster_bests(self.options.starts);
+                        Stage::Local(LocalStage::new(&self.options.local, &starts, self.residuals))
+                    }
+                },
+                Stage::Local(local) => match local.propose() {
+                    Some(ask) => return ask,
+                    None => {
+                        let places = local.places();
+                        self.restart(&places)
+                    }
+                },
+                Stage::Ended(ended) => return Ask::Done(*ended),
+            };
+        }
+    }
+
+    fn digest(&mut self, _candidates: &[Candidate], answers: &[Evaluation]) {
+        match &mut self.stage {
+            Stage::Swarm(swarm) => {
+                let before = swarm.generation();
+                swarm.digest(answers);
+                self.generation += swarm.generation() - before;
+            }
+            Stage::Local(local) => {
+                local.digest(answers);
+                self.generation += 1;
+            }
+            Stage::Ended(_) => {}
+        }
+    }
+
+    fn generation(&self) -> usize {
+        self.generation
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::optimise::functions::{Function, Run, drive, drive_residuals, rosenbrock_residuals};
+    use crate::optimise::method::Method;
+
+    fn search(dimensions: usize, seed: u64, budget: usize, residuals: bool) -> Search {
+        Search { dimensions, seed, budget, warm: Vec::new(), residuals }
+    }
+
+    fn on_costs(function: Function, search: Search) -> Run {
+        drive(Method::default().optimiser(search).as_mut(), |x| function.cost(x))
+    }
+
+    fn on_residuals(search: Search) -> Run {
+        drive_residuals(Method::default().optimiser(search).as_mut(), rosenbrock_residuals)
+    }
+
+    #[test]
+    fn rosenbrock_5_and_ackley_5_are_solved_from_costs_alone() {
+        for seed in 0..10 {
+            let run = on_costs(Function::Rosenbrock, search(5, seed, 100_000, false));
+            assert!(run.best.value() < 1e-8, "Rosenbrock {seed}: {run:?}");
+            let run = on_costs(Function::Ackley, search(5, seed, 100_000, false));
+            assert!(run.best.value() < 1e-6, "Ackley {seed}: {run:?}");
+        }
+    }
+
+    #[test]
+    fn rosenbrock_15_is_solved_from_residuals_and_confirmed() {
+        for seed in 0..10 {
+            let run = on_residuals(search(15, seed, 100_000, true));
+            assert!(run.best.value() < 1e-12 && run.ended == Ended::Converged, "{seed}: {run:?}");
+        }
+    }
+
+    #[test]
+    fn a_seed_fixes_every_bit() {
+        let first = on_residuals(search(6, 21, 20_000, true));
+        assert_eq!(first, on_residuals(search(6, 21, 20_000, true)));
+        assert_eq!((first.evaluations, first.batches), GOLDEN_RESIDUALS);
+        let first = on_costs(Function::Ackley, search(3, 21, 3_000, false));
+        assert_eq!(first, on_costs(Function::Ackley, search(3, 21, 3_000, false)));
+        assert_ne!(first.at, on_costs(Function::Ackley, search(3, 22, 3_000, false)).at);
+    }
+
+    const GOLDEN_RESIDUALS: (usize, usize) = (0, 0);
+
+    #[test]
+    fn the_budget_is_never_exceeded() {
+        for budget in [0, 1, 39, 40, 41, 999, 1100, 1500] {
+            for residuals in [true, false] {
+                let run = drive_residuals(
+                    Method::default().optimiser(search(15, 3, budget, residuals)).as_mut(),
+                    rosenbrock_residuals,
+                );
+                assert_eq!((run.evaluations, run.ended), (budget, Ended::Budget));
+            }
+        }
+    }
+
+    #[test]
+    fn a_warm_start_at_the_optimum_is_confirmed_by_one_swarm() {
+        let optimum = Candidate(vec![0.51; 8]);
+        let warm = Search { warm: vec![optimum], ..search(8, 5, 100_000, true) };
+        let run = on_residuals(warm);
+        assert_eq!(run.ended, Ended::Converged);
+        assert!(run.best.value() < 1e-18, "{run:?}");
+        let cold = on_residuals(search(8, 5, 100_000, true));
+        assert!(run.evaluations < cold.evaluations, "{} {}", run.evaluations, cold.evaluations);
+    }
+
+    #[test]
+    fn when_everything_diverges_the_search_stalls_without_a_panic() {
+        for residuals in [true, false] {
+            let mut optimiser = Method::default().optimiser(search(4, 1, 1_000_000, residuals));
+            let run = drive(optimiser.as_mut(), |_| f64::NAN);
+            assert_eq!((run.best, run.ended), (Cost::Diverged, Ended::Stalled));
+        }
+        // Half of the cube cannot be computed.
+        let mut optimiser = Method::default().optimiser(search(4, 1, 50_000, true));
+        let run = drive_residuals(optimiser.as_mut(), |x| {
+            if x[0] > 0.5 { vec![f64::NAN; 4] } else { x.iter().map(|x| x - 0.4).collect() }
+        });
+        assert!(run.best.value() < 1e-16 && run.ended == Ended::Converged, "{run:?}");
+    }
+
+    #[test]
+    fn nothing_to_search_is_answered_with_one_evaluation_per_firefly() {
+        let run = drive(Method::default().optimiser(search(0, 1, 100, false)).as_mut(), |_| 2.0);
+        assert_eq!(run.best, Cost::Finite(2.0));
+    }
+}

@@ -1,0 +1,161 @@
+//! The local stage: several runs from several starts that advance in lockstep, their batches side by side.
+
+use serde::{Deserialize, Serialize};
+
+use super::lm::LevenbergMarquardt;
+use super::trust_region::TrustRegion;
+use super::{Ask, Candidate, Cost, Evaluation};
+
+/// The settings of a local run.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct LocalOptions {
+    /// Levenberg-Marquardt: most iterations of a run.
+    pub iterations: usize,
+    /// Levenberg-Marquardt: length of the forward differences in the unit cube.
+    pub step: f64,
+    /// Levenberg-Marquardt: a run ends after two successive iterations that lower the cost by less than this share.
+    pub tolerance: f64,
+    /// Levenberg-Marquardt: damping of the first iteration, relative to the squared norms of the columns.
+    pub damping: f64,
+    /// Levenberg-Marquardt: damping values tried side by side in an iteration.
+    pub trials: usize,
+    /// Levenberg-Marquardt: the factor between neighbouring damping values.
+    pub spread: f64,
+    /// Levenberg-Marquardt: of two runs closer than this in every coordinate only the better one goes on.
+    pub merge: f64,
+    /// BOBYQA: radius of the first trust region in the unit cube.
+    pub radius: f64,
+    /// BOBYQA: radius of the last trust region, which is the accuracy of the optimum.
+    pub radius_end: f64,
+    /// BOBYQA: most evaluations of a run.
+    pub evaluations: usize,
+}
+
+impl Default for LocalOptions {
+    fn default() -> Self {
+        Self {
+            iterations: 40,
+            step: 1e-6,
+            tolerance: 1e-5,
+            damping: 1e-2,
+            trials: 4,
+            spread: 10.0,
+            merge: 1e-3,
+            radius: 0.05,
+            radius_end: 1e-9,
+            evaluations: 20_000,
+        }
+    }
+}
+
+/// Runs in lockstep: Levenberg-Marquardt where there are residuals, BOBYQA where there are only costs.
+#[derive(Debug)]
+pub enum LocalStage {
+    /// Runs on residuals.
+    Residuals(Vec<LevenbergMarquardt>, f64),
+    /// Runs on costs.
+    Costs(Vec<TrustRegion>),
+}
+
+impl LocalStage {
+    /// One run from each start.
+    pub fn new(options: &LocalOptions, starts: &[Candidate], residuals: bool) -> Self {
+        if residuals {
+            let run = |start| LevenbergMarquardt::new(options.clone(), start);
+            LocalStage::Residuals(starts.iter().map(run).collect(), options.merge)
+        } else {
+            LocalStage::Costs(starts.iter().map(|start| TrustRegion::new(options, start)).collect())
+        }
+    }
+
+    /// The next batch of all runs together; none when every run has ended.
+    pub fn propose(&self) -> Option<Ask> {
+        let ask = match self {
+            LocalStage::Residuals(runs, _) => {
+                Ask::Residuals(runs.iter().flat_map(LevenbergMarquardt::propose).collect())
+            }
+            LocalStage::Costs(runs) => Ask::Costs(runs.iter().filter_map(TrustRegion::propose).collect()),
+        };
+        match &ask {
+            Ask::Residuals(batch) | Ask::Costs(batch) if !batch.is_empty() => Some(ask),
+            _ => None,
+        }
+    }
+
+    /// Answers it.
+    pub fn digest(&mut self, mut answers: &[Evaluation]) {
+        match self {
+            LocalStage::Residuals(runs, merge) => {
+                for run in runs.iter_mut() {
+                    let own = answers.split_off(..run.propose().len()).unwrap_or_default();
+                    run.digest(own);
+                }
+                end_twins(runs, *merge);
+            }
+            LocalStage::Costs(runs) => {
+                let open = runs.iter_mut().filter(|run| !run.ended());
+                for (run, answer) in open.zip(answers) {
+                    run.digest(answer.cost);
+                }
+            }
+        }
+    }
+
+    /// Where the runs are, and what these places cost.
+    pub fn places(&self) -> Vec<(Candidate, Cost)> {
+        let own = |(position, cost): (&[f64], Cost)| (Candidate(position.to_vec()), cost);
+        match self {
+            LocalStage::Residuals(runs, _) => runs.iter().map(|run| own(run.place())).collect(),
+            LocalStage::Costs(runs) => runs.iter().map(|run| own(run.place())).collect(),
+        }
+    }
+
+    /// The lowest cost of all runs.
+    pub fn optimum(&self) -> Cost {
+        self.places().into_iter().map(|(_, cost)| cost).min().unwrap_or(Cost::Diverged)
+    }
+}
+
+/// Ends the worse of any two runs that have come to the same place: the rest of its way would be a repetition.
+fn end_twins(runs: &mut [LevenbergMarquardt], merge: f64) {
+    for i in 0..runs.len() {
+        for j in 0..runs.len() {
+            let (a, b) = (runs[i].place(), runs[j].place());
+            let near = a.0.iter().zip(b.0).all(|(a, b)| (a - b).abs() < merge);
+            // Of equals the first goes on; before its first answer a run has no cost to compare.
+            let loses = (a.1, i) > (b.1, j) && a.1 != Cost::Diverged;
+            if i != j && near && loses && !runs[i].ended() {
+                runs[i].end();
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::optimise::functions::rosenbrock_residuals;
+
+    #[test]
+    fn runs_advance_side_by_side_and_twins_end() {
+        let starts = [vec![0.45, 0.55], vec![0.55, 0.45], vec![0.45, 0.55 + 1e-5]].map(Candidate);
+        let mut stage = LocalStage::new(&LocalOptions::default(), &starts, true);
+        let mut sizes = Vec::new();
+        while let Some(Ask::Residuals(batch)) = stage.propose() {
+            sizes.push(batch.len());
+            let answers: Vec<Evaluation> = batch
+                .iter()
+                .map(|candidate| {
+                    let residuals = rosenbrock_residuals(&candidate.0);
+                    let cost = Cost::new(residuals.iter().map(|r| r * r).sum::<f64>() / residuals.len() as f64);
+                    Evaluation { cost, residuals }
+                })
+                .collect();
+            stage.digest(&answers);
+        }
+        // Three starts with two slopes each, then two runs only.
+        assert_eq!(sizes[..2], [9, 8]);
+        assert!(stage.optimum().value() < 1e-15, "{:?}", stage.optimum());
+    }
+}

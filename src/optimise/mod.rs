@@ -1,0 +1,107 @@
+//! Optimisers behind ask and tell: they propose candidates in the unit cube, the caller evaluates.
+//!
+//! This stage knows no model: Schwefel's function and a room are the same to it. Cancelling, deadlines and
+//! progress therefore live once, in the caller's loop, not in every algorithm.
+
+mod agreement;
+mod budget;
+pub mod clustered;
+mod firefly;
+pub mod functions;
+pub mod hybrid;
+mod kmeans;
+mod lm;
+pub mod local;
+pub mod method;
+pub mod multistart;
+pub mod space;
+mod swarm;
+mod trust_region;
+
+pub use method::{Method, Search};
+pub use space::{Candidate, Dimension, Scale, Space, Theta};
+
+use std::cmp::Ordering;
+
+/// What a candidate costs: a finite number, or nothing that could be computed.
+///
+/// The order is total and a diverged candidate is worse than any finite one, so no NaN can win.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Cost {
+    /// A finite cost; lower is better.
+    Finite(f64),
+    /// The simulation left the numbers.
+    Diverged,
+}
+
+impl Cost {
+    /// Wraps a computed number: anything that is not finite has diverged.
+    pub fn new(value: f64) -> Self {
+        if value.is_finite() { Cost::Finite(value) } else { Cost::Diverged }
+    }
+
+    /// The number, with infinity for a diverged candidate.
+    pub fn value(self) -> f64 {
+        match self {
+            Cost::Finite(value) => value,
+            Cost::Diverged => f64::INFINITY,
+        }
+    }
+}
+
+impl Eq for Cost {}
+
+impl PartialOrd for Cost {
+    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
+        Some(self.cmp(other))
+    }
+}
+
+impl Ord for Cost {
+    fn cmp(&self, other: &Self) -> Ordering {
+        self.value().total_cmp(&other.value())
+    }
+}
+
+/// The answer to one asked candidate.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Evaluation {
+    /// The cost of the candidate.
+    pub cost: Cost,
+    /// Residuals whose mean square is the cost, where [`Ask::Residuals`] asked for them; otherwise empty.
+    pub residuals: Vec<f64>,
+}
+
+/// What the optimiser wants to know next.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Ask {
+    /// The costs of these candidates.
+    Costs(Vec<Candidate>),
+    /// The costs and the residual vectors of these candidates.
+    Residuals(Vec<Candidate>),
+    /// Nothing: the search has ended by itself.
+    Done(Ended),
+}
+
+/// Why an optimiser ended by itself.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Ended {
+    /// Successive restarts agree on the optimum.
+    Converged,
+    /// Restarts bring nothing new although they disagree.
+    Stalled,
+    /// The evaluations are used up.
+    Budget,
+}
+
+/// A search over the unit cube.
+pub trait Optimiser: Send {
+    /// The next batch; the same question again until [`Optimiser::tell`] answers it.
+    fn ask(&mut self) -> Ask;
+    /// Answers the last question, in its order.
+    fn tell(&mut self, answers: &[Evaluation]);
+    /// The best candidate so far, with its cost.
+    fn best(&self) -> Option<(&Candidate, Cost)>;
+    /// Generations, restarts or iterations completed, for progress displays.
+    fn generation(&self) -> usize;
+}

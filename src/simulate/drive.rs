@@ -1,0 +1,192 @@
+//! What all candidates of a simulation share: the inputs of a window, evaluated once for every step.
+
+use crate::data::Grid;
+use crate::fault::Fault;
+use crate::model::expr::Point;
+use crate::model::tape::{SharedStage, Source, Tape};
+use crate::model::{Hold, Model};
+use crate::simulate::lanes::LaneFile;
+use crate::units::Unit;
+
+/// The inputs of a model on a grid, in the units of its equations.
+#[derive(Debug, Clone)]
+pub struct Inputs {
+    columns: Vec<(Hold, Vec<f64>)>,
+    /// Whether all inputs are known from sample `k` to sample `k + 1`.
+    known: Vec<bool>,
+    hours: f64,
+}
+
+impl Inputs {
+    /// Reads the model's inputs from a grid.
+    ///
+    /// # Errors
+    /// Every input whose channel is missing or has a unit that does not convert.
+    pub fn new(model: &Model, grid: &Grid) -> Result<Self, Vec<Fault>> {
+        let mut faults = Vec::new();
+        let mut columns = Vec::new();
+        let intervals = grid.len().saturating_sub(1);
+        let mut known = vec![true; intervals];
+        for input in model.inputs() {
+            let pointer = format!("/channels/{}", input.channel);
+            let Some(column) = grid.column(&input.channel) else {
+                faults.push(Fault::new(pointer, "missing-channel", format!("the model needs the channel `{}`", input.channel)));
+                continue;
+            };
+            let converter = Unit::parse(column.unit()).ok().zip(Unit::parse(&input.unit).ok());
+            let convert = |value: f64| converter.and_then(|(from, to)| from.convert(&to, value));
+            if convert(0.0).is_none() {
+                let detail = format!("`{}` is in {}, which does not convert to {}", input.channel, column.unit(), input.unit);
+                faults.push(Fault::new(pointer, "unit", detail));
+                continue;
+            }
+            for (k, known) in known.iter_mut().enumerate() {
+                *known &= column.valid()[k] && (input.hold == Hold::ZeroOrder || column.valid()[k + 1]);
+            }
+            columns.push((input.hold, column.values().iter().map(|value| convert(*value).unwrap_or(*value)).collect()));
+        }
+        if faults.is_empty() { Ok(Self { columns, known, hours: grid.step_hours() }) } else { Err(faults) }
+    }
+
+    /// Inputs that stay at these values for so many hours, with samples `hours` apart: the stress tests of
+    /// the validation gate.
+    pub fn constant(model: &Model, values: &[f64], intervals: usize, hours: f64) -> Self {
+        Self::from_columns(model, values.iter().map(|value| vec![*value; intervals + 1]).collect(), hours)
+    }
+
+    /// Inputs from one series per input of the model, all known, in the units of its equations.
+    pub fn from_columns(model: &Model, columns: Vec<Vec<f64>>, hours: f64) -> Self {
+        let intervals = columns.iter().map(Vec::len).min().unwrap_or(1).saturating_sub(1);
+        let columns = model.inputs().iter().zip(columns).map(|(input, values)| (input.hold, values)).collect();
+        Self { columns, known: vec![true; intervals], hours }
+    }
+
+    /// Inputs of a model that has none, for so many samples.
+    #[cfg(test)]
+    pub(super) fn from_columns_with_length(model: &Model, samples: usize, hours: f64) -> Self {
+        Self { known: vec![true; samples - 1], ..Self::from_columns(model, Vec::new(), hours) }
+    }
+
+    /// Makes the inputs unknown over these intervals.
+    #[cfg(test)]
+    pub(super) fn forget(&mut self, intervals: std::ops::Range<usize>) {
+        self.known[intervals].fill(false);
+    }
+
+    /// Hours between two samples.
+    pub fn hours(&self) -> f64 {
+        self.hours
+    }
+
+    /// Whether all inputs are known from sample `k` to the next.
+    pub fn known(&self, k: usize) -> bool {
+        self.known.get(k).copied().unwrap_or(false)
+    }
+
+    /// How many samples there are.
+    pub fn samples(&self) -> usize {
+        self.known.len() + 1
+    }
+
+    /// Smallest and largest value of an input.
+    pub fn range(&self, input: usize) -> (f64, f64) {
+        let values = &self.columns[input].1;
+        (values.iter().copied().fold(f64::INFINITY, f64::min), values.iter().copied().fold(f64::NEG_INFINITY, f64::max))
+    }
+
+    /// The mean of an input over the window.
+    pub fn mean(&self, input: usize) -> f64 {
+        let values = &self.columns[input].1;
+        values.iter().sum::<f64>() / values.len().max(1) as f64
+    }
+
+    fn slope(&self, input: usize, k: usize) -> f64 {
+        let (hold, values) = &self.columns[input];
+        match hold {
+            Hold::Linear if k + 1 < values.len() => (values[k + 1] - values[k]) / self.hours,
+            _ => 0.0,
+        }
+    }
+
+    /// The value of an input `fraction` of the way from sample `k` to the next.
+    fn value(&self, input: usize, k: usize, fraction: f64) -> f64 {
+        let (hold, values) = &self.columns[input];
+        match hold {
+            Hold::Linear if k + 1 < values.len() => values[k] + (values[k + 1] - values[k]) * fraction,
+            _ => values[k],
+        }
+    }
+}
+
+/// The shared columns of a tape for every step of a window.
+#[derive(Debug, Clone)]
+pub struct Drive {
+    rows: Vec<f64>,
+    width: usize,
+    steps: usize,
+}
+
+impl Drive {
+    /// Evaluates the shared stage of `tape` at `steps` sub-steps per sample interval; with one step also at
+    /// the last sample, where only the start of the step is meaningful.
+    pub fn new(tape: &Tape, inputs: &Inputs, steps: usize) -> Self {
+        let stage = &tape.shared;
+        let width = stage.columns.len();
+        let mut rows = Vec::with_capacity(inputs.samples() * steps * width);
+        let evaluator = shared_tape(stage);
+        let mut file = LaneFile::<1>::new(&evaluator);
+        for k in 0..inputs.samples() {
+            for step in 0..steps {
+                for (index, source) in stage.sources.iter().enumerate() {
+                    file.state(index)[0] = match *source {
+                        Source::Slope(input) => inputs.slope(input, k),
+                        Source::Input(input, point) => {
+                            let offset = match point {
+                                Point::Start => 0.0,
+                                Point::Middle => 0.5,
+                                Point::End => 1.0,
+                            };
+                            inputs.value(input, k, (step as f64 + offset) / steps as f64)
+                        }
+                    };
+                }
+                file.step();
+                rows.extend((0..width).map(|column| file.root(column)[0]));
+            }
+        }
+        Self { rows, width, steps }
+    }
+
+    /// The shared values of a step.
+    #[inline]
+    pub fn row(&self, k: usize, step: usize) -> &[f64] {
+        let start = (k * self.steps + step) * self.width;
+        &self.rows[start..start + self.width]
+    }
+}
+
+/// The shared stage as a tape of its own, whose states are the leaves.
+fn shared_tape(stage: &SharedStage) -> Tape {
+    let leaves = stage.sources.len() as u32;
+    let constants = stage.constants.len() as u32;
+    // In the stage the leaves come first; in a tape the step length and the constants do.
+    let moved = |register: u32| {
+        if register < leaves {
+            register + 1 + constants
+        } else if register < leaves + constants {
+            register - leaves + 1
+        } else {
+            register + 1
+        }
+    };
+    let code = stage.code.iter().map(|instruction| instruction.with_operands(moved)).collect();
+    Tape {
+        parameters: 0,
+        constants: stage.constants.clone(),
+        candidate: Vec::new(),
+        shared: SharedStage::default(),
+        states: stage.sources.len(),
+        step: code,
+        roots: stage.columns.iter().map(|column| moved(*column)).collect(),
+    }
+}

@@ -1,0 +1,361 @@
+//! The Kalman filter: re-estimated states, innovations, and forecasts from any sample on.
+//!
+//! Extended form: the mean goes through the model's own stepper, the covariance through the linearised
+//! model, whose transition matrix and process noise come from one matrix exponential (Van Loan, IEEE Trans.
+//! Automatic Control 23, 1978), so that the filter is exact for linear models. Behind a gap in the inputs it
+//! starts again.
+
+use super::drive::{Drive, Inputs};
+use super::lanes::{LANES, LaneFile};
+use super::stepper::linear_tape;
+use super::trajectory::{Measured, Simulator};
+use crate::model::tape::Tape;
+use crate::model::{Initial, Model};
+use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
+
+/// Prior variance of a state that no sensor measures, in the square of its unit (models: 4 K2).
+const HIDDEN_VARIANCE: f64 = 4.0;
+
+/// The noise that a filter assumes.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Noise {
+    /// Process noise: standard deviation per square root of an hour, the same for every state.
+    pub process: f64,
+    /// Measurement variance per output.
+    pub measurement: Vec<f64>,
+}
+
+/// What the filter found.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Filtered {
+    /// Filtered states at every sample.
+    pub states: Vec<Vec<f64>>,
+    /// Their standard deviations.
+    pub deviations: Vec<Vec<f64>>,
+    /// One-step innovations of each output, `None` where nothing was measured or the filter just started.
+    pub innovations: Vec<Vec<Option<f64>>>,
+    /// Log-likelihood of the innovations, constants included.
+    pub log_likelihood: f64,
+}
+
+/// A Kalman filter for one model on one window.
+#[derive(Debug, Clone)]
+pub struct Kalman<'a> {
+    simulator: &'a Simulator,
+    linear: Tape,
+    linear_drive: Drive,
+    initial: Vec<Initial>,
+    measured: Vec<Measured<'a>>,
+    known: Vec<bool>,
+}
+
+/// Transition matrix and process noise of one sub-step, kept while the Jacobian stays the same.
+struct Transition {
+    jacobian: DMatrix<f64>,
+    matrix: DMatrix<f64>,
+    noise: DMatrix<f64>,
+}
+
+impl<'a> Kalman<'a> {
+    /// A filter for the model that `simulator` was made from.
+    pub fn new(model: &Model, simulator: &'a Simulator, inputs: &Inputs, measured: &[Measured<'a>]) -> Self {
+        let linear = linear_tape(model);
+        let (_, _, substeps, _) = simulator.step_parts();
+        Self {
+            linear_drive: Drive::new(&linear, inputs, substeps),
+            linear,
+            simulator,
+            initial: model.states().iter().map(|state| state.initial).collect(),
+            measured: measured.to_vec(),
+            known: (0..inputs.samples()).map(|k| inputs.known(k)).collect(),
+        }
+    }
+
+    /// Filters samples `0..until`.
+    pub fn filter(&self, theta: &[f64], noise: &Noise, until: usize) -> Filtered {
+        let n = self.initial.len();
+        let (step_tape, drive, substeps, hours) = self.simulator.step_parts();
+        let mut file = LaneFile::<1>::new(step_tape);
+        file.load(&[theta], hours);
+        let mut linear = LaneFile::<1>::new(&self.linear);
+        linear.load(&[theta], hours);
+        let mut transition: Option<Transition> = None;
+        let mut found = Filtered {
+            states: Vec::with_capacity(until),
+            deviations: Vec::with_capacity(until),
+            innovations: vec![Vec::with_capacity(until); self.measured.len()],
+            log_likelihood: 0.0,
+        };
+        let mut x = DVector::zeros(n);
+        let mut p = DMatrix::zeros(n, n);
+        for k in 0..until.min(self.known.len()) {
+            let started = k == 0 || !self.known[k - 1];
+            if started {
+                self.start(k, theta, noise, &mut x, &mut p);
+            } else {
+                for step in 0..substeps {
+                    let jacobian = self.jacobian(&mut linear, &x, k - 1, step);
+                    let transition = Transition::of(&mut transition, jacobian, noise.process, hours);
+                    for state in 0..n {
+                        file.state(state)[0] = x[state];
+                    }
+                    file.share(drive.row(k - 1, step));
+                    file.step();
+                    for state in 0..n {
+                        x[state] = file.root(state)[0];
+                    }
+                    p = &transition.matrix * &p * transition.matrix.transpose() + &transition.noise;
+                }
+            }
+            for output in 0..self.measured.len() {
+                let innovation = self.update(output, k, started, noise, &mut linear, (&mut x, &mut p), &mut found.log_likelihood);
+                found.innovations[output].push(innovation);
+            }
+            found.states.push(x.iter().copied().collect());
+            found.deviations.push((0..n).map(|i| p[(i, i)].max(0.0).sqrt()).collect());
+        }
+        found
+    }
+
+    /// State and covariance where the filter starts: measured states at their measurement, hidden ones at
+    /// their parameter or, behind a gap, where they were.
+    fn start(&self, k: usize, theta: &[f64], noise: &Noise, x: &mut DVector<f64>, p: &mut DMatrix<f64>) {
+        p.fill(0.0);
+        for (state, initial) in self.initial.iter().enumerate() {
+            match initial {
+                Initial::Measured(output) => {
+                    x[state] = self.simulator.measured_start_at(*output, k).unwrap_or(x[state]);
+                    p[(state, state)] = noise.measurement[*output];
+                }
+                Initial::Parameter(parameter) => {
+                    if k == 0 {
+                        x[state] = theta[*parameter];
+                    }
+                    p[(state, state)] = HIDDEN_VARIANCE;
+                }
+            }
+        }
+    }
+
+    fn jacobian(&self, linear: &mut LaneFile<1>, x: &DVector<f64>, k: usize, step: usize) -> DMatrix<f64> {
+        self.linearise(linear, x, k, step);
+        DMatrix::from_fn(x.len(), x.len(), |i, j| linear.root(i * x.len() + j)[0])
+    }
+
+    fn linearise(&self, linear: &mut LaneFile<1>, x: &DVector<f64>, k: usize, step: usize) {
+        for (state, value) in x.iter().enumerate() {
+            linear.state(state)[0] = *value;
+        }
+        linear.share(self.linear_drive.row(k, step));
+        linear.step();
+    }
+
+    /// Updates state and covariance with one output; the innovation counts unless the filter just started
+    /// from this very measurement.
+    #[allow(clippy::too_many_arguments)]
+    fn update(
+        &self,
+        output: usize,
+        k: usize,
+        started: bool,
+        noise: &Noise,
+        linear: &mut LaneFile<1>,
+        (x, p): (&mut DVector<f64>, &mut DMatrix<f64>),
+        log_likelihood: &mut f64,
+    ) -> Option<f64> {
+        let (values, valid) = self.measured[output];
+        if started || !valid[k] {
+            return None;
+        }
+        let n = x.len();
+        self.linearise(linear, x, k, 0);
+        let first = n * n + output * (n + 1);
+        let innovation = values[k] - linear.root(first)[0];
+        let gradient = DVector::from_fn(n, |i, _| linear.root(first + 1 + i)[0]);
+        let spread = &*p * &gradient;
+        let variance = gradient.dot(&spread) + noise.measurement[output];
+        let gain = &spread / variance;
+        *x += &gain * innovation;
+        *p -= &gain * spread.transpose();
+        // Rounding must not make the covariance asymmetric.
+        let symmetric = (&*p + p.transpose()) * 0.5;
+        p.copy_from(&symmetric);
+        *log_likelihood -= 0.5 * (innovation * innovation / variance + variance.ln() + (2.0 * std::f64::consts::PI).ln());
+        Some(innovation)
+    }
+
+    /// The process noise that makes the innovations of samples `0..until` most likely: a golden-section
+    /// search over 1e-3 to 3 units per square root of an hour.
+    pub fn likely_process_noise(&self, theta: &[f64], measurement: &[f64], until: usize) -> f64 {
+        let cost = |log_q: f64| {
+            let noise = Noise { process: log_q.exp(), measurement: measurement.to_vec() };
+            let likelihood = self.filter(theta, &noise, until).log_likelihood;
+            if likelihood.is_finite() { -likelihood } else { f64::INFINITY }
+        };
+        let ratio = (5f64.sqrt() - 1.0) / 2.0;
+        let (mut low, mut high) = (1e-3f64.ln(), 3f64.ln());
+        let (mut a, mut b) = (high - ratio * (high - low), low + ratio * (high - low));
+        let (mut cost_a, mut cost_b) = (cost(a), cost(b));
+        // Twelve halvings by the golden ratio leave an interval of three per cent.
+        for _ in 0..12 {
+            if cost_a < cost_b {
+                (high, b, cost_b) = (b, a, cost_a);
+                a = high - ratio * (high - low);
+                cost_a = cost(a);
+            } else {
+                (low, a, cost_a) = (a, b, cost_b);
+                b = low + ratio * (high - low);
+                cost_b = cost(b);
+            }
+        }
+        (0.5 * (low + high)).exp()
+    }
+
+    /// Forecasts with measured inputs from the filtered state at each origin: the first output at leads
+    /// `0..=horizon` samples, `None` behind a gap in the inputs or the end of the window.
+    pub fn forecasts(&self, theta: &[f64], filtered: &Filtered, origins: &[usize], horizon: usize) -> Vec<Vec<Option<f64>>> {
+        origins.par_chunks(LANES).flat_map_iter(|block| self.forecast_block(theta, filtered, block, horizon)).collect()
+    }
+
+    /// Lanes share the clock, so each origin joins when its time comes.
+    fn forecast_block(&self, theta: &[f64], filtered: &Filtered, origins: &[usize], horizon: usize) -> Vec<Vec<Option<f64>>> {
+        let (step_tape, drive, substeps, hours) = self.simulator.step_parts();
+        let (output_tape, output_drive) = self.simulator.output_parts();
+        let mut file = LaneFile::<LANES>::new(step_tape);
+        file.load(&[theta], hours);
+        let mut out = LaneFile::<LANES>::new(output_tape);
+        out.load(&[theta], hours);
+        let mut forecasts = vec![vec![None; horizon + 1]; origins.len()];
+        let (Some(first), Some(last)) = (origins.iter().min(), origins.iter().max()) else { return forecasts };
+        let mut alive = vec![false; origins.len()];
+        for k in *first..=(last + horizon).min(self.known.len() - 1) {
+            if k > *first {
+                if self.known[k - 1] {
+                    for step in 0..substeps {
+                        file.share(drive.row(k - 1, step));
+                        file.step();
+                        file.advance();
+                    }
+                } else {
+                    alive.fill(false);
+                }
+            }
+            for (lane, origin) in origins.iter().enumerate() {
+                if *origin == k {
+                    alive[lane] = true;
+                    for (state, value) in filtered.states[k].iter().enumerate() {
+                        file.state(state)[lane] = *value;
+                    }
+                }
+            }
+            for state in 0..self.initial.len() {
+                *out.state(state) = *file.state(state);
+            }
+            out.share(output_drive.row(k, 0));
+            out.step();
+            for (lane, origin) in origins.iter().enumerate() {
+                if alive[lane] && k >= *origin && k - origin <= horizon {
+                    let value = out.root(0)[lane];
+                    forecasts[lane][k - origin] = value.is_finite().then_some(value);
+                }
+            }
+        }
+        forecasts
+    }
+}
+
+impl Transition {
+    /// The transition of this Jacobian, computed anew only where it differs from the last one.
+    fn of(last: &mut Option<Transition>, jacobian: DMatrix<f64>, process: f64, hours: f64) -> &Transition {
+        if last.as_ref().is_none_or(|last| last.jacobian != jacobian) {
+            *last = None;
+        }
+        last.get_or_insert_with(|| {
+            let n = jacobian.nrows();
+            let mut block = DMatrix::zeros(2 * n, 2 * n);
+            block.view_mut((0, 0), (n, n)).copy_from(&(-&jacobian * hours));
+            block.view_mut((0, n), (n, n)).fill_diagonal(process * process * hours);
+            block.view_mut((n, n), (n, n)).copy_from(&(jacobian.transpose() * hours));
+            let exponential = block.exp();
+            let matrix = exponential.view((n, n), (n, n)).transpose();
+            let noise = &matrix * exponential.view((0, n), (n, n));
+            Transition { jacobian, matrix, noise }
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::spec::ModelDocument;
+    use crate::model::{Bindings, Catalogue, compile};
+    use crate::simulate::stepper::Stepper;
+
+    const A: f64 = 0.6;
+
+    /// x' = -a x, y = x.
+    fn decay() -> Model {
+        let text = r#"
+            id = "decay"
+            title = "decay"
+            [states]
+            x = { unit = "degC", initial = "y" }
+            [parameters]
+            a = { unit = "1/h", lower = 1e-3, upper = 10, scale = "log", nominal = 1 }
+            [equations]
+            x = "-a*x"
+            [outputs]
+            y = { expr = "x", unit = "degC", noise_sd = 0.05 }
+        "#;
+        let mut catalogue = Catalogue::default();
+        catalogue.add_model(ModelDocument::from_toml(text).unwrap());
+        compile(&catalogue.compose(&"decay".parse().unwrap()).unwrap(), &Bindings::default()).unwrap()
+    }
+
+    #[test]
+    fn the_variance_follows_the_riccati_recursion_in_closed_form() {
+        let model = decay();
+        let inputs = Inputs::from_columns_with_length(&model, 40, 0.5);
+        let values: Vec<f64> = (0..40).map(|k| 10.0 * (-A * 0.5 * f64::from(k)).exp()).collect();
+        let valid = vec![true; 40];
+        let measured: [Measured; 1] = [(&values, &valid)];
+        // The mean goes through the stepper, whose error vanishes with the step; the variance does not.
+        let simulator = Simulator::new(&model, &inputs, &measured, Stepper::Rk4, 30);
+        let kalman = Kalman::new(&model, &simulator, &inputs, &measured);
+        let (q, r) = (0.3, 0.04);
+        let found = kalman.filter(&[A], &Noise { process: q, measurement: vec![r] }, 40);
+        let mut x = (values[0] + values[1] + values[2]) / 3.0;
+        let mut p = r;
+        let decay = (-A * 0.5).exp();
+        for k in 1..40 {
+            let predicted = p * decay * decay + q * q * (1.0 - decay * decay) / (2.0 * A);
+            let gain = predicted / (predicted + r);
+            let innovation = values[k] - x * decay;
+            x = x * decay + gain * innovation;
+            p = (1.0 - gain) * predicted;
+            assert!((found.deviations[k][0] - p.sqrt()).abs() < 1e-9, "variance at {k}");
+            assert!((found.states[k][0] - x).abs() < 1e-9, "mean at {k}: {} {x}", found.states[k][0]);
+            assert!((found.innovations[0][k].unwrap() - innovation).abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn a_forecast_is_the_free_run_from_the_filtered_state() {
+        let model = decay();
+        let inputs = Inputs::from_columns_with_length(&model, 60, 0.5);
+        let values: Vec<f64> = (0..60).map(|k| 10.0 * (-A * 0.5 * f64::from(k)).exp() + 0.1 * f64::from(k % 3)).collect();
+        let valid = vec![true; 60];
+        let measured: [Measured; 1] = [(&values, &valid)];
+        let simulator = Simulator::new(&model, &inputs, &measured, Stepper::Ros2, 3);
+        let kalman = Kalman::new(&model, &simulator, &inputs, &measured);
+        let found = kalman.filter(&[A], &Noise { process: 0.1, measurement: vec![0.01] }, 60);
+        let origins: Vec<usize> = (5..40).collect();
+        for (origin, forecast) in origins.iter().zip(kalman.forecasts(&[A], &found, &origins, 24)) {
+            for (lead, value) in forecast.iter().enumerate().filter(|(lead, _)| origin + lead < 60) {
+                let exact = found.states[*origin][0] * (-A * 0.5 * lead as f64).exp();
+                assert!((value.unwrap() - exact).abs() < 2e-3, "{origin} {lead}");
+            }
+        }
+    }
+}

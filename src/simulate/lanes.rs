@@ -1,0 +1,256 @@
+//! The lane evaluator: one instruction works on a whole block of candidates, in loops that the compiler
+//! turns into vector code for the CPU it finds at start.
+//!
+//! There is one interpreter, [`interpret`], written once and instantiated per instruction set. No fused
+//! multiply-add is used, so every CPU gives the same bits, and those of the canonical operations.
+
+use crate::model::expr::{Binary, Unary, select};
+use crate::model::math;
+use crate::model::tape::{Instruction, Tape};
+
+/// Candidates in a block.
+pub const LANES: usize = 16;
+
+/// One register: a value for each candidate of the block.
+#[derive(Debug, Clone, Copy)]
+#[repr(C, align(64))]
+pub struct Lane<const W: usize>(pub [f64; W]);
+
+/// A register file that evaluates one tape for `W` candidates.
+#[derive(Debug, Clone)]
+pub struct LaneFile<'t, const W: usize> {
+    tape: &'t Tape,
+    registers: Vec<Lane<W>>,
+    cpu: Cpu,
+}
+
+impl<'t, const W: usize> LaneFile<'t, W> {
+    /// A file for a tape, with its constants in place.
+    pub fn new(tape: &'t Tape) -> Self {
+        let mut registers = vec![Lane([0.0; W]); tape.registers()];
+        for (register, constant) in registers[tape.parameters + 1..].iter_mut().zip(&tape.constants) {
+            *register = Lane([*constant; W]);
+        }
+        Self { tape, registers, cpu: Cpu::detect() }
+    }
+
+    /// Loads parameter vectors and the step length in hours, and computes what depends on them alone. A
+    /// block with fewer candidates than lanes repeats its last one.
+    pub fn load(&mut self, thetas: &[&[f64]], hours: f64) {
+        for parameter in 0..self.tape.parameters {
+            for lane in 0..W {
+                self.registers[parameter].0[lane] = thetas[lane.min(thetas.len() - 1)][parameter];
+            }
+        }
+        self.registers[self.tape.step_register()] = Lane([hours; W]);
+        run(self.cpu, &self.tape.candidate, &mut self.registers, self.tape.candidate_start());
+    }
+
+    /// Loads the values that all candidates share in this step.
+    #[inline]
+    pub fn share(&mut self, row: &[f64]) {
+        let start = self.tape.shared_start();
+        for (register, value) in self.registers[start..].iter_mut().zip(row) {
+            register.0 = [*value; W];
+        }
+    }
+
+    /// A state, for reading and writing.
+    #[inline]
+    pub fn state(&mut self, index: usize) -> &mut [f64; W] {
+        &mut self.registers[self.tape.state_start() + index].0
+    }
+
+    /// Evaluates the step.
+    #[inline]
+    pub fn step(&mut self) {
+        run(self.cpu, &self.tape.step, &mut self.registers, self.tape.step_start());
+    }
+
+    /// A root of the tape, after [`LaneFile::step`].
+    #[inline]
+    pub fn root(&self, index: usize) -> &[f64; W] {
+        &self.registers[self.tape.roots[index] as usize].0
+    }
+
+    /// Copies the first roots, one per state, back into the states: the step is done.
+    #[inline]
+    pub fn advance(&mut self) {
+        // Roots may be states themselves (a constant state), so all are read before one is written; rates
+        // never permute states, because an unchanged state is its own root.
+        let start = self.tape.state_start();
+        for index in 0..self.tape.states {
+            self.registers[start + index] = self.registers[self.tape.roots[index] as usize];
+        }
+    }
+}
+
+/// The instruction sets that the evaluator is built for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Cpu {
+    /// Whatever the target guarantees.
+    Baseline,
+    /// AVX2: four doubles at a time.
+    Avx2,
+    /// AVX-512F: eight doubles at a time.
+    Avx512,
+}
+
+impl Cpu {
+    /// The best instruction set of this machine.
+    pub fn detect() -> Self {
+        #[cfg(target_arch = "x86_64")]
+        {
+            if std::arch::is_x86_feature_detected!("avx512f") && std::arch::is_x86_feature_detected!("avx512dq") {
+                return Cpu::Avx512;
+            }
+            if std::arch::is_x86_feature_detected!("avx2") {
+                return Cpu::Avx2;
+            }
+        }
+        Cpu::Baseline
+    }
+}
+
+/// Runs code whose first result goes to register `first`.
+#[inline]
+fn run<const W: usize>(cpu: Cpu, code: &[Instruction], registers: &mut [Lane<W>], first: usize) {
+    match cpu {
+        #[cfg(target_arch = "x86_64")]
+        Cpu::Avx512 => {
+            // SAFETY: `Cpu::detect` is the only maker of this variant and has found both features.
+            #[allow(unsafe_code)]
+            unsafe {
+                run_avx512(code, registers, first);
+            }
+        }
+        #[cfg(target_arch = "x86_64")]
+        Cpu::Avx2 => {
+            // SAFETY: `Cpu::detect` is the only maker of this variant and has found the feature.
+            #[allow(unsafe_code)]
+            unsafe {
+                run_avx2(code, registers, first);
+            }
+        }
+        _ => interpret(code, registers, first),
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx512f,avx512dq")]
+fn run_avx512<const W: usize>(code: &[Instruction], registers: &mut [Lane<W>], first: usize) {
+    interpret(code, registers, first);
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2")]
+fn run_avx2<const W: usize>(code: &[Instruction], registers: &mut [Lane<W>], first: usize) {
+    interpret(code, registers, first);
+}
+
+/// The interpreter. Results lie above their operands, so the file splits at each result without overlap.
+#[inline(always)]
+fn interpret<const W: usize>(code: &[Instruction], registers: &mut [Lane<W>], first: usize) {
+    for (offset, instruction) in code.iter().enumerate() {
+        let (below, above) = registers.split_at_mut(first + offset);
+        let Some(out) = above.first_mut() else { return };
+        match *instruction {
+            Instruction::Binary(op, a, b) => {
+                let (a, b) = (&below[a as usize], &below[b as usize]);
+                match op {
+                    Binary::Add => two(out, a, b, |x, y| x + y),
+                    Binary::Sub => two(out, a, b, |x, y| x - y),
+                    Binary::Mul => two(out, a, b, |x, y| x * y),
+                    Binary::Div => two(out, a, b, |x, y| x / y),
+                    Binary::Min => two(out, a, b, |x, y| Binary::Min.apply(x, y)),
+                    Binary::Max => two(out, a, b, |x, y| Binary::Max.apply(x, y)),
+                    Binary::Pow => two(out, a, b, math::pow),
+                    Binary::Less => two(out, a, b, |x, y| Binary::Less.apply(x, y)),
+                    Binary::LessEqual => two(out, a, b, |x, y| Binary::LessEqual.apply(x, y)),
+                    Binary::Equal => two(out, a, b, |x, y| Binary::Equal.apply(x, y)),
+                }
+            }
+            Instruction::Unary(op, x) => {
+                let x = &below[x as usize];
+                match op {
+                    Unary::Neg => one(out, x, |x| -x),
+                    Unary::Abs => one(out, x, f64::abs),
+                    Unary::Exp => one(out, x, math::exp),
+                    Unary::Log => one(out, x, math::log),
+                    Unary::Sqrt => one(out, x, f64::sqrt),
+                    Unary::Sin => one(out, x, math::sin),
+                    Unary::Cos => one(out, x, math::cos),
+                    Unary::Tanh => one(out, x, math::tanh),
+                }
+            }
+            Instruction::Select(c, a, b) => {
+                let (c, a, b) = (&below[c as usize], &below[a as usize], &below[b as usize]);
+                for lane in 0..W {
+                    out.0[lane] = select(c.0[lane], a.0[lane], b.0[lane]);
+                }
+            }
+        }
+    }
+}
+
+#[inline(always)]
+fn one<const W: usize>(out: &mut Lane<W>, x: &Lane<W>, f: impl Fn(f64) -> f64) {
+    for lane in 0..W {
+        out.0[lane] = f(x.0[lane]);
+    }
+}
+
+#[inline(always)]
+fn two<const W: usize>(out: &mut Lane<W>, a: &Lane<W>, b: &Lane<W>, f: impl Fn(f64, f64) -> f64) {
+    for lane in 0..W {
+        out.0[lane] = f(a.0[lane], b.0[lane]);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::expr::{Graph, Node};
+    use crate::model::tape::schedule;
+
+    /// Every operation, on arguments that include the awkward ones, on every instruction set.
+    #[test]
+    fn lanes_equal_the_canonical_operations_bit_for_bit() {
+        let mut g = Graph::default();
+        let (x, y) = (g.intern(Node::State(0)), g.intern(Node::State(1)));
+        let mut roots = Vec::new();
+        for op in [Unary::Neg, Unary::Abs, Unary::Exp, Unary::Log, Unary::Sqrt, Unary::Sin, Unary::Cos, Unary::Tanh] {
+            roots.push(g.unary(op, x));
+        }
+        for op in [Binary::Add, Binary::Sub, Binary::Mul, Binary::Div, Binary::Min, Binary::Max, Binary::Pow, Binary::Less, Binary::LessEqual, Binary::Equal] {
+            roots.push(g.binary(op, x, y));
+        }
+        roots.push(g.choose(x, y, roots[0]));
+        let tape = schedule(&g, &roots, 0, 2);
+        let awkward = [0.0, -0.0, 1.0, -1.0, 0.3, 1e-310, 1e300, -745.0, 709.0, f64::INFINITY, f64::NEG_INFINITY, f64::NAN, std::f64::consts::PI, 2.5, 21.7, -3e-5];
+        for cpu in [Cpu::Baseline, Cpu::detect()] {
+            for shift in 0..awkward.len() {
+                let mut file = LaneFile::<LANES>::new(&tape);
+                file.cpu = cpu;
+                file.load(&[&[]], 0.0);
+                for lane in 0..LANES {
+                    file.state(0)[lane] = awkward[lane];
+                    file.state(1)[lane] = awkward[(lane + shift) % LANES];
+                }
+                file.step();
+                for (index, root) in roots.iter().enumerate() {
+                    for lane in 0..LANES {
+                        let leaf = |node: Node| match node {
+                            Node::State(0) => awkward[lane],
+                            _ => awkward[(lane + shift) % LANES],
+                        };
+                        let canonical = g.evaluate(&[*root], leaf)[0];
+                        let ours = file.root(index)[lane];
+                        let same = ours.to_bits() == canonical.to_bits() || (ours.is_nan() && canonical.is_nan());
+                        assert!(same, "{:?} at {}, {}: {ours} {canonical}", g.node(*root), leaf(Node::State(0)), leaf(Node::State(1)));
+                    }
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,283 @@
+//! Free runs: one simulation from the start of a window, for many parameter vectors at once.
+//!
+//! Where inputs are unknown the simulation stands still: no values are invented. Behind such a gap the
+//! states that a sensor measures start again from the measurement, the hidden ones from where they were.
+
+use super::drive::{Drive, Inputs};
+use super::lanes::{LANES, LaneFile};
+use super::stepper::{Stepper, output_tape, step_tape};
+use crate::model::tape::Tape;
+use crate::model::{Initial, Model};
+use rayon::prelude::*;
+
+/// A state farther from zero than this has left physics: the candidate has diverged.
+const RUNAWAY: f64 = 1e6;
+
+/// A model on the inputs of a window, ready to simulate any parameter vector.
+#[derive(Debug, Clone)]
+pub struct Simulator {
+    step: Tape,
+    output: Tape,
+    drive: Drive,
+    output_drive: Drive,
+    initial: Vec<Initial>,
+    /// Measured starts per output: the mean of the first three valid samples from each sample on.
+    starts: Vec<Vec<Option<f64>>>,
+    known: Vec<bool>,
+    substeps: usize,
+    step_hours: f64,
+}
+
+/// What one candidate did.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Trajectory {
+    /// One series per output, a value per sample. Behind a divergence the values are not finite.
+    pub outputs: Vec<Vec<f64>>,
+    /// Lowest and highest value that each state took at a sample.
+    pub state_ranges: Vec<(f64, f64)>,
+    /// Whether a state left the numbers or physics.
+    pub diverged: bool,
+}
+
+/// A measured output: its values and which of them are valid.
+pub type Measured<'a> = (&'a [f64], &'a [bool]);
+
+impl Simulator {
+    /// Prepares a simulation. `measured` has one series per output of the model, as long as the inputs; it
+    /// gives the measured starts.
+    pub fn new(model: &Model, inputs: &Inputs, measured: &[Measured], stepper: Stepper, substeps: usize) -> Self {
+        let step = step_tape(model, stepper);
+        let output = output_tape(model);
+        Self {
+            drive: Drive::new(&step, inputs, substeps),
+            output_drive: Drive::new(&output, inputs, 1),
+            step,
+            output,
+            initial: model.states().iter().map(|state| state.initial).collect(),
+            starts: measured.iter().map(|(values, valid)| measured_starts(values, valid)).collect(),
+            known: (0..inputs.samples()).map(|k| inputs.known(k)).collect(),
+            substeps,
+            step_hours: inputs.hours() / substeps as f64,
+        }
+    }
+
+    /// Internal steps per sample.
+    pub fn substeps(&self) -> usize {
+        self.substeps
+    }
+
+    /// How many samples a trajectory has.
+    pub fn samples(&self) -> usize {
+        self.known.len()
+    }
+
+    /// Whether a simulated value at sample `k` is a prediction: some input interval leads to it.
+    pub fn predicted(&self, k: usize) -> bool {
+        k == 0 || self.known[k - 1]
+    }
+
+    /// The measured start of an output: the mean of its first three valid samples.
+    pub fn measured_start(&self, output: usize) -> Option<f64> {
+        self.starts.get(output).and_then(|starts| starts.first().copied().flatten())
+    }
+
+    /// The measured start of an output at sample `k`.
+    pub(super) fn measured_start_at(&self, output: usize, k: usize) -> Option<f64> {
+        self.starts.get(output).and_then(|starts| starts.get(k).copied().flatten())
+    }
+
+    /// The tape of the outputs and its inputs at every sample, for the Kalman filter.
+    pub(super) fn output_parts(&self) -> (&Tape, &Drive) {
+        (&self.output, &self.output_drive)
+    }
+
+    /// The tape of one step and the sub-steps per sample, for the Kalman filter.
+    pub(super) fn step_parts(&self) -> (&Tape, &Drive, usize, f64) {
+        (&self.step, &self.drive, self.substeps, self.step_hours)
+    }
+
+    /// Simulates samples `0..until` for every parameter vector; blocks run in parallel, and the result does
+    /// not depend on how many threads there are.
+    pub fn run(&self, thetas: &[&[f64]], until: usize) -> Vec<Trajectory> {
+        let until = until.min(self.samples());
+        // A lonely candidate does not need sixteen lanes.
+        if let [single] = thetas {
+            return self.block::<1>(&[*single], until);
+        }
+        thetas.par_chunks(LANES).flat_map_iter(|block| self.block::<LANES>(block, until)).collect()
+    }
+
+    fn block<const W: usize>(&self, thetas: &[&[f64]], until: usize) -> Vec<Trajectory> {
+        let states = self.initial.len();
+        let outputs = self.output.roots.len();
+        let mut file = LaneFile::<W>::new(&self.step);
+        file.load(thetas, self.step_hours);
+        let mut out = LaneFile::<W>::new(&self.output);
+        out.load(thetas, 0.0);
+        let mut values: Vec<Vec<[f64; W]>> = vec![Vec::with_capacity(until); outputs];
+        let mut ranges = vec![[(f64::INFINITY, f64::NEG_INFINITY); W]; states];
+        let mut diverged = [false; W];
+        for (state, initial) in self.initial.iter().enumerate() {
+            for lane in 0..W {
+                let theta = thetas[lane.min(thetas.len() - 1)];
+                file.state(state)[lane] = match initial {
+                    Initial::Measured(output) => self.measured_start(*output).unwrap_or(f64::NAN),
+                    Initial::Parameter(parameter) => theta[*parameter],
+                };
+            }
+        }
+        for k in 0..until {
+            if k > 0 && self.known[k - 1] {
+                for step in 0..self.substeps {
+                    file.share(self.drive.row(k - 1, step));
+                    file.step();
+                    file.advance();
+                }
+            } else if k > 0 && self.known[k] {
+                self.restart(&mut file, k);
+            }
+            for state in 0..states {
+                let lane_values = *file.state(state);
+                for lane in 0..W {
+                    let value = lane_values[lane];
+                    diverged[lane] |= value.is_nan() || value.abs() > RUNAWAY;
+                    let (low, high) = &mut ranges[state][lane];
+                    *low = low.min(value);
+                    *high = high.max(value);
+                }
+                *out.state(state) = lane_values;
+            }
+            out.share(self.output_drive.row(k, 0));
+            out.step();
+            for (output, values) in values.iter_mut().enumerate() {
+                values.push(*out.root(output));
+            }
+            if diverged.iter().all(|diverged| *diverged) {
+                break;
+            }
+        }
+        (0..thetas.len())
+            .map(|lane| Trajectory {
+                outputs: values
+                    .iter()
+                    .map(|values| {
+                        let mut series: Vec<f64> = values.iter().map(|value| value[lane]).collect();
+                        series.resize(until, f64::NAN);
+                        series
+                    })
+                    .collect(),
+                state_ranges: ranges.iter().map(|range| range[lane]).collect(),
+                diverged: diverged[lane],
+            })
+            .collect()
+    }
+
+    /// Puts the measured states back on their measurements behind a gap in the inputs.
+    fn restart<const W: usize>(&self, file: &mut LaneFile<W>, k: usize) {
+        for (state, initial) in self.initial.iter().enumerate() {
+            if let Initial::Measured(output) = initial
+                && let Some(start) = self.starts[*output][k]
+            {
+                *file.state(state) = [start; W];
+            }
+        }
+    }
+}
+
+/// For every sample the mean of the first three valid samples from it on, within its next twelve.
+fn measured_starts(values: &[f64], valid: &[bool]) -> Vec<Option<f64>> {
+    (0..values.len())
+        .map(|k| {
+            let first: Vec<f64> = (k..values.len().min(k + 12)).filter(|i| valid[*i]).take(3).map(|i| values[i]).collect();
+            (!first.is_empty()).then(|| first.iter().sum::<f64>() / first.len() as f64)
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::spec::ModelDocument;
+    use crate::model::{Bindings, Catalogue, compile};
+    use crate::simulate::stepper::Stepper;
+
+    /// x' = a (u - x) with a linear input: the closed form of a ramp is u(t) - s/a + (x0 - u0 + s/a) e^(-a t).
+    fn first_order() -> Model {
+        let text = r#"
+            id = "first"
+            title = "first order"
+            [states]
+            x = { unit = "degC", initial = "y" }
+            [inputs]
+            u = { unit = "degC" }
+            [parameters]
+            a = { unit = "1/h", lower = 1e-3, upper = 1e3, scale = "log", nominal = 1 }
+            [equations]
+            x = "a*(u - x)"
+            [outputs]
+            y = { expr = "x", unit = "degC", noise_sd = 0.05 }
+        "#;
+        let mut catalogue = Catalogue::default();
+        catalogue.add_model(ModelDocument::from_toml(text).unwrap());
+        compile(&catalogue.compose(&"first".parse().unwrap()).unwrap(), &Bindings::default()).unwrap()
+    }
+
+    /// The simulated end of a ramp from 0 to 10 degC in ten hours, started at 20 degC.
+    fn ramp_error(stepper: Stepper, substeps: usize, a: f64) -> f64 {
+        let model = first_order();
+        let inputs = Inputs::from_columns(&model, vec![(0..=10).map(f64::from).collect()], 1.0);
+        let (values, valid) = (vec![20.0; 11], vec![true; 11]);
+        let simulator = Simulator::new(&model, &inputs, &[(&values, &valid)], stepper, substeps);
+        let y = simulator.run(&[&[a]], 11)[0].outputs[0][10];
+        let exact = 10.0 - 1.0 / a + (20.0 + 1.0 / a) * (-10.0 * a).exp();
+        (y - exact).abs()
+    }
+
+    #[test]
+    fn a_linear_case_agrees_with_its_closed_form() {
+        assert!(ramp_error(Stepper::Rk4, 60, 0.7) < 1e-9);
+        assert!(ramp_error(Stepper::Ros2, 100_000, 0.7) < 1e-9);
+    }
+
+    #[test]
+    fn ros2_has_order_two_and_rk4_order_four() {
+        for (stepper, order) in [(Stepper::Ros2, 2.0), (Stepper::Rk4, 4.0)] {
+            let observed = (ramp_error(stepper, 4, 0.7) / ramp_error(stepper, 8, 0.7)).log2();
+            assert!((observed - order).abs() < 0.15, "{stepper:?}: {observed}");
+        }
+    }
+
+    #[test]
+    fn ros2_damps_what_rk4_cannot_hold() {
+        assert!(ramp_error(Stepper::Ros2, 1, 500.0) < 0.1);
+        assert!(ramp_error(Stepper::Rk4, 1, 500.0).is_nan() || ramp_error(Stepper::Rk4, 1, 500.0) > 1e3);
+    }
+
+    #[test]
+    fn a_candidate_is_the_same_alone_and_in_any_block() {
+        let model = first_order();
+        let inputs = Inputs::from_columns(&model, vec![(0..50).map(|k| (f64::from(k) * 0.3).sin()).collect()], 0.5);
+        let (values, valid) = (vec![20.0; 50], vec![true; 50]);
+        let simulator = Simulator::new(&model, &inputs, &[(&values, &valid)], Stepper::Ros2, 3);
+        let thetas: Vec<Vec<f64>> = (0..37).map(|i| vec![0.01 * 1.3f64.powi(i)]).collect();
+        let slices: Vec<&[f64]> = thetas.iter().map(Vec::as_slice).collect();
+        let together = simulator.run(&slices, 50);
+        for (theta, run) in slices.iter().zip(&together) {
+            assert_eq!(simulator.run(&[*theta], 50)[0], *run);
+        }
+    }
+
+    #[test]
+    fn behind_a_gap_the_measured_state_starts_again() {
+        let model = first_order();
+        let mut inputs = Inputs::from_columns(&model, vec![vec![0.0; 20]], 1.0);
+        inputs.forget(8..12);
+        let mut values = vec![20.0; 20];
+        values[12..].fill(5.0);
+        let simulator = Simulator::new(&model, &inputs, &[(&values, &[true; 20])], Stepper::Ros2, 6);
+        let y = simulator.run(&[&[0.5]], 20)[0].outputs[0].clone();
+        assert_eq!(y[8], y[11], "the simulation stands still in the gap");
+        assert_eq!(y[12], 5.0);
+        assert!(!simulator.predicted(12) && simulator.predicted(13));
+    }
+}
