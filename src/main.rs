@@ -1,2 +1,10 @@
-//! x
-fn main(){}
+//! The command line of Lampyris.
+
+mod cli;
+
+use clap::Parser;
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    cli::run(cli::Cli::parse())
+}

@@ -46,9 +46,9 @@ fn one(problem: &Problem, theta: &[f64], trajectory: &Trajectory, check: &Check)
         }
         Check::StateRange { lower, upper } => {
             let mut worst = 0.0f64;
-            let runs = [Some(trajectory.clone()), stress(problem, theta, -STRESS_KELVIN), stress(problem, theta, STRESS_KELVIN)];
-            for run in runs.into_iter().flatten() {
-                for (low, high) in run.state_ranges {
+            let runs = [trajectory.clone(), stress(problem, theta, -STRESS_KELVIN), stress(problem, theta, STRESS_KELVIN)];
+            for run in runs {
+                for (low, high) in run.states.iter().map(|series| range(series)) {
                     // A range that is not a number is outside of everything.
                     let outside = (lower - low).max(high - upper);
                     worst = worst.max(if outside.is_nan() { f64::INFINITY } else { outside });
@@ -84,7 +84,7 @@ fn mean_inputs(problem: &Problem) -> Vec<f64> {
 /// Real parts of the eigenvalues in the middle of the trajectory. Complex pairs are normal: a thermostat
 /// feeds back.
 fn eigenvalues(problem: &Problem, theta: &[f64], trajectory: &Trajectory) -> Vec<f64> {
-    let states: Vec<f64> = trajectory.state_ranges.iter().map(|(low, high)| 0.5 * (low + high)).collect();
+    let states: Vec<f64> = trajectory.states.iter().map(|series| range(series)).map(|(low, high)| 0.5 * (low + high)).collect();
     let matrix = jacobian(problem, &states, theta, &mean_inputs(problem));
     if matrix.iter().any(|value| !value.is_finite()) {
         return vec![f64::NAN];
@@ -118,7 +118,7 @@ fn steady_gain(problem: &Problem, theta: &[f64], input: &str, state: &str, with:
 }
 
 /// A fortnight of constant inputs, with the temperatures moved beyond what the window saw.
-fn stress(problem: &Problem, theta: &[f64], kelvin: f64) -> Option<Trajectory> {
+fn stress(problem: &Problem, theta: &[f64], kelvin: f64) -> Trajectory {
     let model = problem.model();
     let values: Vec<f64> = model
         .inputs()
@@ -139,5 +139,12 @@ fn stress(problem: &Problem, theta: &[f64], kelvin: f64) -> Option<Trajectory> {
     let columns: Vec<(Vec<f64>, Vec<bool>)> = starts.iter().map(|start| (vec![*start; STRESS_HOURS + 1], vec![true; STRESS_HOURS + 1])).collect();
     let measured: Vec<Measured> = columns.iter().map(|(values, valid)| (values.as_slice(), valid.as_slice())).collect();
     let simulator = Simulator::new(model, &inputs, &measured, Stepper::default(), substeps(1.0));
-    simulator.run(&[theta], STRESS_HOURS + 1).pop()
+    simulator.run_with_states(theta)
+}
+
+/// Lowest and highest value; a series with a value that is no number has no range either.
+fn range(series: &[f64]) -> (f64, f64) {
+    let no_number = series.iter().any(|value| value.is_nan());
+    let range = series.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| (low.min(*value), high.max(*value)));
+    if no_number { (f64::NAN, f64::NAN) } else { range }
 }

@@ -327,9 +327,7 @@ impl Problem {
 
     /// Simulates one full vector over the whole window.
     pub fn simulate(&self, theta: &[f64]) -> Trajectory {
-        let mut trajectories = self.simulator.run(&[theta], self.grid.len());
-        // One vector in, one trajectory out.
-        trajectories.pop().unwrap_or(Trajectory { outputs: Vec::new(), state_ranges: Vec::new(), diverged: true })
+        self.simulator.run_with_states(theta)
     }
 
     /// Mean square of the free-run error of an output over a range, `None` where nothing is comparable.

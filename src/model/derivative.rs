@@ -85,10 +85,12 @@ fn binary(g: &mut Graph, op: Binary, value: NodeId, (a, da): (NodeId, NodeId), (
             g.add(left, right)
         }
         Binary::Div => {
-            // d(a/b) = (da - (a/b) db) / b reuses the quotient.
+            // d(a/b) = (da - (a/b) db) / b reuses the quotient, and for 1/b the reciprocal as well.
+            let one = g.constant(1.0);
+            let reciprocal = g.div(one, b);
             let moved = g.mul(value, db);
             let numerator = g.sub(da, moved);
-            g.div(numerator, b)
+            g.mul(numerator, reciprocal)
         }
         Binary::Min => {
             let less = g.binary(Binary::Less, a, b);

@@ -20,6 +20,81 @@ pub enum Instruction {
     Binary(Binary, u32, u32),
     /// A choice by the first register between the other two.
     Select(u32, u32, u32),
+    /// Two operations at once, where nobody else needs the result of the first.
+    Pair(Pair, u32, u32, u32),
+    /// `(a - b) c + d`: a conductance times a difference, added to a balance. It is what networks of heat
+    /// and mass are made of.
+    Conduct(u32, u32, u32, u32),
+}
+
+/// Two operations in one instruction, each rounded by itself: it saves a register and a dispatch, and
+/// changes no bit. The first operation is in parentheses.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Pair {
+    /// (a b) + c
+    MulAdd,
+    /// (a b) - c
+    MulSub,
+    /// c - (a b)
+    SubMul,
+    /// (a b) c
+    MulMul,
+    /// (a + b) c
+    AddMul,
+    /// (a - b) c
+    DifferenceMul,
+    /// (a + b) + c
+    AddAdd,
+    /// (a - b) + c
+    DifferenceAdd,
+    /// (a + b) - c
+    AddSub,
+    /// c - (a + b)
+    SubAdd,
+    /// (a - b) - c
+    DifferenceSub,
+    /// c - (a - b)
+    SubDifference,
+}
+
+impl Pair {
+    /// The canonical meaning.
+    #[inline(always)]
+    pub fn apply(self, a: f64, b: f64, c: f64) -> f64 {
+        match self {
+            Pair::MulAdd => a * b + c,
+            Pair::MulSub => a * b - c,
+            Pair::SubMul => c - a * b,
+            Pair::MulMul => a * b * c,
+            Pair::AddMul => (a + b) * c,
+            Pair::DifferenceMul => (a - b) * c,
+            Pair::AddAdd => a + b + c,
+            Pair::DifferenceAdd => a - b + c,
+            Pair::AddSub => a + b - c,
+            Pair::SubAdd => c - (a + b),
+            Pair::DifferenceSub => a - b - c,
+            Pair::SubDifference => c - (a - b),
+        }
+    }
+
+    /// The pair of an inner operation that is the first or the second operand of an outer one.
+    fn of(inner: Binary, outer: Binary, first: bool) -> Option<Pair> {
+        Some(match (inner, outer, first) {
+            (Binary::Mul, Binary::Add, _) => Pair::MulAdd,
+            (Binary::Mul, Binary::Sub, true) => Pair::MulSub,
+            (Binary::Mul, Binary::Sub, false) => Pair::SubMul,
+            (Binary::Mul, Binary::Mul, _) => Pair::MulMul,
+            (Binary::Add, Binary::Mul, _) => Pair::AddMul,
+            (Binary::Sub, Binary::Mul, _) => Pair::DifferenceMul,
+            (Binary::Add, Binary::Add, _) => Pair::AddAdd,
+            (Binary::Sub, Binary::Add, _) => Pair::DifferenceAdd,
+            (Binary::Add, Binary::Sub, true) => Pair::AddSub,
+            (Binary::Add, Binary::Sub, false) => Pair::SubAdd,
+            (Binary::Sub, Binary::Sub, true) => Pair::DifferenceSub,
+            (Binary::Sub, Binary::Sub, false) => Pair::SubDifference,
+            _ => return None,
+        })
+    }
 }
 
 impl Instruction {
@@ -30,6 +105,8 @@ impl Instruction {
             Instruction::Unary(op, x) => Instruction::Unary(op, moved(x)),
             Instruction::Binary(op, a, b) => Instruction::Binary(op, moved(a), moved(b)),
             Instruction::Select(c, a, b) => Instruction::Select(moved(c), moved(a), moved(b)),
+            Instruction::Pair(pair, a, b, c) => Instruction::Pair(pair, moved(a), moved(b), moved(c)),
+            Instruction::Conduct(a, b, c, d) => Instruction::Conduct(moved(a), moved(b), moved(c), moved(d)),
         }
     }
 }
@@ -143,7 +220,10 @@ pub fn schedule(graph: &Graph, roots: &[NodeId], parameters: usize, states: usiz
     let constants: Vec<usize> = of_stage(Stage::Constant).into_iter().filter(|i| for_lanes[*i]).collect();
     let candidate: Vec<usize> = of_stage(Stage::Candidate).into_iter().filter(|i| !is_leaf(i)).collect();
     let columns: Vec<usize> = of_stage(Stage::Shared).into_iter().filter(|i| for_lanes[*i]).collect();
-    let step: Vec<usize> = of_stage(Stage::Step).into_iter().filter(|i| !is_leaf(i)).collect();
+    let every: Vec<usize> = of_stage(Stage::Step).into_iter().filter(|i| !is_leaf(i)).collect();
+    let inner = pair_up(nodes, &every, roots);
+    let absorbed: Vec<usize> = inner.iter().flatten().copied().collect();
+    let step: Vec<usize> = every.into_iter().filter(|i| !absorbed.contains(i)).collect();
 
     let mut register = vec![u32::MAX; nodes.len()];
     for (i, node) in nodes.iter().enumerate() {
@@ -168,7 +248,7 @@ pub fn schedule(graph: &Graph, roots: &[NodeId], parameters: usize, states: usiz
         register[*i] = next;
         next += 1;
     }
-    let code = |list: &[usize]| list.iter().filter_map(|i| instruction(nodes[*i], &register)).collect();
+    let code = |list: &[usize]| list.iter().filter_map(|i| instruction(nodes, *i, &inner, &register)).collect();
     Tape {
         parameters,
         constants: constants.iter().filter_map(|i| constant(nodes[*i])).collect(),
@@ -195,9 +275,59 @@ fn constant(node: Node) -> Option<f64> {
     }
 }
 
-fn instruction(node: Node, register: &[u32]) -> Option<Instruction> {
+/// For each node the operand that its instruction absorbs: a sum, difference or product of the same stage
+/// that nobody else needs.
+fn pair_up(nodes: &[Node], step: &[usize], roots: &[NodeId]) -> Vec<Option<usize>> {
+    let mut uses = vec![0usize; nodes.len()];
+    roots.iter().for_each(|root| uses[root.0 as usize] += 2);
+    step.iter().flat_map(|i| operands(nodes[*i])).for_each(|id| uses[id.0 as usize] += 1);
+    let mut in_step = vec![false; nodes.len()];
+    step.iter().for_each(|i| in_step[*i] = true);
+    let mut inner: Vec<Option<usize>> = vec![None; nodes.len()];
+    for i in step {
+        let Node::Binary(outer, a, b) = nodes[*i] else { continue };
+        // A node that absorbed another one is no plain operation any more, except a product of a difference.
+        let free = |id: NodeId, first: bool| {
+            let index = id.0 as usize;
+            let Node::Binary(op, ..) = nodes[index] else { return None };
+            if !in_step[index] || uses[index] != 1 {
+                return None;
+            }
+            let rank = match inner[index] {
+                None if op == Binary::Mul => 1,
+                None => 2,
+                Some(_) if conduct(nodes, outer, index, &inner).is_some() => 0,
+                Some(_) => return None,
+            };
+            Pair::of(op, outer, first).map(|_| (rank, index))
+        };
+        // A product is absorbed rather than a sum: sums go on to absorb products themselves.
+        inner[*i] = [free(a, true), free(b, false)].into_iter().flatten().min().map(|(_, index)| index);
+    }
+    inner
+}
+
+/// The operands a, b and c of a product `(a - b) c` that a sum may absorb as a whole.
+fn conduct(nodes: &[Node], outer: Binary, product: usize, inner: &[Option<usize>]) -> Option<[NodeId; 3]> {
+    let (Binary::Add, Node::Binary(Binary::Mul, x, y), Some(difference)) = (outer, nodes[product], inner[product]) else { return None };
+    let Node::Binary(Binary::Sub, a, b) = nodes[difference] else { return None };
+    Some([a, b, if x.0 as usize == difference { y } else { x }])
+}
+
+fn instruction(nodes: &[Node], index: usize, inner: &[Option<usize>], register: &[u32]) -> Option<Instruction> {
     let of = |id: NodeId| register[id.0 as usize];
-    match node {
+    let absorbed = inner.get(index).copied().flatten();
+    if let (Node::Binary(outer, a, b), Some(absorbed)) = (nodes[index], absorbed)
+        && let Node::Binary(op, x, y) = nodes[absorbed]
+    {
+        let first = a.0 as usize == absorbed;
+        let other = if first { b } else { a };
+        if let Some([a, b, c]) = conduct(nodes, outer, absorbed, inner) {
+            return Some(Instruction::Conduct(of(a), of(b), of(c), of(other)));
+        }
+        return Some(Instruction::Pair(Pair::of(op, outer, first)?, of(x), of(y), of(other)));
+    }
+    match nodes[index] {
         Node::Unary(op, x) => Some(Instruction::Unary(op, of(x))),
         Node::Binary(op, a, b) => Some(Instruction::Binary(op, of(a), of(b))),
         Node::Select(c, a, b) => Some(Instruction::Select(of(c), of(a), of(b))),
@@ -230,7 +360,7 @@ fn shared_stage(nodes: &[Node], members: &[usize], for_lanes: &[bool]) -> Shared
     }
     for i in members {
         if operands(nodes[*i]).next().is_some() {
-            stage.code.extend(instruction(nodes[*i], &register));
+            stage.code.extend(instruction(nodes, *i, &[], &register));
             place(*i, &mut register);
         }
     }

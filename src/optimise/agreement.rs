@@ -15,13 +15,15 @@ pub struct AgreementOptions {
     pub within: f64,
     /// A restart that lowers the best cost by at least this share has brought something new.
     pub improvement: f64,
+    /// How many successive restarts have to confirm the one before them.
+    pub confirmations: usize,
     /// The search has stalled after this many successive restarts without anything new.
     pub patience: usize,
 }
 
 impl Default for AgreementOptions {
     fn default() -> Self {
-        Self { within: 5e-3, improvement: 1e-3, patience: 8 }
+        Self { within: 5e-3, improvement: 1e-3, confirmations: 1, patience: 8 }
     }
 }
 
@@ -31,13 +33,14 @@ pub struct Agreement {
     options: AgreementOptions,
     last: Option<Cost>,
     best: Cost,
+    confirmed: usize,
     fruitless: usize,
 }
 
 impl Agreement {
     /// No restart yet.
     pub fn new(options: AgreementOptions) -> Self {
-        Self { options, last: None, best: Cost::Diverged, fruitless: 0 }
+        Self { options, last: None, best: Cost::Diverged, confirmed: 0, fruitless: 0 }
     }
 
     /// Takes the optimum of one more restart and says whether the search is over.
@@ -53,7 +56,8 @@ impl Agreement {
         let agree = last.is_some_and(|last| {
             self.same(last, optimum, self.options.within) && self.same(optimum, self.best, self.options.within)
         });
-        if agree && !improved {
+        self.confirmed = if agree && !improved { self.confirmed + 1 } else { 0 };
+        if self.confirmed >= self.options.confirmations.max(1) {
             Some(Ended::Converged)
         } else if self.fruitless >= self.options.patience.max(1) {
             Some(Ended::Stalled)
@@ -91,6 +95,13 @@ mod tests {
     fn agreeing_on_something_worse_or_improving_is_not_convergence() {
         assert_eq!(verdicts(&[1.0, 2.0, 2.0]), [None, None, None]);
         assert_eq!(verdicts(&[1.0, 0.997, 0.994]), [None, None, None]);
+    }
+
+    #[test]
+    fn more_confirmations_can_be_asked_for() {
+        let mut agreement = Agreement::new(AgreementOptions { confirmations: 2, ..AgreementOptions::default() });
+        let verdicts = [1.0, 1.0, 1.5, 1.0, 1.0, 1.0].map(|optimum| agreement.restart(Cost::new(optimum)));
+        assert_eq!(verdicts, [None, None, None, None, None, Some(Ended::Converged)]);
     }
 
     #[test]

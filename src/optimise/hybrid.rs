@@ -5,10 +5,12 @@
 //! keeps its randomness for convergence as well and spends most of its evaluations on that; a handful of
 //! least-squares steps does it better.
 
+use rand_xoshiro::Xoshiro256PlusPlus;
 use serde::{Deserialize, Serialize};
 
 use super::agreement::{Agreement, AgreementOptions};
 use super::budget::Strategy;
+use super::firefly::{random_point, stream};
 use super::local::{LocalOptions, LocalStage};
 use super::method::Search;
 use super::swarm::Swarm;
@@ -36,14 +38,19 @@ pub struct CfaOptions {
     pub gamma: f64,
     /// Probability that a coordinate stays as it is in a move.
     pub crossover: f64,
-    /// Evaluations of the first swarm.
+    /// Evaluations of the first swarm where there are residuals. Least squares need little guidance.
     pub swarm: usize,
+    /// Evaluations of the first swarm where there are only costs.
+    pub swarm_on_costs: usize,
     /// Factor on the evaluations of a swarm per restart.
     pub growth: f64,
     /// A swarm hands over early after this many generations without a noticeably lower cost; 0 for never.
     pub stall: usize,
-    /// Local runs per swarm, from distinct clusters.
+    /// Local runs per swarm from the best places of distinct clusters.
     pub starts: usize,
+    /// Local runs per swarm from random places. They keep a swarm that is drawn to the wrong basin, as another one
+    /// may be, from confirming itself.
+    pub scouts: usize,
     /// The local runs.
     pub local: LocalOptions,
     /// When restarts have told enough.
@@ -61,11 +68,13 @@ impl Default for CfaOptions {
             alpha_end: 1e-2,
             beta0: 1.0,
             gamma: 1.0,
-            crossover: 0.2,
-            swarm: 1000,
-            growth: 1.0,
+            crossover: 0.3,
+            swarm: 200,
+            swarm_on_costs: 1000,
+            growth: 1.5,
             stall: 10,
-            starts: 4,
+            starts: 1,
+            scouts: 1,
             local: LocalOptions::default(),
             agreement: AgreementOptions::default(),
         }
@@ -87,6 +96,8 @@ pub struct Cfa {
     dimensions: usize,
     seed: u64,
     residuals: bool,
+    /// The stream of the scouts; swarms and fireflies own others.
+    stream: Xoshiro256PlusPlus,
     stage: Stage,
     /// Swarms begun, each with its own random streams.
     swarms: usize,
@@ -104,6 +115,7 @@ impl Cfa {
             dimensions: search.dimensions,
             seed: search.seed,
             residuals: search.residuals,
+            stream: stream(search.seed, u64::MAX),
             stage: Stage::Local(LocalStage::new(&options.local, &warm, search.residuals)),
             swarms: 0,
             agreement: Agreement::new(options.agreement),
@@ -117,7 +129,8 @@ impl Cfa {
     }
 
     fn next_swarm(&mut self, first: &[Candidate]) -> Stage {
-        let grown = self.options.swarm as f64 * self.options.growth.max(1.0).powi(self.swarms as i32);
+        let first_swarm = if self.residuals { self.options.swarm } else { self.options.swarm_on_costs };
+        let grown = first_swarm as f64 * self.options.growth.max(1.0).powi(self.swarms as i32);
         // The cast saturates, and more than any budget is as good as infinite.
         let budget = grown as usize;
         let first_id = self.swarms as u64 * Swarm::ids(&self.options);
@@ -147,7 +160,8 @@ impl Strategy for Cfa {
                 Stage::Swarm(swarm) => match swarm.propose() {
                     Some(batch) => return Ask::Costs(batch),
                     None => {
-                        let starts = swarm.cluster_bests(self.options.starts);
+                        let mut starts = swarm.cluster_bests(self.options.starts);
+                        starts.extend((0..self.options.scouts).map(|_| Candidate(random_point(self.dimensions, &mut self.stream))));
                         Stage::Local(LocalStage::new(&self.options.local, &starts, self.residuals))
                     }
                 },

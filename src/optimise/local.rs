@@ -16,7 +16,7 @@ pub struct LocalOptions {
     pub step: f64,
     /// Levenberg-Marquardt: a run ends after two successive iterations that lower the cost by less than this share.
     pub tolerance: f64,
-    /// Levenberg-Marquardt: damping of the first iteration, relative to the squared norms of the columns.
+    /// Levenberg-Marquardt: damping of the first iteration, relative to the largest squared norm of a column.
     pub damping: f64,
     /// Levenberg-Marquardt: damping values tried side by side in an iteration.
     pub trials: usize,
@@ -35,12 +35,12 @@ pub struct LocalOptions {
 impl Default for LocalOptions {
     fn default() -> Self {
         Self {
-            iterations: 40,
+            iterations: 200,
             step: 1e-6,
-            tolerance: 1e-5,
+            tolerance: 1e-4,
             damping: 1e-2,
             trials: 4,
-            spread: 10.0,
+            spread: 2.0,
             merge: 1e-3,
             radius: 0.05,
             radius_end: 1e-9,

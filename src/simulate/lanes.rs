@@ -6,10 +6,10 @@
 
 use crate::model::expr::{Binary, Unary, select};
 use crate::model::math;
-use crate::model::tape::{Instruction, Tape};
+use crate::model::tape::{Instruction, Pair, Tape};
 
 /// Candidates in a block.
-pub const LANES: usize = 16;
+pub const LANES: usize = 32;
 
 /// One register: a value for each candidate of the block.
 #[derive(Debug, Clone, Copy)]
@@ -85,14 +85,19 @@ impl<'t, const W: usize> LaneFile<'t, W> {
     }
 }
 
-/// The instruction sets that the evaluator is built for.
+/// An instruction set that this machine has. It exists only through [`Cpu::detect`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Cpu {
+pub struct Cpu(Set);
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Set {
     /// Whatever the target guarantees.
     Baseline,
     /// AVX2: four doubles at a time.
+    #[cfg(target_arch = "x86_64")]
     Avx2,
     /// AVX-512F: eight doubles at a time.
+    #[cfg(target_arch = "x86_64")]
     Avx512,
 }
 
@@ -102,50 +107,72 @@ impl Cpu {
         #[cfg(target_arch = "x86_64")]
         {
             if std::arch::is_x86_feature_detected!("avx512f") && std::arch::is_x86_feature_detected!("avx512dq") {
-                return Cpu::Avx512;
+                return Cpu(Set::Avx512);
             }
             if std::arch::is_x86_feature_detected!("avx2") {
-                return Cpu::Avx2;
+                return Cpu(Set::Avx2);
             }
         }
-        Cpu::Baseline
+        Cpu(Set::Baseline)
     }
 }
 
-/// Runs code whose first result goes to register `first`.
+/// Work that gains from wide vectors: its body is compiled once per instruction set, if it and all that it
+/// calls is marked `#[inline(always)]`.
+pub trait Kernel {
+    /// What it computes.
+    type Output;
+    /// Computes it.
+    fn run(self) -> Self::Output;
+}
+
+/// Runs a kernel compiled for an instruction set: the only place of the project that needs `unsafe`.
+#[inline]
+pub fn dispatch<K: Kernel>(cpu: Cpu, kernel: K) -> K::Output {
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx512f,avx512dq")]
+    fn with_avx512<K: Kernel>(kernel: K) -> K::Output {
+        kernel.run()
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx2")]
+    fn with_avx2<K: Kernel>(kernel: K) -> K::Output {
+        kernel.run()
+    }
+
+    match cpu.0 {
+        #[cfg(target_arch = "x86_64")]
+        // SAFETY: `Cpu::detect` is the only maker of this value and has found both features.
+        #[allow(unsafe_code)]
+        Set::Avx512 => unsafe { with_avx512(kernel) },
+        #[cfg(target_arch = "x86_64")]
+        // SAFETY: `Cpu::detect` is the only maker of this value and has found the feature.
+        #[allow(unsafe_code)]
+        Set::Avx2 => unsafe { with_avx2(kernel) },
+        _ => kernel.run(),
+    }
+}
+
+/// Code whose first result goes to register `first`.
+struct Run<'a, const W: usize> {
+    code: &'a [Instruction],
+    registers: &'a mut [Lane<W>],
+    first: usize,
+}
+
+impl<const W: usize> Kernel for Run<'_, W> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        interpret(self.code, self.registers, self.first);
+    }
+}
+
 #[inline]
 fn run<const W: usize>(cpu: Cpu, code: &[Instruction], registers: &mut [Lane<W>], first: usize) {
-    match cpu {
-        #[cfg(target_arch = "x86_64")]
-        Cpu::Avx512 => {
-            // SAFETY: `Cpu::detect` is the only maker of this variant and has found both features.
-            #[allow(unsafe_code)]
-            unsafe {
-                run_avx512(code, registers, first);
-            }
-        }
-        #[cfg(target_arch = "x86_64")]
-        Cpu::Avx2 => {
-            // SAFETY: `Cpu::detect` is the only maker of this variant and has found the feature.
-            #[allow(unsafe_code)]
-            unsafe {
-                run_avx2(code, registers, first);
-            }
-        }
-        _ => interpret(code, registers, first),
-    }
-}
-
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx512f,avx512dq")]
-fn run_avx512<const W: usize>(code: &[Instruction], registers: &mut [Lane<W>], first: usize) {
-    interpret(code, registers, first);
-}
-
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2")]
-fn run_avx2<const W: usize>(code: &[Instruction], registers: &mut [Lane<W>], first: usize) {
-    interpret(code, registers, first);
+    dispatch(cpu, Run { code, registers, first });
 }
 
 /// The interpreter. Results lie above their operands, so the file splits at each result without overlap.
@@ -183,6 +210,29 @@ fn interpret<const W: usize>(code: &[Instruction], registers: &mut [Lane<W>], fi
                     Unary::Tanh => one(out, x, math::tanh),
                 }
             }
+            Instruction::Pair(pair, a, b, c) => {
+                let (a, b, c) = (&below[a as usize], &below[b as usize], &below[c as usize]);
+                match pair {
+                    Pair::MulAdd => three(out, a, b, c, |a, b, c| Pair::MulAdd.apply(a, b, c)),
+                    Pair::MulSub => three(out, a, b, c, |a, b, c| Pair::MulSub.apply(a, b, c)),
+                    Pair::SubMul => three(out, a, b, c, |a, b, c| Pair::SubMul.apply(a, b, c)),
+                    Pair::MulMul => three(out, a, b, c, |a, b, c| Pair::MulMul.apply(a, b, c)),
+                    Pair::AddMul => three(out, a, b, c, |a, b, c| Pair::AddMul.apply(a, b, c)),
+                    Pair::DifferenceMul => three(out, a, b, c, |a, b, c| Pair::DifferenceMul.apply(a, b, c)),
+                    Pair::AddAdd => three(out, a, b, c, |a, b, c| Pair::AddAdd.apply(a, b, c)),
+                    Pair::DifferenceAdd => three(out, a, b, c, |a, b, c| Pair::DifferenceAdd.apply(a, b, c)),
+                    Pair::AddSub => three(out, a, b, c, |a, b, c| Pair::AddSub.apply(a, b, c)),
+                    Pair::SubAdd => three(out, a, b, c, |a, b, c| Pair::SubAdd.apply(a, b, c)),
+                    Pair::DifferenceSub => three(out, a, b, c, |a, b, c| Pair::DifferenceSub.apply(a, b, c)),
+                    Pair::SubDifference => three(out, a, b, c, |a, b, c| Pair::SubDifference.apply(a, b, c)),
+                }
+            }
+            Instruction::Conduct(a, b, c, d) => {
+                let (a, b, c, d) = (&below[a as usize], &below[b as usize], &below[c as usize], &below[d as usize]);
+                for lane in 0..W {
+                    out.0[lane] = (a.0[lane] - b.0[lane]) * c.0[lane] + d.0[lane];
+                }
+            }
             Instruction::Select(c, a, b) => {
                 let (c, a, b) = (&below[c as usize], &below[a as usize], &below[b as usize]);
                 for lane in 0..W {
@@ -207,6 +257,13 @@ fn two<const W: usize>(out: &mut Lane<W>, a: &Lane<W>, b: &Lane<W>, f: impl Fn(f
     }
 }
 
+#[inline(always)]
+fn three<const W: usize>(out: &mut Lane<W>, a: &Lane<W>, b: &Lane<W>, c: &Lane<W>, f: impl Fn(f64, f64, f64) -> f64) {
+    for lane in 0..W {
+        out.0[lane] = f(a.0[lane], b.0[lane], c.0[lane]);
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -228,21 +285,21 @@ mod tests {
         roots.push(g.choose(x, y, roots[0]));
         let tape = schedule(&g, &roots, 0, 2);
         let awkward = [0.0, -0.0, 1.0, -1.0, 0.3, 1e-310, 1e300, -745.0, 709.0, f64::INFINITY, f64::NEG_INFINITY, f64::NAN, std::f64::consts::PI, 2.5, 21.7, -3e-5];
-        for cpu in [Cpu::Baseline, Cpu::detect()] {
+        for cpu in [Cpu(Set::Baseline), Cpu::detect()] {
             for shift in 0..awkward.len() {
                 let mut file = LaneFile::<LANES>::new(&tape);
                 file.cpu = cpu;
                 file.load(&[&[]], 0.0);
                 for lane in 0..LANES {
-                    file.state(0)[lane] = awkward[lane];
-                    file.state(1)[lane] = awkward[(lane + shift) % LANES];
+                    file.state(0)[lane] = awkward[lane % awkward.len()];
+                    file.state(1)[lane] = awkward[(lane + shift) % awkward.len()];
                 }
                 file.step();
                 for (index, root) in roots.iter().enumerate() {
                     for lane in 0..LANES {
                         let leaf = |node: Node| match node {
-                            Node::State(0) => awkward[lane],
-                            _ => awkward[(lane + shift) % LANES],
+                            Node::State(0) => awkward[lane % awkward.len()],
+                            _ => awkward[(lane + shift) % awkward.len()],
                         };
                         let canonical = g.evaluate(&[*root], leaf)[0];
                         let ours = file.root(index)[lane];

@@ -74,8 +74,14 @@ fn ros2(g: &mut Graph, model: &Model) -> Vec<NodeId> {
         }
     }
     let lu = Factors::new(g, matrix);
-    let drift: Vec<NodeId> = rate.iter().map(|rate| g.mul(gamma_h, *rate)).collect();
-    let first: Vec<NodeId> = f.iter().zip(&drift).map(|(f, drift)| g.add(*f, *drift)).collect();
+    let first: Vec<NodeId> = f
+        .iter()
+        .zip(&rate)
+        .map(|(f, rate)| {
+            let drift = g.mul(gamma_h, *rate);
+            g.add(*f, drift)
+        })
+        .collect();
     let k1 = lu.solve(g, first);
     let moved: Vec<NodeId> = x
         .iter()
@@ -86,21 +92,22 @@ fn ros2(g: &mut Graph, model: &Model) -> Vec<NodeId> {
         })
         .collect();
     let f2 = at(g, model, model.rhs(), &moved, Point::End);
+    // The second stage is W k2 = f2 - 2 k1 - gamma h f_t with W = I - gamma h J. Adding the first, W k1 =
+    // f + gamma h f_t, gives W (k1 + k2) = f + f2 - 2 k1, and the sum is all that the step needs:
+    // x + 3/2 h k1 + 1/2 h k2 = x + h k1 + h/2 (k1 + k2).
     let second: Vec<NodeId> = (0..n)
         .map(|i| {
+            let both = g.add(f[i], f2[i]);
             let twice = g.add(k1[i], k1[i]);
-            let less = g.add(twice, drift[i]);
-            g.sub(f2[i], less)
+            g.sub(both, twice)
         })
         .collect();
-    let k2 = lu.solve(g, second);
+    let sum = lu.solve(g, second);
     let half = g.constant(0.5);
     let half_h = g.mul(half, h);
-    // x + 3/2 h k1 + 1/2 h k2 from the moved point: x + h k1 + h/2 (k1 + k2).
     (0..n)
         .map(|i| {
-            let sum = g.add(k1[i], k2[i]);
-            let step = g.mul(half_h, sum);
+            let step = g.mul(half_h, sum[i]);
             g.add(moved[i], step)
         })
         .collect()

@@ -12,6 +12,8 @@ use rayon::prelude::*;
 
 /// A state farther from zero than this has left physics: the candidate has diverged.
 const RUNAWAY: f64 = 1e6;
+/// Samples between two looks at whether a whole block has diverged.
+const PATROL: usize = 32;
 
 /// A model on the inputs of a window, ready to simulate any parameter vector.
 #[derive(Debug, Clone)]
@@ -33,8 +35,8 @@ pub struct Simulator {
 pub struct Trajectory {
     /// One series per output, a value per sample. Behind a divergence the values are not finite.
     pub outputs: Vec<Vec<f64>>,
-    /// Lowest and highest value that each state took at a sample.
-    pub state_ranges: Vec<(f64, f64)>,
+    /// One series per state where they were asked for, else empty.
+    pub states: Vec<Vec<f64>>,
     /// Whether a state left the numbers or physics.
     pub diverged: bool,
 }
@@ -100,14 +102,21 @@ impl Simulator {
     /// not depend on how many threads there are.
     pub fn run(&self, thetas: &[&[f64]], until: usize) -> Vec<Trajectory> {
         let until = until.min(self.samples());
-        // A lonely candidate does not need sixteen lanes.
+        // A lonely candidate does not need a whole block.
         if let [single] = thetas {
-            return self.block::<1>(&[*single], until);
+            return self.block::<1>(&[*single], until, false);
         }
-        thetas.par_chunks(LANES).flat_map_iter(|block| self.block::<LANES>(block, until)).collect()
+        thetas.par_chunks(LANES).flat_map_iter(|block| self.block::<LANES>(block, until, false)).collect()
     }
 
-    fn block<const W: usize>(&self, thetas: &[&[f64]], until: usize) -> Vec<Trajectory> {
+    /// Simulates one parameter vector over the whole window and keeps its states.
+    pub fn run_with_states(&self, theta: &[f64]) -> Trajectory {
+        // One vector in, one trajectory out.
+        let mut trajectories = self.block::<1>(&[theta], self.samples(), true);
+        trajectories.pop().unwrap_or(Trajectory { outputs: Vec::new(), states: Vec::new(), diverged: true })
+    }
+
+    fn block<const W: usize>(&self, thetas: &[&[f64]], until: usize, keep_states: bool) -> Vec<Trajectory> {
         let states = self.initial.len();
         let outputs = self.output.roots.len();
         let mut file = LaneFile::<W>::new(&self.step);
@@ -115,8 +124,8 @@ impl Simulator {
         let mut out = LaneFile::<W>::new(&self.output);
         out.load(thetas, 0.0);
         let mut values: Vec<Vec<[f64; W]>> = vec![Vec::with_capacity(until); outputs];
-        let mut ranges = vec![[(f64::INFINITY, f64::NEG_INFINITY); W]; states];
-        let mut diverged = [false; W];
+        let mut kept: Vec<Vec<[f64; W]>> = vec![Vec::new(); states];
+        let mut farthest = [0.0; W];
         for (state, initial) in self.initial.iter().enumerate() {
             for lane in 0..W {
                 let theta = thetas[lane.min(thetas.len() - 1)];
@@ -138,36 +147,37 @@ impl Simulator {
             }
             for state in 0..states {
                 let lane_values = *file.state(state);
-                for lane in 0..W {
-                    let value = lane_values[lane];
-                    diverged[lane] |= value.is_nan() || value.abs() > RUNAWAY;
-                    let (low, high) = &mut ranges[state][lane];
-                    *low = low.min(value);
-                    *high = high.max(value);
+                // What is not a number stays so, and is not below any distance.
+                for (farthest, value) in farthest.iter_mut().zip(lane_values) {
+                    *farthest = if value.abs() <= *farthest { *farthest } else { value.abs() };
                 }
                 *out.state(state) = lane_values;
+                if keep_states {
+                    kept[state].push(lane_values);
+                }
             }
             out.share(self.output_drive.row(k, 0));
             out.step();
             for (output, values) in values.iter_mut().enumerate() {
                 values.push(*out.root(output));
             }
-            if diverged.iter().all(|diverged| *diverged) {
+            if k % PATROL == 0 && farthest.iter().all(|farthest| diverged(*farthest)) {
                 break;
             }
         }
+        let series = |values: &[Vec<[f64; W]>], lane: usize| -> Vec<Vec<f64>> {
+            let padded = |values: &Vec<[f64; W]>| {
+                let mut series: Vec<f64> = values.iter().map(|value| value[lane]).collect();
+                series.resize(until, f64::NAN);
+                series
+            };
+            values.iter().map(padded).collect()
+        };
         (0..thetas.len())
             .map(|lane| Trajectory {
-                outputs: values
-                    .iter()
-                    .map(|values| {
-                        let mut series: Vec<f64> = values.iter().map(|value| value[lane]).collect();
-                        series.resize(until, f64::NAN);
-                        series
-                    })
-                    .collect(),
-                state_ranges: ranges.iter().map(|range| range[lane]).collect(),
-                diverged: diverged[lane],
+                outputs: series(&values, lane),
+                states: if keep_states { series(&kept, lane) } else { Vec::new() },
+                diverged: diverged(farthest[lane]),
             })
             .collect()
     }
@@ -182,6 +192,11 @@ impl Simulator {
             }
         }
     }
+}
+
+/// Whether a state that came this far has left the numbers or physics.
+fn diverged(farthest: f64) -> bool {
+    farthest.is_nan() || farthest > RUNAWAY
 }
 
 /// For every sample the mean of the first three valid samples from it on, within its next twelve.

@@ -1,0 +1,210 @@
+//! Puts the service together: database, catalogue, snapshot, workers, schedule, then the listener.
+
+use crate::http;
+use crate::jobs::board::Board;
+use crate::jobs::models::SharedCatalogue;
+use crate::jobs::params::{self, Snapshot};
+use crate::jobs::{JobsError, Service, now, schedule, worker};
+use crate::model::Catalogue;
+use crate::settings::Settings;
+use crate::store::{self, Store, StoreError};
+use std::net::SocketAddr;
+use std::sync::Arc;
+use std::sync::atomic::AtomicUsize;
+use std::time::Duration;
+use tokio::net::TcpListener;
+use tokio::signal::unix::{SignalKind, signal};
+use tokio::sync::{Notify, watch};
+use tokio::task::{JoinHandle, JoinSet};
+
+/// How long jobs and answers under way may take after the service was asked to stop. Five seconds are promised.
+const GRACE: Duration = Duration::from_secs(4);
+
+/// A running service.
+#[derive(Debug)]
+pub struct App {
+    /// Where it listens.
+    pub addr: SocketAddr,
+    service: Arc<Service>,
+    server: JoinHandle<std::io::Result<()>>,
+    tasks: JoinSet<()>,
+}
+
+/// Why the service did not start, or did not stop cleanly.
+#[derive(Debug)]
+pub enum AppError {
+    /// The settings make no sense.
+    Settings(Vec<crate::fault::Fault>),
+    /// Whoever can reach the address can do everything: without tokens that is nobody but this machine.
+    NotLoopback(SocketAddr),
+    /// The address cannot be listened on.
+    Bind(SocketAddr, std::io::Error),
+    /// The built-in documents cannot be read.
+    Catalogue(Vec<crate::fault::Fault>),
+    /// The database cannot be used.
+    Store(StoreError),
+    /// What is served could not be prepared.
+    Prepare(JobsError),
+    /// The system gives no threads.
+    Threads(rayon::ThreadPoolBuildError),
+    /// The listener or a signal failed.
+    Io(std::io::Error),
+}
+
+impl std::fmt::Display for AppError {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let list = |f: &mut std::fmt::Formatter<'_>, faults: &[crate::fault::Fault]| faults.iter().try_for_each(|fault| write!(f, "\n  {fault}"));
+        match self {
+            AppError::Settings(faults) => {
+                f.write_str("the settings have faults:")?;
+                list(f, faults)
+            }
+            AppError::NotLoopback(addr) => {
+                write!(f, "{addr} can be reached from other machines, and there are no tokens: bind to 127.0.0.1 and put a proxy in front")
+            }
+            AppError::Bind(addr, error) => write!(f, "cannot listen on {addr}: {error}"),
+            AppError::Catalogue(faults) => {
+                f.write_str("the built-in documents have faults:")?;
+                list(f, faults)
+            }
+            AppError::Store(error) => error.fmt(f),
+            AppError::Prepare(error) => write!(f, "what is served could not be prepared: {error}"),
+            AppError::Threads(error) => write!(f, "no threads for jobs: {error}"),
+            AppError::Io(error) => error.fmt(f),
+        }
+    }
+}
+
+impl std::error::Error for AppError {}
+
+impl From<StoreError> for AppError {
+    fn from(error: StoreError) -> Self {
+        AppError::Store(error)
+    }
+}
+
+impl From<JobsError> for AppError {
+    fn from(error: JobsError) -> Self {
+        AppError::Prepare(error)
+    }
+}
+
+impl App {
+    /// Starts a service inside this process.
+    ///
+    /// # Errors
+    /// Where anything that it needs is missing; then nothing of it runs.
+    pub async fn start(settings: Settings) -> Result<App, AppError> {
+        let faults = settings.faults();
+        if !faults.is_empty() {
+            return Err(AppError::Settings(faults));
+        }
+        if !settings.bind.ip().is_loopback() {
+            return Err(AppError::NotLoopback(settings.bind));
+        }
+        let builtin = Catalogue::builtin().map_err(AppError::Catalogue)?;
+        let store = Store::open(&settings.database).await?;
+        let boot = store.next_boot().await?;
+        let recovered = store::jobs::recover(&store, boot, now()).await?;
+        if !recovered.requeued.is_empty() || !recovered.failed.is_empty() {
+            tracing::warn!(requeued = recovered.requeued.len(), failed = recovered.failed.len(), "jobs of an earlier start were found running");
+        }
+        store::idempotency::forget_old(&store, now()).await?;
+        let service = Arc::new(Service {
+            catalogue: SharedCatalogue::load(&store, builtin).await?,
+            board: Board::default(),
+            params: Snapshot::default(),
+            wake: Notify::new(),
+            wake_schedule: Notify::new(),
+            stopping: watch::Sender::new(false),
+            workers_alive: AtomicUsize::new(0),
+            settings,
+            store,
+            boot,
+        });
+        // Nobody may ask before what is served is in memory.
+        params::load_all(&service).await?;
+        schedule::ensure_nightly(&service).await?;
+        let bind = service.settings.bind;
+        let listener = TcpListener::bind(bind).await.map_err(|error| AppError::Bind(bind, error))?;
+        let addr = listener.local_addr().map_err(AppError::Io)?;
+        let mut tasks = JoinSet::new();
+        for index in 0..service.settings.workers {
+            let pool = worker::pool(threads(&service.settings), index).map_err(AppError::Threads)?;
+            tasks.spawn(worker::run(service.clone(), pool));
+        }
+        tasks.spawn(params::keep_fresh(service.clone()));
+        tasks.spawn(schedule::run(service.clone()));
+        let mut stopping = service.stopping.subscribe();
+        let router = http::router(service.clone());
+        let server = tokio::spawn(async move {
+            axum::serve(listener, router)
+                .with_graceful_shutdown(async move {
+                    let _ = stopping.wait_for(|stopping| *stopping).await;
+                })
+                .await
+        });
+        tracing::info!(%addr, boot, "listening on http://{addr}");
+        Ok(App { addr, service, server, tasks })
+    }
+
+    /// What handlers and workers share, for callers in the same process.
+    pub fn service(&self) -> &Service {
+        &self.service
+    }
+
+    /// Stops: jobs under way go back to the queue without a charge, answers under way are sent.
+    ///
+    /// # Errors
+    /// Where the listener had failed.
+    pub async fn shutdown(mut self) -> Result<(), AppError> {
+        self.service.stopping.send_replace(true);
+        self.service.wake.notify_waiters();
+        let tasks = async { while self.tasks.join_next().await.is_some() {} };
+        let (tasks_done, server_done) =
+            tokio::join!(tokio::time::timeout(GRACE, tasks), tokio::time::timeout(GRACE, &mut self.server));
+        if tasks_done.is_err() {
+            // A job that did not hear in time is given back over its head; its own end will find the lease gone.
+            for lease in self.service.board.leases() {
+                if let Err(error) = store::jobs::requeue(&self.service.store, &lease, now()).await {
+                    tracing::error!(%error, job = lease.job, "a job could not be given back");
+                }
+            }
+            self.tasks.abort_all();
+        }
+        self.service.store.close().await;
+        match server_done {
+            Ok(Ok(result)) => result.map_err(AppError::Io),
+            // A client that reads slowly does not hold up the end.
+            Ok(Err(_)) | Err(_) => {
+                self.server.abort();
+                Ok(())
+            }
+        }
+    }
+}
+
+/// Runs a service until SIGTERM or SIGINT.
+///
+/// # Errors
+/// Where it cannot start, or its listener fails.
+pub async fn serve(settings: Settings, ready: impl FnOnce(SocketAddr)) -> Result<(), AppError> {
+    let mut terminate = signal(SignalKind::terminate()).map_err(AppError::Io)?;
+    let mut interrupt = signal(SignalKind::interrupt()).map_err(AppError::Io)?;
+    let app = App::start(settings).await?;
+    ready(app.addr);
+    tokio::select! {
+        _ = terminate.recv() => {}
+        _ = interrupt.recv() => {}
+    }
+    tracing::info!("asked to stop");
+    app.shutdown().await
+}
+
+/// CPU threads of one worker.
+fn threads(settings: &Settings) -> usize {
+    match settings.threads {
+        0 => std::thread::available_parallelism().map_or(1, std::num::NonZero::get),
+        threads => threads,
+    }
+}

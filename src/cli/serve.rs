@@ -1,0 +1,44 @@
+//! `lampyris serve`.
+
+use super::{Failure, faults, print};
+use lampyris::app;
+use lampyris::settings::Settings;
+use std::path::PathBuf;
+
+#[derive(Debug, clap::Args)]
+pub struct Arguments {
+    /// Settings file (TOML).
+    #[arg(long, env = "LAMPYRIS_CONFIG")]
+    config: Option<PathBuf>,
+    /// Address to listen on; port 0 takes any free one.
+    #[arg(long)]
+    bind: Option<std::net::SocketAddr>,
+    /// The database file; it is made where it does not exist.
+    #[arg(long)]
+    database: Option<PathBuf>,
+}
+
+pub fn run(arguments: Arguments) -> Result<(), Failure> {
+    start_logging();
+    let mut settings = Settings::load(arguments.config.as_deref(), std::env::vars()).map_err(|found| faults(&found))?;
+    settings.bind = arguments.bind.unwrap_or(settings.bind);
+    settings.database = arguments.database.unwrap_or(settings.database);
+    let runtime = runtime()?;
+    runtime
+        .block_on(app::serve(settings, |address| print(&format!("listening on http://{address}"))))
+        .map_err(|error| Failure::Error(error.to_string()))
+}
+
+/// The async runtime of the service: two threads are enough, because no computing happens on them.
+pub fn runtime() -> Result<tokio::runtime::Runtime, Failure> {
+    tokio::runtime::Builder::new_multi_thread()
+        .worker_threads(2)
+        .enable_all()
+        .build()
+        .map_err(|error| Failure::Error(format!("cannot start the async runtime: {error}")))
+}
+
+fn start_logging() {
+    let filter = tracing_subscriber::EnvFilter::try_from_env("LAMPYRIS_LOG").unwrap_or_else(|_| "info".into());
+    tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).init();
+}

@@ -1,0 +1,373 @@
+//! Jobs: posted here, run elsewhere.
+
+use super::Shared;
+use super::batches::BatchAnswer;
+use super::extract::{Asked, Empty, Json};
+use super::page::{Page, PageQuery};
+use super::problem::{ApiError, Problems};
+use crate::data::SystemId;
+use crate::fault::{Fault, nearest};
+use crate::jobs::board::Stage;
+use crate::jobs::request::{self, JobRequest};
+use crate::jobs::{Service, submit};
+use crate::store;
+use crate::store::batches::SubmittedBatch;
+use crate::store::jobs::{Filter, JobKind, JobRecord, JobState, Outcome, Submitted};
+use axum::extract::{Path, State};
+use axum::http::{HeaderName, StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use jiff::Timestamp;
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use std::collections::HashMap;
+use utoipa::{IntoParams, ToSchema};
+use utoipa_axum::router::OpenApiRouter;
+use utoipa_axum::routes;
+
+/// The paths of this file.
+pub fn router() -> OpenApiRouter<Shared> {
+    OpenApiRouter::new().routes(routes!(post_job, list_jobs)).routes(routes!(get_job)).routes(routes!(cancel_job))
+}
+
+/// What a job is asked to do. Everything but `kind` and `system` (or `systems`) has a default that serves.
+#[derive(Debug, ToSchema)]
+#[expect(dead_code, reason = "describes what `jobs::request` reads; a test keeps the two alike")]
+pub struct JobBody {
+    /// `estimate` for one system, `recalibrate` for several.
+    #[schema(example = "estimate")]
+    kind: String,
+    /// The system of an estimate.
+    #[schema(example = "room/4")]
+    system: Option<String>,
+    /// The systems of a recalibration.
+    #[schema(example = json!(["room/*"]))]
+    systems: Option<Vec<String>>,
+    /// Never alters what is served.
+    experiment: Option<bool>,
+    /// The model; the system's own by default.
+    model: Option<String>,
+    /// Which measurements: `last`, or `from` and `to`; all by default.
+    #[schema(value_type = Option<Object>, example = json!({"last": "P28D"}))]
+    window: Option<Value>,
+    /// How they are parted.
+    #[schema(value_type = Option<Object>, example = json!({"train": "P21D", "validation": "P7D"}))]
+    split: Option<Value>,
+    /// What is minimised: `mse` or `swmse`.
+    objective: Option<String>,
+    /// What is known beforehand: `none` or `log_normal`.
+    prior: Option<String>,
+    /// How it is searched, with hyperparameters by name.
+    #[schema(value_type = Option<Object>, example = json!({"name": "cfa"}))]
+    method: Option<Value>,
+    /// The same seed gives the same bits.
+    seed: Option<u64>,
+    /// How much may be spent.
+    #[schema(value_type = Option<Object>, example = json!({"evaluations": 20000, "wall": "PT10M"}))]
+    budget: Option<Value>,
+    /// Other bounds than the model's.
+    #[schema(example = json!({"alpha_h": [0.001, 15.0]}))]
+    bounds: Option<HashMap<String, [f64; 2]>>,
+    /// Parameters that are not estimated.
+    fixed: Option<HashMap<String, f64>>,
+    /// Where the search starts: `current` or `nominal`.
+    start_from: Option<String>,
+}
+
+/// A job.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = Job)]
+pub struct JobAnswer {
+    id: String,
+    #[schema(value_type = String, example = "estimate")]
+    kind: JobKind,
+    #[schema(value_type = String, example = "room/4")]
+    system: SystemId,
+    model: String,
+    /// `queued`, `running`, `succeeded`, `failed` or `cancelled`.
+    #[schema(value_type = String)]
+    state: JobState,
+    /// `accepted`, `held`, `rejected`, `suggested` or `unchanged`; `null` unless it succeeded.
+    #[schema(value_type = Option<String>)]
+    outcome: Option<Outcome>,
+    experiment: bool,
+    /// `posted` or `scheduled`.
+    origin: &'static str,
+    /// `interactive`, `operator` or `nightly`.
+    priority: &'static str,
+    /// What was asked, with all defaults filled in.
+    #[schema(value_type = Object)]
+    request: Value,
+    /// How far it has come, while it runs.
+    progress: Option<ProgressAnswer>,
+    /// Why the search ended.
+    stopped_by: Option<String>,
+    /// What the search cost.
+    evaluations: Option<i64>,
+    /// How long it ran, in seconds.
+    wall_s: Option<f64>,
+    /// What it found.
+    fit: Option<String>,
+    /// The revision that it published.
+    revision: Option<i64>,
+    /// Why it failed.
+    #[schema(value_type = Option<JobError>)]
+    error: Option<store::jobs::JobFailure>,
+    /// How often it was started.
+    attempt: i64,
+    #[schema(value_type = String, format = DateTime)]
+    created_at: Timestamp,
+    #[schema(value_type = Option<String>, format = DateTime)]
+    started_at: Option<Timestamp>,
+    #[schema(value_type = Option<String>, format = DateTime)]
+    ended_at: Option<Timestamp>,
+    /// Where to go from here.
+    links: HashMap<&'static str, String>,
+}
+
+/// Why a job failed.
+#[derive(Debug, ToSchema)]
+#[expect(dead_code, reason = "describes `JobFailure`")]
+struct JobError {
+    /// A stable slug, such as `diverged`.
+    code: String,
+    /// A sentence.
+    detail: String,
+    /// Every fault, where that is the reason.
+    errors: Option<Vec<super::problem::ProblemFault>>,
+}
+
+/// How far a job has come.
+#[derive(Debug, Clone, Serialize, ToSchema)]
+#[schema(as = Progress)]
+pub struct ProgressAnswer {
+    /// Generations or restarts completed.
+    generation: usize,
+    /// Simulations so far.
+    evaluations: usize,
+    /// Best cost on the training part.
+    best_train: Option<f64>,
+    /// Free-run error of the best candidate on the validation part.
+    best_validation: Option<f64>,
+    /// Seconds until the budget is used up at this pace; it may end sooner.
+    eta_s: Option<f64>,
+}
+
+/// Which jobs are listed.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+struct JobQuery {
+    /// Only those that stand so.
+    state: Option<String>,
+    /// Only those of this system.
+    #[param(example = "room/4")]
+    system: Option<String>,
+    /// Only those of this kind.
+    kind: Option<String>,
+    /// Items per page, 50 by default, at most 500.
+    #[param(minimum = 1, maximum = 500)]
+    page_size: Option<i64>,
+    /// The `next_page_token` of the page before.
+    page_token: Option<String>,
+}
+
+impl ProgressAnswer {
+    /// What the board knows of a running job.
+    pub fn of(stage: &Stage, budget: Option<u64>) -> Option<Self> {
+        let Stage::Running { since, progress: Some(progress), .. } = stage else { return None };
+        let left = budget.map(|budget| budget.saturating_sub(progress.evaluations as u64));
+        let pace = since.elapsed().as_secs_f64() / (progress.evaluations.max(1) as f64);
+        Some(Self {
+            generation: progress.generation,
+            evaluations: progress.evaluations,
+            best_train: progress.best_train.filter(|value| value.is_finite()),
+            best_validation: progress.best_validation.filter(|value| value.is_finite()),
+            eta_s: left.map(|left| (left as f64 * pace * 10.0).round() / 10.0),
+        })
+    }
+}
+
+impl JobAnswer {
+    /// A job as it is shown.
+    pub fn of(service: &Service, job: JobRecord) -> Self {
+        let budget = budget(&job);
+        let progress = match job.state {
+            JobState::Running => service.board.stage(&job.id).and_then(|stage| ProgressAnswer::of(&stage, budget)),
+            _ => None,
+        };
+        let mut links = HashMap::from([("self", format!("/jobs/{}", job.id)), ("events", format!("/jobs/{}/events", job.id))]);
+        links.insert("params", format!("/params/{}", job.system));
+        if let Some(fit) = &job.fit {
+            links.insert("fit", format!("/fits/{fit}"));
+        }
+        let wall = job.started_at.zip(job.ended_at).map(|(start, end)| end.duration_since(start).as_secs_f64().max(0.0));
+        Self {
+            kind: job.kind,
+            model: job.model.to_string(),
+            state: job.state,
+            outcome: job.outcome,
+            experiment: job.experiment,
+            origin: job.origin.word(),
+            priority: job.priority.word(),
+            request: job.request,
+            progress,
+            stopped_by: job.stopped_by,
+            evaluations: job.evaluations,
+            wall_s: wall,
+            fit: job.fit,
+            revision: job.revision,
+            error: job.error,
+            attempt: job.attempt,
+            created_at: job.created_at,
+            started_at: job.started_at,
+            ended_at: job.ended_at,
+            links,
+            system: job.system,
+            id: job.id,
+        }
+    }
+}
+
+/// The evaluations that a job may spend.
+pub fn budget(job: &JobRecord) -> Option<u64> {
+    job.request.pointer("/budget/evaluations").and_then(Value::as_u64)
+}
+
+/// The job that must be there.
+pub async fn require(service: &Service, id: &str) -> Result<JobRecord, ApiError> {
+    store::jobs::get(&service.store, id).await?.ok_or_else(|| ApiError::NotFound("job", id.to_owned()))
+}
+
+/// Submits a job, or a batch of them.
+#[utoipa::path(
+    post,
+    path = "/jobs",
+    tag = "jobs",
+    params(("Idempotency-Key" = Option<String>, Header)),
+    request_body = JobBody,
+    responses(
+        (status = 200, description = "An equal job waits already", body = JobAnswer),
+        (status = 202, description = "It waits; `Location` leads to it. A recalibration answers with its batch", body = JobAnswer, headers(("Location" = String))),
+        Problems,
+    )
+)]
+async fn post_job(State(service): State<Shared>, body: Json) -> Result<Response, ApiError> {
+    match request::read(body.value).map_err(ApiError::Invalid)? {
+        JobRequest::Estimate { system, experiment, settings } => {
+            let submitted = submit::estimate(&service, &system, experiment, &settings, body.key.as_ref()).await?;
+            let (status, job, replayed) = match submitted {
+                Submitted::New(job) => (StatusCode::ACCEPTED, job, false),
+                Submitted::Waiting(job) => (StatusCode::OK, job, false),
+                Submitted::Earlier(earlier) => (status(earlier.status), require(&service, &earlier.resource).await?, true),
+            };
+            let location = format!("/jobs/{}", job.id);
+            Ok(answer(status, location, replayed, axum::Json(JobAnswer::of(&service, job))))
+        }
+        JobRequest::Recalibrate(batch) => {
+            let submitted = submit::recalibrate(&service, &batch, None, body.key.as_ref()).await?;
+            batch_answer(&service, submitted).await
+        }
+    }
+}
+
+/// The answer to a batch that was submitted.
+pub async fn batch_answer(service: &Service, submitted: SubmittedBatch) -> Result<Response, ApiError> {
+    let (status, id, replayed) = match submitted {
+        SubmittedBatch::New(id) => (StatusCode::ACCEPTED, id, false),
+        SubmittedBatch::Earlier(earlier) => (status(earlier.status), earlier.resource, true),
+    };
+    let batch = store::batches::get(&service.store, &id).await?.ok_or(ApiError::NotFound("batch", id))?;
+    let location = format!("/batches/{}", batch.id);
+    Ok(answer(status, location, replayed, axum::Json(BatchAnswer::of(batch))))
+}
+
+fn answer(status: StatusCode, location: String, replayed: bool, body: impl IntoResponse) -> Response {
+    let mut response = (status, [(header::LOCATION, location)], body).into_response();
+    if replayed {
+        response.headers_mut().insert(HeaderName::from_static("idempotency-replayed"), header::HeaderValue::from_static("true"));
+    }
+    response
+}
+
+fn status(code: u16) -> StatusCode {
+    StatusCode::from_u16(code).unwrap_or(StatusCode::OK)
+}
+
+/// Jobs, newest first.
+#[utoipa::path(get, path = "/jobs", tag = "jobs", params(JobQuery), responses((status = 200, body = Page<JobAnswer>), Problems))]
+async fn list_jobs(State(service): State<Shared>, Asked(query): Asked<JobQuery>) -> Result<axum::Json<Page<JobAnswer>>, ApiError> {
+    let page = PageQuery { page_size: query.page_size, page_token: query.page_token };
+    let mut faults = Vec::new();
+    let filter = Filter {
+        state: word(query.state.as_deref(), "state", JobState::ALL.iter().map(|state| (*state).word()), &mut faults),
+        kind: word(query.kind.as_deref(), "kind", JobKind::ALL.iter().map(|kind| (*kind).word()), &mut faults),
+        system: query.system.as_deref().and_then(|text| {
+            let parsed = text.parse::<SystemId>();
+            parsed.map_err(|error| faults.push(Fault::new("query system", "invalid-system", error.to_string()))).ok()
+        }),
+    };
+    if !faults.is_empty() {
+        return Err(ApiError::Invalid(faults));
+    }
+    let size = page.size()?;
+    let records = store::jobs::page(&service.store, &filter, page.before()?, size + 1).await?;
+    Ok(axum::Json(Page::of(records, size, |record| record.sequence.to_string(), |record| JobAnswer::of(&service, record))))
+}
+
+/// A word of the query that must be one of some.
+fn word<T: std::str::FromStr<Err: std::fmt::Display>>(
+    text: Option<&str>,
+    field: &str,
+    known: impl Iterator<Item = &'static str>,
+    faults: &mut Vec<Fault>,
+) -> Option<T> {
+    let text = text?;
+    match text.parse() {
+        Ok(value) => Some(value),
+        Err(error) => {
+            let fault = Fault::new(format!("query {field}"), "unknown-value", T::Err::to_string(&error));
+            faults.push(match nearest(text, known) {
+                Some(near) => fault.suggest(format!("did you mean `{near}`?")),
+                None => fault,
+            });
+            None
+        }
+    }
+}
+
+/// One job.
+#[utoipa::path(get, path = "/jobs/{id}", tag = "jobs", params(("id" = String, Path)), responses((status = 200, body = JobAnswer), Problems))]
+async fn get_job(State(service): State<Shared>, Path(id): Path<String>) -> Result<axum::Json<JobAnswer>, ApiError> {
+    let job = require(&service, &id).await?;
+    Ok(axum::Json(JobAnswer::of(&service, job)))
+}
+
+/// Calls a job off. Calling it off twice, or after its end, changes nothing.
+#[utoipa::path(
+    post,
+    path = "/jobs/{id}/cancel",
+    tag = "jobs",
+    params(("id" = String, Path)),
+    responses((status = 200, description = "The job as it is now; one that runs stops within half a second", body = JobAnswer), Problems)
+)]
+async fn cancel_job(State(service): State<Shared>, Path(id): Path<String>, _body: Empty) -> Result<axum::Json<JobAnswer>, ApiError> {
+    let cancelled = submit::cancel(&service, &id).await?.ok_or(ApiError::NotFound("job", id))?;
+    Ok(axum::Json(JobAnswer::of(&service, cancelled.job)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::estimate::EstimateRequest;
+    use std::collections::BTreeSet;
+    use utoipa::PartialSchema;
+
+    #[test]
+    fn the_documented_body_has_the_fields_that_are_read() {
+        let documented = serde_json::to_value(JobBody::schema()).unwrap();
+        let documented: BTreeSet<String> = documented["properties"].as_object().unwrap().keys().cloned().collect();
+        let mut read: BTreeSet<String> = serde_json::to_value(EstimateRequest::default()).unwrap().as_object().unwrap().keys().cloned().collect();
+        read.extend(["kind", "system", "systems", "experiment"].map(str::to_owned));
+        assert_eq!(documented, read);
+    }
+}

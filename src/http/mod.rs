@@ -1,0 +1,108 @@
+//! The only axum. Each file owns its paths: router, request and response types, handlers.
+//!
+//! A handler checks, asks `jobs` or `store`, and answers; long work is for the CPU pools. The controller's
+//! paths (`params`) lie outside of all layers, so that a poll costs no more than its body.
+
+mod batches;
+mod events;
+mod extract;
+mod fits;
+mod jobs;
+mod models;
+mod page;
+mod params;
+mod problem;
+mod schedules;
+mod service;
+mod systems;
+mod windows;
+
+use crate::jobs::Service;
+use axum::Router;
+use axum::http::StatusCode;
+use axum::response::IntoResponse;
+use problem::ApiError;
+use std::any::Any;
+use std::sync::{Arc, LazyLock};
+use std::time::Duration;
+use tower_http::catch_panic::CatchPanicLayer;
+use tower_http::compression::CompressionLayer;
+use tower_http::timeout::TimeoutLayer;
+use tower_http::trace::TraceLayer;
+use utoipa::OpenApi;
+use utoipa_axum::router::OpenApiRouter;
+
+/// What every handler is given.
+pub type Shared = Arc<Service>;
+
+/// How long a request may take until its answer begins. Long polls lie outside, event streams begin at once.
+const REQUEST_TIMEOUT: Duration = Duration::from_secs(30);
+
+/// The frame of the description; the handlers fill it.
+#[derive(OpenApi)]
+#[openapi(
+    info(
+        title = "Lampyris",
+        description = "Estimation service for model predictive control: measurements in, validated grey-box parameters out. Errors are problem documents (RFC 9457) that list all faults at once."
+    ),
+    components(schemas(problem::Problem, problem::ProblemFault))
+)]
+struct Frame;
+
+/// The paths that a controller polls.
+fn lean() -> OpenApiRouter<Shared> {
+    OpenApiRouter::with_openapi(Frame::openapi()).merge(params::router())
+}
+
+/// All others.
+fn layered() -> OpenApiRouter<Shared> {
+    OpenApiRouter::new()
+        .merge(systems::router())
+        .merge(windows::router())
+        .merge(models::router())
+        .merge(jobs::router())
+        .merge(events::router())
+        .merge(batches::router())
+        .merge(fits::router())
+        .merge(schedules::router())
+        .merge(service::router())
+}
+
+/// The whole surface.
+pub fn router(service: Shared) -> Router {
+    let (layered, _) = layered().split_for_parts();
+    let (lean, _) = lean().split_for_parts();
+    // The layer that is named last is the outermost.
+    layered
+        .layer(CatchPanicLayer::custom(panicked))
+        .layer(TimeoutLayer::with_status_code(StatusCode::SERVICE_UNAVAILABLE, REQUEST_TIMEOUT))
+        .layer(axum::middleware::map_response(problem::as_problem))
+        .layer(CompressionLayer::new())
+        .layer(TraceLayer::new_for_http())
+        .merge(lean)
+        .fallback(async || ApiError::NoSuchPath)
+        .method_not_allowed_fallback(async || ApiError::NoSuchMethod)
+        .with_state(service)
+}
+
+/// The description of the surface, as it is served and committed.
+pub fn openapi_yaml() -> String {
+    static TEXT: LazyLock<String> = LazyLock::new(|| {
+        let description = lean().merge(layered()).into_openapi();
+        // The description is made of texts and numbers; a failure to print it shows in the test that compares it.
+        description.to_yaml().unwrap_or_default()
+    });
+    TEXT.clone()
+}
+
+/// Every path with its methods in lower case, for the tests of the description.
+pub fn described_paths() -> Vec<(String, Vec<String>)> {
+    let description = serde_json::to_value(lean().merge(layered()).into_openapi()).unwrap_or_default();
+    let paths = description.get("paths").and_then(serde_json::Value::as_object).cloned().unwrap_or_default();
+    paths.into_iter().map(|(path, item)| (path, item.as_object().map(|item| item.keys().cloned().collect()).unwrap_or_default())).collect()
+}
+
+fn panicked(panic: Box<dyn Any + Send + 'static>) -> axum::response::Response {
+    let said = panic.downcast_ref::<&str>().map(|text| (*text).to_owned()).or_else(|| panic.downcast_ref::<String>().cloned());
+    ApiError::Internal(format!("a handler panicked: {}", said.unwrap_or_default())).into_response()
+}

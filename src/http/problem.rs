@@ -1,0 +1,289 @@
+//! Every answer that is an error, as a problem document (RFC 9457) with a stable slug and all faults at once.
+
+use crate::fault::Fault;
+use crate::jobs::JobsError;
+use crate::store::StoreError;
+use axum::http::{HeaderValue, StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use serde::Serialize;
+use serde_json::{Map, Value};
+use std::collections::BTreeMap;
+use utoipa::openapi::{ContentBuilder, Ref, RefOr, Response as DocumentedResponse, ResponseBuilder};
+use utoipa::{IntoResponses, ToSchema};
+
+/// The media type of problem documents.
+pub const PROBLEM_JSON: &str = "application/problem+json";
+
+/// What went wrong.
+#[derive(Debug, Serialize, ToSchema)]
+pub struct Problem {
+    /// A stable slug for programs.
+    #[serde(rename = "type")]
+    #[schema(example = "system-not-found")]
+    slug: &'static str,
+    /// The slug in words.
+    title: &'static str,
+    /// The status of the answer.
+    status: u16,
+    /// A sentence about this case.
+    detail: String,
+    /// Every fault of what was sent.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    #[schema(value_type = Vec<ProblemFault>)]
+    errors: Vec<Fault>,
+    /// What else a client may want to know.
+    #[serde(flatten)]
+    #[schema(ignore)]
+    more: Map<String, Value>,
+}
+
+/// One fault of what was sent.
+#[derive(Debug, ToSchema)]
+#[expect(dead_code, reason = "describes `Fault`, which knows nothing of HTTP")]
+pub struct ProblemFault {
+    /// Where: a JSON pointer, or a line of a text.
+    pointer: String,
+    /// A stable slug for programs.
+    code: String,
+    /// A sentence for people.
+    detail: String,
+    /// What would probably have been right.
+    suggestion: Option<String>,
+}
+
+/// An error at the edge: what a handler answers when it cannot answer.
+#[derive(Debug)]
+pub enum ApiError {
+    /// The text is no JSON.
+    Malformed(Fault),
+    /// The document has faults.
+    Invalid(Vec<Fault>),
+    /// There is no such thing: what, and which.
+    NotFound(&'static str, String),
+    /// No path of the service.
+    NoSuchPath,
+    /// The path knows other methods.
+    NoSuchMethod,
+    /// Never validated: the newest job, and whether it is still to come to an end.
+    NeverValidated {
+        /// The system.
+        system: String,
+        /// The newest job.
+        latest_job: Option<String>,
+        /// Whether it waits or runs.
+        pending: bool,
+    },
+    /// There is a validated set, but the client takes fresh ones only.
+    NotFresh(String),
+    /// There are no states yet.
+    NoState(String),
+    /// Another document has this id: what, and which.
+    Conflict(&'static str, String),
+    /// The media type is none that the path takes.
+    MediaType(&'static str),
+    /// The body is larger than this many bytes.
+    TooLarge(usize),
+    /// The body ended early.
+    BrokenBody,
+    /// The idempotency key belongs to another request.
+    KeyReused,
+    /// So many jobs wait already.
+    QueueFull(i64),
+    /// The database cannot do it now.
+    Storage(StoreError),
+    /// It took too long.
+    TimedOut,
+    /// A fault of the program.
+    Internal(String),
+}
+
+impl From<JobsError> for ApiError {
+    fn from(error: JobsError) -> Self {
+        match error {
+            JobsError::Faults(faults) => ApiError::Invalid(faults),
+            JobsError::NoSystem(system) => ApiError::NotFound("system", system.to_string()),
+            JobsError::NotFound(what, which) => ApiError::NotFound(what, which),
+            JobsError::Conflict(what, which) => ApiError::Conflict(what, which),
+            JobsError::KeyReused => ApiError::KeyReused,
+            JobsError::QueueFull(limit) => ApiError::QueueFull(limit),
+            JobsError::Store(error) => ApiError::Storage(error),
+            JobsError::Internal(detail) => ApiError::Internal(detail),
+        }
+    }
+}
+
+impl From<StoreError> for ApiError {
+    fn from(error: StoreError) -> Self {
+        ApiError::Storage(error)
+    }
+}
+
+impl ApiError {
+    fn problem(self) -> Problem {
+        let plain = |status: StatusCode, slug, title, detail: String| Problem {
+            slug,
+            title,
+            status: status.as_u16(),
+            detail,
+            errors: Vec::new(),
+            more: Map::new(),
+        };
+        match self {
+            ApiError::Malformed(fault) => {
+                let detail = fault.detail.clone();
+                Problem { errors: vec![fault], ..plain(StatusCode::BAD_REQUEST, "malformed-body", "The body is not JSON", detail) }
+            }
+            ApiError::Invalid(faults) => {
+                let detail = match faults.as_slice() {
+                    [fault] => fault.to_string(),
+                    faults => format!("there are {} faults", faults.len()),
+                };
+                Problem { errors: faults, ..plain(StatusCode::UNPROCESSABLE_ENTITY, "invalid-request", "The request has faults", detail) }
+            }
+            ApiError::NotFound(what, which) => {
+                let (slug, title) = not_found(what);
+                plain(StatusCode::NOT_FOUND, slug, title, format!("there is no {what} `{}`", shown(&which)))
+            }
+            ApiError::NoSuchPath => plain(StatusCode::NOT_FOUND, "not-found", "No such path", "the service has no such path; /openapi.yaml lists them".into()),
+            ApiError::NoSuchMethod => {
+                plain(StatusCode::METHOD_NOT_ALLOWED, "method-not-allowed", "No such method", "the path does not know this method".into())
+            }
+            ApiError::NeverValidated { system, latest_job, .. } => {
+                let detail = format!("no fit of {} was ever accepted: use your own baseline", shown(&system));
+                let mut problem = plain(StatusCode::NOT_FOUND, "no-validated-parameters", "No validated parameters", detail);
+                problem.more.insert("latest_job".into(), latest_job.into());
+                problem
+            }
+            ApiError::NotFresh(system) => {
+                let detail = format!("the parameters of {} are older than its policy wants", shown(&system));
+                plain(StatusCode::NOT_FOUND, "no-fresh-parameters", "No fresh parameters", detail)
+            }
+            ApiError::NoState(system) => {
+                let detail = format!("no states of {} are known: no revision is served", shown(&system));
+                plain(StatusCode::NOT_FOUND, "no-state", "No states", detail)
+            }
+            ApiError::Conflict(what, which) => {
+                let detail = format!("there is another {what} `{}`: documents do not change, because fits refer to them", shown(&which));
+                plain(StatusCode::CONFLICT, "already-exists", "The id is taken", detail)
+            }
+            ApiError::MediaType(wanted) => {
+                let detail = format!("the body must be {wanted}, and Content-Type must say so");
+                plain(StatusCode::UNSUPPORTED_MEDIA_TYPE, "unsupported-media-type", "Unsupported media type", detail)
+            }
+            ApiError::TooLarge(limit) => {
+                let mut problem = plain(StatusCode::PAYLOAD_TOO_LARGE, "body-too-large", "The body is too large", format!("the limit is {limit} bytes"));
+                problem.more.insert("limit".into(), limit.into());
+                problem
+            }
+            ApiError::BrokenBody => plain(StatusCode::BAD_REQUEST, "broken-body", "The body could not be read", "the body ended early".into()),
+            ApiError::KeyReused => {
+                let detail = "the Idempotency-Key was used for another request".into();
+                plain(StatusCode::UNPROCESSABLE_ENTITY, "idempotency-key-reused", "The idempotency key is taken", detail)
+            }
+            ApiError::QueueFull(limit) => {
+                plain(StatusCode::TOO_MANY_REQUESTS, "queue-full", "The queue is full", format!("{limit} jobs wait already"))
+            }
+            ApiError::Storage(_) => {
+                let detail = "the database cannot do this now; what is served stays served".into();
+                plain(StatusCode::SERVICE_UNAVAILABLE, "storage-unavailable", "The database is unavailable", detail)
+            }
+            ApiError::TimedOut => plain(StatusCode::SERVICE_UNAVAILABLE, "timed-out", "It took too long", "the request was given up".into()),
+            ApiError::Internal(_) => {
+                plain(StatusCode::INTERNAL_SERVER_ERROR, "internal-error", "A fault of the service", "the log of the service knows more".into())
+            }
+        }
+    }
+
+    /// Seconds after which it may be worth asking again.
+    fn retry_after(&self) -> Option<u32> {
+        match self {
+            ApiError::NeverValidated { pending: true, .. } => Some(2),
+            ApiError::QueueFull(_) => Some(10),
+            ApiError::Storage(_) | ApiError::TimedOut => Some(5),
+            _ => None,
+        }
+    }
+}
+
+/// The slug and the title for something that is not there.
+fn not_found(what: &str) -> (&'static str, &'static str) {
+    match what {
+        "system" => ("system-not-found", "No such system"),
+        "window" => ("window-not-found", "No such window"),
+        "model" => ("model-not-found", "No such model"),
+        "job" => ("job-not-found", "No such job"),
+        "batch" => ("batch-not-found", "No such batch"),
+        "fit" => ("fit-not-found", "No such fit"),
+        "schedule" => ("schedule-not-found", "No such schedule"),
+        _ => ("not-found", "No such thing"),
+    }
+}
+
+/// A text of the client as an answer may repeat it: short and on one line.
+fn shown(text: &str) -> String {
+    text.chars().take(80).collect::<String>().escape_debug().to_string()
+}
+
+impl IntoResponse for ApiError {
+    fn into_response(self) -> Response {
+        match &self {
+            ApiError::Storage(error) => tracing::error!(%error, "the database failed"),
+            ApiError::Internal(detail) => tracing::error!(detail, "a request ran into a fault of the program"),
+            _ => {}
+        }
+        let retry_after = self.retry_after();
+        let mut response = self.problem().into_response();
+        if let Some(seconds) = retry_after {
+            response.headers_mut().insert(header::RETRY_AFTER, HeaderValue::from(seconds));
+        }
+        response
+    }
+}
+
+impl IntoResponse for Problem {
+    fn into_response(self) -> Response {
+        let status = StatusCode::from_u16(self.status).unwrap_or(StatusCode::INTERNAL_SERVER_ERROR);
+        // A problem holds nothing but texts and numbers, so this cannot fail; the slug alone would still be an answer.
+        let body = serde_json::to_vec(&self).unwrap_or_else(|_| format!(r#"{{"type":"{}"}}"#, self.slug).into_bytes());
+        (status, [(header::CONTENT_TYPE, HeaderValue::from_static(PROBLEM_JSON))], body).into_response()
+    }
+}
+
+/// Turns error answers of the layers and the framework into problem documents, and keeps their headers.
+pub async fn as_problem(response: Response) -> Response {
+    let status = response.status();
+    let is_problem = response.headers().get(header::CONTENT_TYPE).is_some_and(|kind| kind == PROBLEM_JSON);
+    if is_problem || !(status.is_client_error() || status.is_server_error()) {
+        return response;
+    }
+    let error = match status {
+        StatusCode::NOT_FOUND => ApiError::NoSuchPath,
+        StatusCode::METHOD_NOT_ALLOWED => ApiError::NoSuchMethod,
+        StatusCode::SERVICE_UNAVAILABLE | StatusCode::REQUEST_TIMEOUT | StatusCode::GATEWAY_TIMEOUT => ApiError::TimedOut,
+        StatusCode::INTERNAL_SERVER_ERROR => ApiError::Internal("an answer without a problem document".into()),
+        _ => return bare(status).into_response(),
+    };
+    let mut problem = error.into_response();
+    if let Some(allow) = response.headers().get(header::ALLOW) {
+        problem.headers_mut().insert(header::ALLOW, allow.clone());
+    }
+    problem
+}
+
+/// A status that this service has no words of its own for.
+fn bare(status: StatusCode) -> Problem {
+    let detail = status.canonical_reason().unwrap_or("the request was refused").to_owned();
+    Problem { slug: "refused", title: "The request was refused", status: status.as_u16(), detail, errors: Vec::new(), more: Map::new() }
+}
+
+/// Documents that every path may answer with a problem.
+#[derive(Debug)]
+pub struct Problems;
+
+impl IntoResponses for Problems {
+    fn responses() -> BTreeMap<String, RefOr<DocumentedResponse>> {
+        let content = ContentBuilder::new().schema(Some(Ref::from_schema_name("Problem"))).build();
+        let response = ResponseBuilder::new().description("What went wrong").content(PROBLEM_JSON, content).build();
+        BTreeMap::from([("default".to_owned(), RefOr::T(response))])
+    }
+}

@@ -1,0 +1,151 @@
+//! When systems are recalibrated.
+
+use super::Shared;
+use super::extract::{Empty, Json};
+use super::jobs::batch_answer;
+use super::problem::{ApiError, Problems};
+use crate::fault::Fault;
+use crate::jobs::schedule::{self, ScheduleDocument, Ticks};
+use crate::jobs::{decode, now, submit};
+use crate::store;
+use crate::store::schedules::{ScheduleRecord, TickResult};
+use axum::extract::{Path, State};
+use axum::http::StatusCode;
+use axum::response::{IntoResponse, Response};
+use jiff::Timestamp;
+use serde::Serialize;
+use serde_json::Value;
+use utoipa::ToSchema;
+use utoipa_axum::router::OpenApiRouter;
+use utoipa_axum::routes;
+
+/// How many of the next ticks are shown.
+const SHOWN_TICKS: usize = 3;
+
+/// The paths of this file.
+pub fn router() -> OpenApiRouter<Shared> {
+    OpenApiRouter::new().routes(routes!(get_schedule, put_schedule)).routes(routes!(run_schedule))
+}
+
+/// When what is submitted.
+#[derive(Debug, ToSchema)]
+#[expect(dead_code, reason = "describes what `jobs::schedule` reads")]
+struct ScheduleBody {
+    /// Five fields of cron.
+    #[schema(example = "30 2 * * *")]
+    cron: String,
+    /// The IANA time zone of the pattern; that of the service by default.
+    #[schema(example = "Europe/Copenhagen")]
+    zone: Option<String>,
+    /// Whether it runs at all.
+    enabled: Option<bool>,
+    /// Which systems.
+    #[schema(example = json!(["room/*"]))]
+    systems: Vec<String>,
+    /// What is asked of each, as in the body of a job.
+    #[schema(value_type = Option<Object>)]
+    request: Option<Value>,
+}
+
+/// A schedule and what it has done.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = Schedule)]
+struct ScheduleAnswer {
+    name: String,
+    cron: String,
+    zone: String,
+    enabled: bool,
+    /// Which systems.
+    #[schema(value_type = Vec<String>)]
+    systems: Value,
+    /// What is asked of each.
+    #[schema(value_type = Object)]
+    request: Value,
+    /// Ticks that were missed while the service was down are made up for once.
+    #[schema(example = "one_catch_up")]
+    misfire: &'static str,
+    /// The next ticks.
+    #[schema(value_type = Vec<String>)]
+    next_runs: Vec<Timestamp>,
+    last_run: Option<LastRun>,
+    /// `submitted`, `skipped_overlap` (the batch before still ran) or `nothing_to_do`.
+    #[schema(value_type = Option<String>)]
+    last_result: Option<TickResult>,
+}
+
+/// The newest batch of a schedule.
+#[derive(Debug, Serialize, ToSchema)]
+struct LastRun {
+    #[schema(value_type = String, format = DateTime)]
+    at: Timestamp,
+    batch: String,
+}
+
+impl ScheduleAnswer {
+    fn of(record: ScheduleRecord) -> Self {
+        let ticks = Ticks::read(&record.cron, &record.zone);
+        let next_runs = match ticks {
+            Ok(ticks) if record.enabled => ticks.next(now(), SHOWN_TICKS),
+            _ => Vec::new(),
+        };
+        let mut request = record.request;
+        let systems = request.as_object_mut().and_then(|fields| fields.shift_remove("systems")).unwrap_or_default();
+        Self {
+            name: record.name,
+            cron: record.cron,
+            zone: record.zone,
+            enabled: record.enabled,
+            systems,
+            request,
+            misfire: "one_catch_up",
+            next_runs,
+            last_run: record.last_run_at.zip(record.last_batch).map(|(at, batch)| LastRun { at, batch }),
+            last_result: record.last_result,
+        }
+    }
+}
+
+async fn require(service: &Shared, name: &str) -> Result<ScheduleRecord, ApiError> {
+    store::schedules::get(&service.store, name).await?.ok_or_else(|| ApiError::NotFound("schedule", name.to_owned()))
+}
+
+/// One schedule.
+#[utoipa::path(get, path = "/schedules/{name}", tag = "schedules", params(("name" = String, Path, example = "nightly")), responses((status = 200, body = ScheduleAnswer), Problems))]
+async fn get_schedule(State(service): State<Shared>, Path(name): Path<String>) -> Result<axum::Json<ScheduleAnswer>, ApiError> {
+    Ok(axum::Json(ScheduleAnswer::of(require(&service, &name).await?)))
+}
+
+/// Makes or replaces a schedule. Its ticks count from now on.
+#[utoipa::path(
+    put,
+    path = "/schedules/{name}",
+    tag = "schedules",
+    params(("name" = String, Path, example = "nightly")),
+    request_body = ScheduleBody,
+    responses((status = 200, description = "Replaced", body = ScheduleAnswer), (status = 201, description = "Made", body = ScheduleAnswer), Problems)
+)]
+async fn put_schedule(State(service): State<Shared>, Path(name): Path<String>, body: Json) -> Result<Response, ApiError> {
+    let document: ScheduleDocument = decode::decode(body.value).map_err(ApiError::Invalid)?;
+    let at_path = |fault: Fault| if fault.code == "invalid-name" { Fault { pointer: "path".into(), ..fault } } else { fault };
+    let is_new = schedule::put(&service, &name, &document).await.map_err(|error| match ApiError::from(error) {
+        ApiError::Invalid(faults) => ApiError::Invalid(faults.into_iter().map(at_path).collect()),
+        other => other,
+    })?;
+    let answer = ScheduleAnswer::of(require(&service, &name).await?);
+    Ok((if is_new { StatusCode::CREATED } else { StatusCode::OK }, axum::Json(answer)).into_response())
+}
+
+/// Submits the batch of a schedule now, whatever its pattern says.
+#[utoipa::path(
+    post,
+    path = "/schedules/{name}/run",
+    tag = "schedules",
+    params(("name" = String, Path, example = "nightly"), ("Idempotency-Key" = Option<String>, Header)),
+    responses((status = 202, description = "The batch; `Location` leads to it", body = super::batches::BatchAnswer), Problems)
+)]
+async fn run_schedule(State(service): State<Shared>, Path(name): Path<String>, body: Empty) -> Result<Response, ApiError> {
+    let record = require(&service, &name).await?;
+    let request = schedule::request(&record)?;
+    let submitted = submit::recalibrate(&service, &request, Some(&name), body.key.as_ref()).await?;
+    batch_answer(&service, submitted).await
+}

@@ -1,0 +1,137 @@
+//! Measurements.
+
+use super::Shared;
+use super::extract::{Asked, Named, Raw};
+use super::page::{Page, PageQuery};
+use super::problem::{ApiError, Problems};
+use crate::jobs::windows::{self, Format};
+use crate::jobs::systems;
+use crate::store;
+use crate::store::windows::WindowRecord;
+use axum::extract::{Path, State};
+use axum::http::{StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use jiff::Timestamp;
+use serde::Serialize;
+use serde_json::Value;
+use std::collections::HashMap;
+use utoipa::ToSchema;
+use utoipa_axum::router::OpenApiRouter;
+use utoipa_axum::routes;
+
+/// The paths of this file.
+pub fn router() -> OpenApiRouter<Shared> {
+    OpenApiRouter::new().routes(routes!(post_window, list_windows)).routes(routes!(get_window))
+}
+
+/// Measurements as JSON; as CSV they are `time,T_room[degC],…`.
+#[derive(Debug, ToSchema)]
+#[expect(dead_code, reason = "describes what `Window::parse_json` reads")]
+struct WindowBody {
+    /// Units by channel; a channel that is not named has its own.
+    channels: Option<HashMap<String, ChannelUnit>>,
+    /// Times with offset.
+    #[schema(example = json!(["2026-01-01T00:00:00Z"]))]
+    time: Vec<String>,
+    /// One list per channel, as long as `time`.
+    #[schema(example = json!({"T_room": [21.1]}))]
+    values: HashMap<String, Vec<Option<f64>>>,
+}
+
+/// The unit of a channel.
+#[derive(Debug, ToSchema)]
+#[expect(dead_code, reason = "describes what `Window::parse_json` reads")]
+struct ChannelUnit {
+    /// Such as `degC`.
+    unit: String,
+}
+
+/// What was found in a window.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = Window)]
+struct WindowAnswer {
+    /// `win_` and a hash of system and content.
+    id: String,
+    /// The system.
+    system: String,
+    /// When it came.
+    #[schema(value_type = String, format = DateTime)]
+    uploaded_at: Timestamp,
+    /// `rows`, `from`, `to`, `channels`, `rejected_rows` and `warnings`.
+    #[serde(flatten)]
+    #[schema(value_type = WindowReportBody)]
+    report: Value,
+}
+
+/// What is said about a window when it comes.
+#[derive(Debug, ToSchema)]
+#[expect(dead_code, reason = "describes `WindowReport`, which knows nothing of HTTP")]
+struct WindowReportBody {
+    /// Rows that were taken.
+    rows: u64,
+    /// The first time.
+    #[schema(format = DateTime)]
+    from: String,
+    /// The last time.
+    #[schema(format = DateTime)]
+    to: String,
+    /// Statistics by channel: samples, missing, min, max, median step, longest gap, longest stuck stretch.
+    channels: HashMap<String, Value>,
+    /// Rows that were left out, with line and reason.
+    rejected_rows: Vec<Value>,
+    /// What else the sender should know.
+    warnings: Vec<String>,
+}
+
+impl WindowAnswer {
+    fn of(window: WindowRecord) -> Self {
+        Self { id: window.id, system: window.system.to_string(), uploaded_at: window.uploaded_at, report: window.report }
+    }
+}
+
+/// Takes measurements. The same content again is the same window.
+#[utoipa::path(
+    post,
+    path = "/systems/{kind}/{id}/windows",
+    tag = "windows",
+    params(("kind" = String, Path), ("id" = String, Path), ("Idempotency-Key" = Option<String>, Header)),
+    request_body(content((WindowBody = "application/json"), (String = "text/csv"))),
+    responses((status = 200, description = "It was there already", body = WindowAnswer), (status = 201, description = "Taken", body = WindowAnswer), Problems)
+)]
+async fn post_window(State(service): State<Shared>, Named(system): Named, raw: Raw) -> Result<Response, ApiError> {
+    let format = match raw.media_type.as_str() {
+        "text/csv" => Format::Csv,
+        "application/json" => Format::Json,
+        _ => return Err(ApiError::MediaType("text/csv or application/json")),
+    };
+    let taken = windows::take(&service, &system, format, raw.body, raw.key.as_ref()).await?;
+    let status = if taken.is_new { StatusCode::CREATED } else { StatusCode::OK };
+    let location = format!("/windows/{}", taken.window.id);
+    Ok((status, [(header::LOCATION, location)], axum::Json(WindowAnswer::of(taken.window))).into_response())
+}
+
+/// The windows of a system, newest upload first.
+#[utoipa::path(
+    get,
+    path = "/systems/{kind}/{id}/windows",
+    tag = "windows",
+    params(("kind" = String, Path), ("id" = String, Path), PageQuery),
+    responses((status = 200, body = Page<WindowAnswer>), Problems)
+)]
+async fn list_windows(
+    State(service): State<Shared>,
+    Named(system): Named,
+    Asked(page): Asked<PageQuery>,
+) -> Result<axum::Json<Page<WindowAnswer>>, ApiError> {
+    systems::require(&service, &system).await?;
+    let size = page.size()?;
+    let records = store::windows::page(&service.store, &system, page.before()?, size + 1).await?;
+    Ok(axum::Json(Page::of(records, size, |record| record.sequence.to_string(), WindowAnswer::of)))
+}
+
+/// One window.
+#[utoipa::path(get, path = "/windows/{id}", tag = "windows", params(("id" = String, Path)), responses((status = 200, body = WindowAnswer), Problems))]
+async fn get_window(State(service): State<Shared>, Path(id): Path<String>) -> Result<axum::Json<WindowAnswer>, ApiError> {
+    let window = store::windows::get(&service.store, &id).await?.ok_or(ApiError::NotFound("window", id))?;
+    Ok(axum::Json(WindowAnswer::of(window)))
+}

@@ -1,0 +1,174 @@
+//! Reads JSON documents and lists every fault with its place, where `serde` alone stops at the first.
+
+use crate::fault::{Fault, nearest};
+use serde::de::DeserializeOwned;
+use serde_json::Value;
+use serde_path_to_error::{Path, Segment};
+use std::collections::BTreeSet;
+
+/// More faults than this help nobody.
+const MOST_FAULTS: usize = 50;
+/// Longest detail; a message of `serde` may repeat a value of any length.
+const LONGEST_DETAIL: usize = 300;
+
+/// Reads JSON text.
+///
+/// # Errors
+/// One fault with line and column.
+pub fn parse(body: &[u8]) -> Result<Value, Fault> {
+    serde_json::from_slice(body).map_err(|error| Fault::new("", "invalid-json", shorten(&error.to_string())))
+}
+
+/// Reads a document of a known form. Whatever is wrong is taken out and the reading starts again, until
+/// nothing wrong is left to be found.
+///
+/// # Errors
+/// Every fault: unknown fields, missing ones, wrong types and values.
+pub fn decode<T: DeserializeOwned>(mut value: Value) -> Result<T, Vec<Fault>> {
+    let mut faults: Vec<Fault> = Vec::new();
+    let mut removed = BTreeSet::new();
+    while faults.len() < MOST_FAULTS {
+        let error = match serde_path_to_error::deserialize::<_, T>(&value) {
+            Ok(document) if faults.is_empty() => return Ok(document),
+            Ok(_) => break,
+            Err(error) => error,
+        };
+        let place = pointer(error.path(), &removed);
+        let fault = describe(&place, &error.inner().to_string());
+        // What was taken out because it is wrong is not missing as well; then its owner has to go, too.
+        if !removed.contains(&fault.pointer) {
+            faults.push(fault);
+        }
+        if !remove(&mut value, error.path()) {
+            break;
+        }
+        removed.insert(place);
+    }
+    Err(faults)
+}
+
+/// The JSON pointer of a path in the document as it was sent: items that were taken out of a list still count.
+fn pointer(path: &Path, removed: &BTreeSet<String>) -> String {
+    let mut pointer = String::new();
+    for segment in path.iter() {
+        let name = match segment {
+            Segment::Seq { index } => {
+                let there = (0..).filter(|place: &usize| !removed.contains(&format!("{pointer}/{place}")));
+                there.skip(*index).map(|place| place.to_string()).next().unwrap_or_default()
+            }
+            Segment::Map { key } => key.replace('~', "~0").replace('/', "~1"),
+            Segment::Enum { .. } | Segment::Unknown => continue,
+        };
+        pointer.push('/');
+        pointer.push_str(&name);
+    }
+    pointer
+}
+
+/// Takes out what a path names; the document itself cannot be taken out.
+fn remove(value: &mut Value, path: &Path) -> bool {
+    let steps: Vec<&Segment> = path.iter().filter(|segment| matches!(segment, Segment::Seq { .. } | Segment::Map { .. })).collect();
+    let Some((last, parents)) = steps.split_last() else { return false };
+    let mut place = value;
+    for step in parents {
+        let next = match step {
+            Segment::Seq { index } => place.get_mut(*index),
+            Segment::Map { key } => place.get_mut(key),
+            Segment::Enum { .. } | Segment::Unknown => None,
+        };
+        match next {
+            Some(next) => place = next,
+            None => return false,
+        }
+    }
+    match (place, last) {
+        (Value::Object(map), Segment::Map { key }) => map.shift_remove(key).is_some(),
+        (Value::Array(items), Segment::Seq { index }) if *index < items.len() => {
+            items.remove(*index);
+            true
+        }
+        _ => false,
+    }
+}
+
+/// Turns a message of `serde` into a fault, with the name that was probably meant.
+fn describe(pointer: &str, message: &str) -> Fault {
+    let mut quoted = message.split('`').skip(1).step_by(2);
+    let first = quoted.next().unwrap_or_default();
+    if message.starts_with("missing field") {
+        return Fault::new(format!("{pointer}/{first}"), "missing-field", format!("`{first}` is missing"));
+    }
+    let code = if message.starts_with("unknown field") {
+        "unknown-field"
+    } else if message.starts_with("unknown variant") {
+        "unknown-value"
+    } else if message.starts_with("invalid type") || message.starts_with("invalid length") {
+        "wrong-type"
+    } else {
+        "invalid-value"
+    };
+    let fault = Fault::new(pointer, code, shorten(message));
+    let near = if code.starts_with("unknown") { nearest(first, quoted) } else { None };
+    match near {
+        Some(near) => fault.suggest(format!("did you mean `{near}`?")),
+        None => fault,
+    }
+}
+
+fn shorten(message: &str) -> String {
+    let mut short: String = message.chars().take(LONGEST_DETAIL).collect();
+    if short.len() < message.len() {
+        short.push('…');
+    }
+    short
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde::Deserialize;
+
+    #[derive(Debug, Deserialize, PartialEq)]
+    #[serde(deny_unknown_fields)]
+    struct Inner {
+        days: u32,
+    }
+
+    #[derive(Debug, Deserialize, PartialEq)]
+    #[serde(deny_unknown_fields)]
+    struct Outer {
+        name: String,
+        inner: Inner,
+        #[serde(default)]
+        list: Vec<f64>,
+    }
+
+    #[test]
+    fn every_fault_is_listed_with_its_place() {
+        // What is wrong in `inner` takes `inner` along, which then is not reported as missing.
+        let value = serde_json::json!({"nmae": "x", "inner": {"days": "7", "hours": 3}, "list": [1, "a", 2, null]});
+        let faults = decode::<Outer>(value).unwrap_err();
+        let seen: Vec<(&str, &str)> = faults.iter().map(|fault| (fault.pointer.as_str(), fault.code.as_str())).collect();
+        assert_eq!(
+            seen,
+            [
+                ("/nmae", "unknown-field"),
+                ("/inner/days", "wrong-type"),
+                ("/inner/hours", "unknown-field"),
+                ("/list/1", "wrong-type"),
+                ("/list/3", "wrong-type"),
+                ("/name", "missing-field"),
+            ]
+        );
+        assert_eq!(faults[0].suggestion.as_deref(), Some("did you mean `name`?"));
+    }
+
+    #[test]
+    fn a_good_document_is_read_and_a_long_text_is_not_repeated() {
+        let value = serde_json::json!({"name": "x", "inner": {"days": 7}});
+        assert_eq!(decode::<Outer>(value).unwrap(), Outer { name: "x".into(), inner: Inner { days: 7 }, list: Vec::new() });
+        let faults = decode::<Outer>(serde_json::json!({"name": "x", "inner": "y".repeat(10_000)})).unwrap_err();
+        assert!(faults[0].detail.len() < 400);
+        assert_eq!(parse(b"{\"a\": 1e999}").unwrap_err().code, "invalid-json");
+    }
+}

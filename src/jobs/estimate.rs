@@ -1,0 +1,80 @@
+//! The work of an `estimate` job: from stored blocks to a judged fit. It runs on the CPU pool.
+
+use super::JobsError;
+use super::input::Input;
+use super::systems::Mode;
+use crate::estimate::metrics::current_state;
+use crate::estimate::{Control, EstimateError, Interrupt, Policy, Problem, estimate, prepare, validate};
+use crate::fault::Fault;
+use crate::store::finish::Finding;
+use crate::store::jobs::JobFailure;
+
+/// Why there is no finding.
+#[derive(Debug)]
+pub enum Stopped {
+    /// The job failed.
+    Failed(JobFailure),
+    /// Somebody stopped it.
+    Interrupted,
+}
+
+/// Estimates, judges and reads the states off.
+///
+/// # Errors
+/// Where the data, the model or the search give no fit, or somebody stopped it.
+pub fn run(input: &Input, control: &Control<'_>) -> Result<Finding, Stopped> {
+    let window = input.window().map_err(failure)?;
+    let prepared = prepare(&input.catalogue, &input.model, &input.request, &window, &input.system.site());
+    let problem = prepared.map_err(|faults| Stopped::Failed(invalid(faults)))?;
+    let incumbent = input.incumbent();
+    let fit = estimate(&problem, &input.request, incumbent.as_ref(), control).map_err(|error| stopped(&error))?;
+    let policy = Policy { horizon: input.system.policy.horizon };
+    let judgement = validate(&problem, &fit, incumbent.as_ref(), &policy);
+    Ok(Finding {
+        state: current_state(&problem, &fit),
+        incumbent_state: incumbent_state(input, &problem),
+        automatic: input.system.policy.mode == Mode::Auto,
+        fit,
+        judgement,
+    })
+}
+
+/// The states by the parameters that are served now, where they are parameters of this model.
+fn incumbent_state(input: &Input, problem: &Problem) -> Option<crate::estimate::metrics::CurrentState> {
+    let served = &input.served.as_ref()?.fit;
+    let names = problem.model().parameters().iter().map(|parameter| &parameter.name);
+    let same = served.model == problem.model().id().to_string() && names.eq(served.parameters.keys());
+    if same { current_state(problem, served) } else { None }
+}
+
+/// A failure with all faults of what the job was given.
+pub fn invalid(errors: Vec<Fault>) -> JobFailure {
+    let no_data = errors.iter().any(|fault| matches!(fault.code.as_str(), "no-data" | "no-data-in-range"));
+    let detail = errors.first().map_or_else(|| "the job cannot be done".to_owned(), ToString::to_string);
+    JobFailure { code: if no_data { "no_data" } else { "invalid" }.to_owned(), detail, errors }
+}
+
+fn failure(error: JobsError) -> Stopped {
+    Stopped::Failed(describe(error))
+}
+
+/// The failure behind an error of this layer.
+pub fn describe(error: JobsError) -> JobFailure {
+    match error {
+        JobsError::Faults(faults) => invalid(faults),
+        JobsError::Store(error) => {
+            tracing::error!(%error, "a job could not read its input");
+            JobFailure { code: "storage".to_owned(), detail: "the stored measurements could not be read".to_owned(), errors: Vec::new() }
+        }
+        other => JobFailure { code: "internal".to_owned(), detail: other.to_string(), errors: Vec::new() },
+    }
+}
+
+fn stopped(error: &EstimateError) -> Stopped {
+    let code = match error {
+        EstimateError::NothingFinite => "diverged",
+        EstimateError::Interrupted(Interrupt::Deadline) => "deadline",
+        EstimateError::Interrupted(Interrupt::Cancelled) => return Stopped::Interrupted,
+    };
+    Stopped::Failed(JobFailure { code: code.to_owned(), detail: error.to_string(), errors: Vec::new() })
+}

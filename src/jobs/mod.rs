@@ -1,0 +1,147 @@
+//! Owns the CPU pools and the clock, and stands between the surface and the store.
+//!
+//! A request becomes a row of the queue (`submit`), a `worker` claims it and runs `estimate` on its pool, the
+//! end is one transaction of the store, and `params` then swaps what `/params` serves: commit first, then swap.
+//!
+//! | file | what it does |
+//! |---|---|
+//! | `decode` | JSON with all its faults |
+//! | `systems`, `models`, `windows` | documents and measurements: checked here, kept by the store |
+//! | `request`, `submit` | what a job is asked to do, and how it enters the queue |
+//! | `board` | who runs now: progress, cancellation, listeners |
+//! | `worker`, `input`, `estimate` | from the claim to the verdict |
+//! | `params` | the snapshot behind `/params` and the timer that turns it stale |
+//! | `schedule` | submits ordinary jobs when a row says so |
+
+pub mod board;
+pub mod decode;
+pub mod estimate;
+pub mod input;
+pub mod models;
+pub mod params;
+pub mod request;
+pub mod schedule;
+pub mod submit;
+pub mod systems;
+pub mod windows;
+pub mod worker;
+
+use crate::data::SystemId;
+use crate::fault::Fault;
+use crate::settings::Settings;
+use crate::store::{Store, StoreError};
+use jiff::Timestamp;
+use std::sync::atomic::AtomicUsize;
+use tokio::sync::{Notify, watch};
+
+/// Everything that handlers and workers share.
+#[derive(Debug)]
+pub struct Service {
+    /// What the operator set.
+    pub settings: Settings,
+    /// The database.
+    pub store: Store,
+    /// Models and effects, built-in and of users.
+    pub catalogue: models::SharedCatalogue,
+    /// Who runs now.
+    pub board: board::Board,
+    /// What `/params` serves.
+    pub params: params::Snapshot,
+    /// The number of this start.
+    pub boot: i64,
+    /// Told when a job may be claimed.
+    pub wake: Notify,
+    /// Told when a schedule has changed.
+    pub wake_schedule: Notify,
+    /// True from the moment at which the service is asked to stop.
+    pub stopping: watch::Sender<bool>,
+    /// Workers whose loop is alive.
+    pub workers_alive: AtomicUsize,
+}
+
+/// Why something could not be done.
+#[derive(Debug)]
+pub enum JobsError {
+    /// What was sent has faults.
+    Faults(Vec<Fault>),
+    /// There is no such system.
+    NoSystem(SystemId),
+    /// There is no such thing: what, and which.
+    NotFound(&'static str, String),
+    /// Another document has this id: what, and which.
+    Conflict(&'static str, String),
+    /// The idempotency key belongs to another request.
+    KeyReused,
+    /// So many jobs wait already.
+    QueueFull(i64),
+    /// The database failed.
+    Store(StoreError),
+    /// Something that cannot happen did.
+    Internal(String),
+}
+
+impl std::fmt::Display for JobsError {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            JobsError::Faults(faults) => write!(f, "{} faults", faults.len()),
+            JobsError::NoSystem(system) => write!(f, "there is no system `{system}`"),
+            JobsError::NotFound(what, which) => write!(f, "there is no {what} `{which}`"),
+            JobsError::Conflict(what, which) => write!(f, "there is another {what} `{which}`"),
+            JobsError::KeyReused => f.write_str("the idempotency key was used for another request"),
+            JobsError::QueueFull(limit) => write!(f, "{limit} jobs wait already"),
+            JobsError::Store(error) => error.fmt(f),
+            JobsError::Internal(detail) => f.write_str(detail),
+        }
+    }
+}
+
+impl std::error::Error for JobsError {
+    fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
+        match self {
+            JobsError::Store(error) => Some(error),
+            _ => None,
+        }
+    }
+}
+
+impl From<StoreError> for JobsError {
+    fn from(error: StoreError) -> Self {
+        JobsError::Store(error)
+    }
+}
+
+impl From<crate::store::jobs::SubmitError> for JobsError {
+    fn from(error: crate::store::jobs::SubmitError) -> Self {
+        use crate::store::jobs::SubmitError;
+        match error {
+            SubmitError::Store(error) => JobsError::Store(error),
+            SubmitError::QueueFull(limit) => JobsError::QueueFull(limit),
+            SubmitError::KeyReused => JobsError::KeyReused,
+        }
+    }
+}
+
+impl Service {
+    /// Whether the service is asked to stop.
+    pub fn is_stopping(&self) -> bool {
+        *self.stopping.borrow()
+    }
+
+    /// Most jobs that wait.
+    pub fn queue_limit(&self) -> i64 {
+        i64::try_from(self.settings.limits.queue).unwrap_or(i64::MAX)
+    }
+}
+
+/// The time. Nothing below this layer knows it.
+pub fn now() -> Timestamp {
+    Timestamp::now()
+}
+
+/// Runs something short that must not hold an async thread, such as unpacking a window. Jobs have pools of their own.
+///
+/// # Errors
+/// Where it panicked.
+pub async fn blocking<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> Result<T, JobsError> {
+    tokio::task::spawn_blocking(work).await.map_err(|error| JobsError::Internal(format!("a short task failed: {error}")))
+}

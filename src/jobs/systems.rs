@@ -1,0 +1,219 @@
+//! What is known about a room or a plant: the document behind `/systems/{kind}/{id}`.
+
+use super::{JobsError, Service, decode, now};
+use crate::data::{Bindings as ColumnBindings, Duration, SystemId, read_time};
+use crate::estimate::request::{Prior, Site};
+use crate::fault::Fault;
+use crate::model::{Bindings, Catalogue, ModelId, compile};
+use crate::store;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use utoipa::ToSchema;
+
+/// The set whose members are the neighbours of a room.
+pub const NEIGHBOURS: &str = "neighbours";
+
+/// A system, as its owner describes it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+#[schema(as = System)]
+pub struct SystemDocument {
+    /// A name for people.
+    #[serde(default)]
+    pub label: String,
+    /// Where it is, for the position of the sun.
+    #[serde(default)]
+    pub location: Option<Location>,
+    /// The model whose fits are served.
+    #[schema(value_type = String, example = "room3")]
+    pub model: ModelId,
+    /// Which column feeds which channel, where the names alone do not say it.
+    #[serde(default)]
+    #[schema(value_type = std::collections::HashMap<String, String>, example = json!({"T_room": "T_indoor_degC"}))]
+    pub channels: ColumnBindings,
+    /// The rooms next door.
+    #[serde(default)]
+    #[schema(value_type = Vec<String>, example = json!(["room/2"]))]
+    pub neighbours: Vec<SystemId>,
+    /// What happens to an accepted fit, and how long it is fresh.
+    #[serde(default)]
+    pub policy: Policy,
+    /// What is known about the parameters before any data.
+    #[serde(default)]
+    #[schema(value_type = String, example = "none")]
+    pub prior: Prior,
+    /// Stretches of time whose measurements are not to be trusted.
+    #[serde(default)]
+    pub exclude: Vec<Exclusion>,
+}
+
+/// A place on earth.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Location {
+    /// Latitude in degrees, north positive.
+    pub lat: f64,
+    /// Longitude in degrees, east positive.
+    pub lon: f64,
+    /// IANA time zone.
+    #[serde(default)]
+    pub zone: Option<String>,
+}
+
+/// What happens to an accepted fit.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Policy {
+    /// Who publishes.
+    pub mode: Mode,
+    /// How long a revision is fresh after its last validation.
+    #[schema(value_type = String, format = "duration", example = "P3D")]
+    pub stale_after: Duration,
+    /// The forecast horizon that the controller lives on.
+    #[schema(value_type = String, format = "duration", example = "PT6H")]
+    pub horizon: Duration,
+}
+
+impl Default for Policy {
+    fn default() -> Self {
+        Self { mode: Mode::Auto, stale_after: Duration::from_days(3), horizon: Duration::from_hours(6) }
+    }
+}
+
+/// Who publishes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "lowercase")]
+#[schema(as = PolicyMode)]
+pub enum Mode {
+    /// The gate's acceptance is enough.
+    #[default]
+    Auto,
+    /// An operator, on the gate's suggestion.
+    Suggest,
+    /// Nobody: batches leave the system out.
+    Observe,
+}
+
+/// A stretch of time that is left out.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Exclusion {
+    /// Its first instant, RFC 3339.
+    pub from: String,
+    /// Its last instant.
+    pub to: String,
+    /// Why.
+    #[serde(default)]
+    pub reason: String,
+}
+
+impl SystemDocument {
+    /// What the model is told about the place.
+    pub fn site(&self) -> Site {
+        Site { location: self.location.as_ref().map(|place| (place.lat, place.lon)), sets: self.sets() }
+    }
+
+    /// The members of the model's sets.
+    pub fn sets(&self) -> BTreeMap<String, Vec<String>> {
+        let members: Vec<String> = self.neighbours.iter().map(|neighbour| neighbour.id().to_owned()).collect();
+        if members.is_empty() { BTreeMap::new() } else { BTreeMap::from([(NEIGHBOURS.to_owned(), members)]) }
+    }
+
+    /// What this model would be bound to here; channels are left open, as windows may bring them later.
+    pub fn bindings(&self, catalogue: &Catalogue, model: &ModelId) -> Result<crate::model::Model, Vec<Fault>> {
+        let composition = catalogue.compose(model)?;
+        let sets = self.sets().into_iter().filter(|(set, _)| composition.spec.sets.contains(set)).collect();
+        compile(&composition, &Bindings { sets, channels: None })
+    }
+
+    /// Every fault of a document whose form is right.
+    fn faults(&self, system: &SystemId, catalogue: &Catalogue) -> Vec<Fault> {
+        let mut faults = Vec::new();
+        if let Err(more) = self.bindings(catalogue, &self.model) {
+            faults.extend(more.into_iter().map(|fault| if fault.pointer == "/model" { fault } else { at("/model", fault) }));
+        }
+        if let Some(place) = &self.location {
+            let inside = |value: f64, limit: f64| value.is_finite() && value.abs() <= limit;
+            if !inside(place.lat, 90.0) {
+                faults.push(Fault::new("/location/lat", "out-of-range", format!("a latitude lies between -90 and 90, not at {}", place.lat)));
+            }
+            if !inside(place.lon, 180.0) {
+                faults.push(Fault::new("/location/lon", "out-of-range", format!("a longitude lies between -180 and 180, not at {}", place.lon)));
+            }
+            if let Some(zone) = place.zone.as_ref().filter(|zone| jiff::tz::TimeZone::get(zone).is_err()) {
+                let shown: String = zone.chars().take(40).collect();
+                faults.push(
+                    Fault::new("/location/zone", "unknown-zone", format!("`{}` is no IANA time zone", shown.escape_debug()))
+                        .suggest("such as `Europe/Copenhagen`"),
+                );
+            }
+        }
+        for (index, neighbour) in self.neighbours.iter().enumerate() {
+            let pointer = format!("/neighbours/{index}");
+            if neighbour == system {
+                faults.push(Fault::new(&pointer, "own-neighbour", "a system is not its own neighbour"));
+            }
+            if self.neighbours[..index].iter().any(|earlier| earlier.id() == neighbour.id()) {
+                faults.push(Fault::new(pointer, "named-twice", format!("the neighbour `{}` is named twice", neighbour.id())));
+            }
+        }
+        for (field, duration) in [("stale_after", self.policy.stale_after), ("horizon", self.policy.horizon)] {
+            if duration.is_zero() {
+                faults.push(Fault::new(format!("/policy/{field}"), "out-of-range", "it must be longer than nothing"));
+            }
+        }
+        for (index, exclusion) in self.exclude.iter().enumerate() {
+            let from = read_time(&format!("/exclude/{index}/from"), &exclusion.from);
+            let to = read_time(&format!("/exclude/{index}/to"), &exclusion.to);
+            if let (Ok(from), Ok(to)) = (&from, &to)
+                && from > to
+            {
+                faults.push(Fault::new(format!("/exclude/{index}"), "out-of-order", "it ends before it starts"));
+            }
+            faults.extend([from.err(), to.err()].into_iter().flatten());
+        }
+        faults
+    }
+}
+
+/// The fault, found inside something that the pointer names.
+fn at(pointer: &str, fault: Fault) -> Fault {
+    Fault { detail: format!("{}: {}", fault.pointer, fault.detail), pointer: pointer.to_owned(), ..fault }
+}
+
+/// Makes a system or replaces its document; says whether it is new.
+///
+/// # Errors
+/// Every fault of the document, or where the database fails.
+pub async fn put(service: &Service, system: &SystemId, body: serde_json::Value) -> Result<(SystemDocument, bool), JobsError> {
+    let catalogue = service.catalogue.current();
+    let name = system.clone();
+    // Compiling a model of the largest size takes longer than an async thread may be held.
+    let checked = super::blocking(move || {
+        let document: SystemDocument = decode::decode(body)?;
+        let faults = document.faults(&name, &catalogue);
+        if faults.is_empty() { Ok(document) } else { Err(faults) }
+    });
+    let document = checked.await?.map_err(JobsError::Faults)?;
+    let text = serde_json::to_string(&document).map_err(|error| JobsError::Internal(error.to_string()))?;
+    let is_new = store::systems::put(&service.store, system, &document.model, &text, now()).await?;
+    super::params::refresh(service, system).await?;
+    Ok((document, is_new))
+}
+
+/// Reads the document of a system that is kept.
+///
+/// # Errors
+/// Where the row holds something else.
+pub fn document(text: &str) -> Result<SystemDocument, JobsError> {
+    serde_json::from_str(text).map_err(|error| JobsError::Internal(format!("a stored system document cannot be read: {error}")))
+}
+
+/// The document of a system that must be there.
+///
+/// # Errors
+/// Where there is no such system, or the database fails.
+pub async fn require(service: &Service, system: &SystemId) -> Result<SystemDocument, JobsError> {
+    let record = store::systems::get(&service.store, system).await?.ok_or_else(|| JobsError::NoSystem(system.clone()))?;
+    document(&record.document)
+}

@@ -1,0 +1,121 @@
+//! Takes measurements in: parsed, packed and kept, once per content.
+
+use super::{JobsError, Service, blocking, now, systems};
+use crate::data::{Bindings, ColumnHeader, SystemId, Window, WindowReport};
+use crate::fault::Fault;
+use crate::store::idempotency::RequestKey;
+use crate::store::windows::{self, Kept, NewWindow, WindowRecord};
+
+/// How a window is written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Format {
+    /// `text/csv`.
+    Csv,
+    /// `application/json`.
+    Json,
+}
+
+/// A window that was taken.
+#[derive(Debug, Clone)]
+pub struct Taken {
+    /// The window as it is kept.
+    pub window: WindowRecord,
+    /// Whether it is new.
+    pub is_new: bool,
+}
+
+/// A window ready to be kept.
+struct Packed {
+    id: String,
+    from_s: i64,
+    to_s: i64,
+    report: String,
+    blocks: Vec<(String, Vec<u8>)>,
+}
+
+/// Takes a window of a system. The same content again is the same window.
+///
+/// # Errors
+/// Every fault of the body, an unknown system, or where the database fails.
+pub async fn take(
+    service: &Service,
+    system: &SystemId,
+    format: Format,
+    body: impl AsRef<[u8]> + Send + 'static,
+    key: Option<&RequestKey>,
+) -> Result<Taken, JobsError> {
+    let bindings = systems::require(service, system).await?.channels;
+    let name = system.clone();
+    let packed = blocking(move || pack(&name, format, body.as_ref(), &bindings)).await??;
+    let new = NewWindow {
+        id: &packed.id,
+        system,
+        from_s: packed.from_s,
+        to_s: packed.to_s,
+        report: &packed.report,
+        blocks: &packed.blocks,
+    };
+    let is_new = match windows::insert(&service.store, &new, key, now()).await? {
+        Kept::New => true,
+        Kept::Known => false,
+        Kept::KeyReused => return Err(JobsError::KeyReused),
+    };
+    let window = windows::get(&service.store, &packed.id).await?;
+    window.map(|window| Taken { window, is_new }).ok_or_else(|| JobsError::NotFound("window", packed.id))
+}
+
+/// Parses and packs a body.
+fn pack(system: &SystemId, format: Format, body: &[u8], bindings: &Bindings) -> Result<Packed, JobsError> {
+    let (window, report) = read(format, body, bindings).map_err(JobsError::Faults)?;
+    let identity = format!("{system} {}", window.content_hash());
+    Ok(Packed {
+        id: format!("win_{}", &blake3::hash(identity.as_bytes()).to_hex()[..20]),
+        from_s: window.from(),
+        to_s: window.to(),
+        report: serde_json::to_string(&report).map_err(|error| JobsError::Internal(error.to_string()))?,
+        blocks: window.iter().map(|series| (series.channel().to_owned(), series.encode())).collect(),
+    })
+}
+
+/// Parses a body. A column that the system binds may be absent: not every file has every channel. The report
+/// says so, because a slip in a binding looks the same.
+fn read(format: Format, body: &[u8], bindings: &Bindings) -> Result<(Window, WindowReport), Vec<Fault>> {
+    let parse = |bindings: &Bindings| match format {
+        Format::Json => Window::parse_json(body, bindings),
+        Format::Csv => match std::str::from_utf8(body) {
+            Ok(text) => Window::parse_csv(text, bindings),
+            Err(error) => Err(vec![Fault::new("csv", "not-utf8", format!("byte {} is no UTF-8", error.valid_up_to()))]),
+        },
+    };
+    let faults = match parse(bindings) {
+        Err(faults) if faults.iter().any(|fault| fault.code == "unknown-column") => faults,
+        other => return other,
+    };
+    let columns = columns(format, body);
+    let (there, absent): (Vec<_>, Vec<_>) =
+        bindings.iter().partition(|(_, column)| columns.iter().any(|header| header.column == *column || header.channel == *column));
+    if absent.is_empty() {
+        return Err(faults);
+    }
+    let mut present = Bindings::none();
+    there.into_iter().for_each(|(channel, column)| present.bind(channel, column));
+    let (window, mut report) = parse(&present)?;
+    report.warnings.extend(absent.into_iter().map(|(channel, column)| format!("`{channel}` is bound to a column `{column}` that this window does not have")));
+    Ok((window, report))
+}
+
+/// The columns of a body that is well-formed enough to have some.
+fn columns(format: Format, body: &[u8]) -> Vec<ColumnHeader> {
+    match format {
+        Format::Csv => {
+            let text = String::from_utf8_lossy(body);
+            let line = text.lines().find(|line| !line.trim().is_empty() && !line.starts_with('#')).unwrap_or_default();
+            line.split([',', ';', '\t']).map(|cell| ColumnHeader::parse(cell.trim().trim_matches('"'))).collect()
+        }
+        Format::Json => {
+            let document: serde_json::Value = serde_json::from_slice(body).unwrap_or_default();
+            let values = document.get("values").and_then(serde_json::Value::as_object);
+            values.into_iter().flat_map(|values| values.keys()).map(|name| ColumnHeader::parse(name)).collect()
+        }
+    }
+}

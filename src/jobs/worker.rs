@@ -1,0 +1,193 @@
+//! Claims jobs and runs them, each worker on a pool of its own.
+//!
+//! The pools are separate because a thread of a shared pool that waits for its part of one job may pick up
+//! another whole job meanwhile, and then the first one neither goes on nor hears a cancellation until the
+//! second has ended. Their threads are nice: the handlers always get the CPU first.
+
+use super::board::Live;
+use super::estimate::{self, Stopped, describe};
+use super::input::{self, Input};
+use super::{Service, now, params};
+use crate::estimate::{Control, Interrupt};
+use crate::store::StoreError;
+use crate::store::finish::{Ending, Finding, finish};
+use crate::store::jobs::{self, JobFailure, JobRecord, Lease};
+use rayon::{ThreadPool, ThreadPoolBuildError, ThreadPoolBuilder};
+use std::any::Any;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::pin::pin;
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::time::{Duration, Instant};
+use tokio::sync::oneshot;
+
+/// How often an idle worker looks without having been told.
+const SLOW_POLL: Duration = Duration::from_secs(5);
+/// Pause after the database has failed.
+const AFTER_FAILURE: Duration = Duration::from_secs(1);
+/// The least urgent the system knows.
+const NICENESS: i32 = 19;
+/// Deep expressions are evaluated by recursion in places; the depth limit of the parser fits into this.
+const STACK: usize = 8 << 20;
+
+/// The threads of one worker.
+///
+/// # Errors
+/// Where the system gives none.
+pub fn pool(threads: usize, worker: usize) -> Result<ThreadPool, ThreadPoolBuildError> {
+    ThreadPoolBuilder::new()
+        .num_threads(threads)
+        .stack_size(STACK)
+        .thread_name(move |thread| format!("job-{worker}-{thread}"))
+        .start_handler(|_| {
+            // On Linux this is the niceness of the calling thread alone. Without the right to set it jobs still run.
+            let _ = rustix::process::nice(NICENESS);
+        })
+        .build()
+}
+
+/// Claims and runs jobs until the service stops.
+pub async fn run(service: Arc<Service>, pool: ThreadPool) {
+    service.workers_alive.fetch_add(1, Ordering::Relaxed);
+    let mut stopping = service.stopping.subscribe();
+    while !*stopping.borrow_and_update() {
+        // Interest is registered before the queue is asked, so that a job that comes in between is not missed.
+        let mut woken = pin!(service.wake.notified());
+        woken.as_mut().enable();
+        let pause = match jobs::claim(&service.store, service.boot, now()).await {
+            Ok(Some(job)) => {
+                // There may be more: the next idle worker looks, and wakes the one after it.
+                service.wake.notify_one();
+                process(&service, &pool, job).await;
+                continue;
+            }
+            Ok(None) => SLOW_POLL,
+            Err(error) => {
+                tracing::error!(%error, "no job could be claimed");
+                AFTER_FAILURE
+            }
+        };
+        tokio::select! {
+            () = woken => {}
+            () = tokio::time::sleep(pause) => {}
+            _ = stopping.changed() => {}
+        }
+    }
+    service.workers_alive.fetch_sub(1, Ordering::Relaxed);
+}
+
+/// How a job ended, before the database knows.
+enum End {
+    Found(Box<Finding>),
+    Failed(JobFailure),
+    Cancelled,
+    GivenBack,
+}
+
+/// Runs one job that was claimed.
+async fn process(service: &Arc<Service>, pool: &ThreadPool, job: JobRecord) {
+    let Some(lease) = job.lease() else { return };
+    let live = service.board.place(&job.id);
+    live.start(lease.clone());
+    tracing::info!(job = %job.id, system = %job.system, attempt = job.attempt, "started {} for {}", job.kind.word(), job.system);
+    refreshed(service, &job).await;
+    let end = match input::load(service, &job).await {
+        Ok(input) => compute(service, pool, &live, input).await,
+        Err(error) => End::Failed(describe(error)),
+    };
+    record(service, &job, &lease, end).await;
+}
+
+/// Computes on the pool while this task sleeps.
+async fn compute(service: &Arc<Service>, pool: &ThreadPool, live: &Arc<Live>, input: Input) -> End {
+    let (sender, receiver) = oneshot::channel();
+    let (shared, place) = (service.clone(), live.clone());
+    pool.spawn(move || {
+        let result = catch_unwind(AssertUnwindSafe(|| guarded(&shared, &place, &input)));
+        // Nobody listens any more when the service has stopped; then the job was given back already.
+        let _ = sender.send(result);
+    });
+    match receiver.await {
+        Ok(Ok(Ok(finding))) => End::Found(Box::new(finding)),
+        Ok(Ok(Err(Stopped::Failed(failure)))) => End::Failed(failure),
+        Ok(Ok(Err(Stopped::Interrupted))) if live.is_cancelled() => End::Cancelled,
+        Ok(Ok(Err(Stopped::Interrupted))) => End::GivenBack,
+        Ok(Err(panic)) => End::Failed(panicked(&*panic)),
+        Err(_) => End::Failed(JobFailure { code: "panic".into(), detail: "the job's thread is gone".into(), errors: Vec::new() }),
+    }
+}
+
+/// The work with the caller's hands on it: cancellation, shutdown, deadline, progress.
+fn guarded(service: &Service, live: &Live, input: &Input) -> Result<Finding, Stopped> {
+    let limit = Duration::from_secs(service.settings.limits.job_seconds);
+    let asked = input.request.budget.wall.map(|wall| Duration::from_secs(wall.seconds().unsigned_abs()));
+    let deadline = Instant::now() + asked.map_or(limit, |asked| asked.min(limit));
+    let interrupt = || {
+        if live.is_cancelled() || service.is_stopping() {
+            Some(Interrupt::Cancelled)
+        } else if Instant::now() >= deadline {
+            Some(Interrupt::Deadline)
+        } else {
+            None
+        }
+    };
+    estimate::run(input, &Control { interrupt: &interrupt, progress: &|progress| live.report(progress) })
+}
+
+/// Writes the end of a job, and only then shows it. While the database fails the job keeps its lease.
+async fn record(service: &Arc<Service>, job: &JobRecord, lease: &Lease, end: End) {
+    loop {
+        let written = match &end {
+            End::GivenBack => jobs::requeue(&service.store, lease, now()).await.map(|()| None),
+            End::Found(finding) => finish(&service.store, lease, &Ending::Fitted(finding), now()).await.map(Some),
+            End::Failed(failure) => finish(&service.store, lease, &Ending::Failed(failure), now()).await.map(Some),
+            End::Cancelled => finish(&service.store, lease, &Ending::Cancelled, now()).await.map(Some),
+        };
+        match written {
+            Ok(finished) => {
+                match (&end, finished) {
+                    (End::Found(finding), Some(finished)) => tracing::info!(
+                        job = %job.id, system = %job.system, fit = finished.fit, revision = finished.revision,
+                        "{}: {}", finished.outcome.map_or("ended", |outcome| outcome.word()), finding.judgement.summary
+                    ),
+                    (End::Failed(failure), _) => tracing::warn!(job = %job.id, system = %job.system, code = failure.code, "failed: {}", failure.detail),
+                    (End::GivenBack, _) => tracing::info!(job = %job.id, "given back to the queue"),
+                    _ => tracing::info!(job = %job.id, "cancelled"),
+                }
+                break;
+            }
+            Err(StoreError::LeaseLost) => {
+                tracing::warn!(job = %job.id, "ended by somebody else meanwhile");
+                break;
+            }
+            Err(error) if service.is_stopping() => {
+                // The next start finds the job running under an old boot and queues it again.
+                tracing::error!(%error, job = %job.id, "the end of a job could not be written");
+                return;
+            }
+            Err(error) => {
+                tracing::error!(%error, job = %job.id, "the end of a job could not be written, trying again");
+                tokio::time::sleep(AFTER_FAILURE).await;
+            }
+        }
+    }
+    refreshed(service, job).await;
+    match end {
+        End::GivenBack => service.board.put_back(&job.id),
+        _ => service.board.end(&job.id),
+    }
+    // The system is free again, so a job of it that waited may be claimed by anybody.
+    service.wake.notify_one();
+}
+
+async fn refreshed(service: &Service, job: &JobRecord) {
+    if let Err(error) = params::refresh(service, &job.system).await {
+        tracing::error!(%error, system = %job.system, "what is served could not be read again");
+    }
+}
+
+fn panicked(panic: &(dyn Any + Send)) -> JobFailure {
+    let said = panic.downcast_ref::<&str>().map(|text| (*text).to_owned()).or_else(|| panic.downcast_ref::<String>().cloned());
+    tracing::error!("a job panicked: {}", said.as_deref().unwrap_or("without a message"));
+    JobFailure { code: "panic".into(), detail: "the job ran into a fault of the program".into(), errors: Vec::new() }
+}

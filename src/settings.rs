@@ -1,0 +1,184 @@
+//! What an operator can set: a TOML file, and the environment, which wins.
+
+use crate::fault::{Fault, nearest};
+use serde::{Deserialize, Serialize};
+use std::net::{IpAddr, Ipv4Addr, SocketAddr};
+use std::path::{Path, PathBuf};
+
+/// The settings of a service. Every field has a default that serves.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Settings {
+    /// Address and port to listen on; port 0 takes a free one.
+    pub bind: SocketAddr,
+    /// The database file; it is made if it is not there.
+    pub database: PathBuf,
+    /// Jobs that run at the same time.
+    pub workers: usize,
+    /// CPU threads of each job; 0 takes as many as there are cores.
+    pub threads: usize,
+    /// The IANA time zone of schedules that name none.
+    pub zone: String,
+    /// What a single user may ask for.
+    pub limits: Limits,
+}
+
+/// Limits that keep one request from starving the others.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Limits {
+    /// Largest window in bytes.
+    pub window_bytes: usize,
+    /// Largest body of any other request in bytes.
+    pub body_bytes: usize,
+    /// Most jobs that wait.
+    pub queue: usize,
+    /// Longest a job may run, in seconds, whatever it asks for.
+    pub job_seconds: u64,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            bind: SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), 8080),
+            database: PathBuf::from("lampyris.db"),
+            workers: 2,
+            threads: 0,
+            zone: "UTC".to_owned(),
+            limits: Limits::default(),
+        }
+    }
+}
+
+impl Default for Limits {
+    fn default() -> Self {
+        Self { window_bytes: 64 << 20, body_bytes: 1 << 20, queue: 10_000, job_seconds: 3_600 }
+    }
+}
+
+/// The variables of the environment and the fields that they stand for.
+const VARIABLES: [(&str, &str); 9] = [
+    ("LAMPYRIS_BIND", "/bind"),
+    ("LAMPYRIS_DATABASE", "/database"),
+    ("LAMPYRIS_WORKERS", "/workers"),
+    ("LAMPYRIS_THREADS", "/threads"),
+    ("LAMPYRIS_ZONE", "/zone"),
+    ("LAMPYRIS_LIMITS_WINDOW_BYTES", "/limits/window_bytes"),
+    ("LAMPYRIS_LIMITS_BODY_BYTES", "/limits/body_bytes"),
+    ("LAMPYRIS_LIMITS_QUEUE", "/limits/queue"),
+    ("LAMPYRIS_LIMITS_JOB_SECONDS", "/limits/job_seconds"),
+];
+
+impl Settings {
+    /// Reads a file, if there is one, and then the environment.
+    ///
+    /// # Errors
+    /// Every fault: a file that cannot be read, unknown fields, values that make no sense, and variables that
+    /// look like a slip of the pen.
+    pub fn load(file: Option<&Path>, environment: impl IntoIterator<Item = (String, String)>) -> Result<Self, Vec<Fault>> {
+        let mut faults = Vec::new();
+        let mut settings = match file.map(|file| (file, std::fs::read_to_string(file))) {
+            None => Self::default(),
+            Some((file, Err(error))) => {
+                faults.push(Fault::new(file.display().to_string(), "unreadable", error.to_string()));
+                Self::default()
+            }
+            Some((file, Ok(text))) => toml::from_str(&text).unwrap_or_else(|error| {
+                let line = error.span().map_or(1, |span| 1 + text[..span.start.min(text.len())].matches('\n').count());
+                faults.push(Fault::new(format!("{} line {line}", file.display()), "invalid-settings", error.message().to_owned()));
+                Self::default()
+            }),
+        };
+        for (name, value) in environment {
+            match VARIABLES.iter().find(|(known, _)| *known == name) {
+                Some((_, field)) => {
+                    if let Err(detail) = settings.set(field, &value) {
+                        faults.push(Fault::new(name, "invalid-settings", detail));
+                    }
+                }
+                // Other variables may share the prefix; one that is nearly ours is a slip that must not go unnoticed.
+                None if name.starts_with("LAMPYRIS_") => {
+                    let close = nearest(&name[9..], VARIABLES.iter().map(|(known, _)| &known[9..]));
+                    if let Some(known) = close {
+                        faults.push(
+                            Fault::new(&name, "unknown-setting", format!("`{name}` is no setting")).suggest(format!("did you mean `LAMPYRIS_{known}`?")),
+                        );
+                    }
+                }
+                None => {}
+            }
+        }
+        faults.extend(settings.faults());
+        if faults.is_empty() { Ok(settings) } else { Err(faults) }
+    }
+
+    /// Sets one field from a text.
+    fn set(&mut self, field: &str, text: &str) -> Result<(), String> {
+        fn read<T: std::str::FromStr<Err: std::fmt::Display>>(target: &mut T, text: &str) -> Result<(), String> {
+            *target = text.parse().map_err(|error: T::Err| format!("`{text}`: {error}"))?;
+            Ok(())
+        }
+        match field {
+            "/bind" => read(&mut self.bind, text),
+            "/database" => read(&mut self.database, text),
+            "/workers" => read(&mut self.workers, text),
+            "/threads" => read(&mut self.threads, text),
+            "/zone" => read(&mut self.zone, text),
+            "/limits/window_bytes" => read(&mut self.limits.window_bytes, text),
+            "/limits/body_bytes" => read(&mut self.limits.body_bytes, text),
+            "/limits/queue" => read(&mut self.limits.queue, text),
+            _ => read(&mut self.limits.job_seconds, text),
+        }
+    }
+
+    /// Values that make no sense.
+    pub fn faults(&self) -> Vec<Fault> {
+        let mut faults = Vec::new();
+        let mut demand = |holds: bool, field: &str, detail: &str| {
+            if !holds {
+                faults.push(Fault::new(field, "invalid-settings", detail));
+            }
+        };
+        demand((1..=64).contains(&self.workers), "/workers", "there are between 1 and 64 workers");
+        demand(self.threads <= 1024, "/threads", "there are at most 1024 threads");
+        demand(jiff::tz::TimeZone::get(&self.zone).is_ok(), "/zone", "this is no IANA time zone, such as `Europe/Copenhagen`");
+        demand(self.limits.window_bytes >= 1024, "/limits/window_bytes", "a window needs at least 1024 bytes");
+        demand(self.limits.body_bytes >= 1024, "/limits/body_bytes", "a body needs at least 1024 bytes");
+        demand(self.limits.queue >= 1, "/limits/queue", "at least one job must be able to wait");
+        demand(self.limits.job_seconds >= 1, "/limits/job_seconds", "a job needs at least a second");
+        faults
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn environment(pairs: &[(&str, &str)]) -> Vec<(String, String)> {
+        pairs.iter().map(|(name, value)| ((*name).to_owned(), (*value).to_owned())).collect()
+    }
+
+    #[test]
+    fn the_environment_wins_over_the_file() {
+        let dir = tempfile::tempdir().unwrap();
+        let file = dir.path().join("lampyris.toml");
+        std::fs::write(&file, "workers = 3\nzone = \"Europe/Copenhagen\"\n[limits]\nqueue = 5\n").unwrap();
+        let settings = Settings::load(Some(&file), environment(&[("LAMPYRIS_WORKERS", "4"), ("PATH", "x"), ("LAMPYRIS_URL", "y")])).unwrap();
+        assert_eq!((settings.workers, settings.limits.queue, settings.zone.as_str()), (4, 5, "Europe/Copenhagen"));
+        assert_eq!(settings.limits.body_bytes, Limits::default().body_bytes);
+    }
+
+    #[test]
+    fn all_faults_are_listed_and_slips_are_noticed() {
+        let variables = [("LAMPYRIS_BIND", "here"), ("LAMPYRIS_ZONE", "Mars/Olympus"), ("LAMPYRIS_WORKER", "1"), ("LAMPYRIS_WORKERS", "0")];
+        let faults = Settings::load(None, environment(&variables)).unwrap_err();
+        let pointers: Vec<&str> = faults.iter().map(|fault| fault.pointer.as_str()).collect();
+        assert_eq!(pointers, ["LAMPYRIS_BIND", "LAMPYRIS_WORKER", "/workers", "/zone"]);
+        assert_eq!(faults[1].suggestion.as_deref(), Some("did you mean `LAMPYRIS_WORKERS`?"));
+        let dir = tempfile::tempdir().unwrap();
+        let file = dir.path().join("lampyris.toml");
+        std::fs::write(&file, "\nworker = 3\n").unwrap();
+        let faults = Settings::load(Some(&file), []).unwrap_err();
+        assert!(faults[0].pointer.ends_with("lampyris.toml line 2"), "{faults:?}");
+    }
+}

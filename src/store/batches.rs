@@ -1,0 +1,180 @@
+//! Recalibrations of several systems: ordinary jobs under one name.
+
+use super::idempotency::{Earlier, KeyState, RequestKey, look_up, remember};
+use super::jobs::{JobFailure, JobState, NewJob, Outcome, SubmitError, submit_in};
+use super::{Store, StoreError, derive_id, from_json, instant, millis, next, parse, to_json};
+use crate::data::SystemId;
+use jiff::Timestamp;
+use serde::{Deserialize, Serialize};
+use sqlx::{FromRow, SqliteConnection};
+
+/// A system that was left out, with the reason.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Skipped {
+    /// The system.
+    pub system: SystemId,
+    /// A sentence.
+    pub why: String,
+}
+
+/// A batch to be submitted.
+#[derive(Debug, Clone, PartialEq)]
+pub struct NewBatch {
+    /// The schedule that submits it.
+    pub schedule: Option<String>,
+    /// The request, JSON.
+    pub request: String,
+    /// One job per system.
+    pub jobs: Vec<NewJob>,
+    /// Systems that were left out.
+    pub skipped: Vec<Skipped>,
+}
+
+/// A batch as it is kept, with where its jobs stand.
+#[derive(Debug, Clone, PartialEq)]
+pub struct BatchRecord {
+    /// Its id.
+    pub id: String,
+    /// The schedule that submitted it.
+    pub schedule: Option<String>,
+    /// The request.
+    pub request: serde_json::Value,
+    /// Systems that were left out.
+    pub skipped: Vec<Skipped>,
+    /// When.
+    pub created_at: Timestamp,
+    /// Its jobs, in the order of submission.
+    pub jobs: Vec<BatchJob>,
+}
+
+/// A job of a batch.
+#[derive(Debug, Clone, PartialEq)]
+pub struct BatchJob {
+    /// Its id.
+    pub job: String,
+    /// The system.
+    pub system: SystemId,
+    /// Where it stands.
+    pub state: JobState,
+    /// What it led to.
+    pub outcome: Option<Outcome>,
+    /// What it found.
+    pub fit: Option<String>,
+    /// The gate's sentence about the fit.
+    pub summary: Option<String>,
+    /// Why it failed.
+    pub error: Option<JobFailure>,
+}
+
+/// What became of a batch that was submitted.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum SubmittedBatch {
+    /// It is new; its id.
+    New(String),
+    /// The same request came before.
+    Earlier(Earlier),
+}
+
+#[derive(FromRow)]
+struct Row {
+    id: String,
+    schedule: Option<String>,
+    request: String,
+    skipped: String,
+    created_at: i64,
+}
+
+#[derive(FromRow)]
+struct JobRow {
+    id: String,
+    system: String,
+    state: String,
+    outcome: Option<String>,
+    fit: Option<String>,
+    summary: Option<String>,
+    error: Option<String>,
+}
+
+impl JobRow {
+    fn record(self) -> Result<BatchJob, StoreError> {
+        Ok(BatchJob {
+            system: parse("a system", &self.system)?,
+            state: parse("a state", &self.state)?,
+            outcome: self.outcome.as_deref().map(|word| parse("an outcome", word)).transpose()?,
+            error: self.error.as_deref().map(|text| from_json("a failure", text)).transpose()?,
+            job: self.id,
+            fit: self.fit,
+            summary: self.summary,
+        })
+    }
+}
+
+/// Submits a batch with all its jobs.
+///
+/// # Errors
+/// Where the queue cannot take them all, the key belongs to another request, or the database fails.
+pub async fn submit(store: &Store, new: &NewBatch, key: Option<&RequestKey>, limit: i64, now: Timestamp) -> Result<SubmittedBatch, SubmitError> {
+    let mut tx = store.write().await?;
+    match look_up(&mut tx, key).await? {
+        KeyState::Reused => return Err(SubmitError::KeyReused),
+        KeyState::Seen(earlier) => return Ok(SubmittedBatch::Earlier(earlier)),
+        KeyState::Fresh => {}
+    }
+    let id = submit_in_batch(&mut tx, new, limit, now).await?;
+    remember(&mut tx, key, &id, 202, now).await?;
+    tx.commit().await?;
+    Ok(SubmittedBatch::New(id))
+}
+
+/// Submits a batch inside a transaction.
+pub(super) async fn submit_in_batch(tx: &mut SqliteConnection, new: &NewBatch, limit: i64, now: Timestamp) -> Result<String, SubmitError> {
+    let sequence = next(tx, "sequence").await?;
+    let id = derive_id("bat", sequence, now);
+    let sql = "INSERT INTO batches (id, sequence, kind, schedule, request, skipped, created_at) VALUES ($1, $2, 'recalibrate', $3, $4, $5, $6)";
+    sqlx::query(sql)
+        .bind(&id)
+        .bind(sequence)
+        .bind(&new.schedule)
+        .bind(&new.request)
+        .bind(to_json("skipped systems", &new.skipped)?)
+        .bind(millis(now))
+        .execute(&mut *tx)
+        .await?;
+    for job in &new.jobs {
+        // An equal job that waits already belongs to this batch, too.
+        let (job, _) = submit_in(tx, job, limit, now).await?;
+        sqlx::query("INSERT INTO batch_jobs (batch, job) VALUES ($1, $2) ON CONFLICT DO NOTHING")
+            .bind(&id)
+            .bind(&job.id)
+            .execute(&mut *tx)
+            .await?;
+    }
+    Ok(id)
+}
+
+/// Whether a batch has jobs that have not ended.
+pub(super) async fn is_unfinished(tx: &mut SqliteConnection, id: &str) -> Result<bool, StoreError> {
+    let sql = "SELECT COUNT(*) FROM batch_jobs b JOIN jobs j ON j.id = b.job WHERE b.batch = $1 AND j.state IN ('queued', 'running')";
+    let left: i64 = sqlx::query_scalar(sql).bind(id).fetch_one(tx).await?;
+    Ok(left > 0)
+}
+
+/// One batch.
+///
+/// # Errors
+/// Where the database fails.
+pub async fn get(store: &Store, id: &str) -> Result<Option<BatchRecord>, StoreError> {
+    let sql = "SELECT id, schedule, request, skipped, created_at FROM batches WHERE id = $1";
+    let Some(row) = sqlx::query_as::<_, Row>(sql).bind(id).fetch_optional(&store.reader).await? else { return Ok(None) };
+    let sql = "SELECT j.id, j.system, j.state, j.outcome, j.fit, f.summary, j.error
+               FROM batch_jobs b JOIN jobs j ON j.id = b.job LEFT JOIN fits f ON f.id = j.fit WHERE b.batch = $1 ORDER BY j.sequence";
+    let jobs: Vec<JobRow> = sqlx::query_as(sql).bind(id).fetch_all(&store.reader).await?;
+    Ok(Some(BatchRecord {
+        id: row.id,
+        schedule: row.schedule,
+        request: from_json("a request", &row.request)?,
+        skipped: from_json("skipped systems", &row.skipped)?,
+        created_at: instant(row.created_at)?,
+        jobs: jobs.into_iter().map(JobRow::record).collect::<Result<_, _>>()?,
+    }))
+}

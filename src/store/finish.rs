@@ -1,0 +1,176 @@
+//! The end of a job: job, fit, verdict and revision in one transaction, or none of them.
+//!
+//! This is the only place that publishes, and it needs an [`Acceptance`](crate::estimate::Acceptance) to do so.
+
+use super::jobs::{JobFailure, Lease, Outcome};
+use super::{Store, StoreError, corrupt, derive_id, millis, next, params, to_json};
+use crate::estimate::metrics::CurrentState;
+use crate::estimate::{Fit, Judgement, ServedParameters, Verdict};
+use jiff::Timestamp;
+use sqlx::SqliteConnection;
+
+/// How a job ended.
+#[derive(Debug)]
+pub enum Ending<'a> {
+    /// With a fit, whatever the gate says of it.
+    Fitted(&'a Finding),
+    /// Without one.
+    Failed(&'a JobFailure),
+    /// Somebody called it off.
+    Cancelled,
+}
+
+/// A fit with its judgement.
+#[derive(Debug)]
+pub struct Finding {
+    /// What was found.
+    pub fit: Fit,
+    /// What the gate says.
+    pub judgement: Judgement,
+    /// Whether the policy of the system lets an accepted fit be served without an operator.
+    pub automatic: bool,
+    /// The states at the newest sample by this fit.
+    pub state: Option<CurrentState>,
+    /// The states at the newest sample by the parameters that are served now.
+    pub incumbent_state: Option<CurrentState>,
+}
+
+/// What the end of a job led to.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Finished {
+    /// The outcome, if it succeeded.
+    pub outcome: Option<Outcome>,
+    /// The id of the fit.
+    pub fit: Option<String>,
+    /// The revision that was published.
+    pub revision: Option<i64>,
+}
+
+/// The job as the transaction needs it.
+#[derive(sqlx::FromRow)]
+struct Leased {
+    system: String,
+    experiment: bool,
+    own_model: bool,
+}
+
+/// Ends a job, if the lease still holds.
+///
+/// # Errors
+/// [`StoreError::LeaseLost`] where somebody else has the job by now; otherwise where the database fails.
+pub async fn finish(store: &Store, lease: &Lease, ending: &Ending<'_>, now: Timestamp) -> Result<Finished, StoreError> {
+    let mut tx = store.write().await?;
+    let sql = "SELECT j.system, j.experiment, j.model = s.model AS own_model FROM jobs j JOIN systems s ON s.system = j.system
+               WHERE j.id = $1 AND j.state = 'running' AND j.boot = $2 AND j.attempt = $3";
+    let leased: Option<Leased> =
+        sqlx::query_as(sql).bind(&lease.job).bind(lease.boot).bind(lease.attempt).fetch_optional(&mut *tx).await?;
+    let Some(leased) = leased else { return Err(StoreError::LeaseLost) };
+    // An experiment, or a fit of another model than the system's, never alters what is served nor its status.
+    let counts = leased.own_model && !leased.experiment;
+    let finished = match ending {
+        Ending::Fitted(finding) => {
+            let finished = keep_fit(&mut tx, lease, &leased.system, finding, counts, now).await?;
+            sqlx::query(
+                "UPDATE jobs SET state = 'succeeded', boot = NULL, outcome = $2, fit = $3, revision = $4, stopped_by = $5, evaluations = $6,
+                 ended_at = $7 WHERE id = $1",
+            )
+            .bind(&lease.job)
+            .bind(finished.outcome.map(Outcome::word))
+            .bind(&finished.fit)
+            .bind(finished.revision)
+            .bind(word(&finding.fit.stopped_by)?)
+            .bind(i64::try_from(finding.fit.evaluations).unwrap_or(i64::MAX))
+            .bind(millis(now))
+            .execute(&mut *tx)
+            .await?;
+            finished
+        }
+        Ending::Failed(failure) => {
+            sqlx::query("UPDATE jobs SET state = 'failed', boot = NULL, error = $2, ended_at = $3 WHERE id = $1")
+                .bind(&lease.job)
+                .bind(to_json("a failure", failure)?)
+                .bind(millis(now))
+                .execute(&mut *tx)
+                .await?;
+            if counts {
+                params::fall_back(&mut tx, &leased.system, &lease.job, None, now).await?;
+            }
+            Finished::default()
+        }
+        Ending::Cancelled => {
+            sqlx::query("UPDATE jobs SET state = 'cancelled', boot = NULL, ended_at = $2 WHERE id = $1")
+                .bind(&lease.job)
+                .bind(millis(now))
+                .execute(&mut *tx)
+                .await?;
+            Finished::default()
+        }
+    };
+    tx.commit().await?;
+    Ok(finished)
+}
+
+/// Keeps a fit with its verdict, and draws the consequences for what is served.
+async fn keep_fit(
+    tx: &mut SqliteConnection,
+    lease: &Lease,
+    system: &str,
+    finding: &Finding,
+    counts: bool,
+    now: Timestamp,
+) -> Result<Finished, StoreError> {
+    let Finding { fit, judgement, .. } = finding;
+    let sequence = next(tx, "sequence").await?;
+    let id = derive_id("fit", sequence, now);
+    let sql = "INSERT INTO fits (id, job, system, model, document, verdict, checks, summary, created_at) VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9)";
+    sqlx::query(sql)
+        .bind(&id)
+        .bind(&lease.job)
+        .bind(system)
+        .bind(&fit.model)
+        .bind(to_json("a fit", fit)?)
+        .bind(judgement.verdict.word())
+        .bind(to_json("checks", &judgement.checks)?)
+        .bind(&judgement.summary)
+        .bind(millis(now))
+        .execute(&mut *tx)
+        .await?;
+    let mut finished = Finished { fit: Some(id.clone()), ..Finished::default() };
+    finished.outcome = Some(match &judgement.verdict {
+        Verdict::Accepted(acceptance) if counts && finding.automatic => {
+            let served = ServedParameters::new(acceptance, fit);
+            let origin = params::Origin { system, fit: &id, job: &lease.job };
+            finished.revision = Some(params::publish(tx, &origin, &served, fit, now).await?);
+            Outcome::Accepted
+        }
+        Verdict::Accepted(_) if counts => Outcome::Suggested,
+        Verdict::Accepted(_) => Outcome::Accepted,
+        Verdict::Unchanged => {
+            if counts {
+                params::confirm(tx, system, now).await?;
+            }
+            Outcome::Unchanged
+        }
+        Verdict::Held => Outcome::Held,
+        Verdict::Rejected => {
+            if counts {
+                params::fall_back(tx, system, &lease.job, Some((&id, &judgement.failed())), now).await?;
+            }
+            Outcome::Rejected
+        }
+    });
+    let state = if finished.revision.is_some() { &finding.state } else { &finding.incumbent_state };
+    if let (true, Some(state)) = (counts, state) {
+        params::keep_state(tx, system, state).await?;
+    }
+    Ok(finished)
+}
+
+/// The word by which an enum is written in documents.
+fn word<T: serde::Serialize>(value: &T) -> Result<String, StoreError> {
+    match serde_json::to_value(value) {
+        Ok(serde_json::Value::String(word)) => Ok(word),
+        Ok(other) => Err(corrupt("an enum", &other)),
+        Err(error) => Err(corrupt("an enum", &error)),
+    }
+}

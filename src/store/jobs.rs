@@ -1,0 +1,493 @@
+//! The queue: a table, a claim that is one UPDATE, and a lease of boot number and attempt.
+//!
+//! A lease has no expiry and no clock: it is void as soon as another boot looks at it. The attempt is counted
+//! and committed before the job starts, so a job that takes the process down is counted as well.
+
+use super::idempotency::{Earlier, KeyState, RequestKey, look_up, remember};
+use super::{Store, StoreError, derive_id, from_json, instant, millis, next, params, parse, to_json, words};
+use crate::data::SystemId;
+use crate::fault::Fault;
+use crate::model::ModelId;
+use jiff::Timestamp;
+use serde::{Deserialize, Serialize};
+use sqlx::{FromRow, SqliteConnection};
+
+/// A job that was started this often without coming to an end takes no further boot with it.
+pub const MAX_ATTEMPTS: i64 = 3;
+
+words! {
+    /// What a job does. Recalibrations are batches of estimates.
+    JobKind {
+        /// Estimate parameters, judge and publish them.
+        Estimate = "estimate",
+    }
+}
+
+words! {
+    /// Where a job stands.
+    JobState {
+        /// It waits for a worker.
+        Queued = "queued",
+        /// A worker has it.
+        Running = "running",
+        /// It came to a result, whatever the gate said of it.
+        Succeeded = "succeeded",
+        /// It came to none.
+        Failed = "failed",
+        /// Somebody called it off.
+        Cancelled = "cancelled",
+    }
+}
+
+impl JobState {
+    /// Whether nothing more will happen.
+    pub const fn is_final(self) -> bool {
+        matches!(self, JobState::Succeeded | JobState::Failed | JobState::Cancelled)
+    }
+}
+
+words! {
+    /// What a job that succeeded led to.
+    Outcome {
+        /// The gate accepted the fit; it is served if the job counts.
+        Accepted = "accepted",
+        /// The fit waits for an operator.
+        Held = "held",
+        /// The gate refused it.
+        Rejected = "rejected",
+        /// The gate accepted it, but the policy of the system lets nobody but an operator publish.
+        Suggested = "suggested",
+        /// It passes, but what is served is better.
+        Unchanged = "unchanged",
+    }
+}
+
+words! {
+    /// Who asked for a job.
+    Origin {
+        /// A user or a program.
+        Posted = "posted",
+        /// A schedule.
+        Scheduled = "scheduled",
+    }
+}
+
+words! {
+    /// Who goes first.
+    Priority {
+        /// Somebody waits in front of a page.
+        Interactive = "interactive",
+        /// Somebody posted it.
+        Operator = "operator",
+        /// The schedule's.
+        Nightly = "nightly",
+    }
+}
+
+impl Priority {
+    const fn rank(self) -> i64 {
+        self as i64
+    }
+
+    fn from_rank(rank: i64) -> Priority {
+        usize::try_from(rank).ok().and_then(|rank| Self::ALL.get(rank)).copied().unwrap_or(Priority::Nightly)
+    }
+}
+
+/// Why a job came to no result.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct JobFailure {
+    /// A stable slug, such as `diverged` or `panic`.
+    pub code: String,
+    /// A sentence for people.
+    pub detail: String,
+    /// Every fault of the request, the model or the data, where that is the reason.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub errors: Vec<Fault>,
+}
+
+/// A job to be submitted.
+#[derive(Debug, Clone, PartialEq)]
+pub struct NewJob {
+    /// What it does.
+    pub kind: JobKind,
+    /// To which system.
+    pub system: SystemId,
+    /// With which model.
+    pub model: ModelId,
+    /// The request with all defaults filled in, JSON.
+    pub request: String,
+    /// Whether it never alters what is served.
+    pub experiment: bool,
+    /// Who asked.
+    pub origin: Origin,
+    /// Who goes first.
+    pub priority: Priority,
+}
+
+impl NewJob {
+    /// Equal jobs have equal fingerprints, whoever asked.
+    fn fingerprint(&self) -> String {
+        let text = format!("{} {} {} {} {}", self.kind.word(), self.system, self.model, self.experiment, self.request);
+        blake3::hash(text.as_bytes()).to_hex().to_string()
+    }
+}
+
+/// A job as it is kept.
+#[derive(Debug, Clone, PartialEq)]
+pub struct JobRecord {
+    /// Its id.
+    pub id: String,
+    /// The order of submission.
+    pub sequence: i64,
+    /// What it does.
+    pub kind: JobKind,
+    /// To which system.
+    pub system: SystemId,
+    /// With which model.
+    pub model: ModelId,
+    /// The request with all defaults filled in.
+    pub request: serde_json::Value,
+    /// Whether it never alters what is served.
+    pub experiment: bool,
+    /// Who asked.
+    pub origin: Origin,
+    /// Who goes first.
+    pub priority: Priority,
+    /// Where it stands.
+    pub state: JobState,
+    /// What it led to, if it succeeded.
+    pub outcome: Option<Outcome>,
+    /// The boot that runs it, while it runs.
+    pub boot: Option<i64>,
+    /// How often it was started.
+    pub attempt: i64,
+    /// Whether somebody called it off while it ran.
+    pub cancelling: bool,
+    /// What it found.
+    pub fit: Option<String>,
+    /// The revision that it published.
+    pub revision: Option<i64>,
+    /// Why it failed.
+    pub error: Option<JobFailure>,
+    /// Why the search ended.
+    pub stopped_by: Option<String>,
+    /// What the search cost.
+    pub evaluations: Option<i64>,
+    /// When it was submitted.
+    pub created_at: Timestamp,
+    /// When it was last started.
+    pub started_at: Option<Timestamp>,
+    /// When it ended.
+    pub ended_at: Option<Timestamp>,
+}
+
+impl JobRecord {
+    /// The right to end this job, while it runs.
+    pub fn lease(&self) -> Option<Lease> {
+        self.boot.map(|boot| Lease { job: self.id.clone(), boot, attempt: self.attempt })
+    }
+}
+
+/// The right to end a job: void as soon as it was claimed again.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Lease {
+    /// The job.
+    pub job: String,
+    /// The boot that claimed it.
+    pub boot: i64,
+    /// The attempt that was counted.
+    pub attempt: i64,
+}
+
+/// What became of a job that was submitted.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Submitted {
+    /// It waits.
+    New(JobRecord),
+    /// An equal one waits already.
+    Waiting(JobRecord),
+    /// The same request came before.
+    Earlier(Earlier),
+}
+
+/// Why a job was not taken.
+#[derive(Debug)]
+pub enum SubmitError {
+    /// The database failed.
+    Store(StoreError),
+    /// So many jobs wait already.
+    QueueFull(i64),
+    /// The idempotency key belongs to another request.
+    KeyReused,
+}
+
+impl<E: Into<StoreError>> From<E> for SubmitError {
+    fn from(error: E) -> Self {
+        SubmitError::Store(error.into())
+    }
+}
+
+/// What a cancellation met.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Cancelled {
+    /// The job as it is now.
+    pub job: JobRecord,
+    /// Whether a worker has it and must be told.
+    pub running: bool,
+}
+
+/// What a boot found.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Recovered {
+    /// Jobs that wait again.
+    pub requeued: Vec<String>,
+    /// Jobs that failed for good.
+    pub failed: Vec<String>,
+}
+
+#[derive(FromRow)]
+struct Row {
+    id: String,
+    sequence: i64,
+    kind: String,
+    system: String,
+    model: String,
+    request: String,
+    experiment: bool,
+    origin: String,
+    priority: i64,
+    state: String,
+    outcome: Option<String>,
+    boot: Option<i64>,
+    attempt: i64,
+    cancelling: bool,
+    fit: Option<String>,
+    revision: Option<i64>,
+    error: Option<String>,
+    stopped_by: Option<String>,
+    evaluations: Option<i64>,
+    created_at: i64,
+    started_at: Option<i64>,
+    ended_at: Option<i64>,
+}
+
+impl Row {
+    fn record(self) -> Result<JobRecord, StoreError> {
+        Ok(JobRecord {
+            kind: parse("a kind of job", &self.kind)?,
+            system: parse("a system", &self.system)?,
+            model: parse("a model", &self.model)?,
+            request: from_json("a request", &self.request)?,
+            origin: parse("an origin", &self.origin)?,
+            priority: Priority::from_rank(self.priority),
+            state: parse("a state", &self.state)?,
+            outcome: self.outcome.as_deref().map(|word| parse("an outcome", word)).transpose()?,
+            error: self.error.as_deref().map(|text| from_json("a failure", text)).transpose()?,
+            created_at: instant(self.created_at)?,
+            started_at: self.started_at.map(instant).transpose()?,
+            ended_at: self.ended_at.map(instant).transpose()?,
+            id: self.id,
+            sequence: self.sequence,
+            experiment: self.experiment,
+            boot: self.boot,
+            attempt: self.attempt,
+            cancelling: self.cancelling,
+            fit: self.fit,
+            revision: self.revision,
+            stopped_by: self.stopped_by,
+            evaluations: self.evaluations,
+        })
+    }
+}
+
+/// Takes a job into the queue, unless an equal one waits or the request came before.
+///
+/// # Errors
+/// Where the queue is full, the key belongs to another request, or the database fails.
+pub async fn submit(store: &Store, new: &NewJob, key: Option<&RequestKey>, limit: i64, now: Timestamp) -> Result<Submitted, SubmitError> {
+    let mut tx = store.write().await?;
+    match look_up(&mut tx, key).await? {
+        KeyState::Reused => return Err(SubmitError::KeyReused),
+        KeyState::Seen(earlier) => return Ok(Submitted::Earlier(earlier)),
+        KeyState::Fresh => {}
+    }
+    let (job, is_new) = submit_in(&mut tx, new, limit, now).await?;
+    remember(&mut tx, key, &job.id, if is_new { 202 } else { 200 }, now).await?;
+    tx.commit().await?;
+    Ok(if is_new { Submitted::New(job) } else { Submitted::Waiting(job) })
+}
+
+/// Takes a job into the queue inside a transaction; says whether it is new or an equal one waits.
+pub(super) async fn submit_in(tx: &mut SqliteConnection, new: &NewJob, limit: i64, now: Timestamp) -> Result<(JobRecord, bool), SubmitError> {
+    let fingerprint = new.fingerprint();
+    let waiting: Option<Row> = sqlx::query_as("SELECT * FROM jobs WHERE fingerprint = $1 AND state = 'queued' AND NOT requeued")
+        .bind(&fingerprint)
+        .fetch_optional(&mut *tx)
+        .await?;
+    if let Some(row) = waiting {
+        return Ok((row.record()?, false));
+    }
+    let queued: i64 = sqlx::query_scalar("SELECT COUNT(*) FROM jobs WHERE state = 'queued'").fetch_one(&mut *tx).await?;
+    if queued >= limit {
+        return Err(SubmitError::QueueFull(limit));
+    }
+    let sequence = next(tx, "sequence").await?;
+    let turn = turn(tx, new).await?;
+    let sql = "INSERT INTO jobs (id, sequence, kind, system, model, request, fingerprint, experiment, origin, priority, turn, state, created_at)
+               VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, 'queued', $12) RETURNING *";
+    let row: Row = sqlx::query_as(sql)
+        .bind(derive_id("job", sequence, now))
+        .bind(sequence)
+        .bind(new.kind.word())
+        .bind(new.system.to_string())
+        .bind(new.model.to_string())
+        .bind(&new.request)
+        .bind(fingerprint)
+        .bind(new.experiment)
+        .bind(new.origin.word())
+        .bind(new.priority.rank())
+        .bind(turn)
+        .bind(millis(now))
+        .fetch_one(tx)
+        .await?;
+    Ok((row.record()?, true))
+}
+
+/// The place in a fair queue: behind the system's own jobs, but not before the round that is being served.
+/// A system with one job thus waits for one job of every other system, however many those have.
+async fn turn(tx: &mut SqliteConnection, new: &NewJob) -> Result<i64, StoreError> {
+    let own: Option<i64> = sqlx::query_scalar("SELECT MAX(turn) FROM jobs WHERE state = 'queued' AND system = $1 AND priority = $2")
+        .bind(new.system.to_string())
+        .bind(new.priority.rank())
+        .fetch_one(&mut *tx)
+        .await?;
+    let round: Option<i64> = sqlx::query_scalar("SELECT MIN(turn) FROM jobs WHERE state = 'queued' AND priority = $1")
+        .bind(new.priority.rank())
+        .fetch_one(tx)
+        .await?;
+    Ok(own.map_or(0, |turn| turn + 1).max(round.unwrap_or(0)))
+}
+
+/// Claims the next job, and counts the attempt. Two jobs of one system never run at once: both would be
+/// judged against the same incumbent.
+///
+/// # Errors
+/// Where the database fails.
+pub async fn claim(store: &Store, boot: i64, now: Timestamp) -> Result<Option<JobRecord>, StoreError> {
+    let sql = "UPDATE jobs SET state = 'running', boot = $1, attempt = attempt + 1, started_at = $2
+               WHERE id = (
+                   SELECT j.id FROM jobs j WHERE j.state = 'queued'
+                   AND NOT EXISTS (SELECT 1 FROM jobs r WHERE r.state = 'running' AND r.system = j.system)
+                   ORDER BY j.priority, j.turn, j.sequence LIMIT 1)
+               RETURNING *";
+    let row: Option<Row> = sqlx::query_as(sql).bind(boot).bind(millis(now)).fetch_optional(&store.writer).await?;
+    row.map(Row::record).transpose()
+}
+
+/// Gives a job back without charging the attempt, because the service stops and not the job.
+///
+/// # Errors
+/// Where the database fails or the lease is lost.
+pub async fn requeue(store: &Store, lease: &Lease, now: Timestamp) -> Result<(), StoreError> {
+    let sql = "UPDATE jobs SET boot = NULL, attempt = attempt - 1, requeued = TRUE,
+                   state = CASE WHEN cancelling THEN 'cancelled' ELSE 'queued' END,
+                   ended_at = CASE WHEN cancelling THEN $4 ELSE NULL END
+               WHERE id = $1 AND state = 'running' AND boot = $2 AND attempt = $3";
+    let done = sqlx::query(sql).bind(&lease.job).bind(lease.boot).bind(lease.attempt).bind(millis(now)).execute(&store.writer).await?;
+    if done.rows_affected() == 1 { Ok(()) } else { Err(StoreError::LeaseLost) }
+}
+
+/// Puts every job of an earlier boot back into the queue, or ends it where it has used up its attempts.
+///
+/// # Errors
+/// Where the database fails.
+pub async fn recover(store: &Store, boot: i64, now: Timestamp) -> Result<Recovered, StoreError> {
+    let mut tx = store.write().await?;
+    let failure = JobFailure {
+        code: "interrupted".into(),
+        detail: format!("the service went down {MAX_ATTEMPTS} times while this job ran"),
+        errors: Vec::new(),
+    };
+    sqlx::query("UPDATE jobs SET state = 'cancelled', boot = NULL, ended_at = $2 WHERE state = 'running' AND boot <> $1 AND cancelling")
+        .bind(boot)
+        .bind(millis(now))
+        .execute(&mut *tx)
+        .await?;
+    let sql = "UPDATE jobs SET state = 'failed', boot = NULL, error = $2, ended_at = $3
+               WHERE state = 'running' AND boot <> $1 AND attempt >= $4 RETURNING *";
+    let failed: Vec<Row> = sqlx::query_as(sql)
+        .bind(boot)
+        .bind(to_json("a failure", &failure)?)
+        .bind(millis(now))
+        .bind(MAX_ATTEMPTS)
+        .fetch_all(&mut *tx)
+        .await?;
+    let mut recovered = Recovered::default();
+    for row in failed {
+        let job = row.record()?;
+        params::note_failed_job(&mut tx, &job, now).await?;
+        recovered.failed.push(job.id);
+    }
+    let sql = "UPDATE jobs SET state = 'queued', boot = NULL, requeued = TRUE WHERE state = 'running' AND boot <> $1 RETURNING id";
+    recovered.requeued = sqlx::query_scalar(sql).bind(boot).fetch_all(&mut *tx).await?;
+    tx.commit().await?;
+    Ok(recovered)
+}
+
+/// Calls a job off: one that waits is over at once, one that runs is marked. One that has ended stays as it is.
+///
+/// # Errors
+/// Where the database fails.
+pub async fn cancel(store: &Store, id: &str, now: Timestamp) -> Result<Option<Cancelled>, StoreError> {
+    let mut tx = store.write().await?;
+    sqlx::query("UPDATE jobs SET state = 'cancelled', ended_at = $2 WHERE id = $1 AND state = 'queued'")
+        .bind(id)
+        .bind(millis(now))
+        .execute(&mut *tx)
+        .await?;
+    sqlx::query("UPDATE jobs SET cancelling = TRUE WHERE id = $1 AND state = 'running'").bind(id).execute(&mut *tx).await?;
+    let row: Option<Row> = sqlx::query_as("SELECT * FROM jobs WHERE id = $1").bind(id).fetch_optional(&mut *tx).await?;
+    tx.commit().await?;
+    let Some(row) = row else { return Ok(None) };
+    let job = row.record()?;
+    Ok(Some(Cancelled { running: job.state == JobState::Running, job }))
+}
+
+/// One job.
+///
+/// # Errors
+/// Where the database fails.
+pub async fn get(store: &Store, id: &str) -> Result<Option<JobRecord>, StoreError> {
+    let row: Option<Row> = sqlx::query_as("SELECT * FROM jobs WHERE id = $1").bind(id).fetch_optional(&store.reader).await?;
+    row.map(Row::record).transpose()
+}
+
+/// Which jobs a list shows.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Filter {
+    /// Only those that stand so.
+    pub state: Option<JobState>,
+    /// Only those of this system.
+    pub system: Option<SystemId>,
+    /// Only those of this kind.
+    pub kind: Option<JobKind>,
+}
+
+/// Jobs submitted before a sequence number, newest first: one page of a list.
+///
+/// # Errors
+/// Where the database fails.
+pub async fn page(store: &Store, filter: &Filter, before: i64, limit: i64) -> Result<Vec<JobRecord>, StoreError> {
+    let sql = "SELECT * FROM jobs WHERE ($1 IS NULL OR state = $1) AND ($2 IS NULL OR system = $2) AND ($3 IS NULL OR kind = $3)
+               AND sequence < $4 ORDER BY sequence DESC LIMIT $5";
+    let rows: Vec<Row> = sqlx::query_as(sql)
+        .bind(filter.state.map(JobState::word))
+        .bind(filter.system.as_ref().map(ToString::to_string))
+        .bind(filter.kind.map(JobKind::word))
+        .bind(before)
+        .bind(limit)
+        .fetch_all(&store.reader)
+        .await?;
+    rows.into_iter().map(Row::record).collect()
+}

@@ -1,0 +1,260 @@
+//! The only SQL. One file per noun; functions take the [`Store`] and return records, never open transactions.
+//!
+//! SQLite in WAL mode with `synchronous = FULL`: what was acknowledged survives the power cord. There is one
+//! writer connection and a small pool of readers, and every writing transaction is `BEGIN IMMEDIATE`, because
+//! SQLite refuses a transaction that reads first and writes later as soon as somebody else has written.
+//!
+//! | file | what it keeps |
+//! |---|---|
+//! | `systems` | documents of rooms and plants |
+//! | `windows` | uploaded measurements, one block per channel |
+//! | `models` | model and effect documents of users, versions made by adding effects |
+//! | `jobs` | the queue: submit, claim with a lease, cancel, recover |
+//! | `finish` | the end of a job: job, fit, verdict and revision in one transaction |
+//! | `batches` | recalibrations of several systems |
+//! | `fits` | what was found, with its verdict |
+//! | `params` | what is served: revisions, fallbacks, states |
+//! | `schedules` | when batches are submitted |
+//! | `idempotency` | keys of requests that created something |
+
+pub mod batches;
+pub mod finish;
+pub mod fits;
+pub mod idempotency;
+pub mod jobs;
+pub mod models;
+pub mod params;
+pub mod schedules;
+pub mod systems;
+pub mod windows;
+
+use jiff::Timestamp;
+use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqlitePool, SqlitePoolOptions, SqliteSynchronous};
+use sqlx::{Sqlite, SqliteConnection, Transaction};
+use std::fs::{File, TryLockError};
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+static MIGRATIONS: sqlx::migrate::Migrator = sqlx::migrate!("./migrations");
+
+/// How long a statement waits for another process that holds the database.
+const BUSY_TIMEOUT: Duration = Duration::from_secs(10);
+/// Enough for the short reads of the handlers; SQLite readers do not wait for each other.
+const READERS: u32 = 4;
+
+/// The database of one service.
+#[derive(Debug)]
+pub struct Store {
+    writer: SqlitePool,
+    reader: SqlitePool,
+    /// Held as long as the store lives, so that no second service claims the same jobs.
+    _lock: File,
+}
+
+/// Why the database could not do what was asked.
+#[derive(Debug)]
+pub enum StoreError {
+    /// SQLite or the connection to it failed.
+    Sql(sqlx::Error),
+    /// The schema could not be brought up to date; it may be newer than this program.
+    Migration(sqlx::migrate::MigrateError),
+    /// Another service has this database open.
+    InUse(PathBuf),
+    /// The database file or its lock could not be opened.
+    Open(PathBuf, std::io::Error),
+    /// A row holds something that this program did not write.
+    Corrupt {
+        /// Which row.
+        what: String,
+        /// What is wrong with it.
+        detail: String,
+    },
+    /// The lease of a job is no longer held, so nothing was written.
+    LeaseLost,
+}
+
+impl std::fmt::Display for StoreError {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            StoreError::Sql(error) => write!(f, "the database failed: {error}"),
+            StoreError::Migration(error) => write!(f, "the database schema cannot be brought up to date: {error}"),
+            StoreError::InUse(path) => write!(f, "another service has the database {} open", path.display()),
+            StoreError::Open(path, error) => write!(f, "cannot open the database {}: {error}", path.display()),
+            StoreError::Corrupt { what, detail } => write!(f, "the database holds something unreadable in {what}: {detail}"),
+            StoreError::LeaseLost => f.write_str("the lease of the job is no longer held"),
+        }
+    }
+}
+
+impl std::error::Error for StoreError {
+    fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
+        match self {
+            StoreError::Sql(error) => Some(error),
+            StoreError::Migration(error) => Some(error),
+            StoreError::Open(_, error) => Some(error),
+            StoreError::InUse(_) | StoreError::Corrupt { .. } | StoreError::LeaseLost => None,
+        }
+    }
+}
+
+impl From<sqlx::Error> for StoreError {
+    fn from(error: sqlx::Error) -> Self {
+        StoreError::Sql(error)
+    }
+}
+
+impl Store {
+    /// Opens a database, makes it if it is not there, and brings its schema up to date.
+    ///
+    /// # Errors
+    /// Where another service has it open, the file cannot be used, or the schema is not one that this program knows.
+    pub async fn open(path: &Path) -> Result<Self, StoreError> {
+        let lock = lock(path)?;
+        let options = SqliteConnectOptions::new()
+            .filename(path)
+            .create_if_missing(true)
+            .journal_mode(SqliteJournalMode::Wal)
+            .synchronous(SqliteSynchronous::Full)
+            .busy_timeout(BUSY_TIMEOUT)
+            .foreign_keys(true);
+        let writer = SqlitePoolOptions::new().max_connections(1).connect_with(options.clone()).await?;
+        MIGRATIONS.run(&writer).await.map_err(StoreError::Migration)?;
+        let reader = SqlitePoolOptions::new().max_connections(READERS).connect_with(options.pragma("query_only", "on")).await?;
+        Ok(Self { writer, reader, _lock: lock })
+    }
+
+    /// A transaction that holds the write lock from its first statement.
+    async fn write(&self) -> Result<Transaction<'static, Sqlite>, StoreError> {
+        Ok(self.writer.begin_with("BEGIN IMMEDIATE").await?)
+    }
+
+    /// Whether the database can be written now.
+    ///
+    /// # Errors
+    /// Where it cannot.
+    pub async fn writable(&self) -> Result<(), StoreError> {
+        let mut tx = self.write().await?;
+        // Rewrites a row as it is: a read-only file or a full disk shows here and not in a user's request.
+        sqlx::query("UPDATE counters SET value = value WHERE name = 'boot'").execute(&mut *tx).await?;
+        Ok(tx.rollback().await?)
+    }
+
+    /// The number of this start of the service, which its leases carry. No clock and no chance is involved.
+    ///
+    /// # Errors
+    /// Where the database fails.
+    pub async fn next_boot(&self) -> Result<i64, StoreError> {
+        let mut tx = self.write().await?;
+        let boot = next(&mut tx, "boot").await?;
+        tx.commit().await?;
+        Ok(boot)
+    }
+
+    /// Ends all connections, which also folds the write-ahead log into the database.
+    pub async fn close(&self) {
+        self.reader.close().await;
+        self.writer.close().await;
+    }
+}
+
+/// Takes the lock file beside the database. The system frees it when the process ends, however it ends.
+fn lock(path: &Path) -> Result<File, StoreError> {
+    let mut name = path.as_os_str().to_owned();
+    name.push(".lock");
+    let lock_path = PathBuf::from(name);
+    let failed = |error| StoreError::Open(lock_path.clone(), error);
+    let file = File::options().create(true).truncate(false).write(true).open(&lock_path).map_err(failed)?;
+    match file.try_lock() {
+        Ok(()) => Ok(file),
+        Err(TryLockError::WouldBlock) => Err(StoreError::InUse(path.to_owned())),
+        Err(TryLockError::Error(error)) => Err(failed(error)),
+    }
+}
+
+/// The next number of a counter.
+async fn next(tx: &mut SqliteConnection, counter: &'static str) -> Result<i64, StoreError> {
+    let query = sqlx::query_scalar("UPDATE counters SET value = value + 1 WHERE name = $1 RETURNING value");
+    Ok(query.bind(counter).fetch_one(tx).await?)
+}
+
+/// An id that nobody has: a sequence number and the time, hashed so that ids neither sort nor show how many there are.
+fn derive_id(prefix: &str, sequence: i64, now: Timestamp) -> String {
+    let hash = blake3::hash(format!("{prefix} {sequence} {now}").as_bytes()).to_hex();
+    format!("{prefix}_{}", &hash[..20])
+}
+
+/// Milliseconds since 1970, as instants are stored.
+fn millis(instant: Timestamp) -> i64 {
+    instant.as_millisecond()
+}
+
+fn instant(millis: i64) -> Result<Timestamp, StoreError> {
+    Timestamp::from_millisecond(millis).map_err(|error| corrupt("an instant", &error))
+}
+
+fn corrupt(what: impl Into<String>, detail: &dyn std::fmt::Display) -> StoreError {
+    StoreError::Corrupt { what: what.into(), detail: detail.to_string() }
+}
+
+/// Reads a text that this program wrote.
+fn parse<T: std::str::FromStr<Err: std::fmt::Display>>(what: &str, text: &str) -> Result<T, StoreError> {
+    text.parse().map_err(|error| corrupt(format!("{what} `{text}`"), &error))
+}
+
+/// Reads a document that this program wrote.
+fn from_json<T: serde::de::DeserializeOwned>(what: &str, text: &str) -> Result<T, StoreError> {
+    serde_json::from_str(text).map_err(|error| corrupt(what, &error))
+}
+
+/// Writes a document.
+fn to_json<T: serde::Serialize + ?Sized>(what: &str, value: &T) -> Result<String, StoreError> {
+    serde_json::to_string(value).map_err(|error| corrupt(what, &error))
+}
+
+/// The text of an enum whose variants are words, as `serde` spells it.
+macro_rules! words {
+    ($(#[$doc:meta])* $name:ident { $($(#[$variant_doc:meta])* $variant:ident = $word:literal),+ $(,)? }) => {
+        $(#[$doc])*
+        #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+        pub enum $name {
+            $($(#[$variant_doc])* #[serde(rename = $word)] $variant,)+
+        }
+
+        impl $name {
+            /// Every variant, in order.
+            pub const ALL: &'static [Self] = &[$(Self::$variant),+];
+
+            /// The word in the database and in documents.
+            pub const fn word(self) -> &'static str {
+                match self { $(Self::$variant => $word),+ }
+            }
+        }
+
+        impl std::str::FromStr for $name {
+            type Err = $crate::store::UnknownWord;
+
+            fn from_str(text: &str) -> Result<Self, Self::Err> {
+                match text {
+                    $($word => Ok(Self::$variant),)+
+                    _ => Err($crate::store::UnknownWord { text: text.chars().take(40).collect(), known: &[$($word),+] }),
+                }
+            }
+        }
+    };
+}
+use words;
+
+/// A text that is none of the words of an enum.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct UnknownWord {
+    /// The text, shortened.
+    pub text: String,
+    /// The words that would have been right.
+    pub known: &'static [&'static str],
+}
+
+impl std::fmt::Display for UnknownWord {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "`{}` is none of {}", self.text.escape_debug(), self.known.join(", "))
+    }
+}

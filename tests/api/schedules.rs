@@ -1,0 +1,54 @@
+//! Schedules submit ordinary jobs.
+
+use crate::support::TestApp;
+use serde_json::json;
+
+#[test]
+fn the_nightly_schedule_is_there_and_runs_on_demand() {
+    let mut app = TestApp::with(|settings| settings.zone = "Europe/Copenhagen".into());
+    let nightly = app.get("/schedules/nightly").expect(200).json();
+    assert_eq!((nightly["cron"].as_str(), nightly["zone"].as_str(), &nightly["systems"]), (Some("30 2 * * *"), Some("Europe/Copenhagen"), &json!(["room/*"])));
+    assert_eq!(nightly["next_runs"].as_array().unwrap().len(), 3);
+    app.room("1", 1);
+    app.room("2", 2);
+    app.json("PUT", "/systems/room/3", &json!({"model": "rc2"})).expect(201);
+    app.json("PUT", "/systems/room/4", &json!({"model": "rc2", "policy": {"mode": "observe"}})).expect(201);
+    app.json("PUT", "/systems/plant/1", &json!({"model": "rc2"})).expect(201);
+    let request = json!({"method": {"name": "lm_multistart"}, "budget": {"evaluations": 600}, "split": {"train": "P9D", "validation": "P5D"}});
+    app.json("PUT", "/schedules/nightly", &json!({"cron": "0 4 * * *", "systems": ["room/*"], "request": request})).expect(200);
+
+    let answer = app.post("/schedules/nightly/run").expect(202);
+    let batch = answer.json();
+    assert_eq!(answer.header("location"), format!("/batches/{}", batch["id"].as_str().unwrap()));
+    let systems: Vec<&str> = batch["jobs"].as_array().unwrap().iter().map(|job| job["system"].as_str().unwrap()).collect();
+    assert_eq!((systems, batch["schedule"].as_str()), (vec!["room/1", "room/2"], Some("nightly")));
+    let skipped: Vec<&str> = batch["skipped"].as_array().unwrap().iter().map(|row| row["system"].as_str().unwrap()).collect();
+    assert_eq!(skipped, ["room/3", "room/4"]);
+    let report = app.until(answer.header("location"), |batch| batch["finished"] == true);
+    assert_eq!(report["counts"], json!({"accepted": 2}), "{report}");
+    assert!(report["jobs"][0]["why"].is_string());
+    let job = app.get(&format!("/jobs/{}", report["jobs"][0]["job"].as_str().unwrap())).json();
+    assert_eq!((job["origin"].as_str(), job["kind"].as_str()), (Some("scheduled"), Some("estimate")));
+    assert_eq!(app.get("/params/room/2").expect(200).json()["status"], "fresh");
+
+    app.restart();
+    let nightly = app.get("/schedules/nightly").json();
+    assert_eq!((nightly["cron"].as_str(), &nightly["last_run"]["batch"]), (Some("0 4 * * *"), &batch["id"]));
+}
+
+#[test]
+fn a_tick_submits_one_batch_and_none_while_it_runs() {
+    let app = TestApp::start();
+    app.room("1", 1);
+    let request = json!({"method": {"name": "cfa_thesis"}, "budget": {"evaluations": 100_000_000}});
+    // A sixth field in front counts seconds: a tick every second.
+    app.json("PUT", "/schedules/often", &json!({"cron": "* * * * * *", "systems": ["room/1"], "request": request})).expect(201);
+    let schedule = app.until("/schedules/often", |schedule| schedule["last_result"] == "skipped_overlap");
+    let batch = app.get(&format!("/batches/{}", schedule["last_run"]["batch"].as_str().unwrap())).json();
+    assert_eq!(app.get("/jobs").json()["items"].as_array().unwrap().len(), 1, "the first batch still runs");
+    app.json("PUT", "/schedules/often", &json!({"cron": "* * * * * *", "systems": ["room/1"], "enabled": false})).expect(200);
+    let job = batch["jobs"][0]["job"].as_str().unwrap();
+    assert_eq!(app.get(&format!("/jobs/{job}")).json()["priority"], "nightly");
+    app.post(&format!("/jobs/{job}/cancel")).expect(200);
+    app.ended(job);
+}

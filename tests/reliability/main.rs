@@ -1,0 +1,226 @@
+//! The built service is killed at random moments, again and again, on one database.
+//!
+//! Whatever it acknowledged is written down here (`oracle`) and looked for after every start.
+
+#[path = "../support/mod.rs"]
+mod support;
+
+use std::collections::BTreeMap;
+use std::io::{BufRead, BufReader};
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+use support::{Client, room_csv};
+
+/// How often the service is killed. The full figure is for `LAMPYRIS_KILLS=200`.
+const KILLS: u64 = 20;
+/// Longest from start to the first answer.
+const START: Duration = Duration::from_secs(10);
+
+/// A service in a process of its own.
+struct Process {
+    child: Child,
+    client: Client,
+}
+
+impl Process {
+    fn start(database: &Path) -> Self {
+        let mut child = Command::new(env!("CARGO_BIN_EXE_lampyris"))
+            .args(["serve", "--bind", "127.0.0.1:0", "--database"])
+            .arg(database)
+            .env("LAMPYRIS_THREADS", "1")
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap();
+        let mut lines = BufReader::new(child.stdout.take().unwrap()).lines();
+        let begun = Instant::now();
+        let base = loop {
+            let line = lines.next().expect("the service ended before it listened").unwrap();
+            if let Some((_, base)) = line.split_once("listening on ") {
+                break base.trim().to_owned();
+            }
+            assert!(begun.elapsed() < START, "the service does not listen");
+        };
+        Self { child, client: Client::new(base) }
+    }
+
+    /// SIGKILL: nothing of the process gets a chance to tidy up.
+    fn kill(mut self) {
+        self.child.kill().unwrap();
+        self.child.wait().unwrap();
+    }
+
+    /// SIGTERM, as a supervisor would; gives the exit code and how long it took.
+    fn terminate(mut self) -> (Option<i32>, Duration) {
+        let start = Instant::now();
+        Command::new("kill").args(["-TERM", &self.child.id().to_string()]).status().unwrap();
+        let status = self.child.wait().unwrap();
+        (status.code(), start.elapsed())
+    }
+}
+
+impl Drop for Process {
+    fn drop(&mut self) {
+        // After a failed assertion nothing is left running.
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// What the service acknowledged.
+#[derive(Default)]
+struct Oracle {
+    windows: Vec<String>,
+    jobs: Vec<String>,
+    keys: BTreeMap<String, (serde_json::Value, String)>,
+    revision: i64,
+}
+
+impl Oracle {
+    fn check(&mut self, client: &Client) {
+        for window in &self.windows {
+            client.get(&format!("/windows/{window}")).expect(200);
+        }
+        for job in &self.jobs {
+            client.get(&format!("/jobs/{job}")).expect(200);
+        }
+        for (key, (body, job)) in &self.keys {
+            let again = client.json_with("POST", "/jobs", &[("idempotency-key", key)], body);
+            assert_eq!((again.status, again.json()["id"].as_str()), (202, Some(job.as_str())), "a key made a second job");
+        }
+        let revision = client.get("/params/room/1").expect(200).json()["revision"].as_i64().unwrap();
+        assert!(revision >= self.revision, "revisions never go back");
+        self.revision = revision;
+    }
+}
+
+/// Asks the database itself, with the service down.
+fn check_database(path: &Path) {
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+    runtime.block_on(async {
+        use sqlx::{Connection, SqliteConnection};
+        let mut connection = SqliteConnection::connect(&format!("sqlite://{}", path.display())).await.unwrap();
+        let integrity: String = sqlx::query_scalar("PRAGMA integrity_check").fetch_one(&mut connection).await.unwrap();
+        assert_eq!(integrity, "ok");
+        let orphans: Vec<(String,)> = sqlx::query_as("SELECT \"table\" FROM pragma_foreign_key_check").fetch_all(&mut connection).await.unwrap();
+        assert!(orphans.is_empty(), "{orphans:?}");
+        connection.close().await.unwrap();
+    });
+}
+
+/// A small generator, so that a failure can be repeated.
+fn random(state: &mut u64) -> u64 {
+    *state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+    *state >> 33
+}
+
+#[test]
+fn killed_at_random_moments_nothing_acknowledged_is_lost() {
+    let dir = tempfile::tempdir().unwrap();
+    let database = dir.path().join("reliability.db");
+    let kills = std::env::var("LAMPYRIS_KILLS").ok().and_then(|text| text.parse().ok()).unwrap_or(KILLS);
+    let mut oracle = Oracle::default();
+    let service = Process::start(&database);
+    service.client.room("1", 1);
+    let first = service.client.estimate("room/1", serde_json::json!({}));
+    assert_eq!(service.client.ended(&first)["outcome"], "accepted");
+    let mut served = service.client.get("/params/room/1").expect(200);
+    service.kill();
+    check_database(&database);
+    let (mut seed, mut attempts) = (7, 0);
+    for round in 0..kills {
+        let service = Process::start(&database);
+        let client = &service.client;
+        // Nothing that could be published ran since the last look, so the body is the same to the byte.
+        let now = client.get("/params/room/1").expect(200);
+        assert_eq!((now.header("etag"), &now.text), (served.header("etag"), &served.text), "round {round}");
+        oracle.check(client);
+        // The job of the round before runs again; an experiment leaves what is served alone.
+        if let Some(last) = oracle.jobs.last() {
+            let ended = client.ended(last);
+            assert_eq!(ended["state"], "succeeded", "{ended}");
+            attempts += ended["attempt"].as_i64().unwrap();
+        }
+        let body = {
+            let mut body = support::quick("room/1");
+            body["seed"] = serde_json::json!(100 + round);
+            body["experiment"] = serde_json::json!(true);
+            body["method"] = serde_json::json!({"name": "cfa_thesis"});
+            body["budget"] = serde_json::json!({"evaluations": 6000});
+            body
+        };
+        let key = format!("round {round}");
+        let job = client.json_with("POST", "/jobs", &[("idempotency-key", &key)], &body).expect(202).json()["id"].as_str().unwrap().to_owned();
+        oracle.keys.insert(key, (body, job.clone()));
+        oracle.jobs.push(job);
+        let moment = Instant::now() + Duration::from_millis(5 + random(&mut seed) % 400);
+        let mut part = 0;
+        while Instant::now() < moment {
+            // Each window starts on a day of its own, so each is another one.
+            let day = format!("{}-{:02}-{:02}", 2027 + round, 1 + part / 28 % 12, 1 + part % 28);
+            let csv: String = room_csv(1000 + round, 1).replace("2026-01-01", &day);
+            oracle.windows.push(client.csv("/systems/room/2/windows", &csv).json()["id"].as_str().map_or_else(
+                || {
+                    client.json("PUT", "/systems/room/2", &serde_json::json!({"model": "rc2"})).expect(201);
+                    client.csv("/systems/room/2/windows", &csv).json()["id"].as_str().unwrap().to_owned()
+                },
+                str::to_owned,
+            ));
+            part += 1;
+        }
+        served = client.get("/params/room/1").expect(200);
+        service.kill();
+        check_database(&database);
+    }
+    assert!(attempts > kills as i64, "no kill met a running job: {attempts} attempts in {kills} rounds");
+    let service = Process::start(&database);
+    oracle.check(&service.client);
+    service.client.ended(oracle.jobs.last().unwrap());
+    eprintln!("{kills} kills, {} jobs in {attempts} attempts, {} windows", oracle.jobs.len(), oracle.windows.len());
+}
+
+#[test]
+fn a_job_that_takes_the_process_down_three_times_fails_for_good() {
+    let dir = tempfile::tempdir().unwrap();
+    let database = dir.path().join("poison.db");
+    let service = Process::start(&database);
+    service.client.room("1", 1);
+    service.client.ended(&service.client.estimate("room/1", serde_json::json!({})));
+    let job = service.client.json("POST", "/jobs", &support::endless("room/1")).expect(202).json()["id"].as_str().unwrap().to_owned();
+    let mut service = service;
+    for attempt in 1..=3 {
+        let running = service.client.until(&format!("/jobs/{job}"), |job| job["state"] == "running");
+        assert_eq!(running["attempt"], attempt);
+        service.kill();
+        service = Process::start(&database);
+    }
+    let failed = service.client.get(&format!("/jobs/{job}")).json();
+    assert_eq!((failed["state"].as_str(), failed["error"]["code"].as_str()), (Some("failed"), Some("interrupted")), "{failed}");
+    let params = service.client.get("/params/room/1").expect(200).json();
+    assert_eq!((params["status"].as_str(), params["fallback"]["reason"].as_str()), (Some("fallback"), Some("job_failed")));
+    assert_eq!(service.client.ended(&service.client.estimate("room/1", serde_json::json!({"seed": 5})))["state"], "succeeded");
+}
+
+#[test]
+fn a_stop_is_quick_and_gives_the_job_back() {
+    let dir = tempfile::tempdir().unwrap();
+    let database = dir.path().join("stop.db");
+    let service = Process::start(&database);
+    service.client.room("1", 1);
+    let job = service.client.json("POST", "/jobs", &support::endless("room/1")).expect(202).json()["id"].as_str().unwrap().to_owned();
+    service.client.until(&format!("/jobs/{job}"), |job| job["state"] == "running");
+    let poll = {
+        let client = service.client.clone();
+        std::thread::spawn(move || client.get_with("/params/room/1", &[("prefer", "wait=60")]))
+    };
+    std::thread::sleep(Duration::from_millis(100));
+    let (code, took) = service.terminate();
+    assert_eq!(code, Some(0));
+    assert!(took < Duration::from_secs(5), "{took:?}");
+    assert_eq!(poll.join().unwrap().status, 404, "an answer under way is sent");
+    check_database(&database);
+    let service = Process::start(&database);
+    let running = service.client.until(&format!("/jobs/{job}"), |job| job["state"] == "running");
+    assert_eq!(running["attempt"], 1, "the stop was not charged to the job");
+}

@@ -1,0 +1,268 @@
+//! What the tests of the service share: a service in this process, a plain client, and a small synthetic room.
+#![allow(dead_code, reason = "each test binary uses its part")]
+
+use lampyris::app::App;
+use lampyris::settings::Settings;
+use serde_json::Value;
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+use tokio::runtime::Runtime;
+
+/// Longest that a test waits for something that takes seconds at most.
+pub const PATIENCE: Duration = Duration::from_secs(120);
+
+/// A plain HTTP client for one service.
+#[derive(Clone)]
+pub struct Client {
+    base: String,
+    agent: ureq::Agent,
+}
+
+/// An answer, read to its end.
+#[derive(Debug, Clone)]
+pub struct Answer {
+    pub status: u16,
+    pub headers: ureq::http::HeaderMap,
+    pub text: String,
+}
+
+impl Answer {
+    #[track_caller]
+    pub fn json(&self) -> Value {
+        serde_json::from_str(&self.text).unwrap_or_else(|error| panic!("{error}: {}", self.text))
+    }
+
+    pub fn header(&self, name: &str) -> &str {
+        self.headers.get(name).and_then(|value| value.to_str().ok()).unwrap_or_default()
+    }
+
+    /// The answer, which must have this status.
+    #[track_caller]
+    pub fn expect(self, status: u16) -> Self {
+        assert_eq!(self.status, status, "{}", self.text);
+        self
+    }
+
+    /// The problem document, which must have this status and slug.
+    #[track_caller]
+    pub fn problem(self, status: u16, slug: &str) -> Value {
+        assert_eq!(self.header("content-type"), "application/problem+json", "{} {}", self.status, self.text);
+        let problem = self.expect(status).json();
+        assert_eq!(problem["type"], slug, "{problem}");
+        assert_eq!(problem["status"], status, "{problem}");
+        assert!(problem["detail"].is_string() && problem["title"].is_string(), "{problem}");
+        problem
+    }
+}
+
+impl Client {
+    pub fn new(base: String) -> Self {
+        let config = ureq::Agent::config_builder().http_status_as_error(false).timeout_global(Some(PATIENCE)).build();
+        Self { base, agent: config.into() }
+    }
+
+    /// Sends a request; `Err` where the connection fails.
+    pub fn send(&self, method: &str, path: &str, headers: &[(&str, &str)], body: Option<&[u8]>) -> Result<Answer, ureq::Error> {
+        let mut request = ureq::http::Request::builder().method(method).uri(format!("{}{path}", self.base));
+        for (name, value) in headers {
+            request = request.header(*name, *value);
+        }
+        let response = match body {
+            Some(body) => self.agent.run(request.body(body).unwrap()),
+            None => self.agent.run(request.body(()).unwrap()),
+        }?;
+        let (parts, mut body) = response.into_parts();
+        let text = body.with_config().limit(1 << 28).read_to_string()?;
+        Ok(Answer { status: parts.status.as_u16(), headers: parts.headers, text })
+    }
+
+    #[track_caller]
+    pub fn get(&self, path: &str) -> Answer {
+        self.send("GET", path, &[], None).unwrap()
+    }
+
+    #[track_caller]
+    pub fn get_with(&self, path: &str, headers: &[(&str, &str)]) -> Answer {
+        self.send("GET", path, headers, None).unwrap()
+    }
+
+    #[track_caller]
+    pub fn json(&self, method: &str, path: &str, body: &Value) -> Answer {
+        self.json_with(method, path, &[], body)
+    }
+
+    #[track_caller]
+    pub fn json_with(&self, method: &str, path: &str, headers: &[(&str, &str)], body: &Value) -> Answer {
+        let headers: Vec<(&str, &str)> = [("content-type", "application/json")].iter().chain(headers).copied().collect();
+        self.send(method, path, &headers, Some(body.to_string().as_bytes())).unwrap()
+    }
+
+    #[track_caller]
+    pub fn csv(&self, path: &str, body: &str) -> Answer {
+        self.send("POST", path, &[("content-type", "text/csv")], Some(body.as_bytes())).unwrap()
+    }
+
+    #[track_caller]
+    pub fn post(&self, path: &str) -> Answer {
+        self.send("POST", path, &[], Some(b"")).unwrap()
+    }
+
+    /// Makes a room of this model with two weeks of measurements.
+    #[track_caller]
+    pub fn room(&self, id: &str, seed: u64) {
+        self.json("PUT", &format!("/systems/room/{id}"), &serde_json::json!({"label": format!("Room {id}"), "model": "rc2"})).expect(201);
+        self.csv(&format!("/systems/room/{id}/windows"), &room_csv(seed, 14)).expect(201);
+    }
+
+    /// Posts a quick estimate and gives its id.
+    #[track_caller]
+    pub fn estimate(&self, system: &str, more: Value) -> String {
+        let mut body = quick(system);
+        body.as_object_mut().unwrap().extend(more.as_object().unwrap().clone());
+        let answer = self.json("POST", "/jobs", &body).expect(202);
+        let id = answer.json()["id"].as_str().unwrap().to_owned();
+        assert_eq!(answer.header("location"), format!("/jobs/{id}"));
+        id
+    }
+
+    /// Waits until a job has ended.
+    #[track_caller]
+    pub fn ended(&self, job: &str) -> Value {
+        self.until(&format!("/jobs/{job}"), |job| ["succeeded", "failed", "cancelled"].contains(&job["state"].as_str().unwrap()))
+    }
+
+    /// Waits until a document says something.
+    #[track_caller]
+    pub fn until(&self, path: &str, holds: impl Fn(&Value) -> bool) -> Value {
+        let start = Instant::now();
+        loop {
+            let document = self.get(path).json();
+            if holds(&document) {
+                return document;
+            }
+            assert!(start.elapsed() < PATIENCE, "{path} still says {document}");
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    }
+}
+
+/// A quick request for an estimate: least squares from a few points.
+pub fn quick(system: &str) -> Value {
+    serde_json::json!({
+        "kind": "estimate", "system": system, "seed": 1,
+        "split": {"train": "P9D", "validation": "P5D"},
+        "method": {"name": "lm_multistart"}, "budget": {"evaluations": 600},
+    })
+}
+
+/// A request that does not end by itself within the time of a test.
+pub fn endless(system: &str) -> Value {
+    serde_json::json!({"kind": "estimate", "system": system, "method": {"name": "cfa_thesis"}, "budget": {"evaluations": 100_000_000}})
+}
+
+/// Half-hourly measurements of a room that follows the model `rc2`, with a little noise.
+pub fn room_csv(seed: u64, days: usize) -> String {
+    let mut text = "time,T_room[degC],T_out[degC]\n".to_owned();
+    for (time, room, out) in room(seed, days) {
+        text.push_str(&format!("{time},{room:.3},{out:.3}\n"));
+    }
+    text
+}
+
+/// The same samples as numbers: time, room, outdoors.
+pub fn room(seed: u64, days: usize) -> Vec<(String, f64, f64)> {
+    let (alpha_e, beta_e, alpha_a) = (0.8, 4.0, 0.15);
+    let start: jiff::Timestamp = "2026-01-01T00:00:00Z".parse().unwrap();
+    let mut state = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) | 1;
+    let mut noise = || {
+        // A sum of uniform numbers of a small generator is normal enough.
+        let mut sum = 0.0;
+        for _ in 0..4 {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            sum += (state >> 33) as f64 / (1u64 << 31) as f64 - 0.5;
+        }
+        sum
+    };
+    let (mut t_r, mut t_e) = (15.0, 14.0);
+    let mut front = 0.0;
+    let mut rows = Vec::new();
+    for step in 0..days * 48 {
+        let hour = step as f64 / 2.0;
+        front += 0.4 * noise() - 0.01 * front;
+        let out = 5.0 + 6.0 * (hour * std::f64::consts::TAU / 24.0).sin() + 3.0 * (hour / 37.0).sin() + 2.0 * front;
+        let time = start + jiff::SignedDuration::from_mins(30 * step as i64);
+        rows.push((time.to_string(), t_r + 0.03 * noise(), out));
+        for _ in 0..30 {
+            let dt = 0.5 / 30.0;
+            let rate_r = alpha_e * (t_e - t_r);
+            let rate_e = alpha_e / beta_e * (t_r - t_e) + alpha_a * (out - t_e);
+            (t_r, t_e) = (t_r + dt * rate_r, t_e + dt * rate_e);
+        }
+    }
+    rows
+}
+
+/// A service in this process, with a database of its own.
+pub struct TestApp {
+    pub client: Client,
+    app: Option<App>,
+    runtime: Runtime,
+    dir: tempfile::TempDir,
+    settings: Settings,
+}
+
+impl TestApp {
+    pub fn start() -> Self {
+        Self::with(|_| {})
+    }
+
+    pub fn with(change: impl FnOnce(&mut Settings)) -> Self {
+        let dir = tempfile::tempdir().unwrap();
+        let mut settings = Settings {
+            bind: "127.0.0.1:0".parse().unwrap(),
+            database: dir.path().join("test.db"),
+            threads: 1,
+            ..Settings::default()
+        };
+        change(&mut settings);
+        let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build().unwrap();
+        let app = runtime.block_on(App::start(settings.clone())).unwrap_or_else(|error| panic!("{error}"));
+        Self { client: Client::new(format!("http://{}", app.addr)), app: Some(app), runtime, dir, settings }
+    }
+
+    /// Stops the service and starts it again on the same database.
+    pub fn restart(&mut self) {
+        self.stop();
+        let app = self.runtime.block_on(App::start(self.settings.clone())).unwrap_or_else(|error| panic!("{error}"));
+        self.client = Client::new(format!("http://{}", app.addr));
+        self.app = Some(app);
+    }
+
+    pub fn stop(&mut self) {
+        if let Some(app) = self.app.take() {
+            self.runtime.block_on(app.shutdown()).unwrap();
+        }
+    }
+
+    pub fn database(&self) -> PathBuf {
+        self.dir.path().join("test.db")
+    }
+
+    pub fn addr(&self) -> std::net::SocketAddr {
+        self.app.as_ref().unwrap().addr
+    }
+}
+
+impl Drop for TestApp {
+    fn drop(&mut self) {
+        self.stop();
+    }
+}
+
+impl std::ops::Deref for TestApp {
+    type Target = Client;
+
+    fn deref(&self) -> &Client {
+        &self.client
+    }
+}
