@@ -4,7 +4,7 @@ use super::{Failure, faults, print};
 use indicatif::{ProgressBar, ProgressStyle};
 use lampyris::data::{Bindings, Duration, SplitRequest, Window};
 use lampyris::estimate::request::{Budget, Objective, Prior, WindowRange};
-use lampyris::estimate::validate::CheckResult;
+use lampyris::estimate::validate::{CheckResult, Severity};
 use lampyris::estimate::{Control, EstimateRequest, Fit, Policy, Progress, Site, estimate, prepare, validate};
 use lampyris::model::{Catalogue, ModelId};
 use lampyris::optimise::Method;
@@ -193,7 +193,11 @@ fn table(fit: &Fit) -> String {
 fn checks(checks: &[CheckResult]) -> String {
     let line = |check: &CheckResult| {
         let number = |value: Option<f64>| value.map_or_else(String::new, |value| format!("{value:.4}"));
-        let mark = if check.pass { "pass" } else { "FAIL" };
+        let mark = match (check.pass, check.severity) {
+            (true, _) => "pass",
+            (false, Severity::Flag) => "flag",
+            (false, _) => "FAIL",
+        };
         format!("{mark} {:<28} {:>10} {:<2} {:<8} {}", check.name, number(check.statistic), check.operator, number(check.threshold), check.comment)
     };
     checks.iter().map(line).collect::<Vec<_>>().join("\n")

@@ -145,9 +145,13 @@ pub fn validate(problem: &Problem, fit: &Fit, incumbent: Option<&Incumbent>, pol
     // The fit may have needed shorter steps than the problem started with.
     let problem = &problem.with_substeps(fit.substeps);
     let theta = reread(fit);
+    if theta.len() != problem.model().parameters().len() || theta.iter().any(|value| !value.is_finite()) {
+        gate.check("G1 finite", None, "", None, "-", false, Severity::Reject, "a parameter is missing or no finite number".to_owned());
+        return gate.judge(None);
+    }
     let trajectory = problem.simulate(&theta);
-    gate.finite(problem, fit, &theta, &trajectory);
-    if trajectory.diverged || theta.len() != problem.model().parameters().len() || theta.iter().any(|value| !value.is_finite()) {
+    gate.finite(problem, fit, &trajectory);
+    if trajectory.diverged {
         return gate.judge(None);
     }
     gate.bounds(fit);
@@ -196,11 +200,10 @@ impl Gate {
         pass
     }
 
-    fn finite(&mut self, problem: &Problem, fit: &Fit, theta: &[f64], trajectory: &Trajectory) {
+    fn finite(&mut self, problem: &Problem, fit: &Fit, trajectory: &Trajectory) {
         let again = problem.mean_square_error(trajectory, 0, problem.split().train.clone()).map(f64::sqrt);
         let stored = fit.first_metrics().map(|metrics| metrics.train_rmse);
-        let finite = theta.iter().all(|value| value.is_finite()) && !trajectory.diverged;
-        let difference = again.zip(stored).filter(|_| finite).map(|(again, stored)| ((again - stored) / stored.max(f64::MIN_POSITIVE)).abs());
+        let difference = again.zip(stored).filter(|_| !trajectory.diverged).map(|(again, stored)| ((again - stored) / stored.max(f64::MIN_POSITIVE)).abs());
         let comment = "every number is finite, and the stored parameters reproduce the stored error".to_owned();
         self.at_most("G1 finite", difference, 1e-9, "-", Severity::Reject, comment);
     }

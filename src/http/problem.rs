@@ -211,6 +211,7 @@ fn not_found(what: &str) -> (&'static str, &'static str) {
         "system" => ("system-not-found", "No such system"),
         "window" => ("window-not-found", "No such window"),
         "model" => ("model-not-found", "No such model"),
+        "effect" => ("effect-not-found", "No such effect"),
         "job" => ("job-not-found", "No such job"),
         "batch" => ("batch-not-found", "No such batch"),
         "fit" => ("fit-not-found", "No such fit"),

@@ -99,6 +99,8 @@ pub struct Cfa {
     /// The stream of the scouts; swarms and fireflies own others.
     stream: Xoshiro256PlusPlus,
     stage: Stage,
+    /// The polished warm starts, while the first swarm knows them.
+    warm: Vec<Candidate>,
     /// Swarms begun, each with its own random streams.
     swarms: usize,
     agreement: Agreement,
@@ -108,7 +110,7 @@ pub struct Cfa {
 
 impl Cfa {
     /// A search that polishes the warm starts first, if there are any: a recalibration whose parameters still hold
-    /// has its optimum at once, and one swarm that reaches nothing better confirms it.
+    /// has its optimum at once, and a swarm whose own local runs end at the same cost confirms it.
     pub fn new(options: CfaOptions, search: &Search) -> Self {
         let warm = search.warm_starts();
         let mut cfa = Self {
@@ -117,39 +119,55 @@ impl Cfa {
             residuals: search.residuals,
             stream: stream(search.seed, u64::MAX),
             stage: Stage::Local(LocalStage::new(&options.local, &warm, search.residuals)),
+            warm: Vec::new(),
             swarms: 0,
             agreement: Agreement::new(options.agreement),
             generation: 0,
             options,
         };
         if warm.is_empty() {
-            cfa.stage = cfa.next_swarm(&[]);
+            cfa.stage = cfa.next_swarm();
         }
         cfa
     }
 
-    fn next_swarm(&mut self, first: &[Candidate]) -> Stage {
+    fn next_swarm(&mut self) -> Stage {
         let first_swarm = if self.residuals { self.options.swarm } else { self.options.swarm_on_costs };
         let grown = first_swarm as f64 * self.options.growth.max(1.0).powi(self.swarms as i32);
         // The cast saturates, and more than any budget is as good as infinite.
         let budget = grown as usize;
         let first_id = self.swarms as u64 * Swarm::ids(&self.options);
         self.swarms += 1;
-        Stage::Swarm(Swarm::new(&self.options, budget, self.seed, first_id, self.dimensions, first))
+        Stage::Swarm(Swarm::new(&self.options, budget, self.seed, first_id, self.dimensions, &self.warm))
+    }
+
+    /// The local stage from a swarm's bests and from the scouts' places. A polished warm start is left out: its run
+    /// would end where it began, and the restart would confirm nothing but itself.
+    fn descend(&mut self, bests: &[Candidate]) -> Stage {
+        let merge = self.options.local.merge;
+        let near = |a: &Candidate, b: &Candidate| a.0.iter().zip(&b.0).all(|(a, b)| (a - b).abs() < merge);
+        let mut starts: Vec<Candidate> = bests
+            .iter()
+            .filter(|best| !self.warm.iter().any(|warm| near(best, warm)))
+            .take(self.options.starts)
+            .cloned()
+            .collect();
+        starts.extend((0..self.options.scouts).map(|_| Candidate(random_point(self.dimensions, &mut self.stream))));
+        self.warm.clear();
+        Stage::Local(LocalStage::new(&self.options.local, &starts, self.residuals))
     }
 
     /// A restart is complete: either it settles the search, or another swarm sets out. The first swarm knows the
     /// polished warm starts, later ones begin without prejudice.
-    fn restart(&mut self, places: &[(Candidate, Cost)]) -> Stage {
+    fn restart(&mut self, places: Vec<(Candidate, Cost)>) -> Stage {
         let optimum = places.iter().map(|(_, cost)| *cost).min().unwrap_or(Cost::Diverged);
-        match self.agreement.restart(optimum) {
-            Some(ended) => Stage::Ended(ended),
-            None if self.swarms == 0 => {
-                let first: Vec<Candidate> = places.iter().map(|(place, _)| place.clone()).collect();
-                self.next_swarm(&first)
-            }
-            None => self.next_swarm(&[]),
+        if let Some(ended) = self.agreement.restart(optimum) {
+            return Stage::Ended(ended);
         }
+        if self.swarms == 0 {
+            self.warm = places.into_iter().map(|(place, _)| place).collect();
+        }
+        self.next_swarm()
     }
 }
 
@@ -160,16 +178,15 @@ impl Strategy for Cfa {
                 Stage::Swarm(swarm) => match swarm.propose() {
                     Some(batch) => return Ask::Costs(batch),
                     None => {
-                        let mut starts = swarm.cluster_bests(self.options.starts);
-                        starts.extend((0..self.options.scouts).map(|_| Candidate(random_point(self.dimensions, &mut self.stream))));
-                        Stage::Local(LocalStage::new(&self.options.local, &starts, self.residuals))
+                        let bests = swarm.cluster_bests(self.options.starts + self.warm.len());
+                        self.descend(&bests)
                     }
                 },
                 Stage::Local(local) => match local.propose() {
                     Some(ask) => return ask,
                     None => {
                         let places = local.places();
-                        self.restart(&places)
+                        self.restart(places)
                     }
                 },
                 Stage::Ended(ended) => return Ask::Done(*ended),

@@ -53,7 +53,8 @@ fn at(graph: &mut Graph, model: &Model, nodes: &[NodeId], states: &[NodeId], poi
     })
 }
 
-fn ros2(g: &mut Graph, model: &Model) -> Vec<NodeId> {
+/// One step of ROS2: the states at its end, as nodes of `g`.
+pub fn ros2(g: &mut Graph, model: &Model) -> Vec<NodeId> {
     let n = model.states().len();
     let x: Vec<NodeId> = (0..n).map(|i| g.intern(Node::State(i as u16))).collect();
     let f = at(g, model, model.rhs(), &x, Point::Start);

@@ -4,107 +4,16 @@
 //! and committed before the job starts, so a job that takes the process down is counted as well.
 
 use super::idempotency::{Earlier, KeyState, RequestKey, look_up, remember};
-use super::{Store, StoreError, derive_id, from_json, instant, millis, next, params, parse, to_json, words};
+use super::{Store, StoreError, derive_id, from_json, instant, millis, next, params, parse, to_json};
 use crate::data::SystemId;
-use crate::fault::Fault;
 use crate::model::ModelId;
 use jiff::Timestamp;
-use serde::{Deserialize, Serialize};
 use sqlx::{FromRow, SqliteConnection};
+
+pub use super::job::{JobFailure, JobKind, JobState, Origin, Outcome, Priority};
 
 /// A job that was started this often without coming to an end takes no further boot with it.
 pub const MAX_ATTEMPTS: i64 = 3;
-
-words! {
-    /// What a job does. Recalibrations are batches of estimates.
-    JobKind {
-        /// Estimate parameters, judge and publish them.
-        Estimate = "estimate",
-    }
-}
-
-words! {
-    /// Where a job stands.
-    JobState {
-        /// It waits for a worker.
-        Queued = "queued",
-        /// A worker has it.
-        Running = "running",
-        /// It came to a result, whatever the gate said of it.
-        Succeeded = "succeeded",
-        /// It came to none.
-        Failed = "failed",
-        /// Somebody called it off.
-        Cancelled = "cancelled",
-    }
-}
-
-impl JobState {
-    /// Whether nothing more will happen.
-    pub const fn is_final(self) -> bool {
-        matches!(self, JobState::Succeeded | JobState::Failed | JobState::Cancelled)
-    }
-}
-
-words! {
-    /// What a job that succeeded led to.
-    Outcome {
-        /// The gate accepted the fit; it is served if the job counts.
-        Accepted = "accepted",
-        /// The fit waits for an operator.
-        Held = "held",
-        /// The gate refused it.
-        Rejected = "rejected",
-        /// The gate accepted it, but the policy of the system lets nobody but an operator publish.
-        Suggested = "suggested",
-        /// It passes, but what is served is better.
-        Unchanged = "unchanged",
-    }
-}
-
-words! {
-    /// Who asked for a job.
-    Origin {
-        /// A user or a program.
-        Posted = "posted",
-        /// A schedule.
-        Scheduled = "scheduled",
-    }
-}
-
-words! {
-    /// Who goes first.
-    Priority {
-        /// Somebody waits in front of a page.
-        Interactive = "interactive",
-        /// Somebody posted it.
-        Operator = "operator",
-        /// The schedule's.
-        Nightly = "nightly",
-    }
-}
-
-impl Priority {
-    const fn rank(self) -> i64 {
-        self as i64
-    }
-
-    fn from_rank(rank: i64) -> Priority {
-        usize::try_from(rank).ok().and_then(|rank| Self::ALL.get(rank)).copied().unwrap_or(Priority::Nightly)
-    }
-}
-
-/// Why a job came to no result.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-pub struct JobFailure {
-    /// A stable slug, such as `diverged` or `panic`.
-    pub code: String,
-    /// A sentence for people.
-    pub detail: String,
-    /// Every fault of the request, the model or the data, where that is the reason.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub errors: Vec<Fault>,
-}
 
 /// A job to be submitted.
 #[derive(Debug, Clone, PartialEq)]

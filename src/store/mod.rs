@@ -21,6 +21,7 @@ pub mod batches;
 pub mod finish;
 pub mod fits;
 pub mod idempotency;
+mod job;
 pub mod jobs;
 pub mod models;
 pub mod params;

@@ -1,4 +1,5 @@
 //! The surface, against a service in this process.
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
 mod faults;
 mod jobs;

@@ -1,6 +1,7 @@
 //! The built service is killed at random moments, again and again, on one database.
 //!
 //! Whatever it acknowledged is written down here (`oracle`) and looked for after every start.
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
 #[path = "../support/mod.rs"]
 mod support;

@@ -183,17 +183,23 @@ pub fn room(seed: u64, days: usize) -> Vec<(String, f64, f64)> {
         }
         sum
     };
-    let (mut t_r, mut t_e) = (15.0, 14.0);
     let mut front = 0.0;
+    let outdoors: Vec<f64> = (0..=days * 48)
+        .map(|step| {
+            let hour = step as f64 / 2.0;
+            front += 0.4 * noise() - 0.01 * front;
+            5.0 + 6.0 * (hour * std::f64::consts::TAU / 24.0).sin() + 3.0 * (hour / 37.0).sin() + 2.0 * front
+        })
+        .collect();
+    let (mut t_r, mut t_e) = (15.0, 14.0);
     let mut rows = Vec::new();
-    for step in 0..days * 48 {
-        let hour = step as f64 / 2.0;
-        front += 0.4 * noise() - 0.01 * front;
-        let out = 5.0 + 6.0 * (hour * std::f64::consts::TAU / 24.0).sin() + 3.0 * (hour / 37.0).sin() + 2.0 * front;
+    for (step, pair) in outdoors.windows(2).enumerate() {
         let time = start + jiff::SignedDuration::from_mins(30 * step as i64);
-        rows.push((time.to_string(), t_r + 0.03 * noise(), out));
-        for _ in 0..30 {
-            let dt = 0.5 / 30.0;
+        rows.push((time.to_string(), t_r + 0.03 * noise(), pair[0]));
+        // Small steps of Euler's method, with the weather on a straight line between its samples.
+        for part in 0..60 {
+            let out = pair[0] + (pair[1] - pair[0]) * f64::from(part) / 60.0;
+            let dt = 0.5 / 60.0;
             let rate_r = alpha_e * (t_e - t_r);
             let rate_e = alpha_e / beta_e * (t_r - t_e) + alpha_a * (out - t_e);
             (t_r, t_e) = (t_r + dt * rate_r, t_e + dt * rate_e);

@@ -1,0 +1,96 @@
+//! Synthetic rooms with a known truth: what a fit finds, what the gate says, and that threads change nothing.
+
+use super::{fit, problem, request};
+use lampyris::estimate::request::{EstimateRequest, Objective, Prior};
+use lampyris::estimate::{Incumbent, Policy, Problem, Site, Verdict, validate};
+use lampyris::twin::{self, RoomTwin};
+
+fn room(seed: u64, days: usize, asked: &EstimateRequest) -> (RoomTwin, Problem) {
+    let twin = twin::room(seed, 2, days, 30).unwrap();
+    let site = Site { location: None, sets: [("neighbours".to_owned(), twin.neighbours.clone())].into() };
+    let problem = problem(&twin.csv, "room3", &[], &site, asked);
+    (twin, problem)
+}
+
+#[test]
+fn a_well_specified_room_is_fitted_to_its_noise_and_accepted() {
+    let asked = request("P10D", "P4D", "P0D", 21);
+    for seed in [401, 402, 403] {
+        let (_, problem) = room(seed, 14, &asked);
+        let fit = fit(&problem, &asked);
+        let metrics = fit.first_metrics().unwrap();
+        println!("twin {seed}: train {:.4}, validation {:?}, {:?}", metrics.train_rmse, metrics.validation_rmse, fit.stopped_by);
+        assert!(metrics.train_rmse < 0.055, "{}", metrics.train_rmse);
+        assert!(metrics.validation_rmse.unwrap() < 0.08);
+        let judgement = validate(&problem, &fit, None, &Policy::default());
+        assert!(matches!(judgement.verdict, Verdict::Accepted(_)), "{}", judgement.summary);
+    }
+}
+
+#[test]
+fn a_fit_is_bit_identical_on_one_and_two_threads() {
+    let asked = request("P7D", "P2D", "P0D", 22);
+    let (_, problem) = room(411, 9, &asked);
+    let on = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| serde_json::to_string(&fit(&problem, &asked)).unwrap())
+    };
+    assert_eq!(on(1), on(2));
+}
+
+#[test]
+fn a_worse_fit_loses_to_the_incumbent_and_a_jump_waits_for_an_operator() {
+    let asked = request("P10D", "P4D", "P0D", 23);
+    let (_, problem) = room(421, 14, &asked);
+    let good = fit(&problem, &asked);
+    let theta = good.parameters.iter().map(|(name, estimate)| (name.clone(), estimate.value)).collect();
+    let incumbent = Incumbent { model: problem.model().id().clone(), theta };
+    let again = validate(&problem, &good, Some(&incumbent), &Policy::default());
+    assert!(matches!(again.verdict, Verdict::Accepted(_)), "{}", again.summary);
+    let mut worse = asked.clone();
+    worse.fixed.insert("alpha_a".into(), 2.0);
+    let (_, crippled) = room(421, 14, &worse);
+    let judgement = validate(&crippled, &fit(&crippled, &worse), Some(&incumbent), &Policy::default());
+    assert!(matches!(judgement.verdict, Verdict::Rejected | Verdict::Held | Verdict::Unchanged), "{}", judgement.summary);
+    assert!(!judgement.failed().is_empty(), "{}", judgement.summary);
+}
+
+#[test]
+fn a_tampered_fit_is_refused() {
+    let asked = request("P10D", "P4D", "P0D", 24);
+    let (_, problem) = room(431, 14, &asked);
+    let good = fit(&problem, &asked);
+    for (name, value) in [("alpha_e", f64::NAN), ("alpha_h", 14.0), ("T_set", 22.9)] {
+        let mut tampered = good.clone();
+        tampered.parameters[name].value = value;
+        let judgement = validate(&problem, &tampered, None, &Policy::default());
+        assert_eq!(judgement.verdict, Verdict::Rejected, "{name}");
+        assert!(judgement.failed().contains(&"G1 finite"), "{name}");
+    }
+}
+
+#[test]
+fn the_prior_pulls_only_what_the_data_leave_open() {
+    let asked = request("P10D", "P4D", "P0D", 25);
+    let (_, plain) = room(441, 14, &asked);
+    let prior = EstimateRequest { prior: Prior::LogNormal, ..asked.clone() };
+    let (_, drawn) = room(441, 14, &prior);
+    let (free, pulled) = (fit(&plain, &asked), fit(&drawn, &prior));
+    let rmse = |fit: &lampyris::estimate::Fit| fit.first_metrics().unwrap().train_rmse;
+    assert!(rmse(&pulled) < 1.05 * rmse(&free), "{} {}", rmse(&pulled), rmse(&free));
+    let distance = |fit: &lampyris::estimate::Fit| {
+        let logs = plain.model().parameters().iter().zip(plain.nominal()).filter(|(parameter, _)| parameter.unit == "1/h");
+        logs.map(|(parameter, nominal)| (fit.parameters[&parameter.name].value / nominal).ln().powi(2)).sum::<f64>()
+    };
+    assert!(distance(&pulled) <= distance(&free) + 1e-9);
+}
+
+#[test]
+fn the_shape_weighted_error_is_minimised_by_the_same_search() {
+    let mut asked = request("P7D", "P2D", "P0D", 26);
+    asked.objective = Objective::Swmse;
+    let (_, problem) = room(451, 9, &asked);
+    let fit = fit(&problem, &asked);
+    // At the noise floor the shapes agree, so the weight is nearly one.
+    assert!(fit.cost > 0.9 * 0.05f64.powi(2) && fit.cost < 1.3 * 0.05f64.powi(2), "{}", fit.cost);
+}
