@@ -1,6 +1,7 @@
-//! Tells cargo that the binary embeds the migrations: without this a new file in `migrations/` would go
+//! Tells cargo that the binary embeds migrations and documents: without this a new file would go
 //! unnoticed until some source file changes.
 
 fn main() {
     println!("cargo:rerun-if-changed=migrations");
+    println!("cargo:rerun-if-changed=config");
 }

@@ -53,7 +53,8 @@ pub enum AppError {
 
 impl std::fmt::Display for AppError {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let list = |f: &mut std::fmt::Formatter<'_>, faults: &[crate::fault::Fault]| faults.iter().try_for_each(|fault| write!(f, "\n  {fault}"));
+        let list =
+            |f: &mut std::fmt::Formatter<'_>, faults: &[crate::fault::Fault]| faults.iter().try_for_each(|fault| write!(f, "\n  {fault}"));
         match self {
             AppError::Settings(faults) => {
                 f.write_str("the settings have faults:")?;
@@ -107,7 +108,11 @@ impl App {
         let boot = store.next_boot().await?;
         let recovered = store::jobs::recover(&store, boot, now()).await?;
         if !recovered.requeued.is_empty() || !recovered.failed.is_empty() {
-            tracing::warn!(requeued = recovered.requeued.len(), failed = recovered.failed.len(), "jobs of an earlier start were found running");
+            tracing::warn!(
+                requeued = recovered.requeued.len(),
+                failed = recovered.failed.len(),
+                "jobs of an earlier start were found running"
+            );
         }
         store::idempotency::forget_old(&store, now()).await?;
         let service = Arc::new(Service {
@@ -161,8 +166,7 @@ impl App {
         self.service.stopping.send_replace(true);
         self.service.wake.notify_waiters();
         let tasks = async { while self.tasks.join_next().await.is_some() {} };
-        let (tasks_done, server_done) =
-            tokio::join!(tokio::time::timeout(GRACE, tasks), tokio::time::timeout(GRACE, &mut self.server));
+        let (tasks_done, server_done) = tokio::join!(tokio::time::timeout(GRACE, tasks), tokio::time::timeout(GRACE, &mut self.server));
         if tasks_done.is_err() {
             // A job that did not hear in time is given back over its head; its own end will find the lease gone.
             for lease in self.service.board.leases() {

@@ -101,7 +101,8 @@ impl Settings {
                     let close = nearest(&name[9..], VARIABLES.iter().map(|(known, _)| &known[9..]));
                     if let Some(known) = close {
                         faults.push(
-                            Fault::new(&name, "unknown-setting", format!("`{name}` is no setting")).suggest(format!("did you mean `LAMPYRIS_{known}`?")),
+                            Fault::new(&name, "unknown-setting", format!("`{name}` is no setting"))
+                                .suggest(format!("did you mean `LAMPYRIS_{known}`?")),
                         );
                     }
                 }
@@ -163,7 +164,8 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let file = dir.path().join("lampyris.toml");
         std::fs::write(&file, "workers = 3\nzone = \"Europe/Copenhagen\"\n[limits]\nqueue = 5\n").unwrap();
-        let settings = Settings::load(Some(&file), environment(&[("LAMPYRIS_WORKERS", "4"), ("PATH", "x"), ("LAMPYRIS_URL", "y")])).unwrap();
+        let settings =
+            Settings::load(Some(&file), environment(&[("LAMPYRIS_WORKERS", "4"), ("PATH", "x"), ("LAMPYRIS_URL", "y")])).unwrap();
         assert_eq!((settings.workers, settings.limits.queue, settings.zone.as_str()), (4, 5, "Europe/Copenhagen"));
         assert_eq!(settings.limits.body_bytes, Limits::default().body_bytes);
     }

@@ -24,7 +24,8 @@ const MAY_SEE: &[(&str, &[&str])] = &[
 const LEAVES: [&str; 2] = ["fault", "units"];
 /// The pure core: no async, no IO, no clock.
 const CORE: [&str; 9] = ["model", "data", "optimise", "simulate", "estimate", "diagnose", "twin", "fault", "units"];
-const IMPURE: [&str; 10] = ["tokio::", "axum::", "sqlx::", "tower", "std::time", "std::fs", "std::net", "std::env", "SystemTime", "Timestamp::now"];
+const IMPURE: [&str; 10] =
+    ["tokio::", "axum::", "sqlx::", "tower", "std::time", "std::fs", "std::net", "std::env", "SystemTime", "Timestamp::now"];
 const LONGEST_FILE: usize = 500;
 
 /// All Rust files under a folder of the project, with their texts.
@@ -117,7 +118,9 @@ fn each_outer_library_has_one_home() {
     let mut wrong = Vec::new();
     for (path, text) in sources("src") {
         let (stage, code) = (stage(&path), code(&text));
-        for (library, homes) in [("sqlx::", &["store"][..]), ("axum::", &["http", "app", "cli"][..]), ("Timestamp::now", &["jobs", "cli"][..])] {
+        for (library, homes) in
+            [("sqlx::", &["store"][..]), ("axum::", &["http", "app", "cli"][..]), ("Timestamp::now", &["jobs", "cli"][..])]
+        {
             if code.contains(library) && !homes.contains(&stage.as_str()) {
                 wrong.push(format!("{} uses {library}", path.display()));
             }

@@ -38,7 +38,14 @@ fn every_described_path_exists_with_these_methods_and_no_others() {
         let described: BTreeSet<&str> = described.iter().map(String::as_str).filter(|method| METHODS.contains(method)).collect();
         let concrete = path.replace("{kind}", "room").replace("{id}", "none").replace("{name}", "none");
         for method in METHODS {
-            let answer = app.send(&method.to_uppercase(), &concrete, &[("content-type", "application/json")], (method != "get").then_some(b"[]".as_slice())).unwrap();
+            let answer = app
+                .send(
+                    &method.to_uppercase(),
+                    &concrete,
+                    &[("content-type", "application/json")],
+                    (method != "get").then_some(b"[]".as_slice()),
+                )
+                .unwrap();
             let exists = answer.status != 405 && !(answer.status == 404 && answer.text.contains("\"not-found\""));
             // A thing that is not there is a 404 of its own kind, so the path itself is known.
             assert_eq!(exists, described.contains(method), "{method} {path}: {} {}", answer.status, answer.text);

@@ -203,8 +203,11 @@ fn present(app: &App, folder: &std::path::Path, seconds: f64, lines: &[(&JobReco
             print(&format!("{:<8} {label:<24} {:<7} failed: {why}", job.system.to_string(), job.model.to_string()));
             continue;
         };
-        let Some(metrics) = record.fit.first_metrics() else { continue };
-        let ahead = |horizon: &str| metrics.ahead.get(horizon).map_or_else(String::new, |e| format!("{:.2} beside {:.2}", e.rmse, e.persistence));
+        let Some(metrics) = record.fit.first_metrics() else {
+            continue;
+        };
+        let ahead =
+            |horizon: &str| metrics.ahead.get(horizon).map_or_else(String::new, |e| format!("{:.2} beside {:.2}", e.rmse, e.persistence));
         let validation = metrics.validation_rmse.map_or_else(String::new, |value| format!("{value:.2}"));
         print(&format!(
             "{:<8} {label:<24} {:<7} {:>6.2} {validation:>10}  {:>17} {:>17}  {}",

@@ -160,10 +160,7 @@ pub fn progress_bar(length: u64, hidden: bool) -> ProgressBar {
 
 /// The report of a fit for people.
 fn table(fit: &Fit) -> String {
-    let mut lines = vec![format!(
-        "{}  {} {}  {} evaluations, {:?}",
-        fit.model, fit.method, fit.objective, fit.evaluations, fit.stopped_by
-    )];
+    let mut lines = vec![format!("{}  {} {}  {} evaluations, {:?}", fit.model, fit.method, fit.objective, fit.evaluations, fit.stopped_by)];
     lines.push(format!("{:<18} {:>12} {:<12} {:>26}", "parameter", "value", "unit", "95 % interval"));
     for (name, estimate) in &fit.parameters {
         let interval = match (estimate.fixed, estimate.ci95) {
@@ -176,10 +173,19 @@ fn table(fit: &Fit) -> String {
     }
     for (channel, metrics) in &fit.metrics {
         let unit = &metrics.unit;
-        let error = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |value| format!("{value:.4} {unit} (MSE {:.4})", value * value));
-        lines.push(format!("{channel} free run   train {}   validation {}   test {}", error(Some(metrics.train_rmse)), error(metrics.validation_rmse), error(metrics.test_rmse)));
+        let error =
+            |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |value| format!("{value:.4} {unit} (MSE {:.4})", value * value));
+        lines.push(format!(
+            "{channel} free run   train {}   validation {}   test {}",
+            error(Some(metrics.train_rmse)),
+            error(metrics.validation_rmse),
+            error(metrics.test_rmse)
+        ));
         for (horizon, ahead) in &metrics.ahead {
-            lines.push(format!("{channel} {horizon:>6} ahead  {:.4} {unit}   persistence {:.4} {unit}   n {}", ahead.rmse, ahead.persistence, ahead.n));
+            lines.push(format!(
+                "{channel} {horizon:>6} ahead  {:.4} {unit}   persistence {:.4} {unit}   n {}",
+                ahead.rmse, ahead.persistence, ahead.n
+            ));
         }
         if let (Some(floor), Some(rho)) = (metrics.noise_floor, metrics.rho) {
             lines.push(format!("{channel} noise floor {floor:.4} {unit}   rho {rho:.2}"));
@@ -198,7 +204,14 @@ fn checks(checks: &[CheckResult]) -> String {
             (false, Severity::Flag) => "flag",
             (false, _) => "FAIL",
         };
-        format!("{mark} {:<28} {:>10} {:<2} {:<8} {}", check.name, number(check.statistic), check.operator, number(check.threshold), check.comment)
+        format!(
+            "{mark} {:<28} {:>10} {:<2} {:<8} {}",
+            check.name,
+            number(check.statistic),
+            check.operator,
+            number(check.threshold),
+            check.comment
+        )
     };
     checks.iter().map(line).collect::<Vec<_>>().join("\n")
 }

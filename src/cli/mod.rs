@@ -22,7 +22,7 @@ enum Verb {
     /// Run the service.
     Serve(serve::Arguments),
     /// Fit a model to a CSV of measurements; needs no server.
-    Fit(fit::Arguments),
+    Fit(Box<fit::Arguments>),
     /// Fit two real houses in a fresh folder, then serve them.
     Demo(demo::Arguments),
     /// Measure this build on this machine.

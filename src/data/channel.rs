@@ -27,8 +27,7 @@ pub struct ChannelKind {
 }
 
 /// The thirteen components of ASM1.
-const ASM1: [&str; 13] =
-    ["S_I", "S_S", "X_I", "X_S", "X_BH", "X_BA", "X_P", "S_O", "S_NO", "S_NH", "S_ND", "X_ND", "S_ALK"];
+const ASM1: [&str; 13] = ["S_I", "S_S", "X_I", "X_S", "X_BH", "X_BA", "X_P", "S_O", "S_NO", "S_NH", "S_ND", "X_ND", "S_ALK"];
 /// The effluent measurements.
 const EFFLUENT: [&str; 4] = ["S_S_e", "X_S_e", "S_NH_e", "S_NO_e"];
 

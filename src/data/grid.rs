@@ -86,12 +86,7 @@ impl Column {
     }
 
     fn slice(&self, range: Range<usize>) -> Self {
-        Self {
-            unit: self.unit.clone(),
-            hold: self.hold,
-            values: self.values[range.clone()].to_vec(),
-            valid: self.valid[range].to_vec(),
-        }
+        Self { unit: self.unit.clone(), hold: self.hold, values: self.values[range.clone()].to_vec(), valid: self.valid[range].to_vec() }
     }
 }
 

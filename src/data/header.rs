@@ -38,8 +38,10 @@ const SUFFIXES: &[(&str, &str)] = &[
 const RAW: &str = "_raw";
 
 /// Unit texts to suggest for a slip of the pen.
-const COMMON_UNITS: &[&str] =
-    &["degC", "degF", "K", "W", "kW", "MW", "W/m2", "kW/m2", "m/s", "km/h", "ppm", "pct", "deg", "g/m3", "mol/m3", "m3/d", "m3/h", "people", "-"];
+const COMMON_UNITS: &[&str] = &[
+    "degC", "degF", "K", "W", "kW", "MW", "W/m2", "kW/m2", "m/s", "km/h", "ppm", "pct", "deg", "g/m3", "mol/m3", "m3/d", "m3/h", "people",
+    "-",
+];
 
 /// What a column says about its unit.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -212,10 +214,11 @@ pub(super) fn resolve(
             warnings.push(format!("column `{}` left out: its channel is bound to another column", header.column));
         } else if let Some(first) = own.insert(&header.channel, &header.column) {
             let detail = format!("`{}` and `{}` are both the channel `{}`", shown(first), shown(&header.column), shown(&header.channel));
-            faults.push(
-                Fault::new(pointer(&shown(&header.column)), "duplicate-column", detail)
-                    .suggest(format!("rename one of them, or bind one: {0}={1}", shown(&header.channel), shown(first))),
-            );
+            faults.push(Fault::new(pointer(&shown(&header.column)), "duplicate-column", detail).suggest(format!(
+                "rename one of them, or bind one: {0}={1}",
+                shown(&header.channel),
+                shown(first)
+            )));
         } else {
             match target(index, &header.channel, header, pointer, warnings) {
                 Ok(found) => drop(targets.insert(header.channel.clone(), found)),
@@ -265,9 +268,17 @@ fn target(
     let from = Unit::parse(&from_text).map_err(|unknown| unknown_unit(&unknown.0))?;
     let to = Unit::parse(&kind.unit).map_err(|unknown| unknown_unit(&unknown.0))?;
     if !from.same_dimension(&to) || !means_same_quantity(&from_text, &kind.unit) {
-        let detail = format!("column `{}` is in {from_text}, which does not convert to the {} of `{}`", shown(&header.column), kind.unit, shown(channel));
-        return Err(Fault::new(at(), "inconvertible-unit", detail)
-            .suggest(format!("if the end of the name is no unit, say the unit in brackets: {}[{}]", shown(&header.column), kind.unit)));
+        let detail = format!(
+            "column `{}` is in {from_text}, which does not convert to the {} of `{}`",
+            shown(&header.column),
+            kind.unit,
+            shown(channel)
+        );
+        return Err(Fault::new(at(), "inconvertible-unit", detail).suggest(format!(
+            "if the end of the name is no unit, say the unit in brackets: {}[{}]",
+            shown(&header.column),
+            kind.unit
+        )));
     }
     let judged = header.unit != ColumnUnit::Raw;
     Ok(Target { column, channel: channel.to_owned(), kind, from, from_text, to, judged })
@@ -276,7 +287,9 @@ fn target(
 fn bad_name(header: &ColumnHeader, pointer: &str) -> Option<Fault> {
     if header.channel.is_empty() {
         let detail = "a column has no name";
-        return Some(Fault::new(pointer, "unnamed-column", detail).suggest("name it, or remove it (a comma at the end of every line makes one)"));
+        return Some(
+            Fault::new(pointer, "unnamed-column", detail).suggest("name it, or remove it (a comma at the end of every line makes one)"),
+        );
     }
     let ends_up = header.channel.len() > MAX_NAME || header.channel.chars().any(char::is_control);
     ends_up.then(|| Fault::new(pointer, "bad-column-name", format!("a column name has at most {MAX_NAME} bytes and no control characters")))
@@ -337,7 +350,8 @@ mod tests {
 
     #[test]
     fn bound_columns_are_converted_and_not_taken_twice() {
-        let found = channels(&["T_indoor_degC", "T_outdoor_degC", "P_heater_W", "ghi_W_m2"], &["T_room=T_indoor_degC", "T_out=T_outdoor"]).unwrap();
+        let found =
+            channels(&["T_indoor_degC", "T_outdoor_degC", "P_heater_W", "ghi_W_m2"], &["T_room=T_indoor_degC", "T_out=T_outdoor"]).unwrap();
         let names: Vec<(&str, &str)> = found.iter().map(|target| (target.channel.as_str(), target.kind.unit.as_str())).collect();
         assert_eq!(names, [("T_room", "degC"), ("T_out", "degC"), ("P_heater", "kW"), ("ghi", "W/m2")]);
         let one_for_two = channels(&["T_a"], &["T_room=T_a", "T_forward=T_a"]).unwrap();

@@ -30,11 +30,7 @@ pub(super) fn csv(text: &str, bindings: &Bindings) -> Result<(Window, WindowRepo
     let text = text.strip_prefix('\u{feff}').unwrap_or(text);
     let header_line = text.lines().find(|line| !line.trim().is_empty() && !line.starts_with('#')).unwrap_or_default();
     let delimiter = [b',', b';', b'\t'].into_iter().find(|mark| header_line.as_bytes().contains(mark)).unwrap_or(b',');
-    let mut reader = csv::ReaderBuilder::new()
-        .delimiter(delimiter)
-        .flexible(true)
-        .comment(Some(b'#'))
-        .from_reader(text.as_bytes());
+    let mut reader = csv::ReaderBuilder::new().delimiter(delimiter).flexible(true).comment(Some(b'#')).from_reader(text.as_bytes());
     let unreadable = |error: csv::Error| vec![Fault::new("csv", "unreadable", format!("the text cannot be read as CSV: {error}"))];
     let header = reader.headers().map_err(unreadable)?.clone();
 
@@ -46,7 +42,10 @@ pub(super) fn csv(text: &str, bindings: &Bindings) -> Result<(Window, WindowRepo
         0 => {
             let first: String = headers.first().map(|header| shown(&header.column)).unwrap_or_default();
             let detail = format!("there is no column `time`; the first column is `{first}`");
-            faults.push(Fault::new("line 1", "no-time-column", detail).suggest("the header starts with time, such as time,T_room[degC],T_out[degC]"));
+            faults.push(
+                Fault::new("line 1", "no-time-column", detail)
+                    .suggest("the header starts with time, such as time,T_room[degC],T_out[degC]"),
+            );
         }
         _ => faults.push(Fault::new("line 1", "duplicate-column", "there are several columns of times").suggest("keep one column `time`")),
     }

@@ -63,7 +63,8 @@ impl Window {
         for channel in std::iter::once(request.output).chain(wanted) {
             faults.extend(self.require(channel).err());
         }
-        let frame = self.require(request.output).map_err(|_| Vec::new()).and_then(|output| frame(output, request).map_err(|fault| vec![fault]));
+        let frame =
+            self.require(request.output).map_err(|_| Vec::new()).and_then(|output| frame(output, request).map_err(|fault| vec![fault]));
         let mut grid = match frame {
             Ok(frame) if faults.is_empty() => frame,
             other => {
@@ -79,7 +80,9 @@ impl Window {
             if grid.column(name).is_some() {
                 continue;
             }
-            let Some(series) = self.series(name) else { continue };
+            let Some(series) = self.series(name) else {
+                continue;
+            };
             let found = match hold {
                 None => nearest_samples(series, &grid),
                 Some(Hold::Linear) => interpolated(series, &grid, request.max_gap_steps),

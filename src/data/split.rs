@@ -76,7 +76,8 @@ impl Split {
         let points = |duration: Duration| (duration.seconds() as f64 / step as f64).round() as u64;
         let test = request.test.unwrap_or_default();
         let wanted = [points(request.train).max(1), points(request.validation), points(test)];
-        let [train, validation, test] = shrink(wanted, len as u64, points(ENOUGH_TRAINING), points(SHORT_VALIDATION)).map(|part| part as usize);
+        let [train, validation, test] =
+            shrink(wanted, len as u64, points(ENOUGH_TRAINING), points(SHORT_VALIDATION)).map(|part| part as usize);
         if train < 2 {
             let detail = format!("{len} points every {step} s leave {train} for training; it needs two");
             return Err(Fault::new("/split", "record-too-short", detail).suggest("upload a longer record, or ask for less validation"));
@@ -172,7 +173,10 @@ mod tests {
         assert!(Split::new(0, HOUR, &request).is_err());
         assert!(Split::new(10, 0, &request).is_err());
         let read: SplitRequest = serde_json::from_str(r#"{"train":"P14D","test":"P7D"}"#).unwrap();
-        assert_eq!((read.train, read.validation, read.test), (Duration::from_days(14), Duration::from_days(7), Some(Duration::from_days(7))));
+        assert_eq!(
+            (read.train, read.validation, read.test),
+            (Duration::from_days(14), Duration::from_days(7), Some(Duration::from_days(7)))
+        );
         assert!(serde_json::from_str::<SplitRequest>(r#"{"training":"P14D"}"#).is_err());
     }
 

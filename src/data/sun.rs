@@ -91,7 +91,9 @@ mod tests {
 
     #[test]
     fn the_columns_of_the_belgian_house() {
-        let Some(text) = real_file("belgian_house/belgian_house_10min.csv.gz") else { return };
+        let Some(text) = real_file("belgian_house/belgian_house_10min.csv.gz") else {
+            return;
+        };
         let (window, _) = Window::parse_csv(&text, &Bindings::none()).unwrap();
         let (altitude, azimuth) = (window.series("sun_altitude").unwrap(), window.series("sun_azimuth").unwrap());
         let (mut worst_altitude, mut worst_azimuth) = (0.0f64, 0.0f64);

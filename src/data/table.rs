@@ -134,8 +134,12 @@ impl Table {
             }
         };
         match self.times.last() {
-            Some(last) if *last == time => return self.note(line, "the time is the same as that of the row before".to_owned()),
-            Some(last) if *last > time => return self.note(line, "the time goes backwards".to_owned()),
+            Some(last) if *last == time => {
+                return self.note(line, "the time is the same as that of the row before".to_owned());
+            }
+            Some(last) if *last > time => {
+                return self.note(line, "the time goes backwards".to_owned());
+            }
             _ => {}
         }
         self.scratch.clear();
@@ -143,7 +147,9 @@ impl Table {
             let value = match cell {
                 Cell::Missing => None,
                 Cell::Number(number) if number.is_finite() => Some(number),
-                Cell::Number(_) => return self.note(line, format!("column `{}`: not a finite number", shown(&self.names[index]))),
+                Cell::Number(_) => {
+                    return self.note(line, format!("column `{}`: not a finite number", shown(&self.names[index])));
+                }
                 Cell::Text(text) => {
                     return self.note_example(line, format!("column `{}`: not a number", shown(&self.names[index])), text);
                 }
@@ -311,7 +317,9 @@ fn channel_series(
 fn meant_unit(target: &Target, values: &[f64]) -> Option<&'static str> {
     let told: Vec<f64> = values.iter().copied().filter(|value| *value != 0.0).collect();
     target.kind.mistaken_units().iter().copied().find(|text| {
-        let Ok(unit) = Unit::parse(text) else { return false };
+        let Ok(unit) = Unit::parse(text) else {
+            return false;
+        };
         let plausible = told.iter().filter(|value| unit.convert(&target.to, **value).is_some_and(|v| target.kind.is_plausible(v))).count();
         *text != canonical_unit(&target.from_text) && plausible as f64 >= 0.95 * told.len() as f64
     })

@@ -46,7 +46,13 @@ pub struct RejectedRow {
 }
 
 impl WindowReport {
-    pub(super) fn new(window: &Window, rows: usize, (from, to): (i64, i64), rejected_rows: Vec<RejectedRow>, warnings: Vec<String>) -> Self {
+    pub(super) fn new(
+        window: &Window,
+        rows: usize,
+        (from, to): (i64, i64),
+        rejected_rows: Vec<RejectedRow>,
+        warnings: Vec<String>,
+    ) -> Self {
         let channels = window.series.iter().map(|(name, series)| (name.clone(), series.statistics(rows))).collect();
         Self { rows, from: rfc3339(from), to: rfc3339(to), channels, rejected_rows, warnings }
     }
@@ -207,7 +213,9 @@ fn merge(oldest_first: &[&Series]) -> Result<Series, Fault> {
     let (newest, older) = match oldest_first {
         [only] => return Ok((*only).clone()),
         [older @ .., newest] => (*newest, older),
-        [] => return Err(Fault::new("/values", "no-data-column", "a channel has at least one series")),
+        [] => {
+            return Err(Fault::new("/values", "no-data-column", "a channel has at least one series"));
+        }
     };
     let mut samples: Vec<(i64, f64)> = Vec::new();
     for one in older {

@@ -152,7 +152,15 @@ fn json_says_the_same_as_csv() {
 #[test]
 fn json_faults_are_listed() {
     let codes = |json: &str| codes(Window::parse_json(json.as_bytes(), &Bindings::none()));
-    for unreadable in ["", "[]", "{", "{}", r#"{"time":[],"values":{},"extra":1}"#, r#"{"time":[1e400],"values":{}}"#, r#"{"time":["\ud800"],"values":{}}"#] {
+    for unreadable in [
+        "",
+        "[]",
+        "{",
+        "{}",
+        r#"{"time":[],"values":{},"extra":1}"#,
+        r#"{"time":[1e400],"values":{}}"#,
+        r#"{"time":["\ud800"],"values":{}}"#,
+    ] {
         assert_eq!(codes(unreadable), ["unreadable"], "{unreadable}");
     }
     let many: String = (0..2_000).map(|i| format!(r#""c{i}":[],"#)).collect();
@@ -164,13 +172,15 @@ fn json_faults_are_listed() {
     assert_eq!(codes(r#"{"time":[],"values":{"x":[],"x":[]}}"#), ["duplicate-column"]);
     assert_eq!(codes(r#"{"channels":{"y":{}},"time":[],"values":{"x":[1],"z[q]":[]}}"#), ["no-values", "length-mismatch", "unknown-unit"]);
     assert_eq!(codes(r#"{"time":[1,2],"values":{"x":[1,2]}}"#), ["numeric-time"]);
-    let cells = r#"{"time":["2016-01-11T16:00:00Z","2016-01-11T16:10:00Z","2016-01-11T16:20:00Z",null],"values":{"x":[[1],{"a":1},true,2]}}"#;
+    let cells =
+        r#"{"time":["2016-01-11T16:00:00Z","2016-01-11T16:10:00Z","2016-01-11T16:20:00Z",null],"values":{"x":[[1],{"a":1},true,2]}}"#;
     assert_eq!(codes(cells), ["rejected-rows", "rejected-rows"]);
 }
 
 #[test]
 fn the_newest_window_wins_per_channel_and_time() {
-    let older = parse("time,T_room,x[K]\n2016-01-11T16:00:00Z,20,300\n2016-01-11T16:10:00Z,20,300\n2016-01-11T16:20:00Z,20,300\n").unwrap().0;
+    let older =
+        parse("time,T_room,x[K]\n2016-01-11T16:00:00Z,20,300\n2016-01-11T16:10:00Z,20,300\n2016-01-11T16:20:00Z,20,300\n").unwrap().0;
     let newer = parse("time,T_room,x[degC],z\n2016-01-11T16:10:00Z,21,1,5\n2016-01-11T16:15:00Z,22,,5\n").unwrap().0;
     let both = Window::stitch(&[older.clone(), newer.clone()]).unwrap();
     assert_eq!(both.series("T_room").unwrap().values(), [20.0, 21.0, 22.0, 20.0]);
@@ -231,7 +241,9 @@ fn the_measured_files() {
         ),
     ];
     for (name, binds, count, expected) in cases {
-        let Some(text) = real_file(name) else { continue };
+        let Some(text) = real_file(name) else {
+            continue;
+        };
         let (window, report) = Window::parse_csv(&text, &Bindings::parse(binds.iter().copied()).unwrap()).unwrap();
         assert_eq!((report.rows, report.rejected_rows.len()), (count, 0), "{name}");
         for channel in expected {

@@ -47,7 +47,13 @@ pub fn filter(problem: &Problem, theta: &[f64], process_noise: Option<f64>) -> F
 }
 
 /// Forecast errors of the first output by horizon: an origin at every measured sample of `range`.
-pub fn ahead(problem: &Problem, theta: &[f64], run: &FilterRun, range: Range<usize>, horizons: &[(&str, i64)]) -> IndexMap<String, AheadError> {
+pub fn ahead(
+    problem: &Problem,
+    theta: &[f64],
+    run: &FilterRun,
+    range: Range<usize>,
+    horizons: &[(&str, i64)],
+) -> IndexMap<String, AheadError> {
     let step = problem.grid().step();
     let (values, valid) = (&problem.measured()[0].0.to_vec(), &problem.measured()[0].1.to_vec());
     let leads: Vec<(&str, usize)> =
@@ -156,7 +162,8 @@ pub fn current_state(problem: &Problem, fit: &Fit) -> Option<CurrentState> {
     let run = filter(problem, &fit.theta(), Some(fit.process_noise));
     let last = problem.grid().len().checked_sub(1)?;
     let named = |values: &Vec<f64>| {
-        let pairs: IndexMap<String, f64> = problem.model().states().iter().map(|state| state.name.clone()).zip(values.iter().copied()).collect();
+        let pairs: IndexMap<String, f64> =
+            problem.model().states().iter().map(|state| state.name.clone()).zip(values.iter().copied()).collect();
         pairs.values().all(|value| value.is_finite()).then_some(pairs)
     };
     Some(CurrentState {

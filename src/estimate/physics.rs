@@ -32,7 +32,8 @@ fn one(problem: &Problem, theta: &[f64], trajectory: &Trajectory, check: &Check)
         }
         Check::TimeConstants { lower, upper } => {
             let constants: Vec<f64> = eigenvalues(problem, theta, trajectory).into_iter().map(|rate| -1.0 / rate).collect();
-            let (shortest, longest) = (constants.iter().copied().fold(f64::INFINITY, f64::min), constants.iter().copied().fold(0.0, f64::max));
+            let (shortest, longest) =
+                (constants.iter().copied().fold(f64::INFINITY, f64::min), constants.iter().copied().fold(0.0, f64::max));
             let pass = shortest >= *lower && longest <= *upper;
             let comment = format!("time constants from {shortest:.3} h to {longest:.1} h; physics allows {lower:.4} h to {upper:.0} h");
             result("time constants", longest, "<=", *upper, "h", pass, comment)
@@ -136,7 +137,8 @@ fn stress(problem: &Problem, theta: &[f64], kelvin: f64) -> Trajectory {
         .collect();
     let inputs = Inputs::constant(model, &values, STRESS_HOURS, 1.0);
     let starts: Vec<f64> = (0..model.outputs().len()).map(|output| problem.simulator().measured_start(output).unwrap_or(20.0)).collect();
-    let columns: Vec<(Vec<f64>, Vec<bool>)> = starts.iter().map(|start| (vec![*start; STRESS_HOURS + 1], vec![true; STRESS_HOURS + 1])).collect();
+    let columns: Vec<(Vec<f64>, Vec<bool>)> =
+        starts.iter().map(|start| (vec![*start; STRESS_HOURS + 1], vec![true; STRESS_HOURS + 1])).collect();
     let measured: Vec<Measured> = columns.iter().map(|(values, valid)| (values.as_slice(), valid.as_slice())).collect();
     let simulator = Simulator::new(model, &inputs, &measured, Stepper::default(), substeps(1.0));
     simulator.run_with_states(theta)

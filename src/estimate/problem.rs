@@ -142,7 +142,9 @@ impl Problem {
             self.bounds.push([lower, upper]);
             match choices.fixed.get(&parameter.name) {
                 Some(value) if value.is_finite() => self.nominal.push(*value),
-                Some(value) => faults.push(Fault::new(format!("/fixed/{}", parameter.name), "not-finite", format!("{value} is not a finite number"))),
+                Some(value) => {
+                    faults.push(Fault::new(format!("/fixed/{}", parameter.name), "not-finite", format!("{value} is not a finite number")))
+                }
                 None => {
                     self.nominal.push(nominal.clamp(lower, upper));
                     self.free.push(index);
@@ -236,9 +238,9 @@ impl Problem {
     pub fn with_fixed(&self, parameters: &[usize]) -> Self {
         let mut problem = self.clone();
         let keep: Vec<bool> = self.free.iter().map(|index| !parameters.contains(index)).collect();
-        let kept = |keep: &[bool]| keep.to_vec().into_iter();
-        problem.free = self.free.iter().zip(kept(&keep)).filter_map(|(index, keep)| keep.then_some(*index)).collect();
-        problem.space = Space::new(self.space.dimensions().iter().zip(kept(&keep)).filter(|(_, keep)| *keep).map(|(d, _)| d.clone()).collect());
+        let kept = || keep.iter().copied();
+        problem.free = self.free.iter().zip(kept()).filter_map(|(index, keep)| keep.then_some(*index)).collect();
+        problem.space = Space::new(self.space.dimensions().iter().zip(kept()).filter(|(_, keep)| *keep).map(|(d, _)| d.clone()).collect());
         problem
     }
 

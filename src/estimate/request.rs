@@ -112,13 +112,20 @@ pub struct Site {
 ///
 /// # Errors
 /// Every fault of the request, the model and the window.
-pub fn prepare(catalogue: &Catalogue, model: &ModelId, request: &EstimateRequest, window: &Window, site: &Site) -> Result<Problem, Vec<Fault>> {
+pub fn prepare(
+    catalogue: &Catalogue,
+    model: &ModelId,
+    request: &EstimateRequest,
+    window: &Window,
+    site: &Site,
+) -> Result<Problem, Vec<Fault>> {
     let composition = catalogue.compose(model)?;
     let mut channels: BTreeSet<String> = window.channels().map(str::to_owned).collect();
     if site.location.is_some() {
         channels.extend(["sun_altitude".to_owned(), "sun_azimuth".to_owned()]);
     }
-    let declared = composition.spec.sets.iter().filter_map(|set| site.sets.get(set).map(|members| (set.clone(), members.clone()))).collect();
+    let declared =
+        composition.spec.sets.iter().filter_map(|set| site.sets.get(set).map(|members| (set.clone(), members.clone()))).collect();
     let model = compile(&composition, &Bindings { sets: declared, channels: Some(channels.clone()) })?;
     let (from, to) = range(request.window.as_ref(), window)?;
     let outputs: Vec<&str> = model.outputs().iter().map(|output| output.channel.as_str()).collect();
@@ -134,7 +141,15 @@ pub fn prepare(catalogue: &Catalogue, model: &ModelId, request: &EstimateRequest
         })
         .filter(|(channel, _)| window.series(channel).is_some())
         .collect();
-    let wanted = GridRequest { output: outputs[0], more_outputs: &outputs[1..], channels: &holds, step: None, from, to, max_gap_steps: DEFAULT_MAX_GAP_STEPS };
+    let wanted = GridRequest {
+        output: outputs[0],
+        more_outputs: &outputs[1..],
+        channels: &holds,
+        step: None,
+        from,
+        to,
+        max_gap_steps: DEFAULT_MAX_GAP_STEPS,
+    };
     let mut grid = window.grid(&wanted)?;
     if let Some((latitude, longitude)) = site.location {
         grid = crate::data::add_sun(grid, latitude, longitude).map_err(|fault| vec![fault])?;
@@ -155,7 +170,9 @@ pub fn prepare(catalogue: &Catalogue, model: &ModelId, request: &EstimateRequest
 
 /// The instants between which measurements are used.
 fn range(asked: Option<&WindowRange>, window: &Window) -> Result<(Option<i64>, Option<i64>), Vec<Fault>> {
-    let Some(asked) = asked else { return Ok((None, None)) };
+    let Some(asked) = asked else {
+        return Ok((None, None));
+    };
     let mut faults = Vec::new();
     let mut instant = |field: &str, text: &Option<String>| {
         text.as_ref().and_then(|text| read_time(&format!("/window/{field}"), text).map_err(|fault| faults.push(fault)).ok())

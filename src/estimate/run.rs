@@ -8,9 +8,9 @@ use super::uncertainty::uncertainty;
 use super::validate::Incumbent;
 use crate::data::rfc3339;
 use crate::model::Scale;
-use crate::optimise::{Ask, Candidate, Cost, Ended, Evaluation, Search};
 use crate::optimise::Method;
 use crate::optimise::multistart::LmOptions;
+use crate::optimise::{Ask, Candidate, Cost, Ended, Evaluation, Search};
 use indexmap::IndexMap;
 use std::ops::Range;
 
@@ -92,7 +92,12 @@ struct Found {
 ///
 /// # Errors
 /// [`EstimateError`] where nothing finite was found or somebody stopped it.
-pub fn estimate(problem: &Problem, request: &EstimateRequest, incumbent: Option<&Incumbent>, control: &Control) -> Result<Fit, EstimateError> {
+pub fn estimate(
+    problem: &Problem,
+    request: &EstimateRequest,
+    incumbent: Option<&Incumbent>,
+    control: &Control,
+) -> Result<Fit, EstimateError> {
     let warm = warm_starts(problem, request, incumbent);
     // The prior's weight is the residual variance of the fit without it.
     let mut spent = 0;
@@ -143,7 +148,9 @@ fn search(problem: &Problem, request: &EstimateRequest, warm: &[Candidate], cont
 fn drive(problem: &Problem, method: &Method, search: Search, control: &Control) -> Result<Found, EstimateError> {
     if problem.space().is_empty() {
         let cost = problem.evaluate(&[Candidate(Vec::new())], false).first().map_or(Cost::Diverged, |evaluation| evaluation.cost);
-        let Cost::Finite(cost) = cost else { return Err(EstimateError::NothingFinite) };
+        let Cost::Finite(cost) = cost else {
+            return Err(EstimateError::NothingFinite);
+        };
         return Ok(Found { theta: problem.nominal().to_vec(), cost, stop: Stop::Converged, evaluations: 1, trace: Vec::new() });
     }
     let mut optimiser = method.optimiser(search);
@@ -313,7 +320,10 @@ fn report(
     }
     for pair in &uncertainty.correlated {
         let [a, b] = &pair.parameters;
-        remarks.push(format!("{a} and {b} move together (correlation {:.2}): trust their effect, not their separate values", pair.correlation));
+        remarks.push(format!(
+            "{a} and {b} move together (correlation {:.2}): trust their effect, not their separate values",
+            pair.correlation
+        ));
     }
     if found.stop != Stop::Converged {
         remarks.push("the search ended before two of its restarts agreed".to_owned());
@@ -349,7 +359,8 @@ fn report(
 
 fn parts(problem: &Problem) -> Parts {
     let span = |range: &Range<usize>| {
-        (!range.is_empty()).then(|| Span { from: rfc3339(problem.grid().time(range.start)), to: rfc3339(problem.grid().time(range.end - 1)) })
+        (!range.is_empty())
+            .then(|| Span { from: rfc3339(problem.grid().time(range.start)), to: rfc3339(problem.grid().time(range.end - 1)) })
     };
     let split = problem.split();
     Parts {

@@ -59,7 +59,9 @@ pub fn uncertainty(problem: &Problem, theta: &[f64]) -> Uncertainty {
         series
     };
     let residual = series(&|k| runs[0].outputs[0][k] - values[k]);
-    let Some(ar) = Ar::fit(&residual) else { return none };
+    let Some(ar) = Ar::fit(&residual) else {
+        return none;
+    };
     let white = ar.whiten(&residual);
     let rows: Vec<usize> = (0..end).filter(|k| white[*k].is_some()).collect();
     if rows.len() <= space.len() + 1 {
@@ -74,7 +76,9 @@ pub fn uncertainty(problem: &Problem, theta: &[f64]) -> Uncertainty {
     }
     let freedom = (rows.len() - space.len()) as f64;
     let variance = rows.iter().filter_map(|k| white[*k]).map(|w| w * w).sum::<f64>() / freedom;
-    let Some(covariance) = covariance(&jacobian, variance) else { return none };
+    let Some(covariance) = covariance(&jacobian, variance) else {
+        return none;
+    };
     let quantile = StudentsT::new(0.0, 1.0, freedom).map_or(1.96, |t| t.inverse_cdf(0.975));
     let deviation = |i: usize| covariance[(i, i)].max(0.0).sqrt();
     let ci95 = space

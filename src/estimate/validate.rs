@@ -134,6 +134,8 @@ const LARGEST_EXCURSION: f64 = 5.0;
 const JUMP_RMS: f64 = 1.0;
 const JUMP_FACTOR: f64 = 3.0;
 const LEAST_VALID: f64 = 0.9;
+/// No room changes by this much from one sample to the next; a sensor that changes its unit does.
+const LARGEST_CHANGE: f64 = 15.0;
 const STUCK_HOURS: f64 = 24.0;
 const STUCK_HOURS_MOVING: f64 = 12.0;
 const WEEK: i64 = 7 * 86_400;
@@ -175,7 +177,8 @@ fn reread(fit: &Fit) -> Vec<f64> {
 /// The incumbent's vector where it belongs to the same model.
 fn incumbent_theta(problem: &Problem, incumbent: &Incumbent) -> Option<Vec<f64>> {
     let same = incumbent.model == *problem.model().id();
-    let theta: Option<Vec<f64>> = problem.model().parameters().iter().map(|parameter| incumbent.theta.get(&parameter.name).copied()).collect();
+    let theta: Option<Vec<f64>> =
+        problem.model().parameters().iter().map(|parameter| incumbent.theta.get(&parameter.name).copied()).collect();
     theta.filter(|_| same)
 }
 
@@ -187,7 +190,17 @@ struct Gate {
 
 impl Gate {
     #[allow(clippy::too_many_arguments)]
-    fn check(&mut self, name: &str, statistic: Option<f64>, operator: &str, threshold: Option<f64>, unit: &str, pass: bool, severity: Severity, comment: String) {
+    fn check(
+        &mut self,
+        name: &str,
+        statistic: Option<f64>,
+        operator: &str,
+        threshold: Option<f64>,
+        unit: &str,
+        pass: bool,
+        severity: Severity,
+        comment: String,
+    ) {
         let (name, operator, unit) = (name.to_owned(), operator.to_owned(), unit.to_owned());
         let statistic = statistic.filter(|value| value.is_finite());
         self.checks.push(CheckResult { name, statistic, operator, threshold, unit, pass, severity, comment });
@@ -203,14 +216,24 @@ impl Gate {
     fn finite(&mut self, problem: &Problem, fit: &Fit, trajectory: &Trajectory) {
         let again = problem.mean_square_error(trajectory, 0, problem.split().train.clone()).map(f64::sqrt);
         let stored = fit.first_metrics().map(|metrics| metrics.train_rmse);
-        let difference = again.zip(stored).filter(|_| !trajectory.diverged).map(|(again, stored)| ((again - stored) / stored.max(f64::MIN_POSITIVE)).abs());
+        let difference = again
+            .zip(stored)
+            .filter(|_| !trajectory.diverged)
+            .map(|(again, stored)| ((again - stored) / stored.max(f64::MIN_POSITIVE)).abs());
         let comment = "every number is finite, and the stored parameters reproduce the stored error".to_owned();
         self.at_most("G1 finite", difference, 1e-9, "-", Severity::Reject, comment);
     }
 
     fn bounds(&mut self, fit: &Fit) {
         let outside = fit.parameters.values().filter(|e| !e.fixed && !(e.bounds[0]..=e.bounds[1]).contains(&e.value)).count();
-        self.at_most("G2 bounds", Some(outside as f64), 0.0, "parameters", Severity::Reject, "every estimate lies inside its bounds".to_owned());
+        self.at_most(
+            "G2 bounds",
+            Some(outside as f64),
+            0.0,
+            "parameters",
+            Severity::Reject,
+            "every estimate lies inside its bounds".to_owned(),
+        );
         for name in &fit.non_identifiable {
             self.flags.push(format!("non_identifiable:{name}"));
         }
@@ -231,7 +254,9 @@ impl Gate {
         let error = errors.values().next();
         let ratio = error.map(|error| error.rmse / error.persistence.max(f64::MIN_POSITIVE));
         let comment = match error {
-            Some(error) => format!("forecasts {name} ahead err by {:.2}, holding the last measurement by {:.2}", error.rmse, error.persistence),
+            Some(error) => {
+                format!("forecasts {name} ahead err by {:.2}, holding the last measurement by {:.2}", error.rmse, error.persistence)
+            }
             None => format!("there are no unseen measurements to forecast {name} ahead"),
         };
         self.at_most("G4 beats persistence", ratio, 1.0, "-", Severity::Reject, comment);
@@ -279,7 +304,8 @@ impl Gate {
             .map(|((new, old), _)| (new / old).max(old / new))
             .fold(1.0, f64::max);
         let pass = !(rms > JUMP_RMS && factor > JUMP_FACTOR) && rms.is_finite();
-        let comment = format!("the free run differs from the incumbent's by {rms:.2} K rms, the most changed parameter by a factor of {factor:.1}");
+        let comment =
+            format!("the free run differs from the incumbent's by {rms:.2} K rms, the most changed parameter by a factor of {factor:.1}");
         self.check("G6 jump", Some(rms), "<=", Some(JUMP_RMS), "K", pass, Severity::Hold, comment);
     }
 
@@ -296,7 +322,16 @@ impl Gate {
         let (values, valid) = (&problem.measured()[0].0.to_vec(), &problem.measured()[0].1.to_vec());
         let split = problem.split();
         let unseen = split.validation.len();
-        self.check("G8 unseen data", Some(unseen as f64), ">", Some(0.0), "samples", unseen > 0, Severity::Reject, "there are measurements that the search has not seen".to_owned());
+        self.check(
+            "G8 unseen data",
+            Some(unseen as f64),
+            ">",
+            Some(0.0),
+            "samples",
+            unseen > 0,
+            Severity::Reject,
+            "there are measurements that the search has not seen".to_owned(),
+        );
         let all: Range<usize> = split.train.start..split.validation.end.max(split.train.end);
         let good = problem.usable(0, all.clone()).len() as f64 / all.len().max(1) as f64;
         let comment = "share of samples at which the output and all inputs are known".to_owned();
@@ -308,6 +343,9 @@ impl Gate {
                 self.check("G8 excited", Some(0.0), ">", Some(0.0), &input.unit, false, Severity::Reject, comment);
             }
         }
+        let change = (1..values.len()).filter(|k| valid[*k] && valid[k - 1]).map(|k| (values[k] - values[k - 1]).abs()).fold(0.0, f64::max);
+        let comment = "largest change of the output from one sample to the next; a change of unit would be larger".to_owned();
+        self.at_most("G8 no unit jump", Some(change), LARGEST_CHANGE, "K", Severity::Reject, comment);
         let step = problem.quanta().first().copied().flatten().unwrap_or(0.0);
         let (hours, moved) = longest_constant(values, valid, &trajectory.outputs[0], problem.grid().step());
         let limit = if step > 0.0 && moved > 5.0 * step { STUCK_HOURS_MOVING } else { STUCK_HOURS };
@@ -347,4 +385,3 @@ fn longest_constant(values: &[f64], valid: &[bool], simulated: &[f64], step: i64
     }
     (longest as f64 * step as f64 / 3600.0, moved)
 }
-

@@ -75,7 +75,8 @@ async fn tell(service: &Shared, job: JobRecord, seen: &str, sender: &Sender) -> 
     let mut stages = service.board.place(&job.id).watch();
     let mut stopping = service.stopping.subscribe();
     let mut last_progress = 0;
-    let mut told_attempt = seen.strip_prefix("started-").or(seen.strip_prefix("progress-")).and_then(|rest| rest.split('-').next()?.parse().ok());
+    let mut told_attempt =
+        seen.strip_prefix("started-").or(seen.strip_prefix("progress-")).and_then(|rest| rest.split('-').next()?.parse().ok());
     if seen.is_empty() {
         send(sender, "queued", "queued".to_owned(), &JobAnswer::of(service, job.clone())).await?;
     }
@@ -98,8 +99,12 @@ async fn tell(service: &Shared, job: JobRecord, seen: &str, sender: &Sender) -> 
                 () = sender.closed() => return Err(Over),
             }
             let stage = stages.borrow_and_update().clone();
-            let Some(progress) = ProgressAnswer::of(&stage, budget(&job)) else { break };
-            let Stage::Running { lease, progress: Some(reported), .. } = &stage else { break };
+            let Some(progress) = ProgressAnswer::of(&stage, budget(&job)) else {
+                break;
+            };
+            let Stage::Running { lease, progress: Some(reported), .. } = &stage else {
+                break;
+            };
             if told_attempt != Some(lease.attempt) {
                 break;
             }
@@ -113,6 +118,8 @@ async fn tell(service: &Shared, job: JobRecord, seen: &str, sender: &Sender) -> 
 }
 
 async fn send(sender: &Sender, name: &str, id: String, data: &impl Serialize) -> Result<(), Over> {
-    let Ok(event) = Event::default().event(name).id(id).json_data(data) else { return Err(Over) };
+    let Ok(event) = Event::default().event(name).id(id).json_data(data) else {
+        return Err(Over);
+    };
     Ok(sender.send(Ok(event)).await?)
 }

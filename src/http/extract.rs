@@ -63,11 +63,7 @@ impl FromRequest<Shared> for Json {
         let (parts, body) = request.into_parts();
         let body = read(&parts.headers, body, service.settings.limits.body_bytes).await?;
         let key = key(&parts, &body)?;
-        let value = if body.len() > LARGE {
-            blocking(move || decode::parse(&body)).await?
-        } else {
-            decode::parse(&body)
-        };
+        let value = if body.len() > LARGE { blocking(move || decode::parse(&body)).await? } else { decode::parse(&body) };
         Ok(Self { value: value.map_err(ApiError::Malformed)?, key })
     }
 }
@@ -123,7 +119,9 @@ impl FromRequestParts<Shared> for Named {
         match SystemId::new(&kind, &id) {
             Ok(system) => Ok(Self(system)),
             // Making a system with a name that cannot be is a fault of the request; asking for it is asking for nothing.
-            Err(error) if parts.method == Method::PUT => Err(ApiError::Invalid(vec![Fault::new("path", "invalid-system", error.to_string())])),
+            Err(error) if parts.method == Method::PUT => {
+                Err(ApiError::Invalid(vec![Fault::new("path", "invalid-system", error.to_string())]))
+            }
             Err(_) => Err(ApiError::NotFound("system", format!("{kind}/{id}"))),
         }
     }
@@ -156,7 +154,9 @@ async fn read(headers: &HeaderMap, body: Body, limit: usize) -> Result<Bytes, Ap
 
 /// The client's key with the hash of what it asks: the same key for anything else is refused.
 fn key(parts: &Parts, body: &[u8]) -> Result<Option<RequestKey>, ApiError> {
-    let Some(value) = parts.headers.get("idempotency-key") else { return Ok(None) };
+    let Some(value) = parts.headers.get("idempotency-key") else {
+        return Ok(None);
+    };
     let fault = |detail: &str| ApiError::Invalid(vec![Fault::new("header Idempotency-Key", "invalid-key", detail)]);
     let key = value.to_str().map_err(|_| fault("a key is made of visible ASCII characters"))?.trim();
     if key.is_empty() || key.len() > LONGEST_KEY {

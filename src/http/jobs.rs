@@ -174,7 +174,9 @@ struct JobQuery {
 impl ProgressAnswer {
     /// What the board knows of a running job.
     pub fn of(stage: &Stage, budget: Option<u64>) -> Option<Self> {
-        let Stage::Running { since, progress: Some(progress), .. } = stage else { return None };
+        let Stage::Running { since, progress: Some(progress), .. } = stage else {
+            return None;
+        };
         let left = budget.map(|budget| budget.saturating_sub(progress.evaluations as u64));
         let pace = since.elapsed().as_secs_f64() / (progress.evaluations.max(1) as f64);
         Some(Self {
@@ -366,7 +368,8 @@ mod tests {
     fn the_documented_body_has_the_fields_that_are_read() {
         let documented = serde_json::to_value(JobBody::schema()).unwrap();
         let documented: BTreeSet<String> = documented["properties"].as_object().unwrap().keys().cloned().collect();
-        let mut read: BTreeSet<String> = serde_json::to_value(EstimateRequest::default()).unwrap().as_object().unwrap().keys().cloned().collect();
+        let mut read: BTreeSet<String> =
+            serde_json::to_value(EstimateRequest::default()).unwrap().as_object().unwrap().keys().cloned().collect();
         read.extend(["kind", "system", "systems", "experiment"].map(str::to_owned));
         assert_eq!(documented, read);
     }

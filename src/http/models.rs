@@ -97,8 +97,10 @@ struct VersionAnswer {
 #[utoipa::path(get, path = "/models", tag = "models", params(PageQuery), responses((status = 200, body = Page<ModelRow>), Problems))]
 async fn list_models(State(service): State<Shared>, Asked(page): Asked<PageQuery>) -> Result<axum::Json<Page<ModelRow>>, ApiError> {
     let catalogue = service.catalogue.current();
-    let mut rows: Vec<ModelRow> =
-        catalogue.models().map(|document| ModelRow { id: document.id().to_owned(), title: document.title().to_owned(), parent: None }).collect();
+    let mut rows: Vec<ModelRow> = catalogue
+        .models()
+        .map(|document| ModelRow { id: document.id().to_owned(), title: document.title().to_owned(), parent: None })
+        .collect();
     for version in store::models::versions(&service.store).await? {
         let base = catalogue.model(version.id.base()).map_or_else(String::new, |document| document.title().to_owned());
         let title = version.document.pointer("/diff/title").and_then(Value::as_str).unwrap_or(&version.effect);

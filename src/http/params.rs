@@ -98,7 +98,9 @@ async fn list_params(State(service): State<Shared>, headers: HeaderMap) -> Respo
     let mut body = Vec::from(br#"{"items":["#.as_slice());
     let mut first = true;
     for (_, entry) in service.params.all() {
-        let Some(rendered) = entry.validated() else { continue };
+        let Some(rendered) = entry.validated() else {
+            continue;
+        };
         if !std::mem::take(&mut first) {
             body.push(b',');
         }
@@ -161,11 +163,15 @@ fn is_old(entry: &Entry, accept: Accept, headers: &HeaderMap) -> bool {
 
 /// Whether `If-None-Match` names a tag. The comparison is the weak one, as RFC 9110 wants it here.
 fn matches(headers: &HeaderMap, etag: &str) -> bool {
-    let Some(value) = headers.get(header::IF_NONE_MATCH) else { return false };
+    let Some(value) = headers.get(header::IF_NONE_MATCH) else {
+        return false;
+    };
     if value.as_bytes() == etag.as_bytes() {
         return true;
     }
-    let Ok(text) = value.to_str() else { return false };
+    let Ok(text) = value.to_str() else {
+        return false;
+    };
     text.split(',').map(str::trim).any(|tag| tag == "*" || tag.strip_prefix("W/").unwrap_or(tag) == etag)
 }
 
@@ -215,7 +221,8 @@ mod tests {
         let wait_of = |text: &'static str| wait(&HeaderValue::from_static(text));
         assert_eq!((wait_of("wait=30"), wait_of("respond-async, wait=5"), wait_of("wait=9999")), (Some(30), Some(5), Some(60)));
         assert_eq!((wait_of("wait=soon"), wait_of("respond-async")), (None, None));
-        let matching = |text: &'static str| matches(&HeaderMap::from_iter([(header::IF_NONE_MATCH, HeaderValue::from_static(text))]), "\"a\"");
+        let matching =
+            |text: &'static str| matches(&HeaderMap::from_iter([(header::IF_NONE_MATCH, HeaderValue::from_static(text))]), "\"a\"");
         assert!(matching("\"a\"") && matching("W/\"a\"") && matching("\"b\", \"a\"") && matching("*"));
         assert!(!matching("\"b\"") && !matching("a"));
     }

@@ -144,7 +144,9 @@ impl ApiError {
                 let (slug, title) = not_found(what);
                 plain(StatusCode::NOT_FOUND, slug, title, format!("there is no {what} `{}`", shown(&which)))
             }
-            ApiError::NoSuchPath => plain(StatusCode::NOT_FOUND, "not-found", "No such path", "the service has no such path; /openapi.yaml lists them".into()),
+            ApiError::NoSuchPath => {
+                plain(StatusCode::NOT_FOUND, "not-found", "No such path", "the service has no such path; /openapi.yaml lists them".into())
+            }
             ApiError::NoSuchMethod => {
                 plain(StatusCode::METHOD_NOT_ALLOWED, "method-not-allowed", "No such method", "the path does not know this method".into())
             }
@@ -171,11 +173,14 @@ impl ApiError {
                 plain(StatusCode::UNSUPPORTED_MEDIA_TYPE, "unsupported-media-type", "Unsupported media type", detail)
             }
             ApiError::TooLarge(limit) => {
-                let mut problem = plain(StatusCode::PAYLOAD_TOO_LARGE, "body-too-large", "The body is too large", format!("the limit is {limit} bytes"));
+                let mut problem =
+                    plain(StatusCode::PAYLOAD_TOO_LARGE, "body-too-large", "The body is too large", format!("the limit is {limit} bytes"));
                 problem.more.insert("limit".into(), limit.into());
                 problem
             }
-            ApiError::BrokenBody => plain(StatusCode::BAD_REQUEST, "broken-body", "The body could not be read", "the body ended early".into()),
+            ApiError::BrokenBody => {
+                plain(StatusCode::BAD_REQUEST, "broken-body", "The body could not be read", "the body ended early".into())
+            }
             ApiError::KeyReused => {
                 let detail = "the Idempotency-Key was used for another request".into();
                 plain(StatusCode::UNPROCESSABLE_ENTITY, "idempotency-key-reused", "The idempotency key is taken", detail)
@@ -187,10 +192,15 @@ impl ApiError {
                 let detail = "the database cannot do this now; what is served stays served".into();
                 plain(StatusCode::SERVICE_UNAVAILABLE, "storage-unavailable", "The database is unavailable", detail)
             }
-            ApiError::TimedOut => plain(StatusCode::SERVICE_UNAVAILABLE, "timed-out", "It took too long", "the request was given up".into()),
-            ApiError::Internal(_) => {
-                plain(StatusCode::INTERNAL_SERVER_ERROR, "internal-error", "A fault of the service", "the log of the service knows more".into())
+            ApiError::TimedOut => {
+                plain(StatusCode::SERVICE_UNAVAILABLE, "timed-out", "It took too long", "the request was given up".into())
             }
+            ApiError::Internal(_) => plain(
+                StatusCode::INTERNAL_SERVER_ERROR,
+                "internal-error",
+                "A fault of the service",
+                "the log of the service knows more".into(),
+            ),
         }
     }
 
@@ -229,7 +239,9 @@ impl IntoResponse for ApiError {
     fn into_response(self) -> Response {
         match &self {
             ApiError::Storage(error) => tracing::error!(%error, "the database failed"),
-            ApiError::Internal(detail) => tracing::error!(detail, "a request ran into a fault of the program"),
+            ApiError::Internal(detail) => {
+                tracing::error!(detail, "a request ran into a fault of the program")
+            }
             _ => {}
         }
         let retry_after = self.retry_after();

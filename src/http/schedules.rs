@@ -126,7 +126,9 @@ async fn get_schedule(State(service): State<Shared>, Path(name): Path<String>) -
 )]
 async fn put_schedule(State(service): State<Shared>, Path(name): Path<String>, body: Json) -> Result<Response, ApiError> {
     let document: ScheduleDocument = decode::decode(body.value).map_err(ApiError::Invalid)?;
-    let at_path = |fault: Fault| if fault.code == "invalid-name" { Fault { pointer: "path".into(), ..fault } } else { fault };
+    let at_path = |fault: Fault| {
+        if fault.code == "invalid-name" { Fault { pointer: "path".into(), ..fault } } else { fault }
+    };
     let is_new = schedule::put(&service, &name, &document).await.map_err(|error| match ApiError::from(error) {
         ApiError::Invalid(faults) => ApiError::Invalid(faults.into_iter().map(at_path).collect()),
         other => other,

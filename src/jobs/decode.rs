@@ -68,7 +68,9 @@ fn pointer(path: &Path, removed: &BTreeSet<String>) -> String {
 /// Takes out what a path names; the document itself cannot be taken out.
 fn remove(value: &mut Value, path: &Path) -> bool {
     let steps: Vec<&Segment> = path.iter().filter(|segment| matches!(segment, Segment::Seq { .. } | Segment::Map { .. })).collect();
-    let Some((last, parents)) = steps.split_last() else { return false };
+    let Some((last, parents)) = steps.split_last() else {
+        return false;
+    };
     let mut place = value;
     for step in parents {
         let next = match step {

@@ -63,8 +63,11 @@ pub async fn load(service: &Service, job: &JobRecord) -> Result<Input, JobsError
 
 /// The stretch of time whose blocks are read; the core cuts it to the second.
 fn range(asked: Option<&WindowRange>, first: i64, newest: i64) -> Result<(i64, i64), Vec<Fault>> {
-    let Some(asked) = asked else { return Ok((first, newest)) };
-    let time = |field: &str, text: &Option<String>| text.as_ref().map(|text| read_time(field, text)).transpose().map_err(|fault| vec![fault]);
+    let Some(asked) = asked else {
+        return Ok((first, newest));
+    };
+    let time =
+        |field: &str, text: &Option<String>| text.as_ref().map(|text| read_time(field, text)).transpose().map_err(|fault| vec![fault]);
     let to = time("/window/to", &asked.to)?.unwrap_or(newest);
     let from = time("/window/from", &asked.from)?.or(asked.last.map(|last| to - last.seconds())).unwrap_or(first);
     Ok((from, to))
@@ -93,12 +96,8 @@ impl Input {
         if self.system.exclude.is_empty() {
             return Ok(window.clone());
         }
-        let spans: Vec<(i64, i64)> = self
-            .system
-            .exclude
-            .iter()
-            .filter_map(|span| Some((read_time("", &span.from).ok()?, read_time("", &span.to).ok()?)))
-            .collect();
+        let spans: Vec<(i64, i64)> =
+            self.system.exclude.iter().filter_map(|span| Some((read_time("", &span.from).ok()?, read_time("", &span.to).ok()?))).collect();
         let outputs = self.catalogue.compose(&self.model).map_err(JobsError::Faults)?.spec.outputs;
         let trusted = |time: i64| !spans.iter().any(|(from, to)| (*from..=*to).contains(&time));
         let mut all = Vec::new();
@@ -107,7 +106,8 @@ impl Input {
                 all.push(series.clone());
                 continue;
             }
-            let kept: Vec<(i64, f64)> = series.times().iter().copied().zip(series.values().iter().copied()).filter(|(time, _)| trusted(*time)).collect();
+            let kept: Vec<(i64, f64)> =
+                series.times().iter().copied().zip(series.values().iter().copied()).filter(|(time, _)| trusted(*time)).collect();
             if !kept.is_empty() {
                 let (times, values) = kept.into_iter().unzip();
                 let one = Series::new(series.channel(), series.unit(), series.hold(), times, values);
@@ -138,7 +138,9 @@ fn room_temperature(neighbour: &SystemId, blocks: &[Blocks]) -> Result<Option<Se
         return Ok(None);
     }
     let joined = Window::stitch(&windows).map_err(JobsError::Faults)?;
-    let Some(series) = joined.series(ROOM_TEMPERATURE) else { return Ok(None) };
+    let Some(series) = joined.series(ROOM_TEMPERATURE) else {
+        return Ok(None);
+    };
     let name = format!("{ROOM_TEMPERATURE}_{}", neighbour.id());
     let renamed = Series::new(&name, series.unit(), series.hold(), series.times().to_vec(), series.values().to_vec());
     renamed.map(Some).map_err(|fault| JobsError::Faults(vec![fault]))

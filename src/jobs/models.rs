@@ -70,7 +70,11 @@ pub fn check_model(catalogue: &Catalogue, body: Value) -> Result<(ModelDocument,
 fn plain_id(text: &str) -> Result<ModelId, Vec<Fault>> {
     match text.parse::<ModelId>() {
         Ok(id) if id.with().is_empty() && id.without().is_empty() => Ok(id),
-        Ok(_) => Err(vec![Fault::new("/id", "invalid-id", "the id of a document has no `+` or `-`: effects are added with POST /models/{id}/effects")]),
+        Ok(_) => Err(vec![Fault::new(
+            "/id",
+            "invalid-id",
+            "the id of a document has no `+` or `-`: effects are added with POST /models/{id}/effects",
+        )]),
         Err(error) => Err(vec![Fault::new("/id", "invalid-id", error.to_string())]),
     }
 }
@@ -121,11 +125,15 @@ fn check_effect(catalogue: &Catalogue, parent: Option<&ModelId>, body: Value) ->
 fn try_on_any(catalogue: &Catalogue, effect: &EffectSpec, name: &str) -> Result<(), Vec<Fault>> {
     let mut first = None;
     for document in catalogue.models() {
-        let ModelDocument::Spec(spec) = document else { continue };
+        let ModelDocument::Spec(spec) = document else {
+            continue;
+        };
         if !effect.terms.keys().all(|state| spec.states.contains_key(state)) {
             continue;
         }
-        let Ok(id) = spec.id.parse::<ModelId>() else { continue };
+        let Ok(id) = spec.id.parse::<ModelId>() else {
+            continue;
+        };
         match compiled(catalogue, &id.plus(name)) {
             Ok(_) => return Ok(()),
             Err(faults) => first = first.or(Some(faults)),
@@ -202,7 +210,9 @@ fn make_version(catalogue: &Catalogue, parent: &ModelId, body: Value) -> Result<
     };
     let mut extended = catalogue.clone();
     own.iter().for_each(|effect| extended.add_effect(effect.clone()));
-    let at_effect = |fault: Fault| if own.is_none() && fault.pointer == "/model" { Fault { pointer: "/effect".into(), ..fault } } else { fault };
+    let at_effect = |fault: Fault| {
+        if own.is_none() && fault.pointer == "/model" { Fault { pointer: "/effect".into(), ..fault } } else { fault }
+    };
     let spec = extended.effect(&name).map_err(|fault| vec![at_effect(fault)])?;
     let id = parent.plus(&name);
     if id == *parent {

@@ -373,7 +373,9 @@ fn validated(
 /// The nominal values of the system's model, with `null` where only measurements give one; nothing where the
 /// model no longer compiles.
 fn nominal(system: SystemId, document: &SystemDocument, catalogue: &Catalogue) -> Result<Option<Rendered>, JobsError> {
-    let Ok(model) = document.bindings(catalogue, &document.model) else { return Ok(None) };
+    let Ok(model) = document.bindings(catalogue, &document.model) else {
+        return Ok(None);
+    };
     let value = |nominal: &Nominal| match nominal {
         Nominal::Value(value) => Value::from(*value),
         Nominal::Measured(_) => Value::Null,

@@ -50,8 +50,12 @@ pub fn read(body: Value) -> Result<JobRequest, Vec<Fault>> {
     };
     let kind = match fields.shift_remove("kind") {
         Some(Value::String(kind)) => kind,
-        Some(_) => return Err(vec![Fault::new("/kind", "wrong-type", "the kind is a word")]),
-        None => return Err(vec![Fault::new("/kind", "missing-field", format!("`kind` is missing: {}", KINDS.join(" or ")))]),
+        Some(_) => {
+            return Err(vec![Fault::new("/kind", "wrong-type", "the kind is a word")]);
+        }
+        None => {
+            return Err(vec![Fault::new("/kind", "missing-field", format!("`kind` is missing: {}", KINDS.join(" or ")))]);
+        }
     };
     match kind.as_str() {
         "estimate" => read_estimate(fields),

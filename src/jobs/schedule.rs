@@ -108,7 +108,9 @@ pub async fn put(service: &Service, name: &str, document: &ScheduleDocument) -> 
     faults.extend(Ticks::read(&document.cron, zone).err().into_iter().flatten());
     let mut fields = document.request.clone();
     fields.insert("systems".to_owned(), serde_json::json!(document.systems));
-    let within = |fault: Fault| if fault.pointer.starts_with("/systems") { fault } else { Fault { pointer: format!("/request{}", fault.pointer), ..fault } };
+    let within = |fault: Fault| {
+        if fault.pointer.starts_with("/systems") { fault } else { Fault { pointer: format!("/request{}", fault.pointer), ..fault } }
+    };
     let request = match read_batch(fields) {
         Ok(request) if faults.is_empty() => request,
         other => {

@@ -119,7 +119,9 @@ pub async fn entered(service: &Service, batch: &NewBatch) -> Result<(), JobsErro
 /// # Errors
 /// Where the database fails.
 pub async fn cancel(service: &Service, id: &str) -> Result<Option<Cancelled>, JobsError> {
-    let Some(cancelled) = store::jobs::cancel(&service.store, id, now()).await? else { return Ok(None) };
+    let Some(cancelled) = store::jobs::cancel(&service.store, id, now()).await? else {
+        return Ok(None);
+    };
     if cancelled.running {
         service.board.cancel(id);
         // The worker may have ended the job in between and forgotten its place; then nobody else will.

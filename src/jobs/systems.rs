@@ -135,10 +135,18 @@ impl SystemDocument {
         if let Some(place) = &self.location {
             let inside = |value: f64, limit: f64| value.is_finite() && value.abs() <= limit;
             if !inside(place.lat, 90.0) {
-                faults.push(Fault::new("/location/lat", "out-of-range", format!("a latitude lies between -90 and 90, not at {}", place.lat)));
+                faults.push(Fault::new(
+                    "/location/lat",
+                    "out-of-range",
+                    format!("a latitude lies between -90 and 90, not at {}", place.lat),
+                ));
             }
             if !inside(place.lon, 180.0) {
-                faults.push(Fault::new("/location/lon", "out-of-range", format!("a longitude lies between -180 and 180, not at {}", place.lon)));
+                faults.push(Fault::new(
+                    "/location/lon",
+                    "out-of-range",
+                    format!("a longitude lies between -180 and 180, not at {}", place.lon),
+                ));
             }
             if let Some(zone) = place.zone.as_ref().filter(|zone| jiff::tz::TimeZone::get(zone).is_err()) {
                 let shown: String = zone.chars().take(40).collect();

@@ -47,14 +47,8 @@ pub async fn take(
     let bindings = systems::require(service, system).await?.channels;
     let name = system.clone();
     let packed = blocking(move || pack(&name, format, body.as_ref(), &bindings)).await??;
-    let new = NewWindow {
-        id: &packed.id,
-        system,
-        from_s: packed.from_s,
-        to_s: packed.to_s,
-        report: &packed.report,
-        blocks: &packed.blocks,
-    };
+    let new =
+        NewWindow { id: &packed.id, system, from_s: packed.from_s, to_s: packed.to_s, report: &packed.report, blocks: &packed.blocks };
     let is_new = match windows::insert(&service.store, &new, key, now()).await? {
         Kept::New => true,
         Kept::Known => false,
@@ -100,7 +94,9 @@ fn read(format: Format, body: &[u8], bindings: &Bindings) -> Result<(Window, Win
     let mut present = Bindings::none();
     there.into_iter().for_each(|(channel, column)| present.bind(channel, column));
     let (window, mut report) = parse(&present)?;
-    report.warnings.extend(absent.into_iter().map(|(channel, column)| format!("`{channel}` is bound to a column `{column}` that this window does not have")));
+    report.warnings.extend(
+        absent.into_iter().map(|(channel, column)| format!("`{channel}` is bound to a column `{column}` that this window does not have")),
+    );
     Ok((window, report))
 }
 

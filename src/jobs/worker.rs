@@ -150,7 +150,9 @@ async fn record(service: &Arc<Service>, job: &JobRecord, lease: &Lease, end: End
                         job = %job.id, system = %job.system, fit = finished.fit, revision = finished.revision,
                         "{}: {}", finished.outcome.map_or("ended", |outcome| outcome.word()), finding.judgement.summary
                     ),
-                    (End::Failed(failure), _) => tracing::warn!(job = %job.id, system = %job.system, code = failure.code, "failed: {}", failure.detail),
+                    (End::Failed(failure), _) => {
+                        tracing::warn!(job = %job.id, system = %job.system, code = failure.code, "failed: {}", failure.detail)
+                    }
                     (End::GivenBack, _) => tracing::info!(job = %job.id, "given back to the queue"),
                     _ => tracing::info!(job = %job.id, "cancelled"),
                 }

@@ -97,7 +97,8 @@ struct Builder {
 impl Builder {
     fn new(composition: &Composition, bindings: &Bindings) -> Self {
         let sets = composition.spec.sets.iter().map(|set| (set.clone(), bindings.sets.get(set).cloned().unwrap_or_default())).collect();
-        let mut builder = Self { lowering: Lowering::new(sets), inputs: Vec::new(), parameters: Vec::new(), states: 0, applied: Vec::new() };
+        let mut builder =
+            Self { lowering: Lowering::new(sets), inputs: Vec::new(), parameters: Vec::new(), states: 0, applied: Vec::new() };
         for set in bindings.sets.keys().filter(|set| !composition.spec.sets.contains(set)) {
             builder.fault("/bindings", "unknown-set", format!("the model has no set `{set}`"));
         }
@@ -304,9 +305,8 @@ impl Builder {
         let used = source.reachable(&roots);
         let used_leaf = |wanted: Node| source.nodes().iter().zip(&used).any(|(node, used)| *used && *node == wanted);
         let keep_input: Vec<bool> = (0..self.inputs.len()).map(|i| used_leaf(Node::Input(i as u16, Point::Start))).collect();
-        let keep_parameter: Vec<bool> = (0..self.parameters.len())
-            .map(|i| used_leaf(Node::Param(i as u16)) || initials.iter().any(|initial| *initial == Initial::Parameter(i)))
-            .collect();
+        let keep_parameter: Vec<bool> =
+            (0..self.parameters.len()).map(|i| used_leaf(Node::Param(i as u16)) || initials.contains(&Initial::Parameter(i))).collect();
         let rank = |keep: &[bool], i: usize| keep[..i].iter().filter(|kept| **kept).count();
         let mut graph = Graph::default();
         let roots = graph.import(&source, &roots, |graph, leaf| {
@@ -316,10 +316,9 @@ impl Builder {
                 other => other,
             })
         });
-        let kept = |keep: &[bool]| keep.to_vec().into_iter();
-        let inputs: Vec<Input> = self.inputs.into_iter().zip(kept(&keep_input)).filter_map(|(input, keep)| keep.then_some(input)).collect();
+        let inputs: Vec<Input> = self.inputs.into_iter().zip(&keep_input).filter(|(_, keep)| **keep).map(|(input, _)| input).collect();
         let parameters: Vec<Parameter> =
-            self.parameters.into_iter().zip(kept(&keep_parameter)).filter_map(|(parameter, keep)| keep.then_some(parameter)).collect();
+            self.parameters.into_iter().zip(&keep_parameter).filter(|(_, keep)| **keep).map(|(parameter, _)| parameter).collect();
         let (rhs, output_nodes) = roots.split_at(composition.spec.states.len());
         let rhs = rhs.to_vec();
         let jacobian: Vec<Vec<NodeId>> =

@@ -83,8 +83,20 @@ impl Binary {
             Binary::Sub => a - b,
             Binary::Mul => a * b,
             Binary::Div => a / b,
-            Binary::Min => if a < b { a } else { b },
-            Binary::Max => if a > b { a } else { b },
+            Binary::Min => {
+                if a < b {
+                    a
+                } else {
+                    b
+                }
+            }
+            Binary::Max => {
+                if a > b {
+                    a
+                } else {
+                    b
+                }
+            }
             Binary::Pow => math::pow(a, b),
             Binary::Less => f64::from(a < b),
             Binary::LessEqual => f64::from(a <= b),
@@ -258,7 +270,13 @@ impl Graph {
     /// A choice, folded where the condition is known or both branches are the same.
     pub fn choose(&mut self, condition: NodeId, a: NodeId, b: NodeId) -> NodeId {
         match self.constant_value(condition) {
-            Some(value) => if value == 0.0 { b } else { a },
+            Some(value) => {
+                if value == 0.0 {
+                    b
+                } else {
+                    a
+                }
+            }
             None if a == b => a,
             None => self.intern(Node::Select(condition, a, b)),
         }

@@ -226,9 +226,7 @@ impl Lowering {
                 self.fault(pointer, at, "cycle", format!("`{name}` is defined by itself"));
                 self.zero()
             }
-            None if name == "pi" => {
-                Value { node: self.graph.constant(std::f64::consts::PI), unit: Some(Unit::ONE), nonnegative: true }
-            }
+            None if name == "pi" => Value { node: self.graph.constant(std::f64::consts::PI), unit: Some(Unit::ONE), nonnegative: true },
             None => {
                 self.fault(pointer, at, "unknown-name", format!("`{name}` is not a state, input, parameter or definition"));
                 let known = self.symbols.keys().chain(self.defines.keys()).map(String::as_str);
@@ -307,7 +305,12 @@ impl Lowering {
             }
             _ => {
                 if !base.nonnegative {
-                    self.fault(pointer, at, "negative-base", "a real exponent needs a base that cannot be negative; wrap the base in abs() or max(0, …)");
+                    self.fault(
+                        pointer,
+                        at,
+                        "negative-base",
+                        "a real exponent needs a base that cannot be negative; wrap the base in abs() or max(0, …)",
+                    );
                 }
                 if base.unit.is_some_and(|unit| !unit.is_number()) {
                     self.fault(pointer, at, "unit", "the base of a real exponent must be a pure number");
@@ -347,7 +350,12 @@ impl Lowering {
                     self.fault(pointer, at, "unit", "the root of this unit is no unit");
                 }
                 if !x[0].nonnegative {
-                    self.fault(pointer, at, "negative-base", "sqrt needs an argument that cannot be negative; wrap it in abs() or max(0, …)");
+                    self.fault(
+                        pointer,
+                        at,
+                        "negative-base",
+                        "sqrt needs an argument that cannot be negative; wrap it in abs() or max(0, …)",
+                    );
                 }
                 unary(self, Unary::Sqrt, unit, true)
             }

@@ -263,7 +263,9 @@ impl Parser<'_> {
     fn expression(&mut self, strength: u8, depth: usize) -> Result<Expr, SyntaxError> {
         let mut left = self.operand(depth)?;
         while let (Token::Symbol(symbol), at) = self.peek() {
-            let Some((left_strength, op)) = infix(symbol) else { break };
+            let Some((left_strength, op)) = infix(symbol) else {
+                break;
+            };
             if left_strength <= strength {
                 break;
             }
@@ -351,7 +353,10 @@ impl Parser<'_> {
 }
 
 fn too_deep(at: Position) -> SyntaxError {
-    SyntaxError { at, message: format!("the expression is nested too deep (at most {MAX_DEPTH} parentheses, {MAX_HEIGHT} operators in a chain)") }
+    SyntaxError {
+        at,
+        message: format!("the expression is nested too deep (at most {MAX_DEPTH} parentheses, {MAX_HEIGHT} operators in a chain)"),
+    }
 }
 
 #[cfg(test)]

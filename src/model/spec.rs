@@ -8,8 +8,6 @@ use crate::fault::Fault;
 use indexmap::IndexMap;
 use serde::{Deserialize, Serialize};
 
-
-
 /// Largest document in bytes.
 pub const MAX_DOCUMENT: usize = 64 * 1024;
 

@@ -285,11 +285,15 @@ fn pair_up(nodes: &[Node], step: &[usize], roots: &[NodeId]) -> Vec<Option<usize
     step.iter().for_each(|i| in_step[*i] = true);
     let mut inner: Vec<Option<usize>> = vec![None; nodes.len()];
     for i in step {
-        let Node::Binary(outer, a, b) = nodes[*i] else { continue };
+        let Node::Binary(outer, a, b) = nodes[*i] else {
+            continue;
+        };
         // A node that absorbed another one is no plain operation any more, except a product of a difference.
         let free = |id: NodeId, first: bool| {
             let index = id.0 as usize;
-            let Node::Binary(op, ..) = nodes[index] else { return None };
+            let Node::Binary(op, ..) = nodes[index] else {
+                return None;
+            };
             if !in_step[index] || uses[index] != 1 {
                 return None;
             }
@@ -309,8 +313,12 @@ fn pair_up(nodes: &[Node], step: &[usize], roots: &[NodeId]) -> Vec<Option<usize
 
 /// The operands a, b and c of a product `(a - b) c` that a sum may absorb as a whole.
 fn conduct(nodes: &[Node], outer: Binary, product: usize, inner: &[Option<usize>]) -> Option<[NodeId; 3]> {
-    let (Binary::Add, Node::Binary(Binary::Mul, x, y), Some(difference)) = (outer, nodes[product], inner[product]) else { return None };
-    let Node::Binary(Binary::Sub, a, b) = nodes[difference] else { return None };
+    let (Binary::Add, Node::Binary(Binary::Mul, x, y), Some(difference)) = (outer, nodes[product], inner[product]) else {
+        return None;
+    };
+    let Node::Binary(Binary::Sub, a, b) = nodes[difference] else {
+        return None;
+    };
     Some([a, b, if x.0 as usize == difference { y } else { x }])
 }
 

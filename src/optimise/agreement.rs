@@ -53,9 +53,8 @@ impl Agreement {
         let improved = optimum < before && !self.same(optimum, before, self.options.improvement);
         self.fruitless = if improved { 0 } else { self.fruitless + 1 };
         let last = self.last.replace(optimum);
-        let agree = last.is_some_and(|last| {
-            self.same(last, optimum, self.options.within) && self.same(optimum, self.best, self.options.within)
-        });
+        let agree =
+            last.is_some_and(|last| self.same(last, optimum, self.options.within) && self.same(optimum, self.best, self.options.within));
         self.confirmed = if agree && !improved { self.confirmed + 1 } else { 0 };
         if self.confirmed >= self.options.confirmations.max(1) {
             Some(Ended::Converged)

@@ -2,6 +2,8 @@
 //!
 //! A [`Strategy`] proposes batches of any size and never counts; [`Budgeted`] makes an [`Optimiser`] of it.
 
+use std::borrow::Cow;
+
 use super::{Ask, Candidate, Cost, Ended, Evaluation, Optimiser};
 
 /// A search without bookkeeping.
@@ -57,9 +59,11 @@ impl<S: Strategy> Optimiser for Budgeted<S> {
             }
         };
         // A missing answer is a candidate that could not be computed.
-        let mut answers = answers.to_vec();
-        answers.resize(batch.len(), Evaluation { cost: Cost::Diverged, residuals: Vec::new() });
-        for (candidate, answer) in batch.iter().zip(&answers) {
+        let mut answers = Cow::Borrowed(answers);
+        if answers.len() != batch.len() {
+            answers.to_mut().resize(batch.len(), Evaluation { cost: Cost::Diverged, residuals: Vec::new() });
+        }
+        for (candidate, answer) in batch.iter().zip(answers.iter()) {
             if self.best.as_ref().is_none_or(|(_, cost)| answer.cost < *cost) {
                 self.best = Some((candidate.clone(), answer.cost));
             }

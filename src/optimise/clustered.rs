@@ -8,7 +8,7 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 use serde::{Deserialize, Serialize};
 
 use super::budget::Strategy;
-use super::firefly::{self, Firefly, Flight};
+use super::firefly::{self, Crowd, Firefly, Flight};
 use super::kmeans::{Clusters, Seeding, cluster_count, kmeans};
 use super::method::Search;
 use super::{Ask, Candidate, Cost, Ended, Evaluation};
@@ -37,6 +37,8 @@ pub struct CfaThesisOptions {
     pub gamma_min: f64,
     /// Light absorption in the last generation (eq 4.5).
     pub gamma_max: f64,
+    /// What the size of a cluster does in eq 4.10.
+    pub crowd: Crowd,
 }
 
 impl Default for CfaThesisOptions {
@@ -52,6 +54,7 @@ impl Default for CfaThesisOptions {
             beta0: 1.0,
             gamma_min: 0.01,
             gamma_max: 10.0,
+            crowd: Crowd::Distance,
         }
     }
 }
@@ -103,7 +106,7 @@ impl CfaThesis {
                 None => Firefly::random(search.seed, 1 + id as u64, search.dimensions),
             })
             .collect();
-        let flight = Flight { beta0: options.beta0, gamma: options.gamma_min, alpha: options.alpha, crossover: 0.0 };
+        let flight = Flight { beta0: options.beta0, gamma: options.gamma_min, alpha: options.alpha, crossover: 0.0, crowd: options.crowd };
         Self {
             fireflies,
             stream: firefly::stream(search.seed, 0),
@@ -127,8 +130,7 @@ impl CfaThesis {
     /// Lines 4-6: gamma, the clusters and their intensities. Generations count from 1 in the schedules.
     fn begin_generation(&mut self) {
         let options = &self.options;
-        self.flight.gamma =
-            options.gamma_min + (options.gamma_max - options.gamma_min) * self.progress(self.generation + 1);
+        self.flight.gamma = options.gamma_min + (options.gamma_max - options.gamma_min) * self.progress(self.generation + 1);
         let points: Vec<&[f64]> = self.fireflies.iter().map(|firefly| firefly.position.as_slice()).collect();
         let k = cluster_count(points.len(), self.target);
         let clusters = kmeans(&points, k, Seeding::RandomPoints, &mut self.stream);
@@ -241,39 +243,54 @@ mod tests {
 
     /// Tables 5.1 and 5.3.
     fn schwefel() -> CfaThesisOptions {
-        CfaThesisOptions {
-            generations: 100,
-            n_min: 30,
-            target: 5.0,
-            gamma_min: 1.0,
-            gamma_max: 3.0,
-            ..CfaThesisOptions::default()
-        }
+        CfaThesisOptions { generations: 100, n_min: 30, target: 5.0, gamma_min: 1.0, gamma_max: 3.0, ..CfaThesisOptions::default() }
     }
 
     fn ackley() -> CfaThesisOptions {
-        CfaThesisOptions {
-            n: 80,
-            generations: 350,
-            n_min: 25,
-            target: 8.0,
-            decay: 0.95,
-            gamma_min: 0.1,
-            ..CfaThesisOptions::default()
-        }
+        CfaThesisOptions { n: 80, generations: 350, n_min: 25, target: 8.0, decay: 0.95, gamma_min: 0.1, ..CfaThesisOptions::default() }
     }
 
-    #[test]
-    fn table_5_3_on_ackley_5_ends_near_1e_7() {
-        let mut errors: Vec<f64> = (0..15).map(|seed| run(Function::Ackley, &ackley(), search(5, seed, 100_000)).0).collect();
+    fn sorted(function: Function, options: &CfaThesisOptions, dimensions: usize, budget: usize) -> Vec<f64> {
+        let mut errors: Vec<f64> = (0..15).map(|seed| run(function, options, search(dimensions, seed, budget)).0).collect();
         errors.sort_by(f64::total_cmp);
-        assert!((1e-8..1e-5).contains(&errors[7]), "median {:e}", errors[7]);
+        errors
+    }
+
+    fn mean(errors: &[f64]) -> f64 {
+        errors.iter().sum::<f64>() / errors.len() as f64
     }
 
     #[test]
-    fn table_5_1_on_schwefel_5_ends_near_100() {
-        let mean = (0..15).map(|seed| run(Function::Schwefel, &schwefel(), search(5, seed, 20_000)).0).sum::<f64>() / 15.0;
-        assert!((10.0..200.0).contains(&mean), "mean {mean}");
+    fn equation_4_10_as_printed_comes_near_the_optima() {
+        let median = sorted(Function::Ackley, &ackley(), 5, 100_000)[7];
+        assert!((1e-7..1e-4).contains(&median), "Ackley 5: {median:e}");
+        let mean = mean(&sorted(Function::Schwefel, &schwefel(), 5, 20_000));
+        assert!((30.0..250.0).contains(&mean), "Schwefel 5: {mean}");
+    }
+
+    /// Section 5.4, as it was reproduced by other means: 75 and 278 on Schwefel, 1.7e-7 on Ackley, 6.6e-10 on Rosenbrock.
+    #[test]
+    fn a_scaled_step_reproduces_the_published_results() {
+        let step = |options: CfaThesisOptions| CfaThesisOptions { crowd: Crowd::Step, ..options };
+        let median = sorted(Function::Ackley, &step(ackley()), 5, 100_000)[7];
+        assert!((5e-8..1e-6).contains(&median), "Ackley 5: {median:e}");
+        let median = sorted(Function::Rosenbrock, &step(CfaThesisOptions { n_min: 20, ..ackley() }), 5, 100_000)[7];
+        assert!(median < 1e-7, "Rosenbrock 5: {median:e}");
+        let five = mean(&sorted(Function::Schwefel, &step(schwefel()), 5, 20_000));
+        assert!((20.0..180.0).contains(&five), "Schwefel 5: {five}");
+        let ten = mean(&sorted(Function::Schwefel, &step(schwefel()), 10, 40_000));
+        assert!((100.0..450.0).contains(&ten), "Schwefel 10: {ten}");
+    }
+
+    /// With one cluster this is the modified algorithm of section 4.2: 0.018 on Ackley, 279 on Schwefel.
+    #[test]
+    fn one_cluster_is_the_modified_firefly_algorithm() {
+        let whole = |options: CfaThesisOptions| CfaThesisOptions { target: 1e6, target_min: 1e6, ..options };
+        let options = whole(CfaThesisOptions { n: 60, generations: 125, ..ackley() });
+        let median = sorted(Function::Ackley, &options, 5, 100_000)[7];
+        assert!((5e-3..5e-2).contains(&median), "Ackley 5: {median:e}");
+        let mean = mean(&sorted(Function::Schwefel, &whole(schwefel()), 5, 20_000));
+        assert!((150.0..400.0).contains(&mean), "Schwefel 5: {mean}");
     }
 
     #[test]
@@ -285,7 +302,8 @@ mod tests {
         assert_eq!(first.1, GOLDEN_EVALUATIONS);
     }
 
-    const GOLDEN_EVALUATIONS: usize = 0;
+    /// Initial population and moves of ten generations.
+    const GOLDEN_EVALUATIONS: usize = 2635;
 
     #[test]
     fn the_budget_truncates_and_divergence_ends_with_the_schedule() {
@@ -304,10 +322,8 @@ mod tests {
         let mut sizes = Vec::new();
         while let Ask::Costs(batch) = optimiser.ask() {
             sizes.push(batch.len());
-            let answers: Vec<Evaluation> = batch
-                .iter()
-                .map(|candidate| Evaluation { cost: Cost::new(candidate.0[0]), residuals: Vec::new() })
-                .collect();
+            let answers: Vec<Evaluation> =
+                batch.iter().map(|candidate| Evaluation { cost: Cost::new(candidate.0[0]), residuals: Vec::new() }).collect();
             optimiser.tell(&answers);
         }
         assert_eq!(sizes[0], 70);

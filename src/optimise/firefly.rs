@@ -2,6 +2,7 @@
 
 use rand::{Rng, RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
+use serde::{Deserialize, Serialize};
 
 use super::kmeans::squared_distance;
 use super::{Candidate, Cost};
@@ -74,7 +75,7 @@ impl Firefly {
     ///
     /// In the unit cube the scaling vector S, the range of each parameter, is 1 everywhere.
     pub fn fly(&mut self, target: &[f64], crowd: f64, flight: &Flight) {
-        let pull = flight.attractiveness(squared_distance(&self.position, target) / crowd);
+        let pull = flight.pull(squared_distance(&self.position, target), crowd);
         // One coordinate always takes part, otherwise the evaluation would repeat the old place.
         let certain = if flight.crossover > 0.0 { self.stream.random_range(0..self.position.len().max(1)) } else { 0 };
         for (coordinate, (x, to)) in self.position.iter_mut().zip(target).enumerate() {
@@ -89,6 +90,18 @@ impl Firefly {
     }
 }
 
+/// How the size of a cluster strengthens the attraction of its centroid (eq 4.10).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Crowd {
+    /// As the equation is printed: the distance is divided by the square root of the size, so that the light of a
+    /// large cluster is seen from further away.
+    Distance,
+    /// As the text around it says, "the movement is scaled": the step is multiplied by the square root of the size
+    /// and may overshoot the centroid. This is the reading that gives the results of thesis section 5.4.
+    Step,
+}
+
 /// The settings of one move.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Flight {
@@ -100,12 +113,22 @@ pub struct Flight {
     pub alpha: f64,
     /// Probability that a coordinate stays as it is in a move; 0 in the thesis.
     pub crossover: f64,
+    /// What the size of a cluster does.
+    pub crowd: Crowd,
 }
 
 impl Flight {
     /// Eq 4.1 on a squared distance.
     pub fn attractiveness(&self, squared_distance: f64) -> f64 {
         self.beta0 * (-self.gamma * squared_distance).exp()
+    }
+
+    /// The share of the way to a light of `crowd` fireflies that a move goes: eq 4.2 for one, 4.10 for more.
+    pub fn pull(&self, squared_distance: f64, crowd: f64) -> f64 {
+        match self.crowd {
+            Crowd::Distance => self.attractiveness(squared_distance / crowd),
+            Crowd::Step => self.attractiveness(squared_distance) * crowd.sqrt(),
+        }
     }
 }
 
@@ -166,7 +189,7 @@ pub fn keep_brightest(fireflies: &mut Vec<Firefly>, keep: usize) {
 mod tests {
     use super::*;
 
-    const STILL: Flight = Flight { beta0: 1.0, gamma: 1.0, alpha: 0.0, crossover: 0.0 };
+    const STILL: Flight = Flight { beta0: 1.0, gamma: 1.0, alpha: 0.0, crossover: 0.0, crowd: Crowd::Distance };
 
     #[test]
     fn a_move_is_equation_4_10() {
@@ -174,6 +197,15 @@ mod tests {
         firefly.fly(&[0.6, 0.1], 4.0, &STILL);
         let pull = (-(0.4f64 * 0.4 + 0.3 * 0.3) / 4.0).exp();
         assert_eq!(firefly.position, vec![0.2 + pull * (0.6 - 0.2), 0.4 + pull * (0.1 - 0.4)]);
+    }
+
+    #[test]
+    fn the_other_reading_scales_the_step() {
+        let mut firefly = Firefly::at(1, 0, &Candidate(vec![0.2, 0.4]));
+        firefly.fly(&[0.4, 0.3], 4.0, &Flight { crowd: Crowd::Step, ..STILL });
+        let pull = 2.0 * (-(0.2f64 * 0.2 + 0.1 * 0.1)).exp();
+        assert!((firefly.position[0] - (0.2 + pull * 0.2)).abs() < 1e-15);
+        assert!((firefly.position[1] - (0.4 - pull * 0.1)).abs() < 1e-15);
     }
 
     #[test]

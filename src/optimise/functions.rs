@@ -31,9 +31,7 @@ impl Function {
         let d = x.len() as f64;
         match self {
             Function::Schwefel => 418.982_887_272_433_8 * d - x.iter().map(|x| x * x.abs().sqrt().sin()).sum::<f64>(),
-            Function::Rosenbrock => {
-                x.windows(2).map(|x| 100.0 * (x[1] - x[0] * x[0]).powi(2) + (x[0] - 1.0).powi(2)).sum()
-            }
+            Function::Rosenbrock => x.windows(2).map(|x| 100.0 * (x[1] - x[0] * x[0]).powi(2) + (x[0] - 1.0).powi(2)).sum(),
             Function::Ackley => {
                 let square = x.iter().map(|x| x * x).sum::<f64>() / d;
                 let wave = x.iter().map(|x| (TAU * x).cos()).sum::<f64>() / d;
@@ -90,8 +88,7 @@ fn drive_with(optimiser: &mut dyn super::Optimiser, evaluate: impl Fn(&[f64]) ->
             Ask::Costs(batch) => (batch, false),
             Ask::Residuals(batch) => (batch, true),
             Ask::Done(ended) => {
-                let (at, best) =
-                    optimiser.best().map_or((Vec::new(), Cost::Diverged), |(at, best)| (at.0.clone(), best));
+                let (at, best) = optimiser.best().map_or((Vec::new(), Cost::Diverged), |(at, best)| (at.0.clone(), best));
                 return Run { best, at, evaluations, batches, ended };
             }
         };

@@ -127,7 +127,9 @@ impl LevenbergMarquardt {
 
     fn digest_slopes(&mut self, mut answers: &[Evaluation]) {
         if self.residuals.is_empty() {
-            let Some((base, slopes)) = answers.split_first() else { return };
+            let Some((base, slopes)) = answers.split_first() else {
+                return;
+            };
             // Without residuals at the start there is nothing to descend from, and the run stays ended.
             if base.residuals.is_empty() || base.cost == Cost::Diverged {
                 return;
@@ -136,8 +138,7 @@ impl LevenbergMarquardt {
             self.residuals.clone_from(&base.residuals);
             answers = slopes;
         }
-        let columns: Vec<Vec<f64>> =
-            answers.iter().enumerate().map(|(along, answer)| self.column(along, answer)).collect();
+        let columns: Vec<Vec<f64>> = answers.iter().enumerate().map(|(along, answer)| self.column(along, answer)).collect();
         let normal = self.normal(&columns);
         self.search(normal);
     }
@@ -174,7 +175,9 @@ impl LevenbergMarquardt {
             // smaller dampings converge faster than linearly.
             let power = if power == 0 { -BOLD } else { power as i32 - 2 };
             let damping = (self.damping * self.options.spread.powi(power)).clamp(DAMPING_MIN, DAMPING_MAX);
-            let Some(position) = self.stepped(&normal, damping) else { continue };
+            let Some(position) = self.stepped(&normal, damping) else {
+                continue;
+            };
             let moves = position.iter().zip(&self.position).any(|(to, from)| (to - from).abs() > SHORT);
             if moves && trials.iter().all(|trial| trial.position != position) {
                 trials.push(Trial { damping, position });
@@ -328,7 +331,9 @@ mod tests {
     #[test]
     fn diverged_trials_and_slopes_are_survived() {
         // Beyond 0.6 nothing can be computed; the optimum is on the edge of that.
-        let edge = |x: &[f64]| if x[0] > 0.6 { vec![f64::NAN; 2] } else { vec![x[0] - 0.59, x[1] - 0.2] };
+        let edge = |x: &[f64]| {
+            if x[0] > 0.6 { vec![f64::NAN; 2] } else { vec![x[0] - 0.59, x[1] - 0.2] }
+        };
         let (run, _) = run(vec![0.1, 0.9], edge);
         assert!(run.cost.value() < 1e-12);
         let (run, evaluations) = super::tests::run(vec![0.5; 2], |_| vec![f64::NAN; 2]);

@@ -72,9 +72,7 @@ impl LocalStage {
     /// The next batch of all runs together; none when every run has ended.
     pub fn propose(&self) -> Option<Ask> {
         let ask = match self {
-            LocalStage::Residuals(runs, _) => {
-                Ask::Residuals(runs.iter().flat_map(LevenbergMarquardt::propose).collect())
-            }
+            LocalStage::Residuals(runs, _) => Ask::Residuals(runs.iter().flat_map(LevenbergMarquardt::propose).collect()),
             LocalStage::Costs(runs) => Ask::Costs(runs.iter().filter_map(TrustRegion::propose).collect()),
         };
         match &ask {

@@ -2,9 +2,11 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::agreement::AgreementOptions;
 use super::budget::Budgeted;
 use super::clustered::{CfaThesis, CfaThesisOptions};
 use super::hybrid::{Cfa, CfaOptions};
+use super::local::LocalOptions;
 use super::multistart::{LmMultistart, LmOptions};
 use super::{Candidate, Optimiser};
 
@@ -50,7 +52,100 @@ impl Search {
     }
 }
 
+/// A hyperparameter outside the range in which its method makes sense.
+#[derive(Debug, Clone, PartialEq)]
+pub struct OutOfRange {
+    /// Its path below the method, such as `local.trials`.
+    pub field: String,
+    /// What it may be.
+    pub detail: String,
+}
+
+/// Collects the faults of a method's hyperparameters.
+#[derive(Default)]
+struct Check(Vec<OutOfRange>);
+
+impl Check {
+    /// NaN is in no range.
+    fn real(&mut self, field: &str, value: f64, from: f64, to: f64) {
+        if !(from..=to).contains(&value) {
+            self.0.push(OutOfRange { field: field.to_owned(), detail: format!("must be from {from} to {to}, not {value}") });
+        }
+    }
+
+    fn count(&mut self, field: &str, value: usize, from: usize, to: usize) {
+        if !(from..=to).contains(&value) {
+            self.0.push(OutOfRange { field: field.to_owned(), detail: format!("must be from {from} to {to}, not {value}") });
+        }
+    }
+
+    /// What both firefly methods have. The population is limited because the clusters cost its square.
+    fn swarm(&mut self, n: usize, n_min: usize, targets: [f64; 2], alpha: f64, beta0: f64) {
+        self.count("n", n, 2, 2000);
+        self.count("n_min", n_min, 1, 2000);
+        self.real("target", targets[0], 1.0, 1e6);
+        self.real("target_min", targets[1], 1.0, 1e6);
+        self.real("alpha", alpha, 0.0, 1.0);
+        self.real("beta0", beta0, 0.0, 10.0);
+    }
+
+    fn local(&mut self, local: &LocalOptions) {
+        self.count("local.iterations", local.iterations, 1, 100_000);
+        self.real("local.step", local.step, 1e-12, 1e-2);
+        self.real("local.tolerance", local.tolerance, 0.0, 1.0);
+        self.real("local.damping", local.damping, 1e-12, 1e6);
+        self.count("local.trials", local.trials, 1, 64);
+        self.real("local.spread", local.spread, 1.1, 100.0);
+        self.real("local.merge", local.merge, 0.0, 1.0);
+        self.real("local.radius", local.radius, 1e-12, 0.5);
+        self.real("local.radius_end", local.radius_end, 1e-14, 0.5);
+        self.count("local.evaluations", local.evaluations, 1, 1_000_000_000);
+    }
+
+    fn agreement(&mut self, agreement: &AgreementOptions) {
+        self.real("agreement.within", agreement.within, 0.0, 1.0);
+        self.real("agreement.improvement", agreement.improvement, 0.0, 1.0);
+        self.count("agreement.confirmations", agreement.confirmations, 1, 1000);
+        self.count("agreement.patience", agreement.patience, 1, 1_000_000);
+    }
+}
+
 impl Method {
+    /// Every hyperparameter that is out of range; a method to be run has none.
+    pub fn faults(&self) -> Vec<OutOfRange> {
+        let mut check = Check::default();
+        match self {
+            Method::Cfa(o) => {
+                check.swarm(o.n, o.n_min, [o.target, o.target_min], o.alpha, o.beta0);
+                check.real("alpha_end", o.alpha_end, 0.0, 1.0);
+                check.real("gamma", o.gamma, 0.0, 1e6);
+                check.real("crossover", o.crossover, 0.0, 1.0);
+                check.count("swarm", o.swarm, 1, 1_000_000_000);
+                check.count("swarm_on_costs", o.swarm_on_costs, 1, 1_000_000_000);
+                check.real("growth", o.growth, 1.0, 100.0);
+                check.count("starts", o.starts, 0, 64);
+                check.count("scouts", o.scouts, 0, 64);
+                check.count("starts + scouts", o.starts.saturating_add(o.scouts), 1, 128);
+                check.local(&o.local);
+                check.agreement(&o.agreement);
+            }
+            Method::CfaThesis(o) => {
+                check.swarm(o.n, o.n_min, [o.target, o.target_min], o.alpha, o.beta0);
+                check.count("generations", o.generations, 1, 1_000_000);
+                check.real("decay", o.decay, 0.0, 1.0);
+                check.real("gamma_min", o.gamma_min, 0.0, 1e6);
+                check.real("gamma_max", o.gamma_max, 0.0, 1e6);
+            }
+            Method::LmMultistart(o) => {
+                check.count("starts", o.starts, 1, 100_000);
+                check.count("lockstep", o.lockstep, 1, 64);
+                check.local(&o.local);
+                check.agreement(&o.agreement);
+            }
+        }
+        check.0
+    }
+
     /// The name that a job uses.
     pub fn name(&self) -> &'static str {
         match self {
@@ -64,12 +159,8 @@ impl Method {
     pub fn optimiser(&self, search: Search) -> Box<dyn Optimiser> {
         match self {
             Method::Cfa(options) => Box::new(Budgeted::new(Cfa::new(options.clone(), &search), search.budget)),
-            Method::CfaThesis(options) => {
-                Box::new(Budgeted::new(CfaThesis::new(options.clone(), &search), search.budget))
-            }
-            Method::LmMultistart(options) => {
-                Box::new(Budgeted::new(LmMultistart::new(options.clone(), &search), search.budget))
-            }
+            Method::CfaThesis(options) => Box::new(Budgeted::new(CfaThesis::new(options.clone(), &search), search.budget)),
+            Method::LmMultistart(options) => Box::new(Budgeted::new(LmMultistart::new(options.clone(), &search), search.budget)),
         }
     }
 }
@@ -82,8 +173,7 @@ mod tests {
     fn a_method_is_named_and_its_hyperparameters_are_optional() {
         let method: Method = serde_json::from_str(r#"{"name": "cfa"}"#).unwrap();
         assert_eq!(method, Method::default());
-        let method: Method =
-            serde_json::from_str(r#"{"n": 60, "alpha": 1, "name": "cfa", "local": {"trials": 8}}"#).unwrap();
+        let method: Method = serde_json::from_str(r#"{"n": 60, "alpha": 1, "name": "cfa", "local": {"trials": 8}}"#).unwrap();
         let Method::Cfa(options) = &method else { panic!("{method:?}") };
         assert_eq!((options.n, options.alpha, options.local.trials, options.n_min), (60, 1.0, 8, 12));
         for method in [method, Method::CfaThesis(Default::default()), Method::LmMultistart(Default::default())] {
@@ -105,6 +195,19 @@ mod tests {
         ] {
             assert!(serde_json::from_str::<Method>(text).is_err(), "{text}");
         }
+    }
+
+    #[test]
+    fn every_hyperparameter_out_of_range_is_named() {
+        for method in [Method::default(), Method::CfaThesis(Default::default()), Method::LmMultistart(Default::default())] {
+            assert_eq!(method.faults(), vec![]);
+        }
+        let options = CfaOptions { n: 1_000_000, alpha: f64::NAN, starts: 0, scouts: 0, ..CfaOptions::default() };
+        let fields: Vec<String> = Method::Cfa(options).faults().into_iter().map(|fault| fault.field).collect();
+        assert_eq!(fields, ["n", "alpha", "starts + scouts"]);
+        let local = LocalOptions { trials: 0, ..LocalOptions::default() };
+        let faults = Method::LmMultistart(LmOptions { local, ..LmOptions::default() }).faults();
+        assert_eq!(faults[0].detail, "must be from 1 to 64, not 0");
     }
 
     #[test]

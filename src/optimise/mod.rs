@@ -3,7 +3,7 @@
 //! This stage knows no model: Schwefel's function and a room are the same to it. Cancelling, deadlines and
 //! progress therefore live once, in the caller's loop, not in every algorithm.
 
-mod agreement;
+pub mod agreement;
 mod budget;
 pub mod clustered;
 mod firefly;
@@ -18,7 +18,8 @@ pub mod space;
 mod swarm;
 mod trust_region;
 
-pub use method::{Method, Search};
+pub use firefly::Crowd;
+pub use method::{Method, OutOfRange, Search};
 pub use space::{Candidate, Dimension, Scale, Space, Theta};
 
 use std::cmp::Ordering;

@@ -45,14 +45,7 @@ pub struct Swarm {
 impl Swarm {
     /// A fresh swarm over `budget` evaluations. `first_id` numbers its random streams, so that each swarm of a
     /// search draws other numbers; `first` are the places of its first fireflies.
-    pub fn new(
-        options: &CfaOptions,
-        budget: usize,
-        seed: u64,
-        first_id: u64,
-        dimensions: usize,
-        first: &[Candidate],
-    ) -> Self {
+    pub fn new(options: &CfaOptions, budget: usize, seed: u64, first_id: u64, dimensions: usize, first: &[Candidate]) -> Self {
         let fireflies: Vec<Firefly> = (0..options.n.max(2))
             .map(|index| {
                 let id = first_id + 1 + index as u64;
@@ -122,6 +115,7 @@ impl Swarm {
             gamma: self.options.gamma,
             alpha: if alpha.is_finite() { alpha } else { 0.0 },
             crossover: self.options.crossover,
+            crowd: self.options.crowd,
         };
         self.movers.clear();
         for (index, lights) in self.lights.iter_mut().enumerate() {

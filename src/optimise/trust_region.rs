@@ -67,7 +67,9 @@ impl TrustRegion {
 
     /// Answers it.
     pub fn digest(&mut self, cost: Cost) {
-        let Some(candidate) = self.pending.take() else { return };
+        let Some(candidate) = self.pending.take() else {
+            return;
+        };
         if cost < self.best.1 {
             self.best = (candidate, cost);
         }
@@ -153,9 +155,7 @@ mod tests {
 
     #[test]
     fn a_quadratic_with_an_active_bound_is_solved() {
-        let (run, evaluations) = run(vec![0.5, 0.5, 0.5], |x| {
-            (x[0] - 0.3).powi(2) + (x[1] + 0.4).powi(2) + 2.0 * (x[2] - x[0]).powi(2)
-        });
+        let (run, evaluations) = run(vec![0.5, 0.5, 0.5], |x| (x[0] - 0.3).powi(2) + (x[1] + 0.4).powi(2) + 2.0 * (x[2] - x[0]).powi(2));
         let (at, cost) = run.place();
         assert!((cost.value() - 0.16).abs() < 1e-12 && at[1] == 0.0 && (at[0] - 0.3).abs() < 1e-6, "{at:?}");
         assert!(evaluations < 200, "{evaluations}");

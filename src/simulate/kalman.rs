@@ -227,7 +227,9 @@ impl<'a> Kalman<'a> {
         let mut out = LaneFile::<LANES>::new(output_tape);
         out.load(&[theta], hours);
         let mut forecasts = vec![vec![None; horizon + 1]; origins.len()];
-        let (Some(first), Some(last)) = (origins.iter().min(), origins.iter().max()) else { return forecasts };
+        let (Some(first), Some(last)) = (origins.iter().min(), origins.iter().max()) else {
+            return forecasts;
+        };
         let mut alive = vec![false; origins.len()];
         for k in *first..=(last + horizon).min(self.known.len() - 1) {
             if k > *first {

@@ -279,12 +279,40 @@ mod tests {
         for op in [Unary::Neg, Unary::Abs, Unary::Exp, Unary::Log, Unary::Sqrt, Unary::Sin, Unary::Cos, Unary::Tanh] {
             roots.push(g.unary(op, x));
         }
-        for op in [Binary::Add, Binary::Sub, Binary::Mul, Binary::Div, Binary::Min, Binary::Max, Binary::Pow, Binary::Less, Binary::LessEqual, Binary::Equal] {
+        for op in [
+            Binary::Add,
+            Binary::Sub,
+            Binary::Mul,
+            Binary::Div,
+            Binary::Min,
+            Binary::Max,
+            Binary::Pow,
+            Binary::Less,
+            Binary::LessEqual,
+            Binary::Equal,
+        ] {
             roots.push(g.binary(op, x, y));
         }
         roots.push(g.choose(x, y, roots[0]));
         let tape = schedule(&g, &roots, 0, 2);
-        let awkward = [0.0, -0.0, 1.0, -1.0, 0.3, 1e-310, 1e300, -745.0, 709.0, f64::INFINITY, f64::NEG_INFINITY, f64::NAN, std::f64::consts::PI, 2.5, 21.7, -3e-5];
+        let awkward = [
+            0.0,
+            -0.0,
+            1.0,
+            -1.0,
+            0.3,
+            1e-310,
+            1e300,
+            -745.0,
+            709.0,
+            f64::INFINITY,
+            f64::NEG_INFINITY,
+            f64::NAN,
+            std::f64::consts::PI,
+            2.5,
+            21.7,
+            -3e-5,
+        ];
         for cpu in [Cpu(Set::Baseline), Cpu::detect()] {
             for shift in 0..awkward.len() {
                 let mut file = LaneFile::<LANES>::new(&tape);

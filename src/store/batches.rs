@@ -113,7 +113,13 @@ impl JobRow {
 ///
 /// # Errors
 /// Where the queue cannot take them all, the key belongs to another request, or the database fails.
-pub async fn submit(store: &Store, new: &NewBatch, key: Option<&RequestKey>, limit: i64, now: Timestamp) -> Result<SubmittedBatch, SubmitError> {
+pub async fn submit(
+    store: &Store,
+    new: &NewBatch,
+    key: Option<&RequestKey>,
+    limit: i64,
+    now: Timestamp,
+) -> Result<SubmittedBatch, SubmitError> {
     let mut tx = store.write().await?;
     match look_up(&mut tx, key).await? {
         KeyState::Reused => return Err(SubmitError::KeyReused),
@@ -130,7 +136,8 @@ pub async fn submit(store: &Store, new: &NewBatch, key: Option<&RequestKey>, lim
 pub(super) async fn submit_in_batch(tx: &mut SqliteConnection, new: &NewBatch, limit: i64, now: Timestamp) -> Result<String, SubmitError> {
     let sequence = next(tx, "sequence").await?;
     let id = derive_id("bat", sequence, now);
-    let sql = "INSERT INTO batches (id, sequence, kind, schedule, request, skipped, created_at) VALUES ($1, $2, 'recalibrate', $3, $4, $5, $6)";
+    let sql =
+        "INSERT INTO batches (id, sequence, kind, schedule, request, skipped, created_at) VALUES ($1, $2, 'recalibrate', $3, $4, $5, $6)";
     sqlx::query(sql)
         .bind(&id)
         .bind(sequence)
@@ -165,7 +172,9 @@ pub(super) async fn is_unfinished(tx: &mut SqliteConnection, id: &str) -> Result
 /// Where the database fails.
 pub async fn get(store: &Store, id: &str) -> Result<Option<BatchRecord>, StoreError> {
     let sql = "SELECT id, schedule, request, skipped, created_at FROM batches WHERE id = $1";
-    let Some(row) = sqlx::query_as::<_, Row>(sql).bind(id).fetch_optional(&store.reader).await? else { return Ok(None) };
+    let Some(row) = sqlx::query_as::<_, Row>(sql).bind(id).fetch_optional(&store.reader).await? else {
+        return Ok(None);
+    };
     let sql = "SELECT j.id, j.system, j.state, j.outcome, j.fit, f.summary, j.error
                FROM batch_jobs b JOIN jobs j ON j.id = b.job LEFT JOIN fits f ON f.id = j.fit WHERE b.batch = $1 ORDER BY j.sequence";
     let jobs: Vec<JobRow> = sqlx::query_as(sql).bind(id).fetch_all(&store.reader).await?;

@@ -62,9 +62,10 @@ pub async fn finish(store: &Store, lease: &Lease, ending: &Ending<'_>, now: Time
     let mut tx = store.write().await?;
     let sql = "SELECT j.system, j.experiment, j.model = s.model AS own_model FROM jobs j JOIN systems s ON s.system = j.system
                WHERE j.id = $1 AND j.state = 'running' AND j.boot = $2 AND j.attempt = $3";
-    let leased: Option<Leased> =
-        sqlx::query_as(sql).bind(&lease.job).bind(lease.boot).bind(lease.attempt).fetch_optional(&mut *tx).await?;
-    let Some(leased) = leased else { return Err(StoreError::LeaseLost) };
+    let leased: Option<Leased> = sqlx::query_as(sql).bind(&lease.job).bind(lease.boot).bind(lease.attempt).fetch_optional(&mut *tx).await?;
+    let Some(leased) = leased else {
+        return Err(StoreError::LeaseLost);
+    };
     // An experiment, or a fit of another model than the system's, never alters what is served nor its status.
     let counts = leased.own_model && !leased.experiment;
     let finished = match ending {

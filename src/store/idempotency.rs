@@ -43,7 +43,9 @@ pub enum KeyState {
 
 /// Looks a key up inside the transaction that may create something.
 pub(super) async fn look_up(tx: &mut SqliteConnection, key: Option<&RequestKey>) -> Result<KeyState, StoreError> {
-    let Some(key) = key else { return Ok(KeyState::Fresh) };
+    let Some(key) = key else {
+        return Ok(KeyState::Fresh);
+    };
     let row: Option<(String, String, i64)> =
         sqlx::query_as("SELECT fingerprint, resource, status FROM idempotency WHERE key = $1").bind(&key.key).fetch_optional(tx).await?;
     Ok(match row {

@@ -228,7 +228,12 @@ pub async fn submit(store: &Store, new: &NewJob, key: Option<&RequestKey>, limit
 }
 
 /// Takes a job into the queue inside a transaction; says whether it is new or an equal one waits.
-pub(super) async fn submit_in(tx: &mut SqliteConnection, new: &NewJob, limit: i64, now: Timestamp) -> Result<(JobRecord, bool), SubmitError> {
+pub(super) async fn submit_in(
+    tx: &mut SqliteConnection,
+    new: &NewJob,
+    limit: i64,
+    now: Timestamp,
+) -> Result<(JobRecord, bool), SubmitError> {
     let fingerprint = new.fingerprint();
     let waiting: Option<Row> = sqlx::query_as("SELECT * FROM jobs WHERE fingerprint = $1 AND state = 'queued' AND NOT requeued")
         .bind(&fingerprint)
@@ -243,7 +248,8 @@ pub(super) async fn submit_in(tx: &mut SqliteConnection, new: &NewJob, limit: i6
     }
     let sequence = next(tx, "sequence").await?;
     let turn = turn(tx, new).await?;
-    let sql = "INSERT INTO jobs (id, sequence, kind, system, model, request, fingerprint, experiment, origin, priority, turn, state, created_at)
+    let sql =
+        "INSERT INTO jobs (id, sequence, kind, system, model, request, fingerprint, experiment, origin, priority, turn, state, created_at)
                VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, 'queued', $12) RETURNING *";
     let row: Row = sqlx::query_as(sql)
         .bind(derive_id("job", sequence, now))

@@ -80,7 +80,9 @@ impl std::fmt::Display for StoreError {
             StoreError::Sql(error) => write!(f, "the database failed: {error}"),
             StoreError::Migration(error) => write!(f, "the database schema cannot be brought up to date: {error}"),
             StoreError::InUse(path) => write!(f, "another service has the database {} open", path.display()),
-            StoreError::Open(path, error) => write!(f, "cannot open the database {}: {error}", path.display()),
+            StoreError::Open(path, error) => {
+                write!(f, "cannot open the database {}: {error}", path.display())
+            }
             StoreError::Corrupt { what, detail } => write!(f, "the database holds something unreadable in {what}: {detail}"),
             StoreError::LeaseLost => f.write_str("the lease of the job is no longer held"),
         }

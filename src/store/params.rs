@@ -113,9 +113,18 @@ const STANDING: &str = "SELECT s.system, s.model, s.document,
 
 impl Row {
     fn standing(self) -> Result<Standing, StoreError> {
-        let revision = match (self.revision, self.fit, self.job, self.served, self.window_from, self.window_to, self.fitted_at, self.validated_at) {
-            (Some(revision), Some(fit), Some(job), Some(served), Some(window_from), Some(window_to), Some(fitted_at), Some(validated_at)) => {
-                Some(RevisionRecord {
+        let revision =
+            match (self.revision, self.fit, self.job, self.served, self.window_from, self.window_to, self.fitted_at, self.validated_at) {
+                (
+                    Some(revision),
+                    Some(fit),
+                    Some(job),
+                    Some(served),
+                    Some(window_from),
+                    Some(window_to),
+                    Some(fitted_at),
+                    Some(validated_at),
+                ) => Some(RevisionRecord {
                     revision,
                     fit,
                     job,
@@ -124,10 +133,9 @@ impl Row {
                     window_to,
                     fitted_at: instant(fitted_at)?,
                     validated_at: instant(validated_at)?,
-                })
-            }
-            _ => None,
-        };
+                }),
+                _ => None,
+            };
         let fallback = match (self.reason, self.failed_job, self.failed_checks, self.since_at) {
             (Some(reason), Some(job), Some(failed_checks), Some(since_at)) => Some(FallbackRecord {
                 reason: parse("a reason", &reason)?,
@@ -142,7 +150,14 @@ impl Row {
             (Some(id), Some(state)) => Some((id, parse("a state", &state)?)),
             _ => None,
         };
-        Ok(Standing { system: parse("a system", &self.system)?, model: self.model, document: self.document, revision, fallback, latest_job })
+        Ok(Standing {
+            system: parse("a system", &self.system)?,
+            model: self.model,
+            document: self.document,
+            revision,
+            fallback,
+            latest_job,
+        })
     }
 }
 
@@ -169,8 +184,10 @@ pub async fn standings(store: &Store) -> Result<Vec<Standing>, StoreError> {
 /// # Errors
 /// Where the database fails.
 pub async fn state(store: &Store, system: &SystemId) -> Result<Option<(i64, serde_json::Value)>, StoreError> {
-    let row: Option<(i64, String)> =
-        sqlx::query_as("SELECT revision, document FROM states WHERE system = $1").bind(system.to_string()).fetch_optional(&store.reader).await?;
+    let row: Option<(i64, String)> = sqlx::query_as("SELECT revision, document FROM states WHERE system = $1")
+        .bind(system.to_string())
+        .fetch_optional(&store.reader)
+        .await?;
     row.map(|(revision, document)| Ok((revision, from_json("a state", &document)?))).transpose()
 }
 
@@ -249,7 +266,8 @@ pub(super) async fn fall_back(
 /// Notes a job that failed outside of a worker's hands, if it counts.
 pub(super) async fn note_failed_job(tx: &mut SqliteConnection, job: &JobRecord, now: Timestamp) -> Result<(), StoreError> {
     let system = job.system.to_string();
-    let own: Option<String> = sqlx::query_scalar("SELECT model FROM systems WHERE system = $1").bind(&system).fetch_optional(&mut *tx).await?;
+    let own: Option<String> =
+        sqlx::query_scalar("SELECT model FROM systems WHERE system = $1").bind(&system).fetch_optional(&mut *tx).await?;
     if !job.experiment && own.is_some_and(|model| model == job.model.to_string()) {
         fall_back(tx, &system, &job.id, None, now).await?;
     }

@@ -131,7 +131,14 @@ pub async fn all(store: &Store) -> Result<Vec<ScheduleRecord>, StoreError> {
 ///
 /// # Errors
 /// Where the queue is full or the database fails.
-pub async fn tick(store: &Store, name: &str, tick: Timestamp, batch: &NewBatch, limit: i64, now: Timestamp) -> Result<TickResult, SubmitError> {
+pub async fn tick(
+    store: &Store,
+    name: &str,
+    tick: Timestamp,
+    batch: &NewBatch,
+    limit: i64,
+    now: Timestamp,
+) -> Result<TickResult, SubmitError> {
     let mut tx = store.write().await?;
     let last: Option<Option<String>> =
         sqlx::query_scalar("SELECT last_batch FROM schedules WHERE name = $1").bind(name).fetch_optional(&mut *tx).await?;

@@ -145,7 +145,8 @@ fn weather(dice: &mut Dice, neighbours: &[String], n: usize, per_day: usize) -> 
         .collect();
     let cloud: Vec<f64> = dice.wander(n, 1.2, day / 2.0).into_iter().map(|x| 1.0 / (1.0 + (-x).exp())).collect();
     let mild = dice.between(-2.0, 6.0);
-    let out: Vec<f64> = dice.wander(n, 3.0, 2.0 * day).into_iter().enumerate().map(|(k, x)| mild + x + 2.5 * (hour_angle(k) - 0.7).cos()).collect();
+    let out: Vec<f64> =
+        dice.wander(n, 3.0, 2.0 * day).into_iter().enumerate().map(|(k, x)| mild + x + 2.5 * (hour_angle(k) - 0.7).cos()).collect();
     let forward: Vec<f64> = dice.wander(n, 1.0, day / 6.0).into_iter().zip(&out).map(|(x, out)| 36.0 - 0.6 * out + x).collect();
     let mut columns = vec![
         ("T_out".to_owned(), out),

@@ -5,7 +5,8 @@ use serde_json::{Value, json};
 use std::io::{Read, Write};
 
 fn pointers(problem: &Value) -> Vec<String> {
-    let mut pointers: Vec<String> = problem["errors"].as_array().unwrap().iter().map(|fault| fault["pointer"].as_str().unwrap().to_owned()).collect();
+    let mut pointers: Vec<String> =
+        problem["errors"].as_array().unwrap().iter().map(|fault| fault["pointer"].as_str().unwrap().to_owned()).collect();
     pointers.sort();
     pointers
 }
@@ -26,12 +27,18 @@ fn all_faults_of_a_job_are_listed() {
     assert_eq!(of("/modle")["suggestion"], "did you mean `model`?");
     assert_eq!(of("/objective")["suggestion"], "did you mean `mse`?");
 
-    let problem = app.json("POST", "/jobs", &json!({"kind": "estimate", "system": "room/2", "window": {"from": "yesterday"}})).problem(422, "invalid-request");
+    let problem = app
+        .json("POST", "/jobs", &json!({"kind": "estimate", "system": "room/2", "window": {"from": "yesterday"}}))
+        .problem(422, "invalid-request");
     assert_eq!(pointers(&problem), ["/window/from"]);
     let problem = app.json("POST", "/jobs", &json!({"kind": "estimate", "system": "room/2"})).problem(422, "invalid-request");
     assert_eq!(problem["errors"][0]["suggestion"], "did you mean `room/1`?");
-    let problem = app.json("POST", "/jobs", &json!({"kind": "estimate", "system": "room/1", "model": "rc3"})).problem(422, "invalid-request");
-    assert_eq!((problem["errors"][0]["pointer"].as_str(), problem["errors"][0]["suggestion"].as_str()), (Some("/model"), Some("did you mean `rc2`?")));
+    let problem =
+        app.json("POST", "/jobs", &json!({"kind": "estimate", "system": "room/1", "model": "rc3"})).problem(422, "invalid-request");
+    assert_eq!(
+        (problem["errors"][0]["pointer"].as_str(), problem["errors"][0]["suggestion"].as_str()),
+        (Some("/model"), Some("did you mean `rc2`?"))
+    );
     let problem = app.json("POST", "/jobs", &json!({"kind": "estimat", "system": "room/1"})).problem(422, "invalid-request");
     assert_eq!(problem["errors"][0]["suggestion"], "did you mean `estimate`?");
     assert_eq!(app.get("/jobs").json()["items"], json!([]), "nothing of this was taken");
@@ -45,7 +52,16 @@ fn all_faults_of_a_system_and_a_schedule_are_listed() {
         "policy": {"stale_after": "P0D"}, "exclude": [{"from": "2026-02-01T00:00:00Z", "to": "2026-01-01T00:00:00Z"}],
     });
     let problem = app.json("PUT", "/systems/room/1", &body).problem(422, "invalid-request");
-    let expected = ["/exclude/0", "/location/lat", "/location/zone", "/model", "/neighbours/0", "/neighbours/1", "/neighbours/1", "/policy/stale_after"];
+    let expected = [
+        "/exclude/0",
+        "/location/lat",
+        "/location/zone",
+        "/model",
+        "/neighbours/0",
+        "/neighbours/1",
+        "/neighbours/1",
+        "/policy/stale_after",
+    ];
     assert_eq!(pointers(&problem), expected, "{problem}");
     app.get("/systems/room/1").problem(404, "system-not-found");
     app.json("PUT", "/systems/Room/1", &json!({"model": "rc2"})).problem(422, "invalid-request");
@@ -59,7 +75,8 @@ fn all_faults_of_a_system_and_a_schedule_are_listed() {
 fn all_faults_of_a_window_are_listed() {
     let app = TestApp::start();
     app.json("PUT", "/systems/room/1", &json!({"model": "rc2"})).expect(201);
-    let problem = app.csv("/systems/room/1/windows", "when,T_room[furlong],T_out[kW]\n2026-01-01T00:00:00Z,1,2\n").problem(422, "invalid-request");
+    let problem =
+        app.csv("/systems/room/1/windows", "when,T_room[furlong],T_out[kW]\n2026-01-01T00:00:00Z,1,2\n").problem(422, "invalid-request");
     assert!(problem["errors"].as_array().unwrap().len() >= 3, "{problem}");
     app.csv("/systems/room/9/windows", "time,T_room\n").problem(404, "system-not-found");
     assert_eq!(app.get("/systems/room/1/windows").json()["items"], json!([]));
@@ -102,7 +119,9 @@ fn an_endless_body_is_cut_off_at_the_limit() {
     let app = TestApp::with(|settings| settings.limits.window_bytes = 10_000);
     app.json("PUT", "/systems/room/1", &json!({"model": "rc2"})).expect(201);
     let mut stream = std::net::TcpStream::connect(app.addr()).unwrap();
-    stream.write_all(b"POST /systems/room/1/windows HTTP/1.1\r\nhost: x\r\ncontent-type: text/csv\r\ntransfer-encoding: chunked\r\n\r\n").unwrap();
+    stream
+        .write_all(b"POST /systems/room/1/windows HTTP/1.1\r\nhost: x\r\ncontent-type: text/csv\r\ntransfer-encoding: chunked\r\n\r\n")
+        .unwrap();
     let chunk = format!("1000\r\n{}\r\n", "x".repeat(0x1000));
     for _ in 0..1000 {
         if stream.write_all(chunk.as_bytes()).is_err() {

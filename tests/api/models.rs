@@ -32,7 +32,10 @@ fn an_effect_makes_a_new_model() {
     assert!(ids.to_string().contains("rc2+wind_infiltration") && ids.to_string().contains("room3"), "{ids}");
 
     let slip = app.json("POST", "/models/rc2/effects", &json!({"effect": "wind_infiltratoin"})).problem(422, "invalid-request");
-    assert_eq!((slip["errors"][0]["pointer"].as_str(), slip["errors"][0]["suggestion"].as_str()), (Some("/effect"), Some("did you mean `wind_infiltration`?")));
+    assert_eq!(
+        (slip["errors"][0]["pointer"].as_str(), slip["errors"][0]["suggestion"].as_str()),
+        (Some("/effect"), Some("did you mean `wind_infiltration`?"))
+    );
     app.json("POST", "/models/rc9/effects", &json!({"effect": "wind_infiltration"})).problem(404, "model-not-found");
     app.json("POST", "/models/rc2+wind_infiltration/effects", &json!({"effect": "wind_infiltration"})).problem(422, "invalid-request");
 }

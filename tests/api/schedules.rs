@@ -7,14 +7,18 @@ use serde_json::json;
 fn the_nightly_schedule_is_there_and_runs_on_demand() {
     let mut app = TestApp::with(|settings| settings.zone = "Europe/Copenhagen".into());
     let nightly = app.get("/schedules/nightly").expect(200).json();
-    assert_eq!((nightly["cron"].as_str(), nightly["zone"].as_str(), &nightly["systems"]), (Some("30 2 * * *"), Some("Europe/Copenhagen"), &json!(["room/*"])));
+    assert_eq!(
+        (nightly["cron"].as_str(), nightly["zone"].as_str(), &nightly["systems"]),
+        (Some("30 2 * * *"), Some("Europe/Copenhagen"), &json!(["room/*"]))
+    );
     assert_eq!(nightly["next_runs"].as_array().unwrap().len(), 3);
     app.room("1", 1);
     app.room("2", 2);
     app.json("PUT", "/systems/room/3", &json!({"model": "rc2"})).expect(201);
     app.json("PUT", "/systems/room/4", &json!({"model": "rc2", "policy": {"mode": "observe"}})).expect(201);
     app.json("PUT", "/systems/plant/1", &json!({"model": "rc2"})).expect(201);
-    let request = json!({"method": {"name": "lm_multistart"}, "budget": {"evaluations": 600}, "split": {"train": "P9D", "validation": "P5D"}});
+    let request =
+        json!({"method": {"name": "lm_multistart"}, "budget": {"evaluations": 600}, "split": {"train": "P9D", "validation": "P5D"}});
     app.json("PUT", "/schedules/nightly", &json!({"cron": "0 4 * * *", "systems": ["room/*"], "request": request})).expect(200);
 
     let answer = app.post("/schedules/nightly/run").expect(202);

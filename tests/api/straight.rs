@@ -48,7 +48,10 @@ fn a_window_becomes_served_parameters() {
     assert_eq!(state["revision"], 1);
 
     let rows = app.get("/systems").json()["items"].clone();
-    assert_eq!((rows[0]["system"].as_str(), rows[0]["status"].as_str(), rows[0]["revision"].as_i64()), (Some("room/4"), Some("fresh"), Some(1)));
+    assert_eq!(
+        (rows[0]["system"].as_str(), rows[0]["status"].as_str(), rows[0]["revision"].as_i64()),
+        (Some("room/4"), Some("fresh"), Some(1))
+    );
     assert_eq!(app.get("/params").json()["items"], json!([params]));
 }
 
@@ -67,10 +70,15 @@ fn json_and_bindings_lead_to_the_same_measurements() {
         },
     });
     let report = app.json("POST", "/systems/room/1/windows", &body).expect(201).json();
-    assert_eq!((report["channels"]["T_room"]["unit"].as_str(), report["channels"]["T_room"]["missing"].as_u64()), (Some("degC"), Some(1)), "{report}");
+    assert_eq!(
+        (report["channels"]["T_room"]["unit"].as_str(), report["channels"]["T_room"]["missing"].as_u64()),
+        (Some("degC"), Some(1)),
+        "{report}"
+    );
     assert!((report["channels"]["T_room"]["max"].as_f64().unwrap() - rows.iter().map(|row| row.1).fold(f64::MIN, f64::max)).abs() < 1e-6);
     // A file without a bound column is taken, and says so: a slip in a binding would look the same.
-    let weather = app.csv("/systems/room/1/windows", "time,weather[degC]\n2026-02-01T00:00:00Z,1\n2026-02-01T01:00:00Z,2\n").expect(201).json();
+    let weather =
+        app.csv("/systems/room/1/windows", "time,weather[degC]\n2026-02-01T00:00:00Z,1\n2026-02-01T01:00:00Z,2\n").expect(201).json();
     assert!(weather["warnings"].to_string().contains("T_indoor"), "{weather}");
 }
 

@@ -104,7 +104,8 @@ fn check_database(path: &Path) {
         let mut connection = SqliteConnection::connect(&format!("sqlite://{}", path.display())).await.unwrap();
         let integrity: String = sqlx::query_scalar("PRAGMA integrity_check").fetch_one(&mut connection).await.unwrap();
         assert_eq!(integrity, "ok");
-        let orphans: Vec<(String,)> = sqlx::query_as("SELECT \"table\" FROM pragma_foreign_key_check").fetch_all(&mut connection).await.unwrap();
+        let orphans: Vec<(String,)> =
+            sqlx::query_as("SELECT \"table\" FROM pragma_foreign_key_check").fetch_all(&mut connection).await.unwrap();
         assert!(orphans.is_empty(), "{orphans:?}");
         connection.close().await.unwrap();
     });
@@ -124,6 +125,7 @@ fn killed_at_random_moments_nothing_acknowledged_is_lost() {
     let mut oracle = Oracle::default();
     let service = Process::start(&database);
     service.client.room("1", 1);
+    service.client.json("PUT", "/systems/room/2", &serde_json::json!({"model": "rc2"})).expect(201);
     let first = service.client.estimate("room/1", serde_json::json!({}));
     assert_eq!(service.client.ended(&first)["outcome"], "accepted");
     let mut served = service.client.get("/params/room/1").expect(200);
@@ -152,22 +154,17 @@ fn killed_at_random_moments_nothing_acknowledged_is_lost() {
             body
         };
         let key = format!("round {round}");
-        let job = client.json_with("POST", "/jobs", &[("idempotency-key", &key)], &body).expect(202).json()["id"].as_str().unwrap().to_owned();
+        let job =
+            client.json_with("POST", "/jobs", &[("idempotency-key", &key)], &body).expect(202).json()["id"].as_str().unwrap().to_owned();
         oracle.keys.insert(key, (body, job.clone()));
         oracle.jobs.push(job);
         let moment = Instant::now() + Duration::from_millis(5 + random(&mut seed) % 400);
         let mut part = 0;
         while Instant::now() < moment {
-            // Each window starts on a day of its own, so each is another one.
-            let day = format!("{}-{:02}-{:02}", 2027 + round, 1 + part / 28 % 12, 1 + part % 28);
-            let csv: String = room_csv(1000 + round, 1).replace("2026-01-01", &day);
-            oracle.windows.push(client.csv("/systems/room/2/windows", &csv).json()["id"].as_str().map_or_else(
-                || {
-                    client.json("PUT", "/systems/room/2", &serde_json::json!({"model": "rc2"})).expect(201);
-                    client.csv("/systems/room/2/windows", &csv).json()["id"].as_str().unwrap().to_owned()
-                },
-                str::to_owned,
-            ));
+            // Each window has a day and a course of its own, so each is another one.
+            let day = format!("{}-{:02}-{:02}", 2027 + part / 336 % 100, 1 + part / 28 % 12, 1 + part % 28);
+            let taken = client.csv("/systems/room/2/windows", &room_csv(1000 + round, 1).replace("2026-01-01", &day)).expect(201);
+            oracle.windows.push(taken.json()["id"].as_str().unwrap().to_owned());
             part += 1;
         }
         served = client.get("/params/room/1").expect(200);

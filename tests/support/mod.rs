@@ -224,12 +224,8 @@ impl TestApp {
 
     pub fn with(change: impl FnOnce(&mut Settings)) -> Self {
         let dir = tempfile::tempdir().unwrap();
-        let mut settings = Settings {
-            bind: "127.0.0.1:0".parse().unwrap(),
-            database: dir.path().join("test.db"),
-            threads: 1,
-            ..Settings::default()
-        };
+        let mut settings =
+            Settings { bind: "127.0.0.1:0".parse().unwrap(), database: dir.path().join("test.db"), threads: 1, ..Settings::default() };
         change(&mut settings);
         let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build().unwrap();
         let app = runtime.block_on(App::start(settings.clone())).unwrap_or_else(|error| panic!("{error}"));

@@ -144,8 +144,7 @@ impl Kernel for Ros2<'_> {
                 for n in 0..4 {
                     moved += self.block.p[P::AlphaN as usize + n][i] * slope(a.neighbours[n], b.neighbours[n]);
                 }
-                let (d1, d2, d3) =
-                    (gh * alpha(P::AlphaS) * sun_rate, gh * alpha(P::AlphaW) * m * slope(a.forward, b.forward), gh * moved);
+                let (d1, d2, d3) = (gh * alpha(P::AlphaS) * sun_rate, gh * alpha(P::AlphaW) * m * slope(a.forward, b.forward), gh * moved);
                 // (I - gh J) x = y by elimination of floor and envelope.
                 let floor_pivot = 1.0 / (1.0 + gh * (af + alpha(P::AlphaW) * m));
                 let floor_room = -gh * (af + by_room);

@@ -71,14 +71,18 @@ async fn publish(app: &App) -> Result<String, Failure> {
     systems::put(service, &system, json!({ "model": "room3" })).await.map_err(failed)?;
     windows::take(service, &system, Format::Csv, twin.csv, None).await.map_err(failed)?;
     let submitted = submit::estimate(service, &system, false, &serde_json::Map::new(), None).await.map_err(failed)?;
-    let (Submitted::New(job) | Submitted::Waiting(job)) = submitted else { return Err(Failure::Error("the job was refused".to_owned())) };
+    let (Submitted::New(job) | Submitted::Waiting(job)) = submitted else {
+        return Err(Failure::Error("the job was refused".to_owned()));
+    };
     let start = Instant::now();
     while start.elapsed() < Duration::from_secs(60) {
         let record = jobs::get(&service.store, &job.id).await.map_err(text)?;
         if record.is_some_and(|record| record.state.is_final()) {
             let entry = service.params.entry("room/4");
             let rendered = entry.as_ref().and_then(|entry| entry.validated());
-            return rendered.map(|rendered| rendered.etag.to_string()).ok_or_else(|| Failure::Error("the synthetic room was not validated".to_owned()));
+            return rendered
+                .map(|rendered| rendered.etag.to_string())
+                .ok_or_else(|| Failure::Error("the synthetic room was not validated".to_owned()));
         }
         tokio::time::sleep(Duration::from_millis(50)).await;
     }
