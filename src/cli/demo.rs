@@ -58,7 +58,7 @@ fn rooms() -> Vec<Room> {
             "channels": { "T_room": column, "irradiance": "irradiance_clear_sky" },
         }),
         csv: BELGIAN_HOUSE,
-        request: json!({ "seed": 1 }),
+        request: json!({ "method": { "seed": 1 } }),
     };
     vec![
         belgian("room/1", "laundry (Belgium)", "T_laundry"),
@@ -73,7 +73,7 @@ fn rooms() -> Vec<Room> {
             }),
             csv: HOURLY_HOUSE,
             // The unit of the heating channel is unknown, so its gain is searched on the channel's own scale.
-            request: json!({ "seed": 1, "bounds": { "c_P_heater": [0.0, 0.05] } }),
+            request: json!({ "method": { "seed": 1 }, "bounds": { "c_P_heater": [0.0, 0.05] } }),
         },
     ]
 }

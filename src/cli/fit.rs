@@ -3,7 +3,7 @@
 use super::{Failure, faults, print};
 use indicatif::{ProgressBar, ProgressStyle};
 use lampyris::data::{Bindings, Duration, SplitRequest, Window};
-use lampyris::estimate::request::{Budget, Objective, Prior, WindowRange};
+use lampyris::estimate::request::{Budget, Objective, Prior, SeededMethod, WindowRange};
 use lampyris::estimate::validate::{CheckResult, Severity};
 use lampyris::estimate::{Control, EstimateRequest, Fit, Policy, Progress, Site, estimate, prepare, validate};
 use lampyris::model::{Catalogue, ModelId};
@@ -115,8 +115,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         },
         objective: arguments.objective,
         prior: arguments.prior,
-        method: arguments.method.clone(),
-        seed: arguments.seed,
+        method: SeededMethod { seed: arguments.seed, method: arguments.method.clone() },
         budget: Budget { evaluations: arguments.evaluations, wall: None },
         bounds: arguments.bounds.iter().cloned().collect(),
         ..EstimateRequest::default()

@@ -7,6 +7,7 @@ use crate::model::{Bindings, Catalogue, Hold, ModelId, compile};
 use crate::optimise::Method;
 use indexmap::IndexMap;
 use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// What is minimised on the training part.
@@ -41,6 +42,32 @@ pub enum StartFrom {
     Current,
     /// The nominal values of the model.
     Nominal,
+}
+
+/// A search method with its seed: `{"name": "cfa", "seed": 1, "n": 60}`. The default method needs no name.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(try_from = "Map<String, Value>")]
+pub struct SeededMethod {
+    /// The same seed gives the same bits.
+    pub seed: u64,
+    /// The method and its hyperparameters.
+    #[serde(flatten)]
+    pub method: Method,
+}
+
+impl TryFrom<Map<String, Value>> for SeededMethod {
+    type Error = String;
+
+    fn try_from(mut fields: Map<String, Value>) -> Result<Self, String> {
+        let seed = match fields.shift_remove("seed") {
+            None => 0,
+            Some(seed) => seed.as_u64().ok_or_else(|| format!("the seed is a whole number from 0 on, not {seed}"))?,
+        };
+        fields.entry("name").or_insert_with(|| Method::default().name().into());
+        let method: Method = serde_json::from_value(Value::Object(fields)).map_err(|error| error.to_string())?;
+        let faults: Vec<String> = method.faults().iter().map(|fault| format!("{} {}", fault.field, fault.detail)).collect();
+        if faults.is_empty() { Ok(Self { seed, method }) } else { Err(faults.join("; ")) }
+    }
 }
 
 /// How much may be spent.
@@ -85,10 +112,8 @@ pub struct EstimateRequest {
     pub objective: Objective,
     /// What is known beforehand.
     pub prior: Prior,
-    /// How it is searched.
-    pub method: Method,
-    /// The seed: the same seed gives the same bits.
-    pub seed: u64,
+    /// How it is searched, and from which seed.
+    pub method: SeededMethod,
     /// How much may be spent.
     pub budget: Budget,
     /// Other bounds than the model's.

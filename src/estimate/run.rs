@@ -136,12 +136,12 @@ fn warm_starts(problem: &Problem, request: &EstimateRequest, incumbent: Option<&
 fn search(problem: &Problem, request: &EstimateRequest, warm: &[Candidate], control: &Control) -> Result<Found, EstimateError> {
     let search = Search {
         dimensions: problem.space().len(),
-        seed: request.seed,
+        seed: request.method.seed,
         budget: request.budget.evaluations,
         warm: warm.to_vec(),
         residuals: true,
     };
-    drive(problem, &request.method, search, control)
+    drive(problem, &request.method.method, search, control)
 }
 
 /// Ask, simulate, tell.
@@ -334,7 +334,7 @@ fn report(
         dropped: problem.model().dropped().to_vec(),
         parameters,
         correlated: uncertainty.correlated,
-        method: request.method.name().to_owned(),
+        method: request.method.method.name().to_owned(),
         objective: match request.objective {
             super::request::Objective::Mse => "mse",
             super::request::Objective::Swmse => "swmse",
@@ -342,7 +342,7 @@ fn report(
         .to_owned(),
         cost: found.cost,
         stopped_by: found.stop,
-        seed: request.seed,
+        seed: request.method.seed,
         evaluations: found.evaluations,
         trace: found.trace,
         metrics: metrics(problem, &found.theta, &run),

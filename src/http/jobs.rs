@@ -56,11 +56,9 @@ pub struct JobBody {
     objective: Option<String>,
     /// What is known beforehand: `none` or `log_normal`.
     prior: Option<String>,
-    /// How it is searched, with hyperparameters by name.
-    #[schema(value_type = Option<Object>, example = json!({"name": "cfa"}))]
+    /// How it is searched, with its seed and hyperparameters by name. The same seed gives the same bits.
+    #[schema(value_type = Option<Object>, example = json!({"name": "cfa", "seed": 1}))]
     method: Option<Value>,
-    /// The same seed gives the same bits.
-    seed: Option<u64>,
     /// How much may be spent.
     #[schema(value_type = Option<Object>, example = json!({"evaluations": 20000, "wall": "PT10M"}))]
     budget: Option<Value>,

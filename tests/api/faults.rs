@@ -16,12 +16,12 @@ fn all_faults_of_a_job_are_listed() {
     let app = TestApp::start();
     app.room("1", 1);
     let body = json!({
-        "kind": "estimate", "system": "room 1", "experiment": "no", "modle": "rc2", "seed": -1,
+        "kind": "estimate", "system": "room 1", "experiment": "no", "modle": "rc2", "method": {"seed": -1},
         "split": {"train": "21 days", "validation": "P7D"}, "objective": "sme", "budget": {"evaluations": 10, "walls": "PT1M"},
         "bounds": {"alpha_e": [1.0]}, "window": {"from": "yesterday"},
     });
     let problem = app.json("POST", "/jobs", &body).problem(422, "invalid-request");
-    let expected = ["/bounds/alpha_e", "/budget/walls", "/experiment", "/modle", "/objective", "/seed", "/split/train", "/system"];
+    let expected = ["/bounds/alpha_e", "/budget/walls", "/experiment", "/method", "/modle", "/objective", "/split/train", "/system"];
     assert_eq!(pointers(&problem), expected, "{problem}");
     let of = |pointer: &str| problem["errors"].as_array().unwrap().iter().find(|fault| fault["pointer"] == pointer).unwrap().clone();
     assert_eq!(of("/modle")["suggestion"], "did you mean `model`?");

@@ -38,7 +38,7 @@ fn equal_jobs_wait_once() {
     let second = app.json("POST", "/jobs", &quick("room/2")).expect(200).json();
     assert_eq!(first["id"], second["id"]);
     let mut other = quick("room/2");
-    other["seed"] = json!(2);
+    other["method"]["seed"] = json!(2);
     assert_ne!(app.json("POST", "/jobs", &other).expect(202).json()["id"], first["id"]);
     // The running one is no longer waiting: an equal job may be posted beside it.
     let beside = app.json("POST", "/jobs", &endless("room/1")).expect(202).json();
@@ -69,7 +69,7 @@ fn a_key_makes_one_job_of_two_requests() {
     let again = post("a", &quick("room/1")).expect(202);
     assert_eq!((again.json()["id"].as_str(), again.header("idempotency-replayed")), (Some(id.as_str()), "true"));
     let mut other = quick("room/1");
-    other["seed"] = json!(7);
+    other["method"]["seed"] = json!(7);
     post("a", &other).problem(422, "idempotency-key-reused");
     assert_ne!(post("b", &quick("room/1")).expect(202).json()["id"], id.as_str());
 
@@ -145,7 +145,7 @@ fn a_full_queue_says_so() {
     app.room("1", 1);
     let post = |seed: u64| {
         let mut body = endless("room/1");
-        body["seed"] = json!(seed);
+        body["method"]["seed"] = json!(seed);
         app.json("POST", "/jobs", &body)
     };
     let first = post(0).expect(202).json()["id"].as_str().unwrap().to_owned();
@@ -164,7 +164,9 @@ fn one_job_of_a_system_waits_for_no_crowd_of_another() {
     app.room("2", 2);
     let blocker = app.json("POST", "/jobs", &endless("room/1")).expect(202).json()["id"].as_str().unwrap().to_owned();
     app.until(&format!("/jobs/{blocker}"), |job| job["state"] == "running");
-    let crowd: Vec<String> = (0..6).map(|seed| app.estimate("room/1", json!({"seed": seed, "budget": {"evaluations": 50}}))).collect();
+    let crowd: Vec<String> = (0..6)
+        .map(|seed| app.estimate("room/1", json!({"method": {"name": "lm_multistart", "seed": seed}, "budget": {"evaluations": 50}})))
+        .collect();
     let single = app.estimate("room/2", json!({"budget": {"evaluations": 50}}));
     app.post(&format!("/jobs/{blocker}/cancel")).expect(200);
     let started = |job: &str| app.ended(job)["started_at"].as_str().unwrap().parse::<jiff::Timestamp>().unwrap();

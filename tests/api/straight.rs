@@ -95,7 +95,7 @@ fn a_restart_changes_nothing_that_is_served() {
     assert_eq!((after.header("etag"), &after.text), (before.header("etag"), &before.text));
     assert_eq!(app.get("/systems/room/1/state").text, state);
     assert_eq!(app.get("/models/rc2+constant_gain").expect(200).json()["parent"], effect["parent"]);
-    app.ended(&app.estimate("room/1", json!({"seed": 2})));
+    app.ended(&app.estimate("room/1", json!({"method": {"name": "lm_multistart", "seed": 2}})));
     let revision = app.get("/params/room/1").json()["revision"].as_i64().unwrap();
     assert!((1..=2).contains(&revision));
 }

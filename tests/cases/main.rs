@@ -7,6 +7,7 @@ mod oracles;
 mod twins;
 
 use lampyris::data::{Bindings, SplitRequest, Window};
+use lampyris::estimate::request::SeededMethod;
 use lampyris::estimate::{Control, EstimateRequest, Fit, Problem, Site, estimate, prepare};
 use lampyris::model::{Catalogue, ModelId};
 
@@ -21,7 +22,8 @@ fn problem(csv: &str, model: &str, binds: &[&str], site: &Site, request: &Estima
 /// A request with these parts and seed.
 fn request(train: &str, validation: &str, test: &str, seed: u64) -> EstimateRequest {
     let split = SplitRequest { train: train.parse().unwrap(), validation: validation.parse().unwrap(), test: Some(test.parse().unwrap()) };
-    EstimateRequest { split, seed, ..EstimateRequest::default() }
+    let method = SeededMethod { seed, ..SeededMethod::default() };
+    EstimateRequest { split, method, ..EstimateRequest::default() }
 }
 
 fn fit(problem: &Problem, request: &EstimateRequest) -> Fit {

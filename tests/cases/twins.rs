@@ -60,9 +60,9 @@ fn a_tampered_fit_is_refused() {
     let asked = request("P10D", "P4D", "P0D", 24);
     let (_, problem) = room(431, 14, &asked);
     let good = fit(&problem, &asked);
-    for (name, value) in [("alpha_e", f64::NAN), ("alpha_h", 14.0), ("T_set", 22.9)] {
+    for (name, factor) in [("alpha_e", f64::NAN), ("alpha_h", 1.01), ("alpha_a", 0.99)] {
         let mut tampered = good.clone();
-        tampered.parameters[name].value = value;
+        tampered.parameters[name].value *= factor;
         let judgement = validate(&problem, &tampered, None, &Policy::default());
         assert_eq!(judgement.verdict, Verdict::Rejected, "{name}");
         assert!(judgement.failed().contains(&"G1 finite"), "{name}");

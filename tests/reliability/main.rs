@@ -147,9 +147,8 @@ fn killed_at_random_moments_nothing_acknowledged_is_lost() {
         }
         let body = {
             let mut body = support::quick("room/1");
-            body["seed"] = serde_json::json!(100 + round);
             body["experiment"] = serde_json::json!(true);
-            body["method"] = serde_json::json!({"name": "cfa_thesis"});
+            body["method"] = serde_json::json!({"name": "cfa_thesis", "seed": 100 + round});
             body["budget"] = serde_json::json!({"evaluations": 6000});
             body
         };
@@ -197,7 +196,10 @@ fn a_job_that_takes_the_process_down_three_times_fails_for_good() {
     assert_eq!((failed["state"].as_str(), failed["error"]["code"].as_str()), (Some("failed"), Some("interrupted")), "{failed}");
     let params = service.client.get("/params/room/1").expect(200).json();
     assert_eq!((params["status"].as_str(), params["fallback"]["reason"].as_str()), (Some("fallback"), Some("job_failed")));
-    assert_eq!(service.client.ended(&service.client.estimate("room/1", serde_json::json!({"seed": 5})))["state"], "succeeded");
+    assert_eq!(
+        service.client.ended(&service.client.estimate("room/1", serde_json::json!({"method": {"name": "lm_multistart", "seed": 5}})))["state"],
+        "succeeded"
+    );
 }
 
 #[test]

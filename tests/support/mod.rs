@@ -149,9 +149,9 @@ impl Client {
 /// A quick request for an estimate: least squares from a few points.
 pub fn quick(system: &str) -> Value {
     serde_json::json!({
-        "kind": "estimate", "system": system, "seed": 1,
+        "kind": "estimate", "system": system,
         "split": {"train": "P9D", "validation": "P5D"},
-        "method": {"name": "lm_multistart"}, "budget": {"evaluations": 600},
+        "method": {"name": "lm_multistart", "seed": 1}, "budget": {"evaluations": 600},
     })
 }
 
