@@ -196,7 +196,8 @@ fn present(app: &App, folder: &std::path::Path, seconds: f64, lines: &[(&JobReco
         "room", "what", "model", "train", "validation", "6 h ahead", "24 h ahead", "status"
     ));
     let labels: Vec<String> = rooms().iter().map(|room| room.document["label"].as_str().unwrap_or_default().to_owned()).collect();
-    let mut served = None;
+    // The room that the log explains best shows most clearly what a bad fit would lose.
+    let mut served: Option<(f64, String)> = None;
     for ((job, fit), label) in lines.iter().zip(labels) {
         let Some(record) = fit else {
             let why = job.error.as_ref().map_or_else(|| job.state.word().to_owned(), |error| error.detail.clone());
@@ -221,12 +222,13 @@ fn present(app: &App, folder: &std::path::Path, seconds: f64, lines: &[(&JobReco
         if let Some(plain) = metrics.ahead.get("PT6H").and_then(missing) {
             print(&format!("{:<8} {plain}", ""));
         }
-        if record.verdict == "accepted" {
-            served.get_or_insert_with(|| job.system.to_string());
+        let ratio = metrics.ahead.get("PT6H").map_or(f64::INFINITY, |error| error.rmse / error.persistence);
+        if record.verdict == "accepted" && served.as_ref().is_none_or(|(best, _)| ratio < *best) {
+            served = Some((ratio, job.system.to_string()));
         }
     }
     print(&format!("\nThe database is in {}. Nothing leaves this machine.", folder.display()));
-    if let Some(system) = served {
+    if let Some((_, system)) = served {
         print(&format!(
             "\nWhat a controller gets:\n  curl -s http://{address}/params/{system}\n\nTry a fit that is worse; the old parameters stay served, and the answer says why:\n  \
              curl -s -X POST http://{address}/jobs -H 'content-type: application/json' -d '{{\"kind\":\"estimate\",\"system\":\"{system}\",\"fixed\":{{\"alpha_a\":5}}}}'\n  \

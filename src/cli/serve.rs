@@ -40,5 +40,6 @@ pub fn runtime() -> Result<tokio::runtime::Runtime, Failure> {
 
 fn start_logging() {
     let filter = tracing_subscriber::EnvFilter::try_from_env("LAMPYRIS_LOG").unwrap_or_else(|_| "info".into());
-    tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).init();
+    let coloured = std::io::IsTerminal::is_terminal(&std::io::stderr());
+    tracing_subscriber::fmt().with_env_filter(filter).with_ansi(coloured).with_writer(std::io::stderr).init();
 }
