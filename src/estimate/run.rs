@@ -193,8 +193,9 @@ fn drive(problem: &Problem, method: &Method, search: Search, control: &Control) 
     }
 }
 
-/// Least squares from a known point.
-fn polish(problem: &Problem, theta: &[f64], control: &Control) -> Result<Found, EstimateError> {
+/// Least squares from a known point; `None` where it goes nowhere or the wall time is used up: what was found
+/// before then stays.
+fn polish(problem: &Problem, theta: &[f64], control: &Control) -> Result<Option<Found>, EstimateError> {
     let method = Method::LmMultistart(LmOptions { starts: 1, ..LmOptions::default() });
     let search = Search {
         dimensions: problem.space().len(),
@@ -203,7 +204,11 @@ fn polish(problem: &Problem, theta: &[f64], control: &Control) -> Result<Found, 
         warm: vec![problem.candidate(theta)],
         residuals: true,
     };
-    drive(problem, &method, search, control)
+    match drive(problem, &method, search, control) {
+        Ok(found) => Ok(Some(found)),
+        Err(EstimateError::NothingFinite | EstimateError::Interrupted(Interrupt::Deadline)) => Ok(None),
+        Err(cancelled) => Err(cancelled),
+    }
 }
 
 fn validation_rmse(problem: &Problem, theta: &[f64]) -> Option<f64> {
@@ -231,8 +236,8 @@ fn refine_step(mut problem: Problem, mut found: Found, control: &Control) -> Res
         if difference <= DISCRETISATION_LIMIT || problem.simulator().substeps() >= 64 {
             return Ok((problem, found, difference));
         }
+        let Some(polished) = polish(&finer, &found.theta, control)? else { return Ok((problem, found, difference)) };
         problem = finer;
-        let polished = polish(&problem, &found.theta, control)?;
         found = Found { stop: found.stop, evaluations: found.evaluations + polished.evaluations, trace: found.trace, ..polished };
     }
 }
@@ -261,11 +266,7 @@ fn fix_unidentifiable(
     on_bound.iter().for_each(|index| start[*index] = problem.nominal()[*index]);
     let error = |problem: &Problem, theta: &[f64]| problem.mean_square_error(&problem.simulate(theta), 0, unseen.clone()).map(f64::sqrt);
     // A refit that goes nowhere only means that the parameters matter.
-    let refit = match polish(&fixed, &start, control) {
-        Ok(refit) => Some(refit),
-        Err(EstimateError::NothingFinite) => None,
-        Err(interrupted) => return Err(interrupted),
-    };
+    let refit = polish(&fixed, &start, control)?;
     found.evaluations += refit.as_ref().map_or(0, |refit| refit.evaluations);
     if let Some(refit) = refit
         && let (Some(with), Some(without)) = (error(&problem, &found.theta), error(&fixed, &refit.theta))

@@ -54,6 +54,8 @@ pub(super) struct Lowering {
     families: BTreeMap<String, String>,
     sets: BTreeMap<String, Vec<String>>,
     defines: IndexMap<String, Named>,
+    /// Terms of sums expanded so far: nested sums multiply without adding a node.
+    expanded: usize,
 }
 
 impl Lowering {
@@ -67,6 +69,7 @@ impl Lowering {
             families: BTreeMap::new(),
             sets,
             defines: IndexMap::new(),
+            expanded: 0,
         }
     }
 
@@ -110,9 +113,14 @@ impl Lowering {
                 self.zero()
             }
         };
-        if self.graph.nodes().len() > MAX_NODES {
+        if self.graph.nodes().len() > MAX_NODES || self.expanded > MAX_NODES {
             let at = Position { line: 1, column: 1 };
-            self.fault(pointer, at, "too-large", format!("the model has more than {MAX_NODES} nodes after its families are expanded"));
+            self.fault(
+                pointer,
+                at,
+                "too-large",
+                format!("the model has more than {MAX_NODES} nodes or terms after its families are expanded"),
+            );
         }
         value
     }
@@ -135,7 +143,7 @@ impl Lowering {
 
     fn expr(&mut self, pointer: &str, expr: &Expr, indices: &mut Vec<(String, String)>) -> Value {
         // Later nodes would only repeat the message that the model is too large.
-        if self.graph.nodes().len() > MAX_NODES {
+        if self.graph.nodes().len() > MAX_NODES || self.expanded > MAX_NODES {
             return self.zero();
         }
         match &expr.kind {
@@ -165,6 +173,10 @@ impl Lowering {
                 };
                 let mut total = self.zero();
                 for member in members {
+                    self.expanded += 1;
+                    if self.expanded > MAX_NODES {
+                        break;
+                    }
                     indices.push((variable.clone(), member));
                     let term = self.expr(pointer, body, indices);
                     indices.pop();

@@ -298,6 +298,26 @@ mod tests {
     }
 
     #[test]
+    fn nested_sums_cannot_explode() {
+        let nested = (0..40).fold("1[K/h]".to_owned(), |inner, n| format!("sum(i{n} in rooms: {inner})"));
+        let text = format!(
+            r#"
+            id = "big"
+            title = "big"
+            sets = ["rooms"]
+            states.x = {{ unit = "degC", initial = "y" }}
+            equations.x = "{nested}"
+            outputs.y = {{ expr = "x", unit = "degC", noise_sd = 0.05 }}
+        "#
+        );
+        let mut catalogue = Catalogue::default();
+        catalogue.add_model(spec::ModelDocument::from_toml(&text).unwrap());
+        let rooms = [("rooms".to_owned(), vec!["1".to_owned(), "2".to_owned(), "3".to_owned()])].into();
+        let faults = compile(&catalogue.compose(&"big".parse().unwrap()).unwrap(), &Bindings { sets: rooms, channels: None }).unwrap_err();
+        assert!(faults.iter().any(|fault| fault.code == "too-large"), "{faults:?}");
+    }
+
+    #[test]
     fn all_faults_are_reported_at_once() {
         let text = r#"
             id = "bad"
