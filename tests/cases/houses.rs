@@ -18,7 +18,7 @@ fn flexhouse_is_fitted_as_well_as_by_the_reference() {
     let binds = ["T_room=T_indoor_degC", "T_out=T_outdoor_degC", "P_heater=P_heater_W", "irradiance=ghi_W_m2"];
     let (train, test) = squares(&fit(&problem(&csv, MODEL, &binds, &Site::default(), &asked), &asked));
     println!("FlexHouse: train {train:.4} K2, test {test:.4} K2");
-    assert!(train <= 0.129 && test <= 0.3715, "{train} {test}");
+    assert!(train <= 0.129 && test <= 0.371, "{train} {test}");
 }
 
 /// The hourly house: 500 hours to fit, 292 unseen. Reference: 0.068 and 1.36 K2. Its solar term needs a place,
