@@ -160,6 +160,12 @@ mod tests {
     }
 
     #[test]
+    fn the_example_file_holds_the_defaults() {
+        let example: Settings = toml::from_str(include_str!("../config/lampyris.toml")).unwrap();
+        assert_eq!(example, Settings::default());
+    }
+
+    #[test]
     fn the_environment_wins_over_the_file() {
         let dir = tempfile::tempdir().unwrap();
         let file = dir.path().join("lampyris.toml");
