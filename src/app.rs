@@ -2,6 +2,7 @@
 
 use crate::http;
 use crate::jobs::board::Board;
+use crate::jobs::degradations::{self, Arrivals};
 use crate::jobs::models::SharedCatalogue;
 use crate::jobs::params::{self, Snapshot};
 use crate::jobs::{JobsError, Service, now, schedule, worker};
@@ -119,6 +120,7 @@ impl App {
             catalogue: SharedCatalogue::load(&store, builtin).await?,
             board: Board::default(),
             params: Snapshot::default(),
+            arrivals: Arrivals::default(),
             wake: Notify::new(),
             wake_schedule: Notify::new(),
             stopping: watch::Sender::new(false),
@@ -138,6 +140,8 @@ impl App {
             let pool = worker::pool(threads(&service.settings), index).map_err(AppError::Threads)?;
             tasks.spawn(worker::run(service.clone(), pool));
         }
+        let spare = worker::pool(1, service.settings.workers).map_err(AppError::Threads)?;
+        tasks.spawn(degradations::run(service.clone(), spare));
         tasks.spawn(params::keep_fresh(service.clone()));
         tasks.spawn(schedule::run(service.clone()));
         let mut stopping = service.stopping.subscribe();

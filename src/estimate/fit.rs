@@ -161,6 +161,12 @@ impl Fit {
         self.parameters.values().map(|estimate| estimate.value).collect()
     }
 
+    /// First and last instant of the measurements that it rests on, RFC 3339.
+    pub fn window(&self) -> (&str, &str) {
+        let last = [&self.parts.test, &self.parts.validation].into_iter().flatten().next().unwrap_or(&self.parts.train);
+        (&self.parts.train.from, &last.to)
+    }
+
     /// The metrics of the first output, the one that a gate judges.
     pub fn first_metrics(&self) -> Option<&OutputMetrics> {
         self.metrics.values().next()

@@ -129,7 +129,7 @@ pub fn metrics(problem: &Problem, theta: &[f64], run: &FilterRun) -> IndexMap<St
 }
 
 /// An error of a temperature in degC is in K.
-fn error_unit(unit: &str) -> &str {
+pub fn error_unit(unit: &str) -> &str {
     if unit == "degC" { "K" } else { unit }
 }
 
@@ -159,7 +159,11 @@ pub struct CurrentState {
 
 /// Filters the window with a fit's parameters and noise up to its newest sample.
 pub fn current_state(problem: &Problem, fit: &Fit) -> Option<CurrentState> {
-    let run = filter(problem, &fit.theta(), Some(fit.process_noise));
+    newest_state(problem, &filter(problem, &fit.theta(), Some(fit.process_noise)))
+}
+
+/// The filtered states at the newest sample of a filter run.
+pub fn newest_state(problem: &Problem, run: &FilterRun) -> Option<CurrentState> {
     let last = problem.grid().len().checked_sub(1)?;
     let named = |values: &Vec<f64>| {
         let pairs: IndexMap<String, f64> =

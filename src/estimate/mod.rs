@@ -3,6 +3,7 @@
 //! `request` says what is wanted, `problem` puts model and window together, `run` drives the optimiser,
 //! `metrics` and `uncertainty` describe what was found, `validate` decides, `served` is what may go out.
 
+pub mod degradation;
 pub mod fit;
 pub mod metrics;
 pub mod physics;
@@ -18,5 +19,5 @@ pub use fit::{Fit, Stop};
 pub use problem::Problem;
 pub use request::{EstimateRequest, Site, prepare};
 pub use run::{Control, EstimateError, Interrupt, Progress, estimate};
-pub use served::ServedParameters;
-pub use validate::{Acceptance, Incumbent, Judgement, Policy, Verdict, validate};
+pub use served::{Offer, ServedParameters};
+pub use validate::{Acceptance, Holding, Incumbent, Judgement, Policy, Verdict, validate};

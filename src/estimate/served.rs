@@ -1,7 +1,7 @@
-//! What the controller gets: only an accepted verdict can make it.
+//! What the controller gets: only an accepted verdict can make it, or a held one with an operator's word.
 
 use super::fit::{AheadError, Fit};
-use super::validate::Acceptance;
+use super::validate::{Acceptance, Holding};
 use indexmap::IndexMap;
 use serde::{Deserialize, Serialize};
 
@@ -32,13 +32,17 @@ pub struct ServedError {
 impl ServedParameters {
     /// The parameters of a fit that the gate has accepted. There is no other way to make them.
     pub fn new(acceptance: &Acceptance, fit: &Fit) -> Self {
+        Self::with_flags(acceptance.flags().to_vec(), fit)
+    }
+
+    fn with_flags(flags: Vec<String>, fit: &Fit) -> Self {
         let ahead = |errors: &IndexMap<String, AheadError>| errors.iter().map(|(horizon, error)| (horizon.clone(), error.rmse)).collect();
         Self {
             model: fit.model.clone(),
             parameters: fit.parameters.iter().map(|(name, estimate)| (name.clone(), estimate.value)).collect(),
             units: fit.parameters.iter().map(|(name, estimate)| (name.clone(), estimate.unit.clone())).collect(),
             ci95: fit.parameters.iter().map(|(name, estimate)| (name.clone(), estimate.ci95)).collect(),
-            flags: acceptance.flags().to_vec(),
+            flags,
             error: fit
                 .metrics
                 .iter()
@@ -63,5 +67,26 @@ impl ServedParameters {
     /// Values by name.
     pub fn parameters(&self) -> &IndexMap<String, f64> {
         &self.parameters
+    }
+}
+
+/// The flag of a held fit that an operator has let out.
+const PROMOTED: &str = "promoted_by_operator";
+
+/// A parameter set that waits for an operator: it cannot be served as it is.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[serde(transparent)]
+pub struct Offer(ServedParameters);
+
+impl Offer {
+    /// The parameters of a fit that the gate has accepted and the policy of its system has not published.
+    pub fn of_accepted(acceptance: &Acceptance, fit: &Fit) -> Self {
+        Self(ServedParameters::new(acceptance, fit))
+    }
+
+    /// The parameters of a fit that the gate holds. The controller is told that the gate had a doubt.
+    pub fn of_held(holding: &Holding, fit: &Fit) -> Self {
+        let flags = holding.flags().iter().cloned().chain([PROMOTED.to_owned()]).collect();
+        Self(ServedParameters::with_flags(flags, fit))
     }
 }

@@ -1,6 +1,7 @@
 //! The gate: a table of checks between a fit and the controller.
 //!
-//! [`validate`] is the only maker of an [`Acceptance`], and only an acceptance can be served. Rules G1 to G8
+//! [`validate`] is the only maker of an [`Acceptance`], and only an acceptance can be served, or a [`Holding`]
+//! with an operator's word. Rules G1 to G8
 //! each have a severity: a failed `reject` is final, a `hold` waits for an operator, a `flag` is published
 //! with the parameters. Incumbent and fit are judged on the same unseen data.
 
@@ -83,6 +84,19 @@ impl Acceptance {
     }
 }
 
+/// Leave to serve a fit as soon as an operator says so, and not before. Only [`validate`] makes one.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Holding {
+    flags: Vec<String>,
+}
+
+impl Holding {
+    /// What the controller should know about the parameters, if they are ever served.
+    pub fn flags(&self) -> &[String] {
+        &self.flags
+    }
+}
+
 /// What the gate says.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Verdict {
@@ -91,7 +105,7 @@ pub enum Verdict {
     /// It passes, but the incumbent is better: the incumbent stays.
     Unchanged,
     /// It waits for an operator.
-    Held,
+    Held(Holding),
     /// It is refused.
     Rejected,
 }
@@ -102,7 +116,7 @@ impl Verdict {
         match self {
             Verdict::Accepted(_) => "accepted",
             Verdict::Unchanged => "unchanged",
-            Verdict::Held => "held",
+            Verdict::Held(_) => "held",
             Verdict::Rejected => "rejected",
         }
     }
@@ -358,7 +372,7 @@ impl Gate {
         let (verdict, summary) = if let Some(check) = failed(Severity::Reject) {
             (Verdict::Rejected, format!("rejected by {}: {}", check.name, check.comment))
         } else if let Some(check) = failed(Severity::Hold) {
-            (Verdict::Held, format!("held by {}: {}", check.name, check.comment))
+            (Verdict::Held(Holding { flags: self.flags.clone() }), format!("held by {}: {}", check.name, check.comment))
         } else if ratio.is_some_and(|ratio| ratio > UNCHANGED_RATIO) {
             (Verdict::Unchanged, "good, but the parameters served now forecast better: they stay".to_owned())
         } else {

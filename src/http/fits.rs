@@ -3,7 +3,9 @@
 use super::Shared;
 use super::problem::{ApiError, Problems};
 use crate::estimate::Fit;
+use crate::jobs::Service;
 use crate::store;
+use crate::store::decisions::Decision;
 use axum::extract::{Path, State};
 use jiff::Timestamp;
 use serde::Serialize;
@@ -21,7 +23,7 @@ pub fn router() -> OpenApiRouter<Shared> {
 /// A fit with its verdict.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = Fit)]
-struct FitAnswer {
+pub struct FitAnswer {
     id: String,
     /// The job that found it.
     job: String,
@@ -34,11 +36,29 @@ struct FitAnswer {
     /// Every check: name, statistic, operator, threshold, unit, pass, comment.
     #[schema(value_type = Vec<Object>)]
     checks: Value,
+    /// Whether it passed and waits for an operator: `POST /fits/{id}/promote` or `reject`.
+    waits_for_operator: bool,
+    /// What an operator has said.
+    decision: Option<DecisionAnswer>,
     #[schema(value_type = String, format = DateTime)]
     created_at: Timestamp,
     #[serde(flatten)]
     #[schema(value_type = FitBody)]
     fit: Fit,
+}
+
+/// An operator's word.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = FitDecision)]
+struct DecisionAnswer {
+    /// `promoted` or `rejected`.
+    #[schema(value_type = String)]
+    decision: Decision,
+    /// Why.
+    reason: String,
+    /// When.
+    #[schema(value_type = String, format = DateTime)]
+    decided_at: Timestamp,
 }
 
 /// What was found.
@@ -89,7 +109,13 @@ struct FitBody {
 /// One fit.
 #[utoipa::path(get, path = "/fits/{id}", tag = "fits", params(("id" = String, Path)), responses((status = 200, body = FitAnswer), Problems))]
 async fn get_fit(State(service): State<Shared>, Path(id): Path<String>) -> Result<axum::Json<FitAnswer>, ApiError> {
-    let record = store::fits::get(&service.store, &id).await?.ok_or(ApiError::NotFound("fit", id))?;
+    answer(&service, &id).await
+}
+
+/// A fit as it is shown.
+pub async fn answer(service: &Service, id: &str) -> Result<axum::Json<FitAnswer>, ApiError> {
+    let record = store::fits::get(&service.store, id).await?.ok_or_else(|| ApiError::NotFound("fit", id.to_owned()))?;
+    let (waits_for_operator, decision) = store::decisions::of(&service.store, id).await?;
     Ok(axum::Json(FitAnswer {
         id: record.id,
         job: record.job,
@@ -97,6 +123,8 @@ async fn get_fit(State(service): State<Shared>, Path(id): Path<String>) -> Resul
         verdict: record.verdict,
         summary: record.summary,
         checks: record.checks,
+        waits_for_operator,
+        decision: decision.map(|record| DecisionAnswer { decision: record.decision, reason: record.reason, decided_at: record.decided_at }),
         created_at: record.created_at,
         fit: record.fit,
     }))

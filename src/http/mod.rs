@@ -4,9 +4,11 @@
 //! paths (`params`) lie outside of all layers, so that a poll costs no more than its body.
 
 mod batches;
+mod decisions;
 mod events;
 mod extract;
 mod fits;
+mod history;
 mod jobs;
 mod models;
 mod page;
@@ -64,6 +66,8 @@ fn layered() -> OpenApiRouter<Shared> {
         .merge(events::router())
         .merge(batches::router())
         .merge(fits::router())
+        .merge(decisions::router())
+        .merge(history::router())
         .merge(schedules::router())
         .merge(service::router())
 }

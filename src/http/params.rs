@@ -4,7 +4,7 @@
 
 use super::Shared;
 use super::problem::{ApiError, Problems};
-use crate::jobs::params::{Answer, Body as ParamsBody, Entry, Rendered, Status};
+use crate::jobs::params::{Answer, Body as ParamsBody, Entry, Rendered};
 use axum::body::{Body, Bytes};
 use axum::extract::{Request, State};
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
@@ -149,7 +149,7 @@ fn answer(entry: &Entry, system: &str, accept: Accept, headers: &HeaderMap) -> R
 /// What an entry has for a client, if it has anything.
 fn chosen(entry: &Entry, accept: Accept) -> Option<&Rendered> {
     match (&entry.answer, accept) {
-        (Answer::Validated(rendered), Accept::Fresh) if rendered.status == Status::Stale => None,
+        (Answer::Validated(rendered), Accept::Fresh) if rendered.stale => None,
         (Answer::Validated(rendered), _) => Some(rendered),
         (Answer::NeverValidated { nominal, .. }, Accept::Nominal) => nominal.as_ref(),
         (Answer::NeverValidated { .. }, _) => None,

@@ -2,6 +2,7 @@
 
 use crate::fault::Fault;
 use crate::jobs::JobsError;
+use crate::jobs::decisions::Refused;
 use crate::store::StoreError;
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
@@ -79,6 +80,8 @@ pub enum ApiError {
     NoState(String),
     /// Another document has this id: what, and which.
     Conflict(&'static str, String),
+    /// It contradicts how things stand: a slug, and a sentence.
+    Refused(&'static str, String),
     /// The media type is none that the path takes.
     MediaType(&'static str),
     /// The body is larger than this many bytes.
@@ -108,6 +111,15 @@ impl From<JobsError> for ApiError {
             JobsError::QueueFull(limit) => ApiError::QueueFull(limit),
             JobsError::Store(error) => ApiError::Storage(error),
             JobsError::Internal(detail) => ApiError::Internal(detail),
+        }
+    }
+}
+
+impl From<Refused> for ApiError {
+    fn from(refused: Refused) -> Self {
+        match refused {
+            Refused::Error(error) => error.into(),
+            Refused::Conflict(slug, detail) => ApiError::Refused(slug, detail),
         }
     }
 }
@@ -168,6 +180,7 @@ impl ApiError {
                 let detail = format!("there is another {what} `{}`: documents do not change, because fits refer to them", shown(&which));
                 plain(StatusCode::CONFLICT, "already-exists", "The id is taken", detail)
             }
+            ApiError::Refused(slug, detail) => plain(StatusCode::CONFLICT, slug, "Not as things stand", detail),
             ApiError::MediaType(wanted) => {
                 let detail = format!("the body must be {wanted}, and Content-Type must say so");
                 plain(StatusCode::UNSUPPORTED_MEDIA_TYPE, "unsupported-media-type", "Unsupported media type", detail)

@@ -11,10 +11,14 @@
 //! | `board` | who runs now: progress, cancellation, listeners |
 //! | `worker`, `input`, `estimate` | from the claim to the verdict |
 //! | `params` | the snapshot behind `/params` and the timer that turns it stale |
+//! | `decisions` | an operator's word: promote, reject, pin, roll back |
+//! | `degradations` | compares newer measurements with what is served |
 //! | `schedule` | submits ordinary jobs when a row says so |
 
 pub mod board;
+pub mod decisions;
 pub mod decode;
+pub mod degradations;
 pub mod estimate;
 pub mod input;
 pub mod models;
@@ -47,6 +51,8 @@ pub struct Service {
     pub board: board::Board,
     /// What `/params` serves.
     pub params: params::Snapshot,
+    /// Systems of which measurements have arrived.
+    pub arrivals: degradations::Arrivals,
     /// The number of this start.
     pub boot: i64,
     /// Told when a job may be claimed.

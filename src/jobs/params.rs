@@ -4,22 +4,22 @@
 //! entry from the database, whatever the reason; bodies therefore change at events only, and the turn to
 //! `stale` is an event that [`keep_fresh`] makes.
 
-use super::systems::{SystemDocument, document};
+mod body;
+
+pub use body::{Body, Rendered, Status};
+
+use super::systems::document;
 use super::{JobsError, Service, blocking, now};
 use crate::data::SystemId;
-use crate::model::{Catalogue, Nominal};
 use crate::store::jobs::JobState;
-use crate::store::params::{FallbackRecord, RevisionRecord, Standing, standing, standings};
+use crate::store::params::{Standing, standing, standings};
 use arc_swap::ArcSwap;
 use jiff::{SignedDuration, Timestamp};
-use serde::Serialize;
-use serde_json::Value;
 use std::collections::HashMap;
 use std::pin::pin;
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::{Mutex, Notify, watch};
-use utoipa::ToSchema;
 
 /// The longest sleep of the timer: after a jump of the clock nothing is later than this.
 const LONGEST_SLEEP: Duration = Duration::from_secs(30);
@@ -62,121 +62,6 @@ pub enum Answer {
         /// The nominal values of the model, for those who accept them.
         nominal: Option<Rendered>,
     },
-}
-
-/// A finished body.
-#[derive(Debug, Clone)]
-pub struct Rendered {
-    /// JSON.
-    pub body: Arc<[u8]>,
-    /// A strong tag: the quoted hash of the body.
-    pub etag: Arc<str>,
-    /// The status that the body tells.
-    pub status: Status,
-    /// The revision, if it is one.
-    pub revision: Option<i64>,
-}
-
-/// How much a controller may trust what is served.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, ToSchema)]
-#[serde(rename_all = "lowercase")]
-#[schema(as = ParamsStatus)]
-pub enum Status {
-    /// Validated, and not long ago.
-    Fresh,
-    /// Validated, but longer ago than the policy wants.
-    Stale,
-    /// Validated; a newer attempt failed.
-    Fallback,
-    /// Never validated: the nominal values of the model.
-    Nominal,
-}
-
-impl Status {
-    /// The word in the body and in the header `Params-Status`.
-    pub const fn word(self) -> &'static str {
-        match self {
-            Status::Fresh => "fresh",
-            Status::Stale => "stale",
-            Status::Fallback => "fallback",
-            Status::Nominal => "nominal",
-        }
-    }
-}
-
-/// The parameters of a system, as a controller reads them.
-#[derive(Debug, Serialize, ToSchema)]
-#[schema(as = Params)]
-pub struct Body {
-    /// The system.
-    #[schema(value_type = String, example = "room/4")]
-    system: SystemId,
-    /// Counts up by one with every set that is published.
-    revision: Option<i64>,
-    /// The fit behind it.
-    fit: Option<String>,
-    /// How much to trust it.
-    status: Status,
-    /// The model.
-    model: Value,
-    /// Values by name.
-    #[schema(value_type = HashMap<String, Option<f64>>)]
-    parameters: Value,
-    /// Units by name.
-    #[schema(value_type = HashMap<String, String>)]
-    units: Value,
-    /// 95 % confidence intervals by name; `null` where the data do not determine one.
-    #[schema(value_type = HashMap<String, Option<[f64; 2]>>)]
-    ci95: Value,
-    /// What the gate wants said.
-    #[schema(value_type = Vec<String>)]
-    flags: Value,
-    /// Errors by output channel.
-    #[schema(value_type = Object)]
-    error: Value,
-    /// When it was found.
-    #[schema(value_type = Option<String>, format = DateTime)]
-    fitted_at: Option<Timestamp>,
-    /// When the gate last found it fit to be served.
-    #[schema(value_type = Option<String>, format = DateTime)]
-    validated_at: Option<Timestamp>,
-    /// The measurements behind it.
-    window: Option<Span>,
-    /// The job that found it.
-    job: Option<String>,
-    /// When the status turns to `stale`.
-    #[schema(value_type = Option<String>, format = DateTime)]
-    stale_after: Option<Timestamp>,
-    /// Why it is not newer.
-    fallback: Option<Fallback>,
-}
-
-/// A stretch of time.
-#[derive(Debug, Serialize, ToSchema)]
-#[schema(as = ParamsWindow)]
-pub struct Span {
-    /// First instant.
-    #[schema(format = DateTime)]
-    from: String,
-    /// Last instant.
-    #[schema(format = DateTime)]
-    to: String,
-}
-
-/// Why a newer attempt is not served.
-#[derive(Debug, Serialize, ToSchema)]
-pub struct Fallback {
-    /// `validation_failed` or `job_failed`.
-    reason: &'static str,
-    /// The job behind it.
-    job: String,
-    /// The fit that was refused.
-    fit: Option<String>,
-    /// What it failed.
-    failed_checks: Vec<String>,
-    /// Since when no attempt has succeeded.
-    #[schema(value_type = String, format = DateTime)]
-    since: Timestamp,
 }
 
 impl Snapshot {
@@ -311,101 +196,18 @@ pub async fn keep_fresh(service: Arc<Service>) {
 
 async fn entry(service: &Service, standing: Standing) -> Result<Entry, JobsError> {
     let document = document(&standing.document)?;
-    match standing.revision {
-        Some(revision) => validated(standing.system, revision, standing.fallback, &document, now()),
+    match &standing.revision {
+        Some(revision) => {
+            let stale_after = body::stale_after(revision, &document);
+            let stale = now() >= stale_after;
+            let rendered = body::validated(&standing, revision, stale_after, stale)?;
+            Ok(Entry { answer: Answer::Validated(rendered), turns_stale: (!stale).then_some(stale_after) })
+        }
         None => {
             let catalogue = service.catalogue.current();
             let system = standing.system;
-            let nominal = blocking(move || nominal(system, &document, &catalogue)).await??;
+            let nominal = blocking(move || body::nominal(system, &document, &catalogue)).await??;
             Ok(Entry { answer: Answer::NeverValidated { latest_job: standing.latest_job, nominal }, turns_stale: None })
         }
     }
-}
-
-fn validated(
-    system: SystemId,
-    revision: RevisionRecord,
-    fallback: Option<FallbackRecord>,
-    document: &SystemDocument,
-    now: Timestamp,
-) -> Result<Entry, JobsError> {
-    let fresh_for = SignedDuration::from_secs(document.policy.stale_after.seconds());
-    // A sum beyond the end of time never comes.
-    let stale_after = revision.validated_at.checked_add(fresh_for).unwrap_or(Timestamp::MAX);
-    // A stale set stays stale however the newest attempt went; the fallback object still tells of that.
-    let status = if now >= stale_after {
-        Status::Stale
-    } else if fallback.is_some() {
-        Status::Fallback
-    } else {
-        Status::Fresh
-    };
-    let mut served = revision.served;
-    let mut take = |field: &str| served.get_mut(field).map(Value::take).unwrap_or_default();
-    let body = Body {
-        system,
-        revision: Some(revision.revision),
-        fit: Some(revision.fit),
-        status,
-        model: take("model"),
-        parameters: take("parameters"),
-        units: take("units"),
-        ci95: take("ci95"),
-        flags: take("flags"),
-        error: take("error"),
-        fitted_at: Some(revision.fitted_at),
-        validated_at: Some(revision.validated_at),
-        window: Some(Span { from: revision.window_from, to: revision.window_to }),
-        job: Some(revision.job),
-        stale_after: Some(stale_after),
-        fallback: fallback.map(|fallback| Fallback {
-            reason: fallback.reason.word(),
-            job: fallback.job,
-            fit: fallback.fit,
-            failed_checks: fallback.failed_checks,
-            since: fallback.since,
-        }),
-    };
-    let turns_stale = (status != Status::Stale).then_some(stale_after);
-    Ok(Entry { answer: Answer::Validated(render(&body)?), turns_stale })
-}
-
-/// The nominal values of the system's model, with `null` where only measurements give one; nothing where the
-/// model no longer compiles.
-fn nominal(system: SystemId, document: &SystemDocument, catalogue: &Catalogue) -> Result<Option<Rendered>, JobsError> {
-    let Ok(model) = document.bindings(catalogue, &document.model) else {
-        return Ok(None);
-    };
-    let value = |nominal: &Nominal| match nominal {
-        Nominal::Value(value) => Value::from(*value),
-        Nominal::Measured(_) => Value::Null,
-    };
-    let named = |of: &dyn Fn(&crate::model::Parameter) -> Value| -> Value {
-        Value::Object(model.parameters().iter().map(|parameter| (parameter.name.clone(), of(parameter))).collect())
-    };
-    let body = Body {
-        system,
-        revision: None,
-        fit: None,
-        status: Status::Nominal,
-        model: Value::from(document.model.to_string()),
-        parameters: named(&|parameter| value(&parameter.nominal)),
-        units: named(&|parameter| Value::from(parameter.unit.clone())),
-        ci95: named(&|_| Value::Null),
-        flags: Value::Array(Vec::new()),
-        error: Value::Object(serde_json::Map::new()),
-        fitted_at: None,
-        validated_at: None,
-        window: None,
-        job: None,
-        stale_after: None,
-        fallback: None,
-    };
-    render(&body).map(Some)
-}
-
-fn render(body: &Body) -> Result<Rendered, JobsError> {
-    let text = serde_json::to_vec(body).map_err(|error| JobsError::Internal(error.to_string()))?;
-    let etag = format!("\"{}\"", &blake3::hash(&text).to_hex()[..32]);
-    Ok(Rendered { body: text.into(), etag: etag.into(), status: body.status, revision: body.revision })
 }

@@ -2,7 +2,7 @@
 //! fail is refused at once and not at night.
 
 use super::request::{self, BatchRequest};
-use super::systems::{self, Mode};
+use super::systems::{self, Mode, SystemDocument};
 use super::{JobsError, Service, blocking, now, params};
 use crate::data::SystemId;
 use crate::estimate::EstimateRequest;
@@ -48,6 +48,18 @@ pub async fn estimate(
         params::refresh(service, system).await?;
     }
     Ok(submitted)
+}
+
+/// Submits an ordinary recalibration of one system, because newer measurements contradict what it serves.
+///
+/// # Errors
+/// Where the system's defaults give no request, the queue is full, or the database fails.
+pub async fn refit(service: &Service, system: &SystemId, document: &SystemDocument) -> Result<(), JobsError> {
+    let request = request::complete(&Map::new(), Some(document)).map_err(JobsError::Faults)?;
+    let new = new_job(system, document.model.clone(), false, &request, Origin::Scheduled, Priority::Nightly)?;
+    store::jobs::submit(&service.store, &new, None, service.queue_limit(), now()).await?;
+    service.wake.notify_one();
+    params::refresh(service, system).await
 }
 
 /// Submits a batch.

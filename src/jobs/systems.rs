@@ -72,11 +72,13 @@ pub struct Policy {
     /// The forecast horizon that the controller lives on.
     #[schema(value_type = String, format = "duration", example = "PT6H")]
     pub horizon: Duration,
+    /// Whether a job is submitted as soon as newer measurements contradict what is served.
+    pub refit_when_degraded: bool,
 }
 
 impl Default for Policy {
     fn default() -> Self {
-        Self { mode: Mode::Auto, stale_after: Duration::from_days(3), horizon: Duration::from_hours(6) }
+        Self { mode: Mode::Auto, stale_after: Duration::from_days(3), horizon: Duration::from_hours(6), refit_when_degraded: true }
     }
 }
 

@@ -50,7 +50,10 @@ pub async fn take(
     let new =
         NewWindow { id: &packed.id, system, from_s: packed.from_s, to_s: packed.to_s, report: &packed.report, blocks: &packed.blocks };
     let is_new = match windows::insert(&service.store, &new, key, now()).await? {
-        Kept::New => true,
+        Kept::New => {
+            service.arrivals.note(system);
+            true
+        }
         Kept::Known => false,
         Kept::KeyReused => return Err(JobsError::KeyReused),
     };

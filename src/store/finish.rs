@@ -1,11 +1,13 @@
 //! The end of a job: job, fit, verdict and revision in one transaction, or none of them.
 //!
-//! This is the only place that publishes, and it needs an [`Acceptance`](crate::estimate::Acceptance) to do so.
+//! It publishes where it has an [`Acceptance`](crate::estimate::Acceptance), the policy is automatic and no pin is set; what
+//! passes otherwise becomes an offer to the operator.
 
 use super::jobs::{JobFailure, Lease, Outcome};
-use super::{Store, StoreError, corrupt, derive_id, millis, next, params, to_json};
+use super::revisions::{self, Cause, NewRevision};
+use super::{Store, StoreError, corrupt, decisions, derive_id, millis, next, params, to_json};
 use crate::estimate::metrics::CurrentState;
-use crate::estimate::{Fit, Judgement, ServedParameters, Verdict};
+use crate::estimate::{Fit, Judgement, Offer, ServedParameters, Verdict};
 use jiff::Timestamp;
 use sqlx::SqliteConnection;
 
@@ -52,6 +54,7 @@ struct Leased {
     system: String,
     experiment: bool,
     own_model: bool,
+    pinned: bool,
 }
 
 /// Ends a job, if the lease still holds.
@@ -60,7 +63,9 @@ struct Leased {
 /// [`StoreError::LeaseLost`] where somebody else has the job by now; otherwise where the database fails.
 pub async fn finish(store: &Store, lease: &Lease, ending: &Ending<'_>, now: Timestamp) -> Result<Finished, StoreError> {
     let mut tx = store.write().await?;
-    let sql = "SELECT j.system, j.experiment, j.model = s.model AS own_model FROM jobs j JOIN systems s ON s.system = j.system
+    let sql = "SELECT j.system, j.experiment, j.model = s.model AS own_model,
+                   EXISTS (SELECT 1 FROM pins p WHERE p.system = j.system) AS pinned
+               FROM jobs j JOIN systems s ON s.system = j.system
                WHERE j.id = $1 AND j.state = 'running' AND j.boot = $2 AND j.attempt = $3";
     let leased: Option<Leased> = sqlx::query_as(sql).bind(&lease.job).bind(lease.boot).bind(lease.attempt).fetch_optional(&mut *tx).await?;
     let Some(leased) = leased else {
@@ -70,7 +75,7 @@ pub async fn finish(store: &Store, lease: &Lease, ending: &Ending<'_>, now: Time
     let counts = leased.own_model && !leased.experiment;
     let finished = match ending {
         Ending::Fitted(finding) => {
-            let finished = keep_fit(&mut tx, lease, &leased.system, finding, counts, now).await?;
+            let finished = keep_fit(&mut tx, lease, &leased, finding, counts, now).await?;
             sqlx::query(
                 "UPDATE jobs SET state = 'succeeded', boot = NULL, outcome = $2, fit = $3, revision = $4, stopped_by = $5, evaluations = $6,
                  ended_at = $7 WHERE id = $1",
@@ -115,12 +120,13 @@ pub async fn finish(store: &Store, lease: &Lease, ending: &Ending<'_>, now: Time
 async fn keep_fit(
     tx: &mut SqliteConnection,
     lease: &Lease,
-    system: &str,
+    leased: &Leased,
     finding: &Finding,
     counts: bool,
     now: Timestamp,
 ) -> Result<Finished, StoreError> {
     let Finding { fit, judgement, .. } = finding;
+    let system = leased.system.as_str();
     let sequence = next(tx, "sequence").await?;
     let id = derive_id("fit", sequence, now);
     let sql = "INSERT INTO fits (id, job, system, model, document, verdict, checks, summary, created_at) VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9)";
@@ -138,21 +144,40 @@ async fn keep_fit(
         .await?;
     let mut finished = Finished { fit: Some(id.clone()), ..Finished::default() };
     finished.outcome = Some(match &judgement.verdict {
-        Verdict::Accepted(acceptance) if counts && finding.automatic => {
-            let served = ServedParameters::new(acceptance, fit);
-            let origin = params::Origin { system, fit: &id, job: &lease.job };
-            finished.revision = Some(params::publish(tx, &origin, &served, fit, now).await?);
+        Verdict::Accepted(acceptance) if counts && finding.automatic && !leased.pinned => {
+            let served = to_json("served parameters", &ServedParameters::new(acceptance, fit))?;
+            let new = NewRevision {
+                system,
+                fit: &id,
+                job: &lease.job,
+                served: &served,
+                model_hash: &fit.model_hash,
+                window: fit.window(),
+                fitted_at: millis(now),
+                validated_at: millis(now),
+                cause: Cause::Accepted,
+                reason: None,
+            };
+            finished.revision = Some(revisions::publish(tx, &new, now).await?);
             Outcome::Accepted
         }
-        Verdict::Accepted(_) if counts => Outcome::Suggested,
+        Verdict::Accepted(acceptance) if counts => {
+            decisions::offer(tx, &id, &Offer::of_accepted(acceptance, fit), finding.state.as_ref()).await?;
+            Outcome::Suggested
+        }
         Verdict::Accepted(_) => Outcome::Accepted,
         Verdict::Unchanged => {
             if counts {
-                params::confirm(tx, system, now).await?;
+                revisions::confirm(tx, system, now).await?;
             }
             Outcome::Unchanged
         }
-        Verdict::Held => Outcome::Held,
+        Verdict::Held(holding) => {
+            if counts {
+                decisions::offer(tx, &id, &Offer::of_held(holding, fit), finding.state.as_ref()).await?;
+            }
+            Outcome::Held
+        }
         Verdict::Rejected => {
             if counts {
                 params::fall_back(tx, system, &lease.job, Some((&id, &judgement.failed())), now).await?;

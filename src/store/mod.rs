@@ -13,11 +13,16 @@
 //! | `finish` | the end of a job: job, fit, verdict and revision in one transaction |
 //! | `batches` | recalibrations of several systems |
 //! | `fits` | what was found, with its verdict |
-//! | `params` | what is served: revisions, fallbacks, states |
+//! | `params` | what is served, with all that is said of it |
+//! | `revisions` | everything that was ever served |
+//! | `decisions`, `pins` | an operator's word: on held and suggested fits, and on what stays in service |
+//! | `degradations` | what newer measurements say of what is served |
 //! | `schedules` | when batches are submitted |
 //! | `idempotency` | keys of requests that created something |
 
 pub mod batches;
+pub mod decisions;
+pub mod degradations;
 pub mod finish;
 pub mod fits;
 pub mod idempotency;
@@ -25,6 +30,8 @@ mod job;
 pub mod jobs;
 pub mod models;
 pub mod params;
+pub mod pins;
+pub mod revisions;
 pub mod schedules;
 pub mod systems;
 pub mod windows;

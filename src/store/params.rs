@@ -1,10 +1,10 @@
-//! What is served: revisions, the reason of a fallback, and the states. Only [`super::finish`] writes them.
+//! What is served, all from one moment: the current revision, why it is not newer, what is said of it, and the states.
 
+use super::degradations::DegradationRecord;
 use super::jobs::{JobRecord, JobState};
 use super::{Store, StoreError, from_json, instant, millis, parse, to_json, words};
 use crate::data::SystemId;
 use crate::estimate::metrics::CurrentState;
-use crate::estimate::{Fit, ServedParameters};
 use jiff::Timestamp;
 use sqlx::{FromRow, SqliteConnection};
 
@@ -31,6 +31,10 @@ pub struct Standing {
     pub revision: Option<RevisionRecord>,
     /// Why it is not newer.
     pub fallback: Option<FallbackRecord>,
+    /// Whether newer measurements contradict it.
+    pub degradation: Option<DegradationRecord>,
+    /// Whether an operator holds it.
+    pub pin: Option<PinRecord>,
     /// The newest job of any kind.
     pub latest_job: Option<(String, JobState)>,
 }
@@ -71,12 +75,13 @@ pub struct FallbackRecord {
     pub since: Timestamp,
 }
 
-/// Where a revision comes from.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Origin<'a> {
-    pub system: &'a str,
-    pub fit: &'a str,
-    pub job: &'a str,
+/// An operator's pin.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PinRecord {
+    /// Why.
+    pub reason: String,
+    /// Since when.
+    pub since: Timestamp,
 }
 
 #[derive(FromRow)]
@@ -97,6 +102,10 @@ struct Row {
     refused_fit: Option<String>,
     failed_checks: Option<String>,
     since_at: Option<i64>,
+    degradation: Option<String>,
+    degraded_at: Option<i64>,
+    pin_reason: Option<String>,
+    pinned_at: Option<i64>,
     latest_job: Option<String>,
     latest_state: Option<String>,
 }
@@ -104,10 +113,13 @@ struct Row {
 const STANDING: &str = "SELECT s.system, s.model, s.document,
         r.revision, r.fit, r.job, r.served, r.window_from, r.window_to, r.fitted_at, r.validated_at,
         f.reason, f.job AS failed_job, f.fit AS refused_fit, f.failed_checks, f.since_at,
+        d.description AS degradation, d.since_at AS degraded_at, p.reason AS pin_reason, p.since_at AS pinned_at,
         j.id AS latest_job, j.state AS latest_state
     FROM systems s
     LEFT JOIN revisions r ON r.system = s.system AND r.current
     LEFT JOIN fallbacks f ON f.system = s.system
+    LEFT JOIN degradations d ON d.system = s.system AND d.revision = r.revision
+    LEFT JOIN pins p ON p.system = s.system
     LEFT JOIN jobs j ON j.sequence = (SELECT MAX(sequence) FROM jobs WHERE jobs.system = s.system)
     WHERE $1 IS NULL OR s.system = $1";
 
@@ -146,6 +158,8 @@ impl Row {
             }),
             _ => None,
         };
+        let degradation = self.degradation.zip(self.degraded_at);
+        let pin = self.pin_reason.zip(self.pinned_at);
         let latest_job = match (self.latest_job, self.latest_state) {
             (Some(id), Some(state)) => Some((id, parse("a state", &state)?)),
             _ => None,
@@ -156,6 +170,8 @@ impl Row {
             document: self.document,
             revision,
             fallback,
+            degradation: degradation.map(|(text, at)| DegradationRecord::read(&text, at)).transpose()?,
+            pin: pin.map(|(reason, at)| Ok::<_, StoreError>(PinRecord { reason, since: instant(at)? })).transpose()?,
             latest_job,
         })
     }
@@ -189,51 +205,6 @@ pub async fn state(store: &Store, system: &SystemId) -> Result<Option<(i64, serd
         .fetch_optional(&store.reader)
         .await?;
     row.map(|(revision, document)| Ok((revision, from_json("a state", &document)?))).transpose()
-}
-
-/// Makes a fit's parameters the ones that are served, under the next revision number, and ends a fallback.
-pub(super) async fn publish(
-    tx: &mut SqliteConnection,
-    origin: &Origin<'_>,
-    served: &ServedParameters,
-    fit: &Fit,
-    now: Timestamp,
-) -> Result<i64, StoreError> {
-    let document = to_json("served parameters", served)?;
-    let last = [&fit.parts.test, &fit.parts.validation].into_iter().flatten().next().unwrap_or(&fit.parts.train);
-    let newest: Option<i64> =
-        sqlx::query_scalar("SELECT MAX(revision) FROM revisions WHERE system = $1").bind(origin.system).fetch_one(&mut *tx).await?;
-    let revision = newest.unwrap_or(0) + 1;
-    sqlx::query("UPDATE revisions SET current = FALSE WHERE system = $1 AND current").bind(origin.system).execute(&mut *tx).await?;
-    let sql = "INSERT INTO revisions (system, revision, fit, job, served, served_hash, model_hash, window_from, window_to, current, fitted_at, validated_at)
-               VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, TRUE, $10, $10)";
-    sqlx::query(sql)
-        .bind(origin.system)
-        .bind(revision)
-        .bind(origin.fit)
-        .bind(origin.job)
-        .bind(&document)
-        .bind(blake3::hash(document.as_bytes()).to_hex().to_string())
-        .bind(&fit.model_hash)
-        .bind(&fit.parts.train.from)
-        .bind(&last.to)
-        .bind(millis(now))
-        .execute(&mut *tx)
-        .await?;
-    end_fallback(tx, origin.system).await?;
-    Ok(revision)
-}
-
-/// Notes that the revision in service has held its ground against a new fit on new data, and ends a fallback.
-pub(super) async fn confirm(tx: &mut SqliteConnection, system: &str, now: Timestamp) -> Result<(), StoreError> {
-    let sql = "UPDATE revisions SET validated_at = $2 WHERE system = $1 AND current";
-    sqlx::query(sql).bind(system).bind(millis(now)).execute(&mut *tx).await?;
-    end_fallback(tx, system).await
-}
-
-async fn end_fallback(tx: &mut SqliteConnection, system: &str) -> Result<(), StoreError> {
-    sqlx::query("DELETE FROM fallbacks WHERE system = $1").bind(system).execute(tx).await?;
-    Ok(())
 }
 
 /// Notes why the newest attempt changed nothing. `since` stays that of the first attempt in a row.

@@ -5,6 +5,7 @@ mod database;
 mod faults;
 mod jobs;
 mod models;
+mod operators;
 mod params;
 mod schedules;
 mod straight;

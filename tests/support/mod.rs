@@ -162,8 +162,13 @@ pub fn endless(system: &str) -> Value {
 
 /// Half-hourly measurements of a room that follows the model `rc2`, with a little noise.
 pub fn room_csv(seed: u64, days: usize) -> String {
+    csv_of(&room(seed, days))
+}
+
+/// Samples as an upload.
+pub fn csv_of(samples: &[(String, f64, f64)]) -> String {
     let mut text = "time,T_room[degC],T_out[degC]\n".to_owned();
-    for (time, room, out) in room(seed, days) {
+    for (time, room, out) in samples {
         text.push_str(&format!("{time},{room:.3},{out:.3}\n"));
     }
     text
@@ -171,7 +176,12 @@ pub fn room_csv(seed: u64, days: usize) -> String {
 
 /// The same samples as numbers: time, room, outdoors.
 pub fn room(seed: u64, days: usize) -> Vec<(String, f64, f64)> {
-    let (alpha_e, beta_e, alpha_a) = (0.8, 4.0, 0.15);
+    room_that_changes(seed, days, |_| 0.15)
+}
+
+/// The same room, whose loss to the outdoors in 1/h changes from day to day.
+pub fn room_that_changes(seed: u64, days: usize, alpha_a: impl Fn(usize) -> f64) -> Vec<(String, f64, f64)> {
+    let (alpha_e, beta_e) = (0.8, 4.0);
     let start: jiff::Timestamp = "2026-01-01T00:00:00Z".parse().unwrap();
     let mut state = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) | 1;
     let mut noise = || {
@@ -201,7 +211,7 @@ pub fn room(seed: u64, days: usize) -> Vec<(String, f64, f64)> {
             let out = pair[0] + (pair[1] - pair[0]) * f64::from(part) / 60.0;
             let dt = 0.5 / 60.0;
             let rate_r = alpha_e * (t_e - t_r);
-            let rate_e = alpha_e / beta_e * (t_r - t_e) + alpha_a * (out - t_e);
+            let rate_e = alpha_e / beta_e * (t_r - t_e) + alpha_a(step / 48) * (out - t_e);
             (t_r, t_e) = (t_r + dt * rate_r, t_e + dt * rate_e);
         }
     }

@@ -1,0 +1,92 @@
+//! Whether newer measurements contradict parameters that were validated on older ones.
+
+use super::fit::{Fit, Span};
+use super::metrics::{FilterRun, ahead, error_unit, horizon_name, measurement_variance};
+use super::problem::Problem;
+use crate::data::{Duration, read_time, rfc3339};
+use serde::{Deserialize, Serialize};
+use std::ops::Range;
+
+/// Newer forecasts may err by this many times what they did on the validation data.
+const RATIO: f64 = 2.0;
+/// Below this much newer time nothing is said: one odd evening contradicts no model.
+const LEAST: i64 = 86_400;
+/// Older measurements say nothing about now.
+const MOST: i64 = 7 * 86_400;
+
+/// Forecasts on newer measurements that err by more than they should.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Degradation {
+    /// Root mean square of the forecast errors.
+    pub error: f64,
+    /// Twice that on the validation data, or twice the sensor's noise where that is more.
+    pub limit: f64,
+    /// Unit of both.
+    pub unit: String,
+    /// How far ahead the forecasts look.
+    pub horizon: String,
+    /// First instant of the newer measurements, RFC 3339.
+    pub from: String,
+    /// Last instant.
+    pub to: String,
+}
+
+/// What newer measurements say of a fit.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Newer {
+    /// There are too few of them, or nothing to compare with.
+    Silent,
+    /// They are forecast as well as the validation data, or nearly so.
+    Agree,
+    /// They are not.
+    Contradict(Degradation),
+}
+
+/// Forecasts the measurements behind the fit's own, `horizon` ahead from re-estimated states, and compares the
+/// errors with those on the fit's validation part; both from one run of the filter over `problem`, whose window
+/// holds both.
+pub fn newer(problem: &Problem, fit: &Fit, run: &FilterRun, horizon: Duration) -> Newer {
+    let grid = problem.grid();
+    let step = grid.step();
+    let oldest = grid.len().saturating_sub((MOST / step) as usize);
+    let newer = behind(problem, fit.window().1).max(oldest)..grid.len();
+    if (newer.len() as i64) * step < LEAST {
+        return Newer::Silent;
+    }
+    let Some(validation) = &fit.parts.validation else { return Newer::Silent };
+    let name = horizon_name(horizon);
+    let leads = [(name.as_str(), horizon.seconds())];
+    let theta = fit.theta();
+    let error = |range: Range<usize>| ahead(problem, &theta, run, range, &leads).into_values().next();
+    let (Some(then), Some(now)) = (error(part(problem, validation)), error(newer.clone())) else { return Newer::Silent };
+    // Forecasts need half a day of targets to say anything; gaps may have eaten the rest.
+    if (now.n as i64) * step < LEAST / 2 {
+        return Newer::Silent;
+    }
+    let noise = measurement_variance(problem).first().copied().unwrap_or(0.0).sqrt();
+    let limit = RATIO * then.rmse.max(noise);
+    if now.rmse <= limit {
+        return Newer::Agree;
+    }
+    Newer::Contradict(Degradation {
+        error: now.rmse,
+        limit,
+        unit: problem.model().outputs().first().map_or("-", |output| error_unit(&output.unit)).to_owned(),
+        horizon: name,
+        from: rfc3339(grid.time(newer.start)),
+        to: rfc3339(grid.time(grid.len() - 1)),
+    })
+}
+
+/// The first sample behind an instant.
+fn behind(problem: &Problem, instant: &str) -> usize {
+    let grid = problem.grid();
+    // A fit's own instants can be read; one that could not would leave nothing to compare.
+    read_time("", instant).map_or(grid.len(), |time| (0..grid.len()).find(|k| grid.time(*k) > time).unwrap_or(grid.len()))
+}
+
+/// The samples of a part of the fit's window.
+fn part(problem: &Problem, span: &Span) -> Range<usize> {
+    let to = behind(problem, &span.to);
+    behind(problem, &span.from).saturating_sub(1).min(to)..to
+}

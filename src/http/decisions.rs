@@ -1,0 +1,44 @@
+//! An operator's word on a fit that waits for it.
+
+use super::Shared;
+use super::extract::Json;
+use super::fits::{FitAnswer, answer};
+use super::problem::{ApiError, Problems};
+use crate::jobs::decisions::{self, Reason};
+use crate::store::decisions::Decision;
+use axum::extract::{Path, State};
+use utoipa_axum::router::OpenApiRouter;
+use utoipa_axum::routes;
+
+/// The paths of this file.
+pub fn router() -> OpenApiRouter<Shared> {
+    OpenApiRouter::new().routes(routes!(promote_fit)).routes(routes!(reject_fit))
+}
+
+/// Serves a held or suggested fit. Nobody can promote one that the gate or an operator has rejected.
+#[utoipa::path(
+    post,
+    path = "/fits/{id}/promote",
+    tag = "fits",
+    params(("id" = String, Path), ("Idempotency-Key" = Option<String>, Header)),
+    request_body = Reason,
+    responses((status = 200, description = "It is served; promoting it twice changes nothing", body = FitAnswer), Problems)
+)]
+async fn promote_fit(State(service): State<Shared>, Path(id): Path<String>, body: Json) -> Result<axum::Json<FitAnswer>, ApiError> {
+    decisions::decide(&service, &id, Decision::Promoted, body.value).await?;
+    answer(&service, &id).await
+}
+
+/// Puts a held or suggested fit aside for good.
+#[utoipa::path(
+    post,
+    path = "/fits/{id}/reject",
+    tag = "fits",
+    params(("id" = String, Path), ("Idempotency-Key" = Option<String>, Header)),
+    request_body = Reason,
+    responses((status = 200, description = "It will never be served; rejecting it twice changes nothing", body = FitAnswer), Problems)
+)]
+async fn reject_fit(State(service): State<Shared>, Path(id): Path<String>, body: Json) -> Result<axum::Json<FitAnswer>, ApiError> {
+    decisions::decide(&service, &id, Decision::Rejected, body.value).await?;
+    answer(&service, &id).await
+}

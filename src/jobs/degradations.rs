@@ -1,0 +1,138 @@
+//! Looks at what is served whenever measurements arrive: where the states are now, and whether the newer
+//! measurements contradict the parameters.
+
+use super::input::{self, Input};
+use super::systems::{Mode, SystemDocument};
+use super::{JobsError, Service, now, params, submit};
+use crate::data::{Duration, SplitRequest, SystemId, rfc3339};
+use crate::estimate::degradation::{Newer, newer};
+use crate::estimate::metrics::{CurrentState, filter, newest_state};
+use crate::estimate::request::WindowRange;
+use crate::estimate::{EstimateRequest, prepare};
+use crate::store;
+use crate::store::fits::FitRecord;
+use rayon::ThreadPool;
+use std::collections::BTreeSet;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::pin::pin;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use tokio::sync::{Notify, oneshot};
+
+/// A record is looked at over at most this long, so that a look stays short however old the fit is.
+const LONGEST: Duration = Duration::from_days(60);
+
+/// Systems of which measurements have arrived. Several arrivals before a look are one.
+#[derive(Debug, Default)]
+pub struct Arrivals {
+    systems: Mutex<BTreeSet<SystemId>>,
+    told: Notify,
+}
+
+impl Arrivals {
+    fn systems(&self) -> MutexGuard<'_, BTreeSet<SystemId>> {
+        // A panic while the set was held cannot have left it half-changed: every use is one call.
+        self.systems.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Notes an arrival.
+    pub fn note(&self, system: &SystemId) {
+        self.systems().insert(system.clone());
+        self.told.notify_one();
+    }
+}
+
+/// Looks at one system after the other until the service stops. What arrived before the start is looked at first.
+pub async fn run(service: Arc<Service>, pool: ThreadPool) {
+    match store::degradations::outdated(&service.store).await {
+        Ok(systems) => systems.iter().for_each(|system| service.arrivals.note(system)),
+        Err(error) => tracing::error!(%error, "systems with newer measurements could not be listed"),
+    }
+    let mut stopping = service.stopping.subscribe();
+    while !*stopping.borrow_and_update() {
+        let mut told = pin!(service.arrivals.told.notified());
+        told.as_mut().enable();
+        let next = service.arrivals.systems().pop_first();
+        if let Some(system) = next {
+            if let Err(error) = look(&service, &pool, &system).await {
+                tracing::warn!(%error, %system, "newer measurements could not be compared with what is served");
+            }
+            continue;
+        }
+        tokio::select! {
+            () = told => {}
+            _ = stopping.changed() => {}
+        }
+    }
+}
+
+/// Compares what is served with the newest measurements, and keeps what that says.
+async fn look(service: &Service, pool: &ThreadPool, system: &SystemId) -> Result<(), JobsError> {
+    let Some(standing) = store::params::standing(&service.store, system).await? else { return Ok(()) };
+    let Some((revision, served)) = standing.revision.zip(store::fits::served(&service.store, system).await?) else { return Ok(()) };
+    if revision.fit != served.id {
+        // Something was published in between, and its job has looked at the newest measurements itself.
+        return Ok(());
+    }
+    let Some((_, newest)) = store::windows::extent(&service.store, system).await? else { return Ok(()) };
+    let Some(model) = served.fit.model.parse().ok() else { return Ok(()) };
+    let input = input::collect(service, system, &model, request(&served, newest)).await?;
+    let document = input.system.clone();
+    let (sender, receiver) = oneshot::channel();
+    pool.spawn(move || {
+        let _ = sender.send(catch_unwind(AssertUnwindSafe(|| compare(&input, &served))));
+    });
+    let Ok(Ok(found)) = receiver.await else {
+        return Err(JobsError::Internal("the comparison ran into a fault of the program".to_owned()));
+    };
+    let Some((newer, state)) = found? else { return Ok(()) };
+    let turned = match &newer {
+        // Too little to tell leaves things as they are; only the states are newer.
+        Newer::Silent => {
+            let standing = standing.degradation.map(|record| record.degradation);
+            store::degradations::keep(&service.store, system, revision.revision, standing.as_ref(), state.as_ref(), now()).await?
+        }
+        Newer::Agree => store::degradations::keep(&service.store, system, revision.revision, None, state.as_ref(), now()).await?,
+        Newer::Contradict(found) => {
+            store::degradations::keep(&service.store, system, revision.revision, Some(found), state.as_ref(), now()).await?
+        }
+    };
+    if let Some(degraded) = turned {
+        tracing::warn!(%system, revision = revision.revision, degraded, "newer measurements {}", if degraded { "contradict what is served" } else { "agree again" });
+        params::refresh(service, system).await?;
+        if degraded && wants_refit(&document) {
+            submit::refit(service, system, &document).await?;
+        }
+    }
+    Ok(())
+}
+
+/// The whole of the fit's window and what came behind it.
+fn request(served: &FitRecord, newest: i64) -> EstimateRequest {
+    let oldest = rfc3339(newest - LONGEST.seconds());
+    let from = served.fit.window().0.to_owned().max(oldest);
+    EstimateRequest {
+        window: Some(WindowRange { last: None, from: Some(from), to: None }),
+        split: SplitRequest { train: LONGEST, validation: Duration::default(), test: None },
+        ..EstimateRequest::default()
+    }
+}
+
+/// This is work for a CPU pool.
+fn compare(input: &Input, served: &FitRecord) -> Result<Option<(Newer, Option<CurrentState>)>, JobsError> {
+    let window = input.window()?;
+    let site = input.system.site();
+    let problem = prepare(&input.catalogue, &input.model, &input.request, &window, &site).map_err(JobsError::Faults)?;
+    let names = problem.model().parameters().iter().map(|parameter| &parameter.name);
+    if !names.eq(served.fit.parameters.keys()) {
+        // Channels have come or gone, so that the model is another one here.
+        return Ok(None);
+    }
+    let problem = problem.with_substeps(served.fit.substeps);
+    let run = filter(&problem, &served.fit.theta(), Some(served.fit.process_noise));
+    let said = newer(&problem, &served.fit, &run, input.system.policy.horizon);
+    Ok(Some((said, newest_state(&problem, &run))))
+}
+
+fn wants_refit(document: &SystemDocument) -> bool {
+    document.policy.refit_when_degraded && document.policy.mode != Mode::Observe
+}
