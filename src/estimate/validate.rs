@@ -140,6 +140,9 @@ impl Judgement {
     }
 }
 
+/// The check whose statistic is the ratio of the forecast errors of a fit and of what it would replace.
+pub const NO_WORSE_THAN_INCUMBENT: &str = "G4 no worse than incumbent";
+
 const INCUMBENT_RATIO: f64 = 1.10;
 const UNCHANGED_RATIO: f64 = 1.02;
 const BARELY: f64 = 0.9;
@@ -283,7 +286,7 @@ impl Gate {
         let theirs = ahead(problem, incumbent, &filter(problem, incumbent, None), unseen, &horizon);
         let ratio = error.zip(theirs.values().next()).map(|(ours, theirs)| ours.rmse / theirs.rmse.max(f64::MIN_POSITIVE));
         let comment = format!("the error {name} ahead beside that of the parameters served now, on the same unseen data");
-        self.at_most("G4 no worse than incumbent", ratio, INCUMBENT_RATIO, "-", Severity::Reject, comment);
+        self.at_most(NO_WORSE_THAN_INCUMBENT, ratio, INCUMBENT_RATIO, "-", Severity::Reject, comment);
         ratio
     }
 

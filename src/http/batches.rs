@@ -1,9 +1,13 @@
 //! Reports of recalibrations.
 
 use super::Shared;
+use super::extract::Asked;
+use super::page::{Page, PageQuery};
 use super::problem::{ApiError, Problems};
+use crate::jobs::Service;
+use crate::jobs::params::Status;
 use crate::store;
-use crate::store::batches::BatchRecord;
+use crate::store::batches::{BatchJob, BatchRecord, BatchSummary};
 use crate::store::jobs::{JobState, Outcome};
 use axum::extract::{Path, State};
 use jiff::Timestamp;
@@ -16,7 +20,7 @@ use utoipa_axum::routes;
 
 /// The paths of this file.
 pub fn router() -> OpenApiRouter<Shared> {
-    OpenApiRouter::new().routes(routes!(get_batch))
+    OpenApiRouter::new().routes(routes!(list_batches)).routes(routes!(get_batch))
 }
 
 /// A recalibration: who improved, who was refused and why, who was left out.
@@ -32,6 +36,15 @@ pub struct BatchAnswer {
     finished: bool,
     /// How many jobs stand how: states, and outcomes for those that succeeded.
     counts: BTreeMap<&'static str, usize>,
+    /// The report in a sentence.
+    #[schema(example = "of 3 systems 2 have new parameters, 1 had their fit refused")]
+    summary: String,
+    /// Systems that have new parameters now.
+    improved: Vec<String>,
+    /// Systems whose fit was refused or whose job failed, with the reason.
+    rejected: Vec<Refusal>,
+    /// Systems of which newer measurements contradict what they serve.
+    degraded: Vec<String>,
     /// What was asked.
     #[schema(value_type = Object)]
     request: Value,
@@ -41,6 +54,29 @@ pub struct BatchAnswer {
     skipped: Vec<store::batches::Skipped>,
     #[schema(value_type = String, format = DateTime)]
     created_at: Timestamp,
+}
+
+/// One batch in a list.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = BatchSummary)]
+struct BatchListRow {
+    id: String,
+    /// The schedule that submitted it.
+    schedule: Option<String>,
+    /// How many jobs it has.
+    jobs: i64,
+    /// Whether all of them have ended.
+    finished: bool,
+    #[schema(value_type = String, format = DateTime)]
+    created_at: Timestamp,
+}
+
+/// A system that keeps what it had, and why.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = RefusedSystem)]
+struct Refusal {
+    system: String,
+    why: String,
 }
 
 /// A system that was left out.
@@ -63,18 +99,36 @@ struct BatchRow {
     fit: Option<String>,
     /// The gate's sentence, or the reason of a failure.
     why: Option<String>,
+    /// The forecast error over that of the parameters before, on the same unseen data: below 1 is better. `null`
+    /// where there were none.
+    error_ratio: Option<f64>,
 }
 
 impl BatchAnswer {
     /// A batch as it is shown.
-    pub fn of(batch: BatchRecord) -> Self {
+    pub fn of(service: &Service, batch: BatchRecord) -> Self {
         let mut counts = BTreeMap::new();
         for job in &batch.jobs {
             *counts.entry(job.outcome.map_or(job.state.word(), Outcome::word)).or_insert(0) += 1;
         }
-        let row = |job: store::batches::BatchJob| BatchRow {
+        let systems = |wanted: &dyn Fn(&BatchJob) -> bool| -> Vec<String> {
+            batch.jobs.iter().filter(|job| wanted(job)).map(|job| job.system.to_string()).collect()
+        };
+        let is_degraded = |job: &BatchJob| {
+            let entry = service.params.entry(&job.system.to_string());
+            entry.is_some_and(|entry| entry.validated().is_some_and(|served| served.status == Status::Degraded))
+        };
+        let improved = systems(&|job| job.outcome == Some(Outcome::Accepted));
+        let degraded = systems(&is_degraded);
+        let refused = |job: &&BatchJob| job.outcome == Some(Outcome::Rejected) || job.state == JobState::Failed;
+        let why = |job: &BatchJob| job.summary.clone().or(job.error.as_ref().map(|error| error.detail.clone()));
+        let refusal = |job: &BatchJob| Refusal { system: job.system.to_string(), why: why(job).unwrap_or_default() };
+        let rejected: Vec<Refusal> = batch.jobs.iter().filter(refused).map(refusal).collect();
+        let summary = sentence(&counts, batch.jobs.len(), batch.skipped.len());
+        let row = |job: BatchJob| BatchRow {
             system: job.system.to_string(),
-            why: job.summary.or(job.error.map(|error| error.detail)),
+            why: why(&job),
+            error_ratio: job.error_ratio,
             job: job.job,
             state: job.state,
             outcome: job.outcome,
@@ -84,6 +138,10 @@ impl BatchAnswer {
             kind: "recalibrate",
             finished: batch.jobs.iter().all(|job| job.state.is_final()),
             counts,
+            summary,
+            improved,
+            rejected,
+            degraded,
             jobs: batch.jobs.into_iter().map(row).collect(),
             id: batch.id,
             schedule: batch.schedule,
@@ -94,9 +152,42 @@ impl BatchAnswer {
     }
 }
 
+/// The report in words.
+fn sentence(counts: &BTreeMap<&'static str, usize>, jobs: usize, skipped: usize) -> String {
+    let known = [
+        (Outcome::Accepted.word(), "have new parameters"),
+        (Outcome::Unchanged.word(), "were good already"),
+        (Outcome::Suggested.word(), "have a fit that waits for an operator's word"),
+        (Outcome::Held.word(), "have a fit that the gate holds"),
+        (Outcome::Rejected.word(), "had their fit refused"),
+        (JobState::Failed.word(), "got no fit"),
+        (JobState::Cancelled.word(), "were called off"),
+        (JobState::Running.word(), "are being fitted"),
+        (JobState::Queued.word(), "wait"),
+    ];
+    let parts: Vec<String> = known.iter().filter_map(|(word, text)| counts.get(word).map(|count| format!("{count} {text}"))).collect();
+    let left_out = if skipped == 0 { String::new() } else { format!("; {skipped} left out") };
+    format!("of {jobs} systems {}{left_out}", if parts.is_empty() { "none was selected".to_owned() } else { parts.join(", ") })
+}
+
+/// Batches, newest first.
+#[utoipa::path(get, path = "/batches", tag = "jobs", params(PageQuery), responses((status = 200, body = Page<BatchListRow>), Problems))]
+async fn list_batches(State(service): State<Shared>, Asked(page): Asked<PageQuery>) -> Result<axum::Json<Page<BatchListRow>>, ApiError> {
+    let size = page.size()?;
+    let records = store::batches::page(&service.store, page.before()?, size + 1).await?;
+    let row = |record: BatchSummary| BatchListRow {
+        id: record.id,
+        schedule: record.schedule,
+        jobs: record.jobs,
+        finished: record.unfinished == 0,
+        created_at: record.created_at,
+    };
+    Ok(axum::Json(Page::of(records, size, |record| record.sequence.to_string(), row)))
+}
+
 /// One batch.
 #[utoipa::path(get, path = "/batches/{id}", tag = "jobs", params(("id" = String, Path)), responses((status = 200, body = BatchAnswer), Problems))]
 async fn get_batch(State(service): State<Shared>, Path(id): Path<String>) -> Result<axum::Json<BatchAnswer>, ApiError> {
     let batch = store::batches::get(&service.store, &id).await?.ok_or(ApiError::NotFound("batch", id))?;
-    Ok(axum::Json(BatchAnswer::of(batch)))
+    Ok(axum::Json(BatchAnswer::of(&service, batch)))
 }

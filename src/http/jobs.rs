@@ -278,7 +278,7 @@ pub async fn batch_answer(service: &Service, submitted: SubmittedBatch) -> Resul
     };
     let batch = store::batches::get(&service.store, &id).await?.ok_or(ApiError::NotFound("batch", id))?;
     let location = format!("/batches/{}", batch.id);
-    Ok(answer(status, location, replayed, axum::Json(BatchAnswer::of(batch))))
+    Ok(answer(status, location, replayed, axum::Json(BatchAnswer::of(service, batch))))
 }
 
 fn answer(status: StatusCode, location: String, replayed: bool, body: impl IntoResponse) -> Response {

@@ -1,8 +1,9 @@
 //! When systems are recalibrated.
 
 use super::Shared;
-use super::extract::{Empty, Json};
+use super::extract::{Asked, Empty, Json};
 use super::jobs::batch_answer;
+use super::page::{Page, PageQuery};
 use super::problem::{ApiError, Problems};
 use crate::fault::Fault;
 use crate::jobs::schedule::{self, ScheduleDocument, Ticks};
@@ -24,7 +25,10 @@ const SHOWN_TICKS: usize = 3;
 
 /// The paths of this file.
 pub fn router() -> OpenApiRouter<Shared> {
-    OpenApiRouter::new().routes(routes!(get_schedule, put_schedule)).routes(routes!(run_schedule))
+    OpenApiRouter::new()
+        .routes(routes!(list_schedules))
+        .routes(routes!(get_schedule, put_schedule, delete_schedule))
+        .routes(routes!(run_schedule))
 }
 
 /// When what is submitted.
@@ -135,6 +139,38 @@ async fn put_schedule(State(service): State<Shared>, Path(name): Path<String>, b
     })?;
     let answer = ScheduleAnswer::of(require(&service, &name).await?);
     Ok((if is_new { StatusCode::CREATED } else { StatusCode::OK }, axum::Json(answer)).into_response())
+}
+
+/// All schedules, by name.
+#[utoipa::path(get, path = "/schedules", tag = "schedules", params(PageQuery), responses((status = 200, body = Page<ScheduleAnswer>), Problems))]
+async fn list_schedules(
+    State(service): State<Shared>,
+    Asked(page): Asked<PageQuery>,
+) -> Result<axum::Json<Page<ScheduleAnswer>>, ApiError> {
+    let size = page.size()?;
+    let after = page.page_token.unwrap_or_default();
+    let left: Vec<ScheduleRecord> = store::schedules::all(&service.store).await?.into_iter().filter(|record| record.name > after).collect();
+    Ok(axum::Json(Page::of(left, size, |record| record.name.clone(), ScheduleAnswer::of)))
+}
+
+/// Removes a schedule; what it has submitted stays. The nightly one can be disabled, not removed.
+#[utoipa::path(
+    delete,
+    path = "/schedules/{name}",
+    tag = "schedules",
+    params(("name" = String, Path, example = "nightly")),
+    responses((status = 204, description = "It is gone"), Problems)
+)]
+async fn delete_schedule(State(service): State<Shared>, Path(name): Path<String>, _body: Empty) -> Result<StatusCode, ApiError> {
+    if name == schedule::NIGHTLY {
+        let detail = "the nightly schedule is part of the service: put it with `\"enabled\": false` instead".to_owned();
+        return Err(ApiError::Refused("schedule-not-removable", detail));
+    }
+    if !store::schedules::delete(&service.store, &name).await? {
+        return Err(ApiError::NotFound("schedule", name));
+    }
+    service.wake_schedule.notify_one();
+    Ok(StatusCode::NO_CONTENT)
 }
 
 /// Submits the batch of a schedule now, whatever its pattern says.

@@ -4,6 +4,7 @@ use super::idempotency::{Earlier, KeyState, RequestKey, look_up, remember};
 use super::jobs::{JobFailure, JobState, NewJob, Outcome, SubmitError, submit_in};
 use super::{Store, StoreError, derive_id, from_json, instant, millis, next, parse, to_json};
 use crate::data::SystemId;
+use crate::estimate::validate::NO_WORSE_THAN_INCUMBENT;
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 use sqlx::{FromRow, SqliteConnection};
@@ -62,6 +63,9 @@ pub struct BatchJob {
     pub fit: Option<String>,
     /// The gate's sentence about the fit.
     pub summary: Option<String>,
+    /// Its forecast error over that of the parameters that were served before, on the same unseen data; `None`
+    /// where there were none to compare with.
+    pub error_ratio: Option<f64>,
     /// Why it failed.
     pub error: Option<JobFailure>,
 }
@@ -92,6 +96,7 @@ struct JobRow {
     outcome: Option<String>,
     fit: Option<String>,
     summary: Option<String>,
+    error_ratio: Option<f64>,
     error: Option<String>,
 }
 
@@ -105,6 +110,7 @@ impl JobRow {
             job: self.id,
             fit: self.fit,
             summary: self.summary,
+            error_ratio: self.error_ratio,
         })
     }
 }
@@ -175,9 +181,10 @@ pub async fn get(store: &Store, id: &str) -> Result<Option<BatchRecord>, StoreEr
     let Some(row) = sqlx::query_as::<_, Row>(sql).bind(id).fetch_optional(&store.reader).await? else {
         return Ok(None);
     };
-    let sql = "SELECT j.id, j.system, j.state, j.outcome, j.fit, f.summary, j.error
+    let sql = "SELECT j.id, j.system, j.state, j.outcome, j.fit, f.summary, j.error,
+                   (SELECT c.value ->> 'statistic' FROM json_each(f.checks) c WHERE c.value ->> 'name' = $2) AS error_ratio
                FROM batch_jobs b JOIN jobs j ON j.id = b.job LEFT JOIN fits f ON f.id = j.fit WHERE b.batch = $1 ORDER BY j.sequence";
-    let jobs: Vec<JobRow> = sqlx::query_as(sql).bind(id).fetch_all(&store.reader).await?;
+    let jobs: Vec<JobRow> = sqlx::query_as(sql).bind(id).bind(NO_WORSE_THAN_INCUMBENT).fetch_all(&store.reader).await?;
     Ok(Some(BatchRecord {
         id: row.id,
         schedule: row.schedule,
@@ -186,4 +193,57 @@ pub async fn get(store: &Store, id: &str) -> Result<Option<BatchRecord>, StoreEr
         created_at: instant(row.created_at)?,
         jobs: jobs.into_iter().map(JobRow::record).collect::<Result<_, _>>()?,
     }))
+}
+
+/// Batches submitted before a sequence number, newest first, without their jobs: one page of a list.
+///
+/// # Errors
+/// Where the database fails.
+pub async fn page(store: &Store, before: i64, limit: i64) -> Result<Vec<BatchSummary>, StoreError> {
+    let sql = "SELECT b.id, b.sequence, b.schedule, b.created_at, COUNT(j.id) AS jobs,
+                   COALESCE(SUM(j.state IN ('queued', 'running')), 0) AS unfinished
+               FROM batches b LEFT JOIN batch_jobs l ON l.batch = b.id LEFT JOIN jobs j ON j.id = l.job
+               WHERE b.sequence < $1 GROUP BY b.id ORDER BY b.sequence DESC LIMIT $2";
+    let rows: Vec<SummaryRow> = sqlx::query_as(sql).bind(before).bind(limit).fetch_all(&store.reader).await?;
+    rows.into_iter().map(SummaryRow::record).collect()
+}
+
+/// A batch as it is listed.
+#[derive(Debug, Clone, PartialEq)]
+pub struct BatchSummary {
+    /// Its id.
+    pub id: String,
+    /// The order of submission.
+    pub sequence: i64,
+    /// The schedule that submitted it.
+    pub schedule: Option<String>,
+    /// When.
+    pub created_at: Timestamp,
+    /// How many jobs it has.
+    pub jobs: i64,
+    /// How many of them have not ended.
+    pub unfinished: i64,
+}
+
+#[derive(FromRow)]
+struct SummaryRow {
+    id: String,
+    sequence: i64,
+    schedule: Option<String>,
+    created_at: i64,
+    jobs: i64,
+    unfinished: i64,
+}
+
+impl SummaryRow {
+    fn record(self) -> Result<BatchSummary, StoreError> {
+        Ok(BatchSummary {
+            created_at: instant(self.created_at)?,
+            id: self.id,
+            sequence: self.sequence,
+            schedule: self.schedule,
+            jobs: self.jobs,
+            unfinished: self.unfinished,
+        })
+    }
 }

@@ -108,6 +108,15 @@ pub async fn put(store: &Store, new: &NewSchedule<'_>, now: Timestamp) -> Result
     Ok(known.is_none())
 }
 
+/// Removes a schedule; says whether there was one.
+///
+/// # Errors
+/// Where the database fails.
+pub async fn delete(store: &Store, name: &str) -> Result<bool, StoreError> {
+    let done = sqlx::query("DELETE FROM schedules WHERE name = $1").bind(name).execute(&store.writer).await?;
+    Ok(done.rows_affected() > 0)
+}
+
 /// One schedule.
 ///
 /// # Errors

@@ -30,7 +30,9 @@ fn the_nightly_schedule_is_there_and_runs_on_demand() {
     assert_eq!(skipped, ["room/3", "room/4"]);
     let report = app.until(answer.header("location"), |batch| batch["finished"] == true);
     assert_eq!(report["counts"], json!({"accepted": 2}), "{report}");
-    assert!(report["jobs"][0]["why"].is_string());
+    assert!(report["jobs"][0]["why"].is_string() && report["jobs"][0]["error_ratio"].is_null());
+    assert_eq!((&report["improved"], &report["rejected"]), (&json!(["room/1", "room/2"]), &json!([])));
+    assert_eq!(report["summary"], "of 2 systems 2 have new parameters; 2 left out");
     let job = app.get(&format!("/jobs/{}", report["jobs"][0]["job"].as_str().unwrap())).json();
     assert_eq!((job["origin"].as_str(), job["kind"].as_str()), (Some("scheduled"), Some("estimate")));
     assert_eq!(app.get("/params/room/2").expect(200).json()["status"], "fresh");
@@ -55,4 +57,43 @@ fn a_tick_submits_one_batch_and_none_while_it_runs() {
     assert_eq!(app.get(&format!("/jobs/{job}")).json()["priority"], "nightly");
     app.post(&format!("/jobs/{job}/cancel")).expect(200);
     app.ended(job);
+}
+
+#[test]
+fn a_report_says_who_improved_by_how_much_and_who_was_refused_and_why() {
+    let app = TestApp::start();
+    app.room("1", 1);
+    app.room("2", 2);
+    app.ended(&app.estimate("room/1", json!({})));
+    let quick =
+        json!({"method": {"name": "lm_multistart"}, "budget": {"evaluations": 600}, "split": {"train": "P9D", "validation": "P5D"}});
+    let mut body = quick.as_object().unwrap().clone();
+    body.extend(json!({"kind": "recalibrate", "systems": ["room/*"], "fixed": {"alpha_a": 14.0}}).as_object().unwrap().clone());
+    let first = app.json("POST", "/jobs", &body.into()).expect(202).json();
+    let report = app.until(&format!("/batches/{}", first["id"].as_str().unwrap()), |batch| batch["finished"] == true);
+    assert_eq!(report["counts"], json!({"accepted": 1, "rejected": 1}), "{report}");
+    assert_eq!((&report["improved"], report["rejected"][0]["system"].as_str()), (&json!(["room/2"]), Some("room/1")));
+    assert!(report["rejected"][0]["why"].as_str().unwrap().starts_with("rejected by "), "{report}");
+    // Only the room with an incumbent can say how much worse the new parameters would have been.
+    assert!(report["jobs"][0]["error_ratio"].as_f64().unwrap() > 1.1 && report["jobs"][1]["error_ratio"].is_null(), "{report}");
+    let list = app.get("/batches").expect(200).json();
+    assert_eq!(
+        (&list["items"][0]["id"], &list["items"][0]["jobs"], &list["items"][0]["finished"]),
+        (&first["id"], &json!(2), &json!(true))
+    );
+}
+
+#[test]
+fn there_are_several_schedules_and_all_but_the_nightly_one_can_go() {
+    let app = TestApp::start();
+    app.json("PUT", "/schedules/weekly", &json!({"cron": "0 5 * * 1", "zone": "Europe/Copenhagen", "systems": ["room/*"]})).expect(201);
+    let names = |path: &str| -> Vec<String> {
+        let page = app.get(path).expect(200).json();
+        page["items"].as_array().unwrap().iter().map(|row| row["name"].as_str().unwrap().to_owned()).collect()
+    };
+    assert_eq!(names("/schedules"), ["nightly", "weekly"]);
+    assert_eq!(names("/schedules?page_size=1&page_token=nightly"), ["weekly"]);
+    app.send("DELETE", "/schedules/nightly", &[], None).unwrap().problem(409, "schedule-not-removable");
+    app.send("DELETE", "/schedules/weekly", &[], None).unwrap().expect(204);
+    app.send("DELETE", "/schedules/weekly", &[], None).unwrap().problem(404, "schedule-not-found");
 }
