@@ -2,6 +2,7 @@
 
 use crate::http;
 use crate::jobs::board::Board;
+use crate::jobs::interactive::Interactive;
 use crate::jobs::models::SharedCatalogue;
 use crate::jobs::params::{self, Snapshot};
 use crate::jobs::{JobsError, Service, now, schedule, worker};
@@ -118,6 +119,7 @@ impl App {
         let service = Arc::new(Service {
             catalogue: SharedCatalogue::load(&store, builtin).await?,
             board: Board::default(),
+            interactive: Interactive::new(threads(&settings)).map_err(AppError::Threads)?,
             params: Snapshot::default(),
             wake: Notify::new(),
             wake_schedule: Notify::new(),

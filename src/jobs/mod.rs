@@ -10,6 +10,7 @@
 //! | `request`, `submit` | what a job is asked to do, and how it enters the queue |
 //! | `board` | who runs now: progress, cancellation, listeners |
 //! | `worker`, `input`, `estimate` | from the claim to the verdict |
+//! | `interactive` | short CPU work that somebody waits for: first in line, bounded, kept |
 //! | `params` | the snapshot behind `/params` and the timer that turns it stale |
 //! | `schedule` | submits ordinary jobs when a row says so |
 
@@ -17,6 +18,7 @@ pub mod board;
 pub mod decode;
 pub mod estimate;
 pub mod input;
+pub mod interactive;
 pub mod models;
 pub mod params;
 pub mod request;
@@ -45,6 +47,8 @@ pub struct Service {
     pub catalogue: models::SharedCatalogue,
     /// Who runs now.
     pub board: board::Board,
+    /// Short CPU work that somebody waits for.
+    pub interactive: interactive::Interactive,
     /// What `/params` serves.
     pub params: params::Snapshot,
     /// The number of this start.
@@ -74,6 +78,8 @@ pub enum JobsError {
     KeyReused,
     /// So many jobs wait already.
     QueueFull(i64),
+    /// Too many answers are being computed already.
+    Busy,
     /// The database failed.
     Store(StoreError),
     /// Something that cannot happen did.
@@ -89,6 +95,7 @@ impl std::fmt::Display for JobsError {
             JobsError::Conflict(what, which) => write!(f, "there is another {what} `{which}`"),
             JobsError::KeyReused => f.write_str("the idempotency key was used for another request"),
             JobsError::QueueFull(limit) => write!(f, "{limit} jobs wait already"),
+            JobsError::Busy => f.write_str("too many answers are being computed already"),
             JobsError::Store(error) => error.fmt(f),
             JobsError::Internal(detail) => f.write_str(detail),
         }
