@@ -3,6 +3,7 @@
 use crate::http;
 use crate::jobs::board::Board;
 use crate::jobs::degradations::{self, Arrivals};
+use crate::jobs::interactive::Interactive;
 use crate::jobs::models::SharedCatalogue;
 use crate::jobs::params::{self, Snapshot};
 use crate::jobs::{JobsError, Service, now, schedule, worker};
@@ -119,6 +120,7 @@ impl App {
         let service = Arc::new(Service {
             catalogue: SharedCatalogue::load(&store, builtin).await?,
             board: Board::default(),
+            interactive: Interactive::new(threads(&settings)).map_err(AppError::Threads)?,
             params: Snapshot::default(),
             arrivals: Arrivals::default(),
             wake: Notify::new(),

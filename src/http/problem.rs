@@ -92,6 +92,8 @@ pub enum ApiError {
     KeyReused,
     /// So many jobs wait already.
     QueueFull(i64),
+    /// Too many answers are being computed already.
+    Busy,
     /// The database cannot do it now.
     Storage(StoreError),
     /// It took too long.
@@ -109,6 +111,7 @@ impl From<JobsError> for ApiError {
             JobsError::Conflict(what, which) => ApiError::Conflict(what, which),
             JobsError::KeyReused => ApiError::KeyReused,
             JobsError::QueueFull(limit) => ApiError::QueueFull(limit),
+            JobsError::Busy => ApiError::Busy,
             JobsError::Store(error) => ApiError::Storage(error),
             JobsError::Internal(detail) => ApiError::Internal(detail),
         }
@@ -201,6 +204,10 @@ impl ApiError {
             ApiError::QueueFull(limit) => {
                 plain(StatusCode::TOO_MANY_REQUESTS, "queue-full", "The queue is full", format!("{limit} jobs wait already"))
             }
+            ApiError::Busy => {
+                let detail = "too many answers are being computed already; nothing was started".into();
+                plain(StatusCode::SERVICE_UNAVAILABLE, "busy", "Too much is asked at once", detail)
+            }
             ApiError::Storage(_) => {
                 let detail = "the database cannot do this now; what is served stays served".into();
                 plain(StatusCode::SERVICE_UNAVAILABLE, "storage-unavailable", "The database is unavailable", detail)
@@ -220,7 +227,7 @@ impl ApiError {
     /// Seconds after which it may be worth asking again.
     fn retry_after(&self) -> Option<u32> {
         match self {
-            ApiError::NeverValidated { pending: true, .. } => Some(2),
+            ApiError::NeverValidated { pending: true, .. } | ApiError::Busy => Some(2),
             ApiError::QueueFull(_) => Some(10),
             ApiError::Storage(_) | ApiError::TimedOut => Some(5),
             _ => None,

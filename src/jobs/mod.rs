@@ -10,6 +10,7 @@
 //! | `request`, `submit` | what a job is asked to do, and how it enters the queue |
 //! | `board` | who runs now: progress, cancellation, listeners |
 //! | `worker`, `input`, `estimate` | from the claim to the verdict |
+//! | `interactive` | short CPU work that somebody waits for: first in line, bounded, kept |
 //! | `params` | the snapshot behind `/params` and the timer that turns it stale |
 //! | `decisions` | an operator's word: promote, reject, pin, roll back |
 //! | `degradations` | compares newer measurements with what is served |
@@ -21,6 +22,7 @@ pub mod decode;
 pub mod degradations;
 pub mod estimate;
 pub mod input;
+pub mod interactive;
 pub mod models;
 pub mod params;
 pub mod request;
@@ -49,6 +51,8 @@ pub struct Service {
     pub catalogue: models::SharedCatalogue,
     /// Who runs now.
     pub board: board::Board,
+    /// Short CPU work that somebody waits for.
+    pub interactive: interactive::Interactive,
     /// What `/params` serves.
     pub params: params::Snapshot,
     /// Systems of which measurements have arrived.
@@ -80,6 +84,8 @@ pub enum JobsError {
     KeyReused,
     /// So many jobs wait already.
     QueueFull(i64),
+    /// Too many answers are being computed already.
+    Busy,
     /// The database failed.
     Store(StoreError),
     /// Something that cannot happen did.
@@ -95,6 +101,7 @@ impl std::fmt::Display for JobsError {
             JobsError::Conflict(what, which) => write!(f, "there is another {what} `{which}`"),
             JobsError::KeyReused => f.write_str("the idempotency key was used for another request"),
             JobsError::QueueFull(limit) => write!(f, "{limit} jobs wait already"),
+            JobsError::Busy => f.write_str("too many answers are being computed already"),
             JobsError::Store(error) => error.fmt(f),
             JobsError::Internal(detail) => f.write_str(detail),
         }

@@ -35,13 +35,21 @@ const STACK: usize = 8 << 20;
 /// # Errors
 /// Where the system gives none.
 pub fn pool(threads: usize, worker: usize) -> Result<ThreadPool, ThreadPoolBuildError> {
+    nice_pool(threads, format!("job-{worker}"), NICENESS)
+}
+
+/// Threads that leave the CPU to the handlers; the nicer they are, the more so.
+///
+/// # Errors
+/// Where the system gives none.
+pub(super) fn nice_pool(threads: usize, name: String, niceness: i32) -> Result<ThreadPool, ThreadPoolBuildError> {
     ThreadPoolBuilder::new()
         .num_threads(threads)
         .stack_size(STACK)
-        .thread_name(move |thread| format!("job-{worker}-{thread}"))
-        .start_handler(|_| {
-            // On Linux this is the niceness of the calling thread alone. Without the right to set it jobs still run.
-            let _ = rustix::process::nice(NICENESS);
+        .thread_name(move |thread| format!("{name}-{thread}"))
+        .start_handler(move |_| {
+            // On Linux this is the niceness of the calling thread alone. Without the right to set it work still runs.
+            let _ = rustix::process::nice(niceness);
         })
         .build()
 }
