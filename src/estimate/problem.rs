@@ -86,9 +86,6 @@ impl Problem {
                 )),
             }
         }
-        if measured.iter().any(|(_, valid)| split.train.clone().filter(|k| valid[*k]).count() < 10) {
-            faults.push(Fault::new("/window", "too-short", "the training part has fewer than ten valid measurements"));
-        }
         let inputs = match Inputs::new(&model, &grid) {
             Ok(inputs) if faults.is_empty() => inputs,
             Ok(_) => return Err(faults),
@@ -115,6 +112,10 @@ impl Problem {
             bounds: Vec::new(),
             source,
         };
+        if (0..problem.measured.len()).any(|output| problem.usable(output, problem.split.train.clone()).len() < 10) {
+            let detail = "the training part has fewer than ten valid measurements with known inputs";
+            return Err(vec![Fault::new("/window", "too-short", detail)]);
+        }
         problem.choose(choices)?;
         Ok(problem)
     }
@@ -131,6 +132,15 @@ impl Problem {
                 let detail = format!("[{lower}, {upper}] is not an interval on the scale of `{}`", parameter.name);
                 faults.push(Fault::new(format!("/bounds/{}", parameter.name), "bounds", detail));
                 continue;
+            }
+            // A window brings as much past along as the model declares.
+            let values = choices.fixed.get(&parameter.name).map_or([lower, upper], |value| [*value, *value]);
+            if let Some(delay) = self.model.delays().iter().find(|delay| delay.parameter == Some(index))
+                && !(values[0] >= 0.0 && values[1] <= delay.longest)
+            {
+                let field = if choices.fixed.contains_key(&parameter.name) { "fixed" } else { "bounds" };
+                let detail = format!("`{}` delays an input: the model allows 0 to {} h", parameter.name, delay.longest);
+                faults.push(Fault::new(format!("/{field}/{}", parameter.name), "bounds", detail));
             }
             let nominal = match &parameter.nominal {
                 Nominal::Value(value) => *value,

@@ -5,6 +5,7 @@ use crate::data::{DEFAULT_MAX_GAP_STEPS, Duration, GridRequest, Split, SplitRequ
 use crate::fault::Fault;
 use crate::model::{Bindings, Catalogue, Hold, ModelId, compile};
 use crate::optimise::Method;
+use crate::simulate::drive::samples_back;
 use indexmap::IndexMap;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
@@ -180,9 +181,11 @@ pub fn prepare(
         grid = crate::data::add_sun(grid, latitude, longitude).map_err(|fault| vec![fault])?;
     }
     let split = Split::new(grid.len(), grid.step(), &request.split).map_err(|fault| vec![fault])?;
-    // A longer record gives its newest part, and the simulation starts where that part does.
-    let first = split.train.start;
-    let grid = grid.slice(split.all());
+    // A longer record gives its newest part, and the simulation starts where that part does; what the model
+    // delays needs as much past before it, where the record has it.
+    let past = (0..model.inputs().len()).map(|input| samples_back(model.longest_delay(input), grid.step_hours())).max().unwrap_or(0);
+    let first = split.train.start.saturating_sub(past);
+    let grid = grid.slice(first..split.all().end);
     let moved = |range: std::ops::Range<usize>| range.start - first..range.end - first;
     let split = Split { train: moved(split.train), validation: moved(split.validation), test: moved(split.test) };
     let choices =

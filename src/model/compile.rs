@@ -1,8 +1,9 @@
 //! A composition and its bindings become a [`Model`]: the only way to make one.
 
 use super::catalogue::{AppliedEffect, Composition};
-use super::derivative::derivative;
+use super::derivative::{derivative, time_derivative};
 use super::expr::{Graph, Node, NodeId, Point};
+use super::functions::{MAX_DELAY, delays};
 use super::lower::{Lowering, Symbol, Value};
 use super::parse::{declaration, is_name};
 use super::spec::{Hold, InputSpec, Nominal, ParameterSpec, Scale};
@@ -303,15 +304,21 @@ impl Builder {
         let source = self.lowering.graph;
         let roots: Vec<NodeId> = rhs.iter().chain(outputs.values()).map(|value| value.node).collect();
         let used = source.reachable(&roots);
-        let used_leaf = |wanted: Node| source.nodes().iter().zip(&used).any(|(node, used)| *used && *node == wanted);
-        let keep_input: Vec<bool> = (0..self.inputs.len()).map(|i| used_leaf(Node::Input(i as u16, Point::Start))).collect();
-        let keep_parameter: Vec<bool> =
-            (0..self.parameters.len()).map(|i| used_leaf(Node::Param(i as u16)) || initials.contains(&Initial::Parameter(i))).collect();
+        let mut keep_input = vec![false; self.inputs.len()];
+        let mut keep_parameter: Vec<bool> = (0..self.parameters.len()).map(|i| initials.contains(&Initial::Parameter(i))).collect();
+        for (node, _) in source.nodes().iter().zip(&used).filter(|(_, used)| **used) {
+            match node {
+                Node::Input(i, _) | Node::Delayed(i, ..) => keep_input[usize::from(*i)] = true,
+                Node::Param(i) => keep_parameter[usize::from(*i)] = true,
+                _ => {}
+            }
+        }
         let rank = |keep: &[bool], i: usize| keep[..i].iter().filter(|kept| **kept).count();
         let mut graph = Graph::default();
         let roots = graph.import(&source, &roots, |graph, leaf| {
             graph.intern(match leaf {
                 Node::Input(i, point) => Node::Input(rank(&keep_input, usize::from(i)) as u16, point),
+                Node::Delayed(i, point, hours) => Node::Delayed(rank(&keep_input, usize::from(i)) as u16, point, hours),
                 Node::Param(i) => Node::Param(rank(&keep_parameter, usize::from(i)) as u16),
                 other => other,
             })
@@ -319,6 +326,14 @@ impl Builder {
         let inputs: Vec<Input> = self.inputs.into_iter().zip(&keep_input).filter(|(_, keep)| **keep).map(|(input, _)| input).collect();
         let parameters: Vec<Parameter> =
             self.parameters.into_iter().zip(&keep_parameter).filter(|(_, keep)| **keep).map(|(parameter, _)| parameter).collect();
+        let delays = delays(&graph, &parameters);
+        let too_long = delays.iter().filter(|delay| delay.longest > MAX_DELAY).filter_map(|delay| parameters.get(delay.parameter?));
+        let faults: Vec<Fault> = too_long
+            .map(|parameter| Fault::new(format!("/parameters/{}", parameter.name), "limit", format!("a delay is at most {MAX_DELAY} h")))
+            .collect();
+        if !faults.is_empty() {
+            return Err(faults);
+        }
         let (rhs, output_nodes) = roots.split_at(composition.spec.states.len());
         let rhs = rhs.to_vec();
         let jacobian: Vec<Vec<NodeId>> =
@@ -371,18 +386,7 @@ impl Builder {
             rhs,
             jacobian,
             rate,
+            delays,
         })
     }
-}
-
-/// The explicit time derivative of an equation: its linear-hold inputs move along their slopes.
-fn time_derivative(graph: &mut Graph, f: NodeId, inputs: &[Input]) -> NodeId {
-    let mut total = graph.constant(0.0);
-    for (i, _) in inputs.iter().enumerate().filter(|(_, input)| input.hold == Hold::Linear) {
-        let by_input = derivative(graph, f, Node::Input(i as u16, Point::Start));
-        let slope = graph.intern(Node::Slope(i as u16));
-        let term = graph.mul(by_input, slope);
-        total = graph.add(total, term);
-    }
-    total
 }
