@@ -2,6 +2,7 @@
 
 use crate::http;
 use crate::jobs::board::Board;
+use crate::jobs::events::{self, Events};
 use crate::jobs::models::SharedCatalogue;
 use crate::jobs::params::{self, Snapshot};
 use crate::jobs::{JobsError, Service, now, schedule, worker};
@@ -118,6 +119,7 @@ impl App {
         let service = Arc::new(Service {
             catalogue: SharedCatalogue::load(&store, builtin).await?,
             board: Board::default(),
+            events: Events::new(boot, store::events::newest(&store).await?),
             params: Snapshot::default(),
             wake: Notify::new(),
             wake_schedule: Notify::new(),
@@ -138,6 +140,7 @@ impl App {
             let pool = worker::pool(threads(&service.settings), index).map_err(AppError::Threads)?;
             tasks.spawn(worker::run(service.clone(), pool));
         }
+        tasks.spawn(events::follow(service.clone()));
         tasks.spawn(params::keep_fresh(service.clone()));
         tasks.spawn(schedule::run(service.clone()));
         let mut stopping = service.stopping.subscribe();

@@ -8,7 +8,8 @@
 //! | `decode` | JSON with all its faults |
 //! | `systems`, `models`, `windows` | documents and measurements: checked here, kept by the store |
 //! | `request`, `submit` | what a job is asked to do, and how it enters the queue |
-//! | `board` | who runs now: progress, cancellation, listeners |
+//! | `board` | who runs now: progress, cancellation |
+//! | `events` | what happens to jobs, for those who listen |
 //! | `worker`, `input`, `estimate` | from the claim to the verdict |
 //! | `params` | the snapshot behind `/params` and the timer that turns it stale |
 //! | `schedule` | submits ordinary jobs when a row says so |
@@ -16,6 +17,7 @@
 pub mod board;
 pub mod decode;
 pub mod estimate;
+pub mod events;
 pub mod input;
 pub mod models;
 pub mod params;
@@ -45,6 +47,8 @@ pub struct Service {
     pub catalogue: models::SharedCatalogue,
     /// Who runs now.
     pub board: board::Board,
+    /// What happens to jobs.
+    pub events: events::Events,
     /// What `/params` serves.
     pub params: params::Snapshot,
     /// The number of this start.
