@@ -3,6 +3,7 @@
 use crate::http;
 use crate::jobs::board::Board;
 use crate::jobs::degradations::{self, Arrivals};
+use crate::jobs::events::{self, Events};
 use crate::jobs::interactive::Interactive;
 use crate::jobs::models::SharedCatalogue;
 use crate::jobs::params::{self, Snapshot};
@@ -121,6 +122,7 @@ impl App {
             catalogue: SharedCatalogue::load(&store, builtin).await?,
             board: Board::default(),
             interactive: Interactive::new(threads(&settings)).map_err(AppError::Threads)?,
+            events: Events::new(boot, store::events::newest(&store).await?),
             params: Snapshot::default(),
             arrivals: Arrivals::default(),
             wake: Notify::new(),
@@ -144,6 +146,7 @@ impl App {
         }
         let spare = worker::pool(1, service.settings.workers).map_err(AppError::Threads)?;
         tasks.spawn(degradations::run(service.clone(), spare));
+        tasks.spawn(events::follow(service.clone()));
         tasks.spawn(params::keep_fresh(service.clone()));
         tasks.spawn(schedule::run(service.clone()));
         let mut stopping = service.stopping.subscribe();

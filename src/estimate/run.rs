@@ -13,6 +13,7 @@ use crate::optimise::multistart::LmOptions;
 use crate::optimise::{Ask, Candidate, Cost, Ended, Evaluation, Search};
 use indexmap::IndexMap;
 use std::ops::Range;
+use std::sync::Arc;
 
 /// A parameter this close to a bound, as a share of the interval on its scale, sits on it.
 pub const AT_BOUND: f64 = 0.01;
@@ -24,7 +25,7 @@ const DISCRETISATION_LIMIT: f64 = 0.02;
 const POLISH_EVALUATIONS: usize = 1500;
 
 /// How far a search has come.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct Progress {
     /// Generations or restarts completed.
     pub generation: usize,
@@ -34,6 +35,8 @@ pub struct Progress {
     pub best_train: Option<f64>,
     /// Free-run RMSE of the best candidate on the validation part.
     pub best_validation: Option<f64>,
+    /// The best parameters so far, by name; another one with every improvement.
+    pub incumbent: Option<Arc<IndexMap<String, f64>>>,
 }
 
 /// Why somebody outside stops a search.
@@ -183,7 +186,10 @@ fn drive(problem: &Problem, method: &Method, search: Search, control: &Control) 
         {
             progress.best_train = Some(cost);
             trace.push(TracePoint { evaluations: progress.evaluations, best: cost });
-            progress.best_validation = validation_rmse(problem, &problem.theta(best));
+            let theta = problem.theta(best);
+            progress.best_validation = validation_rmse(problem, &theta);
+            let names = problem.model().parameters().iter().map(|parameter| parameter.name.clone());
+            progress.incumbent = Some(Arc::new(names.zip(theta).collect()));
         }
         (control.progress)(&progress);
     };

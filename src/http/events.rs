@@ -1,125 +1,318 @@
-//! The events of a job as they happen: `queued`, `started`, `progress` and `finished`.
+//! What happens to jobs, as server-sent events: `queued`, `started`, `progress`, `incumbent`, `finished`.
 //!
-//! Every event has an id that says where the job stood, so a client that comes back with `Last-Event-ID` is
-//! told only what it has missed. Progress comes at most four times a second, and always the newest.
+//! Every event has an id. A client that comes back with it (`Last-Event-ID`) is told what it has missed; where the
+//! log no longer knows, also after a restart of the service, it is told how things stand: which jobs wait and run,
+//! and every end since. No end is lost; around a return an event may come twice.
 
 use super::Shared;
-use super::jobs::{JobAnswer, ProgressAnswer, budget, require};
+use super::extract::Asked;
+use super::jobs::{JobAnswer, require};
 use super::problem::{ApiError, Problems};
-use crate::jobs::board::Stage;
+use crate::data::SystemId;
+use crate::fault::Fault;
+use crate::jobs::board::Report;
+use crate::jobs::events::{Event as Happening, Position, What};
+use crate::store;
+use crate::store::events::Missed;
 use crate::store::jobs::{JobRecord, JobState};
 use axum::extract::{Path, State};
 use axum::http::{HeaderMap, StatusCode};
 use axum::response::sse::{Event, KeepAlive, Sse};
 use axum::response::{IntoResponse, Response};
-use serde::Serialize;
+use indexmap::IndexMap;
+use serde::{Deserialize, Serialize};
 use std::convert::Infallible;
 use std::time::Duration;
-use tokio::sync::mpsc;
+use tokio::sync::{mpsc, watch};
 use tokio_stream::wrappers::ReceiverStream;
+use utoipa::IntoParams;
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
-/// The pause between two looks at the board.
-const PACE: Duration = Duration::from_millis(250);
 /// A comment this often keeps proxies from closing an idle stream.
 const KEEP_ALIVE: Duration = Duration::from_secs(15);
-/// The id of the last event of every job.
-const FINISHED: &str = "finished";
+/// What a client is asked to wait before it comes back.
+const RETRY: Duration = Duration::from_secs(1);
+/// Events that may wait for a slow client; the rest stays in the log.
+const AHEAD: usize = 16;
+/// Jobs that are read from the database at once.
+const CHUNK: i64 = 200;
 
 /// The paths of this file.
 pub fn router() -> OpenApiRouter<Shared> {
-    OpenApiRouter::new().routes(routes!(get_events))
+    OpenApiRouter::new().routes(routes!(get_job_events)).routes(routes!(get_events))
 }
 
-/// The events of a job: `queued`, `started`, `progress` at most four times a second, `finished`; then the stream ends.
+/// Where a stream of one job begins.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+struct JobEventsQuery {
+    /// As `Last-Event-ID`, which wins, for clients that cannot set a header.
+    last_event_id: Option<String>,
+}
+
+/// Which events, and where they begin.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+struct EventsQuery {
+    /// Only the jobs of this system.
+    #[param(example = "room/4")]
+    system: Option<String>,
+    /// As `Last-Event-ID`, which wins, for clients that cannot set a header.
+    last_event_id: Option<String>,
+}
+
+/// Whose events are told.
+#[derive(Debug)]
+enum Whose {
+    Job(String),
+    System(SystemId),
+    All,
+}
+
+/// One client.
+struct Listener {
+    service: Shared,
+    whose: Whose,
+    sender: mpsc::Sender<Result<Event, Infallible>>,
+    stopping: watch::Receiver<bool>,
+}
+
+/// The data of `progress`.
+#[derive(Debug, Serialize)]
+struct ProgressData<'a> {
+    job: &'a str,
+    system: &'a SystemId,
+    #[serde(flatten)]
+    report: &'a Report,
+}
+
+/// The data of `incumbent`.
+#[derive(Debug, Serialize)]
+struct IncumbentData<'a> {
+    job: &'a str,
+    system: &'a SystemId,
+    parameters: &'a IndexMap<String, f64>,
+}
+
+/// The events of a job until its end; then the stream ends.
+///
+/// `queued`, `started` and `finished` carry the job, `progress` how far it has come, `incumbent` the best parameters so far by name.
+/// Progress and parameters come at most four times a second.
 #[utoipa::path(
     get,
     path = "/jobs/{id}/events",
     tag = "jobs",
-    params(("id" = String, Path), ("Last-Event-ID" = Option<String>, Header, description = "The id of the last event that was seen")),
+    params(
+        ("id" = String, Path),
+        JobEventsQuery,
+        ("Last-Event-ID" = Option<String>, Header, description = "The id of the last event that was seen"),
+    ),
     responses(
         (status = 200, description = "Server-sent events", body = String, content_type = "text/event-stream"),
         (status = 204, description = "The end was seen already: do not come back"),
         Problems,
     )
 )]
-async fn get_events(State(service): State<Shared>, Path(id): Path<String>, headers: HeaderMap) -> Result<Response, ApiError> {
-    let seen = headers.get("last-event-id").and_then(|value| value.to_str().ok()).unwrap_or_default().to_owned();
-    if seen == FINISHED {
-        require(&service, &id).await?;
+async fn get_job_events(
+    State(service): State<Shared>,
+    Path(id): Path<String>,
+    Asked(query): Asked<JobEventsQuery>,
+    headers: HeaderMap,
+) -> Result<Response, ApiError> {
+    let job = require(&service, &id).await?;
+    let last = last_event(&headers, query.last_event_id.as_deref());
+    if last.is_some_and(|last| job.state.is_final() && last.sequence >= job.end_sequence.unwrap_or(0)) {
         return Ok(StatusCode::NO_CONTENT.into_response());
     }
-    let job = require(&service, &id).await?;
-    let (sender, receiver) = mpsc::channel(4);
+    Ok(stream(service, Whose::Job(id), last))
+}
+
+/// The events of all jobs, or of those of one system, as they happen.
+///
+/// The events are those of `/jobs/{id}/events`. A first connection is told which jobs run.
+#[utoipa::path(
+    get,
+    path = "/events",
+    tag = "jobs",
+    params(EventsQuery, ("Last-Event-ID" = Option<String>, Header, description = "The id of the last event that was seen")),
+    responses((status = 200, description = "Server-sent events", body = String, content_type = "text/event-stream"), Problems)
+)]
+async fn get_events(State(service): State<Shared>, Asked(query): Asked<EventsQuery>, headers: HeaderMap) -> Result<Response, ApiError> {
+    let whose = match query.system {
+        None => Whose::All,
+        Some(text) => {
+            let invalid = |detail: String| ApiError::Invalid(vec![Fault::new("query system", "invalid-system", detail)]);
+            let system: SystemId = text.parse().map_err(|error: crate::data::BadSystemId| invalid(error.to_string()))?;
+            if service.params.slot(&text).is_none() {
+                return Err(ApiError::NotFound("system", text));
+            }
+            Whose::System(system)
+        }
+    };
+    let last = last_event(&headers, query.last_event_id.as_deref());
+    Ok(stream(service, whose, last))
+}
+
+/// Where a client left off. An id that this service did not write is none.
+fn last_event(headers: &HeaderMap, query: Option<&str>) -> Option<Position> {
+    let header = headers.get("last-event-id").and_then(|value| value.to_str().ok());
+    header.or(query).and_then(Position::read)
+}
+
+fn stream(service: Shared, whose: Whose, last: Option<Position>) -> Response {
+    let (sender, receiver) = mpsc::channel(AHEAD);
+    let stopping = service.stopping.subscribe();
+    let mut listener = Listener { service, whose, sender, stopping };
     tokio::spawn(async move {
         // The client may go at any time; then there is nobody to tell.
-        let _ = tell(&service, job, &seen, &sender).await;
+        let _ = listener.listen(last).await;
     });
-    Ok(Sse::new(ReceiverStream::new(receiver)).keep_alive(KeepAlive::new().interval(KEEP_ALIVE)).into_response())
+    Sse::new(ReceiverStream::new(receiver)).keep_alive(KeepAlive::new().interval(KEEP_ALIVE)).into_response()
 }
 
-/// Nobody listens any more, or there is nothing left to say.
+/// Nobody listens any more, there is nothing left to say, or the service stops.
 struct Over;
 
-impl<T> From<mpsc::error::SendError<T>> for Over {
-    fn from(_: mpsc::error::SendError<T>) -> Self {
-        Over
-    }
-}
-
-type Sender = mpsc::Sender<Result<Event, Infallible>>;
-
-async fn tell(service: &Shared, job: JobRecord, seen: &str, sender: &Sender) -> Result<(), Over> {
-    // The listener is registered before the job is read, so that an end in between is not missed.
-    let mut stages = service.board.place(&job.id).watch();
-    let mut stopping = service.stopping.subscribe();
-    let mut last_progress = 0;
-    let mut told_attempt =
-        seen.strip_prefix("started-").or(seen.strip_prefix("progress-")).and_then(|rest| rest.split('-').next()?.parse().ok());
-    if seen.is_empty() {
-        send(sender, "queued", "queued".to_owned(), &JobAnswer::of(service, job.clone())).await?;
-    }
-    loop {
-        let job = require(service, &job.id).await.map_err(|_| Over)?;
-        if job.state.is_final() {
-            service.board.end(&job.id);
-            return send(sender, FINISHED, FINISHED.to_owned(), &JobAnswer::of(service, job)).await;
+impl Listener {
+    async fn listen(&mut self, mut last: Option<Position>) -> Result<(), Over> {
+        let mut news = self.service.events.watch();
+        self.send(Event::default().retry(RETRY)).await?;
+        if let (None, Whose::Job(job)) = (last, &self.whose) {
+            last = self.service.events.before(job);
         }
-        if job.state == JobState::Running && told_attempt != Some(job.attempt) {
-            told_attempt = Some(job.attempt);
-            last_progress = 0;
-            send(sender, "started", format!("started-{}", job.attempt), &JobAnswer::of(service, job.clone())).await?;
-        }
-        // As long as the stage stays, only progress can be news, and the database need not be asked.
         loop {
-            tokio::select! {
-                changed = stages.changed() => changed.map_err(|_| Over)?,
-                _ = stopping.wait_for(|stopping| *stopping) => return Ok(()),
-                () = sender.closed() => return Err(Over),
-            }
-            let stage = stages.borrow_and_update().clone();
-            let Some(progress) = ProgressAnswer::of(&stage, budget(&job)) else {
-                break;
+            news.borrow_and_update();
+            let after = last.and_then(|last| self.service.events.after(last, |event| self.wants(event)));
+            let Some(handful) = after else {
+                last = Some(self.tell_state(last).await?);
+                continue;
             };
-            let Stage::Running { lease, progress: Some(reported), .. } = &stage else {
-                break;
-            };
-            if told_attempt != Some(lease.attempt) {
-                break;
+            for event in &handful.events {
+                self.tell(event).await?;
             }
-            if reported.evaluations > last_progress {
-                last_progress = reported.evaluations;
-                send(sender, "progress", format!("progress-{}-{last_progress}", lease.attempt), &progress).await?;
-                tokio::time::sleep(PACE).await;
+            last = Some(handful.position);
+            if handful.is_all {
+                tokio::select! {
+                    changed = news.changed() => changed.map_err(|_| Over)?,
+                    _ = self.stopping.wait_for(|stopping| *stopping) => return Err(Over),
+                    () = self.sender.closed() => return Err(Over),
+                }
             }
+        }
+    }
+
+    fn wants(&self, event: &Happening) -> bool {
+        match &self.whose {
+            Whose::Job(job) => event.job == *job,
+            Whose::System(system) => event.system == *system,
+            Whose::All => true,
+        }
+    }
+
+    /// Tells how things stand to a client that the log cannot help, and says where the log goes on. Only ends have
+    /// ids here: a client that is cut off in between is told the rest of them.
+    async fn tell_state(&mut self, last: Option<Position>) -> Result<Position, Over> {
+        let (position, running) = self.service.events.snapshot();
+        if let Whose::Job(id) = &self.whose {
+            let job = require(&self.service, id).await.map_err(|_| Over)?;
+            if let Some(end) = job.end_sequence.filter(|_| job.state.is_final()) {
+                self.tell_job("finished", job, Some(Position::of_sequence(end))).await?;
+                return Err(Over);
+            }
+            // What the log has not told yet, it will.
+            if job.state == JobState::Queued && job.sequence <= position.sequence {
+                self.tell_job("queued", job, None).await?;
+            }
+        } else if let Some(last) = last {
+            self.tell_waiting(Missed { after: last.sequence, up_to: position.sequence }).await?;
+        }
+        for event in running {
+            if self.wants(&event) {
+                self.send(self.event(&event)?).await?;
+            }
+        }
+        if let (Some(last), Whose::All | Whose::System(_)) = (last, &self.whose) {
+            self.tell_ended(Missed { after: last.sequence, up_to: position.sequence }).await?;
+        }
+        self.send(Event::default().id(position.to_string())).await?;
+        Ok(position)
+    }
+
+    async fn tell_waiting(&mut self, missed: Missed) -> Result<(), Over> {
+        let mut cursor = 0;
+        loop {
+            let waiting = store::events::waiting(&self.service.store, missed, self.system(), cursor, CHUNK).await.map_err(|_| Over)?;
+            let Some(newest) = waiting.last() else { return Ok(()) };
+            cursor = newest.sequence;
+            for job in waiting {
+                self.tell_job("queued", job, None).await?;
+            }
+        }
+    }
+
+    async fn tell_ended(&mut self, mut missed: Missed) -> Result<(), Over> {
+        loop {
+            let ended = store::events::ended(&self.service.store, missed, self.system(), CHUNK).await.map_err(|_| Over)?;
+            let Some(newest) = ended.last().and_then(|job| job.end_sequence) else { return Ok(()) };
+            missed.after = newest;
+            for job in ended {
+                let position = job.end_sequence.map(Position::of_sequence);
+                self.tell_job("finished", job, position).await?;
+            }
+        }
+    }
+
+    fn system(&self) -> Option<&SystemId> {
+        match &self.whose {
+            Whose::System(system) => Some(system),
+            Whose::Job(_) | Whose::All => None,
+        }
+    }
+
+    /// Tells an event of the log. The end of its job is the end of the stream of a job.
+    async fn tell(&mut self, event: &Happening) -> Result<(), Over> {
+        self.send(self.event(event)?.id(event.position.to_string())).await?;
+        match (&self.whose, &event.what) {
+            (Whose::Job(_), What::Finished(_)) => Err(Over),
+            _ => Ok(()),
+        }
+    }
+
+    async fn tell_job(&mut self, name: &str, job: JobRecord, position: Option<Position>) -> Result<(), Over> {
+        let event = self.job_event(name, job)?;
+        let event = match position {
+            Some(position) => event.id(position.to_string()),
+            None => event,
+        };
+        self.send(event).await
+    }
+
+    fn event(&self, event: &Happening) -> Result<Event, Over> {
+        let (name, job, system) = (event.what.word(), event.job.as_str(), &event.system);
+        match &event.what {
+            What::Queued(record) | What::Started(record) | What::Finished(record) => self.job_event(name, JobRecord::clone(record)),
+            What::Progress(report) => written(name, &ProgressData { job, system, report }),
+            What::Incumbent(parameters) => written(name, &IncumbentData { job, system, parameters }),
+        }
+    }
+
+    fn job_event(&self, name: &str, job: JobRecord) -> Result<Event, Over> {
+        written(name, &JobAnswer::of(&self.service, job))
+    }
+
+    /// Hands an event to the client, however slow it is, unless the service stops.
+    async fn send(&mut self, event: Event) -> Result<(), Over> {
+        tokio::select! {
+            sent = self.sender.send(Ok(event)) => sent.map_err(|_| Over),
+            _ = self.stopping.wait_for(|stopping| *stopping) => Err(Over),
         }
     }
 }
 
-async fn send(sender: &Sender, name: &str, id: String, data: &impl Serialize) -> Result<(), Over> {
-    let Ok(event) = Event::default().event(name).id(id).json_data(data) else {
-        return Err(Over);
-    };
-    Ok(sender.send(Ok(event)).await?)
+/// A document that cannot be written ends the stream; the client comes back.
+fn written(name: &str, data: &impl Serialize) -> Result<Event, Over> {
+    Event::default().event(name).json_data(data).map_err(|_| Over)
 }

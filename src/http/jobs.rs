@@ -7,7 +7,7 @@ use super::page::{Page, PageQuery};
 use super::problem::{ApiError, Problems};
 use crate::data::SystemId;
 use crate::fault::{Fault, nearest};
-use crate::jobs::board::Stage;
+use crate::jobs::board::Report;
 use crate::jobs::request::{self, JobRequest};
 use crate::jobs::{Service, submit};
 use crate::store;
@@ -96,7 +96,7 @@ pub struct JobAnswer {
     #[schema(value_type = Object)]
     request: Value,
     /// How far it has come, while it runs.
-    progress: Option<ProgressAnswer>,
+    progress: Option<Report>,
     /// Why the search ended.
     stopped_by: Option<String>,
     /// What the search cost.
@@ -134,22 +134,6 @@ struct JobError {
     errors: Option<Vec<super::problem::ProblemFault>>,
 }
 
-/// How far a job has come.
-#[derive(Debug, Clone, Serialize, ToSchema)]
-#[schema(as = Progress)]
-pub struct ProgressAnswer {
-    /// Generations or restarts completed.
-    generation: usize,
-    /// Simulations so far.
-    evaluations: usize,
-    /// Best cost on the training part.
-    best_train: Option<f64>,
-    /// Free-run error of the best candidate on the validation part.
-    best_validation: Option<f64>,
-    /// Seconds until the budget is used up at this pace; it may end sooner.
-    eta_s: Option<f64>,
-}
-
 /// Which jobs are listed.
 #[derive(Debug, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
@@ -169,30 +153,11 @@ struct JobQuery {
     page_token: Option<String>,
 }
 
-impl ProgressAnswer {
-    /// What the board knows of a running job.
-    pub fn of(stage: &Stage, budget: Option<u64>) -> Option<Self> {
-        let Stage::Running { since, progress: Some(progress), .. } = stage else {
-            return None;
-        };
-        let left = budget.map(|budget| budget.saturating_sub(progress.evaluations as u64));
-        let pace = since.elapsed().as_secs_f64() / (progress.evaluations.max(1) as f64);
-        Some(Self {
-            generation: progress.generation,
-            evaluations: progress.evaluations,
-            best_train: progress.best_train.filter(|value| value.is_finite()),
-            best_validation: progress.best_validation.filter(|value| value.is_finite()),
-            eta_s: left.map(|left| (left as f64 * pace * 10.0).round() / 10.0),
-        })
-    }
-}
-
 impl JobAnswer {
     /// A job as it is shown.
     pub fn of(service: &Service, job: JobRecord) -> Self {
-        let budget = budget(&job);
         let progress = match job.state {
-            JobState::Running => service.board.stage(&job.id).and_then(|stage| ProgressAnswer::of(&stage, budget)),
+            JobState::Running => service.board.report(&job.id),
             _ => None,
         };
         let mut links = HashMap::from([("self", format!("/jobs/{}", job.id)), ("events", format!("/jobs/{}/events", job.id))]);
@@ -226,11 +191,6 @@ impl JobAnswer {
             id: job.id,
         }
     }
-}
-
-/// The evaluations that a job may spend.
-pub fn budget(job: &JobRecord) -> Option<u64> {
-    job.request.pointer("/budget/evaluations").and_then(Value::as_u64)
 }
 
 /// The job that must be there.

@@ -1,64 +1,88 @@
-//! Who runs now: progress for those who watch, and the switch that calls a job off.
+//! Who runs now: how far a job has come, and the switch that calls it off.
 //!
 //! Progress lives here and never in the database: a watcher wants the newest value, not all of them.
 
+use super::events::What;
 use crate::estimate::Progress;
-use crate::store::jobs::Lease;
+use crate::store::jobs::{JobRecord, Lease};
+use indexmap::IndexMap;
+use serde::Serialize;
+use serde_json::Value;
 use std::collections::HashMap;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::time::Instant;
-use tokio::sync::watch;
+use std::time::{Duration, Instant};
+use utoipa::ToSchema;
 
-/// The jobs that run or are watched.
+/// The shortest pause between two events of one search: a watcher is told at most four times a second.
+const PACE: Duration = Duration::from_millis(250);
+
+/// The jobs that run.
 #[derive(Debug, Default)]
 pub struct Board {
     live: Mutex<HashMap<String, Arc<Live>>>,
 }
 
-/// One job that runs or is watched.
-#[derive(Debug)]
+/// One job that runs, or is about to.
+#[derive(Debug, Default)]
 pub struct Live {
     cancelled: AtomicBool,
-    stage: watch::Sender<Stage>,
+    running: Mutex<Option<Running>>,
 }
 
-/// How far a job has come, as far as this process knows.
-#[derive(Debug, Clone, Default)]
-pub enum Stage {
-    /// Nobody has it.
-    #[default]
-    Waiting,
-    /// A worker has it.
-    Running {
-        /// The right to end it.
-        lease: Lease,
-        /// When this attempt started.
-        since: Instant,
-        /// How far the search has come.
-        progress: Option<Progress>,
-    },
-    /// Nothing more will happen; the database knows how it ended.
-    Ended,
+/// A job in the hands of a worker.
+#[derive(Debug)]
+struct Running {
+    /// The right to end it.
+    lease: Lease,
+    /// When this attempt started.
+    since: Instant,
+    /// The evaluations that it may spend.
+    budget: Option<u64>,
+    /// Evaluations of the searches before the present one.
+    earlier: usize,
+    /// The newest news of the present search.
+    progress: Option<Progress>,
+    /// When watchers were last told something.
+    told_at: Instant,
+    /// The best parameters that watchers know.
+    told: Option<Arc<IndexMap<String, f64>>>,
+    /// Whether that was the last thing that they were told.
+    told_incumbent_last: bool,
+}
+
+/// How far a job has come.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+#[schema(as = Progress)]
+pub struct Report {
+    /// Generations or restarts completed.
+    pub generation: usize,
+    /// Simulations so far.
+    pub evaluations: usize,
+    /// Best cost on the training part.
+    pub best_train: Option<f64>,
+    /// Free-run error of the best candidate on the validation part.
+    pub best_validation: Option<f64>,
+    /// Seconds until the budget is used up at this pace; it may end sooner.
+    pub eta_s: Option<f64>,
+}
+
+/// A panic while a lock was held cannot have left what it guards half-changed: every use is one assignment or call.
+fn held<T>(lock: &Mutex<T>) -> MutexGuard<'_, T> {
+    lock.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 impl Board {
-    fn live(&self) -> MutexGuard<'_, HashMap<String, Arc<Live>>> {
-        // A panic while the map was held cannot have left it half-changed: every use is one call.
-        self.live.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
     /// The place of a job, made if need be.
     pub fn place(&self, job: &str) -> Arc<Live> {
-        let fresh = || Arc::new(Live { cancelled: AtomicBool::new(false), stage: watch::Sender::new(Stage::Waiting) });
-        self.live().entry(job.to_owned()).or_insert_with(fresh).clone()
+        held(&self.live).entry(job.to_owned()).or_default().clone()
     }
 
-    /// What is known of a job without making a place for it.
-    pub fn stage(&self, job: &str) -> Option<Stage> {
-        let live = self.live().get(job).cloned()?;
-        let stage = live.stage.borrow().clone();
-        Some(stage)
+    /// How far a running job has come, as far as this process knows.
+    pub fn report(&self, job: &str) -> Option<Report> {
+        let live = held(&self.live).get(job).cloned()?;
+        let running = held(&live.running);
+        running.as_ref()?.report()
     }
 
     /// Tells a running job to stop. The place is made if need be: the worker that has just claimed the job
@@ -67,52 +91,139 @@ impl Board {
         self.place(job).cancelled.store(true, Ordering::Relaxed);
     }
 
-    /// Tells the watchers that a job has ended and forgets it. To be called after the end is in the database.
+    /// Forgets a job that runs no more.
     pub fn end(&self, job: &str) {
-        if let Some(live) = self.live().remove(job) {
-            live.stage.send_replace(Stage::Ended);
-        }
-    }
-
-    /// Puts a job back among the waiting ones.
-    pub fn put_back(&self, job: &str) {
-        if let Some(live) = self.live().get(job) {
-            live.stage.send_replace(Stage::Waiting);
-        }
+        held(&self.live).remove(job);
     }
 
     /// The leases of all jobs that run.
     pub fn leases(&self) -> Vec<Lease> {
-        let lease = |live: &Arc<Live>| match &*live.stage.borrow() {
-            Stage::Running { lease, .. } => Some(lease.clone()),
-            Stage::Waiting | Stage::Ended => None,
-        };
-        self.live().values().filter_map(lease).collect()
+        let lease = |live: &Arc<Live>| held(&live.running).as_ref().map(|running| running.lease.clone());
+        held(&self.live).values().filter_map(lease).collect()
     }
 }
 
 impl Live {
-    /// Watches the stages; only the newest is seen.
-    pub fn watch(&self) -> watch::Receiver<Stage> {
-        self.stage.subscribe()
-    }
-
     /// Notes that a worker has the job.
-    pub fn start(&self, lease: Lease) {
-        self.stage.send_replace(Stage::Running { lease, since: Instant::now(), progress: None });
+    pub fn start(&self, job: &JobRecord, lease: Lease) {
+        let now = Instant::now();
+        *held(&self.running) = Some(Running {
+            lease,
+            since: now,
+            budget: job.request.pointer("/budget/evaluations").and_then(Value::as_u64),
+            earlier: 0,
+            progress: None,
+            told_at: now,
+            told: None,
+            told_incumbent_last: true,
+        });
     }
 
-    /// Notes how far the search has come.
-    pub fn report(&self, news: &Progress) {
-        self.stage.send_modify(|stage| {
-            if let Stage::Running { progress, .. } = stage {
-                *progress = Some(*news);
-            }
-        });
+    /// Notes how far the search has come, and says what watchers are to be told of it now, if anything.
+    pub fn report(&self, news: &Progress) -> Option<What> {
+        let mut running = held(&self.running);
+        let running = running.as_mut()?;
+        // A job may search several times, each time counting from nought.
+        if let Some(last) = running.progress.as_ref().filter(|last| news.evaluations < last.evaluations) {
+            running.earlier += last.evaluations;
+        }
+        running.progress = Some(news.clone());
+        if running.told_at.elapsed() < PACE {
+            return None;
+        }
+        running.told_at = Instant::now();
+        running.news()
     }
 
     /// Whether somebody called the job off.
     pub fn is_cancelled(&self) -> bool {
         self.cancelled.load(Ordering::Relaxed)
+    }
+}
+
+impl Running {
+    fn report(&self) -> Option<Report> {
+        let progress = self.progress.as_ref()?;
+        let evaluations = self.earlier + progress.evaluations;
+        let left = self.budget.map(|budget| budget.saturating_sub(evaluations as u64));
+        let pace = self.since.elapsed().as_secs_f64() / (evaluations.max(1) as f64);
+        Some(Report {
+            generation: progress.generation,
+            evaluations,
+            best_train: progress.best_train.filter(|value| value.is_finite()),
+            best_validation: progress.best_validation.filter(|value| value.is_finite()),
+            eta_s: left.map(|left| (left as f64 * pace * 10.0).round() / 10.0),
+        })
+    }
+
+    /// Progress and new best parameters take turns, so that neither keeps the other from being told.
+    fn news(&mut self) -> Option<What> {
+        let incumbent = self.progress.as_ref().and_then(|progress| progress.incumbent.clone());
+        let is_new = incumbent.as_ref().is_some_and(|new| self.told.as_ref().is_none_or(|old| !Arc::ptr_eq(old, new)));
+        self.told_incumbent_last = is_new && !self.told_incumbent_last;
+        if self.told_incumbent_last {
+            self.told.clone_from(&incumbent);
+            return incumbent.map(What::Incumbent);
+        }
+        self.report().map(What::Progress)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn running(told_before: Duration) -> Live {
+        let lease = Lease { job: "job_1".into(), boot: 1, attempt: 1 };
+        let told_at = Instant::now().checked_sub(told_before).unwrap();
+        let running = Running {
+            lease,
+            since: told_at,
+            budget: Some(1000),
+            earlier: 0,
+            progress: None,
+            told_at,
+            told: None,
+            told_incumbent_last: true,
+        };
+        Live { cancelled: AtomicBool::new(false), running: Mutex::new(Some(running)) }
+    }
+
+    fn later(live: &Live) {
+        let mut running = held(&live.running);
+        let running = running.as_mut().unwrap();
+        running.told_at = running.told_at.checked_sub(PACE).unwrap();
+    }
+
+    fn news(evaluations: usize, incumbent: &Arc<IndexMap<String, f64>>) -> Progress {
+        Progress { evaluations, best_train: Some(1.0), incumbent: Some(incumbent.clone()), ..Progress::default() }
+    }
+
+    #[test]
+    fn watchers_are_told_once_per_pause_and_of_each_improvement_once() {
+        let best = Arc::new(IndexMap::from([("a".to_owned(), 1.0)]));
+        let live = running(PACE);
+        assert!(matches!(live.report(&news(10, &best)), Some(What::Progress(_))));
+        assert_eq!(live.report(&news(20, &best)), None, "the pause has not passed");
+        later(&live);
+        assert_eq!(live.report(&news(30, &best)), Some(What::Incumbent(best.clone())));
+        later(&live);
+        assert!(matches!(live.report(&news(40, &best)), Some(What::Progress(_))));
+        later(&live);
+        assert!(matches!(live.report(&news(50, &best)), Some(What::Progress(_))), "the same parameters are no news");
+        let better = Arc::new(IndexMap::from([("a".to_owned(), 2.0)]));
+        later(&live);
+        assert_eq!(live.report(&news(60, &better)), Some(What::Incumbent(better)));
+    }
+
+    #[test]
+    fn the_evaluations_of_several_searches_add_up() {
+        let best = Arc::new(IndexMap::new());
+        let live = running(Duration::ZERO);
+        for evaluations in [100, 400, 50, 90, 20] {
+            live.report(&news(evaluations, &best));
+        }
+        let report = held(&live.running).as_ref().unwrap().report().unwrap();
+        assert_eq!(report.evaluations, 400 + 90 + 20);
     }
 }

@@ -8,7 +8,8 @@
 //! | `decode` | JSON with all its faults |
 //! | `systems`, `models`, `windows` | documents and measurements: checked here, kept by the store |
 //! | `request`, `submit` | what a job is asked to do, and how it enters the queue |
-//! | `board` | who runs now: progress, cancellation, listeners |
+//! | `board` | who runs now: progress, cancellation |
+//! | `events` | what happens to jobs, for those who listen |
 //! | `worker`, `input`, `estimate` | from the claim to the verdict |
 //! | `interactive` | short CPU work that somebody waits for: first in line, bounded, kept |
 //! | `params` | the snapshot behind `/params` and the timer that turns it stale |
@@ -21,6 +22,7 @@ pub mod decisions;
 pub mod decode;
 pub mod degradations;
 pub mod estimate;
+pub mod events;
 pub mod input;
 pub mod interactive;
 pub mod models;
@@ -53,6 +55,8 @@ pub struct Service {
     pub board: board::Board,
     /// Short CPU work that somebody waits for.
     pub interactive: interactive::Interactive,
+    /// What happens to jobs.
+    pub events: events::Events,
     /// What `/params` serves.
     pub params: params::Snapshot,
     /// Systems of which measurements have arrived.

@@ -45,6 +45,7 @@ pub async fn estimate(
     let submitted = store::jobs::submit(&service.store, &new, key, service.queue_limit(), now()).await?;
     if let Submitted::New(_) = &submitted {
         service.wake.notify_one();
+        service.events.hint();
         params::refresh(service, system).await?;
     }
     Ok(submitted)
@@ -120,6 +121,7 @@ pub async fn batch(service: &Service, request: &BatchRequest, schedule: Option<&
 /// Where the database fails.
 pub async fn entered(service: &Service, batch: &NewBatch) -> Result<(), JobsError> {
     service.wake.notify_one();
+    service.events.hint();
     for job in &batch.jobs {
         params::refresh(service, &job.system).await?;
     }
@@ -141,7 +143,7 @@ pub async fn cancel(service: &Service, id: &str) -> Result<Option<Cancelled>, Jo
             service.board.end(id);
         }
     } else {
-        service.board.end(id);
+        service.events.hint();
         params::refresh(service, &cancelled.job.system).await?;
     }
     Ok(Some(cancelled))

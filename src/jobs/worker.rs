@@ -6,9 +6,10 @@
 
 use super::board::Live;
 use super::estimate::{self, Stopped, describe};
+use super::events::{self, What};
 use super::input::{self, Input};
 use super::{Service, now, params};
-use crate::estimate::{Control, Interrupt};
+use crate::estimate::{Control, Interrupt, Progress};
 use crate::store::StoreError;
 use crate::store::finish::{Ending, Finding, finish};
 use crate::store::jobs::{self, JobFailure, JobRecord, Lease};
@@ -96,22 +97,24 @@ enum End {
 async fn process(service: &Arc<Service>, pool: &ThreadPool, job: JobRecord) {
     let Some(lease) = job.lease() else { return };
     let live = service.board.place(&job.id);
-    live.start(lease.clone());
+    live.start(&job, lease.clone());
+    followed(service).await;
+    service.events.publish(&job.id, &job.system, What::Started(Box::new(job.clone())));
     tracing::info!(job = %job.id, system = %job.system, attempt = job.attempt, "started {} for {}", job.kind.word(), job.system);
     refreshed(service, &job).await;
     let end = match input::load(service, &job).await {
-        Ok(input) => compute(service, pool, &live, input).await,
+        Ok(input) => compute(service, pool, &live, &job, input).await,
         Err(error) => End::Failed(describe(error)),
     };
     record(service, &job, &lease, end).await;
 }
 
 /// Computes on the pool while this task sleeps.
-async fn compute(service: &Arc<Service>, pool: &ThreadPool, live: &Arc<Live>, input: Input) -> End {
+async fn compute(service: &Arc<Service>, pool: &ThreadPool, live: &Arc<Live>, job: &JobRecord, input: Input) -> End {
     let (sender, receiver) = oneshot::channel();
-    let (shared, place) = (service.clone(), live.clone());
+    let (shared, place, job) = (service.clone(), live.clone(), job.clone());
     pool.spawn(move || {
-        let result = catch_unwind(AssertUnwindSafe(|| guarded(&shared, &place, &input)));
+        let result = catch_unwind(AssertUnwindSafe(|| guarded(&shared, &place, &job, &input)));
         // Nobody listens any more when the service has stopped; then the job was given back already.
         let _ = sender.send(result);
     });
@@ -126,7 +129,7 @@ async fn compute(service: &Arc<Service>, pool: &ThreadPool, live: &Arc<Live>, in
 }
 
 /// The work with the caller's hands on it: cancellation, shutdown, deadline, progress.
-fn guarded(service: &Service, live: &Live, input: &Input) -> Result<Finding, Stopped> {
+fn guarded(service: &Service, live: &Live, job: &JobRecord, input: &Input) -> Result<Finding, Stopped> {
     let limit = Duration::from_secs(service.settings.limits.job_seconds);
     let asked = input.request.budget.wall.map(|wall| Duration::from_secs(wall.seconds().unsigned_abs()));
     let deadline = Instant::now() + asked.map_or(limit, |asked| asked.min(limit));
@@ -139,7 +142,12 @@ fn guarded(service: &Service, live: &Live, input: &Input) -> Result<Finding, Sto
             None
         }
     };
-    estimate::run(input, &Control { interrupt: &interrupt, progress: &|progress| live.report(progress) })
+    let progress = |progress: &Progress| {
+        if let Some(news) = live.report(progress) {
+            service.events.publish(&job.id, &job.system, news);
+        }
+    };
+    estimate::run(input, &Control { interrupt: &interrupt, progress: &progress })
 }
 
 /// Writes the end of a job, and only then shows it. While the database fails the job keeps its lease.
@@ -182,10 +190,8 @@ async fn record(service: &Arc<Service>, job: &JobRecord, lease: &Lease, end: End
         }
     }
     refreshed(service, job).await;
-    match end {
-        End::GivenBack => service.board.put_back(&job.id),
-        _ => service.board.end(&job.id),
-    }
+    service.board.end(&job.id);
+    followed(service).await;
     // The system is free again, so a job of it that waited may be claimed by anybody.
     service.wake.notify_one();
 }
@@ -193,6 +199,13 @@ async fn record(service: &Arc<Service>, job: &JobRecord, lease: &Lease, end: End
 async fn refreshed(service: &Service, job: &JobRecord) {
     if let Err(error) = params::refresh(service, &job.system).await {
         tracing::error!(%error, system = %job.system, "what is served could not be read again");
+    }
+}
+
+/// Brings the log of events up to date, so that what comes next stands behind what came before.
+async fn followed(service: &Service) {
+    if let Err(error) = events::catch_up(service).await {
+        tracing::error!(%error, "listeners could not be told what happened");
     }
 }
 

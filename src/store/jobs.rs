@@ -89,6 +89,10 @@ pub struct JobRecord {
     pub started_at: Option<Timestamp>,
     /// When it ended.
     pub ended_at: Option<Timestamp>,
+    /// The place of its end in the order of everything.
+    pub end_sequence: Option<i64>,
+    /// The job that it repeats.
+    pub retry_of: Option<String>,
 }
 
 impl JobRecord {
@@ -156,7 +160,7 @@ pub struct Recovered {
 }
 
 #[derive(FromRow)]
-struct Row {
+pub(super) struct Row {
     id: String,
     sequence: i64,
     kind: String,
@@ -179,10 +183,12 @@ struct Row {
     created_at: i64,
     started_at: Option<i64>,
     ended_at: Option<i64>,
+    end_sequence: Option<i64>,
+    retry_of: Option<String>,
 }
 
 impl Row {
-    fn record(self) -> Result<JobRecord, StoreError> {
+    pub(super) fn record(self) -> Result<JobRecord, StoreError> {
         Ok(JobRecord {
             kind: parse("a kind of job", &self.kind)?,
             system: parse("a system", &self.system)?,
@@ -206,6 +212,8 @@ impl Row {
             revision: self.revision,
             stopped_by: self.stopped_by,
             evaluations: self.evaluations,
+            end_sequence: self.end_sequence,
+            retry_of: self.retry_of,
         })
     }
 }

@@ -10,6 +10,7 @@
 //! | `windows` | uploaded measurements, one block per channel |
 //! | `models` | model and effect documents of users, versions made by adding effects |
 //! | `jobs` | the queue: submit, claim with a lease, cancel, recover |
+//! | `events` | jobs that came or ended after a number |
 //! | `finish` | the end of a job: job, fit, verdict and revision in one transaction |
 //! | `batches` | recalibrations of several systems |
 //! | `fits` | what was found, with its verdict |
@@ -23,6 +24,7 @@
 pub mod batches;
 pub mod decisions;
 pub mod degradations;
+pub mod events;
 pub mod finish;
 pub mod fits;
 pub mod idempotency;

@@ -2,30 +2,7 @@
 
 use crate::support::{TestApp, endless, quick};
 use serde_json::{Value, json};
-use std::io::{BufRead, BufReader, Write};
 use std::time::{Duration, Instant};
-
-/// Reads server-sent events until the stream ends: (event, id, data).
-fn events(app: &TestApp, job: &str, last: Option<&str>) -> Vec<(String, String, Value)> {
-    let mut stream = std::net::TcpStream::connect(app.addr()).unwrap();
-    stream.set_read_timeout(Some(Duration::from_secs(60))).unwrap();
-    let last = last.map(|id| format!("last-event-id: {id}\r\n")).unwrap_or_default();
-    write!(stream, "GET /jobs/{job}/events HTTP/1.1\r\nhost: x\r\nconnection: close\r\n{last}\r\n").unwrap();
-    let (mut events, mut event, mut id) = (Vec::new(), String::new(), String::new());
-    for line in BufReader::new(stream).lines() {
-        let line = line.unwrap();
-        if let Some(name) = line.strip_prefix("event: ") {
-            name.clone_into(&mut event);
-        } else if let Some(text) = line.strip_prefix("id: ") {
-            text.clone_into(&mut id);
-        } else if let Some(data) = line.strip_prefix("data: ") {
-            events.push((event.clone(), id.clone(), serde_json::from_str(data).unwrap_or(Value::Null)));
-        } else if line == "0" {
-            break;
-        }
-    }
-    events
-}
 
 #[test]
 fn equal_jobs_wait_once() {
@@ -110,30 +87,6 @@ fn a_deadline_ends_a_search_with_what_it_has() {
     let ended = app.ended(&job);
     assert_eq!((ended["state"].as_str(), ended["stopped_by"].as_str()), (Some("succeeded"), Some("deadline")), "{ended}");
     assert!(ended["wall_s"].as_f64().unwrap() < 3.0, "{ended}");
-}
-
-#[test]
-fn events_tell_a_job_from_queue_to_end() {
-    let app = TestApp::start();
-    app.room("1", 1);
-    let mut body = endless("room/1");
-    body["budget"]["wall"] = json!("PT2S");
-    let job = app.json("POST", "/jobs", &body).expect(202).json()["id"].as_str().unwrap().to_owned();
-    let start = Instant::now();
-    let told = events(&app, &job, None);
-    let seconds = start.elapsed().as_secs_f64();
-    let names: Vec<&str> = told.iter().map(|(name, _, _)| name.as_str()).collect();
-    assert_eq!((names.first(), names.get(1), names.last()), (Some(&"queued"), Some(&"started"), Some(&"finished")), "{names:?}");
-    let progress: Vec<&Value> = told.iter().filter(|(name, _, _)| name == "progress").map(|(_, _, data)| data).collect();
-    assert!(progress.len() >= 2 && (progress.len() as f64) <= 4.0 * seconds + 2.0, "{} in {seconds} s", progress.len());
-    assert!(progress.windows(2).all(|pair| pair[0]["evaluations"].as_u64() < pair[1]["evaluations"].as_u64()));
-    assert!(progress.iter().all(|progress| progress["best_train"].is_f64() && progress["eta_s"].is_f64()), "{progress:?}");
-    assert_eq!(told.last().unwrap().2["state"], "succeeded");
-
-    // Who comes back is told only what is new, and who has seen the end is told to stay away.
-    let rest = events(&app, &job, Some("started-1"));
-    assert_eq!(rest.iter().map(|(name, _, _)| name.as_str()).collect::<Vec<_>>(), ["finished"]);
-    app.get_with(&format!("/jobs/{job}/events"), &[("last-event-id", "finished")]).expect(204);
 }
 
 #[test]

@@ -1,6 +1,8 @@
 //! What the tests of the service share: a service in this process, a plain client, and a small synthetic room.
 #![allow(dead_code, reason = "each test binary uses its part")]
 
+pub mod events;
+
 use lampyris::app::App;
 use lampyris::settings::Settings;
 use serde_json::Value;
@@ -61,17 +63,27 @@ impl Client {
         Self { base, agent: config.into() }
     }
 
-    /// Sends a request; `Err` where the connection fails.
-    pub fn send(&self, method: &str, path: &str, headers: &[(&str, &str)], body: Option<&[u8]>) -> Result<Answer, ureq::Error> {
+    /// Sends a request and leaves the body of the answer unread.
+    fn open(
+        &self,
+        method: &str,
+        path: &str,
+        headers: &[(&str, &str)],
+        body: Option<&[u8]>,
+    ) -> Result<ureq::http::Response<ureq::Body>, ureq::Error> {
         let mut request = ureq::http::Request::builder().method(method).uri(format!("{}{path}", self.base));
         for (name, value) in headers {
             request = request.header(*name, *value);
         }
-        let response = match body {
+        match body {
             Some(body) => self.agent.run(request.body(body).unwrap()),
             None => self.agent.run(request.body(()).unwrap()),
-        }?;
-        let (parts, mut body) = response.into_parts();
+        }
+    }
+
+    /// Sends a request; `Err` where the connection fails.
+    pub fn send(&self, method: &str, path: &str, headers: &[(&str, &str)], body: Option<&[u8]>) -> Result<Answer, ureq::Error> {
+        let (parts, mut body) = self.open(method, path, headers, body)?.into_parts();
         let text = body.with_config().limit(1 << 28).read_to_string()?;
         Ok(Answer { status: parts.status.as_u16(), headers: parts.headers, text })
     }
@@ -123,6 +135,12 @@ impl Client {
         let id = answer.json()["id"].as_str().unwrap().to_owned();
         assert_eq!(answer.header("location"), format!("/jobs/{id}"));
         id
+    }
+
+    /// Posts a job and gives its id.
+    #[track_caller]
+    pub fn post_job(&self, body: &Value) -> String {
+        self.json("POST", "/jobs", body).expect(202).json()["id"].as_str().unwrap().to_owned()
     }
 
     /// Waits until a job has ended.
