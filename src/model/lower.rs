@@ -133,7 +133,8 @@ impl Lowering {
         }
     }
 
-    fn zero(&mut self) -> Value {
+    /// Zero, of any unit.
+    pub fn zero(&mut self) -> Value {
         Value { node: self.graph.constant(0.0), unit: None, nonnegative: true }
     }
 
