@@ -1,7 +1,7 @@
 //! The built-in models and effects, and the composition of a [`ModelId`] from them.
 
 use super::id::ModelId;
-use super::spec::{EffectSpec, ModelDocument, ModelSpec};
+use super::spec::{Definition, EffectSpec, ModelDocument, ModelSpec, Variant};
 use crate::fault::{Fault, nearest};
 use std::collections::BTreeMap;
 
@@ -159,24 +159,53 @@ impl Catalogue {
         };
         match (&spec.argument, argument) {
             (None, None) => Ok(spec.clone()),
-            (Some(word), Some(value)) => Ok(fill(spec, word, value)),
+            (Some(word), Some(value)) if spec.choices.is_empty() => Ok(fill(spec, &[(word.clone(), value.to_owned())])),
+            (Some(word), Some(value)) => match spec.choices.get(value) {
+                Some(constants) => {
+                    let constants = constants.iter().map(|(name, constant)| (name.clone(), constant.to_string()));
+                    Ok(fill(spec, &std::iter::once((word.clone(), value.to_owned())).chain(constants).collect::<Vec<_>>()))
+                }
+                None => Err(Fault::new("/model", "unknown-choice", format!("`{id}` has no {word} `{value}`")).suggest(choices(spec))),
+            },
             (Some(word), None) => {
-                Err(Fault::new("/model", "argument-missing", format!("`{id}` needs a {word}")).suggest(format!("write `{id}:<{word}>`")))
+                let hint = if spec.choices.is_empty() { format!("write `{id}:<{word}>`") } else { choices(spec) };
+                Err(Fault::new("/model", "argument-missing", format!("`{id}` needs a {word}")).suggest(hint))
             }
             (None, Some(_)) => Err(Fault::new("/model", "argument-unexpected", format!("`{id}` takes no argument"))),
         }
     }
 }
 
-/// The document with `{word}` replaced in every key and text.
-fn fill(spec: &EffectSpec, word: &str, value: &str) -> EffectSpec {
-    let mark = format!("{{{word}}}");
-    let fill = |text: &str| text.replace(&mark, value);
+/// The members of an effect with choices, as a hint.
+fn choices(spec: &EffectSpec) -> String {
+    let all: Vec<String> = spec.choices.keys().map(|choice| format!("`{}:{choice}`", spec.id)).collect();
+    format!("write one of {}", all.join(", "))
+}
+
+/// The document with every mark `{word}` replaced in its keys and texts.
+fn fill(spec: &EffectSpec, words: &[(String, String)]) -> EffectSpec {
+    let fill = |text: &str| words.iter().fold(text.to_owned(), |text, (word, value)| text.replace(&format!("{{{word}}}"), value));
+    let definition = |definition: &Definition| match definition {
+        Definition::Text(text) => Definition::Text(fill(text)),
+        Definition::Variants(variants) => {
+            let filled = |variant: &Variant| Variant {
+                needs: variant.needs.iter().map(|need| fill(need)).collect(),
+                expr: fill(&variant.expr),
+                drops: variant.drops.as_deref().map(fill),
+            };
+            Definition::Variants(variants.iter().map(filled).collect())
+        }
+    };
     let mut filled = spec.clone();
-    filled.title = fill(&spec.title);
-    filled.explain = fill(&spec.explain);
+    for text in [&mut filled.title, &mut filled.explain, &mut filled.signature, &mut filled.measure] {
+        *text = fill(text);
+    }
     filled.inputs = spec.inputs.iter().map(|(key, input)| (fill(key), input.clone())).collect();
     filled.parameters = spec.parameters.iter().map(|(key, parameter)| (fill(key), parameter.clone())).collect();
+    for parameter in filled.parameters.values_mut() {
+        parameter.title = fill(&parameter.title);
+    }
+    filled.define = spec.define.iter().map(|(key, text)| (fill(key), definition(text))).collect();
     filled.terms = spec.terms.iter().map(|(key, term)| (key.clone(), fill(term))).collect();
     filled.outputs = spec.outputs.iter().map(|(key, term)| (key.clone(), fill(term))).collect();
     for input in filled.inputs.values_mut() {

@@ -6,7 +6,7 @@ use super::expr::{Graph, Node, NodeId, Point};
 use super::functions::{MAX_DELAY, delays};
 use super::lower::{Lowering, Symbol, Value};
 use super::parse::{declaration, is_name};
-use super::spec::{Hold, InputSpec, Nominal, ParameterSpec, Scale};
+use super::spec::{InputSpec, Nominal, ParameterSpec, Scale, StateSpec};
 use super::{Initial, Input, Model, Output, Parameter, State};
 use crate::fault::Fault;
 use crate::units::Unit;
@@ -17,6 +17,9 @@ use std::collections::{BTreeMap, BTreeSet};
 const MAX_STATES: usize = 256;
 /// Most parameters, and most inputs.
 const MAX_PARAMETERS: usize = 128;
+
+/// The unit of an input whose channel may have any.
+pub const AS_IT_COMES: &str = "*";
 
 /// What a system tells a model: the members of its sets and the channels that are there.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -116,7 +119,11 @@ impl Builder {
         self.lowering.faults.push(Fault::new(pointer, code, detail));
     }
 
+    /// The unit of a text; `*` stands for the numbers of a channel as they are.
     fn unit(&mut self, pointer: &str, text: &str) -> Unit {
+        if text == AS_IT_COMES {
+            return Unit::ONE;
+        }
         Unit::parse(text).unwrap_or_else(|error| {
             self.fault(pointer, "unit", error.to_string());
             Unit::ONE
@@ -212,7 +219,7 @@ impl Builder {
     }
 
     /// Adds the terms of an effect; an optional one whose channels are missing leaves no trace but a note.
-    fn effect(&mut self, effect: &AppliedEffect, bindings: &Bindings, rhs: &mut [Value], outputs: &mut IndexMap<String, Value>) {
+    fn effect(&mut self, effect: &AppliedEffect, bindings: &Bindings, rhs: &mut Vec<Value>, outputs: &mut IndexMap<String, Value>) {
         let at = |part: &str, name: &str| format!("/effects/{}/{part}/{name}", effect.id);
         for (key, input) in &effect.spec.inputs {
             self.input(&at("inputs", key), key, input, bindings);
@@ -220,6 +227,11 @@ impl Builder {
         for (key, parameter) in &effect.spec.parameters {
             self.parameter(&at("parameters", key), key, parameter);
         }
+        for (name, state) in &effect.spec.states {
+            self.state(name, &state.unit);
+        }
+        // A state of the effect's own has nothing but its terms.
+        rhs.resize_with(self.states, || self.lowering.zero());
         for (name, definition) in &effect.spec.define {
             // The base may define the same quantity by the same name, as room3 does with the sun.
             self.lowering.add_define(name, definition.clone());
@@ -265,13 +277,15 @@ impl Builder {
 
     fn initials(&mut self, composition: &Composition) -> Vec<Initial> {
         let mut initials = Vec::new();
-        for (name, state) in &composition.spec.states {
+        for (name, state) in states(composition) {
             if let Some(output) = composition.spec.outputs.get_index_of(&state.initial) {
                 initials.push(Initial::Measured(output));
+            } else if let Some(value) = state.initial.parse().ok().filter(|value: &f64| value.is_finite()) {
+                initials.push(Initial::Fixed(value));
             } else if let Some(parameter) = self.parameters.iter().position(|parameter| parameter.name == state.initial) {
                 initials.push(Initial::Parameter(parameter));
             } else {
-                let detail = format!("`{}` is neither an output channel nor a parameter", state.initial);
+                let detail = format!("`{}` is neither an output channel nor a parameter nor a number", state.initial);
                 self.fault(&format!("/states/{name}/initial"), "unknown-name", detail);
             }
         }
@@ -334,7 +348,7 @@ impl Builder {
         if !faults.is_empty() {
             return Err(faults);
         }
-        let (rhs, output_nodes) = roots.split_at(composition.spec.states.len());
+        let (rhs, output_nodes) = roots.split_at(self.states);
         let rhs = rhs.to_vec();
         let jacobian: Vec<Vec<NodeId>> =
             rhs.iter().map(|f| (0..rhs.len()).map(|j| derivative(&mut graph, *f, Node::State(j as u16))).collect()).collect();
@@ -352,17 +366,14 @@ impl Builder {
                 gradient: (0..rhs.len()).map(|j| derivative(&mut graph, *node, Node::State(j as u16))).collect(),
             })
             .collect();
-        let states = composition
-            .spec
-            .states
-            .iter()
+        let states = states(composition)
             .zip(initials)
             .map(|((name, state), initial)| State {
                 name: name.clone(),
                 unit: state.unit.clone(),
                 initial: match initial {
                     Initial::Parameter(i) => Initial::Parameter(rank(&keep_parameter, i)),
-                    measured @ Initial::Measured(_) => measured,
+                    known => known,
                 },
             })
             .collect();
@@ -389,4 +400,9 @@ impl Builder {
             delays,
         })
     }
+}
+
+/// The states of the base, then those of its effects.
+fn states(composition: &Composition) -> impl Iterator<Item = (&String, &StateSpec)> {
+    composition.spec.states.iter().chain(composition.effects.iter().flat_map(|effect| &effect.spec.states))
 }

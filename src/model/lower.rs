@@ -133,6 +133,7 @@ impl Lowering {
         }
     }
 
+    /// Zero, of any unit.
     pub(super) fn zero(&mut self) -> Value {
         Value { node: self.graph.constant(0.0), unit: None, nonnegative: true }
     }

@@ -69,12 +69,14 @@ pub struct State {
 }
 
 /// Where a state starts.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Initial {
     /// At the mean of the first three valid samples of this output.
     Measured(usize),
     /// At the value of this parameter.
     Parameter(usize),
+    /// At this value.
+    Fixed(f64),
 }
 
 /// An input of a compiled model.
@@ -234,9 +236,18 @@ mod tests {
             assert!(model.is_ok(), "{}: {model:?}", document.id());
         }
         for effect in catalogue.effects() {
-            let name = if effect.argument.is_some() { format!("{}:P_test", effect.id) } else { effect.id.clone() };
-            let model = compile(&catalogue.compose(&format!("rc2+{name}").parse().unwrap()).unwrap(), &Bindings::default());
-            assert!(model.is_ok(), "{name}: {model:?}");
+            let name = |argument: &str| format!("{}:{argument}", effect.id);
+            let names: Vec<String> = match &effect.argument {
+                None => vec![effect.id.clone()],
+                Some(_) if effect.choices.is_empty() => vec![name("x_test")],
+                Some(_) => effect.choices.keys().map(|choice| name(choice)).collect(),
+            };
+            for name in names {
+                let model = compile(&catalogue.compose(&format!("room3+{name}").parse().unwrap()).unwrap(), &Bindings::default());
+                assert!(model.is_ok(), "{name}: {model:?}");
+                let texts = [&effect.explain, &effect.signature, &effect.measure];
+                assert!(texts.iter().all(|text| !text.is_empty()), "{name} does not explain itself");
+            }
         }
     }
 

@@ -52,7 +52,7 @@ pub struct StateSpec {
     /// Its unit.
     pub unit: String,
     /// Its value at the start: the name of an output channel (the mean of its first three valid samples)
-    /// or of a parameter.
+    /// or of a parameter, or a number.
     pub initial: String,
     /// A short title for people.
     #[serde(default)]
@@ -83,7 +83,7 @@ pub enum Hold {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct InputSpec {
-    /// Its unit in the equations.
+    /// Its unit in the equations; `*` takes the channel's numbers as they are.
     pub unit: String,
     /// Between samples.
     #[serde(default = "linear")]
@@ -215,12 +215,27 @@ pub struct EffectSpec {
     /// What its absence looks like in the residuals.
     #[serde(default)]
     pub signature: String,
-    /// `channel` where the effect is a family with one member per channel: `{channel}` stands for the name.
+    /// What could be measured to tell this effect from others.
+    #[serde(default)]
+    pub measure: String,
+    /// `channel` where the effect is a family with one member per channel: `{channel}` stands for the name. Any
+    /// other word where it is one of the `choices`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub argument: Option<String>,
+    /// The members of a family that does not run over channels, each with the constants that its texts use:
+    /// with `west = { bearing = 270 }` the mark `{bearing}` stands for 270 in `oriented_solar_gain:west`.
+    #[serde(default, skip_serializing_if = "IndexMap::is_empty")]
+    pub choices: IndexMap<String, IndexMap<String, f64>>,
     /// The sign that physics gives its coefficient.
     #[serde(default)]
     pub sign: Sign,
+    /// Inputs that are made from the measured output, or follow from it: an effect that reads one can explain
+    /// the output by itself, so more is asked of it.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub endogenous: Vec<String>,
+    /// States that it adds to the model. Their equations are their `terms`.
+    #[serde(default, skip_serializing_if = "IndexMap::is_empty")]
+    pub states: IndexMap<String, StateSpec>,
     /// Inputs that it adds to the model.
     #[serde(default)]
     pub inputs: IndexMap<String, InputSpec>,

@@ -2,6 +2,7 @@
 
 use crate::data::Grid;
 use crate::fault::Fault;
+use crate::model::compile::AS_IT_COMES;
 use crate::model::expr::Point;
 use crate::model::tape::{DelayedInput, SharedStage, Source, Tape};
 use crate::model::{Hold, Model};
@@ -36,7 +37,8 @@ impl Inputs {
                 faults.push(Fault::new(pointer, "missing-channel", format!("the model needs the channel `{}`", input.channel)));
                 continue;
             };
-            let converter = Unit::parse(column.unit()).ok().zip(Unit::parse(&input.unit).ok());
+            let wanted = if input.unit == AS_IT_COMES { column.unit() } else { &input.unit };
+            let converter = Unit::parse(column.unit()).ok().zip(Unit::parse(wanted).ok());
             let convert = |value: f64| converter.and_then(|(from, to)| from.convert(&to, value));
             if convert(0.0).is_none() {
                 let detail = format!("`{}` is in {}, which does not convert to {}", input.channel, column.unit(), input.unit);

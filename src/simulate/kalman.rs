@@ -134,6 +134,12 @@ impl<'a> Kalman<'a> {
                     }
                     p[(state, state)] = HIDDEN_VARIANCE;
                 }
+                // What starts at a known value is known; behind a gap it goes on from where it was.
+                Initial::Fixed(value) => {
+                    if k == 0 {
+                        x[state] = *value;
+                    }
+                }
             }
         }
     }

@@ -132,6 +132,7 @@ impl Simulator {
                 file.state(state)[lane] = match initial {
                     Initial::Measured(output) => self.measured_start(*output).unwrap_or(f64::NAN),
                     Initial::Parameter(parameter) => theta[*parameter],
+                    Initial::Fixed(value) => *value,
                 };
             }
         }

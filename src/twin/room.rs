@@ -5,8 +5,7 @@ use crate::fault::Fault;
 use crate::model::{Bindings, Catalogue, Model, ModelId, compile};
 use crate::simulate::trajectory::Measured;
 use crate::simulate::{Inputs, Simulator, Stepper};
-use rand::{RngExt, SeedableRng};
-use rand_xoshiro::Xoshiro256PlusPlus;
+use crate::twin::dice::Dice;
 use std::fmt::Write;
 
 /// Latitude of the twin's sun.
@@ -27,47 +26,12 @@ pub struct RoomTwin {
     pub theta: Vec<f64>,
 }
 
-/// Deterministic normal deviates.
-struct Dice(Xoshiro256PlusPlus);
-
-impl Dice {
-    fn uniform(&mut self) -> f64 {
-        self.0.random::<f64>()
-    }
-
-    fn between(&mut self, low: f64, high: f64) -> f64 {
-        low + (high - low) * self.uniform()
-    }
-
-    fn log_between(&mut self, low: f64, high: f64) -> f64 {
-        self.between(low.ln(), high.ln()).exp()
-    }
-
-    /// Box and Muller.
-    fn normal(&mut self) -> f64 {
-        let radius = (-2.0 * (1.0 - self.uniform()).ln()).sqrt();
-        radius * (2.0 * std::f64::consts::PI * self.uniform()).cos()
-    }
-
-    /// A stationary first-order process with the given deviation and memory.
-    fn wander(&mut self, n: usize, deviation: f64, memory_steps: f64) -> Vec<f64> {
-        let keep = (-1.0 / memory_steps).exp();
-        let mut value = deviation * self.normal();
-        (0..n)
-            .map(|_| {
-                value = keep * value + deviation * (1.0 - keep * keep).sqrt() * self.normal();
-                value
-            })
-            .collect()
-    }
-}
-
 /// Makes a room with so many neighbours, days and minutes between samples, and noise of 0.05 K.
 ///
 /// # Errors
 /// Faults of the built-in model, which its own tests exclude.
 pub fn room(seed: u64, neighbours: usize, days: usize, step_minutes: usize) -> Result<RoomTwin, Vec<Fault>> {
-    let mut dice = Dice(Xoshiro256PlusPlus::seed_from_u64(seed));
+    let mut dice = Dice::new(seed);
     let names: Vec<String> = (1..=neighbours).map(|n| n.to_string()).collect();
     let model = room3(&names)?;
     let per_day = 24 * 60 / step_minutes;
