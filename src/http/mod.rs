@@ -13,6 +13,7 @@ mod page;
 mod params;
 mod problem;
 mod schedules;
+mod series;
 mod service;
 mod systems;
 mod windows;
@@ -59,6 +60,7 @@ fn layered() -> OpenApiRouter<Shared> {
     OpenApiRouter::new()
         .merge(systems::router())
         .merge(windows::router())
+        .merge(series::router())
         .merge(models::router())
         .merge(jobs::router())
         .merge(events::router())

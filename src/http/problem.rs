@@ -81,6 +81,8 @@ pub enum ApiError {
     Conflict(&'static str, String),
     /// The media type is none that the path takes.
     MediaType(&'static str),
+    /// The path has no form that the client accepts; the forms that it has.
+    NotAcceptable(&'static [&'static str]),
     /// The body is larger than this many bytes.
     TooLarge(usize),
     /// The body ended early.
@@ -171,6 +173,10 @@ impl ApiError {
             ApiError::MediaType(wanted) => {
                 let detail = format!("the body must be {wanted}, and Content-Type must say so");
                 plain(StatusCode::UNSUPPORTED_MEDIA_TYPE, "unsupported-media-type", "Unsupported media type", detail)
+            }
+            ApiError::NotAcceptable(forms) => {
+                let detail = format!("the answer comes as {}, and Accept must allow one of them", forms.join(" or "));
+                plain(StatusCode::NOT_ACCEPTABLE, "not-acceptable", "No acceptable form", detail)
             }
             ApiError::TooLarge(limit) => {
                 let mut problem =

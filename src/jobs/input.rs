@@ -1,6 +1,7 @@
 //! Collects what an estimate needs: measurements of the system and its neighbours, and what is served now.
 
 use super::systems::{self, SystemDocument};
+use super::windows::unpack;
 use super::{JobsError, Service};
 use crate::data::{Series, SystemId, Window, read_time};
 use crate::estimate::request::WindowRange;
@@ -48,12 +49,12 @@ pub async fn load(service: &Service, job: &JobRecord) -> Result<Input, JobsError
     let (from, to) = range(request.window.as_ref(), first, newest).map_err(JobsError::Faults)?;
     let mut neighbours = Vec::new();
     for neighbour in &system.neighbours {
-        neighbours.push((neighbour.clone(), store::windows::blocks(&service.store, neighbour, from, to).await?));
+        neighbours.push((neighbour.clone(), store::windows::blocks(&service.store, neighbour, (from, to), None).await?));
     }
     Ok(Input {
         catalogue: service.catalogue.current(),
         model: job.model.clone(),
-        windows: store::windows::blocks(&service.store, &job.system, from, to).await?,
+        windows: store::windows::blocks(&service.store, &job.system, (from, to), None).await?,
         served: store::fits::served(&service.store, &job.system).await?,
         request,
         system,
@@ -125,10 +126,6 @@ impl Input {
             theta: served.fit.parameters.iter().map(|(name, estimate)| (name.clone(), estimate.value)).collect(),
         })
     }
-}
-
-fn unpack(windows: &[Blocks]) -> Result<Vec<Window>, JobsError> {
-    windows.iter().map(|blocks| Window::from_series(blocks.decode()?).map_err(JobsError::Faults)).collect()
 }
 
 /// The air temperature of a neighbour, as the channel by which the models know it.

@@ -7,6 +7,7 @@
 //! |---|---|
 //! | `decode` | JSON with all its faults |
 //! | `systems`, `models`, `windows` | documents and measurements: checked here, kept by the store |
+//! | `series` | the stitched view of all windows of a system |
 //! | `request`, `submit` | what a job is asked to do, and how it enters the queue |
 //! | `board` | who runs now: progress, cancellation, listeners |
 //! | `worker`, `input`, `estimate` | from the claim to the verdict |
@@ -21,6 +22,7 @@ pub mod models;
 pub mod params;
 pub mod request;
 pub mod schedule;
+pub mod series;
 pub mod submit;
 pub mod systems;
 pub mod windows;

@@ -4,7 +4,7 @@ use super::{JobsError, Service, blocking, now, systems};
 use crate::data::{Bindings, ColumnHeader, SystemId, Window, WindowReport};
 use crate::fault::Fault;
 use crate::store::idempotency::RequestKey;
-use crate::store::windows::{self, Kept, NewWindow, WindowRecord};
+use crate::store::windows::{self, Blocks, Kept, NewWindow, WindowRecord};
 
 /// How a window is written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -69,6 +69,15 @@ fn pack(system: &SystemId, format: Format, body: &[u8], bindings: &Bindings) -> 
         report: serde_json::to_string(&report).map_err(|error| JobsError::Internal(error.to_string()))?,
         blocks: window.iter().map(|series| (series.channel().to_owned(), series.encode())).collect(),
     })
+}
+
+/// Unpacks the samples of windows, in their order; [`Window::stitch`] then makes one of them. This is work for a
+/// blocking thread or the CPU pool.
+///
+/// # Errors
+/// Where a block is not what was written.
+pub fn unpack(windows: &[Blocks]) -> Result<Vec<Window>, JobsError> {
+    windows.iter().map(|blocks| Window::from_series(blocks.decode()?).map_err(JobsError::Faults)).collect()
 }
 
 /// Parses a body. A column that the system binds may be absent: not every file has every channel. The report

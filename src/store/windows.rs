@@ -1,7 +1,7 @@
 //! Uploaded measurements: a report and one compressed block per channel.
 
 use super::idempotency::{KeyState, RequestKey, look_up, remember};
-use super::{Store, StoreError, corrupt, from_json, instant, millis, next, parse};
+use super::{Store, StoreError, corrupt, from_json, instant, millis, next, parse, to_json};
 use crate::data::{Series, SystemId};
 use jiff::Timestamp;
 use sqlx::FromRow;
@@ -169,15 +169,32 @@ pub async fn extent(store: &Store, system: &SystemId) -> Result<Option<(i64, i64
     Ok(from.zip(to))
 }
 
-/// The samples of all windows of a system that touch a range of time, in the order of upload.
+/// The channels of all windows of a system, by name.
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn blocks(store: &Store, system: &SystemId, from_s: i64, to_s: i64) -> Result<Vec<Blocks>, StoreError> {
+pub async fn channels(store: &Store, system: &SystemId) -> Result<Vec<String>, StoreError> {
+    let sql = "SELECT DISTINCT b.channel FROM windows w JOIN window_blocks b ON b.window = w.id WHERE w.system = $1 ORDER BY b.channel";
+    Ok(sqlx::query_scalar(sql).bind(system.to_string()).fetch_all(&store.reader).await?)
+}
+
+/// The samples of all windows of a system that touch a range of time, in the order of upload; of some channels,
+/// or of all.
+///
+/// # Errors
+/// Where the database fails.
+pub async fn blocks(
+    store: &Store,
+    system: &SystemId,
+    (from_s, to_s): (i64, i64),
+    channels: Option<&[String]>,
+) -> Result<Vec<Blocks>, StoreError> {
     let sql = "SELECT w.id, b.block FROM windows w JOIN window_blocks b ON b.window = w.id
-               WHERE w.system = $1 AND w.to_s >= $2 AND w.from_s <= $3 ORDER BY w.sequence, b.channel";
+               WHERE w.system = $1 AND w.to_s >= $2 AND w.from_s <= $3 AND ($4 IS NULL OR b.channel IN (SELECT value FROM json_each($4)))
+               ORDER BY w.sequence, b.channel";
+    let channels = channels.map(|channels| to_json("channels", channels)).transpose()?;
     let rows: Vec<(String, Vec<u8>)> =
-        sqlx::query_as(sql).bind(system.to_string()).bind(from_s).bind(to_s).fetch_all(&store.reader).await?;
+        sqlx::query_as(sql).bind(system.to_string()).bind(from_s).bind(to_s).bind(channels).fetch_all(&store.reader).await?;
     let mut windows: Vec<Blocks> = Vec::new();
     for (window, block) in rows {
         match windows.last_mut() {

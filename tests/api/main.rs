@@ -7,6 +7,7 @@ mod jobs;
 mod models;
 mod params;
 mod schedules;
+mod series;
 mod straight;
 #[path = "../support/mod.rs"]
 mod support;
