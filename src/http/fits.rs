@@ -34,6 +34,8 @@ struct FitAnswer {
     /// Every check: name, statistic, operator, threshold, unit, pass, comment.
     #[schema(value_type = Vec<Object>)]
     checks: Value,
+    /// The uploaded windows whose samples it has seen, in the order of upload. None of them can be deleted.
+    windows: Vec<String>,
     #[schema(value_type = String, format = DateTime)]
     created_at: Timestamp,
     #[serde(flatten)]
@@ -90,7 +92,9 @@ struct FitBody {
 #[utoipa::path(get, path = "/fits/{id}", tag = "fits", params(("id" = String, Path)), responses((status = 200, body = FitAnswer), Problems))]
 async fn get_fit(State(service): State<Shared>, Path(id): Path<String>) -> Result<axum::Json<FitAnswer>, ApiError> {
     let record = store::fits::get(&service.store, &id).await?.ok_or(ApiError::NotFound("fit", id))?;
+    let windows = store::windows::cited(&service.store, &record.id).await?;
     Ok(axum::Json(FitAnswer {
+        windows,
         id: record.id,
         job: record.job,
         system: record.system.to_string(),

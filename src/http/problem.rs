@@ -1,7 +1,7 @@
 //! Every answer that is an error, as a problem document (RFC 9457) with a stable slug and all faults at once.
 
 use crate::fault::Fault;
-use crate::jobs::JobsError;
+use crate::jobs::{JobsError, Refusal};
 use crate::store::StoreError;
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
@@ -79,6 +79,8 @@ pub enum ApiError {
     NoState(String),
     /// Another document has this id: what, and which.
     Conflict(&'static str, String),
+    /// It cannot be done as things stand.
+    Refused(Refusal),
     /// The media type is none that the path takes.
     MediaType(&'static str),
     /// The path has no form that the client accepts; the forms that it has.
@@ -106,6 +108,7 @@ impl From<JobsError> for ApiError {
             JobsError::NoSystem(system) => ApiError::NotFound("system", system.to_string()),
             JobsError::NotFound(what, which) => ApiError::NotFound(what, which),
             JobsError::Conflict(what, which) => ApiError::Conflict(what, which),
+            JobsError::Refused(refusal) => ApiError::Refused(refusal),
             JobsError::KeyReused => ApiError::KeyReused,
             JobsError::QueueFull(limit) => ApiError::QueueFull(limit),
             JobsError::Store(error) => ApiError::Storage(error),
@@ -169,6 +172,11 @@ impl ApiError {
             ApiError::Conflict(what, which) => {
                 let detail = format!("there is another {what} `{}`: documents do not change, because fits refer to them", shown(&which));
                 plain(StatusCode::CONFLICT, "already-exists", "The id is taken", detail)
+            }
+            ApiError::Refused(Refusal { slug, title, detail, because: (field, members) }) => {
+                let mut problem = plain(StatusCode::CONFLICT, slug, title, detail);
+                problem.more.insert(field.into(), members.into());
+                problem
             }
             ApiError::MediaType(wanted) => {
                 let detail = format!("the body must be {wanted}, and Content-Type must say so");

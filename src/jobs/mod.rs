@@ -72,6 +72,8 @@ pub enum JobsError {
     NotFound(&'static str, String),
     /// Another document has this id: what, and which.
     Conflict(&'static str, String),
+    /// It cannot be done as things stand.
+    Refused(Refusal),
     /// The idempotency key belongs to another request.
     KeyReused,
     /// So many jobs wait already.
@@ -82,6 +84,19 @@ pub enum JobsError {
     Internal(String),
 }
 
+/// Why something that makes sense cannot be done as things stand.
+#[derive(Debug)]
+pub struct Refusal {
+    /// A stable slug for programs.
+    pub slug: &'static str,
+    /// The slug in words.
+    pub title: &'static str,
+    /// A sentence about this case, with what to do about it.
+    pub detail: String,
+    /// What stands in the way: the name of a field, and its members.
+    pub because: (&'static str, Vec<String>),
+}
+
 impl std::fmt::Display for JobsError {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
@@ -89,6 +104,7 @@ impl std::fmt::Display for JobsError {
             JobsError::NoSystem(system) => write!(f, "there is no system `{system}`"),
             JobsError::NotFound(what, which) => write!(f, "there is no {what} `{which}`"),
             JobsError::Conflict(what, which) => write!(f, "there is another {what} `{which}`"),
+            JobsError::Refused(refusal) => f.write_str(&refusal.detail),
             JobsError::KeyReused => f.write_str("the idempotency key was used for another request"),
             JobsError::QueueFull(limit) => write!(f, "{limit} jobs wait already"),
             JobsError::Store(error) => error.fmt(f),

@@ -11,3 +11,5 @@ mod series;
 mod straight;
 #[path = "../support/mod.rs"]
 mod support;
+mod systems;
+mod windows;
