@@ -21,6 +21,8 @@
 //! | `resample` | from a window to a grid, without inventing data across gaps |
 //! | `sun` | altitude and azimuth of the sun |
 //! | `duration` | ISO 8601 durations |
+//! | `thin` | points for a chart: all samples, or an envelope that keeps every extreme |
+//! | `write` | columns as CSV that reads back to the same values |
 //! | `split` | training, validation and test parts |
 //!
 //! Times are whole seconds since 1970-01-01T00:00:00Z everywhere behind the parsers. The folder reads no
@@ -42,7 +44,9 @@ mod stamp;
 mod sun;
 mod system;
 mod table;
+mod thin;
 mod window;
+mod write;
 
 pub use block::CorruptBlock;
 pub use channel::{ChannelKind, Hold};
@@ -55,7 +59,9 @@ pub use split::{Split, SplitRequest};
 pub use stamp::{read_time, rfc3339};
 pub use sun::{SunPosition, add_sun, sun_position};
 pub use system::{BadSystemId, SystemId, SystemPattern};
+pub use thin::{Bucket, Thinned};
 pub use window::{RejectedRow, Window, WindowReport};
+pub use write::{CsvChannel, write_csv};
 
 #[cfg(test)]
 mod resample_tests;

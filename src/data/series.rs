@@ -165,9 +165,20 @@ impl Series {
         }
     }
 
+    /// The samples behind which there is a gap: the next one is more than three median steps away.
+    pub fn gaps(&self) -> Vec<usize> {
+        let limit = self.gap_limit();
+        (1..self.len()).filter(|next| self.times[*next] - self.times[next - 1] > limit).map(|next| next - 1).collect()
+    }
+
+    /// The longest distance of two samples, in seconds, that is no gap.
+    fn gap_limit(&self) -> i64 {
+        GAP_STEPS.saturating_mul(self.median_step().unwrap_or(0))
+    }
+
     /// The longest time, in seconds, over which the value stayed exactly the same without a gap.
     pub fn stuck(&self) -> i64 {
-        let limit = GAP_STEPS.saturating_mul(self.median_step().unwrap_or(0));
+        let limit = self.gap_limit();
         let (mut longest, mut start) = (0, 0);
         for i in 1..self.len() {
             if self.values[i] != self.values[i - 1] || self.times[i] - self.times[i - 1] > limit {

@@ -61,10 +61,16 @@ pub fn read_time(pointer: &str, text: &str) -> Result<i64, Fault> {
     read_stamp(text).map_err(|bad| {
         let fault = Fault::new(pointer, "bad-time", bad.reason());
         match bad {
-            BadStamp::Naive => fault.suggest(format!("append an offset, `Z` for UTC: {}Z", super::header::shown(text.trim()))),
+            BadStamp::Naive => fault.suggest(format!("append an offset, `Z` for UTC: {}", in_utc(text))),
             _ => fault.suggest("write it like 2026-01-31T12:00:00Z"),
         }
     })
+}
+
+/// A text without offset as it would read in UTC, for suggestions; a bare date means its first instant.
+pub(super) fn in_utc(text: &str) -> String {
+    let text = super::header::shown(text.trim());
+    if text.contains(':') { format!("{text}Z") } else { format!("{text}T00:00:00Z") }
 }
 
 /// A time as text in UTC, such as `2016-01-11T16:00:00Z`; times that no calendar holds print as their seconds.
@@ -114,7 +120,14 @@ mod tests {
         }
         let leap = read_stamp("2016-12-31T23:59:60Z").unwrap();
         assert_eq!(rfc3339(leap), "2016-12-31T23:59:59Z");
-        assert!(read_time("/from", "2016-01-11T16:00:00").unwrap_err().suggestion.unwrap().ends_with("2016-01-11T16:00:00Z"));
+        for (text, meant) in [
+            ("2016-01-11T16:00:00", "2016-01-11T16:00:00Z"),
+            ("2016-01-11", "2016-01-11T00:00:00Z"),
+            ("2016-01-11 16:00", "2016-01-11 16:00Z"),
+        ] {
+            assert!(read_time("/from", text).unwrap_err().suggestion.unwrap().ends_with(meant));
+            assert!(read_stamp(meant).is_ok(), "{meant}");
+        }
     }
 
     proptest! {

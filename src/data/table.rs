@@ -9,7 +9,7 @@ use indexmap::IndexMap;
 use super::channel::canonical_unit;
 use super::header::{Target, shown};
 use super::series::Series;
-use super::stamp::{BadStamp, read_stamp};
+use super::stamp::{BadStamp, in_utc, read_stamp};
 use super::window::{RejectedRow, Window, WindowReport};
 use crate::fault::Fault;
 use crate::units::Unit;
@@ -227,7 +227,7 @@ impl Table {
             let detail = format!("{} times have no offset: `{}` could mean many instants", self.naive.count, self.naive.example);
             faults.push(
                 Fault::new(at(&self.naive), "naive-time", detail)
-                    .suggest(format!("append the offset of the clock that wrote them, `Z` for UTC: {}Z", self.naive.example)),
+                    .suggest(format!("append the offset of the clock that wrote them, `Z` for UTC: {}", in_utc(&self.naive.example))),
             );
         }
         if self.numeric.count > 0 {

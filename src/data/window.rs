@@ -184,6 +184,27 @@ impl Window {
         if faults.is_empty() { Ok(Window { series }) } else { Err(faults) }
     }
 
+    /// Which of several windows, of which the last is the newest, gave a sample to `stitched`: to what
+    /// [`Window::stitch`] made of them, or to a part of it.
+    pub fn contributors(windows: &[Window], stitched: &Window) -> Vec<bool> {
+        let mut taken: IndexMap<&str, Vec<bool>> = stitched.iter().map(|series| (series.channel(), vec![false; series.len()])).collect();
+        let mut gave = vec![false; windows.len()];
+        for (window, gave) in windows.iter().zip(&mut gave).rev() {
+            for series in window.iter() {
+                let (Some(whole), Some(taken)) = (stitched.series(series.channel()), taken.get_mut(series.channel())) else {
+                    continue;
+                };
+                for time in series.times() {
+                    // A newer window has taken the sample already, or it is the newest that has one here.
+                    if let Ok(index) = whole.times().binary_search(time) {
+                        *gave |= !std::mem::replace(&mut taken[index], true);
+                    }
+                }
+            }
+        }
+        gave
+    }
+
     /// A hash of the content: channels with their units, holds and samples, whatever the order of the columns.
     ///
     /// 64 hexadecimal digits. Two texts that mean the same measurements have the same hash.

@@ -40,6 +40,8 @@ pub struct FitAnswer {
     waits_for_operator: bool,
     /// What an operator has said.
     decision: Option<DecisionAnswer>,
+    /// The uploaded windows whose samples it has seen, in the order of upload. None of them can be deleted.
+    windows: Vec<String>,
     #[schema(value_type = String, format = DateTime)]
     created_at: Timestamp,
     #[serde(flatten)]
@@ -116,7 +118,9 @@ async fn get_fit(State(service): State<Shared>, Path(id): Path<String>) -> Resul
 pub async fn answer(service: &Service, id: &str) -> Result<axum::Json<FitAnswer>, ApiError> {
     let record = store::fits::get(&service.store, id).await?.ok_or_else(|| ApiError::NotFound("fit", id.to_owned()))?;
     let (waits_for_operator, decision) = store::decisions::of(&service.store, id).await?;
+    let windows = store::windows::cited(&service.store, id).await?;
     Ok(axum::Json(FitAnswer {
+        windows,
         id: record.id,
         job: record.job,
         system: record.system.to_string(),

@@ -15,6 +15,7 @@ mod page;
 mod params;
 mod problem;
 mod schedules;
+mod series;
 mod service;
 mod systems;
 mod windows;
@@ -61,6 +62,7 @@ fn layered() -> OpenApiRouter<Shared> {
     OpenApiRouter::new()
         .merge(systems::router())
         .merge(windows::router())
+        .merge(series::router())
         .merge(models::router())
         .merge(jobs::router())
         .merge(events::router())

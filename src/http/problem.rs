@@ -1,8 +1,7 @@
 //! Every answer that is an error, as a problem document (RFC 9457) with a stable slug and all faults at once.
 
 use crate::fault::Fault;
-use crate::jobs::JobsError;
-use crate::jobs::decisions::Refused;
+use crate::jobs::{JobsError, Refusal};
 use crate::store::StoreError;
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
@@ -80,10 +79,12 @@ pub enum ApiError {
     NoState(String),
     /// Another document has this id: what, and which.
     Conflict(&'static str, String),
-    /// It contradicts how things stand: a slug, and a sentence.
-    Refused(&'static str, String),
+    /// It cannot be done as things stand.
+    Refused(Refusal),
     /// The media type is none that the path takes.
     MediaType(&'static str),
+    /// The path has no form that the client accepts; the forms that it has.
+    NotAcceptable(&'static [&'static str]),
     /// The body is larger than this many bytes.
     TooLarge(usize),
     /// The body ended early.
@@ -109,20 +110,12 @@ impl From<JobsError> for ApiError {
             JobsError::NoSystem(system) => ApiError::NotFound("system", system.to_string()),
             JobsError::NotFound(what, which) => ApiError::NotFound(what, which),
             JobsError::Conflict(what, which) => ApiError::Conflict(what, which),
+            JobsError::Refused(refusal) => ApiError::Refused(refusal),
             JobsError::KeyReused => ApiError::KeyReused,
             JobsError::QueueFull(limit) => ApiError::QueueFull(limit),
             JobsError::Busy => ApiError::Busy,
             JobsError::Store(error) => ApiError::Storage(error),
             JobsError::Internal(detail) => ApiError::Internal(detail),
-        }
-    }
-}
-
-impl From<Refused> for ApiError {
-    fn from(refused: Refused) -> Self {
-        match refused {
-            Refused::Error(error) => error.into(),
-            Refused::Conflict(slug, detail) => ApiError::Refused(slug, detail),
         }
     }
 }
@@ -183,10 +176,20 @@ impl ApiError {
                 let detail = format!("there is another {what} `{}`: documents do not change, because fits refer to them", shown(&which));
                 plain(StatusCode::CONFLICT, "already-exists", "The id is taken", detail)
             }
-            ApiError::Refused(slug, detail) => plain(StatusCode::CONFLICT, slug, "Not as things stand", detail),
+            ApiError::Refused(Refusal { slug, detail, because }) => {
+                let mut problem = plain(StatusCode::CONFLICT, slug, "Not as things stand", detail);
+                if let Some((field, members)) = because {
+                    problem.more.insert(field.into(), members.into());
+                }
+                problem
+            }
             ApiError::MediaType(wanted) => {
                 let detail = format!("the body must be {wanted}, and Content-Type must say so");
                 plain(StatusCode::UNSUPPORTED_MEDIA_TYPE, "unsupported-media-type", "Unsupported media type", detail)
+            }
+            ApiError::NotAcceptable(forms) => {
+                let detail = format!("the answer comes as {}, and Accept must allow one of them", forms.join(" or "));
+                plain(StatusCode::NOT_ACCEPTABLE, "not-acceptable", "No acceptable form", detail)
             }
             ApiError::TooLarge(limit) => {
                 let mut problem =

@@ -7,7 +7,7 @@ use super::page::{Page, PageQuery};
 use super::problem::{ApiError, Problems};
 use crate::fault::Fault;
 use crate::jobs::schedule::{self, ScheduleDocument, Ticks};
-use crate::jobs::{decode, now, submit};
+use crate::jobs::{Refusal, decode, now, submit};
 use crate::store;
 use crate::store::schedules::{ScheduleRecord, TickResult};
 use axum::extract::{Path, State};
@@ -164,7 +164,7 @@ async fn list_schedules(
 async fn delete_schedule(State(service): State<Shared>, Path(name): Path<String>, _body: Empty) -> Result<StatusCode, ApiError> {
     if name == schedule::NIGHTLY {
         let detail = "the nightly schedule is part of the service: put it with `\"enabled\": false` instead".to_owned();
-        return Err(ApiError::Refused("schedule-not-removable", detail));
+        return Err(ApiError::Refused(Refusal::new("schedule-not-removable", detail)));
     }
     if !store::schedules::delete(&service.store, &name).await? {
         return Err(ApiError::NotFound("schedule", name));

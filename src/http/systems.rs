@@ -10,15 +10,15 @@ use crate::store;
 use axum::extract::State;
 use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use serde_json::Value;
-use utoipa::ToSchema;
+use utoipa::{IntoParams, ToSchema};
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
 /// The paths of this file.
 pub fn router() -> OpenApiRouter<Shared> {
-    OpenApiRouter::new().routes(routes!(get_system, put_system)).routes(routes!(list_systems)).routes(routes!(get_state))
+    OpenApiRouter::new().routes(routes!(get_system, put_system, delete_system)).routes(routes!(list_systems)).routes(routes!(get_state))
 }
 
 /// A system with its name and links.
@@ -115,6 +115,40 @@ async fn put_system(State(service): State<Shared>, Named(system): Named, body: J
     let status = if is_new { StatusCode::CREATED } else { StatusCode::OK };
     let location = format!("/systems/{system}");
     Ok((status, [(header::LOCATION, location)], axum::Json(SystemAnswer { system: system.to_string(), document })).into_response())
+}
+
+/// Whether a deletion may take history along.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+struct DeleteQuery {
+    /// Deletes fits and revisions, too, and a system that others name as a neighbour.
+    #[serde(default)]
+    force: bool,
+}
+
+/// Deletes a system with everything that is its own: measurements, jobs, fits, revisions. `/params` then answers 404.
+///
+/// A system with fits or revisions, or on which others depend, goes only by `?force=true`; one whose jobs wait or
+/// run does not go at all. Documents of other systems that name it stay as they are.
+#[utoipa::path(
+    delete,
+    path = "/systems/{kind}/{id}",
+    tag = "systems",
+    params(("kind" = String, Path), ("id" = String, Path), DeleteQuery),
+    responses(
+        (status = 204, description = "It is gone"),
+        (status = 409, description = "`system-busy`: `jobs` need it; `system-needed`: it has a history or `dependents`, and nobody forced it", body = super::problem::Problem, content_type = "application/problem+json"),
+        Problems,
+    )
+)]
+async fn delete_system(
+    State(service): State<Shared>,
+    Named(system): Named,
+    Asked(query): Asked<DeleteQuery>,
+) -> Result<StatusCode, ApiError> {
+    systems::delete(&service, &system, query.force).await?;
+    Ok(StatusCode::NO_CONTENT)
 }
 
 /// The filtered states at the newest sample that a job has seen: what a controller needs beside the parameters.

@@ -21,7 +21,7 @@ use utoipa_axum::routes;
 
 /// The paths of this file.
 pub fn router() -> OpenApiRouter<Shared> {
-    OpenApiRouter::new().routes(routes!(post_window, list_windows)).routes(routes!(get_window))
+    OpenApiRouter::new().routes(routes!(post_window, list_windows)).routes(routes!(get_window, delete_window))
 }
 
 /// Measurements as JSON; as CSV they are `time,T_room[degC],…`.
@@ -134,4 +134,21 @@ async fn list_windows(
 async fn get_window(State(service): State<Shared>, Path(id): Path<String>) -> Result<axum::Json<WindowAnswer>, ApiError> {
     let window = store::windows::get(&service.store, &id).await?.ok_or(ApiError::NotFound("window", id))?;
     Ok(axum::Json(WindowAnswer::of(window)))
+}
+
+/// Deletes a window that no fit cites. The measurements that it covered show again.
+#[utoipa::path(
+    delete,
+    path = "/windows/{id}",
+    tag = "windows",
+    params(("id" = String, Path)),
+    responses(
+        (status = 204, description = "It is gone"),
+        (status = 409, description = "`window-cited`: `fits` cite it; `window-in-use`: `jobs` may be reading it", body = super::problem::Problem, content_type = "application/problem+json"),
+        Problems,
+    )
+)]
+async fn delete_window(State(service): State<Shared>, Path(id): Path<String>) -> Result<StatusCode, ApiError> {
+    windows::delete(&service, &id).await?;
+    Ok(StatusCode::NO_CONTENT)
 }

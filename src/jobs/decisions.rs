@@ -1,6 +1,6 @@
 //! An operator's word: promote or reject a fit that waits, pin what is served or roll it back.
 
-use super::{JobsError, Service, decode, now, params};
+use super::{JobsError, Refusal, Service, decode, now, params};
 use crate::data::SystemId;
 use crate::fault::Fault;
 use crate::store;
@@ -33,26 +33,11 @@ pub struct PinBody {
     reason: String,
 }
 
-/// Why an operator's word changes nothing.
-#[derive(Debug)]
-pub enum Refused {
-    /// It cannot be done at all.
-    Error(JobsError),
-    /// It contradicts how things stand: a slug, and a sentence.
-    Conflict(&'static str, String),
-}
-
-impl<E: Into<JobsError>> From<E> for Refused {
-    fn from(error: E) -> Self {
-        Refused::Error(error.into())
-    }
-}
-
 /// Promotes or rejects a fit that waits.
 ///
 /// # Errors
 /// Where the body has faults, there is no such fit, or it does not wait for this word.
-pub async fn decide(service: &Service, fit: &str, decision: Decision, body: Value) -> Result<(), Refused> {
+pub async fn decide(service: &Service, fit: &str, decision: Decision, body: Value) -> Result<(), JobsError> {
     let Reason { reason } = decode::decode(body).map_err(JobsError::Faults)?;
     check_reason(&reason)?;
     match store::decisions::decide(&service.store, fit, decision, &reason, now()).await? {
@@ -62,21 +47,21 @@ pub async fn decide(service: &Service, fit: &str, decision: Decision, body: Valu
             changed(service, &system).await
         }
         Decided::Already => Ok(()),
-        Decided::NoFit => Err(JobsError::NotFound("fit", fit.to_owned()).into()),
+        Decided::NoFit => Err(JobsError::NotFound("fit", fit.to_owned())),
         Decided::NotOffered(verdict) => {
             let detail = match verdict.as_str() {
                 "rejected" => "the gate has rejected this fit, and nobody can promote it".to_owned(),
                 "accepted" => "this fit was accepted and does not wait for an operator".to_owned(),
                 _ => format!("this fit is `{verdict}` and does not wait for an operator"),
             };
-            Err(Refused::Conflict("not-offered", detail))
+            Err(Refusal::new("not-offered", detail).into())
         }
         Decided::Final(earlier) => {
-            Err(Refused::Conflict("already-decided", format!("an operator has {} this fit, which is final", earlier.word())))
+            Err(Refusal::new("already-decided", format!("an operator has {} this fit, which is final", earlier.word())).into())
         }
-        Decided::Pinned => Err(Refused::Conflict("pinned", "the system is pinned: take the pin away first".to_owned())),
+        Decided::Pinned => Err(Refusal::new("pinned", "the system is pinned: take the pin away first".to_owned()).into()),
         Decided::OtherModel(model) => {
-            Err(Refused::Conflict("other-model", format!("the system has the model `{model}` by now: the fit is of another one")))
+            Err(Refusal::new("other-model", format!("the system has the model `{model}` by now: the fit is of another one")).into())
         }
     }
 }
@@ -85,7 +70,7 @@ pub async fn decide(service: &Service, fit: &str, decision: Decision, body: Valu
 ///
 /// # Errors
 /// Where the body has faults, there is no such system, or nothing to pin.
-pub async fn pin(service: &Service, system: &SystemId, body: Value) -> Result<(), Refused> {
+pub async fn pin(service: &Service, system: &SystemId, body: Value) -> Result<(), JobsError> {
     let PinBody { fit, reason } = decode::decode(body).map_err(JobsError::Faults)?;
     check_reason(&reason)?;
     super::systems::require(service, system).await?;
@@ -101,7 +86,7 @@ pub async fn pin(service: &Service, system: &SystemId, body: Value) -> Result<()
                 }
                 None => format!("no parameters of {system} were ever served"),
             };
-            Err(Refused::Conflict("never-served", detail))
+            Err(Refusal::new("never-served", detail).into())
         }
     }
 }
@@ -110,7 +95,7 @@ pub async fn pin(service: &Service, system: &SystemId, body: Value) -> Result<()
 ///
 /// # Errors
 /// Where there is no such system.
-pub async fn unpin(service: &Service, system: &SystemId) -> Result<(), Refused> {
+pub async fn unpin(service: &Service, system: &SystemId) -> Result<(), JobsError> {
     super::systems::require(service, system).await?;
     store::pins::delete(&service.store, system).await?;
     tracing::info!(%system, "unpinned by an operator");
@@ -118,7 +103,7 @@ pub async fn unpin(service: &Service, system: &SystemId) -> Result<(), Refused> 
 }
 
 /// Shows what was decided, and has the states of the new revision read off.
-async fn changed(service: &Service, system: &SystemId) -> Result<(), Refused> {
+async fn changed(service: &Service, system: &SystemId) -> Result<(), JobsError> {
     params::refresh(service, system).await?;
     service.arrivals.note(system);
     Ok(())

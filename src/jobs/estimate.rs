@@ -30,7 +30,10 @@ pub fn run(input: &Input, control: &Control<'_>) -> Result<Finding, Stopped> {
     let fit = estimate(&problem, &input.request, incumbent.as_ref(), control).map_err(|error| stopped(&error))?;
     let policy = Policy { horizon: input.system.policy.horizon };
     let judgement = validate(&problem, &fit, incumbent.as_ref(), &policy);
+    let (first, last) = (problem.grid().start(), problem.grid().time(problem.grid().len().saturating_sub(1)));
+    let used = window.slice(first, last).map_err(|faults| Stopped::Failed(invalid(faults)))?;
     Ok(Finding {
+        windows: input.cited(&used).map_err(failure)?,
         state: current_state(&problem, &fit),
         incumbent_state: incumbent_state(input, &problem),
         automatic: input.system.policy.mode == Mode::Auto,

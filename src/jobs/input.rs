@@ -1,6 +1,7 @@
 //! Collects what an estimate needs: measurements of the system and its neighbours, and what is served now.
 
 use super::systems::{self, SystemDocument};
+use super::windows::unpack;
 use super::{JobsError, Service};
 use crate::data::{Series, SystemId, Window, read_time};
 use crate::estimate::request::WindowRange;
@@ -56,12 +57,12 @@ pub async fn collect(service: &Service, name: &SystemId, model: &ModelId, reques
     let (from, to) = range(request.window.as_ref(), first, newest).map_err(JobsError::Faults)?;
     let mut neighbours = Vec::new();
     for neighbour in &system.neighbours {
-        neighbours.push((neighbour.clone(), store::windows::blocks(&service.store, neighbour, from, to).await?));
+        neighbours.push((neighbour.clone(), store::windows::blocks(&service.store, neighbour, (from, to), None).await?));
     }
     Ok(Input {
         catalogue: service.catalogue.current(),
         model: model.clone(),
-        windows: store::windows::blocks(&service.store, name, from, to).await?,
+        windows: store::windows::blocks(&service.store, name, (from, to), None).await?,
         served: store::fits::served(&service.store, name).await?,
         request,
         system,
@@ -87,15 +88,36 @@ impl Input {
     /// # Errors
     /// Faults where there are none, or two windows do not fit together.
     pub fn window(&self) -> Result<Window, JobsError> {
-        let mut windows = unpack(&self.windows)?;
-        for (neighbour, blocks) in &self.neighbours {
-            // A neighbour that is a system of its own is measured there; otherwise it is a column here.
-            if let Some(series) = room_temperature(neighbour, blocks)? {
-                windows.insert(0, Window::from_series(vec![series]).map_err(JobsError::Faults)?);
-            }
-        }
+        let (_, windows) = self.sources()?;
         let joined = Window::stitch(&windows).map_err(JobsError::Faults)?;
         self.without_exclusions(&joined)
+    }
+
+    /// The ids of the uploaded windows that gave a sample to `used`, a part of [`Input::window`].
+    ///
+    /// # Errors
+    /// Where a block cannot be read.
+    pub fn cited(&self, used: &Window) -> Result<Vec<String>, JobsError> {
+        let (ids, windows) = self.sources()?;
+        let gave = Window::contributors(&windows, used);
+        Ok(ids.into_iter().zip(gave).filter(|(_, gave)| *gave).map(|(id, _)| id.to_owned()).collect())
+    }
+
+    /// All windows with their ids, those of the neighbours first, each in the order of upload.
+    fn sources(&self) -> Result<(Vec<&str>, Vec<Window>), JobsError> {
+        let (mut ids, mut windows) = (Vec::new(), Vec::new());
+        for (neighbour, blocks) in &self.neighbours {
+            // A neighbour that is a system of its own is measured there; otherwise it is a column here.
+            for (blocks, window) in blocks.iter().zip(unpack(blocks)?) {
+                if let Some(series) = room_temperature(neighbour, &window)? {
+                    ids.push(blocks.window.as_str());
+                    windows.push(Window::from_series(vec![series]).map_err(JobsError::Faults)?);
+                }
+            }
+        }
+        ids.extend(self.windows.iter().map(|blocks| blocks.window.as_str()));
+        windows.extend(unpack(&self.windows)?);
+        Ok((ids, windows))
     }
 
     /// Takes the measured outputs out of the stretches that are not to be trusted; inputs stay, so that the
@@ -135,18 +157,9 @@ impl Input {
     }
 }
 
-fn unpack(windows: &[Blocks]) -> Result<Vec<Window>, JobsError> {
-    windows.iter().map(|blocks| Window::from_series(blocks.decode()?).map_err(JobsError::Faults)).collect()
-}
-
 /// The air temperature of a neighbour, as the channel by which the models know it.
-fn room_temperature(neighbour: &SystemId, blocks: &[Blocks]) -> Result<Option<Series>, JobsError> {
-    let windows = unpack(blocks)?;
-    if windows.is_empty() {
-        return Ok(None);
-    }
-    let joined = Window::stitch(&windows).map_err(JobsError::Faults)?;
-    let Some(series) = joined.series(ROOM_TEMPERATURE) else {
+fn room_temperature(neighbour: &SystemId, window: &Window) -> Result<Option<Series>, JobsError> {
+    let Some(series) = window.series(ROOM_TEMPERATURE) else {
         return Ok(None);
     };
     let name = format!("{ROOM_TEMPERATURE}_{}", neighbour.id());

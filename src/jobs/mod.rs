@@ -7,6 +7,7 @@
 //! |---|---|
 //! | `decode` | JSON with all its faults |
 //! | `systems`, `models`, `windows` | documents and measurements: checked here, kept by the store |
+//! | `series` | the stitched view of all windows of a system |
 //! | `request`, `submit` | what a job is asked to do, and how it enters the queue |
 //! | `board` | who runs now: progress, cancellation |
 //! | `events` | what happens to jobs, for those who listen |
@@ -29,6 +30,7 @@ pub mod models;
 pub mod params;
 pub mod request;
 pub mod schedule;
+pub mod series;
 pub mod submit;
 pub mod systems;
 pub mod windows;
@@ -84,6 +86,8 @@ pub enum JobsError {
     NotFound(&'static str, String),
     /// Another document has this id: what, and which.
     Conflict(&'static str, String),
+    /// It cannot be done as things stand.
+    Refused(Refusal),
     /// The idempotency key belongs to another request.
     KeyReused,
     /// So many jobs wait already.
@@ -96,6 +100,30 @@ pub enum JobsError {
     Internal(String),
 }
 
+/// Why something that makes sense cannot be done as things stand.
+#[derive(Debug)]
+pub struct Refusal {
+    /// A stable slug for programs.
+    pub slug: &'static str,
+    /// A sentence about this case, with what to do about it.
+    pub detail: String,
+    /// What stands in the way, where it has names: a field, and its members.
+    pub because: Option<(&'static str, Vec<String>)>,
+}
+
+impl Refusal {
+    /// A refusal that names nothing in the way.
+    pub fn new(slug: &'static str, detail: impl Into<String>) -> Self {
+        Self { slug, detail: detail.into(), because: None }
+    }
+}
+
+impl From<Refusal> for JobsError {
+    fn from(refusal: Refusal) -> Self {
+        JobsError::Refused(refusal)
+    }
+}
+
 impl std::fmt::Display for JobsError {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
@@ -103,6 +131,7 @@ impl std::fmt::Display for JobsError {
             JobsError::NoSystem(system) => write!(f, "there is no system `{system}`"),
             JobsError::NotFound(what, which) => write!(f, "there is no {what} `{which}`"),
             JobsError::Conflict(what, which) => write!(f, "there is another {what} `{which}`"),
+            JobsError::Refused(refusal) => f.write_str(&refusal.detail),
             JobsError::KeyReused => f.write_str("the idempotency key was used for another request"),
             JobsError::QueueFull(limit) => write!(f, "{limit} jobs wait already"),
             JobsError::Busy => f.write_str("too many answers are being computed already"),

@@ -104,6 +104,21 @@ impl Snapshot {
             }
         }
     }
+
+    /// Takes a system out that is no longer there. Whoever still waits for it finds nothing to use.
+    fn forget(&self, system: &SystemId) {
+        let name = system.to_string();
+        if let Some(slot) = self.slot(&name) {
+            self.slots.rcu(|slots| {
+                let mut fewer = HashMap::clone(slots);
+                fewer.remove(&name);
+                fewer
+            });
+            let answer = Answer::NeverValidated { latest_job: None, nominal: None };
+            slot.entry.store(Arc::new(Entry { answer, turns_stale: None }));
+            slot.changed.send_replace(());
+        }
+    }
 }
 
 impl Slot {
@@ -142,9 +157,12 @@ impl Entry {
 /// Where the database fails.
 pub async fn refresh(service: &Service, system: &SystemId) -> Result<(), JobsError> {
     let _one_at_a_time = service.params.refreshing.lock().await;
-    if let Some(standing) = standing(&service.store, system).await? {
-        let entry = entry(service, standing).await?;
-        service.params.swap(system, entry);
+    match standing(&service.store, system).await? {
+        Some(standing) => {
+            let entry = entry(service, standing).await?;
+            service.params.swap(system, entry);
+        }
+        None => service.params.forget(system),
     }
     Ok(())
 }

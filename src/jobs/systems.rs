@@ -1,11 +1,12 @@
 //! What is known about a room or a plant: the document behind `/systems/{kind}/{id}`.
 
-use super::{JobsError, Service, decode, now};
+use super::{JobsError, Refusal, Service, decode, now};
 use crate::data::{Bindings as ColumnBindings, Duration, SystemId, read_time};
 use crate::estimate::request::{Prior, Site};
 use crate::fault::Fault;
 use crate::model::{Bindings, Catalogue, ModelId, compile};
 use crate::store;
+use crate::store::systems::{Deleted, Needs};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use utoipa::ToSchema;
@@ -209,6 +210,33 @@ pub async fn put(service: &Service, system: &SystemId, body: serde_json::Value) 
     let is_new = store::systems::put(&service.store, system, &document.model, &text, now()).await?;
     super::params::refresh(service, system).await?;
     Ok((document, is_new))
+}
+
+/// Deletes a system with its measurements, jobs, fits and revisions; `/params` then does not know it any more.
+///
+/// # Errors
+/// Where there is none, a job needs it, it has a history or dependents and nobody forces it, or the database fails.
+pub async fn delete(service: &Service, system: &SystemId, force: bool) -> Result<(), JobsError> {
+    let refused = |slug, detail, because| Err(JobsError::Refused(Refusal { slug, detail, because: Some(because) }));
+    match store::systems::delete(&service.store, system, force).await? {
+        Deleted::Busy(jobs) => {
+            let detail = format!("{} jobs of {system} or of its neighbours wait or run: wait for their end, or cancel them", jobs.len());
+            refused("system-busy", detail, ("jobs", jobs))
+        }
+        Deleted::Needed(Needs { fits, revisions, dependents }) => {
+            let detail = format!(
+                "{system} has {fits} fits, {revisions} revisions and {} dependents: `?force=true` deletes its history",
+                dependents.len()
+            );
+            refused("system-needed", detail, ("dependents", dependents))
+        }
+        // A deletion whose answer was lost comes again: what is served is made to agree all the same.
+        Deleted::NotThere => {
+            super::params::refresh(service, system).await?;
+            Err(JobsError::NoSystem(system.clone()))
+        }
+        Deleted::Gone => super::params::refresh(service, system).await,
+    }
 }
 
 /// Reads the document of a system that is kept.

@@ -1,10 +1,13 @@
 //! Takes measurements in: parsed, packed and kept, once per content.
 
-use super::{JobsError, Service, blocking, now, systems};
+use super::{JobsError, Refusal, Service, blocking, now, systems};
 use crate::data::{Bindings, ColumnHeader, SystemId, Window, WindowReport};
 use crate::fault::Fault;
 use crate::store::idempotency::RequestKey;
-use crate::store::windows::{self, Kept, NewWindow, WindowRecord};
+use crate::store::windows::{self, Blocks, Deleted, Kept, NewWindow, WindowRecord};
+
+/// Most fits that a refusal names.
+const MOST_NAMED: usize = 20;
 
 /// How a window is written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -56,9 +59,31 @@ pub async fn take(
         }
         Kept::Known => false,
         Kept::KeyReused => return Err(JobsError::KeyReused),
+        Kept::NoSystem => return Err(JobsError::NoSystem(system.clone())),
     };
     let window = windows::get(&service.store, &packed.id).await?;
     window.map(|window| Taken { window, is_new }).ok_or_else(|| JobsError::NotFound("window", packed.id))
+}
+
+/// Deletes a window.
+///
+/// # Errors
+/// Where there is none, a fit cites it, a running job may be reading it, or the database fails.
+pub async fn delete(service: &Service, id: &str) -> Result<(), JobsError> {
+    let refused = |slug, detail, because| Err(JobsError::Refused(Refusal { slug, detail, because: Some(because) }));
+    match windows::delete(&service.store, id).await? {
+        Deleted::Gone => Ok(()),
+        Deleted::NotThere => Err(JobsError::NotFound("window", id.to_owned())),
+        Deleted::Cited(mut fits) => {
+            let detail = format!("{} fits cite `{id}` and could not be explained without it", fits.len());
+            fits.truncate(MOST_NAMED);
+            refused("window-cited", detail, ("fits", fits))
+        }
+        Deleted::InUse(jobs) => {
+            let detail = "a job that may be reading the window runs: wait for its end, or cancel it".to_owned();
+            refused("window-in-use", detail, ("jobs", jobs))
+        }
+    }
 }
 
 /// Parses and packs a body.
@@ -72,6 +97,15 @@ fn pack(system: &SystemId, format: Format, body: &[u8], bindings: &Bindings) -> 
         report: serde_json::to_string(&report).map_err(|error| JobsError::Internal(error.to_string()))?,
         blocks: window.iter().map(|series| (series.channel().to_owned(), series.encode())).collect(),
     })
+}
+
+/// Unpacks the samples of windows, in their order; [`Window::stitch`] then makes one of them. This is work for a
+/// blocking thread or the CPU pool.
+///
+/// # Errors
+/// Where a block is not what was written.
+pub fn unpack(windows: &[Blocks]) -> Result<Vec<Window>, JobsError> {
+    windows.iter().map(|blocks| Window::from_series(blocks.decode()?).map_err(JobsError::Faults)).collect()
 }
 
 /// Parses a body. A column that the system binds may be absent: not every file has every channel. The report

@@ -27,6 +27,8 @@ pub enum Ending<'a> {
 pub struct Finding {
     /// What was found.
     pub fit: Fit,
+    /// The uploaded windows that it cites.
+    pub windows: Vec<String>,
     /// What the gate says.
     pub judgement: Judgement,
     /// Whether the policy of the system lets an accepted fit be served without an operator.
@@ -140,6 +142,12 @@ async fn keep_fit(
         .bind(to_json("checks", &judgement.checks)?)
         .bind(&judgement.summary)
         .bind(millis(now))
+        .execute(&mut *tx)
+        .await?;
+    // Windows that a running job may read cannot be deleted; should one be gone nevertheless, the fit still counts.
+    sqlx::query("INSERT INTO fit_windows (fit, window) SELECT $1, id FROM windows WHERE id IN (SELECT value FROM json_each($2))")
+        .bind(&id)
+        .bind(to_json("cited windows", &finding.windows)?)
         .execute(&mut *tx)
         .await?;
     let mut finished = Finished { fit: Some(id.clone()), ..Finished::default() };

@@ -1,10 +1,11 @@
 //! Documents of rooms and plants. What is in a document is for `jobs` to know; here it is a text.
 
+use super::windows::readers;
 use super::{Store, StoreError, instant, millis, parse};
 use crate::data::SystemId;
 use crate::model::ModelId;
 use jiff::Timestamp;
-use sqlx::FromRow;
+use sqlx::{FromRow, SqliteConnection};
 
 /// A system as it is kept.
 #[derive(Debug, Clone, PartialEq)]
@@ -19,6 +20,30 @@ pub struct SystemRecord {
     pub created_at: Timestamp,
     /// When it was last changed.
     pub updated_at: Timestamp,
+}
+
+/// What became of a system that was to be deleted.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Deleted {
+    /// It is gone, with everything that was its own.
+    Gone,
+    /// There was none.
+    NotThere,
+    /// These jobs wait, run, or read its measurements.
+    Busy(Vec<String>),
+    /// Nobody forced it, and something depends on it.
+    Needed(Needs),
+}
+
+/// What would be lost, or would miss a system, if it were deleted.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Needs {
+    /// Fits of the system.
+    pub fits: i64,
+    /// Revisions that were served.
+    pub revisions: i64,
+    /// Other systems that name it as a neighbour, or whose fits cite its measurements.
+    pub dependents: Vec<String>,
 }
 
 #[derive(FromRow)]
@@ -55,6 +80,66 @@ pub async fn put(store: &Store, system: &SystemId, model: &ModelId, document: &s
     sqlx::query(sql).bind(system.to_string()).bind(model.to_string()).bind(document).bind(millis(now)).execute(&mut *tx).await?;
     tx.commit().await?;
     Ok(known.is_none())
+}
+
+/// Everything that belongs to a system, in an order that the keys allow. Fits of other systems lose what they cite
+/// of it; batches and schedules stay.
+const BELONGINGS: [&str; 14] = [
+    "DELETE FROM idempotency WHERE resource IN (SELECT id FROM jobs WHERE system = $1 UNION SELECT id FROM windows WHERE system = $1)",
+    "DELETE FROM fallbacks WHERE system = $1",
+    "DELETE FROM states WHERE system = $1",
+    "DELETE FROM pins WHERE system = $1",
+    "DELETE FROM degradations WHERE system = $1",
+    "DELETE FROM revisions WHERE system = $1",
+    "DELETE FROM fit_windows WHERE window IN (SELECT id FROM windows WHERE system = $1)",
+    "DELETE FROM decisions WHERE fit IN (SELECT id FROM fits WHERE system = $1)",
+    "DELETE FROM offers WHERE fit IN (SELECT id FROM fits WHERE system = $1)",
+    "DELETE FROM fits WHERE system = $1",
+    "DELETE FROM batch_jobs WHERE job IN (SELECT id FROM jobs WHERE system = $1)",
+    "DELETE FROM jobs WHERE system = $1",
+    "DELETE FROM windows WHERE system = $1",
+    "DELETE FROM systems WHERE system = $1",
+];
+
+/// Deletes a system with everything that is its own, in one transaction. Never while a job needs it; where there is
+/// history, or another system depends on it, only by force.
+///
+/// # Errors
+/// Where the database fails.
+pub async fn delete(store: &Store, system: &SystemId, force: bool) -> Result<Deleted, StoreError> {
+    let name = system.to_string();
+    let mut tx = store.write().await?;
+    if sqlx::query("SELECT 1 FROM systems WHERE system = $1").bind(&name).fetch_optional(&mut *tx).await?.is_none() {
+        return Ok(Deleted::NotThere);
+    }
+    let sql = "SELECT id FROM jobs WHERE system = $1 AND state IN ('queued', 'running') ORDER BY sequence";
+    let mut busy: Vec<String> = sqlx::query_scalar(sql).bind(&name).fetch_all(&mut *tx).await?;
+    busy.extend(readers(&mut tx, &name).await?);
+    busy.dedup();
+    if !busy.is_empty() {
+        return Ok(Deleted::Busy(busy));
+    }
+    let needs = needs(&mut tx, &name).await?;
+    if !force && needs != Needs::default() {
+        return Ok(Deleted::Needed(needs));
+    }
+    for sql in BELONGINGS {
+        sqlx::query(sql).bind(&name).execute(&mut *tx).await?;
+    }
+    tx.commit().await?;
+    Ok(Deleted::Gone)
+}
+
+async fn needs(tx: &mut SqliteConnection, system: &str) -> Result<Needs, StoreError> {
+    let count = "SELECT (SELECT COUNT(*) FROM fits WHERE system = $1), (SELECT COUNT(*) FROM revisions WHERE system = $1)";
+    let (fits, revisions) = sqlx::query_as(count).bind(system).fetch_one(&mut *tx).await?;
+    let sql = "SELECT s.system FROM systems s WHERE s.system <> $1 AND (
+                   $1 IN (SELECT value FROM json_each(s.document, '$.neighbours'))
+                   OR EXISTS (SELECT 1 FROM fits f JOIN fit_windows c ON c.fit = f.id JOIN windows w ON w.id = c.window
+                              WHERE f.system = s.system AND w.system = $1))
+               ORDER BY s.system";
+    let dependents = sqlx::query_scalar(sql).bind(system).fetch_all(tx).await?;
+    Ok(Needs { fits, revisions, dependents })
 }
 
 /// One system.

@@ -1,10 +1,10 @@
 //! Uploaded measurements: a report and one compressed block per channel.
 
 use super::idempotency::{KeyState, RequestKey, look_up, remember};
-use super::{Store, StoreError, corrupt, from_json, instant, millis, next, parse};
+use super::{Store, StoreError, corrupt, from_json, instant, millis, next, parse, to_json};
 use crate::data::{Series, SystemId};
 use jiff::Timestamp;
-use sqlx::FromRow;
+use sqlx::{FromRow, SqliteConnection};
 
 /// A window as it is listed; its samples are in [`Blocks`].
 #[derive(Debug, Clone, PartialEq)]
@@ -59,6 +59,21 @@ pub enum Kept {
     Known,
     /// The idempotency key belongs to another request.
     KeyReused,
+    /// The system was deleted meanwhile.
+    NoSystem,
+}
+
+/// What became of a window that was to be deleted.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Deleted {
+    /// It is gone.
+    Gone,
+    /// There was none.
+    NotThere,
+    /// These fits cite it, the newest first.
+    Cited(Vec<String>),
+    /// These running jobs may be reading it.
+    InUse(Vec<String>),
 }
 
 #[derive(FromRow)]
@@ -113,6 +128,10 @@ pub async fn insert(store: &Store, new: &NewWindow<'_>, key: Option<&RequestKey>
         remember(&mut tx, key, new.id, if known.is_some() { 200 } else { 201 }, now).await?;
     }
     if known.is_none() {
+        // Between the first look at the system and this moment a large body was parsed.
+        if sqlx::query("SELECT 1 FROM systems WHERE system = $1").bind(new.system.to_string()).fetch_optional(&mut *tx).await?.is_none() {
+            return Ok(Kept::NoSystem);
+        }
         let sequence = next(&mut tx, "sequence").await?;
         let sql = "INSERT INTO windows (id, system, sequence, from_s, to_s, report, uploaded_at) VALUES ($1, $2, $3, $4, $5, $6, $7)";
         sqlx::query(sql)
@@ -159,6 +178,44 @@ pub async fn page(store: &Store, system: &SystemId, before: i64, limit: i64) -> 
     rows.into_iter().map(Row::record).collect()
 }
 
+/// Deletes a window, unless a fit cites it or a running job may be reading it.
+///
+/// # Errors
+/// Where the database fails.
+pub async fn delete(store: &Store, id: &str) -> Result<Deleted, StoreError> {
+    let mut tx = store.write().await?;
+    let system: Option<String> = sqlx::query_scalar("SELECT system FROM windows WHERE id = $1").bind(id).fetch_optional(&mut *tx).await?;
+    let Some(system) = system else { return Ok(Deleted::NotThere) };
+    let sql = "SELECT f.id FROM fit_windows c JOIN fits f ON f.id = c.fit WHERE c.window = $1 ORDER BY f.created_at DESC";
+    let cited: Vec<String> = sqlx::query_scalar(sql).bind(id).fetch_all(&mut *tx).await?;
+    if !cited.is_empty() {
+        return Ok(Deleted::Cited(cited));
+    }
+    let reading = readers(&mut tx, &system).await?;
+    if !reading.is_empty() {
+        return Ok(Deleted::InUse(reading));
+    }
+    sqlx::query("DELETE FROM windows WHERE id = $1").bind(id).execute(&mut *tx).await?;
+    tx.commit().await?;
+    Ok(Deleted::Gone)
+}
+
+/// The running jobs that may read the measurements of a system: its own, and those of systems that name it as a neighbour.
+pub(super) async fn readers(tx: &mut SqliteConnection, system: &str) -> Result<Vec<String>, StoreError> {
+    let sql = "SELECT j.id FROM jobs j JOIN systems s ON s.system = j.system WHERE j.state = 'running'
+               AND (s.system = $1 OR $1 IN (SELECT value FROM json_each(s.document, '$.neighbours'))) ORDER BY j.sequence";
+    Ok(sqlx::query_scalar(sql).bind(system).fetch_all(tx).await?)
+}
+
+/// The windows that a fit cites, in the order of upload.
+///
+/// # Errors
+/// Where the database fails.
+pub async fn cited(store: &Store, fit: &str) -> Result<Vec<String>, StoreError> {
+    let sql = "SELECT w.id FROM fit_windows c JOIN windows w ON w.id = c.window WHERE c.fit = $1 ORDER BY w.sequence";
+    Ok(sqlx::query_scalar(sql).bind(fit).fetch_all(&store.reader).await?)
+}
+
 /// The first and the last sample time of a system, `None` without any window.
 ///
 /// # Errors
@@ -169,15 +226,32 @@ pub async fn extent(store: &Store, system: &SystemId) -> Result<Option<(i64, i64
     Ok(from.zip(to))
 }
 
-/// The samples of all windows of a system that touch a range of time, in the order of upload.
+/// The channels of all windows of a system, by name.
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn blocks(store: &Store, system: &SystemId, from_s: i64, to_s: i64) -> Result<Vec<Blocks>, StoreError> {
+pub async fn channels(store: &Store, system: &SystemId) -> Result<Vec<String>, StoreError> {
+    let sql = "SELECT DISTINCT b.channel FROM windows w JOIN window_blocks b ON b.window = w.id WHERE w.system = $1 ORDER BY b.channel";
+    Ok(sqlx::query_scalar(sql).bind(system.to_string()).fetch_all(&store.reader).await?)
+}
+
+/// The samples of all windows of a system that touch a range of time, in the order of upload; of some channels,
+/// or of all.
+///
+/// # Errors
+/// Where the database fails.
+pub async fn blocks(
+    store: &Store,
+    system: &SystemId,
+    (from_s, to_s): (i64, i64),
+    channels: Option<&[String]>,
+) -> Result<Vec<Blocks>, StoreError> {
     let sql = "SELECT w.id, b.block FROM windows w JOIN window_blocks b ON b.window = w.id
-               WHERE w.system = $1 AND w.to_s >= $2 AND w.from_s <= $3 ORDER BY w.sequence, b.channel";
+               WHERE w.system = $1 AND w.to_s >= $2 AND w.from_s <= $3 AND ($4 IS NULL OR b.channel IN (SELECT value FROM json_each($4)))
+               ORDER BY w.sequence, b.channel";
+    let channels = channels.map(|channels| to_json("channels", channels)).transpose()?;
     let rows: Vec<(String, Vec<u8>)> =
-        sqlx::query_as(sql).bind(system.to_string()).bind(from_s).bind(to_s).fetch_all(&store.reader).await?;
+        sqlx::query_as(sql).bind(system.to_string()).bind(from_s).bind(to_s).bind(channels).fetch_all(&store.reader).await?;
     let mut windows: Vec<Blocks> = Vec::new();
     for (window, block) in rows {
         match windows.last_mut() {

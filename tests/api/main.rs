@@ -9,6 +9,9 @@ mod models;
 mod operators;
 mod params;
 mod schedules;
+mod series;
 mod straight;
 #[path = "../support/mod.rs"]
 mod support;
+mod systems;
+mod windows;

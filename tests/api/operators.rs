@@ -132,6 +132,11 @@ fn a_pin_rolls_back_under_a_new_number_and_holds() {
     let page = app.get("/params/room/1/history?page_size=2").expect(200).json();
     let rest = app.get(&format!("/params/room/1/history?page_size=2&page_token={}", page["next_page_token"].as_str().unwrap())).json();
     assert_eq!((rest["items"][0]["revision"].as_i64(), &rest["next_page_token"]), (Some(1), &Value::Null));
+
+    // A system goes with everything that was decided about it.
+    app.json("PUT", "/params/room/1/pin", &json!({"reason": "x"})).expect(200);
+    app.send("DELETE", "/systems/room/1?force=true", &[], None).unwrap().expect(204);
+    app.get("/params/room/1").problem(404, "system-not-found");
 }
 
 #[test]
