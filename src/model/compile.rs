@@ -6,7 +6,7 @@ use super::expr::{Graph, Node, NodeId, Point};
 use super::functions::{MAX_DELAY, delays};
 use super::lower::{Lowering, Symbol, Value};
 use super::parse::{declaration, is_name};
-use super::spec::{Hold, InputSpec, Nominal, ParameterSpec, Scale};
+use super::spec::{InputSpec, Nominal, ParameterSpec, Scale};
 use super::{Initial, Input, Model, Output, Parameter, State};
 use crate::fault::Fault;
 use crate::units::Unit;
