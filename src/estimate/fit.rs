@@ -123,7 +123,7 @@ pub struct Fit {
     pub correlated: Vec<CorrelatedPair>,
     /// The name of the optimiser.
     pub method: String,
-    /// The objective.
+    /// The objective: `mse`, `swmse` or `nmse`.
     pub objective: String,
     /// The best cost.
     pub cost: f64,

@@ -20,6 +20,21 @@ pub enum Objective {
     Mse,
     /// Mean square error weighted by the correlation of the shapes (thesis eq. 7.6).
     Swmse,
+    /// Mean square error of each output over the variance of its measurements, averaged over the outputs:
+    /// `1/J sum_j [mean_k (y_j(k) - ym_j(k))^2 / mean_k (ym_j(k) - mean ym_j)^2]`. It is 1 for a model that knows
+    /// nothing but the means, and outputs of any size and number of samples count alike.
+    Nmse,
+}
+
+impl Objective {
+    /// The word for documents.
+    pub fn word(self) -> &'static str {
+        match self {
+            Objective::Mse => "mse",
+            Objective::Swmse => "swmse",
+            Objective::Nmse => "nmse",
+        }
+    }
 }
 
 /// What is known about the parameters before any data.

@@ -342,11 +342,7 @@ fn report(
         parameters,
         correlated: uncertainty.correlated,
         method: request.method.method.name().to_owned(),
-        objective: match request.objective {
-            super::request::Objective::Mse => "mse",
-            super::request::Objective::Swmse => "swmse",
-        }
-        .to_owned(),
+        objective: request.objective.word().to_owned(),
         cost: found.cost,
         stopped_by: found.stop,
         seed: request.method.seed,

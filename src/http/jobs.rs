@@ -52,7 +52,8 @@ pub struct JobBody {
     /// How they are parted.
     #[schema(value_type = Option<Object>, example = json!({"train": "P21D", "validation": "P7D"}))]
     split: Option<Value>,
-    /// What is minimised: `mse` or `swmse`.
+    /// What is minimised: `mse`, `swmse` (weighted by the correlation of the shapes) or `nmse` (over the variance of
+    /// the measurements, averaged over the outputs).
     objective: Option<String>,
     /// What is known beforehand: `none` or `log_normal`.
     prior: Option<String>,

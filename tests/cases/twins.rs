@@ -94,3 +94,21 @@ fn the_shape_weighted_error_is_minimised_by_the_same_search() {
     // At the noise floor the shapes agree, so the weight is nearly one.
     assert!(fit.cost > 0.9 * 0.05f64.powi(2) && fit.cost < 1.3 * 0.05f64.powi(2), "{}", fit.cost);
 }
+
+/// The normalised error of one output is its mean square error over a number: the same optimum, the same search.
+#[test]
+fn the_normalised_error_of_one_output_has_the_same_optimum() {
+    let mut asked = request("P7D", "P2D", "P0D", 27);
+    let (_, plain) = room(461, 9, &asked);
+    let mse = fit(&plain, &asked);
+    asked.objective = Objective::Nmse;
+    let (_, normalised) = room(461, 9, &asked);
+    let nmse = fit(&normalised, &asked);
+    let used = plain.usable(0, plain.split().train.clone());
+    let values: Vec<f64> = used.iter().map(|k| plain.measured()[0].0[*k]).collect();
+    let mean = values.iter().sum::<f64>() / values.len() as f64;
+    let variance = values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / values.len() as f64;
+    assert_eq!(nmse.objective, "nmse");
+    assert!((nmse.cost * variance / mse.cost - 1.0).abs() < 5e-3, "{} {}", nmse.cost * variance, mse.cost);
+    assert!(nmse.cost < 0.05, "{}", nmse.cost);
+}
