@@ -31,6 +31,7 @@ pub mod worker;
 use crate::data::SystemId;
 use crate::fault::Fault;
 use crate::settings::Settings;
+use crate::store::jobs::JobState;
 use crate::store::{Store, StoreError};
 use jiff::Timestamp;
 use std::sync::atomic::AtomicUsize;
@@ -76,6 +77,8 @@ pub enum JobsError {
     Conflict(&'static str, String),
     /// The idempotency key belongs to another request.
     KeyReused,
+    /// The job waits or runs.
+    NotFinished(String, JobState),
     /// So many jobs wait already.
     QueueFull(i64),
     /// The database failed.
@@ -92,6 +95,7 @@ impl std::fmt::Display for JobsError {
             JobsError::NotFound(what, which) => write!(f, "there is no {what} `{which}`"),
             JobsError::Conflict(what, which) => write!(f, "there is another {what} `{which}`"),
             JobsError::KeyReused => f.write_str("the idempotency key was used for another request"),
+            JobsError::NotFinished(job, state) => write!(f, "the job `{job}` has not ended: it is {}", state.word()),
             JobsError::QueueFull(limit) => write!(f, "{limit} jobs wait already"),
             JobsError::Store(error) => error.fmt(f),
             JobsError::Internal(detail) => f.write_str(detail),

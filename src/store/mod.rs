@@ -15,6 +15,7 @@
 //! | `batches` | recalibrations of several systems |
 //! | `fits` | what was found, with its verdict |
 //! | `params` | what is served: revisions, fallbacks, states |
+//! | `retry` | jobs that are done again |
 //! | `schedules` | when batches are submitted |
 //! | `idempotency` | keys of requests that created something |
 
@@ -27,6 +28,7 @@ mod job;
 pub mod jobs;
 pub mod models;
 pub mod params;
+pub mod retry;
 pub mod schedules;
 pub mod systems;
 pub mod windows;
