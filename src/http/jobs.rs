@@ -26,7 +26,11 @@ use utoipa_axum::routes;
 
 /// The paths of this file.
 pub fn router() -> OpenApiRouter<Shared> {
-    OpenApiRouter::new().routes(routes!(post_job, list_jobs)).routes(routes!(get_job)).routes(routes!(cancel_job))
+    OpenApiRouter::new()
+        .routes(routes!(post_job, list_jobs))
+        .routes(routes!(get_job))
+        .routes(routes!(cancel_job))
+        .routes(routes!(retry_job))
 }
 
 /// What a job is asked to do. Everything but `kind` and `system` (or `systems`) has a default that serves.
@@ -44,6 +48,8 @@ pub struct JobBody {
     systems: Option<Vec<String>>,
     /// Never alters what is served.
     experiment: Option<bool>,
+    /// Who goes first: `interactive` where somebody waits for it, `operator` by default, `nightly` where nobody does.
+    priority: Option<String>,
     /// The model; the system's own by default.
     model: Option<String>,
     /// Which measurements: `last`, or `from` and `to`; all by default.
@@ -119,6 +125,8 @@ pub struct JobAnswer {
     started_at: Option<Timestamp>,
     #[schema(value_type = Option<String>, format = DateTime)]
     ended_at: Option<Timestamp>,
+    /// The job that it repeats.
+    retry_of: Option<String>,
     /// Where to go from here.
     links: HashMap<&'static str, String>,
 }
@@ -187,6 +195,7 @@ impl JobAnswer {
             created_at: job.created_at,
             started_at: job.started_at,
             ended_at: job.ended_at,
+            retry_of: job.retry_of,
             links,
             system: job.system,
             id: job.id,
@@ -214,21 +223,26 @@ pub async fn require(service: &Service, id: &str) -> Result<JobRecord, ApiError>
 )]
 async fn post_job(State(service): State<Shared>, body: Json) -> Result<Response, ApiError> {
     match request::read(body.value).map_err(ApiError::Invalid)? {
-        JobRequest::Estimate { system, experiment, settings } => {
-            let submitted = submit::estimate(&service, &system, experiment, &settings, body.key.as_ref()).await?;
-            let (status, job, replayed) = match submitted {
-                Submitted::New(job) => (StatusCode::ACCEPTED, job, false),
-                Submitted::Waiting(job) => (StatusCode::OK, job, false),
-                Submitted::Earlier(earlier) => (status(earlier.status), require(&service, &earlier.resource).await?, true),
-            };
-            let location = format!("/jobs/{}", job.id);
-            Ok(answer(status, location, replayed, axum::Json(JobAnswer::of(&service, job))))
+        JobRequest::Estimate { system, experiment, priority, settings } => {
+            let submitted = submit::estimate(&service, &system, experiment, priority, &settings, body.key.as_ref()).await?;
+            job_answer(&service, submitted).await
         }
-        JobRequest::Recalibrate(batch) => {
-            let submitted = submit::recalibrate(&service, &batch, None, body.key.as_ref()).await?;
+        JobRequest::Recalibrate { priority, batch } => {
+            let submitted = submit::recalibrate(&service, &batch, None, priority, body.key.as_ref()).await?;
             batch_answer(&service, submitted).await
         }
     }
+}
+
+/// The answer to a job that was submitted.
+async fn job_answer(service: &Service, submitted: Submitted) -> Result<Response, ApiError> {
+    let (status, job, replayed) = match submitted {
+        Submitted::New(job) => (StatusCode::ACCEPTED, job, false),
+        Submitted::Waiting(job) => (StatusCode::OK, job, false),
+        Submitted::Earlier(earlier) => (status(earlier.status), require(service, &earlier.resource).await?, true),
+    };
+    let location = format!("/jobs/{}", job.id);
+    Ok(answer(status, location, replayed, axum::Json(JobAnswer::of(service, job))))
 }
 
 /// The answer to a batch that was submitted.
@@ -316,6 +330,23 @@ async fn cancel_job(State(service): State<Shared>, Path(id): Path<String>, _body
     Ok(axum::Json(JobAnswer::of(&service, cancelled.job)))
 }
 
+/// Does a job that has ended once more: a new job with the same request, which names it in `retry_of`.
+#[utoipa::path(
+    post,
+    path = "/jobs/{id}/retry",
+    tag = "jobs",
+    params(("id" = String, Path), ("Idempotency-Key" = Option<String>, Header)),
+    responses(
+        (status = 200, description = "An equal job waits already", body = JobAnswer),
+        (status = 202, description = "The new job waits; `Location` leads to it", body = JobAnswer, headers(("Location" = String))),
+        (status = 409, description = "The job has not ended", body = super::problem::Problem, content_type = "application/problem+json"),
+        Problems,
+    )
+)]
+async fn retry_job(State(service): State<Shared>, Path(id): Path<String>, body: Empty) -> Result<Response, ApiError> {
+    job_answer(&service, submit::retry(&service, &id, body.key.as_ref()).await?).await
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -329,7 +360,7 @@ mod tests {
         let documented: BTreeSet<String> = documented["properties"].as_object().unwrap().keys().cloned().collect();
         let mut read: BTreeSet<String> =
             serde_json::to_value(EstimateRequest::default()).unwrap().as_object().unwrap().keys().cloned().collect();
-        read.extend(["kind", "system", "systems", "experiment"].map(str::to_owned));
+        read.extend(["kind", "system", "systems", "experiment", "priority"].map(str::to_owned));
         assert_eq!(documented, read);
     }
 }

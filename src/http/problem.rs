@@ -91,6 +91,8 @@ pub enum ApiError {
     BrokenBody,
     /// The idempotency key belongs to another request.
     KeyReused,
+    /// The job waits or runs: which, and the word for it.
+    NotFinished(String, &'static str),
     /// So many jobs wait already.
     QueueFull(i64),
     /// Too many answers are being computed already.
@@ -112,6 +114,7 @@ impl From<JobsError> for ApiError {
             JobsError::Conflict(what, which) => ApiError::Conflict(what, which),
             JobsError::Refused(refusal) => ApiError::Refused(refusal),
             JobsError::KeyReused => ApiError::KeyReused,
+            JobsError::NotFinished(job, state) => ApiError::NotFinished(job, state.word()),
             JobsError::QueueFull(limit) => ApiError::QueueFull(limit),
             JobsError::Busy => ApiError::Busy,
             JobsError::Store(error) => ApiError::Storage(error),
@@ -203,6 +206,10 @@ impl ApiError {
             ApiError::KeyReused => {
                 let detail = "the Idempotency-Key was used for another request".into();
                 plain(StatusCode::UNPROCESSABLE_ENTITY, "idempotency-key-reused", "The idempotency key is taken", detail)
+            }
+            ApiError::NotFinished(job, state) => {
+                let detail = format!("the job `{}` is {state}: it can be done again when it has ended", shown(&job));
+                plain(StatusCode::CONFLICT, "job-not-finished", "The job has not ended", detail)
             }
             ApiError::QueueFull(limit) => {
                 plain(StatusCode::TOO_MANY_REQUESTS, "queue-full", "The queue is full", format!("{limit} jobs wait already"))

@@ -9,6 +9,7 @@ use crate::fault::Fault;
 use crate::jobs::schedule::{self, ScheduleDocument, Ticks};
 use crate::jobs::{Refusal, decode, now, submit};
 use crate::store;
+use crate::store::jobs::Priority;
 use crate::store::schedules::{ScheduleRecord, TickResult};
 use axum::extract::{Path, State};
 use axum::http::StatusCode;
@@ -184,6 +185,6 @@ async fn delete_schedule(State(service): State<Shared>, Path(name): Path<String>
 async fn run_schedule(State(service): State<Shared>, Path(name): Path<String>, body: Empty) -> Result<Response, ApiError> {
     let record = require(&service, &name).await?;
     let request = schedule::request(&record)?;
-    let submitted = submit::recalibrate(&service, &request, Some(&name), body.key.as_ref()).await?;
+    let submitted = submit::recalibrate(&service, &request, Some(&name), Priority::Operator, body.key.as_ref()).await?;
     batch_answer(&service, submitted).await
 }

@@ -39,6 +39,7 @@ pub mod worker;
 use crate::data::SystemId;
 use crate::fault::Fault;
 use crate::settings::Settings;
+use crate::store::jobs::JobState;
 use crate::store::{Store, StoreError};
 use jiff::Timestamp;
 use std::sync::atomic::AtomicUsize;
@@ -90,6 +91,8 @@ pub enum JobsError {
     Refused(Refusal),
     /// The idempotency key belongs to another request.
     KeyReused,
+    /// The job waits or runs.
+    NotFinished(String, JobState),
     /// So many jobs wait already.
     QueueFull(i64),
     /// Too many answers are being computed already.
@@ -133,6 +136,7 @@ impl std::fmt::Display for JobsError {
             JobsError::Conflict(what, which) => write!(f, "there is another {what} `{which}`"),
             JobsError::Refused(refusal) => f.write_str(&refusal.detail),
             JobsError::KeyReused => f.write_str("the idempotency key was used for another request"),
+            JobsError::NotFinished(job, state) => write!(f, "the job `{job}` has not ended: it is {}", state.word()),
             JobsError::QueueFull(limit) => write!(f, "{limit} jobs wait already"),
             JobsError::Busy => f.write_str("too many answers are being computed already"),
             JobsError::Store(error) => error.fmt(f),

@@ -5,7 +5,7 @@ use super::systems::SystemDocument;
 use crate::data::{SystemId, SystemPattern, read_time};
 use crate::estimate::EstimateRequest;
 use crate::fault::{Fault, nearest};
-use crate::store::jobs::JobKind;
+use crate::store::jobs::{JobKind, Priority};
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
@@ -23,11 +23,18 @@ pub enum JobRequest {
         system: SystemId,
         /// Whether it never alters what is served.
         experiment: bool,
+        /// Who goes first.
+        priority: Priority,
         /// What is asked, apart from what the system will fill in.
         settings: Map<String, Value>,
     },
     /// Several.
-    Recalibrate(BatchRequest),
+    Recalibrate {
+        /// Who goes first.
+        priority: Priority,
+        /// Which systems, and what is asked of them.
+        batch: BatchRequest,
+    },
 }
 
 /// A request to recalibrate several systems; also what a schedule submits.
@@ -59,7 +66,7 @@ pub fn read(body: Value) -> Result<JobRequest, Vec<Fault>> {
     };
     match kind.as_str() {
         "estimate" => read_estimate(fields),
-        "recalibrate" => read_batch(fields).map(JobRequest::Recalibrate),
+        "recalibrate" => read_recalibration(fields),
         _ => {
             let shown: String = kind.chars().take(40).collect();
             let fault = Fault::new("/kind", "unknown-value", format!("`{}` is none of {}", shown.escape_debug(), KINDS.join(", ")));
@@ -74,13 +81,26 @@ pub fn read(body: Value) -> Result<JobRequest, Vec<Fault>> {
 fn read_estimate(mut fields: Map<String, Value>) -> Result<JobRequest, Vec<Fault>> {
     let mut faults = Vec::new();
     let system = take::<SystemId>(&mut fields, "system", &mut faults);
-    let experiment = if fields.contains_key("experiment") { take::<bool>(&mut fields, "experiment", &mut faults) } else { Some(false) };
+    let experiment = take_or(&mut fields, "experiment", false, &mut faults);
+    let priority = take_or(&mut fields, "priority", Priority::Operator, &mut faults);
     if let Err(more) = complete(&fields, None) {
         faults.extend(more);
     }
-    match (system, experiment) {
-        (Some(system), Some(experiment)) if faults.is_empty() => Ok(JobRequest::Estimate { system, experiment, settings: fields }),
+    match system {
+        Some(system) if faults.is_empty() => Ok(JobRequest::Estimate { system, experiment, priority, settings: fields }),
         _ => Err(faults),
+    }
+}
+
+fn read_recalibration(mut fields: Map<String, Value>) -> Result<JobRequest, Vec<Fault>> {
+    let mut faults = Vec::new();
+    let priority = take_or(&mut fields, "priority", Priority::Operator, &mut faults);
+    match read_batch(fields) {
+        Ok(batch) if faults.is_empty() => Ok(JobRequest::Recalibrate { priority, batch }),
+        other => {
+            faults.extend(other.err().into_iter().flatten());
+            Err(faults)
+        }
     }
 }
 
@@ -105,6 +125,11 @@ pub fn read_batch(mut fields: Map<String, Value>) -> Result<BatchRequest, Vec<Fa
         Some(systems) if faults.is_empty() => Ok(BatchRequest { systems, settings: fields }),
         _ => Err(faults),
     }
+}
+
+/// Takes a field that may be there out of an object.
+fn take_or<T: serde::de::DeserializeOwned>(fields: &mut Map<String, Value>, name: &str, default: T, faults: &mut Vec<Fault>) -> T {
+    if fields.contains_key(name) { take(fields, name, faults).unwrap_or(default) } else { default }
 }
 
 /// Takes a field that must be there out of an object.

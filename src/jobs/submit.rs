@@ -12,6 +12,7 @@ use crate::store;
 use crate::store::batches::{NewBatch, Skipped, SubmittedBatch};
 use crate::store::idempotency::RequestKey;
 use crate::store::jobs::{Cancelled, NewJob, Origin, Priority, Submitted};
+use crate::store::retry::Retried;
 use serde_json::{Map, Value};
 
 /// Submits an estimate for one system.
@@ -22,6 +23,7 @@ pub async fn estimate(
     service: &Service,
     system: &SystemId,
     experiment: bool,
+    priority: Priority,
     settings: &Map<String, Value>,
     key: Option<&RequestKey>,
 ) -> Result<Submitted, JobsError> {
@@ -41,12 +43,29 @@ pub async fn estimate(
     if !faults.is_empty() {
         return Err(JobsError::Faults(faults));
     }
-    let new = new_job(system, model, experiment, &request, Origin::Posted, Priority::Operator)?;
+    let new = new_job(system, model, experiment, &request, Origin::Posted, priority)?;
     let submitted = store::jobs::submit(&service.store, &new, key, service.queue_limit(), now()).await?;
-    if let Submitted::New(_) = &submitted {
+    told(service, submitted).await
+}
+
+/// Submits a job that has ended once more.
+///
+/// # Errors
+/// Where there is no such job or it has not ended, a full queue, a reused key, or where the database fails.
+pub async fn retry(service: &Service, id: &str, key: Option<&RequestKey>) -> Result<Submitted, JobsError> {
+    match store::retry::retry(&service.store, id, key, service.queue_limit(), now()).await? {
+        Retried::Submitted(submitted) => told(service, *submitted).await,
+        Retried::NotFinished(state) => Err(JobsError::NotFinished(id.to_owned(), state)),
+        Retried::NoJob => Err(JobsError::NotFound("job", id.to_owned())),
+    }
+}
+
+/// Wakes a worker for a new job, and tells those who listen and those who wait for parameters.
+async fn told(service: &Service, submitted: Submitted) -> Result<Submitted, JobsError> {
+    if let Submitted::New(job) = &submitted {
         service.wake.notify_one();
         service.events.hint();
-        params::refresh(service, system).await?;
+        params::refresh(service, &job.system).await?;
     }
     Ok(submitted)
 }
@@ -71,9 +90,10 @@ pub async fn recalibrate(
     service: &Service,
     request: &BatchRequest,
     schedule: Option<&str>,
+    priority: Priority,
     key: Option<&RequestKey>,
 ) -> Result<SubmittedBatch, JobsError> {
-    let batch = batch(service, request, schedule, Priority::Operator).await?;
+    let batch = batch(service, request, schedule, priority).await?;
     let submitted = store::batches::submit(&service.store, &batch, key, service.queue_limit(), now()).await?;
     if let (SubmittedBatch::New(id), Some(schedule)) = (&submitted, schedule) {
         store::schedules::note_run(&service.store, schedule, id, now()).await?;

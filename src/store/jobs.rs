@@ -248,7 +248,7 @@ pub(super) async fn submit_in(
         .fetch_optional(&mut *tx)
         .await?;
     if let Some(row) = waiting {
-        return Ok((row.record()?, false));
+        return Ok((raised(tx, row.record()?, new).await?, false));
     }
     let queued: i64 = sqlx::query_scalar("SELECT COUNT(*) FROM jobs WHERE state = 'queued'").fetch_one(&mut *tx).await?;
     if queued >= limit {
@@ -275,6 +275,17 @@ pub(super) async fn submit_in(
         .fetch_one(tx)
         .await?;
     Ok((row.record()?, true))
+}
+
+/// The equal job that waits, moved up where the new one is more urgent.
+async fn raised(tx: &mut SqliteConnection, waiting: JobRecord, new: &NewJob) -> Result<JobRecord, StoreError> {
+    if new.priority.rank() >= waiting.priority.rank() {
+        return Ok(waiting);
+    }
+    let turn = turn(tx, new).await?;
+    let query = sqlx::query_as("UPDATE jobs SET priority = $2, turn = $3 WHERE id = $1 RETURNING *");
+    let row: Row = query.bind(&waiting.id).bind(new.priority.rank()).bind(turn).fetch_one(tx).await?;
+    row.record()
 }
 
 /// The place in a fair queue: behind the system's own jobs, but not before the round that is being served.

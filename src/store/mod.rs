@@ -18,6 +18,7 @@
 //! | `revisions` | everything that was ever served |
 //! | `decisions`, `pins` | an operator's word: on held and suggested fits, and on what stays in service |
 //! | `degradations` | what newer measurements say of what is served |
+//! | `retry` | jobs that are done again |
 //! | `schedules` | when batches are submitted |
 //! | `idempotency` | keys of requests that created something |
 
@@ -34,6 +35,7 @@ pub mod models;
 pub mod params;
 pub mod pins;
 pub mod revisions;
+pub mod retry;
 pub mod schedules;
 pub mod systems;
 pub mod windows;

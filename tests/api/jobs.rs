@@ -127,3 +127,102 @@ fn one_job_of_a_system_waits_for_no_crowd_of_another() {
     let before = crowd.iter().filter(|job| started(job) < single).count();
     assert!(before <= 1, "{before} jobs of the other system went first");
 }
+
+/// Holds the only worker until it is called off.
+fn blocked(rooms: &[&str]) -> (TestApp, String) {
+    let app = TestApp::with(|settings| settings.workers = 1);
+    rooms.iter().for_each(|room| app.room(room, 1));
+    let blocker = app.post_job(&endless(&format!("room/{}", rooms[0])));
+    app.until(&format!("/jobs/{blocker}"), |job| job["state"] == "running");
+    (app, blocker)
+}
+
+/// A small job, with more fields.
+fn small(system: &str, more: &Value) -> Value {
+    let mut body = quick(system);
+    body["budget"]["evaluations"] = json!(50);
+    body.as_object_mut().unwrap().extend(more.as_object().unwrap().clone());
+    body
+}
+
+/// The jobs in the order in which they were started.
+fn order<'a>(app: &TestApp, mut jobs: Vec<&'a str>) -> Vec<&'a str> {
+    jobs.sort_by_key(|job| app.ended(job)["started_at"].as_str().unwrap().parse::<jiff::Timestamp>().unwrap());
+    jobs
+}
+
+#[test]
+fn a_page_goes_before_an_operator_and_an_operator_before_the_night() {
+    let (app, blocker) = blocked(&["1", "2", "3", "4", "5", "6"]);
+    let post = |system: &str, priority: &str| app.post_job(&small(system, &json!({"priority": priority})));
+    let batch = json!({"kind": "recalibrate", "systems": ["room/2", "room/3"], "priority": "nightly", "budget": {"evaluations": 50},
+                       "split": {"train": "P9D", "validation": "P5D"}});
+    let night = app.json("POST", "/jobs", &batch).expect(202).json()["jobs"].clone();
+    let night: Vec<&str> = night.as_array().unwrap().iter().map(|job| job["job"].as_str().unwrap()).collect();
+    let operator = app.post_job(&small("room/4", &json!({})));
+    let page = post("room/5", "interactive");
+    let crowd = app.post_job(&small("room/5", &json!({"priority": "interactive", "method": {"name": "lm_multistart", "seed": 2}})));
+    let other = post("room/6", "interactive");
+    let shown = |job: &str| app.get(&format!("/jobs/{job}")).json()["priority"].clone();
+    assert_eq!((shown(&page), shown(&operator), shown(night[0])), (json!("interactive"), json!("operator"), json!("nightly")));
+    app.post(&format!("/jobs/{blocker}/cancel")).expect(200);
+    let all: Vec<&str> = night.iter().copied().chain([operator.as_str(), &crowd, &other, &page]).collect();
+    // Pages of two systems take turns: the second job of one waits for the first of the other.
+    assert_eq!(order(&app, all), [&page, &other, &crowd, &operator, night[0], night[1]]);
+}
+
+#[test]
+fn an_equal_job_that_waits_is_moved_up_and_never_down() {
+    let (app, blocker) = blocked(&["1", "2", "3"]);
+    let night = app.post_job(&small("room/2", &json!({"priority": "nightly"})));
+    let operator = app.post_job(&small("room/3", &json!({})));
+    let again = app.json("POST", "/jobs", &small("room/2", &json!({"priority": "interactive"}))).expect(200).json();
+    assert_eq!((again["id"].as_str(), again["priority"].as_str()), (Some(night.as_str()), Some("interactive")));
+    let again = app.json("POST", "/jobs", &small("room/2", &json!({"priority": "nightly"}))).expect(200).json();
+    assert_eq!((again["id"].as_str(), again["priority"].as_str()), (Some(night.as_str()), Some("interactive")));
+    app.post(&format!("/jobs/{blocker}/cancel")).expect(200);
+    assert_eq!(order(&app, vec![&operator, &night]), [&night, &operator]);
+    let problem =
+        app.json("POST", "/jobs", &small("room/2", &json!({"priority": "nightli", "experiment": 1}))).problem(422, "invalid-request");
+    let faults: Vec<&str> = problem["errors"].as_array().unwrap().iter().map(|fault| fault["pointer"].as_str().unwrap()).collect();
+    assert_eq!(faults, ["/experiment", "/priority"], "{problem}");
+    let schedule = json!({"cron": "0 4 * * *", "systems": ["room/*"], "request": {"priority": "interactive"}});
+    app.json("PUT", "/schedules/odd", &schedule).problem(422, "invalid-request");
+}
+
+#[test]
+fn a_job_that_has_ended_can_be_done_again() {
+    let (app, blocker) = blocked(&["1", "2"]);
+    let waiting = app.post_job(&small("room/2", &json!({"experiment": true, "priority": "nightly"})));
+    for job in [&blocker, &waiting] {
+        app.post(&format!("/jobs/{job}/retry")).problem(409, "job-not-finished");
+    }
+    app.post("/jobs/job_none/retry").problem(404, "job-not-found");
+    app.post(&format!("/jobs/{waiting}/cancel")).expect(200);
+    let answer = app.post(&format!("/jobs/{waiting}/retry")).expect(202);
+    let again = answer.json();
+    assert_eq!(answer.header("location"), format!("/jobs/{}", again["id"].as_str().unwrap()));
+    let old = app.get(&format!("/jobs/{waiting}")).json();
+    for field in ["kind", "system", "model", "request", "experiment"] {
+        assert_eq!(again[field], old[field], "{field}");
+    }
+    assert_eq!((&again["retry_of"], &again["priority"], &old["retry_of"]), (&json!(waiting), &json!("operator"), &Value::Null));
+    assert_ne!(again["id"], old["id"]);
+    assert_eq!(app.post(&format!("/jobs/{waiting}/retry")).expect(200).json()["id"], again["id"], "equal jobs wait once");
+
+    app.post(&format!("/jobs/{blocker}/cancel")).expect(200);
+    let first = app.ended(again["id"].as_str().unwrap());
+    assert_eq!(first["state"], "succeeded", "{first}");
+    // A key makes one job of two requests; the retry of a retry names what it repeats.
+    let retry =
+        || app.send("POST", &format!("/jobs/{}/retry", first["id"].as_str().unwrap()), &[("idempotency-key", "r")], Some(b"")).unwrap();
+    let second = retry().expect(202).json();
+    assert_eq!(second["retry_of"], first["id"]);
+    let ended = app.ended(second["id"].as_str().unwrap());
+    assert_eq!(ended["evaluations"], first["evaluations"], "the same request and seed, the same search");
+    let replayed = retry().expect(202);
+    assert_eq!((&replayed.json()["id"], replayed.header("idempotency-replayed")), (&second["id"], "true"));
+    app.send("POST", &format!("/jobs/{waiting}/retry"), &[("idempotency-key", "r")], Some(b""))
+        .unwrap()
+        .problem(422, "idempotency-key-reused");
+}
