@@ -10,6 +10,7 @@
 //! | [`simulate`] | a model, inputs, parameter vectors | trajectories, filtered states |
 //! | [`optimise`] | answers to candidates | better candidates |
 //! | [`estimate`] | a [`estimate::Problem`] | a [`estimate::Fit`] and a [`estimate::Verdict`] |
+//! | [`diagnose`] | a problem and its fit | a [`diagnose::Diagnosis`]: what the model is missing |
 //! | [`twin`] | a seed | a synthetic room with a known truth |
 //! | [`store`] | accepted fits | durable revisions |
 //! | [`jobs`] | requests | running work on the CPU pool |
@@ -30,6 +31,7 @@ pub mod fault;
 pub mod units;
 
 pub mod data;
+pub mod diagnose;
 pub mod estimate;
 pub mod model;
 pub mod optimise;

@@ -1,5 +1,6 @@
 //! `lampyris bench`: what this build does on this machine, every ratio within one run.
 
+mod diagnose;
 mod engine;
 mod hand;
 mod params;
@@ -18,6 +19,15 @@ pub struct Arguments {
     /// How many synthetic rooms are fitted.
     #[arg(long, default_value_t = 20)]
     rooms: u64,
+    /// How many worlds of each kind are diagnosed.
+    #[arg(long, default_value_t = 1)]
+    worlds: u64,
+    /// Diagnose only kinds whose name holds this, such as `matched wind`.
+    #[arg(long)]
+    only: Option<String>,
+    /// Print a line per world as it is done.
+    #[arg(long)]
+    each: bool,
     /// Print JSON.
     #[arg(long)]
     json: bool,
@@ -27,6 +37,8 @@ pub struct Arguments {
 enum Subject {
     /// Simulation, search and controller path.
     Engine,
+    /// What a diagnosis names on synthetic rooms with hidden effects.
+    Diagnose,
 }
 
 /// One line of the table.
@@ -85,10 +97,15 @@ impl Row {
 }
 
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let Subject::Engine = arguments.subject;
-    let mut rows = engine::run(arguments.seed)?;
-    rows.extend(search::run(arguments.seed, arguments.rooms)?);
-    rows.extend(params::run()?);
+    let rows = match arguments.subject {
+        Subject::Engine => {
+            let mut rows = engine::run(arguments.seed)?;
+            rows.extend(search::run(arguments.seed, arguments.rooms)?);
+            rows.extend(params::run()?);
+            rows
+        }
+        Subject::Diagnose => diagnose::run(arguments.seed, arguments.worlds, arguments.only.as_deref(), arguments.each)?,
+    };
     if arguments.json {
         print(&serde_json::json!({ "rows": rows }).to_string());
     } else {

@@ -1,49 +1,19 @@
 //! `lampyris fit`: one CSV, one model, one report.
 
+use super::measured::Measured;
 use super::{Failure, faults, print};
 use indicatif::{ProgressBar, ProgressStyle};
-use lampyris::data::{Bindings, Duration, SplitRequest, Window};
-use lampyris::estimate::request::{Budget, Objective, Prior, SeededMethod, WindowRange};
+use lampyris::data::SplitRequest;
+use lampyris::estimate::request::{Budget, Objective, Prior, SeededMethod};
 use lampyris::estimate::validate::{CheckResult, Severity};
-use lampyris::estimate::{Control, EstimateRequest, Fit, Policy, Progress, Site, estimate, prepare, validate};
-use lampyris::model::{Catalogue, ModelId};
+use lampyris::estimate::{Control, EstimateRequest, Fit, Policy, Progress, estimate, prepare, validate};
+use lampyris::model::Catalogue;
 use lampyris::optimise::Method;
-use std::path::PathBuf;
 
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
-    /// The measurements: a CSV with a `time` column (RFC 3339).
-    window: PathBuf,
-    /// The model, such as room3, room2 or tite.
-    #[arg(long, default_value = "room3")]
-    model: ModelId,
-    /// An effect to add; may be given several times.
-    #[arg(long, value_name = "EFFECT")]
-    with: Vec<String>,
-    /// An effect to leave out; may be given several times.
-    #[arg(long, value_name = "EFFECT")]
-    without: Vec<String>,
-    /// Take a channel from a column: T_room=T_indoor_degC.
-    #[arg(long, value_name = "CHANNEL=COLUMN")]
-    bind: Vec<String>,
-    /// Members of the set of neighbours: 1,2,5 for the columns T_room_1, T_room_2 and T_room_5.
-    #[arg(long, value_delimiter = ',')]
-    neighbours: Vec<String>,
-    /// Use measurements from this instant on.
-    #[arg(long)]
-    from: Option<String>,
-    /// Use measurements up to this instant.
-    #[arg(long)]
-    to: Option<String>,
-    /// Length of the training part, such as P14D or PT500H.
-    #[arg(long)]
-    train: Option<Duration>,
-    /// Length of the validation part.
-    #[arg(long)]
-    validation: Option<Duration>,
-    /// Length of the test part.
-    #[arg(long)]
-    test: Option<Duration>,
+    #[command(flatten)]
+    measured: Measured,
     /// The optimiser: cfa, cfa_thesis or lm_multistart.
     #[arg(long, default_value = "cfa", value_parser = method)]
     method: Method,
@@ -62,12 +32,6 @@ pub struct Arguments {
     /// Other bounds for a parameter: alpha_h=0.001:15.
     #[arg(long, value_name = "NAME=LOW:HIGH", value_parser = bounds)]
     bounds: Vec<(String, [f64; 2])>,
-    /// Latitude in degrees, for the position of the sun.
-    #[arg(long, requires = "lon", allow_hyphen_values = true)]
-    lat: Option<f64>,
-    /// Longitude in degrees.
-    #[arg(long, requires = "lat", allow_hyphen_values = true)]
-    lon: Option<f64>,
     /// Print the fit as JSON.
     #[arg(long)]
     json: bool,
@@ -92,35 +56,17 @@ fn method(text: &str) -> Result<Method, String> {
 }
 
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let path = arguments.window.display();
-    let text = std::fs::read_to_string(&arguments.window).map_err(|error| Failure::NotFound(format!("{path}: {error}")))?;
-    let bindings = Bindings::parse(arguments.bind.iter().map(String::as_str)).map_err(|found| faults(&found))?;
-    let (window, report) = Window::parse_csv(&text, &bindings).map_err(|found| faults(&found))?;
-    for warning in &report.warnings {
-        eprintln!("warning: {warning}");
-    }
-    for row in &report.rejected_rows {
-        eprintln!("warning: line {} rejected: {}", row.line, row.reason);
-    }
-    let mut model = arguments.model.clone();
-    arguments.with.iter().for_each(|effect| model = model.plus(effect));
-    arguments.without.iter().for_each(|effect| model = model.minus(effect));
+    let window = arguments.measured.read()?;
+    let model = arguments.measured.model();
     let request = EstimateRequest {
-        model: Some(model.clone()),
-        window: Some(WindowRange { last: None, from: arguments.from.clone(), to: arguments.to.clone() }),
-        split: SplitRequest {
-            train: arguments.train.unwrap_or(SplitRequest::ESTIMATE.train),
-            validation: arguments.validation.unwrap_or(SplitRequest::ESTIMATE.validation),
-            test: arguments.test,
-        },
         objective: arguments.objective,
         prior: arguments.prior,
         method: SeededMethod { seed: arguments.seed, method: arguments.method.clone() },
         budget: Budget { evaluations: arguments.evaluations, wall: None },
         bounds: arguments.bounds.iter().cloned().collect(),
-        ..EstimateRequest::default()
+        ..arguments.measured.request(SplitRequest::ESTIMATE)
     };
-    let site = Site { location: arguments.lat.zip(arguments.lon), sets: [("neighbours".to_owned(), arguments.neighbours.clone())].into() };
+    let site = arguments.measured.site();
     let catalogue = Catalogue::builtin().map_err(|found| faults(&found))?;
     let problem = prepare(&catalogue, &model, &request, &window, &site).map_err(|found| faults(&found))?;
     let bar = progress_bar(arguments.evaluations as u64, arguments.json);

@@ -1,9 +1,12 @@
-//! Verbs, their arguments and their exit codes: 0 ok, 1 error, 2 usage, 3 rejected, 4 not found.
+//! Verbs, their arguments and their exit codes: 0 ok, 1 error, 2 usage, 3 rejected or nothing found, 4 not found.
 
 mod bench;
 mod demo;
+mod diagnose;
 mod fit;
+mod measured;
 mod serve;
+mod twin;
 
 use clap::{Parser, Subcommand};
 use std::io::Write;
@@ -23,6 +26,10 @@ enum Verb {
     Serve(serve::Arguments),
     /// Fit a model to a CSV of measurements; needs no server.
     Fit(Box<fit::Arguments>),
+    /// Say which physical effect a model is missing; needs no server.
+    Diagnose(Box<diagnose::Arguments>),
+    /// Make a synthetic room that hides effects: its measurements, and apart from them the truth.
+    Twin(twin::Arguments),
     /// Fit two real houses in a fresh folder, then serve them.
     Demo(demo::Arguments),
     /// Measure this build on this machine.
@@ -36,7 +43,7 @@ enum Verb {
 pub enum Failure {
     /// Something went wrong; the text says what.
     Error(String),
-    /// The result is there, but the gate rejected it.
+    /// The result is there, but the gate rejected it, or nothing was found.
     Rejected,
     /// A file or a name does not exist.
     NotFound(String),
@@ -47,6 +54,8 @@ pub fn run(cli: Cli) -> ExitCode {
     let result = match cli.verb {
         Verb::Serve(arguments) => serve::run(arguments),
         Verb::Fit(arguments) => fit::run(&arguments),
+        Verb::Diagnose(arguments) => diagnose::run(&arguments),
+        Verb::Twin(arguments) => twin::run(&arguments),
         Verb::Demo(arguments) => demo::run(&arguments),
         Verb::Bench(arguments) => bench::run(&arguments),
         Verb::Openapi => {

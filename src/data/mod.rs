@@ -19,6 +19,7 @@
 //! | `window` | the measurements of one system over a stretch of time |
 //! | `grid` | columns on a common time grid |
 //! | `resample` | from a window to a grid, without inventing data across gaps |
+//! | `drops` | openings of a window, read off sharp drops of a room temperature |
 //! | `sun` | altitude and azimuth of the sun |
 //! | `duration` | ISO 8601 durations |
 //! | `thin` | points for a chart: all samples, or an envelope that keeps every extreme |
@@ -33,6 +34,7 @@
 
 mod block;
 mod channel;
+mod drops;
 mod duration;
 mod grid;
 mod header;
@@ -50,6 +52,7 @@ mod write;
 
 pub use block::CorruptBlock;
 pub use channel::{ChannelKind, Hold};
+pub use drops::{DROPS, add_drops};
 pub use duration::{BadDuration, Duration};
 pub use grid::{Column, Grid};
 pub use header::{Bindings, ColumnHeader, ColumnUnit};

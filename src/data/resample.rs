@@ -102,6 +102,19 @@ impl Window {
     }
 }
 
+impl Window {
+    /// One more channel on a grid that is there, by the rules at the head of this file; `None` where it has no
+    /// value.
+    pub fn column_on(&self, grid: &Grid, channel: &str, hold: Hold) -> Option<Column> {
+        let series = self.series(channel)?;
+        let found = match hold {
+            Hold::Linear => interpolated(series, grid, DEFAULT_MAX_GAP_STEPS),
+            Hold::ZeroOrder => held(series, grid, DEFAULT_MAX_GAP_STEPS),
+        };
+        Column::from_options(series.unit(), hold, &found)
+    }
+}
+
 /// The empty grid under the samples of the output that lie in the range.
 fn frame(output: &Series, request: &GridRequest<'_>) -> Result<Grid, Fault> {
     let first = output.times().partition_point(|time| request.from.is_some_and(|from| *time < from));

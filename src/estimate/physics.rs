@@ -73,13 +73,15 @@ fn at(problem: &Problem, nodes: &[crate::model::expr::NodeId], states: &[f64], t
     })
 }
 
-fn jacobian(problem: &Problem, states: &[f64], theta: &[f64], inputs: &[f64]) -> DMatrix<f64> {
+/// The derivatives of the equations with respect to the states, per hour, at one point.
+pub fn jacobian(problem: &Problem, states: &[f64], theta: &[f64], inputs: &[f64]) -> DMatrix<f64> {
     let n = states.len();
     let nodes: Vec<_> = problem.model().jacobian().iter().flatten().copied().collect();
     DMatrix::from_row_slice(n, n, &at(problem, &nodes, states, theta, inputs))
 }
 
-fn mean_inputs(problem: &Problem) -> Vec<f64> {
+/// The mean of every input of the model over the window.
+pub fn mean_inputs(problem: &Problem) -> Vec<f64> {
     (0..problem.model().inputs().len()).map(|input| problem.inputs().mean(input)).collect()
 }
 

@@ -175,6 +175,11 @@ impl Problem {
         &self.grid
     }
 
+    /// Where the measurements come from.
+    pub fn source(&self) -> &Source {
+        &self.source
+    }
+
     /// Hash of the stitched measurements that the grid was made from.
     pub fn input_hash(&self) -> &str {
         &self.source.hash

@@ -165,6 +165,8 @@ pub fn prepare(
     if site.location.is_some() {
         channels.extend(["sun_altitude".to_owned(), "sun_azimuth".to_owned()]);
     }
+    // Openings of a window can be read off the first output.
+    channels.insert(crate::data::DROPS.to_owned());
     let declared =
         composition.spec.sets.iter().filter_map(|set| site.sets.get(set).map(|members| (set.clone(), members.clone()))).collect();
     let model = compile(&composition, &Bindings { sets: declared, channels: Some(channels.clone()) })?;
@@ -194,6 +196,9 @@ pub fn prepare(
     let mut grid = window.grid(&wanted)?;
     if let Some((latitude, longitude)) = site.location {
         grid = crate::data::add_sun(grid, latitude, longitude).map_err(|fault| vec![fault])?;
+    }
+    if model.inputs().iter().any(|input| input.channel == crate::data::DROPS) {
+        grid = crate::data::add_drops(grid, outputs[0]).map_err(|fault| vec![fault])?;
     }
     let split = Split::new(grid.len(), grid.step(), &request.split).map_err(|fault| vec![fault])?;
     // A longer record gives its newest part, and the simulation starts where that part does; what the model

@@ -12,6 +12,10 @@ pub struct Ar {
     pub coefficients: Vec<f64>,
     /// Standard deviation of the innovations w.
     pub deviation: f64,
+    /// Bayesian information criterion of the series under this model, its order counted.
+    pub bic: f64,
+    /// Samples that the criterion is taken over.
+    pub samples: usize,
 }
 
 impl Ar {
@@ -19,14 +23,14 @@ impl Ar {
     /// `None` in the series is a gap, behind which the recursion starts anew.
     pub fn fit(series: &[Option<f64>]) -> Option<Self> {
         let longest = ORDERS[ORDERS.len() - 1];
+        // All orders are compared on the samples that the longest one can use.
+        let rows: Vec<usize> = (longest..series.len()).filter(|t| (0..=longest).all(|lag| series[t - lag].is_some())).collect();
+        if rows.len() < 4 * longest {
+            return None;
+        }
         ORDERS
             .iter()
             .filter_map(|order| {
-                // All orders are compared on the samples that the longest one can use.
-                let rows: Vec<usize> = (longest..series.len()).filter(|t| (0..=longest).all(|lag| series[t - lag].is_some())).collect();
-                if rows.len() < 4 * longest {
-                    return None;
-                }
                 let value = |t: usize| series[t].unwrap_or(0.0);
                 let x = DMatrix::from_fn(rows.len(), *order, |i, j| value(rows[i] - 1 - j));
                 let y = DVector::from_fn(rows.len(), |i, _| value(rows[i]));
@@ -38,10 +42,10 @@ impl Ar {
                 let n = rows.len() as f64;
                 let variance = (y - x * &coefficients).norm_squared() / n;
                 let bic = n * variance.max(f64::MIN_POSITIVE).ln() + *order as f64 * n.ln();
-                Some((bic, Ar { coefficients: coefficients.iter().copied().collect(), deviation: variance.sqrt() }))
+                let coefficients = coefficients.iter().copied().collect();
+                Some(Ar { coefficients, deviation: variance.sqrt(), bic, samples: rows.len() })
             })
-            .min_by(|a, b| a.0.total_cmp(&b.0))
-            .map(|(_, ar)| ar)
+            .min_by(|a, b| a.bic.total_cmp(&b.bic))
     }
 
     /// The innovations of a series under this model: `None` within the order behind each gap.

@@ -106,7 +106,14 @@ impl Simulator {
         if let [single] = thetas {
             return self.block::<1>(&[*single], until, false);
         }
-        thetas.par_chunks(LANES).flat_map_iter(|block| self.block::<LANES>(block, until, false)).collect()
+        // A short block is as good as a long one, lane by lane; half-empty lanes would be paid for.
+        let block = |block: &[&[f64]]| match block.len() {
+            1..=4 => self.block::<4>(block, until, false),
+            5..=8 => self.block::<8>(block, until, false),
+            9..=16 => self.block::<16>(block, until, false),
+            _ => self.block::<LANES>(block, until, false),
+        };
+        thetas.par_chunks(LANES).flat_map_iter(block).collect()
     }
 
     /// Simulates one parameter vector over the whole window and keeps its states.

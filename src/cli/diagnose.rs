@@ -1,0 +1,107 @@
+//! `lampyris diagnose`: one CSV, one model, and what the model is missing.
+
+use super::fit::progress_bar;
+use super::measured::Measured;
+use super::{Failure, faults, print};
+use lampyris::data::SplitRequest;
+use lampyris::diagnose::report::{Considered, Finding};
+use lampyris::diagnose::{Adequacy, Diagnosis, diagnose};
+use lampyris::estimate::request::SeededMethod;
+use lampyris::estimate::{Control, EstimateRequest, Progress, estimate, prepare};
+use lampyris::model::Catalogue;
+use lampyris::optimise::Method;
+
+#[derive(Debug, clap::Args)]
+pub struct Arguments {
+    #[command(flatten)]
+    measured: Measured,
+    /// The seed of the first fit: the same seed gives the same bits.
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Print the diagnosis as JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let window = arguments.measured.read()?;
+    let model = arguments.measured.model();
+    let request = EstimateRequest {
+        method: SeededMethod { seed: arguments.seed, method: Method::default() },
+        ..arguments.measured.request(SplitRequest::DIAGNOSE)
+    };
+    let site = arguments.measured.site();
+    let catalogue = Catalogue::builtin().map_err(|found| faults(&found))?;
+    let problem = prepare(&catalogue, &model, &request, &window, &site).map_err(|found| faults(&found))?;
+    let bar = progress_bar(request.budget.evaluations as u64, arguments.json);
+    let progress = |progress: &Progress| bar.set_position(progress.evaluations as u64);
+    let fit = estimate(&problem, &request, None, &Control { progress: &progress, ..Control::NONE });
+    bar.finish_and_clear();
+    let fit = fit.map_err(|error| Failure::Error(error.to_string()))?;
+    let problem = problem.with_substeps(fit.substeps);
+    let diagnosis =
+        diagnose(&catalogue, &problem, &fit.theta(), &window, &site, &Control::NONE).map_err(|error| Failure::Error(error.to_string()))?;
+    if arguments.json {
+        print(&serde_json::to_string(&diagnosis).map_err(|error| Failure::Error(error.to_string()))?);
+    } else {
+        print(&text(&diagnosis));
+    }
+    if diagnosis.verdict == Adequacy::Named { Ok(()) } else { Err(Failure::Rejected) }
+}
+
+/// The diagnosis for people.
+fn text(diagnosis: &Diagnosis) -> String {
+    let mut lines = vec![format!("{}: {}", diagnosis.model, diagnosis.summary)];
+    lines.extend(diagnosis.warnings.iter().map(|warning| format!("warning: {warning}")));
+    for finding in &diagnosis.findings {
+        lines.extend(one(finding));
+    }
+    if let (Some(rho), Some(floor)) = (diagnosis.rho, diagnosis.noise_floor_rmse) {
+        lines.push(format!("rho {rho:.2}   noise floor {floor:.3} K"));
+    }
+    lines.push(format!("{:<32} {:>9} {:>9} {:>9}  {}", "considered", "score", "dBIC", "share", "why"));
+    lines.extend(diagnosis.considered.iter().map(considered));
+    if !diagnosis.not_testable.is_empty() {
+        lines.push("not testable with these data:".to_owned());
+        lines.extend(diagnosis.not_testable.iter().map(|one| format!("  {:<30} {}", one.effect, one.reason)));
+    }
+    if let Some(ask) = &diagnosis.unexplained.ask {
+        lines.push(format!("unexplained: {ask}"));
+        for episode in &diagnosis.unexplained.episodes {
+            lines.push(format!(
+                "  {} to {}: {:+.2} K, {:.0} % of the squared error",
+                episode.from,
+                episode.to,
+                episode.bias,
+                100.0 * episode.share
+            ));
+        }
+    }
+    lines.join("\n")
+}
+
+fn one(finding: &Finding) -> Vec<String> {
+    let mut lines = vec![format!("{}. {} ({}) - {}", finding.rank, finding.title, finding.effect, finding.explain)];
+    lines.extend(finding.evidence.iter().map(|sentence| format!("   {sentence}")));
+    for (name, value) in &finding.parameters {
+        let interval = value.ci95.map_or_else(|| "not determined".to_owned(), |[low, high]| format!("[{low:.4}, {high:.4}]"));
+        let bound = if value.at_bound { ", at a bound" } else { "" };
+        lines.push(format!("   {name} = {:.4} {} {interval}{bound}", value.value, value.unit));
+    }
+    if let Some(by) = &finding.separate_by {
+        lines.push(format!("   cannot be told from {}: {by}", finding.tied_with.join(", ")));
+    }
+    lines
+}
+
+fn considered(one: &Considered) -> String {
+    let number = |value: Option<f64>, scale: f64| value.map_or_else(|| "-".to_owned(), |value| format!("{:.1}", scale * value));
+    format!(
+        "{:<32} {:>9.1} {:>9} {:>8}%  {}",
+        one.effect,
+        one.score,
+        number(one.delta_bic, 1.0),
+        number(one.explained_share, 100.0),
+        one.why
+    )
+}

@@ -1,0 +1,242 @@
+//! The library of what may be missing: every effect of the catalogue, compiled into the model and put on the data.
+
+use super::report::NotTestable;
+use crate::data::{ChannelKind, Column, Grid, Window, add_drops};
+use crate::estimate::problem::Choices;
+use crate::estimate::{Problem, Site};
+use crate::fault::Fault;
+use crate::model::catalogue::Catalogue;
+use crate::model::compile::AS_IT_COMES;
+use crate::model::spec::{EffectSpec, Sign};
+use crate::model::{Bindings, ModelId, Scale, compile};
+use crate::units::Unit;
+use rayon::prelude::*;
+
+/// A channel of which more than a tenth is missing tells too little.
+const LEAST_VALID: f64 = 0.9;
+/// Largest rate that one channel may explain on its own, in K/h.
+const LARGEST_RATE: f64 = 3.0;
+/// Columns that the program computes, or that set the clock: nothing that a room can go with.
+const COMPUTED: [&str; 5] = ["hour_of_day", "weekday", "sun_altitude", "sun_azimuth", "window_drop"];
+
+/// An effect that the model may be missing.
+#[derive(Debug, Clone)]
+pub struct Suspect {
+    /// Its id, with its argument.
+    pub id: String,
+    /// Its document, with the argument filled in.
+    pub spec: EffectSpec,
+    /// The model with the effect, on the same data.
+    pub problem: Problem,
+    /// The effect's own parameters in the full vector, each with the value at which it does nothing.
+    pub own: Vec<(usize, f64)>,
+    /// Whether it reads a channel that follows from the output.
+    pub endogenous: bool,
+}
+
+impl Suspect {
+    /// The id without its argument.
+    pub fn family(&self) -> &str {
+        self.id.split(':').next().unwrap_or(&self.id)
+    }
+
+    /// Whether its members are the choices of one shape, of which the best stands for all.
+    pub fn is_choice(&self) -> bool {
+        self.spec.argument.is_some() && self.spec.argument.as_deref() != Some("channel")
+    }
+
+    /// A parameter vector of the model without the effect, with the effect switched off.
+    pub fn lift(&self, base: &Problem, theta: &[f64]) -> Vec<f64> {
+        let mut lifted = self.problem.nominal().to_vec();
+        for (value, parameter) in lifted.iter_mut().zip(self.problem.model().parameters()) {
+            if let Some(place) = base.model().parameters().iter().position(|known| known.name == parameter.name) {
+                *value = theta[place];
+            }
+        }
+        self.own.iter().for_each(|(index, off)| lifted[*index] = *off);
+        lifted
+    }
+
+    /// The vector of the model without the effect that a vector with it contains.
+    pub fn lower(&self, base: &Problem, theta: &[f64]) -> Vec<f64> {
+        let parameters = self.problem.model().parameters();
+        let place = |name: &str| parameters.iter().position(|known| known.name == name);
+        let known = base.model().parameters().iter().zip(base.nominal());
+        known.map(|(parameter, nominal)| place(&parameter.name).map_or(*nominal, |place| theta[place])).collect()
+    }
+}
+
+/// Every channel of the window on the grid of a problem, so that any effect finds its inputs there. A channel
+/// with holes too large to bridge is named instead.
+pub fn widen(problem: &Problem, window: &Window) -> Result<(Grid, Vec<String>), Fault> {
+    let output = problem.model().outputs().first().map(|output| output.channel.clone()).unwrap_or_default();
+    let mut grid = problem.grid().clone();
+    let mut holes = Vec::new();
+    for series in window.iter() {
+        let channel = series.channel();
+        if grid.column(channel).is_some() {
+            continue;
+        }
+        let hold = ChannelKind::of_name(channel).map_or(series.hold(), |kind| kind.hold);
+        match window.column_on(&grid, channel, hold) {
+            // Small holes hold the last value, so that every effect is judged on the same samples.
+            Some(column) if column.valid_share() >= LEAST_VALID => {
+                grid = grid.with_column(channel, Column::complete(column.unit(), column.hold(), column.values().to_vec())?)?;
+            }
+            _ => holes.push(channel.to_owned()),
+        }
+    }
+    let grid = if grid.column(crate::data::DROPS).is_none() { add_drops(grid, &output)? } else { grid };
+    Ok((grid, holes))
+}
+
+/// All suspects that can be tested, and those that cannot, with the reason.
+pub fn suspects(catalogue: &Catalogue, base: &Problem, grid: &Grid, holes: &[String], site: &Site) -> (Vec<Suspect>, Vec<NotTestable>) {
+    let found: Vec<Result<Suspect, NotTestable>> = names(catalogue, base, grid)
+        .into_par_iter()
+        .map(|name| suspect(catalogue, base, grid, site, &name).map_err(|reason| NotTestable { effect: name, reason: why(reason, holes) }))
+        .collect();
+    let (mut suspects, mut not_testable) = (Vec::new(), Vec::<NotTestable>::new());
+    for one in found {
+        match one {
+            Ok(suspect) => suspects.push(suspect),
+            // The choices of one shape lack the same thing: one line says so.
+            Err(reason) => {
+                let family = reason.effect.split(':').next().unwrap_or_default().to_owned();
+                let choice = catalogue.effects().any(|effect| effect.id == family && !effect.choices.is_empty());
+                let reason = if choice { NotTestable { effect: family, ..reason } } else { reason };
+                if !not_testable.contains(&reason) {
+                    not_testable.push(reason);
+                }
+            }
+        }
+    }
+    (suspects, not_testable)
+}
+
+/// The ids of all effects that could concern this window and are no part of the model.
+fn names(catalogue: &Catalogue, base: &Problem, grid: &Grid) -> Vec<String> {
+    let mut names = Vec::new();
+    for effect in catalogue.effects() {
+        match &effect.argument {
+            None => names.push(effect.id.clone()),
+            Some(_) if !effect.choices.is_empty() => names.extend(effect.choices.keys().map(|choice| format!("{}:{choice}", effect.id))),
+            Some(_) => {
+                let members = grid.columns().filter(|(channel, column)| is_member(effect, channel, column.unit(), base));
+                names.extend(members.map(|(channel, _)| format!("{}:{channel}", effect.id)));
+            }
+        }
+    }
+    let family = |name: &str| name.split(':').next().unwrap_or_default().to_owned();
+    let has = |name: &String| {
+        let choice = catalogue.effects().any(|effect| effect.id == family(name) && !effect.choices.is_empty());
+        base.model().effects().iter().any(|known| known == name || (choice && family(known) == family(name)))
+    };
+    names.retain(|name| !has(name));
+    names
+}
+
+/// Whether a family that runs over channels has this one as a member.
+fn is_member(effect: &EffectSpec, channel: &str, unit: &str, base: &Problem) -> bool {
+    let used = base.model().inputs().iter().any(|input| input.channel == channel);
+    let output = base.model().outputs().iter().any(|output| output.channel == channel);
+    if output || COMPUTED.contains(&channel) {
+        return false;
+    }
+    let wanted = effect.inputs.get("{channel}").map_or(AS_IT_COMES, |input| input.unit.as_str());
+    let converts = |text: &str| Unit::parse(unit).ok().zip(Unit::parse(text).ok()).is_some_and(|(from, to)| from.same_dimension(&to));
+    match wanted {
+        // What has a meaning of its own has an effect of its own. Temperatures and humidities go with everything.
+        AS_IT_COMES => {
+            let lower = channel.to_lowercase();
+            let moist = lower.starts_with("rh") || lower.contains("humid") || lower.contains("dew");
+            let known = ChannelKind::of_name(channel).is_some() && channel != "CO2";
+            !used && !known && !moist && !converts("degC")
+        }
+        "degC" => channel.starts_with("T_room_"),
+        wanted => converts(wanted) && !used,
+    }
+}
+
+/// One suspect.
+fn suspect(catalogue: &Catalogue, base: &Problem, grid: &Grid, site: &Site, name: &str) -> Result<Suspect, Vec<Fault>> {
+    let id: ModelId = base.model().id().plus(name);
+    let spec = catalogue.effect(name).map_err(|fault| vec![fault])?;
+    let composition = catalogue.compose(&id)?;
+    let sets = composition.spec.sets.iter().filter_map(|set| site.sets.get(set).map(|members| (set.clone(), members.clone()))).collect();
+    let channels = grid.columns().map(|(channel, _)| channel.to_owned()).collect();
+    let model = compile(&composition, &Bindings { sets, channels: Some(channels) })?;
+    // The boxes of the fit, which may have asked for others than the document's.
+    let mut choices = Choices { objective: base.objective(), ..Choices::default() };
+    for (parameter, bounds) in base.model().parameters().iter().zip(base.bounds()) {
+        choices.bounds.insert(parameter.name.clone(), *bounds);
+    }
+    let free = base.free();
+    for (index, parameter) in base.model().parameters().iter().enumerate().filter(|(index, _)| !free.contains(index)) {
+        choices.fixed.insert(parameter.name.clone(), base.nominal()[index]);
+    }
+    let own: Vec<usize> = (0..model.parameters().len())
+        .filter(|index| base.model().parameters().iter().all(|known| known.name != model.parameters()[*index].name))
+        .collect();
+    if own.is_empty() {
+        return Err(vec![Fault::new("/effect", "nothing-new", "it adds nothing to this model with these channels")]);
+    }
+    let train = base.split().train.clone();
+    for input in model.inputs().iter().filter(|input| base.model().inputs().iter().all(|known| known.channel != input.channel)) {
+        let Some(column) = grid.column(&input.channel) else { continue };
+        let values = &column.values()[train.clone()];
+        let (low, high) = values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), x| (low.min(*x), high.max(*x)));
+        if high - low <= 0.0 && !COMPUTED.contains(&input.channel.as_str()) {
+            return Err(vec![Fault::new("/effect", "constant", format!("`{}` never changes in these data", input.channel))]);
+        }
+        if high - low <= 0.0 {
+            return Err(vec![Fault::new("/effect", "constant", "nothing of the kind is in these data".to_owned())]);
+        }
+        if input.unit == AS_IT_COMES {
+            let largest = high.abs().max(low.abs());
+            own.iter().for_each(|index| {
+                let bound = LARGEST_RATE / largest;
+                choices.bounds.insert(model.parameters()[*index].name.clone(), [-bound, bound]);
+            });
+        }
+    }
+    let endogenous = model.inputs().iter().any(|input| spec.endogenous.contains(&input.channel));
+    let problem = Problem::new(model, grid.clone(), base.split().clone(), &choices, base.source().clone())?;
+    let off = |index: usize| {
+        let [lower, upper] = problem.bounds()[index];
+        match problem.model().parameters()[index].scale {
+            Scale::Linear => 0f64.clamp(lower, upper),
+            Scale::Log => lower,
+        }
+    };
+    let own = own.into_iter().map(|index| (index, off(index))).collect();
+    Ok(Suspect { id: name.to_owned(), spec, problem, own, endogenous })
+}
+
+/// The reason in words, the most telling fault first.
+fn why(faults: Vec<Fault>, holes: &[String]) -> String {
+    let missing = faults.iter().find(|fault| fault.code == "missing-channel");
+    if let Some(fault) = missing {
+        let channel = fault.detail.split('`').nth(1).unwrap_or_default();
+        if holes.iter().any(|hole| hole == channel) {
+            return format!("more than a tenth of {channel} is missing");
+        }
+        return format!("needs channel {channel}");
+    }
+    match faults.first() {
+        Some(fault) if fault.code == "unknown-state" || fault.code == "unknown-name" => {
+            "the model has no part that it could act on".to_owned()
+        }
+        Some(fault) => fault.detail.clone(),
+        None => "it cannot be compiled into this model".to_owned(),
+    }
+}
+
+/// Whether a coefficient may have this sign.
+pub fn sign_allows(sign: Sign, value: f64) -> bool {
+    match sign {
+        Sign::Positive => value >= 0.0,
+        Sign::Negative => value <= 0.0,
+        Sign::Any => true,
+    }
+}

@@ -1,0 +1,388 @@
+//! The main line: rounds until nothing more is found, and the document that says what was.
+
+use super::candidates::{Suspect, suspects, widen};
+use super::failures::episodes;
+use super::fitted::{Null, whitening_at};
+use super::rank::{LEAST_SHARE, Round, STRICT_SHARE, Skip, Tried, round};
+use super::report::{
+    Adequacy, Coefficient, Considered, Diagnosis, Finding, FindingKind, Gate, NotTestable, Preview, RmsePairs, Unexplained,
+};
+use super::residual::residual;
+use super::screen::{Blind, Screen};
+use crate::data::Window;
+use crate::estimate::metrics::{HORIZONS, ahead, filter};
+use crate::estimate::physics::{jacobian, mean_inputs};
+use crate::estimate::run::at_bound;
+use crate::estimate::uncertainty::uncertainty;
+use crate::estimate::{Control, EstimateError, Interrupt, Problem, Site};
+use crate::fault::Fault;
+use crate::model::{Catalogue, Initial};
+use indexmap::IndexMap;
+
+/// Most effects that one diagnosis names.
+const ROUNDS: usize = 3;
+/// Above this ratio of free-run error to innovation deviation something is probably missing.
+pub const ADEQUATE_RHO: f64 = 1.6;
+/// A later finding that explains less than this repairs, and is no cause.
+const CAUSE_SHARE: f64 = 0.3;
+/// Days of training and of unseen data below which nothing can be said, and below which more is asked.
+const LEAST_DAYS: (f64, f64) = (3.0, 1.0);
+const GOOD_DAYS: (f64, f64) = (7.0, 7.0);
+
+/// Why there is no diagnosis.
+#[derive(Debug, Clone, PartialEq)]
+pub enum DiagnoseError {
+    /// The window or the catalogue does not serve.
+    Faults(Vec<Fault>),
+    /// The model diverges, or somebody stopped the work.
+    Estimate(EstimateError),
+}
+
+impl std::fmt::Display for DiagnoseError {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            DiagnoseError::Faults(faults) => {
+                let lines: Vec<String> = faults.iter().map(ToString::to_string).collect();
+                f.write_str(&lines.join("; "))
+            }
+            DiagnoseError::Estimate(error) => error.fmt(f),
+        }
+    }
+}
+
+impl std::error::Error for DiagnoseError {}
+
+/// Which effects the model is missing. `theta` is the fit to start from; it is polished first.
+///
+/// # Errors
+/// [`DiagnoseError`] where the model diverges, the window does not serve, or `control` interrupts.
+pub fn diagnose(
+    catalogue: &Catalogue,
+    problem: &Problem,
+    theta: &[f64],
+    window: &Window,
+    site: &Site,
+    control: &Control,
+) -> Result<Diagnosis, DiagnoseError> {
+    let days = |range: &std::ops::Range<usize>| problem.usable(0, range.clone()).len() as f64 * problem.grid().step_hours() / 24.0;
+    let (train, unseen) = (days(&problem.split().train), days(&problem.split().validation));
+    let mut report = empty(problem);
+    if train < LEAST_DAYS.0 || unseen < LEAST_DAYS.1 {
+        report.summary = format!("{train:.1} days of training and {unseen:.1} unseen days are too little to say what is missing");
+        return Ok(report);
+    }
+    let strict = train < GOOD_DAYS.0 || unseen < GOOD_DAYS.1 * 0.9;
+    if strict {
+        report.warnings.push(format!("only {train:.1} days of training and {unseen:.1} unseen days: more is asked of every effect"));
+    }
+    let (grid, holes) = widen(problem, window).map_err(|fault| DiagnoseError::Faults(vec![fault]))?;
+    let settled = |null: Option<Null>| null.ok_or(DiagnoseError::Estimate(EstimateError::NothingFinite));
+    let mut null = settled(Null::settle(problem.clone(), theta, None))?;
+    let mut found: Vec<String> = Vec::new();
+    let (mut before, mut process_noise) = (None, None);
+    for number in 1..=ROUNDS {
+        interrupted(control)?;
+        let (mut library, not_testable) = suspects(catalogue, &null.problem, &grid, &holes, site);
+        // The openings that a drop detector marks are off by up to half an hour, which a lag then repairs.
+        library.retain(|suspect| !(suspect.id == "sensor_lag" && found.iter().any(|name| name == "window_opening")));
+        let outcome = settled_round(round(&mut null, &library, strict))?;
+        if number == 1 {
+            before = Some(null.clone());
+            report.not_testable = not_testable;
+            tell_round(&mut report, &library, &outcome);
+        }
+        let Some(winner) = outcome.winner.map(|place| &outcome.tried[place]) else { break };
+        let suspect = &library[winner.suspect];
+        interrupted(control)?;
+        let next = settled(Null::settle(suspect.problem.clone(), &winner.fitted.plain, Some(&winner.fitted.white)))?;
+        let finding = finding(&null, &next, &library, &outcome, winner, number, &mut process_noise);
+        found.push(suspect.id.clone());
+        report.findings.push(finding);
+        null = next;
+    }
+    conclude(&mut report, before.as_ref().unwrap_or(&null), &null);
+    Ok(report)
+}
+
+/// The instant preview: suspects by their score alone, the most suspicious first.
+///
+/// # Errors
+/// [`DiagnoseError`] where the model diverges or the window does not serve.
+pub fn preview(
+    catalogue: &Catalogue,
+    problem: &Problem,
+    theta: &[f64],
+    window: &Window,
+    site: &Site,
+) -> Result<Vec<Preview>, DiagnoseError> {
+    let diverged = DiagnoseError::Estimate(EstimateError::NothingFinite);
+    let (grid, holes) = widen(problem, window).map_err(|fault| DiagnoseError::Faults(vec![fault]))?;
+    let (library, _) = suspects(catalogue, problem, &grid, &holes, site);
+    let whitening = whitening_at(problem, theta).ok_or(diverged.clone())?;
+    let screen = Screen::new(problem, theta, &whitening).ok_or(diverged)?;
+    let mut previews: Vec<Preview> = library
+        .iter()
+        .filter_map(|suspect| {
+            let score = screen.score(suspect).ok().filter(|score| score.sign)?;
+            let (title, explain) = (suspect.spec.title.clone(), suspect.spec.explain.clone());
+            Some(Preview { effect: suspect.id.clone(), title, explain, score: score.net })
+        })
+        .collect();
+    previews.sort_by(|a, b| b.score.total_cmp(&a.score).then_with(|| a.effect.cmp(&b.effect)));
+    Ok(previews)
+}
+
+fn settled_round(round: Option<Round>) -> Result<Round, DiagnoseError> {
+    round.ok_or(DiagnoseError::Estimate(EstimateError::NothingFinite))
+}
+
+fn interrupted(control: &Control) -> Result<(), DiagnoseError> {
+    match (control.interrupt)() {
+        Some(interrupt @ (Interrupt::Cancelled | Interrupt::Deadline)) => {
+            Err(DiagnoseError::Estimate(EstimateError::Interrupted(interrupt)))
+        }
+        None => Ok(()),
+    }
+}
+
+fn empty(problem: &Problem) -> Diagnosis {
+    Diagnosis {
+        system: None,
+        model: problem.model().id().to_string(),
+        fit: None,
+        verdict: Adequacy::NotEnoughData,
+        summary: String::new(),
+        rho: None,
+        noise_floor_rmse: None,
+        findings: Vec::new(),
+        considered: Vec::new(),
+        not_testable: Vec::new(),
+        unexplained: Unexplained::default(),
+        warnings: Vec::new(),
+    }
+}
+
+/// The first round into the report: what was tried, and what cannot be tested.
+fn tell_round(report: &mut Diagnosis, library: &[Suspect], outcome: &Round) {
+    for one in &outcome.tried {
+        let why = match &one.gate {
+            None => format!("it gains {:.0} in BIC", one.delta_bic),
+            Some((_, why)) => why.clone(),
+        };
+        report.considered.push(Considered {
+            effect: library[one.suspect].id.clone(),
+            score: one.score.net,
+            delta_bic: Some(one.delta_bic),
+            explained_share: one.share,
+            gate: one.gate.as_ref().map(|(gate, _)| *gate),
+            why,
+            test_rmse: one.measured.plain[2].map(f64::sqrt),
+        });
+    }
+    for (place, skip) in &outcome.skipped {
+        let effect = library[*place].id.clone();
+        match skip {
+            Skip::Sign(score) => report.considered.push(Considered {
+                effect,
+                score: score.net,
+                delta_bic: None,
+                explained_share: None,
+                gate: Some(Gate::Sign),
+                why: "the data ask for a sign that physics does not allow".to_owned(),
+                test_rmse: None,
+            }),
+            Skip::Blind(blind) => {
+                let reason = match blind {
+                    Blind::TooSmall => "even at its physical limit it hardly moves the room in these data".to_owned(),
+                    Blind::Imitated => "the model's own parameters can do the same".to_owned(),
+                    Blind::Diverged => "the simulation with it diverges".to_owned(),
+                };
+                report.not_testable.push(NotTestable { effect, reason });
+            }
+            Skip::Choice => {}
+        }
+    }
+}
+
+/// A winner as a finding.
+fn finding(
+    null: &Null,
+    next: &Null,
+    library: &[Suspect],
+    outcome: &Round,
+    winner: &Tried,
+    rank: usize,
+    process_noise: &mut Option<f64>,
+) -> Finding {
+    let suspect = &library[winner.suspect];
+    let tied_with: Vec<String> = outcome.tied.iter().map(|place| library[outcome.tried[*place].suspect].id.clone()).collect();
+    let separate_by = (!tied_with.is_empty()).then(|| {
+        let mut needed: Vec<&str> = vec![&suspect.spec.measure];
+        needed.extend(outcome.tied.iter().map(|place| library[outcome.tried[*place].suspect].spec.measure.as_str()));
+        needed.retain(|text| !text.is_empty());
+        needed.dedup();
+        format!("measure {}", needed.join(", or "))
+    });
+    let pair = |part: usize| null.measured.plain[part].zip(next.measured.plain[part]).map(|(a, b)| [a.sqrt(), b.sqrt()]);
+    let uncertain = uncertainty(&next.problem, &next.fitted.plain);
+    let mut parameters = IndexMap::new();
+    for (index, _) in &suspect.own {
+        let parameter = &next.problem.model().parameters()[*index];
+        let place = next.problem.free().iter().position(|free| free == index);
+        parameters.insert(
+            parameter.name.clone(),
+            Coefficient {
+                value: next.fitted.plain[*index],
+                ci95: place.and_then(|place| uncertain.ci95.get(place).copied().flatten()),
+                unit: parameter.unit.clone(),
+                at_bound: at_bound(&next.problem, &next.fitted.plain, *index),
+            },
+        );
+    }
+    let rmse = RmsePairs {
+        train: pair(0).unwrap_or([f64::NAN; 2]),
+        validation: pair(1),
+        test: pair(2),
+        validation_ahead: ahead_pairs(null, next, process_noise),
+    };
+    let refinement = rank > 1 && winner.share.is_none_or(|share| share < CAUSE_SHARE);
+    let evidence = evidence(suspect, winner, &rmse);
+    Finding {
+        rank,
+        effect: suspect.id.clone(),
+        title: suspect.spec.title.clone(),
+        explain: suspect.spec.explain.clone(),
+        delta_bic: winner.delta_bic,
+        explained_share: winner.share,
+        rmse,
+        parameters,
+        tied_with,
+        separate_by,
+        kind: if refinement { FindingKind::Refinement } else { FindingKind::Cause },
+        evidence,
+    }
+}
+
+fn evidence(suspect: &Suspect, winner: &Tried, rmse: &RmsePairs) -> Vec<String> {
+    let mut sentences = vec![suspect.spec.signature.clone()];
+    if let Some([before, after]) = rmse.validation {
+        sentences.push(format!("With it the free run on unseen data errs by {after:.2} instead of {before:.2} K."));
+    }
+    if let Some([before, after]) = rmse.validation_ahead.get("PT24H") {
+        sentences.push(format!("Forecasts a day ahead err by {after:.2} instead of {before:.2} K."));
+    }
+    sentences.push(format!("The likelihood gains {:.0} in BIC after its price; 10 would be enough.", winner.delta_bic));
+    if let Some(share) = winner.share.filter(|share| *share >= LEAST_SHARE) {
+        sentences.push(format!("It explains {:.0} % of the unseen squared error beyond the noise.", 100.0 * share));
+    } else if let Some(white) = winner.white_share {
+        sentences
+            .push(format!("It explains {:.1} % of the unseen innovations; the free run is dominated by something else.", 100.0 * white));
+    }
+    if suspect.endogenous {
+        sentences.push(format!("It is read off the room temperature itself, so {:.0} % was asked for.", 100.0 * STRICT_SHARE));
+    }
+    sentences
+}
+
+/// Forecast errors without and with the effect over the validation part, from states filtered with one process
+/// noise.
+fn ahead_pairs(null: &Null, next: &Null, process_noise: &mut Option<f64>) -> IndexMap<String, [f64; 2]> {
+    let range = null.problem.split().validation.clone();
+    let first = filter(&null.problem, &null.fitted.plain, *process_noise);
+    *process_noise = Some(first.process_noise);
+    let second = filter(&next.problem, &next.fitted.plain, *process_noise);
+    let before = ahead(&null.problem, &null.fitted.plain, &first, range.clone(), &HORIZONS);
+    let after = ahead(&next.problem, &next.fitted.plain, &second, range, &HORIZONS);
+    before.into_iter().filter_map(|(name, before)| Some((name.clone(), [before.rmse, after.get(&name)?.rmse]))).collect()
+}
+
+/// Verdict, summary and the shape of what is left.
+fn conclude(report: &mut Diagnosis, before: &Null, after: &Null) {
+    report.rho = after.rho();
+    report.noise_floor_rmse = Some(after.measured.floor);
+    let noise = after.measured.floor.powi(2);
+    let beyond = |mse: Option<f64>| mse.map(|mse| (mse - noise).max(0.0));
+    let share = beyond(after.measured.plain[0]).zip(beyond(before.measured.plain[0])).map(|(left, all)| left / all.max(f64::MIN_POSITIVE));
+    let more = report.rho.is_some_and(|rho| rho >= ADEQUATE_RHO);
+    let (profile_by_hour, evenings) = profile(after);
+    let names: Vec<&str> = report.findings.iter().map(|finding| finding.title.as_str()).collect();
+    (report.verdict, report.summary) = match (names.is_empty(), more) {
+        (false, false) => {
+            (Adequacy::Named, format!("missing: {}; with it the model explains the data down to their noise", names.join(", then ")))
+        }
+        (false, true) => (Adequacy::Named, format!("missing: {}; probably something else as well", names.join(", then "))),
+        (true, false) => (Adequacy::Adequate, "the model explains the data down to their noise".to_owned()),
+        (true, true) => (Adequacy::Unknown, "something is missing that none of the known effects explains".to_owned()),
+    };
+    report.unexplained = Unexplained {
+        share,
+        profile_by_hour,
+        episodes: episodes(&after.problem, &after.fitted.plain, after.problem.split().train.start..after.problem.split().validation.end),
+        ask: more.then(|| evenings.unwrap_or_else(|| "keep a diary of what happens in the room in the hours listed".to_owned())),
+    };
+}
+
+/// Heat that is missing at the room air by hour of the local day, in K/h, and a question in words.
+///
+/// What drives the residual e of a first-order room is de/dt + a e, where a is the rate at which the room air
+/// forgets: minus the diagonal of the Jacobian.
+fn profile(null: &Null) -> (Vec<Option<f64>>, Option<String>) {
+    let problem = &null.problem;
+    let theta = &null.fitted.plain;
+    let run = problem.simulate(theta);
+    let Some(air) = problem.model().states().iter().position(|state| state.initial == Initial::Measured(0)) else {
+        return (vec![None; 24], None);
+    };
+    let mean = |series: &Vec<f64>| series.iter().sum::<f64>() / series.len().max(1) as f64;
+    let states: Vec<f64> = run.states.iter().map(mean).collect();
+    let forget = -jacobian(problem, &states, theta, &mean_inputs(problem))[(air, air)];
+    let error = residual(problem, &run.outputs[0]);
+    let grid = problem.grid();
+    let usable = problem.usable(0, problem.split().train.start..problem.split().validation.end);
+    let hour_of = |k: usize| match grid.column("hour_of_day") {
+        Some(column) => column.values()[k] as usize % 24,
+        None => (grid.time(k).rem_euclid(86_400) / 3600) as usize,
+    };
+    // Sums over whole hours: the slope's noise cancels within them.
+    let span = ((1.0 / grid.step_hours()).round() as usize).max(1);
+    let mut heat: Vec<Vec<(i64, f64)>> = vec![Vec::new(); 24];
+    for pair in usable.windows(span + 1).step_by(span) {
+        let (first, last) = (pair[0], pair[span]);
+        if last - first == span {
+            let hours = span as f64 * grid.step_hours();
+            let level = pair.iter().map(|k| error[*k]).sum::<f64>() / pair.len() as f64;
+            heat[hour_of(first)].push((grid.time(first).div_euclid(86_400), (error[last] - error[first]) / hours + forget * level));
+        }
+    }
+    let means: Vec<Option<f64>> = heat
+        .iter()
+        .map(|values| (!values.is_empty()).then(|| values.iter().map(|(_, heat)| heat).sum::<f64>() / values.len() as f64))
+        .collect();
+    (means, question(&heat))
+}
+
+/// The three hours of the day whose missing heat varies most, as a question to the people of the house.
+fn question(heat: &[Vec<(i64, f64)>]) -> Option<String> {
+    let spread = |hour: usize| {
+        let values: Vec<f64> = (0..3).flat_map(|next| heat[(hour + next) % 24].iter().map(|(_, heat)| *heat)).collect();
+        values.iter().map(|value| value * value).sum::<f64>() / values.len().max(1) as f64
+    };
+    let hour = (0..24).max_by(|a, b| spread(*a).total_cmp(&spread(*b)))?;
+    let mut days: IndexMap<i64, (f64, usize)> = IndexMap::new();
+    for (day, value) in (0..3).flat_map(|next| &heat[(hour + next) % 24]) {
+        let entry = days.entry(*day).or_insert((0.0, 0));
+        *entry = (entry.0 + value, entry.1 + 1);
+    }
+    let means: Vec<f64> = days.values().map(|(sum, n)| sum / *n as f64).collect();
+    let size = means.iter().copied().max_by(|a, b| a.abs().total_cmp(&b.abs()))?;
+    let strong: Vec<f64> = means.iter().copied().filter(|mean| mean * size.signum() > 0.5 * size.abs()).collect();
+    let typical = strong.iter().sum::<f64>() / strong.len().max(1) as f64;
+    let what = if typical > 0.0 { "of heat that the model does not know" } else { "of cooling that the model does not know" };
+    Some(format!(
+        "about {:.1} K/h {what} on {} of {} days between {hour} and {} h: what happens then?",
+        typical.abs(),
+        strong.len(),
+        means.len(),
+        (hour + 3) % 24
+    ))
+}

@@ -1,0 +1,178 @@
+//! A model at its optima, and what is measured there.
+//!
+//! Every model is fitted twice: the plain free run, whose error users see, and its innovations, whose likelihood
+//! decides (generalised least squares with one autoregressive model for all models of a round).
+
+use super::refit::Refit;
+use super::residual::{Whitening, autoregression, residual};
+use crate::estimate::Problem;
+use crate::estimate::problem::mean_square;
+use crate::estimate::whiten::Ar;
+use std::ops::Range;
+
+/// Iterations of a null model: it must be no less converged than those that are compared with it.
+const SETTLE: usize = 60;
+
+/// Full parameter vectors at the two optima, with their costs.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Fitted {
+    /// Least squares of the free run.
+    pub plain: Vec<f64>,
+    /// Its cost.
+    pub plain_cost: f64,
+    /// Least squares of the innovations.
+    pub white: Vec<f64>,
+    /// Its cost.
+    pub white_cost: f64,
+}
+
+/// What is measured at the two optima.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Measured {
+    /// BIC of the AR likelihood of the residual at the innovations' optimum, AR re-estimated; the model's own
+    /// parameters are not counted.
+    pub bic: f64,
+    /// Samples of the likelihood.
+    pub samples: usize,
+    /// Innovation deviation of the free-run residual at its own optimum.
+    pub floor: f64,
+    /// Mean square of the free run: training, validation, test.
+    pub plain: [Option<f64>; 3],
+    /// Mean square of the innovations over the validation part, at the innovations' optimum.
+    pub white_validation: Option<f64>,
+}
+
+/// The filters of a round, the same for every model in it.
+#[derive(Debug, Clone)]
+pub struct Filters {
+    /// The training part as it is.
+    pub plain: Whitening,
+    /// Its innovations.
+    pub white: Whitening,
+    /// The innovations of the validation part.
+    pub validation: Whitening,
+    /// Deviation of the plain residual.
+    pub plain_deviation: f64,
+    /// Deviation of the innovations.
+    pub white_deviation: f64,
+}
+
+/// A model without the effects that are tried on it.
+#[derive(Debug, Clone)]
+pub struct Null {
+    /// The model on its data.
+    pub problem: Problem,
+    /// Where it ends.
+    pub fitted: Fitted,
+    /// What is measured there.
+    pub measured: Measured,
+    /// The filters that it gives to the round.
+    pub filters: Filters,
+}
+
+impl Filters {
+    fn new(problem: &Problem, ar: &Ar, plain_deviation: f64) -> Self {
+        let usable = |range: &Range<usize>| problem.usable(0, range.clone());
+        let (train, validation) = (usable(&problem.split().train), usable(&problem.split().validation));
+        Self {
+            plain: Whitening::none(&train),
+            white: Whitening::ar(ar, &train),
+            validation: Whitening::ar(ar, &validation),
+            plain_deviation,
+            white_deviation: ar.deviation,
+        }
+    }
+
+    /// The two tasks of a problem.
+    pub fn tasks<'a>(&'a self, problem: &'a Problem) -> [Refit<'a>; 2] {
+        [
+            Refit { problem, whitening: &self.plain, deviation: self.plain_deviation },
+            Refit { problem, whitening: &self.white, deviation: self.white_deviation },
+        ]
+    }
+
+    /// Both optima from their starts.
+    pub fn fit(&self, problem: &Problem, plain: &[f64], white: &[f64], iterations: usize) -> Fitted {
+        let [plain_task, white_task] = self.tasks(problem);
+        let (plain, plain_cost) = plain_task.polish(plain, iterations);
+        let (white, white_cost) = white_task.polish(white, iterations);
+        Fitted { plain, plain_cost, white, white_cost }
+    }
+
+    /// What is measured at the optima; `None` where a simulation diverges.
+    pub fn measure(&self, problem: &Problem, fitted: &Fitted) -> Option<Measured> {
+        let split = problem.split();
+        let train = problem.usable(0, split.train.clone());
+        let mut runs = problem.simulator().run(&[&fitted.plain, &fitted.white], problem.grid().len());
+        let (white, plain) = (runs.pop()?, runs.pop()?);
+        if white.diverged || plain.diverged {
+            return None;
+        }
+        let at_white = residual(problem, &white.outputs[0]);
+        let likely = autoregression(&at_white, &train)?;
+        let floor = autoregression(&residual(problem, &plain.outputs[0]), &train)?.deviation;
+        let part = |range: &Range<usize>| problem.mean_square_error(&plain, 0, range.clone());
+        let validation = self.validation.apply(&at_white);
+        Some(Measured {
+            bic: likely.bic,
+            samples: likely.samples,
+            floor,
+            plain: [part(&split.train), part(&split.validation), part(&split.test)],
+            white_validation: (!validation.is_empty()).then(|| mean_square(&validation)),
+        })
+    }
+}
+
+/// The innovations' filter of the training part at a parameter vector; `None` where the model diverges there.
+pub fn whitening_at(problem: &Problem, theta: &[f64]) -> Option<Whitening> {
+    let usable = problem.usable(0, problem.split().train.clone());
+    let run = problem.simulator().run(&[theta], problem.split().train.end).pop().filter(|run| !run.diverged)?;
+    let ar = autoregression(&residual(problem, &run.outputs[0]), &usable)?;
+    Some(Whitening::ar(&ar, &usable))
+}
+
+impl Null {
+    /// Brings a model to its optima from a known point; `None` where it diverges or its residual has no
+    /// autoregressive model.
+    pub fn settle(problem: Problem, plain: &[f64], white: Option<&[f64]>) -> Option<Self> {
+        let usable = problem.usable(0, problem.split().train.clone());
+        let series = |theta: &[f64]| {
+            let run = problem.simulator().run(&[theta], problem.split().train.end).pop()?;
+            (!run.diverged).then(|| residual(&problem, &run.outputs[0]))
+        };
+        let deviation = |series: &[f64]| mean_square(&usable.iter().map(|k| series[*k]).collect::<Vec<_>>()).sqrt();
+        let first = series(plain)?;
+        let ar = autoregression(&first, &usable)?;
+        let filters = Filters::new(&problem, &ar, deviation(&first));
+        let mut fitted = filters.fit(&problem, plain, white.unwrap_or(plain), SETTLE);
+        // The innovations' optimum changes the residual, and with it the filter: once more with the right one.
+        let ar = autoregression(&series(&fitted.white)?, &usable)?;
+        let filters = Filters::new(&problem, &ar, deviation(&series(&fitted.plain)?));
+        let [_, task] = filters.tasks(&problem);
+        (fitted.white, fitted.white_cost) = task.polish(&fitted.white, SETTLE);
+        let measured = filters.measure(&problem, &fitted)?;
+        Some(Self { fitted, measured, filters, problem })
+    }
+
+    /// Goes on from another place: keeps what is better there, and measures again. Says whether anything was.
+    pub fn restart(&mut self, plain: &[f64], white: &[f64]) -> bool {
+        let again = self.filters.fit(&self.problem, plain, white, SETTLE / 2);
+        let mut better = self.fitted.clone();
+        if again.plain_cost < better.plain_cost {
+            (better.plain, better.plain_cost) = (again.plain, again.plain_cost);
+        }
+        if again.white_cost < better.white_cost {
+            (better.white, better.white_cost) = (again.white, again.white_cost);
+        }
+        let improved = better != self.fitted;
+        if let Some(measured) = self.filters.measure(&self.problem, &better).filter(|_| improved) {
+            (self.fitted, self.measured) = (better, measured);
+        }
+        improved
+    }
+
+    /// Free-run error over the innovation deviation, on the training part.
+    pub fn rho(&self) -> Option<f64> {
+        self.measured.plain[0].map(|mse| mse.sqrt() / self.measured.floor)
+    }
+}

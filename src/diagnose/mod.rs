@@ -1,0 +1,25 @@
+//! Which physical effect is a model missing?
+//!
+//! ```text
+//! Problem, theta --fitted--> Null --screen--> scores --rank--> Round --findings--> Diagnosis
+//!                              |                                 |
+//!                       residual, failures                 up to three rounds
+//! ```
+//!
+//! `candidates` compiles the catalogue into the model, `screen` scores it by one linearised simulation each, `refit`
+//! and `fitted` bring null model and suspects to their optima, `rank` decides by two gates, `failures` says where a
+//! model fails, `ladder` adds effects one after another. The method and its thresholds were measured on synthetic
+//! rooms; `lampyris bench diagnose` measures them again.
+
+pub mod candidates;
+pub mod failures;
+mod findings;
+pub mod fitted;
+pub mod rank;
+mod refit;
+pub mod report;
+pub mod residual;
+mod screen;
+
+pub use findings::{DiagnoseError, diagnose, preview};
+pub use report::{Adequacy, Diagnosis, Finding};

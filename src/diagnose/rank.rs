@@ -1,0 +1,217 @@
+//! A round: every suspect is refitted, and two gates decide (reference: missing-effects 3, 5 and 7).
+//!
+//! The likelihood gate asks whether the suspect explains the innovations of the training part, the held-out gate
+//! whether the error on unseen data really falls. The null model is restarted from the best suspects' parameters,
+//! so that no suspect gains by a better search alone.
+
+use super::candidates::{Suspect, sign_allows};
+use super::fitted::{Fitted, Measured, Null};
+use super::report::Gate;
+use super::screen::{Blind, Score, Screen, correlation};
+use rayon::prelude::*;
+
+/// Least gain of the BIC.
+pub const LEAST_BIC: f64 = 10.0;
+/// Least share of the unseen free-run error beyond the noise.
+pub const LEAST_SHARE: f64 = 0.20;
+/// Or least share of the unseen innovations.
+pub const LEAST_WHITE_SHARE: f64 = 0.03;
+/// Least share for what follows from the output itself, and for short records.
+pub const STRICT_SHARE: f64 = 0.35;
+/// Suspects within this much of the winner, or this much alike, are named together with it.
+const TIE_BIC: f64 = 10.0;
+const TIE_CORRELATION: f64 = 0.9;
+/// Iterations of a suspect.
+const ITERATIONS: usize = 30;
+/// Members of a family of choices that are refitted.
+const CHOICES: usize = 3;
+/// From how many of the best suspects the null model is restarted.
+const RESTARTS: usize = 3;
+
+/// A suspect with its refit.
+#[derive(Debug, Clone)]
+pub struct Tried {
+    /// Its place among the suspects of the round.
+    pub suspect: usize,
+    /// Its score.
+    pub score: Score,
+    /// Where its refit ended.
+    pub fitted: Fitted,
+    /// What is measured there.
+    pub measured: Measured,
+    /// Parameters of its own that are not where they do nothing.
+    pub active: usize,
+    /// Gain of the BIC over the null model.
+    pub delta_bic: f64,
+    /// Share of the unseen free-run error beyond the noise that it explains.
+    pub share: Option<f64>,
+    /// Share of the unseen innovations that it explains.
+    pub white_share: Option<f64>,
+    /// What stopped it, and why.
+    pub gate: Option<(Gate, String)>,
+}
+
+/// What a round found.
+#[derive(Debug, Clone)]
+pub struct Round {
+    /// Suspects with a refit, the largest gain first.
+    pub tried: Vec<Tried>,
+    /// Suspects without one: those that physics or the screen ruled out.
+    pub skipped: Vec<(usize, Skip)>,
+    /// The place of the winner among the tried.
+    pub winner: Option<usize>,
+    /// Places of those that are named together with it.
+    pub tied: Vec<usize>,
+}
+
+/// Why a suspect was not refitted.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Skip {
+    /// These data cannot show it.
+    Blind(Blind),
+    /// Physics does not allow the sign that the data ask for.
+    Sign(Score),
+    /// A better member of its family stands for it.
+    Choice,
+}
+
+/// Tries every suspect on the null model, which is restarted on the way. `strict` asks for more of everybody.
+pub fn round(null: &mut Null, suspects: &[Suspect], strict: bool) -> Option<Round> {
+    let scores: Vec<Result<Score, Blind>> = {
+        let screen = Screen::new(&null.problem, &null.fitted.white, &null.filters.white)?;
+        suspects.par_iter().map(|suspect| screen.score(suspect)).collect()
+    };
+    let (chosen, skipped) = choose(suspects, scores);
+    let found: Vec<Option<Tried>> = chosen.into_par_iter().map(|(place, score)| refit(null, &suspects[place], place, score)).collect();
+    let mut tried: Vec<Tried> = found.into_iter().flatten().collect();
+    compare(null, &mut tried);
+    // The null model goes on from where the best suspects have come to.
+    let bases: Vec<[Vec<f64>; 2]> = tried
+        .iter()
+        .take(RESTARTS)
+        .map(|one| [&one.fitted.plain, &one.fitted.white].map(|theta| suspects[one.suspect].lower(&null.problem, theta)))
+        .collect();
+    for [plain, white] in bases {
+        null.restart(&plain, &white);
+    }
+    compare(null, &mut tried);
+    let mut gains: Vec<f64> = tried.iter().map(|one| one.delta_bic).collect();
+    gains.sort_by(f64::total_cmp);
+    // If most suspects gain alike, it is the null model that is not at its optimum.
+    let placebo = gains.len() >= 6 && gains.get(gains.len() / 2).is_some_and(|median| *median > LEAST_BIC);
+    for one in &mut tried {
+        let suspect = &suspects[one.suspect];
+        one.gate = gate(suspect, one, strict || suspect.endogenous, placebo);
+    }
+    let winner = tried.iter().position(|one| one.gate.is_none());
+    let tied = winner.map_or_else(Vec::new, |winner| ties(&mut tried, suspects, winner));
+    Some(Round { tried, skipped, winner, tied })
+}
+
+/// Who is refitted: whom the data can show with a sign that physics allows, and of a shape the best choices.
+fn choose(suspects: &[Suspect], scores: Vec<Result<Score, Blind>>) -> (Vec<(usize, Score)>, Vec<(usize, Skip)>) {
+    let mut chosen: Vec<(usize, Score)> = Vec::new();
+    let mut skipped = Vec::new();
+    for (place, score) in scores.into_iter().enumerate() {
+        match score {
+            Err(blind) => skipped.push((place, Skip::Blind(blind))),
+            Ok(score) if !score.sign => skipped.push((place, Skip::Sign(score))),
+            Ok(score) => chosen.push((place, score)),
+        }
+    }
+    let better = |place: usize, score: &Score, chosen: &[(usize, Score)]| {
+        let alike = |other: &&(usize, Score)| suspects[other.0].family() == suspects[place].family();
+        chosen.iter().filter(alike).filter(|(_, other)| other.statistic > score.statistic).count()
+    };
+    let (kept, left): (Vec<_>, Vec<_>) =
+        chosen.iter().cloned().partition(|(place, score)| !suspects[*place].is_choice() || better(*place, score, &chosen) < CHOICES);
+    skipped.extend(left.into_iter().map(|(place, _)| (place, Skip::Choice)));
+    (kept, skipped)
+}
+
+/// The suspect at its optima, from those of the null model and the linearised step.
+fn refit(null: &Null, suspect: &Suspect, place: usize, score: Score) -> Option<Tried> {
+    let start = |theta: &[f64]| {
+        let mut start = suspect.lift(&null.problem, theta);
+        for ((index, off), step) in suspect.own.iter().zip(&score.step) {
+            let [lower, upper] = suspect.problem.bounds()[*index];
+            // Not on the bound, where a rate on a logarithmic scale would never leave it.
+            let least = off + 1e-3 * (upper - lower);
+            let wanted = off + step;
+            start[*index] = if lower >= 0.0 { wanted.clamp(least, upper) } else { wanted.clamp(lower, upper) };
+        }
+        start
+    };
+    let fitted = null.filters.fit(&suspect.problem, &start(&null.fitted.plain), &start(&null.fitted.white), ITERATIONS);
+    let measured = null.filters.measure(&suspect.problem, &fitted)?;
+    let active = suspect.own.iter().filter(|(index, off)| is_active(suspect, *index, *off, fitted.white[*index])).count();
+    Some(Tried { suspect: place, score, fitted, measured, active, delta_bic: 0.0, share: None, white_share: None, gate: None })
+}
+
+/// Whether a coefficient has left the value at which it does nothing.
+fn is_active(suspect: &Suspect, index: usize, off: f64, value: f64) -> bool {
+    let [lower, upper] = suspect.problem.bounds()[index];
+    (value - off).abs() > 1e-4 * (upper - lower)
+}
+
+/// Gains and shares against the null model as it is now; the largest gain first.
+fn compare(null: &Null, tried: &mut [Tried]) {
+    for one in tried.iter_mut() {
+        let price = one.active.max(1) as f64 * (one.measured.samples as f64).ln();
+        one.delta_bic = null.measured.bic - one.measured.bic - price;
+        let noise = one.measured.floor.powi(2);
+        one.share =
+            null.measured.plain[1].zip(one.measured.plain[1]).map(|(before, after)| (before - after) / (before - noise).max(1e-3 * before));
+        one.white_share = null.measured.white_validation.zip(one.measured.white_validation).map(|(before, after)| 1.0 - after / before);
+    }
+    tried.sort_by(|a, b| b.delta_bic.total_cmp(&a.delta_bic).then(a.suspect.cmp(&b.suspect)));
+}
+
+/// What stops a suspect.
+fn gate(suspect: &Suspect, one: &Tried, strict: bool, placebo: bool) -> Option<(Gate, String)> {
+    let percent = |share: Option<f64>| share.map_or_else(|| "no unseen data".to_owned(), |share| format!("{:.0} %", 100.0 * share));
+    if one.active == 0 {
+        return Some((Gate::Bound, "it fits best where it does nothing".to_owned()));
+    }
+    let allowed = suspect.own.iter().any(|(index, off)| sign_allows(suspect.spec.sign, one.fitted.white[*index] - off));
+    if !allowed {
+        return Some((Gate::Sign, "the data ask for a sign that physics does not allow".to_owned()));
+    }
+    if one.delta_bic.is_nan() || one.delta_bic < LEAST_BIC {
+        return Some((Gate::Bic, format!("it gains {:.1} in BIC, and {LEAST_BIC} is asked for", one.delta_bic)));
+    }
+    if placebo {
+        return Some((Gate::Bic, "most suspects gain alike: the fit without them is not at its optimum".to_owned()));
+    }
+    let share = one.share.unwrap_or(f64::NEG_INFINITY);
+    let white = one.white_share.unwrap_or(f64::NEG_INFINITY);
+    let passes = if strict { share >= STRICT_SHARE } else { share >= LEAST_SHARE || white >= LEAST_WHITE_SHARE };
+    (!passes).then(|| {
+        let needed = if strict { STRICT_SHARE } else { LEAST_SHARE };
+        let why = format!("it explains {} of the error on unseen data, and {:.0} % is asked for", percent(one.share), 100.0 * needed);
+        (Gate::HeldOut, why)
+    })
+}
+
+/// Those that cannot be told from the winner, the best member of each family of choices only.
+fn ties(tried: &mut [Tried], suspects: &[Suspect], winner: usize) -> Vec<usize> {
+    let best = tried[winner].clone();
+    let mut tied: Vec<usize> = Vec::new();
+    for place in (0..tried.len()).filter(|place| *place != winner) {
+        let one = &tried[place];
+        let suspect = &suspects[one.suspect];
+        let named = |other: usize| suspect.is_choice() && suspects[other].family() == suspect.family();
+        let alike =
+            one.delta_bic >= best.delta_bic - TIE_BIC || correlation(&one.score.direction, &best.score.direction).abs() > TIE_CORRELATION;
+        if one.gate.is_some() || !alike {
+            continue;
+        }
+        let known = named(best.suspect) || tied.iter().any(|other| named(tried[*other].suspect));
+        let why = format!("these data cannot tell it from {}", suspects[best.suspect].id);
+        tried[place].gate = Some((Gate::Tie, why));
+        if !known {
+            tied.push(place);
+        }
+    }
+    tied
+}

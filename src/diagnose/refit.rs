@@ -1,0 +1,99 @@
+//! Least squares from a known point, on the plain residual or on its innovations.
+
+use super::residual::{Whitening, residual};
+use crate::estimate::Problem;
+use crate::estimate::problem::mean_square;
+use crate::model::Scale;
+use crate::optimise::local::{LocalOptions, LocalStage};
+use crate::optimise::{Ask, Candidate, Cost, Evaluation};
+use nalgebra::DMatrix;
+
+/// Length of forward differences in the unit cube.
+const DIFFERENCE: f64 = 1e-5;
+/// A run ends after two iterations that lower the cost by less than this share.
+const TOLERANCE: f64 = 1e-6;
+/// Deviation of the weak prior in the logarithm of rates: it only holds what the data leave open.
+const PRIOR_DEVIATION: f64 = 2.0;
+
+/// A least-squares task on the training part.
+pub struct Refit<'a> {
+    /// Model and data.
+    pub problem: &'a Problem,
+    /// What is squared.
+    pub whitening: &'a Whitening,
+    /// Deviation of what is squared, the weight of the prior.
+    pub deviation: f64,
+}
+
+impl Refit<'_> {
+    /// Levenberg and Marquardt's method from a full parameter vector: where it ends, and its cost there.
+    pub fn polish(&self, start: &[f64], iterations: usize) -> (Vec<f64>, f64) {
+        let options = LocalOptions { iterations, tolerance: TOLERANCE, ..LocalOptions::default() };
+        let mut stage = LocalStage::new(&options, &[self.problem.candidate(start)], true);
+        while let Some(Ask::Residuals(batch)) = stage.propose() {
+            let answers = self.evaluate(&batch);
+            stage.digest(&answers);
+        }
+        match stage.places().into_iter().next() {
+            Some((candidate, Cost::Finite(cost))) => (self.problem.theta(&candidate), cost),
+            _ => (start.to_vec(), f64::INFINITY),
+        }
+    }
+
+    /// The cost at a full parameter vector.
+    pub fn cost(&self, theta: &[f64]) -> f64 {
+        self.evaluate(&[self.problem.candidate(theta)]).first().map_or(f64::INFINITY, |answer| answer.cost.value())
+    }
+
+    fn evaluate(&self, candidates: &[Candidate]) -> Vec<Evaluation> {
+        let thetas: Vec<Vec<f64>> = candidates.iter().map(|candidate| self.problem.theta(candidate)).collect();
+        let series = filtered(self.problem, self.whitening, &thetas);
+        series
+            .into_iter()
+            .zip(&thetas)
+            .map(|(series, theta)| {
+                let residuals: Vec<f64> = series.map_or_else(Vec::new, |series| series.into_iter().chain(self.prior(theta)).collect());
+                let cost = if residuals.is_empty() { Cost::Diverged } else { Cost::new(mean_square(&residuals)) };
+                Evaluation { cost, residuals: if cost == Cost::Diverged { Vec::new() } else { residuals } }
+            })
+            .collect()
+    }
+
+    /// The pulls of the prior: a deviation of the residual for every deviation of a logarithm.
+    fn prior(&self, theta: &[f64]) -> impl Iterator<Item = f64> {
+        let (nominal, parameters) = (self.problem.nominal(), self.problem.model().parameters());
+        let logarithmic = self.problem.free().iter().filter(|index| parameters[**index].scale == Scale::Log);
+        logarithmic.map(move |index| self.deviation * (theta[*index] / nominal[*index]).ln() / PRIOR_DEVIATION)
+    }
+
+    /// The derivatives of the filtered simulation with respect to the free coordinates of the unit cube, one
+    /// column each; `None` where a simulation diverges.
+    pub fn slopes(&self, theta: &[f64]) -> Option<DMatrix<f64>> {
+        let centre = self.problem.candidate(theta);
+        let mut thetas = vec![self.problem.theta(&centre)];
+        let mut steps = Vec::new();
+        for along in 0..centre.0.len() {
+            let mut moved = centre.clone();
+            let step = if moved.0[along] + DIFFERENCE > 1.0 { -DIFFERENCE } else { DIFFERENCE };
+            moved.0[along] += step;
+            steps.push(step);
+            thetas.push(self.problem.theta(&moved));
+        }
+        let series: Option<Vec<Vec<f64>>> = filtered(self.problem, self.whitening, &thetas).into_iter().collect();
+        let (here, moved) = series.as_ref().and_then(|series| series.split_first())?;
+        // The residual falls where the simulation rises.
+        Some(DMatrix::from_fn(here.len(), steps.len(), |row, column| (here[row] - moved[column][row]) / steps[column]))
+    }
+}
+
+/// The residuals of some parameter vectors up to the end of the training part; `None` for one that diverges.
+pub fn simulated(problem: &Problem, thetas: &[Vec<f64>]) -> Vec<Option<Vec<f64>>> {
+    let slices: Vec<&[f64]> = thetas.iter().map(Vec::as_slice).collect();
+    let runs = problem.simulator().run(&slices, problem.split().train.end);
+    runs.iter().map(|run| (!run.diverged).then(|| residual(problem, &run.outputs[0]))).collect()
+}
+
+/// The same, filtered.
+pub fn filtered(problem: &Problem, whitening: &Whitening, thetas: &[Vec<f64>]) -> Vec<Option<Vec<f64>>> {
+    simulated(problem, thetas).into_iter().map(|series| series.map(|series| whitening.apply(&series))).collect()
+}

@@ -1,0 +1,183 @@
+//! The documents of a diagnosis, as they are stored, printed and served.
+
+use indexmap::IndexMap;
+use serde::{Deserialize, Serialize};
+
+/// What a diagnosis comes to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Adequacy {
+    /// At least one effect is named.
+    Named,
+    /// The model explains the data down to its noise.
+    Adequate,
+    /// Something is missing that the catalogue does not have.
+    Unknown,
+    /// The record is too short to tell.
+    NotEnoughData,
+}
+
+/// Which effect a model is missing.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Diagnosis {
+    /// The system, where there is one.
+    pub system: Option<String>,
+    /// The model that was diagnosed.
+    pub model: String,
+    /// The fit that it started from, where it is stored.
+    pub fit: Option<String>,
+    /// The verdict.
+    pub verdict: Adequacy,
+    /// In a sentence.
+    pub summary: String,
+    /// Free-run error over the innovation deviation of its AR model, after the last finding.
+    pub rho: Option<f64>,
+    /// One-step innovation error of the free-run residual, in the output's unit.
+    pub noise_floor_rmse: Option<f64>,
+    /// What is missing, the most telling first.
+    pub findings: Vec<Finding>,
+    /// Everything that was tried in the first round.
+    pub considered: Vec<Considered>,
+    /// What these data cannot show. Silence is not absence.
+    pub not_testable: Vec<NotTestable>,
+    /// What no effect explains.
+    pub unexplained: Unexplained,
+    /// What a reader should know of the data.
+    pub warnings: Vec<String>,
+}
+
+/// A finding is the cause of an error, or repairs what an earlier finding left.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum FindingKind {
+    /// It explains a good part of the error on unseen data.
+    Cause,
+    /// It came late and explains little.
+    Refinement,
+}
+
+/// One missing effect.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Finding {
+    /// 1 is the first.
+    pub rank: usize,
+    /// The effect's id.
+    pub effect: String,
+    /// A short title for people.
+    pub title: String,
+    /// One sentence that an operator understands.
+    pub explain: String,
+    /// Gain of the AR likelihood's BIC over the model without it.
+    pub delta_bic: f64,
+    /// Share of the unseen squared error beyond the noise that it explains.
+    pub explained_share: Option<f64>,
+    /// Errors without and with it.
+    pub rmse: RmsePairs,
+    /// Its parameters.
+    pub parameters: IndexMap<String, Coefficient>,
+    /// Effects that the data cannot tell from it.
+    pub tied_with: Vec<String>,
+    /// What would tell them apart.
+    pub separate_by: Option<String>,
+    /// Cause or refinement.
+    pub kind: FindingKind,
+    /// Why, in sentences.
+    pub evidence: Vec<String>,
+}
+
+/// Free-run errors without and with an effect, in the output's unit.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct RmsePairs {
+    /// The training part.
+    pub train: [f64; 2],
+    /// The validation part, which decides.
+    pub validation: Option<[f64; 2]>,
+    /// The test part, which no decision sees.
+    pub test: Option<[f64; 2]>,
+    /// Forecasts from re-estimated states over the validation part, by horizon.
+    pub validation_ahead: IndexMap<String, [f64; 2]>,
+}
+
+/// A coefficient of a finding.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Coefficient {
+    /// Its value.
+    pub value: f64,
+    /// Its 95 % interval; `None` where the data do not determine it.
+    pub ci95: Option<[f64; 2]>,
+    /// Its unit.
+    pub unit: String,
+    /// Whether it lies on a bound, where its value is a limit and no estimate.
+    pub at_bound: bool,
+}
+
+/// What stopped a suspect.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Gate {
+    /// The likelihood gains too little.
+    Bic,
+    /// The error on unseen data does not really fall.
+    HeldOut,
+    /// Physics does not allow its sign.
+    Sign,
+    /// It ended where it does nothing.
+    Bound,
+    /// It cannot be told from a better one.
+    Tie,
+}
+
+/// A suspect and what became of it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Considered {
+    /// The effect's id.
+    pub effect: String,
+    /// The score of the preview.
+    pub score: f64,
+    /// Gain of the AR likelihood's BIC, where it was refitted.
+    pub delta_bic: Option<f64>,
+    /// Share of the unseen squared error beyond the noise that it explains.
+    pub explained_share: Option<f64>,
+    /// What stopped it; nothing for a finding.
+    pub gate: Option<Gate>,
+    /// In a sentence.
+    pub why: String,
+    /// Free-run error on the test part with it, for benches: no decision sees it.
+    #[serde(skip)]
+    pub test_rmse: Option<f64>,
+}
+
+/// A suspect that these data cannot show.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct NotTestable {
+    /// The effect's id.
+    pub effect: String,
+    /// Why.
+    pub reason: String,
+}
+
+/// The shape of what no effect explains.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct Unexplained {
+    /// Share of the model's squared error beyond the noise that is left.
+    pub share: Option<f64>,
+    /// Mean heat that is missing by hour of the local day, in K/h at the room air: 24 numbers.
+    pub profile_by_hour: Vec<Option<f64>>,
+    /// The six hours that err most, several times.
+    pub episodes: Vec<super::failures::Episode>,
+    /// What to measure or to write down.
+    pub ask: Option<String>,
+}
+
+/// An instant preview of what may be missing, by the score test alone.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Preview {
+    /// The effect's id.
+    pub effect: String,
+    /// A short title for people.
+    pub title: String,
+    /// One sentence that an operator understands.
+    pub explain: String,
+    /// The score, less the price of the effect's parameters.
+    pub score: f64,
+}

@@ -1,0 +1,138 @@
+//! The instant preview: a score test of every suspect, one linearised simulation each.
+//!
+//! The residual, the sensitivities of the model's own parameters and that of the suspect go through the same
+//! whitening filter. What the model's own parameters can imitate is projected out; what is left of the residual is
+//! compared with what is left of the suspect: LM = -n ln(1 - R2) (Rao's score test; reference: missing-effects 3).
+
+use super::candidates::{Suspect, sign_allows};
+use super::refit::{Refit, filtered, simulated};
+use super::residual::Whitening;
+use crate::estimate::Problem;
+use crate::estimate::problem::mean_square;
+use crate::model::Scale;
+use nalgebra::{DMatrix, DVector};
+
+/// A suspect that moves the room by less than this at its physical bound cannot be seen, in K.
+const VISIBLE: f64 = 0.02;
+/// A suspect of which the model's own parameters imitate all but this share of the variance is no suspect.
+const IMITATED: f64 = 1e-4;
+/// Step of a difference, as a share of the interval of a linear parameter or of the nominal value of a rate.
+const STEP: f64 = 1e-3;
+
+/// What the linearised model says of a suspect.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Score {
+    /// LM statistic, chi-squared with as many degrees of freedom as the effect has parameters.
+    pub statistic: f64,
+    /// The same less the price of its parameters, `k ln n`.
+    pub net: f64,
+    /// The coefficients that fit best, as changes from the values at which the effect is off.
+    pub step: Vec<f64>,
+    /// Whether the sign is one that physics allows.
+    pub sign: bool,
+    /// What is left of the suspect's first sensitivity, of length one: for ties.
+    pub direction: Vec<f64>,
+}
+
+/// Why a suspect has no score.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Blind {
+    /// Even at its physical bound it hardly moves the room.
+    TooSmall,
+    /// The model's own parameters can do the same.
+    Imitated,
+    /// Its simulation diverges.
+    Diverged,
+}
+
+/// The residual and the model's own sensitivities at a parameter vector, ready to score suspects.
+pub struct Screen<'a> {
+    base: &'a Problem,
+    theta: Vec<f64>,
+    whitening: &'a Whitening,
+    /// An orthonormal basis of what the model's own parameters can do.
+    own: DMatrix<f64>,
+    residual: DVector<f64>,
+}
+
+impl<'a> Screen<'a> {
+    /// Linearises the model at `theta`; `None` where it diverges there.
+    pub fn new(base: &'a Problem, theta: &[f64], whitening: &'a Whitening) -> Option<Self> {
+        let task = Refit { problem: base, whitening, deviation: 0.0 };
+        let mut slopes = task.slopes(theta)?;
+        for mut column in slopes.column_iter_mut() {
+            let norm = column.norm();
+            if norm > 0.0 {
+                column /= norm;
+            }
+        }
+        let residual = filtered(base, whitening, &[theta.to_vec()]).pop().flatten()?;
+        let own = slopes.qr().q();
+        let mut residual = DVector::from_vec(residual);
+        residual -= &own * own.tr_mul(&residual);
+        Some(Self { base, theta: theta.to_vec(), whitening, own, residual })
+    }
+
+    /// Scores one suspect.
+    ///
+    /// # Errors
+    /// [`Blind`] where these data cannot show it.
+    pub fn score(&self, suspect: &Suspect) -> Result<Score, Blind> {
+        let off = suspect.lift(self.base, &self.theta);
+        let mut thetas = vec![off.clone()];
+        let mut steps = Vec::new();
+        for (index, _) in &suspect.own {
+            let step = difference(suspect, *index);
+            let mut moved = off.clone();
+            moved[*index] += step;
+            steps.push(step);
+            thetas.push(moved);
+        }
+        let mut bound = off.clone();
+        suspect.own.iter().for_each(|(index, _)| bound[*index] = suspect.problem.bounds()[*index][1]);
+        thetas.push(bound);
+        let runs = simulated(&suspect.problem, &thetas);
+        let train = suspect.problem.usable(0, suspect.problem.split().train.clone());
+        if let (Some(Some(with)), Some(Some(without))) = (runs.last(), runs.first()) {
+            let difference: Vec<f64> = train.iter().map(|k| with[*k] - without[*k]).collect();
+            if mean_square(&difference).sqrt() < VISIBLE {
+                return Err(Blind::TooSmall);
+            }
+        }
+        let whitened = |run: &Option<Vec<f64>>| run.as_ref().map(|run| self.whitening.apply(run));
+        let series: Vec<Vec<f64>> = runs[..=steps.len()].iter().map(whitened).collect::<Option<_>>().ok_or(Blind::Diverged)?;
+        let raw = DMatrix::from_fn(series[0].len(), steps.len(), |row, column| (series[0][row] - series[column + 1][row]) / steps[column]);
+        let left = &raw - &self.own * self.own.tr_mul(&raw);
+        if left.norm_squared() <= IMITATED * raw.norm_squared() {
+            return Err(Blind::Imitated);
+        }
+        let (rows, k) = left.shape();
+        let mut normal = left.tr_mul(&left);
+        let ridge = 1e-9 * normal.trace();
+        (0..k).for_each(|i| normal[(i, i)] += ridge);
+        let right = left.tr_mul(&self.residual);
+        let step = normal.cholesky().ok_or(Blind::Imitated)?.solve(&right);
+        let total = self.residual.norm_squared().max(f64::MIN_POSITIVE);
+        let explained = (right.dot(&step) / total).clamp(0.0, 1.0 - 1e-12);
+        let n = rows as f64;
+        let statistic = -n * (-explained).ln_1p();
+        let sign = step.iter().any(|value| sign_allows(suspect.spec.sign, *value));
+        let first = left.column(0);
+        let direction = first.iter().map(|value| value / first.norm().max(f64::MIN_POSITIVE)).collect();
+        Ok(Score { statistic, net: statistic - k as f64 * n.ln(), step: step.iter().copied().collect(), sign, direction })
+    }
+}
+
+/// The step of a difference in the parameter's own unit.
+fn difference(suspect: &Suspect, index: usize) -> f64 {
+    let [lower, upper] = suspect.problem.bounds()[index];
+    match suspect.problem.model().parameters()[index].scale {
+        Scale::Linear => STEP * (upper - lower),
+        Scale::Log => 10.0 * STEP * suspect.problem.nominal()[index],
+    }
+}
+
+/// Correlation of two directions of length one.
+pub fn correlation(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}
