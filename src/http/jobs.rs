@@ -314,6 +314,9 @@ fn word<T: std::str::FromStr<Err: std::fmt::Display>>(
 #[utoipa::path(get, path = "/jobs/{id}", tag = "jobs", params(("id" = String, Path)), responses((status = 200, body = JobAnswer), Problems))]
 async fn get_job(State(service): State<Shared>, Path(id): Path<String>) -> Result<axum::Json<JobAnswer>, ApiError> {
     let job = require(&service, &id).await?;
+    if job.state.is_final() {
+        service.board.settled(&job.id).await;
+    }
     Ok(axum::Json(JobAnswer::of(&service, job)))
 }
 

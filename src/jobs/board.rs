@@ -9,18 +9,24 @@ use indexmap::IndexMap;
 use serde::Serialize;
 use serde_json::Value;
 use std::collections::HashMap;
+use std::pin::pin;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
+use tokio::sync::Notify;
 use utoipa::ToSchema;
 
 /// The shortest pause between two events of one search: a watcher is told at most four times a second.
 const PACE: Duration = Duration::from_millis(250);
 
+/// The longest that the news of an end is held back.
+const LONGEST_SETTLING: Duration = Duration::from_secs(1);
+
 /// The jobs that run.
 #[derive(Debug, Default)]
 pub struct Board {
     live: Mutex<HashMap<String, Arc<Live>>>,
+    ended: Notify,
 }
 
 /// One job that runs, or is about to.
@@ -94,6 +100,24 @@ impl Board {
     /// Forgets a job that runs no more.
     pub fn end(&self, job: &str) {
         held(&self.live).remove(job);
+        self.ended.notify_waiters();
+    }
+
+    /// Waits until a job whose end is in the database has left its worker's hands. By then what it led to is
+    /// served, so that nobody hears of an end and reads the parameters of before.
+    pub async fn settled(&self, job: &str) {
+        let settled = async {
+            loop {
+                let mut ended = pin!(self.ended.notified());
+                ended.as_mut().enable();
+                if !held(&self.live).contains_key(job) {
+                    return;
+                }
+                ended.await;
+            }
+        };
+        // Behind a database that fails the end is still true, and told late rather than never.
+        let _ = tokio::time::timeout(LONGEST_SETTLING, settled).await;
     }
 
     /// The leases of all jobs that run.

@@ -263,6 +263,9 @@ pub async fn catch_up(service: &Service) -> Result<(), JobsError> {
     let seen = service.events.log().sequence;
     let news = store::events::news(&service.store, seen).await?;
     if !news.is_empty() {
+        for job in news.iter().filter(|job| job.state.is_final()) {
+            service.board.settled(&job.id).await;
+        }
         service.events.publish_news(news);
     }
     Ok(())
