@@ -1,6 +1,7 @@
 //! What a user asks for, in words that the command line, the jobs and their schedule share.
 
 use super::problem::{Choices, Problem, Source};
+use super::stop::EarlyStopping;
 use crate::data::{DEFAULT_MAX_GAP_STEPS, Duration, GridRequest, Split, SplitRequest, Window, read_time};
 use crate::fault::Fault;
 use crate::model::{Bindings, Catalogue, Hold, ModelId, compile};
@@ -130,6 +131,8 @@ pub struct EstimateRequest {
     pub prior: Prior,
     /// How it is searched, and from which seed.
     pub method: SeededMethod,
+    /// When the search stops although budget and method would let it go on; by default they alone decide.
+    pub early_stopping: Option<EarlyStopping>,
     /// How much may be spent.
     pub budget: Budget,
     /// Other bounds than the model's.
@@ -196,6 +199,9 @@ pub fn prepare(
         grid = crate::data::add_sun(grid, latitude, longitude).map_err(|fault| vec![fault])?;
     }
     let split = Split::new(grid.len(), grid.step(), &request.split).map_err(|fault| vec![fault])?;
+    if request.early_stopping.is_some_and(|rule| rule.validation) && split.validation.is_empty() {
+        return Err(vec![Fault::new("/early_stopping/validation", "no-validation", "there is no validation part to watch")]);
+    }
     // A longer record gives its newest part, and the simulation starts where that part does; what the model
     // delays needs as much past before it, where the record has it.
     let past = (0..model.inputs().len()).map(|input| samples_back(model.longest_delay(input), grid.step_hours())).max().unwrap_or(0);
