@@ -80,7 +80,11 @@ impl TryFrom<Map<String, Value>> for SeededMethod {
             None => 0,
             Some(seed) => seed.as_u64().ok_or_else(|| format!("the seed is a whole number from 0 on, not {seed}"))?,
         };
-        fields.entry("name").or_insert_with(|| Method::default().name().into());
+        let name = fields.entry("name").or_insert_with(|| Method::default().name().into());
+        if let Some(name) = name.as_str().filter(|name| !Method::NAMES.contains(name)) {
+            let known: Vec<String> = Method::NAMES.iter().map(|known| format!("`{known}`")).collect();
+            return Err(format!("unknown variant `{name}`: the methods of this version are {}", known.join(", ")));
+        }
         let method: Method = serde_json::from_value(Value::Object(fields)).map_err(|error| error.to_string())?;
         let faults: Vec<String> = method.faults().iter().map(|fault| format!("{} {}", fault.field, fault.detail)).collect();
         if faults.is_empty() { Ok(Self { seed, method }) } else { Err(faults.join("; ")) }
