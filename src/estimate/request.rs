@@ -1,6 +1,7 @@
 //! What a user asks for, in words that the command line, the jobs and their schedule share.
 
 use super::problem::{Choices, Problem, Source};
+use super::stop::EarlyStopping;
 use crate::data::{DEFAULT_MAX_GAP_STEPS, Duration, GridRequest, Split, SplitRequest, Window, read_time};
 use crate::fault::Fault;
 use crate::model::{Bindings, Catalogue, Hold, ModelId, compile};
@@ -79,7 +80,11 @@ impl TryFrom<Map<String, Value>> for SeededMethod {
             None => 0,
             Some(seed) => seed.as_u64().ok_or_else(|| format!("the seed is a whole number from 0 on, not {seed}"))?,
         };
-        fields.entry("name").or_insert_with(|| Method::default().name().into());
+        let name = fields.entry("name").or_insert_with(|| Method::default().name().into());
+        if let Some(name) = name.as_str().filter(|name| !Method::NAMES.contains(name)) {
+            let known: Vec<String> = Method::NAMES.iter().map(|known| format!("`{known}`")).collect();
+            return Err(format!("unknown variant `{name}`: the methods of this version are {}", known.join(", ")));
+        }
         let method: Method = serde_json::from_value(Value::Object(fields)).map_err(|error| error.to_string())?;
         let faults: Vec<String> = method.faults().iter().map(|fault| format!("{} {}", fault.field, fault.detail)).collect();
         if faults.is_empty() { Ok(Self { seed, method }) } else { Err(faults.join("; ")) }
@@ -130,6 +135,8 @@ pub struct EstimateRequest {
     pub prior: Prior,
     /// How it is searched, and from which seed.
     pub method: SeededMethod,
+    /// When the search stops although budget and method would let it go on; by default they alone decide.
+    pub early_stopping: Option<EarlyStopping>,
     /// How much may be spent.
     pub budget: Budget,
     /// Other bounds than the model's.
@@ -201,6 +208,9 @@ pub fn prepare(
         grid = crate::data::add_drops(grid, outputs[0]).map_err(|fault| vec![fault])?;
     }
     let split = Split::new(grid.len(), grid.step(), &request.split).map_err(|fault| vec![fault])?;
+    if request.early_stopping.is_some_and(|rule| rule.validation) && split.validation.is_empty() {
+        return Err(vec![Fault::new("/early_stopping/validation", "no-validation", "there is no validation part to watch")]);
+    }
     // A longer record gives its newest part, and the simulation starts where that part does; what the model
     // delays needs as much past before it, where the record has it.
     let past = (0..model.inputs().len()).map(|input| samples_back(model.longest_delay(input), grid.step_hours())).max().unwrap_or(0);
