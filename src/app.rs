@@ -3,6 +3,7 @@
 use crate::http;
 use crate::jobs::board::Board;
 use crate::jobs::events::{self, Events};
+use crate::jobs::metrics::Metrics;
 use crate::jobs::models::SharedCatalogue;
 use crate::jobs::params::{self, Snapshot};
 use crate::jobs::{JobsError, Service, now, schedule, worker};
@@ -120,6 +121,7 @@ impl App {
             catalogue: SharedCatalogue::load(&store, builtin).await?,
             board: Board::default(),
             events: Events::new(boot, store::events::newest(&store).await?),
+            metrics: Metrics::new(now()),
             params: Snapshot::default(),
             wake: Notify::new(),
             wake_schedule: Notify::new(),

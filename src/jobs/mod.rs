@@ -11,6 +11,7 @@
 //! | `board` | who runs now: progress, cancellation |
 //! | `events` | what happens to jobs, for those who listen |
 //! | `worker`, `input`, `estimate` | from the claim to the verdict |
+//! | `metrics` | what is counted |
 //! | `params` | the snapshot behind `/params` and the timer that turns it stale |
 //! | `schedule` | submits ordinary jobs when a row says so |
 
@@ -19,6 +20,7 @@ pub mod decode;
 pub mod estimate;
 pub mod events;
 pub mod input;
+pub mod metrics;
 pub mod models;
 pub mod params;
 pub mod request;
@@ -50,6 +52,8 @@ pub struct Service {
     pub board: board::Board,
     /// What happens to jobs.
     pub events: events::Events,
+    /// What is counted.
+    pub metrics: metrics::Metrics,
     /// What `/params` serves.
     pub params: params::Snapshot,
     /// The number of this start.

@@ -14,6 +14,7 @@
 //! | `finish` | the end of a job: job, fit, verdict and revision in one transaction |
 //! | `batches` | recalibrations of several systems |
 //! | `fits` | what was found, with its verdict |
+//! | `metrics` | how long the queue is |
 //! | `params` | what is served: revisions, fallbacks, states |
 //! | `retry` | jobs that are done again |
 //! | `schedules` | when batches are submitted |
@@ -26,6 +27,7 @@ pub mod fits;
 pub mod idempotency;
 mod job;
 pub mod jobs;
+pub mod metrics;
 pub mod models;
 pub mod params;
 pub mod retry;

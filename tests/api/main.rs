@@ -8,6 +8,7 @@ mod jobs;
 mod models;
 mod params;
 mod schedules;
+mod service;
 mod straight;
 #[path = "../support/mod.rs"]
 mod support;

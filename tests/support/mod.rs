@@ -187,6 +187,15 @@ pub fn room_csv(seed: u64, days: usize) -> String {
     text
 }
 
+/// Half of that record again, with a sensor that hangs: no verdict can be given on such data.
+pub fn stuck_csv() -> String {
+    let mut text = "time,T_room[degC],T_out[degC]\n".to_owned();
+    for (time, _, out) in room(1, 14).into_iter().skip(300) {
+        text.push_str(&format!("{time},19.0,{out:.3}\n"));
+    }
+    text
+}
+
 /// The same samples as numbers: time, room, outdoors.
 pub fn room(seed: u64, days: usize) -> Vec<(String, f64, f64)> {
     let (alpha_e, beta_e, alpha_a) = (0.8, 4.0, 0.15);
