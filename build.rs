@@ -1,7 +1,8 @@
-//! Tells cargo that the binary embeds migrations and documents: without this a new file would go
+//! Tells cargo that the binary embeds migrations, documents and pages: without this a new file would go
 //! unnoticed until some source file changes.
 
 fn main() {
     println!("cargo:rerun-if-changed=migrations");
     println!("cargo:rerun-if-changed=config");
+    println!("cargo:rerun-if-changed=web");
 }

@@ -5,6 +5,7 @@ use crate::jobs::board::Board;
 use crate::jobs::degradations::{self, Arrivals};
 use crate::jobs::events::{self, Events};
 use crate::jobs::interactive::Interactive;
+use crate::jobs::metrics::Metrics;
 use crate::jobs::models::SharedCatalogue;
 use crate::jobs::params::{self, Snapshot};
 use crate::jobs::{JobsError, Service, now, schedule, worker};
@@ -123,6 +124,7 @@ impl App {
             board: Board::default(),
             interactive: Interactive::new(threads(&settings)).map_err(AppError::Threads)?,
             events: Events::new(boot, store::events::newest(&store).await?),
+            metrics: Metrics::new(now()),
             params: Snapshot::default(),
             arrivals: Arrivals::default(),
             wake: Notify::new(),

@@ -5,11 +5,13 @@
 
 mod batches;
 mod decisions;
+mod docs;
 mod events;
 mod extract;
 mod fits;
 mod history;
 mod jobs;
+mod metrics;
 mod models;
 mod page;
 mod params;
@@ -72,6 +74,8 @@ fn layered() -> OpenApiRouter<Shared> {
         .merge(history::router())
         .merge(schedules::router())
         .merge(service::router())
+        .merge(metrics::router())
+        .merge(docs::router())
 }
 
 /// The whole surface.
@@ -85,6 +89,7 @@ pub fn router(service: Shared) -> Router {
         .layer(axum::middleware::map_response(problem::as_problem))
         .layer(CompressionLayer::new())
         .layer(TraceLayer::new_for_http())
+        .layer(axum::middleware::from_fn_with_state(service.clone(), metrics::measure))
         .merge(lean)
         .fallback(async || ApiError::NoSuchPath)
         .method_not_allowed_fallback(async || ApiError::NoSuchMethod)
@@ -98,6 +103,12 @@ pub fn openapi_yaml() -> String {
         // The description is made of texts and numbers; a failure to print it shows in the test that compares it.
         description.to_yaml().unwrap_or_default()
     });
+    TEXT.clone()
+}
+
+/// The same as JSON, for the page that shows it.
+pub fn openapi_json() -> String {
+    static TEXT: LazyLock<String> = LazyLock::new(|| lean().merge(layered()).into_openapi().to_json().unwrap_or_default());
     TEXT.clone()
 }
 

@@ -58,6 +58,12 @@ enum Accept {
     )
 )]
 async fn get_params(State(service): State<Shared>, request: Request) -> Response {
+    let response = poll(&service, request).await;
+    service.metrics.polls.count(response.status().as_u16());
+    response
+}
+
+async fn poll(service: &Shared, request: Request) -> Response {
     let system = request.uri().path().get(PREFIX.len()..).unwrap_or_default();
     let Some(slot) = service.params.slot(system) else {
         return ApiError::NotFound("system", system.to_owned()).into_response();
@@ -108,7 +114,9 @@ async fn list_params(State(service): State<Shared>, headers: HeaderMap) -> Respo
     }
     body.extend_from_slice(br#"],"next_page_token":null}"#);
     let etag = format!("\"{}\"", &blake3::hash(&body).to_hex()[..32]);
-    if matches(&headers, &etag) { not_modified(&etag) } else { tagged(Body::from(body), &etag).into_response() }
+    let response = if matches(&headers, &etag) { not_modified(&etag) } else { tagged(Body::from(body), &etag) };
+    service.metrics.all_polls.count(response.status().as_u16());
+    response
 }
 
 /// What the query accepts. It has one field, and this path is the busiest of all, so it is read by hand.

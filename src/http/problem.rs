@@ -255,6 +255,7 @@ fn not_found(what: &str) -> (&'static str, &'static str) {
         "job" => ("job-not-found", "No such job"),
         "batch" => ("batch-not-found", "No such batch"),
         "fit" => ("fit-not-found", "No such fit"),
+        "file" => ("file-not-found", "No such file"),
         "schedule" => ("schedule-not-found", "No such schedule"),
         _ => ("not-found", "No such thing"),
     }
@@ -295,8 +296,9 @@ impl IntoResponse for Problem {
 /// Turns error answers of the layers and the framework into problem documents, and keeps their headers.
 pub async fn as_problem(response: Response) -> Response {
     let status = response.status();
-    let is_problem = response.headers().get(header::CONTENT_TYPE).is_some_and(|kind| kind == PROBLEM_JSON);
-    if is_problem || !(status.is_client_error() || status.is_server_error()) {
+    // A document is what a handler wanted to say; layers and the framework send texts, or nothing.
+    let is_document = response.headers().get(header::CONTENT_TYPE).is_some_and(|kind| kind == PROBLEM_JSON || kind == "application/json");
+    if is_document || !(status.is_client_error() || status.is_server_error()) {
         return response;
     }
     let error = match status {

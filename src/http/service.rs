@@ -13,7 +13,12 @@ use utoipa_axum::routes;
 
 /// The paths of this file.
 pub fn router() -> OpenApiRouter<Shared> {
-    OpenApiRouter::new().routes(routes!(healthz)).routes(routes!(readyz)).routes(routes!(version)).routes(routes!(openapi))
+    OpenApiRouter::new()
+        .routes(routes!(healthz))
+        .routes(routes!(readyz))
+        .routes(routes!(version))
+        .routes(routes!(openapi))
+        .routes(routes!(openapi_as_json))
 }
 
 /// Whether the service can do its work.
@@ -23,6 +28,8 @@ struct Readiness {
     ready: bool,
     /// `writable`, or `unavailable`: then what is served stays served.
     database: &'static str,
+    /// `alive`, or `stopped`: then no job is run.
+    queue: &'static str,
     /// Workers that wait for jobs or run one.
     workers: usize,
     /// `loaded`: the service opens its door only then.
@@ -53,8 +60,15 @@ async fn readyz(State(service): State<Shared>) -> Response {
         }
     };
     let workers = service.workers_alive.load(Ordering::Relaxed);
-    let ready = writable && workers > 0 && !service.is_stopping();
-    let body = Readiness { ready, database: if writable { "writable" } else { "unavailable" }, workers, parameters: "loaded" };
+    let alive = workers > 0 && !service.is_stopping();
+    let ready = writable && alive;
+    let body = Readiness {
+        ready,
+        database: if writable { "writable" } else { "unavailable" },
+        queue: if alive { "alive" } else { "stopped" },
+        workers,
+        parameters: "loaded",
+    };
     (if ready { StatusCode::OK } else { StatusCode::SERVICE_UNAVAILABLE }, axum::Json(body)).into_response()
 }
 
@@ -68,4 +82,10 @@ async fn version() -> axum::Json<Version> {
 #[utoipa::path(get, path = "/openapi.yaml", tag = "service", responses((status = 200, body = String, content_type = "application/yaml")))]
 async fn openapi() -> Response {
     ([(header::CONTENT_TYPE, "application/yaml")], super::openapi_yaml()).into_response()
+}
+
+/// This description of the surface as JSON.
+#[utoipa::path(get, path = "/openapi.json", tag = "service", responses((status = 200, body = String, content_type = "application/json")))]
+async fn openapi_as_json() -> Response {
+    ([(header::CONTENT_TYPE, "application/json")], super::openapi_json()).into_response()
 }

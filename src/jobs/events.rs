@@ -148,6 +148,11 @@ impl Events {
         self.hint.notify_one();
     }
 
+    /// How many watch.
+    pub fn listeners(&self) -> usize {
+        self.newest.receiver_count()
+    }
+
     /// Watches the number of the newest event.
     pub fn watch(&self) -> watch::Receiver<u64> {
         self.newest.subscribe()
@@ -266,6 +271,7 @@ pub async fn catch_up(service: &Service) -> Result<(), JobsError> {
         for job in news.iter().filter(|job| job.state.is_final()) {
             service.board.settled(&job.id).await;
         }
+        news.iter().filter(|job| job.end_sequence.is_some_and(|end| end > seen)).for_each(|job| service.metrics.job_ended(job));
         service.events.publish_news(news);
     }
     Ok(())

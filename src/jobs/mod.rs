@@ -13,6 +13,7 @@
 //! | `events` | what happens to jobs, for those who listen |
 //! | `worker`, `input`, `estimate` | from the claim to the verdict |
 //! | `interactive` | short CPU work that somebody waits for: first in line, bounded, kept |
+//! | `metrics` | what is counted |
 //! | `params` | the snapshot behind `/params` and the timer that turns it stale |
 //! | `decisions` | an operator's word: promote, reject, pin, roll back |
 //! | `degradations` | compares newer measurements with what is served |
@@ -26,6 +27,7 @@ pub mod estimate;
 pub mod events;
 pub mod input;
 pub mod interactive;
+pub mod metrics;
 pub mod models;
 pub mod params;
 pub mod request;
@@ -60,6 +62,8 @@ pub struct Service {
     pub interactive: interactive::Interactive,
     /// What happens to jobs.
     pub events: events::Events,
+    /// What is counted.
+    pub metrics: metrics::Metrics,
     /// What `/params` serves.
     pub params: params::Snapshot,
     /// Systems of which measurements have arrived.

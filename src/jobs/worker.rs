@@ -18,7 +18,7 @@ use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::pin::pin;
 use std::sync::Arc;
-use std::sync::atomic::Ordering;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 use tokio::sync::oneshot;
 
@@ -57,7 +57,7 @@ pub(super) fn nice_pool(threads: usize, name: String, niceness: i32) -> Result<T
 
 /// Claims and runs jobs until the service stops.
 pub async fn run(service: Arc<Service>, pool: ThreadPool) {
-    service.workers_alive.fetch_add(1, Ordering::Relaxed);
+    let _alive = Alive::new(&service.workers_alive);
     let mut stopping = service.stopping.subscribe();
     while !*stopping.borrow_and_update() {
         // Interest is registered before the queue is asked, so that a job that comes in between is not missed.
@@ -82,7 +82,22 @@ pub async fn run(service: Arc<Service>, pool: ThreadPool) {
             _ = stopping.changed() => {}
         }
     }
-    service.workers_alive.fetch_sub(1, Ordering::Relaxed);
+}
+
+/// Counts a worker for as long as its loop lives, however that ends.
+struct Alive<'a>(&'a AtomicUsize);
+
+impl<'a> Alive<'a> {
+    fn new(workers: &'a AtomicUsize) -> Self {
+        workers.fetch_add(1, Ordering::Relaxed);
+        Self(workers)
+    }
+}
+
+impl Drop for Alive<'_> {
+    fn drop(&mut self) {
+        self.0.fetch_sub(1, Ordering::Relaxed);
+    }
 }
 
 /// How a job ended, before the database knows.
@@ -99,6 +114,7 @@ async fn process(service: &Arc<Service>, pool: &ThreadPool, job: JobRecord) {
     let live = service.board.place(&job.id);
     live.start(&job, lease.clone());
     followed(service).await;
+    service.metrics.job_started(&job);
     service.events.publish(&job.id, &job.system, What::Started(Box::new(job.clone())));
     tracing::info!(job = %job.id, system = %job.system, attempt = job.attempt, "started {} for {}", job.kind.word(), job.system);
     refreshed(service, &job).await;
@@ -161,6 +177,9 @@ async fn record(service: &Arc<Service>, job: &JobRecord, lease: &Lease, end: End
         };
         match written {
             Ok(finished) => {
+                if let End::Found(finding) = &end {
+                    service.metrics.checks_failed(&finding.judgement.failed());
+                }
                 match (&end, finished) {
                     (End::Found(finding), Some(finished)) => tracing::info!(
                         job = %job.id, system = %job.system, fit = finished.fit, revision = finished.revision,

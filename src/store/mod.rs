@@ -18,6 +18,8 @@
 //! | `revisions` | everything that was ever served |
 //! | `decisions`, `pins` | an operator's word: on held and suggested fits, and on what stays in service |
 //! | `degradations` | what newer measurements say of what is served |
+//! | `metrics` | how long the queue is |
+//! | `params` | what is served: revisions, fallbacks, states |
 //! | `retry` | jobs that are done again |
 //! | `schedules` | when batches are submitted |
 //! | `idempotency` | keys of requests that created something |
@@ -31,6 +33,7 @@ pub mod fits;
 pub mod idempotency;
 mod job;
 pub mod jobs;
+pub mod metrics;
 pub mod models;
 pub mod params;
 pub mod pins;

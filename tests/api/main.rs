@@ -10,6 +10,7 @@ mod operators;
 mod params;
 mod schedules;
 mod series;
+mod service;
 mod straight;
 #[path = "../support/mod.rs"]
 mod support;

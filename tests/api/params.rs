@@ -1,17 +1,8 @@
 //! What the controller sees: tags, long polls, statuses.
 
-use crate::support::{TestApp, quick, room};
+use crate::support::{TestApp, quick, stuck_csv};
 use serde_json::json;
 use std::time::{Duration, Instant};
-
-/// Half of the record again, with a sensor that hangs: no verdict can be given on such data.
-fn stuck_csv() -> String {
-    let mut text = "time,T_room[degC],T_out[degC]\n".to_owned();
-    for (time, _, out) in room(1, 14).into_iter().skip(300) {
-        text.push_str(&format!("{time},19.0,{out:.3}\n"));
-    }
-    text
-}
 
 #[test]
 fn an_unknown_system_and_one_without_a_fit_are_different_things() {

@@ -194,6 +194,15 @@ pub fn csv_of(samples: &[(String, f64, f64)]) -> String {
     text
 }
 
+/// Half of that record again, with a sensor that hangs: no verdict can be given on such data.
+pub fn stuck_csv() -> String {
+    let mut text = "time,T_room[degC],T_out[degC]\n".to_owned();
+    for (time, _, out) in room(1, 14).into_iter().skip(300) {
+        text.push_str(&format!("{time},19.0,{out:.3}\n"));
+    }
+    text
+}
+
 /// The same samples as numbers: time, room, outdoors.
 pub fn room(seed: u64, days: usize) -> Vec<(String, f64, f64)> {
     room_that_changes(seed, days, |_| 0.15)

@@ -1,0 +1,30 @@
+//! How long the queue is.
+
+use super::jobs::JobState;
+use super::{Store, StoreError, instant, parse};
+use jiff::Timestamp;
+
+/// The jobs that stand alike.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Standing {
+    /// Where they stand.
+    pub state: JobState,
+    /// How many there are.
+    pub count: i64,
+    /// Since when the one that has stood so longest has.
+    pub oldest: Option<Timestamp>,
+}
+
+/// The jobs that wait, and those that run.
+///
+/// # Errors
+/// Where the database fails.
+pub async fn queue(store: &Store) -> Result<Vec<Standing>, StoreError> {
+    let sql = "SELECT 'queued', COUNT(*), MIN(created_at) FROM jobs WHERE state = 'queued'
+               UNION ALL SELECT 'running', COUNT(*), MIN(started_at) FROM jobs WHERE state = 'running'";
+    let rows: Vec<(String, i64, Option<i64>)> = sqlx::query_as(sql).fetch_all(&store.reader).await?;
+    let standing = |(state, count, oldest): (String, i64, Option<i64>)| {
+        Ok(Standing { state: parse("a state", &state)?, count, oldest: oldest.map(instant).transpose()? })
+    };
+    rows.into_iter().map(standing).collect()
+}
