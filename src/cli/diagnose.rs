@@ -3,11 +3,11 @@
 use super::fit::progress_bar;
 use super::measured::Measured;
 use super::{Failure, faults, print};
-use lampyris::data::SplitRequest;
+use lampyris::data::{SplitRequest, Window};
 use lampyris::diagnose::report::{Considered, Finding};
 use lampyris::diagnose::{Adequacy, Diagnosis, diagnose};
 use lampyris::estimate::request::SeededMethod;
-use lampyris::estimate::{Control, EstimateRequest, Progress, estimate, prepare};
+use lampyris::estimate::{Control, EstimateRequest, Problem, Progress, Site, estimate, prepare};
 use lampyris::model::Catalogue;
 use lampyris::optimise::Method;
 
@@ -23,24 +23,35 @@ pub struct Arguments {
     json: bool,
 }
 
-pub fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let window = arguments.measured.read()?;
-    let model = arguments.measured.model();
-    let request = EstimateRequest {
-        method: SeededMethod { seed: arguments.seed, method: Method::default() },
-        ..arguments.measured.request(SplitRequest::DIAGNOSE)
-    };
-    let site = arguments.measured.site();
+/// A fit to start from, and all that it was made of.
+pub struct First {
+    pub catalogue: Catalogue,
+    pub window: Window,
+    pub site: Site,
+    pub problem: Problem,
+    pub theta: Vec<f64>,
+}
+
+/// Reads the measurements and fits the model as it is.
+pub fn first_fit(measured: &Measured, seed: u64, quiet: bool) -> Result<First, Failure> {
+    let window = measured.read()?;
+    let request = EstimateRequest { method: SeededMethod { seed, method: Method::default() }, ..measured.request(SplitRequest::DIAGNOSE) };
+    let site = measured.site();
     let catalogue = Catalogue::builtin().map_err(|found| faults(&found))?;
-    let problem = prepare(&catalogue, &model, &request, &window, &site).map_err(|found| faults(&found))?;
-    let bar = progress_bar(request.budget.evaluations as u64, arguments.json);
+    let problem = prepare(&catalogue, &measured.model(), &request, &window, &site).map_err(|found| faults(&found))?;
+    let bar = progress_bar(request.budget.evaluations as u64, quiet);
     let progress = |progress: &Progress| bar.set_position(progress.evaluations as u64);
     let fit = estimate(&problem, &request, None, &Control { progress: &progress, ..Control::NONE });
     bar.finish_and_clear();
     let fit = fit.map_err(|error| Failure::Error(error.to_string()))?;
-    let problem = problem.with_substeps(fit.substeps);
-    let diagnosis =
-        diagnose(&catalogue, &problem, &fit.theta(), &window, &site, &Control::NONE).map_err(|error| Failure::Error(error.to_string()))?;
+    let theta = fit.theta();
+    Ok(First { catalogue, window, site, problem: problem.with_substeps(fit.substeps), theta })
+}
+
+pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let first = first_fit(&arguments.measured, arguments.seed, arguments.json)?;
+    let diagnosis = diagnose(&first.catalogue, &first.problem, &first.theta, &first.window, &first.site, &Control::NONE)
+        .map_err(|error| Failure::Error(error.to_string()))?;
     if arguments.json {
         print(&serde_json::to_string(&diagnosis).map_err(|error| Failure::Error(error.to_string()))?);
     } else {

@@ -4,6 +4,7 @@ mod bench;
 mod demo;
 mod diagnose;
 mod fit;
+mod ladder;
 mod measured;
 mod serve;
 mod twin;
@@ -28,6 +29,8 @@ enum Verb {
     Fit(Box<fit::Arguments>),
     /// Say which physical effect a model is missing; needs no server.
     Diagnose(Box<diagnose::Arguments>),
+    /// Add effects one after another while the error on unseen data falls; needs no server.
+    Ladder(Box<ladder::Arguments>),
     /// Make a synthetic room that hides effects: its measurements, and apart from them the truth.
     Twin(twin::Arguments),
     /// Fit two real houses in a fresh folder, then serve them.
@@ -55,6 +58,7 @@ pub fn run(cli: Cli) -> ExitCode {
         Verb::Serve(arguments) => serve::run(arguments),
         Verb::Fit(arguments) => fit::run(&arguments),
         Verb::Diagnose(arguments) => diagnose::run(&arguments),
+        Verb::Ladder(arguments) => ladder::run(&arguments),
         Verb::Twin(arguments) => twin::run(&arguments),
         Verb::Demo(arguments) => demo::run(&arguments),
         Verb::Bench(arguments) => bench::run(&arguments),

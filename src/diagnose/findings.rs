@@ -5,7 +5,7 @@ use super::failures::episodes;
 use super::fitted::{Null, whitening_at};
 use super::rank::{LEAST_SHARE, Round, STRICT_SHARE, Skip, Tried, round};
 use super::report::{
-    Adequacy, Coefficient, Considered, Diagnosis, Finding, FindingKind, Gate, NotTestable, Preview, RmsePairs, Unexplained,
+    Adequacy, Coefficient, Considered, Diagnosis, Finding, FindingKind, Gate, Measures, NotTestable, Preview, RmsePairs, Unexplained,
 };
 use super::residual::residual;
 use super::screen::{Blind, Screen};
@@ -22,7 +22,7 @@ use indexmap::IndexMap;
 /// Most effects that one diagnosis names.
 const ROUNDS: usize = 3;
 /// Above this ratio of free-run error to innovation deviation something is probably missing.
-pub const ADEQUATE_RHO: f64 = 1.6;
+pub const ADEQUATE_RHO: f64 = 2.0;
 /// A later finding that explains less than this repairs, and is no cause.
 const CAUSE_SHARE: f64 = 0.3;
 /// Days of training and of unseen data below which nothing can be said, and below which more is asked.
@@ -176,21 +176,33 @@ fn tell_round(report: &mut Diagnosis, library: &[Suspect], outcome: &Round) {
             explained_share: one.share,
             gate: one.gate.as_ref().map(|(gate, _)| *gate),
             why,
-            test_rmse: one.measured.plain[2].map(f64::sqrt),
+            measures: Some(Measures {
+                white_share: one.white_share,
+                slow_delta_bic: one.slow_delta_bic,
+                ahead_share: one.ahead_share,
+                better_days: one.better_days,
+                rho: one.measured.plain[0].unwrap_or(f64::NAN).sqrt() / one.measured.floor,
+            }),
         });
     }
     for (place, skip) in &outcome.skipped {
         let effect = library[*place].id.clone();
         match skip {
-            Skip::Sign(score) => report.considered.push(Considered {
-                effect,
-                score: score.net,
-                delta_bic: None,
-                explained_share: None,
-                gate: Some(Gate::Sign),
-                why: "the data ask for a sign that physics does not allow".to_owned(),
-                test_rmse: None,
-            }),
+            Skip::Sign(score) | Skip::Faint(score) => {
+                let (gate, why) = match skip {
+                    Skip::Sign(_) => (Gate::Sign, "the data ask for a sign that physics does not allow"),
+                    _ => (Gate::Bic, "the data hardly ask for it"),
+                };
+                report.considered.push(Considered {
+                    effect,
+                    score: score.net,
+                    delta_bic: None,
+                    explained_share: None,
+                    gate: Some(gate),
+                    why: why.to_owned(),
+                    measures: None,
+                });
+            }
             Skip::Blind(blind) => {
                 let reason = match blind {
                     Blind::TooSmall => "even at its physical limit it hardly moves the room in these data".to_owned(),

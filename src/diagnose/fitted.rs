@@ -4,7 +4,7 @@
 //! decides (generalised least squares with one autoregressive model for all models of a round).
 
 use super::refit::Refit;
-use super::residual::{Whitening, autoregression, residual};
+use super::residual::{Whitening, autoregression, residual, slow_autoregression};
 use crate::estimate::Problem;
 use crate::estimate::problem::mean_square;
 use crate::estimate::whiten::Ar;
@@ -34,10 +34,14 @@ pub struct Measured {
     pub bic: f64,
     /// Samples of the likelihood.
     pub samples: usize,
+    /// The same criterion of the three-hourly means of the residual at the free run's optimum, and their number.
+    pub slow: Option<(f64, usize)>,
     /// Innovation deviation of the free-run residual at its own optimum.
     pub floor: f64,
     /// Mean square of the free run: training, validation, test.
     pub plain: [Option<f64>; 3],
+    /// Sum of squares of the free run of every day: training, validation.
+    pub days: [Vec<f64>; 2],
     /// Mean square of the innovations over the validation part, at the innovations' optimum.
     pub white_validation: Option<f64>,
 }
@@ -110,13 +114,16 @@ impl Filters {
         }
         let at_white = residual(problem, &white.outputs[0]);
         let likely = autoregression(&at_white, &train)?;
-        let floor = autoregression(&residual(problem, &plain.outputs[0]), &train)?.deviation;
         let part = |range: &Range<usize>| problem.mean_square_error(&plain, 0, range.clone());
         let validation = self.validation.apply(&at_white);
+        let at_plain = residual(problem, &plain.outputs[0]);
+        let days = |range: &Range<usize>| squares_by_day(problem, &at_plain, range);
         Some(Measured {
             bic: likely.bic,
             samples: likely.samples,
-            floor,
+            slow: slow_autoregression(problem, &at_plain, &train).map(|ar| (ar.bic, ar.samples)),
+            floor: autoregression(&at_plain, &train)?.deviation,
+            days: [days(&split.train), days(&split.validation)],
             plain: [part(&split.train), part(&split.validation), part(&split.test)],
             white_validation: (!validation.is_empty()).then(|| mean_square(&validation)),
         })
@@ -129,6 +136,18 @@ pub fn whitening_at(problem: &Problem, theta: &[f64]) -> Option<Whitening> {
     let run = problem.simulator().run(&[theta], problem.split().train.end).pop().filter(|run| !run.diverged)?;
     let ar = autoregression(&residual(problem, &run.outputs[0]), &usable)?;
     Some(Whitening::ar(&ar, &usable))
+}
+
+/// The squared error of every whole day of a part, counted from its start.
+fn squares_by_day(problem: &Problem, error: &[f64], range: &Range<usize>) -> Vec<f64> {
+    let per_day = ((24.0 / problem.grid().step_hours()) as usize).max(1);
+    let mut days = vec![0.0; range.len() / per_day];
+    for k in problem.usable(0, range.clone()) {
+        if let Some(day) = days.get_mut((k - range.start) / per_day) {
+            *day += error[k] * error[k];
+        }
+    }
+    days
 }
 
 impl Null {

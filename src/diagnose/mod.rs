@@ -15,6 +15,7 @@ pub mod candidates;
 pub mod failures;
 mod findings;
 pub mod fitted;
+pub mod ladder;
 pub mod rank;
 mod refit;
 pub mod report;

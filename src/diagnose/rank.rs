@@ -8,6 +8,8 @@ use super::candidates::{Suspect, sign_allows};
 use super::fitted::{Fitted, Measured, Null};
 use super::report::Gate;
 use super::screen::{Blind, Score, Screen, correlation};
+use crate::estimate::Problem;
+use crate::estimate::metrics::{day_ahead_mse, filter};
 use rayon::prelude::*;
 
 /// Least gain of the BIC.
@@ -25,6 +27,9 @@ const TIE_CORRELATION: f64 = 0.9;
 const ITERATIONS: usize = 30;
 /// Members of a family of choices that are refitted.
 const CHOICES: usize = 3;
+/// Least score of a suspect that is refitted: chi-squared with one degree of freedom exceeds it by chance in a
+/// third of all cases.
+const LEAST_SCORE: f64 = 1.0;
 /// From how many of the best suspects the null model is restarted.
 const RESTARTS: usize = 3;
 
@@ -43,10 +48,16 @@ pub struct Tried {
     pub active: usize,
     /// Gain of the BIC over the null model.
     pub delta_bic: f64,
+    /// The same on three-hourly means.
+    pub slow_delta_bic: Option<f64>,
     /// Share of the unseen free-run error beyond the noise that it explains.
     pub share: Option<f64>,
     /// Share of the unseen innovations that it explains.
     pub white_share: Option<f64>,
+    /// Share of the squared error of forecasts a day ahead beyond the noise, where it was asked for.
+    pub ahead_share: Option<f64>,
+    /// Share of the days on which the free run errs less with it: training, validation.
+    pub better_days: [f64; 2],
     /// What stopped it, and why.
     pub gate: Option<(Gate, String)>,
 }
@@ -71,6 +82,8 @@ pub enum Skip {
     Blind(Blind),
     /// Physics does not allow the sign that the data ask for.
     Sign(Score),
+    /// The data hardly ask for it.
+    Faint(Score),
     /// A better member of its family stands for it.
     Choice,
 }
@@ -99,6 +112,7 @@ pub fn round(null: &mut Null, suspects: &[Suspect], strict: bool) -> Option<Roun
     gains.sort_by(f64::total_cmp);
     // If most suspects gain alike, it is the null model that is not at its optimum.
     let placebo = gains.len() >= 6 && gains.get(gains.len() / 2).is_some_and(|median| *median > LEAST_BIC);
+    day_ahead(null, suspects, &mut tried);
     for one in &mut tried {
         let suspect = &suspects[one.suspect];
         one.gate = gate(suspect, one, strict || suspect.endogenous, placebo);
@@ -123,6 +137,9 @@ fn choose(suspects: &[Suspect], scores: Vec<Result<Score, Blind>>) -> (Vec<(usiz
         let alike = |other: &&(usize, Score)| suspects[other.0].family() == suspects[place].family();
         chosen.iter().filter(alike).filter(|(_, other)| other.statistic > score.statistic).count()
     };
+    // What the linearised model gives no gain at all the refit gives none either.
+    let (chosen, hopeless): (Vec<_>, Vec<_>) = chosen.into_iter().partition(|(_, score)| score.statistic >= LEAST_SCORE);
+    skipped.extend(hopeless.into_iter().map(|(place, score)| (place, Skip::Faint(score))));
     let (kept, left): (Vec<_>, Vec<_>) =
         chosen.iter().cloned().partition(|(place, score)| !suspects[*place].is_choice() || better(*place, score, &chosen) < CHOICES);
     skipped.extend(left.into_iter().map(|(place, _)| (place, Skip::Choice)));
@@ -145,7 +162,20 @@ fn refit(null: &Null, suspect: &Suspect, place: usize, score: Score) -> Option<T
     let fitted = null.filters.fit(&suspect.problem, &start(&null.fitted.plain), &start(&null.fitted.white), ITERATIONS);
     let measured = null.filters.measure(&suspect.problem, &fitted)?;
     let active = suspect.own.iter().filter(|(index, off)| is_active(suspect, *index, *off, fitted.white[*index])).count();
-    Some(Tried { suspect: place, score, fitted, measured, active, delta_bic: 0.0, share: None, white_share: None, gate: None })
+    Some(Tried {
+        suspect: place,
+        score,
+        fitted,
+        measured,
+        active,
+        delta_bic: 0.0,
+        slow_delta_bic: None,
+        share: None,
+        white_share: None,
+        ahead_share: None,
+        better_days: [0.0; 2],
+        gate: None,
+    })
 }
 
 /// Whether a coefficient has left the value at which it does nothing.
@@ -159,12 +189,43 @@ fn compare(null: &Null, tried: &mut [Tried]) {
     for one in tried.iter_mut() {
         let price = one.active.max(1) as f64 * (one.measured.samples as f64).ln();
         one.delta_bic = null.measured.bic - one.measured.bic - price;
+        one.slow_delta_bic = null
+            .measured
+            .slow
+            .zip(one.measured.slow)
+            .map(|((before, _), (after, n))| before - after - one.active.max(1) as f64 * (n as f64).ln());
         let noise = one.measured.floor.powi(2);
         one.share =
             null.measured.plain[1].zip(one.measured.plain[1]).map(|(before, after)| (before - after) / (before - noise).max(1e-3 * before));
         one.white_share = null.measured.white_validation.zip(one.measured.white_validation).map(|(before, after)| 1.0 - after / before);
     }
+    for one in tried.iter_mut() {
+        for (part, better) in one.better_days.iter_mut().enumerate() {
+            let pairs = null.measured.days[part].iter().zip(&one.measured.days[part]);
+            let count = pairs.clone().filter(|(before, after)| after < before).count();
+            *better = count as f64 / pairs.len().max(1) as f64;
+        }
+    }
     tried.sort_by(|a, b| b.delta_bic.total_cmp(&a.delta_bic).then(a.suspect.cmp(&b.suspect)));
+}
+
+/// Forecasts a day ahead with those suspects that explain slow residuals only: a free run can be dominated by what
+/// nobody logs, and states re-estimated every day put it right.
+fn day_ahead(null: &Null, suspects: &[Suspect], tried: &mut [Tried]) {
+    let slow = |one: &Tried| one.slow_delta_bic.is_some_and(|gain| gain >= LEAST_BIC);
+    if !tried.iter().any(slow) {
+        return;
+    }
+    let error = |problem: &Problem, theta: &[f64], noise: Option<f64>| {
+        let run = filter(problem, theta, noise);
+        (day_ahead_mse(problem, theta, &run, problem.split().validation.clone()), run.process_noise)
+    };
+    let (before, process_noise) = error(&null.problem, &null.fitted.plain, None);
+    tried.par_iter_mut().filter(|one| slow(one)).for_each(|one| {
+        let (after, _) = error(&suspects[one.suspect].problem, &one.fitted.plain, Some(process_noise));
+        let noise = one.measured.floor.powi(2);
+        one.ahead_share = before.zip(after).map(|(before, after)| (before - after) / (before - noise).max(1e-3 * before));
+    });
 }
 
 /// What stops a suspect.

@@ -142,9 +142,24 @@ pub struct Considered {
     pub gate: Option<Gate>,
     /// In a sentence.
     pub why: String,
-    /// Free-run error on the test part with it, for benches: no decision sees it.
+    /// The measures that the gates looked at, for benches.
     #[serde(skip)]
-    pub test_rmse: Option<f64>,
+    pub measures: Option<Measures>,
+}
+
+/// What the gates look at, beside the gain and the share.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Measures {
+    /// Share of the unseen innovations that it explains.
+    pub white_share: Option<f64>,
+    /// Gain of the BIC on three-hourly means.
+    pub slow_delta_bic: Option<f64>,
+    /// Share of the squared error a day ahead that it explains.
+    pub ahead_share: Option<f64>,
+    /// Share of the days on which the free run errs less with it: training, validation.
+    pub better_days: [f64; 2],
+    /// Ratio of free-run error to innovation deviation with it.
+    pub rho: f64,
 }
 
 /// A suspect that these data cannot show.

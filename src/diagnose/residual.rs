@@ -55,6 +55,26 @@ pub fn autoregression(residual: &[f64], usable: &[usize]) -> Option<Ar> {
     Ar::fit(&series).filter(|ar| ar.deviation.is_finite() && ar.deviation > 0.0)
 }
 
+/// Hours over which a slow residual is averaged.
+const SLOW_HOURS: f64 = 3.0;
+/// Orders of its autoregressive model.
+const SLOW_ORDERS: [usize; 3] = [1, 2, 3];
+
+/// The autoregressive model of the residual's means over three hours: effects that come and go slowly hardly
+/// show from one sample to the next, where the whitened residual looks for them.
+pub fn slow_autoregression(problem: &Problem, residual: &[f64], usable: &[usize]) -> Option<Ar> {
+    let per_mean = ((SLOW_HOURS / problem.grid().step_hours()) as usize).max(1);
+    let end = usable.last().map_or(0, |last| last + 1);
+    let mut sums = vec![(0.0, 0usize); end / per_mean];
+    for k in usable {
+        if let Some((sum, count)) = sums.get_mut(k / per_mean) {
+            (*sum, *count) = (*sum + residual[*k], *count + 1);
+        }
+    }
+    let means: Vec<Option<f64>> = sums.iter().map(|(sum, count)| (2 * count >= per_mean).then(|| sum / *count as f64)).collect();
+    Ar::fit_orders(&means, &SLOW_ORDERS)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

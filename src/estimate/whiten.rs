@@ -22,13 +22,18 @@ impl Ar {
     /// The order with the lowest BIC among 1, 2, 3, 4, 6, 8 and 12. `None` where nothing can be fitted. A
     /// `None` in the series is a gap, behind which the recursion starts anew.
     pub fn fit(series: &[Option<f64>]) -> Option<Self> {
-        let longest = ORDERS[ORDERS.len() - 1];
+        Self::fit_orders(series, &ORDERS)
+    }
+
+    /// The same among these orders, which ascend.
+    pub fn fit_orders(series: &[Option<f64>], orders: &[usize]) -> Option<Self> {
+        let longest = *orders.last()?;
         // All orders are compared on the samples that the longest one can use.
         let rows: Vec<usize> = (longest..series.len()).filter(|t| (0..=longest).all(|lag| series[t - lag].is_some())).collect();
         if rows.len() < 4 * longest {
             return None;
         }
-        ORDERS
+        orders
             .iter()
             .filter_map(|order| {
                 let value = |t: usize| series[t].unwrap_or(0.0);

@@ -25,7 +25,7 @@ pub enum Kind {
     Constant,
     /// Not in the catalogue: a wood stove, lit on some evenings.
     Stove,
-    /// Not in the catalogue: laundry that dries in the room after some wash days and takes heat.
+    /// Not in the catalogue: laundry that is hung up piece by piece on some days, dries, and takes heat.
     Laundry,
 }
 
@@ -211,7 +211,7 @@ impl Kind {
             Kind::Laundry => {
                 for day in 0..days {
                     if dice.uniform() < 0.4 {
-                        add(day, dice.between(8.0, 19.0), 30.0, &|h| -(-h / 6.0).exp());
+                        add(day, dice.between(8.0, 19.0), 30.0, &|h| -(1.0 - (-h / 0.5).exp()) * (-h / 6.0).exp());
                     }
                 }
             }

@@ -4,6 +4,7 @@ use super::super::{Failure, faults};
 use super::Row;
 use lampyris::data::{Bindings, SplitRequest, Window};
 use lampyris::diagnose::fitted::Null;
+use lampyris::diagnose::report::Considered;
 use lampyris::diagnose::{Adequacy, Diagnosis, diagnose, preview};
 use lampyris::estimate::{Control, EstimateRequest, Problem, Site, estimate, prepare};
 use lampyris::model::Catalogue;
@@ -62,6 +63,7 @@ struct Judged {
     first: Outcome,
     found: usize,
     material: bool,
+    logged: bool,
     seconds: f64,
     preview_seconds: f64,
 }
@@ -129,8 +131,9 @@ fn judge(request: &WorldRequest) -> Result<Judged, Failure> {
     };
     let found = world.truth.effects.iter().filter(|hidden| named(&hidden.effect)).count();
     let material = material(&catalogue, &world, &window, fit.first_metrics().and_then(|metrics| metrics.test_rmse), &problem, &theta)?;
+    let logged = world.csv.contains("window_open");
     let truth = world.truth;
-    Ok(Judged { kind: name(request), level: request.level, truth, diagnosis, first, found, material, seconds, preview_seconds })
+    Ok(Judged { kind: name(request), level: request.level, truth, diagnosis, first, found, material, logged, seconds, preview_seconds })
 }
 
 fn ask(catalogue: &Catalogue, world: &World, window: &Window, model: &str) -> Result<(Problem, Site, EstimateRequest), Failure> {
@@ -195,6 +198,9 @@ fn line(judged: &Judged) -> String {
         }
         _ => String::new(),
     };
+    let near: Vec<String> = judged.diagnosis.considered.iter().filter_map(near).collect();
+    let logged = if judged.logged { " LOGGED" } else { "" };
+    let missed = format!("{missed}{logged} <<{}>>", near.join(" | "));
     format!(
         "{} seed {} {:?}{} heat {:.3} rho {:.2} hidden ({}) named ({}){missed} {:.2}s",
         judged.kind,
@@ -207,6 +213,25 @@ fn line(judged: &Judged) -> String {
         named.join("; "),
         judged.seconds
     )
+}
+
+/// A suspect that explains something, in numbers.
+fn near(one: &Considered) -> Option<String> {
+    let measures = one.measures?;
+    let (share, gain) = (one.explained_share.unwrap_or(f64::NAN), one.delta_bic.unwrap_or(f64::NAN));
+    let number = |value: Option<f64>| value.unwrap_or(f64::NAN);
+    let slow = number(measures.slow_delta_bic);
+    (share > 0.3 || slow > 8.0 || gain > 8.0).then(|| {
+        format!(
+            "{} share {share:.2} dbic {gain:.0} white {:.2} slow {slow:.0} ahead {:.2} days {:.2} {:.2} rho {:.2}",
+            one.effect,
+            number(measures.white_share),
+            number(measures.ahead_share),
+            measures.better_days[0],
+            measures.better_days[1],
+            measures.rho
+        )
+    })
 }
 
 /// The table: per level and effect, then the goals.

@@ -1,0 +1,56 @@
+//! `lampyris ladder`: one CSV, and the error after each effect that is added.
+
+use super::diagnose::first_fit;
+use super::measured::Measured;
+use super::{Failure, print};
+use lampyris::diagnose::ladder::{Ladder, ladder};
+use lampyris::estimate::Control;
+
+#[derive(Debug, clap::Args)]
+pub struct Arguments {
+    #[command(flatten)]
+    measured: Measured,
+    /// Most effects that are added.
+    #[arg(long, default_value_t = 3)]
+    max_steps: usize,
+    /// The seed of the first fit: the same seed gives the same bits.
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Print the ladder as JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let first = first_fit(&arguments.measured, arguments.seed, arguments.json)?;
+    let found = ladder(&first.catalogue, &first.problem, &first.theta, &first.window, &first.site, arguments.max_steps, &Control::NONE)
+        .map_err(|error| Failure::Error(error.to_string()))?;
+    if arguments.json {
+        print(&serde_json::to_string(&found).map_err(|error| Failure::Error(error.to_string()))?);
+    } else {
+        print(&text(&found));
+    }
+    if found.steps.iter().skip(1).any(|step| step.kept) { Ok(()) } else { Err(Failure::Rejected) }
+}
+
+/// The ladder for people: a line per step.
+fn text(ladder: &Ladder) -> String {
+    let number = |value: Option<f64>| value.filter(|value| value.is_finite()).map_or_else(|| "-".to_owned(), |value| format!("{value:.3}"));
+    let mut lines =
+        vec![format!("{:<36} {:>8} {:>10} {:>8} {:>8} {:>8} {:>10}", "step", "train", "validation", "test", "6 h", "24 h", "BIC")];
+    for step in &ladder.steps {
+        let added = step.added.as_ref().map_or_else(|| step.model.clone(), |added| format!("+ {added}"));
+        lines.push(format!(
+            "{added:<36} {:>8} {:>10} {:>8} {:>8} {:>8} {:>10.0}  {}",
+            number(Some(step.train_rmse)),
+            number(step.validation_rmse),
+            number(step.test_rmse),
+            number(step.ahead.get("PT6H").copied()),
+            number(step.ahead.get("PT24H").copied()),
+            step.bic,
+            if step.kept { "kept" } else { "not kept" }
+        ));
+    }
+    lines.extend(ladder.steps.iter().skip(1).map(|step| format!("{}: {}", step.added.as_deref().unwrap_or_default(), step.why)));
+    lines.join("\n")
+}

@@ -1,0 +1,126 @@
+//! The error ladder: effects are added one after another while the error on unseen data falls.
+
+use super::candidates::{suspects, widen};
+use super::findings::DiagnoseError;
+use super::fitted::Null;
+use super::rank::{LEAST_BIC, round};
+use crate::data::Window;
+use crate::estimate::metrics::{HORIZONS, ahead, filter};
+use crate::estimate::{Control, EstimateError, Problem, Site};
+use crate::model::Catalogue;
+use indexmap::IndexMap;
+use serde::{Deserialize, Serialize};
+
+/// A ladder: the base, then a step for each effect that was tried in earnest.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Ladder {
+    /// The system, where there is one.
+    pub system: Option<String>,
+    /// The steps, the base first.
+    pub steps: Vec<Step>,
+}
+
+/// A model of the ladder with its errors, in the output's unit.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Step {
+    /// The model.
+    pub model: String,
+    /// The effect that this step added; none for the base.
+    pub added: Option<String>,
+    /// Free run over the training part.
+    pub train_rmse: f64,
+    /// Free run over the validation part, which decides.
+    pub validation_rmse: Option<f64>,
+    /// Free run over the test part, which is only reported.
+    pub test_rmse: Option<f64>,
+    /// Forecast errors from re-estimated states over the validation part, by horizon.
+    pub ahead: IndexMap<String, f64>,
+    /// BIC of the AR likelihood of the training part, the effects' parameters counted.
+    pub bic: f64,
+    /// Estimates by name.
+    pub parameters: IndexMap<String, f64>,
+    /// Whether the next step stands on this one.
+    pub kept: bool,
+    /// Why, in a sentence.
+    pub why: String,
+}
+
+/// Builds the ladder from a fit: at most `max_steps` effects.
+///
+/// A step is kept where the likelihood gains what the gates ask for and the error on unseen data falls; the first
+/// step that is not ends the ladder.
+///
+/// # Errors
+/// [`DiagnoseError`] where the model diverges, the window does not serve, or `control` interrupts.
+pub fn ladder(
+    catalogue: &Catalogue,
+    problem: &Problem,
+    theta: &[f64],
+    window: &Window,
+    site: &Site,
+    max_steps: usize,
+    control: &Control,
+) -> Result<Ladder, DiagnoseError> {
+    let nothing = || DiagnoseError::Estimate(EstimateError::NothingFinite);
+    let (grid, holes) = widen(problem, window).map_err(|fault| DiagnoseError::Faults(vec![fault]))?;
+    let mut null = Null::settle(problem.clone(), theta, None).ok_or_else(nothing)?;
+    let noise = filter(problem, &null.fitted.plain, None).process_noise;
+    let mut steps = Vec::new();
+    let mut price = 0.0;
+    for _ in 0..max_steps {
+        if let Some(interrupt) = (control.interrupt)() {
+            return Err(DiagnoseError::Estimate(EstimateError::Interrupted(interrupt)));
+        }
+        let (library, _) = suspects(catalogue, &null.problem, &grid, &holes, site);
+        let outcome = round(&mut null, &library, false).ok_or_else(nothing)?;
+        if steps.is_empty() {
+            steps.push(step(&null, None, 0.0, noise, true, "the model as it is".to_owned()));
+        }
+        // The winner of the gates, or else the one that came closest, to show that it does not help.
+        let Some(best) = outcome.winner.or_else(|| (!outcome.tried.is_empty()).then_some(0)).map(|place| &outcome.tried[place]) else {
+            break;
+        };
+        let suspect = &library[best.suspect];
+        let next = Null::settle(suspect.problem.clone(), &best.fitted.plain, Some(&best.fitted.white)).ok_or_else(nothing)?;
+        let cost = best.active as f64 * (best.measured.samples as f64).ln();
+        let (kept, why) = match &best.gate {
+            None => (true, format!("the likelihood gains {:.0} in BIC and the error on unseen data falls", best.delta_bic)),
+            Some((_, why)) => (false, format!("the best of what is left is not kept: {why}")),
+        };
+        // Below the gate of the likelihood there is nothing to show.
+        if !kept && best.delta_bic < LEAST_BIC {
+            break;
+        }
+        steps.push(step(&next, Some(suspect.id.clone()), price + cost, noise, kept, why));
+        if !kept {
+            break;
+        }
+        price += cost;
+        null = next;
+    }
+    if steps.is_empty() {
+        steps.push(step(&null, None, 0.0, noise, true, "the model as it is".to_owned()));
+    }
+    Ok(Ladder { system: None, steps })
+}
+
+fn step(null: &Null, added: Option<String>, price: f64, noise: f64, kept: bool, why: String) -> Step {
+    let problem = &null.problem;
+    let theta = &null.fitted.plain;
+    let run = filter(problem, theta, Some(noise));
+    let errors = ahead(problem, theta, &run, problem.split().validation.clone(), &HORIZONS);
+    let [train, validation, test] = null.measured.plain.map(|mse| mse.map(f64::sqrt));
+    let names = problem.model().parameters().iter().map(|parameter| parameter.name.clone());
+    Step {
+        model: problem.model().id().to_string(),
+        added,
+        train_rmse: train.unwrap_or(f64::NAN),
+        validation_rmse: validation,
+        test_rmse: test,
+        ahead: errors.into_iter().map(|(name, error)| (name, error.rmse)).collect(),
+        bic: null.measured.bic + price,
+        parameters: names.zip(theta.iter().copied()).collect(),
+        kept,
+        why,
+    }
+}
