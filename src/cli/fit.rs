@@ -68,6 +68,9 @@ pub struct Arguments {
     /// Longitude in degrees.
     #[arg(long, requires = "lat", allow_hyphen_values = true)]
     lon: Option<f64>,
+    /// IANA time zone, for models that read the clock on the wall; UTC by default.
+    #[arg(long)]
+    zone: Option<String>,
     /// Print the fit as JSON.
     #[arg(long)]
     json: bool,
@@ -120,7 +123,11 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         bounds: arguments.bounds.iter().cloned().collect(),
         ..EstimateRequest::default()
     };
-    let site = Site { location: arguments.lat.zip(arguments.lon), sets: [("neighbours".to_owned(), arguments.neighbours.clone())].into() };
+    let site = Site {
+        location: arguments.lat.zip(arguments.lon),
+        zone: arguments.zone.clone(),
+        sets: [("neighbours".to_owned(), arguments.neighbours.clone())].into(),
+    };
     let catalogue = Catalogue::builtin().map_err(|found| faults(&found))?;
     let problem = prepare(&catalogue, &model, &request, &window, &site).map_err(|found| faults(&found))?;
     let bar = progress_bar(arguments.evaluations as u64, arguments.json);

@@ -3,7 +3,7 @@
 //! ```text
 //! CSV or JSON --channel, stamp, parse, table--> Window --resample--> Grid --split--> train | validation | test
 //!                                                 |                    ^
-//!                                     series: one block per channel    sun: computed columns
+//!                                     series: one block per channel    sun, calendar: computed columns
 //! ```
 //!
 //! | file | what it owns |
@@ -20,6 +20,7 @@
 //! | `grid` | columns on a common time grid |
 //! | `resample` | from a window to a grid, without inventing data across gaps |
 //! | `sun` | altitude and azimuth of the sun |
+//! | `calendar` | hour of the day and day of the week |
 //! | `duration` | ISO 8601 durations |
 //! | `split` | training, validation and test parts |
 //!
@@ -30,6 +31,7 @@
 //! [`Grid`] has a finite value at every index, and a mask that says which of them stand for a measurement.
 
 mod block;
+mod calendar;
 mod channel;
 mod duration;
 mod grid;
@@ -45,6 +47,7 @@ mod table;
 mod window;
 
 pub use block::CorruptBlock;
+pub use calendar::{CALENDAR, add_calendar};
 pub use channel::{ChannelKind, Hold};
 pub use duration::{BadDuration, Duration};
 pub use grid::{Column, Grid};
