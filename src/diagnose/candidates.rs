@@ -1,7 +1,7 @@
 //! The library of what may be missing: every effect of the catalogue, compiled into the model and put on the data.
 
 use super::report::NotTestable;
-use crate::data::{ChannelKind, Column, Grid, Window, add_drops};
+use crate::data::{ChannelKind, Column, Grid, Window, add_calendar, add_drops};
 use crate::estimate::problem::Choices;
 use crate::estimate::{Problem, Site};
 use crate::fault::Fault;
@@ -68,7 +68,7 @@ impl Suspect {
 
 /// Every channel of the window on the grid of a problem, so that any effect finds its inputs there. A channel
 /// with holes too large to bridge is named instead.
-pub fn widen(problem: &Problem, window: &Window) -> Result<(Grid, Vec<String>), Fault> {
+pub fn widen(problem: &Problem, window: &Window, site: &Site) -> Result<(Grid, Vec<String>), Fault> {
     let output = problem.model().outputs().first().map(|output| output.channel.clone()).unwrap_or_default();
     let mut grid = problem.grid().clone();
     let mut holes = Vec::new();
@@ -87,6 +87,7 @@ pub fn widen(problem: &Problem, window: &Window) -> Result<(Grid, Vec<String>), 
         }
     }
     let grid = if grid.column(crate::data::DROPS).is_none() { add_drops(grid, &output)? } else { grid };
+    let grid = add_calendar(grid, site.zone.as_deref().unwrap_or("UTC"))?;
     Ok((grid, holes))
 }
 

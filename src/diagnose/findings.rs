@@ -75,7 +75,7 @@ pub fn diagnose(
     if strict {
         report.warnings.push(format!("only {train:.1} days of training and {unseen:.1} unseen days: more is asked of every effect"));
     }
-    let (grid, holes) = widen(problem, window).map_err(|fault| DiagnoseError::Faults(vec![fault]))?;
+    let (grid, holes) = widen(problem, window, site).map_err(|fault| DiagnoseError::Faults(vec![fault]))?;
     let settled = |null: Option<Null>| null.ok_or(DiagnoseError::Estimate(EstimateError::NothingFinite));
     let mut null = settled(Null::settle(problem.clone(), theta, None))?;
     let mut found: Vec<String> = Vec::new();
@@ -116,7 +116,7 @@ pub fn preview(
     site: &Site,
 ) -> Result<Vec<Preview>, DiagnoseError> {
     let diverged = DiagnoseError::Estimate(EstimateError::NothingFinite);
-    let (grid, holes) = widen(problem, window).map_err(|fault| DiagnoseError::Faults(vec![fault]))?;
+    let (grid, holes) = widen(problem, window, site).map_err(|fault| DiagnoseError::Faults(vec![fault]))?;
     let (library, _) = suspects(catalogue, problem, &grid, &holes, site);
     let whitening = whitening_at(problem, theta).ok_or(diverged.clone())?;
     let screen = Screen::new(problem, theta, &whitening).ok_or(diverged)?;

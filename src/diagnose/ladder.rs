@@ -62,7 +62,7 @@ pub fn ladder(
     control: &Control,
 ) -> Result<Ladder, DiagnoseError> {
     let nothing = || DiagnoseError::Estimate(EstimateError::NothingFinite);
-    let (grid, holes) = widen(problem, window).map_err(|fault| DiagnoseError::Faults(vec![fault]))?;
+    let (grid, holes) = widen(problem, window, site).map_err(|fault| DiagnoseError::Faults(vec![fault]))?;
     let mut null = Null::settle(problem.clone(), theta, None).ok_or_else(nothing)?;
     let noise = filter(problem, &null.fitted.plain, None).process_noise;
     let mut steps = Vec::new();

@@ -2,7 +2,7 @@
 
 use super::problem::{Choices, Problem, Source};
 use super::stop::EarlyStopping;
-use crate::data::{DEFAULT_MAX_GAP_STEPS, Duration, GridRequest, Split, SplitRequest, Window, read_time};
+use crate::data::{CALENDAR, DEFAULT_MAX_GAP_STEPS, Duration, GridRequest, Split, SplitRequest, Window, read_time};
 use crate::fault::Fault;
 use crate::model::{Bindings, Catalogue, Hold, ModelId, compile};
 use crate::optimise::Method;
@@ -152,6 +152,8 @@ pub struct EstimateRequest {
 pub struct Site {
     /// Latitude and longitude in degrees, for the position of the sun.
     pub location: Option<(f64, f64)>,
+    /// IANA time zone, for the clock on the wall; UTC where it is not given.
+    pub zone: Option<String>,
     /// The members of the model's sets.
     pub sets: BTreeMap<String, Vec<String>>,
 }
@@ -168,7 +170,7 @@ pub fn prepare(
     site: &Site,
 ) -> Result<Problem, Vec<Fault>> {
     let composition = catalogue.compose(model)?;
-    let mut channels: BTreeSet<String> = window.channels().map(str::to_owned).collect();
+    let mut channels: BTreeSet<String> = window.channels().chain(CALENDAR).map(str::to_owned).collect();
     if site.location.is_some() {
         channels.extend(["sun_altitude".to_owned(), "sun_azimuth".to_owned()]);
     }
@@ -206,6 +208,9 @@ pub fn prepare(
     }
     if model.inputs().iter().any(|input| input.channel == crate::data::DROPS) {
         grid = crate::data::add_drops(grid, outputs[0]).map_err(|fault| vec![fault])?;
+    }
+    if model.inputs().iter().any(|input| CALENDAR.contains(&input.channel.as_str())) {
+        grid = crate::data::add_calendar(grid, site.zone.as_deref().unwrap_or("UTC")).map_err(|fault| vec![fault])?;
     }
     let split = Split::new(grid.len(), grid.step(), &request.split).map_err(|fault| vec![fault])?;
     if request.early_stopping.is_some_and(|rule| rule.validation) && split.validation.is_empty() {

@@ -6,7 +6,7 @@ use super::expr::{Graph, Node, NodeId, Point};
 use super::functions::{MAX_DELAY, delays};
 use super::lower::{Lowering, Symbol, Value};
 use super::parse::{declaration, is_name};
-use super::spec::{InputSpec, Nominal, ParameterSpec, Scale, StateSpec};
+use super::spec::{Hold, InputSpec, Nominal, ParameterSpec, Scale, StateSpec};
 use super::{Initial, Input, Model, Output, Parameter, State};
 use crate::fault::Fault;
 use crate::units::Unit;
@@ -20,6 +20,8 @@ const MAX_PARAMETERS: usize = 128;
 
 /// The unit of an input whose channel may have any.
 pub const AS_IT_COMES: &str = "*";
+/// Channels of the clock on the wall, which begin again.
+const CLOCK: [&str; 2] = ["hour_of_day", "weekday"];
 
 /// What a system tells a model: the members of its sets and the channels that are there.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -176,6 +178,10 @@ impl Builder {
                     self.fault(pointer, "name-taken", format!("the input `{name}` is declared twice with different meanings"));
                 }
                 continue;
+            }
+            if CLOCK.contains(&channel.as_str()) && spec.hold != Hold::ZeroOrder {
+                let detail = format!("between two samples `{channel}` is no straight line: it begins again at midnight");
+                self.lowering.faults.push(Fault::new(pointer, "hold", detail).suggest("write hold = \"zero_order\""));
             }
             let there = bindings.channels.as_ref().is_none_or(|channels| channels.contains(&channel));
             let node = Node::Input(self.inputs.len() as u16, Point::Start);

@@ -403,6 +403,23 @@ mod tests {
     }
 
     #[test]
+    fn a_clock_is_no_straight_line_between_samples() {
+        let clock = r#"
+            id = "clock"
+            title = "a clock that is read as a line"
+            states.x = { unit = "degC", initial = "y" }
+            inputs.hour = { unit = "h", channel = "hour_of_day" }
+            parameters.c = { unit = "K/h", lower = 0, upper = 1, scale = "linear", nominal = 0.5 }
+            equations.x = "c * (hour < 12[h])"
+            outputs.y = { expr = "x", unit = "degC", noise_sd = 0.05 }
+        "#;
+        let mut catalogue = Catalogue::default();
+        catalogue.add_model(spec::ModelDocument::from_toml(clock).unwrap());
+        let faults = compile(&catalogue.compose(&"clock".parse().unwrap()).unwrap(), &Bindings::default()).unwrap_err();
+        assert_eq!((faults.len(), faults[0].code.as_str(), faults[0].pointer.as_str()), (1, "hold", "/inputs/hour"));
+    }
+
+    #[test]
     fn all_faults_are_reported_at_once() {
         let text = r#"
             id = "bad"

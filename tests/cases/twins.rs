@@ -7,7 +7,7 @@ use lampyris::twin::{self, RoomTwin};
 
 fn room(seed: u64, days: usize, asked: &EstimateRequest) -> (RoomTwin, Problem) {
     let twin = twin::room(seed, 2, days, 30).unwrap();
-    let site = Site { location: None, sets: [("neighbours".to_owned(), twin.neighbours.clone())].into() };
+    let site = Site { sets: [("neighbours".to_owned(), twin.neighbours.clone())].into(), ..Site::default() };
     let problem = problem(&twin.csv, "room3", &[], &site, asked);
     (twin, problem)
 }

@@ -139,7 +139,7 @@ fn judge(request: &WorldRequest) -> Result<Judged, Failure> {
 fn ask(catalogue: &Catalogue, world: &World, window: &Window, model: &str) -> Result<(Problem, Site, EstimateRequest), Failure> {
     let id = model.parse().map_err(|error| Failure::Error(format!("{error}")))?;
     let asked = EstimateRequest { split: SplitRequest::DIAGNOSE, ..EstimateRequest::default() };
-    let site = Site { location: None, sets: [("neighbours".to_owned(), world.neighbours.clone())].into() };
+    let site = Site { location: None, zone: None, sets: [("neighbours".to_owned(), world.neighbours.clone())].into() };
     let problem = prepare(catalogue, &id, &asked, window, &site).map_err(|found| faults(&found))?;
     Ok((problem, site, asked))
 }
