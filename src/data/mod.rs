@@ -21,6 +21,7 @@
 //! | `resample` | from a window to a grid, without inventing data across gaps |
 //! | `sun` | altitude and azimuth of the sun |
 //! | `duration` | ISO 8601 durations |
+//! | `layout` | rooms and neighbours from the correlations of many sensors |
 //! | `thin` | points for a chart: all samples, or an envelope that keeps every extreme |
 //! | `write` | columns as CSV that reads back to the same values |
 //! | `split` | training, validation and test parts |
@@ -36,6 +37,7 @@ mod channel;
 mod duration;
 mod grid;
 mod header;
+mod layout;
 mod parse;
 mod resample;
 mod series;
@@ -53,6 +55,7 @@ pub use channel::{ChannelKind, Hold};
 pub use duration::{BadDuration, Duration};
 pub use grid::{Column, Grid};
 pub use header::{Bindings, ColumnHeader, ColumnUnit};
+pub use layout::{Layout, LeftOut, NEIGHBOUR, Pair, Room, SAME_ROOM, Sensor, propose_layout};
 pub use resample::{DEFAULT_MAX_GAP_STEPS, GridRequest};
 pub use series::{Series, SeriesStatistics};
 pub use split::{Split, SplitRequest};
@@ -63,6 +66,8 @@ pub use thin::{Bucket, Thinned};
 pub use window::{RejectedRow, Window, WindowReport};
 pub use write::{CsvChannel, write_csv};
 
+#[cfg(test)]
+mod layout_tests;
 #[cfg(test)]
 mod resample_tests;
 #[cfg(test)]

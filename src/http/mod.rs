@@ -8,6 +8,7 @@ mod events;
 mod extract;
 mod fits;
 mod jobs;
+mod layout;
 mod models;
 mod page;
 mod params;
@@ -61,6 +62,7 @@ fn layered() -> OpenApiRouter<Shared> {
         .merge(systems::router())
         .merge(windows::router())
         .merge(series::router())
+        .merge(layout::router())
         .merge(models::router())
         .merge(jobs::router())
         .merge(events::router())

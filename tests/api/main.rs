@@ -4,6 +4,7 @@
 mod database;
 mod faults;
 mod jobs;
+mod layout;
 mod models;
 mod params;
 mod schedules;
