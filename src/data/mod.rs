@@ -23,6 +23,7 @@
 //! | `sun` | altitude and azimuth of the sun |
 //! | `calendar` | hour of the day and day of the week |
 //! | `duration` | ISO 8601 durations |
+//! | `layout` | rooms and neighbours from the correlations of many sensors |
 //! | `thin` | points for a chart: all samples, or an envelope that keeps every extreme |
 //! | `write` | columns as CSV that reads back to the same values |
 //! | `split` | training, validation and test parts |
@@ -40,6 +41,7 @@ mod drops;
 mod duration;
 mod grid;
 mod header;
+mod layout;
 mod parse;
 mod resample;
 mod series;
@@ -59,6 +61,7 @@ pub use drops::{DROPS, add_drops};
 pub use duration::{BadDuration, Duration};
 pub use grid::{Column, Grid};
 pub use header::{Bindings, ColumnHeader, ColumnUnit};
+pub use layout::{Layout, LeftOut, NEIGHBOUR, Pair, Room, SAME_ROOM, Sensor, propose_layout};
 pub use resample::{DEFAULT_MAX_GAP_STEPS, GridRequest};
 pub use series::{Series, SeriesStatistics};
 pub use split::{Split, SplitRequest};
@@ -69,6 +72,8 @@ pub use thin::{Bucket, Thinned};
 pub use window::{RejectedRow, Window, WindowReport};
 pub use write::{CsvChannel, write_csv};
 
+#[cfg(test)]
+mod layout_tests;
 #[cfg(test)]
 mod resample_tests;
 #[cfg(test)]

@@ -151,7 +151,7 @@ fn nearest_samples(series: &Series, grid: &Grid) -> Vec<Option<f64>> {
 }
 
 /// The values on the lines between samples that have no gap between them.
-fn interpolated(series: &Series, grid: &Grid, max_gap_steps: u32) -> Vec<Option<f64>> {
+pub(super) fn interpolated(series: &Series, grid: &Grid, max_gap_steps: u32) -> Vec<Option<f64>> {
     let (times, values) = (series.times(), series.values());
     let limit = gap_limit(series, grid, max_gap_steps);
     let compass = is_compass(series.channel());

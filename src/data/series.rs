@@ -230,12 +230,13 @@ impl Series {
 
 /// The median distance of strictly increasing times; the lower one of two middle values.
 pub(super) fn median_step(times: &[i64]) -> Option<i64> {
-    let mut steps: Vec<i64> = times.windows(2).map(|pair| pair[1] - pair[0]).collect();
-    if steps.is_empty() {
-        return None;
-    }
-    let middle = (steps.len() - 1) / 2;
-    Some(*steps.select_nth_unstable(middle).1)
+    median_of(times.windows(2).map(|pair| pair[1] - pair[0]).collect())
+}
+
+/// The lower median; `None` of nothing.
+pub(super) fn median_of(mut numbers: Vec<i64>) -> Option<i64> {
+    let middle = numbers.len().checked_sub(1)? / 2;
+    Some(*numbers.select_nth_unstable(middle).1)
 }
 
 #[cfg(test)]

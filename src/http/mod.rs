@@ -11,6 +11,7 @@ mod extract;
 mod fits;
 mod history;
 mod jobs;
+mod layout;
 mod metrics;
 mod models;
 mod page;
@@ -65,6 +66,7 @@ fn layered() -> OpenApiRouter<Shared> {
         .merge(systems::router())
         .merge(windows::router())
         .merge(series::router())
+        .merge(layout::router())
         .merge(models::router())
         .merge(jobs::router())
         .merge(events::router())

@@ -27,7 +27,7 @@ pub fn router() -> OpenApiRouter<Shared> {
 /// Measurements as JSON; as CSV they are `time,T_room[degC],…`.
 #[derive(Debug, ToSchema)]
 #[expect(dead_code, reason = "describes what `Window::parse_json` reads")]
-struct WindowBody {
+pub struct WindowBody {
     /// Units by channel; a channel that is not named has its own.
     channels: Option<HashMap<String, ChannelUnit>>,
     /// Times with offset.
@@ -89,6 +89,18 @@ impl WindowAnswer {
     }
 }
 
+/// How a body of measurements is written, by its media type.
+///
+/// # Errors
+/// 415 where it is neither CSV nor JSON.
+pub fn format(raw: &Raw) -> Result<Format, ApiError> {
+    match raw.media_type.as_str() {
+        "text/csv" => Ok(Format::Csv),
+        "application/json" => Ok(Format::Json),
+        _ => Err(ApiError::MediaType("text/csv or application/json")),
+    }
+}
+
 /// Takes measurements. The same content again is the same window.
 #[utoipa::path(
     post,
@@ -99,11 +111,7 @@ impl WindowAnswer {
     responses((status = 200, description = "It was there already", body = WindowAnswer), (status = 201, description = "Taken", body = WindowAnswer), Problems)
 )]
 async fn post_window(State(service): State<Shared>, Named(system): Named, raw: Raw) -> Result<Response, ApiError> {
-    let format = match raw.media_type.as_str() {
-        "text/csv" => Format::Csv,
-        "application/json" => Format::Json,
-        _ => return Err(ApiError::MediaType("text/csv or application/json")),
-    };
+    let format = format(&raw)?;
     let taken = windows::take(&service, &system, format, raw.body, raw.key.as_ref()).await?;
     let status = if taken.is_new { StatusCode::CREATED } else { StatusCode::OK };
     let location = format!("/windows/{}", taken.window.id);

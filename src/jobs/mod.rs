@@ -7,6 +7,7 @@
 //! |---|---|
 //! | `decode` | JSON with all its faults |
 //! | `systems`, `models`, `windows` | documents and measurements: checked here, kept by the store |
+//! | `layout` | rooms and neighbours proposed from one window of many sensors |
 //! | `series` | the stitched view of all windows of a system |
 //! | `request`, `submit` | what a job is asked to do, and how it enters the queue |
 //! | `board` | who runs now: progress, cancellation |
@@ -27,6 +28,7 @@ pub mod estimate;
 pub mod events;
 pub mod input;
 pub mod interactive;
+pub mod layout;
 pub mod metrics;
 pub mod models;
 pub mod params;

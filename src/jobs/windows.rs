@@ -110,7 +110,7 @@ pub fn unpack(windows: &[Blocks]) -> Result<Vec<Window>, JobsError> {
 
 /// Parses a body. A column that the system binds may be absent: not every file has every channel. The report
 /// says so, because a slip in a binding looks the same.
-fn read(format: Format, body: &[u8], bindings: &Bindings) -> Result<(Window, WindowReport), Vec<Fault>> {
+pub(super) fn read(format: Format, body: &[u8], bindings: &Bindings) -> Result<(Window, WindowReport), Vec<Fault>> {
     let parse = |bindings: &Bindings| match format {
         Format::Json => Window::parse_json(body, bindings),
         Format::Csv => match std::str::from_utf8(body) {

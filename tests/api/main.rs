@@ -5,6 +5,7 @@ mod database;
 mod events;
 mod faults;
 mod jobs;
+mod layout;
 mod models;
 mod operators;
 mod params;
