@@ -10,7 +10,7 @@ use lampyris::jobs::windows::Format;
 use lampyris::jobs::{JobsError, Service, submit, systems, windows};
 use lampyris::settings::Settings;
 use lampyris::store::fits::FitRecord;
-use lampyris::store::jobs::{JobRecord, Priority, Submitted};
+use lampyris::store::jobs::{JobKind, JobRecord, Priority, Submitted};
 use lampyris::store::{fits, jobs};
 use serde_json::{Value, json};
 use std::net::SocketAddr;
@@ -110,7 +110,7 @@ async fn demonstrate(arguments: &Arguments, folder: PathBuf) -> Result<(), Failu
         systems::put(service, &system, room.document).await.map_err(failed)?;
         windows::take(service, &system, Format::Csv, room.csv, None).await.map_err(failed)?;
         let request = room.request.as_object().cloned().unwrap_or_default();
-        match submit::estimate(service, &system, false, Priority::Operator, &request, None).await.map_err(failed)? {
+        match submit::one(service, JobKind::Estimate, &system, false, Priority::Operator, &request, None).await.map_err(failed)? {
             Submitted::New(job) | Submitted::Waiting(job) => submitted.push(job.id),
             // Only a repeated request with a key comes earlier, and these have none.
             Submitted::Earlier(_) => {}

@@ -37,7 +37,8 @@ pub fn router() -> OpenApiRouter<Shared> {
 #[derive(Debug, ToSchema)]
 #[expect(dead_code, reason = "describes what `jobs::request` reads; a test keeps the two alike")]
 pub struct JobBody {
-    /// `estimate` for one system, `recalibrate` for several.
+    /// `estimate`, `diagnose` (which effect is missing?) or `ladder` (effects one after another) for one system,
+    /// `recalibrate` for several.
     #[schema(example = "estimate")]
     kind: String,
     /// The system of an estimate.
@@ -96,7 +97,7 @@ pub struct JobAnswer {
     /// `queued`, `running`, `succeeded`, `failed` or `cancelled`.
     #[schema(value_type = String)]
     state: JobState,
-    /// `accepted`, `held`, `rejected`, `suggested` or `unchanged`; `null` unless it succeeded.
+    /// `accepted`, `held`, `rejected`, `suggested` or `unchanged`; `null` unless an estimate succeeded.
     #[schema(value_type = Option<String>)]
     outcome: Option<Outcome>,
     experiment: bool,
@@ -132,6 +133,8 @@ pub struct JobAnswer {
     ended_at: Option<Timestamp>,
     /// The job that it repeats.
     retry_of: Option<String>,
+    /// What it diagnosed, for the kind `diagnose`.
+    diagnosis: Option<String>,
     /// Where to go from here.
     links: HashMap<&'static str, String>,
 }
@@ -179,6 +182,12 @@ impl JobAnswer {
         if let Some(fit) = &job.fit {
             links.insert("fit", format!("/fits/{fit}"));
         }
+        if let Some(diagnosis) = &job.diagnosis {
+            links.insert("diagnosis", format!("/diagnoses/{diagnosis}"));
+        }
+        if job.kind == JobKind::Ladder {
+            links.insert("ladder", format!("/systems/{}/ladder", job.system));
+        }
         let wall = job.started_at.zip(job.ended_at).map(|(start, end)| end.duration_since(start).as_secs_f64().max(0.0));
         Self {
             kind: job.kind,
@@ -201,6 +210,7 @@ impl JobAnswer {
             started_at: job.started_at,
             ended_at: job.ended_at,
             retry_of: job.retry_of,
+            diagnosis: job.diagnosis,
             links,
             system: job.system,
             id: job.id,
@@ -228,8 +238,8 @@ pub async fn require(service: &Service, id: &str) -> Result<JobRecord, ApiError>
 )]
 async fn post_job(State(service): State<Shared>, body: Json) -> Result<Response, ApiError> {
     match request::read(body.value).map_err(ApiError::Invalid)? {
-        JobRequest::Estimate { system, experiment, priority, settings } => {
-            let submitted = submit::estimate(&service, &system, experiment, priority, &settings, body.key.as_ref()).await?;
+        JobRequest::One { kind, system, experiment, priority, settings } => {
+            let submitted = submit::one(&service, kind, &system, experiment, priority, &settings, body.key.as_ref()).await?;
             job_answer(&service, submitted).await
         }
         JobRequest::Recalibrate { priority, batch } => {

@@ -5,6 +5,7 @@
 
 mod batches;
 mod decisions;
+mod diagnoses;
 mod docs;
 mod events;
 mod extract;
@@ -73,6 +74,7 @@ fn layered() -> OpenApiRouter<Shared> {
         .merge(batches::router())
         .merge(fits::router())
         .merge(decisions::router())
+        .merge(diagnoses::router())
         .merge(history::router())
         .merge(schedules::router())
         .merge(service::router())

@@ -255,6 +255,8 @@ fn not_found(what: &str) -> (&'static str, &'static str) {
         "job" => ("job-not-found", "No such job"),
         "batch" => ("batch-not-found", "No such batch"),
         "fit" => ("fit-not-found", "No such fit"),
+        "diagnosis" => ("diagnosis-not-found", "No such diagnosis"),
+        "ladder" => ("ladder-not-found", "No ladder yet"),
         "file" => ("file-not-found", "No such file"),
         "schedule" => ("schedule-not-found", "No such schedule"),
         _ => ("not-found", "No such thing"),

@@ -3,6 +3,7 @@
 use super::JobsError;
 use super::input::Input;
 use super::systems::Mode;
+use crate::data::Window;
 use crate::estimate::metrics::current_state;
 use crate::estimate::{Control, EstimateError, Interrupt, Policy, Problem, estimate, prepare, validate};
 use crate::fault::Fault;
@@ -23,6 +24,24 @@ pub enum Stopped {
 /// # Errors
 /// Where the data, the model or the search give no fit, or somebody stopped it.
 pub fn run(input: &Input, control: &Control<'_>) -> Result<Finding, Stopped> {
+    fitted(input, control).map(|fitted| fitted.finding)
+}
+
+/// A finding with what it was found from, for those who go on from there.
+pub struct Fitted {
+    /// The measurements.
+    pub window: Window,
+    /// What was asked, with the steps that the fit needed.
+    pub problem: Problem,
+    /// What was found.
+    pub finding: Finding,
+}
+
+/// Estimates, judges and reads the states off, and keeps what that was done with.
+///
+/// # Errors
+/// Where the data, the model or the search give no fit, or somebody stopped it.
+pub fn fitted(input: &Input, control: &Control<'_>) -> Result<Fitted, Stopped> {
     let window = input.window().map_err(failure)?;
     let prepared = prepare(&input.catalogue, &input.model, &input.request, &window, &input.system.site());
     let problem = prepared.map_err(|faults| Stopped::Failed(invalid(faults)))?;
@@ -32,14 +51,16 @@ pub fn run(input: &Input, control: &Control<'_>) -> Result<Finding, Stopped> {
     let judgement = validate(&problem, &fit, incumbent.as_ref(), &policy);
     let (first, last) = (problem.grid().start(), problem.grid().time(problem.grid().len().saturating_sub(1)));
     let used = window.slice(first, last).map_err(|faults| Stopped::Failed(invalid(faults)))?;
-    Ok(Finding {
+    let finding = Finding {
         windows: input.cited(&used).map_err(failure)?,
         state: current_state(&problem, &fit),
         incumbent_state: incumbent_state(input, &problem),
         automatic: input.system.policy.mode == Mode::Auto,
         fit,
         judgement,
-    })
+        report: None,
+    };
+    Ok(Fitted { window, problem: problem.with_substeps(finding.fit.substeps), finding })
 }
 
 /// The states by the parameters that are served now, where they are parameters of this model.
@@ -73,7 +94,8 @@ pub fn describe(error: JobsError) -> JobFailure {
     }
 }
 
-fn stopped(error: &EstimateError) -> Stopped {
+/// What an error of the core means for the job.
+pub fn stopped(error: &EstimateError) -> Stopped {
     let code = match error {
         EstimateError::NothingFinite => "diverged",
         EstimateError::Interrupted(Interrupt::Deadline) => "deadline",

@@ -326,6 +326,7 @@ mod tests {
             ended_at: None,
             end_sequence,
             retry_of: None,
+            diagnosis: None,
         }
     }
 

@@ -12,7 +12,7 @@
 //! | `request`, `submit` | what a job is asked to do, and how it enters the queue |
 //! | `board` | who runs now: progress, cancellation |
 //! | `events` | what happens to jobs, for those who listen |
-//! | `worker`, `input`, `estimate` | from the claim to the verdict |
+//! | `worker`, `input`, `estimate`, `diagnose` | from the claim to the verdict, and to what is missing |
 //! | `interactive` | short CPU work that somebody waits for: first in line, bounded, kept |
 //! | `metrics` | what is counted |
 //! | `params` | the snapshot behind `/params` and the timer that turns it stale |
@@ -24,6 +24,7 @@ pub mod board;
 pub mod decisions;
 pub mod decode;
 pub mod degradations;
+pub mod diagnose;
 pub mod estimate;
 pub mod events;
 pub mod input;

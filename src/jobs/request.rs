@@ -2,7 +2,7 @@
 
 use super::decode;
 use super::systems::SystemDocument;
-use crate::data::{SystemId, SystemPattern, read_time};
+use crate::data::{SplitRequest, SystemId, SystemPattern, read_time};
 use crate::estimate::{EarlyStopping, EstimateRequest};
 use crate::fault::{Fault, nearest};
 use crate::store::jobs::{JobKind, Priority};
@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
 /// The kinds that a request may name.
-const KINDS: [&str; 2] = ["estimate", "recalibrate"];
+const KINDS: [&str; 4] = ["estimate", "diagnose", "ladder", "recalibrate"];
 /// Most evaluations that a request may spend.
 const MOST_EVALUATIONS: usize = 100_000_000;
 
@@ -18,7 +18,9 @@ const MOST_EVALUATIONS: usize = 100_000_000;
 #[derive(Debug, Clone, PartialEq)]
 pub enum JobRequest {
     /// One system.
-    Estimate {
+    One {
+        /// What is to be done.
+        kind: JobKind,
         /// The system.
         system: SystemId,
         /// Whether it never alters what is served.
@@ -65,7 +67,9 @@ pub fn read(body: Value) -> Result<JobRequest, Vec<Fault>> {
         }
     };
     match kind.as_str() {
-        "estimate" => read_estimate(fields),
+        "estimate" => read_one(JobKind::Estimate, fields),
+        "diagnose" => read_one(JobKind::Diagnose, fields),
+        "ladder" => read_one(JobKind::Ladder, fields),
         "recalibrate" => read_recalibration(fields),
         _ => {
             let shown: String = kind.chars().take(40).collect();
@@ -78,7 +82,7 @@ pub fn read(body: Value) -> Result<JobRequest, Vec<Fault>> {
     }
 }
 
-fn read_estimate(mut fields: Map<String, Value>) -> Result<JobRequest, Vec<Fault>> {
+fn read_one(kind: JobKind, mut fields: Map<String, Value>) -> Result<JobRequest, Vec<Fault>> {
     let mut faults = Vec::new();
     let system = take::<SystemId>(&mut fields, "system", &mut faults);
     let experiment = take_or(&mut fields, "experiment", false, &mut faults);
@@ -86,8 +90,13 @@ fn read_estimate(mut fields: Map<String, Value>) -> Result<JobRequest, Vec<Fault
     if let Err(more) = complete(&fields, None) {
         faults.extend(more);
     }
+    // A diagnosis asks about the model and never alters what is served. It needs a part that no decision sees.
+    let experiment = experiment || kind != JobKind::Estimate;
+    if kind != JobKind::Estimate && !fields.contains_key("split") {
+        fields.insert("split".to_owned(), serde_json::to_value(SplitRequest::DIAGNOSE).unwrap_or_default());
+    }
     match system {
-        Some(system) if faults.is_empty() => Ok(JobRequest::Estimate { system, experiment, priority, settings: fields }),
+        Some(system) if faults.is_empty() => Ok(JobRequest::One { kind, system, experiment, priority, settings: fields }),
         _ => Err(faults),
     }
 }
@@ -190,6 +199,3 @@ fn faults(request: &EstimateRequest) -> Vec<Fault> {
     }
     faults
 }
-
-/// The kind of job that a request of one system becomes.
-pub const ESTIMATE: JobKind = JobKind::Estimate;

@@ -11,16 +11,17 @@ use crate::model::ModelId;
 use crate::store;
 use crate::store::batches::{NewBatch, Skipped, SubmittedBatch};
 use crate::store::idempotency::RequestKey;
-use crate::store::jobs::{Cancelled, NewJob, Origin, Priority, Submitted};
+use crate::store::jobs::{Cancelled, JobKind, NewJob, Origin, Priority, Submitted};
 use crate::store::retry::Retried;
 use serde_json::{Map, Value};
 
-/// Submits an estimate for one system.
+/// Submits a job for one system.
 ///
 /// # Errors
 /// Every fault of the request, a full queue, a reused key, or where the database fails.
-pub async fn estimate(
+pub async fn one(
     service: &Service,
+    kind: JobKind,
     system: &SystemId,
     experiment: bool,
     priority: Priority,
@@ -43,7 +44,7 @@ pub async fn estimate(
     if !faults.is_empty() {
         return Err(JobsError::Faults(faults));
     }
-    let new = new_job(system, model, experiment, &request, Origin::Posted, priority)?;
+    let new = new_job(kind, system, model, experiment, &request, Origin::Posted, priority)?;
     let submitted = store::jobs::submit(&service.store, &new, key, service.queue_limit(), now()).await?;
     told(service, submitted).await
 }
@@ -76,7 +77,7 @@ async fn told(service: &Service, submitted: Submitted) -> Result<Submitted, Jobs
 /// Where the system's defaults give no request, the queue is full, or the database fails.
 pub async fn refit(service: &Service, system: &SystemId, document: &SystemDocument) -> Result<(), JobsError> {
     let request = request::complete(&Map::new(), Some(document)).map_err(JobsError::Faults)?;
-    let new = new_job(system, document.model.clone(), false, &request, Origin::Scheduled, Priority::Nightly)?;
+    let new = new_job(JobKind::Estimate, system, document.model.clone(), false, &request, Origin::Scheduled, Priority::Nightly)?;
     store::jobs::submit(&service.store, &new, None, service.queue_limit(), now()).await?;
     service.wake.notify_one();
     params::refresh(service, system).await
@@ -127,7 +128,7 @@ pub async fn batch(service: &Service, request: &BatchRequest, schedule: Option<&
             skip("there are no measurements".to_owned());
         } else {
             match request::complete(&request.settings, Some(&document)) {
-                Ok(request) => batch.jobs.push(new_job(system, document.model, false, &request, origin, priority)?),
+                Ok(request) => batch.jobs.push(new_job(JobKind::Estimate, system, document.model, false, &request, origin, priority)?),
                 Err(faults) => skip(faults.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ")),
             }
         }
@@ -170,6 +171,7 @@ pub async fn cancel(service: &Service, id: &str) -> Result<Option<Cancelled>, Jo
 }
 
 fn new_job(
+    kind: JobKind,
     system: &SystemId,
     model: ModelId,
     experiment: bool,
@@ -178,7 +180,7 @@ fn new_job(
     priority: Priority,
 ) -> Result<NewJob, JobsError> {
     let request = serde_json::to_string(request).map_err(|error| JobsError::Internal(error.to_string()))?;
-    Ok(NewJob { kind: request::ESTIMATE, system: system.clone(), model, request, experiment, origin, priority })
+    Ok(NewJob { kind, system: system.clone(), model, request, experiment, origin, priority })
 }
 
 async fn unknown_system(service: &Service, system: &SystemId) -> Result<Fault, JobsError> {

@@ -5,6 +5,7 @@
 //! second has ended. Their threads are nice: the handlers always get the CPU first.
 
 use super::board::Live;
+use super::diagnose;
 use super::estimate::{self, Stopped, describe};
 use super::events::{self, What};
 use super::input::{self, Input};
@@ -12,7 +13,7 @@ use super::{Service, now, params};
 use crate::estimate::{Control, Interrupt, Progress};
 use crate::store::StoreError;
 use crate::store::finish::{Ending, Finding, finish};
-use crate::store::jobs::{self, JobFailure, JobRecord, Lease};
+use crate::store::jobs::{self, JobFailure, JobKind, JobRecord, Lease};
 use rayon::{ThreadPool, ThreadPoolBuildError, ThreadPoolBuilder};
 use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -163,7 +164,12 @@ fn guarded(service: &Service, live: &Live, job: &JobRecord, input: &Input) -> Re
             service.events.publish(&job.id, &job.system, news);
         }
     };
-    estimate::run(input, &Control { interrupt: &interrupt, progress: &progress })
+    let control = Control { interrupt: &interrupt, progress: &progress };
+    match job.kind {
+        JobKind::Estimate => estimate::run(input, &control),
+        JobKind::Diagnose => diagnose::run(input, &control),
+        JobKind::Ladder => diagnose::ladder(input, &control),
+    }
 }
 
 /// Writes the end of a job, and only then shows it. While the database fails the job keeps its lease.

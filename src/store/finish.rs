@@ -5,7 +5,9 @@
 
 use super::jobs::{JobFailure, Lease, Outcome};
 use super::revisions::{self, Cause, NewRevision};
-use super::{Store, StoreError, corrupt, decisions, derive_id, millis, next, params, to_json};
+use super::{Store, StoreError, corrupt, decisions, derive_id, diagnoses, millis, next, params, to_json};
+use crate::diagnose::ladder::Ladder;
+use crate::diagnose::report::Diagnosis;
 use crate::estimate::metrics::CurrentState;
 use crate::estimate::{Fit, Judgement, Offer, ServedParameters, Verdict};
 use jiff::Timestamp;
@@ -37,6 +39,17 @@ pub struct Finding {
     pub state: Option<CurrentState>,
     /// The states at the newest sample by the parameters that are served now.
     pub incumbent_state: Option<CurrentState>,
+    /// What the fit was asked for, where not for itself.
+    pub report: Option<Report>,
+}
+
+/// What a job found out with the help of its fit.
+#[derive(Debug)]
+pub enum Report {
+    /// Which effect the model is missing.
+    Diagnosis(Box<Diagnosis>),
+    /// Effects one after another.
+    Ladder(Box<Ladder>),
 }
 
 /// What the end of a job led to.
@@ -48,6 +61,8 @@ pub struct Finished {
     pub fit: Option<String>,
     /// The revision that was published.
     pub revision: Option<i64>,
+    /// The id of the diagnosis.
+    pub diagnosis: Option<String>,
 }
 
 /// The job as the transaction needs it.
@@ -77,10 +92,15 @@ pub async fn finish(store: &Store, lease: &Lease, ending: &Ending<'_>, now: Time
     let counts = leased.own_model && !leased.experiment;
     let finished = match ending {
         Ending::Fitted(finding) => {
-            let finished = keep_fit(&mut tx, lease, &leased, finding, counts, now).await?;
+            let mut finished = keep_fit(&mut tx, lease, &leased, finding, counts, now).await?;
+            if let (Some(report), Some(fit)) = (&finding.report, &finished.fit) {
+                finished.diagnosis = diagnoses::keep(&mut tx, lease, &leased.system, fit, report, now).await?;
+                // The fit was a means: what the gate says of it is in its document, and no outcome of the job.
+                finished.outcome = None;
+            }
             sqlx::query(
                 "UPDATE jobs SET state = 'succeeded', boot = NULL, outcome = $2, fit = $3, revision = $4, stopped_by = $5, evaluations = $6,
-                 ended_at = $7 WHERE id = $1",
+                 ended_at = $7, diagnosis = $8 WHERE id = $1",
             )
             .bind(&lease.job)
             .bind(finished.outcome.map(Outcome::word))
@@ -89,6 +109,7 @@ pub async fn finish(store: &Store, lease: &Lease, ending: &Ending<'_>, now: Time
             .bind(word(&finding.fit.stopped_by)?)
             .bind(i64::try_from(finding.fit.evaluations).unwrap_or(i64::MAX))
             .bind(millis(now))
+            .bind(&finished.diagnosis)
             .execute(&mut *tx)
             .await?;
             finished
@@ -201,7 +222,7 @@ async fn keep_fit(
 }
 
 /// The word by which an enum is written in documents.
-fn word<T: serde::Serialize>(value: &T) -> Result<String, StoreError> {
+pub(super) fn word<T: serde::Serialize>(value: &T) -> Result<String, StoreError> {
     match serde_json::to_value(value) {
         Ok(serde_json::Value::String(word)) => Ok(word),
         Ok(other) => Err(corrupt("an enum", &other)),

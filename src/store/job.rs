@@ -9,6 +9,10 @@ words! {
     JobKind {
         /// Estimate parameters, judge and publish them.
         Estimate = "estimate",
+        /// Say which effect the model is missing.
+        Diagnose = "diagnose",
+        /// Add effects one after another while the error on unseen data falls.
+        Ladder = "ladder",
     }
 }
 

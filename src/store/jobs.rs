@@ -93,6 +93,8 @@ pub struct JobRecord {
     pub end_sequence: Option<i64>,
     /// The job that it repeats.
     pub retry_of: Option<String>,
+    /// What it diagnosed.
+    pub diagnosis: Option<String>,
 }
 
 impl JobRecord {
@@ -184,6 +186,7 @@ pub(super) struct Row {
     started_at: Option<i64>,
     ended_at: Option<i64>,
     end_sequence: Option<i64>,
+    diagnosis: Option<String>,
     retry_of: Option<String>,
 }
 
@@ -214,6 +217,7 @@ impl Row {
             evaluations: self.evaluations,
             end_sequence: self.end_sequence,
             retry_of: self.retry_of,
+            diagnosis: self.diagnosis,
         })
     }
 }

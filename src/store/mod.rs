@@ -14,6 +14,7 @@
 //! | `finish` | the end of a job: job, fit, verdict and revision in one transaction |
 //! | `batches` | recalibrations of several systems |
 //! | `fits` | what was found, with its verdict |
+//! | `diagnoses` | which effects models are missing, and the error ladders |
 //! | `params` | what is served, with all that is said of it |
 //! | `revisions` | everything that was ever served |
 //! | `decisions`, `pins` | an operator's word: on held and suggested fits, and on what stays in service |
@@ -27,6 +28,7 @@
 pub mod batches;
 pub mod decisions;
 pub mod degradations;
+pub mod diagnoses;
 pub mod events;
 pub mod finish;
 pub mod fits;

@@ -84,7 +84,7 @@ pub async fn put(store: &Store, system: &SystemId, model: &ModelId, document: &s
 
 /// Everything that belongs to a system, in an order that the keys allow. Fits of other systems lose what they cite
 /// of it; batches and schedules stay.
-const BELONGINGS: [&str; 14] = [
+const BELONGINGS: [&str; 17] = [
     "DELETE FROM idempotency WHERE resource IN (SELECT id FROM jobs WHERE system = $1 UNION SELECT id FROM windows WHERE system = $1)",
     "DELETE FROM fallbacks WHERE system = $1",
     "DELETE FROM states WHERE system = $1",
@@ -92,6 +92,9 @@ const BELONGINGS: [&str; 14] = [
     "DELETE FROM degradations WHERE system = $1",
     "DELETE FROM revisions WHERE system = $1",
     "DELETE FROM fit_windows WHERE window IN (SELECT id FROM windows WHERE system = $1)",
+    "UPDATE jobs SET diagnosis = NULL WHERE system = $1",
+    "DELETE FROM diagnoses WHERE system = $1",
+    "DELETE FROM ladders WHERE system = $1",
     "DELETE FROM decisions WHERE fit IN (SELECT id FROM fits WHERE system = $1)",
     "DELETE FROM offers WHERE fit IN (SELECT id FROM fits WHERE system = $1)",
     "DELETE FROM fits WHERE system = $1",

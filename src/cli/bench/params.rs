@@ -8,7 +8,7 @@ use lampyris::data::SystemId;
 use lampyris::jobs::windows::Format;
 use lampyris::jobs::{JobsError, submit, systems, windows};
 use lampyris::settings::Settings;
-use lampyris::store::jobs::{self, Priority, Submitted};
+use lampyris::store::jobs::{self, JobKind, Priority, Submitted};
 use lampyris::twin;
 use serde_json::json;
 use std::net::SocketAddr;
@@ -70,7 +70,8 @@ async fn publish(app: &App) -> Result<String, Failure> {
     let system: SystemId = "room/4".parse().map_err(|error| Failure::Error(format!("{error}")))?;
     systems::put(service, &system, json!({ "model": "room3" })).await.map_err(failed)?;
     windows::take(service, &system, Format::Csv, twin.csv, None).await.map_err(failed)?;
-    let submitted = submit::estimate(service, &system, false, Priority::Operator, &serde_json::Map::new(), None).await.map_err(failed)?;
+    let submitted =
+        submit::one(service, JobKind::Estimate, &system, false, Priority::Operator, &serde_json::Map::new(), None).await.map_err(failed)?;
     let (Submitted::New(job) | Submitted::Waiting(job)) = submitted else {
         return Err(Failure::Error("the job was refused".to_owned()));
     };

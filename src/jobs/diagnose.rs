@@ -1,0 +1,41 @@
+//! The work of a `diagnose` and of a `ladder` job: a fit of the base model first, then what it is missing. It
+//! runs on the CPU pool.
+
+use super::estimate::{Fitted, Stopped, fitted, invalid, stopped};
+use super::input::Input;
+use crate::diagnose::{self, DiagnoseError};
+use crate::estimate::Control;
+use crate::store::finish::{Finding, Report};
+
+/// Most effects that a ladder adds.
+const STEPS: usize = 3;
+
+/// Fits the base model and says which effect it is missing.
+///
+/// # Errors
+/// Where there is no fit to start from, the window does not serve, or somebody stopped it.
+pub fn run(input: &Input, control: &Control<'_>) -> Result<Finding, Stopped> {
+    let Fitted { window, problem, finding } = fitted(input, control)?;
+    let site = input.system.site();
+    let diagnosis = diagnose::diagnose(&input.catalogue, &problem, &finding.fit.theta(), &window, &site, control).map_err(halted)?;
+    Ok(Finding { report: Some(Report::Diagnosis(Box::new(diagnosis))), ..finding })
+}
+
+/// Fits the base model and adds effects while the error on unseen data falls.
+///
+/// # Errors
+/// Where there is no fit to start from, the window does not serve, or somebody stopped it.
+pub fn ladder(input: &Input, control: &Control<'_>) -> Result<Finding, Stopped> {
+    let Fitted { window, problem, finding } = fitted(input, control)?;
+    let site = input.system.site();
+    let ladder =
+        diagnose::ladder::ladder(&input.catalogue, &problem, &finding.fit.theta(), &window, &site, STEPS, control).map_err(halted)?;
+    Ok(Finding { report: Some(Report::Ladder(Box::new(ladder))), ..finding })
+}
+
+fn halted(error: DiagnoseError) -> Stopped {
+    match error {
+        DiagnoseError::Faults(faults) => Stopped::Failed(invalid(faults)),
+        DiagnoseError::Estimate(error) => stopped(&error),
+    }
+}
