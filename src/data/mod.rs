@@ -46,7 +46,7 @@ mod window;
 
 pub use block::CorruptBlock;
 pub use channel::{ChannelKind, Hold};
-pub use duration::{BadDuration, Duration};
+pub use duration::{BadDuration, Duration, Length};
 pub use grid::{Column, Grid};
 pub use header::{Bindings, ColumnHeader, ColumnUnit};
 pub use resample::{DEFAULT_MAX_GAP_STEPS, GridRequest};

@@ -1,9 +1,10 @@
 //! The system-identification step: a problem is asked, a search answers, a gate judges.
 //!
-//! `request` says what is wanted, `problem` puts model and window together, `run` drives the optimiser,
+//! `request` says what is wanted and `method` how it is searched, `problem` puts model and window together, `run` drives the optimiser,
 //! `metrics` and `uncertainty` describe what was found, `validate` decides, `served` is what may go out.
 
 pub mod fit;
+pub mod method;
 pub mod metrics;
 pub mod physics;
 pub mod problem;

@@ -17,6 +17,7 @@ use std::convert::Infallible;
 use std::time::Duration;
 use tokio::sync::mpsc;
 use tokio_stream::wrappers::ReceiverStream;
+use utoipa::ToSchema;
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
@@ -32,6 +33,28 @@ pub fn router() -> OpenApiRouter<Shared> {
     OpenApiRouter::new().routes(routes!(get_events))
 }
 
+/// One event of a job.
+#[derive(ToSchema)]
+#[expect(dead_code, reason = "describes the lines of the stream")]
+struct JobEvent {
+    #[schema(inline)]
+    event: JobEventName,
+    /// Where the job stood; `Last-Event-ID` with it leads on from there.
+    id: String,
+    /// JSON: a `Progress` of `progress`, a `Job` of all others.
+    data: String,
+}
+
+#[derive(ToSchema)]
+#[serde(rename_all = "lowercase")]
+#[expect(dead_code, reason = "describes the lines of the stream")]
+enum JobEventName {
+    Queued,
+    Started,
+    Progress,
+    Finished,
+}
+
 /// The events of a job: `queued`, `started`, `progress` at most four times a second, `finished`; then the stream ends.
 #[utoipa::path(
     get,
@@ -39,7 +62,7 @@ pub fn router() -> OpenApiRouter<Shared> {
     tag = "jobs",
     params(("id" = String, Path), ("Last-Event-ID" = Option<String>, Header, description = "The id of the last event that was seen")),
     responses(
-        (status = 200, description = "Server-sent events", body = String, content_type = "text/event-stream"),
+        (status = 200, description = "Server-sent events", body = JobEvent, content_type = "text/event-stream"),
         (status = 204, description = "The end was seen already: do not come back"),
         Problems,
     )

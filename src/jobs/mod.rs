@@ -5,15 +5,16 @@
 //!
 //! | file | what it does |
 //! |---|---|
-//! | `decode` | JSON with all its faults |
+//! | `decode`, `strict` | JSON with all its faults |
 //! | `systems`, `models`, `windows` | documents and measurements: checked here, kept by the store |
-//! | `request`, `submit` | what a job is asked to do, and how it enters the queue |
+//! | `body`, `request`, `submit` | what a job is asked to do, how that is read, and how it enters the queue |
 //! | `board` | who runs now: progress, cancellation, listeners |
 //! | `worker`, `input`, `estimate` | from the claim to the verdict |
 //! | `params` | the snapshot behind `/params` and the timer that turns it stale |
 //! | `schedule` | submits ordinary jobs when a row says so |
 
 pub mod board;
+pub mod body;
 pub mod decode;
 pub mod estimate;
 pub mod input;
@@ -21,6 +22,7 @@ pub mod models;
 pub mod params;
 pub mod request;
 pub mod schedule;
+mod strict;
 pub mod submit;
 pub mod systems;
 pub mod windows;

@@ -7,7 +7,8 @@
 use super::systems::{SystemDocument, document};
 use super::{JobsError, Service, blocking, now};
 use crate::data::SystemId;
-use crate::model::{Catalogue, Nominal};
+use crate::estimate::served::ServedError;
+use crate::model::{Catalogue, ModelId, Nominal};
 use crate::store::jobs::JobState;
 use crate::store::params::{FallbackRecord, RevisionRecord, Standing, standing, standings};
 use arc_swap::ArcSwap;
@@ -109,7 +110,6 @@ impl Status {
 #[schema(as = Params)]
 pub struct Body {
     /// The system.
-    #[schema(value_type = String, example = "room/4")]
     system: SystemId,
     /// Counts up by one with every set that is published.
     revision: Option<i64>,
@@ -118,6 +118,7 @@ pub struct Body {
     /// How much to trust it.
     status: Status,
     /// The model.
+    #[schema(value_type = ModelId)]
     model: Value,
     /// Values by name.
     #[schema(value_type = HashMap<String, Option<f64>>)]
@@ -132,7 +133,7 @@ pub struct Body {
     #[schema(value_type = Vec<String>)]
     flags: Value,
     /// Errors by output channel.
-    #[schema(value_type = Object)]
+    #[schema(value_type = HashMap<String, ServedError>)]
     error: Value,
     /// When it was found.
     #[schema(value_type = Option<String>, format = DateTime)]
