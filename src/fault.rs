@@ -4,9 +4,11 @@
 //! `errors` of a problem document, the command line as a list.
 
 use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
 
 /// A fault in a document, a window, an expression or a request.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[schema(as = ProblemFault)]
 pub struct Fault {
     /// Where: a JSON pointer (`/equations/T_r`), or `line 12` of a text.
     pub pointer: String,

@@ -16,7 +16,7 @@
 //! | [`jobs`] | requests | running work on the CPU pool |
 //! | [`http`] | all of it | the service |
 //!
-//! `units` and `fault` are leaves that every stage may use; [`app`] and the command line see everything.
+//! `units`, `fault` and `schema` are leaves that every stage may use; [`app`] and the command line see everything.
 //!
 //! # The invariants
 //! 1. A [`data::Window`] exists only through parsing, a [`model::Model`] only through compiling.
@@ -28,6 +28,7 @@
 //! Tests enforce who may import whom (`tests/layers.rs`).
 
 pub mod fault;
+mod schema;
 pub mod units;
 
 pub mod data;

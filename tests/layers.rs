@@ -19,11 +19,12 @@ const MAY_SEE: &[(&str, &[&str])] = &[
     ("http", &["model", "data", "estimate", "diagnose", "store", "jobs", "settings"]),
     ("settings", &[]),
     ("fault", &[]),
+    ("schema", &[]),
     ("units", &[]),
 ];
-const LEAVES: [&str; 2] = ["fault", "units"];
+const LEAVES: [&str; 3] = ["fault", "schema", "units"];
 /// The pure core: no async, no IO, no clock.
-const CORE: [&str; 9] = ["model", "data", "optimise", "simulate", "estimate", "diagnose", "twin", "fault", "units"];
+const CORE: [&str; 10] = ["model", "data", "optimise", "simulate", "estimate", "diagnose", "twin", "fault", "schema", "units"];
 const IMPURE: [&str; 10] =
     ["tokio::", "axum::", "sqlx::", "tower", "std::time", "std::fs", "std::net", "std::env", "SystemTime", "Timestamp::now"];
 const LONGEST_FILE: usize = 500;

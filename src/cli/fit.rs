@@ -52,7 +52,7 @@ fn word<T: serde::de::DeserializeOwned>(text: &str) -> Result<T, String> {
 }
 
 fn method(text: &str) -> Result<Method, String> {
-    serde_json::from_value(serde_json::json!({ "name": text })).map_err(|error| error.to_string())
+    serde_json::from_value(serde_json::json!({ text: {} })).map_err(|error| error.to_string())
 }
 
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {

@@ -4,9 +4,10 @@
 //! knows channels, `header` leads from columns to them.
 
 use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
 
 /// What a channel is between two samples.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Hold {
     /// A straight line from sample to sample: temperatures, weather, the sun.

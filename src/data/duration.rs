@@ -5,11 +5,18 @@ use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
 
+use crate::schema;
+
 const DAY: i64 = 86_400;
 const HOUR: i64 = 3_600;
 const MINUTE: i64 = 60;
-/// About two hundred years: longer than any record, and far from any overflow of seconds.
-const MAX_SECONDS: i64 = 73_050 * DAY;
+/// Most digits of a number.
+const MAX_DIGITS: usize = 5;
+/// The most days that can be written, 273 years: longer than any record, and far from any overflow of seconds.
+const MAX_SECONDS: i64 = 99_999 * DAY;
+/// The parts of a duration before and behind the `T`, in their order.
+const DATE: [(char, i64); 2] = [('W', 7 * DAY), ('D', DAY)];
+const TIME: [(char, i64); 3] = [('H', HOUR), ('M', MINUTE), ('S', 1)];
 
 /// A length of time in whole seconds, written as an ISO 8601 duration. A day has 24 hours.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default, Serialize, Deserialize)]
@@ -38,7 +45,7 @@ impl Duration {
     /// No time at all.
     pub const ZERO: Duration = Duration { seconds: 0 };
 
-    /// So many seconds; a negative number counts as none, and 200 years are the most.
+    /// So many seconds; a negative number counts as none, and 99,999 days are the most.
     pub const fn from_seconds(seconds: i64) -> Self {
         let seconds = if seconds < 0 { 0 } else { seconds };
         Self { seconds: if seconds > MAX_SECONDS { MAX_SECONDS } else { seconds } }
@@ -75,29 +82,57 @@ impl FromStr for Duration {
 
     fn from_str(text: &str) -> Result<Self, BadDuration> {
         let bad = |reason| BadDuration { text: text.to_owned(), reason };
-        // jiff also reads "7 days" and "-P7D"; the service documents ISO 8601 lengths only.
-        if !text.starts_with('P') || text.len() > 64 {
+        let Some(parts) = text.strip_prefix('P') else {
             return Err(bad("an ISO 8601 duration starts with `P`"));
-        }
-        let span: jiff::Span = text.parse().map_err(|_| bad("it cannot be read"))?;
-        if span.get_years() != 0 || span.get_months() != 0 {
+        };
+        let (date, time) = parts.split_once('T').map_or((parts, None), |(date, time)| (date, Some(time)));
+        if date.ends_with(['Y', 'M']) {
             return Err(bad("years and months have no fixed length; say it in days"));
         }
-        if span.get_milliseconds() != 0 || span.get_microseconds() != 0 || span.get_nanoseconds() != 0 {
-            return Err(bad("it must be whole seconds"));
+        if parts.is_empty() || time == Some("") {
+            return Err(bad("it says no length"));
         }
-        // The parser's own limits on every unit keep this sum far inside 64 bits.
-        let seconds = i64::from(span.get_weeks()) * 7 * DAY
-            + i64::from(span.get_days()) * DAY
-            + i64::from(span.get_hours()) * HOUR
-            + span.get_minutes() * MINUTE
-            + span.get_seconds();
-        if !(0..=MAX_SECONDS).contains(&seconds) {
-            return Err(bad("it must be between zero and 200 years"));
-        }
-        Ok(Self { seconds })
+        let seconds = sum(date, &DATE).zip(sum(time.unwrap_or_default(), &TIME)).map(|(days, rest)| days + rest);
+        seconds.map(Self::from_seconds).ok_or_else(|| bad("it is made of whole numbers of at most five digits"))
     }
 }
+
+/// The length of parts such as `6H30M`, which stand in the order of their units.
+fn sum(mut text: &str, units: &[(char, i64)]) -> Option<i64> {
+    let mut seconds = 0;
+    let mut units = units.iter();
+    while !text.is_empty() {
+        let digits = text.bytes().take_while(u8::is_ascii_digit).count();
+        let letter = text[digits..].chars().next()?;
+        let (_, unit) = units.find(|(name, _)| *name == letter)?;
+        if !(1..=MAX_DIGITS).contains(&digits) {
+            return None;
+        }
+        seconds += text[..digits].parse::<i64>().ok()? * unit;
+        text = &text[digits + 1..];
+    }
+    Some(seconds)
+}
+
+schema::is_text!(
+    Duration,
+    "Duration",
+    "^P(?=[0-9T])([0-9]{1,5}W)?([0-9]{1,5}D)?(T(?=[0-9])([0-9]{1,5}H)?([0-9]{1,5}M)?([0-9]{1,5}S)?)?$",
+    "P7D",
+    "A length of time, as ISO 8601 writes it. A day has 24 hours; whatever is longer than 99,999 days counts as that."
+);
+
+/// What the description calls a [`Duration`] that has to be longer than nothing.
+#[derive(Debug, Clone, Copy)]
+pub struct Length;
+
+schema::is_text!(
+    Length,
+    "Length",
+    "^P(?=.*[1-9])([0-9]{1,5}W)?([0-9]{1,5}D)?(T(?=[0-9])([0-9]{1,5}H)?([0-9]{1,5}M)?([0-9]{1,5}S)?)?$",
+    "PT6H",
+    "A length of time that is longer than nothing, as ISO 8601 writes it."
+);
 
 impl fmt::Display for Duration {
     /// Whole days from two days on (`P7D`), else hours and less (`PT24H`): horizons are spoken of in hours, records in days.
@@ -144,12 +179,39 @@ mod tests {
 
     #[test]
     fn texts_are_seconds() {
-        for (text, seconds) in
-            [("P7D", 604_800), ("PT30M", 1_800), ("P0D", 0), ("P1DT12H", 129_600), ("P2W", 1_209_600), ("PT24H", 86_400), ("PT90S", 90)]
-        {
+        for (text, seconds) in [
+            ("P7D", 604_800),
+            ("PT30M", 1_800),
+            ("P0D", 0),
+            ("P1DT12H", 129_600),
+            ("P2W", 1_209_600),
+            ("PT24H", 86_400),
+            ("PT90S", 90),
+            ("P1W2DT3M", 777_780),
+            ("P99999W", MAX_SECONDS),
+        ] {
             assert_eq!(text.parse::<Duration>().unwrap().seconds(), seconds, "{text}");
         }
-        for bad in ["", "7 days", "P", "PT", "-P7D", "P1M", "P1Y", "PT0.5S", "P99999999999999D", "7", "p7d", "P7D "] {
+        for bad in [
+            "",
+            "7 days",
+            "P",
+            "PT",
+            "-P7D",
+            "P1M",
+            "P1Y",
+            "PT0.5S",
+            "P99999999999999D",
+            "7",
+            "p7d",
+            "P7D ",
+            "P2D1W",
+            "PT5M6H",
+            "P7",
+            "PD",
+            "P١D",
+            "P6H",
+        ] {
             assert!(bad.parse::<Duration>().is_err(), "{bad}");
         }
     }

@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 use super::channel::{ChannelKind, KNOWN, canonical_unit, means_same_quantity};
 use crate::fault::{Fault, nearest};
 use crate::units::Unit;
+use utoipa::ToSchema;
 
 /// More columns than any building automation export has; it bounds the work on a hostile header.
 pub(super) const MAX_COLUMNS: usize = 1_000;
@@ -98,7 +99,7 @@ fn split_suffix(column: &str) -> Option<(&str, &'static str)> {
 }
 
 /// Which column feeds which channel, where the names alone do not say it.
-#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize, ToSchema)]
 #[serde(transparent)]
 pub struct Bindings(IndexMap<String, String>);
 

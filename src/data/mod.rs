@@ -58,7 +58,7 @@ pub use block::CorruptBlock;
 pub use calendar::{CALENDAR, add_calendar};
 pub use channel::{ChannelKind, Hold};
 pub use drops::{DROPS, add_drops};
-pub use duration::{BadDuration, Duration};
+pub use duration::{BadDuration, Duration, Length};
 pub use grid::{Column, Grid};
 pub use header::{Bindings, ColumnHeader, ColumnUnit};
 pub use layout::{Layout, LeftOut, NEIGHBOUR, Pair, Room, SAME_ROOM, Sensor, propose_layout};

@@ -6,6 +6,7 @@ use super::channel::{Hold, canonical_unit};
 use super::header::shown;
 use crate::fault::Fault;
 use crate::units::Unit;
+use utoipa::ToSchema;
 
 /// The most samples that one series holds: thirty years of one-minute data.
 pub(super) const MAX_SAMPLES: usize = 1 << 24;
@@ -31,7 +32,7 @@ pub struct Series {
 }
 
 /// What a report says about one channel. All times are in seconds, all values in `unit`.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct SeriesStatistics {
     /// The unit in which the channel is kept.
     pub unit: String,

@@ -4,8 +4,9 @@ use std::ops::Range;
 
 use serde::{Deserialize, Serialize};
 
-use super::duration::Duration;
+use super::duration::{Duration, Length};
 use crate::fault::Fault;
+use utoipa::ToSchema;
 
 /// Below this training time a short record gives up its test part, then shortens its validation.
 const ENOUGH_TRAINING: Duration = Duration::from_days(3);
@@ -13,10 +14,11 @@ const ENOUGH_TRAINING: Duration = Duration::from_days(3);
 const SHORT_VALIDATION: Duration = Duration::from_days(1);
 
 /// How long the parts of a record are meant to be.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct SplitRequest {
     /// The part on which parameters are estimated.
+    #[schema(value_type = Length)]
     pub train: Duration,
     /// The part behind it, on which a fit is judged.
     pub validation: Duration,
@@ -72,7 +74,7 @@ impl Split {
         if request.train.is_zero() {
             return Err(Fault::new("/split/train", "no-training", "the training part has no length").suggest("such as P21D"));
         }
-        // Durations end below 2^33 s and grids below 2^21 points: no sum or product below comes near an overflow.
+        // Durations end below 2^34 s and grids below 2^21 points: no sum or product below comes near an overflow.
         let points = |duration: Duration| (duration.seconds() as f64 / step as f64).round() as u64;
         let test = request.test.unwrap_or_default();
         let wanted = [points(request.train).max(1), points(request.validation), points(test)];

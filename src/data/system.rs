@@ -5,6 +5,8 @@ use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
 
+use crate::schema;
+
 const MAX_KIND: usize = 32;
 const MAX_ID: usize = 64;
 
@@ -146,6 +148,15 @@ impl TryFrom<String> for SystemPattern {
         text.parse()
     }
 }
+
+schema::is_text!(SystemId, "SystemName", "^[a-z]{1,32}/[A-Za-z0-9_-]{1,64}$", "room/4", "The name of a system: its kind and its id.");
+schema::is_text!(
+    SystemPattern,
+    "SystemPattern",
+    "^[a-z*]{1,32}/[A-Za-z0-9_*-]{1,64}$",
+    "room/*",
+    "The name of a system, in which `*` stands for any run of characters within a part."
+);
 
 fn is_kind_char(c: char) -> bool {
     c.is_ascii_lowercase()

@@ -8,6 +8,7 @@ use super::parse;
 use super::series::{Series, SeriesStatistics};
 use super::stamp::rfc3339;
 use crate::fault::{Fault, nearest};
+use utoipa::ToSchema;
 
 /// Measurements of one system: a series per channel, each with its own times.
 ///
@@ -20,7 +21,7 @@ pub struct Window {
 }
 
 /// What was found while reading a window, for its sender.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct WindowReport {
     /// Rows that were taken.
     pub rows: usize,
@@ -37,7 +38,7 @@ pub struct WindowReport {
 }
 
 /// A row that was left out.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct RejectedRow {
     /// The line of a CSV text, or the row of a JSON window, counted from 1.
     pub line: u64,

@@ -1,10 +1,12 @@
 //! What an estimation found, as the document that is stored, printed and compared.
 
+use crate::schema::Interval;
 use indexmap::IndexMap;
 use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
 
 /// Why a search ended.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Stop {
     /// Successive restarts agree on the optimum.
@@ -22,15 +24,17 @@ pub enum Stop {
 }
 
 /// One estimated or fixed parameter.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Estimate {
     /// Its value.
     pub value: f64,
     /// Its unit.
     pub unit: String,
     /// The 95 % confidence interval from AR-whitened residuals; `None` where the data do not determine it.
+    #[schema(value_type = Option<Interval>)]
     pub ci95: Option<[f64; 2]>,
     /// The interval that was searched.
+    #[schema(value_type = Interval)]
     pub bounds: [f64; 2],
     /// Whether the value lies within one per cent of a bound, on the parameter's scale.
     pub at_bound: bool,
@@ -39,7 +43,7 @@ pub struct Estimate {
 }
 
 /// Two parameters that the data can hardly tell apart.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct CorrelatedPair {
     /// The parameters.
     pub parameters: [String; 2],
@@ -48,7 +52,7 @@ pub struct CorrelatedPair {
 }
 
 /// The best cost after so many evaluations.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct TracePoint {
     /// Single-candidate simulations so far.
     pub evaluations: usize,
@@ -57,7 +61,7 @@ pub struct TracePoint {
 }
 
 /// The error at a forecast horizon, beside the error of persistence.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct AheadError {
     /// Root mean square error of the forecast from re-estimated states.
     pub rmse: f64,
@@ -68,7 +72,7 @@ pub struct AheadError {
 }
 
 /// The errors of one output. The free-run errors come from one simulation from the start of the window.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct OutputMetrics {
     /// Unit of the errors.
     pub unit: String,
@@ -89,7 +93,7 @@ pub struct OutputMetrics {
 }
 
 /// A part of the window, in times.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct Span {
     /// First instant, RFC 3339.
     pub from: String,
@@ -98,7 +102,7 @@ pub struct Span {
 }
 
 /// The parts of the window that were used for fitting and judging.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct Parts {
     /// Estimation data.
     pub train: Span,
@@ -109,7 +113,8 @@ pub struct Parts {
 }
 
 /// The result of an estimation.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[schema(as = FitBody)]
 pub struct Fit {
     /// The model's readable identity.
     pub model: String,

@@ -1,10 +1,12 @@
 //! The system-identification step: a problem is asked, a search answers, a gate judges.
 //!
-//! `request` says what is wanted, `problem` puts model and window together, `objective` weighs the residuals,
-//! `run` drives the optimiser until it or `stop` says that it is over, `metrics` and `uncertainty` describe what was found, `validate` decides, `served` is what may go out.
+//! `request` says what is wanted and `method` how it is searched, `problem` puts model and window together, `objective`
+//! weighs the residuals, `run` drives the optimiser until it or `stop` says that it is over, `metrics` and `uncertainty`
+//! describe what was found, `validate` decides, `served` is what may go out.
 
 pub mod degradation;
 pub mod fit;
+pub mod method;
 pub mod metrics;
 pub mod objective;
 pub mod physics;

@@ -1,19 +1,20 @@
 //! What a user asks for, in words that the command line, the jobs and their schedule share.
 
+pub use super::method::SeededMethod;
 use super::problem::{Choices, Problem, Source};
 use super::stop::EarlyStopping;
-use crate::data::{CALENDAR, DEFAULT_MAX_GAP_STEPS, Duration, GridRequest, Split, SplitRequest, Window, read_time};
+use crate::data::{CALENDAR, DEFAULT_MAX_GAP_STEPS, Duration, GridRequest, Length, Split, SplitRequest, Window, read_time};
 use crate::fault::Fault;
 use crate::model::{Bindings, Catalogue, Hold, ModelId, compile};
-use crate::optimise::Method;
+use crate::schema::Interval;
 use crate::simulate::drive::samples_back;
 use indexmap::IndexMap;
 use serde::{Deserialize, Serialize};
-use serde_json::{Map, Value};
 use std::collections::{BTreeMap, BTreeSet};
+use utoipa::ToSchema;
 
 /// What is minimised on the training part.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Objective {
     /// Mean square error of the free run (thesis eq. 6.6).
@@ -39,7 +40,7 @@ impl Objective {
 }
 
 /// What is known about the parameters before any data.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Prior {
     /// Nothing but the bounds.
@@ -51,7 +52,7 @@ pub enum Prior {
 }
 
 /// Where the search starts besides its random points.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum StartFrom {
     /// The parameters that are served now, if there are any.
@@ -61,43 +62,15 @@ pub enum StartFrom {
     Nominal,
 }
 
-/// A search method with its seed: `{"name": "cfa", "seed": 1, "n": 60}`. The default method needs no name.
-#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
-#[serde(try_from = "Map<String, Value>")]
-pub struct SeededMethod {
-    /// The same seed gives the same bits.
-    pub seed: u64,
-    /// The method and its hyperparameters.
-    #[serde(flatten)]
-    pub method: Method,
-}
-
-impl TryFrom<Map<String, Value>> for SeededMethod {
-    type Error = String;
-
-    fn try_from(mut fields: Map<String, Value>) -> Result<Self, String> {
-        let seed = match fields.shift_remove("seed") {
-            None => 0,
-            Some(seed) => seed.as_u64().ok_or_else(|| format!("the seed is a whole number from 0 on, not {seed}"))?,
-        };
-        let name = fields.entry("name").or_insert_with(|| Method::default().name().into());
-        if let Some(name) = name.as_str().filter(|name| !Method::NAMES.contains(name)) {
-            let known: Vec<String> = Method::NAMES.iter().map(|known| format!("`{known}`")).collect();
-            return Err(format!("unknown variant `{name}`: the methods of this version are {}", known.join(", ")));
-        }
-        let method: Method = serde_json::from_value(Value::Object(fields)).map_err(|error| error.to_string())?;
-        let faults: Vec<String> = method.faults().iter().map(|fault| format!("{} {}", fault.field, fault.detail)).collect();
-        if faults.is_empty() { Ok(Self { seed, method }) } else { Err(faults.join("; ")) }
-    }
-}
-
 /// How much may be spent.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Budget {
     /// Single-candidate simulations, those of Jacobian columns included.
+    #[schema(minimum = 1, maximum = 100_000_000)]
     pub evaluations: usize,
     /// Wall time.
+    #[schema(value_type = Option<Length>)]
     pub wall: Option<Duration>,
 }
 
@@ -108,19 +81,22 @@ impl Default for Budget {
 }
 
 /// Which measurements are used.
-#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct WindowRange {
     /// This long, counted back from the newest sample.
+    #[schema(value_type = Option<Length>)]
     pub last: Option<Duration>,
     /// From this instant (RFC 3339 with offset).
+    #[schema(format = DateTime)]
     pub from: Option<String>,
     /// To this instant.
+    #[schema(format = DateTime)]
     pub to: Option<String>,
 }
 
 /// An estimation as it is asked for. Every field has a default that serves.
-#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct EstimateRequest {
     /// The model; the system's own by default.
@@ -140,6 +116,7 @@ pub struct EstimateRequest {
     /// How much may be spent.
     pub budget: Budget,
     /// Other bounds than the model's.
+    #[schema(value_type = IndexMap<String, Interval>)]
     pub bounds: IndexMap<String, [f64; 2]>,
     /// Parameters that are not estimated.
     pub fixed: IndexMap<String, f64>,

@@ -4,6 +4,7 @@ use super::fit::{AheadError, Fit};
 use super::validate::{Acceptance, Holding};
 use indexmap::IndexMap;
 use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
 
 /// A validated parameter set, without the names and times that a store adds.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -17,7 +18,7 @@ pub struct ServedParameters {
 }
 
 /// The errors of one output, as served.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ServedError {
     /// Unit of the errors.
     pub unit: String,

@@ -5,17 +5,20 @@
 
 use crate::fault::Fault;
 use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
 
 /// Longest patience.
 const MOST_PATIENCE: usize = 1_000_000;
 
 /// When a search is stopped although its budget and its method would let it go on.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct EarlyStopping {
     /// So many generations without an improvement end the search; generations as the job's progress counts them.
+    #[schema(minimum = 1, maximum = 1_000_000)]
     pub patience: usize,
     /// An improvement lowers the watched error by at least this share.
+    #[schema(minimum = 0, exclusive_maximum = 1)]
     pub min_delta: f64,
     /// Watches the error of the best candidate on the validation part instead of the cost, and keeps the candidate
     /// with the lowest one. The validation part is then no longer unseen, and the fit says so.

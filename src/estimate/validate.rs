@@ -15,6 +15,7 @@ use crate::simulate::Trajectory;
 use indexmap::IndexMap;
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
+use utoipa::ToSchema;
 
 /// The parameters that are served now.
 #[derive(Debug, Clone, PartialEq)]
@@ -39,7 +40,7 @@ impl Default for Policy {
 }
 
 /// What a failed check does.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Severity {
     /// The fit is refused for good.
@@ -51,7 +52,7 @@ pub enum Severity {
 }
 
 /// One check of the gate.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct CheckResult {
     /// The rule, `G4 beats persistence`.
     pub name: String,

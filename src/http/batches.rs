@@ -50,7 +50,6 @@ pub struct BatchAnswer {
     request: Value,
     jobs: Vec<BatchRow>,
     /// Systems that were left out.
-    #[schema(value_type = Vec<SkippedSystem>)]
     skipped: Vec<store::batches::Skipped>,
     #[schema(value_type = String, format = DateTime)]
     created_at: Timestamp,
@@ -79,22 +78,12 @@ struct Refusal {
     why: String,
 }
 
-/// A system that was left out.
-#[derive(Debug, ToSchema)]
-#[expect(dead_code, reason = "describes `Skipped`")]
-struct SkippedSystem {
-    system: String,
-    why: String,
-}
-
 /// One job of a batch.
 #[derive(Debug, Serialize, ToSchema)]
 struct BatchRow {
     job: String,
     system: String,
-    #[schema(value_type = String)]
     state: JobState,
-    #[schema(value_type = Option<String>)]
     outcome: Option<Outcome>,
     fit: Option<String>,
     /// The gate's sentence, or the reason of a failure.

@@ -25,7 +25,7 @@ use std::convert::Infallible;
 use std::time::Duration;
 use tokio::sync::{mpsc, watch};
 use tokio_stream::wrappers::ReceiverStream;
-use utoipa::IntoParams;
+use utoipa::{IntoParams, ToSchema};
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
@@ -97,6 +97,29 @@ struct IncumbentData<'a> {
     parameters: &'a IndexMap<String, f64>,
 }
 
+/// One event of a job.
+#[derive(ToSchema)]
+#[expect(dead_code, reason = "describes the lines of the stream")]
+struct JobEvent {
+    #[schema(inline)]
+    event: JobEventName,
+    /// `Last-Event-ID` with it leads on from there.
+    id: String,
+    /// JSON: a `Progress` of `progress`, the best parameters of `incumbent`, a `Job` of all others.
+    data: String,
+}
+
+#[derive(ToSchema)]
+#[serde(rename_all = "lowercase")]
+#[expect(dead_code, reason = "describes the lines of the stream")]
+enum JobEventName {
+    Queued,
+    Started,
+    Progress,
+    Incumbent,
+    Finished,
+}
+
 /// The events of a job until its end; then the stream ends.
 ///
 /// `queued`, `started` and `finished` carry the job, `progress` how far it has come, `incumbent` the best parameters so far by name.
@@ -111,7 +134,7 @@ struct IncumbentData<'a> {
         ("Last-Event-ID" = Option<String>, Header, description = "The id of the last event that was seen"),
     ),
     responses(
-        (status = 200, description = "Server-sent events", body = String, content_type = "text/event-stream"),
+        (status = 200, description = "Server-sent events", body = JobEvent, content_type = "text/event-stream"),
         (status = 204, description = "The end was seen already: do not come back"),
         Problems,
     )

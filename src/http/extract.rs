@@ -3,15 +3,20 @@
 use super::Shared;
 use super::problem::ApiError;
 use crate::data::SystemId;
-use crate::fault::{Fault, nearest};
-use crate::jobs::{blocking, decode};
+use crate::fault::Fault;
+use crate::jobs::blocking;
+use crate::jobs::decode::{self, Unread};
 use crate::store::idempotency::RequestKey;
 use axum::body::{Body, Bytes, to_bytes};
-use axum::extract::{FromRequest, FromRequestParts, Path, Query, Request};
+use axum::extract::{FromRequest, FromRequestParts, MatchedPath, Path, Query, Request, State};
 use axum::http::request::Parts;
 use axum::http::{HeaderMap, Method, header};
+use axum::middleware::Next;
+use axum::response::{IntoResponse, Response};
 use serde::de::DeserializeOwned;
-use serde_json::Value;
+use serde_json::{Map, Value};
+use std::collections::BTreeSet;
+use std::sync::Arc;
 
 /// JSON beyond this size is parsed off the async threads.
 const LARGE: usize = 64 << 10;
@@ -45,7 +50,7 @@ pub struct Empty {
     pub key: Option<RequestKey>,
 }
 
-/// The query, of which every unknown field is a fault.
+/// The query, of which every fault is named.
 #[derive(Debug)]
 pub struct Asked<T>(pub T);
 
@@ -64,7 +69,7 @@ impl FromRequest<Shared> for Json {
         let body = read(&parts.headers, body, service.settings.limits.body_bytes).await?;
         let key = key(&parts, &body)?;
         let value = if body.len() > LARGE { blocking(move || decode::parse(&body)).await? } else { decode::parse(&body) };
-        Ok(Self { value: value.map_err(ApiError::Malformed)?, key })
+        Ok(Self { value: value.map_err(unread)?, key })
     }
 }
 
@@ -96,24 +101,41 @@ impl FromRequest<Shared> for Empty {
 impl<T: DeserializeOwned> FromRequestParts<Shared> for Asked<T> {
     type Rejection = ApiError;
 
-    async fn from_request_parts(parts: &mut Parts, service: &Shared) -> Result<Self, ApiError> {
-        match Query::<T>::from_request_parts(parts, service).await {
-            Ok(Query(asked)) => Ok(Self(asked)),
-            Err(rejection) => {
-                let text = rejection.body_text();
-                let detail = text.split_once(": ").map_or(text.as_str(), |(_, detail)| detail);
-                let fault = Fault::new("query", "invalid-query", detail.chars().take(300).collect::<String>());
-                // The message names the unknown field first, then those that there are.
-                let mut names = detail.split('`').skip(1).step_by(2);
-                let unknown = names.next().filter(|_| detail.contains("unknown field"));
-                let near = unknown.and_then(|unknown| nearest(unknown, names));
-                Err(ApiError::Invalid(vec![match near {
-                    Some(near) => fault.suggest(format!("did you mean `{near}`?")),
-                    None => fault,
-                }]))
+    async fn from_request_parts(parts: &mut Parts, _: &Shared) -> Result<Self, ApiError> {
+        let mut faults = Vec::new();
+        let mut fields = Map::new();
+        for (name, text) in pairs(parts)? {
+            if fields.contains_key(&name) {
+                faults.push(Fault::new(format!("/{name}"), "duplicate-field", "the name is there twice, and only one can be meant"));
+            }
+            fields.insert(name, text.into());
+        }
+        match self::fields(fields) {
+            Ok(asked) if faults.is_empty() => Ok(Self(asked)),
+            asked => {
+                faults.extend(asked.err().into_iter().flatten());
+                Err(ApiError::Invalid(faults.into_iter().map(in_query).collect()))
             }
         }
     }
+}
+
+/// Reads the fields of a query. They are texts; where a number or a truth value is wanted, the text is read as one.
+fn fields<T: DeserializeOwned>(mut fields: Map<String, Value>) -> Result<T, Vec<Fault>> {
+    let faults = match decode::decode(Value::Object(fields.clone())) {
+        Ok(read) => return Ok(read),
+        Err(faults) => faults,
+    };
+    let mut is_another = false;
+    for fault in faults.iter().filter(|fault| fault.code == "wrong-type") {
+        if let Some(field) = fields.get_mut(fault.pointer.trim_start_matches('/'))
+            && let Some(Ok(value @ (Value::Number(_) | Value::Bool(_)))) = field.as_str().map(|text| decode::parse(text.as_bytes()))
+        {
+            *field = value;
+            is_another = true;
+        }
+    }
+    if is_another { decode::decode(Value::Object(fields)) } else { Err(faults) }
 }
 
 impl FromRequestParts<Shared> for Named {
@@ -171,6 +193,13 @@ fn media_range(text: &str) -> (&str, f32) {
     (range, weight.map_or(1.0, |weight| weight.parse().unwrap_or(0.0)))
 }
 
+fn unread(error: Unread) -> ApiError {
+    match error {
+        Unread::Malformed(fault) => ApiError::Malformed(fault),
+        Unread::Repeated(faults) => ApiError::Invalid(faults),
+    }
+}
+
 /// The media type of a body without its parameters.
 fn media_type(headers: &HeaderMap) -> String {
     let text = headers.get(header::CONTENT_TYPE).and_then(|value| value.to_str().ok()).unwrap_or_default();
@@ -202,13 +231,48 @@ fn key(parts: &Parts, body: &[u8]) -> Result<Option<RequestKey>, ApiError> {
         return Ok(None);
     };
     let fault = |detail: &str| ApiError::Invalid(vec![Fault::new("header Idempotency-Key", "invalid-key", detail)]);
-    let key = value.to_str().map_err(|_| fault("a key is made of visible ASCII characters"))?.trim();
+    let key =
+        value.to_str().ok().filter(|key| !key.contains('\t')).ok_or_else(|| fault("a key is made of visible ASCII characters"))?.trim();
     if key.is_empty() || key.len() > LONGEST_KEY {
         return Err(fault("a key has 1 to 255 characters"));
     }
     let mut hasher = blake3::Hasher::new();
     hasher.update(parts.method.as_str().as_bytes()).update(b" ").update(parts.uri.path().as_bytes()).update(b"\n").update(body);
     Ok(Some(RequestKey { key: key.to_owned(), fingerprint: hasher.finalize().to_hex().to_string() }))
+}
+
+/// Refuses a query where the description of the path knows none.
+pub async fn refuse_unknown(State(asking): State<Arc<BTreeSet<(String, &'static str)>>>, request: Request, next: Next) -> Response {
+    let (parts, body) = request.into_parts();
+    if parts.uri.query().is_some_and(|query| !query.is_empty()) {
+        let method = if parts.method == Method::HEAD { "GET" } else { parts.method.as_str() };
+        let path = parts.extensions.get::<MatchedPath>().map(MatchedPath::as_str).unwrap_or_default();
+        if !asking.iter().any(|(known, with)| known == path && *with == method) {
+            return match pairs(&parts) {
+                Ok(pairs) => ApiError::Invalid(pairs.into_iter().map(|(name, _)| unknown(&name)).collect()).into_response(),
+                Err(error) => error.into_response(),
+            };
+        }
+    }
+    next.run(Request::from_parts(parts, body)).await
+}
+
+/// A query that a path does not know.
+pub fn unknown(name: &str) -> Fault {
+    let name: String = name.chars().take(60).collect();
+    in_query(Fault::new(format!("/{name}"), "unknown-field", "this path knows no query"))
+}
+
+fn pairs(parts: &Parts) -> Result<Vec<(String, String)>, ApiError> {
+    let Query(pairs) = Query::try_from_uri(&parts.uri)
+        .map_err(|error| ApiError::Invalid(vec![Fault::new("query", "invalid-query", error.body_text())]))?;
+    Ok(pairs)
+}
+
+/// The same fault, with its place as a client sees it.
+fn in_query(fault: Fault) -> Fault {
+    let name = fault.pointer.trim_start_matches('/');
+    Fault { pointer: if name.is_empty() { "query".to_owned() } else { format!("query {name}") }, ..fault }
 }
 
 #[cfg(test)]

@@ -1,8 +1,11 @@
 //! What was found, and what the gate says of it.
 
 use super::Shared;
+use super::description::With;
 use super::problem::{ApiError, Problems};
+use crate::data::SystemId;
 use crate::estimate::Fit;
+use crate::estimate::validate::CheckResult;
 use crate::jobs::Service;
 use crate::store;
 use crate::store::decisions::Decision;
@@ -10,7 +13,6 @@ use axum::extract::{Path, State};
 use jiff::Timestamp;
 use serde::Serialize;
 use serde_json::Value;
-use std::collections::HashMap;
 use utoipa::ToSchema;
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
@@ -23,18 +25,18 @@ pub fn router() -> OpenApiRouter<Shared> {
 /// A fit with its verdict.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = Fit)]
-pub struct FitAnswer {
+pub struct FitVerdict {
     id: String,
     /// The job that found it.
     job: String,
     /// The system.
-    system: String,
+    system: SystemId,
     /// `accepted`, `unchanged`, `held` or `rejected`.
     verdict: String,
     /// The verdict in a sentence.
     summary: String,
-    /// Every check: name, statistic, operator, threshold, unit, pass, comment.
-    #[schema(value_type = Vec<Object>)]
+    /// Every check of the gate.
+    #[schema(value_type = Vec<CheckResult>)]
     checks: Value,
     /// Whether it passed and waits for an operator: `POST /fits/{id}/promote` or `reject`.
     waits_for_operator: bool,
@@ -44,9 +46,6 @@ pub struct FitAnswer {
     windows: Vec<String>,
     #[schema(value_type = String, format = DateTime)]
     created_at: Timestamp,
-    #[serde(flatten)]
-    #[schema(value_type = FitBody)]
-    fit: Fit,
 }
 
 /// An operator's word.
@@ -54,7 +53,6 @@ pub struct FitAnswer {
 #[schema(as = FitDecision)]
 struct DecisionAnswer {
     /// `promoted` or `rejected`.
-    #[schema(value_type = String)]
     decision: Decision,
     /// Why.
     reason: String,
@@ -63,50 +61,7 @@ struct DecisionAnswer {
     decided_at: Timestamp,
 }
 
-/// What was found.
-#[derive(Debug, ToSchema)]
-#[expect(dead_code, reason = "describes `estimate::Fit`, which knows nothing of HTTP")]
-struct FitBody {
-    /// The model.
-    model: String,
-    /// Hash of its content.
-    model_hash: String,
-    /// What was left out because its channels are not there.
-    dropped: Vec<String>,
-    /// Value, unit, ci95, bounds, at_bound and fixed by name.
-    #[schema(value_type = HashMap<String, Object>)]
-    parameters: HashMap<String, Value>,
-    /// Pairs that the data can hardly tell apart.
-    #[schema(value_type = Vec<Object>)]
-    correlated: Vec<Value>,
-    /// The name of the optimiser.
-    method: String,
-    /// The objective: `mse`, `swmse` or `nmse`.
-    objective: String,
-    /// The best cost.
-    cost: f64,
-    /// Why the search ended.
-    stopped_by: String,
-    /// The seed of the search.
-    seed: u64,
-    /// Single-candidate simulations.
-    evaluations: u64,
-    /// The best cost after so many evaluations.
-    #[schema(value_type = Vec<Object>)]
-    trace: Vec<Value>,
-    /// Errors by output channel.
-    #[schema(value_type = HashMap<String, Object>)]
-    metrics: HashMap<String, Value>,
-    /// The parts of the window.
-    #[schema(value_type = Object)]
-    parts: Value,
-    /// Hash of the stitched input.
-    input_hash: String,
-    /// What a user should know.
-    remarks: Vec<String>,
-    /// Parameters that were fixed because the data do not determine them.
-    non_identifiable: Vec<String>,
-}
+pub type FitAnswer = With<FitVerdict, Fit>;
 
 /// One fit.
 #[utoipa::path(get, path = "/fits/{id}", tag = "fits", params(("id" = String, Path)), responses((status = 200, body = FitAnswer), Problems))]
@@ -119,17 +74,17 @@ pub async fn answer(service: &Service, id: &str) -> Result<axum::Json<FitAnswer>
     let record = store::fits::get(&service.store, id).await?.ok_or_else(|| ApiError::NotFound("fit", id.to_owned()))?;
     let (waits_for_operator, decision) = store::decisions::of(&service.store, id).await?;
     let windows = store::windows::cited(&service.store, id).await?;
-    Ok(axum::Json(FitAnswer {
+    let own = FitVerdict {
         windows,
         id: record.id,
         job: record.job,
-        system: record.system.to_string(),
+        system: record.system,
         verdict: record.verdict,
         summary: record.summary,
         checks: record.checks,
         waits_for_operator,
         decision: decision.map(|record| DecisionAnswer { decision: record.decision, reason: record.reason, decided_at: record.decided_at }),
         created_at: record.created_at,
-        fit: record.fit,
-    }))
+    };
+    Ok(axum::Json(With { own, document: record.fit }))
 }

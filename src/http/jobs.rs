@@ -4,15 +4,16 @@ use super::Shared;
 use super::batches::BatchAnswer;
 use super::extract::{Asked, Empty, Json};
 use super::page::{Page, PageQuery};
-use super::problem::{ApiError, Problems};
+use super::problem::{ApiError, PROBLEM_JSON, Problem, Problems};
 use crate::data::SystemId;
-use crate::fault::{Fault, nearest};
 use crate::jobs::board::Report;
+use crate::jobs::body::JobBody;
 use crate::jobs::request::{self, JobRequest};
 use crate::jobs::{Service, submit};
+use crate::model::ModelId;
 use crate::store;
 use crate::store::batches::SubmittedBatch;
-use crate::store::jobs::{Filter, JobKind, JobRecord, JobState, Outcome, Submitted};
+use crate::store::jobs::{Filter, JobKind, JobRecord, JobState, Origin, Outcome, Priority, Submitted};
 use axum::extract::{Path, State};
 use axum::http::{HeaderName, StatusCode, header};
 use axum::response::{IntoResponse, Response};
@@ -33,78 +34,20 @@ pub fn router() -> OpenApiRouter<Shared> {
         .routes(routes!(retry_job))
 }
 
-/// What a job is asked to do. Everything but `kind` and `system` (or `systems`) has a default that serves.
-#[derive(Debug, ToSchema)]
-#[expect(dead_code, reason = "describes what `jobs::request` reads; a test keeps the two alike")]
-pub struct JobBody {
-    /// `estimate`, `diagnose` (which effect is missing?) or `ladder` (effects one after another) for one system,
-    /// `recalibrate` for several.
-    #[schema(example = "estimate")]
-    kind: String,
-    /// The system of an estimate.
-    #[schema(example = "room/4")]
-    system: Option<String>,
-    /// The systems of a recalibration.
-    #[schema(example = json!(["room/*"]))]
-    systems: Option<Vec<String>>,
-    /// Never alters what is served.
-    experiment: Option<bool>,
-    /// Who goes first: `interactive` where somebody waits for it, `operator` by default, `nightly` where nobody does.
-    priority: Option<String>,
-    /// The model; the system's own by default.
-    model: Option<String>,
-    /// Which measurements: `last`, or `from` and `to`; all by default.
-    #[schema(value_type = Option<Object>, example = json!({"last": "P28D"}))]
-    window: Option<Value>,
-    /// How they are parted.
-    #[schema(value_type = Option<Object>, example = json!({"train": "P21D", "validation": "P7D"}))]
-    split: Option<Value>,
-    /// What is minimised: `mse`, `swmse` (weighted by the correlation of the shapes) or `nmse` (over the variance of
-    /// the measurements, averaged over the outputs).
-    objective: Option<String>,
-    /// What is known beforehand: `none` or `log_normal`.
-    prior: Option<String>,
-    /// How it is searched, with its seed and hyperparameters by name. The same seed gives the same bits.
-    #[schema(value_type = Option<Object>, example = json!({"name": "cfa", "seed": 1}))]
-    method: Option<Value>,
-    /// When the search stops although budget and method would let it go on: so many generations (`patience`, 50)
-    /// without lowering the cost by a share (`min_delta`, 0.001); with `validation` the error on the validation part
-    /// is watched and its best candidate kept. `{}` takes these defaults; without it the method alone decides.
-    #[schema(value_type = Option<Object>, example = json!({"patience": 50, "min_delta": 0.001, "validation": false}))]
-    early_stopping: Option<Value>,
-    /// How much may be spent.
-    #[schema(value_type = Option<Object>, example = json!({"evaluations": 20000, "wall": "PT10M"}))]
-    budget: Option<Value>,
-    /// Other bounds than the model's.
-    #[schema(example = json!({"alpha_h": [0.001, 15.0]}))]
-    bounds: Option<HashMap<String, [f64; 2]>>,
-    /// Parameters that are not estimated.
-    fixed: Option<HashMap<String, f64>>,
-    /// Where the search starts: `current` or `nominal`.
-    start_from: Option<String>,
-}
-
 /// A job.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = Job)]
 pub struct JobAnswer {
     id: String,
-    #[schema(value_type = String, example = "estimate")]
     kind: JobKind,
-    #[schema(value_type = String, example = "room/4")]
     system: SystemId,
-    model: String,
-    /// `queued`, `running`, `succeeded`, `failed` or `cancelled`.
-    #[schema(value_type = String)]
+    model: ModelId,
     state: JobState,
-    /// `accepted`, `held`, `rejected`, `suggested` or `unchanged`; `null` unless an estimate succeeded.
-    #[schema(value_type = Option<String>)]
+    /// What it led to; `null` unless an estimate succeeded.
     outcome: Option<Outcome>,
     experiment: bool,
-    /// `posted` or `scheduled`.
-    origin: &'static str,
-    /// `interactive`, `operator` or `nightly`.
-    priority: &'static str,
+    origin: Origin,
+    priority: Priority,
     /// What was asked, with all defaults filled in.
     #[schema(value_type = Object)]
     request: Value,
@@ -121,7 +64,6 @@ pub struct JobAnswer {
     /// The revision that it published.
     revision: Option<i64>,
     /// Why it failed.
-    #[schema(value_type = Option<JobError>)]
     error: Option<store::jobs::JobFailure>,
     /// How often it was started.
     attempt: i64,
@@ -139,16 +81,14 @@ pub struct JobAnswer {
     links: HashMap<&'static str, String>,
 }
 
-/// Why a job failed.
-#[derive(Debug, ToSchema)]
-#[expect(dead_code, reason = "describes `JobFailure`")]
-struct JobError {
-    /// A stable slug, such as `diverged`.
-    code: String,
-    /// A sentence.
-    detail: String,
-    /// Every fault, where that is the reason.
-    errors: Option<Vec<super::problem::ProblemFault>>,
+/// What a request became: a job, or a batch of them.
+#[derive(ToSchema)]
+#[schema(as = Submitted)]
+#[serde(untagged)]
+#[expect(dead_code, reason = "describes the two answers of `post_job`")]
+enum SubmittedAnswer {
+    Job(Box<JobAnswer>),
+    Batch(Box<BatchAnswer>),
 }
 
 /// Which jobs are listed.
@@ -157,12 +97,11 @@ struct JobError {
 #[into_params(parameter_in = Query)]
 struct JobQuery {
     /// Only those that stand so.
-    state: Option<String>,
+    state: Option<JobState>,
     /// Only those of this system.
-    #[param(example = "room/4")]
-    system: Option<String>,
+    system: Option<SystemId>,
     /// Only those of this kind.
-    kind: Option<String>,
+    kind: Option<JobKind>,
     /// Items per page, 50 by default, at most 500.
     #[param(minimum = 1, maximum = 500)]
     page_size: Option<i64>,
@@ -191,12 +130,12 @@ impl JobAnswer {
         let wall = job.started_at.zip(job.ended_at).map(|(start, end)| end.duration_since(start).as_secs_f64().max(0.0));
         Self {
             kind: job.kind,
-            model: job.model.to_string(),
+            model: job.model,
             state: job.state,
             outcome: job.outcome,
             experiment: job.experiment,
-            origin: job.origin.word(),
-            priority: job.priority.word(),
+            origin: job.origin,
+            priority: job.priority,
             request: job.request,
             progress,
             stopped_by: job.stopped_by,
@@ -232,7 +171,8 @@ pub async fn require(service: &Service, id: &str) -> Result<JobRecord, ApiError>
     request_body = JobBody,
     responses(
         (status = 200, description = "An equal job waits already", body = JobAnswer),
-        (status = 202, description = "It waits; `Location` leads to it. A recalibration answers with its batch", body = JobAnswer, headers(("Location" = String))),
+        (status = 202, description = "It waits; `Location` leads to it. A recalibration answers with its batch", body = SubmittedAnswer, headers(("Location" = String))),
+        (status = 429, description = "So many jobs wait already; `Retry-After` says when to ask again", body = Problem, content_type = PROBLEM_JSON),
         Problems,
     )
 )]
@@ -287,42 +227,10 @@ fn status(code: u16) -> StatusCode {
 #[utoipa::path(get, path = "/jobs", tag = "jobs", params(JobQuery), responses((status = 200, body = Page<JobAnswer>), Problems))]
 async fn list_jobs(State(service): State<Shared>, Asked(query): Asked<JobQuery>) -> Result<axum::Json<Page<JobAnswer>>, ApiError> {
     let page = PageQuery { page_size: query.page_size, page_token: query.page_token };
-    let mut faults = Vec::new();
-    let filter = Filter {
-        state: word(query.state.as_deref(), "state", JobState::ALL.iter().map(|state| (*state).word()), &mut faults),
-        kind: word(query.kind.as_deref(), "kind", JobKind::ALL.iter().map(|kind| (*kind).word()), &mut faults),
-        system: query.system.as_deref().and_then(|text| {
-            let parsed = text.parse::<SystemId>();
-            parsed.map_err(|error| faults.push(Fault::new("query system", "invalid-system", error.to_string()))).ok()
-        }),
-    };
-    if !faults.is_empty() {
-        return Err(ApiError::Invalid(faults));
-    }
+    let filter = Filter { state: query.state, kind: query.kind, system: query.system };
     let size = page.size()?;
     let records = store::jobs::page(&service.store, &filter, page.before()?, size + 1).await?;
     Ok(axum::Json(Page::of(records, size, |record| record.sequence.to_string(), |record| JobAnswer::of(&service, record))))
-}
-
-/// A word of the query that must be one of some.
-fn word<T: std::str::FromStr<Err: std::fmt::Display>>(
-    text: Option<&str>,
-    field: &str,
-    known: impl Iterator<Item = &'static str>,
-    faults: &mut Vec<Fault>,
-) -> Option<T> {
-    let text = text?;
-    match text.parse() {
-        Ok(value) => Some(value),
-        Err(error) => {
-            let fault = Fault::new(format!("query {field}"), "unknown-value", T::Err::to_string(&error));
-            faults.push(match nearest(text, known) {
-                Some(near) => fault.suggest(format!("did you mean `{near}`?")),
-                None => fault,
-            });
-            None
-        }
-    }
 }
 
 /// One job.
@@ -363,22 +271,4 @@ async fn cancel_job(State(service): State<Shared>, Path(id): Path<String>, _body
 )]
 async fn retry_job(State(service): State<Shared>, Path(id): Path<String>, body: Empty) -> Result<Response, ApiError> {
     job_answer(&service, submit::retry(&service, &id, body.key.as_ref()).await?).await
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::estimate::EstimateRequest;
-    use std::collections::BTreeSet;
-    use utoipa::PartialSchema;
-
-    #[test]
-    fn the_documented_body_has_the_fields_that_are_read() {
-        let documented = serde_json::to_value(JobBody::schema()).unwrap();
-        let documented: BTreeSet<String> = documented["properties"].as_object().unwrap().keys().cloned().collect();
-        let mut read: BTreeSet<String> =
-            serde_json::to_value(EstimateRequest::default()).unwrap().as_object().unwrap().keys().cloned().collect();
-        read.extend(["kind", "system", "systems", "experiment", "priority"].map(str::to_owned));
-        assert_eq!(documented, read);
-    }
 }

@@ -5,6 +5,7 @@
 
 mod batches;
 mod decisions;
+mod description;
 mod diagnoses;
 mod docs;
 mod events;
@@ -52,7 +53,7 @@ const REQUEST_TIMEOUT: Duration = Duration::from_secs(30);
         title = "Lampyris",
         description = "Estimation service for model predictive control: measurements in, validated grey-box parameters out. Errors are problem documents (RFC 9457) that list all faults at once."
     ),
-    components(schemas(problem::Problem, problem::ProblemFault))
+    components(schemas(problem::Problem))
 )]
 struct Frame;
 
@@ -84,10 +85,12 @@ fn layered() -> OpenApiRouter<Shared> {
 
 /// The whole surface.
 pub fn router(service: Shared) -> Router {
-    let (layered, _) = layered().split_for_parts();
+    let (layered, described) = layered().split_for_parts();
+    let asking = Arc::new(description::queries(described));
     let (lean, _) = lean().split_for_parts();
     // The layer that is named last is the outermost.
     layered
+        .layer(axum::middleware::from_fn_with_state(asking, extract::refuse_unknown))
         .layer(CatchPanicLayer::custom(panicked))
         .layer(TimeoutLayer::with_status_code(StatusCode::SERVICE_UNAVAILABLE, REQUEST_TIMEOUT))
         .layer(axum::middleware::map_response(problem::as_problem))
@@ -100,12 +103,15 @@ pub fn router(service: Shared) -> Router {
         .with_state(service)
 }
 
+fn described() -> utoipa::openapi::OpenApi {
+    description::completed(lean().merge(layered()).into_openapi())
+}
+
 /// The description of the surface, as it is served and committed.
 pub fn openapi_yaml() -> String {
     static TEXT: LazyLock<String> = LazyLock::new(|| {
-        let description = lean().merge(layered()).into_openapi();
         // The description is made of texts and numbers; a failure to print it shows in the test that compares it.
-        description.to_yaml().unwrap_or_default()
+        described().to_yaml().unwrap_or_default()
     });
     TEXT.clone()
 }
@@ -118,7 +124,7 @@ pub fn openapi_json() -> String {
 
 /// Every path with its methods in lower case, for the tests of the description.
 pub fn described_paths() -> Vec<(String, Vec<String>)> {
-    let description = serde_json::to_value(lean().merge(layered()).into_openapi()).unwrap_or_default();
+    let description = serde_json::to_value(described()).unwrap_or_default();
     let paths = description.get("paths").and_then(serde_json::Value::as_object).cloned().unwrap_or_default();
     paths.into_iter().map(|(path, item)| (path, item.as_object().map(|item| item.keys().cloned().collect()).unwrap_or_default())).collect()
 }

@@ -3,17 +3,19 @@
 use super::Shared;
 use super::extract::{Asked, Json};
 use super::page::{Page, PageQuery};
-use super::problem::{ApiError, Problems};
+use super::problem::{ApiError, PROBLEM_JSON, Problem, Problems};
 use crate::fault::Fault;
 use crate::jobs::{blocking, models};
-use crate::model::spec::{EffectSpec, ModelDocument};
-use crate::model::{Model, ModelId, Nominal};
+use crate::model::spec::{EffectSpec, InputSpec, ModelDocument, ParameterSpec};
+use crate::model::{Hold, Input, Model, ModelId, Nominal, Output, Parameter, Scale};
+use crate::schema::Interval;
 use crate::store;
 use axum::extract::{Path, State};
 use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use serde::Serialize;
-use serde_json::{Value, json};
+use serde_json::Value;
+use std::collections::HashMap;
 use utoipa::ToSchema;
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
@@ -46,27 +48,100 @@ struct ModelRow {
 #[schema(as = Model)]
 struct ModelAnswer {
     /// Its id.
-    id: String,
+    id: ModelId,
     /// A title for people.
     title: String,
     /// The model that it was made from, where an effect was added.
-    parent: Option<String>,
+    parent: Option<ModelId>,
     /// What was added.
+    #[schema(value_type = Option<ModelDiff>)]
     diff: Option<Value>,
     /// Hash of its content.
     hash: String,
     /// The effects that take part.
     effects: Vec<String>,
     /// States with their units.
-    states: Vec<Value>,
+    states: Vec<ModelState>,
     /// Inputs with channels and units.
-    inputs: Vec<Value>,
+    inputs: Vec<ModelInput>,
     /// Parameters with units, bounds, scale and nominal value.
-    parameters: Vec<Value>,
+    parameters: Vec<ModelParameter>,
     /// Outputs with units and sensor noise.
-    outputs: Vec<Value>,
+    outputs: Vec<ModelOutput>,
     /// The document of its base.
-    document: Value,
+    document: Option<ModelDocument>,
+}
+
+/// A state of a compiled model.
+#[derive(Debug, Serialize, ToSchema)]
+struct ModelState {
+    name: String,
+    unit: String,
+}
+
+/// An input of a compiled model.
+#[derive(Debug, Serialize, ToSchema)]
+struct ModelInput {
+    name: String,
+    /// The channel that it is read from.
+    channel: String,
+    unit: String,
+    hold: Hold,
+}
+
+/// A parameter of a compiled model.
+#[derive(Debug, Serialize, ToSchema)]
+struct ModelParameter {
+    name: String,
+    unit: String,
+    #[schema(value_type = Interval)]
+    bounds: [f64; 2],
+    scale: Scale,
+    /// A number, or the channel whose first samples give it.
+    nominal: Nominal,
+    title: String,
+}
+
+/// An output of a compiled model.
+#[derive(Debug, Serialize, ToSchema)]
+struct ModelOutput {
+    channel: String,
+    unit: String,
+    /// Standard deviation of the sensor's noise.
+    noise_sd: f64,
+}
+
+/// What an effect added to a model.
+#[derive(Debug, ToSchema)]
+#[expect(dead_code, reason = "describes the document that `jobs::models` makes")]
+struct ModelDiff {
+    /// The effect, with its argument.
+    effect: String,
+    title: String,
+    inputs: HashMap<String, InputSpec>,
+    parameters: HashMap<String, ParameterSpec>,
+    /// Terms by state.
+    terms: HashMap<String, String>,
+    /// Terms by output.
+    outputs: HashMap<String, String>,
+}
+
+/// An effect of the catalogue by name, or a whole effect document.
+#[derive(Debug, ToSchema)]
+#[serde(untagged)]
+#[expect(dead_code, reason = "describes what `jobs::models` reads")]
+enum AddedEffect {
+    Named(NamedEffect),
+    Document(Box<EffectSpec>),
+}
+
+/// An effect of the catalogue, with its argument where it takes one.
+#[derive(Debug, ToSchema)]
+#[serde(deny_unknown_fields)]
+#[expect(dead_code, reason = "describes what `jobs::models` reads")]
+struct NamedEffect {
+    #[schema(pattern = "^[A-Za-z0-9_]{1,64}(:[A-Za-z0-9_]{1,64})?$", example = "wind_infiltration")]
+    effect: String,
 }
 
 /// What a dry run found.
@@ -75,20 +150,20 @@ struct ModelCheck {
     /// Whether the document would be taken.
     valid: bool,
     /// Every fault.
-    #[schema(value_type = Vec<super::problem::ProblemFault>)]
     errors: Vec<Fault>,
 }
 
 /// A model made by adding an effect.
 #[derive(Debug, ToSchema)]
 #[expect(dead_code, reason = "describes the document that `jobs::models` makes")]
+#[schema(as = ModelVersion)]
 struct VersionAnswer {
     /// Its id.
-    id: String,
+    id: ModelId,
     /// The model that it was made from.
-    parent: String,
+    parent: ModelId,
     /// What was added.
-    diff: Value,
+    diff: ModelDiff,
     /// Hash of its content.
     hash: String,
 }
@@ -125,8 +200,13 @@ fn paged<T: Serialize>(rows: Vec<T>, page: &PageQuery, id: impl Fn(&T) -> &str) 
     path = "/models",
     tag = "models",
     params(("Idempotency-Key" = Option<String>, Header)),
-    request_body(content = Object, description = "A model document; config/models has examples"),
-    responses((status = 200, description = "It was there already", body = ModelAnswer), (status = 201, description = "Taken", body = ModelAnswer), Problems)
+    request_body = ModelDocument,
+    responses(
+        (status = 200, description = "It was there already", body = ModelAnswer),
+        (status = 201, description = "Taken; `Location` leads to it", body = ModelAnswer, headers(("Location" = String))),
+        (status = 409, description = "Another document has this id", body = Problem, content_type = PROBLEM_JSON),
+        Problems,
+    )
 )]
 async fn post_model(State(service): State<Shared>, body: Json) -> Result<Response, ApiError> {
     let taken = models::create(&service, body.value, body.key.as_ref()).await?;
@@ -140,10 +220,13 @@ async fn post_model(State(service): State<Shared>, body: Json) -> Result<Respons
     post,
     path = "/models/validate",
     tag = "models",
-    request_body(content = Object, description = "A model document"),
+    request_body(content = Object, description = "What is thought to be a model document"),
     responses((status = 200, body = ModelCheck), Problems)
 )]
 async fn validate_model(State(service): State<Shared>, body: Json) -> Result<axum::Json<ModelCheck>, ApiError> {
+    if !body.value.is_object() {
+        return Err(ApiError::Invalid(vec![Fault::new("", "wrong-type", "a model document is an object")]));
+    }
     let catalogue = service.catalogue.current();
     let errors = blocking(move || models::check_model(&catalogue, body.value).err().unwrap_or_default()).await?;
     Ok(axum::Json(ModelCheck { valid: errors.is_empty(), errors }))
@@ -167,8 +250,13 @@ async fn get_model(State(service): State<Shared>, Path(id): Path<String>) -> Res
     path = "/models/{id}/effects",
     tag = "models",
     params(("id" = String, Path, example = "room3"), ("Idempotency-Key" = Option<String>, Header)),
-    request_body(content = Object, description = "`{\"effect\": \"wind_infiltration\"}` or an effect document", example = json!({"effect": "wind_infiltration"})),
-    responses((status = 200, description = "It was there already", body = VersionAnswer), (status = 201, description = "Made", body = VersionAnswer), Problems)
+    request_body = AddedEffect,
+    responses(
+        (status = 200, description = "It was there already", body = VersionAnswer),
+        (status = 201, description = "Made; `Location` leads to it", body = VersionAnswer, headers(("Location" = String))),
+        (status = 409, description = "Another document has this id", body = Problem, content_type = PROBLEM_JSON),
+        Problems,
+    )
 )]
 async fn post_model_effect(State(service): State<Shared>, Path(id): Path<String>, body: Json) -> Result<Response, ApiError> {
     let parent = parse_id(&id)?;
@@ -178,7 +266,7 @@ async fn post_model_effect(State(service): State<Shared>, Path(id): Path<String>
 }
 
 /// All effects: the built-in ones and those of users.
-#[utoipa::path(get, path = "/effects", tag = "effects", params(PageQuery), responses((status = 200, body = Page<Value>), Problems))]
+#[utoipa::path(get, path = "/effects", tag = "effects", params(PageQuery), responses((status = 200, body = Page<EffectSpec>), Problems))]
 async fn list_effects(State(service): State<Shared>, Asked(page): Asked<PageQuery>) -> Result<axum::Json<Page<EffectSpec>>, ApiError> {
     paged(service.catalogue.current().effects().cloned().collect(), &page, |effect| &effect.id)
 }
@@ -189,8 +277,13 @@ async fn list_effects(State(service): State<Shared>, Asked(page): Asked<PageQuer
     path = "/effects",
     tag = "effects",
     params(("Idempotency-Key" = Option<String>, Header)),
-    request_body(content = Object, description = "An effect document; config/effects has examples"),
-    responses((status = 200, description = "It was there already", body = Object), (status = 201, description = "Taken", body = Object), Problems)
+    request_body = EffectSpec,
+    responses(
+        (status = 200, description = "It was there already", body = EffectSpec),
+        (status = 201, description = "Taken; `Location` leads to it", body = EffectSpec, headers(("Location" = String))),
+        (status = 409, description = "Another document has this id", body = Problem, content_type = PROBLEM_JSON),
+        Problems,
+    )
 )]
 async fn post_effect(State(service): State<Shared>, body: Json) -> Result<Response, ApiError> {
     let taken = models::create_effect(&service, body.value, body.key.as_ref()).await?;
@@ -199,7 +292,7 @@ async fn post_effect(State(service): State<Shared>, body: Json) -> Result<Respon
 }
 
 /// One effect.
-#[utoipa::path(get, path = "/effects/{id}", tag = "effects", params(("id" = String, Path)), responses((status = 200, body = Object), Problems))]
+#[utoipa::path(get, path = "/effects/{id}", tag = "effects", params(("id" = String, Path)), responses((status = 200, body = EffectSpec), Problems))]
 async fn get_effect(State(service): State<Shared>, Path(id): Path<String>) -> Result<axum::Json<EffectSpec>, ApiError> {
     let catalogue = service.catalogue.current();
     let effect = catalogue.effects().find(|effect| effect.id == id).cloned();
@@ -219,21 +312,29 @@ async fn describe(service: &Shared, id: ModelId) -> Result<ModelAnswer, ApiError
     let catalogue = service.catalogue.current();
     let versions = store::models::versions(&service.store).await?;
     let version = versions.into_iter().find(|version| version.id == id);
-    let name = id.to_string();
     let base = catalogue.model(id.base()).cloned();
-    let model = blocking(move || models::compiled(&catalogue, &id)).await?.map_err(|_| ApiError::NotFound("model", name.clone()))?;
+    let name = id.clone();
+    let model = blocking(move || models::compiled(&catalogue, &name)).await?.map_err(|_| ApiError::NotFound("model", id.to_string()))?;
     let (parent, diff) = match version {
-        Some(version) => (Some(version.parent.to_string()), version.document.get("diff").cloned()),
+        Some(version) => (Some(version.parent), version.document.get("diff").cloned()),
         None => (None, None),
     };
-    Ok(answer(name, &model, base.as_ref(), parent, diff))
+    Ok(answer(id, &model, base, parent, diff))
 }
 
-fn answer(id: String, model: &Model, base: Option<&ModelDocument>, parent: Option<String>, diff: Option<Value>) -> ModelAnswer {
-    let nominal = |nominal: &Nominal| match nominal {
-        Nominal::Value(value) => json!(value),
-        Nominal::Measured(channel) => json!(channel),
+fn answer(id: ModelId, model: &Model, document: Option<ModelDocument>, parent: Option<ModelId>, diff: Option<Value>) -> ModelAnswer {
+    let state = |state: &crate::model::State| ModelState { name: state.name.clone(), unit: state.unit.clone() };
+    let input =
+        |input: &Input| ModelInput { name: input.name.clone(), channel: input.channel.clone(), unit: input.unit.clone(), hold: input.hold };
+    let parameter = |parameter: &Parameter| ModelParameter {
+        name: parameter.name.clone(),
+        unit: parameter.unit.clone(),
+        bounds: [parameter.lower, parameter.upper],
+        scale: parameter.scale,
+        nominal: parameter.nominal.clone(),
+        title: parameter.title.clone(),
     };
+    let output = |output: &Output| ModelOutput { channel: output.channel.clone(), unit: output.unit.clone(), noise_sd: output.noise_sd };
     ModelAnswer {
         id,
         title: model.title().to_owned(),
@@ -241,17 +342,10 @@ fn answer(id: String, model: &Model, base: Option<&ModelDocument>, parent: Optio
         diff,
         hash: model.hash().to_owned(),
         effects: model.effects().to_vec(),
-        states: model.states().iter().map(|state| json!({"name": state.name, "unit": state.unit})).collect(),
-        inputs: model.inputs().iter().map(|input| json!({"name": input.name, "channel": input.channel, "unit": input.unit, "hold": input.hold})).collect(),
-        parameters: model
-            .parameters()
-            .iter()
-            .map(|parameter| {
-                json!({"name": parameter.name, "unit": parameter.unit, "bounds": [parameter.lower, parameter.upper], "scale": parameter.scale,
-                       "nominal": nominal(&parameter.nominal), "title": parameter.title})
-            })
-            .collect(),
-        outputs: model.outputs().iter().map(|output| json!({"channel": output.channel, "unit": output.unit, "noise_sd": output.noise_sd})).collect(),
-        document: base.and_then(|document| serde_json::to_value(document).ok()).unwrap_or_default(),
+        states: model.states().iter().map(state).collect(),
+        inputs: model.inputs().iter().map(input).collect(),
+        parameters: model.parameters().iter().map(parameter).collect(),
+        outputs: model.outputs().iter().map(output).collect(),
+        document,
     }
 }

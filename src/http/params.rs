@@ -4,13 +4,15 @@
 
 use super::Shared;
 use super::problem::{ApiError, Problems};
+use crate::fault::Fault;
 use crate::jobs::params::{Answer, Body as ParamsBody, Entry, Rendered};
 use axum::body::{Body, Bytes};
 use axum::extract::{Request, State};
-use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
+use axum::http::{HeaderMap, HeaderValue, StatusCode, Uri, header};
 use axum::response::{IntoResponse, Response};
 use std::sync::Arc;
 use std::time::Duration;
+use utoipa::ToSchema;
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
@@ -25,10 +27,10 @@ pub fn router() -> OpenApiRouter<Shared> {
 }
 
 /// What a client accepts beside a validated set.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ToSchema)]
+#[serde(rename_all = "lowercase")]
+#[schema(as = AcceptedParams)]
 enum Accept {
-    /// Anything validated.
-    Validated,
     /// Nominal values, if nothing was ever validated.
     Nominal,
     /// Fresh ones only.
@@ -46,7 +48,7 @@ enum Accept {
     params(
         ("kind" = String, Path, description = "Kind of the system", example = "room"),
         ("id" = String, Path, description = "Id of the system", example = "4"),
-        ("accept" = Option<String>, Query, description = "`nominal`: the model's nominal values where nothing was ever validated; `fresh`: 404 rather than a stale set"),
+        ("accept" = inline(Option<Accept>), Query, description = "`nominal`: the model's nominal values where nothing was ever validated; `fresh`: 404 rather than a stale set"),
         ("If-None-Match" = Option<String>, Header, description = "The tag of the last answer"),
         ("Prefer" = Option<String>, Header, description = "`wait=N`: wait up to N seconds for news"),
     ),
@@ -100,7 +102,11 @@ async fn poll(service: &Shared, request: Request) -> Response {
     tag = "params",
     responses((status = 200, description = "All of them", body = super::page::Page<ParamsBody>), (status = 304, description = "Keep yours"), Problems)
 )]
-async fn list_params(State(service): State<Shared>, headers: HeaderMap) -> Response {
+async fn list_params(State(service): State<Shared>, uri: Uri, headers: HeaderMap) -> Response {
+    if uri.query().is_some_and(|query| !query.is_empty()) {
+        let fault = Fault::new("query", "unknown-field", "this path knows no query");
+        return ApiError::Invalid(vec![fault]).into_response();
+    }
     let mut body = Vec::from(br#"{"items":["#.as_slice());
     let mut first = true;
     for (_, entry) in service.params.all() {
@@ -120,20 +126,20 @@ async fn list_params(State(service): State<Shared>, headers: HeaderMap) -> Respo
 }
 
 /// What the query accepts. It has one field, and this path is the busiest of all, so it is read by hand.
-fn accept(query: Option<&str>) -> Result<Accept, ApiError> {
+fn accept(query: Option<&str>) -> Result<Option<Accept>, ApiError> {
     match query {
-        None | Some("") => Ok(Accept::Validated),
-        Some("accept=nominal") => Ok(Accept::Nominal),
-        Some("accept=fresh") => Ok(Accept::Fresh),
+        None | Some("") => Ok(None),
+        Some("accept=nominal") => Ok(Some(Accept::Nominal)),
+        Some("accept=fresh") => Ok(Some(Accept::Fresh)),
         Some(_) => {
-            let fault = crate::fault::Fault::new("query", "invalid-query", "the query is empty, `accept=nominal` or `accept=fresh`");
+            let fault = Fault::new("query", "invalid-query", "the query is empty, `accept=nominal` or `accept=fresh`");
             Err(ApiError::Invalid(vec![fault]))
         }
     }
 }
 
 /// The answer to a request for an entry.
-fn answer(entry: &Entry, system: &str, accept: Accept, headers: &HeaderMap) -> Response {
+fn answer(entry: &Entry, system: &str, accept: Option<Accept>, headers: &HeaderMap) -> Response {
     match chosen(entry, accept) {
         Some(rendered) if matches(headers, &rendered.etag) => not_modified(&rendered.etag),
         Some(rendered) => {
@@ -155,17 +161,17 @@ fn answer(entry: &Entry, system: &str, accept: Accept, headers: &HeaderMap) -> R
 }
 
 /// What an entry has for a client, if it has anything.
-fn chosen(entry: &Entry, accept: Accept) -> Option<&Rendered> {
+fn chosen(entry: &Entry, accept: Option<Accept>) -> Option<&Rendered> {
     match (&entry.answer, accept) {
-        (Answer::Validated(rendered), Accept::Fresh) if rendered.stale => None,
+        (Answer::Validated(rendered), Some(Accept::Fresh)) if rendered.stale => None,
         (Answer::Validated(rendered), _) => Some(rendered),
-        (Answer::NeverValidated { nominal, .. }, Accept::Nominal) => nominal.as_ref(),
+        (Answer::NeverValidated { nominal, .. }, Some(Accept::Nominal)) => nominal.as_ref(),
         (Answer::NeverValidated { .. }, _) => None,
     }
 }
 
 /// Whether an entry is no news to a client: what it has, or nothing at all.
-fn is_old(entry: &Entry, accept: Accept, headers: &HeaderMap) -> bool {
+fn is_old(entry: &Entry, accept: Option<Accept>, headers: &HeaderMap) -> bool {
     chosen(entry, accept).is_none_or(|rendered| matches(headers, &rendered.etag))
 }
 

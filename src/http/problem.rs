@@ -24,31 +24,17 @@ pub struct Problem {
     /// The slug in words.
     title: &'static str,
     /// The status of the answer.
+    #[schema(minimum = 400, maximum = 599)]
     status: u16,
     /// A sentence about this case.
     detail: String,
     /// Every fault of what was sent.
     #[serde(skip_serializing_if = "Vec::is_empty")]
-    #[schema(value_type = Vec<ProblemFault>)]
     errors: Vec<Fault>,
     /// What else a client may want to know.
     #[serde(flatten)]
     #[schema(ignore)]
     more: Map<String, Value>,
-}
-
-/// One fault of what was sent.
-#[derive(Debug, ToSchema)]
-#[expect(dead_code, reason = "describes `Fault`, which knows nothing of HTTP")]
-pub struct ProblemFault {
-    /// Where: a JSON pointer, or a line of a text.
-    pointer: String,
-    /// A stable slug for programs.
-    code: String,
-    /// A sentence for people.
-    detail: String,
-    /// What would probably have been right.
-    suggestion: Option<String>,
 }
 
 /// An error at the edge: what a handler answers when it cannot answer.

@@ -4,7 +4,8 @@ use super::Shared;
 use super::extract::{Asked, Empty, Json};
 use super::jobs::batch_answer;
 use super::page::{Page, PageQuery};
-use super::problem::{ApiError, Problems};
+use super::problem::{ApiError, PROBLEM_JSON, Problem, Problems};
+use crate::data::SystemPattern;
 use crate::fault::Fault;
 use crate::jobs::schedule::{self, ScheduleDocument, Ticks};
 use crate::jobs::{Refusal, decode, now, submit};
@@ -32,26 +33,6 @@ pub fn router() -> OpenApiRouter<Shared> {
         .routes(routes!(run_schedule))
 }
 
-/// When what is submitted.
-#[derive(Debug, ToSchema)]
-#[expect(dead_code, reason = "describes what `jobs::schedule` reads")]
-struct ScheduleBody {
-    /// Five fields of cron.
-    #[schema(example = "30 2 * * *")]
-    cron: String,
-    /// The IANA time zone of the pattern; that of the service by default.
-    #[schema(example = "Europe/Copenhagen")]
-    zone: Option<String>,
-    /// Whether it runs at all.
-    enabled: Option<bool>,
-    /// Which systems.
-    #[schema(example = json!(["room/*"]))]
-    systems: Vec<String>,
-    /// What is asked of each, as in the body of a job.
-    #[schema(value_type = Option<Object>)]
-    request: Option<Value>,
-}
-
 /// A schedule and what it has done.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = Schedule)]
@@ -61,7 +42,7 @@ struct ScheduleAnswer {
     zone: String,
     enabled: bool,
     /// Which systems.
-    #[schema(value_type = Vec<String>)]
+    #[schema(value_type = Vec<SystemPattern>)]
     systems: Value,
     /// What is asked of each.
     #[schema(value_type = Object)]
@@ -74,7 +55,6 @@ struct ScheduleAnswer {
     next_runs: Vec<Timestamp>,
     last_run: Option<LastRun>,
     /// `submitted`, `skipped_overlap` (the batch before still ran) or `nothing_to_do`.
-    #[schema(value_type = Option<String>)]
     last_result: Option<TickResult>,
 }
 
@@ -125,8 +105,8 @@ async fn get_schedule(State(service): State<Shared>, Path(name): Path<String>) -
     put,
     path = "/schedules/{name}",
     tag = "schedules",
-    params(("name" = String, Path, example = "nightly")),
-    request_body = ScheduleBody,
+    params(("name" = String, Path, pattern = "^[A-Za-z0-9_-]{1,64}$", example = "nightly")),
+    request_body = ScheduleDocument,
     responses((status = 200, description = "Replaced", body = ScheduleAnswer), (status = 201, description = "Made", body = ScheduleAnswer), Problems)
 )]
 async fn put_schedule(State(service): State<Shared>, Path(name): Path<String>, body: Json) -> Result<Response, ApiError> {
@@ -180,7 +160,11 @@ async fn delete_schedule(State(service): State<Shared>, Path(name): Path<String>
     path = "/schedules/{name}/run",
     tag = "schedules",
     params(("name" = String, Path, example = "nightly"), ("Idempotency-Key" = Option<String>, Header)),
-    responses((status = 202, description = "The batch; `Location` leads to it", body = super::batches::BatchAnswer), Problems)
+    responses(
+        (status = 202, description = "The batch; `Location` leads to it", body = super::batches::BatchAnswer),
+        (status = 429, description = "So many jobs wait already; `Retry-After` says when to ask again", body = Problem, content_type = PROBLEM_JSON),
+        Problems,
+    )
 )]
 async fn run_schedule(State(service): State<Shared>, Path(name): Path<String>, body: Empty) -> Result<Response, ApiError> {
     let record = require(&service, &name).await?;

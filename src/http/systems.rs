@@ -1,11 +1,14 @@
 //! Rooms and plants.
 
 use super::Shared;
+use super::description::With;
 use super::extract::{Asked, Json, Named};
 use super::page::{Page, PageQuery};
 use super::problem::{ApiError, Problems};
+use crate::data::SystemId;
 use crate::jobs::params::Status;
 use crate::jobs::systems::{self, SystemDocument, document};
+use crate::model::ModelId;
 use crate::store;
 use axum::extract::State;
 use axum::http::{StatusCode, header};
@@ -21,26 +24,25 @@ pub fn router() -> OpenApiRouter<Shared> {
     OpenApiRouter::new().routes(routes!(get_system, put_system, delete_system)).routes(routes!(list_systems)).routes(routes!(get_state))
 }
 
-/// A system with its name and links.
+/// A system with its name.
 #[derive(Debug, Serialize, ToSchema)]
-struct SystemAnswer {
+#[schema(as = SystemAnswer)]
+struct SystemName {
     /// Its name.
-    #[schema(example = "room/4")]
-    system: String,
-    #[serde(flatten)]
-    document: SystemDocument,
+    system: SystemId,
 }
+
+type SystemAnswer = With<SystemName, SystemDocument>;
 
 /// One system in a list: what it is and how it fares.
 #[derive(Debug, Serialize, ToSchema)]
 struct SystemRow {
     /// Its name.
-    #[schema(example = "room/4")]
-    system: String,
+    system: SystemId,
     /// A name for people.
     label: String,
     /// The model whose fits are served.
-    model: String,
+    model: ModelId,
     /// How much to trust what is served; `null` where nothing was ever validated.
     status: Option<Status>,
     /// The revision that is served.
@@ -69,8 +71,7 @@ async fn list_systems(State(service): State<Shared>, Asked(page): Asked<PageQuer
     let after = page.page_token.unwrap_or_default();
     let records = store::systems::page(&service.store, &after, size + 1).await?;
     let row = |record: store::systems::SystemRecord| {
-        let system = record.system.to_string();
-        let entry = service.params.entry(&system);
+        let entry = service.params.entry(&record.system.to_string());
         let served = entry.as_ref().and_then(|entry| entry.validated());
         let latest_job = entry.as_ref().and_then(|entry| match &entry.answer {
             crate::jobs::params::Answer::NeverValidated { latest_job, .. } => latest_job.as_ref().map(|(id, _)| id.clone()),
@@ -80,9 +81,9 @@ async fn list_systems(State(service): State<Shared>, Asked(page): Asked<PageQuer
             status: served.map(|served| served.status),
             revision: served.and_then(|served| served.revision),
             label: document(&record.document).map(|document| document.label).unwrap_or_default(),
-            model: record.model.to_string(),
+            model: record.model,
             latest_job,
-            system,
+            system: record.system,
         }
     };
     Ok(axum::Json(Page::of(records, size, |record| record.system.to_string(), row)))
@@ -98,7 +99,7 @@ async fn list_systems(State(service): State<Shared>, Asked(page): Asked<PageQuer
 )]
 async fn get_system(State(service): State<Shared>, Named(system): Named) -> Result<axum::Json<SystemAnswer>, ApiError> {
     let document = systems::require(&service, &system).await?;
-    Ok(axum::Json(SystemAnswer { system: system.to_string(), document }))
+    Ok(axum::Json(With { own: SystemName { system }, document }))
 }
 
 /// Makes a system, or replaces its document.
@@ -114,7 +115,7 @@ async fn put_system(State(service): State<Shared>, Named(system): Named, body: J
     let (document, is_new) = systems::put(&service, &system, body.value).await?;
     let status = if is_new { StatusCode::CREATED } else { StatusCode::OK };
     let location = format!("/systems/{system}");
-    Ok((status, [(header::LOCATION, location)], axum::Json(SystemAnswer { system: system.to_string(), document })).into_response())
+    Ok((status, [(header::LOCATION, location)], axum::Json(With { own: SystemName { system }, document })).into_response())
 }
 
 /// Whether a deletion may take history along.

@@ -1,9 +1,11 @@
 //! Measurements.
 
 use super::Shared;
+use super::description::With;
 use super::extract::{Asked, Named, Raw};
 use super::page::{Page, PageQuery};
 use super::problem::{ApiError, Problems};
+use crate::data::{SystemId, WindowReport};
 use crate::jobs::systems;
 use crate::jobs::windows::{self, Format};
 use crate::store;
@@ -15,7 +17,9 @@ use jiff::Timestamp;
 use serde::Serialize;
 use serde_json::Value;
 use std::collections::HashMap;
-use utoipa::ToSchema;
+use utoipa::openapi::schema::{ArrayBuilder, ObjectBuilder, SchemaType, Type};
+use utoipa::openapi::{RefOr, Schema};
+use utoipa::{PartialSchema, ToSchema};
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
@@ -24,68 +28,69 @@ pub fn router() -> OpenApiRouter<Shared> {
     OpenApiRouter::new().routes(routes!(post_window, list_windows)).routes(routes!(get_window, delete_window))
 }
 
-/// Measurements as JSON; as CSV they are `time,T_room[degC],…`.
+/// Measurements as JSON; as CSV they are `time,T_room[degC],…`. A row that cannot be read is left out and listed; where more than a
+/// tenth of the rows cannot be read, the window is refused.
 #[derive(Debug, ToSchema)]
+#[serde(deny_unknown_fields)]
 #[expect(dead_code, reason = "describes what `Window::parse_json` reads")]
 pub struct WindowBody {
     /// Units by channel; a channel that is not named has its own.
-    channels: Option<HashMap<String, ChannelUnit>>,
-    /// Times with offset.
-    #[schema(example = json!(["2026-01-01T00:00:00Z"]))]
-    time: Vec<String>,
+    #[serde(default)]
+    channels: HashMap<String, ChannelUnit>,
+    /// Increasing times with offset.
+    #[schema(min_items = 2)]
+    time: Vec<Instant>,
     /// One list per channel, as long as `time`.
-    #[schema(example = json!({"T_room": [21.1]}))]
+    #[schema(schema_with = columns)]
     values: HashMap<String, Vec<Option<f64>>>,
 }
 
+fn columns() -> impl Into<RefOr<Schema>> {
+    let types = SchemaType::from_iter([Type::Number, Type::Null]);
+    let column = ArrayBuilder::new().items(ObjectBuilder::new().schema_type(types)).min_items(Some(2));
+    let columns = ObjectBuilder::new().schema_type(Type::Object).additional_properties(Some(column)).min_properties(Some(1));
+    columns.description(Some("One list per channel, as long as `time`.")).build()
+}
+
+/// An instant, RFC 3339 with offset.
+#[derive(Debug, ToSchema)]
+#[schema(format = DateTime)]
+#[expect(dead_code, reason = "describes a text")]
+struct Instant(String);
+
 /// The unit of a channel.
 #[derive(Debug, ToSchema)]
+#[serde(deny_unknown_fields)]
 #[expect(dead_code, reason = "describes what `Window::parse_json` reads")]
 struct ChannelUnit {
     /// Such as `degC`.
-    unit: String,
+    unit: Option<String>,
 }
 
-/// What was found in a window.
+/// A window: not its samples, but what was found in them.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = Window)]
-struct WindowAnswer {
+struct WindowName {
     /// `win_` and a hash of system and content.
     id: String,
     /// The system.
-    system: String,
+    system: SystemId,
     /// When it came.
     #[schema(value_type = String, format = DateTime)]
     uploaded_at: Timestamp,
-    /// `rows`, `from`, `to`, `channels`, `rejected_rows` and `warnings`.
-    #[serde(flatten)]
-    #[schema(value_type = WindowReportBody)]
-    report: Value,
 }
 
-/// What is said about a window when it comes.
-#[derive(Debug, ToSchema)]
-#[expect(dead_code, reason = "describes `WindowReport`, which knows nothing of HTTP")]
-struct WindowReportBody {
-    /// Rows that were taken.
-    rows: u64,
-    /// The first time.
-    #[schema(format = DateTime)]
-    from: String,
-    /// The last time.
-    #[schema(format = DateTime)]
-    to: String,
-    /// Statistics by channel: samples, missing, min, max, median step, longest gap, longest stuck stretch.
-    channels: HashMap<String, Value>,
-    /// Rows that were left out, with line and reason.
-    rejected_rows: Vec<Value>,
-    /// What else the sender should know.
-    warnings: Vec<String>,
-}
+/// A window as it is shown: not its samples, but what was found in them.
+type WindowAnswer = With<WindowName, Report>;
 
-impl WindowAnswer {
-    fn of(window: WindowRecord) -> Self {
-        Self { id: window.id, system: window.system.to_string(), uploaded_at: window.uploaded_at, report: window.report }
+/// The report as it was stored.
+#[derive(Debug, Serialize)]
+#[serde(transparent)]
+struct Report(Value);
+
+impl PartialSchema for Report {
+    fn schema() -> RefOr<Schema> {
+        WindowReport::schema()
     }
 }
 
@@ -99,6 +104,16 @@ pub fn format(raw: &Raw) -> Result<Format, ApiError> {
         "application/json" => Ok(Format::Json),
         _ => Err(ApiError::MediaType("text/csv or application/json")),
     }
+}
+
+impl ToSchema for Report {
+    fn schemas(schemas: &mut Vec<(String, RefOr<Schema>)>) {
+        WindowReport::schemas(schemas);
+    }
+}
+
+fn shown(window: WindowRecord) -> WindowAnswer {
+    With { own: WindowName { id: window.id, system: window.system, uploaded_at: window.uploaded_at }, document: Report(window.report) }
 }
 
 /// Takes measurements. The same content again is the same window.
@@ -115,7 +130,7 @@ async fn post_window(State(service): State<Shared>, Named(system): Named, raw: R
     let taken = windows::take(&service, &system, format, raw.body, raw.key.as_ref()).await?;
     let status = if taken.is_new { StatusCode::CREATED } else { StatusCode::OK };
     let location = format!("/windows/{}", taken.window.id);
-    Ok((status, [(header::LOCATION, location)], axum::Json(WindowAnswer::of(taken.window))).into_response())
+    Ok((status, [(header::LOCATION, location)], axum::Json(shown(taken.window))).into_response())
 }
 
 /// The windows of a system, newest upload first.
@@ -134,14 +149,14 @@ async fn list_windows(
     systems::require(&service, &system).await?;
     let size = page.size()?;
     let records = store::windows::page(&service.store, &system, page.before()?, size + 1).await?;
-    Ok(axum::Json(Page::of(records, size, |record| record.sequence.to_string(), WindowAnswer::of)))
+    Ok(axum::Json(Page::of(records, size, |record| record.sequence.to_string(), shown)))
 }
 
 /// One window.
 #[utoipa::path(get, path = "/windows/{id}", tag = "windows", params(("id" = String, Path)), responses((status = 200, body = WindowAnswer), Problems))]
 async fn get_window(State(service): State<Shared>, Path(id): Path<String>) -> Result<axum::Json<WindowAnswer>, ApiError> {
     let window = store::windows::get(&service.store, &id).await?.ok_or(ApiError::NotFound("window", id))?;
-    Ok(axum::Json(WindowAnswer::of(window)))
+    Ok(axum::Json(shown(window)))
 }
 
 /// Deletes a window that no fit cites. The measurements that it covered show again.

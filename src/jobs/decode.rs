@@ -1,22 +1,118 @@
 //! Reads JSON documents and lists every fault with its place, where `serde` alone stops at the first.
 
+use super::strict::Strict;
 use crate::fault::{Fault, nearest};
-use serde::de::DeserializeOwned;
-use serde_json::Value;
+use serde::de::{DeserializeOwned, DeserializeSeed, Deserializer, MapAccess, SeqAccess, Visitor};
+use serde_json::{Map, Value};
 use serde_path_to_error::{Path, Segment};
 use std::collections::BTreeSet;
 
 /// More faults than this help nobody.
 const MOST_FAULTS: usize = 50;
+/// From here on not every whole number is a double.
+const EXACT: f64 = 9_007_199_254_740_992.0;
 /// Longest detail; a message of `serde` may repeat a value of any length.
 const LONGEST_DETAIL: usize = 300;
 
-/// Reads JSON text.
+/// Why a text is no document.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Unread {
+    /// It is no JSON: line and column.
+    Malformed(Fault),
+    /// Names that one object has twice, of which only one could be meant.
+    Repeated(Vec<Fault>),
+}
+
+/// Reads JSON text. JSON has one kind of number, so `60.0` is read as the whole number that it is.
 ///
 /// # Errors
-/// One fault with line and column.
-pub fn parse(body: &[u8]) -> Result<Value, Fault> {
-    serde_json::from_slice(body).map_err(|error| Fault::new("", "invalid-json", shorten(&error.to_string())))
+/// Where the text is no JSON, or a name is there twice.
+pub fn parse(body: &[u8]) -> Result<Value, Unread> {
+    let mut repeated = Vec::new();
+    let mut text = serde_json::Deserializer::from_slice(body);
+    let read = Document { pointer: String::new(), repeated: &mut repeated }.deserialize(&mut text);
+    let value = read.and_then(|value| text.end().map(|()| value));
+    let value = value.map_err(|error| Unread::Malformed(Fault::new("", "invalid-json", shorten(&error.to_string()))))?;
+    if repeated.is_empty() { Ok(value) } else { Err(Unread::Repeated(repeated)) }
+}
+
+/// Reads a value and notes the names that come twice.
+struct Document<'a> {
+    pointer: String,
+    repeated: &'a mut Vec<Fault>,
+}
+
+impl<'de> DeserializeSeed<'de> for Document<'_> {
+    type Value = Value;
+
+    fn deserialize<D: Deserializer<'de>>(self, deserializer: D) -> Result<Value, D::Error> {
+        deserializer.deserialize_any(self)
+    }
+}
+
+impl<'de> Visitor<'de> for Document<'_> {
+    type Value = Value;
+
+    fn expecting(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("a JSON value")
+    }
+
+    fn visit_unit<E>(self) -> Result<Value, E> {
+        Ok(Value::Null)
+    }
+
+    fn visit_bool<E>(self, truth: bool) -> Result<Value, E> {
+        Ok(truth.into())
+    }
+
+    fn visit_u64<E>(self, number: u64) -> Result<Value, E> {
+        Ok(number.into())
+    }
+
+    fn visit_i64<E>(self, number: i64) -> Result<Value, E> {
+        Ok(number.into())
+    }
+
+    fn visit_f64<E>(self, number: f64) -> Result<Value, E> {
+        // Beyond this a double is not certain to be the number that was written.
+        let is_whole = number.fract() == 0.0 && number.abs() < EXACT;
+        Ok(if is_whole { (number as i64).into() } else { number.into() })
+    }
+
+    fn visit_str<E>(self, text: &str) -> Result<Value, E> {
+        Ok(text.into())
+    }
+
+    fn visit_string<E>(self, text: String) -> Result<Value, E> {
+        Ok(text.into())
+    }
+
+    fn visit_seq<A: SeqAccess<'de>>(self, mut seq: A) -> Result<Value, A::Error> {
+        let mut items = Vec::new();
+        let item = |index: usize| format!("{}/{index}", self.pointer);
+        while let Some(value) = seq.next_element_seed(Document { pointer: item(items.len()), repeated: self.repeated })? {
+            items.push(value);
+        }
+        Ok(Value::Array(items))
+    }
+
+    fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<Value, A::Error> {
+        let mut fields = Map::new();
+        while let Some(name) = map.next_key::<String>()? {
+            let pointer = format!("{}/{}", self.pointer, escaped(&name));
+            if fields.contains_key(&name) && self.repeated.len() < MOST_FAULTS {
+                self.repeated.push(Fault::new(&pointer, "duplicate-field", "the name is there twice, and only one can be meant"));
+            }
+            let value = map.next_value_seed(Document { pointer, repeated: self.repeated })?;
+            fields.insert(name, value);
+        }
+        Ok(Value::Object(fields))
+    }
+}
+
+/// A name as a JSON pointer spells it.
+fn escaped(name: &str) -> String {
+    name.replace('~', "~0").replace('/', "~1")
 }
 
 /// Reads a document of a known form. Whatever is wrong is taken out and the reading starts again, until
@@ -28,7 +124,7 @@ pub fn decode<T: DeserializeOwned>(mut value: Value) -> Result<T, Vec<Fault>> {
     let mut faults: Vec<Fault> = Vec::new();
     let mut removed = BTreeSet::new();
     while faults.len() < MOST_FAULTS {
-        let error = match serde_path_to_error::deserialize::<_, T>(&value) {
+        let error = match serde_path_to_error::deserialize::<_, T>(Strict(&value)) {
             Ok(document) if faults.is_empty() => return Ok(document),
             Ok(_) => break,
             Err(error) => error,
@@ -56,7 +152,7 @@ fn pointer(path: &Path, removed: &BTreeSet<String>) -> String {
                 let there = (0..).filter(|place: &usize| !removed.contains(&format!("{pointer}/{place}")));
                 there.skip(*index).map(|place| place.to_string()).next().unwrap_or_default()
             }
-            Segment::Map { key } => key.replace('~', "~0").replace('/', "~1"),
+            Segment::Map { key } => escaped(key),
             Segment::Enum { .. } | Segment::Unknown => continue,
         };
         pointer.push('/');
@@ -67,7 +163,7 @@ fn pointer(path: &Path, removed: &BTreeSet<String>) -> String {
 
 /// Takes out what a path names; the document itself cannot be taken out.
 fn remove(value: &mut Value, path: &Path) -> bool {
-    let steps: Vec<&Segment> = path.iter().filter(|segment| matches!(segment, Segment::Seq { .. } | Segment::Map { .. })).collect();
+    let steps: Vec<&Segment> = path.iter().filter(|segment| !matches!(segment, Segment::Unknown)).collect();
     let Some((last, parents)) = steps.split_last() else {
         return false;
     };
@@ -75,8 +171,8 @@ fn remove(value: &mut Value, path: &Path) -> bool {
     for step in parents {
         let next = match step {
             Segment::Seq { index } => place.get_mut(*index),
-            Segment::Map { key } => place.get_mut(key),
-            Segment::Enum { .. } | Segment::Unknown => None,
+            Segment::Map { key } | Segment::Enum { variant: key } => place.get_mut(key),
+            Segment::Unknown => None,
         };
         match next {
             Some(next) => place = next,
@@ -166,11 +262,23 @@ mod tests {
     }
 
     #[test]
+    fn texts_are_read_as_json_means_them() {
+        assert_eq!(
+            parse(br#"{"a": [1.0, 2.5, 6e2, -3, null, true, "x"]}"#).unwrap(),
+            serde_json::json!({"a": [1, 2.5, 600, -3, null, true, "x"]})
+        );
+        for bad in [&b"{\"a\": 1e999}"[..], b"", b"{} {}", b"[NaN]", b"{\"a\":}", &[b'[', 0xff, b']']] {
+            assert!(matches!(parse(bad), Err(Unread::Malformed(fault)) if fault.code == "invalid-json"), "{bad:?}");
+        }
+        let Err(Unread::Repeated(faults)) = parse(br#"{"a": 1, "b": [{"c/d": 1, "c/d": 2}], "a": 1}"#) else { panic!() };
+        assert_eq!(faults.iter().map(|fault| fault.pointer.as_str()).collect::<Vec<_>>(), ["/b/0/c~1d", "/a"]);
+    }
+
+    #[test]
     fn a_good_document_is_read_and_a_long_text_is_not_repeated() {
         let value = serde_json::json!({"name": "x", "inner": {"days": 7}});
         assert_eq!(decode::<Outer>(value).unwrap(), Outer { name: "x".into(), inner: Inner { days: 7 }, list: Vec::new() });
         let faults = decode::<Outer>(serde_json::json!({"name": "x", "inner": "y".repeat(10_000)})).unwrap_err();
         assert!(faults[0].detail.len() < 400);
-        assert_eq!(parse(b"{\"a\": 1e999}").unwrap_err().code, "invalid-json");
     }
 }

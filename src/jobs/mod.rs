@@ -5,11 +5,11 @@
 //!
 //! | file | what it does |
 //! |---|---|
-//! | `decode` | JSON with all its faults |
+//! | `decode`, `strict` | JSON with all its faults |
 //! | `systems`, `models`, `windows` | documents and measurements: checked here, kept by the store |
 //! | `layout` | rooms and neighbours proposed from one window of many sensors |
 //! | `series` | the stitched view of all windows of a system |
-//! | `request`, `submit` | what a job is asked to do, and how it enters the queue |
+//! | `body`, `request`, `submit` | what a job is asked to do, how that is read, and how it enters the queue |
 //! | `board` | who runs now: progress, cancellation |
 //! | `events` | what happens to jobs, for those who listen |
 //! | `worker`, `input`, `estimate`, `diagnose` | from the claim to the verdict, and to what is missing |
@@ -21,6 +21,7 @@
 //! | `schedule` | submits ordinary jobs when a row says so |
 
 pub mod board;
+pub mod body;
 pub mod decisions;
 pub mod decode;
 pub mod degradations;
@@ -36,6 +37,7 @@ pub mod params;
 pub mod request;
 pub mod schedule;
 pub mod series;
+mod strict;
 pub mod submit;
 pub mod systems;
 pub mod windows;

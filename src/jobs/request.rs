@@ -3,8 +3,10 @@
 use super::decode;
 use super::systems::SystemDocument;
 use crate::data::{SplitRequest, SystemId, SystemPattern, read_time};
+use crate::estimate::method::{MethodFields, SeededMethod};
 use crate::estimate::{EarlyStopping, EstimateRequest};
 use crate::fault::{Fault, nearest};
+use crate::optimise::Method;
 use crate::store::jobs::{JobKind, Priority};
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
@@ -150,7 +152,7 @@ fn take<T: serde::de::DeserializeOwned>(fields: &mut Map<String, Value>, name: &
     match decode::decode(value) {
         Ok(value) => Some(value),
         Err(more) => {
-            faults.extend(more.into_iter().map(|fault| Fault { pointer: format!("/{name}{}", fault.pointer), ..fault }));
+            faults.extend(inside(&format!("/{name}"), more));
             None
         }
     }
@@ -161,19 +163,62 @@ fn take<T: serde::de::DeserializeOwned>(fields: &mut Map<String, Value>, name: &
 /// # Errors
 /// Every fault of the fields.
 pub fn complete(settings: &Map<String, Value>, system: Option<&SystemDocument>) -> Result<EstimateRequest, Vec<Fault>> {
-    let mut request: EstimateRequest = decode::decode(Value::Object(settings.clone()))?;
+    let mut faults = Vec::new();
+    let mut fields = settings.clone();
+    let method = fields.shift_remove("method").and_then(|method| read_method(method).map_err(|more| faults.extend(more)).ok());
+    let mut request: EstimateRequest = match decode::decode(Value::Object(fields)) {
+        Ok(request) => request,
+        Err(mut more) => {
+            more.extend(faults);
+            return Err(more);
+        }
+    };
+    request.method = method.unwrap_or_default();
     if let Some(system) = system {
         if !settings.contains_key("prior") {
             request.prior = system.prior;
         }
         request.model.get_or_insert_with(|| system.model.clone());
     }
-    let faults = faults(&request);
+    faults.extend(senseless(&request));
     if faults.is_empty() { Ok(request) } else { Err(faults) }
 }
 
+/// Reads a method with every fault of its hyperparameters.
+fn read_method(value: Value) -> Result<SeededMethod, Vec<Fault>> {
+    let fields = MethodFields::from(decode::decode::<Map<String, Value>>(value).map_err(|faults| inside("/method", faults))?);
+    let mut faults = Vec::new();
+    let seed = decode::decode::<u64>(fields.seed.clone()).map_err(|more| faults.extend(inside("/method/seed", more)));
+    let method = match fields.method() {
+        None => Err(inside("/method/name", vec![Fault::new("", "wrong-type", "the name of a method is a text")])),
+        // What is wrong with the whole is that no method has this name.
+        Some(method) => decode::decode::<Method>(method).map_err(|faults| {
+            faults
+                .into_iter()
+                .flat_map(|fault| inside(if fault.pointer.is_empty() { "/method/name" } else { "/method" }, vec![fault]))
+                .collect()
+        }),
+    };
+    let method = method.map_err(|more| faults.extend(more));
+    if let Ok(method) = &method {
+        faults.extend(method.faults().iter().map(|range| {
+            let field = range.field.split(' ').next().unwrap_or_default().replace('.', "/");
+            Fault::new(format!("/method/{field}"), "out-of-range", format!("`{}` {range}", range.field))
+        }));
+    }
+    match (seed, method) {
+        (Ok(seed), Ok(method)) if faults.is_empty() => Ok(SeededMethod { seed, method }),
+        _ => Err(faults),
+    }
+}
+
+/// Faults that were found inside something that the pointer names.
+fn inside(pointer: &str, faults: Vec<Fault>) -> Vec<Fault> {
+    faults.into_iter().map(|fault| Fault { pointer: format!("{pointer}{}", fault.pointer), ..fault }).collect()
+}
+
 /// Values that make no sense, as far as they can be judged without a model.
-fn faults(request: &EstimateRequest) -> Vec<Fault> {
+fn senseless(request: &EstimateRequest) -> Vec<Fault> {
     let mut faults = Vec::new();
     if let Some(window) = &request.window {
         for (field, text) in [("from", &window.from), ("to", &window.to)] {

@@ -1,6 +1,7 @@
 //! Submits ordinary batches when a row says so. A tick that was missed while the service was down is made up
 //! for once, however many there were.
 
+use super::body::BatchSettings;
 use super::request::{BatchRequest, read_batch};
 use super::{JobsError, Service, now, submit};
 use crate::data::SystemPattern;
@@ -17,6 +18,7 @@ use std::pin::pin;
 use std::str::FromStr;
 use std::sync::Arc;
 use std::time::Duration;
+use utoipa::ToSchema;
 
 /// The schedule that every service starts with.
 pub const NIGHTLY: &str = "nightly";
@@ -26,21 +28,26 @@ const NIGHTLY_CRON: &str = "30 2 * * *";
 const LONGEST_SLEEP: Duration = Duration::from_secs(30);
 
 /// A schedule, as its owner describes it.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
+#[schema(as = ScheduleBody)]
 pub struct ScheduleDocument {
     /// When: five fields of cron.
+    #[schema(example = "30 2 * * *")]
     pub cron: String,
     /// The IANA time zone of the pattern; that of the service by default.
     #[serde(default)]
+    #[schema(example = "Europe/Copenhagen")]
     pub zone: Option<String>,
     /// Whether it runs at all.
     #[serde(default = "yes")]
     pub enabled: bool,
     /// Which systems.
+    #[schema(min_items = 1)]
     pub systems: Vec<SystemPattern>,
     /// What is asked of each, as in the body of a job.
     #[serde(default)]
+    #[schema(value_type = BatchSettings)]
     pub request: Map<String, Value>,
 }
 

@@ -1,7 +1,7 @@
 //! What is known about a room or a plant: the document behind `/systems/{kind}/{id}`.
 
 use super::{JobsError, Refusal, Service, decode, now};
-use crate::data::{Bindings as ColumnBindings, Duration, SystemId, read_time};
+use crate::data::{Bindings as ColumnBindings, Duration, Length, SystemId, read_time};
 use crate::estimate::request::{Prior, Site};
 use crate::fault::Fault;
 use crate::model::{Bindings, Catalogue, ModelId, compile};
@@ -26,22 +26,19 @@ pub struct SystemDocument {
     #[serde(default)]
     pub location: Option<Location>,
     /// The model whose fits are served.
-    #[schema(value_type = String, example = "room3")]
     pub model: ModelId,
     /// Which column feeds which channel, where the names alone do not say it.
     #[serde(default)]
-    #[schema(value_type = std::collections::HashMap<String, String>, example = json!({"T_room": "T_indoor_degC"}))]
+    #[schema(value_type = std::collections::HashMap<String, String>)]
     pub channels: ColumnBindings,
     /// The rooms next door.
     #[serde(default)]
-    #[schema(value_type = Vec<String>, example = json!(["room/2"]))]
     pub neighbours: Vec<SystemId>,
     /// What happens to an accepted fit, and how long it is fresh.
     #[serde(default)]
     pub policy: Policy,
     /// What is known about the parameters before any data.
     #[serde(default)]
-    #[schema(value_type = String, example = "none")]
     pub prior: Prior,
     /// Stretches of time whose measurements are not to be trusted.
     #[serde(default)]
@@ -53,8 +50,10 @@ pub struct SystemDocument {
 #[serde(deny_unknown_fields)]
 pub struct Location {
     /// Latitude in degrees, north positive.
+    #[schema(minimum = -90, maximum = 90)]
     pub lat: f64,
     /// Longitude in degrees, east positive.
+    #[schema(minimum = -180, maximum = 180)]
     pub lon: f64,
     /// IANA time zone of the inputs `hour_of_day` and `weekday`; UTC where it is not given.
     #[serde(default)]
@@ -68,10 +67,10 @@ pub struct Policy {
     /// Who publishes.
     pub mode: Mode,
     /// How long a revision is fresh after its last validation.
-    #[schema(value_type = String, format = "duration", example = "P3D")]
+    #[schema(value_type = Length)]
     pub stale_after: Duration,
     /// The forecast horizon that the controller lives on.
-    #[schema(value_type = String, format = "duration", example = "PT6H")]
+    #[schema(value_type = Length)]
     pub horizon: Duration,
     /// Whether a job is submitted as soon as newer measurements contradict what is served.
     pub refit_when_degraded: bool,
@@ -102,8 +101,10 @@ pub enum Mode {
 #[serde(deny_unknown_fields)]
 pub struct Exclusion {
     /// Its first instant, RFC 3339.
+    #[schema(format = DateTime)]
     pub from: String,
     /// Its last instant.
+    #[schema(format = DateTime)]
     pub to: String,
     /// Why.
     #[serde(default)]

@@ -1,6 +1,10 @@
 //! The readable identity of a model: a base with the effects added and taken away.
 
+use crate::schema;
 use serde::{Deserialize, Serialize};
+
+/// Most effects that an id names.
+const MAX_EFFECTS: usize = 32;
 
 /// `room3+wind_infiltration`, `tite-solar_gain`: a base, effects added and effects removed, each sorted.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
@@ -64,6 +68,14 @@ impl ModelId {
     }
 }
 
+schema::is_text!(
+    ModelId,
+    "ModelId",
+    "^[A-Za-z0-9_]{1,64}([+-][A-Za-z0-9_]{1,64}(:[A-Za-z0-9_]{1,64})?){0,32}$",
+    "room3+wind_infiltration",
+    "A model: a base, `+` the effects that are added and `-` those that are left out."
+);
+
 /// `room2`, `metered_gain:P_heater`: letters, digits and underscores, with one colon in an effect.
 fn is_part(text: &str, effect: bool) -> bool {
     let word = |text: &str| !text.is_empty() && text.len() <= 64 && text.bytes().all(|b| b.is_ascii_alphanumeric() || b == b'_');
@@ -78,7 +90,7 @@ impl std::str::FromStr for ModelId {
 
     fn from_str(text: &str) -> Result<Self, NotAModelId> {
         let wrong = || NotAModelId(text.to_owned());
-        if text.len() > 512 {
+        if text.matches(['+', '-']).count() > MAX_EFFECTS {
             return Err(wrong());
         }
         let end = text.find(['+', '-']).unwrap_or(text.len());

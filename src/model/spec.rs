@@ -6,16 +6,20 @@
 
 use crate::fault::Fault;
 use indexmap::IndexMap;
+use serde::de::value::SeqAccessDeserializer;
+use serde::de::{Deserializer, SeqAccess, Visitor};
 use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
 
 /// Largest document in bytes.
 pub const MAX_DOCUMENT: usize = 64 * 1024;
 
 /// A grey-box model as its author wrote it.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ModelSpec {
     /// The name by which jobs ask for it.
+    #[schema(pattern = "^[A-Za-z0-9_]{1,64}$")]
     pub id: String,
     /// A short title for people.
     pub title: String,
@@ -46,7 +50,7 @@ pub struct ModelSpec {
 }
 
 /// A state variable.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct StateSpec {
     /// Its unit.
@@ -60,7 +64,7 @@ pub struct StateSpec {
 }
 
 /// How the search spreads over a parameter's interval.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Scale {
     /// Evenly.
@@ -70,7 +74,7 @@ pub enum Scale {
 }
 
 /// How an input behaves between its samples.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Hold {
     /// A straight line between samples.
@@ -80,7 +84,7 @@ pub enum Hold {
 }
 
 /// A measured input. The key may declare a family: `T_n[n in neighbours]`.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct InputSpec {
     /// Its unit in the equations; `*` takes the channel's numbers as they are.
@@ -101,7 +105,7 @@ fn linear() -> Hold {
 }
 
 /// A starting value that a document gives as a number or as the channel whose first samples give it.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 #[serde(untagged)]
 pub enum Nominal {
     /// A number in the parameter's unit.
@@ -110,8 +114,38 @@ pub enum Nominal {
     Measured(String),
 }
 
+impl<'de> Deserialize<'de> for Nominal {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct NumberOrName;
+        impl Visitor<'_> for NumberOrName {
+            type Value = Nominal;
+
+            fn expecting(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+                f.write_str("a number or the name of a channel")
+            }
+
+            fn visit_f64<E>(self, value: f64) -> Result<Nominal, E> {
+                Ok(Nominal::Value(value))
+            }
+
+            fn visit_i64<E>(self, value: i64) -> Result<Nominal, E> {
+                Ok(Nominal::Value(value as f64))
+            }
+
+            fn visit_u64<E>(self, value: u64) -> Result<Nominal, E> {
+                Ok(Nominal::Value(value as f64))
+            }
+
+            fn visit_str<E>(self, channel: &str) -> Result<Nominal, E> {
+                Ok(Nominal::Measured(channel.to_owned()))
+            }
+        }
+        deserializer.deserialize_any(NumberOrName)
+    }
+}
+
 /// An unknown parameter. The key may declare a family: `alpha_n[n in neighbours]`.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ParameterSpec {
     /// Its unit.
@@ -130,7 +164,7 @@ pub struct ParameterSpec {
 }
 
 /// A named subexpression: one text, or the first of several variants whose channels are all there.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 #[serde(untagged)]
 pub enum Definition {
     /// One expression.
@@ -139,9 +173,32 @@ pub enum Definition {
     Variants(Vec<Variant>),
 }
 
+impl<'de> Deserialize<'de> for Definition {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct TextOrVariants;
+        impl<'de> Visitor<'de> for TextOrVariants {
+            type Value = Definition;
+
+            fn expecting(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+                f.write_str("an expression or a list of variants")
+            }
+
+            fn visit_str<E>(self, text: &str) -> Result<Definition, E> {
+                Ok(Definition::Text(text.to_owned()))
+            }
+
+            fn visit_seq<A: SeqAccess<'de>>(self, seq: A) -> Result<Definition, A::Error> {
+                Vec::deserialize(SeqAccessDeserializer::new(seq)).map(Definition::Variants)
+            }
+        }
+        deserializer.deserialize_any(TextOrVariants)
+    }
+}
+
 /// One alternative of a definition.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
+#[schema(as = DefinitionVariant)]
 pub struct Variant {
     /// The inputs that it needs.
     #[serde(default)]
@@ -154,7 +211,7 @@ pub struct Variant {
 }
 
 /// What a sensor measures.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct OutputSpec {
     /// The expression of the true value.
@@ -166,8 +223,9 @@ pub struct OutputSpec {
 }
 
 /// A demand of physics that the validation gate puts to an estimate.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(tag = "kind", rename_all = "snake_case", try_from = "CheckFields")]
+#[schema(as = PhysicsCheck)]
 pub enum Check {
     /// All eigenvalues of the linearised model have negative real parts.
     Stable,
@@ -202,11 +260,58 @@ pub enum Check {
     },
 }
 
-/// A physical effect: what it adds to a model.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+/// The fields of all checks. Read first, so that a fault has its place; which of them belong together is a matter of
+/// the kind.
+#[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
+struct CheckFields {
+    kind: CheckKind,
+    lower: Option<f64>,
+    upper: Option<f64>,
+    input: Option<String>,
+    state: Option<String>,
+    above: Option<f64>,
+    upto: Option<f64>,
+    with: Option<IndexMap<String, f64>>,
+}
+
+#[derive(Deserialize)]
+#[serde(rename_all = "snake_case")]
+enum CheckKind {
+    Stable,
+    TimeConstants,
+    SteadyGain,
+    StateRange,
+}
+
+impl TryFrom<CheckFields> for Check {
+    type Error = &'static str;
+
+    fn try_from(fields: CheckFields) -> Result<Self, Self::Error> {
+        let is_gain =
+            fields.input.is_some() || fields.state.is_some() || fields.above.is_some() || fields.upto.is_some() || fields.with.is_some();
+        let is_range = fields.lower.is_some() || fields.upper.is_some();
+        match (fields.kind, fields.lower.zip(fields.upper), fields.input.zip(fields.state).zip(fields.above)) {
+            (CheckKind::Stable, _, _) if !is_gain && !is_range => Ok(Check::Stable),
+            (CheckKind::Stable, _, _) => Err("`stable` has no other fields"),
+            (CheckKind::TimeConstants, Some((lower, upper)), _) if !is_gain => Ok(Check::TimeConstants { lower, upper }),
+            (CheckKind::StateRange, Some((lower, upper)), _) if !is_gain => Ok(Check::StateRange { lower, upper }),
+            (CheckKind::TimeConstants | CheckKind::StateRange, _, _) => Err("`time_constants` and `state_range` have `lower` and `upper`"),
+            (CheckKind::SteadyGain, _, Some(((input, state), above))) if !is_range => {
+                Ok(Check::SteadyGain { input, state, above, upto: fields.upto, with: fields.with.unwrap_or_default() })
+            }
+            (CheckKind::SteadyGain, _, _) => Err("`steady_gain` has `input`, `state` and `above`, and may have `upto` and `with`"),
+        }
+    }
+}
+
+/// A physical effect: what it adds to a model.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+#[schema(as = Effect)]
 pub struct EffectSpec {
     /// The name by which models and users call it.
+    #[schema(pattern = "^[A-Za-z0-9_]{1,64}$")]
     pub id: String,
     /// A short title for people.
     pub title: String,
@@ -254,7 +359,7 @@ pub struct EffectSpec {
 }
 
 /// The sign of an effect's coefficient.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Sign {
     /// Never negative.
@@ -267,10 +372,12 @@ pub enum Sign {
 }
 
 /// A model that is a base with effects, such as `room2`.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
+#[schema(as = ModelComposition)]
 pub struct CompositionSpec {
     /// The name by which jobs ask for it.
+    #[schema(pattern = "^[A-Za-z0-9_]{1,64}$")]
     pub id: String,
     /// A short title for people.
     pub title: String,
@@ -284,7 +391,7 @@ pub struct CompositionSpec {
 }
 
 /// A document of `config/models` or of a request: a spec or a composition.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(untagged)]
 pub enum ModelDocument {
     /// A base with effects.

@@ -3,12 +3,13 @@
 use serde::{Deserialize, Serialize};
 
 use super::{Cost, Ended};
+use utoipa::ToSchema;
 
 /// Costs closer than this count as equal whatever their ratio: a noise-free fit ends at rounding errors.
 const NOTHING: f64 = 1e-10;
 
 /// The convergence rule over successive restarts.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct AgreementOptions {
     /// Largest relative difference between costs that are called the same optimum.

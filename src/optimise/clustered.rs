@@ -12,9 +12,10 @@ use super::firefly::{self, Crowd, Firefly, Flight};
 use super::kmeans::{Clusters, Seeding, cluster_count, kmeans};
 use super::method::Search;
 use super::{Ask, Candidate, Cost, Ended, Evaluation};
+use utoipa::ToSchema;
 
 /// The hyperparameters of Algorithm 2; the default is Table 7.4.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct CfaThesisOptions {
     /// Initial number of fireflies.

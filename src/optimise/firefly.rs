@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::kmeans::squared_distance;
 use super::{Candidate, Cost};
+use utoipa::ToSchema;
 
 /// The random stream number `id` of a search.
 ///
@@ -91,7 +92,7 @@ impl Firefly {
 }
 
 /// How the size of a cluster strengthens the attraction of its centroid (eq 4.10).
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Crowd {
     /// As the equation is printed: the distance is divided by the square root of the size, so that the light of a

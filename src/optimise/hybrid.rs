@@ -15,9 +15,10 @@ use super::local::{LocalOptions, LocalStage};
 use super::method::Search;
 use super::swarm::Swarm;
 use super::{Ask, Candidate, Cost, Ended, Evaluation};
+use utoipa::ToSchema;
 
 /// The hyperparameters of the hybrid.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct CfaOptions {
     /// Initial number of fireflies of a swarm.

@@ -5,9 +5,10 @@ use serde::{Deserialize, Serialize};
 use super::lm::LevenbergMarquardt;
 use super::trust_region::TrustRegion;
 use super::{Ask, Candidate, Cost, Evaluation};
+use utoipa::ToSchema;
 
 /// The settings of a local run.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct LocalOptions {
     /// Levenberg-Marquardt: most iterations of a run.

@@ -1,6 +1,7 @@
 //! The searches that can be asked for by name, and what each needs to know of the task.
 
 use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
 
 use super::agreement::AgreementOptions;
 use super::budget::Budgeted;
@@ -10,9 +11,9 @@ use super::local::LocalOptions;
 use super::multistart::{LmMultistart, LmOptions};
 use super::{Candidate, Optimiser};
 
-/// A search method with its hyperparameters, as a job names it: `{"name": "cfa", "n": 60}`.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(tag = "name", rename_all = "snake_case")]
+/// A search method with its hyperparameters: `{"cfa": {"n": 60}}`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
 pub enum Method {
     /// The default: clustered fireflies, then a local stage, with restarts.
     Cfa(CfaOptions),
@@ -52,31 +53,43 @@ impl Search {
     }
 }
 
-/// A hyperparameter outside the range in which its method makes sense.
+/// A hyperparameter and the range in which its method makes sense, ends included.
 #[derive(Debug, Clone, PartialEq)]
-pub struct OutOfRange {
+pub struct Range {
     /// Its path below the method, such as `local.trials`.
     pub field: String,
-    /// What it may be.
-    pub detail: String,
+    /// What it is.
+    pub value: f64,
+    /// The least that it may be.
+    pub from: f64,
+    /// The most that it may be.
+    pub to: f64,
 }
 
-/// Collects the faults of a method's hyperparameters.
-#[derive(Default)]
-struct Check(Vec<OutOfRange>);
+impl Range {
+    /// Whether the value lies inside; NaN lies in no range.
+    pub fn holds(&self) -> bool {
+        (self.from..=self.to).contains(&self.value)
+    }
+}
 
-impl Check {
-    /// NaN is in no range.
+impl std::fmt::Display for Range {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "must be from {} to {}, not {}", self.from, self.to, self.value)
+    }
+}
+
+/// Collects the ranges of a method's hyperparameters.
+#[derive(Default)]
+struct Ranges(Vec<Range>);
+
+impl Ranges {
     fn real(&mut self, field: &str, value: f64, from: f64, to: f64) {
-        if !(from..=to).contains(&value) {
-            self.0.push(OutOfRange { field: field.to_owned(), detail: format!("must be from {from} to {to}, not {value}") });
-        }
+        self.0.push(Range { field: field.to_owned(), value, from, to });
     }
 
     fn count(&mut self, field: &str, value: usize, from: usize, to: usize) {
-        if !(from..=to).contains(&value) {
-            self.0.push(OutOfRange { field: field.to_owned(), detail: format!("must be from {from} to {to}, not {value}") });
-        }
+        self.real(field, value as f64, from as f64, to as f64);
     }
 
     /// What both firefly methods have. The population is limited because the clusters cost its square.
@@ -115,8 +128,13 @@ impl Method {
     pub const NAMES: [&'static str; 3] = ["cfa", "cfa_thesis", "lm_multistart"];
 
     /// Every hyperparameter that is out of range; a method to be run has none.
-    pub fn faults(&self) -> Vec<OutOfRange> {
-        let mut check = Check::default();
+    pub fn faults(&self) -> Vec<Range> {
+        self.ranges().into_iter().filter(|range| !range.holds()).collect()
+    }
+
+    /// Every hyperparameter that is a number, with its range.
+    pub fn ranges(&self) -> Vec<Range> {
+        let mut check = Ranges::default();
         match self {
             Method::Cfa(o) => {
                 check.swarm(o.n, o.n_min, [o.target, o.target_min], o.alpha, o.beta0);
@@ -126,6 +144,7 @@ impl Method {
                 check.count("swarm", o.swarm, 1, 1_000_000_000);
                 check.count("swarm_on_costs", o.swarm_on_costs, 1, 1_000_000_000);
                 check.real("growth", o.growth, 1.0, 100.0);
+                check.count("stall", o.stall, 0, 1_000_000_000);
                 check.count("starts", o.starts, 0, 64);
                 check.count("scouts", o.scouts, 0, 64);
                 check.count("starts + scouts", o.starts.saturating_add(o.scouts), 1, 128);
@@ -173,41 +192,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_method_is_named_and_its_hyperparameters_are_optional() {
-        let method: Method = serde_json::from_str(r#"{"name": "cfa"}"#).unwrap();
+    fn hyperparameters_are_optional_and_known() {
+        let method: Method = serde_json::from_str(r#"{"cfa": {}}"#).unwrap();
         assert_eq!(method, Method::default());
-        let method: Method = serde_json::from_str(r#"{"n": 60, "alpha": 1, "name": "cfa", "local": {"trials": 8}}"#).unwrap();
+        let method: Method = serde_json::from_str(r#"{"cfa": {"n": 60, "alpha": 1, "local": {"trials": 8}}}"#).unwrap();
         let Method::Cfa(options) = &method else { panic!("{method:?}") };
         assert_eq!((options.n, options.alpha, options.local.trials, options.n_min), (60, 1.0, 8, 12));
-        for method in [method, Method::CfaThesis(Default::default()), Method::LmMultistart(Default::default())] {
-            let text = serde_json::to_string(&method).unwrap();
-            assert!(text.contains(&format!(r#""name":"{}""#, method.name())));
-            assert_eq!(serde_json::from_str::<Method>(&text).unwrap(), method);
-            assert!(Method::NAMES.contains(&method.name()));
-        }
-    }
-
-    #[test]
-    fn every_listed_name_is_a_method() {
-        for name in Method::NAMES {
-            let method: Method = serde_json::from_str(&format!(r#"{{"name": "{name}"}}"#)).unwrap();
-            assert_eq!(method.name(), name);
-        }
-        // What the reader itself lists is what is listed here.
-        let error = serde_json::from_str::<Method>(r#"{"name": "annealing"}"#).unwrap_err().to_string();
-        assert_eq!(error.matches('`').count(), 2 * (1 + Method::NAMES.len()), "{error}");
-    }
-
-    #[test]
-    fn unknown_names_and_fields_are_refused() {
-        for text in [
-            r#"{"name": "annealing"}"#,
-            r#"{}"#,
-            r#"{"name": "cfa", "fireflies": 3}"#,
-            r#"{"name": "cfa_thesis", "growth": 3}"#,
-            r#"{"name": "cfa", "local": {"iteration": 3}}"#,
-            r#"{"name": "lm_multistart", "starts": "all"}"#,
-        ] {
+        for text in [r#"{"annealing": {}}"#, r#"{"cfa": {"fireflies": 3}}"#, r#"{"cfa_thesis": {"growth": 3}}"#] {
             assert!(serde_json::from_str::<Method>(text).is_err(), "{text}");
         }
     }
@@ -222,7 +213,7 @@ mod tests {
         assert_eq!(fields, ["n", "alpha", "starts + scouts"]);
         let local = LocalOptions { trials: 0, ..LocalOptions::default() };
         let faults = Method::LmMultistart(LmOptions { local, ..LmOptions::default() }).faults();
-        assert_eq!(faults[0].detail, "must be from 1 to 64, not 0");
+        assert_eq!(faults[0].to_string(), "must be from 1 to 64, not 0");
     }
 
     #[test]

@@ -19,7 +19,7 @@ mod swarm;
 mod trust_region;
 
 pub use firefly::Crowd;
-pub use method::{Method, OutOfRange, Search};
+pub use method::{Method, Range, Search};
 pub use space::{Candidate, Dimension, Scale, Space, Theta};
 
 use std::cmp::Ordering;

@@ -9,9 +9,10 @@ use super::firefly::stream;
 use super::local::{LocalOptions, LocalStage};
 use super::method::Search;
 use super::{Ask, Candidate, Ended, Evaluation};
+use utoipa::ToSchema;
 
 /// The hyperparameters of the multi-start search.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct LmOptions {
     /// Starts, in a Latin hypercube. Warm starts come before them and are counted.

@@ -8,9 +8,11 @@ use crate::estimate::validate::NO_WORSE_THAN_INCUMBENT;
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 use sqlx::{FromRow, SqliteConnection};
+use utoipa::ToSchema;
 
 /// A system that was left out, with the reason.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[schema(as = SkippedSystem)]
 pub struct Skipped {
     /// The system.
     pub system: SystemId,

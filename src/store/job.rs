@@ -3,6 +3,7 @@
 use super::words;
 use crate::fault::Fault;
 use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
 
 words! {
     /// What a job does. Recalibrations are batches of estimates.
@@ -90,7 +91,8 @@ impl Priority {
 }
 
 /// Why a job came to no result.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[schema(as = JobError)]
 pub struct JobFailure {
     /// A stable slug, such as `diverged` or `panic`.
     pub code: String,

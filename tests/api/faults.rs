@@ -21,7 +21,7 @@ fn all_faults_of_a_job_are_listed() {
         "bounds": {"alpha_e": [1.0]}, "window": {"from": "yesterday"},
     });
     let problem = app.json("POST", "/jobs", &body).problem(422, "invalid-request");
-    let expected = ["/bounds/alpha_e", "/budget/walls", "/experiment", "/method", "/modle", "/objective", "/split/train", "/system"];
+    let expected = ["/bounds/alpha_e", "/budget/walls", "/experiment", "/method/seed", "/modle", "/objective", "/split/train", "/system"];
     assert_eq!(pointers(&problem), expected, "{problem}");
     let of = |pointer: &str| problem["errors"].as_array().unwrap().iter().find(|fault| fault["pointer"] == pointer).unwrap().clone();
     assert_eq!(of("/modle")["suggestion"], "did you mean `model`?");

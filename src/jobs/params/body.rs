@@ -2,9 +2,10 @@
 
 use crate::data::SystemId;
 use crate::estimate::degradation::Degradation;
+use crate::estimate::served::ServedError;
 use crate::jobs::JobsError;
 use crate::jobs::systems::SystemDocument;
-use crate::model::{Catalogue, Nominal};
+use crate::model::{Catalogue, ModelId, Nominal};
 use crate::store::params::{RevisionRecord, Standing};
 use jiff::{SignedDuration, Timestamp};
 use serde::Serialize;
@@ -65,7 +66,6 @@ impl Status {
 #[schema(as = Params)]
 pub struct Body {
     /// The system.
-    #[schema(value_type = String, example = "room/4")]
     system: SystemId,
     /// Counts up by one with every set that is published.
     revision: Option<i64>,
@@ -74,6 +74,7 @@ pub struct Body {
     /// How much to trust it.
     status: Status,
     /// The model.
+    #[schema(value_type = ModelId)]
     model: Value,
     /// Values by name.
     #[schema(value_type = HashMap<String, Option<f64>>)]
@@ -88,7 +89,7 @@ pub struct Body {
     #[schema(value_type = Vec<String>)]
     flags: Value,
     /// Errors by output channel.
-    #[schema(value_type = Object)]
+    #[schema(value_type = HashMap<String, ServedError>)]
     error: Value,
     /// When it was found.
     #[schema(value_type = Option<String>, format = DateTime)]

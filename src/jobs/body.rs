@@ -1,0 +1,148 @@
+//! What openapi.yaml says of the bodies of jobs and schedules.
+
+use crate::data::{SystemId, SystemPattern};
+use crate::estimate::EstimateRequest;
+use crate::schema::joined;
+use crate::store::jobs::Priority;
+use std::borrow::Cow;
+use utoipa::openapi::schema::{Discriminator, Object, OneOfBuilder};
+use utoipa::openapi::{Ref, RefOr, Schema};
+use utoipa::{PartialSchema, ToSchema};
+
+/// A job for one system: an estimate, a diagnosis of what its model is missing, or a ladder of effects. Everything but `kind` and `system` has a default that serves.
+#[derive(ToSchema)]
+#[expect(dead_code, reason = "describes what `jobs::request` reads")]
+struct OneFields {
+    #[schema(inline)]
+    kind: OneWord,
+    /// The system.
+    system: SystemId,
+    /// Never alters what is served.
+    #[serde(default)]
+    experiment: bool,
+    /// Who goes first.
+    priority: Option<Priority>,
+}
+
+/// The kind of a job for one system.
+#[derive(ToSchema)]
+#[serde(rename_all = "lowercase")]
+#[expect(dead_code, reason = "describes what `jobs::request` reads")]
+enum OneWord {
+    Estimate,
+    Diagnose,
+    Ladder,
+}
+
+/// Estimates for several systems, as a batch. Everything but `kind` and `systems` has a default that serves.
+#[derive(ToSchema)]
+#[expect(dead_code, reason = "describes what `jobs::request` reads")]
+struct RecalibrateFields {
+    #[schema(inline)]
+    kind: RecalibrateWord,
+    /// Which systems.
+    #[schema(min_items = 1)]
+    systems: Vec<SystemPattern>,
+    /// Who goes first.
+    priority: Option<Priority>,
+}
+
+/// The kind of a batch.
+#[derive(ToSchema)]
+#[serde(rename_all = "lowercase")]
+#[expect(dead_code, reason = "describes what `jobs::request` reads")]
+enum RecalibrateWord {
+    Recalibrate,
+}
+
+/// What a job is asked to do. Everything but `kind` and `system` (or `systems`) has a default that serves.
+#[derive(Debug)]
+pub struct JobBody;
+
+/// What is asked of each system of a batch.
+#[derive(Debug)]
+pub struct BatchSettings;
+
+/// The settings of an estimate. What is absent is filled in by the system or has a value that serves; a description
+/// that named the value would lead clients to send it.
+fn settings() -> Object {
+    let mut settings = joined([EstimateRequest::schema()], true);
+    for property in settings.properties.values_mut() {
+        without_default(property);
+    }
+    settings
+}
+
+fn without_default(property: &mut RefOr<Schema>) {
+    match property {
+        RefOr::T(Schema::Object(object)) => object.default = None,
+        RefOr::T(Schema::Array(array)) => array.default = None,
+        RefOr::T(Schema::OneOf(one_of)) => one_of.default = None,
+        RefOr::T(Schema::AllOf(all_of)) => all_of.default = None,
+        RefOr::Ref(reference) => reference.default = None,
+        RefOr::T(_) => {}
+    }
+}
+
+impl PartialSchema for BatchSettings {
+    fn schema() -> RefOr<Schema> {
+        // A batch takes the model of each system.
+        let mut settings = settings();
+        settings.properties.remove("model");
+        settings.into()
+    }
+}
+
+impl ToSchema for BatchSettings {
+    fn name() -> Cow<'static, str> {
+        "BatchSettings".into()
+    }
+
+    fn schemas(schemas: &mut Vec<(String, RefOr<Schema>)>) {
+        EstimateRequest::schemas(schemas);
+    }
+}
+
+impl PartialSchema for JobBody {
+    fn schema() -> RefOr<Schema> {
+        let mut kind = Discriminator::new("kind");
+        for (word, name) in
+            [("estimate", "SystemJob"), ("diagnose", "SystemJob"), ("ladder", "SystemJob"), ("recalibrate", "RecalibrateJob")]
+        {
+            kind.mapping.insert(word.to_owned(), Ref::from_schema_name(name).ref_location);
+        }
+        OneOfBuilder::new()
+            .description(Some("What a job is asked to do. Everything but `kind` and `system` (or `systems`) has a default that serves."))
+            .item(Ref::from_schema_name("SystemJob"))
+            .item(Ref::from_schema_name("RecalibrateJob"))
+            .discriminator(Some(kind))
+            .into()
+    }
+}
+
+impl ToSchema for JobBody {
+    fn name() -> Cow<'static, str> {
+        "JobBody".into()
+    }
+
+    fn schemas(schemas: &mut Vec<(String, RefOr<Schema>)>) {
+        schemas.push(("SystemJob".to_owned(), joined([OneFields::schema(), settings().into()], true).into()));
+        schemas.push(("RecalibrateJob".to_owned(), joined([RecalibrateFields::schema(), BatchSettings::schema()], true).into()));
+        OneFields::schemas(schemas);
+        RecalibrateFields::schemas(schemas);
+        EstimateRequest::schemas(schemas);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::collections::BTreeSet;
+
+    #[test]
+    fn the_documented_settings_are_those_that_are_read() {
+        let documented: BTreeSet<String> = settings().properties.keys().cloned().collect();
+        let read = serde_json::to_value(EstimateRequest::default()).unwrap();
+        assert_eq!(documented, read.as_object().unwrap().keys().cloned().collect());
+    }
+}

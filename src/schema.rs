@@ -1,0 +1,65 @@
+//! What openapi.yaml says of names, lengths of time and joined objects. Other documents derive what it says of them,
+//! so that the description cannot say anything else than what is read and written.
+
+use utoipa::openapi::schema::{AdditionalProperties, ArrayBuilder, KnownFormat, Object, ObjectBuilder, SchemaFormat, SchemaType, Type};
+use utoipa::openapi::{RefOr, Schema};
+use utoipa::{PartialSchema, ToSchema};
+
+/// A text of a form that is given as a regular expression (ECMA-262).
+pub fn text(form: &str) -> ObjectBuilder {
+    ObjectBuilder::new().schema_type(SchemaType::Type(Type::String)).pattern(Some(form))
+}
+
+/// Describes a type that is read from a text of a certain form.
+macro_rules! is_text {
+    ($type:ty, $name:literal, $form:expr, $example:literal, $description:literal) => {
+        impl utoipa::PartialSchema for $type {
+            fn schema() -> utoipa::openapi::RefOr<utoipa::openapi::Schema> {
+                $crate::schema::text($form).examples([$example]).description(Some($description)).into()
+            }
+        }
+
+        impl utoipa::ToSchema for $type {
+            fn name() -> std::borrow::Cow<'static, str> {
+                $name.into()
+            }
+        }
+    };
+}
+pub(crate) use is_text;
+
+/// One of these words.
+pub fn word(words: impl IntoIterator<Item = &'static str>, description: &str) -> RefOr<Schema> {
+    let text = ObjectBuilder::new().schema_type(SchemaType::Type(Type::String));
+    text.enum_values(Some(words)).description(Some(description)).into()
+}
+
+/// What the description calls a pair of numbers, the lower one first.
+#[derive(Debug, Clone, Copy)]
+pub struct Interval;
+
+impl PartialSchema for Interval {
+    fn schema() -> RefOr<Schema> {
+        let number =
+            ObjectBuilder::new().schema_type(SchemaType::Type(Type::Number)).format(Some(SchemaFormat::KnownFormat(KnownFormat::Double)));
+        let pair = ArrayBuilder::new().items(number).min_items(Some(2)).max_items(Some(2));
+        pair.description(Some("Lower and upper end.")).into()
+    }
+}
+
+impl ToSchema for Interval {}
+
+/// One object that has the fields of all of these, and no others if `closed`. `allOf` says the same of open objects
+/// only: each closed one forbids the fields of the others.
+pub fn joined(parts: impl IntoIterator<Item = RefOr<Schema>>, closed: bool) -> Object {
+    let mut whole = Object::with_type(Type::Object);
+    for part in parts {
+        if let RefOr::T(Schema::Object(object)) = part {
+            whole.description = whole.description.or(object.description);
+            whole.properties.extend(object.properties);
+            whole.required.extend(object.required);
+        }
+    }
+    whole.additional_properties = closed.then(|| Box::new(AdditionalProperties::FreeForm(false)));
+    whole
+}

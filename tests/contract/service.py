@@ -1,0 +1,106 @@
+"""Runs the built service for the checks of its contract, and gives it something to talk about.
+
+Nothing but the standard library, so that it can be used before anything is installed.
+"""
+
+import contextlib
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+import urllib.error
+import urllib.request
+import venv
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+# The system that exists while the contract is checked, and of which the examples speak: a real house, with
+# measurements, a fit and parameters.
+SYSTEM = "room/4"
+MODEL = "tite"
+COLUMNS = {"T_room": "T_indoor_degC", "T_out": "T_outdoor_degC", "P_heater": "heat_input_raw"}
+MEASUREMENTS = ROOT / "config/demo/hourly_house.csv"
+ESTIMATE = {"kind": "estimate", "system": SYSTEM, "method": {"name": "lm_multistart", "seed": 1}, "budget": {"evaluations": 400}}
+PATIENCE_S = 60
+
+
+def binary():
+    """The program that is checked: the one that LAMPYRIS_BINARY names, or the release build."""
+    target = Path(os.environ.get("CARGO_TARGET_DIR", "target"))
+    return Path(os.environ.get("LAMPYRIS_BINARY", ROOT / target / "release/lampyris"))
+
+
+def environment(folder, *packages):
+    """A Python of its own with these packages; gives the folder of its programs."""
+    venv.create(folder, with_pip=True)
+    programs = Path(folder) / "bin"
+    subprocess.run([programs / "python", "-m", "pip", "install", "--quiet", "--disable-pip-version-check", *packages], check=True)
+    return programs
+
+
+@contextlib.contextmanager
+def running(folder, **settings):
+    """A service on a free port of the loopback with a fresh database; ends with the block."""
+    # A step that is stopped must end what it started, so the signal becomes an exception.
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
+    log = Path(folder) / "service.log"
+    command = [binary(), "serve", "--bind", "127.0.0.1:0", "--database", Path(folder) / "contract.db"]
+    with log.open("w") as log_file:
+        child = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log_file, text=True, env={**os.environ, **settings})
+    try:
+        line = child.stdout.readline()
+        if "listening on " not in line:
+            raise RuntimeError(f"the service does not listen:\n{log.read_text()}")
+        yield line.split("listening on ")[1].strip()
+        if child.poll() is not None:
+            raise RuntimeError(f"the service ended with {child.returncode}:\n{log.read_text()[-4000:]}")
+    finally:
+        child.terminate()
+        try:
+            child.wait(10)
+        except subprocess.TimeoutExpired:
+            child.kill()
+            child.wait()
+
+
+def ask(base, method, path, body=None, media_type="application/json"):
+    """The JSON answer to a request, which must succeed."""
+    data = body if body is None or isinstance(body, bytes) else json.dumps(body).encode()
+    headers = {} if data is None else {"Content-Type": media_type}
+    try:
+        with urllib.request.urlopen(urllib.request.Request(base + path, data, headers, method=method), timeout=30) as answer:
+            return json.load(answer)
+    except urllib.error.HTTPError as error:
+        raise RuntimeError(f"{method} {path}: {error.code} {error.read().decode()}") from None
+
+
+def ended(base, job):
+    """A job after its end."""
+    begun = time.monotonic()
+    while (answer := ask(base, "GET", f"/jobs/{job}"))["state"] not in ("succeeded", "failed", "cancelled"):
+        if time.monotonic() - begun > PATIENCE_S:
+            raise RuntimeError(f"job {job} does not end: {answer}")
+        time.sleep(0.1)
+    return answer
+
+
+def seed(base):
+    """Makes one of each thing; gives their ids by the first part of the paths that lead to them."""
+    ask(base, "PUT", f"/systems/{SYSTEM}", {"label": "A house", "model": MODEL, "channels": COLUMNS})
+    window = ask(base, "POST", f"/systems/{SYSTEM}/windows", MEASUREMENTS.read_bytes(), "text/csv")
+    job = ended(base, ask(base, "POST", "/jobs", ESTIMATE)["id"])
+    if job["outcome"] != "accepted":
+        raise RuntimeError(f"the house has no parameters: {job}")
+    version = ask(base, "POST", f"/models/{MODEL}/effects", {"effect": "constant_gain"})
+    batch = ask(base, "POST", "/jobs", {"kind": "recalibrate", "systems": [SYSTEM], "budget": {"evaluations": 100}})
+    return {
+        "batches": [batch["id"]],
+        "effects": ["constant_gain", "metered_gain"],
+        "fits": [job["fit"]],
+        "jobs": [job["id"]],
+        "models": [MODEL, version["id"]],
+        "schedules": ["nightly"],
+        "windows": [window["id"]],
+    }
