@@ -28,6 +28,10 @@ const MOST_DAYS: f64 = 0.7;
 /// Suspects within this much of the winner, or this much alike, are named together with it.
 const TIE_BIC: f64 = 10.0;
 const TIE_CORRELATION: f64 = 0.9;
+/// Where the median suspect gains, a cause gains this many times as much.
+const STAND_OUT: f64 = 2.0;
+/// Fewest families of which a median means anything.
+const LEAST_FAMILIES: usize = 5;
 /// Iterations of a suspect.
 const ITERATIONS: usize = 30;
 /// Members of a family of choices that are refitted.
@@ -104,19 +108,14 @@ pub fn round(null: &mut Null, suspects: &[Suspect], strict: bool) -> Option<Roun
     let mut tried: Vec<Tried> = found.into_iter().flatten().collect();
     compare(null, &mut tried);
     // The null model goes on from where the best suspects have come to.
-    let bases: Vec<[Vec<f64>; 2]> = tried
-        .iter()
-        .take(RESTARTS)
-        .map(|one| [&one.fitted.plain, &one.fitted.white].map(|theta| suspects[one.suspect].lower(&null.problem, theta)))
-        .collect();
-    for [plain, white] in bases {
-        null.restart(&plain, &white);
+    restart(null, suspects, &mut tried, RESTARTS);
+    let mut placebo = median_gain(&tried, suspects);
+    if placebo > LEAST_BIC {
+        // Where most suspects gain, it may be the null model that is not at its optimum.
+        let all = tried.len();
+        restart(null, suspects, &mut tried, all);
+        placebo = median_gain(&tried, suspects);
     }
-    compare(null, &mut tried);
-    let mut gains: Vec<f64> = tried.iter().map(|one| one.delta_bic).collect();
-    gains.sort_by(f64::total_cmp);
-    // If most suspects gain alike, it is the null model that is not at its optimum.
-    let placebo = gains.len() >= 6 && gains.get(gains.len() / 2).is_some_and(|median| *median > LEAST_BIC);
     day_ahead(null, suspects, &mut tried);
     for one in &mut tried {
         let suspect = &suspects[one.suspect];
@@ -125,6 +124,35 @@ pub fn round(null: &mut Null, suspects: &[Suspect], strict: bool) -> Option<Roun
     let winner = tried.iter().position(|one| one.gate.is_none());
     let tied = winner.map_or_else(Vec::new, |winner| ties(&mut tried, suspects, winner));
     Some(Round { tried, skipped, winner, tied })
+}
+
+/// Restarts the null model from the parameters of the best suspects without their effects, and compares again.
+fn restart(null: &mut Null, suspects: &[Suspect], tried: &mut [Tried], count: usize) {
+    let bases: Vec<[Vec<f64>; 2]> = tried
+        .iter()
+        .take(count)
+        .map(|one| [&one.fitted.plain, &one.fitted.white].map(|theta| suspects[one.suspect].lower(&null.problem, theta)))
+        .collect();
+    for [plain, white] in bases {
+        null.restart(&plain, &white);
+    }
+    compare(null, tried);
+}
+
+/// The median gain of the families that were tried, each by its best member; minus infinity where they are too few
+/// to tell.
+fn median_gain(tried: &[Tried], suspects: &[Suspect]) -> f64 {
+    let mut families: Vec<&str> = Vec::new();
+    let mut gains: Vec<f64> = Vec::new();
+    for one in tried {
+        let suspect = &suspects[one.suspect];
+        if !suspect.is_choice() || !families.contains(&suspect.family()) {
+            families.push(suspect.family());
+            gains.push(one.delta_bic);
+        }
+    }
+    // The largest gain comes first, so this is the median.
+    if gains.len() < LEAST_FAMILIES { f64::NEG_INFINITY } else { gains[gains.len() / 2] }
 }
 
 /// Who is refitted: whom the data can show with a sign that physics allows, and of a shape the best choices.
@@ -234,7 +262,7 @@ fn day_ahead(null: &Null, suspects: &[Suspect], tried: &mut [Tried]) {
 }
 
 /// What stops a suspect.
-fn gate(suspect: &Suspect, one: &Tried, strict: bool, placebo: bool) -> Option<(Gate, String)> {
+fn gate(suspect: &Suspect, one: &Tried, strict: bool, placebo: f64) -> Option<(Gate, String)> {
     let percent = |share: Option<f64>| share.map_or_else(|| "no unseen data".to_owned(), |share| format!("{:.0} %", 100.0 * share));
     if one.active == 0 {
         return Some((Gate::Bound, "it fits best where it does nothing".to_owned()));
@@ -243,7 +271,8 @@ fn gate(suspect: &Suspect, one: &Tried, strict: bool, placebo: bool) -> Option<(
     if !allowed {
         return Some((Gate::Sign, "the data ask for a sign that physics does not allow".to_owned()));
     }
-    if placebo {
+    // A cause stands out from what everybody gains.
+    if placebo > LEAST_BIC && !(one.delta_bic >= STAND_OUT * placebo) {
         return Some((Gate::Bic, "most suspects gain alike: the fit without them is not at its optimum".to_owned()));
     }
     let reaches = |share: Option<f64>, least: f64| share.is_some_and(|share| share >= least);
