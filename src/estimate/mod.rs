@@ -7,6 +7,7 @@ pub mod fit;
 pub mod metrics;
 pub mod objective;
 pub mod physics;
+pub mod preview;
 pub mod problem;
 pub mod request;
 pub mod run;
