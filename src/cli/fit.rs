@@ -17,7 +17,7 @@ pub struct Arguments {
     /// The optimiser: cfa, cfa_thesis or lm_multistart.
     #[arg(long, default_value = "cfa", value_parser = method)]
     method: Method,
-    /// What is minimised: mse or swmse.
+    /// What is minimised: mse, swmse or nmse.
     #[arg(long, default_value = "mse", value_parser = word::<Objective>)]
     objective: Objective,
     /// What is known beforehand: none or log_normal.

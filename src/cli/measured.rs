@@ -47,6 +47,9 @@ pub struct Measured {
     /// Longitude in degrees.
     #[arg(long, requires = "lat", allow_hyphen_values = true)]
     lon: Option<f64>,
+    /// IANA time zone, for the clock on the wall; UTC by default.
+    #[arg(long)]
+    zone: Option<String>,
 }
 
 impl Measured {
@@ -87,6 +90,10 @@ impl Measured {
 
     /// What is known about the place.
     pub fn site(&self) -> Site {
-        Site { location: self.lat.zip(self.lon), sets: [("neighbours".to_owned(), self.neighbours.clone())].into() }
+        Site {
+            location: self.lat.zip(self.lon),
+            zone: self.zone.clone(),
+            sets: [("neighbours".to_owned(), self.neighbours.clone())].into(),
+        }
     }
 }

@@ -32,7 +32,7 @@ const ASM1: [&str; 13] = ["S_I", "S_S", "X_I", "X_S", "X_BH", "X_BA", "X_P", "S_
 const EFFLUENT: [&str; 4] = ["S_S_e", "X_S_e", "S_NH_e", "S_NO_e"];
 
 /// Every name with a fixed meaning, for suggestions.
-pub(super) const KNOWN: [&str; 17] = [
+pub(super) const KNOWN: [&str; 19] = [
     "T_room",
     "T_out",
     "T_forward",
@@ -46,6 +46,8 @@ pub(super) const KNOWN: [&str; 17] = [
     "valve",
     "window_open",
     "occupancy",
+    "hour_of_day",
+    "weekday",
     "CO2",
     "Q",
     "temperature",
@@ -72,6 +74,8 @@ impl ChannelKind {
             "flow" | "valve" => held("-", -0.05, 1.05),
             "window_open" => held("-", 0.0, 1.0),
             "occupancy" => held("people", 0.0, 10_000.0),
+            "hour_of_day" => held("h", 0.0, 24.0),
+            "weekday" => held("-", 1.0, 7.0),
             "CO2" => linear("ppm", 200.0, 20_000.0),
             "Q" => linear("m3/d", 0.0, 1e7),
             "temperature" => linear("degC", -5.0, 60.0),

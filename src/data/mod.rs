@@ -3,7 +3,7 @@
 //! ```text
 //! CSV or JSON --channel, stamp, parse, table--> Window --resample--> Grid --split--> train | validation | test
 //!                                                 |                    ^
-//!                                     series: one block per channel    sun: computed columns
+//!                                     series: one block per channel    sun, calendar: computed columns
 //! ```
 //!
 //! | file | what it owns |
@@ -21,6 +21,7 @@
 //! | `resample` | from a window to a grid, without inventing data across gaps |
 //! | `drops` | openings of a window, read off sharp drops of a room temperature |
 //! | `sun` | altitude and azimuth of the sun |
+//! | `calendar` | hour of the day and day of the week |
 //! | `duration` | ISO 8601 durations |
 //! | `split` | training, validation and test parts |
 //!
@@ -31,6 +32,7 @@
 //! [`Grid`] has a finite value at every index, and a mask that says which of them stand for a measurement.
 
 mod block;
+mod calendar;
 mod channel;
 mod drops;
 mod duration;
@@ -47,6 +49,7 @@ mod table;
 mod window;
 
 pub use block::CorruptBlock;
+pub use calendar::{CALENDAR, add_calendar};
 pub use channel::{ChannelKind, Hold};
 pub use drops::{DROPS, add_drops};
 pub use duration::{BadDuration, Duration};

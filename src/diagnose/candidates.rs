@@ -1,7 +1,7 @@
 //! The library of what may be missing: every effect of the catalogue, compiled into the model and put on the data.
 
 use super::report::NotTestable;
-use crate::data::{ChannelKind, Column, Grid, Window, add_drops};
+use crate::data::{ChannelKind, Column, Grid, Window, add_calendar, add_drops};
 use crate::estimate::problem::Choices;
 use crate::estimate::{Problem, Site};
 use crate::fault::Fault;
@@ -9,6 +9,7 @@ use crate::model::catalogue::Catalogue;
 use crate::model::compile::AS_IT_COMES;
 use crate::model::spec::{EffectSpec, Sign};
 use crate::model::{Bindings, ModelId, Scale, compile};
+use crate::simulate::drive::samples_back;
 use crate::units::Unit;
 use rayon::prelude::*;
 
@@ -68,7 +69,7 @@ impl Suspect {
 
 /// Every channel of the window on the grid of a problem, so that any effect finds its inputs there. A channel
 /// with holes too large to bridge is named instead.
-pub fn widen(problem: &Problem, window: &Window) -> Result<(Grid, Vec<String>), Fault> {
+pub fn widen(problem: &Problem, window: &Window, site: &Site) -> Result<(Grid, Vec<String>), Fault> {
     let output = problem.model().outputs().first().map(|output| output.channel.clone()).unwrap_or_default();
     let mut grid = problem.grid().clone();
     let mut holes = Vec::new();
@@ -86,6 +87,7 @@ pub fn widen(problem: &Problem, window: &Window) -> Result<(Grid, Vec<String>), 
             _ => holes.push(channel.to_owned()),
         }
     }
+    let grid = add_calendar(grid, site.zone.as_deref().unwrap_or("UTC"))?;
     let grid = if grid.column(crate::data::DROPS).is_none() { add_drops(grid, &output)? } else { grid };
     Ok((grid, holes))
 }
@@ -112,6 +114,20 @@ pub fn suspects(catalogue: &Catalogue, base: &Problem, grid: &Grid, holes: &[Str
         }
     }
     (suspects, not_testable)
+}
+
+/// Begins the training part of all where the suspect with the longest delay knows its past, so that every model is
+/// judged on the same samples.
+pub fn align(base: &Problem, library: &mut [Suspect]) -> Problem {
+    let past = |problem: &Problem| {
+        let model = problem.model();
+        (0..model.inputs().len()).map(|input| samples_back(model.longest_delay(input), problem.grid().step_hours())).max().unwrap_or(0)
+    };
+    let first = library.iter().map(|suspect| past(&suspect.problem)).max().unwrap_or(0);
+    let mut split = base.split().clone();
+    split.train.start = split.train.start.max(first.min(split.train.end));
+    library.iter_mut().for_each(|suspect| suspect.problem = suspect.problem.with_split(split.clone()));
+    base.with_split(split)
 }
 
 /// The ids of all effects that could concern this window and are no part of the model.

@@ -1,6 +1,6 @@
 //! The main line: rounds until nothing more is found, and the document that says what was.
 
-use super::candidates::{Suspect, suspects, widen};
+use super::candidates::{Suspect, align, suspects, widen};
 use super::failures::episodes;
 use super::fitted::{Null, whitening_at};
 use super::rank::{LEAST_BIC, LEAST_SHARE, Round, STRICT_SHARE, Skip, Tried, round};
@@ -75,20 +75,23 @@ pub fn diagnose(
     if strict {
         report.warnings.push(format!("only {train:.1} days of training and {unseen:.1} unseen days: more is asked of every effect"));
     }
-    let (grid, holes) = widen(problem, window).map_err(|fault| DiagnoseError::Faults(vec![fault]))?;
+    let (grid, holes) = widen(problem, window, site).map_err(|fault| DiagnoseError::Faults(vec![fault]))?;
     let settled = |null: Option<Null>| null.ok_or(DiagnoseError::Estimate(EstimateError::NothingFinite));
-    let mut null = settled(Null::settle(problem.clone(), theta, None))?;
+    let (mut library, not_testable) = suspects(catalogue, problem, &grid, &holes, site);
+    let mut null = settled(Null::settle(align(problem, &mut library), theta, None))?;
+    report.not_testable = not_testable;
     let mut found: Vec<String> = Vec::new();
     let mut before = None;
     for number in 1..=ROUNDS {
         interrupted(control)?;
-        let (mut library, not_testable) = suspects(catalogue, &null.problem, &grid, &holes, site);
+        if number > 1 {
+            (library, _) = suspects(catalogue, &null.problem, &grid, &holes, site);
+        }
         // The openings that a drop detector marks are off by up to half an hour, which a lag then repairs.
         library.retain(|suspect| !(suspect.id == "sensor_lag" && found.iter().any(|name| name == "window_opening")));
         let outcome = settled_round(round(&mut null, &library, strict))?;
         if number == 1 {
             before = Some(null.clone());
-            report.not_testable = not_testable;
             tell_round(&mut report, &library, &outcome);
         }
         let Some(winner) = outcome.winner.map(|place| &outcome.tried[place]) else { break };
@@ -116,8 +119,9 @@ pub fn preview(
     site: &Site,
 ) -> Result<Vec<Preview>, DiagnoseError> {
     let diverged = DiagnoseError::Estimate(EstimateError::NothingFinite);
-    let (grid, holes) = widen(problem, window).map_err(|fault| DiagnoseError::Faults(vec![fault]))?;
-    let (library, _) = suspects(catalogue, problem, &grid, &holes, site);
+    let (grid, holes) = widen(problem, window, site).map_err(|fault| DiagnoseError::Faults(vec![fault]))?;
+    let (mut library, _) = suspects(catalogue, problem, &grid, &holes, site);
+    let problem = &align(problem, &mut library);
     let whitening = whitening_at(problem, theta).ok_or(diverged.clone())?;
     let screen = Screen::new(problem, theta, &whitening).ok_or(diverged)?;
     let mut previews: Vec<Preview> = library

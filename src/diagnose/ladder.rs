@@ -1,6 +1,6 @@
 //! The error ladder: effects are added one after another while the error on unseen data falls.
 
-use super::candidates::{suspects, widen};
+use super::candidates::{align, suspects, widen};
 use super::findings::DiagnoseError;
 use super::fitted::Null;
 use super::rank::{LEAST_BIC, round};
@@ -65,8 +65,9 @@ pub fn ladder(
     control: &Control,
 ) -> Result<Ladder, DiagnoseError> {
     let nothing = || DiagnoseError::Estimate(EstimateError::NothingFinite);
-    let (grid, holes) = widen(problem, window).map_err(|fault| DiagnoseError::Faults(vec![fault]))?;
-    let mut null = Null::settle(problem.clone(), theta, None).ok_or_else(nothing)?;
+    let (grid, holes) = widen(problem, window, site).map_err(|fault| DiagnoseError::Faults(vec![fault]))?;
+    let (mut library, _) = suspects(catalogue, problem, &grid, &holes, site);
+    let mut null = Null::settle(align(problem, &mut library), theta, None).ok_or_else(nothing)?;
     let noise = filter(problem, &null.fitted.plain, None).process_noise;
     let mut steps = Vec::new();
     let mut price = 0.0;
@@ -74,7 +75,9 @@ pub fn ladder(
         if let Some(interrupt) = (control.interrupt)() {
             return Err(DiagnoseError::Estimate(EstimateError::Interrupted(interrupt)));
         }
-        let (library, _) = suspects(catalogue, &null.problem, &grid, &holes, site);
+        if !steps.is_empty() {
+            (library, _) = suspects(catalogue, &null.problem, &grid, &holes, site);
+        }
         let outcome = round(&mut null, &library, false).ok_or_else(nothing)?;
         if steps.is_empty() {
             steps.push(step(&null, None, 0.0, noise, true, "the model as it is".to_owned()));

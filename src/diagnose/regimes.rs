@@ -47,8 +47,8 @@ pub fn regimes(problem: &Problem, error: &[f64], usable: &[usize], seed: u64) ->
                 labels.push(("evening (17 to 22 h)".to_owned(), part(&|hour| (17.0..22.0).contains(&hour))));
             }
             "weekday" => {
-                labels.push(("weekdays".to_owned(), part(&|day| day < 4.5)));
-                labels.push(("weekends".to_owned(), part(&|day| day > 4.5)));
+                labels.push(("weekdays".to_owned(), part(&|day| day < 5.5)));
+                labels.push(("weekends".to_owned(), part(&|day| day > 5.5)));
             }
             "sun_altitude" => {
                 labels.push(("sun up".to_owned(), part(&|altitude| altitude > 0.0)));

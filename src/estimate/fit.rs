@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 pub enum Stop {
     /// Successive restarts agree on the optimum.
     Converged,
-    /// Restarts bring nothing new although they disagree.
+    /// Restarts bring nothing new although they disagree, or early stopping has lost its patience.
     Stalled,
     /// The evaluations are used up.
     Budget,
@@ -123,7 +123,7 @@ pub struct Fit {
     pub correlated: Vec<CorrelatedPair>,
     /// The name of the optimiser.
     pub method: String,
-    /// The objective.
+    /// The objective: `mse`, `swmse` or `nmse`.
     pub objective: String,
     /// The best cost.
     pub cost: f64,

@@ -1,15 +1,18 @@
 //! The system-identification step: a problem is asked, a search answers, a gate judges.
 //!
-//! `request` says what is wanted, `problem` puts model and window together, `run` drives the optimiser,
-//! `metrics` and `uncertainty` describe what was found, `validate` decides, `served` is what may go out.
+//! `request` says what is wanted, `problem` puts model and window together, `objective` weighs the residuals,
+//! `run` drives the optimiser until it or `stop` says that it is over, `metrics` and `uncertainty` describe what was found, `validate` decides, `served` is what may go out.
 
 pub mod fit;
 pub mod metrics;
+pub mod objective;
 pub mod physics;
+pub mod preview;
 pub mod problem;
 pub mod request;
 pub mod run;
 pub mod served;
+pub mod stop;
 pub mod uncertainty;
 pub mod validate;
 pub mod whiten;
@@ -19,4 +22,5 @@ pub use problem::Problem;
 pub use request::{EstimateRequest, Site, prepare};
 pub use run::{Control, EstimateError, Interrupt, Progress, estimate};
 pub use served::ServedParameters;
+pub use stop::EarlyStopping;
 pub use validate::{Acceptance, Incumbent, Judgement, Policy, Verdict, validate};

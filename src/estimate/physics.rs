@@ -66,7 +66,8 @@ fn at(problem: &Problem, nodes: &[crate::model::expr::NodeId], states: &[f64], t
     problem.model().graph().evaluate(nodes, |leaf| match leaf {
         Node::State(i) => states[usize::from(i)],
         Node::Param(i) => theta[usize::from(i)],
-        Node::Input(i, _) => inputs[usize::from(i)],
+        // In a steady state the past is as the present.
+        Node::Input(i, _) | Node::Delayed(i, ..) => inputs[usize::from(i)],
         // Slopes and steps belong to a simulation; a steady state has none.
         _ => 0.0,
     })

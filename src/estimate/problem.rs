@@ -1,5 +1,6 @@
 //! What is asked: a model, a window on a grid, the parts of it, an objective and a box of free parameters.
 
+use super::objective::{Share, divisor};
 use super::request::{Objective, Prior};
 use crate::data::{Grid, Split};
 use crate::fault::{Fault, nearest};
@@ -9,9 +10,6 @@ use crate::simulate::trajectory::Measured;
 use crate::simulate::{Inputs, Simulator, Stepper, Trajectory, substeps};
 use indexmap::IndexMap;
 use std::ops::Range;
-
-/// The correlation weight of the shape-weighted error (thesis eq. 7.6).
-const SHAPE_DELTA: f64 = 0.5;
 
 /// An estimation problem. Full parameter vectors follow the model's order; free ones follow the space's.
 #[derive(Debug, Clone)]
@@ -86,9 +84,6 @@ impl Problem {
                 )),
             }
         }
-        if measured.iter().any(|(_, valid)| split.train.clone().filter(|k| valid[*k]).count() < 10) {
-            faults.push(Fault::new("/window", "too-short", "the training part has fewer than ten valid measurements"));
-        }
         let inputs = match Inputs::new(&model, &grid) {
             Ok(inputs) if faults.is_empty() => inputs,
             Ok(_) => return Err(faults),
@@ -115,6 +110,10 @@ impl Problem {
             bounds: Vec::new(),
             source,
         };
+        if (0..problem.measured.len()).any(|output| problem.usable(output, problem.split.train.clone()).len() < 10) {
+            let detail = "the training part has fewer than ten valid measurements with known inputs";
+            return Err(vec![Fault::new("/window", "too-short", detail)]);
+        }
         problem.choose(choices)?;
         Ok(problem)
     }
@@ -131,6 +130,15 @@ impl Problem {
                 let detail = format!("[{lower}, {upper}] is not an interval on the scale of `{}`", parameter.name);
                 faults.push(Fault::new(format!("/bounds/{}", parameter.name), "bounds", detail));
                 continue;
+            }
+            // A window brings as much past along as the model declares.
+            let values = choices.fixed.get(&parameter.name).map_or([lower, upper], |value| [*value, *value]);
+            if let Some(delay) = self.model.delays().iter().find(|delay| delay.parameter == Some(index))
+                && !(values[0] >= 0.0 && values[1] <= delay.longest)
+            {
+                let field = if choices.fixed.contains_key(&parameter.name) { "fixed" } else { "bounds" };
+                let detail = format!("`{}` delays an input: the model allows 0 to {} h", parameter.name, delay.longest);
+                faults.push(Fault::new(format!("/{field}/{}", parameter.name), "bounds", detail));
             }
             let nominal = match &parameter.nominal {
                 Nominal::Value(value) => *value,
@@ -232,6 +240,12 @@ impl Problem {
         self.measured.iter().map(|(values, valid)| (values.as_slice(), valid.as_slice())).collect()
     }
 
+    /// The same problem with other parts.
+    #[must_use]
+    pub fn with_split(&self, split: Split) -> Self {
+        Self { split, ..self.clone() }
+    }
+
     /// The same problem with so many internal steps per sample.
     #[must_use]
     pub fn with_substeps(&self, steps: usize) -> Self {
@@ -291,20 +305,19 @@ impl Problem {
             .collect()
     }
 
-    /// Residuals whose mean square is the objective. A model with several outputs weighs each by its noise.
+    /// Residuals whose mean square is the objective. The mean square errors of several outputs are each weighed
+    /// by their noise, except where the objective normalises them.
     fn residuals(&self, trajectory: &Trajectory, theta: &[f64]) -> Vec<f64> {
-        let mut residuals = Vec::new();
-        for (output, simulated) in trajectory.outputs.iter().enumerate() {
+        let used: Vec<Vec<usize>> = (0..trajectory.outputs.len()).map(|output| self.usable(output, self.split.train.clone())).collect();
+        let total: usize = used.iter().map(Vec::len).sum();
+        let mut residuals = Vec::with_capacity(total);
+        for (output, (simulated, used)) in trajectory.outputs.iter().zip(&used).enumerate() {
             let (values, _) = &self.measured[output];
-            let used = self.usable(output, self.split.train.clone());
-            let scale = if self.measured.len() == 1 { 1.0 } else { 1.0 / self.model.outputs()[output].noise_sd };
-            let shape = match self.objective {
-                Objective::Mse => 1.0,
-                Objective::Swmse => shape_divisor(used.iter().map(|k| (simulated[*k], values[*k]))),
-            };
-            // Dividing each residual by the root of the divisor makes the mean square the weighted error, so
-            // that least squares applies to eq. 7.6 as well.
-            let factor = scale / shape.sqrt();
+            let share = Share { noise: self.model.outputs()[output].noise_sd.powi(2), outputs: self.measured.len(), total };
+            let divisor = divisor(self.objective, used.iter().map(|k| (simulated[*k], values[*k])), &share);
+            // Dividing each residual by the root of the divisor makes the mean square the objective, so that
+            // least squares applies to all of them.
+            let factor = 1.0 / divisor.sqrt();
             residuals.extend(used.iter().map(|k| (simulated[*k] - values[*k]) * factor));
         }
         if let (Prior::LogNormal, Some(variance)) = (self.prior, self.prior_variance) {
@@ -355,35 +368,4 @@ fn simulator_for(model: &Model, inputs: &Inputs, measured: &[(Vec<f64>, Vec<bool
 /// Mean of the squares; NaN for nothing.
 pub fn mean_square(values: &[f64]) -> f64 {
     values.iter().map(|value| value * value).sum::<f64>() / values.len() as f64
-}
-
-/// `max(delta + (1 - delta) r, 1e-3)` of eq. 7.6, with r = 0 where a series is constant.
-fn shape_divisor(pairs: impl Iterator<Item = (f64, f64)> + Clone) -> f64 {
-    let n = pairs.clone().count() as f64;
-    let (sum_a, sum_b) = pairs.clone().fold((0.0, 0.0), |(a, b), (x, y)| (a + x, b + y));
-    let (mean_a, mean_b) = (sum_a / n, sum_b / n);
-    let (mut aa, mut bb, mut ab) = (0.0, 0.0, 0.0);
-    for (x, y) in pairs {
-        let (x, y) = (x - mean_a, y - mean_b);
-        aa += x * x;
-        bb += y * y;
-        ab += x * y;
-    }
-    let correlation = if aa > 0.0 && bb > 0.0 { ab / (aa * bb).sqrt() } else { 0.0 };
-    (SHAPE_DELTA + (1.0 - SHAPE_DELTA) * correlation).max(1e-3)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_shape_divisor_is_that_of_equation_7_6() {
-        let wave: Vec<(f64, f64)> = (0..50).map(|i| (f64::from(i).sin(), 2.0 * f64::from(i).sin() + 1.0)).collect();
-        assert!((shape_divisor(wave.iter().copied()) - 1.0).abs() < 1e-12);
-        let mirrored: Vec<(f64, f64)> = wave.iter().map(|(x, y)| (*x, -y)).collect();
-        assert!((shape_divisor(mirrored.iter().copied()) - 1e-3).abs() < 1e-12);
-        let constant: Vec<(f64, f64)> = wave.iter().map(|(x, _)| (*x, 3.0)).collect();
-        assert!((shape_divisor(constant.iter().copied()) - 0.5).abs() < 1e-12);
-    }
 }

@@ -1,10 +1,12 @@
 //! What a user asks for, in words that the command line, the jobs and their schedule share.
 
 use super::problem::{Choices, Problem, Source};
-use crate::data::{DEFAULT_MAX_GAP_STEPS, Duration, GridRequest, Split, SplitRequest, Window, read_time};
+use super::stop::EarlyStopping;
+use crate::data::{CALENDAR, DEFAULT_MAX_GAP_STEPS, Duration, GridRequest, Split, SplitRequest, Window, read_time};
 use crate::fault::Fault;
 use crate::model::{Bindings, Catalogue, Hold, ModelId, compile};
 use crate::optimise::Method;
+use crate::simulate::drive::samples_back;
 use indexmap::IndexMap;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
@@ -19,6 +21,21 @@ pub enum Objective {
     Mse,
     /// Mean square error weighted by the correlation of the shapes (thesis eq. 7.6).
     Swmse,
+    /// Mean square error of each output over the variance of its measurements, averaged over the outputs:
+    /// `1/J sum_j [mean_k (y_j(k) - ym_j(k))^2 / mean_k (ym_j(k) - mean ym_j)^2]`. It is 1 for a model that knows
+    /// nothing but the means, and outputs of any size and number of samples count alike.
+    Nmse,
+}
+
+impl Objective {
+    /// The word for documents.
+    pub fn word(self) -> &'static str {
+        match self {
+            Objective::Mse => "mse",
+            Objective::Swmse => "swmse",
+            Objective::Nmse => "nmse",
+        }
+    }
 }
 
 /// What is known about the parameters before any data.
@@ -63,7 +80,11 @@ impl TryFrom<Map<String, Value>> for SeededMethod {
             None => 0,
             Some(seed) => seed.as_u64().ok_or_else(|| format!("the seed is a whole number from 0 on, not {seed}"))?,
         };
-        fields.entry("name").or_insert_with(|| Method::default().name().into());
+        let name = fields.entry("name").or_insert_with(|| Method::default().name().into());
+        if let Some(name) = name.as_str().filter(|name| !Method::NAMES.contains(name)) {
+            let known: Vec<String> = Method::NAMES.iter().map(|known| format!("`{known}`")).collect();
+            return Err(format!("unknown variant `{name}`: the methods of this version are {}", known.join(", ")));
+        }
         let method: Method = serde_json::from_value(Value::Object(fields)).map_err(|error| error.to_string())?;
         let faults: Vec<String> = method.faults().iter().map(|fault| format!("{} {}", fault.field, fault.detail)).collect();
         if faults.is_empty() { Ok(Self { seed, method }) } else { Err(faults.join("; ")) }
@@ -114,6 +135,8 @@ pub struct EstimateRequest {
     pub prior: Prior,
     /// How it is searched, and from which seed.
     pub method: SeededMethod,
+    /// When the search stops although budget and method would let it go on; by default they alone decide.
+    pub early_stopping: Option<EarlyStopping>,
     /// How much may be spent.
     pub budget: Budget,
     /// Other bounds than the model's.
@@ -129,6 +152,8 @@ pub struct EstimateRequest {
 pub struct Site {
     /// Latitude and longitude in degrees, for the position of the sun.
     pub location: Option<(f64, f64)>,
+    /// IANA time zone, for the clock on the wall; UTC where it is not given.
+    pub zone: Option<String>,
     /// The members of the model's sets.
     pub sets: BTreeMap<String, Vec<String>>,
 }
@@ -145,7 +170,7 @@ pub fn prepare(
     site: &Site,
 ) -> Result<Problem, Vec<Fault>> {
     let composition = catalogue.compose(model)?;
-    let mut channels: BTreeSet<String> = window.channels().map(str::to_owned).collect();
+    let mut channels: BTreeSet<String> = window.channels().chain(CALENDAR).map(str::to_owned).collect();
     if site.location.is_some() {
         channels.extend(["sun_altitude".to_owned(), "sun_azimuth".to_owned()]);
     }
@@ -184,10 +209,18 @@ pub fn prepare(
     if model.inputs().iter().any(|input| input.channel == crate::data::DROPS) {
         grid = crate::data::add_drops(grid, outputs[0]).map_err(|fault| vec![fault])?;
     }
+    if model.inputs().iter().any(|input| CALENDAR.contains(&input.channel.as_str())) {
+        grid = crate::data::add_calendar(grid, site.zone.as_deref().unwrap_or("UTC")).map_err(|fault| vec![fault])?;
+    }
     let split = Split::new(grid.len(), grid.step(), &request.split).map_err(|fault| vec![fault])?;
-    // A longer record gives its newest part, and the simulation starts where that part does.
-    let first = split.train.start;
-    let grid = grid.slice(split.all());
+    if request.early_stopping.is_some_and(|rule| rule.validation) && split.validation.is_empty() {
+        return Err(vec![Fault::new("/early_stopping/validation", "no-validation", "there is no validation part to watch")]);
+    }
+    // A longer record gives its newest part, and the simulation starts where that part does; what the model
+    // delays needs as much past before it, where the record has it.
+    let past = (0..model.inputs().len()).map(|input| samples_back(model.longest_delay(input), grid.step_hours())).max().unwrap_or(0);
+    let first = split.train.start.saturating_sub(past);
+    let grid = grid.slice(first..split.all().end);
     let moved = |range: std::ops::Range<usize>| range.start - first..range.end - first;
     let split = Split { train: moved(split.train), validation: moved(split.validation), test: moved(split.test) };
     let choices =

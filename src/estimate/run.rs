@@ -4,6 +4,7 @@ use super::fit::{Estimate, Fit, Parts, Span, Stop, TracePoint};
 use super::metrics::{filter, metrics};
 use super::problem::Problem;
 use super::request::{EstimateRequest, Prior, StartFrom};
+use super::stop::{EarlyStopping, Watch};
 use super::uncertainty::uncertainty;
 use super::validate::Incumbent;
 use crate::data::rfc3339;
@@ -86,6 +87,8 @@ struct Found {
     stop: Stop,
     evaluations: usize,
     trace: Vec<TracePoint>,
+    /// What a reader of the fit should know of the search.
+    remarks: Vec<String>,
 }
 
 /// Estimates the parameters of a problem.
@@ -111,8 +114,13 @@ pub fn estimate(
     };
     let mut found = search(&problem, request, &warm, control)?;
     found.evaluations += spent;
-    let (problem, mut found, discretisation_error) = refine_step(problem, found, control)?;
+    let watched = request.early_stopping.is_some_and(|rule| rule.validation);
+    let (problem, mut found, discretisation_error) = refine_step(problem, found, watched, control)?;
     let mut remarks: Vec<String> = problem.model().dropped().iter().map(|what| format!("left out: {what}")).collect();
+    remarks.append(&mut found.remarks);
+    if watched {
+        remarks.push("the validation part chose between candidates, so its error is not that of unseen data".to_owned());
+    }
     let (problem, non_identifiable) = fix_unidentifiable(problem, &mut found, &mut remarks, control)?;
     Ok(report(&problem, request, found, discretisation_error, non_identifiable, remarks))
 }
@@ -141,19 +149,28 @@ fn search(problem: &Problem, request: &EstimateRequest, warm: &[Candidate], cont
         warm: warm.to_vec(),
         residuals: true,
     };
-    drive(problem, &request.method.method, search, control)
+    drive(problem, &request.method.method, search, request.early_stopping, control)
 }
 
 /// Ask, simulate, tell.
-fn drive(problem: &Problem, method: &Method, search: Search, control: &Control) -> Result<Found, EstimateError> {
+fn drive(
+    problem: &Problem,
+    method: &Method,
+    search: Search,
+    early: Option<EarlyStopping>,
+    control: &Control,
+) -> Result<Found, EstimateError> {
     if problem.space().is_empty() {
         let cost = problem.evaluate(&[Candidate(Vec::new())], false).first().map_or(Cost::Diverged, |evaluation| evaluation.cost);
         let Cost::Finite(cost) = cost else {
             return Err(EstimateError::NothingFinite);
         };
-        return Ok(Found { theta: problem.nominal().to_vec(), cost, stop: Stop::Converged, evaluations: 1, trace: Vec::new() });
+        let theta = problem.nominal().to_vec();
+        return Ok(Found { theta, cost, stop: Stop::Converged, evaluations: 1, trace: Vec::new(), remarks: Vec::new() });
     }
     let mut optimiser = method.optimiser(search);
+    let mut watch = early.map(Watch::new);
+    let mut remarks = Vec::new();
     let mut progress = Progress::default();
     let mut trace: Vec<TracePoint> = Vec::new();
     let stop = loop {
@@ -183,14 +200,23 @@ fn drive(problem: &Problem, method: &Method, search: Search, control: &Control) 
         {
             progress.best_train = Some(cost);
             trace.push(TracePoint { evaluations: progress.evaluations, best: cost });
-            progress.best_validation = validation_rmse(problem, &problem.theta(best));
+            let theta = problem.theta(best);
+            progress.best_validation = validation_rmse(problem, &theta);
+            if let Some(watch) = &mut watch {
+                watch.best(progress.generation, &theta, cost, progress.best_validation);
+            }
         }
         (control.progress)(&progress);
+        if let Some(watch) = watch.as_ref().filter(|watch| watch.is_over(progress.generation)) {
+            remarks.push(watch.remark());
+            break Stop::Stalled;
+        }
     };
-    match optimiser.best() {
-        Some((best, Cost::Finite(cost))) => Ok(Found { theta: problem.theta(best), cost, stop, evaluations: progress.evaluations, trace }),
-        _ => Err(EstimateError::NothingFinite),
-    }
+    let Some((best, Cost::Finite(cost))) = optimiser.best() else {
+        return Err(EstimateError::NothingFinite);
+    };
+    let (theta, cost) = watch.and_then(Watch::kept).unwrap_or_else(|| (problem.theta(best), cost));
+    Ok(Found { theta, cost, stop, evaluations: progress.evaluations, trace, remarks })
 }
 
 /// Least squares from a known point; `None` where it goes nowhere or the wall time is used up: what was found
@@ -204,7 +230,7 @@ fn polish(problem: &Problem, theta: &[f64], control: &Control) -> Result<Option<
         warm: vec![problem.candidate(theta)],
         residuals: true,
     };
-    match drive(problem, &method, search, control) {
+    match drive(problem, &method, search, None, control) {
         Ok(found) => Ok(Some(found)),
         Err(EstimateError::NothingFinite | EstimateError::Interrupted(Interrupt::Deadline)) => Ok(None),
         Err(cancelled) => Err(cancelled),
@@ -219,8 +245,9 @@ fn validation_rmse(problem: &Problem, theta: &[f64]) -> Option<f64> {
     problem.mean_square_error(&problem.simulate(theta), 0, range).map(f64::sqrt)
 }
 
-/// Compares with half the step; where the difference is too large the step is halved and the fit polished.
-fn refine_step(mut problem: Problem, mut found: Found, control: &Control) -> Result<(Problem, Found, f64), EstimateError> {
+/// Compares with half the step; where the difference is too large the step is halved and the fit polished, unless
+/// another part than that of training has `chosen` it.
+fn refine_step(mut problem: Problem, mut found: Found, chosen: bool, control: &Control) -> Result<(Problem, Found, f64), EstimateError> {
     loop {
         let finer = problem.with_substeps(2 * problem.simulator().substeps());
         let (coarse, fine) = (problem.simulate(&found.theta), finer.simulate(&found.theta));
@@ -236,9 +263,15 @@ fn refine_step(mut problem: Problem, mut found: Found, control: &Control) -> Res
         if difference <= DISCRETISATION_LIMIT || problem.simulator().substeps() >= 64 {
             return Ok((problem, found, difference));
         }
+        if chosen {
+            let again = finer.evaluate(&[finer.candidate(&found.theta)], false);
+            let Some(Cost::Finite(cost)) = again.first().map(|evaluation| evaluation.cost) else { return Ok((problem, found, difference)) };
+            (problem, found.cost, found.evaluations) = (finer, cost, found.evaluations + 1);
+            continue;
+        }
         let Some(polished) = polish(&finer, &found.theta, control)? else { return Ok((problem, found, difference)) };
         problem = finer;
-        found = Found { stop: found.stop, evaluations: found.evaluations + polished.evaluations, trace: found.trace, ..polished };
+        found = Found { theta: polished.theta, cost: polished.cost, evaluations: found.evaluations + polished.evaluations, ..found };
     }
 }
 
@@ -336,11 +369,7 @@ fn report(
         parameters,
         correlated: uncertainty.correlated,
         method: request.method.method.name().to_owned(),
-        objective: match request.objective {
-            super::request::Objective::Mse => "mse",
-            super::request::Objective::Swmse => "swmse",
-        }
-        .to_owned(),
+        objective: request.objective.word().to_owned(),
         cost: found.cost,
         stopped_by: found.stop,
         seed: request.method.seed,

@@ -59,7 +59,7 @@ struct FitBody {
     correlated: Vec<Value>,
     /// The name of the optimiser.
     method: String,
-    /// The objective.
+    /// The objective: `mse`, `swmse` or `nmse`.
     objective: String,
     /// The best cost.
     cost: f64,

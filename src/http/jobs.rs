@@ -52,13 +52,19 @@ pub struct JobBody {
     /// How they are parted.
     #[schema(value_type = Option<Object>, example = json!({"train": "P21D", "validation": "P7D"}))]
     split: Option<Value>,
-    /// What is minimised: `mse` or `swmse`.
+    /// What is minimised: `mse`, `swmse` (weighted by the correlation of the shapes) or `nmse` (over the variance of
+    /// the measurements, averaged over the outputs).
     objective: Option<String>,
     /// What is known beforehand: `none` or `log_normal`.
     prior: Option<String>,
     /// How it is searched, with its seed and hyperparameters by name. The same seed gives the same bits.
     #[schema(value_type = Option<Object>, example = json!({"name": "cfa", "seed": 1}))]
     method: Option<Value>,
+    /// When the search stops although budget and method would let it go on: so many generations (`patience`, 50)
+    /// without lowering the cost by a share (`min_delta`, 0.001); with `validation` the error on the validation part
+    /// is watched and its best candidate kept. `{}` takes these defaults; without it the method alone decides.
+    #[schema(value_type = Option<Object>, example = json!({"patience": 50, "min_delta": 0.001, "validation": false}))]
+    early_stopping: Option<Value>,
     /// How much may be spent.
     #[schema(value_type = Option<Object>, example = json!({"evaluations": 20000, "wall": "PT10M"}))]
     budget: Option<Value>,

@@ -11,6 +11,7 @@ mod jobs;
 mod models;
 mod page;
 mod params;
+mod preview;
 mod problem;
 mod schedules;
 mod service;
@@ -60,6 +61,7 @@ fn layered() -> OpenApiRouter<Shared> {
         .merge(systems::router())
         .merge(windows::router())
         .merge(models::router())
+        .merge(preview::router())
         .merge(jobs::router())
         .merge(events::router())
         .merge(batches::router())

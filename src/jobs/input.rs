@@ -38,12 +38,26 @@ pub struct Input {
 /// # Errors
 /// Where the system is gone or the database fails.
 pub async fn load(service: &Service, job: &JobRecord) -> Result<Input, JobsError> {
-    let system = systems::require(service, &job.system).await?;
+    let document = systems::require(service, &job.system).await?;
     let request: EstimateRequest = serde_json::from_value(job.request.clone())
         .map_err(|error| JobsError::Faults(vec![Fault::new("", "outdated-request", error.to_string())]))?;
-    let extent = store::windows::extent(&service.store, &job.system).await?;
+    collect(service, &job.system, document, job.model.clone(), request).await
+}
+
+/// Collects the input of one computation on a system.
+///
+/// # Errors
+/// Where there are no measurements or the database fails.
+pub async fn collect(
+    service: &Service,
+    name: &SystemId,
+    system: SystemDocument,
+    model: ModelId,
+    request: EstimateRequest,
+) -> Result<Input, JobsError> {
+    let extent = store::windows::extent(&service.store, name).await?;
     let Some((first, newest)) = extent else {
-        return Err(JobsError::Faults(vec![Fault::new("/window", "no-data", format!("there are no measurements of {}", job.system))]));
+        return Err(JobsError::Faults(vec![Fault::new("/window", "no-data", format!("there are no measurements of {name}"))]));
     };
     let (from, to) = range(request.window.as_ref(), first, newest).map_err(JobsError::Faults)?;
     let mut neighbours = Vec::new();
@@ -52,9 +66,9 @@ pub async fn load(service: &Service, job: &JobRecord) -> Result<Input, JobsError
     }
     Ok(Input {
         catalogue: service.catalogue.current(),
-        model: job.model.clone(),
-        windows: store::windows::blocks(&service.store, &job.system, from, to).await?,
-        served: store::fits::served(&service.store, &job.system).await?,
+        model,
+        windows: store::windows::blocks(&service.store, name, from, to).await?,
+        served: store::fits::served(&service.store, name).await?,
         request,
         system,
         neighbours,

@@ -8,6 +8,7 @@
 //! | `decode` | JSON with all its faults |
 //! | `systems`, `models`, `windows` | documents and measurements: checked here, kept by the store |
 //! | `request`, `submit` | what a job is asked to do, and how it enters the queue |
+//! | `preview` | one simulation for whoever edits a model |
 //! | `board` | who runs now: progress, cancellation, listeners |
 //! | `worker`, `input`, `estimate` | from the claim to the verdict |
 //! | `params` | the snapshot behind `/params` and the timer that turns it stale |
@@ -19,6 +20,7 @@ pub mod estimate;
 pub mod input;
 pub mod models;
 pub mod params;
+pub mod preview;
 pub mod request;
 pub mod schedule;
 pub mod submit;

@@ -3,7 +3,7 @@
 use super::decode;
 use super::systems::SystemDocument;
 use crate::data::{SystemId, SystemPattern, read_time};
-use crate::estimate::EstimateRequest;
+use crate::estimate::{EarlyStopping, EstimateRequest};
 use crate::fault::{Fault, nearest};
 use crate::store::jobs::JobKind;
 use serde::{Deserialize, Serialize};
@@ -157,6 +157,7 @@ fn faults(request: &EstimateRequest) -> Vec<Fault> {
     if request.budget.wall.is_some_and(|wall| wall.is_zero()) {
         faults.push(Fault::new("/budget/wall", "out-of-range", "it must be longer than nothing"));
     }
+    faults.extend(request.early_stopping.iter().flat_map(EarlyStopping::faults));
     for (name, [lower, upper]) in &request.bounds {
         if lower >= upper {
             faults.push(Fault::new(format!("/bounds/{name}"), "out-of-order", format!("[{lower}, {upper}] is no interval")));

@@ -55,7 +55,7 @@ pub struct Location {
     pub lat: f64,
     /// Longitude in degrees, east positive.
     pub lon: f64,
-    /// IANA time zone.
+    /// IANA time zone of the inputs `hour_of_day` and `weekday`; UTC where it is not given.
     #[serde(default)]
     pub zone: Option<String>,
 }
@@ -110,7 +110,11 @@ pub struct Exclusion {
 impl SystemDocument {
     /// What the model is told about the place.
     pub fn site(&self) -> Site {
-        Site { location: self.location.as_ref().map(|place| (place.lat, place.lon)), sets: self.sets() }
+        Site {
+            location: self.location.as_ref().map(|place| (place.lat, place.lon)),
+            zone: self.location.as_ref().and_then(|place| place.zone.clone()),
+            sets: self.sets(),
+        }
     }
 
     /// The members of the model's sets.

@@ -1,8 +1,9 @@
 //! A composition and its bindings become a [`Model`]: the only way to make one.
 
 use super::catalogue::{AppliedEffect, Composition};
-use super::derivative::derivative;
+use super::derivative::{derivative, time_derivative};
 use super::expr::{Graph, Node, NodeId, Point};
+use super::functions::{MAX_DELAY, delays};
 use super::lower::{Lowering, Symbol, Value};
 use super::parse::{declaration, is_name};
 use super::spec::{Hold, InputSpec, Nominal, ParameterSpec, Scale, StateSpec};
@@ -19,6 +20,9 @@ const MAX_PARAMETERS: usize = 128;
 
 /// The unit of an input whose channel may have any.
 pub const AS_IT_COMES: &str = "*";
+
+/// Channels of the clock on the wall, which begin again.
+const CLOCK: [&str; 2] = ["hour_of_day", "weekday"];
 
 /// What a system tells a model: the members of its sets and the channels that are there.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -176,6 +180,10 @@ impl Builder {
                 }
                 continue;
             }
+            if CLOCK.contains(&channel.as_str()) && spec.hold != Hold::ZeroOrder {
+                let detail = format!("between two samples `{channel}` is no straight line: it begins again at midnight");
+                self.lowering.faults.push(Fault::new(pointer, "hold", detail).suggest("write hold = \"zero_order\""));
+            }
             let there = bindings.channels.as_ref().is_none_or(|channels| channels.contains(&channel));
             let node = Node::Input(self.inputs.len() as u16, Point::Start);
             let nonnegative = spec.min.is_some_and(|min| min >= 0.0);
@@ -317,15 +325,21 @@ impl Builder {
         let source = self.lowering.graph;
         let roots: Vec<NodeId> = rhs.iter().chain(outputs.values()).map(|value| value.node).collect();
         let used = source.reachable(&roots);
-        let used_leaf = |wanted: Node| source.nodes().iter().zip(&used).any(|(node, used)| *used && *node == wanted);
-        let keep_input: Vec<bool> = (0..self.inputs.len()).map(|i| used_leaf(Node::Input(i as u16, Point::Start))).collect();
-        let keep_parameter: Vec<bool> =
-            (0..self.parameters.len()).map(|i| used_leaf(Node::Param(i as u16)) || initials.contains(&Initial::Parameter(i))).collect();
+        let mut keep_input = vec![false; self.inputs.len()];
+        let mut keep_parameter: Vec<bool> = (0..self.parameters.len()).map(|i| initials.contains(&Initial::Parameter(i))).collect();
+        for (node, _) in source.nodes().iter().zip(&used).filter(|(_, used)| **used) {
+            match node {
+                Node::Input(i, _) | Node::Delayed(i, ..) => keep_input[usize::from(*i)] = true,
+                Node::Param(i) => keep_parameter[usize::from(*i)] = true,
+                _ => {}
+            }
+        }
         let rank = |keep: &[bool], i: usize| keep[..i].iter().filter(|kept| **kept).count();
         let mut graph = Graph::default();
         let roots = graph.import(&source, &roots, |graph, leaf| {
             graph.intern(match leaf {
                 Node::Input(i, point) => Node::Input(rank(&keep_input, usize::from(i)) as u16, point),
+                Node::Delayed(i, point, hours) => Node::Delayed(rank(&keep_input, usize::from(i)) as u16, point, hours),
                 Node::Param(i) => Node::Param(rank(&keep_parameter, usize::from(i)) as u16),
                 other => other,
             })
@@ -333,6 +347,14 @@ impl Builder {
         let inputs: Vec<Input> = self.inputs.into_iter().zip(&keep_input).filter(|(_, keep)| **keep).map(|(input, _)| input).collect();
         let parameters: Vec<Parameter> =
             self.parameters.into_iter().zip(&keep_parameter).filter(|(_, keep)| **keep).map(|(parameter, _)| parameter).collect();
+        let delays = delays(&graph, &parameters);
+        let too_long = delays.iter().filter(|delay| delay.longest > MAX_DELAY).filter_map(|delay| parameters.get(delay.parameter?));
+        let faults: Vec<Fault> = too_long
+            .map(|parameter| Fault::new(format!("/parameters/{}", parameter.name), "limit", format!("a delay is at most {MAX_DELAY} h")))
+            .collect();
+        if !faults.is_empty() {
+            return Err(faults);
+        }
         let (rhs, output_nodes) = roots.split_at(self.states);
         let rhs = rhs.to_vec();
         let jacobian: Vec<Vec<NodeId>> =
@@ -382,6 +404,7 @@ impl Builder {
             rhs,
             jacobian,
             rate,
+            delays,
         })
     }
 }
@@ -389,16 +412,4 @@ impl Builder {
 /// The states of the base, then those of its effects.
 fn states(composition: &Composition) -> impl Iterator<Item = (&String, &StateSpec)> {
     composition.spec.states.iter().chain(composition.effects.iter().flat_map(|effect| &effect.spec.states))
-}
-
-/// The explicit time derivative of an equation: its linear-hold inputs move along their slopes.
-fn time_derivative(graph: &mut Graph, f: NodeId, inputs: &[Input]) -> NodeId {
-    let mut total = graph.constant(0.0);
-    for (i, _) in inputs.iter().enumerate().filter(|(_, input)| input.hold == Hold::Linear) {
-        let by_input = derivative(graph, f, Node::Input(i as u16, Point::Start));
-        let slope = graph.intern(Node::Slope(i as u16));
-        let term = graph.mul(by_input, slope);
-        total = graph.add(total, term);
-    }
-    total
 }

@@ -1,11 +1,14 @@
 //! Symbolic derivatives of an expression graph: the Jacobian of the implicit stepper and the Kalman filter.
 
-use super::expr::{Binary, Graph, Node, NodeId, Unary};
+use super::Input;
+use super::expr::{Binary, Graph, Node, NodeId, Point, Unary};
+use super::spec::Hold;
 use std::collections::HashMap;
 
 /// The derivative of `root` with respect to the leaf `variable`, as a node of the same graph.
 ///
-/// `abs`, `min`, `max` and `if` are differentiated branch by branch; a comparison has derivative zero.
+/// `abs`, `min`, `max` and `if` are differentiated branch by branch; a comparison has derivative zero. A
+/// delayed input is a leaf: it follows its own past, neither the states nor the present input.
 pub fn derivative(graph: &mut Graph, root: NodeId, variable: Node) -> NodeId {
     let mut memo = HashMap::new();
     let used = graph.reachable(&[root]);
@@ -18,6 +21,34 @@ pub fn derivative(graph: &mut Graph, root: NodeId, variable: Node) -> NodeId {
         }
     }
     memo.get(&root).copied().unwrap_or_else(|| graph.constant(0.0))
+}
+
+/// The explicit time derivative of an equation: its linear-hold inputs move along their slopes, delayed ones along
+/// the line between their values at both ends of the step.
+pub(super) fn time_derivative(graph: &mut Graph, f: NodeId, inputs: &[Input]) -> NodeId {
+    let linear = |input: u16| inputs.get(usize::from(input)).is_some_and(|input| input.hold == Hold::Linear);
+    let mut moving: Vec<(Node, NodeId)> = Vec::new();
+    for i in (0..inputs.len() as u16).filter(|i| linear(*i)) {
+        moving.push((Node::Input(i, Point::Start), graph.intern(Node::Slope(i))));
+    }
+    let used = graph.reachable(&[f]);
+    let leaves: Vec<Node> = graph.nodes().iter().zip(used).filter_map(|(node, used)| used.then_some(*node)).collect();
+    for leaf in leaves {
+        if let Node::Delayed(i, _, hours) = leaf
+            && linear(i)
+        {
+            let (start, end) = (graph.intern(leaf), graph.intern(Node::Delayed(i, Point::End, hours)));
+            let (change, step) = (graph.sub(end, start), graph.intern(Node::Step));
+            moving.push((leaf, graph.div(change, step)));
+        }
+    }
+    let mut total = graph.constant(0.0);
+    for (leaf, slope) in moving {
+        let by_leaf = derivative(graph, f, leaf);
+        let term = graph.mul(by_leaf, slope);
+        total = graph.add(total, term);
+    }
+    total
 }
 
 fn node_derivative(g: &mut Graph, id: NodeId, variable: Node, memo: &HashMap<NodeId, NodeId>) -> NodeId {

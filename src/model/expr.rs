@@ -139,6 +139,9 @@ pub enum Node {
     Input(u16, Point),
     /// The slope of an input over the present sample interval, per hour.
     Slope(u16),
+    /// What an input was, at a point of the step, as many hours ago as the node says. That node depends on
+    /// parameters alone, so the past of the input is looked up once per candidate and step.
+    Delayed(u16, Point, NodeId),
     /// The length of the step in hours.
     Step,
     /// An operation on one node.
@@ -319,7 +322,8 @@ impl Graph {
         used
     }
 
-    /// Rebuilds `roots` of `source` in this graph with every leaf replaced by what `leaf` returns for it.
+    /// Rebuilds `roots` of `source` in this graph with every leaf replaced by what `leaf` returns for it. The
+    /// delay of a delayed input comes to `leaf` as a node of this graph.
     pub fn import(&mut self, source: &Graph, roots: &[NodeId], mut leaf: impl FnMut(&mut Graph, Node) -> NodeId) -> Vec<NodeId> {
         let used = source.reachable(roots);
         let mut image: Vec<Option<NodeId>> = vec![None; source.nodes.len()];
@@ -339,6 +343,10 @@ impl Graph {
                 Node::Select(c, a, b) => {
                     let (c, a, b) = (of(c), of(a), of(b));
                     self.choose(c, a, b)
+                }
+                Node::Delayed(input, point, hours) => {
+                    let hours = of(hours);
+                    leaf(self, Node::Delayed(input, point, hours))
                 }
                 other => leaf(self, other),
             };
@@ -369,7 +377,7 @@ impl Graph {
 /// The operands of a node, none for a leaf.
 pub fn operands(node: Node) -> impl Iterator<Item = NodeId> {
     let (a, b, c) = match node {
-        Node::Unary(_, x) => (Some(x), None, None),
+        Node::Unary(_, x) | Node::Delayed(_, _, x) => (Some(x), None, None),
         Node::Binary(_, a, b) => (Some(a), Some(b), None),
         Node::Select(c, a, b) => (Some(c), Some(a), Some(b)),
         _ => (None, None, None),

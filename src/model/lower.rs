@@ -138,11 +138,23 @@ impl Lowering {
         Value { node: self.graph.constant(0.0), unit: None, nonnegative: true }
     }
 
-    fn fault(&mut self, pointer: &str, at: Position, code: &str, detail: impl std::fmt::Display) {
+    pub(super) fn fault(&mut self, pointer: &str, at: Position, code: &str, detail: impl std::fmt::Display) {
         self.faults.push(Fault::new(pointer, code, format!("line {}, column {}: {detail}", at.line, at.column)));
     }
 
-    fn expr(&mut self, pointer: &str, expr: &Expr, indices: &mut Vec<(String, String)>) -> Value {
+    /// Says what would probably have been right about the last fault.
+    pub(super) fn suggest(&mut self, suggestion: String) {
+        if let Some(last) = self.faults.last_mut() {
+            last.suggestion = Some(suggestion);
+        }
+    }
+
+    /// The names of the inputs.
+    pub(super) fn inputs(&self) -> impl Iterator<Item = &str> {
+        self.symbols.iter().filter(|(_, symbol)| matches!(symbol.node, Node::Input(..))).map(|(name, _)| name.as_str())
+    }
+
+    pub(super) fn expr(&mut self, pointer: &str, expr: &Expr, indices: &mut Vec<(String, String)>) -> Value {
         // Later nodes would only repeat the message that the model is too large.
         if self.graph.nodes().len() > MAX_NODES || self.expanded > MAX_NODES {
             return self.zero();
@@ -163,6 +175,7 @@ impl Lowering {
                 let right = self.expr(pointer, b, indices);
                 self.binary(pointer, expr.at, *op, left, right, a == b)
             }
+            Kind::Call(name, arguments) if name == "delay" => self.delay(pointer, expr.at, arguments, indices),
             Kind::Call(name, arguments) => {
                 let values: Vec<Value> = arguments.iter().map(|argument| self.expr(pointer, argument, indices)).collect();
                 self.call(pointer, expr.at, name, &values)
@@ -243,9 +256,8 @@ impl Lowering {
             None => {
                 self.fault(pointer, at, "unknown-name", format!("`{name}` is not a state, input, parameter or definition"));
                 let known = self.symbols.keys().chain(self.defines.keys()).map(String::as_str);
-                let suggestion = nearest(name, known).map(|near| format!("did you mean `{near}`?"));
-                if let Some(last) = self.faults.last_mut() {
-                    last.suggestion = suggestion;
+                if let Some(near) = nearest(name, known).map(str::to_owned) {
+                    self.suggest(format!("did you mean `{near}`?"));
                 }
                 self.zero()
             }
@@ -265,7 +277,7 @@ impl Lowering {
         }
     }
 
-    fn binary(&mut self, pointer: &str, at: Position, op: Binary, a: Value, b: Value, same: bool) -> Value {
+    pub(super) fn binary(&mut self, pointer: &str, at: Position, op: Binary, a: Value, b: Value, same: bool) -> Value {
         let both = a.nonnegative && b.nonnegative;
         let (unit, nonnegative) = match op {
             Binary::Pow => return self.power(pointer, at, a, b),
@@ -286,7 +298,7 @@ impl Lowering {
     }
 
     /// The common unit of two operands that must be like quantities.
-    fn alike(&mut self, pointer: &str, at: Position, op: Binary, a: Value, b: Value) -> Option<Unit> {
+    pub(super) fn alike(&mut self, pointer: &str, at: Position, op: Binary, a: Value, b: Value) -> Option<Unit> {
         if let Some((left, right)) = a.unit.zip(b.unit).filter(|(left, right)| !left.addable(right)) {
             self.fault(pointer, at, "unit", format!("{op:?} of {left} and {right}: not like quantities"));
         }
@@ -331,67 +343,5 @@ impl Lowering {
                 Value { node: self.graph.binary(Binary::Pow, base.node, exponent.node), unit: Some(Unit::ONE), nonnegative: true }
             }
         }
-    }
-
-    fn call(&mut self, pointer: &str, at: Position, name: &str, x: &[Value]) -> Value {
-        let wanted = match name {
-            "if" => 3,
-            "min" | "max" => 2,
-            "abs" | "exp" | "log" | "sqrt" | "sin" | "cos" | "tanh" => 1,
-            _ => {
-                self.fault(pointer, at, "unknown-function", format!("there is no function `{name}`"));
-                return self.zero();
-            }
-        };
-        if x.len() != wanted {
-            self.fault(pointer, at, "arguments", format!("`{name}` takes {wanted} arguments, not {}", x.len()));
-            return self.zero();
-        }
-        let unary = |lowering: &mut Self, op, unit, nonnegative| Value { node: lowering.graph.unary(op, x[0].node), unit, nonnegative };
-        match name {
-            "if" => {
-                let unit = self.alike(pointer, at, Binary::Add, x[1], x[2]);
-                let nonnegative = x[1].nonnegative && x[2].nonnegative;
-                Value { node: self.graph.choose(x[0].node, x[1].node, x[2].node), unit, nonnegative }
-            }
-            "min" => self.binary(pointer, at, Binary::Min, x[0], x[1], false),
-            "max" => self.binary(pointer, at, Binary::Max, x[0], x[1], false),
-            "abs" => unary(self, Unary::Abs, x[0].unit, true),
-            "sqrt" => {
-                let unit = x[0].unit.and_then(Unit::square_root);
-                if x[0].unit.is_some() && unit.is_none() {
-                    self.fault(pointer, at, "unit", "the root of this unit is no unit");
-                }
-                if !x[0].nonnegative {
-                    self.fault(
-                        pointer,
-                        at,
-                        "negative-base",
-                        "sqrt needs an argument that cannot be negative; wrap it in abs() or max(0, …)",
-                    );
-                }
-                unary(self, Unary::Sqrt, unit, true)
-            }
-            _ => self.transcendental(pointer, at, name, x[0]),
-        }
-    }
-
-    /// Functions of a pure number. Angles in degrees and fractions in percent are scaled first.
-    fn transcendental(&mut self, pointer: &str, at: Position, name: &str, x: Value) -> Value {
-        let scale = x.unit.map_or(Some(1.0), |unit| unit.number_scale());
-        let Some(scale) = scale else {
-            self.fault(pointer, at, "unit", format!("`{name}` needs a pure number"));
-            return self.zero();
-        };
-        let factor = self.graph.constant(scale);
-        let argument = self.graph.mul(x.node, factor);
-        let op = match name {
-            "exp" => Unary::Exp,
-            "log" => Unary::Log,
-            "sin" => Unary::Sin,
-            "cos" => Unary::Cos,
-            _ => Unary::Tanh,
-        };
-        Value { node: self.graph.unary(op, argument), unit: Some(Unit::ONE), nonnegative: op == Unary::Exp }
     }
 }

@@ -11,6 +11,7 @@ pub mod catalogue;
 pub mod compile;
 pub mod derivative;
 pub mod expr;
+mod functions;
 pub mod id;
 mod lower;
 pub mod math;
@@ -42,6 +43,18 @@ pub struct Model {
     rhs: Vec<NodeId>,
     jacobian: Vec<Vec<NodeId>>,
     rate: Vec<NodeId>,
+    delays: Vec<Delay>,
+}
+
+/// A delay of an input.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Delay {
+    /// The input.
+    pub input: usize,
+    /// The parameter that is the delay, where it is one.
+    pub parameter: Option<usize>,
+    /// The longest that it can be, in hours.
+    pub longest: f64,
 }
 
 /// A state variable of a compiled model.
@@ -179,9 +192,20 @@ impl Model {
         &self.jacobian
     }
 
-    /// The explicit time derivative of each equation through the slopes of its inputs.
+    /// The explicit time derivative of each equation through the slopes of its inputs. A delayed input moves along
+    /// the straight line between its values at both ends of the step.
     pub fn rate(&self) -> &[NodeId] {
         &self.rate
+    }
+
+    /// The delays of inputs.
+    pub fn delays(&self) -> &[Delay] {
+        &self.delays
+    }
+
+    /// The longest time, in hours, that the equations look back into an input; zero for most inputs.
+    pub fn longest_delay(&self, input: usize) -> f64 {
+        self.delays.iter().filter(|delay| delay.input == input).map(|delay| delay.longest).fold(0.0, f64::max)
     }
 }
 
@@ -326,6 +350,73 @@ mod tests {
         let rooms = [("rooms".to_owned(), vec!["1".to_owned(), "2".to_owned(), "3".to_owned()])].into();
         let faults = compile(&catalogue.compose(&"big".parse().unwrap()).unwrap(), &Bindings { sets: rooms, channels: None }).unwrap_err();
         assert!(faults.iter().any(|fault| fault.code == "too-large"), "{faults:?}");
+    }
+
+    /// A model of one state, whose rate is this expression.
+    fn with_rate(rate: &str) -> Result<Model, Vec<crate::fault::Fault>> {
+        let text = format!(
+            r#"
+            id = "one"
+            title = "one state"
+            states.x = {{ unit = "degC", initial = "y" }}
+            inputs.u = {{ unit = "degC" }}
+            inputs.P = {{ unit = "kW", hold = "zero_order" }}
+            parameters.a = {{ unit = "1/h", lower = 1e-3, upper = 10, scale = "log", nominal = 1 }}
+            parameters.tau = {{ unit = "h", lower = 0, upper = 6, scale = "linear", nominal = 1 }}
+            parameters.lead = {{ unit = "h", lower = -1, upper = 6, scale = "linear", nominal = 1 }}
+            parameters.age = {{ unit = "h", lower = 0, upper = 1000, scale = "linear", nominal = 1 }}
+            equations.x = "{rate}"
+            outputs.y = {{ expr = "x", unit = "degC", noise_sd = 0.05 }}
+        "#
+        );
+        let mut catalogue = Catalogue::default();
+        catalogue.add_model(spec::ModelDocument::from_toml(&text).unwrap());
+        compile(&catalogue.compose(&"one".parse().unwrap()).unwrap(), &Bindings::default())
+    }
+
+    #[test]
+    fn a_delay_says_how_much_of_the_past_it_needs() {
+        let longest = |hours: &str| with_rate(&format!("a*(delay(u, {hours}) - x)")).map(|model| model.longest_delay(0));
+        assert_eq!(longest("tau"), Ok(6.0));
+        assert_eq!(longest("2[h]"), Ok(2.0));
+        assert_eq!(longest("min(2*tau, 4[h])"), Ok(4.0));
+        assert_eq!(longest("min(3[h], 1/a)"), Ok(3.0));
+        assert_eq!(with_rate("a*(u - x)").unwrap().longest_delay(0), 0.0);
+        for (hours, code) in [
+            ("2*tau", "delay"),
+            ("lead", "delay"),
+            ("-1[h]", "delay"),
+            ("min(max(0[h], lead), 2[h]) + 0[h]*x/1[K]", "delay"),
+            ("a", "unit"),
+            ("500[h]", "limit"),
+            ("age", "limit"),
+            ("tua", "unknown-name"),
+            ("tau, 6", "arguments"),
+        ] {
+            let faults = longest(hours).unwrap_err();
+            assert_eq!(faults[0].code, code, "{hours}: {faults:?}");
+        }
+        let faults = with_rate("a*(delay(x, tau) - x)").unwrap_err();
+        assert_eq!((faults.len(), faults[0].suggestion.as_deref()), (1, Some("the inputs are u, P")));
+        assert!(faults[0].detail.starts_with("line 1, column 10: only an input"), "{faults:?}");
+        assert_eq!(with_rate("a*(delay(u + u, tau) - x)").unwrap_err()[0].code, "delay");
+    }
+
+    #[test]
+    fn a_clock_is_no_straight_line_between_samples() {
+        let clock = r#"
+            id = "clock"
+            title = "a clock that is read as a line"
+            states.x = { unit = "degC", initial = "y" }
+            inputs.hour = { unit = "h", channel = "hour_of_day" }
+            parameters.c = { unit = "K/h", lower = 0, upper = 1, scale = "linear", nominal = 0.5 }
+            equations.x = "c * (hour < 12[h])"
+            outputs.y = { expr = "x", unit = "degC", noise_sd = 0.05 }
+        "#;
+        let mut catalogue = Catalogue::default();
+        catalogue.add_model(spec::ModelDocument::from_toml(clock).unwrap());
+        let faults = compile(&catalogue.compose(&"clock".parse().unwrap()).unwrap(), &Bindings::default()).unwrap_err();
+        assert_eq!((faults.len(), faults[0].code.as_str(), faults[0].pointer.as_str()), (1, "hold", "/inputs/hour"));
     }
 
     #[test]

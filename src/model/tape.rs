@@ -3,10 +3,10 @@
 //! - constant: folded into the graph already;
 //! - candidate: depends on parameters and the step length only, computed once per candidate;
 //! - shared: depends on inputs only, computed once per step for all candidates together;
-//! - step: depends on states, computed per candidate and step.
+//! - step: depends on states or delayed inputs, computed per candidate and step.
 //!
 //! The registers of a lane file follow in this order: parameters, step length, constants, candidate
-//! values, shared values, states, step values. An instruction writes the next register, so its operands
+//! values, shared values, delayed inputs, states, step values. An instruction writes the next register, so its operands
 //! always lie below its result. Tapes are data; the workspace belongs to the evaluator.
 
 use super::expr::{Binary, Graph, Node, NodeId, Point, Unary, operands};
@@ -120,6 +120,17 @@ pub enum Source {
     Slope(usize),
 }
 
+/// A leaf of the step stage: the past of an input, looked up for each candidate.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct DelayedInput {
+    /// The input.
+    pub input: usize,
+    /// Where in the step the delay is counted back from.
+    pub point: Point,
+    /// The register that holds the delay in hours.
+    pub hours: u32,
+}
+
 /// The shared stage: leaves and constants, then instructions, then the columns that the lanes read.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct SharedStage {
@@ -144,6 +155,8 @@ pub struct Tape {
     pub candidate: Vec<Instruction>,
     /// Once per step for all candidates.
     pub shared: SharedStage,
+    /// Looked up once per candidate and step.
+    pub delayed: Vec<DelayedInput>,
     /// How many states.
     pub states: usize,
     /// Once per candidate and step.
@@ -168,9 +181,14 @@ impl Tape {
         self.candidate_start() + self.candidate.len()
     }
 
+    /// The first delayed input.
+    pub fn delayed_start(&self) -> usize {
+        self.shared_start() + self.shared.columns.len()
+    }
+
     /// The first state.
     pub fn state_start(&self) -> usize {
-        self.shared_start() + self.shared.columns.len()
+        self.delayed_start() + self.delayed.len()
     }
 
     /// The first step value.
@@ -202,7 +220,7 @@ pub fn schedule(graph: &Graph, roots: &[NodeId], parameters: usize, states: usiz
             Node::Const(_) => Stage::Constant,
             Node::Param(_) | Node::Step => Stage::Candidate,
             Node::Input(..) | Node::Slope(_) => Stage::Shared,
-            Node::State(_) => Stage::Step,
+            Node::State(_) | Node::Delayed(..) => Stage::Step,
             _ => operands(*node).map(|x| stages[x.0 as usize]).fold(Stage::Constant, meet),
         };
     }
@@ -215,11 +233,13 @@ pub fn schedule(graph: &Graph, roots: &[NodeId], parameters: usize, states: usiz
         operands(*node).for_each(|x| for_lanes[x.0 as usize] = true);
     }
     let of_stage = |stage: Stage| (0..nodes.len()).filter(|i| used[*i] && stages[*i] == stage).collect::<Vec<_>>();
-    let is_leaf = |i: &usize| operands(nodes[*i]).next().is_none();
+    let is_delayed = |i: &usize| matches!(nodes[*i], Node::Delayed(..));
+    let is_leaf = |i: &usize| is_delayed(i) || operands(nodes[*i]).next().is_none();
     let shared = shared_stage(nodes, &of_stage(Stage::Shared), &for_lanes);
     let constants: Vec<usize> = of_stage(Stage::Constant).into_iter().filter(|i| for_lanes[*i]).collect();
     let candidate: Vec<usize> = of_stage(Stage::Candidate).into_iter().filter(|i| !is_leaf(i)).collect();
     let columns: Vec<usize> = of_stage(Stage::Shared).into_iter().filter(|i| for_lanes[*i]).collect();
+    let delayed: Vec<usize> = of_stage(Stage::Step).into_iter().filter(is_delayed).collect();
     let every: Vec<usize> = of_stage(Stage::Step).into_iter().filter(|i| !is_leaf(i)).collect();
     let inner = pair_up(nodes, &every, roots);
     let absorbed: Vec<usize> = inner.iter().flatten().copied().collect();
@@ -234,7 +254,7 @@ pub fn schedule(graph: &Graph, roots: &[NodeId], parameters: usize, states: usiz
         }
     }
     let mut next = parameters as u32 + 1;
-    for i in constants.iter().chain(&candidate).chain(&columns) {
+    for i in constants.iter().chain(&candidate).chain(&columns).chain(&delayed) {
         register[*i] = next;
         next += 1;
     }
@@ -254,6 +274,7 @@ pub fn schedule(graph: &Graph, roots: &[NodeId], parameters: usize, states: usiz
         constants: constants.iter().filter_map(|i| constant(nodes[*i])).collect(),
         candidate: code(&candidate),
         shared,
+        delayed: delayed.iter().filter_map(|i| delayed_input(nodes[*i], &register)).collect(),
         states,
         step: code(&step),
         roots: roots.iter().map(|root| register[root.0 as usize]).collect(),
@@ -339,6 +360,13 @@ fn instruction(nodes: &[Node], index: usize, inner: &[Option<usize>], register: 
         Node::Unary(op, x) => Some(Instruction::Unary(op, of(x))),
         Node::Binary(op, a, b) => Some(Instruction::Binary(op, of(a), of(b))),
         Node::Select(c, a, b) => Some(Instruction::Select(of(c), of(a), of(b))),
+        _ => None,
+    }
+}
+
+fn delayed_input(node: Node, register: &[u32]) -> Option<DelayedInput> {
+    match node {
+        Node::Delayed(input, point, hours) => Some(DelayedInput { input: usize::from(input), point, hours: register[hours.0 as usize] }),
         _ => None,
     }
 }

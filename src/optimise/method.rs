@@ -111,6 +111,9 @@ impl Check {
 }
 
 impl Method {
+    /// The names that a job may use.
+    pub const NAMES: [&'static str; 3] = ["cfa", "cfa_thesis", "lm_multistart"];
+
     /// Every hyperparameter that is out of range; a method to be run has none.
     pub fn faults(&self) -> Vec<OutOfRange> {
         let mut check = Check::default();
@@ -180,7 +183,19 @@ mod tests {
             let text = serde_json::to_string(&method).unwrap();
             assert!(text.contains(&format!(r#""name":"{}""#, method.name())));
             assert_eq!(serde_json::from_str::<Method>(&text).unwrap(), method);
+            assert!(Method::NAMES.contains(&method.name()));
         }
+    }
+
+    #[test]
+    fn every_listed_name_is_a_method() {
+        for name in Method::NAMES {
+            let method: Method = serde_json::from_str(&format!(r#"{{"name": "{name}"}}"#)).unwrap();
+            assert_eq!(method.name(), name);
+        }
+        // What the reader itself lists is what is listed here.
+        let error = serde_json::from_str::<Method>(r#"{"name": "annealing"}"#).unwrap_err().to_string();
+        assert_eq!(error.matches('`').count(), 2 * (1 + Method::NAMES.len()), "{error}");
     }
 
     #[test]

@@ -4,12 +4,15 @@ use crate::data::Grid;
 use crate::fault::Fault;
 use crate::model::compile::AS_IT_COMES;
 use crate::model::expr::Point;
-use crate::model::tape::{SharedStage, Source, Tape};
+use crate::model::tape::{DelayedInput, SharedStage, Source, Tape};
 use crate::model::{Hold, Model};
 use crate::simulate::lanes::LaneFile;
 use crate::units::Unit;
 
 /// The inputs of a model on a grid, in the units of its equations.
+///
+/// A delayed input needs its past: an interval is known where the input was known as far back as the longest
+/// delay that the model declares. At the start of a window that past is missing, as it is behind a gap.
 #[derive(Debug, Clone)]
 pub struct Inputs {
     columns: Vec<(Hold, Vec<f64>)>,
@@ -28,7 +31,7 @@ impl Inputs {
         let mut columns = Vec::new();
         let intervals = grid.len().saturating_sub(1);
         let mut known = vec![true; intervals];
-        for input in model.inputs() {
+        for (index, input) in model.inputs().iter().enumerate() {
             let pointer = format!("/channels/{}", input.channel);
             let Some(column) = grid.column(&input.channel) else {
                 faults.push(Fault::new(pointer, "missing-channel", format!("the model needs the channel `{}`", input.channel)));
@@ -42,8 +45,12 @@ impl Inputs {
                 faults.push(Fault::new(pointer, "unit", detail));
                 continue;
             }
+            let reach = samples_back(model.longest_delay(index), grid.step_hours());
+            let mut run = 0;
             for (k, known) in known.iter_mut().enumerate() {
-                *known &= column.valid()[k] && (input.hold == Hold::ZeroOrder || column.valid()[k + 1]);
+                let measured = column.valid()[k] && (input.hold == Hold::ZeroOrder || column.valid()[k + 1]);
+                run = if measured { run + 1 } else { 0 };
+                *known &= run > reach;
             }
             columns.push((input.hold, column.values().iter().map(|value| convert(*value).unwrap_or(*value)).collect()));
         }
@@ -120,12 +127,49 @@ impl Inputs {
     }
 }
 
-/// The shared columns of a tape for every step of a window.
+/// How many whole samples a look-up so many hours back can reach.
+pub fn samples_back(delay_hours: f64, sample_hours: f64) -> usize {
+    // The allowance keeps a delay of exactly some samples at that number.
+    (delay_hours / sample_hours - 1e-9).ceil().max(0.0) as usize
+}
+
+/// The shared columns of a tape for every step of a window, and the past of the inputs that it delays.
 #[derive(Debug, Clone)]
 pub struct Drive {
     rows: Vec<f64>,
     width: usize,
     steps: usize,
+    delayed: Vec<Past>,
+    sample_hours: f64,
+}
+
+/// A delayed input of a tape.
+#[derive(Debug, Clone)]
+struct Past {
+    hold: Hold,
+    values: Vec<f64>,
+    /// How far into the step the delay is counted back from.
+    offset: f64,
+}
+
+impl Past {
+    /// The value at a position counted in samples. Before the first sample it is the first value; a zero-order
+    /// input has the value of the interval that holds the position.
+    #[inline(always)]
+    fn at(&self, position: f64) -> f64 {
+        let last = self.values.len().saturating_sub(1);
+        match self.hold {
+            Hold::Linear => {
+                let position = position.clamp(0.0, last as f64);
+                let k = (position as usize).min(last.saturating_sub(1));
+                let next = self.values[(k + 1).min(last)];
+                self.values[k] + (next - self.values[k]) * (position - k as f64)
+            }
+            // A delay of whole samples must not fall into the interval before by a rounding error. The cast ends
+            // at zero for whatever lies before the window.
+            Hold::ZeroOrder => self.values[((position + 1e-9) as usize).min(last)],
+        }
+    }
 }
 
 impl Drive {
@@ -142,28 +186,39 @@ impl Drive {
                 for (index, source) in stage.sources.iter().enumerate() {
                     file.state(index)[0] = match *source {
                         Source::Slope(input) => inputs.slope(input, k),
-                        Source::Input(input, point) => {
-                            let offset = match point {
-                                Point::Start => 0.0,
-                                Point::Middle => 0.5,
-                                Point::End => 1.0,
-                            };
-                            inputs.value(input, k, (step as f64 + offset) / steps as f64)
-                        }
+                        Source::Input(input, point) => inputs.value(input, k, (step as f64 + offset(point)) / steps as f64),
                     };
                 }
                 file.step();
                 rows.extend((0..width).map(|column| file.root(column)[0]));
             }
         }
-        Self { rows, width, steps }
+        let past = |delayed: &DelayedInput| {
+            let (hold, values) = inputs.columns[delayed.input].clone();
+            Past { hold, values, offset: offset(delayed.point) }
+        };
+        Self { rows, width, steps, delayed: tape.delayed.iter().map(past).collect(), sample_hours: inputs.hours }
     }
 
-    /// The shared values of a step.
+    /// Loads the inputs of a step into the lanes of the tape that the drive was made for.
     #[inline]
-    pub fn row(&self, k: usize, step: usize) -> &[f64] {
+    pub fn load<const W: usize>(&self, file: &mut LaneFile<W>, k: usize, step: usize) {
         let start = (k * self.steps + step) * self.width;
-        &self.rows[start..start + self.width]
+        file.share(&self.rows[start..start + self.width]);
+        file.delay(|index, hours| {
+            let past = &self.delayed[index];
+            let now = k as f64 + (step as f64 + past.offset) / self.steps as f64;
+            past.at(now - hours / self.sample_hours)
+        });
+    }
+}
+
+/// How far into the step a point lies.
+fn offset(point: Point) -> f64 {
+    match point {
+        Point::Start => 0.0,
+        Point::Middle => 0.5,
+        Point::End => 1.0,
     }
 }
 
@@ -187,6 +242,7 @@ fn shared_tape(stage: &SharedStage) -> Tape {
         constants: stage.constants.clone(),
         candidate: Vec::new(),
         shared: SharedStage::default(),
+        delayed: Vec::new(),
         states: stage.sources.len(),
         step: code,
         roots: stage.columns.iter().map(|column| moved(*column)).collect(),

@@ -100,7 +100,7 @@ impl<'a> Kalman<'a> {
                     for state in 0..n {
                         file.state(state)[0] = x[state];
                     }
-                    file.share(drive.row(k - 1, step));
+                    drive.load(&mut file, k - 1, step);
                     file.step();
                     for state in 0..n {
                         x[state] = file.root(state)[0];
@@ -153,7 +153,7 @@ impl<'a> Kalman<'a> {
         for (state, value) in x.iter().enumerate() {
             linear.state(state)[0] = *value;
         }
-        linear.share(self.linear_drive.row(k, step));
+        self.linear_drive.load(linear, k, step);
         linear.step();
     }
 
@@ -241,7 +241,7 @@ impl<'a> Kalman<'a> {
             if k > *first {
                 if self.known[k - 1] {
                     for step in 0..substeps {
-                        file.share(drive.row(k - 1, step));
+                        drive.load(&mut file, k - 1, step);
                         file.step();
                         file.advance();
                     }
@@ -260,7 +260,7 @@ impl<'a> Kalman<'a> {
             for state in 0..self.initial.len() {
                 *out.state(state) = *file.state(state);
             }
-            out.share(output_drive.row(k, 0));
+            output_drive.load(&mut out, k, 0);
             out.step();
             for (lane, origin) in origins.iter().enumerate() {
                 if alive[lane] && k >= *origin && k - origin <= horizon {

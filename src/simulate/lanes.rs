@@ -55,6 +55,17 @@ impl<'t, const W: usize> LaneFile<'t, W> {
         }
     }
 
+    /// Looks the delayed inputs up: `past` gives the value of the input behind the numbered one of the tape so
+    /// many hours ago.
+    #[inline]
+    pub fn delay(&mut self, past: impl Fn(usize, f64) -> f64) {
+        let start = self.tape.delayed_start();
+        for (index, delayed) in self.tape.delayed.iter().enumerate() {
+            let hours = self.registers[delayed.hours as usize].0;
+            self.registers[start + index].0 = hours.map(|hours| past(index, hours));
+        }
+    }
+
     /// A state, for reading and writing.
     #[inline]
     pub fn state(&mut self, index: usize) -> &mut [f64; W] {

@@ -3,6 +3,8 @@
 //! `stepper` writes one step as an expression graph, `model::tape` stages it, `drive` evaluates what all
 //! candidates share, `lanes` evaluates the rest, `trajectory` walks the window, `kalman` filters it.
 
+#[cfg(test)]
+mod delay_tests;
 pub mod drive;
 pub mod kalman;
 pub mod lanes;

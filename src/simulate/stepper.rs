@@ -49,6 +49,10 @@ fn at(graph: &mut Graph, model: &Model, nodes: &[NodeId], states: &[NodeId], poi
         Node::State(i) => states[usize::from(i)],
         // A held input is the same throughout the step.
         Node::Input(i, _) if model.inputs()[usize::from(i)].hold == Hold::Linear => graph.intern(Node::Input(i, point)),
+        // The slope of a delayed input speaks of both ends already.
+        Node::Delayed(i, Point::Start, hours) if model.inputs()[usize::from(i)].hold == Hold::Linear => {
+            graph.intern(Node::Delayed(i, point, hours))
+        }
         other => graph.intern(other),
     })
 }

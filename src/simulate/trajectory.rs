@@ -146,7 +146,7 @@ impl Simulator {
         for k in 0..until {
             if k > 0 && self.known[k - 1] {
                 for step in 0..self.substeps {
-                    file.share(self.drive.row(k - 1, step));
+                    self.drive.load(&mut file, k - 1, step);
                     file.step();
                     file.advance();
                 }
@@ -164,7 +164,7 @@ impl Simulator {
                     kept[state].push(lane_values);
                 }
             }
-            out.share(self.output_drive.row(k, 0));
+            self.output_drive.load(&mut out, k, 0);
             out.step();
             for (output, values) in values.iter_mut().enumerate() {
                 values.push(*out.root(output));

@@ -186,7 +186,7 @@ impl Kind {
             }
             Kind::People => {
                 for day in 0..days {
-                    let weekend = climate.weekday[(day * STEPS_PER_DAY).min(steps - 1)] >= 5.0;
+                    let weekend = climate.weekday[(day * STEPS_PER_DAY).min(steps - 1)] >= 6.0;
                     let many = dice.between(0.6, 1.6);
                     if weekend && dice.uniform() < 0.7 {
                         add(day, dice.between(8.0, 10.5), dice.between(3.0, 7.0), &|_| many);

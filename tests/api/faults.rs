@@ -39,6 +39,22 @@ fn all_faults_of_a_job_are_listed() {
         (problem["errors"][0]["pointer"].as_str(), problem["errors"][0]["suggestion"].as_str()),
         (Some("/model"), Some("did you mean `rc2`?"))
     );
+    // Methods and objectives that this version does not have: the fault lists those that it has.
+    for (field, value, known) in [
+        ("method", json!({"name": "lshade"}), "`cfa`, `cfa_thesis`, `lm_multistart`"),
+        ("method", json!({"name": "ctsm", "seed": 3}), "`cfa`, `cfa_thesis`, `lm_multistart`"),
+        ("objective", json!("likelihood"), "`mse`, `swmse`, `nmse`"),
+    ] {
+        let problem =
+            app.json("POST", "/jobs", &json!({"kind": "estimate", "system": "room/1", field: value})).problem(422, "invalid-request");
+        let fault = &problem["errors"][0];
+        assert_eq!(
+            (fault["pointer"].as_str(), fault["code"].as_str()),
+            (Some(format!("/{field}").as_str()), Some("unknown-value")),
+            "{problem}"
+        );
+        assert!(fault["detail"].as_str().unwrap().contains(known), "{problem}");
+    }
     let problem = app.json("POST", "/jobs", &json!({"kind": "estimat", "system": "room/1"})).problem(422, "invalid-request");
     assert_eq!(problem["errors"][0]["suggestion"], "did you mean `estimate`?");
     assert_eq!(app.get("/jobs").json()["items"], json!([]), "nothing of this was taken");

@@ -174,3 +174,24 @@ fn one_job_of_a_system_waits_for_no_crowd_of_another() {
     let before = crowd.iter().filter(|job| started(job) < single).count();
     assert!(before <= 1, "{before} jobs of the other system went first");
 }
+
+#[test]
+fn early_stopping_is_asked_for_in_the_request() {
+    let app = TestApp::start();
+    app.room("1", 1);
+    let method = json!({"name": "cfa_thesis", "seed": 1, "n": 12, "n_min": 6, "generations": 1000});
+    let more = json!({"method": method, "budget": {"evaluations": 50_000}, "early_stopping": {"patience": 8, "min_delta": 0.05}});
+    let job = app.ended(&app.estimate("room/1", more));
+    assert_eq!((job["state"].as_str(), job["stopped_by"].as_str()), (Some("succeeded"), Some("stalled")), "{job}");
+    assert!(job["evaluations"].as_u64().unwrap() < 20_000, "{job}");
+    assert_eq!(job["request"]["early_stopping"], json!({"patience": 8, "min_delta": 0.05, "validation": false}));
+
+    let mut bad = quick("room/1");
+    bad["early_stopping"] = json!({"patience": 0, "min_delta": 2});
+    let problem = app.json("POST", "/jobs", &bad).problem(422, "invalid-request");
+    let pointers: Vec<&str> = problem["errors"].as_array().unwrap().iter().map(|fault| fault["pointer"].as_str().unwrap()).collect();
+    assert_eq!(pointers, ["/early_stopping/patience", "/early_stopping/min_delta"]);
+    bad["early_stopping"] = json!({"patients": 3});
+    let problem = app.json("POST", "/jobs", &bad).problem(422, "invalid-request");
+    assert_eq!(problem["errors"][0]["suggestion"], "did you mean `patience`?");
+}

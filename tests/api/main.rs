@@ -6,6 +6,7 @@ mod faults;
 mod jobs;
 mod models;
 mod params;
+mod preview;
 mod schedules;
 mod straight;
 #[path = "../support/mod.rs"]

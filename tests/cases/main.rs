@@ -2,6 +2,8 @@
 
 #![allow(clippy::unwrap_used, reason = "a case that cannot go on has failed")]
 
+mod clock;
+mod delays;
 mod diagnoses;
 mod houses;
 mod oracles;

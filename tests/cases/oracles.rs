@@ -10,7 +10,7 @@ use lampyris::twin;
 fn room3_agrees_with_a_fine_fourth_order_solver() {
     for seed in [301, 302, 303] {
         let twin = twin::room(seed, 4, 7, 10).unwrap();
-        let site = Site { location: None, sets: [("neighbours".to_owned(), twin.neighbours.clone())].into() };
+        let site = Site { sets: [("neighbours".to_owned(), twin.neighbours.clone())].into(), ..Site::default() };
         let problem = problem(&twin.csv, "room3", &[], &site, &request("P7D", "P0D", "P0D", 1));
         let measured = problem.measured();
         let samples = problem.grid().len();
@@ -29,7 +29,7 @@ fn room3_agrees_with_a_fine_fourth_order_solver() {
 #[test]
 fn the_tape_of_a_step_equals_its_graph_bit_for_bit() {
     let twin = twin::room(310, 2, 2, 10).unwrap();
-    let site = Site { location: None, sets: [("neighbours".to_owned(), twin.neighbours.clone())].into() };
+    let site = Site { sets: [("neighbours".to_owned(), twin.neighbours.clone())].into(), ..Site::default() };
     let problem = problem(&twin.csv, "room3", &[], &site, &request("P2D", "P0D", "P0D", 1));
     let model = problem.model();
     let mut graph = Graph::default();

@@ -2,12 +2,12 @@
 
 use super::{fit, problem, request};
 use lampyris::estimate::request::{EstimateRequest, Objective, Prior};
-use lampyris::estimate::{Incumbent, Policy, Problem, Site, Verdict, validate};
+use lampyris::estimate::{Control, EarlyStopping, Incumbent, Policy, Problem, Progress, Site, Stop, Verdict, estimate, validate};
 use lampyris::twin::{self, RoomTwin};
 
 fn room(seed: u64, days: usize, asked: &EstimateRequest) -> (RoomTwin, Problem) {
     let twin = twin::room(seed, 2, days, 30).unwrap();
-    let site = Site { location: None, sets: [("neighbours".to_owned(), twin.neighbours.clone())].into() };
+    let site = Site { sets: [("neighbours".to_owned(), twin.neighbours.clone())].into(), ..Site::default() };
     let problem = problem(&twin.csv, "room3", &[], &site, asked);
     (twin, problem)
 }
@@ -93,4 +93,54 @@ fn the_shape_weighted_error_is_minimised_by_the_same_search() {
     let fit = fit(&problem, &asked);
     // At the noise floor the shapes agree, so the weight is nearly one.
     assert!(fit.cost > 0.9 * 0.05f64.powi(2) && fit.cost < 1.3 * 0.05f64.powi(2), "{}", fit.cost);
+}
+
+/// The normalised error of one output is its mean square error over a number: the same optimum, the same search.
+#[test]
+fn the_normalised_error_of_one_output_has_the_same_optimum() {
+    let mut asked = request("P7D", "P2D", "P0D", 27);
+    let (_, plain) = room(461, 9, &asked);
+    let mse = fit(&plain, &asked);
+    asked.objective = Objective::Nmse;
+    let (_, normalised) = room(461, 9, &asked);
+    let nmse = fit(&normalised, &asked);
+    let used = plain.usable(0, plain.split().train.clone());
+    let values: Vec<f64> = used.iter().map(|k| plain.measured()[0].0[*k]).collect();
+    let mean = values.iter().sum::<f64>() / values.len() as f64;
+    let variance = values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / values.len() as f64;
+    assert_eq!(nmse.objective, "nmse");
+    assert!((nmse.cost * variance / mse.cost - 1.0).abs() < 5e-3, "{} {}", nmse.cost * variance, mse.cost);
+    assert!(nmse.cost < 0.05, "{}", nmse.cost);
+}
+
+/// The algorithm of the thesis has no rule of its own to end before its last generation.
+#[test]
+fn early_stopping_saves_evaluations_and_says_so() {
+    let mut asked = request("P5D", "P2D", "P0D", 28);
+    asked.budget.evaluations = 6000;
+    asked.method = serde_json::from_str(r#"{"name": "cfa_thesis", "seed": 28, "n": 16, "n_min": 8, "generations": 400}"#).unwrap();
+    let (_, problem) = room(471, 7, &asked);
+    let whole = fit(&problem, &asked);
+    assert_eq!(whole.stopped_by, Stop::Budget);
+    asked.early_stopping = Some(EarlyStopping { patience: 10, min_delta: 0.02, ..EarlyStopping::default() });
+    let early = fit(&problem, &asked);
+    println!("whole: {} evaluations, cost {:.5}; early: {}, {:.5}", whole.evaluations, whole.cost, early.evaluations, early.cost);
+    assert_eq!(early.stopped_by, Stop::Stalled);
+    assert!(early.evaluations < whole.evaluations / 2, "{} {}", early.evaluations, whole.evaluations);
+    assert!(early.remarks.iter().any(|remark| remark.contains("stopped early: in 10 generations the cost")), "{:?}", early.remarks);
+    // The same seed goes the same way as far as it goes.
+    assert!(whole.trace.iter().any(|point| point.best == early.cost), "the early end is a point of the whole way");
+
+    asked.early_stopping = Some(EarlyStopping { validation: true, ..asked.early_stopping.unwrap() });
+    let seen = std::sync::Mutex::new(f64::INFINITY);
+    let progress = |progress: &Progress| {
+        let mut lowest = seen.lock().unwrap();
+        *lowest = lowest.min(progress.best_validation.unwrap_or(f64::INFINITY));
+    };
+    let watched = estimate(&problem, &asked, None, &Control { progress: &progress, ..Control::NONE }).unwrap();
+    assert!(watched.remarks.iter().any(|remark| remark.contains("not that of unseen data")), "{:?}", watched.remarks);
+    let (unseen, lowest) = (watched.first_metrics().unwrap().validation_rmse.unwrap(), *seen.lock().unwrap());
+    println!("on validation: {} evaluations, {unseen:.4} K; lowest on the way {lowest:.4} K", watched.evaluations);
+    // A parameter on a bound may be fixed afterwards where that costs less than two per cent.
+    assert!(unseen <= 1.02 * lowest, "{unseen} {lowest}");
 }

@@ -24,7 +24,7 @@ pub fn week(seed: u64, step_minutes: usize) -> Result<(twin::RoomTwin, Problem),
     let model: ModelId = "room3".parse().map_err(|error| Failure::Error(format!("{error}")))?;
     let request: EstimateRequest = serde_json::from_value(serde_json::json!({ "split": { "train": "P7D", "validation": "P0D" } }))
         .map_err(|error| Failure::Error(error.to_string()))?;
-    let site = Site { location: None, sets: [("neighbours".to_owned(), twin.neighbours.clone())].into() };
+    let site = Site { sets: [("neighbours".to_owned(), twin.neighbours.clone())].into(), ..Site::default() };
     let catalogue = Catalogue::builtin().map_err(|found| faults(&found))?;
     let problem = prepare(&catalogue, &model, &request, &window, &site).map_err(|found| faults(&found))?;
     Ok((twin, problem))

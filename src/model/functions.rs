@@ -1,0 +1,148 @@
+//! The functions of the model language: their arguments, their units, and which of them can be negative.
+
+use super::expr::{Binary, Graph, Node, NodeId, Unary};
+use super::lower::{Lowering, Value};
+use super::parse::{Expr, Position};
+use super::{Delay, Parameter};
+use crate::fault::nearest;
+use crate::units::Unit;
+
+/// Longest delay of an input in hours: a week, which is the shortest window that is usually fitted.
+pub(super) const MAX_DELAY: f64 = 168.0;
+/// The functions of pure numbers and of like quantities; `delay` and `sum` read their arguments themselves.
+const FUNCTIONS: [(&str, usize); 10] =
+    [("if", 3), ("min", 2), ("max", 2), ("abs", 1), ("sqrt", 1), ("exp", 1), ("log", 1), ("sin", 1), ("cos", 1), ("tanh", 1)];
+
+impl Lowering {
+    /// `delay(input, hours)`: what an input was so many hours ago. The delay depends on parameters alone, is never
+    /// negative, and has a known limit, because that much of the past has to be there.
+    pub(super) fn delay(&mut self, pointer: &str, at: Position, arguments: &[Expr], indices: &mut Vec<(String, String)>) -> Value {
+        let [input, hours] = arguments else {
+            self.fault(pointer, at, "arguments", format!("`delay` takes 2 arguments, not {}", arguments.len()));
+            return self.zero();
+        };
+        let faults = self.faults.len();
+        let delayed = self.expr(pointer, input, indices);
+        let hours_at = hours.at;
+        let hours = self.expr(pointer, hours, indices);
+        let Node::Input(index, point) = self.graph.node(delayed.node) else {
+            // A name that does not exist has its fault already.
+            if self.faults.len() == faults {
+                self.fault(pointer, input.at, "delay", "only an input can be delayed: nothing else has a past that is known");
+                let inputs: Vec<&str> = self.inputs().collect();
+                self.suggest(format!("the inputs are {}", inputs.join(", ")));
+            }
+            return self.zero();
+        };
+        if hours.unit.is_some_and(|unit| !unit.addable(&Unit::HOUR)) {
+            self.fault(pointer, hours_at, "unit", "a delay must have the unit h");
+        }
+        let used = self.graph.reachable(&[hours.node]);
+        let changes = |node: &Node| matches!(node, Node::State(_) | Node::Input(..) | Node::Slope(_) | Node::Delayed(..));
+        if self.graph.nodes().iter().zip(used).any(|(node, used)| used && changes(node)) {
+            self.fault(pointer, hours_at, "delay", "a delay depends on parameters and numbers alone");
+        } else if !hours.nonnegative {
+            self.fault(
+                pointer,
+                hours_at,
+                "delay",
+                "a delay cannot be negative; give its parameter a lower bound of 0, or write max(0[h], …)",
+            );
+        } else if !matches!(self.graph.node(hours.node), Node::Param(_)) {
+            match limit(&self.graph, hours.node) {
+                Some(limit) if limit <= MAX_DELAY => {}
+                Some(_) => self.fault(pointer, hours_at, "limit", format!("a delay is at most {MAX_DELAY} h")),
+                None => {
+                    self.fault(pointer, hours_at, "delay", "nothing says how long this delay can be");
+                    self.suggest("take a parameter, whose upper bound says it, or write min(…, 6[h])".to_owned());
+                }
+            }
+        }
+        let node = self.graph.intern(Node::Delayed(index, point, hours.node));
+        Value { node, ..delayed }
+    }
+
+    pub(super) fn call(&mut self, pointer: &str, at: Position, name: &str, x: &[Value]) -> Value {
+        let Some((_, wanted)) = FUNCTIONS.iter().find(|(known, _)| *known == name) else {
+            self.fault(pointer, at, "unknown-function", format!("there is no function `{name}`"));
+            let known = FUNCTIONS.iter().map(|(known, _)| *known).chain(["delay", "sum"]);
+            if let Some(near) = nearest(name, known) {
+                self.suggest(format!("did you mean `{near}`?"));
+            }
+            return self.zero();
+        };
+        if x.len() != *wanted {
+            self.fault(pointer, at, "arguments", format!("`{name}` takes {wanted} arguments, not {}", x.len()));
+            return self.zero();
+        }
+        let unary = |lowering: &mut Self, op, unit, nonnegative| Value { node: lowering.graph.unary(op, x[0].node), unit, nonnegative };
+        match name {
+            "if" => {
+                let unit = self.alike(pointer, at, Binary::Add, x[1], x[2]);
+                let nonnegative = x[1].nonnegative && x[2].nonnegative;
+                Value { node: self.graph.choose(x[0].node, x[1].node, x[2].node), unit, nonnegative }
+            }
+            "min" => self.binary(pointer, at, Binary::Min, x[0], x[1], false),
+            "max" => self.binary(pointer, at, Binary::Max, x[0], x[1], false),
+            "abs" => unary(self, Unary::Abs, x[0].unit, true),
+            "sqrt" => {
+                let unit = x[0].unit.and_then(Unit::square_root);
+                if x[0].unit.is_some() && unit.is_none() {
+                    self.fault(pointer, at, "unit", "the root of this unit is no unit");
+                }
+                if !x[0].nonnegative {
+                    self.fault(
+                        pointer,
+                        at,
+                        "negative-base",
+                        "sqrt needs an argument that cannot be negative; wrap it in abs() or max(0, …)",
+                    );
+                }
+                unary(self, Unary::Sqrt, unit, true)
+            }
+            _ => self.transcendental(pointer, at, name, x[0]),
+        }
+    }
+
+    /// Functions of a pure number. Angles in degrees and fractions in percent are scaled first.
+    fn transcendental(&mut self, pointer: &str, at: Position, name: &str, x: Value) -> Value {
+        let scale = x.unit.map_or(Some(1.0), |unit| unit.number_scale());
+        let Some(scale) = scale else {
+            self.fault(pointer, at, "unit", format!("`{name}` needs a pure number"));
+            return self.zero();
+        };
+        let factor = self.graph.constant(scale);
+        let argument = self.graph.mul(x.node, factor);
+        let op = match name {
+            "exp" => Unary::Exp,
+            "log" => Unary::Log,
+            "sin" => Unary::Sin,
+            "cos" => Unary::Cos,
+            _ => Unary::Tanh,
+        };
+        Value { node: self.graph.unary(op, argument), unit: Some(Unit::ONE), nonnegative: op == Unary::Exp }
+    }
+}
+
+/// The number that an expression cannot exceed, where it is a number itself or `min(…, number)`.
+fn limit(graph: &Graph, node: NodeId) -> Option<f64> {
+    match graph.node(node) {
+        Node::Binary(Binary::Min, a, b) => graph.constant_value(b).or(graph.constant_value(a)),
+        _ => graph.constant_value(node),
+    }
+}
+
+/// The delays of a graph with the longest time of each.
+pub(super) fn delays(graph: &Graph, parameters: &[Parameter]) -> Vec<Delay> {
+    let mut delays = Vec::new();
+    for node in graph.nodes() {
+        if let Node::Delayed(input, _, hours) = *node {
+            let (parameter, longest) = match graph.node(hours) {
+                Node::Param(i) => (Some(usize::from(i)), parameters[usize::from(i)].upper),
+                _ => (None, limit(graph, hours).unwrap_or(0.0)),
+            };
+            delays.push(Delay { input: usize::from(input), parameter, longest });
+        }
+    }
+    delays
+}
