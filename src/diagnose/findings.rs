@@ -1,9 +1,9 @@
 //! The main line: rounds until nothing more is found, and the document that says what was.
 
-use super::candidates::{Suspect, suspects, widen};
+use super::candidates::{Suspect, align, suspects, widen};
 use super::failures::episodes;
 use super::fitted::{Null, whitening_at};
-use super::rank::{LEAST_SHARE, Round, STRICT_SHARE, Skip, Tried, round};
+use super::rank::{LEAST_BIC, LEAST_SHARE, Round, STRICT_SHARE, Skip, Tried, round};
 use super::report::{
     Adequacy, Coefficient, Considered, Diagnosis, Finding, FindingKind, Gate, Measures, NotTestable, Preview, RmsePairs, Unexplained,
 };
@@ -77,25 +77,28 @@ pub fn diagnose(
     }
     let (grid, holes) = widen(problem, window, site).map_err(|fault| DiagnoseError::Faults(vec![fault]))?;
     let settled = |null: Option<Null>| null.ok_or(DiagnoseError::Estimate(EstimateError::NothingFinite));
-    let mut null = settled(Null::settle(problem.clone(), theta, None))?;
+    let (mut library, not_testable) = suspects(catalogue, problem, &grid, &holes, site);
+    let mut null = settled(Null::settle(align(problem, &mut library), theta, None))?;
+    report.not_testable = not_testable;
     let mut found: Vec<String> = Vec::new();
-    let (mut before, mut process_noise) = (None, None);
+    let mut before = None;
     for number in 1..=ROUNDS {
         interrupted(control)?;
-        let (mut library, not_testable) = suspects(catalogue, &null.problem, &grid, &holes, site);
+        if number > 1 {
+            (library, _) = suspects(catalogue, &null.problem, &grid, &holes, site);
+        }
         // The openings that a drop detector marks are off by up to half an hour, which a lag then repairs.
         library.retain(|suspect| !(suspect.id == "sensor_lag" && found.iter().any(|name| name == "window_opening")));
         let outcome = settled_round(round(&mut null, &library, strict))?;
         if number == 1 {
             before = Some(null.clone());
-            report.not_testable = not_testable;
             tell_round(&mut report, &library, &outcome);
         }
         let Some(winner) = outcome.winner.map(|place| &outcome.tried[place]) else { break };
         let suspect = &library[winner.suspect];
         interrupted(control)?;
         let next = settled(Null::settle(suspect.problem.clone(), &winner.fitted.plain, Some(&winner.fitted.white)))?;
-        let finding = finding(&null, &next, &library, &outcome, winner, number, &mut process_noise);
+        let finding = finding(&null, &next, &library, &outcome, winner, number);
         found.push(suspect.id.clone());
         report.findings.push(finding);
         null = next;
@@ -117,7 +120,8 @@ pub fn preview(
 ) -> Result<Vec<Preview>, DiagnoseError> {
     let diverged = DiagnoseError::Estimate(EstimateError::NothingFinite);
     let (grid, holes) = widen(problem, window, site).map_err(|fault| DiagnoseError::Faults(vec![fault]))?;
-    let (library, _) = suspects(catalogue, problem, &grid, &holes, site);
+    let (mut library, _) = suspects(catalogue, problem, &grid, &holes, site);
+    let problem = &align(problem, &mut library);
     let whitening = whitening_at(problem, theta).ok_or(diverged.clone())?;
     let screen = Screen::new(problem, theta, &whitening).ok_or(diverged)?;
     let mut previews: Vec<Preview> = library
@@ -217,15 +221,7 @@ fn tell_round(report: &mut Diagnosis, library: &[Suspect], outcome: &Round) {
 }
 
 /// A winner as a finding.
-fn finding(
-    null: &Null,
-    next: &Null,
-    library: &[Suspect],
-    outcome: &Round,
-    winner: &Tried,
-    rank: usize,
-    process_noise: &mut Option<f64>,
-) -> Finding {
+fn finding(null: &Null, next: &Null, library: &[Suspect], outcome: &Round, winner: &Tried, rank: usize) -> Finding {
     let suspect = &library[winner.suspect];
     let tied_with: Vec<String> = outcome.tied.iter().map(|place| library[outcome.tried[*place].suspect].id.clone()).collect();
     let separate_by = (!tied_with.is_empty()).then(|| {
@@ -241,13 +237,14 @@ fn finding(
     for (index, _) in &suspect.own {
         let parameter = &next.problem.model().parameters()[*index];
         let place = next.problem.free().iter().position(|free| free == index);
+        let ci95 = place.and_then(|place| uncertain.ci95.get(place).copied().flatten());
         parameters.insert(
             parameter.name.clone(),
             Coefficient {
                 value: next.fitted.plain[*index],
-                ci95: place.and_then(|place| uncertain.ci95.get(place).copied().flatten()),
+                ci95,
                 unit: parameter.unit.clone(),
-                at_bound: at_bound(&next.problem, &next.fitted.plain, *index),
+                at_bound: at_bound(&next.problem, &next.fitted.plain, *index) && !leaves_bounds(ci95, next.problem.bounds()[*index]),
             },
         );
     }
@@ -255,7 +252,7 @@ fn finding(
         train: pair(0).unwrap_or([f64::NAN; 2]),
         validation: pair(1),
         test: pair(2),
-        validation_ahead: ahead_pairs(null, next, process_noise),
+        validation_ahead: ahead_pairs(null, next),
     };
     let refinement = rank > 1 && winner.share.is_none_or(|share| share < CAUSE_SHARE);
     let evidence = evidence(suspect, winner, &rmse);
@@ -275,6 +272,12 @@ fn finding(
     }
 }
 
+/// Whether an interval stays clear of both bounds: a small coefficient of a channel with large numbers is near its
+/// bound on the scale of the search, and well determined all the same.
+fn leaves_bounds(ci95: Option<[f64; 2]>, bounds: [f64; 2]) -> bool {
+    ci95.is_some_and(|[low, high]| low > bounds[0] && high < bounds[1])
+}
+
 fn evidence(suspect: &Suspect, winner: &Tried, rmse: &RmsePairs) -> Vec<String> {
     let mut sentences = vec![suspect.spec.signature.clone()];
     if let Some([before, after]) = rmse.validation {
@@ -283,9 +286,20 @@ fn evidence(suspect: &Suspect, winner: &Tried, rmse: &RmsePairs) -> Vec<String> 
     if let Some([before, after]) = rmse.validation_ahead.get("PT24H") {
         sentences.push(format!("Forecasts a day ahead err by {after:.2} instead of {before:.2} K."));
     }
-    sentences.push(format!("The likelihood gains {:.0} in BIC after its price; 10 would be enough.", winner.delta_bic));
+    match winner.slow_delta_bic {
+        Some(slow) if winner.delta_bic < LEAST_BIC => {
+            sentences.push(format!(
+                "The likelihood of three-hourly means gains {slow:.0} in BIC after its price; {LEAST_BIC:.0} would be enough."
+            ));
+        }
+        _ => {
+            sentences.push(format!("The likelihood gains {:.0} in BIC after its price; {LEAST_BIC:.0} would be enough.", winner.delta_bic))
+        }
+    }
     if let Some(share) = winner.share.filter(|share| *share >= LEAST_SHARE) {
         sentences.push(format!("It explains {:.0} % of the unseen squared error beyond the noise.", 100.0 * share));
+    } else if let Some(ahead) = winner.ahead_share.filter(|share| *share >= STRICT_SHARE) {
+        sentences.push(format!("It explains {:.0} % of the squared error a day ahead beyond the noise.", 100.0 * ahead));
     } else if let Some(white) = winner.white_share {
         sentences
             .push(format!("It explains {:.1} % of the unseen innovations; the free run is dominated by something else.", 100.0 * white));
@@ -296,15 +310,15 @@ fn evidence(suspect: &Suspect, winner: &Tried, rmse: &RmsePairs) -> Vec<String> 
     sentences
 }
 
-/// Forecast errors without and with the effect over the validation part, from states filtered with one process
-/// noise.
-fn ahead_pairs(null: &Null, next: &Null, process_noise: &mut Option<f64>) -> IndexMap<String, [f64; 2]> {
+/// Forecast errors without and with the effect over the validation part, each from states filtered with its own
+/// likeliest process noise.
+fn ahead_pairs(null: &Null, next: &Null) -> IndexMap<String, [f64; 2]> {
     let range = null.problem.split().validation.clone();
-    let first = filter(&null.problem, &null.fitted.plain, *process_noise);
-    *process_noise = Some(first.process_noise);
-    let second = filter(&next.problem, &next.fitted.plain, *process_noise);
-    let before = ahead(&null.problem, &null.fitted.plain, &first, range.clone(), &HORIZONS);
-    let after = ahead(&next.problem, &next.fitted.plain, &second, range, &HORIZONS);
+    let errors = |null: &Null| {
+        let run = filter(&null.problem, &null.fitted.plain, None);
+        ahead(&null.problem, &null.fitted.plain, &run, range.clone(), &HORIZONS)
+    };
+    let (before, after) = rayon::join(|| errors(null), || errors(next));
     before.into_iter().filter_map(|(name, before)| Some((name.clone(), [before.rmse, after.get(&name)?.rmse]))).collect()
 }
 

@@ -1,6 +1,6 @@
 //! The error ladder: effects are added one after another while the error on unseen data falls.
 
-use super::candidates::{suspects, widen};
+use super::candidates::{align, suspects, widen};
 use super::findings::DiagnoseError;
 use super::fitted::Null;
 use super::rank::{LEAST_BIC, round};
@@ -10,6 +10,9 @@ use crate::estimate::{Control, EstimateError, Problem, Site};
 use crate::model::Catalogue;
 use indexmap::IndexMap;
 use serde::{Deserialize, Serialize};
+
+/// An error that is not at least this much smaller has not fallen.
+const FALL: f64 = 0.97;
 
 /// A ladder: the base, then a step for each effect that was tried in earnest.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -47,7 +50,7 @@ pub struct Step {
 
 /// Builds the ladder from a fit: at most `max_steps` effects.
 ///
-/// A step is kept where the likelihood gains what the gates ask for and the error on unseen data falls; the first
+/// A step is kept where the gates of a diagnosis let its effect through and the error on unseen data falls; the first
 /// step that is not ends the ladder.
 ///
 /// # Errors
@@ -63,7 +66,8 @@ pub fn ladder(
 ) -> Result<Ladder, DiagnoseError> {
     let nothing = || DiagnoseError::Estimate(EstimateError::NothingFinite);
     let (grid, holes) = widen(problem, window, site).map_err(|fault| DiagnoseError::Faults(vec![fault]))?;
-    let mut null = Null::settle(problem.clone(), theta, None).ok_or_else(nothing)?;
+    let (mut library, _) = suspects(catalogue, problem, &grid, &holes, site);
+    let mut null = Null::settle(align(problem, &mut library), theta, None).ok_or_else(nothing)?;
     let noise = filter(problem, &null.fitted.plain, None).process_noise;
     let mut steps = Vec::new();
     let mut price = 0.0;
@@ -71,7 +75,9 @@ pub fn ladder(
         if let Some(interrupt) = (control.interrupt)() {
             return Err(DiagnoseError::Estimate(EstimateError::Interrupted(interrupt)));
         }
-        let (library, _) = suspects(catalogue, &null.problem, &grid, &holes, site);
+        if !steps.is_empty() {
+            (library, _) = suspects(catalogue, &null.problem, &grid, &holes, site);
+        }
         let outcome = round(&mut null, &library, false).ok_or_else(nothing)?;
         if steps.is_empty() {
             steps.push(step(&null, None, 0.0, noise, true, "the model as it is".to_owned()));
@@ -83,15 +89,19 @@ pub fn ladder(
         let suspect = &library[best.suspect];
         let next = Null::settle(suspect.problem.clone(), &best.fitted.plain, Some(&best.fitted.white)).ok_or_else(nothing)?;
         let cost = best.active as f64 * (best.measured.samples as f64).ln();
-        let (kept, why) = match &best.gate {
-            None => (true, format!("the likelihood gains {:.0} in BIC and the error on unseen data falls", best.delta_bic)),
+        let (added, before) = (Some(suspect.id.clone()), steps.last());
+        let mut step = step(&next, added, price + cost, noise, true, String::new());
+        (step.kept, step.why) = match &best.gate {
             Some((_, why)) => (false, format!("the best of what is left is not kept: {why}")),
+            None if before.is_some_and(|before| falls(before, &step)) => (true, "the error on unseen data falls".to_owned()),
+            None => (false, "the likelihood gains, but the error on unseen data does not fall".to_owned()),
         };
         // Below the gate of the likelihood there is nothing to show.
-        if !kept && best.delta_bic < LEAST_BIC {
+        if !step.kept && best.delta_bic < LEAST_BIC {
             break;
         }
-        steps.push(step(&next, Some(suspect.id.clone()), price + cost, noise, kept, why));
+        let kept = step.kept;
+        steps.push(step);
         if !kept {
             break;
         }
@@ -102,6 +112,13 @@ pub fn ladder(
         steps.push(step(&null, None, 0.0, noise, true, "the model as it is".to_owned()));
     }
     Ok(Ladder { system: None, steps })
+}
+
+/// Whether the error on unseen data really falls: of the free run or of forecasts over six hours or a day.
+fn falls(before: &Step, after: &Step) -> bool {
+    let better = |before: Option<f64>, after: Option<f64>| before.zip(after).is_some_and(|(before, after)| after <= FALL * before);
+    let ahead = |name: &str| better(before.ahead.get(name).copied(), after.ahead.get(name).copied());
+    better(before.validation_rmse, after.validation_rmse) || ahead("PT6H") || ahead("PT24H")
 }
 
 fn step(null: &Null, added: Option<String>, price: f64, noise: f64, kept: bool, why: String) -> Step {

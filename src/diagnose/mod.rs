@@ -18,9 +18,13 @@ pub mod fitted;
 pub mod ladder;
 pub mod rank;
 mod refit;
+pub mod regimes;
 pub mod report;
 pub mod residual;
 mod screen;
+pub mod spectrum;
+#[cfg(test)]
+mod tests;
 
 pub use findings::{DiagnoseError, diagnose, preview};
 pub use report::{Adequacy, Diagnosis, Finding};

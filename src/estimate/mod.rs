@@ -10,6 +10,7 @@ pub mod method;
 pub mod metrics;
 pub mod objective;
 pub mod physics;
+pub mod preview;
 pub mod problem;
 pub mod request;
 pub mod run;

@@ -240,6 +240,12 @@ impl Problem {
         self.measured.iter().map(|(values, valid)| (values.as_slice(), valid.as_slice())).collect()
     }
 
+    /// The same problem with other parts.
+    #[must_use]
+    pub fn with_split(&self, split: Split) -> Self {
+        Self { split, ..self.clone() }
+    }
+
     /// The same problem with so many internal steps per sample.
     #[must_use]
     pub fn with_substeps(&self, steps: usize) -> Self {

@@ -18,6 +18,7 @@ mod metrics;
 mod models;
 mod page;
 mod params;
+mod preview;
 mod problem;
 mod schedules;
 mod series;
@@ -70,6 +71,7 @@ fn layered() -> OpenApiRouter<Shared> {
         .merge(series::router())
         .merge(layout::router())
         .merge(models::router())
+        .merge(preview::router())
         .merge(jobs::router())
         .merge(events::router())
         .merge(batches::router())

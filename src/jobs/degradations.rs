@@ -2,7 +2,7 @@
 //! measurements contradict the parameters.
 
 use super::input::{self, Input};
-use super::systems::{Mode, SystemDocument};
+use super::systems::{self, Mode, SystemDocument};
 use super::{JobsError, Service, now, params, submit};
 use crate::data::{Duration, SplitRequest, SystemId, rfc3339};
 use crate::estimate::degradation::{Newer, newer};
@@ -75,8 +75,8 @@ async fn look(service: &Service, pool: &ThreadPool, system: &SystemId) -> Result
     }
     let Some((_, newest)) = store::windows::extent(&service.store, system).await? else { return Ok(()) };
     let Some(model) = served.fit.model.parse().ok() else { return Ok(()) };
-    let input = input::collect(service, system, &model, request(&served, newest)).await?;
-    let document = input.system.clone();
+    let document = systems::require(service, system).await?;
+    let input = input::collect(service, system, document.clone(), model, request(&served, newest)).await?;
     let (sender, receiver) = oneshot::channel();
     pool.spawn(move || {
         let _ = sender.send(catch_unwind(AssertUnwindSafe(|| compare(&input, &served))));

@@ -39,17 +39,23 @@ pub struct Input {
 /// # Errors
 /// Where the system is gone or the database fails.
 pub async fn load(service: &Service, job: &JobRecord) -> Result<Input, JobsError> {
+    let document = systems::require(service, &job.system).await?;
     let request: EstimateRequest = serde_json::from_value(job.request.clone())
         .map_err(|error| JobsError::Faults(vec![Fault::new("", "outdated-request", error.to_string())]))?;
-    collect(service, &job.system, &job.model, request).await
+    collect(service, &job.system, document, job.model.clone(), request).await
 }
 
-/// Collects what a model needs of a system's measurements.
+/// Collects the input of one computation on a system.
 ///
 /// # Errors
-/// Where the system is gone or the database fails.
-pub async fn collect(service: &Service, name: &SystemId, model: &ModelId, request: EstimateRequest) -> Result<Input, JobsError> {
-    let system = systems::require(service, name).await?;
+/// Where there are no measurements or the database fails.
+pub async fn collect(
+    service: &Service,
+    name: &SystemId,
+    system: SystemDocument,
+    model: ModelId,
+    request: EstimateRequest,
+) -> Result<Input, JobsError> {
     let extent = store::windows::extent(&service.store, name).await?;
     let Some((first, newest)) = extent else {
         return Err(JobsError::Faults(vec![Fault::new("/window", "no-data", format!("there are no measurements of {name}"))]));
@@ -61,7 +67,7 @@ pub async fn collect(service: &Service, name: &SystemId, model: &ModelId, reques
     }
     Ok(Input {
         catalogue: service.catalogue.current(),
-        model: model.clone(),
+        model,
         windows: store::windows::blocks(&service.store, name, (from, to), None).await?,
         served: store::fits::served(&service.store, name).await?,
         request,

@@ -13,6 +13,7 @@
 //! | `board` | who runs now: progress, cancellation |
 //! | `events` | what happens to jobs, for those who listen |
 //! | `worker`, `input`, `estimate`, `diagnose` | from the claim to the verdict, and to what is missing |
+//! | `preview` | one simulation for whoever edits a model |
 //! | `interactive` | short CPU work that somebody waits for: first in line, bounded, kept |
 //! | `metrics` | what is counted |
 //! | `params` | the snapshot behind `/params` and the timer that turns it stale |
@@ -34,6 +35,7 @@ pub mod layout;
 pub mod metrics;
 pub mod models;
 pub mod params;
+pub mod preview;
 pub mod request;
 pub mod schedule;
 pub mod series;

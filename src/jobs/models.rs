@@ -54,16 +54,25 @@ pub struct Taken<T> {
 /// # Errors
 /// Every fault of its form and its meaning.
 pub fn check_model(catalogue: &Catalogue, body: Value) -> Result<(ModelDocument, Model), Vec<Fault>> {
+    let (document, id) = read_model(body)?;
+    let mut extended = catalogue.clone();
+    extended.add_model(document.clone());
+    let model = compile(&extended.compose(&id)?, &Bindings::default())?;
+    Ok((document, model))
+}
+
+/// Reads a model document, which is known as a composition by its `base`.
+///
+/// # Errors
+/// Every fault of its form.
+pub(super) fn read_model(body: Value) -> Result<(ModelDocument, ModelId), Vec<Fault>> {
     let document = if body.get("base").is_some() {
         ModelDocument::Composition(decode::decode::<CompositionSpec>(body)?)
     } else {
         ModelDocument::Spec(Box::new(decode::decode::<ModelSpec>(body)?))
     };
     let id = plain_id(document.id())?;
-    let mut extended = catalogue.clone();
-    extended.add_model(document.clone());
-    let model = compile(&extended.compose(&id)?, &Bindings::default())?;
-    Ok((document, model))
+    Ok((document, id))
 }
 
 /// The id of a document: a base without effects.

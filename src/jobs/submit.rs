@@ -183,7 +183,7 @@ fn new_job(
     Ok(NewJob { kind, system: system.clone(), model, request, experiment, origin, priority })
 }
 
-async fn unknown_system(service: &Service, system: &SystemId) -> Result<Fault, JobsError> {
+pub(super) async fn unknown_system(service: &Service, system: &SystemId) -> Result<Fault, JobsError> {
     let known: Vec<String> = store::systems::all(&service.store).await?.into_iter().map(|record| record.system.to_string()).collect();
     let fault = Fault::new("/system", "system-not-found", format!("there is no system `{system}`"));
     Ok(match nearest(&system.to_string(), known.iter().map(String::as_str)) {

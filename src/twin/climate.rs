@@ -31,7 +31,7 @@ pub struct Climate {
     pub neighbours: Vec<Vec<f64>>,
     /// Local time of day in hours.
     pub hour: Vec<f64>,
-    /// Monday is 0.
+    /// Monday is 1, Sunday 7.
     pub weekday: Vec<f64>,
 }
 
@@ -59,7 +59,7 @@ impl Climate {
         let local = |step: usize| start + (step * STEP_MINUTES * 60) as i64 + 3600 * ZONE_HOURS;
         let hour: Vec<f64> = (0..steps).map(|step| local(step).rem_euclid(86_400) as f64 / 3600.0).collect();
         // The first of January 1970 was a Thursday.
-        let weekday = (0..steps).map(|step| (local(step).div_euclid(86_400) + 3).rem_euclid(7) as f64 + 1.0).collect();
+        let weekday = (0..steps).map(|step| ((local(step).div_euclid(86_400) + 3).rem_euclid(7) + 1) as f64).collect();
         Ok(Self {
             start,
             out: between(&out, steps),

@@ -10,6 +10,7 @@ mod layout;
 mod models;
 mod operators;
 mod params;
+mod preview;
 mod schedules;
 mod series;
 mod service;

@@ -14,7 +14,7 @@ use std::collections::BTreeMap;
 use std::time::Instant;
 
 /// Single effects that worlds hide in turn.
-const SINGLE: [&str; 14] = [
+const SINGLE: [&str; 15] = [
     "wind_infiltration",
     "window_opening",
     "occupancy_gain",
@@ -22,6 +22,7 @@ const SINGLE: [&str; 14] = [
     "open_door",
     "direct_outdoor_loss",
     "emitter_exponent",
+    "pipe_delay",
     "sensor_drift",
     "sensor_lag",
     "night_setback",
@@ -139,7 +140,7 @@ fn judge(request: &WorldRequest) -> Result<Judged, Failure> {
 fn ask(catalogue: &Catalogue, world: &World, window: &Window, model: &str) -> Result<(Problem, Site, EstimateRequest), Failure> {
     let id = model.parse().map_err(|error| Failure::Error(format!("{error}")))?;
     let asked = EstimateRequest { split: SplitRequest::DIAGNOSE, ..EstimateRequest::default() };
-    let site = Site { location: None, zone: None, sets: [("neighbours".to_owned(), world.neighbours.clone())].into() };
+    let site = Site { sets: [("neighbours".to_owned(), world.neighbours.clone())].into(), ..Site::default() };
     let problem = prepare(catalogue, &id, &asked, window, &site).map_err(|found| faults(&found))?;
     Ok((problem, site, asked))
 }

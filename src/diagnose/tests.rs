@@ -1,0 +1,125 @@
+//! The diagnosis of small worlds, end to end.
+
+use super::ladder::ladder;
+use super::report::Gate;
+use super::{Adequacy, Diagnosis, diagnose, preview};
+use crate::data::{Bindings, SplitRequest, Window};
+use crate::estimate::request::SeededMethod;
+use crate::estimate::{Control, EstimateRequest, Interrupt, Problem, Site, estimate, prepare};
+use crate::model::Catalogue;
+use crate::twin::{Level, WorldRequest, world};
+
+/// A world of four weeks with these effects hidden, sampled every half hour, and its problem for room3.
+pub(super) fn small_world(effects: &[&str]) -> (Problem, Window) {
+    let made = world(&WorldRequest { step_minutes: 30, ..WorldRequest::new(77, effects, Level::Matched) }).unwrap();
+    let (window, _) = Window::parse_csv(&made.csv, &Bindings::none()).unwrap();
+    let request = EstimateRequest { split: SplitRequest::DIAGNOSE, ..EstimateRequest::default() };
+    let id = "room3".parse().unwrap();
+    (prepare(&Catalogue::builtin().unwrap(), &id, &request, &window, &site()).unwrap(), window)
+}
+
+fn site() -> Site {
+    Site { sets: [("neighbours".to_owned(), vec!["1".to_owned(), "2".to_owned()])].into(), ..Site::default() }
+}
+
+fn fitted(problem: &Problem) -> crate::estimate::Fit {
+    let request = EstimateRequest { method: SeededMethod { seed: 3, ..SeededMethod::default() }, ..EstimateRequest::default() };
+    estimate(problem, &request, None, &Control::NONE).unwrap()
+}
+
+fn diagnosis(effects: &[&str]) -> Diagnosis {
+    let (problem, window) = small_world(effects);
+    let theta = fitted(&problem).theta();
+    diagnose(&Catalogue::builtin().unwrap(), &problem, &theta, &window, &site(), &Control::NONE).unwrap()
+}
+
+#[test]
+fn the_hidden_wind_is_named_first_and_the_unseen_error_falls() {
+    let found = diagnosis(&["wind_infiltration"]);
+    assert_eq!(found.verdict, Adequacy::Named, "{}", found.summary);
+    let first = &found.findings[0];
+    assert_eq!(first.effect, "wind_infiltration");
+    let [before, after] = first.rmse.test.unwrap();
+    assert!(after < 0.6 * before, "{before} {after}");
+    assert!(first.parameters["c_wind"].ci95.is_some_and(|[low, _]| low > 0.0));
+    let solar = found.not_testable.iter().find(|one| one.effect == "solar_gain").unwrap();
+    assert!(solar.reason.contains("own parameters"), "{}", solar.reason);
+    assert!(found.considered.iter().all(|one| one.gate.is_some() || one.effect == "wind_infiltration"));
+}
+
+#[test]
+fn nothing_is_named_where_nothing_is_hidden_and_a_stove_is_unknown() {
+    let nothing = diagnosis(&[]);
+    assert!(nothing.findings.is_empty(), "{}", nothing.summary);
+    assert_eq!(nothing.verdict, Adequacy::Adequate, "rho {:?}", nothing.rho);
+    let stove = diagnosis(&["stove"]);
+    assert_eq!(stove.verdict, Adequacy::Unknown, "{}", stove.summary);
+    assert!(stove.unexplained.ask.is_some() && stove.unexplained.profile_by_hour.len() == 24);
+    let by_hour = |hour: usize| stove.unexplained.profile_by_hour[hour].unwrap();
+    assert!(by_hour(20) > by_hour(10), "a stove warms in the evening");
+}
+
+#[test]
+fn a_diagnosis_is_the_same_on_one_thread_and_on_two() {
+    let (problem, window) = small_world(&["metered_gain"]);
+    let theta = fitted(&problem).theta();
+    let on = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        let found = pool.install(|| diagnose(&Catalogue::builtin().unwrap(), &problem, &theta, &window, &site(), &Control::NONE).unwrap());
+        serde_json::to_string(&found).unwrap()
+    };
+    let one = on(1);
+    assert_eq!(one, on(2));
+    let back: Diagnosis = serde_json::from_str(&one).unwrap();
+    assert_eq!(back.findings[0].effect, "metered_gain:P_appliances");
+}
+
+#[test]
+fn the_preview_and_the_ladder_begin_with_the_hidden_effect() {
+    let (problem, window) = small_world(&["metered_gain"]);
+    let theta = fitted(&problem).theta();
+    let catalogue = Catalogue::builtin().unwrap();
+    let previews = preview(&catalogue, &problem, &theta, &window, &site()).unwrap();
+    assert_eq!(previews[0].effect, "metered_gain:P_appliances");
+    let found = ladder(&catalogue, &problem, &theta, &window, &site(), 2, &Control::NONE).unwrap();
+    assert_eq!(found.steps[1].added.as_deref(), Some("metered_gain:P_appliances"));
+    assert!(found.steps[1].kept && found.steps[1].bic < found.steps[0].bic);
+    assert!(found.steps[1].validation_rmse < found.steps[0].validation_rmse);
+    assert!(found.steps.windows(2).all(|pair| pair[1].train_rmse <= pair[0].train_rmse + 1e-6), "larger models fit no worse");
+}
+
+#[test]
+fn a_withheld_channel_is_named_as_not_testable_and_short_records_as_too_short() {
+    let (problem, window) = small_world(&[]);
+    let theta = problem.nominal().to_vec();
+    let request = EstimateRequest {
+        split: SplitRequest { train: "P2D".parse().unwrap(), validation: "P1D".parse().unwrap(), test: Some("P0D".parse().unwrap()) },
+        ..EstimateRequest::default()
+    };
+    let catalogue = Catalogue::builtin().unwrap();
+    let short = prepare(&catalogue, problem.model().id(), &request, &window, &site()).unwrap();
+    let found = diagnose(&catalogue, &short, &theta, &window, &site(), &Control::NONE).unwrap();
+    assert_eq!(found.verdict, Adequacy::NotEnoughData);
+    let series = window.iter().filter(|series| series.channel() != "wind_speed").cloned().collect();
+    let calm = Window::from_series(series).unwrap();
+    let found = diagnose(&catalogue, &problem, &theta, &calm, &site(), &Control::NONE).unwrap();
+    assert!(found.not_testable.iter().any(|one| one.effect == "wind_infiltration" && one.reason == "needs channel wind_speed"));
+    assert!(found.considered.iter().all(|one| one.effect != "sensor_lag" || one.gate != Some(Gate::Tie)));
+    let stop = Control { interrupt: &|| Some(Interrupt::Cancelled), ..Control::NONE };
+    assert!(diagnose(&catalogue, &problem, &theta, &window, &site(), &stop).is_err());
+}
+
+#[test]
+fn failures_say_where_the_wind_is_missing() {
+    let (problem, _) = small_world(&["night_setback"]);
+    let fit = fitted(&problem);
+    let found = super::failures::failures(&problem, &fit, 1);
+    assert_eq!(found, super::failures::failures(&problem, &fit, 1));
+    assert!(!found.summary.is_empty() && found.episodes.len() == 5);
+    assert!(found.hour_by_date.len() >= 28 && found.hour_by_date.iter().all(|day| day.hours.len() == 24));
+    let skill = &found.skill["T_room"];
+    assert!((skill.rmse.powi(2) - skill.bias.powi(2) - skill.urmse.powi(2)).abs() < 1e-12);
+    assert!(found.by_horizon.contains_key("PT24H") && found.by_horizon.contains_key("free_run"));
+    let worst: f64 = found.episodes.iter().map(|episode| episode.share).sum();
+    assert!(worst > 0.0 && worst <= 1.0);
+}
