@@ -85,6 +85,8 @@ fn line(event: &Event) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use clap::Parser;
+    use std::io::{BufRead, BufReader, Write};
 
     #[test]
     fn an_event_is_one_line() {
@@ -98,5 +100,53 @@ mod tests {
             data: json!({"id": "job_1", "system": "room/1", "state": "succeeded", "outcome": "accepted", "revision": 4, "error": null}),
         };
         assert_eq!(line(&event), "room/1  job_1  finished   succeeded, accepted, revision 4");
+    }
+
+    #[derive(Debug, clap::Parser)]
+    struct Line {
+        #[command(flatten)]
+        server: Server,
+    }
+
+    /// Answers each connection with one text, closes it, and gives what was asked.
+    fn answering(answers: [String; 2]) -> (String, std::thread::JoinHandle<Vec<String>>) {
+        let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+        let url = format!("http://{}", listener.local_addr().unwrap());
+        let serve = move || {
+            let connections = answers.into_iter().map(|answer| {
+                let (stream, _) = listener.accept().unwrap();
+                let mut asked = String::new();
+                for line in BufReader::new(&stream).lines().map(Result::unwrap).take_while(|line| !line.is_empty()) {
+                    asked.push_str(&format!("{}\n", line.to_ascii_lowercase()));
+                }
+                (&stream).write_all(answer.as_bytes()).unwrap();
+                asked
+            });
+            connections.collect()
+        };
+        (url, std::thread::spawn(serve))
+    }
+
+    #[test]
+    fn a_stream_that_breaks_off_is_opened_again_where_it_broke() {
+        let head = "HTTP/1.1 200 OK\r\ncontent-type: text/event-stream\r\n\r\n";
+        let first = format!("{head}event: queued\ndata: {{}}\nid: 1.1.5\n\nevent: progress\ndata: {{}}\nid: 1.2.5\n\nevent: cut");
+        let second = format!("{head}event: finished\ndata: {{\"state\":\"succeeded\"}}\nid: 1.3.6\n\n");
+        let (url, asked) = answering([first, second]);
+        let server = Line::parse_from(["test", "--url", &url]).server;
+        assert!(watch(&server, "job_1").is_ok());
+        let asked = asked.join().unwrap();
+        assert!(asked[0].starts_with("get /jobs/job_1/events ") && !asked[0].contains("last-event-id"), "{asked:?}");
+        assert!(asked[1].contains("last-event-id: 1.2.5\n"), "{asked:?}");
+    }
+
+    #[test]
+    fn a_job_whose_end_was_told_before_is_asked_how_it_ended() {
+        let job = "{\"state\":\"succeeded\",\"outcome\":\"rejected\"}";
+        let nothing_more = "HTTP/1.1 204 No Content\r\nconnection: close\r\n\r\n".to_owned();
+        let (url, asked) = answering([nothing_more, format!("HTTP/1.1 200 OK\r\ncontent-length: {}\r\n\r\n{job}", job.len())]);
+        let server = Line::parse_from(["test", "--url", &url]).server;
+        assert!(matches!(watch(&server, "job_1"), Err(Failure::Rejected)));
+        assert!(asked.join().unwrap()[1].starts_with("get /jobs/job_1 "));
     }
 }
