@@ -104,7 +104,7 @@ pub fn progress_bar(length: u64, hidden: bool) -> ProgressBar {
 }
 
 /// The report of a fit for people.
-fn table(fit: &Fit) -> String {
+pub fn table(fit: &Fit) -> String {
     let mut lines = vec![format!("{}  {} {}  {} evaluations, {:?}", fit.model, fit.method, fit.objective, fit.evaluations, fit.stopped_by)];
     lines.push(format!("{:<18} {:>12} {:<12} {:>26}", "parameter", "value", "unit", "95 % interval"));
     for (name, estimate) in &fit.parameters {
@@ -141,7 +141,8 @@ fn table(fit: &Fit) -> String {
     lines.join("\n")
 }
 
-fn checks(checks: &[CheckResult]) -> String {
+/// The checks of the gate for people.
+pub fn checks(checks: &[CheckResult]) -> String {
     let line = |check: &CheckResult| {
         let number = |value: Option<f64>| value.map_or_else(String::new, |value| format!("{value:.4}"));
         let mark = match (check.pass, check.severity) {

@@ -4,13 +4,26 @@ mod bench;
 mod demo;
 mod diagnose;
 mod fit;
+mod fits;
+mod jobs;
 mod ladder;
 mod measured;
+mod models;
+mod params;
 mod serve;
+mod server;
+mod systems;
+mod table;
 mod twin;
+mod watch;
+mod windows;
 
-use clap::{Parser, Subcommand};
-use std::io::Write;
+use clap::{CommandFactory, Parser, Subcommand};
+use clap_complete::Shell;
+use serde_json::Value;
+use server::{Answer, Server};
+use std::io::{Read, Write};
+use std::path::Path;
 use std::process::ExitCode;
 
 /// Estimation service for model predictive control: measurements in, validated parameters out.
@@ -37,8 +50,36 @@ enum Verb {
     Demo(demo::Arguments),
     /// Measure this build on this machine.
     Bench(bench::Arguments),
+    /// Jobs of a running server: post, watch, cancel, retry.
+    Jobs(Box<jobs::Arguments>),
+    /// What a running server serves to controllers.
+    Params(params::Arguments),
+    /// What a running server has found, and an operator's word on it.
+    Fits(fits::Arguments),
+    /// Models of a running server.
+    Models(models::Arguments),
+    /// Rooms and plants of a running server.
+    Systems(systems::Arguments),
+    /// Measurements on a running server.
+    Windows(windows::Arguments),
     /// Print the OpenAPI document.
     Openapi,
+    /// Print what a shell needs to complete these verbs.
+    Completions {
+        /// The shell.
+        shell: Shell,
+    },
+}
+
+/// Which part of a list.
+#[derive(Debug, clap::Args)]
+struct Page {
+    /// Rows, at most 500.
+    #[arg(long, default_value_t = 50)]
+    limit: u16,
+    /// Goes on where a list said that there is more.
+    #[arg(long, value_name = "TOKEN")]
+    page_token: Option<String>,
 }
 
 /// Why a verb ended without its result.
@@ -46,8 +87,14 @@ enum Verb {
 pub enum Failure {
     /// Something went wrong; the text says what.
     Error(String),
+    /// The arguments make no sense together.
+    Usage(String),
+    /// Nobody answers.
+    Unreachable(String),
     /// The result is there, but the gate rejected it, or nothing was found.
     Rejected,
+    /// What was asked for is known, but there is nothing to give.
+    Nothing(String),
     /// A file or a name does not exist.
     NotFound(String),
 }
@@ -62,17 +109,35 @@ pub fn run(cli: Cli) -> ExitCode {
         Verb::Twin(arguments) => twin::run(&arguments),
         Verb::Demo(arguments) => demo::run(&arguments),
         Verb::Bench(arguments) => bench::run(&arguments),
+        Verb::Jobs(arguments) => jobs::run(&arguments),
+        Verb::Params(arguments) => params::run(&arguments),
+        Verb::Fits(arguments) => fits::run(&arguments),
+        Verb::Models(arguments) => models::run(&arguments),
+        Verb::Systems(arguments) => systems::run(&arguments),
+        Verb::Windows(arguments) => windows::run(&arguments),
         Verb::Openapi => {
             print(&lampyris::http::openapi_yaml());
+            Ok(())
+        }
+        Verb::Completions { shell } => {
+            clap_complete::generate(shell, &mut Cli::command(), "lampyris", &mut std::io::stdout().lock());
             Ok(())
         }
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,
         Err(Failure::Rejected) => ExitCode::from(3),
-        Err(Failure::Error(message)) => {
+        Err(Failure::Nothing(message)) => {
+            eprintln!("nothing found: {message}");
+            ExitCode::from(3)
+        }
+        Err(Failure::Error(message) | Failure::Unreachable(message)) => {
             eprintln!("error: {message}");
             ExitCode::from(1)
+        }
+        Err(Failure::Usage(message)) => {
+            eprintln!("error: {message}");
+            ExitCode::from(2)
         }
         Err(Failure::NotFound(message)) => {
             eprintln!("not found: {message}");
@@ -90,4 +155,40 @@ fn print(text: &str) {
 fn faults(faults: &[lampyris::fault::Fault]) -> Failure {
     let lines: Vec<String> = faults.iter().map(ToString::to_string).collect();
     Failure::Error(lines.join("\n       "))
+}
+
+/// Asks for a page of a list and shows it.
+fn list(server: &Server, path: &str, page: &Page, query: &[(&str, &Option<String>)], columns: &[table::Column]) -> Result<(), Failure> {
+    let mut asked = format!("{path}?page_size={}", page.limit);
+    for (name, value) in query.iter().chain([&("page_token", &page.page_token)]) {
+        if let Some(value) = value {
+            asked.push_str(&format!("&{name}={}", server::segment(value)));
+        }
+    }
+    shown_list(server, &server.get(&asked)?, columns)
+}
+
+/// Shows a list; an empty one is nothing found.
+fn shown_list(server: &Server, answer: &Answer, columns: &[table::Column]) -> Result<(), Failure> {
+    let is_empty = answer.document["items"].as_array().is_none_or(Vec::is_empty);
+    if !is_empty || server.json() {
+        server.show(answer, |list| table::items(list, columns));
+    }
+    if is_empty { Err(Failure::Nothing("the list is empty".to_owned())) } else { Ok(()) }
+}
+
+/// Reads a document: TOML where the name says so, otherwise JSON; `-` is standard input.
+fn read_document(file: &Path) -> Result<Value, Failure> {
+    let shown = file.display();
+    let mut text = String::new();
+    if file == Path::new("-") {
+        std::io::stdin().read_to_string(&mut text).map_err(|error| Failure::Error(format!("standard input: {error}")))?;
+    } else {
+        text = std::fs::read_to_string(file).map_err(|error| Failure::NotFound(format!("{shown}: {error}")))?;
+    }
+    if file.extension().is_some_and(|kind| kind == "toml") {
+        toml::from_str(&text).map_err(|error| Failure::Error(format!("{shown}: {error}")))
+    } else {
+        serde_json::from_str(&text).map_err(|error| Failure::Error(format!("{shown}: {error}")))
+    }
 }

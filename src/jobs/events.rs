@@ -18,7 +18,7 @@ use std::time::Duration;
 use tokio::sync::{Mutex as AsyncMutex, Notify, watch};
 
 /// Events that are kept for listeners that come back.
-const KEPT: usize = 4096;
+const KEPT: usize = 2048;
 /// Most events that a listener is handed at once.
 const HANDFUL: usize = 256;
 /// How often the database is asked for news without a hint.

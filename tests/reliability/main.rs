@@ -7,68 +7,13 @@
 mod support;
 
 use std::collections::BTreeMap;
-use std::io::{BufRead, BufReader};
 use std::path::Path;
-use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
+use support::process::Process;
 use support::{Client, room_csv};
 
 /// How often the service is killed. The full figure is for `LAMPYRIS_KILLS=200`.
 const KILLS: u64 = 20;
-/// Longest from start to the first answer.
-const START: Duration = Duration::from_secs(10);
-
-/// A service in a process of its own.
-struct Process {
-    child: Child,
-    client: Client,
-}
-
-impl Process {
-    fn start(database: &Path) -> Self {
-        let mut child = Command::new(env!("CARGO_BIN_EXE_lampyris"))
-            .args(["serve", "--bind", "127.0.0.1:0", "--database"])
-            .arg(database)
-            .env("LAMPYRIS_THREADS", "1")
-            .stdout(Stdio::piped())
-            .stderr(Stdio::null())
-            .spawn()
-            .unwrap();
-        let mut lines = BufReader::new(child.stdout.take().unwrap()).lines();
-        let begun = Instant::now();
-        let base = loop {
-            let line = lines.next().expect("the service ended before it listened").unwrap();
-            if let Some((_, base)) = line.split_once("listening on ") {
-                break base.trim().to_owned();
-            }
-            assert!(begun.elapsed() < START, "the service does not listen");
-        };
-        Self { child, client: Client::new(base) }
-    }
-
-    /// SIGKILL: nothing of the process gets a chance to tidy up.
-    fn kill(mut self) {
-        self.child.kill().unwrap();
-        self.child.wait().unwrap();
-    }
-
-    /// SIGTERM, as a supervisor would; gives the exit code and how long it took.
-    fn terminate(mut self) -> (Option<i32>, Duration) {
-        let start = Instant::now();
-        Command::new("kill").args(["-TERM", &self.child.id().to_string()]).status().unwrap();
-        let status = self.child.wait().unwrap();
-        (status.code(), start.elapsed())
-    }
-}
-
-impl Drop for Process {
-    fn drop(&mut self) {
-        // After a failed assertion nothing is left running.
-        let _ = self.child.kill();
-        let _ = self.child.wait();
-    }
-}
-
 /// What the service acknowledged.
 #[derive(Default)]
 struct Oracle {

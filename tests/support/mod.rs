@@ -2,6 +2,7 @@
 #![allow(dead_code, reason = "each test binary uses its part")]
 
 pub mod events;
+pub mod process;
 
 use lampyris::app::App;
 use lampyris::settings::Settings;

@@ -173,7 +173,8 @@ function show() {
     $("version").textContent = description.info.version;
     const all = Object.entries(description.paths).flatMap(([path, item]) =>
         METHODS.filter((method) => item[method]).map((method) => section(path, method, item[method])));
-    const groups = Map.groupBy ? Map.groupBy(all, (one) => one.tag) : all.reduce((map, one) => map.set(one.tag, [...(map.get(one.tag) ?? []), one]), new Map());
+    const groups = new Map();
+    for (const one of all) groups.set(one.tag, [...(groups.get(one.tag) ?? []), one]);
     $("paths").replaceChildren(el("p", {}, prose(description.info.description)));
     const headings = [];
     for (const [tag, members] of groups) {

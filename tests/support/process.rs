@@ -1,0 +1,99 @@
+//! The built binary: a service in a process of its own, and the verbs that ask it.
+
+use super::Client;
+use serde_json::Value;
+use std::io::{BufRead, BufReader};
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+/// Longest from start to the first answer.
+const START: Duration = Duration::from_secs(10);
+
+/// A service in a process of its own.
+pub struct Process {
+    child: Child,
+    pub client: Client,
+    base: String,
+}
+
+/// How a verb ended.
+#[derive(Debug)]
+pub struct Said {
+    pub code: Option<i32>,
+    pub out: String,
+    pub err: String,
+}
+
+impl Process {
+    pub fn start(database: &Path) -> Self {
+        let mut child = Command::new(env!("CARGO_BIN_EXE_lampyris"))
+            .args(["serve", "--bind", "127.0.0.1:0", "--database"])
+            .arg(database)
+            .env("LAMPYRIS_THREADS", "1")
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap();
+        let mut lines = BufReader::new(child.stdout.take().unwrap()).lines();
+        let begun = Instant::now();
+        let base = loop {
+            let line = lines.next().expect("the service ended before it listened").unwrap();
+            if let Some((_, base)) = line.split_once("listening on ") {
+                break base.trim().to_owned();
+            }
+            assert!(begun.elapsed() < START, "the service does not listen");
+        };
+        Self { child, client: Client::new(base.clone()), base }
+    }
+
+    /// SIGKILL: nothing of the process gets a chance to tidy up.
+    pub fn kill(mut self) {
+        self.child.kill().unwrap();
+        self.child.wait().unwrap();
+    }
+
+    /// SIGTERM, as a supervisor would; gives the exit code and how long it took.
+    pub fn terminate(mut self) -> (Option<i32>, Duration) {
+        let start = Instant::now();
+        Command::new("kill").args(["-TERM", &self.child.id().to_string()]).status().unwrap();
+        let status = self.child.wait().unwrap();
+        (status.code(), start.elapsed())
+    }
+
+    /// A verb of the command line that asks this service.
+    pub fn verb(&self, arguments: &[&str]) -> Said {
+        verb(&self.base, arguments)
+    }
+}
+
+impl Drop for Process {
+    fn drop(&mut self) {
+        // After a failed assertion nothing is left running.
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// Runs a verb of the command line against an address.
+pub fn verb(url: &str, arguments: &[&str]) -> Said {
+    let output =
+        Command::new(env!("CARGO_BIN_EXE_lampyris")).args(arguments).env("LAMPYRIS_URL", url).stdin(Stdio::null()).output().unwrap();
+    let text = |bytes: Vec<u8>| String::from_utf8(bytes).unwrap();
+    Said { code: output.status.code(), out: text(output.stdout), err: text(output.stderr) }
+}
+
+impl Said {
+    /// What was said, by a verb that must have ended with this code.
+    #[track_caller]
+    pub fn expect(self, code: i32) -> Self {
+        assert_eq!(self.code, Some(code), "{}\n{}", self.out, self.err);
+        self
+    }
+
+    /// The document that was printed.
+    #[track_caller]
+    pub fn json(&self) -> Value {
+        serde_json::from_str(&self.out).unwrap_or_else(|error| panic!("{error}: {}", self.out))
+    }
+}
