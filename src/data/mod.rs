@@ -19,6 +19,7 @@
 //! | `window` | the measurements of one system over a stretch of time |
 //! | `grid` | columns on a common time grid |
 //! | `resample` | from a window to a grid, without inventing data across gaps |
+//! | `envelope` | fewer points for a chart, without losing an extreme |
 //! | `sun` | altitude and azimuth of the sun |
 //! | `duration` | ISO 8601 durations |
 //! | `split` | training, validation and test parts |
@@ -32,6 +33,7 @@
 mod block;
 mod channel;
 mod duration;
+mod envelope;
 mod grid;
 mod header;
 mod parse;
@@ -47,6 +49,7 @@ mod window;
 pub use block::CorruptBlock;
 pub use channel::{ChannelKind, Hold};
 pub use duration::{BadDuration, Duration};
+pub use envelope::{Envelope, Thinning};
 pub use grid::{Column, Grid};
 pub use header::{Bindings, ColumnHeader, ColumnUnit};
 pub use resample::{DEFAULT_MAX_GAP_STEPS, GridRequest};

@@ -1,21 +1,31 @@
 //! The system-identification step: a problem is asked, a search answers, a gate judges.
 //!
 //! `request` says what is wanted, `problem` puts model and window together, `run` drives the optimiser,
-//! `metrics` and `uncertainty` describe what was found, `validate` decides, `served` is what may go out.
+//! `metrics` and `uncertainty` describe what was found, `validate` decides, `served` is what may go out. `replay`
+//! puts the problem of a stored fit together again, `comparison` lays it beside the
+//! measurements and `compare` beside other fits, `skill` puts both into numbers.
 
+pub mod compare;
+pub mod comparison;
 pub mod fit;
 pub mod metrics;
 pub mod physics;
 pub mod problem;
+pub mod replay;
+#[cfg(test)]
+mod replay_tests;
 pub mod request;
 pub mod run;
 pub mod served;
+pub mod skill;
+pub mod summary;
 pub mod uncertainty;
 pub mod validate;
 pub mod whiten;
 
 pub use fit::{Fit, Stop};
 pub use problem::Problem;
+pub use replay::Replay;
 pub use request::{EstimateRequest, Site, prepare};
 pub use run::{Control, EstimateError, Interrupt, Progress, estimate};
 pub use served::ServedParameters;

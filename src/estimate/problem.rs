@@ -1,5 +1,6 @@
 //! What is asked: a model, a window on a grid, the parts of it, an objective and a box of free parameters.
 
+use super::fit::Basis;
 use super::request::{Objective, Prior};
 use crate::data::{Grid, Split};
 use crate::fault::{Fault, nearest};
@@ -12,6 +13,8 @@ use std::ops::Range;
 
 /// The correlation weight of the shape-weighted error (thesis eq. 7.6).
 const SHAPE_DELTA: f64 = 0.5;
+/// Fewest samples to train on, of every output.
+const LEAST_SAMPLES: usize = 10;
 
 /// An estimation problem. Full parameter vectors follow the model's order; free ones follow the space's.
 #[derive(Debug, Clone)]
@@ -42,6 +45,8 @@ pub struct Source {
     pub hash: String,
     /// The quantisation step of each output's sensor, where it has one.
     pub quanta: Vec<Option<f64>>,
+    /// What is needed to put the problem together again.
+    pub basis: Basis,
 }
 
 /// What the caller wants different from the model's own document.
@@ -86,9 +91,6 @@ impl Problem {
                 )),
             }
         }
-        if measured.iter().any(|(_, valid)| split.train.clone().filter(|k| valid[*k]).count() < 10) {
-            faults.push(Fault::new("/window", "too-short", "the training part has fewer than ten valid measurements"));
-        }
         let inputs = match Inputs::new(&model, &grid) {
             Ok(inputs) if faults.is_empty() => inputs,
             Ok(_) => return Err(faults),
@@ -115,8 +117,13 @@ impl Problem {
             bounds: Vec::new(),
             source,
         };
-        problem.choose(choices)?;
-        Ok(problem)
+        let train = problem.split.train.clone();
+        if (0..problem.measured.len()).any(|output| problem.usable(output, train.clone()).len() < LEAST_SAMPLES) {
+            let detail = format!("the training part has fewer than {LEAST_SAMPLES} valid measurements at which all inputs are known");
+            faults.push(Fault::new("/window", "too-short", detail));
+        }
+        faults.extend(problem.choose(choices).err().into_iter().flatten());
+        if faults.is_empty() { Ok(problem) } else { Err(faults) }
     }
 
     /// Bounds, nominal and fixed values, and the box of what is free.
@@ -170,6 +177,11 @@ impl Problem {
     /// Hash of the stitched measurements that the grid was made from.
     pub fn input_hash(&self) -> &str {
         &self.source.hash
+    }
+
+    /// What is needed to put the problem together again.
+    pub fn basis(&self) -> &Basis {
+        &self.source.basis
     }
 
     /// The quantisation step of each output's sensor, where it has one.
