@@ -81,6 +81,8 @@ pub enum ApiError {
     Conflict(&'static str, String),
     /// The media type is none that the path takes.
     MediaType(&'static str),
+    /// The client takes no media type that the path has.
+    NotAcceptable(&'static str),
     /// The body is larger than this many bytes.
     TooLarge(usize),
     /// The body ended early.
@@ -174,6 +176,10 @@ impl ApiError {
             ApiError::MediaType(wanted) => {
                 let detail = format!("the body must be {wanted}, and Content-Type must say so");
                 plain(StatusCode::UNSUPPORTED_MEDIA_TYPE, "unsupported-media-type", "Unsupported media type", detail)
+            }
+            ApiError::NotAcceptable(offered) => {
+                let detail = format!("the answer can be {offered}, and Accept takes none of them");
+                plain(StatusCode::NOT_ACCEPTABLE, "not-acceptable", "No acceptable media type", detail)
             }
             ApiError::TooLarge(limit) => {
                 let mut problem =

@@ -1,6 +1,6 @@
 //! Collects what an estimate needs: measurements of the system and its neighbours, and what is served now.
 
-use super::systems::{self, SystemDocument};
+use super::systems::{self, Exclusion, SystemDocument};
 use super::{JobsError, Service};
 use crate::data::{Series, SystemId, Window, read_time};
 use crate::estimate::request::WindowRange;
@@ -29,8 +29,15 @@ pub struct Input {
     pub system: SystemDocument,
     /// The fit that is served now.
     pub served: Option<FitRecord>,
+    measurements: Measurements,
+}
+
+/// What was measured of a system and its neighbours over a stretch of time, still packed.
+#[derive(Debug)]
+pub struct Measurements {
     windows: Vec<Blocks>,
     neighbours: Vec<(SystemId, Vec<Blocks>)>,
+    exclude: Vec<Exclusion>,
 }
 
 /// Collects the input of a job.
@@ -46,19 +53,32 @@ pub async fn load(service: &Service, job: &JobRecord) -> Result<Input, JobsError
         return Err(JobsError::Faults(vec![Fault::new("/window", "no-data", format!("there are no measurements of {}", job.system))]));
     };
     let (from, to) = range(request.window.as_ref(), first, newest).map_err(JobsError::Faults)?;
-    let mut neighbours = Vec::new();
-    for neighbour in &system.neighbours {
-        neighbours.push((neighbour.clone(), store::windows::blocks(&service.store, neighbour, from, to).await?));
-    }
     Ok(Input {
         catalogue: service.catalogue.current(),
         model: job.model.clone(),
-        windows: store::windows::blocks(&service.store, &job.system, from, to).await?,
+        measurements: measurements(service, &job.system, &system.neighbours, &system.exclude, (from, to)).await?,
         served: store::fits::served(&service.store, &job.system).await?,
         request,
         system,
-        neighbours,
     })
+}
+
+/// Collects what was measured of a system and its neighbours between two instants.
+///
+/// # Errors
+/// Where the database fails.
+pub async fn measurements(
+    service: &Service,
+    system: &SystemId,
+    next_door: &[SystemId],
+    exclude: &[Exclusion],
+    (from, to): (i64, i64),
+) -> Result<Measurements, JobsError> {
+    let mut neighbours = Vec::new();
+    for neighbour in next_door {
+        neighbours.push((neighbour.clone(), store::windows::blocks(&service.store, neighbour, from, to).await?));
+    }
+    Ok(Measurements { windows: store::windows::blocks(&service.store, system, from, to).await?, neighbours, exclude: exclude.to_vec() })
 }
 
 /// The stretch of time whose blocks are read; the core cuts it to the second.
@@ -73,12 +93,12 @@ fn range(asked: Option<&WindowRange>, first: i64, newest: i64) -> Result<(i64, i
     Ok((from, to))
 }
 
-impl Input {
+impl Measurements {
     /// Unpacks and joins all measurements. This is work for the CPU pool.
     ///
     /// # Errors
     /// Faults where there are none, or two windows do not fit together.
-    pub fn window(&self) -> Result<Window, JobsError> {
+    pub fn window(&self, catalogue: &Catalogue, model: &ModelId) -> Result<Window, JobsError> {
         let mut windows = unpack(&self.windows)?;
         for (neighbour, blocks) in &self.neighbours {
             // A neighbour that is a system of its own is measured there; otherwise it is a column here.
@@ -87,18 +107,18 @@ impl Input {
             }
         }
         let joined = Window::stitch(&windows).map_err(JobsError::Faults)?;
-        self.without_exclusions(&joined)
+        self.without_exclusions(joined, catalogue, model)
     }
 
     /// Takes the measured outputs out of the stretches that are not to be trusted; inputs stay, so that the
     /// simulation runs through.
-    fn without_exclusions(&self, window: &Window) -> Result<Window, JobsError> {
-        if self.system.exclude.is_empty() {
-            return Ok(window.clone());
+    fn without_exclusions(&self, window: Window, catalogue: &Catalogue, model: &ModelId) -> Result<Window, JobsError> {
+        if self.exclude.is_empty() {
+            return Ok(window);
         }
         let spans: Vec<(i64, i64)> =
-            self.system.exclude.iter().filter_map(|span| Some((read_time("", &span.from).ok()?, read_time("", &span.to).ok()?))).collect();
-        let outputs = self.catalogue.compose(&self.model).map_err(JobsError::Faults)?.spec.outputs;
+            self.exclude.iter().filter_map(|span| Some((read_time("", &span.from).ok()?, read_time("", &span.to).ok()?))).collect();
+        let outputs = catalogue.compose(model).map_err(JobsError::Faults)?.spec.outputs;
         let trusted = |time: i64| !spans.iter().any(|(from, to)| (*from..=*to).contains(&time));
         let mut all = Vec::new();
         for series in window.iter() {
@@ -115,6 +135,16 @@ impl Input {
             }
         }
         Window::from_series(all).map_err(JobsError::Faults)
+    }
+}
+
+impl Input {
+    /// The measurements as one window. This is work for the CPU pool.
+    ///
+    /// # Errors
+    /// As [`Measurements::window`].
+    pub fn window(&self) -> Result<Window, JobsError> {
+        self.measurements.window(&self.catalogue, &self.model)
     }
 
     /// The parameters that are served now.

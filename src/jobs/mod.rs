@@ -11,11 +11,16 @@
 //! | `board` | who runs now: progress, cancellation, listeners |
 //! | `worker`, `input`, `estimate` | from the claim to the verdict |
 //! | `interactive` | short CPU work that somebody waits for: first in line, bounded, kept |
+//! | `comparison`, `chart` | fits beside the measurements as lines: the work, and the documents |
+//! | `diagnostics` | the same as numbers and sentences |
 //! | `params` | the snapshot behind `/params` and the timer that turns it stale |
 //! | `schedule` | submits ordinary jobs when a row says so |
 
 pub mod board;
+mod chart;
+pub mod comparison;
 pub mod decode;
+pub mod diagnostics;
 pub mod estimate;
 pub mod input;
 pub mod interactive;

@@ -1,8 +1,10 @@
 //! The surface, against a service in this process.
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
+mod comparison;
 mod database;
 mod faults;
+mod fits;
 mod jobs;
 mod models;
 mod params;
