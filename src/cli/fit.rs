@@ -136,7 +136,8 @@ pub fn table(fit: &Fit) -> String {
             lines.push(format!("{channel} noise floor {floor:.4} {unit}   rho {rho:.2}"));
         }
     }
-    lines.push(format!("step error {:.5}  ({} steps per sample)", fit.discretisation_error, fit.substeps));
+    let step_error = fit.discretisation_error.map_or_else(|| "without limit".to_owned(), |error| format!("{error:.5}"));
+    lines.push(format!("step error {step_error}  ({} steps per sample)", fit.substeps));
     lines.extend(fit.remarks.iter().map(|remark| format!("note: {remark}")));
     lines.join("\n")
 }

@@ -20,6 +20,7 @@
 //! | `grid` | columns on a common time grid |
 //! | `resample` | from a window to a grid, without inventing data across gaps |
 //! | `drops` | openings of a window, read off sharp drops of a room temperature |
+//! | `envelope` | fewer points for a chart, without losing an extreme |
 //! | `sun` | altitude and azimuth of the sun |
 //! | `calendar` | hour of the day and day of the week |
 //! | `duration` | ISO 8601 durations |
@@ -39,6 +40,7 @@ mod calendar;
 mod channel;
 mod drops;
 mod duration;
+mod envelope;
 mod grid;
 mod header;
 mod layout;
@@ -59,6 +61,7 @@ pub use calendar::{CALENDAR, add_calendar};
 pub use channel::{ChannelKind, Hold};
 pub use drops::{DROPS, add_drops};
 pub use duration::{BadDuration, Duration, Length};
+pub use envelope::{Envelope, Thinning};
 pub use grid::{Column, Grid};
 pub use header::{Bindings, ColumnHeader, ColumnUnit};
 pub use layout::{Layout, LeftOut, NEIGHBOUR, Pair, Room, SAME_ROOM, Sensor, propose_layout};

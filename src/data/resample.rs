@@ -58,20 +58,37 @@ impl Window {
     /// A fault for every channel that is missing or has no value in the range, for a range without two samples
     /// of the output, and for a step that is not positive or too short for the range.
     pub fn grid(&self, request: &GridRequest<'_>) -> Result<Grid, Vec<Fault>> {
-        let mut faults = Vec::new();
-        let wanted = request.more_outputs.iter().copied().chain(request.channels.iter().map(|(name, _)| *name));
-        for channel in std::iter::once(request.output).chain(wanted) {
-            faults.extend(self.require(channel).err());
-        }
+        let mut faults = self.absent(request);
         let frame =
             self.require(request.output).map_err(|_| Vec::new()).and_then(|output| frame(output, request).map_err(|fault| vec![fault]));
-        let mut grid = match frame {
-            Ok(frame) if faults.is_empty() => frame,
+        match frame {
+            Ok(frame) if faults.is_empty() => self.fill(frame, request),
             other => {
                 faults.extend(other.err().into_iter().flatten());
-                return Err(faults);
+                Err(faults)
             }
-        };
+        }
+    }
+
+    /// The output and the inputs on points that are given, by the same rules. What the request says of step and
+    /// range does not matter: a fit that is looked at again needs the very points that it was made on.
+    ///
+    /// # Errors
+    /// A fault for every channel that is missing or has no value on these points.
+    pub fn grid_on(&self, frame: Grid, request: &GridRequest<'_>) -> Result<Grid, Vec<Fault>> {
+        let faults = self.absent(request);
+        if faults.is_empty() { self.fill(frame, request) } else { Err(faults) }
+    }
+
+    /// A fault for every channel that is missing.
+    fn absent(&self, request: &GridRequest<'_>) -> Vec<Fault> {
+        let wanted = request.more_outputs.iter().copied().chain(request.channels.iter().map(|(name, _)| *name));
+        std::iter::once(request.output).chain(wanted).filter_map(|channel| self.require(channel).err()).collect()
+    }
+
+    /// Puts the columns on an empty grid.
+    fn fill(&self, mut grid: Grid, request: &GridRequest<'_>) -> Result<Grid, Vec<Fault>> {
+        let mut faults = Vec::new();
         let outputs = std::iter::once(&request.output).chain(request.more_outputs);
         let outputs = outputs.map(|name| (*name, None));
         let inputs = request.channels.iter().map(|(name, hold)| (*name, Some(*hold)));

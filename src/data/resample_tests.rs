@@ -159,6 +159,17 @@ proptest! {
                 prop_assert_eq!(column.values().len(), grid.len());
                 prop_assert!(column.values().iter().all(|value| value.is_finite() && low - tolerance <= *value && *value <= high + tolerance));
             }
+            // The same rules on points that are given: a piece of the grid is what the piece alone would be.
+            let half = grid.len() / 2;
+            let frame = Grid::new(grid.time(half), step, grid.len() - half).unwrap();
+            if let Ok(piece) = window.grid_on(frame, &request) {
+                for (name, column) in piece.columns() {
+                    let whole = grid.column(name).unwrap();
+                    prop_assert_eq!(column.valid(), &whole.valid()[half..]);
+                    let same = |k: usize| !column.valid()[k] || column.values()[k] == whole.values()[half + k];
+                    prop_assert!((0..piece.len()).all(same), "{}", name);
+                }
+            }
         }
     }
 }

@@ -3,6 +3,7 @@
 use crate::schema::Interval;
 use indexmap::IndexMap;
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 use utoipa::ToSchema;
 
 /// Why a search ended.
@@ -112,6 +113,28 @@ pub struct Parts {
     pub test: Option<Span>,
 }
 
+/// What a problem was put together from beside the model and the request: what is needed to put it together
+/// again, whatever has become of the system since.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, ToSchema)]
+pub struct Basis {
+    /// The first sample that was read, RFC 3339.
+    pub from: String,
+    /// The last one.
+    pub to: String,
+    /// The channels that there were for the model to choose from, computed ones included.
+    pub channels: Vec<String>,
+    /// The members of the model's sets.
+    pub sets: BTreeMap<String, Vec<String>>,
+    /// Latitude and longitude in degrees.
+    pub location: Option<(f64, f64)>,
+    /// The IANA zone of the clock on the wall.
+    #[serde(default)]
+    pub zone: Option<String>,
+    /// Samples before the training part that delayed inputs look back at.
+    #[serde(default)]
+    pub lead: usize,
+}
+
 /// The result of an estimation.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[schema(as = FitBody)]
@@ -146,14 +169,18 @@ pub struct Fit {
     pub sample_s: i64,
     /// Internal steps per sample.
     pub substeps: usize,
-    /// Largest difference to a run with half the step, in the output's unit.
-    pub discretisation_error: f64,
+    /// Largest difference to a run with half the step, in the output's unit; `None` where one of the two left the
+    /// numbers.
+    pub discretisation_error: Option<f64>,
     /// Process noise of the filter, per square root of an hour.
     pub process_noise: f64,
     /// The parts of the window.
     pub parts: Parts,
     /// Hash of the stitched input.
     pub input_hash: String,
+    /// What the problem was put together from; `None` in fits of versions that did not keep it.
+    #[serde(default)]
+    pub basis: Option<Basis>,
     /// What a user should know: bounds, correlations, parts dropped, weak convergence.
     pub remarks: Vec<String>,
     /// Parameters that were fixed at their nominal value because the data do not determine them.

@@ -46,6 +46,34 @@ pub fn filter(problem: &Problem, theta: &[f64], process_noise: Option<f64>) -> F
     FilterRun { filtered: kalman.filter(theta, &noise, problem.grid().len()), process_noise }
 }
 
+/// Forecasts as series: `[output][lead][k]` is the value at sample `k` as it was forecast `leads[lead]` samples
+/// before, from the filtered state at an origin in `range` at which that output was measured. Leads are in
+/// samples, strictly increasing.
+pub fn forecast_series(
+    problem: &Problem,
+    theta: &[f64],
+    run: &FilterRun,
+    range: Range<usize>,
+    leads: &[usize],
+) -> Vec<Vec<Vec<Option<f64>>>> {
+    let measured = problem.measured();
+    let samples = problem.grid().len();
+    let origins: Vec<usize> = range.filter(|k| measured.iter().any(|(_, valid)| valid[*k])).collect();
+    let kalman = Kalman::new(problem.model(), problem.simulator(), problem.inputs(), &measured);
+    let forecasts = kalman.forecasts_at(theta, &run.filtered, &origins, leads);
+    let mut series = vec![vec![vec![None; samples]; leads.len()]; measured.len()];
+    for (output, (_, valid)) in measured.iter().enumerate() {
+        for (index, lead) in leads.iter().enumerate() {
+            for (origin, value) in origins.iter().zip(&forecasts[output][index]) {
+                if valid[*origin] && origin + lead < samples {
+                    series[output][index][origin + lead] = *value;
+                }
+            }
+        }
+    }
+    series
+}
+
 /// Forecast errors of the first output by horizon: an origin at every measured sample of `range`.
 pub fn ahead(
     problem: &Problem,
@@ -54,24 +82,21 @@ pub fn ahead(
     range: Range<usize>,
     horizons: &[(&str, i64)],
 ) -> IndexMap<String, AheadError> {
-    let step = problem.grid().step();
-    let (values, valid) = (&problem.measured()[0].0.to_vec(), &problem.measured()[0].1.to_vec());
-    let leads: Vec<(&str, usize)> =
-        horizons.iter().filter(|(_, seconds)| *seconds >= step).map(|(name, seconds)| (*name, (*seconds / step) as usize)).collect();
-    let origins: Vec<usize> = range.clone().filter(|k| valid[*k]).collect();
-    let longest = leads.iter().map(|(_, lead)| *lead).max().unwrap_or(0);
+    let mut wanted: Vec<(&str, usize)> =
+        horizons.iter().filter_map(|(name, seconds)| lead(*seconds, problem.grid().step()).map(|lead| (*name, lead))).collect();
+    wanted.sort_by_key(|(_, lead)| *lead);
+    let leads: Vec<usize> = wanted.iter().map(|(_, lead)| *lead).collect();
+    let series = forecast_series(problem, theta, run, range.clone(), &leads);
     let measured = problem.measured();
-    let kalman = Kalman::new(problem.model(), problem.simulator(), problem.inputs(), &measured);
-    let forecasts = kalman.forecasts(theta, &run.filtered, &origins, longest);
+    let (values, valid) = measured[0];
     let mut errors = IndexMap::new();
-    for (name, lead) in leads {
+    for ((name, lead), forecast) in wanted.into_iter().zip(&series[0]) {
         let mut model = Vec::new();
         let mut persistence = Vec::new();
-        for (origin, forecast) in origins.iter().zip(&forecasts) {
-            let target = origin + lead;
-            if let (true, Some(value)) = (target < range.end && valid[target], forecast[lead]) {
-                model.push(value - values[target]);
-                persistence.push(values[*origin] - values[target]);
+        for k in (range.start + lead..range.end).filter(|k| valid[*k]) {
+            if let Some(value) = forecast[k] {
+                model.push(value - values[k]);
+                persistence.push(values[k - lead] - values[k]);
             }
         }
         if !model.is_empty() {
@@ -81,6 +106,11 @@ pub fn ahead(
         }
     }
     errors
+}
+
+/// A horizon in whole samples; `None` where it is shorter than one.
+pub fn lead(horizon_s: i64, step_s: i64) -> Option<usize> {
+    usize::try_from(horizon_s / step_s).ok().filter(|lead| *lead > 0)
 }
 
 /// Mean square of all 24-hour forecasts from the midnights (UTC) of `range`, pooled.

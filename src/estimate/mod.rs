@@ -2,8 +2,12 @@
 //!
 //! `request` says what is wanted and `method` how it is searched, `problem` puts model and window together, `objective`
 //! weighs the residuals, `run` drives the optimiser until it or `stop` says that it is over, `metrics` and `uncertainty`
-//! describe what was found, `validate` decides, `served` is what may go out.
+//! describe what was found, `validate` decides, `served` is what may go out. `replay` puts the problem of a stored fit
+//! together again, `comparison` lays it beside the measurements and `compare` beside other fits, `skill` puts both into
+//! numbers; `degradation` asks whether newer measurements contradict it.
 
+pub mod compare;
+pub mod comparison;
 pub mod degradation;
 pub mod fit;
 pub mod method;
@@ -12,16 +16,22 @@ pub mod objective;
 pub mod physics;
 pub mod preview;
 pub mod problem;
+pub mod replay;
+#[cfg(test)]
+mod replay_tests;
 pub mod request;
 pub mod run;
 pub mod served;
+pub mod skill;
 pub mod stop;
+pub mod summary;
 pub mod uncertainty;
 pub mod validate;
 pub mod whiten;
 
 pub use fit::{Fit, Stop};
 pub use problem::Problem;
+pub use replay::Replay;
 pub use request::{EstimateRequest, Site, prepare};
 pub use run::{Control, EstimateError, Interrupt, Progress, estimate};
 pub use served::{Offer, ServedParameters};

@@ -1,5 +1,6 @@
 //! What is asked: a model, a window on a grid, the parts of it, an objective and a box of free parameters.
 
+use super::fit::Basis;
 use super::objective::{Share, divisor};
 use super::request::{Objective, Prior};
 use crate::data::{Grid, Split};
@@ -10,6 +11,9 @@ use crate::simulate::trajectory::Measured;
 use crate::simulate::{Inputs, Simulator, Stepper, Trajectory, substeps};
 use indexmap::IndexMap;
 use std::ops::Range;
+
+/// Fewest samples to train on, of every output.
+const LEAST_SAMPLES: usize = 10;
 
 /// An estimation problem. Full parameter vectors follow the model's order; free ones follow the space's.
 #[derive(Debug, Clone)]
@@ -40,6 +44,8 @@ pub struct Source {
     pub hash: String,
     /// The quantisation step of each output's sensor, where it has one.
     pub quanta: Vec<Option<f64>>,
+    /// What is needed to put the problem together again.
+    pub basis: Basis,
 }
 
 /// What the caller wants different from the model's own document.
@@ -110,12 +116,13 @@ impl Problem {
             bounds: Vec::new(),
             source,
         };
-        if (0..problem.measured.len()).any(|output| problem.usable(output, problem.split.train.clone()).len() < 10) {
-            let detail = "the training part has fewer than ten valid measurements with known inputs";
-            return Err(vec![Fault::new("/window", "too-short", detail)]);
+        let train = problem.split.train.clone();
+        if (0..problem.measured.len()).any(|output| problem.usable(output, train.clone()).len() < LEAST_SAMPLES) {
+            let detail = format!("the training part has fewer than {LEAST_SAMPLES} valid measurements at which all inputs are known");
+            faults.push(Fault::new("/window", "too-short", detail));
         }
-        problem.choose(choices)?;
-        Ok(problem)
+        faults.extend(problem.choose(choices).err().into_iter().flatten());
+        if faults.is_empty() { Ok(problem) } else { Err(faults) }
     }
 
     /// Bounds, nominal and fixed values, and the box of what is free.
@@ -183,6 +190,11 @@ impl Problem {
     /// Hash of the stitched measurements that the grid was made from.
     pub fn input_hash(&self) -> &str {
         &self.source.hash
+    }
+
+    /// What is needed to put the problem together again.
+    pub fn basis(&self) -> &Basis {
+        &self.source.basis
     }
 
     /// The quantisation step of each output's sensor, where it has one.

@@ -1,11 +1,14 @@
 //! What a user asks for, in words that the command line, the jobs and their schedule share.
 
+use super::fit::Basis;
 pub use super::method::SeededMethod;
 use super::problem::{Choices, Problem, Source};
 use super::stop::EarlyStopping;
-use crate::data::{CALENDAR, DEFAULT_MAX_GAP_STEPS, Duration, GridRequest, Length, Split, SplitRequest, Window, read_time};
+use crate::data::{
+    CALENDAR, DROPS, Duration, Grid, GridRequest, Length, Split, SplitRequest, Window, add_calendar, add_drops, add_sun, read_time, rfc3339,
+};
 use crate::fault::Fault;
-use crate::model::{Bindings, Catalogue, Hold, ModelId, compile};
+use crate::model::{Bindings, Catalogue, Hold, Model, ModelId, compile};
 use crate::schema::Interval;
 use crate::simulate::drive::samples_back;
 use indexmap::IndexMap;
@@ -146,49 +149,20 @@ pub fn prepare(
     window: &Window,
     site: &Site,
 ) -> Result<Problem, Vec<Fault>> {
-    let composition = catalogue.compose(model)?;
-    let mut channels: BTreeSet<String> = window.channels().chain(CALENDAR).map(str::to_owned).collect();
-    if site.location.is_some() {
-        channels.extend(["sun_altitude".to_owned(), "sun_azimuth".to_owned()]);
-    }
-    // Openings of a window can be read off the first output.
-    channels.insert(crate::data::DROPS.to_owned());
-    let declared =
-        composition.spec.sets.iter().filter_map(|set| site.sets.get(set).map(|members| (set.clone(), members.clone()))).collect();
-    let model = compile(&composition, &Bindings { sets: declared, channels: Some(channels.clone()) })?;
-    let (from, to) = range(request.window.as_ref(), window)?;
-    let outputs: Vec<&str> = model.outputs().iter().map(|output| output.channel.as_str()).collect();
-    let holds: Vec<(&str, crate::data::Hold)> = model
-        .inputs()
-        .iter()
-        .map(|input| {
-            let hold = match input.hold {
-                Hold::Linear => crate::data::Hold::Linear,
-                Hold::ZeroOrder => crate::data::Hold::ZeroOrder,
-            };
-            (input.channel.as_str(), hold)
-        })
-        .filter(|(channel, _)| window.series(channel).is_some())
-        .collect();
-    let wanted = GridRequest {
-        output: outputs[0],
-        more_outputs: &outputs[1..],
-        channels: &holds,
-        step: None,
-        from,
-        to,
-        max_gap_steps: DEFAULT_MAX_GAP_STEPS,
+    let mut basis = Basis {
+        from: rfc3339(window.from()),
+        to: rfc3339(window.to()),
+        channels: channels(window, site),
+        sets: site.sets.clone(),
+        location: site.location,
+        zone: site.zone.clone(),
+        lead: 0,
     };
-    let mut grid = window.grid(&wanted)?;
-    if let Some((latitude, longitude)) = site.location {
-        grid = crate::data::add_sun(grid, latitude, longitude).map_err(|fault| vec![fault])?;
-    }
-    if model.inputs().iter().any(|input| input.channel == crate::data::DROPS) {
-        grid = crate::data::add_drops(grid, outputs[0]).map_err(|fault| vec![fault])?;
-    }
-    if model.inputs().iter().any(|input| CALENDAR.contains(&input.channel.as_str())) {
-        grid = crate::data::add_calendar(grid, site.zone.as_deref().unwrap_or("UTC")).map_err(|fault| vec![fault])?;
-    }
+    let model = bound(catalogue, model, &basis)?;
+    let (from, to) = range(request.window.as_ref(), window)?;
+    let columns = Columns::of(&model, window);
+    let grid = window.grid(&GridRequest { from, to, ..columns.request() })?;
+    let grid = with_computed(grid, &model, &basis)?;
     let split = Split::new(grid.len(), grid.step(), &request.split).map_err(|fault| vec![fault])?;
     if request.early_stopping.is_some_and(|rule| rule.validation) && split.validation.is_empty() {
         return Err(vec![Fault::new("/early_stopping/validation", "no-validation", "there is no validation part to watch")]);
@@ -197,15 +171,85 @@ pub fn prepare(
     // delays needs as much past before it, where the record has it.
     let past = (0..model.inputs().len()).map(|input| samples_back(model.longest_delay(input), grid.step_hours())).max().unwrap_or(0);
     let first = split.train.start.saturating_sub(past);
+    basis.lead = split.train.start - first;
     let grid = grid.slice(first..split.all().end);
     let moved = |range: std::ops::Range<usize>| range.start - first..range.end - first;
     let split = Split { train: moved(split.train), validation: moved(split.validation), test: moved(split.test) };
     let choices =
         Choices { objective: request.objective, prior: request.prior, bounds: request.bounds.clone(), fixed: request.fixed.clone() };
-    let used = window.slice(grid.start(), grid.time(grid.len().saturating_sub(1)))?;
-    let quanta = outputs.iter().map(|output| used.series(output).and_then(crate::data::Series::quantum)).collect();
-    let source = Source { hash: used.content_hash(), quanta };
+    let source = source(&model, window, &grid, basis)?;
     Problem::new(model, grid, split, &choices, source)
+}
+
+/// The channels that a model can choose from: the window's, the clock's, the openings of a window, which can be read
+/// off the first output, and the sun's where the place is known.
+fn channels(window: &Window, site: &Site) -> Vec<String> {
+    let mut channels: BTreeSet<String> = window.channels().chain(CALENDAR).chain([DROPS]).map(str::to_owned).collect();
+    if site.location.is_some() {
+        channels.extend(["sun_altitude".to_owned(), "sun_azimuth".to_owned()]);
+    }
+    channels.into_iter().collect()
+}
+
+/// The model, compiled for the channels and sets that there are.
+pub(super) fn bound(catalogue: &Catalogue, model: &ModelId, basis: &Basis) -> Result<Model, Vec<Fault>> {
+    let composition = catalogue.compose(model)?;
+    let sets = basis.sets.iter().filter(|(set, _)| composition.spec.sets.contains(*set));
+    let sets = sets.map(|(set, members)| (set.clone(), members.clone())).collect();
+    compile(&composition, &Bindings { sets, channels: Some(basis.channels.iter().cloned().collect()) })
+}
+
+/// The columns that a model is simulated on.
+pub(super) struct Columns<'a> {
+    outputs: Vec<&'a str>,
+    holds: Vec<(&'a str, crate::data::Hold)>,
+}
+
+impl<'a> Columns<'a> {
+    /// The outputs of a model, and those of its inputs that the window has.
+    pub(super) fn of(model: &'a Model, window: &Window) -> Self {
+        let hold = |hold: Hold| match hold {
+            Hold::Linear => crate::data::Hold::Linear,
+            Hold::ZeroOrder => crate::data::Hold::ZeroOrder,
+        };
+        let inputs = model.inputs().iter().filter(|input| window.series(&input.channel).is_some());
+        Self {
+            outputs: model.outputs().iter().map(|output| output.channel.as_str()).collect(),
+            holds: inputs.map(|input| (input.channel.as_str(), hold(input.hold))).collect(),
+        }
+    }
+
+    /// All of them, over the whole record.
+    pub(super) fn request(&self) -> GridRequest<'_> {
+        GridRequest { more_outputs: &self.outputs[1..], ..GridRequest::new(self.outputs[0], &self.holds) }
+    }
+}
+
+/// The grid with what can be computed: the position of the sun where the place is known, and what else the model
+/// reads of the clock and of openings.
+pub(super) fn with_computed(grid: Grid, model: &Model, basis: &Basis) -> Result<Grid, Vec<Fault>> {
+    let reads = |names: &[&str]| model.inputs().iter().any(|input| names.contains(&input.channel.as_str()));
+    let computed = || {
+        let mut grid = grid;
+        if let Some((latitude, longitude)) = basis.location {
+            grid = add_sun(grid, latitude, longitude)?;
+        }
+        if let (true, Some(output)) = (reads(&[DROPS]), model.outputs().first()) {
+            grid = add_drops(grid, &output.channel)?;
+        }
+        if reads(&CALENDAR) {
+            grid = add_calendar(grid, basis.zone.as_deref().unwrap_or("UTC"))?;
+        }
+        Ok(grid)
+    };
+    computed().map_err(|fault| vec![fault])
+}
+
+/// Where the measurements under a grid come from.
+pub(super) fn source(model: &Model, window: &Window, grid: &Grid, basis: Basis) -> Result<Source, Vec<Fault>> {
+    let used = window.slice(grid.start(), grid.time(grid.len().saturating_sub(1)))?;
+    let quantum = |output: &crate::model::Output| used.series(&output.channel).and_then(crate::data::Series::quantum);
+    Ok(Source { hash: used.content_hash(), quanta: model.outputs().iter().map(quantum).collect(), basis })
 }
 
 /// The instants between which measurements are used.

@@ -383,10 +383,12 @@ fn report(
         metrics: metrics(problem, &found.theta, &run),
         sample_s: problem.grid().step(),
         substeps: problem.simulator().substeps(),
-        discretisation_error,
+        // A document has no word for infinity, and one that held it could not be read again.
+        discretisation_error: Some(discretisation_error).filter(|error| error.is_finite()),
         process_noise: run.process_noise,
         parts: parts(problem),
         input_hash: problem.input_hash().to_owned(),
+        basis: Some(problem.basis().clone()),
         remarks,
         non_identifiable,
     }

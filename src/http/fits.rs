@@ -2,24 +2,28 @@
 
 use super::Shared;
 use super::description::With;
+use super::extract::Asked;
+use super::page::{Page, PageQuery};
 use super::problem::{ApiError, Problems};
 use crate::data::SystemId;
 use crate::estimate::Fit;
+use crate::estimate::fit::{OutputMetrics, Parts};
 use crate::estimate::validate::CheckResult;
 use crate::jobs::Service;
 use crate::store;
 use crate::store::decisions::Decision;
+use crate::store::fits::FitEntry;
 use axum::extract::{Path, State};
 use jiff::Timestamp;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use serde_json::Value;
-use utoipa::ToSchema;
+use utoipa::{IntoParams, ToSchema};
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
 /// The paths of this file.
 pub fn router() -> OpenApiRouter<Shared> {
-    OpenApiRouter::new().routes(routes!(get_fit))
+    OpenApiRouter::new().routes(routes!(list_fits)).routes(routes!(get_fit))
 }
 
 /// A fit with its verdict.
@@ -62,6 +66,67 @@ struct DecisionAnswer {
 }
 
 pub type FitAnswer = With<FitVerdict, Fit>;
+
+/// One fit in a list; `/fits/{id}` has all of it.
+#[derive(Debug, Serialize, ToSchema)]
+struct FitRow {
+    id: String,
+    /// The job that found it.
+    job: String,
+    /// The system.
+    system: SystemId,
+    /// The model.
+    model: String,
+    /// `accepted`, `unchanged`, `held` or `rejected`.
+    verdict: String,
+    /// The verdict in a sentence.
+    summary: String,
+    /// Whether its parameters are served now.
+    served: bool,
+    /// Errors by output channel.
+    #[schema(value_type = HashMap<String, OutputMetrics>)]
+    metrics: Value,
+    /// The parts of the window.
+    #[schema(value_type = Parts)]
+    parts: Value,
+    #[schema(value_type = String, format = DateTime)]
+    created_at: Timestamp,
+}
+
+/// Which fits.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+struct FitQuery {
+    /// Those of this system; all by default.
+    system: Option<SystemId>,
+    /// Items per page, 50 by default, at most 500.
+    #[param(minimum = 1, maximum = 500)]
+    page_size: Option<i64>,
+    /// The `next_page_token` of the page before.
+    page_token: Option<String>,
+}
+
+/// Fits, newest first.
+#[utoipa::path(get, path = "/fits", tag = "fits", params(FitQuery), responses((status = 200, body = Page<FitRow>), Problems))]
+async fn list_fits(State(service): State<Shared>, Asked(query): Asked<FitQuery>) -> Result<axum::Json<Page<FitRow>>, ApiError> {
+    let page = PageQuery { page_size: query.page_size, page_token: query.page_token };
+    let size = page.size()?;
+    let entries = store::fits::page(&service.store, query.system.as_ref(), page.before()?, size + 1).await?;
+    let row = |entry: FitEntry| FitRow {
+        id: entry.id,
+        job: entry.job,
+        system: entry.system,
+        model: entry.model,
+        verdict: entry.verdict,
+        summary: entry.summary,
+        served: entry.served,
+        metrics: entry.metrics,
+        parts: entry.parts,
+        created_at: entry.created_at,
+    };
+    Ok(axum::Json(Page::of(entries, size, |entry| entry.place.to_string(), row)))
+}
 
 /// One fit.
 #[utoipa::path(get, path = "/fits/{id}", tag = "fits", params(("id" = String, Path)), responses((status = 200, body = FitAnswer), Problems))]

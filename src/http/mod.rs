@@ -4,9 +4,12 @@
 //! paths (`params`) lie outside of all layers, so that a poll costs no more than its body.
 
 mod batches;
+mod chart;
+mod comparison;
 mod decisions;
 mod description;
 mod diagnoses;
+mod diagnostics;
 mod docs;
 mod events;
 mod extract;
@@ -16,6 +19,7 @@ mod jobs;
 mod layout;
 mod metrics;
 mod models;
+mod negotiate;
 mod page;
 mod params;
 mod preview;
@@ -28,6 +32,7 @@ mod windows;
 
 use crate::jobs::Service;
 use axum::Router;
+use axum::body::{Body, Bytes};
 use axum::http::StatusCode;
 use axum::response::IntoResponse;
 use problem::ApiError;
@@ -79,6 +84,8 @@ fn layered() -> OpenApiRouter<Shared> {
         .merge(decisions::router())
         .merge(diagnoses::router())
         .merge(history::router())
+        .merge(comparison::router())
+        .merge(diagnostics::router())
         .merge(schedules::router())
         .merge(service::router())
         .merge(metrics::router())
@@ -129,6 +136,23 @@ pub fn described_paths() -> Vec<(String, Vec<String>)> {
     let description = serde_json::to_value(described()).unwrap_or_default();
     let paths = description.get("paths").and_then(serde_json::Value::as_object).cloned().unwrap_or_default();
     paths.into_iter().map(|(path, item)| (path, item.as_object().map(|item| item.keys().cloned().collect()).unwrap_or_default())).collect()
+}
+
+/// The described documents by name, as JSON schemas, for the tests of the description.
+pub fn described_documents() -> serde_json::Value {
+    let description = serde_json::to_value(lean().merge(layered()).into_openapi()).unwrap_or_default();
+    description.pointer("/components/schemas").cloned().unwrap_or_default()
+}
+
+/// A body that many answers share; it is not copied.
+fn shared_body(body: Arc<[u8]>) -> Body {
+    struct Shared(Arc<[u8]>);
+    impl AsRef<[u8]> for Shared {
+        fn as_ref(&self) -> &[u8] {
+            &self.0
+        }
+    }
+    Body::from(Bytes::from_owner(Shared(body)))
 }
 
 fn panicked(panic: Box<dyn Any + Send + 'static>) -> axum::response::Response {

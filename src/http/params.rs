@@ -6,11 +6,10 @@ use super::Shared;
 use super::problem::{ApiError, Problems};
 use crate::fault::Fault;
 use crate::jobs::params::{Answer, Body as ParamsBody, Entry, Rendered};
-use axum::body::{Body, Bytes};
+use axum::body::Body;
 use axum::extract::{Request, State};
 use axum::http::{HeaderMap, HeaderValue, StatusCode, Uri, header};
 use axum::response::{IntoResponse, Response};
-use std::sync::Arc;
 use std::time::Duration;
 use utoipa::ToSchema;
 use utoipa_axum::router::OpenApiRouter;
@@ -143,9 +142,7 @@ fn answer(entry: &Entry, system: &str, accept: Option<Accept>, headers: &HeaderM
     match chosen(entry, accept) {
         Some(rendered) if matches(headers, &rendered.etag) => not_modified(&rendered.etag),
         Some(rendered) => {
-            // The body is shared, not copied.
-            let body = Body::from(Bytes::from_owner(SharedBody(rendered.body.clone())));
-            let mut response = tagged(body, &rendered.etag);
+            let mut response = tagged(super::shared_body(rendered.body.clone()), &rendered.etag);
             response.headers_mut().insert("params-status", HeaderValue::from_static(rendered.status.word()));
             response
         }
@@ -215,15 +212,6 @@ fn set_tag(response: &mut Response, etag: &str) {
     }
     // A cache may keep the body, but must ask whether it still holds.
     response.headers_mut().insert(header::CACHE_CONTROL, HeaderValue::from_static("no-cache"));
-}
-
-/// A body that many answers share.
-struct SharedBody(Arc<[u8]>);
-
-impl AsRef<[u8]> for SharedBody {
-    fn as_ref(&self) -> &[u8] {
-        &self.0
-    }
 }
 
 #[cfg(test)]

@@ -1,6 +1,6 @@
 //! Collects what an estimate needs: measurements of the system and its neighbours, and what is served now.
 
-use super::systems::{self, SystemDocument};
+use super::systems::{self, Exclusion, SystemDocument};
 use super::windows::unpack;
 use super::{JobsError, Service};
 use crate::data::{Series, SystemId, Window, read_time};
@@ -30,8 +30,15 @@ pub struct Input {
     pub system: SystemDocument,
     /// The fit that is served now.
     pub served: Option<FitRecord>,
+    measurements: Measurements,
+}
+
+/// What was measured of a system and its neighbours over a stretch of time, still packed.
+#[derive(Debug)]
+pub struct Measurements {
     windows: Vec<Blocks>,
     neighbours: Vec<(SystemId, Vec<Blocks>)>,
+    exclude: Vec<Exclusion>,
 }
 
 /// Collects the input of a job.
@@ -61,18 +68,35 @@ pub async fn collect(
         return Err(JobsError::Faults(vec![Fault::new("/window", "no-data", format!("there are no measurements of {name}"))]));
     };
     let (from, to) = range(request.window.as_ref(), first, newest).map_err(JobsError::Faults)?;
-    let mut neighbours = Vec::new();
-    for neighbour in &system.neighbours {
-        neighbours.push((neighbour.clone(), store::windows::blocks(&service.store, neighbour, (from, to), None).await?));
-    }
     Ok(Input {
         catalogue: service.catalogue.current(),
         model,
-        windows: store::windows::blocks(&service.store, name, (from, to), None).await?,
+        measurements: measurements(service, name, &system.neighbours, &system.exclude, (from, to)).await?,
         served: store::fits::served(&service.store, name).await?,
         request,
         system,
+    })
+}
+
+/// Collects what was measured of a system and its neighbours between two instants.
+///
+/// # Errors
+/// Where the database fails.
+pub async fn measurements(
+    service: &Service,
+    system: &SystemId,
+    next_door: &[SystemId],
+    exclude: &[Exclusion],
+    (from, to): (i64, i64),
+) -> Result<Measurements, JobsError> {
+    let mut neighbours = Vec::new();
+    for neighbour in next_door {
+        neighbours.push((neighbour.clone(), store::windows::blocks(&service.store, neighbour, (from, to), None).await?));
+    }
+    Ok(Measurements {
+        windows: store::windows::blocks(&service.store, system, (from, to), None).await?,
         neighbours,
+        exclude: exclude.to_vec(),
     })
 }
 
@@ -88,22 +112,22 @@ fn range(asked: Option<&WindowRange>, first: i64, newest: i64) -> Result<(i64, i
     Ok((from, to))
 }
 
-impl Input {
+impl Measurements {
     /// Unpacks and joins all measurements. This is work for the CPU pool.
     ///
     /// # Errors
     /// Faults where there are none, or two windows do not fit together.
-    pub fn window(&self) -> Result<Window, JobsError> {
+    pub fn window(&self, catalogue: &Catalogue, model: &ModelId) -> Result<Window, JobsError> {
         let (_, windows) = self.sources()?;
         let joined = Window::stitch(&windows).map_err(JobsError::Faults)?;
-        self.without_exclusions(&joined)
+        self.without_exclusions(joined, catalogue, model)
     }
 
-    /// The ids of the uploaded windows that gave a sample to `used`, a part of [`Input::window`].
+    /// The ids of the uploaded windows that gave a sample to `used`, a part of [`Measurements::window`].
     ///
     /// # Errors
     /// Where a block cannot be read.
-    pub fn cited(&self, used: &Window) -> Result<Vec<String>, JobsError> {
+    fn cited(&self, used: &Window) -> Result<Vec<String>, JobsError> {
         let (ids, windows) = self.sources()?;
         let gave = Window::contributors(&windows, used);
         Ok(ids.into_iter().zip(gave).filter(|(_, gave)| *gave).map(|(id, _)| id.to_owned()).collect())
@@ -128,13 +152,13 @@ impl Input {
 
     /// Takes the measured outputs out of the stretches that are not to be trusted; inputs stay, so that the
     /// simulation runs through.
-    fn without_exclusions(&self, window: &Window) -> Result<Window, JobsError> {
-        if self.system.exclude.is_empty() {
-            return Ok(window.clone());
+    fn without_exclusions(&self, window: Window, catalogue: &Catalogue, model: &ModelId) -> Result<Window, JobsError> {
+        if self.exclude.is_empty() {
+            return Ok(window);
         }
         let spans: Vec<(i64, i64)> =
-            self.system.exclude.iter().filter_map(|span| Some((read_time("", &span.from).ok()?, read_time("", &span.to).ok()?))).collect();
-        let outputs = self.catalogue.compose(&self.model).map_err(JobsError::Faults)?.spec.outputs;
+            self.exclude.iter().filter_map(|span| Some((read_time("", &span.from).ok()?, read_time("", &span.to).ok()?))).collect();
+        let outputs = catalogue.compose(model).map_err(JobsError::Faults)?.spec.outputs;
         let trusted = |time: i64| !spans.iter().any(|(from, to)| (*from..=*to).contains(&time));
         let mut all = Vec::new();
         for series in window.iter() {
@@ -151,6 +175,24 @@ impl Input {
             }
         }
         Window::from_series(all).map_err(JobsError::Faults)
+    }
+}
+
+impl Input {
+    /// The measurements as one window. This is work for the CPU pool.
+    ///
+    /// # Errors
+    /// As [`Measurements::window`].
+    pub fn window(&self) -> Result<Window, JobsError> {
+        self.measurements.window(&self.catalogue, &self.model)
+    }
+
+    /// The ids of the uploaded windows that gave a sample to `used`, a part of [`Input::window`].
+    ///
+    /// # Errors
+    /// Where a block cannot be read.
+    pub fn cited(&self, used: &Window) -> Result<Vec<String>, JobsError> {
+        self.measurements.cited(used)
     }
 
     /// The parameters that are served now.

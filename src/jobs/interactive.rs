@@ -88,6 +88,11 @@ impl Interactive {
         self.desk().computed
     }
 
+    /// How many answers are computed now or wait for a thread.
+    pub fn pending(&self) -> usize {
+        self.desk().pending.len()
+    }
+
     /// The answer to a request: kept, being computed for somebody else, or computed now while this task sleeps.
     /// The key must name everything that the answer depends on.
     ///

@@ -16,6 +16,8 @@
 //! | `preview` | one simulation for whoever edits a model |
 //! | `interactive` | short CPU work that somebody waits for: first in line, bounded, kept |
 //! | `metrics` | what is counted |
+//! | `comparison`, `chart` | fits beside the measurements as lines: the work, and the documents |
+//! | `diagnostics` | the same as numbers and sentences |
 //! | `params` | the snapshot behind `/params` and the timer that turns it stale |
 //! | `decisions` | an operator's word: promote, reject, pin, roll back |
 //! | `degradations` | compares newer measurements with what is served |
@@ -23,10 +25,13 @@
 
 pub mod board;
 pub mod body;
+mod chart;
+pub mod comparison;
 pub mod decisions;
 pub mod decode;
 pub mod degradations;
 pub mod diagnose;
+pub mod diagnostics;
 pub mod estimate;
 pub mod events;
 pub mod input;

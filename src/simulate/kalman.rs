@@ -221,23 +221,55 @@ impl<'a> Kalman<'a> {
     /// Forecasts with measured inputs from the filtered state at each origin: the first output at leads
     /// `0..=horizon` samples, `None` behind a gap in the inputs or the end of the window.
     pub fn forecasts(&self, theta: &[f64], filtered: &Filtered, origins: &[usize], horizon: usize) -> Vec<Vec<Option<f64>>> {
-        origins.par_chunks(LANES).flat_map_iter(|block| self.forecast_block(theta, filtered, block, horizon)).collect()
+        let leads: Vec<usize> = (0..=horizon).collect();
+        let block = |block: &[usize]| {
+            let mut forecasts = vec![vec![None; horizon + 1]; block.len()];
+            self.forecast_block(theta, filtered, block, &leads, |lane, lead, output, value| {
+                if output == 0 {
+                    forecasts[lane][lead] = value;
+                }
+            });
+            forecasts
+        };
+        origins.par_chunks(LANES).flat_map_iter(block).collect()
     }
 
+    /// Forecasts of every output at some leads only, in samples and strictly increasing: `[output][lead][origin]`. As
+    /// [`Kalman::forecasts`], without keeping what lies between the leads.
+    pub fn forecasts_at(&self, theta: &[f64], filtered: &Filtered, origins: &[usize], leads: &[usize]) -> Vec<Vec<Vec<Option<f64>>>> {
+        let outputs = self.measured.len();
+        let block = |block: &[usize]| {
+            let mut forecasts = vec![vec![None; outputs * leads.len()]; block.len()];
+            self.forecast_block(theta, filtered, block, leads, |lane, lead, output, value| {
+                forecasts[lane][output * leads.len() + lead] = value;
+            });
+            forecasts
+        };
+        let by_origin: Vec<Vec<Option<f64>>> = origins.par_chunks(LANES).flat_map_iter(block).collect();
+        let series = |place: usize| by_origin.iter().map(|forecasts| forecasts[place]).collect();
+        (0..outputs).map(|output| (0..leads.len()).map(|lead| series(output * leads.len() + lead)).collect()).collect()
+    }
+
+    /// Tells `keep` the lane, the index of the lead, the output and the value of every forecast of a block.
     /// Lanes share the clock, so each origin joins when its time comes.
-    fn forecast_block(&self, theta: &[f64], filtered: &Filtered, origins: &[usize], horizon: usize) -> Vec<Vec<Option<f64>>> {
+    fn forecast_block(
+        &self,
+        theta: &[f64],
+        filtered: &Filtered,
+        origins: &[usize],
+        leads: &[usize],
+        mut keep: impl FnMut(usize, usize, usize, Option<f64>),
+    ) {
         let (step_tape, drive, substeps, hours) = self.simulator.step_parts();
         let (output_tape, output_drive) = self.simulator.output_parts();
         let mut file = LaneFile::<LANES>::new(step_tape);
         file.load(&[theta], hours);
         let mut out = LaneFile::<LANES>::new(output_tape);
         out.load(&[theta], hours);
-        let mut forecasts = vec![vec![None; horizon + 1]; origins.len()];
-        let (Some(first), Some(last)) = (origins.iter().min(), origins.iter().max()) else {
-            return forecasts;
-        };
+        let (Some(first), Some(last)) = (origins.iter().min(), origins.iter().max()) else { return };
+        let Some(longest) = leads.iter().max() else { return };
         let mut alive = vec![false; origins.len()];
-        for k in *first..=(last + horizon).min(self.known.len() - 1) {
+        for k in *first..=(last + longest).min(self.known.len() - 1) {
             if k > *first {
                 if self.known[k - 1] {
                     for step in 0..substeps {
@@ -262,14 +294,15 @@ impl<'a> Kalman<'a> {
             }
             output_drive.load(&mut out, k, 0);
             out.step();
-            for (lane, origin) in origins.iter().enumerate() {
-                if alive[lane] && k >= *origin && k - origin <= horizon {
-                    let value = out.root(0)[lane];
-                    forecasts[lane][k - origin] = value.is_finite().then_some(value);
+            for (lane, origin) in origins.iter().enumerate().filter(|(lane, origin)| alive[*lane] && k >= **origin) {
+                if let Ok(lead) = leads.binary_search(&(k - origin)) {
+                    for output in 0..self.measured.len() {
+                        let value = out.root(output)[lane];
+                        keep(lane, lead, output, value.is_finite().then_some(value));
+                    }
                 }
             }
         }
-        forecasts
     }
 }
 
@@ -364,6 +397,13 @@ mod tests {
                 let exact = found.states[*origin][0] * (-A * 0.5 * lead as f64).exp();
                 assert!((value.unwrap() - exact).abs() < 2e-3, "{origin} {lead}");
             }
+        }
+        // Asking for some leads only gives the same bits.
+        let all = kalman.forecasts(&[A], &found, &origins, 24);
+        let some = kalman.forecasts_at(&[A], &found, &origins, &[1, 7, 24]);
+        for (index, lead) in [1, 7, 24].into_iter().enumerate() {
+            let expected: Vec<Option<f64>> = all.iter().map(|forecast| forecast[lead]).collect();
+            assert_eq!(some[0][index], expected);
         }
     }
 }

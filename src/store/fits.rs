@@ -27,6 +27,33 @@ pub struct FitRecord {
     pub created_at: Timestamp,
 }
 
+/// A fit in a list: what a reader chooses by.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FitEntry {
+    /// Its id.
+    pub id: String,
+    /// The place in the order of finding.
+    pub place: i64,
+    /// The job that found it.
+    pub job: String,
+    /// The system.
+    pub system: SystemId,
+    /// The model.
+    pub model: String,
+    /// What the gate said, in a word.
+    pub verdict: String,
+    /// One plain sentence.
+    pub summary: String,
+    /// Errors by output channel.
+    pub metrics: serde_json::Value,
+    /// The parts of the window.
+    pub parts: serde_json::Value,
+    /// Whether its parameters are served now.
+    pub served: bool,
+    /// When.
+    pub created_at: Timestamp,
+}
+
 #[derive(FromRow)]
 struct Row {
     id: String,
@@ -73,4 +100,52 @@ pub async fn served(store: &Store, system: &SystemId) -> Result<Option<FitRecord
                FROM fits f JOIN revisions r ON r.fit = f.id WHERE r.system = $1 AND r.current";
     let row: Option<Row> = sqlx::query_as(sql).bind(system.to_string()).fetch_optional(&store.reader).await?;
     row.map(Row::record).transpose()
+}
+
+#[derive(FromRow)]
+struct EntryRow {
+    id: String,
+    place: i64,
+    job: String,
+    system: String,
+    model: String,
+    verdict: String,
+    summary: String,
+    metrics: String,
+    parts: String,
+    served: bool,
+    created_at: i64,
+}
+
+impl EntryRow {
+    fn entry(self) -> Result<FitEntry, StoreError> {
+        Ok(FitEntry {
+            system: parse("a system", &self.system)?,
+            metrics: from_json("the errors of a fit", &self.metrics)?,
+            parts: from_json("the parts of a fit", &self.parts)?,
+            created_at: instant(self.created_at)?,
+            id: self.id,
+            place: self.place,
+            job: self.job,
+            model: self.model,
+            verdict: self.verdict,
+            summary: self.summary,
+            served: self.served,
+        })
+    }
+}
+
+/// Fits found before a place in the order, newest first, of one system or of all: one page of a list.
+///
+/// # Errors
+/// Where the database fails.
+pub async fn page(store: &Store, system: Option<&SystemId>, before: i64, limit: i64) -> Result<Vec<FitEntry>, StoreError> {
+    // The documents hold whole traces; the database reads the little that a list shows.
+    let sql = "SELECT f.id, f.rowid AS place, f.job, f.system, f.model, f.verdict, f.summary, f.created_at,
+                      json_extract(f.document, '$.metrics') AS metrics, json_extract(f.document, '$.parts') AS parts,
+                      EXISTS (SELECT 1 FROM revisions r WHERE r.fit = f.id AND r.current) AS served
+               FROM fits f WHERE ($1 IS NULL OR f.system = $1) AND f.rowid < $2 ORDER BY f.rowid DESC LIMIT $3";
+    let rows: Vec<EntryRow> =
+        sqlx::query_as(sql).bind(system.map(ToString::to_string)).bind(before).bind(limit).fetch_all(&store.reader).await?;
+    rows.into_iter().map(EntryRow::entry).collect()
 }

@@ -226,6 +226,15 @@ pub async fn extent(store: &Store, system: &SystemId) -> Result<Option<(i64, i64
     Ok(from.zip(to))
 }
 
+/// What tells one state of a system's measurements from another: how many windows there are, and the newest.
+///
+/// # Errors
+/// Where the database fails.
+pub async fn version(store: &Store, system: &SystemId) -> Result<(i64, i64), StoreError> {
+    let sql = "SELECT COUNT(*), COALESCE(MAX(sequence), 0) FROM windows WHERE system = $1";
+    Ok(sqlx::query_as(sql).bind(system.to_string()).fetch_one(&store.reader).await?)
+}
+
 /// The channels of all windows of a system, by name.
 ///
 /// # Errors

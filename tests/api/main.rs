@@ -1,10 +1,12 @@
 //! The surface, against a service in this process.
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
+mod comparison;
 mod database;
 mod diagnoses;
 mod events;
 mod faults;
+mod fits;
 mod jobs;
 mod layout;
 mod models;
