@@ -4,6 +4,7 @@
 
 mod clock;
 mod delays;
+mod family;
 mod houses;
 mod oracles;
 mod twins;
