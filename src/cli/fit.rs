@@ -29,6 +29,9 @@ pub struct Arguments {
     /// Members of the set of neighbours: 1,2,5 for the columns T_room_1, T_room_2 and T_room_5.
     #[arg(long, value_delimiter = ',')]
     neighbours: Vec<String>,
+    /// Members of another set of the model: zones=north,south.
+    #[arg(long, value_name = "SET=MEMBERS", value_parser = set)]
+    set: Vec<(String, Vec<String>)>,
     /// Use measurements from this instant on.
     #[arg(long)]
     from: Option<String>,
@@ -85,6 +88,11 @@ fn bounds(text: &str) -> Result<(String, [f64; 2]), String> {
     parse().ok_or_else(|| "write NAME=LOW:HIGH".to_owned())
 }
 
+fn set(text: &str) -> Result<(String, Vec<String>), String> {
+    let (name, members) = text.split_once('=').ok_or("write SET=MEMBER,MEMBER")?;
+    Ok((name.to_owned(), members.split(',').map(str::to_owned).collect()))
+}
+
 /// A word of the API, such as `swmse`.
 fn word<T: serde::de::DeserializeOwned>(text: &str) -> Result<T, String> {
     serde_json::from_value(serde_json::Value::String(text.to_owned())).map_err(|error| error.to_string())
@@ -126,7 +134,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let site = Site {
         location: arguments.lat.zip(arguments.lon),
         zone: arguments.zone.clone(),
-        sets: [("neighbours".to_owned(), arguments.neighbours.clone())].into(),
+        sets: arguments.set.iter().cloned().chain([("neighbours".to_owned(), arguments.neighbours.clone())]).collect(),
     };
     let catalogue = Catalogue::builtin().map_err(|found| faults(&found))?;
     let problem = prepare(&catalogue, &model, &request, &window, &site).map_err(|found| faults(&found))?;

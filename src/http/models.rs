@@ -57,6 +57,8 @@ struct ModelAnswer {
     hash: String,
     /// The effects that take part.
     effects: Vec<String>,
+    /// The sets that a system binds.
+    sets: Vec<String>,
     /// States with their units.
     states: Vec<Value>,
     /// Inputs with channels and units.
@@ -221,15 +223,18 @@ async fn describe(service: &Shared, id: ModelId) -> Result<ModelAnswer, ApiError
     let version = versions.into_iter().find(|version| version.id == id);
     let name = id.to_string();
     let base = catalogue.model(id.base()).cloned();
+    let sets = catalogue.compose(&id).map_or_else(|_| Vec::new(), |composition| composition.spec.sets);
     let model = blocking(move || models::compiled(&catalogue, &id)).await?.map_err(|_| ApiError::NotFound("model", name.clone()))?;
     let (parent, diff) = match version {
         Some(version) => (Some(version.parent.to_string()), version.document.get("diff").cloned()),
         None => (None, None),
     };
-    Ok(answer(name, &model, base.as_ref(), parent, diff))
+    let answer = answer(name, &model, base.as_ref());
+    Ok(ModelAnswer { parent, diff, sets, ..answer })
 }
 
-fn answer(id: String, model: &Model, base: Option<&ModelDocument>, parent: Option<String>, diff: Option<Value>) -> ModelAnswer {
+/// A model as it is shown, without what only the service knows of it.
+fn answer(id: String, model: &Model, base: Option<&ModelDocument>) -> ModelAnswer {
     let nominal = |nominal: &Nominal| match nominal {
         Nominal::Value(value) => json!(value),
         Nominal::Measured(channel) => json!(channel),
@@ -237,8 +242,9 @@ fn answer(id: String, model: &Model, base: Option<&ModelDocument>, parent: Optio
     ModelAnswer {
         id,
         title: model.title().to_owned(),
-        parent,
-        diff,
+        parent: None,
+        diff: None,
+        sets: Vec::new(),
         hash: model.hash().to_owned(),
         effects: model.effects().to_vec(),
         states: model.states().iter().map(|state| json!({"name": state.name, "unit": state.unit})).collect(),
