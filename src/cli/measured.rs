@@ -26,6 +26,9 @@ pub struct Measured {
     /// Members of the set of neighbours: 1,2,5 for the columns T_room_1, T_room_2 and T_room_5.
     #[arg(long, value_delimiter = ',')]
     neighbours: Vec<String>,
+    /// Members of another set of the model: zones=north,south.
+    #[arg(long, value_name = "SET=MEMBERS", value_parser = set)]
+    set: Vec<(String, Vec<String>)>,
     /// Use measurements from this instant on.
     #[arg(long)]
     from: Option<String>,
@@ -93,7 +96,12 @@ impl Measured {
         Site {
             location: self.lat.zip(self.lon),
             zone: self.zone.clone(),
-            sets: [("neighbours".to_owned(), self.neighbours.clone())].into(),
+            sets: self.set.iter().cloned().chain([("neighbours".to_owned(), self.neighbours.clone())]).collect(),
         }
     }
+}
+
+fn set(text: &str) -> Result<(String, Vec<String>), String> {
+    let (name, members) = text.split_once('=').ok_or("write SET=MEMBER,MEMBER")?;
+    Ok((name.to_owned(), members.split(',').map(str::to_owned).collect()))
 }

@@ -60,6 +60,8 @@ struct ModelAnswer {
     hash: String,
     /// The effects that take part.
     effects: Vec<String>,
+    /// The sets that a system binds.
+    sets: Vec<String>,
     /// States with their units.
     states: Vec<ModelState>,
     /// Inputs with channels and units.
@@ -313,16 +315,18 @@ async fn describe(service: &Shared, id: ModelId) -> Result<ModelAnswer, ApiError
     let versions = store::models::versions(&service.store).await?;
     let version = versions.into_iter().find(|version| version.id == id);
     let base = catalogue.model(id.base()).cloned();
+    let sets = catalogue.compose(&id).map_or_else(|_| Vec::new(), |composition| composition.spec.sets);
     let name = id.clone();
     let model = blocking(move || models::compiled(&catalogue, &name)).await?.map_err(|_| ApiError::NotFound("model", id.to_string()))?;
     let (parent, diff) = match version {
         Some(version) => (Some(version.parent), version.document.get("diff").cloned()),
         None => (None, None),
     };
-    Ok(answer(id, &model, base, parent, diff))
+    Ok(ModelAnswer { parent, diff, sets, ..answer(id, &model, base) })
 }
 
-fn answer(id: ModelId, model: &Model, document: Option<ModelDocument>, parent: Option<ModelId>, diff: Option<Value>) -> ModelAnswer {
+/// A model as it is shown, without what only the service knows of it.
+fn answer(id: ModelId, model: &Model, document: Option<ModelDocument>) -> ModelAnswer {
     let state = |state: &crate::model::State| ModelState { name: state.name.clone(), unit: state.unit.clone() };
     let input =
         |input: &Input| ModelInput { name: input.name.clone(), channel: input.channel.clone(), unit: input.unit.clone(), hold: input.hold };
@@ -338,8 +342,9 @@ fn answer(id: ModelId, model: &Model, document: Option<ModelDocument>, parent: O
     ModelAnswer {
         id,
         title: model.title().to_owned(),
-        parent,
-        diff,
+        parent: None,
+        diff: None,
+        sets: Vec::new(),
         hash: model.hash().to_owned(),
         effects: model.effects().to_vec(),
         states: model.states().iter().map(state).collect(),

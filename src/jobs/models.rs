@@ -228,7 +228,7 @@ fn make_version(catalogue: &Catalogue, parent: &ModelId, body: Value) -> Result<
         return Err(vec![Fault::new("/effect", "already-there", format!("`{parent}` has the effect `{name}` already"))]);
     }
     let model = compiled(&extended, &id).map_err(|faults| faults.into_iter().map(at_effect).collect::<Vec<_>>())?;
-    let document = json!({
+    let mut document = json!({
         "id": id,
         "parent": parent,
         "diff": {
@@ -241,6 +241,9 @@ fn make_version(catalogue: &Catalogue, parent: &ModelId, body: Value) -> Result<
         },
         "hash": model.hash(),
     });
+    if !spec.define.is_empty() {
+        document["diff"]["define"] = json!(spec.define);
+    }
     Ok((VersionRecord { id, parent: parent.clone(), effect: name, document, created_at: now() }, own))
 }
 

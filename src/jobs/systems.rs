@@ -3,7 +3,7 @@
 use super::{JobsError, Refusal, Service, decode, now};
 use crate::data::{Bindings as ColumnBindings, Duration, Length, SystemId, read_time};
 use crate::estimate::request::{Prior, Site};
-use crate::fault::Fault;
+use crate::fault::{Fault, nearest};
 use crate::model::{Bindings, Catalogue, ModelId, compile};
 use crate::store;
 use crate::store::systems::{Deleted, Needs};
@@ -34,6 +34,10 @@ pub struct SystemDocument {
     /// The rooms next door.
     #[serde(default)]
     pub neighbours: Vec<SystemId>,
+    /// The members of the other sets of its model; a set that is not named is empty.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    #[schema(value_type = std::collections::HashMap<String, Vec<String>>, example = json!({"zones": ["north", "south"]}))]
+    pub sets: BTreeMap<String, Vec<String>>,
     /// What happens to an accepted fit, and how long it is fresh.
     #[serde(default)]
     pub policy: Policy,
@@ -123,8 +127,11 @@ impl SystemDocument {
 
     /// The members of the model's sets.
     pub fn sets(&self) -> BTreeMap<String, Vec<String>> {
-        let members: Vec<String> = self.neighbours.iter().map(|neighbour| neighbour.id().to_owned()).collect();
-        if members.is_empty() { BTreeMap::new() } else { BTreeMap::from([(NEIGHBOURS.to_owned(), members)]) }
+        let mut sets = self.sets.clone();
+        if !self.neighbours.is_empty() {
+            sets.insert(NEIGHBOURS.to_owned(), self.neighbours.iter().map(|neighbour| neighbour.id().to_owned()).collect());
+        }
+        sets
     }
 
     /// What this model would be bound to here; channels are left open, as windows may bring them later.
@@ -173,6 +180,7 @@ impl SystemDocument {
                 faults.push(Fault::new(pointer, "named-twice", format!("the neighbour `{}` is named twice", neighbour.id())));
             }
         }
+        faults.extend(self.set_faults(catalogue));
         for (field, duration) in [("stale_after", self.policy.stale_after), ("horizon", self.policy.horizon)] {
             if duration.is_zero() {
                 faults.push(Fault::new(format!("/policy/{field}"), "out-of-range", "it must be longer than nothing"));
@@ -187,6 +195,37 @@ impl SystemDocument {
                 faults.push(Fault::new(format!("/exclude/{index}"), "out-of-order", "it ends before it starts"));
             }
             faults.extend([from.err(), to.err()].into_iter().flatten());
+        }
+        faults
+    }
+}
+
+impl SystemDocument {
+    /// Sets that its model does not have, and members that cannot be part of a name.
+    fn set_faults(&self, catalogue: &Catalogue) -> Vec<Fault> {
+        let mut faults = Vec::new();
+        let declared = catalogue.compose(&self.model).map_or_else(|_| Vec::new(), |composition| composition.spec.sets);
+        for (set, members) in &self.sets {
+            let pointer = format!("/sets/{set}");
+            let word = |text: &str| !text.is_empty() && text.len() <= 64 && text.bytes().all(|b| b.is_ascii_alphanumeric() || b == b'_');
+            if set == NEIGHBOURS {
+                faults
+                    .push(Fault::new(&pointer, "contradiction", "the neighbours have a field of their own").suggest("write `neighbours`"));
+            } else if !declared.contains(set) {
+                let fault = Fault::new(&pointer, "unknown-set", format!("the model `{}` has no set `{set}`", self.model));
+                faults.push(match nearest(set, declared.iter().map(String::as_str)) {
+                    Some(near) => fault.suggest(format!("did you mean `{near}`?")),
+                    None => fault,
+                });
+            }
+            for (index, member) in members.iter().enumerate() {
+                if !word(member) {
+                    let detail = "a member is made of 1 to 64 letters, digits and underscores";
+                    faults.push(Fault::new(format!("{pointer}/{index}"), "invalid-member", detail));
+                } else if members[..index].contains(member) {
+                    faults.push(Fault::new(format!("{pointer}/{index}"), "named-twice", format!("the member `{member}` is named twice")));
+                }
+            }
         }
         faults
     }

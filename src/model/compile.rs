@@ -166,11 +166,18 @@ impl Builder {
 
     fn input(&mut self, pointer: &str, key: &str, spec: &InputSpec, bindings: &Bindings) {
         let unit = self.unit(pointer, &spec.unit);
+        let variable = declaration(key).and_then(|(_, family)| family).map(|(variable, _)| variable);
+        let mark = format!("{{{}}}", variable.unwrap_or_default());
+        if variable.is_some() && spec.channel.as_ref().is_some_and(|channel| !channel.contains(&mark)) {
+            let fault = Fault::new(pointer, "channel", "the members of a family need channels of their own");
+            self.lowering.faults.push(fault.suggest(format!("write {mark} where the member stands in the channel's name")));
+        }
         for (name, member) in self.declare(pointer, key) {
             let channel = match (&spec.channel, &member) {
-                (Some(channel), Some(member)) => channel.replace("{n}", member),
+                (Some(channel), Some(member)) => channel.replace(&mark, member),
                 (Some(channel), None) => channel.clone(),
-                (None, _) => name.clone(),
+                (None, Some(member)) => format!("{}_{member}", name.split('[').next().unwrap_or(&name)),
+                (None, None) => name.clone(),
             };
             if let Some(known) = self.inputs.iter().find(|input| input.name == name) {
                 // Two effects may name the same input, if they mean the same by it.

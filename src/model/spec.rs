@@ -92,7 +92,8 @@ pub struct InputSpec {
     /// Between samples.
     #[serde(default = "linear")]
     pub hold: Hold,
-    /// The channel that it is read from, its own name by default; `{n}` stands for the member of a family.
+    /// The channel that it is read from, its own name by default. In a family `T_n[n in neighbours]` the index in
+    /// braces stands for the member, `T_room_{n}`; the default is `T_n_<member>`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub channel: Option<String>,
     /// The least value that it can take, where physics gives one.

@@ -85,3 +85,131 @@ fn a_dry_run_lists_every_fault() {
     app.json("POST", "/models", &bad).problem(422, "invalid-request");
     app.get("/models/leaky").problem(404, "model-not-found");
 }
+
+/// A room between zones: one conductance per member of a set that the system names.
+fn zoned() -> serde_json::Value {
+    json!({
+        "id": "zoned", "title": "Room between zones", "sets": ["zones"],
+        "states": {"T_r": {"unit": "degC", "initial": "T_room"}},
+        "inputs": {"T_out": {"unit": "degC"}, "T_z[z in zones]": {"unit": "degC", "channel": "T_zone_{z}"}},
+        "parameters": {
+            "a": {"unit": "1/h", "lower": 0.001, "upper": 10, "scale": "log", "nominal": 0.1},
+            "g[z in zones]": {"unit": "1/h", "lower": 0.001, "upper": 10, "scale": "log", "nominal": 0.1},
+        },
+        "equations": {"T_r": "a*(T_out - T_r) + sum(z in zones: g[z]*(T_z[z] - T_r))"},
+        "outputs": {"T_room": {"expr": "T_r", "unit": "degC", "noise_sd": 0.05}},
+        "check": [{"kind": "stable"}],
+    })
+}
+
+/// Hourly measurements of such a room, with a = 0.05, g[north] = 0.2 and g[south] = 0.6 per hour.
+fn zoned_csv() -> String {
+    let mut text = "time,T_room[degC],T_out[degC],T_zone_north[degC],T_zone_south[degC]\n".to_owned();
+    let start: jiff::Timestamp = "2026-02-01T00:00:00Z".parse().unwrap();
+    let at = |hour: f64| [3.0 + 5.0 * (hour * 0.26).sin(), 18.0 + 2.0 * (hour * 0.11).sin(), 21.0 + 3.0 * (hour * 0.19).cos()];
+    let mut room = 18.0;
+    for k in 0..15 * 24 {
+        let [out, north, south] = at(f64::from(k));
+        let next = at(f64::from(k) + 1.0);
+        text.push_str(&format!("{},{room:.4},{out:.4},{north:.4},{south:.4}\n", start + jiff::SignedDuration::from_hours(i64::from(k))));
+        for part in 0..600 {
+            let share = (f64::from(part) + 0.5) / 600.0;
+            let line = |from: f64, to: f64| from + (to - from) * share;
+            let rate = 0.05 * (line(out, next[0]) - room) + 0.2 * (line(north, next[1]) - room) + 0.6 * (line(south, next[2]) - room);
+            room += rate / 600.0;
+        }
+    }
+    text
+}
+
+#[test]
+fn a_model_with_a_set_and_a_family_is_posted_bound_and_fitted() {
+    let app = TestApp::start();
+    let taken = app.json("POST", "/models", &zoned()).expect(201).json();
+    assert_eq!((&taken["sets"], taken["parameters"].as_array().unwrap().len()), (&json!(["zones"]), 1), "an unbound set is empty");
+    app.json("PUT", "/systems/room/1", &json!({"model": "zoned", "sets": {"zones": ["north", "south"]}})).expect(201);
+    assert_eq!(app.get("/systems/room/1").json()["sets"], json!({"zones": ["north", "south"]}));
+    app.csv("/systems/room/1/windows", &zoned_csv()).expect(201);
+    let job = app.ended(&app.estimate("room/1", json!({})));
+    assert_eq!(job["state"], "succeeded", "{job}");
+    let fit = app.get(job["links"]["fit"].as_str().unwrap()).expect(200).json();
+    for (name, truth) in [("a", 0.05), ("g[north]", 0.2), ("g[south]", 0.6)] {
+        let value = fit["parameters"][name]["value"].as_f64().unwrap_or_else(|| panic!("{name} is not in {fit}"));
+        assert!((value / truth - 1.0).abs() < 0.02, "{name}: {value}");
+    }
+    let shown = app.json("POST", "/models/preview", &json!({"system": "room/1", "parameters": {"g[south]": 0.6}})).expect(200).json();
+    assert_eq!(shown["parameters"].as_object().unwrap().keys().collect::<Vec<_>>(), ["a", "g[north]", "g[south]"]);
+
+    let bad = json!({"model": "zoned", "sets": {"zone": ["a"], "zones": ["a b", "c", "c"], "neighbours": []}});
+    let problem = app.json("PUT", "/systems/room/2", &bad).problem(422, "invalid-request");
+    let found: Vec<(&str, &str)> =
+        problem["errors"].as_array().unwrap().iter().map(|f| (f["pointer"].as_str().unwrap(), f["code"].as_str().unwrap())).collect();
+    let expected = [
+        ("/sets/neighbours", "contradiction"),
+        ("/sets/zone", "unknown-set"),
+        ("/sets/zones/0", "invalid-member"),
+        ("/sets/zones/2", "named-twice"),
+    ];
+    assert!(expected.iter().all(|fault| found.contains(fault)), "{problem}");
+    assert!(problem.to_string().contains("did you mean `zones`?"), "{problem}");
+}
+
+#[test]
+fn a_family_of_effects_is_applied_by_its_argument() {
+    let app = TestApp::start();
+    let made = app.json("POST", "/models/rc2/effects", &json!({"effect": "metered_gain:P_lamp"})).expect(201).json();
+    assert_eq!((made["id"].as_str(), made["diff"]["terms"]["T_r"].as_str()), (Some("rc2+metered_gain:P_lamp"), Some("c_P_lamp * P_lamp")));
+    let model = app.get("/models/rc2+metered_gain:P_lamp").expect(200).json();
+    assert_eq!((model["parent"].as_str(), &model["diff"]), (Some("rc2"), &made["diff"]));
+    assert!(model["inputs"].as_array().unwrap().iter().any(|input| input["channel"] == "P_lamp"));
+    let problem = app.json("POST", "/models/rc2/effects", &json!({"effect": "metered_gain"})).problem(422, "invalid-request");
+    assert_eq!(
+        (problem["errors"][0]["pointer"].as_str(), problem["errors"][0]["code"].as_str()),
+        (Some("/effect"), Some("argument-missing"))
+    );
+
+    // One more on top: its parent is the version, not the base.
+    let sunny = app.json("POST", "/models/rc2+metered_gain:P_lamp/effects", &json!({"effect": "solar_gain"})).expect(201).json();
+    assert_eq!(
+        (sunny["id"].as_str(), sunny["parent"].as_str()),
+        (Some("rc2+metered_gain:P_lamp+solar_gain"), Some("rc2+metered_gain:P_lamp"))
+    );
+    assert!(sunny["diff"]["define"]["S"].is_array(), "{sunny}");
+    // A composition without one of its effects is a model as well.
+    let less = app.get("/models/tite-solar_gain").expect(200).json();
+    assert_eq!(less["effects"], json!(["metered_gain:P_heater"]));
+    app.get("/models/rc2+solar_gian").problem(404, "model-not-found");
+
+    // A posted effect is at home in every model that has its states, and a family of one's own works as well.
+    let own = json!({
+        "id": "draught", "title": "Draught to {channel}", "explain": "Air comes from {channel}.", "argument": "channel",
+        "inputs": {"{channel}": {"unit": "degC"}},
+        "parameters": {"c_{channel}": {"unit": "1/h", "lower": 0, "upper": 2, "scale": "linear", "nominal": 0.1}},
+        "terms": {"T_r": "c_{channel} * ({channel} - T_r)"},
+    });
+    app.json("POST", "/models/rc2/effects", &own).problem(422, "invalid-request");
+    app.json("POST", "/effects", &own).expect(201);
+    let made = app.json("POST", "/models/room3/effects", &json!({"effect": "draught:T_attic"})).expect(201).json();
+    assert_eq!(made["diff"]["terms"]["T_r"], "c_T_attic * (T_attic - T_r)");
+}
+
+#[test]
+fn a_dry_run_says_line_column_and_what_was_meant() {
+    let app = TestApp::start();
+    let mut bad = leaky();
+    bad["equations"]["T_r"] = json!("a*(T_out - T_r)\n  + sine(T_uot)");
+    let check = app.json("POST", "/models/validate", &bad).expect(200).json();
+    let faults = check["errors"].as_array().unwrap();
+    let of = |code: &str| faults.iter().find(|fault| fault["code"] == code).unwrap_or_else(|| panic!("{code} is not in {check}"));
+    assert_eq!(
+        (of("unknown-name")["pointer"].as_str(), of("unknown-name")["suggestion"].as_str()),
+        (Some("/equations/T_r"), Some("did you mean `T_out`?"))
+    );
+    assert!(of("unknown-name")["detail"].as_str().unwrap().starts_with("line 2, column 10: "), "{check}");
+    assert_eq!(of("unknown-function")["suggestion"], "did you mean `sin`?");
+    assert!(of("unknown-function")["detail"].as_str().unwrap().starts_with("line 2, column 5: "), "{check}");
+    // A composition is checked as well.
+    let ring = json!({"id": "mine", "title": "Mine", "base": "rc2", "effects": ["solar_gian", "constant_gain"]});
+    let check = app.json("POST", "/models/validate", &ring).expect(200).json();
+    assert_eq!((check["valid"].as_bool(), check["errors"][0]["suggestion"].as_str()), (Some(false), Some("did you mean `solar_gain`?")));
+}

@@ -5,6 +5,7 @@
 mod clock;
 mod delays;
 mod diagnoses;
+mod family;
 mod houses;
 mod oracles;
 mod twins;
