@@ -3,7 +3,7 @@
 use super::Shared;
 use super::problem::ApiError;
 use crate::data::SystemId;
-use crate::fault::{Fault, nearest};
+use crate::fault::Fault;
 use crate::jobs::{blocking, decode};
 use crate::store::idempotency::RequestKey;
 use axum::body::{Body, Bytes, to_bytes};
@@ -102,15 +102,8 @@ impl<T: DeserializeOwned> FromRequestParts<Shared> for Asked<T> {
             Err(rejection) => {
                 let text = rejection.body_text();
                 let detail = text.split_once(": ").map_or(text.as_str(), |(_, detail)| detail);
-                let fault = Fault::new("query", "invalid-query", detail.chars().take(300).collect::<String>());
-                // The message names the unknown field first, then those that there are.
-                let mut names = detail.split('`').skip(1).step_by(2);
-                let unknown = names.next().filter(|_| detail.contains("unknown field"));
-                let near = unknown.and_then(|unknown| nearest(unknown, names));
-                Err(ApiError::Invalid(vec![match near {
-                    Some(near) => fault.suggest(format!("did you mean `{near}`?")),
-                    None => fault,
-                }]))
+                let detail: String = detail.chars().take(300).collect();
+                Err(ApiError::Invalid(vec![Fault::new("query", "invalid-query", detail)]))
             }
         }
     }
@@ -132,43 +125,6 @@ impl FromRequestParts<Shared> for Named {
             Err(_) => Err(ApiError::NotFound("system", format!("{kind}/{id}"))),
         }
     }
-}
-
-/// The form of an answer that a client wants most (RFC 9110, 12.5.1); the first one where it does not say.
-///
-/// # Errors
-/// 406 where it accepts none of them.
-pub fn accepted(headers: &HeaderMap, forms: &'static [&'static str]) -> Result<&'static str, ApiError> {
-    let texts: Vec<&str> = headers.get_all(header::ACCEPT).iter().filter_map(|value| value.to_str().ok()).collect();
-    if texts.iter().all(|text| text.trim().is_empty()) {
-        return forms.first().copied().ok_or(ApiError::NotAcceptable(forms));
-    }
-    let ranges: Vec<(&str, f32)> = texts.iter().flat_map(|text| text.split(',')).map(media_range).collect();
-    // The most specific range that names a form decides on it.
-    let weight = |form: &str| {
-        let group = form.split('/').next().unwrap_or_default();
-        let of = |wanted: &dyn Fn(&str) -> bool| ranges.iter().find(|(range, _)| wanted(range)).map(|(_, weight)| *weight);
-        let exact = of(&|range| range.eq_ignore_ascii_case(form));
-        exact
-            .or_else(|| of(&|range| range.strip_suffix("/*").is_some_and(|of| of.eq_ignore_ascii_case(group))))
-            .or_else(|| of(&|range| range == "*/*"))
-    };
-    let mut best = (0.0, None);
-    for form in forms {
-        let weight = weight(form).unwrap_or(0.0);
-        if weight > best.0 {
-            best = (weight, Some(*form));
-        }
-    }
-    best.1.ok_or(ApiError::NotAcceptable(forms))
-}
-
-/// A media range with its weight: `text/csv;q=0.5`.
-fn media_range(text: &str) -> (&str, f32) {
-    let mut parts = text.split(';').map(str::trim);
-    let range = parts.next().unwrap_or_default();
-    let weight = parts.find_map(|part| part.strip_prefix("q=").or_else(|| part.strip_prefix("Q=")));
-    (range, weight.map_or(1.0, |weight| weight.parse().unwrap_or(0.0)))
 }
 
 /// The media type of a body without its parameters.
@@ -209,24 +165,4 @@ fn key(parts: &Parts, body: &[u8]) -> Result<Option<RequestKey>, ApiError> {
     let mut hasher = blake3::Hasher::new();
     hasher.update(parts.method.as_str().as_bytes()).update(b" ").update(parts.uri.path().as_bytes()).update(b"\n").update(body);
     Ok(Some(RequestKey { key: key.to_owned(), fingerprint: hasher.finalize().to_hex().to_string() }))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::{HeaderMap, accepted, header};
-
-    #[test]
-    fn the_form_that_is_wanted_most_is_chosen() {
-        const FORMS: &[&str] = &["application/json", "text/csv"];
-        let chosen = |text: &str| {
-            let headers = HeaderMap::from_iter([(header::ACCEPT, text.parse().unwrap())]);
-            accepted(&headers, FORMS).ok()
-        };
-        let (json, csv) = (Some(FORMS[0]), Some(FORMS[1]));
-        assert_eq!(accepted(&HeaderMap::new(), FORMS).ok(), json);
-        assert_eq!((chosen(""), chosen("*/*"), chosen("application/*"), chosen("TEXT/CSV; header=present")), (json, json, json, csv));
-        assert_eq!((chosen("text/*, */*;q=0.1"), chosen("application/json;q=0.2, text/csv;q=0.9")), (csv, csv));
-        assert_eq!((chosen("application/json;q=0, */*"), chosen("text/html, text/csv;q=0.1")), (csv, csv));
-        assert_eq!((chosen("text/html"), chosen("*/*;q=0"), chosen("text/csv;q=none")), (None, None, None));
-    }
 }

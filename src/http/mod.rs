@@ -10,6 +10,7 @@ mod fits;
 mod jobs;
 mod layout;
 mod models;
+mod negotiate;
 mod page;
 mod params;
 mod problem;

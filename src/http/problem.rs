@@ -83,8 +83,8 @@ pub enum ApiError {
     Refused(Refusal),
     /// The media type is none that the path takes.
     MediaType(&'static str),
-    /// The path has no form that the client accepts; the forms that it has.
-    NotAcceptable(&'static [&'static str]),
+    /// The client takes no media type that the path has.
+    NotAcceptable(&'static str),
     /// The body is larger than this many bytes.
     TooLarge(usize),
     /// The body ended early.
@@ -182,9 +182,9 @@ impl ApiError {
                 let detail = format!("the body must be {wanted}, and Content-Type must say so");
                 plain(StatusCode::UNSUPPORTED_MEDIA_TYPE, "unsupported-media-type", "Unsupported media type", detail)
             }
-            ApiError::NotAcceptable(forms) => {
-                let detail = format!("the answer comes as {}, and Accept must allow one of them", forms.join(" or "));
-                plain(StatusCode::NOT_ACCEPTABLE, "not-acceptable", "No acceptable form", detail)
+            ApiError::NotAcceptable(offered) => {
+                let detail = format!("the answer can be {offered}, and Accept takes none of them");
+                plain(StatusCode::NOT_ACCEPTABLE, "not-acceptable", "No acceptable media type", detail)
             }
             ApiError::TooLarge(limit) => {
                 let mut problem =

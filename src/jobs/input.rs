@@ -81,18 +81,22 @@ impl Input {
     /// Faults where there are none, or two windows do not fit together.
     pub fn window(&self) -> Result<Window, JobsError> {
         let (_, windows) = self.sources()?;
-        let joined = Window::stitch(&windows).map_err(JobsError::Faults)?;
-        self.without_exclusions(&joined)
+        self.joined(&windows)
     }
 
-    /// The ids of the uploaded windows that gave a sample to `used`, a part of [`Input::window`].
+    /// The ids of the uploaded windows that gave a sample to [`Input::window`] between two instants.
     ///
     /// # Errors
-    /// Where a block cannot be read.
-    pub fn cited(&self, used: &Window) -> Result<Vec<String>, JobsError> {
+    /// As [`Input::window`].
+    pub fn cited(&self, from: i64, to: i64) -> Result<Vec<String>, JobsError> {
         let (ids, windows) = self.sources()?;
-        let gave = Window::contributors(&windows, used);
+        let used = self.joined(&windows)?.slice(from, to).map_err(JobsError::Faults)?;
+        let gave = Window::contributors(&windows, &used);
         Ok(ids.into_iter().zip(gave).filter(|(_, gave)| *gave).map(|(id, _)| id.to_owned()).collect())
+    }
+
+    fn joined(&self, windows: &[Window]) -> Result<Window, JobsError> {
+        self.without_exclusions(&Window::stitch(windows).map_err(JobsError::Faults)?)
     }
 
     /// All windows with their ids, those of the neighbours first, each in the order of upload.
@@ -118,8 +122,7 @@ impl Input {
         if self.system.exclude.is_empty() {
             return Ok(window.clone());
         }
-        let spans: Vec<(i64, i64)> =
-            self.system.exclude.iter().filter_map(|span| Some((read_time("", &span.from).ok()?, read_time("", &span.to).ok()?))).collect();
+        let spans = self.system.excluded();
         let outputs = self.catalogue.compose(&self.model).map_err(JobsError::Faults)?.spec.outputs;
         let trusted = |time: i64| !spans.iter().any(|(from, to)| (*from..=*to).contains(&time));
         let mut all = Vec::new();

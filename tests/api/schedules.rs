@@ -1,6 +1,9 @@
 //! Schedules submit ordinary jobs.
 
 use crate::support::TestApp;
+use jiff::{SignedDuration, Timestamp};
+use lampyris::jobs::schedule;
+use lampyris::store;
 use serde_json::json;
 
 #[test]
@@ -55,4 +58,32 @@ fn a_tick_submits_one_batch_and_none_while_it_runs() {
     assert_eq!(app.get(&format!("/jobs/{job}")).json()["priority"], "nightly");
     app.post(&format!("/jobs/{job}/cancel")).expect(200);
     app.ended(job);
+}
+
+#[test]
+fn half_past_two_fires_once_on_both_days_of_a_clock_change() {
+    let app = TestApp::with(|settings| settings.zone = "Europe/Copenhagen".into());
+    // Years ahead of any real clock, so that the service's own timer finds nothing to do meanwhile.
+    let cases = [
+        ("2040-03-23T12:00:00Z", ["2040-03-24T01:30:00Z", "2040-03-25T01:00:00Z", "2040-03-26T00:30:00Z"]),
+        ("2040-10-26T12:00:00Z", ["2040-10-27T00:30:00Z", "2040-10-28T00:30:00Z", "2040-10-29T01:30:00Z"]),
+    ];
+    for (start, expected) in cases {
+        let start: Timestamp = start.parse().unwrap();
+        let fired: Vec<String> = app.within(async |service| {
+            let tick = async || store::schedules::get(&service.store, schedule::NIGHTLY).await.unwrap().unwrap().last_tick_at;
+            schedule::due(service, start).await.unwrap();
+            let (mut last, mut fired) = (tick().await, Vec::new());
+            for minutes in (0..60 * 72).step_by(10) {
+                schedule::due(service, start + SignedDuration::from_mins(minutes)).await.unwrap();
+                let now = tick().await;
+                if now != last {
+                    fired.push(now.to_string());
+                }
+                last = now;
+            }
+            fired
+        });
+        assert_eq!(fired, expected);
+    }
 }

@@ -250,6 +250,11 @@ impl TestApp {
         self.dir.path().join("test.db")
     }
 
+    /// Runs something in the service's own runtime, with what its handlers share.
+    pub fn within<T>(&self, work: impl AsyncFnOnce(&lampyris::jobs::Service) -> T) -> T {
+        self.runtime.block_on(work(self.app.as_ref().unwrap().service()))
+    }
+
     pub fn addr(&self) -> std::net::SocketAddr {
         self.app.as_ref().unwrap().addr
     }
