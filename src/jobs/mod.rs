@@ -13,11 +13,13 @@
 //! | `board` | who runs now: progress, cancellation, listeners |
 //! | `worker`, `input`, `estimate` | from the claim to the verdict |
 //! | `params` | the snapshot behind `/params` and the timer that turns it stale |
+//! | `health` | how a system fares, in a word and a sentence |
 //! | `schedule` | submits ordinary jobs when a row says so |
 
 pub mod board;
 pub mod decode;
 pub mod estimate;
+pub mod health;
 pub mod input;
 pub mod layout;
 pub mod models;
