@@ -102,6 +102,16 @@ impl ChannelKind {
         self.plausible.0 <= value && value <= self.plausible.1
     }
 
+    /// The highest value, in `unit`, that is believed without a word where a column states no unit: 50 watts of a lamp
+    /// are no impossible kilowatts, and 50 degrees Fahrenheit outdoors no impossible Celsius.
+    pub(super) fn usual_limit(&self, name: &str) -> Option<f64> {
+        match self.unit.as_str() {
+            "kW" => Some(20.0),
+            "degC" if name.starts_with("T_out") => Some(45.0),
+            _ => None,
+        }
+    }
+
     /// The units that are commonly mistaken for this channel's.
     pub(super) fn mistaken_units(&self) -> &'static [&'static str] {
         match self.unit.as_str() {

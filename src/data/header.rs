@@ -170,6 +170,8 @@ pub(super) struct Target {
     pub to: Unit,
     /// Whether the plausible range applies.
     pub judged: bool,
+    /// Whether the column says nothing of its unit, so that the channel's own was taken.
+    pub assumed: bool,
 }
 
 /// The channels behind all columns of a file.
@@ -282,7 +284,8 @@ fn target(
         )));
     }
     let judged = header.unit != ColumnUnit::Raw;
-    Ok(Target { column, channel: channel.to_owned(), kind, from, from_text, to, judged })
+    let assumed = header.unit == ColumnUnit::Unstated;
+    Ok(Target { column, channel: channel.to_owned(), kind, from, from_text, to, judged, assumed })
 }
 
 fn bad_name(header: &ColumnHeader, pointer: &str) -> Option<Fault> {

@@ -310,6 +310,16 @@ fn channel_series(
     if times.is_empty() {
         return Ok(None);
     }
+    if let Some(limit) = target.kind.usual_limit(&target.channel).filter(|_| target.assumed) {
+        let highest = values.iter().copied().fold(0.0, |highest: f64, value| highest.max(value.abs()));
+        let other = target.kind.mistaken_units().iter().find(|unit| **unit != target.kind.unit);
+        if let Some(other) = other.filter(|_| highest > limit) {
+            let (channel, unit) = (shown(&target.channel), &target.kind.unit);
+            warnings.push(format!(
+                "`{channel}` states no unit and is taken as {unit}, with values up to {highest} {unit}: if they are {other}, state it as {channel}[{other}]"
+            ));
+        }
+    }
     Series::new(&target.channel, &target.kind.unit, target.kind.hold, times, values).map(Some)
 }
 

@@ -129,6 +129,15 @@ fn mistaken_units_are_named() {
     // A heater that is off most of the time: its zeros do not hide the watts.
     assert!(suggestion("time,P_heater", &|i| if i % 10 == 0 { 2_000.0 } else { 0.0 }).contains("P_heater[W]"));
     assert!(suggestion("time,T_room", &|_| 1e7).contains("check the unit"));
+    // What another unit would explain as well is taken, and named.
+    let warnings = |header: &str, value: f64| parse(&rows(header, 50, |i| (value - i as f64 / 10.0).to_string())).unwrap().1.warnings;
+    assert!(warnings("time,P_lamp", 60.0)[0].contains("up to 60 kW: if they are W, state it as P_lamp[W]"));
+    assert!(warnings("time,T_out", 59.0)[0].contains("if they are degF, state it as T_out[degF]"));
+    for (header, value) in
+        [("time,P_lamp[kW]", 60.0), ("time,P_lamp_kW", 60.0), ("time,P_lamp", 19.0), ("time,T_out_degC", 59.0), ("time,T_forward", 59.0)]
+    {
+        assert_eq!(warnings(header, value), [""; 0], "{header}");
+    }
     assert!(parse(&rows("time,P_heater_raw", 50, |i| (i * 100).to_string())).is_ok(), "an unknown unit is not judged");
 }
 

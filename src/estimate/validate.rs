@@ -27,15 +27,17 @@ pub struct Incumbent {
 }
 
 /// What a system demands of its parameters.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Policy {
     /// The forecast horizon that the controller lives on.
     pub horizon: Duration,
+    /// Stretches of time, both ends included, that an operator has taken out: they are not missing.
+    pub excluded: Vec<(i64, i64)>,
 }
 
 impl Default for Policy {
     fn default() -> Self {
-        Self { horizon: Duration::from_seconds(21_600) }
+        Self { horizon: Duration::from_seconds(21_600), excluded: Vec::new() }
     }
 }
 
@@ -182,7 +184,7 @@ pub fn validate(problem: &Problem, fit: &Fit, incumbent: Option<&Incumbent>, pol
     gate.free_run(problem, &trajectory);
     gate.jump(problem, &theta, &trajectory, incumbent.as_deref());
     gate.repeat(fit);
-    gate.data(problem, &trajectory);
+    gate.data(problem, &trajectory, policy);
     gate.judge(ratio)
 }
 
@@ -336,7 +338,7 @@ impl Gate {
         self.check("G7 repeat", None, "", None, "-", pass, Severity::Flag, comment.to_owned());
     }
 
-    fn data(&mut self, problem: &Problem, trajectory: &Trajectory) {
+    fn data(&mut self, problem: &Problem, trajectory: &Trajectory, policy: &Policy) {
         let (values, valid) = (&problem.measured()[0].0.to_vec(), &problem.measured()[0].1.to_vec());
         let split = problem.split();
         let unseen = split.validation.len();
@@ -351,7 +353,9 @@ impl Gate {
             "there are measurements that the search has not seen".to_owned(),
         );
         let all: Range<usize> = split.train.start..split.validation.end.max(split.train.end);
-        let good = problem.usable(0, all.clone()).len() as f64 / all.len().max(1) as f64;
+        let excluded = |k: &usize| policy.excluded.iter().any(|(from, to)| (*from..=*to).contains(&problem.grid().time(*k)));
+        let wanted = all.clone().filter(|k| !excluded(k)).count();
+        let good = problem.usable(0, all).iter().filter(|k| !excluded(k)).count() as f64 / wanted.max(1) as f64;
         let comment = "share of samples at which the output and all inputs are known".to_owned();
         self.check("G8 complete", Some(good), ">=", Some(LEAST_VALID), "-", good >= LEAST_VALID, Severity::Reject, comment);
         for (index, input) in problem.model().inputs().iter().enumerate() {

@@ -69,7 +69,7 @@ pub enum ApiError {
     Refused(Refusal),
     /// The media type is none that the path takes.
     MediaType(&'static str),
-    /// The path has no form that the client accepts; the forms that it has.
+    /// The client takes no media type that the path has.
     NotAcceptable(&'static [&'static str]),
     /// The body is larger than this many bytes.
     TooLarge(usize),
@@ -178,7 +178,7 @@ impl ApiError {
             }
             ApiError::NotAcceptable(forms) => {
                 let detail = format!("the answer comes as {}, and Accept must allow one of them", forms.join(" or "));
-                plain(StatusCode::NOT_ACCEPTABLE, "not-acceptable", "No acceptable form", detail)
+                plain(StatusCode::NOT_ACCEPTABLE, "not-acceptable", "No acceptable media type", detail)
             }
             ApiError::TooLarge(limit) => {
                 let mut problem =

@@ -1,21 +1,20 @@
 //! What was measured, stitched from all windows of a system: for a chart as JSON, for a file as CSV.
 
 use super::Shared;
-use super::extract::{Asked, Named, accepted};
+use super::extract::{Asked, Named};
+use super::negotiate::{Wanted, rendered};
 use super::problem::{ApiError, Problems};
 use crate::data::{Bucket, CsvChannel, Hold, Thinned, rfc3339, write_csv};
 use crate::jobs::series::{self, CHART_POINTS, ShownChannel, View};
+use crate::jobs::windows::Format;
+use axum::body::Body;
 use axum::extract::State;
-use axum::http::{HeaderMap, header};
-use axum::response::{IntoResponse, Response};
+use axum::response::Response;
 use indexmap::IndexMap;
 use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
-
-const JSON: &str = "application/json";
-const CSV: &str = "text/csv";
 
 /// The paths of this file.
 pub fn router() -> OpenApiRouter<Shared> {
@@ -151,19 +150,18 @@ async fn get_series(
     State(service): State<Shared>,
     Named(system): Named,
     Asked(query): Asked<SeriesQuery>,
-    headers: HeaderMap,
+    Wanted(format): Wanted,
 ) -> Result<Response, ApiError> {
-    let form = accepted(&headers, &[JSON, CSV])?;
     let asked = series::Asked { from: query.from, to: query.to, channels: query.channels, max_points: query.max_points };
-    let body = match form {
-        CSV => series::view(&service, &system, &asked, None, |view| Ok(csv(&view))).await?,
-        _ => {
+    let body = match format {
+        Format::Csv => series::view(&service, &system, &asked, None, |view| Ok(csv(&view))).await?,
+        Format::Json => {
             let name = system.to_string();
             series::view(&service, &system, &asked, Some(CHART_POINTS), |view| json(name, view)).await?
         }
     };
     let body = body.map_err(|error| ApiError::Internal(error.to_string()))?;
-    Ok(([(header::CONTENT_TYPE, form), (header::VARY, "accept")], body).into_response())
+    Ok(rendered(format, Body::from(body)))
 }
 
 fn json(system: String, view: View) -> Result<String, serde_json::Error> {

@@ -6,13 +6,20 @@ use super::extract::{Asked, Json, Named};
 use super::page::{Page, PageQuery};
 use super::problem::{ApiError, Problems};
 use crate::data::SystemId;
+use crate::estimate::served::ServedError;
+use crate::jobs::health::{Health, Served, ahead, health};
 use crate::jobs::params::Status;
 use crate::jobs::systems::{self, SystemDocument, document};
+use crate::jobs::{Service, now};
 use crate::model::ModelId;
 use crate::store;
+use crate::store::jobs::{JobRecord, JobState, Outcome};
+use crate::store::systems::SystemRecord;
 use axum::extract::State;
 use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
+use indexmap::IndexMap;
+use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use utoipa::{IntoParams, ToSchema};
@@ -43,12 +50,88 @@ struct SystemRow {
     label: String,
     /// The model whose fits are served.
     model: ModelId,
+    /// How it fares.
+    health: Health,
+    /// Why, in a sentence.
+    why: String,
     /// How much to trust what is served; `null` where nothing was ever validated.
     status: Option<Status>,
     /// The revision that is served.
     revision: Option<i64>,
-    /// The newest job.
+    /// Errors of what is served, by output.
+    #[schema(value_type = HashMap<String, RowError>)]
+    error: IndexMap<String, RowError>,
+    /// What the gate wants said of it.
+    flags: Vec<String>,
+    /// When it was found.
+    #[schema(value_type = Option<String>, format = DateTime)]
+    fitted_at: Option<Timestamp>,
+    /// When the gate last found it fit to be served.
+    #[schema(value_type = Option<String>, format = DateTime)]
+    validated_at: Option<Timestamp>,
+    /// Seconds since then.
+    age_s: Option<i64>,
+    /// When it turns stale.
+    #[schema(value_type = Option<String>, format = DateTime)]
+    stale_after: Option<Timestamp>,
+    /// The newest job of any kind.
     latest_job: Option<String>,
+    /// Where that job stands.
+    latest_state: Option<JobState>,
+    /// What it led to.
+    latest_outcome: Option<Outcome>,
+    /// Where the model fails most; `null` where nobody has diagnosed it.
+    worst_regime: Option<String>,
+}
+
+/// The errors of one output on data that the search has not seen.
+#[derive(Debug, Serialize, ToSchema)]
+struct RowError {
+    /// Unit of the errors.
+    unit: String,
+    /// Of a free run.
+    validation_rmse: Option<f64>,
+    /// The horizon of the policy, or the longest known one below it.
+    #[schema(example = "PT6H")]
+    horizon: Option<String>,
+    /// Of forecasts at that horizon.
+    ahead: Option<f64>,
+}
+
+impl SystemRow {
+    fn of(service: &Service, record: SystemRecord, newest: Option<JobRecord>) -> Self {
+        let system = record.system.to_string();
+        let entry = service.params.entry(&system);
+        let rendered = entry.as_ref().and_then(|entry| entry.validated());
+        let served = rendered.and_then(Served::of);
+        let (health, why) = health(served.as_ref(), newest.as_ref());
+        let (label, horizon) = document(&record.document).map(|document| (document.label, document.policy.horizon)).unwrap_or_default();
+        let row_error = |error: &ServedError| {
+            let (horizon, ahead) = ahead(error, horizon).unzip();
+            RowError { unit: error.unit.clone(), validation_rmse: error.validation_rmse, horizon: horizon.map(str::to_owned), ahead }
+        };
+        let errors = served.iter().flat_map(|served| &served.error).map(|(output, error)| (output.clone(), row_error(error))).collect();
+        let validated_at = served.as_ref().and_then(|served| served.validated_at);
+        Self {
+            label,
+            model: record.model,
+            health,
+            why,
+            status: rendered.map(|rendered| rendered.status),
+            revision: rendered.and_then(|rendered| rendered.revision),
+            error: errors,
+            fitted_at: served.as_ref().and_then(|served| served.fitted_at),
+            validated_at,
+            age_s: validated_at.map(|instant| now().duration_since(instant).as_secs().max(0)),
+            stale_after: served.as_ref().and_then(|served| served.stale_after),
+            flags: served.map(|served| served.flags).unwrap_or_default(),
+            latest_state: newest.as_ref().map(|job| job.state),
+            latest_outcome: newest.as_ref().and_then(|job| job.outcome),
+            latest_job: newest.map(|job| job.id),
+            worst_regime: None,
+            system: record.system,
+        }
+    }
 }
 
 /// The states at the newest sample that a job has seen.
@@ -64,27 +147,17 @@ struct StateAnswer {
     revision: i64,
 }
 
-/// All systems, one row each.
+/// All systems, one row each: health, error, status.
 #[utoipa::path(get, path = "/systems", tag = "systems", params(PageQuery), responses((status = 200, body = Page<SystemRow>), Problems))]
 async fn list_systems(State(service): State<Shared>, Asked(page): Asked<PageQuery>) -> Result<axum::Json<Page<SystemRow>>, ApiError> {
     let size = page.size()?;
     let after = page.page_token.unwrap_or_default();
     let records = store::systems::page(&service.store, &after, size + 1).await?;
-    let row = |record: store::systems::SystemRecord| {
-        let entry = service.params.entry(&record.system.to_string());
-        let served = entry.as_ref().and_then(|entry| entry.validated());
-        let latest_job = entry.as_ref().and_then(|entry| match &entry.answer {
-            crate::jobs::params::Answer::NeverValidated { latest_job, .. } => latest_job.as_ref().map(|(id, _)| id.clone()),
-            crate::jobs::params::Answer::Validated(_) => None,
-        });
-        SystemRow {
-            status: served.map(|served| served.status),
-            revision: served.and_then(|served| served.revision),
-            label: document(&record.document).map(|document| document.label).unwrap_or_default(),
-            model: record.model,
-            latest_job,
-            system: record.system,
-        }
+    let names: Vec<String> = records.iter().map(|record| record.system.to_string()).collect();
+    let newest = store::jobs::newest(&service.store, &names).await?;
+    let row = |record: SystemRecord| {
+        let job = newest.iter().find(|job| job.system == record.system).cloned();
+        SystemRow::of(&service, record, job)
     };
     Ok(axum::Json(Page::of(records, size, |record| record.system.to_string(), row)))
 }

@@ -47,12 +47,11 @@ pub fn fitted(input: &Input, control: &Control<'_>) -> Result<Fitted, Stopped> {
     let problem = prepared.map_err(|faults| Stopped::Failed(invalid(faults)))?;
     let incumbent = input.incumbent();
     let fit = estimate(&problem, &input.request, incumbent.as_ref(), control).map_err(|error| stopped(&error))?;
-    let policy = Policy { horizon: input.system.policy.horizon };
+    let policy = Policy { horizon: input.system.policy.horizon, excluded: input.system.excluded() };
     let judgement = validate(&problem, &fit, incumbent.as_ref(), &policy);
-    let (first, last) = (problem.grid().start(), problem.grid().time(problem.grid().len().saturating_sub(1)));
-    let used = window.slice(first, last).map_err(|faults| Stopped::Failed(invalid(faults)))?;
+    let grid = problem.grid();
     let finding = Finding {
-        windows: input.cited(&used).map_err(failure)?,
+        windows: input.cited(grid.start(), grid.time(grid.len().saturating_sub(1))).map_err(failure)?,
         state: current_state(&problem, &fit),
         incumbent_state: incumbent_state(input, &problem),
         automatic: input.system.policy.mode == Mode::Auto,

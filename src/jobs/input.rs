@@ -119,18 +119,19 @@ impl Measurements {
     /// Faults where there are none, or two windows do not fit together.
     pub fn window(&self, catalogue: &Catalogue, model: &ModelId) -> Result<Window, JobsError> {
         let (_, windows) = self.sources()?;
-        let joined = Window::stitch(&windows).map_err(JobsError::Faults)?;
-        self.without_exclusions(joined, catalogue, model)
+        self.joined(&windows, catalogue, model)
     }
 
-    /// The ids of the uploaded windows that gave a sample to `used`, a part of [`Measurements::window`].
-    ///
-    /// # Errors
-    /// Where a block cannot be read.
-    fn cited(&self, used: &Window) -> Result<Vec<String>, JobsError> {
+    /// The ids of the uploaded windows that gave a sample to [`Measurements::window`] between two instants.
+    fn cited(&self, catalogue: &Catalogue, model: &ModelId, from: i64, to: i64) -> Result<Vec<String>, JobsError> {
         let (ids, windows) = self.sources()?;
-        let gave = Window::contributors(&windows, used);
+        let used = self.joined(&windows, catalogue, model)?.slice(from, to).map_err(JobsError::Faults)?;
+        let gave = Window::contributors(&windows, &used);
         Ok(ids.into_iter().zip(gave).filter(|(_, gave)| *gave).map(|(id, _)| id.to_owned()).collect())
+    }
+
+    fn joined(&self, windows: &[Window], catalogue: &Catalogue, model: &ModelId) -> Result<Window, JobsError> {
+        self.without_exclusions(Window::stitch(windows).map_err(JobsError::Faults)?, catalogue, model)
     }
 
     /// All windows with their ids, those of the neighbours first, each in the order of upload.
@@ -187,12 +188,12 @@ impl Input {
         self.measurements.window(&self.catalogue, &self.model)
     }
 
-    /// The ids of the uploaded windows that gave a sample to `used`, a part of [`Input::window`].
+    /// The ids of the uploaded windows that gave a sample to [`Input::window`] between two instants.
     ///
     /// # Errors
-    /// Where a block cannot be read.
-    pub fn cited(&self, used: &Window) -> Result<Vec<String>, JobsError> {
-        self.measurements.cited(used)
+    /// As [`Input::window`].
+    pub fn cited(&self, from: i64, to: i64) -> Result<Vec<String>, JobsError> {
+        self.measurements.cited(&self.catalogue, &self.model, from, to)
     }
 
     /// The parameters that are served now.

@@ -21,6 +21,7 @@
 //! | `params` | the snapshot behind `/params` and the timer that turns it stale |
 //! | `decisions` | an operator's word: promote, reject, pin, roll back |
 //! | `degradations` | compares newer measurements with what is served |
+//! | `health` | how a system fares, in a word and a sentence |
 //! | `schedule` | submits ordinary jobs when a row says so |
 
 pub mod board;
@@ -34,6 +35,7 @@ pub mod diagnose;
 pub mod diagnostics;
 pub mod estimate;
 pub mod events;
+pub mod health;
 pub mod input;
 pub mod interactive;
 pub mod layout;

@@ -11,6 +11,9 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use utoipa::ToSchema;
 
+/// The longest name for people.
+const LONGEST_LABEL: usize = 200;
+
 /// The set whose members are the neighbours of a room.
 pub const NEIGHBOURS: &str = "neighbours";
 
@@ -125,6 +128,11 @@ impl SystemDocument {
         }
     }
 
+    /// The stretches of time that are left out, in seconds, both ends included.
+    pub fn excluded(&self) -> Vec<(i64, i64)> {
+        self.exclude.iter().filter_map(|span| Some((read_time("", &span.from).ok()?, read_time("", &span.to).ok()?))).collect()
+    }
+
     /// The members of the model's sets.
     pub fn sets(&self) -> BTreeMap<String, Vec<String>> {
         let mut sets = self.sets.clone();
@@ -170,6 +178,19 @@ impl SystemDocument {
                         .suggest("such as `Europe/Copenhagen`"),
                 );
             }
+        }
+        if self.label.chars().count() > LONGEST_LABEL {
+            faults.push(Fault::new("/label", "too-long", format!("a label has at most {LONGEST_LABEL} characters")));
+        }
+        for (channel, column) in self.channels.iter().filter(|(channel, column)| channel.trim().is_empty() || column.trim().is_empty()) {
+            let shown: String = channel.chars().take(60).collect();
+            let fault =
+                Fault::new(format!("/channels/{}", shown.escape_debug()), "bad-binding", "a channel is bound to the name of a column");
+            faults.push(if column.trim().is_empty() {
+                fault.suggest("leave the channel out: it then takes the column of its own name")
+            } else {
+                fault
+            });
         }
         for (index, neighbour) in self.neighbours.iter().enumerate() {
             let pointer = format!("/neighbours/{index}");

@@ -401,6 +401,16 @@ pub async fn get(store: &Store, id: &str) -> Result<Option<JobRecord>, StoreErro
     row.map(Row::record).transpose()
 }
 
+/// The newest job of each of these systems, of those that have one.
+///
+/// # Errors
+/// Where the database fails.
+pub async fn newest(store: &Store, systems: &[String]) -> Result<Vec<JobRecord>, StoreError> {
+    let sql = "SELECT * FROM jobs WHERE sequence IN (SELECT MAX(sequence) FROM jobs WHERE system IN (SELECT value FROM json_each($1)) GROUP BY system)";
+    let rows: Vec<Row> = sqlx::query_as(sql).bind(to_json("systems", systems)?).fetch_all(&store.reader).await?;
+    rows.into_iter().map(Row::record).collect()
+}
+
 /// Which jobs a list shows.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Filter {

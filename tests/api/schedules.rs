@@ -1,6 +1,9 @@
 //! Schedules submit ordinary jobs.
 
 use crate::support::TestApp;
+use jiff::{SignedDuration, Timestamp};
+use lampyris::jobs::schedule;
+use lampyris::store;
 use serde_json::json;
 
 #[test]
@@ -96,4 +99,32 @@ fn there_are_several_schedules_and_all_but_the_nightly_one_can_go() {
     app.send("DELETE", "/schedules/nightly", &[], None).unwrap().problem(409, "schedule-not-removable");
     app.send("DELETE", "/schedules/weekly", &[], None).unwrap().expect(204);
     app.send("DELETE", "/schedules/weekly", &[], None).unwrap().problem(404, "schedule-not-found");
+}
+
+#[test]
+fn half_past_two_fires_once_on_both_days_of_a_clock_change() {
+    let app = TestApp::with(|settings| settings.zone = "Europe/Copenhagen".into());
+    // Years ahead of any real clock, so that the service's own timer finds nothing to do meanwhile.
+    let cases = [
+        ("2040-03-23T12:00:00Z", ["2040-03-24T01:30:00Z", "2040-03-25T01:00:00Z", "2040-03-26T00:30:00Z"]),
+        ("2040-10-26T12:00:00Z", ["2040-10-27T00:30:00Z", "2040-10-28T00:30:00Z", "2040-10-29T01:30:00Z"]),
+    ];
+    for (start, expected) in cases {
+        let start: Timestamp = start.parse().unwrap();
+        let fired: Vec<String> = app.within(async |service| {
+            let tick = async || store::schedules::get(&service.store, schedule::NIGHTLY).await.unwrap().unwrap().last_tick_at;
+            schedule::due(service, start).await.unwrap();
+            let (mut last, mut fired) = (tick().await, Vec::new());
+            for minutes in (0..60 * 72).step_by(10) {
+                schedule::due(service, start + SignedDuration::from_mins(minutes)).await.unwrap();
+                let now = tick().await;
+                if now != last {
+                    fired.push(now.to_string());
+                }
+                last = now;
+            }
+            fired
+        });
+        assert_eq!(fired, expected);
+    }
 }

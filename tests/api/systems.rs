@@ -1,7 +1,7 @@
 //! Rooms and plants: their documents, their rows in the list, and their end.
 
-use crate::support::{Answer, TestApp, endless};
-use serde_json::json;
+use crate::support::{Answer, TestApp, endless, room};
+use serde_json::{Value, json};
 use sqlx::{AssertSqlSafe, Connection, SqliteConnection};
 
 fn delete(app: &TestApp, path: &str) -> Answer {
@@ -88,4 +88,111 @@ fn history_goes_only_by_force_and_then_completely() {
     app.get("/params/room/2").problem(404, "no-validated-parameters");
     app.ended(&app.estimate("room/2", json!({})));
     assert_eq!(app.get("/params/room/2").expect(200).json()["revision"], 1, "a new system counts from one");
+}
+
+#[test]
+fn every_field_of_a_document_is_kept_and_counts() {
+    let app = TestApp::start();
+    let document = json!({
+        "label": "Corner office", "location": {"lat": 56.5, "lon": 10.0, "zone": "Europe/Copenhagen"}, "model": "rc2",
+        "channels": {"T_room": "T_indoor"}, "neighbours": ["room/2"],
+        "policy": {"mode": "suggest", "stale_after": "P2D", "horizon": "PT12H"}, "prior": "log_normal",
+        "exclude": [{"from": "2026-01-05T00:00:00Z", "to": "2026-01-07T00:00:00+01:00", "reason": "windows were cleaned"}],
+    });
+    let mut kept = app.json("PUT", "/systems/room/1", &document).expect(201).json();
+    assert_eq!(kept["system"], "room/1");
+    kept.as_object_mut().unwrap().shift_remove("system");
+    assert_eq!(kept, document);
+    app.csv("/systems/room/1/windows", &crate::support::room_csv(1, 14).replace("T_room[degC]", "T_indoor[degC]")).expect(201);
+    let job = app.ended(&app.estimate("room/1", json!({})));
+    assert_eq!((job["request"]["prior"].as_str(), job["outcome"].as_str()), (Some("log_normal"), Some("suggested")), "{job}");
+
+    let bad = json!({"model": "rc2", "label": "x".repeat(201), "channels": {"T_room": " ", "": "x"}, "prior": "normal", "policy": {"mode": "manual", "horizon": "P0D"},
+        "exclude": [{"from": "2026-01-05", "to": "later"}], "owner": "me"});
+    let problem = app.json("PUT", "/systems/room/1", &bad).problem(422, "invalid-request");
+    let mut pointers: Vec<&str> = problem["errors"].as_array().unwrap().iter().map(|fault| fault["pointer"].as_str().unwrap()).collect();
+    pointers.sort_unstable();
+    // What serde cannot read hides what only a readable document shows.
+    assert_eq!(pointers, ["/owner", "/policy/mode", "/prior"], "{problem}");
+    let bad = json!({"model": "rc2", "label": "x".repeat(201), "channels": {"T_room": " ", "": "x"}, "policy": {"horizon": "P0D"},
+        "exclude": [{"from": "2026-01-05", "to": "later"}]});
+    let problem = app.json("PUT", "/systems/room/1", &bad).problem(422, "invalid-request");
+    let mut pointers: Vec<&str> = problem["errors"].as_array().unwrap().iter().map(|fault| fault["pointer"].as_str().unwrap()).collect();
+    pointers.sort_unstable();
+    assert_eq!(pointers, ["/channels/", "/channels/T_room", "/exclude/0/from", "/exclude/0/to", "/label", "/policy/horizon"], "{problem}");
+}
+
+#[test]
+fn what_is_excluded_does_not_count() {
+    let app = TestApp::start();
+    // A sensor that hangs over the newest three days: no verdict can be given on it.
+    let hanging: String = room(1, 14)
+        .iter()
+        .enumerate()
+        .map(|(k, (time, room, out))| format!("{time},{},{out:.3}\n", if k >= 11 * 48 { 19.0 } else { (room * 1_000.0).round() / 1_000.0 }))
+        .collect();
+    app.json("PUT", "/systems/room/1", &json!({"model": "rc2"})).expect(201);
+    app.csv("/systems/room/1/windows", &format!("time,T_room,T_out\n{hanging}")).expect(201);
+    let rejected = app.ended(&app.estimate("room/1", json!({})));
+    assert_eq!(rejected["outcome"], "rejected", "{rejected}");
+    let exclude = json!([{"from": "2026-01-12T00:00:00Z", "to": "2026-01-15T00:00:00Z"}]);
+    app.json("PUT", "/systems/room/1", &json!({"model": "rc2", "exclude": exclude})).expect(200);
+    let accepted = app.ended(&app.estimate("room/1", json!({"split": {"train": "P7D", "validation": "P3D"}})));
+    assert_eq!(accepted["outcome"], "accepted", "{accepted}");
+    let before = app.get(&format!("/fits/{}", rejected["fit"].as_str().unwrap())).json();
+    let after = app.get(&format!("/fits/{}", accepted["fit"].as_str().unwrap())).json();
+    assert_ne!(before["input_hash"], after["input_hash"]);
+    assert_eq!(after["windows"], before["windows"], "the inputs of those days still come from there");
+}
+
+#[test]
+fn a_row_tells_how_a_system_fares() {
+    let app = TestApp::start();
+    app.room("1", 1);
+    app.json("PUT", "/systems/room/1", &json!({"label": "Attic", "model": "rc2", "policy": {"horizon": "PT12H"}})).expect(200);
+    let row = || app.get("/systems").expect(200).json()["items"][0].clone();
+    let empty = row();
+    assert_eq!(
+        (empty["health"].as_str(), &empty["status"], &empty["latest_job"], &empty["error"]),
+        (Some("unknown"), &Value::Null, &Value::Null, &json!({}))
+    );
+    let job = app.estimate("room/1", json!({}));
+    app.ended(&job);
+    let params = app.get("/params/room/1").json();
+    let good = row();
+    // The short search of the tests earns a flag; without any the word would be `ok`.
+    assert_eq!(
+        (good["health"].as_str(), good["status"].as_str(), good["label"].as_str()),
+        (Some("attention"), Some("fresh"), Some("Attic")),
+        "{good}"
+    );
+    assert_eq!(
+        (&good["flags"], good["why"].as_str()),
+        (&json!(["low_confidence"]), Some("The gate has flagged the parameters: low_confidence."))
+    );
+    assert_eq!(
+        (&good["latest_job"], good["latest_state"].as_str(), good["latest_outcome"].as_str()),
+        (&json!(job), Some("succeeded"), Some("accepted"))
+    );
+    let error = &params["error"]["T_room"];
+    let expected =
+        json!({"unit": error["unit"], "validation_rmse": error["validation_rmse"], "horizon": "PT6H", "ahead": error["ahead"]["PT6H"]});
+    assert_eq!(good["error"]["T_room"], expected);
+    for field in ["flags", "fitted_at", "validated_at", "stale_after", "revision"] {
+        assert_eq!(good[field], params[field], "{field}");
+    }
+    assert!((0..120).contains(&good["age_s"].as_i64().unwrap()) && good["worst_regime"].is_null());
+
+    // An experiment is the newest job, and changes nothing in how the system fares.
+    let experiment = app.estimate("room/1", json!({"experiment": true, "window": {"from": "2030-01-01T00:00:00Z"}}));
+    app.ended(&experiment);
+    let same = row();
+    assert_eq!(
+        (&same["latest_job"], same["latest_state"].as_str(), same["health"].as_str()),
+        (&json!(experiment), Some("failed"), good["health"].as_str())
+    );
+    app.ended(&app.estimate("room/1", json!({"window": {"from": "2030-01-01T00:00:00Z"}})));
+    let fallen = row();
+    assert_eq!((fallen["status"].as_str(), fallen["health"].as_str()), (Some("fallback"), Some("attention")));
+    assert!(fallen["why"].as_str().unwrap().contains("the newest job failed"), "{fallen}");
 }

@@ -353,6 +353,11 @@ impl TestApp {
         self.runtime.block_on(future)
     }
 
+    /// Runs something in the service's own runtime, with what its handlers share.
+    pub fn within<T>(&self, work: impl AsyncFnOnce(&lampyris::jobs::Service) -> T) -> T {
+        self.runtime.block_on(work(self.app.as_ref().unwrap().service()))
+    }
+
     pub fn addr(&self) -> std::net::SocketAddr {
         self.app.as_ref().unwrap().addr
     }
