@@ -1,10 +1,11 @@
 //! Takes measurements in: parsed, packed and kept, once per content.
 
 use super::{JobsError, Refusal, Service, blocking, now, systems};
-use crate::data::{Bindings, ColumnHeader, SystemId, Window, WindowReport};
+use crate::data::{Bindings, ChannelKind, ColumnHeader, SystemId, Window, WindowReport};
 use crate::fault::Fault;
 use crate::store::idempotency::RequestKey;
 use crate::store::windows::{self, Blocks, Deleted, Kept, NewWindow, WindowRecord};
+use crate::units::Unit;
 
 /// Most fits that a refusal names.
 const MOST_NAMED: usize = 20;
@@ -34,6 +35,8 @@ struct Packed {
     to_s: i64,
     report: String,
     blocks: Vec<(String, Vec<u8>)>,
+    /// The units of channels whose name does not fix one.
+    free_units: Vec<(String, String)>,
 }
 
 /// Takes a window of a system. The same content again is the same window.
@@ -50,6 +53,10 @@ pub async fn take(
     let bindings = systems::require(service, system).await?.channels;
     let name = system.clone();
     let packed = blocking(move || pack(&name, format, body.as_ref(), &bindings)).await??;
+    let faults = conflicts(service, system, &packed).await?;
+    if !faults.is_empty() {
+        return Err(JobsError::Faults(faults));
+    }
     let new =
         NewWindow { id: &packed.id, system, from_s: packed.from_s, to_s: packed.to_s, report: &packed.report, blocks: &packed.blocks };
     let is_new = match windows::insert(&service.store, &new, key, now()).await? {
@@ -63,6 +70,24 @@ pub async fn take(
     };
     let window = windows::get(&service.store, &packed.id).await?;
     window.map(|window| Taken { window, is_new }).ok_or_else(|| JobsError::NotFound("window", packed.id))
+}
+
+/// Channels in a unit that does not convert to the one that they have in earlier windows: the two could never be
+/// stitched, and every later job of the system would fail.
+async fn conflicts(service: &Service, system: &SystemId, packed: &Packed) -> Result<Vec<Fault>, JobsError> {
+    let mut faults = Vec::new();
+    for (channel, unit) in &packed.free_units {
+        let Some(earlier) = windows::unit(&service.store, system, channel).await? else { continue };
+        let converts = Unit::parse(unit).ok().zip(Unit::parse(&earlier).ok()).is_some_and(|(unit, earlier)| unit.same_dimension(&earlier));
+        if !converts {
+            let detail = format!("`{channel}` is in {unit} here and in {earlier} in earlier windows");
+            let fault = Fault::new(format!("/values/{channel}"), "unit-conflict", detail);
+            faults.push(
+                fault.suggest(format!("rename the column, state the unit, such as {channel}[{earlier}], or delete the earlier windows")),
+            );
+        }
+    }
+    Ok(faults)
 }
 
 /// Deletes a window.
@@ -96,6 +121,11 @@ fn pack(system: &SystemId, format: Format, body: &[u8], bindings: &Bindings) -> 
         to_s: window.to(),
         report: serde_json::to_string(&report).map_err(|error| JobsError::Internal(error.to_string()))?,
         blocks: window.iter().map(|series| (series.channel().to_owned(), series.encode())).collect(),
+        free_units: window
+            .iter()
+            .filter(|series| ChannelKind::of_name(series.channel()).is_none())
+            .map(|series| (series.channel().to_owned(), series.unit().to_owned()))
+            .collect(),
     })
 }
 

@@ -244,6 +244,18 @@ pub async fn channels(store: &Store, system: &SystemId) -> Result<Vec<String>, S
     Ok(sqlx::query_scalar(sql).bind(system.to_string()).fetch_all(&store.reader).await?)
 }
 
+/// The unit of a channel in the newest window that has it, `None` where no window has.
+///
+/// # Errors
+/// Where the database fails.
+pub async fn unit(store: &Store, system: &SystemId, channel: &str) -> Result<Option<String>, StoreError> {
+    let sql = "SELECT (SELECT value ->> '$.unit' FROM json_each(w.report, '$.channels') WHERE key = $2)
+               FROM windows w JOIN window_blocks b ON b.window = w.id AND b.channel = $2
+               WHERE w.system = $1 ORDER BY w.sequence DESC LIMIT 1";
+    let unit: Option<Option<String>> = sqlx::query_scalar(sql).bind(system.to_string()).bind(channel).fetch_optional(&store.reader).await?;
+    Ok(unit.flatten())
+}
+
 /// The samples of all windows of a system that touch a range of time, in the order of upload; of some channels,
 /// or of all.
 ///

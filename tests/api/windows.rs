@@ -177,6 +177,23 @@ fn every_unit_rule_of_the_surface() {
 }
 
 #[test]
+fn a_unit_that_can_never_be_stitched_is_refused() {
+    let app = TestApp::start();
+    app.json("PUT", "/systems/room/1", &json!({"model": "rc2"})).expect(201);
+    let window = |column: &str, day: u32| format!("time,{column}\n2026-01-{day:02}T00:00:00Z,1\n2026-01-{day:02}T00:10:00Z,2\n");
+    app.csv("/systems/room/1/windows", &window("meter[kW]", 1)).expect(201);
+    app.csv("/systems/room/1/windows", &window("meter[W]", 2)).expect(201);
+    let problem = app.csv("/systems/room/1/windows", &window("meter[degC]", 3)).problem(422, "invalid-request");
+    assert_eq!(
+        (problem["errors"][0]["code"].as_str(), problem["errors"][0]["pointer"].as_str()),
+        (Some("unit-conflict"), Some("/values/meter"))
+    );
+    // What converts is shown in the newest unit.
+    let meter = app.get("/systems/room/1/series").expect(200).json()["channels"]["meter"].clone();
+    assert_eq!((meter["unit"].as_str(), &meter["values"]), (Some("W"), &json!([1000.0, 2000.0, null, 1.0, 2.0])));
+}
+
+#[test]
 fn rows_are_taken_or_named() {
     let app = TestApp::start();
     app.json("PUT", "/systems/room/1", &json!({"model": "rc2"})).expect(201);
