@@ -1,6 +1,7 @@
 //! The surface, against a service in this process.
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
+mod compare;
 mod comparison;
 mod database;
 mod diagnoses;

@@ -1,0 +1,117 @@
+//! Several fits beside each other, and the numbers behind one.
+
+use crate::comparison::{csv, fitted, near, part, root_mean_square, values};
+use crate::support::{TestApp, disagreements};
+use serde_json::json;
+
+#[test]
+fn fits_are_compared_on_one_window() {
+    let app = TestApp::start();
+    app.room("1", 1);
+    let whole = fitted(&app, "1", json!({}));
+    let other = fitted(&app, "1", json!({"model": "rc2+constant_gain"}));
+    let early = fitted(&app, "1", json!({"window": {"to": "2026-01-09T00:00:00Z"}, "split": {"train": "P5D", "validation": "P2D"}}));
+    let path = format!("/compare?fits={whole},{other},{early}");
+    let compared = app.get(&path).expect(200).json();
+    let schemas = lampyris::http::described_documents();
+    assert_eq!(disagreements(&compared, &schemas["Compare"], &schemas, ""), [""; 0]);
+    // From where the last of them begins to where the last of them ends.
+    assert_eq!((compared["from"].as_str(), compared["to"].as_str()), (Some("2026-01-02T00:30:00Z"), Some("2026-01-14T23:30:00Z")));
+    let models: Vec<&str> = compared["fits"].as_array().unwrap().iter().map(|fit| fit["model"].as_str().unwrap()).collect();
+    assert_eq!(models, ["rc2", "rc2+constant_gain", "rc2"]);
+    let last = compared["fits"][2]["parts"].as_array().unwrap().last().unwrap().clone();
+    assert_eq!((last["part"].as_str(), &last["to"]), (Some("after"), &compared["to"]));
+    let measured = values(&compared["outputs"]["T_room"]["measured"]["values"]);
+    let unseen_from =
+        compared["fits"][0]["parts"].as_array().unwrap().iter().find(|span| span["part"] == "validation").unwrap()["from"].clone();
+    let unseen = compared["time"].as_array().unwrap().iter().position(|time| *time == unseen_from).unwrap();
+    let row = |fit: &str, horizon: &str, over: &str| {
+        let rows = compared["errors"].as_array().unwrap();
+        rows.iter().find(|row| row["fit"] == fit && row["horizon"] == horizon && row["over"] == over).unwrap().clone()
+    };
+    for fit in [&whole, &other, &early] {
+        let simulated = values(&compared["outputs"]["T_room"]["simulated"][fit]["values"]);
+        // The same run as when the fit is looked at alone.
+        let alone = app.get(&format!("/fits/{fit}/comparison?from=2026-01-02T00:30:00Z&to=2026-01-14T23:30:00Z")).json();
+        assert_eq!(simulated, values(&alone["outputs"]["T_room"]["simulated"]["values"]));
+        for (over, first) in [("range", 0), ("unseen", unseen)] {
+            let errors: Vec<f64> = (first..measured.len()).map(|k| simulated[k] - measured[k]).collect();
+            let found = row(fit, "free_run", over);
+            assert_eq!(found["n"].as_u64(), Some(errors.len() as u64));
+            assert!(near(root_mean_square(&errors), &found["rmse"]), "{found}");
+            let bias = errors.iter().sum::<f64>() / errors.len() as f64;
+            assert!((bias - found["bias"].as_f64().unwrap()).abs() < 1e-12);
+            let mean = measured[first..].iter().sum::<f64>() / errors.len() as f64;
+            let spread: f64 = measured[first..].iter().map(|value| (value - mean).powi(2)).sum();
+            let r2 = 1.0 - errors.iter().map(|e| e * e).sum::<f64>() / spread;
+            assert!((r2 - found["r2"].as_f64().unwrap()).abs() < 1e-12);
+        }
+        let counts: Vec<u64> = [&whole, &other, &early].iter().map(|fit| row(fit, "PT6H", "range")["n"].as_u64().unwrap()).collect();
+        assert!(counts.windows(2).all(|pair| pair[0] == pair[1]), "{counts:?}");
+    }
+    let ahead = app.get(&format!("{path}&mode=ahead&horizon=PT2H&from=2026-01-10T00:00:00Z")).expect(200).json();
+    assert_eq!((ahead["horizon"].as_str(), ahead["from"].as_str()), (Some("PT2H"), Some("2026-01-10T00:00:00Z")));
+    let alone =
+        app.get(&format!("/fits/{early}/comparison?mode=ahead&horizon=PT2H&from=2026-01-10T00:00:00Z&to=2026-01-14T23:30:00Z")).json();
+    assert_eq!(ahead["outputs"]["T_room"]["simulated"][&early]["values"], alone["outputs"]["T_room"]["simulated"]["values"]);
+
+    let (headers, rows) = csv(&app.get_with(&path, &[("accept", "text/csv")]).expect(200).text);
+    assert_eq!(
+        headers,
+        [
+            "time".to_owned(),
+            "T_room[degC]".to_owned(),
+            format!("simulated_T_room_{whole}[degC]"),
+            format!("simulated_T_room_{other}[degC]"),
+            format!("simulated_T_room_{early}[degC]")
+        ]
+    );
+    assert_eq!(rows.len(), measured.len());
+    assert!(rows.iter().zip(&measured).all(|(cells, value)| cells[1].parse::<f64>().unwrap() == *value));
+    let before = app.service().interactive.computed();
+    app.get(&path).expect(200);
+    assert_eq!(app.service().interactive.computed(), before);
+}
+
+#[test]
+fn diagnostics_are_the_numbers_behind_the_chart() {
+    let app = TestApp::start();
+    app.room("1", 1);
+    let id = fitted(&app, "1", json!({"split": {"train": "P7D", "validation": "P4D", "test": "P3D"}}));
+    let told = app.get(&format!("/fits/{id}/diagnostics")).expect(200).json();
+    let schemas = lampyris::http::described_documents();
+    assert_eq!(disagreements(&told, &schemas["Diagnostics"], &schemas, ""), [""; 0]);
+    let metrics = app.get(&format!("/fits/{id}")).json()["metrics"]["T_room"].clone();
+    let skill = &told["skill"]["T_room"];
+    assert_eq!(skill["unit"], "K");
+    let residual = values(&app.get(&format!("/fits/{id}/comparison")).json()["outputs"]["T_room"]["residual"]["values"]);
+    let shown = app.get(&format!("/fits/{id}/comparison")).json();
+    for name in ["train", "validation", "test"] {
+        assert!(near(skill[name]["rmse"].as_f64().unwrap(), &metrics[format!("{name}_rmse")]), "{name}");
+        let errors = &residual[part(&shown, name)];
+        let n = errors.len() as f64;
+        let (bias, mae) = (errors.iter().sum::<f64>() / n, errors.iter().map(|e| e.abs()).sum::<f64>() / n);
+        let urmse = (errors.iter().map(|e| (e - bias).powi(2)).sum::<f64>() / n).sqrt();
+        for (field, expected) in [("n", n), ("bias", bias), ("mae", mae), ("urmse", urmse)] {
+            assert!((skill[name][field].as_f64().unwrap() - expected).abs() < 1e-12, "{name} {field}");
+        }
+    }
+    let horizons = told["by_horizon"]["T_room"].as_array().unwrap();
+    assert_eq!(horizons.iter().map(|skill| skill["horizon"].as_str().unwrap()).collect::<Vec<_>>(), ["PT1H", "PT6H", "PT24H", "free_run"]);
+    assert_eq!(told["judged_on"], "validation");
+    for skill in &horizons[..3] {
+        let stored = &metrics["ahead"][skill["horizon"].as_str().unwrap()];
+        assert!(
+            near(skill["rmse"].as_f64().unwrap(), &stored["rmse"])
+                && near(skill["persistence_rmse"].as_f64().unwrap(), &stored["persistence"])
+        );
+        assert_eq!(skill["n"], stored["n"]);
+    }
+    assert_eq!(horizons[3]["rmse"], skill["validation"]["rmse"]);
+    assert_eq!((&told["rho"]["T_room"], &told["noise_floor"]["T_room"]), (&metrics["rho"], &metrics["noise_floor"]));
+    let summary = told["summary"].as_str().unwrap();
+    assert!(summary.contains("6 h ahead") && summary.contains("on unseen data") && !summary.contains("Mind"), "{summary}");
+    let before = app.service().interactive.computed();
+    app.get(&format!("/fits/{id}/diagnostics")).expect(200);
+    assert_eq!(app.service().interactive.computed(), before);
+}
