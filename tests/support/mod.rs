@@ -85,9 +85,9 @@ impl Client {
     /// Sends a request; `Err` where the connection fails.
     pub fn send(&self, method: &str, path: &str, headers: &[(&str, &str)], body: Option<&[u8]>) -> Result<Answer, ureq::Error> {
         let (parts, mut body) = self.open(method, path, headers, body)?.into_parts();
-        // A stream of events does not end; `listen` reads those.
-        let endless = parts.headers.get("content-type").is_some_and(|kind| kind == "text/event-stream");
-        let text = if endless { String::new() } else { body.with_config().limit(1 << 28).read_to_string()? };
+        // A stream of events does not end by itself; `listen` reads those.
+        let is_stream = parts.headers.get("content-type").is_some_and(|kind| kind == "text/event-stream");
+        let text = if is_stream { String::new() } else { body.with_config().limit(1 << 28).read_to_string()? };
         Ok(Answer { status: parts.status.as_u16(), headers: parts.headers, text })
     }
 
