@@ -49,6 +49,7 @@ pub use channel::{ChannelKind, Hold};
 pub use duration::{BadDuration, Duration, Length};
 pub use grid::{Column, Grid};
 pub use header::{Bindings, ColumnHeader, ColumnUnit};
+pub use parse::WindowDocument;
 pub use resample::{DEFAULT_MAX_GAP_STEPS, GridRequest};
 pub use series::{Series, SeriesStatistics};
 pub use split::{Split, SplitRequest};

@@ -201,7 +201,14 @@ pub async fn require(service: &Service, id: &str) -> Result<JobRecord, ApiError>
     )
 )]
 async fn post_job(State(service): State<Shared>, body: Json) -> Result<Response, ApiError> {
-    match request::read(body.value).map_err(ApiError::Invalid)? {
+    let asked = match request::read(body.value.clone()) {
+        Ok(asked) => asked,
+        Err(mut faults) => {
+            faults.extend(submit::further_faults(&service, &body.value, &faults).await?);
+            return Err(ApiError::Invalid(faults));
+        }
+    };
+    match asked {
         JobRequest::Estimate { system, experiment, settings } => {
             let submitted = submit::estimate(&service, &system, experiment, &settings, body.key.as_ref()).await?;
             let (status, job, replayed) = match submitted {

@@ -4,7 +4,7 @@ use super::systems::{self, SystemDocument};
 use super::{JobsError, Service};
 use crate::data::{Series, SystemId, Window, read_time};
 use crate::estimate::request::WindowRange;
-use crate::estimate::{EstimateRequest, Incumbent};
+use crate::estimate::{EstimateRequest, Incumbent, Problem, prepare};
 use crate::fault::Fault;
 use crate::model::{Catalogue, ModelId};
 use crate::store;
@@ -38,12 +38,20 @@ pub struct Input {
 /// # Errors
 /// Where the system is gone or the database fails.
 pub async fn load(service: &Service, job: &JobRecord) -> Result<Input, JobsError> {
-    let system = systems::require(service, &job.system).await?;
     let request: EstimateRequest = serde_json::from_value(job.request.clone())
         .map_err(|error| JobsError::Faults(vec![Fault::new("", "outdated-request", error.to_string())]))?;
-    let extent = store::windows::extent(&service.store, &job.system).await?;
+    collect(service, &job.system, &job.model, request).await
+}
+
+/// Collects what an estimate of a system would read now.
+///
+/// # Errors
+/// Where there is no such system, it has no measurements, or the database fails.
+pub async fn collect(service: &Service, name: &SystemId, model: &ModelId, request: EstimateRequest) -> Result<Input, JobsError> {
+    let system = systems::require(service, name).await?;
+    let extent = store::windows::extent(&service.store, name).await?;
     let Some((first, newest)) = extent else {
-        return Err(JobsError::Faults(vec![Fault::new("/window", "no-data", format!("there are no measurements of {}", job.system))]));
+        return Err(JobsError::Faults(vec![Fault::new("/window", "no-data", format!("there are no measurements of {name}"))]));
     };
     let (from, to) = range(request.window.as_ref(), first, newest).map_err(JobsError::Faults)?;
     let mut neighbours = Vec::new();
@@ -52,9 +60,9 @@ pub async fn load(service: &Service, job: &JobRecord) -> Result<Input, JobsError
     }
     Ok(Input {
         catalogue: service.catalogue.current(),
-        model: job.model.clone(),
-        windows: store::windows::blocks(&service.store, &job.system, from, to).await?,
-        served: store::fits::served(&service.store, &job.system).await?,
+        model: model.clone(),
+        windows: store::windows::blocks(&service.store, name, from, to).await?,
+        served: store::fits::served(&service.store, name).await?,
         request,
         system,
         neighbours,
@@ -74,11 +82,20 @@ fn range(asked: Option<&WindowRange>, first: i64, newest: i64) -> Result<(i64, i
 }
 
 impl Input {
-    /// Unpacks and joins all measurements. This is work for the CPU pool.
+    /// Puts the problem together. This is work for the CPU pool.
+    ///
+    /// # Errors
+    /// Faults of the model, the request and the measurements.
+    pub fn problem(&self) -> Result<Problem, JobsError> {
+        let window = self.window()?;
+        prepare(&self.catalogue, &self.model, &self.request, &window, &self.system.site()).map_err(JobsError::Faults)
+    }
+
+    /// Unpacks and joins all measurements.
     ///
     /// # Errors
     /// Faults where there are none, or two windows do not fit together.
-    pub fn window(&self) -> Result<Window, JobsError> {
+    fn window(&self) -> Result<Window, JobsError> {
         let mut windows = unpack(&self.windows)?;
         for (neighbour, blocks) in &self.neighbours {
             // A neighbour that is a system of its own is measured there; otherwise it is a column here.

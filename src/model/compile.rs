@@ -79,6 +79,10 @@ pub fn compile(composition: &Composition, bindings: &Bindings) -> Result<Model, 
     for effect in &composition.effects {
         builder.effect(effect, bindings, &mut rhs, &mut outputs);
     }
+    for (index, check) in spec.checks.iter().enumerate() {
+        builder.lowering.faults.extend(check.faults(&format!("/check/{index}"), spec));
+    }
+    builder.lowering.judge_unused();
     for channel in std::mem::take(&mut builder.lowering.missing) {
         builder.fault("/inputs", "missing-channel", format!("the model needs the channel `{channel}`, which is not there"));
     }
@@ -115,11 +119,8 @@ impl Builder {
         self.lowering.faults.push(Fault::new(pointer, code, detail));
     }
 
-    fn unit(&mut self, pointer: &str, text: &str) -> Unit {
-        Unit::parse(text).unwrap_or_else(|error| {
-            self.fault(pointer, "unit", error.to_string());
-            Unit::ONE
-        })
+    fn unit(&mut self, pointer: &str, text: &str) -> Option<Unit> {
+        Unit::parse(text).map_err(|error| self.fault(pointer, "unit", error.to_string())).ok()
     }
 
     fn state(&mut self, name: &str, unit: &str) {
@@ -233,7 +234,9 @@ impl Builder {
                 continue;
             };
             let value = self.lowering.text(&pointer, text);
-            self.lowering.demand(&pointer, value, unit.divided_by(Unit::HOUR), "the term");
+            if let Some(unit) = unit {
+                self.lowering.demand(&pointer, value, unit.divided_by(Unit::HOUR), "the term");
+            }
             terms.push((usize::from(index), value));
         }
         let mut output_terms = Vec::new();

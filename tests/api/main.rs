@@ -3,6 +3,7 @@
 
 mod database;
 mod faults;
+mod hostile;
 mod jobs;
 mod models;
 mod params;
