@@ -174,7 +174,8 @@ pub(super) struct Target {
     pub assumed: bool,
 }
 
-/// The channels behind all columns of a file.
+/// The channels behind all columns of a file that make sense, and every fault of the others: of columns without a
+/// name, in units that do not convert, there twice, or bound although they are not there.
 ///
 /// `pointer` turns a column's name into the place that a fault names: `column T_room` or `/values/T_room`.
 pub(super) fn resolve(
@@ -182,11 +183,11 @@ pub(super) fn resolve(
     bindings: &Bindings,
     pointer: &dyn Fn(&str) -> String,
     warnings: &mut Vec<String>,
-) -> Result<Vec<Target>, Vec<Fault>> {
+) -> (Vec<Target>, Vec<Fault>) {
     let mut faults = Vec::new();
     if headers.len() > MAX_COLUMNS {
         let detail = format!("{} columns, {MAX_COLUMNS} are the most", headers.len());
-        return Err(vec![Fault::new("header", "too-many-columns", detail)]);
+        return (Vec::new(), vec![Fault::new("header", "too-many-columns", detail)]);
     }
     let mut targets: IndexMap<String, Target> = IndexMap::new();
     let mut bound = vec![false; headers.len()];
@@ -232,7 +233,7 @@ pub(super) fn resolve(
     if targets.is_empty() && faults.is_empty() {
         faults.push(Fault::new("header", "no-data-column", "there is no column beside the time"));
     }
-    if faults.is_empty() { Ok(targets.into_values().collect()) } else { Err(faults) }
+    (targets.into_values().collect(), faults)
 }
 
 /// The channel that one column feeds.
@@ -321,7 +322,8 @@ mod tests {
     fn channels(headers: &[&str], binds: &[&str]) -> Result<Vec<Target>, Vec<Fault>> {
         let headers: Vec<ColumnHeader> = headers.iter().map(|header| ColumnHeader::parse(header)).collect();
         let bindings = Bindings::parse(binds.iter().copied())?;
-        resolve(&headers, &bindings, &|name| format!("column {name}"), &mut Vec::new())
+        let (targets, faults) = resolve(&headers, &bindings, &|name| format!("column {name}"), &mut Vec::new());
+        if faults.is_empty() { Ok(targets) } else { Err(faults) }
     }
 
     fn codes(result: Result<Vec<Target>, Vec<Fault>>) -> Vec<String> {

@@ -65,6 +65,7 @@ pub use envelope::{Envelope, Thinning};
 pub use grid::{Column, Grid};
 pub use header::{Bindings, ColumnHeader, ColumnUnit};
 pub use layout::{Layout, LeftOut, NEIGHBOUR, Pair, Room, SAME_ROOM, Sensor, propose_layout};
+pub use parse::WindowDocument;
 pub use resample::{DEFAULT_MAX_GAP_STEPS, GridRequest};
 pub use series::{Series, SeriesStatistics};
 pub use split::{Split, SplitRequest};

@@ -1,19 +1,20 @@
 //! The CSV and the JSON form of a window.
 
-use std::borrow::Cow;
 use std::fmt;
 use std::marker::PhantomData;
 
 use serde::de::{Deserialize, Deserializer, Error, IgnoredAny, MapAccess, SeqAccess, Visitor};
 
 use super::header::{Bindings, ColumnHeader, MAX_COLUMNS, resolve, shown};
-use super::table::{Cell, Stamp, Table};
+use super::table::{Cell, Place, Stamp, Table};
 use super::window::{Window, WindowReport};
 use crate::fault::Fault;
 
 /// The names that the column of times may have, in any case.
 const TIME_NAMES: [&str; 2] = ["time", "timestamp"];
 
+/// The code of a body that is no JSON, or JSON of another form.
+pub(super) const UNREADABLE: &str = "unreadable";
 /// Eight years of one-minute data in one body.
 const MAX_ROWS: usize = 1 << 22;
 /// Cells of a JSON column whose text is kept for the report when it is no number.
@@ -31,7 +32,7 @@ pub(super) fn csv(text: &str, bindings: &Bindings) -> Result<(Window, WindowRepo
     let header_line = text.lines().find(|line| !line.trim().is_empty() && !line.starts_with('#')).unwrap_or_default();
     let delimiter = [b',', b';', b'\t'].into_iter().find(|mark| header_line.as_bytes().contains(mark)).unwrap_or(b',');
     let mut reader = csv::ReaderBuilder::new().delimiter(delimiter).flexible(true).comment(Some(b'#')).from_reader(text.as_bytes());
-    let unreadable = |error: csv::Error| vec![Fault::new("csv", "unreadable", format!("the text cannot be read as CSV: {error}"))];
+    let unreadable = |error: csv::Error| vec![Fault::new("csv", UNREADABLE, format!("the text cannot be read as CSV: {error}"))];
     let header = reader.headers().map_err(unreadable)?.clone();
 
     let headers: Vec<ColumnHeader> = header.iter().map(ColumnHeader::parse).collect();
@@ -52,16 +53,13 @@ pub(super) fn csv(text: &str, bindings: &Bindings) -> Result<(Window, WindowRepo
     let data: Vec<usize> = (0..headers.len()).filter(|index| !times.contains(index)).collect();
     let data_headers: Vec<ColumnHeader> = data.iter().map(|index| headers[*index].clone()).collect();
     let mut warnings = Vec::new();
-    let targets = resolve(&data_headers, bindings, &|column| format!("column {column}"), &mut warnings);
-    let targets = match targets {
-        Ok(targets) if faults.is_empty() => targets,
-        other => {
-            faults.extend(other.err().into_iter().flatten());
-            return Err(limited(faults));
-        }
+    let (targets, more) = resolve(&data_headers, bindings, &|column| Place::Text.column(column), &mut warnings);
+    faults.extend(more);
+    let [time] = times[..] else {
+        return Err(limited(faults));
     };
     let names = data_headers.into_iter().map(|header| header.column).collect();
-    let mut table = Table::new(names, targets, "line", warnings);
+    let mut table = Table::new(names, targets, Place::Text, warnings);
     let mut record = csv::StringRecord::new();
     loop {
         match reader.read_record(&mut record) {
@@ -69,7 +67,7 @@ pub(super) fn csv(text: &str, bindings: &Bindings) -> Result<(Window, WindowRepo
             Ok(true) => {
                 let line = record.position().map_or(0, csv::Position::line);
                 if record.len() == headers.len() {
-                    let stamp = Stamp::Text(record.get(times[0]).unwrap_or_default());
+                    let stamp = Stamp::Text(record.get(time).unwrap_or_default());
                     table.push(line, stamp, data.iter().map(|index| Cell::of_text(record.get(*index).unwrap_or_default())));
                 } else {
                     table.reject(line, format!("not the {} cells of the header", headers.len()));
@@ -78,17 +76,22 @@ pub(super) fn csv(text: &str, bindings: &Bindings) -> Result<(Window, WindowRepo
             Err(error) => return Err(unreadable(error)),
         }
     }
-    table.finish().map_err(limited)
+    table.finish(faults).map_err(limited)
 }
 
 /// Reads `{"channels":{"T_room":{"unit":"degC"}},"time":[…],"values":{"T_room":[21.1,null]}}`.
 pub(super) fn json(body: &[u8], bindings: &Bindings) -> Result<(Window, WindowReport), Vec<Fault>> {
-    let document: Document = serde_json::from_slice(body).map_err(|error| {
+    let document = serde_json::from_slice(body).map_err(|error| {
         // The parser's message may quote a name of the document, which may be of any length.
         let message: String = error.to_string().chars().take(200).collect();
-        vec![Fault::new("", "unreadable", format!("the body is not a window: {message}"))]
+        vec![Fault::new("", UNREADABLE, format!("the body is not a window: {message}"))]
     })?;
-    let Document { channels, time: Times(time), values } = document;
+    self::document(document, bindings)
+}
+
+/// The window of a document whose form is right.
+pub(super) fn document(document: WindowDocument, bindings: &Bindings) -> Result<(Window, WindowReport), Vec<Fault>> {
+    let WindowDocument { channels, time: Times(time), values } = document;
     let (channels, values) = (channels.0, values.0);
 
     let mut faults = Vec::new();
@@ -101,7 +104,7 @@ pub(super) fn json(body: &[u8], bindings: &Bindings) -> Result<(Window, WindowRe
         })
         .collect();
     for (index, (name, _)) in channels.iter().enumerate() {
-        let fault = |code, detail| Fault::new(format!("/channels/{}", escaped(name)), code, detail);
+        let fault = |code, detail| Fault::new(channel_pointer(name), code, detail);
         if !values.iter().any(|(column, _)| column == name) {
             faults.push(fault("no-values", format!("`{}` is described but has no values", shown(name))));
         }
@@ -111,18 +114,18 @@ pub(super) fn json(body: &[u8], bindings: &Bindings) -> Result<(Window, WindowRe
     }
     for (name, cells) in values.iter().filter(|(_, cells)| cells.numbers.len() != time.len()) {
         let detail = format!("{} values for {} times", cells.numbers.len(), time.len());
-        faults.push(Fault::new(format!("/values/{}", escaped(name)), "length-mismatch", detail));
+        faults.push(Fault::new(Place::Json.column(name), "length-mismatch", detail));
     }
     let mut warnings = Vec::new();
-    let targets = match resolve(&headers, bindings, &|column| format!("/values/{}", escaped(column)), &mut warnings) {
-        Ok(targets) if faults.is_empty() => targets,
-        other => {
-            faults.extend(other.err().into_iter().flatten());
-            return Err(limited(faults));
-        }
-    };
+    let (targets, more) = resolve(&headers, bindings, &|column| Place::Json.column(column), &mut warnings);
+    // A unit is wrong where it is stated.
+    let stated_at = |fault: &Fault| channels.iter().find(|(name, entry)| entry.unit.is_some() && Place::Json.column(name) == fault.pointer);
+    faults.extend(more.into_iter().map(|fault| match stated_at(&fault) {
+        Some((name, _)) if fault.code.ends_with("-unit") => Fault { pointer: format!("{}/unit", channel_pointer(name)), ..fault },
+        _ => fault,
+    }));
     let names = headers.into_iter().map(|header| header.column).collect();
-    let mut table = Table::new(names, targets, "row", warnings);
+    let mut table = Table::new(names, targets, Place::Json, warnings);
     for (row, stamp) in time.iter().enumerate() {
         let stamp = match stamp {
             JsonCell::Text(text) => Stamp::Text(text),
@@ -131,7 +134,12 @@ pub(super) fn json(body: &[u8], bindings: &Bindings) -> Result<(Window, WindowRe
         };
         table.push(row as u64 + 1, stamp, values.iter().map(|(_, cells)| cells.cell(row)));
     }
-    table.finish().map_err(limited)
+    table.finish(faults).map_err(limited)
+}
+
+/// Where a channel is described.
+fn channel_pointer(name: &str) -> String {
+    Place::Json.column(name).replacen("values", "channels", 1)
 }
 
 /// At most a hundred faults: nobody reads more, and an answer stays small.
@@ -141,15 +149,10 @@ fn limited(mut faults: Vec<Fault>) -> Vec<Fault> {
     faults
 }
 
-/// A name as a token of a JSON pointer.
-fn escaped(name: &str) -> Cow<'_, str> {
-    let name = shown(name);
-    Cow::Owned(name.replace('~', "~0").replace('/', "~1"))
-}
-
+/// A window as a JSON document whose form is right; what its cells hold is judged by [`Window::read`].
 #[derive(serde::Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Document {
+pub struct WindowDocument {
     #[serde(default)]
     channels: Pairs<ChannelEntry>,
     time: Times,
@@ -235,7 +238,8 @@ struct JsonColumn {
 
 impl JsonColumn {
     fn cell(&self, row: usize) -> Cell<'_> {
-        match self.numbers[row] {
+        // A list that is too short was found to be a fault before.
+        match self.numbers.get(row).copied().unwrap_or(f64::NAN) {
             missing if missing.is_nan() => Cell::Missing,
             odd if odd.is_infinite() => match self.odd.binary_search_by_key(&row, |(row, _)| *row) {
                 Ok(found) => Cell::Text(&self.odd[found].1),

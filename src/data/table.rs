@@ -50,18 +50,55 @@ pub(super) enum Stamp<'a> {
     Missing,
 }
 
+/// How a fault names a place.
+#[derive(Clone, Copy)]
+pub(super) enum Place {
+    /// `line 12` and `column T_room` of a text file.
+    Text,
+    /// `/time/11` and `/values/T_room` of a JSON window.
+    Json,
+}
+
+impl Place {
+    fn word(self) -> &'static str {
+        match self {
+            Place::Text => "line",
+            Place::Json => "row",
+        }
+    }
+
+    /// A row as a whole, or the cell of a column in it.
+    fn row(self, line: u64, column: Option<&str>) -> String {
+        match (self, column) {
+            (Place::Text, _) => format!("line {line}"),
+            (Place::Json, None) => format!("/time/{}", line - 1),
+            (Place::Json, Some(column)) => format!("{}/{}", self.column(column), line - 1),
+        }
+    }
+
+    /// A column by its header.
+    pub fn column(self, name: &str) -> String {
+        match self {
+            Place::Text => format!("column {}", shown(name)),
+            Place::Json => format!("/values/{}", shown(name).replace('~', "~0").replace('/', "~1")),
+        }
+    }
+}
+
 /// The first of several like faults, and how many there are.
 #[derive(Default)]
 struct Tally {
     count: usize,
     line: u64,
+    column: Option<usize>,
     example: String,
 }
 
 impl Tally {
-    fn add(&mut self, line: u64, example: &str) {
+    fn add(&mut self, line: u64, column: Option<usize>, example: &str) {
         if self.count == 0 {
             self.line = line;
+            self.column = column;
             self.example = shown(example);
         }
         self.count += 1;
@@ -88,14 +125,13 @@ pub(super) struct Table {
     naive: Tally,
     numeric: Tally,
     scratch: Vec<Option<f64>>,
-    /// `line` for a text file, `row` for JSON: how a fault names a place.
-    place: &'static str,
+    place: Place,
     warnings: Vec<String>,
 }
 
 impl Table {
     /// An empty table whose data columns have these names and feed these channels.
-    pub fn new(names: Vec<String>, targets: Vec<Target>, place: &'static str, warnings: Vec<String>) -> Self {
+    pub fn new(names: Vec<String>, targets: Vec<Target>, place: Place, warnings: Vec<String>) -> Self {
         let columns = names.iter().map(|_| RawColumn::default()).collect();
         Self {
             names,
@@ -126,8 +162,8 @@ impl Table {
             Ok(time) => time,
             Err(bad) => {
                 match bad {
-                    BadStamp::Naive => self.naive.add(line, text),
-                    BadStamp::Number => self.numeric.add(line, text),
+                    BadStamp::Naive => self.naive.add(line, None, text),
+                    BadStamp::Number => self.numeric.add(line, None, text),
                     BadStamp::OutOfRange | BadStamp::Unreadable => {}
                 }
                 return self.note(line, bad.reason().to_owned());
@@ -148,10 +184,12 @@ impl Table {
                 Cell::Missing => None,
                 Cell::Number(number) if number.is_finite() => Some(number),
                 Cell::Number(_) => {
-                    return self.note(line, format!("column `{}`: not a finite number", shown(&self.names[index])));
+                    let reason = format!("column `{}`: not a finite number", shown(&self.names[index]));
+                    return self.note_cell(line, Some(index), reason, "");
                 }
                 Cell::Text(text) => {
-                    return self.note_example(line, format!("column `{}`: not a number", shown(&self.names[index])), text);
+                    let reason = format!("column `{}`: not a number", shown(&self.names[index]));
+                    return self.note_cell(line, Some(index), reason, text);
                 }
             };
             self.scratch.push(value);
@@ -174,30 +212,32 @@ impl Table {
     }
 
     fn note(&mut self, line: u64, reason: String) {
-        self.note_example(line, reason, "");
+        self.note_cell(line, None, reason, "");
     }
 
-    fn note_example(&mut self, line: u64, reason: String, example: &str) {
+    fn note_cell(&mut self, line: u64, column: Option<usize>, reason: String, example: &str) {
         if self.rejected.len() < MAX_LISTED {
             let shown_example = shown(example);
             let reason = if example.is_empty() { reason.clone() } else { format!("{reason}: `{shown_example}`") };
             self.rejected.push(RejectedRow { line, reason });
         }
-        self.reasons.entry(reason).or_default().add(line, example);
+        self.reasons.entry(reason).or_default().add(line, column, example);
     }
 
     /// The window of the rows that were taken, with its report.
     ///
     /// # Errors
-    /// Every kind of fault that the rows and the channels show.
-    pub fn finish(mut self) -> Result<(Window, WindowReport), Vec<Fault>> {
-        let mut faults = self.row_faults();
-        if !faults.is_empty() {
-            return Err(faults);
+    /// Every kind of fault that the rows and the channels show, behind those that the header has shown.
+    pub fn finish(mut self, mut faults: Vec<Fault>) -> Result<(Window, WindowReport), Vec<Fault>> {
+        faults.extend(self.row_faults());
+        if self.times.len() < 2 && faults.is_empty() {
+            let detail = format!("{} valid rows; a window has at least two", self.times.len());
+            faults.push(Fault::new("rows", "no-valid-rows", detail));
         }
         let mut series = Vec::new();
         for target in &self.targets {
-            match channel_series(target, &self.columns[target.column], &self.times, &self.lines, self.place, &mut self.warnings) {
+            let (name, column) = (&self.names[target.column], &self.columns[target.column]);
+            match channel_series(target, name, column, &self.times, &self.lines, self.place, &mut self.warnings) {
                 Ok(Some(found)) => series.push(found),
                 Ok(None) => self.warnings.push(format!("`{}` has no values and was left out", shown(&target.channel))),
                 Err(fault) => faults.push(fault),
@@ -222,7 +262,7 @@ impl Table {
     /// What the rows as a whole do wrong.
     fn row_faults(&self) -> Vec<Fault> {
         let mut faults = Vec::new();
-        let at = |tally: &Tally| format!("{} {}", self.place, tally.line);
+        let at = |tally: &Tally| self.place.row(tally.line, tally.column.map(|index| self.names[index].as_str()));
         if self.naive.count > 0 {
             let detail = format!("{} times have no offset: `{}` could mean many instants", self.naive.count, self.naive.example);
             faults.push(
@@ -247,10 +287,6 @@ impl Table {
                 faults.push(Fault::new(at(tally), "rejected-rows", detail));
             }
         }
-        if self.times.len() < 2 && faults.is_empty() {
-            let detail = format!("{} valid rows; a window has at least two", self.times.len());
-            faults.push(Fault::new("rows", "no-valid-rows", detail));
-        }
         faults
     }
 }
@@ -258,13 +294,14 @@ impl Table {
 /// The series of one channel, without implausible cells; `None` where no value remains.
 fn channel_series(
     target: &Target,
+    name: &str,
     column: &RawColumn,
     all_times: &[i64],
     lines: &[u64],
-    place: &str,
+    place: Place,
     warnings: &mut Vec<String>,
 ) -> Result<Option<Series>, Fault> {
-    let at = || format!("column {}", shown(&target.channel));
+    let word = place.word();
     let convert = |raw: f64| target.from.convert(&target.to, raw).filter(|value| value.is_finite());
     let mut times = Vec::with_capacity(column.rows.len());
     let mut values = Vec::with_capacity(column.rows.len());
@@ -275,7 +312,7 @@ fn channel_series(
                 times.push(all_times[*row as usize]);
                 values.push(value);
             }
-            _ => outside.add(lines[*row as usize], &format!("{raw}")),
+            _ => outside.add(lines[*row as usize], None, &format!("{raw}")),
         }
     }
     if outside.count > 0 {
@@ -286,21 +323,21 @@ fn channel_series(
         let told = column.values.iter().filter(telling).count().max(1);
         if outside.count as f64 > MAX_REJECTED_SHARE * told as f64 {
             let detail = format!(
-                "{} of {} values of `{}` are outside {range}, such as {} in {place} {}",
+                "{} of {} values of `{}` are outside {range}, such as {} in {word} {}",
                 outside.count,
                 column.values.len(),
                 shown(&target.channel),
                 outside.example,
                 outside.line
             );
-            let fault = Fault::new(at(), "implausible-values", detail);
+            let fault = Fault::new(place.column(name), "implausible-values", detail);
             return Err(match meant_unit(target, &column.values) {
                 Some(unit) => fault.suggest(format!("they look like {unit}: state the unit, {}[{unit}]", shown(&target.channel))),
                 None => fault.suggest("check the unit and the sensor, or remove the column"),
             });
         }
         warnings.push(format!(
-            "`{}`: {} values outside {range} left out, the first in {place} {}: {}",
+            "`{}`: {} values outside {range} left out, the first in {word} {}: {}",
             shown(&target.channel),
             outside.count,
             outside.line,

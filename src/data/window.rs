@@ -4,7 +4,7 @@ use indexmap::IndexMap;
 use serde::{Deserialize, Serialize};
 
 use super::header::Bindings;
-use super::parse;
+use super::parse::{self, WindowDocument};
 use super::series::{Series, SeriesStatistics};
 use super::stamp::rfc3339;
 use crate::fault::{Fault, nearest};
@@ -83,6 +83,14 @@ impl Window {
     /// As for CSV, and where the body is no such document or lists have different lengths.
     pub fn parse_json(body: &[u8], bindings: &Bindings) -> Result<(Window, WindowReport), Vec<Fault>> {
         parse::json(body, bindings)
+    }
+
+    /// Reads a window from a JSON document whose form is right, by the rules of [`Window::parse_json`].
+    ///
+    /// # Errors
+    /// As for CSV, and where lists have different lengths.
+    pub fn read(document: WindowDocument, bindings: &Bindings) -> Result<(Window, WindowReport), Vec<Fault>> {
+        parse::document(document, bindings)
     }
 
     /// The window of these series, as decoded from stored blocks.

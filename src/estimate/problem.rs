@@ -61,6 +61,48 @@ pub struct Choices {
     pub fixed: IndexMap<String, f64>,
 }
 
+impl Choices {
+    /// What makes no sense for this model: unknown parameters, and bounds that are no interval on their scale.
+    pub fn faults(&self, model: &Model) -> Vec<Fault> {
+        let mut faults = Vec::new();
+        let names = || model.parameters().iter().map(|parameter| parameter.name.as_str());
+        for (field, name) in self.bounds.keys().map(|name| ("bounds", name)).chain(self.fixed.keys().map(|name| ("fixed", name))) {
+            if !names().any(|known| known == name) {
+                let fault = Fault::new(format!("/{field}/{name}"), "unknown-parameter", format!("the model has no parameter `{name}`"));
+                faults.push(match nearest(name, names()) {
+                    Some(near) => fault.suggest(format!("did you mean `{near}`?")),
+                    None => fault,
+                });
+            }
+        }
+        for parameter in model.parameters() {
+            if let Some([lower, upper]) = self.bounds.get(&parameter.name)
+                && (!(lower.is_finite() && upper.is_finite() && lower < upper) || (parameter.scale == ModelScale::Log && *lower <= 0.0))
+            {
+                let detail = format!("[{lower}, {upper}] is not an interval on the scale of `{}`", parameter.name);
+                faults.push(Fault::new(format!("/bounds/{}", parameter.name), "bounds", detail));
+            }
+            if let Some(value) = self.fixed.get(&parameter.name).filter(|value| !value.is_finite()) {
+                faults.push(Fault::new(format!("/fixed/{}", parameter.name), "not-finite", format!("{value} is not a finite number")));
+            }
+        }
+        for delay in model.delays() {
+            let Some(parameter) = delay.parameter.map(|index| &model.parameters()[index]) else { continue };
+            let (field, asked) = match (self.fixed.get(&parameter.name), self.bounds.get(&parameter.name)) {
+                (Some(value), _) => ("fixed", [*value, *value]),
+                (None, Some(bounds)) => ("bounds", *bounds),
+                (None, None) => continue,
+            };
+            // A window brings as much past along as the model declares.
+            if !(asked[0] >= 0.0 && asked[1] <= delay.longest) {
+                let detail = format!("`{}` delays an input: the model allows 0 to {} h", parameter.name, delay.longest);
+                faults.push(Fault::new(format!("/{field}/{}", parameter.name), "bounds", detail));
+            }
+        }
+        faults
+    }
+}
+
 impl Problem {
     /// Puts a problem together.
     ///
@@ -68,17 +110,7 @@ impl Problem {
     /// Every fault: missing channels, units that do not convert, unknown parameters, empty bounds, no
     /// valid measurement to train on.
     pub fn new(model: Model, grid: Grid, split: Split, choices: &Choices, source: Source) -> Result<Self, Vec<Fault>> {
-        let mut faults = Vec::new();
-        let names: Vec<&str> = model.parameters().iter().map(|parameter| parameter.name.as_str()).collect();
-        for (field, name) in choices.bounds.keys().map(|name| ("bounds", name)).chain(choices.fixed.keys().map(|name| ("fixed", name))) {
-            if !names.contains(&name.as_str()) {
-                let fault = Fault::new(format!("/{field}/{name}"), "unknown-parameter", format!("the model has no parameter `{name}`"));
-                faults.push(match nearest(name, names.iter().copied()) {
-                    Some(near) => fault.suggest(format!("did you mean `{near}`?")),
-                    None => fault,
-                });
-            }
-        }
+        let mut faults = choices.faults(&model);
         let mut measured = Vec::new();
         for output in model.outputs() {
             match grid.column(&output.channel) {
@@ -119,34 +151,19 @@ impl Problem {
         let train = problem.split.train.clone();
         if (0..problem.measured.len()).any(|output| problem.usable(output, train.clone()).len() < LEAST_SAMPLES) {
             let detail = format!("the training part has fewer than {LEAST_SAMPLES} valid measurements at which all inputs are known");
-            faults.push(Fault::new("/window", "too-short", detail));
+            return Err(vec![Fault::new("/window", "too-short", detail)]);
         }
-        faults.extend(problem.choose(choices).err().into_iter().flatten());
-        if faults.is_empty() { Ok(problem) } else { Err(faults) }
+        problem.choose(choices);
+        Ok(problem)
     }
 
     /// Bounds, nominal and fixed values, and the box of what is free.
-    fn choose(&mut self, choices: &Choices) -> Result<(), Vec<Fault>> {
-        let mut faults = Vec::new();
+    fn choose(&mut self, choices: &Choices) {
         let mut dimensions = Vec::new();
         for (index, parameter) in self.model.parameters().iter().enumerate() {
             let asked = choices.bounds.get(&parameter.name).copied();
             let [lower, upper] = asked.unwrap_or([parameter.lower, parameter.upper]);
             let log = parameter.scale == ModelScale::Log;
-            if !(lower.is_finite() && upper.is_finite() && lower < upper) || (log && lower <= 0.0) {
-                let detail = format!("[{lower}, {upper}] is not an interval on the scale of `{}`", parameter.name);
-                faults.push(Fault::new(format!("/bounds/{}", parameter.name), "bounds", detail));
-                continue;
-            }
-            // A window brings as much past along as the model declares.
-            let values = choices.fixed.get(&parameter.name).map_or([lower, upper], |value| [*value, *value]);
-            if let Some(delay) = self.model.delays().iter().find(|delay| delay.parameter == Some(index))
-                && !(values[0] >= 0.0 && values[1] <= delay.longest)
-            {
-                let field = if choices.fixed.contains_key(&parameter.name) { "fixed" } else { "bounds" };
-                let detail = format!("`{}` delays an input: the model allows 0 to {} h", parameter.name, delay.longest);
-                faults.push(Fault::new(format!("/{field}/{}", parameter.name), "bounds", detail));
-            }
             let nominal = match &parameter.nominal {
                 Nominal::Value(value) => *value,
                 Nominal::Measured(channel) => {
@@ -156,10 +173,7 @@ impl Problem {
             };
             self.bounds.push([lower, upper]);
             match choices.fixed.get(&parameter.name) {
-                Some(value) if value.is_finite() => self.nominal.push(*value),
-                Some(value) => {
-                    faults.push(Fault::new(format!("/fixed/{}", parameter.name), "not-finite", format!("{value} is not a finite number")))
-                }
+                Some(value) => self.nominal.push(*value),
                 None => {
                     self.nominal.push(nominal.clamp(lower, upper));
                     self.free.push(index);
@@ -169,7 +183,6 @@ impl Problem {
             }
         }
         self.space = Space::new(dimensions);
-        if faults.is_empty() { Ok(()) } else { Err(faults) }
     }
 
     /// The model.

@@ -127,6 +127,13 @@ pub struct EstimateRequest {
     pub start_from: StartFrom,
 }
 
+impl EstimateRequest {
+    /// What is asked different from the model's own document.
+    pub fn choices(&self) -> Choices {
+        Choices { objective: self.objective, prior: self.prior, bounds: self.bounds.clone(), fixed: self.fixed.clone() }
+    }
+}
+
 /// What is known about the place.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Site {
@@ -175,8 +182,7 @@ pub fn prepare(
     let grid = grid.slice(first..split.all().end);
     let moved = |range: std::ops::Range<usize>| range.start - first..range.end - first;
     let split = Split { train: moved(split.train), validation: moved(split.validation), test: moved(split.test) };
-    let choices =
-        Choices { objective: request.objective, prior: request.prior, bounds: request.bounds.clone(), fixed: request.fixed.clone() };
+    let choices = request.choices();
     let source = source(&model, window, &grid, basis)?;
     Problem::new(model, grid, split, &choices, source)
 }

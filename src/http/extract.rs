@@ -20,6 +20,8 @@ use std::sync::Arc;
 
 /// JSON beyond this size is parsed off the async threads.
 const LARGE: usize = 64 << 10;
+/// This much of a body that is too large is read beyond its limit.
+const SPARE: usize = 1 << 20;
 /// The longest idempotency key.
 const LONGEST_KEY: usize = 255;
 
@@ -206,10 +208,12 @@ fn media_type(headers: &HeaderMap) -> String {
     text.split(';').next().unwrap_or_default().trim().to_ascii_lowercase()
 }
 
-/// Reads a body up to a limit, and none of it where its length says that it is too large.
+/// Reads a body up to a limit.
 async fn read(headers: &HeaderMap, body: Body, limit: usize) -> Result<Bytes, ApiError> {
     let said = headers.get(header::CONTENT_LENGTH).and_then(|value| value.to_str().ok()).and_then(|text| text.parse::<u64>().ok());
     if said.is_some_and(|said| usize::try_from(said).map_or(true, |said| said > limit)) {
+        // A client that is still sending when the connection closes never hears why, so a part is read in vain.
+        let _ = to_bytes(body, limit.saturating_add(SPARE)).await;
         return Err(ApiError::TooLarge(limit));
     }
     to_bytes(body, limit).await.map_err(|error| {

@@ -177,7 +177,14 @@ pub async fn require(service: &Service, id: &str) -> Result<JobRecord, ApiError>
     )
 )]
 async fn post_job(State(service): State<Shared>, body: Json) -> Result<Response, ApiError> {
-    match request::read(body.value).map_err(ApiError::Invalid)? {
+    let asked = match request::read(body.value.clone()) {
+        Ok(asked) => asked,
+        Err(mut faults) => {
+            faults.extend(submit::further_faults(&service, &body.value, &faults).await?);
+            return Err(ApiError::Invalid(faults));
+        }
+    };
+    match asked {
         JobRequest::One { kind, system, experiment, priority, settings } => {
             let submitted = submit::one(&service, kind, &system, experiment, priority, &settings, body.key.as_ref()).await?;
             job_answer(&service, submitted).await

@@ -94,6 +94,7 @@ pub enum ApiError {
 impl From<JobsError> for ApiError {
     fn from(error: JobsError) -> Self {
         match error {
+            JobsError::Malformed(fault) => ApiError::Malformed(fault),
             JobsError::Faults(faults) => ApiError::Invalid(faults),
             JobsError::NoSystem(system) => ApiError::NotFound("system", system.to_string()),
             JobsError::NotFound(what, which) => ApiError::NotFound(what, which),

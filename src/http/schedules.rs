@@ -6,9 +6,8 @@ use super::jobs::batch_answer;
 use super::page::{Page, PageQuery};
 use super::problem::{ApiError, PROBLEM_JSON, Problem, Problems};
 use crate::data::SystemPattern;
-use crate::fault::Fault;
 use crate::jobs::schedule::{self, ScheduleDocument, Ticks};
-use crate::jobs::{Refusal, decode, now, submit};
+use crate::jobs::{Refusal, now, submit};
 use crate::store;
 use crate::store::jobs::Priority;
 use crate::store::schedules::{ScheduleRecord, TickResult};
@@ -110,14 +109,7 @@ async fn get_schedule(State(service): State<Shared>, Path(name): Path<String>) -
     responses((status = 200, description = "Replaced", body = ScheduleAnswer), (status = 201, description = "Made", body = ScheduleAnswer), Problems)
 )]
 async fn put_schedule(State(service): State<Shared>, Path(name): Path<String>, body: Json) -> Result<Response, ApiError> {
-    let document: ScheduleDocument = decode::decode(body.value).map_err(ApiError::Invalid)?;
-    let at_path = |fault: Fault| {
-        if fault.code == "invalid-name" { Fault { pointer: "path".into(), ..fault } } else { fault }
-    };
-    let is_new = schedule::put(&service, &name, &document).await.map_err(|error| match ApiError::from(error) {
-        ApiError::Invalid(faults) => ApiError::Invalid(faults.into_iter().map(at_path).collect()),
-        other => other,
-    })?;
+    let is_new = schedule::put(&service, &name, body.value).await?;
     let answer = ScheduleAnswer::of(require(&service, &name).await?);
     Ok((if is_new { StatusCode::CREATED } else { StatusCode::OK }, axum::Json(answer)).into_response())
 }

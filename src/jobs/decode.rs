@@ -115,43 +115,101 @@ fn escaped(name: &str) -> String {
     name.replace('~', "~0").replace('/', "~1")
 }
 
-/// Reads a document of a known form. Whatever is wrong is taken out and the reading starts again, until
-/// nothing wrong is left to be found.
+/// As much of a document as can be read, with every fault of the rest.
+#[derive(Debug)]
+pub struct Read<T> {
+    /// What could be read.
+    pub document: Option<T>,
+    /// What is wrong.
+    pub faults: Vec<Fault>,
+    /// Items that were taken out of lists, as they were sent.
+    items: BTreeSet<String>,
+}
+
+impl<T> Read<T> {
+    /// Adds what is wrong with the meaning of what could be read, at its places in the document as it was sent.
+    pub fn add(&mut self, faults: impl IntoIterator<Item = Fault>) {
+        let items = &self.items;
+        self.faults.extend(faults.into_iter().map(|fault| Fault { pointer: as_sent(&fault.pointer, items), ..fault }));
+    }
+
+    /// The document, if nothing is wrong.
+    ///
+    /// # Errors
+    /// Every fault.
+    pub fn finish(self) -> Result<T, Vec<Fault>> {
+        self.document.filter(|_| self.faults.is_empty()).ok_or(self.faults)
+    }
+}
+
+/// Reads a document of a known form.
 ///
 /// # Errors
 /// Every fault: unknown fields, missing ones, wrong types and values.
-pub fn decode<T: DeserializeOwned>(mut value: Value) -> Result<T, Vec<Fault>> {
-    let mut faults: Vec<Fault> = Vec::new();
+pub fn decode<T: DeserializeOwned>(value: Value) -> Result<T, Vec<Fault>> {
+    read(value, &Value::Null).finish()
+}
+
+/// Reads as much of a document as can be read: whatever is wrong is taken out and the reading starts again, until
+/// nothing wrong is left to be found. `stand_ins` has a value for each field of the document that must be there, so
+/// that one that is not does not hide what else is wrong.
+pub fn read<T: DeserializeOwned>(mut value: Value, stand_ins: &Value) -> Read<T> {
+    let mut read = Read { document: None, faults: Vec::new(), items: BTreeSet::new() };
     let mut removed = BTreeSet::new();
-    while faults.len() < MOST_FAULTS {
+    while read.faults.len() < MOST_FAULTS {
         let error = match serde_path_to_error::deserialize::<_, T>(Strict(&value)) {
-            Ok(document) if faults.is_empty() => return Ok(document),
-            Ok(_) => break,
+            Ok(document) => return Read { document: Some(document), ..read },
             Err(error) => error,
         };
-        let place = pointer(error.path(), &removed);
+        let place = pointer(error.path(), &read.items);
         let fault = describe(&place, &error.inner().to_string());
+        let missing = fault.pointer.clone();
+        let is_missing = fault.code == "missing-field";
         // What was taken out because it is wrong is not missing as well; then its owner has to go, too.
-        if !removed.contains(&fault.pointer) {
-            faults.push(fault);
+        if !removed.contains(&missing) {
+            read.faults.push(fault);
         }
-        if !remove(&mut value, error.path()) {
+        let stand_in = stand_ins.pointer(&missing).filter(|_| is_missing && place.is_empty());
+        if let (Some(stand_in), Value::Object(fields)) = (stand_in, &mut value) {
+            fields.insert(missing[1..].to_owned(), stand_in.clone());
+        } else if remove(&mut value, error.path()) {
+            if matches!(error.path().iter().last(), Some(Segment::Seq { .. })) {
+                read.items.insert(place.clone());
+            }
+            removed.insert(place);
+        } else {
             break;
         }
-        removed.insert(place);
     }
-    Err(faults)
+    read
+}
+
+/// The place of an item of a list before others were taken out.
+fn nth_sent(list: &str, index: usize, items: &BTreeSet<String>) -> String {
+    let there = (0..).filter(|place: &usize| !items.contains(&format!("{list}/{place}")));
+    there.skip(index).map(|place| place.to_string()).next().unwrap_or_default()
+}
+
+/// A pointer into what could be read, as a pointer into what was sent.
+fn as_sent(pointer: &str, items: &BTreeSet<String>) -> String {
+    let mut sent = String::new();
+    for token in pointer.split('/').skip(1) {
+        let is_item = items.iter().any(|item| item.rsplit_once('/').is_some_and(|(list, _)| list == sent));
+        let token = match token.parse() {
+            Ok(index) if is_item => nth_sent(&sent, index, items),
+            _ => token.to_owned(),
+        };
+        sent = format!("{sent}/{token}");
+    }
+    if pointer.starts_with('/') { sent } else { pointer.to_owned() }
 }
 
 /// The JSON pointer of a path in the document as it was sent: items that were taken out of a list still count.
-fn pointer(path: &Path, removed: &BTreeSet<String>) -> String {
+fn pointer(path: &Path, items: &BTreeSet<String>) -> String {
     let mut pointer = String::new();
     for segment in path.iter() {
         let name = match segment {
-            Segment::Seq { index } => {
-                let there = (0..).filter(|place: &usize| !removed.contains(&format!("{pointer}/{place}")));
-                there.skip(*index).map(|place| place.to_string()).next().unwrap_or_default()
-            }
+            Segment::Seq { index } => nth_sent(&pointer, *index, items),
             Segment::Map { key } => escaped(key),
             Segment::Enum { .. } | Segment::Unknown => continue,
         };
@@ -259,6 +317,19 @@ mod tests {
             ]
         );
         assert_eq!(faults[0].suggestion.as_deref(), Some("did you mean `name`?"));
+    }
+
+    #[test]
+    fn what_is_missing_hides_nothing() {
+        let stand_ins = serde_json::json!({"name": "x", "inner": {"days": 1}});
+        let mut read = read::<Outer>(serde_json::json!({"inner": [], "list": [1, "a", 3]}), &stand_ins);
+        assert_eq!(read.document, Some(Outer { name: "x".into(), inner: Inner { days: 1 }, list: vec![1.0, 3.0] }));
+        // What is second now was third.
+        read.add([Fault::new("/list/1", "odd", "three is odd"), Fault::new("path", "odd", "no place in the document")]);
+        let seen: Vec<(&str, &str)> = read.faults.iter().map(|fault| (fault.pointer.as_str(), fault.code.as_str())).collect();
+        let expected =
+            [("/inner", "wrong-type"), ("/list/1", "wrong-type"), ("/name", "missing-field"), ("/list/2", "odd"), ("path", "odd")];
+        assert_eq!(seen, expected);
     }
 
     #[test]

@@ -5,10 +5,10 @@ use super::input::{self, Input};
 use super::systems::{self, Mode, SystemDocument};
 use super::{JobsError, Service, now, params, submit};
 use crate::data::{Duration, SplitRequest, SystemId, rfc3339};
+use crate::estimate::EstimateRequest;
 use crate::estimate::degradation::{Newer, newer};
 use crate::estimate::metrics::{CurrentState, filter, newest_state};
 use crate::estimate::request::WindowRange;
-use crate::estimate::{EstimateRequest, prepare};
 use crate::store;
 use crate::store::fits::FitRecord;
 use rayon::ThreadPool;
@@ -120,8 +120,7 @@ fn request(served: &FitRecord, newest: i64) -> EstimateRequest {
 /// This is work for a CPU pool.
 fn compare(input: &Input, served: &FitRecord) -> Result<Option<(Newer, Option<CurrentState>)>, JobsError> {
     let window = input.window()?;
-    let site = input.system.site();
-    let problem = prepare(&input.catalogue, &input.model, &input.request, &window, &site).map_err(JobsError::Faults)?;
+    let problem = input.problem(&window)?;
     let names = problem.model().parameters().iter().map(|parameter| &parameter.name);
     if !names.eq(served.fit.parameters.keys()) {
         // Channels have come or gone, so that the model is another one here.

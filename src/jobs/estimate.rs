@@ -5,7 +5,7 @@ use super::input::Input;
 use super::systems::Mode;
 use crate::data::Window;
 use crate::estimate::metrics::current_state;
-use crate::estimate::{Control, EstimateError, Interrupt, Policy, Problem, estimate, prepare, validate};
+use crate::estimate::{Control, EstimateError, Interrupt, Policy, Problem, estimate, validate};
 use crate::fault::Fault;
 use crate::store::finish::Finding;
 use crate::store::jobs::JobFailure;
@@ -42,16 +42,16 @@ pub struct Fitted {
 /// # Errors
 /// Where the data, the model or the search give no fit, or somebody stopped it.
 pub fn fitted(input: &Input, control: &Control<'_>) -> Result<Fitted, Stopped> {
-    let window = input.window().map_err(failure)?;
-    let prepared = prepare(&input.catalogue, &input.model, &input.request, &window, &input.system.site());
-    let problem = prepared.map_err(|faults| Stopped::Failed(invalid(faults)))?;
+    let failed = |error| Stopped::Failed(describe(error));
+    let window = input.window().map_err(failed)?;
+    let problem = input.problem(&window).map_err(failed)?;
     let incumbent = input.incumbent();
     let fit = estimate(&problem, &input.request, incumbent.as_ref(), control).map_err(|error| stopped(&error))?;
     let policy = Policy { horizon: input.system.policy.horizon, excluded: input.system.excluded() };
     let judgement = validate(&problem, &fit, incumbent.as_ref(), &policy);
     let grid = problem.grid();
     let finding = Finding {
-        windows: input.cited(grid.start(), grid.time(grid.len().saturating_sub(1))).map_err(failure)?,
+        windows: input.cited(grid.start(), grid.time(grid.len().saturating_sub(1))).map_err(failed)?,
         state: current_state(&problem, &fit),
         incumbent_state: incumbent_state(input, &problem),
         automatic: input.system.policy.mode == Mode::Auto,
@@ -75,10 +75,6 @@ pub fn invalid(errors: Vec<Fault>) -> JobFailure {
     let no_data = errors.iter().any(|fault| matches!(fault.code.as_str(), "no-data" | "no-data-in-range"));
     let detail = errors.first().map_or_else(|| "the job cannot be done".to_owned(), ToString::to_string);
     JobFailure { code: if no_data { "no_data" } else { "invalid" }.to_owned(), detail, errors }
-}
-
-fn failure(error: JobsError) -> Stopped {
-    Stopped::Failed(describe(error))
 }
 
 /// The failure behind an error of this layer.

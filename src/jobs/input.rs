@@ -5,7 +5,7 @@ use super::windows::unpack;
 use super::{JobsError, Service};
 use crate::data::{Series, SystemId, Window, read_time};
 use crate::estimate::request::WindowRange;
-use crate::estimate::{EstimateRequest, Incumbent};
+use crate::estimate::{EstimateRequest, Incumbent, Problem, prepare};
 use crate::fault::Fault;
 use crate::model::{Catalogue, ModelId};
 use crate::store;
@@ -194,6 +194,14 @@ impl Input {
     /// As [`Input::window`].
     pub fn cited(&self, from: i64, to: i64) -> Result<Vec<String>, JobsError> {
         self.measurements.cited(&self.catalogue, &self.model, from, to)
+    }
+
+    /// Puts the problem together. This is work for the CPU pool.
+    ///
+    /// # Errors
+    /// Faults of the model, the request and the measurements.
+    pub fn problem(&self, window: &Window) -> Result<Problem, JobsError> {
+        prepare(&self.catalogue, &self.model, &self.request, window, &self.system.site()).map_err(JobsError::Faults)
     }
 
     /// The parameters that are served now.

@@ -24,7 +24,7 @@ pub async fn propose(format: Format, body: impl AsRef<[u8]> + Send + 'static) ->
         if let Some(first) = report.rejected_rows.first() {
             warnings.push(format!("{} rows were left out, the first in line {}: {}", report.rejected_rows.len(), first.line, first.reason));
         }
-        Ok(Proposal { layout: propose_layout(&window)?, warnings })
+        Ok(Proposal { layout: propose_layout(&window).map_err(JobsError::Faults)?, warnings })
     };
-    blocking(work).await?.map_err(JobsError::Faults)
+    blocking(work).await?
 }

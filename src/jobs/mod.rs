@@ -97,6 +97,8 @@ pub struct Service {
 /// Why something could not be done.
 #[derive(Debug)]
 pub enum JobsError {
+    /// What was sent is no JSON.
+    Malformed(Fault),
     /// What was sent has faults.
     Faults(Vec<Fault>),
     /// There is no such system.
@@ -148,6 +150,7 @@ impl From<Refusal> for JobsError {
 impl std::fmt::Display for JobsError {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
+            JobsError::Malformed(fault) => fault.fmt(f),
             JobsError::Faults(faults) => write!(f, "{} faults", faults.len()),
             JobsError::NoSystem(system) => write!(f, "there is no system `{system}`"),
             JobsError::NotFound(what, which) => write!(f, "there is no {what} `{which}`"),

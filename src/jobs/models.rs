@@ -1,7 +1,8 @@
 //! Models and effects of users beside the built-in ones. Documents never change, because fits refer to them.
 
-use super::{JobsError, Service, blocking, decode, now};
-use crate::fault::Fault;
+use super::decode::{self, Read};
+use super::{JobsError, Service, blocking, now};
+use crate::fault::{Fault, nearest};
 use crate::model::spec::{CompositionSpec, EffectSpec, ModelDocument, ModelSpec};
 use crate::model::{Bindings, Catalogue, Model, ModelId, compile};
 use crate::store::idempotency::RequestKey;
@@ -9,6 +10,7 @@ use crate::store::models::{self, Kept, VersionRecord};
 use crate::store::{Store, StoreError};
 use arc_swap::ArcSwap;
 use serde_json::{Value, json};
+use std::cmp::Reverse;
 use std::sync::Arc;
 
 /// The catalogue that everybody reads. A new document makes a new catalogue; readers keep the one they have.
@@ -52,40 +54,86 @@ pub struct Taken<T> {
 /// Reads and compiles a model document against a catalogue.
 ///
 /// # Errors
-/// Every fault of its form and its meaning.
+/// Every fault of its form, and every fault of its meaning unless something that others may refer to could not be read.
 pub fn check_model(catalogue: &Catalogue, body: Value) -> Result<(ModelDocument, Model), Vec<Fault>> {
-    let (document, id) = read_model(body)?;
+    if body.get("base").is_some() {
+        return check_composition(catalogue, body);
+    }
+    let Read { document: spec, mut faults, .. } = decode::read::<ModelSpec>(body, &Value::Null);
+    let Some(mut spec) = spec.filter(|_| is_whole(&faults)) else {
+        return Err(faults);
+    };
+    let id = plain_id(&spec.id, &mut faults);
+    spec.id = id.to_string();
+    let document = ModelDocument::Spec(Box::new(spec));
     let mut extended = catalogue.clone();
     extended.add_model(document.clone());
-    let model = compile(&extended.compose(&id)?, &Bindings::default())?;
+    judged(compiled(&extended, &id), faults).map(|model| (document, model))
+}
+
+fn check_composition(catalogue: &Catalogue, body: Value) -> Result<(ModelDocument, Model), Vec<Fault>> {
+    let Read { document: composition, mut faults, .. } = decode::read::<CompositionSpec>(body, &Value::Null);
+    let Some(mut composition) = composition.filter(|_| is_whole(&faults)) else {
+        return Err(faults);
+    };
+    let id = plain_id(&composition.id, &mut faults);
+    composition.id = id.to_string();
+    if catalogue.model(&composition.base).is_none() || composition.base == composition.id {
+        let fault = Fault::new("/base", "unknown-model", format!("there is no model `{}` to start from", composition.base));
+        let known = catalogue.models().map(ModelDocument::id);
+        faults.push(match nearest(&composition.base, known) {
+            Some(near) => fault.suggest(format!("did you mean `{near}`?")),
+            None => fault,
+        });
+    }
+    for (index, effect) in composition.effects.iter().enumerate() {
+        faults.extend(catalogue.effect(effect).err().map(|fault| Fault { pointer: format!("/effects/{index}"), ..fault }));
+    }
+    if !faults.is_empty() {
+        return Err(faults);
+    }
+    let place = |fault: Fault| {
+        let index = composition.effects.iter().position(|effect| fault.pointer.starts_with(&format!("/effects/{effect}/")));
+        match index {
+            Some(index) => Fault { detail: format!("{}: {}", fault.pointer, fault.detail), pointer: format!("/effects/{index}"), ..fault },
+            None => fault,
+        }
+    };
+    let document = ModelDocument::Composition(composition.clone());
+    let mut extended = catalogue.clone();
+    extended.add_model(document.clone());
+    let model = compiled(&extended, &id).map_err(|faults| faults.into_iter().map(place).collect::<Vec<_>>())?;
     Ok((document, model))
 }
 
-/// Reads a model document, which is known as a composition by its `base`.
-///
-/// # Errors
-/// Every fault of its form.
-pub(super) fn read_model(body: Value) -> Result<(ModelDocument, ModelId), Vec<Fault>> {
-    let document = if body.get("base").is_some() {
-        ModelDocument::Composition(decode::decode::<CompositionSpec>(body)?)
-    } else {
-        ModelDocument::Spec(Box::new(decode::decode::<ModelSpec>(body)?))
-    };
-    let id = plain_id(document.id())?;
-    Ok((document, id))
+/// Whether a document was read with all that others may refer to: only what nobody knows was left out.
+fn is_whole(faults: &[Fault]) -> bool {
+    faults.iter().all(|fault| fault.code == "unknown-field")
 }
 
-/// The id of a document: a base without effects.
-fn plain_id(text: &str) -> Result<ModelId, Vec<Fault>> {
+/// What was compiled, if there is no fault at all.
+fn judged<T>(compiled: Result<T, Vec<Fault>>, mut faults: Vec<Fault>) -> Result<T, Vec<Fault>> {
+    match compiled {
+        Ok(compiled) if faults.is_empty() => Ok(compiled),
+        compiled => {
+            faults.extend(compiled.err().into_iter().flatten());
+            Err(faults)
+        }
+    }
+}
+
+/// The id of a document: a base without effects. Where it is none, another one stands for it.
+fn plain_id(text: &str, faults: &mut Vec<Fault>) -> ModelId {
     match text.parse::<ModelId>() {
-        Ok(id) if id.with().is_empty() && id.without().is_empty() => Ok(id),
-        Ok(_) => Err(vec![Fault::new(
+        Ok(id) if id.with().is_empty() && id.without().is_empty() => return id,
+        Ok(_) => faults.push(Fault::new(
             "/id",
             "invalid-id",
             "the id of a document has no `+` or `-`: effects are added with POST /models/{id}/effects",
-        )]),
-        Err(error) => Err(vec![Fault::new("/id", "invalid-id", error.to_string())]),
+        )),
+        Err(error) => faults.push(Fault::new("/id", "invalid-id", error.to_string())),
     }
+    ModelId::unnamed()
 }
 
 /// Compiles the model of an id with everything that its documents name.
@@ -117,41 +165,48 @@ pub async fn create(service: &Service, body: Value, key: Option<&RequestKey>) ->
 ///
 /// # Errors
 /// Every fault of its form and, against `parent`, of its meaning.
-fn check_effect(catalogue: &Catalogue, parent: Option<&ModelId>, body: Value) -> Result<EffectSpec, Vec<Fault>> {
-    let effect: EffectSpec = decode::decode(body)?;
-    plain_id(&effect.id)?;
+pub(super) fn check_effect(catalogue: &Catalogue, parent: Option<&ModelId>, body: Value) -> Result<EffectSpec, Vec<Fault>> {
+    let Read { document: effect, mut faults, .. } = decode::read::<EffectSpec>(body, &Value::Null);
+    let Some(mut effect) = effect.filter(|_| is_whole(&faults)) else {
+        return Err(faults);
+    };
+    effect.id = plain_id(&effect.id, &mut faults).to_string();
+    if effect.terms.is_empty() && effect.outputs.is_empty() {
+        faults.push(Fault::new("/terms", "no-terms", "an effect adds a term to an equation or to an output"));
+    }
     let mut extended = catalogue.clone();
     extended.add_effect(effect.clone());
     let name = if effect.argument.is_some() { format!("{}:P_example", effect.id) } else { effect.id.clone() };
-    match parent {
-        Some(parent) => drop(compiled(&extended, &parent.plus(&name))?),
-        None => try_on_any(&extended, &effect, &name)?,
-    }
-    Ok(effect)
+    let tried = match parent {
+        Some(parent) => compiled(&extended, &parent.plus(&name)).map(drop),
+        None => try_on_any(&extended, &effect, &name),
+    };
+    // The compiler knows where the effect is in the model; the sender knows the document.
+    let own = format!("/effects/{name}");
+    let place = |fault: Fault| Fault { pointer: fault.pointer.strip_prefix(&own).unwrap_or(&fault.pointer).to_owned(), ..fault };
+    judged(tried.map_err(|faults| faults.into_iter().map(place).collect()), faults).map(|()| effect)
 }
 
-/// An effect is at home in any model that has the states it names; without one it cannot be checked.
+/// An effect is at home in any model that has the states it names. Where none has them all, the model that has most
+/// of them tells what is wrong.
 fn try_on_any(catalogue: &Catalogue, effect: &EffectSpec, name: &str) -> Result<(), Vec<Fault>> {
+    let specs = catalogue.models().filter_map(|document| match document {
+        ModelDocument::Spec(spec) => Some(spec),
+        ModelDocument::Composition(_) => None,
+    });
+    let mut by_states: Vec<_> =
+        specs.map(|spec| (effect.terms.keys().filter(|state| spec.states.contains_key(*state)).count(), spec)).collect();
+    by_states.sort_by_key(|(count, _)| Reverse(*count));
+    let most = by_states.first().map_or(0, |(count, _)| *count);
     let mut first = None;
-    for document in catalogue.models() {
-        let ModelDocument::Spec(spec) = document else {
-            continue;
-        };
-        if !effect.terms.keys().all(|state| spec.states.contains_key(state)) {
-            continue;
-        }
-        let Ok(id) = spec.id.parse::<ModelId>() else {
-            continue;
-        };
-        match compiled(catalogue, &id.plus(name)) {
-            Ok(_) => return Ok(()),
-            Err(faults) => first = first.or(Some(faults)),
+    for (_, spec) in by_states.into_iter().take_while(|(count, _)| *count == most) {
+        match spec.id.parse::<ModelId>().map(|id| compiled(catalogue, &id.plus(name))) {
+            Ok(Ok(_)) => return Ok(()),
+            Ok(Err(faults)) => first = first.or(Some(faults)),
+            Err(_) => {}
         }
     }
-    Err(first.unwrap_or_else(|| {
-        let states: Vec<&str> = effect.terms.keys().map(String::as_str).collect();
-        vec![Fault::new("/terms", "unknown-state", format!("no model has the states {}", states.join(", ")))]
-    }))
+    Err(first.unwrap_or_default())
 }
 
 /// Takes an effect document of a user.
@@ -200,6 +255,11 @@ pub async fn add_effect(service: &Service, parent: &ModelId, body: Value, key: O
     Ok(Taken { thing: version.document, is_new })
 }
 
+/// The catalogue knows the effect as a part of a model's id; the sender knows it by its own field.
+fn at_effect(fault: Fault) -> Fault {
+    if fault.pointer == "/model" { Fault { pointer: "/effect".into(), ..fault } } else { fault }
+}
+
 /// The new version, and its effect where that came as a document.
 fn make_version(catalogue: &Catalogue, parent: &ModelId, body: Value) -> Result<(VersionRecord, Option<EffectSpec>), Vec<Fault>> {
     #[derive(serde::Deserialize)]
@@ -208,7 +268,12 @@ fn make_version(catalogue: &Catalogue, parent: &ModelId, body: Value) -> Result<
         effect: String,
     }
     let (name, own) = if body.get("effect").is_some() {
-        (decode::decode::<ByName>(body)?.effect, None)
+        let mut named = decode::read::<ByName>(body, &Value::Null);
+        let name = named.document.as_ref().map(|document| document.effect.clone()).unwrap_or_default();
+        if named.document.is_some() {
+            named.add(catalogue.effect(&name).err().map(at_effect));
+        }
+        (named.finish()?.effect, None)
     } else {
         let effect = check_effect(catalogue, Some(parent), body)?;
         if let Some(word) = &effect.argument {
@@ -219,9 +284,6 @@ fn make_version(catalogue: &Catalogue, parent: &ModelId, body: Value) -> Result<
     };
     let mut extended = catalogue.clone();
     own.iter().for_each(|effect| extended.add_effect(effect.clone()));
-    let at_effect = |fault: Fault| {
-        if own.is_none() && fault.pointer == "/model" { Fault { pointer: "/effect".into(), ..fault } } else { fault }
-    };
     let spec = extended.effect(&name).map_err(|fault| vec![at_effect(fault)])?;
     let id = parent.plus(&name);
     if id == *parent {

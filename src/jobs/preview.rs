@@ -1,6 +1,6 @@
 //! A short simulation of a model that somebody edits: over the window of a system, or on standard days.
 
-use super::models::read_model;
+use super::models::{check_effect, check_model};
 use super::systems::SystemDocument;
 use super::{JobsError, Service, blocking, decode, input, submit};
 use crate::data::{Duration, SplitRequest, SystemId, read_time, rfc3339};
@@ -8,7 +8,6 @@ use crate::estimate::preview::{Preview, preview, standard_days};
 use crate::estimate::request::WindowRange;
 use crate::estimate::{EstimateRequest, prepare};
 use crate::fault::Fault;
-use crate::model::spec::EffectSpec;
 use crate::model::{Bindings, Catalogue, ModelId, compile};
 use crate::store;
 use indexmap::IndexMap;
@@ -127,12 +126,10 @@ fn assemble(catalogue: &Catalogue, request: &Request, system: Option<&SystemDocu
         Some(Value::String(id)) => id.parse().map_err(|error| vec![Fault::new("/model", "invalid-id", format!("{error}"))])?,
         Some(document) => {
             let at = |fault: Fault| Fault { pointer: format!("/model{}", fault.pointer), ..fault };
-            let (document, id) = read_model(document.clone()).map_err(|faults| faults.into_iter().map(at).collect::<Vec<_>>())?;
+            let (document, model) =
+                check_model(&catalogue, document.clone()).map_err(|faults| faults.into_iter().map(at).collect::<Vec<_>>())?;
             catalogue.add_model(document);
-            // Its own faults come first and name their places inside it.
-            let checked = catalogue.compose(&id).and_then(|composition| compile(&composition, &Bindings::default()));
-            checked.map_err(|faults| faults.into_iter().map(at).collect::<Vec<_>>())?;
-            id
+            model.id().clone()
         }
     };
     let mut faults = Vec::new();
@@ -146,7 +143,7 @@ fn assemble(catalogue: &Catalogue, request: &Request, system: Option<&SystemDocu
                     continue;
                 }
             },
-            document => match decode::decode::<EffectSpec>(document.clone()) {
+            document => match check_effect(&catalogue, Some(&model), document.clone()) {
                 Ok(effect) => {
                     let id = effect.id.clone();
                     own.push((id.clone(), index));

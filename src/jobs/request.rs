@@ -1,6 +1,6 @@
 //! What a job is asked to do: the body of `POST /jobs`, with the defaults of the system filled in.
 
-use super::decode;
+use super::decode::{self, Read};
 use super::systems::SystemDocument;
 use crate::data::{SplitRequest, SystemId, SystemPattern, read_time};
 use crate::estimate::method::{MethodFields, SeededMethod};
@@ -59,27 +59,38 @@ pub fn read(body: Value) -> Result<JobRequest, Vec<Fault>> {
     let Value::Object(mut fields) = body else {
         return Err(vec![Fault::new("", "wrong-type", "the body must be an object")]);
     };
-    let kind = match fields.shift_remove("kind") {
-        Some(Value::String(kind)) => kind,
-        Some(_) => {
-            return Err(vec![Fault::new("/kind", "wrong-type", "the kind is a word")]);
-        }
-        None => {
-            return Err(vec![Fault::new("/kind", "missing-field", format!("`kind` is missing: {}", KINDS.join(" or ")))]);
+    let named = fields.shift_remove("kind");
+    let mut faults = Vec::new();
+    let kind = match named.as_ref().map(Value::as_str) {
+        Some(Some(kind)) if KINDS.contains(&kind) => kind,
+        // What else is wrong can be said all the same: only one of the kinds has several systems.
+        other => {
+            faults.push(match other {
+                None => Fault::new("/kind", "missing-field", format!("`kind` is missing: {}", KINDS.join(" or "))),
+                Some(None) => Fault::new("/kind", "wrong-type", "the kind is a word"),
+                Some(Some(kind)) => {
+                    let shown: String = kind.chars().take(40).collect();
+                    let fault = Fault::new("/kind", "unknown-value", format!("`{}` is none of {}", shown.escape_debug(), KINDS.join(", ")));
+                    match nearest(kind, KINDS) {
+                        Some(near) => fault.suggest(format!("did you mean `{near}`?")),
+                        None => fault,
+                    }
+                }
+            });
+            if fields.contains_key("systems") && !fields.contains_key("system") { "recalibrate" } else { "estimate" }
         }
     };
-    match kind.as_str() {
-        "estimate" => read_one(JobKind::Estimate, fields),
+    let asked = match kind {
+        "recalibrate" => read_recalibration(fields),
         "diagnose" => read_one(JobKind::Diagnose, fields),
         "ladder" => read_one(JobKind::Ladder, fields),
-        "recalibrate" => read_recalibration(fields),
-        _ => {
-            let shown: String = kind.chars().take(40).collect();
-            let fault = Fault::new("/kind", "unknown-value", format!("`{}` is none of {}", shown.escape_debug(), KINDS.join(", ")));
-            Err(vec![match nearest(&kind, KINDS) {
-                Some(near) => fault.suggest(format!("did you mean `{near}`?")),
-                None => fault,
-            }])
+        _ => read_one(JobKind::Estimate, fields),
+    };
+    match asked {
+        Ok(asked) if faults.is_empty() => Ok(asked),
+        asked => {
+            faults.extend(asked.err().into_iter().flatten());
+            Err(faults)
         }
     }
 }
@@ -163,17 +174,22 @@ fn take<T: serde::de::DeserializeOwned>(fields: &mut Map<String, Value>, name: &
 /// # Errors
 /// Every fault of the fields.
 pub fn complete(settings: &Map<String, Value>, system: Option<&SystemDocument>) -> Result<EstimateRequest, Vec<Fault>> {
-    let mut faults = Vec::new();
+    match read_settings(settings, system) {
+        (request, faults) if faults.is_empty() => Ok(request),
+        (_, faults) => Err(faults),
+    }
+}
+
+/// As much of a request as can be read, with every fault of the rest.
+pub fn read_settings(settings: &Map<String, Value>, system: Option<&SystemDocument>) -> (EstimateRequest, Vec<Fault>) {
     let mut fields = settings.clone();
-    let method = fields.shift_remove("method").and_then(|method| read_method(method).map_err(|more| faults.extend(more)).ok());
-    let mut request: EstimateRequest = match decode::decode(Value::Object(fields)) {
-        Ok(request) => request,
-        Err(mut more) => {
-            more.extend(faults);
-            return Err(more);
-        }
-    };
-    request.method = method.unwrap_or_default();
+    let method = fields.shift_remove("method").map(read_method);
+    let Read { document: request, mut faults, .. } = decode::read::<EstimateRequest>(Value::Object(fields), &Value::Null);
+    let mut request = request.unwrap_or_default();
+    if let Some((method, more)) = method {
+        request.method = method.unwrap_or_default();
+        faults.extend(more);
+    }
     if let Some(system) = system {
         if !settings.contains_key("prior") {
             request.prior = system.prior;
@@ -181,35 +197,30 @@ pub fn complete(settings: &Map<String, Value>, system: Option<&SystemDocument>) 
         request.model.get_or_insert_with(|| system.model.clone());
     }
     faults.extend(senseless(&request));
-    if faults.is_empty() { Ok(request) } else { Err(faults) }
+    (request, faults)
 }
 
 /// Reads a method with every fault of its hyperparameters.
-fn read_method(value: Value) -> Result<SeededMethod, Vec<Fault>> {
-    let fields = MethodFields::from(decode::decode::<Map<String, Value>>(value).map_err(|faults| inside("/method", faults))?);
-    let mut faults = Vec::new();
-    let seed = decode::decode::<u64>(fields.seed.clone()).map_err(|more| faults.extend(inside("/method/seed", more)));
-    let method = match fields.method() {
-        None => Err(inside("/method/name", vec![Fault::new("", "wrong-type", "the name of a method is a text")])),
-        // What is wrong with the whole is that no method has this name.
-        Some(method) => decode::decode::<Method>(method).map_err(|faults| {
-            faults
-                .into_iter()
-                .flat_map(|fault| inside(if fault.pointer.is_empty() { "/method/name" } else { "/method" }, vec![fault]))
-                .collect()
-        }),
+fn read_method(value: Value) -> (Option<SeededMethod>, Vec<Fault>) {
+    let fields = match decode::decode::<Map<String, Value>>(value) {
+        Ok(fields) => MethodFields::from(fields),
+        Err(faults) => return (None, inside("/method", faults)),
     };
-    let method = method.map_err(|more| faults.extend(more));
-    if let Ok(method) = &method {
-        faults.extend(method.faults().iter().map(|range| {
-            let field = range.field.split(' ').next().unwrap_or_default().replace('.', "/");
-            Fault::new(format!("/method/{field}"), "out-of-range", format!("`{}` {range}", range.field))
-        }));
-    }
-    match (seed, method) {
-        (Ok(seed), Ok(method)) if faults.is_empty() => Ok(SeededMethod { seed, method }),
-        _ => Err(faults),
-    }
+    let seed = decode::read::<u64>(fields.seed.clone(), &Value::Null);
+    let mut faults = inside("/method/seed", seed.faults);
+    let Some(document) = fields.method() else {
+        faults.push(Fault::new("/method/name", "wrong-type", "the name of a method is a text"));
+        return (None, faults);
+    };
+    let method = decode::read::<Method>(document, &Value::Null);
+    // What is wrong with the whole is that no method has this name.
+    let place = |fault: &Fault| if fault.pointer.is_empty() { "/method/name" } else { "/method" };
+    faults.extend(method.faults.into_iter().flat_map(|fault| inside(place(&fault), vec![fault])));
+    faults.extend(method.document.iter().flat_map(Method::faults).map(|range| {
+        let field = range.field.split(' ').next().unwrap_or_default().replace('.', "/");
+        Fault::new(format!("/method/{field}"), "out-of-range", format!("`{}` {range}", range.field))
+    }));
+    (seed.document.zip(method.document).map(|(seed, method)| SeededMethod { seed, method }), faults)
 }
 
 /// Faults that were found inside something that the pointer names.
@@ -226,9 +237,19 @@ fn senseless(request: &EstimateRequest) -> Vec<Fault> {
                 faults.push(fault);
             }
         }
+        let instant = |text: &Option<String>| text.as_ref().and_then(|text| read_time("", text).ok());
+        if instant(&window.from).zip(instant(&window.to)).is_some_and(|(from, to)| from > to) {
+            faults.push(Fault::new("/window/to", "out-of-order", "it ends before it starts"));
+        }
+        if window.last.is_some_and(|last| last.is_zero()) {
+            faults.push(Fault::new("/window/last", "out-of-range", "it must be longer than nothing"));
+        }
         if window.last.is_some() && window.from.is_some() {
             faults.push(Fault::new("/window", "contradiction", "`last` and `from` exclude each other"));
         }
+    }
+    if request.split.train.is_zero() {
+        faults.push(Fault::new("/split/train", "out-of-range", "it must be longer than nothing"));
     }
     if !(1..=MOST_EVALUATIONS).contains(&request.budget.evaluations) {
         faults.push(Fault::new("/budget/evaluations", "out-of-range", format!("there are between 1 and {MOST_EVALUATIONS} evaluations")));

@@ -2,6 +2,7 @@
 //! for once, however many there were.
 
 use super::body::BatchSettings;
+use super::decode::{self, Read};
 use super::request::{BatchRequest, read_batch};
 use super::{JobsError, Service, now, submit};
 use crate::data::SystemPattern;
@@ -13,7 +14,7 @@ use croner::Cron;
 use jiff::tz::TimeZone;
 use jiff::{Timestamp, Zoned};
 use serde::{Deserialize, Serialize};
-use serde_json::{Map, Value};
+use serde_json::{Map, Value, json};
 use std::pin::pin;
 use std::str::FromStr;
 use std::sync::Arc;
@@ -102,29 +103,46 @@ impl Ticks {
     }
 }
 
+/// Reads a schedule and its request.
+///
+/// # Errors
+/// Every fault of the name, the document and the request.
+fn read(service: &Service, name: &str, body: Value) -> Result<(ScheduleDocument, BatchRequest), Vec<Fault>> {
+    let Read { document, mut faults, .. } = decode::read::<ScheduleDocument>(body, &json!({ "cron": NIGHTLY_CRON, "systems": ["room/*"] }));
+    if name.is_empty() || name.len() > 64 || !name.bytes().all(|b| b.is_ascii_alphanumeric() || b == b'_' || b == b'-') {
+        faults.push(Fault::new("path", "invalid-name", "the name of a schedule is 1 to 64 letters, digits, `_` and `-`"));
+    }
+    let Some(document) = document else {
+        return Err(faults);
+    };
+    faults.extend(Ticks::read(&document.cron, document.zone.as_deref().unwrap_or(&service.settings.zone)).err().into_iter().flatten());
+    let mut fields = document.request.clone();
+    if fields.contains_key("systems") {
+        faults.push(Fault::new("/request/systems", "unknown-field", "the systems stand beside the request"));
+    }
+    fields.insert("systems".to_owned(), json!(document.systems));
+    let within = |fault: Fault| {
+        if fault.pointer.starts_with("/systems") { fault } else { Fault { pointer: format!("/request{}", fault.pointer), ..fault } }
+    };
+    match read_batch(fields) {
+        Ok(request) if faults.is_empty() => Ok((document, request)),
+        other => {
+            // A list of which every pattern was wrong is empty by now.
+            let is_known = |fault: &Fault| fault.pointer == "/systems" && faults.iter().any(|known| known.pointer.starts_with("/systems"));
+            let more: Vec<Fault> = other.err().into_iter().flatten().filter(|fault| !is_known(fault)).map(within).collect();
+            faults.extend(more);
+            Err(faults)
+        }
+    }
+}
+
 /// Makes or replaces a schedule; says whether it is new.
 ///
 /// # Errors
 /// Every fault of the document, or where the database fails.
-pub async fn put(service: &Service, name: &str, document: &ScheduleDocument) -> Result<bool, JobsError> {
-    let mut faults = Vec::new();
-    if name.is_empty() || name.len() > 64 || !name.bytes().all(|b| b.is_ascii_alphanumeric() || b == b'_' || b == b'-') {
-        faults.push(Fault::new("", "invalid-name", "the name of a schedule is 1 to 64 letters, digits, `_` and `-`"));
-    }
+pub async fn put(service: &Service, name: &str, body: Value) -> Result<bool, JobsError> {
+    let (document, request) = read(service, name, body).map_err(JobsError::Faults)?;
     let zone = document.zone.as_deref().unwrap_or(&service.settings.zone);
-    faults.extend(Ticks::read(&document.cron, zone).err().into_iter().flatten());
-    let mut fields = document.request.clone();
-    fields.insert("systems".to_owned(), serde_json::json!(document.systems));
-    let within = |fault: Fault| {
-        if fault.pointer.starts_with("/systems") { fault } else { Fault { pointer: format!("/request{}", fault.pointer), ..fault } }
-    };
-    let request = match read_batch(fields) {
-        Ok(request) if faults.is_empty() => request,
-        other => {
-            faults.extend(other.err().into_iter().flatten().map(within));
-            return Err(JobsError::Faults(faults));
-        }
-    };
     let request = serde_json::to_string(&request).map_err(|error| JobsError::Internal(error.to_string()))?;
     let new = NewSchedule { name, cron: &document.cron, zone, request: &request, enabled: document.enabled };
     let is_new = store::schedules::put(&service.store, &new, now()).await?;
@@ -138,9 +156,7 @@ pub async fn put(service: &Service, name: &str, document: &ScheduleDocument) -> 
 /// Where the database fails.
 pub async fn ensure_nightly(service: &Service) -> Result<(), JobsError> {
     if store::schedules::get(&service.store, NIGHTLY).await?.is_none() {
-        let systems = vec!["room/*".parse().map_err(|error: crate::data::BadSystemId| JobsError::Internal(error.to_string()))?];
-        let document = ScheduleDocument { cron: NIGHTLY_CRON.to_owned(), zone: None, enabled: true, systems, request: Map::new() };
-        put(service, NIGHTLY, &document).await?;
+        put(service, NIGHTLY, json!({ "cron": NIGHTLY_CRON, "systems": ["room/*"] })).await?;
     }
     Ok(())
 }

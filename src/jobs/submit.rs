@@ -3,7 +3,7 @@
 
 use super::request::{self, BatchRequest};
 use super::systems::{self, Mode, SystemDocument};
-use super::{JobsError, Service, blocking, now, params};
+use super::{JobsError, Service, blocking, input, now, params};
 use crate::data::SystemId;
 use crate::estimate::EstimateRequest;
 use crate::fault::{Fault, nearest};
@@ -28,21 +28,18 @@ pub async fn one(
     settings: &Map<String, Value>,
     key: Option<&RequestKey>,
 ) -> Result<Submitted, JobsError> {
-    let Some(record) = store::systems::get(&service.store, system).await? else {
-        return Err(JobsError::Faults(vec![unknown_system(service, system).await?]));
-    };
-    let document = systems::document(&record.document)?;
-    let request = request::complete(settings, Some(&document)).map_err(JobsError::Faults)?;
-    let model = request.model.clone().unwrap_or_else(|| document.model.clone());
-    let catalogue = service.catalogue.current();
-    let named = model.clone();
-    let mut faults = blocking(move || document.bindings(&catalogue, &named).err().unwrap_or_default()).await?;
-    if store::windows::extent(&service.store, system).await?.is_none() {
-        let fault = Fault::new("/system", "no-data", format!("there are no measurements of {system}"));
-        faults.push(fault.suggest(format!("post some to /systems/{system}/windows")));
-    }
+    let (request, faults) = judge(service, system, settings).await?;
+    let model = request.model.clone().ok_or_else(|| JobsError::Faults(faults.clone()))?;
     if !faults.is_empty() {
         return Err(JobsError::Faults(faults));
+    }
+    // Whether the measurements are enough is seen now, and not by whoever looks for the result.
+    let document = systems::require(service, system).await?;
+    let input = input::collect(service, system, document, model.clone(), request.clone()).await?;
+    match blocking(move || input.window().and_then(|window| input.problem(&window))).await? {
+        Ok(_) => {}
+        Err(JobsError::Faults(faults)) => return Err(JobsError::Faults(faults.into_iter().map(at_request).collect())),
+        Err(error) => return Err(error),
     }
     let new = new_job(kind, system, model, experiment, &request, Origin::Posted, priority)?;
     let submitted = store::jobs::submit(&service.store, &new, key, service.queue_limit(), now()).await?;
@@ -81,6 +78,57 @@ pub async fn refit(service: &Service, system: &SystemId, document: &SystemDocume
     store::jobs::submit(&service.store, &new, None, service.queue_limit(), now()).await?;
     service.wake.notify_one();
     params::refresh(service, system).await
+}
+
+/// What the faults of a request hide: those that only its system and its model can tell.
+///
+/// # Errors
+/// Where the database fails.
+pub async fn further_faults(service: &Service, body: &Value, known: &[Fault]) -> Result<Vec<Fault>, JobsError> {
+    let (Some(system), Some(mut settings)) = (body.get("system").and_then(Value::as_str).map(str::parse), body.as_object().cloned()) else {
+        return Ok(Vec::new());
+    };
+    let Ok(system) = system else {
+        return Ok(Vec::new());
+    };
+    if settings.get("kind").is_some_and(|kind| kind == "recalibrate") {
+        return Ok(Vec::new());
+    }
+    settings.retain(|field, _| !["kind", "system", "experiment", "priority"].contains(&field.as_str()));
+    let (_, mut faults) = judge(service, &system, &settings).await?;
+    faults.retain(|fault| !known.contains(fault));
+    Ok(faults)
+}
+
+/// As much of a request as can be read, with every fault that the request, its system and its model show.
+async fn judge(service: &Service, system: &SystemId, settings: &Map<String, Value>) -> Result<(EstimateRequest, Vec<Fault>), JobsError> {
+    let Some(record) = store::systems::get(&service.store, system).await? else {
+        let (request, mut faults) = request::read_settings(settings, None);
+        faults.push(unknown_system(service, system).await?);
+        return Ok((request, faults));
+    };
+    let document = systems::document(&record.document)?;
+    let (request, mut faults) = request::read_settings(settings, Some(&document));
+    let model = request.model.clone().unwrap_or_else(|| document.model.clone());
+    let (catalogue, choices) = (service.catalogue.current(), request.choices());
+    let more = blocking(move || match document.bindings(&catalogue, &model) {
+        Ok(model) => choices.faults(&model),
+        Err(faults) => faults.into_iter().map(at_request).collect(),
+    });
+    // Bounds that are no interval on any scale were found before.
+    let is_new = |fault: &Fault, faults: &[Fault]| !faults.iter().any(|known| known.pointer == fault.pointer);
+    faults.extend(more.await?.into_iter().filter(|fault| is_new(fault, &faults)).collect::<Vec<_>>());
+    if store::windows::extent(&service.store, system).await?.is_none() {
+        let fault = Fault::new("/system", "no-data", format!("there are no measurements of {system}"));
+        faults.push(fault.suggest(format!("post some to /systems/{system}/windows")));
+    }
+    Ok((request, faults))
+}
+
+/// A fault of the model or the measurements, as a fault of the request that names the model.
+fn at_request(fault: Fault) -> Fault {
+    let is_of_request = ["/model", "/window", "/split", "/bounds", "/fixed"].iter().any(|field| fault.pointer.starts_with(field));
+    if is_of_request { fault } else { systems::at("/model", fault) }
 }
 
 /// Submits a batch.

@@ -8,6 +8,7 @@ use crate::model::{Bindings, Catalogue, ModelId, compile};
 use crate::store;
 use crate::store::systems::{Deleted, Needs};
 use serde::{Deserialize, Serialize};
+use serde_json::json;
 use std::collections::BTreeMap;
 use utoipa::ToSchema;
 
@@ -253,7 +254,7 @@ impl SystemDocument {
 }
 
 /// The fault, found inside something that the pointer names.
-fn at(pointer: &str, fault: Fault) -> Fault {
+pub(super) fn at(pointer: &str, fault: Fault) -> Fault {
     Fault { detail: format!("{}: {}", fault.pointer, fault.detail), pointer: pointer.to_owned(), ..fault }
 }
 
@@ -266,9 +267,11 @@ pub async fn put(service: &Service, system: &SystemId, body: serde_json::Value) 
     let name = system.clone();
     // Compiling a model of the largest size takes longer than an async thread may be held.
     let checked = super::blocking(move || {
-        let document: SystemDocument = decode::decode(body)?;
-        let faults = document.faults(&name, &catalogue);
-        if faults.is_empty() { Ok(document) } else { Err(faults) }
+        // The stand-in is a built-in model, of which no fault is found.
+        let mut read = decode::read::<SystemDocument>(body, &json!({ "model": "rc2" }));
+        let faults = read.document.as_ref().map(|document| document.faults(&name, &catalogue));
+        read.add(faults.unwrap_or_default());
+        read.finish()
     });
     let document = checked.await?.map_err(JobsError::Faults)?;
     let text = serde_json::to_string(&document).map_err(|error| JobsError::Internal(error.to_string()))?;

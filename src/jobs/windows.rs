@@ -1,11 +1,14 @@
 //! Takes measurements in: parsed, packed and kept, once per content.
 
+use super::decode::{self, Read, Unread};
 use super::{JobsError, Refusal, Service, blocking, now, systems};
-use crate::data::{Bindings, ChannelKind, ColumnHeader, SystemId, Window, WindowReport};
+use crate::data::{Bindings, ChannelKind, ColumnHeader, SystemId, Window, WindowDocument, WindowReport};
 use crate::fault::Fault;
 use crate::store::idempotency::RequestKey;
 use crate::store::windows::{self, Blocks, Deleted, Kept, NewWindow, WindowRecord};
 use crate::units::Unit;
+use serde_json::Value;
+use std::str::Utf8Error;
 
 /// Most fits that a refusal names.
 const MOST_NAMED: usize = 20;
@@ -113,7 +116,7 @@ pub async fn delete(service: &Service, id: &str) -> Result<(), JobsError> {
 
 /// Parses and packs a body.
 fn pack(system: &SystemId, format: Format, body: &[u8], bindings: &Bindings) -> Result<Packed, JobsError> {
-    let (window, report) = read(format, body, bindings).map_err(JobsError::Faults)?;
+    let (window, report) = read(format, body, bindings)?;
     let identity = format!("{system} {}", window.content_hash());
     Ok(Packed {
         id: format!("win_{}", &blake3::hash(identity.as_bytes()).to_hex()[..20]),
@@ -140,31 +143,50 @@ pub fn unpack(windows: &[Blocks]) -> Result<Vec<Window>, JobsError> {
 
 /// Parses a body. A column that the system binds may be absent: not every file has every channel. The report
 /// says so, because a slip in a binding looks the same.
-pub(super) fn read(format: Format, body: &[u8], bindings: &Bindings) -> Result<(Window, WindowReport), Vec<Fault>> {
-    let parse = |bindings: &Bindings| match format {
-        Format::Json => Window::parse_json(body, bindings),
-        Format::Csv => match std::str::from_utf8(body) {
-            Ok(text) => Window::parse_csv(text, bindings),
-            Err(error) => Err(vec![Fault::new("csv", "not-utf8", format!("byte {} is no UTF-8", error.valid_up_to()))]),
-        },
-    };
-    let faults = match parse(bindings) {
-        Err(faults) if faults.iter().any(|fault| fault.code == "unknown-column") => faults,
+pub(super) fn read(format: Format, body: &[u8], bindings: &Bindings) -> Result<(Window, WindowReport), JobsError> {
+    let faults = match parse(format, body, bindings) {
+        Err(JobsError::Faults(faults)) if faults.iter().any(|fault| fault.code == "unknown-column") => faults,
         other => return other,
     };
     let columns = columns(format, body);
     let (there, absent): (Vec<_>, Vec<_>) =
         bindings.iter().partition(|(_, column)| columns.iter().any(|header| header.column == *column || header.channel == *column));
     if absent.is_empty() {
-        return Err(faults);
+        return Err(JobsError::Faults(faults));
     }
     let mut present = Bindings::none();
     there.into_iter().for_each(|(channel, column)| present.bind(channel, column));
-    let (window, mut report) = parse(&present)?;
+    let (window, mut report) = parse(format, body, &present)?;
     report.warnings.extend(
         absent.into_iter().map(|(channel, column)| format!("`{channel}` is bound to a column `{column}` that this window does not have")),
     );
     Ok((window, report))
+}
+
+fn parse(format: Format, body: &[u8], bindings: &Bindings) -> Result<(Window, WindowReport), JobsError> {
+    match format {
+        Format::Json => Window::parse_json(body, bindings).map_err(|faults| unreadable(body, bindings, faults)),
+        Format::Csv => {
+            let not_text = |error: Utf8Error| vec![Fault::new("csv", "not-utf8", format!("byte {} is no UTF-8", error.valid_up_to()))];
+            std::str::from_utf8(body).map_err(not_text).and_then(|text| Window::parse_csv(text, bindings)).map_err(JobsError::Faults)
+        }
+    }
+}
+
+/// All that is wrong with a JSON window whose form is wrong: the parser of large bodies stops at the first.
+fn unreadable(body: &[u8], bindings: &Bindings, faults: Vec<Fault>) -> JobsError {
+    if faults.iter().all(|fault| fault.code != "unreadable") {
+        return JobsError::Faults(faults);
+    }
+    match decode::parse(body) {
+        Err(Unread::Malformed(fault)) => JobsError::Malformed(fault),
+        Err(Unread::Repeated(faults)) => JobsError::Faults(faults),
+        Ok(value) => {
+            let Read { document, faults: mut found, .. } = decode::read::<WindowDocument>(value, &Value::Null);
+            found.extend(document.and_then(|document| Window::read(document, bindings).err()).into_iter().flatten());
+            JobsError::Faults(if found.is_empty() { faults } else { found })
+        }
+    }
 }
 
 /// The columns of a body that is well-formed enough to have some.
@@ -176,8 +198,8 @@ fn columns(format: Format, body: &[u8]) -> Vec<ColumnHeader> {
             line.split([',', ';', '\t']).map(|cell| ColumnHeader::parse(cell.trim().trim_matches('"'))).collect()
         }
         Format::Json => {
-            let document: serde_json::Value = serde_json::from_slice(body).unwrap_or_default();
-            let values = document.get("values").and_then(serde_json::Value::as_object);
+            let document: Value = serde_json::from_slice(body).unwrap_or_default();
+            let values = document.get("values").and_then(Value::as_object);
             values.into_iter().flat_map(|values| values.keys()).map(|name| ColumnHeader::parse(name)).collect()
         }
     }

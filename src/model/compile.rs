@@ -85,6 +85,10 @@ pub fn compile(composition: &Composition, bindings: &Bindings) -> Result<Model, 
     for effect in &composition.effects {
         builder.effect(effect, bindings, &mut rhs, &mut outputs);
     }
+    for (index, check) in spec.checks.iter().enumerate() {
+        builder.lowering.faults.extend(check.faults(&format!("/check/{index}"), spec));
+    }
+    builder.lowering.judge_unused();
     for channel in std::mem::take(&mut builder.lowering.missing) {
         builder.fault("/inputs", "missing-channel", format!("the model needs the channel `{channel}`, which is not there"));
     }
@@ -122,14 +126,11 @@ impl Builder {
     }
 
     /// The unit of a text; `*` stands for the numbers of a channel as they are.
-    fn unit(&mut self, pointer: &str, text: &str) -> Unit {
+    fn unit(&mut self, pointer: &str, text: &str) -> Option<Unit> {
         if text == AS_IT_COMES {
-            return Unit::ONE;
+            return Some(Unit::ONE);
         }
-        Unit::parse(text).unwrap_or_else(|error| {
-            self.fault(pointer, "unit", error.to_string());
-            Unit::ONE
-        })
+        Unit::parse(text).map_err(|error| self.fault(pointer, "unit", error.to_string())).ok()
     }
 
     fn state(&mut self, name: &str, unit: &str) {
@@ -259,7 +260,9 @@ impl Builder {
                 continue;
             };
             let value = self.lowering.text(&pointer, text);
-            self.lowering.demand(&pointer, value, unit.divided_by(Unit::HOUR), "the term");
+            if let Some(unit) = unit {
+                self.lowering.demand(&pointer, value, unit.divided_by(Unit::HOUR), "the term");
+            }
             terms.push((usize::from(index), value));
         }
         let mut output_terms = Vec::new();

@@ -28,6 +28,11 @@ impl std::fmt::Display for NotAModelId {
 impl std::error::Error for NotAModelId {}
 
 impl ModelId {
+    /// Stands for the id of a document whose own makes no sense, so that the rest of it can be judged.
+    pub fn unnamed() -> Self {
+        Self { base: "unnamed".to_owned(), with: Vec::new(), without: Vec::new() }
+    }
+
     /// The model that effects are added to.
     pub fn base(&self) -> &str {
         &self.base

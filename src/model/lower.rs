@@ -18,8 +18,8 @@ const MAX_INTEGER_POWER: f64 = 16.0;
 pub(super) struct Symbol {
     /// The leaf of the graph.
     pub node: Node,
-    /// Its unit.
-    pub unit: Unit,
+    /// Its unit; `None` where that could not be read, so that one fault does not make others.
+    pub unit: Option<Unit>,
     /// Whether it is known never to be negative.
     pub nonnegative: bool,
     /// The channel, where it is an input whose channel is not there.
@@ -123,6 +123,17 @@ impl Lowering {
             );
         }
         value
+    }
+
+    /// Lowers the definitions that nothing uses, for their faults alone.
+    pub fn judge_unused(&mut self) {
+        let unused = |(name, named): (&String, &Named)| matches!(named, Named::Text(_)).then(|| name.clone());
+        let names: Vec<String> = self.defines.iter().filter_map(unused).collect();
+        let (missing, dropped) = (self.missing.clone(), self.dropped.clone());
+        for name in names {
+            self.name(&format!("/define/{name}"), Position { line: 1, column: 1 }, &name);
+        }
+        (self.missing, self.dropped) = (missing, dropped);
     }
 
     /// Demands a unit of a value.
@@ -234,7 +245,7 @@ impl Lowering {
     fn name(&mut self, pointer: &str, at: Position, name: &str) -> Value {
         if let Some(symbol) = self.symbols.get(name) {
             self.missing.extend(symbol.missing.clone());
-            let (unit, nonnegative) = (Some(symbol.unit), symbol.nonnegative);
+            let (unit, nonnegative) = (symbol.unit, symbol.nonnegative);
             return Value { node: self.graph.intern(symbol.node), unit, nonnegative };
         }
         match self.defines.get_mut(name).map(|named| std::mem::replace(named, Named::Busy)) {
@@ -282,7 +293,7 @@ impl Lowering {
         let (unit, nonnegative) = match op {
             Binary::Pow => return self.power(pointer, at, a, b),
             Binary::Mul => (a.unit.zip(b.unit).map(|(a, b)| a.times(b)), both || same),
-            Binary::Div => (Some(a.unit.unwrap_or(Unit::ONE).divided_by(b.unit.unwrap_or(Unit::ONE))), both),
+            Binary::Div => (a.unit.zip(b.unit).map(|(a, b)| a.divided_by(b)), both),
             Binary::Add | Binary::Min => (self.alike(pointer, at, op, a, b), both),
             Binary::Sub => (self.alike(pointer, at, op, a, b), false),
             Binary::Max => (self.alike(pointer, at, op, a, b), a.nonnegative || b.nonnegative),

@@ -8,6 +8,7 @@
 //! Nothing here knows measurements or parameter values. Time is counted in hours.
 
 pub mod catalogue;
+mod check;
 pub mod compile;
 pub mod derivative;
 pub mod expr;

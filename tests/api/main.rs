@@ -8,6 +8,7 @@ mod diagnoses;
 mod events;
 mod faults;
 mod fits;
+mod hostile;
 mod jobs;
 mod layout;
 mod models;

@@ -1,0 +1,117 @@
+//! What physics demands of any estimate, as documents say it.
+
+use super::spec::ModelSpec;
+use crate::fault::Fault;
+use indexmap::IndexMap;
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+/// A demand of physics that the validation gate puts to an estimate.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(tag = "kind", rename_all = "snake_case", try_from = "CheckFields")]
+#[schema(as = PhysicsCheck)]
+pub enum Check {
+    /// All eigenvalues of the linearised model have negative real parts.
+    Stable,
+    /// All time constants, in hours, lie inside this interval.
+    TimeConstants {
+        /// Shortest.
+        lower: f64,
+        /// Longest.
+        upper: f64,
+    },
+    /// The steady gain from an input to a state lies in `(above, upto]`.
+    SteadyGain {
+        /// The input.
+        input: String,
+        /// The state.
+        state: String,
+        /// Exclusive lower limit.
+        above: f64,
+        /// Inclusive upper limit.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        upto: Option<f64>,
+        /// Inputs that are set to these values for the check, such as an open valve.
+        #[serde(default, skip_serializing_if = "IndexMap::is_empty")]
+        with: IndexMap<String, f64>,
+    },
+    /// Every state stays inside this interval in every simulation.
+    StateRange {
+        /// Lowest.
+        lower: f64,
+        /// Highest.
+        upper: f64,
+    },
+}
+
+/// The fields of all checks. Read first, so that a fault has its place; which of them belong together is a matter of
+/// the kind.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct CheckFields {
+    kind: CheckKind,
+    lower: Option<f64>,
+    upper: Option<f64>,
+    input: Option<String>,
+    state: Option<String>,
+    above: Option<f64>,
+    upto: Option<f64>,
+    with: Option<IndexMap<String, f64>>,
+}
+
+#[derive(Deserialize)]
+#[serde(rename_all = "snake_case")]
+enum CheckKind {
+    Stable,
+    TimeConstants,
+    SteadyGain,
+    StateRange,
+}
+
+impl TryFrom<CheckFields> for Check {
+    type Error = &'static str;
+
+    fn try_from(fields: CheckFields) -> Result<Self, Self::Error> {
+        let is_gain =
+            fields.input.is_some() || fields.state.is_some() || fields.above.is_some() || fields.upto.is_some() || fields.with.is_some();
+        let is_range = fields.lower.is_some() || fields.upper.is_some();
+        match (fields.kind, fields.lower.zip(fields.upper), fields.input.zip(fields.state).zip(fields.above)) {
+            (CheckKind::Stable, _, _) if !is_gain && !is_range => Ok(Check::Stable),
+            (CheckKind::Stable, _, _) => Err("`stable` has no other fields"),
+            (CheckKind::TimeConstants, Some((lower, upper)), _) if !is_gain => Ok(Check::TimeConstants { lower, upper }),
+            (CheckKind::StateRange, Some((lower, upper)), _) if !is_gain => Ok(Check::StateRange { lower, upper }),
+            (CheckKind::TimeConstants | CheckKind::StateRange, _, _) => Err("`time_constants` and `state_range` have `lower` and `upper`"),
+            (CheckKind::SteadyGain, _, Some(((input, state), above))) if !is_range => {
+                Ok(Check::SteadyGain { input, state, above, upto: fields.upto, with: fields.with.unwrap_or_default() })
+            }
+            (CheckKind::SteadyGain, _, _) => Err("`steady_gain` has `input`, `state` and `above`, and may have `upto` and `with`"),
+        }
+    }
+}
+
+impl Check {
+    /// What makes no sense in a check of this model.
+    pub(super) fn faults(&self, pointer: &str, spec: &ModelSpec) -> Vec<Fault> {
+        let mut faults = Vec::new();
+        let mut demand = |holds: bool, field: &str, code: &str, detail: String| {
+            if !holds {
+                faults.push(Fault::new(format!("{pointer}/{field}"), code, detail));
+            }
+        };
+        match self {
+            Check::Stable => {}
+            Check::TimeConstants { lower, upper } | Check::StateRange { lower, upper } => {
+                demand(lower < upper, "upper", "bounds", format!("[{lower}, {upper}] is no interval"));
+            }
+            Check::SteadyGain { input, state, above, upto, with } => {
+                for (field, name) in [("input", input)].into_iter().chain(with.keys().map(|name| ("with", name))) {
+                    demand(spec.inputs.contains_key(name), field, "unknown-name", format!("there is no input `{name}`"));
+                }
+                demand(spec.states.contains_key(state), "state", "unknown-state", format!("there is no state `{state}`"));
+                let is_interval = upto.is_none_or(|upto| *above < upto);
+                demand(is_interval, "upto", "bounds", format!("nothing is above {above} and at most {}", upto.unwrap_or_default()));
+            }
+        }
+        faults
+    }
+}
