@@ -43,7 +43,7 @@ fn a_fit_has_all_the_fields_that_are_described_and_no_others() {
         }
         assert!(!check["comment"].as_str().unwrap().is_empty());
     }
-    assert_eq!(fit["basis"]["channels"], json!(["T_out", "T_room"]));
+    assert_eq!(fit["basis"]["channels"], json!(["T_out", "T_room", "hour_of_day", "weekday", "window_drop"]));
     assert_eq!(fit["parts"]["train"]["from"], "2026-01-01T00:00:00Z");
 }
 

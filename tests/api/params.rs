@@ -93,8 +93,8 @@ fn a_job_that_fails_says_so_beside_the_previous_set() {
     app.room("1", 1);
     app.ended(&app.estimate("room/1", json!({})));
     let good = app.get("/params/room/1").json();
-    let failed = app.ended(&app.estimate("room/1", json!({"window": {"from": "2030-01-01T00:00:00Z"}})));
-    assert_eq!((failed["state"].as_str(), failed["error"]["code"].as_str()), (Some("failed"), Some("no_data")), "{failed}");
+    let failed = app.ended(&app.failing("room/1", json!({})));
+    assert_eq!((failed["state"].as_str(), failed["error"]["code"].as_str()), (Some("failed"), Some("diverged")), "{failed}");
     let params = app.get("/params/room/1").json();
     assert_eq!((params["status"].as_str(), params["fallback"]["reason"].as_str()), (Some("fallback"), Some("job_failed")));
     assert_eq!((&params["fallback"]["job"], &params["parameters"]), (&failed["id"], &good["parameters"]));

@@ -36,7 +36,7 @@ fn the_figures_follow_what_happens() {
     app.room("2", 1);
     let done = app.ended(&app.estimate("room/1", json!({})));
     assert_eq!(done["outcome"], "accepted");
-    let failed = app.ended(&app.estimate("room/2", json!({"window": {"from": "2030-01-01T00:00:00Z"}})));
+    let failed = app.ended(&app.failing("room/2", json!({})));
     assert_eq!(failed["state"], "failed");
     let etag = app.get("/params/room/1").expect(200).header("etag").to_owned();
     app.get_with("/params/room/1", &[("if-none-match", &etag)]).expect(304);
@@ -59,7 +59,7 @@ fn the_figures_follow_what_happens() {
         ("lampyris_jobs{state=\"running\"}", 1.0),
         ("lampyris_jobs_ended_total{kind=\"estimate\",outcome=\"accepted\"}", 1.0),
         ("lampyris_jobs_ended_total{kind=\"estimate\",outcome=\"failed\"}", 1.0),
-        ("lampyris_jobs_failed_total{code=\"no_data\"}", 1.0),
+        ("lampyris_jobs_failed_total{code=\"diverged\"}", 1.0),
         ("lampyris_job_duration_seconds_count", 2.0),
         ("lampyris_job_duration_seconds_bucket{le=\"+Inf\"}", 2.0),
         ("lampyris_queue_wait_seconds_count", 3.0),

@@ -140,6 +140,15 @@ impl Client {
         id
     }
 
+    /// Gives a system a model of which no estimate succeeds, posts one and gives its id.
+    #[track_caller]
+    pub fn failing(&self, system: &str, more: Value) -> String {
+        let known = self.json("POST", "/models", &exploding());
+        assert!([200, 201].contains(&known.status), "{}", known.text);
+        self.json("PUT", &format!("/systems/{system}"), &serde_json::json!({"model": "explosion"})).expect(200);
+        self.estimate(system, more)
+    }
+
     /// Posts a job and gives its id.
     #[track_caller]
     pub fn post_job(&self, body: &Value) -> String {
@@ -232,6 +241,16 @@ pub fn quick(system: &str) -> Value {
 /// A request that does not end by itself within the time of a test.
 pub fn endless(system: &str) -> Value {
     serde_json::json!({"kind": "estimate", "system": system, "method": {"name": "cfa_thesis"}, "budget": {"evaluations": 100_000_000}})
+}
+
+/// A model whose every simulation explodes, so that each of its jobs fails.
+fn exploding() -> Value {
+    serde_json::json!({
+        "id": "explosion", "title": "A room that explodes", "states": {"T_room": {"unit": "degC", "initial": "T_room"}},
+        "equations": {"T_room": "k * 1[K] * exp(exp(T_room / 1[K]))"},
+        "parameters": {"k": {"unit": "1/h", "lower": 1.0, "upper": 2.0, "nominal": 1.5, "scale": "log"}},
+        "outputs": {"T_room": {"expr": "T_room", "unit": "degC", "noise_sd": 0.05}},
+    })
 }
 
 /// Half-hourly measurements of a room that follows the model `rc2`, with a little noise.
