@@ -4,7 +4,7 @@
 //! ends. The zones come with the program: the same measurements give the same columns on every machine.
 
 use jiff::Timestamp;
-use jiff::tz::TimeZoneDatabase;
+use jiff::tz::{TimeZone, TimeZoneDatabase};
 
 use super::channel::Hold;
 use super::grid::{Column, Grid};
@@ -24,8 +24,7 @@ pub const CALENDAR: [&str; 2] = [HOUR, WEEKDAY];
 /// # Errors
 /// A fault where the zone is unknown or a time lies thousands of years away.
 pub fn add_calendar(mut grid: Grid, zone: &str) -> Result<Grid, Fault> {
-    let unknown = || Fault::new("/location/zone", "unknown-zone", format!("`{}` is no IANA time zone", zone.escape_debug()));
-    let zone = TimeZoneDatabase::bundled().get(zone).map_err(|_| unknown())?;
+    let zone = local_zone(zone)?;
     let (mut hours, mut weekdays) = (Vec::with_capacity(grid.len()), Vec::with_capacity(grid.len()));
     for index in 0..grid.len() {
         let time = Timestamp::from_second(grid.time(index)).map_err(|error| Fault::new("/time", "bad-time", error.to_string()))?;
@@ -39,6 +38,15 @@ pub fn add_calendar(mut grid: Grid, zone: &str) -> Result<Grid, Fault> {
         }
     }
     Ok(grid)
+}
+
+/// The rules of an IANA time zone, as they come with the program.
+///
+/// # Errors
+/// A fault where it is unknown.
+pub fn local_zone(name: &str) -> Result<TimeZone, Fault> {
+    let unknown = || Fault::new("/location/zone", "unknown-zone", format!("`{}` is no IANA time zone", name.escape_debug()));
+    TimeZoneDatabase::bundled().get(name).map_err(|_| unknown())
 }
 
 #[cfg(test)]

@@ -57,7 +57,7 @@ mod window;
 mod write;
 
 pub use block::CorruptBlock;
-pub use calendar::{CALENDAR, add_calendar};
+pub use calendar::{CALENDAR, add_calendar, local_zone};
 pub use channel::{ChannelKind, Hold};
 pub use drops::{DROPS, add_drops};
 pub use duration::{BadDuration, Duration, Length};

@@ -2,17 +2,21 @@
 //!
 //! Free runs show where; only innovations show whether anything is left to explain (reference: missing-effects 6).
 
+use super::candidates::widen;
 use super::regimes::{Regime, regimes};
 use super::residual::residual;
 use super::spectrum::{InputLag, Spectrum, input_lags, spectrum};
-use crate::data::rfc3339;
-use crate::estimate::fit::{AheadError, OutputMetrics};
-use crate::estimate::metrics::{FilterRun, filter, metrics};
+use crate::data::{Grid, Window, local_zone, rfc3339};
+use crate::estimate::metrics::{error_unit, filter};
 use crate::estimate::problem::mean_square;
-use crate::estimate::{Fit, Problem};
+use crate::estimate::{Fit, Problem, Site};
+use crate::fault::Fault;
 use indexmap::IndexMap;
+use jiff::Timestamp;
+use jiff::civil::Date;
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
+use utoipa::ToSchema;
 
 /// Length of an episode in hours.
 const EPISODE_HOURS: f64 = 6.0;
@@ -20,7 +24,7 @@ const EPISODE_HOURS: f64 = 6.0;
 const EPISODES: usize = 5;
 
 /// Six hours in which the free run errs much.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Episode {
     /// First instant, RFC 3339.
     pub from: String,
@@ -32,171 +36,125 @@ pub struct Episode {
     pub rmse: f64,
     /// Share of the squared error of the part.
     pub share: f64,
-    /// Inputs that are unusual then: deviations from their mean over the part.
+    /// Channels that are unusual then: how many standard deviations they lie from their mean.
     pub context: IndexMap<String, f64>,
 }
 
-/// Where a model fails. Errors are measured minus simulated, in the output's unit.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+/// Where the free run of a fit fails. Errors are residuals of the model's first output, measured minus simulated, in its
+/// unit.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Failures {
-    /// In plain sentences, the most telling first.
-    pub summary: Vec<String>,
-    /// How well each output is simulated.
-    pub skill: IndexMap<String, Skill>,
-    /// Forecast errors from re-estimated states, with `free_run` for the free run over the validation part.
-    pub by_horizon: IndexMap<String, AheadError>,
     /// Errors by circumstances.
     pub by_regime: Vec<Regime>,
-    /// Mean error by day and hour.
+    /// Mean error by day and hour of the clock on the wall.
     pub hour_by_date: Vec<DayOfErrors>,
     /// The worst six hours, several times.
     pub episodes: Vec<Episode>,
-    /// The residual against each input, with the lag at which they go together most.
+    /// The residual against each measured channel, with the lag at which they go together most.
     pub inputs: Vec<InputLag>,
     /// Autocorrelation and cumulated periodogram of the one-step innovations.
     pub innovations: Spectrum,
-    /// Free-run error over the innovation deviation of its AR model.
-    pub rho: Option<f64>,
-    /// Root mean square of the one-step innovations.
-    pub noise_floor: Option<f64>,
 }
 
-/// The skill of a free run over the whole window.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Skill {
-    /// Samples compared.
-    pub n: usize,
-    /// Mean error.
-    pub bias: f64,
-    /// Root mean square error.
-    pub rmse: f64,
-    /// The same about the bias.
-    pub urmse: f64,
-    /// Mean absolute error.
-    pub mae: f64,
-    /// Share of the variance that is explained; below zero the mean would do better.
-    pub r2: f64,
-}
-
-/// Mean errors of a day by hour, UTC; `None` where nothing is comparable.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+/// Mean errors of a day by hour of the clock on the wall; `None` where nothing is comparable.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct DayOfErrors {
-    /// The day, as the instant of its midnight.
+    /// The day, such as `2026-01-31`.
     pub date: String,
-    /// 24 means.
+    /// 24 means; an hour that a clock change repeats is one of them.
     pub hours: Vec<Option<f64>>,
 }
 
-/// Where the free run of a fit fails. `seed` fixes the resampling of the intervals.
-pub fn failures(problem: &Problem, fit: &Fit, seed: u64) -> Failures {
+/// Where the free run of a fit fails over its window, in the light of everything that was measured, whether the model
+/// uses it or not. `seed` fixes the resampling of the intervals.
+///
+/// # Errors
+/// A fault where the window does not fit the problem, or its time zone is unknown.
+pub fn failures(problem: &Problem, fit: &Fit, window: &Window, seed: u64) -> Result<Failures, Fault> {
     let theta = fit.theta();
+    let (grid, _) = widen(problem, window, &site(problem))?;
+    let (error, usable) = free_run_errors(problem, &theta);
     let run = filter(problem, &theta, Some(fit.process_noise));
-    let measured = metrics(problem, &theta, &run);
-    let first = measured.values().next().cloned();
-    let simulated = problem.simulate(&theta);
-    let error = residual(problem, &simulated.outputs[0]);
-    let all = 0..problem.grid().len();
-    let usable = problem.usable(0, all.clone());
-    let by_regime = regimes(problem, &error, &usable, seed);
-    let episodes = episodes(problem, &theta, all);
-    let inputs = input_lags(problem, &error, &usable);
-    Failures {
-        summary: sentences(first.as_ref(), &by_regime, &episodes),
-        skill: skill(problem, &simulated.outputs, &measured),
-        by_horizon: first.as_ref().map(by_horizon).unwrap_or_default(),
-        hour_by_date: hour_by_date(problem, &error, &usable),
-        by_regime,
-        episodes,
-        inputs,
-        innovations: innovations(&run),
-        rho: first.as_ref().and_then(|first| first.rho),
-        noise_floor: first.as_ref().and_then(|first| first.noise_floor),
-    }
+    Ok(Failures {
+        by_regime: regimes(problem, &grid, &error, &usable, seed),
+        hour_by_date: hour_by_date(problem, &error, &usable)?,
+        episodes: episodes(problem, &grid, &theta, 0..grid.len()),
+        inputs: input_lags(problem, &grid, &error, &usable),
+        innovations: run.filtered.innovations.first().map(|series| spectrum(series)).unwrap_or_default(),
+    })
 }
 
-fn innovations(run: &FilterRun) -> Spectrum {
-    run.filtered.innovations.first().map(|series| spectrum(series)).unwrap_or_default()
+/// The circumstances that tell most of the error of a fit, in a sentence; `None` where none are sure to.
+///
+/// # Errors
+/// As [`failures`].
+pub fn worst_regime(problem: &Problem, fit: &Fit, window: &Window, seed: u64) -> Result<Option<String>, Fault> {
+    let (grid, _) = widen(problem, window, &site(problem))?;
+    let (error, usable) = free_run_errors(problem, &fit.theta());
+    let found = regimes(problem, &grid, &error, &usable, seed);
+    Ok(telling(&found).next().map(|regime| sentence(problem, regime)))
 }
 
-fn skill(problem: &Problem, simulated: &[Vec<f64>], measured: &IndexMap<String, OutputMetrics>) -> IndexMap<String, Skill> {
-    let mut skills = IndexMap::new();
-    for ((index, channel), (values, _)) in measured.keys().enumerate().zip(problem.measured()) {
-        let usable = problem.usable(index, 0..problem.grid().len());
-        let errors: Vec<f64> = usable.iter().map(|k| values[*k] - simulated[index][*k]).collect();
-        if errors.is_empty() {
-            continue;
-        }
-        let n = errors.len() as f64;
-        let bias = errors.iter().sum::<f64>() / n;
-        let mean = usable.iter().map(|k| values[*k]).sum::<f64>() / n;
-        let variance = usable.iter().map(|k| (values[*k] - mean).powi(2)).sum::<f64>() / n;
-        let square = mean_square(&errors);
-        skills.insert(
-            channel.clone(),
-            Skill {
-                n: errors.len(),
-                bias,
-                rmse: square.sqrt(),
-                urmse: (square - bias * bias).max(0.0).sqrt(),
-                mae: errors.iter().map(|error| error.abs()).sum::<f64>() / n,
-                r2: 1.0 - square / variance.max(f64::MIN_POSITIVE),
-            },
-        );
-    }
-    skills
+fn site(problem: &Problem) -> Site {
+    let basis = problem.basis();
+    Site { location: basis.location, zone: basis.zone.clone(), sets: basis.sets.clone() }
 }
 
-fn by_horizon(metrics: &OutputMetrics) -> IndexMap<String, AheadError> {
-    let mut horizons = metrics.ahead.clone();
-    if let (Some(rmse), Some(day)) = (metrics.validation_rmse, metrics.ahead.values().last()) {
-        horizons.insert("free_run".to_owned(), AheadError { rmse, persistence: day.persistence, n: day.n });
-    }
-    horizons
+/// The residual of the first output at every sample, and the samples at which it means something.
+fn free_run_errors(problem: &Problem, theta: &[f64]) -> (Vec<f64>, Vec<usize>) {
+    let simulated = problem.simulate(theta);
+    (residual(problem, &simulated.outputs[0]), problem.usable(0, 0..problem.grid().len()))
 }
 
-fn hour_by_date(problem: &Problem, error: &[f64], usable: &[usize]) -> Vec<DayOfErrors> {
-    let grid = problem.grid();
-    let mut sums: IndexMap<i64, [(f64, usize); 24]> = IndexMap::new();
-    for k in usable {
-        let time = grid.time(*k);
-        let hours = sums.entry(time.div_euclid(86_400)).or_insert([(0.0, 0); 24]);
-        let (sum, count) = &mut hours[(time.rem_euclid(86_400) / 3600) as usize];
-        (*sum, *count) = (*sum + error[*k], *count + 1);
-    }
-    let mean = |(sum, count): &(f64, usize)| (*count > 0).then(|| sum / *count as f64);
-    sums.iter().map(|(day, hours)| DayOfErrors { date: rfc3339(day * 86_400), hours: hours.iter().map(mean).collect() }).collect()
+/// Regimes whose bias is sure to be one, and that hold more of the error than of the time, the most telling first.
+fn telling(regimes: &[Regime]) -> impl Iterator<Item = &Regime> {
+    let sure = |regime: &&Regime| regime.bias_ci95.is_some_and(|[low, high]| low > 0.0 || high < 0.0);
+    regimes.iter().filter(sure).filter(|regime| regime.error_share > regime.time_share)
 }
 
-/// What a user should read first. A regime is told where its interval leaves zero out.
-fn sentences(metrics: Option<&OutputMetrics>, regimes: &[Regime], episodes: &[Episode]) -> Vec<String> {
-    let mut sentences = Vec::new();
-    if let Some(metrics) = metrics {
-        let unit = &metrics.unit;
-        if let (Some(rho), Some(floor)) = (metrics.rho, metrics.noise_floor) {
-            let word = if rho < super::findings::ADEQUATE_RHO { "close to" } else { "far above" };
-            sentences
-                .push(format!("The free run errs by {:.2} {unit}, {word} its one-step noise of {floor:.2} {unit}.", metrics.train_rmse));
-        }
-        let sure = |regime: &&Regime| regime.bias_ci95.is_some_and(|[low, high]| low > 0.0 || high < 0.0);
-        for regime in regimes.iter().filter(sure).take(3) {
-            let word = if regime.bias > 0.0 { "warmer" } else { "colder" };
-            sentences.push(format!(
-                "With {} the room is {:.2} {unit} {word} than the model: {:.0} % of the time, {:.0} % of the squared error.",
-                regime.regime,
-                regime.bias.abs(),
-                100.0 * regime.time_share,
-                100.0 * regime.error_share
-            ));
-        }
-    }
-    if let Some(worst) = episodes.first() {
-        sentences.push(format!("The worst six hours begin at {}: {:+.2} on average.", worst.from, worst.bias));
+fn sentence(problem: &Problem, regime: &Regime) -> String {
+    let output = problem.model().outputs().first();
+    let (channel, unit) = output.map_or(("", ""), |output| (output.channel.as_str(), error_unit(&output.unit)));
+    format!(
+        "{}: {channel} is {:.2} {unit} {} than the model says, {:.0} % of the time, {:.0} % of the squared error.",
+        regime.regime,
+        regime.bias.abs(),
+        if regime.bias > 0.0 { "higher" } else { "lower" },
+        100.0 * regime.time_share,
+        100.0 * regime.error_share
+    )
+}
+
+/// What a user should read first.
+pub fn sentences(problem: &Problem, failures: &Failures) -> Vec<String> {
+    let mut sentences: Vec<String> = telling(&failures.by_regime).take(2).map(|regime| sentence(problem, regime)).collect();
+    if let Some(worst) = failures.episodes.first() {
+        sentences.push(format!(
+            "The worst six hours begin at {} and hold {:.0} % of the squared error: {:+.2} on average.",
+            worst.from,
+            100.0 * worst.share,
+            worst.bias
+        ));
     }
     sentences
 }
 
+fn hour_by_date(problem: &Problem, error: &[f64], usable: &[usize]) -> Result<Vec<DayOfErrors>, Fault> {
+    let zone = local_zone(problem.basis().zone.as_deref().unwrap_or("UTC"))?;
+    let mut sums: IndexMap<Date, [(f64, usize); 24]> = IndexMap::new();
+    for k in usable {
+        let time = Timestamp::from_second(problem.grid().time(*k)).map_err(|error| Fault::new("/time", "bad-time", error.to_string()))?;
+        let local = zone.to_datetime(time);
+        let hours = sums.entry(local.date()).or_insert([(0.0, 0); 24]);
+        let (sum, count) = &mut hours[local.hour() as usize];
+        (*sum, *count) = (*sum + error[*k], *count + 1);
+    }
+    let mean = |(sum, count): &(f64, usize)| (*count > 0).then(|| sum / *count as f64);
+    Ok(sums.iter().map(|(date, hours)| DayOfErrors { date: date.to_string(), hours: hours.iter().map(mean).collect() }).collect())
+}
+
 /// The worst episodes of a part, which do not overlap, the worst first.
-pub fn episodes(problem: &Problem, theta: &[f64], range: Range<usize>) -> Vec<Episode> {
+pub fn episodes(problem: &Problem, grid: &Grid, theta: &[f64], range: Range<usize>) -> Vec<Episode> {
     let simulated = problem.simulate(theta);
     let error = residual(problem, &simulated.outputs[0]);
     let usable = problem.usable(0, range.clone());
@@ -229,16 +187,16 @@ pub fn episodes(problem: &Problem, theta: &[f64], range: Range<usize>) -> Vec<Ep
             bias: inside.iter().sum::<f64>() / inside.len() as f64,
             rmse: square.sqrt(),
             share: square * inside.len() as f64 / total.max(f64::MIN_POSITIVE),
-            context: context(problem, &range, start..start + length),
+            context: context(grid, &range, start..start + length),
         })
     };
     chosen.into_iter().filter_map(one).collect()
 }
 
 /// Columns whose mean over an episode is more than a deviation from that over the part.
-fn context(problem: &Problem, range: &Range<usize>, episode: Range<usize>) -> IndexMap<String, f64> {
+fn context(grid: &Grid, range: &Range<usize>, episode: Range<usize>) -> IndexMap<String, f64> {
     let mut unusual = IndexMap::new();
-    for (channel, column) in problem.grid().columns() {
+    for (channel, column) in grid.columns() {
         let all = &column.values()[range.clone()];
         let mean = all.iter().sum::<f64>() / all.len() as f64;
         let deviation = (all.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / all.len() as f64).sqrt();

@@ -343,7 +343,12 @@ fn conclude(report: &mut Diagnosis, before: &Null, after: &Null) {
     report.unexplained = Unexplained {
         share,
         profile_by_hour,
-        episodes: episodes(&after.problem, &after.fitted.plain, after.problem.split().train.start..after.problem.split().validation.end),
+        episodes: episodes(
+            &after.problem,
+            after.problem.grid(),
+            &after.fitted.plain,
+            after.problem.split().train.start..after.problem.split().validation.end,
+        ),
         ask: more.then(|| evenings.unwrap_or_else(|| "keep a diary of what happens in the room in the hours listed".to_owned())),
     };
 }

@@ -1,10 +1,13 @@
 //! In which circumstances a model errs: means over regimes with intervals that resample whole days.
 
+use crate::data::Grid;
 use crate::estimate::Problem;
+use crate::schema::Interval;
 use rand::{RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
+use utoipa::ToSchema;
 
 /// Resamples of a day-block bootstrap.
 const RESAMPLES: usize = 400;
@@ -12,7 +15,7 @@ const RESAMPLES: usize = 400;
 const LEAST_DAYS: usize = 4;
 
 /// How a model errs in some circumstances.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Regime {
     /// The circumstances, such as `wind_speed high`.
     pub regime: String,
@@ -21,6 +24,7 @@ pub struct Regime {
     /// Mean of measured minus simulated, in the output's unit.
     pub bias: f64,
     /// Its 95 % interval: residuals are dependent within a day, so days are resampled, not samples.
+    #[schema(value_type = Option<Interval>)]
     pub bias_ci95: Option<[f64; 2]>,
     /// Root mean square error.
     pub rmse: f64,
@@ -30,8 +34,7 @@ pub struct Regime {
 
 /// All regimes that the columns of the grid define, the most telling first: thirds of what varies, on and off of
 /// what is either, day and night, weekdays and weekends.
-pub fn regimes(problem: &Problem, error: &[f64], usable: &[usize], seed: u64) -> Vec<Regime> {
-    let grid = problem.grid();
+pub fn regimes(problem: &Problem, grid: &Grid, error: &[f64], usable: &[usize], seed: u64) -> Vec<Regime> {
     let mut labels: Vec<(String, Vec<usize>)> = Vec::new();
     for (channel, column) in grid.columns() {
         if problem.model().outputs().iter().any(|output| output.channel == channel) || matches!(channel, "sun_azimuth" | "wind_direction") {
@@ -130,11 +133,11 @@ mod tests {
         let usable: Vec<usize> = (0..grid.len()).collect();
         let mean = out.iter().sum::<f64>() / out.len() as f64;
         let error: Vec<f64> = out.iter().map(|t| if *t > mean { 0.5 } else { -0.1 }).collect();
-        let found = regimes(&problem, &error, &usable, 1);
+        let found = regimes(&problem, grid, &error, &usable, 1);
         let warm = found.iter().find(|one| one.regime == "T_out high").unwrap();
         assert_eq!(warm.bias, 0.5);
         assert!(warm.error_share > 2.0 * warm.time_share);
         assert!(warm.bias_ci95.is_some_and(|[low, high]| low <= 0.5 && 0.5 <= high));
-        assert_eq!(found, regimes(&problem, &error, &usable, 1), "the same seed resamples the same days");
+        assert_eq!(found, regimes(&problem, grid, &error, &usable, 1), "the same seed resamples the same days");
     }
 }

@@ -1,7 +1,9 @@
 //! What is left in series that should be noise: correlation with inputs, with their own past, and by frequency.
 
+use crate::data::Grid;
 use crate::estimate::Problem;
 use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
 
 /// Longest lag of an input, in hours.
 const LAG_HOURS: f64 = 6.0;
@@ -13,7 +15,7 @@ const FREQUENCIES: usize = 128;
 const LONGEST: usize = 1024;
 
 /// How a residual goes with an input.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct InputLag {
     /// The input's channel.
     pub channel: String,
@@ -24,7 +26,7 @@ pub struct InputLag {
 }
 
 /// The innovations by lag and by frequency.
-#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, ToSchema)]
 pub struct Spectrum {
     /// Innovations compared.
     pub n: usize,
@@ -41,8 +43,7 @@ pub struct Spectrum {
 }
 
 /// The lag of every input of the grid at which the residual goes with it most, the strongest first.
-pub fn input_lags(problem: &Problem, error: &[f64], usable: &[usize]) -> Vec<InputLag> {
-    let grid = problem.grid();
+pub fn input_lags(problem: &Problem, grid: &Grid, error: &[f64], usable: &[usize]) -> Vec<InputLag> {
     let longest = (LAG_HOURS / grid.step_hours()) as usize;
     let mut lags: Vec<InputLag> = grid
         .columns()

@@ -1,5 +1,6 @@
 //! The diagnosis of small worlds, end to end.
 
+use super::failures::{failures, sentences, worst_regime};
 use super::ladder::ladder;
 use super::report::Gate;
 use super::{Adequacy, Diagnosis, diagnose, preview};
@@ -111,15 +112,19 @@ fn a_withheld_channel_is_named_as_not_testable_and_short_records_as_too_short() 
 
 #[test]
 fn failures_say_where_the_wind_is_missing() {
-    let (problem, _) = small_world(&["night_setback"]);
+    let (problem, window) = small_world(&["wind_infiltration"]);
     let fit = fitted(&problem);
-    let found = super::failures::failures(&problem, &fit, 1);
-    assert_eq!(found, super::failures::failures(&problem, &fit, 1));
-    assert!(!found.summary.is_empty() && found.episodes.len() == 5);
+    let found = failures(&problem, &fit, &window, 1).unwrap();
+    assert_eq!(found, failures(&problem, &fit, &window, 1).unwrap());
+    // The model has no wind, and yet its errors are told by the wind.
+    let windy = found.by_regime.iter().find(|regime| regime.regime == "wind_speed high").unwrap();
+    assert!(windy.bias_ci95.is_some_and(|[_, high]| high < 0.0) && windy.error_share > windy.time_share, "{windy:?}");
+    assert!(found.inputs.iter().any(|input| input.channel == "wind_speed" && input.correlation < 0.0));
+    let told = sentences(&problem, &found);
+    assert!(told.iter().any(|sentence| sentence.starts_with("wind_speed high: T_room is ")), "{told:?}");
+    assert_eq!(worst_regime(&problem, &fit, &window, 1).unwrap().as_ref(), told.first());
+    assert_eq!(found.episodes.len(), 5);
     assert!(found.hour_by_date.len() >= 28 && found.hour_by_date.iter().all(|day| day.hours.len() == 24));
-    let skill = &found.skill["T_room"];
-    assert!((skill.rmse.powi(2) - skill.bias.powi(2) - skill.urmse.powi(2)).abs() < 1e-12);
-    assert!(found.by_horizon.contains_key("PT24H") && found.by_horizon.contains_key("free_run"));
     let worst: f64 = found.episodes.iter().map(|episode| episode.share).sum();
     assert!(worst > 0.0 && worst <= 1.0);
 }

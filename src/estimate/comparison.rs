@@ -32,9 +32,9 @@ pub struct OutputLines {
 }
 
 impl OutputLines {
-    /// Simulated minus measured: positive where the model is too high.
+    /// Measured minus simulated: positive where the model is too low.
     pub fn residual(&self) -> Vec<Option<f64>> {
-        self.simulated.iter().zip(&self.measured).map(|(simulated, measured)| Some((*simulated)? - (*measured)?)).collect()
+        self.simulated.iter().zip(&self.measured).map(|(simulated, measured)| Some((*measured)? - (*simulated)?)).collect()
     }
 }
 

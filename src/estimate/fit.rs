@@ -181,6 +181,10 @@ pub struct Fit {
     /// What the problem was put together from; `None` in fits of versions that did not keep it.
     #[serde(default)]
     pub basis: Option<Basis>,
+    /// In which circumstances its free run fails most, in a sentence; `None` where none stand out, or in fits of versions
+    /// that did not look.
+    #[serde(default)]
+    pub worst_regime: Option<String>,
     /// What a user should know: bounds, correlations, parts dropped, weak convergence.
     pub remarks: Vec<String>,
     /// Parameters that were fixed at their nominal value because the data do not determine them.

@@ -389,6 +389,7 @@ fn report(
         parts: parts(problem),
         input_hash: problem.input_hash().to_owned(),
         basis: Some(problem.basis().clone()),
+        worst_regime: None,
         remarks,
         non_identifiable,
     }

@@ -6,8 +6,8 @@ use indexmap::IndexMap;
 use serde::Serialize;
 use std::ops::Range;
 
-/// The skill of a simulated series y beside measurements m, with the error e = y - m: positive where the model is
-/// too high. All but `n` and `r2` are in the unit of the error.
+/// The skill of a simulated series y beside measurements m, with the residual e = m - y: positive where the model
+/// is too low. All but `n` and `r2` are in the unit of the error.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Skill {
     /// How many pairs were compared.
@@ -31,7 +31,7 @@ impl Skill {
     pub fn of(pairs: &[(f64, f64)]) -> Option<Self> {
         let n = pairs.len() as f64;
         let mean = |value: &dyn Fn(&(f64, f64)) -> f64| pairs.iter().map(value).sum::<f64>() / n;
-        let error = |(simulated, measured): &(f64, f64)| simulated - measured;
+        let error = |(simulated, measured): &(f64, f64)| measured - simulated;
         // Squares about the means, and not differences of sums of squares, which would lose all digits of a small
         // scatter about a large mean.
         let (bias, level) = (mean(&error), mean(&|pair| pair.1));
@@ -141,9 +141,9 @@ mod tests {
 
     #[test]
     fn a_case_worked_out_by_hand() {
-        // e = 1, -1, 3, 1; measured mean 3, squares about it 4 + 1 + 1 + 4.
+        // e = -1, 1, -3, -1; measured mean 3, squares about it 4 + 1 + 1 + 4.
         let skill = Skill::of(&[(2.0, 1.0), (1.0, 2.0), (7.0, 4.0), (6.0, 5.0)]).unwrap();
-        assert_eq!((skill.n, skill.bias, skill.mae), (4, 1.0, 1.5));
+        assert_eq!((skill.n, skill.bias, skill.mae), (4, -1.0, 1.5));
         assert!((skill.rmse - 3f64.sqrt()).abs() < 1e-15);
         assert!((skill.urmse - 2f64.sqrt()).abs() < 1e-15);
         assert!((skill.r2.unwrap() - (1.0 - 12.0 / 10.0)).abs() < 1e-15);
@@ -157,7 +157,7 @@ mod tests {
         // The mean of the measurements explains nothing; an offset is all bias.
         assert!(with(&|_| 2.8).r2.unwrap().abs() < 1e-15);
         let offset = with(&|m| m - 0.5);
-        assert_eq!((offset.bias, offset.rmse, offset.mae), (-0.5, 0.5, 0.5));
+        assert_eq!((offset.bias, offset.rmse, offset.mae), (0.5, 0.5, 0.5));
         assert!(offset.urmse < 1e-15);
         assert_eq!(Skill::of(&[]), None);
         assert_eq!(Skill::of(&[(2.0, 1.0), (3.0, 1.0)]).unwrap().r2, None, "constant measurements have no variance to explain");
@@ -168,7 +168,7 @@ mod tests {
     fn only_pairs_count() {
         let (simulated, measured) = ([Some(1.0), None, Some(3.0), Some(9.0)], [Some(2.0), Some(2.0), None, Some(7.0)]);
         let skill = Skill::over(&simulated, &measured, 0..4).unwrap();
-        assert_eq!((skill.n, skill.bias), (2, 0.5));
+        assert_eq!((skill.n, skill.bias), (2, -0.5));
         assert_eq!(Skill::over(&simulated, &measured, 1..3), None);
     }
 
@@ -178,7 +178,7 @@ mod tests {
         fn brute_force_agrees(pairs in proptest::collection::vec((-1000i64..1000, -1000i64..1000), 1..60), level in -1_000_000i64..1_000_000) {
             let skill = Skill::of(&pairs.iter().map(|(s, m)| ((s + level) as f64, (m + level) as f64)).collect::<Vec<_>>()).unwrap();
             let n = pairs.len() as i64;
-            let errors: Vec<i64> = pairs.iter().map(|(s, m)| s - m).collect();
+            let errors: Vec<i64> = pairs.iter().map(|(s, m)| m - s).collect();
             let (sum, squares): (i64, i64) = (errors.iter().sum(), errors.iter().map(|e| e * e).sum());
             let close = |found: f64, exact: f64| (found - exact).abs() <= 1e-9 * (1.0 + exact.abs());
             prop_assert_eq!(skill.n, pairs.len());

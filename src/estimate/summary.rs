@@ -86,10 +86,10 @@ pub fn summary(
 
 fn side(unit: &str, skill: &Skill) -> &'static str {
     match (unit == "K", skill.bias > 0.0) {
-        (true, true) => "warm",
-        (true, false) => "cold",
-        (false, true) => "high",
-        (false, false) => "low",
+        (true, true) => "cold",
+        (true, false) => "warm",
+        (false, true) => "low",
+        (false, false) => "high",
     }
 }
 
@@ -140,7 +140,7 @@ mod tests {
         for word in ["does not repeat", "offset", "missing", "Mind that"] {
             assert!(!good.contains(word), "{good}");
         }
-        let bad = told(0.2, 0.9, -0.8, 0.5, 3.12, true);
+        let bad = told(0.2, 0.9, 0.8, 0.5, 3.12, true);
         for word in
             ["would do no worse (0.40 K)", "does not repeat", "0.80 K too cold", "3.1 times", "missing", "Mind that newer uploads came."]
         {

@@ -135,7 +135,7 @@ pub struct OutputBody {
     error_unit: String,
     measured: LineBody,
     simulated: LineBody,
-    /// Simulated minus measured.
+    /// Measured minus simulated: positive where the model is too low.
     residual: LineBody,
 }
 

@@ -4,6 +4,9 @@ use super::Shared;
 use super::chart::{ProvenanceBody, SkillBody};
 use super::negotiate::rendered;
 use super::problem::{ApiError, Problems};
+use crate::diagnose::failures::{DayOfErrors, Episode};
+use crate::diagnose::regimes::Regime;
+use crate::diagnose::spectrum::{InputLag, Spectrum};
 use crate::jobs::diagnostics;
 use crate::jobs::windows::Format;
 use axum::extract::{Path, State};
@@ -40,6 +43,17 @@ struct DiagnosticsBody {
     rho: HashMap<String, Option<f64>>,
     /// Root mean square of the one-step innovations, by output.
     noise_floor: HashMap<String, Option<f64>>,
+    /// The free run of the first output by circumstances, over the fit's window and in the light of all channels, the
+    /// most telling first. All errors are measured minus simulated.
+    by_regime: Vec<Regime>,
+    /// Its mean error by day and hour of the local clock.
+    hour_by_date: Vec<DayOfErrors>,
+    /// Its worst six hours, several times, with the channels that are unusual then.
+    episodes: Vec<Episode>,
+    /// Its residual against each measured channel, with the lag at which they go together most.
+    inputs: Vec<InputLag>,
+    /// Autocorrelation and cumulated periodogram of the one-step innovations.
+    innovations: Spectrum,
 }
 
 /// The free run of one output by part.

@@ -80,7 +80,7 @@ struct SystemRow {
     latest_state: Option<JobState>,
     /// What it led to.
     latest_outcome: Option<Outcome>,
-    /// Where the model fails most; `null` where nobody has diagnosed it.
+    /// In which circumstances the served fit fails most, in a sentence; `null` where none stand out.
     worst_regime: Option<String>,
 }
 
@@ -99,7 +99,7 @@ struct RowError {
 }
 
 impl SystemRow {
-    fn of(service: &Service, record: SystemRecord, newest: Option<JobRecord>) -> Self {
+    fn of(service: &Service, record: SystemRecord, newest: Option<JobRecord>, worst_regime: Option<String>) -> Self {
         let system = record.system.to_string();
         let entry = service.params.entry(&system);
         let rendered = entry.as_ref().and_then(|entry| entry.validated());
@@ -128,7 +128,7 @@ impl SystemRow {
             latest_state: newest.as_ref().map(|job| job.state),
             latest_outcome: newest.as_ref().and_then(|job| job.outcome),
             latest_job: newest.map(|job| job.id),
-            worst_regime: None,
+            worst_regime,
             system: record.system,
         }
     }
@@ -155,9 +155,11 @@ async fn list_systems(State(service): State<Shared>, Asked(page): Asked<PageQuer
     let records = store::systems::page(&service.store, &after, size + 1).await?;
     let names: Vec<String> = records.iter().map(|record| record.system.to_string()).collect();
     let newest = store::jobs::newest(&service.store, &names).await?;
+    let worst = store::fits::worst_regimes(&service.store, &names).await?;
     let row = |record: SystemRecord| {
         let job = newest.iter().find(|job| job.system == record.system).cloned();
-        SystemRow::of(&service, record, job)
+        let worst = worst.get(&record.system.to_string()).cloned();
+        SystemRow::of(&service, record, job, worst)
     };
     Ok(axum::Json(Page::of(records, size, |record| record.system.to_string(), row)))
 }

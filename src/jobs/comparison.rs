@@ -7,7 +7,7 @@ use super::interactive::Answer;
 use super::systems::{self, NEIGHBOURS, SystemDocument};
 use super::windows::Format;
 use super::{JobsError, Service};
-use crate::data::{Duration, SystemId, read_time, rfc3339};
+use crate::data::{Duration, SystemId, Window, read_time, rfc3339};
 use crate::estimate::compare::{Contender, compare};
 use crate::estimate::comparison::{Mode, comparison};
 use crate::estimate::metrics::lead;
@@ -60,7 +60,7 @@ pub async fn one(service: &Service, id: &str, asked: &Asked) -> Result<Answer, J
     let asked = *asked;
     let subject = subject(service, record, to).await?;
     let work = move || {
-        let replay = subject.replay(Some(to))?;
+        let replay = subject.replay(&subject.window()?, Some(to))?;
         let mode = match asked.horizon.and_then(|horizon| lead(horizon.seconds(), subject.fit().sample_s)) {
             Some(lead) => Mode::Ahead(lead),
             None => Mode::FreeRun,
@@ -109,7 +109,7 @@ pub async fn several(service: &Service, ids: &[String], asked: &Asked) -> Result
         subjects.push(subject(service, record, to).await?);
     }
     let work = move || {
-        let replays = subjects.iter().map(|subject| subject.replay(Some(to))).collect::<Result<Vec<_>, _>>()?;
+        let replays = subjects.iter().map(|subject| subject.replay(&subject.window()?, Some(to))).collect::<Result<Vec<_>, _>>()?;
         let contenders: Vec<Contender<'_>> =
             subjects.iter().zip(&replays).map(|(subject, replay)| Contender { id: &subject.record.id, replay }).collect();
         let compared = compare(&contenders, asked.horizon, from, to).map_err(JobsError::Faults)?;
@@ -177,11 +177,15 @@ impl Subject {
         &self.record
     }
 
-    /// Runs the fit again. This is work for the CPU pool.
-    pub(super) fn replay(&self, until: Option<i64>) -> Result<Replay, JobsError> {
+    /// All that was measured. This is work for the CPU pool.
+    pub(super) fn window(&self) -> Result<Window, JobsError> {
         let model: ModelId = self.fit().model.parse().map_err(|error| JobsError::Internal(format!("{error}")))?;
-        let window = self.measurements.window(&self.catalogue, &model)?;
-        Replay::new(&self.catalogue, self.fit(), &window, until).map_err(JobsError::Faults)
+        self.measurements.window(&self.catalogue, &model)
+    }
+
+    /// Runs the fit again. This is work for the CPU pool.
+    pub(super) fn replay(&self, window: &Window, until: Option<i64>) -> Result<Replay, JobsError> {
+        Replay::new(&self.catalogue, self.fit(), window, until).map_err(JobsError::Faults)
     }
 }
 

@@ -2,6 +2,7 @@
 
 use super::interactive::Answer;
 use super::{JobsError, Service, chart, comparison};
+use crate::diagnose::failures::{Failures, failures, sentences};
 use crate::estimate::replay::{Part, Provenance, window_of};
 use crate::estimate::skill::{HorizonSkill, PartSkill, by_horizon, by_part};
 use crate::estimate::summary::summary;
@@ -20,6 +21,8 @@ struct Document<'a> {
     by_horizon: IndexMap<String, Vec<HorizonSkill>>,
     rho: IndexMap<&'a str, Option<f64>>,
     noise_floor: IndexMap<&'a str, Option<f64>>,
+    #[serde(flatten)]
+    failures: Failures,
 }
 
 /// The diagnostics of a fit, JSON.
@@ -35,24 +38,29 @@ pub async fn diagnostics(service: &Service, id: &str) -> Result<Answer, JobsErro
     }
     let subject = comparison::subject(service, record, end).await?;
     let work = move || {
-        let replay = subject.replay(None)?;
+        let window = subject.window()?;
+        let replay = subject.replay(&window, None)?;
         let fit = subject.fit();
         // Without unseen data the horizons are judged on what there is, and the answer says so.
         let judged_on = if replay.range(Part::Validation).is_empty() { Part::Train } else { Part::Validation };
         let (skill, by_horizon) = (by_part(&replay), by_horizon(&replay, judged_on));
         let first = skill.first().zip(by_horizon.first());
         let told = first.map(|((_, parts), (_, horizons))| summary(judged_on, parts, horizons, fit.first_metrics(), replay.provenance()));
+        let failures = failures(replay.problem(), fit, &window, fit.seed).map_err(|fault| JobsError::Faults(vec![fault]))?;
+        let mut told: Vec<String> = told.into_iter().collect();
+        told.extend(sentences(replay.problem(), &failures));
         chart::json(&Document {
             fit: &subject.record().id,
             system: subject.record().system.to_string(),
             model: &fit.model,
-            summary: told.unwrap_or_default(),
+            summary: told.join(" "),
             provenance: replay.provenance(),
             skill,
             judged_on,
             by_horizon,
             rho: fit.metrics.iter().map(|(output, metrics)| (output.as_str(), metrics.rho)).collect(),
             noise_floor: fit.metrics.iter().map(|(output, metrics)| (output.as_str(), metrics.noise_floor)).collect(),
+            failures,
         })
     };
     service.interactive.answer(&key, work).await

@@ -4,6 +4,7 @@ use super::JobsError;
 use super::input::Input;
 use super::systems::Mode;
 use crate::data::Window;
+use crate::diagnose::failures::worst_regime;
 use crate::estimate::metrics::current_state;
 use crate::estimate::{Control, EstimateError, Interrupt, Policy, Problem, estimate, validate};
 use crate::fault::Fault;
@@ -46,7 +47,8 @@ pub fn fitted(input: &Input, control: &Control<'_>) -> Result<Fitted, Stopped> {
     let window = input.window().map_err(failed)?;
     let problem = input.problem(&window).map_err(failed)?;
     let incumbent = input.incumbent();
-    let fit = estimate(&problem, &input.request, incumbent.as_ref(), control).map_err(|error| stopped(&error))?;
+    let mut fit = estimate(&problem, &input.request, incumbent.as_ref(), control).map_err(|error| stopped(&error))?;
+    fit.worst_regime = worst_regime(&problem, &fit, &window, fit.seed).map_err(|fault| Stopped::Failed(invalid(vec![fault])))?;
     let policy = Policy { horizon: input.system.policy.horizon, excluded: input.system.excluded() };
     let judgement = validate(&problem, &fit, incumbent.as_ref(), &policy);
     let grid = problem.grid();

@@ -1,10 +1,11 @@
 //! What was found, with its verdict.
 
-use super::{Store, StoreError, from_json, instant, parse};
+use super::{Store, StoreError, from_json, instant, parse, to_json};
 use crate::data::SystemId;
 use crate::estimate::Fit;
 use jiff::Timestamp;
 use sqlx::FromRow;
+use std::collections::HashMap;
 
 /// A fit as it is kept.
 #[derive(Debug, Clone, PartialEq)]
@@ -100,6 +101,17 @@ pub async fn served(store: &Store, system: &SystemId) -> Result<Option<FitRecord
                FROM fits f JOIN revisions r ON r.fit = f.id WHERE r.system = $1 AND r.current";
     let row: Option<Row> = sqlx::query_as(sql).bind(system.to_string()).fetch_optional(&store.reader).await?;
     row.map(Row::record).transpose()
+}
+
+/// In which circumstances the served fits of these systems fail most, of those where some stand out.
+///
+/// # Errors
+/// Where the database fails.
+pub async fn worst_regimes(store: &Store, systems: &[String]) -> Result<HashMap<String, String>, StoreError> {
+    let sql = "SELECT r.system, f.document ->> '$.worst_regime' AS worst FROM revisions r JOIN fits f ON f.id = r.fit
+               WHERE r.current AND r.system IN (SELECT value FROM json_each($1)) AND worst IS NOT NULL";
+    let rows: Vec<(String, String)> = sqlx::query_as(sql).bind(to_json("systems", systems)?).fetch_all(&store.reader).await?;
+    Ok(rows.into_iter().collect())
 }
 
 #[derive(FromRow)]

@@ -35,7 +35,7 @@ fn fits_are_compared_on_one_window() {
         let alone = app.get(&format!("/fits/{fit}/comparison?from=2026-01-02T00:30:00Z&to=2026-01-14T23:30:00Z")).json();
         assert_eq!(simulated, values(&alone["outputs"]["T_room"]["simulated"]["values"]));
         for (over, first) in [("range", 0), ("unseen", unseen)] {
-            let errors: Vec<f64> = (first..measured.len()).map(|k| simulated[k] - measured[k]).collect();
+            let errors: Vec<f64> = (first..measured.len()).map(|k| measured[k] - simulated[k]).collect();
             let found = row(fit, "free_run", over);
             assert_eq!(found["n"].as_u64(), Some(errors.len() as u64));
             assert!(near(root_mean_square(&errors), &found["rmse"]), "{found}");
@@ -110,7 +110,22 @@ fn diagnostics_are_the_numbers_behind_the_chart() {
     assert_eq!(horizons[3]["rmse"], skill["validation"]["rmse"]);
     assert_eq!((&told["rho"]["T_room"], &told["noise_floor"]["T_room"]), (&metrics["rho"], &metrics["noise_floor"]));
     let summary = told["summary"].as_str().unwrap();
-    assert!(summary.contains("6 h ahead") && summary.contains("on unseen data") && !summary.contains("Mind"), "{summary}");
+    for (field, least) in [("by_regime", 6), ("hour_by_date", 14), ("episodes", 5), ("inputs", 3)] {
+        assert!(told[field].as_array().unwrap().len() >= least, "{field}");
+    }
+    // The means of a day's hours, weighed by their samples, are the bias of the day.
+    let day = told["hour_by_date"][3]["hours"].as_array().unwrap();
+    let of_day = &residual[3 * 48..4 * 48];
+    let mean = day.iter().map(|hour| hour.as_f64().unwrap()).sum::<f64>() / 24.0;
+    assert!((mean - of_day.iter().sum::<f64>() / 48.0).abs() < 1e-12);
+    assert_eq!(told["innovations"]["acf"].as_array().unwrap().len(), 48);
+    assert!(
+        summary.contains("6 h ahead")
+            && summary.contains("The worst six hours begin at")
+            && summary.contains("on unseen data")
+            && !summary.contains("Mind"),
+        "{summary}"
+    );
     let before = app.service().interactive.computed();
     app.get(&format!("/fits/{id}/diagnostics")).expect(200);
     assert_eq!(app.service().interactive.computed(), before);

@@ -63,7 +63,7 @@ fn what_is_shown_adds_up_to_the_stored_errors() {
     let line = |name: &str| values(&output[name]["values"]);
     let (measured, simulated, residual) = (line("measured"), line("simulated"), line("residual"));
     assert_eq!((measured.len(), simulated.len(), shown["time"].as_array().unwrap().len()), (672, 672, 672));
-    assert!((0..672).all(|k| residual[k] == simulated[k] - measured[k]), "simulated minus measured");
+    assert!((0..672).all(|k| residual[k] == measured[k] - simulated[k]), "measured minus simulated");
     // What was sent is what is shown, and so is the weather.
     let sent = room(1, 14);
     let rounded = |value: f64| format!("{value:.3}").parse::<f64>().unwrap();

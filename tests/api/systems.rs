@@ -185,7 +185,8 @@ fn a_row_tells_how_a_system_fares() {
     for field in ["flags", "fitted_at", "validated_at", "stale_after", "revision"] {
         assert_eq!(good[field], params[field], "{field}");
     }
-    assert!((0..120).contains(&good["age_s"].as_i64().unwrap()) && good["worst_regime"].is_null());
+    assert!((0..120).contains(&good["age_s"].as_i64().unwrap()));
+    assert_eq!(good["worst_regime"], app.get(&format!("/fits/{}", params["fit"].as_str().unwrap())).json()["worst_regime"]);
 
     // An experiment is the newest job, and changes nothing in how the system fares.
     let experiment = app.failing("room/1", json!({"experiment": true}));
