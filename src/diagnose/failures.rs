@@ -13,6 +13,7 @@ use crate::estimate::{Fit, Problem};
 use indexmap::IndexMap;
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
+use utoipa::ToSchema;
 
 /// Length of an episode in hours.
 const EPISODE_HOURS: f64 = 6.0;
@@ -20,11 +21,13 @@ const EPISODE_HOURS: f64 = 6.0;
 const EPISODES: usize = 5;
 
 /// Six hours in which the free run errs much.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Episode {
     /// First instant, RFC 3339.
+    #[schema(format = DateTime)]
     pub from: String,
     /// Last instant.
+    #[schema(format = DateTime)]
     pub to: String,
     /// Mean of measured minus simulated, in the output's unit.
     pub bias: f64,
@@ -33,6 +36,7 @@ pub struct Episode {
     /// Share of the squared error of the part.
     pub share: f64,
     /// Inputs that are unusual then: deviations from their mean over the part.
+    #[schema(value_type = HashMap<String, f64>)]
     pub context: IndexMap<String, f64>,
 }
 
