@@ -82,7 +82,7 @@ type LadderAnswer = With<LadderName, Stored<Ladder>>;
 #[into_params(parameter_in = Query)]
 struct DiagnosisQuery {
     /// Only those of this system.
-    #[param(example = "room/4")]
+    #[param(value_type = Option<SystemId>)]
     system: Option<String>,
     /// Items per page, 50 by default, at most 500.
     #[param(minimum = 1, maximum = 500)]

@@ -3,7 +3,7 @@
 use super::Shared;
 use super::extract::{Asked, Empty, Json, Named};
 use super::page::{Page, PageQuery};
-use super::problem::{ApiError, Problems};
+use super::problem::{ApiError, PROBLEM_JSON, Problem, Problems};
 use crate::estimate::served::ServedError;
 use crate::jobs::decisions::{self, PinBody};
 use crate::jobs::params::Body as ParamsBody;
@@ -134,7 +134,11 @@ async fn get_history(
     tag = "params",
     params(("kind" = String, Path), ("id" = String, Path)),
     request_body = PinBody,
-    responses((status = 200, description = "What is served now", body = ParamsBody), Problems)
+    responses(
+        (status = 200, description = "What is served now", body = ParamsBody),
+        (status = 409, description = "`never-served`: the system has never served this fit", body = Problem, content_type = PROBLEM_JSON),
+        Problems,
+    )
 )]
 async fn put_pin(State(service): State<Shared>, Named(system): Named, body: Json) -> Result<Response, ApiError> {
     decisions::pin(&service, &system, body.value).await?;
