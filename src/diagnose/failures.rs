@@ -27,8 +27,10 @@ const EPISODES: usize = 5;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Episode {
     /// First instant, RFC 3339.
+    #[schema(format = DateTime)]
     pub from: String,
     /// Last instant.
+    #[schema(format = DateTime)]
     pub to: String,
     /// Mean of measured minus simulated, in the output's unit.
     pub bias: f64,
@@ -37,6 +39,7 @@ pub struct Episode {
     /// Share of the squared error of the part.
     pub share: f64,
     /// Channels that are unusual then: how many standard deviations they lie from their mean.
+    #[schema(value_type = HashMap<String, f64>)]
     pub context: IndexMap<String, f64>,
 }
 

@@ -10,12 +10,13 @@ use crate::estimate::{Control, EstimateError, Problem, Site};
 use crate::model::Catalogue;
 use indexmap::IndexMap;
 use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
 
 /// An error that is not at least this much smaller has not fallen.
 const FALL: f64 = 0.97;
 
 /// A ladder: the base, then a step for each effect that was tried in earnest.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Ladder {
     /// The system, where there is one.
     pub system: Option<String>,
@@ -24,7 +25,8 @@ pub struct Ladder {
 }
 
 /// A model of the ladder with its errors, in the output's unit.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[schema(as = LadderStep)]
 pub struct Step {
     /// The model.
     pub model: String,
@@ -37,10 +39,12 @@ pub struct Step {
     /// Free run over the test part, which is only reported.
     pub test_rmse: Option<f64>,
     /// Forecast errors from re-estimated states over the validation part, by horizon.
+    #[schema(value_type = HashMap<String, f64>)]
     pub ahead: IndexMap<String, f64>,
     /// BIC of the AR likelihood of the training part, the effects' parameters counted.
     pub bic: f64,
     /// Estimates by name.
+    #[schema(value_type = HashMap<String, f64>)]
     pub parameters: IndexMap<String, f64>,
     /// Whether the next step stands on this one.
     pub kept: bool,

@@ -2,9 +2,10 @@
 
 use indexmap::IndexMap;
 use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
 
 /// What a diagnosis comes to.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Adequacy {
     /// At least one effect is named.
@@ -18,7 +19,7 @@ pub enum Adequacy {
 }
 
 /// Which effect a model is missing.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Diagnosis {
     /// The system, where there is one.
     pub system: Option<String>,
@@ -47,7 +48,7 @@ pub struct Diagnosis {
 }
 
 /// A finding is the cause of an error, or repairs what an earlier finding left.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum FindingKind {
     /// It explains a good part of the error on unseen data.
@@ -57,7 +58,7 @@ pub enum FindingKind {
 }
 
 /// One missing effect.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Finding {
     /// 1 is the first.
     pub rank: usize,
@@ -74,6 +75,7 @@ pub struct Finding {
     /// Errors without and with it.
     pub rmse: RmsePairs,
     /// Its parameters.
+    #[schema(value_type = HashMap<String, Coefficient>)]
     pub parameters: IndexMap<String, Coefficient>,
     /// Effects that the data cannot tell from it.
     pub tied_with: Vec<String>,
@@ -86,7 +88,7 @@ pub struct Finding {
 }
 
 /// Free-run errors without and with an effect, in the output's unit.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct RmsePairs {
     /// The training part.
     pub train: [f64; 2],
@@ -95,11 +97,12 @@ pub struct RmsePairs {
     /// The test part, which no decision sees.
     pub test: Option<[f64; 2]>,
     /// Forecasts from re-estimated states over the validation part, by horizon.
+    #[schema(value_type = HashMap<String, [f64; 2]>)]
     pub validation_ahead: IndexMap<String, [f64; 2]>,
 }
 
 /// A coefficient of a finding.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Coefficient {
     /// Its value.
     pub value: f64,
@@ -112,7 +115,7 @@ pub struct Coefficient {
 }
 
 /// What stopped a suspect.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Gate {
     /// The likelihood gains too little.
@@ -128,7 +131,7 @@ pub enum Gate {
 }
 
 /// A suspect and what became of it.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Considered {
     /// The effect's id.
     pub effect: String,
@@ -163,7 +166,7 @@ pub struct Measures {
 }
 
 /// A suspect that these data cannot show.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct NotTestable {
     /// The effect's id.
     pub effect: String,
@@ -172,7 +175,7 @@ pub struct NotTestable {
 }
 
 /// The shape of what no effect explains.
-#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, ToSchema)]
 pub struct Unexplained {
     /// Share of the model's squared error beyond the noise that is left.
     pub share: Option<f64>,

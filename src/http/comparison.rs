@@ -4,8 +4,8 @@ use super::Shared;
 use super::chart::{CompareBody, ComparisonBody};
 use super::extract::Asked as Query;
 use super::negotiate::{Wanted, rendered};
-use super::problem::{ApiError, Problems};
-use crate::data::{Duration, read_time};
+use super::problem::{ApiError, PROBLEM_JSON, Problem, Problems};
+use crate::data::{Duration, Length, read_time};
 use crate::fault::{Fault, nearest};
 use crate::jobs::comparison::{self, Asked, MOST_FITS};
 use crate::jobs::windows::Format;
@@ -13,7 +13,7 @@ use axum::extract::{Path, State};
 use axum::response::Response;
 use serde::Deserialize;
 use std::collections::HashSet;
-use utoipa::IntoParams;
+use utoipa::{IntoParams, ToSchema};
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
@@ -36,17 +36,20 @@ pub fn router() -> OpenApiRouter<Shared> {
 #[into_params(parameter_in = Query)]
 struct ComparisonQuery {
     /// First instant, RFC 3339; the start of the fit's window by default. A fit says nothing about earlier times.
+    #[param(format = DateTime)]
     from: Option<String>,
     /// Last instant; the end of the fit's window by default. The run goes on over newer measurements.
+    #[param(format = DateTime)]
     to: Option<String>,
     /// `free_run` (the default): one simulation from the start of the fit's window. `ahead`: at each sample the
     /// forecast made `horizon` before, from re-estimated states and with measured inputs.
+    #[param(value_type = Option<ComparisonMode>, inline)]
     mode: Option<String>,
     /// How far ahead, PT24H by default, at most P7D; a multiple of the step between samples.
-    #[param(example = "PT6H")]
+    #[param(value_type = Option<Length>, example = "PT6H")]
     horizon: Option<String>,
     /// Most points of a line, 2000 by default, at most 20000. Longer lines are thinned to their extremes.
-    #[param(value_type = Option<usize>)]
+    #[param(value_type = Option<u32>, minimum = 1, maximum = 20_000)]
     max_points: Option<String>,
 }
 
@@ -56,20 +59,32 @@ struct ComparisonQuery {
 #[into_params(parameter_in = Query)]
 struct CompareQuery {
     /// Fits of one system, separated by commas, at most 8.
-    #[param(example = "fit_a,fit_b")]
+    #[param(value_type = String, example = "fit_a,fit_b")]
     fits: Option<String>,
     /// First instant, RFC 3339; the latest start of a fit's window by default, and never earlier.
+    #[param(format = DateTime)]
     from: Option<String>,
     /// Last instant; the latest end of a fit's window by default.
+    #[param(format = DateTime)]
     to: Option<String>,
     /// `free_run` (the default) or `ahead`: which series are shown. The table of errors has both.
+    #[param(value_type = Option<ComparisonMode>, inline)]
     mode: Option<String>,
     /// How far ahead, PT24H by default, at most P7D; a multiple of every fit's step.
-    #[param(example = "PT6H")]
+    #[param(value_type = Option<Length>, example = "PT6H")]
     horizon: Option<String>,
     /// Most points of a line, 2000 by default, at most 20000.
-    #[param(value_type = Option<usize>)]
+    #[param(value_type = Option<u32>, minimum = 1, maximum = 20_000)]
     max_points: Option<String>,
+}
+
+/// Which simulation is shown.
+#[derive(ToSchema)]
+#[serde(rename_all = "snake_case")]
+#[expect(dead_code, reason = "describes the words of `mode`")]
+enum ComparisonMode {
+    FreeRun,
+    Ahead,
 }
 
 impl ComparisonQuery {
@@ -155,7 +170,7 @@ fn shown(text: &str) -> String {
     path = "/fits/{id}/comparison",
     tag = "fits",
     params(("id" = String, Path), ComparisonQuery),
-    responses((status = 200, content((ComparisonBody = "application/json"), (String = "text/csv"))), Problems)
+    responses((status = 200, content((ComparisonBody = "application/json"), (String = "text/csv"))), (status = 406, description = "Neither of the two forms is acceptable", body = Problem, content_type = PROBLEM_JSON), Problems)
 )]
 async fn get_comparison(
     State(service): State<Shared>,
@@ -178,7 +193,7 @@ async fn get_comparison(
     path = "/compare",
     tag = "fits",
     params(CompareQuery),
-    responses((status = 200, content((CompareBody = "application/json"), (String = "text/csv"))), Problems)
+    responses((status = 200, content((CompareBody = "application/json"), (String = "text/csv"))), (status = 406, description = "Neither of the two forms is acceptable", body = Problem, content_type = PROBLEM_JSON), Problems)
 )]
 async fn get_compare(
     State(service): State<Shared>,

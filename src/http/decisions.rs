@@ -3,7 +3,7 @@
 use super::Shared;
 use super::extract::Json;
 use super::fits::{FitAnswer, answer};
-use super::problem::{ApiError, Problems};
+use super::problem::{ApiError, PROBLEM_JSON, Problem, Problems};
 use crate::jobs::decisions::{self, Reason};
 use crate::store::decisions::Decision;
 use axum::extract::{Path, State};
@@ -22,7 +22,11 @@ pub fn router() -> OpenApiRouter<Shared> {
     tag = "fits",
     params(("id" = String, Path), ("Idempotency-Key" = Option<String>, Header)),
     request_body = Reason,
-    responses((status = 200, description = "It is served; promoting it twice changes nothing", body = FitAnswer), Problems)
+    responses(
+        (status = 200, description = "It is served; promoting it twice changes nothing", body = FitAnswer),
+        (status = 409, description = "`not-offered`, `already-decided`, `pinned` or `other-model`: it cannot be served", body = Problem, content_type = PROBLEM_JSON),
+        Problems,
+    )
 )]
 async fn promote_fit(State(service): State<Shared>, Path(id): Path<String>, body: Json) -> Result<axum::Json<FitAnswer>, ApiError> {
     decisions::decide(&service, &id, Decision::Promoted, body.value).await?;
@@ -36,7 +40,11 @@ async fn promote_fit(State(service): State<Shared>, Path(id): Path<String>, body
     tag = "fits",
     params(("id" = String, Path), ("Idempotency-Key" = Option<String>, Header)),
     request_body = Reason,
-    responses((status = 200, description = "It will never be served; rejecting it twice changes nothing", body = FitAnswer), Problems)
+    responses(
+        (status = 200, description = "It will never be served; rejecting it twice changes nothing", body = FitAnswer),
+        (status = 409, description = "`not-offered` or `already-decided`: it does not wait for a word", body = Problem, content_type = PROBLEM_JSON),
+        Problems,
+    )
 )]
 async fn reject_fit(State(service): State<Shared>, Path(id): Path<String>, body: Json) -> Result<axum::Json<FitAnswer>, ApiError> {
     decisions::decide(&service, &id, Decision::Rejected, body.value).await?;

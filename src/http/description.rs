@@ -1,10 +1,13 @@
 //! Completes what the handlers say of themselves: what holds for every path is said once, here.
 
+use super::examples;
 use super::problem::{PROBLEM_JSON, Problem};
 use crate::schema::{joined, text};
 use serde::Serialize;
+use serde_json::Value;
 use std::borrow::Cow;
 use std::collections::BTreeSet;
+use std::marker::PhantomData;
 use utoipa::openapi::path::{Operation, Parameter, ParameterIn, PathItem};
 use utoipa::openapi::schema::{AdditionalProperties, ArrayBuilder, OneOf, SchemaType, Type};
 use utoipa::openapi::{ContentBuilder, OpenApi, Ref, RefOr, ResponseBuilder, Schema};
@@ -49,6 +52,33 @@ impl<A: ToSchema, B: ToSchema> ToSchema for With<A, B> {
     }
 }
 
+/// A document as it was stored, described as what it was made from.
+#[derive(Debug, Serialize)]
+#[serde(transparent)]
+pub struct Stored<T> {
+    document: Value,
+    described: PhantomData<T>,
+}
+
+impl<T> Stored<T> {
+    /// This document, which a `T` was written to.
+    pub const fn of(document: Value) -> Self {
+        Self { document, described: PhantomData }
+    }
+}
+
+impl<T: ToSchema> PartialSchema for Stored<T> {
+    fn schema() -> RefOr<Schema> {
+        T::schema()
+    }
+}
+
+impl<T: ToSchema> ToSchema for Stored<T> {
+    fn schemas(schemas: &mut Vec<(String, RefOr<Schema>)>) {
+        T::schemas(schemas);
+    }
+}
+
 /// The description with all that follows from the shape of a path.
 pub fn completed(mut description: OpenApi) -> OpenApi {
     for (path, item) in &mut description.paths.paths {
@@ -59,6 +89,7 @@ pub fn completed(mut description: OpenApi) -> OpenApi {
                 }
             }
             complete_responses(method, operation);
+            examples::attach(operation);
         }
     }
     if let Some(components) = &mut description.components {
@@ -165,6 +196,14 @@ fn without_null(schema: &mut Schema) {
 /// Puts the refusals that the shape of an operation implies in the place of `default`. Those that only some
 /// operations know, such as 409 and 429, are theirs to say.
 fn complete_responses(method: &str, operation: &mut Operation) {
+    // An answer that nothing more is said of is what the operation promises.
+    for response in operation.responses.responses.values_mut() {
+        if let RefOr::T(response) = response
+            && response.description.is_empty()
+        {
+            response.description = operation.summary.clone().unwrap_or_default();
+        }
+    }
     if operation.responses.responses.remove("default").is_none() {
         return;
     }

@@ -1,10 +1,13 @@
 //! Which effect a model is missing, and the error ladder.
 
 use super::Shared;
+use super::description::{Stored, With};
 use super::extract::{Asked, Named};
 use super::page::{Page, PageQuery};
 use super::problem::{ApiError, Problems};
 use crate::data::SystemId;
+use crate::diagnose::ladder::Ladder;
+use crate::diagnose::{Adequacy, Diagnosis};
 use crate::fault::Fault;
 use crate::jobs::systems;
 use crate::store;
@@ -25,17 +28,15 @@ pub fn router() -> OpenApiRouter<Shared> {
 /// A diagnosis: verdict, findings with evidence, what was considered, what these data cannot show, what is left.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = Diagnosis)]
-struct DiagnosisAnswer {
+struct DiagnosisName {
     id: String,
     /// The job that made it.
     job: String,
     #[schema(value_type = String, format = DateTime)]
     created_at: Timestamp,
-    /// `verdict`, `summary`, `rho`, `noise_floor_rmse`, `findings`, `considered`, `not_testable`, `unexplained`.
-    #[serde(flatten)]
-    #[schema(value_type = Object)]
-    document: Value,
 }
+
+type DiagnosisAnswer = With<DiagnosisName, Stored<Diagnosis>>;
 
 /// One diagnosis in a list.
 #[derive(Debug, Serialize, ToSchema)]
@@ -47,12 +48,15 @@ struct DiagnosisRow {
     /// The system.
     system: String,
     /// The model that was diagnosed.
+    #[schema(value_type = String)]
     model: Value,
     /// The fit that it starts from.
     fit: String,
-    /// `named`, `adequate`, `unknown` or `not_enough_data`.
+    /// What it comes to.
+    #[schema(value_type = Adequacy)]
     verdict: String,
     /// In a sentence.
+    #[schema(value_type = String)]
     summary: Value,
     #[schema(value_type = String, format = DateTime)]
     created_at: Timestamp,
@@ -61,18 +65,16 @@ struct DiagnosisRow {
 /// The error ladder of a system: the base model, then effects one after another.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = Ladder)]
-struct LadderAnswer {
+struct LadderName {
     /// The job that made it.
     job: String,
     /// The fit of its base.
     fit: String,
     #[schema(value_type = String, format = DateTime)]
     created_at: Timestamp,
-    /// `steps`: model, what was added, errors on training, validation and test data, ahead, bic, kept and why.
-    #[serde(flatten)]
-    #[schema(value_type = Object)]
-    document: Value,
 }
+
+type LadderAnswer = With<LadderName, Stored<Ladder>>;
 
 /// Which diagnoses are listed.
 #[derive(Debug, Deserialize, IntoParams)]
@@ -80,7 +82,7 @@ struct LadderAnswer {
 #[into_params(parameter_in = Query)]
 struct DiagnosisQuery {
     /// Only those of this system.
-    #[param(example = "room/4")]
+    #[param(value_type = Option<SystemId>)]
     system: Option<String>,
     /// Items per page, 50 by default, at most 500.
     #[param(minimum = 1, maximum = 500)]
@@ -123,7 +125,10 @@ async fn list_diagnoses(
 #[utoipa::path(get, path = "/diagnoses/{id}", tag = "diagnoses", params(("id" = String, Path)), responses((status = 200, body = DiagnosisAnswer), Problems))]
 async fn get_diagnosis(State(service): State<Shared>, Path(id): Path<String>) -> Result<axum::Json<DiagnosisAnswer>, ApiError> {
     let record = store::diagnoses::get(&service.store, &id).await?.ok_or(ApiError::NotFound("diagnosis", id))?;
-    Ok(axum::Json(DiagnosisAnswer { id: record.id, job: record.job, created_at: record.created_at, document: record.document }))
+    Ok(axum::Json(With {
+        own: DiagnosisName { id: record.id, job: record.job, created_at: record.created_at },
+        document: Stored::of(record.document),
+    }))
 }
 
 /// The newest error ladder of a system.
@@ -138,5 +143,8 @@ async fn get_ladder(State(service): State<Shared>, Named(system): Named) -> Resu
     systems::require(&service, &system).await?;
     let record = store::diagnoses::newest_ladder(&service.store, &system).await?;
     let record = record.ok_or_else(|| ApiError::NotFound("ladder", system.to_string()))?;
-    Ok(axum::Json(LadderAnswer { job: record.job, fit: record.fit, created_at: record.created_at, document: record.document }))
+    Ok(axum::Json(With {
+        own: LadderName { job: record.job, fit: record.fit, created_at: record.created_at },
+        document: Stored::of(record.document),
+    }))
 }

@@ -58,7 +58,7 @@ struct JobEventsQuery {
 #[into_params(parameter_in = Query)]
 struct EventsQuery {
     /// Only the jobs of this system.
-    #[param(example = "room/4")]
+    #[param(value_type = Option<SystemId>)]
     system: Option<String>,
     /// As `Last-Event-ID`, which wins, for clients that cannot set a header.
     last_event_id: Option<String>,

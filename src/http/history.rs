@@ -3,10 +3,12 @@
 use super::Shared;
 use super::extract::{Asked, Empty, Json, Named};
 use super::page::{Page, PageQuery};
-use super::problem::{ApiError, Problems};
+use super::problem::{ApiError, PROBLEM_JSON, Problem, Problems};
+use crate::estimate::served::ServedError;
 use crate::jobs::decisions::{self, PinBody};
 use crate::jobs::params::Body as ParamsBody;
 use crate::jobs::systems;
+use crate::model::ModelId;
 use crate::store;
 use crate::store::revisions::{Cause, Revision};
 use axum::body::{Body, Bytes};
@@ -47,6 +49,7 @@ struct RevisionAnswer {
     /// The verdict in a sentence.
     summary: String,
     /// The model.
+    #[schema(value_type = ModelId)]
     model: Value,
     /// Values by name.
     #[schema(value_type = HashMap<String, f64>)]
@@ -58,7 +61,7 @@ struct RevisionAnswer {
     #[schema(value_type = Vec<String>)]
     flags: Value,
     /// Errors by output channel.
-    #[schema(value_type = HashMap<String, Object>)]
+    #[schema(value_type = HashMap<String, ServedError>)]
     error: Value,
     /// First instant of the measurements.
     #[schema(format = DateTime)]
@@ -131,7 +134,11 @@ async fn get_history(
     tag = "params",
     params(("kind" = String, Path), ("id" = String, Path)),
     request_body = PinBody,
-    responses((status = 200, description = "What is served now", body = ParamsBody), Problems)
+    responses(
+        (status = 200, description = "What is served now", body = ParamsBody),
+        (status = 409, description = "`never-served`: the system has never served this fit", body = Problem, content_type = PROBLEM_JSON),
+        Problems,
+    )
 )]
 async fn put_pin(State(service): State<Shared>, Named(system): Named, body: Json) -> Result<Response, ApiError> {
     decisions::pin(&service, &system, body.value).await?;

@@ -12,6 +12,7 @@ mod diagnoses;
 mod diagnostics;
 mod docs;
 mod events;
+mod examples;
 mod extract;
 mod fits;
 mod history;
@@ -127,7 +128,7 @@ pub fn openapi_yaml() -> String {
 
 /// The same as JSON, for the page that shows it.
 pub fn openapi_json() -> String {
-    static TEXT: LazyLock<String> = LazyLock::new(|| lean().merge(layered()).into_openapi().to_json().unwrap_or_default());
+    static TEXT: LazyLock<String> = LazyLock::new(|| described().to_json().unwrap_or_default());
     TEXT.clone()
 }
 
@@ -140,7 +141,7 @@ pub fn described_paths() -> Vec<(String, Vec<String>)> {
 
 /// The described documents by name, as JSON schemas, for the tests of the description.
 pub fn described_documents() -> serde_json::Value {
-    let description = serde_json::to_value(lean().merge(layered()).into_openapi()).unwrap_or_default();
+    let description = serde_json::to_value(described()).unwrap_or_default();
     description.pointer("/components/schemas").cloned().unwrap_or_default()
 }
 

@@ -3,8 +3,12 @@
 use super::Shared;
 use super::extract::Json;
 use super::problem::{ApiError, Problems};
+use crate::data::SystemId;
 use crate::estimate::preview::Preview;
+use crate::estimate::request::WindowRange;
 use crate::jobs::preview;
+use crate::model::ModelId;
+use crate::model::spec::{EffectSpec, ModelDocument};
 use axum::extract::State;
 use serde_json::Value;
 use std::collections::HashMap;
@@ -22,24 +26,42 @@ pub fn router() -> OpenApiRouter<Shared> {
 #[expect(dead_code, reason = "describes what `jobs::preview` reads")]
 struct PreviewBody {
     /// The id of a model, or a whole model document; the system's own model by default.
-    #[schema(value_type = Option<Object>, example = "room3")]
+    #[schema(value_type = Option<PreviewModel>)]
     model: Option<Value>,
     /// Effects to add: ids, or whole effect documents.
-    #[schema(value_type = Option<Vec<Object>>, example = json!(["wind_infiltration"]))]
-    effects: Option<Vec<Value>>,
+    #[serde(default)]
+    #[schema(value_type = Vec<PreviewEffect>)]
+    effects: Vec<Value>,
     /// Values of parameters in their units; the nominal ones for the others.
+    #[serde(default)]
     #[schema(example = json!({"alpha_h": 0.4}))]
-    parameters: Option<HashMap<String, f64>>,
+    parameters: HashMap<String, f64>,
     /// The system whose measurements drive the model. Without one the inputs are those of two standard days: a cool
     /// March with sun, heating by day, and people in the evening; channels that nobody knows step from 0 to 1 at noon.
-    #[schema(example = "room/4")]
-    system: Option<String>,
+    system: Option<SystemId>,
     /// Which of its measurements, at most 28 days: `last`, or `from` and `to`; the last seven by default.
-    #[schema(value_type = Option<Object>, example = json!({"last": "P7D"}))]
-    window: Option<Value>,
+    window: Option<WindowRange>,
     /// Most points of a curve, from 2 to 2000; 2000 by default. A longer one shows every so many samples.
     #[schema(minimum = 2, maximum = 2000)]
     max_points: Option<usize>,
+}
+
+/// A model by its id, or a whole model document.
+#[derive(Debug, ToSchema)]
+#[serde(untagged)]
+#[expect(dead_code, reason = "describes what `jobs::preview` reads")]
+enum PreviewModel {
+    Named(ModelId),
+    Document(Box<ModelDocument>),
+}
+
+/// An effect by its id, with its argument where it takes one, or a whole effect document.
+#[derive(Debug, ToSchema)]
+#[serde(untagged)]
+#[expect(dead_code, reason = "describes what `jobs::preview` reads")]
+enum PreviewEffect {
+    Named(String),
+    Document(Box<EffectSpec>),
 }
 
 /// A value with its unit.

@@ -132,7 +132,11 @@ async fn list_schedules(
     path = "/schedules/{name}",
     tag = "schedules",
     params(("name" = String, Path, example = "nightly")),
-    responses((status = 204, description = "It is gone"), Problems)
+    responses(
+        (status = 204, description = "It is gone"),
+        (status = 409, description = "`schedule-not-removable`: it is part of the service", body = Problem, content_type = PROBLEM_JSON),
+        Problems,
+    )
 )]
 async fn delete_schedule(State(service): State<Shared>, Path(name): Path<String>, _body: Empty) -> Result<StatusCode, ApiError> {
     if name == schedule::NIGHTLY {
@@ -153,7 +157,7 @@ async fn delete_schedule(State(service): State<Shared>, Path(name): Path<String>
     tag = "schedules",
     params(("name" = String, Path, example = "nightly"), ("Idempotency-Key" = Option<String>, Header)),
     responses(
-        (status = 202, description = "The batch; `Location` leads to it", body = super::batches::BatchAnswer),
+        (status = 202, description = "The batch; `Location` leads to it", body = super::batches::BatchAnswer, headers(("Location" = String))),
         (status = 429, description = "So many jobs wait already; `Retry-After` says when to ask again", body = Problem, content_type = PROBLEM_JSON),
         Problems,
     )

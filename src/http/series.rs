@@ -139,7 +139,7 @@ impl ChannelSeries {
     get,
     path = "/systems/{kind}/{id}/series",
     tag = "windows",
-    params(("kind" = String, Path), ("id" = String, Path), SeriesQuery, ("Accept" = Option<String>, Header, description = "`application/json` or `text/csv`")),
+    params(("kind" = String, Path), ("id" = String, Path), SeriesQuery),
     responses(
         (status = 200, content((SeriesAnswer = "application/json"), (String = "text/csv"))),
         (status = 406, description = "Neither of the two forms is acceptable", body = super::problem::Problem, content_type = "application/problem+json"),

@@ -85,7 +85,7 @@ async fn openapi() -> Response {
 }
 
 /// This description of the surface as JSON.
-#[utoipa::path(get, path = "/openapi.json", tag = "service", responses((status = 200, body = String, content_type = "application/json")))]
+#[utoipa::path(get, path = "/openapi.json", tag = "service", responses((status = 200, body = Object)))]
 async fn openapi_as_json() -> Response {
     ([(header::CONTENT_TYPE, "application/json")], super::openapi_json()).into_response()
 }

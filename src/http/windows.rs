@@ -1,7 +1,7 @@
 //! Measurements.
 
 use super::Shared;
-use super::description::With;
+use super::description::{Stored, With};
 use super::extract::{Asked, Named, Raw};
 use super::page::{Page, PageQuery};
 use super::problem::{ApiError, Problems};
@@ -15,11 +15,10 @@ use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use jiff::Timestamp;
 use serde::Serialize;
-use serde_json::Value;
 use std::collections::HashMap;
+use utoipa::ToSchema;
 use utoipa::openapi::schema::{ArrayBuilder, ObjectBuilder, SchemaType, Type};
 use utoipa::openapi::{RefOr, Schema};
-use utoipa::{PartialSchema, ToSchema};
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
@@ -81,18 +80,7 @@ struct WindowName {
 }
 
 /// A window as it is shown: not its samples, but what was found in them.
-type WindowAnswer = With<WindowName, Report>;
-
-/// The report as it was stored.
-#[derive(Debug, Serialize)]
-#[serde(transparent)]
-struct Report(Value);
-
-impl PartialSchema for Report {
-    fn schema() -> RefOr<Schema> {
-        WindowReport::schema()
-    }
-}
+type WindowAnswer = With<WindowName, Stored<WindowReport>>;
 
 /// How a body of measurements is written, by its media type.
 ///
@@ -106,14 +94,8 @@ pub fn format(raw: &Raw) -> Result<Format, ApiError> {
     }
 }
 
-impl ToSchema for Report {
-    fn schemas(schemas: &mut Vec<(String, RefOr<Schema>)>) {
-        WindowReport::schemas(schemas);
-    }
-}
-
 fn shown(window: WindowRecord) -> WindowAnswer {
-    With { own: WindowName { id: window.id, system: window.system, uploaded_at: window.uploaded_at }, document: Report(window.report) }
+    With { own: WindowName { id: window.id, system: window.system, uploaded_at: window.uploaded_at }, document: Stored::of(window.report) }
 }
 
 /// Takes measurements. The same content again is the same window.
@@ -123,7 +105,7 @@ fn shown(window: WindowRecord) -> WindowAnswer {
     tag = "windows",
     params(("kind" = String, Path), ("id" = String, Path), ("Idempotency-Key" = Option<String>, Header)),
     request_body(content((WindowBody = "application/json"), (String = "text/csv"))),
-    responses((status = 200, description = "It was there already", body = WindowAnswer), (status = 201, description = "Taken", body = WindowAnswer), Problems)
+    responses((status = 200, description = "It was there already", body = WindowAnswer), (status = 201, description = "Taken; `Location` leads to it", body = WindowAnswer, headers(("Location" = String))), Problems)
 )]
 async fn post_window(State(service): State<Shared>, Named(system): Named, raw: Raw) -> Result<Response, ApiError> {
     let format = format(&raw)?;

@@ -21,7 +21,8 @@ struct OneFields {
     #[serde(default)]
     experiment: bool,
     /// Who goes first.
-    priority: Option<Priority>,
+    #[serde(default)]
+    priority: Priority,
 }
 
 /// The kind of a job for one system.
@@ -44,7 +45,8 @@ struct RecalibrateFields {
     #[schema(min_items = 1)]
     systems: Vec<SystemPattern>,
     /// Who goes first.
-    priority: Option<Priority>,
+    #[serde(default)]
+    priority: Priority,
 }
 
 /// The kind of a batch.
