@@ -53,9 +53,16 @@ fn stage(path: &Path) -> String {
     first.trim_end_matches(".rs").to_owned()
 }
 
-/// Whether a file under `src` holds nothing but unit tests.
+/// Whether a file under `src` holds nothing but unit tests: `tests.rs` and `…_tests.rs`.
 fn is_test(path: &Path) -> bool {
-    path.file_stem().is_some_and(|stem| stem.to_string_lossy().ends_with("tests"))
+    path.file_stem().is_some_and(|stem| stem == "tests" || stem.to_string_lossy().ends_with("_tests"))
+}
+
+/// Whether the folder's `mod.rs` declares a file of unit tests for tests alone.
+fn is_declared_for_tests(path: &Path, sources: &BTreeMap<PathBuf, String>) -> bool {
+    let stem = path.file_stem().unwrap().to_string_lossy();
+    let parent = path.with_file_name("mod.rs");
+    sources.get(&parent).is_some_and(|text| text.contains(&format!("#[cfg(test)]\nmod {stem};")))
 }
 
 /// The code without comments and without its unit tests, which may use more.
@@ -85,7 +92,7 @@ fn named(code: &str) -> Vec<String> {
 #[test]
 fn every_stage_sees_only_what_lies_before_it() {
     let mut wrong = Vec::new();
-    for (path, text) in sources("src") {
+    for (path, text) in sources("src").into_iter().filter(|(path, _)| !is_test(path)) {
         let stage = stage(&path);
         if ["main", "lib", "app", "cli"].contains(&stage.as_str()) {
             continue;
@@ -132,8 +139,13 @@ fn each_outer_library_has_one_home() {
 
 #[test]
 fn the_house_is_tidy() {
-    let mut wrong = Vec::new();
-    for (path, text) in sources("src").into_iter().chain(sources("tests")) {
+    let ours = sources("src");
+    let mut wrong: Vec<String> = ours
+        .keys()
+        .filter(|path| is_test(path) && !is_declared_for_tests(path, &ours))
+        .map(|path| format!("{} is named as a test and is none", path.display()))
+        .collect();
+    for (path, text) in ours.into_iter().chain(sources("tests")) {
         let at = path.display();
         let lines = text.lines().count();
         if lines > LONGEST_FILE {

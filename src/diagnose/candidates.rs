@@ -9,7 +9,6 @@ use crate::model::catalogue::Catalogue;
 use crate::model::compile::AS_IT_COMES;
 use crate::model::spec::{EffectSpec, Sign};
 use crate::model::{Bindings, ModelId, Scale, compile};
-use crate::simulate::drive::samples_back;
 use crate::units::Unit;
 use rayon::prelude::*;
 
@@ -87,7 +86,6 @@ pub fn widen(problem: &Problem, window: &Window, site: &Site) -> Result<(Grid, V
             _ => holes.push(channel.to_owned()),
         }
     }
-    let grid = add_calendar(grid, site.zone.as_deref().unwrap_or("UTC"))?;
     let grid = if grid.column(crate::data::DROPS).is_none() { add_drops(grid, &output)? } else { grid };
     let grid = add_calendar(grid, site.zone.as_deref().unwrap_or("UTC"))?;
     Ok((grid, holes))
@@ -117,18 +115,20 @@ pub fn suspects(catalogue: &Catalogue, base: &Problem, grid: &Grid, holes: &[Str
     (suspects, not_testable)
 }
 
-/// Begins the training part of all where the suspect with the longest delay knows its past, so that every model is
-/// judged on the same samples.
+/// Puts the model and all suspects on the same footing: the same steps, and the same samples. An effect with a delay
+/// knows nothing for a while behind the start and behind each gap, and there no other model may gain or lose.
 pub fn align(base: &Problem, library: &mut [Suspect]) -> Problem {
-    let past = |problem: &Problem| {
-        let model = problem.model();
-        (0..model.inputs().len()).map(|input| samples_back(model.longest_delay(input), problem.grid().step_hours())).max().unwrap_or(0)
-    };
-    let first = library.iter().map(|suspect| past(&suspect.problem)).max().unwrap_or(0);
-    let mut split = base.split().clone();
-    split.train.start = split.train.start.max(first.min(split.train.end));
-    library.iter_mut().for_each(|suspect| suspect.problem = suspect.problem.with_split(split.clone()));
-    base.with_split(split)
+    let whole = base.known();
+    let mut known = whole.clone();
+    for suspect in library.iter() {
+        known.iter_mut().zip(suspect.problem.known()).for_each(|(known, own)| *known &= own);
+    }
+    let steps = base.simulator().substeps();
+    library
+        .par_iter_mut()
+        .filter(|suspect| suspect.problem.known() != known || suspect.problem.simulator().substeps() != steps)
+        .for_each(|suspect| suspect.problem = suspect.problem.aligned(&known, steps));
+    if known == whole { base.clone() } else { base.aligned(&known, steps) }
 }
 
 /// The ids of all effects that could concern this window and are no part of the model.

@@ -86,6 +86,7 @@ pub fn diagnose(
         interrupted(control)?;
         if number > 1 {
             (library, _) = suspects(catalogue, &null.problem, &grid, &holes, site);
+            null.problem = align(&null.problem, &mut library);
         }
         // The openings that a drop detector marks are off by up to half an hour, which a lag then repairs.
         library.retain(|suspect| !(suspect.id == "sensor_lag" && found.iter().any(|name| name == "window_opening")));

@@ -12,6 +12,11 @@ use std::ops::Range;
 
 /// Iterations of a null model: it must be no less converged than those that are compared with it.
 const SETTLE: usize = 60;
+/// Iterations after which the ways from several starts are told apart.
+const SCOUT: usize = 15;
+/// Another optimum is one whose plain cost is larger by this factor, but not by that: without its missing effect a
+/// model may err least where it is no room any more, and from there the effect is never found.
+const OTHER: [f64; 2] = [1.02, 16.0];
 
 /// Full parameter vectors at the two optima, with their costs.
 #[derive(Debug, Clone, PartialEq)]
@@ -72,6 +77,8 @@ pub struct Null {
     pub measured: Measured,
     /// The filters that it gives to the round.
     pub filters: Filters,
+    /// Another optimum, if the way from the nominal values has ended in one: of the plain residual, of the innovations.
+    pub other: Option<[Vec<f64>; 2]>,
 }
 
 impl Filters {
@@ -95,8 +102,8 @@ impl Filters {
         ]
     }
 
-    /// Both optima from their starts.
-    pub fn fit(&self, problem: &Problem, plain: &[f64], white: &[f64], iterations: usize) -> Fitted {
+    /// Both optima, each the best from its starts.
+    pub fn fit(&self, problem: &Problem, plain: &[Vec<f64>], white: &[Vec<f64>], iterations: usize) -> Fitted {
         let [plain_task, white_task] = self.tasks(problem);
         let (plain, plain_cost) = plain_task.polish(plain, iterations);
         let (white, white_cost) = white_task.polish(white, iterations);
@@ -163,19 +170,29 @@ impl Null {
         let first = series(plain)?;
         let ar = autoregression(&first, &usable)?;
         let filters = Filters::new(&problem, &ar, deviation(&first));
-        let mut fitted = filters.fit(&problem, plain, white.unwrap_or(plain), SETTLE);
+        let [task, _] = filters.tasks(&problem);
+        let scouted = task.ends(&[plain.to_vec(), problem.nominal().to_vec()], SCOUT);
+        let starts: Vec<Vec<f64>> = scouted.iter().map(|(theta, _)| theta.clone()).collect();
+        let mut whites: Vec<Vec<f64>> = white.map(<[f64]>::to_vec).into_iter().collect();
+        whites.extend(starts.iter().cloned());
+        let mut fitted = filters.fit(&problem, &starts, &whites, SETTLE);
         // The innovations' optimum changes the residual, and with it the filter: once more with the right one.
         let ar = autoregression(&series(&fitted.white)?, &usable)?;
         let filters = Filters::new(&problem, &ar, deviation(&series(&fitted.plain)?));
         let [_, task] = filters.tasks(&problem);
-        (fitted.white, fitted.white_cost) = task.polish(&fitted.white, SETTLE);
+        (fitted.white, fitted.white_cost) = task.polish(&[fitted.white], SETTLE);
         let measured = filters.measure(&problem, &fitted)?;
-        Some(Self { fitted, measured, filters, problem })
+        let [least, most] = OTHER.map(|factor| factor * fitted.plain_cost);
+        let other = scouted.into_iter().find(|(_, cost)| (least..most).contains(cost)).map(|(plain, _)| {
+            let (white, _) = task.polish(std::slice::from_ref(&plain), SCOUT);
+            [plain, white]
+        });
+        Some(Self { fitted, measured, filters, other, problem })
     }
 
     /// Goes on from another place: keeps what is better there, and measures again. Says whether anything was.
     pub fn restart(&mut self, plain: &[f64], white: &[f64]) -> bool {
-        let again = self.filters.fit(&self.problem, plain, white, SETTLE / 2);
+        let again = self.filters.fit(&self.problem, &[plain.to_vec()], &[white.to_vec()], SETTLE / 2);
         let mut better = self.fitted.clone();
         if again.plain_cost < better.plain_cost {
             (better.plain, better.plain_cost) = (again.plain, again.plain_cost);

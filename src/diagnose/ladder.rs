@@ -81,6 +81,7 @@ pub fn ladder(
         }
         if !steps.is_empty() {
             (library, _) = suspects(catalogue, &null.problem, &grid, &holes, site);
+            null.problem = align(&null.problem, &mut library);
         }
         let outcome = round(&mut null, &library, false).ok_or_else(nothing)?;
         if steps.is_empty() {

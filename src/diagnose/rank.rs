@@ -99,12 +99,14 @@ pub enum Skip {
 
 /// Tries every suspect on the null model, which is restarted on the way. `strict` asks for more of everybody.
 pub fn round(null: &mut Null, suspects: &[Suspect], strict: bool) -> Option<Round> {
-    let scores: Vec<Result<Score, Blind>> = {
-        let screen = Screen::new(&null.problem, &null.fitted.white, &null.filters.white)?;
-        suspects.par_iter().map(|suspect| screen.score(suspect)).collect()
+    let screened = |theta: &[f64]| -> Option<Vec<Result<Score, Blind>>> {
+        let screen = Screen::new(&null.problem, theta, &null.filters.white)?;
+        Some(suspects.par_iter().map(|suspect| screen.score(suspect)).collect())
     };
-    let (chosen, skipped) = choose(suspects, scores);
-    let found: Vec<Option<Tried>> = chosen.into_par_iter().map(|(place, score)| refit(null, &suspects[place], place, score)).collect();
+    let here = screened(&null.fitted.white)?;
+    let there = null.other.as_ref().and_then(|[_, white]| screened(white));
+    let (chosen, skipped) = choose(suspects, here, there);
+    let found: Vec<Option<Tried>> = chosen.into_par_iter().map(|chosen| refit(null, &suspects[chosen.place], chosen)).collect();
     let mut tried: Vec<Tried> = found.into_iter().flatten().collect();
     compare(null, &mut tried);
     // The null model goes on from where the best suspects have come to.
@@ -155,35 +157,52 @@ fn median_gain(tried: &[Tried], suspects: &[Suspect]) -> f64 {
     if gains.len() < LEAST_FAMILIES { f64::NEG_INFINITY } else { gains[gains.len() / 2] }
 }
 
-/// Who is refitted: whom the data can show with a sign that physics allows, and of a shape the best choices.
-fn choose(suspects: &[Suspect], scores: Vec<Result<Score, Blind>>) -> (Vec<(usize, Score)>, Vec<(usize, Skip)>) {
-    let mut chosen: Vec<(usize, Score)> = Vec::new();
+/// A suspect that is refitted.
+struct Chosen {
+    place: usize,
+    score: Score,
+    /// The step from the other optimum of the null model, where there is one.
+    other: Option<Vec<f64>>,
+}
+
+/// Who is refitted: whom the data can show with a sign that physics allows, from either optimum of the null model,
+/// and of a shape the best choices.
+fn choose(
+    suspects: &[Suspect],
+    here: Vec<Result<Score, Blind>>,
+    there: Option<Vec<Result<Score, Blind>>>,
+) -> (Vec<Chosen>, Vec<(usize, Skip)>) {
+    // What the linearised model gives no gain at all the refit gives none either.
+    let asks = |score: &Score| score.sign && score.statistic >= LEAST_SCORE;
+    let mut there = there.unwrap_or_default().into_iter();
+    let mut chosen: Vec<Chosen> = Vec::new();
     let mut skipped = Vec::new();
-    for (place, score) in scores.into_iter().enumerate() {
-        match score {
-            Err(blind) => skipped.push((place, Skip::Blind(blind))),
-            Ok(score) if !score.sign => skipped.push((place, Skip::Sign(score))),
-            Ok(score) => chosen.push((place, score)),
+    for (place, here) in here.into_iter().enumerate() {
+        let there = there.next().and_then(Result::ok).filter(asks);
+        match (here, there) {
+            (Ok(score), there) if asks(&score) => chosen.push(Chosen { place, score, other: there.map(|score| score.step) }),
+            (_, Some(score)) => chosen.push(Chosen { place, other: Some(score.step.clone()), score }),
+            (Err(blind), None) => skipped.push((place, Skip::Blind(blind))),
+            (Ok(score), None) if !score.sign => skipped.push((place, Skip::Sign(score))),
+            (Ok(score), None) => skipped.push((place, Skip::Faint(score))),
         }
     }
-    let better = |place: usize, score: &Score, chosen: &[(usize, Score)]| {
-        let alike = |other: &&(usize, Score)| suspects[other.0].family() == suspects[place].family();
-        chosen.iter().filter(alike).filter(|(_, other)| other.statistic > score.statistic).count()
+    let better = |one: &Chosen| {
+        let alike = |other: &&Chosen| suspects[other.place].family() == suspects[one.place].family();
+        chosen.iter().filter(alike).filter(|other| other.score.statistic > one.score.statistic).count()
     };
-    // What the linearised model gives no gain at all the refit gives none either.
-    let (chosen, hopeless): (Vec<_>, Vec<_>) = chosen.into_iter().partition(|(_, score)| score.statistic >= LEAST_SCORE);
-    skipped.extend(hopeless.into_iter().map(|(place, score)| (place, Skip::Faint(score))));
-    let (kept, left): (Vec<_>, Vec<_>) =
-        chosen.iter().cloned().partition(|(place, score)| !suspects[*place].is_choice() || better(*place, score, &chosen) < CHOICES);
-    skipped.extend(left.into_iter().map(|(place, _)| (place, Skip::Choice)));
-    (kept, skipped)
+    let keep: Vec<bool> = chosen.iter().map(|one| !suspects[one.place].is_choice() || better(one) < CHOICES).collect();
+    let (kept, left): (Vec<_>, Vec<_>) = chosen.into_iter().zip(keep).partition(|(_, keep)| *keep);
+    skipped.extend(left.into_iter().map(|(one, _)| (one.place, Skip::Choice)));
+    (kept.into_iter().map(|(one, _)| one).collect(), skipped)
 }
 
 /// The suspect at its optima, from those of the null model and the linearised step.
-fn refit(null: &Null, suspect: &Suspect, place: usize, score: Score) -> Option<Tried> {
-    let start = |theta: &[f64]| {
+fn refit(null: &Null, suspect: &Suspect, chosen: Chosen) -> Option<Tried> {
+    let Chosen { place, score, other } = chosen;
+    let start = |theta: &[f64], steps: &[f64]| {
         let mut start = suspect.lift(&null.problem, theta);
-        for ((index, off), step) in suspect.own.iter().zip(&score.step) {
+        for ((index, off), step) in suspect.own.iter().zip(steps) {
             let [lower, upper] = suspect.problem.bounds()[*index];
             // Not on the bound, where a rate on a logarithmic scale would never leave it.
             let least = off + 1e-3 * (upper - lower);
@@ -192,7 +211,13 @@ fn refit(null: &Null, suspect: &Suspect, place: usize, score: Score) -> Option<T
         }
         start
     };
-    let fitted = null.filters.fit(&suspect.problem, &start(&null.fitted.plain), &start(&null.fitted.white), ITERATIONS);
+    let mut plain = vec![start(&null.fitted.plain, &score.step)];
+    let mut white = vec![start(&null.fitted.white, &score.step)];
+    if let Some(([at_plain, at_white], steps)) = null.other.as_ref().zip(other) {
+        plain.push(start(at_plain, &steps));
+        white.push(start(at_white, &steps));
+    }
+    let fitted = null.filters.fit(&suspect.problem, &plain, &white, ITERATIONS);
     let measured = null.filters.measure(&suspect.problem, &fitted)?;
     let active = suspect.own.iter().filter(|(index, off)| is_active(suspect, *index, *off, fitted.white[*index])).count();
     Some(Tried {

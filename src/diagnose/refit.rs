@@ -26,18 +26,22 @@ pub struct Refit<'a> {
 }
 
 impl Refit<'_> {
-    /// Levenberg and Marquardt's method from a full parameter vector: where it ends, and its cost there.
-    pub fn polish(&self, start: &[f64], iterations: usize) -> (Vec<f64>, f64) {
+    /// Levenberg and Marquardt's method from full parameter vectors side by side: the best end, and its cost there.
+    pub fn polish(&self, starts: &[Vec<f64>], iterations: usize) -> (Vec<f64>, f64) {
+        let best = self.ends(starts, iterations).into_iter().min_by(|a, b| a.1.total_cmp(&b.1));
+        best.unwrap_or_else(|| (self.problem.nominal().to_vec(), f64::INFINITY))
+    }
+
+    /// Where each start ends, and its cost there: infinite where the model diverges.
+    pub fn ends(&self, starts: &[Vec<f64>], iterations: usize) -> Vec<(Vec<f64>, f64)> {
         let options = LocalOptions { iterations, tolerance: TOLERANCE, ..LocalOptions::default() };
-        let mut stage = LocalStage::new(&options, &[self.problem.candidate(start)], true);
+        let places: Vec<Candidate> = starts.iter().map(|start| self.problem.candidate(start)).collect();
+        let mut stage = LocalStage::new(&options, &places, true);
         while let Some(Ask::Residuals(batch)) = stage.propose() {
             let answers = self.evaluate(&batch);
             stage.digest(&answers);
         }
-        match stage.places().into_iter().next() {
-            Some((candidate, Cost::Finite(cost))) => (self.problem.theta(&candidate), cost),
-            _ => (start.to_vec(), f64::INFINITY),
-        }
+        stage.places().into_iter().map(|(candidate, cost)| (self.problem.theta(&candidate), cost.value())).collect()
     }
 
     /// The cost at a full parameter vector.

@@ -123,20 +123,22 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_error_that_goes_with_the_wind_is_found_in_windy_hours() {
+    fn the_share_of_the_error_in_a_regime_is_that_of_the_closed_form() {
         let (problem, _) = small_world(&[]);
-        let wind = problem.grid().column("wind_speed").map(|column| column.values().to_vec());
-        // The model itself has no wind; the widened grid does.
-        assert!(wind.is_none());
         let grid = problem.grid();
         let out = grid.column("T_out").unwrap().values();
         let usable: Vec<usize> = (0..grid.len()).collect();
-        let mean = out.iter().sum::<f64>() / out.len() as f64;
-        let error: Vec<f64> = out.iter().map(|t| if *t > mean { 0.5 } else { -0.1 }).collect();
+        // The error changes where the upper third of the outdoor temperatures begins, whatever the weather.
+        let mut sorted = out.to_vec();
+        sorted.sort_by(f64::total_cmp);
+        let limit = sorted[2 * sorted.len() / 3];
+        let error: Vec<f64> = out.iter().map(|t| if *t > limit { 0.5 } else { -0.1 }).collect();
         let found = regimes(&problem, grid, &error, &usable, 1);
         let warm = found.iter().find(|one| one.regime == "T_out high").unwrap();
         assert_eq!(warm.bias, 0.5);
-        assert!(warm.error_share > 2.0 * warm.time_share);
+        assert!((warm.time_share - 1.0 / 3.0).abs() < 0.01, "{}", warm.time_share);
+        let (high, low) = (0.25 * warm.time_share, 0.01 * (1.0 - warm.time_share));
+        assert!((warm.error_share - high / (high + low)).abs() < 1e-9, "{}", warm.error_share);
         assert!(warm.bias_ci95.is_some_and(|[low, high]| low <= 0.5 && 0.5 <= high));
         assert_eq!(found, regimes(&problem, grid, &error, &usable, 1), "the same seed resamples the same days");
     }

@@ -215,9 +215,10 @@ mod tests {
     fn every_built_in_model_and_effect_has_standard_days() {
         let catalogue = Catalogue::builtin().unwrap();
         let models = catalogue.models().map(|document| document.id().to_owned());
-        let effects = catalogue.effects().map(|effect| match effect.argument {
-            Some(_) => format!("room3+{}:P_lamp", effect.id),
-            None => format!("room3+{}", effect.id),
+        let effects = catalogue.effects().map(|effect| match (&effect.argument, effect.choices.keys().next()) {
+            (Some(_), Some(choice)) => format!("room3+{}:{choice}", effect.id),
+            (Some(_), None) => format!("room3+{}:P_lamp", effect.id),
+            (None, _) => format!("room3+{}", effect.id),
         });
         for model in models.chain(effects) {
             let preview = on_standard_days(&model, 2000);

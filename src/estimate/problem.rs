@@ -265,10 +265,17 @@ impl Problem {
         self.measured.iter().map(|(values, valid)| (values.as_slice(), valid.as_slice())).collect()
     }
 
-    /// The same problem with other parts.
+    /// Over which intervals from one sample to the next all inputs are known.
+    pub fn known(&self) -> Vec<bool> {
+        (0..self.inputs.samples().saturating_sub(1)).map(|k| self.inputs.known(k)).collect()
+    }
+
+    /// The same problem with so many internal steps per sample, whose simulation also stands still over the intervals
+    /// at which `known` is false.
     #[must_use]
-    pub fn with_split(&self, split: Split) -> Self {
-        Self { split, ..self.clone() }
+    pub fn aligned(&self, known: &[bool], steps: usize) -> Self {
+        let inputs = self.inputs.masked(known);
+        Self { simulator: simulator_for(&self.model, &inputs, &self.measured, steps), inputs, ..self.clone() }
     }
 
     /// The same problem with so many internal steps per sample.

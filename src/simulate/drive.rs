@@ -82,6 +82,13 @@ impl Inputs {
         self.known[intervals].fill(false);
     }
 
+    /// The same inputs, unknown as well over the intervals at which `known` is false.
+    #[must_use]
+    pub fn masked(&self, known: &[bool]) -> Self {
+        let both = self.known.iter().enumerate().map(|(k, own)| *own && known.get(k).copied().unwrap_or(true)).collect();
+        Self { known: both, ..self.clone() }
+    }
+
     /// Hours between two samples.
     pub fn hours(&self) -> f64 {
         self.hours
