@@ -173,7 +173,7 @@ pub fn read<T: DeserializeOwned>(mut value: Value, stand_ins: &Value) -> Read<T>
         if let (Some(stand_in), Value::Object(fields)) = (stand_in, &mut value) {
             fields.insert(missing[1..].to_owned(), stand_in.clone());
         } else if remove(&mut value, error.path()) {
-            if matches!(error.path().iter().last(), Some(Segment::Seq { .. })) {
+            if matches!(error.path().iter().next_back(), Some(Segment::Seq { .. })) {
                 read.items.insert(place.clone());
             }
             removed.insert(place);

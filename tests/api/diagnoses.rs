@@ -2,6 +2,8 @@
 
 use crate::support::TestApp;
 use lampyris::twin::{Level, WorldRequest, world};
+use rand::{RngExt, SeedableRng};
+use rand_xoshiro::Xoshiro256PlusPlus;
 use serde_json::{Value, json};
 
 /// A room of the model room3 with these hidden effects and four weeks of measurements.
@@ -50,6 +52,62 @@ fn the_hidden_effect_is_named_added_and_the_error_falls() {
     };
     let (old, new) = (errors("room3"), errors("room3+wind_infiltration"));
     assert!(old.iter().zip(&new).all(|(old, new)| *new < 0.9 * old), "{old:?} -> {new:?}");
+}
+
+/// Four weeks of a room whose attic fan pulls outdoor air through it whenever it runs: no catalogue knows a fan.
+fn fan_csv() -> String {
+    let mut rows = "time,T_room[degC],T_out[degC],fan[-]\n".to_owned();
+    let mut random = Xoshiro256PlusPlus::seed_from_u64(20_261);
+    let (mut t_r, mut t_e, mut front, mut speed) = (14.0, 13.0, 0.0, 0.0);
+    for step in 0..28 * 96 {
+        let hour = f64::from(step) / 4.0;
+        front += random.random_range(-0.3..0.3) - 0.005 * front;
+        let t_out = 8.0 + 6.0 * (hour * std::f64::consts::TAU / 24.0).sin() + front;
+        if step % 8 == 0 {
+            speed = if random.random_bool(0.3) { random.random_range(0.3..1.0) } else { 0.0 };
+        }
+        let noise = random.random_range(-0.05..0.05);
+        let time: jiff::Timestamp = "2026-02-01T00:00:00Z".parse().unwrap();
+        let time = time + jiff::SignedDuration::from_mins(15 * i64::from(step));
+        rows.push_str(&format!("{time},{:.3},{t_out:.3},{speed:.3}\n", t_r + noise));
+        for _ in 0..15 {
+            let (to_r, to_e) = (0.8 * (t_e - t_r) + 0.4 * speed * (t_out - t_r), 0.2 * (t_r - t_e) + 0.15 * (t_out - t_e));
+            (t_r, t_e) = (t_r + to_r / 60.0, t_e + to_e / 60.0);
+        }
+    }
+    rows
+}
+
+#[test]
+fn an_effect_of_a_user_is_ranked_beside_the_others() {
+    let app = TestApp::start();
+    app.json("PUT", "/systems/room/attic", &json!({"model": "rc2"})).expect(201);
+    app.csv("/systems/room/attic/windows", &fan_csv()).expect(201);
+    let effect = json!({
+        "id": "attic_fan", "title": "Attic fan", "explain": "The fan pulls outdoor air through the room.",
+        "signature": "The room follows the outdoors while the fan runs.", "measure": "the speed of the fan", "sign": "positive",
+        "inputs": {"fan": {"unit": "-", "hold": "zero_order", "min": 0}, "T_out": {"unit": "degC"}},
+        "parameters": {"c_fan": {"unit": "1/h", "lower": 0, "upper": 5, "scale": "linear", "nominal": 0.1}},
+        "terms": {"T_r": "c_fan * fan * (T_out - T_r)"},
+    });
+    let mut wrong = effect.clone();
+    wrong["terms"] = json!({"T_attic": "c_fan * fan * (T_out - T_r)", "T_r": "c_fan * (T_out - T_r) + fan"});
+    wrong["outputs"] = json!({"humidity": "c_fan"});
+    let problem = app.json("POST", "/effects", &wrong).problem(422, "invalid-request");
+    let faults = problem["errors"].as_array().unwrap();
+    assert!(faults.len() >= 2 && faults.iter().any(|fault| fault["pointer"].as_str().unwrap().contains("T_attic")), "{problem}");
+    app.json("POST", "/effects", &effect).expect(201);
+
+    let job = app.ended(&app.post_job(&json!({"kind": "diagnose", "system": "room/attic", "method": {"seed": 5}})));
+    let diagnosis = app.get(job["links"]["diagnosis"].as_str().unwrap()).expect(200).json();
+    let finding = &diagnosis["findings"][0];
+    assert_eq!((diagnosis["verdict"].as_str(), finding["effect"].as_str()), (Some("named"), Some("attic_fan")), "{diagnosis}");
+    let [before, after] = [0, 1].map(|side| number(&finding["rmse"]["test"][side]));
+    assert!(after < 0.5 * before, "{finding}");
+    let c_fan = &finding["parameters"]["c_fan"];
+    assert!((number(&c_fan["value"]) - 0.4).abs() < 0.05, "{c_fan}");
+    let added = app.json("POST", "/models/rc2/effects", &json!({"effect": "attic_fan"})).expect(201).json();
+    assert_eq!(added["id"], "rc2+attic_fan");
 }
 
 #[test]
