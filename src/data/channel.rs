@@ -127,7 +127,7 @@ impl ChannelKind {
 }
 
 /// Whether a channel is an angle of the compass, on which 359 and 1 are two degrees apart.
-pub(super) fn is_compass(name: &str) -> bool {
+pub fn is_compass(name: &str) -> bool {
     matches!(name, "sun_azimuth" | "wind_direction")
 }
 

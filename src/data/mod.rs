@@ -58,7 +58,7 @@ mod write;
 
 pub use block::CorruptBlock;
 pub use calendar::{CALENDAR, add_calendar, local_zone};
-pub use channel::{ChannelKind, Hold};
+pub use channel::{ChannelKind, Hold, is_compass};
 pub use drops::{DROPS, add_drops};
 pub use duration::{BadDuration, Duration, Length};
 pub use envelope::{Envelope, Thinning};

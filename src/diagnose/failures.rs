@@ -3,10 +3,10 @@
 //! Free runs show where; only innovations show whether anything is left to explain (reference: missing-effects 6).
 
 use super::candidates::widen;
-use super::regimes::{Regime, regimes};
+use super::regimes::{Regime, circumstances, regimes};
 use super::residual::residual;
 use super::spectrum::{InputLag, Spectrum, input_lags, spectrum};
-use crate::data::{Grid, Window, local_zone, rfc3339};
+use crate::data::{Grid, Window, is_compass, local_zone, rfc3339};
 use crate::estimate::metrics::{error_unit, filter};
 use crate::estimate::problem::mean_square;
 use crate::estimate::{Fit, Problem, Site};
@@ -190,16 +190,16 @@ pub fn episodes(problem: &Problem, grid: &Grid, theta: &[f64], range: Range<usiz
             bias: inside.iter().sum::<f64>() / inside.len() as f64,
             rmse: square.sqrt(),
             share: square * inside.len() as f64 / total.max(f64::MIN_POSITIVE),
-            context: context(grid, &range, start..start + length),
+            context: context(problem, grid, &range, start..start + length),
         })
     };
     chosen.into_iter().filter_map(one).collect()
 }
 
 /// Columns whose mean over an episode is more than a deviation from that over the part.
-fn context(grid: &Grid, range: &Range<usize>, episode: Range<usize>) -> IndexMap<String, f64> {
+fn context(problem: &Problem, grid: &Grid, range: &Range<usize>, episode: Range<usize>) -> IndexMap<String, f64> {
     let mut unusual = IndexMap::new();
-    for (channel, column) in grid.columns() {
+    for (channel, column) in circumstances(problem, grid).filter(|(channel, _)| !is_compass(channel)) {
         let all = &column.values()[range.clone()];
         let mean = all.iter().sum::<f64>() / all.len() as f64;
         let deviation = (all.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / all.len() as f64).sqrt();

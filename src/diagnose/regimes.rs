@@ -1,6 +1,6 @@
 //! In which circumstances a model errs: means over regimes with intervals that resample whole days.
 
-use crate::data::Grid;
+use crate::data::{Column, DROPS, Grid, is_compass};
 use crate::estimate::Problem;
 use crate::schema::Interval;
 use rand::{RngExt, SeedableRng};
@@ -32,14 +32,18 @@ pub struct Regime {
     pub error_share: f64,
 }
 
+/// The columns of a grid that do not come from what the model is judged by: a window that is read off a falling room
+/// temperature is open wherever the room was warm, whatever the model says.
+pub fn circumstances<'a>(problem: &'a Problem, grid: &'a Grid) -> impl Iterator<Item = (&'a str, &'a Column)> {
+    let is_output = |channel: &str| problem.model().outputs().iter().any(|output| output.channel == channel);
+    grid.columns().filter(move |(channel, _)| !is_output(channel) && *channel != DROPS)
+}
+
 /// All regimes that the columns of the grid define, the most telling first: thirds of what varies, on and off of
 /// what is either, day and night, weekdays and weekends.
 pub fn regimes(problem: &Problem, grid: &Grid, error: &[f64], usable: &[usize], seed: u64) -> Vec<Regime> {
     let mut labels: Vec<(String, Vec<usize>)> = Vec::new();
-    for (channel, column) in grid.columns() {
-        if problem.model().outputs().iter().any(|output| output.channel == channel) || matches!(channel, "sun_azimuth" | "wind_direction") {
-            continue;
-        }
+    for (channel, column) in circumstances(problem, grid).filter(|(channel, _)| !is_compass(channel)) {
         let value = |k: &usize| column.values()[*k];
         let part = |test: &dyn Fn(f64) -> bool| usable.iter().copied().filter(|k| test(value(k))).collect::<Vec<usize>>();
         match channel {

@@ -1,6 +1,7 @@
 //! What is left in series that should be noise: correlation with inputs, with their own past, and by frequency.
 
-use crate::data::Grid;
+use super::regimes::circumstances;
+use crate::data::{CALENDAR, Grid, is_compass};
 use crate::estimate::Problem;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -45,9 +46,9 @@ pub struct Spectrum {
 /// The lag of every input of the grid at which the residual goes with it most, the strongest first.
 pub fn input_lags(problem: &Problem, grid: &Grid, error: &[f64], usable: &[usize]) -> Vec<InputLag> {
     let longest = (LAG_HOURS / grid.step_hours()) as usize;
-    let mut lags: Vec<InputLag> = grid
-        .columns()
-        .filter(|(channel, _)| problem.model().outputs().iter().all(|output| output.channel != *channel))
+    // Neither the clock nor a compass has more and less.
+    let mut lags: Vec<InputLag> = circumstances(problem, grid)
+        .filter(|(channel, _)| !CALENDAR.contains(channel) && !is_compass(channel))
         .map(|(channel, column)| {
             let at = |lag: usize| correlation(usable.iter().filter(|k| **k >= lag).map(|k| (error[*k], column.values()[k - lag])));
             let best = (0..=longest)
