@@ -38,9 +38,10 @@ fn equal_jobs_wait_once() {
 fn a_hundred_equal_posts_make_one_job() {
     let (app, blocker) = blocked(&["1", "2"]);
     let body = quick("room/2");
+    let post = || app.json("POST", "/jobs", &body);
+    let ten_posts = || (0..10).map(|_| post()).collect::<Vec<_>>();
     let answers: Vec<(u16, String)> = std::thread::scope(|scope| {
-        let post = || app.json("POST", "/jobs", &body);
-        let clients: Vec<_> = (0..10).map(|_| scope.spawn(|| (0..10).map(|_| post()).collect::<Vec<_>>())).collect();
+        let clients: Vec<_> = (0..10).map(|_| scope.spawn(ten_posts)).collect();
         let answers = clients.into_iter().flat_map(|client| client.join().unwrap());
         answers.map(|answer| (answer.status, answer.json()["id"].as_str().unwrap().to_owned())).collect()
     });

@@ -109,8 +109,6 @@ def closed(schema):
 
 def disagreements(description, schema, media_type, text):
     """Where a text disagrees with its schema."""
-
-
     validator = jsonschema_rs.Draft202012Validator(closed(schema | {"components": {"schemas": description["components"]["schemas"]}}))
     values = list(events(text)) if media_type == STREAM and "$ref" in schema else [parsed(media_type, text)]
     if not values:

@@ -113,7 +113,12 @@ def seed(base):
     ask(base, "POST", "/systems/room/asks/windows", measured, "text/csv")
     asks = [estimated(base, "room/asks", method={"name": "lm_multistart", "seed": seed}) for seed in (1, 2)]
     ask(base, "PUT", "/systems/room/guest", {"model": "rc1"})
-    uncited = ask(base, "POST", "/systems/room/guest/windows", {"time": ["2026-01-01T00:00:00Z", "2026-01-01T01:00:00Z"], "values": {"T_room": [20, 21]}})
+    uncited = ask(
+        base,
+        "POST",
+        "/systems/room/guest/windows",
+        {"time": ["2026-01-01T00:00:00Z", "2026-01-01T01:00:00Z"], "values": {"T_room": [20, 21]}},
+    )
     ask(base, "PUT", "/systems/room/spare", house)
     return {
         "batches": [batch["id"]],
