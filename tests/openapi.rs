@@ -6,6 +6,7 @@
 #[path = "support/mod.rs"]
 mod support;
 
+use serde_json::Value;
 use std::collections::BTreeSet;
 use std::path::Path;
 use support::TestApp;
@@ -50,6 +51,57 @@ fn every_described_path_exists_with_these_methods_and_no_others() {
             let exists = answer.status != 405 && !(answer.status == 404 && answer.text.contains("\"not-found\""));
             // A thing that is not there is a 404 of its own kind, so the path itself is known.
             assert_eq!(exists, described.contains(method), "{method} {path}: {} {}", answer.status, answer.text);
+        }
+    }
+}
+
+/// All operations of the description.
+fn operations() -> Vec<Value> {
+    let description: Value = serde_json::from_str(&lampyris::http::openapi_json()).unwrap();
+    let paths = description["paths"].as_object().unwrap();
+    paths.values().flat_map(|item| METHODS.iter().filter_map(|method| item.get(*method)).cloned()).collect()
+}
+
+/// The successes of an operation that have a body: media types with their contents.
+fn successes(operation: &Value) -> impl Iterator<Item = (&String, &Value)> {
+    let responses = operation["responses"].as_object().into_iter().flatten().filter(|(status, _)| status.starts_with('2'));
+    responses.flat_map(|(_, response)| response["content"].as_object().into_iter().flatten())
+}
+
+#[test]
+fn every_operation_shows_what_is_sent_and_what_is_answered() {
+    let mut without = Vec::new();
+    for operation in operations() {
+        let name = operation["operationId"].as_str().unwrap();
+        if let Some(content) = operation["requestBody"]["content"].as_object()
+            && content.values().all(|content| content.get("examples").is_none())
+        {
+            without.push(format!("{name}: no example of its body"));
+        }
+        for (media_type, content) in successes(&operation) {
+            if content.get("example").is_none() {
+                without.push(format!("{name}: no example of its answer as {media_type}"));
+            }
+        }
+    }
+    assert!(without.is_empty(), "{without:#?}");
+}
+
+#[test]
+fn every_example_belongs_to_an_operation() {
+    let operations = operations();
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("src/http/examples");
+    for entry in std::fs::read_dir(folder).unwrap() {
+        let text = std::fs::read_to_string(entry.unwrap().path()).unwrap();
+        for (name, examples) in serde_json::from_str::<serde_json::Map<String, Value>>(&text).unwrap() {
+            let operation = operations.iter().find(|operation| operation["operationId"] == *name);
+            let operation = operation.unwrap_or_else(|| panic!("there is no operation {name}"));
+            for media_type in examples["requests"].as_object().into_iter().flatten().map(|(media_type, _)| media_type) {
+                assert!(!operation["requestBody"]["content"][media_type].is_null(), "{name} takes no {media_type}");
+            }
+            for media_type in examples["answers"].as_object().into_iter().flatten().map(|(media_type, _)| media_type) {
+                assert!(successes(operation).any(|(described, _)| described == media_type), "{name} answers no {media_type}");
+            }
         }
     }
 }

@@ -13,6 +13,7 @@
 //! as much as either does with the office next door: what is not proposed is not excluded.
 
 use serde::Serialize;
+use utoipa::ToSchema;
 
 use super::channel::ChannelKind;
 use super::grid::Grid;
@@ -43,7 +44,8 @@ const MOST_SENSORS: usize = 200;
 const STILL: f64 = 1e-6;
 
 /// A proposal. Nothing follows from it until somebody confirms it.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+#[schema(as = LayoutProposal)]
 pub struct Layout {
     /// What was found, in sentences.
     pub summary: String,
@@ -62,15 +64,18 @@ pub struct Layout {
     /// The step of the samples that were compared, in seconds.
     pub step_s: i64,
     /// The first sample, RFC 3339.
+    #[schema(format = DateTime)]
     pub from: String,
     /// The last sample.
+    #[schema(format = DateTime)]
     pub to: String,
     /// Channels that are no sensors of rooms.
     pub left_out: Vec<LeftOut>,
 }
 
 /// Sensors that are probably in one room.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+#[schema(as = LayoutRoom)]
 pub struct Room {
     /// A name that a system could have.
     pub id: String,
@@ -83,7 +88,8 @@ pub struct Room {
 }
 
 /// Two rooms that are probably neighbours.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+#[schema(as = LayoutPair)]
 pub struct Pair {
     /// The ids of the rooms.
     pub rooms: [String; 2],
@@ -94,7 +100,8 @@ pub struct Pair {
 }
 
 /// A sensor that was compared.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+#[schema(as = LayoutSensor)]
 pub struct Sensor {
     /// Its channel.
     pub channel: String,
@@ -103,7 +110,8 @@ pub struct Sensor {
 }
 
 /// A channel that was not compared.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, ToSchema)]
+#[schema(as = LayoutLeftOut)]
 pub struct LeftOut {
     /// Its name.
     pub channel: String,

@@ -91,10 +91,13 @@ pub struct Finding {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct RmsePairs {
     /// The training part.
+    #[schema(min_items = 2, max_items = 2)]
     pub train: [f64; 2],
     /// The validation part, which decides.
+    #[schema(min_items = 2, max_items = 2)]
     pub validation: Option<[f64; 2]>,
     /// The test part, which no decision sees.
+    #[schema(min_items = 2, max_items = 2)]
     pub test: Option<[f64; 2]>,
     /// Forecasts from re-estimated states over the validation part, by horizon.
     #[schema(value_type = HashMap<String, [f64; 2]>)]

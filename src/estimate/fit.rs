@@ -126,6 +126,7 @@ pub struct Basis {
     /// The members of the model's sets.
     pub sets: BTreeMap<String, Vec<String>>,
     /// Latitude and longitude in degrees.
+    #[schema(value_type = Option<Vec<f64>>, min_items = 2, max_items = 2)]
     pub location: Option<(f64, f64)>,
     /// The IANA zone of the clock on the wall.
     #[serde(default)]

@@ -12,7 +12,8 @@ use utoipa::openapi::path::Operation;
 use utoipa::openapi::{Content, RefOr};
 
 /// One per group of paths.
-const DOCUMENTS: [&str; 6] = [
+const DOCUMENTS: [&str; 7] = [
+    include_str!("examples/diagnoses.json"),
     include_str!("examples/fits.json"),
     include_str!("examples/jobs.json"),
     include_str!("examples/models.json"),
@@ -22,22 +23,18 @@ const DOCUMENTS: [&str; 6] = [
 ];
 
 /// The examples of one operation.
-#[derive(Debug, Clone, Default, Deserialize)]
+#[derive(Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Examples {
+struct Examples {
     /// By media type and name.
     #[serde(default)]
-    pub requests: IndexMap<String, IndexMap<String, Value>>,
+    requests: IndexMap<String, IndexMap<String, Value>>,
     /// What is answered to a success, by media type.
     #[serde(default)]
-    pub answers: IndexMap<String, Value>,
+    answers: IndexMap<String, Value>,
 }
 
-/// All examples, by the id of the operation.
-///
-/// # Errors
-/// The first document that is no table of examples.
-pub fn read() -> Result<IndexMap<String, Examples>, serde_json::Error> {
+fn read() -> Result<IndexMap<String, Examples>, serde_json::Error> {
     let mut all = IndexMap::new();
     for document in DOCUMENTS {
         all.extend(serde_json::from_str::<IndexMap<String, Examples>>(document)?);

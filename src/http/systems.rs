@@ -145,6 +145,9 @@ struct StateAnswer {
     sd: std::collections::HashMap<String, f64>,
     /// The revision by whose parameters they were found.
     revision: i64,
+    /// The states by name, in the units of the model.
+    #[serde(flatten)]
+    states: std::collections::HashMap<String, f64>,
 }
 
 /// All systems, one row each: health, error, status.

@@ -35,6 +35,27 @@ fn equal_jobs_wait_once() {
 }
 
 #[test]
+fn a_hundred_equal_posts_make_one_job() {
+    let (app, blocker) = blocked(&["1", "2"]);
+    let body = quick("room/2");
+    let post = || app.json("POST", "/jobs", &body);
+    let ten_posts = || (0..10).map(|_| post()).collect::<Vec<_>>();
+    let answers: Vec<(u16, String)> = std::thread::scope(|scope| {
+        let clients: Vec<_> = (0..10).map(|_| scope.spawn(ten_posts)).collect();
+        let answers = clients.into_iter().flat_map(|client| client.join().unwrap());
+        answers.map(|answer| (answer.status, answer.json()["id"].as_str().unwrap().to_owned())).collect()
+    });
+    assert_eq!(answers.len(), 100);
+    assert_eq!(answers.iter().filter(|(status, _)| *status == 202).count(), 1, "one post made it");
+    assert!(answers.iter().all(|(status, id)| (*status == 202 || *status == 200) && *id == answers[0].1), "{answers:?}");
+    let jobs = app.get("/jobs?system=room/2").expect(200).json();
+    assert_eq!(jobs["items"].as_array().unwrap().len(), 1, "{jobs}");
+    app.post(&format!("/jobs/{blocker}/cancel")).expect(200);
+    let ended = app.ended(&answers[0].1);
+    assert_eq!((&ended["state"], &ended["attempt"]), (&json!("succeeded"), &json!(1)), "{ended}");
+}
+
+#[test]
 fn a_key_makes_one_job_of_two_requests() {
     let app = TestApp::start();
     app.room("1", 1);

@@ -1,10 +1,11 @@
 //! Schedules submit ordinary jobs.
 
-use crate::support::TestApp;
+use crate::support::{TestApp, stuck_csv};
 use jiff::{SignedDuration, Timestamp};
 use lampyris::jobs::schedule;
 use lampyris::store;
-use serde_json::json;
+use serde_json::{Value, json};
+use std::collections::BTreeSet;
 
 #[test]
 fn the_nightly_schedule_is_there_and_runs_on_demand() {
@@ -84,6 +85,51 @@ fn a_report_says_who_improved_by_how_much_and_who_was_refused_and_why() {
         (&list["items"][0]["id"], &list["items"][0]["jobs"], &list["items"][0]["finished"]),
         (&first["id"], &json!(2), &json!(true))
     );
+}
+
+#[test]
+fn the_report_of_twenty_rooms_adds_up() {
+    let app = TestApp::start();
+    for room in 1..=20 {
+        app.room(&room.to_string(), room);
+    }
+    // Two with a sensor that hangs, one that is only observed; another one was never measured.
+    for room in [7, 13] {
+        app.csv(&format!("/systems/room/{room}/windows"), &stuck_csv()).expect(201);
+    }
+    app.json("PUT", "/systems/room/20", &json!({"model": "rc2", "policy": {"mode": "observe"}})).expect(200);
+    app.json("PUT", "/systems/room/21", &json!({"model": "rc2"})).expect(201);
+    let body = json!({"kind": "recalibrate", "systems": ["room/*"], "method": {"name": "lm_multistart", "seed": 1},
+                      "budget": {"evaluations": 600}, "split": {"train": "P9D", "validation": "P5D"}});
+    let answer = app.json("POST", "/jobs", &body).expect(202);
+    let report = app.until(answer.header("location"), |batch| batch["finished"] == true);
+
+    let systems = |list: &Value, field: &str| -> BTreeSet<String> {
+        let names = list.as_array().unwrap().iter().map(|row| if field.is_empty() { row } else { &row[field] });
+        names.map(|name| name.as_str().unwrap().to_owned()).collect()
+    };
+    let jobs = report["jobs"].as_array().unwrap();
+    let (asked, skipped) = (systems(&report["jobs"], "system"), systems(&report["skipped"], "system"));
+    assert_eq!((jobs.len(), asked.len()), (19, 19), "one job for each room with measurements: {report}");
+    assert_eq!(skipped, BTreeSet::from(["room/20".to_owned(), "room/21".to_owned()]));
+    let counts: u64 = report["counts"].as_object().unwrap().values().map(|count| count.as_u64().unwrap()).sum();
+    assert_eq!(counts, 19, "every job is counted once: {}", report["counts"]);
+
+    // The report against the jobs and what is served.
+    let jobs: Vec<Value> = jobs.iter().map(|row| app.get(&format!("/jobs/{}", row["job"].as_str().unwrap())).expect(200).json()).collect();
+    let with = |outcome: &str| -> BTreeSet<String> {
+        let jobs = jobs.iter().filter(|job| job["outcome"] == outcome);
+        jobs.map(|job| job["system"].as_str().unwrap().to_owned()).collect()
+    };
+    let (improved, rejected) = (systems(&report["improved"], ""), systems(&report["rejected"], "system"));
+    assert_eq!((&improved, &rejected), (&with("accepted"), &with("rejected")));
+    assert!(rejected.is_superset(&BTreeSet::from(["room/13".to_owned(), "room/7".to_owned()])), "{rejected:?}");
+    assert!(improved.len() >= 15, "{}", report["summary"]);
+    let items = app.get("/params").expect(200).json()["items"].clone();
+    assert_eq!(systems(&items, "system"), improved);
+    let summary = report["summary"].as_str().unwrap();
+    assert!(summary.starts_with("of 19 systems ") && summary.ends_with("; 2 left out"), "{summary}");
+    assert!(summary.contains(&format!("{} have new parameters", improved.len())), "{summary}");
 }
 
 #[test]

@@ -86,21 +86,50 @@ def ended(base, job):
     return answer
 
 
+def estimated(base, system, **more):
+    """The fit of an estimate, whose outcome must be one of those that a service may want to show."""
+    job = ended(base, ask(base, "POST", "/jobs", ESTIMATE | {"system": system} | more)["id"])
+    if job["outcome"] not in ("accepted", "suggested"):
+        raise RuntimeError(f"{system} has no parameters: {job}")
+    return job
+
+
 def seed(base):
-    """Makes one of each thing; gives their ids by the first part of the paths that lead to them."""
-    ask(base, "PUT", f"/systems/{SYSTEM}", {"label": "A house", "model": MODEL, "channels": COLUMNS})
-    window = ask(base, "POST", f"/systems/{SYSTEM}/windows", MEASUREMENTS.read_bytes(), "text/csv")
-    job = ended(base, ask(base, "POST", "/jobs", ESTIMATE)["id"])
-    if job["outcome"] != "accepted":
-        raise RuntimeError(f"the house has no parameters: {job}")
+    """Makes some of each thing; gives their ids by the first part of the paths that lead to them.
+
+    What an example may use up is named by its operation.
+    """
+    house = {"label": "A house", "model": MODEL, "channels": COLUMNS}
+    measured = MEASUREMENTS.read_bytes()
+    ask(base, "PUT", f"/systems/{SYSTEM}", house)
+    window = ask(base, "POST", f"/systems/{SYSTEM}/windows", measured, "text/csv")
+    jobs = [estimated(base, SYSTEM), estimated(base, SYSTEM, method={"name": "lm_multistart", "seed": 2}, experiment=True)]
+    found = [ended(base, ask(base, "POST", "/jobs", ESTIMATE | {"kind": kind})["id"]) for kind in ("diagnose", "ladder")]
     version = ask(base, "POST", f"/models/{MODEL}/effects", {"effect": "constant_gain"})
     batch = ask(base, "POST", "/jobs", {"kind": "recalibrate", "systems": [SYSTEM], "budget": {"evaluations": 100}})
+    ask(base, "PUT", "/schedules/weekly", {"cron": "0 5 * * 1", "systems": ["plant/*"]})
+    # A house whose fits wait for an operator, one with a window that nothing cites, and one to be deleted.
+    ask(base, "PUT", "/systems/room/asks", house | {"policy": {"mode": "suggest"}})
+    ask(base, "POST", "/systems/room/asks/windows", measured, "text/csv")
+    asks = [estimated(base, "room/asks", method={"name": "lm_multistart", "seed": seed}) for seed in (1, 2)]
+    ask(base, "PUT", "/systems/room/guest", {"model": "rc1"})
+    uncited = ask(
+        base,
+        "POST",
+        "/systems/room/guest/windows",
+        {"time": ["2026-01-01T00:00:00Z", "2026-01-01T01:00:00Z"], "values": {"T_room": [20, 21]}},
+    )
+    ask(base, "PUT", "/systems/room/spare", house)
     return {
         "batches": [batch["id"]],
+        "diagnoses": [found[0]["diagnosis"]],
         "effects": ["constant_gain", "metered_gain"],
-        "fits": [job["fit"]],
-        "jobs": [job["id"]],
+        "fits": [job["fit"] for job in jobs],
+        "jobs": [job["id"] for job in jobs],
         "models": [MODEL, version["id"]],
         "schedules": ["nightly"],
         "windows": [window["id"]],
+        "delete_window": {"id": uncited["id"]},
+        "promote_fit": {"id": asks[0]["fit"]},
+        "reject_fit": {"id": asks[1]["fit"]},
     }

@@ -147,6 +147,35 @@ fn a_job_that_takes_the_process_down_three_times_fails_for_good() {
     );
 }
 
+/// The requirement is one of time, so time is what is measured.
+#[test]
+fn fifty_running_fits_are_called_off_within_half_a_second() {
+    let dir = tempfile::tempdir().unwrap();
+    let service = Process::start(&dir.path().join("cancel.db"));
+    let client = &service.client;
+    client.room("1", 1);
+    client.json("PUT", "/systems/room/2", &serde_json::json!({"model": "rc2"})).expect(201);
+    client.csv("/systems/room/2/windows", &room_csv(2, 100)).expect(201);
+    let mut took: Vec<Duration> = (0..50)
+        .map(|round| {
+            // A fortnight and a hundred days: a generation of the second takes seven times as long.
+            let mut body = support::endless(if round % 2 == 0 { "room/1" } else { "room/2" });
+            body["method"]["seed"] = serde_json::json!(round);
+            let job = client.post_job(&body);
+            client.until(&format!("/jobs/{job}"), |job| job["progress"]["evaluations"].as_u64().unwrap_or(0) > 0);
+            let begun = Instant::now();
+            client.post(&format!("/jobs/{job}/cancel")).expect(200);
+            assert_eq!(client.ended(&job)["state"], "cancelled");
+            begun.elapsed()
+        })
+        .collect();
+    took.sort();
+    // The nearest rank: of fifty, the 99th percentile is the slowest one.
+    let (median, p99) = (took[24], took[49]);
+    eprintln!("cancel: median {median:?}, 99th percentile {p99:?}");
+    assert!(p99 <= Duration::from_millis(500), "{took:?}");
+}
+
 #[test]
 fn a_stop_is_quick_and_gives_the_job_back() {
     let dir = tempfile::tempdir().unwrap();
