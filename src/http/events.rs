@@ -323,7 +323,8 @@ impl Listener {
     }
 
     fn job_event(&self, name: &str, job: JobRecord) -> Result<Event, Over> {
-        written(name, &JobAnswer::of(&self.service, job))
+        // Progress has events of its own: all listeners hear the same of a start.
+        written(name, &JobAnswer { progress: None, ..JobAnswer::of(&self.service, job) })
     }
 
     /// Hands an event to the client, however slow it is, unless the service stops.
