@@ -323,8 +323,7 @@ impl Listener {
     }
 
     fn job_event(&self, name: &str, job: JobRecord) -> Result<Event, Over> {
-        // Progress has events of its own: all listeners hear the same of a start.
-        written(name, &JobAnswer { progress: None, ..JobAnswer::of(&self.service, job) })
+        written(name, &JobAnswer::without_progress(job))
     }
 
     /// Hands an event to the client, however slow it is, unless the service stops.

@@ -52,7 +52,7 @@ pub struct JobAnswer {
     #[schema(value_type = Object)]
     request: Value,
     /// How far it has come, while it runs.
-    pub(super) progress: Option<Report>,
+    progress: Option<Report>,
     /// Why the search ended.
     stopped_by: Option<String>,
     /// What the search cost.
@@ -116,6 +116,11 @@ impl JobAnswer {
             JobState::Running => service.board.report(&job.id),
             _ => None,
         };
+        Self { progress, ..Self::without_progress(job) }
+    }
+
+    /// A job as its events tell of it: progress has events of its own, and all listeners hear the same of a start.
+    pub fn without_progress(job: JobRecord) -> Self {
         let mut links = BTreeMap::from([("self", format!("/jobs/{}", job.id)), ("events", format!("/jobs/{}/events", job.id))]);
         links.insert("params", format!("/params/{}", job.system));
         if let Some(fit) = &job.fit {
@@ -137,7 +142,7 @@ impl JobAnswer {
             origin: job.origin,
             priority: job.priority,
             request: job.request,
-            progress,
+            progress: None,
             stopped_by: job.stopped_by,
             evaluations: job.evaluations,
             wall_s: wall,
