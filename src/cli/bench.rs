@@ -5,6 +5,7 @@ mod engine;
 mod hand;
 mod params;
 mod search;
+mod verdicts;
 
 use super::{Failure, print};
 
@@ -19,8 +20,9 @@ pub struct Arguments {
     /// How many synthetic rooms are fitted.
     #[arg(long, default_value_t = 20)]
     rooms: u64,
-    /// How many worlds of each kind are diagnosed.
-    #[arg(long, default_value_t = 1)]
+    /// How many worlds of each level are diagnosed: a third hides nothing, a third one effect, a fifth two, the others
+    /// an effect that no catalogue has.
+    #[arg(long, default_value_t = 30)]
     worlds: u64,
     /// Diagnose only kinds whose name holds this, such as `matched wind`.
     #[arg(long)]

@@ -232,6 +232,11 @@ fn suspect(catalogue: &Catalogue, base: &Problem, grid: &Grid, site: &Site, name
 
 /// The reason in words, the most telling fault first.
 fn why(faults: Vec<Fault>, holes: &[String]) -> String {
+    // What is wrong with the document itself is told in full.
+    let absent = |fault: &Fault| ["missing-channel", "unknown-state", "unknown-name"].contains(&fault.code.as_ref());
+    if faults.len() > 1 && !faults.iter().all(absent) {
+        return faults.iter().map(|fault| fault.detail.as_str()).collect::<Vec<_>>().join("; ");
+    }
     let missing = faults.iter().find(|fault| fault.code == "missing-channel");
     if let Some(fault) = missing {
         let channel = fault.detail.split('`').nth(1).unwrap_or_default();

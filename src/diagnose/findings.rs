@@ -25,6 +25,8 @@ const ROUNDS: usize = 3;
 pub const ADEQUATE_RHO: f64 = 2.0;
 /// A later finding that explains less than this repairs, and is no cause.
 const CAUSE_SHARE: f64 = 0.3;
+/// Why an effect that the model can imitate is not testable.
+const IMITATED: &str = "the model's own parameters can do the same";
 /// Days of training and of unseen data below which nothing can be said, and below which more is asked.
 const LEAST_DAYS: (f64, f64) = (3.0, 1.0);
 const GOOD_DAYS: (f64, f64) = (7.0, 7.0);
@@ -91,6 +93,7 @@ pub fn diagnose(
         // The openings that a drop detector marks are off by up to half an hour, which a lag then repairs.
         library.retain(|suspect| !(suspect.id == "sensor_lag" && found.iter().any(|name| name == "window_opening")));
         let outcome = settled_round(round(&mut null, &library, strict))?;
+        report.evaluations.push(null.fitted.evaluations + outcome.evaluations);
         if number == 1 {
             before = Some(null.clone());
             tell_round(&mut report, &library, &outcome);
@@ -128,7 +131,7 @@ pub fn preview(
     let mut previews: Vec<Preview> = library
         .iter()
         .filter_map(|suspect| {
-            let score = screen.score(suspect).ok().filter(|score| score.sign)?;
+            let score = screen.score(suspect).ok().filter(|score| score.sign && !score.imitated)?;
             let (title, explain) = (suspect.spec.title.clone(), suspect.spec.explain.clone());
             Some(Preview { effect: suspect.id.clone(), title, explain, score: score.net })
         })
@@ -164,12 +167,17 @@ fn empty(problem: &Problem) -> Diagnosis {
         not_testable: Vec::new(),
         unexplained: Unexplained::default(),
         warnings: Vec::new(),
+        evaluations: Vec::new(),
     }
 }
 
 /// The first round into the report: what was tried, and what cannot be tested.
 fn tell_round(report: &mut Diagnosis, library: &[Suspect], outcome: &Round) {
     for one in &outcome.tried {
+        if one.score.imitated && matches!(one.gate, Some((Gate::Bic | Gate::Bound, _))) {
+            report.not_testable.push(NotTestable { effect: library[one.suspect].id.clone(), reason: IMITATED.to_owned() });
+            continue;
+        }
         let why = match &one.gate {
             None => format!("it gains {:.0} in BIC", one.delta_bic),
             Some((_, why)) => why.clone(),
@@ -182,10 +190,12 @@ fn tell_round(report: &mut Diagnosis, library: &[Suspect], outcome: &Round) {
             gate: one.gate.as_ref().map(|(gate, _)| *gate),
             why,
             measures: Some(Measures {
+                fall: one.fall,
                 white_share: one.white_share,
                 slow_delta_bic: one.slow_delta_bic,
                 ahead_share: one.ahead_share,
                 better_days: one.better_days,
+                evaluations: one.fitted.evaluations,
                 rho: one.measured.plain[0].unwrap_or(f64::NAN).sqrt() / one.measured.floor,
             }),
         });
@@ -211,7 +221,7 @@ fn tell_round(report: &mut Diagnosis, library: &[Suspect], outcome: &Round) {
             Skip::Blind(blind) => {
                 let reason = match blind {
                     Blind::TooSmall => "even at its physical limit it hardly moves the room in these data".to_owned(),
-                    Blind::Imitated => "the model's own parameters can do the same".to_owned(),
+                    Blind::Imitated => IMITATED.to_owned(),
                     Blind::Diverged => "the simulation with it diverges".to_owned(),
                 };
                 report.not_testable.push(NotTestable { effect, reason });

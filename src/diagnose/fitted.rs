@@ -29,6 +29,8 @@ pub struct Fitted {
     pub white: Vec<f64>,
     /// Its cost.
     pub white_cost: f64,
+    /// Simulations that the two have taken.
+    pub evaluations: usize,
 }
 
 /// What is measured at the two optima.
@@ -105,9 +107,11 @@ impl Filters {
     /// Both optima, each the best from its starts.
     pub fn fit(&self, problem: &Problem, plain: &[Vec<f64>], white: &[Vec<f64>], iterations: usize) -> Fitted {
         let [plain_task, white_task] = self.tasks(problem);
-        let (plain, plain_cost) = plain_task.polish(plain, iterations);
-        let (white, white_cost) = white_task.polish(white, iterations);
-        Fitted { plain, plain_cost, white, white_cost }
+        let (white, white_cost, white_evaluations) = white_task.polish(white, iterations);
+        // The free run has more local optima than the innovations, whose optimum shows it a way out of them.
+        let starts: Vec<Vec<f64>> = plain.iter().chain([&white]).cloned().collect();
+        let (plain, plain_cost, evaluations) = plain_task.polish(&starts, iterations);
+        Fitted { plain, plain_cost, white, white_cost, evaluations: evaluations + white_evaluations }
     }
 
     /// What is measured at the optima; `None` where a simulation diverges.
@@ -171,7 +175,7 @@ impl Null {
         let ar = autoregression(&first, &usable)?;
         let filters = Filters::new(&problem, &ar, deviation(&first));
         let [task, _] = filters.tasks(&problem);
-        let scouted = task.ends(&[plain.to_vec(), problem.nominal().to_vec()], SCOUT);
+        let (scouted, scouting) = task.ends(&[plain.to_vec(), problem.nominal().to_vec()], SCOUT);
         let starts: Vec<Vec<f64>> = scouted.iter().map(|(theta, _)| theta.clone()).collect();
         let mut whites: Vec<Vec<f64>> = white.map(<[f64]>::to_vec).into_iter().collect();
         whites.extend(starts.iter().cloned());
@@ -180,11 +184,14 @@ impl Null {
         let ar = autoregression(&series(&fitted.white)?, &usable)?;
         let filters = Filters::new(&problem, &ar, deviation(&series(&fitted.plain)?));
         let [_, task] = filters.tasks(&problem);
-        (fitted.white, fitted.white_cost) = task.polish(&[fitted.white], SETTLE);
+        let polished;
+        (fitted.white, fitted.white_cost, polished) = task.polish(&[fitted.white], SETTLE);
+        fitted.evaluations += scouting + polished;
         let measured = filters.measure(&problem, &fitted)?;
         let [least, most] = OTHER.map(|factor| factor * fitted.plain_cost);
         let other = scouted.into_iter().find(|(_, cost)| (least..most).contains(cost)).map(|(plain, _)| {
-            let (white, _) = task.polish(std::slice::from_ref(&plain), SCOUT);
+            let (white, _, evaluations) = task.polish(std::slice::from_ref(&plain), SCOUT);
+            fitted.evaluations += evaluations;
             [plain, white]
         });
         Some(Self { fitted, measured, filters, other, problem })
@@ -193,6 +200,7 @@ impl Null {
     /// Goes on from another place: keeps what is better there, and measures again. Says whether anything was.
     pub fn restart(&mut self, plain: &[f64], white: &[f64]) -> bool {
         let again = self.filters.fit(&self.problem, &[plain.to_vec()], &[white.to_vec()], SETTLE / 2);
+        self.fitted.evaluations += again.evaluations;
         let mut better = self.fitted.clone();
         if again.plain_cost < better.plain_cost {
             (better.plain, better.plain_cost) = (again.plain, again.plain_cost);

@@ -26,22 +26,28 @@ pub struct Refit<'a> {
 }
 
 impl Refit<'_> {
-    /// Levenberg and Marquardt's method from full parameter vectors side by side: the best end, and its cost there.
-    pub fn polish(&self, starts: &[Vec<f64>], iterations: usize) -> (Vec<f64>, f64) {
-        let best = self.ends(starts, iterations).into_iter().min_by(|a, b| a.1.total_cmp(&b.1));
-        best.unwrap_or_else(|| (self.problem.nominal().to_vec(), f64::INFINITY))
+    /// Levenberg and Marquardt's method from full parameter vectors side by side: the best end, with its cost and the
+    /// evaluations of all.
+    pub fn polish(&self, starts: &[Vec<f64>], iterations: usize) -> (Vec<f64>, f64, usize) {
+        let (ends, evaluations) = self.ends(starts, iterations);
+        let best = ends.into_iter().min_by(|a, b| a.1.total_cmp(&b.1));
+        let (theta, cost) = best.unwrap_or_else(|| (self.problem.nominal().to_vec(), f64::INFINITY));
+        (theta, cost, evaluations)
     }
 
-    /// Where each start ends, and its cost there: infinite where the model diverges.
-    pub fn ends(&self, starts: &[Vec<f64>], iterations: usize) -> Vec<(Vec<f64>, f64)> {
+    /// Where each start ends, its cost there, infinite where the model diverges, and the evaluations of all.
+    pub fn ends(&self, starts: &[Vec<f64>], iterations: usize) -> (Vec<(Vec<f64>, f64)>, usize) {
         let options = LocalOptions { iterations, tolerance: TOLERANCE, ..LocalOptions::default() };
         let places: Vec<Candidate> = starts.iter().map(|start| self.problem.candidate(start)).collect();
         let mut stage = LocalStage::new(&options, &places, true);
+        let mut evaluations = 0;
         while let Some(Ask::Residuals(batch)) = stage.propose() {
+            evaluations += batch.len();
             let answers = self.evaluate(&batch);
             stage.digest(&answers);
         }
-        stage.places().into_iter().map(|(candidate, cost)| (self.problem.theta(&candidate), cost.value())).collect()
+        let ends = stage.places().into_iter().map(|(candidate, cost)| (self.problem.theta(&candidate), cost.value()));
+        (ends.collect(), evaluations)
     }
 
     /// The cost at a full parameter vector.

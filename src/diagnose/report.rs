@@ -45,6 +45,9 @@ pub struct Diagnosis {
     pub unexplained: Unexplained,
     /// What a reader should know of the data.
     pub warnings: Vec<String>,
+    /// Simulations of every round, for benches.
+    #[serde(skip)]
+    pub evaluations: Vec<usize>,
 }
 
 /// A finding is the cause of an error, or repairs what an earlier finding left.
@@ -156,6 +159,8 @@ pub struct Considered {
 /// What the gates look at, beside the gain and the share.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Measures {
+    /// The unseen free-run error with it over that without it.
+    pub fall: Option<f64>,
     /// Share of the unseen innovations that it explains.
     pub white_share: Option<f64>,
     /// Gain of the BIC on three-hourly means.
@@ -166,6 +171,8 @@ pub struct Measures {
     pub better_days: [f64; 2],
     /// Ratio of free-run error to innovation deviation with it.
     pub rho: f64,
+    /// Simulations of its refit.
+    pub evaluations: usize,
 }
 
 /// A suspect that these data cannot show.

@@ -14,8 +14,11 @@ use nalgebra::{DMatrix, DVector};
 
 /// A suspect that moves the room by less than this at its physical bound cannot be seen, in K.
 const VISIBLE: f64 = 0.02;
-/// A suspect of which the model's own parameters imitate all but this share of the variance is no suspect.
+/// A suspect of which the model's own parameters imitate all but this share of the variance has no score here, but may
+/// gain elsewhere: where a rate lies on its bound, one state imitates another.
 const IMITATED: f64 = 1e-4;
+/// All but this share, and it is the same term once more.
+const SAME: f64 = 1e-8;
 /// Step of a difference, as a share of the interval of a linear parameter or of the nominal value of a rate.
 const STEP: f64 = 1e-3;
 
@@ -32,6 +35,8 @@ pub struct Score {
     pub sign: bool,
     /// What is left of the suspect's first sensitivity, of length one: for ties.
     pub direction: Vec<f64>,
+    /// Whether the model's own parameters imitate it at this place.
+    pub imitated: bool,
 }
 
 /// Why a suspect has no score.
@@ -103,10 +108,16 @@ impl<'a> Screen<'a> {
         let series: Vec<Vec<f64>> = runs[..=steps.len()].iter().map(whitened).collect::<Option<_>>().ok_or(Blind::Diverged)?;
         let raw = DMatrix::from_fn(series[0].len(), steps.len(), |row, column| (series[0][row] - series[column + 1][row]) / steps[column]);
         let left = &raw - &self.own * self.own.tr_mul(&raw);
-        if left.norm_squared() <= IMITATED * raw.norm_squared() {
+        let (rows, k) = left.shape();
+        let n = rows as f64;
+        if left.norm_squared() <= SAME * raw.norm_squared() {
             return Err(Blind::Imitated);
         }
-        let (rows, k) = left.shape();
+        if left.norm_squared() <= IMITATED * raw.norm_squared() {
+            // A step along what is left would leave physics: the refit starts from the nominal values.
+            let step = suspect.own.iter().map(|(index, off)| suspect.problem.nominal()[*index] - off).collect();
+            return Ok(Score { statistic: 0.0, net: -(k as f64) * n.ln(), step, sign: true, direction: vec![0.0; rows], imitated: true });
+        }
         let mut normal = left.tr_mul(&left);
         let ridge = 1e-9 * normal.trace();
         (0..k).for_each(|i| normal[(i, i)] += ridge);
@@ -114,12 +125,11 @@ impl<'a> Screen<'a> {
         let step = normal.cholesky().ok_or(Blind::Imitated)?.solve(&right);
         let total = self.residual.norm_squared().max(f64::MIN_POSITIVE);
         let explained = (right.dot(&step) / total).clamp(0.0, 1.0 - 1e-12);
-        let n = rows as f64;
         let statistic = -n * (-explained).ln_1p();
         let sign = step.iter().any(|value| sign_allows(suspect.spec.sign, *value));
         let first = left.column(0);
         let direction = first.iter().map(|value| value / first.norm().max(f64::MIN_POSITIVE)).collect();
-        Ok(Score { statistic, net: statistic - k as f64 * n.ln(), step: step.iter().copied().collect(), sign, direction })
+        Ok(Score { statistic, net: statistic - k as f64 * n.ln(), step: step.iter().copied().collect(), sign, direction, imitated: false })
     }
 }
 

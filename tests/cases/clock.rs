@@ -22,22 +22,29 @@ const OFFICE: &str = r#"
 
 /// Half-hourly samples of a room that is warmed by `gain` in office hours of Copenhagen.
 fn office(gain: f64) -> String {
+    house(16, |local, _, _| {
+        let working = local.weekday().to_monday_one_offset() <= 5 && (8..17).contains(&local.hour());
+        if working { gain } else { 0.0 }
+    })
+}
+
+/// Half-hourly samples of a room that `heat` warms, in K/h, by the time in Copenhagen, the outdoor and the room
+/// temperature.
+pub fn house(days: i64, heat: impl Fn(&jiff::Zoned, f64, f64) -> f64) -> String {
     let (alpha_e, beta_e, alpha_a) = (0.8, 4.0, 0.15);
     let start: jiff::Timestamp = "2026-03-20T00:00:00Z".parse().unwrap();
     let out = |hour: f64| 6.0 + 5.0 * (hour * std::f64::consts::TAU / 24.0).sin() + 3.0 * (hour / 41.0).sin();
     let (mut t_r, mut t_e) = (15.0f64, 14.0f64);
     let mut text = "time,T_room,T_out\n".to_owned();
-    for step in 0..16 * 48 {
+    for step in 0..days * 48 {
         let time = start + jiff::SignedDuration::from_mins(30 * step);
         let local = time.in_tz("Europe/Copenhagen").unwrap();
-        let working = local.weekday().to_monday_one_offset() <= 5 && (8..17).contains(&local.hour());
-        let heat = if working { gain } else { 0.0 };
         let hour = 0.5 * step as f64;
         writeln!(text, "{time},{t_r:.4},{:.4}", out(hour)).unwrap();
         let (from, to) = (out(hour), out(hour + 0.5));
         let rate = |t: f64, r: f64, e: f64| {
             let outdoors = from + (to - from) * t / 0.5;
-            (alpha_e * (e - r) + heat, alpha_e / beta_e * (r - e) + alpha_a * (outdoors - e))
+            (alpha_e * (e - r) + heat(&local, outdoors, r), alpha_e / beta_e * (r - e) + alpha_a * (outdoors - e))
         };
         // The classical Runge-Kutta method with steps of a minute.
         let h = 0.5 / 30.0;

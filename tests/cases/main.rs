@@ -6,7 +6,9 @@ mod clock;
 mod delays;
 mod diagnoses;
 mod family;
+mod hidden;
 mod houses;
+mod posted;
 mod oracles;
 mod twins;
 

@@ -2,15 +2,15 @@
 
 use super::super::{Failure, faults};
 use super::Row;
+use super::verdicts::rows;
 use lampyris::data::{Bindings, SplitRequest, Window};
 use lampyris::diagnose::fitted::Null;
 use lampyris::diagnose::report::Considered;
-use lampyris::diagnose::{Adequacy, Diagnosis, diagnose, preview};
+use lampyris::diagnose::{Diagnosis, diagnose, preview};
 use lampyris::estimate::{Control, EstimateRequest, Problem, Site, estimate, prepare};
 use lampyris::model::Catalogue;
 use lampyris::twin::{Level, Truth, World, WorldRequest, world};
 use rayon::prelude::*;
-use std::collections::BTreeMap;
 use std::time::Instant;
 
 /// Single effects that worlds hide in turn.
@@ -45,9 +45,12 @@ const PAIRS: [[&str; 2]; 6] = [
 /// An effect is material when knowing it cuts the test error by this share.
 const MATERIAL: f64 = 0.10;
 
+/// Of three hundred worlds so many hide nothing, an effect that no catalogue has, one effect, and two.
+const SHARES: [u64; 4] = [100, 40, 100, 60];
+
 /// How a world came out.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Outcome {
+pub enum Outcome {
     Right,
     Wrong,
     /// A group of more than two that holds the truth.
@@ -56,30 +59,60 @@ enum Outcome {
 }
 
 /// A world and its diagnosis.
-struct Judged {
-    kind: String,
-    level: Level,
-    truth: Truth,
-    diagnosis: Diagnosis,
-    first: Outcome,
-    found: usize,
-    material: bool,
-    logged: bool,
-    seconds: f64,
-    preview_seconds: f64,
+pub struct Judged {
+    pub kind: String,
+    pub level: Level,
+    pub truth: Truth,
+    pub diagnosis: Diagnosis,
+    pub first: Outcome,
+    /// How many of the hidden effects are named.
+    pub found: usize,
+    /// Root mean square error of the free run over the test part: without any effect, and with the true ones.
+    pub test: [Option<f64>; 2],
+    pub logged: bool,
+    pub seconds: f64,
+    pub preview_seconds: f64,
 }
 
+impl Judged {
+    /// Whether the true effects, given to the model, cut the test error by a tenth.
+    pub fn material(&self) -> bool {
+        matches!(self.test, [Some(without), Some(with)] if with <= (1.0 - MATERIAL) * without)
+    }
+
+    /// The test error without anything that was named, and with all of it.
+    pub fn named(&self) -> Option<[f64; 2]> {
+        let first = self.diagnosis.findings.first()?.rmse.test?;
+        let last = self.diagnosis.findings.last()?.rmse.test?;
+        Some([first[0], last[1]])
+    }
+
+    /// Whether the interval of the coefficient holds the true strength, where the one hidden effect was named and has
+    /// one coefficient.
+    pub fn covered(&self) -> Option<bool> {
+        let ([hidden], Some(finding)) = (self.truth.effects.as_slice(), self.diagnosis.findings.first()) else { return None };
+        let (1, Some(coefficient)) = (finding.parameters.len(), finding.parameters.values().next()) else { return None };
+        let [low, high] = coefficient.ci95.filter(|_| same(&finding.effect, &hidden.effect))?;
+        Some((low..=high).contains(&hidden.strength))
+    }
+}
+
+/// Diagnoses about so many worlds of each level.
 pub fn run(first: u64, worlds: u64, only: Option<&str>, each: bool) -> Result<Vec<Row>, Failure> {
+    let kinds: [Vec<Vec<&str>>; 4] = [
+        vec![Vec::new()],
+        STRANGE.iter().map(|effect| vec![*effect]).collect(),
+        SINGLE.iter().map(|effect| vec![*effect]).collect(),
+        PAIRS.iter().map(|pair| pair.to_vec()).collect(),
+    ];
+    let total: u64 = SHARES.iter().sum();
     let mut requests = Vec::new();
     for level in [Level::Matched, Level::Rich] {
-        let mut kinds: Vec<Vec<&str>> = SINGLE.iter().chain(&STRANGE).map(|effect| vec![*effect]).collect();
-        kinds.extend(PAIRS.iter().map(|pair| pair.to_vec()));
-        // Nothing hidden is the case that matters most: as often as all others of its sort together.
-        kinds.extend((0..6).map(|_| Vec::new()));
-        for (place, effects) in kinds.iter().enumerate() {
-            for round in 0..worlds {
-                let seed = first * 1_000_000 + round * 1000 + place as u64 * 2 + u64::from(level == Level::Rich);
+        let mut seed = first * 1_000_000 + u64::from(level == Level::Rich);
+        for (kinds, share) in kinds.iter().zip(SHARES) {
+            for effects in kinds.iter().cycle().take((worlds * share).div_ceil(total) as usize) {
                 requests.push(WorldRequest::new(seed, effects, level));
+                seed += 2;
             }
         }
     }
@@ -131,10 +164,11 @@ fn judge(request: &WorldRequest) -> Result<Judged, Failure> {
         diagnosis.findings.iter().any(|finding| same(&finding.effect, hidden) || finding.tied_with.iter().any(|tied| same(tied, hidden)))
     };
     let found = world.truth.effects.iter().filter(|hidden| named(&hidden.effect)).count();
-    let material = material(&catalogue, &world, &window, fit.first_metrics().and_then(|metrics| metrics.test_rmse), &problem, &theta)?;
+    let settled = |problem: Problem, theta: &[f64]| Null::settle(problem, theta, None)?.measured.plain[2].map(f64::sqrt);
+    let test = [settled(problem.clone(), &theta), informed(&catalogue, &world, &window, &problem, &theta)?.and_then(|(problem, theta)| settled(problem, &theta))];
     let logged = world.csv.contains("window_open");
     let truth = world.truth;
-    Ok(Judged { kind: name(request), level: request.level, truth, diagnosis, first, found, material, logged, seconds, preview_seconds })
+    Ok(Judged { kind: name(request), level: request.level, truth, diagnosis, first, found, test, logged, seconds, preview_seconds })
 }
 
 fn ask(catalogue: &Catalogue, world: &World, window: &Window, model: &str) -> Result<(Problem, Site, EstimateRequest), Failure> {
@@ -150,19 +184,20 @@ fn same(named: &str, hidden: &str) -> bool {
     named == hidden || (hidden == "night_setback" && named.starts_with("night_setback:"))
 }
 
-/// Whether the true effects, given to the model, cut the test error by a tenth.
-fn material(
+/// The model with the true effects, and where to start; none where no catalogue has them.
+fn informed(
     catalogue: &Catalogue,
     world: &World,
     window: &Window,
-    without: Option<f64>,
     base: &Problem,
     theta: &[f64],
-) -> Result<bool, Failure> {
+) -> Result<Option<(Problem, Vec<f64>)>, Failure> {
     let known = |effect: &str| if effect == "night_setback" { "night_setback:22_6".to_owned() } else { effect.to_owned() };
     let effects: Vec<String> =
         world.truth.effects.iter().filter(|hidden| hidden.in_catalogue).map(|hidden| known(&hidden.effect)).collect();
-    let Some(without) = without.filter(|_| !effects.is_empty()) else { return Ok(false) };
+    if effects.is_empty() {
+        return Ok(None);
+    }
     let (problem, _, _) = ask(catalogue, world, window, &format!("room3+{}", effects.join("+")))?;
     let mut start = problem.nominal().to_vec();
     for (value, parameter) in start.iter_mut().zip(problem.model().parameters()) {
@@ -170,8 +205,7 @@ fn material(
             *value = theta[place];
         }
     }
-    let with = Null::settle(problem, &start, None).and_then(|settled| settled.measured.plain[2]);
-    Ok(with.is_some_and(|mse| mse.sqrt() <= (1.0 - MATERIAL) * without))
+    Ok(Some((problem, start)))
 }
 
 fn line(judged: &Judged) -> String {
@@ -203,11 +237,13 @@ fn line(judged: &Judged) -> String {
     let logged = if judged.logged { " LOGGED" } else { "" };
     let missed = format!("{missed}{logged} <<{}>>", near.join(" | "));
     format!(
-        "{} seed {} {:?}{} heat {:.3} rho {:.2} hidden ({}) named ({}){missed} {:.2}s",
+        "{} seed {} {:?}{} test {:.2}>{:.2} heat {:.3} rho {:.2} hidden ({}) named ({}){missed} {:.2}s",
         judged.kind,
         judged.truth.seed,
         judged.first,
-        if judged.material { " material" } else { "" },
+        if judged.material() { " material" } else { "" },
+        judged.test[0].unwrap_or(f64::NAN),
+        judged.test[1].unwrap_or(f64::NAN),
         judged.truth.household_heat,
         judged.diagnosis.rho.unwrap_or(f64::NAN),
         hidden.join(", "),
@@ -224,8 +260,9 @@ fn near(one: &Considered) -> Option<String> {
     let slow = number(measures.slow_delta_bic);
     (share > 0.3 || slow > 8.0 || gain > 8.0).then(|| {
         format!(
-            "{} share {share:.2} dbic {gain:.0} white {:.2} slow {slow:.0} ahead {:.2} days {:.2} {:.2} rho {:.2}",
+            "{} share {share:.2} fall {:.2} dbic {gain:.0} white {:.2} slow {slow:.0} ahead {:.2} days {:.2} {:.2} rho {:.2}",
             one.effect,
+            number(measures.fall),
             number(measures.white_share),
             number(measures.ahead_share),
             measures.better_days[0],
@@ -233,83 +270,4 @@ fn near(one: &Considered) -> Option<String> {
             measures.rho
         )
     })
-}
-
-/// The table: per level and effect, then the goals.
-fn rows(judged: &[Judged]) -> Vec<Row> {
-    let mut rows = Vec::new();
-    let mut kinds: BTreeMap<&str, Vec<&Judged>> = BTreeMap::new();
-    judged.iter().for_each(|one| kinds.entry(&one.kind).or_default().push(one));
-    for (kind, worlds) in kinds {
-        let count = |outcome| worlds.iter().filter(|one| one.first == outcome).count();
-        let what = format!(
-            "{kind}: {} material; right {} wrong {} vague {} silent {} of",
-            worlds.iter().filter(|one| one.material).count(),
-            count(Outcome::Right),
-            count(Outcome::Wrong),
-            count(Outcome::Vague),
-            count(Outcome::Silent)
-        );
-        rows.push(Row::new(what, worlds.len() as f64, "worlds"));
-    }
-    for level in [Level::Matched, Level::Rich] {
-        rows.extend(goals(judged, level));
-    }
-    let mut times: Vec<f64> = judged.iter().map(|one| one.seconds).collect();
-    times.sort_by(f64::total_cmp);
-    let mut previews: Vec<f64> = judged.iter().map(|one| one.preview_seconds).collect();
-    previews.sort_by(f64::total_cmp);
-    let at = |times: &[f64], share: f64| times.get(((times.len() as f64 - 1.0) * share) as usize).copied().unwrap_or(f64::NAN);
-    rows.push(Row::new("a diagnosis: median wall time", at(&times, 0.5), "s"));
-    rows.push(Row::new("a diagnosis: 95th percentile", at(&times, 0.95), "s"));
-    rows.push(Row::new("a preview: median wall time", at(&previews, 0.5), "s"));
-    rows
-}
-
-fn goals(judged: &[Judged], level: Level) -> Vec<Row> {
-    let matched = level == Level::Matched;
-    let these = |keep: &dyn Fn(&Judged) -> bool| -> Vec<&Judged> { judged.iter().filter(|one| one.level == level && keep(one)).collect() };
-    let none = these(&|one| one.truth.effects.is_empty());
-    let strange = these(&|one| one.truth.effects.iter().any(|hidden| !hidden.in_catalogue));
-    let single = these(&|one| one.truth.effects.len() == 1 && one.truth.effects[0].in_catalogue && one.material);
-    let pairs = these(&|one| one.truth.effects.len() == 2 && one.material);
-    let share = |what: &str, worlds: &[&Judged], test: &dyn Fn(&Judged) -> bool| {
-        let (hits, n) = (worlds.iter().filter(|one| test(one)).count(), worlds.len());
-        let [low, high] = interval(hits, n);
-        let name = format!("{level:?}").to_lowercase();
-        (n > 0).then(|| Row::new(format!("{name}: {what} ({hits} of {n}, {low:.2} to {high:.2})"), hits as f64 / n as f64, "-"))
-    };
-    let verdict = |verdict: Adequacy| move |one: &Judged| one.diagnosis.verdict == verdict;
-    let named = |one: &Judged| !one.diagnosis.findings.is_empty();
-    let wrong = |one: &Judged| one.first == Outcome::Wrong;
-    let right = |one: &Judged| one.first == Outcome::Right;
-    let limit = |row: Option<Row>, limit: Option<f64>, most: bool| {
-        row.map(|row| match limit {
-            Some(limit) if most => row.at_most(limit),
-            Some(limit) => row.at_least(limit),
-            None => row,
-        })
-    };
-    [
-        limit(share("nothing hidden, something named", &none, &named), Some(if matched { 0.02 } else { 0.04 }), true),
-        limit(share("nothing hidden, adequate", &none, &verdict(Adequacy::Adequate)), matched.then_some(0.8), false),
-        limit(share("not in the catalogue, something named", &strange, &named), matched.then_some(0.05), true),
-        limit(share("not in the catalogue, unknown", &strange, &verdict(Adequacy::Unknown)), matched.then_some(0.7), false),
-        limit(share("one material effect, right first", &single, &right), Some(if matched { 0.9 } else { 0.8 }), false),
-        limit(share("one material effect, wrong first", &single, &wrong), Some(if matched { 0.02 } else { 0.04 }), true),
-        limit(share("two effects, both found", &pairs, &|one| one.found == 2), matched.then_some(0.75), false),
-        limit(share("two effects, first right", &pairs, &right), None, false),
-    ]
-    .into_iter()
-    .flatten()
-    .collect()
-}
-
-/// Wilson's 95 % interval of a share.
-fn interval(hits: usize, n: usize) -> [f64; 2] {
-    let (n, z) = (n.max(1) as f64, 1.96f64);
-    let share = hits as f64 / n;
-    let middle = share + z * z / (2.0 * n);
-    let half = z * (share * (1.0 - share) / n + z * z / (4.0 * n * n)).sqrt();
-    [(middle - half) / (1.0 + z * z / n), (middle + half) / (1.0 + z * z / n)]
 }
