@@ -6,10 +6,9 @@ use super::regimes::{Regime, regimes};
 use super::residual::residual;
 use super::spectrum::{InputLag, Spectrum, input_lags, spectrum};
 use crate::data::rfc3339;
-use crate::estimate::fit::{AheadError, OutputMetrics};
-use crate::estimate::metrics::{FilterRun, filter, metrics};
+use crate::estimate::Problem;
+use crate::estimate::metrics::FilterRun;
 use crate::estimate::problem::mean_square;
-use crate::estimate::{Fit, Problem};
 use indexmap::IndexMap;
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
@@ -40,15 +39,12 @@ pub struct Episode {
     pub context: IndexMap<String, f64>,
 }
 
-/// Where a model fails. Errors are measured minus simulated, in the output's unit.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+/// Where a free run fails. Errors are measured minus simulated, in the unit of the first output.
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Failures {
     /// In plain sentences, the most telling first.
+    #[serde(skip)]
     pub summary: Vec<String>,
-    /// How well each output is simulated.
-    pub skill: IndexMap<String, Skill>,
-    /// Forecast errors from re-estimated states, with `free_run` for the free run over the validation part.
-    pub by_horizon: IndexMap<String, AheadError>,
     /// Errors by circumstances.
     pub by_regime: Vec<Regime>,
     /// Mean error by day and hour.
@@ -56,106 +52,38 @@ pub struct Failures {
     /// The worst six hours, several times.
     pub episodes: Vec<Episode>,
     /// The residual against each input, with the lag at which they go together most.
-    pub inputs: Vec<InputLag>,
+    pub residual_by_input: Vec<InputLag>,
     /// Autocorrelation and cumulated periodogram of the one-step innovations.
     pub innovations: Spectrum,
-    /// Free-run error over the innovation deviation of its AR model.
-    pub rho: Option<f64>,
-    /// Root mean square of the one-step innovations.
-    pub noise_floor: Option<f64>,
-}
-
-/// The skill of a free run over the whole window.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Skill {
-    /// Samples compared.
-    pub n: usize,
-    /// Mean error.
-    pub bias: f64,
-    /// Root mean square error.
-    pub rmse: f64,
-    /// The same about the bias.
-    pub urmse: f64,
-    /// Mean absolute error.
-    pub mae: f64,
-    /// Share of the variance that is explained; below zero the mean would do better.
-    pub r2: f64,
 }
 
 /// Mean errors of a day by hour, UTC; `None` where nothing is comparable.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct DayOfErrors {
     /// The day, as the instant of its midnight.
+    #[schema(format = DateTime)]
     pub date: String,
     /// 24 means.
     pub hours: Vec<Option<f64>>,
 }
 
-/// Where the free run of a fit fails. `seed` fixes the resampling of the intervals.
-pub fn failures(problem: &Problem, fit: &Fit, seed: u64) -> Failures {
-    let theta = fit.theta();
-    let run = filter(problem, &theta, Some(fit.process_noise));
-    let measured = metrics(problem, &theta, &run);
-    let first = measured.values().next().cloned();
-    let simulated = problem.simulate(&theta);
+/// Where the free run fails, and what is left in the innovations of a filter. `unit` is that of the errors, `seed`
+/// fixes the resampling of the intervals.
+pub fn failures(problem: &Problem, theta: &[f64], run: &FilterRun, unit: &str, seed: u64) -> Failures {
+    let simulated = problem.simulate(theta);
     let error = residual(problem, &simulated.outputs[0]);
     let all = 0..problem.grid().len();
     let usable = problem.usable(0, all.clone());
     let by_regime = regimes(problem, &error, &usable, seed);
-    let episodes = episodes(problem, &theta, all);
-    let inputs = input_lags(problem, &error, &usable);
+    let episodes = episodes(problem, theta, all);
     Failures {
-        summary: sentences(first.as_ref(), &by_regime, &episodes),
-        skill: skill(problem, &simulated.outputs, &measured),
-        by_horizon: first.as_ref().map(by_horizon).unwrap_or_default(),
+        summary: sentences(unit, &by_regime, &episodes),
         hour_by_date: hour_by_date(problem, &error, &usable),
         by_regime,
         episodes,
-        inputs,
-        innovations: innovations(&run),
-        rho: first.as_ref().and_then(|first| first.rho),
-        noise_floor: first.as_ref().and_then(|first| first.noise_floor),
+        residual_by_input: input_lags(problem, &error, &usable),
+        innovations: run.filtered.innovations.first().map(|series| spectrum(series)).unwrap_or_default(),
     }
-}
-
-fn innovations(run: &FilterRun) -> Spectrum {
-    run.filtered.innovations.first().map(|series| spectrum(series)).unwrap_or_default()
-}
-
-fn skill(problem: &Problem, simulated: &[Vec<f64>], measured: &IndexMap<String, OutputMetrics>) -> IndexMap<String, Skill> {
-    let mut skills = IndexMap::new();
-    for ((index, channel), (values, _)) in measured.keys().enumerate().zip(problem.measured()) {
-        let usable = problem.usable(index, 0..problem.grid().len());
-        let errors: Vec<f64> = usable.iter().map(|k| values[*k] - simulated[index][*k]).collect();
-        if errors.is_empty() {
-            continue;
-        }
-        let n = errors.len() as f64;
-        let bias = errors.iter().sum::<f64>() / n;
-        let mean = usable.iter().map(|k| values[*k]).sum::<f64>() / n;
-        let variance = usable.iter().map(|k| (values[*k] - mean).powi(2)).sum::<f64>() / n;
-        let square = mean_square(&errors);
-        skills.insert(
-            channel.clone(),
-            Skill {
-                n: errors.len(),
-                bias,
-                rmse: square.sqrt(),
-                urmse: (square - bias * bias).max(0.0).sqrt(),
-                mae: errors.iter().map(|error| error.abs()).sum::<f64>() / n,
-                r2: 1.0 - square / variance.max(f64::MIN_POSITIVE),
-            },
-        );
-    }
-    skills
-}
-
-fn by_horizon(metrics: &OutputMetrics) -> IndexMap<String, AheadError> {
-    let mut horizons = metrics.ahead.clone();
-    if let (Some(rmse), Some(day)) = (metrics.validation_rmse, metrics.ahead.values().last()) {
-        horizons.insert("free_run".to_owned(), AheadError { rmse, persistence: day.persistence, n: day.n });
-    }
-    horizons
 }
 
 fn hour_by_date(problem: &Problem, error: &[f64], usable: &[usize]) -> Vec<DayOfErrors> {
@@ -172,29 +100,21 @@ fn hour_by_date(problem: &Problem, error: &[f64], usable: &[usize]) -> Vec<DayOf
 }
 
 /// What a user should read first. A regime is told where its interval leaves zero out.
-fn sentences(metrics: Option<&OutputMetrics>, regimes: &[Regime], episodes: &[Episode]) -> Vec<String> {
-    let mut sentences = Vec::new();
-    if let Some(metrics) = metrics {
-        let unit = &metrics.unit;
-        if let (Some(rho), Some(floor)) = (metrics.rho, metrics.noise_floor) {
-            let word = if rho < super::findings::ADEQUATE_RHO { "close to" } else { "far above" };
-            sentences
-                .push(format!("The free run errs by {:.2} {unit}, {word} its one-step noise of {floor:.2} {unit}.", metrics.train_rmse));
-        }
-        let sure = |regime: &&Regime| regime.bias_ci95.is_some_and(|[low, high]| low > 0.0 || high < 0.0);
-        for regime in regimes.iter().filter(sure).take(3) {
-            let word = if regime.bias > 0.0 { "warmer" } else { "colder" };
-            sentences.push(format!(
-                "With {} the room is {:.2} {unit} {word} than the model: {:.0} % of the time, {:.0} % of the squared error.",
-                regime.regime,
-                regime.bias.abs(),
-                100.0 * regime.time_share,
-                100.0 * regime.error_share
-            ));
-        }
-    }
+fn sentences(unit: &str, regimes: &[Regime], episodes: &[Episode]) -> Vec<String> {
+    let sure = |regime: &&Regime| regime.bias_ci95.is_some_and(|[low, high]| low > 0.0 || high < 0.0);
+    let told = |regime: &Regime| {
+        let word = if regime.bias > 0.0 { "above" } else { "below" };
+        format!(
+            "With {} the measurements are {:.2} {unit} {word} the model: {:.0} % of the time, {:.0} % of the squared error.",
+            regime.regime,
+            regime.bias.abs(),
+            100.0 * regime.time_share,
+            100.0 * regime.error_share
+        )
+    };
+    let mut sentences: Vec<String> = regimes.iter().filter(sure).take(3).map(told).collect();
     if let Some(worst) = episodes.first() {
-        sentences.push(format!("The worst six hours begin at {}: {:+.2} on average.", worst.from, worst.bias));
+        sentences.push(format!("The worst six hours begin at {}: {:+.2} {unit} on average.", worst.from, worst.bias));
     }
     sentences
 }

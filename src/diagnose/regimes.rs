@@ -3,8 +3,9 @@
 use crate::estimate::Problem;
 use rand::{RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 use std::collections::BTreeMap;
+use utoipa::ToSchema;
 
 /// Resamples of a day-block bootstrap.
 const RESAMPLES: usize = 400;
@@ -12,7 +13,7 @@ const RESAMPLES: usize = 400;
 const LEAST_DAYS: usize = 4;
 
 /// How a model errs in some circumstances.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct Regime {
     /// The circumstances, such as `wind_speed high`.
     pub regime: String,
@@ -21,6 +22,7 @@ pub struct Regime {
     /// Mean of measured minus simulated, in the output's unit.
     pub bias: f64,
     /// Its 95 % interval: residuals are dependent within a day, so days are resampled, not samples.
+    #[schema(min_items = 2, max_items = 2)]
     pub bias_ci95: Option<[f64; 2]>,
     /// Root mean square error.
     pub rmse: f64,

@@ -1,7 +1,8 @@
 //! What is left in series that should be noise: correlation with inputs, with their own past, and by frequency.
 
 use crate::estimate::Problem;
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
+use utoipa::ToSchema;
 
 /// Longest lag of an input, in hours.
 const LAG_HOURS: f64 = 6.0;
@@ -13,7 +14,7 @@ const FREQUENCIES: usize = 128;
 const LONGEST: usize = 1024;
 
 /// How a residual goes with an input.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct InputLag {
     /// The input's channel.
     pub channel: String,
@@ -24,7 +25,7 @@ pub struct InputLag {
 }
 
 /// The innovations by lag and by frequency.
-#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, ToSchema)]
 pub struct Spectrum {
     /// Innovations compared.
     pub n: usize,

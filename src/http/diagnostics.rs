@@ -4,6 +4,9 @@ use super::Shared;
 use super::chart::{ProvenanceBody, SkillBody};
 use super::negotiate::rendered;
 use super::problem::{ApiError, Problems};
+use crate::diagnose::failures::{DayOfErrors, Episode};
+use crate::diagnose::regimes::Regime;
+use crate::diagnose::spectrum::{InputLag, Spectrum};
 use crate::jobs::diagnostics;
 use crate::jobs::windows::Format;
 use axum::extract::{Path, State};
@@ -40,6 +43,16 @@ struct DiagnosticsBody {
     rho: HashMap<String, Option<f64>>,
     /// Root mean square of the one-step innovations, by output.
     noise_floor: HashMap<String, Option<f64>>,
+    /// Free-run errors of the first output by circumstances, measured minus simulated.
+    by_regime: Vec<Regime>,
+    /// Its mean errors by day and hour.
+    hour_by_date: Vec<DayOfErrors>,
+    /// Its worst six hours, several times, with what was unusual then.
+    episodes: Vec<Episode>,
+    /// Its residual against each input, with the lag at which they go together most.
+    residual_by_input: Vec<InputLag>,
+    /// Autocorrelation and cumulated periodogram of its one-step innovations.
+    innovations: Spectrum,
 }
 
 /// The free run of one output by part.

@@ -20,7 +20,7 @@ use axum::response::{IntoResponse, Response};
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
-use std::collections::HashMap;
+use std::collections::BTreeMap;
 use utoipa::{IntoParams, ToSchema};
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
@@ -78,7 +78,7 @@ pub struct JobAnswer {
     /// What it diagnosed, for the kind `diagnose`.
     diagnosis: Option<String>,
     /// Where to go from here.
-    links: HashMap<&'static str, String>,
+    links: BTreeMap<&'static str, String>,
 }
 
 /// What a request became: a job, or a batch of them.
@@ -116,7 +116,7 @@ impl JobAnswer {
             JobState::Running => service.board.report(&job.id),
             _ => None,
         };
-        let mut links = HashMap::from([("self", format!("/jobs/{}", job.id)), ("events", format!("/jobs/{}/events", job.id))]);
+        let mut links = BTreeMap::from([("self", format!("/jobs/{}", job.id)), ("events", format!("/jobs/{}/events", job.id))]);
         links.insert("params", format!("/params/{}", job.system));
         if let Some(fit) = &job.fit {
             links.insert("fit", format!("/fits/{fit}"));

@@ -2,6 +2,7 @@
 
 use super::interactive::Answer;
 use super::{JobsError, Service, chart, comparison};
+use crate::diagnose::failures::{Failures, failures};
 use crate::estimate::replay::{Part, Provenance, window_of};
 use crate::estimate::skill::{HorizonSkill, PartSkill, by_horizon, by_part};
 use crate::estimate::summary::summary;
@@ -20,7 +21,12 @@ struct Document<'a> {
     by_horizon: IndexMap<String, Vec<HorizonSkill>>,
     rho: IndexMap<&'a str, Option<f64>>,
     noise_floor: IndexMap<&'a str, Option<f64>>,
+    #[serde(flatten)]
+    failures: Failures,
 }
+
+/// Fixes the resampling of the intervals: the same fit has the same diagnostics.
+const SEED: u64 = 1;
 
 /// The diagnostics of a fit, JSON.
 ///
@@ -41,18 +47,21 @@ pub async fn diagnostics(service: &Service, id: &str) -> Result<Answer, JobsErro
         let judged_on = if replay.range(Part::Validation).is_empty() { Part::Train } else { Part::Validation };
         let (skill, by_horizon) = (by_part(&replay), by_horizon(&replay, judged_on));
         let first = skill.first().zip(by_horizon.first());
+        let unit = first.map_or("", |((_, parts), _)| parts.unit.as_str());
+        let failures = failures(replay.problem(), &fit.theta(), replay.filtered(), unit, SEED);
         let told = first.map(|((_, parts), (_, horizons))| summary(judged_on, parts, horizons, fit.first_metrics(), replay.provenance()));
         chart::json(&Document {
             fit: &subject.record().id,
             system: subject.record().system.to_string(),
             model: &fit.model,
-            summary: told.unwrap_or_default(),
+            summary: told.into_iter().chain(failures.summary.iter().cloned()).collect::<Vec<_>>().join(" "),
             provenance: replay.provenance(),
             skill,
             judged_on,
             by_horizon,
             rho: fit.metrics.iter().map(|(output, metrics)| (output.as_str(), metrics.rho)).collect(),
             noise_floor: fit.metrics.iter().map(|(output, metrics)| (output.as_str(), metrics.noise_floor)).collect(),
+            failures,
         })
     };
     service.interactive.answer(&key, work).await
