@@ -54,7 +54,7 @@ pub struct Failures {
     /// The worst six hours, several times.
     pub episodes: Vec<Episode>,
     /// The residual against each measured channel, with the lag at which they go together most.
-    pub inputs: Vec<InputLag>,
+    pub residual_by_input: Vec<InputLag>,
     /// Autocorrelation and cumulated periodogram of the one-step innovations.
     pub innovations: Spectrum,
 }
@@ -82,7 +82,7 @@ pub fn failures(problem: &Problem, fit: &Fit, window: &Window, seed: u64) -> Res
         by_regime: regimes(problem, &grid, &error, &usable, seed),
         hour_by_date: hour_by_date(problem, &error, &usable)?,
         episodes: episodes(problem, &grid, &theta, 0..grid.len()),
-        inputs: input_lags(problem, &grid, &error, &usable),
+        residual_by_input: input_lags(problem, &grid, &error, &usable),
         innovations: run.filtered.innovations.first().map(|series| spectrum(series)).unwrap_or_default(),
     })
 }

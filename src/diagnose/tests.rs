@@ -119,7 +119,7 @@ fn failures_say_where_the_wind_is_missing() {
     // The model has no wind, and yet its errors are told by the wind.
     let windy = found.by_regime.iter().find(|regime| regime.regime == "wind_speed high").unwrap();
     assert!(windy.bias_ci95.is_some_and(|[_, high]| high < 0.0) && windy.error_share > windy.time_share, "{windy:?}");
-    assert!(found.inputs.iter().any(|input| input.channel == "wind_speed" && input.correlation < 0.0));
+    assert!(found.residual_by_input.iter().any(|input| input.channel == "wind_speed" && input.correlation < 0.0));
     let told = sentences(&problem, &found);
     assert!(told.iter().any(|sentence| sentence.starts_with("wind_speed high: T_room is ")), "{told:?}");
     assert_eq!(worst_regime(&problem, &fit, &window, 1).unwrap().as_ref(), told.first());

@@ -59,7 +59,7 @@ struct ComparisonQuery {
 #[into_params(parameter_in = Query)]
 struct CompareQuery {
     /// Fits of one system, separated by commas, at most 8.
-    #[param(value_type = String, example = "fit_a,fit_b")]
+    #[param(value_type = String, pattern = "^[A-Za-z0-9_]{1,64}(,[A-Za-z0-9_]{1,64}){0,7}$", example = "fit_a,fit_b")]
     fits: Option<String>,
     /// First instant, RFC 3339; the latest start of a fit's window by default, and never earlier.
     #[param(format = DateTime)]

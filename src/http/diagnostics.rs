@@ -51,7 +51,7 @@ struct DiagnosticsBody {
     /// Its worst six hours, several times, with the channels that are unusual then.
     episodes: Vec<Episode>,
     /// Its residual against each measured channel, with the lag at which they go together most.
-    inputs: Vec<InputLag>,
+    residual_by_input: Vec<InputLag>,
     /// Autocorrelation and cumulated periodogram of the one-step innovations.
     innovations: Spectrum,
 }

@@ -7,7 +7,7 @@
 use super::Shared;
 use super::extract::Asked;
 use super::jobs::{JobAnswer, require};
-use super::problem::{ApiError, Problems};
+use super::problem::{ApiError, PROBLEM_JSON, Problem, Problems};
 use crate::data::SystemId;
 use crate::fault::Fault;
 use crate::jobs::board::Report;
@@ -103,8 +103,8 @@ struct IncumbentData<'a> {
 struct JobEvent {
     #[schema(inline)]
     event: JobEventName,
-    /// `Last-Event-ID` with it leads on from there.
-    id: String,
+    /// `Last-Event-ID` with it leads on from there. What had happened before the stream began has none.
+    id: Option<String>,
     /// JSON: a `Progress` of `progress`, the best parameters of `incumbent`, a `Job` of all others.
     data: String,
 }
@@ -161,7 +161,11 @@ async fn get_job_events(
     path = "/events",
     tag = "jobs",
     params(EventsQuery, ("Last-Event-ID" = Option<String>, Header, description = "The id of the last event that was seen")),
-    responses((status = 200, description = "Server-sent events", body = String, content_type = "text/event-stream"), Problems)
+    responses(
+        (status = 200, description = "Server-sent events", body = JobEvent, content_type = "text/event-stream"),
+        (status = 404, description = "There is no such system", body = Problem, content_type = PROBLEM_JSON),
+        Problems,
+    )
 )]
 async fn get_events(State(service): State<Shared>, Asked(query): Asked<EventsQuery>, headers: HeaderMap) -> Result<Response, ApiError> {
     let whose = match query.system {

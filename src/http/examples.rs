@@ -12,7 +12,8 @@ use utoipa::openapi::path::Operation;
 use utoipa::openapi::{Content, RefOr};
 
 /// One per group of paths.
-const DOCUMENTS: [&str; 7] = [
+const DOCUMENTS: [&str; 8] = [
+    include_str!("examples/comparison.json"),
     include_str!("examples/diagnoses.json"),
     include_str!("examples/fits.json"),
     include_str!("examples/jobs.json"),

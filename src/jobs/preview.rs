@@ -75,7 +75,7 @@ pub async fn run(service: &Service, body: Value) -> Result<Preview, JobsError> {
 fn faults(request: &Request) -> Vec<Fault> {
     let mut faults = Vec::new();
     if request.model.is_none() && request.system.is_none() {
-        faults.push(Fault::new("/model", "missing-field", "name a model, post one as a document, or name a system that has one"));
+        faults.push(Fault::new("/model", "nothing-to-simulate", "name a model, post one as a document, or name a system that has one"));
     }
     if request.window.is_some() && request.system.is_none() {
         faults.push(Fault::new("/window", "contradiction", "a window is that of a system, and none is named"));

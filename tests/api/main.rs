@@ -3,6 +3,7 @@
 
 mod compare;
 mod comparison;
+mod conventions;
 mod database;
 mod diagnoses;
 mod events;

@@ -90,7 +90,7 @@ fn the_faults_of_a_preview_name_their_places() {
             .collect::<Vec<_>>()
     };
     let one = |pointer: &str, code: &str| vec![(pointer.to_owned(), code.to_owned())];
-    assert_eq!(of(json!({})), one("/model", "missing-field"));
+    assert_eq!(of(json!({})), one("/model", "nothing-to-simulate"));
     assert_eq!(of(json!({"model": "rc9"})), one("/model", "unknown-model"));
     assert_eq!(of(json!({"model": "rc2", "effects": ["wind"]})), one("/effects/0", "unknown-effect"));
     assert_eq!(of(json!({"model": "rc2", "parameters": {"alpha_x": 1.0}})), one("/parameters/alpha_x", "unknown-parameter"));

@@ -101,6 +101,14 @@ impl Client {
         self.send("GET", path, headers, None).unwrap()
     }
 
+    /// The headers of an answer whose body stays unread.
+    #[track_caller]
+    pub fn headers(&self, path: &str, headers: &[(&str, &str)]) -> ureq::http::HeaderMap {
+        let (parts, _) = self.open("GET", path, headers, None).unwrap().into_parts();
+        assert_eq!(parts.status, 200, "{path}");
+        parts.headers
+    }
+
     #[track_caller]
     pub fn json(&self, method: &str, path: &str, body: &Value) -> Answer {
         self.json_with(method, path, &[], body)
