@@ -148,7 +148,8 @@ fn every_effect_of_the_catalogue_has_a_folder() {
     let family = |name: &String| name.split(':').next().unwrap_or_default().to_owned();
     let shown: Vec<String> = cases.iter().flat_map(|case| case.named.iter().chain(&case.effects)).map(family).collect();
     let catalogue = Catalogue::builtin().unwrap();
-    let without: Vec<&str> = catalogue.effects().map(|effect| effect.id.as_str()).filter(|id| !shown.iter().any(|name| name == id)).collect();
+    let without: Vec<&str> =
+        catalogue.effects().map(|effect| effect.id.as_str()).filter(|id| !shown.iter().any(|name| name == id)).collect();
     assert!(without.is_empty(), "{without:?}");
     for answer in [Answer::Named, Answer::Adequate, Answer::Unknown, Answer::NotDetectable] {
         assert!(cases.iter().any(|case| case.expect == answer), "{answer:?}");

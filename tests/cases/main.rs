@@ -8,8 +8,8 @@ mod diagnoses;
 mod family;
 mod hidden;
 mod houses;
-mod posted;
 mod oracles;
+mod posted;
 mod twins;
 
 use lampyris::data::{Bindings, SplitRequest, Window};

@@ -165,7 +165,10 @@ fn judge(request: &WorldRequest) -> Result<Judged, Failure> {
     };
     let found = world.truth.effects.iter().filter(|hidden| named(&hidden.effect)).count();
     let settled = |problem: Problem, theta: &[f64]| Null::settle(problem, theta, None)?.measured.plain[2].map(f64::sqrt);
-    let test = [settled(problem.clone(), &theta), informed(&catalogue, &world, &window, &problem, &theta)?.and_then(|(problem, theta)| settled(problem, &theta))];
+    let test = [
+        settled(problem.clone(), &theta),
+        informed(&catalogue, &world, &window, &problem, &theta)?.and_then(|(problem, theta)| settled(problem, &theta)),
+    ];
     let logged = world.csv.contains("window_open");
     let truth = world.truth;
     Ok(Judged { kind: name(request), level: request.level, truth, diagnosis, first, found, test, logged, seconds, preview_seconds })
