@@ -1,4 +1,6 @@
-//! `lampyris demo`: two real houses in a fresh folder - fitted, validated and served.
+//! `lampyris demo`: two real houses in a fresh folder - fitted, validated, asked what they are missing, and served.
+
+mod missing;
 
 use super::serve::runtime;
 use super::{Failure, print};
@@ -116,8 +118,9 @@ async fn demonstrate(arguments: &Arguments, folder: PathBuf) -> Result<(), Failu
             Submitted::Earlier(_) => {}
         }
     }
-    let finished = wait(service, &submitted, arguments.json).await?;
+    let finished = wait(service, &submitted, arguments.json, "rooms fitted").await?;
     let seconds = start.elapsed().as_secs_f64();
+    let found = missing::find(service, arguments.json).await?;
     let mut lines = Vec::new();
     for job in &finished {
         let fit = match &job.fit {
@@ -128,9 +131,14 @@ async fn demonstrate(arguments: &Arguments, folder: PathBuf) -> Result<(), Failu
     }
     if arguments.json {
         let rooms: Vec<Value> = lines.iter().map(|(job, fit)| document(job, fit.as_ref())).collect();
-        print(&json!({ "seconds": seconds, "folder": folder, "url": format!("http://{}", app.addr), "rooms": rooms }).to_string());
+        print(
+            &json!({ "seconds": seconds, "folder": folder, "url": format!("http://{}", app.addr), "rooms": rooms, "missing": found })
+                .to_string(),
+        );
     } else {
-        present(&app, &folder, seconds, &lines);
+        present(&folder, seconds, &lines);
+        missing::present(&found)?;
+        invite(&app, &lines);
     }
     if !arguments.once {
         stop_signal().await;
@@ -154,9 +162,9 @@ async fn stop_signal() {
 }
 
 /// Waits until all jobs have ended.
-async fn wait(service: &Service, ids: &[String], hidden: bool) -> Result<Vec<JobRecord>, Failure> {
+async fn wait(service: &Service, ids: &[String], hidden: bool, what: &'static str) -> Result<Vec<JobRecord>, Failure> {
     let bar = if hidden { ProgressBar::hidden() } else { ProgressBar::new(ids.len() as u64) };
-    if let Ok(style) = ProgressStyle::with_template("{bar:30} {pos} of {len} rooms fitted  {elapsed}") {
+    if let Ok(style) = ProgressStyle::with_template(&format!("{{bar:30}} {{pos}} of {{len}} {what}  {{elapsed}}")) {
         bar.set_style(style);
     }
     let start = Instant::now();
@@ -186,7 +194,7 @@ fn document(job: &JobRecord, fit: Option<&FitRecord>) -> Value {
     })
 }
 
-fn present(app: &App, folder: &std::path::Path, seconds: f64, lines: &[(&JobRecord, Option<FitRecord>)]) {
+fn present(folder: &std::path::Path, seconds: f64, lines: &[(&JobRecord, Option<FitRecord>)]) {
     print(&format!(
         "Two real houses, fitted in {seconds:.1} s. Errors in K, on data that the search has not seen, beside holding the last measurement.\n\
          Belgian house: Candanedo, Feldheim, Deramaix 2017 (UCI 374, CC BY 4.0). Hourly house: DarkGreyBox demo data (MIT).\n"
@@ -196,8 +204,6 @@ fn present(app: &App, folder: &std::path::Path, seconds: f64, lines: &[(&JobReco
         "room", "what", "model", "train", "validation", "6 h ahead", "24 h ahead", "status"
     ));
     let labels: Vec<String> = rooms().iter().map(|room| room.document["label"].as_str().unwrap_or_default().to_owned()).collect();
-    // The room that the log explains best shows most clearly what a bad fit would lose.
-    let mut served: Option<(f64, String)> = None;
     for ((job, fit), label) in lines.iter().zip(labels) {
         let Some(record) = fit else {
             let why = job.error.as_ref().map_or_else(|| job.state.word().to_owned(), |error| error.detail.clone());
@@ -219,16 +225,22 @@ fn present(app: &App, folder: &std::path::Path, seconds: f64, lines: &[(&JobReco
             ahead("PT24H"),
             record.summary
         ));
-        if let Some(plain) = metrics.ahead.get("PT6H").and_then(missing) {
+        if let Some(plain) = metrics.ahead.get("PT6H").and_then(hardly_better) {
             print(&format!("{:<8} {plain}", ""));
-        }
-        let ratio = metrics.ahead.get("PT6H").map_or(f64::INFINITY, |error| error.rmse / error.persistence);
-        if record.verdict == "accepted" && served.as_ref().is_none_or(|(best, _)| ratio < *best) {
-            served = Some((ratio, job.system.to_string()));
         }
     }
     print(&format!("\nThe database is in {}. Nothing leaves this machine.", folder.display()));
-    if let Some((_, system)) = served {
+}
+
+/// What to try next, on the room that the log explains best: it shows most clearly what a bad fit would lose.
+fn invite(app: &App, lines: &[(&JobRecord, Option<FitRecord>)]) {
+    let ratio =
+        |fit: &FitRecord| fit.fit.first_metrics().and_then(|metrics| metrics.ahead.get("PT6H")).map(|error| error.rmse / error.persistence);
+    let accepted = lines.iter().filter_map(|(job, fit)| {
+        let fit = fit.as_ref().filter(|fit| fit.verdict == "accepted")?;
+        Some((ratio(fit).unwrap_or(f64::INFINITY), job.system.to_string()))
+    });
+    if let Some((_, system)) = accepted.min_by(|a, b| a.0.total_cmp(&b.0)) {
         print(&format!(
             "\nWhat a controller gets:\n  curl -s http://{address}/params/{system}\n\nTry a fit that is worse; the old parameters stay served, and the answer says why:\n  \
              curl -s -X POST http://{address}/jobs -H 'content-type: application/json' -d '{{\"kind\":\"estimate\",\"system\":\"{system}\",\"fixed\":{{\"alpha_a\":5}}}}'\n  \
@@ -239,7 +251,7 @@ fn present(app: &App, folder: &std::path::Path, seconds: f64, lines: &[(&JobReco
 }
 
 /// A plain sentence where the log does not hold what moves the room.
-fn missing(ahead: &AheadError) -> Option<String> {
+fn hardly_better(ahead: &AheadError) -> Option<String> {
     (ahead.rmse > HARDLY_BETTER * ahead.persistence).then(|| {
         "hardly better than holding the last measurement: heating, windows and doors of this room were not logged, and without them no model can do much"
             .to_owned()

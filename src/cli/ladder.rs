@@ -34,7 +34,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
 }
 
 /// The ladder for people: a line per step.
-fn text(ladder: &Ladder) -> String {
+pub fn text(ladder: &Ladder) -> String {
     let number = |value: Option<f64>| value.filter(|value| value.is_finite()).map_or_else(|| "-".to_owned(), |value| format!("{value:.3}"));
     let mut lines =
         vec![format!("{:<36} {:>8} {:>10} {:>8} {:>8} {:>8} {:>10}", "step", "train", "validation", "test", "6 h", "24 h", "BIC")];
