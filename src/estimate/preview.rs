@@ -217,6 +217,7 @@ mod tests {
         let models = catalogue.models().map(|document| document.id().to_owned());
         let effects = catalogue.effects().map(|effect| match (&effect.argument, effect.choices.keys().next()) {
             (Some(_), Some(choice)) => format!("room3+{}:{choice}", effect.id),
+            (Some(_), None) if effect.inputs["{channel}"].unit == "degC" => format!("room3+{}:T_next", effect.id),
             (Some(_), None) => format!("room3+{}:P_lamp", effect.id),
             (None, _) => format!("room3+{}", effect.id),
         });
