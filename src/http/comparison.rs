@@ -115,7 +115,7 @@ impl ComparisonQuery {
         if horizon.is_zero() || horizon > LONGEST_HORIZON {
             faults.push(Fault::new(
                 "query horizon",
-                "out-of-range",
+                "invalid-range",
                 format!("a forecast looks ahead by up to {LONGEST_HORIZON}, and by more than nothing"),
             ));
         }

@@ -23,6 +23,7 @@ pub fn router() -> OpenApiRouter<Shared> {
 
 /// What is simulated. Every field has a default, but a model or a system must be named.
 #[derive(Debug, ToSchema)]
+#[serde(deny_unknown_fields)]
 #[expect(dead_code, reason = "describes what `jobs::preview` reads")]
 struct PreviewBody {
     /// The id of a model, or a whole model document; the system's own model by default.

@@ -85,7 +85,7 @@ fn faults(request: &Request) -> Vec<Fault> {
     }
     let Some(window) = &request.window else { return faults };
     if window.last.is_some_and(|last| last > LONGEST || last.is_zero()) {
-        faults.push(Fault::new("/window/last", "out-of-range", format!("a preview spans more than nothing and at most {LONGEST}")));
+        faults.push(Fault::new("/window/last", "invalid-range", format!("a preview spans more than nothing and at most {LONGEST}")));
     }
     let mut instant = |field: &str, text: &Option<String>| {
         text.as_ref().and_then(|text| read_time(&format!("/window/{field}"), text).map_err(|fault| faults.push(fault)).ok())
@@ -93,7 +93,7 @@ fn faults(request: &Request) -> Vec<Fault> {
     if let (Some(from), Some(to)) = (instant("from", &window.from), instant("to", &window.to))
         && !(0..=LONGEST.seconds()).contains(&to.saturating_sub(from))
     {
-        faults.push(Fault::new("/window", "out-of-range", format!("a preview spans more than nothing and at most {LONGEST}")));
+        faults.push(Fault::new("/window", "invalid-range", format!("a preview spans more than nothing and at most {LONGEST}")));
     }
     faults
 }

@@ -202,7 +202,7 @@ fn every_fault_of_a_question_is_listed_at_once() {
     let slip = app.get(&format!("/fits/{one}/comparison?mode=fre_run")).problem(422, "invalid-request");
     assert_eq!(slip["errors"][0]["suggestion"], "did you mean `free_run`?");
     let both = faults(&format!("/fits/{one}/comparison?horizon=P9D&from=2026-01-05T00:00:00Z&to=2026-01-04T00:00:00Z"));
-    assert_eq!(both, list(&[("horizon", "out-of-range"), ("horizon", "contradiction"), ("to", "out-of-order")]));
+    assert_eq!(both, list(&[("horizon", "invalid-range"), ("horizon", "contradiction"), ("to", "out-of-order")]));
     // What only the fit can say.
     let early = faults(&format!("/fits/{one}/comparison?to=2025-12-01T00:00:00Z&mode=ahead&horizon=PT45M"));
     assert_eq!(early, list(&[("to", "before-the-fit"), ("horizon", "no-multiple")]));

@@ -99,11 +99,11 @@ fn the_faults_of_a_preview_name_their_places() {
     assert_eq!(of(json!({"system": "room/2"})), one("/system", "system-not-found"));
     assert_eq!(
         of(json!({"system": "room/1", "window": {"last": "P90D"}, "max_points": 1})),
-        [("/max_points".to_owned(), "out-of-range".to_owned()), ("/window/last".to_owned(), "out-of-range".to_owned())]
+        [("/max_points".to_owned(), "out-of-range".to_owned()), ("/window/last".to_owned(), "invalid-range".to_owned())]
     );
     assert_eq!(
         of(json!({"system": "room/1", "window": {"from": "2026-01-01T00:00:00Z", "to": "2027-01-01T00:00:00Z"}})),
-        one("/window", "out-of-range")
+        one("/window", "invalid-range")
     );
     let bad = json!({
         "id": "bad", "title": "Bad",
