@@ -14,6 +14,8 @@ use rayon::prelude::*;
 
 /// Least gain of the BIC.
 pub const LEAST_BIC: f64 = 10.0;
+/// The same of a shape that follows the clock alone.
+pub const LEAST_CLOCK_BIC: f64 = 20.0;
 /// Least share of the unseen free-run error beyond the noise.
 pub const LEAST_SHARE: f64 = 0.20;
 /// Or least share of the unseen innovations.
@@ -25,8 +27,6 @@ pub const STRICT_SHARE: f64 = 0.35;
 const STRICT_WHITE_SHARE: f64 = 0.35;
 /// A slow effect helps on at least this share of the days.
 const MOST_DAYS: f64 = 0.7;
-/// And on at least so many of the unseen ones.
-const HALF_OF_DAYS: f64 = 0.5;
 /// An error that falls at least to this share has fallen.
 const LEAST_FALL: f64 = 0.95;
 /// Or so much less of the squared error a day ahead.
@@ -318,9 +318,10 @@ fn gate(suspect: &Suspect, one: &Tried, strict: bool, placebo: f64) -> Option<(G
     }
     let reaches = |share: Option<f64>, least: f64| share.is_some_and(|share| share >= least);
     let endogenous = suspect.endogenous;
-    let slow = !endogenous && explains_slowly(one);
-    if !slow && !(one.delta_bic >= LEAST_BIC) {
-        return Some((Gate::Bic, format!("it gains {:.1} in BIC, and {LEAST_BIC} is asked for", one.delta_bic)));
+    let slow = !endogenous && !suspect.by_clock && explains_slowly(one);
+    let least = if suspect.by_clock { LEAST_CLOCK_BIC } else { LEAST_BIC };
+    if !slow && !(one.delta_bic >= least) {
+        return Some((Gate::Bic, format!("it gains {:.1} in BIC, and {least} is asked for", one.delta_bic)));
     }
     // Whatever the likelihood says: what leaves the unseen error as it is is no cause of it.
     if !(one.fall.is_some_and(|fall| fall <= LEAST_FALL) || reaches(one.ahead_share, LEAST_AHEAD)) {
@@ -347,12 +348,12 @@ fn gate(suspect: &Suspect, one: &Tried, strict: bool, placebo: f64) -> Option<(G
 }
 
 /// The other way in: a slow effect gains on three-hourly means, on most days, and on unseen data either in
-/// forecasts a day ahead from re-estimated states and the free run of half the days, or in the free run of most days.
+/// forecasts a day ahead from re-estimated states or in the free run of most days.
 fn explains_slowly(one: &Tried) -> bool {
     let gains = one.slow_delta_bic.is_some_and(|gain| gain >= LEAST_BIC) && one.better_days[0] >= MOST_DAYS;
     let ahead = one.ahead_share.is_some_and(|share| share >= STRICT_SHARE);
     let free = one.share.is_some_and(|share| share >= STRICT_SHARE) && one.better_days[1] >= MOST_DAYS;
-    gains && ((ahead && one.better_days[1] >= HALF_OF_DAYS) || free)
+    gains && (ahead || free)
 }
 
 /// Those that cannot be told from the winner, the best member of each family of choices only.

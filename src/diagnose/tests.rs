@@ -1,5 +1,6 @@
 //! The diagnosis of small worlds, end to end.
 
+use super::candidates;
 use super::ladder::ladder;
 use super::report::Gate;
 use super::{Adequacy, Diagnosis, diagnose, preview};
@@ -45,6 +46,22 @@ fn the_hidden_wind_is_named_first_and_the_unseen_error_falls() {
     let solar = found.not_testable.iter().find(|one| one.effect == "solar_gain").unwrap();
     assert!(solar.reason.contains("own parameters"), "{}", solar.reason);
     assert!(found.considered.iter().all(|one| one.gate.is_some() || one.effect == "wind_infiltration"));
+}
+
+/// An effect with a delay knows nothing behind the start and behind each gap: then no model may be judged there.
+#[test]
+fn all_suspects_are_judged_on_the_same_samples() {
+    let (problem, window) = small_world(&[]);
+    let (grid, holes) = candidates::widen(&problem, &window, &site()).unwrap();
+    let (mut library, _) = candidates::suspects(&Catalogue::builtin().unwrap(), &problem, &grid, &holes, &site());
+    let all = 0..problem.grid().len();
+    let delayed = |library: &[candidates::Suspect]| library.iter().find(|suspect| suspect.id == "pipe_delay").unwrap().problem.clone();
+    let before = delayed(&library).usable(0, all.clone()).len();
+    assert!(before < problem.usable(0, all.clone()).len());
+    let problem = candidates::align(&problem.with_substeps(5), &mut library);
+    assert_eq!(problem.usable(0, all.clone()).len(), before);
+    assert!(library.iter().all(|suspect| suspect.problem.usable(0, all.clone()) == problem.usable(0, all.clone())));
+    assert!(library.iter().all(|suspect| suspect.problem.simulator().substeps() == 5));
 }
 
 #[test]
@@ -110,7 +127,7 @@ fn a_withheld_channel_is_named_as_not_testable_and_short_records_as_too_short() 
 }
 
 #[test]
-fn failures_say_where_the_wind_is_missing() {
+fn failures_tell_when_and_where_a_model_errs() {
     let (problem, _) = small_world(&["night_setback"]);
     let fit = fitted(&problem);
     let found = super::failures::failures(&problem, &fit, 1);
