@@ -1,7 +1,7 @@
 //! The library of what may be missing: every effect of the catalogue, compiled into the model and put on the data.
 
 use super::report::NotTestable;
-use crate::data::{ChannelKind, Column, Grid, Window, add_calendar, add_drops};
+use crate::data::{CALENDAR, ChannelKind, Column, Grid, Window, add_calendar, add_drops};
 use crate::estimate::problem::Choices;
 use crate::estimate::{Problem, Site};
 use crate::fault::Fault;
@@ -32,6 +32,8 @@ pub struct Suspect {
     pub own: Vec<(usize, f64)>,
     /// Whether it reads a channel that follows from the output.
     pub endogenous: bool,
+    /// Whether all that it reads beyond the model is the clock: such a shape imitates whatever happens at those hours.
+    pub by_clock: bool,
 }
 
 impl Suspect {
@@ -218,6 +220,11 @@ fn suspect(catalogue: &Catalogue, base: &Problem, grid: &Grid, site: &Site, name
         }
     }
     let endogenous = model.inputs().iter().any(|input| spec.endogenous.contains(&input.channel));
+    let calendar = |channel: &str| CALENDAR.contains(&channel);
+    let reads = |channel: &str| spec.inputs.iter().any(|(name, input)| input.channel.as_deref().unwrap_or(name) == channel);
+    let known = |channel: &str| base.model().inputs().iter().any(|input| input.channel == channel);
+    let mut own_inputs = model.inputs().iter().map(|input| input.channel.as_str()).filter(|channel| reads(channel));
+    let by_clock = own_inputs.clone().any(calendar) && own_inputs.all(|channel| calendar(channel) || known(channel));
     let problem = Problem::new(model, grid.clone(), base.split().clone(), &choices, base.source().clone())?;
     let off = |index: usize| {
         let [lower, upper] = problem.bounds()[index];
@@ -227,7 +234,7 @@ fn suspect(catalogue: &Catalogue, base: &Problem, grid: &Grid, site: &Site, name
         }
     };
     let own = own.into_iter().map(|index| (index, off(index))).collect();
-    Ok(Suspect { id: name.to_owned(), spec, problem, own, endogenous })
+    Ok(Suspect { id: name.to_owned(), spec, problem, own, endogenous, by_clock })
 }
 
 /// The reason in words, the most telling fault first.

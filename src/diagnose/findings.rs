@@ -3,7 +3,7 @@
 use super::candidates::{Suspect, align, suspects, widen};
 use super::failures::episodes;
 use super::fitted::{Null, whitening_at};
-use super::rank::{LEAST_BIC, LEAST_SHARE, Round, STRICT_SHARE, Skip, Tried, round};
+use super::rank::{LEAST_BIC, LEAST_CLOCK_BIC, LEAST_SHARE, Round, STRICT_SHARE, Skip, Tried, round};
 use super::report::{
     Adequacy, Coefficient, Considered, Diagnosis, Finding, FindingKind, Gate, Measures, NotTestable, Preview, RmsePairs, Unexplained,
 };
@@ -297,15 +297,14 @@ fn evidence(suspect: &Suspect, winner: &Tried, rmse: &RmsePairs) -> Vec<String> 
     if let Some([before, after]) = rmse.validation_ahead.get("PT24H") {
         sentences.push(format!("Forecasts a day ahead err by {after:.2} instead of {before:.2} K."));
     }
+    let least = if suspect.by_clock { LEAST_CLOCK_BIC } else { LEAST_BIC };
     match winner.slow_delta_bic {
-        Some(slow) if winner.delta_bic < LEAST_BIC => {
+        Some(slow) if winner.delta_bic < least => {
             sentences.push(format!(
                 "The likelihood of three-hourly means gains {slow:.0} in BIC after its price; {LEAST_BIC:.0} would be enough."
             ));
         }
-        _ => {
-            sentences.push(format!("The likelihood gains {:.0} in BIC after its price; {LEAST_BIC:.0} would be enough.", winner.delta_bic))
-        }
+        _ => sentences.push(format!("The likelihood gains {:.0} in BIC after its price; {least:.0} would be enough.", winner.delta_bic)),
     }
     if let Some(share) = winner.share.filter(|share| *share >= LEAST_SHARE) {
         sentences.push(format!("It explains {:.0} % of the unseen squared error beyond the noise.", 100.0 * share));

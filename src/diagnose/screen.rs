@@ -93,6 +93,15 @@ impl<'a> Screen<'a> {
             steps.push(step);
             thetas.push(moved);
         }
+        if let [(index, nothing)] = suspect.own[..] {
+            let mut nominal = off.clone();
+            nominal[index] = suspect.problem.nominal()[index];
+            let step = nominal[index] - nothing;
+            if step != 0.0 {
+                steps.push(step);
+                thetas.push(nominal);
+            }
+        }
         let mut bound = off.clone();
         suspect.own.iter().for_each(|(index, _)| bound[*index] = suspect.problem.bounds()[*index][1]);
         thetas.push(bound);
@@ -105,9 +114,22 @@ impl<'a> Screen<'a> {
             }
         }
         let whitened = |run: &Option<Vec<f64>>| run.as_ref().map(|run| self.whitening.apply(run));
-        let series: Vec<Vec<f64>> = runs[..=steps.len()].iter().map(whitened).collect::<Option<_>>().ok_or(Blind::Diverged)?;
-        let raw = DMatrix::from_fn(series[0].len(), steps.len(), |row, column| (series[0][row] - series[column + 1][row]) / steps[column]);
-        let left = &raw - &self.own * self.own.tr_mul(&raw);
+        let series: Vec<Vec<f64>> = runs[..runs.len() - 1].iter().map(whitened).collect::<Option<_>>().ok_or(Blind::Diverged)?;
+        let column = |run: usize, step: f64| series[0].iter().zip(&series[run]).map(move |(off, with)| (off - with) / step);
+        let k = suspect.own.len();
+        let tangent = DMatrix::from_iterator(series[0].len(), k, (0..k).flat_map(|index| column(index + 1, steps[index])));
+        let score = self.explained(suspect, &tangent)?;
+        // What a delay does is no multiple of what a small one does: the secant to the nominal value shows it better.
+        let secants = steps[k..].iter().map(|step| DMatrix::from_iterator(series[0].len(), 1, column(k + 1, *step)));
+        let best = secants
+            .filter_map(|secant| self.explained(suspect, &secant).ok())
+            .find(|other| other.sign && other.statistic > score.statistic);
+        Ok(best.unwrap_or(score))
+    }
+
+    /// How much of the residual these sensitivities of a suspect explain beyond the model's own.
+    fn explained(&self, suspect: &Suspect, raw: &DMatrix<f64>) -> Result<Score, Blind> {
+        let left = raw - &self.own * self.own.tr_mul(raw);
         let (rows, k) = left.shape();
         let n = rows as f64;
         if left.norm_squared() <= SAME * raw.norm_squared() {

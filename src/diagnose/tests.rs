@@ -48,6 +48,22 @@ fn the_hidden_wind_is_named_first_and_the_unseen_error_falls() {
     assert!(found.considered.iter().all(|one| one.gate.is_some() || one.effect == "wind_infiltration"));
 }
 
+/// An effect with a delay knows nothing behind the start and behind each gap: then no model may be judged there.
+#[test]
+fn all_suspects_are_judged_on_the_same_samples() {
+    let (problem, window) = small_world(&[]);
+    let (grid, holes) = candidates::widen(&problem, &window, &site()).unwrap();
+    let (mut library, _) = candidates::suspects(&Catalogue::builtin().unwrap(), &problem, &grid, &holes, &site());
+    let all = 0..problem.grid().len();
+    let delayed = |library: &[candidates::Suspect]| library.iter().find(|suspect| suspect.id == "pipe_delay").unwrap().problem.clone();
+    let before = delayed(&library).usable(0, all.clone()).len();
+    assert!(before < problem.usable(0, all.clone()).len());
+    let problem = candidates::align(&problem.with_substeps(5), &mut library);
+    assert_eq!(problem.usable(0, all.clone()).len(), before);
+    assert!(library.iter().all(|suspect| suspect.problem.usable(0, all.clone()) == problem.usable(0, all.clone())));
+    assert!(library.iter().all(|suspect| suspect.problem.simulator().substeps() == 5));
+}
+
 #[test]
 fn nothing_is_named_where_nothing_is_hidden_and_a_stove_is_unknown() {
     let nothing = diagnosis(&[]);
