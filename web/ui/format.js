@@ -11,6 +11,10 @@ export function number(value, figures = 3) {
   return size >= 10 ** figures ? String(Math.round(value)) : String(Number(value.toPrecision(figures)));
 }
 
+/** An error as it stands beside others: two decimals, three below 0.1. */
+export const fixed = value =>
+  value === null || value === undefined || !Number.isFinite(value) ? NONE : value.toFixed(Math.abs(value) < 0.0995 && value !== 0 ? 3 : 2);
+
 /** An error with its unit: two decimals. */
 export const withUnit = (value, unit, decimals = 2) =>
   value === null || value === undefined || !Number.isFinite(value) ? NONE : `${value.toFixed(decimals)} ${unit}`;

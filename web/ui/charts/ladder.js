@@ -1,6 +1,6 @@
 // The error ladder: one column per model, and how far the error falls from one to the next.
 import { html, useRef } from '../html.js';
-import { number } from '../format.js';
+import { number, fixed } from '../format.js';
 import { useWidth, ticks, scale } from './axes.js';
 
 const MARGIN = { left: 52, right: 16, top: 14, bottom: 44 };
@@ -41,7 +41,7 @@ export function LadderChart({ steps, floor, unit, label }) {
         </g>`;
       })}
       ${steps.map((step, at) => html`<g><text x=${x(at)} y=${HEIGHT - 26} text-anchor="middle" style="font-weight:600">${step.label}</text>
-        <text class="quiet" x=${x(at)} y=${HEIGHT - 11} text-anchor="middle">${step.kept === false ? '✕ not kept' : Number.isFinite(step.validation_rmse) ? `${number(step.validation_rmse)} ${unit}` : ''}</text></g>`)}
+        <text class="quiet" x=${x(at)} y=${HEIGHT - 11} text-anchor="middle">${step.kept === false ? '✕ not kept' : Number.isFinite(step.validation_rmse) ? `${fixed(step.validation_rmse)} ${unit}` : ''}</text></g>`)}
     </svg>
   </div>`;
 }

@@ -111,13 +111,13 @@ function draw(target, strip, { time, width, zone, parts, gaps, sync, first, last
     series,
     bands,
     legend: { show: false },
-    padding: [6, 8, 0, 0],
+    padding: [6, 26, last ? 0 : 6, 0],
     scales: {
       x: { time: true, auto: false },
       y: strip.zero ? { range: (_, low, high) => { const most = Math.max(Math.abs(low ?? 0), Math.abs(high ?? 0), strip.band ?? 0, 1e-6) * 1.05; return [-most, most]; } } : {},
     },
     axes: [
-      { ...axis, values: TIMES, show: last, size: TIME_AXIS_PX },
+      last ? { ...axis, values: TIMES, size: TIME_AXIS_PX } : { ...axis, values: () => [], ticks: { show: false }, size: 0 },
       { ...axis, size: AXIS_PX, space: strip.height > 100 ? 32 : 22, values: (_, ticks) => ticks.map(tick => number(tick)) },
     ],
     cursor: { sync: { key: sync, setSeries: false, scales: ['x', null] }, drag: { x: true, y: false, setScale: false }, y: false, points: { show: false } },
@@ -231,7 +231,7 @@ export function Strips({ time, strips, range, whole, parts = [], zone = 'UTC', o
   return html`
     <div class="row apart">
       <span class="row" role="group" aria-label="Zoom">
-        <button class="plain" onClick=${() => onZoom(keys['+']())} aria-label="Zoom in">＋</button>
+        <button class="plain" onClick=${() => onZoom(keys['+']())} aria-label="Zoom in">+</button>
         <button class="plain" onClick=${() => onZoom(keys['-']())} aria-label="Zoom out" disabled=${!zoomed}>−</button>
         <button class="plain" onClick=${() => onZoom(keys.ArrowLeft())} aria-label="Earlier" disabled=${!zoomed}>←</button>
         <button class="plain" onClick=${() => onZoom(keys.ArrowRight())} aria-label="Later" disabled=${!zoomed}>→</button>

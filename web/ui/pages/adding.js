@@ -3,7 +3,7 @@ import { html, useState, useEffect } from '../html.js';
 import { ask, useResource, post, put } from '../api.js';
 import { setQuery, here, systemAddress } from '../router.js';
 import { say, sayFault } from '../say.js';
-import { number, withUnit } from '../format.js';
+import { number, fixed } from '../format.js';
 import { Frame } from '../parts/frame.js';
 import { Failed } from '../parts/screens.js';
 import { JobWatch } from '../parts/watch.js';
@@ -82,7 +82,7 @@ export function Adding({ diagnosis, system, document, effect, steps, taken }) {
     ${ladder.length > 1 && html`<${Outcome} ladder=${ladder} model=${current} undo=${undo} serve=${serve} />`}
     ${serving && html`<${JobWatch} key=${serving} id=${serving} title=${`Fit of ${current} for the controller`} onEnd=${done => say(`The gate says: ${done.outcome ?? done.state}`)} />
       <p><a href=${systemAddress(system, 'parameters')}>See what is served, and why</a></p>`}
-    ${ladder.length > 1 && html`<${Frame} title="Error ladder: what you added" path=${`/fits/${steps.at(-1)}`} summary=${ladder.map(step => `${step.label}: train ${number(step.train_rmse)}, validation ${number(step.validation_rmse)}, test ${number(step.test_rmse)}`).join('; ')}
+    ${ladder.length > 1 && html`<${Frame} title=${`Error ladder, what you added: rmse of the free run, ${ladder[0].unit}`} path=${`/fits/${steps.at(-1)}`} summary=${ladder.map(step => `${step.label}: train ${number(step.train_rmse)}, validation ${number(step.validation_rmse)}, test ${number(step.test_rmse)}`).join('; ')}
       table=${() => ({ columns: [['model'], ['train', 'number'], ['validation', 'number'], ['test', 'number']], rows: ladder.map(step => [step.label, number(step.train_rmse), number(step.validation_rmse), number(step.test_rmse)]) })}>
       <${LadderChart} steps=${ladder} unit=${ladder[0].unit} floor=${diagnosis.noise_floor_rmse} label="Train, validation and test error of each step" /></${Frame}>`}
   </section>`;
@@ -91,7 +91,7 @@ export function Adding({ diagnosis, system, document, effect, steps, taken }) {
 /** What the newest step did to the error, as plainly when it did nothing. */
 function Outcome({ ladder, model, undo, serve }) {
   const [before, after] = ladder.slice(-2);
-  const change = (key, name) => Number.isFinite(before[key]) && Number.isFinite(after[key]) && html`<div><dt>${name}</dt><dd>${number(before[key])} → ${withUnit(after[key], after.unit)}</dd></div>`;
+  const change = (key, name) => Number.isFinite(before[key]) && Number.isFinite(after[key]) && html`<div><dt>${name}</dt><dd>${fixed(before[key])} → ${fixed(after[key])} ${after.unit}</dd></div>`;
   const fell = after.validation_rmse < before.validation_rmse * FALL;
   const overfit = !fell && after.train_rmse < before.train_rmse * FALL;
   const pair = `${before.validation_rmse.toFixed(3)} → ${after.validation_rmse.toFixed(3)} ${after.unit}`;

@@ -2,7 +2,7 @@
 import { html } from '../html.js';
 import { useResource } from '../api.js';
 import { systemAddress, go } from '../router.js';
-import { number, signed, percent, horizon, clock, instant, seconds, words, NONE } from '../format.js';
+import { number, fixed, signed, percent, horizon, clock, instant, seconds, words, NONE } from '../format.js';
 import { Frame } from '../parts/frame.js';
 import { Table } from '../parts/table.js';
 import { Shown, Empty } from '../parts/screens.js';
@@ -20,6 +20,9 @@ export function Fails({ system, fit, query, document }) {
   return html`<${Shown} of=${diagnostics} what="the diagnostics" show=${data => html`<${Failures} data=${data} path=${path} zoom=${zoom} zone=${document.location?.zone ?? 'UTC'} />`} />`;
 }
 
+/** The sentences of a summary, instants as people read them. */
+const sentencesOf = (text, zone) => text.split(/\.\s+/).map(sentence => sentence.replace(/\.$/, '').replaceAll(/\d{4}-\d\d-\d\dT[\d:]+Z/g, at => clock(at, zone))).filter(Boolean);
+
 /** The hours of one local day on the chart: the clock of the document is UTC where the system names no zone. */
 const dayOf = date => [seconds(`${date}T00:00:00Z`), seconds(`${date}T00:00:00Z`) + 24 * HOUR];
 
@@ -30,7 +33,7 @@ function Failures({ data, path, zoom, zone }) {
   const cells = data.hour_by_date.flatMap(day => day.hours.map((value, hour) => [day.date, hour, value])).filter(([, , value]) => value !== null);
   const worst = cells.reduce((found, cell) => (Math.abs(cell[2]) > Math.abs(found[2]) ? cell : found), ['', 0, 0]);
   return html`
-    <section class="card" aria-label="In words"><ul>${data.summary.split(/\.\s+/).filter(Boolean).map(sentence => html`<li>${sentence.replace(/\.$/, '')}.</li>`)}</ul></section>
+    <section class="card" aria-label="In words"><ul>${sentencesOf(data.summary, zone).map(sentence => html`<li>${sentence}.</li>`)}</ul></section>
     <${Frame} title=${`Error by day and hour, ${output}`} path=${path} note=${zone === 'UTC' ? 'Hours are UTC: the system names no time zone.' : `Hours are of ${zone}.`}
       summary=${`The worst hour is ${worst[1]} h on ${worst[0]}: ${signed(worst[2])} ${unit}.`}
       table=${() => ({ columns: [['day'], ['hour', 'number'], [`measured − model, ${unit}`, 'number']], rows: cells.map(([date, hour, value]) => [date, hour, number(value)]) })}>
@@ -40,11 +43,11 @@ function Failures({ data, path, zoom, zone }) {
       <section><${Regimes} rows=${data.by_regime} unit=${unit} /></section>
       <section>
         <${Table} caption="Worst six hours" columns=${[['when'], ['bias', 'number'], ['rmse', 'number'], ['of the error', 'number'], ['unusual then'], ['']]}
-          rows=${data.episodes.map(episode => [clock(episode.from, zone), `${signed(episode.bias)} ${unit}`, `${number(episode.rmse)} ${unit}`, percent(episode.share), contextOf(episode.context),
+          rows=${data.episodes.map(episode => [clock(episode.from, zone), `${signed(episode.bias)} ${unit}`, `${fixed(episode.rmse)} ${unit}`, percent(episode.share), contextOf(episode.context),
             html`<button class="plain" aria-label=${`Show ${clock(episode.from, zone)} in the chart`} onClick=${() => around(episode)}>Show</button>`])} />
         <p class="note">Unusual: how many standard deviations a channel is from its mean.</p>
         <${Table} caption="How far ahead" columns=${[['forecast'], ['rmse', 'number'], ['holding the last value', 'number'], ['bias', 'number'], ['r²', 'number']]}
-          rows=${Object.entries(data.by_horizon).flatMap(([name, rows]) => rows.map(row => [`${name}, ${row.horizon === null ? 'free run' : horizon(row.horizon)}`, `${number(row.rmse)} ${unit}`, `${number(row.persistence_rmse)} ${unit}`, signed(row.bias), number(row.r2)]))} />
+          rows=${Object.entries(data.by_horizon).flatMap(([name, rows]) => rows.map(row => [`${name}, ${row.horizon === null ? 'free run' : horizon(row.horizon)}`, `${fixed(row.rmse)} ${unit}`, `${fixed(row.persistence_rmse)} ${unit}`, signed(row.bias), number(row.r2)]))} />
         <p class="note">Judged on the ${data.judged_on} part.</p>
       </section>
     </div>
@@ -64,7 +67,7 @@ function Regimes({ rows, unit }) {
   return html`<${Table} caption="By circumstances, largest share of the error first" columns=${[['when'], ['of the time', 'number'], ['bias', 'number'], ['rmse', 'number'], ['of the error', 'number'], ['']]}
       rows=${sorted.map(row => [row.regime, percent(row.time_share),
         html`<span title=${row.bias_ci95 ? `95 %: ${signed(row.bias_ci95[0])} to ${signed(row.bias_ci95[1])}` : ''}>${signed(row.bias)} ${unit}</span>`,
-        `${number(row.rmse)} ${unit}`, percent(row.error_share),
+        `${fixed(row.rmse)} ${unit}`, percent(row.error_share),
         html`<span class="bar" aria-hidden="true" style=${{ width: `${Math.round(row.error_share * 90)}px`, background: row.error_share > 1.25 * row.time_share ? 'var(--heldout)' : 'var(--model)' }}></span>`])} />
     <p class="note">Bias is measured − model. An orange bar: more of the error than of the time. Circumstances overlap.</p>`;
 }

@@ -2,7 +2,7 @@
 import { html, useMemo } from '../html.js';
 import { useResource, withQuery } from '../api.js';
 import { setQuery } from '../router.js';
-import { number, instant, seconds, horizon, length, fitName, NONE } from '../format.js';
+import { number, fixed, instant, seconds, horizon, length, fitName, NONE } from '../format.js';
 import { Frame } from '../parts/frame.js';
 import { Table } from '../parts/table.js';
 import { Shown, Empty } from '../parts/screens.js';
@@ -115,7 +115,7 @@ function Errors({ data, other }) {
     if (!comparison) continue;
     for (const [name, error] of Object.entries(comparison.errors)) {
       for (const [part, skill] of [...Object.entries(error.parts), ['all', error.range]]) {
-        if (skill) rows.push([`${name}, ${part}`, which, skill.n, ...['rmse', 'bias', 'urmse', 'mae'].map(key => `${number(skill[key])} ${error.unit}`), number(skill.r2)]);
+        if (skill) rows.push([`${name}, ${part}`, which, skill.n, ...['rmse', 'bias', 'urmse', 'mae'].map(key => `${fixed(skill[key])} ${error.unit}`), number(skill.r2)]);
       }
     }
   }

@@ -3,7 +3,7 @@ import { html, useState } from '../html.js';
 import { ask, useResource, useList, post } from '../api.js';
 import { hasEnded } from '../events.js';
 import { sayFault } from '../say.js';
-import { number, horizon, clock, NONE } from '../format.js';
+import { number, fixed, horizon, clock } from '../format.js';
 import { Frame } from '../parts/frame.js';
 import { Status } from '../parts/status.js';
 import { Empty, Failed, Loading } from '../parts/screens.js';
@@ -42,15 +42,15 @@ function Ladder({ data, path, climb }) {
   const kept = steps.filter(step => step.kept);
   const [first, last] = [kept[0], kept.at(-1)];
   const says = kept.length > 1
-    ? `With ${kept.slice(1).map(step => step.added).join(' and ')} the error on unseen data falls from ${number(first.validation_rmse)} to ${number(last.validation_rmse)} ${unit}.`
+    ? `With ${kept.slice(1).map(step => step.added).join(' and ')} the error on unseen data falls from ${fixed(first.validation_rmse)} to ${fixed(last.validation_rmse)} ${unit}.`
     : `The error did not fall: no effect that these data can show makes ${first.model} better on unseen data.`;
   return html`
     <div class="row apart"><p class="verdict"><${Status} of=${kept.length > 1 ? 'ok' : 'none'} label="" /> ${says}</p>${climb && html`<button onClick=${climb}>Climb again</button>`}</div>
     <p class="quiet">${clock(data.created_at)}. A step is kept on the validation part; the test part is only reported.</p>
-    <${Frame} title="Error ladder" path=${path} summary=${says}
+    <${Frame} title=${`Error ladder: rmse of the free run, ${unit}`} path=${path} summary=${says}
       table=${() => ({ columns: [['step'], ['train', 'number'], ['validation', 'number'], ['test', 'number'], ['bic', 'number'], ['kept'], ['why']], rows: steps.map(step => [step.label, number(step.train_rmse), number(step.validation_rmse), number(step.test_rmse), number(step.bic, 5), step.kept ? 'yes' : 'no', step.why]) })}>
       <${LadderChart} steps=${steps} unit=${unit} floor=${metrics?.noise_floor} label=${says} /></${Frame}>
     <${Table} caption="Steps" columns=${[['step'], ['train', 'number'], ['validation', 'number'], ['test', 'number'], ...Object.keys(first.ahead).map(key => [`${horizon(key)} ahead`, 'number']), ['kept'], ['why']]}
-      rows=${steps.map(step => [step.label, ...['train_rmse', 'validation_rmse', 'test_rmse'].map(key => (step[key] === null ? NONE : `${number(step[key])} ${unit}`)), ...Object.keys(first.ahead).map(key => `${number(step.ahead[key])} ${unit}`),
+      rows=${steps.map(step => [step.label, ...['train_rmse', 'validation_rmse', 'test_rmse'].map(key => `${fixed(step[key])} ${unit}`), ...Object.keys(first.ahead).map(key => `${fixed(step.ahead[key])} ${unit}`),
         html`<${Status} of=${step.kept ? 'ok' : 'cancelled'} label=${step.kept ? 'kept' : 'not kept'} />`, step.why])} />`;
 }

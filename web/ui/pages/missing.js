@@ -4,7 +4,7 @@ import { useResource, useList, post } from '../api.js';
 import { setQuery, address, systemAddress } from '../router.js';
 import { hasEnded } from '../events.js';
 import { sayFault } from '../say.js';
-import { number, percent, horizon, clock, signed, NONE } from '../format.js';
+import { number, percent, horizon, clock, signed, fixed, NONE } from '../format.js';
 import { Status } from '../parts/status.js';
 import { Frame } from '../parts/frame.js';
 import { Table } from '../parts/table.js';
@@ -84,7 +84,7 @@ function Finding({ finding, data, add }) {
     <div class="grid">
       <div role="img" aria-label=${pairs.map(([title, [from, to]]) => `${title}: from ${number(from)} to ${number(to)}`).join('; ')}>
         ${pairs.map(([title, [from, to]]) => html`<div class="pair"><span>${title}</span><span class="row">
-          <${Change} from=${from} to=${to} most=${most} /><span class="number nowrap">${number(from)} → <b>${number(to)}</b></span></span></div>`)}
+          <${Change} from=${from} to=${to} most=${most} /><span class="number nowrap">${fixed(from)} → <b>${fixed(to)}</b></span></span></div>`)}
       </div>
       <div>
         <p>Explains ${finding.explained_share === null ? NONE : percent(finding.explained_share)} of the error on unseen data beyond the noise; gains ${number(finding.delta_bic)} in BIC.</p>
@@ -116,7 +116,7 @@ function Unexplained({ unexplained, path, system, model }) {
         table=${() => ({ columns: [['hour', 'number'], ['K/h', 'number']], rows: unexplained.profile_by_hour.map((value, hour) => [hour, number(value)]) })}>
         <${Bars} values=${unexplained.profile_by_hour} signedColours xLabel="hour of the day" yLabel="K/h" label=${says} /></${Frame}>`}
       <${Table} caption="When it is worst" columns=${[['from'], ['bias', 'number'], ['rmse', 'number'], ['']]}
-        rows=${unexplained.episodes.map(episode => [clock(episode.from), signed(episode.bias), number(episode.rmse),
+        rows=${unexplained.episodes.map(episode => [clock(episode.from), signed(episode.bias), fixed(episode.rmse),
           html`<a href=${systemAddress(system, 'fit', { from: episode.from, to: episode.to })}>Show</a>`])} />
     </div>
     <p><a class="button" href=${address(['edit', 'effect'], { system, model })}>Describe your own effect</a></p>

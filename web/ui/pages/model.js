@@ -26,13 +26,16 @@ export function ModelPage({ id }) {
     <${Preview} request=${{ model: data.id }} />`} />`;
 }
 
+/** A family stands for one effect per channel or choice: its mark is shown as a word. */
+export const general = text => text.replaceAll(/\{(\w+)\}/g, '‹$1›');
+
 export function EffectPage({ id }) {
   const effect = useResource(`/effects/${encodeURIComponent(id)}`);
   return html`<${Shown} of=${effect} what="the effect" show=${data => html`
-    <div class="row apart"><h1>${data.title} <span class="quiet">${data.id}</span></h1><a class="button" href=${address(['edit', 'effect'], { from: data.id })}>Write a new one from it</a></div>
-    <p>${data.explain}</p>
-    <p><b>Without it:</b> ${data.signature}</p>
-    ${data.measure && html`<p><b>To be sure, measure</b> ${data.measure}.</p>`}
+    <div class="row apart"><h1>${general(data.title)} <span class="quiet">${data.id}</span></h1><a class="button" href=${address(['edit', 'effect'], { from: data.id })}>Write a new one from it</a></div>
+    <p>${general(data.explain)}</p>
+    <p><b>Without it:</b> ${general(data.signature)}</p>
+    ${data.measure && html`<p><b>To be sure, measure</b> ${general(data.measure)}.</p>`}
     <div class="equation">${[...Object.entries(data.terms ?? {}).map(([state, term]) => [`d${state}/dt`, term]), ...Object.entries(data.outputs ?? {})].map(([place, term]) => html`<div>${place} = …<ins>+ ${term}</ins></div>`)}</div>
     <${Table} caption="Parameters" columns=${[['name'], ['what it is'], ['unit'], ['lower', 'number'], ['upper', 'number'], ['nominal', 'number'], ['scale']]}
       rows=${Object.entries(data.parameters ?? {}).map(([name, entry]) => [name, entry.title, entry.unit, number(entry.lower), number(entry.upper), number(entry.nominal), entry.scale])} />

@@ -4,6 +4,7 @@ import { useList } from '../api.js';
 import { address } from '../router.js';
 import { Table } from '../parts/table.js';
 import { Shown } from '../parts/screens.js';
+import { general } from './model.js';
 
 export function Models() {
   const models = useList('/models');
@@ -18,5 +19,5 @@ export function Models() {
     <${Shown} of=${models} what="the models" show=${list => html`<${Table} caption="Models" columns=${[['model'], ['title'], ['made from']]}
       rows=${list.filter(matches).map(model => [html`<a href=${address(['models', model.id])}>${model.id}</a>`, model.title, model.parent ? html`<a href=${address(['models', model.parent])}>${model.parent}</a>` : ''])} />`} />
     <${Shown} of=${effects} what="the effects" show=${list => html`<${Table} caption="Effects" columns=${[['effect'], ['title'], ['what it says'], ['what its absence looks like']]}
-      rows=${list.filter(matches).map(effect => [html`<a href=${address(['effects', effect.id])}>${effect.id}</a>`, effect.title, effect.explain, effect.signature])} />`} />`;
+      rows=${list.filter(matches).map(effect => [html`<a href=${address(['effects', effect.id])}>${effect.id}</a>`, general(effect.title), general(effect.explain), general(effect.signature)])} />`} />`;
 }

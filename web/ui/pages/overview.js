@@ -1,11 +1,11 @@
 // Every system, worst first: which ones are bad, since when, and why.
 import { html, useState, useRef, useEffect } from '../html.js';
-import { useList, post, curl } from '../api.js';
+import { ask, useList, useResource, post, curl } from '../api.js';
 import { address, systemAddress, setQuery, go } from '../router.js';
 import { useEvents } from '../events.js';
 import { useKeys } from '../keys.js';
 import { say, sayFault } from '../say.js';
-import { NONE, length, number, fromNow, clock } from '../format.js';
+import { NONE, length, fixed, fromNow, clock } from '../format.js';
 import { Status, Flag } from '../parts/status.js';
 import { Shown, Empty } from '../parts/screens.js';
 import { Command } from '../parts/frame.js';
@@ -13,6 +13,9 @@ import { Spark } from '../charts/spark.js';
 
 const SEVERITY = { bad: 0, attention: 1, unknown: 2, ok: 3 };
 const TREND = 8;
+
+/** `/params` is one page: a controller reads it at once. */
+const itemsOf = (path, options) => ask(path, options).then(page => page.items);
 
 /** The first output's errors of a fit or of what is served. */
 const firstOf = outputs => Object.values(outputs ?? {})[0] ?? null;
@@ -33,7 +36,8 @@ function rowsOf(systems, served, fits, schedules) {
       // What was never served has the error of its newest fit, which is said.
       day: error ? error.ahead?.PT24H ?? null : newest?.ahead?.PT24H?.rmse ?? null,
       dayOf: error ? 'served' : newest ? 'newest fit' : null,
-      trend: own.slice(0, TREND).map(fit => firstOf(fit.metrics).validation_rmse).filter(Number.isFinite).reverse(),
+      // Fits that keep a test part aside, as those of a diagnosis do, were judged on other weeks.
+      trend: own.filter(fit => !fit.parts.test).slice(0, TREND).map(fit => firstOf(fit.metrics).validation_rmse).filter(Number.isFinite).reverse(),
       next: runs.sort()[0] ?? null,
     };
   });
@@ -42,7 +46,7 @@ function rowsOf(systems, served, fits, schedules) {
 
 export function Overview({ query }) {
   const systems = useList('/systems');
-  const served = useList('/params');
+  const served = useResource('/params', { read: itemsOf });
   const fits = useList('/fits');
   const schedules = useList('/schedules');
   const [running, setRunning] = useState({});
@@ -129,15 +133,15 @@ function Systems({ rows, running, query }) {
       <caption class="unseen">Systems, worst first</caption>
       <thead><tr>
         <th scope="col"><span class="unseen">Selected</span></th><th scope="col">System</th><th scope="col">Health, and why</th><th scope="col">Served</th>
-        <th scope="col" class="number">24 h ahead</th><th scope="col">Fits so far</th><th scope="col">Fails most</th><th scope="col">Flags</th><th scope="col">Next fit</th><th scope="col"><span class="unseen">Refit</span></th>
+        <th scope="col" class="number">24 h ahead</th><th scope="col">Validation</th><th scope="col">Fails most</th><th scope="col">Flags</th><th scope="col">Next fit</th><th scope="col"><span class="unseen">Refit</span></th>
       </tr></thead>
       <tbody>${shown.map((row, index) => html`<tr key=${row.system} class=${chosen.has(row.system) ? 'chosen' : ''} aria-current=${index === at ? 'true' : null}>
         <td><input type="checkbox" aria-label=${`Select ${row.system}`} checked=${chosen.has(row.system)} onChange=${() => toggle(row.system)} /></td>
-        <th scope="row"><a href=${systemAddress(row.system)} onFocus=${() => setAt(index)}>${row.system}</a><small>${row.label || row.model}</small></th>
+        <th scope="row" class="name"><a href=${systemAddress(row.system)} onFocus=${() => setAt(index)}>${row.system}</a><small title=${row.label}>${row.label || row.model}</small></th>
         <td><${Status} of=${row.health} /><div class="why clamped" title=${row.why}>${row.why}</div></td>
         <td class="nowrap"><${Status} of=${row.status ?? 'none'} /><small>${row.revision === null ? 'no revision' : `revision ${row.revision}, ${length(row.age_s)} old`}</small></td>
         <td class="number">${row.day === null ? NONE : `${row.day.toFixed(2)} ${row.unit}`}<small>${row.dayOf ?? ''}</small></td>
-        <td>${row.trend.length ? html`<${Spark} values=${row.trend} unit=${row.unit} /><small>validation ${number(row.trend.at(-1))}</small>` : NONE}</td>
+        <td>${row.trend.length ? html`<${Spark} values=${row.trend} unit=${row.unit} /><small>last ${fixed(row.trend.at(-1))}</small>` : NONE}</td>
         <td><div class="regime clamped" title=${row.worst_regime ?? ''}>${row.worst_regime ?? NONE}</div></td>
         <td>${row.flags.length ? row.flags.map(flag => html`<${Flag} name=${flag} />`) : NONE}</td>
         <td class="nowrap">${row.next ? html`<span title=${clock(row.next)}>${fromNow(row.next)}</span>` : NONE}</td>

@@ -3,7 +3,7 @@ import { html, useState } from '../html.js';
 import { useResource, useList, post, put, remove } from '../api.js';
 import { setQuery } from '../router.js';
 import { say, sayFault } from '../say.js';
-import { number, clock, words, NONE } from '../format.js';
+import { number, fixed, clock, words, NONE } from '../format.js';
 import { Status, Flag } from '../parts/status.js';
 import { Table } from '../parts/table.js';
 import { Frame } from '../parts/frame.js';
@@ -102,7 +102,7 @@ function History({ system, list, ask: asking, done }) {
     rows=${list.map(revision => {
       const [error] = Object.values(revision.error);
       return [html`<button class="plain" onClick=${() => setQuery({ fit: revision.fit })}>${revision.revision}${revision.current ? ', served' : ''}</button>`, clock(revision.published_at), revision.model, revision.cause,
-        `${number(error?.ahead?.PT24H)} ${error?.unit ?? ''}`, `${number(error?.validation_rmse)} ${error?.unit ?? ''}`, revision.reason ?? NONE,
+        `${fixed(error?.ahead?.PT24H)} ${error?.unit ?? ''}`, `${fixed(error?.validation_rmse)} ${error?.unit ?? ''}`, revision.reason ?? NONE,
         revision.current ? '' : html`<button onClick=${roll(revision)}>Roll back</button>`];
     })} />`}`;
 }

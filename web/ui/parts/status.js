@@ -17,4 +17,4 @@ export function Status({ of, label }) {
 }
 
 /** A remark of the gate, such as `at_bound:c_solar`. */
-export const Flag = ({ name }) => html`<span class="flag ${name.startsWith('at_bound') ? 'bad' : ''}">${words(name).replace(':', ': ')}</span>`;
+export const Flag = ({ name }) => html`<span class="flag ${name.startsWith('at_bound') ? 'bad' : ''}" title=${words(name)}>${words(name).replace(':', ': ')}</span>`;
