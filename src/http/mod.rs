@@ -1,7 +1,7 @@
 //! The only axum. Each file owns its paths: router, request and response types, handlers.
 //!
 //! A handler checks, asks `jobs` or `store`, and answers; long work is for the CPU pools. The controller's
-//! paths (`params`) lie outside of all layers, so that a poll costs no more than its body.
+//! paths (`params`) lie outside of all layers, so that a poll costs no more than its body; so does the page (`web`).
 
 mod batches;
 mod chart;
@@ -29,6 +29,7 @@ mod schedules;
 mod series;
 mod service;
 mod systems;
+mod web;
 mod windows;
 
 use crate::jobs::Service;
@@ -108,6 +109,7 @@ pub fn router(service: Shared) -> Router {
         .layer(TraceLayer::new_for_http())
         .layer(axum::middleware::from_fn_with_state(service.clone(), metrics::measure))
         .merge(lean)
+        .merge(web::router())
         .fallback(async || ApiError::NoSuchPath)
         .method_not_allowed_fallback(async || ApiError::NoSuchMethod)
         .with_state(service)

@@ -173,7 +173,7 @@ fn is_old(entry: &Entry, accept: Option<Accept>, headers: &HeaderMap) -> bool {
 }
 
 /// Whether `If-None-Match` names a tag. The comparison is the weak one, as RFC 9110 wants it here.
-fn matches(headers: &HeaderMap, etag: &str) -> bool {
+pub(super) fn matches(headers: &HeaderMap, etag: &str) -> bool {
     let Some(value) = headers.get(header::IF_NONE_MATCH) else {
         return false;
     };

@@ -1,0 +1,105 @@
+// The only way to the service. Every fault is a Problem with what the service said of it.
+import { useState, useEffect, useRef } from './html.js';
+
+/** A problem document (RFC 9457), or no answer at all (status 0). */
+export class Problem extends Error {
+  constructor(status, document) {
+    super(document.detail || document.title);
+    this.status = status;
+    this.title = document.title;
+    this.detail = document.detail;
+    this.type = document.type;
+    this.errors = document.errors ?? [];
+    this.document = document;
+  }
+}
+
+async function problemOf(response) {
+  const text = await response.text();
+  try {
+    return new Problem(response.status, JSON.parse(text));
+  } catch {
+    return new Problem(response.status, { title: `The service answered ${response.status}`, detail: text.slice(0, 300) });
+  }
+}
+
+/** Asks the service; JSON back, or text for `accept: 'text/csv'`. `body` may be an object, or `csv` a text. */
+export async function ask(path, { method = 'GET', body, csv, accept = 'application/json', signal } = {}) {
+  const headers = { accept };
+  if (body !== undefined) headers['content-type'] = 'application/json';
+  if (csv !== undefined) headers['content-type'] = 'text/csv';
+  let response;
+  try {
+    response = await fetch(path, { method, headers, signal, body: csv ?? (body === undefined ? undefined : JSON.stringify(body)) });
+  } catch (error) {
+    if (error.name === 'AbortError') throw error;
+    throw new Problem(0, { title: 'No answer from the service', detail: 'It may be restarting, or the connection is lost.' });
+  }
+  if (!response.ok) throw await problemOf(response);
+  if (response.status === 204) return null;
+  return accept === 'application/json' ? response.json() : response.text();
+}
+
+export const post = (path, body) => ask(path, { method: 'POST', body });
+export const put = (path, body) => ask(path, { method: 'PUT', body });
+export const remove = path => ask(path, { method: 'DELETE' });
+
+/** All items of a list, page by page. */
+export async function every(path, { signal, most = 1000 } = {}) {
+  const items = [];
+  let token = null;
+  do {
+    const query = `page_size=100${token ? `&page_token=${encodeURIComponent(token)}` : ''}`;
+    const page = await ask(`${path}${path.includes('?') ? '&' : '?'}${query}`, { signal });
+    items.push(...page.items);
+    token = page.next_page_token;
+  } while (token && items.length < most);
+  return items;
+}
+
+const asItIs = (path, options) => ask(path, options);
+
+/**
+ * What is at a path: `{data, error, loading, reload}`. What was there stays while it is asked again, so that a chart
+ * keeps its zoom; `null` asks for nothing.
+ */
+export function useResource(path, { read = asItIs } = {}) {
+  const [state, setState] = useState({ path: null, data: null, error: null, loading: path !== null });
+  const [turn, setTurn] = useState(0);
+  const reading = useRef(read);
+  reading.current = read;
+  useEffect(() => {
+    if (path === null) {
+      setState({ path, data: null, error: null, loading: false });
+      return undefined;
+    }
+    const abort = new AbortController();
+    setState(before => ({ ...before, loading: true }));
+    reading.current(path, { signal: abort.signal }).then(
+      data => setState({ path, data, error: null, loading: false }),
+      error => error.name === 'AbortError' || setState(before => ({ ...before, path, data: null, error, loading: false })),
+    );
+    return () => abort.abort();
+  }, [path, turn]);
+  return { ...state, reload: () => setTurn(before => before + 1) };
+}
+
+/** The items of a list. */
+export const useList = path => useResource(path, { read: every });
+
+/** The command that asks the same. */
+export function curl(path, { method, body, accept } = {}) {
+  const quoted = text => `'${text.replaceAll("'", "'\\''")}'`;
+  const words = ['curl -s'];
+  if (method) words.push(`-X ${method}`);
+  if (accept) words.push(`-H 'accept: ${accept}'`);
+  if (body !== undefined) words.push(`-H 'content-type: application/json' -d ${quoted(JSON.stringify(body))}`);
+  words.push(quoted(location.origin + path));
+  return words.join(' ');
+}
+
+/** A path with a query; what is null or empty is left out. */
+export function withQuery(path, query) {
+  const pairs = Object.entries(query).filter(([, value]) => value !== null && value !== undefined && value !== '');
+  return pairs.length ? `${path}?${new URLSearchParams(pairs)}` : path;
+}

@@ -1,0 +1,43 @@
+// The error by hour and day: blue where the room is colder than the model says, orange where it is warmer.
+import { html, useRef } from '../html.js';
+import { number } from '../format.js';
+import { useWidth } from './axes.js';
+
+const COLD = [0, 114, 178];
+const NONE = [247, 247, 247];
+const WARM = [213, 94, 0];
+const MARGIN = { left: 40, top: 4, bottom: 24 };
+const ROW_PX = 11;
+
+/** A colour between the three, the same way up and down from zero. */
+export function signedColour(value, most) {
+  const share = Math.min(Math.abs(value) / most, 1);
+  const end = value < 0 ? COLD : WARM;
+  return `rgb(${NONE.map((from, at) => Math.round(from + (end[at] - from) * share)).join(',')})`;
+}
+
+/** `days`: `{date, hours: [24]}`. `onPick(date, hour)` where a cell is clicked. */
+export function Heatmap({ days, unit, onPick, label }) {
+  const host = useRef(null);
+  const width = useWidth(host) || 600;
+  const sizes = days.flatMap(day => day.hours).filter(value => value !== null).map(Math.abs).sort((a, b) => a - b);
+  // The scale ends at the 98th percentile, so that one bad hour does not bleach the rest.
+  const most = sizes.length ? Math.max(sizes[Math.floor(sizes.length * 0.98)], 1e-6) : 1;
+  const cell = (width - MARGIN.left) / Math.max(days.length, 1);
+  const height = MARGIN.top + 24 * ROW_PX + MARGIN.bottom;
+  const every = Math.max(Math.ceil(days.length / Math.max(Math.floor(width / 70), 1)), 1);
+  const pick = event => {
+    const { day, hour } = event.target.dataset;
+    if (day !== undefined && onPick) onPick(days[Number(day)].date, Number(hour));
+  };
+  return html`<div ref=${host}>
+    <svg class="chart heat" role="img" aria-label=${label} width=${width} height=${height} viewBox=${`0 0 ${width} ${height}`} onClick=${pick}>
+      ${days.map((day, at) => day.hours.map((value, hour) => value !== null && html`<rect class="cell" data-day=${at} data-hour=${hour}
+        x=${MARGIN.left + at * cell} y=${MARGIN.top + hour * ROW_PX} width=${Math.max(cell - 0.5, 0.5)} height=${ROW_PX - 0.5} fill=${signedColour(value, most)}>
+        <title>${`${day.date} ${String(hour).padStart(2, '0')} h: ${number(value)} ${unit}`}</title></rect>`))}
+      ${[0, 6, 12, 18].map(hour => html`<text class="quiet" x=${MARGIN.left - 5} y=${MARGIN.top + hour * ROW_PX + 9} text-anchor="end">${String(hour).padStart(2, '0')} h</text>`)}
+      ${days.map((day, at) => at % every === 0 && html`<text class="quiet" x=${MARGIN.left + at * cell} y=${height - 8}>${day.date.slice(5)}</text>`)}
+    </svg>
+    <p class="note">colder than the model says, −${number(most, 2)} ${unit} <span class="scale" aria-hidden="true"></span> +${number(most, 2)} ${unit}, warmer. Click an hour to see its day in the chart.</p>
+  </div>`;
+}

@@ -1,0 +1,70 @@
+// Numbers, times and lengths of time as people read them.
+
+export const NONE = '–';
+
+/** A number with three significant figures, or a dash. */
+export function number(value, figures = 3) {
+  if (value === null || value === undefined || !Number.isFinite(value)) return NONE;
+  if (value === 0) return '0';
+  const size = Math.abs(value);
+  if (size >= 1e5 || size < 1e-4) return value.toExponential(Math.max(figures - 1, 0));
+  return size >= 10 ** figures ? String(Math.round(value)) : String(Number(value.toPrecision(figures)));
+}
+
+/** An error as it stands beside others: two decimals, three below 0.1. */
+export const fixed = value =>
+  value === null || value === undefined || !Number.isFinite(value) ? NONE : value.toFixed(Math.abs(value) < 0.0995 && value !== 0 ? 3 : 2);
+
+/** An error with its unit: two decimals. */
+export const withUnit = (value, unit, decimals = 2) =>
+  value === null || value === undefined || !Number.isFinite(value) ? NONE : `${value.toFixed(decimals)} ${unit}`;
+
+export const signed = (value, decimals = 2) =>
+  value === null || value === undefined || !Number.isFinite(value) ? NONE : `${value > 0 ? '+' : value < 0 ? '−' : ''}${Math.abs(value).toFixed(decimals)}`;
+
+export const percent = value => (value === null || value === undefined ? NONE : `${Math.round(value * 100)} %`);
+
+/** Seconds as `7 h`, `3 d`. */
+export function length(seconds) {
+  if (seconds === null || seconds === undefined) return NONE;
+  if (seconds < 1) return 'less than 1 s';
+  if (seconds < 90) return `${Math.round(seconds)} s`;
+  if (seconds < 5400) return `${Math.round(seconds / 60)} min`;
+  if (seconds < 48 * 3600) return `${Math.round(seconds / 3600)} h`;
+  return `${Math.round(seconds / 86400)} d`;
+}
+
+/** How long ago an instant was, or how long it takes until it is. */
+export function fromNow(instant) {
+  if (!instant) return NONE;
+  const seconds = (Date.now() - Date.parse(instant)) / 1000;
+  return seconds >= 0 ? `${length(seconds)} ago` : `in ${length(-seconds)}`;
+}
+
+const formats = new Map();
+function format(zone) {
+  if (!formats.has(zone)) {
+    formats.set(zone, new Intl.DateTimeFormat('en-GB', { timeZone: zone, day: 'numeric', month: 'short', year: 'numeric', hour: '2-digit', minute: '2-digit' }));
+  }
+  return formats.get(zone);
+}
+
+/** An instant on the clock of a zone, UTC where nothing else is known. */
+export const clock = (instant, zone = 'UTC') => (instant ? format(zone).format(new Date(instant)) : NONE);
+
+/** `PT24H` as `24 h`. */
+export function horizon(text) {
+  const match = /^P(?:(\d+)D)?(?:T(?:(\d+)H)?(?:(\d+)M)?)?$/.exec(text ?? '');
+  if (!match) return text === 'free_run' ? 'free run' : String(text);
+  const [, days, hours, minutes] = match;
+  return [days && `${days} d`, hours && `${hours} h`, minutes && `${minutes} min`].filter(Boolean).join(' ');
+}
+
+/** `barely_better_than_persistence` as words. */
+export const words = text => (text ?? '').replaceAll('_', ' ');
+
+/** How a fit is called in a list. */
+export const fitName = fit => `${clock(fit.created_at)} ${fit.model} (${fit.served ? 'served' : fit.verdict ?? 'not judged'})`;
+
+export const seconds = instant => Date.parse(instant) / 1000;
+export const instant = at => new Date(Math.round(at) * 1000).toISOString().replace('.000Z', 'Z');

@@ -1,0 +1,50 @@
+// Which page an address is.
+import { html, render, useEffect, useRef } from './html.js';
+import { useHere } from './router.js';
+import { start } from './events.js';
+import { Shell } from './parts/shell.js';
+import { Empty } from './parts/screens.js';
+import { Overview } from './pages/overview.js';
+import { SystemPage } from './pages/system.js';
+import { NewSystem } from './pages/new.js';
+import { Jobs } from './pages/jobs.js';
+import { JobPage } from './pages/job.js';
+import { BatchPage } from './pages/batch.js';
+import { Models } from './pages/models.js';
+import { ModelPage, EffectPage } from './pages/model.js';
+import { Editor } from './pages/editor.js';
+import { Schedules } from './pages/schedules.js';
+
+function page(parts, query) {
+  const [place, first, second, third] = parts;
+  if (place === undefined) return html`<${Overview} query=${query} />`;
+  if (place === 'new') return html`<${NewSystem} />`;
+  if (place === 'systems' && second) {
+    const system = `${first}/${second}`;
+    return html`<${SystemPage} key=${system} system=${system} tab=${third ?? 'fit'} query=${query} />`;
+  }
+  if (place === 'jobs') return first ? html`<${JobPage} key=${first} id=${first} />` : html`<${Jobs} query=${query} />`;
+  if (place === 'batches' && first) return html`<${BatchPage} key=${first} id=${first} />`;
+  if (place === 'edit') return html`<${Editor} key=${first} kind=${first} query=${query} />`;
+  if (place === 'models') return first ? html`<${ModelPage} key=${first} id=${first} />` : html`<${Models} />`;
+  if (place === 'effects' && first) return html`<${EffectPage} key=${first} id=${first} />`;
+  if (place === 'schedules') return html`<${Schedules} />`;
+  return html`<${Empty} title="There is no such page"><p><a href="/ui/">To the overview</a></p></${Empty}>`;
+}
+
+function App() {
+  const { parts, query } = useHere();
+  const path = parts.join('/');
+  const first = useRef(true);
+  useEffect(() => {
+    // After a step to another page the keyboard and the screen reader begin at its content; a tab keeps them.
+    if (!first.current && !document.activeElement?.closest('[role=tablist]')) document.getElementById('main').focus({ preventScroll: true });
+    first.current = false;
+    document.title = parts.length ? `${parts.slice(0, 4).join(' ')} · Lampyris` : 'Lampyris';
+  }, [path]);
+  const place = parts[0] === 'edit' || parts[0] === 'effects' ? 'models' : parts[0] === 'batches' ? 'jobs' : parts[0] === 'new' ? 'systems' : parts[0];
+  return html`<${Shell} place=${place}>${page(parts, query)}</${Shell}>`;
+}
+
+start();
+render(html`<${App} />`, document.getElementById('page'));

@@ -1,0 +1,115 @@
+// Add an effect, watch the refit, see the error fall - or read that it did not. All of it on the page where one is.
+import { html, useState, useEffect } from '../html.js';
+import { ask, useResource, post, put } from '../api.js';
+import { setQuery, here, systemAddress } from '../router.js';
+import { say, sayFault } from '../say.js';
+import { number, fixed } from '../format.js';
+import { Frame } from '../parts/frame.js';
+import { Failed } from '../parts/screens.js';
+import { JobWatch } from '../parts/watch.js';
+import { Equations } from '../parts/equations.js';
+import { Status } from '../parts/status.js';
+import { LadderChart } from '../charts/ladder.js';
+
+/** A fall of less than half a per cent is none. */
+const FALL = 0.995;
+
+const all = (path, options) => Promise.all(path.split(',').map(id => ask(`/fits/${id}`, options)));
+
+/** The errors of a fit as a step of the ladder. */
+function stepOf(fit, before) {
+  const [metrics] = Object.values(fit.metrics);
+  return { label: before ? `+ ${fit.model.split('+').filter(part => !before.model.split('+').includes(part)).join(' + ') || fit.model}` : fit.model, ...metrics, unit: metrics.unit };
+}
+
+/**
+ * `effect` is what was asked for last, null for nothing; `steps` are the fits that the address carries, one per effect
+ * that was added to the diagnosed model. Every step is judged on the split of the diagnosis, so that they compare.
+ */
+export function Adding({ diagnosis, system, document, effect, steps, taken }) {
+  const [change, setChange] = useState(null);
+  const [error, setError] = useState(null);
+  const [serving, setServing] = useState(null);
+  const job = useResource(`/jobs/${diagnosis.job}`);
+  const fits = useResource(diagnosis.fit ? [diagnosis.fit, ...steps].join(',') : null, { read: all });
+  const adding = here().query.adding;
+  const current = fits.data?.at(-1)?.model ?? diagnosis.model;
+  const add = async ({ effect: name, title }) => {
+    taken();
+    setError(null);
+    setServing(null);
+    try {
+      const model = await post(`/models/${encodeURIComponent(current)}/effects`, { effect: name });
+      const { split, window, objective, prior, bounds, fixed } = job.data.request;
+      const own = (await ask(`/models/${encodeURIComponent(model.id)}`)).parameters.map(parameter => parameter.name);
+      const within = values => Object.fromEntries(Object.entries(values ?? {}).filter(([parameter]) => own.includes(parameter)));
+      const started = await post('/jobs', {
+        kind: 'estimate', system, model: model.id, experiment: true, split, objective, prior, bounds: within(bounds), fixed: within(fixed), ...(window ? { window } : {}),
+      });
+      setChange({ model, parent: current, title });
+      setQuery({ adding: started.id }, { replace: false });
+    } catch (fault) {
+      setError(fault);
+    }
+  };
+  useEffect(() => { if (effect && job.data && fits.data) add(effect); }, [effect, job.data, fits.data]);
+  const ended = done => {
+    if (!done.fit || steps.includes(done.fit)) return;
+    setQuery({ steps: [...steps, done.fit].join(',') });
+  };
+  const undo = () => {
+    setChange(null);
+    setServing(null);
+    setQuery({ adding: null, steps: steps.slice(0, -1).join(',') || null });
+  };
+  const serve = async () => {
+    try {
+      const { system: _, ...changed } = { ...document, model: current };
+      await put(`/systems/${system}`, changed);
+      const started = await post('/jobs', { kind: 'estimate', system });
+      setServing(started.id);
+      say(`${current} is now the model of ${system}; it is fitted to the newest data`);
+    } catch (fault) {
+      sayFault(fault);
+    }
+  };
+  if (!error && !effect && !adding && steps.length === 0) return null;
+  const ladder = fits.data?.map((fit, at) => stepOf(fit, fits.data[at - 1])) ?? [];
+  return html`<section aria-label="Add and refit">
+    ${error && html`<${Failed} error=${error} />`}
+    ${change && html`<${Equation} change=${change} />`}
+    ${adding && html`<${JobWatch} key=${adding} id=${adding} title="Refit with the effect" onEnd=${ended} />`}
+    ${ladder.length > 1 && html`<${Outcome} ladder=${ladder} model=${current} undo=${undo} serve=${serve} />`}
+    ${serving && html`<${JobWatch} key=${serving} id=${serving} title=${`Fit of ${current} for the controller`} onEnd=${done => say(`The gate says: ${done.outcome ?? done.state}`)} />
+      <p><a href=${systemAddress(system, 'parameters')}>See what is served, and why</a></p>`}
+    ${ladder.length > 1 && html`<${Frame} title=${`Error ladder, what you added: rmse of the free run, ${ladder[0].unit}`} path=${`/fits/${steps.at(-1)}`} summary=${ladder.map(step => `${step.label}: train ${number(step.train_rmse)}, validation ${number(step.validation_rmse)}, test ${number(step.test_rmse)}`).join('; ')}
+      table=${() => ({ columns: [['model'], ['train', 'number'], ['validation', 'number'], ['test', 'number']], rows: ladder.map(step => [step.label, number(step.train_rmse), number(step.validation_rmse), number(step.test_rmse)]) })}>
+      <${LadderChart} steps=${ladder} unit=${ladder[0].unit} floor=${diagnosis.noise_floor_rmse} label="Train, validation and test error of each step" /></${Frame}>`}
+  </section>`;
+}
+
+/** What the newest step did to the error, as plainly when it did nothing. */
+function Outcome({ ladder, model, undo, serve }) {
+  const [before, after] = ladder.slice(-2);
+  const change = (key, name) => Number.isFinite(before[key]) && Number.isFinite(after[key]) && html`<div><dt>${name}</dt><dd>${fixed(before[key])} → ${fixed(after[key])} ${after.unit}</dd></div>`;
+  const fell = after.validation_rmse < before.validation_rmse * FALL;
+  const overfit = !fell && after.train_rmse < before.train_rmse * FALL;
+  const pair = `${before.validation_rmse.toFixed(3)} → ${after.validation_rmse.toFixed(3)} ${after.unit}`;
+  return html`<div class="outcome ${fell ? '' : 'bad'}" role="status">
+    <p class="says"><${Status} of=${fell ? 'ok' : 'bad'} label=${fell
+      ? `The error on unseen data fell by ${Math.round((1 - after.validation_rmse / before.validation_rmse) * 100)} %: ${pair}.`
+      : `The error did not fall: ${pair} on unseen data.`} /></p>
+    ${!fell && html`<p>${overfit ? 'It fell on the data that were fitted only: what was learnt there does not repeat. ' : ''}The effect is not in these data, or they are too short to show it.</p>`}
+    <dl class="figures">${change('train_rmse', 'train')}${change('validation_rmse', 'validation')}${change('test_rmse', 'test, never used')}</dl>
+    <p class="row"><button class=${fell ? 'main' : ''} onClick=${serve}>Use ${model} for the controller</button><button class=${fell ? '' : 'main'} onClick=${undo}>Take it out again</button></p>
+  </div>`;
+}
+
+/** The equations of the parent with what the effect adds, marked. */
+function Equation({ change: { model, parent, title } }) {
+  const { diff } = model;
+  return html`<div class="card"><h3>${parent} + ${title}</h3>
+    <${Equations} model=${parent} added=${{ ...diff.terms, ...diff.outputs }} />
+    <p class="note">New parameters: ${Object.entries(diff.parameters ?? {}).map(([name, entry]) => `${name} (${entry.title}, ${entry.lower} to ${entry.upper} ${entry.unit})`).join('; ') || 'none'}.</p>
+  </div>`;
+}

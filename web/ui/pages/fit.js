@@ -1,0 +1,124 @@
+// Measured beside the model: where the line follows, and where it does not.
+import { html, useMemo } from '../html.js';
+import { useResource, withQuery } from '../api.js';
+import { setQuery } from '../router.js';
+import { number, fixed, instant, seconds, horizon, length, fitName, NONE } from '../format.js';
+import { Frame } from '../parts/frame.js';
+import { Table } from '../parts/table.js';
+import { Shown, Empty } from '../parts/screens.js';
+import { Strips } from '../charts/strips.js';
+
+const POINTS = 2000;
+const VIEWS = [['free_run', 'Free run'], ['PT1H', '1 h ahead'], ['PT6H', '6 h ahead'], ['PT24H', '24 h ahead']];
+
+/** What the service is asked for: the view, and the shown range with as much again on both sides for moving on. */
+function asked(query) {
+  const mode = query.mode && query.mode !== 'free_run' ? { mode: 'ahead', horizon: query.mode } : { mode: 'free_run' };
+  return { ...mode, max_points: POINTS };
+}
+
+const linesOf = line => (line.values ? { values: line.values } : { min: line.min, max: line.max });
+
+/** The strips of a comparison: outputs with their residuals, then each input. */
+function stripsOf(data, previous) {
+  const strips = [];
+  for (const [name, output] of Object.entries(data.outputs)) {
+    const lines = [
+      { label: 'measured', colour: 'measured', width: 1.6, ...linesOf(output.measured) },
+      { label: 'model', colour: 'model', width: 1.6, dash: [8, 3], ...linesOf(output.simulated) },
+    ];
+    const before = previous?.outputs[name];
+    // Both comparisons have the same times, or the other fit is left out and that is said.
+    if (before) lines.push({ label: 'previous', colour: 'previous', width: 1.6, dash: [2, 3], ...linesOf(before.simulated) });
+    strips.push({ label: name, unit: output.unit, height: 260, lines });
+    strips.push({ label: 'residual: measured − model', unit: output.error_unit, height: 96, zero: true, lines: [{ label: 'residual', colour: 'heldout', width: 1.2, ...linesOf(output.residual) }] });
+  }
+  for (const [name, input] of Object.entries(data.inputs)) {
+    strips.push({ label: name, unit: input.unit, height: 62, lines: [{ label: name, colour: 'quiet', width: 1.2, ...linesOf(input) }] });
+  }
+  return strips;
+}
+
+function tableOf(data) {
+  const columns = [['time']];
+  const series = [];
+  const add = (name, line) => {
+    for (const [kind, values] of Object.entries(linesOf(line))) {
+      columns.push([kind === 'values' ? name : `${name} ${kind}`, 'number']);
+      series.push(values);
+    }
+  };
+  for (const [name, output] of Object.entries(data.outputs)) {
+    add(`${name} measured`, output.measured);
+    add(`${name} model`, output.simulated);
+    add('residual', output.residual);
+  }
+  for (const [name, input] of Object.entries(data.inputs)) add(name, input);
+  return { columns, rows: data.time.map((time, at) => [time, ...series.map(values => (values[at] === null ? NONE : number(values[at], 5)))]) };
+}
+
+function summaryOf(data) {
+  const parts = Object.entries(data.errors).map(([name, error]) =>
+    `${name}: the model errs by ${number(error.range.rmse)} ${error.unit} over ${error.range.n} samples, bias ${number(error.range.bias)}; ${Object.entries(error.parts).map(([part, skill]) => `${part} ${number(skill.rmse)}`).join(', ')}.`);
+  return `${data.mode === 'free_run' ? 'Free run' : `Forecasts ${horizon(data.horizon)} ahead`} from ${data.from} to ${data.to}. ${parts.join(' ')}`;
+}
+
+export function FitTab({ fit, fits, document, query }) {
+  const path = fit && withQuery(`/fits/${fit}/comparison`, asked(query));
+  const whole = useResource(path);
+  if (!fit) return html`<${Empty} title="Never fitted"><p>Upload measurements under Data, then press Refit: it takes some seconds.</p></${Empty}>`;
+  return html`
+    <div class="row apart">
+      <span class="segments" role="group" aria-label="What the model knows">${VIEWS.map(([value, title]) => html`
+        <button aria-pressed=${(query.mode ?? 'free_run') === value} onClick=${() => setQuery({ mode: value === 'free_run' ? null : value })}>${title}</button>`)}</span>
+      <label class="inline">Beside it <select value=${query.with ?? ''} onChange=${event => setQuery({ with: event.target.value || null })}>
+        <option value="">no other fit</option>
+        ${fits.filter(entry => entry.id !== fit).map(entry => html`<option value=${entry.id} selected=${entry.id === query.with}>${fitName(entry)}</option>`)}</select></label>
+    </div>
+    <p class="note">${query.mode && query.mode !== 'free_run'
+      ? `At each time the forecast that was made ${horizon(query.mode)} before, from the states that the model then had.`
+      : 'One simulation from the start: the model never sees the measured output again.'}</p>
+    <${Shown} of=${whole} what="the comparison" show=${data => html`<${Chart} whole=${data} fit=${fit} query=${query} zone=${document.location?.zone ?? 'UTC'} />`} />`;
+}
+
+function Chart({ whole, fit, query, zone }) {
+  const ends = useMemo(() => [seconds(whole.from), seconds(whole.to)], [whole]);
+  const range = query.from && query.to ? [seconds(query.from), seconds(query.to)] : null;
+  // A thinned line is asked for anew where it is looked at closely, with as much again on both sides for moving on.
+  const margin = range ? range[1] - range[0] : 0;
+  const closer = range && whole.thinning
+    ? { from: instant(Math.max(range[0] - margin, ends[0])), to: instant(Math.min(range[1] + margin, ends[1])) }
+    : {};
+  const path = withQuery(`/fits/${fit}/comparison`, { ...asked(query), ...closer });
+  const detail = useResource(closer.from ? path : null);
+  const data = detail.data?.fit === fit ? detail.data : whole;
+  const other = useResource(query.with ? withQuery(`/fits/${query.with}/comparison`, { ...asked(query), from: data.from, to: data.to }) : null);
+  const fits = other.data && other.data.time.length === data.time.length && other.data.time[0] === data.time[0] ? other.data : null;
+  const time = useMemo(() => data.time.map(seconds), [data]);
+  const strips = useMemo(() => stripsOf(data, fits), [data, fits]);
+  const parts = useMemo(() => whole.parts.map(part => ({ part: part.part, from: seconds(part.from), to: seconds(part.to) })), [whole]);
+  const zoom = chosen => setQuery({ from: chosen && instant(chosen[0]), to: chosen && instant(chosen[1]) });
+  const thinned = data.thinning
+    ? `Thinned: one point of the chart stands for ${data.thinning.samples_per_point} of ${data.samples} samples and shows their lowest and highest value. Zoom in to see each.`
+    : `Every one of the ${data.samples} samples is shown, ${length(data.step_s)} apart.`;
+  return html`
+    <${Frame} title="Measured and model" summary=${summaryOf(data)} table=${() => tableOf(data)} path=${path} csv
+      note=${`${thinned} Gaps are hatched. ${data.provenance.comment[0].toUpperCase()}${data.provenance.comment.slice(1)}.${query.with && other.data && !fits ? ' The other fit does not cover the same times and is left out.' : ''}`}>
+      <${Strips} time=${time} strips=${strips} whole=${ends} range=${range} parts=${parts} zone=${zone} onZoom=${zoom} label=${summaryOf(data)} />
+    </${Frame}>
+    <${Errors} data=${whole} other=${fits} />`;
+}
+
+function Errors({ data, other }) {
+  const rows = [];
+  for (const [which, comparison] of [['this fit', data], ['the other', other]]) {
+    if (!comparison) continue;
+    for (const [name, error] of Object.entries(comparison.errors)) {
+      for (const [part, skill] of [...Object.entries(error.parts), ['all', error.range]]) {
+        if (skill) rows.push([`${name}, ${part}`, which, skill.n, ...['rmse', 'bias', 'urmse', 'mae'].map(key => `${fixed(skill[key])} ${error.unit}`), number(skill.r2)]);
+      }
+    }
+  }
+  return html`<${Table} caption="Errors of this view" rows=${rows}
+    columns=${[['output, part'], ['fit'], ['samples', 'number'], ['rmse', 'number'], ['bias', 'number'], ['rmse without bias', 'number'], ['mean absolute', 'number'], ['r²', 'number']]} />`;
+}

@@ -1,0 +1,114 @@
+// One system: what is served, which fit is looked at, and the tabs.
+import { html, useRef } from '../html.js';
+import { ask, useResource, useList, post } from '../api.js';
+import { systemAddress, setQuery, go, address } from '../router.js';
+import { useEvents } from '../events.js';
+import { useKeys } from '../keys.js';
+import { say, sayFault } from '../say.js';
+import { withUnit, fitName } from '../format.js';
+import { Status, Flag } from '../parts/status.js';
+import { Failed, Loading } from '../parts/screens.js';
+import { FitTab } from './fit.js';
+import { Fails } from './fails.js';
+import { Missing } from './missing.js';
+import { LadderTab } from './ladder.js';
+import { Parameters } from './parameters.js';
+import { Data } from './data.js';
+
+const TABS = [
+  ['fit', 'Fit', FitTab], ['fails', 'Where it fails', Fails], ['missing', 'What is missing', Missing],
+  ['ladder', 'Ladder', LadderTab], ['parameters', 'Parameters', Parameters], ['data', 'Data', Data],
+];
+/** What of the address goes along from tab to tab: the fits that are looked at, and the range. */
+const CARRIED = ['fit', 'with', 'from', 'to', 'mode'];
+
+/** What is at a path, or that nothing is. */
+const orNull = (path, options) => ask(path, options).catch(error => {
+  if (error.status === 404) return { missing: true };
+  throw error;
+});
+
+export function SystemPage({ system, tab, query }) {
+  const document = useResource(`/systems/${system}`);
+  const served = useResource(`/params/${system}`, { read: orNull });
+  const rows = useList('/systems');
+  const fits = useList(`/fits?system=${encodeURIComponent(system)}`);
+  const carried = Object.fromEntries(CARRIED.map(name => [name, query[name]]));
+  useEvents((kind, data) => {
+    if (data.system !== system || kind !== 'finished') return;
+    say(`${data.kind} of ${system}: ${data.outcome ?? data.state}`);
+    [served, fits, rows].forEach(resource => resource.reload());
+  });
+  const names = rows.data?.map(row => row.system) ?? [];
+  const step = by => {
+    const next = names[(names.indexOf(system) + by + names.length) % names.length];
+    if (next) go(systemAddress(next, tab));
+  };
+  const refit = () => post('/jobs', { kind: 'estimate', system }).then(job => go(address(['jobs', job.id])), sayFault);
+  useKeys({
+    ...Object.fromEntries(TABS.map(([name, title], index) => [String(index + 1), [`show ${title}`, () => go(systemAddress(system, name, carried))]])),
+    '[': ['system before', () => step(-1)],
+    ']': ['next system', () => step(1)],
+    r: ['refit', refit],
+    z: ['show the whole range', () => setQuery({ from: null, to: null })],
+  });
+  if (document.error) return html`<${Failed} error=${document.error} retry=${document.reload} />`;
+  if (!document.data || !served.data || !fits.data) {
+    const error = served.error ?? fits.error;
+    return error ? html`<${Failed} error=${error} retry=${() => { served.reload(); fits.reload(); }} />` : html`<${Loading} what=${system} />`;
+  }
+  const params = served.data.missing ? null : served.data;
+  const usable = fits.data.filter(fit => fit.metrics && Object.keys(fit.metrics).length);
+  const fit = query.fit ?? params?.fit ?? usable[0]?.id ?? null;
+  const Tab = (TABS.find(([name]) => name === tab) ?? TABS[0])[2];
+  return html`
+    <${Head} system=${system} document=${document.data} params=${params} row=${rows.data?.find(row => row.system === system)} fits=${usable} fit=${fit} refit=${refit} />
+    <${Tabs} system=${system} tab=${tab} carried=${carried} />
+    <div role="tabpanel" id="panel" aria-labelledby=${`tab-${tab}`}>
+      <${Tab} key=${tab} system=${system} document=${document.data} params=${params} fits=${usable} fit=${fit} query=${query}
+        reload=${() => [document, served, fits, rows].forEach(resource => resource.reload())} />
+    </div>`;
+}
+
+function Head({ system, document, params, row, fits, fit, refit }) {
+  const chosen = fits.find(entry => entry.id === fit);
+  const [output, metrics] = Object.entries(chosen?.metrics ?? {})[0] ?? [];
+  const diagnose = () => post('/jobs', { kind: 'diagnose', system }).then(job => go(systemAddress(system, 'missing', { job: job.id })), sayFault);
+  return html`
+    <div class="row apart">
+      <div class="row"><h1>${system}</h1><span class="quiet">${document.label}</span>
+        <${Status} of=${params?.status ?? 'none'} label=${params ? `${params.status}, revision ${params.revision}` : 'nothing served'} />
+        ${(params?.flags ?? []).map(flag => html`<${Flag} name=${flag} />`)}</div>
+      <span class="row"><button onClick=${diagnose}>Find what is missing</button><button class="main" onClick=${refit}>Refit</button></span>
+    </div>
+    ${row && html`<p><${Status} of=${row.health} label="" /> ${row.why}</p>`}
+    <div class="row apart">
+      ${chosen ? html`<dl class="figures">
+        <div><dt>24 h ahead</dt><dd>${withUnit(metrics.ahead?.PT24H?.rmse, metrics.unit)}</dd></div>
+        <div><dt>validation, free run</dt><dd>${withUnit(metrics.validation_rmse, metrics.unit)}</dd></div>
+        <div><dt>train, free run</dt><dd>${withUnit(metrics.train_rmse, metrics.unit)}</dd></div>
+        <div><dt>model</dt><dd>${chosen.model}</dd></div>
+        <div><dt>verdict</dt><dd><${Status} of=${chosen.verdict ?? 'unknown'} /></dd></div>
+        <div><dt>error of</dt><dd>${output}</dd></div>
+      </dl>` : html`<p class="quiet">Never fitted.</p>`}
+      ${fits.length > 0 && html`<label class="inline">Fit <select value=${fit} onChange=${event => setQuery({ fit: event.target.value })}>
+        ${fits.map(entry => html`<option value=${entry.id} selected=${entry.id === fit}>${fitName(entry)}</option>`)}</select></label>`}
+    </div>`;
+}
+
+function Tabs({ system, tab, carried }) {
+  const list = useRef(null);
+  const onKeyDown = event => {
+    const step = { ArrowRight: 1, ArrowLeft: -1 }[event.key];
+    if (!step) return;
+    event.preventDefault();
+    const links = [...list.current.querySelectorAll('a')];
+    const next = links[(links.indexOf(event.target) + step + links.length) % links.length];
+    next.focus();
+    next.click();
+  };
+  return html`<div class="tabs" role="tablist" aria-label="What to see of it" ref=${list} onKeyDown=${onKeyDown}>
+    ${TABS.map(([name, title]) => html`<a role="tab" id=${`tab-${name}`} href=${systemAddress(system, name, carried)} aria-selected=${name === tab} aria-controls="panel"
+      tabindex=${name === tab ? 0 : -1}>${title}</a>`)}
+  </div>`;
+}

@@ -1,0 +1,39 @@
+// The equations of a model in plain mathematics, with what an effect adds marked.
+import { html } from '../html.js';
+import { ask, useResource } from '../api.js';
+
+/** The terms of a catalogue's effect for its argument: `metered_gain:P_heater` fills `{channel}` in. */
+function termsOf(document, argument) {
+  const constants = document.choices?.[argument] ?? {};
+  const filled = text => Object.entries(constants).reduce((words, [name, value]) => words.replaceAll(`{${name}}`, value), text.replaceAll('{channel}', argument ?? ''));
+  return [...Object.entries(document.terms ?? {}), ...Object.entries(document.outputs ?? {})].map(([place, text]) => [filled(place), filled(text)]);
+}
+
+/** Lines `{left, terms}` of a model: its own equations, or those of its base, and what each of its effects adds. */
+async function linesOf(path, options) {
+  const model = await ask(path, options);
+  const base = model.document.base ? (await ask(`/models/${encodeURIComponent(model.document.base)}`, options)).document : model.document;
+  const lines = new Map();
+  const add = (place, term) => lines.set(place, [...(lines.get(place) ?? []), term]);
+  for (const [state, text] of Object.entries(base.equations ?? {})) add(state, text);
+  for (const [output, entry] of Object.entries(base.outputs ?? {})) add(output, entry.expr);
+  for (const name of model.effects) {
+    const [id, argument] = name.split(/:(.*)/);
+    const document = await ask(`/effects/${encodeURIComponent(id)}`, options).catch(() => ({}));
+    for (const [place, text] of termsOf(document, argument)) add(place, text);
+  }
+  const states = model.states.map(state => state.name);
+  return [...lines].map(([place, terms]) => ({ left: states.includes(place) ? `d${place}/dt` : place, place, terms }));
+}
+
+/** `added`: terms by state or output that are new, as in the `diff` of a model. */
+export function Equations({ model, added = {} }) {
+  const lines = useResource(`/models/${encodeURIComponent(model)}`, { read: linesOf });
+  if (!lines.data) return html`<div class="equation quiet">${lines.error ? lines.error.detail : '…'}</div>`;
+  const known = lines.data.map(line => line.place);
+  const fresh = Object.entries(added).filter(([place]) => !known.includes(place));
+  return html`<div class="equation">
+    ${lines.data.map(line => html`<div>${line.left} = ${line.terms.join(' + ')}${added[line.place] ? html`<ins>+ ${added[line.place]}</ins>` : ''}</div>`)}
+    ${fresh.map(([place, term]) => html`<ins>d${place}/dt = ${term}</ins>`)}
+  </div>`;
+}

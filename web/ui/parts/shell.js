@@ -1,0 +1,65 @@
+// The frame of every page: where one can go, whether the page is live, what has happened.
+import { html, useState, useEffect, useErrorBoundary } from '../html.js';
+import { address, go } from '../router.js';
+import { theme, setTheme } from '../theme.js';
+import { useConnection } from '../events.js';
+import { useKeys, keysNow, CHART_KEYS } from '../keys.js';
+import { onSaid } from '../say.js';
+import { Dialog } from './dialog.js';
+import { Failed } from './screens.js';
+
+const PLACES = [['Overview', [], 'o'], ['Jobs', ['jobs'], 'j'], ['Models and effects', ['models'], 'm'], ['Schedules', ['schedules'], 's']];
+const THEMES = { system: ['light', 'Theme: as the system'], light: ['dark', 'Theme: light'], dark: ['system', 'Theme: dark'] };
+const SHOWN_MS = 8000;
+
+export function Shell({ place, children }) {
+  const [help, setHelp] = useState(false);
+  const [, redraw] = useState(0);
+  const [fault, clear] = useErrorBoundary();
+  const live = useConnection();
+  useEffect(() => { if (fault) clear(); }, [place]);
+  const turnTheme = () => { setTheme(THEMES[theme()][0]); redraw(count => count + 1); };
+  useKeys({
+    '?': ['show the keys', () => setHelp(true)],
+    d: ['light, dark, or as the system', turnTheme],
+    ...Object.fromEntries(PLACES.map(([name, parts, key]) => [`g ${key}`, [`go to ${name}`, () => go(address(parts))]])),
+  });
+  return html`
+    <a class="skip" href="#main">Skip to the content</a>
+    <header>
+      <a class="brand" href=${address([])}><span class="glow" aria-hidden="true"></span>Lampyris</a>
+      <nav aria-label="Pages">${PLACES.map(([name, parts]) => html`
+        <a href=${address(parts)} aria-current=${(parts[0] ?? 'systems') === (place ?? 'systems') ? 'page' : null}>${name}</a>`)}
+        <a href="/docs">API</a>
+      </nav>
+      <span class="row">
+        ${live === false && html`<span class="status bad"><span class="shape" aria-hidden="true">■</span> connection lost, trying again</span>`}
+        ${live && html`<span class="status ok" title="Jobs report here as they go"><span class="shape" aria-hidden="true">●</span> live</span>`}
+        <button class="plain" onClick=${turnTheme}>${THEMES[theme()][1]}</button>
+        <button class="plain" onClick=${() => setHelp(true)} aria-label="Keys">?</button>
+      </span>
+    </header>
+    <main id="main" tabindex="-1">${fault ? html`<${Failed} error=${fault} retry=${clear} />` : children}</main>
+    <${Said} />
+    ${help && html`<${Help} close=${() => setHelp(false)} />`}`;
+}
+
+function Said() {
+  const [said, setSaid] = useState(null);
+  useEffect(() => onSaid(setSaid), []);
+  useEffect(() => {
+    const timer = said && setTimeout(() => setSaid(null), SHOWN_MS);
+    return () => clearTimeout(timer);
+  }, [said]);
+  return said && html`<div class="said ${said.fault ? 'fault' : ''}">
+    <span>${said.text}</span><button class="plain" aria-label="Close" onClick=${() => setSaid(null)}>✕</button>
+  </div>`;
+}
+
+function Help({ close }) {
+  const [keys] = useState(keysNow);
+  return html`<${Dialog} title="Keys" close=${close}>
+    <dl class="keys">${[...keys, ...CHART_KEYS].map(([key, meaning]) => html`<div><dt><kbd>${key}</kbd></dt><dd>${meaning}</dd></div>`)}</dl>
+    <p class="row end"><button onClick=${close}>Close</button></p>
+  </${Dialog}>`;
+}

@@ -1,0 +1,72 @@
+// A job as it goes, pushed by the service: how far it is, how the error falls, where the parameters are.
+import { html, useEffect, useRef } from '../html.js';
+import { useResource, post } from '../api.js';
+import { address } from '../router.js';
+import { useJob, hasEnded } from '../events.js';
+import { say, sayFault } from '../say.js';
+import { number, length } from '../format.js';
+import { Status } from './status.js';
+import { Frame } from './frame.js';
+import { Failed, Loading } from './screens.js';
+import { Curve } from '../charts/curve.js';
+import { Rail } from '../charts/rail.js';
+
+/** The cost of a mean square is shown as its root, which has the unit of the output. */
+const shownCost = job => (job.request.objective === 'mse' ? [Math.sqrt, 'rmse'] : [cost => cost, 'cost']);
+
+/** The lines of the search: from its reports while it runs, from the stored trace afterwards. */
+function linesOf(job, reports, fit) {
+  const [shown] = shownCost(job);
+  const trace = fit?.trace?.length ? fit.trace.map(({ evaluations, best }) => [evaluations, shown(best)]) : reports.filter(report => report.best_train !== null).map(report => [report.evaluations, shown(report.best_train)]);
+  const validation = reports.filter(report => report.best_validation !== null).map(report => [report.evaluations, report.best_validation]);
+  return [{ label: 'train', colour: 'measured', points: trace }, ...(validation.length ? [{ label: 'validation', colour: 'model', dash: '6 4', points: validation }] : [])];
+}
+
+export function JobWatch({ id, title, onEnd = () => {} }) {
+  const { job, reports, incumbent, error } = useJob(id);
+  const fit = useResource(job?.fit ? `/fits/${job.fit}` : null);
+  const model = useResource(job ? `/models/${encodeURIComponent(job.model)}` : null);
+  const told = useRef(false);
+  useEffect(() => {
+    if (!job || !hasEnded(job) || told.current) return;
+    told.current = true;
+    say(`${title ?? job.kind}: ${job.outcome ?? job.state}`);
+    onEnd(job);
+  }, [job]);
+  if (error) return html`<${Failed} error=${error} />`;
+  if (!job) return html`<${Loading} what="the job" />`;
+  const last = reports.at(-1);
+  const ended = hasEnded(job);
+  const evaluations = ended ? job.evaluations : last?.evaluations ?? job.progress?.evaluations;
+  const budget = job.request.budget?.evaluations;
+  const [, costName] = shownCost(job);
+  const lines = linesOf(job, reports, fit.data);
+  const cancel = () => post(`/jobs/${id}/cancel`).then(() => say('Cancelled'), sayFault);
+  const values = fit.data ? Object.fromEntries(Object.entries(fit.data.parameters).map(([name, entry]) => [name, entry.value])) : incumbent;
+  return html`<section class="card" aria-label=${title ?? job.kind}>
+    <div class="row apart"><h3><${Status} of=${job.state} /> ${title ?? job.kind} <a class="quiet" href=${address(['jobs', id])}>${id}</a></h3>
+      ${!ended && html`<button onClick=${cancel}>Stop</button>`}</div>
+    <dl class="figures">
+      <div><dt>evaluations</dt><dd>${evaluations ?? '–'}${budget && !ended ? ` of at most ${budget}` : ''}</dd></div>
+      ${last && !ended && html`<div><dt>generation</dt><dd>${last.generation}</dd></div>`}
+      ${last && !ended && html`<div><dt>time left, at most</dt><dd>${length(last.eta_s)}</dd></div>`}
+      ${ended && html`<div><dt>ran for</dt><dd>${length(job.wall_s)}</dd></div><div><dt>stopped because</dt><dd>${job.stopped_by ?? job.error?.detail ?? job.state}</dd></div>`}
+      ${last?.best_train != null && html`<div><dt>best on train</dt><dd>${number(shownCost(job)[0](last.best_train))}</dd></div>`}
+      ${last?.best_validation != null && html`<div><dt>best on validation</dt><dd>${number(last.best_validation)}</dd></div>`}
+    </dl>
+    ${!ended && html`<progress max=${budget ?? 1} value=${evaluations ?? 0} aria-label="Evaluations of the budget"></progress>`}
+    ${job.error && html`<p><${Status} of="failed" label=${job.error.detail} /></p>`}
+    <div class="grid">
+      ${(lines[0].points.length > 0) && html`<${Frame} title="How the error falls" path=${job.fit ? `/fits/${job.fit}` : `/jobs/${id}/events`} summary=${`After ${evaluations} evaluations the best error on train is ${number(lines[0].points.at(-1)?.[1])}.`}
+        table=${() => ({ columns: [['line'], ['evaluations', 'number'], [costName, 'number']], rows: lines.flatMap(line => line.points.map(([x, y]) => [line.label, x, number(y, 5)])) })}>
+        <${Curve} lines=${lines} log xLabel="evaluations" yLabel=${costName} label="The error of the best candidate over the evaluations" /></${Frame}>`}
+      ${values && model.data && html`<table><caption>Parameters${ended ? '' : ', live'}</caption><tbody>${Object.entries(values).map(([name, value]) => {
+        const known = model.data.parameters.find(parameter => parameter.name === name);
+        const found = fit.data?.parameters[name];
+        const bounds = found?.bounds ?? job.request.bounds?.[name] ?? known?.bounds;
+        return html`<tr><th scope="row">${name}</th><td class="number">${number(value)} ${known?.unit === '-' ? '' : known?.unit ?? ''}</td>
+          <td>${bounds && html`<${Rail} value=${value} bounds=${bounds} interval=${found?.ci95} log=${known?.scale === 'log'} atBound=${found?.at_bound} />`}</td></tr>`;
+      })}</tbody></table>`}
+    </div>
+  </section>`;
+}
