@@ -1,5 +1,6 @@
 //! The diagnosis of small worlds, end to end.
 
+use super::candidates;
 use super::failures::{failures, sentences, worst_regime};
 use super::ladder::ladder;
 use super::report::Gate;
