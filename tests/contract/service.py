@@ -86,6 +86,13 @@ def ended(base, job):
     return answer
 
 
+def quiet(base):
+    """Waits until no job waits or runs."""
+    for state in ("queued", "running"):
+        for job in ask(base, "GET", f"/jobs?state={state}")["items"]:
+            ended(base, job["id"])
+
+
 def estimated(base, system, **more):
     """The fit of an estimate, whose outcome must be one of those that a service may want to show."""
     job = ended(base, ask(base, "POST", "/jobs", ESTIMATE | {"system": system} | more)["id"])
