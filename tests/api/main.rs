@@ -23,4 +23,5 @@ mod straight;
 #[path = "../support/mod.rs"]
 mod support;
 mod systems;
+mod web;
 mod windows;

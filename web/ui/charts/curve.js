@@ -18,7 +18,8 @@ export function Curve({ lines, xLabel, yLabel, height = 200, log = false, label 
   const domain = [Math.min(...xs, 0), Math.max(...xs, 1)];
   const x = scale(domain, [MARGIN.left, width - MARGIN.right]);
   const y = scale(pad, [height - MARGIN.bottom, MARGIN.top], log);
-  const marks = log ? logTicks(...pad) : ticks(...pad, 4);
+  const powers = log ? logTicks(...pad) : [];
+  const marks = powers.length > 1 ? powers : ticks(...pad, 4);
   return html`<div ref=${host}>
     <div class="legend">${drawn.map(line => html`<span><svg width="24" height="10" aria-hidden="true"><line x1="0" x2="24" y1="5" y2="5"
       style=${{ stroke: `var(--${line.colour})`, strokeWidth: 2, strokeDasharray: line.dash ?? 'none' }} /></svg> ${line.label}</span>`)}</div>

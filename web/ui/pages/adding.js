@@ -3,7 +3,7 @@ import { html, useState, useEffect } from '../html.js';
 import { ask, useResource, post, put } from '../api.js';
 import { setQuery, here, systemAddress } from '../router.js';
 import { say, sayFault } from '../say.js';
-import { number, fixed } from '../format.js';
+import { number, fixed, horizon } from '../format.js';
 import { Frame } from '../parts/frame.js';
 import { Failed } from '../parts/screens.js';
 import { JobWatch } from '../parts/watch.js';
@@ -23,10 +23,10 @@ function stepOf(fit, before) {
 }
 
 /**
- * `effect` is what was asked for last, null for nothing; `steps` are the fits that the address carries, one per effect
+ * `effect` is what was asked for last, null for nothing; `grown` hears the model with all that was added; `steps` are the fits that the address carries, one per effect
  * that was added to the diagnosed model. Every step is judged on the split of the diagnosis, so that they compare.
  */
-export function Adding({ diagnosis, system, document, effect, steps, taken }) {
+export function Adding({ diagnosis, system, document, effect, steps, taken, grown }) {
   const [change, setChange] = useState(null);
   const [error, setError] = useState(null);
   const [serving, setServing] = useState(null);
@@ -34,6 +34,7 @@ export function Adding({ diagnosis, system, document, effect, steps, taken }) {
   const fits = useResource(diagnosis.fit ? [diagnosis.fit, ...steps].join(',') : null, { read: all });
   const adding = here().query.adding;
   const current = fits.data?.at(-1)?.model ?? diagnosis.model;
+  useEffect(() => grown(current), [current]);
   const add = async ({ effect: name, title }) => {
     taken();
     setError(null);
@@ -93,14 +94,18 @@ function Outcome({ ladder, model, undo, serve }) {
   const [before, after] = ladder.slice(-2);
   const change = (key, name) => Number.isFinite(before[key]) && Number.isFinite(after[key]) && html`<div><dt>${name}</dt><dd>${fixed(before[key])} → ${fixed(after[key])} ${after.unit}</dd></div>`;
   const fell = after.validation_rmse < before.validation_rmse * FALL;
-  const overfit = !fell && after.train_rmse < before.train_rmse * FALL;
+  const overfit = !fell && after.train_rmse < before.train_rmse * FALL && after.validation_rmse > before.validation_rmse / FALL;
+  const ahead = Object.keys(after.ahead ?? {}).filter(key => before.ahead?.[key]);
+  const sooner = ahead.filter(key => after.ahead[key].rmse < before.ahead[key].rmse * 0.95);
   const pair = `${before.validation_rmse.toFixed(3)} → ${after.validation_rmse.toFixed(3)} ${after.unit}`;
   return html`<div class="outcome ${fell ? '' : 'bad'}" role="status">
     <p class="says"><${Status} of=${fell ? 'ok' : 'bad'} label=${fell
       ? `The error on unseen data fell by ${Math.round((1 - after.validation_rmse / before.validation_rmse) * 100)} %: ${pair}.`
       : `The error did not fall: ${pair} on unseen data.`} /></p>
-    ${!fell && html`<p>${overfit ? 'It fell on the data that were fitted only: what was learnt there does not repeat. ' : ''}The effect is not in these data, or they are too short to show it.</p>`}
-    <dl class="figures">${change('train_rmse', 'train')}${change('validation_rmse', 'validation')}${change('test_rmse', 'test, never used')}</dl>
+    ${!fell && html`<p>${overfit ? 'It fell on the data that were fitted only: what was learnt there does not repeat. ' : ''}The effect is not in these data, or they are too short to show it.
+      ${sooner.length > 0 ? ` Forecasts ${sooner.map(horizon).join(' and ')} ahead did become better.` : ''}</p>`}
+    <dl class="figures">${change('train_rmse', 'train')}${change('validation_rmse', 'validation')}${change('test_rmse', 'test, never used')}
+      ${ahead.map(key => html`<div><dt>${horizon(key)} ahead</dt><dd>${fixed(before.ahead[key].rmse)} → ${fixed(after.ahead[key].rmse)} ${after.unit}</dd></div>`)}</dl>
     <p class="row"><button class=${fell ? 'main' : ''} onClick=${serve}>Use ${model} for the controller</button><button class=${fell ? '' : 'main'} onClick=${undo}>Take it out again</button></p>
   </div>`;
 }
@@ -109,7 +114,7 @@ function Outcome({ ladder, model, undo, serve }) {
 function Equation({ change: { model, parent, title } }) {
   const { diff } = model;
   return html`<div class="card"><h3>${parent} + ${title}</h3>
-    <${Equations} model=${parent} added=${{ ...diff.terms, ...diff.outputs }} />
+    <${Equations} model=${parent} diff=${diff} />
     <p class="note">New parameters: ${Object.entries(diff.parameters ?? {}).map(([name, entry]) => `${name} (${entry.title}, ${entry.lower} to ${entry.upper} ${entry.unit})`).join('; ') || 'none'}.</p>
   </div>`;
 }

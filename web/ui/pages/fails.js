@@ -2,7 +2,7 @@
 import { html } from '../html.js';
 import { useResource } from '../api.js';
 import { systemAddress, go } from '../router.js';
-import { number, fixed, signed, percent, horizon, clock, instant, seconds, words, NONE } from '../format.js';
+import { number, fixed, signed, percent, horizon, clock, instant, midnight, seconds, words, NONE } from '../format.js';
 import { Frame } from '../parts/frame.js';
 import { Table } from '../parts/table.js';
 import { Shown, Empty } from '../parts/screens.js';
@@ -23,9 +23,6 @@ export function Fails({ system, fit, query, document }) {
 /** The sentences of a summary, instants as people read them. */
 const sentencesOf = (text, zone) => text.split(/\.\s+/).map(sentence => sentence.replace(/\.$/, '').replaceAll(/\d{4}-\d\d-\d\dT[\d:]+Z/g, at => clock(at, zone))).filter(Boolean);
 
-/** The hours of one local day on the chart: the clock of the document is UTC where the system names no zone. */
-const dayOf = date => [seconds(`${date}T00:00:00Z`), seconds(`${date}T00:00:00Z`) + 24 * HOUR];
-
 function Failures({ data, path, zoom, zone }) {
   const [output, skill] = Object.entries(data.skill)[0];
   const { unit } = skill;
@@ -37,7 +34,7 @@ function Failures({ data, path, zoom, zone }) {
     <${Frame} title=${`Error by day and hour, ${output}`} path=${path} note=${zone === 'UTC' ? 'Hours are UTC: the system names no time zone.' : `Hours are of ${zone}.`}
       summary=${`The worst hour is ${worst[1]} h on ${worst[0]}: ${signed(worst[2])} ${unit}.`}
       table=${() => ({ columns: [['day'], ['hour', 'number'], [`measured − model, ${unit}`, 'number']], rows: cells.map(([date, hour, value]) => [date, hour, number(value)]) })}>
-      <${Heatmap} days=${data.hour_by_date} unit=${unit} onPick=${date => zoom(...dayOf(date))} label=${`Mean error of ${output} by hour and day; the worst is ${signed(worst[2])} ${unit} at ${worst[1]} h on ${worst[0]}.`} />
+      <${Heatmap} days=${data.hour_by_date} unit=${unit} onPick=${date => zoom(midnight(date, zone), midnight(date, zone) + 24 * HOUR)} label=${`Mean error of ${output} by hour and day; the worst is ${signed(worst[2])} ${unit} at ${worst[1]} h on ${worst[0]}.`} />
     </${Frame}>
     <div class="grid">
       <section><${Regimes} rows=${data.by_regime} unit=${unit} /></section>

@@ -23,13 +23,11 @@ const SAYS = {
 export function Missing({ system, document, query }) {
   const diagnoses = useList(`/diagnoses?system=${encodeURIComponent(system)}`);
   const jobs = useList(`/jobs?system=${encodeURIComponent(system)}&kind=diagnose`);
-  const [started, setStarted] = useState(query.job ?? null);
   const id = query.diagnosis ?? diagnoses.data?.[0]?.id ?? null;
   const diagnosis = useResource(id && `/diagnoses/${id}`);
-  const running = started ?? jobs.data?.find(job => !hasEnded(job))?.id ?? null;
-  const search = () => post('/jobs', { kind: 'diagnose', system }).then(job => setStarted(job.id), sayFault);
+  const running = query.job ?? jobs.data?.find(job => !hasEnded(job))?.id ?? null;
+  const search = () => post('/jobs', { kind: 'diagnose', system }).then(job => setQuery({ job: job.id }), sayFault);
   const found = job => {
-    setStarted(null);
     setQuery({ job: null, diagnosis: job.diagnosis, steps: null, adding: null });
     diagnoses.reload();
     jobs.reload();
@@ -50,6 +48,8 @@ export function Missing({ system, document, query }) {
 function Diagnosis({ data, system, document, query, search }) {
   const path = `/diagnoses/${data.id}`;
   const [adding, setAdding] = useState(null);
+  const [model, setModel] = useState(data.model);
+  const there = effect => model.split('+').slice(1).includes(effect);
   const steps = query.steps?.split(',').filter(Boolean) ?? [];
   return html`
     <div class="row apart">
@@ -58,8 +58,8 @@ function Diagnosis({ data, system, document, query, search }) {
     </div>
     <p>${data.summary[0].toUpperCase()}${data.summary.slice(1)}. <span class="quiet">Model ${data.model}, ${clock(data.created_at)}. Noise floor ${number(data.noise_floor_rmse)}; the error is ${number(data.rho)} times what noise would leave.</span></p>
     ${data.warnings.map(warning => html`<p class="note">▲ ${warning}</p>`)}
-    <${Adding} diagnosis=${data} system=${system} document=${document} effect=${adding} steps=${steps} taken=${() => setAdding(null)} />
-    ${data.findings.map(finding => html`<${Finding} key=${finding.effect} finding=${finding} data=${data} add=${() => setAdding({ effect: finding.effect, title: finding.title })} />`)}
+    <${Adding} diagnosis=${data} system=${system} document=${document} effect=${adding} steps=${steps} taken=${() => setAdding(null)} grown=${setModel} />
+    ${data.findings.map(finding => html`<${Finding} key=${finding.effect} finding=${finding} data=${data} added=${there(finding.effect)} add=${() => setAdding({ effect: finding.effect, title: finding.title })} />`)}
     ${data.findings.length === 0 && data.verdict !== 'adequate' && html`<p>No effect of the catalogue passed both gates: the gain on the data that were fitted, and the error on unseen data.</p>`}
     <${Unexplained} unexplained=${data.unexplained} path=${path} system=${system} model=${data.model} />
     <div class="grid">
@@ -73,13 +73,13 @@ function Diagnosis({ data, system, document, query, search }) {
 
 const PARTS = [['train', 'train'], ['validation', 'validation'], ['test', 'test (never used)']];
 
-function Finding({ finding, data, add }) {
+function Finding({ finding, data, added, add }) {
   const pairs = [...PARTS.map(([key, title]) => [title, finding.rmse[key]]), ...Object.entries(finding.rmse.validation_ahead ?? {}).map(([key, pair]) => [`${horizon(key)} ahead`, pair])].filter(([, pair]) => pair);
   const most = Math.max(...pairs.flatMap(([, pair]) => pair).filter(Number.isFinite));
   const before = data.findings.slice(0, finding.rank - 1).map(entry => entry.title);
   return html`<article class="card finding" aria-label=${finding.title}>
     <div class="row apart"><h3>${finding.rank}. ${finding.title} <span class="quiet">${finding.kind === 'refinement' ? 'a refinement' : ''}</span></h3>
-      <button class="main" onClick=${add}>Add and refit: ${finding.title}</button></div>
+      ${added ? html`<${Status} of="ok" label="added" />` : html`<button class="main" onClick=${add}>Add and refit: ${finding.title}</button>`}</div>
     <p>${finding.explain} ${before.length > 0 && html`<span class="quiet">Found after ${before.join(' and ')} was in the model.</span>`}</p>
     <div class="grid">
       <div role="img" aria-label=${pairs.map(([title, [from, to]]) => `${title}: from ${number(from)} to ${number(to)}`).join('; ')}>

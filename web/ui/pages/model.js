@@ -15,7 +15,7 @@ export function ModelPage({ id }) {
     <p>${data.title}${data.document.description ? `. ${data.document.description}` : ''}</p>
     ${data.parent && html`<p>Made from <a href=${address(['models', data.parent])}>${data.parent}</a> by adding ${data.diff?.title ?? data.diff?.effect}.</p>`}
     ${data.parent && data.diff
-      ? html`<${Equations} model=${data.parent} added=${{ ...data.diff.terms, ...data.diff.outputs }} />`
+      ? html`<${Equations} model=${data.parent} diff=${data.diff} />`
       : html`<${Equations} model=${data.id} />`}
     <${Table} caption="Parameters" columns=${[['name'], ['what it is'], ['unit'], ['lower', 'number'], ['upper', 'number'], ['nominal', 'number'], ['scale']]}
       rows=${data.parameters.map(entry => [entry.name, entry.title, entry.unit, number(entry.bounds[0]), number(entry.bounds[1]), typeof entry.nominal === 'number' ? number(entry.nominal) : entry.nominal, entry.scale])} />

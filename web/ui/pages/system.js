@@ -22,15 +22,12 @@ const TABS = [
 /** What of the address goes along from tab to tab: the fits that are looked at, and the range. */
 const CARRIED = ['fit', 'with', 'from', 'to', 'mode'];
 
-/** What is at a path, or that nothing is. */
-const orNull = (path, options) => ask(path, options).catch(error => {
-  if (error.status === 404) return { missing: true };
-  throw error;
-});
+/** What the controller gets for a system; of a system that was never validated the list says nothing. */
+const servedOf = system => (path, options) => ask(path, options).then(({ items }) => items.find(entry => entry.system === system) ?? { missing: true });
 
 export function SystemPage({ system, tab, query }) {
   const document = useResource(`/systems/${system}`);
-  const served = useResource(`/params/${system}`, { read: orNull });
+  const served = useResource('/params', { read: servedOf(system) });
   const rows = useList('/systems');
   const fits = useList(`/fits?system=${encodeURIComponent(system)}`);
   const carried = Object.fromEntries(CARRIED.map(name => [name, query[name]]));

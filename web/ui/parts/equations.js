@@ -26,8 +26,12 @@ async function linesOf(path, options) {
   return [...lines].map(([place, terms]) => ({ left: states.includes(place) ? `d${place}/dt` : place, place, terms }));
 }
 
-/** `added`: terms by state or output that are new, as in the `diff` of a model. */
-export function Equations({ model, added = {} }) {
+/** The text of a definition; one with variants has the first that the channels allow. */
+const definition = entry => (Array.isArray(entry) ? entry.map(variant => `${variant.expr}${variant.needs?.length ? ` where ${variant.needs.join(' and ')} is measured` : ''}`).join(', or ') : entry);
+
+/** `diff`: what an effect adds, as a model with a parent names it. */
+export function Equations({ model, diff = {} }) {
+  const added = { ...diff.terms, ...diff.outputs };
   const lines = useResource(`/models/${encodeURIComponent(model)}`, { read: linesOf });
   if (!lines.data) return html`<div class="equation quiet">${lines.error ? lines.error.detail : '…'}</div>`;
   const known = lines.data.map(line => line.place);
@@ -35,5 +39,6 @@ export function Equations({ model, added = {} }) {
   return html`<div class="equation">
     ${lines.data.map(line => html`<div>${line.left} = ${line.terms.join(' + ')}${added[line.place] ? html`<ins>+ ${added[line.place]}</ins>` : ''}</div>`)}
     ${fresh.map(([place, term]) => html`<ins>d${place}/dt = ${term}</ins>`)}
+    ${Object.entries(diff.define ?? {}).map(([name, entry]) => html`<ins>${name} = ${definition(entry)}</ins>`)}
   </div>`;
 }

@@ -49,9 +49,8 @@ export function Frame({ title, summary, table, path, csv = false, note, children
     ${open === 'curl' && html`<${Command} text=${curl(path)} />`}
     ${children}
     ${note && html`<p class="note">${note}</p>`}
-    ${numbers && html`
-      <${Table} caption=${`${title}: numbers`} hidden columns=${numbers.columns} rows=${numbers.rows.slice(0, SHOWN_ROWS)} />
-      ${numbers.rows.length > SHOWN_ROWS && html`<p class="note">The first ${SHOWN_ROWS} of ${numbers.rows.length} rows; CSV has all.</p>`}`}
+    ${numbers && html`<div class="numbers"><${Table} caption=${`${title}: numbers`} hidden columns=${numbers.columns} rows=${numbers.rows.slice(0, SHOWN_ROWS)} />
+      ${numbers.rows.length > SHOWN_ROWS && html`<p class="note">The first ${SHOWN_ROWS} of ${numbers.rows.length} rows; CSV has all.</p>`}</div>`}
   </figure>`;
 }
 

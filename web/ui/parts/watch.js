@@ -17,7 +17,9 @@ const shownCost = job => (job.request.objective === 'mse' ? [Math.sqrt, 'rmse'] 
 /** The lines of the search: from its reports while it runs, from the stored trace afterwards. */
 function linesOf(job, reports, fit) {
   const [shown] = shownCost(job);
-  const trace = fit?.trace?.length ? fit.trace.map(({ evaluations, best }) => [evaluations, shown(best)]) : reports.filter(report => report.best_train !== null).map(report => [report.evaluations, shown(report.best_train)]);
+  // The trace has its improvements only; the best stayed the best until the end.
+  const stored = fit?.trace?.length ? [...fit.trace, { evaluations: Math.max(job.evaluations ?? 0, fit.trace.at(-1).evaluations), best: fit.trace.at(-1).best }] : null;
+  const trace = stored ? stored.map(({ evaluations, best }) => [evaluations, shown(best)]) : reports.filter(report => report.best_train !== null).map(report => [report.evaluations, shown(report.best_train)]);
   const validation = reports.filter(report => report.best_validation !== null).map(report => [report.evaluations, report.best_validation]);
   return [{ label: 'train', colour: 'measured', points: trace }, ...(validation.length ? [{ label: 'validation', colour: 'model', dash: '6 4', points: validation }] : [])];
 }
@@ -26,11 +28,16 @@ export function JobWatch({ id, title, onEnd = () => {} }) {
   const { job, reports, incumbent, error } = useJob(id);
   const fit = useResource(job?.fit ? `/fits/${job.fit}` : null);
   const model = useResource(job ? `/models/${encodeURIComponent(job.model)}` : null);
+  const ran = useRef(false);
   const told = useRef(false);
   useEffect(() => {
-    if (!job || !hasEnded(job) || told.current) return;
+    if (!job || told.current) return;
+    if (!hasEnded(job)) {
+      ran.current = true;
+      return;
+    }
     told.current = true;
-    say(`${title ?? job.kind}: ${job.outcome ?? job.state}`);
+    if (ran.current) say(`${title ?? job.kind}: ${job.outcome ?? job.state}`);
     onEnd(job);
   }, [job]);
   if (error) return html`<${Failed} error=${error} />`;

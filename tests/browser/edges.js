@@ -1,0 +1,263 @@
+// What happens when things are not as they should be: bad files, bad documents, lost connections, no mouse.
+import { readFileSync } from 'node:fs';
+import { ask, holds, test, wire } from './harness.js';
+
+const rows = count => Array.from({ length: count }, (_, at) => `${new Date(Date.UTC(2026, 0, 5) + at * 1_800_000).toISOString().slice(0, 19)}Z;${(20 + Math.sin(at / 8)).toFixed(2)};${(3 + Math.cos(at / 8)).toFixed(2)};7`);
+
+/** A job that runs until it is stopped. */
+const endless = { kind: 'estimate', system: 'room/1', experiment: true, method: { name: 'cfa_thesis', seed: 1 }, budget: { evaluations: 100_000_000 } };
+
+export async function edges(chrome, { base, port }) {
+  await test(chrome, 'a_file_is_uploaded_with_its_columns_mapped_and_bad_rows_shown', {}, async page => {
+    await page.goto(`${base}/ui/new`);
+    await page.getByLabel('Name: its kind and a number or word').fill('room/9');
+    await page.getByLabel('What people call it').fill('Attic');
+    await page.getByRole('button', { name: 'Add it and upload measurements' }).click();
+    await page.getByText('No measurements yet').waitFor();
+    const lines = rows(60);
+    lines[3] = lines[3].replace(/;[^;]*;/, ';warm;');
+    const text = ['time;Raumtemperatur;T_out[degC];comment', ...lines].join('\n');
+    await page.getByLabel('CSV file').setInputFiles({ name: 'attic.csv', mimeType: 'text/csv', buffer: Buffer.from(text) });
+    await page.getByLabel('Channel of Raumtemperatur').fill('T_room');
+    await page.getByLabel('Unit of Raumtemperatur').selectOption('degC');
+    await page.getByLabel('Use comment').uncheck();
+    await page.getByRole('button', { name: 'Upload 2 channels' }).click();
+    await page.getByText(/rows from .* are taken as win_/).waitFor();
+    const [taken] = (await ask(base, '/systems/room/9/windows')).items;
+    holds(Object.keys(taken.channels).sort().join() === 'T_out,T_room', Object.keys(taken.channels).join());
+    holds(taken.rejected_rows.length === 1, `${taken.rejected_rows.length} rows are refused`);
+    await page.getByText(taken.rejected_rows[0].reason, { exact: false }).first().waitFor();
+    await page.locator('.strips canvas').first().waitFor();
+    // A file that is none: every fault is said, and nothing is lost.
+    await page.getByLabel('CSV file').setInputFiles({ name: 'bad.csv', mimeType: 'text/csv', buffer: Buffer.from('time,T_room[furlong]\n2026-01-05T00:00:00Z,21') });
+    await page.getByRole('button', { name: /Upload 1 channels/ }).click();
+    await page.getByRole('alert').getByText(/furlong/).first().waitFor();
+  });
+
+  await test(chrome, 'measurements_are_kept_out_of_training_with_a_reason', {}, async page => {
+    await page.goto(`${base}/ui/systems/room/9/data`);
+    await page.getByLabel('From (UTC)').fill('2026-01-05T02:00:00Z');
+    await page.getByLabel('To (UTC)').fill('2026-01-05T04:00:00Z');
+    await page.getByLabel('Reason').fill('windows were open');
+    await page.getByRole('button', { name: 'Keep it out' }).click();
+    await page.getByRole('cell', { name: 'windows were open' }).waitFor();
+    holds((await ask(base, '/systems/room/9')).exclude[0].reason === 'windows were open', 'it is not kept');
+    await page.getByRole('button', { name: 'Use it again' }).click();
+    await page.getByText('every measurement is used').waitFor();
+  });
+
+  await test(chrome, 'faults_of_a_model_stand_at_their_lines', {}, async page => {
+    await page.goto(`${base}/ui/edit/model`);
+    await page.getByText('No faults').waitFor();
+    const field = page.getByLabel('Document, JSON');
+    const good = await field.inputValue();
+    const bad = good.replace('alpha*(T_out - T_r)', 'alfa*(T_out - T_r)').replace('"unit": "1/h"', '"unit": "furlong"');
+    await field.fill(bad);
+    const faults = page.locator('.faults li');
+    await page.locator('.status', { hasText: '2 faults' }).waitFor();
+    const lineOf = text => bad.split('\n').findIndex(line => line.includes(text)) + 1;
+    holds((await faults.nth(0).innerText()).startsWith(`line ${lineOf('furlong')} `), await faults.nth(0).innerText());
+    holds((await faults.nth(1).innerText()).startsWith(`line ${lineOf('alfa')} `), await faults.nth(1).innerText());
+    holds((await faults.nth(1).innerText()).includes('did you mean `alpha`'), 'nothing is suggested');
+    holds((await page.locator('.editor pre .fault').count()) === 2, 'the lines have no mark');
+    await page.getByRole('button', { name: /Save as a new model/ }).isDisabled();
+    await field.fill(good.replace('},', '}'));
+    await page.getByText(/a `,` or `}` is missing/).waitFor();
+    await field.fill(good.replace('my_room', 'browser_room'));
+    await page.getByText('No faults').waitFor();
+    await field.press('Control+s');
+    await page.waitForURL('**/ui/models/browser_room');
+    await page.locator('.equation', { hasText: 'alpha*(T_out - T_r)' }).waitFor();
+  });
+
+  await test(chrome, 'a_job_is_watched_live_and_cancelled', {}, async page => {
+    const { id } = await ask(base, '/jobs', endless);
+    await page.goto(`${base}/ui/jobs/${id}`);
+    const evaluations = () => page.locator('dl.figures div', { hasText: /^evaluations/ }).locator('dd').innerText();
+    await page.getByText('generation').first().waitFor();
+    const before = parseInt(await evaluations(), 10);
+    await page.waitForFunction(from => parseInt(document.querySelector('dl.figures dd').innerText, 10) > from, before);
+    // A line that has not fallen yet is flat, and no box.
+    await page.locator('svg.chart path').first().waitFor({ state: 'attached' });
+    await page.getByRole('button', { name: 'Stop' }).click();
+    await page.locator('.card .status', { hasText: 'cancelled' }).first().waitFor();
+    holds((await ask(base, `/jobs/${id}`)).state === 'cancelled', 'it runs on');
+  });
+
+  await test(chrome, 'a_lost_connection_is_said_and_mends_itself', {}, async page => {
+    const line = await wire(port);
+    try {
+      await page.goto(`${line.base}/ui/jobs`);
+      const live = page.locator('header .status', { hasText: 'live' });
+      await live.waitFor();
+      line.cut();
+      await page.getByText('connection lost, trying again').waitFor();
+      const { id } = await ask(base, '/jobs', { kind: 'estimate', system: 'room/3', experiment: true });
+      line.mend();
+      await live.waitFor();
+      // What happened meanwhile is told.
+      await page.getByRole('link', { name: id.slice(0, 12) }).waitFor();
+      await page.locator('tr', { hasText: id.slice(0, 12) }).getByText('succeeded').waitFor();
+    } finally {
+      line.close();
+    }
+  });
+
+  await test(chrome, 'zoom_survives_a_live_update', {}, async page => {
+    await page.goto(`${base}/ui/systems/room/5`);
+    const canvas = page.locator('.strips .u-over').first();
+    await canvas.waitFor();
+    const box = await canvas.boundingBox();
+    await page.mouse.move(box.x + box.width * 0.3, box.y + 50);
+    await page.mouse.down();
+    await page.mouse.move(box.x + box.width * 0.5, box.y + 60, { steps: 5 });
+    await page.mouse.up();
+    await page.waitForURL(/from=/);
+    const zoomed = page.url();
+    const { id } = await ask(base, '/jobs', { kind: 'estimate', system: 'room/5', experiment: true });
+    await page.getByText(/estimate of room\/5:/).first().waitFor();
+    holds((await ask(base, `/jobs/${id}`)).state === 'succeeded', 'the job failed');
+    await page.waitForTimeout(500);
+    holds(page.url() === zoomed, `${page.url()} beside ${zoomed}`);
+    // The chart shows what the address says, also after a reload, and the whole again when asked.
+    await page.reload();
+    await page.getByRole('button', { name: 'Whole range' }).click();
+    holds(!page.url().includes('from='), page.url());
+  });
+
+  await test(chrome, 'a_thinned_chart_says_so_and_shows_every_sample_when_zoomed', {}, async page => {
+    await page.goto(`${base}/ui/systems/room/3`);
+    await page.getByText(/Thinned: one point of the chart stands for \d+ of/).waitFor();
+    const asked = page.waitForResponse(answer => answer.url().includes('/comparison') && answer.url().includes('from='));
+    for (let times = 0; times < 3; times += 1) await page.getByRole('button', { name: 'Zoom in' }).click();
+    await asked;
+    await page.getByText(/Every one of the \d+ samples is shown/).waitFor();
+  });
+
+  await test(chrome, 'a_chart_gives_its_numbers_as_a_table_csv_and_curl', {}, async page => {
+    await page.goto(`${base}/ui/systems/room/5`);
+    const frame = page.locator('figure.frame', { hasText: 'Measured and model' });
+    await frame.getByRole('button', { name: 'Table' }).click();
+    await frame.getByRole('columnheader', { name: 'T_room measured' }).waitFor();
+    await frame.getByRole('button', { name: 'curl' }).click();
+    const command = await frame.locator('.command code').innerText();
+    holds(/^curl -s '.*\/fits\/fit_.*\/comparison.*'$/.test(command), command);
+    const answer = await fetch(command.slice(9, -1));
+    holds(answer.ok, 'the command asks for nothing');
+    const saving = page.waitForEvent('download');
+    await frame.getByRole('button', { name: 'CSV' }).click();
+    const text = readFileSync(await (await saving).path(), 'utf8');
+    holds(text.startsWith('time,') && text.split('\n').length > 600, text.slice(0, 80));
+  });
+
+  await test(chrome, 'the_keyboard_alone_leads_everywhere', {}, async page => {
+    await page.goto(`${base}/ui/`);
+    await page.locator('table.systems tbody tr').nth(4).waitFor();
+    await page.keyboard.press('?');
+    await page.getByRole('dialog', { name: 'Keys' }).waitFor();
+    await page.keyboard.press('Escape');
+    await page.getByRole('dialog', { name: 'Keys' }).waitFor({ state: 'detached' });
+    await page.keyboard.press('j');
+    await page.keyboard.press('x');
+    await page.getByRole('button', { name: 'Refit 1 selected' }).waitFor();
+    const system = (await page.locator('tr[aria-current=true] a').innerText());
+    await page.keyboard.press('Enter');
+    await page.getByRole('heading', { level: 1, name: system }).waitFor();
+    await page.keyboard.press('5');
+    await page.getByText('What the gate says').waitFor();
+    holds(page.url().endsWith('/parameters'), page.url());
+    await page.keyboard.press('1');
+    await page.locator('.strips').focus();
+    await page.keyboard.press('+');
+    await page.waitForURL(/from=/);
+    const zoomed = page.url();
+    await page.keyboard.press('ArrowRight');
+    await page.waitForFunction(before => location.href !== before, zoomed);
+    await page.keyboard.press('z');
+    await page.waitForURL(url => !url.search.includes('from='));
+    await page.keyboard.press(']');
+    await page.waitForFunction(name => !document.querySelector('h1')?.innerText.includes(name), system);
+    await page.keyboard.press('g');
+    await page.keyboard.press('j');
+    await page.getByRole('heading', { level: 1, name: 'Jobs' }).waitFor();
+    // A key in a field is a letter.
+    await page.keyboard.press('g');
+    await page.keyboard.press('o');
+    await page.keyboard.press('/');
+    await page.keyboard.type('room/3 g j');
+    holds(page.url().includes('search='), page.url());
+    await page.keyboard.press('Tab');
+    holds(await page.evaluate(() => document.activeElement !== document.body), 'the focus is lost');
+  });
+
+  await test(chrome, 'dark_is_dark_and_is_remembered', { scheme: 'dark' }, async page => {
+    await page.goto(`${base}/ui/`);
+    const ground = () => page.evaluate(() => getComputedStyle(document.documentElement).backgroundColor);
+    await page.getByRole('button', { name: 'Theme: as the system' }).waitFor();
+    holds((await ground()) === 'rgb(13, 17, 23)', await ground());
+    await page.getByRole('button', { name: 'Theme: as the system' }).click();
+    holds((await ground()) === 'rgb(255, 255, 255)', await ground());
+    await page.reload();
+    await page.getByRole('button', { name: 'Theme: light' }).waitFor();
+    holds((await ground()) === 'rgb(255, 255, 255)', await ground());
+  });
+
+  await test(chrome, 'empty_loading_and_failed_are_three_screens', {}, async page => {
+    await page.goto(`${base}/ui/systems/room/404`);
+    await page.locator('.screen.failed').getByText(/room\/404/).first().waitFor();
+    await page.goto(`${base}/ui/nothing`);
+    await page.locator('.screen.empty').waitFor();
+    let release = null;
+    await page.route('**/systems?*', async route => {
+      await new Promise(done => { release = done; });
+      await route.continue();
+    });
+    await page.goto(`${base}/ui/`);
+    await page.locator('.screen.loading').getByText('Loading the systems').waitFor();
+    release();
+    await page.locator('table.systems').waitFor();
+    await page.unroute('**/systems?*');
+    await page.route('**/systems?*', route => route.abort());
+    await page.goto(`${base}/ui/`);
+    await page.locator('.screen.failed').getByText('No answer from the service').waitFor();
+    await page.unroute('**/systems?*');
+    await page.getByRole('button', { name: 'Try again' }).click();
+    await page.locator('table.systems').waitFor();
+  });
+
+  await test(chrome, 'twenty_thousand_points_in_six_strips_move', { motion: 'no-preference' }, async page => {
+    await page.goto(`${base}/ui/`);
+    const moved = await page.evaluate(async () => {
+      const { html, render } = await import('/ui/html.js');
+      const { Strips } = await import('/ui/charts/strips.js');
+      const count = 20_000;
+      const time = Array.from({ length: count }, (_, at) => 1.6e9 + at * 600);
+      const strips = Array.from({ length: 6 }, (_, strip) => ({
+        label: `strip ${strip}`, unit: 'K', height: strip ? 70 : 260, lines: [{ label: 'x', colour: 'model', values: time.map((_, at) => Math.sin(at / (50 + strip)) + Math.sin(at * 12.9898) * 0.3) }],
+      }));
+      const whole = [time[0], time.at(-1)];
+      const host = document.createElement('div');
+      document.body.prepend(host);
+      render(html`<${Strips} time=${time} strips=${strips} whole=${whole} range=${[time[2000], time[14000]]} onZoom=${() => {}} label="test" />`, host);
+      await new Promise(done => setTimeout(done, 300));
+      const surface = host.querySelector('.u-over').getBoundingClientRect();
+      const at = x => ({ clientX: surface.left + x, clientY: surface.top + 20, shiftKey: true, bubbles: true });
+      host.querySelector('.strips').dispatchEvent(new MouseEvent('mousedown', at(600)));
+      const frames = 120;
+      const start = performance.now();
+      let drawing = 0;
+      for (let frame = 0; frame < frames; frame += 1) {
+        await new Promise(requestAnimationFrame);
+        const begun = performance.now();
+        dispatchEvent(new MouseEvent('mousemove', at(600 + 300 * Math.sin(frame / 10))));
+        await Promise.resolve();
+        drawing += performance.now() - begun;
+      }
+      const seconds = (performance.now() - start) / 1000;
+      dispatchEvent(new MouseEvent('mouseup', at(600)));
+      return { rate: frames / seconds, drawing: drawing / frames, plots: host.querySelectorAll('canvas').length };
+    });
+    console.log(`  20000 points in ${moved.plots} strips: ${moved.rate.toFixed(0)} frames a second, ${moved.drawing.toFixed(1)} ms of work each`);
+    holds(moved.plots === 6, `${moved.plots} strips`);
+  });
+}

@@ -1,0 +1,127 @@
+// What the tests stand on: the demo of the binary, a browser, and the count of what passed.
+import { spawn } from 'node:child_process';
+import { once } from 'node:events';
+import { existsSync, mkdtempSync, rmSync } from 'node:fs';
+import net from 'node:net';
+import { tmpdir } from 'node:os';
+import { join } from 'node:path';
+import { chromium } from 'playwright-core';
+
+const PATIENCE_MS = 60_000;
+
+async function freePort() {
+  const server = net.createServer().listen(0, '127.0.0.1');
+  await once(server, 'listening');
+  const { port } = server.address();
+  server.close();
+  await once(server, 'close');
+  return port;
+}
+
+/** The demo, once it answers: `{base, port, stop}`. */
+export async function demo(binary) {
+  const folder = mkdtempSync(join(tmpdir(), 'lampyris-browser-'));
+  const port = await freePort();
+  const child = spawn(binary, ['demo', '--folder', 'demo', '--bind', `127.0.0.1:${port}`], { cwd: folder, stdio: ['ignore', 'pipe', 'pipe'] });
+  let said = '';
+  child.stdout.on('data', text => { said += text; });
+  child.stderr.on('data', text => { said += text; });
+  const ended = once(child, 'exit');
+  const stop = async () => {
+    if (child.exitCode === null) child.kill('SIGTERM');
+    const late = setTimeout(() => child.kill('SIGKILL'), 8000);
+    await ended;
+    clearTimeout(late);
+    rmSync(folder, { recursive: true, force: true });
+  };
+  const base = `http://127.0.0.1:${port}`;
+  const until = Date.now() + PATIENCE_MS;
+  while (!said.includes('What a controller gets')) {
+    if (child.exitCode !== null || Date.now() > until) {
+      await stop();
+      throw new Error(`the demo did not start:\n${said}`);
+    }
+    await new Promise(done => setTimeout(done, 100));
+  }
+  return { base, port, stop };
+}
+
+/** A line to the service that can be cut: `cut()` ends every connection and refuses new ones, `mend()` lets them in again. */
+export async function wire(port) {
+  const open = new Set();
+  let whole = true;
+  const server = net.createServer(near => {
+    if (!whole) {
+      near.destroy();
+      return;
+    }
+    const far = net.connect(port, '127.0.0.1');
+    for (const socket of [near, far]) {
+      open.add(socket);
+      socket.on('error', () => {});
+      socket.on('close', () => { open.delete(socket); near.destroy(); far.destroy(); });
+    }
+    near.pipe(far).pipe(near);
+  }).listen(0, '127.0.0.1');
+  await once(server, 'listening');
+  return {
+    base: `http://127.0.0.1:${server.address().port}`,
+    cut: () => { whole = false; open.forEach(socket => socket.destroy()); },
+    mend: () => { whole = true; },
+    close: () => { open.forEach(socket => socket.destroy()); server.close(); },
+  };
+}
+
+export async function browser() {
+  const path = [process.env.CHROMIUM, '/usr/bin/chromium', '/usr/bin/chromium-browser', '/usr/bin/google-chrome'].find(candidate => candidate && existsSync(candidate));
+  if (!path) throw new Error('no Chromium: apt-get install chromium');
+  return chromium.launch({ executablePath: path, args: ['--no-sandbox'] });
+}
+
+const counted = { passed: 0, failed: 0 };
+
+/** Opens a page at a width, with a scheme; what goes wrong in it is a fault of the test. */
+export async function open(chrome, { width = 1366, height = 768, scheme = 'light', motion = 'reduce' } = {}) {
+  const context = await chrome.newContext({ viewport: { width, height }, colorScheme: scheme, reducedMotion: motion, acceptDownloads: true });
+  context.setDefaultTimeout(PATIENCE_MS);
+  const page = await context.newPage();
+  const faults = [];
+  page.on('pageerror', error => faults.push(`${error.message}\n${error.stack}`));
+  // A refused request is part of some stories; a script, a style or a policy that fails never is.
+  page.on('console', message => message.type() === 'error' && !message.text().startsWith('Failed to load resource') && faults.push(message.text()));
+  return { page, faults, close: () => context.close() };
+}
+
+/** Runs a test on a page of its own. */
+export async function test(chrome, name, options, body) {
+  const place = await open(chrome, options);
+  try {
+    await body(place.page);
+    if (place.faults.length) throw new Error(place.faults.join('\n'));
+    counted.passed += 1;
+    console.log(`test ${name} ... ok`);
+  } catch (error) {
+    counted.failed += 1;
+    console.log(`test ${name} ... FAILED\n${error.stack ?? error}\n  at ${place.page.url()}`);
+    if (process.env.LAMPYRIS_SHOTS) await place.page.screenshot({ path: join(process.env.LAMPYRIS_SHOTS, `FAILED ${name}.png`), fullPage: true }).catch(() => {});
+  } finally {
+    await place.close();
+  }
+}
+
+/** The line that the one test command counts; the exit code. */
+export function result() {
+  console.log(`\ntest result: ${counted.failed ? 'FAILED' : 'ok'}. ${counted.passed} passed; ${counted.failed} failed; 0 ignored`);
+  return counted.failed ? 1 : 0;
+}
+
+export function holds(condition, text) {
+  if (!condition) throw new Error(text);
+}
+
+/** Asks the service beside the page. */
+export async function ask(base, path, body, method = body ? 'POST' : 'GET') {
+  const response = await fetch(base + path, { method, headers: body ? { 'content-type': 'application/json' } : {}, body: body && JSON.stringify(body) });
+  if (!response.ok) throw new Error(`${method} ${path}: ${response.status} ${await response.text()}`);
+  return response.status === 204 ? null : response.json();
+}

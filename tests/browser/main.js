@@ -1,0 +1,22 @@
+// All browser tests, one after another, against one demo.
+import { browser, demo, result } from './harness.js';
+import { story } from './story.js';
+import { edges } from './edges.js';
+import { pages } from './pages.js';
+
+const service = await demo(process.env.LAMPYRIS_BINARY);
+let chrome = null;
+const stop = async () => {
+  await chrome?.close().catch(() => {});
+  await service.stop();
+};
+for (const signal of ['SIGINT', 'SIGTERM', 'SIGHUP']) process.once(signal, () => stop().then(() => process.exit(1)));
+try {
+  chrome = await browser();
+  await story(chrome, service);
+  await edges(chrome, service);
+  await pages(chrome, service);
+} finally {
+  await stop();
+}
+process.exit(result());

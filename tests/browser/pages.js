@@ -1,0 +1,82 @@
+// Every page in light and dark, narrow and wide: no serious fault of accessibility, nothing cut off.
+import { readFileSync } from 'node:fs';
+import { createRequire } from 'node:module';
+import { join } from 'node:path';
+import { ask, holds, test } from './harness.js';
+
+const axe = readFileSync(createRequire(import.meta.url).resolve('axe-core/axe.min.js'), 'utf8');
+
+async function faultsOf(page) {
+  // The policy of the page lets no foreign script in; the tester's way in lies beside it.
+  await page.evaluate(axe);
+  const { violations } = await page.evaluate(() => window.axe.run(document, { resultTypes: ['violations'] }));
+  return violations.filter(fault => ['serious', 'critical'].includes(fault.impact)).map(fault => `${fault.id}: ${fault.help}\n    ${fault.nodes.slice(0, 3).map(node => `${node.html.slice(0, 160)} ${node.failureSummary?.split('\n')[1] ?? ''}`).join('\n    ')}`);
+}
+
+/** Letters that leave their box, and parts that push the page wider than the window. */
+const cutOff = page => page.evaluate(() => {
+  const found = [];
+  if (document.documentElement.scrollWidth > innerWidth + 1) {
+    const wide = [...document.querySelectorAll('main *')].filter(part => part.getBoundingClientRect().right > innerWidth + 1 && !part.closest('.scroll, svg, .uplot, .equation, .editor, pre')).slice(0, 3);
+    found.push(`the page is ${document.documentElement.scrollWidth} wide in ${innerWidth}: ${wide.map(part => part.outerHTML.slice(0, 120)).join(' | ')}`);
+  }
+  for (const button of document.querySelectorAll('main button, main a.button')) {
+    if (button.scrollWidth > button.clientWidth + 2) found.push(`cut off: ${button.innerText}`);
+  }
+  if (/undefined|\[object|NaN|Invalid Date/.test(document.querySelector('main').innerText)) found.push(`a placeholder: ${/.{0,40}(undefined|\[object|NaN|Invalid Date).{0,40}/.exec(document.querySelector('main').innerText)[0]}`);
+  return found;
+});
+
+export async function pages(chrome, { base }) {
+  const [job] = (await ask(base, '/jobs?kind=estimate&page_size=1')).items;
+  const batch = await ask(base, '/jobs', { kind: 'recalibrate', systems: ['room/1', 'room/4'] });
+  const places = {
+    overview: ['/', 'table.systems tbody tr'],
+    fit: ['/systems/room/5', '.strips canvas'],
+    'fit-ahead': ['/systems/room/3?mode=PT6H', '.strips canvas'],
+    fails: ['/systems/room/5/fails', 'svg.heat'],
+    missing: ['/systems/room/5/missing', '.verdict'],
+    ladder: ['/systems/room/5/ladder', 'svg.ladder'],
+    parameters: ['/systems/room/1/parameters', 'svg.rail'],
+    rejected: ['/systems/room/2/parameters', 'svg.rail'],
+    data: ['/systems/room/1/data', '.strips canvas'],
+    empty: ['/systems/room/9', '.screen.empty'],
+    jobs: ['/jobs', 'tbody tr'],
+    job: [`/jobs/${job.id}`, '.card'],
+    batch: [`/batches/${batch.id}`, 'tbody tr'],
+    models: ['/models', 'tbody tr'],
+    model: ['/models/tite%2Boccupancy_gain', '.strips canvas'],
+    effect: ['/effects/wind_infiltration', '.equation'],
+    'edit-model': ['/edit/model', '.strips canvas'],
+    'edit-effect': ['/edit/effect?model=tite&system=room/5', '.strips canvas'],
+    schedules: ['/schedules', 'tbody tr'],
+    new: ['/new', 'form'],
+  };
+  for (const scheme of ['light', 'dark']) {
+    await test(chrome, `no_page_has_a_serious_fault_in_${scheme}`, { scheme }, async page => {
+      const faults = [];
+      for (const [name, [path, ready]] of Object.entries(places)) {
+        await page.goto(`${base}/ui${path}`);
+        await page.locator(ready).first().waitFor();
+        await page.waitForLoadState('networkidle', { timeout: 1500 }).catch(() => {});
+        for (const fault of [...(await faultsOf(page)), ...(await cutOff(page))]) faults.push(`${name}: ${fault}`);
+        if (process.env.LAMPYRIS_SHOTS) await page.screenshot({ path: join(process.env.LAMPYRIS_SHOTS, `${name}-${scheme}.png`), fullPage: true });
+      }
+      holds(faults.length === 0, `${faults.length} faults\n  ${faults.join('\n  ')}`);
+    });
+  }
+  // 200 % of a window 1366 wide, and a telephone.
+  for (const width of [683, 390]) {
+    await test(chrome, `nothing_is_cut_off_at_a_width_of_${width}`, { width }, async page => {
+      const faults = [];
+      for (const [name, [path, ready]] of Object.entries(places)) {
+        await page.goto(`${base}/ui${path}`);
+        await page.locator(ready).first().waitFor();
+        await page.waitForTimeout(200);
+        for (const fault of await cutOff(page)) faults.push(`${name}: ${fault}`);
+        if (process.env.LAMPYRIS_SHOTS) await page.screenshot({ path: join(process.env.LAMPYRIS_SHOTS, `${name}-${width}.png`), fullPage: true });
+      }
+      holds(faults.length === 0, `${faults.length} faults\n  ${faults.join('\n  ')}`);
+    });
+  }
+}
