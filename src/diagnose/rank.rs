@@ -314,15 +314,17 @@ fn gate(suspect: &Suspect, one: &Tried, strict: bool, placebo: f64) -> Option<(G
     if !allowed {
         return Some((Gate::Sign, "the data ask for a sign that physics does not allow".to_owned()));
     }
+    // What could not be compared gains nothing.
+    let gains = |least: f64| one.delta_bic >= least;
     // A cause stands out from what everybody gains.
-    if placebo > LEAST_BIC && !(one.delta_bic >= STAND_OUT * placebo) {
+    if placebo > LEAST_BIC && !gains(STAND_OUT * placebo) {
         return Some((Gate::Bic, "most suspects gain alike: the fit without them is not at its optimum".to_owned()));
     }
     let reaches = |share: Option<f64>, least: f64| share.is_some_and(|share| share >= least);
     let endogenous = suspect.endogenous;
     let slow = !endogenous && !suspect.by_clock && explains_slowly(one);
     let least = if suspect.by_clock { LEAST_CLOCK_BIC } else { LEAST_BIC };
-    if !slow && !(one.delta_bic >= least) {
+    if !slow && !gains(least) {
         return Some((Gate::Bic, format!("it gains {:.1} in BIC, and {least} is asked for", one.delta_bic)));
     }
     // Whatever the likelihood says: what leaves the unseen error as it is is no cause of it.
