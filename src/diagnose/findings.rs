@@ -3,7 +3,7 @@
 use super::candidates::{Suspect, align, suspects, widen};
 use super::failures::episodes;
 use super::fitted::{Null, whitening_at};
-use super::rank::{LEAST_BIC, LEAST_CLOCK_BIC, LEAST_SHARE, Round, STRICT_SHARE, Skip, Tried, round};
+use super::rank::{LEAST_BIC, LEAST_SHAPE_BIC, LEAST_SHARE, Round, STRICT_SHARE, Skip, Tried, round};
 use super::report::{
     Adequacy, Coefficient, Considered, Diagnosis, Finding, FindingKind, Gate, Measures, NotTestable, Preview, RmsePairs, Unexplained,
 };
@@ -297,7 +297,7 @@ fn evidence(suspect: &Suspect, winner: &Tried, rmse: &RmsePairs) -> Vec<String> 
     if let Some([before, after]) = rmse.validation_ahead.get("PT24H") {
         sentences.push(format!("Forecasts a day ahead err by {after:.2} instead of {before:.2} K."));
     }
-    let least = if suspect.by_clock { LEAST_CLOCK_BIC } else { LEAST_BIC };
+    let least = if suspect.by_clock { LEAST_SHAPE_BIC } else { LEAST_BIC };
     match winner.slow_delta_bic {
         Some(slow) if winner.delta_bic < least => {
             sentences.push(format!(

@@ -14,8 +14,12 @@ use rayon::prelude::*;
 
 /// Least gain of the BIC.
 pub const LEAST_BIC: f64 = 10.0;
-/// The same of a shape that follows the clock alone.
-pub const LEAST_CLOCK_BIC: f64 = 20.0;
+/// The same of a shape that follows the clock alone, and of one that the model imitates near its optimum unless it
+/// explains much.
+pub const LEAST_SHAPE_BIC: f64 = 20.0;
+/// Ratio of free-run error to innovation deviation above which slow effects are let in by slower measures: where a
+/// model is right but for little, the likelihood sees what is missing.
+const CRUDE_RHO: f64 = 1.5;
 /// Least share of the unseen free-run error beyond the noise.
 pub const LEAST_SHARE: f64 = 0.20;
 /// Or least share of the unseen innovations.
@@ -129,9 +133,10 @@ pub fn round(null: &mut Null, suspects: &[Suspect], strict: bool) -> Option<Roun
         placebo = median_gain(&tried, suspects);
     }
     day_ahead(null, suspects, &mut tried);
+    let crude = null.rho().is_some_and(|rho| rho >= CRUDE_RHO);
     for one in &mut tried {
         let suspect = &suspects[one.suspect];
-        one.gate = gate(suspect, one, strict, placebo);
+        one.gate = gate(suspect, one, strict, crude, placebo);
     }
     let winner = tried.iter().position(|one| one.gate.is_none());
     let tied = winner.map_or_else(Vec::new, |winner| ties(&mut tried, suspects, winner));
@@ -305,7 +310,7 @@ fn day_ahead(null: &Null, suspects: &[Suspect], tried: &mut [Tried]) {
 }
 
 /// What stops a suspect.
-fn gate(suspect: &Suspect, one: &Tried, strict: bool, placebo: f64) -> Option<(Gate, String)> {
+fn gate(suspect: &Suspect, one: &Tried, strict: bool, crude: bool, placebo: f64) -> Option<(Gate, String)> {
     let percent = |share: Option<f64>| share.map_or_else(|| "no unseen data".to_owned(), |share| format!("{:.0} %", 100.0 * share));
     if one.active == 0 {
         return Some((Gate::Bound, "it fits best where it does nothing".to_owned()));
@@ -322,8 +327,11 @@ fn gate(suspect: &Suspect, one: &Tried, strict: bool, placebo: f64) -> Option<(G
     }
     let reaches = |share: Option<f64>, least: f64| share.is_some_and(|share| share >= least);
     let endogenous = suspect.endogenous;
-    let slow = !endogenous && !suspect.by_clock && explains_slowly(one);
-    let least = if suspect.by_clock { LEAST_CLOCK_BIC } else { LEAST_BIC };
+    let doubtful = suspect.by_clock || (one.score.imitated && !reaches(one.share, STRICT_SHARE));
+    let (slow, least) = match doubtful {
+        true => (false, LEAST_SHAPE_BIC),
+        false => (crude && !endogenous && explains_slowly(one), LEAST_BIC),
+    };
     if !slow && !gains(least) {
         return Some((Gate::Bic, format!("it gains {:.1} in BIC, and {least} is asked for", one.delta_bic)));
     }

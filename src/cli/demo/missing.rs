@@ -46,6 +46,7 @@ fn rooms() -> Result<Vec<Room>, Failure> {
     let house = json!({
         "model": "room3", "neighbours": ["room/81", "room/82"], "channels": { "T_room_81": "T_room_1", "T_room_82": "T_room_2" },
     });
+    let with_test = json!({ "split": { "train": "P14D", "validation": "P7D", "test": "P7D" }, "method": { "seed": 1 } });
     Ok(vec![
         Room {
             system: "room/6",
@@ -67,7 +68,7 @@ fn rooms() -> Result<Vec<Room>, Failure> {
             label: "synthetic house with two hidden effects",
             document: house.clone(),
             csv: twin(SEEDS[0], &["wind_infiltration", "metered_gain"])?,
-            request: json!({ "method": { "seed": 1 } }),
+            request: with_test.clone(),
             climbs: true,
         },
         Room {
@@ -75,7 +76,7 @@ fn rooms() -> Result<Vec<Room>, Failure> {
             label: "synthetic room that hides nothing",
             document: house,
             csv: twin(SEEDS[1], &[])?,
-            request: json!({ "method": { "seed": 1 } }),
+            request: with_test,
             climbs: false,
         },
     ])
