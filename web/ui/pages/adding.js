@@ -11,8 +11,8 @@ import { Equations } from '../parts/equations.js';
 import { Status } from '../parts/status.js';
 import { LadderChart } from '../charts/ladder.js';
 
-/** A fall of less than half a per cent is none. */
-const FALL = 0.995;
+/** A fall of less than one per cent is none. */
+const FALL = 0.99;
 
 const all = (path, options) => Promise.all(path.split(',').map(id => ask(`/fits/${id}`, options)));
 
