@@ -183,6 +183,7 @@ export async function edges(chrome, { base, port }) {
     // A key in a field is a letter.
     await page.keyboard.press('g');
     await page.keyboard.press('o');
+    await page.locator('table.systems').waitFor();
     await page.keyboard.press('/');
     await page.keyboard.type('room/3 g j');
     holds(page.url().includes('search='), page.url());

@@ -109,5 +109,5 @@ export function curl(path, { method, body, accept } = {}) {
 /** A path with a query; what is null or empty is left out. */
 export function withQuery(path, query) {
   const pairs = Object.entries(query).filter(([, value]) => value !== null && value !== undefined && value !== '');
-  return pairs.length ? `${path}?${new URLSearchParams(pairs)}` : path;
+  return pairs.length ? `${path}${path.includes('?') ? '&' : '?'}${new URLSearchParams(pairs)}` : path;
 }
