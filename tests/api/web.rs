@@ -71,7 +71,12 @@ fn nothing_but_files_of_this_service_may_run() {
 fn every_address_of_the_page_answers_with_it() {
     let app = TestApp::start();
     let page = app.get("/ui/").expect(200).text;
-    for address in ["/ui/systems/room/4/missing", "/ui/systems/room/4?from=2020-01-01T00%3A00%3A00Z&mode=PT6H", "/ui/models/tite%2Bsensor_lag", "/ui/jobs"] {
+    for address in [
+        "/ui/systems/room/4/missing",
+        "/ui/systems/room/4?from=2020-01-01T00%3A00%3A00Z&mode=PT6H",
+        "/ui/models/tite%2Bsensor_lag",
+        "/ui/jobs",
+    ] {
         assert_eq!(app.get(address).expect(200).text, page, "{address}");
     }
     assert_eq!(app.get("/").expect(200).text, page, "the root leads there");

@@ -1,7 +1,7 @@
 // Lines over time: strips below each other with one time axis, one crosshair and one zoom.
 import { html, useRef, useLayoutEffect, useState, useMemo, useId } from '../html.js';
 import { colour, useScheme } from '../theme.js';
-import { number } from '../format.js';
+import { number, clock } from '../format.js';
 import { useWidth } from './axes.js';
 
 const { uPlot } = window;
@@ -150,6 +150,7 @@ export function Strips({ time, strips, range, whole, parts = [], zone = 'UTC', o
   const root = useRef(null);
   const plots = useRef([]);
   const readers = useRef([]);
+  const when = useRef(null);
   const width = useWidth(root);
   const scheme = useScheme();
   const sync = useId();
@@ -170,7 +171,10 @@ export function Strips({ time, strips, range, whole, parts = [], zone = 'UTC', o
     plots.current = strips.map((strip, index) => draw(hosts[index], strip, {
       time, width, zone, parts, gaps, sync, first: index === 0, last: index === strips.length - 1,
       onSelect: chosen => asked.current(chosen),
-      onCursor: at => readers.current[index]?.querySelectorAll('output').forEach((place, line) => { place.textContent = read(strip.lines[line], at); }),
+      onCursor: at => {
+        if (index === 0) when.current.textContent = at === null || at === undefined ? '' : clock(time[at] * 1000, zone);
+        readers.current[index]?.querySelectorAll('output').forEach((place, line) => { place.textContent = read(strip.lines[line], at); });
+      },
     }));
     show(shown.current);
     return () => plots.current.forEach(plot => plot.destroy());
@@ -237,6 +241,7 @@ export function Strips({ time, strips, range, whole, parts = [], zone = 'UTC', o
         <button class="plain" onClick=${() => onZoom(keys.ArrowLeft())} aria-label="Earlier" disabled=${!zoomed}>←</button>
         <button class="plain" onClick=${() => onZoom(keys.ArrowRight())} aria-label="Later" disabled=${!zoomed}>→</button>
         <button class="plain" onClick=${() => onZoom(null)} disabled=${!zoomed}>Whole range</button>
+        <output class="number" aria-hidden="true" ref=${when}></output>
       </span>
       <span class="note">Drag to zoom, Shift and drag to move. Times are ${zone}.</span>
     </div>

@@ -12,7 +12,7 @@ import { Upload } from './upload.js';
 
 export function Data({ system, document, query, reload }) {
   const windows = useList(`/systems/${system}/windows`);
-  const path = withQuery(`/systems/${system}/series`, { max_points: 1500 });
+  const path = withQuery(`/systems/${system}/series`, { max_points: 2000 });
   const series = useResource(windows.data?.length ? path : null);
   const done = () => { windows.reload(); series.reload(); reload(); };
   return html`
