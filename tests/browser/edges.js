@@ -56,7 +56,7 @@ export async function edges(chrome, { base, port }) {
     const faults = page.locator('.faults li');
     await page.locator('.status', { hasText: '2 faults' }).waitFor();
     const lineOf = text => bad.split('\n').findIndex(line => line.includes(text)) + 1;
-    holds((await faults.nth(0).innerText()).startsWith(`line ${lineOf('furlong')} `), await faults.nth(0).innerText());
+    holds((await faults.nth(0).innerText()).startsWith(`line ${lineOf('"alpha": {')} `), await faults.nth(0).innerText());
     holds((await faults.nth(1).innerText()).startsWith(`line ${lineOf('alfa')} `), await faults.nth(1).innerText());
     holds((await faults.nth(1).innerText()).includes('did you mean `alpha`'), 'nothing is suggested');
     holds((await page.locator('.editor pre .fault').count()) === 2, 'the lines have no mark');
@@ -183,6 +183,7 @@ export async function edges(chrome, { base, port }) {
     // A key in a field is a letter.
     await page.keyboard.press('g');
     await page.keyboard.press('o');
+    await page.locator('table.systems').waitFor();
     await page.keyboard.press('/');
     await page.keyboard.type('room/3 g j');
     holds(page.url().includes('search='), page.url());

@@ -28,6 +28,16 @@ const cutOff = page => page.evaluate(() => {
 });
 
 export async function pages(chrome, { base }) {
+  await test(chrome, 'the_page_is_less_than_200_kB_as_it_is_sent', {}, async page => {
+    const sizes = [];
+    page.on('requestfinished', request => request.url().startsWith(`${base}/ui/`) && sizes.push(request.sizes().then(size => size.responseBodySize)));
+    await page.goto(`${base}/ui/`);
+    await page.locator('table.systems').waitFor();
+    const bytes = (await Promise.all(sizes)).reduce((sum, size) => sum + size, 0);
+    console.log(`  ${sizes.length} files, ${bytes} bytes`);
+    holds(sizes.length > 30 && bytes < 200_000, `${sizes.length} files, ${bytes} bytes`);
+  });
+
   const [job] = (await ask(base, '/jobs?kind=estimate&page_size=1')).items;
   const batch = await ask(base, '/jobs', { kind: 'recalibrate', systems: ['room/1', 'room/4'] });
   const places = {

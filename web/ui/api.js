@@ -57,6 +57,9 @@ export async function every(path, { signal, most = 1000 } = {}) {
   return items;
 }
 
+/** The window hears this when the service is there again after a break: then everything is read anew. */
+export const AGAIN = 'lampyris-again';
+
 const asItIs = (path, options) => ask(path, options);
 
 /**
@@ -66,6 +69,11 @@ const asItIs = (path, options) => ask(path, options);
 export function useResource(path, { read = asItIs } = {}) {
   const [state, setState] = useState({ path: null, data: null, error: null, loading: path !== null });
   const [turn, setTurn] = useState(0);
+  useEffect(() => {
+    const again = () => setTurn(before => before + 1);
+    addEventListener(AGAIN, again);
+    return () => removeEventListener(AGAIN, again);
+  }, []);
   const reading = useRef(read);
   reading.current = read;
   useEffect(() => {
@@ -101,5 +109,5 @@ export function curl(path, { method, body, accept } = {}) {
 /** A path with a query; what is null or empty is left out. */
 export function withQuery(path, query) {
   const pairs = Object.entries(query).filter(([, value]) => value !== null && value !== undefined && value !== '');
-  return pairs.length ? `${path}?${new URLSearchParams(pairs)}` : path;
+  return pairs.length ? `${path}${path.includes('?') ? '&' : '?'}${new URLSearchParams(pairs)}` : path;
 }

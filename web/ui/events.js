@@ -1,7 +1,7 @@
 // What happens to jobs, pushed by the service. One stream serves the whole page; a job that is watched has its own,
 // because that one tells its story from the start.
 import { useState, useEffect, useRef } from './html.js';
-import { ask } from './api.js';
+import { ask, AGAIN } from './api.js';
 
 const KINDS = ['queued', 'started', 'progress', 'incumbent', 'finished'];
 const AGAIN_MS = 2000;
@@ -11,6 +11,8 @@ let connected = null;
 
 function setConnected(value) {
   if (connected === value) return;
+  // What happened while nobody listened is read again from the lists.
+  if (connected === false && value) dispatchEvent(new Event(AGAIN));
   connected = value;
   connectionListeners.forEach(listener => listener(value));
 }

@@ -16,7 +16,7 @@ export function signedColour(value, most) {
   return `rgb(${NONE.map((from, at) => Math.round(from + (end[at] - from) * share)).join(',')})`;
 }
 
-/** `days`: `{date, hours: [24]}`. `onPick(date, hour)` where a cell is clicked. */
+/** `days`: `{date, hours: [24]}`. `onPick(date)` where a cell is clicked or a day is chosen. */
 export function Heatmap({ days, unit, onPick, label }) {
   const host = useRef(null);
   const width = useWidth(host) || 600;
@@ -26,18 +26,20 @@ export function Heatmap({ days, unit, onPick, label }) {
   const cell = (width - MARGIN.left) / Math.max(days.length, 1);
   const height = MARGIN.top + 24 * ROW_PX + MARGIN.bottom;
   const every = Math.max(Math.ceil(days.length / Math.max(Math.floor(width / 70), 1)), 1);
+  const chosen = event => event.target.value && days.some(day => day.date === event.target.value) && onPick(event.target.value);
   const pick = event => {
-    const { day, hour } = event.target.dataset;
-    if (day !== undefined && onPick) onPick(days[Number(day)].date, Number(hour));
+    const { day } = event.target.dataset;
+    if (day !== undefined) onPick(days[Number(day)].date);
   };
   return html`<div ref=${host}>
     <svg class="chart heat" role="img" aria-label=${label} width=${width} height=${height} viewBox=${`0 0 ${width} ${height}`} onClick=${pick}>
-      ${days.map((day, at) => day.hours.map((value, hour) => value !== null && html`<rect class="cell" data-day=${at} data-hour=${hour}
+      ${days.map((day, at) => day.hours.map((value, hour) => value !== null && html`<rect class="cell" data-day=${at}
         x=${MARGIN.left + at * cell} y=${MARGIN.top + hour * ROW_PX} width=${Math.max(cell - 0.5, 0.5)} height=${ROW_PX - 0.5} fill=${signedColour(value, most)}>
         <title>${`${day.date} ${String(hour).padStart(2, '0')} h: ${number(value)} ${unit}`}</title></rect>`))}
       ${[0, 6, 12, 18].map(hour => html`<text class="quiet" x=${MARGIN.left - 5} y=${MARGIN.top + hour * ROW_PX + 9} text-anchor="end">${String(hour).padStart(2, '0')} h</text>`)}
       ${days.map((day, at) => at % every === 0 && html`<text class="quiet" x=${MARGIN.left + at * cell} y=${height - 8}>${day.date.slice(5)}</text>`)}
     </svg>
-    <p class="note">colder than the model says, −${number(most, 2)} ${unit} <span class="scale" aria-hidden="true"></span> +${number(most, 2)} ${unit}, warmer. Click an hour to see its day in the chart.</p>
+    <p class="note">colder than the model says, −${number(most, 2)} ${unit} <span class="scale" aria-hidden="true"></span> +${number(most, 2)} ${unit}, warmer. Click an hour to see its day in the chart, or</p>
+    <label class="inline">choose a day <input type="date" min=${days[0]?.date} max=${days.at(-1)?.date} onChange=${chosen} /></label>
   </div>`;
 }

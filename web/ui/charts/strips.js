@@ -1,7 +1,7 @@
 // Lines over time: strips below each other with one time axis, one crosshair and one zoom.
 import { html, useRef, useLayoutEffect, useState, useMemo, useId } from '../html.js';
 import { colour, useScheme } from '../theme.js';
-import { number } from '../format.js';
+import { number, clock } from '../format.js';
 import { useWidth } from './axes.js';
 
 const { uPlot } = window;
@@ -81,13 +81,14 @@ function background(plot, strip, parts, gaps, first) {
 }
 
 /** A line is one series, or two with the area between them where it is thinned to its extremes. */
-function seriesOf(strip) {
+function seriesOf(strip, dense) {
   const series = [{}];
   const bands = [];
   const data = [];
   for (const line of strip.lines) {
     const stroke = colour(line.colour);
-    const look = { stroke, width: line.width ?? 1.5, dash: line.dash, points: { show: false } };
+    // Hair lines are drawn ten times as fast; where samples are closer than pixels nothing is lost.
+    const look = { stroke, width: dense ? 1 : line.width ?? 1.5, dash: line.dash, points: { show: false } };
     if (line.step) look.paths = uPlot.paths.stepped({ align: 1 });
     if (line.values) {
       series.push(look);
@@ -102,7 +103,7 @@ function seriesOf(strip) {
 }
 
 function draw(target, strip, { time, width, zone, parts, gaps, sync, first, last, onSelect, onCursor }) {
-  const { series, bands, data } = seriesOf(strip);
+  const { series, bands, data } = seriesOf(strip, time.length > 2 * width);
   const axis = { stroke: colour('quiet'), grid: { stroke: colour('grid'), width: 1 }, ticks: { stroke: colour('grid'), width: 1 }, font: '11px system-ui, sans-serif' };
   return new uPlot({
     width,
@@ -149,6 +150,7 @@ export function Strips({ time, strips, range, whole, parts = [], zone = 'UTC', o
   const root = useRef(null);
   const plots = useRef([]);
   const readers = useRef([]);
+  const when = useRef(null);
   const width = useWidth(root);
   const scheme = useScheme();
   const sync = useId();
@@ -169,7 +171,10 @@ export function Strips({ time, strips, range, whole, parts = [], zone = 'UTC', o
     plots.current = strips.map((strip, index) => draw(hosts[index], strip, {
       time, width, zone, parts, gaps, sync, first: index === 0, last: index === strips.length - 1,
       onSelect: chosen => asked.current(chosen),
-      onCursor: at => readers.current[index]?.querySelectorAll('output').forEach((place, line) => { place.textContent = read(strip.lines[line], at); }),
+      onCursor: at => {
+        if (index === 0) when.current.textContent = at === null || at === undefined ? '' : clock(time[at] * 1000, zone);
+        readers.current[index]?.querySelectorAll('output').forEach((place, line) => { place.textContent = read(strip.lines[line], at); });
+      },
     }));
     show(shown.current);
     return () => plots.current.forEach(plot => plot.destroy());
@@ -236,6 +241,7 @@ export function Strips({ time, strips, range, whole, parts = [], zone = 'UTC', o
         <button class="plain" onClick=${() => onZoom(keys.ArrowLeft())} aria-label="Earlier" disabled=${!zoomed}>←</button>
         <button class="plain" onClick=${() => onZoom(keys.ArrowRight())} aria-label="Later" disabled=${!zoomed}>→</button>
         <button class="plain" onClick=${() => onZoom(null)} disabled=${!zoomed}>Whole range</button>
+        <output class="number" aria-hidden="true" ref=${when}></output>
       </span>
       <span class="note">Drag to zoom, Shift and drag to move. Times are ${zone}.</span>
     </div>

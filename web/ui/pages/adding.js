@@ -11,8 +11,8 @@ import { Equations } from '../parts/equations.js';
 import { Status } from '../parts/status.js';
 import { LadderChart } from '../charts/ladder.js';
 
-/** A fall of less than half a per cent is none. */
-const FALL = 0.995;
+/** A fall of less than one per cent is none. */
+const FALL = 0.99;
 
 const all = (path, options) => Promise.all(path.split(',').map(id => ask(`/fits/${id}`, options)));
 
@@ -31,8 +31,10 @@ export function Adding({ diagnosis, system, document, effect, steps, taken, grow
   const [error, setError] = useState(null);
   const [serving, setServing] = useState(null);
   const job = useResource(`/jobs/${diagnosis.job}`);
-  const fits = useResource(diagnosis.fit ? [diagnosis.fit, ...steps].join(',') : null, { read: all });
+  const known = [diagnosis.fit, ...steps].filter(Boolean);
+  const fits = useResource(known.length ? known.join(',') : null, { read: all });
   const adding = here().query.adding;
+  const ready = job.data && (fits.data || known.length === 0);
   const current = fits.data?.at(-1)?.model ?? diagnosis.model;
   useEffect(() => grown(current), [current]);
   const add = async ({ effect: name, title }) => {
@@ -53,7 +55,7 @@ export function Adding({ diagnosis, system, document, effect, steps, taken, grow
       setError(fault);
     }
   };
-  useEffect(() => { if (effect && job.data && fits.data) add(effect); }, [effect, job.data, fits.data]);
+  useEffect(() => { if (effect && ready) add(effect); }, [effect, ready]);
   const ended = done => {
     if (!done.fit || steps.includes(done.fit)) return;
     setQuery({ steps: [...steps, done.fit].join(',') });

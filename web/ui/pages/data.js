@@ -12,30 +12,37 @@ import { Upload } from './upload.js';
 
 export function Data({ system, document, query, reload }) {
   const windows = useList(`/systems/${system}/windows`);
-  const path = withQuery(`/systems/${system}/series`, { max_points: 1500 });
+  const path = withQuery(`/systems/${system}/series`, { max_points: 2000 });
   const series = useResource(windows.data?.length ? path : null);
   const done = () => { windows.reload(); series.reload(); reload(); };
   return html`
     <${Upload} system=${system} document=${document} done=${done} open=${windows.data?.length === 0} />
     <${Shown} of=${windows} what="the measurements" empty=${html`<${Empty} title="No measurements yet"><p>Upload a CSV file above; its first column is the time.</p></${Empty}>`}
       show=${list => html`
-        ${series.error ? html`<${Failed} error=${series.error} retry=${series.reload} />` : series.data && html`<${Series} data=${series.data} path=${path} query=${query} zone=${document.location?.zone ?? 'UTC'} />`}
+        ${series.error ? html`<${Failed} error=${series.error} retry=${series.reload} />` : series.data && html`<${Series} all=${series.data} path=${path} query=${query} zone=${document.location?.zone ?? 'UTC'} />`}
         <${Exclusions} system=${system} document=${document} query=${query} done=${done} />
         <${Channels} list=${list} />
         <${Windows} list=${list} done=${done} />`} />`;
 }
 
-function Series({ data, path, query, zone }) {
-  const whole = useMemo(() => [seconds(data.from), seconds(data.to)], [data]);
+function Series({ all, path: wholePath, query, zone }) {
+  const whole = useMemo(() => [seconds(all.from), seconds(all.to)], [all]);
   const range = query.from && query.to ? [seconds(query.from), seconds(query.to)] : null;
+  // What is thinned is asked for anew where it is looked at closely, with as much again on both sides for moving on.
+  const margin = range ? range[1] - range[0] : 0;
+  const path = range && all.thinned
+    ? withQuery(wholePath, { from: instant(Math.max(range[0] - margin, whole[0])), to: instant(Math.min(range[1] + margin, whole[1])) })
+    : wholePath;
+  const closer = useResource(path === wholePath ? null : path);
+  const data = closer.data ?? all;
   const names = Object.keys(data.channels);
   const [time, strips] = useMemo(() => together(data), [data]);
   const thinned = Object.entries(data.channels).filter(([, channel]) => channel.bucket_s);
-  const says = `${names.length} channels from ${clock(data.from, zone)} to ${clock(data.to, zone)}.`;
+  const says = `${names.length} channels from ${clock(all.from, zone)} to ${clock(all.to, zone)}.`;
   return html`<${Frame} title="Measurements" path=${path} csv summary=${says}
     note=${thinned.length ? `Thinned: each point of ${thinned.map(([name]) => name).join(', ')} stands for ${length(thinned[0][1].bucket_s)} and shows the lowest and the highest value.` : 'Every sample is shown.'}
     table=${() => ({ columns: [['channel'], ['unit'], ['samples', 'number'], ['step'], ['gaps', 'number']], rows: names.map(name => { const channel = data.channels[name]; return [name, channel.unit, channel.samples, length(channel.median_step_s), channel.gaps]; }) })}>
-    <${Coverage} data=${data} whole=${whole} />
+    <${Coverage} data=${all} whole=${whole} />
     <${Strips} time=${time} strips=${strips} whole=${whole} range=${range} zone=${zone} label=${says} onZoom=${chosen => setQuery({ from: chosen && instant(chosen[0]), to: chosen && instant(chosen[1]) })} />
   </${Frame}>`;
 }

@@ -1,7 +1,8 @@
 // Measured beside the model: where the line follows, and where it does not.
-import { html, useMemo } from '../html.js';
-import { useResource, withQuery } from '../api.js';
+import { html, useMemo, useRef } from '../html.js';
+import { useResource, useList, withQuery } from '../api.js';
 import { setQuery } from '../router.js';
+import { useKeys } from '../keys.js';
 import { number, fixed, instant, seconds, horizon, length, fitName, NONE } from '../format.js';
 import { Frame } from '../parts/frame.js';
 import { Table } from '../parts/table.js';
@@ -9,6 +10,7 @@ import { Shown, Empty } from '../parts/screens.js';
 import { Strips } from '../charts/strips.js';
 
 const POINTS = 2000;
+const NO_OTHER = 'none';
 const VIEWS = [['free_run', 'Free run'], ['PT1H', '1 h ahead'], ['PT6H', '6 h ahead'], ['PT24H', '24 h ahead']];
 
 /** What the service is asked for: the view, and the shown range with as much again on both sides for moving on. */
@@ -19,6 +21,14 @@ function asked(query) {
 
 const linesOf = line => (line.values ? { values: line.values } : { min: line.min, max: line.max });
 
+/** The values of another fit's line at these times, or nothing where most of them are others. */
+function aligned(time, other, line) {
+  const at = new Map(other.time.map((sampled, index) => [sampled, index]));
+  if (time.filter(sampled => at.has(sampled)).length < time.length / 2) return null;
+  const taken = values => time.map(sampled => (at.has(sampled) ? values[at.get(sampled)] : null));
+  return Object.fromEntries(Object.entries(linesOf(line)).map(([kind, values]) => [kind, taken(values)]));
+}
+
 /** The strips of a comparison: outputs with their residuals, then each input. */
 function stripsOf(data, previous) {
   const strips = [];
@@ -27,9 +37,8 @@ function stripsOf(data, previous) {
       { label: 'measured', colour: 'measured', width: 1.6, ...linesOf(output.measured) },
       { label: 'model', colour: 'model', width: 1.6, dash: [8, 3], ...linesOf(output.simulated) },
     ];
-    const before = previous?.outputs[name];
-    // Both comparisons have the same times, or the other fit is left out and that is said.
-    if (before) lines.push({ label: 'previous', colour: 'previous', width: 1.6, dash: [2, 3], ...linesOf(before.simulated) });
+    const before = previous?.outputs[name] && aligned(data.time, previous, previous.outputs[name].simulated);
+    if (before) lines.push({ label: 'the other', colour: 'previous', width: 1.6, dash: [2, 3], ...before });
     strips.push({ label: name, unit: output.unit, height: 260, lines });
     strips.push({ label: 'residual: measured − model', unit: output.error_unit, height: 96, zero: true, lines: [{ label: 'residual', colour: 'heldout', width: 1.2, ...linesOf(output.residual) }] });
   }
@@ -63,7 +72,13 @@ function summaryOf(data) {
   return `${data.mode === 'free_run' ? 'Free run' : `Forecasts ${horizon(data.horizon)} ahead`} from ${data.from} to ${data.to}. ${parts.join(' ')}`;
 }
 
-export function FitTab({ fit, fits, document, query }) {
+export function FitTab({ system, fit, fits, params, document, query }) {
+  // Beside what is served stands what was served before, unless another fit is asked for, or none.
+  const history = useList(fit && fit === params?.fit ? `/params/${system}/history` : null);
+  const before = history.data?.find(revision => !revision.current && revision.fit !== fit && fits.some(entry => entry.id === revision.fit))?.fit ?? null;
+  const beside = query.with === NO_OTHER ? null : query.with ?? before;
+  const choice = useRef(null);
+  useKeys({ c: ['choose a fit to compare with', () => choice.current?.focus()] });
   const path = fit && withQuery(`/fits/${fit}/comparison`, asked(query));
   const whole = useResource(path);
   if (!fit) return html`<${Empty} title="Never fitted"><p>Upload measurements under Data, then press Refit: it takes some seconds.</p></${Empty}>`;
@@ -71,17 +86,17 @@ export function FitTab({ fit, fits, document, query }) {
     <div class="row apart">
       <span class="segments" role="group" aria-label="What the model knows">${VIEWS.map(([value, title]) => html`
         <button aria-pressed=${(query.mode ?? 'free_run') === value} onClick=${() => setQuery({ mode: value === 'free_run' ? null : value })}>${title}</button>`)}</span>
-      <label class="inline">Beside it <select value=${query.with ?? ''} onChange=${event => setQuery({ with: event.target.value || null })}>
-        <option value="">no other fit</option>
-        ${fits.filter(entry => entry.id !== fit).map(entry => html`<option value=${entry.id} selected=${entry.id === query.with}>${fitName(entry)}</option>`)}</select></label>
+      <label class="inline">Beside it <select ref=${choice} value=${beside ?? NO_OTHER} onChange=${event => setQuery({ with: event.target.value })}>
+        <option value=${NO_OTHER}>no other fit</option>
+        ${fits.filter(entry => entry.id !== fit).map(entry => html`<option value=${entry.id} selected=${entry.id === beside}>${fitName(entry)}</option>`)}</select></label>
     </div>
     <p class="note">${query.mode && query.mode !== 'free_run'
       ? `At each time the forecast that was made ${horizon(query.mode)} before, from the states that the model then had.`
       : 'One simulation from the start: the model never sees the measured output again.'}</p>
-    <${Shown} of=${whole} what="the comparison" show=${data => html`<${Chart} whole=${data} fit=${fit} query=${query} zone=${document.location?.zone ?? 'UTC'} />`} />`;
+    <${Shown} of=${whole} what="the comparison" show=${data => html`<${Chart} whole=${data} fit=${fit} beside=${beside} query=${query} zone=${document.location?.zone ?? 'UTC'} />`} />`;
 }
 
-function Chart({ whole, fit, query, zone }) {
+function Chart({ whole, fit, beside, query, zone }) {
   const ends = useMemo(() => [seconds(whole.from), seconds(whole.to)], [whole]);
   const range = query.from && query.to ? [seconds(query.from), seconds(query.to)] : null;
   // A thinned line is asked for anew where it is looked at closely, with as much again on both sides for moving on.
@@ -92,10 +107,11 @@ function Chart({ whole, fit, query, zone }) {
   const path = withQuery(`/fits/${fit}/comparison`, { ...asked(query), ...closer });
   const detail = useResource(closer.from ? path : null);
   const data = detail.data?.fit === fit ? detail.data : whole;
-  const other = useResource(query.with ? withQuery(`/fits/${query.with}/comparison`, { ...asked(query), from: data.from, to: data.to }) : null);
-  const fits = other.data && other.data.time.length === data.time.length && other.data.time[0] === data.time[0] ? other.data : null;
+  const other = useResource(beside ? withQuery(`/fits/${beside}/comparison`, { ...asked(query), from: data.from, to: data.to }) : null);
+  const another = beside && other.data?.fit === beside ? other.data : null;
   const time = useMemo(() => data.time.map(seconds), [data]);
-  const strips = useMemo(() => stripsOf(data, fits), [data, fits]);
+  const strips = useMemo(() => stripsOf(data, another), [data, another]);
+  const apart = another && !strips[0].lines.some(line => line.colour === 'previous');
   const parts = useMemo(() => whole.parts.map(part => ({ part: part.part, from: seconds(part.from), to: seconds(part.to) })), [whole]);
   const zoom = chosen => setQuery({ from: chosen && instant(chosen[0]), to: chosen && instant(chosen[1]) });
   const thinned = data.thinning
@@ -103,10 +119,10 @@ function Chart({ whole, fit, query, zone }) {
     : `Every one of the ${data.samples} samples is shown, ${length(data.step_s)} apart.`;
   return html`
     <${Frame} title="Measured and model" summary=${summaryOf(data)} table=${() => tableOf(data)} path=${path} csv
-      note=${`${thinned} Gaps are hatched. ${data.provenance.comment[0].toUpperCase()}${data.provenance.comment.slice(1)}.${query.with && other.data && !fits ? ' The other fit does not cover the same times and is left out.' : ''}`}>
+      note=${`${thinned} Gaps are hatched. ${data.provenance.comment[0].toUpperCase()}${data.provenance.comment.slice(1)}.${apart ? ' The other fit has other times and is not drawn.' : ''}${other.error ? ` The other fit: ${other.error.detail}.` : ''}`}>
       <${Strips} time=${time} strips=${strips} whole=${ends} range=${range} parts=${parts} zone=${zone} onZoom=${zoom} label=${summaryOf(data)} />
     </${Frame}>
-    <${Errors} data=${whole} other=${fits} />`;
+    <${Errors} data=${whole} other=${another} />`;
 }
 
 function Errors({ data, other }) {

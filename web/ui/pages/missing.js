@@ -101,7 +101,7 @@ function Finding({ finding, data, added, add }) {
 function Change({ from, to, most }) {
   const size = value => Math.max((value / most) * 150, 1);
   return html`<svg width="156" height="16" style="width:156px;flex:none" aria-hidden="true">
-    <rect x="1" y="1" width=${size(from)} height="14" style="fill:none;stroke:var(--strong-edge)" /><rect x="1" y="4" width=${size(to)} height="8" style=${{ fill: `var(--${to < from * 0.995 ? 'model' : 'heldout'})` }} /></svg>`;
+    <rect x="1" y="1" width=${size(from)} height="14" style="fill:none;stroke:var(--strong-edge)" /><rect x="1" y="4" width=${size(to)} height="8" style=${{ fill: `var(--${to < from * 0.99 ? 'model' : 'heldout'})` }} /></svg>`;
 }
 
 function Unexplained({ unexplained, path, system, model }) {

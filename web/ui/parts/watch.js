@@ -67,13 +67,13 @@ export function JobWatch({ id, title, onEnd = () => {} }) {
       ${(lines[0].points.length > 0) && html`<${Frame} title="How the error falls" path=${job.fit ? `/fits/${job.fit}` : `/jobs/${id}/events`} summary=${`After ${evaluations} evaluations the best error on train is ${number(lines[0].points.at(-1)?.[1])}.`}
         table=${() => ({ columns: [['line'], ['evaluations', 'number'], [costName, 'number']], rows: lines.flatMap(line => line.points.map(([x, y]) => [line.label, x, number(y, 5)])) })}>
         <${Curve} lines=${lines} log xLabel="evaluations" yLabel=${costName} label="The error of the best candidate over the evaluations" /></${Frame}>`}
-      ${values && model.data && html`<table><caption>Parameters${ended ? '' : ', live'}</caption><tbody>${Object.entries(values).map(([name, value]) => {
+      ${values && model.data && html`<div class="scroll" tabindex="0" role="region" aria-label="Parameters"><table><caption>Parameters${ended ? '' : ', live'}</caption><tbody>${Object.entries(values).map(([name, value]) => {
         const known = model.data.parameters.find(parameter => parameter.name === name);
         const found = fit.data?.parameters[name];
         const bounds = found?.bounds ?? job.request.bounds?.[name] ?? known?.bounds;
         return html`<tr><th scope="row">${name}</th><td class="number">${number(value)} ${known?.unit === '-' ? '' : known?.unit ?? ''}</td>
           <td>${bounds && html`<${Rail} value=${value} bounds=${bounds} interval=${found?.ci95} log=${known?.scale === 'log'} atBound=${found?.at_bound} />`}</td></tr>`;
-      })}</tbody></table>`}
+      })}</tbody></table></div>`}
     </div>
   </section>`;
 }
