@@ -2,10 +2,21 @@
 import { readFileSync } from 'node:fs';
 import { ask, holds, test, wire } from './harness.js';
 
-const rows = count => Array.from({ length: count }, (_, at) => `${new Date(Date.UTC(2026, 0, 5) + at * 1_800_000).toISOString().slice(0, 19)}Z;${(20 + Math.sin(at / 8)).toFixed(2)};${(3 + Math.cos(at / 8)).toFixed(2)};7`);
+const rows = count =>
+  Array.from(
+    { length: count },
+    (_, at) =>
+      `${new Date(Date.UTC(2026, 0, 5) + at * 1_800_000).toISOString().slice(0, 19)}Z;${(20 + Math.sin(at / 8)).toFixed(2)};${(3 + Math.cos(at / 8)).toFixed(2)};7`,
+  );
 
 /** A job that runs until it is stopped. */
-const endless = { kind: 'estimate', system: 'room/1', experiment: true, method: { name: 'cfa_thesis', seed: 1 }, budget: { evaluations: 100_000_000 } };
+const endless = {
+  kind: 'estimate',
+  system: 'room/1',
+  experiment: true,
+  method: { name: 'cfa_thesis', seed: 1 },
+  budget: { evaluations: 100_000_000 },
+};
 
 export async function edges(chrome, { base, port }) {
   await test(chrome, 'a_file_is_uploaded_with_its_columns_mapped_and_bad_rows_shown', {}, async page => {
@@ -29,9 +40,15 @@ export async function edges(chrome, { base, port }) {
     await page.getByText(taken.rejected_rows[0].reason, { exact: false }).first().waitFor();
     await page.locator('.strips canvas').first().waitFor();
     // A file that is none: every fault is said, and nothing is lost.
-    await page.getByLabel('CSV file').setInputFiles({ name: 'bad.csv', mimeType: 'text/csv', buffer: Buffer.from('time,T_room[furlong]\n2026-01-05T00:00:00Z,21') });
+    await page
+      .getByLabel('CSV file')
+      .setInputFiles({ name: 'bad.csv', mimeType: 'text/csv', buffer: Buffer.from('time,T_room[furlong]\n2026-01-05T00:00:00Z,21') });
     await page.getByRole('button', { name: /Upload 1 channels/ }).click();
-    await page.getByRole('alert').getByText(/furlong/).first().waitFor();
+    await page
+      .getByRole('alert')
+      .getByText(/furlong/)
+      .first()
+      .waitFor();
   });
 
   await test(chrome, 'measurements_are_kept_out_of_training_with_a_reason', {}, async page => {
@@ -73,7 +90,11 @@ export async function edges(chrome, { base, port }) {
   await test(chrome, 'a_job_is_watched_live_and_cancelled', {}, async page => {
     const { id } = await ask(base, '/jobs', endless);
     await page.goto(`${base}/ui/jobs/${id}`);
-    const evaluations = () => page.locator('dl.figures div', { hasText: /^evaluations/ }).locator('dd').innerText();
+    const evaluations = () =>
+      page
+        .locator('dl.figures div', { hasText: /^evaluations/ })
+        .locator('dd')
+        .innerText();
     await page.getByText('generation').first().waitFor();
     const before = parseInt(await evaluations(), 10);
     await page.waitForFunction(from => parseInt(document.querySelector('dl.figures dd').innerText, 10) > from, before);
@@ -97,7 +118,10 @@ export async function edges(chrome, { base, port }) {
       await live.waitFor();
       // What happened meanwhile is told.
       await page.getByRole('link', { name: id.slice(0, 12) }).waitFor();
-      await page.locator('tr', { hasText: id.slice(0, 12) }).getByText('succeeded').waitFor();
+      await page
+        .locator('tr', { hasText: id.slice(0, 12) })
+        .getByText('succeeded')
+        .waitFor();
     } finally {
       line.close();
     }
@@ -115,7 +139,10 @@ export async function edges(chrome, { base, port }) {
     await page.waitForURL(/from=/);
     const zoomed = page.url();
     const { id } = await ask(base, '/jobs', { kind: 'estimate', system: 'room/5', experiment: true });
-    await page.getByText(/estimate of room\/5:/).first().waitFor();
+    await page
+      .getByText(/estimate of room\/5:/)
+      .first()
+      .waitFor();
     holds((await ask(base, `/jobs/${id}`)).state === 'succeeded', 'the job failed');
     await page.waitForTimeout(500);
     holds(page.url() === zoomed, `${page.url()} beside ${zoomed}`);
@@ -160,7 +187,7 @@ export async function edges(chrome, { base, port }) {
     await page.keyboard.press('j');
     await page.keyboard.press('x');
     await page.getByRole('button', { name: 'Refit 1 selected' }).waitFor();
-    const system = (await page.locator('tr[aria-current=true] a').innerText());
+    const system = await page.locator('tr[aria-current=true] a').innerText();
     await page.keyboard.press('Enter');
     await page.getByRole('heading', { level: 1, name: system }).waitFor();
     await page.keyboard.press('5');
@@ -205,12 +232,18 @@ export async function edges(chrome, { base, port }) {
 
   await test(chrome, 'empty_loading_and_failed_are_three_screens', {}, async page => {
     await page.goto(`${base}/ui/systems/room/404`);
-    await page.locator('.screen.failed').getByText(/room\/404/).first().waitFor();
+    await page
+      .locator('.screen.failed')
+      .getByText(/room\/404/)
+      .first()
+      .waitFor();
     await page.goto(`${base}/ui/nothing`);
     await page.locator('.screen.empty').waitFor();
     let release = null;
     await page.route('**/systems?*', async route => {
-      await new Promise(done => { release = done; });
+      await new Promise(done => {
+        release = done;
+      });
       await route.continue();
     });
     await page.goto(`${base}/ui/`);
@@ -234,12 +267,18 @@ export async function edges(chrome, { base, port }) {
       const count = 20_000;
       const time = Array.from({ length: count }, (_, at) => 1.6e9 + at * 600);
       const strips = Array.from({ length: 6 }, (_, strip) => ({
-        label: `strip ${strip}`, unit: 'K', height: strip ? 70 : 260, lines: [{ label: 'x', colour: 'model', values: time.map((_, at) => Math.sin(at / (50 + strip)) + Math.sin(at * 12.9898) * 0.3) }],
+        label: `strip ${strip}`,
+        unit: 'K',
+        height: strip ? 70 : 260,
+        lines: [{ label: 'x', colour: 'model', values: time.map((_, at) => Math.sin(at / (50 + strip)) + Math.sin(at * 12.9898) * 0.3) }],
       }));
       const whole = [time[0], time.at(-1)];
       const host = document.createElement('div');
       document.body.prepend(host);
-      render(html`<${Strips} time=${time} strips=${strips} whole=${whole} range=${[time[2000], time[14000]]} onZoom=${() => {}} label="test" />`, host);
+      render(
+        html`<${Strips} time=${time} strips=${strips} whole=${whole} range=${[time[2000], time[14000]]} onZoom=${() => {}} label="test" />`,
+        host,
+      );
       await new Promise(done => setTimeout(done, 300));
       const surface = host.querySelector('.u-over').getBoundingClientRect();
       const at = x => ({ clientX: surface.left + x, clientY: surface.top + 20, shiftKey: true, bubbles: true });
@@ -258,7 +297,9 @@ export async function edges(chrome, { base, port }) {
       dispatchEvent(new MouseEvent('mouseup', at(600)));
       return { rate: frames / seconds, drawing: drawing / frames, plots: host.querySelectorAll('canvas').length };
     });
-    console.log(`  20000 points in ${moved.plots} strips: ${moved.rate.toFixed(0)} frames a second, ${moved.drawing.toFixed(1)} ms of work each`);
+    console.log(
+      `  20000 points in ${moved.plots} strips: ${moved.rate.toFixed(0)} frames a second, ${moved.drawing.toFixed(1)} ms of work each`,
+    );
     holds(moved.plots === 6, `${moved.plots} strips`);
   });
 }

@@ -22,10 +22,17 @@ async function freePort() {
 export async function demo(binary) {
   const folder = mkdtempSync(join(tmpdir(), 'lampyris-browser-'));
   const port = await freePort();
-  const child = spawn(binary, ['demo', '--folder', 'demo', '--bind', `127.0.0.1:${port}`], { cwd: folder, stdio: ['ignore', 'pipe', 'pipe'] });
+  const child = spawn(binary, ['demo', '--folder', 'demo', '--bind', `127.0.0.1:${port}`], {
+    cwd: folder,
+    stdio: ['ignore', 'pipe', 'pipe'],
+  });
   let said = '';
-  child.stdout.on('data', text => { said += text; });
-  child.stderr.on('data', text => { said += text; });
+  child.stdout.on('data', text => {
+    said += text;
+  });
+  child.stderr.on('data', text => {
+    said += text;
+  });
   const ended = once(child, 'exit');
   const stop = async () => {
     if (child.exitCode === null) child.kill('SIGTERM');
@@ -50,30 +57,46 @@ export async function demo(binary) {
 export async function wire(port) {
   const open = new Set();
   let whole = true;
-  const server = net.createServer(near => {
-    if (!whole) {
-      near.destroy();
-      return;
-    }
-    const far = net.connect(port, '127.0.0.1');
-    for (const socket of [near, far]) {
-      open.add(socket);
-      socket.on('error', () => {});
-      socket.on('close', () => { open.delete(socket); near.destroy(); far.destroy(); });
-    }
-    near.pipe(far).pipe(near);
-  }).listen(0, '127.0.0.1');
+  const server = net
+    .createServer(near => {
+      if (!whole) {
+        near.destroy();
+        return;
+      }
+      const far = net.connect(port, '127.0.0.1');
+      for (const socket of [near, far]) {
+        open.add(socket);
+        socket.on('error', () => {});
+        socket.on('close', () => {
+          open.delete(socket);
+          near.destroy();
+          far.destroy();
+        });
+      }
+      near.pipe(far).pipe(near);
+    })
+    .listen(0, '127.0.0.1');
   await once(server, 'listening');
   return {
     base: `http://127.0.0.1:${server.address().port}`,
-    cut: () => { whole = false; open.forEach(socket => socket.destroy()); },
-    mend: () => { whole = true; },
-    close: () => { open.forEach(socket => socket.destroy()); server.close(); },
+    cut: () => {
+      whole = false;
+      open.forEach(socket => socket.destroy());
+    },
+    mend: () => {
+      whole = true;
+    },
+    close: () => {
+      open.forEach(socket => socket.destroy());
+      server.close();
+    },
   };
 }
 
 export async function browser() {
-  const path = [process.env.CHROMIUM, '/usr/bin/chromium', '/usr/bin/chromium-browser', '/usr/bin/google-chrome'].find(candidate => candidate && existsSync(candidate));
+  const path = [process.env.CHROMIUM, '/usr/bin/chromium', '/usr/bin/chromium-browser', '/usr/bin/google-chrome'].find(
+    candidate => candidate && existsSync(candidate),
+  );
   if (!path) throw new Error('no Chromium: apt-get install chromium');
   return chromium.launch({ executablePath: path, args: ['--no-sandbox'] });
 }
@@ -82,13 +105,21 @@ const counted = { passed: 0, failed: 0 };
 
 /** Opens a page at a width, with a scheme; what goes wrong in it is a fault of the test. */
 export async function open(chrome, { width = 1366, height = 768, scheme = 'light', motion = 'reduce' } = {}) {
-  const context = await chrome.newContext({ viewport: { width, height }, colorScheme: scheme, reducedMotion: motion, acceptDownloads: true });
+  const context = await chrome.newContext({
+    viewport: { width, height },
+    colorScheme: scheme,
+    reducedMotion: motion,
+    acceptDownloads: true,
+  });
   context.setDefaultTimeout(PATIENCE_MS);
   const page = await context.newPage();
   const faults = [];
   page.on('pageerror', error => faults.push(`${error.message}\n${error.stack}`));
   // A refused request is part of some stories; a script, a style or a policy that fails never is.
-  page.on('console', message => message.type() === 'error' && !message.text().startsWith('Failed to load resource') && faults.push(message.text()));
+  page.on(
+    'console',
+    message => message.type() === 'error' && !message.text().startsWith('Failed to load resource') && faults.push(message.text()),
+  );
   return { page, faults, close: () => context.close() };
 }
 
@@ -103,7 +134,8 @@ export async function test(chrome, name, options, body) {
   } catch (error) {
     counted.failed += 1;
     console.log(`test ${name} ... FAILED\n${error.stack ?? error}\n  at ${place.page.url()}`);
-    if (process.env.LAMPYRIS_SHOTS) await place.page.screenshot({ path: join(process.env.LAMPYRIS_SHOTS, `FAILED ${name}.png`), fullPage: true }).catch(() => {});
+    if (process.env.LAMPYRIS_SHOTS)
+      await place.page.screenshot({ path: join(process.env.LAMPYRIS_SHOTS, `FAILED ${name}.png`), fullPage: true }).catch(() => {});
   } finally {
     await place.close();
   }
@@ -121,7 +153,11 @@ export function holds(condition, text) {
 
 /** Asks the service beside the page. */
 export async function ask(base, path, body, method = body ? 'POST' : 'GET') {
-  const response = await fetch(base + path, { method, headers: body ? { 'content-type': 'application/json' } : {}, body: body && JSON.stringify(body) });
+  const response = await fetch(base + path, {
+    method,
+    headers: body ? { 'content-type': 'application/json' } : {},
+    body: body && JSON.stringify(body),
+  });
   if (!response.ok) throw new Error(`${method} ${path}: ${response.status} ${await response.text()}`);
   return response.status === 204 ? null : response.json();
 }

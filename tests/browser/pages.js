@@ -10,27 +10,48 @@ async function faultsOf(page) {
   // The policy of the page lets no foreign script in; the tester's way in lies beside it.
   await page.evaluate(axe);
   const { violations } = await page.evaluate(() => window.axe.run(document, { resultTypes: ['violations'] }));
-  return violations.filter(fault => ['serious', 'critical'].includes(fault.impact)).map(fault => `${fault.id}: ${fault.help}\n    ${fault.nodes.slice(0, 3).map(node => `${node.html.slice(0, 160)} ${node.failureSummary?.split('\n')[1] ?? ''}`).join('\n    ')}`);
+  return violations
+    .filter(fault => ['serious', 'critical'].includes(fault.impact))
+    .map(
+      fault =>
+        `${fault.id}: ${fault.help}\n    ${fault.nodes
+          .slice(0, 3)
+          .map(node => `${node.html.slice(0, 160)} ${node.failureSummary?.split('\n')[1] ?? ''}`)
+          .join('\n    ')}`,
+    );
 }
 
 /** Letters that leave their box, and parts that push the page wider than the window. */
-const cutOff = page => page.evaluate(() => {
-  const found = [];
-  if (document.documentElement.scrollWidth > innerWidth + 1) {
-    const wide = [...document.querySelectorAll('main *')].filter(part => part.getBoundingClientRect().right > innerWidth + 1 && !part.closest('.scroll, svg, .uplot, .equation, .editor, pre')).slice(0, 3);
-    found.push(`the page is ${document.documentElement.scrollWidth} wide in ${innerWidth}: ${wide.map(part => part.outerHTML.slice(0, 120)).join(' | ')}`);
-  }
-  for (const button of document.querySelectorAll('main button, main a.button')) {
-    if (button.scrollWidth > button.clientWidth + 2) found.push(`cut off: ${button.innerText}`);
-  }
-  if (/undefined|\[object|NaN|Invalid Date/.test(document.querySelector('main').innerText)) found.push(`a placeholder: ${/.{0,40}(undefined|\[object|NaN|Invalid Date).{0,40}/.exec(document.querySelector('main').innerText)[0]}`);
-  return found;
-});
+const cutOff = page =>
+  page.evaluate(() => {
+    const found = [];
+    if (document.documentElement.scrollWidth > innerWidth + 1) {
+      const wide = [...document.querySelectorAll('main *')]
+        .filter(
+          part => part.getBoundingClientRect().right > innerWidth + 1 && !part.closest('.scroll, svg, .uplot, .equation, .editor, pre'),
+        )
+        .slice(0, 3);
+      found.push(
+        `the page is ${document.documentElement.scrollWidth} wide in ${innerWidth}: ${wide.map(part => part.outerHTML.slice(0, 120)).join(' | ')}`,
+      );
+    }
+    for (const button of document.querySelectorAll('main button, main a.button')) {
+      if (button.scrollWidth > button.clientWidth + 2) found.push(`cut off: ${button.innerText}`);
+    }
+    if (/undefined|\[object|NaN|Invalid Date/.test(document.querySelector('main').innerText))
+      found.push(
+        `a placeholder: ${/.{0,40}(undefined|\[object|NaN|Invalid Date).{0,40}/.exec(document.querySelector('main').innerText)[0]}`,
+      );
+    return found;
+  });
 
 export async function pages(chrome, { base }) {
   await test(chrome, 'the_page_is_less_than_200_kB_as_it_is_sent', {}, async page => {
     const sizes = [];
-    page.on('requestfinished', request => request.url().startsWith(`${base}/ui/`) && sizes.push(request.sizes().then(size => size.responseBodySize)));
+    page.on(
+      'requestfinished',
+      request => request.url().startsWith(`${base}/ui/`) && sizes.push(request.sizes().then(size => size.responseBodySize)),
+    );
     await page.goto(`${base}/ui/`);
     await page.locator('table.systems').waitFor();
     const bytes = (await Promise.all(sizes)).reduce((sum, size) => sum + size, 0);
@@ -70,7 +91,8 @@ export async function pages(chrome, { base }) {
         await page.locator(ready).first().waitFor();
         await page.waitForLoadState('networkidle', { timeout: 1500 }).catch(() => {});
         for (const fault of [...(await faultsOf(page)), ...(await cutOff(page))]) faults.push(`${name}: ${fault}`);
-        if (process.env.LAMPYRIS_SHOTS) await page.screenshot({ path: join(process.env.LAMPYRIS_SHOTS, `${name}-${scheme}.png`), fullPage: true });
+        if (process.env.LAMPYRIS_SHOTS)
+          await page.screenshot({ path: join(process.env.LAMPYRIS_SHOTS, `${name}-${scheme}.png`), fullPage: true });
       }
       holds(faults.length === 0, `${faults.length} faults\n  ${faults.join('\n  ')}`);
     });
@@ -84,7 +106,8 @@ export async function pages(chrome, { base }) {
         await page.locator(ready).first().waitFor();
         await page.waitForTimeout(200);
         for (const fault of await cutOff(page)) faults.push(`${name}: ${fault}`);
-        if (process.env.LAMPYRIS_SHOTS) await page.screenshot({ path: join(process.env.LAMPYRIS_SHOTS, `${name}-${width}.png`), fullPage: true });
+        if (process.env.LAMPYRIS_SHOTS)
+          await page.screenshot({ path: join(process.env.LAMPYRIS_SHOTS, `${name}-${width}.png`), fullPage: true });
       }
       holds(faults.length === 0, `${faults.length} faults\n  ${faults.join('\n  ')}`);
     });

@@ -22,7 +22,9 @@ export async function story(chrome, { base }) {
 
   await test(chrome, 'from_the_failing_room_to_an_error_that_falls_without_a_reload', {}, async page => {
     await page.goto(`${base}/ui/`);
-    await page.evaluate(() => { window.neverReloaded = true; });
+    await page.evaluate(() => {
+      window.neverReloaded = true;
+    });
     await page.getByRole('link', { name: 'room/5' }).click();
     const clicked = Date.now();
     await page.locator('.strips canvas').first().waitFor();
@@ -32,7 +34,10 @@ export async function story(chrome, { base }) {
     await page.locator('svg.heat rect.cell').first().waitFor();
     holds((await page.locator('svg.heat rect.cell').count()) > 500, 'the map of hours is empty');
     await page.getByText('Its error is', { exact: false }).first().waitFor();
-    await page.getByRole('button', { name: /^Show .* in the chart/ }).first().click();
+    await page
+      .getByRole('button', { name: /^Show .* in the chart/ })
+      .first()
+      .click();
     await page.locator('.strips canvas').first().waitFor();
     holds(page.url().includes('from='), 'an episode does not zoom the chart');
 
@@ -57,7 +62,10 @@ export async function story(chrome, { base }) {
     await page.getByText(/The error on unseen data fell by \d+ %/).waitFor();
 
     await page.getByRole('button', { name: 'Use tite+occupancy_gain for the controller' }).click();
-    await page.getByText(/Fit of tite\+occupancy_gain for the controller/).first().waitFor();
+    await page
+      .getByText(/Fit of tite\+occupancy_gain for the controller/)
+      .first()
+      .waitFor();
     await page.locator('section.card .status', { hasText: 'succeeded' }).nth(1).waitFor();
     holds((await ask(base, '/systems/room/5')).model === 'tite+occupancy_gain', 'the model of the system is another');
   });
@@ -77,7 +85,10 @@ export async function story(chrome, { base }) {
   await test(chrome, 'the_ladder_is_climbed_live', {}, async page => {
     await page.goto(`${base}/ui/systems/room/5/ladder`);
     await page.getByRole('button', { name: 'Climb the ladder' }).click();
-    await page.getByText(/the error on unseen data falls from|The error did not fall/).first().waitFor();
+    await page
+      .getByText(/the error on unseen data falls from|The error did not fall/)
+      .first()
+      .waitFor();
     const ladder = await ask(base, '/systems/room/5/ladder');
     holds((await page.locator('svg.ladder text', { hasText: /^(tite|\+ )/ }).count()) === ladder.steps.length, 'a step is missing');
     for (const step of ladder.steps) await page.getByText(step.why, { exact: true }).first().waitFor();
@@ -88,7 +99,10 @@ export async function story(chrome, { base }) {
     await page.getByRole('button', { name: 'Keep it in service (pin)' }).click();
     await page.getByLabel('Reason, for whoever reads this later').fill('sensor swap this week');
     await page.getByRole('button', { name: 'Keep it', exact: true }).click();
-    await page.getByText(/sensor swap this week/).first().waitFor();
+    await page
+      .getByText(/sensor swap this week/)
+      .first()
+      .waitFor();
     const pinned = await ask(base, '/params/room/3');
     holds(pinned.status === 'pinned' && pinned.pin.reason === 'sensor swap this week', pinned.status);
     await page.getByRole('button', { name: 'Release it' }).click();

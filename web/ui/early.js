@@ -2,4 +2,6 @@
 try {
   const theme = localStorage.getItem('lampyris-theme');
   if (theme === 'light' || theme === 'dark') document.documentElement.dataset.theme = theme;
-} catch { /* storage may be switched off: then the system's scheme holds */ }
+} catch {
+  /* storage may be switched off: then the system's scheme holds */
+}

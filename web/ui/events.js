@@ -77,19 +77,22 @@ export function useJob(id) {
     setState({ job: null, reports: [], incumbent: null, error: null });
     let close = () => {};
     let left = false;
-    ask(`/jobs/${id}`).then(job => {
-      if (left) return;
-      setState(before => ({ ...before, job }));
-      if (hasEnded(job)) return;
-      close = listen(`/jobs/${id}/events`, (kind, data) => {
-        setState(before => {
-          if (kind === 'progress') return { ...before, reports: [...before.reports, data] };
-          if (kind === 'incumbent') return { ...before, incumbent: data.parameters };
-          return { ...before, job: data };
+    ask(`/jobs/${id}`).then(
+      job => {
+        if (left) return;
+        setState(before => ({ ...before, job }));
+        if (hasEnded(job)) return;
+        close = listen(`/jobs/${id}/events`, (kind, data) => {
+          setState(before => {
+            if (kind === 'progress') return { ...before, reports: [...before.reports, data] };
+            if (kind === 'incumbent') return { ...before, incumbent: data.parameters };
+            return { ...before, job: data };
+          });
+          if (kind === 'finished') close();
         });
-        if (kind === 'finished') close();
-      });
-    }, error => left || setState(before => ({ ...before, error })));
+      },
+      error => left || setState(before => ({ ...before, error })),
+    );
     return () => {
       left = true;
       close();

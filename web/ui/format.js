@@ -13,14 +13,18 @@ export function number(value, figures = 3) {
 
 /** An error as it stands beside others: two decimals, three below 0.1. */
 export const fixed = value =>
-  value === null || value === undefined || !Number.isFinite(value) ? NONE : value.toFixed(Math.abs(value) < 0.0995 && Math.abs(value) >= 0.0005 ? 3 : 2).replace(/^-(0\.0*)$/, '$1');
+  value === null || value === undefined || !Number.isFinite(value)
+    ? NONE
+    : value.toFixed(Math.abs(value) < 0.0995 && Math.abs(value) >= 0.0005 ? 3 : 2).replace(/^-(0\.0*)$/, '$1');
 
 /** An error with its unit: two decimals. */
 export const withUnit = (value, unit, decimals = 2) =>
   value === null || value === undefined || !Number.isFinite(value) ? NONE : `${value.toFixed(decimals)} ${unit}`;
 
 export const signed = (value, decimals = 2) =>
-  value === null || value === undefined || !Number.isFinite(value) ? NONE : `${value > 0 ? '+' : value < 0 ? '−' : ''}${Math.abs(value).toFixed(decimals)}`;
+  value === null || value === undefined || !Number.isFinite(value)
+    ? NONE
+    : `${value > 0 ? '+' : value < 0 ? '−' : ''}${Math.abs(value).toFixed(decimals)}`;
 
 export const percent = value => (value === null || value === undefined ? NONE : `${Math.round(value * 100)} %`);
 
@@ -44,7 +48,17 @@ export function fromNow(instant) {
 const formats = new Map();
 function format(zone) {
   if (!formats.has(zone)) {
-    formats.set(zone, new Intl.DateTimeFormat('en-GB', { timeZone: zone, day: 'numeric', month: 'short', year: 'numeric', hour: '2-digit', minute: '2-digit' }));
+    formats.set(
+      zone,
+      new Intl.DateTimeFormat('en-GB', {
+        timeZone: zone,
+        day: 'numeric',
+        month: 'short',
+        year: 'numeric',
+        hour: '2-digit',
+        minute: '2-digit',
+      }),
+    );
   }
   return formats.get(zone);
 }
@@ -64,13 +78,24 @@ export function horizon(text) {
 export const words = text => (text ?? '').replaceAll('_', ' ');
 
 /** How a fit is called in a list. */
-export const fitName = fit => `${clock(fit.created_at)} ${fit.model} (${fit.served ? 'served' : fit.verdict ?? 'not judged'})`;
+export const fitName = fit => `${clock(fit.created_at)} ${fit.model} (${fit.served ? 'served' : (fit.verdict ?? 'not judged')})`;
 
 /** The instant, in seconds, at which a day begins on the clock of a zone. */
 export function midnight(date, zone = 'UTC') {
   const utc = Date.parse(`${date}T00:00:00Z`);
-  const parts = Object.fromEntries(new Intl.DateTimeFormat('en-GB', { timeZone: zone, hourCycle: 'h23', year: 'numeric', month: 'numeric', day: 'numeric', hour: 'numeric', minute: 'numeric' })
-    .formatToParts(utc).map(({ type, value }) => [type, Number(value)]));
+  const parts = Object.fromEntries(
+    new Intl.DateTimeFormat('en-GB', {
+      timeZone: zone,
+      hourCycle: 'h23',
+      year: 'numeric',
+      month: 'numeric',
+      day: 'numeric',
+      hour: 'numeric',
+      minute: 'numeric',
+    })
+      .formatToParts(utc)
+      .map(({ type, value }) => [type, Number(value)]),
+  );
   return (2 * utc - Date.UTC(parts.year, parts.month - 1, parts.day, parts.hour, parts.minute)) / 1000;
 }
 

@@ -15,8 +15,12 @@ export function parse(text) {
   let at = 0;
   const lines = new Map([['', 1]]);
   const line = (place = at) => text.slice(0, place).split('\n').length;
-  const fail = detail => { throw new JsonFault(detail, line(Math.min(at, text.length))); };
-  const blank = () => { while (/\s/.test(text[at] ?? '')) at += 1; };
+  const fail = detail => {
+    throw new JsonFault(detail, line(Math.min(at, text.length)));
+  };
+  const blank = () => {
+    while (/\s/.test(text[at] ?? '')) at += 1;
+  };
   const take = mark => {
     blank();
     if (text[at] !== mark) fail(`\`${mark}\` is expected here${at < text.length ? `, not \`${text[at]}\`` : ', not the end'}`);

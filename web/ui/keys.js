@@ -30,7 +30,9 @@ document.addEventListener('keydown', event => {
   }
   if (maps.some(keys => Object.keys(keys.current).some(name => name.startsWith(`${event.key} `)))) {
     prefix = event.key;
-    timer = setTimeout(() => { prefix = null; }, 1000);
+    timer = setTimeout(() => {
+      prefix = null;
+    }, 1000);
   }
 });
 

@@ -38,11 +38,13 @@ function App() {
   const first = useRef(true);
   useEffect(() => {
     // After a step to another page the keyboard and the screen reader begin at its content; a tab keeps them.
-    if (!first.current && !document.activeElement?.closest('[role=tablist]')) document.getElementById('main').focus({ preventScroll: true });
+    if (!first.current && !document.activeElement?.closest('[role=tablist]'))
+      document.getElementById('main').focus({ preventScroll: true });
     first.current = false;
     document.title = parts.length ? `${parts.slice(0, 4).join(' ')} · Lampyris` : 'Lampyris';
   }, [path]);
-  const place = parts[0] === 'edit' || parts[0] === 'effects' ? 'models' : parts[0] === 'batches' ? 'jobs' : parts[0] === 'new' ? 'systems' : parts[0];
+  const place =
+    parts[0] === 'edit' || parts[0] === 'effects' ? 'models' : parts[0] === 'batches' ? 'jobs' : parts[0] === 'new' ? 'systems' : parts[0];
   return html`<${Shell} place=${place}>${page(parts, query)}</${Shell}>`;
 }
 

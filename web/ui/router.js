@@ -18,7 +18,8 @@ export function address(parts, query = {}) {
 }
 
 /** The address of a system's tab. */
-export const systemAddress = (system, tab, query) => address(['systems', ...system.split('/'), ...(tab && tab !== 'fit' ? [tab] : [])], query);
+export const systemAddress = (system, tab, query) =>
+  address(['systems', ...system.split('/'), ...(tab && tab !== 'fit' ? [tab] : [])], query);
 
 export function go(to, { replace = false } = {}) {
   if (replace) history.replaceState(null, '', to);

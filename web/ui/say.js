@@ -7,7 +7,8 @@ export function say(text, { fault = false } = {}) {
 }
 
 /** Says why something did not work. */
-export const sayFault = error => say([error.title, error.detail, ...(error.errors ?? []).map(fault => fault.detail)].filter(Boolean).join('. '), { fault: true });
+export const sayFault = error =>
+  say([error.title, error.detail, ...(error.errors ?? []).map(fault => fault.detail)].filter(Boolean).join('. '), { fault: true });
 
 export function onSaid(listener) {
   listeners.add(listener);

@@ -13,7 +13,9 @@ export function setTheme(value) {
   try {
     if (value === 'system') localStorage.removeItem(KEY);
     else localStorage.setItem(KEY, value);
-  } catch { /* it then holds for this page only */ }
+  } catch {
+    /* it then holds for this page only */
+  }
   listeners.forEach(listener => listener());
 }
 

@@ -21,17 +21,28 @@ export function Curve({ lines, xLabel, yLabel, height = 200, log = false, label 
   const powers = log ? logTicks(...pad) : [];
   const marks = powers.length > 1 ? powers : ticks(...pad, 4);
   return html`<div ref=${host}>
-    <div class="legend">${drawn.map(line => html`<span><svg width="24" height="10" aria-hidden="true"><line x1="0" x2="24" y1="5" y2="5"
-      style=${{ stroke: `var(--${line.colour})`, strokeWidth: 2, strokeDasharray: line.dash ?? 'none' }} /></svg> ${line.label}</span>`)}</div>
+    <div class="legend">${drawn.map(
+      line => html`<span><svg width="24" height="10" aria-hidden="true"><line x1="0" x2="24" y1="5" y2="5"
+      style=${{ stroke: `var(--${line.colour})`, strokeWidth: 2, strokeDasharray: line.dash ?? 'none' }} /></svg> ${line.label}</span>`,
+    )}</div>
     <svg class="chart" role="img" aria-label=${label} width=${width} height=${height} viewBox=${`0 0 ${width} ${height}`}>
-      ${marks.map(mark => html`<g><line class="grid-line" x1=${MARGIN.left} x2=${width - MARGIN.right} y1=${y(mark)} y2=${y(mark)} />
-        <text class="quiet" x=${MARGIN.left - 6} y=${y(mark) + 4} text-anchor="end">${number(mark)}</text></g>`)}
-      ${ticks(...domain, Math.max(Math.floor(width / 130), 2)).map(mark => html`<text class="quiet" x=${x(mark)} y=${height - 18} text-anchor="middle">${number(mark, 4)}</text>`)}
+      ${marks.map(
+        mark => html`<g><line class="grid-line" x1=${MARGIN.left} x2=${width - MARGIN.right} y1=${y(mark)} y2=${y(mark)} />
+        <text class="quiet" x=${MARGIN.left - 6} y=${y(mark) + 4} text-anchor="end">${number(mark)}</text></g>`,
+      )}
+      ${ticks(...domain, Math.max(Math.floor(width / 130), 2)).map(mark =>
+        html`<text class="quiet" x=${x(mark)} y=${height - 18} text-anchor="middle">${number(mark, 4)}</text>`)}
       <text class="quiet" x=${(width + MARGIN.left) / 2} y=${height - 4} text-anchor="middle">${xLabel}</text>
-      <text class="quiet" x="4" y=${MARGIN.top + 2} dominant-baseline="hanging" transform=${`rotate(-90 4 ${MARGIN.top + 2}) translate(${-(height - MARGIN.bottom) / 2} 0)`} text-anchor="middle">${yLabel}</text>
-      ${drawn.map(line => line.points.length > 0 && html`<g style=${{ stroke: `var(--${line.colour})`, fill: 'none' }}>
-        <path stroke-width="2" stroke-linejoin="round" stroke-dasharray=${line.dash ?? null} d=${`M${line.points.map(([px, py]) => `${x(px).toFixed(1)},${y(py).toFixed(1)}`).join('L')}`} />
-        <circle cx=${x(line.points.at(-1)[0])} cy=${y(line.points.at(-1)[1])} r="3" style=${{ fill: `var(--${line.colour})` }} /></g>`)}
+      <text class="quiet" x="4" y=${MARGIN.top + 2} dominant-baseline="hanging"
+        transform=${`rotate(-90 4 ${MARGIN.top + 2}) translate(${-(height - MARGIN.bottom) / 2} 0)`} text-anchor="middle">${yLabel}</text>
+      ${drawn.map(
+        line =>
+          line.points.length > 0 &&
+          html`<g style=${{ stroke: `var(--${line.colour})`, fill: 'none' }}>
+        <path stroke-width="2" stroke-linejoin="round" stroke-dasharray=${line.dash ?? null}
+          d=${`M${line.points.map(([px, py]) => `${x(px).toFixed(1)},${y(py).toFixed(1)}`).join('L')}`} />
+        <circle cx=${x(line.points.at(-1)[0])} cy=${y(line.points.at(-1)[1])} r="3" style=${{ fill: `var(--${line.colour})` }} /></g>`,
+      )}
     </svg>
   </div>`;
 }

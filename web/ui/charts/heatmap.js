@@ -20,7 +20,11 @@ export function signedColour(value, most) {
 export function Heatmap({ days, unit, onPick, label }) {
   const host = useRef(null);
   const width = useWidth(host) || 600;
-  const sizes = days.flatMap(day => day.hours).filter(value => value !== null).map(Math.abs).sort((a, b) => a - b);
+  const sizes = days
+    .flatMap(day => day.hours)
+    .filter(value => value !== null)
+    .map(Math.abs)
+    .sort((a, b) => a - b);
   // The scale ends at the 98th percentile, so that one bad hour does not bleach the rest.
   const most = sizes.length ? Math.max(sizes[Math.floor(sizes.length * 0.98)], 1e-6) : 1;
   const cell = (width - MARGIN.left) / Math.max(days.length, 1);
@@ -33,13 +37,22 @@ export function Heatmap({ days, unit, onPick, label }) {
   };
   return html`<div ref=${host}>
     <svg class="chart heat" role="img" aria-label=${label} width=${width} height=${height} viewBox=${`0 0 ${width} ${height}`} onClick=${pick}>
-      ${days.map((day, at) => day.hours.map((value, hour) => value !== null && html`<rect class="cell" data-day=${at}
-        x=${MARGIN.left + at * cell} y=${MARGIN.top + hour * ROW_PX} width=${Math.max(cell - 0.5, 0.5)} height=${ROW_PX - 0.5} fill=${signedColour(value, most)}>
-        <title>${`${day.date} ${String(hour).padStart(2, '0')} h: ${number(value)} ${unit}`}</title></rect>`))}
-      ${[0, 6, 12, 18].map(hour => html`<text class="quiet" x=${MARGIN.left - 5} y=${MARGIN.top + hour * ROW_PX + 9} text-anchor="end">${String(hour).padStart(2, '0')} h</text>`)}
+      ${days.map((day, at) =>
+        day.hours.map(
+          (value, hour) =>
+            value !== null &&
+            html`<rect class="cell" data-day=${at}
+        x=${MARGIN.left + at * cell} y=${MARGIN.top + hour * ROW_PX} width=${Math.max(cell - 0.5, 0.5)} height=${ROW_PX - 0.5}
+          fill=${signedColour(value, most)}>
+        <title>${`${day.date} ${String(hour).padStart(2, '0')} h: ${number(value)} ${unit}`}</title></rect>`,
+        ),
+      )}
+      ${[0, 6, 12, 18].map(hour => html`<text class="quiet" x=${MARGIN.left - 5} y=${MARGIN.top + hour * ROW_PX + 9} text-anchor="end">
+        ${String(hour).padStart(2, '0')} h</text>`)}
       ${days.map((day, at) => at % every === 0 && html`<text class="quiet" x=${MARGIN.left + at * cell} y=${height - 8}>${day.date.slice(5)}</text>`)}
     </svg>
-    <p class="note">colder than the model says, −${number(most, 2)} ${unit} <span class="scale" aria-hidden="true"></span> +${number(most, 2)} ${unit}, warmer. Click an hour to see its day in the chart, or</p>
+    <p class="note">colder than the model says, −${number(most, 2)} ${unit} <span class="scale" aria-hidden="true">
+      </span> +${number(most, 2)} ${unit}, warmer. Click an hour to see its day in the chart, or</p>
     <label class="inline">choose a day <input type="date" min=${days[0]?.date} max=${days.at(-1)?.date} onChange=${chosen} /></label>
   </div>`;
 }

@@ -88,7 +88,7 @@ function seriesOf(strip, dense) {
   for (const line of strip.lines) {
     const stroke = colour(line.colour);
     // Hair lines are drawn ten times as fast; where samples are closer than pixels nothing is lost.
-    const look = { stroke, width: dense ? 1 : line.width ?? 1.5, dash: line.dash, points: { show: false } };
+    const look = { stroke, width: dense ? 1 : (line.width ?? 1.5), dash: line.dash, points: { show: false } };
     if (line.step) look.paths = uPlot.paths.stepped({ align: 1 });
     if (line.values) {
       series.push(look);
@@ -104,36 +104,59 @@ function seriesOf(strip, dense) {
 
 function draw(target, strip, { time, width, zone, parts, gaps, sync, first, last, onSelect, onCursor }) {
   const { series, bands, data } = seriesOf(strip, time.length > 2 * width);
-  const axis = { stroke: colour('quiet'), grid: { stroke: colour('grid'), width: 1 }, ticks: { stroke: colour('grid'), width: 1 }, font: '11px system-ui, sans-serif' };
-  return new uPlot({
-    width,
-    height: strip.height + (last ? TIME_AXIS_PX : 0),
-    tzDate: at => uPlot.tzDate(new Date(at * 1e3), zone),
-    series,
-    bands,
-    legend: { show: false },
-    padding: [6, 26, last ? 0 : 6, 0],
-    scales: {
-      x: { time: true, auto: false },
-      y: strip.zero ? { range: (_, low, high) => { const most = Math.max(Math.abs(low ?? 0), Math.abs(high ?? 0), strip.band ?? 0, 1e-6) * 1.05; return [-most, most]; } } : {},
+  const axis = {
+    stroke: colour('quiet'),
+    grid: { stroke: colour('grid'), width: 1 },
+    ticks: { stroke: colour('grid'), width: 1 },
+    font: '11px system-ui, sans-serif',
+  };
+  return new uPlot(
+    {
+      width,
+      height: strip.height + (last ? TIME_AXIS_PX : 0),
+      tzDate: at => uPlot.tzDate(new Date(at * 1e3), zone),
+      series,
+      bands,
+      legend: { show: false },
+      padding: [6, 26, last ? 0 : 6, 0],
+      scales: {
+        x: { time: true, auto: false },
+        y: strip.zero
+          ? {
+              range: (_, low, high) => {
+                const most = Math.max(Math.abs(low ?? 0), Math.abs(high ?? 0), strip.band ?? 0, 1e-6) * 1.05;
+                return [-most, most];
+              },
+            }
+          : {},
+      },
+      axes: [
+        last ? { ...axis, values: TIMES, size: TIME_AXIS_PX } : { ...axis, values: () => [], ticks: { show: false }, size: 0 },
+        { ...axis, size: AXIS_PX, space: strip.height > 100 ? 32 : 22, values: (_, ticks) => ticks.map(tick => number(tick)) },
+      ],
+      cursor: {
+        sync: { key: sync, setSeries: false, scales: ['x', null] },
+        drag: { x: true, y: false, setScale: false },
+        y: false,
+        points: { show: false },
+      },
+      hooks: {
+        drawClear: [plot => background(plot, strip, parts, gaps, first)],
+        setSelect: [
+          plot => {
+            if (plot.select.width < 4) return;
+            const from = plot.posToVal(plot.select.left, 'x');
+            const to = plot.posToVal(plot.select.left + plot.select.width, 'x');
+            plot.setSelect({ left: 0, width: 0, top: 0, height: 0 }, false);
+            onSelect([from, to]);
+          },
+        ],
+        setCursor: [plot => onCursor(plot.cursor.idx)],
+      },
     },
-    axes: [
-      last ? { ...axis, values: TIMES, size: TIME_AXIS_PX } : { ...axis, values: () => [], ticks: { show: false }, size: 0 },
-      { ...axis, size: AXIS_PX, space: strip.height > 100 ? 32 : 22, values: (_, ticks) => ticks.map(tick => number(tick)) },
-    ],
-    cursor: { sync: { key: sync, setSeries: false, scales: ['x', null] }, drag: { x: true, y: false, setScale: false }, y: false, points: { show: false } },
-    hooks: {
-      drawClear: [plot => background(plot, strip, parts, gaps, first)],
-      setSelect: [plot => {
-        if (plot.select.width < 4) return;
-        const from = plot.posToVal(plot.select.left, 'x');
-        const to = plot.posToVal(plot.select.left + plot.select.width, 'x');
-        plot.setSelect({ left: 0, width: 0, top: 0, height: 0 }, false);
-        onSelect([from, to]);
-      }],
-      setCursor: [plot => onCursor(plot.cursor.idx)],
-    },
-  }, [time, ...data], target);
+    [time, ...data],
+    target,
+  );
 }
 
 const read = (line, at) => {
@@ -168,14 +191,25 @@ export function Strips({ time, strips, range, whole, parts = [], zone = 'UTC', o
   useLayoutEffect(() => {
     if (!width) return undefined;
     const hosts = [...root.current.querySelectorAll('.plot')];
-    plots.current = strips.map((strip, index) => draw(hosts[index], strip, {
-      time, width, zone, parts, gaps, sync, first: index === 0, last: index === strips.length - 1,
-      onSelect: chosen => asked.current(chosen),
-      onCursor: at => {
-        if (index === 0) when.current.textContent = at === null || at === undefined ? '' : clock(time[at] * 1000, zone);
-        readers.current[index]?.querySelectorAll('output').forEach((place, line) => { place.textContent = read(strip.lines[line], at); });
-      },
-    }));
+    plots.current = strips.map((strip, index) =>
+      draw(hosts[index], strip, {
+        time,
+        width,
+        zone,
+        parts,
+        gaps,
+        sync,
+        first: index === 0,
+        last: index === strips.length - 1,
+        onSelect: chosen => asked.current(chosen),
+        onCursor: at => {
+          if (index === 0) when.current.textContent = at === null || at === undefined ? '' : clock(time[at] * 1000, zone);
+          readers.current[index]?.querySelectorAll('output').forEach((place, line) => {
+            place.textContent = read(strip.lines[line], at);
+          });
+        },
+      }),
+    );
     show(shown.current);
     return () => plots.current.forEach(plot => plot.destroy());
   }, [time, strips, parts, zone, width, scheme]);
@@ -188,8 +222,13 @@ export function Strips({ time, strips, range, whole, parts = [], zone = 'UTC', o
     return clamped([middle - span / 2, middle + span / 2], whole);
   };
   const keys = {
-    ArrowLeft: () => moved(-ZOOM_STEP, 1), ArrowRight: () => moved(ZOOM_STEP, 1),
-    '+': () => moved(0, 1 - 2 * ZOOM_STEP), '=': () => moved(0, 1 - 2 * ZOOM_STEP), '-': () => moved(0, 1 / (1 - 2 * ZOOM_STEP)), z: () => null, 0: () => null,
+    ArrowLeft: () => moved(-ZOOM_STEP, 1),
+    ArrowRight: () => moved(ZOOM_STEP, 1),
+    '+': () => moved(0, 1 - 2 * ZOOM_STEP),
+    '=': () => moved(0, 1 - 2 * ZOOM_STEP),
+    '-': () => moved(0, 1 / (1 - 2 * ZOOM_STEP)),
+    z: () => null,
+    0: () => null,
   };
   const onKeyDown = event => {
     if (event.target !== root.current || !keys[event.key] || event.ctrlKey || event.metaKey || event.altKey) return;
@@ -205,7 +244,8 @@ export function Strips({ time, strips, range, whole, parts = [], zone = 'UTC', o
     const [from, to] = shown.current;
     const perPixel = (to - from) / Math.max(width - AXIS_PX, 1);
     setPanning(true);
-    const move = now => show(clamped([from - (now.clientX - event.clientX) * perPixel, to - (now.clientX - event.clientX) * perPixel], whole));
+    const move = now =>
+      show(clamped([from - (now.clientX - event.clientX) * perPixel, to - (now.clientX - event.clientX) * perPixel], whole));
     const end = () => {
       removeEventListener('mousemove', move);
       setPanning(false);
@@ -245,21 +285,29 @@ export function Strips({ time, strips, range, whole, parts = [], zone = 'UTC', o
       </span>
       <span class="note">Drag to zoom, Shift and drag to move. Times are ${zone}.</span>
     </div>
-    <div class="strips ${panning ? 'panning' : ''}" ref=${root} tabindex="0" role="group" aria-label=${`${label}. Arrow keys move, plus and minus zoom, z shows the whole range.`}
+    <div class="strips ${panning ? 'panning' : ''}" ref=${root} tabindex="0" role="group"
+      aria-label=${`${label}. Arrow keys move, plus and minus zoom, z shows the whole range.`}
       onKeyDown=${onKeyDown} onDblClick=${() => onZoom(null)}>
-      ${strips.map((strip, index) => html`<div class="strip" key=${strip.label}>
-        <div class="legend" ref=${place => { readers.current[index] = place; }}>
+      ${strips.map(
+        (strip, index) => html`<div class="strip" key=${strip.label}>
+        <div class="legend" ref=${place => {
+          readers.current[index] = place;
+        }}>
           <span><b>${strip.label}</b> <span class="quiet">${strip.unit}</span></span>
-          ${strip.lines.map(line => html`<span>
-            ${strip.lines.length > 1 && html`<${Sample} line=${line} />${line.label} `}<output aria-hidden="true"></output></span>`)}
+          ${strip.lines.map(
+            line => html`<span>
+            ${strip.lines.length > 1 && html`<${Sample} line=${line} />${line.label} `}<output aria-hidden="true"></output></span>`,
+          )}
         </div>
         <div class="plot"></div>
-      </div>`)}
+      </div>`,
+      )}
     </div>`;
 }
 
 const Sample = ({ line }) => html`<svg width="24" height="10" aria-hidden="true"><line x1="0" x2="24" y1="5" y2="5"
-  style=${{ stroke: `var(--${line.colour})`, strokeWidth: Math.max(line.width ?? 1.5, 1.5), strokeDasharray: line.dash?.join(' ') ?? 'none' }} /></svg> `;
+  style=${{ stroke: `var(--${line.colour})`, strokeWidth: Math.max(line.width ?? 1.5, 1.5),
+    strokeDasharray: line.dash?.join(' ') ?? 'none' }} /></svg> `;
 
 /** A range that lies inside of the whole, with the length that was asked where there is room. */
 function clamped([from, to], [first, last]) {

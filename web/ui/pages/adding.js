@@ -19,7 +19,18 @@ const all = (path, options) => Promise.all(path.split(',').map(id => ask(`/fits/
 /** The errors of a fit as a step of the ladder. */
 function stepOf(fit, before) {
   const [metrics] = Object.values(fit.metrics);
-  return { label: before ? `+ ${fit.model.split('+').filter(part => !before.model.split('+').includes(part)).join(' + ') || fit.model}` : fit.model, ...metrics, unit: metrics.unit };
+  return {
+    label: before
+      ? `+ ${
+          fit.model
+            .split('+')
+            .filter(part => !before.model.split('+').includes(part))
+            .join(' + ') || fit.model
+        }`
+      : fit.model,
+    ...metrics,
+    unit: metrics.unit,
+  };
 }
 
 /**
@@ -47,7 +58,16 @@ export function Adding({ diagnosis, system, document, effect, steps, taken, grow
       const own = (await ask(`/models/${encodeURIComponent(model.id)}`)).parameters.map(parameter => parameter.name);
       const within = values => Object.fromEntries(Object.entries(values ?? {}).filter(([parameter]) => own.includes(parameter)));
       const started = await post('/jobs', {
-        kind: 'estimate', system, model: model.id, experiment: true, split, objective, prior, bounds: within(bounds), fixed: within(fixed), ...(window ? { window } : {}),
+        kind: 'estimate',
+        system,
+        model: model.id,
+        experiment: true,
+        split,
+        objective,
+        prior,
+        bounds: within(bounds),
+        fixed: within(fixed),
+        ...(window ? { window } : {}),
       });
       setChange({ model, parent: current, title });
       setQuery({ adding: started.id }, { replace: false });
@@ -55,7 +75,9 @@ export function Adding({ diagnosis, system, document, effect, steps, taken, grow
       setError(fault);
     }
   };
-  useEffect(() => { if (effect && ready) add(effect); }, [effect, ready]);
+  useEffect(() => {
+    if (effect && ready) add(effect);
+  }, [effect, ready]);
   const ended = done => {
     if (!done.fit || steps.includes(done.fit)) return;
     setQuery({ steps: [...steps, done.fit].join(',') });
@@ -83,32 +105,52 @@ export function Adding({ diagnosis, system, document, effect, steps, taken, grow
     ${change && html`<${Equation} change=${change} />`}
     ${adding && html`<${JobWatch} key=${adding} id=${adding} title="Refit with the effect" onEnd=${ended} />`}
     ${ladder.length > 1 && html`<${Outcome} ladder=${ladder} model=${current} undo=${undo} serve=${serve} />`}
-    ${serving && html`<${JobWatch} key=${serving} id=${serving} title=${`Fit of ${current} for the controller`} onEnd=${done => say(`The gate says: ${done.outcome ?? done.state}`)} />
-      <p><a href=${systemAddress(system, 'parameters')}>See what is served, and why</a></p>`}
-    ${ladder.length > 1 && html`<${Frame} title=${`Error ladder, what you added: rmse of the free run, ${ladder[0].unit}`} path=${`/fits/${steps.at(-1)}`} summary=${ladder.map(step => `${step.label}: train ${number(step.train_rmse)}, validation ${number(step.validation_rmse)}, test ${number(step.test_rmse)}`).join('; ')}
-      table=${() => ({ columns: [['model'], ['train', 'number'], ['validation', 'number'], ['test', 'number']], rows: ladder.map(step => [step.label, number(step.train_rmse), number(step.validation_rmse), number(step.test_rmse)]) })}>
-      <${LadderChart} steps=${ladder} unit=${ladder[0].unit} floor=${diagnosis.noise_floor_rmse} label="Train, validation and test error of each step" /></${Frame}>`}
+    ${
+      serving &&
+      html`<${JobWatch} key=${serving} id=${serving} title=${`Fit of ${current} for the controller`}
+        onEnd=${done => say(`The gate says: ${done.outcome ?? done.state}`)} />
+      <p><a href=${systemAddress(system, 'parameters')}>See what is served, and why</a></p>`
+    }
+    ${
+      ladder.length > 1 &&
+      html`<${Frame} title=${`Error ladder, what you added: rmse of the free run, ${ladder[0].unit}`} path=${`/fits/${steps.at(-1)}`}
+        summary=${ladder.map(step => `${step.label}: train ${number(step.train_rmse)}, validation ${number(step.validation_rmse)}, test ${number(step.test_rmse)}`).join('; ')}
+      table=${() => ({ columns: [['model'], ['train', 'number'], ['validation', 'number'], ['test', 'number']], rows: ladder.map(step =>
+        [step.label, number(step.train_rmse), number(step.validation_rmse), number(step.test_rmse)]) })}>
+      <${LadderChart} steps=${ladder} unit=${ladder[0].unit} floor=${diagnosis.noise_floor_rmse}
+        label="Train, validation and test error of each step" /></${Frame}>`
+    }
   </section>`;
 }
 
 /** What the newest step did to the error, as plainly when it did nothing. */
 function Outcome({ ladder, model, undo, serve }) {
   const [before, after] = ladder.slice(-2);
-  const change = (key, name) => Number.isFinite(before[key]) && Number.isFinite(after[key]) && html`<div><dt>${name}</dt><dd>${fixed(before[key])} → ${fixed(after[key])} ${after.unit}</dd></div>`;
+  const change = (key, name) =>
+    Number.isFinite(before[key]) &&
+    Number.isFinite(after[key]) &&
+    html`<div><dt>${name}</dt><dd>${fixed(before[key])} → ${fixed(after[key])} ${after.unit}</dd></div>`;
   const fell = after.validation_rmse < before.validation_rmse * FALL;
   const overfit = !fell && after.train_rmse < before.train_rmse * FALL && after.validation_rmse > before.validation_rmse / FALL;
   const ahead = Object.keys(after.ahead ?? {}).filter(key => before.ahead?.[key]);
   const sooner = ahead.filter(key => after.ahead[key].rmse < before.ahead[key].rmse * 0.95);
   const pair = `${before.validation_rmse.toFixed(3)} → ${after.validation_rmse.toFixed(3)} ${after.unit}`;
   return html`<div class="outcome ${fell ? '' : 'bad'}" role="status">
-    <p class="says"><${Status} of=${fell ? 'ok' : 'bad'} label=${fell
-      ? `The error on unseen data fell by ${Math.round((1 - after.validation_rmse / before.validation_rmse) * 100)} %: ${pair}.`
-      : `The error did not fall: ${pair} on unseen data.`} /></p>
-    ${!fell && html`<p>${overfit ? 'It fell on the data that were fitted only: what was learnt there does not repeat. ' : ''}The effect is not in these data, or they are too short to show it.
-      ${sooner.length > 0 ? ` Forecasts ${sooner.map(horizon).join(' and ')} ahead did become better.` : ''}</p>`}
+    <p class="says"><${Status} of=${fell ? 'ok' : 'bad'} label=${
+      fell
+        ? `The error on unseen data fell by ${Math.round((1 - after.validation_rmse / before.validation_rmse) * 100)} %: ${pair}.`
+        : `The error did not fall: ${pair} on unseen data.`
+    } /></p>
+    ${
+      !fell &&
+      html`<p>${overfit ? 'It fell on the data that were fitted only: what was learnt there does not repeat. ' : ''}The effect is not in these data, or they are too short to show it.
+      ${sooner.length > 0 ? ` Forecasts ${sooner.map(horizon).join(' and ')} ahead did become better.` : ''}</p>`
+    }
     <dl class="figures">${change('train_rmse', 'train')}${change('validation_rmse', 'validation')}${change('test_rmse', 'test, never used')}
-      ${ahead.map(key => html`<div><dt>${horizon(key)} ahead</dt><dd>${fixed(before.ahead[key].rmse)} → ${fixed(after.ahead[key].rmse)} ${after.unit}</dd></div>`)}</dl>
-    <p class="row"><button class=${fell ? 'main' : ''} onClick=${serve}>Use ${model} for the controller</button><button class=${fell ? '' : 'main'} onClick=${undo}>Take it out again</button></p>
+      ${ahead.map(key => html`<div><dt>${horizon(key)} ahead</dt><dd>
+        ${fixed(before.ahead[key].rmse)} → ${fixed(after.ahead[key].rmse)} ${after.unit}</dd></div>`)}</dl>
+    <p class="row"><button class=${fell ? 'main' : ''} onClick=${serve}>Use ${model} for the controller</button><button
+      class=${fell ? '' : 'main'} onClick=${undo}>Take it out again</button></p>
   </div>`;
 }
 
@@ -117,6 +159,10 @@ function Equation({ change: { model, parent, title } }) {
   const { diff } = model;
   return html`<div class="card"><h3>${parent} + ${title}</h3>
     <${Equations} model=${parent} diff=${diff} />
-    <p class="note">New parameters: ${Object.entries(diff.parameters ?? {}).map(([name, entry]) => `${name} (${entry.title}, ${entry.lower} to ${entry.upper} ${entry.unit})`).join('; ') || 'none'}.</p>
+    <p class="note">New parameters: ${
+      Object.entries(diff.parameters ?? {})
+        .map(([name, entry]) => `${name} (${entry.title}, ${entry.lower} to ${entry.upper} ${entry.unit})`)
+        .join('; ') || 'none'
+    }.</p>
   </div>`;
 }

@@ -14,12 +14,18 @@ export function Data({ system, document, query, reload }) {
   const windows = useList(`/systems/${system}/windows`);
   const path = withQuery(`/systems/${system}/series`, { max_points: 2000 });
   const series = useResource(windows.data?.length ? path : null);
-  const done = () => { windows.reload(); series.reload(); reload(); };
+  const done = () => {
+    windows.reload();
+    series.reload();
+    reload();
+  };
   return html`
     <${Upload} system=${system} document=${document} done=${done} open=${windows.data?.length === 0} />
-    <${Shown} of=${windows} what="the measurements" empty=${html`<${Empty} title="No measurements yet"><p>Upload a CSV file above; its first column is the time.</p></${Empty}>`}
+    <${Shown} of=${windows} what="the measurements"
+      empty=${html`<${Empty} title="No measurements yet"><p>Upload a CSV file above; its first column is the time.</p></${Empty}>`}
       show=${list => html`
-        ${series.error ? html`<${Failed} error=${series.error} retry=${series.reload} />` : series.data && html`<${Series} all=${series.data} path=${path} query=${query} zone=${document.location?.zone ?? 'UTC'} />`}
+        ${series.error ? html`<${Failed} error=${series.error} retry=${series.reload} />` : series.data &&
+          html`<${Series} all=${series.data} path=${path} query=${query} zone=${document.location?.zone ?? 'UTC'} />`}
         <${Exclusions} system=${system} document=${document} query=${query} done=${done} />
         <${Channels} list=${list} />
         <${Windows} list=${list} done=${done} />`} />`;
@@ -30,9 +36,10 @@ function Series({ all, path: wholePath, query, zone }) {
   const range = query.from && query.to ? [seconds(query.from), seconds(query.to)] : null;
   // What is thinned is asked for anew where it is looked at closely, with as much again on both sides for moving on.
   const margin = range ? range[1] - range[0] : 0;
-  const path = range && all.thinned
-    ? withQuery(wholePath, { from: instant(Math.max(range[0] - margin, whole[0])), to: instant(Math.min(range[1] + margin, whole[1])) })
-    : wholePath;
+  const path =
+    range && all.thinned
+      ? withQuery(wholePath, { from: instant(Math.max(range[0] - margin, whole[0])), to: instant(Math.min(range[1] + margin, whole[1])) })
+      : wholePath;
   const closer = useResource(path === wholePath ? null : path);
   const data = closer.data ?? all;
   const names = Object.keys(data.channels);
@@ -40,10 +47,18 @@ function Series({ all, path: wholePath, query, zone }) {
   const thinned = Object.entries(data.channels).filter(([, channel]) => channel.bucket_s);
   const says = `${names.length} channels from ${clock(all.from, zone)} to ${clock(all.to, zone)}.`;
   return html`<${Frame} title="Measurements" path=${path} csv summary=${says}
-    note=${thinned.length ? `Thinned: each point of ${thinned.map(([name]) => name).join(', ')} stands for ${length(thinned[0][1].bucket_s)} and shows the lowest and the highest value.` : 'Every sample is shown.'}
-    table=${() => ({ columns: [['channel'], ['unit'], ['samples', 'number'], ['step'], ['gaps', 'number']], rows: names.map(name => { const channel = data.channels[name]; return [name, channel.unit, channel.samples, length(channel.median_step_s), channel.gaps]; }) })}>
+    note=${thinned.length ? `Thinned: each point of ${thinned.map(([name]) =>
+      name).join(', ')} stands for ${length(thinned[0][1].bucket_s)} and shows the lowest and the highest value.` : 'Every sample is shown.'}
+    table=${() => ({
+      columns: [['channel'], ['unit'], ['samples', 'number'], ['step'], ['gaps', 'number']],
+      rows: names.map(name => {
+        const channel = data.channels[name];
+        return [name, channel.unit, channel.samples, length(channel.median_step_s), channel.gaps];
+      }),
+    })}>
     <${Coverage} data=${all} whole=${whole} />
-    <${Strips} time=${time} strips=${strips} whole=${whole} range=${range} zone=${zone} label=${says} onZoom=${chosen => setQuery({ from: chosen && instant(chosen[0]), to: chosen && instant(chosen[1]) })} />
+    <${Strips} time=${time} strips=${strips} whole=${whole} range=${range} zone=${zone} label=${says}
+      onZoom=${chosen => setQuery({ from: chosen && instant(chosen[0]), to: chosen && instant(chosen[1]) })} />
   </${Frame}>`;
 }
 
@@ -58,7 +73,12 @@ function together(data) {
   const strips = Object.entries(data.channels).map(([name, channel]) => {
     const line = channel.values ? { values: columns[at] } : { min: columns[at], max: columns[at + 1] };
     at += channel.values ? 1 : 2;
-    return { label: name, unit: channel.unit, height: 64, lines: [{ label: name, colour: 'measured', width: 1.2, step: channel.hold === 'zero_order' && Boolean(channel.values), ...line }] };
+    return {
+      label: name,
+      unit: channel.unit,
+      height: 64,
+      lines: [{ label: name, colour: 'measured', width: 1.2, step: channel.hold === 'zero_order' && Boolean(channel.values), ...line }],
+    };
   });
   return [time, strips];
 }
@@ -75,9 +95,13 @@ function Coverage({ data, whole: [first, last] }) {
       if (values[at] === null) return;
       for (let cell = place(seconds(time) - reach / 2); cell <= place(seconds(time) + reach / 2); cell += 1) filled.add(cell);
     });
-    return html`<tr><th scope="row" class="nowrap">${name}</th><td class="number nowrap">${Math.round((filled.size / cells) * 100)} %</td><td style="width:80%">
-      <svg viewBox=${`0 0 ${cells} 8`} preserveAspectRatio="none" width="100%" height="12" role="img" aria-label=${`${name} covers ${Math.round((filled.size / cells) * 100)} % of the time, ${channel.gaps} gaps`}>
-        <rect width=${cells} height="8" style="fill:var(--grid)" />${stretches(filled).map(([from, to]) => html`<rect x=${from} width=${to - from + 1} height="8" style="fill:var(--model)" />`)}</svg></td></tr>`;
+    return html`<tr><th scope="row" class="nowrap">${name}</th><td class="number nowrap">${Math.round((filled.size / cells) * 100)} %</td>
+      <td style="width:80%">
+      <svg viewBox=${`0 0 ${cells} 8`} preserveAspectRatio="none" width="100%" height="12" role="img"
+        aria-label=${`${name} covers ${Math.round((filled.size / cells) * 100)} % of the time, ${channel.gaps} gaps`}>
+        <rect width=${cells} height="8" style="fill:var(--grid)" />
+          ${stretches(filled).map(([from, to]) => html`<rect x=${from} width=${to - from + 1} height="8" style="fill:var(--model)" />`)}
+            </svg></td></tr>`;
   })}</tbody></table>`;
 }
 
@@ -97,33 +121,64 @@ function Exclusions({ system, document, query, done }) {
   const [draft, setDraft] = useState({ from: query.from ?? '', to: query.to ?? '', reason: '' });
   const save = exclude => {
     const { system: _, ...rest } = document;
-    return put(`/systems/${system}`, { ...rest, exclude }).then(() => { say('Exclusions are saved'); done(); }, sayFault);
+    return put(`/systems/${system}`, { ...rest, exclude }).then(() => {
+      say('Exclusions are saved');
+      done();
+    }, sayFault);
   };
   const add = event => {
     event.preventDefault();
-    save([...document.exclude, { from: draft.from, to: draft.to, reason: draft.reason }]).then(() => setDraft({ from: '', to: '', reason: '' }));
+    save([...document.exclude, { from: draft.from, to: draft.to, reason: draft.reason }]).then(() =>
+      setDraft({ from: '', to: '', reason: '' }),
+    );
   };
-  const field = (name, title, placeholder) => html`<label>${title}<input value=${draft[name]} required placeholder=${placeholder} onInput=${event => setDraft({ ...draft, [name]: event.target.value })} /></label>`;
+  const field = (name, title, placeholder) =>
+    html`<label>${title}<input value=${draft[name]} required placeholder=${placeholder}
+      onInput=${event => setDraft({ ...draft, [name]: event.target.value })} /></label>`;
   return html`<section class="card"><h3>Kept out of training</h3>
-    ${document.exclude.length === 0 ? html`<p class="quiet">Nothing: every measurement is used.</p>` : html`<${Table} caption="Exclusions" hidden columns=${[['from'], ['to'], ['reason'], ['']]}
-      rows=${document.exclude.map((entry, at) => [clock(entry.from), clock(entry.to), entry.reason, html`<button class="plain" onClick=${() => save(document.exclude.filter((_, other) => other !== at))}>Use it again</button>`])} />`}
-    <form class="row" onSubmit=${add}>${field('from', 'From (UTC)', '2020-01-01T00:00:00Z')}${field('to', 'To (UTC)', '2020-01-02T00:00:00Z')}${field('reason', 'Reason', 'windows were open')}
-      ${query.from && html`<button type="button" onClick=${() => setDraft({ ...draft, from: query.from, to: query.to })}>Take the shown range</button>`}
+    ${
+      document.exclude.length === 0
+        ? html`<p class="quiet">Nothing: every measurement is used.</p>`
+        : html`<${Table} caption="Exclusions" hidden columns=${[['from'], ['to'], ['reason'], ['']]}
+      rows=${document.exclude.map((entry, at) => [clock(entry.from), clock(entry.to), entry.reason,
+        html`<button class="plain" onClick=${() => save(document.exclude.filter((_, other) => other !== at))}>Use it again</button>`])} />`
+    }
+    <form class="row" onSubmit=${add}>${field('from', 'From (UTC)', '2020-01-01T00:00:00Z')}${field('to', 'To (UTC)',
+      '2020-01-02T00:00:00Z')}${field('reason', 'Reason', 'windows were open')}
+      ${query.from && html`<button type="button"
+        onClick=${() => setDraft({ ...draft, from: query.from, to: query.to })}>Take the shown range</button>`}
       <button>Keep it out</button></form>
   </section>`;
 }
 
 function Channels({ list }) {
   const newest = list[0];
-  return html`<${Table} caption=${`Channels of the newest upload, ${clock(newest.uploaded_at)}`} columns=${[['channel'], ['unit'], ['samples', 'number'], ['missing', 'number'], ['lowest', 'number'], ['highest', 'number'], ['step', 'number'], ['longest gap', 'number'], ['longest stuck', 'number']]}
-    rows=${Object.entries(newest.channels).map(([name, channel]) => [name, channel.unit, channel.samples, channel.missing, number(channel.min), number(channel.max), length(channel.median_step_s), length(channel.longest_gap_s), length(channel.stuck_s)])} />`;
+  return html`<${Table} caption=${`Channels of the newest upload, ${clock(newest.uploaded_at)}`}
+    columns=${[['channel'], ['unit'], ['samples', 'number'], ['missing', 'number'], ['lowest', 'number'], ['highest', 'number'], ['step',
+      'number'], ['longest gap', 'number'], ['longest stuck', 'number']]}
+    rows=${Object.entries(newest.channels).map(([name, channel]) => [name, channel.unit, channel.samples, channel.missing,
+      number(channel.min), number(channel.max), length(channel.median_step_s), length(channel.longest_gap_s), length(channel.stuck_s)])} />`;
 }
 
 function Windows({ list, done }) {
-  const drop = window_ => ask(`/windows/${window_.id}`, { method: 'DELETE' }).then(() => { say(`${window_.id} is deleted`); done(); }, sayFault);
-  return html`<${Table} caption="Uploads" columns=${[['window'], ['uploaded'], ['from'], ['to'], ['rows', 'number'], ['refused rows', 'number'], ['remarks'], ['']]}
-    rows=${list.map(entry => [entry.id, clock(entry.uploaded_at), clock(entry.from), clock(entry.to), entry.rows,
-      entry.rejected_rows.length ? html`<details><summary>${entry.rejected_rows.length}</summary><ul>${entry.rejected_rows.map(row => html`<li>line ${row.line}: ${row.reason}</li>`)}</ul></details>` : '0',
+  const drop = window_ =>
+    ask(`/windows/${window_.id}`, { method: 'DELETE' }).then(() => {
+      say(`${window_.id} is deleted`);
+      done();
+    }, sayFault);
+  return html`<${Table} caption="Uploads"
+    columns=${[['window'], ['uploaded'], ['from'], ['to'], ['rows', 'number'], ['refused rows', 'number'], ['remarks'], ['']]}
+    rows=${list.map(entry => [
+      entry.id,
+      clock(entry.uploaded_at),
+      clock(entry.from),
+      clock(entry.to),
+      entry.rows,
+      entry.rejected_rows.length
+        ? html`<details><summary>${entry.rejected_rows.length}</summary><ul>
+          ${entry.rejected_rows.map(row => html`<li>line ${row.line}: ${row.reason}</li>`)}</ul></details>`
+        : '0',
       entry.warnings.length ? html`<ul>${entry.warnings.map(warning => html`<li>${warning}</li>`)}</ul>` : NONE,
-      html`<button class="plain" aria-label=${`Delete ${entry.id}`} onClick=${() => drop(entry)}>Delete</button>`])} />`;
+      html`<button class="plain" aria-label=${`Delete ${entry.id}`} onClick=${() => drop(entry)}>Delete</button>`,
+    ])} />`;
 }

@@ -11,7 +11,8 @@ import { Status } from '../parts/status.js';
 const SETTLE_MS = 300;
 
 const MODEL = {
-  id: 'my_room', title: 'Room without envelope (one state)',
+  id: 'my_room',
+  title: 'Room without envelope (one state)',
   states: { T_r: { unit: 'degC', initial: 'T_room' } },
   inputs: { T_out: { unit: 'degC' } },
   parameters: { alpha: { unit: '1/h', lower: 0.001, upper: 15, scale: 'log', nominal: 0.1, title: 'room to outdoors' } },
@@ -19,8 +20,12 @@ const MODEL = {
   outputs: { T_room: { expr: 'T_r', unit: 'degC', noise_sd: 0.05 } },
 };
 const EFFECT = {
-  id: 'my_effect', title: 'Aquarium', explain: 'A heated aquarium warms the room.', signature: 'A steady gain that no thermostat explains.',
-  measure: 'the power of the aquarium\'s heater', sign: 'positive',
+  id: 'my_effect',
+  title: 'Aquarium',
+  explain: 'A heated aquarium warms the room.',
+  signature: 'A steady gain that no thermostat explains.',
+  measure: "the power of the aquarium's heater",
+  sign: 'positive',
   parameters: { c_aquarium: { unit: 'K/h', lower: 0, upper: 1, scale: 'linear', nominal: 0.1, title: 'gain of the aquarium' } },
   terms: { T_r: 'c_aquarium' },
 };
@@ -55,16 +60,25 @@ export function Editor({ kind, query }) {
       return undefined;
     }
     if (!isModel) return undefined;
-    const timer = setTimeout(() => post('/models/validate', read.value).then(answer => {
-      setFaults(placed(answer.errors ?? [], read.lines));
-      setChecked(true);
-    }, setError), SETTLE_MS);
+    const timer = setTimeout(
+      () =>
+        post('/models/validate', read.value).then(answer => {
+          setFaults(placed(answer.errors ?? [], read.lines));
+          setChecked(true);
+        }, setError),
+      SETTLE_MS,
+    );
     return () => clearTimeout(timer);
   }, [text]);
   // An effect is judged in the model that it is added to: the preview names its faults.
   const previewFaults = errors => {
     if (isModel || read.fault) return;
-    setFaults(placed(errors.map(fault => ({ ...fault, pointer: fault.pointer.replace(/^\/effects\/0/, '') })), read.lines));
+    setFaults(
+      placed(
+        errors.map(fault => ({ ...fault, pointer: fault.pointer.replace(/^\/effects\/0/, '') })),
+        read.lines,
+      ),
+    );
     setChecked(true);
   };
   const save = async () => {
@@ -96,21 +110,34 @@ export function Editor({ kind, query }) {
   };
   return html`<div onKeyDown=${onKeyDown}>
     <div class="row apart"><h1>${isModel ? 'Write a model' : 'Describe an effect'}</h1>
-      <span class="row">${!isModel && html`<label class="inline">added to <select value=${base} onChange=${event => setBase(event.target.value)}>
-          ${[...new Set([base, ...(models.data ?? []).map(model => model.id)])].map(id => html`<option value=${id} selected=${id === base}>${id}</option>`)}</select></label>`}
-        <button class="main" disabled=${!good} onClick=${save}>${isModel ? 'Save as a new model' : query.system ? 'Add and refit' : 'Save and add'} (Ctrl S)</button></span></div>
-    ${query.system && html`<p>It is then fitted to <a href=${systemAddress(query.system, 'missing')}>${query.system}</a>, as an experiment that never changes what is served.</p>`}
+      <span class="row">${
+        !isModel &&
+        html`<label class="inline">added to <select value=${base} onChange=${event => setBase(event.target.value)}>
+          ${[...new Set([base, ...(models.data ?? []).map(model => model.id)])].map(id =>
+            html`<option value=${id} selected=${id === base}>${id}</option>`)}</select></label>`
+      }
+        <button class="main" disabled=${!good} onClick=${save}>
+          ${isModel ? 'Save as a new model' : query.system ? 'Add and refit' : 'Save and add'} (Ctrl S)</button></span></div>
+    ${query.system && html`<p>It is then fitted to <a href=${systemAddress(query.system, 'missing')}>${query.system}
+      </a>, as an experiment that never changes what is served.</p>`}
     <div class="grid">
       <section>
         <${Lines} text=${text} setText=${setText} faults=${faults} />
-        <div role="status">${good
-          ? html`<p><${Status} of=${checked ? 'ok' : 'queued'} label=${checked ? 'No faults: names, equations and units agree.' : 'Checking …'} /></p>`
-          : html`<p><${Status} of="bad" label=${`${faults.length} ${faults.length === 1 ? 'fault' : 'faults'}`} /></p>
-            <ul class="faults">${faults.map(fault => html`<li><b>line ${fault.line}</b> ${fault.pointer ? html`<code>${fault.pointer}</code> ` : ''}${fault.detail}${fault.suggestion ? html` <em>${fault.suggestion}</em>` : ''}</li>`)}</ul>`}</div>
+        <div role="status">${
+          good
+            ? html`<p><${Status} of=${checked ? 'ok' : 'queued'}
+              label=${checked ? 'No faults: names, equations and units agree.' : 'Checking …'} /></p>`
+            : html`<p><${Status} of="bad" label=${`${faults.length} ${faults.length === 1 ? 'fault' : 'faults'}`} /></p>
+            <ul class="faults">${faults.map(fault =>
+              html`<li><b>line ${fault.line}
+                </b> ${fault.pointer ? html`<code>${fault.pointer}</code> ` : ''}${fault.detail}${fault.suggestion ?
+                  html` <em>${fault.suggestion}</em>` : ''}</li>`)}</ul>`
+        }</div>
         ${error && html`<${Failed} error=${error} />`}
         <p class="note">Units are words such as degC, K/h, 1/h, kW, W/m2; every equation is checked for them. Functions: min max abs exp log sqrt sin cos tanh if delay.</p>
       </section>
-      <section>${read.value && html`<${Preview} request=${isModel ? { model: read.value } : { model: base, effects: [read.value] }} system=${query.system} faulty=${previewFaults} />`}</section>
+      <section>${read.value && html`<${Preview} request=${isModel ? { model: read.value } : { model: base, effects: [read.value] }}
+        system=${query.system} faulty=${previewFaults} />`}</section>
     </div></div>`;
 }
 
@@ -122,8 +149,13 @@ function Lines({ text, setText, faults }) {
   const gutter = useRef(null);
   const marked = new Set(faults.map(fault => fault.line));
   return html`<div class="editor">
-    <pre ref=${gutter} aria-hidden="true">${text.split('\n').map((_, at) => html`<span class=${marked.has(at + 1) ? 'fault' : ''}>${marked.has(at + 1) ? '■ ' : ''}${at + 1}</span>`)}</pre>
-    <textarea spellcheck="false" aria-label="Document, JSON" aria-invalid=${faults.length > 0} value=${text} onInput=${event => setText(event.target.value)}
-      onScroll=${event => { gutter.current.scrollTop = event.target.scrollTop; }}></textarea>
+    <pre ref=${gutter} aria-hidden="true">
+      ${text.split('\n').map((_, at) => html`<span class=${marked.has(at + 1) ? 'fault' : ''}>${marked.has(at + 1) ? '■ ' : ''}${at + 1}
+        </span>`)}</pre>
+    <textarea spellcheck="false" aria-label="Document, JSON" aria-invalid=${faults.length > 0} value=${text}
+      onInput=${event => setText(event.target.value)}
+      onScroll=${event => {
+        gutter.current.scrollTop = event.target.scrollTop;
+      }}></textarea>
   </div>`;
 }

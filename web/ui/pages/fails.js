@@ -17,59 +17,94 @@ export function Fails({ system, fit, query, document }) {
   const diagnostics = useResource(path);
   if (!fit) return html`<${Empty} title="Never fitted"><p>What fails can be said of a fit. Press Refit.</p></${Empty}>`;
   const zoom = (from, to) => go(systemAddress(system, 'fit', { fit: query.fit, with: query.with, from: instant(from), to: instant(to) }));
-  return html`<${Shown} of=${diagnostics} what="the diagnostics" show=${data => html`<${Failures} data=${data} path=${path} zoom=${zoom} zone=${document.location?.zone ?? 'UTC'} />`} />`;
+  return html`<${Shown} of=${diagnostics} what="the diagnostics"
+    show=${data => html`<${Failures} data=${data} path=${path} zoom=${zoom} zone=${document.location?.zone ?? 'UTC'} />`} />`;
 }
 
 /** The sentences of a summary, instants as people read them. */
-const sentencesOf = (text, zone) => text.split(/\.\s+/).map(sentence => sentence.replace(/\.$/, '').replaceAll(/\d{4}-\d\d-\d\dT[\d:]+Z/g, at => clock(at, zone))).filter(Boolean);
+const sentencesOf = (text, zone) =>
+  text
+    .split(/\.\s+/)
+    .map(sentence => sentence.replace(/\.$/, '').replaceAll(/\d{4}-\d\d-\d\dT[\d:]+Z/g, at => clock(at, zone)))
+    .filter(Boolean);
 
 function Failures({ data, path, zoom, zone }) {
   const [output, skill] = Object.entries(data.skill)[0];
   const { unit } = skill;
   const around = episode => zoom(seconds(episode.from) - 12 * HOUR, seconds(episode.to) + 12 * HOUR);
-  const cells = data.hour_by_date.flatMap(day => day.hours.map((value, hour) => [day.date, hour, value])).filter(([, , value]) => value !== null);
+  const cells = data.hour_by_date
+    .flatMap(day => day.hours.map((value, hour) => [day.date, hour, value]))
+    .filter(([, , value]) => value !== null);
   const worst = cells.reduce((found, cell) => (Math.abs(cell[2]) > Math.abs(found[2]) ? cell : found), ['', 0, 0]);
   return html`
     <section class="card" aria-label="In words"><ul>${sentencesOf(data.summary, zone).map(sentence => html`<li>${sentence}.</li>`)}</ul></section>
-    <${Frame} title=${`Error by day and hour, ${output}`} path=${path} note=${zone === 'UTC' ? 'Hours are UTC: the system names no time zone.' : `Hours are of ${zone}.`}
+    <${Frame} title=${`Error by day and hour, ${output}`} path=${path}
+      note=${zone === 'UTC' ? 'Hours are UTC: the system names no time zone.' : `Hours are of ${zone}.`}
       summary=${`The worst hour is ${worst[1]} h on ${worst[0]}: ${signed(worst[2])} ${unit}.`}
-      table=${() => ({ columns: [['day'], ['hour', 'number'], [`measured − model, ${unit}`, 'number']], rows: cells.map(([date, hour, value]) => [date, hour, number(value)]) })}>
-      <${Heatmap} days=${data.hour_by_date} unit=${unit} onPick=${date => zoom(midnight(date, zone), midnight(date, zone) + 24 * HOUR)} label=${`Mean error of ${output} by hour and day; the worst is ${signed(worst[2])} ${unit} at ${worst[1]} h on ${worst[0]}.`} />
+      table=${() => ({ columns: [['day'], ['hour', 'number'], [`measured − model, ${unit}`, 'number']], rows: cells.map(([date, hour,
+        value]) => [date, hour, number(value)]) })}>
+      <${Heatmap} days=${data.hour_by_date} unit=${unit} onPick=${date => zoom(midnight(date, zone), midnight(date, zone) + 24 * HOUR)}
+        label=${`Mean error of ${output} by hour and day; the worst is ${signed(worst[2])} ${unit} at ${worst[1]} h on ${worst[0]}.`} />
     </${Frame}>
     <div class="grid">
       <section><${Regimes} rows=${data.by_regime} unit=${unit} /></section>
       <section>
-        <${Table} caption="Worst six hours" columns=${[['when'], ['bias', 'number'], ['rmse', 'number'], ['of the error', 'number'], ['unusual then'], ['']]}
-          rows=${data.episodes.map(episode => [clock(episode.from, zone), `${signed(episode.bias)} ${unit}`, `${fixed(episode.rmse)} ${unit}`, percent(episode.share), contextOf(episode.context),
-            html`<button class="plain" aria-label=${`Show ${clock(episode.from, zone)} in the chart`} onClick=${() => around(episode)}>Show</button>`])} />
+        <${Table} caption="Worst six hours"
+          columns=${[['when'], ['bias', 'number'], ['rmse', 'number'], ['of the error', 'number'], ['unusual then'], ['']]}
+          rows=${data.episodes.map(episode => [
+            clock(episode.from, zone),
+            `${signed(episode.bias)} ${unit}`,
+            `${fixed(episode.rmse)} ${unit}`,
+            percent(episode.share),
+            contextOf(episode.context),
+            html`<button class="plain" aria-label=${`Show ${clock(episode.from, zone)} in the chart`} onClick=${() => around(episode)}>Show</button>`,
+          ])} />
         <p class="note">Unusual: how many standard deviations a channel is from its mean.</p>
-        <${Table} caption="How far ahead" columns=${[['forecast'], ['rmse', 'number'], ['holding the last value', 'number'], ['bias', 'number'], ['r²', 'number']]}
-          rows=${Object.entries(data.by_horizon).flatMap(([name, rows]) => rows.map(row => [`${name}, ${row.horizon === null ? 'free run' : horizon(row.horizon)}`, `${fixed(row.rmse)} ${unit}`, `${fixed(row.persistence_rmse)} ${unit}`, signed(row.bias), number(row.r2)]))} />
+        <${Table} caption="How far ahead"
+          columns=${[['forecast'], ['rmse', 'number'], ['holding the last value', 'number'], ['bias', 'number'], ['r²', 'number']]}
+          rows=${Object.entries(data.by_horizon).flatMap(([name, rows]) => rows.map(row =>
+            [`${name}, ${row.horizon === null ? 'free run' : horizon(row.horizon)}`, `${fixed(row.rmse)} ${unit}`,
+              `${fixed(row.persistence_rmse)} ${unit}`, signed(row.bias), number(row.r2)]))} />
         <p class="note">Judged on the ${data.judged_on} part.</p>
       </section>
     </div>
     <div class="grid">
-      <section><${Table} caption="Residual against each channel" columns=${[['channel'], ['correlation', 'number'], ['strongest at a lag of', 'number'], ['']]}
-        rows=${data.inputs.map(input => [input.channel, signed(input.correlation), `${number(input.lag_hours)} h`, html`<${Strength} of=${input.correlation} />`])} />
+      <section><${Table} caption="Residual against each channel"
+        columns=${[['channel'], ['correlation', 'number'], ['strongest at a lag of', 'number'], ['']]}
+        rows=${data.inputs.map(input => [input.channel, signed(input.correlation), `${number(input.lag_hours)} h`,
+          html`<${Strength} of=${input.correlation} />`])} />
         <p class="note">An input that a controller moves, such as heating, follows the output: there a correlation is weaker evidence.</p></section>
       <${Innovations} data=${data.innovations} path=${path} rho=${data.rho[output]} floor=${data.noise_floor[output]} unit=${unit} />
     </div>`;
 }
 
-const contextOf = context => Object.entries(context).map(([name, value]) => `${words(name)} ${signed(value, 1)}`).join(', ') || NONE;
+const contextOf = context =>
+  Object.entries(context)
+    .map(([name, value]) => `${words(name)} ${signed(value, 1)}`)
+    .join(', ') || NONE;
 
 /** Regimes, the largest share of the squared error first. */
 function Regimes({ rows, unit }) {
   const sorted = [...rows].sort((a, b) => b.error_share - a.error_share);
-  return html`<${Table} caption="By circumstances, largest share of the error first" columns=${[['when'], ['of the time', 'number'], ['bias', 'number'], ['rmse', 'number'], ['of the error', 'number'], ['']]}
-      rows=${sorted.map(row => [row.regime, percent(row.time_share),
-        html`<span title=${row.bias_ci95 ? `95 %: ${signed(row.bias_ci95[0])} to ${signed(row.bias_ci95[1])}` : ''}>${signed(row.bias)} ${unit}</span>`,
-        `${fixed(row.rmse)} ${unit}`, percent(row.error_share),
-        html`<span class="bar" aria-hidden="true" style=${{ width: `${Math.round(row.error_share * 90)}px`, background: row.error_share > 1.25 * row.time_share ? 'var(--heldout)' : 'var(--model)' }}></span>`])} />
+  return html`<${Table} caption="By circumstances, largest share of the error first"
+    columns=${[['when'], ['of the time', 'number'], ['bias', 'number'], ['rmse', 'number'], ['of the error', 'number'], ['']]}
+      rows=${sorted.map(row => [
+        row.regime,
+        percent(row.time_share),
+        html`<span title=${row.bias_ci95 ? `95 %: ${signed(row.bias_ci95[0])} to ${signed(row.bias_ci95[1])}` : ''}>
+          ${signed(row.bias)} ${unit}</span>`,
+        `${fixed(row.rmse)} ${unit}`,
+        percent(row.error_share),
+        html`<span class="bar" aria-hidden="true"
+          style=${{ width: `${Math.round(row.error_share * 90)}px`, background: row.error_share > 1.25 * row.time_share ?
+            'var(--heldout)' : 'var(--model)' }}></span>`,
+      ])} />
     <p class="note">Bias is measured − model. An orange bar: more of the error than of the time. Circumstances overlap.</p>`;
 }
 
-const Strength = ({ of }) => html`<span class="bar" aria-hidden="true" style=${{ width: `${Math.round(Math.abs(of) * 90)}px`, background: `var(--${of > 0 ? 'heldout' : 'model'})` }}></span>`;
+const Strength = ({ of }) =>
+  html`<span class="bar" aria-hidden="true"
+    style=${{ width: `${Math.round(Math.abs(of) * 90)}px`, background: `var(--${of > 0 ? 'heldout' : 'model'})` }}></span>`;
 
 function Innovations({ data, path, rho, floor, unit }) {
   const shown = data.acf.slice(0, ACF_SHOWN);
@@ -77,7 +112,13 @@ function Innovations({ data, path, rho, floor, unit }) {
   const says = `One-step errors against themselves: ${outside} of ${shown.length} lags lie outside of what chance alone would give (±${number(data.acf_band)}).`;
   return html`<${Frame} title="Innovations: autocorrelation" path=${path} summary=${says}
     note=${`${says} Noise floor ${number(floor)} ${unit}; the free run errs by ${number(rho)} times the noise that is left in it${rho > 1.6 ? ': something physical is probably missing' : ''}.`}
-    table=${() => ({ columns: [['lag, samples', 'number'], ['autocorrelation', 'number']], rows: data.acf.map((value, lag) => [lag + 1, number(value)]) })}>
+    table=${() => ({
+      columns: [
+        ['lag, samples', 'number'],
+        ['autocorrelation', 'number'],
+      ],
+      rows: data.acf.map((value, lag) => [lag + 1, number(value)]),
+    })}>
     <${Bars} values=${shown} first=${1} band=${data.acf_band} xLabel="lag, samples" yLabel="correlation" label=${says} />
   </${Frame}>`;
 }

@@ -11,7 +11,12 @@ import { Strips } from '../charts/strips.js';
 
 const POINTS = 2000;
 const NO_OTHER = 'none';
-const VIEWS = [['free_run', 'Free run'], ['PT1H', '1 h ahead'], ['PT6H', '6 h ahead'], ['PT24H', '24 h ahead']];
+const VIEWS = [
+  ['free_run', 'Free run'],
+  ['PT1H', '1 h ahead'],
+  ['PT6H', '6 h ahead'],
+  ['PT24H', '24 h ahead'],
+];
 
 /** What the service is asked for: the view, and the shown range with as much again on both sides for moving on. */
 function asked(query) {
@@ -40,7 +45,13 @@ function stripsOf(data, previous) {
     const before = previous?.outputs[name] && aligned(data.time, previous, previous.outputs[name].simulated);
     if (before) lines.push({ label: 'the other', colour: 'previous', width: 1.6, dash: [2, 3], ...before });
     strips.push({ label: name, unit: output.unit, height: 260, lines });
-    strips.push({ label: 'residual: measured − model', unit: output.error_unit, height: 96, zero: true, lines: [{ label: 'residual', colour: 'heldout', width: 1.2, ...linesOf(output.residual) }] });
+    strips.push({
+      label: 'residual: measured − model',
+      unit: output.error_unit,
+      height: 96,
+      zero: true,
+      lines: [{ label: 'residual', colour: 'heldout', width: 1.2, ...linesOf(output.residual) }],
+    });
   }
   for (const [name, input] of Object.entries(data.inputs)) {
     strips.push({ label: name, unit: input.unit, height: 62, lines: [{ label: name, colour: 'quiet', width: 1.2, ...linesOf(input) }] });
@@ -63,37 +74,55 @@ function tableOf(data) {
     add('residual', output.residual);
   }
   for (const [name, input] of Object.entries(data.inputs)) add(name, input);
-  return { columns, rows: data.time.map((time, at) => [time, ...series.map(values => (values[at] === null ? NONE : number(values[at], 5)))]) };
+  return {
+    columns,
+    rows: data.time.map((time, at) => [time, ...series.map(values => (values[at] === null ? NONE : number(values[at], 5)))]),
+  };
 }
 
 function summaryOf(data) {
-  const parts = Object.entries(data.errors).map(([name, error]) =>
-    `${name}: the model errs by ${number(error.range.rmse)} ${error.unit} over ${error.range.n} samples, bias ${number(error.range.bias)}; ${Object.entries(error.parts).map(([part, skill]) => `${part} ${number(skill.rmse)}`).join(', ')}.`);
+  const parts = Object.entries(data.errors).map(
+    ([name, error]) =>
+      `${name}: the model errs by ${number(error.range.rmse)} ${error.unit} over ${error.range.n} samples, bias ${number(error.range.bias)}; ${Object.entries(
+        error.parts,
+      )
+        .map(([part, skill]) => `${part} ${number(skill.rmse)}`)
+        .join(', ')}.`,
+  );
   return `${data.mode === 'free_run' ? 'Free run' : `Forecasts ${horizon(data.horizon)} ahead`} from ${data.from} to ${data.to}. ${parts.join(' ')}`;
 }
 
 export function FitTab({ system, fit, fits, params, document, query }) {
   // Beside what is served stands what was served before, unless another fit is asked for, or none.
   const history = useList(fit && fit === params?.fit ? `/params/${system}/history` : null);
-  const before = history.data?.find(revision => !revision.current && revision.fit !== fit && fits.some(entry => entry.id === revision.fit))?.fit ?? null;
-  const beside = query.with === NO_OTHER ? null : query.with ?? before;
+  const before =
+    history.data?.find(revision => !revision.current && revision.fit !== fit && fits.some(entry => entry.id === revision.fit))?.fit ?? null;
+  const beside = query.with === NO_OTHER ? null : (query.with ?? before);
   const choice = useRef(null);
   useKeys({ c: ['choose a fit to compare with', () => choice.current?.focus()] });
   const path = fit && withQuery(`/fits/${fit}/comparison`, asked(query));
   const whole = useResource(path);
-  if (!fit) return html`<${Empty} title="Never fitted"><p>Upload measurements under Data, then press Refit: it takes some seconds.</p></${Empty}>`;
+  if (!fit)
+    return html`<${Empty} title="Never fitted"><p>Upload measurements under Data, then press Refit: it takes some seconds.</p></${Empty}>`;
   return html`
     <div class="row apart">
-      <span class="segments" role="group" aria-label="What the model knows">${VIEWS.map(([value, title]) => html`
-        <button aria-pressed=${(query.mode ?? 'free_run') === value} onClick=${() => setQuery({ mode: value === 'free_run' ? null : value })}>${title}</button>`)}</span>
+      <span class="segments" role="group" aria-label="What the model knows">${VIEWS.map(
+        ([value, title]) => html`
+        <button aria-pressed=${(query.mode ?? 'free_run') === value}
+          onClick=${() => setQuery({ mode: value === 'free_run' ? null : value })}>${title}</button>`,
+      )}</span>
       <label class="inline">Beside it <select ref=${choice} value=${beside ?? NO_OTHER} onChange=${event => setQuery({ with: event.target.value })}>
         <option value=${NO_OTHER}>no other fit</option>
-        ${fits.filter(entry => entry.id !== fit).map(entry => html`<option value=${entry.id} selected=${entry.id === beside}>${fitName(entry)}</option>`)}</select></label>
+        ${fits.filter(entry => entry.id !== fit).map(entry =>
+          html`<option value=${entry.id} selected=${entry.id === beside}>${fitName(entry)}</option>`)}</select></label>
     </div>
-    <p class="note">${query.mode && query.mode !== 'free_run'
-      ? `At each time the forecast that was made ${horizon(query.mode)} before, from the states that the model then had.`
-      : 'One simulation from the start: the model never sees the measured output again.'}</p>
-    <${Shown} of=${whole} what="the comparison" show=${data => html`<${Chart} whole=${data} fit=${fit} beside=${beside} query=${query} zone=${document.location?.zone ?? 'UTC'} />`} />`;
+    <p class="note">${
+      query.mode && query.mode !== 'free_run'
+        ? `At each time the forecast that was made ${horizon(query.mode)} before, from the states that the model then had.`
+        : 'One simulation from the start: the model never sees the measured output again.'
+    }</p>
+    <${Shown} of=${whole} what="the comparison"
+      show=${data => html`<${Chart} whole=${data} fit=${fit} beside=${beside} query=${query} zone=${document.location?.zone ?? 'UTC'} />`} />`;
 }
 
 function Chart({ whole, fit, beside, query, zone }) {
@@ -101,9 +130,10 @@ function Chart({ whole, fit, beside, query, zone }) {
   const range = query.from && query.to ? [seconds(query.from), seconds(query.to)] : null;
   // A thinned line is asked for anew where it is looked at closely, with as much again on both sides for moving on.
   const margin = range ? range[1] - range[0] : 0;
-  const closer = range && whole.thinning
-    ? { from: instant(Math.max(range[0] - margin, ends[0])), to: instant(Math.min(range[1] + margin, ends[1])) }
-    : {};
+  const closer =
+    range && whole.thinning
+      ? { from: instant(Math.max(range[0] - margin, ends[0])), to: instant(Math.min(range[1] + margin, ends[1])) }
+      : {};
   const path = withQuery(`/fits/${fit}/comparison`, { ...asked(query), ...closer });
   const detail = useResource(closer.from ? path : null);
   const data = detail.data?.fit === fit ? detail.data : whole;
@@ -119,7 +149,8 @@ function Chart({ whole, fit, beside, query, zone }) {
     : `Every one of the ${data.samples} samples is shown, ${length(data.step_s)} apart.`;
   return html`
     <${Frame} title="Measured and model" summary=${summaryOf(data)} table=${() => tableOf(data)} path=${path} csv
-      note=${`${thinned} Gaps are hatched. ${data.provenance.comment[0].toUpperCase()}${data.provenance.comment.slice(1)}.${apart ? ' The other fit has other times and is not drawn.' : ''}${other.error ? ` The other fit: ${other.error.detail}.` : ''}`}>
+      note=${`${thinned} Gaps are hatched. ${data.provenance.comment[0].toUpperCase()}${data.provenance.comment.slice(1)}.${apart ?
+        ' The other fit has other times and is not drawn.' : ''}${other.error ? ` The other fit: ${other.error.detail}.` : ''}`}>
       <${Strips} time=${time} strips=${strips} whole=${ends} range=${range} parts=${parts} zone=${zone} onZoom=${zoom} label=${summaryOf(data)} />
     </${Frame}>
     <${Errors} data=${whole} other=${another} />`;
@@ -127,14 +158,25 @@ function Chart({ whole, fit, beside, query, zone }) {
 
 function Errors({ data, other }) {
   const rows = [];
-  for (const [which, comparison] of [['this fit', data], ['the other', other]]) {
+  for (const [which, comparison] of [
+    ['this fit', data],
+    ['the other', other],
+  ]) {
     if (!comparison) continue;
     for (const [name, error] of Object.entries(comparison.errors)) {
       for (const [part, skill] of [...Object.entries(error.parts), ['all', error.range]]) {
-        if (skill) rows.push([`${name}, ${part}`, which, skill.n, ...['rmse', 'bias', 'urmse', 'mae'].map(key => `${fixed(skill[key])} ${error.unit}`), number(skill.r2)]);
+        if (skill)
+          rows.push([
+            `${name}, ${part}`,
+            which,
+            skill.n,
+            ...['rmse', 'bias', 'urmse', 'mae'].map(key => `${fixed(skill[key])} ${error.unit}`),
+            number(skill.r2),
+          ]);
       }
     }
   }
   return html`<${Table} caption="Errors of this view" rows=${rows}
-    columns=${[['output, part'], ['fit'], ['samples', 'number'], ['rmse', 'number'], ['bias', 'number'], ['rmse without bias', 'number'], ['mean absolute', 'number'], ['r²', 'number']]} />`;
+    columns=${[['output, part'], ['fit'], ['samples', 'number'], ['rmse', 'number'], ['bias', 'number'], ['rmse without bias', 'number'],
+      ['mean absolute', 'number'], ['r²', 'number']]} />`;
 }

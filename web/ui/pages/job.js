@@ -22,9 +22,14 @@ export function JobPage({ id }) {
   return html`
     <div class="row apart"><h1>${now.kind} of <a href=${systemAddress(now.system)}>${now.system}</a></h1>
       <span class="row">${now.outcome && html`<${Status} of=${now.outcome} />`}<button onClick=${again}>Run it again</button></span></div>
-    <p class="quiet">${now.model}; ${now.origin}${now.experiment ? ', an experiment that never changes what is served' : ''}; asked for ${clock(now.created_at)}.</p>
-    ${now.fit && html`<p class="row"><a class="button" href=${systemAddress(now.system, tab, { fit: tab === 'fit' ? now.fit : null, diagnosis: now.diagnosis })}>See what it found</a>
-      <a class="button" href=${systemAddress(now.system, 'parameters', { fit: now.fit })}>Its parameters and checks</a></p>`}
+    <p class="quiet">${now.model}; ${now.origin}${now.experiment ?
+      ', an experiment that never changes what is served' : ''}; asked for ${clock(now.created_at)}.</p>
+    ${
+      now.fit &&
+      html`<p class="row"><a class="button"
+        href=${systemAddress(now.system, tab, { fit: tab === 'fit' ? now.fit : null, diagnosis: now.diagnosis })}>See what it found</a>
+      <a class="button" href=${systemAddress(now.system, 'parameters', { fit: now.fit })}>Its parameters and checks</a></p>`
+    }
     <${JobWatch} id=${id} onEnd=${setEnded} />
     <details class="card"><summary>What was asked, with every default</summary><pre>${JSON.stringify(now.request, null, 2)}</pre>
       <${Command} text=${curl('/jobs', { method: 'POST', body: { kind: now.kind, system: now.system, model: now.model } })} /></details>`;

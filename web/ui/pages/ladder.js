@@ -11,10 +11,11 @@ import { JobWatch } from '../parts/watch.js';
 import { Table } from '../parts/table.js';
 import { LadderChart } from '../charts/ladder.js';
 
-const orNone = (path, options) => ask(path, options).catch(error => {
-  if (error.type === 'ladder-not-found') return { steps: [] };
-  throw error;
-});
+const orNone = (path, options) =>
+  ask(path, options).catch(error => {
+    if (error.type === 'ladder-not-found') return { steps: [] };
+    throw error;
+  });
 
 export function LadderTab({ system, document }) {
   const path = `/systems/${system}/ladder`;
@@ -23,14 +24,23 @@ export function LadderTab({ system, document }) {
   const [started, setStarted] = useState(null);
   const running = started ?? jobs.data?.find(job => !hasEnded(job))?.id ?? null;
   const climb = () => post('/jobs', { kind: 'ladder', system }).then(job => setStarted(job.id), sayFault);
-  const done = () => { setStarted(null); ladder.reload(); jobs.reload(); };
+  const done = () => {
+    setStarted(null);
+    ladder.reload();
+    jobs.reload();
+  };
   if (ladder.error) return html`<${Failed} error=${ladder.error} retry=${ladder.reload} />`;
   if (!ladder.data) return html`<${Loading} what="the ladder" />`;
   const { steps } = ladder.data;
   return html`
     ${running && html`<${JobWatch} key=${running} id=${running} title="Climbing the ladder" onEnd=${done} />`}
-    ${steps.length === 0 && !running && html`<${Empty} title="No ladder yet"><p>The service starts with ${document.model} and adds the effect that helps most, again and again, while the error on unseen data falls.</p>
-      <button class="main" onClick=${climb}>Climb the ladder</button></${Empty}>`}
+    ${
+      steps.length === 0 &&
+      !running &&
+      html`<${Empty} title="No ladder yet">
+        <p>The service starts with ${document.model} and adds the effect that helps most, again and again, while the error on unseen data falls.</p>
+      <button class="main" onClick=${climb}>Climb the ladder</button></${Empty}>`
+    }
     ${steps.length > 0 && html`<${Ladder} data=${ladder.data} path=${path} climb=${running ? null : climb} />`}`;
 }
 
@@ -41,16 +51,29 @@ function Ladder({ data, path, climb }) {
   const steps = data.steps.map(step => ({ ...step, label: step.added ? `+ ${step.added}` : step.model }));
   const kept = steps.filter(step => step.kept);
   const [first, last] = [kept[0], kept.at(-1)];
-  const says = kept.length > 1
-    ? `With ${kept.slice(1).map(step => step.added).join(' and ')} the error on unseen data falls from ${fixed(first.validation_rmse)} to ${fixed(last.validation_rmse)} ${unit}.`
-    : `The error did not fall: no effect that these data can show makes ${first.model} better on unseen data.`;
+  const says =
+    kept.length > 1
+      ? `With ${kept
+          .slice(1)
+          .map(step => step.added)
+          .join(' and ')} the error on unseen data falls from ${fixed(first.validation_rmse)} to ${fixed(last.validation_rmse)} ${unit}.`
+      : `The error did not fall: no effect that these data can show makes ${first.model} better on unseen data.`;
   return html`
-    <div class="row apart"><p class="verdict"><${Status} of=${kept.length > 1 ? 'ok' : 'none'} label="" /> ${says}</p>${climb && html`<button onClick=${climb}>Climb again</button>`}</div>
+    <div class="row apart"><p class="verdict"><${Status} of=${kept.length > 1 ? 'ok' : 'none'} label="" /> ${says}</p>
+      ${climb && html`<button onClick=${climb}>Climb again</button>`}</div>
     <p class="quiet">${clock(data.created_at)}. A step is kept on the validation part; the test part is only reported.</p>
     <${Frame} title=${`Error ladder: rmse of the free run, ${unit}`} path=${path} summary=${says}
-      table=${() => ({ columns: [['step'], ['train', 'number'], ['validation', 'number'], ['test', 'number'], ['bic', 'number'], ['kept'], ['why']], rows: steps.map(step => [step.label, number(step.train_rmse), number(step.validation_rmse), number(step.test_rmse), number(step.bic, 5), step.kept ? 'yes' : 'no', step.why]) })}>
+      table=${() => ({ columns: [['step'], ['train', 'number'], ['validation', 'number'], ['test', 'number'], ['bic', 'number'], ['kept'],
+        ['why']], rows: steps.map(step => [step.label, number(step.train_rmse), number(step.validation_rmse), number(step.test_rmse),
+          number(step.bic, 5), step.kept ? 'yes' : 'no', step.why]) })}>
       <${LadderChart} steps=${steps} unit=${unit} floor=${metrics?.noise_floor} label=${says} /></${Frame}>
-    <${Table} caption="Steps" columns=${[['step'], ['train', 'number'], ['validation', 'number'], ['test', 'number'], ...Object.keys(first.ahead).map(key => [`${horizon(key)} ahead`, 'number']), ['kept'], ['why']]}
-      rows=${steps.map(step => [step.label, ...['train_rmse', 'validation_rmse', 'test_rmse'].map(key => `${fixed(step[key])} ${unit}`), ...Object.keys(first.ahead).map(key => `${fixed(step.ahead[key])} ${unit}`),
-        html`<${Status} of=${step.kept ? 'ok' : 'cancelled'} label=${step.kept ? 'kept' : 'not kept'} />`, step.why])} />`;
+    <${Table} caption="Steps" columns=${[['step'], ['train', 'number'], ['validation', 'number'], ['test', 'number'],
+      ...Object.keys(first.ahead).map(key => [`${horizon(key)} ahead`, 'number']), ['kept'], ['why']]}
+      rows=${steps.map(step => [
+        step.label,
+        ...['train_rmse', 'validation_rmse', 'test_rmse'].map(key => `${fixed(step[key])} ${unit}`),
+        ...Object.keys(first.ahead).map(key => `${fixed(step.ahead[key])} ${unit}`),
+        html`<${Status} of=${step.kept ? 'ok' : 'cancelled'} label=${step.kept ? 'kept' : 'not kept'} />`,
+        step.why,
+      ])} />`;
 }

@@ -36,13 +36,18 @@ export function Missing({ system, document, query }) {
   if (!diagnoses.data) return html`<${Loading} what="the diagnoses" />`;
   return html`
     ${running && html`<${JobWatch} key=${running} id=${running} title="Looking for what is missing" onEnd=${job => job.diagnosis && found(job)} />`}
-    ${!id && !running && html`<${Empty} title="Nobody has looked yet">
+    ${
+      !id &&
+      !running &&
+      html`<${Empty} title="Nobody has looked yet">
       <p>The service adds every effect that it knows to the model ${document.model}, one after another, and keeps those that make the error on unseen data fall.</p>
       <button class="main" onClick=${search}>Find what is missing</button>
-    </${Empty}>`}
+    </${Empty}>`
+    }
     ${diagnosis.error && html`<${Failed} error=${diagnosis.error} retry=${diagnosis.reload} />`}
     ${id && !diagnosis.data && !diagnosis.error && html`<${Loading} what="the diagnosis" />`}
-    ${diagnosis.data && html`<${Diagnosis} key=${diagnosis.data.id} data=${diagnosis.data} system=${system} document=${document} query=${query} search=${running ? null : search} />`}`;
+    ${diagnosis.data && html`<${Diagnosis} key=${diagnosis.data.id} data=${diagnosis.data} system=${system} document=${document}
+      query=${query} search=${running ? null : search} />`}`;
 }
 
 function Diagnosis({ data, system, document, query, search }) {
@@ -56,42 +61,68 @@ function Diagnosis({ data, system, document, query, search }) {
       <p class="verdict"><${Status} of=${data.verdict === 'named' ? 'attention' : data.verdict} label="" /> ${SAYS[data.verdict]}</p>
       ${search && html`<button onClick=${search}>Look again</button>`}
     </div>
-    <p>${data.summary[0].toUpperCase()}${data.summary.slice(1)}. <span class="quiet">Model ${data.model}, ${clock(data.created_at)}. Noise floor ${number(data.noise_floor_rmse)}; the error is ${number(data.rho)} times what noise would leave.</span></p>
+    <p>${data.summary[0].toUpperCase()}${data.summary.slice(1)}. <span
+      class="quiet">Model ${data.model}, ${clock(data.created_at)}. Noise floor ${number(data.noise_floor_rmse)}; the error is ${number(data.rho)} times what noise would leave.</span></p>
     ${data.warnings.map(warning => html`<p class="note">▲ ${warning}</p>`)}
-    <${Adding} diagnosis=${data} system=${system} document=${document} effect=${adding} steps=${steps} taken=${() => setAdding(null)} grown=${setModel} />
-    ${data.findings.map(finding => html`<${Finding} key=${finding.effect} finding=${finding} data=${data} added=${there(finding.effect)} add=${() => setAdding({ effect: finding.effect, title: finding.title })} />`)}
-    ${data.findings.length === 0 && data.verdict !== 'adequate' && html`<p>No effect of the catalogue passed both gates: the gain on the data that were fitted, and the error on unseen data.</p>`}
+    <${Adding} diagnosis=${data} system=${system} document=${document} effect=${adding} steps=${steps} taken=${() => setAdding(null)}
+      grown=${setModel} />
+    ${data.findings.map(finding => html`<${Finding} key=${finding.effect} finding=${finding} data=${data} added=${there(finding.effect)}
+      add=${() => setAdding({ effect: finding.effect, title: finding.title })} />`)}
+    ${data.findings.length === 0 && data.verdict !== 'adequate' &&
+      html`<p>No effect of the catalogue passed both gates: the gain on the data that were fitted, and the error on unseen data.</p>`}
     <${Unexplained} unexplained=${data.unexplained} path=${path} system=${system} model=${data.model} />
     <div class="grid">
-      <section><${Table} caption="Tested, and what became of it" columns=${[['effect'], ['gain in BIC', 'number'], ['of the error', 'number'], ['why']]}
-        rows=${data.considered.map(entry => [html`<a href=${address(['effects', entry.effect.split(':')[0]])}>${entry.effect}</a>`, number(entry.delta_bic),
-          entry.explained_share === null || entry.explained_share === undefined ? NONE : percent(entry.explained_share), html`<${Status} of=${entry.gate ? 'cancelled' : 'ok'} label=${entry.why} />`])} /></section>
+      <section><${Table} caption="Tested, and what became of it"
+        columns=${[['effect'], ['gain in BIC', 'number'], ['of the error', 'number'], ['why']]}
+        rows=${data.considered.map(entry => [
+          html`<a href=${address(['effects', entry.effect.split(':')[0]])}>${entry.effect}</a>`,
+          number(entry.delta_bic),
+          entry.explained_share === null || entry.explained_share === undefined ? NONE : percent(entry.explained_share),
+          html`<${Status} of=${entry.gate ? 'cancelled' : 'ok'} label=${entry.why} />`,
+        ])} /></section>
       <section><${Table} caption="Not testable with these data: silence is not absence" columns=${[['effect'], ['reason']]}
-        rows=${data.not_testable.map(entry => [html`<a href=${address(['effects', entry.effect.split(':')[0]])}>${entry.effect}</a>`, entry.reason])} /></section>
+        rows=${data.not_testable.map(entry => [html`<a href=${address(['effects', entry.effect.split(':')[0]])}>${entry.effect}</a>`,
+          entry.reason])} /></section>
     </div>`;
 }
 
-const PARTS = [['train', 'train'], ['validation', 'validation'], ['test', 'test (never used)']];
+const PARTS = [
+  ['train', 'train'],
+  ['validation', 'validation'],
+  ['test', 'test (never used)'],
+];
 
 function Finding({ finding, data, added, add }) {
-  const pairs = [...PARTS.map(([key, title]) => [title, finding.rmse[key]]), ...Object.entries(finding.rmse.validation_ahead ?? {}).map(([key, pair]) => [`${horizon(key)} ahead`, pair])].filter(([, pair]) => pair);
+  const pairs = [
+    ...PARTS.map(([key, title]) => [title, finding.rmse[key]]),
+    ...Object.entries(finding.rmse.validation_ahead ?? {}).map(([key, pair]) => [`${horizon(key)} ahead`, pair]),
+  ].filter(([, pair]) => pair);
   const most = Math.max(...pairs.flatMap(([, pair]) => pair).filter(Number.isFinite));
   const before = data.findings.slice(0, finding.rank - 1).map(entry => entry.title);
   return html`<article class="card finding" aria-label=${finding.title}>
-    <div class="row apart"><h3>${finding.rank}. ${finding.title} <span class="quiet">${finding.kind === 'refinement' ? 'a refinement' : ''}</span></h3>
+    <div class="row apart"><h3>${finding.rank}. ${finding.title} <span class="quiet">${finding.kind === 'refinement' ? 'a refinement' : ''}
+      </span></h3>
       ${added ? html`<${Status} of="ok" label="added" />` : html`<button class="main" onClick=${add}>Add and refit: ${finding.title}</button>`}</div>
     <p>${finding.explain} ${before.length > 0 && html`<span class="quiet">Found after ${before.join(' and ')} was in the model.</span>`}</p>
     <div class="grid">
       <div role="img" aria-label=${pairs.map(([title, [from, to]]) => `${title}: from ${number(from)} to ${number(to)}`).join('; ')}>
-        ${pairs.map(([title, [from, to]]) => html`<div class="pair"><span>${title}</span><span class="row">
-          <${Change} from=${from} to=${to} most=${most} /><span class="number nowrap">${fixed(from)} → <b>${fixed(to)}</b></span></span></div>`)}
+        ${pairs.map(
+          ([title, [from, to]]) => html`<div class="pair"><span>${title}</span><span class="row">
+          <${Change} from=${from} to=${to} most=${most} /><span class="number nowrap">${fixed(from)} → <b>${fixed(to)}</b></span></span></div>`,
+        )}
       </div>
       <div>
-        <p>Explains ${finding.explained_share === null ? NONE : percent(finding.explained_share)} of the error on unseen data beyond the noise; gains ${number(finding.delta_bic)} in BIC.</p>
-        ${finding.tied_with.length > 0 && html`<p>▲ The data cannot tell it from ${finding.tied_with.join(', ')}. ${finding.separate_by ? `To tell them apart: ${finding.separate_by}.` : ''}</p>`}
+        <p>Explains ${finding.explained_share === null ?
+          NONE : percent(finding.explained_share)} of the error on unseen data beyond the noise; gains ${number(finding.delta_bic)} in BIC.</p>
+        ${finding.tied_with.length > 0 &&
+          html`<p>▲ The data cannot tell it from ${finding.tied_with.join(', ')}. ${finding.separate_by ?
+            `To tell them apart: ${finding.separate_by}.` : ''}</p>`}
         <ul>${finding.evidence.map(sentence => html`<li>${sentence}</li>`)}</ul>
-        <details><summary>Its parameters</summary><${Table} caption="Parameters of this effect" hidden columns=${[['parameter'], ['value', 'number'], ['95 % interval', 'number'], ['unit'], ['']]}
-          rows=${Object.entries(finding.parameters).map(([name, entry]) => [name, number(entry.value), entry.ci95 ? `${number(entry.ci95[0])} to ${number(entry.ci95[1])}` : NONE, entry.unit, entry.at_bound ? html`<${Status} of="bad" label="at bound" />` : ''])} /></details>
+        <details><summary>Its parameters</summary><${Table} caption="Parameters of this effect" hidden
+          columns=${[['parameter'], ['value', 'number'], ['95 % interval', 'number'], ['unit'], ['']]}
+          rows=${Object.entries(finding.parameters).map(([name, entry]) => [name, number(entry.value), entry.ci95 ?
+            `${number(entry.ci95[0])} to ${number(entry.ci95[1])}` : NONE, entry.unit, entry.at_bound ?
+              html`<${Status} of="bad" label="at bound" />` : ''])} /></details>
       </div>
     </div>
   </article>`;
@@ -101,23 +132,40 @@ function Finding({ finding, data, added, add }) {
 function Change({ from, to, most }) {
   const size = value => Math.max((value / most) * 150, 1);
   return html`<svg width="156" height="16" style="width:156px;flex:none" aria-hidden="true">
-    <rect x="1" y="1" width=${size(from)} height="14" style="fill:none;stroke:var(--strong-edge)" /><rect x="1" y="4" width=${size(to)} height="8" style=${{ fill: `var(--${to < from * 0.99 ? 'model' : 'heldout'})` }} /></svg>`;
+    <rect x="1" y="1" width=${size(from)} height="14" style="fill:none;stroke:var(--strong-edge)" /><rect x="1" y="4" width=${size(to)}
+      height="8" style=${{ fill: `var(--${to < from * 0.99 ? 'model' : 'heldout'})` }} /></svg>`;
 }
 
 function Unexplained({ unexplained, path, system, model }) {
   if (unexplained.share === null && !unexplained.ask) return null;
   const known = unexplained.profile_by_hour.some(value => value !== null);
-  const worst = unexplained.profile_by_hour.reduce((at, value, hour, all) => (Math.abs(value ?? 0) > Math.abs(all[at] ?? 0) ? hour : at), 0);
+  const worst = unexplained.profile_by_hour.reduce(
+    (at, value, hour, all) => (Math.abs(value ?? 0) > Math.abs(all[at] ?? 0) ? hour : at),
+    0,
+  );
   const says = `${percent(unexplained.share)} of the error beyond the noise has no name yet. By hour of the day it is largest at ${worst} h: ${signed(unexplained.profile_by_hour[worst], 3)} K/h of heat that the model does not know.`;
   return html`<section class="card"><h3>What no effect explains: ${percent(unexplained.share)} of the error</h3>
     ${unexplained.ask && html`<p>${unexplained.ask[0].toUpperCase()}${unexplained.ask.slice(1)}</p>`}
     <div class="grid">
-      ${known && html`<${Frame} title="Heat that is missing, by hour of the day" path=${path} summary=${says}
-        table=${() => ({ columns: [['hour', 'number'], ['K/h', 'number']], rows: unexplained.profile_by_hour.map((value, hour) => [hour, number(value)]) })}>
-        <${Bars} values=${unexplained.profile_by_hour} signedColours xLabel="hour of the day" yLabel="K/h" label=${says} /></${Frame}>`}
+      ${
+        known &&
+        html`<${Frame} title="Heat that is missing, by hour of the day" path=${path} summary=${says}
+        table=${() => ({
+          columns: [
+            ['hour', 'number'],
+            ['K/h', 'number'],
+          ],
+          rows: unexplained.profile_by_hour.map((value, hour) => [hour, number(value)]),
+        })}>
+        <${Bars} values=${unexplained.profile_by_hour} signedColours xLabel="hour of the day" yLabel="K/h" label=${says} /></${Frame}>`
+      }
       <${Table} caption="When it is worst" columns=${[['from'], ['bias', 'number'], ['rmse', 'number'], ['']]}
-        rows=${unexplained.episodes.map(episode => [clock(episode.from), signed(episode.bias), fixed(episode.rmse),
-          html`<a href=${systemAddress(system, 'fit', { from: episode.from, to: episode.to })}>Show</a>`])} />
+        rows=${unexplained.episodes.map(episode => [
+          clock(episode.from),
+          signed(episode.bias),
+          fixed(episode.rmse),
+          html`<a href=${systemAddress(system, 'fit', { from: episode.from, to: episode.to })}>Show</a>`,
+        ])} />
     </div>
     <p><a class="button" href=${address(['edit', 'effect'], { system, model })}>Describe your own effect</a></p>
   </section>`;

@@ -13,11 +13,16 @@ export function Models() {
   const matches = entry => `${entry.id} ${entry.title} ${entry.explain ?? ''}`.toLowerCase().includes(wanted.toLowerCase());
   return html`
     <div class="row apart"><h1>Models and effects</h1>
-      <span class="row"><input type="search" placeholder="Search" aria-label="Search models and effects" value=${wanted} onInput=${event => setWanted(event.target.value)} />
-        <a class="button" href=${address(['edit', 'model'])}>Write a model</a><a class="button" href=${address(['edit', 'effect'])}>Describe an effect</a></span></div>
+      <span class="row"><input type="search" placeholder="Search" aria-label="Search models and effects" value=${wanted}
+        onInput=${event => setWanted(event.target.value)} />
+        <a class="button" href=${address(['edit', 'model'])}>Write a model</a><a class="button"
+          href=${address(['edit', 'effect'])}>Describe an effect</a></span></div>
     <p>A model says how heat or matter moves; an effect adds a term to it. Both are documents that never change: a change is a new one.</p>
     <${Shown} of=${models} what="the models" show=${list => html`<${Table} caption="Models" columns=${[['model'], ['title'], ['made from']]}
-      rows=${list.filter(matches).map(model => [html`<a href=${address(['models', model.id])}>${model.id}</a>`, model.title, model.parent ? html`<a href=${address(['models', model.parent])}>${model.parent}</a>` : ''])} />`} />
-    <${Shown} of=${effects} what="the effects" show=${list => html`<${Table} caption="Effects" columns=${[['effect'], ['title'], ['what it says'], ['what its absence looks like']]}
-      rows=${list.filter(matches).map(effect => [html`<a href=${address(['effects', effect.id])}>${effect.id}</a>`, general(effect.title), general(effect.explain), general(effect.signature)])} />`} />`;
+      rows=${list.filter(matches).map(model => [html`<a href=${address(['models', model.id])}>${model.id}</a>`, model.title, model.parent ?
+        html`<a href=${address(['models', model.parent])}>${model.parent}</a>` : ''])} />`} />
+    <${Shown} of=${effects} what="the effects"
+      show=${list => html`<${Table} caption="Effects" columns=${[['effect'], ['title'], ['what it says'], ['what its absence looks like']]}
+      rows=${list.filter(matches).map(effect => [html`<a href=${address(['effects', effect.id])}>${effect.id}</a>`, general(effect.title),
+        general(effect.explain), general(effect.signature)])} />`} />`;
 }

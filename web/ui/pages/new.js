@@ -22,9 +22,12 @@ export function NewSystem() {
   };
   return html`<h1>Add a system</h1>
     <form class="card" style="max-width:32rem" onSubmit=${make}>
-      <label>Name: its kind and a number or word<input value=${draft.system} required pattern="[a-z]{1,32}/[A-Za-z0-9_\\-]{1,64}" placeholder="room/6" onInput=${set('system')} /></label>
+      <label>Name: its kind and a number or word<input value=${draft.system} required pattern="[a-z]{1,32}/[A-Za-z0-9_\\-]{1,64}"
+        placeholder="room/6" onInput=${set('system')} /></label>
       <label>What people call it<input value=${draft.label} placeholder="Living room" onInput=${set('label')} /></label>
-      <label>Model<select value=${draft.model} onChange=${set('model')}>${(models.data ?? [{ id: 'room2', title: '' }]).map(model => html`<option value=${model.id} selected=${model.id === draft.model}>${model.id}: ${model.title}</option>`)}</select></label>
+      <label>Model<select value=${draft.model} onChange=${set('model')}>
+        ${(models.data ?? [{ id: 'room2', title: '' }]).map(model =>
+          html`<option value=${model.id} selected=${model.id === draft.model}>${model.id}: ${model.title}</option>`)}</select></label>
       ${error && html`<${Failed} error=${error} />`}
       <p class="row end"><button class="main">Add it and upload measurements</button></p>
     </form>`;

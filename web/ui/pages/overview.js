@@ -21,7 +21,8 @@ const itemsOf = (path, options) => ask(path, options).then(page => page.items);
 const firstOf = outputs => Object.values(outputs ?? {})[0] ?? null;
 
 /** Whether a schedule means a system: `room/*` or its name. */
-const means = (schedule, system) => schedule.systems.some(pattern => pattern === system || (pattern.endsWith('*') && system.startsWith(pattern.slice(0, -1))));
+const means = (schedule, system) =>
+  schedule.systems.some(pattern => pattern === system || (pattern.endsWith('*') && system.startsWith(pattern.slice(0, -1))));
 
 /** What the table shows of a system, gathered from the lists. */
 function rowsOf(systems, served, fits, schedules) {
@@ -29,15 +30,22 @@ function rowsOf(systems, served, fits, schedules) {
     const own = fits.filter(fit => fit.system === system.system && firstOf(fit.metrics));
     const error = firstOf(served.find(entry => entry.system === system.system)?.error);
     const newest = firstOf(own[0]?.metrics);
-    const runs = schedules.filter(schedule => schedule.enabled && means(schedule, system.system)).flatMap(schedule => schedule.next_runs.slice(0, 1));
+    const runs = schedules
+      .filter(schedule => schedule.enabled && means(schedule, system.system))
+      .flatMap(schedule => schedule.next_runs.slice(0, 1));
     return {
       ...system,
       unit: error?.unit ?? newest?.unit ?? 'K',
       // What was never served has the error of its newest fit, which is said.
-      day: error ? error.ahead?.PT24H ?? null : newest?.ahead?.PT24H?.rmse ?? null,
+      day: error ? (error.ahead?.PT24H ?? null) : (newest?.ahead?.PT24H?.rmse ?? null),
       dayOf: error ? 'served' : newest ? 'newest fit' : null,
       // Fits that keep a test part aside, as those of a diagnosis do, were judged on other weeks.
-      trend: own.filter(fit => !fit.parts.test).slice(0, TREND).map(fit => firstOf(fit.metrics).validation_rmse).filter(Number.isFinite).reverse(),
+      trend: own
+        .filter(fit => !fit.parts.test)
+        .slice(0, TREND)
+        .map(fit => firstOf(fit.metrics).validation_rmse)
+        .filter(Number.isFinite)
+        .reverse(),
       next: runs.sort()[0] ?? null,
     };
   });
@@ -80,15 +88,22 @@ function Systems({ rows, running, query }) {
   const [at, setAt] = useState(0);
   const search = useRef(null);
   const table = useRef(null);
-  const counts = Object.entries(rows.reduce((sum, row) => ({ ...sum, [row.health]: (sum[row.health] ?? 0) + 1 }), {})).sort(([a], [b]) => SEVERITY[a] - SEVERITY[b]);
+  const counts = Object.entries(rows.reduce((sum, row) => ({ ...sum, [row.health]: (sum[row.health] ?? 0) + 1 }), {})).sort(
+    ([a], [b]) => SEVERITY[a] - SEVERITY[b],
+  );
   const wanted = (query.search ?? '').toLowerCase();
-  const shown = rows.filter(row => (!query.health || row.health === query.health) && `${row.system} ${row.label} ${row.model} ${row.why} ${row.flags}`.toLowerCase().includes(wanted));
+  const shown = rows.filter(
+    row =>
+      (!query.health || row.health === query.health) &&
+      `${row.system} ${row.label} ${row.model} ${row.why} ${row.flags}`.toLowerCase().includes(wanted),
+  );
   const current = shown[Math.min(at, shown.length - 1)];
-  const toggle = system => setChosen(before => {
-    const after = new Set(before);
-    if (!after.delete(system)) after.add(system);
-    return after;
-  });
+  const toggle = system =>
+    setChosen(before => {
+      const after = new Set(before);
+      if (!after.delete(system)) after.add(system);
+      return after;
+    });
   const move = step => {
     const next = Math.min(Math.max(at + step, 0), shown.length - 1);
     setAt(next);
@@ -112,7 +127,10 @@ function Systems({ rows, running, query }) {
     '/': ['search', () => search.current?.focus()],
     j: ['next row', () => move(1)],
     k: ['row before', () => move(-1)],
-    Enter: [null, () => (document.activeElement?.closest('a, button, summary') ?? null)?.click() ?? (current && go(systemAddress(current.system)))],
+    Enter: [
+      null,
+      () => (document.activeElement?.closest('a, button, summary') ?? null)?.click() ?? (current && go(systemAddress(current.system))),
+    ],
     x: ['select the row', () => current && toggle(current.system)],
     r: ['refit what is selected, or the row', () => refit(chosen.size ? [...chosen] : current ? [current.system] : [])],
   });
@@ -120,11 +138,17 @@ function Systems({ rows, running, query }) {
     <div class="row apart">
       <h1>Systems <span class="quiet">${rows.length}</span></h1>
       <span class="row" role="group" aria-label="Filter by health">
-        ${counts.map(([health, count]) => html`<button aria-pressed=${query.health === health} onClick=${() => setQuery({ health: query.health === health ? null : health })}>
-          <${Status} of=${health} label=${`${count} ${health === 'attention' ? 'need attention' : health}`} /></button>`)}
+        ${counts.map(
+          ([
+            health,
+            count,
+          ]) => html`<button aria-pressed=${query.health === health} onClick=${() => setQuery({ health: query.health === health ? null : health })}>
+          <${Status} of=${health} label=${`${count} ${health === 'attention' ? 'need attention' : health}`} /></button>`,
+        )}
       </span>
       <span class="row">
-        <input ref=${search} type="search" placeholder="Search ( / )" aria-label="Search the systems" value=${query.search ?? ''} onInput=${event => setQuery({ search: event.target.value })} />
+        <input ref=${search} type="search" placeholder="Search ( / )" aria-label="Search the systems" value=${query.search ?? ''}
+          onInput=${event => setQuery({ search: event.target.value })} />
         <button class="main" disabled=${chosen.size === 0} onClick=${() => refit([...chosen])}>Refit ${chosen.size || ''} selected</button>
         <a class="button" href=${address(['new'])}>Add a system</a>
       </span>
@@ -132,23 +156,35 @@ function Systems({ rows, running, query }) {
     <div class="scroll" tabindex="0" role="region" aria-label="Systems, worst first"><table class="systems" ref=${table}>
       <caption class="unseen">Systems, worst first</caption>
       <thead><tr>
-        <th scope="col"><span class="unseen">Selected</span></th><th scope="col">System</th><th scope="col">Health, and why</th><th scope="col">Served</th>
-        <th scope="col" class="number">24 h ahead</th><th scope="col">Validation</th><th scope="col">Fails most</th><th scope="col">Flags</th><th scope="col">Next fit</th><th scope="col"><span class="unseen">Refit</span></th>
+        <th scope="col"><span class="unseen">Selected</span></th><th scope="col">System</th><th scope="col">Health, and why</th><th
+          scope="col">Served</th>
+        <th scope="col" class="number">24 h ahead</th><th scope="col">Validation</th><th scope="col">Fails most</th><th
+          scope="col">Flags</th><th scope="col">Next fit</th><th scope="col"><span class="unseen">Refit</span></th>
       </tr></thead>
-      <tbody>${shown.map((row, index) => html`<tr key=${row.system} class=${chosen.has(row.system) ? 'chosen' : ''} aria-current=${index === at ? 'true' : null}>
+      <tbody>${shown.map(
+        (
+          row,
+          index,
+        ) => html`<tr key=${row.system} class=${chosen.has(row.system) ? 'chosen' : ''} aria-current=${index === at ? 'true' : null}>
         <td><input type="checkbox" aria-label=${`Select ${row.system}`} checked=${chosen.has(row.system)} onChange=${() => toggle(row.system)} /></td>
-        <th scope="row" class="name"><a href=${systemAddress(row.system)} onFocus=${() => setAt(index)}>${row.system}</a><small title=${row.label}>${row.label || row.model}</small></th>
+        <th scope="row" class="name"><a href=${systemAddress(row.system)} onFocus=${() => setAt(index)}>${row.system}</a><small
+          title=${row.label}>${row.label || row.model}</small></th>
         <td><${Status} of=${row.health} /><div class="why clamped" title=${row.why}>${row.why}</div></td>
-        <td class="nowrap"><${Status} of=${row.status ?? 'none'} /><small>${row.revision === null ? 'no revision' : `revision ${row.revision}, ${length(row.age_s)} old`}</small></td>
+        <td class="nowrap"><${Status} of=${row.status ?? 'none'} /><small>
+          ${row.revision === null ? 'no revision' : `revision ${row.revision}, ${length(row.age_s)} old`}</small></td>
         <td class="number">${row.day === null ? NONE : `${row.day.toFixed(2)} ${row.unit}`}<small>${row.dayOf ?? ''}</small></td>
         <td>${row.trend.length ? html`<${Spark} values=${row.trend} unit=${row.unit} /><small>last ${fixed(row.trend.at(-1))}</small>` : NONE}</td>
         <td><div class="regime clamped" title=${row.worst_regime ?? ''}>${row.worst_regime ?? NONE}</div></td>
         <td>${row.flags.length ? row.flags.map(flag => html`<${Flag} name=${flag} />`) : NONE}</td>
         <td class="nowrap">${row.next ? html`<span title=${clock(row.next)}>${fromNow(row.next)}</span>` : NONE}</td>
-        <td class="nowrap">${running[row.system]
-          ? html`<${Status} of="running" label=${running[row.system]} />`
-          : html`<button class="plain" aria-label=${`Refit ${row.system}`} onClick=${() => refit([row.system])}>Refit</button>`}</td>
-      </tr>`)}</tbody>
+        <td class="nowrap">${
+          running[row.system]
+            ? html`<${Status} of="running" label=${running[row.system]} />`
+            : html`<button class="plain" aria-label=${`Refit ${row.system}`} onClick=${() => refit([row.system])}>Refit</button>`
+        }</td>
+      </tr>`,
+      )}</tbody>
     </table></div>
-    ${shown.length === 0 && html`<${Empty} title="No system matches"><button onClick=${() => setQuery({ search: null, health: null })}>Show all</button></${Empty}>`}`;
+    ${shown.length === 0 && html`<${Empty} title="No system matches"><button
+      onClick=${() => setQuery({ search: null, health: null })}>Show all</button></${Empty}>`}`;
 }

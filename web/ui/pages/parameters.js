@@ -16,7 +16,11 @@ export function Parameters({ system, document, params, fit, reload }) {
   const chosen = useResource(fit && `/fits/${fit}`);
   const history = useList(`/params/${system}/history`);
   const [asking, setAsking] = useState(null);
-  const done = () => { reload(); history.reload(); chosen.reload(); };
+  const done = () => {
+    reload();
+    history.reload();
+    chosen.reload();
+  };
   if (!fit) return html`<${Empty} title="Never fitted"><p>There are no parameters yet. Press Refit.</p></${Empty}>`;
   return html`
     <${Served} params=${params} ask=${setAsking} system=${system} done=${done} />
@@ -28,16 +32,30 @@ export function Parameters({ system, document, params, fit, reload }) {
 }
 
 function Served({ params, ask: asking, system, done }) {
-  if (!params) return html`<p><${Status} of="none" label="Nothing is served: no fit was ever accepted. The controller gets a 404 and uses its own baseline." /></p>`;
-  const hold = () => asking({
-    title: `Keep revision ${params.revision} in service`, text: 'Fits that the gate accepts meanwhile are suggested, not published.', word: 'Keep it',
-    act: reason => put(`/params/${system}/pin`, { reason }).then(() => { say('Kept'); done(); }),
-  });
-  const release = () => remove(`/params/${system}/pin`).then(() => { say('Released: the next accepted fit is published'); done(); }, sayFault);
+  if (!params)
+    return html`<p><${Status} of="none" label="Nothing is served: no fit was ever accepted. The controller gets a 404 and uses its own baseline." /></p>`;
+  const hold = () =>
+    asking({
+      title: `Keep revision ${params.revision} in service`,
+      text: 'Fits that the gate accepts meanwhile are suggested, not published.',
+      word: 'Keep it',
+      act: reason =>
+        put(`/params/${system}/pin`, { reason }).then(() => {
+          say('Kept');
+          done();
+        }),
+    });
+  const release = () =>
+    remove(`/params/${system}/pin`).then(() => {
+      say('Released: the next accepted fit is published');
+      done();
+    }, sayFault);
   return html`<section class="card row apart">
-    <div><b>The controller gets revision ${params.revision}</b> <${Status} of=${params.status} /> ${params.flags.map(flag => html`<${Flag} name=${flag} />`)}
+    <div><b>The controller gets revision ${params.revision}</b> <${Status}
+      of=${params.status} /> ${params.flags.map(flag => html`<${Flag} name=${flag} />`)}
       <p class="quiet">Fitted ${clock(params.fitted_at)}; stale after ${clock(params.stale_after)}.
-      ${params.fallback ? ` ${words(params.fallback.reason)} since ${clock(params.fallback.since)}${params.fallback.failed_checks?.length ? `: ${params.fallback.failed_checks.join(', ')}` : ''}.` : ''}
+      ${params.fallback ? ` ${words(params.fallback.reason)} since ${clock(params.fallback.since)}${params.fallback.failed_checks?.length ?
+        `: ${params.fallback.failed_checks.join(', ')}` : ''}.` : ''}
       ${params.pin ? ` Kept since ${clock(params.pin.since)}: ${params.pin.reason}.` : ''}</p></div>
     ${params.pin ? html`<button onClick=${release}>Release it</button>` : html`<button onClick=${hold}>Keep it in service (pin)</button>`}
   </section>`;
@@ -49,60 +67,108 @@ function Values({ fit, history }) {
   const before = history.find(revision => revision.fit !== fit.id)?.parameters ?? {};
   const entries = Object.entries(fit.parameters);
   const interval = ci => (ci ? `${number(ci[0])} to ${number(ci[1])}` : NONE);
-  return html`<${Frame} title=${`Parameters of ${fit.model}`} path=${`/fits/${fit.id}`} summary=${`${entries.filter(([, entry]) => entry.at_bound).length} of ${entries.length} lie at a bound.`}
-      table=${() => ({ columns: [['parameter'], ['value', 'number'], ['low', 'number'], ['high', 'number'], ['lower bound', 'number'], ['upper bound', 'number'], ['unit']], rows: entries.map(([name, entry]) => [name, number(entry.value, 6), number(entry.ci95?.[0], 6), number(entry.ci95?.[1], 6), entry.bounds[0], entry.bounds[1], entry.unit]) })}>
-    <${Table} caption="Parameters" hidden columns=${[['parameter'], ['value', 'number'], ['95 % interval', 'number'], ['between its bounds'], ['bounds', 'number'], ['since before', 'number'], ['history']]}
+  return html`<${Frame} title=${`Parameters of ${fit.model}`} path=${`/fits/${fit.id}`}
+    summary=${`${entries.filter(([, entry]) => entry.at_bound).length} of ${entries.length} lie at a bound.`}
+      table=${() => ({ columns: [['parameter'], ['value', 'number'], ['low', 'number'], ['high', 'number'], ['lower bound', 'number'],
+        ['upper bound', 'number'], ['unit']], rows: entries.map(([name, entry]) => [name, number(entry.value, 6), number(entry.ci95?.[0],
+          6), number(entry.ci95?.[1], 6), entry.bounds[0], entry.bounds[1], entry.unit]) })}>
+    <${Table} caption="Parameters" hidden
+      columns=${[['parameter'], ['value', 'number'], ['95 % interval', 'number'], ['between its bounds'], ['bounds', 'number'],
+        ['since before', 'number'], ['history']]}
       rows=${entries.map(([name, entry]) => [
         html`${name}<br /><small class="quiet">${scales[name]?.title ?? ''}</small>`,
         html`<b>${number(entry.value)}</b> ${entry.unit === '-' ? '' : entry.unit}${entry.fixed ? ' (fixed)' : ''}`,
         interval(entry.ci95),
-        html`<${Rail} value=${entry.value} interval=${entry.ci95} bounds=${entry.bounds} log=${scales[name]?.scale === 'log'} atBound=${entry.at_bound} />
+        html`<${Rail} value=${entry.value} interval=${entry.ci95} bounds=${entry.bounds} log=${scales[name]?.scale === 'log'}
+          atBound=${entry.at_bound} />
           ${entry.at_bound ? html`<${Status} of="bad" label="at bound" />` : ''}`,
-        html`${number(entry.bounds[0])} to ${number(entry.bounds[1])}<br /><small class="quiet">${scales[name]?.scale === 'log' ? 'logarithmic' : 'linear'}</small>`,
+        html`${number(entry.bounds[0])} to ${number(entry.bounds[1])}<br /><small class="quiet">
+          ${scales[name]?.scale === 'log' ? 'logarithmic' : 'linear'}</small>`,
         before[name] === undefined ? NONE : `${entry.value >= before[name] ? '+' : '−'}${number(Math.abs(entry.value - before[name]))}`,
         html`<${OfRevisions} name=${name} history=${history} unit=${entry.unit} />`,
       ])} />
-    ${fit.correlated.length > 0 && html`<ul>${fit.correlated.map(pair => html`<li>▲ ${pair.parameters.join(' and ')} move together (correlation ${number(pair.correlation)}): trust their effect, not their separate values.</li>`)}</ul>`}
+    ${fit.correlated.length > 0 && html`<ul>
+      ${fit.correlated.map(pair => html`<li>▲ ${pair.parameters.join(' and ')} move together (correlation ${number(pair.correlation)}): trust their effect, not their separate values.</li>`)}</ul>`}
     ${fit.remarks.filter(remark => !remark.includes('move together')).map(remark => html`<p class="note">${remark}</p>`)}
   </${Frame}>`;
 }
 
 /** A parameter over the revisions, in its cell; the chart opens. */
 function OfRevisions({ name, history, unit }) {
-  const points = history.filter(revision => revision.parameters[name] !== undefined).map(revision => [revision.revision, revision.parameters[name], revision.ci95[name]]);
+  const points = history
+    .filter(revision => revision.parameters[name] !== undefined)
+    .map(revision => [revision.revision, revision.parameters[name], revision.ci95[name]]);
   if (points.length < 2) return html`<span class="quiet">one revision</span>`;
   const bound = at => points.filter(([, , ci]) => ci).map(([revision, , ci]) => [revision, ci[at]]);
   return html`<details><summary>${points.length} revisions</summary>
-    <${Curve} height=${130} xLabel="revision" yLabel=${unit} label=${`${name} over ${points.length} revisions`} lines=${[{ label: name, colour: 'model', points: points.map(([x, y]) => [x, y]) },
-      { label: '95 %', colour: 'quiet', dash: '2 3', points: bound(0) }, { label: '', colour: 'quiet', dash: '2 3', points: bound(1) }]} /></details>`;
+    <${Curve} height=${130} xLabel="revision" yLabel=${unit} label=${`${name} over ${points.length} revisions`} lines=${[
+      { label: name, colour: 'model', points: points.map(([x, y]) => [x, y]) },
+      { label: '95 %', colour: 'quiet', dash: '2 3', points: bound(0) },
+      { label: '', colour: 'quiet', dash: '2 3', points: bound(1) },
+    ]} /></details>`;
 }
 
 function Judgement({ fit, ask: asking, done }) {
-  const decide = (word, title) => () => asking({
-    title, text: `${fit.model}, ${fit.summary}`, word: title.split(' ')[0],
-    act: reason => post(`/fits/${fit.id}/${word}`, { reason }).then(() => { say(`${title}: done`); done(); }),
-  });
+  const decide = (word, title) => () =>
+    asking({
+      title,
+      text: `${fit.model}, ${fit.summary}`,
+      word: title.split(' ')[0],
+      act: reason =>
+        post(`/fits/${fit.id}/${word}`, { reason }).then(() => {
+          say(`${title}: done`);
+          done();
+        }),
+    });
   return html`<section>
     <div class="row apart"><h2>What the gate says: <${Status} of=${fit.verdict ?? 'unknown'} /></h2>
-      ${fit.waits_for_operator && html`<span class="row"><button class="main" onClick=${decide('promote', 'Promote to the controller')}>Promote</button><button onClick=${decide('reject', 'Reject this fit')}>Reject</button></span>`}</div>
-    <p>${fit.summary[0].toUpperCase()}${fit.summary.slice(1)}.${fit.decision ? ` ${words(fit.decision.decision)} on ${clock(fit.decision.decided_at)}: ${fit.decision.reason}.` : ''}</p>
+      ${fit.waits_for_operator && html`<span class="row"><button class="main"
+        onClick=${decide('promote', 'Promote to the controller')}>Promote</button><button
+          onClick=${decide('reject', 'Reject this fit')}>Reject</button></span>`}</div>
+    <p>${fit.summary[0].toUpperCase()}${fit.summary.slice(1)}.${fit.decision ?
+      ` ${words(fit.decision.decision)} on ${clock(fit.decision.decided_at)}: ${fit.decision.reason}.` : ''}</p>
     <${Table} caption="Checks" columns=${[['check'], ['result'], ['statistic', 'number'], ['asked for', 'number'], ['what it means']]}
-      rows=${fit.checks.map(check => [check.name, html`<${Status} of=${check.pass ? 'pass' : check.severity === 'reject' ? 'fail' : 'attention'} label=${check.pass ? 'passed' : check.severity === 'reject' ? 'failed' : `${check.severity}s`} />`,
-        `${number(check.statistic)} ${check.unit === '-' ? '' : check.unit}`, `${check.operator} ${number(check.threshold)}`, check.comment])} />
+      rows=${fit.checks.map(check => [
+        check.name,
+        html`<${Status} of=${check.pass ? 'pass' : check.severity === 'reject' ? 'fail' : 'attention'}
+          label=${check.pass ? 'passed' : check.severity === 'reject' ? 'failed' : `${check.severity}s`} />`,
+        `${number(check.statistic)} ${check.unit === '-' ? '' : check.unit}`,
+        `${check.operator} ${number(check.threshold)}`,
+        check.comment,
+      ])} />
   </section>`;
 }
 
 function History({ system, list, ask: asking, done }) {
-  const roll = revision => () => asking({
-    title: `Roll back to revision ${revision.revision}`, text: 'A new revision is made that names the old fit; it stays in service until the pin is released.', word: 'Roll back',
-    act: reason => put(`/params/${system}/pin`, { reason, fit: revision.fit }).then(() => { say('Rolled back'); done(); }),
-  });
-  return html`<h2>Revisions</h2>${list.length === 0 ? html`<p class="quiet">Nothing was ever served.</p>` : html`<${Table} caption="Revisions" hidden
+  const roll = revision => () =>
+    asking({
+      title: `Roll back to revision ${revision.revision}`,
+      text: 'A new revision is made that names the old fit; it stays in service until the pin is released.',
+      word: 'Roll back',
+      act: reason =>
+        put(`/params/${system}/pin`, { reason, fit: revision.fit }).then(() => {
+          say('Rolled back');
+          done();
+        }),
+    });
+  return html`<h2>Revisions</h2>${
+    list.length === 0
+      ? html`<p class="quiet">Nothing was ever served.</p>`
+      : html`<${Table} caption="Revisions" hidden
     columns=${[['revision'], ['published'], ['model'], ['cause'], ['24 h ahead', 'number'], ['validation', 'number'], ['reason'], ['']]}
     rows=${list.map(revision => {
       const [error] = Object.values(revision.error);
-      return [html`<button class="plain" onClick=${() => setQuery({ fit: revision.fit })}>${revision.revision}${revision.current ? ', served' : ''}</button>`, clock(revision.published_at), revision.model, revision.cause,
-        `${fixed(error?.ahead?.PT24H)} ${error?.unit ?? ''}`, `${fixed(error?.validation_rmse)} ${error?.unit ?? ''}`, revision.reason ?? NONE,
-        revision.current ? '' : html`<button onClick=${roll(revision)}>Roll back</button>`];
-    })} />`}`;
+      return [
+        html`<button class="plain" onClick=${() => setQuery({ fit: revision.fit })}>
+          ${revision.revision}${revision.current ? ', served' : ''}</button>`,
+        clock(revision.published_at),
+        revision.model,
+        revision.cause,
+        `${fixed(error?.ahead?.PT24H)} ${error?.unit ?? ''}`,
+        `${fixed(error?.validation_rmse)} ${error?.unit ?? ''}`,
+        revision.reason ?? NONE,
+        revision.current ? '' : html`<button onClick=${roll(revision)}>Roll back</button>`,
+      ];
+    })} />`
+  }`;
 }

@@ -16,14 +16,19 @@ import { Parameters } from './parameters.js';
 import { Data } from './data.js';
 
 const TABS = [
-  ['fit', 'Fit', FitTab], ['fails', 'Where it fails', Fails], ['missing', 'What is missing', Missing],
-  ['ladder', 'Ladder', LadderTab], ['parameters', 'Parameters', Parameters], ['data', 'Data', Data],
+  ['fit', 'Fit', FitTab],
+  ['fails', 'Where it fails', Fails],
+  ['missing', 'What is missing', Missing],
+  ['ladder', 'Ladder', LadderTab],
+  ['parameters', 'Parameters', Parameters],
+  ['data', 'Data', Data],
 ];
 /** What of the address goes along from tab to tab: the fits that are looked at, and the range. */
 const CARRIED = ['fit', 'with', 'from', 'to', 'mode'];
 
 /** What the controller gets for a system; of a system that was never validated the list says nothing. */
-const servedOf = system => (path, options) => ask(path, options).then(({ items }) => items.find(entry => entry.system === system) ?? { missing: true });
+const servedOf = system => (path, options) =>
+  ask(path, options).then(({ items }) => items.find(entry => entry.system === system) ?? { missing: true });
 
 export function SystemPage({ system, tab, query }) {
   const document = useResource(`/systems/${system}`);
@@ -43,7 +48,9 @@ export function SystemPage({ system, tab, query }) {
   };
   const refit = () => post('/jobs', { kind: 'estimate', system }).then(job => go(address(['jobs', job.id])), sayFault);
   useKeys({
-    ...Object.fromEntries(TABS.map(([name, title], index) => [String(index + 1), [`show ${title}`, () => go(systemAddress(system, name, carried))]])),
+    ...Object.fromEntries(
+      TABS.map(([name, title], index) => [String(index + 1), [`show ${title}`, () => go(systemAddress(system, name, carried))]]),
+    ),
     '[': ['system before', () => step(-1)],
     ']': ['next system', () => step(1)],
     r: ['refit', refit],
@@ -52,14 +59,20 @@ export function SystemPage({ system, tab, query }) {
   if (document.error) return html`<${Failed} error=${document.error} retry=${document.reload} />`;
   if (!document.data || !served.data || !fits.data) {
     const error = served.error ?? fits.error;
-    return error ? html`<${Failed} error=${error} retry=${() => { served.reload(); fits.reload(); }} />` : html`<${Loading} what=${system} />`;
+    return error
+      ? html`<${Failed} error=${error} retry=${() => {
+          served.reload();
+          fits.reload();
+        }} />`
+      : html`<${Loading} what=${system} />`;
   }
   const params = served.data.missing ? null : served.data;
   const usable = fits.data.filter(fit => fit.metrics && Object.keys(fit.metrics).length);
   const fit = query.fit ?? params?.fit ?? usable[0]?.id ?? null;
   const Tab = (TABS.find(([name]) => name === tab) ?? TABS[0])[2];
   return html`
-    <${Head} system=${system} document=${document.data} params=${params} row=${rows.data?.find(row => row.system === system)} fits=${usable} fit=${fit} refit=${refit} />
+    <${Head} system=${system} document=${document.data} params=${params} row=${rows.data?.find(row => row.system === system)} fits=${usable}
+      fit=${fit} refit=${refit} />
     <${Tabs} system=${system} tab=${tab} carried=${carried} />
     <div role="tabpanel" id="panel" aria-labelledby=${`tab-${tab}`}>
       <${Tab} key=${tab} system=${system} document=${document.data} params=${params} fits=${usable} fit=${fit} query=${query}
@@ -70,7 +83,8 @@ export function SystemPage({ system, tab, query }) {
 function Head({ system, document, params, row, fits, fit, refit }) {
   const chosen = fits.find(entry => entry.id === fit);
   const [output, metrics] = Object.entries(chosen?.metrics ?? {})[0] ?? [];
-  const diagnose = () => post('/jobs', { kind: 'diagnose', system }).then(job => go(systemAddress(system, 'missing', { job: job.id })), sayFault);
+  const diagnose = () =>
+    post('/jobs', { kind: 'diagnose', system }).then(job => go(systemAddress(system, 'missing', { job: job.id })), sayFault);
   return html`
     <div class="row apart">
       <div class="row"><h1>${system}</h1><span class="quiet">${document.label}</span>
@@ -80,16 +94,23 @@ function Head({ system, document, params, row, fits, fit, refit }) {
     </div>
     ${row && html`<p><${Status} of=${row.health} label="" /> ${row.why}</p>`}
     <div class="row apart">
-      ${chosen ? html`<dl class="figures">
+      ${
+        chosen
+          ? html`<dl class="figures">
         <div><dt>24 h ahead</dt><dd>${withUnit(metrics.ahead?.PT24H?.rmse, metrics.unit)}</dd></div>
         <div><dt>validation, free run</dt><dd>${withUnit(metrics.validation_rmse, metrics.unit)}</dd></div>
         <div><dt>train, free run</dt><dd>${withUnit(metrics.train_rmse, metrics.unit)}</dd></div>
         <div><dt>model</dt><dd>${chosen.model}</dd></div>
         <div><dt>verdict</dt><dd><${Status} of=${chosen.verdict ?? 'unknown'} /></dd></div>
         <div><dt>error of</dt><dd>${output}</dd></div>
-      </dl>` : html`<p class="quiet">Never fitted.</p>`}
-      ${fits.length > 0 && html`<label class="inline">Fit <select value=${fit} onChange=${event => setQuery({ fit: event.target.value })}>
-        ${fits.map(entry => html`<option value=${entry.id} selected=${entry.id === fit}>${fitName(entry)}</option>`)}</select></label>`}
+      </dl>`
+          : html`<p class="quiet">Never fitted.</p>`
+      }
+      ${
+        fits.length > 0 &&
+        html`<label class="inline">Fit <select value=${fit} onChange=${event => setQuery({ fit: event.target.value })}>
+        ${fits.map(entry => html`<option value=${entry.id} selected=${entry.id === fit}>${fitName(entry)}</option>`)}</select></label>`
+      }
     </div>`;
 }
 
@@ -105,7 +126,12 @@ function Tabs({ system, tab, carried }) {
     next.click();
   };
   return html`<div class="tabs" role="tablist" aria-label="What to see of it" ref=${list} onKeyDown=${onKeyDown}>
-    ${TABS.map(([name, title]) => html`<a role="tab" id=${`tab-${name}`} href=${systemAddress(system, name, carried)} aria-selected=${name === tab} aria-controls="panel"
-      tabindex=${name === tab ? 0 : -1}>${title}</a>`)}
+    ${TABS.map(
+      ([
+        name,
+        title,
+      ]) => html`<a role="tab" id=${`tab-${name}`} href=${systemAddress(system, name, carried)} aria-selected=${name === tab} aria-controls="panel"
+      tabindex=${name === tab ? 0 : -1}>${title}</a>`,
+    )}
   </div>`;
 }

@@ -7,7 +7,20 @@ import { Table } from '../parts/table.js';
 import { Failed } from '../parts/screens.js';
 
 const PREVIEW_ROWS = 4;
-const KNOWN = ['T_room', 'T_out', 'T_forward', 'irradiance', 'cloud_cover', 'wind_speed', 'wind_direction', 'flow', 'valve', 'window_open', 'occupancy', 'CO2'];
+const KNOWN = [
+  'T_room',
+  'T_out',
+  'T_forward',
+  'irradiance',
+  'cloud_cover',
+  'wind_speed',
+  'wind_direction',
+  'flow',
+  'valve',
+  'window_open',
+  'occupancy',
+  'CO2',
+];
 const UNITS = ['', 'degC', 'degF', 'K', 'W', 'kW', 'MW', 'W/m2', 'kW/m2', 'm/s', 'km/h', 'ppm', 'pct', 'deg', 'm3/h', 'm3/d', 'g/m3', '-'];
 const TIME = /^(time|timestamp|date|datetime|date_time)$/i;
 
@@ -30,7 +43,9 @@ export function mapped(text, columns) {
   const at = lines.findIndex(line => line && !line.startsWith('#'));
   const mark = separatorOf(lines[at]);
   const kept = columns.map((column, index) => [column, index]).filter(([column]) => column.use);
-  const header = kept.map(([column]) => (column.channel === 'time' || !column.unit ? column.channel : `${column.channel}[${column.unit}]`)).join(mark);
+  const header = kept
+    .map(([column]) => (column.channel === 'time' || !column.unit ? column.channel : `${column.channel}[${column.unit}]`))
+    .join(mark);
   const rows = lines.slice(at + 1).map(line => {
     if (!line || line.startsWith('#') || kept.length === columns.length) return line;
     const cells = line.split(mark);
@@ -74,24 +89,55 @@ export function Upload({ system, document, done, open }) {
   };
   const channels = [...new Set([...Object.keys(document.channels), ...Object.values(document.channels), ...KNOWN])];
   return html`<details class="card" open=${open || text !== null || answer !== null}><summary><b>Upload measurements</b></summary>
-    ${text === null && html`<div class="drop ${over ? 'over' : ''}" onDrop=${drop} onDragOver=${event => { event.preventDefault(); setOver(true); }} onDragLeave=${() => setOver(false)}>
+    ${
+      text === null &&
+      html`<div class="drop ${over ? 'over' : ''}" onDrop=${drop} onDragOver=${event => {
+        event.preventDefault();
+        setOver(true);
+      }} onDragLeave=${() => setOver(false)}>
       <p>Drop a CSV file here, or <button onClick=${() => file.current.click()}>choose one</button></p>
-      <input ref=${file} class="unseen" type="file" accept=".csv,text/csv" aria-label="CSV file" tabindex="-1" onChange=${event => read(event.target.files)} />
-      <label>or paste its text<textarea rows="3" placeholder="time,T_room[degC],T_out[degC]" aria-label="CSV text" onPaste=${event => { event.preventDefault(); take(event.clipboardData.getData('text/plain')); }}
+      <input ref=${file} class="unseen" type="file" accept=".csv,text/csv" aria-label="CSV file" tabindex="-1"
+        onChange=${event => read(event.target.files)} />
+      <label>or paste its text<textarea rows="3" placeholder="time,T_room[degC],T_out[degC]" aria-label="CSV text" onPaste=${event => {
+        event.preventDefault();
+        take(event.clipboardData.getData('text/plain'));
+      }}
         onChange=${event => event.target.value.trim() && take(event.target.value)}></textarea></label>
-    </div>`}
-    ${text !== null && html`
+    </div>`
+    }
+    ${
+      text !== null &&
+      html`
       <datalist id="channels">${channels.map(name => html`<option value=${name} />`)}</datalist>
-      <${Table} caption="Columns of the file" columns=${[['column'], ['use'], ['channel'], ['unit'], ['first values']]} rows=${columns.map((column, at) => [column.name,
-        html`<input type="checkbox" aria-label=${`Use ${column.name}`} checked=${column.use} disabled=${column.channel === 'time'} onChange=${event => change(at, { use: event.target.checked })} />`,
-        html`<input list="channels" aria-label=${`Channel of ${column.name}`} value=${column.channel} onInput=${event => change(at, { channel: event.target.value })} />`,
-        column.channel === 'time' ? 'RFC 3339' : html`<select aria-label=${`Unit of ${column.name}`} value=${column.unit} onChange=${event => change(at, { unit: event.target.value })}>
-          ${[...new Set([...UNITS, column.unit])].map(unit => html`<option value=${unit} selected=${unit === column.unit}>${unit || 'as its name says'}</option>`)}</select>`,
-        column.first.join(', ')])} />
+      <${Table} caption="Columns of the file" columns=${[['column'], ['use'], ['channel'], ['unit'], ['first values']]} rows=${columns.map(
+        (column, at) => [
+          column.name,
+          html`<input type="checkbox" aria-label=${`Use ${column.name}`} checked=${column.use} disabled=${column.channel === 'time'}
+            onChange=${event => change(at, { use: event.target.checked })} />`,
+          html`<input list="channels" aria-label=${`Channel of ${column.name}`} value=${column.channel}
+            onInput=${event => change(at, { channel: event.target.value })} />`,
+          column.channel === 'time'
+            ? 'RFC 3339'
+            : html`<select aria-label=${`Unit of ${column.name}`} value=${column.unit} onChange=${event => change(at, { unit: event.target.value })}>
+          ${[...new Set([...UNITS, column.unit])].map(unit =>
+            html`<option value=${unit} selected=${unit === column.unit}>${unit || 'as its name says'}</option>`)}</select>`,
+          column.first.join(', '),
+        ],
+      )} />
       ${error && html`<${Failed} error=${error} />`}
-      <p class="row"><button class="main" onClick=${send}>Upload ${columns.filter(column => column.use).length - 1} channels</button><button onClick=${() => { setText(null); setError(null); }}>Leave it</button></p>`}
-    ${answer && html`<div class="outcome"><p class="says">${answer.rows} rows from ${clock(answer.from)} to ${clock(answer.to)} are taken as ${answer.id}.</p>
-      ${answer.rejected_rows.length > 0 && html`<p>▲ ${answer.rejected_rows.length} rows were refused:</p><ul>${answer.rejected_rows.slice(0, 50).map(row => html`<li>line ${row.line}: ${row.reason}</li>`)}</ul>`}
-      ${answer.warnings.map(warning => html`<p>▲ ${warning}</p>`)}</div>`}
+      <p class="row"><button class="main" onClick=${send}>Upload ${columns.filter(column => column.use).length - 1} channels</button><button
+        onClick=${() => {
+        setText(null);
+        setError(null);
+      }}>Leave it</button></p>`
+    }
+    ${
+      answer &&
+      html`<div class="outcome"><p class="says">${answer.rows} rows from ${clock(answer.from)} to ${clock(answer.to)} are taken as ${answer.id}.</p>
+      ${answer.rejected_rows.length > 0 &&
+        html`<p>▲ ${answer.rejected_rows.length} rows were refused:</p><ul>
+          ${answer.rejected_rows.slice(0, 50).map(row => html`<li>line ${row.line}: ${row.reason}</li>`)}</ul>`}
+      ${answer.warnings.map(warning => html`<p>▲ ${warning}</p>`)}</div>`
+    }
   </details>`;
 }

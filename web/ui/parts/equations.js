@@ -5,8 +5,15 @@ import { ask, useResource } from '../api.js';
 /** The terms of a catalogue's effect for its argument: `metered_gain:P_heater` fills `{channel}` in. */
 function termsOf(document, argument) {
   const constants = document.choices?.[argument] ?? {};
-  const filled = text => Object.entries(constants).reduce((words, [name, value]) => words.replaceAll(`{${name}}`, value), text.replaceAll('{channel}', argument ?? ''));
-  return [...Object.entries(document.terms ?? {}), ...Object.entries(document.outputs ?? {})].map(([place, text]) => [filled(place), filled(text)]);
+  const filled = text =>
+    Object.entries(constants).reduce(
+      (words, [name, value]) => words.replaceAll(`{${name}}`, value),
+      text.replaceAll('{channel}', argument ?? ''),
+    );
+  return [...Object.entries(document.terms ?? {}), ...Object.entries(document.outputs ?? {})].map(([place, text]) => [
+    filled(place),
+    filled(text),
+  ]);
 }
 
 /** Lines `{left, terms}` of a model: its own equations, or those of its base, and what each of its effects adds. */
@@ -27,7 +34,12 @@ async function linesOf(path, options) {
 }
 
 /** The text of a definition; one with variants has the first that the channels allow. */
-const definition = entry => (Array.isArray(entry) ? entry.map(variant => `${variant.expr}${variant.needs?.length ? ` where ${variant.needs.join(' and ')} is measured` : ''}`).join(', or ') : entry);
+const definition = entry =>
+  Array.isArray(entry)
+    ? entry
+        .map(variant => `${variant.expr}${variant.needs?.length ? ` where ${variant.needs.join(' and ')} is measured` : ''}`)
+        .join(', or ')
+    : entry;
 
 /** `diff`: what an effect adds, as a model with a parent names it. */
 export function Equations({ model, diff = {} }) {
@@ -37,7 +49,8 @@ export function Equations({ model, diff = {} }) {
   const known = lines.data.map(line => line.place);
   const fresh = Object.entries(added).filter(([place]) => !known.includes(place));
   return html`<div class="equation">
-    ${lines.data.map(line => html`<div>${line.left} = ${line.terms.join(' + ')}${added[line.place] ? html`<ins>+ ${added[line.place]}</ins>` : ''}</div>`)}
+    ${lines.data.map(line => html`<div>${line.left} = ${line.terms.join(' + ')}${added[line.place] ?
+      html`<ins>+ ${added[line.place]}</ins>` : ''}</div>`)}
     ${fresh.map(([place, term]) => html`<ins>d${place}/dt = ${term}</ins>`)}
     ${Object.entries(diff.define ?? {}).map(([name, entry]) => html`<ins>${name} = ${definition(entry)}</ins>`)}
   </div>`;

@@ -15,7 +15,7 @@ function save(text, name) {
   setTimeout(() => URL.revokeObjectURL(url), 10_000);
 }
 
-const cell = value => (/[",\n]/.test(String(value)) ? `"${String(value).replaceAll('"', '""')}"` : value ?? '');
+const cell = value => (/[",\n]/.test(String(value)) ? `"${String(value).replaceAll('"', '""')}"` : (value ?? ''));
 const csvOf = ({ columns, rows }) => [columns.map(([title]) => title), ...rows].map(row => row.map(cell).join(',')).join('\n');
 
 /**
@@ -49,13 +49,21 @@ export function Frame({ title, summary, table, path, csv = false, note, children
     ${open === 'curl' && html`<${Command} text=${curl(path)} />`}
     ${children}
     ${note && html`<p class="note">${note}</p>`}
-    ${numbers && html`<div class="numbers"><${Table} caption=${`${title}: numbers`} hidden columns=${numbers.columns} rows=${numbers.rows.slice(0, SHOWN_ROWS)} />
-      ${numbers.rows.length > SHOWN_ROWS && html`<p class="note">The first ${SHOWN_ROWS} of ${numbers.rows.length} rows; CSV has all.</p>`}</div>`}
+    ${
+      numbers &&
+      html`<div class="numbers"><${Table} caption=${`${title}: numbers`} hidden columns=${numbers.columns}
+        rows=${numbers.rows.slice(0, SHOWN_ROWS)} />
+      ${numbers.rows.length > SHOWN_ROWS && html`<p class="note">The first ${SHOWN_ROWS} of ${numbers.rows.length} rows; CSV has all.</p>`}</div>`
+    }
   </figure>`;
 }
 
 /** A command line that can be copied. */
 export function Command({ text }) {
-  const copy = () => navigator.clipboard.writeText(text).then(() => say('Copied'), () => say('This browser does not let the page copy', { fault: true }));
+  const copy = () =>
+    navigator.clipboard.writeText(text).then(
+      () => say('Copied'),
+      () => say('This browser does not let the page copy', { fault: true }),
+    );
   return html`<div class="command"><code>${text}</code><button class="plain" onClick=${copy}>Copy</button></div>`;
 }

@@ -10,10 +10,21 @@ const SETTLE_MS = 400;
 
 function stripsOf(data) {
   const outputs = Object.entries(data.outputs).map(([name, output]) => ({
-    label: name, unit: output.unit, height: 170,
-    lines: [...(output.measured.some(value => value !== null) ? [{ label: 'measured', colour: 'measured', values: output.measured }] : []), { label: 'model', colour: 'model', dash: [8, 3], values: output.simulated }],
+    label: name,
+    unit: output.unit,
+    height: 170,
+    lines: [
+      ...(output.measured.some(value => value !== null) ? [{ label: 'measured', colour: 'measured', values: output.measured }] : []),
+      { label: 'model', colour: 'model', dash: [8, 3], values: output.simulated },
+    ],
   }));
-  const small = (entries, colour) => Object.entries(entries).map(([name, curve]) => ({ label: name, unit: curve.unit, height: 60, lines: [{ label: name, colour, values: curve.values }] }));
+  const small = (entries, colour) =>
+    Object.entries(entries).map(([name, curve]) => ({
+      label: name,
+      unit: curve.unit,
+      height: 60,
+      lines: [{ label: name, colour, values: curve.values }],
+    }));
   return [...outputs, ...small(data.states, 'model'), ...small(data.inputs, 'quiet')];
 }
 
@@ -27,25 +38,60 @@ export function Preview({ request, system: first = '', faulty = () => {} }) {
   const text = JSON.stringify(body);
   useEffect(() => {
     let left = false;
-    const timer = setTimeout(() => post('/models/preview', body).then(
-      data => { if (!left) { setState({ data, error: null }); faulty([]); setRange(null); } },
-      error => { if (!left) { setState(before => ({ data: before.data, error })); faulty(error.errors); } },
-    ), SETTLE_MS);
-    return () => { left = true; clearTimeout(timer); };
+    const timer = setTimeout(
+      () =>
+        post('/models/preview', body).then(
+          data => {
+            if (!left) {
+              setState({ data, error: null });
+              faulty([]);
+              setRange(null);
+            }
+          },
+          error => {
+            if (!left) {
+              setState(before => ({ data: before.data, error }));
+              faulty(error.errors);
+            }
+          },
+        ),
+      SETTLE_MS,
+    );
+    return () => {
+      left = true;
+      clearTimeout(timer);
+    };
   }, [text]);
   const { data, error } = state;
   const time = useMemo(() => data?.time.map(seconds), [data]);
   const strips = useMemo(() => data && stripsOf(data), [data]);
-  const says = data && `${data.diverged ? 'It diverges. ' : ''}${Object.entries(data.outputs).map(([name, output]) => `${name} runs from ${number(Math.min(...output.simulated.filter(value => value !== null)))} to ${number(Math.max(...output.simulated.filter(value => value !== null)))} ${output.unit}${output.rmse === null ? '' : `, rmse ${number(output.rmse)}`}`).join('; ')}.`;
+  const says =
+    data &&
+    `${data.diverged ? 'It diverges. ' : ''}${Object.entries(data.outputs)
+      .map(
+        ([name, output]) =>
+          `${name} runs from ${number(Math.min(...output.simulated.filter(value =>
+            value !== null)))} to ${number(Math.max(...output.simulated.filter(value =>
+              value !== null)))} ${output.unit}${output.rmse === null ? '' : `, rmse ${number(output.rmse)}`}`,
+      )
+      .join('; ')}.`;
   return html`<section><div class="row apart"><h2>What it does, with its nominal values</h2>
-      <label class="inline">driven by <select value=${system} onChange=${event => setSystem(event.target.value)}><option value="">two standard days</option>
-        ${(systems.data ?? []).map(row => html`<option value=${row.system} selected=${row.system === system}>${row.system}, measured</option>`)}</select></label></div>
+      <label class="inline">driven by <select value=${system} onChange=${event => setSystem(event.target.value)}><option
+        value="">two standard days</option>
+        ${(systems.data ?? []).map(row =>
+          html`<option value=${row.system} selected=${row.system === system}>${row.system}, measured</option>`)}</select></label></div>
     ${error && html`<${Failed} error=${error} />`}
     ${!data && !error && html`<${Loading} what="the simulation" />`}
-    ${data && html`
+    ${
+      data &&
+      html`
       ${data.dropped.map(remark => html`<p class="note">Left out: ${remark}</p>`)}
-      <${Frame} title="Simulation" summary=${says} note=${says} table=${() => ({ columns: [['time'], ...strips.flatMap(strip => strip.lines.map(line => [`${strip.label} ${line.label} ${strip.unit}`, 'number']))], rows: data.time.map((at, row) => [at, ...strips.flatMap(strip => strip.lines.map(line => (line.values[row] === null ? NONE : number(line.values[row], 5))))]) })}>
+      <${Frame} title="Simulation" summary=${says} note=${says}
+        table=${() => ({ columns: [['time'], ...strips.flatMap(strip => strip.lines.map(line =>
+          [`${strip.label} ${line.label} ${strip.unit}`, 'number']))], rows: data.time.map((at, row) => [at, ...strips.flatMap(strip =>
+            strip.lines.map(line => (line.values[row] === null ? NONE : number(line.values[row], 5))))]) })}>
         <${Strips} time=${time} strips=${strips} whole=${[time[0], time.at(-1)]} range=${range} onZoom=${setRange} label=${says} /></${Frame}>
-      <details><summary>curl</summary><${Command} text=${curl('/models/preview', { method: 'POST', body })} /></details>`}
+      <details><summary>curl</summary><${Command} text=${curl('/models/preview', { method: 'POST', body })} /></details>`
+    }
   </section>`;
 }

@@ -26,9 +26,11 @@ export function Failed({ error, retry }) {
 
 export function Faults({ errors = [] }) {
   if (errors.length === 0) return null;
-  return html`<ul class="faults">${errors.map(fault => html`<li>
+  return html`<ul class="faults">${errors.map(
+    fault => html`<li>
     <code>${fault.pointer}</code> ${fault.detail}${fault.suggestion ? html` <em>${fault.suggestion}</em>` : ''}
-  </li>`)}</ul>`;
+  </li>`,
+  )}</ul>`;
 }
 
 /** Nothing is there yet: why, and what to do about it. */

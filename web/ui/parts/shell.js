@@ -8,7 +8,12 @@ import { onSaid } from '../say.js';
 import { Dialog } from './dialog.js';
 import { Failed } from './screens.js';
 
-const PLACES = [['Overview', [], 'o'], ['Jobs', ['jobs'], 'j'], ['Models and effects', ['models'], 'm'], ['Schedules', ['schedules'], 's']];
+const PLACES = [
+  ['Overview', [], 'o'],
+  ['Jobs', ['jobs'], 'j'],
+  ['Models and effects', ['models'], 'm'],
+  ['Schedules', ['schedules'], 's'],
+];
 const THEMES = { system: ['light', 'Theme: as the system'], light: ['dark', 'Theme: light'], dark: ['system', 'Theme: dark'] };
 const SHOWN_MS = 8000;
 
@@ -17,8 +22,13 @@ export function Shell({ place, children }) {
   const [, redraw] = useState(0);
   const [fault, clear] = useErrorBoundary();
   const live = useConnection();
-  useEffect(() => { if (fault) clear(); }, [place]);
-  const turnTheme = () => { setTheme(THEMES[theme()][0]); redraw(count => count + 1); };
+  useEffect(() => {
+    if (fault) clear();
+  }, [place]);
+  const turnTheme = () => {
+    setTheme(THEMES[theme()][0]);
+    redraw(count => count + 1);
+  };
   useKeys({
     '?': ['show the keys', () => setHelp(true)],
     d: ['light, dark, or as the system', turnTheme],
@@ -28,8 +38,10 @@ export function Shell({ place, children }) {
     <a class="skip" href="#main">Skip to the content</a>
     <header>
       <a class="brand" href=${address([])}><span class="glow" aria-hidden="true"></span>Lampyris</a>
-      <nav aria-label="Pages">${PLACES.map(([name, parts]) => html`
-        <a href=${address(parts)} aria-current=${(parts[0] ?? 'systems') === (place ?? 'systems') ? 'page' : null}>${name}</a>`)}
+      <nav aria-label="Pages">${PLACES.map(
+        ([name, parts]) => html`
+        <a href=${address(parts)} aria-current=${(parts[0] ?? 'systems') === (place ?? 'systems') ? 'page' : null}>${name}</a>`,
+      )}
         <a href="/docs">API</a>
       </nav>
       <span class="row">
@@ -51,9 +63,12 @@ function Said() {
     const timer = said && setTimeout(() => setSaid(null), SHOWN_MS);
     return () => clearTimeout(timer);
   }, [said]);
-  return said && html`<div class="said ${said.fault ? 'fault' : ''}">
+  return (
+    said &&
+    html`<div class="said ${said.fault ? 'fault' : ''}">
     <span>${said.text}</span><button class="plain" aria-label="Close" onClick=${() => setSaid(null)}>✕</button>
-  </div>`;
+  </div>`
+  );
 }
 
 function Help({ close }) {

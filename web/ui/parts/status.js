@@ -3,11 +3,32 @@ import { html } from '../html.js';
 import { words } from '../format.js';
 
 const LOOKS = {
-  ok: ['●', 'ok'], fresh: ['●', 'ok'], succeeded: ['●', 'ok'], accepted: ['●', 'ok'], pass: ['●', 'ok'], named: ['●', 'ok'], adequate: ['●', 'ok'],
-  attention: ['▲', 'warn'], fallback: ['▲', 'warn'], degraded: ['▲', 'warn'], held: ['▲', 'warn'], suggested: ['▲', 'warn'], not_enough_data: ['▲', 'warn'],
-  bad: ['■', 'bad'], stale: ['■', 'bad'], failed: ['■', 'bad'], rejected: ['■', 'bad'], fail: ['■', 'bad'],
-  pinned: ['◆', 'calm'], running: ['▶', 'calm'], queued: ['◷', 'quiet'], cancelled: ['✕', 'quiet'],
-  unknown: ['○', 'quiet'], nominal: ['○', 'quiet'], unchanged: ['○', 'quiet'], none: ['○', 'quiet'],
+  ok: ['●', 'ok'],
+  fresh: ['●', 'ok'],
+  succeeded: ['●', 'ok'],
+  accepted: ['●', 'ok'],
+  pass: ['●', 'ok'],
+  named: ['●', 'ok'],
+  adequate: ['●', 'ok'],
+  attention: ['▲', 'warn'],
+  fallback: ['▲', 'warn'],
+  degraded: ['▲', 'warn'],
+  held: ['▲', 'warn'],
+  suggested: ['▲', 'warn'],
+  not_enough_data: ['▲', 'warn'],
+  bad: ['■', 'bad'],
+  stale: ['■', 'bad'],
+  failed: ['■', 'bad'],
+  rejected: ['■', 'bad'],
+  fail: ['■', 'bad'],
+  pinned: ['◆', 'calm'],
+  running: ['▶', 'calm'],
+  queued: ['◷', 'quiet'],
+  cancelled: ['✕', 'quiet'],
+  unknown: ['○', 'quiet'],
+  nominal: ['○', 'quiet'],
+  unchanged: ['○', 'quiet'],
+  none: ['○', 'quiet'],
 };
 const SAID = { bad: 'bad', none: 'nothing served', unknown: 'unknown', pass: 'passed', fail: 'failed' };
 
@@ -17,4 +38,5 @@ export function Status({ of, label }) {
 }
 
 /** A remark of the gate, such as `at_bound:c_solar`. */
-export const Flag = ({ name }) => html`<span class="flag ${name.startsWith('at_bound') ? 'bad' : ''}" title=${words(name)}>${words(name).replace(':', ': ')}</span>`;
+export const Flag = ({ name }) =>
+  html`<span class="flag ${name.startsWith('at_bound') ? 'bad' : ''}" title=${words(name)}>${words(name).replace(':', ': ')}</span>`;

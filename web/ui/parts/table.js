@@ -7,8 +7,12 @@ export function Table({ caption, columns, rows, hidden = false }) {
     <table>
       <caption class=${hidden ? 'unseen' : ''}>${caption}</caption>
       <thead><tr>${columns.map(([title], index) => html`<th scope="col" class=${kind(index)}>${title}</th>`)}</tr></thead>
-      <tbody>${rows.map(row => html`<tr>${row.map((cell, index) =>
-        index === 0 ? html`<th scope="row" class=${kind(index)}>${cell}</th>` : html`<td class=${kind(index)}>${cell}</td>`)}</tr>`)}</tbody>
+      <tbody>${rows.map(
+        row =>
+          html`<tr>${row.map((cell, index) =>
+            index === 0 ? html`<th scope="row" class=${kind(index)}>${cell}</th>` : html`<td class=${kind(index)}>${cell}</td>`,
+          )}</tr>`,
+      )}</tbody>
     </table>
   </div>`;
 }

@@ -18,10 +18,17 @@ const shownCost = job => (job.request.objective === 'mse' ? [Math.sqrt, 'rmse'] 
 function linesOf(job, reports, fit) {
   const [shown] = shownCost(job);
   // The trace has its improvements only; the best stayed the best until the end.
-  const stored = fit?.trace?.length ? [...fit.trace, { evaluations: Math.max(job.evaluations ?? 0, fit.trace.at(-1).evaluations), best: fit.trace.at(-1).best }] : null;
-  const trace = stored ? stored.map(({ evaluations, best }) => [evaluations, shown(best)]) : reports.filter(report => report.best_train !== null).map(report => [report.evaluations, shown(report.best_train)]);
+  const stored = fit?.trace?.length
+    ? [...fit.trace, { evaluations: Math.max(job.evaluations ?? 0, fit.trace.at(-1).evaluations), best: fit.trace.at(-1).best }]
+    : null;
+  const trace = stored
+    ? stored.map(({ evaluations, best }) => [evaluations, shown(best)])
+    : reports.filter(report => report.best_train !== null).map(report => [report.evaluations, shown(report.best_train)]);
   const validation = reports.filter(report => report.best_validation !== null).map(report => [report.evaluations, report.best_validation]);
-  return [{ label: 'train', colour: 'measured', points: trace }, ...(validation.length ? [{ label: 'validation', colour: 'model', dash: '6 4', points: validation }] : [])];
+  return [
+    { label: 'train', colour: 'measured', points: trace },
+    ...(validation.length ? [{ label: 'validation', colour: 'model', dash: '6 4', points: validation }] : []),
+  ];
 }
 
 export function JobWatch({ id, title, onEnd = () => {} }) {
@@ -44,7 +51,7 @@ export function JobWatch({ id, title, onEnd = () => {} }) {
   if (!job) return html`<${Loading} what="the job" />`;
   const last = reports.at(-1);
   const ended = hasEnded(job);
-  const evaluations = ended ? job.evaluations : last?.evaluations ?? job.progress?.evaluations;
+  const evaluations = ended ? job.evaluations : (last?.evaluations ?? job.progress?.evaluations);
   const budget = job.request.budget?.evaluations;
   const [, costName] = shownCost(job);
   const lines = linesOf(job, reports, fit.data);
@@ -57,23 +64,38 @@ export function JobWatch({ id, title, onEnd = () => {} }) {
       <div><dt>evaluations</dt><dd>${evaluations ?? '–'}${budget && !ended ? ` of at most ${budget}` : ''}</dd></div>
       ${last && !ended && html`<div><dt>generation</dt><dd>${last.generation}</dd></div>`}
       ${last && !ended && html`<div><dt>time left, at most</dt><dd>${length(last.eta_s)}</dd></div>`}
-      ${ended && html`<div><dt>ran for</dt><dd>${length(job.wall_s)}</dd></div><div><dt>stopped because</dt><dd>${job.stopped_by ?? job.error?.detail ?? job.state}</dd></div>`}
+      ${ended && html`<div><dt>ran for</dt><dd>${length(job.wall_s)}</dd></div><div><dt>stopped because</dt><dd>
+        ${job.stopped_by ?? job.error?.detail ?? job.state}</dd></div>`}
       ${last?.best_train != null && html`<div><dt>best on train</dt><dd>${number(shownCost(job)[0](last.best_train))}</dd></div>`}
       ${last?.best_validation != null && html`<div><dt>best on validation</dt><dd>${number(last.best_validation)}</dd></div>`}
     </dl>
     ${!ended && html`<progress max=${budget ?? 1} value=${evaluations ?? 0} aria-label="Evaluations of the budget"></progress>`}
     ${job.error && html`<p><${Status} of="failed" label=${job.error.detail} /></p>`}
     <div class="grid">
-      ${(lines[0].points.length > 0) && html`<${Frame} title="How the error falls" path=${job.fit ? `/fits/${job.fit}` : `/jobs/${id}/events`} summary=${`After ${evaluations} evaluations the best error on train is ${number(lines[0].points.at(-1)?.[1])}.`}
-        table=${() => ({ columns: [['line'], ['evaluations', 'number'], [costName, 'number']], rows: lines.flatMap(line => line.points.map(([x, y]) => [line.label, x, number(y, 5)])) })}>
-        <${Curve} lines=${lines} log xLabel="evaluations" yLabel=${costName} label="The error of the best candidate over the evaluations" /></${Frame}>`}
-      ${values && model.data && html`<div class="scroll" tabindex="0" role="region" aria-label="Parameters"><table><caption>Parameters${ended ? '' : ', live'}</caption><tbody>${Object.entries(values).map(([name, value]) => {
-        const known = model.data.parameters.find(parameter => parameter.name === name);
-        const found = fit.data?.parameters[name];
-        const bounds = found?.bounds ?? job.request.bounds?.[name] ?? known?.bounds;
-        return html`<tr><th scope="row">${name}</th><td class="number">${number(value)} ${known?.unit === '-' ? '' : known?.unit ?? ''}</td>
-          <td>${bounds && html`<${Rail} value=${value} bounds=${bounds} interval=${found?.ci95} log=${known?.scale === 'log'} atBound=${found?.at_bound} />`}</td></tr>`;
-      })}</tbody></table></div>`}
+      ${
+        lines[0].points.length > 0 &&
+        html`<${Frame} title="How the error falls" path=${job.fit ? `/fits/${job.fit}` : `/jobs/${id}/events`}
+          summary=${`After ${evaluations} evaluations the best error on train is ${number(lines[0].points.at(-1)?.[1])}.`}
+        table=${() => ({ columns: [['line'], ['evaluations', 'number'], [costName, 'number']], rows: lines.flatMap(line =>
+          line.points.map(([x, y]) => [line.label, x, number(y, 5)])) })}>
+        <${Curve} lines=${lines} log xLabel="evaluations" yLabel=${costName} label="The error of the best candidate over the evaluations" />
+          </${Frame}>`
+      }
+      ${
+        values &&
+        model.data &&
+        html`<div class="scroll" tabindex="0" role="region" aria-label="Parameters"><table><caption>Parameters${ended ? '' : ', live'}
+          </caption><tbody>${Object.entries(
+          values,
+        ).map(([name, value]) => {
+          const known = model.data.parameters.find(parameter => parameter.name === name);
+          const found = fit.data?.parameters[name];
+          const bounds = found?.bounds ?? job.request.bounds?.[name] ?? known?.bounds;
+          return html`<tr><th scope="row">${name}</th><td class="number">${number(value)} ${known?.unit === '-' ? '' : (known?.unit ?? '')}</td>
+          <td>${bounds && html`<${Rail} value=${value} bounds=${bounds} interval=${found?.ci95} log=${known?.scale === 'log'}
+            atBound=${found?.at_bound} />`}</td></tr>`;
+        })}</tbody></table></div>`
+      }
     </div>
   </section>`;
 }
