@@ -10,6 +10,7 @@ use super::report::Gate;
 use super::screen::{Blind, Score, Screen, correlation};
 use crate::estimate::Problem;
 use crate::estimate::metrics::{day_ahead_mse, filter};
+use crate::estimate::uncertainty::uncertainty;
 use rayon::prelude::*;
 
 /// Least gain of the BIC.
@@ -339,6 +340,9 @@ fn gate(suspect: &Suspect, one: &Tried, strict: bool, crude: bool, placebo: f64)
     if ![one.fall, one.ahead_fall].into_iter().flatten().any(|fall| fall <= LEAST_FALL) {
         return Some((Gate::HeldOut, "neither the free run nor forecasts a day ahead err a tenth less with it on unseen data".to_owned()));
     }
+    if !is_determined(suspect, one) {
+        return Some((Gate::HeldOut, "the data do not determine how large it would be".to_owned()));
+    }
     if slow {
         return None;
     }
@@ -356,6 +360,15 @@ fn gate(suspect: &Suspect, one: &Tried, strict: bool, crude: bool, placebo: f64)
     (!passes).then(|| {
         let why = format!("it explains {} of the error on unseen data, and {:.0} % is asked for", percent(one.share), 100.0 * least);
         (Gate::HeldOut, why)
+    })
+}
+
+/// Whether the interval of at least one of the suspect's coefficients leaves out the value at which it does nothing.
+fn is_determined(suspect: &Suspect, one: &Tried) -> bool {
+    let intervals = uncertainty(&suspect.problem, &one.fitted.plain).ci95;
+    suspect.own.iter().any(|(index, off)| {
+        let place = suspect.problem.free().iter().position(|free| free == index);
+        place.and_then(|place| intervals[place]).is_some_and(|[low, high]| low > *off || high < *off)
     })
 }
 
