@@ -320,20 +320,19 @@ fn gate(suspect: &Suspect, one: &Tried, strict: bool, crude: bool, placebo: f64)
     if !allowed {
         return Some((Gate::Sign, "the data ask for a sign that physics does not allow".to_owned()));
     }
-    // What could not be compared gains nothing.
-    let gains = |least: f64| one.delta_bic >= least;
+    // What is no number reaches nothing.
+    let reaches = |value: Option<f64>, least: f64| value.is_some_and(|value| value >= least);
     // A cause stands out from what everybody gains.
-    if placebo > LEAST_BIC && !gains(STAND_OUT * placebo) {
+    if placebo > LEAST_BIC && !reaches(Some(one.delta_bic), STAND_OUT * placebo) {
         return Some((Gate::Bic, "most suspects gain alike: the fit without them is not at its optimum".to_owned()));
     }
-    let reaches = |share: Option<f64>, least: f64| share.is_some_and(|share| share >= least);
     let endogenous = suspect.endogenous;
     let doubtful = suspect.by_clock || (one.score.imitated && !reaches(one.share, STRICT_SHARE));
     let (slow, least) = match doubtful {
         true => (false, LEAST_SHAPE_BIC),
         false => (crude && !endogenous && explains_slowly(one), LEAST_BIC),
     };
-    if !slow && !gains(least) {
+    if !slow && !reaches(Some(one.delta_bic), least) {
         return Some((Gate::Bic, format!("it gains {:.1} in BIC, and {least} is asked for", one.delta_bic)));
     }
     // Whatever the likelihood says: what leaves the unseen error as it is is no cause of it.
