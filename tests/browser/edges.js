@@ -145,7 +145,7 @@ export async function edges(chrome, { base, port }) {
   });
 
   await test(chrome, 'zoom_survives_a_live_update', {}, async page => {
-    await page.goto(`${base}/ui/systems/room/5`);
+    await page.goto(`${base}/ui/systems/room/5?with=none`);
     const canvas = page.locator('.strips .u-over').first();
     await canvas.waitFor();
     const box = await canvas.boundingBox();
