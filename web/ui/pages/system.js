@@ -106,7 +106,7 @@ function Head({ system, document, params, row, fits, fit, refit }) {
         <div><dt>verdict</dt><dd><${Status} of=${chosen.verdict ?? 'unknown'} /></dd></div>
         <div><dt>error of</dt><dd>${output}</dd></div>
       </dl>`
-          : html`<p class="quiet">Never fitted.</p>`
+          : ''
       }
       ${
         fits.length > 0 &&
