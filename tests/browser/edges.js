@@ -63,6 +63,23 @@ export async function edges(chrome, { base, port }) {
     await page.getByText('every measurement is used').waitFor();
   });
 
+  await test(chrome, 'a_policy_is_changed_and_a_bad_one_is_refused_at_its_field', {}, async page => {
+    await page.goto(`${base}/ui/systems/room/9/settings`);
+    await page.getByLabel(/^Stale after/).fill('three days');
+    await page.getByRole('button', { name: 'Save' }).click();
+    await page.getByRole('alert').getByText('/policy/stale_after').waitFor();
+    await page.getByLabel(/^Stale after/).fill('P5D');
+    await page.getByLabel('What happens to a new fit').selectOption('suggest');
+    await page.getByLabel('Latitude').fill('55.7');
+    await page.getByLabel('Longitude').fill('12.6');
+    await page.getByLabel('Time zone').fill('Europe/Copenhagen');
+    await page.getByRole('button', { name: 'Save' }).click();
+    await page.getByText('room/9 is changed').first().waitFor();
+    const { policy, location } = await ask(base, '/systems/room/9');
+    holds(policy.mode === 'suggest' && policy.stale_after === 'P5D', JSON.stringify(policy));
+    holds(location.lat === 55.7 && location.zone === 'Europe/Copenhagen', JSON.stringify(location));
+  });
+
   await test(chrome, 'faults_of_a_model_stand_at_their_lines', {}, async page => {
     await page.goto(`${base}/ui/edit/model`);
     await page.getByText('No faults').waitFor();
@@ -128,7 +145,7 @@ export async function edges(chrome, { base, port }) {
   });
 
   await test(chrome, 'zoom_survives_a_live_update', {}, async page => {
-    await page.goto(`${base}/ui/systems/room/5`);
+    await page.goto(`${base}/ui/systems/room/5?with=none`);
     const canvas = page.locator('.strips .u-over').first();
     await canvas.waitFor();
     const box = await canvas.boundingBox();

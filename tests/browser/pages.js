@@ -71,6 +71,7 @@ export async function pages(chrome, { base }) {
     parameters: ['/systems/room/1/parameters', 'svg.rail'],
     rejected: ['/systems/room/2/parameters', 'svg.rail'],
     data: ['/systems/room/1/data', '.strips canvas'],
+    settings: ['/systems/room/1/settings', 'form'],
     empty: ['/systems/room/9', '.screen.empty'],
     jobs: ['/jobs', 'tbody tr'],
     job: [`/jobs/${job.id}`, '.card'],

@@ -25,8 +25,8 @@ export async function story(chrome, { base }) {
     await page.evaluate(() => {
       window.neverReloaded = true;
     });
-    await page.getByRole('link', { name: 'room/5' }).click();
     const clicked = Date.now();
+    await page.getByRole('link', { name: 'room/5' }).click();
     await page.locator('.strips canvas').first().waitFor();
     console.log(`  the first view of room/5 is drawn ${Date.now() - clicked} ms after the click`);
 

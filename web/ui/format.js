@@ -24,7 +24,7 @@ export const withUnit = (value, unit, decimals = 2) =>
 export const signed = (value, decimals = 2) =>
   value === null || value === undefined || !Number.isFinite(value)
     ? NONE
-    : `${value > 0 ? '+' : value < 0 ? '−' : ''}${Math.abs(value).toFixed(decimals)}`;
+    : `${value > 0 ? '+' : value < 0 ? '−' : ''}${Math.abs(value).toFixed(decimals)}`.replace(/^[+−](0\.?0*)$/, '$1');
 
 export const percent = value => (value === null || value === undefined ? NONE : `${Math.round(value * 100)} %`);
 

@@ -1,7 +1,7 @@
 // Measured beside the model: where the line follows, and where it does not.
 import { html, useMemo, useRef } from '../html.js';
 import { useResource, useList, withQuery } from '../api.js';
-import { setQuery } from '../router.js';
+import { setQuery, systemAddress } from '../router.js';
 import { useKeys } from '../keys.js';
 import { number, fixed, instant, seconds, horizon, length, fitName, NONE } from '../format.js';
 import { Frame } from '../parts/frame.js';
@@ -103,7 +103,10 @@ export function FitTab({ system, fit, fits, params, document, query }) {
   const path = fit && withQuery(`/fits/${fit}/comparison`, asked(query));
   const whole = useResource(path);
   if (!fit)
-    return html`<${Empty} title="Never fitted"><p>Upload measurements under Data, then press Refit: it takes some seconds.</p></${Empty}>`;
+    return html`<${Empty} title="Never fitted">
+      <p>Upload measurements, then press Refit: it takes some seconds.</p>
+      <a class="button" href=${systemAddress(system, 'data')}>Upload measurements</a>
+    </${Empty}>`;
   return html`
     <div class="row apart">
       <span class="segments" role="group" aria-label="What the model knows">${VIEWS.map(

@@ -14,6 +14,7 @@ import { Missing } from './missing.js';
 import { LadderTab } from './ladder.js';
 import { Parameters } from './parameters.js';
 import { Data } from './data.js';
+import { Settings } from './settings.js';
 
 const TABS = [
   ['fit', 'Fit', FitTab],
@@ -22,6 +23,7 @@ const TABS = [
   ['ladder', 'Ladder', LadderTab],
   ['parameters', 'Parameters', Parameters],
   ['data', 'Data', Data],
+  ['settings', 'Settings', Settings],
 ];
 /** What of the address goes along from tab to tab: the fits that are looked at, and the range. */
 const CARRIED = ['fit', 'with', 'from', 'to', 'mode'];
@@ -104,7 +106,7 @@ function Head({ system, document, params, row, fits, fit, refit }) {
         <div><dt>verdict</dt><dd><${Status} of=${chosen.verdict ?? 'unknown'} /></dd></div>
         <div><dt>error of</dt><dd>${output}</dd></div>
       </dl>`
-          : html`<p class="quiet">Never fitted.</p>`
+          : ''
       }
       ${
         fits.length > 0 &&

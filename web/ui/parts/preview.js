@@ -8,6 +8,9 @@ import { Strips } from '../charts/strips.js';
 
 const SETTLE_MS = 400;
 
+/** Faults of the document that is written stand at its lines, not here. */
+const ofDocument = error => error.errors.length > 0 && error.errors.every(fault => /^\/(model|effects)\b/.test(fault.pointer));
+
 function stripsOf(data) {
   const outputs = Object.entries(data.outputs).map(([name, output]) => ({
     label: name,
@@ -80,7 +83,8 @@ export function Preview({ request, system: first = '', faulty = () => {} }) {
         value="">two standard days</option>
         ${(systems.data ?? []).map(row =>
           html`<option value=${row.system} selected=${row.system === system}>${row.system}, measured</option>`)}</select></label></div>
-    ${error && html`<${Failed} error=${error} />`}
+    ${error && ofDocument(error) && html`<p class="note">▲ The document has faults; this is what it did before.</p>`}
+    ${error && !ofDocument(error) && html`<${Failed} error=${error} />`}
     ${!data && !error && html`<${Loading} what="the simulation" />`}
     ${
       data &&

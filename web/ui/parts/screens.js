@@ -18,7 +18,7 @@ export function Loading({ what }) {
 export function Failed({ error, retry }) {
   return html`<div class="screen failed" role="alert">
     <h3><span aria-hidden="true">■</span> ${error.title ?? 'This page has a fault'}</h3>
-    <p>${error.detail ?? error.message}</p>
+    ${!error.errors?.length && html`<p>${error.detail ?? error.message}</p>`}
     <${Faults} errors=${error.errors} />
     ${retry && html`<button onClick=${retry}>Try again</button>`}
   </div>`;

@@ -34,7 +34,7 @@ const SAID = { bad: 'bad', none: 'nothing served', unknown: 'unknown', pass: 'pa
 
 export function Status({ of, label }) {
   const [shape, tone] = LOOKS[of] ?? ['○', 'quiet'];
-  return html`<span class="status ${tone}"><span class="shape" aria-hidden="true">${shape}</span> ${label ?? SAID[of] ?? words(of)}</span>`;
+  return html`<span class="status ${tone}"><span class="shape" aria-hidden="true">${shape}</span> ${label ?? SAID[of] ?? words(of)}</span>`;
 }
 
 /** A remark of the gate, such as `at_bound:c_solar`. */

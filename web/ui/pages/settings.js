@@ -1,0 +1,79 @@
+// What a system is: its model, where it stands, and what may happen to its parameters without a person.
+import { html, useState } from '../html.js';
+import { useList, put } from '../api.js';
+import { address } from '../router.js';
+import { say } from '../say.js';
+import { Failed } from '../parts/screens.js';
+import { Table } from '../parts/table.js';
+
+const MODES = {
+  auto: 'publish what the gate accepts',
+  suggest: 'suggest it, and wait for a person',
+  observe: 'only watch',
+};
+
+export function Settings({ system, document, reload }) {
+  const models = useList('/models');
+  const [draft, setDraft] = useState(document);
+  const [error, setError] = useState(null);
+  const set = change => setDraft({ ...draft, ...change });
+  const policy = change => set({ policy: { ...draft.policy, ...change } });
+  const place = change => {
+    const location = { lat: '', lon: '', zone: '', ...draft.location, ...change };
+    set({ location: Object.values(location).every(value => value === '' || value === null) ? null : location });
+  };
+  const save = async event => {
+    event.preventDefault();
+    setError(null);
+    try {
+      const { system: _, ...body } = draft;
+      await put(`/systems/${system}`, body);
+      say(`${system} is changed`);
+      reload();
+    } catch (fault) {
+      setError(fault);
+    }
+  };
+  const { lat = '', lon = '', zone = '' } = draft.location ?? {};
+  const degrees = value => (value === '' ? '' : Number.isFinite(Number(value)) ? Number(value) : value);
+  return html`<form class="card" onSubmit=${save}>
+    <div class="grid">
+      <div>
+        <label>What people call it<input value=${draft.label} onInput=${event => set({ label: event.target.value })} /></label>
+        <label>Model whose fits are served
+          <select value=${draft.model} onChange=${event => set({ model: event.target.value })}>
+            ${[...new Set([draft.model, ...(models.data ?? []).map(model => model.id)])].map(
+              id => html`<option value=${id} selected=${id === draft.model}>${id}</option>`,
+            )}
+          </select></label>
+        <p><a href=${address(['models', draft.model])}>See its equations</a></p>
+        <label>Prior on the parameters
+          <select value=${draft.prior} onChange=${event => set({ prior: event.target.value })}>
+            ${['none', 'log_normal'].map(prior => html`<option value=${prior} selected=${prior === draft.prior}>${prior}</option>`)}
+          </select></label>
+      </div>
+      <div>
+        <label>What happens to a new fit
+          <select value=${draft.policy.mode} onChange=${event => policy({ mode: event.target.value })}>
+            ${Object.entries(MODES).map(([mode, says]) => html`<option value=${mode} selected=${mode === draft.policy.mode}>${mode}: ${says}</option>`)}
+          </select></label>
+        <label>Stale after (P3D is three days)
+          <input value=${draft.policy.stale_after} required onInput=${event => policy({ stale_after: event.target.value })} /></label>
+        <label>The controller looks ahead (PT6H is six hours)
+          <input value=${draft.policy.horizon} required onInput=${event => policy({ horizon: event.target.value })} /></label>
+        <label class="inline"><input type="checkbox" checked=${draft.policy.refit_when_degraded}
+          onChange=${event => policy({ refit_when_degraded: event.target.checked })} /> refit when new measurements contradict it</label>
+      </div>
+      <div>
+        <label>Latitude<input value=${lat} inputmode="decimal" onChange=${event => place({ lat: degrees(event.target.value) })} /></label>
+        <label>Longitude<input value=${lon} inputmode="decimal" onChange=${event => place({ lon: degrees(event.target.value) })} /></label>
+        <label>Time zone<input value=${zone} placeholder="Europe/Copenhagen" onChange=${event => place({ zone: event.target.value })} /></label>
+      </div>
+    </div>
+    ${error && html`<${Failed} error=${error} />`}
+    <p class="row end"><button class="main">Save</button></p>
+    ${Object.keys(draft.channels).length > 0 &&
+      html`<${Table} caption="Channels and the columns that feed them" columns=${[['channel'], ['column']]} rows=${Object.entries(draft.channels)} />`}
+    ${draft.neighbours.length > 0 && html`<p>Neighbours: ${draft.neighbours.join(', ')}.</p>`}
+  </form>`;
+}
