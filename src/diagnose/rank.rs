@@ -10,6 +10,7 @@ use super::report::Gate;
 use super::screen::{Blind, Score, Screen, correlation};
 use crate::estimate::Problem;
 use crate::estimate::metrics::{day_ahead_mse, filter};
+use crate::estimate::uncertainty::uncertainty;
 use rayon::prelude::*;
 
 /// Least gain of the BIC.
@@ -329,7 +330,7 @@ fn gate(suspect: &Suspect, one: &Tried, strict: bool, crude: bool, placebo: f64)
     let doubtful = suspect.by_clock || (one.score.imitated && !reaches(one.share, STRICT_SHARE));
     let (slow, least) = match doubtful {
         true => (false, LEAST_SHAPE_BIC),
-        false => (crude && !endogenous && explains_slowly(one), LEAST_BIC),
+        false => (crude && !endogenous && explains_slowly(one) && is_determined(suspect, one), LEAST_BIC),
     };
     if !slow && !reaches(Some(one.delta_bic), least) {
         return Some((Gate::Bic, format!("it gains {:.1} in BIC, and {least} is asked for", one.delta_bic)));
@@ -365,6 +366,16 @@ fn explains_slowly(one: &Tried) -> bool {
     let ahead = one.ahead_share.is_some_and(|share| share >= STRICT_SHARE);
     let free = one.share.is_some_and(|share| share >= STRICT_SHARE) && one.better_days[1] >= MOST_DAYS;
     gains && (ahead || free)
+}
+
+/// Whether the data determine a coefficient: its interval does not hold the value at which it does nothing.
+fn is_determined(suspect: &Suspect, one: &Tried) -> bool {
+    let found = uncertainty(&suspect.problem, &one.fitted.plain);
+    let interval = |index: usize| {
+        let place = suspect.problem.free().iter().position(|free| *free == index)?;
+        found.ci95.get(place).copied().flatten()
+    };
+    suspect.own.iter().any(|(index, off)| interval(*index).is_some_and(|[low, high]| low > *off || high < *off))
 }
 
 /// Those that cannot be told from the winner, the best member of each family of choices only.
