@@ -153,9 +153,10 @@ pub fn standard_days(catalogue: &Catalogue, id: &ModelId) -> Result<(Window, Sit
         let start = if output.unit == "degC" { 20.0 } else { 0.0 };
         all.push(Series::new(&output.channel, &output.unit, Hold::Linear, times.clone(), vec![start; times.len()]));
     }
+    // Two inputs may read one channel: a neighbour's temperature drives the envelope, and the room where the door is open.
+    let mut known: BTreeSet<&str> = model.outputs().iter().map(|output| output.channel.as_str()).collect();
     for input in model.inputs() {
-        let known = model.outputs().iter().any(|output| output.channel == input.channel);
-        if known || computed.contains(&input.channel.as_str()) {
+        if !known.insert(&input.channel) || computed.contains(&input.channel.as_str()) {
             continue;
         }
         let kind = ChannelKind::of_name(&input.channel).unwrap_or_else(|| ChannelKind::of_unit(&input.unit));
@@ -217,7 +218,7 @@ mod tests {
         let models = catalogue.models().map(|document| document.id().to_owned());
         let effects = catalogue.effects().map(|effect| match (&effect.argument, effect.choices.keys().next()) {
             (Some(_), Some(choice)) => format!("room3+{}:{choice}", effect.id),
-            (Some(_), None) if effect.inputs["{channel}"].unit == "degC" => format!("room3+{}:T_next", effect.id),
+            (Some(_), None) if effect.inputs["{channel}"].unit == "degC" => format!("room3+{}:T_room_1", effect.id),
             (Some(_), None) => format!("room3+{}:P_lamp", effect.id),
             (None, _) => format!("room3+{}", effect.id),
         });
