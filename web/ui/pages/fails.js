@@ -71,7 +71,7 @@ function Failures({ data, path, zoom, zone }) {
     <div class="grid">
       <section><${Table} caption="Residual against each channel"
         columns=${[['channel'], ['correlation', 'number'], ['strongest at a lag of', 'number'], ['']]}
-        rows=${data.inputs.map(input => [input.channel, signed(input.correlation), `${number(input.lag_hours)} h`,
+        rows=${data.residual_by_input.map(input => [input.channel, signed(input.correlation), `${number(input.lag_hours)} h`,
           html`<${Strength} of=${input.correlation} />`])} />
         <p class="note">An input that a controller moves, such as heating, follows the output: there a correlation is weaker evidence.</p></section>
       <${Innovations} data=${data.innovations} path=${path} rho=${data.rho[output]} floor=${data.noise_floor[output]} unit=${unit} />

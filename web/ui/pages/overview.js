@@ -6,7 +6,7 @@ import { useEvents } from '../events.js';
 import { useKeys } from '../keys.js';
 import { say, sayFault } from '../say.js';
 import { NONE, length, fixed, fromNow, clock } from '../format.js';
-import { Status, Flag } from '../parts/status.js';
+import { Status, Flags } from '../parts/status.js';
 import { Shown, Empty } from '../parts/screens.js';
 import { Command } from '../parts/frame.js';
 import { Spark } from '../charts/spark.js';
@@ -175,7 +175,7 @@ function Systems({ rows, running, query }) {
         <td class="number">${row.day === null ? NONE : `${row.day.toFixed(2)} ${row.unit}`}<small>${row.dayOf ?? ''}</small></td>
         <td>${row.trend.length ? html`<${Spark} values=${row.trend} unit=${row.unit} /><small>last ${fixed(row.trend.at(-1))}</small>` : NONE}</td>
         <td><div class="regime clamped" title=${row.worst_regime ?? ''}>${row.worst_regime ?? NONE}</div></td>
-        <td>${row.flags.length ? row.flags.map(flag => html`<${Flag} name=${flag} />`) : NONE}</td>
+        <td>${row.flags.length ? html`<${Flags} of=${row.flags} most=${2} />` : NONE}</td>
         <td class="nowrap">${row.next ? html`<span title=${clock(row.next)}>${fromNow(row.next)}</span>` : NONE}</td>
         <td class="nowrap">${
           running[row.system]

@@ -4,7 +4,7 @@ import { useResource, useList, post, put, remove } from '../api.js';
 import { setQuery } from '../router.js';
 import { say, sayFault } from '../say.js';
 import { number, fixed, clock, words, NONE } from '../format.js';
-import { Status, Flag } from '../parts/status.js';
+import { Status, Flags } from '../parts/status.js';
 import { Table } from '../parts/table.js';
 import { Frame } from '../parts/frame.js';
 import { Shown, Empty } from '../parts/screens.js';
@@ -52,7 +52,7 @@ function Served({ params, ask: asking, system, done }) {
     }, sayFault);
   return html`<section class="card row apart">
     <div><b>The controller gets revision ${params.revision}</b> <${Status}
-      of=${params.status} /> ${params.flags.map(flag => html`<${Flag} name=${flag} />`)}
+      of=${params.status} /> <${Flags} of=${params.flags} />
       <p class="quiet">Fitted ${clock(params.fitted_at)}; stale after ${clock(params.stale_after)}.
       ${params.fallback ? ` ${words(params.fallback.reason)} since ${clock(params.fallback.since)}${params.fallback.failed_checks?.length ?
         `: ${params.fallback.failed_checks.join(', ')}` : ''}.` : ''}

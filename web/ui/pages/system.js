@@ -6,7 +6,7 @@ import { useEvents } from '../events.js';
 import { useKeys } from '../keys.js';
 import { say, sayFault } from '../say.js';
 import { withUnit, fitName } from '../format.js';
-import { Status, Flag } from '../parts/status.js';
+import { Status, Flags } from '../parts/status.js';
 import { Failed, Loading } from '../parts/screens.js';
 import { FitTab } from './fit.js';
 import { Fails } from './fails.js';
@@ -91,7 +91,7 @@ function Head({ system, document, params, row, fits, fit, refit }) {
     <div class="row apart">
       <div class="row"><h1>${system}</h1><span class="quiet">${document.label}</span>
         <${Status} of=${params?.status ?? 'none'} label=${params ? `${params.status}, revision ${params.revision}` : 'nothing served'} />
-        ${(params?.flags ?? []).map(flag => html`<${Flag} name=${flag} />`)}</div>
+        <${Flags} of=${params?.flags ?? []} /></div>
       <span class="row"><button onClick=${diagnose}>Find what is missing</button><button class="main" onClick=${refit}>Refit</button></span>
     </div>
     ${row && html`<p><${Status} of=${row.health} label="" /> ${row.why}</p>`}

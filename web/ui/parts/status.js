@@ -37,6 +37,21 @@ export function Status({ of, label }) {
   return html`<span class="status ${tone}"><span class="shape" aria-hidden="true">${shape}</span> ${label ?? SAID[of] ?? words(of)}</span>`;
 }
 
-/** A remark of the gate, such as `at_bound:c_solar`. */
-export const Flag = ({ name }) =>
-  html`<span class="flag ${name.startsWith('at_bound') ? 'bad' : ''}" title=${words(name)}>${words(name).replace(':', ': ')}</span>`;
+/**
+ * The remarks of the gate, such as `at_bound:c_solar`, one mark for each kind, what lies at a bound first. `most` kinds
+ * are shown; the marks say how many parameters they mean, and which, where one points.
+ */
+export function Flags({ of, most = Infinity }) {
+  const kinds = new Map();
+  for (const flag of [...of].sort((a, b) => b.startsWith('at_bound') - a.startsWith('at_bound'))) {
+    const [kind, parameter] = flag.split(/:(.*)/);
+    kinds.set(kind, [...(kinds.get(kind) ?? []), ...(parameter ? [parameter] : [])]);
+  }
+  const shown = [...kinds].slice(0, most);
+  const left = [...kinds].slice(most).map(([kind]) => words(kind));
+  return html`${shown.map(([kind, parameters]) => {
+    const names = parameters.length ? `: ${parameters.join(', ')}` : '';
+    const short = most < Infinity && parameters.length > 1 ? `: ${parameters.length}` : names;
+    return html`<span class="flag ${kind === 'at_bound' ? 'bad' : ''}" title=${words(kind) + names}>${words(kind)}${short}</span>`;
+  })}${left.length > 0 && html`<span class="quiet" title=${left.join(', ')}> +${left.length}</span>`}`;
+}
