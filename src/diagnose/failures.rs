@@ -7,7 +7,7 @@ use super::regimes::{Regime, circumstances, regimes};
 use super::residual::residual;
 use super::spectrum::{InputLag, Spectrum, input_lags, spectrum};
 use crate::data::{Grid, Window, is_compass, local_zone, rfc3339};
-use crate::estimate::metrics::{error_unit, filter};
+use crate::estimate::metrics::{FilterRun, error_unit};
 use crate::estimate::problem::mean_square;
 use crate::estimate::{Fit, Problem, Site};
 use crate::fault::Fault;
@@ -69,19 +69,17 @@ pub struct DayOfErrors {
 }
 
 /// Where the free run of a fit fails over its window, in the light of everything that was measured, whether the model
-/// uses it or not. `seed` fixes the resampling of the intervals.
+/// uses it or not. `run` is the filter over the window at the fit; `seed` fixes the resampling of the intervals.
 ///
 /// # Errors
 /// A fault where the window does not fit the problem, or its time zone is unknown.
-pub fn failures(problem: &Problem, fit: &Fit, window: &Window, seed: u64) -> Result<Failures, Fault> {
-    let theta = fit.theta();
+pub fn failures(problem: &Problem, fit: &Fit, run: &FilterRun, window: &Window, seed: u64) -> Result<Failures, Fault> {
     let (grid, _) = widen(problem, window, &site(problem))?;
-    let (error, usable) = free_run_errors(problem, &theta);
-    let run = filter(problem, &theta, Some(fit.process_noise));
+    let (error, usable) = free_run_errors(problem, &fit.theta());
     Ok(Failures {
         by_regime: regimes(problem, &grid, &error, &usable, seed),
         hour_by_date: hour_by_date(problem, &error, &usable)?,
-        episodes: episodes(problem, &grid, &theta, 0..grid.len()),
+        episodes: episodes(problem, &grid, &error, 0..grid.len()),
         residual_by_input: input_lags(problem, &grid, &error, &usable),
         innovations: run.filtered.innovations.first().map(|series| spectrum(series)).unwrap_or_default(),
     })
@@ -157,9 +155,7 @@ fn hour_by_date(problem: &Problem, error: &[f64], usable: &[usize]) -> Result<Ve
 }
 
 /// The worst episodes of a part, which do not overlap, the worst first.
-pub fn episodes(problem: &Problem, grid: &Grid, theta: &[f64], range: Range<usize>) -> Vec<Episode> {
-    let simulated = problem.simulate(theta);
-    let error = residual(problem, &simulated.outputs[0]);
+pub fn episodes(problem: &Problem, grid: &Grid, error: &[f64], range: Range<usize>) -> Vec<Episode> {
     let usable = problem.usable(0, range.clone());
     let length = ((EPISODE_HOURS / problem.grid().step_hours()) as usize).max(1);
     let total: f64 = usable.iter().map(|k| error[*k] * error[*k]).sum();

@@ -340,7 +340,9 @@ fn conclude(report: &mut Diagnosis, before: &Null, after: &Null) {
     let beyond = |mse: Option<f64>| mse.map(|mse| (mse - noise).max(0.0));
     let share = beyond(after.measured.plain[0]).zip(beyond(before.measured.plain[0])).map(|(left, all)| left / all.max(f64::MIN_POSITIVE));
     let more = report.rho.is_some_and(|rho| rho >= ADEQUATE_RHO);
-    let (profile_by_hour, evenings) = profile(after);
+    let run = after.problem.simulate(&after.fitted.plain);
+    let error = residual(&after.problem, &run.outputs[0]);
+    let (profile_by_hour, evenings) = profile(after, &run.states, &error);
     let names: Vec<&str> = report.findings.iter().map(|finding| finding.title.as_str()).collect();
     (report.verdict, report.summary) = match (names.is_empty(), more) {
         (false, false) => {
@@ -356,7 +358,7 @@ fn conclude(report: &mut Diagnosis, before: &Null, after: &Null) {
         episodes: episodes(
             &after.problem,
             after.problem.grid(),
-            &after.fitted.plain,
+            &error,
             after.problem.split().train.start..after.problem.split().validation.end,
         ),
         ask: more.then(|| evenings.unwrap_or_else(|| "keep a diary of what happens in the room in the hours listed".to_owned())),
@@ -367,17 +369,15 @@ fn conclude(report: &mut Diagnosis, before: &Null, after: &Null) {
 ///
 /// What drives the residual e of a first-order room is de/dt + a e, where a is the rate at which the room air
 /// forgets: minus the diagonal of the Jacobian.
-fn profile(null: &Null) -> (Vec<Option<f64>>, Option<String>) {
+fn profile(null: &Null, states: &[Vec<f64>], error: &[f64]) -> (Vec<Option<f64>>, Option<String>) {
     let problem = &null.problem;
     let theta = &null.fitted.plain;
-    let run = problem.simulate(theta);
     let Some(air) = problem.model().states().iter().position(|state| state.initial == Initial::Measured(0)) else {
         return (vec![None; 24], None);
     };
     let mean = |series: &Vec<f64>| series.iter().sum::<f64>() / series.len().max(1) as f64;
-    let states: Vec<f64> = run.states.iter().map(mean).collect();
+    let states: Vec<f64> = states.iter().map(mean).collect();
     let forget = -jacobian(problem, &states, theta, &mean_inputs(problem))[(air, air)];
-    let error = residual(problem, &run.outputs[0]);
     let grid = problem.grid();
     let usable = problem.usable(0, problem.split().train.start..problem.split().validation.end);
     let hour_of = |k: usize| match grid.column("hour_of_day") {

@@ -6,6 +6,7 @@ use super::ladder::ladder;
 use super::report::Gate;
 use super::{Adequacy, Diagnosis, diagnose, preview};
 use crate::data::{Bindings, SplitRequest, Window};
+use crate::estimate::metrics::filter;
 use crate::estimate::request::SeededMethod;
 use crate::estimate::{Control, EstimateRequest, Interrupt, Problem, Site, estimate, prepare};
 use crate::model::Catalogue;
@@ -131,8 +132,9 @@ fn a_withheld_channel_is_named_as_not_testable_and_short_records_as_too_short() 
 fn failures_say_where_the_wind_is_missing() {
     let (problem, window) = small_world(&["wind_infiltration"]);
     let fit = fitted(&problem);
-    let found = failures(&problem, &fit, &window, 1).unwrap();
-    assert_eq!(found, failures(&problem, &fit, &window, 1).unwrap());
+    let run = filter(&problem, &fit.theta(), Some(fit.process_noise));
+    let found = failures(&problem, &fit, &run, &window, 1).unwrap();
+    assert_eq!(found, failures(&problem, &fit, &run, &window, 1).unwrap());
     // The model has no wind, and yet its errors are told by the wind.
     let windy = found.by_regime.iter().find(|regime| regime.regime == "wind_speed high").unwrap();
     assert!(windy.bias_ci95.is_some_and(|[_, high]| high < 0.0) && windy.error_share > windy.time_share, "{windy:?}");

@@ -159,8 +159,12 @@ impl Replay {
     /// The forecasts of all outputs, `[output][lead][k]`, from origins in a range; leads in samples, strictly
     /// increasing. States are filtered as for the stored errors.
     pub fn ahead(&self, origins: Range<usize>, leads: &[usize]) -> Vec<Vec<Vec<Option<f64>>>> {
-        let run = self.filter.get_or_init(|| filter(&self.problem, &self.theta, Some(self.process_noise)));
-        forecast_series(&self.problem, &self.theta, run, origins, leads)
+        forecast_series(&self.problem, &self.theta, self.filtered(), origins, leads)
+    }
+
+    /// The filter over the whole run, with the noise of the fit.
+    pub fn filtered(&self) -> &FilterRun {
+        self.filter.get_or_init(|| filter(&self.problem, &self.theta, Some(self.process_noise)))
     }
 }
 

@@ -46,7 +46,8 @@ pub async fn diagnostics(service: &Service, id: &str) -> Result<Answer, JobsErro
         let (skill, by_horizon) = (by_part(&replay), by_horizon(&replay, judged_on));
         let first = skill.first().zip(by_horizon.first());
         let told = first.map(|((_, parts), (_, horizons))| summary(judged_on, parts, horizons, fit.first_metrics(), replay.provenance()));
-        let failures = failures(replay.problem(), fit, &window, fit.seed).map_err(|fault| JobsError::Faults(vec![fault]))?;
+        let failures =
+            failures(replay.problem(), fit, replay.filtered(), &window, fit.seed).map_err(|fault| JobsError::Faults(vec![fault]))?;
         let mut told: Vec<String> = told.into_iter().collect();
         told.extend(sentences(replay.problem(), &failures));
         chart::json(&Document {

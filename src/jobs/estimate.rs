@@ -53,7 +53,7 @@ pub fn fitted(input: &Input, control: &Control<'_>) -> Result<Fitted, Stopped> {
     let judgement = validate(&problem, &fit, incumbent.as_ref(), &policy);
     let grid = problem.grid();
     let finding = Finding {
-        windows: input.cited(grid.start(), grid.time(grid.len().saturating_sub(1))).map_err(failed)?,
+        windows: input.cited(&window, grid.start(), grid.time(grid.len().saturating_sub(1))).map_err(failed)?,
         state: current_state(&problem, &fit),
         incumbent_state: incumbent_state(input, &problem),
         automatic: input.system.policy.mode == Mode::Auto,

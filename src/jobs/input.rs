@@ -119,19 +119,15 @@ impl Measurements {
     /// Faults where there are none, or two windows do not fit together.
     pub fn window(&self, catalogue: &Catalogue, model: &ModelId) -> Result<Window, JobsError> {
         let (_, windows) = self.sources()?;
-        self.joined(&windows, catalogue, model)
+        self.without_exclusions(Window::stitch(&windows).map_err(JobsError::Faults)?, catalogue, model)
     }
 
-    /// The ids of the uploaded windows that gave a sample to [`Measurements::window`] between two instants.
-    fn cited(&self, catalogue: &Catalogue, model: &ModelId, from: i64, to: i64) -> Result<Vec<String>, JobsError> {
+    /// The ids of the uploaded windows that gave a sample to `joined`, which is [`Measurements::window`], between two instants.
+    fn cited(&self, joined: &Window, from: i64, to: i64) -> Result<Vec<String>, JobsError> {
         let (ids, windows) = self.sources()?;
-        let used = self.joined(&windows, catalogue, model)?.slice(from, to).map_err(JobsError::Faults)?;
+        let used = joined.slice(from, to).map_err(JobsError::Faults)?;
         let gave = Window::contributors(&windows, &used);
         Ok(ids.into_iter().zip(gave).filter(|(_, gave)| *gave).map(|(id, _)| id.to_owned()).collect())
-    }
-
-    fn joined(&self, windows: &[Window], catalogue: &Catalogue, model: &ModelId) -> Result<Window, JobsError> {
-        self.without_exclusions(Window::stitch(windows).map_err(JobsError::Faults)?, catalogue, model)
     }
 
     /// All windows with their ids, those of the neighbours first, each in the order of upload.
@@ -188,12 +184,12 @@ impl Input {
         self.measurements.window(&self.catalogue, &self.model)
     }
 
-    /// The ids of the uploaded windows that gave a sample to [`Input::window`] between two instants.
+    /// The ids of the uploaded windows that gave a sample to `joined`, which is [`Input::window`], between two instants.
     ///
     /// # Errors
     /// As [`Input::window`].
-    pub fn cited(&self, from: i64, to: i64) -> Result<Vec<String>, JobsError> {
-        self.measurements.cited(&self.catalogue, &self.model, from, to)
+    pub fn cited(&self, joined: &Window, from: i64, to: i64) -> Result<Vec<String>, JobsError> {
+        self.measurements.cited(joined, from, to)
     }
 
     /// Puts the problem together. This is work for the CPU pool.

@@ -28,13 +28,12 @@ pub async fn one(
     settings: &Map<String, Value>,
     key: Option<&RequestKey>,
 ) -> Result<Submitted, JobsError> {
-    let (request, faults) = judge(service, system, settings).await?;
+    let (document, request, faults) = judge(service, system, settings).await?;
     let model = request.model.clone().ok_or_else(|| JobsError::Faults(faults.clone()))?;
-    if !faults.is_empty() {
+    let Some(document) = document.filter(|_| faults.is_empty()) else {
         return Err(JobsError::Faults(faults));
-    }
+    };
     // Whether the measurements are enough is seen now, and not by whoever looks for the result.
-    let document = systems::require(service, system).await?;
     let input = input::collect(service, system, document, model.clone(), request.clone()).await?;
     match blocking(move || input.window().and_then(|window| input.problem(&window))).await? {
         Ok(_) => {}
@@ -95,23 +94,29 @@ pub async fn further_faults(service: &Service, body: &Value, known: &[Fault]) ->
         return Ok(Vec::new());
     }
     settings.retain(|field, _| !["kind", "system", "experiment", "priority"].contains(&field.as_str()));
-    let (_, mut faults) = judge(service, &system, &settings).await?;
+    let (_, _, mut faults) = judge(service, &system, &settings).await?;
     faults.retain(|fault| !known.contains(fault));
     Ok(faults)
 }
 
-/// As much of a request as can be read, with every fault that the request, its system and its model show.
-async fn judge(service: &Service, system: &SystemId, settings: &Map<String, Value>) -> Result<(EstimateRequest, Vec<Fault>), JobsError> {
+/// The system, if there is one, and as much of a request as can be read, with every fault that the request, its system
+/// and its model show.
+async fn judge(
+    service: &Service,
+    system: &SystemId,
+    settings: &Map<String, Value>,
+) -> Result<(Option<SystemDocument>, EstimateRequest, Vec<Fault>), JobsError> {
     let Some(record) = store::systems::get(&service.store, system).await? else {
         let (request, mut faults) = request::read_settings(settings, None);
         faults.push(unknown_system(service, system).await?);
-        return Ok((request, faults));
+        return Ok((None, request, faults));
     };
     let document = systems::document(&record.document)?;
     let (request, mut faults) = request::read_settings(settings, Some(&document));
     let model = request.model.clone().unwrap_or_else(|| document.model.clone());
     let (catalogue, choices) = (service.catalogue.current(), request.choices());
-    let more = blocking(move || match document.bindings(&catalogue, &model) {
+    let binding = document.clone();
+    let more = blocking(move || match binding.bindings(&catalogue, &model) {
         Ok(model) => choices.faults(&model),
         Err(faults) => faults.into_iter().map(at_request).collect(),
     });
@@ -122,7 +127,7 @@ async fn judge(service: &Service, system: &SystemId, settings: &Map<String, Valu
         let fault = Fault::new("/system", "no-data", format!("there are no measurements of {system}"));
         faults.push(fault.suggest(format!("post some to /systems/{system}/windows")));
     }
-    Ok((request, faults))
+    Ok((Some(document), request, faults))
 }
 
 /// A fault of the model or the measurements, as a fault of the request that names the model.

@@ -29,8 +29,8 @@ pub enum Kind {
     Laundry,
 }
 
-/// The names that a twin can hide, members of families without their argument.
-pub const NAMES: [&str; 17] = [
+/// The effects of the catalogue that a twin can hide, families without their argument.
+pub const CATALOGUED: [&str; 15] = [
     "wind_infiltration",
     "window_opening",
     "occupancy_gain",
@@ -46,9 +46,14 @@ pub const NAMES: [&str; 17] = [
     "metered_gain",
     "envelope_solar_gain",
     "constant_gain",
-    "stove",
-    "laundry",
 ];
+/// What it can hide and no catalogue has.
+pub const STRANGE: [&str; 2] = ["stove", "laundry"];
+
+/// All names that a twin can hide.
+pub fn names() -> impl Iterator<Item = &'static str> {
+    CATALOGUED.into_iter().chain(STRANGE)
+}
 
 /// A hidden effect at work.
 #[derive(Debug, Clone)]
@@ -66,9 +71,9 @@ impl Kind {
         let (family, argument) = name.split_once(':').map_or((name, None), |(family, argument)| (family, Some(argument)));
         let unknown = || {
             let fault = Fault::new("/effect", "unknown-effect", format!("no twin can hide `{name}`"));
-            match nearest(family, NAMES) {
+            match nearest(family, names()) {
                 Some(near) => fault.suggest(format!("did you mean `{near}`?")),
-                None => fault.suggest(format!("one of {}", NAMES.join(", "))),
+                None => fault.suggest(format!("one of {}", names().collect::<Vec<_>>().join(", "))),
             }
         };
         Ok(match family {

@@ -9,5 +9,6 @@ mod hidden;
 pub mod room;
 pub mod world;
 
+pub use hidden::{CATALOGUED, STRANGE};
 pub use room::{RoomTwin, room};
 pub use world::{Level, Truth, World, WorldRequest, world};

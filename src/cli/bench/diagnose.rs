@@ -9,30 +9,10 @@ use lampyris::diagnose::report::Considered;
 use lampyris::diagnose::{Diagnosis, diagnose, preview};
 use lampyris::estimate::{Control, EstimateRequest, Problem, Site, estimate, prepare};
 use lampyris::model::Catalogue;
-use lampyris::twin::{Level, Truth, World, WorldRequest, world};
+use lampyris::twin::{CATALOGUED, Level, STRANGE, Truth, World, WorldRequest, world};
 use rayon::prelude::*;
 use std::time::Instant;
 
-/// Single effects that worlds hide in turn.
-const SINGLE: [&str; 15] = [
-    "wind_infiltration",
-    "window_opening",
-    "occupancy_gain",
-    "oriented_solar_gain",
-    "open_door",
-    "direct_outdoor_loss",
-    "emitter_exponent",
-    "pipe_delay",
-    "sensor_drift",
-    "sensor_lag",
-    "night_setback",
-    "sky_radiation",
-    "metered_gain",
-    "envelope_solar_gain",
-    "constant_gain",
-];
-/// Effects that no catalogue has.
-const STRANGE: [&str; 2] = ["stove", "laundry"];
 /// Pairs of effects that show.
 const PAIRS: [[&str; 2]; 6] = [
     ["wind_infiltration", "metered_gain"],
@@ -102,7 +82,7 @@ pub fn run(first: u64, worlds: u64, only: Option<&str>, each: bool) -> Result<Ve
     let kinds: [Vec<Vec<&str>>; 4] = [
         vec![Vec::new()],
         STRANGE.iter().map(|effect| vec![*effect]).collect(),
-        SINGLE.iter().map(|effect| vec![*effect]).collect(),
+        CATALOGUED.iter().map(|effect| vec![*effect]).collect(),
         PAIRS.iter().map(|pair| pair.to_vec()).collect(),
     ];
     let total: u64 = SHARES.iter().sum();
