@@ -96,10 +96,10 @@ pub fn ladder(
         let cost = best.active as f64 * (best.measured.samples as f64).ln();
         let (added, before) = (Some(suspect.id.clone()), steps.last());
         let mut step = step(&next, added, price + cost, noise, true, String::new());
-        (step.kept, step.why) = match &best.gate {
-            Some((_, why)) => (false, format!("the best of what is left is not kept: {why}")),
-            None if before.is_some_and(|before| falls(before, &step)) => (true, "the error on unseen data falls".to_owned()),
-            None => (false, "the likelihood gains, but the error on unseen data does not fall".to_owned()),
+        (step.kept, step.why) = match (&best.gate, before.map(|before| fallen(before, &step))) {
+            (Some((_, why)), _) => (false, format!("the best of what is left is not kept: {why}")),
+            (None, Some(Some(why))) => (true, why),
+            (None, _) => (false, "the likelihood gains, but no error on unseen data falls".to_owned()),
         };
         // Below the gate of the likelihood there is nothing to show.
         if !step.kept && best.delta_bic < LEAST_BIC {
@@ -119,11 +119,20 @@ pub fn ladder(
     Ok(Ladder { system: None, steps })
 }
 
-/// Whether the error on unseen data really falls: of the free run or of forecasts over six hours or a day.
-fn falls(before: &Step, after: &Step) -> bool {
-    let better = |before: Option<f64>, after: Option<f64>| before.zip(after).is_some_and(|(before, after)| after <= FALL * before);
-    let ahead = |name: &str| better(before.ahead.get(name).copied(), after.ahead.get(name).copied());
-    better(before.validation_rmse, after.validation_rmse) || ahead("PT6H") || ahead("PT24H")
+/// Which errors on unseen data really fall, of the free run and of forecasts over six hours and a day, in a sentence
+/// that also says where the free run does not; `None` where none falls.
+fn fallen(before: &Step, after: &Step) -> Option<String> {
+    let ahead = |name: &str| before.ahead.get(name).copied().zip(after.ahead.get(name).copied());
+    let free = before.validation_rmse.zip(after.validation_rmse);
+    let pairs = [("the free run", free), ("forecasts 6 h ahead", ahead("PT6H")), ("forecasts a day ahead", ahead("PT24H"))];
+    let falls = |pair: Option<(f64, f64)>| pair.filter(|(before, after)| *after <= FALL * before);
+    let fallen: Vec<String> = pairs
+        .into_iter()
+        .filter_map(|(name, pair)| falls(pair).map(|(before, after)| format!("of {name} from {before:.2} to {after:.2}")))
+        .collect();
+    let rises = free.filter(|(before, after)| after > before);
+    let but = rises.map_or_else(String::new, |(before, after)| format!("; the free run's rises from {before:.2} to {after:.2}"));
+    (!fallen.is_empty()).then(|| format!("the error on unseen data falls: {}{but}", fallen.join(", ")))
 }
 
 fn step(null: &Null, added: Option<String>, price: f64, noise: f64, kept: bool, why: String) -> Step {

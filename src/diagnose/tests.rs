@@ -104,6 +104,7 @@ fn the_preview_and_the_ladder_begin_with_the_hidden_effect() {
     assert_eq!(found.steps[1].added.as_deref(), Some("metered_gain:P_appliances"));
     assert!(found.steps[1].kept && found.steps[1].bic < found.steps[0].bic);
     assert!(found.steps[1].validation_rmse < found.steps[0].validation_rmse);
+    assert!(found.steps[1].why.starts_with("the error on unseen data falls: of the free run from "), "{}", found.steps[1].why);
     assert!(found.steps.windows(2).all(|pair| pair[1].train_rmse <= pair[0].train_rmse + 1e-6), "larger models fit no worse");
 }
 

@@ -56,7 +56,7 @@ function Ladder({ data, path, climb }) {
       ? `With ${kept
           .slice(1)
           .map(step => step.added)
-          .join(' and ')} the error on unseen data falls from ${fixed(first.validation_rmse)} to ${fixed(last.validation_rmse)} ${unit}.`
+          .join(' and ')} the error on unseen data falls${fall(first, last, unit)}.`
       : `The error did not fall: no effect that these data can show makes ${first.model} better on unseen data.`;
   return html`
     <div class="row apart"><p class="verdict"><${Status} of=${kept.length > 1 ? 'ok' : 'none'} label="" /> ${says}</p>
@@ -76,4 +76,14 @@ function Ladder({ data, path, climb }) {
         html`<${Status} of=${step.kept ? 'ok' : 'cancelled'} label=${step.kept ? 'kept' : 'not kept'} />`,
         step.why,
       ])} />`;
+}
+
+/** Of the free run where it falls, or else of the forecasts that do, with what the free run does. */
+function fall(first, last, unit) {
+  const pair = (from, to) => ` from ${fixed(from)} to ${fixed(to)} ${unit}`;
+  const [free, after] = [first.validation_rmse, last.validation_rmse];
+  if (after < free) return pair(free, after);
+  const ahead = ['PT24H', 'PT6H'].find(key => last.ahead[key] < first.ahead[key]);
+  if (!ahead) return '';
+  return ` for forecasts ${horizon(ahead)} ahead${pair(first.ahead[ahead], last.ahead[ahead])}; the free run goes${pair(free, after)}`;
 }
