@@ -50,6 +50,10 @@ const CHOICES: usize = 3;
 const LEAST_SCORE: f64 = 1.0;
 /// From how many of the best suspects the null model is restarted.
 const RESTARTS: usize = 3;
+/// Iterations of a suspect's scout from its nominal values, and the largest cost of the free run there, over the null
+/// model's, at which the refit goes on from it.
+const SCOUT: usize = 15;
+const PROMISING: f64 = 0.95;
 
 /// A suspect with its refit.
 #[derive(Debug, Clone)]
@@ -121,6 +125,7 @@ pub fn round(null: &mut Null, suspects: &[Suspect], strict: bool) -> Option<Roun
     let here = screened(&null.fitted.white)?;
     let there = null.other.as_ref().and_then(|[_, white]| screened(white));
     let (chosen, skipped) = choose(suspects, here, there);
+    let (chosen, skipped) = scout(null, suspects, chosen, skipped);
     let found: Vec<Option<Tried>> = chosen.into_par_iter().map(|chosen| refit(null, &suspects[chosen.place], chosen)).collect();
     let mut tried: Vec<Tried> = found.into_iter().flatten().collect();
     compare(null, &mut tried);
@@ -180,6 +185,8 @@ struct Chosen {
     score: Score,
     /// The step from the other optimum of the null model, where there is one.
     other: Option<Vec<f64>>,
+    /// Where the scout from the nominal values has come to, where it promises something.
+    far: Option<Vec<f64>>,
 }
 
 /// Who is refitted: whom the data can show with a sign that physics allows, from either optimum of the null model,
@@ -197,8 +204,8 @@ fn choose(
     for (place, here) in here.into_iter().enumerate() {
         let there = there.next().and_then(Result::ok).filter(asks);
         match (here, there) {
-            (Ok(score), there) if asks(&score) => chosen.push(Chosen { place, score, other: there.map(|score| score.step) }),
-            (_, Some(score)) => chosen.push(Chosen { place, other: Some(score.step.clone()), score }),
+            (Ok(score), there) if asks(&score) => chosen.push(Chosen { place, score, other: there.map(|score| score.step), far: None }),
+            (_, Some(score)) => chosen.push(Chosen { place, other: Some(score.step.clone()), score, far: None }),
             (Err(blind), None) => skipped.push((place, Skip::Blind(blind))),
             (Ok(score), None) if !score.sign => skipped.push((place, Skip::Sign(score))),
             (Ok(score), None) => skipped.push((place, Skip::Faint(score))),
@@ -214,9 +221,50 @@ fn choose(
     (kept.into_iter().map(|(one, _)| one).collect(), skipped)
 }
 
+/// Sends a scout from the nominal values with every suspect, those included for which the data hardly ask at the null
+/// model's optimum: without its missing effect a model may err least where it is no room any more, and nothing that is
+/// added there helps. Of a family of choices the best by score goes for all.
+fn scout(null: &Null, suspects: &[Suspect], chosen: Vec<Chosen>, skipped: Vec<(usize, Skip)>) -> (Vec<Chosen>, Vec<(usize, Skip)>) {
+    let score = |skip: &Skip| match skip {
+        Skip::Sign(score) | Skip::Faint(score) => Some(score.clone()),
+        Skip::Blind(Blind::TooSmall) => Some(Score::nothing()),
+        Skip::Blind(_) | Skip::Choice => None,
+    };
+    let mut waiting: Vec<(usize, f64)> = chosen.iter().map(|one| (one.place, one.score.statistic)).collect();
+    waiting.extend(skipped.iter().filter_map(|(place, skip)| Some((*place, score(skip)?.statistic))));
+    waiting.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
+    let mut families: Vec<&str> = Vec::new();
+    waiting.retain(|(place, _)| {
+        let suspect = &suspects[*place];
+        let first = !suspect.is_choice() || !families.contains(&suspect.family());
+        families.push(suspect.family());
+        first
+    });
+    let most = PROMISING * null.fitted.plain_cost;
+    let mut far: Vec<(usize, Vec<f64>)> = waiting
+        .into_par_iter()
+        .filter_map(|(place, _)| {
+            let problem = &suspects[place].problem;
+            let [task, _] = null.filters.tasks(problem);
+            let (theta, cost, _) = task.polish(&[problem.nominal().to_vec()], SCOUT);
+            (cost < most).then_some((place, theta))
+        })
+        .collect();
+    let mut promising = |place: usize| far.iter().position(|(other, _)| *other == place).map(|found| far.swap_remove(found).1);
+    let mut chosen: Vec<Chosen> = chosen.into_iter().map(|one| Chosen { far: promising(one.place), ..one }).collect();
+    let mut left = Vec::new();
+    for (place, skip) in skipped {
+        match score(&skip).zip(promising(place)) {
+            Some((score, far)) => chosen.push(Chosen { place, score, other: None, far: Some(far) }),
+            None => left.push((place, skip)),
+        }
+    }
+    (chosen, left)
+}
+
 /// The suspect at its optima, from those of the null model and the linearised step.
 fn refit(null: &Null, suspect: &Suspect, chosen: Chosen) -> Option<Tried> {
-    let Chosen { place, score, other } = chosen;
+    let Chosen { place, score, other, far } = chosen;
     let start = |theta: &[f64], steps: &[f64]| {
         let mut start = suspect.lift(&null.problem, theta);
         for ((index, off), step) in suspect.own.iter().zip(steps) {
@@ -233,6 +281,10 @@ fn refit(null: &Null, suspect: &Suspect, chosen: Chosen) -> Option<Tried> {
     if let Some(([at_plain, at_white], steps)) = null.other.as_ref().zip(other) {
         plain.push(start(at_plain, &steps));
         white.push(start(at_white, &steps));
+    }
+    if let Some(far) = far {
+        plain.push(far.clone());
+        white.push(far);
     }
     let fitted = null.filters.fit(&suspect.problem, &plain, &white, ITERATIONS);
     let measured = null.filters.measure(&suspect.problem, &fitted)?;
@@ -336,10 +388,13 @@ fn gate(suspect: &Suspect, one: &Tried, strict: bool, crude: bool, placebo: f64)
         return Some((Gate::Bic, format!("it gains {:.1} in BIC, and {least} is asked for", one.delta_bic)));
     }
     // Whatever the likelihood says: what leaves the unseen error as it is is no cause of it.
-    if ![one.fall, one.ahead_fall].into_iter().flatten().any(|fall| fall <= LEAST_FALL) {
-        return Some((Gate::HeldOut, "neither the free run nor forecasts a day ahead err a tenth less with it on unseen data".to_owned()));
+    let one_step = one.white_share.map(|share| (1.0 - share).max(0.0).sqrt());
+    if ![one.fall, one.ahead_fall, one_step].into_iter().flatten().any(|fall| fall <= LEAST_FALL) {
+        let why = "neither the free run nor forecasts a step or a day ahead err a tenth less with it on unseen data";
+        return Some((Gate::HeldOut, why.to_owned()));
     }
-    if !is_determined(suspect, one) {
+    // A large gain of the likelihood is a narrow interval of its own.
+    if one.delta_bic < LEAST_SHAPE_BIC && !is_determined(suspect, one) {
         return Some((Gate::HeldOut, "the data do not determine how large it would be".to_owned()));
     }
     if slow {
@@ -380,7 +435,8 @@ fn explains_slowly(one: &Tried) -> bool {
     gains && (ahead || free)
 }
 
-/// Those that cannot be told from the winner, the best member of each family of choices only.
+/// Those that cannot be told from the winner, the best member of each family of choices only: what passes the gates and
+/// gains as much or does the same, and what the likelihood prefers although it lowers the unseen error by too little.
 fn ties(tried: &mut [Tried], suspects: &[Suspect], winner: usize) -> Vec<usize> {
     let best = tried[winner].clone();
     let mut tied: Vec<usize> = Vec::new();
@@ -390,7 +446,9 @@ fn ties(tried: &mut [Tried], suspects: &[Suspect], winner: usize) -> Vec<usize> 
         let named = |other: usize| suspect.is_choice() && suspects[other].family() == suspect.family();
         let alike =
             one.delta_bic >= best.delta_bic - TIE_BIC || correlation(&one.score.direction, &best.score.direction).abs() > TIE_CORRELATION;
-        if one.gate.is_some() || !alike {
+        let held_out = matches!(one.gate, Some((Gate::HeldOut, _))) && !suspect.endogenous;
+        let preferred = held_out && one.delta_bic > best.delta_bic && one.fall.is_some_and(|fall| fall < 1.0);
+        if !(preferred || (one.gate.is_none() && alike)) {
             continue;
         }
         let known = named(best.suspect) || tied.iter().any(|other| named(tried[*other].suspect));

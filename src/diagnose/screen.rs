@@ -39,6 +39,13 @@ pub struct Score {
     pub imitated: bool,
 }
 
+impl Score {
+    /// Of a suspect that does nothing where it was asked about.
+    pub fn nothing() -> Self {
+        Self { statistic: 0.0, net: 0.0, step: Vec::new(), sign: true, direction: Vec::new(), imitated: false }
+    }
+}
+
 /// Why a suspect has no score.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Blind {

@@ -1,7 +1,9 @@
 //! How well the data determine the parameters.
 //!
-//! The residuals of a free run are autocorrelated, so the Jacobian and the residual are whitened by the AR
-//! model of the residual first; only then is the inverse of J'J a covariance.
+//! The residuals e of a free run are autocorrelated, and their plain least squares are no likelihood: the covariance
+//! of the estimates is `(J'J)^-1 J' S J (J'J)^-1` with S the covariance of the residuals, here that of their AR model
+//! (the "sandwich"; White 1982, Econometrica 50, 1-25). The inverse of `J' S^-1 J`, which is that of whitened least
+//! squares, would be too small.
 
 use super::fit::CorrelatedPair;
 use super::problem::Problem;
@@ -62,21 +64,13 @@ pub fn uncertainty(problem: &Problem, theta: &[f64]) -> Uncertainty {
     let Some(ar) = Ar::fit(&residual) else {
         return none;
     };
-    let white = ar.whiten(&residual);
-    let rows: Vec<usize> = (0..end).filter(|k| white[*k].is_some()).collect();
-    if rows.len() <= space.len() + 1 {
+    if used.len() <= space.len() + 1 {
         return none;
     }
-    let mut jacobian = DMatrix::zeros(rows.len(), space.len());
-    for (i, step) in steps.iter().enumerate() {
-        let column = ar.whiten(&series(&|k| (runs[i + 1].outputs[0][k] - runs[0].outputs[0][k]) / step));
-        for (row, k) in rows.iter().enumerate() {
-            jacobian[(row, i)] = column[*k].unwrap_or(0.0);
-        }
-    }
-    let freedom = (rows.len() - space.len()) as f64;
-    let variance = rows.iter().filter_map(|k| white[*k]).map(|w| w * w).sum::<f64>() / freedom;
-    let Some(covariance) = covariance(&jacobian, variance) else {
+    let jacobian =
+        DMatrix::from_fn(used.len(), space.len(), |row, i| (runs[i + 1].outputs[0][used[row]] - runs[0].outputs[0][used[row]]) / steps[i]);
+    let freedom = (used.len() - space.len()) as f64;
+    let Some(covariance) = covariance(jacobian, &used, &ar) else {
         return none;
     };
     let quantile = StudentsT::new(0.0, 1.0, freedom).map_or(1.96, |t| t.inverse_cdf(0.975));
@@ -106,19 +100,114 @@ pub fn uncertainty(problem: &Problem, theta: &[f64]) -> Uncertainty {
     Uncertainty { ci95, correlated, evaluations }
 }
 
-/// s2 (J'J)^-1 by singular values; directions that the data do not see get a huge variance instead of none.
-fn covariance(jacobian: &DMatrix<f64>, variance: f64) -> Option<DMatrix<f64>> {
-    let svd = jacobian.clone().svd(false, true);
-    let v_t = svd.v_t?;
+/// The sandwich by singular values, J = U D V': `V D^-1 (U' S U) D^-1 V'`. Directions that the data do not see get a huge
+/// variance instead of none. `samples` are the places of the rows in time, whose gaps interrupt the correlation.
+fn covariance(jacobian: DMatrix<f64>, samples: &[usize], ar: &Ar) -> Option<DMatrix<f64>> {
+    let svd = jacobian.svd(true, true);
+    let (mut u, v_t) = (svd.u?, svd.v_t?);
     let largest = svd.singular_values.iter().copied().fold(0.0, f64::max);
     if largest <= 0.0 || !largest.is_finite() {
         return None;
     }
-    let mut result = DMatrix::zeros(jacobian.ncols(), jacobian.ncols());
-    for (i, singular) in svd.singular_values.iter().enumerate() {
-        let scale = variance / singular.max(1e-9 * largest).powi(2);
-        let direction = v_t.row(i);
-        result += direction.transpose() * direction * scale;
+    // The residuals are A^-1 w, with w white and A the filter that whitens them, so U' S U is the square of A^-T U: a
+    // recursion backwards in time.
+    for mut column in u.column_iter_mut() {
+        for row in (0..samples.len()).rev() {
+            for (lag, coefficient) in ar.coefficients.iter().enumerate() {
+                let later = row + lag + 1;
+                if later >= samples.len() || samples[later] != samples[row] + lag + 1 {
+                    break;
+                }
+                column[row] += coefficient * column[later];
+            }
+        }
     }
-    Some(result)
+    let mut middle = u.tr_mul(&u) * ar.deviation.powi(2);
+    let scale: Vec<f64> = svd.singular_values.iter().map(|singular| 1.0 / singular.max(1e-9 * largest)).collect();
+    for (i, a) in scale.iter().enumerate() {
+        for (j, b) in scale.iter().enumerate() {
+            middle[(i, j)] *= a * b;
+        }
+    }
+    Some(v_t.tr_mul(&(middle * &v_t)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::{RngExt, SeedableRng};
+    use rand_xoshiro::Xoshiro256PlusPlus;
+
+    const AR: f64 = 0.9;
+
+    fn regressors(rows: usize) -> DMatrix<f64> {
+        DMatrix::from_fn(rows, 3, |row, column| match column {
+            0 => 1.0,
+            1 => (row as f64 / 15.0).sin(),
+            _ => row as f64 / rows as f64,
+        })
+    }
+
+    /// Normally distributed by the polar method.
+    fn normal(random: &mut Xoshiro256PlusPlus) -> f64 {
+        let (u, v): (f64, f64) = (random.random(), random.random());
+        (-2.0 * (1.0 - u).ln()).sqrt() * (std::f64::consts::TAU * v).cos()
+    }
+
+    #[test]
+    fn the_sandwich_is_that_of_the_written_out_covariance() {
+        let samples: Vec<usize> = (0..60).chain(70..100).collect();
+        let jacobian = regressors(samples.len());
+        let ar = Ar { coefficients: vec![1.1, -0.3], deviation: 0.4, bic: 0.0, samples: 0 };
+        // A by hand: rows behind the gap at 60 know nothing of those before it.
+        let filter = DMatrix::from_fn(samples.len(), samples.len(), |row, past| {
+            let lag = samples[row].wrapping_sub(samples[past]);
+            match lag {
+                0 => 1.0,
+                1 => -1.1,
+                2 => 0.3,
+                _ => 0.0,
+            }
+        });
+        let inverse = filter.try_inverse().unwrap();
+        let series = &inverse * inverse.transpose() * 0.16;
+        let bread = (jacobian.transpose() * &jacobian).try_inverse().unwrap();
+        let expected = &bread * jacobian.transpose() * series * &jacobian * &bread;
+        let found = covariance(jacobian, &samples, &ar).unwrap();
+        assert!((&found - &expected).norm() < 1e-10 * expected.norm(), "{found} {expected}");
+    }
+
+    #[test]
+    fn intervals_of_plain_least_squares_hold_the_truth_in_coloured_noise() {
+        let rows = 600;
+        let jacobian = regressors(rows);
+        let bread = (jacobian.transpose() * &jacobian).try_inverse().unwrap();
+        let samples: Vec<usize> = (0..rows).collect();
+        let mut random = Xoshiro256PlusPlus::seed_from_u64(5);
+        let (mut held, mut held_white, mut all) = (0, 0, 0);
+        for _ in 0..200 {
+            let mut level = 0.0;
+            let noise: Vec<f64> = (0..rows)
+                .map(|_| {
+                    level = AR * level + normal(&mut random);
+                    level
+                })
+                .collect();
+            let noise = nalgebra::DVector::from_vec(noise);
+            // The truth is nothing at all, so the estimate is the error.
+            let estimate = &bread * jacobian.tr_mul(&noise);
+            let residual = noise - &jacobian * &estimate;
+            let ar = Ar::fit(&residual.iter().copied().map(Some).collect::<Vec<_>>()).unwrap();
+            let covariance = covariance(jacobian.clone(), &samples, &ar).unwrap();
+            let white = &bread * (residual.norm_squared() / rows as f64);
+            for i in 0..3 {
+                all += 1;
+                held += usize::from(estimate[i].abs() <= 1.96 * covariance[(i, i)].sqrt());
+                held_white += usize::from(estimate[i].abs() <= 1.96 * white[(i, i)].sqrt());
+            }
+        }
+        let share = |count: usize| f64::from(count as u32) / f64::from(all as u32);
+        assert!((0.88..=0.98).contains(&share(held)), "{}", share(held));
+        assert!(share(held_white) < 0.6, "{}", share(held_white));
+    }
 }
