@@ -44,7 +44,7 @@ export function LadderTab({ system, document }) {
     ${steps.length > 0 && html`<${Ladder} data=${ladder.data} path=${path} climb=${running ? null : climb} />`}`;
 }
 
-function Ladder({ data, path, climb }) {
+export function Ladder({ data, path, climb }) {
   const fit = useResource(`/fits/${data.fit}`);
   const [metrics] = Object.values(fit.data?.metrics ?? {});
   const unit = metrics?.unit ?? 'K';
