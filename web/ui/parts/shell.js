@@ -22,7 +22,8 @@ const SHOWN_MS = 8000;
 
 export function Shell({ place, children }) {
   const [open, setOpen] = useState(null);
-  const close = () => setOpen(null);
+  // A dialog says that it is closed a moment later; by then another one may be open.
+  const closed = which => () => setOpen(now => (now === which ? null : now));
   const [, redraw] = useState(0);
   const [fault, clear] = useErrorBoundary();
   const live = useConnection();
@@ -60,8 +61,8 @@ export function Shell({ place, children }) {
     </header>
     <main id="main" tabindex="-1">${fault ? html`<${Failed} error=${fault} retry=${clear} />` : children}</main>
     <${Said} />
-    ${open === 'help' && html`<${Help} close=${close} />`}
-    ${open === 'commands' && html`<${Commands} close=${close} />`}`;
+    ${open === 'help' && html`<${Help} close=${closed('help')} />`}
+    ${open === 'commands' && html`<${Commands} close=${closed('commands')} />`}`;
 }
 
 function Said() {
