@@ -54,10 +54,15 @@ fn data(found: &Found<'_>) -> Result<Value, Failure> {
     let named = Named { id: ID, system: ID, fit };
     let made_at = Timestamp::now().to_string();
     let mut answers = Map::new();
-    let judged = json!({
+    let mut judged = json!({
         "id": ID, "system": ID, "verdict": found.judgement.verdict.word(), "summary": found.judgement.summary,
         "checks": found.judgement.checks, "waits_for_operator": false, "decision": null, "created_at": made_at,
     });
+    if fit.parts.validation.is_none() {
+        judged["verdict"] = Value::Null;
+        judged["checks"] = json!([]);
+        judged["summary"] = json!("without unseen data there is nothing to judge: this is a study and no candidate for a controller");
+    }
     answers.insert(format!("/fits/{ID}"), joined(judged, fit)?);
     let asked = |horizon, max_points| Asked { horizon, from: None, to: None, max_points, format: Format::Json };
     answers.insert(format!("/fits/{ID}/comparison?mode=free_run"), read(comparison::document(&named, &replay, &asked(None, POINTS[0])))?);

@@ -11,6 +11,12 @@ import { holds, test } from './harness.js';
 const run = promisify(execFile);
 /** The gate may refuse the fit; the report is there all the same. */
 const REJECTED = 3;
+/** A small model is enough where nothing has to be found. */
+const ASKED = {
+  fit: ['--model', 'room2'],
+  diagnose: ['--model', 'room3', '--neighbours', '1,2'],
+  ladder: ['--model', 'room2', '--max-steps', '1'],
+};
 /** What each report must draw beside the fit. */
 const DRAWN = {
   fit: [],
@@ -26,10 +32,9 @@ export async function reports(chrome, binary) {
       run(binary, words, { cwd: folder }).catch(error => {
         if (error.code !== REJECTED) throw error;
       });
-    await verb(['twin', '--effect', 'wind_infiltration', '--seed', '7', '--days', '14', '--step', '30', '--out', 'room.csv']);
-    const kinds = Object.keys(DRAWN);
-    const made = kind => verb([kind, 'room.csv', '--neighbours', '1,2', '--report', `${kind}.html`, ...(kind === 'ladder' ? ['--max-steps', '1'] : [])]);
-    await Promise.all(kinds.map(made));
+    await verb(['twin', '--effect', 'wind_infiltration', '--seed', '7', '--days', '14', '--step', '60', '--out', 'room.csv']);
+    const kinds = Object.keys(ASKED);
+    await Promise.all(kinds.map(kind => verb([kind, 'room.csv', '--report', `${kind}.html`, ...ASKED[kind]])));
     for (const scheme of ['light', 'dark']) {
       await test(chrome, `reports_open_from_the_disk_and_ask_nobody_in_${scheme}`, { scheme }, async page => {
         const faults = [];
@@ -49,7 +54,9 @@ export async function reports(chrome, binary) {
           await page.getByRole('button', { name: 'Whole range' }).click();
           await page.waitForURL(url => !url.hash.includes('from='));
           holds((await page.getByRole('button', { name: /curl|Refit|Add and|again|Pin/ }).count()) === 0, `${kind}: a button needs a service`);
-          for (const fault of [...(await faultsOf(page)), ...(await cutOff(page))]) faults.push(`${kind}: ${fault}`);
+          // The longest has every part of the others.
+          const accessible = kind === 'diagnose' ? await faultsOf(page) : [];
+          for (const fault of [...accessible, ...(await cutOff(page))]) faults.push(`${kind}: ${fault}`);
           if (process.env.LAMPYRIS_SHOTS)
             await page.screenshot({ path: join(process.env.LAMPYRIS_SHOTS, `report-${kind}-${scheme}.png`), fullPage: true });
           if (kind === 'diagnose') {

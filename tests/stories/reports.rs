@@ -68,6 +68,16 @@ fn a_report_of_a_fit_holds_what_was_printed_and_asks_nobody() {
 }
 
 #[test]
+fn a_fit_without_unseen_data_is_a_study_and_has_no_verdict() {
+    let folder = tempfile::tempdir().unwrap();
+    let words = ["--method", "lm_multistart", "--evaluations", "500", "--train", "P10D", "--validation", "PT0H"];
+    let (said, report) = reported(folder.path(), "fit", &words);
+    said.expect(0);
+    let fit = &data(&report)["answers"]["/fits/report"];
+    assert_eq!((&fit["verdict"], &fit["checks"]), (&Value::Null, &serde_json::json!([])));
+}
+
+#[test]
 fn reports_of_a_diagnosis_and_of_a_ladder_hold_what_was_printed() {
     let folder = tempfile::tempdir().unwrap();
     for (name, path, further) in [("diagnose", "/diagnoses/report", &[][..]), ("ladder", "/systems/report/ladder", &["--max-steps", "1"])] {

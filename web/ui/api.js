@@ -30,7 +30,7 @@ function carried(path) {
   const asked = new URLSearchParams(query);
   for (const name of ['from', 'to', 'max_points']) asked.delete(name);
   const answer = REPORT.answers[String(asked) ? `${place}?${asked}` : place];
-  if (answer === undefined) throw new Problem(404, { title: 'This is not in the report', detail: 'A running service can compute it.' });
+  if (answer === undefined) throw new Problem(404, { title: 'This is not in the report', detail: 'These measurements do not allow it, or only a service can compute it.' });
   return answer;
 }
 

@@ -134,8 +134,8 @@ export function Judgement({ fit, ask: asking, done }) {
     <${Table} caption="Checks" columns=${[['check'], ['result'], ['statistic', 'number'], ['asked for', 'number'], ['what it means']]}
       rows=${fit.checks.map(check => [
         check.name,
-        html`<${Status} of=${check.pass ? 'pass' : check.severity === 'reject' ? 'fail' : 'attention'}
-          label=${check.pass ? 'passed' : check.severity === 'reject' ? 'failed' : `${check.severity}s`} />`,
+        html`<span class="nowrap"><${Status} of=${check.pass ? 'pass' : check.severity === 'reject' ? 'fail' : 'attention'}
+          label=${check.pass ? 'passed' : check.severity === 'reject' ? 'failed' : `${check.severity}s`} /></span>`,
         `${number(check.statistic)} ${check.unit === '-' ? '' : check.unit}`,
         `${check.operator} ${number(check.threshold)}`,
         check.comment,
