@@ -2,12 +2,13 @@
 
 use super::fit::progress_bar;
 use super::measured::Measured;
+use super::report::{self, Found};
 use super::{Failure, faults, print};
 use lampyris::data::{SplitRequest, Window};
 use lampyris::diagnose::report::{Considered, Finding};
 use lampyris::diagnose::{Adequacy, Diagnosis, diagnose};
 use lampyris::estimate::request::SeededMethod;
-use lampyris::estimate::{Control, EstimateRequest, Problem, Progress, Site, estimate, prepare};
+use lampyris::estimate::{Control, EstimateRequest, Fit, Judgement, Policy, Problem, Progress, Site, estimate, prepare, validate};
 use lampyris::model::Catalogue;
 use lampyris::optimise::Method;
 
@@ -29,7 +30,22 @@ pub struct First {
     pub window: Window,
     pub site: Site,
     pub problem: Problem,
-    pub theta: Vec<f64>,
+    pub fit: Fit,
+    pub judgement: Judgement,
+}
+
+impl First {
+    /// What a report shows of it.
+    pub fn found(&self) -> Found<'_> {
+        Found {
+            catalogue: &self.catalogue,
+            window: &self.window,
+            fit: &self.fit,
+            judgement: &self.judgement,
+            diagnosis: None,
+            ladder: None,
+        }
+    }
 }
 
 /// Reads the measurements and fits the model as it is.
@@ -44,18 +60,21 @@ pub fn first_fit(measured: &Measured, seed: u64, quiet: bool) -> Result<First, F
     let fit = estimate(&problem, &request, None, &Control { progress: &progress, ..Control::NONE });
     bar.finish_and_clear();
     let fit = fit.map_err(|error| Failure::Error(error.to_string()))?;
-    let theta = fit.theta();
-    Ok(First { catalogue, window, site, problem: problem.with_substeps(fit.substeps), theta })
+    let judgement = validate(&problem, &fit, None, &Policy::default());
+    Ok(First { catalogue, window, site, problem: problem.with_substeps(fit.substeps), fit, judgement })
 }
 
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let first = first_fit(&arguments.measured, arguments.seed, arguments.json)?;
-    let diagnosis = diagnose(&first.catalogue, &first.problem, &first.theta, &first.window, &first.site, &Control::NONE)
+    let diagnosis = diagnose(&first.catalogue, &first.problem, &first.fit.theta(), &first.window, &first.site, &Control::NONE)
         .map_err(|error| Failure::Error(error.to_string()))?;
     if arguments.json {
         print(&serde_json::to_string(&diagnosis).map_err(|error| Failure::Error(error.to_string()))?);
     } else {
         print(&text(&diagnosis));
+    }
+    if let Some(file) = arguments.measured.report() {
+        report::write(file, &Found { diagnosis: Some(&diagnosis), ..first.found() })?;
     }
     if diagnosis.verdict == Adequacy::Named { Ok(()) } else { Err(Failure::Rejected) }
 }

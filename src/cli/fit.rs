@@ -1,6 +1,7 @@
 //! `lampyris fit`: one CSV, one model, one report.
 
 use super::measured::Measured;
+use super::report::{self, Found};
 use super::{Failure, faults, print};
 use indicatif::{ProgressBar, ProgressStyle};
 use lampyris::data::SplitRequest;
@@ -89,6 +90,12 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
             print(&checks(&judgement.checks));
             print(&format!("verdict: {}", judgement.summary));
         }
+    }
+    if let Some(file) = arguments.measured.report() {
+        report::write(
+            file,
+            &Found { catalogue: &catalogue, window: &window, fit: &fit, judgement: &judgement, diagnosis: None, ladder: None },
+        )?;
     }
     // Without unseen data for the gate, the fit is a study and not a candidate for a controller.
     if problem.split().validation.is_empty() || judgement.failed().is_empty() { Ok(()) } else { Err(Failure::Rejected) }

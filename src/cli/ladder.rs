@@ -2,6 +2,7 @@
 
 use super::diagnose::first_fit;
 use super::measured::Measured;
+use super::report::{self, Found};
 use super::{Failure, print};
 use lampyris::diagnose::ladder::{Ladder, ladder};
 use lampyris::estimate::Control;
@@ -23,12 +24,16 @@ pub struct Arguments {
 
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let first = first_fit(&arguments.measured, arguments.seed, arguments.json)?;
-    let found = ladder(&first.catalogue, &first.problem, &first.theta, &first.window, &first.site, arguments.max_steps, &Control::NONE)
-        .map_err(|error| Failure::Error(error.to_string()))?;
+    let found =
+        ladder(&first.catalogue, &first.problem, &first.fit.theta(), &first.window, &first.site, arguments.max_steps, &Control::NONE)
+            .map_err(|error| Failure::Error(error.to_string()))?;
     if arguments.json {
         print(&serde_json::to_string(&found).map_err(|error| Failure::Error(error.to_string()))?);
     } else {
         print(&text(&found));
+    }
+    if let Some(file) = arguments.measured.report() {
+        report::write(file, &Found { ladder: Some(&found), ..first.found() })?;
     }
     if found.steps.iter().skip(1).any(|step| step.kept) { Ok(()) } else { Err(Failure::Rejected) }
 }

@@ -5,7 +5,7 @@ use lampyris::data::{Bindings, Duration, SplitRequest, Window};
 use lampyris::estimate::request::WindowRange;
 use lampyris::estimate::{EstimateRequest, Site};
 use lampyris::model::ModelId;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 #[derive(Debug, clap::Args)]
 pub struct Measured {
@@ -53,6 +53,9 @@ pub struct Measured {
     /// IANA time zone, for models and effects that read the clock on the wall; UTC by default.
     #[arg(long)]
     zone: Option<String>,
+    /// Write a report with charts: one HTML file that needs no network.
+    #[arg(long, value_name = "FILE")]
+    report: Option<PathBuf>,
 }
 
 impl Measured {
@@ -89,6 +92,11 @@ impl Measured {
             },
             ..EstimateRequest::default()
         }
+    }
+
+    /// Where a report is to be written.
+    pub fn report(&self) -> Option<&Path> {
+        self.report.as_deref()
     }
 
     /// What is known about the place.

@@ -1,6 +1,7 @@
 //! Verbs, their arguments and their exit codes: 0 ok, 1 error, 2 usage, 3 rejected or nothing found, 4 not found.
 
 mod bench;
+mod bundle;
 mod demo;
 mod diagnose;
 mod fit;
@@ -10,6 +11,7 @@ mod ladder;
 mod measured;
 mod models;
 mod params;
+mod report;
 mod serve;
 mod server;
 mod systems;

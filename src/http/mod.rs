@@ -32,6 +32,9 @@ mod systems;
 mod web;
 mod windows;
 
+pub use models::document as model_document;
+pub use web::page_part;
+
 use crate::jobs::Service;
 use axum::Router;
 use axum::body::{Body, Bytes};

@@ -325,6 +325,14 @@ async fn describe(service: &Shared, id: ModelId) -> Result<ModelAnswer, ApiError
     Ok(ModelAnswer { parent, diff, sets, ..answer(id, &model, base) })
 }
 
+/// A model as `GET /models/{id}` shows it, where there is no service that knows how it came about.
+///
+/// # Errors
+/// Where it cannot be written.
+pub fn document(id: ModelId, model: &Model, base: Option<ModelDocument>) -> Result<Value, serde_json::Error> {
+    serde_json::to_value(answer(id, model, base))
+}
+
 /// A model as it is shown, without what only the service knows of it.
 fn answer(id: ModelId, model: &Model, document: Option<ModelDocument>) -> ModelAnswer {
     let state = |state: &crate::model::State| ModelState { name: state.name.clone(), unit: state.unit.clone() };

@@ -10,6 +10,7 @@ use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Redirect, Response};
 use axum::routing::get;
 use rust_embed::{EmbeddedFile, RustEmbed};
+use std::borrow::Cow;
 use tower_http::compression::CompressionLayer;
 
 /// Everything comes from this service, no text is ever a script or a style, and nothing may frame the page. Pictures
@@ -21,6 +22,14 @@ const DOCUMENT: &str = "index.html";
 #[derive(RustEmbed)]
 #[folder = "web/ui"]
 struct Files;
+
+/// The text of a part of the page, such as `pages/fit.js`, for reports that stand on their own.
+pub fn page_part(path: &str) -> Option<Cow<'static, str>> {
+    match Files::get(path)?.data {
+        Cow::Borrowed(bytes) => std::str::from_utf8(bytes).ok().map(Cow::Borrowed),
+        Cow::Owned(bytes) => String::from_utf8(bytes).ok().map(Cow::Owned),
+    }
+}
 
 /// The page and its parts. They are no part of the described surface: their queries are the page's own.
 pub fn router() -> Router<Shared> {

@@ -2,7 +2,7 @@
 //! digits.
 
 use super::JobsError;
-use super::comparison::{Asked, Subject};
+use super::comparison::{Asked, Named, Subject};
 use crate::data::{Duration, Envelope, Thinning, rfc3339};
 use crate::estimate::Replay;
 use crate::estimate::compare::{Compared, ErrorRow};
@@ -42,7 +42,7 @@ struct Frame {
 #[derive(Debug, Serialize)]
 struct ComparisonDocument<'a> {
     fit: &'a str,
-    system: String,
+    system: &'a str,
     model: &'a str,
     #[serde(flatten)]
     frame: Frame,
@@ -137,7 +137,7 @@ impl Points {
 }
 
 /// One fit beside the measurements.
-pub(super) fn comparison_json(subject: &Subject, asked: &Asked, replay: &Replay, comparison: &Comparison) -> Result<Vec<u8>, JobsError> {
+pub(super) fn comparison_json(named: &Named<'_>, asked: &Asked, replay: &Replay, comparison: &Comparison) -> Result<Vec<u8>, JobsError> {
     let points = points_of(asked, comparison);
     let outputs = comparison.outputs.iter().map(|(channel, lines)| {
         let body = OutputBody {
@@ -154,9 +154,9 @@ pub(super) fn comparison_json(subject: &Subject, asked: &Asked, replay: &Replay,
         (channel.as_str(), body)
     });
     json(&ComparisonDocument {
-        fit: &subject.record().id,
-        system: subject.record().system.to_string(),
-        model: &subject.fit().model,
+        fit: named.id,
+        system: named.system,
+        model: &named.fit.model,
         frame: points.frame(asked),
         provenance: replay.provenance(),
         parts: &comparison.parts,

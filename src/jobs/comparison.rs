@@ -38,6 +38,17 @@ pub struct Asked {
     pub format: Format,
 }
 
+/// A fit with the names under which it is shown.
+#[derive(Debug, Clone, Copy)]
+pub struct Named<'a> {
+    /// Its id.
+    pub id: &'a str,
+    /// The system, or what stands for it where there is none.
+    pub system: &'a str,
+    /// What was found.
+    pub fit: &'a Fit,
+}
+
 /// A stored fit with what is needed to run it again.
 pub(super) struct Subject {
     record: FitRecord,
@@ -61,17 +72,27 @@ pub async fn one(service: &Service, id: &str, asked: &Asked) -> Result<Answer, J
     let subject = subject(service, record, to).await?;
     let work = move || {
         let replay = subject.replay(&subject.window()?, Some(to))?;
-        let mode = match asked.horizon.and_then(|horizon| lead(horizon.seconds(), subject.fit().sample_s)) {
-            Some(lead) => Mode::Ahead(lead),
-            None => Mode::FreeRun,
-        };
-        let comparison = comparison(&replay, mode, from, to).map_err(JobsError::Faults)?;
-        match asked.format {
-            Format::Json => chart::comparison_json(&subject, &asked, &replay, &comparison),
-            Format::Csv => chart::comparison_csv(&asked, &comparison),
-        }
+        let system = subject.record.system.to_string();
+        document(&subject.named(&system), &replay, &Asked { from: Some(from), to: Some(to), ..asked })
     };
     service.interactive.answer(&key, work).await
+}
+
+/// A fit that was run again beside the measurements, over all of the run where no range is asked for. This is work for the CPU pool.
+///
+/// # Errors
+/// Where there is nothing in the range.
+pub fn document(named: &Named<'_>, replay: &Replay, asked: &Asked) -> Result<Vec<u8>, JobsError> {
+    let (start, end) = window_of(named.fit).map_err(JobsError::Faults)?;
+    let mode = match asked.horizon.and_then(|horizon| lead(horizon.seconds(), named.fit.sample_s)) {
+        Some(lead) => Mode::Ahead(lead),
+        None => Mode::FreeRun,
+    };
+    let comparison = comparison(replay, mode, asked.from.unwrap_or(start), asked.to.unwrap_or(end)).map_err(JobsError::Faults)?;
+    match asked.format {
+        Format::Json => chart::comparison_json(named, asked, replay, &comparison),
+        Format::Csv => chart::comparison_csv(asked, &comparison),
+    }
 }
 
 /// Several fits of one system beside each other and the measurements.
@@ -175,6 +196,11 @@ impl Subject {
     /// The fit with its name and its system.
     pub(super) fn record(&self) -> &FitRecord {
         &self.record
+    }
+
+    /// The fit as it is shown; its system as a text.
+    pub(super) fn named<'a>(&'a self, system: &'a str) -> Named<'a> {
+        Named { id: &self.record.id, system, fit: &self.record.fit }
     }
 
     /// All that was measured. This is work for the CPU pool.

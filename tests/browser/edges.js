@@ -194,6 +194,79 @@ export async function edges(chrome, { base, port }) {
     holds(text.startsWith('time,') && text.split('\n').length > 600, text.slice(0, 80));
   });
 
+  await test(chrome, 'every_chart_gives_a_picture_of_itself', {}, async page => {
+    const channels = text => [1, 3, 5].map(at => parseInt(text.slice(at, at + 2), 16));
+    // How far the nearest pixel is from a colour: a thin line is mixed with its ground.
+    const near = (colours, wanted) =>
+      Math.min(...colours.map(text => Math.max(...text.split(',').map((part, at) => Math.abs(Number(part) - channels(wanted)[at])))));
+    const coloursOf = async frame => {
+      const saving = page.waitForEvent('download');
+      await frame.getByRole('button', { name: 'PNG' }).click();
+      const file = await saving;
+      const bytes = readFileSync(await file.path()).toString('base64');
+      return page.evaluate(async base64 => {
+        const image = new Image();
+        image.src = `data:image/png;base64,${base64}`;
+        await image.decode();
+        const canvas = document.createElement('canvas');
+        [canvas.width, canvas.height] = [image.width, image.height];
+        const ctx = canvas.getContext('2d');
+        ctx.drawImage(image, 0, 0);
+        const { data } = ctx.getImageData(0, 0, image.width, image.height);
+        const colours = new Set();
+        for (let at = 0; at < data.length; at += 4) colours.add(`${data[at]},${data[at + 1]},${data[at + 2]}`);
+        return { width: image.width, height: image.height, colours: [...colours] };
+      }, bytes);
+    };
+    await page.goto(`${base}/ui/systems/room/5`);
+    await page.locator('.strips canvas').first().waitFor();
+    const run = await coloursOf(page.locator('figure.frame', { hasText: 'Measured and model' }));
+    for (const line of ['#1b1f24', '#0072b2', '#c65200']) holds(near(run.colours, line) < 30, `${line} is not in the picture`);
+    holds(run.width > 2000 && run.height > 700, `${run.width} x ${run.height}`);
+    await page.goto(`${base}/ui/systems/room/5/fails`);
+    await page.locator('svg.heat').waitFor();
+    const map = await coloursOf(page.locator('figure.frame', { hasText: 'Error by day and hour' }));
+    for (const end of ['#0072b2', '#d55e00']) holds(near(map.colours, end) < 30, `${end} is not in the map`);
+  });
+
+  await test(chrome, 'numbers_and_commands_are_a_key_away', {}, async page => {
+    await page.goto(`${base}/ui/systems/room/5/fails`);
+    await page.locator('svg.heat').waitFor();
+    await page.keyboard.press('?');
+    const keys = page.getByRole('dialog', { name: 'Keys' });
+    for (const key of [/^t$/, /^\.$/]) await keys.locator('kbd', { hasText: key }).waitFor();
+    await page.keyboard.press('Escape');
+    // The first chart, then the one that the pointer was on last.
+    await page.keyboard.press('t');
+    await page.getByRole('columnheader', { name: 'day', exact: true }).waitFor();
+    await page.keyboard.press('t');
+    await page.getByRole('columnheader', { name: 'day', exact: true }).waitFor({ state: 'detached' });
+    await page.locator('figure.frame', { hasText: 'Innovations' }).first().hover();
+    await page.keyboard.press('t');
+    await page.getByRole('columnheader', { name: 'autocorrelation' }).first().waitFor();
+    // A page, an action and a system are found by a part of their name.
+    const command = async (typed, options) => {
+      await page.keyboard.press('.');
+      const dialog = page.getByRole('dialog', { name: 'Commands' });
+      await dialog.waitFor();
+      await page.keyboard.type(typed);
+      await page.waitForFunction(most => document.querySelectorAll('.commands [role=option]').length <= most, options);
+      await page.keyboard.press('Enter');
+      await dialog.waitFor({ state: 'detached' });
+    };
+    await command('show ladder', 1);
+    await page.waitForURL('**/systems/room/5/ladder');
+    await command('open room/3', 1);
+    await page.getByRole('heading', { level: 1, name: 'room/3' }).waitFor();
+    await command('go jobs', 1);
+    await page.getByRole('heading', { level: 1, name: 'Jobs' }).waitFor();
+    await page.keyboard.press('.');
+    await page.keyboard.type('no such thing');
+    await page.getByText('Nothing here is called so.').waitFor();
+    await page.keyboard.press('Escape');
+    await page.getByRole('dialog', { name: 'Commands' }).waitFor({ state: 'detached' });
+  });
+
   await test(chrome, 'the_keyboard_alone_leads_everywhere', {}, async page => {
     await page.goto(`${base}/ui/`);
     await page.locator('table.systems tbody tr').nth(4).waitFor();

@@ -3,6 +3,8 @@ import { browser, demo, result } from './harness.js';
 import { story } from './story.js';
 import { edges } from './edges.js';
 import { pages } from './pages.js';
+import { pictures } from './pictures.js';
+import { reports } from './reports.js';
 
 const service = await demo(process.env.LAMPYRIS_BINARY);
 let chrome = null;
@@ -13,9 +15,14 @@ const stop = async () => {
 for (const signal of ['SIGINT', 'SIGTERM', 'SIGHUP']) process.once(signal, () => stop().then(() => process.exit(1)));
 try {
   chrome = await browser();
-  await story(chrome, service);
-  await edges(chrome, service);
-  await pages(chrome, service);
+  if (process.env.LAMPYRIS_PICTURES) {
+    await pictures(chrome, service, process.env.LAMPYRIS_PICTURES);
+  } else {
+    await story(chrome, service);
+    await edges(chrome, service);
+    await pages(chrome, service);
+    await reports(chrome, process.env.LAMPYRIS_BINARY);
+  }
 } finally {
   await stop();
 }

@@ -6,7 +6,7 @@ import { ask, holds, test } from './harness.js';
 
 const axe = readFileSync(createRequire(import.meta.url).resolve('axe-core/axe.min.js'), 'utf8');
 
-async function faultsOf(page) {
+export async function faultsOf(page) {
   // The policy of the page lets no foreign script in; the tester's way in lies beside it.
   await page.evaluate(axe);
   const { violations } = await page.evaluate(() => window.axe.run(document, { resultTypes: ['violations'] }));
@@ -22,7 +22,7 @@ async function faultsOf(page) {
 }
 
 /** Letters that leave their box, and parts that push the page wider than the window. */
-const cutOff = page =>
+export const cutOff = page =>
   page.evaluate(() => {
     const found = [];
     if (document.documentElement.scrollWidth > innerWidth + 1) {

@@ -4,6 +4,7 @@
 mod controller;
 mod modeller;
 mod operator;
+mod reports;
 #[path = "../support/mod.rs"]
 mod support;
 mod verbs;

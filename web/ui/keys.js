@@ -46,9 +46,9 @@ export function useKeys(keys) {
   }, []);
 }
 
-/** Everything that can be pressed now: `[key, meaning]`. */
-export function keysNow() {
+/** Everything that can be done now: `{key, meaning, act}`. */
+export function actionsNow() {
   const seen = new Map();
-  for (const keys of active) for (const [key, [meaning]] of Object.entries(keys.current)) seen.set(key, meaning);
-  return [...seen].filter(([, meaning]) => meaning);
+  for (const keys of active) for (const [key, [meaning, act]] of Object.entries(keys.current)) seen.set(key, { key, meaning, act });
+  return [...seen.values()].filter(({ meaning }) => meaning);
 }

@@ -1,13 +1,15 @@
 // What is shown is in the address: it can be sent to somebody, and the browser's way back works.
 import { useState, useEffect } from './html.js';
+import { REPORT } from './carried.js';
 
-const BASE = '/ui';
+// A file on the disk has no paths below it, but everything behind `#` is its own.
+const BASE = REPORT ? '#' : '/ui';
 const listeners = new Set();
 
 /** Where we are: the parts of the path below `/ui/`, and the query. */
 export function here() {
-  const parts = location.pathname.slice(BASE.length).split('/').filter(Boolean).map(decodeURIComponent);
-  return { parts, query: Object.fromEntries(new URLSearchParams(location.search)) };
+  const [path, search] = (REPORT ? location.hash : location.pathname + location.search).slice(BASE.length).split('?');
+  return { parts: path.split('/').filter(Boolean).map(decodeURIComponent), query: Object.fromEntries(new URLSearchParams(search)) };
 }
 
 /** The address of a page. */

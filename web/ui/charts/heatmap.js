@@ -51,8 +51,13 @@ export function Heatmap({ days, unit, onPick, label }) {
         ${String(hour).padStart(2, '0')} h</text>`)}
       ${days.map((day, at) => at % every === 0 && html`<text class="quiet" x=${MARGIN.left + at * cell} y=${height - 8}>${day.date.slice(5)}</text>`)}
     </svg>
-    <p class="note">colder than the model says, −${number(most, 2)} ${unit} <span class="scale" aria-hidden="true">
-      </span> +${number(most, 2)} ${unit}, warmer. Click an hour to see its day in the chart, or</p>
-    <label class="inline">choose a day <input type="date" min=${days[0]?.date} max=${days.at(-1)?.date} onChange=${chosen} /></label>
+    <p class="legend"><span>colder than the model says</span><span>−${number(most, 2)} ${unit} <${Scale} /> +${number(most, 2)} ${unit}</span>
+      <span>warmer</span></p>
+    <label class="inline">Click an hour to see its day in the chart, or choose a day <input type="date" min=${days[0]?.date} max=${days.at(-1)?.date} onChange=${chosen} /></label>
   </div>`;
 }
+
+const Scale = () => html`<svg width="160" height="10" aria-hidden="true">
+  <defs><linearGradient id="signed">${[COLD, NONE, WARM].map((end, at) =>
+    html`<stop offset=${at / 2} stop-color=${`rgb(${end.join(',')})`} />`)}</linearGradient></defs>
+  <rect width="160" height="10" fill="url(#signed)" style="stroke:var(--edge)" /></svg>`;

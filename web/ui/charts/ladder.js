@@ -17,8 +17,8 @@ const MARKS = {
   'test (never used)': (x, y) => html`<path d=${`M${x},${y - 7}L${x + 6.5},${y + 5}L${x - 6.5},${y + 5}Z`} />`,
 };
 
-/** Steps: `{label, train_rmse, validation_rmse, test_rmse, kept}`. */
-export function LadderChart({ steps, floor, unit, label }) {
+/** Steps: `{label, train_rmse, validation_rmse, test_rmse, kept}`; `floor` is drawn across, with its name. */
+export function LadderChart({ steps, floor, floorName = 'noise floor', unit, label }) {
   const host = useRef(null);
   const width = useWidth(host) || 700;
   const values = steps.flatMap(step => SERIES.map(([, key]) => step[key])).filter(Number.isFinite);
@@ -38,7 +38,7 @@ export function LadderChart({ steps, floor, unit, label }) {
       <line x1="0" x2="30" y1="7" y2="7" stroke-dasharray=${dash || null} />${MARKS[name](15, 7)}</svg> ${name}</span>`,
     )}
       ${floor && html`<span><svg width="24" height="10" aria-hidden="true"><line x1="0" x2="24" y1="5" y2="5"
-        style="stroke:var(--quiet);stroke-dasharray:1 3;stroke-width:2" /></svg> noise floor</span>`}</div>
+        style="stroke:var(--quiet);stroke-dasharray:1 3;stroke-width:2" /></svg> ${floorName}</span>`}</div>
     <svg class="chart ladder" role="img" aria-label=${label} width=${width} height=${HEIGHT} viewBox=${`0 0 ${width} ${HEIGHT}`}>
       <defs><pattern id="overfit" width="6" height="6" patternUnits="userSpaceOnUse" patternTransform="rotate(45)"><line x1="0" y1="0"
         x2="0" y2="6" style="stroke:var(--bad);stroke-width:2;opacity:.5" /></pattern></defs>

@@ -283,7 +283,7 @@ export function Strips({ time, strips, range, whole, parts = [], zone = 'UTC', o
         <button class="plain" onClick=${() => onZoom(null)} disabled=${!zoomed}>Whole range</button>
         <output class="number" aria-hidden="true" ref=${when}></output>
       </span>
-      <span class="note">Drag to zoom, Shift and drag to move. Times are ${zone}.</span>
+      <span class="note">Drag to zoom, Shift and drag to move. <span class="told">Times are ${zone}.</span></span>
     </div>
     <div class="strips ${panning ? 'panning' : ''}" ref=${root} tabindex="0" role="group"
       aria-label=${`${label}. Arrow keys move, plus and minus zoom, z shows the whole range.`}

@@ -114,10 +114,11 @@ export function FitTab({ system, fit, fits, params, document, query }) {
         <button aria-pressed=${(query.mode ?? 'free_run') === value}
           onClick=${() => setQuery({ mode: value === 'free_run' ? null : value })}>${title}</button>`,
       )}</span>
-      <label class="inline">Beside it <select ref=${choice} value=${beside ?? NO_OTHER} onChange=${event => setQuery({ with: event.target.value })}>
+      ${fits.some(entry => entry.id !== fit) &&
+        html`<label class="inline">Beside it <select ref=${choice} value=${beside ?? NO_OTHER} onChange=${event => setQuery({ with: event.target.value })}>
         <option value=${NO_OTHER}>no other fit</option>
         ${fits.filter(entry => entry.id !== fit).map(entry =>
-          html`<option value=${entry.id} selected=${entry.id === beside}>${fitName(entry)}</option>`)}</select></label>
+          html`<option value=${entry.id} selected=${entry.id === beside}>${fitName(entry)}</option>`)}</select></label>`}
     </div>
     <p class="note">${
       query.mode && query.mode !== 'free_run'

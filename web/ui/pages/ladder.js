@@ -44,7 +44,7 @@ export function LadderTab({ system, document }) {
     ${steps.length > 0 && html`<${Ladder} data=${ladder.data} path=${path} climb=${running ? null : climb} />`}`;
 }
 
-function Ladder({ data, path, climb }) {
+export function Ladder({ data, path, climb }) {
   const fit = useResource(`/fits/${data.fit}`);
   const [metrics] = Object.values(fit.data?.metrics ?? {});
   const unit = metrics?.unit ?? 'K';
@@ -66,7 +66,8 @@ function Ladder({ data, path, climb }) {
       table=${() => ({ columns: [['step'], ['train', 'number'], ['validation', 'number'], ['test', 'number'], ['bic', 'number'], ['kept'],
         ['why']], rows: steps.map(step => [step.label, number(step.train_rmse), number(step.validation_rmse), number(step.test_rmse),
           number(step.bic, 5), step.kept ? 'yes' : 'no', step.why]) })}>
-      <${LadderChart} steps=${steps} unit=${unit} floor=${metrics?.noise_floor} label=${says} /></${Frame}>
+      <${LadderChart} steps=${steps} unit=${unit} floor=${metrics?.noise_floor}
+        floorName=${`one-step error of ${first.model}`} label=${says} /></${Frame}>
     <${Table} caption="Steps" columns=${[['step'], ['train', 'number'], ['validation', 'number'], ['test', 'number'],
       ...Object.keys(first.ahead).map(key => [`${horizon(key)} ahead`, 'number']), ['kept'], ['why']]}
       rows=${steps.map(step => [

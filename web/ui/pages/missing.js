@@ -2,6 +2,7 @@
 import { html, useState } from '../html.js';
 import { useResource, useList, post } from '../api.js';
 import { setQuery, address, systemAddress } from '../router.js';
+import { REPORT } from '../carried.js';
 import { hasEnded } from '../events.js';
 import { sayFault } from '../say.js';
 import { number, percent, horizon, clock, signed, fixed, NONE } from '../format.js';
@@ -50,7 +51,7 @@ export function Missing({ system, document, query }) {
       query=${query} search=${running ? null : search} />`}`;
 }
 
-function Diagnosis({ data, system, document, query, search }) {
+export function Diagnosis({ data, system, document, query, search }) {
   const path = `/diagnoses/${data.id}`;
   const [adding, setAdding] = useState(null);
   const [model, setModel] = useState(data.model);
@@ -67,7 +68,7 @@ function Diagnosis({ data, system, document, query, search }) {
     <${Adding} diagnosis=${data} system=${system} document=${document} effect=${adding} steps=${steps} taken=${() => setAdding(null)}
       grown=${setModel} />
     ${data.findings.map(finding => html`<${Finding} key=${finding.effect} finding=${finding} data=${data} added=${there(finding.effect)}
-      add=${() => setAdding({ effect: finding.effect, title: finding.title })} />`)}
+      add=${REPORT ? null : () => setAdding({ effect: finding.effect, title: finding.title })} />`)}
     ${data.findings.length === 0 && data.verdict !== 'adequate' &&
       html`<p>No effect of the catalogue passed both gates: the gain on the data that were fitted, and the error on unseen data.</p>`}
     <${Unexplained} unexplained=${data.unexplained} path=${path} system=${system} model=${data.model} />
@@ -102,7 +103,7 @@ function Finding({ finding, data, added, add }) {
   return html`<article class="card finding" aria-label=${finding.title}>
     <div class="row apart"><h3>${finding.rank}. ${finding.title} <span class="quiet">${finding.kind === 'refinement' ? 'a refinement' : ''}
       </span></h3>
-      ${added ? html`<${Status} of="ok" label="added" />` : html`<button class="main" onClick=${add}>Add and refit: ${finding.title}</button>`}</div>
+      ${added ? html`<${Status} of="ok" label="added" />` : add && html`<button class="main" onClick=${add}>Add and refit: ${finding.title}</button>`}</div>
     <p>${finding.explain} ${before.length > 0 && html`<span class="quiet">Found after ${before.join(' and ')} was in the model.</span>`}</p>
     <div class="grid">
       <div role="img" aria-label=${pairs.map(([title, [from, to]]) => `${title}: from ${number(from)} to ${number(to)}`).join('; ')}>
@@ -167,6 +168,6 @@ function Unexplained({ unexplained, path, system, model }) {
           html`<a href=${systemAddress(system, 'fit', { from: episode.from, to: episode.to })}>Show</a>`,
         ])} />
     </div>
-    <p><a class="button" href=${address(['edit', 'effect'], { system, model })}>Describe your own effect</a></p>
+    ${!REPORT && html`<p><a class="button" href=${address(['edit', 'effect'], { system, model })}>Describe your own effect</a></p>`}
   </section>`;
 }

@@ -1,6 +1,7 @@
 // One model, one effect: equations, parameters with their units, and how it came about.
 import { html } from '../html.js';
 import { useResource } from '../api.js';
+import { REPORT } from '../carried.js';
 import { address } from '../router.js';
 import { number } from '../format.js';
 import { Table } from '../parts/table.js';
@@ -38,8 +39,8 @@ export const general = text => text.replaceAll(/\{(\w+)\}/g, '‹$1›');
 export function EffectPage({ id }) {
   const effect = useResource(`/effects/${encodeURIComponent(id)}`);
   return html`<${Shown} of=${effect} what="the effect" show=${data => html`
-    <div class="row apart"><h1>${general(data.title)} <span class="quiet">${data.id}</span></h1><a class="button"
-      href=${address(['edit', 'effect'], { from: data.id })}>Write a new one from it</a></div>
+    <div class="row apart"><h1>${general(data.title)} <span class="quiet">${data.id}</span></h1>${!REPORT &&
+      html`<a class="button" href=${address(['edit', 'effect'], { from: data.id })}>Write a new one from it</a>`}</div>
     <p>${general(data.explain)}</p>
     <p><b>Without it:</b> ${general(data.signature)}</p>
     ${data.measure && html`<p><b>To be sure, measure</b> ${general(data.measure)}.</p>`}

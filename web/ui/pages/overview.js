@@ -52,6 +52,9 @@ function rowsOf(systems, served, fits, schedules) {
   return rows.sort((a, b) => SEVERITY[a.health] - SEVERITY[b.health] || (b.day ?? 0) - (a.day ?? 0) || a.system.localeCompare(b.system));
 }
 
+/** A text whose long names may be broken at their underscores. */
+const breakable = text => text.split(/(?<=_)/).map((part, at) => (at ? html`<wbr />${part}` : part));
+
 export function Overview({ query }) {
   const systems = useList('/systems');
   const served = useResource('/params', { read: itemsOf });
@@ -169,7 +172,7 @@ function Systems({ rows, running, query }) {
         <td><input type="checkbox" aria-label=${`Select ${row.system}`} checked=${chosen.has(row.system)} onChange=${() => toggle(row.system)} /></td>
         <th scope="row" class="name"><a href=${systemAddress(row.system)} onFocus=${() => setAt(index)}>${row.system}</a><small
           title=${row.label}>${row.label || row.model}</small></th>
-        <td><${Status} of=${row.health} /><div class="why clamped" title=${row.why}>${row.why}</div></td>
+        <td><${Status} of=${row.health} /><div class="why clamped" title=${row.why}>${breakable(row.why)}</div></td>
         <td class="nowrap"><${Status} of=${row.status ?? 'none'} /><small>
           ${row.revision === null ? 'no revision' : `revision ${row.revision}, ${length(row.age_s)} old`}</small></td>
         <td class="number">${row.day === null ? NONE : `${row.day.toFixed(2)} ${row.unit}`}<small>${row.dayOf ?? ''}</small></td>
@@ -177,7 +180,7 @@ function Systems({ rows, running, query }) {
         <td><div class="regime clamped" title=${row.worst_regime ?? ''}>${row.worst_regime ?? NONE}</div></td>
         <td>${row.flags.length ? html`<${Flags} of=${row.flags} most=${2} />` : NONE}</td>
         <td class="nowrap">${row.next ? html`<span title=${clock(row.next)}>${fromNow(row.next)}</span>` : NONE}</td>
-        <td class="nowrap">${
+        <td>${
           running[row.system]
             ? html`<${Status} of="running" label=${running[row.system]} />`
             : html`<button class="plain" aria-label=${`Refit ${row.system}`} onClick=${() => refit([row.system])}>Refit</button>`

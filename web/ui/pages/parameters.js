@@ -61,20 +61,20 @@ function Served({ params, ask: asking, system, done }) {
   </section>`;
 }
 
-function Values({ fit, history }) {
+export function Values({ fit, history }) {
   const model = useResource(`/models/${encodeURIComponent(fit.model)}`);
   const scales = Object.fromEntries((model.data?.parameters ?? []).map(parameter => [parameter.name, parameter]));
   const before = history.find(revision => revision.fit !== fit.id)?.parameters ?? {};
   const entries = Object.entries(fit.parameters);
   const interval = ci => (ci ? `${number(ci[0])} to ${number(ci[1])}` : NONE);
-  return html`<${Frame} title=${`Parameters of ${fit.model}`} path=${`/fits/${fit.id}`}
+  return html`<${Frame} title=${`Parameters of ${fit.model}`} path=${`/fits/${fit.id}`} drawn=${false}
     summary=${`${entries.filter(([, entry]) => entry.at_bound).length} of ${entries.length} lie at a bound.`}
       table=${() => ({ columns: [['parameter'], ['value', 'number'], ['low', 'number'], ['high', 'number'], ['lower bound', 'number'],
         ['upper bound', 'number'], ['unit']], rows: entries.map(([name, entry]) => [name, number(entry.value, 6), number(entry.ci95?.[0],
           6), number(entry.ci95?.[1], 6), entry.bounds[0], entry.bounds[1], entry.unit]) })}>
     <${Table} caption="Parameters" hidden
       columns=${[['parameter'], ['value', 'number'], ['95 % interval', 'number'], ['between its bounds'], ['bounds', 'number'],
-        ['since before', 'number'], ['history']]}
+        ...(history.length ? [['since before', 'number'], ['history']] : [])]}
       rows=${entries.map(([name, entry]) => [
         html`${name}<br /><small class="quiet">${scales[name]?.title ?? ''}</small>`,
         html`<b>${number(entry.value)}</b> ${entry.unit === '-' ? '' : entry.unit}${entry.fixed ? ' (fixed)' : ''}`,
@@ -84,8 +84,12 @@ function Values({ fit, history }) {
           ${entry.at_bound ? html`<${Status} of="bad" label="at bound" />` : ''}`,
         html`${number(entry.bounds[0])} to ${number(entry.bounds[1])}<br /><small class="quiet">
           ${scales[name]?.scale === 'log' ? 'logarithmic' : 'linear'}</small>`,
-        before[name] === undefined ? NONE : `${entry.value >= before[name] ? '+' : '−'}${number(Math.abs(entry.value - before[name]))}`,
-        html`<${OfRevisions} name=${name} history=${history} unit=${entry.unit} />`,
+        ...(history.length
+          ? [
+              before[name] === undefined ? NONE : `${entry.value >= before[name] ? '+' : '−'}${number(Math.abs(entry.value - before[name]))}`,
+              html`<${OfRevisions} name=${name} history=${history} unit=${entry.unit} />`,
+            ]
+          : []),
       ])} />
     ${fit.correlated.length > 0 && html`<ul>
       ${fit.correlated.map(pair => html`<li>▲ ${pair.parameters.join(' and ')} move together (correlation ${number(pair.correlation)}): trust their effect, not their separate values.</li>`)}</ul>`}
@@ -108,7 +112,7 @@ function OfRevisions({ name, history, unit }) {
     ]} /></details>`;
 }
 
-function Judgement({ fit, ask: asking, done }) {
+export function Judgement({ fit, ask: asking, done }) {
   const decide = (word, title) => () =>
     asking({
       title,
@@ -130,8 +134,8 @@ function Judgement({ fit, ask: asking, done }) {
     <${Table} caption="Checks" columns=${[['check'], ['result'], ['statistic', 'number'], ['asked for', 'number'], ['what it means']]}
       rows=${fit.checks.map(check => [
         check.name,
-        html`<${Status} of=${check.pass ? 'pass' : check.severity === 'reject' ? 'fail' : 'attention'}
-          label=${check.pass ? 'passed' : check.severity === 'reject' ? 'failed' : `${check.severity}s`} />`,
+        html`<span class="nowrap"><${Status} of=${check.pass ? 'pass' : check.severity === 'reject' ? 'fail' : 'attention'}
+          label=${check.pass ? 'passed' : check.severity === 'reject' ? 'failed' : `${check.severity}s`} /></span>`,
         `${number(check.statistic)} ${check.unit === '-' ? '' : check.unit}`,
         `${check.operator} ${number(check.threshold)}`,
         check.comment,

@@ -5,7 +5,8 @@ import { systemAddress, setQuery, go, address } from '../router.js';
 import { useEvents } from '../events.js';
 import { useKeys } from '../keys.js';
 import { say, sayFault } from '../say.js';
-import { withUnit, fitName } from '../format.js';
+import { fitName } from '../format.js';
+import { Figures } from '../parts/figures.js';
 import { Status, Flags } from '../parts/status.js';
 import { Failed, Loading } from '../parts/screens.js';
 import { FitTab } from './fit.js';
@@ -84,7 +85,6 @@ export function SystemPage({ system, tab, query }) {
 
 function Head({ system, document, params, row, fits, fit, refit }) {
   const chosen = fits.find(entry => entry.id === fit);
-  const [output, metrics] = Object.entries(chosen?.metrics ?? {})[0] ?? [];
   const diagnose = () =>
     post('/jobs', { kind: 'diagnose', system }).then(job => go(systemAddress(system, 'missing', { job: job.id })), sayFault);
   return html`
@@ -96,18 +96,7 @@ function Head({ system, document, params, row, fits, fit, refit }) {
     </div>
     ${row && html`<p><${Status} of=${row.health} label="" /> ${row.why}</p>`}
     <div class="row apart">
-      ${
-        chosen
-          ? html`<dl class="figures">
-        <div><dt>24 h ahead</dt><dd>${withUnit(metrics.ahead?.PT24H?.rmse, metrics.unit)}</dd></div>
-        <div><dt>validation, free run</dt><dd>${withUnit(metrics.validation_rmse, metrics.unit)}</dd></div>
-        <div><dt>train, free run</dt><dd>${withUnit(metrics.train_rmse, metrics.unit)}</dd></div>
-        <div><dt>model</dt><dd>${chosen.model}</dd></div>
-        <div><dt>verdict</dt><dd><${Status} of=${chosen.verdict ?? 'unknown'} /></dd></div>
-        <div><dt>error of</dt><dd>${output}</dd></div>
-      </dl>`
-          : ''
-      }
+      ${chosen ? html`<${Figures} fit=${chosen} />` : ''}
       ${
         fits.length > 0 &&
         html`<label class="inline">Fit <select value=${fit} onChange=${event => setQuery({ fit: event.target.value })}>

@@ -1,13 +1,30 @@
 // What is around every chart: its sentence for those who do not see it, its numbers, and how to get them.
-import { html, useState, useId } from '../html.js';
+import { html, useState, useId, useRef } from '../html.js';
 import { ask, curl } from '../api.js';
+import { REPORT } from '../carried.js';
 import { say, sayFault } from '../say.js';
+import { picture } from './picture.js';
 import { Table } from './table.js';
 
 const SHOWN_ROWS = 300;
 
-function save(text, name) {
-  const url = URL.createObjectURL(new Blob([text], { type: 'text/csv' }));
+/** The chart that was used last. */
+let last = null;
+
+/** Shows or hides the numbers of the chart that has the focus, that was used last, or that comes first. */
+export function toggleTable() {
+  const focused = document.activeElement?.closest('figure.frame');
+  const figure = focused ?? (last?.isConnected ? last : document.querySelector('figure.frame'));
+  if (!figure) {
+    say('There is no chart here');
+    return;
+  }
+  figure.querySelector('.tools button').click();
+  requestAnimationFrame(() => (figure.querySelector('.numbers') ?? figure).scrollIntoView({ block: 'nearest' }));
+}
+
+function save(blob, name) {
+  const url = URL.createObjectURL(blob);
   const link = document.createElement('a');
   link.href = url;
   link.download = name;
@@ -20,29 +37,36 @@ const csvOf = ({ columns, rows }) => [columns.map(([title]) => title), ...rows].
 
 /**
  * A chart with its title. `table()` gives `{columns, rows}` of plain values; `path` is where the numbers came from,
- * `csv` whether that path also speaks CSV.
+ * `csv` whether that path also speaks CSV; `drawn` whether there is more to see than a table.
  */
-export function Frame({ title, summary, table, path, csv = false, note, children }) {
+export function Frame({ title, summary, table, path, csv = false, drawn = true, note, children }) {
   const [open, setOpen] = useState(null);
   const id = useId();
+  const figure = useRef(null);
   const toggle = part => setOpen(open === part ? null : part);
-  const name = `${title.toLowerCase().replaceAll(/[^a-z0-9]+/g, '-')}.csv`;
-  const download = async () => {
+  const used = () => {
+    last = figure.current;
+  };
+  const download = (ending, make) => async () => {
+    const name = `${title.toLowerCase().replaceAll(/[^a-z0-9]+/g, '-')}.${ending}`;
     try {
-      save(csv ? await ask(path, { accept: 'text/csv' }) : csvOf(table()), name);
+      save(await make(), name);
       say(`${name} is saved`);
     } catch (error) {
       sayFault(error);
     }
   };
+  const spreadsheet = async () =>
+    new Blob([csv && !REPORT ? await ask(path, { accept: 'text/csv' }) : csvOf(table())], { type: 'text/csv' });
   const numbers = open === 'table' ? table() : null;
-  return html`<figure class="frame" aria-labelledby=${id}>
+  return html`<figure class="frame" aria-labelledby=${id} ref=${figure} onFocusIn=${used} onPointerEnter=${used}>
     <figcaption>
       <h3 id=${id}>${title}</h3>
       <span class="tools">
         <button class="plain" aria-expanded=${open === 'table'} onClick=${() => toggle('table')}>Table</button>
-        <button class="plain" onClick=${download}>CSV</button>
-        ${path && html`<button class="plain" aria-expanded=${open === 'curl'} onClick=${() => toggle('curl')}>curl</button>`}
+        <button class="plain" onClick=${download('csv', spreadsheet)}>CSV</button>
+        ${drawn && html`<button class="plain" onClick=${download('png', () => picture(figure.current))}>PNG</button>`}
+        ${path && !REPORT && html`<button class="plain" aria-expanded=${open === 'curl'} onClick=${() => toggle('curl')}>curl</button>`}
       </span>
     </figcaption>
     ${summary && html`<p class="unseen">${summary}</p>`}

@@ -3,12 +3,15 @@ import { html, useState, useEffect, useErrorBoundary } from '../html.js';
 import { address, go } from '../router.js';
 import { theme, setTheme } from '../theme.js';
 import { useConnection } from '../events.js';
-import { useKeys, keysNow, CHART_KEYS } from '../keys.js';
+import { REPORT } from '../carried.js';
+import { useKeys, actionsNow, CHART_KEYS } from '../keys.js';
 import { onSaid } from '../say.js';
+import { Commands } from './commands.js';
 import { Dialog } from './dialog.js';
+import { toggleTable } from './frame.js';
 import { Failed } from './screens.js';
 
-const PLACES = [
+const PLACES = REPORT ? [] : [
   ['Overview', [], 'o'],
   ['Jobs', ['jobs'], 'j'],
   ['Models and effects', ['models'], 'm'],
@@ -18,7 +21,9 @@ const THEMES = { system: ['light', 'Theme: as the system'], light: ['dark', 'The
 const SHOWN_MS = 8000;
 
 export function Shell({ place, children }) {
-  const [help, setHelp] = useState(false);
+  const [open, setOpen] = useState(null);
+  // A dialog says that it is closed a moment later; by then another one may be open.
+  const closed = which => () => setOpen(now => (now === which ? null : now));
   const [, redraw] = useState(0);
   const [fault, clear] = useErrorBoundary();
   const live = useConnection();
@@ -30,7 +35,9 @@ export function Shell({ place, children }) {
     redraw(count => count + 1);
   };
   useKeys({
-    '?': ['show the keys', () => setHelp(true)],
+    '?': ['show the keys', () => setOpen('help')],
+    '.': ['list all commands', () => setOpen('commands')],
+    t: ['numbers of the chart that has the focus, or was used last', toggleTable],
     d: ['light, dark, or as the system', turnTheme],
     ...Object.fromEntries(PLACES.map(([name, parts, key]) => [`g ${key}`, [`go to ${name}`, () => go(address(parts))]])),
   });
@@ -42,18 +49,20 @@ export function Shell({ place, children }) {
         ([name, parts]) => html`
         <a href=${address(parts)} aria-current=${(parts[0] ?? 'systems') === (place ?? 'systems') ? 'page' : null}>${name}</a>`,
       )}
-        <a href="/docs">API</a>
+        ${!REPORT && html`<a href="/docs">API</a>`}
       </nav>
       <span class="row">
         ${live === false && html`<span class="status bad"><span class="shape" aria-hidden="true">■</span> connection lost, trying again</span>`}
         ${live && html`<span class="status ok" title="Jobs report here as they go"><span class="shape" aria-hidden="true">●</span> live</span>`}
         <button class="plain" onClick=${turnTheme}>${THEMES[theme()][1]}</button>
-        <button class="plain" onClick=${() => setHelp(true)} aria-label="Keys">?</button>
+        <button class="plain" onClick=${() => setOpen('commands')} aria-label="Commands">…</button>
+        <button class="plain" onClick=${() => setOpen('help')} aria-label="Keys">?</button>
       </span>
     </header>
     <main id="main" tabindex="-1">${fault ? html`<${Failed} error=${fault} retry=${clear} />` : children}</main>
     <${Said} />
-    ${help && html`<${Help} close=${() => setHelp(false)} />`}`;
+    ${open === 'help' && html`<${Help} close=${closed('help')} />`}
+    ${open === 'commands' && html`<${Commands} close=${closed('commands')} />`}`;
 }
 
 function Said() {
@@ -72,7 +81,7 @@ function Said() {
 }
 
 function Help({ close }) {
-  const [keys] = useState(keysNow);
+  const [keys] = useState(() => actionsNow().map(({ key, meaning }) => [key, meaning]));
   return html`<${Dialog} title="Keys" close=${close}>
     <dl class="keys">${[...keys, ...CHART_KEYS].map(([key, meaning]) => html`<div><dt><kbd>${key}</kbd></dt><dd>${meaning}</dd></div>`)}</dl>
     <p class="row end"><button onClick=${close}>Close</button></p>
