@@ -10,7 +10,6 @@ use super::report::Gate;
 use super::screen::{Blind, Score, Screen, correlation};
 use crate::estimate::Problem;
 use crate::estimate::metrics::{day_ahead_mse, filter};
-use crate::estimate::uncertainty::uncertainty;
 use rayon::prelude::*;
 
 /// Least gain of the BIC.
@@ -34,6 +33,9 @@ const STRICT_WHITE_SHARE: f64 = 0.35;
 const MOST_DAYS: f64 = 0.7;
 /// An error that falls at least to this share has fallen: what matters to nobody is no finding.
 const LEAST_FALL: f64 = 0.9;
+/// Unless the likelihood gains this much, and most of the error beyond the noise is explained.
+const PLAIN_BIC: f64 = 50.0;
+const PLAIN_SHARE: f64 = 0.5;
 /// Suspects within this much of the winner, or this much alike, are named together with it.
 const TIE_BIC: f64 = 10.0;
 const TIE_CORRELATION: f64 = 0.9;
@@ -389,13 +391,12 @@ fn gate(suspect: &Suspect, one: &Tried, strict: bool, crude: bool, placebo: f64)
     }
     // Whatever the likelihood says: what leaves the unseen error as it is is no cause of it.
     let one_step = one.white_share.map(|share| (1.0 - share).max(0.0).sqrt());
-    if ![one.fall, one.ahead_fall, one_step].into_iter().flatten().any(|fall| fall <= LEAST_FALL) {
+    let falls = [one.fall, one.ahead_fall, one_step].into_iter().flatten().any(|fall| fall <= LEAST_FALL);
+    // Near the noise an error cannot fall by much.
+    let most = one.delta_bic >= PLAIN_BIC && reaches(one.share, PLAIN_SHARE);
+    if !falls && !most {
         let why = "neither the free run nor forecasts a step or a day ahead err a tenth less with it on unseen data";
         return Some((Gate::HeldOut, why.to_owned()));
-    }
-    // A large gain of the likelihood is a narrow interval of its own.
-    if one.delta_bic < LEAST_SHAPE_BIC && !is_determined(suspect, one) {
-        return Some((Gate::HeldOut, "the data do not determine how large it would be".to_owned()));
     }
     if slow {
         return None;
@@ -414,15 +415,6 @@ fn gate(suspect: &Suspect, one: &Tried, strict: bool, crude: bool, placebo: f64)
     (!passes).then(|| {
         let why = format!("it explains {} of the error on unseen data, and {:.0} % is asked for", percent(one.share), 100.0 * least);
         (Gate::HeldOut, why)
-    })
-}
-
-/// Whether the interval of at least one of the suspect's coefficients leaves out the value at which it does nothing.
-fn is_determined(suspect: &Suspect, one: &Tried) -> bool {
-    let intervals = uncertainty(&suspect.problem, &one.fitted.plain).ci95;
-    suspect.own.iter().any(|(index, off)| {
-        let place = suspect.problem.free().iter().position(|free| free == index);
-        place.and_then(|place| intervals[place]).is_some_and(|[low, high]| low > *off || high < *off)
     })
 }
 
