@@ -3,6 +3,7 @@ import { browser, demo, result } from './harness.js';
 import { story } from './story.js';
 import { edges } from './edges.js';
 import { pages } from './pages.js';
+import { schedules } from './schedules.js';
 
 const service = await demo(process.env.LAMPYRIS_BINARY);
 let chrome = null;
@@ -15,6 +16,7 @@ try {
   chrome = await browser();
   await story(chrome, service);
   await edges(chrome, service);
+  await schedules(chrome, service);
   await pages(chrome, service);
 } finally {
   await stop();
