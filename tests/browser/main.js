@@ -1,5 +1,6 @@
 // All browser tests, one after another, against one demo.
 import { browser, demo, result } from './harness.js';
+import { evidence } from './evidence.js';
 import { story } from './story.js';
 import { edges } from './edges.js';
 import { pages } from './pages.js';
@@ -14,6 +15,7 @@ const stop = async () => {
 for (const signal of ['SIGINT', 'SIGTERM', 'SIGHUP']) process.once(signal, () => stop().then(() => process.exit(1)));
 try {
   chrome = await browser();
+  await evidence(chrome, service);
   await story(chrome, service);
   await edges(chrome, service);
   await schedules(chrome, service);

@@ -87,7 +87,7 @@ export async function schedules(chrome, { base }) {
     holds(resumed.enabled && resumed.cron === '30 4 * * *' && resumed.request.budget.evaluations === 400, JSON.stringify(resumed));
 
     // Run now leads to the batch, and the way back shows when it ran.
-    await reach('Run weekly now');
+    await reach('Run now: weekly');
     await page.keyboard.press('Enter');
     await page.waitForURL('**/ui/batches/*');
     await page.keyboard.press('g');

@@ -53,6 +53,6 @@ export function Heatmap({ days, unit, onPick, label }) {
     </svg>
     <p class="note">colder than the model says, −${number(most, 2)} ${unit} <span class="scale" aria-hidden="true">
       </span> +${number(most, 2)} ${unit}, warmer. Click an hour to see its day in the chart, or</p>
-    <label class="inline">choose a day <input type="date" min=${days[0]?.date} max=${days.at(-1)?.date} onChange=${chosen} /></label>
+    <label class="inline nowrap">choose a day <input type="date" min=${days[0]?.date} max=${days.at(-1)?.date} onChange=${chosen} /></label>
   </div>`;
 }

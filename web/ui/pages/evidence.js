@@ -88,7 +88,7 @@ function Added({ shape, title, path }) {
         y: bin.unexplained,
         low: bin.unexplained_ci95?.[0] ?? null,
         high: bin.unexplained_ci95?.[1] ?? null,
-        title: `${number(bin.effect)} would be added, ${number(bin.unexplained)} are unexplained, ${bin.samples} samples`,
+        title: `the effect ${signed(bin.effect, 3)} ${unit}, unexplained ${signed(bin.unexplained, 3)} ${unit}, ${bin.samples} samples`,
       }))} />
   </${Frame}>`;
 }

@@ -126,12 +126,15 @@ export function Editor({ schedule, taken, close, done }) {
   </${Dialog}>`;
 }
 
+/** Where in a field a fault lies: `budget/evaluations` of the request. */
+const within = ({ pointer }) => /^\/request\/(.*)/.exec(pointer ?? '')?.[1];
+
 /** A field with what is wrong at it. `input` gets what ties the two together. */
 function Field({ title, faults, input }) {
   const id = useId();
   return html`<label>${title}
     ${input({ 'aria-invalid': faults.some(fault => fault.pointer !== undefined) ? 'true' : null, 'aria-describedby': faults.length ? id : null })}
     <span id=${id} class="field-faults" aria-live="polite">${faults.map(
-      fault => html`<span>▲ ${fault.detail}${fault.suggestion ? html` <em>${fault.suggestion}</em>` : ''}</span>`,
+      fault => html`<span>▲ ${within(fault) && html`<code>${within(fault)}</code> `}${fault.detail}${fault.suggestion ? html` <em>${fault.suggestion}</em>` : ''}</span>`,
     )}</span></label>`;
 }

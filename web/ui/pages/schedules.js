@@ -46,7 +46,7 @@ export function Schedules() {
               : NONE
           }${entry.last_result && html`<br /><span class="quiet">${words(entry.last_result)}</span>`}`,
           html`<span class="row">
-            <button aria-label=${`Run ${entry.name} now`} onClick=${() => run(entry)}>Run now</button>
+            <button aria-label=${`Run now: ${entry.name}`} onClick=${() => run(entry)}>Run now</button>
             <button aria-label=${`Edit ${entry.name}`} onClick=${() => setEdited(entry)}>Edit</button>
             <button aria-label=${`${entry.enabled ? 'Pause' : 'Resume'} ${entry.name}`} onClick=${() => pause(entry)}>${
               entry.enabled ? 'Pause' : 'Resume'
