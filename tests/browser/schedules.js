@@ -41,8 +41,8 @@ export async function schedules(chrome, { base }) {
       [/^Systems/, 'room'],
       [/^What is asked/, 'evaluations'],
     ]) {
-      const place = dialog.locator('label', { hasText: field });
-      await place.locator('.field-faults', { hasText: says }).waitFor();
+      const place = dialog.locator('.field', { has: page.locator('label', { hasText: field }) });
+      await place.locator('.faults', { hasText: says }).waitFor();
       holds((await place.locator('[aria-invalid=true]').count()) === 1, `${field} has no mark`);
     }
     await page.keyboard.press('Shift+Tab');
@@ -79,10 +79,11 @@ export async function schedules(chrome, { base }) {
     await row.getByText('At 04:30.').waitFor();
     await reach('Pause weekly');
     await page.keyboard.press('Enter');
-    await row.getByText('paused').waitFor();
-    holds((await ask(base, '/schedules/weekly')).enabled === false, 'it is not paused');
+    await row.locator('.status', { hasText: 'paused' }).waitFor();
+    const held = await ask(base, '/schedules/weekly');
+    holds(held.enabled === false && held.next_runs.length === 0, JSON.stringify(held));
     await page.keyboard.press('Enter');
-    await row.getByText('on', { exact: true }).waitFor();
+    await row.locator('.status', { hasText: /\son$/ }).waitFor();
     const resumed = await ask(base, '/schedules/weekly');
     holds(resumed.enabled && resumed.cron === '30 4 * * *' && resumed.request.budget.evaluations === 400, JSON.stringify(resumed));
 

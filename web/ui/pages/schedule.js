@@ -132,9 +132,12 @@ const within = ({ pointer }) => /^\/request\/(.*)/.exec(pointer ?? '')?.[1];
 /** A field with what is wrong at it. `input` gets what ties the two together. */
 function Field({ title, faults, input }) {
   const id = useId();
-  return html`<label>${title}
-    ${input({ 'aria-invalid': faults.some(fault => fault.pointer !== undefined) ? 'true' : null, 'aria-describedby': faults.length ? id : null })}
-    <span id=${id} class="field-faults" aria-live="polite">${faults.map(
-      fault => html`<span>▲ ${within(fault) && html`<code>${within(fault)}</code> `}${fault.detail}${fault.suggestion ? html` <em>${fault.suggestion}</em>` : ''}</span>`,
-    )}</span></label>`;
+  const wrong = faults.some(fault => fault.pointer !== undefined);
+  return html`<div class="field">
+    <label>${title}${input({ 'aria-invalid': wrong ? 'true' : null, 'aria-describedby': faults.length ? id : null })}</label>
+    <div id=${id} class="faults" aria-live="polite">${faults.map(
+      fault =>
+        html`<p>▲ ${within(fault) && html`<code>${within(fault)}</code> `}${fault.detail}${fault.suggestion ? html` <em>${fault.suggestion}</em>` : ''}</p>`,
+    )}</div>
+  </div>`;
 }
