@@ -37,7 +37,7 @@ export function Schedules() {
         rows=${list.map(entry => [
           entry.name,
           html`<${Status} of=${entry.enabled ? 'ok' : 'cancelled'} label=${entry.enabled ? 'on' : 'paused'} />`,
-          html`${entry.in_words}<br /><span class="quiet"><code>${entry.cron}</code> ${entry.zone}</span>`,
+          html`${entry.in_words}<br /><span class="quiet"><code class="nowrap">${entry.cron}</code> ${entry.zone}</span>`,
           entry.systems.join(', '),
           entry.enabled ? html`<${Runs} at=${entry.next_runs} zone=${entry.zone} />` : NONE,
           html`${
@@ -45,7 +45,7 @@ export function Schedules() {
               ? html`<a class="nowrap" href=${address(['batches', entry.last_run.batch])}>${clock(entry.last_run.at, entry.zone)}</a>`
               : NONE
           }${entry.last_result && html`<br /><span class="quiet">${words(entry.last_result)}</span>`}`,
-          html`<span class="row">
+          html`<span class="row nowrap">
             <button aria-label=${`Run now: ${entry.name}`} onClick=${() => run(entry)}>Run now</button>
             <button aria-label=${`Edit ${entry.name}`} onClick=${() => setEdited(entry)}>Edit</button>
             <button aria-label=${`${entry.enabled ? 'Pause' : 'Resume'} ${entry.name}`} onClick=${() => pause(entry)}>${
