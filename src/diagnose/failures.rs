@@ -81,7 +81,7 @@ pub fn failures(problem: &Problem, fit: &Fit, run: &FilterRun, window: &Window, 
         hour_by_date: hour_by_date(problem, &error, &usable)?,
         episodes: episodes(problem, &grid, &error, 0..grid.len()),
         residual_by_input: input_lags(problem, &grid, &error, &usable),
-        innovations: run.filtered.innovations.first().map(|series| spectrum(series)).unwrap_or_default(),
+        innovations: run.filtered.innovations.first().map(|series| spectrum(series, grid.step_hours())).unwrap_or_default(),
     })
 }
 

@@ -1,6 +1,7 @@
 //! The main line: rounds until nothing more is found, and the document that says what was.
 
 use super::candidates::{Suspect, align, suspects, widen};
+use super::evidence::shape;
 use super::failures::episodes;
 use super::fitted::{Null, whitening_at};
 use super::rank::{LEAST_BIC, LEAST_SHAPE_BIC, LEAST_SHARE, Round, STRICT_SHARE, Skip, Tried, round};
@@ -280,6 +281,7 @@ fn finding(null: &Null, next: &Null, library: &[Suspect], outcome: &Round, winne
         separate_by,
         kind: if refinement { FindingKind::Refinement } else { FindingKind::Cause },
         evidence,
+        shape: Some(shape(null, next, suspect)),
     }
 }
 

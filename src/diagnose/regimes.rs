@@ -98,8 +98,8 @@ pub fn regimes(problem: &Problem, grid: &Grid, error: &[f64], usable: &[usize], 
     regimes
 }
 
-/// The 95 % interval of a mean from resampled days; `None` where there are too few.
-fn interval(problem: &Problem, error: &[f64], samples: &[usize], seed: u64) -> Option<[f64; 2]> {
+/// The 95 % interval of a mean over some samples from resampled days; `None` where there are too few.
+pub fn interval(problem: &Problem, error: &[f64], samples: &[usize], seed: u64) -> Option<[f64; 2]> {
     let mut days: BTreeMap<i64, (f64, f64)> = BTreeMap::new();
     for k in samples {
         let entry = days.entry(problem.grid().time(*k).div_euclid(86_400)).or_default();

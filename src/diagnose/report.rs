@@ -1,5 +1,6 @@
 //! The documents of a diagnosis, as they are stored, printed and served.
 
+use super::evidence::Shape;
 use indexmap::IndexMap;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -88,6 +89,8 @@ pub struct Finding {
     pub kind: FindingKind,
     /// Why, in sentences.
     pub evidence: Vec<String>,
+    /// The unexplained error beside the effect's own shape; `null` in a diagnosis that was made before there were any.
+    pub shape: Option<Shape>,
 }
 
 /// Free-run errors without and with an effect, in the output's unit.

@@ -134,6 +134,21 @@ impl<'a> Screen<'a> {
         Ok(best.unwrap_or(score))
     }
 
+    /// What is left of the change that a suspect makes at these parameters of its own, and of the residual, sample by
+    /// sample of the whitened series, when all that the model's own parameters can do is taken from both: the two axes of
+    /// an added-variable plot (Cook and Weisberg 1982), whose slope is 1 where the suspect is as large as that. `None`
+    /// where its simulation diverges.
+    pub fn added(&self, suspect: &Suspect, with: &[f64]) -> Option<(Vec<f64>, Vec<f64>)> {
+        let off = suspect.lift(self.base, &self.theta);
+        let mut on = off.clone();
+        suspect.own.iter().for_each(|(index, _)| on[*index] = with[*index]);
+        let runs: Option<Vec<Vec<f64>>> = filtered(&suspect.problem, self.whitening, &[off, on]).into_iter().collect();
+        let [off, on] = runs?.try_into().ok()?;
+        let change = DVector::from_vec(off) - DVector::from_vec(on);
+        let left = &change - &self.own * self.own.tr_mul(&change);
+        Some((left.iter().copied().collect(), self.residual.iter().copied().collect()))
+    }
+
     /// How much of the residual these sensitivities of a suspect explain beyond the model's own.
     fn explained(&self, suspect: &Suspect, raw: &DMatrix<f64>) -> Result<Score, Blind> {
         let left = raw - &self.own * self.own.tr_mul(raw);

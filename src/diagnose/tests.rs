@@ -50,6 +50,36 @@ fn the_hidden_wind_is_named_first_and_the_unseen_error_falls() {
     assert!(found.considered.iter().all(|one| one.gate.is_some() || one.effect == "wind_infiltration"));
 }
 
+/// The two lines against each other and against the errors that the finding states.
+#[test]
+fn the_shape_of_the_wind_is_that_of_the_error() {
+    let (problem, window) = small_world(&["wind_infiltration"]);
+    let theta = fitted(&problem).theta();
+    let found = diagnose(&Catalogue::builtin().unwrap(), &problem, &theta, &window, &site(), &Control::NONE).unwrap();
+    let (first, shape) = (&found.findings[0], found.findings[0].shape.as_ref().unwrap());
+    assert_eq!((shape.unit.as_str(), shape.time.len()), ("K", shape.unexplained.len()));
+    assert!(shape.effect.len() == shape.time.len() && (300..=400).contains(&shape.time.len()), "{} points", shape.time.len());
+    let pairs: Vec<(f64, f64)> = shape.unexplained.iter().zip(&shape.effect).filter_map(|(u, e)| u.zip(*e)).collect();
+    let n = pairs.len() as f64;
+    let mean = |of: &dyn Fn(&(f64, f64)) -> f64| pairs.iter().map(of).sum::<f64>() / n;
+    let (u, e) = (mean(&|pair| pair.0), mean(&|pair| pair.1));
+    let (uu, ee, ue) = (mean(&|pair| (pair.0 - u).powi(2)), mean(&|pair| (pair.1 - e).powi(2)), mean(&|pair| (pair.0 - u) * (pair.1 - e)));
+    assert!(ue / (uu * ee).sqrt() > 0.9, "{}", ue / (uu * ee).sqrt());
+    // Means of two hours hide only noise: what is unexplained is the error without it, and the gap that with it.
+    let unseen = shape.time.iter().position(|time| *time >= shape.validation_from).unwrap();
+    let rms = |of: &dyn Fn(&(f64, f64)) -> f64| (pairs[..unseen].iter().map(|pair| of(pair).powi(2)).sum::<f64>() / unseen as f64).sqrt();
+    let noise: f64 = 0.07;
+    for (mine, told) in [(rms(&|pair| pair.0), first.rmse.train[0]), (rms(&|pair| pair.0 - pair.1), first.rmse.train[1])] {
+        assert!(mine < told && told.powi(2) - mine.powi(2) < noise.powi(2), "{mine} beside {told}");
+    }
+
+    let added = shape.added.as_ref().unwrap();
+    assert!((0.6..1.4).contains(&added.slope), "{}", added.slope);
+    assert!(added.bins.len() == 10 && added.bins.windows(2).all(|pair| pair[0].effect < pair[1].effect));
+    let (first, last) = (&added.bins[0], added.bins.last().unwrap());
+    assert!(first.unexplained_ci95.unwrap()[1] < last.unexplained_ci95.unwrap()[0], "{first:?} {last:?}");
+}
+
 /// An effect with a delay knows nothing behind the start and behind each gap: then no model may be judged there.
 #[test]
 fn all_suspects_are_judged_on_the_same_samples() {
@@ -140,6 +170,12 @@ fn failures_say_where_the_wind_is_missing() {
     let windy = found.by_regime.iter().find(|regime| regime.regime == "wind_speed high").unwrap();
     assert!(windy.bias_ci95.is_some_and(|[_, high]| high < 0.0) && windy.error_share > windy.time_share, "{windy:?}");
     assert!(found.residual_by_input.iter().any(|input| input.channel == "wind_speed" && input.correlation < 0.0));
+    for input in &found.residual_by_input {
+        assert_eq!((input.lags_hours[0], *input.lags_hours.last().unwrap()), (0.0, 24.0));
+        let strongest = input.lags_hours.iter().zip(&input.correlations).find(|(lag, _)| **lag == input.lag_hours).unwrap();
+        assert_eq!(*strongest.1, input.correlation);
+        assert_eq!(input.feedback, ["flow", "valve"].contains(&input.channel.as_str()), "{}", input.channel);
+    }
     let told = sentences(&problem, &found);
     assert!(told.iter().any(|sentence| sentence.starts_with("wind_speed high: T_room is ")), "{told:?}");
     assert_eq!(worst_regime(&problem, &fit, &window, 1).unwrap().as_ref(), told.first());

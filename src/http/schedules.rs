@@ -22,13 +22,14 @@ use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
 /// How many of the next ticks are shown.
-const SHOWN_TICKS: usize = 3;
+const SHOWN_TICKS: usize = 5;
 
 /// The paths of this file.
 pub fn router() -> OpenApiRouter<Shared> {
     OpenApiRouter::new()
         .routes(routes!(list_schedules))
         .routes(routes!(get_schedule, put_schedule, delete_schedule))
+        .routes(routes!(preview_schedule))
         .routes(routes!(run_schedule))
 }
 
@@ -38,6 +39,9 @@ pub fn router() -> OpenApiRouter<Shared> {
 struct ScheduleAnswer {
     name: String,
     cron: String,
+    /// The pattern in words.
+    #[schema(example = "At 02:30.")]
+    in_words: String,
     zone: String,
     enabled: bool,
     /// Which systems.
@@ -49,12 +53,26 @@ struct ScheduleAnswer {
     /// Ticks that were missed while the service was down are made up for once.
     #[schema(example = "one_catch_up")]
     misfire: &'static str,
-    /// The next ticks.
+    /// The next five ticks; none while it is paused.
     #[schema(value_type = Vec<String>)]
     next_runs: Vec<Timestamp>,
     last_run: Option<LastRun>,
     /// `submitted`, `skipped_overlap` (the batch before still ran) or `nothing_to_do`.
     last_result: Option<TickResult>,
+}
+
+/// What a schedule would do.
+#[derive(Debug, Serialize, ToSchema)]
+struct SchedulePreview {
+    /// The pattern in words.
+    #[schema(example = "At 02:30.")]
+    in_words: String,
+    /// The zone of the pattern: that of the service where none is named.
+    #[schema(example = "Europe/Copenhagen")]
+    zone: String,
+    /// The next five ticks, if it is not paused.
+    #[schema(value_type = Vec<String>)]
+    next_runs: Vec<Timestamp>,
 }
 
 /// The newest batch of a schedule.
@@ -68,15 +86,17 @@ struct LastRun {
 impl ScheduleAnswer {
     fn of(record: ScheduleRecord) -> Self {
         let ticks = Ticks::read(&record.cron, &record.zone);
-        let next_runs = match ticks {
+        let next_runs = match &ticks {
             Ok(ticks) if record.enabled => ticks.next(now(), SHOWN_TICKS),
             _ => Vec::new(),
         };
+        let in_words = ticks.map(|ticks| ticks.in_words()).unwrap_or_default();
         let mut request = record.request;
         let systems = request.as_object_mut().and_then(|fields| fields.shift_remove("systems")).unwrap_or_default();
         Self {
             name: record.name,
             cron: record.cron,
+            in_words,
             zone: record.zone,
             enabled: record.enabled,
             systems,
@@ -112,6 +132,24 @@ async fn put_schedule(State(service): State<Shared>, Path(name): Path<String>, b
     let is_new = schedule::put(&service, &name, body.value).await?;
     let answer = ScheduleAnswer::of(require(&service, &name).await?);
     Ok((if is_new { StatusCode::CREATED } else { StatusCode::OK }, axum::Json(answer)).into_response())
+}
+
+/// What a schedule would do: its next ticks, or every fault of it. Nothing is kept.
+#[utoipa::path(
+    post,
+    path = "/schedules/{name}/preview",
+    tag = "schedules",
+    params(("name" = String, Path, pattern = "^[A-Za-z0-9_-]{1,64}$", example = "nightly")),
+    request_body = ScheduleDocument,
+    responses((status = 200, body = SchedulePreview), Problems)
+)]
+async fn preview_schedule(
+    State(service): State<Shared>,
+    Path(name): Path<String>,
+    body: Json,
+) -> Result<axum::Json<SchedulePreview>, ApiError> {
+    let (zone, ticks) = schedule::preview(&service, &name, body.value)?;
+    Ok(axum::Json(SchedulePreview { in_words: ticks.in_words(), zone, next_runs: ticks.next(now(), SHOWN_TICKS) }))
 }
 
 /// All schedules, by name.

@@ -82,6 +82,11 @@ impl Ticks {
         }
     }
 
+    /// The pattern in words, such as `At 02:30.`
+    pub fn in_words(&self) -> String {
+        self.cron.describe()
+    }
+
     /// The first tick after an instant. A local time that a clock change leaves out comes with the change; one
     /// that it repeats comes once.
     pub fn after(&self, instant: Timestamp) -> Option<Timestamp> {
@@ -134,6 +139,17 @@ fn read(service: &Service, name: &str, body: Value) -> Result<(ScheduleDocument,
             Err(faults)
         }
     }
+}
+
+/// The zone and the ticks that a schedule would have.
+///
+/// # Errors
+/// Every fault of the name and the document.
+pub fn preview(service: &Service, name: &str, body: Value) -> Result<(String, Ticks), JobsError> {
+    let (document, _) = read(service, name, body).map_err(JobsError::Faults)?;
+    let zone = document.zone.unwrap_or_else(|| service.settings.zone.clone());
+    let ticks = Ticks::read(&document.cron, &zone).map_err(JobsError::Faults)?;
+    Ok((zone, ticks))
 }
 
 /// Makes or replaces a schedule; says whether it is new.
@@ -247,6 +263,13 @@ mod tests {
         assert_eq!(ticks.newest_due(before, now), Some(instant("2026-01-03T12:00:00Z")));
         assert_eq!(ticks.newest_due(instant("2026-01-03T12:00:00Z"), now), None);
         assert_eq!(ticks.newest_due(before, instant("2026-01-01T00:05:00Z")), Some(instant("2026-01-01T00:05:00Z")));
+    }
+
+    #[test]
+    fn patterns_are_said_in_words() {
+        let words = |cron: &str| Ticks::read(cron, "UTC").unwrap().in_words();
+        let said = ["30 2 * * *", "0 5 * * 1", "*/15 6-20 * * *", "0 4 1 * *"].map(words);
+        assert_eq!(said, ["At 02:30.", "At 05:00, on Monday.", "At every 15 minutes, of hour 6-20.", "At 04:00, on day 1."]);
     }
 
     #[test]

@@ -106,6 +106,12 @@ fn where_it_fails(told: &Value, residual: &[f64], outdoors: &[f64], time: &Value
     assert!(inputs.contains(&"T_out") && !inputs.contains(&"T_room"), "{inputs:?}");
     let innovations = &told["innovations"];
     assert!(innovations["n"].as_u64().unwrap() > 600 && innovations["acf"].as_array().unwrap().len() == 48, "{innovations}");
+    let step = number(&innovations["step_hours"]);
+    let [cycles, cumulated] = ["cycles_per_day", "cumulated_periodogram"].map(|name| innovations[name].as_array().unwrap());
+    assert_eq!(cycles.len(), cumulated.len());
+    assert!(number(&cycles[0]) > 0.0 && number(cycles.last().unwrap()) < 12.0 / step, "half the sampling rate is left out");
+    // Neither a valve nor a heater is among the channels of this room, so that no input is moved by the output.
+    assert!(told["residual_by_input"].as_array().unwrap().iter().all(|input| input["feedback"] == false));
 }
 
 #[test]

@@ -38,6 +38,10 @@ fn the_hidden_effect_is_named_added_and_the_error_falls() {
     assert_eq!(finding["effect"], "wind_infiltration", "{diagnosis}");
     let [before, after] = [0, 1].map(|side| number(&finding["rmse"]["test"][side]));
     assert!(after < 0.9 * before, "{finding}");
+    let shape = &finding["shape"];
+    let [points, unexplained, effect] = ["time", "unexplained", "effect"].map(|name| shape[name].as_array().unwrap());
+    assert!(points.len() <= 400 && points.len() == unexplained.len() && points.len() == effect.len(), "{} points", points.len());
+    assert!(shape["validation_from"].as_str() < shape["test_from"].as_str() && number(&shape["added"]["slope"]) > 0.5, "{shape}");
     assert_eq!(app.get("/diagnoses?system=room/windy").json()["items"][0]["id"], diagnosis["id"]);
 
     // One request adds it; the rest is an ordinary job.

@@ -15,7 +15,7 @@ fn the_nightly_schedule_is_there_and_runs_on_demand() {
         (nightly["cron"].as_str(), nightly["zone"].as_str(), &nightly["systems"]),
         (Some("30 2 * * *"), Some("Europe/Copenhagen"), &json!(["room/*"]))
     );
-    assert_eq!(nightly["next_runs"].as_array().unwrap().len(), 3);
+    assert_eq!((nightly["in_words"].as_str(), nightly["next_runs"].as_array().unwrap().len()), (Some("At 02:30."), 5));
     app.room("1", 1);
     app.room("2", 2);
     app.json("PUT", "/systems/room/3", &json!({"model": "rc2"})).expect(201);
@@ -145,6 +145,29 @@ fn there_are_several_schedules_and_all_but_the_nightly_one_can_go() {
     app.send("DELETE", "/schedules/nightly", &[], None).unwrap().problem(409, "schedule-not-removable");
     app.send("DELETE", "/schedules/weekly", &[], None).unwrap().expect(204);
     app.send("DELETE", "/schedules/weekly", &[], None).unwrap().problem(404, "schedule-not-found");
+}
+
+#[test]
+fn a_preview_says_when_it_would_run_and_keeps_nothing() {
+    let app = TestApp::with(|settings| settings.zone = "Europe/Copenhagen".into());
+    let weekly = json!({"cron": "0 5 * * 1", "systems": ["room/*"], "enabled": false});
+    let preview = app.json("POST", "/schedules/weekly/preview", &weekly).expect(200).json();
+    assert_eq!(preview["zone"], "Europe/Copenhagen");
+    let runs: Vec<Timestamp> = preview["next_runs"].as_array().unwrap().iter().map(|run| run.as_str().unwrap().parse().unwrap()).collect();
+    assert_eq!(runs.len(), 5);
+    for run in &runs {
+        let local = run.in_tz("Europe/Copenhagen").unwrap();
+        assert_eq!((local.hour(), local.minute(), local.weekday()), (5, 0, jiff::civil::Weekday::Monday));
+    }
+    assert!(runs.windows(2).all(|pair| (6 * 24 + 22..=7 * 24 + 2).contains(&pair[1].duration_since(pair[0]).as_hours())));
+    app.get("/schedules/weekly").expect(404);
+    // Every fault at once, as for the schedule itself.
+    let bad = json!({"cron": "61 * * * *", "zone": "Mars/Olympus", "systems": ["room"], "request": {"budget": {"evaluations": 0}}});
+    let problem = |method: &str, path: &str| app.json(method, path, &bad).expect(422).json();
+    let preview = problem("POST", "/schedules/weekly/preview");
+    let pointers: Vec<&str> = preview["errors"].as_array().unwrap().iter().map(|fault| fault["pointer"].as_str().unwrap()).collect();
+    assert!(["/cron", "/zone", "/systems/0"].iter().all(|pointer| pointers.contains(pointer)), "{pointers:?}");
+    assert_eq!(preview["errors"], problem("PUT", "/schedules/weekly")["errors"]);
 }
 
 #[test]

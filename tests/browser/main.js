@@ -1,10 +1,12 @@
 // All browser tests, one after another, against one demo.
 import { browser, demo, result } from './harness.js';
+import { evidence } from './evidence.js';
 import { story } from './story.js';
 import { edges } from './edges.js';
 import { pages } from './pages.js';
 import { pictures } from './pictures.js';
 import { reports } from './reports.js';
+import { schedules } from './schedules.js';
 
 const service = await demo(process.env.LAMPYRIS_BINARY);
 let chrome = null;
@@ -18,8 +20,10 @@ try {
   if (process.env.LAMPYRIS_PICTURES) {
     await pictures(chrome, service, process.env.LAMPYRIS_PICTURES);
   } else {
+    await evidence(chrome, service);
     await story(chrome, service);
     await edges(chrome, service);
+    await schedules(chrome, service);
     await pages(chrome, service);
     await reports(chrome, process.env.LAMPYRIS_BINARY);
   }

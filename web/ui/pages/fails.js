@@ -7,10 +7,9 @@ import { Frame } from '../parts/frame.js';
 import { Table } from '../parts/table.js';
 import { Shown, Empty } from '../parts/screens.js';
 import { Heatmap } from '../charts/heatmap.js';
-import { Bars } from '../charts/bars.js';
+import { ByLag, Innovations } from './residuals.js';
 
 const HOUR = 3600;
-const ACF_SHOWN = 48;
 
 export function Fails({ system, fit, query, document }) {
   const path = fit && `/fits/${fit}/diagnostics`;
@@ -52,7 +51,7 @@ function Failures({ data, path, zoom, zone }) {
         <${Table} caption="Worst six hours"
           columns=${[['when'], ['bias', 'number'], ['rmse', 'number'], ['of the error', 'number'], ['unusual then'], ['']]}
           rows=${data.episodes.map(episode => [
-            clock(episode.from, zone),
+            html`<span class="nowrap">${clock(episode.from, zone)}</span>`,
             `${signed(episode.bias)} ${unit}`,
             `${fixed(episode.rmse)} ${unit}`,
             percent(episode.share),
@@ -68,14 +67,8 @@ function Failures({ data, path, zoom, zone }) {
         <p class="note">Judged on the ${data.judged_on} part.</p>
       </section>
     </div>
-    <div class="grid">
-      <section><${Table} caption="Residual against each channel"
-        columns=${[['channel'], ['correlation', 'number'], ['strongest at a lag of', 'number'], ['']]}
-        rows=${data.residual_by_input.map(input => [input.channel, signed(input.correlation), `${number(input.lag_hours)} h`,
-          html`<${Strength} of=${input.correlation} />`])} />
-        <p class="note">An input that a controller moves, such as heating, follows the output: there a correlation is weaker evidence.</p></section>
-      <${Innovations} data=${data.innovations} path=${path} rho=${data.rho[output]} floor=${data.noise_floor[output]} unit=${unit} />
-    </div>`;
+    <${ByLag} inputs=${data.residual_by_input} path=${path} />
+    <${Innovations} data=${data.innovations} path=${path} rho=${data.rho[output]} floor=${data.noise_floor[output]} unit=${unit} />`;
 }
 
 const contextOf = context =>
@@ -100,25 +93,4 @@ function Regimes({ rows, unit }) {
             'var(--heldout)' : 'var(--model)' }}></span>`,
       ])} />
     <p class="note">Bias is measured − model. An orange bar: more of the error than of the time. Circumstances overlap.</p>`;
-}
-
-const Strength = ({ of }) =>
-  html`<span class="bar" aria-hidden="true"
-    style=${{ width: `${Math.round(Math.abs(of) * 90)}px`, background: `var(--${of > 0 ? 'heldout' : 'model'})` }}></span>`;
-
-function Innovations({ data, path, rho, floor, unit }) {
-  const shown = data.acf.slice(0, ACF_SHOWN);
-  const outside = shown.filter(value => Math.abs(value) > data.acf_band).length;
-  const says = `One-step errors against themselves: ${outside} of ${shown.length} lags lie outside of what chance alone would give (±${number(data.acf_band)}).`;
-  return html`<${Frame} title="Innovations: autocorrelation" path=${path} summary=${says}
-    note=${`${says} Noise floor ${number(floor)} ${unit}; the free run errs by ${number(rho)} times the noise that is left in it${rho > 1.6 ? ': something physical is probably missing' : ''}.`}
-    table=${() => ({
-      columns: [
-        ['lag, samples', 'number'],
-        ['autocorrelation', 'number'],
-      ],
-      rows: data.acf.map((value, lag) => [lag + 1, number(value)]),
-    })}>
-    <${Bars} values=${shown} first=${1} band=${data.acf_band} xLabel="lag, samples" yLabel="correlation" label=${says} />
-  </${Frame}>`;
 }

@@ -13,6 +13,7 @@ import { Failed, Loading, Empty } from '../parts/screens.js';
 import { JobWatch } from '../parts/watch.js';
 import { Bars } from '../charts/bars.js';
 import { Adding } from './adding.js';
+import { Evidence } from './evidence.js';
 
 const SAYS = {
   named: 'Something physical is missing here, and it has a name.',
@@ -67,7 +68,8 @@ export function Diagnosis({ data, system, document, query, search }) {
     ${data.warnings.map(warning => html`<p class="note">▲ ${warning}</p>`)}
     <${Adding} diagnosis=${data} system=${system} document=${document} effect=${adding} steps=${steps} taken=${() => setAdding(null)}
       grown=${setModel} />
-    ${data.findings.map(finding => html`<${Finding} key=${finding.effect} finding=${finding} data=${data} added=${there(finding.effect)}
+    ${data.findings.map(finding => html`<${Finding} key=${finding.effect} finding=${finding} data=${data} path=${path} added=${there(finding.effect)}
+      zone=${document.location?.zone ?? 'UTC'}
       add=${REPORT ? null : () => setAdding({ effect: finding.effect, title: finding.title })} />`)}
     ${data.findings.length === 0 && data.verdict !== 'adequate' &&
       html`<p>No effect of the catalogue passed both gates: the gain on the data that were fitted, and the error on unseen data.</p>`}
@@ -93,7 +95,7 @@ const PARTS = [
   ['test', 'test (never used)'],
 ];
 
-function Finding({ finding, data, added, add }) {
+function Finding({ finding, data, path, zone, added, add }) {
   const pairs = [
     ...PARTS.map(([key, title]) => [title, finding.rmse[key]]),
     ...Object.entries(finding.rmse.validation_ahead ?? {}).map(([key, pair]) => [`${horizon(key)} ahead`, pair]),
@@ -126,6 +128,7 @@ function Finding({ finding, data, added, add }) {
               html`<${Status} of="bad" label="at bound" />` : ''])} /></details>
       </div>
     </div>
+    <${Evidence} finding=${finding} path=${path} zone=${zone} />
   </article>`;
 }
 

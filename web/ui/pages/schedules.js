@@ -1,41 +1,80 @@
-// When the service fits by itself.
-import { html } from '../html.js';
-import { useList, post, curl } from '../api.js';
+// When the service fits by itself: what is planned, and a form to change it.
+import { html, useState } from '../html.js';
+import { useList, post, put, remove } from '../api.js';
 import { address, go } from '../router.js';
-import { sayFault } from '../say.js';
-import { clock, fromNow, words, NONE } from '../format.js';
+import { say, sayFault } from '../say.js';
+import { clock, words, NONE } from '../format.js';
 import { Status } from '../parts/status.js';
 import { Table } from '../parts/table.js';
-import { Command } from '../parts/frame.js';
-import { Shown, Empty } from '../parts/screens.js';
+import { Dialog } from '../parts/dialog.js';
+import { Failed, Shown, Empty } from '../parts/screens.js';
+import { Editor, Runs, pathOf } from './schedule.js';
 
-const NIGHTLY = { cron: '30 2 * * *', zone: 'UTC', systems: ['room/*'] };
+/** What is sent back of a schedule that was read. */
+const bodyOf = ({ cron, zone, enabled, systems, request }) => ({ cron, zone, enabled, systems, request });
 
 export function Schedules() {
   const schedules = useList('/schedules');
-  const run = name =>
-    post(`/schedules/${encodeURIComponent(name)}/run`).then(
+  const [edited, setEdited] = useState(null);
+  const [removed, setRemoved] = useState(null);
+  const run = entry =>
+    post(`${pathOf(entry.name)}/run`).then(
       batch => go(address(batch?.id?.startsWith('bat_') ? ['batches', batch.id] : ['jobs'])),
       sayFault,
     );
-  return html`<h1>Schedules</h1>
-    <${Shown} of=${schedules} what="the schedules"
-      empty=${html`<${Empty} title="Nothing is scheduled"><p>This makes a nightly one:</p><${Command}
-        text=${curl('/schedules/nightly', { method: 'PUT', body: NIGHTLY })} /></${Empty}>`}
+  const pause = entry =>
+    put(pathOf(entry.name), { ...bodyOf(entry), enabled: !entry.enabled }).then(() => {
+      say(`${entry.name} ${entry.enabled ? 'is paused' : 'runs again'}`);
+      schedules.reload();
+    }, sayFault);
+  const make = html`<button class="main" onClick=${() => setEdited({})}>New schedule</button>`;
+  return html`
+    <div class="row apart"><h1>Schedules</h1>${make}</div>
+    <${Shown} of=${schedules} what="the schedules" empty=${html`<${Empty} title="Nothing is scheduled"><p>A schedule fits systems anew by itself,
+      every night for example.</p></${Empty}>`}
       show=${list => html`<${Table} caption="Schedules" hidden
-        columns=${[['name'], ['state'], ['cron'], ['systems'], ['next runs'], ['last run'], ['if missed'], ['']]}
+        columns=${[['name'], ['state'], ['when'], ['systems'], ['next runs'], ['last run'], ['']]}
         rows=${list.map(entry => [
           entry.name,
-          html`<${Status} of=${entry.enabled ? 'ok' : 'cancelled'} label=${entry.enabled ? 'on' : 'off'} />`,
-          html`<code>${entry.cron}</code> ${entry.zone}`,
+          html`<${Status} of=${entry.enabled ? 'ok' : 'cancelled'} label=${entry.enabled ? 'on' : 'paused'} />`,
+          html`${entry.in_words}<br /><span class="quiet"><code class="nowrap">${entry.cron}</code> ${entry.zone}</span>`,
           entry.systems.join(', '),
-          html`${entry.next_runs.slice(0, 5).map((at, index) =>
-            html`<div class=${index ? 'quiet' : ''}>${clock(at, entry.zone)}${index ? '' : ` (${fromNow(at)})`}</div>`)}`,
-          entry.last_run ? clock(typeof entry.last_run === 'string' ? entry.last_run : entry.last_run.at) : NONE,
-          words(entry.misfire),
-          html`<button onClick=${() => run(entry.name)}>Run now</button>`,
+          entry.enabled ? html`<${Runs} at=${entry.next_runs} zone=${entry.zone} />` : NONE,
+          html`${
+            entry.last_run
+              ? html`<a class="nowrap" href=${address(['batches', entry.last_run.batch])}>${clock(entry.last_run.at, entry.zone)}</a>`
+              : NONE
+          }${entry.last_result && html`<br /><span class="quiet">${words(entry.last_result)}</span>`}`,
+          html`<span class="row nowrap">
+            <button aria-label=${`Run now: ${entry.name}`} onClick=${() => run(entry)}>Run now</button>
+            <button aria-label=${`Edit ${entry.name}`} onClick=${() => setEdited(entry)}>Edit</button>
+            <button aria-label=${`${entry.enabled ? 'Pause' : 'Resume'} ${entry.name}`} onClick=${() => pause(entry)}>${
+              entry.enabled ? 'Pause' : 'Resume'
+            }</button>
+            <button aria-label=${`Delete ${entry.name}`} onClick=${() => setRemoved(entry)}>Delete</button></span>`,
         ])} />
-        <details class="card"><summary>Change one</summary><${Command}
-          text=${curl(`/schedules/${list[0].name}`, { method: 'PUT', body: { cron: list[0].cron, zone: list[0].zone,
-            systems: list[0].systems } })} /></details>`} />`;
+        <p class="note">Runs that were missed while the service was down are made up for once.</p>`} />
+    ${edited && html`<${Editor} schedule=${edited.name ? { name: edited.name, ...bodyOf(edited) } : null} taken=${schedules.data ?? []}
+      close=${() => setEdited(null)} done=${name => {
+        say(`${name} is kept`);
+        setEdited(null);
+        schedules.reload();
+      }} />`}
+    ${removed && html`<${Removal} schedule=${removed} close=${() => setRemoved(null)} done=${() => {
+      say(`${removed.name} is deleted`);
+      setRemoved(null);
+      schedules.reload();
+    }} />`}`;
+}
+
+function Removal({ schedule, close, done }) {
+  const [error, setError] = useState(null);
+  return html`<${Dialog} title=${`Delete ${schedule.name}?`} close=${close}>
+    <p>It runs no more. What it has submitted stays.</p>
+    ${error && html`<${Failed} error=${error} />`}
+    <p class="row end">
+      <button onClick=${close}>Leave it</button>
+      <button class="main" disabled=${error !== null} onClick=${() => remove(pathOf(schedule.name)).then(done, setError)}>Delete it</button>
+    </p>
+  </${Dialog}>`;
 }

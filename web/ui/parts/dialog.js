@@ -5,7 +5,10 @@ import { Failed } from './screens.js';
 export function Dialog({ title, close, children }) {
   const dialog = useRef(null);
   useEffect(() => {
+    // Where the focus was, it is again: a dialog that is taken away does not give it back by itself.
+    const before = document.activeElement;
     dialog.current.showModal();
+    return () => before?.focus();
   }, []);
   return html`<dialog ref=${dialog} onClose=${close} aria-label=${title}>
     <h2>${title}</h2>

@@ -1,0 +1,48 @@
+// The charts that a modeller believes a finding by, or does not: their numbers are those of the service.
+import { ask, holds, test } from './harness.js';
+
+const HIDES_TWO = 'room/7';
+/** A real house whose day the innovations still know, and whose heater a thermostat moves. */
+const KNOWS_THE_DAY = 'room/5';
+
+export async function evidence(chrome, { base }) {
+  await test(chrome, 'each_finding_shows_the_error_beside_its_shape', {}, async page => {
+    await page.goto(`${base}/ui/systems/${HIDES_TWO}/missing`);
+    const [{ id }] = (await ask(base, `/diagnoses?system=${HIDES_TWO}`)).items;
+    const { findings } = await ask(base, `/diagnoses/${id}`);
+    for (const { title, shape } of findings) {
+      const lines = page.getByRole('figure', { name: `${title}: the unexplained error beside its shape` });
+      await lines.locator('canvas').waitFor();
+      await lines.getByRole('button', { name: 'Table' }).click();
+      const at = shape.unexplained.findIndex(value => value !== null);
+      const row = lines.getByRole('row', { name: shape.time[at] });
+      const told = (await row.getByRole('cell').allInnerTexts()).join();
+      holds(told === `${shape.unexplained[at]},${shape.effect[at]}`, `${told} beside ${shape.unexplained[at]},${shape.effect[at]}`);
+      const points = page.getByRole('figure', { name: `${title}: unexplained by what it would add` }).locator('svg.chart circle');
+      holds((await points.count()) === shape.added.bins.length, `${await points.count()} points`);
+      const across = await points.evaluateAll(all => all.map(point => Number(point.getAttribute('cx'))));
+      holds(
+        across.every((x, place) => place === 0 || x > across[place - 1]),
+        'the points are not in the order of their bins',
+      );
+    }
+  });
+
+  await test(chrome, 'residuals_by_lag_and_by_frequency_are_charts_with_their_numbers', {}, async page => {
+    const [{ id }] = (await ask(base, `/fits?system=${KNOWS_THE_DAY}&page_size=1`)).items;
+    const told = await ask(base, `/fits/${id}/diagnostics`);
+    await page.goto(`${base}/ui/systems/${KNOWS_THE_DAY}/fails?fit=${id}`);
+    const lags = page.getByRole('figure', { name: 'Residual against each channel, by lag' });
+    await lags.locator('svg.chart').first().waitFor();
+    holds((await lags.locator('svg.chart').count()) === told.residual_by_input.length, 'an input is missing');
+    const marked = await lags.locator('section', { hasText: 'closed loop: weaker evidence' }).locator('b').allInnerTexts();
+    const moved = told.residual_by_input.filter(input => input.feedback).map(input => input.channel);
+    holds(moved.length > 0 && marked.join() === moved.join(), `${marked} beside ${moved}`);
+    const periodogram = page.getByRole('figure', { name: 'Innovations: cumulated periodogram' });
+    await periodogram.locator('svg.chart text', { hasText: /^24 h: \d+ %$/ }).waitFor();
+    await periodogram.getByRole('button', { name: 'Table' }).click();
+    await periodogram.getByRole('columnheader', { name: 'cycles a day' }).waitFor();
+    const rows = await periodogram.locator('tbody tr').count();
+    holds(rows === told.innovations.cycles_per_day.length, `${rows} rows`);
+  });
+}

@@ -1,0 +1,111 @@
+// Whether anything is left in the residuals: with which input they go, and what the innovations do over time.
+import { html } from '../html.js';
+import { number, signed, percent } from '../format.js';
+import { Frame } from '../parts/frame.js';
+import { Bars } from '../charts/bars.js';
+import { Curve } from '../charts/curve.js';
+
+const ACF_SHOWN = 48;
+/** Below this no curve of a correlation fills its chart. */
+const LEAST_RANGE = 0.3;
+const HOURS = [0, 6, 12, 18, 24];
+
+/** The free-run residual against each channel by lag, a small chart for each. */
+export function ByLag({ inputs, path }) {
+  if (inputs.length === 0) return null;
+  const most = Math.max(LEAST_RANGE, ...inputs.flatMap(input => input.correlations.map(Math.abs)));
+  const says = inputs
+    .slice(0, 3)
+    .map(
+      input =>
+        `${input.channel} ${signed(input.correlation)} at ${number(input.lag_hours)} h${input.feedback ? ' (closed loop: weaker evidence)' : ''}`,
+    )
+    .join(', ');
+  const lags = inputs[0].lags_hours;
+  return html`<${Frame} title="Residual against each channel, by lag" path=${path} summary=${`Strongest: ${says}.`}
+    note=${`How the free-run error goes with what a channel was so many hours before. It names companions, no causes, and is no evidence by itself: such errors depend on their own past, so that chance alone gives large correlations, and the same hour comes again after a day.${
+      inputs.some(input => input.feedback) ? ' Closed loop: a controller may move this input by the very output, which is weaker evidence still.' : ''
+    }`}
+    table=${() => ({
+      columns: [['lag, h', 'number'], ...inputs.map(input => [input.channel, 'number'])],
+      rows: lags.map((lag, at) => [number(lag), ...inputs.map(input => number(input.correlations[at]))]),
+    })}>
+    <div class="small-multiples">${inputs.map(
+      input => html`<section>
+        <p><b>${input.channel}</b> <span class="quiet nowrap">${signed(input.correlation)} at ${number(input.lag_hours)} h</span>
+          ${input.feedback && html` <span class="flag">closed loop: weaker evidence</span>`}</p>
+        <${Curve} height=${130} range=${[-most, most]} at=${HOURS} zero xLabel="lag, h" yLabel="correlation"
+          lines=${[{ colour: 'model', open: true, points: input.correlations.map((value, at) => [input.lags_hours[at], value]) }]}
+          label=${`${input.channel}: ${signed(input.correlation)} at a lag of ${number(input.lag_hours)} h.`} />
+      </section>`,
+    )}</div>
+  </${Frame}>`;
+}
+
+/** The one-step innovations by lag and by frequency. */
+export function Innovations({ data, path, rho, floor, unit }) {
+  const shown = data.acf.slice(0, ACF_SHOWN);
+  if (shown.length === 0) return null;
+  const outside = shown.filter(value => Math.abs(value) > data.acf_band).length;
+  const says = `One-step errors against themselves: ${outside} of ${shown.length} lags lie outside of what chance alone would give (±${number(data.acf_band)}).`;
+  return html`
+    <p class="note">What follows is of the one-step errors, whose noise floor is ${number(floor)} ${unit}. They must look like noise in a good model, and
+      may do so in a bad one. The free run errs by ${number(rho)} times the noise that is left in it${rho > 1.6 ? ': something physical is probably missing' : ''}.</p>
+    <div class="grid">
+      <${Frame} title="Innovations: autocorrelation" path=${path} summary=${says} note=${says}
+        table=${() => ({
+          columns: [
+            ['lag, samples', 'number'],
+            ['lag, h', 'number'],
+            ['autocorrelation', 'number'],
+          ],
+          rows: data.acf.map((value, lag) => [lag + 1, number((lag + 1) * data.step_hours), number(value)]),
+        })}>
+        <${Bars} values=${shown} first=${1} band=${data.acf_band} height=${230} xLabel=${`lag, samples of ${number(60 * data.step_hours)} min`}
+          yLabel="correlation" label=${says} />
+      </${Frame}>
+      <${Periodogram} data=${data} path=${path} />
+    </div>`;
+}
+
+/** A period as people say it. */
+const period = hours => (hours >= 48 ? `${number(hours / 24)} d` : hours < 1 ? `${number(60 * hours)} min` : `${number(hours)} h`);
+
+function Periodogram({ data, path }) {
+  const { distance_limit: limit } = data;
+  const last = data.cycles_per_day.at(-1);
+  const within = value => Math.min(Math.max(value, 0), 1);
+  const band = Array.from({ length: 101 }, (_, at) => [(last * at) / 100, within(at / 100 - limit), within(at / 100 + limit)]);
+  const peaks = data.peaks.map(peak => ({ x: 24 / peak.period_hours, text: `${period(peak.period_hours)}: ${percent(peak.share)}` }));
+  const leaves = data.largest_distance > limit;
+  const says = `Largest distance from the straight line of white noise ${number(data.largest_distance)}; 95 % of white noise stays below ${number(limit)}. ${
+    data.peaks.length > 0
+      ? `Periods that stand out: ${data.peaks.map(peak => `${period(peak.period_hours)} with ${percent(peak.share)} of the power`).join(', ')}.`
+      : 'No single period stands out.'
+  }`;
+  return html`<${Frame} title="Innovations: cumulated periodogram" path=${path} summary=${says}
+    note=${`${leaves ? '▲ It leaves the band. ' : ''}${says}`}
+    table=${() => ({
+      columns: [
+        ['cycles a day', 'number'],
+        ['period', 'number'],
+        ['share of the power up to here', 'number'],
+      ],
+      rows: data.cycles_per_day.map((cycles, at) => [number(cycles), period(24 / cycles), number(data.cumulated_periodogram[at])]),
+    })}>
+    <${Curve} height=${230} range=${[0, 1]} band=${band} peaks=${peaks} xLabel="cycles a day" yLabel="share of the power" label=${says}
+      lines=${[
+        { label: 'innovations', colour: 'model', open: true, points: data.cycles_per_day.map((x, at) => [x, data.cumulated_periodogram[at]]) },
+        {
+          label: 'white noise, with its 95 % band',
+          colour: 'strong-edge',
+          dash: '4 4',
+          open: true,
+          points: [
+            [0, 0],
+            [last, 1],
+          ],
+        },
+      ]} />
+  </${Frame}>`;
+}
