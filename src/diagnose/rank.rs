@@ -20,6 +20,11 @@ pub const LEAST_SHAPE_BIC: f64 = 20.0;
 /// Ratio of free-run error to innovation deviation above which slow effects are let in by slower measures: where a
 /// model is right but for little, the likelihood sees what is missing.
 const CRUDE_RHO: f64 = 1.5;
+/// Below this ratio a modest gain of the BIC needs both measures of unseen data, or nearly all of the error: a structure
+/// that is a little wrong gains a little by almost anything.
+const NEAR_RHO: f64 = 3.0;
+const MODEST_BIC: f64 = 25.0;
+const NEARLY_ALL: f64 = 0.9;
 /// Least share of the unseen free-run error beyond the noise.
 pub const LEAST_SHARE: f64 = 0.20;
 /// Or least share of the unseen innovations.
@@ -33,9 +38,9 @@ const STRICT_WHITE_SHARE: f64 = 0.35;
 const MOST_DAYS: f64 = 0.7;
 /// An error that falls at least to this share has fallen: what matters to nobody is no finding.
 const LEAST_FALL: f64 = 0.9;
-/// Unless the likelihood gains this much, and most of the error beyond the noise is explained.
-const PLAIN_BIC: f64 = 50.0;
-const PLAIN_SHARE: f64 = 0.5;
+/// Unless the likelihood gains this much, and as much of the error beyond the noise is explained as is asked of the strict:
+/// near the noise an error cannot fall by a tenth.
+const PLAIN_BIC: f64 = 40.0;
 /// Suspects within this much of the winner, or this much alike, are named together with it.
 const TIE_BIC: f64 = 10.0;
 const TIE_CORRELATION: f64 = 0.9;
@@ -141,10 +146,10 @@ pub fn round(null: &mut Null, suspects: &[Suspect], strict: bool) -> Option<Roun
         placebo = median_gain(&tried, suspects);
     }
     day_ahead(null, suspects, &mut tried);
-    let crude = null.rho().is_some_and(|rho| rho >= CRUDE_RHO);
+    let rho = null.rho().unwrap_or(f64::INFINITY);
     for one in &mut tried {
         let suspect = &suspects[one.suspect];
-        one.gate = gate(suspect, one, strict, crude, placebo);
+        one.gate = gate(suspect, one, strict, rho, placebo);
     }
     let winner = tried.iter().position(|one| one.gate.is_none());
     let tied = winner.map_or_else(Vec::new, |winner| ties(&mut tried, suspects, winner));
@@ -365,7 +370,7 @@ fn day_ahead(null: &Null, suspects: &[Suspect], tried: &mut [Tried]) {
 }
 
 /// What stops a suspect.
-fn gate(suspect: &Suspect, one: &Tried, strict: bool, crude: bool, placebo: f64) -> Option<(Gate, String)> {
+fn gate(suspect: &Suspect, one: &Tried, strict: bool, rho: f64, placebo: f64) -> Option<(Gate, String)> {
     let percent = |share: Option<f64>| share.map_or_else(|| "no unseen data".to_owned(), |share| format!("{:.0} %", 100.0 * share));
     if one.active == 0 {
         return Some((Gate::Bound, "it fits best where it does nothing".to_owned()));
@@ -384,7 +389,7 @@ fn gate(suspect: &Suspect, one: &Tried, strict: bool, crude: bool, placebo: f64)
     let doubtful = suspect.by_clock || (one.score.imitated && !reaches(one.share, STRICT_SHARE));
     let (slow, least) = match doubtful {
         true => (false, LEAST_SHAPE_BIC),
-        false => (crude && !endogenous && explains_slowly(one), LEAST_BIC),
+        false => (rho >= CRUDE_RHO && !endogenous && explains_slowly(one), LEAST_BIC),
     };
     if !slow && !reaches(Some(one.delta_bic), least) {
         return Some((Gate::Bic, format!("it gains {:.1} in BIC, and {least} is asked for", one.delta_bic)));
@@ -392,10 +397,14 @@ fn gate(suspect: &Suspect, one: &Tried, strict: bool, crude: bool, placebo: f64)
     // Whatever the likelihood says: what leaves the unseen error as it is is no cause of it.
     let one_step = one.white_share.map(|share| (1.0 - share).max(0.0).sqrt());
     let falls = [one.fall, one.ahead_fall, one_step].into_iter().flatten().any(|fall| fall <= LEAST_FALL);
-    // Near the noise an error cannot fall by much.
-    let most = one.delta_bic >= PLAIN_BIC && reaches(one.share, PLAIN_SHARE);
-    if !falls && !most {
+    let plain = reaches(Some(one.delta_bic), PLAIN_BIC) && reaches(one.share, STRICT_SHARE);
+    if !falls && !plain {
         let why = "neither the free run nor forecasts a step or a day ahead err a tenth less with it on unseen data";
+        return Some((Gate::HeldOut, why.to_owned()));
+    }
+    let both = reaches(one.share, LEAST_SHARE) && reaches(one.white_share, LEAST_WHITE_SHARE);
+    if rho < NEAR_RHO && one.delta_bic < MODEST_BIC && !both && !reaches(one.share, NEARLY_ALL) {
+        let why = "it gains little, and the free run and the innovations on unseen data do not both confirm it";
         return Some((Gate::HeldOut, why.to_owned()));
     }
     if slow {
@@ -422,7 +431,8 @@ fn gate(suspect: &Suspect, one: &Tried, strict: bool, crude: bool, placebo: f64)
 /// forecasts a day ahead from re-estimated states or in the free run of most days.
 fn explains_slowly(one: &Tried) -> bool {
     let gains = one.slow_delta_bic.is_some_and(|gain| gain >= LEAST_BIC) && one.better_days[0] >= MOST_DAYS;
-    let ahead = one.ahead_share.is_some_and(|share| share >= STRICT_SHARE);
+    // States that are re-estimated hide much, but not innovations that grow.
+    let ahead = one.ahead_share.is_some_and(|share| share >= STRICT_SHARE) && one.white_share.is_none_or(|share| share >= 0.0);
     let free = one.share.is_some_and(|share| share >= STRICT_SHARE) && one.better_days[1] >= MOST_DAYS;
     gains && (ahead || free)
 }
