@@ -80,9 +80,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let fit = fit.map_err(|error| Failure::Error(error.to_string()))?;
     let judgement = validate(&problem, &fit, None, &Policy::default());
     if arguments.json {
-        let document = serde_json::json!({
-            "fit": fit, "verdict": judgement.verdict.word(), "summary": judgement.summary, "checks": judgement.checks,
-        });
+        let document = report::fit_document(report::ID, &fit, &judgement, &jiff::Timestamp::now().to_string())?;
         print(&document.to_string());
     } else {
         print(&table(&fit));

@@ -16,8 +16,8 @@ use serde::Serialize;
 use serde_json::{Map, Value, json};
 use std::path::Path;
 
-/// The name of the one fit, diagnosis and system of a report.
-const ID: &str = "report";
+/// The name of the one fit, diagnosis and system of a run without a service.
+pub const ID: &str = "report";
 /// Most points of a line of the free run; of the forecasts, of which there are several.
 const POINTS: [usize; 2] = [20_000, 2_000];
 const HORIZONS: [&str; 3] = ["PT1H", "PT6H", "PT24H"];
@@ -54,16 +54,7 @@ fn data(found: &Found<'_>) -> Result<Value, Failure> {
     let named = Named { id: ID, system: ID, fit };
     let made_at = Timestamp::now().to_string();
     let mut answers = Map::new();
-    let mut judged = json!({
-        "id": ID, "system": ID, "verdict": found.judgement.verdict.word(), "summary": found.judgement.summary,
-        "checks": found.judgement.checks, "waits_for_operator": false, "decision": null, "created_at": made_at,
-    });
-    if fit.parts.validation.is_none() {
-        judged["verdict"] = Value::Null;
-        judged["checks"] = json!([]);
-        judged["summary"] = json!("without unseen data there is nothing to judge: this is a study and no candidate for a controller");
-    }
-    answers.insert(format!("/fits/{ID}"), joined(judged, fit)?);
+    answers.insert(format!("/fits/{ID}"), fit_document(ID, fit, found.judgement, &made_at)?);
     let asked = |horizon, max_points| Asked { horizon, from: None, to: None, max_points, format: Format::Json };
     answers.insert(format!("/fits/{ID}/comparison?mode=free_run"), read(comparison::document(&named, &replay, &asked(None, POINTS[0])))?);
     for name in HORIZONS {
@@ -97,6 +88,23 @@ fn data(found: &Found<'_>) -> Result<Value, Failure> {
         "zone": fit.basis.as_ref().and_then(|basis| basis.zone.clone()),
         "answers": answers,
     }))
+}
+
+/// A fit with its verdict, as `GET /fits/{id}` shows one of which no service knows.
+///
+/// # Errors
+/// Where it cannot be written.
+pub fn fit_document(id: &str, fit: &Fit, judgement: &Judgement, made_at: &str) -> Result<Value, Failure> {
+    let mut judged = json!({
+        "id": id, "system": id, "verdict": judgement.verdict.word(), "summary": judgement.summary,
+        "checks": judgement.checks, "waits_for_operator": false, "decision": null, "created_at": made_at,
+    });
+    if fit.parts.validation.is_none() {
+        judged["verdict"] = Value::Null;
+        judged["checks"] = json!([]);
+        judged["summary"] = json!("without unseen data there is nothing to judge: this is a study and no candidate for a controller");
+    }
+    joined(judged, fit)
 }
 
 /// A document with what the service would add to it in front.

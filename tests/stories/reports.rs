@@ -32,19 +32,19 @@ fn a_report_of_a_fit_holds_what_was_printed_and_asks_nobody() {
     assert_eq!(data["kind"], "fit");
     let answers = data["answers"].as_object().unwrap();
     let fit = &answers["/fits/report"];
-    for (name, value) in printed["fit"].as_object().unwrap() {
+    for (name, value) in printed.as_object().unwrap().iter().filter(|(name, _)| *name != "created_at") {
         assert_eq!(&fit[name], value, "{name}");
     }
-    assert_eq!((&fit["verdict"], &fit["checks"]), (&printed["verdict"], &printed["checks"]));
+    assert!(printed["verdict"].is_string() && !printed["checks"].as_array().unwrap().is_empty());
     // What is drawn is what the printed errors were computed from: every sample, and the same number out of them.
     let run = &answers["/fits/report/comparison?mode=free_run"];
     assert_eq!((&run["thinning"], &run["provenance"]["reproduced"]), (&Value::Null, &Value::Bool(true)));
     let numbers = |values: &Value| values["values"].as_array().unwrap().iter().map(Value::as_f64).collect::<Vec<_>>();
     let (measured, simulated) = (numbers(&run["outputs"]["T_room"]["measured"]), numbers(&run["outputs"]["T_room"]["simulated"]));
-    let end = run["time"].as_array().unwrap().iter().position(|time| *time == printed["fit"]["parts"]["train"]["to"]).unwrap();
+    let end = run["time"].as_array().unwrap().iter().position(|time| *time == printed["parts"]["train"]["to"]).unwrap();
     let squares: Vec<f64> = measured.iter().zip(&simulated).take(end + 1).filter_map(|(a, b)| Some(((*a)? - (*b)?).powi(2))).collect();
     let rmse = (squares.iter().sum::<f64>() / squares.len() as f64).sqrt();
-    let stored = printed["fit"]["metrics"]["T_room"]["train_rmse"].as_f64().unwrap();
+    let stored = printed["metrics"]["T_room"]["train_rmse"].as_f64().unwrap();
     assert!((rmse - stored).abs() < 1e-9, "{rmse} beside {stored}");
     assert!(answers["/fits/report/diagnostics"]["by_regime"].as_array().unwrap().len() > 3);
 
