@@ -12,6 +12,7 @@ use crate::jobs::{JobsError, Service, now, schedule, worker};
 use crate::model::Catalogue;
 use crate::settings::Settings;
 use crate::store::{self, Store, StoreError};
+use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 use std::net::SocketAddr;
 use std::sync::Arc;
 use std::sync::atomic::AtomicUsize;
@@ -23,6 +24,8 @@ use tokio::task::{JoinHandle, JoinSet};
 
 /// How long jobs and answers under way may take after the service was asked to stop. Five seconds are promised.
 const GRACE: Duration = Duration::from_secs(4);
+/// Files beside those of connections: the database, the log, the runtime.
+const SPARE_FILES: u64 = 128;
 
 /// A running service.
 #[derive(Debug)]
@@ -151,15 +154,7 @@ impl App {
         tasks.spawn(events::follow(service.clone()));
         tasks.spawn(params::keep_fresh(service.clone()));
         tasks.spawn(schedule::run(service.clone()));
-        let mut stopping = service.stopping.subscribe();
-        let router = http::router(service.clone());
-        let server = tokio::spawn(async move {
-            axum::serve(listener, router)
-                .with_graceful_shutdown(async move {
-                    let _ = stopping.wait_for(|stopping| *stopping).await;
-                })
-                .await
-        });
+        let server = tokio::spawn(http::listen(listener, service.clone()));
         tracing::info!(%addr, boot, "listening on http://{addr}");
         Ok(App { addr, service, server, tasks })
     }
@@ -206,6 +201,7 @@ impl App {
 pub async fn serve(settings: Settings, ready: impl FnOnce(SocketAddr)) -> Result<(), AppError> {
     let mut terminate = signal(SignalKind::terminate()).map_err(AppError::Io)?;
     let mut interrupt = signal(SignalKind::interrupt()).map_err(AppError::Io)?;
+    allow_files(settings.limits.connections);
     let app = App::start(settings).await?;
     ready(app.addr);
     tokio::select! {
@@ -214,6 +210,18 @@ pub async fn serve(settings: Settings, ready: impl FnOnce(SocketAddr)) -> Result
     }
     tracing::info!("asked to stop");
     app.shutdown().await
+}
+
+/// Lets this process have as many files open as its connections need, as far as the system allows.
+fn allow_files(connections: usize) {
+    let needed = connections as u64 + SPARE_FILES;
+    let limit = getrlimit(Resource::Nofile);
+    let allowed = limit.maximum.map_or(needed, |most| most.min(needed));
+    if limit.current.is_some_and(|current| current < allowed)
+        && let Err(error) = setrlimit(Resource::Nofile, Rlimit { current: Some(allowed), ..limit })
+    {
+        tracing::warn!(%error, "the number of open files stays as it is");
+    }
 }
 
 /// CPU threads of one worker.

@@ -18,7 +18,7 @@ const REFUSALS: [(&str, &str, &str); 7] = [
     ("400", "Malformed", "The body is no JSON, or ended early"),
     ("404", "NotFound", "There is no such thing"),
     ("413", "TooLarge", "The body is larger than `limit` bytes"),
-    ("415", "MediaType", "`Content-Type` does not say what the body must be"),
+    ("415", "MediaType", "`Content-Type` does not say what the body must be, or the body is compressed"),
     ("422", "Invalid", "The request has faults; all of them are listed"),
     ("500", "Internal", "A fault of the service"),
     ("503", "Unavailable", "The database cannot do this now; `Retry-After` says when to ask again"),

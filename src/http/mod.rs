@@ -18,6 +18,7 @@ mod fits;
 mod history;
 mod jobs;
 mod layout;
+mod listen;
 mod metrics;
 mod models;
 mod negotiate;
@@ -32,6 +33,7 @@ mod systems;
 mod web;
 mod windows;
 
+pub use listen::listen;
 pub use models::document as model_document;
 pub use web::page_part;
 

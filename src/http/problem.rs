@@ -75,6 +75,10 @@ pub enum ApiError {
     TooLarge(usize),
     /// The body ended early.
     BrokenBody,
+    /// The body did not come within these seconds.
+    SlowBody(u64),
+    /// The body is compressed.
+    Encoded,
     /// The idempotency key belongs to another request.
     KeyReused,
     /// The job waits or runs: which, and the word for it.
@@ -189,6 +193,14 @@ impl ApiError {
             }
             ApiError::BrokenBody => {
                 plain(StatusCode::BAD_REQUEST, "broken-body", "The body could not be read", "the body ended early".into())
+            }
+            ApiError::SlowBody(seconds) => {
+                let detail = format!("a body comes within {seconds} seconds");
+                plain(StatusCode::REQUEST_TIMEOUT, "body-too-slow", "The body came too slowly", detail)
+            }
+            ApiError::Encoded => {
+                let detail = "a body is sent as it is: leave Content-Encoding out".to_owned();
+                plain(StatusCode::UNSUPPORTED_MEDIA_TYPE, "unsupported-content-encoding", "The body is compressed", detail)
             }
             ApiError::KeyReused => {
                 let detail = "the Idempotency-Key was used for another request".into();

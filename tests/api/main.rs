@@ -12,6 +12,7 @@ mod fits;
 mod hostile;
 mod jobs;
 mod layout;
+mod limits;
 mod models;
 mod operators;
 mod params;
