@@ -8,6 +8,7 @@ use crate::jobs::interactive::Interactive;
 use crate::jobs::metrics::Metrics;
 use crate::jobs::models::SharedCatalogue;
 use crate::jobs::params::{self, Snapshot};
+use crate::jobs::tokens::{self, Tokens};
 use crate::jobs::{JobsError, Service, now, schedule, worker};
 use crate::model::Catalogue;
 use crate::settings::Settings;
@@ -42,7 +43,7 @@ pub struct App {
 pub enum AppError {
     /// The settings make no sense.
     Settings(Vec<crate::fault::Fault>),
-    /// Whoever can reach the address can do everything: without tokens that is nobody but this machine.
+    /// Where there are no tokens, whoever can reach the address can do everything: that may be this machine alone.
     NotLoopback(SocketAddr),
     /// The address cannot be listened on.
     Bind(SocketAddr, std::io::Error),
@@ -68,7 +69,11 @@ impl std::fmt::Display for AppError {
                 list(f, faults)
             }
             AppError::NotLoopback(addr) => {
-                write!(f, "{addr} can be reached from other machines, and there are no tokens: bind to 127.0.0.1 and put a proxy in front")
+                write!(
+                    f,
+                    "{addr} can be reached from other machines, and there are no tokens: make one first, with\n  \
+                     lampyris token create --name NAME --scope admin --database FILE\nor bind to 127.0.0.1"
+                )
             }
             AppError::Bind(addr, error) => write!(f, "cannot listen on {addr}: {error}"),
             AppError::Catalogue(faults) => {
@@ -107,11 +112,12 @@ impl App {
         if !faults.is_empty() {
             return Err(AppError::Settings(faults));
         }
-        if !settings.bind.ip().is_loopback() {
-            return Err(AppError::NotLoopback(settings.bind));
-        }
         let builtin = Catalogue::builtin().map_err(AppError::Catalogue)?;
         let store = Store::open(&settings.database).await?;
+        let tokens = Tokens::load(&store).await?;
+        if tokens.is_open() && !settings.bind.ip().is_loopback() {
+            return Err(AppError::NotLoopback(settings.bind));
+        }
         let boot = store.next_boot().await?;
         let recovered = store::jobs::recover(&store, boot, now()).await?;
         if !recovered.requeued.is_empty() || !recovered.failed.is_empty() {
@@ -127,6 +133,7 @@ impl App {
             board: Board::default(),
             interactive: Interactive::new(threads(&settings)).map_err(AppError::Threads)?,
             events: Events::new(boot, store::events::newest(&store).await?),
+            tokens,
             metrics: Metrics::new(now()),
             params: Snapshot::default(),
             arrivals: Arrivals::default(),
@@ -154,6 +161,7 @@ impl App {
         tasks.spawn(events::follow(service.clone()));
         tasks.spawn(params::keep_fresh(service.clone()));
         tasks.spawn(schedule::run(service.clone()));
+        tasks.spawn(tokens::follow(service.clone()));
         let server = tokio::spawn(http::listen(listener, service.clone()));
         tracing::info!(%addr, boot, "listening on http://{addr}");
         Ok(App { addr, service, server, tasks })

@@ -12,6 +12,7 @@ use hyper::server::conn::http1;
 use hyper::service::service_fn;
 use hyper_util::rt::{TokioIo, TokioTimer};
 use std::io::{Error, ErrorKind};
+use std::net::IpAddr;
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::net::{TcpListener, TcpStream};
@@ -21,6 +22,10 @@ use tower::Service as _;
 
 /// A pause where the system gives no connection, such as for want of file descriptors: trying on would burn a core.
 const PAUSE: Duration = Duration::from_millis(200);
+
+/// The address that a request came from.
+#[derive(Debug, Clone, Copy)]
+pub struct Peer(pub IpAddr);
 
 /// Serves until the service is asked to stop, and then until the answers under way are sent.
 ///
@@ -45,8 +50,8 @@ pub async fn listen(listener: TcpListener, service: Shared) -> std::io::Result<(
             _ = stopping.wait_for(|stopping| *stopping) => break,
         };
         match accepted {
-            Ok((stream, _)) => {
-                let serving = serve(builder.clone(), stream, router.clone(), service.stopping.subscribe());
+            Ok((stream, peer)) => {
+                let serving = serve(builder.clone(), stream, peer.ip(), router.clone(), service.stopping.subscribe());
                 open.spawn(async move {
                     serving.await;
                     drop(place);
@@ -67,10 +72,12 @@ pub async fn listen(listener: TcpListener, service: Shared) -> std::io::Result<(
 }
 
 /// Serves one connection to its end.
-async fn serve(builder: http1::Builder, stream: TcpStream, router: Router, mut stopping: watch::Receiver<bool>) {
+async fn serve(builder: http1::Builder, stream: TcpStream, peer: IpAddr, router: Router, mut stopping: watch::Receiver<bool>) {
     let answer = service_fn(move |request: Request<Incoming>| {
+        let mut request = request.map(Body::new);
+        request.extensions_mut().insert(Peer(peer));
         // A router is always ready.
-        router.clone().call(request.map(Body::new))
+        router.clone().call(request)
     });
     let connection = builder.serve_connection(TokioIo::new(stream), answer);
     tokio::pin!(connection);
