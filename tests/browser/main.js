@@ -5,6 +5,7 @@ import { edges } from './edges.js';
 import { pages } from './pages.js';
 import { pictures } from './pictures.js';
 import { reports } from './reports.js';
+import { tokens } from './tokens.js';
 
 const service = await demo(process.env.LAMPYRIS_BINARY);
 let chrome = null;
@@ -22,6 +23,7 @@ try {
     await edges(chrome, service);
     await pages(chrome, service);
     await reports(chrome, process.env.LAMPYRIS_BINARY);
+    await tokens(chrome, process.env.LAMPYRIS_BINARY);
   }
 } finally {
   await stop();
