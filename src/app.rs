@@ -8,10 +8,12 @@ use crate::jobs::interactive::Interactive;
 use crate::jobs::metrics::Metrics;
 use crate::jobs::models::SharedCatalogue;
 use crate::jobs::params::{self, Snapshot};
+use crate::jobs::tokens::{self, Tokens};
 use crate::jobs::{JobsError, Service, now, schedule, worker};
 use crate::model::Catalogue;
 use crate::settings::Settings;
 use crate::store::{self, Store, StoreError};
+use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 use std::net::SocketAddr;
 use std::sync::Arc;
 use std::sync::atomic::AtomicUsize;
@@ -23,6 +25,8 @@ use tokio::task::{JoinHandle, JoinSet};
 
 /// How long jobs and answers under way may take after the service was asked to stop. Five seconds are promised.
 const GRACE: Duration = Duration::from_secs(4);
+/// Files beside those of connections: the database, the log, the runtime.
+const SPARE_FILES: u64 = 128;
 
 /// A running service.
 #[derive(Debug)]
@@ -39,7 +43,7 @@ pub struct App {
 pub enum AppError {
     /// The settings make no sense.
     Settings(Vec<crate::fault::Fault>),
-    /// Whoever can reach the address can do everything: without tokens that is nobody but this machine.
+    /// Where there are no tokens, whoever can reach the address can do everything: that may be this machine alone.
     NotLoopback(SocketAddr),
     /// The address cannot be listened on.
     Bind(SocketAddr, std::io::Error),
@@ -65,7 +69,11 @@ impl std::fmt::Display for AppError {
                 list(f, faults)
             }
             AppError::NotLoopback(addr) => {
-                write!(f, "{addr} can be reached from other machines, and there are no tokens: bind to 127.0.0.1 and put a proxy in front")
+                write!(
+                    f,
+                    "{addr} can be reached from other machines, and there are no tokens: make one first, with\n  \
+                     lampyris token create --name NAME --scope admin --database FILE\nor bind to 127.0.0.1"
+                )
             }
             AppError::Bind(addr, error) => write!(f, "cannot listen on {addr}: {error}"),
             AppError::Catalogue(faults) => {
@@ -104,11 +112,12 @@ impl App {
         if !faults.is_empty() {
             return Err(AppError::Settings(faults));
         }
-        if !settings.bind.ip().is_loopback() {
-            return Err(AppError::NotLoopback(settings.bind));
-        }
         let builtin = Catalogue::builtin().map_err(AppError::Catalogue)?;
         let store = Store::open(&settings.database).await?;
+        let tokens = Tokens::load(&store).await?;
+        if tokens.is_open() && !settings.bind.ip().is_loopback() {
+            return Err(AppError::NotLoopback(settings.bind));
+        }
         let boot = store.next_boot().await?;
         let recovered = store::jobs::recover(&store, boot, now()).await?;
         if !recovered.requeued.is_empty() || !recovered.failed.is_empty() {
@@ -124,6 +133,7 @@ impl App {
             board: Board::default(),
             interactive: Interactive::new(threads(&settings)).map_err(AppError::Threads)?,
             events: Events::new(boot, store::events::newest(&store).await?),
+            tokens,
             metrics: Metrics::new(now()),
             params: Snapshot::default(),
             arrivals: Arrivals::default(),
@@ -151,15 +161,8 @@ impl App {
         tasks.spawn(events::follow(service.clone()));
         tasks.spawn(params::keep_fresh(service.clone()));
         tasks.spawn(schedule::run(service.clone()));
-        let mut stopping = service.stopping.subscribe();
-        let router = http::router(service.clone());
-        let server = tokio::spawn(async move {
-            axum::serve(listener, router)
-                .with_graceful_shutdown(async move {
-                    let _ = stopping.wait_for(|stopping| *stopping).await;
-                })
-                .await
-        });
+        tasks.spawn(tokens::follow(service.clone()));
+        let server = tokio::spawn(http::listen(listener, service.clone()));
         tracing::info!(%addr, boot, "listening on http://{addr}");
         Ok(App { addr, service, server, tasks })
     }
@@ -206,6 +209,7 @@ impl App {
 pub async fn serve(settings: Settings, ready: impl FnOnce(SocketAddr)) -> Result<(), AppError> {
     let mut terminate = signal(SignalKind::terminate()).map_err(AppError::Io)?;
     let mut interrupt = signal(SignalKind::interrupt()).map_err(AppError::Io)?;
+    allow_files(settings.limits.connections);
     let app = App::start(settings).await?;
     ready(app.addr);
     tokio::select! {
@@ -214,6 +218,18 @@ pub async fn serve(settings: Settings, ready: impl FnOnce(SocketAddr)) -> Result
     }
     tracing::info!("asked to stop");
     app.shutdown().await
+}
+
+/// Lets this process have as many files open as its connections need, as far as the system allows.
+fn allow_files(connections: usize) {
+    let needed = connections as u64 + SPARE_FILES;
+    let limit = getrlimit(Resource::Nofile);
+    let allowed = limit.maximum.map_or(needed, |most| most.min(needed));
+    if limit.current.is_some_and(|current| current < allowed)
+        && let Err(error) = setrlimit(Resource::Nofile, Rlimit { current: Some(allowed), ..limit })
+    {
+        tracing::warn!(%error, "the number of open files stays as it is");
+    }
 }
 
 /// CPU threads of one worker.

@@ -35,6 +35,12 @@ pub struct Limits {
     pub queue: usize,
     /// Longest a job may run, in seconds, whatever it asks for.
     pub job_seconds: u64,
+    /// Most connections at a time; more wait in the system.
+    pub connections: usize,
+    /// Seconds that a client may take for the head of a request, or leave a connection idle.
+    pub header_seconds: u64,
+    /// Seconds that a client may take to send a body.
+    pub body_seconds: u64,
 }
 
 impl Default for Settings {
@@ -52,12 +58,20 @@ impl Default for Settings {
 
 impl Default for Limits {
     fn default() -> Self {
-        Self { window_bytes: 64 << 20, body_bytes: 1 << 20, queue: 10_000, job_seconds: 3_600 }
+        Self {
+            window_bytes: 64 << 20,
+            body_bytes: 1 << 20,
+            queue: 10_000,
+            job_seconds: 3_600,
+            connections: 4_096,
+            header_seconds: 10,
+            body_seconds: 30,
+        }
     }
 }
 
 /// The variables of the environment and the fields that they stand for.
-const VARIABLES: [(&str, &str); 9] = [
+const VARIABLES: [(&str, &str); 12] = [
     ("LAMPYRIS_BIND", "/bind"),
     ("LAMPYRIS_DATABASE", "/database"),
     ("LAMPYRIS_WORKERS", "/workers"),
@@ -67,6 +81,9 @@ const VARIABLES: [(&str, &str); 9] = [
     ("LAMPYRIS_LIMITS_BODY_BYTES", "/limits/body_bytes"),
     ("LAMPYRIS_LIMITS_QUEUE", "/limits/queue"),
     ("LAMPYRIS_LIMITS_JOB_SECONDS", "/limits/job_seconds"),
+    ("LAMPYRIS_LIMITS_CONNECTIONS", "/limits/connections"),
+    ("LAMPYRIS_LIMITS_HEADER_SECONDS", "/limits/header_seconds"),
+    ("LAMPYRIS_LIMITS_BODY_SECONDS", "/limits/body_seconds"),
 ];
 
 impl Settings {
@@ -128,7 +145,10 @@ impl Settings {
             "/limits/window_bytes" => read(&mut self.limits.window_bytes, text),
             "/limits/body_bytes" => read(&mut self.limits.body_bytes, text),
             "/limits/queue" => read(&mut self.limits.queue, text),
-            _ => read(&mut self.limits.job_seconds, text),
+            "/limits/job_seconds" => read(&mut self.limits.job_seconds, text),
+            "/limits/connections" => read(&mut self.limits.connections, text),
+            "/limits/header_seconds" => read(&mut self.limits.header_seconds, text),
+            _ => read(&mut self.limits.body_seconds, text),
         }
     }
 
@@ -147,6 +167,9 @@ impl Settings {
         demand(self.limits.body_bytes >= 1024, "/limits/body_bytes", "a body needs at least 1024 bytes");
         demand(self.limits.queue >= 1, "/limits/queue", "at least one job must be able to wait");
         demand(self.limits.job_seconds >= 1, "/limits/job_seconds", "a job needs at least a second");
+        demand((16..=1_000_000).contains(&self.limits.connections), "/limits/connections", "there are between 16 and 1000000 connections");
+        demand((1..=3_600).contains(&self.limits.header_seconds), "/limits/header_seconds", "a head takes between 1 and 3600 seconds");
+        demand((1..=3_600).contains(&self.limits.body_seconds), "/limits/body_seconds", "a body takes between 1 and 3600 seconds");
         faults
     }
 }

@@ -16,6 +16,7 @@ mod serve;
 mod server;
 mod systems;
 mod table;
+mod tokens;
 mod twin;
 mod watch;
 mod windows;
@@ -64,6 +65,8 @@ enum Verb {
     Systems(systems::Arguments),
     /// Measurements on a running server.
     Windows(windows::Arguments),
+    /// Who may ask a service: make, list and revoke tokens, in its database, also while it runs.
+    Token(tokens::Arguments),
     /// Print the OpenAPI document.
     Openapi,
     /// Print what a shell needs to complete these verbs.
@@ -117,6 +120,7 @@ pub fn run(cli: Cli) -> ExitCode {
         Verb::Models(arguments) => models::run(&arguments),
         Verb::Systems(arguments) => systems::run(&arguments),
         Verb::Windows(arguments) => windows::run(&arguments),
+        Verb::Token(arguments) => tokens::run(arguments),
         Verb::Openapi => {
             print(&lampyris::http::openapi_yaml());
             Ok(())

@@ -108,6 +108,12 @@ impl SystemPattern {
         glob(self.kind.as_bytes(), system.kind.as_bytes()) && glob(self.id.as_bytes(), system.id.as_bytes())
     }
 
+    /// Whether every system that the other pattern selects is selected by this one. A `*` of the other pattern can only be
+    /// met by a `*` of this one, as if it were a character of its own.
+    pub fn includes(&self, other: &SystemPattern) -> bool {
+        glob(self.kind.as_bytes(), other.kind.as_bytes()) && glob(self.id.as_bytes(), other.id.as_bytes())
+    }
+
     /// The one system that the pattern can select, where it holds no `*`.
     pub fn exact(&self) -> Option<SystemId> {
         SystemId::new(&self.kind, &self.id).ok()
@@ -224,7 +230,30 @@ mod tests {
         assert!("room/*".parse::<SystemPattern>().unwrap().exact().is_none());
     }
 
+    #[test]
+    fn a_pattern_includes_those_that_select_no_more() {
+        let includes = |one: &str, other: &str| one.parse::<SystemPattern>().unwrap().includes(&other.parse().unwrap());
+        assert!(
+            includes("*/*", "room/*") && includes("room/*", "room/*") && includes("room/*", "room/n*-1") && includes("room/4", "room/4")
+        );
+        assert!(
+            !includes("room/*", "*/*")
+                && !includes("room/4", "room/*")
+                && !includes("room/n*", "room/*n*")
+                && !includes("room/4", "room/5")
+        );
+    }
+
     proptest! {
+        #[test]
+        fn what_an_included_pattern_selects_is_selected(one in "[a*]{1,4}", other in "[a*]{1,4}", id in "[ab]{1,5}") {
+            let [one, other] = [one, other].map(|id| format!("room/{id}").parse::<SystemPattern>().unwrap());
+            let system: SystemId = format!("room/{id}").parse().unwrap();
+            if one.includes(&other) && other.matches(&system) {
+                prop_assert_eq!((one.matches(&system), system.to_string()), (true, system.to_string()));
+            }
+        }
+
         #[test]
         fn any_text_is_a_name_or_an_error(text in any::<String>()) {
             if let Ok(system) = text.parse::<SystemId>() {

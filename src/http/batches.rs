@@ -1,6 +1,7 @@
 //! Reports of recalibrations.
 
 use super::Shared;
+use super::access::Caller;
 use super::extract::Asked;
 use super::page::{Page, PageQuery};
 use super::problem::{ApiError, Problems};
@@ -161,9 +162,13 @@ fn sentence(counts: &BTreeMap<&'static str, usize>, jobs: usize, skipped: usize)
 
 /// Batches, newest first.
 #[utoipa::path(get, path = "/batches", tag = "jobs", params(PageQuery), responses((status = 200, body = Page<BatchListRow>), Problems))]
-async fn list_batches(State(service): State<Shared>, Asked(page): Asked<PageQuery>) -> Result<axum::Json<Page<BatchListRow>>, ApiError> {
+async fn list_batches(
+    State(service): State<Shared>,
+    caller: Caller,
+    Asked(page): Asked<PageQuery>,
+) -> Result<axum::Json<Page<BatchListRow>>, ApiError> {
     let size = page.size()?;
-    let records = store::batches::page(&service.store, page.before()?, size + 1).await?;
+    let records = store::batches::page(&service.store, caller.reach(), page.before()?, size + 1).await?;
     let row = |record: BatchSummary| BatchListRow {
         id: record.id,
         schedule: record.schedule,

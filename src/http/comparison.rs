@@ -1,6 +1,7 @@
 //! Fits beside the measurements, for charts and spreadsheets.
 
 use super::Shared;
+use super::access::Caller;
 use super::chart::{CompareBody, ComparisonBody};
 use super::extract::Asked as Query;
 use super::negotiate::{Wanted, rendered};
@@ -197,6 +198,7 @@ async fn get_comparison(
 )]
 async fn get_compare(
     State(service): State<Shared>,
+    caller: Caller,
     Wanted(format): Wanted,
     Query(query): Query<CompareQuery>,
 ) -> Result<Response, ApiError> {
@@ -207,5 +209,5 @@ async fn get_compare(
     if !faults.is_empty() {
         return Err(ApiError::Invalid(faults));
     }
-    Ok(rendered(format, super::shared_body(comparison::several(&service, &ids, &asked).await?)))
+    Ok(rendered(format, super::shared_body(comparison::several(&service, caller.reach(), &ids, &asked).await?)))
 }

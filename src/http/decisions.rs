@@ -1,6 +1,7 @@
 //! An operator's word on a fit that waits for it.
 
 use super::Shared;
+use super::access::Caller;
 use super::extract::Json;
 use super::fits::{FitAnswer, answer};
 use super::problem::{ApiError, PROBLEM_JSON, Problem, Problems};
@@ -28,8 +29,13 @@ pub fn router() -> OpenApiRouter<Shared> {
         Problems,
     )
 )]
-async fn promote_fit(State(service): State<Shared>, Path(id): Path<String>, body: Json) -> Result<axum::Json<FitAnswer>, ApiError> {
-    decisions::decide(&service, &id, Decision::Promoted, body.value).await?;
+async fn promote_fit(
+    State(service): State<Shared>,
+    caller: Caller,
+    Path(id): Path<String>,
+    body: Json,
+) -> Result<axum::Json<FitAnswer>, ApiError> {
+    decisions::decide(&service, &id, Decision::Promoted, body.value, caller.name()).await?;
     answer(&service, &id).await
 }
 
@@ -46,7 +52,12 @@ async fn promote_fit(State(service): State<Shared>, Path(id): Path<String>, body
         Problems,
     )
 )]
-async fn reject_fit(State(service): State<Shared>, Path(id): Path<String>, body: Json) -> Result<axum::Json<FitAnswer>, ApiError> {
-    decisions::decide(&service, &id, Decision::Rejected, body.value).await?;
+async fn reject_fit(
+    State(service): State<Shared>,
+    caller: Caller,
+    Path(id): Path<String>,
+    body: Json,
+) -> Result<axum::Json<FitAnswer>, ApiError> {
+    decisions::decide(&service, &id, Decision::Rejected, body.value, caller.name()).await?;
     answer(&service, &id).await
 }

@@ -1,5 +1,6 @@
 //! Completes what the handlers say of themselves: what holds for every path is said once, here.
 
+use super::access::declared;
 use super::examples;
 use super::problem::{PROBLEM_JSON, Problem};
 use crate::schema::{joined, text};
@@ -10,19 +11,26 @@ use std::collections::BTreeSet;
 use std::marker::PhantomData;
 use utoipa::openapi::path::{Operation, Parameter, ParameterIn, PathItem};
 use utoipa::openapi::schema::{AdditionalProperties, ArrayBuilder, OneOf, SchemaType, Type};
+use utoipa::openapi::security::{HttpAuthScheme, HttpBuilder, SecurityRequirement, SecurityScheme};
 use utoipa::openapi::{ContentBuilder, OpenApi, Ref, RefOr, ResponseBuilder, Schema};
 use utoipa::{PartialSchema, ToSchema};
 
 /// The refusals that the shape of an operation implies: status, name and description.
-const REFUSALS: [(&str, &str, &str); 7] = [
+const REFUSALS: [(&str, &str, &str); 10] = [
     ("400", "Malformed", "The body is no JSON, or ended early"),
-    ("404", "NotFound", "There is no such thing"),
+    ("401", "Unauthorized", "There are tokens, and none that is good was sent"),
+    ("403", "Forbidden", "The token is not good for this: `scope` names what is needed"),
+    ("404", "NotFound", "There is no such thing, or none that the token may see"),
     ("413", "TooLarge", "The body is larger than `limit` bytes"),
-    ("415", "MediaType", "`Content-Type` does not say what the body must be"),
+    ("415", "MediaType", "`Content-Type` does not say what the body must be, or the body is compressed"),
     ("422", "Invalid", "The request has faults; all of them are listed"),
+    ("429", "TooManyFailures", "So many wrong tokens came from this address; `Retry-After` says when another one is judged"),
     ("500", "Internal", "A fault of the service"),
     ("503", "Unavailable", "The database cannot do this now; `Retry-After` says when to ask again"),
 ];
+
+/// What the description calls the tokens.
+const TOKEN: &str = "token";
 
 /// What an answer says beside a document that it repeats: one object.
 #[derive(Debug, Serialize)]
@@ -89,10 +97,15 @@ pub fn completed(mut description: OpenApi) -> OpenApi {
                 }
             }
             complete_responses(method, operation);
+            secure(operation);
             examples::attach(operation);
         }
     }
     if let Some(components) = &mut description.components {
+        let text = "A token of `lampyris token create`. A service without any token answers its own machine without one. \
+                    The names after `token` are the scopes `read`, `operate` and `admin`; each includes those before it.";
+        let bearer = HttpBuilder::new().scheme(HttpAuthScheme::Bearer).description(Some(text)).build();
+        components.add_security_scheme(TOKEN, SecurityScheme::Http(bearer));
         for (_, name, text) in REFUSALS {
             let content = ContentBuilder::new().schema(Some(Ref::from_schema_name(Problem::name()))).build();
             let response = ResponseBuilder::new().description(text).content(PROBLEM_JSON, content).build();
@@ -124,6 +137,15 @@ fn complete_schema(name: &str, schema: &mut RefOr<Schema>, names: &BTreeSet<Stri
         }
         _ => {}
     }
+}
+
+/// Every operation: its path, its method in capitals, and its id.
+pub fn ids(description: &mut OpenApi) -> Vec<(String, &'static str, String)> {
+    let mut ids = Vec::new();
+    for (path, item) in &mut description.paths.paths {
+        ids.extend(operations(item).map(|(method, operation)| (path.clone(), method, operation.operation_id.clone().unwrap_or_default())));
+    }
+    ids
 }
 
 /// The names of the query of every path that has one, by path and method in capitals.
@@ -193,6 +215,19 @@ fn without_null(schema: &mut Schema) {
     }
 }
 
+/// Says which scope an operation needs, and how it is refused without.
+fn secure(operation: &mut Operation) {
+    let needed = operation.operation_id.as_deref().and_then(declared).map(|(needed, _)| needed);
+    // One that nobody has declared says nothing, which a test forbids.
+    let Some(needed) = needed else { return };
+    operation.security = Some(needed.iter().map(|scope| SecurityRequirement::new(TOKEN, [scope.word()])).collect());
+    if needed.is_some() {
+        for (status, name, _) in REFUSALS.iter().filter(|(status, ..)| ["401", "403", "429"].contains(status)) {
+            operation.responses.responses.entry((*status).to_owned()).or_insert_with(|| Ref::from_response_name(*name).into());
+        }
+    }
+}
+
 /// Puts the refusals that the shape of an operation implies in the place of `default`. Those that only some
 /// operations know, such as 409 and 429, are theirs to say.
 fn complete_responses(method: &str, operation: &mut Operation) {
@@ -213,6 +248,8 @@ fn complete_responses(method: &str, operation: &mut Operation) {
             "400" | "413" => method != "GET",
             "404" => has_path,
             "415" => operation.request_body.is_some(),
+            // These come with what an operation needs.
+            "401" | "403" | "429" => false,
             _ => true,
         };
         if is_possible {

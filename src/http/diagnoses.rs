@@ -1,6 +1,7 @@
 //! Which effect a model is missing, and the error ladder.
 
 use super::Shared;
+use super::access::Caller;
 use super::description::{Stored, With};
 use super::extract::{Asked, Named};
 use super::page::{Page, PageQuery};
@@ -111,13 +112,14 @@ impl DiagnosisRow {
 #[utoipa::path(get, path = "/diagnoses", tag = "diagnoses", params(DiagnosisQuery), responses((status = 200, body = Page<DiagnosisRow>), Problems))]
 async fn list_diagnoses(
     State(service): State<Shared>,
+    caller: Caller,
     Asked(query): Asked<DiagnosisQuery>,
 ) -> Result<axum::Json<Page<DiagnosisRow>>, ApiError> {
     let page = PageQuery { page_size: query.page_size, page_token: query.page_token };
     let system = query.system.as_deref().map(str::parse::<SystemId>).transpose();
     let system = system.map_err(|error| ApiError::Invalid(vec![Fault::new("query system", "invalid-system", error.to_string())]))?;
     let size = page.size()?;
-    let records = store::diagnoses::page(&service.store, system.as_ref(), page.before()?, size + 1).await?;
+    let records = store::diagnoses::page(&service.store, caller.reach(), system.as_ref(), page.before()?, size + 1).await?;
     Ok(axum::Json(Page::of(records, size, |record| record.sequence.to_string(), DiagnosisRow::of)))
 }
 

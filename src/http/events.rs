@@ -5,6 +5,7 @@
 //! and every end since. No end is lost; around a return an event may come twice.
 
 use super::Shared;
+use super::access::Caller;
 use super::extract::Asked;
 use super::jobs::{JobAnswer, require};
 use super::problem::{ApiError, PROBLEM_JSON, Problem, Problems};
@@ -15,6 +16,7 @@ use crate::jobs::events::{Event as Happening, Position, What};
 use crate::store;
 use crate::store::events::Missed;
 use crate::store::jobs::{JobRecord, JobState};
+use crate::store::reach::Reach;
 use axum::extract::{Path, State};
 use axum::http::{HeaderMap, StatusCode};
 use axum::response::sse::{Event, KeepAlive, Sse};
@@ -76,6 +78,8 @@ enum Whose {
 struct Listener {
     service: Shared,
     whose: Whose,
+    /// Of which systems it may hear.
+    reach: Reach,
     sender: mpsc::Sender<Result<Event, Infallible>>,
     stopping: watch::Receiver<bool>,
 }
@@ -141,6 +145,7 @@ enum JobEventName {
 )]
 async fn get_job_events(
     State(service): State<Shared>,
+    caller: Caller,
     Path(id): Path<String>,
     Asked(query): Asked<JobEventsQuery>,
     headers: HeaderMap,
@@ -150,7 +155,7 @@ async fn get_job_events(
     if last.is_some_and(|last| job.state.is_final() && last.sequence >= job.end_sequence.unwrap_or(0)) {
         return Ok(StatusCode::NO_CONTENT.into_response());
     }
-    Ok(stream(service, Whose::Job(id), last))
+    Ok(stream(service, Whose::Job(id), &caller, last))
 }
 
 /// The events of all jobs, or of those of one system, as they happen.
@@ -167,20 +172,25 @@ async fn get_job_events(
         Problems,
     )
 )]
-async fn get_events(State(service): State<Shared>, Asked(query): Asked<EventsQuery>, headers: HeaderMap) -> Result<Response, ApiError> {
+async fn get_events(
+    State(service): State<Shared>,
+    caller: Caller,
+    Asked(query): Asked<EventsQuery>,
+    headers: HeaderMap,
+) -> Result<Response, ApiError> {
     let whose = match query.system {
         None => Whose::All,
         Some(text) => {
             let invalid = |detail: String| ApiError::Invalid(vec![Fault::new("query system", "invalid-system", detail)]);
             let system: SystemId = text.parse().map_err(|error: crate::data::BadSystemId| invalid(error.to_string()))?;
-            if service.params.slot(&text).is_none() {
+            if service.params.slot(&text).is_none() || !caller.reach().covers(&system) {
                 return Err(ApiError::NotFound("system", text));
             }
             Whose::System(system)
         }
     };
     let last = last_event(&headers, query.last_event_id.as_deref());
-    Ok(stream(service, whose, last))
+    Ok(stream(service, whose, &caller, last))
 }
 
 /// Where a client left off. An id that this service did not write is none.
@@ -189,10 +199,10 @@ fn last_event(headers: &HeaderMap, query: Option<&str>) -> Option<Position> {
     header.or(query).and_then(Position::read)
 }
 
-fn stream(service: Shared, whose: Whose, last: Option<Position>) -> Response {
+fn stream(service: Shared, whose: Whose, caller: &Caller, last: Option<Position>) -> Response {
     let (sender, receiver) = mpsc::channel(AHEAD);
     let stopping = service.stopping.subscribe();
-    let mut listener = Listener { service, whose, sender, stopping };
+    let mut listener = Listener { service, whose, reach: caller.reach().clone(), sender, stopping };
     tokio::spawn(async move {
         // The client may go at any time; then there is nobody to tell.
         let _ = listener.listen(last).await;
@@ -232,11 +242,12 @@ impl Listener {
     }
 
     fn wants(&self, event: &Happening) -> bool {
-        match &self.whose {
-            Whose::Job(job) => event.job == *job,
-            Whose::System(system) => event.system == *system,
-            Whose::All => true,
-        }
+        self.reach.covers(&event.system)
+            && match &self.whose {
+                Whose::Job(job) => event.job == *job,
+                Whose::System(system) => event.system == *system,
+                Whose::All => true,
+            }
     }
 
     /// Tells how things stand to a client that the log cannot help, and says where the log goes on. Only ends have
@@ -275,7 +286,9 @@ impl Listener {
             let Some(newest) = waiting.last() else { return Ok(()) };
             cursor = newest.sequence;
             for job in waiting {
-                self.tell_job("queued", job, None).await?;
+                if self.reach.covers(&job.system) {
+                    self.tell_job("queued", job, None).await?;
+                }
             }
         }
     }
@@ -287,7 +300,9 @@ impl Listener {
             missed.after = newest;
             for job in ended {
                 let position = job.end_sequence.map(Position::of_sequence);
-                self.tell_job("finished", job, position).await?;
+                if self.reach.covers(&job.system) {
+                    self.tell_job("finished", job, position).await?;
+                }
             }
         }
     }

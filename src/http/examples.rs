@@ -12,7 +12,8 @@ use utoipa::openapi::path::Operation;
 use utoipa::openapi::{Content, RefOr};
 
 /// One per group of paths.
-const DOCUMENTS: [&str; 8] = [
+const DOCUMENTS: [&str; 9] = [
+    include_str!("examples/audit.json"),
     include_str!("examples/comparison.json"),
     include_str!("examples/diagnoses.json"),
     include_str!("examples/fits.json"),

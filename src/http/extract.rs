@@ -7,7 +7,7 @@ use crate::fault::Fault;
 use crate::jobs::blocking;
 use crate::jobs::decode::{self, Unread};
 use crate::store::idempotency::RequestKey;
-use axum::body::{Body, Bytes, to_bytes};
+use axum::body::{Body, Bytes};
 use axum::extract::{FromRequest, FromRequestParts, MatchedPath, Path, Query, Request, State};
 use axum::http::request::Parts;
 use axum::http::{HeaderMap, Method, header};
@@ -17,10 +17,13 @@ use serde::de::DeserializeOwned;
 use serde_json::{Map, Value};
 use std::collections::BTreeSet;
 use std::sync::Arc;
+use std::time::Duration;
+use tokio_stream::StreamExt;
 
 /// JSON beyond this size is parsed off the async threads.
 const LARGE: usize = 64 << 10;
-/// This much of a body that is too large is read beyond its limit.
+/// This much of a body that is too large is read beyond its limit and thrown away: a client that is still sending when
+/// the connection closes never hears why.
 const SPARE: usize = 1 << 20;
 /// The longest idempotency key.
 const LONGEST_KEY: usize = 255;
@@ -68,7 +71,7 @@ impl FromRequest<Shared> for Json {
             return Err(ApiError::MediaType("application/json"));
         }
         let (parts, body) = request.into_parts();
-        let body = read(&parts.headers, body, service.settings.limits.body_bytes).await?;
+        let body = read(&parts.headers, body, service.settings.limits.body_bytes, service).await?;
         let key = key(&parts, &body)?;
         let value = if body.len() > LARGE { blocking(move || decode::parse(&body)).await? } else { decode::parse(&body) };
         Ok(Self { value: value.map_err(unread)?, key })
@@ -81,7 +84,7 @@ impl FromRequest<Shared> for Raw {
     async fn from_request(request: Request, service: &Shared) -> Result<Self, ApiError> {
         let media_type = media_type(request.headers());
         let (parts, body) = request.into_parts();
-        let body = read(&parts.headers, body, service.settings.limits.window_bytes).await?;
+        let body = read(&parts.headers, body, service.settings.limits.window_bytes, service).await?;
         let key = key(&parts, &body)?;
         Ok(Self { body, media_type, key })
     }
@@ -92,7 +95,7 @@ impl FromRequest<Shared> for Empty {
 
     async fn from_request(request: Request, service: &Shared) -> Result<Self, ApiError> {
         let (parts, body) = request.into_parts();
-        let body = read(&parts.headers, body, service.settings.limits.body_bytes).await?;
+        let body = read(&parts.headers, body, service.settings.limits.body_bytes, service).await?;
         if !body.iter().all(u8::is_ascii_whitespace) && body.as_ref() != b"{}" {
             return Err(ApiError::Invalid(vec![Fault::new("", "unexpected-body", "this request has no body")]));
         }
@@ -208,25 +211,33 @@ fn media_type(headers: &HeaderMap) -> String {
     text.split(';').next().unwrap_or_default().trim().to_ascii_lowercase()
 }
 
-/// Reads a body up to a limit.
-async fn read(headers: &HeaderMap, body: Body, limit: usize) -> Result<Bytes, ApiError> {
-    let said = headers.get(header::CONTENT_LENGTH).and_then(|value| value.to_str().ok()).and_then(|text| text.parse::<u64>().ok());
-    if said.is_some_and(|said| usize::try_from(said).map_or(true, |said| said > limit)) {
-        // A client that is still sending when the connection closes never hears why, so a part is read in vain.
-        let _ = to_bytes(body, limit.saturating_add(SPARE)).await;
-        return Err(ApiError::TooLarge(limit));
+/// Reads a body up to a limit of bytes, and of time.
+async fn read(headers: &HeaderMap, body: Body, limit: usize, service: &Shared) -> Result<Bytes, ApiError> {
+    // What unpacks to a thousand times its size is refused before anything is unpacked.
+    if headers.get(header::CONTENT_ENCODING).is_some_and(|encoding| !encoding.as_bytes().eq_ignore_ascii_case(b"identity")) {
+        return Err(ApiError::Encoded);
     }
-    to_bytes(body, limit).await.map_err(|error| {
-        let mut cause: Option<&(dyn std::error::Error + 'static)> = Some(&error);
-        while let Some(one) = cause {
-            // The framework hides the type of this error; its words are part of its documentation.
-            if one.to_string().contains("length limit exceeded") {
-                return ApiError::TooLarge(limit);
-            }
-            cause = one.source();
+    let patience = Duration::from_secs(service.settings.limits.body_seconds);
+    tokio::time::timeout(patience, collect(body, limit)).await.unwrap_or(Err(ApiError::SlowBody(patience.as_secs())))
+}
+
+/// Reads a body to its end, or until it is clear that it is too large. No more than the limit is ever kept.
+async fn collect(body: Body, limit: usize) -> Result<Bytes, ApiError> {
+    let mut parts = body.into_data_stream();
+    let mut kept = Vec::new();
+    let mut length = 0;
+    while let Some(part) = parts.next().await {
+        let part = part.map_err(|_| ApiError::BrokenBody)?;
+        length += part.len();
+        if length <= limit {
+            kept.extend_from_slice(&part);
+        } else if length > limit.saturating_add(SPARE) {
+            break;
+        } else {
+            kept = Vec::new();
         }
-        ApiError::BrokenBody
-    })
+    }
+    if length > limit { Err(ApiError::TooLarge(limit)) } else { Ok(kept.into()) }
 }
 
 /// The client's key with the hash of what it asks: the same key for anything else is refused.

@@ -1,6 +1,7 @@
 //! What was found, and what the gate says of it.
 
 use super::Shared;
+use super::access::Caller;
 use super::description::With;
 use super::extract::Asked;
 use super::page::{Page, PageQuery};
@@ -109,10 +110,14 @@ struct FitQuery {
 
 /// Fits, newest first.
 #[utoipa::path(get, path = "/fits", tag = "fits", params(FitQuery), responses((status = 200, body = Page<FitRow>), Problems))]
-async fn list_fits(State(service): State<Shared>, Asked(query): Asked<FitQuery>) -> Result<axum::Json<Page<FitRow>>, ApiError> {
+async fn list_fits(
+    State(service): State<Shared>,
+    caller: Caller,
+    Asked(query): Asked<FitQuery>,
+) -> Result<axum::Json<Page<FitRow>>, ApiError> {
     let page = PageQuery { page_size: query.page_size, page_token: query.page_token };
     let size = page.size()?;
-    let entries = store::fits::page(&service.store, query.system.as_ref(), page.before()?, size + 1).await?;
+    let entries = store::fits::page(&service.store, caller.reach(), query.system.as_ref(), page.before()?, size + 1).await?;
     let row = |entry: FitEntry| FitRow {
         id: entry.id,
         job: entry.job,

@@ -1,6 +1,7 @@
 //! What was served before, and what an operator keeps in service.
 
 use super::Shared;
+use super::access::Caller;
 use super::extract::{Asked, Empty, Json, Named};
 use super::page::{Page, PageQuery};
 use super::problem::{ApiError, PROBLEM_JSON, Problem, Problems};
@@ -140,8 +141,8 @@ async fn get_history(
         Problems,
     )
 )]
-async fn put_pin(State(service): State<Shared>, Named(system): Named, body: Json) -> Result<Response, ApiError> {
-    decisions::pin(&service, &system, body.value).await?;
+async fn put_pin(State(service): State<Shared>, caller: Caller, Named(system): Named, body: Json) -> Result<Response, ApiError> {
+    decisions::pin(&service, &system, body.value, caller.name()).await?;
     let entry = service.params.entry(&system.to_string()).ok_or_else(|| ApiError::NotFound("system", system.to_string()))?;
     let served = entry.validated().ok_or_else(|| ApiError::Internal("a pinned system serves nothing".into()))?;
     let mut response = Body::from(Bytes::copy_from_slice(&served.body)).into_response();
@@ -157,7 +158,7 @@ async fn put_pin(State(service): State<Shared>, Named(system): Named, body: Json
     params(("kind" = String, Path), ("id" = String, Path)),
     responses((status = 204, description = "There is no pin any more"), Problems)
 )]
-async fn delete_pin(State(service): State<Shared>, Named(system): Named, _body: Empty) -> Result<StatusCode, ApiError> {
-    decisions::unpin(&service, &system).await?;
+async fn delete_pin(State(service): State<Shared>, caller: Caller, Named(system): Named, _body: Empty) -> Result<StatusCode, ApiError> {
+    decisions::unpin(&service, &system, caller.name()).await?;
     Ok(StatusCode::NO_CONTENT)
 }

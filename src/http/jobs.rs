@@ -1,6 +1,7 @@
 //! Jobs: posted here, run elsewhere.
 
 use super::Shared;
+use super::access::Caller;
 use super::batches::BatchAnswer;
 use super::extract::{Asked, Empty, Json};
 use super::page::{Page, PageQuery};
@@ -181,7 +182,8 @@ pub async fn require(service: &Service, id: &str) -> Result<JobRecord, ApiError>
         Problems,
     )
 )]
-async fn post_job(State(service): State<Shared>, body: Json) -> Result<Response, ApiError> {
+async fn post_job(State(service): State<Shared>, caller: Caller, body: Json) -> Result<Response, ApiError> {
+    caller.may_name(&service, &body.value)?;
     let asked = match request::read(body.value.clone()) {
         Ok(asked) => asked,
         Err(mut faults) => {
@@ -195,6 +197,7 @@ async fn post_job(State(service): State<Shared>, body: Json) -> Result<Response,
             job_answer(&service, submitted).await
         }
         JobRequest::Recalibrate { priority, batch } => {
+            caller.may_select(&batch.systems)?;
             let submitted = submit::recalibrate(&service, &batch, None, priority, body.key.as_ref()).await?;
             batch_answer(&service, submitted).await
         }
@@ -237,9 +240,13 @@ fn status(code: u16) -> StatusCode {
 
 /// Jobs, newest first.
 #[utoipa::path(get, path = "/jobs", tag = "jobs", params(JobQuery), responses((status = 200, body = Page<JobAnswer>), Problems))]
-async fn list_jobs(State(service): State<Shared>, Asked(query): Asked<JobQuery>) -> Result<axum::Json<Page<JobAnswer>>, ApiError> {
+async fn list_jobs(
+    State(service): State<Shared>,
+    caller: Caller,
+    Asked(query): Asked<JobQuery>,
+) -> Result<axum::Json<Page<JobAnswer>>, ApiError> {
     let page = PageQuery { page_size: query.page_size, page_token: query.page_token };
-    let filter = Filter { state: query.state, kind: query.kind, system: query.system };
+    let filter = Filter { state: query.state, kind: query.kind, system: query.system, reach: caller.reach().clone() };
     let size = page.size()?;
     let records = store::jobs::page(&service.store, &filter, page.before()?, size + 1).await?;
     Ok(axum::Json(Page::of(records, size, |record| record.sequence.to_string(), |record| JobAnswer::of(&service, record))))

@@ -1,6 +1,7 @@
 //! Figures for Prometheus: `/metrics`, and the layer that times the answers.
 
 use super::Shared;
+use super::access::Caller;
 use super::problem::Problems;
 use crate::jobs::metrics::Histogram;
 use crate::jobs::{now, params};
@@ -58,11 +59,11 @@ fn known(method: &Method) -> &'static str {
     tag = "service",
     responses((status = 200, description = "Text exposition format 0.0.4", body = String, content_type = "text/plain"), Problems)
 )]
-async fn get_metrics(State(service): State<Shared>) -> Response {
+async fn get_metrics(State(service): State<Shared>, caller: Caller) -> Response {
     let mut text = Exposition::default();
     about_the_service(&service, &mut text).await;
     about_jobs(&service, &mut text).await;
-    about_systems(&service, &mut text, now());
+    about_systems(&service, &caller, &mut text, now());
     about_requests(&service, &mut text);
     ([(header::CONTENT_TYPE, "text/plain; version=0.0.4; charset=utf-8")], text.0).into_response()
 }
@@ -75,6 +76,8 @@ async fn about_the_service(service: &Shared, text: &mut Exposition) {
     text.plain("process_start_time_seconds", "gauge", "When the service started, in seconds since 1970.", started);
     let writable = service.store.writable().await.is_ok();
     text.plain("lampyris_database_writable", "gauge", "Whether the database can be written.", f64::from(u8::from(writable)));
+    let refused = service.tokens.refused() as f64;
+    text.plain("lampyris_refused_total", "counter", "Requests that showed no token that is good.", refused);
     let workers = service.workers_alive.load(Ordering::Relaxed);
     text.plain("lampyris_workers", "gauge", "Workers that wait for jobs or run one.", workers as f64);
     text.plain("lampyris_event_listeners", "gauge", "Open streams of events.", service.events.listeners() as f64);
@@ -117,10 +120,10 @@ async fn about_jobs(service: &Shared, text: &mut Exposition) {
 }
 
 /// What is served, read from the finished bodies: nothing has to be counted while they are served.
-fn about_systems(service: &Shared, text: &mut Exposition, now: Timestamp) {
+fn about_systems(service: &Shared, caller: &Caller, text: &mut Exposition, now: Timestamp) {
     let mut counts = BTreeMap::from([("fresh", 0), ("stale", 0), ("fallback", 0), ("none", 0)]);
     let (mut ages, mut statuses, mut errors, mut bounds) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
-    for (system, entry) in service.params.all() {
+    for (system, entry) in service.params.all().into_iter().filter(|(system, _)| caller.may_see(system)) {
         let Some(served) = entry.validated() else {
             *counts.entry("none").or_default() += 1;
             continue;

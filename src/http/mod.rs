@@ -1,8 +1,11 @@
 //! The only axum. Each file owns its paths: router, request and response types, handlers.
 //!
-//! A handler checks, asks `jobs` or `store`, and answers; long work is for the CPU pools. The controller's
-//! paths (`params`) lie outside of all layers, so that a poll costs no more than its body; so does the page (`web`).
+//! A handler checks, asks `jobs` or `store`, and answers; long work is for the CPU pools. The guard (`access`) lies around
+//! every operation. The controller's paths (`params`) lie outside of all other layers, so that a poll costs no more than
+//! its body; the page (`web`) holds no data and lies outside of all.
 
+mod access;
+mod audit;
 mod batches;
 mod chart;
 mod comparison;
@@ -18,6 +21,7 @@ mod fits;
 mod history;
 mod jobs;
 mod layout;
+mod listen;
 mod metrics;
 mod models;
 mod negotiate;
@@ -32,6 +36,7 @@ mod systems;
 mod web;
 mod windows;
 
+pub use listen::listen;
 pub use models::document as model_document;
 pub use web::page_part;
 
@@ -92,6 +97,7 @@ fn layered() -> OpenApiRouter<Shared> {
         .merge(comparison::router())
         .merge(diagnostics::router())
         .merge(schedules::router())
+        .merge(audit::router())
         .merge(service::router())
         .merge(metrics::router())
         .merge(docs::router())
@@ -99,19 +105,22 @@ fn layered() -> OpenApiRouter<Shared> {
 
 /// The whole surface.
 pub fn router(service: Shared) -> Router {
-    let (layered, described) = layered().split_for_parts();
+    let (layered, mut described) = layered().split_for_parts();
+    let (lean, mut polled) = lean().split_for_parts();
+    let known: Vec<_> = description::ids(&mut described).into_iter().chain(description::ids(&mut polled)).collect();
+    let guard = axum::middleware::from_fn_with_state(access::Gate::new(service.clone(), known), access::guard);
     let asking = Arc::new(description::queries(described));
-    let (lean, _) = lean().split_for_parts();
     // The layer that is named last is the outermost.
     layered
         .layer(axum::middleware::from_fn_with_state(asking, extract::refuse_unknown))
+        .layer(guard.clone())
         .layer(CatchPanicLayer::custom(panicked))
         .layer(TimeoutLayer::with_status_code(StatusCode::SERVICE_UNAVAILABLE, REQUEST_TIMEOUT))
         .layer(axum::middleware::map_response(problem::as_problem))
         .layer(CompressionLayer::new())
         .layer(TraceLayer::new_for_http())
         .layer(axum::middleware::from_fn_with_state(service.clone(), metrics::measure))
-        .merge(lean)
+        .merge(lean.layer(guard))
         .merge(web::router())
         .fallback(async || ApiError::NoSuchPath)
         .method_not_allowed_fallback(async || ApiError::NoSuchMethod)

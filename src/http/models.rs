@@ -1,6 +1,7 @@
 //! Models and effects: documents that say what physics is thought to be at work.
 
 use super::Shared;
+use super::access::Caller;
 use super::extract::{Asked, Json};
 use super::page::{Page, PageQuery};
 use super::problem::{ApiError, PROBLEM_JSON, Problem, Problems};
@@ -210,8 +211,8 @@ fn paged<T: Serialize>(rows: Vec<T>, page: &PageQuery, id: impl Fn(&T) -> &str) 
         Problems,
     )
 )]
-async fn post_model(State(service): State<Shared>, body: Json) -> Result<Response, ApiError> {
-    let taken = models::create(&service, body.value, body.key.as_ref()).await?;
+async fn post_model(State(service): State<Shared>, caller: Caller, body: Json) -> Result<Response, ApiError> {
+    let taken = models::create(&service, body.value, caller.name(), body.key.as_ref()).await?;
     let id = taken.thing.id().to_owned();
     let answer = describe(&service, parse_id(&id)?).await?;
     Ok((created(taken.is_new), [(header::LOCATION, format!("/models/{id}"))], axum::Json(answer)).into_response())
@@ -260,9 +261,14 @@ async fn get_model(State(service): State<Shared>, Path(id): Path<String>) -> Res
         Problems,
     )
 )]
-async fn post_model_effect(State(service): State<Shared>, Path(id): Path<String>, body: Json) -> Result<Response, ApiError> {
+async fn post_model_effect(
+    State(service): State<Shared>,
+    caller: Caller,
+    Path(id): Path<String>,
+    body: Json,
+) -> Result<Response, ApiError> {
     let parent = parse_id(&id)?;
-    let taken = models::add_effect(&service, &parent, body.value, body.key.as_ref()).await?;
+    let taken = models::add_effect(&service, &parent, body.value, caller.name(), body.key.as_ref()).await?;
     let location = format!("/models/{}", taken.thing.get("id").and_then(Value::as_str).unwrap_or_default());
     Ok((created(taken.is_new), [(header::LOCATION, location)], axum::Json(taken.thing)).into_response())
 }
@@ -287,8 +293,8 @@ async fn list_effects(State(service): State<Shared>, Asked(page): Asked<PageQuer
         Problems,
     )
 )]
-async fn post_effect(State(service): State<Shared>, body: Json) -> Result<Response, ApiError> {
-    let taken = models::create_effect(&service, body.value, body.key.as_ref()).await?;
+async fn post_effect(State(service): State<Shared>, caller: Caller, body: Json) -> Result<Response, ApiError> {
+    let taken = models::create_effect(&service, body.value, caller.name(), body.key.as_ref()).await?;
     let location = format!("/effects/{}", taken.thing.id);
     Ok((created(taken.is_new), [(header::LOCATION, location)], axum::Json(taken.thing)).into_response())
 }

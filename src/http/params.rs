@@ -1,8 +1,9 @@
 //! What the controller asks for: 200 use these, 304 keep yours, 404 use your own baseline.
 //!
-//! The handlers answer from the snapshot. No layer lies around them: no trace, no compression, no time-out.
+//! The handlers answer from the snapshot. No layer lies around them but the guard: no trace, no compression, no time-out.
 
 use super::Shared;
+use super::access::Caller;
 use super::problem::{ApiError, Problems};
 use crate::fault::Fault;
 use crate::jobs::params::{Answer, Body as ParamsBody, Entry, Rendered};
@@ -101,15 +102,15 @@ async fn poll(service: &Shared, request: Request) -> Response {
     tag = "params",
     responses((status = 200, description = "All of them", body = super::page::Page<ParamsBody>), (status = 304, description = "Keep yours"), Problems)
 )]
-async fn list_params(State(service): State<Shared>, uri: Uri, headers: HeaderMap) -> Response {
+async fn list_params(State(service): State<Shared>, caller: Caller, uri: Uri, headers: HeaderMap) -> Response {
     if uri.query().is_some_and(|query| !query.is_empty()) {
         let fault = Fault::new("query", "unknown-field", "this path knows no query");
         return ApiError::Invalid(vec![fault]).into_response();
     }
     let mut body = Vec::from(br#"{"items":["#.as_slice());
     let mut first = true;
-    for (_, entry) in service.params.all() {
-        let Some(rendered) = entry.validated() else {
+    for (system, entry) in service.params.all() {
+        let Some(rendered) = entry.validated().filter(|_| caller.may_see(&system)) else {
             continue;
         };
         if !std::mem::take(&mut first) {

@@ -1,6 +1,7 @@
 //! What a model does: a short simulation for whoever edits it.
 
 use super::Shared;
+use super::access::Caller;
 use super::extract::Json;
 use super::problem::{ApiError, Problems};
 use crate::data::SystemId;
@@ -135,6 +136,7 @@ struct PreviewAnswer {
     request_body = PreviewBody,
     responses((status = 200, description = "What it does", body = PreviewAnswer), Problems)
 )]
-async fn preview_model(State(service): State<Shared>, body: Json) -> Result<axum::Json<Preview>, ApiError> {
+async fn preview_model(State(service): State<Shared>, caller: Caller, body: Json) -> Result<axum::Json<Preview>, ApiError> {
+    caller.may_name(&service, &body.value)?;
     Ok(axum::Json(preview::run(&service, body.value).await?))
 }

@@ -1,8 +1,10 @@
 //! Every answer that is an error, as a problem document (RFC 9457) with a stable slug and all faults at once.
 
+use crate::data::SystemPattern;
 use crate::fault::Fault;
 use crate::jobs::{JobsError, Refusal};
 use crate::store::StoreError;
+use crate::store::tokens::Scope;
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use serde::Serialize;
@@ -73,8 +75,27 @@ pub enum ApiError {
     NotAcceptable(&'static [&'static str]),
     /// The body is larger than this many bytes.
     TooLarge(usize),
+    /// No token that is good was sent, and why not.
+    Unauthorized(&'static str),
+    /// So many wrong tokens came from this address that no other one is judged for now.
+    TooManyFailures,
+    /// The token is not good for this.
+    Forbidden {
+        /// The scope that is needed.
+        needed: Scope,
+        /// The name of the token.
+        token: String,
+        /// The scope that it has.
+        has: Scope,
+    },
+    /// A pattern that selects more systems than the token may see.
+    OutOfReach(SystemPattern),
     /// The body ended early.
     BrokenBody,
+    /// The body did not come within these seconds.
+    SlowBody(u64),
+    /// The body is compressed.
+    Encoded,
     /// The idempotency key belongs to another request.
     KeyReused,
     /// The job waits or runs: which, and the word for it.
@@ -190,6 +211,29 @@ impl ApiError {
             ApiError::BrokenBody => {
                 plain(StatusCode::BAD_REQUEST, "broken-body", "The body could not be read", "the body ended early".into())
             }
+            ApiError::SlowBody(seconds) => {
+                let detail = format!("a body comes within {seconds} seconds");
+                plain(StatusCode::REQUEST_TIMEOUT, "body-too-slow", "The body came too slowly", detail)
+            }
+            ApiError::Encoded => {
+                let detail = "a body is sent as it is: leave Content-Encoding out".to_owned();
+                plain(StatusCode::UNSUPPORTED_MEDIA_TYPE, "unsupported-content-encoding", "The body is compressed", detail)
+            }
+            ApiError::Unauthorized(detail) => plain(StatusCode::UNAUTHORIZED, "unauthorized", "A token is needed", detail.to_owned()),
+            ApiError::TooManyFailures => {
+                let detail = "too many wrong tokens came from this address; one that is good would be taken".to_owned();
+                plain(StatusCode::TOO_MANY_REQUESTS, "too-many-failures", "Too many wrong tokens", detail)
+            }
+            ApiError::Forbidden { needed, token, has } => {
+                let detail = format!("this needs the scope `{}`, and the token `{token}` has `{}`", needed.word(), has.word());
+                let mut problem = plain(StatusCode::FORBIDDEN, "insufficient-scope", "The token is not good for this", detail);
+                problem.more.insert("scope".into(), needed.word().into());
+                problem
+            }
+            ApiError::OutOfReach(pattern) => {
+                let detail = format!("`{pattern}` selects systems that the token is not good for");
+                plain(StatusCode::FORBIDDEN, "out-of-reach", "The token is not good for these systems", detail)
+            }
             ApiError::KeyReused => {
                 let detail = "the Idempotency-Key was used for another request".into();
                 plain(StatusCode::UNPROCESSABLE_ENTITY, "idempotency-key-reused", "The idempotency key is taken", detail)
@@ -221,11 +265,25 @@ impl ApiError {
         }
     }
 
+    /// What would have been right, as RFC 6750 says it.
+    fn challenge(&self) -> Option<&'static str> {
+        match self {
+            ApiError::Unauthorized(_) => Some("Bearer realm=\"lampyris\""),
+            ApiError::Forbidden { needed, .. } => Some(match needed {
+                Scope::Read => "Bearer realm=\"lampyris\", error=\"insufficient_scope\", scope=\"read\"",
+                Scope::Operate => "Bearer realm=\"lampyris\", error=\"insufficient_scope\", scope=\"operate\"",
+                Scope::Admin => "Bearer realm=\"lampyris\", error=\"insufficient_scope\", scope=\"admin\"",
+            }),
+            _ => None,
+        }
+    }
+
     /// Seconds after which it may be worth asking again.
     fn retry_after(&self) -> Option<u32> {
         match self {
             ApiError::NeverValidated { pending: true, .. } | ApiError::Busy => Some(2),
             ApiError::QueueFull(_) => Some(10),
+            ApiError::TooManyFailures => Some(60),
             ApiError::Storage(_) | ApiError::TimedOut => Some(5),
             _ => None,
         }
@@ -265,9 +323,13 @@ impl IntoResponse for ApiError {
             _ => {}
         }
         let retry_after = self.retry_after();
+        let challenge = self.challenge();
         let mut response = self.problem().into_response();
         if let Some(seconds) = retry_after {
             response.headers_mut().insert(header::RETRY_AFTER, HeaderValue::from(seconds));
+        }
+        if let Some(challenge) = challenge {
+            response.headers_mut().insert(header::WWW_AUTHENTICATE, HeaderValue::from_static(challenge));
         }
         response
     }

@@ -1,6 +1,7 @@
 //! When systems are recalibrated.
 
 use super::Shared;
+use super::access::{Caller, within};
 use super::extract::{Asked, Empty, Json};
 use super::jobs::batch_answer;
 use super::page::{Page, PageQuery};
@@ -128,8 +129,9 @@ async fn get_schedule(State(service): State<Shared>, Path(name): Path<String>) -
     request_body = ScheduleDocument,
     responses((status = 200, description = "Replaced", body = ScheduleAnswer), (status = 201, description = "Made", body = ScheduleAnswer), Problems)
 )]
-async fn put_schedule(State(service): State<Shared>, Path(name): Path<String>, body: Json) -> Result<Response, ApiError> {
-    let is_new = schedule::put(&service, &name, body.value).await?;
+async fn put_schedule(State(service): State<Shared>, caller: Caller, Path(name): Path<String>, body: Json) -> Result<Response, ApiError> {
+    caller.may_select(&schedule::selected(&body.value))?;
+    let is_new = schedule::put(&service, &name, body.value, caller.name()).await?;
     let answer = ScheduleAnswer::of(require(&service, &name).await?);
     Ok((if is_new { StatusCode::CREATED } else { StatusCode::OK }, axum::Json(answer)).into_response())
 }
@@ -156,11 +158,13 @@ async fn preview_schedule(
 #[utoipa::path(get, path = "/schedules", tag = "schedules", params(PageQuery), responses((status = 200, body = Page<ScheduleAnswer>), Problems))]
 async fn list_schedules(
     State(service): State<Shared>,
+    caller: Caller,
     Asked(page): Asked<PageQuery>,
 ) -> Result<axum::Json<Page<ScheduleAnswer>>, ApiError> {
     let size = page.size()?;
     let after = page.page_token.unwrap_or_default();
-    let left: Vec<ScheduleRecord> = store::schedules::all(&service.store).await?.into_iter().filter(|record| record.name > after).collect();
+    let is_left = |record: &ScheduleRecord| record.name > after && within(caller.reach(), &record.request);
+    let left: Vec<ScheduleRecord> = store::schedules::all(&service.store).await?.into_iter().filter(is_left).collect();
     Ok(axum::Json(Page::of(left, size, |record| record.name.clone(), ScheduleAnswer::of)))
 }
 
@@ -176,12 +180,17 @@ async fn list_schedules(
         Problems,
     )
 )]
-async fn delete_schedule(State(service): State<Shared>, Path(name): Path<String>, _body: Empty) -> Result<StatusCode, ApiError> {
+async fn delete_schedule(
+    State(service): State<Shared>,
+    caller: Caller,
+    Path(name): Path<String>,
+    _body: Empty,
+) -> Result<StatusCode, ApiError> {
     if name == schedule::NIGHTLY {
         let detail = "the nightly schedule is part of the service: put it with `\"enabled\": false` instead".to_owned();
         return Err(ApiError::Refused(Refusal::new("schedule-not-removable", detail)));
     }
-    if !store::schedules::delete(&service.store, &name).await? {
+    if !store::schedules::delete(&service.store, &name, caller.name(), now()).await? {
         return Err(ApiError::NotFound("schedule", name));
     }
     service.wake_schedule.notify_one();

@@ -1,6 +1,7 @@
 //! Rooms and plants.
 
 use super::Shared;
+use super::access::Caller;
 use super::description::With;
 use super::extract::{Asked, Json, Named};
 use super::page::{Page, PageQuery};
@@ -152,10 +153,14 @@ struct StateAnswer {
 
 /// All systems, one row each: health, error, status.
 #[utoipa::path(get, path = "/systems", tag = "systems", params(PageQuery), responses((status = 200, body = Page<SystemRow>), Problems))]
-async fn list_systems(State(service): State<Shared>, Asked(page): Asked<PageQuery>) -> Result<axum::Json<Page<SystemRow>>, ApiError> {
+async fn list_systems(
+    State(service): State<Shared>,
+    caller: Caller,
+    Asked(page): Asked<PageQuery>,
+) -> Result<axum::Json<Page<SystemRow>>, ApiError> {
     let size = page.size()?;
     let after = page.page_token.unwrap_or_default();
-    let records = store::systems::page(&service.store, &after, size + 1).await?;
+    let records = store::systems::page(&service.store, caller.reach(), &after, size + 1).await?;
     let names: Vec<String> = records.iter().map(|record| record.system.to_string()).collect();
     let newest = store::jobs::newest(&service.store, &names).await?;
     let worst = store::fits::worst_regimes(&service.store, &names).await?;
@@ -189,8 +194,8 @@ async fn get_system(State(service): State<Shared>, Named(system): Named) -> Resu
     request_body = SystemDocument,
     responses((status = 200, description = "Replaced", body = SystemAnswer), (status = 201, description = "Made", body = SystemAnswer), Problems)
 )]
-async fn put_system(State(service): State<Shared>, Named(system): Named, body: Json) -> Result<Response, ApiError> {
-    let (document, is_new) = systems::put(&service, &system, body.value).await?;
+async fn put_system(State(service): State<Shared>, caller: Caller, Named(system): Named, body: Json) -> Result<Response, ApiError> {
+    let (document, is_new) = systems::put(&service, &system, body.value, caller.name()).await?;
     let status = if is_new { StatusCode::CREATED } else { StatusCode::OK };
     let location = format!("/systems/{system}");
     Ok((status, [(header::LOCATION, location)], axum::Json(With { own: SystemName { system }, document })).into_response())
@@ -223,10 +228,11 @@ struct DeleteQuery {
 )]
 async fn delete_system(
     State(service): State<Shared>,
+    caller: Caller,
     Named(system): Named,
     Asked(query): Asked<DeleteQuery>,
 ) -> Result<StatusCode, ApiError> {
-    systems::delete(&service, &system, query.force).await?;
+    systems::delete(&service, &system, query.force, caller.name()).await?;
     Ok(StatusCode::NO_CONTENT)
 }
 

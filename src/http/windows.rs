@@ -1,6 +1,7 @@
 //! Measurements.
 
 use super::Shared;
+use super::access::Caller;
 use super::description::{Stored, With};
 use super::extract::{Asked, Named, Raw};
 use super::page::{Page, PageQuery};
@@ -153,7 +154,7 @@ async fn get_window(State(service): State<Shared>, Path(id): Path<String>) -> Re
         Problems,
     )
 )]
-async fn delete_window(State(service): State<Shared>, Path(id): Path<String>) -> Result<StatusCode, ApiError> {
-    windows::delete(&service, &id).await?;
+async fn delete_window(State(service): State<Shared>, caller: Caller, Path(id): Path<String>) -> Result<StatusCode, ApiError> {
+    windows::delete(&service, &id, caller.name()).await?;
     Ok(StatusCode::NO_CONTENT)
 }

@@ -17,6 +17,7 @@ use crate::fault::Fault;
 use crate::model::{Catalogue, ModelId};
 use crate::store;
 use crate::store::fits::FitRecord;
+use crate::store::reach::Reach;
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
@@ -99,13 +100,13 @@ pub fn document(named: &Named<'_>, replay: &Replay, asked: &Asked) -> Result<Vec
 ///
 /// # Errors
 /// All unknown fits at once, fits of different systems, and as [`one`].
-pub async fn several(service: &Service, ids: &[String], asked: &Asked) -> Result<Answer, JobsError> {
+pub async fn several(service: &Service, reach: &Reach, ids: &[String], asked: &Asked) -> Result<Answer, JobsError> {
     let mut records = Vec::new();
     let mut faults = Vec::new();
     for id in ids {
         match store::fits::get(&service.store, id).await? {
-            Some(record) => records.push(record),
-            None => faults.push(Fault::new("query fits", "fit-not-found", format!("there is no fit `{}`", short(id)))),
+            Some(record) if reach.covers(&record.system) => records.push(record),
+            _ => faults.push(Fault::new("query fits", "fit-not-found", format!("there is no fit `{}`", short(id)))),
         }
     }
     if let Some((first, others)) = records.split_first() {

@@ -37,12 +37,12 @@ pub struct PinBody {
 ///
 /// # Errors
 /// Where the body has faults, there is no such fit, or it does not wait for this word.
-pub async fn decide(service: &Service, fit: &str, decision: Decision, body: Value) -> Result<(), JobsError> {
+pub async fn decide(service: &Service, fit: &str, decision: Decision, body: Value, who: &str) -> Result<(), JobsError> {
     let Reason { reason } = decode::decode(body).map_err(JobsError::Faults)?;
     check_reason(&reason)?;
-    match store::decisions::decide(&service.store, fit, decision, &reason, now()).await? {
+    match store::decisions::decide(&service.store, fit, decision, &reason, who, now()).await? {
         Decided::Done(system, revision) => {
-            tracing::info!(fit, system, revision, reason, "{} by an operator", decision.word());
+            tracing::info!(fit, system, revision, reason, who, "{} by an operator", decision.word());
             let system = system.parse().map_err(|error: crate::data::BadSystemId| JobsError::Internal(error.to_string()))?;
             changed(service, &system).await
         }
@@ -70,13 +70,13 @@ pub async fn decide(service: &Service, fit: &str, decision: Decision, body: Valu
 ///
 /// # Errors
 /// Where the body has faults, there is no such system, or nothing to pin.
-pub async fn pin(service: &Service, system: &SystemId, body: Value) -> Result<(), JobsError> {
+pub async fn pin(service: &Service, system: &SystemId, body: Value, who: &str) -> Result<(), JobsError> {
     let PinBody { fit, reason } = decode::decode(body).map_err(JobsError::Faults)?;
     check_reason(&reason)?;
     super::systems::require(service, system).await?;
-    match store::pins::put(&service.store, system, fit.as_deref(), &reason, now()).await? {
+    match store::pins::put(&service.store, system, fit.as_deref(), &reason, who, now()).await? {
         Pinned::Set(revision) => {
-            tracing::info!(%system, revision, reason, "pinned by an operator");
+            tracing::info!(%system, revision, reason, who, "pinned by an operator");
             changed(service, system).await
         }
         Pinned::NeverServed => {
@@ -95,10 +95,10 @@ pub async fn pin(service: &Service, system: &SystemId, body: Value) -> Result<()
 ///
 /// # Errors
 /// Where there is no such system.
-pub async fn unpin(service: &Service, system: &SystemId) -> Result<(), JobsError> {
+pub async fn unpin(service: &Service, system: &SystemId, who: &str) -> Result<(), JobsError> {
     super::systems::require(service, system).await?;
-    store::pins::delete(&service.store, system).await?;
-    tracing::info!(%system, "unpinned by an operator");
+    store::pins::delete(&service.store, system, who, now()).await?;
+    tracing::info!(%system, who, "unpinned by an operator");
     changed(service, system).await
 }
 

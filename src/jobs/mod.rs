@@ -23,6 +23,7 @@
 //! | `degradations` | compares newer measurements with what is served |
 //! | `health` | how a system fares, in a word and a sentence |
 //! | `schedule` | submits ordinary jobs when a row says so |
+//! | `tokens` | who may ask |
 
 pub mod board;
 pub mod body;
@@ -49,6 +50,7 @@ pub mod series;
 mod strict;
 pub mod submit;
 pub mod systems;
+pub mod tokens;
 pub mod windows;
 pub mod worker;
 
@@ -76,6 +78,8 @@ pub struct Service {
     pub interactive: interactive::Interactive,
     /// What happens to jobs.
     pub events: events::Events,
+    /// Who may ask.
+    pub tokens: tokens::Tokens,
     /// What is counted.
     pub metrics: metrics::Metrics,
     /// What `/params` serves.

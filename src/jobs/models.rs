@@ -148,7 +148,7 @@ pub fn compiled(catalogue: &Catalogue, id: &ModelId) -> Result<Model, Vec<Fault>
 ///
 /// # Errors
 /// Its faults, another document with the same id, or where the database fails.
-pub async fn create(service: &Service, body: Value, key: Option<&RequestKey>) -> Result<Taken<ModelDocument>, JobsError> {
+pub async fn create(service: &Service, body: Value, who: &str, key: Option<&RequestKey>) -> Result<Taken<ModelDocument>, JobsError> {
     let catalogue = service.catalogue.current();
     let reading = catalogue.clone();
     let (document, _) = blocking(move || check_model(&reading, body)).await?.map_err(JobsError::Faults)?;
@@ -156,7 +156,7 @@ pub async fn create(service: &Service, body: Value, key: Option<&RequestKey>) ->
     if let Some(builtin) = catalogue.model(document.id()).filter(|_| !stored) {
         return same_or_conflict(builtin == &document, "model", document.id()).map(|()| Taken { thing: document, is_new: false });
     }
-    let is_new = settled(models::insert_model(&service.store, &document, key, now()).await?, "model", document.id())?;
+    let is_new = settled(models::insert_model(&service.store, &document, who, key, now()).await?, "model", document.id())?;
     service.catalogue.change(|catalogue| catalogue.add_model(document.clone()));
     Ok(Taken { thing: document, is_new })
 }
@@ -213,7 +213,7 @@ fn try_on_any(catalogue: &Catalogue, effect: &EffectSpec, name: &str) -> Result<
 ///
 /// # Errors
 /// Its faults, another document with the same id, or where the database fails.
-pub async fn create_effect(service: &Service, body: Value, key: Option<&RequestKey>) -> Result<Taken<EffectSpec>, JobsError> {
+pub async fn create_effect(service: &Service, body: Value, who: &str, key: Option<&RequestKey>) -> Result<Taken<EffectSpec>, JobsError> {
     let catalogue = service.catalogue.current();
     let reading = catalogue.clone();
     let effect = blocking(move || check_effect(&reading, None, body)).await?.map_err(JobsError::Faults)?;
@@ -221,7 +221,7 @@ pub async fn create_effect(service: &Service, body: Value, key: Option<&RequestK
     if let Some(builtin) = catalogue.effects().find(|known| known.id == effect.id).filter(|_| !stored) {
         return same_or_conflict(builtin == &effect, "effect", &effect.id).map(|()| Taken { thing: effect, is_new: false });
     }
-    let is_new = settled(models::insert_effect(&service.store, &effect, key, now()).await?, "effect", &effect.id)?;
+    let is_new = settled(models::insert_effect(&service.store, &effect, who, key, now()).await?, "effect", &effect.id)?;
     service.catalogue.change(|catalogue| catalogue.add_effect(effect.clone()));
     Ok(Taken { thing: effect, is_new })
 }
@@ -230,7 +230,13 @@ pub async fn create_effect(service: &Service, body: Value, key: Option<&RequestK
 ///
 /// # Errors
 /// Its faults, another document with the same id, or where the database fails.
-pub async fn add_effect(service: &Service, parent: &ModelId, body: Value, key: Option<&RequestKey>) -> Result<Taken<Value>, JobsError> {
+pub async fn add_effect(
+    service: &Service,
+    parent: &ModelId,
+    body: Value,
+    who: &str,
+    key: Option<&RequestKey>,
+) -> Result<Taken<Value>, JobsError> {
     let catalogue = service.catalogue.current();
     if let Err(faults) = catalogue.compose(parent) {
         return Err(if faults.iter().all(|fault| fault.code == "unknown-model") {
@@ -247,7 +253,7 @@ pub async fn add_effect(service: &Service, parent: &ModelId, body: Value, key: O
     {
         same_or_conflict(known == effect, "effect", &effect.id)?;
     }
-    let kept = models::insert_version(&service.store, &version, effect.as_ref(), key).await?;
+    let kept = models::insert_version(&service.store, &version, effect.as_ref(), who, key).await?;
     let is_new = settled(kept, "model", &version.id.to_string())?;
     if let Some(effect) = effect {
         service.catalogue.change(|catalogue| catalogue.add_effect(effect.clone()));

@@ -4,6 +4,7 @@
 use super::body::BatchSettings;
 use super::decode::{self, Read};
 use super::request::{BatchRequest, read_batch};
+use super::tokens::SERVICE;
 use super::{JobsError, Service, now, submit};
 use crate::data::SystemPattern;
 use crate::fault::Fault;
@@ -152,16 +153,22 @@ pub fn preview(service: &Service, name: &str, body: Value) -> Result<(String, Ti
     Ok((zone, ticks))
 }
 
+/// The systems that the document of a schedule selects, as far as it can be read.
+pub fn selected(body: &Value) -> Vec<SystemPattern> {
+    let texts = body["systems"].as_array().into_iter().flatten().filter_map(Value::as_str);
+    texts.filter_map(|text| text.parse().ok()).collect()
+}
+
 /// Makes or replaces a schedule; says whether it is new.
 ///
 /// # Errors
 /// Every fault of the document, or where the database fails.
-pub async fn put(service: &Service, name: &str, body: Value) -> Result<bool, JobsError> {
+pub async fn put(service: &Service, name: &str, body: Value, who: &str) -> Result<bool, JobsError> {
     let (document, request) = read(service, name, body).map_err(JobsError::Faults)?;
     let zone = document.zone.as_deref().unwrap_or(&service.settings.zone);
     let request = serde_json::to_string(&request).map_err(|error| JobsError::Internal(error.to_string()))?;
     let new = NewSchedule { name, cron: &document.cron, zone, request: &request, enabled: document.enabled };
-    let is_new = store::schedules::put(&service.store, &new, now()).await?;
+    let is_new = store::schedules::put(&service.store, &new, who, now()).await?;
     service.wake_schedule.notify_one();
     Ok(is_new)
 }
@@ -172,7 +179,7 @@ pub async fn put(service: &Service, name: &str, body: Value) -> Result<bool, Job
 /// Where the database fails.
 pub async fn ensure_nightly(service: &Service) -> Result<(), JobsError> {
     if store::schedules::get(&service.store, NIGHTLY).await?.is_none() {
-        put(service, NIGHTLY, json!({ "cron": NIGHTLY_CRON, "systems": ["room/*"] })).await?;
+        put(service, NIGHTLY, json!({ "cron": NIGHTLY_CRON, "systems": ["room/*"] }), SERVICE).await?;
     }
     Ok(())
 }

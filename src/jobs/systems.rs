@@ -262,7 +262,7 @@ pub(super) fn at(pointer: &str, fault: Fault) -> Fault {
 ///
 /// # Errors
 /// Every fault of the document, or where the database fails.
-pub async fn put(service: &Service, system: &SystemId, body: serde_json::Value) -> Result<(SystemDocument, bool), JobsError> {
+pub async fn put(service: &Service, system: &SystemId, body: serde_json::Value, who: &str) -> Result<(SystemDocument, bool), JobsError> {
     let catalogue = service.catalogue.current();
     let name = system.clone();
     // Compiling a model of the largest size takes longer than an async thread may be held.
@@ -275,7 +275,7 @@ pub async fn put(service: &Service, system: &SystemId, body: serde_json::Value) 
     });
     let document = checked.await?.map_err(JobsError::Faults)?;
     let text = serde_json::to_string(&document).map_err(|error| JobsError::Internal(error.to_string()))?;
-    let is_new = store::systems::put(&service.store, system, &document.model, &text, now()).await?;
+    let is_new = store::systems::put(&service.store, system, &document.model, &text, who, now()).await?;
     super::params::refresh(service, system).await?;
     Ok((document, is_new))
 }
@@ -284,9 +284,9 @@ pub async fn put(service: &Service, system: &SystemId, body: serde_json::Value) 
 ///
 /// # Errors
 /// Where there is none, a job needs it, it has a history or dependents and nobody forces it, or the database fails.
-pub async fn delete(service: &Service, system: &SystemId, force: bool) -> Result<(), JobsError> {
+pub async fn delete(service: &Service, system: &SystemId, force: bool, who: &str) -> Result<(), JobsError> {
     let refused = |slug, detail, because| Err(JobsError::Refused(Refusal { slug, detail, because: Some(because) }));
-    match store::systems::delete(&service.store, system, force).await? {
+    match store::systems::delete(&service.store, system, force, who, now()).await? {
         Deleted::Busy(jobs) => {
             let detail = format!("{} jobs of {system} or of its neighbours wait or run: wait for their end, or cancel them", jobs.len());
             refused("system-busy", detail, ("jobs", jobs))

@@ -97,9 +97,9 @@ async fn conflicts(service: &Service, system: &SystemId, packed: &Packed) -> Res
 ///
 /// # Errors
 /// Where there is none, a fit cites it, a running job may be reading it, or the database fails.
-pub async fn delete(service: &Service, id: &str) -> Result<(), JobsError> {
+pub async fn delete(service: &Service, id: &str, who: &str) -> Result<(), JobsError> {
     let refused = |slug, detail, because| Err(JobsError::Refused(Refusal { slug, detail, because: Some(because) }));
-    match windows::delete(&service.store, id).await? {
+    match windows::delete(&service.store, id, who, now()).await? {
         Deleted::Gone => Ok(()),
         Deleted::NotThere => Err(JobsError::NotFound("window", id.to_owned())),
         Deleted::Cited(mut fits) => {

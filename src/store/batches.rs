@@ -2,6 +2,7 @@
 
 use super::idempotency::{Earlier, KeyState, RequestKey, look_up, remember};
 use super::jobs::{JobFailure, JobState, NewJob, Outcome, SubmitError, submit_in};
+use super::reach::Reach;
 use super::{Store, StoreError, derive_id, from_json, instant, millis, next, parse, to_json};
 use crate::data::SystemId;
 use crate::estimate::validate::NO_WORSE_THAN_INCUMBENT;
@@ -197,16 +198,19 @@ pub async fn get(store: &Store, id: &str) -> Result<Option<BatchRecord>, StoreEr
     }))
 }
 
-/// Batches submitted before a sequence number, newest first, without their jobs: one page of a list.
+/// Batches submitted before a sequence number, newest first, without their jobs, of which every system that they may
+/// select lies within a reach: one page of a list.
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn page(store: &Store, before: i64, limit: i64) -> Result<Vec<BatchSummary>, StoreError> {
+pub async fn page(store: &Store, reach: &Reach, before: i64, limit: i64) -> Result<Vec<BatchSummary>, StoreError> {
     let sql = "SELECT b.id, b.sequence, b.schedule, b.created_at, COUNT(j.id) AS jobs,
                    COALESCE(SUM(j.state IN ('queued', 'running')), 0) AS unfinished
                FROM batches b LEFT JOIN batch_jobs l ON l.batch = b.id LEFT JOIN jobs j ON j.id = l.job
-               WHERE b.sequence < $1 GROUP BY b.id ORDER BY b.sequence DESC LIMIT $2";
-    let rows: Vec<SummaryRow> = sqlx::query_as(sql).bind(before).bind(limit).fetch_all(&store.reader).await?;
+               WHERE b.sequence < $1 AND ($3 IS NULL OR NOT EXISTS (SELECT 1 FROM json_each(b.request, '$.systems') asked
+                   WHERE NOT EXISTS (SELECT 1 FROM json_each($3) pattern WHERE asked.value GLOB pattern.value)))
+               GROUP BY b.id ORDER BY b.sequence DESC LIMIT $2";
+    let rows: Vec<SummaryRow> = sqlx::query_as(sql).bind(before).bind(limit).bind(reach.sql()?).fetch_all(&store.reader).await?;
     rows.into_iter().map(SummaryRow::record).collect()
 }
 

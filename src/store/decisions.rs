@@ -1,5 +1,6 @@
 //! Fits that wait for an operator, and what the operator says.
 
+use super::audit::{Action, Deed, note};
 use super::revisions::{Cause, NewRevision, publish};
 use super::{Store, StoreError, from_json, instant, millis, params, parse, to_json, words};
 use crate::estimate::metrics::CurrentState;
@@ -77,7 +78,7 @@ pub(super) async fn offer(tx: &mut SqliteConnection, fit: &str, offer: &Offer, s
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn decide(store: &Store, fit: &str, decision: Decision, reason: &str, now: Timestamp) -> Result<Decided, StoreError> {
+pub async fn decide(store: &Store, fit: &str, decision: Decision, reason: &str, who: &str, now: Timestamp) -> Result<Decided, StoreError> {
     let mut tx = store.write().await?;
     let sql = "SELECT f.system, f.job, f.model, s.model AS own_model, f.document, f.verdict, f.created_at, o.served, o.state, d.decision,
                    EXISTS (SELECT 1 FROM pins p WHERE p.system = f.system) AS pinned
@@ -103,6 +104,11 @@ pub async fn decide(store: &Store, fit: &str, decision: Decision, reason: &str, 
         .bind(millis(now))
         .execute(&mut *tx)
         .await?;
+    let action = match decision {
+        Decision::Promoted => Action::PromoteFit,
+        Decision::Rejected => Action::RejectFit,
+    };
+    note(&mut tx, &Deed { who, action, system: Some(&row.system), subject: fit, reason: Some(reason) }, now).await?;
     let mut revision = None;
     if decision == Decision::Promoted {
         let found: Fit = from_json("a fit", &row.document)?;

@@ -2,6 +2,7 @@
 
 use super::finish::Report;
 use super::jobs::Lease;
+use super::reach::Reach;
 use super::{Store, StoreError, derive_id, from_json, instant, millis, next, parse, to_json};
 use crate::data::SystemId;
 use crate::diagnose::ladder::Ladder;
@@ -130,10 +131,22 @@ pub async fn get(store: &Store, id: &str) -> Result<Option<DiagnosisRecord>, Sto
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn page(store: &Store, system: Option<&SystemId>, before: i64, limit: i64) -> Result<Vec<DiagnosisRecord>, StoreError> {
-    let sql = "SELECT * FROM diagnoses WHERE ($1 IS NULL OR system = $1) AND sequence < $2 ORDER BY sequence DESC LIMIT $3";
-    let rows: Vec<Row> =
-        sqlx::query_as(sql).bind(system.map(ToString::to_string)).bind(before).bind(limit).fetch_all(&store.reader).await?;
+pub async fn page(
+    store: &Store,
+    reach: &Reach,
+    system: Option<&SystemId>,
+    before: i64,
+    limit: i64,
+) -> Result<Vec<DiagnosisRecord>, StoreError> {
+    let sql = "SELECT * FROM diagnoses WHERE ($1 IS NULL OR system = $1) AND ($4 IS NULL OR EXISTS (SELECT 1 FROM json_each($4) WHERE system GLOB value))
+                     AND sequence < $2 ORDER BY sequence DESC LIMIT $3";
+    let rows: Vec<Row> = sqlx::query_as(sql)
+        .bind(system.map(ToString::to_string))
+        .bind(before)
+        .bind(limit)
+        .bind(reach.sql()?)
+        .fetch_all(&store.reader)
+        .await?;
     rows.into_iter().map(Row::record).collect()
 }
 

@@ -1,5 +1,6 @@
 //! What was found, with its verdict.
 
+use super::reach::Reach;
 use super::{Store, StoreError, from_json, instant, parse, to_json};
 use crate::data::SystemId;
 use crate::estimate::Fit;
@@ -151,13 +152,19 @@ impl EntryRow {
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn page(store: &Store, system: Option<&SystemId>, before: i64, limit: i64) -> Result<Vec<FitEntry>, StoreError> {
+pub async fn page(store: &Store, reach: &Reach, system: Option<&SystemId>, before: i64, limit: i64) -> Result<Vec<FitEntry>, StoreError> {
     // The documents hold whole traces; the database reads the little that a list shows.
     let sql = "SELECT f.id, f.rowid AS place, f.job, f.system, f.model, f.verdict, f.summary, f.created_at,
                       json_extract(f.document, '$.metrics') AS metrics, json_extract(f.document, '$.parts') AS parts,
                       EXISTS (SELECT 1 FROM revisions r WHERE r.fit = f.id AND r.current) AS served
-               FROM fits f WHERE ($1 IS NULL OR f.system = $1) AND f.rowid < $2 ORDER BY f.rowid DESC LIMIT $3";
-    let rows: Vec<EntryRow> =
-        sqlx::query_as(sql).bind(system.map(ToString::to_string)).bind(before).bind(limit).fetch_all(&store.reader).await?;
+               FROM fits f WHERE ($1 IS NULL OR f.system = $1) AND ($4 IS NULL OR EXISTS (SELECT 1 FROM json_each($4) WHERE f.system GLOB value))
+                     AND f.rowid < $2 ORDER BY f.rowid DESC LIMIT $3";
+    let rows: Vec<EntryRow> = sqlx::query_as(sql)
+        .bind(system.map(ToString::to_string))
+        .bind(before)
+        .bind(limit)
+        .bind(reach.sql()?)
+        .fetch_all(&store.reader)
+        .await?;
     rows.into_iter().map(EntryRow::entry).collect()
 }

@@ -4,6 +4,7 @@
 //! and committed before the job starts, so a job that takes the process down is counted as well.
 
 use super::idempotency::{Earlier, KeyState, RequestKey, look_up, remember};
+use super::reach::Reach;
 use super::{Store, StoreError, derive_id, from_json, instant, millis, next, params, parse, to_json};
 use crate::data::SystemId;
 use crate::model::ModelId;
@@ -420,6 +421,8 @@ pub struct Filter {
     pub system: Option<SystemId>,
     /// Only those of this kind.
     pub kind: Option<JobKind>,
+    /// Only those of these systems.
+    pub reach: Reach,
 }
 
 /// Jobs submitted before a sequence number, newest first: one page of a list.
@@ -428,6 +431,7 @@ pub struct Filter {
 /// Where the database fails.
 pub async fn page(store: &Store, filter: &Filter, before: i64, limit: i64) -> Result<Vec<JobRecord>, StoreError> {
     let sql = "SELECT * FROM jobs WHERE ($1 IS NULL OR state = $1) AND ($2 IS NULL OR system = $2) AND ($3 IS NULL OR kind = $3)
+               AND ($6 IS NULL OR EXISTS (SELECT 1 FROM json_each($6) WHERE system GLOB value))
                AND sequence < $4 ORDER BY sequence DESC LIMIT $5";
     let rows: Vec<Row> = sqlx::query_as(sql)
         .bind(filter.state.map(JobState::word))
@@ -435,6 +439,7 @@ pub async fn page(store: &Store, filter: &Filter, before: i64, limit: i64) -> Re
         .bind(filter.kind.map(JobKind::word))
         .bind(before)
         .bind(limit)
+        .bind(filter.reach.sql()?)
         .fetch_all(&store.reader)
         .await?;
     rows.into_iter().map(Row::record).collect()

@@ -18,13 +18,16 @@
 //! | `params` | what is served, with all that is said of it |
 //! | `revisions` | everything that was ever served |
 //! | `decisions`, `pins` | an operator's word: on held and suggested fits, and on what stays in service |
+//! | `audit` | what operators did, when, and under which name |
 //! | `degradations` | what newer measurements say of what is served |
 //! | `metrics` | how long the queue is |
 //! | `params` | what is served: revisions, fallbacks, states |
 //! | `retry` | jobs that are done again |
 //! | `schedules` | when batches are submitted |
+//! | `tokens`, `reach` | who may ask, and about which systems |
 //! | `idempotency` | keys of requests that created something |
 
+pub mod audit;
 pub mod batches;
 pub mod decisions;
 pub mod degradations;
@@ -39,10 +42,12 @@ pub mod metrics;
 pub mod models;
 pub mod params;
 pub mod pins;
+pub mod reach;
 pub mod retry;
 pub mod revisions;
 pub mod schedules;
 pub mod systems;
+pub mod tokens;
 pub mod windows;
 
 use jiff::Timestamp;
@@ -64,8 +69,8 @@ const READERS: u32 = 4;
 pub struct Store {
     writer: SqlitePool,
     reader: SqlitePool,
-    /// Held as long as the store lives, so that no second service claims the same jobs.
-    _lock: File,
+    /// Held as long as the store lives, so that no second service claims the same jobs. A visitor has none.
+    _lock: Option<File>,
 }
 
 /// Why the database could not do what was asked.
@@ -129,17 +134,24 @@ impl Store {
     /// Where another service has it open, the file cannot be used, or the schema is not one that this program knows.
     pub async fn open(path: &Path) -> Result<Self, StoreError> {
         let lock = lock(path)?;
-        let options = SqliteConnectOptions::new()
-            .filename(path)
-            .create_if_missing(true)
-            .journal_mode(SqliteJournalMode::Wal)
-            .synchronous(SqliteSynchronous::Full)
-            .busy_timeout(BUSY_TIMEOUT)
-            .foreign_keys(true);
-        let writer = SqlitePoolOptions::new().max_connections(1).connect_with(options.clone()).await?;
+        let writer = SqlitePoolOptions::new().max_connections(1).connect_with(options(path).create_if_missing(true)).await?;
         MIGRATIONS.run(&writer).await.map_err(StoreError::Migration)?;
-        let reader = SqlitePoolOptions::new().max_connections(READERS).connect_with(options.pragma("query_only", "on")).await?;
-        Ok(Self { writer, reader, _lock: lock })
+        Ok(Self { writer, reader: readers(path).await?, _lock: Some(lock) })
+    }
+
+    /// Opens a database as [`Store::open`] does, also where a service has it open: for short transactions that claim
+    /// no jobs. The service has brought the schema up to date.
+    ///
+    /// # Errors
+    /// Where the file cannot be used, or the schema is not one that this program knows.
+    pub async fn visit(path: &Path) -> Result<Self, StoreError> {
+        match Self::open(path).await {
+            Err(StoreError::InUse(_)) => {
+                let writer = SqlitePoolOptions::new().max_connections(1).connect_with(options(path)).await?;
+                Ok(Self { writer, reader: readers(path).await?, _lock: None })
+            }
+            opened => opened,
+        }
     }
 
     /// A transaction that holds the write lock from its first statement.
@@ -174,6 +186,19 @@ impl Store {
         self.reader.close().await;
         self.writer.close().await;
     }
+}
+
+fn options(path: &Path) -> SqliteConnectOptions {
+    SqliteConnectOptions::new()
+        .filename(path)
+        .journal_mode(SqliteJournalMode::Wal)
+        .synchronous(SqliteSynchronous::Full)
+        .busy_timeout(BUSY_TIMEOUT)
+        .foreign_keys(true)
+}
+
+async fn readers(path: &Path) -> Result<SqlitePool, StoreError> {
+    Ok(SqlitePoolOptions::new().max_connections(READERS).connect_with(options(path).pragma("query_only", "on")).await?)
 }
 
 /// Takes the lock file beside the database. The system frees it when the process ends, however it ends.

@@ -1,5 +1,6 @@
 //! Model and effect documents of users, and the versions made by adding effects.
 
+use super::audit::{Action, Deed, note};
 use super::idempotency::{KeyState, RequestKey, look_up, remember};
 use super::{Store, StoreError, from_json, instant, millis, parse, to_json};
 use crate::model::ModelId;
@@ -80,7 +81,13 @@ pub async fn versions(store: &Store) -> Result<Vec<VersionRecord>, StoreError> {
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn insert_model(store: &Store, model: &ModelDocument, key: Option<&RequestKey>, now: Timestamp) -> Result<Kept, StoreError> {
+pub async fn insert_model(
+    store: &Store,
+    model: &ModelDocument,
+    who: &str,
+    key: Option<&RequestKey>,
+    now: Timestamp,
+) -> Result<Kept, StoreError> {
     let document = to_json("a model document", model)?;
     let mut tx = store.write().await?;
     let earlier = sqlx::query_scalar("SELECT document FROM models WHERE id = $1").bind(model.id()).fetch_optional(&mut *tx).await?;
@@ -88,6 +95,7 @@ pub async fn insert_model(store: &Store, model: &ModelDocument, key: Option<&Req
     if kept == Kept::New {
         let sql = "INSERT INTO models (id, document, created_at) VALUES ($1, $2, $3)";
         sqlx::query(sql).bind(model.id()).bind(&document).bind(millis(now)).execute(&mut *tx).await?;
+        note(&mut tx, &Deed { who, action: Action::PostModel, system: None, subject: model.id(), reason: None }, now).await?;
     }
     tx.commit().await?;
     Ok(kept)
@@ -97,7 +105,13 @@ pub async fn insert_model(store: &Store, model: &ModelDocument, key: Option<&Req
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn insert_effect(store: &Store, effect: &EffectSpec, key: Option<&RequestKey>, now: Timestamp) -> Result<Kept, StoreError> {
+pub async fn insert_effect(
+    store: &Store,
+    effect: &EffectSpec,
+    who: &str,
+    key: Option<&RequestKey>,
+    now: Timestamp,
+) -> Result<Kept, StoreError> {
     let document = to_json("an effect document", effect)?;
     let mut tx = store.write().await?;
     let earlier = sqlx::query_scalar("SELECT document FROM effects WHERE id = $1").bind(&effect.id).fetch_optional(&mut *tx).await?;
@@ -105,6 +119,7 @@ pub async fn insert_effect(store: &Store, effect: &EffectSpec, key: Option<&Requ
     if kept == Kept::New {
         let sql = "INSERT INTO effects (id, document, created_at) VALUES ($1, $2, $3)";
         sqlx::query(sql).bind(&effect.id).bind(&document).bind(millis(now)).execute(&mut *tx).await?;
+        note(&mut tx, &Deed { who, action: Action::PostEffect, system: None, subject: &effect.id, reason: None }, now).await?;
     }
     tx.commit().await?;
     Ok(kept)
@@ -118,6 +133,7 @@ pub async fn insert_version(
     store: &Store,
     version: &VersionRecord,
     effect: Option<&EffectSpec>,
+    who: &str,
     key: Option<&RequestKey>,
 ) -> Result<Kept, StoreError> {
     let document = to_json("a model version", &version.document)?;
@@ -128,7 +144,11 @@ pub async fn insert_version(
     if kept == Kept::New {
         if let Some(effect) = effect {
             let sql = "INSERT INTO effects (id, document, created_at) VALUES ($1, $2, $3) ON CONFLICT (id) DO NOTHING";
-            sqlx::query(sql).bind(&effect.id).bind(to_json("an effect document", effect)?).bind(millis(now)).execute(&mut *tx).await?;
+            let text = to_json("an effect document", effect)?;
+            let done = sqlx::query(sql).bind(&effect.id).bind(text).bind(millis(now)).execute(&mut *tx).await?;
+            if done.rows_affected() > 0 {
+                note(&mut tx, &Deed { who, action: Action::PostEffect, system: None, subject: &effect.id, reason: None }, now).await?;
+            }
         }
         sqlx::query("INSERT INTO model_versions (id, parent, effect, document, created_at) VALUES ($1, $2, $3, $4, $5)")
             .bind(&id)
@@ -138,6 +158,7 @@ pub async fn insert_version(
             .bind(millis(now))
             .execute(&mut *tx)
             .await?;
+        note(&mut tx, &Deed { who, action: Action::PostModel, system: None, subject: &id, reason: None }, now).await?;
     }
     tx.commit().await?;
     Ok(kept)

@@ -1,5 +1,6 @@
 //! Revisions that stay in service until an operator says otherwise.
 
+use super::audit::{Action, Deed, note};
 use super::revisions::{Cause, NewRevision, publish};
 use super::{Store, StoreError, millis};
 use crate::data::SystemId;
@@ -34,7 +35,14 @@ struct Source {
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn put(store: &Store, system: &SystemId, fit: Option<&str>, reason: &str, now: Timestamp) -> Result<Pinned, StoreError> {
+pub async fn put(
+    store: &Store,
+    system: &SystemId,
+    fit: Option<&str>,
+    reason: &str,
+    who: &str,
+    now: Timestamp,
+) -> Result<Pinned, StoreError> {
     let mut tx = store.write().await?;
     let system = system.to_string();
     let sql = "SELECT r.revision, r.fit, r.job, r.served, r.model_hash, r.window_from, r.window_to, r.fitted_at, r.validated_at,
@@ -64,6 +72,7 @@ pub async fn put(store: &Store, system: &SystemId, fit: Option<&str>, reason: &s
     let sql = "INSERT INTO pins (system, revision, reason, since_at) VALUES ($1, $2, $3, $4)
                ON CONFLICT (system) DO UPDATE SET reason = excluded.reason";
     sqlx::query(sql).bind(&system).bind(revision).bind(reason).bind(millis(now)).execute(&mut *tx).await?;
+    note(&mut tx, &Deed { who, action: Action::Pin, system: Some(&system), subject: &source.fit, reason: Some(reason) }, now).await?;
     tx.commit().await?;
     Ok(Pinned::Set(revision))
 }
@@ -72,7 +81,13 @@ pub async fn put(store: &Store, system: &SystemId, fit: Option<&str>, reason: &s
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn delete(store: &Store, system: &SystemId) -> Result<(), StoreError> {
-    sqlx::query("DELETE FROM pins WHERE system = $1").bind(system.to_string()).execute(&store.writer).await?;
+pub async fn delete(store: &Store, system: &SystemId, who: &str, now: Timestamp) -> Result<(), StoreError> {
+    let system = system.to_string();
+    let mut tx = store.write().await?;
+    let gone = sqlx::query("DELETE FROM pins WHERE system = $1").bind(&system).execute(&mut *tx).await?;
+    if gone.rows_affected() > 0 {
+        note(&mut tx, &Deed { who, action: Action::Unpin, system: Some(&system), subject: &system, reason: None }, now).await?;
+    }
+    tx.commit().await?;
     Ok(())
 }

@@ -1,5 +1,6 @@
 //! When batches are submitted. The row is the schedule: there is no other memory of what ran.
 
+use super::audit::{Action, Deed, note};
 use super::batches::{NewBatch, is_unfinished, submit_in_batch};
 use super::jobs::SubmitError;
 use super::{Store, StoreError, from_json, instant, millis, parse, words};
@@ -89,7 +90,7 @@ impl Row {
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn put(store: &Store, new: &NewSchedule<'_>, now: Timestamp) -> Result<bool, StoreError> {
+pub async fn put(store: &Store, new: &NewSchedule<'_>, who: &str, now: Timestamp) -> Result<bool, StoreError> {
     let mut tx = store.write().await?;
     let known: Option<i64> = sqlx::query_scalar("SELECT 1 FROM schedules WHERE name = $1").bind(new.name).fetch_optional(&mut *tx).await?;
     let sql = "INSERT INTO schedules (name, cron, zone, request, enabled, last_tick_at, updated_at) VALUES ($1, $2, $3, $4, $5, $6, $6)
@@ -104,6 +105,7 @@ pub async fn put(store: &Store, new: &NewSchedule<'_>, now: Timestamp) -> Result
         .bind(millis(now))
         .execute(&mut *tx)
         .await?;
+    note(&mut tx, &Deed { who, action: Action::PutSchedule, system: None, subject: new.name, reason: None }, now).await?;
     tx.commit().await?;
     Ok(known.is_none())
 }
@@ -112,9 +114,15 @@ pub async fn put(store: &Store, new: &NewSchedule<'_>, now: Timestamp) -> Result
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn delete(store: &Store, name: &str) -> Result<bool, StoreError> {
-    let done = sqlx::query("DELETE FROM schedules WHERE name = $1").bind(name).execute(&store.writer).await?;
-    Ok(done.rows_affected() > 0)
+pub async fn delete(store: &Store, name: &str, who: &str, now: Timestamp) -> Result<bool, StoreError> {
+    let mut tx = store.write().await?;
+    let done = sqlx::query("DELETE FROM schedules WHERE name = $1").bind(name).execute(&mut *tx).await?;
+    let was_there = done.rows_affected() > 0;
+    if was_there {
+        note(&mut tx, &Deed { who, action: Action::DeleteSchedule, system: None, subject: name, reason: None }, now).await?;
+    }
+    tx.commit().await?;
+    Ok(was_there)
 }
 
 /// One schedule.

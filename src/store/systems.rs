@@ -1,5 +1,7 @@
 //! Documents of rooms and plants. What is in a document is for `jobs` to know; here it is a text.
 
+use super::audit::{Action, Deed, note};
+use super::reach::Reach;
 use super::windows::readers;
 use super::{Store, StoreError, instant, millis, parse};
 use crate::data::SystemId;
@@ -33,6 +35,31 @@ pub enum Deleted {
     Busy(Vec<String>),
     /// Nobody forced it, and something depends on it.
     Needed(Needs),
+}
+
+/// Something that belongs to one system.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Thing {
+    /// A job.
+    Job,
+    /// A fit.
+    Fit,
+    /// A diagnosis.
+    Diagnosis,
+    /// A window.
+    Window,
+}
+
+impl Thing {
+    /// The word for it.
+    pub const fn word(self) -> &'static str {
+        match self {
+            Thing::Job => "job",
+            Thing::Fit => "fit",
+            Thing::Diagnosis => "diagnosis",
+            Thing::Window => "window",
+        }
+    }
 }
 
 /// What would be lost, or would miss a system, if it were deleted.
@@ -71,13 +98,15 @@ impl Row {
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn put(store: &Store, system: &SystemId, model: &ModelId, document: &str, now: Timestamp) -> Result<bool, StoreError> {
+pub async fn put(store: &Store, system: &SystemId, model: &ModelId, document: &str, who: &str, now: Timestamp) -> Result<bool, StoreError> {
     let mut tx = store.write().await?;
     let known: Option<i64> =
         sqlx::query_scalar("SELECT 1 FROM systems WHERE system = $1").bind(system.to_string()).fetch_optional(&mut *tx).await?;
     let sql = "INSERT INTO systems (system, model, document, created_at, updated_at) VALUES ($1, $2, $3, $4, $4)
                ON CONFLICT (system) DO UPDATE SET model = excluded.model, document = excluded.document, updated_at = excluded.updated_at";
     sqlx::query(sql).bind(system.to_string()).bind(model.to_string()).bind(document).bind(millis(now)).execute(&mut *tx).await?;
+    let name = system.to_string();
+    note(&mut tx, &Deed { who, action: Action::PutSystem, system: Some(&name), subject: &name, reason: None }, now).await?;
     tx.commit().await?;
     Ok(known.is_none())
 }
@@ -109,7 +138,7 @@ const BELONGINGS: [&str; 17] = [
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn delete(store: &Store, system: &SystemId, force: bool) -> Result<Deleted, StoreError> {
+pub async fn delete(store: &Store, system: &SystemId, force: bool, who: &str, now: Timestamp) -> Result<Deleted, StoreError> {
     let name = system.to_string();
     let mut tx = store.write().await?;
     if sqlx::query("SELECT 1 FROM systems WHERE system = $1").bind(&name).fetch_optional(&mut *tx).await?.is_none() {
@@ -129,6 +158,7 @@ pub async fn delete(store: &Store, system: &SystemId, force: bool) -> Result<Del
     for sql in BELONGINGS {
         sqlx::query(sql).bind(&name).execute(&mut *tx).await?;
     }
+    note(&mut tx, &Deed { who, action: Action::DeleteSystem, system: Some(&name), subject: &name, reason: None }, now).await?;
     tx.commit().await?;
     Ok(Deleted::Gone)
 }
@@ -155,6 +185,21 @@ pub async fn get(store: &Store, system: &SystemId) -> Result<Option<SystemRecord
     row.map(Row::record).transpose()
 }
 
+/// The system that something belongs to, `None` where it is not there.
+///
+/// # Errors
+/// Where the database fails.
+pub async fn of(store: &Store, thing: Thing, id: &str) -> Result<Option<SystemId>, StoreError> {
+    let sql = match thing {
+        Thing::Job => "SELECT system FROM jobs WHERE id = $1",
+        Thing::Fit => "SELECT system FROM fits WHERE id = $1",
+        Thing::Diagnosis => "SELECT system FROM diagnoses WHERE id = $1",
+        Thing::Window => "SELECT system FROM windows WHERE id = $1",
+    };
+    let system: Option<String> = sqlx::query_scalar(sql).bind(id).fetch_optional(&store.reader).await?;
+    system.map(|system| parse("a system", &system)).transpose()
+}
+
 /// All systems, by name.
 ///
 /// # Errors
@@ -165,12 +210,13 @@ pub async fn all(store: &Store) -> Result<Vec<SystemRecord>, StoreError> {
     rows.into_iter().map(Row::record).collect()
 }
 
-/// Systems that come after a name, in order: one page of a list.
+/// Systems within a reach that come after a name, in order: one page of a list.
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn page(store: &Store, after: &str, limit: i64) -> Result<Vec<SystemRecord>, StoreError> {
-    let sql = "SELECT system, model, document, created_at, updated_at FROM systems WHERE system > $1 ORDER BY system LIMIT $2";
-    let rows: Vec<Row> = sqlx::query_as(sql).bind(after).bind(limit).fetch_all(&store.reader).await?;
+pub async fn page(store: &Store, reach: &Reach, after: &str, limit: i64) -> Result<Vec<SystemRecord>, StoreError> {
+    let sql = "SELECT system, model, document, created_at, updated_at FROM systems WHERE system > $1
+               AND ($3 IS NULL OR EXISTS (SELECT 1 FROM json_each($3) WHERE system GLOB value)) ORDER BY system LIMIT $2";
+    let rows: Vec<Row> = sqlx::query_as(sql).bind(after).bind(limit).bind(reach.sql()?).fetch_all(&store.reader).await?;
     rows.into_iter().map(Row::record).collect()
 }

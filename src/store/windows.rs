@@ -1,5 +1,6 @@
 //! Uploaded measurements: a report and one compressed block per channel.
 
+use super::audit::{Action, Deed, note};
 use super::idempotency::{KeyState, RequestKey, look_up, remember};
 use super::{Store, StoreError, corrupt, from_json, instant, millis, next, parse, to_json};
 use crate::data::{Series, SystemId};
@@ -182,7 +183,7 @@ pub async fn page(store: &Store, system: &SystemId, before: i64, limit: i64) -> 
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn delete(store: &Store, id: &str) -> Result<Deleted, StoreError> {
+pub async fn delete(store: &Store, id: &str, who: &str, now: Timestamp) -> Result<Deleted, StoreError> {
     let mut tx = store.write().await?;
     let system: Option<String> = sqlx::query_scalar("SELECT system FROM windows WHERE id = $1").bind(id).fetch_optional(&mut *tx).await?;
     let Some(system) = system else { return Ok(Deleted::NotThere) };
@@ -196,6 +197,7 @@ pub async fn delete(store: &Store, id: &str) -> Result<Deleted, StoreError> {
         return Ok(Deleted::InUse(reading));
     }
     sqlx::query("DELETE FROM windows WHERE id = $1").bind(id).execute(&mut *tx).await?;
+    note(&mut tx, &Deed { who, action: Action::DeleteWindow, system: Some(&system), subject: id, reason: None }, now).await?;
     tx.commit().await?;
     Ok(Deleted::Gone)
 }

@@ -1,6 +1,7 @@
 //! The surface, against a service in this process.
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
+mod audit;
 mod compare;
 mod comparison;
 mod conventions;
@@ -12,6 +13,7 @@ mod fits;
 mod hostile;
 mod jobs;
 mod layout;
+mod limits;
 mod models;
 mod operators;
 mod params;
@@ -23,5 +25,6 @@ mod straight;
 #[path = "../support/mod.rs"]
 mod support;
 mod systems;
+mod tokens;
 mod web;
 mod windows;

@@ -11,7 +11,7 @@ const PATIENCE_MS = 60_000;
 /** The demo fits and diagnoses its rooms before it is done. */
 const START_MS = 240_000;
 
-async function freePort() {
+export async function freePort() {
   const server = net.createServer().listen(0, '127.0.0.1');
   await once(server, 'listening');
   const { port } = server.address();

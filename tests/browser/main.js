@@ -7,6 +7,7 @@ import { pages } from './pages.js';
 import { pictures } from './pictures.js';
 import { reports } from './reports.js';
 import { schedules } from './schedules.js';
+import { tokens } from './tokens.js';
 
 const service = await demo(process.env.LAMPYRIS_BINARY);
 let chrome = null;
@@ -26,6 +27,7 @@ try {
     await schedules(chrome, service);
     await pages(chrome, service);
     await reports(chrome, process.env.LAMPYRIS_BINARY);
+    await tokens(chrome, process.env.LAMPYRIS_BINARY);
   }
 } finally {
   await stop();

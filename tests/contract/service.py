@@ -65,6 +65,12 @@ def running(folder, **settings):
             child.wait()
 
 
+def token(folder):
+    """A token for everything; from here on the services of this folder answer nobody without one."""
+    command = [binary(), "token", "create", "--name", "contract", "--scope", "admin", "--json", "--database", Path(folder) / "contract.db"]
+    return json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)["token"]
+
+
 def ask(base, method, path, body=None, media_type="application/json"):
     """The JSON answer to a request, which must succeed."""
     data = body if body is None or isinstance(body, bytes) else json.dumps(body).encode()

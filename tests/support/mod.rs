@@ -5,7 +5,9 @@ pub mod events;
 pub mod process;
 
 use lampyris::app::App;
+use lampyris::jobs::tokens::{self, LOCAL, NewToken};
 use lampyris::settings::Settings;
+use lampyris::store::tokens::Scope;
 use serde_json::Value;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
@@ -19,6 +21,8 @@ pub const PATIENCE: Duration = Duration::from_secs(120);
 pub struct Client {
     base: String,
     agent: ureq::Agent,
+    /// What every request shows, where something is needed.
+    token: Option<String>,
 }
 
 /// An answer, read to its end.
@@ -61,7 +65,12 @@ impl Answer {
 impl Client {
     pub fn new(base: String) -> Self {
         let config = ureq::Agent::config_builder().http_status_as_error(false).timeout_global(Some(PATIENCE)).build();
-        Self { base, agent: config.into() }
+        Self { base, agent: config.into(), token: None }
+    }
+
+    /// The same client with a token.
+    pub fn with_token(&self, token: &str) -> Self {
+        Self { token: Some(token.to_owned()), ..self.clone() }
     }
 
     /// Sends a request and leaves the body of the answer unread.
@@ -75,6 +84,9 @@ impl Client {
         let mut request = ureq::http::Request::builder().method(method).uri(format!("{}{path}", self.base));
         for (name, value) in headers {
             request = request.header(*name, *value);
+        }
+        if let Some(token) = &self.token {
+            request = request.header("authorization", format!("Bearer {token}"));
         }
         match body {
             Some(body) => self.agent.run(request.body(body).unwrap()),
@@ -383,6 +395,21 @@ impl TestApp {
     /// Runs something in the service's own runtime, with what its handlers share.
     pub fn within<T>(&self, work: impl AsyncFnOnce(&lampyris::jobs::Service) -> T) -> T {
         self.runtime.block_on(work(self.app.as_ref().unwrap().service()))
+    }
+
+    /// Makes a token and gives a client that shows it; the service knows it by then.
+    #[track_caller]
+    pub fn token(&self, name: &str, scope: Scope, systems: &[&str]) -> Client {
+        let systems = systems.iter().map(|pattern| pattern.parse().unwrap()).collect();
+        let new = NewToken { name: name.to_owned(), scope, systems, expires: None };
+        let made = self.within(async |service| tokens::create(&service.store, new, LOCAL).await.unwrap());
+        let client = self.client.with_token(&made.secret);
+        let start = Instant::now();
+        while client.get("/systems").status != 200 || self.client.get("/systems").status != 401 {
+            assert!(start.elapsed() < PATIENCE, "the service does not know the token");
+            std::thread::sleep(Duration::from_millis(20));
+        }
+        client
     }
 
     pub fn addr(&self) -> std::net::SocketAddr {

@@ -1,6 +1,7 @@
 // The only way to the service. Every fault is a Problem with what the service said of it.
 import { useState, useEffect, useRef } from './html.js';
 import { REPORT } from './carried.js';
+import { token, anotherToken } from './token.js';
 
 /** A problem document (RFC 9457), or no answer at all (status 0). */
 export class Problem extends Error {
@@ -34,19 +35,38 @@ function carried(path) {
   return answer;
 }
 
+/**
+ * Sends a request with the token, if there is one, and asks for another one where it is refused. `patient` is for
+ * those who come again by themselves. Any other answer is for the caller to judge.
+ */
+export async function send(path, { headers = {}, patient = false, ...options } = {}) {
+  for (;;) {
+    const shown = token();
+    let response;
+    try {
+      response = await fetch(path, { ...options, headers: shown === null ? headers : { ...headers, authorization: `Bearer ${shown}` } });
+    } catch (error) {
+      if (error.name === 'AbortError') throw error;
+      throw new Problem(0, { title: 'No answer from the service', detail: 'It may be restarting, or the connection is lost.' });
+    }
+    if (response.status !== 401) return response;
+    try {
+      await anotherToken(shown, await problemOf(response), patient);
+    } catch (problem) {
+      // Whoever has gone meanwhile does not want to know.
+      options.signal?.throwIfAborted();
+      throw problem;
+    }
+  }
+}
+
 /** Asks the service; JSON back, or text for `accept: 'text/csv'`. `body` may be an object, or `csv` a text. */
 export async function ask(path, { method = 'GET', body, csv, accept = 'application/json', signal } = {}) {
   if (REPORT) return carried(path);
   const headers = { accept };
   if (body !== undefined) headers['content-type'] = 'application/json';
   if (csv !== undefined) headers['content-type'] = 'text/csv';
-  let response;
-  try {
-    response = await fetch(path, { method, headers, signal, body: csv ?? (body === undefined ? undefined : JSON.stringify(body)) });
-  } catch (error) {
-    if (error.name === 'AbortError') throw error;
-    throw new Problem(0, { title: 'No answer from the service', detail: 'It may be restarting, or the connection is lost.' });
-  }
+  const response = await send(path, { method, headers, signal, body: csv ?? (body === undefined ? undefined : JSON.stringify(body)) });
   if (!response.ok) throw await problemOf(response);
   if (response.status === 204) return null;
   return accept === 'application/json' ? response.json() : response.text();
@@ -111,6 +131,7 @@ export const useList = path => useResource(path, { read: every });
 export function curl(path, { method, body, accept } = {}) {
   const quoted = text => `'${text.replaceAll("'", "'\\''")}'`;
   const words = ['curl -s'];
+  if (token() !== null) words.push('-H "authorization: Bearer $LAMPYRIS_TOKEN"');
   if (method) words.push(`-X ${method}`);
   if (accept) words.push(`-H 'accept: ${accept}'`);
   if (body !== undefined) words.push(`-H 'content-type: application/json' -d ${quoted(JSON.stringify(body))}`);

@@ -1,7 +1,7 @@
 // What happens to jobs, pushed by the service. One stream serves the whole page; a job that is watched has its own,
 // because that one tells its story from the start.
 import { useState, useEffect, useRef } from './html.js';
-import { ask, AGAIN } from './api.js';
+import { ask, send, AGAIN } from './api.js';
 
 const KINDS = ['queued', 'started', 'progress', 'incumbent', 'finished'];
 const AGAIN_MS = 2000;
@@ -17,27 +17,60 @@ function setConnected(value) {
   connectionListeners.forEach(listener => listener(value));
 }
 
+/** Reads server-sent events as the standard says: an id counts also where it comes without data. */
+async function readEvents(body, place, hear) {
+  const reader = body.getReader();
+  const decoder = new TextDecoder();
+  let text = '';
+  let event = { kind: '', data: [] };
+  for (;;) {
+    const { done, value } = await reader.read();
+    if (done) return;
+    text += decoder.decode(value, { stream: true });
+    const lines = text.split(/\r?\n/);
+    text = lines.pop();
+    for (const line of lines) {
+      const [, field, content] = /^([^:]*):? ?(.*)$/.exec(line);
+      if (line === '') {
+        if (event.data.length && KINDS.includes(event.kind)) hear(event.kind, JSON.parse(event.data.join('\n')));
+        event = { kind: '', data: [] };
+      } else if (field === 'event') event.kind = content;
+      else if (field === 'data') event.data.push(content);
+      else if (field === 'id') place.last = content;
+      else if (field === 'retry' && /^\d+$/.test(content)) place.pause = Number(content);
+    }
+  }
+}
+
 /**
- * Listens to a stream until `close` is called. The browser comes back by itself after a break and says what it heard
- * last; only after an answer that is no stream it gives up, so then it is opened anew.
+ * Listens to a stream until `close` is called, comes back after a break and says what it heard last. The browser's own
+ * EventSource does the same, but can show no token.
  */
 function listen(path, hear, standing = () => {}) {
-  let source = null;
-  let timer = null;
-  const open = () => {
-    source = new EventSource(path);
-    source.onopen = () => standing(true);
-    source.onerror = () => {
+  const abort = new AbortController();
+  const { signal } = abort;
+  const place = { last: '', pause: AGAIN_MS };
+  const go = async () => {
+    while (!signal.aborted) {
+      try {
+        const headers = { accept: 'text/event-stream', ...(place.last && { 'last-event-id': place.last }) };
+        const response = await send(path, { headers, signal, patient: true });
+        // The end was told already.
+        if (response.status === 204) return;
+        if (response.ok) {
+          standing(true);
+          await readEvents(response.body, place, (kind, data) => signal.aborted || hear(kind, data));
+        }
+      } catch {
+        // A break looks the same wherever it comes from; after `close` nobody listens any more.
+      }
+      if (signal.aborted) return;
       standing(false);
-      if (source.readyState === EventSource.CLOSED) timer = setTimeout(open, AGAIN_MS);
-    };
-    for (const kind of KINDS) source.addEventListener(kind, event => hear(kind, JSON.parse(event.data)));
+      await new Promise(done => setTimeout(done, place.pause));
+    }
   };
-  open();
-  return () => {
-    clearTimeout(timer);
-    source.close();
-  };
+  go();
+  return () => abort.abort();
 }
 
 /** Starts the stream of the whole page, once. */
@@ -61,6 +94,8 @@ export function useConnection() {
   const [standing, setStanding] = useState(connected);
   useEffect(() => {
     connectionListeners.add(setStanding);
+    // It may have come to stand since this was drawn.
+    setStanding(connected);
     return () => connectionListeners.delete(setStanding);
   }, []);
   return standing;

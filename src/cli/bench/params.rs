@@ -5,6 +5,7 @@ use super::super::{Failure, faults};
 use super::Row;
 use lampyris::app::App;
 use lampyris::data::SystemId;
+use lampyris::jobs::tokens::LOCAL;
 use lampyris::jobs::windows::Format;
 use lampyris::jobs::{JobsError, submit, systems, windows};
 use lampyris::settings::Settings;
@@ -68,7 +69,7 @@ async fn publish(app: &App) -> Result<String, Failure> {
     let service = app.service();
     let twin = twin::room(4, 0, 9, 30).map_err(|found| faults(&found))?;
     let system: SystemId = "room/4".parse().map_err(|error| Failure::Error(format!("{error}")))?;
-    systems::put(service, &system, json!({ "model": "room3" })).await.map_err(failed)?;
+    systems::put(service, &system, json!({ "model": "room3" }), LOCAL).await.map_err(failed)?;
     windows::take(service, &system, Format::Csv, twin.csv, None).await.map_err(failed)?;
     let submitted =
         submit::one(service, JobKind::Estimate, &system, false, Priority::Operator, &serde_json::Map::new(), None).await.map_err(failed)?;

@@ -5,11 +5,13 @@
 use super::super::ladder;
 use super::{BELGIAN_HOUSE, Failure, failed, print, wait};
 use lampyris::data::SystemId;
+use lampyris::jobs::tokens::LOCAL;
 use lampyris::jobs::windows::Format;
 use lampyris::jobs::{Service, models, submit, systems, windows};
 use lampyris::model::ModelId;
 use lampyris::store::diagnoses;
 use lampyris::store::jobs::{JobKind, Priority, Submitted};
+use lampyris::store::reach::Reach;
 use lampyris::twin::{Level, WorldRequest, world};
 use serde_json::{Value, json};
 
@@ -90,7 +92,7 @@ pub async fn find(service: &Service, hidden: bool) -> Result<Vec<Found>, Failure
         let system = id(room)?;
         let mut document = room.document.clone();
         document["label"] = json!(room.label);
-        systems::put(service, &system, document).await.map_err(failed)?;
+        systems::put(service, &system, document, LOCAL).await.map_err(failed)?;
         windows::take(service, &system, Format::Csv, room.csv.clone(), None).await.map_err(failed)?;
         let request = room.request.as_object().cloned().unwrap_or_default();
         for kind in [JobKind::Diagnose, JobKind::Ladder].into_iter().take(1 + usize::from(room.climbs)) {
@@ -109,8 +111,9 @@ pub async fn find(service: &Service, hidden: bool) -> Result<Vec<Found>, Failure
     let mut found = Vec::new();
     for room in &rooms {
         let system = id(room)?;
-        let newest =
-            diagnoses::page(&service.store, Some(&system), i64::MAX, 1).await.map_err(|error| Failure::Error(error.to_string()))?;
+        let newest = diagnoses::page(&service.store, &Reach::ALL, Some(&system), i64::MAX, 1)
+            .await
+            .map_err(|error| Failure::Error(error.to_string()))?;
         let ladder = diagnoses::newest_ladder(&service.store, &system).await.map_err(|error| Failure::Error(error.to_string()))?;
         let ladder = ladder.map(|record| record.document);
         if let Some(ladder) = &ladder {
@@ -131,7 +134,7 @@ async fn add(service: &Service, ladder: &Value) -> Result<(), Failure> {
     let steps = ladder["steps"].as_array().map_or(&[][..], Vec::as_slice);
     for pair in steps.windows(2).filter(|pair| pair[1]["kept"] == json!(true)) {
         let parent: ModelId = pair[0]["model"].as_str().unwrap_or_default().parse().map_err(|error| Failure::Error(format!("{error}")))?;
-        models::add_effect(service, &parent, json!({ "effect": pair[1]["added"] }), None).await.map_err(failed)?;
+        models::add_effect(service, &parent, json!({ "effect": pair[1]["added"] }), LOCAL, None).await.map_err(failed)?;
     }
     Ok(())
 }

@@ -10,6 +10,7 @@ import { Commands } from './commands.js';
 import { Dialog } from './dialog.js';
 import { toggleTable } from './frame.js';
 import { Failed } from './screens.js';
+import { TokenQuestion, ForgetToken } from './token.js';
 
 const PLACES = REPORT ? [] : [
   ['Overview', [], 'o'],
@@ -54,6 +55,7 @@ export function Shell({ place, children }) {
       <span class="row">
         ${live === false && html`<span class="status bad"><span class="shape" aria-hidden="true">■</span> connection lost, trying again</span>`}
         ${live && html`<span class="status ok" title="Jobs report here as they go"><span class="shape" aria-hidden="true">●</span> live</span>`}
+        <${ForgetToken} />
         <button class="plain" onClick=${turnTheme}>${THEMES[theme()][1]}</button>
         <button class="plain" onClick=${() => setOpen('commands')} aria-label="Commands">…</button>
         <button class="plain" onClick=${() => setOpen('help')} aria-label="Keys">?</button>
@@ -61,6 +63,7 @@ export function Shell({ place, children }) {
     </header>
     <main id="main" tabindex="-1">${fault ? html`<${Failed} error=${fault} retry=${clear} />` : children}</main>
     <${Said} />
+    <${TokenQuestion} />
     ${open === 'help' && html`<${Help} close=${closed('help')} />`}
     ${open === 'commands' && html`<${Commands} close=${closed('commands')} />`}`;
 }
