@@ -20,15 +20,20 @@
 //! | `decisions`, `pins` | an operator's word: on held and suggested fits, and on what stays in service |
 //! | `degradations` | what newer measurements say of what is served |
 //! | `metrics` | how long the queue is |
-//! | `params` | what is served: revisions, fallbacks, states |
 //! | `retry` | jobs that are done again |
 //! | `schedules` | when batches are submitted |
 //! | `idempotency` | keys of requests that created something |
+//! | `migrate` | which schema a database has, and how it is brought up to date |
+//! | `backup` | copies of a database, and their way back |
+//! | `doctor` | how a database fares |
 
+pub mod backup;
 pub mod batches;
 pub mod decisions;
 pub mod degradations;
 pub mod diagnoses;
+pub mod doctor;
+mod error;
 pub mod events;
 pub mod finish;
 pub mod fits;
@@ -36,6 +41,7 @@ pub mod idempotency;
 mod job;
 pub mod jobs;
 pub mod metrics;
+pub mod migrate;
 pub mod models;
 pub mod params;
 pub mod pins;
@@ -45,14 +51,15 @@ pub mod schedules;
 pub mod systems;
 pub mod windows;
 
+pub use error::StoreError;
+
+use backup::beside;
 use jiff::Timestamp;
 use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqlitePool, SqlitePoolOptions, SqliteSynchronous};
 use sqlx::{Sqlite, SqliteConnection, Transaction};
 use std::fs::{File, TryLockError};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::Duration;
-
-static MIGRATIONS: sqlx::migrate::Migrator = sqlx::migrate!("./migrations");
 
 /// How long a statement waits for another process that holds the database.
 const BUSY_TIMEOUT: Duration = Duration::from_secs(10);
@@ -68,76 +75,20 @@ pub struct Store {
     _lock: File,
 }
 
-/// Why the database could not do what was asked.
-#[derive(Debug)]
-pub enum StoreError {
-    /// SQLite or the connection to it failed.
-    Sql(sqlx::Error),
-    /// The schema could not be brought up to date; it may be newer than this program.
-    Migration(sqlx::migrate::MigrateError),
-    /// Another service has this database open.
-    InUse(PathBuf),
-    /// The database file or its lock could not be opened.
-    Open(PathBuf, std::io::Error),
-    /// A row holds something that this program did not write.
-    Corrupt {
-        /// Which row.
-        what: String,
-        /// What is wrong with it.
-        detail: String,
-    },
-    /// The lease of a job is no longer held, so nothing was written.
-    LeaseLost,
-}
-
-impl std::fmt::Display for StoreError {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match self {
-            StoreError::Sql(error) => write!(f, "the database failed: {error}"),
-            StoreError::Migration(error) => write!(f, "the database schema cannot be brought up to date: {error}"),
-            StoreError::InUse(path) => write!(f, "another service has the database {} open", path.display()),
-            StoreError::Open(path, error) => {
-                write!(f, "cannot open the database {}: {error}", path.display())
-            }
-            StoreError::Corrupt { what, detail } => write!(f, "the database holds something unreadable in {what}: {detail}"),
-            StoreError::LeaseLost => f.write_str("the lease of the job is no longer held"),
-        }
-    }
-}
-
-impl std::error::Error for StoreError {
-    fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
-        match self {
-            StoreError::Sql(error) => Some(error),
-            StoreError::Migration(error) => Some(error),
-            StoreError::Open(_, error) => Some(error),
-            StoreError::InUse(_) | StoreError::Corrupt { .. } | StoreError::LeaseLost => None,
-        }
-    }
-}
-
-impl From<sqlx::Error> for StoreError {
-    fn from(error: sqlx::Error) -> Self {
-        StoreError::Sql(error)
-    }
-}
-
 impl Store {
     /// Opens a database, makes it if it is not there, and brings its schema up to date.
     ///
     /// # Errors
-    /// Where another service has it open, the file cannot be used, or the schema is not one that this program knows.
+    /// Where another service has it open, the file cannot be used, it is damaged, or the schema is not one that this
+    /// program knows.
     pub async fn open(path: &Path) -> Result<Self, StoreError> {
         let lock = lock(path)?;
-        let options = SqliteConnectOptions::new()
-            .filename(path)
-            .create_if_missing(true)
-            .journal_mode(SqliteJournalMode::Wal)
-            .synchronous(SqliteSynchronous::Full)
-            .busy_timeout(BUSY_TIMEOUT)
-            .foreign_keys(true);
+        let migrated = migrate::bring_up_to_date(path).await?;
+        if let Some(backup) = &migrated.backup {
+            tracing::warn!(from = migrated.from, to = migrated.to, backup = %backup.display(), "the database has a new schema");
+        }
+        let options = options(path).journal_mode(SqliteJournalMode::Wal).synchronous(SqliteSynchronous::Full);
         let writer = SqlitePoolOptions::new().max_connections(1).connect_with(options.clone()).await?;
-        MIGRATIONS.run(&writer).await.map_err(StoreError::Migration)?;
         let reader = SqlitePoolOptions::new().max_connections(READERS).connect_with(options.pragma("query_only", "on")).await?;
         Ok(Self { writer, reader, _lock: lock })
     }
@@ -176,11 +127,14 @@ impl Store {
     }
 }
 
+/// How every connection is opened.
+fn options(path: &Path) -> SqliteConnectOptions {
+    SqliteConnectOptions::new().filename(path).busy_timeout(BUSY_TIMEOUT).foreign_keys(true)
+}
+
 /// Takes the lock file beside the database. The system frees it when the process ends, however it ends.
 fn lock(path: &Path) -> Result<File, StoreError> {
-    let mut name = path.as_os_str().to_owned();
-    name.push(".lock");
-    let lock_path = PathBuf::from(name);
+    let lock_path = beside(path, ".lock");
     let failed = |error| StoreError::Open(lock_path.clone(), error);
     let file = File::options().create(true).truncate(false).write(true).open(&lock_path).map_err(failed)?;
     match file.try_lock() {

@@ -75,6 +75,29 @@ impl Drop for Process {
     }
 }
 
+/// Starts a service that must refuse to start, and gives what it said.
+#[track_caller]
+pub fn serve(database: &Path) -> Said {
+    let mut child = Command::new(env!("CARGO_BIN_EXE_lampyris"))
+        .args(["serve", "--bind", "127.0.0.1:0", "--database"])
+        .arg(database)
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let begun = Instant::now();
+    while child.try_wait().unwrap().is_none() {
+        if begun.elapsed() > START {
+            child.kill().unwrap();
+            child.wait().unwrap();
+            panic!("the service did not refuse {}", database.display());
+        }
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    let output = child.wait_with_output().unwrap();
+    Said { code: output.status.code(), out: String::new(), err: String::from_utf8(output.stderr).unwrap() }
+}
+
 /// Runs a verb of the command line against an address.
 pub fn verb(url: &str, arguments: &[&str]) -> Said {
     let output =
