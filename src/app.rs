@@ -108,7 +108,7 @@ impl App {
             return Err(AppError::NotLoopback(settings.bind));
         }
         let builtin = Catalogue::builtin().map_err(AppError::Catalogue)?;
-        let store = Store::open(&settings.database).await?;
+        let store = Store::open(&settings.database, settings.limits.quota()).await?;
         let boot = store.next_boot().await?;
         let recovered = store::jobs::recover(&store, boot, now()).await?;
         if !recovered.requeued.is_empty() || !recovered.failed.is_empty() {

@@ -35,6 +35,15 @@ pub struct Limits {
     pub queue: usize,
     /// Longest a job may run, in seconds, whatever it asks for.
     pub job_seconds: u64,
+    /// Largest database in bytes; 0 leaves it to the disk. Windows are refused from nine tenths of it.
+    pub database_bytes: u64,
+}
+
+impl Limits {
+    /// The quota of the database, if there is one.
+    pub fn quota(&self) -> Option<u64> {
+        (self.database_bytes > 0).then_some(self.database_bytes)
+    }
 }
 
 impl Default for Settings {
@@ -52,12 +61,12 @@ impl Default for Settings {
 
 impl Default for Limits {
     fn default() -> Self {
-        Self { window_bytes: 64 << 20, body_bytes: 1 << 20, queue: 10_000, job_seconds: 3_600 }
+        Self { window_bytes: 64 << 20, body_bytes: 1 << 20, queue: 10_000, job_seconds: 3_600, database_bytes: 0 }
     }
 }
 
 /// The variables of the environment and the fields that they stand for.
-const VARIABLES: [(&str, &str); 9] = [
+const VARIABLES: [(&str, &str); 10] = [
     ("LAMPYRIS_BIND", "/bind"),
     ("LAMPYRIS_DATABASE", "/database"),
     ("LAMPYRIS_WORKERS", "/workers"),
@@ -67,6 +76,7 @@ const VARIABLES: [(&str, &str); 9] = [
     ("LAMPYRIS_LIMITS_BODY_BYTES", "/limits/body_bytes"),
     ("LAMPYRIS_LIMITS_QUEUE", "/limits/queue"),
     ("LAMPYRIS_LIMITS_JOB_SECONDS", "/limits/job_seconds"),
+    ("LAMPYRIS_LIMITS_DATABASE_BYTES", "/limits/database_bytes"),
 ];
 
 impl Settings {
@@ -128,7 +138,8 @@ impl Settings {
             "/limits/window_bytes" => read(&mut self.limits.window_bytes, text),
             "/limits/body_bytes" => read(&mut self.limits.body_bytes, text),
             "/limits/queue" => read(&mut self.limits.queue, text),
-            _ => read(&mut self.limits.job_seconds, text),
+            "/limits/job_seconds" => read(&mut self.limits.job_seconds, text),
+            _ => read(&mut self.limits.database_bytes, text),
         }
     }
 
@@ -146,6 +157,12 @@ impl Settings {
         demand(self.limits.window_bytes >= 1024, "/limits/window_bytes", "a window needs at least 1024 bytes");
         demand(self.limits.body_bytes >= 1024, "/limits/body_bytes", "a body needs at least 1024 bytes");
         demand(self.limits.queue >= 1, "/limits/queue", "at least one job must be able to wait");
+        let quota = self.limits.quota();
+        demand(
+            quota.is_none_or(|quota| quota >= 1 << 20),
+            "/limits/database_bytes",
+            "a database needs at least 1048576 bytes; 0 sets no quota",
+        );
         demand(self.limits.job_seconds >= 1, "/limits/job_seconds", "a job needs at least a second");
         faults
     }

@@ -2,6 +2,10 @@
 
 use std::path::PathBuf;
 
+/// SQLite's primary result code for a system that could not read or write.
+const IO: i32 = 10;
+/// SQLite's primary result code for a database that finds no room.
+const FULL: i32 = 13;
 /// SQLite's primary result code for a database whose pages contradict each other.
 const CORRUPT: i32 = 11;
 /// SQLite's primary result code for a file that is no database.
@@ -27,6 +31,10 @@ pub enum StoreError {
     Foreign(PathBuf),
     /// Pages of the database contradict each other: what SQLite says of it.
     Damaged(String),
+    /// There is no room, on the disk or in the quota: what was to be written.
+    Full(String),
+    /// The system could not read or write the files; nothing is written until the next start.
+    Broken(String),
     /// Another service has this database open.
     InUse(PathBuf),
     /// The database file or its lock could not be opened.
@@ -67,6 +75,13 @@ impl std::fmt::Display for StoreError {
                 f,
                 "the database is damaged, and nothing is served from it ({detail}): bring back a file that `lampyris backup` made, with `lampyris restore FILE`; the damaged one is kept"
             ),
+            StoreError::Full(detail) => {
+                write!(f, "there is no room for the database ({detail}): make room on the disk, or raise its quota")
+            }
+            StoreError::Broken(detail) => write!(
+                f,
+                "the files of the database cannot be read or written ({detail}): nothing more is written; see to the disk, run `lampyris doctor`, and start the service again"
+            ),
             StoreError::InUse(path) => write!(f, "another service has the database {} open", path.display()),
             StoreError::Open(path, error) => write!(f, "cannot open {}: {error}", path.display()),
             StoreError::NoFile(path) => write!(f, "there is no file {}", path.display()),
@@ -97,6 +112,8 @@ impl From<sqlx::Error> for StoreError {
     fn from(error: sqlx::Error) -> Self {
         match primary_code(&error) {
             Some(CORRUPT | NO_DATABASE) => StoreError::Damaged(error.to_string()),
+            Some(FULL) => StoreError::Full(error.to_string()),
+            Some(IO) => StoreError::Broken(error.to_string()),
             _ => StoreError::Sql(error),
         }
     }

@@ -24,6 +24,7 @@
 //! | `schedules` | when batches are submitted |
 //! | `idempotency` | keys of requests that created something |
 //! | `migrate` | which schema a database has, and how it is brought up to date |
+//! | `write` | write transactions, and what they tell of the disk |
 //! | `backup` | copies of a database, and their way back |
 //! | `doctor` | how a database fares |
 
@@ -50,16 +51,18 @@ pub mod revisions;
 pub mod schedules;
 pub mod systems;
 pub mod windows;
+mod write;
 
 pub use error::StoreError;
 
 use backup::beside;
 use jiff::Timestamp;
+use sqlx::SqliteConnection;
 use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqlitePool, SqlitePoolOptions, SqliteSynchronous};
-use sqlx::{Sqlite, SqliteConnection, Transaction};
 use std::fs::{File, TryLockError};
 use std::path::Path;
 use std::time::Duration;
+use write::{Quota, Writing};
 
 /// How long a statement waits for another process that holds the database.
 const BUSY_TIMEOUT: Duration = Duration::from_secs(10);
@@ -71,42 +74,37 @@ const READERS: u32 = 4;
 pub struct Store {
     writer: SqlitePool,
     reader: SqlitePool,
+    writing: Writing,
+    quota: Option<Quota>,
     /// Held as long as the store lives, so that no second service claims the same jobs.
     _lock: File,
 }
 
 impl Store {
-    /// Opens a database, makes it if it is not there, and brings its schema up to date.
+    /// Opens a database, makes it if it is not there, and brings its schema up to date. A quota limits its size in bytes.
     ///
     /// # Errors
     /// Where another service has it open, the file cannot be used, it is damaged, or the schema is not one that this
     /// program knows.
-    pub async fn open(path: &Path) -> Result<Self, StoreError> {
+    pub async fn open(path: &Path, quota: Option<u64>) -> Result<Self, StoreError> {
         let lock = lock(path)?;
         let migrated = migrate::bring_up_to_date(path).await?;
         if let Some(backup) = &migrated.backup {
             tracing::warn!(from = migrated.from, to = migrated.to, backup = %backup.display(), "the database has a new schema");
         }
         let options = options(path).journal_mode(SqliteJournalMode::Wal).synchronous(SqliteSynchronous::Full);
-        let writer = SqlitePoolOptions::new().max_connections(1).connect_with(options.clone()).await?;
+        let quota = quota.map(Quota::of_bytes);
+        let limited = match &quota {
+            Some(quota) => options.clone().pragma("max_page_count", quota.pages.to_string()),
+            None => options.clone(),
+        };
+        let writer = SqlitePoolOptions::new()
+            .max_connections(1)
+            .after_release(|connection, _| Box::pin(write::is_clean(connection)))
+            .connect_with(limited)
+            .await?;
         let reader = SqlitePoolOptions::new().max_connections(READERS).connect_with(options.pragma("query_only", "on")).await?;
-        Ok(Self { writer, reader, _lock: lock })
-    }
-
-    /// A transaction that holds the write lock from its first statement.
-    async fn write(&self) -> Result<Transaction<'static, Sqlite>, StoreError> {
-        Ok(self.writer.begin_with("BEGIN IMMEDIATE").await?)
-    }
-
-    /// Whether the database can be written now.
-    ///
-    /// # Errors
-    /// Where it cannot.
-    pub async fn writable(&self) -> Result<(), StoreError> {
-        let mut tx = self.write().await?;
-        // Rewrites a row as it is: a read-only file or a full disk shows here and not in a user's request.
-        sqlx::query("UPDATE counters SET value = value WHERE name = 'boot'").execute(&mut *tx).await?;
-        Ok(tx.rollback().await?)
+        Ok(Self { writer, reader, writing: Writing::default(), quota, _lock: lock })
     }
 
     /// The number of this start of the service, which its leases carry. No clock and no chance is involved.

@@ -73,6 +73,7 @@ pub async fn put(store: &Store, system: &SystemId, fit: Option<&str>, reason: &s
 /// # Errors
 /// Where the database fails.
 pub async fn delete(store: &Store, system: &SystemId) -> Result<(), StoreError> {
-    sqlx::query("DELETE FROM pins WHERE system = $1").bind(system.to_string()).execute(&store.writer).await?;
-    Ok(())
+    let mut tx = store.write().await?;
+    sqlx::query("DELETE FROM pins WHERE system = $1").bind(system.to_string()).execute(&mut *tx).await?;
+    tx.commit().await
 }

@@ -113,7 +113,9 @@ pub async fn put(store: &Store, new: &NewSchedule<'_>, now: Timestamp) -> Result
 /// # Errors
 /// Where the database fails.
 pub async fn delete(store: &Store, name: &str) -> Result<bool, StoreError> {
-    let done = sqlx::query("DELETE FROM schedules WHERE name = $1").bind(name).execute(&store.writer).await?;
+    let mut tx = store.write().await?;
+    let done = sqlx::query("DELETE FROM schedules WHERE name = $1").bind(name).execute(&mut *tx).await?;
+    tx.commit().await?;
     Ok(done.rows_affected() > 0)
 }
 

@@ -27,7 +27,18 @@ pub struct Said {
 
 impl Process {
     pub fn start(database: &Path) -> Self {
-        let mut child = Command::new(env!("CARGO_BIN_EXE_lampyris"))
+        Self::run(Command::new(env!("CARGO_BIN_EXE_lampyris")), database)
+    }
+
+    /// A service none of whose files may grow beyond a megabyte.
+    pub fn start_with_small_files(database: &Path) -> Self {
+        let mut command = Command::new("bash");
+        command.args(["-c", "trap '' XFSZ; ulimit -f 1024; exec \"$@\"", "bash", env!("CARGO_BIN_EXE_lampyris")]);
+        Self::run(command, database)
+    }
+
+    fn run(mut command: Command, database: &Path) -> Self {
+        let mut child = command
             .args(["serve", "--bind", "127.0.0.1:0", "--database"])
             .arg(database)
             .env("LAMPYRIS_THREADS", "1")
