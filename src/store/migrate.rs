@@ -5,7 +5,7 @@
 
 use super::backup::{beside, copy, require_sound};
 use super::{StoreError, lock, options};
-use sqlx::migrate::Migrator;
+use sqlx::migrate::{Migration, Migrator};
 use sqlx::sqlite::SqliteConnectOptions;
 use sqlx::{ConnectOptions, Connection, SqliteConnection};
 use std::collections::HashSet;
@@ -46,7 +46,7 @@ pub(super) async fn bring_up_to_date(path: &Path) -> Result<Migrated, StoreError
         require_sound(&mut connection, "PRAGMA quick_check(3)").await?;
     }
     let mut backup = None;
-    if from > 0 && from < newest() {
+    if from > 0 && is_behind(&mut connection).await? {
         // One file per schema: a start that fails again and again must not fill the disk with backups.
         let file = beside(path, &format!(".schema-{from}.backup"));
         copy(&mut connection, path, &file).await?;
@@ -79,20 +79,25 @@ pub(super) async fn schema(connection: &mut SqliteConnection, path: &Path) -> Re
     if found > newest() {
         return Err(StoreError::Newer { found, known: newest() });
     }
+    let mut migrations = Vec::new();
     for (version, checksum) in applied {
-        let is_known = MIGRATIONS.iter().any(|known| known.version == version && *known.checksum == *checksum);
-        if !is_known {
-            return Err(StoreError::Edited(version));
-        }
+        let known = MIGRATIONS.iter().find(|known| known.version == version && *known.checksum == *checksum);
+        migrations.push(known.cloned().ok_or(StoreError::Edited(version))?);
     }
-    require_shape(connection, found).await?;
+    require_shape(connection, migrations).await?;
     Ok(found)
 }
 
-/// Tables, indexes and triggers must be those that the migrations make; what somebody has added is no matter.
-async fn require_shape(connection: &mut SqliteConnection, version: i64) -> Result<(), StoreError> {
+/// Whether a migration that this program knows was not applied yet.
+async fn is_behind(connection: &mut SqliteConnection) -> Result<bool, StoreError> {
+    let applied: i64 = sqlx::query_scalar("SELECT COUNT(*) FROM _sqlx_migrations").fetch_one(connection).await?;
+    Ok(applied.unsigned_abs() < MIGRATIONS.iter().count() as u64)
+}
+
+/// Tables, indexes and triggers must be those that the applied migrations make; what somebody has added is no matter.
+async fn require_shape(connection: &mut SqliteConnection, applied: Vec<Migration>) -> Result<(), StoreError> {
     let mut fresh = SqliteConnectOptions::new().in_memory(true).connect().await?;
-    MIGRATIONS.run_direct(Some(version), &mut fresh, false).await.map_err(StoreError::Migration)?;
+    Migrator::with_migrations(applied).run_direct(None, &mut fresh, false).await.map_err(StoreError::Migration)?;
     let sql = "SELECT CAST(name AS BLOB), CAST(sql AS BLOB) FROM sqlite_schema WHERE sql IS NOT NULL";
     let wanted: Vec<(Vec<u8>, Vec<u8>)> = sqlx::query_as(sql).fetch_all(&mut fresh).await?;
     let found: HashSet<(Vec<u8>, Vec<u8>)> = sqlx::query_as(sql).fetch_all(connection).await?.into_iter().collect();
