@@ -113,7 +113,7 @@ impl App {
             return Err(AppError::Settings(faults));
         }
         let builtin = Catalogue::builtin().map_err(AppError::Catalogue)?;
-        let store = Store::open(&settings.database).await?;
+        let store = Store::open(&settings.database, settings.limits.quota()).await?;
         let tokens = Tokens::load(&store).await?;
         if tokens.is_open() && !settings.bind.ip().is_loopback() {
             return Err(AppError::NotLoopback(settings.bind));

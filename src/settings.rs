@@ -41,6 +41,15 @@ pub struct Limits {
     pub header_seconds: u64,
     /// Seconds that a client may take to send a body.
     pub body_seconds: u64,
+    /// Largest database in bytes; 0 leaves it to the disk. Windows are refused from nine tenths of it.
+    pub database_bytes: u64,
+}
+
+impl Limits {
+    /// The quota of the database, if there is one.
+    pub fn quota(&self) -> Option<u64> {
+        (self.database_bytes > 0).then_some(self.database_bytes)
+    }
 }
 
 impl Default for Settings {
@@ -66,12 +75,13 @@ impl Default for Limits {
             connections: 4_096,
             header_seconds: 10,
             body_seconds: 30,
+            database_bytes: 0,
         }
     }
 }
 
 /// The variables of the environment and the fields that they stand for.
-const VARIABLES: [(&str, &str); 12] = [
+const VARIABLES: [(&str, &str); 13] = [
     ("LAMPYRIS_BIND", "/bind"),
     ("LAMPYRIS_DATABASE", "/database"),
     ("LAMPYRIS_WORKERS", "/workers"),
@@ -84,6 +94,7 @@ const VARIABLES: [(&str, &str); 12] = [
     ("LAMPYRIS_LIMITS_CONNECTIONS", "/limits/connections"),
     ("LAMPYRIS_LIMITS_HEADER_SECONDS", "/limits/header_seconds"),
     ("LAMPYRIS_LIMITS_BODY_SECONDS", "/limits/body_seconds"),
+    ("LAMPYRIS_LIMITS_DATABASE_BYTES", "/limits/database_bytes"),
 ];
 
 impl Settings {
@@ -148,7 +159,8 @@ impl Settings {
             "/limits/job_seconds" => read(&mut self.limits.job_seconds, text),
             "/limits/connections" => read(&mut self.limits.connections, text),
             "/limits/header_seconds" => read(&mut self.limits.header_seconds, text),
-            _ => read(&mut self.limits.body_seconds, text),
+            "/limits/body_seconds" => read(&mut self.limits.body_seconds, text),
+            _ => read(&mut self.limits.database_bytes, text),
         }
     }
 
@@ -166,6 +178,12 @@ impl Settings {
         demand(self.limits.window_bytes >= 1024, "/limits/window_bytes", "a window needs at least 1024 bytes");
         demand(self.limits.body_bytes >= 1024, "/limits/body_bytes", "a body needs at least 1024 bytes");
         demand(self.limits.queue >= 1, "/limits/queue", "at least one job must be able to wait");
+        let quota = self.limits.quota();
+        demand(
+            quota.is_none_or(|quota| quota >= 1 << 20),
+            "/limits/database_bytes",
+            "a database needs at least 1048576 bytes; 0 sets no quota",
+        );
         demand(self.limits.job_seconds >= 1, "/limits/job_seconds", "a job needs at least a second");
         demand((16..=1_000_000).contains(&self.limits.connections), "/limits/connections", "there are between 16 and 1000000 connections");
         demand((1..=3_600).contains(&self.limits.header_seconds), "/limits/header_seconds", "a head takes between 1 and 3600 seconds");

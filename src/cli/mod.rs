@@ -2,8 +2,10 @@
 
 mod bench;
 mod bundle;
+mod database;
 mod demo;
 mod diagnose;
+mod doctor;
 mod fit;
 mod fits;
 mod jobs;
@@ -67,6 +69,23 @@ enum Verb {
     Windows(windows::Arguments),
     /// Who may ask a service: make, list and revoke tokens, in its database, also while it runs.
     Token(tokens::Arguments),
+    /// Bring the schema of the database up to date. A backup is made beside it first. `serve` does the same.
+    Migrate(database::Database),
+    /// Copy the database into one file, also beside a running server.
+    ///
+    /// The file holds everything that was acknowledged before the verb began; it is checked and on the disk when the verb
+    /// ends. A raw copy of the database file is no backup: what was written last is in the write-ahead log beside it,
+    /// and a copy without that log lacks writes that were acknowledged.
+    Backup(database::BackupArguments),
+    /// Put a backup in the place of the database, while no server runs.
+    ///
+    /// The backup is checked first. The database that was there is kept beside it under a name with the time.
+    Restore(database::RestoreArguments),
+    /// Look at everything that the service stands on, and say what to do about it.
+    ///
+    /// Configuration, database, schema, log, clock, disk, folder, open files and CPU, a line each. The exit code is 1
+    /// where a check failed; a warning is none.
+    Doctor(database::Database),
     /// Print the OpenAPI document.
     Openapi,
     /// Print what a shell needs to complete these verbs.
@@ -121,6 +140,10 @@ pub fn run(cli: Cli) -> ExitCode {
         Verb::Systems(arguments) => systems::run(&arguments),
         Verb::Windows(arguments) => windows::run(&arguments),
         Verb::Token(arguments) => tokens::run(arguments),
+        Verb::Migrate(arguments) => database::migrate(&arguments),
+        Verb::Backup(arguments) => database::backup(&arguments),
+        Verb::Restore(arguments) => database::restore(&arguments),
+        Verb::Doctor(arguments) => doctor::run(&arguments),
         Verb::Openapi => {
             print(&lampyris::http::openapi_yaml());
             Ok(())

@@ -249,6 +249,15 @@ impl ApiError {
                 let detail = "too many answers are being computed already; nothing was started".into();
                 plain(StatusCode::SERVICE_UNAVAILABLE, "busy", "Too much is asked at once", detail)
             }
+            ApiError::Storage(StoreError::Full(_)) => {
+                let detail = "the database has no room for this: delete windows or make room on its disk, and send it again; what is served stays served".into();
+                plain(StatusCode::INSUFFICIENT_STORAGE, "storage-full", "The database is full", detail)
+            }
+            ApiError::Storage(StoreError::Broken(_)) => {
+                let detail =
+                    "a write has failed, and nothing is written until the service is started again; what is served stays served".into();
+                plain(StatusCode::SERVICE_UNAVAILABLE, "storage-read-only", "The database is read-only", detail)
+            }
             ApiError::Storage(_) => {
                 let detail = "the database cannot do this now; what is served stays served".into();
                 plain(StatusCode::SERVICE_UNAVAILABLE, "storage-unavailable", "The database is unavailable", detail)
@@ -282,8 +291,8 @@ impl ApiError {
     fn retry_after(&self) -> Option<u32> {
         match self {
             ApiError::NeverValidated { pending: true, .. } | ApiError::Busy => Some(2),
-            ApiError::QueueFull(_) => Some(10),
-            ApiError::TooManyFailures => Some(60),
+            ApiError::QueueFull(_) | ApiError::Storage(StoreError::Full(_)) => Some(10),
+            ApiError::TooManyFailures | ApiError::Storage(StoreError::Broken(_)) => Some(60),
             ApiError::Storage(_) | ApiError::TimedOut => Some(5),
             _ => None,
         }

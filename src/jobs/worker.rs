@@ -27,6 +27,8 @@ use tokio::sync::oneshot;
 const SLOW_POLL: Duration = Duration::from_secs(5);
 /// Pause after the database has failed.
 const AFTER_FAILURE: Duration = Duration::from_secs(1);
+/// How often a result is offered to a database that is full, before the job fails for want of room.
+const TRIES: u32 = 5;
 /// The least urgent the system knows.
 const NICENESS: i32 = 19;
 /// Deep expressions are evaluated by recursion in places; the depth limit of the parser fits into this.
@@ -74,7 +76,7 @@ pub async fn run(service: Arc<Service>, pool: ThreadPool) {
             Ok(None) => SLOW_POLL,
             Err(error) => {
                 tracing::error!(%error, "no job could be claimed");
-                AFTER_FAILURE
+                if matches!(error, StoreError::Broken(_)) { SLOW_POLL } else { AFTER_FAILURE }
             }
         };
         tokio::select! {
@@ -173,7 +175,8 @@ fn guarded(service: &Service, live: &Live, job: &JobRecord, input: &Input) -> Re
 }
 
 /// Writes the end of a job, and only then shows it. While the database fails the job keeps its lease.
-async fn record(service: &Arc<Service>, job: &JobRecord, lease: &Lease, end: End) {
+async fn record(service: &Arc<Service>, job: &JobRecord, lease: &Lease, mut end: End) {
+    let mut tries = 0;
     loop {
         let written = match &end {
             End::GivenBack => jobs::requeue(&service.store, lease, now()).await.map(|()| None),
@@ -203,13 +206,21 @@ async fn record(service: &Arc<Service>, job: &JobRecord, lease: &Lease, end: End
                 tracing::warn!(job = %job.id, "ended by somebody else meanwhile");
                 break;
             }
-            Err(error) if service.is_stopping() => {
+            // A disk that has failed is not written to again by this process.
+            Err(error) if service.is_stopping() || matches!(error, StoreError::Broken(_)) => {
                 // The next start finds the job running under an old boot and queues it again.
                 tracing::error!(%error, job = %job.id, "the end of a job could not be written");
                 return;
             }
             Err(error) => {
                 tracing::error!(%error, job = %job.id, "the end of a job could not be written, trying again");
+                tries += 1;
+                if tries == TRIES && matches!((&end, &error), (End::Found(_), StoreError::Full(_))) {
+                    // A running job keeps its windows from being deleted, which may be the only way to make room. A failure
+                    // takes less of it than a result.
+                    let detail = "the database had no room for the result: make room, and do the job again".to_owned();
+                    end = End::Failed(JobFailure { code: "storage".into(), detail, errors: Vec::new() });
+                }
                 tokio::time::sleep(AFTER_FAILURE).await;
             }
         }

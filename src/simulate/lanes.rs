@@ -126,6 +126,17 @@ impl Cpu {
         }
         Cpu(Set::Baseline)
     }
+
+    /// Its name, for people.
+    pub fn name(self) -> &'static str {
+        match self.0 {
+            Set::Baseline => "baseline",
+            #[cfg(target_arch = "x86_64")]
+            Set::Avx2 => "AVX2",
+            #[cfg(target_arch = "x86_64")]
+            Set::Avx512 => "AVX-512",
+        }
+    }
 }
 
 /// Work that gains from wide vectors: its body is compiled once per instruction set, if it and all that it

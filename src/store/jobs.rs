@@ -320,8 +320,14 @@ pub async fn claim(store: &Store, boot: i64, now: Timestamp) -> Result<Option<Jo
                    AND NOT EXISTS (SELECT 1 FROM jobs r WHERE r.state = 'running' AND r.system = j.system)
                    ORDER BY j.priority, j.turn, j.sequence LIMIT 1)
                RETURNING *";
-    let row: Option<Row> = sqlx::query_as(sql).bind(boot).bind(millis(now)).fetch_optional(&store.writer).await?;
-    row.map(Row::record).transpose()
+    let mut tx = store.write().await?;
+    let row: Option<Row> = sqlx::query_as(sql).bind(boot).bind(millis(now)).fetch_optional(&mut *tx).await?;
+    let Some(row) = row else {
+        tx.take_back().await?;
+        return Ok(None);
+    };
+    tx.commit().await?;
+    row.record().map(Some)
 }
 
 /// Gives a job back without charging the attempt, because the service stops and not the job.
@@ -333,7 +339,9 @@ pub async fn requeue(store: &Store, lease: &Lease, now: Timestamp) -> Result<(),
                    state = CASE WHEN cancelling THEN 'cancelled' ELSE 'queued' END,
                    ended_at = CASE WHEN cancelling THEN $4 ELSE NULL END
                WHERE id = $1 AND state = 'running' AND boot = $2 AND attempt = $3";
-    let done = sqlx::query(sql).bind(&lease.job).bind(lease.boot).bind(lease.attempt).bind(millis(now)).execute(&store.writer).await?;
+    let mut tx = store.write().await?;
+    let done = sqlx::query(sql).bind(&lease.job).bind(lease.boot).bind(lease.attempt).bind(millis(now)).execute(&mut *tx).await?;
+    tx.commit().await?;
     if done.rows_affected() == 1 { Ok(()) } else { Err(StoreError::LeaseLost) }
 }
 

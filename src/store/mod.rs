@@ -21,17 +21,23 @@
 //! | `audit` | what operators did, when, and under which name |
 //! | `degradations` | what newer measurements say of what is served |
 //! | `metrics` | how long the queue is |
-//! | `params` | what is served: revisions, fallbacks, states |
 //! | `retry` | jobs that are done again |
 //! | `schedules` | when batches are submitted |
 //! | `tokens`, `reach` | who may ask, and about which systems |
 //! | `idempotency` | keys of requests that created something |
+//! | `migrate` | which schema a database has, and how it is brought up to date |
+//! | `write` | write transactions, and what they tell of the disk |
+//! | `backup` | copies of a database, and their way back |
+//! | `doctor` | how a database fares |
 
 pub mod audit;
+pub mod backup;
 pub mod batches;
 pub mod decisions;
 pub mod degradations;
 pub mod diagnoses;
+pub mod doctor;
+mod error;
 pub mod events;
 pub mod finish;
 pub mod fits;
@@ -39,6 +45,7 @@ pub mod idempotency;
 mod job;
 pub mod jobs;
 pub mod metrics;
+pub mod migrate;
 pub mod models;
 pub mod params;
 pub mod pins;
@@ -49,15 +56,18 @@ pub mod schedules;
 pub mod systems;
 pub mod tokens;
 pub mod windows;
+mod write;
 
+pub use error::StoreError;
+
+use backup::beside;
 use jiff::Timestamp;
+use sqlx::SqliteConnection;
 use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqlitePool, SqlitePoolOptions, SqliteSynchronous};
-use sqlx::{Sqlite, SqliteConnection, Transaction};
 use std::fs::{File, TryLockError};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::Duration;
-
-static MIGRATIONS: sqlx::migrate::Migrator = sqlx::migrate!("./migrations");
+use write::{Quota, Writing};
 
 /// How long a statement waits for another process that holds the database.
 const BUSY_TIMEOUT: Duration = Duration::from_secs(10);
@@ -69,74 +79,25 @@ const READERS: u32 = 4;
 pub struct Store {
     writer: SqlitePool,
     reader: SqlitePool,
+    writing: Writing,
+    quota: Option<Quota>,
     /// Held as long as the store lives, so that no second service claims the same jobs. A visitor has none.
     _lock: Option<File>,
 }
 
-/// Why the database could not do what was asked.
-#[derive(Debug)]
-pub enum StoreError {
-    /// SQLite or the connection to it failed.
-    Sql(sqlx::Error),
-    /// The schema could not be brought up to date; it may be newer than this program.
-    Migration(sqlx::migrate::MigrateError),
-    /// Another service has this database open.
-    InUse(PathBuf),
-    /// The database file or its lock could not be opened.
-    Open(PathBuf, std::io::Error),
-    /// A row holds something that this program did not write.
-    Corrupt {
-        /// Which row.
-        what: String,
-        /// What is wrong with it.
-        detail: String,
-    },
-    /// The lease of a job is no longer held, so nothing was written.
-    LeaseLost,
-}
-
-impl std::fmt::Display for StoreError {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match self {
-            StoreError::Sql(error) => write!(f, "the database failed: {error}"),
-            StoreError::Migration(error) => write!(f, "the database schema cannot be brought up to date: {error}"),
-            StoreError::InUse(path) => write!(f, "another service has the database {} open", path.display()),
-            StoreError::Open(path, error) => {
-                write!(f, "cannot open the database {}: {error}", path.display())
-            }
-            StoreError::Corrupt { what, detail } => write!(f, "the database holds something unreadable in {what}: {detail}"),
-            StoreError::LeaseLost => f.write_str("the lease of the job is no longer held"),
-        }
-    }
-}
-
-impl std::error::Error for StoreError {
-    fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
-        match self {
-            StoreError::Sql(error) => Some(error),
-            StoreError::Migration(error) => Some(error),
-            StoreError::Open(_, error) => Some(error),
-            StoreError::InUse(_) | StoreError::Corrupt { .. } | StoreError::LeaseLost => None,
-        }
-    }
-}
-
-impl From<sqlx::Error> for StoreError {
-    fn from(error: sqlx::Error) -> Self {
-        StoreError::Sql(error)
-    }
-}
-
 impl Store {
-    /// Opens a database, makes it if it is not there, and brings its schema up to date.
+    /// Opens a database, makes it if it is not there, and brings its schema up to date. A quota limits its size in bytes.
     ///
     /// # Errors
-    /// Where another service has it open, the file cannot be used, or the schema is not one that this program knows.
-    pub async fn open(path: &Path) -> Result<Self, StoreError> {
+    /// Where another service has it open, the file cannot be used, it is damaged, or the schema is not one that this
+    /// program knows.
+    pub async fn open(path: &Path, quota: Option<u64>) -> Result<Self, StoreError> {
         let lock = lock(path)?;
-        let writer = SqlitePoolOptions::new().max_connections(1).connect_with(options(path).create_if_missing(true)).await?;
-        MIGRATIONS.run(&writer).await.map_err(StoreError::Migration)?;
-        Ok(Self { writer, reader: readers(path).await?, _lock: Some(lock) })
+        let migrated = migrate::bring_up_to_date(path).await?;
+        if let Some(backup) = &migrated.backup {
+            tracing::warn!(from = migrated.from, to = migrated.to, backup = %backup.display(), "the database has a new schema");
+        }
+        Self::connect(path, quota, Some(lock)).await
     }
 
     /// Opens a database as [`Store::open`] does, also where a service has it open: for short transactions that claim
@@ -145,29 +106,26 @@ impl Store {
     /// # Errors
     /// Where the file cannot be used, or the schema is not one that this program knows.
     pub async fn visit(path: &Path) -> Result<Self, StoreError> {
-        match Self::open(path).await {
-            Err(StoreError::InUse(_)) => {
-                let writer = SqlitePoolOptions::new().max_connections(1).connect_with(options(path)).await?;
-                Ok(Self { writer, reader: readers(path).await?, _lock: None })
-            }
+        match Self::open(path, None).await {
+            Err(StoreError::InUse(_)) => Self::connect(path, None, None).await,
             opened => opened,
         }
     }
 
-    /// A transaction that holds the write lock from its first statement.
-    async fn write(&self) -> Result<Transaction<'static, Sqlite>, StoreError> {
-        Ok(self.writer.begin_with("BEGIN IMMEDIATE").await?)
-    }
-
-    /// Whether the database can be written now.
-    ///
-    /// # Errors
-    /// Where it cannot.
-    pub async fn writable(&self) -> Result<(), StoreError> {
-        let mut tx = self.write().await?;
-        // Rewrites a row as it is: a read-only file or a full disk shows here and not in a user's request.
-        sqlx::query("UPDATE counters SET value = value WHERE name = 'boot'").execute(&mut *tx).await?;
-        Ok(tx.rollback().await?)
+    async fn connect(path: &Path, quota: Option<u64>, lock: Option<File>) -> Result<Self, StoreError> {
+        let options = options(path).journal_mode(SqliteJournalMode::Wal).synchronous(SqliteSynchronous::Full);
+        let quota = quota.map(Quota::of_bytes);
+        let limited = match &quota {
+            Some(quota) => options.clone().pragma("max_page_count", quota.pages.to_string()),
+            None => options.clone(),
+        };
+        let writer = SqlitePoolOptions::new()
+            .max_connections(1)
+            .after_release(|connection, _| Box::pin(write::is_clean(connection)))
+            .connect_with(limited)
+            .await?;
+        let reader = SqlitePoolOptions::new().max_connections(READERS).connect_with(options.pragma("query_only", "on")).await?;
+        Ok(Self { writer, reader, writing: Writing::default(), quota, _lock: lock })
     }
 
     /// The number of this start of the service, which its leases carry. No clock and no chance is involved.
@@ -188,24 +146,14 @@ impl Store {
     }
 }
 
+/// How every connection is opened.
 fn options(path: &Path) -> SqliteConnectOptions {
-    SqliteConnectOptions::new()
-        .filename(path)
-        .journal_mode(SqliteJournalMode::Wal)
-        .synchronous(SqliteSynchronous::Full)
-        .busy_timeout(BUSY_TIMEOUT)
-        .foreign_keys(true)
-}
-
-async fn readers(path: &Path) -> Result<SqlitePool, StoreError> {
-    Ok(SqlitePoolOptions::new().max_connections(READERS).connect_with(options(path).pragma("query_only", "on")).await?)
+    SqliteConnectOptions::new().filename(path).busy_timeout(BUSY_TIMEOUT).foreign_keys(true)
 }
 
 /// Takes the lock file beside the database. The system frees it when the process ends, however it ends.
 fn lock(path: &Path) -> Result<File, StoreError> {
-    let mut name = path.as_os_str().to_owned();
-    name.push(".lock");
-    let lock_path = PathBuf::from(name);
+    let lock_path = beside(path, ".lock");
     let failed = |error| StoreError::Open(lock_path.clone(), error);
     let file = File::options().create(true).truncate(false).write(true).open(&lock_path).map_err(failed)?;
     match file.try_lock() {

@@ -93,6 +93,7 @@ struct Row {
     fit: Option<String>,
     job: Option<String>,
     served: Option<String>,
+    served_hash: Option<String>,
     window_from: Option<String>,
     window_to: Option<String>,
     fitted_at: Option<i64>,
@@ -111,7 +112,7 @@ struct Row {
 }
 
 const STANDING: &str = "SELECT s.system, s.model, s.document,
-        r.revision, r.fit, r.job, r.served, r.window_from, r.window_to, r.fitted_at, r.validated_at,
+        r.revision, r.fit, r.job, r.served, r.served_hash, r.window_from, r.window_to, r.fitted_at, r.validated_at,
         f.reason, f.job AS failed_job, f.fit AS refused_fit, f.failed_checks, f.since_at,
         d.description AS degradation, d.since_at AS degraded_at, p.reason AS pin_reason, p.since_at AS pinned_at,
         j.id AS latest_job, j.state AS latest_state
@@ -125,6 +126,11 @@ const STANDING: &str = "SELECT s.system, s.model, s.document,
 
 impl Row {
     fn standing(self) -> Result<Standing, StoreError> {
+        // A flipped bit inside of a number is no contradiction to SQLite; to a controller it would be a wrong parameter.
+        let hash = self.served.as_ref().map(|served| blake3::hash(served.as_bytes()).to_hex().to_string());
+        if hash != self.served_hash {
+            return Err(StoreError::Damaged(format!("the parameters of {} are not those that were published", self.system)));
+        }
         let revision =
             match (self.revision, self.fit, self.job, self.served, self.window_from, self.window_to, self.fitted_at, self.validated_at) {
                 (

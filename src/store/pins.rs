@@ -88,6 +88,5 @@ pub async fn delete(store: &Store, system: &SystemId, who: &str, now: Timestamp)
     if gone.rows_affected() > 0 {
         note(&mut tx, &Deed { who, action: Action::Unpin, system: Some(&system), subject: &system, reason: None }, now).await?;
     }
-    tx.commit().await?;
-    Ok(())
+    tx.commit().await
 }

@@ -133,6 +133,8 @@ pub async fn insert(store: &Store, new: &NewWindow<'_>, key: Option<&RequestKey>
         if sqlx::query("SELECT 1 FROM systems WHERE system = $1").bind(new.system.to_string()).fetch_optional(&mut *tx).await?.is_none() {
             return Ok(Kept::NoSystem);
         }
+        let bytes = new.blocks.iter().map(|(_, block)| block.len()).sum::<usize>() + new.report.len();
+        store.require_room(&mut tx, bytes).await?;
         let sequence = next(&mut tx, "sequence").await?;
         let sql = "INSERT INTO windows (id, system, sequence, from_s, to_s, report, uploaded_at) VALUES ($1, $2, $3, $4, $5, $6, $7)";
         sqlx::query(sql)

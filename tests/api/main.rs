@@ -21,6 +21,7 @@ mod preview;
 mod schedules;
 mod series;
 mod service;
+mod storage;
 mod straight;
 #[path = "../support/mod.rs"]
 mod support;

@@ -304,7 +304,7 @@ fn without_a_token_nobody_listens_for_other_machines() {
 fn a_visitor_needs_no_lock_and_a_second_service_does() {
     let app = TestApp::start();
     app.block_on(async {
-        assert!(matches!(Store::open(&app.database()).await, Err(lampyris::store::StoreError::InUse(_))));
+        assert!(matches!(Store::open(&app.database(), None).await, Err(lampyris::store::StoreError::InUse(_))));
         let visitor = Store::visit(&app.database()).await.unwrap();
         assert!(lampyris::store::tokens::all(&visitor).await.unwrap().is_empty());
         visitor.close().await;

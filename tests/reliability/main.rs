@@ -3,8 +3,10 @@
 //! Whatever it acknowledged is written down here (`oracle`) and looked for after every start.
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
+mod backups;
 #[path = "../support/mod.rs"]
 mod support;
+mod upgrades;
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -43,17 +45,21 @@ impl Oracle {
 
 /// Asks the database itself, with the service down.
 fn check_database(path: &Path) {
+    assert_eq!(rows(path, "PRAGMA integrity_check"), ["ok"]);
+    let orphans = rows(path, "SELECT \"table\" FROM pragma_foreign_key_check");
+    assert!(orphans.is_empty(), "{orphans:?}");
+}
+
+/// Runs a statement on a database that no service may have open, and gives the first column as texts.
+fn rows(path: &Path, sql: &'static str) -> Vec<String> {
+    use sqlx::{Connection, SqliteConnection};
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
     runtime.block_on(async {
-        use sqlx::{Connection, SqliteConnection};
-        let mut connection = SqliteConnection::connect(&format!("sqlite://{}", path.display())).await.unwrap();
-        let integrity: String = sqlx::query_scalar("PRAGMA integrity_check").fetch_one(&mut connection).await.unwrap();
-        assert_eq!(integrity, "ok");
-        let orphans: Vec<(String,)> =
-            sqlx::query_as("SELECT \"table\" FROM pragma_foreign_key_check").fetch_all(&mut connection).await.unwrap();
-        assert!(orphans.is_empty(), "{orphans:?}");
+        let mut connection = SqliteConnection::connect(&format!("sqlite://{}?mode=rwc", path.display())).await.unwrap();
+        let rows = sqlx::query_scalar(sql).fetch_all(&mut connection).await.unwrap();
         connection.close().await.unwrap();
-    });
+        rows
+    })
 }
 
 /// A small generator, so that a failure can be repeated.

@@ -27,7 +27,18 @@ pub struct Said {
 
 impl Process {
     pub fn start(database: &Path) -> Self {
-        let mut child = Command::new(env!("CARGO_BIN_EXE_lampyris"))
+        Self::run(Command::new(env!("CARGO_BIN_EXE_lampyris")), database)
+    }
+
+    /// A service none of whose files may grow beyond a megabyte.
+    pub fn start_with_small_files(database: &Path) -> Self {
+        let mut command = Command::new("bash");
+        command.args(["-c", "trap '' XFSZ; ulimit -f 1024; exec \"$@\"", "bash", env!("CARGO_BIN_EXE_lampyris")]);
+        Self::run(command, database)
+    }
+
+    fn run(mut command: Command, database: &Path) -> Self {
+        let mut child = command
             .args(["serve", "--bind", "127.0.0.1:0", "--database"])
             .arg(database)
             .env("LAMPYRIS_THREADS", "1")
@@ -73,6 +84,29 @@ impl Drop for Process {
         let _ = self.child.kill();
         let _ = self.child.wait();
     }
+}
+
+/// Starts a service that must refuse to start, and gives what it said.
+#[track_caller]
+pub fn serve(database: &Path) -> Said {
+    let mut child = Command::new(env!("CARGO_BIN_EXE_lampyris"))
+        .args(["serve", "--bind", "127.0.0.1:0", "--database"])
+        .arg(database)
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let begun = Instant::now();
+    while child.try_wait().unwrap().is_none() {
+        if begun.elapsed() > START {
+            child.kill().unwrap();
+            child.wait().unwrap();
+            panic!("the service did not refuse {}", database.display());
+        }
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    let output = child.wait_with_output().unwrap();
+    Said { code: output.status.code(), out: String::new(), err: String::from_utf8(output.stderr).unwrap() }
 }
 
 /// Runs a verb of the command line against an address.

@@ -1,0 +1,56 @@
+//! What a doctor wants to know of a database, also of one that a service has open.
+
+use super::backup::{beside, require_whole};
+use super::migrate::{newest, schema};
+use super::{StoreError, instant, lock, options};
+use jiff::Timestamp;
+use sqlx::{ConnectOptions, Connection, SqliteConnection};
+use std::path::Path;
+
+/// A database as it was found.
+#[derive(Debug)]
+pub struct Found {
+    /// Its schema, and the newest that this program knows.
+    pub schema: Result<(i64, i64), StoreError>,
+    /// Whether every page, index and reference is in order.
+    pub soundness: Result<(), StoreError>,
+    /// When its newest row was written, if it has any.
+    pub newest_row: Result<Option<Timestamp>, StoreError>,
+    /// Size of the file in bytes.
+    pub bytes: u64,
+    /// Size of the write-ahead log in bytes.
+    pub log_bytes: u64,
+    /// Whether a service has it open.
+    pub in_use: bool,
+}
+
+/// Looks at a database without changing it.
+///
+/// # Errors
+/// Where there is no such file, or it cannot be opened at all.
+pub async fn look(path: &Path) -> Result<Found, StoreError> {
+    let file = std::fs::metadata(path).map_err(|_| StoreError::NoFile(path.to_owned()))?;
+    let in_use = match lock(path) {
+        Ok(_) => false,
+        Err(StoreError::InUse(_)) => true,
+        Err(error) => return Err(error),
+    };
+    let mut connection = options(path).connect().await?;
+    let found = Found {
+        schema: schema(&mut connection, path).await.map(|found| (found, newest())),
+        soundness: require_whole(&mut connection).await,
+        newest_row: newest_row(&mut connection).await,
+        bytes: file.len(),
+        log_bytes: std::fs::metadata(beside(path, "-wal")).map_or(0, |log| log.len()),
+        in_use,
+    };
+    connection.close().await?;
+    Ok(found)
+}
+
+async fn newest_row(connection: &mut SqliteConnection) -> Result<Option<Timestamp>, StoreError> {
+    let sql = "SELECT MAX(at) FROM (SELECT MAX(uploaded_at) AS at FROM windows UNION ALL SELECT MAX(created_at) FROM jobs
+               UNION ALL SELECT MAX(ended_at) FROM jobs)";
+    let newest: Option<i64> = sqlx::query_scalar(sql).fetch_one(connection).await?;
+    newest.map(instant).transpose()
+}

@@ -1,0 +1,194 @@
+//! Write transactions, and what their ends tell of the disk.
+//!
+//! A full disk is a state that passes: every transaction is tried, and the first that is committed ends it. A failed
+//! write is none: after one the system may have dropped pages that it calls written, and only a new start, which reads
+//! the files anew, knows what is on the disk. From then on nothing is written.
+
+use super::{Store, StoreError};
+use sqlx::{Connection, Sqlite, SqliteConnection, Transaction};
+use std::ops::{Deref, DerefMut};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+/// A row that no request can make: keys of requests have no tabs.
+const PROBE: &str = "\tprobe";
+
+/// The page size of every database that this program makes: SQLite's own.
+const PAGE: u64 = 4096;
+/// Windows are refused beyond this part of a quota in per cent, so that results still fit.
+const FOR_WINDOWS: u64 = 90;
+
+/// How large a database may become.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Quota {
+    bytes: u64,
+    pub(super) pages: u64,
+}
+
+impl Quota {
+    pub(super) fn of_bytes(bytes: u64) -> Self {
+        Self { bytes, pages: bytes / PAGE }
+    }
+}
+
+/// What is known of the writing of a database. What is worse comes later.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord)]
+enum Health {
+    /// The last transaction was committed.
+    #[default]
+    Well,
+    /// A transaction ended without a commit: because it had nothing to write, or because it could not.
+    Doubtful,
+    /// There was no room for the last transaction.
+    Full,
+    /// A write has failed.
+    Broken,
+}
+
+/// The health of a database, which its transactions share.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Writing(Arc<Mutex<Health>>);
+
+/// A transaction that holds the write lock from its first statement. Without a commit nothing of it remains.
+pub(super) struct Write {
+    tx: Transaction<'static, Sqlite>,
+    open: Open,
+}
+
+/// A transaction whose end is not known yet.
+struct Open {
+    writing: Writing,
+    is_known: bool,
+}
+
+impl Writing {
+    fn health(&self) -> MutexGuard<'_, Health> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// What went wrong stays until a commit.
+    fn note(&self, news: Health) {
+        let mut health = self.health();
+        *health = news.max(*health);
+    }
+
+    fn note_error(&self, error: &StoreError) {
+        self.note(match error {
+            StoreError::Full(_) => Health::Full,
+            StoreError::Broken(_) => Health::Broken,
+            _ => Health::Doubtful,
+        });
+    }
+
+    /// Nothing mends a disk that has failed but a new start.
+    fn note_success(&self) {
+        let mut health = self.health();
+        if *health != Health::Broken {
+            *health = Health::Well;
+        }
+    }
+}
+
+impl Drop for Open {
+    fn drop(&mut self) {
+        if !self.is_known {
+            self.writing.note(Health::Doubtful);
+        }
+    }
+}
+
+impl Deref for Write {
+    type Target = SqliteConnection;
+
+    fn deref(&self) -> &SqliteConnection {
+        &self.tx
+    }
+}
+
+impl DerefMut for Write {
+    fn deref_mut(&mut self) -> &mut SqliteConnection {
+        &mut self.tx
+    }
+}
+
+impl Write {
+    /// Makes it durable: what is acknowledged after this survives the power cord.
+    pub async fn commit(mut self) -> Result<(), StoreError> {
+        self.open.is_known = true;
+        match self.tx.commit().await {
+            Ok(()) => {
+                self.open.writing.note_success();
+                Ok(())
+            }
+            Err(error) => {
+                let error = StoreError::from(error);
+                self.open.writing.note_error(&error);
+                Err(error)
+            }
+        }
+    }
+
+    /// Ends it without a trace, as planned.
+    pub(super) async fn take_back(mut self) -> Result<(), StoreError> {
+        self.open.is_known = true;
+        Ok(self.tx.rollback().await?)
+    }
+}
+
+/// Whether a connection can be used for the next transaction. SQLite takes a transaction back by itself where there is no
+/// room; the driver's own ROLLBACK then fails, and it would count that transaction as open for ever.
+pub(super) async fn is_clean(connection: &mut SqliteConnection) -> Result<bool, sqlx::Error> {
+    // An answer comes after the ROLLBACK that an abandoned transaction has left in the line.
+    connection.ping().await?;
+    Ok(!connection.is_in_transaction())
+}
+
+impl Store {
+    /// A transaction that holds the write lock from its first statement.
+    pub(super) async fn write(&self) -> Result<Write, StoreError> {
+        if *self.writing.health() == Health::Broken {
+            return Err(StoreError::Broken("an earlier write failed".to_owned()));
+        }
+        let begun = self.writer.begin_with("BEGIN IMMEDIATE").await.map_err(StoreError::from);
+        let tx = begun.inspect_err(|error| self.writing.note_error(error))?;
+        Ok(Write { tx, open: Open { writing: self.writing.clone(), is_known: false } })
+    }
+
+    /// Whether the database can be written now.
+    ///
+    /// # Errors
+    /// Where it cannot.
+    pub async fn writable(&self) -> Result<(), StoreError> {
+        let mut tx = self.write().await?;
+        // Rewrites a row as it is: a file that has become read-only shows here and not in a user's request.
+        sqlx::query("UPDATE counters SET value = value WHERE name = 'boot'").execute(&mut *tx).await?;
+        let is_well = *self.writing.health() == Health::Well;
+        if is_well {
+            return tx.take_back().await;
+        }
+        // After a failure only pages that reach the disk are a proof. A row that is left behind is forgotten as an old key.
+        let sql = "INSERT OR REPLACE INTO idempotency (key, fingerprint, resource, status, created_at) VALUES ($1, hex(zeroblob(8192)), '', 0, 0)";
+        sqlx::query(sql).bind(PROBE).execute(&mut *tx).await.map_err(|error| self.noted(error))?;
+        tx.commit().await?;
+        let mut tx = self.write().await?;
+        sqlx::query("DELETE FROM idempotency WHERE key = $1").bind(PROBE).execute(&mut *tx).await?;
+        tx.commit().await
+    }
+
+    /// Refuses a window of so many bytes where the database would use most of its quota.
+    pub(super) async fn require_room(&self, tx: &mut SqliteConnection, bytes: usize) -> Result<(), StoreError> {
+        let Some(quota) = self.quota else { return Ok(()) };
+        let sql = "SELECT page_count - freelist_count FROM pragma_page_count, pragma_freelist_count";
+        let pages: i64 = sqlx::query_scalar(sql).fetch_one(tx).await?;
+        let used = pages.unsigned_abs() * PAGE + bytes as u64;
+        if used > quota.bytes / 100 * FOR_WINDOWS {
+            return Err(StoreError::Full(format!("a window would take the database to {used} of {} bytes", quota.bytes)));
+        }
+        Ok(())
+    }
+
+    fn noted(&self, error: sqlx::Error) -> StoreError {
+        let error = StoreError::from(error);
+        self.writing.note_error(&error);
+        error
+    }
+}

@@ -1,0 +1,104 @@
+//! Databases of every released schema, brought up to date: all or nothing, and what is served stays what it was.
+//!
+//! `tests/golden/<schema>.sql` is a dump of such a database, `<schema>.json` the body that its program served.
+
+use crate::support::process::{Process, verb};
+use crate::{check_database, random, rows};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::time::Duration;
+
+/// Upgrades that are killed. The full figure is 50.
+const KILLS: u64 = 10;
+
+/// Makes a database of a released schema; gives its path, and the body that was served from it.
+fn golden(dir: &Path, schema: i64) -> (PathBuf, String) {
+    use sqlx::{Connection, SqliteConnection};
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden");
+    let dump = std::fs::read_to_string(folder.join(format!("{schema}.sql"))).unwrap();
+    let path = dir.join(format!("golden-{schema}.db"));
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+    runtime.block_on(async {
+        let mut connection = SqliteConnection::connect(&format!("sqlite://{}?mode=rwc", path.display())).await.unwrap();
+        sqlx::raw_sql(sqlx::AssertSqlSafe(dump)).execute(&mut connection).await.unwrap();
+        connection.close().await.unwrap();
+    });
+    check_database(&path);
+    (path, std::fs::read_to_string(folder.join(format!("{schema}.json"))).unwrap())
+}
+
+/// What the database says of its own schema.
+fn schema(path: &Path) -> i64 {
+    rows(path, "SELECT CAST(MAX(version) AS TEXT) FROM _sqlx_migrations")[0].parse().unwrap()
+}
+
+fn migrate(path: &Path) -> serde_json::Value {
+    verb("http://127.0.0.1:1", &["migrate", "--json", "--database", path.to_str().unwrap()]).expect(0).json()
+}
+
+#[test]
+fn what_a_released_program_served_is_served_after_the_upgrade() {
+    let dir = tempfile::tempdir().unwrap();
+    for (released, added) in [(1, r#","degraded":null,"pin":null"#), (5, "")] {
+        let (database, body) = golden(dir.path(), released);
+        let told = migrate(&database);
+        let newest = told["to"].as_i64().unwrap();
+        assert_eq!((told["from"].as_i64(), schema(&database)), (Some(released), newest), "{told}");
+        check_database(&database);
+        // Later programs say more of what they serve, and change nothing of what was said.
+        let expected = format!("{}{added}}}", body.strip_suffix('}').unwrap());
+        let service = Process::start(&database);
+        assert_eq!(service.client.get("/params/room/1").expect(200).text, expected);
+        let history = service.client.get("/systems/room/1/windows").expect(200).json();
+        assert_eq!(history["items"][0]["rows"], 240, "the measurements can be read");
+        assert_eq!(service.terminate().0, Some(0));
+        // A second time there is nothing to do, and nothing to back up.
+        assert_eq!(migrate(&database)["from"], newest);
+        let backup = dir.path().join(format!("golden-{released}.db.schema-{released}.backup"));
+        assert_eq!(backup.exists(), released < newest);
+        if released < newest {
+            assert_eq!(schema(&backup), released, "the backup is the database as it was");
+            check_database(&backup);
+        }
+    }
+}
+
+#[test]
+fn a_start_brings_the_schema_up_to_date_and_keeps_a_backup() {
+    let dir = tempfile::tempdir().unwrap();
+    let (database, _) = golden(dir.path(), 1);
+    let service = Process::start(&database);
+    service.client.get("/params/room/1").expect(200);
+    assert_eq!(service.terminate().0, Some(0));
+    assert!(schema(&database) > 1);
+    assert_eq!(schema(&dir.path().join("golden-1.db.schema-1.backup")), 1);
+}
+
+#[test]
+fn a_killed_upgrade_is_gone_on_with() {
+    let dir = tempfile::tempdir().unwrap();
+    let (golden, body) = golden(dir.path(), 1);
+    let (mut seed, mut unfinished) = (3, 0);
+    for round in 0..KILLS {
+        let database = dir.path().join(format!("round-{round}.db"));
+        std::fs::copy(&golden, &database).unwrap();
+        let mut child = Command::new(env!("CARGO_BIN_EXE_lampyris"))
+            .args(["migrate", "--database", database.to_str().unwrap()])
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap();
+        std::thread::sleep(Duration::from_micros(random(&mut seed) % 60_000));
+        child.kill().unwrap();
+        child.wait().unwrap();
+        check_database(&database);
+        let reached = schema(&database);
+        let newest = migrate(&database)["to"].as_i64().unwrap();
+        unfinished += i64::from(reached < newest);
+        check_database(&database);
+        assert_eq!(rows(&database, "SELECT served FROM revisions"), rows(&golden, "SELECT served FROM revisions"));
+        let served = Process::start(&database).client.get("/params/room/1").expect(200).text;
+        assert!(served.starts_with(body.strip_suffix('}').unwrap()), "{served}");
+    }
+    eprintln!("{unfinished} of {KILLS} upgrades were killed before their end");
+}
