@@ -105,7 +105,7 @@ const OPERATIONS: &[(&str, Option<Scope>, About)] = &[
     ("list_audit", Some(Read), Several),
     ("list_schedules", Some(Read), Several),
     ("get_schedule", Some(Read), Schedule),
-    ("preview_schedule", Some(Read), Several),
+    ("preview_schedule", Some(Read), Schedule),
     ("put_schedule", Some(Operate), Schedule),
     ("delete_schedule", Some(Operate), Schedule),
     ("run_schedule", Some(Operate), Schedule),

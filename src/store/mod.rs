@@ -82,7 +82,7 @@ pub struct Store {
     writing: Writing,
     quota: Option<Quota>,
     /// Held as long as the store lives, so that no second service claims the same jobs. A visitor has none.
-    _lock: Option<File>,
+    lock: Option<File>,
 }
 
 impl Store {
@@ -125,7 +125,7 @@ impl Store {
             .connect_with(limited)
             .await?;
         let reader = SqlitePoolOptions::new().max_connections(READERS).connect_with(options.pragma("query_only", "on")).await?;
-        Ok(Self { writer, reader, writing: Writing::default(), quota, _lock: lock })
+        Ok(Self { writer, reader, writing: Writing::default(), quota, lock })
     }
 
     /// The number of this start of the service, which its leases carry. No clock and no chance is involved.
@@ -139,10 +139,14 @@ impl Store {
         Ok(boot)
     }
 
-    /// Ends all connections, which also folds the write-ahead log into the database.
+    /// Ends all connections, which also folds the write-ahead log into the database, and lets another service have it:
+    /// a request that is still being answered may hold this store for a while.
     pub async fn close(&self) {
         self.reader.close().await;
         self.writer.close().await;
+        if let Some(Err(error)) = self.lock.as_ref().map(File::unlock) {
+            tracing::error!(%error, "the lock of the database stays until the end of the process");
+        }
     }
 }
 
