@@ -51,7 +51,7 @@ export async function reports(chrome, binary) {
           await page.getByText('the forecast that was made 6 h before').waitFor();
           await page.getByRole('button', { name: /^Show .* in the chart/ }).first().click();
           await page.waitForURL(/#.*from=/);
-          await page.getByRole('button', { name: 'Whole range' }).click();
+          await page.getByRole('region', { name: 'Measured and model' }).getByRole('button', { name: 'Whole range' }).click();
           await page.waitForURL(url => !url.hash.includes('from='));
           holds((await page.getByRole('button', { name: /curl|Refit|Add and|again|Pin/ }).count()) === 0, `${kind}: a button needs a service`);
           // The longest has every part of the others.
