@@ -261,6 +261,7 @@ export async function edges(chrome, { base, port }) {
     await command('go jobs', 1);
     await page.getByRole('heading', { level: 1, name: 'Jobs' }).waitFor();
     await page.keyboard.press('.');
+    await page.getByRole('dialog', { name: 'Commands' }).waitFor();
     await page.keyboard.type('no such thing');
     await page.getByText('Nothing here is called so.').waitFor();
     await page.keyboard.press('Escape');
