@@ -250,7 +250,8 @@ export async function edges(chrome, { base, port }) {
       const dialog = page.getByRole('dialog', { name: 'Commands' });
       await dialog.waitFor();
       await page.keyboard.type(typed);
-      await page.waitForFunction(most => document.querySelectorAll('.commands [role=option]').length <= most, options);
+      // The systems among them are asked for when the list opens.
+      await page.waitForFunction(many => document.querySelectorAll('.commands [role=option]').length === many, options);
       await page.keyboard.press('Enter');
       await dialog.waitFor({ state: 'detached' });
     };
