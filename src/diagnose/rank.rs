@@ -11,6 +11,7 @@ use super::screen::{Blind, Score, Screen, correlation};
 use crate::estimate::Problem;
 use crate::estimate::metrics::{day_ahead_mse, filter};
 use rayon::prelude::*;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Least gain of the BIC.
 pub const LEAST_BIC: f64 = 10.0;
@@ -102,7 +103,7 @@ pub struct Round {
     pub tried: Vec<Tried>,
     /// Suspects without one: those that physics or the screen ruled out.
     pub skipped: Vec<(usize, Skip)>,
-    /// Simulations of all that were tried.
+    /// Simulations of all scouts and of all that were tried.
     pub evaluations: usize,
     /// The place of the winner among the tried.
     pub winner: Option<usize>,
@@ -132,7 +133,7 @@ pub fn round(null: &mut Null, suspects: &[Suspect], strict: bool) -> Option<Roun
     let here = screened(&null.fitted.white)?;
     let there = null.other.as_ref().and_then(|[_, white]| screened(white));
     let (chosen, skipped) = choose(suspects, here, there);
-    let (chosen, skipped) = scout(null, suspects, chosen, skipped);
+    let (chosen, skipped, scouting) = scout(null, suspects, chosen, skipped);
     let found: Vec<Option<Tried>> = chosen.into_par_iter().map(|chosen| refit(null, &suspects[chosen.place], chosen)).collect();
     let mut tried: Vec<Tried> = found.into_iter().flatten().collect();
     compare(null, &mut tried);
@@ -153,7 +154,7 @@ pub fn round(null: &mut Null, suspects: &[Suspect], strict: bool) -> Option<Roun
     }
     let winner = tried.iter().position(|one| one.gate.is_none());
     let tied = winner.map_or_else(Vec::new, |winner| ties(&mut tried, suspects, winner));
-    let evaluations = tried.iter().map(|one| one.fitted.evaluations).sum();
+    let evaluations = scouting + tried.iter().map(|one| one.fitted.evaluations).sum::<usize>();
     Some(Round { tried, skipped, evaluations, winner, tied })
 }
 
@@ -230,8 +231,9 @@ fn choose(
 
 /// Sends a scout from the nominal values with every suspect, those included for which the data hardly ask at the null
 /// model's optimum: without its missing effect a model may err least where it is no room any more, and nothing that is
-/// added there helps. Of a family of choices the best by score goes for all.
-fn scout(null: &Null, suspects: &[Suspect], chosen: Vec<Chosen>, skipped: Vec<(usize, Skip)>) -> (Vec<Chosen>, Vec<(usize, Skip)>) {
+/// added there helps. Of a family of choices the best by score goes for all. Who is refitted now, who is not, and the
+/// simulations of all scouts.
+fn scout(null: &Null, suspects: &[Suspect], chosen: Vec<Chosen>, skipped: Vec<(usize, Skip)>) -> (Vec<Chosen>, Vec<(usize, Skip)>, usize) {
     let score = |skip: &Skip| match skip {
         Skip::Sign(score) | Skip::Faint(score) => Some(score.clone()),
         Skip::Blind(Blind::TooSmall) => Some(Score::nothing()),
@@ -248,12 +250,14 @@ fn scout(null: &Null, suspects: &[Suspect], chosen: Vec<Chosen>, skipped: Vec<(u
         first
     });
     let most = PROMISING * null.fitted.plain_cost;
+    let evaluations = AtomicUsize::new(0);
     let mut far: Vec<(usize, Vec<f64>)> = waiting
         .into_par_iter()
         .filter_map(|(place, _)| {
             let problem = &suspects[place].problem;
             let [task, _] = null.filters.tasks(problem);
-            let (theta, cost, _) = task.polish(&[problem.nominal().to_vec()], SCOUT);
+            let (theta, cost, spent) = task.polish(&[problem.nominal().to_vec()], SCOUT);
+            evaluations.fetch_add(spent, Ordering::Relaxed);
             (cost < most).then_some((place, theta))
         })
         .collect();
@@ -266,7 +270,7 @@ fn scout(null: &Null, suspects: &[Suspect], chosen: Vec<Chosen>, skipped: Vec<(u
             None => left.push((place, skip)),
         }
     }
-    (chosen, left)
+    (chosen, left, evaluations.into_inner())
 }
 
 /// The suspect at its optima, from those of the null model and the linearised step.
