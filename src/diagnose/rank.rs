@@ -42,8 +42,10 @@ const LEAST_FALL: f64 = 0.9;
 /// Unless the likelihood gains this much, and as much of the error beyond the noise is explained as is asked of the strict:
 /// near the noise an error cannot fall by a tenth.
 const PLAIN_BIC: f64 = 40.0;
-/// Suspects within this much of the winner, or this much alike, are named together with it.
+/// Suspects whose gain is within this much of the winner's, or within this share of it, or that are this much alike, are
+/// named together with it.
 const TIE_BIC: f64 = 10.0;
+const TIE_SHARE: f64 = 0.15;
 const TIE_CORRELATION: f64 = 0.9;
 /// Where the median suspect gains, a cause gains this many times as much.
 const STAND_OUT: f64 = 2.0;
@@ -59,8 +61,10 @@ const LEAST_SCORE: f64 = 1.0;
 /// From how many of the best suspects the null model is restarted.
 const RESTARTS: usize = 3;
 /// Iterations of a suspect's scout from its nominal values, and the largest cost of the free run there, over the null
-/// model's, at which the refit goes on from it.
+/// model's, at which it goes on for as many again: the way from the nominal values is long.
 const SCOUT: usize = 15;
+const GOES_ON: f64 = 2.0;
+/// The largest cost in the end, over the null model's, at which the refit goes on from it.
 const PROMISING: f64 = 0.95;
 
 /// A suspect with its refit.
@@ -237,7 +241,9 @@ fn scout(null: &Null, suspects: &[Suspect], chosen: Vec<Chosen>, skipped: Vec<(u
     let score = |skip: &Skip| match skip {
         Skip::Sign(score) | Skip::Faint(score) => Some(score.clone()),
         Skip::Blind(Blind::TooSmall) => Some(Score::nothing()),
-        Skip::Blind(_) | Skip::Choice => None,
+        // Where a rate lies on its bound, one state imitates another; from there on it need not.
+        Skip::Blind(Blind::Imitated) => Some(Score { imitated: true, ..Score::nothing() }),
+        Skip::Blind(Blind::Diverged) | Skip::Choice => None,
     };
     let mut waiting: Vec<(usize, f64)> = chosen.iter().map(|one| (one.place, one.score.statistic)).collect();
     waiting.extend(skipped.iter().filter_map(|(place, skip)| Some((*place, score(skip)?.statistic))));
@@ -256,8 +262,12 @@ fn scout(null: &Null, suspects: &[Suspect], chosen: Vec<Chosen>, skipped: Vec<(u
         .filter_map(|(place, _)| {
             let problem = &suspects[place].problem;
             let [task, _] = null.filters.tasks(problem);
-            let (theta, cost, spent) = task.polish(&[problem.nominal().to_vec()], SCOUT);
+            let (mut theta, mut cost, mut spent) = task.polish(&[problem.nominal().to_vec()], SCOUT);
             evaluations.fetch_add(spent, Ordering::Relaxed);
+            if (most..GOES_ON * null.fitted.plain_cost).contains(&cost) {
+                (theta, cost, spent) = task.polish(&[theta], SCOUT);
+                evaluations.fetch_add(spent, Ordering::Relaxed);
+            }
             (cost < most).then_some((place, theta))
         })
         .collect();
@@ -445,13 +455,16 @@ fn explains_slowly(one: &Tried) -> bool {
 /// gains as much or does the same, and what the likelihood prefers although it lowers the unseen error by too little.
 fn ties(tried: &mut [Tried], suspects: &[Suspect], winner: usize) -> Vec<usize> {
     let best = tried[winner].clone();
+    // Who is let in by the slower measure is compared by it.
+    let slowly = best.delta_bic < LEAST_BIC;
+    let gain = |one: &Tried| if slowly { one.slow_delta_bic.unwrap_or(f64::NEG_INFINITY) } else { one.delta_bic };
+    let least = gain(&best) - TIE_BIC.max(TIE_SHARE * gain(&best));
     let mut tied: Vec<usize> = Vec::new();
     for place in (0..tried.len()).filter(|place| *place != winner) {
         let one = &tried[place];
         let suspect = &suspects[one.suspect];
         let named = |other: usize| suspect.is_choice() && suspects[other].family() == suspect.family();
-        let alike =
-            one.delta_bic >= best.delta_bic - TIE_BIC || correlation(&one.score.direction, &best.score.direction).abs() > TIE_CORRELATION;
+        let alike = gain(one) >= least || correlation(&one.score.direction, &best.score.direction).abs() > TIE_CORRELATION;
         let held_out = matches!(one.gate, Some((Gate::HeldOut, _))) && !suspect.endogenous;
         let preferred = held_out && one.delta_bic > best.delta_bic && one.fall.is_some_and(|fall| fall < 1.0);
         if !(preferred || (one.gate.is_none() && alike)) {
