@@ -74,7 +74,7 @@ export function Ladder({ data, path, climb }) {
         step.label,
         ...['train_rmse', 'validation_rmse', 'test_rmse'].map(key => `${fixed(step[key])} ${unit}`),
         ...Object.keys(first.ahead).map(key => `${fixed(step.ahead[key])} ${unit}`),
-        html`<${Status} of=${step.kept ? 'ok' : 'cancelled'} label=${step.kept ? 'kept' : 'not kept'} />`,
+        html`<span class="nowrap"><${Status} of=${step.kept ? 'ok' : 'cancelled'} label=${step.kept ? 'kept' : 'not kept'} /></span>`,
         step.why,
       ])} />`;
 }

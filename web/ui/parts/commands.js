@@ -25,13 +25,13 @@ export function Commands({ close }) {
   useEffect(() => list.current.querySelector('[aria-selected=true]')?.scrollIntoView({ block: 'nearest' }), [chosen]);
   const run = action => {
     close();
-    action?.act();
+    action.act();
   };
   const onKeyDown = event => {
     const step = { ArrowDown: 1, ArrowUp: -1 }[event.key];
     if (step) setAt((chosen + step + shown.length) % Math.max(shown.length, 1));
-    else if (event.key === 'Enter') run(shown[chosen]);
-    else return;
+    else if (event.key !== 'Enter') return;
+    else if (shown.length) run(shown[chosen]);
     event.preventDefault();
   };
   return html`<${Dialog} title="Commands" close=${close}>
