@@ -29,6 +29,7 @@
 //! | `write` | write transactions, and what they tell of the disk |
 //! | `backup` | copies of a database, and their way back |
 //! | `doctor` | how a database fares |
+//! | `failpoint` | where tests let the process die |
 
 pub mod audit;
 pub mod backup;
@@ -39,6 +40,7 @@ pub mod diagnoses;
 pub mod doctor;
 mod error;
 pub mod events;
+pub mod failpoint;
 pub mod finish;
 pub mod fits;
 pub mod idempotency;
