@@ -6,6 +6,7 @@
 mod backups;
 mod crashes;
 mod database;
+mod disks;
 mod stops;
 #[path = "../support/mod.rs"]
 mod support;
