@@ -32,7 +32,7 @@ fn day(number: u64) -> String {
 }
 
 /// A served room, and the body that is served; the service was killed, so that its log is still there.
-fn served(database: &Path) -> String {
+pub fn served(database: &Path) -> String {
     let service = Process::start(database);
     service.client.room("1", 1);
     assert_eq!(service.client.ended(&service.client.post_job(&quick("room/1")))["outcome"], "accepted");

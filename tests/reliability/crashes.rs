@@ -1,6 +1,6 @@
 //! The built service is killed again and again on one database, at random moments and at chosen points of its code.
 
-use crate::backups::about;
+use crate::backups::{about, served};
 use crate::database::{check_database, copied, random, rows};
 use crate::support::process::{Process, program};
 use crate::support::{Client, endless, full};
@@ -138,4 +138,39 @@ fn a_job_that_takes_the_process_down_three_times_fails_for_good() {
     assert_eq!((params["status"].as_str(), params["fallback"]["reason"].as_str()), (Some("fallback"), Some("job_failed")));
     let next = service.client.estimate("room/1", json!({"method": {"name": "lm_multistart", "seed": 5}}));
     assert_eq!(service.client.ended(&next)["state"], "succeeded");
+}
+
+/// How long a start takes after a kill, by the size of the database.
+#[test]
+fn a_killed_service_with_many_windows_starts_again() {
+    let dir = tempfile::tempdir().unwrap();
+    let database = dir.path().join("large.db");
+    let body = served(&database);
+    // Blocks that do not compress, in copies of the one window that is there.
+    let windows = "INSERT INTO windows SELECT 'win_' || n, system, n, from_s, to_s, report, uploaded_at FROM windows,
+                       (WITH RECURSIVE counted (n) AS (SELECT 1000 UNION ALL SELECT n + 1 FROM counted
+                           WHERE n < (SELECT value FROM counters WHERE name = 'sequence')) SELECT n FROM counted)";
+    let blocks =
+        "INSERT INTO window_blocks SELECT id, channel, randomblob(5000) FROM windows, (SELECT 'T_room' AS channel UNION SELECT 'T_out')
+                  WHERE sequence >= 1000";
+    let (count, sequence) = match full() {
+        true => (100_000, "UPDATE counters SET value = 100999 WHERE name = 'sequence'"),
+        false => (3_000, "UPDATE counters SET value = 3999 WHERE name = 'sequence'"),
+    };
+    for sql in [sequence, windows, blocks] {
+        rows(&database, sql);
+    }
+    let mut boots = Vec::new();
+    for _ in 0..5 {
+        let (service, took) = ready(&database);
+        boots.push(took);
+        assert_eq!(service.client.get("/params/room/1").expect(200).text, body);
+        let put = service.client.json("PUT", &format!("/systems/room/{}", 1 + boots.len()), &json!({"model": "rc2"}));
+        put.expect(201);
+        service.kill();
+    }
+    let kept = "SELECT CAST(COUNT(*) AS TEXT) FROM windows UNION ALL SELECT CAST(COUNT(*) AS TEXT) FROM systems";
+    assert_eq!(rows(&database, kept), [(count + 1).to_string(), "6".to_owned()]);
+    let megabytes = database.metadata().unwrap().len() >> 20;
+    println!("CRASH-1: with {count} windows in {megabytes} MB ready after {:?} at most (target 2 s)", boots.iter().max().unwrap());
 }

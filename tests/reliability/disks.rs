@@ -4,7 +4,7 @@
 
 use crate::database::{check_database, copied, random, rows};
 use crate::support::process::{Process, program};
-use crate::support::{Answer, Client, PATIENCE, full, quick, room_csv};
+use crate::support::{Answer, Client, PATIENCE, endless, full, quick, room_csv};
 use crate::traffic::{Oracle, Traffic, prepare};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
@@ -43,11 +43,11 @@ impl Disk {
     }
 
     /// Starts the service on it, with variables for `shim.c`; there is none where it ends before it listens.
-    fn start(&self, database: &Path, variables: &[(&str, u64)]) -> Option<Process> {
+    fn start(&self, database: &Path, variables: &[(&str, &str)]) -> Option<Process> {
         let _ = fs::remove_file(self.told());
         let mut command = program();
         command.env("LD_PRELOAD", &self.library).env("DISK_DATABASE", database).env("DISK_TOLD", self.told());
-        command.envs(variables.iter().map(|(name, value)| (name, value.to_string())));
+        command.envs(variables.iter().copied());
         let log = File::create(self.folder.join("log")).unwrap();
         Process::attempt(command, database, Stdio::from(log))
     }
@@ -136,7 +136,7 @@ fn whatever_call_fails_nothing_is_acknowledged_that_is_not_kept() {
         let database = disk.folder.join(format!("call-{call}.db"));
         fs::copy(&sound, &database).unwrap();
         let mut kept = Kept::default();
-        let service = disk.start(&database, &[("DISK_FAILS_AT", call)]);
+        let service = disk.start(&database, &[("DISK_FAILS_AT", &call.to_string())]);
         let had_started = service.is_some();
         if let Some(service) = service {
             write_all(&service.client, &mut kept);
@@ -202,7 +202,7 @@ fn when_the_power_goes_nothing_acknowledged_is_lost() {
         // Every fourth time soon, which is while the service starts or recovers.
         let longest = if round % 4 == 0 { 60 } else { 3000 };
         let call = 1 + random(&mut seed) % longest;
-        match disk.start(&database, &[("DISK_DIES_AT", call), ("DISK_SEED", random(&mut seed))]) {
+        match disk.start(&database, &[("DISK_DIES_AT", &call.to_string()), ("DISK_SEED", &random(&mut seed).to_string())]) {
             None => at_start += 1,
             Some(mut service) => {
                 let client = service.client.clone();
@@ -215,7 +215,14 @@ fn when_the_power_goes_nothing_acknowledged_is_lost() {
                 });
             }
         }
-        let failed = disk.failed(&database).unwrap_or_else(|| panic!("call {call}: {}", disk.log()));
+        let begun = Instant::now();
+        let failed = loop {
+            match disk.failed(&database) {
+                Some(failed) if !failed.is_empty() => break failed,
+                _ => assert!(begun.elapsed() < PATIENCE, "call {call}: {}", disk.log()),
+            }
+            thread::sleep(Duration::from_millis(1));
+        };
         *met.entry(failed).or_default() += 1;
         oracle.lock().unwrap().check_database(&copied(&database));
     }
@@ -223,4 +230,65 @@ fn when_the_power_goes_nothing_acknowledged_is_lost() {
     let mut oracle = oracle.into_inner().unwrap();
     oracle.check_service(&service.client, &database);
     println!("CRASH-3: the power went {runs} times, {at_start} of them in a start, nothing lost of {}; {met:?}", oracle.told());
+}
+
+#[test]
+fn a_full_disk_refuses_writes_until_there_is_room_and_needs_no_restart() {
+    let dir = tempfile::tempdir().unwrap();
+    let Some(disk) = Disk::build(dir.path(), "IO-2") else { return };
+    let (database, full_while) = (disk.folder.join("full.db"), disk.folder.join("full"));
+    let service = disk.start(&database, &[("DISK_FULL_WHILE", full_while.to_str().unwrap())]).unwrap();
+    let client = &service.client;
+    prepare(client);
+    let served = client.get("/params/room/1").expect(200).text;
+    let (mut taken, mut refused, mut polls, mut resumed) = (Vec::new(), 0, Vec::new(), Vec::new());
+    for round in 0..3 {
+        // A fit that ends while there is no room for it.
+        let mut long = endless("room/2");
+        long["budget"]["wall"] = json!("PT1S");
+        long["method"]["seed"] = json!(round);
+        let job = client.post_job(&long);
+        client.until(&format!("/jobs/{job}"), |job| job["state"] == "running");
+        for part in 0..100 {
+            // Half of the time there is room.
+            if part == 50 {
+                File::create(&full_while).unwrap();
+            }
+            let answer = window(client, 1000 * (round + 1) + part);
+            if part < 50 {
+                taken.push(path_in("windows")(&answer.expect(201).json()));
+            } else {
+                assert_eq!(answer.header("retry-after"), "10");
+                answer.problem(507, "storage-full");
+                refused += 1;
+            }
+            let begun = Instant::now();
+            assert_eq!(client.get("/params/room/1").expect(200).text, served);
+            polls.push(begun.elapsed());
+            thread::sleep(Duration::from_millis(10));
+        }
+        client.get("/readyz").expect(503);
+        thread::sleep(Duration::from_secs(1));
+        fs::remove_file(&full_while).unwrap();
+        let begun = Instant::now();
+        while window(client, 1000 * (round + 1) + 999).status != 201 {
+            assert!(begun.elapsed() < PATIENCE, "writes do not go on: {}", disk.log());
+            thread::sleep(Duration::from_millis(50));
+        }
+        resumed.push(begun.elapsed());
+        client.get("/readyz").expect(200);
+        let ended = client.ended(&job);
+        assert!(ended["state"] == "succeeded" || ended["error"]["code"] == "storage", "{ended}");
+    }
+    for path in &taken {
+        client.get(path).expect(200);
+    }
+    service.kill();
+    check_database(&copied(&database));
+    println!(
+        "IO-2: {} windows taken, {refused} refused; writes went on {:?} after there was room (target 10 s); longest poll {:?}",
+        taken.len(),
+        resumed.iter().max().unwrap(),
+        polls.iter().max().unwrap()
+    );
 }

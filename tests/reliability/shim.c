@@ -1,10 +1,11 @@
 /*
  * A disk that fails, preloaded into the service by disks.rs. It counts the writes, syncs and truncations of files whose
- * path begins with DISK_DATABASE, and at one of them
- *   DISK_FAILS_AT=n   answers EIO, once. A failed sync loses what was to be synced, as file systems do: pages that
- *                     could not be written are marked clean, and the next sync succeeds without them.
- *   DISK_DIES_AT=n    the power goes: what was not synced is lost, or stays, sector by sector and by chance
+ * path begins with DISK_DATABASE.
+ *   DISK_FAILS_AT=n   answers EIO to the nth of them. A failed sync loses what was to be synced, as file systems do: pages
+ *                     that could not be written are marked clean, and the next sync succeeds without them.
+ *   DISK_DIES_AT=n    the power goes at the nth: what was not synced is lost, or stays, sector by sector and by chance
  *                     (DISK_SEED), and the process is no more.
+ *   DISK_FULL_WHILE=f answers ENOSPC to writes for as long as there is a file of this name.
  * DISK_TOLD names a file that is told at which call of which file it happened. Not modelled: names, such as an
  * unlink that was not synced, and what reaches files through memory maps (SQLite's -shm, which it makes anew).
  */
@@ -88,16 +89,32 @@ static void forget(const char *path) {
     }
 }
 
+/* The end of the process, and what a child of it then leaves on the disk: nobody sees it being done. */
+static void die(const char *call, const char *path) {
+    pid_t service = getpid();
+    if (fork() != 0) kill(service, SIGKILL);
+    while (getppid() == service) usleep(100);
+    // Among others the lock of the database, which is shared with the child.
+    syscall(SYS_close_range, 3, ~0U, 0);
+    srandom((unsigned)number("DISK_SEED"));
+    int chances = (int)(random() % 5);
+    for (struct change *change = unsynced; change; change = change->older) {
+        int fd = open(change->path, O_RDWR);
+        if (fd >= 0) undo(change, fd, chances);
+        close(fd);
+    }
+    tell(call, path);
+    _exit(0);
+}
+
 /* Counts a call, and says whether it is the one that fails. */
 static int fails(int fd, const char *call, const char *path) {
     long n = ++calls;
-    if (n == number("DISK_DIES_AT")) {
-        srandom((unsigned)number("DISK_SEED"));
-        tell(call, path);
-        int chances = (int)(random() % 5);
-        for (struct change *change = unsynced; change; change = change->older)
-            if ((fd = open(change->path, O_RDWR)) >= 0) undo(change, fd, chances);
-        kill(getpid(), SIGKILL);
+    if (n == number("DISK_DIES_AT")) die(call, path);
+    const char *full = getenv("DISK_FULL_WHILE");
+    if (full && strcmp(call, "pwrite") == 0 && access(full, F_OK) == 0) {
+        errno = ENOSPC;
+        return 1;
     }
     if (n == number("DISK_FAILS_AT")) {
         tell(call, path);
