@@ -151,7 +151,7 @@ fn whatever_call_fails_nothing_is_acknowledged_that_is_not_kept() {
                 kept.write(window(&service.client, 300), path_in("windows"));
                 assert!(kept.refused.is_some(), "call {call}: {}", disk.log());
             }
-            if random(&mut seed) % 2 == 0 {
+            if random(&mut seed).is_multiple_of(2) {
                 service.kill()
             } else {
                 let _ = service.terminate();
