@@ -3,11 +3,11 @@
 use crate::backups::{about, served};
 use crate::database::{check_database, copied, random, rows};
 use crate::support::process::{Process, program};
-use crate::support::{Client, endless, full};
+use crate::support::{Client, PATIENCE, endless, full};
 use crate::traffic::{Oracle, Traffic, prepare};
 use serde_json::json;
 use std::path::Path;
-use std::process::{Command, Stdio};
+use std::process::Stdio;
 use std::sync::Mutex;
 use std::thread;
 use std::time::{Duration, Instant};
@@ -32,39 +32,35 @@ fn killed_at_random_moments_nothing_acknowledged_is_lost() {
     prepare(&service.client);
     service.kill();
     let oracle = Mutex::new(Oracle::default());
-    let (mut boots, mut points, mut seed) = (Vec::new(), 0, 7);
+    let (mut boots, mut seed) = (Vec::new(), 7);
+    let mut points = (1..).flat_map(|pass| POINTS.map(|point| (point, pass)));
     for round in 0..kills + aimed {
+        // Evenly among the others.
         let is_aimed = (round + 1) * aimed / (kills + aimed) > round * aimed / (kills + aimed);
-        let (point, pass) = (POINTS[points % POINTS.len()], 1 + points / POINTS.len());
-        let armed = format!("{point}:{pass}");
-        points += usize::from(is_aimed);
-        let (mut service, took) = match point {
-            "before_commit" | "after_commit" | "before_swap" if is_aimed => (Process::start_to_die_at(&armed, &database), None),
+        let (point, pass) = if is_aimed { points.next().unwrap() } else { ("random", 1) };
+        match point {
+            "before_commit" | "after_commit" | "before_swap" => {
+                let armed = format!("{point}:{pass}");
+                let mut service = Process::start_to_die_at(&armed, &database);
+                Traffic::run(&service.client.clone(), &oracle, round, || until_it_dies(&mut service, &armed));
+            }
             _ => {
                 let (service, took) = ready(&database);
-                (service, Some(took))
+                boots.push(took);
+                oracle.lock().unwrap().check_service(&service.client, &database);
+                let moment = Duration::from_millis(5 + random(&mut seed) % longest_ms);
+                Traffic::run(&service.client.clone(), &oracle, round, || {
+                    thread::sleep(moment);
+                    if point == "in_backup" {
+                        dies_in_a_backup(&database, &dir.path().join(format!("{round}.backup")));
+                    }
+                    service.kill();
+                });
             }
-        };
-        boots.extend(took);
-        let client = service.client.clone();
-        if took.is_some() {
-            oracle.lock().unwrap().check_service(&client, &database);
         }
-        let moment = Duration::from_millis(5 + random(&mut seed) % longest_ms);
-        Traffic::run(&client, &oracle, round as u64, || {
-            if took.is_none() {
-                until_it_dies(&mut service, &armed);
-                return;
-            }
-            thread::sleep(moment);
-            if is_aimed && point == "in_backup" {
-                dies_in_a_backup(&database, &dir.path().join(format!("{round}.backup")));
-            }
-            service.kill();
-        });
-        if is_aimed && point == "in_recovery" {
+        if point == "in_recovery" {
             let mut command = program();
-            command.env("LAMPYRIS_ABORT_AT", "in_recovery");
+            command.env("LAMPYRIS_ABORT_AT", point);
             assert!(Process::attempt(command, &database, Stdio::null()).is_none(), "it started although it was to die before");
         }
         oracle.lock().unwrap().check_database(&copied(&database));
@@ -92,14 +88,14 @@ fn killed_at_random_moments_nothing_acknowledged_is_lost() {
 fn until_it_dies(service: &mut Process, point: &str) {
     let begun = Instant::now();
     while !service.has_ended() {
-        assert!(begun.elapsed() < Duration::from_secs(60), "{point} was never passed");
+        assert!(begun.elapsed() < PATIENCE, "{point} was never passed");
         thread::sleep(Duration::from_millis(5));
     }
 }
 
 /// A backup that is killed leaves nothing under its name, and does not stand in the way of the next one.
 fn dies_in_a_backup(database: &Path, file: &Path) {
-    let mut command: Command = program();
+    let mut command = program();
     command.args(["backup", file.to_str().unwrap(), "--database", database.to_str().unwrap()]).env("LAMPYRIS_ABORT_AT", "in_backup");
     let output = command.stderr(Stdio::null()).output().unwrap();
     assert_eq!((output.status.code(), file.exists()), (None, false));
