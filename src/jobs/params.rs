@@ -11,6 +11,7 @@ pub use body::{Body, Rendered, Status};
 use super::systems::document;
 use super::{JobsError, Service, blocking, now};
 use crate::data::SystemId;
+use crate::store::failpoint;
 use crate::store::jobs::JobState;
 use crate::store::params::{Standing, standing, standings};
 use arc_swap::ArcSwap;
@@ -160,6 +161,7 @@ pub async fn refresh(service: &Service, system: &SystemId) -> Result<(), JobsErr
     match standing(&service.store, system).await? {
         Some(standing) => {
             let entry = entry(service, standing).await?;
+            failpoint::reached("before_swap");
             service.params.swap(system, entry);
         }
         None => service.params.forget(system),

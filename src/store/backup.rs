@@ -4,7 +4,7 @@
 //! of all three at different moments may be no database at all. `VACUUM INTO` copies one moment of it as one file.
 
 use super::migrate::schema;
-use super::{StoreError, lock, options};
+use super::{StoreError, failpoint, lock, options};
 use jiff::Timestamp;
 use sqlx::{ConnectOptions, Connection, SqliteConnection};
 use std::fs::{self, File};
@@ -117,6 +117,7 @@ pub(super) async fn copy(connection: &mut SqliteConnection, database: &Path, fil
     let name = partial.to_str().ok_or_else(|| failed(file)(io::Error::other("the name is not UTF-8")))?;
     let copied = async {
         sqlx::query("VACUUM INTO $1").bind(name).execute(connection).await?;
+        failpoint::reached("in_backup");
         // Whoever may not read the database may not read its backup.
         fs::metadata(database).and_then(|source| fs::set_permissions(&partial, source.permissions())).map_err(failed(&partial))?;
         examine(&partial).await

@@ -5,7 +5,7 @@
 
 use super::jobs::{JobFailure, Lease, Outcome};
 use super::revisions::{self, Cause, NewRevision};
-use super::{Store, StoreError, corrupt, decisions, derive_id, diagnoses, millis, next, params, to_json};
+use super::{Store, StoreError, corrupt, decisions, derive_id, diagnoses, failpoint, millis, next, params, to_json};
 use crate::diagnose::ladder::Ladder;
 use crate::diagnose::report::Diagnosis;
 use crate::estimate::metrics::CurrentState;
@@ -135,7 +135,9 @@ pub async fn finish(store: &Store, lease: &Lease, ending: &Ending<'_>, now: Time
             Finished::default()
         }
     };
+    failpoint::reached("before_commit");
     tx.commit().await?;
+    failpoint::reached("after_commit");
     Ok(finished)
 }
 

@@ -5,7 +5,7 @@
 
 use super::idempotency::{Earlier, KeyState, RequestKey, look_up, remember};
 use super::reach::Reach;
-use super::{Store, StoreError, derive_id, from_json, instant, millis, next, params, parse, to_json};
+use super::{Store, StoreError, derive_id, failpoint, from_json, instant, millis, next, params, parse, to_json};
 use crate::data::SystemId;
 use crate::model::ModelId;
 use jiff::Timestamp;
@@ -378,6 +378,7 @@ pub async fn recover(store: &Store, boot: i64, now: Timestamp) -> Result<Recover
     }
     let sql = "UPDATE jobs SET state = 'queued', boot = NULL, requeued = TRUE WHERE state = 'running' AND boot <> $1 RETURNING id";
     recovered.requeued = sqlx::query_scalar(sql).bind(boot).fetch_all(&mut *tx).await?;
+    failpoint::reached("in_recovery");
     tx.commit().await?;
     Ok(recovered)
 }

@@ -4,7 +4,7 @@
 //! made beside it.
 
 use super::backup::{beside, copy, require_sound};
-use super::{StoreError, lock, options};
+use super::{StoreError, failpoint, lock, options};
 use sqlx::migrate::{Migration, Migrator};
 use sqlx::sqlite::SqliteConnectOptions;
 use sqlx::{ConnectOptions, Connection, SqliteConnection};
@@ -53,6 +53,10 @@ pub(super) async fn bring_up_to_date(path: &Path) -> Result<Migrated, StoreError
         backup = Some(file);
     }
     sqlx::query("PRAGMA journal_mode = WAL").execute(&mut connection).await?;
+    connection.lock_handle().await?.set_commit_hook(|| {
+        failpoint::reached("in_migration");
+        true
+    });
     MIGRATIONS.run_direct(None, &mut connection, false).await.map_err(StoreError::Migration)?;
     connection.close().await?;
     Ok(Migrated { from, to: newest(), backup })

@@ -29,6 +29,7 @@
 //! | `write` | write transactions, and what they tell of the disk |
 //! | `backup` | copies of a database, and their way back |
 //! | `doctor` | how a database fares |
+//! | `failpoint` | where tests let the process die |
 
 pub mod audit;
 pub mod backup;
@@ -39,6 +40,7 @@ pub mod diagnoses;
 pub mod doctor;
 mod error;
 pub mod events;
+pub mod failpoint;
 pub mod finish;
 pub mod fits;
 pub mod idempotency;
@@ -115,14 +117,15 @@ impl Store {
     async fn connect(path: &Path, quota: Option<u64>, lock: Option<File>) -> Result<Self, StoreError> {
         let options = options(path).journal_mode(SqliteJournalMode::Wal).synchronous(SqliteSynchronous::Full);
         let quota = quota.map(Quota::of_bytes);
-        let limited = match &quota {
-            Some(quota) => options.clone().pragma("max_page_count", quota.pages.to_string()),
-            None => options.clone(),
-        };
+        // Whatever a transaction writes is written by its commit, so that the commit is what fails (`write`).
+        let mut writing = options.clone().pragma("cache_spill", "off");
+        if let Some(quota) = &quota {
+            writing = writing.pragma("max_page_count", quota.pages.to_string());
+        }
         let writer = SqlitePoolOptions::new()
             .max_connections(1)
             .after_release(|connection, _| Box::pin(write::is_clean(connection)))
-            .connect_with(limited)
+            .connect_with(writing)
             .await?;
         let reader = SqlitePoolOptions::new().max_connections(READERS).connect_with(options.pragma("query_only", "on")).await?;
         Ok(Self { writer, reader, writing: Writing::default(), quota, lock })

@@ -65,6 +65,14 @@ impl Writing {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
+    /// After a failed write there is no other.
+    fn require_unbroken(&self) -> Result<(), StoreError> {
+        match *self.health() {
+            Health::Broken => Err(StoreError::Broken("an earlier write failed".to_owned())),
+            _ => Ok(()),
+        }
+    }
+
     /// What went wrong stays until a commit.
     fn note(&self, news: Health) {
         let mut health = self.health();
@@ -145,11 +153,11 @@ pub(super) async fn is_clean(connection: &mut SqliteConnection) -> Result<bool, 
 impl Store {
     /// A transaction that holds the write lock from its first statement.
     pub(super) async fn write(&self) -> Result<Write, StoreError> {
-        if *self.writing.health() == Health::Broken {
-            return Err(StoreError::Broken("an earlier write failed".to_owned()));
-        }
+        self.writing.require_unbroken()?;
         let begun = self.writer.begin_with("BEGIN IMMEDIATE").await.map_err(StoreError::from);
         let tx = begun.inspect_err(|error| self.writing.note_error(error))?;
+        // The transaction that this one has waited for may have been the one that failed.
+        self.writing.require_unbroken()?;
         Ok(Write { tx, open: Open { writing: self.writing.clone(), is_known: false } })
     }
 

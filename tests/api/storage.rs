@@ -132,3 +132,26 @@ fn after_a_failed_write_nothing_is_written_until_the_next_start() {
     service.client.get("/readyz").expect(200);
     assert_eq!(service.client.get("/params/room/1").expect(200).text, served.text);
 }
+
+#[test]
+fn a_write_that_is_larger_than_the_memory_of_the_database_fails_as_any_other() {
+    let dir = tempfile::tempdir().unwrap();
+    let service = Process::start_with_small_files(&dir.path().join("large.db"));
+    let client = &service.client;
+    client.json("PUT", "/systems/room/1", &json!({"model": "rc2"})).expect(201);
+    // Digits that do not compress, for the blocks of eight channels.
+    let mut csv = "time".to_owned() + &(0..8).map(|channel| format!(",P_{channel}[kW]")).collect::<String>() + "\n";
+    let start: jiff::Timestamp = "2026-01-01T00:00:00Z".parse().unwrap();
+    let mut state = 1u64;
+    for minute in 0..30_000 {
+        csv += &(start + jiff::SignedDuration::from_mins(minute)).to_string();
+        for _ in 0..8 {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            csv += &format!(",{}.{}", state >> 62, state >> 32);
+        }
+        csv.push('\n');
+    }
+    client.csv("/systems/room/1/windows", &csv).problem(503, "storage-read-only");
+    client.json("PUT", "/systems/room/2", &json!({"model": "rc2"})).problem(503, "storage-read-only");
+    client.get("/readyz").expect(503);
+}

@@ -1,21 +1,25 @@
 //! Backups, their way back, and what a database looks like that is not to be trusted.
 
+use crate::database::{check_database, random, rows};
 use crate::support::process::{Process, Said, serve, verb};
-use crate::support::{quick, room_csv};
-use crate::{check_database, random, rows};
+use crate::support::{full, quick, room_csv};
+use crate::traffic::StopOnDrop;
 use lampyris::app::App;
 use lampyris::settings::Settings;
 use serde_json::json;
+use std::collections::HashSet;
 use std::path::{Path, PathBuf};
+use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
-/// Damages, and torn logs, that are tried. The full figure of torn logs is 500.
-const DAMAGES: u64 = 25;
+/// How many damages are tried.
+fn damages() -> u64 {
+    if full() { 500 } else { 25 }
+}
 
 /// A verb about a database file.
-fn about(database: &Path, words: &[&str]) -> Said {
+pub fn about(database: &Path, words: &[&str]) -> Said {
     let mut arguments = words.to_vec();
     arguments.extend(["--database", database.to_str().unwrap()]);
     verb("http://127.0.0.1:1", &arguments)
@@ -23,12 +27,12 @@ fn about(database: &Path, words: &[&str]) -> Said {
 
 /// A day of measurements that no other number gives.
 fn day(number: u64) -> String {
-    let date = format!("{}-{:02}-{:02}", 2027 + number / 336, 1 + number / 28 % 12, 1 + number % 28);
+    let date = format!("{}-{:02}-{:02}", 2027 + number / 336 % 70, 1 + number / 28 % 12, 1 + number % 28);
     room_csv(number, 1).replace("2026-01-01", &date)
 }
 
 /// A served room, and the body that is served; the service was killed, so that its log is still there.
-fn served(database: &Path) -> String {
+pub fn served(database: &Path) -> String {
     let service = Process::start(database);
     service.client.room("1", 1);
     assert_eq!(service.client.ended(&service.client.post_job(&quick("room/1")))["outcome"], "accepted");
@@ -49,36 +53,60 @@ fn open(database: &Path) -> Result<(tokio::runtime::Runtime, App), String> {
 fn a_backup_beside_a_busy_service_holds_everything_acknowledged() {
     let dir = tempfile::tempdir().unwrap();
     let database = dir.path().join("busy.db");
+    let body = served(&database);
     let service = Process::start(&database);
-    service.client.json("PUT", "/systems/room/1", &json!({"model": "rc2"})).expect(201);
-    let (taken, stop) = (Arc::new(Mutex::new(Vec::new())), Arc::new(AtomicBool::new(false)));
-    let writer = {
-        let (client, taken, stop) = (service.client.clone(), taken.clone(), stop.clone());
-        std::thread::spawn(move || {
-            for number in 0.. {
-                if stop.load(Ordering::Relaxed) {
-                    break;
-                }
-                let window = client.csv("/systems/room/1/windows", &day(number)).expect(201).json();
-                taken.lock().unwrap().push(window["id"].as_str().unwrap().to_owned());
-            }
-        })
-    };
-    for round in 0..3 {
-        while taken.lock().unwrap().len() < 5 * (round + 1) {
-            std::thread::sleep(Duration::from_millis(5));
+    let client = &service.client;
+    client.json("PUT", "/systems/room/2", &json!({"model": "rc2"})).expect(201);
+    let (backups, pause) = if full() { (24, Duration::from_secs(5)) } else { (4, Duration::from_millis(300)) };
+    let (taken, stop) = (Mutex::new(Vec::new()), AtomicBool::new(false));
+    let (longest_write, longest_poll) = (Mutex::new(Duration::ZERO), Mutex::new(Duration::ZERO));
+    let until_stopped = |longest: &Mutex<Duration>, step: &dyn Fn(u64)| {
+        let mut number = 0;
+        while !stop.load(Ordering::Relaxed) {
+            let begun = Instant::now();
+            step(number);
+            let took = begun.elapsed();
+            let mut longest = longest.lock().unwrap();
+            *longest = longest.max(took);
+            number += 1;
         }
-        let before = taken.lock().unwrap().clone();
-        let file = dir.path().join(format!("{round}.backup"));
-        let made = about(&database, &["backup", file.to_str().unwrap(), "--json"]).expect(0).json();
-        assert_eq!(made["bytes"], file.metadata().unwrap().len());
-        check_database(&file);
-        let kept = rows(&file, "SELECT id FROM windows ORDER BY sequence");
-        assert!(before.iter().all(|window| kept.contains(window)), "{} of {}", kept.len(), before.len());
-        assert!(kept.len() >= 5 * (round + 1));
-    }
-    stop.store(true, Ordering::Relaxed);
-    writer.join().unwrap();
+    };
+    let write = |number| {
+        let window = client.csv("/systems/room/2/windows", &day(number)).expect(201).json();
+        taken.lock().unwrap().push(window["id"].as_str().unwrap().to_owned());
+    };
+    let poll = |_| {
+        assert_eq!(client.get("/params/room/1").expect(200).text, body);
+        std::thread::sleep(Duration::from_millis(2));
+    };
+    std::thread::scope(|scope| {
+        let stopping = StopOnDrop(&stop);
+        for writer in 0..4 {
+            let (until_stopped, write, longest) = (&until_stopped, &write, &longest_write);
+            scope.spawn(move || until_stopped(longest, &|number| write(4 * number + writer)));
+        }
+        scope.spawn(|| until_stopped(&longest_poll, &poll));
+        for round in 0..backups {
+            std::thread::sleep(pause);
+            let before = taken.lock().unwrap().clone();
+            let file = dir.path().join(format!("{round}.backup"));
+            let made = about(&database, &["backup", file.to_str().unwrap(), "--json"]).expect(0).json();
+            assert_eq!(made["bytes"], file.metadata().unwrap().len());
+            check_database(&file);
+            let kept: HashSet<String> = rows(&file, "SELECT id FROM windows").into_iter().collect();
+            let lost = before.iter().filter(|window| !kept.contains(*window)).count();
+            assert_eq!(lost, 0, "of {} windows", before.len());
+            assert!(before.len() > round, "nothing was written");
+        }
+        drop(stopping);
+    });
+    println!(
+        "BACKUP-1: {backups} backups under {} writes held all that was acknowledged before; longest write {:?}, longest poll {:?}",
+        taken.into_inner().unwrap().len(),
+        longest_write.into_inner().unwrap(),
+        longest_poll.into_inner().unwrap()
+    );
+    service.kill();
     // A file that is there is never replaced, not even by a newer backup.
     let file = dir.path().join("0.backup");
     let before = std::fs::read(&file).unwrap();
@@ -86,6 +114,10 @@ fn a_backup_beside_a_busy_service_holds_everything_acknowledged() {
     assert_eq!(std::fs::read(&file).unwrap(), before);
     about(&dir.path().join("none.db"), &["backup", dir.path().join("x").to_str().unwrap()]).expect(4);
     assert!(!dir.path().join("x").exists() && !dir.path().join("none.db").exists());
+    // The last one, brought back in the place of what was killed.
+    about(&database, &["restore", dir.path().join(format!("{}.backup", backups - 1)).to_str().unwrap()]).expect(0);
+    check_database(&database);
+    assert_eq!(Process::start(&database).client.get("/params/room/1").expect(200).text, body);
 }
 
 #[test]
@@ -203,7 +235,7 @@ fn a_damaged_database_is_not_served_from() {
     assert!(said.contains("room/1") && said.contains("lampyris restore FILE"), "{said}");
     // Anywhere: it is refused, or what is served is what was published.
     let (mut seed, mut refused) = (11, 0);
-    for _ in 0..DAMAGES {
+    for _ in 0..damages() {
         let at = random(&mut seed) as usize % bytes.len();
         std::fs::write(&damaged, flipped(&whole, at)).unwrap();
         match open(&damaged) {
@@ -221,7 +253,7 @@ fn a_damaged_database_is_not_served_from() {
             let _ = std::fs::remove_file(damaged.with_extension(ending));
         }
     }
-    eprintln!("{refused} of {DAMAGES} flipped bytes were refused");
+    println!("CRASH-2: {refused} of {} flipped bytes were refused, with the others what was published was served", damages());
 }
 
 #[test]
@@ -236,7 +268,7 @@ fn a_torn_log_leaves_the_first_writes_and_nothing_else() {
     service.kill();
     let (file, log) = (std::fs::read(&database).unwrap(), std::fs::read(database.with_extension("db-wal")).unwrap());
     let (mut seed, mut least) = (5, windows.len());
-    for round in 0..DAMAGES {
+    for round in 0..damages() {
         let torn = dir.path().join(format!("torn-{round}.db"));
         std::fs::write(&torn, &file).unwrap();
         let mut rest = log.clone();
@@ -255,6 +287,7 @@ fn a_torn_log_leaves_the_first_writes_and_nothing_else() {
         least = least.min(kept.len());
     }
     assert!(least < windows.len(), "no log was torn");
+    println!("CRASH-2: {} torn logs, each left the first writes and nothing else, {least} of {} at least", damages(), windows.len());
 }
 
 #[test]

@@ -2,14 +2,15 @@
 //!
 //! `tests/golden/<schema>.sql` is a dump of such a database, `<schema>.json` the body that its program served.
 
-use crate::support::process::{Process, verb};
-use crate::{check_database, random, rows};
+use crate::database::{check_database, copied, random, rows};
+use crate::support::full;
+use crate::support::process::{Process, program, verb};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::Duration;
 
-/// Upgrades that are killed. The full figure is 50.
-const KILLS: u64 = 10;
+/// Released schemas, and what later programs say beyond the body that was served from them.
+const RELEASED: [(i64, &str); 2] = [(1, r#","degraded":null,"pin":null"#), (5, "")];
 
 /// Makes a database of a released schema; gives its path, and the body that was served from it.
 fn golden(dir: &Path, schema: i64) -> (PathBuf, String) {
@@ -39,7 +40,7 @@ fn migrate(path: &Path) -> serde_json::Value {
 #[test]
 fn what_a_released_program_served_is_served_after_the_upgrade() {
     let dir = tempfile::tempdir().unwrap();
-    for (released, added) in [(1, r#","degraded":null,"pin":null"#), (5, "")] {
+    for (released, added) in RELEASED {
         let (database, body) = golden(dir.path(), released);
         let told = migrate(&database);
         let newest = told["to"].as_i64().unwrap();
@@ -77,28 +78,68 @@ fn a_start_brings_the_schema_up_to_date_and_keeps_a_backup() {
 #[test]
 fn a_killed_upgrade_is_gone_on_with() {
     let dir = tempfile::tempdir().unwrap();
-    let (golden, body) = golden(dir.path(), 1);
-    let (mut seed, mut unfinished) = (3, 0);
-    for round in 0..KILLS {
-        let database = dir.path().join(format!("round-{round}.db"));
-        std::fs::copy(&golden, &database).unwrap();
-        let mut child = Command::new(env!("CARGO_BIN_EXE_lampyris"))
-            .args(["migrate", "--database", database.to_str().unwrap()])
-            .stdout(Stdio::null())
-            .stderr(Stdio::null())
-            .spawn()
-            .unwrap();
-        std::thread::sleep(Duration::from_micros(random(&mut seed) % 60_000));
-        child.kill().unwrap();
-        child.wait().unwrap();
-        check_database(&database);
-        let reached = schema(&database);
-        let newest = migrate(&database)["to"].as_i64().unwrap();
-        unfinished += i64::from(reached < newest);
-        check_database(&database);
-        assert_eq!(rows(&database, "SELECT served FROM revisions"), rows(&golden, "SELECT served FROM revisions"));
-        let served = Process::start(&database).client.get("/params/room/1").expect(200).text;
-        assert!(served.starts_with(body.strip_suffix('}').unwrap()), "{served}");
+    let kills = if full() { 50 } else { 10 };
+    let mut seed = 3;
+    let mut unfinished = 0;
+    for (released, _) in RELEASED {
+        let (golden, body) = golden(dir.path(), released);
+        for round in 0..kills {
+            let database = dir.path().join(format!("{released}-{round}.db"));
+            std::fs::copy(&golden, &database).unwrap();
+            let mut child = upgrade(&database, "").spawn().unwrap();
+            std::thread::sleep(Duration::from_micros(random(&mut seed) % 60_000));
+            child.kill().unwrap();
+            child.wait().unwrap();
+            unfinished += u64::from(is_gone_on_with(&database, &golden, &body));
+        }
     }
-    eprintln!("{unfinished} of {KILLS} upgrades were killed before their end");
+    println!("MIGRATE-1: {} upgrades were killed, {unfinished} of them before their end", RELEASED.len() * kills);
+}
+
+#[test]
+fn an_upgrade_that_dies_in_any_of_its_transactions_is_gone_on_with() {
+    let dir = tempfile::tempdir().unwrap();
+    for (released, _) in RELEASED {
+        let (golden, body) = golden(dir.path(), released);
+        let mut deaths = 0;
+        // In the backup before, then before each commit, until there is no further one.
+        for point in std::iter::once("in_backup".to_owned()).chain((1..).map(|pass| format!("in_migration:{pass}"))) {
+            let database = dir.path().join(format!("{released}-{deaths}.db"));
+            std::fs::copy(&golden, &database).unwrap();
+            if upgrade(&database, &point).status().unwrap().success() {
+                break;
+            }
+            deaths += 1;
+            is_gone_on_with(&database, &golden, &body);
+        }
+        // Every migration is at least one transaction.
+        let newest = migrate(&golden)["to"].as_i64().unwrap();
+        let migrations = rows(&golden, "SELECT CAST(version AS TEXT) FROM _sqlx_migrations");
+        let missing = migrations.iter().filter(|version| (released + 1..=newest).contains(&version.parse().unwrap())).count();
+        assert!(deaths > missing, "{deaths} deaths in {missing} migrations");
+        println!("MIGRATE-1: the upgrade from schema {released} died in each of {deaths} places and was gone on with");
+    }
+}
+
+/// The upgrade as a process of its own, which dies at a point of the code where one is named.
+fn upgrade(database: &Path, point: &str) -> Command {
+    let mut command = program();
+    command.args(["migrate", "--database", database.to_str().unwrap()]).env("LAMPYRIS_ABORT_AT", point);
+    command.stdout(Stdio::null()).stderr(Stdio::null());
+    command
+}
+
+/// Goes on with an upgrade that died, and looks for everything that was there before it. Says whether anything was left to do.
+#[track_caller]
+fn is_gone_on_with(database: &Path, golden: &Path, body: &str) -> bool {
+    check_database(&copied(database));
+    let reached = schema(&copied(database));
+    let newest = migrate(database)["to"].as_i64().unwrap();
+    check_database(database);
+    for sql in ["SELECT served FROM revisions", "SELECT id FROM windows", "SELECT id || state FROM jobs", "SELECT document FROM fits"] {
+        assert_eq!(rows(database, sql), rows(golden, sql));
+    }
+    let served = Process::start(database).client.get("/params/room/1").expect(200).text;
+    assert!(served.starts_with(body.strip_suffix('}').unwrap()), "{served}");
+    reached < newest
 }

@@ -16,6 +16,11 @@ use tokio::runtime::Runtime;
 /// Longest that a test waits for something that takes seconds at most.
 pub const PATIENCE: Duration = Duration::from_secs(120);
 
+/// Whether the full figures are asked for.
+pub fn full() -> bool {
+    std::env::var("LAMPYRIS_TESTS").is_ok_and(|figures| figures == "full")
+}
+
 /// A plain HTTP client for one service.
 #[derive(Clone)]
 pub struct Client {
@@ -260,7 +265,8 @@ pub fn quick(system: &str) -> Value {
 
 /// A request that does not end by itself within the time of a test.
 pub fn endless(system: &str) -> Value {
-    serde_json::json!({"kind": "estimate", "system": system, "method": {"name": "cfa_thesis"}, "budget": {"evaluations": 100_000_000}})
+    let method = serde_json::json!({"name": "cfa_thesis", "generations": 100_000});
+    serde_json::json!({"kind": "estimate", "system": system, "method": method, "budget": {"evaluations": 100_000_000}})
 }
 
 /// A model whose every simulation explodes, so that each of its jobs fails.

@@ -27,7 +27,14 @@ pub struct Said {
 
 impl Process {
     pub fn start(database: &Path) -> Self {
-        Self::run(Command::new(env!("CARGO_BIN_EXE_lampyris")), database)
+        Self::run(program(), database)
+    }
+
+    /// A service that ends as if it were killed where it passes a point of its code (`store::failpoint`).
+    pub fn start_to_die_at(point: &str, database: &Path) -> Self {
+        let mut command = program();
+        command.env("LAMPYRIS_ABORT_AT", point);
+        Self::run(command, database)
     }
 
     /// A service none of whose files may grow beyond a megabyte.
@@ -37,31 +44,44 @@ impl Process {
         Self::run(command, database)
     }
 
-    fn run(mut command: Command, database: &Path) -> Self {
+    fn run(command: Command, database: &Path) -> Self {
+        Self::attempt(command, database, Stdio::null()).expect("the service ended before it listened")
+    }
+
+    /// Starts a service that may end before it listens; then there is none. What it says of itself goes to `log`.
+    pub fn attempt(mut command: Command, database: &Path, log: Stdio) -> Option<Self> {
         let mut child = command
             .args(["serve", "--bind", "127.0.0.1:0", "--database"])
             .arg(database)
             .env("LAMPYRIS_THREADS", "1")
             .stdout(Stdio::piped())
-            .stderr(Stdio::null())
+            .stderr(log)
             .spawn()
             .unwrap();
         let mut lines = BufReader::new(child.stdout.take().unwrap()).lines();
         let begun = Instant::now();
         let base = loop {
-            let line = lines.next().expect("the service ended before it listened").unwrap();
-            if let Some((_, base)) = line.split_once("listening on ") {
+            let Some(line) = lines.next() else {
+                child.wait().unwrap();
+                return None;
+            };
+            if let Some((_, base)) = line.unwrap().split_once("listening on ") {
                 break base.trim().to_owned();
             }
             assert!(begun.elapsed() < START, "the service does not listen");
         };
-        Self { child, client: Client::new(base.clone()), base }
+        Some(Self { child, client: Client::new(base.clone()), base })
     }
 
     /// SIGKILL: nothing of the process gets a chance to tidy up.
     pub fn kill(mut self) {
         self.child.kill().unwrap();
         self.child.wait().unwrap();
+    }
+
+    /// Whether the process has ended by itself.
+    pub fn has_ended(&mut self) -> bool {
+        self.child.try_wait().unwrap().is_some()
     }
 
     /// SIGTERM, as a supervisor would; gives the exit code and how long it took.
@@ -86,10 +106,15 @@ impl Drop for Process {
     }
 }
 
+/// The built binary, without a verb.
+pub fn program() -> Command {
+    Command::new(env!("CARGO_BIN_EXE_lampyris"))
+}
+
 /// Starts a service that must refuse to start, and gives what it said.
 #[track_caller]
 pub fn serve(database: &Path) -> Said {
-    let mut child = Command::new(env!("CARGO_BIN_EXE_lampyris"))
+    let mut child = program()
         .args(["serve", "--bind", "127.0.0.1:0", "--database"])
         .arg(database)
         .stdout(Stdio::null())
@@ -111,8 +136,7 @@ pub fn serve(database: &Path) -> Said {
 
 /// Runs a verb of the command line against an address.
 pub fn verb(url: &str, arguments: &[&str]) -> Said {
-    let output =
-        Command::new(env!("CARGO_BIN_EXE_lampyris")).args(arguments).env("LAMPYRIS_URL", url).stdin(Stdio::null()).output().unwrap();
+    let output = program().args(arguments).env("LAMPYRIS_URL", url).stdin(Stdio::null()).output().unwrap();
     let text = |bytes: Vec<u8>| String::from_utf8(bytes).unwrap();
     Said { code: output.status.code(), out: text(output.stdout), err: text(output.stderr) }
 }
