@@ -4,6 +4,8 @@
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
 mod backups;
+mod consistency;
+mod gate;
 #[path = "../support/mod.rs"]
 mod support;
 mod upgrades;

@@ -16,6 +16,11 @@ use tokio::runtime::Runtime;
 /// Longest that a test waits for something that takes seconds at most.
 pub const PATIENCE: Duration = Duration::from_secs(120);
 
+/// Whether the full figures are asked for.
+pub fn full() -> bool {
+    std::env::var("LAMPYRIS_TESTS").is_ok_and(|figures| figures == "full")
+}
+
 /// A plain HTTP client for one service.
 #[derive(Clone)]
 pub struct Client {

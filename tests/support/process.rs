@@ -86,6 +86,25 @@ impl Drop for Process {
     }
 }
 
+impl Process {
+    /// Where it listens, `http://…`.
+    pub fn base(&self) -> &str {
+        &self.base
+    }
+
+    /// A line of what the system knows of the process, such as `VmRSS`, as a number.
+    pub fn status(&self, name: &str) -> u64 {
+        let text = std::fs::read_to_string(format!("/proc/{}/status", self.child.id())).unwrap();
+        let line = text.lines().find(|line| line.starts_with(name)).unwrap();
+        line.split_whitespace().nth(1).unwrap().parse().unwrap()
+    }
+
+    /// How many files and connections it has open.
+    pub fn open_files(&self) -> usize {
+        std::fs::read_dir(format!("/proc/{}/fd", self.child.id())).unwrap().count()
+    }
+}
+
 /// Starts a service that must refuse to start, and gives what it said.
 #[track_caller]
 pub fn serve(database: &Path) -> Said {
