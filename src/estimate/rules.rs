@@ -179,8 +179,8 @@ fn finite(case: &Case, table: &mut Table) {
 
 fn bounds(case: &Case, table: &mut Table) {
     let estimates = &case.fit.parameters;
-    let outside = estimates.values().filter(|e| !e.fixed && !(e.bounds[0]..=e.bounds[1]).contains(&e.value)).count();
-    let comment = "every estimate lies inside its bounds".to_owned();
+    let outside = estimates.values().filter(|e| !(e.bounds[0]..=e.bounds[1]).contains(&e.value)).count();
+    let comment = "every parameter, estimated or fixed, lies inside its bounds".to_owned();
     table.at_most("G2 bounds", Some(outside as f64), 0.0, "parameters", Severity::Reject, comment);
     for name in &case.fit.non_identifiable {
         table.flags.push(format!("non_identifiable:{name}"));

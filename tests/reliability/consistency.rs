@@ -14,7 +14,7 @@ const READERS: usize = 4;
 const LEGS: usize = 4;
 
 /// A connection that asks for one path again and again.
-struct Reader {
+pub struct Reader {
     stream: BufReader<TcpStream>,
     request: String,
     body: Vec<u8>,
@@ -22,7 +22,7 @@ struct Reader {
 }
 
 impl Reader {
-    fn new(base: &str) -> Self {
+    pub fn new(base: &str) -> Self {
         let address = base.strip_prefix("http://").unwrap();
         let stream = TcpStream::connect(address).unwrap();
         stream.set_nodelay(true).unwrap();
@@ -53,7 +53,7 @@ impl Reader {
 
 /// The bodies that were read by their tags, and how many answers there were.
 #[derive(Default)]
-struct Seen {
+pub struct Seen {
     bodies: HashMap<String, Vec<u8>>,
     reads: usize,
     revision: i64,
@@ -61,7 +61,7 @@ struct Seen {
 
 impl Seen {
     /// Reads until it is told to stop, and has read at least so often.
-    fn watch(&mut self, reader: &mut Reader, least: usize, stop: &AtomicBool, reads: &AtomicUsize) {
+    pub fn watch(&mut self, reader: &mut Reader, least: usize, stop: &AtomicBool, reads: &AtomicUsize) {
         let mut mine = 0;
         let (mut etag, mut body) = (String::new(), Vec::new());
         while mine < least || !stop.load(Ordering::Relaxed) {

@@ -6,6 +6,10 @@
 mod backups;
 mod consistency;
 mod gate;
+mod hostile;
+mod soak;
+mod stamps;
+mod supply;
 #[path = "../support/mod.rs"]
 mod support;
 mod upgrades;

@@ -87,6 +87,17 @@ impl Drop for Process {
 }
 
 impl Process {
+    /// A service whose wall clock is what a file says, by a library that the system loads before its own.
+    pub fn start_by_clock(library: &str, clock: &Path, database: &Path) -> Self {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_lampyris"));
+        command
+            .env("LD_PRELOAD", library)
+            .env("FAKETIME_TIMESTAMP_FILE", clock)
+            .env("FAKETIME_NO_CACHE", "1")
+            .env("FAKETIME_DONT_FAKE_MONOTONIC", "1");
+        Self::run(command, database)
+    }
+
     /// Where it listens, `http://…`.
     pub fn base(&self) -> &str {
         &self.base
