@@ -3,7 +3,7 @@
 //! A rule knows nothing of the others, and none decides: `validate` reads what they wrote.
 
 use super::fit::{AheadError, Fit, Stop};
-use super::metrics::{FilterRun, ahead, filter, horizon_name};
+use super::metrics::{FilterRun, ahead, filter, horizon_name, lead};
 use super::physics;
 use super::problem::{Problem, mean_square};
 use super::validate::{CheckResult, Incumbent, Policy, Severity};
@@ -148,11 +148,19 @@ impl<'a> Case<'a> {
     }
 }
 
-/// Forecast errors at the policy's horizon on unseen data: of the parameters, and of persistence.
+/// Forecast errors at the policy's horizon on unseen data: of the parameters, and of persistence. `None` where nothing is
+/// comparable, or a forecast that could be made left the numbers: the others do not speak for it.
 fn forecast(problem: &Problem, theta: &[f64], run: &FilterRun, policy: &Policy) -> Option<AheadError> {
     let name = horizon_name(policy.horizon);
     let horizon = [(name.as_str(), policy.horizon.seconds())];
-    ahead(problem, theta, run, problem.split().validation.clone(), &horizon).into_values().next()
+    let unseen = problem.split().validation.clone();
+    let error = ahead(problem, theta, run, unseen.clone(), &horizon).into_values().next()?;
+    let lead = lead(policy.horizon.seconds(), problem.grid().step())?;
+    let (_, valid) = problem.measured()[0];
+    let known = problem.known();
+    let possible =
+        (unseen.start + lead..unseen.end).filter(|k| valid[*k] && valid[k - lead] && known[k - lead..*k].iter().all(|known| *known));
+    (error.n >= possible.count()).then_some(error)
 }
 
 /// The parameters as a reader of the stored document gets them.
@@ -201,7 +209,7 @@ fn persistence(case: &Case, table: &mut Table) {
     let ratio = case.forecast.as_ref().map(|error| error.rmse / error.persistence.max(f64::MIN_POSITIVE));
     let comment = match &case.forecast {
         Some(error) => format!("forecasts {name} ahead err by {:.2}, holding the last measurement by {:.2}", error.rmse, error.persistence),
-        None => format!("there are no unseen measurements to forecast {name} ahead"),
+        None => format!("there are no unseen measurements to forecast {name} ahead, or a forecast of them leaves the numbers"),
     };
     table.at_most("G4 beats persistence", ratio, 1.0, "-", Severity::Reject, comment);
     if ratio.is_some_and(|ratio| ratio > BARELY && ratio <= 1.0) {

@@ -163,7 +163,7 @@ fn saturate(server: &Server) -> Result<(), Failure> {
         let room = 1 + fit % ROOMS;
         let body = json!({
             "kind": "estimate", "system": format!("room/{room}"), "experiment": true,
-            "method": {"name": "cfa_thesis", "seed": fit}, "budget": {"evaluations": 100_000_000},
+            "method": {"name": "cfa_thesis", "seed": fit, "generations": 10_000}, "budget": {"evaluations": 100_000_000},
         });
         server.call("POST", "/jobs", Call::json(&body))?;
     }

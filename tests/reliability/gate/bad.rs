@@ -1,9 +1,10 @@
 //! Bad candidates, each made on purpose from a good room, and what has to refuse them.
 
-use super::{Candidate, Refused, fit, problem};
+use super::{CATALOGUE, Candidate, Refused, fit, problem, problem_of};
 use lampyris::data::SplitRequest;
 use lampyris::estimate::request::{Budget, SeededMethod};
 use lampyris::estimate::{EstimateRequest, Fit, Incumbent, Problem};
+use lampyris::model::spec::ModelDocument;
 use lampyris::optimise::Method;
 use lampyris::optimise::multistart::LmOptions;
 use lampyris::twin::{RoomTwin, room};
@@ -38,6 +39,7 @@ pub const KINDS: &[Kind] = &[
     Kind { name: "heat that cools", refused_by: &["G3", "no fit"], make: cooling_heat },
     Kind { name: "fitted to hours of data", refused_by: &["G4", "G5"], make: overfitted },
     Kind { name: "forecasts worse than holding the last value", refused_by: &["G4 beats persistence"], make: worse_than_persistence },
+    Kind { name: "forecasts that leave the numbers", refused_by: &["G4 beats persistence"], make: exploding },
     Kind { name: "worse than the incumbent", refused_by: &["G4 no worse than incumbent"], make: worse_than_incumbent },
     Kind { name: "the parameters of another room", refused_by: &["G4", "G5"], make: swapped },
     Kind { name: "a sensor that spikes", refused_by: &["G5 largest error"], make: spike },
@@ -210,6 +212,34 @@ fn worse_than_persistence(seed: u64) -> Made {
     base.of(&base.scaled(&[("alpha_e", 8.0), ("alpha_h", 4.0)]), None)
 }
 
+/// A room that is fine as far as its free run goes, and explodes wherever a forecast starts from more than 24 degrees.
+fn exploding(seed: u64) -> Made {
+    let mut catalogue = CATALOGUE.clone();
+    let document = serde_json::json!({
+        "id": "exploding", "title": "A room that explodes when it is warm",
+        "states": {"T_room": {"unit": "degC", "initial": "T_room"}}, "inputs": {"T_out": {"unit": "degC"}},
+        "parameters": {"k": {"unit": "1/h", "lower": 0.001, "upper": 10.0, "nominal": 0.1, "scale": "log"}},
+        "equations": {"T_room": "k*(T_out - T_room) + if(T_room > 24[degC], exp(700)*exp(700)*1[K/h], 0[K/h])"},
+        "outputs": {"T_room": {"expr": "T_room", "unit": "degC", "noise_sd": 0.05}},
+    });
+    catalogue.add_model(ModelDocument::from_json(&document).unwrap());
+    let mut csv = "time,T_room,T_out\n".to_owned();
+    let start: jiff::Timestamp = "2026-01-01T00:00:00Z".parse().unwrap();
+    let (k, mut celsius) = (0.1, 18.0);
+    for row in 0..DAYS * PER_DAY {
+        let hour = row as f64 / 2.0;
+        let out = 18.0 + 12.0 * (hour * std::f64::consts::TAU / 24.0 + seed as f64).sin();
+        // A warm hour a day in the end, of which the model knows nothing.
+        let shown = if row > 10 * PER_DAY && row % PER_DAY < 2 { 24.5 } else { celsius };
+        csv += &format!("{},{shown:.3},{out:.3}\n", start + jiff::SignedDuration::from_mins(30 * row as i64));
+        celsius += 0.5 * k * (out - celsius);
+    }
+    let asked = EstimateRequest { fixed: [("k".to_owned(), k)].into(), ..asked() };
+    let problem = problem_of(&catalogue, "exploding", &csv, &[], &asked)?;
+    let fit = fit(&problem, &asked)?;
+    Ok(Candidate { problem, fit, incumbent: None })
+}
+
 fn worse_than_incumbent(seed: u64) -> Made {
     let base = Base::new(seed);
     let error = |fit: &Fit| fit.metrics[0].ahead["PT6H"].rmse;
@@ -249,14 +279,15 @@ fn jumped(seed: u64) -> Made {
     let base = Base::new(seed);
     let before = base.problem.simulate(&base.good.theta());
     let from = before.outputs[0].len() - 7 * PER_DAY;
-    // What was served lost more heat than the room does, so much that its free run was another one.
+    // What was served lost more heat than the room does and gave it less, so much that its free run was another one.
+    let served = |factor: f64| base.scaled(&[("alpha_a", factor), ("alpha_w", 1.0 / factor)]);
     let apart = |factor: f64| {
-        let run = base.problem.simulate(&base.scaled(&[("alpha_a", factor)]));
+        let run = base.problem.simulate(&served(factor));
         let squares = run.outputs[0].iter().zip(&before.outputs[0]).skip(from).map(|(one, other)| (one - other).powi(2));
         (squares.sum::<f64>() / (7 * PER_DAY) as f64).sqrt()
     };
     let factor = (0..60).map(|power| 4.0 * 1.2f64.powi(power)).find(|factor| apart(*factor) > 1.2).unwrap();
-    let incumbent = base.incumbent(&base.scaled(&[("alpha_a", factor)]));
+    let incumbent = base.incumbent(&served(factor));
     Ok(Candidate { incumbent, problem: base.problem, fit: base.good })
 }
 

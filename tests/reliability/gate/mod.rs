@@ -45,10 +45,14 @@ type Refused = String;
 
 /// The problem of a text of measurements, as a job puts it together.
 fn problem(csv: &str, neighbours: &[String], asked: &EstimateRequest) -> Result<Problem, Refused> {
+    problem_of(&CATALOGUE, "room3", csv, neighbours, asked)
+}
+
+fn problem_of(catalogue: &Catalogue, model: &str, csv: &str, neighbours: &[String], asked: &EstimateRequest) -> Result<Problem, Refused> {
     let code = |faults: Vec<Fault>| faults[0].code.clone();
     let (window, _) = Window::parse_csv(csv, &Bindings::none()).map_err(code)?;
     let site = Site { sets: [("neighbours".to_owned(), neighbours.to_vec())].into(), ..Site::default() };
-    prepare(&CATALOGUE, &"room3".parse().unwrap(), asked, &window, &site).map_err(code)
+    prepare(catalogue, &model.parse().unwrap(), asked, &window, &site).map_err(code)
 }
 
 fn fit(problem: &Problem, asked: &EstimateRequest) -> Result<Fit, Refused> {

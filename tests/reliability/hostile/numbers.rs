@@ -3,6 +3,9 @@
 use crate::support::{TestApp, csv_of, quick, room, room_csv};
 use serde_json::{Value, json};
 
+/// What becomes of the room's and the other column's value.
+type Change = dyn Fn(f64, f64) -> (f64, f64);
+
 /// Every number of a document is one; `null` stands where there is none.
 fn numbers_are_finite(text: &str) -> bool {
     !["NaN", "Infinity", "inf,", "-inf", "nan"].iter().any(|word| text.contains(word)) && serde_json::from_str::<Value>(text).is_ok()
@@ -121,7 +124,7 @@ fn records_in_the_wrong_unit_are_refused_or_converted() {
     let app = TestApp::start();
     app.json("PUT", "/systems/room/1", &json!({"model": "rc2"})).expect(201);
     let rows: Vec<_> = room(3, 3).into_iter().map(|(time, inside, outside)| (time, inside + 6.0, outside)).collect();
-    let csv = |header: &str, change: &dyn Fn(f64, f64) -> (f64, f64)| {
+    let csv = |header: &str, change: &Change| {
         let mut text = format!("time,{header}\n");
         for (time, inside, outside) in &rows {
             let (one, other) = change(*inside, *outside);
@@ -129,7 +132,7 @@ fn records_in_the_wrong_unit_are_refused_or_converted() {
         }
         text
     };
-    let wrong: [(&str, &dyn Fn(f64, f64) -> (f64, f64)); 7] = [
+    let wrong: [(&str, &Change); 7] = [
         ("T_room,T_out", &|inside, outside| (inside * 1.8 + 32.0, outside)),
         ("T_room,T_out", &|inside, outside| (inside + 273.15, outside)),
         ("T_room,T_out", &|inside, outside| (inside, outside + 273.15)),
@@ -144,7 +147,7 @@ fn records_in_the_wrong_unit_are_refused_or_converted() {
         assert_eq!(codes, ["implausible-values"], "{header}: {problem}");
     }
     // The same with the unit said: what is kept is the channel's own.
-    let said: [(&str, &dyn Fn(f64, f64) -> (f64, f64)); 4] = [
+    let said: [(&str, &Change); 4] = [
         ("T_room[degF],T_out[degC]", &|inside, outside| (inside * 1.8 + 32.0, outside)),
         ("T_room[K],T_out[degC]", &|inside, outside| (inside + 273.15, outside)),
         ("T_room_degC,T_out[K]", &|inside, outside| (inside, outside + 273.15)),
