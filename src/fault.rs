@@ -21,18 +21,30 @@ pub struct Fault {
     pub suggestion: Option<String>,
 }
 
+/// Longest text of a fault in characters. What was sent may be part of it, and need not come back whole.
+const LONGEST: usize = 500;
+
 impl Fault {
     /// A fault without a suggestion.
     pub fn new(pointer: impl Into<String>, code: &str, detail: impl Into<String>) -> Self {
-        Self { pointer: pointer.into(), code: code.to_owned(), detail: detail.into(), suggestion: None }
+        Self { pointer: clip(pointer.into()), code: code.to_owned(), detail: clip(detail.into()), suggestion: None }
     }
 
     /// The same fault with a suggestion.
     #[must_use]
     pub fn suggest(mut self, suggestion: impl Into<String>) -> Self {
-        self.suggestion = Some(suggestion.into());
+        self.suggestion = Some(clip(suggestion.into()));
         self
     }
+}
+
+/// The text, or its beginning where it is too long.
+fn clip(mut text: String) -> String {
+    if let Some((end, _)) = text.char_indices().nth(LONGEST) {
+        text.truncate(end);
+        text.push('…');
+    }
+    text
 }
 
 impl std::fmt::Display for Fault {
@@ -47,11 +59,14 @@ impl std::fmt::Display for Fault {
 
 /// The known name closest to `wanted` in edit distance, if it is close enough to be a slip of the pen.
 pub fn nearest<'a>(wanted: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
+    let slips = |name: &str| 1 + wanted.len().min(name.len()) / 3;
     known
         .into_iter()
+        // What differs by so much in length alone is not worth a comparison, which for a long text is a long one.
+        .filter(|name| wanted.len().abs_diff(name.len()) <= 4 * slips(name))
         .map(|name| (edit_distance(wanted, name), name))
         .min()
-        .filter(|(distance, name)| *distance <= 1 + wanted.len().min(name.len()) / 3)
+        .filter(|(distance, name)| *distance <= slips(name))
         .map(|(_, name)| name)
 }
 

@@ -3,6 +3,7 @@
 mod diagnose;
 mod engine;
 mod hand;
+mod load;
 mod params;
 mod search;
 mod verdicts;
@@ -27,6 +28,9 @@ pub struct Arguments {
     /// Diagnose only kinds whose name holds this, such as `matched wind`.
     #[arg(long)]
     only: Option<String>,
+    /// How long the controller's path is polled beside fits; half as long beside fits and uploads.
+    #[arg(long, default_value_t = 30)]
+    seconds: u64,
     /// Print a line per world as it is done.
     #[arg(long)]
     each: bool,
@@ -41,6 +45,8 @@ enum Subject {
     Engine,
     /// What a diagnosis names on synthetic rooms with hidden effects.
     Diagnose,
+    /// How long a controller waits for its parameters while the service has all hands full.
+    Load,
 }
 
 /// One line of the table.
@@ -106,6 +112,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
             rows.extend(params::run()?);
             rows
         }
+        Subject::Load => load::run(arguments.seconds)?,
         Subject::Diagnose => diagnose::run(arguments.seed, arguments.worlds, arguments.only.as_deref(), arguments.each)?,
     };
     if arguments.json {

@@ -68,6 +68,11 @@ pub struct Answer {
 }
 
 impl Server {
+    /// A server that wants no token.
+    pub fn at(url: String) -> Self {
+        Self { url, token: None, json: false }
+    }
+
     /// Whether documents are printed as they came.
     pub fn json(&self) -> bool {
         self.json

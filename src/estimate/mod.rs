@@ -2,9 +2,9 @@
 //!
 //! `request` says what is wanted and `method` how it is searched, `problem` puts model and window together, `objective`
 //! weighs the residuals, `run` drives the optimiser until it or `stop` says that it is over, `metrics` and `uncertainty`
-//! describe what was found, `validate` decides, `served` is what may go out. `replay` puts the problem of a stored fit
-//! together again, `comparison` lays it beside the measurements and `compare` beside other fits, `skill` puts both into
-//! numbers; `degradation` asks whether newer measurements contradict it.
+//! describe what was found, `rules` look at it and `validate` decides, `served` is what may go out. `replay` puts the
+//! problem of a stored fit together again, `comparison` lays it beside the measurements and `compare` beside other fits,
+//! `skill` puts both into numbers; `degradation` asks whether newer measurements contradict it.
 
 pub mod compare;
 pub mod comparison;
@@ -20,6 +20,7 @@ pub mod replay;
 #[cfg(test)]
 mod replay_tests;
 pub mod request;
+pub mod rules;
 pub mod run;
 pub mod served;
 pub mod skill;

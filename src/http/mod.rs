@@ -59,7 +59,7 @@ use utoipa_axum::router::OpenApiRouter;
 /// What every handler is given.
 pub type Shared = Arc<Service>;
 
-/// How long a request may take until its answer begins. Long polls lie outside, event streams begin at once.
+/// How long a request may take until its answer begins, beside the time that its body may take. Long polls lie outside, event streams begin at once.
 const REQUEST_TIMEOUT: Duration = Duration::from_secs(30);
 
 /// The frame of the description; the handlers fill it.
@@ -108,6 +108,7 @@ pub fn router(service: Shared) -> Router {
     let (layered, mut described) = layered().split_for_parts();
     let (lean, mut polled) = lean().split_for_parts();
     let known: Vec<_> = description::ids(&mut described).into_iter().chain(description::ids(&mut polled)).collect();
+    let patience = REQUEST_TIMEOUT + Duration::from_secs(service.settings.limits.body_seconds);
     let guard = axum::middleware::from_fn_with_state(access::Gate::new(service.clone(), known), access::guard);
     let asking = Arc::new(description::queries(described));
     // The layer that is named last is the outermost.
@@ -115,7 +116,7 @@ pub fn router(service: Shared) -> Router {
         .layer(axum::middleware::from_fn_with_state(asking, extract::refuse_unknown))
         .layer(guard.clone())
         .layer(CatchPanicLayer::custom(panicked))
-        .layer(TimeoutLayer::with_status_code(StatusCode::SERVICE_UNAVAILABLE, REQUEST_TIMEOUT))
+        .layer(TimeoutLayer::with_status_code(StatusCode::SERVICE_UNAVAILABLE, patience))
         .layer(axum::middleware::map_response(problem::as_problem))
         .layer(CompressionLayer::new())
         .layer(TraceLayer::new_for_http())

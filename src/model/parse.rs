@@ -132,15 +132,18 @@ type Placed = (Token, Position, usize);
 
 fn tokens(text: &str) -> Result<Vec<Placed>, SyntaxError> {
     let mut tokens = Vec::new();
-    let (mut line, mut line_start, mut i) = (1, 0, 0);
+    let (mut line, mut column, mut counted, mut i) = (1, 1, 0, 0);
     let bytes = text.as_bytes();
     while i < bytes.len() {
-        let at = Position { line, column: text[line_start..i].chars().count() + 1 };
+        // Counted on from the token before: a count from the start of the line would make long lines quadratic.
+        column += text[counted..i].chars().count();
+        counted = i;
+        let at = Position { line, column };
         let c = bytes[i];
         if c == b'\n' {
             line += 1;
-            line_start = i + 1;
             i += 1;
+            (column, counted) = (1, i);
         } else if c.is_ascii_whitespace() {
             i += 1;
         } else if c.is_ascii_digit() || (c == b'.' && bytes.get(i + 1).is_some_and(u8::is_ascii_digit)) {
@@ -164,7 +167,7 @@ fn tokens(text: &str) -> Result<Vec<Placed>, SyntaxError> {
             return Err(SyntaxError { at, message: format!("`{}` has no meaning in an expression", c.escape_default()) });
         }
     }
-    let at = Position { line, column: text[line_start..].chars().count() + 1 };
+    let at = Position { line, column: column + text[counted..].chars().count() };
     tokens.push((Token::End, at, bytes.len()));
     Ok(tokens)
 }

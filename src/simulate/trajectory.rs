@@ -211,7 +211,9 @@ fn diverged(farthest: f64) -> bool {
 fn measured_starts(values: &[f64], valid: &[bool]) -> Vec<Option<f64>> {
     (0..values.len())
         .map(|k| {
-            let first: Vec<f64> = (k..values.len().min(k + 12)).filter(|i| valid[*i]).take(3).map(|i| values[i]).collect();
+            // A record may begin in a gap of its sensor; then its first value, however late, is the best that is known.
+            let until = if k == 0 { values.len() } else { values.len().min(k + 12) };
+            let first: Vec<f64> = (k..until).filter(|i| valid[*i]).take(3).map(|i| values[i]).collect();
             (!first.is_empty()).then(|| first.iter().sum::<f64>() / first.len() as f64)
         })
         .collect()

@@ -4,10 +4,16 @@
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
 mod backups;
+mod consistency;
 mod crashes;
 mod database;
 mod disks;
+mod gate;
+mod hostile;
+mod soak;
+mod stamps;
 mod stops;
+mod supply;
 #[path = "../support/mod.rs"]
 mod support;
 mod traffic;

@@ -92,6 +92,34 @@ impl Process {
         (status.code(), start.elapsed())
     }
 
+    /// A service whose wall clock is what a file says, by a library that the system loads before its own.
+    pub fn start_by_clock(library: &str, clock: &Path, database: &Path) -> Self {
+        let mut command = program();
+        command
+            .env("LD_PRELOAD", library)
+            .env("FAKETIME_TIMESTAMP_FILE", clock)
+            .env("FAKETIME_NO_CACHE", "1")
+            .env("FAKETIME_DONT_FAKE_MONOTONIC", "1");
+        Self::run(command, database)
+    }
+
+    /// Where it listens, `http://…`.
+    pub fn base(&self) -> &str {
+        &self.base
+    }
+
+    /// A line of what the system knows of the process, such as `VmRSS`, as a number.
+    pub fn status(&self, name: &str) -> u64 {
+        let text = std::fs::read_to_string(format!("/proc/{}/status", self.child.id())).unwrap();
+        let line = text.lines().find(|line| line.starts_with(name)).unwrap();
+        line.split_whitespace().nth(1).unwrap().parse().unwrap()
+    }
+
+    /// How many files and connections it has open.
+    pub fn open_files(&self) -> usize {
+        std::fs::read_dir(format!("/proc/{}/fd", self.child.id())).unwrap().count()
+    }
+
     /// A verb of the command line that asks this service.
     pub fn verb(&self, arguments: &[&str]) -> Said {
         verb(&self.base, arguments)
