@@ -3,7 +3,8 @@
 use super::candidates::{align, suspects, widen};
 use super::findings::DiagnoseError;
 use super::fitted::Null;
-use super::rank::{LEAST_BIC, round};
+use super::gates::LEAST_BIC;
+use super::rank::round;
 use crate::data::Window;
 use crate::estimate::metrics::{HORIZONS, ahead, filter};
 use crate::estimate::{Control, EstimateError, Problem, Site};

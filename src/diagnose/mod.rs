@@ -7,15 +7,16 @@
 //! ```
 //!
 //! `candidates` compiles the catalogue into the model, `screen` scores it by one linearised simulation each, `refit`
-//! and `fitted` bring null model and suspects to their optima, `rank` decides by two gates, `failures` says where a
-//! model fails, `evidence` lays the error beside an effect's shape, `ladder` adds effects one after another. The method and its thresholds were measured on synthetic
-//! rooms; `lampyris bench diagnose` measures them again.
+//! and `fitted` bring null model and suspects to their optima, `rank` tries them all and `gates` decides, `failures` says
+//! where a model fails, `evidence` lays the error beside an effect's shape, `ladder` adds effects one after another. The
+//! method and its thresholds were measured on synthetic rooms; `lampyris bench diagnose` measures them again.
 
 pub mod candidates;
 pub mod evidence;
 pub mod failures;
 mod findings;
 pub mod fitted;
+mod gates;
 pub mod ladder;
 pub mod rank;
 mod refit;

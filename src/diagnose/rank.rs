@@ -1,57 +1,17 @@
-//! A round: every suspect is refitted, and two gates decide (reference: missing-effects 3, 5 and 7).
+//! A round: every suspect is refitted, and the gates (`gates`) decide (reference: missing-effects 3, 5 and 7).
 //!
-//! The likelihood gate asks whether the suspect explains the innovations of the training part, the held-out gate
-//! whether the error on unseen data really falls. The null model is restarted from the best suspects' parameters,
-//! so that no suspect gains by a better search alone.
+//! The null model is restarted from the best suspects' parameters, so that no suspect gains by a better search alone.
 
-use super::candidates::{Suspect, sign_allows};
+use super::candidates::Suspect;
 use super::fitted::{Fitted, Measured, Null};
+use super::gates::{LEAST_BIC, LEAST_FALL, gate, ties};
 use super::report::Gate;
-use super::screen::{Blind, Score, Screen, correlation};
+use super::screen::{Blind, Score, Screen};
 use crate::estimate::Problem;
 use crate::estimate::metrics::{day_ahead_mse, filter};
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-/// Least gain of the BIC.
-pub const LEAST_BIC: f64 = 10.0;
-/// The same of a shape that follows the clock alone: whatever else happens at some hours, and is in no catalogue, follows it too.
-pub const LEAST_SHAPE_BIC: f64 = 40.0;
-/// And least share of the days, seen and unseen, on which the free run errs less with it: a habit shows on most of them.
-const HABIT_DAYS: f64 = 0.5;
-/// The same of one that the model imitates near its optimum unless it explains much.
-const LEAST_IMITATED_BIC: f64 = 20.0;
-/// Ratio of free-run error to innovation deviation above which slow effects are let in by slower measures: where a
-/// model is right but for little, the likelihood sees what is missing.
-const CRUDE_RHO: f64 = 1.5;
-/// Below this ratio a modest gain of the BIC needs both measures of unseen data, or nearly all of the error: a structure
-/// that is a little wrong gains a little by almost anything.
-const NEAR_RHO: f64 = 3.0;
-const MODEST_BIC: f64 = 25.0;
-const NEARLY_ALL: f64 = 0.9;
-/// Least share of the unseen free-run error beyond the noise.
-pub const LEAST_SHARE: f64 = 0.20;
-/// Or least share of the unseen innovations.
-pub const LEAST_WHITE_SHARE: f64 = 0.03;
-/// Least share for what follows from the output itself, and for short records.
-pub const STRICT_SHARE: f64 = 0.35;
-/// Least share of the unseen innovations for what follows from the output: a real opening explains the very drops,
-/// any other cooling that begins sharply only their aftermath.
-const STRICT_WHITE_SHARE: f64 = 0.35;
-/// A slow effect helps on at least this share of the days.
-const MOST_DAYS: f64 = 0.7;
-/// An error that falls at least to this share has fallen: what matters to nobody is no finding.
-const LEAST_FALL: f64 = 0.9;
-/// Unless the likelihood gains this much, and as much of the error beyond the noise is explained as is asked of the strict:
-/// near the noise an error cannot fall by a tenth. With such a gain forecasts a day ahead stand in for the free run.
-const PLAIN_BIC: f64 = 40.0;
-/// Suspects whose gain is within this much of the winner's, or within this share of it, or that are this much alike, are
-/// named together with it.
-const TIE_BIC: f64 = 10.0;
-const TIE_SHARE: f64 = 0.15;
-const TIE_CORRELATION: f64 = 0.9;
-/// Where the median suspect gains, a cause gains this many times as much.
-const STAND_OUT: f64 = 2.0;
 /// Fewest families of which a median means anything.
 const LEAST_FAMILIES: usize = 5;
 /// Iterations of a suspect.
@@ -384,107 +344,4 @@ fn day_ahead(null: &Null, suspects: &[Suspect], tried: &mut [Tried]) {
         one.ahead_fall = before.zip(after).map(|(before, after)| (after / before).sqrt());
         one.ahead_share = before.zip(after).map(|(before, after)| (before - after) / (before - noise).max(1e-3 * before));
     });
-}
-
-/// What stops a suspect.
-fn gate(suspect: &Suspect, one: &Tried, strict: bool, rho: f64, placebo: f64) -> Option<(Gate, String)> {
-    let percent = |share: Option<f64>| share.map_or_else(|| "no unseen data".to_owned(), |share| format!("{:.0} %", 100.0 * share));
-    if one.active == 0 {
-        return Some((Gate::Bound, "it fits best where it does nothing".to_owned()));
-    }
-    let allowed = suspect.own.iter().any(|(index, off)| sign_allows(suspect.spec.sign, one.fitted.white[*index] - off));
-    if !allowed {
-        return Some((Gate::Sign, "the data ask for a sign that physics does not allow".to_owned()));
-    }
-    // What is no number reaches nothing.
-    let reaches = |value: Option<f64>, least: f64| value.is_some_and(|value| value >= least);
-    // A cause stands out from what everybody gains.
-    if placebo > LEAST_BIC && !reaches(Some(one.delta_bic), STAND_OUT * placebo) {
-        return Some((Gate::Bic, "most suspects gain alike: the fit without them is not at its optimum".to_owned()));
-    }
-    let endogenous = suspect.endogenous;
-    let imitated = one.score.imitated && !reaches(one.share, STRICT_SHARE);
-    let (slow, least) = match (suspect.by_clock, imitated) {
-        (true, _) => (false, LEAST_SHAPE_BIC),
-        (false, true) => (false, LEAST_IMITATED_BIC),
-        (false, false) => (rho >= CRUDE_RHO && !endogenous && explains_slowly(one), LEAST_BIC),
-    };
-    if !slow && !reaches(Some(one.delta_bic), least) {
-        return Some((Gate::Bic, format!("it gains {:.1} in BIC, and {least} is asked for", one.delta_bic)));
-    }
-    if suspect.by_clock && one.better_days.iter().any(|share| *share < HABIT_DAYS) {
-        return Some((Gate::HeldOut, "it follows the clock, and helps on fewer than half of the days".to_owned()));
-    }
-    // Whatever the likelihood says: what leaves the unseen error as it is is no cause of it.
-    let one_step = one.white_share.map(|share| (1.0 - share).max(0.0).sqrt());
-    let falls = [one.fall, one.ahead_fall, one_step].into_iter().flatten().any(|fall| fall <= LEAST_FALL);
-    let plain = reaches(Some(one.delta_bic), PLAIN_BIC) && reaches(one.share, STRICT_SHARE);
-    if !falls && !plain {
-        let why = "neither the free run nor forecasts a step or a day ahead err a tenth less with it on unseen data";
-        return Some((Gate::HeldOut, why.to_owned()));
-    }
-    let both = reaches(one.share, LEAST_SHARE) && reaches(one.white_share, LEAST_WHITE_SHARE);
-    if rho < NEAR_RHO && one.delta_bic < MODEST_BIC && !both && !reaches(one.share, NEARLY_ALL) {
-        let why = "it gains little, and the free run and the innovations on unseen data do not both confirm it";
-        return Some((Gate::HeldOut, why.to_owned()));
-    }
-    if slow {
-        return None;
-    }
-    if endogenous && !(reaches(one.share, STRICT_SHARE) && reaches(one.white_share, STRICT_WHITE_SHARE)) {
-        let why = format!(
-            "read off the room temperature itself, it explains {} of the error and {} of the innovations on unseen data, and {:.0} % of both is asked for",
-            percent(one.share),
-            percent(one.white_share),
-            100.0 * STRICT_SHARE
-        );
-        return Some((Gate::HeldOut, why));
-    }
-    let least = if strict { STRICT_SHARE } else { LEAST_SHARE };
-    // States that are re-estimated show what a free run hides behind the chance of one week.
-    let ahead = reaches(Some(one.delta_bic), PLAIN_BIC) && reaches(one.ahead_share, STRICT_SHARE) && reaches(one.share, 0.0);
-    let passes = reaches(one.share, least) || (!strict && (ahead || reaches(one.white_share, LEAST_WHITE_SHARE)));
-    (!passes).then(|| {
-        let why = format!("it explains {} of the error on unseen data, and {:.0} % is asked for", percent(one.share), 100.0 * least);
-        (Gate::HeldOut, why)
-    })
-}
-
-/// The other way in: a slow effect gains on three-hourly means, on most days, and on unseen data either in
-/// forecasts a day ahead from re-estimated states or in the free run of most days.
-fn explains_slowly(one: &Tried) -> bool {
-    let gains = one.slow_delta_bic.is_some_and(|gain| gain >= LEAST_BIC) && one.better_days[0] >= MOST_DAYS;
-    // States that are re-estimated hide much, but not innovations that grow.
-    let ahead = one.ahead_share.is_some_and(|share| share >= STRICT_SHARE) && one.white_share.is_none_or(|share| share >= 0.0);
-    let free = one.share.is_some_and(|share| share >= STRICT_SHARE) && one.better_days[1] >= MOST_DAYS;
-    gains && (ahead || free)
-}
-
-/// Those that cannot be told from the winner, the best member of each family of choices only: what passes the gates and
-/// gains as much or does the same, and what gains as much although it lowers the unseen error by too little.
-fn ties(tried: &mut [Tried], suspects: &[Suspect], winner: usize) -> Vec<usize> {
-    let best = tried[winner].clone();
-    // Who is let in by the slower measure is compared by it.
-    let slowly = best.delta_bic < LEAST_BIC;
-    let gain = |one: &Tried| if slowly { one.slow_delta_bic.unwrap_or(f64::NEG_INFINITY) } else { one.delta_bic };
-    let least = gain(&best) - TIE_BIC.max(TIE_SHARE * gain(&best));
-    let mut tied: Vec<usize> = Vec::new();
-    for place in (0..tried.len()).filter(|place| *place != winner) {
-        let one = &tried[place];
-        let suspect = &suspects[one.suspect];
-        let named = |other: usize| suspect.is_choice() && suspects[other].family() == suspect.family();
-        let alike = gain(one) >= least || correlation(&one.score.direction, &best.score.direction).abs() > TIE_CORRELATION;
-        let held_out = matches!(one.gate, Some((Gate::HeldOut, _))) && !suspect.endogenous;
-        let likely = held_out && gain(one) >= least && one.fall.is_some_and(|fall| fall < 1.0);
-        if !(likely || (one.gate.is_none() && alike)) {
-            continue;
-        }
-        let known = named(best.suspect) || tied.iter().any(|other| named(tried[*other].suspect));
-        let why = format!("these data cannot tell it from {}", suspects[best.suspect].id);
-        tried[place].gate = Some((Gate::Tie, why));
-        if !known {
-            tied.push(place);
-        }
-    }
-    tied
 }
