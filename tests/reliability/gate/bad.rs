@@ -228,7 +228,7 @@ fn exploding(seed: u64) -> Made {
     let (k, mut celsius) = (0.1, 18.0);
     for row in 0..DAYS * PER_DAY {
         let hour = row as f64 / 2.0;
-        let out = 18.0 + 12.0 * (hour * std::f64::consts::TAU / 24.0 + seed as f64).sin();
+        let out = 18.0 + 12.0 * (hour * std::f64::consts::TAU / 24.0 + 0.5 + 0.02 * (seed % 10) as f64).sin();
         // A warm hour a day in the end, of which the model knows nothing.
         let shown = if row > 10 * PER_DAY && row % PER_DAY < 2 { 24.5 } else { celsius };
         csv += &format!("{},{shown:.3},{out:.3}\n", start + jiff::SignedDuration::from_mins(30 * row as i64));
