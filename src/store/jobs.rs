@@ -309,7 +309,8 @@ async fn turn(tx: &mut SqliteConnection, new: &NewJob) -> Result<i64, StoreError
 }
 
 /// Claims the next job, and counts the attempt. Two jobs of one system never run at once: both would be
-/// judged against the same incumbent.
+/// judged against the same incumbent. The last attempt of a job is made alone: the jobs that ran beside it when the
+/// process went down were charged as well, and none may fail for good because of another.
 ///
 /// # Errors
 /// Where the database fails.
@@ -319,9 +320,10 @@ pub async fn claim(store: &Store, boot: i64, now: Timestamp) -> Result<Option<Jo
                    SELECT j.id FROM jobs j WHERE j.state = 'queued'
                    AND NOT EXISTS (SELECT 1 FROM jobs r WHERE r.state = 'running' AND r.system = j.system)
                    ORDER BY j.priority, j.turn, j.sequence LIMIT 1)
+               AND NOT EXISTS (SELECT 1 FROM jobs r WHERE r.state = 'running' AND (r.attempt >= $3 OR jobs.attempt + 1 >= $3))
                RETURNING *";
     let mut tx = store.write().await?;
-    let row: Option<Row> = sqlx::query_as(sql).bind(boot).bind(millis(now)).fetch_optional(&mut *tx).await?;
+    let row: Option<Row> = sqlx::query_as(sql).bind(boot).bind(millis(now)).bind(MAX_ATTEMPTS).fetch_optional(&mut *tx).await?;
     let Some(row) = row else {
         tx.take_back().await?;
         return Ok(None);

@@ -4,6 +4,9 @@
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
 mod backups;
+mod nights;
+mod poison;
+mod queue;
 #[path = "../support/mod.rs"]
 mod support;
 mod upgrades;

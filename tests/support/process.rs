@@ -27,21 +27,27 @@ pub struct Said {
 
 impl Process {
     pub fn start(database: &Path) -> Self {
-        Self::run(Command::new(env!("CARGO_BIN_EXE_lampyris")), database)
+        Self::start_with(database, &[])
+    }
+
+    /// A service with more variables in its environment.
+    pub fn start_with(database: &Path, environment: &[(&str, &str)]) -> Self {
+        Self::run(Command::new(env!("CARGO_BIN_EXE_lampyris")), database, environment)
     }
 
     /// A service none of whose files may grow beyond a megabyte.
     pub fn start_with_small_files(database: &Path) -> Self {
         let mut command = Command::new("bash");
         command.args(["-c", "trap '' XFSZ; ulimit -f 1024; exec \"$@\"", "bash", env!("CARGO_BIN_EXE_lampyris")]);
-        Self::run(command, database)
+        Self::run(command, database, &[])
     }
 
-    fn run(mut command: Command, database: &Path) -> Self {
+    fn run(mut command: Command, database: &Path, environment: &[(&str, &str)]) -> Self {
         let mut child = command
             .args(["serve", "--bind", "127.0.0.1:0", "--database"])
             .arg(database)
             .env("LAMPYRIS_THREADS", "1")
+            .envs(environment.iter().copied())
             .stdout(Stdio::piped())
             .stderr(Stdio::null())
             .spawn()
@@ -56,6 +62,23 @@ impl Process {
             assert!(begun.elapsed() < START, "the service does not listen");
         };
         Self { child, client: Client::new(base.clone()), base }
+    }
+
+    /// The memory that the process holds now, in bytes.
+    pub fn resident(&self) -> u64 {
+        let status = std::fs::read_to_string(format!("/proc/{}/status", self.child.id())).unwrap();
+        let kilobytes = status.lines().find_map(|line| line.strip_prefix("VmRSS:")?.trim().strip_suffix(" kB")?.parse::<u64>().ok());
+        kilobytes.unwrap() << 10
+    }
+
+    /// Waits until the process has taken itself down.
+    #[track_caller]
+    pub fn gone(mut self) {
+        let begun = Instant::now();
+        while self.child.try_wait().unwrap().is_none() {
+            assert!(begun.elapsed() < super::PATIENCE, "the process lives on");
+            std::thread::sleep(Duration::from_millis(10));
+        }
     }
 
     /// SIGKILL: nothing of the process gets a chance to tidy up.
