@@ -7,3 +7,7 @@ CREATE INDEX diagnoses_of_fit ON diagnoses (fit);
 CREATE INDEX ladders_of_fit ON ladders (fit);
 CREATE INDEX jobs_repeated ON jobs (retry_of) WHERE retry_of IS NOT NULL;
 CREATE INDEX jobs_of_diagnosis ON jobs (diagnosis) WHERE diagnosis IS NOT NULL;
+
+-- Lists of jobs that stand somehow, or are of a kind, newest first: the few that run among all that ever ended.
+CREATE INDEX jobs_in_state ON jobs (state, sequence);
+CREATE INDEX jobs_of_kind ON jobs (kind, sequence);
