@@ -9,7 +9,7 @@ use crate::jobs::metrics::Metrics;
 use crate::jobs::models::SharedCatalogue;
 use crate::jobs::params::{self, Snapshot};
 use crate::jobs::tokens::{self, Tokens};
-use crate::jobs::{JobsError, Service, now, schedule, worker};
+use crate::jobs::{Clock, JobsError, Service, schedule, worker};
 use crate::model::Catalogue;
 use crate::settings::Settings;
 use crate::store::{self, Store, StoreError};
@@ -108,6 +108,14 @@ impl App {
     /// # Errors
     /// Where anything that it needs is missing; then nothing of it runs.
     pub async fn start(settings: Settings) -> Result<App, AppError> {
+        Self::start_by(settings, Clock::default()).await
+    }
+
+    /// Starts a service that lives by this clock.
+    ///
+    /// # Errors
+    /// As [`App::start`].
+    pub async fn start_by(settings: Settings, clock: Clock) -> Result<App, AppError> {
         let faults = settings.faults();
         if !faults.is_empty() {
             return Err(AppError::Settings(faults));
@@ -119,7 +127,9 @@ impl App {
             return Err(AppError::NotLoopback(settings.bind));
         }
         let boot = store.next_boot().await?;
-        let recovered = store::jobs::recover(&store, boot, now()).await?;
+        // Taken before anything ends, so that the jobs that fail right now are told and counted like all others.
+        let newest = store::events::newest(&store).await?;
+        let recovered = store::jobs::recover(&store, boot, clock.now()).await?;
         if !recovered.requeued.is_empty() || !recovered.failed.is_empty() {
             tracing::warn!(
                 requeued = recovered.requeued.len(),
@@ -127,14 +137,14 @@ impl App {
                 "jobs of an earlier start were found running"
             );
         }
-        store::idempotency::forget_old(&store, now()).await?;
+        store::idempotency::forget_old(&store, clock.now()).await?;
         let service = Arc::new(Service {
             catalogue: SharedCatalogue::load(&store, builtin).await?,
             board: Board::default(),
             interactive: Interactive::new(threads(&settings)).map_err(AppError::Threads)?,
-            events: Events::new(boot, store::events::newest(&store).await?),
+            events: Events::new(boot, newest),
             tokens,
-            metrics: Metrics::new(now()),
+            metrics: Metrics::new(clock.now()),
             params: Snapshot::default(),
             arrivals: Arrivals::default(),
             wake: Notify::new(),
@@ -143,6 +153,7 @@ impl App {
             workers_alive: AtomicUsize::new(0),
             settings,
             store,
+            clock,
             boot,
         });
         // Nobody may ask before what is served is in memory.
@@ -184,7 +195,7 @@ impl App {
         if tasks_done.is_err() {
             // A job that did not hear in time is given back over its head; its own end will find the lease gone.
             for lease in self.service.board.leases() {
-                if let Err(error) = store::jobs::requeue(&self.service.store, &lease, now()).await {
+                if let Err(error) = store::jobs::requeue(&self.service.store, &lease, self.service.now()).await {
                     tracing::error!(%error, job = lease.job, "a job could not be given back");
                 }
             }

@@ -21,6 +21,21 @@ pub struct Settings {
     pub zone: String,
     /// What a single user may ask for.
     pub limits: Limits,
+    /// How long what is old is kept.
+    pub retention: Retention,
+}
+
+/// How many days something is kept that nothing names any more; 0 keeps it for ever. What was ever served is kept, with its
+/// fit and the windows that the fit has read.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Retention {
+    /// Jobs that have ended, with their fits and the reports of their batches.
+    pub jobs_days: u32,
+    /// Diagnoses and ladders; the newest of a system stays.
+    pub diagnoses_days: u32,
+    /// Windows, counted back from the newest sample of their system.
+    pub windows_days: u32,
 }
 
 /// Limits that keep one request from starving the others.
@@ -61,6 +76,7 @@ impl Default for Settings {
             threads: 0,
             zone: "UTC".to_owned(),
             limits: Limits::default(),
+            retention: Retention::default(),
         }
     }
 }
@@ -80,8 +96,14 @@ impl Default for Limits {
     }
 }
 
+impl Default for Retention {
+    fn default() -> Self {
+        Self { jobs_days: 365, diagnoses_days: 0, windows_days: 0 }
+    }
+}
+
 /// The variables of the environment and the fields that they stand for.
-const VARIABLES: [(&str, &str); 13] = [
+const VARIABLES: [(&str, &str); 16] = [
     ("LAMPYRIS_BIND", "/bind"),
     ("LAMPYRIS_DATABASE", "/database"),
     ("LAMPYRIS_WORKERS", "/workers"),
@@ -95,6 +117,9 @@ const VARIABLES: [(&str, &str); 13] = [
     ("LAMPYRIS_LIMITS_HEADER_SECONDS", "/limits/header_seconds"),
     ("LAMPYRIS_LIMITS_BODY_SECONDS", "/limits/body_seconds"),
     ("LAMPYRIS_LIMITS_DATABASE_BYTES", "/limits/database_bytes"),
+    ("LAMPYRIS_RETENTION_JOBS_DAYS", "/retention/jobs_days"),
+    ("LAMPYRIS_RETENTION_DIAGNOSES_DAYS", "/retention/diagnoses_days"),
+    ("LAMPYRIS_RETENTION_WINDOWS_DAYS", "/retention/windows_days"),
 ];
 
 impl Settings {
@@ -160,7 +185,10 @@ impl Settings {
             "/limits/connections" => read(&mut self.limits.connections, text),
             "/limits/header_seconds" => read(&mut self.limits.header_seconds, text),
             "/limits/body_seconds" => read(&mut self.limits.body_seconds, text),
-            _ => read(&mut self.limits.database_bytes, text),
+            "/limits/database_bytes" => read(&mut self.limits.database_bytes, text),
+            "/retention/jobs_days" => read(&mut self.retention.jobs_days, text),
+            "/retention/diagnoses_days" => read(&mut self.retention.diagnoses_days, text),
+            _ => read(&mut self.retention.windows_days, text),
         }
     }
 
@@ -188,6 +216,13 @@ impl Settings {
         demand((16..=1_000_000).contains(&self.limits.connections), "/limits/connections", "there are between 16 and 1000000 connections");
         demand((1..=3_600).contains(&self.limits.header_seconds), "/limits/header_seconds", "a head takes between 1 and 3600 seconds");
         demand((1..=3_600).contains(&self.limits.body_seconds), "/limits/body_seconds", "a body takes between 1 and 3600 seconds");
+        let Retention { jobs_days, diagnoses_days, windows_days } = self.retention;
+        // Diagnoses read five weeks of measurements, and comparisons look farther back.
+        let days = [("jobs_days", jobs_days, 7), ("diagnoses_days", diagnoses_days, 7), ("windows_days", windows_days, 60)];
+        for (field, days, least) in days {
+            let detail = format!("at least {least} days are kept, and at most 36500; 0 keeps everything");
+            demand(days == 0 || (least..=36_500).contains(&days), &format!("/retention/{field}"), &detail);
+        }
         faults
     }
 }

@@ -37,9 +37,25 @@ pub enum Newer {
     /// There are too few of them, or nothing to compare with.
     Silent,
     /// They are forecast as well as the validation data, or nearly so.
-    Agree,
+    Agree {
+        /// Root mean square of the forecast errors.
+        error: f64,
+        /// How far ahead the forecasts look.
+        horizon: String,
+    },
     /// They are not.
     Contradict(Degradation),
+}
+
+impl Newer {
+    /// Root mean square of the forecast errors, and how far ahead the forecasts look.
+    pub fn error(&self) -> Option<(f64, &str)> {
+        match self {
+            Newer::Silent => None,
+            Newer::Agree { error, horizon } => Some((*error, horizon)),
+            Newer::Contradict(found) => Some((found.error, &found.horizon)),
+        }
+    }
 }
 
 /// Forecasts the measurements behind the fit's own, `horizon` ahead from re-estimated states, and compares the
@@ -66,7 +82,7 @@ pub fn newer(problem: &Problem, fit: &Fit, run: &FilterRun, horizon: Duration) -
     let noise = measurement_variance(problem).first().copied().unwrap_or(0.0).sqrt();
     let limit = RATIO * then.rmse.max(noise);
     if now.rmse <= limit {
-        return Newer::Agree;
+        return Newer::Agree { error: now.rmse, horizon: name };
     }
     Newer::Contradict(Degradation {
         error: now.rmse,

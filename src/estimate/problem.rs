@@ -7,7 +7,7 @@ use crate::data::{Grid, Split};
 use crate::fault::{Fault, nearest};
 use crate::model::{Model, Nominal, Scale as ModelScale};
 use crate::optimise::{Candidate, Cost, Dimension, Evaluation, Scale, Space, Theta};
-use crate::simulate::trajectory::Measured;
+use crate::simulate::trajectory::{Halt, Measured};
 use crate::simulate::{Inputs, Simulator, Stepper, Trajectory, substeps};
 use indexmap::IndexMap;
 use std::ops::Range;
@@ -323,10 +323,15 @@ impl Problem {
 
     /// Costs, and residuals where wanted, of candidates on the training part. Their mean square is the cost.
     pub fn evaluate(&self, candidates: &[Candidate], with_residuals: bool) -> Vec<Evaluation> {
+        self.evaluate_unless(candidates, with_residuals, &|| false)
+    }
+
+    /// The same, cut short as soon as `halt` says so; the answers then mean nothing.
+    pub fn evaluate_unless(&self, candidates: &[Candidate], with_residuals: bool, halt: Halt) -> Vec<Evaluation> {
         let thetas: Vec<Vec<f64>> = candidates.iter().map(|candidate| self.theta(candidate)).collect();
         let slices: Vec<&[f64]> = thetas.iter().map(Vec::as_slice).collect();
         self.simulator
-            .run(&slices, self.split.train.end)
+            .run_unless(&slices, self.split.train.end, halt)
             .iter()
             .zip(&thetas)
             .map(|(trajectory, theta)| {

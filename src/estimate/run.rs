@@ -51,7 +51,7 @@ pub enum Interrupt {
 
 /// The caller's hands on a running search. The core has no clock, so deadlines come from here.
 pub struct Control<'a> {
-    /// Asked before every batch.
+    /// Asked before every batch, and in the middle of simulations. Whatever it once says it goes on to say.
     pub interrupt: &'a (dyn Fn() -> Option<Interrupt> + Sync),
     /// Told after every batch.
     pub progress: &'a (dyn Fn(&Progress) + Sync),
@@ -176,6 +176,7 @@ fn drive(
     let mut remarks = Vec::new();
     let mut progress = Progress::default();
     let mut trace: Vec<TracePoint> = Vec::new();
+    let halt = || (control.interrupt)().is_some();
     let stop = loop {
         if let Some(interrupt) = (control.interrupt)() {
             match interrupt {
@@ -185,8 +186,8 @@ fn drive(
             }
         }
         let answers: Vec<Evaluation> = match optimiser.ask() {
-            Ask::Costs(candidates) => problem.evaluate(&candidates, false),
-            Ask::Residuals(candidates) => problem.evaluate(&candidates, true),
+            Ask::Costs(candidates) => problem.evaluate_unless(&candidates, false, &halt),
+            Ask::Residuals(candidates) => problem.evaluate_unless(&candidates, true, &halt),
             Ask::Done(ended) => {
                 break match ended {
                     Ended::Converged => Stop::Converged,
@@ -195,6 +196,10 @@ fn drive(
                 };
             }
         };
+        if halt() {
+            // Answers that were cut short are none.
+            continue;
+        }
         progress.evaluations += answers.len();
         optimiser.tell(&answers);
         progress.generation = optimiser.generation();

@@ -33,8 +33,8 @@ pub struct Uncertainty {
 pub fn uncertainty(problem: &Problem, theta: &[f64]) -> Uncertainty {
     let space = problem.space();
     let none = Uncertainty { ci95: vec![None; space.len()], ..Uncertainty::default() };
+    // Where every parameter is fixed there is nothing to be uncertain about, and no matrix to decompose.
     if space.is_empty() {
-        // Everything is fixed, so there is nothing to be unsure of.
         return none;
     }
     let centre = problem.candidate(theta);

@@ -4,7 +4,7 @@ use super::Shared;
 use super::access::Caller;
 use super::problem::Problems;
 use crate::jobs::metrics::Histogram;
-use crate::jobs::{now, params};
+use crate::jobs::params;
 use crate::store;
 use axum::extract::{MatchedPath, Request, State};
 use axum::http::{Method, header};
@@ -63,7 +63,7 @@ async fn get_metrics(State(service): State<Shared>, caller: Caller) -> Response 
     let mut text = Exposition::default();
     about_the_service(&service, &mut text).await;
     about_jobs(&service, &mut text).await;
-    about_systems(&service, &caller, &mut text, now());
+    about_systems(&service, &caller, &mut text, service.now());
     about_requests(&service, &mut text);
     ([(header::CONTENT_TYPE, "text/plain; version=0.0.4; charset=utf-8")], text.0).into_response()
 }
@@ -78,6 +78,8 @@ async fn about_the_service(service: &Shared, text: &mut Exposition) {
     text.plain("lampyris_database_writable", "gauge", "Whether the database can be written.", f64::from(u8::from(writable)));
     let refused = service.tokens.refused() as f64;
     text.plain("lampyris_refused_total", "counter", "Requests that showed no token that is good.", refused);
+    let busy = store::busy() as f64;
+    text.plain("lampyris_database_busy_total", "counter", "How often another process held the database for too long.", busy);
     let workers = service.workers_alive.load(Ordering::Relaxed);
     text.plain("lampyris_workers", "gauge", "Workers that wait for jobs or run one.", workers as f64);
     text.plain("lampyris_event_listeners", "gauge", "Open streams of events.", service.events.listeners() as f64);
@@ -93,7 +95,7 @@ async fn about_jobs(service: &Shared, text: &mut Exposition) {
             }
             text.family("lampyris_jobs_oldest_seconds", "gauge", "How long the oldest of them has been waiting or running.");
             for standing in &queue {
-                let age = standing.oldest.map_or(0.0, |oldest| age(oldest, now()));
+                let age = standing.oldest.map_or(0.0, |oldest| age(oldest, service.now()));
                 text.sample("lampyris_jobs_oldest_seconds", &[("state", standing.state.word())], age);
             }
         }
@@ -113,6 +115,12 @@ async fn about_jobs(service: &Shared, text: &mut Exposition) {
     text.family("lampyris_queue_wait_seconds", "histogram", "How long jobs waited.");
     text.histogram("lampyris_queue_wait_seconds", &[], &tallies.wait_seconds);
     text.plain("lampyris_evaluations_total", "counter", "Simulations of the jobs that ended.", tallies.evaluations as f64);
+    text.plain(
+        "lampyris_fallbacks_total",
+        "counter",
+        "How often a failure left a system with its parameters of before.",
+        tallies.fallbacks as f64,
+    );
     text.family("lampyris_gate_failed_total", "counter", "Checks of the gate that kept a fit from being served.");
     for (check, count) in &tallies.checks_failed {
         text.sample("lampyris_gate_failed_total", &[("check", check)], *count as f64);
@@ -152,11 +160,18 @@ fn about_systems(service: &Shared, caller: &Caller, text: &mut Exposition, now: 
     }
     text.family("lampyris_params_age_seconds", "gauge", "Time since the served parameters were last found fit to be served.");
     ages.iter().for_each(|(system, age)| text.sample("lampyris_params_age_seconds", &[("system", system)], *age));
-    text.family("lampyris_params_status", "gauge", "The status of what a system serves.");
-    let status = |(system, status): &(String, params::Status)| {
-        text.sample("lampyris_params_status", &[("system", system), ("status", status.word())], 1.0);
-    };
-    statuses.iter().for_each(status);
+    text.family("lampyris_params_status", "gauge", "Whether this is the status of what a system serves.");
+    for (system, status) in &statuses {
+        for word in params::Status::VALIDATED {
+            text.sample("lampyris_params_status", &[("system", system), ("status", word.word())], f64::from(u8::from(word == *status)));
+        }
+    }
+    text.family("lampyris_live_rmse", "gauge", "Forecast error on the newest measurements, in the unit of the output.");
+    for (system, (horizon, rmse)) in
+        service.metrics.read().live_rmse.iter().filter(|(system, _)| ages.iter().any(|(known, _)| known == *system))
+    {
+        text.sample("lampyris_live_rmse", &[("system", system), ("horizon", horizon)], *rmse);
+    }
     text.family("lampyris_params_at_bound", "gauge", "Served parameters that sit on a bound of the search.");
     bounds.iter().for_each(|(system, count)| text.sample("lampyris_params_at_bound", &[("system", system)], *count as f64));
     text.family("lampyris_fit_rmse", "gauge", "Free-run error of the served parameters in the unit of the output.");

@@ -8,7 +8,7 @@ use super::page::{Page, PageQuery};
 use super::problem::{ApiError, PROBLEM_JSON, Problem, Problems};
 use crate::data::SystemPattern;
 use crate::jobs::schedule::{self, ScheduleDocument, Ticks};
-use crate::jobs::{Refusal, now, submit};
+use crate::jobs::{Refusal, submit};
 use crate::store;
 use crate::store::jobs::Priority;
 use crate::store::schedules::{ScheduleRecord, TickResult};
@@ -85,10 +85,10 @@ struct LastRun {
 }
 
 impl ScheduleAnswer {
-    fn of(record: ScheduleRecord) -> Self {
+    fn of(record: ScheduleRecord, now: Timestamp) -> Self {
         let ticks = Ticks::read(&record.cron, &record.zone);
         let next_runs = match &ticks {
-            Ok(ticks) if record.enabled => ticks.next(now(), SHOWN_TICKS),
+            Ok(ticks) if record.enabled => ticks.next(now, SHOWN_TICKS),
             _ => Vec::new(),
         };
         let in_words = ticks.map(|ticks| ticks.in_words()).unwrap_or_default();
@@ -117,7 +117,7 @@ async fn require(service: &Shared, name: &str) -> Result<ScheduleRecord, ApiErro
 /// One schedule.
 #[utoipa::path(get, path = "/schedules/{name}", tag = "schedules", params(("name" = String, Path, example = "nightly")), responses((status = 200, body = ScheduleAnswer), Problems))]
 async fn get_schedule(State(service): State<Shared>, Path(name): Path<String>) -> Result<axum::Json<ScheduleAnswer>, ApiError> {
-    Ok(axum::Json(ScheduleAnswer::of(require(&service, &name).await?)))
+    Ok(axum::Json(ScheduleAnswer::of(require(&service, &name).await?, service.now())))
 }
 
 /// Makes or replaces a schedule. Its ticks count from now on.
@@ -132,7 +132,7 @@ async fn get_schedule(State(service): State<Shared>, Path(name): Path<String>) -
 async fn put_schedule(State(service): State<Shared>, caller: Caller, Path(name): Path<String>, body: Json) -> Result<Response, ApiError> {
     caller.may_select(&schedule::selected(&body.value))?;
     let is_new = schedule::put(&service, &name, body.value, caller.name()).await?;
-    let answer = ScheduleAnswer::of(require(&service, &name).await?);
+    let answer = ScheduleAnswer::of(require(&service, &name).await?, service.now());
     Ok((if is_new { StatusCode::CREATED } else { StatusCode::OK }, axum::Json(answer)).into_response())
 }
 
@@ -151,7 +151,7 @@ async fn preview_schedule(
     body: Json,
 ) -> Result<axum::Json<SchedulePreview>, ApiError> {
     let (zone, ticks) = schedule::preview(&service, &name, body.value)?;
-    Ok(axum::Json(SchedulePreview { in_words: ticks.in_words(), zone, next_runs: ticks.next(now(), SHOWN_TICKS) }))
+    Ok(axum::Json(SchedulePreview { in_words: ticks.in_words(), zone, next_runs: ticks.next(service.now(), SHOWN_TICKS) }))
 }
 
 /// All schedules, by name.
@@ -165,7 +165,7 @@ async fn list_schedules(
     let after = page.page_token.unwrap_or_default();
     let is_left = |record: &ScheduleRecord| record.name > after && within(caller.reach(), &record.request);
     let left: Vec<ScheduleRecord> = store::schedules::all(&service.store).await?.into_iter().filter(is_left).collect();
-    Ok(axum::Json(Page::of(left, size, |record| record.name.clone(), ScheduleAnswer::of)))
+    Ok(axum::Json(Page::of(left, size, |record| record.name.clone(), |record| ScheduleAnswer::of(record, service.now()))))
 }
 
 /// Removes a schedule; what it has submitted stays. The nightly one can be disabled, not removed.
@@ -190,7 +190,7 @@ async fn delete_schedule(
         let detail = "the nightly schedule is part of the service: put it with `\"enabled\": false` instead".to_owned();
         return Err(ApiError::Refused(Refusal::new("schedule-not-removable", detail)));
     }
-    if !store::schedules::delete(&service.store, &name, caller.name(), now()).await? {
+    if !store::schedules::delete(&service.store, &name, caller.name(), service.now()).await? {
         return Err(ApiError::NotFound("schedule", name));
     }
     service.wake_schedule.notify_one();

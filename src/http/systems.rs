@@ -8,10 +8,10 @@ use super::page::{Page, PageQuery};
 use super::problem::{ApiError, Problems};
 use crate::data::SystemId;
 use crate::estimate::served::ServedError;
+use crate::jobs::Service;
 use crate::jobs::health::{Health, Served, ahead, health};
 use crate::jobs::params::Status;
 use crate::jobs::systems::{self, SystemDocument, document};
-use crate::jobs::{Service, now};
 use crate::model::ModelId;
 use crate::store;
 use crate::store::jobs::{JobRecord, JobState, Outcome};
@@ -123,7 +123,7 @@ impl SystemRow {
             error: errors,
             fitted_at: served.as_ref().and_then(|served| served.fitted_at),
             validated_at,
-            age_s: validated_at.map(|instant| now().duration_since(instant).as_secs().max(0)),
+            age_s: validated_at.map(|instant| service.now().duration_since(instant).as_secs().max(0)),
             stale_after: served.as_ref().and_then(|served| served.stale_after),
             flags: served.map(|served| served.flags).unwrap_or_default(),
             latest_state: newest.as_ref().map(|job| job.state),

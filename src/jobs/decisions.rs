@@ -1,6 +1,6 @@
 //! An operator's word: promote or reject a fit that waits, pin what is served or roll it back.
 
-use super::{JobsError, Refusal, Service, decode, now, params};
+use super::{JobsError, Refusal, Service, decode, params};
 use crate::data::SystemId;
 use crate::fault::Fault;
 use crate::store;
@@ -40,7 +40,7 @@ pub struct PinBody {
 pub async fn decide(service: &Service, fit: &str, decision: Decision, body: Value, who: &str) -> Result<(), JobsError> {
     let Reason { reason } = decode::decode(body).map_err(JobsError::Faults)?;
     check_reason(&reason)?;
-    match store::decisions::decide(&service.store, fit, decision, &reason, who, now()).await? {
+    match store::decisions::decide(&service.store, fit, decision, &reason, who, service.now()).await? {
         Decided::Done(system, revision) => {
             tracing::info!(fit, system, revision, reason, who, "{} by an operator", decision.word());
             let system = system.parse().map_err(|error: crate::data::BadSystemId| JobsError::Internal(error.to_string()))?;
@@ -74,7 +74,7 @@ pub async fn pin(service: &Service, system: &SystemId, body: Value, who: &str) -
     let PinBody { fit, reason } = decode::decode(body).map_err(JobsError::Faults)?;
     check_reason(&reason)?;
     super::systems::require(service, system).await?;
-    match store::pins::put(&service.store, system, fit.as_deref(), &reason, who, now()).await? {
+    match store::pins::put(&service.store, system, fit.as_deref(), &reason, who, service.now()).await? {
         Pinned::Set(revision) => {
             tracing::info!(%system, revision, reason, who, "pinned by an operator");
             changed(service, system).await
@@ -97,7 +97,7 @@ pub async fn pin(service: &Service, system: &SystemId, body: Value, who: &str) -
 /// Where there is no such system.
 pub async fn unpin(service: &Service, system: &SystemId, who: &str) -> Result<(), JobsError> {
     super::systems::require(service, system).await?;
-    store::pins::delete(&service.store, system, who, now()).await?;
+    store::pins::delete(&service.store, system, who, service.now()).await?;
     tracing::info!(%system, who, "unpinned by an operator");
     changed(service, system).await
 }

@@ -3,7 +3,7 @@
 
 use super::input::{self, Input};
 use super::systems::{self, Mode, SystemDocument};
-use super::{JobsError, Service, now, params, submit};
+use super::{JobsError, Service, params, submit};
 use crate::data::{Duration, SplitRequest, SystemId, rfc3339};
 use crate::estimate::EstimateRequest;
 use crate::estimate::degradation::{Newer, newer};
@@ -85,15 +85,20 @@ async fn look(service: &Service, pool: &ThreadPool, system: &SystemId) -> Result
         return Err(JobsError::Internal("the comparison ran into a fault of the program".to_owned()));
     };
     let Some((newer, state)) = found? else { return Ok(()) };
+    if let Some((error, horizon)) = newer.error() {
+        service.metrics.forecast(system, horizon, error);
+    }
     let turned = match &newer {
         // Too little to tell leaves things as they are; only the states are newer.
         Newer::Silent => {
             let standing = standing.degradation.map(|record| record.degradation);
-            store::degradations::keep(&service.store, system, revision.revision, standing.as_ref(), state.as_ref(), now()).await?
+            store::degradations::keep(&service.store, system, revision.revision, standing.as_ref(), state.as_ref(), service.now()).await?
         }
-        Newer::Agree => store::degradations::keep(&service.store, system, revision.revision, None, state.as_ref(), now()).await?,
+        Newer::Agree { .. } => {
+            store::degradations::keep(&service.store, system, revision.revision, None, state.as_ref(), service.now()).await?
+        }
         Newer::Contradict(found) => {
-            store::degradations::keep(&service.store, system, revision.revision, Some(found), state.as_ref(), now()).await?
+            store::degradations::keep(&service.store, system, revision.revision, Some(found), state.as_ref(), service.now()).await?
         }
     };
     if let Some(degraded) = turned {

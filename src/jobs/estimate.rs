@@ -74,9 +74,14 @@ fn incumbent_state(input: &Input, problem: &Problem) -> Option<crate::estimate::
 
 /// A failure with all faults of what the job was given.
 pub fn invalid(errors: Vec<Fault>) -> JobFailure {
-    let no_data = errors.iter().any(|fault| matches!(fault.code.as_str(), "no-data" | "no-data-in-range"));
+    let has = |codes: &[&str]| errors.iter().any(|fault| codes.contains(&fault.code.as_str()));
+    let code = match () {
+        () if has(&["no-data", "no-data-in-range"]) => "no_data",
+        () if has(&["grid-too-long"]) => "too_large",
+        () => "invalid",
+    };
     let detail = errors.first().map_or_else(|| "the job cannot be done".to_owned(), ToString::to_string);
-    JobFailure { code: if no_data { "no_data" } else { "invalid" }.to_owned(), detail, errors }
+    JobFailure { code: code.to_owned(), detail, errors }
 }
 
 /// The failure behind an error of this layer.

@@ -1,5 +1,6 @@
 //! What has been counted since the service started. `/metrics` prints it; nothing else reads it.
 
+use crate::data::SystemId;
 use crate::store::jobs::JobRecord;
 use jiff::Timestamp;
 use std::collections::BTreeMap;
@@ -41,6 +42,10 @@ pub struct Tallies {
     pub evaluations: u64,
     /// Checks that a fit has failed, by name.
     pub checks_failed: BTreeMap<String, u64>,
+    /// How often the parameters of a system turned to be those of before a failure.
+    pub fallbacks: u64,
+    /// The error of the newest comparison with newer measurements, by system, with the horizon of the forecasts.
+    pub live_rmse: BTreeMap<String, (String, f64)>,
     /// Requests, by method, path template and status.
     pub requests: BTreeMap<(&'static str, String, u16), u64>,
     /// Seconds until an answer began, by path template.
@@ -105,6 +110,8 @@ impl Metrics {
             wait_seconds: Histogram::new(JOB_BOUNDS),
             evaluations: 0,
             checks_failed: BTreeMap::new(),
+            fallbacks: 0,
+            live_rmse: BTreeMap::new(),
             requests: BTreeMap::new(),
             answer_seconds: BTreeMap::new(),
         };
@@ -148,6 +155,16 @@ impl Metrics {
         for name in names {
             *tallies.checks_failed.entry((*name).to_owned()).or_default() += 1;
         }
+    }
+
+    /// Counts a turn to parameters of before a failure.
+    pub fn fell_back(&self) {
+        self.tallies().fallbacks += 1;
+    }
+
+    /// Notes how well newer measurements of a system are forecast with what it serves.
+    pub fn forecast(&self, system: &SystemId, horizon: &str, rmse: f64) {
+        self.tallies().live_rmse.insert(system.to_string(), (horizon.to_owned(), rmse));
     }
 
     /// Counts a request that was answered.

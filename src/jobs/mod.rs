@@ -13,6 +13,7 @@
 //! | `board` | who runs now: progress, cancellation |
 //! | `events` | what happens to jobs, for those who listen |
 //! | `worker`, `input`, `estimate`, `diagnose` | from the claim to the verdict, and to what is missing |
+//! | `poison` | a hook for tests: jobs that go wrong on purpose |
 //! | `preview` | one simulation for whoever edits a model |
 //! | `interactive` | short CPU work that somebody waits for: first in line, bounded, kept |
 //! | `metrics` | what is counted |
@@ -23,6 +24,7 @@
 //! | `degradations` | compares newer measurements with what is served |
 //! | `health` | how a system fares, in a word and a sentence |
 //! | `schedule` | submits ordinary jobs when a row says so |
+//! | `retention` | forgets what is old |
 //! | `tokens` | who may ask |
 
 pub mod board;
@@ -43,8 +45,10 @@ pub mod layout;
 pub mod metrics;
 pub mod models;
 pub mod params;
+mod poison;
 pub mod preview;
 pub mod request;
+pub mod retention;
 pub mod schedule;
 pub mod series;
 mod strict;
@@ -59,8 +63,9 @@ use crate::fault::Fault;
 use crate::settings::Settings;
 use crate::store::jobs::JobState;
 use crate::store::{Store, StoreError};
-use jiff::Timestamp;
-use std::sync::atomic::AtomicUsize;
+use jiff::{SignedDuration, Timestamp};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicI64, AtomicUsize, Ordering};
 use tokio::sync::{Notify, watch};
 
 /// Everything that handlers and workers share.
@@ -86,6 +91,8 @@ pub struct Service {
     pub params: params::Snapshot,
     /// Systems of which measurements have arrived.
     pub arrivals: degradations::Arrivals,
+    /// What time it is.
+    pub clock: Clock,
     /// The number of this start.
     pub boot: i64,
     /// Told when a job may be claimed.
@@ -196,7 +203,30 @@ impl From<crate::store::jobs::SubmitError> for JobsError {
     }
 }
 
+/// The clock of a service: that of the system, which tests of nights and months set ahead.
+#[derive(Debug, Clone, Default)]
+pub struct Clock {
+    ahead_ms: Arc<AtomicI64>,
+}
+
+impl Clock {
+    /// The time by this clock.
+    pub fn now(&self) -> Timestamp {
+        now().saturating_add(SignedDuration::from_millis(self.ahead_ms.load(Ordering::Relaxed))).unwrap_or(Timestamp::MAX)
+    }
+
+    /// Sets the clock; from there it goes on.
+    pub fn set(&self, time: Timestamp) {
+        self.ahead_ms.store(time.as_millisecond() - now().as_millisecond(), Ordering::Relaxed);
+    }
+}
+
 impl Service {
+    /// The time by the clock of this service.
+    pub fn now(&self) -> Timestamp {
+        self.clock.now()
+    }
+
     /// Whether the service is asked to stop.
     pub fn is_stopping(&self) -> bool {
         *self.stopping.borrow()
@@ -208,7 +238,7 @@ impl Service {
     }
 }
 
-/// The time. Nothing below this layer knows it.
+/// The time by the system. Nothing below this layer knows it.
 pub fn now() -> Timestamp {
     Timestamp::now()
 }

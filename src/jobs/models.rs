@@ -1,7 +1,7 @@
 //! Models and effects of users beside the built-in ones. Documents never change, because fits refer to them.
 
 use super::decode::{self, Read};
-use super::{JobsError, Service, blocking, now};
+use super::{JobsError, Service, blocking};
 use crate::fault::{Fault, nearest};
 use crate::model::spec::{CompositionSpec, EffectSpec, ModelDocument, ModelSpec};
 use crate::model::{Bindings, Catalogue, Model, ModelId, compile};
@@ -9,6 +9,7 @@ use crate::store::idempotency::RequestKey;
 use crate::store::models::{self, Kept, VersionRecord};
 use crate::store::{Store, StoreError};
 use arc_swap::ArcSwap;
+use jiff::Timestamp;
 use serde_json::{Value, json};
 use std::cmp::Reverse;
 use std::sync::Arc;
@@ -156,7 +157,7 @@ pub async fn create(service: &Service, body: Value, who: &str, key: Option<&Requ
     if let Some(builtin) = catalogue.model(document.id()).filter(|_| !stored) {
         return same_or_conflict(builtin == &document, "model", document.id()).map(|()| Taken { thing: document, is_new: false });
     }
-    let is_new = settled(models::insert_model(&service.store, &document, who, key, now()).await?, "model", document.id())?;
+    let is_new = settled(models::insert_model(&service.store, &document, who, key, service.now()).await?, "model", document.id())?;
     service.catalogue.change(|catalogue| catalogue.add_model(document.clone()));
     Ok(Taken { thing: document, is_new })
 }
@@ -221,7 +222,7 @@ pub async fn create_effect(service: &Service, body: Value, who: &str, key: Optio
     if let Some(builtin) = catalogue.effects().find(|known| known.id == effect.id).filter(|_| !stored) {
         return same_or_conflict(builtin == &effect, "effect", &effect.id).map(|()| Taken { thing: effect, is_new: false });
     }
-    let is_new = settled(models::insert_effect(&service.store, &effect, who, key, now()).await?, "effect", &effect.id)?;
+    let is_new = settled(models::insert_effect(&service.store, &effect, who, key, service.now()).await?, "effect", &effect.id)?;
     service.catalogue.change(|catalogue| catalogue.add_effect(effect.clone()));
     Ok(Taken { thing: effect, is_new })
 }
@@ -245,8 +246,8 @@ pub async fn add_effect(
             JobsError::Faults(faults)
         });
     }
-    let base = parent.clone();
-    let made = blocking(move || make_version(&catalogue, &base, body)).await?.map_err(JobsError::Faults)?;
+    let (base, now) = (parent.clone(), service.now());
+    let made = blocking(move || make_version(&catalogue, &base, body, now)).await?.map_err(JobsError::Faults)?;
     let (version, effect) = made;
     if let Some(effect) = &effect
         && let Some(known) = service.catalogue.current().effects().find(|known| known.id == effect.id)
@@ -267,7 +268,12 @@ fn at_effect(fault: Fault) -> Fault {
 }
 
 /// The new version, and its effect where that came as a document.
-fn make_version(catalogue: &Catalogue, parent: &ModelId, body: Value) -> Result<(VersionRecord, Option<EffectSpec>), Vec<Fault>> {
+fn make_version(
+    catalogue: &Catalogue,
+    parent: &ModelId,
+    body: Value,
+    created_at: Timestamp,
+) -> Result<(VersionRecord, Option<EffectSpec>), Vec<Fault>> {
     #[derive(serde::Deserialize)]
     #[serde(deny_unknown_fields)]
     struct ByName {
@@ -312,7 +318,7 @@ fn make_version(catalogue: &Catalogue, parent: &ModelId, body: Value) -> Result<
     if !spec.define.is_empty() {
         document["diff"]["define"] = json!(spec.define);
     }
-    Ok((VersionRecord { id, parent: parent.clone(), effect: name, document, created_at: now() }, own))
+    Ok((VersionRecord { id, parent: parent.clone(), effect: name, document, created_at }, own))
 }
 
 fn same_or_conflict(same: bool, what: &'static str, id: &str) -> Result<(), JobsError> {

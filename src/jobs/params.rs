@@ -9,7 +9,7 @@ mod body;
 pub use body::{Body, Rendered, Status};
 
 use super::systems::document;
-use super::{JobsError, Service, blocking, now};
+use super::{JobsError, Service, blocking};
 use crate::data::SystemId;
 use crate::store::failpoint;
 use crate::store::jobs::JobState;
@@ -161,6 +161,10 @@ pub async fn refresh(service: &Service, system: &SystemId) -> Result<(), JobsErr
     match standing(&service.store, system).await? {
         Some(standing) => {
             let entry = entry(service, standing).await?;
+            let has_fallen = |entry: &Entry| entry.validated().is_some_and(|served| served.status == Status::Fallback);
+            if has_fallen(&entry) && service.params.entry(&system.to_string()).is_some_and(|before| !has_fallen(&before)) {
+                service.metrics.fell_back();
+            }
             failpoint::reached("before_swap");
             service.params.swap(system, entry);
         }
@@ -189,7 +193,7 @@ pub async fn keep_fresh(service: Arc<Service>) {
     while !*stopping.borrow_and_update() {
         let mut retimed = pin!(service.params.retime.notified());
         retimed.as_mut().enable();
-        let now = now();
+        let now = service.now();
         let mut next = LONGEST_SLEEP;
         for (system, entry) in service.params.all() {
             match entry.turns_stale.map(|turn| turn.duration_since(now)) {
@@ -219,7 +223,7 @@ async fn entry(service: &Service, standing: Standing) -> Result<Entry, JobsError
     match &standing.revision {
         Some(revision) => {
             let stale_after = body::stale_after(revision, &document);
-            let stale = now() >= stale_after;
+            let stale = service.now() >= stale_after;
             let rendered = body::validated(&standing, revision, stale_after, stale)?;
             Ok(Entry { answer: Answer::Validated(rendered), turns_stale: (!stale).then_some(stale_after) })
         }

@@ -5,7 +5,7 @@ use super::body::BatchSettings;
 use super::decode::{self, Read};
 use super::request::{BatchRequest, read_batch};
 use super::tokens::SERVICE;
-use super::{JobsError, Service, now, submit};
+use super::{JobsError, Service, retention, submit};
 use crate::data::SystemPattern;
 use crate::fault::Fault;
 use crate::store;
@@ -168,7 +168,7 @@ pub async fn put(service: &Service, name: &str, body: Value, who: &str) -> Resul
     let zone = document.zone.as_deref().unwrap_or(&service.settings.zone);
     let request = serde_json::to_string(&request).map_err(|error| JobsError::Internal(error.to_string()))?;
     let new = NewSchedule { name, cron: &document.cron, zone, request: &request, enabled: document.enabled };
-    let is_new = store::schedules::put(&service.store, &new, who, now()).await?;
+    let is_new = store::schedules::put(&service.store, &new, who, service.now()).await?;
     service.wake_schedule.notify_one();
     Ok(is_new)
 }
@@ -198,7 +198,7 @@ pub async fn run(service: Arc<Service>) {
     while !*stopping.borrow_and_update() {
         let mut woken = pin!(service.wake_schedule.notified());
         woken.as_mut().enable();
-        let pause = match due(&service, now()).await {
+        let pause = match due(&service, service.now()).await {
             Ok(pause) => pause,
             Err(error) => {
                 tracing::error!(%error, "the schedules could not be run");
@@ -224,8 +224,11 @@ pub async fn due(service: &Service, now: Timestamp) -> Result<Duration, JobsErro
             tracing::error!(schedule = schedule.name, "the pattern or the zone of a stored schedule cannot be read");
             continue;
         };
-        if let Some(tick) = ticks.newest_due(schedule.last_tick_at, now) {
-            run_tick(service, &schedule, tick, now).await?;
+        if let Some(tick) = ticks.newest_due(schedule.last_tick_at, now)
+            && let Err(error) = run_tick(service, &schedule, tick, now).await
+        {
+            // The tick is still due, and the other schedules do not wait for it.
+            tracing::error!(%error, schedule = schedule.name, "a tick could not be dealt with");
         }
         if let Some(next) = ticks.after(now) {
             pause = pause.min(next.duration_since(now).unsigned_abs());
@@ -237,10 +240,16 @@ pub async fn due(service: &Service, now: Timestamp) -> Result<Duration, JobsErro
 async fn run_tick(service: &Service, schedule: &ScheduleRecord, tick: Timestamp, now: Timestamp) -> Result<(), JobsError> {
     let request = request(schedule)?;
     let batch = submit::batch(service, &request, Some(&schedule.name), Priority::Nightly).await?;
-    let result = store::schedules::tick(&service.store, &schedule.name, tick, &batch, service.queue_limit(), now).await?;
+    let limit = service.queue_limit();
+    let Some(result) = store::schedules::tick(&service.store, &schedule.name, tick, &batch, limit, now).await? else {
+        return Ok(());
+    };
     tracing::info!(schedule = schedule.name, %tick, jobs = batch.jobs.len(), skipped = batch.skipped.len(), "tick: {}", result.word());
     if result == TickResult::Submitted {
         submit::entered(service, &batch).await?;
+    }
+    if schedule.name == NIGHTLY {
+        retention::forget(service, now).await?;
     }
     Ok(())
 }

@@ -3,7 +3,7 @@
 
 use super::request::{self, BatchRequest};
 use super::systems::{self, Mode, SystemDocument};
-use super::{JobsError, Service, blocking, input, now, params};
+use super::{JobsError, Service, blocking, input, params};
 use crate::data::SystemId;
 use crate::estimate::EstimateRequest;
 use crate::fault::{Fault, nearest};
@@ -41,7 +41,7 @@ pub async fn one(
         Err(error) => return Err(error),
     }
     let new = new_job(kind, system, model, experiment, &request, Origin::Posted, priority)?;
-    let submitted = store::jobs::submit(&service.store, &new, key, service.queue_limit(), now()).await?;
+    let submitted = store::jobs::submit(&service.store, &new, key, service.queue_limit(), service.now()).await?;
     told(service, submitted).await
 }
 
@@ -50,7 +50,7 @@ pub async fn one(
 /// # Errors
 /// Where there is no such job or it has not ended, a full queue, a reused key, or where the database fails.
 pub async fn retry(service: &Service, id: &str, key: Option<&RequestKey>) -> Result<Submitted, JobsError> {
-    match store::retry::retry(&service.store, id, key, service.queue_limit(), now()).await? {
+    match store::retry::retry(&service.store, id, key, service.queue_limit(), service.now()).await? {
         Retried::Submitted(submitted) => told(service, *submitted).await,
         Retried::NotFinished(state) => Err(JobsError::NotFinished(id.to_owned(), state)),
         Retried::NoJob => Err(JobsError::NotFound("job", id.to_owned())),
@@ -74,7 +74,7 @@ async fn told(service: &Service, submitted: Submitted) -> Result<Submitted, Jobs
 pub async fn refit(service: &Service, system: &SystemId, document: &SystemDocument) -> Result<(), JobsError> {
     let request = request::complete(&Map::new(), Some(document)).map_err(JobsError::Faults)?;
     let new = new_job(JobKind::Estimate, system, document.model.clone(), false, &request, Origin::Scheduled, Priority::Nightly)?;
-    store::jobs::submit(&service.store, &new, None, service.queue_limit(), now()).await?;
+    store::jobs::submit(&service.store, &new, None, service.queue_limit(), service.now()).await?;
     service.wake.notify_one();
     params::refresh(service, system).await
 }
@@ -148,9 +148,9 @@ pub async fn recalibrate(
     key: Option<&RequestKey>,
 ) -> Result<SubmittedBatch, JobsError> {
     let batch = batch(service, request, schedule, priority).await?;
-    let submitted = store::batches::submit(&service.store, &batch, key, service.queue_limit(), now()).await?;
+    let submitted = store::batches::submit(&service.store, &batch, key, service.queue_limit(), service.now()).await?;
     if let (SubmittedBatch::New(id), Some(schedule)) = (&submitted, schedule) {
-        store::schedules::note_run(&service.store, schedule, id, now()).await?;
+        store::schedules::note_run(&service.store, schedule, id, service.now()).await?;
     }
     entered(service, &batch).await?;
     Ok(submitted)
@@ -207,7 +207,7 @@ pub async fn entered(service: &Service, batch: &NewBatch) -> Result<(), JobsErro
 /// # Errors
 /// Where the database fails.
 pub async fn cancel(service: &Service, id: &str) -> Result<Option<Cancelled>, JobsError> {
-    let Some(cancelled) = store::jobs::cancel(&service.store, id, now()).await? else {
+    let Some(cancelled) = store::jobs::cancel(&service.store, id, service.now()).await? else {
         return Ok(None);
     };
     if cancelled.running {

@@ -1,6 +1,6 @@
 //! What is known about a room or a plant: the document behind `/systems/{kind}/{id}`.
 
-use super::{JobsError, Refusal, Service, decode, now};
+use super::{JobsError, Refusal, Service, decode};
 use crate::data::{Bindings as ColumnBindings, Duration, Length, SystemId, read_time};
 use crate::estimate::request::{Prior, Site};
 use crate::fault::{Fault, nearest};
@@ -275,7 +275,7 @@ pub async fn put(service: &Service, system: &SystemId, body: serde_json::Value, 
     });
     let document = checked.await?.map_err(JobsError::Faults)?;
     let text = serde_json::to_string(&document).map_err(|error| JobsError::Internal(error.to_string()))?;
-    let is_new = store::systems::put(&service.store, system, &document.model, &text, who, now()).await?;
+    let is_new = store::systems::put(&service.store, system, &document.model, &text, who, service.now()).await?;
     super::params::refresh(service, system).await?;
     Ok((document, is_new))
 }
@@ -286,7 +286,7 @@ pub async fn put(service: &Service, system: &SystemId, body: serde_json::Value, 
 /// Where there is none, a job needs it, it has a history or dependents and nobody forces it, or the database fails.
 pub async fn delete(service: &Service, system: &SystemId, force: bool, who: &str) -> Result<(), JobsError> {
     let refused = |slug, detail, because| Err(JobsError::Refused(Refusal { slug, detail, because: Some(because) }));
-    match store::systems::delete(&service.store, system, force, who, now()).await? {
+    match store::systems::delete(&service.store, system, force, who, service.now()).await? {
         Deleted::Busy(jobs) => {
             let detail = format!("{} jobs of {system} or of its neighbours wait or run: wait for their end, or cancel them", jobs.len());
             refused("system-busy", detail, ("jobs", jobs))

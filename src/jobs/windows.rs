@@ -1,7 +1,7 @@
 //! Takes measurements in: parsed, packed and kept, once per content.
 
 use super::decode::{self, Read, Unread};
-use super::{JobsError, Refusal, Service, blocking, now, systems};
+use super::{JobsError, Refusal, Service, blocking, systems};
 use crate::data::{Bindings, ChannelKind, ColumnHeader, SystemId, Window, WindowDocument, WindowReport};
 use crate::fault::Fault;
 use crate::store::idempotency::RequestKey;
@@ -62,7 +62,7 @@ pub async fn take(
     }
     let new =
         NewWindow { id: &packed.id, system, from_s: packed.from_s, to_s: packed.to_s, report: &packed.report, blocks: &packed.blocks };
-    let is_new = match windows::insert(&service.store, &new, key, now()).await? {
+    let is_new = match windows::insert(&service.store, &new, key, service.now()).await? {
         Kept::New => {
             service.arrivals.note(system);
             true
@@ -99,7 +99,7 @@ async fn conflicts(service: &Service, system: &SystemId, packed: &Packed) -> Res
 /// Where there is none, a fit cites it, a running job may be reading it, or the database fails.
 pub async fn delete(service: &Service, id: &str, who: &str) -> Result<(), JobsError> {
     let refused = |slug, detail, because| Err(JobsError::Refused(Refusal { slug, detail, because: Some(because) }));
-    match windows::delete(&service.store, id, who, now()).await? {
+    match windows::delete(&service.store, id, who, service.now()).await? {
         Deleted::Gone => Ok(()),
         Deleted::NotThere => Err(JobsError::NotFound("window", id.to_owned())),
         Deleted::Cited(mut fits) => {

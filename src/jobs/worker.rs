@@ -9,7 +9,7 @@ use super::diagnose;
 use super::estimate::{self, Stopped, describe};
 use super::events::{self, What};
 use super::input::{self, Input};
-use super::{Service, now, params};
+use super::{Service, params, poison};
 use crate::estimate::{Control, Interrupt, Progress};
 use crate::store::StoreError;
 use crate::store::finish::{Ending, Finding, finish};
@@ -66,7 +66,7 @@ pub async fn run(service: Arc<Service>, pool: ThreadPool) {
         // Interest is registered before the queue is asked, so that a job that comes in between is not missed.
         let mut woken = pin!(service.wake.notified());
         woken.as_mut().enable();
-        let pause = match jobs::claim(&service.store, service.boot, now()).await {
+        let pause = match jobs::claim(&service.store, service.boot, service.now()).await {
             Ok(Some(job)) => {
                 // There may be more: the next idle worker looks, and wakes the one after it.
                 service.wake.notify_one();
@@ -152,7 +152,7 @@ fn guarded(service: &Service, live: &Live, job: &JobRecord, input: &Input) -> Re
     let limit = Duration::from_secs(service.settings.limits.job_seconds);
     let asked = input.request.budget.wall.map(|wall| Duration::from_secs(wall.seconds().unsigned_abs()));
     let deadline = Instant::now() + asked.map_or(limit, |asked| asked.min(limit));
-    let interrupt = || {
+    let interrupted = || {
         if live.is_cancelled() || service.is_stopping() {
             Some(Interrupt::Cancelled)
         } else if Instant::now() >= deadline {
@@ -160,6 +160,10 @@ fn guarded(service: &Service, live: &Live, job: &JobRecord, input: &Input) -> Re
         } else {
             None
         }
+    };
+    let interrupt = || {
+        poison::strike(&job.system, || interrupted().is_some());
+        interrupted()
     };
     let progress = |progress: &Progress| {
         if let Some(news) = live.report(progress) {
@@ -179,10 +183,10 @@ async fn record(service: &Arc<Service>, job: &JobRecord, lease: &Lease, mut end:
     let mut tries = 0;
     loop {
         let written = match &end {
-            End::GivenBack => jobs::requeue(&service.store, lease, now()).await.map(|()| None),
-            End::Found(finding) => finish(&service.store, lease, &Ending::Fitted(finding), now()).await.map(Some),
-            End::Failed(failure) => finish(&service.store, lease, &Ending::Failed(failure), now()).await.map(Some),
-            End::Cancelled => finish(&service.store, lease, &Ending::Cancelled, now()).await.map(Some),
+            End::GivenBack => jobs::requeue(&service.store, lease, service.now()).await.map(|()| None),
+            End::Found(finding) => finish(&service.store, lease, &Ending::Fitted(finding), service.now()).await.map(Some),
+            End::Failed(failure) => finish(&service.store, lease, &Ending::Failed(failure), service.now()).await.map(Some),
+            End::Cancelled => finish(&service.store, lease, &Ending::Cancelled, service.now()).await.map(Some),
         };
         match written {
             Ok(finished) => {

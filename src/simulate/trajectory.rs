@@ -12,7 +12,7 @@ use rayon::prelude::*;
 
 /// A state farther from zero than this has left physics: the candidate has diverged.
 const RUNAWAY: f64 = 1e6;
-/// Samples between two looks at whether a whole block has diverged.
+/// Samples between two looks at whether a whole block has diverged, or is not wanted any more.
 const PATROL: usize = 32;
 
 /// A model on the inputs of a window, ready to simulate any parameter vector.
@@ -37,9 +37,12 @@ pub struct Trajectory {
     pub outputs: Vec<Vec<f64>>,
     /// One series per state where they were asked for, else empty.
     pub states: Vec<Vec<f64>>,
-    /// Whether a state left the numbers or physics.
+    /// Whether a state left the numbers or physics, or the simulation was cut short.
     pub diverged: bool,
 }
+
+/// Asked in the middle of simulations whether they are to end now.
+pub type Halt<'a> = &'a (dyn Fn() -> bool + Sync);
 
 /// A measured output: its values and which of them are valid.
 pub type Measured<'a> = (&'a [f64], &'a [bool]);
@@ -101,17 +104,22 @@ impl Simulator {
     /// Simulates samples `0..until` for every parameter vector; blocks run in parallel, and the result does
     /// not depend on how many threads there are.
     pub fn run(&self, thetas: &[&[f64]], until: usize) -> Vec<Trajectory> {
+        self.run_unless(thetas, until, &|| false)
+    }
+
+    /// The same, cut short as soon as `halt` says so: long records of large models take minutes.
+    pub fn run_unless(&self, thetas: &[&[f64]], until: usize, halt: Halt) -> Vec<Trajectory> {
         let until = until.min(self.samples());
         // A lonely candidate does not need a whole block.
         if let [single] = thetas {
-            return self.block::<1>(&[*single], until, false);
+            return self.block::<1>(&[*single], until, false, halt);
         }
         // A short block is as good as a long one, lane by lane; half-empty lanes would be paid for.
         let block = |block: &[&[f64]]| match block.len() {
-            1..=4 => self.block::<4>(block, until, false),
-            5..=8 => self.block::<8>(block, until, false),
-            9..=16 => self.block::<16>(block, until, false),
-            _ => self.block::<LANES>(block, until, false),
+            1..=4 => self.block::<4>(block, until, false, halt),
+            5..=8 => self.block::<8>(block, until, false, halt),
+            9..=16 => self.block::<16>(block, until, false, halt),
+            _ => self.block::<LANES>(block, until, false, halt),
         };
         thetas.par_chunks(LANES).flat_map_iter(block).collect()
     }
@@ -119,11 +127,11 @@ impl Simulator {
     /// Simulates one parameter vector over the whole window and keeps its states.
     pub fn run_with_states(&self, theta: &[f64]) -> Trajectory {
         // One vector in, one trajectory out.
-        let mut trajectories = self.block::<1>(&[theta], self.samples(), true);
+        let mut trajectories = self.block::<1>(&[theta], self.samples(), true, &|| false);
         trajectories.pop().unwrap_or(Trajectory { outputs: Vec::new(), states: Vec::new(), diverged: true })
     }
 
-    fn block<const W: usize>(&self, thetas: &[&[f64]], until: usize, keep_states: bool) -> Vec<Trajectory> {
+    fn block<const W: usize>(&self, thetas: &[&[f64]], until: usize, keep_states: bool, halt: Halt) -> Vec<Trajectory> {
         let states = self.initial.len();
         let outputs = self.output.roots.len();
         let mut file = LaneFile::<W>::new(&self.step);
@@ -133,6 +141,7 @@ impl Simulator {
         let mut values: Vec<Vec<[f64; W]>> = vec![Vec::with_capacity(until); outputs];
         let mut kept: Vec<Vec<[f64; W]>> = vec![Vec::new(); states];
         let mut farthest = [0.0; W];
+        let mut halted = false;
         for (state, initial) in self.initial.iter().enumerate() {
             for lane in 0..W {
                 let theta = thetas[lane.min(thetas.len() - 1)];
@@ -169,8 +178,11 @@ impl Simulator {
             for (output, values) in values.iter_mut().enumerate() {
                 values.push(*out.root(output));
             }
-            if k % PATROL == 0 && farthest.iter().all(|farthest| diverged(*farthest)) {
-                break;
+            if k % PATROL == 0 {
+                halted = halt();
+                if halted || farthest.iter().all(|farthest| diverged(*farthest)) {
+                    break;
+                }
             }
         }
         let series = |values: &[Vec<[f64; W]>], lane: usize| -> Vec<Vec<f64>> {
@@ -185,7 +197,7 @@ impl Simulator {
             .map(|lane| Trajectory {
                 outputs: series(&values, lane),
                 states: if keep_states { series(&kept, lane) } else { Vec::new() },
-                diverged: diverged(farthest[lane]),
+                diverged: halted || diverged(farthest[lane]),
             })
             .collect()
     }
@@ -290,6 +302,19 @@ mod tests {
         for (theta, run) in slices.iter().zip(&together) {
             assert_eq!(simulator.run(&[*theta], 50)[0], *run);
         }
+    }
+
+    #[test]
+    fn what_is_not_wanted_any_more_ends_in_the_middle() {
+        use std::sync::atomic::{AtomicUsize, Ordering};
+        let model = first_order();
+        let inputs = Inputs::from_columns(&model, vec![vec![0.0; 1000]], 1.0);
+        let simulator = Simulator::new(&model, &inputs, &[(&[20.0; 1000], &[true; 1000])], Stepper::Ros2, 1);
+        let asked = AtomicUsize::new(0);
+        let run = simulator.run_unless(&[&[0.5]], 1000, &|| asked.fetch_add(1, Ordering::Relaxed) == 3);
+        assert_eq!((run[0].diverged, asked.into_inner(), run[0].outputs[0].len()), (true, 4, 1000));
+        let (done, left) = run[0].outputs[0].split_at(3 * PATROL + 1);
+        assert!(done.iter().all(|value| value.is_finite()) && left.iter().all(|value| value.is_nan()));
     }
 
     #[test]

@@ -1,7 +1,12 @@
 //! Why the database could not do what was asked, with what to do about it.
 
 use std::path::PathBuf;
+use std::sync::atomic::{AtomicU64, Ordering};
 
+/// SQLite's primary result code for a database that somebody else holds.
+const BUSY: i32 = 5;
+/// How often that was met in this process.
+static BUSY_COUNT: AtomicU64 = AtomicU64::new(0);
 /// SQLite's primary result code for a system that could not read or write.
 const IO: i32 = 10;
 /// SQLite's primary result code for a database that finds no room.
@@ -114,9 +119,18 @@ impl From<sqlx::Error> for StoreError {
             Some(CORRUPT | NO_DATABASE) => StoreError::Damaged(error.to_string()),
             Some(FULL) => StoreError::Full(error.to_string()),
             Some(IO) => StoreError::Broken(error.to_string()),
+            Some(BUSY) => {
+                BUSY_COUNT.fetch_add(1, Ordering::Relaxed);
+                StoreError::Sql(error)
+            }
             _ => StoreError::Sql(error),
         }
     }
+}
+
+/// How often somebody else held the database for longer than a statement waits.
+pub fn busy() -> u64 {
+    BUSY_COUNT.load(Ordering::Relaxed)
 }
 
 /// SQLite's primary result code, which the low byte of every extended one repeats.

@@ -9,7 +9,7 @@ use super::{Store, StoreError, derive_id, failpoint, from_json, instant, millis,
 use crate::data::SystemId;
 use crate::model::ModelId;
 use jiff::Timestamp;
-use sqlx::{FromRow, SqliteConnection};
+use sqlx::{FromRow, QueryBuilder, Sqlite, SqliteConnection};
 
 pub use super::job::{JobFailure, JobKind, JobState, Origin, Outcome, Priority};
 
@@ -309,7 +309,8 @@ async fn turn(tx: &mut SqliteConnection, new: &NewJob) -> Result<i64, StoreError
 }
 
 /// Claims the next job, and counts the attempt. Two jobs of one system never run at once: both would be
-/// judged against the same incumbent.
+/// judged against the same incumbent. The last attempt of a job is made alone: the jobs that ran beside it when the
+/// process went down were charged as well, and none may fail for good because of another.
 ///
 /// # Errors
 /// Where the database fails.
@@ -319,9 +320,10 @@ pub async fn claim(store: &Store, boot: i64, now: Timestamp) -> Result<Option<Jo
                    SELECT j.id FROM jobs j WHERE j.state = 'queued'
                    AND NOT EXISTS (SELECT 1 FROM jobs r WHERE r.state = 'running' AND r.system = j.system)
                    ORDER BY j.priority, j.turn, j.sequence LIMIT 1)
+               AND NOT EXISTS (SELECT 1 FROM jobs r WHERE r.state = 'running' AND (r.attempt >= $3 OR jobs.attempt + 1 >= $3))
                RETURNING *";
     let mut tx = store.write().await?;
-    let row: Option<Row> = sqlx::query_as(sql).bind(boot).bind(millis(now)).fetch_optional(&mut *tx).await?;
+    let row: Option<Row> = sqlx::query_as(sql).bind(boot).bind(millis(now)).bind(MAX_ATTEMPTS).fetch_optional(&mut *tx).await?;
     let Some(row) = row else {
         tx.take_back().await?;
         return Ok(None);
@@ -439,17 +441,25 @@ pub struct Filter {
 /// # Errors
 /// Where the database fails.
 pub async fn page(store: &Store, filter: &Filter, before: i64, limit: i64) -> Result<Vec<JobRecord>, StoreError> {
-    let sql = "SELECT * FROM jobs WHERE ($1 IS NULL OR state = $1) AND ($2 IS NULL OR system = $2) AND ($3 IS NULL OR kind = $3)
-               AND ($6 IS NULL OR EXISTS (SELECT 1 FROM json_each($6) WHERE system GLOB value))
-               AND sequence < $4 ORDER BY sequence DESC LIMIT $5";
-    let rows: Vec<Row> = sqlx::query_as(sql)
-        .bind(filter.state.map(JobState::word))
-        .bind(filter.system.as_ref().map(ToString::to_string))
-        .bind(filter.kind.map(JobKind::word))
-        .bind(before)
-        .bind(limit)
-        .bind(filter.reach.sql()?)
-        .fetch_all(&store.reader)
-        .await?;
+    // Only what is asked for stands in the statement, and only the first of it may choose the index (`+` hides a column):
+    // the jobs of one system are few among many, those in a state are fewer than those of a kind.
+    let system = filter.system.as_ref().map(ToString::to_string);
+    let wanted = [
+        (system, "system"),
+        (filter.state.map(|state| state.word().to_owned()), "state"),
+        (filter.kind.map(|kind| kind.word().to_owned()), "kind"),
+    ];
+    let mut query = QueryBuilder::<Sqlite>::new("SELECT * FROM jobs WHERE sequence < ");
+    query.push_bind(before);
+    let mut hide = "";
+    for (value, column) in wanted.into_iter().filter_map(|(value, column)| Some((value?, column))) {
+        query.push(" AND ").push(hide).push(column).push(" = ").push_bind(value);
+        hide = "+";
+    }
+    if let Some(reach) = filter.reach.sql()? {
+        query.push(" AND EXISTS (SELECT 1 FROM json_each(").push_bind(reach).push(") WHERE system GLOB value)");
+    }
+    query.push(" ORDER BY sequence DESC LIMIT ").push_bind(limit);
+    let rows: Vec<Row> = query.build_query_as().fetch_all(&store.reader).await?;
     rows.into_iter().map(Row::record).collect()
 }

@@ -22,6 +22,7 @@
 //! | `degradations` | what newer measurements say of what is served |
 //! | `metrics` | how long the queue is |
 //! | `retry` | jobs that are done again |
+//! | `retention` | what is old and goes |
 //! | `schedules` | when batches are submitted |
 //! | `tokens`, `reach` | who may ask, and about which systems |
 //! | `idempotency` | keys of requests that created something |
@@ -52,6 +53,7 @@ pub mod models;
 pub mod params;
 pub mod pins;
 pub mod reach;
+pub mod retention;
 pub mod retry;
 pub mod revisions;
 pub mod schedules;
@@ -60,7 +62,7 @@ pub mod tokens;
 pub mod windows;
 mod write;
 
-pub use error::StoreError;
+pub use error::{StoreError, busy};
 
 use backup::beside;
 use jiff::Timestamp;

@@ -144,7 +144,8 @@ pub async fn all(store: &Store) -> Result<Vec<ScheduleRecord>, StoreError> {
 }
 
 /// Deals with a tick: submits the batch unless the one before still runs, and notes the tick, all in one
-/// transaction, so that a crash can neither lose a tick nor run it twice.
+/// transaction, so that a crash can neither lose a tick nor run it twice. `None` where the schedule is gone, or does not
+/// wait for this tick any more.
 ///
 /// # Errors
 /// Where the queue is full or the database fails.
@@ -155,11 +156,15 @@ pub async fn tick(
     batch: &NewBatch,
     limit: i64,
     now: Timestamp,
-) -> Result<TickResult, SubmitError> {
+) -> Result<Option<TickResult>, SubmitError> {
     let mut tx = store.write().await?;
-    let last: Option<Option<String>> =
-        sqlx::query_scalar("SELECT last_batch FROM schedules WHERE name = $1").bind(name).fetch_optional(&mut *tx).await?;
-    let overlapping = match last.flatten() {
+    let waiting = sqlx::query_scalar("SELECT last_batch FROM schedules WHERE name = $1 AND enabled AND last_tick_at < $2");
+    let waiting: Option<Option<String>> = waiting.bind(name).bind(millis(tick)).fetch_optional(&mut *tx).await?;
+    let Some(last) = waiting else {
+        tx.take_back().await?;
+        return Ok(None);
+    };
+    let overlapping = match last {
         Some(batch) => is_unfinished(&mut tx, &batch).await?,
         None => false,
     };
@@ -179,7 +184,7 @@ pub async fn tick(
         .execute(&mut *tx)
         .await?;
     tx.commit().await?;
-    Ok(result)
+    Ok(Some(result))
 }
 
 /// Notes a batch that an operator started by hand.

@@ -23,6 +23,9 @@ fn equal_jobs_wait_once() {
 
     let list = |query: &str| app.get(&format!("/jobs?{query}")).expect(200).json()["items"].as_array().unwrap().len();
     assert_eq!((list("state=queued"), list("state=running"), list("system=room/2"), list("kind=estimate")), (3, 1, 2, 4));
+    let both = ["state=queued&system=room/2", "state=queued&kind=estimate", "system=room/2&kind=estimate", "state=running&system=room/2"];
+    assert_eq!(both.map(list), [2, 3, 2, 0]);
+    assert_eq!(list("state=queued&system=room/2&kind=diagnose"), 0);
     let page = app.get("/jobs?page_size=3").json();
     let rest = app.get(&format!("/jobs?page_size=3&page_token={}", page["next_page_token"].as_str().unwrap())).json();
     assert_eq!((page["items"].as_array().unwrap().len(), rest["items"].as_array().unwrap().len()), (3, 1));

@@ -18,6 +18,7 @@ mod models;
 mod operators;
 mod params;
 mod preview;
+mod retention;
 mod schedules;
 mod series;
 mod service;

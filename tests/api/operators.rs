@@ -159,6 +159,8 @@ fn newer_measurements_that_contradict_what_is_served_say_so_and_submit_a_job() {
     assert_eq!((&new["parameters"], &new["revision"]), (&old["parameters"], &old["revision"]));
     let found = &new["degraded"];
     assert!(found["error"].as_f64() > found["limit"].as_f64() && found["unit"] == "K" && found["horizon"] == "PT6H", "{found}");
+    let metrics = app.get("/metrics").expect(200).text;
+    assert!(metrics.contains(&format!("lampyris_live_rmse{{system=\"room/1\",horizon=\"PT6H\"}} {}\n", found["error"])), "{metrics}");
     let jobs = app.until("/jobs?system=room/1", |jobs| jobs["items"].as_array().unwrap().len() == 2);
     assert_eq!((&jobs["items"][0]["origin"], &jobs["items"][0]["priority"]), (&json!("scheduled"), &json!("nightly")));
 }

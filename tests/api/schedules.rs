@@ -1,6 +1,6 @@
 //! Schedules submit ordinary jobs.
 
-use crate::support::{TestApp, stuck_csv};
+use crate::support::{TestApp, endless, quick, stuck_csv};
 use jiff::{SignedDuration, Timestamp};
 use lampyris::jobs::schedule;
 use lampyris::store;
@@ -196,4 +196,65 @@ fn half_past_two_fires_once_on_both_days_of_a_clock_change() {
         });
         assert_eq!(fired, expected);
     }
+}
+
+#[test]
+fn a_schedule_that_finds_no_room_in_the_queue_holds_up_no_other() {
+    let app = TestApp::with(|settings| {
+        settings.workers = 1;
+        settings.limits.queue = 3;
+    });
+    for room in 1..=3 {
+        app.room(&room.to_string(), room);
+    }
+    let blocker = app.post_job(&endless("room/1"));
+    app.until(&format!("/jobs/{blocker}"), |job| job["state"] == "running");
+    let waiting = app.post_job(&quick("room/1"));
+    let request = quick("room/1")["method"].clone();
+    let schedule =
+        |systems: &str| json!({"cron": "0 3 1 1 *", "systems": [systems], "request": {"method": request, "budget": {"evaluations": 50}}});
+    app.json("PUT", "/schedules/nightly", &json!({"cron": "30 2 * * *", "systems": ["room/*"], "enabled": false})).expect(200);
+    app.json("PUT", "/schedules/all", &schedule("room/*")).expect(201);
+    app.json("PUT", "/schedules/one", &schedule("room/2")).expect(201);
+    let tick = Timestamp::now() + SignedDuration::from_hours(24 * 366);
+    let last = |name: &str| app.get(&format!("/schedules/{name}")).expect(200).json()["last_result"].clone();
+    app.within(async |service| schedule::due(service, tick).await.unwrap());
+    assert_eq!((last("all"), last("one")), (Value::Null, json!("submitted")), "there is room for one job and not for three");
+    for job in [&blocker, &waiting] {
+        app.post(&format!("/jobs/{job}/cancel")).expect(200);
+    }
+    app.until("/batches", |page| page["items"][0]["finished"] == true);
+    // The tick was not lost.
+    app.within(async |service| schedule::due(service, tick).await.unwrap());
+    assert_eq!(last("all"), "submitted");
+    app.until("/batches", |page| page["items"][0]["finished"] == true);
+}
+
+#[test]
+fn a_night_leaves_alone_what_is_frozen() {
+    let app = TestApp::start();
+    for room in 1..=4 {
+        app.room(&room.to_string(), room);
+        app.ended(&app.estimate(&format!("room/{room}"), json!({})));
+    }
+    app.json("PUT", "/params/room/2/pin", &json!({"reason": "the filter is being changed"})).expect(200);
+    app.json("PUT", "/systems/room/3", &json!({"model": "rc2", "policy": {"mode": "observe"}})).expect(200);
+    app.json("PUT", "/systems/room/4", &json!({"model": "rc2", "policy": {"mode": "suggest"}})).expect(200);
+    let served = |room: u32| app.get(&format!("/params/room/{room}")).expect(200).json();
+    let before = [served(2), served(3), served(4)];
+    // Other parameters than those that are served, so that a fit that passes would be published.
+    let request =
+        json!({"method": {"name": "lm_multistart"}, "budget": {"evaluations": 600}, "split": {"train": "P5D", "validation": "P3D"}});
+    app.json("PUT", "/schedules/nightly", &json!({"cron": "30 2 * * *", "systems": ["room/*"], "request": request})).expect(200);
+    let report = app.until(app.post("/schedules/nightly/run").expect(202).header("location"), |batch| batch["finished"] == true);
+    let skipped: Vec<&str> = report["skipped"].as_array().unwrap().iter().map(|row| row["system"].as_str().unwrap()).collect();
+    assert_eq!((skipped, report["jobs"].as_array().unwrap().len()), (vec!["room/3"], 3), "{report}");
+    for (room, before) in [2, 3, 4].into_iter().zip(before) {
+        let now = served(room);
+        for field in ["parameters", "revision", "fit"] {
+            assert_eq!(now[field], before[field], "room/{room}: {field}");
+        }
+    }
+    assert_eq!(served(2)["status"], "pinned");
+    assert!(report["jobs"].as_array().unwrap()[1..].iter().all(|job| job["outcome"] != "accepted"), "{report}");
 }

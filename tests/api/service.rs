@@ -47,10 +47,10 @@ fn the_figures_follow_what_happens() {
     app.post_job(&quick("room/2"));
     let stream = app.listen("/events", "");
 
-    // The last end is counted when listeners are told of it, which may be a moment after the job says so.
+    // The last start and the last end are counted when listeners are told, which may be a moment after the jobs say so.
     let ended = |figures: &BTreeMap<String, f64>| figures.get("lampyris_jobs_ended_total{kind=\"estimate\",outcome=\"failed\"}").copied();
     let mut now = figures(&app);
-    while ended(&now).is_none() || now["lampyris_event_listeners"] < 1.0 {
+    while ended(&now).is_none() || now["lampyris_event_listeners"] < 1.0 || now["lampyris_queue_wait_seconds_count"] < 3.0 {
         now = figures(&app);
     }
     drop(stream);
@@ -67,6 +67,8 @@ fn the_figures_follow_what_happens() {
         ("lampyris_systems{status=\"fresh\"}", 1.0),
         ("lampyris_systems{status=\"none\"}", 1.0),
         ("lampyris_params_status{system=\"room/1\",status=\"fresh\"}", 1.0),
+        ("lampyris_params_status{system=\"room/1\",status=\"fallback\"}", 0.0),
+        ("lampyris_fallbacks_total", 0.0),
         ("http_requests_total{method=\"GET\",route=\"/params/{kind}/{id}\",code=\"200\"}", 1.0),
         ("http_requests_total{method=\"GET\",route=\"/params/{kind}/{id}\",code=\"304\"}", 1.0),
         ("http_requests_total{method=\"GET\",route=\"/params/{kind}/{id}\",code=\"404\"}", 1.0),
@@ -77,6 +79,7 @@ fn the_figures_follow_what_happens() {
     for (name, value) in expected {
         assert_eq!(now.get(name), Some(&value), "{name} in {now:#?}");
     }
+    assert!(now.contains_key("lampyris_database_busy_total"), "{now:#?}");
     let params = app.get("/params/room/1").json();
     assert_eq!(
         Some(now["lampyris_fit_rmse{system=\"room/1\",output=\"T_room\",split=\"train\"}"]),

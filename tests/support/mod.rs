@@ -5,6 +5,7 @@ pub mod events;
 pub mod process;
 
 use lampyris::app::App;
+use lampyris::jobs::Clock;
 use lampyris::jobs::tokens::{self, LOCAL, NewToken};
 use lampyris::settings::Settings;
 use lampyris::store::tokens::Scope;
@@ -353,6 +354,8 @@ pub struct TestApp {
     runtime: Runtime,
     dir: tempfile::TempDir,
     settings: Settings,
+    /// The clock of the service, over all its starts.
+    pub clock: Clock,
 }
 
 impl TestApp {
@@ -361,19 +364,30 @@ impl TestApp {
     }
 
     pub fn with(change: impl FnOnce(&mut Settings)) -> Self {
+        Self::by(Clock::default(), change)
+    }
+
+    /// A service whose clock was set.
+    pub fn at(time: &str, change: impl FnOnce(&mut Settings)) -> Self {
+        let clock = Clock::default();
+        clock.set(time.parse().unwrap());
+        Self::by(clock, change)
+    }
+
+    fn by(clock: Clock, change: impl FnOnce(&mut Settings)) -> Self {
         let dir = tempfile::tempdir().unwrap();
         let mut settings =
             Settings { bind: "127.0.0.1:0".parse().unwrap(), database: dir.path().join("test.db"), threads: 1, ..Settings::default() };
         change(&mut settings);
         let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build().unwrap();
-        let app = runtime.block_on(App::start(settings.clone())).unwrap_or_else(|error| panic!("{error}"));
-        Self { client: Client::new(format!("http://{}", app.addr)), app: Some(app), runtime, dir, settings }
+        let app = runtime.block_on(App::start_by(settings.clone(), clock.clone())).unwrap_or_else(|error| panic!("{error}"));
+        Self { client: Client::new(format!("http://{}", app.addr)), app: Some(app), runtime, dir, settings, clock }
     }
 
     /// Stops the service and starts it again on the same database.
     pub fn restart(&mut self) {
         self.stop();
-        let app = self.runtime.block_on(App::start(self.settings.clone())).unwrap_or_else(|error| panic!("{error}"));
+        let app = self.runtime.block_on(App::start_by(self.settings.clone(), self.clock.clone())).unwrap_or_else(|error| panic!("{error}"));
         self.client = Client::new(format!("http://{}", app.addr));
         self.app = Some(app);
     }

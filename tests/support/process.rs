@@ -27,14 +27,19 @@ pub struct Said {
 
 impl Process {
     pub fn start(database: &Path) -> Self {
-        Self::run(program(), database)
+        Self::start_with(database, &[])
+    }
+
+    /// A service with more variables in its environment.
+    pub fn start_with(database: &Path, environment: &[(&str, &str)]) -> Self {
+        let mut command = program();
+        command.envs(environment.iter().copied());
+        Self::run(command, database)
     }
 
     /// A service that ends as if it were killed where it passes a point of its code (`store::failpoint`).
     pub fn start_to_die_at(point: &str, database: &Path) -> Self {
-        let mut command = program();
-        command.env("LAMPYRIS_ABORT_AT", point);
-        Self::run(command, database)
+        Self::start_with(database, &[("LAMPYRIS_ABORT_AT", point)])
     }
 
     /// A service none of whose files may grow beyond a megabyte.
@@ -50,10 +55,12 @@ impl Process {
 
     /// Starts a service that may end before it listens; then there is none. What it says of itself goes to `log`.
     pub fn attempt(mut command: Command, database: &Path, log: Stdio) -> Option<Self> {
+        if command.get_envs().all(|(name, _)| name != "LAMPYRIS_THREADS") {
+            command.env("LAMPYRIS_THREADS", "1");
+        }
         let mut child = command
             .args(["serve", "--bind", "127.0.0.1:0", "--database"])
             .arg(database)
-            .env("LAMPYRIS_THREADS", "1")
             .stdout(Stdio::piped())
             .stderr(log)
             .spawn()
@@ -71,6 +78,16 @@ impl Process {
             assert!(begun.elapsed() < START, "the service does not listen");
         };
         Some(Self { child, client: Client::new(base.clone()), base })
+    }
+
+    /// Waits until the process has taken itself down.
+    #[track_caller]
+    pub fn gone(mut self) {
+        let begun = Instant::now();
+        while self.child.try_wait().unwrap().is_none() {
+            assert!(begun.elapsed() < super::PATIENCE, "the process lives on");
+            std::thread::sleep(Duration::from_millis(10));
+        }
     }
 
     /// SIGKILL: nothing of the process gets a chance to tidy up.

@@ -48,6 +48,9 @@ pub enum Status {
 }
 
 impl Status {
+    /// What a system may have that serves validated parameters.
+    pub const VALIDATED: [Status; 5] = [Status::Fresh, Status::Stale, Status::Fallback, Status::Degraded, Status::Pinned];
+
     /// The word in the body and in the header `Params-Status`.
     pub const fn word(self) -> &'static str {
         match self {
