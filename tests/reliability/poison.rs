@@ -5,9 +5,13 @@ use crate::support::{Client, csv_of, endless, full, quick, stuck_csv};
 use jiff::{SignedDuration, Timestamp};
 use serde_json::{Value, json};
 use std::collections::BTreeSet;
+use std::time::{Duration, Instant};
 
 /// The rooms that go wrong.
 const BAD: [&str; 7] = ["void", "divergent", "panic", "stiff", "stall", "huge", "flat"];
+
+/// Longest that a night may take.
+const LONGEST: Duration = Duration::from_secs(400);
 
 /// What every room is asked for: little, but all the steps of an estimate.
 fn batch() -> Value {
@@ -18,7 +22,7 @@ fn batch() -> Value {
     fields.insert("systems".to_owned(), json!(["room/*"]));
     // The wall time is what ends the job that comes to no end by itself. Where times are compared the others take as long as
     // they may in a night: a good part of a second.
-    fields.insert("budget".to_owned(), json!({"evaluations": if full() { 15_000 } else { 600 }, "wall": "PT2S"}));
+    fields.insert("budget".to_owned(), json!({"evaluations": if full() { 10_000 } else { 600 }, "wall": "PT2S"}));
     if full() {
         fields.insert("method".to_owned(), json!({"name": "cfa_thesis", "seed": 1, "generations": 1_000_000}));
     }
@@ -28,7 +32,15 @@ fn batch() -> Value {
 /// Runs a night to its end: the report, and the seconds from the first start to the last end.
 fn night(client: &Client) -> (Value, f64) {
     let answer = client.json("POST", "/jobs", &batch()).expect(202);
-    let report = client.until(answer.header("location"), |batch| batch["finished"] == true);
+    let begun = Instant::now();
+    let report = loop {
+        let report = client.get(answer.header("location")).expect(200).json();
+        if report["finished"] == true {
+            break report;
+        }
+        assert!(begun.elapsed() < LONGEST, "the night has no end: {}", report["summary"]);
+        std::thread::sleep(Duration::from_millis(50));
+    };
     let jobs: Vec<Value> = report["jobs"].as_array().unwrap().iter().map(|row| job(client, &row["job"])).collect();
     let instants = |field: &str| jobs.iter().map(|job| job[field].as_str().unwrap().parse::<Timestamp>().unwrap()).collect::<Vec<_>>();
     let (first, last) = (instants("started_at").into_iter().min().unwrap(), instants("ended_at").into_iter().max().unwrap());
@@ -85,11 +97,14 @@ fn figure(metrics: &str, sample: &str) -> Option<f64> {
 fn seven_rooms_that_go_wrong_cost_the_others_nothing() {
     let good = if full() { 93 } else { 13 };
     let dir = tempfile::tempdir().unwrap();
-    let alone = Process::start(&dir.path().join("alone.db"));
-    good_rooms(&alone.client, good);
-    let (report, before) = night(&alone.client);
-    assert_eq!(report["counts"], json!({"accepted": good}), "{report}");
-    alone.kill();
+    let alone = |name: &str| -> f64 {
+        let service = Process::start(&dir.path().join(name));
+        good_rooms(&service.client, good);
+        let (report, seconds) = night(&service.client);
+        assert_eq!(report["counts"], json!({"accepted": good}), "{report}");
+        seconds
+    };
+    let before = alone("before.db");
 
     let database = dir.path().join("beside.db");
     let service = Process::start(&database);
@@ -143,9 +158,14 @@ fn seven_rooms_that_go_wrong_cost_the_others_nothing() {
         println!("Q-3: {id}: {} {}", job["state"], row["why"]);
         assert!(reasons.insert(counted), "{id}: {job} gives a reason that another room gave, too");
     }
-    let ratio = beside / before;
-    println!("Q-3: {good} published beside {} bad ones, {before:.2} s without those, {beside:.2} s with them, ratio {ratio:.3}", BAD.len());
+    let bad = BAD.len();
+    println!("Q-3: {good} published beside {bad} bad ones, {before:.2} s without those, {beside:.2} s with them");
     if full() {
+        drop(service);
+        // Before and after: what else this machine does changes the time of a night by more than seven jobs do.
+        let after = alone("after.db");
+        let ratio = beside / before.max(after);
+        println!("Q-3: {after:.2} s without them once more, ratio {ratio:.3}");
         assert!(ratio <= 1.15, "the bad rooms have cost the others {ratio}");
     }
 }

@@ -191,7 +191,7 @@ fn result(client: &Client, job: &Value) -> Value {
 
 #[test]
 fn a_job_that_is_killed_half_way_ends_as_if_it_had_not_been() {
-    let evaluations = if full() { 600_000 } else { 12_000 };
+    let evaluations = if full() { 100_000 } else { 12_000 };
     let dir = tempfile::tempdir().unwrap();
     let mut body = endless("room/1");
     body["method"]["seed"] = json!(7);
@@ -248,7 +248,7 @@ fn wall(layers: usize) -> Value {
 
 #[test]
 fn a_large_model_on_a_long_record_is_called_off_in_the_middle_of_a_simulation() {
-    let days = if full() { 300 } else { 60 };
+    let days = if full() { 150 } else { 60 };
     let dir = tempfile::tempdir().unwrap();
     let service = Process::start(&dir.path().join("wall.db"));
     let client = &service.client;
