@@ -34,6 +34,8 @@ pub struct Suspect {
     pub endogenous: bool,
     /// Whether all that it reads beyond the model is the clock: such a shape imitates whatever happens at those hours.
     pub by_clock: bool,
+    /// Whether temperatures are all that it reads: a conductance that is always there, as those of the model are.
+    pub conducts: bool,
 }
 
 impl Suspect {
@@ -225,6 +227,7 @@ fn suspect(catalogue: &Catalogue, base: &Problem, grid: &Grid, site: &Site, name
     let known = |channel: &str| base.model().inputs().iter().any(|input| input.channel == channel);
     let mut own_inputs = model.inputs().iter().map(|input| input.channel.as_str()).filter(|channel| reads(channel));
     let by_clock = own_inputs.clone().any(calendar) && own_inputs.all(|channel| calendar(channel) || known(channel));
+    let conducts = !spec.inputs.is_empty() && spec.inputs.values().all(|input| input.unit == "degC");
     let problem = Problem::new(model, grid.clone(), base.split().clone(), &choices, base.source().clone())?;
     let off = |index: usize| {
         let [lower, upper] = problem.bounds()[index];
@@ -234,7 +237,7 @@ fn suspect(catalogue: &Catalogue, base: &Problem, grid: &Grid, site: &Site, name
         }
     };
     let own = own.into_iter().map(|index| (index, off(index))).collect();
-    Ok(Suspect { id: name.to_owned(), spec, problem, own, endogenous, by_clock })
+    Ok(Suspect { id: name.to_owned(), spec, problem, own, endogenous, by_clock, conducts })
 }
 
 /// The reason in words, the most telling fault first.

@@ -4,7 +4,7 @@ use super::candidates::{Suspect, align, suspects, widen};
 use super::evidence::shape;
 use super::failures::episodes;
 use super::fitted::{Null, whitening_at};
-use super::gates::{LEAST_BIC, LEAST_SHARE, STRICT_SHARE, least_by_clock};
+use super::gates::{LEAST_BIC, LEAST_SHARE, STRICT_SHARE, least_gain};
 use super::rank::{Round, Skip, Tried, round};
 use super::report::{
     Adequacy, Coefficient, Considered, Diagnosis, Finding, FindingKind, Gate, Measures, NotTestable, Preview, RmsePairs, Unexplained,
@@ -300,7 +300,7 @@ fn evidence(suspect: &Suspect, winner: &Tried, rmse: &RmsePairs) -> Vec<String> 
     if let Some([before, after]) = rmse.validation_ahead.get("PT24H") {
         sentences.push(format!("Forecasts a day ahead err by {after:.2} instead of {before:.2} K."));
     }
-    let least = if suspect.by_clock { least_by_clock(suspect, &winner.fitted) } else { LEAST_BIC };
+    let least = least_gain(suspect, winner);
     match winner.slow_delta_bic {
         Some(slow) if winner.delta_bic < least => {
             sentences.push(format!(

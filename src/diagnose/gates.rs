@@ -21,6 +21,8 @@ const ALSO: f64 = 0.5;
 const HABIT_DAYS: f64 = 0.5;
 /// The same of one that the model imitates near its optimum unless it explains much.
 const LEAST_IMITATED_BIC: f64 = 20.0;
+/// The same of one more conductance: a structure that is a little wrong gains by it, and the cause is another.
+const LEAST_CONDUCTANCE_BIC: f64 = 50.0;
 /// Ratio of free-run error to innovation deviation above which slow effects are let in by slower measures: where a
 /// model is right but for little, the likelihood sees what is missing.
 const CRUDE_RHO: f64 = 1.5;
@@ -70,12 +72,9 @@ pub(super) fn gate(suspect: &Suspect, one: &Tried, strict: bool, rho: f64, place
         return Some((Gate::Bic, "most suspects gain alike: the fit without them is not at its optimum".to_owned()));
     }
     let endogenous = suspect.endogenous;
-    let imitated = one.score.imitated && !reaches(one.share, STRICT_SHARE);
-    let (slow, least) = match (suspect.by_clock, imitated) {
-        (true, _) => (false, least_by_clock(suspect, &one.fitted)),
-        (false, true) => (false, LEAST_IMITATED_BIC),
-        (false, false) => (rho >= CRUDE_RHO && !endogenous && explains_slowly(one), LEAST_BIC),
-    };
+    let least = least_gain(suspect, one);
+    // Of whom no more is asked than of everybody, slower measures may speak.
+    let slow = least <= LEAST_BIC && rho >= CRUDE_RHO && !endogenous && explains_slowly(one);
     if !slow && !reaches(Some(one.delta_bic), least) {
         return Some((Gate::Bic, format!("it gains {:.1} in BIC, and {least} is asked for", one.delta_bic)));
     }
@@ -117,8 +116,20 @@ pub(super) fn gate(suspect: &Suspect, one: &Tried, strict: bool, rho: f64, place
     })
 }
 
-/// Least gain of the BIC of a suspect that follows the clock alone.
-pub fn least_by_clock(suspect: &Suspect, fitted: &Fitted) -> f64 {
+/// Least gain of the BIC that is asked of a suspect.
+pub fn least_gain(suspect: &Suspect, one: &Tried) -> f64 {
+    if suspect.by_clock {
+        least_by_clock(suspect, &one.fitted)
+    } else if suspect.conducts {
+        LEAST_CONDUCTANCE_BIC
+    } else if one.score.imitated && one.share.is_none_or(|share| share < STRICT_SHARE) {
+        LEAST_IMITATED_BIC
+    } else {
+        LEAST_BIC
+    }
+}
+
+fn least_by_clock(suspect: &Suspect, fitted: &Fitted) -> f64 {
     let size = |(index, off): &(usize, f64)| {
         let [lower, upper] = suspect.problem.bounds()[*index];
         (fitted.plain[*index] - off).abs() / (upper - lower)
