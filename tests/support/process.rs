@@ -37,9 +37,12 @@ impl Process {
         Self::run(command, database)
     }
 
-    /// A service that ends as if it were killed where it passes a point of its code (`store::failpoint`).
-    pub fn start_to_die_at(point: &str, database: &Path) -> Self {
-        Self::start_with(database, &[("LAMPYRIS_ABORT_AT", point)])
+    /// A service that ends as if it were killed where it passes a point of its code (`store::failpoint`); none where that
+    /// is before it listens.
+    pub fn start_to_die_at(point: &str, database: &Path) -> Option<Self> {
+        let mut command = program();
+        command.env("LAMPYRIS_ABORT_AT", point);
+        Self::attempt(command, database, Stdio::null())
     }
 
     /// A service none of whose files may grow beyond a megabyte.
