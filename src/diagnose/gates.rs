@@ -122,7 +122,7 @@ pub fn least_gain(suspect: &Suspect, one: &Tried) -> f64 {
         least_by_clock(suspect, &one.fitted)
     } else if suspect.conducts {
         LEAST_CONDUCTANCE_BIC
-    } else if one.score.imitated && one.share.is_none_or(|share| share < STRICT_SHARE) {
+    } else if one.score.imitated && !one.share.is_some_and(|share| share >= STRICT_SHARE) {
         LEAST_IMITATED_BIC
     } else {
         LEAST_BIC
