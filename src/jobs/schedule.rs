@@ -239,7 +239,8 @@ pub async fn due(service: &Service, now: Timestamp) -> Result<Duration, JobsErro
 
 async fn run_tick(service: &Service, schedule: &ScheduleRecord, tick: Timestamp, now: Timestamp) -> Result<(), JobsError> {
     let request = request(schedule)?;
-    let batch = submit::batch(service, &request, Some(&schedule.name), Priority::Nightly).await?;
+    let mut batch = submit::batch(service, &request, Some(&schedule.name), Priority::Nightly).await?;
+    submit::leave_out_answered(service, &mut batch).await?;
     let limit = service.queue_limit();
     let Some(result) = store::schedules::tick(&service.store, &schedule.name, tick, &batch, limit, now).await? else {
         return Ok(());

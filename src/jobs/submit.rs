@@ -189,6 +189,22 @@ pub async fn batch(service: &Service, request: &BatchRequest, schedule: Option<&
     Ok(batch)
 }
 
+/// Leaves out the systems of which nothing has been measured since the same question was answered: the same numbers would
+/// confirm what is served, night after night, and it would never turn stale.
+///
+/// # Errors
+/// Where the database fails.
+pub async fn leave_out_answered(service: &Service, batch: &mut NewBatch) -> Result<(), JobsError> {
+    for job in std::mem::take(&mut batch.jobs) {
+        if store::batches::is_answered(&service.store, &job).await? {
+            batch.skipped.push(Skipped { system: job.system, why: "no measurements have arrived since its last estimate".to_owned() });
+        } else {
+            batch.jobs.push(job);
+        }
+    }
+    Ok(())
+}
+
 /// Wakes the workers after a batch has entered the queue, and tells those who wait for parameters.
 ///
 /// # Errors

@@ -37,7 +37,7 @@ pub struct NewJob {
 
 impl NewJob {
     /// Equal jobs have equal fingerprints, whoever asked.
-    fn fingerprint(&self) -> String {
+    pub(super) fn fingerprint(&self) -> String {
         let text = format!("{} {} {} {} {}", self.kind.word(), self.system, self.model, self.experiment, self.request);
         blake3::hash(text.as_bytes()).to_hex().to_string()
     }

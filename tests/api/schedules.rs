@@ -1,6 +1,6 @@
 //! Schedules submit ordinary jobs.
 
-use crate::support::{TestApp, endless, quick, stuck_csv};
+use crate::support::{TestApp, endless, quick, room_csv, stuck_csv};
 use jiff::{SignedDuration, Timestamp};
 use lampyris::jobs::schedule;
 use lampyris::store;
@@ -257,4 +257,47 @@ fn a_night_leaves_alone_what_is_frozen() {
     }
     assert_eq!(served(2)["status"], "pinned");
     assert!(report["jobs"].as_array().unwrap()[1..].iter().all(|job| job["outcome"] != "accepted"), "{report}");
+}
+
+#[test]
+fn a_night_asks_nothing_twice_so_that_a_silent_room_turns_stale() {
+    let start: Timestamp = "2026-03-01T12:00:00Z".parse().unwrap();
+    let app = TestApp::at(&start.to_string(), |_| {});
+    for room in 1..=2 {
+        app.room(&room.to_string(), room);
+    }
+    let mut fields = quick("room/1");
+    fields.as_object_mut().unwrap().retain(|field, _| !["kind", "system"].contains(&field.as_str()));
+    app.json("PUT", "/schedules/nightly", &json!({"cron": "30 2 * * *", "systems": ["room/*"], "request": fields})).expect(200);
+    // The batch of the night before a morning, where there is one.
+    let night = |day: i64| -> Option<Value> {
+        let now = start + SignedDuration::from_hours(24 * day);
+        app.clock.set(now);
+        app.within(async |service| schedule::due(service, now).await.unwrap());
+        let newest = app.until("/batches?page_size=1", |page| page["items"][0]["finished"] == true)["items"][0].clone();
+        let is_new = newest["created_at"].as_str().unwrap().parse::<Timestamp>().unwrap() >= now;
+        is_new.then(|| app.get(&format!("/batches/{}", newest["id"].as_str().unwrap())).expect(200).json())
+    };
+    let asked = |report: &Value| -> Vec<String> {
+        report["jobs"].as_array().unwrap().iter().map(|job| job["system"].as_str().unwrap().to_owned()).collect()
+    };
+    let served = |room: u32| app.get(&format!("/params/room/{room}")).expect(200).json();
+
+    assert_eq!(asked(&night(1).unwrap()), ["room/1", "room/2"]);
+    let first = served(2);
+    assert_eq!(night(2), None, "nothing has come in");
+    assert_eq!(app.get("/schedules/nightly").json()["last_result"], "nothing_to_do");
+    // One of the rooms goes on measuring.
+    app.csv("/systems/room/1/windows", &room_csv(1, 12)).expect(201);
+    let third = night(3).unwrap();
+    assert_eq!(asked(&third), ["room/1"]);
+    let left_out = json!([{"system": "room/2", "why": "no measurements have arrived since its last estimate"}]);
+    assert_eq!(third["skipped"], left_out, "{third}");
+    assert_eq!((&served(2)["validated_at"], &served(2)["revision"]), (&first["validated_at"], &first["revision"]));
+    // Another question about the same measurements is asked, and so is the same one about a system that was changed.
+    app.json("PUT", "/systems/room/2", &json!({"model": "rc2", "label": "attic"})).expect(200);
+    assert_eq!(asked(&night(4).unwrap()), ["room/2"]);
+    let fourth = served(2);
+    assert_eq!(night(5), None);
+    assert_eq!(served(2)["stale_after"], fourth["stale_after"], "what is served ages although the nights go on");
 }
