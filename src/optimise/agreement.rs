@@ -2,11 +2,15 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{Cost, Ended};
+use super::{Candidate, Cost, Ended};
 use utoipa::ToSchema;
 
 /// Costs closer than this count as equal whatever their ratio: a noise-free fit ends at rounding errors.
 const NOTHING: f64 = 1e-10;
+
+/// Places closer than this in every coordinate of the unit cube are one place, whatever the ratio of their costs: at the tip of
+/// a cusp the last digits of the place are the first ones of the cost.
+const ONE_PLACE: f64 = 1e-6;
 
 /// The convergence rule over successive restarts.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -32,8 +36,8 @@ impl Default for AgreementOptions {
 #[derive(Debug, Clone)]
 pub struct Agreement {
     options: AgreementOptions,
-    last: Option<Cost>,
-    best: Cost,
+    last: Option<(Candidate, Cost)>,
+    best: Option<(Candidate, Cost)>,
     confirmed: usize,
     fruitless: usize,
 }
@@ -41,21 +45,27 @@ pub struct Agreement {
 impl Agreement {
     /// No restart yet.
     pub fn new(options: AgreementOptions) -> Self {
-        Self { options, last: None, best: Cost::Diverged, confirmed: 0, fruitless: 0 }
+        Self { options, last: None, best: None, confirmed: 0, fruitless: 0 }
     }
 
-    /// Takes the optimum of one more restart and says whether the search is over.
+    /// Takes the optimum of one more restart, or that it found none, and says whether the search is over.
     ///
-    /// Converged: this restart and the one before reached the same cost, that cost is the best known, and
+    /// Converged: this restart and the one before reached the same cost or the same place, that is the best known, and
     /// this one improved on it by next to nothing. Two restarts that share a worse optimum prove nothing.
-    pub fn restart(&mut self, optimum: Cost) -> Option<Ended> {
-        let before = self.best;
-        self.best = self.best.min(optimum);
-        let improved = optimum < before && !self.same(optimum, before, self.options.improvement);
+    pub fn restart(&mut self, optimum: Option<(Candidate, Cost)>) -> Option<Ended> {
+        let found = optimum.filter(|(_, cost)| *cost != Cost::Diverged);
+        let improved = match (&found, &self.best) {
+            (Some(found), Some(best)) => found.1 < best.1 && !same(found, best, self.options.improvement),
+            (found, _) => found.is_some(),
+        };
         self.fruitless = if improved { 0 } else { self.fruitless + 1 };
-        let last = self.last.replace(optimum);
-        let agree =
-            last.is_some_and(|last| self.same(last, optimum, self.options.within) && self.same(optimum, self.best, self.options.within));
+        if found.as_ref().is_some_and(|found| self.best.as_ref().is_none_or(|best| found.1 < best.1)) {
+            self.best.clone_from(&found);
+        }
+        let agrees =
+            |with: &Option<(Candidate, Cost)>| found.as_ref().zip(with.as_ref()).is_some_and(|(a, b)| same(a, b, self.options.within));
+        let agree = agrees(&self.last) && agrees(&self.best);
+        self.last = found;
         self.confirmed = if agree && !improved { self.confirmed + 1 } else { 0 };
         if self.confirmed >= self.options.confirmations.max(1) {
             Some(Ended::Converged)
@@ -65,14 +75,13 @@ impl Agreement {
             None
         }
     }
+}
 
-    fn same(&self, a: Cost, b: Cost, within: f64) -> bool {
-        match (a, b) {
-            (Cost::Finite(a), Cost::Finite(b)) => (a - b).abs() <= within * a.abs().max(b.abs()) + NOTHING,
-            // Two diverged restarts agree on nothing.
-            _ => false,
-        }
-    }
+/// Whether two optima are one, up to a share of the larger cost.
+fn same(a: &(Candidate, Cost), b: &(Candidate, Cost), within: f64) -> bool {
+    let (one, other) = (a.1.value(), b.1.value());
+    let near = |(a, b): (&f64, &f64)| (a - b).abs() < ONE_PLACE;
+    (one - other).abs() <= within * one.abs().max(other.abs()) + NOTHING || a.0.0.iter().zip(&b.0.0).all(near)
 }
 
 #[cfg(test)]
@@ -81,7 +90,22 @@ mod tests {
 
     fn verdicts(optima: &[f64]) -> Vec<Option<Ended>> {
         let mut agreement = Agreement::new(AgreementOptions { patience: 3, ..AgreementOptions::default() });
-        optima.iter().map(|optimum| agreement.restart(Cost::new(*optimum))).collect()
+        optima.iter().enumerate().map(|(index, optimum)| agreement.restart(Some(at(index as f64, *optimum)))).collect()
+    }
+
+    fn at(place: f64, cost: f64) -> (Candidate, Cost) {
+        (Candidate(vec![place, 0.5]), Cost::new(cost))
+    }
+
+    #[test]
+    fn one_place_is_one_optimum_whatever_its_last_digits_cost() {
+        let mut agreement = Agreement::new(AgreementOptions::default());
+        assert_eq!(agreement.restart(Some(at(0.5, 9e-8))), None);
+        assert_eq!(agreement.restart(Some(at(0.5 + 1e-9, 5e-8))), Some(Ended::Converged));
+        let mut agreement = Agreement::new(AgreementOptions::default());
+        assert_eq!(agreement.restart(Some(at(0.5, 9e-8))), None);
+        assert_eq!(agreement.restart(Some(at(0.5 + 1e-5, 5e-8))), None);
+        assert_eq!(agreement.restart(None), None);
     }
 
     #[test]
@@ -100,7 +124,7 @@ mod tests {
     #[test]
     fn more_confirmations_can_be_asked_for() {
         let mut agreement = Agreement::new(AgreementOptions { confirmations: 2, ..AgreementOptions::default() });
-        let verdicts = [1.0, 1.0, 1.5, 1.0, 1.0, 1.0].map(|optimum| agreement.restart(Cost::new(optimum)));
+        let verdicts = [1.0, 1.0, 1.5, 1.0, 1.0, 1.0].map(|cost| agreement.restart(Some(at(cost, cost))));
         assert_eq!(verdicts, [None, None, None, None, None, Some(Ended::Converged)]);
     }
 

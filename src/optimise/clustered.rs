@@ -107,7 +107,14 @@ impl CfaThesis {
                 None => Firefly::random(search.seed, 1 + id as u64, search.dimensions),
             })
             .collect();
-        let flight = Flight { beta0: options.beta0, gamma: options.gamma_min, alpha: options.alpha, crossover: 0.0, crowd: options.crowd };
+        let flight = Flight {
+            beta0: options.beta0,
+            gamma: options.gamma_min,
+            alpha: options.alpha,
+            crossover: 0.0,
+            leap: 0.0,
+            crowd: options.crowd,
+        };
         Self {
             fireflies,
             stream: firefly::stream(search.seed, 0),

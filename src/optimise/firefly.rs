@@ -72,6 +72,14 @@ impl Firefly {
         }
     }
 
+    /// Returns to the best place that it has seen from one that is worse.
+    pub fn turn_back(&mut self) {
+        if self.best.1 < self.cost {
+            self.position.clone_from(&self.best.0.0);
+            self.cost = self.best.1;
+        }
+    }
+
     /// Moves toward `target`: eq 4.2, and for a centroid of `crowd` fireflies eq 4.10.
     ///
     /// In the unit cube the scaling vector S, the range of each parameter, is 1 everywhere.
@@ -86,7 +94,8 @@ impl Firefly {
             if kept && coordinate != certain {
                 continue;
             }
-            *x = bounce(*x + pull * (to - *x) + flight.alpha * noise);
+            let leaps = flight.leap > 0.0 && self.stream.random::<f64>() < flight.leap;
+            *x = if leaps { self.stream.random() } else { bounce(*x + pull * (to - *x) + flight.alpha * noise) };
         }
     }
 }
@@ -114,6 +123,8 @@ pub struct Flight {
     pub alpha: f64,
     /// Probability that a coordinate stays as it is in a move; 0 in the thesis.
     pub crossover: f64,
+    /// Probability that a coordinate that moves is drawn anew from the cube; 0 in the thesis.
+    pub leap: f64,
     /// What the size of a cluster does.
     pub crowd: Crowd,
 }
@@ -190,7 +201,7 @@ pub fn keep_brightest(fireflies: &mut Vec<Firefly>, keep: usize) {
 mod tests {
     use super::*;
 
-    const STILL: Flight = Flight { beta0: 1.0, gamma: 1.0, alpha: 0.0, crossover: 0.0, crowd: Crowd::Distance };
+    const STILL: Flight = Flight { beta0: 1.0, gamma: 1.0, alpha: 0.0, crossover: 0.0, leap: 0.0, crowd: Crowd::Distance };
 
     #[test]
     fn a_move_is_equation_4_10() {

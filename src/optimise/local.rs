@@ -110,9 +110,9 @@ impl LocalStage {
         }
     }
 
-    /// The lowest cost of all runs.
-    pub fn optimum(&self) -> Cost {
-        self.places().into_iter().map(|(_, cost)| cost).min().unwrap_or(Cost::Diverged)
+    /// The best place of all runs, with its cost.
+    pub fn optimum(&self) -> Option<(Candidate, Cost)> {
+        self.places().into_iter().min_by_key(|(_, cost)| *cost)
     }
 }
 
@@ -155,6 +155,6 @@ mod tests {
         }
         // Three starts with two slopes each, then two runs only.
         assert_eq!(sizes[..2], [9, 8]);
-        assert!(stage.optimum().value() < 1e-15, "{:?}", stage.optimum());
+        assert!(stage.optimum().unwrap().1.value() < 1e-15, "{:?}", stage.optimum());
     }
 }

@@ -142,7 +142,10 @@ impl Method {
                 check.real("gamma", o.gamma, 0.0, 1e6);
                 check.real("crossover", o.crossover, 0.0, 1.0);
                 check.count("swarm", o.swarm, 1, 1_000_000_000);
-                check.count("swarm_on_costs", o.swarm_on_costs, 1, 1_000_000_000);
+                check.count("on_costs.swarm", o.on_costs.swarm, 1, 1_000_000_000);
+                check.real("on_costs.gamma", o.on_costs.gamma, 0.0, 1e6);
+                check.real("on_costs.crossover", o.on_costs.crossover, 0.0, 1.0);
+                check.real("on_costs.leap", o.on_costs.leap, 0.0, 1.0);
                 check.real("growth", o.growth, 1.0, 100.0);
                 check.count("stall", o.stall, 0, 1_000_000_000);
                 check.count("starts", o.starts, 0, 64);

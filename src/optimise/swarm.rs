@@ -8,7 +8,7 @@
 use rand_xoshiro::Xoshiro256PlusPlus;
 
 use super::firefly::{self, Firefly, Flight};
-use super::hybrid::CfaOptions;
+use super::hybrid::{CfaOptions, OnCosts};
 use super::kmeans::{Clusters, Seeding, cluster_count, kmeans};
 use super::{Candidate, Cost, Evaluation};
 
@@ -25,6 +25,10 @@ struct Light {
 #[derive(Debug)]
 pub struct Swarm {
     options: CfaOptions,
+    /// How everyone moves, but for the randomness, which falls.
+    flight: Flight,
+    /// Whether a firefly returns from a place that is worse.
+    greedy: bool,
     /// Evaluations over which the schedules run.
     budget: usize,
     spent: usize,
@@ -45,7 +49,19 @@ pub struct Swarm {
 impl Swarm {
     /// A fresh swarm over `budget` evaluations. `first_id` numbers its random streams, so that each swarm of a
     /// search draws other numbers; `first` are the places of its first fireflies.
-    pub fn new(options: &CfaOptions, budget: usize, seed: u64, first_id: u64, dimensions: usize, first: &[Candidate]) -> Self {
+    pub fn new(
+        options: &CfaOptions,
+        residuals: bool,
+        budget: usize,
+        seed: u64,
+        first_id: u64,
+        dimensions: usize,
+        first: &[Candidate],
+    ) -> Self {
+        let CfaOptions { beta0, alpha, gamma, crossover, crowd, .. } = *options;
+        let guided = Flight { beta0, gamma, alpha, crossover, leap: 0.0, crowd };
+        let OnCosts { gamma, crossover, leap, .. } = options.on_costs;
+        let flight = if residuals { guided } else { Flight { gamma, crossover, leap, ..guided } };
         let fireflies: Vec<Firefly> = (0..options.n.max(2))
             .map(|index| {
                 let id = first_id + 1 + index as u64;
@@ -66,6 +82,8 @@ impl Swarm {
             best: Cost::Diverged,
             still: 0,
             ended: false,
+            flight,
+            greedy: !residuals,
             options: options.clone(),
         }
     }
@@ -93,6 +111,9 @@ impl Swarm {
         self.spent += answers.len();
         for (mover, answer) in self.movers.iter().zip(answers) {
             self.fireflies[*mover].settle(answer.cost);
+            if self.greedy {
+                self.fireflies[*mover].turn_back();
+            }
         }
         if self.spent >= self.budget {
             self.ended = true;
@@ -110,13 +131,7 @@ impl Swarm {
     fn round(&mut self) -> bool {
         // The randomness falls geometrically with the evaluations, not with the generations, which shrink.
         let alpha = self.options.alpha * (self.options.alpha_end / self.options.alpha).powf(self.progress());
-        let flight = Flight {
-            beta0: self.options.beta0,
-            gamma: self.options.gamma,
-            alpha: if alpha.is_finite() { alpha } else { 0.0 },
-            crossover: self.options.crossover,
-            crowd: self.options.crowd,
-        };
+        let flight = Flight { alpha: if alpha.is_finite() { alpha } else { 0.0 }, ..self.flight };
         self.movers.clear();
         for (index, lights) in self.lights.iter_mut().enumerate() {
             while let Some(light) = lights.pop() {
@@ -234,7 +249,7 @@ mod tests {
 
     #[test]
     fn a_swarm_asks_in_large_batches_and_ends_with_its_evaluations() {
-        let mut swarm = Swarm::new(&CfaOptions::default(), 1000, 1, 0, 5, &[]);
+        let mut swarm = Swarm::new(&CfaOptions::default(), true, 1000, 1, 0, 5, &[]);
         let mut sizes = Vec::new();
         while let Some(batch) = swarm.propose() {
             sizes.push(batch.len());
@@ -248,12 +263,12 @@ mod tests {
 
     #[test]
     fn a_flat_cost_ends_at_once_and_divergence_is_drawn_anew() {
-        let mut swarm = Swarm::new(&CfaOptions::default(), 1000, 1, 0, 5, &[]);
+        let mut swarm = Swarm::new(&CfaOptions::default(), true, 1000, 1, 0, 5, &[]);
         let first = swarm.propose().unwrap();
         swarm.digest(&answers(&first, |_| 1.0));
         assert_eq!(swarm.propose(), None);
 
-        let mut swarm = Swarm::new(&CfaOptions { stall: 0, ..CfaOptions::default() }, 1000, 1, 0, 5, &[]);
+        let mut swarm = Swarm::new(&CfaOptions { stall: 0, ..CfaOptions::default() }, true, 1000, 1, 0, 5, &[]);
         let mut rounds = 0;
         while let Some(batch) = swarm.propose() {
             swarm.digest(&answers(&batch, |_| f64::NAN));
