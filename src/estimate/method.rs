@@ -88,7 +88,7 @@ impl SeededMethod {
             let Some(place) = parts.iter().position(|(known, _)| *known == options) else {
                 continue;
             };
-            let (_, hyperparameters) = parts.swap_remove(place);
+            let hyperparameters = parts[place].1.clone();
             let is_default = name == Method::default().name();
             let mut own = ObjectBuilder::new()
                 .property("name", ObjectBuilder::new().schema_type(SchemaType::Type(Type::String)).enum_values(Some([name.clone()])))
@@ -114,7 +114,7 @@ impl SeededMethod {
                 let (object, field) = match range.field.split_once('.') {
                     None => (Some(&mut *whole), range.field.as_str()),
                     Some((part, field)) => {
-                        let part = format!("{}{}Options", part[..1].to_ascii_uppercase(), &part[1..]);
+                        let part = component(part);
                         let found = parts.iter_mut().find(|(known, _)| *known == part);
                         (found.and_then(|(_, part)| as_object(part)), field)
                     }
@@ -124,8 +124,23 @@ impl SeededMethod {
                 }
             }
         }
+        // What is a method is described as one, and by itself only where it is a part of another.
+        let nested: BTreeSet<String> = Method::NAMES
+            .iter()
+            .filter_map(|name| serde_json::from_value::<Method>(json!({ *name: {} })).ok())
+            .flat_map(|method| method.ranges())
+            .filter_map(|range| range.field.split_once('.').map(|(part, _)| component(part)))
+            .collect();
+        let variants = variants();
+        parts.retain(|(name, _)| nested.contains(name) || variants.iter().all(|(_, options)| options != name));
         methods.into_iter().map(|(component, _, whole)| (component, whole.into())).chain(parts).collect()
     }
+}
+
+/// The component that describes a part of a method: `on_costs` is `OnCostsOptions`.
+fn component(part: &str) -> String {
+    let words = part.split('_').map(|word| word[..1].to_ascii_uppercase() + &word[1..]);
+    words.collect::<String>() + "Options"
 }
 
 /// A number without a point where it needs none.

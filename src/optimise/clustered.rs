@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use super::budget::Strategy;
 use super::firefly::{self, Crowd, Firefly, Flight};
-use super::kmeans::{Clusters, Seeding, cluster_count, kmeans};
+use super::kmeans::{Seeding, cluster_count, kmeans};
 use super::method::Search;
 use super::{Ask, Candidate, Cost, Ended, Evaluation};
 use utoipa::ToSchema;
@@ -60,12 +60,33 @@ impl Default for CfaThesisOptions {
     }
 }
 
+/// The hierarchical algorithm that thesis section 8.1 proposes: clusters are clustered again. A firefly follows the centroids of
+/// its own supercluster, then superclusters in the one above, and so on.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct CfaHierarchicalOptions {
+    /// Levels of clusters; with one it is Algorithm 2.
+    pub levels: usize,
+    /// Everything else. The target number of a cluster's members holds on every level.
+    pub cfa_thesis: CfaThesisOptions,
+}
+
+impl Default for CfaHierarchicalOptions {
+    fn default() -> Self {
+        Self { levels: 2, cfa_thesis: CfaThesisOptions::default() }
+    }
+}
+
 /// A cluster as the others see it, fixed at the start of the generation.
 #[derive(Debug)]
 struct Centroid {
     position: Vec<f64>,
     intensity: Cost,
     size: f64,
+    level: usize,
+    /// Its number on its level, and that of the cluster that it belongs to on the level above.
+    number: usize,
+    parent: usize,
 }
 
 /// Whom the moving firefly compares itself with next.
@@ -81,13 +102,15 @@ enum Turn {
 #[derive(Debug)]
 pub struct CfaThesis {
     options: CfaThesisOptions,
+    levels: usize,
     fireflies: Vec<Firefly>,
     /// The stream of k-means; each firefly owns another.
     stream: Xoshiro256PlusPlus,
     /// Generations completed; nothing is known of the initial population before `started`.
     generation: usize,
     started: bool,
-    assignment: Vec<usize>,
+    /// The cluster of each firefly on each level, the lowest first.
+    ancestry: Vec<Vec<usize>>,
     centroids: Vec<Centroid>,
     flight: Flight,
     target: f64,
@@ -97,8 +120,14 @@ pub struct CfaThesis {
 }
 
 impl CfaThesis {
-    /// Random fireflies; warm starts take the places of the first ones.
+    /// Algorithm 2 from random fireflies; warm starts take the places of the first ones.
     pub fn new(options: CfaThesisOptions, search: &Search) -> Self {
+        Self::hierarchical(CfaHierarchicalOptions { levels: 1, cfa_thesis: options }, search)
+    }
+
+    /// The same with several levels of clusters.
+    pub fn hierarchical(options: CfaHierarchicalOptions, search: &Search) -> Self {
+        let CfaHierarchicalOptions { levels, cfa_thesis: options } = options;
         let n = options.n.max(1);
         let warm = search.warm_starts();
         let fireflies = (0..n)
@@ -116,11 +145,12 @@ impl CfaThesis {
             crowd: options.crowd,
         };
         Self {
+            levels: levels.max(1),
             fireflies,
             stream: firefly::stream(search.seed, 0),
             generation: 0,
             started: false,
-            assignment: Vec::new(),
+            ancestry: Vec::new(),
             centroids: Vec::new(),
             flight,
             target: options.target,
@@ -139,32 +169,45 @@ impl CfaThesis {
     fn begin_generation(&mut self) {
         let options = &self.options;
         self.flight.gamma = options.gamma_min + (options.gamma_max - options.gamma_min) * self.progress(self.generation + 1);
-        let points: Vec<&[f64]> = self.fireflies.iter().map(|firefly| firefly.position.as_slice()).collect();
-        let k = cluster_count(points.len(), self.target);
-        let clusters = kmeans(&points, k, Seeding::RandomPoints, &mut self.stream);
-        self.centroids = (0..clusters.centroids.len()).map(|cluster| self.centroid(&clusters, cluster)).collect();
-        self.assignment = clusters.assignment;
+        let mut points: Vec<Vec<f64>> = self.fireflies.iter().map(|firefly| firefly.position.clone()).collect();
+        self.ancestry = vec![Vec::new(); points.len()];
+        self.centroids.clear();
+        for level in 0..self.levels {
+            let places: Vec<&[f64]> = points.iter().map(Vec::as_slice).collect();
+            let clusters = kmeans(&places, cluster_count(places.len(), self.target), Seeding::RandomPoints, &mut self.stream);
+            for centroid in self.centroids.iter_mut().filter(|centroid| centroid.level + 1 == level) {
+                centroid.parent = clusters.assignment[centroid.number];
+            }
+            for (firefly, ancestors) in self.ancestry.iter_mut().enumerate() {
+                ancestors.push(clusters.assignment[ancestors.last().copied().unwrap_or(firefly)]);
+            }
+            for (number, position) in clusters.centroids.iter().enumerate() {
+                let members = || self.ancestry.iter().zip(&self.fireflies).filter(|(ancestors, _)| ancestors[level] == number);
+                let intensity = firefly::mean_cost(members().map(|(_, firefly)| firefly.cost));
+                let size = members().count() as f64;
+                self.centroids.push(Centroid { position: position.clone(), intensity, size, level, number, parent: 0 });
+            }
+            points = clusters.centroids;
+        }
         self.mover = 0;
         self.turn = Turn::Local(0);
     }
 
-    fn centroid(&self, clusters: &Clusters, cluster: usize) -> Centroid {
-        Centroid {
-            position: clusters.centroids[cluster].clone(),
-            intensity: firefly::mean_cost(clusters.members(cluster).map(|member| self.fireflies[member].cost)),
-            size: clusters.members(cluster).count() as f64,
-        }
+    /// Whether a firefly may follow a centroid: its parent is an ancestor of the firefly, and it is none itself.
+    fn is_beside(&self, firefly: usize, centroid: &Centroid) -> bool {
+        let ancestors = &self.ancestry[firefly];
+        ancestors[centroid.level] != centroid.number && ancestors.get(centroid.level + 1).copied().unwrap_or(0) == centroid.parent
     }
 
     /// Lines 7-21: the next comparison in which the other is brighter, as a target and its crowd.
     fn next_attraction(&mut self) -> Option<(Vec<f64>, f64)> {
         while self.mover < self.fireflies.len() {
-            let (cost, own) = (self.fireflies[self.mover].cost, self.assignment[self.mover]);
+            let (cost, own) = (self.fireflies[self.mover].cost, self.ancestry[self.mover][0]);
             match self.turn {
                 Turn::Local(other) if other < self.fireflies.len() => {
                     self.turn = Turn::Local(other + 1);
                     let brighter = self.fireflies[other].cost < cost;
-                    if brighter && other != self.mover && self.assignment[other] == own {
+                    if brighter && other != self.mover && self.ancestry[other][0] == own {
                         return Some((self.fireflies[other].position.clone(), 1.0));
                     }
                 }
@@ -172,7 +215,7 @@ impl CfaThesis {
                 Turn::Global(other) if other < self.centroids.len() => {
                     self.turn = Turn::Global(other + 1);
                     let centroid = &self.centroids[other];
-                    if other != own && centroid.intensity < cost {
+                    if centroid.intensity < cost && self.is_beside(self.mover, centroid) {
                         return Some((centroid.position.clone(), centroid.size));
                     }
                 }
@@ -299,6 +342,25 @@ mod tests {
         assert!((5e-3..5e-2).contains(&median), "Ackley 5: {median:e}");
         let mean = mean(&sorted(Function::Schwefel, &whole(schwefel()), 5, 20_000));
         assert!((150.0..400.0).contains(&mean), "Schwefel 5: {mean}");
+    }
+
+    /// Two levels spend less on everyone's way to every cluster.
+    #[test]
+    fn two_levels_of_clusters_need_fewer_evaluations_per_generation() {
+        let clustered = CfaThesisOptions { generations: 40, ..ackley() };
+        let of = |levels: usize, seed: u64| {
+            let options = CfaHierarchicalOptions { levels, cfa_thesis: clustered.clone() };
+            let mut optimiser = Method::CfaHierarchical(options).optimiser(search(5, seed, 1_000_000));
+            let run = drive(optimiser.as_mut(), |x| Function::Ackley.cost(x));
+            (run.best.value(), run.evaluations)
+        };
+        let mut evaluations = [0, 0];
+        for seed in 0..5 {
+            let (one, two) = (of(1, seed), of(2, seed));
+            assert_eq!(one, run(Function::Ackley, &clustered, search(5, seed, 1_000_000)));
+            evaluations = [evaluations[0] + one.1, evaluations[1] + two.1];
+        }
+        assert!((evaluations[1] as f64) < 0.95 * evaluations[0] as f64, "{evaluations:?}");
     }
 
     #[test]

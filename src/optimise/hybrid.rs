@@ -45,13 +45,15 @@ pub struct CfaOptions {
     /// Evaluations of the first swarm where there are residuals. Least squares need little guidance.
     pub swarm: usize,
     /// What is different where there are only costs, and the swarm has to find the basin by itself.
-    pub on_costs: OnCosts,
+    pub on_costs: OnCostsOptions,
     /// Factor on the evaluations of a swarm per restart.
     pub growth: f64,
     /// A swarm hands over early after this many generations without a noticeably lower cost; 0 for never.
     pub stall: usize,
-    /// Local runs per swarm from the best places of distinct clusters.
+    /// Local runs per swarm from what the swarm has found.
     pub starts: usize,
+    /// Where these runs start.
+    pub start_from: StartFrom,
     /// Local runs per swarm from random places. They keep a swarm that is drawn to the wrong basin, as another one
     /// may be, from confirming itself.
     pub scouts: usize,
@@ -75,10 +77,11 @@ impl Default for CfaOptions {
             crossover: 0.3,
             crowd: Crowd::Distance,
             swarm: 200,
-            on_costs: OnCosts::default(),
+            on_costs: OnCostsOptions::default(),
             growth: 1.5,
             stall: 10,
             starts: 2,
+            start_from: StartFrom::ClusterBests,
             scouts: 1,
             local: LocalOptions::default(),
             agreement: AgreementOptions::default(),
@@ -86,10 +89,23 @@ impl Default for CfaOptions {
     }
 }
 
+/// Where the local runs of a swarm start (thesis section 8.1 names the last two).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum StartFrom {
+    /// The best places of distinct clusters.
+    #[default]
+    ClusterBests,
+    /// The centroids of the clusters.
+    Centroids,
+    /// The best fireflies, wherever they are.
+    Fireflies,
+}
+
 /// The swarm where there are only costs. Its moves are greedy: a firefly returns from a place that is worse.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, default)]
-pub struct OnCosts {
+pub struct OnCostsOptions {
     /// Evaluations of the first swarm per free parameter.
     pub swarm: usize,
     /// Light absorption (eq 4.1). In the unit cube of many dimensions all distances are large.
@@ -100,7 +116,7 @@ pub struct OnCosts {
     pub leap: f64,
 }
 
-impl Default for OnCosts {
+impl Default for OnCostsOptions {
     fn default() -> Self {
         Self { swarm: 300, gamma: 0.1, crossover: 0.8, leap: 0.2 }
     }
@@ -200,7 +216,7 @@ impl Strategy for Cfa {
                 Stage::Swarm(swarm) => match swarm.propose() {
                     Some(batch) => return Ask::Costs(batch),
                     None => {
-                        let bests = swarm.cluster_bests(self.options.starts + self.warm.len());
+                        let bests = swarm.starts(self.options.start_from, self.options.starts + self.warm.len());
                         self.descend(&bests)
                     }
                 },

@@ -25,12 +25,27 @@ pub struct LocalOptions {
     pub spread: f64,
     /// Levenberg-Marquardt: of two runs closer than this in every coordinate only the better one goes on.
     pub merge: f64,
-    /// BOBYQA: radius of the first trust region in the unit cube.
+    /// What descends where there are only costs.
+    pub on_costs: LocalMethod,
+    /// On costs: length of the first steps in the unit cube.
     pub radius: f64,
-    /// BOBYQA: radius of the last trust region, which is the accuracy of the optimum.
+    /// On costs: length of the last ones, which is the accuracy of the optimum.
     pub radius_end: f64,
-    /// BOBYQA: most evaluations of a run.
+    /// On costs: most evaluations of a run.
     pub evaluations: usize,
+}
+
+/// A local search that needs costs only.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum LocalMethod {
+    /// Powell's trust region with interpolated quadratic models.
+    #[default]
+    Bobyqa,
+    /// Nelder and Mead's simplex.
+    NelderMead,
+    /// Hooke and Jeeves's pattern search.
+    Pattern,
 }
 
 impl Default for LocalOptions {
@@ -43,6 +58,7 @@ impl Default for LocalOptions {
             trials: 4,
             spread: 2.0,
             merge: 1e-3,
+            on_costs: LocalMethod::Bobyqa,
             radius: 0.05,
             radius_end: 1e-9,
             evaluations: 20_000,
@@ -50,7 +66,7 @@ impl Default for LocalOptions {
     }
 }
 
-/// Runs in lockstep: Levenberg-Marquardt where there are residuals, BOBYQA where there are only costs.
+/// Runs in lockstep: Levenberg-Marquardt where there are residuals, a search without derivatives where there are only costs.
 #[derive(Debug)]
 pub enum LocalStage {
     /// Runs on residuals.

@@ -4,11 +4,16 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::agreement::AgreementOptions;
-use super::budget::Budgeted;
-use super::clustered::{CfaThesis, CfaThesisOptions};
+use super::budget::{Budgeted, Strategy};
+use super::clustered::{CfaHierarchicalOptions, CfaThesis, CfaThesisOptions};
+use super::fa::{FaModifiedOptions, FaOptions};
+use super::ga::{Ga, GaOptions};
+use super::grid::{Grid, GridOptions};
 use super::hybrid::{Cfa, CfaOptions};
 use super::local::LocalOptions;
+use super::lshade::{Lshade, LshadeOptions};
 use super::multistart::{LmMultistart, LmOptions};
+use super::pso::{Pso, PsoOptions};
 use super::{Candidate, Optimiser};
 
 /// A search method with its hyperparameters: `{"cfa": {"n": 60}}`.
@@ -19,8 +24,22 @@ pub enum Method {
     Cfa(CfaOptions),
     /// Algorithm 2 of the thesis.
     CfaThesis(CfaThesisOptions),
+    /// Algorithm 2 with several levels of clusters (section 8.1).
+    CfaHierarchical(CfaHierarchicalOptions),
     /// Levenberg-Marquardt from a Latin hypercube.
     LmMultistart(LmOptions),
+    /// The original Firefly Algorithm (Algorithm 1).
+    Fa(FaOptions),
+    /// The Firefly Algorithm with the modifications of section 4.2.
+    FaModified(FaModifiedOptions),
+    /// The zooming grid of section 5.2.
+    Grid(GridOptions),
+    /// L-SHADE, differential evolution that learns its own settings.
+    Lshade(LshadeOptions),
+    /// Particle swarm optimisation.
+    Pso(PsoOptions),
+    /// A genetic algorithm on real numbers.
+    Ga(GaOptions),
 }
 
 impl Default for Method {
@@ -92,6 +111,17 @@ impl Ranges {
         self.real(field, value as f64, from as f64, to as f64);
     }
 
+    /// What Algorithm 2 has, wherever it stands in a method.
+    fn clustered(&mut self, path: &str, o: &CfaThesisOptions) {
+        let first = self.0.len();
+        self.swarm(o.n, o.n_min, [o.target, o.target_min], o.alpha, o.beta0);
+        self.count("generations", o.generations, 1, 1_000_000);
+        self.real("decay", o.decay, 0.0, 1.0);
+        self.real("gamma_min", o.gamma_min, 0.0, 1e6);
+        self.real("gamma_max", o.gamma_max, 0.0, 1e6);
+        self.0[first..].iter_mut().for_each(|range| range.field.insert_str(0, path));
+    }
+
     /// What both firefly methods have. The population is limited because the clusters cost its square.
     fn swarm(&mut self, n: usize, n_min: usize, targets: [f64; 2], alpha: f64, beta0: f64) {
         self.count("n", n, 2, 2000);
@@ -125,7 +155,8 @@ impl Ranges {
 
 impl Method {
     /// The names that a job may use.
-    pub const NAMES: [&'static str; 3] = ["cfa", "cfa_thesis", "lm_multistart"];
+    pub const NAMES: [&'static str; 10] =
+        ["cfa", "cfa_thesis", "cfa_hierarchical", "lm_multistart", "fa", "fa_modified", "grid", "lshade", "pso", "ga"];
 
     /// Every hyperparameter that is out of range; a method to be run has none.
     pub fn faults(&self) -> Vec<Range> {
@@ -154,12 +185,43 @@ impl Method {
                 check.local(&o.local);
                 check.agreement(&o.agreement);
             }
-            Method::CfaThesis(o) => {
-                check.swarm(o.n, o.n_min, [o.target, o.target_min], o.alpha, o.beta0);
+            Method::CfaThesis(o) => check.clustered("", o),
+            Method::CfaHierarchical(o) => {
+                check.count("levels", o.levels, 1, 16);
+                check.clustered("cfa_thesis.", &o.cfa_thesis);
+            }
+            Method::Fa(o) => {
+                check.count("n", o.n, 2, 2000);
                 check.count("generations", o.generations, 1, 1_000_000);
-                check.real("decay", o.decay, 0.0, 1.0);
-                check.real("gamma_min", o.gamma_min, 0.0, 1e6);
-                check.real("gamma_max", o.gamma_max, 0.0, 1e6);
+                check.real("alpha", o.alpha, 0.0, 1.0);
+                check.real("beta0", o.beta0, 0.0, 10.0);
+                check.real("gamma", o.gamma, 0.0, 1e6);
+                check.real("width", o.width, 1e-6, 1e6);
+            }
+            Method::FaModified(o) => check.clustered("", &o.as_one_cluster()),
+            Method::Grid(o) => {
+                check.count("points", o.points, 2, 10_000);
+                check.count("iterations", o.iterations, 1, 10_000);
+                check.real("shrink", o.shrink, 0.0, 1.0);
+            }
+            Method::Lshade(o) => {
+                check.count("n_per_parameter", o.n_per_parameter, 1, 1000);
+                check.count("memory", o.memory, 1, 1000);
+                check.real("p", o.p, 0.0, 1.0);
+                check.real("archive", o.archive, 0.0, 100.0);
+            }
+            Method::Pso(o) => {
+                check.count("n", o.n, 2, 10_000);
+                check.real("inertia", o.inertia, 0.0, 1.0);
+                check.real("pull", o.pull, 0.0, 4.0);
+                check.count("neighbours", o.neighbours, 1, 10_000);
+            }
+            Method::Ga(o) => {
+                check.count("n", o.n, 4, 10_000);
+                check.real("crossover", o.crossover, 0.0, 1.0);
+                check.real("crossover_index", o.crossover_index, 0.0, 1e3);
+                check.real("mutation_index", o.mutation_index, 0.0, 1e3);
+                check.count("elite", o.elite, 0, o.n.saturating_sub(1));
             }
             Method::LmMultistart(o) => {
                 check.count("starts", o.starts, 1, 100_000);
@@ -176,16 +238,34 @@ impl Method {
         match self {
             Method::Cfa(_) => "cfa",
             Method::CfaThesis(_) => "cfa_thesis",
+            Method::CfaHierarchical(_) => "cfa_hierarchical",
             Method::LmMultistart(_) => "lm_multistart",
+            Method::Fa(_) => "fa",
+            Method::FaModified(_) => "fa_modified",
+            Method::Grid(_) => "grid",
+            Method::Lshade(_) => "lshade",
+            Method::Pso(_) => "pso",
+            Method::Ga(_) => "ga",
         }
     }
 
     /// A search of its own, ready for the first question.
     pub fn optimiser(&self, search: Search) -> Box<dyn Optimiser> {
+        fn within<S: Strategy + 'static>(strategy: S, budget: usize) -> Box<dyn Optimiser> {
+            Box::new(Budgeted::new(strategy, budget))
+        }
+        let budget = search.budget;
         match self {
-            Method::Cfa(options) => Box::new(Budgeted::new(Cfa::new(options.clone(), &search), search.budget)),
-            Method::CfaThesis(options) => Box::new(Budgeted::new(CfaThesis::new(options.clone(), &search), search.budget)),
-            Method::LmMultistart(options) => Box::new(Budgeted::new(LmMultistart::new(options.clone(), &search), search.budget)),
+            Method::Cfa(options) => within(Cfa::new(options.clone(), &search), budget),
+            Method::CfaThesis(options) => within(CfaThesis::new(options.clone(), &search), budget),
+            Method::CfaHierarchical(options) => within(CfaThesis::hierarchical(options.clone(), &search), budget),
+            Method::LmMultistart(options) => within(LmMultistart::new(options.clone(), &search), budget),
+            Method::Fa(options) => within(CfaThesis::new(options.as_one_cluster(), &search), budget),
+            Method::FaModified(options) => within(CfaThesis::new(options.as_one_cluster(), &search), budget),
+            Method::Grid(options) => within(Grid::new(options.clone(), &search), budget),
+            Method::Lshade(options) => within(Lshade::new(options.clone(), &search), budget),
+            Method::Pso(options) => within(Pso::new(options.clone(), &search), budget),
+            Method::Ga(options) => within(Ga::new(options.clone(), &search), budget),
         }
     }
 }

@@ -8,7 +8,7 @@
 use rand_xoshiro::Xoshiro256PlusPlus;
 
 use super::firefly::{self, Firefly, Flight};
-use super::hybrid::{CfaOptions, OnCosts};
+use super::hybrid::{CfaOptions, OnCostsOptions, StartFrom};
 use super::kmeans::{Clusters, Seeding, cluster_count, kmeans};
 use super::{Candidate, Cost, Evaluation};
 
@@ -60,7 +60,7 @@ impl Swarm {
     ) -> Self {
         let CfaOptions { beta0, alpha, gamma, crossover, crowd, .. } = *options;
         let guided = Flight { beta0, gamma, alpha, crossover, leap: 0.0, crowd };
-        let OnCosts { gamma, crossover, leap, .. } = options.on_costs;
+        let OnCostsOptions { gamma, crossover, leap, .. } = options.on_costs;
         let flight = if residuals { guided } else { Flight { gamma, crossover, leap, ..guided } };
         let fireflies: Vec<Firefly> = (0..options.n.max(2))
             .map(|index| {
@@ -223,18 +223,27 @@ impl Swarm {
         self.movers = (0..self.fireflies.len()).collect();
     }
 
-    /// Up to `count` starts for the local stage: the fireflies' best places so far in as many clusters, and of each
-    /// cluster the best one, the cheapest first.
-    pub fn cluster_bests(&mut self, count: usize) -> Vec<Candidate> {
-        let seen: Vec<&(Candidate, Cost)> =
+    /// Up to `count` starts for the local stage, the cheapest first: by default the fireflies' best places so far in as many
+    /// clusters, and of each cluster the best one.
+    pub fn starts(&mut self, from: StartFrom, count: usize) -> Vec<Candidate> {
+        let mut seen: Vec<&(Candidate, Cost)> =
             self.fireflies.iter().map(|firefly| &firefly.best).filter(|best| best.1 != Cost::Diverged).collect();
+        if from == StartFrom::Fireflies {
+            seen.sort_by_key(|best| best.1);
+            return seen.into_iter().take(count.max(1)).map(|best| best.0.clone()).collect();
+        }
         let points: Vec<&[f64]> = seen.iter().map(|best| best.0.0.as_slice()).collect();
         let clusters = kmeans(&points, count.max(1), Seeding::PlusPlus, &mut self.stream);
-        let mut bests: Vec<&(Candidate, Cost)> = (0..clusters.centroids.len())
-            .filter_map(|cluster| clusters.members(cluster).map(|member| seen[member]).min_by_key(|best| best.1))
+        let best = |cluster: usize| clusters.members(cluster).map(|member| seen[member]).min_by_key(|best| best.1);
+        let mut starts: Vec<(Candidate, Cost)> = (0..clusters.centroids.len())
+            .filter_map(|cluster| {
+                let (place, cost) = best(cluster)?;
+                let place = if from == StartFrom::Centroids { Candidate(clusters.centroids[cluster].clone()) } else { place.clone() };
+                Some((place, *cost))
+            })
             .collect();
-        bests.sort_by_key(|best| best.1);
-        bests.into_iter().map(|best| best.0.clone()).collect()
+        starts.sort_by_key(|start| start.1);
+        starts.into_iter().map(|start| start.0).collect()
     }
 }
 
@@ -258,7 +267,7 @@ mod tests {
         let spent: usize = sizes.iter().sum();
         assert!((1000..1040).contains(&spent), "{spent}");
         assert!(spent as f64 / sizes.len() as f64 > 8.0, "{sizes:?}");
-        assert!(swarm.cluster_bests(4).len() == 4);
+        assert!(swarm.starts(StartFrom::ClusterBests, 4).len() == 4);
     }
 
     #[test]
@@ -275,6 +284,6 @@ mod tests {
             rounds += 1;
         }
         assert!(rounds > 25, "{rounds}");
-        assert!(swarm.cluster_bests(4).is_empty());
+        assert!(swarm.starts(StartFrom::ClusterBests, 4).is_empty());
     }
 }

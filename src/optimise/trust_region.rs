@@ -1,6 +1,7 @@
-//! BOBYQA, Powell's trust-region method without derivatives, as a coroutine.
+//! Local searches on costs alone as coroutines: BOBYQA, Powell's trust-region method without derivatives, and those of
+//! `descent`.
 //!
-//! The solver calls the objective from deep inside, whereas a search here is asked and told. It therefore runs on
+//! A solver calls the objective from deep inside, whereas a search here is asked and told. It therefore runs on
 //! a thread of its own behind two rendezvous channels: of the two threads one always waits for the other, so
 //! nothing runs at the same time and the result does not depend on any scheduling.
 
@@ -9,7 +10,8 @@ use std::thread::JoinHandle;
 
 use bobyqa::{Bobyqa, Config};
 
-use super::local::LocalOptions;
+use super::descent::{self, Limits};
+use super::local::{LocalMethod, LocalOptions};
 use super::{Candidate, Cost};
 
 /// Told to the solver when nobody listens any more: it is below its target cost, so that it returns at once.
@@ -116,27 +118,45 @@ impl Drop for TrustRegion {
 impl Solver {
     fn start(options: &LocalOptions, mut x: Vec<f64>) -> Option<Self> {
         let d = x.len();
-        let mut config = Config::new(d);
         // The cube is one wide and the solver needs two radii of room.
-        config.rho_begin = options.radius.clamp(1e-12, 0.5);
-        config.rho_end = options.radius_end.clamp(1e-14, config.rho_begin);
-        config.f_target = TARGET;
-        config.max_fun = options.evaluations.max(config.npt + 1);
-        let mut solver = Bobyqa::new(d, config).ok()?;
+        let radius = options.radius.clamp(1e-12, 0.5);
+        let limits = Limits { radius, radius_end: options.radius_end.clamp(1e-14, radius), evaluations: options.evaluations };
+        let bobyqa = match options.on_costs {
+            LocalMethod::Bobyqa => Some(bobyqa(d, limits)?),
+            // There is nothing to search, which the others would find out by dividing by it.
+            _ if d == 0 => return None,
+            _ => None,
+        };
         // Capacity 0: each side waits until the other has taken what it hands over.
         let (ask, questions) = sync_channel::<Vec<f64>>(0);
         let (answers, told) = sync_channel::<f64>(0);
+        let method = options.on_costs;
         let work = move || {
-            let (lower, upper) = (vec![0.0; d], vec![1.0; d]);
             let objective = |point: &[f64]| match ask.send(point.to_vec()) {
                 Ok(()) => told.recv().unwrap_or(ABANDON),
                 Err(_) => ABANDON,
             };
-            solver.minimize(objective, &mut x, &lower, &upper);
+            match (bobyqa, method) {
+                (Some(mut solver), _) => {
+                    let (lower, upper) = (vec![0.0; d], vec![1.0; d]);
+                    solver.minimize(objective, &mut x, &lower, &upper);
+                }
+                (None, LocalMethod::Pattern) => descent::pattern(objective, &x, limits),
+                (None, _) => descent::nelder_mead(objective, &x, limits),
+            }
         };
-        let thread = std::thread::Builder::new().name("bobyqa".into()).spawn(work).ok()?;
+        let thread = std::thread::Builder::new().name("local search".into()).spawn(work).ok()?;
         Some(Self { questions, answers, thread })
     }
+}
+
+fn bobyqa(d: usize, limits: Limits) -> Option<Bobyqa> {
+    let mut config = Config::new(d);
+    config.rho_begin = limits.radius;
+    config.rho_end = limits.radius_end;
+    config.f_target = TARGET;
+    config.max_fun = limits.evaluations.max(config.npt + 1);
+    Bobyqa::new(d, config).ok()
 }
 
 #[cfg(test)]
