@@ -2,13 +2,16 @@
 
 mod diagnose;
 mod engine;
+mod functions;
 mod hand;
 mod load;
+mod page;
 mod params;
 mod search;
 mod verdicts;
 
 use super::{Failure, print};
+use std::path::PathBuf;
 
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
@@ -31,6 +34,15 @@ pub struct Arguments {
     /// How long the controller's path is polled beside fits; half as long beside fits and uploads.
     #[arg(long, default_value_t = 30)]
     seconds: u64,
+    /// How many seeds each method runs with on each function.
+    #[arg(long, default_value_t = 100)]
+    seeds: u64,
+    /// Write tables and charts as one HTML file that needs no network.
+    #[arg(long, value_name = "FILE")]
+    html: Option<PathBuf>,
+    /// Write every run of `functions` as a line of a CSV file.
+    #[arg(long, value_name = "FILE")]
+    csv: Option<PathBuf>,
     /// Print a line per world as it is done.
     #[arg(long)]
     each: bool,
@@ -45,6 +57,8 @@ enum Subject {
     Engine,
     /// What a diagnosis names on synthetic rooms with hidden effects.
     Diagnose,
+    /// Chapter 5 of the thesis: the firefly family and its rivals on three functions.
+    Functions,
     /// How long a controller waits for its parameters while the service has all hands full.
     Load,
 }
@@ -111,6 +125,9 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
             rows.extend(search::run(arguments.seed, arguments.rooms)?);
             rows.extend(params::run()?);
             rows
+        }
+        Subject::Functions => {
+            functions::run(arguments.seed, arguments.seeds, arguments.html.as_deref(), arguments.csv.as_deref(), arguments.json)?
         }
         Subject::Load => load::run(arguments.seconds)?,
         Subject::Diagnose => diagnose::run(arguments.seed, arguments.worlds, arguments.only.as_deref(), arguments.each)?,

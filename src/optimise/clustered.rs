@@ -239,6 +239,46 @@ impl CfaThesis {
     }
 }
 
+/// A firefly at the start of a generation.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Seen {
+    /// Where it is, in the unit cube.
+    pub position: Vec<f64>,
+    /// Its cluster.
+    pub cluster: usize,
+    /// What its place costs.
+    pub cost: Cost,
+}
+
+/// The fireflies at the start of some generations of Algorithm 2 (Figure 4.2), the first generation being number 0.
+pub fn watch(options: CfaThesisOptions, search: &Search, cost: impl Fn(&[f64]) -> f64, generations: &[usize]) -> Vec<Vec<Seen>> {
+    let mut swarm = CfaThesis::new(options, search);
+    let (mut seen, mut next) = (Vec::new(), 0);
+    while let Ask::Costs(batch) = swarm.propose() {
+        if swarm.started && swarm.generation >= next {
+            if generations.contains(&swarm.generation) {
+                seen.push(swarm.look());
+            }
+            next = swarm.generation + 1;
+        }
+        let answers: Vec<Evaluation> =
+            batch.iter().map(|candidate| Evaluation { cost: Cost::new(cost(&candidate.0)), residuals: Vec::new() }).collect();
+        swarm.digest(&batch, &answers);
+    }
+    seen
+}
+
+impl CfaThesis {
+    fn look(&self) -> Vec<Seen> {
+        let look = |(firefly, ancestors): (&Firefly, &Vec<usize>)| Seen {
+            position: firefly.position.clone(),
+            cluster: ancestors[0],
+            cost: firefly.cost,
+        };
+        self.fireflies.iter().zip(&self.ancestry).map(look).collect()
+    }
+}
+
 impl Strategy for CfaThesis {
     fn propose(&mut self) -> Ask {
         if !self.started {
