@@ -1,5 +1,7 @@
 //! `lampyris bench`: what this build does on this machine, every ratio within one run.
 
+mod ablation;
+mod complexity;
 mod diagnose;
 mod engine;
 mod functions;
@@ -59,6 +61,10 @@ enum Subject {
     Diagnose,
     /// Chapter 5 of the thesis: the firefly family and its rivals on three functions.
     Functions,
+    /// Each modification of the firefly algorithm alone removed from cFA, and alone added to the original.
+    Ablation,
+    /// How the evaluations of a generation grow with the population.
+    Complexity,
     /// How long a controller waits for its parameters while the service has all hands full.
     Load,
 }
@@ -118,6 +124,9 @@ impl Row {
     }
 }
 
+/// Seeds that are enough to fit an exponent.
+const MOST_COMPLEX: u64 = 20;
+
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let rows = match arguments.subject {
         Subject::Engine => {
@@ -129,6 +138,8 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         Subject::Functions => {
             functions::run(arguments.seed, arguments.seeds, arguments.html.as_deref(), arguments.csv.as_deref(), arguments.json)?
         }
+        Subject::Ablation => ablation::run(arguments.seed, arguments.seeds),
+        Subject::Complexity => complexity::run(arguments.seed, arguments.seeds.min(MOST_COMPLEX)),
         Subject::Load => load::run(arguments.seconds)?,
         Subject::Diagnose => diagnose::run(arguments.seed, arguments.worlds, arguments.only.as_deref(), arguments.each)?,
     };

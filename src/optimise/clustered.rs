@@ -8,7 +8,7 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 use serde::{Deserialize, Serialize};
 
 use super::budget::Strategy;
-use super::firefly::{self, Crowd, Firefly, Flight};
+use super::firefly::{self, Crowd, Edges, Firefly, Flight};
 use super::kmeans::{Seeding, cluster_count, kmeans};
 use super::method::Search;
 use super::{Ask, Candidate, Cost, Ended, Evaluation};
@@ -40,6 +40,8 @@ pub struct CfaThesisOptions {
     pub gamma_max: f64,
     /// What the size of a cluster does in eq 4.10.
     pub crowd: Crowd,
+    /// What happens at the edge of the box.
+    pub edges: Edges,
 }
 
 impl Default for CfaThesisOptions {
@@ -56,6 +58,7 @@ impl Default for CfaThesisOptions {
             gamma_min: 0.01,
             gamma_max: 10.0,
             crowd: Crowd::Distance,
+            edges: Edges::Bounce,
         }
     }
 }
@@ -143,6 +146,7 @@ impl CfaThesis {
             crossover: 0.0,
             leap: 0.0,
             crowd: options.crowd,
+            edges: options.edges,
         };
         Self {
             levels: levels.max(1),

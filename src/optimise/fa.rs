@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::clustered::CfaThesisOptions;
-use super::firefly::Crowd;
+use super::firefly::{Crowd, Edges};
 
 /// No population is as large.
 const EVERYONE: f64 = 1e6;
@@ -51,6 +51,8 @@ impl FaOptions {
             gamma_min: gamma,
             gamma_max: gamma,
             crowd: Crowd::Distance,
+            // Reflection is one of the modifications.
+            edges: Edges::Clamp,
         }
     }
 }
@@ -98,6 +100,7 @@ impl FaModifiedOptions {
             gamma_min: self.gamma_min,
             gamma_max: self.gamma_max,
             crowd: Crowd::Distance,
+            edges: Edges::Bounce,
         }
     }
 }

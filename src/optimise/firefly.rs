@@ -95,7 +95,12 @@ impl Firefly {
                 continue;
             }
             let leaps = flight.leap > 0.0 && self.stream.random::<f64>() < flight.leap;
-            *x = if leaps { self.stream.random() } else { bounce(*x + pull * (to - *x) + flight.alpha * noise) };
+            let moved = *x + pull * (to - *x) + flight.alpha * noise;
+            *x = match flight.edges {
+                _ if leaps => self.stream.random(),
+                Edges::Bounce => bounce(moved),
+                Edges::Clamp => moved.clamp(0.0, 1.0),
+            };
         }
     }
 }
@@ -110,6 +115,19 @@ pub enum Crowd {
     /// As the text around it says, "the movement is scaled": the step is multiplied by the square root of the size
     /// and may overshoot the centroid. This is the reading that gives the results of thesis section 5.4.
     Step,
+    /// Nothing: a centroid attracts as one firefly does.
+    Ignored,
+}
+
+/// What happens at the edge of the cube.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Edges {
+    /// A step over the edge is reflected (eq 4.7).
+    #[default]
+    Bounce,
+    /// It ends at the edge.
+    Clamp,
 }
 
 /// The settings of one move.
@@ -127,6 +145,8 @@ pub struct Flight {
     pub leap: f64,
     /// What the size of a cluster does.
     pub crowd: Crowd,
+    /// What happens at the edge of the cube.
+    pub edges: Edges,
 }
 
 impl Flight {
@@ -140,6 +160,7 @@ impl Flight {
         match self.crowd {
             Crowd::Distance => self.attractiveness(squared_distance / crowd),
             Crowd::Step => self.attractiveness(squared_distance) * crowd.sqrt(),
+            Crowd::Ignored => self.attractiveness(squared_distance),
         }
     }
 }
@@ -201,7 +222,8 @@ pub fn keep_brightest(fireflies: &mut Vec<Firefly>, keep: usize) {
 mod tests {
     use super::*;
 
-    const STILL: Flight = Flight { beta0: 1.0, gamma: 1.0, alpha: 0.0, crossover: 0.0, leap: 0.0, crowd: Crowd::Distance };
+    const STILL: Flight =
+        Flight { beta0: 1.0, gamma: 1.0, alpha: 0.0, crossover: 0.0, leap: 0.0, crowd: Crowd::Distance, edges: Edges::Bounce };
 
     #[test]
     fn a_move_is_equation_4_10() {

@@ -24,7 +24,7 @@ pub mod space;
 mod swarm;
 mod trust_region;
 
-pub use firefly::Crowd;
+pub use firefly::{Crowd, Edges};
 pub use method::{Method, Range, Search};
 pub use space::{Candidate, Dimension, Scale, Space, Theta};
 

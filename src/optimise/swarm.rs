@@ -7,7 +7,7 @@
 
 use rand_xoshiro::Xoshiro256PlusPlus;
 
-use super::firefly::{self, Firefly, Flight};
+use super::firefly::{self, Edges, Firefly, Flight};
 use super::hybrid::{CfaOptions, OnCostsOptions, StartFrom};
 use super::kmeans::{Clusters, Seeding, cluster_count, kmeans};
 use super::{Candidate, Cost, Evaluation};
@@ -59,7 +59,7 @@ impl Swarm {
         first: &[Candidate],
     ) -> Self {
         let CfaOptions { beta0, alpha, gamma, crossover, crowd, .. } = *options;
-        let guided = Flight { beta0, gamma, alpha, crossover, leap: 0.0, crowd };
+        let guided = Flight { beta0, gamma, alpha, crossover, leap: 0.0, crowd, edges: Edges::Bounce };
         let OnCostsOptions { gamma, crossover, leap, .. } = options.on_costs;
         let flight = if residuals { guided } else { Flight { gamma, crossover, leap, ..guided } };
         let fireflies: Vec<Firefly> = (0..options.n.max(2))

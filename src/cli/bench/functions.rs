@@ -2,7 +2,7 @@
 //! and its rivals at the same budgets.
 
 mod figures;
-mod methods;
+pub(super) mod methods;
 mod page;
 
 use super::super::{Failure, print};
@@ -18,9 +18,9 @@ use std::path::Path;
 const PLACES: usize = 200;
 
 /// One run of one method on one function.
-struct Run {
-    best: f64,
-    evaluations: usize,
+pub(super) struct Run {
+    pub best: f64,
+    pub evaluations: usize,
     /// Evaluations until the function's tolerance was met.
     reached: Option<usize>,
     /// The best cost so far at each place of the curve (eq 5.1).
@@ -68,7 +68,7 @@ pub fn run(first: u64, seeds: u64, html: Option<&Path>, csv: Option<&Path>, as_j
     Ok(figures::rows(&outcomes))
 }
 
-fn one(case: &Case, method: &Method, seed: u64) -> Run {
+pub(super) fn one(case: &Case, method: &Method, seed: u64) -> Run {
     let search = Search { dimensions: case.dimensions, seed, budget: case.budget, warm: Vec::new(), residuals: false };
     let mut optimiser = method.optimiser(search);
     let mut run = Run { best: f64::INFINITY, evaluations: 0, reached: None, curve: Vec::with_capacity(PLACES) };
@@ -122,7 +122,7 @@ impl Outcome {
 }
 
 /// Of sorted values, between neighbours.
-fn quantile(sorted: &[f64], share: f64) -> f64 {
+pub(super) fn quantile(sorted: &[f64], share: f64) -> f64 {
     let place = share * (sorted.len() - 1) as f64;
     let (low, high) = (sorted[place.floor() as usize], sorted[place.ceil() as usize]);
     low + (high - low) * place.fract()
@@ -179,7 +179,7 @@ fn listed(first: u64, outcomes: &[Outcome]) -> String {
     text
 }
 
-fn name(function: Function) -> &'static str {
+pub(super) fn name(function: Function) -> &'static str {
     match function {
         Function::Schwefel => "Schwefel",
         Function::Rosenbrock => "Rosenbrock",

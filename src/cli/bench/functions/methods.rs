@@ -85,7 +85,7 @@ pub fn entries(case: &Case) -> Vec<Entry> {
     ]
 }
 
-fn original(case: &Case) -> FaOptions {
+pub fn original(case: &Case) -> FaOptions {
     let width = 2.0 * case.function.half_width();
     match case.function {
         Function::Schwefel => FaOptions { width, ..FaOptions::default() },
@@ -103,7 +103,7 @@ fn modified(case: &Case) -> FaModifiedOptions {
     }
 }
 
-fn clustered(case: &Case) -> CfaThesisOptions {
+pub fn clustered(case: &Case) -> CfaThesisOptions {
     let steep = CfaThesisOptions {
         n: 80,
         generations: 350,
