@@ -193,8 +193,8 @@ fn about_requests(service: &Shared, text: &mut Exposition) {
         text.sample("http_requests_total", &[("method", method), ("route", route), ("code", &code.to_string())], *count as f64);
     }
     text.family("http_request_duration_seconds", "histogram", "Time until an answer began; polls of /params are not timed.");
-    for (route, histogram) in &tallies.answer_seconds {
-        text.histogram("http_request_duration_seconds", &[("route", route)], histogram);
+    for ((route, code), histogram) in &tallies.answer_seconds {
+        text.histogram("http_request_duration_seconds", &[("route", route), ("code", &code.to_string())], histogram);
     }
 }
 

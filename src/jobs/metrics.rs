@@ -48,8 +48,8 @@ pub struct Tallies {
     pub live_rmse: BTreeMap<String, (String, f64)>,
     /// Requests, by method, path template and status.
     pub requests: BTreeMap<(&'static str, String, u16), u64>,
-    /// Seconds until an answer began, by path template.
-    pub answer_seconds: BTreeMap<String, Histogram>,
+    /// Seconds until an answer began, by path template and status.
+    pub answer_seconds: BTreeMap<(String, u16), Histogram>,
 }
 
 /// Counts of values up to each of some bounds.
@@ -171,7 +171,7 @@ impl Metrics {
     pub fn answered(&self, method: &'static str, route: &str, status: u16, took: Duration) {
         let mut tallies = self.tallies();
         *tallies.requests.entry((method, route.to_owned(), status)).or_default() += 1;
-        tallies.answer_seconds.entry(route.to_owned()).or_insert_with(|| Histogram::new(ANSWER_BOUNDS)).add(took.as_secs_f64());
+        tallies.answer_seconds.entry((route.to_owned(), status)).or_insert_with(|| Histogram::new(ANSWER_BOUNDS)).add(took.as_secs_f64());
     }
 }
 

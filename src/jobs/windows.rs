@@ -7,9 +7,12 @@ use crate::fault::Fault;
 use crate::store::idempotency::RequestKey;
 use crate::store::windows::{self, Blocks, Deleted, Kept, NewWindow, WindowRecord};
 use crate::units::Unit;
+use jiff::Timestamp;
 use serde_json::Value;
 use std::str::Utf8Error;
 
+/// How far ahead of the service's clock measurements may be.
+const MOST_AHEAD_S: i64 = 86_400;
 /// Most fits that a refusal names.
 const MOST_NAMED: usize = 20;
 
@@ -56,7 +59,8 @@ pub async fn take(
     let bindings = systems::require(service, system).await?.channels;
     let name = system.clone();
     let packed = blocking(move || pack(&name, format, body.as_ref(), &bindings)).await??;
-    let faults = conflicts(service, system, &packed).await?;
+    let mut faults = conflicts(service, system, &packed).await?;
+    faults.extend(ahead_of_clock(packed.to_s, service.now()));
     if !faults.is_empty() {
         return Err(JobsError::Faults(faults));
     }
@@ -91,6 +95,16 @@ async fn conflicts(service: &Service, system: &SystemId, packed: &Packed) -> Res
         }
     }
     Ok(faults)
+}
+
+/// Measurements of tomorrow are stamped by a clock that is wrong, or were never measured. They would be the newest for as long
+/// as it takes, and every default window would end with them.
+fn ahead_of_clock(newest_s: i64, now: Timestamp) -> Option<Fault> {
+    (newest_s > now.as_second().saturating_add(MOST_AHEAD_S)).then(|| {
+        let newest = Timestamp::from_second(newest_s).map_or_else(|_| newest_s.to_string(), |time| time.to_string());
+        let detail = format!("the newest time is {newest}, more than a day ahead of the clock of this service, {now:.0}");
+        Fault::new("rows", "future-time", detail).suggest("check the clock that wrote the times, and that of the service")
+    })
 }
 
 /// Deletes a window.

@@ -16,7 +16,7 @@ fn post(app: &TestApp, times: &[&str]) -> crate::support::Answer {
 
 #[test]
 fn every_kind_of_time_is_kept_in_utc_or_refused_by_name() {
-    let app = TestApp::start();
+    let app = TestApp::at("2026-12-01T00:00:00Z", |_| {});
     app.json("PUT", "/systems/room/1", &json!({"model": "rc2"})).expect(201);
     let kept = |from: &str, to: &str| {
         app.get(&format!("/systems/room/1/series?from={from}&to={to}")).expect(200).json()["channels"]["T_room"]["time"].clone()
@@ -36,6 +36,7 @@ fn every_kind_of_time_is_kept_in_utc_or_refused_by_name() {
     assert_eq!(kept("2026-03-29T00:30:00Z", "2026-03-29T01:30:00Z")[1], "2026-03-29T01:00:00Z");
     // A leap second is the second before it.
     assert_eq!(post(&app, &["2016-12-31T23:59:58Z", "2016-12-31T23:59:60Z", "2017-01-01T00:00:01Z"]).expect(201).json()["rows"], 3);
+    assert_eq!(post(&app, &["2026-12-01T23:50:00Z", "2026-12-02T00:00:00Z"]).expect(201).json()["rows"], 2);
     // Gaps from a second to a month stay what they are.
     let gaps = ["2026-05-01T00:00:00Z", "2026-05-01T00:00:01Z", "2026-05-01T00:10:00Z", "2026-05-31T00:10:00Z"];
     let report = post(&app, &gaps).expect(201).json();
@@ -50,6 +51,9 @@ fn every_kind_of_time_is_kept_in_utc_or_refused_by_name() {
         (["2026-13-01T00:00:00Z", "2026-02-30T00:10:00Z"], "rejected-rows"),
         (["2026-06-02T00:10:00Z", "2026-06-02T00:00:00Z"], "rejected-rows"),
         (["2026-06-03T00:00:00Z", "2026-06-03T00:00:00Z"], "rejected-rows"),
+        // A day ahead may be a clock that is a little off, more is none of today's measurements.
+        (["2026-12-01T23:50:00Z", "2026-12-02T00:00:01Z"], "future-time"),
+        (["2026-12-01T23:50:00Z", "2036-12-01T23:50:00Z"], "future-time"),
     ];
     for (times, code) in &refused {
         let problem = post(&app, times).problem(422, "invalid-request");
@@ -61,7 +65,7 @@ fn every_kind_of_time_is_kept_in_utc_or_refused_by_name() {
 /// The same measurements, told by the clock of Copenhagen over its change, and in UTC.
 #[test]
 fn a_fit_over_the_change_of_the_clock_is_that_of_the_same_data_in_utc() {
-    let app = TestApp::start();
+    let app = TestApp::at("2026-12-01T00:00:00Z", |_| {});
     let zone = jiff::tz::TimeZone::get("Europe/Copenhagen").unwrap();
     for (system, start) in [("spring", "2026-03-22T00:00:00Z"), ("autumn", "2026-10-18T00:00:00Z")] {
         let shift = start.parse::<jiff::Timestamp>().unwrap().duration_since("2026-01-01T00:00:00Z".parse().unwrap());
