@@ -120,7 +120,8 @@ impl Row {
             (true, true) => "holds",
             (true, false) => "FAILS",
         };
-        format!("{:<66} {:>12.4} {:<8} {limit:<9} {mark}", self.what, self.value, self.unit)
+        let value = if self.value != 0.0 && self.value.abs() < 1e-3 { format!("{:.2e}", self.value) } else { format!("{:.4}", self.value) };
+        format!("{:<66} {value:>12} {:<8} {limit:<9} {mark}", self.what, self.unit)
     }
 }
 

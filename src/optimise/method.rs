@@ -299,6 +299,36 @@ mod tests {
         assert_eq!(faults[0].to_string(), "must be from 1 to 64, not 0");
     }
 
+    /// What each method spends on Schwefel's function in 5 dimensions within 20,000 evaluations, and its generations: numbers that
+    /// change only where the method does.
+    #[test]
+    fn a_seed_fixes_the_course_of_every_method() {
+        use crate::optimise::functions::{Function, drive};
+        let golden: [(&str, usize, usize); 10] = [
+            ("cfa", 4124, 221),
+            ("cfa_thesis", 17_577, 70),
+            ("cfa_hierarchical", 16_603, 70),
+            ("lm_multistart", 5520, 18),
+            ("fa", 20_000, 9),
+            ("fa_modified", 20_000, 10),
+            ("grid", 20_000, 1),
+            ("lshade", 20_000, 722),
+            ("pso", 20_000, 399),
+            ("ga", 20_000, 204),
+        ];
+        let course = |name: &str| {
+            let method: Method = serde_json::from_value(serde_json::json!({ name: {} })).unwrap();
+            assert_eq!(method.name(), name);
+            let search = Search { dimensions: 5, seed: 42, budget: 20_000, warm: Vec::new(), residuals: false };
+            let mut optimiser = method.optimiser(search);
+            let run = drive(optimiser.as_mut(), |x| Function::Schwefel.cost(x));
+            (run.evaluations, optimiser.generation())
+        };
+        assert_eq!(golden.map(|entry| entry.0), Method::NAMES);
+        let courses = Method::NAMES.map(|name| (name, course(name).0, course(name).1));
+        assert_eq!(courses, golden);
+    }
+
     #[test]
     fn warm_starts_are_brought_into_the_cube_or_left_out() {
         let warm = vec![Candidate(vec![0.5, 1.5]), Candidate(vec![0.5]), Candidate(vec![f64::NAN, 0.1])];
