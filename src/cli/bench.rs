@@ -1,5 +1,6 @@
 //! `lampyris bench`: what this build does on this machine, every ratio within one run.
 
+mod control;
 mod diagnose;
 mod engine;
 mod hand;
@@ -9,6 +10,7 @@ mod search;
 mod verdicts;
 
 use super::{Failure, print};
+use std::path::PathBuf;
 
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
@@ -31,6 +33,15 @@ pub struct Arguments {
     /// How long the controller's path is polled beside fits; half as long beside fits and uploads.
     #[arg(long, default_value_t = 30)]
     seconds: u64,
+    /// How many weeks each house is controlled.
+    #[arg(long, default_value_t = 8, value_parser = clap::value_parser!(u16).range(1..=26))]
+    weeks: u16,
+    /// How many houses are controlled.
+    #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u16).range(1..=100))]
+    houses: u16,
+    /// Write a page with the results of `loop` as well.
+    #[arg(long)]
+    html: Option<PathBuf>,
     /// Print a line per world as it is done.
     #[arg(long)]
     each: bool,
@@ -47,6 +58,8 @@ enum Subject {
     Diagnose,
     /// How long a controller waits for its parameters while the service has all hands full.
     Load,
+    /// What fresh parameters are worth to a controller, in money and comfort.
+    Loop,
 }
 
 /// One line of the table.
@@ -113,6 +126,10 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
             rows
         }
         Subject::Load => load::run(arguments.seconds)?,
+        Subject::Loop => {
+            let plan = control::Plan::new(arguments.seed, arguments.houses.into(), arguments.weeks.into());
+            return control::run(&plan, arguments.html.as_deref(), arguments.json);
+        }
         Subject::Diagnose => diagnose::run(arguments.seed, arguments.worlds, arguments.only.as_deref(), arguments.each)?,
     };
     if arguments.json {
