@@ -2,6 +2,7 @@
 
 mod ablation;
 mod complexity;
+mod control;
 mod diagnose;
 mod engine;
 mod functions;
@@ -45,6 +46,12 @@ pub struct Arguments {
     /// Write every run of `functions` as a line of a CSV file.
     #[arg(long, value_name = "FILE")]
     csv: Option<PathBuf>,
+    /// How many weeks each house is controlled.
+    #[arg(long, default_value_t = 8, value_parser = clap::value_parser!(u16).range(1..=26))]
+    weeks: u16,
+    /// How many houses are controlled.
+    #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u16).range(1..=100))]
+    houses: u16,
     /// Print a line per world as it is done.
     #[arg(long)]
     each: bool,
@@ -67,6 +74,8 @@ enum Subject {
     Complexity,
     /// How long a controller waits for its parameters while the service has all hands full.
     Load,
+    /// What fresh parameters are worth to a controller, in money and comfort.
+    Loop,
 }
 
 /// One line of the table.
@@ -142,6 +151,10 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         Subject::Ablation => ablation::run(arguments.seed, arguments.seeds),
         Subject::Complexity => complexity::run(arguments.seed, arguments.seeds.min(MOST_COMPLEX)),
         Subject::Load => load::run(arguments.seconds)?,
+        Subject::Loop => {
+            let plan = control::Plan::new(arguments.seed, arguments.houses.into(), arguments.weeks.into());
+            return control::run(&plan, arguments.html.as_deref(), arguments.json);
+        }
         Subject::Diagnose => diagnose::run(arguments.seed, arguments.worlds, arguments.only.as_deref(), arguments.each)?,
     };
     if arguments.json {

@@ -18,6 +18,7 @@ const ZONE_HOURS: i64 = 1;
 pub const NEIGHBOURS: usize = 2;
 
 /// Series in steps of three minutes.
+#[derive(Debug)]
 pub struct Climate {
     /// Unix seconds of the first step.
     pub start: i64,

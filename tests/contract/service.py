@@ -41,12 +41,12 @@ def environment(folder, *packages):
 
 
 @contextlib.contextmanager
-def running(folder, **settings):
-    """A service on a free port of the loopback with a fresh database; ends with the block."""
+def running(folder, port=0, **settings):
+    """A service on a free port of the loopback, or this one, with the database of the folder; ends with the block."""
     # A step that is stopped must end what it started, so the signal becomes an exception.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
     log = Path(folder) / "service.log"
-    command = [binary(), "serve", "--bind", "127.0.0.1:0", "--database", Path(folder) / "contract.db"]
+    command = [binary(), "serve", "--bind", f"127.0.0.1:{port}", "--database", Path(folder) / "contract.db"]
     with log.open("w") as log_file:
         child = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log_file, text=True, env={**os.environ, **settings})
     try:
