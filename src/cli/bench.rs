@@ -3,12 +3,15 @@
 mod diagnose;
 mod engine;
 mod hand;
+mod house;
 mod load;
 mod params;
 mod search;
 mod verdicts;
 
 use super::{Failure, print};
+use serde_json::{Value, json};
+use std::path::PathBuf;
 
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
@@ -18,7 +21,7 @@ pub struct Arguments {
     /// First seed of the synthetic rooms.
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// How many synthetic rooms are fitted.
+    /// How many synthetic rooms are fitted; of the house, at most its eleven.
     #[arg(long, default_value_t = 20)]
     rooms: u64,
     /// How many worlds of each level are diagnosed: a third hides nothing, a third one effect, a fifth two, the others
@@ -31,6 +34,12 @@ pub struct Arguments {
     /// How long the controller's path is polled beside fits; half as long beside fits and uploads.
     #[arg(long, default_value_t = 30)]
     seconds: u64,
+    /// What the shape counts in the shape-weighted error of the house (delta of thesis eq. 7.6).
+    #[arg(long, default_value_t = 0.5)]
+    delta: f64,
+    /// Write the tables and charts of the house as one HTML file that needs no network.
+    #[arg(long, value_name = "FILE")]
+    html: Option<PathBuf>,
     /// Print a line per world as it is done.
     #[arg(long)]
     each: bool,
@@ -47,6 +56,8 @@ enum Subject {
     Diagnose,
     /// How long a controller waits for its parameters while the service has all hands full.
     Load,
+    /// Chapter 7 of the thesis on a twin house: layout, methods, two weeks, bounds, valve.
+    House,
 }
 
 /// One line of the table.
@@ -105,6 +116,7 @@ impl Row {
 }
 
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let mut more = Value::Null;
     let rows = match arguments.subject {
         Subject::Engine => {
             let mut rows = engine::run(arguments.seed)?;
@@ -113,10 +125,19 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
             rows
         }
         Subject::Load => load::run(arguments.seconds)?,
+        Subject::House => {
+            let (rows, document) = house::run(arguments.seed, arguments.rooms, arguments.delta, arguments.html.as_deref(), arguments.json)?;
+            more = document;
+            rows
+        }
         Subject::Diagnose => diagnose::run(arguments.seed, arguments.worlds, arguments.only.as_deref(), arguments.each)?,
     };
     if arguments.json {
-        print(&serde_json::json!({ "rows": rows }).to_string());
+        let mut document = json!({ "rows": rows });
+        if let (Value::Object(document), Value::Object(more)) = (&mut document, more) {
+            document.extend(more);
+        }
+        print(&document.to_string());
     } else {
         rows.iter().for_each(|row| print(&row.line()));
     }
