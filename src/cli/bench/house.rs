@@ -151,10 +151,10 @@ impl House {
         self.truths.iter().filter(same).count()
     }
 
-    /// The room whose second week is worst after a search in the thesis's box, and that way.
+    /// The room whose error grows most from the first week to the second after a search in the thesis's box, and that way.
     fn overfit(&self) -> Option<(&str, &'static Way)> {
         let wide: [&'static Way; 2] = [&THESIS, &THESIS_MSE];
-        let error = |run: &Run| run.solution.as_ref().map(|solution| solution.errors.mse[1]);
+        let error = |run: &Run| run.solution.as_ref().map(|solution| solution.errors.mse[1] / solution.errors.mse[0]);
         let all = wide.into_iter().flat_map(|way| self.of(way).filter_map(move |run| Some((run.room.as_str(), way, error(run)?))));
         all.max_by(|a, b| a.2.total_cmp(&b.2)).map(|(room, way, _)| (room, way))
     }

@@ -309,7 +309,7 @@ fn worst(house: &House) -> Option<Table> {
     Some(Table {
         id: "figure-7-7",
         title: format!("Figure 7.7: room {room}, overfitted in the wide box, and its cure"),
-        note: "The room whose second week is worst after a search in Table 7.5's box. In the thesis it is room 1: 0.301 in week 1, 5.228 in week 2.".to_owned(),
+        note: "The room whose error grows most from week 1 to week 2 after a search in Table 7.5's box. In the thesis it is room 1: 0.301 in week 1, 5.228 in week 2.".to_owned(),
         head: heads(&["search and box", "week 1", "week 2", "largest coefficient", "what the gate says"]),
         rows: rows.collect(),
     })
@@ -336,7 +336,7 @@ fn valves(house: &House) -> Table {
     Table {
         id: "valves",
         title: "The measured valve against the sigmoid (thesis 7.6.1)".to_owned(),
-        note: "Mean square errors of `cfa` in K2. The thesis takes the flow for a sigmoid of the room temperature; four thermostats of this house are turned down at night, which a sigmoid cannot know and a measured valve shows.".to_owned(),
+        note: "Mean square errors of `cfa` in K2. The thesis takes the flow for a sigmoid of the room temperature; some thermostats of this house are turned down at night, which a sigmoid cannot know and a measured valve shows.".to_owned(),
         head: heads(&["room", "lowered by night, K", "sigmoid week 1", "valve week 1", "sigmoid week 2", "valve week 2"]),
         rows,
     }
