@@ -7,6 +7,7 @@ mod diagnose;
 mod engine;
 mod functions;
 mod hand;
+mod house;
 mod load;
 mod page;
 mod params;
@@ -14,6 +15,7 @@ mod search;
 mod verdicts;
 
 use super::{Failure, print};
+use serde_json::{Value, json};
 use std::path::PathBuf;
 
 #[derive(Debug, clap::Args)]
@@ -24,7 +26,7 @@ pub struct Arguments {
     /// First seed of the synthetic rooms.
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// How many synthetic rooms are fitted.
+    /// How many synthetic rooms are fitted; of the house, at most its eleven.
     #[arg(long, default_value_t = 20)]
     rooms: u64,
     /// How many worlds of each level are diagnosed: a third hides nothing, a third one effect, a fifth two, the others
@@ -52,6 +54,9 @@ pub struct Arguments {
     /// How many houses are controlled.
     #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u16).range(1..=100))]
     houses: u16,
+    /// What the shape counts in the shape-weighted error of the house (delta of thesis eq. 7.6).
+    #[arg(long, default_value_t = 0.5)]
+    delta: f64,
     /// Print a line per world as it is done.
     #[arg(long)]
     each: bool,
@@ -76,6 +81,8 @@ enum Subject {
     Load,
     /// What fresh parameters are worth to a controller, in money and comfort.
     Loop,
+    /// Chapter 7 of the thesis on a twin house: layout, methods, two weeks, bounds, valve.
+    House,
 }
 
 /// One line of the table.
@@ -138,6 +145,7 @@ impl Row {
 const MOST_COMPLEX: u64 = 20;
 
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let mut more = Value::Null;
     let rows = match arguments.subject {
         Subject::Engine => {
             let mut rows = engine::run(arguments.seed)?;
@@ -155,10 +163,19 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
             let plan = control::Plan::new(arguments.seed, arguments.houses.into(), arguments.weeks.into());
             return control::run(&plan, arguments.html.as_deref(), arguments.json);
         }
+        Subject::House => {
+            let (rows, document) = house::run(arguments.seed, arguments.rooms, arguments.delta, arguments.html.as_deref(), arguments.json)?;
+            more = document;
+            rows
+        }
         Subject::Diagnose => diagnose::run(arguments.seed, arguments.worlds, arguments.only.as_deref(), arguments.each)?,
     };
     if arguments.json {
-        print(&serde_json::json!({ "rows": rows }).to_string());
+        let mut document = json!({ "rows": rows });
+        if let (Value::Object(document), Value::Object(more)) = (&mut document, more) {
+            document.extend(more);
+        }
+        print(&document.to_string());
     } else {
         rows.iter().for_each(|row| print(&row.line()));
     }

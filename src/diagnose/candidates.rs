@@ -188,7 +188,7 @@ fn suspect(catalogue: &Catalogue, base: &Problem, grid: &Grid, site: &Site, name
     let channels = grid.columns().map(|(channel, _)| channel.to_owned()).collect();
     let model = compile(&composition, &Bindings { sets, channels: Some(channels) })?;
     // The boxes of the fit, which may have asked for others than the document's.
-    let mut choices = Choices { objective: base.objective(), ..Choices::default() };
+    let mut choices = Choices { objective: base.objective(), delta: base.delta(), ..Choices::default() };
     for (parameter, bounds) in base.model().parameters().iter().zip(base.bounds()) {
         choices.bounds.insert(parameter.name.clone(), *bounds);
     }

@@ -1,11 +1,57 @@
 //! What is minimised, as a divisor of squared residuals: the mean of all of them is the objective.
 
 use super::request::Objective;
+use serde::{Deserialize, Serialize};
 
-/// The correlation weight of the shape-weighted error (thesis eq. 7.6).
-const SHAPE_DELTA: f64 = 0.5;
+/// The correlation weight of the thesis.
+const USUAL_DELTA: f64 = 0.5;
+/// The least that the shape-weighted error is divided by (thesis eq. 7.6).
+const LEAST_DIVISOR: f64 = 1e-3;
 /// An output whose variance is below this share of its noise has not moved.
 const STILL: f64 = 1e-6;
+
+/// `delta` of thesis eq. 7.6, from 0 to 1: 1 looks at the error alone, 0 divides it by the correlation of the shapes.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "f64", into = "f64")]
+pub struct ShapeDelta(f64);
+
+impl ShapeDelta {
+    /// Whether it is the thesis's own, which documents need not name.
+    pub fn is_usual(&self) -> bool {
+        self.0 == USUAL_DELTA
+    }
+
+    /// `max(delta + (1 - delta) r, 1e-3)` of eq. 7.6, with r = 0 where a series is constant.
+    fn divisor(self, pairs: impl Iterator<Item = (f64, f64)> + Clone) -> f64 {
+        (self.0 + (1.0 - self.0) * correlation(pairs)).max(LEAST_DIVISOR)
+    }
+}
+
+impl Default for ShapeDelta {
+    fn default() -> Self {
+        Self(USUAL_DELTA)
+    }
+}
+
+impl TryFrom<f64> for ShapeDelta {
+    type Error = String;
+
+    fn try_from(delta: f64) -> Result<Self, String> {
+        if (0.0..=1.0).contains(&delta) { Ok(Self(delta)) } else { Err(format!("delta is a number from 0 to 1, not {delta}")) }
+    }
+}
+
+impl From<ShapeDelta> for f64 {
+    fn from(delta: ShapeDelta) -> f64 {
+        delta.0
+    }
+}
+
+/// The shape-weighted mean square error of simulated and measured values (thesis eq. 7.6); `None` for no values.
+pub fn swmse(pairs: &[(f64, f64)], delta: ShapeDelta) -> Option<f64> {
+    let mean = pairs.iter().map(|(simulated, measured)| (simulated - measured).powi(2)).sum::<f64>() / pairs.len() as f64;
+    Some(mean / delta.divisor(pairs.iter().copied())).filter(|error| error.is_finite())
+}
 
 /// What an output is among the others.
 #[derive(Debug, Clone, Copy)]
@@ -22,11 +68,11 @@ pub struct Share {
 ///
 /// The mean square errors of several outputs are weighed by their noise, except where the objective normalises
 /// them itself.
-pub fn divisor(objective: Objective, pairs: impl Iterator<Item = (f64, f64)> + Clone, share: &Share) -> f64 {
+pub fn divisor(objective: Objective, delta: ShapeDelta, pairs: impl Iterator<Item = (f64, f64)> + Clone, share: &Share) -> f64 {
     let weight = if share.outputs == 1 { 1.0 } else { share.noise };
     match objective {
         Objective::Mse => weight,
-        Objective::Swmse => weight * shape_divisor(pairs),
+        Objective::Swmse => weight * delta.divisor(pairs),
         Objective::Nmse => {
             let n = pairs.clone().count() as f64;
             let variance = variance(pairs.map(|(_, measured)| measured));
@@ -44,8 +90,8 @@ fn variance(values: impl Iterator<Item = f64> + Clone) -> f64 {
     values.map(|value| (value - mean).powi(2)).sum::<f64>() / n
 }
 
-/// `max(delta + (1 - delta) r, 1e-3)` of eq. 7.6, with r = 0 where a series is constant.
-fn shape_divisor(pairs: impl Iterator<Item = (f64, f64)> + Clone) -> f64 {
+/// Pearson's correlation, 0 where a series is constant.
+fn correlation(pairs: impl Iterator<Item = (f64, f64)> + Clone) -> f64 {
     let n = pairs.clone().count() as f64;
     let (sum_a, sum_b) = pairs.clone().fold((0.0, 0.0), |(a, b), (x, y)| (a + x, b + y));
     let (mean_a, mean_b) = (sum_a / n, sum_b / n);
@@ -56,8 +102,7 @@ fn shape_divisor(pairs: impl Iterator<Item = (f64, f64)> + Clone) -> f64 {
         bb += y * y;
         ab += x * y;
     }
-    let correlation = if aa > 0.0 && bb > 0.0 { ab / (aa * bb).sqrt() } else { 0.0 };
-    (SHAPE_DELTA + (1.0 - SHAPE_DELTA) * correlation).max(1e-3)
+    if aa > 0.0 && bb > 0.0 { ab / (aa * bb).sqrt() } else { 0.0 }
 }
 
 #[cfg(test)]
@@ -67,11 +112,23 @@ mod tests {
     #[test]
     fn the_shape_divisor_is_that_of_equation_7_6() {
         let wave: Vec<(f64, f64)> = (0..50).map(|i| (f64::from(i).sin(), 2.0 * f64::from(i).sin() + 1.0)).collect();
-        assert!((shape_divisor(wave.iter().copied()) - 1.0).abs() < 1e-12);
+        let usual = ShapeDelta::default();
+        assert!((usual.divisor(wave.iter().copied()) - 1.0).abs() < 1e-12);
         let mirrored: Vec<(f64, f64)> = wave.iter().map(|(x, y)| (*x, -y)).collect();
-        assert!((shape_divisor(mirrored.iter().copied()) - 1e-3).abs() < 1e-12);
+        assert!((usual.divisor(mirrored.iter().copied()) - 1e-3).abs() < 1e-12);
+        // A constant output has no shape: r = 0, whichever of the two stands still.
         let constant: Vec<(f64, f64)> = wave.iter().map(|(x, _)| (*x, 3.0)).collect();
-        assert!((shape_divisor(constant.iter().copied()) - 0.5).abs() < 1e-12);
+        let still: Vec<(f64, f64)> = wave.iter().map(|(_, y)| (3.0, *y)).collect();
+        for delta in [0.0, 0.25, 0.5, 1.0] {
+            let delta = ShapeDelta::try_from(delta).unwrap();
+            for pairs in [&constant, &still] {
+                let mean = pairs.iter().map(|(x, y)| (x - y).powi(2)).sum::<f64>() / 50.0;
+                let expected = mean / f64::from(delta).max(1e-3);
+                assert!((swmse(pairs, delta).unwrap() / expected - 1.0).abs() < 1e-12);
+            }
+        }
+        assert_eq!(swmse(&[], usual), None);
+        assert!(ShapeDelta::try_from(1.5).is_err() && ShapeDelta::try_from(f64::NAN).is_err());
     }
 
     #[test]
@@ -83,7 +140,7 @@ mod tests {
         let total = 60;
         let mut squares = 0.0;
         for pairs in outputs {
-            let divisor = divisor(Objective::Nmse, pairs.iter().copied(), &Share { noise: 0.01, outputs: 3, total });
+            let divisor = divisor(Objective::Nmse, ShapeDelta::default(), pairs.iter().copied(), &Share { noise: 0.01, outputs: 3, total });
             squares += pairs.iter().map(|(x, y)| (x - y).powi(2)).sum::<f64>() / divisor;
         }
         let by_hand = |pairs: &[(f64, f64)]| {
@@ -98,7 +155,8 @@ mod tests {
         // A model that knows the mean alone costs one.
         let mean: Vec<(f64, f64)> = large.iter().map(|(_, y)| (1029.25, *y)).collect();
         let share = Share { noise: 0.01, outputs: 1, total: 40 };
-        let one = mean.iter().map(|(x, y)| (x - y).powi(2)).sum::<f64>() / 40.0 / divisor(Objective::Nmse, mean.iter().copied(), &share);
+        let divisor = divisor(Objective::Nmse, ShapeDelta::default(), mean.iter().copied(), &share);
+        let one = mean.iter().map(|(x, y)| (x - y).powi(2)).sum::<f64>() / 40.0 / divisor;
         assert!((one - 1.0).abs() < 1e-12, "{one}");
     }
 }

@@ -1,7 +1,7 @@
 //! What is asked: a model, a window on a grid, the parts of it, an objective and a box of free parameters.
 
 use super::fit::Basis;
-use super::objective::{Share, divisor};
+use super::objective::{ShapeDelta, Share, divisor};
 use super::request::{Objective, Prior};
 use crate::data::{Grid, Split};
 use crate::fault::{Fault, nearest};
@@ -24,6 +24,7 @@ pub struct Problem {
     simulator: Simulator,
     split: Split,
     objective: Objective,
+    delta: ShapeDelta,
     prior: Prior,
     /// Residual variance of the fit without a prior; the prior's weight.
     prior_variance: Option<f64>,
@@ -53,6 +54,8 @@ pub struct Source {
 pub struct Choices {
     /// What is minimised.
     pub objective: Objective,
+    /// What the shape counts in it.
+    pub delta: ShapeDelta,
     /// Whether the logarithms of the parameters are drawn to their nominal values.
     pub prior: Prior,
     /// Other bounds, by parameter.
@@ -139,6 +142,7 @@ impl Problem {
             simulator,
             split,
             objective: choices.objective,
+            delta: choices.delta,
             prior: choices.prior,
             prior_variance: None,
             measured,
@@ -233,6 +237,11 @@ impl Problem {
     /// What is minimised.
     pub fn objective(&self) -> Objective {
         self.objective
+    }
+
+    /// What the shape counts in it.
+    pub fn delta(&self) -> ShapeDelta {
+        self.delta
     }
 
     /// The prior.
@@ -351,7 +360,7 @@ impl Problem {
         for (output, (simulated, used)) in trajectory.outputs.iter().zip(&used).enumerate() {
             let (values, _) = &self.measured[output];
             let share = Share { noise: self.model.outputs()[output].noise_sd.powi(2), outputs: self.measured.len(), total };
-            let divisor = divisor(self.objective, used.iter().map(|k| (simulated[*k], values[*k])), &share);
+            let divisor = divisor(self.objective, self.delta, used.iter().map(|k| (simulated[*k], values[*k])), &share);
             // Dividing each residual by the root of the divisor makes the mean square the objective, so that
             // least squares applies to all of them.
             let factor = 1.0 / divisor.sqrt();

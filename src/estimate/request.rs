@@ -2,6 +2,7 @@
 
 use super::fit::Basis;
 pub use super::method::SeededMethod;
+use super::objective::ShapeDelta;
 use super::problem::{Choices, Problem, Source};
 use super::stop::EarlyStopping;
 use crate::data::{
@@ -110,6 +111,10 @@ pub struct EstimateRequest {
     pub split: SplitRequest,
     /// What is minimised.
     pub objective: Objective,
+    /// What the shape counts in `swmse` (delta of thesis eq. 7.6): 1 is the mean square error alone; 0.5 by default.
+    #[serde(skip_serializing_if = "ShapeDelta::is_usual")]
+    #[schema(value_type = f64, minimum = 0, maximum = 1)]
+    pub delta: ShapeDelta,
     /// What is known beforehand.
     pub prior: Prior,
     /// How it is searched, and from which seed.
@@ -130,7 +135,7 @@ pub struct EstimateRequest {
 impl EstimateRequest {
     /// What is asked different from the model's own document.
     pub fn choices(&self) -> Choices {
-        Choices { objective: self.objective, prior: self.prior, bounds: self.bounds.clone(), fixed: self.fixed.clone() }
+        Choices { objective: self.objective, delta: self.delta, prior: self.prior, bounds: self.bounds.clone(), fixed: self.fixed.clone() }
     }
 }
 

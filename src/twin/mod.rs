@@ -1,17 +1,20 @@
 //! Synthetic rooms whose truth is known, for tests, benches and teaching.
 //!
 //! A twin is written as CSV text and read back like any measurement, so it enters by the same door. `room` is the
-//! room of the thesis with nothing hidden; `world` hides effects in it, for `diagnose` to find. `heated` is no record: a
-//! controller decides step by step what its heat pump does.
+//! room of the thesis with nothing hidden; `world` hides effects in it, for `diagnose` to find; `house` is eleven rooms
+//! that warm each other, with more sensors than rooms. `heated` is no record: a controller decides step by step what its
+//! heat pump does.
 
 mod climate;
 mod dice;
 pub mod heated;
 mod hidden;
+pub mod house;
 mod price;
 pub mod room;
 pub mod world;
 
 pub use hidden::{CATALOGUED, STRANGE};
+pub use house::{HouseRequest, HouseTwin, RoomTruth, house};
 pub use room::{RoomTwin, room};
 pub use world::{Level, Truth, World, WorldRequest, world};

@@ -16,14 +16,18 @@ const STARTS: usize = 64;
 const WITHIN: f64 = 1.01;
 const BUDGET: usize = 20_000;
 
-/// Cost and evaluations at each improvement of a search, and its wall time.
-struct Path {
+/// Cost and evaluations at each improvement of a search, where it ended, and its wall time.
+pub struct Path {
     improvements: Vec<(usize, f64)>,
-    seconds: f64,
+    /// The best parameters in the model's order; none where every candidate diverged.
+    pub best: Option<Vec<f64>>,
+    /// Single-candidate simulations of the whole search.
+    pub evaluations: usize,
+    pub seconds: f64,
 }
 
 impl Path {
-    fn best(&self) -> f64 {
+    fn cost(&self) -> f64 {
         self.improvements.last().map_or(f64::INFINITY, |(_, cost)| *cost)
     }
 
@@ -33,7 +37,8 @@ impl Path {
     }
 }
 
-fn path(problem: &Problem, method: &Method, seed: u64, budget: usize) -> Path {
+/// A method by itself, without what an estimation adds: no start at nominal values, no polish, no finer steps.
+pub fn path(problem: &Problem, method: &Method, seed: u64, budget: usize) -> Path {
     let start = Instant::now();
     // No warm start: a first fit has none but the nominal values, and those are not the question here.
     let search = Search { dimensions: problem.space().len(), seed, budget, warm: Vec::new(), residuals: true };
@@ -53,7 +58,8 @@ fn path(problem: &Problem, method: &Method, seed: u64, budget: usize) -> Path {
             improvements.push((evaluations, cost));
         }
     }
-    Path { improvements, seconds: start.elapsed().as_secs_f64() }
+    let best = optimiser.best().filter(|(_, cost)| *cost != Cost::Diverged).map(|(best, _)| problem.theta(best));
+    Path { improvements, best, evaluations, seconds: start.elapsed().as_secs_f64() }
 }
 
 pub fn run(first: u64, rooms: u64) -> Result<Vec<Row>, Failure> {
@@ -61,9 +67,9 @@ pub fn run(first: u64, rooms: u64) -> Result<Vec<Row>, Failure> {
     for room in first..first + rooms {
         let (_, problem) = week(room, 30)?;
         let multistart = Method::LmMultistart(LmOptions { starts: STARTS, converge: false, ..LmOptions::default() });
-        let mut best = path(&problem, &multistart, 1000 + room, 1_000_000).best();
+        let mut best = path(&problem, &multistart, 1000 + room, 1_000_000).cost();
         let paths: Vec<Path> = (0..SEEDS).map(|seed| path(&problem, &Method::default(), 100 * room + seed, BUDGET)).collect();
-        best = paths.iter().map(Path::best).fold(best, f64::min);
+        best = paths.iter().map(Path::cost).fold(best, f64::min);
         reached.extend(paths.iter().map(|path| path.reach(WITHIN * best)));
         walls.extend(paths.iter().map(|path| path.seconds));
     }

@@ -1,16 +1,15 @@
 //! The results as one HTML file: the table, the sentences, and charts that are drawn here, so that nothing needs a script.
 
 use super::super::super::Failure;
+use super::super::page::{self, escaped};
 use super::answer::{Answer, Spread, basis, span};
 use super::arm::{Kind, Measures};
 use super::{Measured, Outcome};
-use lampyris::http::page_part;
 use std::fmt::Write;
 use std::path::Path;
 
-const STYLES: [&str; 2] = ["style.css", "parts.css"];
 /// A colour of the page for each arm; perfect knowledge is dashed.
-const OWN_STYLE: &str = "
+const STYLE: &str = "
 .arm { fill: none; stroke-width: 2; }
 .swatch { display: inline-block; width: 1.4em; height: 0.55em; margin-right: 0.4em; border-radius: 2px; }
 .nominal { stroke: var(--quiet); } .swatch.nominal, .dot.nominal { fill: var(--quiet); background: var(--quiet); }
@@ -43,16 +42,11 @@ pub fn write(file: &Path, measured: &Measured, answer: &Answer) -> Result<(), Fa
 }
 
 fn document(measured: &Measured, answer: &Answer) -> Result<String, Failure> {
-    let mut styles = String::new();
-    for path in STYLES {
-        styles.push_str(&page_part(path).ok_or_else(|| Failure::Error(format!("the page has no part `{path}`")))?);
-    }
-    styles.push_str(OWN_STYLE);
     let paragraphs = |lines: &[String]| lines.iter().map(|line| format!("<p>{}</p>\n", escaped(line))).collect::<String>();
     let late = measured.plan.leaks_from() as f64 / 7.0;
     let weekly = |of: &dyn Fn(&Measures) -> f64| weeks(measured, of);
     let body = format!(
-        "<h1>What fresh parameters are worth to a controller</h1>\n{}<h2>The arms</h2>\n{}{}<div \
+        "{}<h2>The arms</h2>\n{}{}<div \
          class=\"grid\">{}{}</div><h2>What was run</h2>\n{}",
         paragraphs(&answer.sentences),
         table(answer),
@@ -61,32 +55,7 @@ fn document(measured: &Measured, answer: &Answer) -> Result<String, Failure> {
         lines("Bill and discomfort beside perfect knowledge", "EUR a week", &beside(weekly(&Measures::total)), late),
         paragraphs(&basis(measured)),
     );
-    // Nothing but the styles that are written here may take part; no script at all.
-    let nonce = blake3::hash(body.as_bytes()).to_hex();
-    Ok(format!(
-        r#"<!doctype html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta http-equiv="Content-Security-Policy" content="default-src 'none'; style-src 'nonce-{nonce}'; img-src data:; base-uri 'none'; form-action 'none'">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<meta name="color-scheme" content="light dark">
-<title>Lampyris: what fresh parameters are worth</title>
-<link rel="icon" href="data:,">
-<style nonce="{nonce}">{styles}</style>
-</head>
-<body>
-<main>
-{body}
-</main>
-</body>
-</html>
-"#
-    ))
-}
-
-fn escaped(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;")
+    page::document("What fresh parameters are worth to a controller", STYLE, &body)
 }
 
 fn table(answer: &Answer) -> String {

@@ -1,7 +1,7 @@
 //! The page: the convergence plots of Figure 5.3, the swarm of Figure 4.2, and the tables behind them.
 
 use super::super::super::Failure;
-use super::super::page::{document as framed, escaped, table};
+use super::super::page::{self, escaped, table};
 use super::figures::Claim;
 use super::methods::{CASES, Case, DEFAULT, GRID, LSHADE, MODIFIED, ORIGINAL, THESIS};
 use super::{HEAD, Outcome, PLACES, cells};
@@ -74,7 +74,7 @@ pub fn document(seed: u64, outcomes: &[Outcome], claims: &[Claim]) -> Result<Str
             write!(body, "<figure class=\"frame\"><figcaption>Generation {generation}</figcaption>{}</figure>", cloud(*generation, &seen));
     }
     body += "</div>";
-    framed("The benchmark of chapter 5", STYLE, &body)
+    page::document("The benchmark of chapter 5", STYLE, &body)
 }
 
 fn legend() -> String {
