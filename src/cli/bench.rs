@@ -3,6 +3,7 @@
 mod diagnose;
 mod engine;
 mod hand;
+mod likelihood;
 mod load;
 mod params;
 mod search;
@@ -45,6 +46,8 @@ enum Subject {
     Engine,
     /// What a diagnosis names on synthetic rooms with hidden effects.
     Diagnose,
+    /// Maximum likelihood on synthetic rooms: whether and how fast it converges, and how often its intervals hold the truth.
+    Likelihood,
     /// How long a controller waits for its parameters while the service has all hands full.
     Load,
 }
@@ -112,6 +115,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
             rows.extend(params::run()?);
             rows
         }
+        Subject::Likelihood => likelihood::run(arguments.seed, arguments.rooms, arguments.worlds, arguments.each)?,
         Subject::Load => load::run(arguments.seconds)?,
         Subject::Diagnose => diagnose::run(arguments.seed, arguments.worlds, arguments.only.as_deref(), arguments.each)?,
     };

@@ -324,7 +324,7 @@ mod tests {
         while let Ask::Costs(batch) = optimiser.ask() {
             sizes.push(batch.len());
             let answers: Vec<Evaluation> =
-                batch.iter().map(|candidate| Evaluation { cost: Cost::new(candidate.0[0]), residuals: Vec::new() }).collect();
+                batch.iter().map(|candidate| Evaluation { cost: Cost::new(candidate.0[0]), residuals: Vec::new(), slope: None }).collect();
             optimiser.tell(&answers);
         }
         assert_eq!(sizes[0], 70);

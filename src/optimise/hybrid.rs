@@ -11,10 +11,10 @@ use serde::{Deserialize, Serialize};
 use super::agreement::{Agreement, AgreementOptions};
 use super::budget::Strategy;
 use super::firefly::{Crowd, random_point, stream};
-use super::local::{LocalOptions, LocalStage};
+use super::local::{LocalOptions, LocalStage, LocalWay};
 use super::method::Search;
 use super::swarm::Swarm;
-use super::{Ask, Candidate, Cost, Ended, Evaluation};
+use super::{Ask, Candidate, Cost, Ended, Evaluation, LocalRun, Origin};
 use utoipa::ToSchema;
 
 /// The hyperparameters of the hybrid.
@@ -99,7 +99,7 @@ pub struct Cfa {
     options: CfaOptions,
     dimensions: usize,
     seed: u64,
-    residuals: bool,
+    way: LocalWay,
     /// The stream of the scouts; swarms and fireflies own others.
     stream: Xoshiro256PlusPlus,
     stage: Stage,
@@ -108,6 +108,9 @@ pub struct Cfa {
     /// Swarms begun, each with its own random streams.
     swarms: usize,
     agreement: Agreement,
+    /// Where the runs of the present local stage came from, and the runs of those before it.
+    origins: Vec<Origin>,
+    runs: Vec<LocalRun>,
     /// Generations of the swarms and batches of the local stages completed.
     generation: usize,
 }
@@ -116,15 +119,23 @@ impl Cfa {
     /// A search that polishes the warm starts first, if there are any: a recalibration whose parameters still hold
     /// has its optimum at once, and a swarm whose own local runs end at the same cost confirms it.
     pub fn new(options: CfaOptions, search: &Search) -> Self {
+        let way = LocalWay::on_residuals(&options.local, search.residuals);
+        Self::with(options, way, search)
+    }
+
+    /// The same search with another local stage.
+    pub fn with(options: CfaOptions, way: LocalWay, search: &Search) -> Self {
         let warm = search.warm_starts();
         let mut cfa = Self {
             dimensions: search.dimensions,
             seed: search.seed,
-            residuals: search.residuals,
             stream: stream(search.seed, u64::MAX),
-            stage: Stage::Local(LocalStage::new(&options.local, &warm, search.residuals)),
+            stage: Stage::Local(LocalStage::new(&way, &warm)),
+            way,
             warm: Vec::new(),
             swarms: 0,
+            origins: vec![Origin::Warm; warm.len()],
+            runs: Vec::new(),
             agreement: Agreement::new(options.agreement),
             generation: 0,
             options,
@@ -136,7 +147,8 @@ impl Cfa {
     }
 
     fn next_swarm(&mut self) -> Stage {
-        let first_swarm = if self.residuals { self.options.swarm } else { self.options.swarm_on_costs };
+        let guided = matches!(self.way, LocalWay::Residuals(_));
+        let first_swarm = if guided { self.options.swarm } else { self.options.swarm_on_costs };
         let grown = first_swarm as f64 * self.options.growth.max(1.0).powi(self.swarms as i32);
         // The cast saturates, and more than any budget is as good as infinite.
         let budget = grown as usize;
@@ -148,13 +160,15 @@ impl Cfa {
     /// The local stage from a swarm's bests and from the scouts' places. A polished warm start is left out: its run
     /// would end where it began, and the restart would confirm nothing but itself.
     fn descend(&mut self, bests: &[Candidate]) -> Stage {
-        let merge = self.options.local.merge;
+        let merge = self.way.merge();
         let near = |a: &Candidate, b: &Candidate| a.0.iter().zip(&b.0).all(|(a, b)| (a - b).abs() < merge);
         let mut starts: Vec<Candidate> =
             bests.iter().filter(|best| !self.warm.iter().any(|warm| near(best, warm))).take(self.options.starts).cloned().collect();
+        self.origins = vec![Origin::Cluster; starts.len()];
+        self.origins.extend(vec![Origin::Random; self.options.scouts]);
         starts.extend((0..self.options.scouts).map(|_| Candidate(random_point(self.dimensions, &mut self.stream))));
         self.warm.clear();
-        Stage::Local(LocalStage::new(&self.options.local, &starts, self.residuals))
+        Stage::Local(LocalStage::new(&self.way, &starts))
     }
 
     /// A restart is complete: either it settles the search, or another swarm sets out. The first swarm knows the
@@ -186,6 +200,8 @@ impl Strategy for Cfa {
                     Some(ask) => return ask,
                     None => {
                         let places = local.places();
+                        self.runs.extend(local.runs(&self.origins));
+                        self.origins.clear();
                         self.restart(places)
                     }
                 },
@@ -211,6 +227,14 @@ impl Strategy for Cfa {
 
     fn generation(&self) -> usize {
         self.generation
+    }
+
+    fn runs(&self) -> Vec<LocalRun> {
+        let mut runs = self.runs.clone();
+        if let Stage::Local(local) = &self.stage {
+            runs.extend(local.runs(&self.origins));
+        }
+        runs
     }
 }
 

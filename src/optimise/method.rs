@@ -6,6 +6,7 @@ use utoipa::ToSchema;
 use super::agreement::AgreementOptions;
 use super::budget::Budgeted;
 use super::clustered::{CfaThesis, CfaThesisOptions};
+use super::ctsm::{CtsmOptions, likely};
 use super::hybrid::{Cfa, CfaOptions};
 use super::local::LocalOptions;
 use super::multistart::{LmMultistart, LmOptions};
@@ -21,6 +22,8 @@ pub enum Method {
     CfaThesis(CfaThesisOptions),
     /// Levenberg-Marquardt from a Latin hypercube.
     LmMultistart(LmOptions),
+    /// Maximum likelihood of the stochastic model: swarms on the likelihood, then Fisher scoring on its slopes.
+    Ctsm(CtsmOptions),
 }
 
 impl Default for Method {
@@ -125,7 +128,7 @@ impl Ranges {
 
 impl Method {
     /// The names that a job may use.
-    pub const NAMES: [&'static str; 3] = ["cfa", "cfa_thesis", "lm_multistart"];
+    pub const NAMES: [&'static str; 4] = ["cfa", "cfa_thesis", "lm_multistart", "ctsm"];
 
     /// Every hyperparameter that is out of range; a method to be run has none.
     pub fn faults(&self) -> Vec<Range> {
@@ -164,6 +167,20 @@ impl Method {
                 check.local(&o.local);
                 check.agreement(&o.agreement);
             }
+            Method::Ctsm(o) => {
+                check.count("n", o.n, 2, 2000);
+                check.count("swarm", o.swarm, 1, 1_000_000_000);
+                check.real("growth", o.growth, 1.0, 100.0);
+                check.count("starts", o.starts, 0, 64);
+                check.count("scouts", o.scouts, 0, 64);
+                check.count("starts + scouts", o.starts.saturating_add(o.scouts), 1, 128);
+                check.count("profile", o.profile, 0, 50);
+                check.count("scoring.steps", o.scoring.steps, 1, 100_000);
+                check.real("scoring.radius", o.scoring.radius, 1e-6, 1.0);
+                check.real("scoring.tolerance", o.scoring.tolerance, 0.0, 1.0);
+                check.real("scoring.merge", o.scoring.merge, 0.0, 1.0);
+                check.agreement(&o.agreement);
+            }
         }
         check.0
     }
@@ -174,6 +191,7 @@ impl Method {
             Method::Cfa(_) => "cfa",
             Method::CfaThesis(_) => "cfa_thesis",
             Method::LmMultistart(_) => "lm_multistart",
+            Method::Ctsm(_) => "ctsm",
         }
     }
 
@@ -183,6 +201,7 @@ impl Method {
             Method::Cfa(options) => Box::new(Budgeted::new(Cfa::new(options.clone(), &search), search.budget)),
             Method::CfaThesis(options) => Box::new(Budgeted::new(CfaThesis::new(options.clone(), &search), search.budget)),
             Method::LmMultistart(options) => Box::new(Budgeted::new(LmMultistart::new(options.clone(), &search), search.budget)),
+            Method::Ctsm(options) => Box::new(Budgeted::new(likely(options, &search), search.budget)),
         }
     }
 }
@@ -205,7 +224,12 @@ mod tests {
 
     #[test]
     fn every_hyperparameter_out_of_range_is_named() {
-        for method in [Method::default(), Method::CfaThesis(Default::default()), Method::LmMultistart(Default::default())] {
+        for method in [
+            Method::default(),
+            Method::CfaThesis(Default::default()),
+            Method::LmMultistart(Default::default()),
+            Method::Ctsm(Default::default()),
+        ] {
             assert_eq!(method.faults(), vec![]);
         }
         let options = CfaOptions { n: 1_000_000, alpha: f64::NAN, starts: 0, scouts: 0, ..CfaOptions::default() };

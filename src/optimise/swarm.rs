@@ -229,7 +229,7 @@ mod tests {
     use crate::optimise::functions::Function;
 
     fn answers(batch: &[Candidate], cost: impl Fn(&[f64]) -> f64) -> Vec<Evaluation> {
-        batch.iter().map(|c| Evaluation { cost: Cost::new(cost(&c.0)), residuals: Vec::new() }).collect()
+        batch.iter().map(|c| Evaluation { cost: Cost::new(cost(&c.0)), residuals: Vec::new(), slope: None }).collect()
     }
 
     #[test]

@@ -41,7 +41,7 @@ fn path(problem: &Problem, method: &Method, seed: u64, budget: usize) -> Path {
     let (mut evaluations, mut improvements) = (0, Vec::new());
     loop {
         let answers = match optimiser.ask() {
-            Ask::Costs(candidates) => problem.evaluate(&candidates, false),
+            Ask::Costs(candidates) | Ask::Slopes(candidates) => problem.evaluate(&candidates, false),
             Ask::Residuals(candidates) => problem.evaluate(&candidates, true),
             Ask::Done(_) => break,
         };
