@@ -9,7 +9,7 @@ use super::fit::{Fit, Stop};
 use super::likelihood::{LikelihoodReport, NoiseEstimate, StartReport};
 use super::metrics::{error_unit, filter_fit, metrics};
 use super::problem::Problem;
-use super::request::{EstimateRequest, Prior};
+use super::request::{EstimateRequest, Objective, Prior};
 use super::run::{AT_BOUND, Control, EstimateError, Found, drive, fine_enough, report, step_error};
 use super::uncertainty::Uncertainty;
 use crate::model::Scale as ModelScale;
@@ -324,6 +324,7 @@ pub(super) fn estimate(
     if !limits.is_empty() {
         fit.remarks.push(format!("{} sits on a bound of the search: the value is a limit, not an estimate", limits.join(", ")));
     }
+    fit.objective = Objective::Likelihood.word().to_owned();
     fit.likelihood = Some(likelihood);
     // Forecasts and innovations with the noise that was estimated.
     let run = filter_fit(&problem, &fit);

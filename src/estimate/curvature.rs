@@ -136,7 +136,7 @@ pub fn profiles(
     let Some(best) = task.value(place) else { return (IndexMap::new(), 0) };
     let sides: Vec<(usize, f64)> =
         (0..own).filter(|i| curvature.deviation[*i] > 0.0).flat_map(|i| [(i, -1.0), (i, 1.0)]).filter(|_| options.profile > 0).collect();
-    let climbing = ScoringOptions { steps: 15, tolerance: 1e-3, radius: 0.1, ..options.scoring.clone() };
+    let climbing = ScoringOptions { steps: 15, tolerance: 1e-2, radius: 0.1, ..options.scoring.clone() };
     let walk = |(coordinate, sign): &(usize, f64)| {
         let others: Vec<usize> = (0..place.len()).filter(|i| i != coordinate && curvature.deviation[*i] > 0.0).collect();
         let step = sign * (REACH * curvature.deviation[*coordinate]).min(0.5) / options.profile as f64;

@@ -6,8 +6,11 @@
 
 use super::dual::Scalar;
 
-/// Terms of the series.
-const TERMS: usize = 10;
+/// Terms of the series where the step is exact and kept.
+const EXACT: usize = 10;
+/// Terms where the system is linearised anew at every step: an error of 1e-10 of the covariance is far below that of the
+/// linearisation, and small enough for slopes to agree with differences.
+const LINEARISED: usize = 7;
 /// Largest norm of `A t` that the series is summed at.
 const NORM: f64 = 0.125;
 /// Most doublings: more stand for a system that no step can follow.
@@ -27,10 +30,14 @@ pub struct Transition<T> {
 }
 
 impl<T: Scalar> Transition<T> {
-    /// The step over `hours` of a system with Jacobian `a` and noise variances `q` per hour. `None` where the Jacobian is
-    /// not finite, or too large for any step.
-    pub fn new(a: &[T], q: &[T], hours: f64, driven: bool) -> Option<Self> {
+    /// The step over `hours` of a system with Jacobian `a` and noise variances `q` per hour; an `exact` one has the integrals over the
+    /// inputs as well. `None` where the Jacobian is not finite, or too large for any step.
+    pub fn new(a: &[T], q: &[T], hours: f64, exact: bool) -> Option<Self> {
         let n = q.len();
+        let terms = if exact { EXACT } else { LINEARISED };
+        if a.iter().any(|slope| !slope.value().is_finite()) {
+            return None;
+        }
         let norm = (0..n).map(|j| (0..n).map(|i| a[i * n + j].value().abs()).sum::<f64>()).fold(0.0, f64::max) * hours;
         let doublings = (0..=DOUBLINGS).find(|doublings| norm / 2f64.powi(*doublings as i32) <= NORM)?;
         let mut time = hours / 2f64.powi(doublings as i32);
@@ -40,10 +47,10 @@ impl<T: Scalar> Transition<T> {
         let mut lyapunov = zero.clone();
         (0..n).for_each(|i| lyapunov[i * n + i] = q[i].scaled(time));
         let mut scratch = zero;
-        for term in 1..=TERMS {
+        for term in 1..=terms {
             let k = term as f64;
             add(&mut step.noise, &lyapunov);
-            if driven {
+            if exact {
                 // At this place `power` is (A t)^(k-1) / (k-1)!.
                 add_scaled(&mut step.psi, &power, time / k);
                 add_scaled(&mut step.ramp, &power, time * time / (k * (k + 1.0)));
@@ -60,14 +67,14 @@ impl<T: Scalar> Transition<T> {
             }
         }
         for _ in 0..doublings {
-            step.double(&mut scratch, time, driven, n);
+            step.double(&mut scratch, time, exact, n);
             time *= 2.0;
         }
         Some(step)
     }
 
-    fn double(&mut self, scratch: &mut [T], time: f64, driven: bool, n: usize) {
-        if driven {
+    fn double(&mut self, scratch: &mut [T], time: f64, exact: bool, n: usize) {
+        if exact {
             multiply(scratch, &self.phi, &self.ramp, n);
             add(&mut self.ramp, scratch);
             add_scaled(&mut self.ramp, &self.psi, time);

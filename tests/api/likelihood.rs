@@ -54,3 +54,20 @@ fn objective_and_method_go_together_and_what_is_not_built_is_refused() {
     let fit = app.get(&format!("/fits/{}", ended["fit"].as_str().unwrap())).expect(200).json();
     assert_eq!(fit["method"], "ctsm");
 }
+
+#[test]
+fn a_ladder_by_likelihood_adds_what_the_test_speaks_for() {
+    let app = TestApp::start();
+    app.json("PUT", "/systems/room/4", &json!({"model": "tite-solar_gain"})).expect(201);
+    app.csv("/systems/room/4/windows", &lampyris::twin::noisy(3, 10).csv).expect(201);
+    let job = app.ended(&app.post_job(&json!({"kind": "ladder", "system": "room/4", "criterion": "lrt"})));
+    assert_eq!(job["state"], "succeeded", "{job}");
+    let ladder = app.get(job["links"]["ladder"].as_str().unwrap()).expect(200).json();
+    let steps = ladder["steps"].as_array().unwrap();
+    let test = &steps[1]["likelihood_ratio"];
+    assert_eq!((steps[1]["added"].as_str(), steps[1]["kept"].as_bool()), (Some("solar_gain"), Some(true)), "{ladder}");
+    assert!(test["p"].as_f64().unwrap() < 1e-6 && test["degrees_of_freedom"] == 1, "{test}");
+    assert_eq!(steps[1]["why"], test["sentence"]);
+    let refused = app.json("POST", "/jobs", &json!({"kind": "estimate", "system": "room/4", "criterion": "lrt"})).expect(422).json();
+    assert_eq!(refused["errors"][0]["pointer"], "/criterion", "{refused}");
+}
