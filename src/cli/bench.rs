@@ -8,6 +8,7 @@ mod engine;
 mod functions;
 mod hand;
 mod house;
+mod likelihood;
 mod load;
 mod page;
 mod params;
@@ -77,6 +78,8 @@ enum Subject {
     Ablation,
     /// How the evaluations of a generation grow with the population.
     Complexity,
+    /// Maximum likelihood on synthetic rooms: whether and how fast it converges, and how often its intervals hold the truth.
+    Likelihood,
     /// How long a controller waits for its parameters while the service has all hands full.
     Load,
     /// What fresh parameters are worth to a controller, in money and comfort.
@@ -158,6 +161,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         }
         Subject::Ablation => ablation::run(arguments.seed, arguments.seeds),
         Subject::Complexity => complexity::run(arguments.seed, arguments.seeds.min(MOST_COMPLEX)),
+        Subject::Likelihood => likelihood::run(arguments.seed, arguments.rooms, arguments.worlds, arguments.each)?,
         Subject::Load => load::run(arguments.seconds)?,
         Subject::Loop => {
             let plan = control::Plan::new(arguments.seed, arguments.houses.into(), arguments.weeks.into());

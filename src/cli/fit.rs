@@ -5,7 +5,8 @@ use super::report::{self, Found};
 use super::{Failure, faults, print};
 use indicatif::{ProgressBar, ProgressStyle};
 use lampyris::data::SplitRequest;
-use lampyris::estimate::request::{Budget, Objective, Prior, SeededMethod};
+use lampyris::estimate::likelihood::LikelihoodReport;
+use lampyris::estimate::request::{Budget, Objective, Prior, SeededMethod, agreed};
 use lampyris::estimate::validate::{CheckResult, Severity};
 use lampyris::estimate::{Control, EstimateRequest, Fit, Policy, Progress, estimate, prepare, validate};
 use lampyris::model::Catalogue;
@@ -15,12 +16,12 @@ use lampyris::optimise::Method;
 pub struct Arguments {
     #[command(flatten)]
     measured: Measured,
-    /// The optimiser: cfa, cfa_thesis or lm_multistart.
-    #[arg(long, default_value = "cfa", value_parser = method)]
-    method: Method,
-    /// What is minimised: mse, swmse or nmse.
-    #[arg(long, default_value = "mse", value_parser = word::<Objective>)]
-    objective: Objective,
+    /// The optimiser: cfa (the default), cfa_thesis, lm_multistart, or ctsm for the largest likelihood.
+    #[arg(long, value_parser = method)]
+    method: Option<Method>,
+    /// What is minimised: mse (the default), swmse, nmse, or the likelihood, which goes with ctsm.
+    #[arg(long, value_parser = word::<Objective>)]
+    objective: Option<Objective>,
     /// What is known beforehand: none or log_normal.
     #[arg(long, default_value = "none", value_parser = word::<Prior>)]
     prior: Prior,
@@ -48,7 +49,7 @@ fn bounds(text: &str) -> Result<(String, [f64; 2]), String> {
 }
 
 /// A word of the API, such as `swmse`.
-fn word<T: serde::de::DeserializeOwned>(text: &str) -> Result<T, String> {
+pub fn word<T: serde::de::DeserializeOwned>(text: &str) -> Result<T, String> {
     serde_json::from_value(serde_json::Value::String(text.to_owned())).map_err(|error| error.to_string())
 }
 
@@ -59,10 +60,11 @@ fn method(text: &str) -> Result<Method, String> {
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let window = arguments.measured.read()?;
     let model = arguments.measured.model();
+    let (objective, method) = agreed(arguments.objective, arguments.method.clone()).map_err(|fault| faults(&[fault]))?;
     let request = EstimateRequest {
-        objective: arguments.objective,
+        objective,
         prior: arguments.prior,
-        method: SeededMethod { seed: arguments.seed, method: arguments.method.clone() },
+        method: SeededMethod { seed: arguments.seed, method },
         budget: Budget { evaluations: arguments.evaluations, wall: None },
         bounds: arguments.bounds.iter().cloned().collect(),
         ..arguments.measured.request(SplitRequest::ESTIMATE)
@@ -141,10 +143,32 @@ pub fn table(fit: &Fit) -> String {
             lines.push(format!("{channel} noise floor {floor:.4} {unit}   rho {rho:.2}"));
         }
     }
+    lines.extend(fit.likelihood.iter().flat_map(likelihood));
     let step_error = fit.discretisation_error.map_or_else(|| "without limit".to_owned(), |error| format!("{error:.5}"));
     lines.push(format!("step error {step_error}  ({} steps per sample)", fit.substeps));
     lines.extend(fit.remarks.iter().map(|remark| format!("note: {remark}")));
     lines.join("\n")
+}
+
+/// What the likelihood says, for people.
+fn likelihood(found: &LikelihoodReport) -> Vec<String> {
+    let kind = if found.exact { "exact steps" } else { "extended filter" };
+    let mut lines = vec![format!(
+        "log-likelihood {:.3}   {} innovations, {} estimated ({kind})   AIC {:.1}   BIC {:.1}",
+        found.log_likelihood, found.innovations, found.estimated, found.aic, found.bic
+    )];
+    let groups = [("diffusion", &found.diffusion), ("sensor", &found.measurement)];
+    for (group, (name, noise)) in groups.into_iter().flat_map(|(group, noises)| noises.iter().map(move |noise| (group, noise))) {
+        let interval = noise.ci95.map_or_else(|| "not determined".to_owned(), |[low, high]| format!("[{low:.4}, {high:.4}]"));
+        let bound = if noise.at_bound { "  at a bound" } else { "" };
+        lines.push(format!("{:<18} {:>12.5} {:<12} {interval:>26}{bound}", format!("{group} {name}"), noise.value, noise.unit));
+    }
+    for (name, profile) in &found.profiles {
+        let side = |side: Option<f64>| side.map_or_else(|| "open".to_owned(), |value| format!("{value:.4}"));
+        lines.push(format!("{:<44} {:>26}", format!("profile {name}"), format!("[{}, {}]", side(profile.ci95[0]), side(profile.ci95[1]))));
+    }
+    lines.push(found.reason.clone());
+    lines
 }
 
 /// The checks of the gate for people.

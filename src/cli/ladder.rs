@@ -1,11 +1,14 @@
 //! `lampyris ladder`: one CSV, and the error after each effect that is added.
 
 use super::diagnose::first_fit;
+use super::fit::word;
 use super::measured::Measured;
 use super::report::{self, Found};
 use super::{Failure, print};
 use lampyris::diagnose::ladder::{Ladder, ladder};
+use lampyris::diagnose::nested::ladder_by_likelihood;
 use lampyris::estimate::Control;
+use lampyris::estimate::request::Criterion;
 
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
@@ -14,6 +17,9 @@ pub struct Arguments {
     /// Most effects that are added.
     #[arg(long, default_value_t = 3)]
     max_steps: usize,
+    /// What keeps a step: held_out (an error on unseen data falls) or lrt (a likelihood-ratio test on the training part).
+    #[arg(long, default_value = "held_out", value_parser = word::<Criterion>)]
+    criterion: Criterion,
     /// The seed of the first fit: the same seed gives the same bits.
     #[arg(long, default_value_t = 1)]
     seed: u64,
@@ -24,9 +30,12 @@ pub struct Arguments {
 
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let first = first_fit(&arguments.measured, arguments.seed, arguments.json)?;
-    let found =
-        ladder(&first.catalogue, &first.problem, &first.fit.theta(), &first.window, &first.site, arguments.max_steps, &Control::NONE)
-            .map_err(|error| Failure::Error(error.to_string()))?;
+    let by = match arguments.criterion {
+        Criterion::HeldOut => ladder,
+        Criterion::Lrt => ladder_by_likelihood,
+    };
+    let found = by(&first.catalogue, &first.problem, &first.fit.theta(), &first.window, &first.site, arguments.max_steps, &Control::NONE)
+        .map_err(|error| Failure::Error(error.to_string()))?;
     if arguments.json {
         print(&serde_json::to_string(&found).map_err(|error| Failure::Error(error.to_string()))?);
     } else {

@@ -6,6 +6,7 @@ use super::fitted::Null;
 use super::gates::LEAST_BIC;
 use super::rank::round;
 use crate::data::Window;
+use crate::estimate::likelihood::LikelihoodRatio;
 use crate::estimate::metrics::{HORIZONS, ahead, filter};
 use crate::estimate::{Control, EstimateError, Problem, Site};
 use crate::model::Catalogue;
@@ -42,7 +43,8 @@ pub struct Step {
     /// Forecast errors from re-estimated states over the validation part, by horizon.
     #[schema(value_type = HashMap<String, f64>)]
     pub ahead: IndexMap<String, f64>,
-    /// BIC of the AR likelihood of the training part, the effects' parameters counted.
+    /// BIC of the AR likelihood of the training part, the effects' parameters counted; by the criterion `lrt` that of the
+    /// likelihood of the stochastic model.
     pub bic: f64,
     /// Estimates by name.
     #[schema(value_type = HashMap<String, f64>)]
@@ -51,6 +53,9 @@ pub struct Step {
     pub kept: bool,
     /// Why, in a sentence.
     pub why: String,
+    /// The likelihood-ratio test against the step before, where that decides.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub likelihood_ratio: Option<LikelihoodRatio>,
 }
 
 /// Builds the ladder from a fit: at most `max_steps` effects.
@@ -154,5 +159,6 @@ fn step(null: &Null, added: Option<String>, price: f64, noise: f64, kept: bool, 
         parameters: names.zip(theta.iter().copied()).collect(),
         kept,
         why,
+        likelihood_ratio: None,
     }
 }

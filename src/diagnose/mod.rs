@@ -8,7 +8,7 @@
 //!
 //! `candidates` compiles the catalogue into the model, `screen` scores it by one linearised simulation each, `refit`
 //! and `fitted` bring null model and suspects to their optima, `rank` tries them all and `gates` decides, `failures` says
-//! where a model fails, `evidence` lays the error beside an effect's shape, `ladder` adds effects one after another. The
+//! where a model fails, `evidence` lays the error beside an effect's shape, `ladder` adds effects one after another, `nested` by likelihood-ratio tests. The
 //! method and its thresholds were measured on synthetic rooms; `lampyris bench diagnose` measures them again.
 
 pub mod candidates;
@@ -18,6 +18,7 @@ mod findings;
 pub mod fitted;
 mod gates;
 pub mod ladder;
+pub mod nested;
 pub mod rank;
 mod refit;
 pub mod regimes;

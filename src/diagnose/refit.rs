@@ -4,7 +4,7 @@ use super::residual::{Whitening, residual};
 use crate::estimate::Problem;
 use crate::estimate::problem::mean_square;
 use crate::model::Scale;
-use crate::optimise::local::{LocalOptions, LocalStage};
+use crate::optimise::local::{LocalOptions, LocalStage, LocalWay};
 use crate::optimise::{Ask, Candidate, Cost, Evaluation};
 use nalgebra::DMatrix;
 
@@ -39,7 +39,7 @@ impl Refit<'_> {
     pub fn ends(&self, starts: &[Vec<f64>], iterations: usize) -> (Vec<(Vec<f64>, f64)>, usize) {
         let options = LocalOptions { iterations, tolerance: TOLERANCE, ..LocalOptions::default() };
         let places: Vec<Candidate> = starts.iter().map(|start| self.problem.candidate(start)).collect();
-        let mut stage = LocalStage::new(&options, &places, true);
+        let mut stage = LocalStage::new(&LocalWay::Residuals(options), &places);
         let mut evaluations = 0;
         while let Some(Ask::Residuals(batch)) = stage.propose() {
             evaluations += batch.len();
@@ -64,7 +64,7 @@ impl Refit<'_> {
             .map(|(series, theta)| {
                 let residuals: Vec<f64> = series.map_or_else(Vec::new, |series| series.into_iter().chain(self.prior(theta)).collect());
                 let cost = if residuals.is_empty() { Cost::Diverged } else { Cost::new(mean_square(&residuals)) };
-                Evaluation { cost, residuals: if cost == Cost::Diverged { Vec::new() } else { residuals } }
+                Evaluation { cost, residuals: if cost == Cost::Diverged { Vec::new() } else { residuals }, slope: None }
             })
             .collect()
     }

@@ -1,5 +1,6 @@
 //! What an estimation found, as the document that is stored, printed and compared.
 
+use super::likelihood::LikelihoodReport;
 use crate::schema::Interval;
 use indexmap::IndexMap;
 use serde::{Deserialize, Serialize};
@@ -152,7 +153,7 @@ pub struct Fit {
     pub correlated: Vec<CorrelatedPair>,
     /// The name of the optimiser.
     pub method: String,
-    /// The objective: `mse`, `swmse` or `nmse`.
+    /// The objective: `mse`, `swmse`, `nmse` or `likelihood`.
     pub objective: String,
     /// The best cost.
     pub cost: f64,
@@ -190,6 +191,9 @@ pub struct Fit {
     pub remarks: Vec<String>,
     /// Parameters that were fixed at their nominal value because the data do not determine them.
     pub non_identifiable: Vec<String>,
+    /// What the likelihood says, where it was maximised.
+    #[serde(default)]
+    pub likelihood: Option<LikelihoodReport>,
 }
 
 impl Fit {

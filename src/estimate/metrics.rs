@@ -1,6 +1,7 @@
 //! The measures of a fit: free-run errors, forecasts from re-estimated states, noise floor, rho.
 
 use super::fit::{AheadError, Fit, OutputMetrics};
+use super::likelihood::LikelihoodReport;
 use super::problem::{Problem, mean_square};
 use super::whiten::Ar;
 use crate::data::{Duration, rfc3339};
@@ -21,7 +22,7 @@ const DAY: i64 = 86_400;
 pub struct FilterRun {
     /// States and innovations.
     pub filtered: Filtered,
-    /// Process noise, per square root of an hour.
+    /// Process noise, per square root of an hour; where states differ in it, its root mean square.
     pub process_noise: f64,
 }
 
@@ -42,8 +43,25 @@ pub fn filter(problem: &Problem, theta: &[f64], process_noise: Option<f64>) -> F
     let kalman = Kalman::new(problem.model(), problem.simulator(), problem.inputs(), &measured);
     let measurement = measurement_variance(problem);
     let process_noise = process_noise.unwrap_or_else(|| kalman.likely_process_noise(theta, &measurement, problem.split().train.end));
-    let noise = Noise { process: process_noise, measurement };
-    FilterRun { filtered: kalman.filter(theta, &noise, problem.grid().len()), process_noise }
+    filter_with(problem, theta, &Noise { process: vec![process_noise; problem.model().states().len()], measurement })
+}
+
+/// Filters the window at `theta` with this noise.
+pub fn filter_with(problem: &Problem, theta: &[f64], noise: &Noise) -> FilterRun {
+    let measured = problem.measured();
+    let kalman = Kalman::new(problem.model(), problem.simulator(), problem.inputs(), &measured);
+    FilterRun { filtered: kalman.filter(theta, noise, problem.grid().len()), process_noise: mean_square(&noise.process).sqrt() }
+}
+
+/// The noise that belongs to a fit: what its likelihood says, or one process noise for all states.
+pub fn noise_of(problem: &Problem, fit: &Fit) -> Noise {
+    let plain = || Noise { process: vec![fit.process_noise; problem.model().states().len()], measurement: measurement_variance(problem) };
+    fit.likelihood.as_ref().map_or_else(plain, LikelihoodReport::noise)
+}
+
+/// Filters the window with the parameters of a fit and the noise that belongs to it.
+pub fn filter_fit(problem: &Problem, fit: &Fit) -> FilterRun {
+    filter_with(problem, &fit.theta(), &noise_of(problem, fit))
 }
 
 /// Forecasts as series: `[output][lead][k]` is the value at sample `k` as it was forecast `leads[lead]` samples
@@ -189,7 +207,7 @@ pub struct CurrentState {
 
 /// Filters the window with a fit's parameters and noise up to its newest sample.
 pub fn current_state(problem: &Problem, fit: &Fit) -> Option<CurrentState> {
-    newest_state(problem, &filter(problem, &fit.theta(), Some(fit.process_noise)))
+    newest_state(problem, &filter_fit(problem, fit))
 }
 
 /// The filtered states at the newest sample of a filter run.

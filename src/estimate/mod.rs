@@ -8,11 +8,15 @@
 
 pub mod compare;
 pub mod comparison;
+mod ctsm;
+mod curvature;
 pub mod degradation;
 pub mod fit;
+pub mod likelihood;
 pub mod method;
 pub mod metrics;
 pub mod objective;
+pub mod peak;
 pub mod physics;
 pub mod preview;
 pub mod problem;

@@ -71,7 +71,8 @@ pub struct Share {
 pub fn divisor(objective: Objective, delta: ShapeDelta, pairs: impl Iterator<Item = (f64, f64)> + Clone, share: &Share) -> f64 {
     let weight = if share.outputs == 1 { 1.0 } else { share.noise };
     match objective {
-        Objective::Mse => weight,
+        // Free runs are compared by their errors whatever is searched for.
+        Objective::Mse | Objective::Likelihood => weight,
         Objective::Swmse => weight * delta.divisor(pairs),
         Objective::Nmse => {
             let n = pairs.clone().count() as f64;

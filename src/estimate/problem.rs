@@ -346,7 +346,7 @@ impl Problem {
             .map(|(trajectory, theta)| {
                 let residuals = if trajectory.diverged { Vec::new() } else { self.residuals(trajectory, theta) };
                 let cost = if residuals.is_empty() { Cost::Diverged } else { Cost::new(mean_square(&residuals)) };
-                Evaluation { cost, residuals: if with_residuals && cost != Cost::Diverged { residuals } else { Vec::new() } }
+                Evaluation { cost, residuals: if with_residuals && cost != Cost::Diverged { residuals } else { Vec::new() }, slope: None }
             })
             .collect()
     }

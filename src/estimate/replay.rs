@@ -6,7 +6,7 @@
 //! changed the window itself, [`Provenance`] says so.
 
 use super::fit::{Basis, Fit, Parts, Span};
-use super::metrics::{FilterRun, filter, forecast_series};
+use super::metrics::{FilterRun, filter_with, forecast_series, noise_of};
 use super::problem::{Choices, Problem};
 use super::request::{Columns, bound, source, with_computed};
 use crate::data::{Grid, Split, Window, read_time, rfc3339};
@@ -14,6 +14,7 @@ use crate::fault::Fault;
 use crate::model::Catalogue;
 use crate::model::id::NotAModelId;
 use crate::simulate::Trajectory;
+use crate::simulate::kalman::Noise;
 use serde::Serialize;
 use std::ops::Range;
 use std::sync::OnceLock;
@@ -64,7 +65,7 @@ pub struct Provenance {
 pub struct Replay {
     problem: Problem,
     theta: Vec<f64>,
-    process_noise: f64,
+    noise: Noise,
     trajectory: Trajectory,
     filter: OnceLock<FilterRun>,
     /// Samples of the fit's own window.
@@ -112,7 +113,8 @@ impl Replay {
         let theta = fit.theta();
         let trajectory = problem.simulate(&theta);
         let provenance = provenance(&problem, fit, &trajectory, model_changed);
-        Ok(Self { problem, theta, process_noise: fit.process_noise, trajectory, filter: OnceLock::new(), own, provenance })
+        let noise = noise_of(&problem, fit);
+        Ok(Self { problem, theta, noise, trajectory, filter: OnceLock::new(), own, provenance })
     }
 
     /// The problem of the fit, on a grid that may go on beyond the fit's window.
@@ -164,7 +166,7 @@ impl Replay {
 
     /// The filter over the whole run, with the noise of the fit.
     pub fn filtered(&self) -> &FilterRun {
-        self.filter.get_or_init(|| filter(&self.problem, &self.theta, Some(self.process_noise)))
+        self.filter.get_or_init(|| filter_with(&self.problem, &self.theta, &self.noise))
     }
 }
 

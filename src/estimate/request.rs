@@ -10,6 +10,7 @@ use crate::data::{
 };
 use crate::fault::Fault;
 use crate::model::{Bindings, Catalogue, Hold, Model, ModelId, compile};
+use crate::optimise::Method;
 use crate::schema::Interval;
 use crate::simulate::drive::samples_back;
 use indexmap::IndexMap;
@@ -30,6 +31,9 @@ pub enum Objective {
     /// `1/J sum_j [mean_k (y_j(k) - ym_j(k))^2 / mean_k (ym_j(k) - mean ym_j)^2]`. It is 1 for a model that knows
     /// nothing but the means, and outputs of any size and number of samples count alike.
     Nmse,
+    /// The likelihood of one-step innovations under the stochastic model; it goes with the method `ctsm`, as the others
+    /// go with the other methods.
+    Likelihood,
 }
 
 impl Objective {
@@ -39,6 +43,7 @@ impl Objective {
             Objective::Mse => "mse",
             Objective::Swmse => "swmse",
             Objective::Nmse => "nmse",
+            Objective::Likelihood => "likelihood",
         }
     }
 }
@@ -53,6 +58,23 @@ pub enum Prior {
     /// ln(theta) is normal about the nominal value with deviation 1: the regularisation that the thesis asks
     /// for in 7.6.2.
     LogNormal,
+}
+
+/// What keeps a step of a ladder.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Criterion {
+    /// The gates of a diagnosis, and an error on unseen data that falls.
+    #[default]
+    HeldOut,
+    /// A likelihood-ratio test of the nested models on the training part.
+    Lrt,
+}
+
+impl Criterion {
+    fn is_default(&self) -> bool {
+        *self == Self::default()
+    }
 }
 
 /// Where the search starts besides its random points.
@@ -130,6 +152,31 @@ pub struct EstimateRequest {
     pub fixed: IndexMap<String, f64>,
     /// Where the search starts.
     pub start_from: StartFrom,
+    /// What keeps a step of a ladder; other jobs have none.
+    #[serde(skip_serializing_if = "Criterion::is_default")]
+    pub criterion: Criterion,
+}
+
+/// The objective and the method that go with each other, as far as they were named: the likelihood is maximised by `ctsm`
+/// and by no other method, and `ctsm` maximises nothing else.
+///
+/// # Errors
+/// A fault where they contradict each other.
+pub fn agreed(objective: Option<Objective>, method: Option<Method>) -> Result<(Objective, Method), Fault> {
+    let is_ctsm = |method: &Method| matches!(method, Method::Ctsm(_));
+    match (objective, method) {
+        (Some(Objective::Likelihood), None) => Ok((Objective::Likelihood, Method::Ctsm(Default::default()))),
+        (None | Some(Objective::Likelihood), Some(method)) if is_ctsm(&method) => Ok((Objective::Likelihood, method)),
+        (Some(Objective::Likelihood), Some(method)) => {
+            let detail = format!("the likelihood is maximised by the method `ctsm`, not by `{}`", method.name());
+            Err(Fault::new("/objective", "contradiction", detail).suggest("name the method `ctsm`, or no method"))
+        }
+        (Some(objective), Some(method)) if is_ctsm(&method) => {
+            let detail = format!("the method `ctsm` maximises the likelihood, not `{}`", objective.word());
+            Err(Fault::new("/objective", "contradiction", detail).suggest("leave the objective out"))
+        }
+        (objective, method) => Ok((objective.unwrap_or_default(), method.unwrap_or_default())),
+    }
 }
 
 impl EstimateRequest {

@@ -3,7 +3,7 @@
 //! A rule knows nothing of the others, and none decides: `validate` reads what they wrote.
 
 use super::fit::{AheadError, Fit, Stop};
-use super::metrics::{FilterRun, ahead, filter, horizon_name, lead};
+use super::metrics::{FilterRun, ahead, filter, filter_fit, horizon_name, lead};
 use super::physics;
 use super::problem::{Problem, mean_square};
 use super::validate::{CheckResult, Incumbent, Policy, Severity};
@@ -132,7 +132,7 @@ impl<'a> Case<'a> {
         if trajectory.diverged {
             return Err("the simulation of the stored parameters leaves the numbers");
         }
-        let forecast = forecast(&problem, &theta, &filter(&problem, &theta, Some(fit.process_noise)), policy);
+        let forecast = forecast(&problem, &theta, &filter_fit(&problem, fit), policy);
         let incumbent = incumbent.and_then(|incumbent| incumbent_theta(&problem, incumbent));
         Ok(Self { problem, fit, theta, trajectory, forecast, incumbent, policy })
     }

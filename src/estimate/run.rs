@@ -1,17 +1,19 @@
 //! The loop around an optimiser: ask, simulate, tell, until something says stop; then the fit's report.
 
+use super::ctsm;
 use super::fit::{Estimate, Fit, Parts, Span, Stop, TracePoint};
 use super::metrics::{filter, metrics};
 use super::problem::Problem;
 use super::request::{EstimateRequest, Prior, StartFrom};
 use super::stop::{EarlyStopping, Watch};
-use super::uncertainty::uncertainty;
+use super::uncertainty::{Uncertainty, uncertainty};
 use super::validate::Incumbent;
 use crate::data::rfc3339;
 use crate::model::Scale;
 use crate::optimise::Method;
 use crate::optimise::multistart::LmOptions;
-use crate::optimise::{Ask, Candidate, Cost, Ended, Evaluation, Search};
+use crate::optimise::{Ask, Candidate, Cost, Ended, Evaluation, LocalRun, Search};
+use crate::simulate::trajectory::Halt;
 use indexmap::IndexMap;
 use std::ops::Range;
 use std::sync::Arc;
@@ -84,14 +86,18 @@ impl std::fmt::Display for EstimateError {
 impl std::error::Error for EstimateError {}
 
 /// What a search found.
-struct Found {
-    theta: Vec<f64>,
-    cost: f64,
-    stop: Stop,
-    evaluations: usize,
-    trace: Vec<TracePoint>,
+pub(super) struct Found {
+    pub theta: Vec<f64>,
+    /// The same in the unit cube of the search, which may have more coordinates than parameters.
+    pub place: Candidate,
+    pub cost: f64,
+    pub stop: Stop,
+    pub evaluations: usize,
+    pub trace: Vec<TracePoint>,
+    /// The local runs, where the search keeps count of them.
+    pub runs: Vec<LocalRun>,
     /// What a reader of the fit should know of the search.
-    remarks: Vec<String>,
+    pub remarks: Vec<String>,
 }
 
 /// Estimates the parameters of a problem.
@@ -105,6 +111,9 @@ pub fn estimate(
     control: &Control,
 ) -> Result<Fit, EstimateError> {
     let warm = warm_starts(problem, request, incumbent);
+    if let Method::Ctsm(options) = &request.method.method {
+        return ctsm::estimate(problem, request, options, &warm, control);
+    }
     // The prior's weight is the residual variance of the fit without it.
     let mut spent = 0;
     let problem = match problem.prior() {
@@ -125,7 +134,11 @@ pub fn estimate(
         remarks.push("the validation part chose between candidates, so its error is not that of unseen data".to_owned());
     }
     let (problem, non_identifiable) = fix_unidentifiable(problem, &mut found, &mut remarks, control)?;
-    Ok(report(&problem, request, found, discretisation_error, non_identifiable, remarks))
+    let known = uncertainty(&problem, &found.theta);
+    found.evaluations += known.evaluations;
+    let mut fit = report(&problem, request, found, &known, discretisation_error, remarks);
+    fit.non_identifiable = non_identifiable;
+    Ok(fit)
 }
 
 /// The served parameters where they are wanted and known, and the nominal ones.
@@ -152,24 +165,35 @@ fn search(problem: &Problem, request: &EstimateRequest, warm: &[Candidate], cont
         warm: warm.to_vec(),
         residuals: true,
     };
-    drive(problem, &request.method.method, search, request.early_stopping, control)
+    drive(problem, &|ask, halt| evaluate(problem, ask, halt), &request.method.method, search, request.early_stopping, control)
 }
 
-/// Ask, simulate, tell.
-fn drive(
+/// The answers to a question, from free runs.
+fn evaluate(problem: &Problem, ask: &Ask, halt: Halt) -> Vec<Evaluation> {
+    match ask {
+        Ask::Costs(candidates) | Ask::Slopes(candidates) => problem.evaluate_unless(candidates, false, halt),
+        Ask::Residuals(candidates) => problem.evaluate_unless(candidates, true, halt),
+        Ask::Done(_) => Vec::new(),
+    }
+}
+
+/// Ask, simulate, tell. The first coordinates of a candidate are the free parameters of the problem.
+pub(super) fn drive(
     problem: &Problem,
+    answer: &dyn Fn(&Ask, Halt) -> Vec<Evaluation>,
     method: &Method,
     search: Search,
     early: Option<EarlyStopping>,
     control: &Control,
 ) -> Result<Found, EstimateError> {
-    if problem.space().is_empty() {
+    if search.dimensions == 0 {
         let cost = problem.evaluate(&[Candidate(Vec::new())], false).first().map_or(Cost::Diverged, |evaluation| evaluation.cost);
         let Cost::Finite(cost) = cost else {
             return Err(EstimateError::NothingFinite);
         };
         let theta = problem.nominal().to_vec();
-        return Ok(Found { theta, cost, stop: Stop::Converged, evaluations: 1, trace: Vec::new(), remarks: Vec::new() });
+        let (place, stop) = (Candidate(Vec::new()), Stop::Converged);
+        return Ok(Found { theta, place, cost, stop, evaluations: 1, trace: Vec::new(), runs: Vec::new(), remarks: Vec::new() });
     }
     let mut optimiser = method.optimiser(search);
     let mut watch = early.map(Watch::new);
@@ -186,8 +210,6 @@ fn drive(
             }
         }
         let answers: Vec<Evaluation> = match optimiser.ask() {
-            Ask::Costs(candidates) => problem.evaluate_unless(&candidates, false, &halt),
-            Ask::Residuals(candidates) => problem.evaluate_unless(&candidates, true, &halt),
             Ask::Done(ended) => {
                 break match ended {
                     Ended::Converged => Stop::Converged,
@@ -195,6 +217,7 @@ fn drive(
                     Ended::Budget => Stop::Budget,
                 };
             }
+            ask => answer(&ask, &halt),
         };
         if halt() {
             // Answers that were cut short are none.
@@ -211,7 +234,7 @@ fn drive(
             let theta = problem.theta(best);
             progress.best_validation = validation_rmse(problem, &theta);
             if let Some(watch) = &mut watch {
-                watch.best(progress.generation, &theta, cost, progress.best_validation);
+                watch.best(progress.generation, &best.0, cost, progress.best_validation);
             }
             let names = problem.model().parameters().iter().map(|parameter| parameter.name.clone());
             progress.incumbent = Some(Arc::new(names.zip(theta).collect()));
@@ -225,8 +248,9 @@ fn drive(
     let Some((best, Cost::Finite(cost))) = optimiser.best() else {
         return Err(EstimateError::NothingFinite);
     };
-    let (theta, cost) = watch.and_then(Watch::kept).unwrap_or_else(|| (problem.theta(best), cost));
-    Ok(Found { theta, cost, stop, evaluations: progress.evaluations, trace, remarks })
+    let (place, cost) = watch.and_then(Watch::kept).map_or_else(|| (best.clone(), cost), |(place, cost)| (Candidate(place), cost));
+    let (theta, runs) = (problem.theta(&place), optimiser.runs());
+    Ok(Found { theta, place, cost, stop, evaluations: progress.evaluations, trace, runs, remarks })
 }
 
 /// Least squares from a known point; `None` where it goes nowhere or the wall time is used up: what was found
@@ -240,7 +264,7 @@ fn polish(problem: &Problem, theta: &[f64], control: &Control) -> Result<Option<
         warm: vec![problem.candidate(theta)],
         residuals: true,
     };
-    match drive(problem, &method, search, None, control) {
+    match drive(problem, &|ask, halt| evaluate(problem, ask, halt), &method, search, None, control) {
         Ok(found) => Ok(Some(found)),
         Err(EstimateError::NothingFinite | EstimateError::Interrupted(Interrupt::Deadline)) => Ok(None),
         Err(cancelled) => Err(cancelled),
@@ -259,18 +283,9 @@ fn validation_rmse(problem: &Problem, theta: &[f64]) -> Option<f64> {
 /// another part than that of training has `chosen` it.
 fn refine_step(mut problem: Problem, mut found: Found, chosen: bool, control: &Control) -> Result<(Problem, Found, f64), EstimateError> {
     loop {
-        let finer = problem.with_substeps(2 * problem.simulator().substeps());
-        let (coarse, fine) = (problem.simulate(&found.theta), finer.simulate(&found.theta));
-        let difference = coarse
-            .outputs
-            .iter()
-            .zip(&fine.outputs)
-            .flat_map(|(a, b)| a.iter().zip(b))
-            .map(|(a, b)| (a - b).abs())
-            // A difference that is not a number is as large as can be.
-            .fold(0.0, |worst: f64, d| if d.is_nan() { f64::INFINITY } else { worst.max(d) });
+        let (finer, difference) = step_error(&problem, &found.theta);
         found.evaluations += 2;
-        if difference <= DISCRETISATION_LIMIT || problem.simulator().substeps() >= 64 {
+        if fine_enough(&problem, difference) {
             return Ok((problem, found, difference));
         }
         if chosen {
@@ -283,6 +298,21 @@ fn refine_step(mut problem: Problem, mut found: Found, chosen: bool, control: &C
         problem = finer;
         found = Found { theta: polished.theta, cost: polished.cost, evaluations: found.evaluations + polished.evaluations, ..found };
     }
+}
+
+/// The same problem with half the step, and the largest difference that it makes.
+pub(super) fn step_error(problem: &Problem, theta: &[f64]) -> (Problem, f64) {
+    let finer = problem.with_substeps(2 * problem.simulator().substeps());
+    let (coarse, fine) = (problem.simulate(theta), finer.simulate(theta));
+    let pairs = coarse.outputs.iter().zip(&fine.outputs).flat_map(|(a, b)| a.iter().zip(b));
+    // A difference that is not a number is as large as can be.
+    let difference = pairs.map(|(a, b)| (a - b).abs()).fold(0.0, |worst: f64, d| if d.is_nan() { f64::INFINITY } else { worst.max(d) });
+    (finer, difference)
+}
+
+/// Whether a step is short enough, or as short as a step gets.
+pub(super) fn fine_enough(problem: &Problem, difference: f64) -> bool {
+    difference <= DISCRETISATION_LIMIT || problem.simulator().substeps() >= 64
 }
 
 /// Fixes parameters on a bound at their nominal values where the hold-out is no worse for it.
@@ -336,16 +366,15 @@ pub fn at_bound(problem: &Problem, theta: &[f64], index: usize) -> bool {
     !(AT_BOUND..=1.0 - AT_BOUND).contains(&unit)
 }
 
-fn report(
+/// The document of a fit, with the noise that makes free-run residuals likely.
+pub(super) fn report(
     problem: &Problem,
     request: &EstimateRequest,
-    mut found: Found,
+    found: Found,
+    uncertainty: &Uncertainty,
     discretisation_error: f64,
-    non_identifiable: Vec<String>,
     mut remarks: Vec<String>,
 ) -> Fit {
-    let uncertainty = uncertainty(problem, &found.theta);
-    found.evaluations += uncertainty.evaluations;
     let run = filter(problem, &found.theta, None);
     let mut parameters = IndexMap::new();
     for (index, parameter) in problem.model().parameters().iter().enumerate() {
@@ -377,9 +406,9 @@ fn report(
         model_hash: problem.model().hash().to_owned(),
         dropped: problem.model().dropped().to_vec(),
         parameters,
-        correlated: uncertainty.correlated,
+        correlated: uncertainty.correlated.clone(),
         method: request.method.method.name().to_owned(),
-        objective: request.objective.word().to_owned(),
+        objective: problem.objective().word().to_owned(),
         cost: found.cost,
         stopped_by: found.stop,
         seed: request.method.seed,
@@ -396,7 +425,8 @@ fn report(
         basis: Some(problem.basis().clone()),
         worst_regime: None,
         remarks,
-        non_identifiable,
+        non_identifiable: Vec::new(),
+        likelihood: None,
     }
 }
 

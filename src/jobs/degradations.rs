@@ -7,7 +7,7 @@ use super::{JobsError, Service, params, submit};
 use crate::data::{Duration, SplitRequest, SystemId, rfc3339};
 use crate::estimate::EstimateRequest;
 use crate::estimate::degradation::{Newer, newer};
-use crate::estimate::metrics::{CurrentState, filter, newest_state};
+use crate::estimate::metrics::{CurrentState, filter_fit, newest_state};
 use crate::estimate::request::WindowRange;
 use crate::store;
 use crate::store::fits::FitRecord;
@@ -132,7 +132,7 @@ fn compare(input: &Input, served: &FitRecord) -> Result<Option<(Newer, Option<Cu
         return Ok(None);
     }
     let problem = problem.with_substeps(served.fit.substeps);
-    let run = filter(&problem, &served.fit.theta(), Some(served.fit.process_noise));
+    let run = filter_fit(&problem, &served.fit);
     let said = newer(&problem, &served.fit, &run, input.system.policy.horizon);
     Ok(Some((said, newest_state(&problem, &run))))
 }

@@ -5,6 +5,7 @@ use super::estimate::{Fitted, Stopped, fitted, invalid, stopped};
 use super::input::Input;
 use crate::diagnose::{self, DiagnoseError};
 use crate::estimate::Control;
+use crate::estimate::request::Criterion;
 use crate::store::finish::{Finding, Report};
 
 /// Most effects that a ladder adds.
@@ -21,15 +22,18 @@ pub fn run(input: &Input, control: &Control<'_>) -> Result<Finding, Stopped> {
     Ok(Finding { report: Some(Report::Diagnosis(Box::new(diagnosis))), ..finding })
 }
 
-/// Fits the base model and adds effects while the error on unseen data falls.
+/// Fits the base model and adds effects while the criterion keeps them.
 ///
 /// # Errors
 /// Where there is no fit to start from, the window does not serve, or somebody stopped it.
 pub fn ladder(input: &Input, control: &Control<'_>) -> Result<Finding, Stopped> {
     let Fitted { window, problem, finding } = fitted(input, control)?;
     let site = input.system.site();
-    let ladder =
-        diagnose::ladder::ladder(&input.catalogue, &problem, &finding.fit.theta(), &window, &site, STEPS, control).map_err(halted)?;
+    let ladder = match input.request.criterion {
+        Criterion::HeldOut => diagnose::ladder::ladder,
+        Criterion::Lrt => diagnose::nested::ladder_by_likelihood,
+    };
+    let ladder = ladder(&input.catalogue, &problem, &finding.fit.theta(), &window, &site, STEPS, control).map_err(halted)?;
     Ok(Finding { report: Some(Report::Ladder(Box::new(ladder))), ..finding })
 }
 

@@ -4,6 +4,7 @@ use super::decode::{self, Read};
 use super::systems::SystemDocument;
 use crate::data::{SplitRequest, SystemId, SystemPattern, read_time};
 use crate::estimate::method::{MethodFields, SeededMethod};
+use crate::estimate::request::{Objective, agreed};
 use crate::estimate::{EarlyStopping, EstimateRequest};
 use crate::fault::{Fault, nearest};
 use crate::optimise::Method;
@@ -103,6 +104,9 @@ fn read_one(kind: JobKind, mut fields: Map<String, Value>) -> Result<JobRequest,
     if let Err(more) = complete(&fields, None) {
         faults.extend(more);
     }
+    if kind != JobKind::Ladder && fields.contains_key("criterion") {
+        faults.push(Fault::new("/criterion", "unknown-field", "only a ladder has a criterion"));
+    }
     // A diagnosis asks about the model and never alters what is served. It needs a part that no decision sees.
     let experiment = experiment || kind != JobKind::Estimate;
     if kind != JobKind::Estimate && !fields.contains_key("split") {
@@ -135,6 +139,9 @@ pub fn read_batch(mut fields: Map<String, Value>) -> Result<BatchRequest, Vec<Fa
     let systems = take::<Vec<SystemPattern>>(&mut fields, "systems", &mut faults);
     if systems.as_ref().is_some_and(Vec::is_empty) {
         faults.push(Fault::new("/systems", "empty", "no system is named").suggest("such as [\"room/*\"]"));
+    }
+    if fields.contains_key("criterion") {
+        faults.push(Fault::new("/criterion", "unknown-field", "only a ladder has a criterion"));
     }
     if fields.contains_key("model") {
         faults.push(Fault::new("/model", "unknown-field", "a batch takes the model of each system"));
@@ -189,6 +196,18 @@ pub fn read_settings(settings: &Map<String, Value>, system: Option<&SystemDocume
     if let Some((method, more)) = method {
         request.method = method.unwrap_or_default();
         faults.extend(more);
+    }
+    let named = settings.get("method").is_some_and(|method| method.get("name").is_some());
+    let objective = settings.contains_key("objective").then_some(request.objective);
+    match agreed(objective, named.then(|| request.method.method.clone())) {
+        Ok((objective, method)) => {
+            request.objective = objective;
+            // Hyperparameters without a name are those of the default method.
+            if named || objective == Objective::Likelihood {
+                request.method.method = method;
+            }
+        }
+        Err(fault) => faults.push(fault),
     }
     if let Some(system) = system {
         if !settings.contains_key("prior") {

@@ -4,7 +4,7 @@
 
 use std::borrow::Cow;
 
-use super::{Ask, Candidate, Cost, Ended, Evaluation, Optimiser};
+use super::{Ask, Candidate, Cost, Ended, Evaluation, LocalRun, Optimiser};
 
 /// A search without bookkeeping.
 pub trait Strategy: Send {
@@ -14,6 +14,10 @@ pub trait Strategy: Send {
     fn digest(&mut self, candidates: &[Candidate], answers: &[Evaluation]);
     /// Generations, restarts or iterations completed.
     fn generation(&self) -> usize;
+    /// The local runs so far.
+    fn runs(&self) -> Vec<LocalRun> {
+        Vec::new()
+    }
 }
 
 /// A strategy under an evaluation budget.
@@ -40,7 +44,7 @@ impl<S: Strategy> Optimiser for Budgeted<S> {
             return ask.clone();
         }
         let mut ask = if self.left == 0 { Ask::Done(Ended::Budget) } else { self.strategy.propose() };
-        if let Ask::Costs(batch) | Ask::Residuals(batch) = &mut ask {
+        if let Ask::Costs(batch) | Ask::Residuals(batch) | Ask::Slopes(batch) = &mut ask {
             self.cut = batch.len() > self.left;
             batch.truncate(self.left);
             self.left -= batch.len();
@@ -51,7 +55,7 @@ impl<S: Strategy> Optimiser for Budgeted<S> {
 
     fn tell(&mut self, answers: &[Evaluation]) {
         let batch = match self.pending.take() {
-            Some(Ask::Costs(batch) | Ask::Residuals(batch)) => batch,
+            Some(Ask::Costs(batch) | Ask::Residuals(batch) | Ask::Slopes(batch)) => batch,
             // There was no question, or the search is over and stays so.
             other => {
                 self.pending = other;
@@ -61,7 +65,7 @@ impl<S: Strategy> Optimiser for Budgeted<S> {
         // A missing answer is a candidate that could not be computed.
         let mut answers = Cow::Borrowed(answers);
         if answers.len() != batch.len() {
-            answers.to_mut().resize(batch.len(), Evaluation { cost: Cost::Diverged, residuals: Vec::new() });
+            answers.to_mut().resize(batch.len(), Evaluation { cost: Cost::Diverged, residuals: Vec::new(), slope: None });
         }
         for (candidate, answer) in batch.iter().zip(answers.iter()) {
             if self.best.as_ref().is_none_or(|(_, cost)| answer.cost < *cost) {
@@ -79,5 +83,9 @@ impl<S: Strategy> Optimiser for Budgeted<S> {
 
     fn generation(&self) -> usize {
         self.strategy.generation()
+    }
+
+    fn runs(&self) -> Vec<LocalRun> {
+        self.strategy.runs()
     }
 }

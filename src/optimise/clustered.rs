@@ -266,7 +266,7 @@ pub fn watch(options: CfaThesisOptions, search: &Search, cost: impl Fn(&[f64]) -
             next = swarm.generation + 1;
         }
         let answers: Vec<Evaluation> =
-            batch.iter().map(|candidate| Evaluation { cost: Cost::new(cost(&candidate.0)), residuals: Vec::new() }).collect();
+            batch.iter().map(|candidate| Evaluation { cost: Cost::new(cost(&candidate.0)), residuals: Vec::new(), slope: None }).collect();
         swarm.digest(&batch, &answers);
     }
     seen
@@ -437,7 +437,7 @@ mod tests {
         while let Ask::Costs(batch) = optimiser.ask() {
             sizes.push(batch.len());
             let answers: Vec<Evaluation> =
-                batch.iter().map(|candidate| Evaluation { cost: Cost::new(candidate.0[0]), residuals: Vec::new() }).collect();
+                batch.iter().map(|candidate| Evaluation { cost: Cost::new(candidate.0[0]), residuals: Vec::new(), slope: None }).collect();
             optimiser.tell(&answers);
         }
         assert_eq!(sizes[0], 70);

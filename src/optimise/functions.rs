@@ -87,6 +87,7 @@ fn drive_with(optimiser: &mut dyn super::Optimiser, evaluate: impl Fn(&[f64]) ->
         let (batch, wanted) = match optimiser.ask() {
             Ask::Costs(batch) => (batch, false),
             Ask::Residuals(batch) => (batch, true),
+            Ask::Slopes(_) => panic!("these functions have no likelihood"),
             Ask::Done(ended) => {
                 let (at, best) = optimiser.best().map_or((Vec::new(), Cost::Diverged), |(at, best)| (at.0.clone(), best));
                 return Run { best, at, evaluations, batches, ended };
@@ -100,7 +101,7 @@ fn drive_with(optimiser: &mut dyn super::Optimiser, evaluate: impl Fn(&[f64]) ->
             .iter()
             .map(|candidate| {
                 let (cost, residuals) = evaluate(&candidate.0);
-                Evaluation { cost: Cost::new(cost), residuals: if wanted { residuals } else { Vec::new() } }
+                Evaluation { cost: Cost::new(cost), residuals: if wanted { residuals } else { Vec::new() }, slope: None }
             })
             .collect();
         optimiser.tell(&answers);

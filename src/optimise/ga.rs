@@ -149,8 +149,10 @@ mod tests {
         let mut last = f64::INFINITY;
         for _ in 0..50 {
             let Ask::Costs(batch) = ga.propose() else { panic!() };
-            let answers: Vec<Evaluation> =
-                batch.iter().map(|x| Evaluation { cost: Cost::new(Function::Schwefel.cost(&x.0)), residuals: Vec::new() }).collect();
+            let answers: Vec<Evaluation> = batch
+                .iter()
+                .map(|x| Evaluation { cost: Cost::new(Function::Schwefel.cost(&x.0)), residuals: Vec::new(), slope: None })
+                .collect();
             ga.digest(&batch, &answers);
             let best = ga.parents[0].1.value();
             assert!(best <= last);

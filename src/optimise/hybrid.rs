@@ -12,10 +12,10 @@ use serde::{Deserialize, Serialize};
 use super::agreement::{Agreement, AgreementOptions};
 use super::budget::Strategy;
 use super::firefly::{Crowd, random_point, stream};
-use super::local::{LocalOptions, LocalStage};
+use super::local::{LocalOptions, LocalStage, LocalWay};
 use super::method::Search;
 use super::swarm::Swarm;
-use super::{Ask, Candidate, Cost, Ended, Evaluation};
+use super::{Ask, Candidate, Cost, Ended, Evaluation, LocalRun, Origin};
 use utoipa::ToSchema;
 
 /// The hyperparameters of the hybrid.
@@ -136,7 +136,7 @@ pub struct Cfa {
     options: CfaOptions,
     dimensions: usize,
     seed: u64,
-    residuals: bool,
+    way: LocalWay,
     /// The stream of the scouts; swarms and fireflies own others.
     stream: Xoshiro256PlusPlus,
     stage: Stage,
@@ -145,6 +145,9 @@ pub struct Cfa {
     /// Swarms begun, each with its own random streams.
     swarms: usize,
     agreement: Agreement,
+    /// Where the runs of the present local stage came from, and the runs of those before it.
+    origins: Vec<Origin>,
+    runs: Vec<LocalRun>,
     /// Generations of the swarms and batches of the local stages completed.
     generation: usize,
 }
@@ -153,15 +156,23 @@ impl Cfa {
     /// A search that polishes the warm starts first, if there are any: a recalibration whose parameters still hold
     /// has its optimum at once, and a swarm whose own local runs end at the same cost confirms it.
     pub fn new(options: CfaOptions, search: &Search) -> Self {
+        let way = LocalWay::on_residuals(&options.local, search.residuals);
+        Self::with(options, way, search)
+    }
+
+    /// The same search with another local stage.
+    pub fn with(options: CfaOptions, way: LocalWay, search: &Search) -> Self {
         let warm = search.warm_starts();
         let mut cfa = Self {
             dimensions: search.dimensions,
             seed: search.seed,
-            residuals: search.residuals,
             stream: stream(search.seed, u64::MAX),
-            stage: Stage::Local(LocalStage::new(&options.local, &warm, search.residuals)),
+            stage: Stage::Local(LocalStage::new(&way, &warm)),
+            way,
             warm: Vec::new(),
             swarms: 0,
+            origins: vec![Origin::Warm; warm.len()],
+            runs: Vec::new(),
             agreement: Agreement::new(options.agreement),
             generation: 0,
             options,
@@ -173,26 +184,30 @@ impl Cfa {
     }
 
     fn next_swarm(&mut self) -> Stage {
+        // Only where there is nothing but costs has the swarm to find the basin by itself.
+        let guided = !matches!(self.way, LocalWay::Costs(_));
         let on_costs = self.options.on_costs.swarm.saturating_mul(self.dimensions.max(1));
-        let first_swarm = if self.residuals { self.options.swarm } else { on_costs };
+        let first_swarm = if guided { self.options.swarm } else { on_costs };
         let grown = first_swarm as f64 * self.options.growth.max(1.0).powi(self.swarms as i32);
         // The cast saturates, and more than any budget is as good as infinite.
         let budget = grown as usize;
         let first_id = self.swarms as u64 * Swarm::ids(&self.options);
         self.swarms += 1;
-        Stage::Swarm(Box::new(Swarm::new(&self.options, self.residuals, budget, self.seed, first_id, self.dimensions, &self.warm)))
+        Stage::Swarm(Box::new(Swarm::new(&self.options, guided, budget, self.seed, first_id, self.dimensions, &self.warm)))
     }
 
     /// The local stage from a swarm's bests and from the scouts' places. A polished warm start is left out: its run
     /// would end where it began, and the restart would confirm nothing but itself.
     fn descend(&mut self, bests: &[Candidate]) -> Stage {
-        let merge = self.options.local.merge;
+        let merge = self.way.merge();
         let near = |a: &Candidate, b: &Candidate| a.0.iter().zip(&b.0).all(|(a, b)| (a - b).abs() < merge);
         let mut starts: Vec<Candidate> =
             bests.iter().filter(|best| !self.warm.iter().any(|warm| near(best, warm))).take(self.options.starts).cloned().collect();
+        self.origins = vec![Origin::Cluster; starts.len()];
+        self.origins.extend(vec![Origin::Random; self.options.scouts]);
         starts.extend((0..self.options.scouts).map(|_| Candidate(random_point(self.dimensions, &mut self.stream))));
         self.warm.clear();
-        Stage::Local(LocalStage::new(&self.options.local, &starts, self.residuals))
+        Stage::Local(LocalStage::new(&self.way, &starts))
     }
 
     /// A restart is complete: either it settles the search, or another swarm sets out. The first swarm knows the
@@ -224,6 +239,8 @@ impl Strategy for Cfa {
                     Some(ask) => return ask,
                     None => {
                         let places = local.places();
+                        self.runs.extend(local.runs(&self.origins));
+                        self.origins.clear();
                         self.restart(places)
                     }
                 },
@@ -249,6 +266,14 @@ impl Strategy for Cfa {
 
     fn generation(&self) -> usize {
         self.generation
+    }
+
+    fn runs(&self) -> Vec<LocalRun> {
+        let mut runs = self.runs.clone();
+        if let Stage::Local(local) = &self.stage {
+            runs.extend(local.runs(&self.origins));
+        }
+        runs
     }
 }
 

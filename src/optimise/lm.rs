@@ -294,7 +294,7 @@ mod tests {
                 .map(|candidate| {
                     let residuals = residuals(&candidate.0);
                     let cost = Cost::new(residuals.iter().map(|r| r * r).sum::<f64>() / residuals.len() as f64);
-                    Evaluation { cost, residuals }
+                    Evaluation { cost, residuals, slope: None }
                 })
                 .collect();
             evaluations += answers.len();

@@ -6,6 +6,7 @@ use utoipa::ToSchema;
 use super::agreement::AgreementOptions;
 use super::budget::{Budgeted, Strategy};
 use super::clustered::{CfaHierarchicalOptions, CfaThesis, CfaThesisOptions};
+use super::ctsm::{CtsmOptions, likely};
 use super::fa::{FaModifiedOptions, FaOptions};
 use super::ga::{Ga, GaOptions};
 use super::grid::{Grid, GridOptions};
@@ -28,6 +29,8 @@ pub enum Method {
     CfaHierarchical(CfaHierarchicalOptions),
     /// Levenberg-Marquardt from a Latin hypercube.
     LmMultistart(LmOptions),
+    /// Maximum likelihood of the stochastic model: swarms on the likelihood, then Fisher scoring on its slopes.
+    Ctsm(CtsmOptions),
     /// The original Firefly Algorithm (Algorithm 1).
     Fa(FaOptions),
     /// The Firefly Algorithm with the modifications of section 4.2.
@@ -155,8 +158,8 @@ impl Ranges {
 
 impl Method {
     /// The names that a job may use.
-    pub const NAMES: [&'static str; 10] =
-        ["cfa", "cfa_thesis", "cfa_hierarchical", "lm_multistart", "fa", "fa_modified", "grid", "lshade", "pso", "ga"];
+    pub const NAMES: [&'static str; 11] =
+        ["cfa", "cfa_thesis", "cfa_hierarchical", "lm_multistart", "ctsm", "fa", "fa_modified", "grid", "lshade", "pso", "ga"];
 
     /// Every hyperparameter that is out of range; a method to be run has none.
     pub fn faults(&self) -> Vec<Range> {
@@ -229,6 +232,20 @@ impl Method {
                 check.local(&o.local);
                 check.agreement(&o.agreement);
             }
+            Method::Ctsm(o) => {
+                check.count("n", o.n, 2, 2000);
+                check.count("swarm", o.swarm, 1, 1_000_000_000);
+                check.real("growth", o.growth, 1.0, 100.0);
+                check.count("starts", o.starts, 0, 64);
+                check.count("scouts", o.scouts, 0, 64);
+                check.count("starts + scouts", o.starts.saturating_add(o.scouts), 1, 128);
+                check.count("profile", o.profile, 0, 50);
+                check.count("scoring.steps", o.scoring.steps, 1, 100_000);
+                check.real("scoring.radius", o.scoring.radius, 1e-6, 1.0);
+                check.real("scoring.tolerance", o.scoring.tolerance, 0.0, 1.0);
+                check.real("scoring.merge", o.scoring.merge, 0.0, 1.0);
+                check.agreement(&o.agreement);
+            }
         }
         check.0
     }
@@ -240,6 +257,7 @@ impl Method {
             Method::CfaThesis(_) => "cfa_thesis",
             Method::CfaHierarchical(_) => "cfa_hierarchical",
             Method::LmMultistart(_) => "lm_multistart",
+            Method::Ctsm(_) => "ctsm",
             Method::Fa(_) => "fa",
             Method::FaModified(_) => "fa_modified",
             Method::Grid(_) => "grid",
@@ -260,6 +278,7 @@ impl Method {
             Method::CfaThesis(options) => within(CfaThesis::new(options.clone(), &search), budget),
             Method::CfaHierarchical(options) => within(CfaThesis::hierarchical(options.clone(), &search), budget),
             Method::LmMultistart(options) => within(LmMultistart::new(options.clone(), &search), budget),
+            Method::Ctsm(options) => within(likely(options, &search), budget),
             Method::Fa(options) => within(CfaThesis::new(options.as_one_cluster(), &search), budget),
             Method::FaModified(options) => within(CfaThesis::new(options.as_one_cluster(), &search), budget),
             Method::Grid(options) => within(Grid::new(options.clone(), &search), budget),
@@ -288,7 +307,12 @@ mod tests {
 
     #[test]
     fn every_hyperparameter_out_of_range_is_named() {
-        for method in [Method::default(), Method::CfaThesis(Default::default()), Method::LmMultistart(Default::default())] {
+        for method in [
+            Method::default(),
+            Method::CfaThesis(Default::default()),
+            Method::LmMultistart(Default::default()),
+            Method::Ctsm(Default::default()),
+        ] {
             assert_eq!(method.faults(), vec![]);
         }
         let options = CfaOptions { n: 1_000_000, alpha: f64::NAN, starts: 0, scouts: 0, ..CfaOptions::default() };
@@ -324,8 +348,9 @@ mod tests {
             let run = drive(optimiser.as_mut(), |x| Function::Schwefel.cost(x));
             (run.evaluations, optimiser.generation())
         };
-        assert_eq!(golden.map(|entry| entry.0), Method::NAMES);
-        let courses = Method::NAMES.map(|name| (name, course(name).0, course(name).1));
+        // These functions have no likelihood.
+        let names: Vec<&str> = Method::NAMES.into_iter().filter(|name| *name != "ctsm").collect();
+        let courses: Vec<(&str, usize, usize)> = names.iter().map(|name| (*name, course(name).0, course(name).1)).collect();
         assert_eq!(courses, golden);
     }
 

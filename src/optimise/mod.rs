@@ -6,6 +6,7 @@
 pub mod agreement;
 mod budget;
 pub mod clustered;
+pub mod ctsm;
 mod descent;
 pub mod fa;
 mod firefly;
@@ -20,6 +21,7 @@ pub mod lshade;
 pub mod method;
 pub mod multistart;
 pub mod pso;
+pub mod scoring;
 pub mod space;
 mod swarm;
 mod trust_region;
@@ -28,7 +30,9 @@ pub use firefly::{Crowd, Edges};
 pub use method::{Method, Range, Search};
 pub use space::{Candidate, Dimension, Scale, Space, Theta};
 
+use serde::{Deserialize, Serialize};
 use std::cmp::Ordering;
+use utoipa::ToSchema;
 
 /// What a candidate costs: a finite number, or nothing that could be computed.
 ///
@@ -77,6 +81,19 @@ pub struct Evaluation {
     pub cost: Cost,
     /// Residuals whose mean square is the cost, where [`Ask::Residuals`] asked for them; otherwise empty.
     pub residuals: Vec<f64>,
+    /// Where [`Ask::Slopes`] asked for it, and it could be computed.
+    pub slope: Option<Slope>,
+}
+
+/// A negative log-likelihood, of which the cost is a rising function, with its slopes in the unit cube.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Slope {
+    /// The negative log-likelihood.
+    pub value: f64,
+    /// Its gradient.
+    pub gradient: Vec<f64>,
+    /// The curvature that it is expected to have, by rows; positive semidefinite.
+    pub information: Vec<f64>,
 }
 
 /// What the optimiser wants to know next.
@@ -86,6 +103,8 @@ pub enum Ask {
     Costs(Vec<Candidate>),
     /// The costs and the residual vectors of these candidates.
     Residuals(Vec<Candidate>),
+    /// The costs and the slopes of the likelihood at these candidates.
+    Slopes(Vec<Candidate>),
     /// Nothing: the search has ended by itself.
     Done(Ended),
 }
@@ -111,4 +130,33 @@ pub trait Optimiser: Send {
     fn best(&self) -> Option<(&Candidate, Cost)>;
     /// Generations, restarts or iterations completed, for progress displays.
     fn generation(&self) -> usize;
+    /// The local runs so far, in their order, where the search keeps count of them.
+    fn runs(&self) -> Vec<LocalRun>;
+}
+
+/// Where a local run came from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Origin {
+    /// A known point: the parameters in use, or the nominal ones.
+    Warm,
+    /// The best place of a cluster of the swarm.
+    Cluster,
+    /// A random place.
+    Random,
+}
+
+/// A local run from its start to its end.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LocalRun {
+    /// Where it came from.
+    pub origin: Origin,
+    /// What its start cost.
+    pub start: Cost,
+    /// What its end costs.
+    pub end: Cost,
+    /// How many candidates it asked for.
+    pub evaluations: usize,
+    /// Whether it ended at an optimum, rather than short of it or on the way of a better run.
+    pub settled: bool,
 }

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use super::agreement::{Agreement, AgreementOptions};
 use super::budget::Strategy;
 use super::firefly::stream;
-use super::local::{LocalOptions, LocalStage};
+use super::local::{LocalOptions, LocalStage, LocalWay};
 use super::method::Search;
 use super::{Ask, Candidate, Ended, Evaluation};
 use utoipa::ToSchema;
@@ -37,7 +37,7 @@ impl Default for LmOptions {
 #[derive(Debug)]
 pub struct LmMultistart {
     options: LmOptions,
-    residuals: bool,
+    way: LocalWay,
     /// The starts that are left, the next one last.
     starts: Vec<Candidate>,
     stage: LocalStage,
@@ -53,10 +53,11 @@ impl LmMultistart {
         let drawn = options.starts.max(1).saturating_sub(starts.len());
         starts.extend(latin_hypercube(drawn, search.dimensions, search.seed));
         starts.reverse();
+        let way = LocalWay::on_residuals(&options.local, search.residuals);
         let mut multistart = Self {
-            residuals: search.residuals,
             starts,
-            stage: LocalStage::new(&options.local, &[], search.residuals),
+            stage: LocalStage::new(&way, &[]),
+            way,
             agreement: Agreement::new(options.agreement),
             restarts: 0,
             ended: None,
@@ -70,7 +71,7 @@ impl LmMultistart {
         let keep = self.starts.len().saturating_sub(self.options.lockstep.max(1));
         let mut group = self.starts.split_off(keep);
         group.reverse();
-        self.stage = LocalStage::new(&self.options.local, &group, self.residuals);
+        self.stage = LocalStage::new(&self.way, &group);
     }
 
     /// A group is at its optima.

@@ -51,7 +51,7 @@ impl Swarm {
     /// search draws other numbers; `first` are the places of its first fireflies.
     pub fn new(
         options: &CfaOptions,
-        residuals: bool,
+        guided: bool,
         budget: usize,
         seed: u64,
         first_id: u64,
@@ -59,9 +59,9 @@ impl Swarm {
         first: &[Candidate],
     ) -> Self {
         let CfaOptions { beta0, alpha, gamma, crossover, crowd, .. } = *options;
-        let guided = Flight { beta0, gamma, alpha, crossover, leap: 0.0, crowd, edges: Edges::Bounce };
+        let gentle = Flight { beta0, gamma, alpha, crossover, leap: 0.0, crowd, edges: Edges::Bounce };
         let OnCostsOptions { gamma, crossover, leap, .. } = options.on_costs;
-        let flight = if residuals { guided } else { Flight { gamma, crossover, leap, ..guided } };
+        let flight = if guided { gentle } else { Flight { gamma, crossover, leap, ..gentle } };
         let fireflies: Vec<Firefly> = (0..options.n.max(2))
             .map(|index| {
                 let id = first_id + 1 + index as u64;
@@ -83,7 +83,7 @@ impl Swarm {
             still: 0,
             ended: false,
             flight,
-            greedy: !residuals,
+            greedy: !guided,
             options: options.clone(),
         }
     }
@@ -253,7 +253,7 @@ mod tests {
     use crate::optimise::functions::Function;
 
     fn answers(batch: &[Candidate], cost: impl Fn(&[f64]) -> f64) -> Vec<Evaluation> {
-        batch.iter().map(|c| Evaluation { cost: Cost::new(cost(&c.0)), residuals: Vec::new() }).collect()
+        batch.iter().map(|c| Evaluation { cost: Cost::new(cost(&c.0)), residuals: Vec::new(), slope: None }).collect()
     }
 
     #[test]

@@ -161,7 +161,7 @@ fn the_filter_and_its_forecasts_follow_delayed_inputs() {
     let measured: [Measured; 1] = [(&truth, &valid)];
     let simulator = Simulator::new(&model, &inputs, &measured, Stepper::Ros2, 3);
     let kalman = Kalman::new(&model, &simulator, &inputs, &measured);
-    let found = kalman.filter(&theta, &Noise { process: 0.1, measurement: vec![1e-4] }, 80);
+    let found = kalman.filter(&theta, &Noise { process: vec![0.1; model.states().len()], measurement: vec![1e-4] }, 80);
     // The filter starts from the mean of three samples; its error has gone after a day.
     let origins: Vec<usize> = (48..60).collect();
     for (origin, forecast) in origins.iter().zip(kalman.forecasts(&theta, &found, &origins, 20)) {

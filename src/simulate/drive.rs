@@ -6,7 +6,9 @@ use crate::model::compile::AS_IT_COMES;
 use crate::model::expr::Point;
 use crate::model::tape::{DelayedInput, SharedStage, Source, Tape};
 use crate::model::{Hold, Model};
+use crate::simulate::dual::Scalar;
 use crate::simulate::lanes::LaneFile;
+use crate::simulate::registers::Registers;
 use crate::units::Unit;
 
 /// The inputs of a model on a grid, in the units of its equations.
@@ -177,6 +179,16 @@ impl Past {
             Hold::ZeroOrder => self.values[((position + 1e-9) as usize).min(last)],
         }
     }
+
+    /// How the value changes with the position; a held one does not.
+    fn slope(&self, position: f64) -> f64 {
+        let last = self.values.len().saturating_sub(1);
+        if self.hold == Hold::ZeroOrder || last == 0 || !(0.0..=last as f64).contains(&position) {
+            return 0.0;
+        }
+        let k = (position as usize).min(last - 1);
+        self.values[k + 1] - self.values[k]
+    }
 }
 
 impl Drive {
@@ -216,6 +228,19 @@ impl Drive {
             let past = &self.delayed[index];
             let now = k as f64 + (step as f64 + past.offset) / self.steps as f64;
             past.at(now - hours / self.sample_hours)
+        });
+    }
+}
+
+impl Drive {
+    /// Loads the inputs of a step into the registers of the tape that the drive was made for.
+    pub fn feed<T: Scalar>(&self, registers: &mut Registers<T>, k: usize, step: usize) {
+        let start = (k * self.steps + step) * self.width;
+        registers.share(&self.rows[start..start + self.width]);
+        registers.delay(|index, hours| {
+            let past = &self.delayed[index];
+            let position = k as f64 + (step as f64 + past.offset) / self.steps as f64 - hours / self.sample_hours;
+            (past.at(position), -past.slope(position) / self.sample_hours)
         });
     }
 }

@@ -15,13 +15,13 @@ use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
 /// Prior variance of a state that no sensor measures, in the square of its unit (models: 4 K2).
-const HIDDEN_VARIANCE: f64 = 4.0;
+pub(super) const HIDDEN_VARIANCE: f64 = 4.0;
 
 /// The noise that a filter assumes.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Noise {
-    /// Process noise: standard deviation per square root of an hour, the same for every state.
-    pub process: f64,
+    /// Process noise: a standard deviation per square root of an hour for every state.
+    pub process: Vec<f64>,
     /// Measurement variance per output.
     pub measurement: Vec<f64>,
 }
@@ -96,7 +96,7 @@ impl<'a> Kalman<'a> {
             } else {
                 for step in 0..substeps {
                     let jacobian = self.jacobian(&mut linear, &x, k - 1, step);
-                    let transition = Transition::of(&mut transition, jacobian, noise.process, hours);
+                    let transition = Transition::of(&mut transition, jacobian, &noise.process, hours);
                     for state in 0..n {
                         file.state(state)[0] = x[state];
                     }
@@ -195,7 +195,7 @@ impl<'a> Kalman<'a> {
     /// search over 1e-3 to 3 units per square root of an hour.
     pub fn likely_process_noise(&self, theta: &[f64], measurement: &[f64], until: usize) -> f64 {
         let cost = |log_q: f64| {
-            let noise = Noise { process: log_q.exp(), measurement: measurement.to_vec() };
+            let noise = Noise { process: vec![log_q.exp(); self.initial.len()], measurement: measurement.to_vec() };
             let likelihood = self.filter(theta, &noise, until).log_likelihood;
             if likelihood.is_finite() { -likelihood } else { f64::INFINITY }
         };
@@ -308,7 +308,7 @@ impl<'a> Kalman<'a> {
 
 impl Transition {
     /// The transition of this Jacobian, computed anew only where it differs from the last one.
-    fn of(last: &mut Option<Transition>, jacobian: DMatrix<f64>, process: f64, hours: f64) -> &Transition {
+    fn of<'t>(last: &'t mut Option<Transition>, jacobian: DMatrix<f64>, process: &[f64], hours: f64) -> &'t Transition {
         if last.as_ref().is_none_or(|last| last.jacobian != jacobian) {
             *last = None;
         }
@@ -316,7 +316,7 @@ impl Transition {
             let n = jacobian.nrows();
             let mut block = DMatrix::zeros(2 * n, 2 * n);
             block.view_mut((0, 0), (n, n)).copy_from(&(-&jacobian * hours));
-            block.view_mut((0, n), (n, n)).fill_diagonal(process * process * hours);
+            (0..n).for_each(|i| block[(i, n + i)] = process[i] * process[i] * hours);
             block.view_mut((n, n), (n, n)).copy_from(&(jacobian.transpose() * hours));
             let exponential = block.exp();
             let matrix = exponential.view((n, n), (n, n)).transpose();
@@ -365,7 +365,7 @@ mod tests {
         let simulator = Simulator::new(&model, &inputs, &measured, Stepper::Rk4, 30);
         let kalman = Kalman::new(&model, &simulator, &inputs, &measured);
         let (q, r) = (0.3, 0.04);
-        let found = kalman.filter(&[A], &Noise { process: q, measurement: vec![r] }, 40);
+        let found = kalman.filter(&[A], &Noise { process: vec![q], measurement: vec![r] }, 40);
         let mut x = (values[0] + values[1] + values[2]) / 3.0;
         let mut p = r;
         let decay = (-A * 0.5).exp();
@@ -390,7 +390,7 @@ mod tests {
         let measured: [Measured; 1] = [(&values, &valid)];
         let simulator = Simulator::new(&model, &inputs, &measured, Stepper::Ros2, 3);
         let kalman = Kalman::new(&model, &simulator, &inputs, &measured);
-        let found = kalman.filter(&[A], &Noise { process: 0.1, measurement: vec![0.01] }, 60);
+        let found = kalman.filter(&[A], &Noise { process: vec![0.1], measurement: vec![0.01] }, 60);
         let origins: Vec<usize> = (5..40).collect();
         for (origin, forecast) in origins.iter().zip(kalman.forecasts(&[A], &found, &origins, 24)) {
             for (lead, value) in forecast.iter().enumerate().filter(|(lead, _)| origin + lead < 60) {

@@ -2,14 +2,23 @@
 //!
 //! `stepper` writes one step as an expression graph, `model::tape` stages it, `drive` evaluates what all
 //! candidates share, `lanes` evaluates the rest, `trajectory` walks the window, `kalman` filters it.
+//!
+//! `likelihood` filters with a diffusion per state and gives its slopes: `registers` evaluates a tape on numbers that carry
+//! theirs (`dual`), `transition` is the exact step of a linear model.
 
 #[cfg(test)]
 mod delay_tests;
 pub mod drive;
+mod dual;
 pub mod kalman;
 pub mod lanes;
+pub mod likelihood;
+#[cfg(test)]
+mod likelihood_tests;
+mod registers;
 pub mod stepper;
 pub mod trajectory;
+mod transition;
 
 pub use drive::Inputs;
 pub use lanes::LANES;

@@ -33,6 +33,21 @@ pub fn output_tape(model: &Model) -> Tape {
     schedule(model.graph(), &nodes, model.parameters().len(), model.states().len())
 }
 
+/// The tape of the equations, of their explicit time derivatives, and of the Jacobian, row by row: what an exact step
+/// of a linear model needs.
+pub fn field_tape(model: &Model) -> Tape {
+    let mut nodes = model.rhs().to_vec();
+    nodes.extend(model.rate());
+    nodes.extend(model.jacobian().iter().flatten());
+    schedule(model.graph(), &nodes, model.parameters().len(), model.states().len())
+}
+
+/// The tape of each output with its gradient.
+pub fn observation_tape(model: &Model) -> Tape {
+    let nodes: Vec<NodeId> = model.outputs().iter().flat_map(|output| [output.node].into_iter().chain(output.gradient.clone())).collect();
+    schedule(model.graph(), &nodes, model.parameters().len(), model.states().len())
+}
+
 /// The tape of the Jacobian, row by row, and of each output with its gradient: what a Kalman filter needs.
 pub fn linear_tape(model: &Model) -> Tape {
     let mut nodes: Vec<NodeId> = model.jacobian().iter().flatten().copied().collect();

@@ -215,7 +215,7 @@ impl Simulator {
 }
 
 /// Whether a state that came this far has left the numbers or physics.
-fn diverged(farthest: f64) -> bool {
+pub(super) fn diverged(farthest: f64) -> bool {
     farthest.is_nan() || farthest > RUNAWAY
 }
 

@@ -2,19 +2,21 @@
 //!
 //! A twin is written as CSV text and read back like any measurement, so it enters by the same door. `room` is the
 //! room of the thesis with nothing hidden; `world` hides effects in it, for `diagnose` to find; `house` is eleven rooms
-//! that warm each other, with more sensors than rooms. `heated` is no record: a controller decides step by step what its
-//! heat pump does.
+//! that warm each other, with more sensors than rooms; `noisy` is moved by chance. `heated` is no record: a controller
+//! decides step by step what its heat pump does.
 
 mod climate;
 mod dice;
 pub mod heated;
 mod hidden;
 pub mod house;
+pub mod noisy;
 mod price;
 pub mod room;
 pub mod world;
 
 pub use hidden::{CATALOGUED, STRANGE};
 pub use house::{HouseRequest, HouseTwin, RoomTruth, house};
+pub use noisy::{NoisyTwin, noisy};
 pub use room::{RoomTwin, room};
 pub use world::{Level, Truth, World, WorldRequest, world};

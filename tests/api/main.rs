@@ -13,6 +13,7 @@ mod fits;
 mod hostile;
 mod jobs;
 mod layout;
+mod likelihood;
 mod limits;
 mod models;
 mod operators;

@@ -8,6 +8,7 @@ mod diagnoses;
 mod family;
 mod hidden;
 mod houses;
+mod likelihood;
 mod oracles;
 mod posted;
 mod twins;

@@ -14,6 +14,7 @@ import { Fails } from './pages/fails.js';
 import { Diagnosis } from './pages/missing.js';
 import { Ladder } from './pages/ladder.js';
 import { Values, Judgement } from './pages/parameters.js';
+import { Likelihood } from './pages/likelihood.js';
 import { EffectPage } from './pages/model.js';
 
 const { kind, id, zone, made_at: madeAt, version } = REPORT;
@@ -49,7 +50,7 @@ function App() {
     <h2>Where it fails</h2>
     <${Fails} system=${id} fit=${id} query=${query} document=${SYSTEM} />
     <h2>Parameters</h2>
-    <${Shown} of=${fit} what="the fit" show=${data => html`<${Values} fit=${data} history=${[]} /><${Judgement} fit=${data} />`} />
+    <${Shown} of=${fit} what="the fit" show=${data => html`<${Values} fit=${data} history=${[]} /><${Likelihood} fit=${data} /><${Judgement} fit=${data} />`} />
   </${Shell}>`;
 }
 

@@ -63,8 +63,10 @@ fn generation(n: usize, target: f64, seed: u64) -> Generation {
     let (mut evaluations, mut evaluating) = (0, 0.0);
     while let Ask::Costs(batch) | Ask::Residuals(batch) = optimiser.ask() {
         let begun = Instant::now();
-        let answers: Vec<Evaluation> =
-            batch.iter().map(|x| Evaluation { cost: Cost::new(Function::Schwefel.cost(&x.0)), residuals: Vec::new() }).collect();
+        let answers: Vec<Evaluation> = batch
+            .iter()
+            .map(|x| Evaluation { cost: Cost::new(Function::Schwefel.cost(&x.0)), residuals: Vec::new(), slope: None })
+            .collect();
         evaluating += begun.elapsed().as_secs_f64();
         evaluations += batch.len();
         optimiser.tell(&answers);

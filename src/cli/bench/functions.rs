@@ -84,7 +84,7 @@ pub(super) fn one(case: &Case, method: &Method, seed: u64) -> Run {
             while run.curve.len() < PLACES && run.evaluations * PLACES >= case.budget * (run.curve.len() + 1) {
                 run.curve.push(run.best);
             }
-            answers.push(Evaluation { cost: Cost::new(cost), residuals: Vec::new() });
+            answers.push(Evaluation { cost: Cost::new(cost), residuals: Vec::new(), slope: None });
         }
         optimiser.tell(&answers);
     }

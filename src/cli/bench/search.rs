@@ -46,7 +46,7 @@ pub fn path(problem: &Problem, method: &Method, seed: u64, budget: usize) -> Pat
     let (mut evaluations, mut improvements) = (0, Vec::new());
     loop {
         let answers = match optimiser.ask() {
-            Ask::Costs(candidates) => problem.evaluate(&candidates, false),
+            Ask::Costs(candidates) | Ask::Slopes(candidates) => problem.evaluate(&candidates, false),
             Ask::Residuals(candidates) => problem.evaluate(&candidates, true),
             Ask::Done(_) => break,
         };

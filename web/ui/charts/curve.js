@@ -7,10 +7,10 @@ const MARGIN = { left: 52, right: 12, top: 8, bottom: 34 };
 
 /**
  * Lines: `{label, colour, dash, open, points: [[x, y], …]}`, with a dot at the end unless `open`; y may be logarithmic.
- * `range` fixes what y shows, `at` the marks of x, `zero` draws that line; `band` shades between `[x, low, high]`;
+ * `range` fixes what y shows, `across` what x shows, `at` the marks of x, `zero` draws that line; `band` shades between `[x, low, high]`;
  * `peaks` are named places of x.
  */
-export function Curve({ lines, xLabel, yLabel, height = 200, log = false, range, at, zero = false, band = [], peaks = [], label }) {
+export function Curve({ lines, xLabel, yLabel, height = 200, log = false, range, across, at, zero = false, band = [], peaks = [], label }) {
   const host = useRef(null);
   const width = useWidth(host) || 600;
   const drawn = lines.map(line => ({ ...line, points: line.points.filter(([, y]) => Number.isFinite(y) && (!log || y > 0)) }));
@@ -19,7 +19,7 @@ export function Curve({ lines, xLabel, yLabel, height = 200, log = false, range,
   const ys = all.map(([, y]) => y);
   const xs = all.map(([x]) => x);
   const pad = range ?? (log ? [Math.min(...ys) * 0.9, Math.max(...ys) * 1.1] : [Math.min(...ys), Math.max(...ys)]);
-  const domain = [Math.min(...xs, 0), Math.max(...xs, 1)];
+  const domain = across ?? [Math.min(...xs, 0), Math.max(...xs, 1)];
   const x = scale(domain, [MARGIN.left, width - MARGIN.right]);
   const y = scale(pad, [height - MARGIN.bottom, MARGIN.top], log);
   const powers = log ? logTicks(...pad) : [];

@@ -11,6 +11,7 @@ import { Shown, Empty } from '../parts/screens.js';
 import { Reason } from '../parts/dialog.js';
 import { Rail } from '../charts/rail.js';
 import { Curve } from '../charts/curve.js';
+import { Likelihood } from './likelihood.js';
 
 export function Parameters({ system, document, params, fit, reload }) {
   const chosen = useResource(fit && `/fits/${fit}`);
@@ -26,6 +27,7 @@ export function Parameters({ system, document, params, fit, reload }) {
     <${Served} params=${params} ask=${setAsking} system=${system} done=${done} />
     <${Shown} of=${chosen} what="the fit" show=${data => html`
       <${Values} fit=${data} history=${history.data ?? []} />
+      <${Likelihood} fit=${data} />
       <${Judgement} fit=${data} ask=${setAsking} done=${done} />`} />
     <${Shown} of=${history} what="the history" show=${list => html`<${History} system=${system} list=${list} ask=${setAsking} done=${done} />`} />
     ${asking && html`<${Reason} ...${asking} close=${() => setAsking(null)} />`}`;

@@ -1,0 +1,108 @@
+//! The ladder by likelihood: effects are added one after another while a likelihood-ratio test speaks for them, as
+//! Bacher and Madsen (Energy and Buildings 43, 2011) select a model.
+
+use super::candidates::{Suspect, align, suspects, widen};
+use super::findings::DiagnoseError;
+use super::ladder::{Ladder, Step};
+use crate::data::Window;
+use crate::estimate::likelihood::{LikelihoodRatio, SIGNIFICANT};
+use crate::estimate::metrics::{HORIZONS, ahead, filter_with};
+use crate::estimate::peak::Peak;
+use crate::estimate::{Control, EstimateError, Problem, Site};
+use crate::model::Catalogue;
+use rayon::prelude::*;
+use std::ops::Range;
+
+/// Builds the ladder from a parameter vector: at most `max_steps` effects, each the one for which the test speaks most.
+///
+/// As the best of many is taken, its probability is multiplied by their number (Bonferroni). The first step for which the
+/// test does not speak ends the ladder.
+///
+/// # Errors
+/// [`DiagnoseError`] where the model diverges, the window does not serve, or `control` interrupts.
+pub fn ladder_by_likelihood(
+    catalogue: &Catalogue,
+    problem: &Problem,
+    theta: &[f64],
+    window: &Window,
+    site: &Site,
+    max_steps: usize,
+    control: &Control,
+) -> Result<Ladder, DiagnoseError> {
+    let nothing = || DiagnoseError::Estimate(EstimateError::NothingFinite);
+    let (grid, holes) = widen(problem, window, site).map_err(|fault| DiagnoseError::Faults(vec![fault]))?;
+    let mut base = problem.clone();
+    let mut peak: Option<Peak> = None;
+    let mut steps: Vec<Step> = Vec::new();
+    for _ in 0..max_steps {
+        let (mut library, _) = suspects(catalogue, &base, &grid, &holes, site);
+        base = align(&base, &mut library);
+        // The samples may have changed, so the smaller model is fitted to them again.
+        let (from, noise) = peak.as_ref().map_or((theta, None), |peak| (peak.theta.as_slice(), Some(peak.noise.as_slice())));
+        let here = Peak::near(&base, &[from.to_vec()], noise).ok_or_else(nothing)?;
+        if steps.is_empty() {
+            steps.push(step(&base, &here, None, None));
+        }
+        let rivals: Vec<Option<(Peak, LikelihoodRatio)>> = library
+            .par_iter()
+            .map(|suspect| {
+                if (control.interrupt)().is_some() {
+                    return None;
+                }
+                let there = Peak::near(&suspect.problem, &starts(suspect, &base, &here.theta), Some(&here.noise))?;
+                let test =
+                    there.against(&here, library.len(), [&base.model().id().to_string(), &suspect.problem.model().id().to_string()])?;
+                Some((there, test))
+            })
+            .collect();
+        if let Some(interrupt) = (control.interrupt)() {
+            return Err(DiagnoseError::Estimate(EstimateError::Interrupted(interrupt)));
+        }
+        // Of two that chance explains equally badly, the larger gain counts.
+        let order = |a: &LikelihoodRatio, b: &LikelihoodRatio| a.p.total_cmp(&b.p).then(b.statistic.total_cmp(&a.statistic));
+        let best = library
+            .iter()
+            .zip(rivals)
+            .filter_map(|(suspect, rival)| rival.map(|(peak, test)| (suspect, peak, test)))
+            .min_by(|a, b| order(&a.2, &b.2));
+        let Some((suspect, there, test)) = best else { break };
+        let kept = test.p < SIGNIFICANT;
+        steps.push(step(&suspect.problem, &there, Some(suspect.id.clone()), Some(test)));
+        if !kept {
+            break;
+        }
+        base = suspect.problem.clone();
+        peak = Some(there);
+    }
+    Ok(Ladder { system: None, steps })
+}
+
+/// Where a fit with the effect starts: with the effect switched off, and at its nominal strength.
+fn starts(suspect: &Suspect, base: &Problem, theta: &[f64]) -> Vec<Vec<f64>> {
+    let off = suspect.lift(base, theta);
+    let mut nominal = off.clone();
+    suspect.own.iter().for_each(|(index, _)| nominal[*index] = suspect.problem.nominal()[*index]);
+    vec![off, nominal]
+}
+
+fn step(problem: &Problem, peak: &Peak, added: Option<String>, test: Option<LikelihoodRatio>) -> Step {
+    let trajectory = problem.simulate(&peak.theta);
+    let split = problem.split();
+    let part = |range: &Range<usize>| problem.mean_square_error(&trajectory, 0, range.clone()).map(f64::sqrt);
+    let run = filter_with(problem, &peak.theta, &peak.filter_noise(problem));
+    let errors = ahead(problem, &peak.theta, &run, split.validation.clone(), &HORIZONS);
+    let names = problem.model().parameters().iter().map(|parameter| parameter.name.clone());
+    Step {
+        model: problem.model().id().to_string(),
+        added,
+        train_rmse: part(&split.train).unwrap_or(f64::NAN),
+        validation_rmse: part(&split.validation),
+        test_rmse: part(&split.test),
+        ahead: errors.into_iter().map(|(name, error)| (name, error.rmse)).collect(),
+        bic: peak.estimated as f64 * (peak.innovations as f64).ln() - 2.0 * peak.log_likelihood,
+        parameters: names.zip(peak.theta.iter().copied()).collect(),
+        kept: test.as_ref().is_none_or(|test| test.p < SIGNIFICANT),
+        why: test.as_ref().map_or_else(|| "the model as it is".to_owned(), |test| test.sentence.clone()),
+        likelihood_ratio: test,
+    }
+}
