@@ -69,8 +69,13 @@ pub const PRIOR: Way = way("cfa, prior", Coefficients::Physical, r#"{"prior": "l
 pub const VALVE: Way = Way { name: "cfa, valve measured", valve: true, ..DEFAULT };
 
 /// What is compared room by room; another method is another line.
-pub const METHODS: &[Way] =
-    &[THESIS, THESIS_MSE, DEFAULT, way("lm_multistart", Coefficients::Physical, r#"{"method": {"name": "lm_multistart"}}"#)];
+pub const METHODS: &[Way] = &[
+    THESIS,
+    THESIS_MSE,
+    DEFAULT,
+    way("lm_multistart", Coefficients::Physical, r#"{"method": {"name": "lm_multistart"}}"#),
+    way("ctsm", Coefficients::Physical, r#"{"method": {"name": "ctsm"}}"#),
+];
 
 /// The boxes that are compared, with and without a prior.
 pub const BOXES: &[Way] = &[
