@@ -12,7 +12,7 @@ use std::fmt::Write;
 
 /// What the charts need beside the style of the page.
 const STYLE: &str = "
-svg.chart path.measured, svg.chart path.model, svg.chart path.previous, svg.chart path.heldout, svg.sample path { fill: none; stroke-width: 1.5; stroke-linejoin: round; }
+svg.chart path.measured, svg.chart path.model, svg.chart path.previous, svg.chart path.heldout, svg.sample path:not([class^=mark]) { fill: none; stroke-width: 1.5; stroke-linejoin: round; }
 path.measured { stroke: var(--measured); }
 path.model { stroke: var(--model); }
 path.previous { stroke: var(--previous); stroke-dasharray: 2 2; }
@@ -130,10 +130,17 @@ fn figure(caption: &str, legend: &str, chart: &str, head: &[String], rows: &[Vec
     )
 }
 
+/// Median errors of both weeks and the time of every method.
 fn figures(house: &House) -> String {
     let mut text = String::from(r#"<dl class="figures">"#);
-    for row in house.rows().into_iter().filter(|row| !row.what.starts_with(' ')) {
-        let _ = write!(text, "<div><dt>{}</dt><dd>{} {}</dd></div>", escaped(&row.what), super::tables::plain(row.value), row.unit);
+    for way in METHODS {
+        let [first, second] = [0, 1].map(|part| house.median(way, part).map_or_else(|| "-".to_owned(), super::tables::number));
+        let took: f64 = house.of(way).map(|run| run.seconds).sum();
+        let _ = write!(
+            text,
+            "<div><dt>{}: median MSE of week 1, week 2, time</dt><dd>{first} K², {second} K², {took:.1} s</dd></div>",
+            escaped(way.name)
+        );
     }
     text + "</dl>"
 }
@@ -194,7 +201,7 @@ fn layout_charts(house: &House) -> String {
     let plan = graph("Rooms and their neighbours, as proposed and as they are", &rooms, &edges);
     format!(
         r#"<div class="grid">{}{}</div>"#,
-        figure("Figure 7.2: correlations of the sensors", "<span>the darker, the stronger</span>", &matrix, &head, &rows),
+        figure("Figure 7.2: correlations of the sensors", "<span>the fuller the colour, the stronger</span>", &matrix, &head, &rows),
         figure("Figure 7.3: rooms and neighbours", &legend, &plan, &["rooms".to_owned(), "neighbours".to_owned()], &listed)
     )
 }

@@ -51,11 +51,6 @@ pub fn number(value: f64) -> String {
     }
 }
 
-/// A figure of any kind: a count as it is, anything else with four digits.
-pub fn plain(value: f64) -> String {
-    if value.fract() == 0.0 && value.abs() < 1e9 { format!("{value:.0}") } else { number(value) }
-}
-
 fn seconds(value: f64) -> String {
     format!("{value:.2}")
 }
