@@ -49,11 +49,11 @@ fn all_faults_of_a_job_are_listed() {
         (problem["errors"][0]["pointer"].as_str(), problem["errors"][0]["suggestion"].as_str()),
         (Some("/model"), Some("did you mean `room2`?"))
     );
-    // Methods and objectives that this version does not have: the fault lists those that it has.
+    // Methods and objectives that there are not: the fault lists those that there are.
     for (field, value, known) in [
-        ("method", json!({"name": "lshade"}), "`cfa`, `cfa_thesis`, `lm_multistart`"),
-        ("method", json!({"name": "ctsm", "seed": 3}), "`cfa`, `cfa_thesis`, `lm_multistart`"),
-        ("objective", json!("likelihood"), "`mse`, `swmse`, `nmse`"),
+        ("method", json!({"name": "annealing"}), "`cfa`, `cfa_thesis`, `cfa_hierarchical`, `lm_multistart`, `ctsm`"),
+        ("method", json!({"name": "bfgs", "seed": 3}), "`fa`, `fa_modified`, `grid`, `lshade`, `pso`, `ga`"),
+        ("objective", json!("mae"), "`mse`, `swmse`, `nmse`, `likelihood`"),
     ] {
         let problem =
             app.json("POST", "/jobs", &json!({"kind": "estimate", "system": "room/1", field: value})).problem(422, "invalid-request");

@@ -73,8 +73,8 @@ fn the_figures_follow_what_happens() {
         ("http_requests_total{method=\"GET\",route=\"/params/{kind}/{id}\",code=\"304\"}", 1.0),
         ("http_requests_total{method=\"GET\",route=\"/params/{kind}/{id}\",code=\"404\"}", 1.0),
         ("http_requests_total{method=\"POST\",route=\"/jobs\",code=\"202\"}", 4.0),
-        ("http_request_duration_seconds_count{route=\"/jobs\"}", 4.0),
-        ("http_request_duration_seconds_bucket{route=\"/jobs\",le=\"+Inf\"}", 4.0),
+        ("http_request_duration_seconds_count{route=\"/jobs\",code=\"202\"}", 4.0),
+        ("http_request_duration_seconds_bucket{route=\"/jobs\",code=\"202\",le=\"+Inf\"}", 4.0),
     ];
     for (name, value) in expected {
         assert_eq!(now.get(name), Some(&value), "{name} in {now:#?}");
