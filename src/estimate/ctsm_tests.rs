@@ -1,9 +1,9 @@
 use super::*;
 use crate::data::Bindings;
 use crate::data::Window;
+use crate::estimate::Control;
 use crate::estimate::request::{EstimateRequest, Site, prepare};
 use crate::estimate::run::estimate;
-use crate::estimate::{Control, Interrupt};
 use crate::model::Catalogue;
 use crate::twin;
 use serde_json::json;

@@ -52,7 +52,7 @@ fn all_faults_of_a_job_are_listed() {
     // Methods and objectives that this version does not have: the fault lists those that it has.
     for (field, value, known) in [
         ("method", json!({"name": "lshade"}), "`cfa`, `cfa_thesis`, `lm_multistart`"),
-        ("method", json!({"name": "ctsm", "seed": 3}), "`cfa`, `cfa_thesis`, `lm_multistart`"),
+        ("method", json!({"name": "lshade", "seed": 3}), "`cfa`, `cfa_thesis`, `lm_multistart`"),
         ("objective", json!("likelihood"), "`mse`, `swmse`, `nmse`"),
     ] {
         let problem =
