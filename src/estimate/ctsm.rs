@@ -10,7 +10,7 @@ use super::likelihood::{LikelihoodReport, NoiseEstimate, StartReport};
 use super::metrics::{error_unit, filter_fit, metrics};
 use super::problem::Problem;
 use super::request::{EstimateRequest, Objective, Prior};
-use super::run::{AT_BOUND, Control, EstimateError, Found, drive, fine_enough, report, step_error};
+use super::run::{AT_BOUND, Control, EstimateError, Found, Interrupt, drive, fine_enough, report, step_error};
 use super::uncertainty::Uncertainty;
 use crate::model::Scale as ModelScale;
 use crate::optimise::ctsm::CtsmOptions;
@@ -118,7 +118,7 @@ impl<'a> Likely<'a> {
     }
 
     /// A candidate of the problem's own space, with the noise that a search begins with.
-    fn start(&self, warm: &Candidate) -> Candidate {
+    pub(super) fn start(&self, warm: &Candidate) -> Candidate {
         let model = self.problem.model();
         let sensor = model.outputs()[0].noise_sd;
         let noise = model.states().iter().map(|_| DIFFUSION[2] * sensor).chain(model.outputs().iter().map(|o| MEASUREMENT[2] * o.noise_sd));
@@ -284,6 +284,10 @@ pub(super) fn estimate(
     found.evaluations += curvature.passes;
     let (profiles, passes) = profiles(&task, &found.place.0, &curvature, options, control);
     found.evaluations += passes;
+    // A cancelled search has no result, wherever it was.
+    if let Some(Interrupt::Cancelled) = (control.interrupt)() {
+        return Err(EstimateError::Interrupted(Interrupt::Cancelled));
+    }
     let reason = reason(found.stop, &starts);
     let mut remarks: Vec<String> = problem.model().dropped().iter().map(|what| format!("left out: {what}")).collect();
     remarks.append(&mut found.remarks);
@@ -417,7 +421,3 @@ fn noted(likelihood: &LikelihoodReport) -> Vec<String> {
     }
     remarks
 }
-
-#[cfg(test)]
-#[path = "ctsm_tests.rs"]
-mod tests;

@@ -1,9 +1,11 @@
-use super::*;
+//! The largest likelihood of rooms: it is found, the same on any number of threads, and says what it rests on.
+
+use super::ctsm::*;
 use crate::data::Bindings;
 use crate::data::Window;
 use crate::estimate::request::{EstimateRequest, Site, prepare};
 use crate::estimate::run::estimate;
-use crate::estimate::{Control, Interrupt};
+use crate::estimate::{Control, Interrupt, Problem, Stop};
 use crate::model::Catalogue;
 use crate::twin;
 use serde_json::json;

@@ -9,6 +9,8 @@
 pub mod compare;
 pub mod comparison;
 mod ctsm;
+#[cfg(test)]
+mod ctsm_tests;
 mod curvature;
 pub mod degradation;
 pub mod fit;

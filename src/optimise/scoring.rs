@@ -121,7 +121,7 @@ impl Scoring {
                 let gained = here.value - there.value;
                 let share = if self.promised > 0.0 { gained / self.promised } else { 0.0 };
                 let longest = self.trial.0.iter().zip(&self.place.0).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
-                self.learn(&there.clone());
+                self.learn(there);
                 if share < 0.25 {
                     self.radius = 0.35 * longest;
                 } else if share > 0.75 && longest > 0.99 * self.radius {

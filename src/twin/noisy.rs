@@ -26,11 +26,12 @@ pub struct NoisyTwin {
     pub truth: Vec<(String, f64)>,
 }
 
-/// Makes a room with so many days of samples, ten minutes apart. The drift goes by Heun's method over steps of 15 seconds, and
+/// Makes a room with so many days of samples, ten minutes apart, so that a training part of as many days starts where the
+/// truth does. The drift goes by Heun's method over steps of 15 seconds, and
 /// the noise, which no state changes, is exact in each; heater, sun and weather are as the model reads them between samples.
 pub fn noisy(seed: u64, days: usize) -> NoisyTwin {
     let mut dice = Dice::new(seed);
-    let samples = days * 86_400 / SAMPLE + 1;
+    let samples = days * 86_400 / SAMPLE;
     let day = 86_400.0 / SAMPLE as f64;
     let outdoors: Vec<f64> = dice.wander(samples, 3.0, day).into_iter().map(|x| 3.0 + x).collect();
     let clear = dice.wander(samples, 0.5, day / 8.0);
@@ -85,7 +86,7 @@ mod tests {
         assert_eq!(twin.csv, noisy(3, 4).csv);
         assert_ne!(twin.csv, noisy(4, 4).csv);
         let temperatures: Vec<f64> = twin.csv.lines().skip(1).map(|line| line.split(',').nth(1).unwrap().parse().unwrap()).collect();
-        assert_eq!(temperatures.len(), 4 * 144 + 1);
+        assert_eq!(temperatures.len(), 4 * 144);
         assert!(temperatures.iter().all(|t| (5.0..45.0).contains(t)), "{temperatures:?}");
     }
 }

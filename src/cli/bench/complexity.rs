@@ -8,6 +8,9 @@ use lampyris::optimise::{Ask, Cost, Crowd, Evaluation, Method, Search};
 use rayon::prelude::*;
 use std::time::Instant;
 
+/// How many fireflies of a population a cluster is to have.
+type Target = fn(usize) -> f64;
+
 const POPULATIONS: [usize; 7] = [32, 64, 128, 256, 512, 1024, 2000];
 const DIMENSIONS: usize = 5;
 /// More than any population.
@@ -23,7 +26,7 @@ pub fn run(first: u64, seeds: u64) -> Vec<Row> {
     let mut rows = Vec::new();
     let one_cluster = |_: usize| EVERYONE;
     let root = |n: usize| (n as f64).sqrt();
-    let cases: [(&str, f64, fn(usize) -> f64); 2] = [("FA", 2.0, one_cluster), ("cFA, sqrt(n) fireflies per cluster", 1.5, root)];
+    let cases: [(&str, f64, Target); 2] = [("FA", 2.0, one_cluster), ("cFA, sqrt(n) fireflies per cluster", 1.5, root)];
     for (title, formal, target) in cases {
         let mut points = Vec::new();
         for n in POPULATIONS {

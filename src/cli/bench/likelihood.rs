@@ -39,8 +39,10 @@ fn fitted(problem: &Problem, request: &EstimateRequest) -> Result<(Fit, f64), Fa
 }
 
 pub fn run(first: u64, rooms: u64, worlds: u64, each: bool) -> Result<Vec<Row>, Failure> {
-    let mut rows = convergence(first, rooms, each)?;
-    rows.extend(coverage(first, worlds, each)?);
+    let mut rows = if rooms > 0 { convergence(first, rooms, each)? } else { Vec::new() };
+    if worlds > 0 {
+        rows.extend(coverage(first, worlds, each)?);
+    }
     Ok(rows)
 }
 
