@@ -6,7 +6,7 @@
 
 use super::curvature::{Curvature, profiles};
 use super::fit::{Fit, Stop};
-use super::likelihood::{LikelihoodReport, NoiseEstimate, StartReport};
+use super::likelihood::{LikelihoodReport, NoiseEstimate, Profile, StartReport};
 use super::metrics::{error_unit, filter_fit, metrics};
 use super::problem::Problem;
 use super::request::{EstimateRequest, Objective, Prior};
@@ -15,7 +15,7 @@ use super::uncertainty::Uncertainty;
 use crate::model::Scale as ModelScale;
 use crate::optimise::ctsm::CtsmOptions;
 use crate::optimise::scoring::{Scoring, ScoringOptions};
-use crate::optimise::{Ask, Candidate, Cost, Dimension, Evaluation, LocalRun, Scale, Search, Slope, Space};
+use crate::optimise::{Ask, Candidate, Cost, Dimension, Evaluation, LocalRun, Origin, Scale, Search, Slope, Space};
 use crate::simulate::likelihood::Likelihood;
 use crate::simulate::trajectory::Halt;
 use indexmap::IndexMap;
@@ -27,6 +27,8 @@ const DIFFUSION: [f64; 3] = [1e-3, 1e3, 6.0];
 const MEASUREMENT: [f64; 3] = [1e-4, 100.0, 1.0];
 /// The logarithm of a cost beyond which it grows along a straight line: an exponential would leave the numbers.
 const STEEPEST: f64 = 300.0;
+/// How often the search goes on from a better place that a profile has found.
+const MOST_RETURNS: usize = 3;
 
 /// A problem with its noise: the coordinates are the free parameters, a diffusion per state, a deviation per output.
 pub struct Likely<'a> {
@@ -277,13 +279,10 @@ pub(super) fn estimate(
     };
     let answer = |ask: &Ask, halt: Halt| task.answer(ask, halt);
     let mut found = drive(problem, &answer, &request.method.method, search, request.early_stopping, control)?;
-    let starts = starts(&task, &found.runs);
+    let mut starts = starts(&task, &found.runs);
     let (problem, discretisation_error) = refine(problem, &mut found, options);
     let task = Likely::new(&problem);
-    let curvature = Curvature::at(&task, &found.place.0);
-    found.evaluations += curvature.passes;
-    let (profiles, passes) = profiles(&task, &found.place.0, &curvature, options, control);
-    found.evaluations += passes;
+    let (curvature, profiles) = peak(&task, &mut found, &mut starts, options, control);
     // A cancelled search has no result, wherever it was.
     if let Some(Interrupt::Cancelled) = (control.interrupt)() {
         return Err(EstimateError::Interrupted(Interrupt::Cancelled));
@@ -337,6 +336,45 @@ pub(super) fn estimate(
     Ok(fit)
 }
 
+/// The curvature and the profiles of the optimum. A profile that comes to a better place shows that there is another one: the
+/// search goes on from there.
+fn peak(
+    task: &Likely,
+    found: &mut Found,
+    starts: &mut Vec<StartReport>,
+    options: &CtsmOptions,
+    control: &Control,
+) -> (Curvature, IndexMap<String, Profile>) {
+    let all: Vec<usize> = (0..task.space.len()).collect();
+    let mut left = MOST_RETURNS;
+    loop {
+        let curvature = Curvature::at(task, &found.place.0);
+        let profiled = profiles(task, &found.place.0, &curvature, options, control);
+        found.evaluations += curvature.passes + profiled.passes;
+        let Some(better) = profiled.better.filter(|_| left > 0 && (control.interrupt)().is_none()) else {
+            return (curvature, profiled.profiles);
+        };
+        let Some((place, value, passes)) = task.climb(&better, &all, &options.scoring) else {
+            return (curvature, profiled.profiles);
+        };
+        left -= 1;
+        found.evaluations += passes;
+        let settled = passes < options.scoring.steps;
+        starts.push(StartReport {
+            origin: Origin::Profile,
+            from: task.value(&better).map(|value| -value),
+            to: Some(-value),
+            passes,
+            settled,
+        });
+        if let Cost::Finite(cost) = task.cost(value) {
+            found.cost = cost;
+        }
+        found.place = Candidate(place);
+        found.theta = task.problem.theta(&found.place);
+    }
+}
+
 /// Halves the step of the free run while it is too long, and climbs again where the likelihood depends on it.
 fn refine(problem: &Problem, found: &mut Found, options: &CtsmOptions) -> (Problem, f64) {
     let mut problem = problem.clone();
@@ -375,8 +413,11 @@ fn starts(task: &Likely, runs: &[LocalRun]) -> Vec<StartReport> {
 fn reason(stop: Stop, starts: &[StartReport]) -> String {
     let best = starts.iter().filter_map(|start| start.to).fold(f64::NEG_INFINITY, f64::max);
     let there = starts.iter().filter(|start| start.settled && start.to.is_some_and(|to| to > best - 0.1)).count();
+    let others =
+        starts.iter().filter(|start| start.origin != Origin::Profile).filter_map(|start| start.to).fold(f64::NEG_INFINITY, f64::max);
     let shared = format!("{there} of {} local runs end at the largest log-likelihood, {best:.1}", starts.len());
     match stop {
+        Stop::Converged if best > others + 0.1 => format!("a profile led to a better place than the restarts had agreed on: {shared}"),
         Stop::Converged => format!("restarts agree on the optimum: {shared}"),
         Stop::Stalled => format!("further restarts bring nothing new, although they do not all agree: {shared}"),
         Stop::Budget => format!("the evaluations are used up before restarts agree: {shared}"),

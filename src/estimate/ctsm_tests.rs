@@ -79,7 +79,7 @@ fn a_nonlinear_room_converges_to_the_same_bits_on_any_number_of_threads() {
     assert!(!found.profiles.is_empty());
     for (name, profile) in &found.profiles {
         let peak = profile.log_likelihood.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-        assert!(peak < found.log_likelihood + 1e-2, "{name}: {peak}");
+        assert!(peak < found.log_likelihood + 1e-2, "{name}: {peak} {} {:?}", found.log_likelihood, found.starts);
         assert!(profile.values.is_sorted(), "{name}");
     }
 }

@@ -123,17 +123,25 @@ fn inverse(matrix: DMatrix<f64>) -> Option<DMatrix<f64>> {
     Some(DMatrix::from_fn(n, n, |i, j| whole[(i, j)] / (scale[i] * scale[j])))
 }
 
-/// The profile likelihoods of the parameters, and the filter passes that they took. Each side goes outwards from the
-/// optimum, the others following first the covariance and then their own slopes.
-pub fn profiles(
-    task: &Likely,
-    place: &[f64],
-    curvature: &Curvature,
-    options: &CtsmOptions,
-    control: &Control,
-) -> (IndexMap<String, Profile>, usize) {
+/// How much better a point of a profile has to be than the optimum to show that it was none.
+const BETTER: f64 = 1e-2;
+
+/// The profile likelihoods of the parameters.
+pub struct Profiled {
+    /// By parameter.
+    pub profiles: IndexMap<String, Profile>,
+    /// Filter passes.
+    pub passes: usize,
+    /// The best place on any of them, where it is better than the optimum.
+    pub better: Option<Vec<f64>>,
+}
+
+/// Profiles a likelihood about its optimum. Each side goes outwards, the others following first the covariance and then their
+/// own slopes.
+pub fn profiles(task: &Likely, place: &[f64], curvature: &Curvature, options: &CtsmOptions, control: &Control) -> Profiled {
     let own = task.parameters();
-    let Some(best) = task.value(place) else { return (IndexMap::new(), 0) };
+    let mut profiled = Profiled { profiles: IndexMap::new(), passes: 0, better: None };
+    let Some(best) = task.value(place) else { return profiled };
     let sides: Vec<(usize, f64)> =
         (0..own).filter(|i| curvature.deviation[*i] > 0.0).flat_map(|i| [(i, -1.0), (i, 1.0)]).filter(|_| options.profile > 0).collect();
     let climbing = ScoringOptions { steps: 15, tolerance: 1e-2, radius: 0.1, ..options.scoring.clone() };
@@ -142,6 +150,7 @@ pub fn profiles(
         let step = sign * (REACH * curvature.deviation[*coordinate]).min(0.5) / options.profile as f64;
         let mut here = place.to_vec();
         let mut points: Vec<(f64, f64)> = Vec::new();
+        let mut better: Option<(Vec<f64>, f64)> = None;
         let mut passes = 0;
         for _ in 0..options.profile {
             let target = (here[*coordinate] + step).clamp(0.0, 1.0);
@@ -158,21 +167,26 @@ pub fn profiles(
             passes += more;
             here = there;
             points.push((target, value));
+            if value < better.as_ref().map_or(best - BETTER, |(_, known)| *known) {
+                better = Some((here.clone(), value));
+            }
         }
-        (points, passes)
+        (points, passes, better)
     };
-    let walked: Vec<(Vec<(f64, f64)>, usize)> = sides.par_iter().map(walk).collect();
-    let passes = walked.iter().map(|(_, passes)| passes).sum();
-    let mut profiles = IndexMap::new();
+    let walked: Vec<Walk> = sides.par_iter().map(walk).collect();
+    profiled.passes = walked.iter().map(|(_, passes, _)| passes).sum();
+    // Of equal ones the first, whoever was ready first.
+    let found = walked.iter().filter_map(|(_, _, better)| better.as_ref());
+    profiled.better = found.min_by(|a, b| a.1.total_cmp(&b.1)).map(|(place, _)| place.clone());
     for (pair, sides) in walked.chunks(2).zip(sides.chunks(2)) {
-        let [(below, _), (above, _)] = pair else { continue };
+        let [(below, ..), (above, ..)] = pair else { continue };
         let coordinate = sides[0].0;
         let dimension = &task.space().dimensions()[coordinate];
         let centre = (place[coordinate], best);
         let crossing = |side: &[(f64, f64)]| crossing(centre, side).map(|unit| dimension.value(unit));
         let ci95 = [crossing(below), crossing(above)];
         let points: Vec<(f64, f64)> = below.iter().rev().copied().chain([centre]).chain(above.iter().copied()).collect();
-        profiles.insert(
+        profiled.profiles.insert(
             dimension.name.clone(),
             Profile {
                 values: points.iter().map(|(unit, _)| dimension.value(*unit)).collect(),
@@ -181,8 +195,11 @@ pub fn profiles(
             },
         );
     }
-    (profiles, passes)
+    profiled
 }
+
+/// One side of a profile: its points with their values, the filter passes, and the best place if it beats the optimum.
+type Walk = (Vec<(f64, f64)>, usize, Option<(Vec<f64>, f64)>);
 
 /// Where a profile falls by 1.92 below its peak: between two points, along a straight line of the root of the fall, which is
 /// straight where the likelihood is a parabola.

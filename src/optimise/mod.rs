@@ -144,6 +144,8 @@ pub enum Origin {
     Cluster,
     /// A random place.
     Random,
+    /// A point of a profile that turned out to be better than the optimum that it was drawn from.
+    Profile,
 }
 
 /// A local run from its start to its end.

@@ -80,10 +80,10 @@ fn spoil(client: &Client) {
     client.ended(&client.failing("room/divergent", json!({"experiment": true})));
     client.json("POST", "/models", &stiff()).expect(201);
     client.json("PUT", "/systems/room/stiff", &json!({"model": "stiff"})).expect(200);
-    // A day by the minute, and one sample decades later: a grid from one to the other would have millions of points.
+    // An hour by two seconds, and one sample months later: a grid from one to the other would have millions of points.
     let start: Timestamp = "2026-01-16T00:00:00Z".parse().unwrap();
-    let minute = |minute: i64| ((start + SignedDuration::from_mins(minute)).to_string(), 17.0 + 0.001 * (minute % 1000) as f64, 4.0);
-    let days: Vec<(String, f64, f64)> = (0..1440).chain([38_000_000]).map(minute).collect();
+    let sample = |place: i64| ((start + SignedDuration::from_secs(2 * place)).to_string(), 17.0 + 0.001 * (place % 1000) as f64, 4.0);
+    let days: Vec<(String, f64, f64)> = (0..1440).chain([2_500_000]).map(sample).collect();
     client.csv("/systems/room/huge/windows", &csv_of(&days)).expect(201);
     client.csv("/systems/room/flat/windows", &stuck_csv()).expect(201);
 }

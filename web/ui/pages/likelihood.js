@@ -5,7 +5,7 @@ import { Table } from '../parts/table.js';
 import { Frame } from '../parts/frame.js';
 import { Curve } from '../charts/curve.js';
 
-const ORIGINS = { warm: 'a known point', cluster: 'the best of a cluster', random: 'a random place' };
+const ORIGINS = { warm: 'a known point', cluster: 'the best of a cluster', random: 'a random place', profile: 'a better point of a profile' };
 const interval = ci => (ci ? `${number(ci[0])} to ${number(ci[1])}` : NONE);
 
 export function Likelihood({ fit }) {
