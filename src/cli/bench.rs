@@ -41,7 +41,7 @@ pub struct Arguments {
     #[arg(long, default_value_t = 30)]
     seconds: u64,
     /// How many seeds each method runs with on each function.
-    #[arg(long, default_value_t = 100)]
+    #[arg(long, default_value_t = 100, value_parser = clap::value_parser!(u64).range(1..))]
     seeds: u64,
     /// Write tables and charts as one HTML file that needs no network.
     #[arg(long, value_name = "FILE")]

@@ -16,7 +16,8 @@ use lampyris::optimise::Method;
 pub struct Arguments {
     #[command(flatten)]
     measured: Measured,
-    /// The optimiser: cfa (the default), cfa_thesis, lm_multistart, or ctsm for the largest likelihood.
+    /// The optimiser: cfa (the default), ctsm for the largest likelihood, cfa_thesis, cfa_hierarchical, fa, fa_modified, grid,
+    /// lm_multistart, lshade, pso or ga.
     #[arg(long, value_parser = method)]
     method: Option<Method>,
     /// What is minimised: mse (the default), swmse, nmse, or the likelihood, which goes with ctsm.

@@ -73,7 +73,10 @@ impl Curvature {
             curvature.deviation[*i] = covariance[(a, a)].max(0.0).sqrt();
             for (b, j) in inside.iter().enumerate() {
                 curvature.covariance[(*i, *j)] = covariance[(a, b)];
-                curvature.correlations[*i][*j] = covariance[(a, b)] / (covariance[(a, a)] * covariance[(b, b)]).sqrt();
+                let correlation = covariance[(a, b)] / (covariance[(a, a)] * covariance[(b, b)]).sqrt();
+                if a != b {
+                    curvature.correlations[*i][*j] = if correlation.is_finite() { correlation } else { 0.0 };
+                }
             }
         }
         for i in inside {
@@ -111,7 +114,10 @@ fn inverse(matrix: DMatrix<f64>) -> Option<DMatrix<f64>> {
         return None;
     }
     // On the scale of its diagonal, so that what is small is small because of the data and not because of the units.
-    let scale: Vec<f64> = (0..n).map(|i| matrix[(i, i)].abs().max(f64::MIN_POSITIVE).sqrt()).collect();
+    let diagonal = |i: usize| matrix[(i, i)].abs().sqrt();
+    let greatest = (0..n).map(diagonal).fold(0.0, f64::max);
+    // What nothing depends on has a scale all the same.
+    let scale: Vec<f64> = (0..n).map(|i| diagonal(i).max(1e-8 * greatest).max(1e-100)).collect();
     let scaled = DMatrix::from_fn(n, n, |i, j| matrix[(i, j)] / (scale[i] * scale[j]));
     let eigen = SymmetricEigen::try_new(scaled, 1e-14, 10_000)?;
     let largest = eigen.eigenvalues.iter().copied().fold(0.0, f64::max);
@@ -214,4 +220,19 @@ fn crossing(centre: (f64, f64), side: &[(f64, f64)]) -> Option<f64> {
         last = *point;
     }
     None
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_nothing_depends_on_has_a_huge_variance_and_a_finite_one() {
+        let dead = inverse(DMatrix::from_row_slice(2, 2, &[4.0, 0.0, 0.0, 0.0])).unwrap();
+        assert!(dead.iter().all(|value| value.is_finite()), "{dead}");
+        assert!((dead[(0, 0)] - 0.25).abs() < 1e-12 && dead[(1, 1)] > 1e12, "{dead}");
+        let whole = inverse(DMatrix::from_row_slice(2, 2, &[2.0, 1.0, 1.0, 2.0])).unwrap();
+        assert!((whole[(0, 0)] - 2.0 / 3.0).abs() < 1e-12 && (whole[(0, 1)] + 1.0 / 3.0).abs() < 1e-12, "{whole}");
+        assert!(inverse(DMatrix::from_row_slice(1, 1, &[-1.0])).is_none());
+    }
 }

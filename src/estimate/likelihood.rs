@@ -1,6 +1,7 @@
 //! What a maximised likelihood says, as the part of a fit's document, and the test of nested models.
 
 use super::fit::Fit;
+use crate::model::Model;
 use crate::optimise::Origin;
 use crate::schema::Interval;
 use crate::simulate::kalman::Noise;
@@ -46,7 +47,8 @@ pub struct Profile {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[schema(as = LikelihoodStart)]
 pub struct StartReport {
-    /// Where it came from: `warm` (the parameters in use, or the nominal ones), `cluster` or `random`.
+    /// Where it came from: `warm` (the parameters in use, or the nominal ones), `cluster`, `random`, or `profile`: a point
+    /// of a profile that was better than the optimum.
     pub origin: Origin,
     /// Log-likelihood at the start; `None` where it could not be computed.
     pub from: Option<f64>,
@@ -97,12 +99,12 @@ pub struct LikelihoodReport {
 }
 
 impl LikelihoodReport {
-    /// The noise for a filter.
-    pub fn noise(&self) -> Noise {
-        Noise {
-            process: self.diffusion.values().map(|sigma| sigma.value).collect(),
-            measurement: self.measurement.values().map(|sigma| sigma.value.powi(2)).collect(),
-        }
+    /// The noise for a filter of a model; `None` where it has other states or outputs than the model that was estimated.
+    pub fn noise(&self, model: &Model) -> Option<Noise> {
+        let value = |of: &IndexMap<String, NoiseEstimate>, name: &str| of.get(name).map(|sigma| sigma.value);
+        let states = model.states().iter().map(|state| value(&self.diffusion, &state.name));
+        let outputs = model.outputs().iter().map(|output| value(&self.measurement, &output.channel).map(|sigma| sigma.powi(2)));
+        Some(Noise { process: states.collect::<Option<_>>()?, measurement: outputs.collect::<Option<_>>()? })
     }
 }
 

@@ -1,7 +1,6 @@
 //! The measures of a fit: free-run errors, forecasts from re-estimated states, noise floor, rho.
 
 use super::fit::{AheadError, Fit, OutputMetrics};
-use super::likelihood::LikelihoodReport;
 use super::problem::{Problem, mean_square};
 use super::whiten::Ar;
 use crate::data::{Duration, rfc3339};
@@ -56,7 +55,8 @@ pub fn filter_with(problem: &Problem, theta: &[f64], noise: &Noise) -> FilterRun
 /// The noise that belongs to a fit: what its likelihood says, or one process noise for all states.
 pub fn noise_of(problem: &Problem, fit: &Fit) -> Noise {
     let plain = || Noise { process: vec![fit.process_noise; problem.model().states().len()], measurement: measurement_variance(problem) };
-    fit.likelihood.as_ref().map_or_else(plain, LikelihoodReport::noise)
+    // A model whose states have changed since has no noise of its own.
+    fit.likelihood.as_ref().and_then(|likelihood| likelihood.noise(problem.model())).unwrap_or_else(plain)
 }
 
 /// Filters the window with the parameters of a fit and the noise that belongs to it.

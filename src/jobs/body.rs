@@ -88,9 +88,10 @@ fn without_default(property: &mut RefOr<Schema>) {
 
 impl PartialSchema for BatchSettings {
     fn schema() -> RefOr<Schema> {
-        // A batch takes the model of each system.
+        // A batch takes the model of each system, and estimates it.
         let mut settings = settings();
         settings.properties.remove("model");
+        settings.properties.remove("criterion");
         settings.into()
     }
 }

@@ -105,7 +105,7 @@ fn read_one(kind: JobKind, mut fields: Map<String, Value>) -> Result<JobRequest,
         faults.extend(more);
     }
     if kind != JobKind::Ladder && fields.contains_key("criterion") {
-        faults.push(Fault::new("/criterion", "unknown-field", "only a ladder has a criterion"));
+        faults.push(Fault::new("/criterion", "contradiction", "only a ladder has a criterion"));
     }
     // A diagnosis asks about the model and never alters what is served. It needs a part that no decision sees.
     let experiment = experiment || kind != JobKind::Estimate;

@@ -288,7 +288,9 @@ impl Strategy for CfaThesis {
         if !self.started {
             return Ask::Costs(self.fireflies.iter().map(Firefly::candidate).collect());
         }
-        while self.generation < self.options.generations {
+        let is_flat = |fireflies: &[Firefly]| fireflies.iter().all(|firefly| firefly.cost == fireflies[0].cost);
+        // Where all places cost the same nobody attracts anybody, and the schedule runs empty.
+        while self.generation < self.options.generations && !is_flat(&self.fireflies) {
             if let Some((target, crowd)) = self.next_attraction() {
                 let firefly = &mut self.fireflies[self.mover];
                 firefly.fly(&target, crowd, &self.flight);

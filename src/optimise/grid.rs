@@ -39,12 +39,22 @@ pub struct Grid {
     next: Option<Vec<usize>>,
     best: Option<(Candidate, Cost)>,
     iteration: usize,
+    /// Known places, which are asked for first.
+    warm: Vec<Candidate>,
 }
 
 impl Grid {
     /// The first grid spans the cube.
     pub fn new(options: GridOptions, search: &Search) -> Self {
-        Self { corner: vec![0.0; search.dimensions], width: 1.0, next: Some(vec![0; search.dimensions]), best: None, iteration: 0, options }
+        Self {
+            corner: vec![0.0; search.dimensions],
+            width: 1.0,
+            next: Some(vec![0; search.dimensions]),
+            best: None,
+            iteration: 0,
+            warm: search.warm_starts(),
+            options,
+        }
     }
 
     fn points(&self) -> usize {
@@ -85,6 +95,9 @@ impl Grid {
 
 impl Strategy for Grid {
     fn propose(&mut self) -> Ask {
+        if !self.warm.is_empty() {
+            return Ask::Costs(std::mem::take(&mut self.warm));
+        }
         if self.next.is_none() {
             self.zoom();
         }

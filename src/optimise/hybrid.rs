@@ -53,7 +53,7 @@ pub struct CfaOptions {
     /// Local runs per swarm from what the swarm has found.
     pub starts: usize,
     /// Where these runs start.
-    pub start_from: StartFrom,
+    pub local_from: LocalFrom,
     /// Local runs per swarm from random places. They keep a swarm that is drawn to the wrong basin, as another one
     /// may be, from confirming itself.
     pub scouts: usize,
@@ -81,7 +81,7 @@ impl Default for CfaOptions {
             growth: 1.5,
             stall: 10,
             starts: 2,
-            start_from: StartFrom::ClusterBests,
+            local_from: LocalFrom::ClusterBests,
             scouts: 1,
             local: LocalOptions::default(),
             agreement: AgreementOptions::default(),
@@ -92,7 +92,7 @@ impl Default for CfaOptions {
 /// Where the local runs of a swarm start (thesis section 8.1 names the last two).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
-pub enum StartFrom {
+pub enum LocalFrom {
     /// The best places of distinct clusters.
     #[default]
     ClusterBests,
@@ -231,7 +231,7 @@ impl Strategy for Cfa {
                 Stage::Swarm(swarm) => match swarm.propose() {
                     Some(batch) => return Ask::Costs(batch),
                     None => {
-                        let bests = swarm.starts(self.options.start_from, self.options.starts + self.warm.len());
+                        let bests = swarm.starts(self.options.local_from, self.options.starts + self.warm.len());
                         self.descend(&bests)
                     }
                 },

@@ -141,18 +141,22 @@ impl Lshade {
 
     /// Remembers what succeeded, weighted by how much it won.
     fn remember(&mut self, won: &[(Way, f64)]) {
-        let total: f64 = won.iter().map(|(_, gain)| gain).sum();
-        if won.is_empty() || total <= 0.0 {
+        // Their sum may leave the numbers, their shares of the largest do not.
+        let largest = won.iter().map(|(_, gain)| *gain).fold(0.0, f64::max);
+        if largest <= 0.0 {
             return;
         }
         let lehmer = |value: &dyn Fn(&Way) -> f64| {
-            let moment = |power: i32| won.iter().map(|(way, gain)| gain / total * value(way).powi(power)).sum::<f64>();
+            let moment = |power: i32| won.iter().map(|(way, gain)| gain / largest * value(way).powi(power)).sum::<f64>();
             moment(2) / moment(1)
         };
-        self.scales[self.entry] = lehmer(&|way| way.scale);
-        let none_crossed = won.iter().all(|(way, _)| way.crossover == 0.0);
-        // An entry that has come down to nothing stays there.
-        self.crossovers[self.entry] = self.crossovers[self.entry].filter(|_| !none_crossed).map(|_| lehmer(&|way| way.crossover));
+        let scale = lehmer(&|way| way.scale);
+        if scale.is_finite() {
+            self.scales[self.entry] = scale;
+        }
+        // An entry that has come down to nothing stays there; one mean over nothing is none.
+        let crossed = Some(lehmer(&|way| way.crossover)).filter(|mean| mean.is_finite());
+        self.crossovers[self.entry] = self.crossovers[self.entry].and(crossed);
         self.entry = (self.entry + 1) % self.scales.len();
     }
 

@@ -8,7 +8,7 @@
 use rand_xoshiro::Xoshiro256PlusPlus;
 
 use super::firefly::{self, Edges, Firefly, Flight};
-use super::hybrid::{CfaOptions, OnCostsOptions, StartFrom};
+use super::hybrid::{CfaOptions, LocalFrom, OnCostsOptions};
 use super::kmeans::{Clusters, Seeding, cluster_count, kmeans};
 use super::{Candidate, Cost, Evaluation};
 
@@ -225,10 +225,10 @@ impl Swarm {
 
     /// Up to `count` starts for the local stage, the cheapest first: by default the fireflies' best places so far in as many
     /// clusters, and of each cluster the best one.
-    pub fn starts(&mut self, from: StartFrom, count: usize) -> Vec<Candidate> {
+    pub fn starts(&mut self, from: LocalFrom, count: usize) -> Vec<Candidate> {
         let mut seen: Vec<&(Candidate, Cost)> =
             self.fireflies.iter().map(|firefly| &firefly.best).filter(|best| best.1 != Cost::Diverged).collect();
-        if from == StartFrom::Fireflies {
+        if from == LocalFrom::Fireflies {
             seen.sort_by_key(|best| best.1);
             return seen.into_iter().take(count.max(1)).map(|best| best.0.clone()).collect();
         }
@@ -238,7 +238,7 @@ impl Swarm {
         let mut starts: Vec<(Candidate, Cost)> = (0..clusters.centroids.len())
             .filter_map(|cluster| {
                 let (place, cost) = best(cluster)?;
-                let place = if from == StartFrom::Centroids { Candidate(clusters.centroids[cluster].clone()) } else { place.clone() };
+                let place = if from == LocalFrom::Centroids { Candidate(clusters.centroids[cluster].clone()) } else { place.clone() };
                 Some((place, *cost))
             })
             .collect();
@@ -267,7 +267,7 @@ mod tests {
         let spent: usize = sizes.iter().sum();
         assert!((1000..1040).contains(&spent), "{spent}");
         assert!(spent as f64 / sizes.len() as f64 > 8.0, "{sizes:?}");
-        assert!(swarm.starts(StartFrom::ClusterBests, 4).len() == 4);
+        assert!(swarm.starts(LocalFrom::ClusterBests, 4).len() == 4);
     }
 
     #[test]
@@ -284,6 +284,6 @@ mod tests {
             rounds += 1;
         }
         assert!(rounds > 25, "{rounds}");
-        assert!(swarm.starts(StartFrom::ClusterBests, 4).is_empty());
+        assert!(swarm.starts(LocalFrom::ClusterBests, 4).is_empty());
     }
 }

@@ -168,14 +168,15 @@ pub(super) async fn submit_in_batch(tx: &mut SqliteConnection, new: &NewBatch, l
     Ok(id)
 }
 
-/// Whether an equal job has succeeded since the newest measurements of its system came in and its settings changed.
+/// Whether an equal job has succeeded since measurements of its system came or went, and its settings changed.
 ///
 /// # Errors
 /// Where the database fails.
 pub async fn is_answered(store: &Store, job: &NewJob) -> Result<bool, StoreError> {
     let sql = "SELECT EXISTS (SELECT 1 FROM jobs WHERE system = $1 AND state = 'succeeded' AND fingerprint = $2
                    AND started_at > (SELECT MAX(uploaded_at) FROM windows WHERE system = $1)
-                   AND started_at > (SELECT updated_at FROM systems WHERE system = $1))";
+                   AND started_at > (SELECT updated_at FROM systems WHERE system = $1)
+                   AND started_at > COALESCE((SELECT MAX(at) FROM audit WHERE system = $1 AND action = 'delete_window'), 0))";
     Ok(sqlx::query_scalar(sql).bind(job.system.to_string()).bind(job.fingerprint()).fetch_one(&store.reader).await?)
 }
 
