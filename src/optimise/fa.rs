@@ -39,21 +39,18 @@ impl FaOptions {
     /// The same algorithm as one cluster in which nothing changes.
     pub fn as_one_cluster(&self) -> CfaThesisOptions {
         let gamma = self.gamma * self.width * self.width;
-        CfaThesisOptions {
+        let unmodified = FaModifiedOptions {
             n: self.n,
             generations: self.generations,
             n_min: self.n,
-            target: EVERYONE,
-            target_min: EVERYONE,
             alpha: self.alpha,
             decay: 1.0,
             beta0: self.beta0,
             gamma_min: gamma,
             gamma_max: gamma,
-            crowd: Crowd::Distance,
-            // Reflection is one of the modifications.
-            edges: Edges::Clamp,
-        }
+        };
+        // Reflection is one of the modifications.
+        CfaThesisOptions { edges: Edges::Clamp, ..unmodified.as_one_cluster() }
     }
 }
 
