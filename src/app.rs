@@ -18,7 +18,7 @@ use std::net::SocketAddr;
 use std::sync::Arc;
 use std::sync::atomic::AtomicUsize;
 use std::time::Duration;
-use tokio::net::TcpListener;
+use tokio::net::{TcpListener, TcpSocket};
 use tokio::signal::unix::{SignalKind, signal};
 use tokio::sync::{Notify, watch};
 use tokio::task::{JoinHandle, JoinSet};
@@ -160,7 +160,7 @@ impl App {
         params::load_all(&service).await?;
         schedule::ensure_nightly(&service).await?;
         let bind = service.settings.bind;
-        let listener = TcpListener::bind(bind).await.map_err(|error| AppError::Bind(bind, error))?;
+        let listener = bound(bind, service.settings.limits.connections).map_err(|error| AppError::Bind(bind, error))?;
         let addr = listener.local_addr().map_err(AppError::Io)?;
         let mut tasks = JoinSet::new();
         for index in 0..service.settings.workers {
@@ -241,6 +241,16 @@ fn allow_files(connections: usize) {
     {
         tracing::warn!(%error, "the number of open files stays as it is");
     }
+}
+
+/// A listener with a queue for as many connections as may be open: with the usual 128, a crowd that arrives at once waits a second
+/// for the system to try again.
+fn bound(address: SocketAddr, connections: usize) -> std::io::Result<TcpListener> {
+    let socket = if address.is_ipv4() { TcpSocket::new_v4()? } else { TcpSocket::new_v6()? };
+    // As a restart finds connections of the last life that the system has not forgotten yet.
+    socket.set_reuseaddr(true)?;
+    socket.bind(address)?;
+    socket.listen(u32::try_from(connections).unwrap_or(u32::MAX).min(i32::MAX as u32))
 }
 
 /// CPU threads of one worker.

@@ -118,6 +118,11 @@ impl Unit {
         Some((value * self.scale + self.offset - target.offset) / target.scale)
     }
 
+    /// How many of `target` one of this unit is, where they differ by a factor alone.
+    pub fn factor_to(&self, target: &Unit) -> Option<f64> {
+        (self.dims == target.dims && self.offset == target.offset).then_some(self.scale / target.scale)
+    }
+
     /// Whether both measure the same kind of quantity.
     pub fn same_dimension(&self, other: &Unit) -> bool {
         self.dims == other.dims

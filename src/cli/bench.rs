@@ -1,6 +1,7 @@
 //! `lampyris bench`: what this build does on this machine, every ratio within one run.
 
 mod ablation;
+mod charts;
 mod complexity;
 mod control;
 mod diagnose;
@@ -12,12 +13,15 @@ mod likelihood;
 mod load;
 mod page;
 mod params;
+mod plant;
+mod plant_worlds;
+mod room;
 mod search;
 mod verdicts;
 
 use super::{Failure, print};
 use serde_json::{Value, json};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
@@ -34,7 +38,7 @@ pub struct Arguments {
     /// an effect that no catalogue has.
     #[arg(long, default_value_t = 30)]
     worlds: u64,
-    /// Diagnose only kinds whose name holds this, such as `matched wind`.
+    /// Diagnose only kinds whose name holds this, such as `matched wind`; estimate only plants whose name does.
     #[arg(long)]
     only: Option<String>,
     /// How long the controller's path is polled beside fits; half as long beside fits and uploads.
@@ -46,7 +50,7 @@ pub struct Arguments {
     /// Write tables and charts as one HTML file that needs no network.
     #[arg(long, value_name = "FILE")]
     html: Option<PathBuf>,
-    /// Write every run of `functions` as a line of a CSV file.
+    /// Write every run of `functions` or `room` as a line of a CSV file.
     #[arg(long, value_name = "FILE")]
     csv: Option<PathBuf>,
     /// How many weeks each house is controlled.
@@ -58,7 +62,16 @@ pub struct Arguments {
     /// What the shape counts in the shape-weighted error of the house (delta of thesis eq. 7.6).
     #[arg(long, default_value_t = 0.5)]
     delta: f64,
-    /// Print a line per world as it is done.
+    /// Estimate plants by the thesis's own algorithm and settings instead: one firefly at a time, ten minutes each.
+    #[arg(long)]
+    thesis: bool,
+    /// Estimate a plant from records with noise, outages, few samples, a drift and wrong fixed numbers instead.
+    #[arg(long)]
+    realism: bool,
+    /// Drive a plant with the measured influent of Jena instead, from the folder that holds `jena_influent_15min.csv`.
+    #[arg(long, value_name = "FOLDER")]
+    jena: Option<PathBuf>,
+    /// Print a line per world, or per search, as it is done.
     #[arg(long)]
     each: bool,
     /// Print JSON.
@@ -68,10 +81,14 @@ pub struct Arguments {
 
 #[derive(Debug, Clone, Copy, clap::ValueEnum)]
 enum Subject {
-    /// Simulation, search and controller path.
+    /// Simulation and controller path.
     Engine,
+    /// The default search beside its rivals on synthetic rooms: one week fitted, one to judge.
+    Room,
     /// What a diagnosis names on synthetic rooms with hidden effects.
     Diagnose,
+    /// The same on synthetic treatment plants: of sixty worlds twenty hide nothing, eight an effect that no catalogue has.
+    DiagnosePlant,
     /// Chapter 5 of the thesis: the firefly family and its rivals on three functions.
     Functions,
     /// Each modification of the firefly algorithm alone removed from cFA, and alone added to the original.
@@ -84,6 +101,8 @@ enum Subject {
     Load,
     /// What fresh parameters are worth to a controller, in money and comfort.
     Loop,
+    /// Chapter 6 of the thesis on a twin plant: what one evaluation takes, seven parameters, eleven unseen days.
+    Plant,
     /// Chapter 7 of the thesis on a twin house: layout, methods, two weeks, bounds, valve.
     House,
 }
@@ -139,9 +158,18 @@ impl Row {
             (true, true) => "holds",
             (true, false) => "FAILS",
         };
-        let value = if self.value != 0.0 && self.value.abs() < 1e-3 { format!("{:.2e}", self.value) } else { format!("{:.4}", self.value) };
-        format!("{:<66} {value:>12} {:<8} {limit:<9} {mark}", self.what, self.unit)
+        format!("{:<66} {:>12} {:<8} {limit:<9} {mark}", self.what, self.number(), self.unit)
     }
+
+    fn number(&self) -> String {
+        if self.value != 0.0 && self.value.abs() < 1e-3 { format!("{:.2e}", self.value) } else { format!("{:.4}", self.value) }
+    }
+}
+
+fn write(file: &Path, text: &str) -> Result<(), Failure> {
+    std::fs::write(file, text).map_err(|error| Failure::Error(format!("{}: {error}", file.display())))?;
+    eprintln!("written: {}", file.display());
+    Ok(())
 }
 
 /// Seeds that are enough to fit an exponent.
@@ -152,8 +180,20 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let rows = match arguments.subject {
         Subject::Engine => {
             let mut rows = engine::run(arguments.seed)?;
-            rows.extend(search::run(arguments.seed, arguments.rooms)?);
             rows.extend(params::run()?);
+            rows
+        }
+        Subject::Room => {
+            let plan = room::Plan {
+                first: arguments.seed,
+                rooms: arguments.rooms,
+                each: arguments.each,
+                json: arguments.json,
+                html: arguments.html.as_deref(),
+                csv: arguments.csv.as_deref(),
+            };
+            let (rows, document) = room::run(&plan)?;
+            more = document;
             rows
         }
         Subject::Functions => {
@@ -172,6 +212,24 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
             more = document;
             rows
         }
+        Subject::Plant => {
+            let plan = plant::Plan {
+                first: arguments.seed,
+                only: arguments.only.as_deref(),
+                each: arguments.each,
+                html: arguments.html.as_deref(),
+                thesis: arguments.thesis,
+                realism: arguments.realism,
+                jena: arguments.jena.as_deref(),
+            };
+            let (rows, tables) = plant::run(&plan)?;
+            if !arguments.json {
+                tables.iter().for_each(|table| print(&format!("{}\n", table.text())));
+            }
+            more = json!({ "tables": tables });
+            rows
+        }
+        Subject::DiagnosePlant => plant_worlds::run(arguments.seed, arguments.worlds, arguments.only.as_deref(), arguments.each)?,
         Subject::Diagnose => diagnose::run(arguments.seed, arguments.worlds, arguments.only.as_deref(), arguments.each)?,
     };
     if arguments.json {

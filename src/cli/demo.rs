@@ -1,6 +1,8 @@
-//! `lampyris demo`: two real houses in a fresh folder - fitted, validated, asked what they are missing, and served.
+//! `lampyris demo`: two real houses in a fresh folder - fitted, validated, asked what they are missing, and served; and a
+//! treatment plant.
 
 mod missing;
+mod plant;
 
 use super::serve::runtime;
 use super::{Failure, print};
@@ -121,6 +123,7 @@ async fn demonstrate(arguments: &Arguments, folder: PathBuf) -> Result<(), Failu
     }
     let finished = wait(service, &submitted, arguments.json, "rooms fitted").await?;
     let seconds = start.elapsed().as_secs_f64();
+    let plant = plant::fit(service, arguments.json).await?;
     let found = missing::find(service, arguments.json).await?;
     let mut lines = Vec::new();
     for job in &finished {
@@ -133,11 +136,12 @@ async fn demonstrate(arguments: &Arguments, folder: PathBuf) -> Result<(), Failu
     if arguments.json {
         let rooms: Vec<Value> = lines.iter().map(|(job, fit)| document(job, fit.as_ref())).collect();
         print(
-            &json!({ "seconds": seconds, "folder": folder, "url": format!("http://{}", app.addr), "rooms": rooms, "missing": found })
+            &json!({ "seconds": seconds, "folder": folder, "url": format!("http://{}", app.addr), "rooms": rooms, "plant": plant.document(), "missing": found })
                 .to_string(),
         );
     } else {
         present(&folder, seconds, &lines);
+        plant::present(&plant, app.addr);
         missing::present(&found)?;
         invite(&app, &lines);
     }

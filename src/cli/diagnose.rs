@@ -7,6 +7,7 @@ use super::{Failure, faults, print};
 use lampyris::data::{SplitRequest, Window};
 use lampyris::diagnose::report::{Considered, Finding};
 use lampyris::diagnose::{Adequacy, Diagnosis, diagnose};
+use lampyris::estimate::metrics::error_unit;
 use lampyris::estimate::request::SeededMethod;
 use lampyris::estimate::{Control, EstimateRequest, Fit, Judgement, Policy, Problem, Progress, Site, estimate, prepare, validate};
 use lampyris::model::Catalogue;
@@ -71,7 +72,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     if arguments.json {
         print(&serde_json::to_string(&diagnosis).map_err(|error| Failure::Error(error.to_string()))?);
     } else {
-        print(&text(&diagnosis));
+        print(&text(&diagnosis, &first.problem));
     }
     if let Some(file) = arguments.measured.report() {
         report::write(file, &Found { diagnosis: Some(&diagnosis), ..first.found() })?;
@@ -80,14 +81,17 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
 }
 
 /// The diagnosis for people.
-fn text(diagnosis: &Diagnosis) -> String {
+fn text(diagnosis: &Diagnosis, problem: &Problem) -> String {
+    // Errors are counted over all outputs, and the hours that err most are those of the first.
+    let unit = problem.scale_in_words();
+    let first = problem.model().outputs().first().map_or("", |output| error_unit(&output.unit));
     let mut lines = vec![format!("{}: {}", diagnosis.model, diagnosis.summary)];
     lines.extend(diagnosis.warnings.iter().map(|warning| format!("warning: {warning}")));
     for finding in &diagnosis.findings {
         lines.extend(one(finding));
     }
     if let (Some(rho), Some(floor)) = (diagnosis.rho, diagnosis.noise_floor_rmse) {
-        lines.push(format!("rho {rho:.2}   noise floor {floor:.3} K"));
+        lines.push(format!("rho {rho:.2}   noise floor {floor:.3} {unit}"));
     }
     lines.push(format!("{:<32} {:>9} {:>9} {:>9}  {}", "considered", "score", "dBIC", "share", "why"));
     lines.extend(diagnosis.considered.iter().map(considered));
@@ -99,7 +103,7 @@ fn text(diagnosis: &Diagnosis) -> String {
         lines.push(format!("unexplained: {ask}"));
         for episode in &diagnosis.unexplained.episodes {
             lines.push(format!(
-                "  {} to {}: {:+.2} K, {:.0} % of the squared error",
+                "  {} to {}: {:+.2} {first}, {:.0} % of the squared error",
                 episode.from,
                 episode.to,
                 episode.bias,

@@ -19,6 +19,7 @@ mod server;
 mod systems;
 mod table;
 mod tokens;
+mod tune;
 mod twin;
 mod watch;
 mod windows;
@@ -49,6 +50,8 @@ enum Verb {
     Diagnose(Box<diagnose::Arguments>),
     /// Add effects one after another while the error on unseen data falls; needs no server.
     Ladder(Box<ladder::Arguments>),
+    /// Choose settings of the search on older measurements and judge them on newer ones; needs no server.
+    Tune(Box<tune::Arguments>),
     /// Make a synthetic room that hides effects: its measurements, and apart from them the truth.
     Twin(twin::Arguments),
     /// Fit two real houses in a fresh folder, then serve them.
@@ -130,6 +133,7 @@ pub fn run(cli: Cli) -> ExitCode {
         Verb::Fit(arguments) => fit::run(&arguments),
         Verb::Diagnose(arguments) => diagnose::run(&arguments),
         Verb::Ladder(arguments) => ladder::run(&arguments),
+        Verb::Tune(arguments) => tune::run(&arguments),
         Verb::Twin(arguments) => twin::run(&arguments),
         Verb::Demo(arguments) => demo::run(&arguments),
         Verb::Bench(arguments) => bench::run(&arguments),

@@ -95,6 +95,9 @@ fn version(version: &Value) -> String {
             text.push_str(&format!("\n{heading}  {name}: + {}", table::cell(term, "")));
         }
     }
+    for (name, meaning) in version.pointer("/diff/replace").and_then(Value::as_object).into_iter().flatten() {
+        text.push_str(&format!("\nreplaced  {name} = {}", table::cell(meaning, "")));
+    }
     let names = version.pointer("/diff/parameters").and_then(Value::as_object).into_iter().flatten();
     names.for_each(|(name, parameter)| {
         let cell = |field: &str| table::cell(parameter, field);

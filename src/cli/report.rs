@@ -64,7 +64,13 @@ fn data(found: &Found<'_>) -> Result<Value, Failure> {
             answers.insert(format!("/fits/{ID}/comparison?mode=ahead&horizon={name}"), read(forecast)?);
         }
     }
-    answers.insert(format!("/fits/{ID}/diagnostics"), read(diagnostics::document(&named, &replay, found.window))?);
+    // The page asks by name where there is more than one output.
+    let several = (fit.metrics.len() > 1).then(|| fit.metrics.keys().map(|name| Some(name.as_str())));
+    for output in std::iter::once(None).chain(several.into_iter().flatten()) {
+        let path = output.map_or_else(String::new, |name| format!("?output={name}"));
+        let document = diagnostics::document(&named, &replay, found.window, output);
+        answers.insert(format!("/fits/{ID}/diagnostics{path}"), read(document)?);
+    }
     let model = replay.problem().model();
     let base = found.catalogue.model(model.id().base()).cloned();
     answers.insert(format!("/models/{}", fit.model), model_document(model.id().clone(), model, base).map_err(|error| unwritten(&error))?);

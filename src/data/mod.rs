@@ -24,6 +24,7 @@
 //! | `sun` | altitude and azimuth of the sun |
 //! | `calendar` | hour of the day and day of the week |
 //! | `duration` | ISO 8601 durations |
+//! | `influent` | what arrives at a plant in dry weather |
 //! | `layout` | rooms and neighbours from the correlations of many sensors |
 //! | `thin` | points for a chart: all samples, or an envelope that keeps every extreme |
 //! | `write` | columns as CSV that reads back to the same values |
@@ -43,6 +44,7 @@ mod duration;
 mod envelope;
 mod grid;
 mod header;
+mod influent;
 mod layout;
 mod parse;
 mod resample;
@@ -64,6 +66,7 @@ pub use duration::{BadDuration, Duration, Length};
 pub use envelope::{Envelope, Thinning};
 pub use grid::{Column, Grid};
 pub use header::{Bindings, ColumnHeader, ColumnUnit};
+pub use influent::DRY_INFLUENT;
 pub use layout::{Layout, LeftOut, NEIGHBOUR, Pair, Room, SAME_ROOM, Sensor, propose_layout};
 pub use parse::WindowDocument;
 pub use resample::{DEFAULT_MAX_GAP_STEPS, GridRequest};

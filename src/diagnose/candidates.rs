@@ -7,7 +7,7 @@ use crate::estimate::{Problem, Site};
 use crate::fault::Fault;
 use crate::model::catalogue::Catalogue;
 use crate::model::compile::AS_IT_COMES;
-use crate::model::spec::{EffectSpec, Sign};
+use crate::model::spec::{EffectSpec, ModelSpec, Sign};
 use crate::model::{Bindings, ModelId, Scale, compile};
 use crate::units::Unit;
 use rayon::prelude::*;
@@ -153,8 +153,29 @@ fn names(catalogue: &Catalogue, base: &Problem, grid: &Grid) -> Vec<String> {
         let choice = catalogue.effects().any(|effect| effect.id == family(name) && !effect.choices.is_empty());
         base.model().effects().iter().any(|known| known == name || (choice && family(known) == family(name)))
     };
-    names.retain(|name| !has(name));
+    let composition = catalogue.compose(base.model().id()).ok();
+    let at_home = |name: &String| {
+        let spec = catalogue.effect(name).ok();
+        spec.zip(composition.as_ref()).is_none_or(|(effect, composition)| is_at_home(&effect, &composition.spec))
+    };
+    names.retain(|name| !has(name) && at_home(name));
     names
+}
+
+/// Whether an effect has anything to do with a model: what makes rooms warm is no question to a treatment plant, and the reverse.
+fn is_at_home(effect: &EffectSpec, model: &ModelSpec) -> bool {
+    // A sensor that the model does not have is none of its own.
+    let reads = effect.outputs.keys().any(|channel| model.outputs.contains_key(channel));
+    if !effect.outputs.is_empty() && !reads {
+        return false;
+    }
+    if effect.replace.is_empty() {
+        let is_warm = model.states.values().any(|state| state.unit == "degC");
+        is_warm || reads || effect.terms.keys().any(|state| model.states.contains_key(state))
+    } else {
+        let has = |name: &String| model.define.contains_key(name) || model.parameters.contains_key(name) || model.inputs.contains_key(name);
+        effect.replace.keys().any(has)
+    }
 }
 
 /// Whether a family that runs over channels has this one as a member.
@@ -187,8 +208,8 @@ fn suspect(catalogue: &Catalogue, base: &Problem, grid: &Grid, site: &Site, name
     let sets = composition.spec.sets.iter().filter_map(|set| site.sets.get(set).map(|members| (set.clone(), members.clone()))).collect();
     let channels = grid.columns().map(|(channel, _)| channel.to_owned()).collect();
     let model = compile(&composition, &Bindings { sets, channels: Some(channels) })?;
-    // The boxes of the fit, which may have asked for others than the document's.
-    let mut choices = Choices { objective: base.objective(), delta: base.delta(), ..Choices::default() };
+    // The boxes and the prior of the fit, which may have asked for others than the document has.
+    let mut choices = Choices { objective: base.objective(), delta: base.delta(), prior: base.prior(), ..Choices::default() };
     for (parameter, bounds) in base.model().parameters().iter().zip(base.bounds()) {
         choices.bounds.insert(parameter.name.clone(), *bounds);
     }

@@ -8,6 +8,7 @@ use super::screen::Screen;
 use crate::data::rfc3339;
 use crate::estimate::Problem;
 use crate::estimate::metrics::error_unit;
+use crate::estimate::whiten::stride;
 use crate::schema::Interval;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -77,7 +78,7 @@ pub struct AddedBin {
 pub fn shape(null: &Null, next: &Null, suspect: &Suspect) -> Shape {
     let (problem, grid) = (&null.problem, null.problem.grid());
     let [without, with] = [null, next].map(|one| one.problem.simulate(&one.fitted.plain));
-    let error = residual(problem, &without.outputs[0]);
+    let error = residual(problem, 0, &without.outputs[0]);
     let change: Vec<f64> = with.outputs[0].iter().zip(&without.outputs[0]).map(|(with, without)| with - without).collect();
     let usable = problem.usable(0, 0..grid.len());
     let span = grid.len().div_ceil(POINTS).max(1);
@@ -98,8 +99,8 @@ pub fn shape(null: &Null, next: &Null, suspect: &Suspect) -> Shape {
 fn added(null: &Null, next: &Null, suspect: &Suspect) -> Option<Added> {
     let whitening = &null.filters.white;
     let (effect, unexplained) = Screen::new(&null.problem, &null.fitted.white, whitening)?.added(suspect, &next.fitted.plain)?;
-    let rows = whitening.rows().iter();
-    let points: Vec<Point> = rows.zip(effect.into_iter().zip(unexplained)).map(|(row, (x, y))| Point { row: *row, x, y }).collect();
+    let points: Vec<Point> =
+        whitening.rows_of_first().zip(effect.into_iter().zip(unexplained)).map(|(row, (x, y))| Point { row, x, y }).collect();
     let [slope, intercept] = straight_line(&points)?;
     let bins = bins(&null.problem, points);
     (bins.len() >= LEAST_BINS).then_some(Added { bins, slope, intercept })
@@ -112,7 +113,8 @@ fn means(series: &[f64], usable: &[usize], span: usize) -> Vec<Option<f64>> {
         let (sum, count) = &mut sums[k / span];
         (*sum, *count) = (*sum + series[*k], *count + 1);
     }
-    let mean = |(sum, count): &(f64, usize)| (2 * count >= span).then(|| rounded(sum / *count as f64));
+    let stride = stride(usable);
+    let mean = |(sum, count): &(f64, usize)| (*count > 0 && 2 * count * stride >= span).then(|| rounded(sum / *count as f64));
     sums.iter().map(mean).collect()
 }
 

@@ -43,7 +43,7 @@ pub struct Episode {
     pub context: IndexMap<String, f64>,
 }
 
-/// Where the free run of a fit fails. Errors are residuals of the model's first output, measured minus simulated, in its
+/// Where the free run of a fit fails. Errors are residuals of one output of the model, measured minus simulated, in its
 /// unit.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Failures {
@@ -69,19 +69,20 @@ pub struct DayOfErrors {
 }
 
 /// Where the free run of a fit fails over its window, in the light of everything that was measured, whether the model
-/// uses it or not. `run` is the filter over the window at the fit; `seed` fixes the resampling of the intervals.
+/// uses it or not. `output` counts the model's outputs, `run` is the filter over the window at the fit; the fit's seed
+/// fixes the resampling of the intervals.
 ///
 /// # Errors
 /// A fault where the window does not fit the problem, or its time zone is unknown.
-pub fn failures(problem: &Problem, fit: &Fit, run: &FilterRun, window: &Window, seed: u64) -> Result<Failures, Fault> {
+pub fn failures(problem: &Problem, fit: &Fit, output: usize, run: &FilterRun, window: &Window) -> Result<Failures, Fault> {
     let (grid, _) = widen(problem, window, &site(problem))?;
-    let (error, usable) = free_run_errors(problem, &fit.theta());
+    let (error, usable) = free_run_errors(problem, output, &fit.theta());
     Ok(Failures {
-        by_regime: regimes(problem, &grid, &error, &usable, seed),
+        by_regime: regimes(problem, &grid, &error, &usable, fit.seed),
         hour_by_date: hour_by_date(problem, &error, &usable)?,
-        episodes: episodes(problem, &grid, &error, 0..grid.len()),
+        episodes: worst(problem, &grid, &error, &usable, 0..grid.len()),
         residual_by_input: input_lags(problem, &grid, &error, &usable),
-        innovations: run.filtered.innovations.first().map(|series| spectrum(series, grid.step_hours())).unwrap_or_default(),
+        innovations: run.filtered.innovations.get(output).map(|series| spectrum(series, grid.step_hours())).unwrap_or_default(),
     })
 }
 
@@ -91,9 +92,9 @@ pub fn failures(problem: &Problem, fit: &Fit, run: &FilterRun, window: &Window, 
 /// As [`failures`].
 pub fn worst_regime(problem: &Problem, fit: &Fit, window: &Window, seed: u64) -> Result<Option<String>, Fault> {
     let (grid, _) = widen(problem, window, &site(problem))?;
-    let (error, usable) = free_run_errors(problem, &fit.theta());
+    let (error, usable) = free_run_errors(problem, 0, &fit.theta());
     let found = regimes(problem, &grid, &error, &usable, seed);
-    Ok(telling(&found).next().map(|regime| sentence(problem, regime)))
+    Ok(telling(&found).next().map(|regime| sentence(problem, 0, regime)))
 }
 
 fn site(problem: &Problem) -> Site {
@@ -101,10 +102,10 @@ fn site(problem: &Problem) -> Site {
     Site { location: basis.location, zone: basis.zone.clone(), sets: basis.sets.clone() }
 }
 
-/// The residual of the first output at every sample, and the samples at which it means something.
-fn free_run_errors(problem: &Problem, theta: &[f64]) -> (Vec<f64>, Vec<usize>) {
+/// The residual of an output at every sample, and the samples at which it means something.
+fn free_run_errors(problem: &Problem, output: usize, theta: &[f64]) -> (Vec<f64>, Vec<usize>) {
     let simulated = problem.simulate(theta);
-    (residual(problem, &simulated.outputs[0]), problem.usable(0, 0..problem.grid().len()))
+    (residual(problem, output, &simulated.outputs[output]), problem.usable(output, 0..problem.grid().len()))
 }
 
 /// Regimes whose bias is sure to be one, and that hold more of the error than of the time, the most telling first.
@@ -113,28 +114,36 @@ fn telling(regimes: &[Regime]) -> impl Iterator<Item = &Regime> {
     regimes.iter().filter(sure).filter(|regime| regime.error_share > regime.time_share)
 }
 
-fn sentence(problem: &Problem, regime: &Regime) -> String {
-    let output = problem.model().outputs().first();
+/// A number with two decimals, or two digits that count where it is small.
+fn small(value: f64) -> String {
+    let digits = if value.abs() > 0.0 { (1.0 - value.abs().log10().floor()).clamp(2.0, 9.0) } else { 2.0 };
+    format!("{value:.*}", digits as usize)
+}
+
+fn sentence(problem: &Problem, output: usize, regime: &Regime) -> String {
+    let output = problem.model().outputs().get(output);
     let (channel, unit) = output.map_or(("", ""), |output| (output.channel.as_str(), error_unit(&output.unit)));
     format!(
-        "{}: {channel} is {:.2} {unit} {} than the model says, {:.0} % of the time, {:.0} % of the squared error.",
+        "{}: {channel} is {} {unit} {} than the model says, {:.0} % of the time, {:.0} % of the squared error.",
         regime.regime,
-        regime.bias.abs(),
+        small(regime.bias.abs()),
         if regime.bias > 0.0 { "higher" } else { "lower" },
         100.0 * regime.time_share,
         100.0 * regime.error_share
     )
 }
 
-/// What a user should read first.
-pub fn sentences(problem: &Problem, failures: &Failures) -> Vec<String> {
-    let mut sentences: Vec<String> = telling(&failures.by_regime).take(2).map(|regime| sentence(problem, regime)).collect();
+/// What a user should read first of the failures of an output.
+pub fn sentences(problem: &Problem, output: usize, failures: &Failures) -> Vec<String> {
+    let mut sentences: Vec<String> = telling(&failures.by_regime).take(2).map(|regime| sentence(problem, output, regime)).collect();
     if let Some(worst) = failures.episodes.first() {
+        let unit = problem.model().outputs().get(output).map_or("", |output| error_unit(&output.unit));
         sentences.push(format!(
-            "The worst six hours begin at {} and hold {:.0} % of the squared error: {:+.2} on average.",
+            "The worst six hours begin at {} and hold {:.0} % of the squared error: {}{} {unit} on average.",
             worst.from,
             100.0 * worst.share,
-            worst.bias
+            if worst.bias < 0.0 { "" } else { "+" },
+            small(worst.bias)
         ));
     }
     sentences
@@ -154,9 +163,12 @@ fn hour_by_date(problem: &Problem, error: &[f64], usable: &[usize]) -> Result<Ve
     Ok(sums.iter().map(|(date, hours)| DayOfErrors { date: date.to_string(), hours: hours.iter().map(mean).collect() }).collect())
 }
 
-/// The worst episodes of a part, which do not overlap, the worst first.
+/// The worst episodes of the first output in a part, which do not overlap, the worst first.
 pub fn episodes(problem: &Problem, grid: &Grid, error: &[f64], range: Range<usize>) -> Vec<Episode> {
-    let usable = problem.usable(0, range.clone());
+    worst(problem, grid, error, &problem.usable(0, range.clone()), range)
+}
+
+fn worst(problem: &Problem, grid: &Grid, error: &[f64], usable: &[usize], range: Range<usize>) -> Vec<Episode> {
     let length = ((EPISODE_HOURS / problem.grid().step_hours()) as usize).max(1);
     let total: f64 = usable.iter().map(|k| error[*k] * error[*k]).sum();
     let mut weight = vec![0.0; range.end + 1];

@@ -12,10 +12,11 @@ use super::report::{
 use super::residual::residual;
 use super::screen::{Blind, Screen};
 use crate::data::Window;
-use crate::estimate::metrics::{HORIZONS, ahead, filter};
+use crate::estimate::metrics::{HORIZONS, ahead, error_unit, filter};
 use crate::estimate::physics::{jacobian, mean_inputs};
 use crate::estimate::run::at_bound;
 use crate::estimate::uncertainty::uncertainty;
+use crate::estimate::whiten::stride;
 use crate::estimate::{Control, EstimateError, Interrupt, Problem, Site};
 use crate::fault::Fault;
 use crate::model::{Catalogue, Initial};
@@ -68,7 +69,10 @@ pub fn diagnose(
     site: &Site,
     control: &Control,
 ) -> Result<Diagnosis, DiagnoseError> {
-    let days = |range: &std::ops::Range<usize>| problem.usable(0, range.clone()).len() as f64 * problem.grid().step_hours() / 24.0;
+    let days = |range: &std::ops::Range<usize>| {
+        let usable = problem.usable(0, range.clone());
+        (usable.len() * stride(&usable)) as f64 * problem.grid().step_hours() / 24.0
+    };
     let (train, unseen) = (days(&problem.split().train), days(&problem.split().validation));
     let mut report = empty(problem);
     if train < LEAST_DAYS.0 || unseen < LEAST_DAYS.1 {
@@ -294,11 +298,15 @@ fn leaves_bounds(ci95: Option<[f64; 2]>, bounds: [f64; 2]) -> bool {
 
 fn evidence(suspect: &Suspect, winner: &Tried, rmse: &RmsePairs) -> Vec<String> {
     let mut sentences = vec![suspect.spec.signature.clone()];
+    let unit = match suspect.problem.model().outputs() {
+        [one] => error_unit(&one.unit),
+        _ => "times the noise of the sensors",
+    };
     if let Some([before, after]) = rmse.validation {
-        sentences.push(format!("With it the free run on unseen data errs by {after:.2} instead of {before:.2} K."));
+        sentences.push(format!("With it the free run on unseen data errs by {after:.2} instead of {before:.2} {unit}."));
     }
     if let Some([before, after]) = rmse.validation_ahead.get("PT24H") {
-        sentences.push(format!("Forecasts a day ahead err by {after:.2} instead of {before:.2} K."));
+        sentences.push(format!("Forecasts a day ahead err by {after:.2} instead of {before:.2} {unit}."));
     }
     let least = least_gain(suspect, winner);
     match winner.slow_delta_bic {
@@ -344,8 +352,13 @@ fn conclude(report: &mut Diagnosis, before: &Null, after: &Null) {
     let share = beyond(after.measured.plain[0]).zip(beyond(before.measured.plain[0])).map(|(left, all)| left / all.max(f64::MIN_POSITIVE));
     let more = report.rho.is_some_and(|rho| rho >= ADEQUATE_RHO);
     let run = after.problem.simulate(&after.fitted.plain);
-    let error = residual(&after.problem, &run.outputs[0]);
+    let error = residual(&after.problem, 0, &run.outputs[0]);
     let (profile_by_hour, evenings) = profile(after, &run.states, &error);
+    let diary = if profile_by_hour.iter().any(Option::is_some) {
+        "keep a diary of what happens in the room in the hours listed"
+    } else {
+        "note what happens at the hours listed"
+    };
     let names: Vec<&str> = report.findings.iter().map(|finding| finding.title.as_str()).collect();
     (report.verdict, report.summary) = match (names.is_empty(), more) {
         (false, false) => {
@@ -364,7 +377,7 @@ fn conclude(report: &mut Diagnosis, before: &Null, after: &Null) {
             &error,
             after.problem.split().train.start..after.problem.split().validation.end,
         ),
-        ask: more.then(|| evenings.unwrap_or_else(|| "keep a diary of what happens in the room in the hours listed".to_owned())),
+        ask: more.then(|| evenings.unwrap_or_else(|| diary.to_owned())),
     };
 }
 

@@ -3,17 +3,14 @@
 //! Every model is fitted twice: the plain free run, whose error users see, and its innovations, whose likelihood
 //! decides (generalised least squares with one autoregressive model for all models of a round).
 
+use super::effort::Effort;
 use super::refit::Refit;
-use super::residual::{Whitening, autoregression, residual, slow_autoregression};
+use super::residual::{Autoregression, Whitening, at, residuals, slow_bic, usable};
 use crate::estimate::Problem;
 use crate::estimate::problem::mean_square;
-use crate::estimate::whiten::Ar;
+use crate::simulate::Trajectory;
 use std::ops::Range;
 
-/// Iterations of a null model: it must be no less converged than those that are compared with it.
-const SETTLE: usize = 60;
-/// Iterations after which the ways from several starts are told apart.
-const SCOUT: usize = 15;
 /// Another optimum is one whose plain cost is larger by this factor, but not by that: without its missing effect a
 /// model may err least where it is no room any more, and from there the effect is never found.
 const OTHER: [f64; 2] = [1.02, 16.0];
@@ -37,7 +34,8 @@ pub struct Fitted {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Measured {
     /// BIC of the AR likelihood of the residual at the innovations' optimum, AR re-estimated; the model's own
-    /// parameters are not counted.
+    /// parameters are not counted. Whatever is measured is in the unit of the output, or, of several outputs, in the noise of
+    /// their sensors.
     pub bic: f64,
     /// Samples of the likelihood.
     pub samples: usize,
@@ -84,15 +82,14 @@ pub struct Null {
 }
 
 impl Filters {
-    fn new(problem: &Problem, ar: &Ar, plain_deviation: f64) -> Self {
-        let usable = |range: &Range<usize>| problem.usable(0, range.clone());
-        let (train, validation) = (usable(&problem.split().train), usable(&problem.split().validation));
+    fn new(problem: &Problem, ar: &Autoregression, plain_deviation: f64) -> Self {
+        let (train, validation) = (usable(problem, &problem.split().train), usable(problem, &problem.split().validation));
         Self {
             plain: Whitening::none(&train),
             white: Whitening::ar(ar, &train),
             validation: Whitening::ar(ar, &validation),
             plain_deviation,
-            white_deviation: ar.deviation,
+            white_deviation: ar.deviation_filtered(),
         }
     }
 
@@ -117,23 +114,23 @@ impl Filters {
     /// What is measured at the optima; `None` where a simulation diverges.
     pub fn measure(&self, problem: &Problem, fitted: &Fitted) -> Option<Measured> {
         let split = problem.split();
-        let train = problem.usable(0, split.train.clone());
+        let train = usable(problem, &split.train);
         let mut runs = problem.simulator().run(&[&fitted.plain, &fitted.white], problem.grid().len());
         let (white, plain) = (runs.pop()?, runs.pop()?);
         if white.diverged || plain.diverged {
             return None;
         }
-        let at_white = residual(problem, &white.outputs[0]);
-        let likely = autoregression(&at_white, &train)?;
-        let part = |range: &Range<usize>| problem.mean_square_error(&plain, 0, range.clone());
+        let at_white = residuals(problem, &white);
+        let (bic, samples) = Autoregression::fit(&at_white, &train)?.bic();
         let validation = self.validation.apply(&at_white);
-        let at_plain = residual(problem, &plain.outputs[0]);
+        let at_plain = residuals(problem, &plain);
+        let part = |range: &Range<usize>| mean_square_of(problem, &at_plain, range);
         let days = |range: &Range<usize>| squares_by_day(problem, &at_plain, range);
         Some(Measured {
-            bic: likely.bic,
-            samples: likely.samples,
-            slow: slow_autoregression(problem, &at_plain, &train).map(|ar| (ar.bic, ar.samples)),
-            floor: autoregression(&at_plain, &train)?.deviation,
+            bic,
+            samples,
+            slow: slow_bic(problem, &at_plain, &train),
+            floor: Autoregression::fit(&at_plain, &train)?.deviation(),
             days: [days(&split.train), days(&split.validation)],
             plain: [part(&split.train), part(&split.validation), part(&split.test)],
             white_validation: (!validation.is_empty()).then(|| mean_square(&validation)),
@@ -141,21 +138,29 @@ impl Filters {
     }
 }
 
+/// The mean square of the residuals over a part; `None` where nothing is comparable.
+fn mean_square_of(problem: &Problem, residuals: &[Vec<f64>], range: &Range<usize>) -> Option<f64> {
+    let errors = at(residuals, &usable(problem, range));
+    (!errors.is_empty()).then(|| mean_square(&errors)).filter(|value| value.is_finite())
+}
+
 /// The innovations' filter of the training part at a parameter vector; `None` where the model diverges there.
 pub fn whitening_at(problem: &Problem, theta: &[f64]) -> Option<Whitening> {
-    let usable = problem.usable(0, problem.split().train.clone());
+    let train = usable(problem, &problem.split().train);
     let run = problem.simulator().run(&[theta], problem.split().train.end).pop().filter(|run| !run.diverged)?;
-    let ar = autoregression(&residual(problem, &run.outputs[0]), &usable)?;
-    Some(Whitening::ar(&ar, &usable))
+    let ar = Autoregression::fit(&residuals(problem, &run), &train)?;
+    Some(Whitening::ar(&ar, &train))
 }
 
 /// The squared error of every whole day of a part, counted from its start.
-fn squares_by_day(problem: &Problem, error: &[f64], range: &Range<usize>) -> Vec<f64> {
+fn squares_by_day(problem: &Problem, residuals: &[Vec<f64>], range: &Range<usize>) -> Vec<f64> {
     let per_day = ((24.0 / problem.grid().step_hours()) as usize).max(1);
     let mut days = vec![0.0; range.len() / per_day];
-    for k in problem.usable(0, range.clone()) {
-        if let Some(day) = days.get_mut((k - range.start) / per_day) {
-            *day += error[k] * error[k];
+    for (error, usable) in residuals.iter().zip(usable(problem, range)) {
+        for k in usable {
+            if let Some(day) = days.get_mut((k - range.start) / per_day) {
+                *day += error[k] * error[k];
+            }
         }
     }
     days
@@ -165,32 +170,33 @@ impl Null {
     /// Brings a model to its optima from a known point; `None` where it diverges or its residual has no
     /// autoregressive model.
     pub fn settle(problem: Problem, plain: &[f64], white: Option<&[f64]>) -> Option<Self> {
-        let usable = problem.usable(0, problem.split().train.clone());
+        let usable = usable(&problem, &problem.split().train);
         let series = |theta: &[f64]| {
-            let run = problem.simulator().run(&[theta], problem.split().train.end).pop()?;
-            (!run.diverged).then(|| residual(&problem, &run.outputs[0]))
+            let run: Trajectory = problem.simulator().run(&[theta], problem.split().train.end).pop()?;
+            (!run.diverged).then(|| residuals(&problem, &run))
         };
-        let deviation = |series: &[f64]| mean_square(&usable.iter().map(|k| series[*k]).collect::<Vec<_>>()).sqrt();
+        let deviation = |series: &[Vec<f64>]| mean_square(&at(series, &usable)).sqrt();
+        let effort = Effort::of(&problem);
         let first = series(plain)?;
-        let ar = autoregression(&first, &usable)?;
+        let ar = Autoregression::fit(&first, &usable)?;
         let filters = Filters::new(&problem, &ar, deviation(&first));
         let [task, _] = filters.tasks(&problem);
-        let (scouted, scouting) = task.ends(&[plain.to_vec(), problem.nominal().to_vec()], SCOUT);
+        let (scouted, scouting) = task.ends(&[plain.to_vec(), problem.nominal().to_vec()], effort.scout);
         let starts: Vec<Vec<f64>> = scouted.iter().map(|(theta, _)| theta.clone()).collect();
         let mut whites: Vec<Vec<f64>> = white.map(<[f64]>::to_vec).into_iter().collect();
         whites.extend(starts.iter().cloned());
-        let mut fitted = filters.fit(&problem, &starts, &whites, SETTLE);
+        let mut fitted = filters.fit(&problem, &starts, &whites, effort.settle);
         // The innovations' optimum changes the residual, and with it the filter: once more with the right one.
-        let ar = autoregression(&series(&fitted.white)?, &usable)?;
+        let ar = Autoregression::fit(&series(&fitted.white)?, &usable)?;
         let filters = Filters::new(&problem, &ar, deviation(&series(&fitted.plain)?));
         let [_, task] = filters.tasks(&problem);
         let polished;
-        (fitted.white, fitted.white_cost, polished) = task.polish(&[fitted.white], SETTLE);
+        (fitted.white, fitted.white_cost, polished) = task.polish(&[fitted.white], effort.settle);
         fitted.evaluations += scouting + polished;
         let measured = filters.measure(&problem, &fitted)?;
         let [least, most] = OTHER.map(|factor| factor * fitted.plain_cost);
         let other = scouted.into_iter().find(|(_, cost)| (least..most).contains(cost)).map(|(plain, _)| {
-            let (white, _, evaluations) = task.polish(std::slice::from_ref(&plain), SCOUT);
+            let (white, _, evaluations) = task.polish(std::slice::from_ref(&plain), effort.scout);
             fitted.evaluations += evaluations;
             [plain, white]
         });
@@ -199,7 +205,7 @@ impl Null {
 
     /// Goes on from another place: keeps what is better there, and measures again. Says whether anything was.
     pub fn restart(&mut self, plain: &[f64], white: &[f64]) -> bool {
-        let again = self.filters.fit(&self.problem, &[plain.to_vec()], &[white.to_vec()], SETTLE / 2);
+        let again = self.filters.fit(&self.problem, &[plain.to_vec()], &[white.to_vec()], Effort::of(&self.problem).settle / 2);
         self.fitted.evaluations += again.evaluations;
         let mut better = self.fitted.clone();
         if again.plain_cost < better.plain_cost {

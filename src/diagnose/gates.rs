@@ -73,8 +73,9 @@ pub(super) fn gate(suspect: &Suspect, one: &Tried, strict: bool, rho: f64, place
     }
     let endogenous = suspect.endogenous;
     let least = least_gain(suspect, one);
-    // Of whom no more is asked than of everybody, slower measures may speak.
-    let slow = least <= LEAST_BIC && rho >= CRUDE_RHO && !endogenous && explains_slowly(one);
+    // Of whom no more is asked than of everybody, slower measures may speak. Where nothing moves the states by chance, the likelihood
+    // sees the slow as well.
+    let slow = suspect.problem.filters() && least <= LEAST_BIC && rho >= CRUDE_RHO && !endogenous && explains_slowly(one);
     if !slow && !reaches(Some(one.delta_bic), least) {
         return Some((Gate::Bic, format!("it gains {:.1} in BIC, and {least} is asked for", one.delta_bic)));
     }

@@ -12,6 +12,7 @@
 //! method and its thresholds were measured on synthetic rooms; `lampyris bench diagnose` measures them again.
 
 pub mod candidates;
+mod effort;
 pub mod evidence;
 pub mod failures;
 mod findings;

@@ -9,6 +9,7 @@ use crate::estimate::likelihood::{LikelihoodRatio, SIGNIFICANT};
 use crate::estimate::metrics::{HORIZONS, ahead, filter_with};
 use crate::estimate::peak::Peak;
 use crate::estimate::{Control, EstimateError, Problem, Site};
+use crate::fault::Fault;
 use crate::model::Catalogue;
 use rayon::prelude::*;
 use std::ops::Range;
@@ -30,6 +31,10 @@ pub fn ladder_by_likelihood(
     control: &Control,
 ) -> Result<Ladder, DiagnoseError> {
     let nothing = || DiagnoseError::Estimate(EstimateError::NothingFinite);
+    if !problem.filters() {
+        let detail = "the ladder by likelihood needs a filter, and a model that is stepped by rkc has none";
+        return Err(DiagnoseError::Faults(vec![Fault::new("/model", "stepper", detail)]));
+    }
     let (grid, holes) = widen(problem, window, site).map_err(|fault| DiagnoseError::Faults(vec![fault]))?;
     let mut base = problem.clone();
     let mut peak: Option<Peak> = None;

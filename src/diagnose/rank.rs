@@ -3,6 +3,7 @@
 //! The null model is restarted from the best suspects' parameters, so that no suspect gains by a better search alone.
 
 use super::candidates::Suspect;
+use super::effort::Effort;
 use super::fitted::{Fitted, Measured, Null};
 use super::gates::{LEAST_BIC, LEAST_FALL, gate, ties};
 use super::report::Gate;
@@ -14,8 +15,6 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Fewest families of which a median means anything.
 const LEAST_FAMILIES: usize = 5;
-/// Iterations of a suspect.
-const ITERATIONS: usize = 30;
 /// Members of a family of choices that are refitted.
 const CHOICES: usize = 3;
 /// Least score of a suspect that is refitted: chi-squared with one degree of freedom exceeds it by chance in a
@@ -23,9 +22,8 @@ const CHOICES: usize = 3;
 const LEAST_SCORE: f64 = 1.0;
 /// From how many of the best suspects the null model is restarted.
 const RESTARTS: usize = 3;
-/// Iterations of a suspect's scout from its nominal values, and the largest cost of the free run there, over the null
-/// model's, at which it goes on for as many again: the way from the nominal values is long.
-const SCOUT: usize = 15;
+/// The largest cost of the free run to which a scout from the nominal values has come, over the null model's, at which it goes
+/// on for as many iterations again: the way from the nominal values is long.
 const GOES_ON: f64 = 2.0;
 /// The largest cost in the end, over the null model's, at which the refit goes on from it.
 const PROMISING: f64 = 0.95;
@@ -225,10 +223,11 @@ fn scout(null: &Null, suspects: &[Suspect], chosen: Vec<Chosen>, skipped: Vec<(u
         .filter_map(|(place, _)| {
             let problem = &suspects[place].problem;
             let [task, _] = null.filters.tasks(problem);
-            let (mut theta, mut cost, mut spent) = task.polish(&[problem.nominal().to_vec()], SCOUT);
+            let iterations = Effort::of(problem).scout;
+            let (mut theta, mut cost, mut spent) = task.polish(&[problem.nominal().to_vec()], iterations);
             evaluations.fetch_add(spent, Ordering::Relaxed);
             if (most..GOES_ON * null.fitted.plain_cost).contains(&cost) {
-                (theta, cost, spent) = task.polish(&[theta], SCOUT);
+                (theta, cost, spent) = task.polish(&[theta], iterations);
                 evaluations.fetch_add(spent, Ordering::Relaxed);
             }
             (cost < most).then_some((place, theta))
@@ -270,7 +269,7 @@ fn refit(null: &Null, suspect: &Suspect, chosen: Chosen) -> Option<Tried> {
         plain.push(far.clone());
         white.push(far);
     }
-    let fitted = null.filters.fit(&suspect.problem, &plain, &white, ITERATIONS);
+    let fitted = null.filters.fit(&suspect.problem, &plain, &white, Effort::of(&suspect.problem).refit);
     let measured = null.filters.measure(&suspect.problem, &fitted)?;
     let active = suspect.own.iter().filter(|(index, off)| is_active(suspect, *index, *off, fitted.white[*index])).count();
     Some(Tried {

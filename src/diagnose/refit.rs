@@ -1,6 +1,7 @@
 //! Least squares from a known point, on the plain residual or on its innovations.
 
-use super::residual::{Whitening, residual};
+use super::effort::Effort;
+use super::residual::{Whitening, residuals};
 use crate::estimate::Problem;
 use crate::estimate::problem::mean_square;
 use crate::model::Scale;
@@ -8,10 +9,6 @@ use crate::optimise::local::{LocalOptions, LocalStage, LocalWay};
 use crate::optimise::{Ask, Candidate, Cost, Evaluation};
 use nalgebra::DMatrix;
 
-/// Length of forward differences in the unit cube.
-const DIFFERENCE: f64 = 1e-5;
-/// A run ends after two iterations that lower the cost by less than this share.
-const TOLERANCE: f64 = 1e-6;
 /// Deviation of the weak prior in the logarithm of rates: it only holds what the data leave open.
 const PRIOR_DEVIATION: f64 = 2.0;
 
@@ -37,7 +34,8 @@ impl Refit<'_> {
 
     /// Where each start ends, its cost there, infinite where the model diverges, and the evaluations of all.
     pub fn ends(&self, starts: &[Vec<f64>], iterations: usize) -> (Vec<(Vec<f64>, f64)>, usize) {
-        let options = LocalOptions { iterations, tolerance: TOLERANCE, ..LocalOptions::default() };
+        let usual = LocalOptions { iterations, tolerance: Effort::of(self.problem).tolerance, ..LocalOptions::default() };
+        let options = LocalOptions { step: self.problem.least_step().max(usual.step), ..usual };
         let places: Vec<Candidate> = starts.iter().map(|start| self.problem.candidate(start)).collect();
         let mut stage = LocalStage::new(&LocalWay::Residuals(options), &places);
         let mut evaluations = 0;
@@ -81,10 +79,11 @@ impl Refit<'_> {
     pub fn slopes(&self, theta: &[f64]) -> Option<DMatrix<f64>> {
         let centre = self.problem.candidate(theta);
         let mut thetas = vec![self.problem.theta(&centre)];
+        let difference = self.problem.difference();
         let mut steps = Vec::new();
         for along in 0..centre.0.len() {
             let mut moved = centre.clone();
-            let step = if moved.0[along] + DIFFERENCE > 1.0 { -DIFFERENCE } else { DIFFERENCE };
+            let step = if moved.0[along] + difference > 1.0 { -difference } else { difference };
             moved.0[along] += step;
             steps.push(step);
             thetas.push(self.problem.theta(&moved));
@@ -96,11 +95,11 @@ impl Refit<'_> {
     }
 }
 
-/// The residuals of some parameter vectors up to the end of the training part; `None` for one that diverges.
-pub fn simulated(problem: &Problem, thetas: &[Vec<f64>]) -> Vec<Option<Vec<f64>>> {
+/// The residuals of some parameter vectors up to the end of the training part, by output; `None` for one that diverges.
+pub fn simulated(problem: &Problem, thetas: &[Vec<f64>]) -> Vec<Option<Vec<Vec<f64>>>> {
     let slices: Vec<&[f64]> = thetas.iter().map(Vec::as_slice).collect();
     let runs = problem.simulator().run(&slices, problem.split().train.end);
-    runs.iter().map(|run| (!run.diverged).then(|| residual(problem, &run.outputs[0]))).collect()
+    runs.iter().map(|run| (!run.diverged).then(|| residuals(problem, run))).collect()
 }
 
 /// The same, filtered.

@@ -34,7 +34,7 @@ pub struct Diagnosis {
     pub summary: String,
     /// Free-run error over the innovation deviation of its AR model, after the last finding.
     pub rho: Option<f64>,
-    /// One-step innovation error of the free-run residual, in the output's unit.
+    /// One-step innovation error of the free-run residual, in the output's unit; of several outputs, in the noise of their sensors.
     pub noise_floor_rmse: Option<f64>,
     /// What is missing, the most telling first.
     pub findings: Vec<Finding>,

@@ -1,58 +1,121 @@
 //! The residual of a free run, measured minus simulated, and its innovations.
 //!
-//! A room that is warmer than its model has a positive residual: it lacks a gain.
+//! A room that is warmer than its model has a positive residual: it lacks a gain. The residual of a model with one output is in
+//! the unit of that; those of several outputs are counted in the noise of their sensors, so that they may stand side by side.
 
 use crate::estimate::Problem;
-use crate::estimate::whiten::Ar;
+use crate::estimate::whiten::{Ar, stride};
+use crate::simulate::Trajectory;
+use std::ops::Range;
 
-/// Measured minus simulated at every sample; only the usable samples mean anything.
-pub fn residual(problem: &Problem, simulated: &[f64]) -> Vec<f64> {
-    problem.measured().first().map_or_else(Vec::new, |(values, _)| values.iter().zip(simulated).map(|(y, x)| y - x).collect())
+/// Measured minus simulated of an output at every sample, in its unit; only the usable samples mean anything.
+pub fn residual(problem: &Problem, output: usize, simulated: &[f64]) -> Vec<f64> {
+    problem.measured().get(output).map_or_else(Vec::new, |(values, _)| values.iter().zip(simulated).map(|(y, x)| y - x).collect())
+}
+
+/// The same of every output, each in its weight.
+pub fn residuals(problem: &Problem, run: &Trajectory) -> Vec<Vec<f64>> {
+    let weight = |output: usize| 1.0 / problem.scale(output);
+    let measured = problem.measured();
+    let outputs = run.outputs.iter().zip(measured).enumerate();
+    outputs.map(|(output, (simulated, (y, _)))| y.iter().zip(simulated).map(|(y, x)| (y - x) * weight(output)).collect()).collect()
+}
+
+/// The samples of a part at which each output means something.
+pub fn usable(problem: &Problem, range: &Range<usize>) -> Vec<Vec<usize>> {
+    (0..problem.model().outputs().len()).map(|output| problem.usable(output, range.clone())).collect()
+}
+
+/// The residuals of some outputs at their usable samples, one output after another.
+pub fn at(residuals: &[Vec<f64>], usable: &[Vec<usize>]) -> Vec<f64> {
+    residuals.iter().zip(usable).flat_map(|(series, usable)| usable.iter().map(|k| series[*k])).collect()
 }
 
 /// A linear filter on the usable samples of a part: nothing but selection, or an autoregressive whitening that
 /// starts anew behind each gap.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Whitening {
+pub struct Whitening(Vec<Filter>);
+
+/// The filter of one output.
+#[derive(Debug, Clone, PartialEq)]
+struct Filter {
     coefficients: Vec<f64>,
     rows: Vec<usize>,
+    stride: usize,
+    weight: f64,
 }
 
 impl Whitening {
     /// The usable samples as they are.
-    pub fn none(usable: &[usize]) -> Self {
-        Self { coefficients: Vec::new(), rows: usable.to_vec() }
+    pub fn none(usable: &[Vec<usize>]) -> Self {
+        Self(usable.iter().map(|rows| Filter { coefficients: Vec::new(), rows: rows.clone(), stride: 1, weight: 1.0 }).collect())
     }
 
-    /// The innovations under an autoregressive model, at the samples whose whole past is usable.
-    pub fn ar(ar: &Ar, usable: &[usize]) -> Self {
-        let lags = ar.coefficients.len();
-        let whole = |place: &usize| place.checked_sub(lags).is_some_and(|first| usable[*place] - usable[first] == lags);
-        let rows = (0..usable.len()).filter(whole).map(|place| usable[place]).collect();
-        Self { coefficients: ar.coefficients.clone(), rows }
-    }
-
-    /// The filtered series, one value per row.
-    pub fn apply(&self, series: &[f64]) -> Vec<f64> {
-        let filtered = |t: &usize| {
-            let past = series[t - self.coefficients.len()..*t].iter().rev();
-            series[*t] - self.coefficients.iter().zip(past).map(|(a, past)| a * past).sum::<f64>()
+    /// The innovations under autoregressive models, at the samples whose whole past is usable. Those of several outputs have a
+    /// deviation of one.
+    pub fn ar(ar: &Autoregression, usable: &[Vec<usize>]) -> Self {
+        let several = usable.len() > 1;
+        let filter = |(ar, usable): (&Ar, &Vec<usize>)| {
+            let (lags, stride) = (ar.coefficients.len(), stride(usable));
+            let whole = |place: &usize| place.checked_sub(lags).is_some_and(|first| usable[*place] - usable[first] == lags * stride);
+            let rows = (0..usable.len()).filter(whole).map(|place| usable[place]).collect();
+            Filter { coefficients: ar.coefficients.clone(), rows, stride, weight: if several { 1.0 / ar.deviation } else { 1.0 } }
         };
-        self.rows.iter().map(filtered).collect()
+        Self(ar.0.iter().zip(usable).map(filter).collect())
     }
 
-    /// The samples of the filtered series.
-    pub fn rows(&self) -> &[usize] {
-        &self.rows
+    /// The filtered series, one value per row, one output after another.
+    pub fn apply(&self, residuals: &[Vec<f64>]) -> Vec<f64> {
+        let filtered = |(filter, series): (&Filter, &Vec<f64>)| -> Vec<f64> {
+            let one = |t: &usize| {
+                let past = |lag: usize| series[t - (lag + 1) * filter.stride];
+                let known: f64 = filter.coefficients.iter().enumerate().map(|(lag, a)| a * past(lag)).sum();
+                (series[*t] - known) * filter.weight
+            };
+            filter.rows.iter().map(one).collect()
+        };
+        self.0.iter().zip(residuals).flat_map(filtered).collect()
+    }
+
+    /// The samples of the first output, with whose values the filtered series begins.
+    pub fn rows_of_first(&self) -> impl Iterator<Item = usize> {
+        self.0.iter().take(1).flat_map(|filter| filter.rows.iter().copied())
     }
 }
 
-/// The autoregressive model of a residual on its usable samples.
-pub fn autoregression(residual: &[f64], usable: &[usize]) -> Option<Ar> {
-    let end = usable.last().map_or(0, |last| last + 1);
-    let mut series = vec![None; end];
-    usable.iter().for_each(|k| series[*k] = Some(residual[*k]));
-    Ar::fit(&series).filter(|ar| ar.deviation.is_finite() && ar.deviation > 0.0)
+/// The autoregressive models of the residuals of all outputs.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Autoregression(Vec<Ar>);
+
+impl Autoregression {
+    /// `None` where that of any output cannot be fitted.
+    pub fn fit(residuals: &[Vec<f64>], usable: &[Vec<usize>]) -> Option<Self> {
+        let one = |(residual, usable): (&Vec<f64>, &Vec<usize>)| {
+            Ar::fit_samples(usable, |k| residual[k]).filter(|ar| ar.deviation.is_finite() && ar.deviation > 0.0)
+        };
+        residuals.iter().zip(usable).map(one).collect::<Option<_>>().map(Self)
+    }
+
+    /// Their criteria together, for the errors of different outputs are taken as independent, and the samples of all.
+    pub fn bic(&self) -> (f64, usize) {
+        (self.0.iter().map(|ar| ar.bic).sum(), self.0.iter().map(|ar| ar.samples).sum())
+    }
+
+    /// The deviation of the innovations; of several outputs the root of the mean square.
+    pub fn deviation(&self) -> f64 {
+        match &self.0[..] {
+            [one] => one.deviation,
+            several => {
+                let squares: f64 = several.iter().map(|ar| ar.samples as f64 * ar.deviation * ar.deviation).sum();
+                (squares / self.bic().1.max(1) as f64).sqrt()
+            }
+        }
+    }
+
+    /// The deviation of what [`Whitening::ar`] leaves.
+    pub fn deviation_filtered(&self) -> f64 {
+        if let [one] = &self.0[..] { one.deviation } else { 1.0 }
+    }
 }
 
 /// Hours over which a slow residual is averaged.
@@ -60,19 +123,24 @@ const SLOW_HOURS: f64 = 3.0;
 /// Orders of its autoregressive model.
 const SLOW_ORDERS: [usize; 3] = [1, 2, 3];
 
-/// The autoregressive model of the residual's means over three hours: effects that come and go slowly hardly
-/// show from one sample to the next, where the whitened residual looks for them.
-pub fn slow_autoregression(problem: &Problem, residual: &[f64], usable: &[usize]) -> Option<Ar> {
+/// The autoregressive models of the residuals' means over three hours: effects that come and go slowly hardly
+/// show from one sample to the next, where the whitened residual looks for them. Their criteria and samples.
+pub fn slow_bic(problem: &Problem, residuals: &[Vec<f64>], usable: &[Vec<usize>]) -> Option<(f64, usize)> {
     let per_mean = ((SLOW_HOURS / problem.grid().step_hours()) as usize).max(1);
-    let end = usable.last().map_or(0, |last| last + 1);
-    let mut sums = vec![(0.0, 0usize); end / per_mean];
-    for k in usable {
-        if let Some((sum, count)) = sums.get_mut(k / per_mean) {
-            (*sum, *count) = (*sum + residual[*k], *count + 1);
+    let one = |(residual, usable): (&Vec<f64>, &Vec<usize>)| {
+        let end = usable.last().map_or(0, |last| last + 1);
+        let mut sums = vec![(0.0, 0usize); end / per_mean];
+        for k in usable {
+            if let Some((sum, count)) = sums.get_mut(k / per_mean) {
+                (*sum, *count) = (*sum + residual[*k], *count + 1);
+            }
         }
-    }
-    let means: Vec<Option<f64>> = sums.iter().map(|(sum, count)| (2 * count >= per_mean).then(|| sum / *count as f64)).collect();
-    Ar::fit_orders(&means, &SLOW_ORDERS)
+        let stride = stride(usable);
+        let means: Vec<Option<f64>> =
+            sums.iter().map(|(sum, count)| (2 * count * stride >= per_mean).then(|| sum / *count as f64)).collect();
+        Ar::fit_orders(&means, &SLOW_ORDERS)
+    };
+    residuals.iter().zip(usable).map(one).collect::<Option<Vec<Ar>>>().map(|ars| Autoregression(ars).bic())
 }
 
 #[cfg(test)]
@@ -83,12 +151,33 @@ mod tests {
     fn whitening_by_rows_equals_whitening_with_gaps() {
         let series: Vec<f64> = (0..200).map(|k| (f64::from(k) * 0.37).sin() + 0.1 * f64::from(k % 7)).collect();
         let usable: Vec<usize> = (0..200).filter(|k| !(60..65).contains(k) && *k != 120).collect();
-        let ar = autoregression(&series, &usable).unwrap();
-        let whitening = Whitening::ar(&ar, &usable);
+        let ar = Autoregression::fit(std::slice::from_ref(&series), std::slice::from_ref(&usable)).unwrap();
+        let whitening = Whitening::ar(&ar, std::slice::from_ref(&usable));
         let options: Vec<Option<f64>> = (0..200).map(|k| usable.contains(&k).then(|| series[k])).collect();
-        let reference: Vec<f64> = ar.whiten(&options).into_iter().flatten().collect();
-        let ours = whitening.apply(&series);
+        let reference: Vec<f64> = ar.0[0].whiten(&options).into_iter().flatten().collect();
+        let ours = whitening.apply(std::slice::from_ref(&series));
         assert_eq!(ours.len(), reference.len());
         assert!(ours.iter().zip(&reference).all(|(a, b)| (a - b).abs() < 1e-12));
+    }
+
+    #[test]
+    fn outputs_of_different_sizes_weigh_alike_when_whitened() {
+        let mut state = 1u64;
+        let mut noise = || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (state >> 11) as f64 / (1u64 << 53) as f64 - 0.5
+        };
+        let small: Vec<f64> = (0..300).map(|_| 0.01 * noise()).collect();
+        let large: Vec<f64> = (0..300).map(|_| 100.0 * noise()).collect();
+        let (series, usable) = ([small, large], vec![(0..300).collect::<Vec<usize>>(); 2]);
+        let ar = Autoregression::fit(&series, &usable).unwrap();
+        let white = Whitening::ar(&ar, &usable).apply(&series);
+        let (first, second) = white.split_at(white.len() / 2);
+        for half in [first, second] {
+            let deviation = (half.iter().map(|x| x * x).sum::<f64>() / half.len() as f64).sqrt();
+            assert!((deviation - 1.0).abs() < 0.05, "{deviation}");
+        }
+        let alone = |output: usize| Autoregression::fit(&series[output..=output], &usable[..1]).unwrap().bic();
+        assert_eq!(ar.bic(), (alone(0).0 + alone(1).0, alone(0).1 + alone(1).1));
     }
 }

@@ -6,14 +6,14 @@
 
 use super::candidates::{Suspect, sign_allows};
 use super::refit::{Refit, filtered, simulated};
-use super::residual::Whitening;
+use super::residual::{Whitening, at, usable};
 use crate::estimate::Problem;
 use crate::estimate::problem::mean_square;
 use crate::model::Scale;
 use nalgebra::{DMatrix, DVector};
 
-/// A suspect that moves the room by less than this at its physical bound cannot be seen, in K.
-const VISIBLE: f64 = 0.02;
+/// A suspect that moves the output by less than this at its physical bound cannot be seen, in the noise of its sensor.
+const VISIBLE: f64 = 0.4;
 /// A suspect of which the model's own parameters imitate all but this share of the variance has no score here, but may
 /// gain elsewhere: where a rate lies on its bound, one state imitates another.
 const IMITATED: f64 = 1e-4;
@@ -113,14 +113,14 @@ impl<'a> Screen<'a> {
         suspect.own.iter().for_each(|(index, _)| bound[*index] = suspect.problem.bounds()[*index][1]);
         thetas.push(bound);
         let runs = simulated(&suspect.problem, &thetas);
-        let train = suspect.problem.usable(0, suspect.problem.split().train.clone());
+        let train = usable(&suspect.problem, &suspect.problem.split().train);
         if let (Some(Some(with)), Some(Some(without))) = (runs.last(), runs.first()) {
-            let difference: Vec<f64> = train.iter().map(|k| with[*k] - without[*k]).collect();
-            if mean_square(&difference).sqrt() < VISIBLE {
+            let difference: Vec<f64> = at(with, &train).iter().zip(at(without, &train)).map(|(with, without)| with - without).collect();
+            if mean_square(&difference).sqrt() < VISIBLE * suspect.problem.scaled_noise() {
                 return Err(Blind::TooSmall);
             }
         }
-        let whitened = |run: &Option<Vec<f64>>| run.as_ref().map(|run| self.whitening.apply(run));
+        let whitened = |run: &Option<Vec<Vec<f64>>>| run.as_ref().map(|run| self.whitening.apply(run));
         let series: Vec<Vec<f64>> = runs[..runs.len() - 1].iter().map(whitened).collect::<Option<_>>().ok_or(Blind::Diverged)?;
         let column = |run: usize, step: f64| series[0].iter().zip(&series[run]).map(move |(off, with)| (off - with) / step);
         let k = suspect.own.len();

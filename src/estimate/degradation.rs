@@ -1,8 +1,9 @@
 //! Whether newer measurements contradict parameters that were validated on older ones.
 
 use super::fit::{Fit, Span};
-use super::metrics::{FilterRun, ahead, error_unit, horizon_name, measurement_variance};
+use super::metrics::{FREE_RUN, FilterRun, ahead, error_unit, horizon_name, measurement_variance};
 use super::problem::Problem;
+use super::whiten::stride;
 use crate::data::{Duration, read_time, rfc3339};
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
@@ -11,19 +12,21 @@ use std::ops::Range;
 const RATIO: f64 = 2.0;
 /// Below this much newer time nothing is said: one odd evening contradicts no model.
 const LEAST: i64 = 86_400;
+/// What a free run that leaves the numbers is said to err by, in the noise of the sensors.
+const LOST: f64 = 1e6;
 /// Older measurements say nothing about now.
 const MOST: i64 = 7 * 86_400;
 
 /// Forecasts on newer measurements that err by more than they should.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Degradation {
-    /// Root mean square of the forecast errors.
+    /// Root mean square of the errors: of forecasts, or of the free run of a model without a filter.
     pub error: f64,
     /// Twice that on the validation data, or twice the sensor's noise where that is more.
     pub limit: f64,
     /// Unit of both.
     pub unit: String,
-    /// How far ahead the forecasts look.
+    /// How far ahead the forecasts look; `free_run` where a model without a filter is left to itself.
     pub horizon: String,
     /// First instant of the newer measurements, RFC 3339.
     pub from: String,
@@ -60,7 +63,8 @@ impl Newer {
 
 /// Forecasts the measurements behind the fit's own, `horizon` ahead from re-estimated states, and compares the
 /// errors with those on the fit's validation part; both from one run of the filter over `problem`, whose window
-/// holds both.
+/// holds both. A model without a filter is left to itself from the start of the fit's window, at which `problem` must start too,
+/// and the errors of that free run are compared: all outputs together, counted in [`Problem::scale`].
 pub fn newer(problem: &Problem, fit: &Fit, run: &FilterRun, horizon: Duration) -> Newer {
     let grid = problem.grid();
     let step = grid.step();
@@ -70,28 +74,51 @@ pub fn newer(problem: &Problem, fit: &Fit, run: &FilterRun, horizon: Duration) -
         return Newer::Silent;
     }
     let Some(validation) = &fit.parts.validation else { return Newer::Silent };
-    let name = horizon_name(horizon);
-    let leads = [(name.as_str(), horizon.seconds())];
     let theta = fit.theta();
-    let error = |range: Range<usize>| ahead(problem, &theta, run, range, &leads).into_values().next();
-    let (Some(then), Some(now)) = (error(part(problem, validation)), error(newer.clone())) else { return Newer::Silent };
+    let (name, errors, noise, unit) = if problem.filters() {
+        let name = horizon_name(horizon);
+        let leads = [(name.as_str(), horizon.seconds())];
+        let error =
+            |range: Range<usize>| ahead(problem, &theta, run, range, &leads).into_values().next().map(|error| (error.rmse, error.n));
+        let errors = error(part(problem, validation)).zip(error(newer.clone()));
+        let unit = problem.model().outputs().first().map_or("-", |output| error_unit(&output.unit));
+        (name, errors, measurement_variance(problem).first().copied().unwrap_or(0.0).sqrt(), unit)
+    } else {
+        let trajectory = problem.simulate(&theta);
+        let error = |range: Range<usize>| Some((problem.free_run_error(&trajectory, range.clone())?, least_samples(problem, range)));
+        let then = error(part(problem, validation));
+        // A document cannot hold what is no number.
+        let lost = trajectory.diverged.then(|| (LOST, least_samples(problem, newer.clone())));
+        (FREE_RUN.to_owned(), then.zip(lost.or_else(|| error(newer.clone()))), problem.scaled_noise(), problem.scale_in_words())
+    };
+    let Some(((then, _), (now, samples))) = errors else { return Newer::Silent };
     // Forecasts need half a day of targets to say anything; gaps may have eaten the rest.
-    if (now.n as i64) * step < LEAST / 2 {
+    if (samples as i64) * step < LEAST / 2 {
         return Newer::Silent;
     }
-    let noise = measurement_variance(problem).first().copied().unwrap_or(0.0).sqrt();
-    let limit = RATIO * then.rmse.max(noise);
-    if now.rmse <= limit {
-        return Newer::Agree { error: now.rmse, horizon: name };
+    let limit = RATIO * then.max(noise);
+    if now <= limit {
+        return Newer::Agree { error: now, horizon: name };
     }
     Newer::Contradict(Degradation {
-        error: now.rmse,
+        error: now,
         limit,
-        unit: problem.model().outputs().first().map_or("-", |output| error_unit(&output.unit)).to_owned(),
+        unit: unit.to_owned(),
         horizon: name,
         from: rfc3339(grid.time(newer.start)),
         to: rfc3339(grid.time(grid.len() - 1)),
     })
+}
+
+/// Over how many samples of the grid the output that is measured least is known.
+fn least_samples(problem: &Problem, range: Range<usize>) -> usize {
+    let known = |output: usize| problem.usable(output, range.clone());
+    (0..problem.model().outputs().len()).map(known).map(|used| used.len() * stride(&used)).min().unwrap_or(0)
+}
+
+/// The problem of a longer window, stepped and led to its first sample as that of the fit was.
+pub fn as_fitted(problem: &Problem, fit: &Fit) -> Problem {
+    problem.averaged_over(part(problem, &fit.parts.train)).with_substeps(fit.substeps)
 }
 
 /// The first sample behind an instant.

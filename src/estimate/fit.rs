@@ -171,8 +171,8 @@ pub struct Fit {
     pub sample_s: i64,
     /// Internal steps per sample.
     pub substeps: usize,
-    /// Largest difference to a run with half the step, in the output's unit; `None` where one of the two left the
-    /// numbers.
+    /// Largest difference to a run with half the step, in the output's unit, or of several outputs in the noise of their
+    /// sensors; `None` where one of the two left the numbers.
     pub discretisation_error: Option<f64>,
     /// Process noise of the filter, per square root of an hour.
     pub process_noise: f64,
@@ -208,7 +208,7 @@ impl Fit {
         (&self.parts.train.from, &last.to)
     }
 
-    /// The metrics of the first output, the one that a gate judges.
+    /// The metrics of the first output.
     pub fn first_metrics(&self) -> Option<&OutputMetrics> {
         self.metrics.values().next()
     }

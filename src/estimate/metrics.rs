@@ -13,6 +13,9 @@ use std::ops::Range;
 /// The horizons that every fit reports.
 pub const HORIZONS: [(&str, i64); 3] = [("PT1H", 3600), ("PT6H", 21_600), ("PT24H", 86_400)];
 
+/// The name of a horizon that has no end: the model is left to itself.
+pub const FREE_RUN: &str = "free_run";
+
 /// Seconds in a day.
 const DAY: i64 = 86_400;
 
@@ -38,6 +41,9 @@ pub fn measurement_variance(problem: &Problem) -> Vec<f64> {
 
 /// Filters the window at `theta`; the process noise is the likeliest one on the training part.
 pub fn filter(problem: &Problem, theta: &[f64], process_noise: Option<f64>) -> FilterRun {
+    if !problem.filters() {
+        return unfiltered(problem, theta);
+    }
     let measured = problem.measured();
     let kalman = Kalman::new(problem.model(), problem.simulator(), problem.inputs(), &measured);
     let measurement = measurement_variance(problem);
@@ -47,9 +53,25 @@ pub fn filter(problem: &Problem, theta: &[f64], process_noise: Option<f64>) -> F
 
 /// Filters the window at `theta` with this noise.
 pub fn filter_with(problem: &Problem, theta: &[f64], noise: &Noise) -> FilterRun {
+    if !problem.filters() {
+        return unfiltered(problem, theta);
+    }
     let measured = problem.measured();
     let kalman = Kalman::new(problem.model(), problem.simulator(), problem.inputs(), &measured);
     FilterRun { filtered: kalman.filter(theta, noise, problem.grid().len()), process_noise: mean_square(&noise.process).sqrt() }
+}
+
+/// The free run in the place of a filter, for models without one: no state is re-estimated and nothing is innovated.
+fn unfiltered(problem: &Problem, theta: &[f64]) -> FilterRun {
+    let trajectory = problem.simulate(theta);
+    let samples = problem.grid().len();
+    let filtered = Filtered {
+        states: (0..samples).map(|k| trajectory.states.iter().map(|series| series[k]).collect()).collect(),
+        deviations: vec![Vec::new(); samples],
+        innovations: vec![vec![None; samples]; problem.model().outputs().len()],
+        log_likelihood: 0.0,
+    };
+    FilterRun { filtered, process_noise: 0.0 }
 }
 
 /// The noise that belongs to a fit: what its likelihood says, or one process noise for all states.
@@ -66,7 +88,7 @@ pub fn filter_fit(problem: &Problem, fit: &Fit) -> FilterRun {
 
 /// Forecasts as series: `[output][lead][k]` is the value at sample `k` as it was forecast `leads[lead]` samples
 /// before, from the filtered state at an origin in `range` at which that output was measured. Leads are in
-/// samples, strictly increasing.
+/// samples, strictly increasing. A model without a filter forecasts nothing.
 pub fn forecast_series(
     problem: &Problem,
     theta: &[f64],
@@ -76,6 +98,9 @@ pub fn forecast_series(
 ) -> Vec<Vec<Vec<Option<f64>>>> {
     let measured = problem.measured();
     let samples = problem.grid().len();
+    if !problem.filters() {
+        return vec![vec![vec![None; samples]; leads.len()]; measured.len()];
+    }
     let origins: Vec<usize> = range.filter(|k| measured.iter().any(|(_, valid)| valid[*k])).collect();
     let kalman = Kalman::new(problem.model(), problem.simulator(), problem.inputs(), &measured);
     let forecasts = kalman.forecasts_at(theta, &run.filtered, &origins, leads);
@@ -126,6 +151,27 @@ pub fn ahead(
     errors
 }
 
+/// The errors of a free run, and of each output's last measurement at least `lead` samples ago, on the same samples of a range:
+/// all outputs together, counted in their [`Problem::scale`]. `None` where nothing is comparable or the run leaves the numbers.
+pub fn free_run_ahead(problem: &Problem, trajectory: &Trajectory, range: Range<usize>, lead: usize) -> Option<AheadError> {
+    let (mut model, mut persistence) = (Vec::new(), Vec::new());
+    for (output, (simulated, (values, valid))) in trajectory.outputs.iter().zip(problem.measured()).enumerate() {
+        let scale = problem.scale(output);
+        let mut last = None;
+        for k in range.start + lead..range.end {
+            last = if valid[k - lead] { Some(values[k - lead]) } else { last };
+            if let Some(last) = last.filter(|_| valid[k] && problem.simulator().predicted(k)) {
+                model.push((simulated[k] - values[k]) / scale);
+                persistence.push((last - values[k]) / scale);
+            }
+        }
+    }
+    let rmse = |errors: &[f64]| mean_square(errors).sqrt();
+    (!model.is_empty())
+        .then(|| AheadError { rmse: rmse(&model), persistence: rmse(&persistence), n: model.len() })
+        .filter(|error| error.rmse.is_finite())
+}
+
 /// A horizon in whole samples; `None` where it is shorter than one.
 pub fn lead(horizon_s: i64, step_s: i64) -> Option<usize> {
     usize::try_from(horizon_s / step_s).ok().filter(|lead| *lead > 0)
@@ -133,6 +179,9 @@ pub fn lead(horizon_s: i64, step_s: i64) -> Option<usize> {
 
 /// Mean square of all 24-hour forecasts from the midnights (UTC) of `range`, pooled.
 pub fn day_ahead_mse(problem: &Problem, theta: &[f64], run: &FilterRun, range: Range<usize>) -> Option<f64> {
+    if !problem.filters() {
+        return None;
+    }
     let grid = problem.grid();
     let measured = problem.measured();
     let (values, valid) = measured[0];
@@ -187,17 +236,20 @@ fn rho(problem: &Problem, trajectory: &Trajectory, output: usize) -> Option<f64>
     let measured = problem.measured();
     let (values, _) = measured[output];
     let train = problem.split().train.clone();
-    let mut residual = vec![None; train.end];
-    problem.usable(output, train.clone()).into_iter().for_each(|k| residual[k] = Some(trajectory.outputs[output][k] - values[k]));
+    let usable = problem.usable(output, train.clone());
     let rmse = problem.mean_square_error(trajectory, output, train)?.sqrt();
-    Ar::fit(&residual).map(|ar| rmse / ar.deviation).filter(|rho| rho.is_finite())
+    Ar::fit_samples(&usable, |k| trajectory.outputs[output][k] - values[k]).map(|ar| rmse / ar.deviation).filter(|rho| rho.is_finite())
 }
 
-/// The filtered states at the newest sample: what a controller needs beside the parameters.
+/// The states at the newest sample: what a controller needs beside the parameters.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct CurrentState {
     /// The instant, RFC 3339.
     pub at: String,
+    /// Whether they are those of a free run from the start of the fit's window, which no measurement has corrected: a model
+    /// without a filter has no other, and no deviations.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub free_run: bool,
     /// The states by name.
     #[serde(flatten)]
     pub states: IndexMap<String, f64>,
@@ -210,7 +262,7 @@ pub fn current_state(problem: &Problem, fit: &Fit) -> Option<CurrentState> {
     newest_state(problem, &filter_fit(problem, fit))
 }
 
-/// The filtered states at the newest sample of a filter run.
+/// The states at the newest sample of a filter run.
 pub fn newest_state(problem: &Problem, run: &FilterRun) -> Option<CurrentState> {
     let last = problem.grid().len().checked_sub(1)?;
     let named = |values: &Vec<f64>| {
@@ -220,6 +272,7 @@ pub fn newest_state(problem: &Problem, run: &FilterRun) -> Option<CurrentState> 
     };
     Some(CurrentState {
         at: rfc3339(problem.grid().time(last)),
+        free_run: !problem.filters(),
         states: named(run.filtered.states.get(last)?)?,
         sd: named(run.filtered.deviations.get(last)?)?,
     })

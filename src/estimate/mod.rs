@@ -4,8 +4,9 @@
 //! weighs the residuals, `run` drives the optimiser until it or `stop` says that it is over, `metrics` and `uncertainty`
 //! describe what was found, `rules` look at it and `validate` decides, `served` is what may go out. `replay` puts the
 //! problem of a stored fit together again, `comparison` lays it beside the measurements and `compare` beside other fits,
-//! `skill` puts both into numbers; `degradation` asks whether newer measurements contradict it.
+//! `skill` puts both into numbers; `degradation` asks whether newer measurements contradict it. `tune` chooses settings of the search.
 
+mod case;
 pub mod compare;
 pub mod comparison;
 mod ctsm;
@@ -15,6 +16,7 @@ mod curvature;
 pub mod degradation;
 pub mod fit;
 pub mod likelihood;
+mod limits;
 pub mod method;
 pub mod metrics;
 pub mod objective;
@@ -32,6 +34,7 @@ pub mod served;
 pub mod skill;
 pub mod stop;
 pub mod summary;
+pub mod tune;
 pub mod uncertainty;
 pub mod validate;
 pub mod whiten;

@@ -2,10 +2,10 @@
 
 use super::problem::Problem;
 use super::validate::{CheckResult, Severity};
-use crate::model::expr::Node;
+use crate::model::expr::{Graph, Node};
 use crate::model::{Check, Hold};
 use crate::simulate::trajectory::Measured;
-use crate::simulate::{Inputs, Simulator, Stepper, Trajectory, substeps};
+use crate::simulate::{Inputs, Simulator, Trajectory, substeps};
 use indexmap::IndexMap;
 use nalgebra::DMatrix;
 
@@ -16,7 +16,61 @@ const STRESS_KELVIN: f64 = 10.0;
 
 /// Puts every check of the model to a parameter vector.
 pub fn checks(problem: &Problem, theta: &[f64], trajectory: &Trajectory) -> Vec<CheckResult> {
-    problem.model().checks().iter().filter_map(|check| one(problem, theta, trajectory, check)).collect()
+    let model = problem.model();
+    let mut extents = extents(problem, theta, trajectory).into_iter();
+    let look = |check: &Check| match check {
+        Check::Range { name, unit, lower, upper, .. } => extents.next().map(|extent| inside(name, unit, (*lower, *upper), extent)),
+        other => one(problem, theta, trajectory, other),
+    };
+    model.checks().iter().filter_map(look).collect()
+}
+
+/// Whether what an expression did stays within its limits.
+fn inside(name: &str, unit: &str, (lower, upper): (Option<f64>, Option<f64>), (low, high): (f64, f64)) -> CheckResult {
+    let too_low = lower.is_some_and(|lower| low.is_nan() || low < lower);
+    let too_high = upper.is_some_and(|upper| high.is_nan() || high > upper);
+    // The limit that is broken is told, and else the lower one.
+    let (statistic, operator, threshold) = match (lower, upper) {
+        (Some(lower), _) if too_low || !too_high => (low, ">=", Some(lower)),
+        (_, upper) => (high, "<=", upper),
+    };
+    let comment = format!("over the whole free run this goes from {low:.4} to {high:.4} {unit}");
+    CheckResult {
+        name: format!("G3 {name}"),
+        statistic: Some(statistic).filter(|value| value.is_finite()),
+        operator: operator.to_owned(),
+        threshold,
+        unit: unit.to_owned(),
+        pass: !too_low && !too_high,
+        severity: Severity::Reject,
+        comment,
+    }
+}
+
+/// The lowest and the highest value of the expressions of the range checks, over the samples at which all inputs are known.
+fn extents(problem: &Problem, theta: &[f64], trajectory: &Trajectory) -> Vec<(f64, f64)> {
+    let (model, inputs) = (problem.model(), problem.inputs());
+    // A graph of their own, which is small: they are looked at as often as there are samples.
+    let mut graph = Graph::default();
+    let roots = graph.import(model.graph(), model.ranges(), |graph, leaf| graph.intern(leaf));
+    if roots.is_empty() {
+        return Vec::new();
+    }
+    let mut extents = vec![(f64::INFINITY, f64::NEG_INFINITY); roots.len()];
+    // What is not a number stays so.
+    let least = |low: f64, value: f64| if low.is_nan() || value.is_nan() { f64::NAN } else { low.min(value) };
+    for k in (0..inputs.samples()).filter(|k| problem.simulator().predicted(*k)) {
+        let values = graph.evaluate(&roots, |leaf| match leaf {
+            Node::State(i) => trajectory.states[usize::from(i)][k],
+            Node::Param(i) => theta[usize::from(i)],
+            Node::Input(i, _) => inputs.at(usize::from(i), k),
+            // The past is not looked up, so that a check which asks for it never passes.
+            Node::Delayed(..) => f64::NAN,
+            _ => 0.0,
+        });
+        extents.iter_mut().zip(values).for_each(|((low, high), value)| (*low, *high) = (least(*low, value), -least(-*high, -value)));
+    }
+    extents
 }
 
 fn one(problem: &Problem, theta: &[f64], trajectory: &Trajectory, check: &Check) -> Option<CheckResult> {
@@ -58,6 +112,8 @@ fn one(problem: &Problem, theta: &[f64], trajectory: &Trajectory, check: &Check)
             let comment = format!("all states stay within [{lower}, {upper}], on these data and in a fortnight of harsh weather");
             result("state range", worst, "<=", 0.0, "K", worst <= 0.0, comment)
         }
+        // Its expression belongs to the model (`extents`).
+        Check::Range { .. } => None,
     }
 }
 
@@ -143,7 +199,7 @@ fn stress(problem: &Problem, theta: &[f64], kelvin: f64) -> Trajectory {
     let columns: Vec<(Vec<f64>, Vec<bool>)> =
         starts.iter().map(|start| (vec![*start; STRESS_HOURS + 1], vec![true; STRESS_HOURS + 1])).collect();
     let measured: Vec<Measured> = columns.iter().map(|(values, valid)| (values.as_slice(), valid.as_slice())).collect();
-    let simulator = Simulator::new(model, &inputs, &measured, Stepper::default(), substeps(1.0));
+    let simulator = Simulator::new(model, &inputs, &measured, model.stepper(), substeps(model.stepper(), 1.0));
     simulator.run_with_states(theta)
 }
 

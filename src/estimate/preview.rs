@@ -2,7 +2,7 @@
 
 use super::problem::Problem;
 use super::request::Site;
-use crate::data::{CALENDAR, ChannelKind, Hold, Series, Window, rfc3339};
+use crate::data::{CALENDAR, ChannelKind, DRY_INFLUENT, Hold, Series, Window, rfc3339};
 use crate::fault::Fault;
 use crate::model::{Bindings, Catalogue, Model, ModelId, compile};
 use indexmap::IndexMap;
@@ -12,6 +12,8 @@ use std::f64::consts::PI;
 
 /// Most graph nodes times steps of a preview; on one core this is well below two seconds.
 const MOST_WORK: usize = 100_000_000;
+/// Evaluations to a sample of a stepper that finds its own steps.
+const OWN_STEPS: usize = 60;
 /// The standard days: Thursday 2026-03-19 and the Friday after it, in UTC.
 const START: i64 = 1_773_878_400;
 const STEP: i64 = 900;
@@ -85,7 +87,10 @@ pub struct Preview {
 /// A fault where the model is too large for so long a window.
 pub fn preview(problem: &Problem, most: usize, synthetic: bool) -> Result<Preview, Fault> {
     let (model, grid, simulator) = (problem.model(), problem.grid(), problem.simulator());
-    let work = model.graph().nodes().len().saturating_mul(grid.len()).saturating_mul(simulator.substeps());
+    // A stepper that finds its own steps takes some dozens of evaluations to a sample, and as many for each hour of its warm-up.
+    let steps = if problem.filters() { simulator.substeps() } else { OWN_STEPS };
+    let hours = model.warm_up().map_or(0, |warm_up| warm_up.hours as usize);
+    let work = model.graph().nodes().len().saturating_mul(grid.len().saturating_add(hours)).saturating_mul(steps);
     if work > MOST_WORK {
         let fault = Fault::new("/window", "too-expensive", "the model is too large to be simulated at once over so long a window");
         return Err(fault.suggest("ask for a shorter window, or submit a job"));
@@ -134,7 +139,7 @@ pub fn preview(problem: &Problem, most: usize, synthetic: bool) -> Result<Previe
     })
 }
 
-/// The standard days for a model: two days of weather, heating and people, whose outputs start at 20 degrees. Every
+/// The standard days for a model: two days of weather, heating and people, or of the influent of a town, whose outputs start at 20 degrees. Every
 /// set of the model has the one member `1`.
 ///
 /// # Errors
@@ -178,7 +183,14 @@ fn without_replacements(full: &Model) -> BTreeSet<String> {
 fn standard(channel: &str, unit: &str, hours: f64) -> f64 {
     let clock = hours.rem_euclid(24.0);
     let between = |from: f64, to: f64| f64::from((from..to).contains(&clock));
+    if let Some((_, average)) = DRY_INFLUENT.iter().find(|(name, _)| *name == channel) {
+        // The flow follows the hours, and what it carries stays as it is.
+        return if channel == "Q" { average * (1.0 + 0.3 * ((hours - 8.0) * PI / 12.0).sin()) } else { *average };
+    }
     match channel {
+        "temperature" => 15.0,
+        "rain" => 2.0 * between(3.0, 6.0),
+        "toxic" => between(12.0, 14.0),
         "T_out" => 5.0 + 5.0 * ((hours - 9.0) * PI / 12.0).sin(),
         "T_forward" => 25.0 + 15.0 * between(6.0, 22.0),
         "cloud_cover" => 0.3,
@@ -220,6 +232,7 @@ mod tests {
             (Some(_), Some(choice)) => format!("room3+{}:{choice}", effect.id),
             (Some(_), None) if effect.inputs["{channel}"].unit == "degC" => format!("room3+{}:T_room_1", effect.id),
             (Some(_), None) => format!("room3+{}:P_lamp", effect.id),
+            (None, _) if !effect.replace.is_empty() || effect.outputs.contains_key("S_NH_e") => format!("asm1_h+{}", effect.id),
             (None, _) => format!("room3+{}", effect.id),
         });
         for model in models.chain(effects) {

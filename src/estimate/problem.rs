@@ -1,6 +1,7 @@
 //! What is asked: a model, a window on a grid, the parts of it, an objective and a box of free parameters.
 
 use super::fit::Basis;
+use super::metrics::error_unit;
 use super::objective::{ShapeDelta, Share, divisor};
 use super::request::{Objective, Prior};
 use crate::data::{Grid, Split};
@@ -114,6 +115,10 @@ impl Problem {
     /// valid measurement to train on.
     pub fn new(model: Model, grid: Grid, split: Split, choices: &Choices, source: Source) -> Result<Self, Vec<Fault>> {
         let mut faults = choices.faults(&model);
+        if choices.objective == Objective::Likelihood && model.stepper() == Stepper::Rkc {
+            let detail = "the likelihood needs a filter, and a model that is stepped by rkc has none";
+            faults.push(Fault::new("/objective", "stepper", detail).suggest("name another method and objective"));
+        }
         let mut measured = Vec::new();
         for output in model.outputs() {
             match grid.column(&output.channel) {
@@ -126,14 +131,15 @@ impl Problem {
             }
         }
         let inputs = match Inputs::new(&model, &grid) {
-            Ok(inputs) if faults.is_empty() => inputs,
+            // What a warm-up goes over must not know the unseen data.
+            Ok(inputs) if faults.is_empty() => inputs.averaged_over(split.train.clone()),
             Ok(_) => return Err(faults),
             Err(more) => {
                 faults.extend(more);
                 return Err(faults);
             }
         };
-        let steps = substeps(inputs.hours());
+        let steps = substeps(model.stepper(), inputs.hours());
         let simulator = simulator_for(&model, &inputs, &measured, steps);
         let mut problem = Self {
             model,
@@ -229,6 +235,12 @@ impl Problem {
         &self.simulator
     }
 
+    /// Whether the model's states are re-estimated by a filter. Large models that are stepped explicitly have free runs only: a
+    /// covariance of a hundred states costs more than a thousand simulations.
+    pub fn filters(&self) -> bool {
+        self.model.stepper() != Stepper::Rkc
+    }
+
     /// Training, validation and test parts.
     pub fn split(&self) -> &Split {
         &self.split
@@ -293,6 +305,13 @@ impl Problem {
         Self { simulator: simulator_for(&self.model, &self.inputs, &self.measured, steps), ..self.clone() }
     }
 
+    /// The same problem, whose warm-up goes over the mean of the inputs at these samples where it goes over that of the record.
+    #[must_use]
+    pub fn averaged_over(&self, samples: Range<usize>) -> Self {
+        let inputs = self.inputs.clone().averaged_over(samples);
+        Self { simulator: simulator_for(&self.model, &inputs, &self.measured, self.simulator.substeps()), inputs, ..self.clone() }
+    }
+
     /// The same problem with some parameters fixed at their nominal values.
     #[must_use]
     pub fn with_fixed(&self, parameters: &[usize]) -> Self {
@@ -354,22 +373,63 @@ impl Problem {
     /// Residuals whose mean square is the objective. The mean square errors of several outputs are each weighed
     /// by their noise, except where the objective normalises them.
     fn residuals(&self, trajectory: &Trajectory, theta: &[f64]) -> Vec<f64> {
-        let used: Vec<Vec<usize>> = (0..trajectory.outputs.len()).map(|output| self.usable(output, self.split.train.clone())).collect();
-        let total: usize = used.iter().map(Vec::len).sum();
-        let mut residuals = Vec::with_capacity(total);
-        for (output, (simulated, used)) in trajectory.outputs.iter().zip(&used).enumerate() {
-            let (values, _) = &self.measured[output];
-            let share = Share { noise: self.model.outputs()[output].noise_sd.powi(2), outputs: self.measured.len(), total };
-            let divisor = divisor(self.objective, self.delta, used.iter().map(|k| (simulated[*k], values[*k])), &share);
-            // Dividing each residual by the root of the divisor makes the mean square the objective, so that
-            // least squares applies to all of them.
-            let factor = 1.0 / divisor.sqrt();
-            residuals.extend(used.iter().map(|k| (simulated[*k] - values[*k]) * factor));
+        let used = self.used();
+        let mut residuals = Vec::with_capacity(used.iter().map(Vec::len).sum());
+        for (output, (weight, used)) in self.weigh(trajectory, &used).into_iter().zip(&used).enumerate() {
+            let (simulated, (values, _)) = (&trajectory.outputs[output], &self.measured[output]);
+            residuals.extend(used.iter().map(|k| (simulated[*k] - values[*k]) * weight));
         }
         if let (Prior::LogNormal, Some(variance)) = (self.prior, self.prior_variance) {
             self.add_prior(&mut residuals, theta, variance);
         }
         residuals
+    }
+
+    /// The samples of the training part at which each output is compared.
+    fn used(&self) -> Vec<Vec<usize>> {
+        (0..self.measured.len()).map(|output| self.usable(output, self.split.train.clone())).collect()
+    }
+
+    /// What the residuals of each output are multiplied by, so that their mean square is the objective.
+    pub fn weights(&self, trajectory: &Trajectory) -> Vec<f64> {
+        self.weigh(trajectory, &self.used())
+    }
+
+    fn weigh(&self, trajectory: &Trajectory, used: &[Vec<usize>]) -> Vec<f64> {
+        let total: usize = used.iter().map(Vec::len).sum();
+        let weight = |(output, (simulated, used)): (usize, (&Vec<f64>, &Vec<usize>))| {
+            let (values, _) = &self.measured[output];
+            let share = Share { noise: self.model.outputs()[output].noise_sd.powi(2), outputs: self.measured.len(), total };
+            let divisor = divisor(self.objective, self.delta, used.iter().map(|k| (simulated[*k], values[*k])), &share);
+            // Dividing each residual by the root of the divisor makes the mean square the objective, so that
+            // least squares applies to all of them.
+            1.0 / divisor.sqrt()
+        };
+        trajectory.outputs.iter().zip(used).enumerate().map(weight).collect()
+    }
+
+    /// What the errors of an output are counted in: its own unit where it is alone, and beside others the noise of its sensor.
+    pub fn scale(&self, output: usize) -> f64 {
+        match self.model.outputs() {
+            [_] => 1.0,
+            several => several[output].noise_sd,
+        }
+    }
+
+    /// The noise of the sensors, so counted.
+    pub fn scaled_noise(&self) -> f64 {
+        self.model.outputs().first().map_or(1.0, |first| first.noise_sd / self.scale(0))
+    }
+
+    /// Length of a forward difference in the unit cube. Where a stepper finds its own steps, two neighbours differ by as much as
+    /// its tolerance allows, and a short difference would say nothing else.
+    pub fn difference(&self) -> f64 {
+        if self.model.stepper() == Stepper::Rkc { 1e-3 } else { 1e-5 }
+    }
+
+    /// The shortest difference that a search may take slopes from.
+    pub fn least_step(&self) -> f64 {
+        if self.model.stepper() == Stepper::Rkc { self.difference() } else { 0.0 }
     }
 
     /// Appends the pulls of the log-normal prior, so that the cost becomes MSE + s2/n sum z2.
@@ -404,11 +464,30 @@ impl Problem {
         let errors: Vec<f64> = used.iter().map(|k| simulated[*k] - values[*k]).collect();
         (!errors.is_empty()).then(|| mean_square(&errors)).filter(|value| value.is_finite())
     }
+
+    /// Root mean square of the free-run errors of all outputs over a range, counted in their [`Problem::scale`]; `None` where
+    /// nothing is comparable.
+    pub fn free_run_error(&self, trajectory: &Trajectory, range: Range<usize>) -> Option<f64> {
+        let mut errors = Vec::new();
+        for (output, (simulated, (values, _))) in trajectory.outputs.iter().zip(&self.measured).enumerate() {
+            let scale = self.scale(output);
+            errors.extend(self.usable(output, range.clone()).into_iter().map(|k| (simulated[k] - values[k]) / scale));
+        }
+        (!errors.is_empty()).then(|| mean_square(&errors).sqrt()).filter(|value| value.is_finite())
+    }
+
+    /// The unit of errors that are counted in [`Problem::scale`], in words.
+    pub fn scale_in_words(&self) -> &str {
+        match self.model.outputs() {
+            [only] => error_unit(&only.unit),
+            _ => "times the noise of the sensors",
+        }
+    }
 }
 
 fn simulator_for(model: &Model, inputs: &Inputs, measured: &[(Vec<f64>, Vec<bool>)], substeps: usize) -> Simulator {
     let measured: Vec<Measured> = measured.iter().map(|(values, valid)| (values.as_slice(), valid.as_slice())).collect();
-    Simulator::new(model, inputs, &measured, Stepper::default(), substeps)
+    Simulator::new(model, inputs, &measured, model.stepper(), substeps)
 }
 
 /// Mean of the squares; NaN for nothing.

@@ -5,6 +5,7 @@ pub use super::method::SeededMethod;
 use super::objective::ShapeDelta;
 use super::problem::{Choices, Problem, Source};
 use super::stop::EarlyStopping;
+use super::whiten::common_divisor;
 use crate::data::{
     CALENDAR, DROPS, Duration, Grid, GridRequest, Length, Split, SplitRequest, Window, add_calendar, add_drops, add_sun, read_time, rfc3339,
 };
@@ -12,11 +13,15 @@ use crate::fault::Fault;
 use crate::model::{Bindings, Catalogue, Hold, Model, ModelId, compile};
 use crate::optimise::Method;
 use crate::schema::Interval;
+use crate::simulate::Stepper;
 use crate::simulate::drive::samples_back;
 use indexmap::IndexMap;
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 use utoipa::ToSchema;
+
+/// The shortest step of a grid that is chosen for several channels, in seconds.
+const SHORTEST_STEP: i64 = 60;
 
 /// What is minimised on the training part.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, ToSchema)]
@@ -261,6 +266,8 @@ pub(super) fn bound(catalogue: &Catalogue, model: &ModelId, basis: &Basis) -> Re
 pub(super) struct Columns<'a> {
     outputs: Vec<&'a str>,
     holds: Vec<(&'a str, crate::data::Hold)>,
+    /// Seconds between points, where it is not for the first output to say.
+    step: Option<i64>,
 }
 
 impl<'a> Columns<'a> {
@@ -271,15 +278,20 @@ impl<'a> Columns<'a> {
             Hold::ZeroOrder => crate::data::Hold::ZeroOrder,
         };
         let inputs = model.inputs().iter().filter(|input| window.series(&input.channel).is_some());
-        Self {
-            outputs: model.outputs().iter().map(|output| output.channel.as_str()).collect(),
-            holds: inputs.map(|input| (input.channel.as_str(), hold(input.hold))).collect(),
-        }
+        let outputs: Vec<&str> = model.outputs().iter().map(|output| output.channel.as_str()).collect();
+        let holds: Vec<(&str, crate::data::Hold)> = inputs.map(|input| (input.channel.as_str(), hold(input.hold))).collect();
+        // Held inputs that change between two samples of the outputs have to change there: the stepper does not know half of an
+        // interval. The step that divides all of them does.
+        let names = outputs.iter().chain(holds.iter().map(|(name, _)| name));
+        let steps = names.filter_map(|name| usize::try_from(window.series(name)?.median_step()?).ok());
+        let common = steps.fold(0, common_divisor) as i64;
+        let step = (model.stepper() == Stepper::Rkc && common >= SHORTEST_STEP).then_some(common);
+        Self { outputs, holds, step }
     }
 
     /// All of them, over the whole record.
     pub(super) fn request(&self) -> GridRequest<'_> {
-        GridRequest { more_outputs: &self.outputs[1..], ..GridRequest::new(self.outputs[0], &self.holds) }
+        GridRequest { more_outputs: &self.outputs[1..], step: self.step, ..GridRequest::new(self.outputs[0], &self.holds) }
     }
 }
 
@@ -311,7 +323,7 @@ pub(super) fn source(model: &Model, window: &Window, grid: &Grid, basis: Basis) 
 }
 
 /// The instants between which measurements are used.
-fn range(asked: Option<&WindowRange>, window: &Window) -> Result<(Option<i64>, Option<i64>), Vec<Fault>> {
+pub(super) fn range(asked: Option<&WindowRange>, window: &Window) -> Result<(Option<i64>, Option<i64>), Vec<Fault>> {
     let Some(asked) = asked else {
         return Ok((None, None));
     };

@@ -2,24 +2,27 @@
 //!
 //! A rule knows nothing of the others, and none decides: `validate` reads what they wrote.
 
-use super::fit::{AheadError, Fit, Stop};
-use super::metrics::{FilterRun, ahead, filter, filter_fit, horizon_name, lead};
+use super::case::{Case, forecast, free_run};
+use super::fit::{Fit, Stop};
+use super::limits::{Measure, ticks};
+use super::metrics::{filter, horizon_name};
 use super::physics;
 use super::problem::{Problem, mean_square};
 use super::validate::{CheckResult, Incumbent, Policy, Severity};
-use crate::model::Scale;
-use crate::simulate::Trajectory;
-use crate::simulate::trajectory::Measured;
+use super::whiten::stride;
+use crate::model::{Output, Scale};
 
 /// The check whose statistic is the ratio of the forecast errors of a fit and of what it would replace.
 pub const NO_WORSE_THAN_INCUMBENT: &str = "G4 no worse than incumbent";
 
 const INCUMBENT_RATIO: f64 = 1.10;
 const BARELY: f64 = 0.9;
+// Limits of temperatures, in K; `limits` says what they are for other outputs.
 const LARGEST_ERROR: f64 = 10.0;
 const LARGEST_EXCURSION: f64 = 5.0;
 const JUMP_RMS: f64 = 1.0;
 const JUMP_FACTOR: f64 = 3.0;
+const JUMP_SHARE: f64 = 0.5;
 const LEAST_VALID: f64 = 0.9;
 /// No room changes by this much from one sample to the next; a sensor that changes its unit does.
 const LARGEST_CHANGE: f64 = 15.0;
@@ -54,19 +57,6 @@ impl Rule {
         Rule { name: "G8 no unit jump", look: unit_jump },
         Rule { name: "G8 not stuck", look: stuck },
     ];
-}
-
-/// What the rules look at: a fit that is simulated again from its stored numbers.
-struct Case<'a> {
-    problem: Problem,
-    fit: &'a Fit,
-    theta: Vec<f64>,
-    trajectory: Trajectory,
-    /// Of the fit, on unseen data.
-    forecast: Option<AheadError>,
-    /// The parameters served now, where they are parameters of the same model.
-    incumbent: Option<Vec<f64>>,
-    policy: &'a Policy,
 }
 
 /// What the rules wrote down. It says what is wrong and lets nothing out.
@@ -112,6 +102,13 @@ impl Table {
         self.checks.push(CheckResult { name, statistic, operator, threshold, unit, pass, severity, comment });
     }
 
+    /// A check of every output, of which the worst is told. The limit is that of rooms.
+    fn worst(&mut self, case: &Case, name: &str, kelvin: f64, statistic: impl Fn(&Measure) -> f64, says: impl Fn(f64, &str) -> String) {
+        let Some((measure, statistic, limit)) = case.worst(kelvin, statistic) else { return };
+        let comment = measure.says(says(limit, measure.unit));
+        self.at_most(name, Some(statistic), limit, measure.unit, Severity::Reject, comment);
+    }
+
     /// A check of a statistic that must stay below a limit; one that is missing fails.
     fn at_most(&mut self, name: &str, statistic: Option<f64>, limit: f64, unit: &str, severity: Severity, comment: String) -> bool {
         let pass = statistic.is_some_and(|value| value <= limit);
@@ -120,67 +117,16 @@ impl Table {
     }
 }
 
-impl<'a> Case<'a> {
-    fn new(problem: &Problem, fit: &'a Fit, incumbent: Option<&Incumbent>, policy: &'a Policy) -> Result<Self, &'static str> {
-        // The fit may have needed shorter steps than the problem started with.
-        let problem = problem.with_substeps(fit.substeps);
-        let theta = reread(fit);
-        if theta.len() != problem.model().parameters().len() || theta.iter().any(|value| !value.is_finite()) {
-            return Err("a parameter is missing or no finite number");
-        }
-        let trajectory = problem.simulate(&theta);
-        if trajectory.diverged {
-            return Err("the simulation of the stored parameters leaves the numbers");
-        }
-        let forecast = forecast(&problem, &theta, &filter_fit(&problem, fit), policy);
-        let incumbent = incumbent.and_then(|incumbent| incumbent_theta(&problem, incumbent));
-        Ok(Self { problem, fit, theta, trajectory, forecast, incumbent, policy })
-    }
-
-    /// The measured output, and where it is known.
-    fn measured(&self) -> Measured<'_> {
-        self.problem.measured()[0]
-    }
-
-    /// The first sample of this many seconds before the end.
-    fn since(&self, seconds: i64) -> usize {
-        self.problem.grid().len().saturating_sub((seconds / self.problem.grid().step()) as usize)
-    }
-}
-
-/// Forecast errors at the policy's horizon on unseen data: of the parameters, and of persistence. `None` where nothing is
-/// comparable, or a forecast that could be made left the numbers: the others do not speak for it.
-fn forecast(problem: &Problem, theta: &[f64], run: &FilterRun, policy: &Policy) -> Option<AheadError> {
-    let name = horizon_name(policy.horizon);
-    let horizon = [(name.as_str(), policy.horizon.seconds())];
-    let unseen = problem.split().validation.clone();
-    let error = ahead(problem, theta, run, unseen.clone(), &horizon).into_values().next()?;
-    let lead = lead(policy.horizon.seconds(), problem.grid().step())?;
-    let (_, valid) = problem.measured()[0];
-    let known = problem.known();
-    let possible =
-        (unseen.start + lead..unseen.end).filter(|k| valid[*k] && valid[k - lead] && known[k - lead..*k].iter().all(|known| *known));
-    (error.n >= possible.count()).then_some(error)
-}
-
-/// The parameters as a reader of the stored document gets them.
-fn reread(fit: &Fit) -> Vec<f64> {
-    let text = serde_json::to_string(fit).unwrap_or_default();
-    serde_json::from_str::<Fit>(&text).map(|fit| fit.theta()).unwrap_or_default()
-}
-
-/// The incumbent's vector where it belongs to the same model.
-fn incumbent_theta(problem: &Problem, incumbent: &Incumbent) -> Option<Vec<f64>> {
-    let same = incumbent.model == *problem.model().id();
-    let theta: Option<Vec<f64>> =
-        problem.model().parameters().iter().map(|parameter| incumbent.theta.get(&parameter.name).copied()).collect();
-    theta.filter(|_| same)
-}
-
 fn finite(case: &Case, table: &mut Table) {
-    let again = case.problem.mean_square_error(&case.trajectory, 0, case.problem.split().train.clone()).map(f64::sqrt);
-    let stored = case.fit.first_metrics().map(|metrics| metrics.train_rmse);
-    let difference = again.zip(stored).map(|(again, stored)| ((again - stored) / stored.max(f64::MIN_POSITIVE)).abs());
+    let of_output = |(index, output): (usize, &Output)| {
+        let again = case.problem.mean_square_error(&case.trajectory, index, case.problem.split().train.clone())?.sqrt();
+        let stored = case.fit.metrics.get(&output.channel)?.train_rmse;
+        Some(((again - stored) / stored.max(f64::MIN_POSITIVE)).abs())
+    };
+    let differences: Option<Vec<f64>> = case.problem.model().outputs().iter().enumerate().map(of_output).collect();
+    // A difference that is not a number is as large as can be.
+    let largest = |worst: f64, d: f64| if d.is_nan() { f64::INFINITY } else { worst.max(d) };
+    let difference = differences.map(|differences| differences.into_iter().fold(0.0, largest));
     let comment = "every number is finite, and the stored parameters reproduce the stored error".to_owned();
     table.at_most("G1 finite", difference, 1e-9, "-", Severity::Reject, comment);
 }
@@ -208,59 +154,101 @@ fn persistence(case: &Case, table: &mut Table) {
     let name = horizon_name(case.policy.horizon);
     let ratio = case.forecast.as_ref().map(|error| error.rmse / error.persistence.max(f64::MIN_POSITIVE));
     let comment = match &case.forecast {
+        Some(error) if !case.problem.filters() => format!(
+            "the free run errs by {:.2} {unit} on unseen data, holding each output's last measurement for {name} by {:.2}",
+            error.rmse,
+            error.persistence,
+            unit = case.problem.scale_in_words()
+        ),
         Some(error) => format!("forecasts {name} ahead err by {:.2}, holding the last measurement by {:.2}", error.rmse, error.persistence),
+        None if !case.problem.filters() => {
+            format!("there are no unseen measurements {name} behind others to compare the free run with, or it leaves the numbers")
+        }
         None => format!("there are no unseen measurements to forecast {name} ahead, or a forecast of them leaves the numbers"),
     };
     table.at_most("G4 beats persistence", ratio, 1.0, "-", Severity::Reject, comment);
     if ratio.is_some_and(|ratio| ratio > BARELY && ratio <= 1.0) {
         table.flags.push("barely_better_than_persistence".to_owned());
-        let comment = "the forecasts are hardly better than holding the last measurement".to_owned();
+        let what = if case.problem.filters() { "forecasts are" } else { "free run is" };
+        let comment = format!("the {what} hardly better than holding the last measurement");
         table.at_most("G4 clearly beats persistence", ratio, BARELY, "-", Severity::Flag, comment);
     }
 }
 
 fn incumbent(case: &Case, table: &mut Table) {
     let Some(incumbent) = &case.incumbent else { return };
-    let theirs = forecast(&case.problem, incumbent, &filter(&case.problem, incumbent, None), case.policy);
+    let theirs = if case.problem.filters() {
+        forecast(&case.problem, incumbent, &filter(&case.problem, incumbent, None), case.policy)
+    } else {
+        free_run(&case.problem, &case.problem.simulate(incumbent), case.policy)
+    };
     let ratio = case.forecast.as_ref().zip(theirs).map(|(ours, theirs)| ours.rmse / theirs.rmse.max(f64::MIN_POSITIVE));
     let name = horizon_name(case.policy.horizon);
-    let comment = format!("the error {name} ahead beside that of the parameters served now, on the same unseen data");
+    let what = if case.problem.filters() { format!("the error {name} ahead") } else { "the error of the free run".to_owned() };
+    let comment = format!("{what} beside that of the parameters served now, on the same unseen data");
     table.at_most(NO_WORSE_THAN_INCUMBENT, ratio, INCUMBENT_RATIO, "-", Severity::Reject, comment);
 }
 
 fn largest_error(case: &Case, table: &mut Table) {
-    let (values, _) = case.measured();
-    let used = case.problem.usable(0, case.since(FORTNIGHT)..values.len());
-    let worst = used.iter().map(|k| (case.trajectory.outputs[0][*k] - values[*k]).abs()).fold(0.0, f64::max);
-    let comment = format!("the free run never errs by more than {LARGEST_ERROR} K");
-    table.at_most("G5 largest error", Some(worst), LARGEST_ERROR, "K", Severity::Reject, comment);
+    let error = |measure: &Measure| {
+        let (values, _) = case.problem.measured()[measure.output];
+        let used = case.problem.usable(measure.output, case.since(FORTNIGHT)..values.len());
+        let errors = used.iter().map(|k| (case.trajectory.outputs[measure.output][*k] - values[*k]).abs());
+        // What is not a number errs by more than any.
+        errors.fold(0.0, |worst, error| if error.is_nan() { f64::INFINITY } else { worst.max(error) })
+    };
+    let says = |limit: f64, unit: &str| format!("the free run never errs by more than {} {unit}", short(limit));
+    table.worst(case, "G5 largest error", LARGEST_ERROR, error, says);
 }
 
 fn excursion(case: &Case, table: &mut Table) {
-    let (values, valid) = case.measured();
-    let known = (0..values.len()).filter(|k| valid[*k]).map(|k| values[k]);
-    let (low, high) = known.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| (low.min(value), high.max(value)));
-    let run = &case.trajectory.outputs[0][case.since(FORTNIGHT)..];
-    let excursion = run.iter().map(|y| (low - y).max(y - high)).fold(0.0, f64::max);
-    let comment = "how far the free run leaves the range that was ever measured".to_owned();
-    table.at_most("G5 excursion", Some(excursion), LARGEST_EXCURSION, "K", Severity::Reject, comment);
+    let excursion = |measure: &Measure| {
+        let (values, valid) = case.problem.measured()[measure.output];
+        let known = (0..values.len()).filter(|k| valid[*k]).map(|k| values[k]);
+        let (low, high) = known.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| (low.min(value), high.max(value)));
+        let run = &case.trajectory.outputs[measure.output][case.since(FORTNIGHT)..];
+        run.iter().map(|y| (low - y).max(y - high)).fold(0.0, f64::max)
+    };
+    let says = |_: f64, _: &str| "how far the free run leaves the range that was ever measured".to_owned();
+    table.worst(case, "G5 excursion", LARGEST_EXCURSION, excursion, says);
 }
 
 fn jump(case: &Case, table: &mut Table) {
     let Some(incumbent) = &case.incumbent else { return };
     let before = case.problem.simulate(incumbent);
     let week = case.since(WEEK)..case.problem.grid().len();
-    let difference: Vec<f64> = week.map(|k| case.trajectory.outputs[0][k] - before.outputs[0][k]).collect();
-    let rms = mean_square(&difference).sqrt();
-    let parameters = case.theta.iter().zip(incumbent).zip(case.problem.model().parameters());
-    let factor = parameters
-        .filter(|(_, parameter)| parameter.scale == Scale::Log)
+    let apart = |measure: &Measure| {
+        let (now, before) = (&case.trajectory.outputs[measure.output], &before.outputs[measure.output]);
+        mean_square(&week.clone().map(|k| now[k] - before[k]).collect::<Vec<f64>>()).sqrt()
+    };
+    let Some((measure, rms, limit)) = case.worst(JUMP_RMS, apart) else { return };
+    let (moved, how) = most_changed(case, incumbent);
+    let pass = !(rms > limit && moved) && rms.is_finite();
+    let unit = measure.unit;
+    let comment =
+        measure.says(format!("the free run differs from the incumbent's by {rms:.2} {unit} rms, the most changed parameter by {how}"));
+    table.check("G6 jump", Some(rms), "<=", Some(limit), unit, pass, Severity::Hold, comment);
+}
+
+/// Whether a parameter has moved far from the incumbent's, and how far the one that has moved most. Parameters that are searched on
+/// a logarithmic scale are compared by their ratio. Of the others some are temperatures at the start, which belong to a record, so
+/// they count only in models without a filter, which start from the same state always: as a share of what is searched.
+fn most_changed(case: &Case, incumbent: &[f64]) -> (bool, String) {
+    let changes = || case.theta.iter().zip(incumbent).zip(case.problem.model().parameters().iter().zip(case.problem.bounds()));
+    let factor = changes()
+        .filter(|(_, (parameter, _))| parameter.scale == Scale::Log)
         .map(|((new, old), _)| (new / old).max(old / new))
         .fold(1.0, f64::max);
-    let pass = !(rms > JUMP_RMS && factor > JUMP_FACTOR) && rms.is_finite();
-    let comment =
-        format!("the free run differs from the incumbent's by {rms:.2} K rms, the most changed parameter by a factor of {factor:.1}");
-    table.check("G6 jump", Some(rms), "<=", Some(JUMP_RMS), "K", pass, Severity::Hold, comment);
+    let share = changes()
+        .filter(|(_, (parameter, _))| parameter.scale == Scale::Linear && !case.problem.filters())
+        .map(|((new, old), (_, [lower, upper]))| ((new - old) / (upper - lower)).abs())
+        .fold(0.0, f64::max);
+    let how = if share / JUMP_SHARE > factor / JUMP_FACTOR {
+        format!("{:.0} % of what is searched", 100.0 * share)
+    } else {
+        format!("a factor of {factor:.1}")
+    };
+    (factor > JUMP_FACTOR || share > JUMP_SHARE, how)
 }
 
 fn repeat(case: &Case, table: &mut Table) {
@@ -283,34 +271,58 @@ fn complete(case: &Case, table: &mut Table) {
     let all = split.train.start..split.validation.end.max(split.train.end);
     let excluded = |k: &usize| case.policy.excluded.iter().any(|(from, to)| (*from..=*to).contains(&problem.grid().time(*k)));
     let wanted = all.clone().filter(|k| !excluded(k)).count();
-    let good = problem.usable(0, all).iter().filter(|k| !excluded(k)).count() as f64 / wanted.max(1) as f64;
-    let comment = "share of samples at which the output and all inputs are known".to_owned();
+    let share = |measure: &Measure| {
+        let usable = problem.usable(measure.output, all.clone());
+        (usable.iter().filter(|k| !excluded(k)).count() * stride(&usable)) as f64 / wanted.max(1) as f64
+    };
+    let shares = case.measures().into_iter().map(|measure| (share(&measure), measure));
+    let Some((good, measure)) = shares.min_by(|(one, _), (other, _)| one.total_cmp(other)) else { return };
+    let comment = measure.says("share of samples at which the output and all inputs are known".to_owned());
     table.check("G8 complete", Some(good), ">=", Some(LEAST_VALID), "-", good >= LEAST_VALID, Severity::Reject, comment);
 }
 
 fn excited(case: &Case, table: &mut Table) {
-    for (index, input) in case.problem.model().inputs().iter().enumerate() {
+    let inputs = || case.problem.model().inputs().iter().enumerate();
+    let constant = |index: usize| {
         let (low, high) = case.problem.inputs().range(index);
-        if high - low <= 0.0 {
-            let comment = format!("{} never changes, so its effect cannot be estimated", input.channel);
-            table.check("G8 excited", Some(0.0), ">", Some(0.0), &input.unit, false, Severity::Reject, comment);
-        }
+        high - low <= 0.0
+    };
+    for (_, input) in inputs().filter(|(index, input)| !input.may_be_constant && constant(*index)) {
+        let comment = format!("{} never changes, so its effect cannot be estimated", input.channel);
+        table.check("G8 excited", Some(0.0), ">", Some(0.0), &input.unit, false, Severity::Reject, comment);
+    }
+    // Each of these may stand still, and nothing is learnt from a record in which they all do.
+    let together: Vec<(usize, &str)> =
+        inputs().filter(|(_, input)| input.may_be_constant).map(|(index, input)| (index, input.channel.as_str())).collect();
+    if !together.is_empty() && together.iter().all(|(index, _)| constant(*index)) {
+        let names: Vec<&str> = together.iter().map(|(_, name)| *name).collect();
+        let comment = format!("none of {} ever changes, so nothing excites what they feed", names.join(", "));
+        table.check("G8 excited", Some(0.0), ">", Some(0.0), "inputs", false, Severity::Reject, comment);
     }
 }
 
 fn unit_jump(case: &Case, table: &mut Table) {
-    let (values, valid) = case.measured();
-    let change = (1..values.len()).filter(|k| valid[*k] && valid[k - 1]).map(|k| (values[k] - values[k - 1]).abs()).fold(0.0, f64::max);
-    let comment = "largest change of the output from one sample to the next; a change of unit would be larger".to_owned();
-    table.at_most("G8 no unit jump", Some(change), LARGEST_CHANGE, "K", Severity::Reject, comment);
+    let change = |measure: &Measure| {
+        let (values, valid) = case.problem.measured()[measure.output];
+        let ticks = ticks(valid);
+        let pairs = ticks.clone().zip(ticks.skip(1)).filter(|(before, k)| valid[*before] && valid[*k]);
+        pairs.map(|(before, k)| (values[k] - values[before]).abs()).fold(0.0, f64::max)
+    };
+    let says = |_: f64, _: &str| "largest change of the output from one sample to the next; a change of unit would be larger".to_owned();
+    table.worst(case, "G8 no unit jump", LARGEST_CHANGE, change, says);
 }
 
 fn stuck(case: &Case, table: &mut Table) {
-    let (values, valid) = case.measured();
-    let step = case.problem.quanta().first().copied().flatten().unwrap_or(0.0);
-    let (hours, moved) = longest_constant(values, valid, &case.trajectory.outputs[0], case.problem.grid().step());
-    let limit = if step > 0.0 && moved > 5.0 * step { STUCK_HOURS_MOVING } else { STUCK_HOURS };
-    let comment = "longest time for which the output sensor showed one value".to_owned();
+    let longest = |measure: &Measure| {
+        let (values, valid) = case.problem.measured()[measure.output];
+        let step = case.problem.quanta().get(measure.output).copied().flatten().unwrap_or(0.0);
+        let (hours, moved) = longest_constant(values, valid, &case.trajectory.outputs[measure.output], case.problem.grid().step());
+        let limit = if step > 0.0 && moved > 5.0 * step { STUCK_HOURS_MOVING } else { STUCK_HOURS };
+        (hours, limit)
+    };
+    let judged = case.measures().into_iter().map(|measure| (longest(&measure), measure));
+    let Some(((hours, limit), measure)) = judged.max_by(|((a, x), _), ((b, y), _)| (a / x).total_cmp(&(b / y))) else { return };
+    let comment = measure.says("longest time for which the output sensor showed one value".to_owned());
     table.at_most("G8 not stuck", Some(hours), limit, "h", Severity::Reject, comment);
 }
 
@@ -318,7 +330,7 @@ fn stuck(case: &Case, table: &mut Table) {
 fn longest_constant(values: &[f64], valid: &[bool], simulated: &[f64], step: i64) -> (f64, f64) {
     let (mut longest, mut moved) = (0, 0.0);
     let mut start = 0;
-    for k in 0..values.len() {
+    for k in ticks(valid) {
         if !valid[k] || !valid[start] || values[k] != values[start] {
             start = k;
         }
@@ -329,4 +341,11 @@ fn longest_constant(values: &[f64], valid: &[bool], simulated: &[f64], step: i64
         }
     }
     (longest as f64 * step as f64 / 3600.0, moved)
+}
+
+/// A limit in words: three digits are enough.
+fn short(limit: f64) -> String {
+    let digits = (2.0 - limit.log10().floor()).clamp(0.0, 9.0);
+    let shown = format!("{limit:.*}", digits as usize);
+    if shown.contains('.') { shown.trim_end_matches('0').trim_end_matches('.').to_owned() } else { shown }
 }

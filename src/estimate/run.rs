@@ -6,10 +6,10 @@ use super::metrics::{filter, metrics};
 use super::problem::Problem;
 use super::request::{EstimateRequest, Prior, StartFrom};
 use super::stop::{EarlyStopping, Watch};
-use super::uncertainty::{Uncertainty, uncertainty};
+use super::uncertainty::{Uncertainty, ridge, uncertainty};
 use super::validate::Incumbent;
 use crate::data::rfc3339;
-use crate::model::Scale;
+use crate::model::{Scale, Stepper};
 use crate::optimise::Method;
 use crate::optimise::multistart::LmOptions;
 use crate::optimise::{Ask, Candidate, Cost, Ended, Evaluation, LocalRun, Search};
@@ -22,8 +22,10 @@ use std::sync::Arc;
 pub const AT_BOUND: f64 = 0.01;
 /// A fit with a parameter fixed may be this much worse on the hold-out before the parameter counts.
 const FIXED_MAY_BE_WORSE: f64 = 1.02;
-/// Largest discretisation error in the output's unit before the step is halved (DESIGN: 0.02 K).
-const DISCRETISATION_LIMIT: f64 = 0.02;
+/// Largest discretisation error in the noise of a sensor before the step is halved: 0.02 K for a thermometer of 0.05 K.
+const DISCRETISATION_LIMIT: f64 = 0.4;
+/// As fine as the tolerance of a stepper gets that finds its own steps: each doubling divides it by ten.
+const FINEST_TOLERANCE: usize = 2;
 /// Evaluations for a polish by least squares from a known point.
 const POLISH_EVALUATIONS: usize = 1500;
 
@@ -36,7 +38,7 @@ pub struct Progress {
     pub evaluations: usize,
     /// Best cost so far.
     pub best_train: Option<f64>,
-    /// Free-run RMSE of the best candidate on the validation part.
+    /// Free-run RMSE of the best candidate on the validation part; of several outputs in the noise of their sensors.
     pub best_validation: Option<f64>,
     /// The best parameters so far, by name; another one with every improvement.
     pub incumbent: Option<Arc<IndexMap<String, f64>>>,
@@ -169,7 +171,7 @@ fn search(problem: &Problem, request: &EstimateRequest, warm: &[Candidate], cont
 }
 
 /// The answers to a question, from free runs.
-fn evaluate(problem: &Problem, ask: &Ask, halt: Halt) -> Vec<Evaluation> {
+pub(super) fn evaluate(problem: &Problem, ask: &Ask, halt: Halt) -> Vec<Evaluation> {
     match ask {
         Ask::Costs(candidates) | Ask::Slopes(candidates) => problem.evaluate_unless(candidates, false, halt),
         Ask::Residuals(candidates) => problem.evaluate_unless(candidates, true, halt),
@@ -195,7 +197,7 @@ pub(super) fn drive(
         let (place, stop) = (Candidate(Vec::new()), Stop::Converged);
         return Ok(Found { theta, place, cost, stop, evaluations: 1, trace: Vec::new(), runs: Vec::new(), remarks: Vec::new() });
     }
-    let mut optimiser = method.optimiser(search);
+    let mut optimiser = method.with_least_step(problem.least_step()).optimiser(search);
     let mut watch = early.map(Watch::new);
     let mut remarks = Vec::new();
     let mut progress = Progress::default();
@@ -276,7 +278,7 @@ fn validation_rmse(problem: &Problem, theta: &[f64]) -> Option<f64> {
     if range.is_empty() {
         return None;
     }
-    problem.mean_square_error(&problem.simulate(theta), 0, range).map(f64::sqrt)
+    problem.free_run_error(&problem.simulate(theta), range)
 }
 
 /// Compares with half the step; where the difference is too large the step is halved and the fit polished, unless
@@ -300,19 +302,24 @@ fn refine_step(mut problem: Problem, mut found: Found, chosen: bool, control: &C
     }
 }
 
-/// The same problem with half the step, and the largest difference that it makes.
+/// The same problem with half the step, or a tenth of the tolerance, and the largest difference that it makes, in the unit of the
+/// output; of several outputs in the noise of their sensors.
 pub(super) fn step_error(problem: &Problem, theta: &[f64]) -> (Problem, f64) {
     let finer = problem.with_substeps(2 * problem.simulator().substeps());
     let (coarse, fine) = (problem.simulate(theta), finer.simulate(theta));
-    let pairs = coarse.outputs.iter().zip(&fine.outputs).flat_map(|(a, b)| a.iter().zip(b));
     // A difference that is not a number is as large as can be.
-    let difference = pairs.map(|(a, b)| (a - b).abs()).fold(0.0, |worst: f64, d| if d.is_nan() { f64::INFINITY } else { worst.max(d) });
+    let largest = |worst: f64, d: f64| if d.is_nan() { f64::INFINITY } else { worst.max(d) };
+    let of_output = |(output, (coarse, fine)): (usize, (&Vec<f64>, &Vec<f64>))| {
+        coarse.iter().zip(fine).map(|(a, b)| (a - b).abs()).fold(0.0, largest) / problem.scale(output)
+    };
+    let difference = coarse.outputs.iter().zip(&fine.outputs).enumerate().map(of_output).fold(0.0, largest);
     (finer, difference)
 }
 
 /// Whether a step is short enough, or as short as a step gets.
 pub(super) fn fine_enough(problem: &Problem, difference: f64) -> bool {
-    difference <= DISCRETISATION_LIMIT || problem.simulator().substeps() >= 64
+    let finest = if problem.model().stepper() == Stepper::Rkc { FINEST_TOLERANCE } else { 64 };
+    difference <= DISCRETISATION_LIMIT * problem.scaled_noise() || problem.simulator().substeps() >= finest
 }
 
 /// Fixes parameters on a bound at their nominal values where the hold-out is no worse for it.
@@ -337,7 +344,7 @@ fn fix_unidentifiable(
     let fixed = problem.with_fixed(&on_bound);
     let mut start = found.theta.clone();
     on_bound.iter().for_each(|index| start[*index] = problem.nominal()[*index]);
-    let error = |problem: &Problem, theta: &[f64]| problem.mean_square_error(&problem.simulate(theta), 0, unseen.clone()).map(f64::sqrt);
+    let error = |problem: &Problem, theta: &[f64]| problem.free_run_error(&problem.simulate(theta), unseen.clone());
     // A refit that goes nowhere only means that the parameters matter.
     let refit = polish(&fixed, &start, control)?;
     found.evaluations += refit.as_ref().map_or(0, |refit| refit.evaluations);
@@ -391,12 +398,9 @@ pub(super) fn report(
             },
         );
     }
-    for pair in &uncertainty.correlated {
-        let [a, b] = &pair.parameters;
-        remarks.push(format!(
-            "{a} and {b} move together (correlation {:.2}): trust their effect, not their separate values",
-            pair.correlation
-        ));
+    remarks.extend(uncertainty.correlated.iter().map(|pair| ridge(pair, problem.model())));
+    if !problem.filters() {
+        remarks.push("the model is stepped explicitly and has no filter: errors are those of free runs, none is of a forecast".to_owned());
     }
     if found.stop != Stop::Converged {
         remarks.push("the search ended before two of its restarts agreed".to_owned());

@@ -1,6 +1,6 @@
 //! How well a series follows its measurements, in the numbers that the field uses.
 
-use super::metrics::{HORIZONS, error_unit, lead};
+use super::metrics::{FREE_RUN, HORIZONS, error_unit, lead};
 use super::replay::{Part, Replay};
 use indexmap::IndexMap;
 use serde::Serialize;
@@ -115,7 +115,7 @@ pub fn by_horizon(replay: &Replay, part: Part) -> IndexMap<String, Vec<HorizonSk
         }
         let free_run = replay.free_run(output);
         let held: Vec<Option<f64>> = free_run.iter().map(|value| value.and(replay.measured_start(output))).collect();
-        skills.extend(horizon_skill("free_run", &free_run, &held, &measured, range.clone()));
+        skills.extend(horizon_skill(FREE_RUN, &free_run, &held, &measured, range.clone()));
         found.insert(replay.problem().model().outputs()[output].channel.clone(), skills);
     }
     found

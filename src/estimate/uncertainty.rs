@@ -7,15 +7,15 @@
 
 use super::fit::CorrelatedPair;
 use super::problem::Problem;
-use super::whiten::Ar;
+use super::whiten::{Ar, stride};
+use crate::model::Model;
 use crate::optimise::Candidate;
+use crate::simulate::Trajectory;
 use nalgebra::DMatrix;
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
 /// Correlations above this are reported.
 const CORRELATED: f64 = 0.95;
-/// Step of the forward differences in the unit cube.
-const DIFFERENCE: f64 = 1e-5;
 
 /// Intervals and correlations of the free parameters.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -29,7 +29,7 @@ pub struct Uncertainty {
     pub evaluations: usize,
 }
 
-/// Uncertainty at a full parameter vector, from the first output on the training part.
+/// Uncertainty at a full parameter vector, from all outputs on the training part, which are taken to err independently.
 pub fn uncertainty(problem: &Problem, theta: &[f64]) -> Uncertainty {
     let space = problem.space();
     let none = Uncertainty { ci95: vec![None; space.len()], ..Uncertainty::default() };
@@ -39,10 +39,11 @@ pub fn uncertainty(problem: &Problem, theta: &[f64]) -> Uncertainty {
     }
     let centre = problem.candidate(theta);
     let mut points = vec![centre.clone()];
+    let difference = problem.difference();
     let mut steps = Vec::new();
     for i in 0..space.len() {
         let mut moved = centre.0.clone();
-        let step = if moved[i] + DIFFERENCE > 1.0 { -DIFFERENCE } else { DIFFERENCE };
+        let step = if moved[i] + difference > 1.0 { -difference } else { difference };
         moved[i] += step;
         steps.push(step);
         points.push(Candidate(moved));
@@ -56,25 +57,20 @@ pub fn uncertainty(problem: &Problem, theta: &[f64]) -> Uncertainty {
     if runs.iter().any(|run| run.diverged) {
         return none;
     }
-    let used = problem.usable(0, problem.split().train.clone());
-    let measured = problem.measured();
-    let (values, _) = measured[0];
-    let series = |f: &dyn Fn(usize) -> f64| {
-        let mut series = vec![None; end];
-        used.iter().for_each(|k| series[*k] = Some(f(*k)));
-        series
-    };
-    let residual = series(&|k| runs[0].outputs[0][k] - values[k]);
-    let Some(ar) = Ar::fit(&residual) else {
-        return none;
-    };
-    if used.len() <= space.len() + 1 {
+    let Some(blocks) = blocks(problem, &runs[0]) else { return none };
+    let rows: usize = blocks.iter().map(|block| block.samples.len()).sum();
+    if rows <= space.len() + 1 {
         return none;
     }
-    let jacobian =
-        DMatrix::from_fn(used.len(), space.len(), |row, i| (runs[i + 1].outputs[0][used[row]] - runs[0].outputs[0][used[row]]) / steps[i]);
-    let freedom = (used.len() - space.len()) as f64;
-    let Some(covariance) = covariance(jacobian, &used, &ar) else {
+    let mut jacobian = DMatrix::zeros(rows, space.len());
+    let places = blocks.iter().enumerate().flat_map(|(output, block)| block.samples.iter().map(move |k| (output, *k, block.weight)));
+    for (row, (output, k, weight)) in places.enumerate() {
+        for (i, step) in steps.iter().enumerate() {
+            jacobian[(row, i)] = (runs[i + 1].outputs[output][k] - runs[0].outputs[output][k]) / step * weight;
+        }
+    }
+    let freedom = (rows - space.len()) as f64;
+    let Some(covariance) = covariance(jacobian, &blocks) else {
         return none;
     };
     let quantile = StudentsT::new(0.0, 1.0, freedom).map_or(1.96, |t| t.inverse_cdf(0.975));
@@ -104,9 +100,44 @@ pub fn uncertainty(problem: &Problem, theta: &[f64]) -> Uncertainty {
     Uncertainty { ci95, correlated, evaluations }
 }
 
+/// What a pair means for an operator, with what would tell the two apart where their documents say it.
+pub fn ridge(pair: &CorrelatedPair, model: &Model) -> String {
+    let [a, b] = &pair.parameters;
+    let correlation = pair.correlation;
+    let excite = |name: &String| model.parameters().iter().find(|parameter| parameter.name == *name)?.excite.as_deref();
+    let mut ways: Vec<&str> = pair.parameters.iter().filter_map(excite).collect();
+    ways.dedup();
+    if ways.is_empty() {
+        return format!("{a} and {b} move together (correlation {correlation:.2}): trust their effect, not their separate values");
+    }
+    let ways = ways.join(" or ");
+    format!("{a} and {b} can hardly be told apart with these data (correlation {correlation:.3}): {ways} would separate them")
+}
+
+/// The rows of one output: its usable samples, whose gaps interrupt the correlation of its errors, its weight in the cost and
+/// the autoregressive model of its weighted errors.
+struct Block {
+    samples: Vec<usize>,
+    weight: f64,
+    ar: Ar,
+}
+
+/// The rows of every output; `None` where the errors of one have no autoregressive model.
+fn blocks(problem: &Problem, run: &Trajectory) -> Option<Vec<Block>> {
+    let measured = problem.measured();
+    let weights = if measured.len() == 1 { vec![1.0] } else { problem.weights(run) };
+    let block = |(output, weight): (usize, f64)| {
+        let samples = problem.usable(output, problem.split().train.clone());
+        let ar = Ar::fit_samples(&samples, |k| (run.outputs[output][k] - measured[output].0[k]) * weight)?;
+        Some(Block { ar, samples, weight })
+    };
+    weights.into_iter().enumerate().map(block).collect()
+}
+
 /// The sandwich by singular values, J = U D V': `V D^-1 (U' S U) D^-1 V'`. Directions that the data do not see get a huge
-/// variance instead of none. `samples` are the places of the rows in time, whose gaps interrupt the correlation.
-fn covariance(jacobian: DMatrix<f64>, samples: &[usize], ar: &Ar) -> Option<DMatrix<f64>> {
+/// variance instead of none.
+fn covariance(jacobian: DMatrix<f64>, blocks: &[Block]) -> Option<DMatrix<f64>> {
+    let d = jacobian.ncols();
     let svd = jacobian.svd(true, true);
     let (mut u, v_t) = (svd.u?, svd.v_t?);
     let largest = svd.singular_values.iter().copied().fold(0.0, f64::max);
@@ -115,18 +146,25 @@ fn covariance(jacobian: DMatrix<f64>, samples: &[usize], ar: &Ar) -> Option<DMat
     }
     // The residuals are A^-1 w, with w white and A the filter that whitens them, so U' S U is the square of A^-T U: a
     // recursion backwards in time.
-    for mut column in u.column_iter_mut() {
-        for row in (0..samples.len()).rev() {
-            for (lag, coefficient) in ar.coefficients.iter().enumerate() {
-                let later = row + lag + 1;
-                if later >= samples.len() || samples[later] != samples[row] + lag + 1 {
-                    break;
+    let mut middle = DMatrix::zeros(d, d);
+    let mut first = 0;
+    for Block { samples, ar, .. } in blocks {
+        let mut part = u.rows_mut(first, samples.len());
+        let stride = stride(samples);
+        for mut column in part.column_iter_mut() {
+            for row in (0..samples.len()).rev() {
+                for (lag, coefficient) in ar.coefficients.iter().enumerate() {
+                    let later = row + lag + 1;
+                    if later >= samples.len() || samples[later] != samples[row] + (lag + 1) * stride {
+                        break;
+                    }
+                    column[row] += coefficient * column[later];
                 }
-                column[row] += coefficient * column[later];
             }
         }
+        middle += part.tr_mul(&part) * ar.deviation.powi(2);
+        first += samples.len();
     }
-    let mut middle = u.tr_mul(&u) * ar.deviation.powi(2);
     let scale: Vec<f64> = svd.singular_values.iter().map(|singular| 1.0 / singular.max(1e-9 * largest)).collect();
     for (i, a) in scale.iter().enumerate() {
         for (j, b) in scale.iter().enumerate() {
@@ -177,7 +215,7 @@ mod tests {
         let series = &inverse * inverse.transpose() * 0.16;
         let bread = (jacobian.transpose() * &jacobian).try_inverse().unwrap();
         let expected = &bread * jacobian.transpose() * series * &jacobian * &bread;
-        let found = covariance(jacobian, &samples, &ar).unwrap();
+        let found = covariance(jacobian, &[Block { samples, weight: 1.0, ar }]).unwrap();
         assert!((&found - &expected).norm() < 1e-10 * expected.norm(), "{found} {expected}");
     }
 
@@ -202,7 +240,7 @@ mod tests {
             let estimate = &bread * jacobian.tr_mul(&noise);
             let residual = noise - &jacobian * &estimate;
             let ar = Ar::fit(&residual.iter().copied().map(Some).collect::<Vec<_>>()).unwrap();
-            let covariance = covariance(jacobian.clone(), &samples, &ar).unwrap();
+            let covariance = covariance(jacobian.clone(), &[Block { samples: samples.clone(), weight: 1.0, ar }]).unwrap();
             let white = &bread * (residual.norm_squared() / rows as f64);
             for i in 0..3 {
                 all += 1;

@@ -25,6 +25,16 @@ impl Ar {
         Self::fit_orders(series, &ORDERS)
     }
 
+    /// The same on the samples at which something was measured, counted in the step of those: an output that is measured at every
+    /// other point of a grid has no gap at each.
+    pub fn fit_samples(samples: &[usize], value: impl Fn(usize) -> f64) -> Option<Self> {
+        let (first, last) = (samples.first()?, samples.last()?);
+        let stride = stride(samples);
+        let mut series = vec![None; (last - first) / stride + 1];
+        samples.iter().for_each(|k| series[(k - first) / stride] = Some(value(*k)));
+        Self::fit(&series)
+    }
+
     /// The same among these orders, which ascend.
     pub fn fit_orders(series: &[Option<f64>], orders: &[usize]) -> Option<Self> {
         let longest = *orders.last()?;
@@ -67,6 +77,19 @@ impl Ar {
     }
 }
 
+/// The step of some ascending samples: the largest number of points that divides every distance of two.
+pub fn stride(samples: &[usize]) -> usize {
+    samples.windows(2).map(|pair| pair[1] - pair[0]).fold(0, common_divisor).max(1)
+}
+
+/// Euclid's greatest common divisor; of a number and nothing it is the number.
+pub fn common_divisor(mut a: usize, mut b: usize) -> usize {
+    while b > 0 {
+        (a, b) = (b, a % b);
+    }
+    a
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -98,5 +121,15 @@ mod tests {
         assert_eq!(white[2001], None);
         let spread = white.iter().flatten().map(|w| w * w).sum::<f64>() / white.iter().flatten().count() as f64;
         assert!((spread.sqrt() - ar.deviation).abs() < 0.02);
+    }
+
+    #[test]
+    fn every_other_point_is_a_series_of_its_own() {
+        let values: Vec<f64> = (0..400).map(|k| (f64::from(k) * 0.37).sin() + 0.1 * f64::from(k * k % 7)).collect();
+        let sparse: Vec<usize> = (0..400).map(|k| 3 + 2 * k).collect();
+        let own = Ar::fit(&values.iter().copied().map(Some).collect::<Vec<_>>());
+        assert_eq!(Ar::fit_samples(&sparse, |k| values[(k - 3) / 2]), own);
+        assert!(own.is_some());
+        assert_eq!((stride(&[4, 8, 14]), stride(&[7]), stride(&[1, 2, 9])), (2, 1, 1));
     }
 }

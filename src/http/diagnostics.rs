@@ -2,6 +2,7 @@
 
 use super::Shared;
 use super::chart::{ProvenanceBody, SkillBody};
+use super::extract::Asked as Query;
 use super::negotiate::rendered;
 use super::problem::{ApiError, Problems};
 use crate::diagnose::failures::{DayOfErrors, Episode};
@@ -11,14 +12,25 @@ use crate::jobs::diagnostics;
 use crate::jobs::windows::Format;
 use axum::extract::{Path, State};
 use axum::response::Response;
+use serde::Deserialize;
 use std::collections::HashMap;
-use utoipa::ToSchema;
+use utoipa::{IntoParams, ToSchema};
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
 /// The paths of this file.
 pub fn router() -> OpenApiRouter<Shared> {
     OpenApiRouter::new().routes(routes!(get_diagnostics))
+}
+
+/// Which output is looked at closely.
+#[derive(Debug, Default, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+struct DiagnosticsQuery {
+    /// An output of the model, such as `S_NH_e`; the first one by default. Skill is told of all of them in any case.
+    #[param(example = "T_room")]
+    output: Option<String>,
 }
 
 /// How well a fit follows its measurements.
@@ -38,12 +50,14 @@ struct DiagnosticsBody {
     judged_on: String,
     /// The skill of each output 1, 6 and 24 hours ahead and of its free run, beside persistence.
     by_horizon: HashMap<String, Vec<HorizonSkillBody>>,
+    /// The output that the summary and all that follows is about, as asked for; the first one where none was.
+    output: String,
     /// Free-run error over the deviation of the noise that is left in it, by output; above 1.6 something physical
     /// is probably missing.
     rho: HashMap<String, Option<f64>>,
     /// Root mean square of the one-step innovations, by output.
     noise_floor: HashMap<String, Option<f64>>,
-    /// The free run of the first output by circumstances, over the fit's window and in the light of all channels, the
+    /// The free run of the output by circumstances, over the fit's window and in the light of all channels, the
     /// most telling first. All errors are measured minus simulated.
     by_regime: Vec<Regime>,
     /// Its mean error by day and hour of the local clock.
@@ -90,9 +104,13 @@ struct HorizonSkillBody {
     get,
     path = "/fits/{id}/diagnostics",
     tag = "fits",
-    params(("id" = String, Path)),
+    params(("id" = String, Path), DiagnosticsQuery),
     responses((status = 200, body = DiagnosticsBody), Problems)
 )]
-async fn get_diagnostics(State(service): State<Shared>, Path(id): Path<String>) -> Result<Response, ApiError> {
-    Ok(rendered(Format::Json, super::shared_body(diagnostics::diagnostics(&service, &id).await?)))
+async fn get_diagnostics(
+    State(service): State<Shared>,
+    Path(id): Path<String>,
+    Query(query): Query<DiagnosticsQuery>,
+) -> Result<Response, ApiError> {
+    Ok(rendered(Format::Json, super::shared_body(diagnostics::diagnostics(&service, &id, query.output).await?)))
 }

@@ -7,6 +7,7 @@ use super::extract::{Asked, Empty, Json};
 use super::page::{Page, PageQuery};
 use super::problem::{ApiError, PROBLEM_JSON, Problem, Problems};
 use crate::data::SystemId;
+use crate::estimate::tune::Tuning;
 use crate::jobs::board::Report;
 use crate::jobs::body::JobBody;
 use crate::jobs::request::{self, JobRequest};
@@ -44,7 +45,7 @@ pub struct JobAnswer {
     system: SystemId,
     model: ModelId,
     state: JobState,
-    /// What it led to; `null` unless an estimate succeeded.
+    /// What it led to; `null` unless an estimate or a tuning succeeded.
     outcome: Option<Outcome>,
     experiment: bool,
     origin: Origin,
@@ -78,6 +79,10 @@ pub struct JobAnswer {
     retry_of: Option<String>,
     /// What it diagnosed, for the kind `diagnose`.
     diagnosis: Option<String>,
+    /// The settings that it chose and how they fare on windows that the choice did not see, for the kind `tune`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(value_type = Option<Tuning>)]
+    tuning: Option<Value>,
     /// Where to go from here.
     links: BTreeMap<&'static str, String>,
 }
@@ -156,6 +161,7 @@ impl JobAnswer {
             ended_at: job.ended_at,
             retry_of: job.retry_of,
             diagnosis: job.diagnosis,
+            tuning: job.tuning,
             links,
             system: job.system,
             id: job.id,

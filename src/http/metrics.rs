@@ -166,7 +166,7 @@ fn about_systems(service: &Shared, caller: &Caller, text: &mut Exposition, now: 
             text.sample("lampyris_params_status", &[("system", system), ("status", word.word())], f64::from(u8::from(word == *status)));
         }
     }
-    text.family("lampyris_live_rmse", "gauge", "Forecast error on the newest measurements, in the unit of the output.");
+    text.family("lampyris_live_rmse", "gauge", "Error on the newest measurements: of forecasts in the unit of the output, of a model without a filter that of its free run in the noise of the sensors.");
     for (system, (horizon, rmse)) in
         service.metrics.read().live_rmse.iter().filter(|(system, _)| ages.iter().any(|(known, _)| known == *system))
     {

@@ -7,7 +7,7 @@ use super::page::{Page, PageQuery};
 use super::problem::{ApiError, PROBLEM_JSON, Problem, Problems};
 use crate::fault::Fault;
 use crate::jobs::{blocking, models};
-use crate::model::spec::{EffectSpec, InputSpec, ModelDocument, ParameterSpec};
+use crate::model::spec::{EffectSpec, InputSpec, ModelDocument, ModelSpec, ParameterSpec};
 use crate::model::{Hold, Input, Model, ModelId, Nominal, Output, Parameter, Scale};
 use crate::schema::Interval;
 use crate::store;
@@ -71,8 +71,10 @@ struct ModelAnswer {
     parameters: Vec<ModelParameter>,
     /// Outputs with units and sensor noise.
     outputs: Vec<ModelOutput>,
-    /// The document of its base.
+    /// The document of its base, as it was posted.
     document: Option<ModelDocument>,
+    /// The whole model with all equations, where the document is that of a plant.
+    expanded: Option<ModelSpec>,
 }
 
 /// A state of a compiled model.
@@ -123,6 +125,9 @@ struct ModelDiff {
     title: String,
     inputs: HashMap<String, InputSpec>,
     parameters: HashMap<String, ParameterSpec>,
+    /// New meanings of names, where it has any.
+    #[schema(required = false)]
+    replace: HashMap<String, String>,
     /// Terms by state.
     terms: HashMap<String, String>,
     /// Terms by output.
@@ -321,6 +326,7 @@ async fn describe(service: &Shared, id: ModelId) -> Result<ModelAnswer, ApiError
     let versions = store::models::versions(&service.store).await?;
     let version = versions.into_iter().find(|version| version.id == id);
     let base = catalogue.model(id.base()).cloned();
+    let expanded = base.as_ref().and_then(|document| catalogue.expanded(document));
     let sets = catalogue.compose(&id).map_or_else(|_| Vec::new(), |composition| composition.spec.sets);
     let name = id.clone();
     let model = blocking(move || models::compiled(&catalogue, &name)).await?.map_err(|_| ApiError::NotFound("model", id.to_string()))?;
@@ -328,7 +334,7 @@ async fn describe(service: &Shared, id: ModelId) -> Result<ModelAnswer, ApiError
         Some(version) => (Some(version.parent), version.document.get("diff").cloned()),
         None => (None, None),
     };
-    Ok(ModelAnswer { parent, diff, sets, ..answer(id, &model, base) })
+    Ok(ModelAnswer { parent, diff, sets, expanded, ..answer(id, &model, base) })
 }
 
 /// A model as `GET /models/{id}` shows it, where there is no service that knows how it came about.
@@ -366,5 +372,6 @@ fn answer(id: ModelId, model: &Model, document: Option<ModelDocument>) -> ModelA
         parameters: model.parameters().iter().map(parameter).collect(),
         outputs: model.outputs().iter().map(output).collect(),
         document,
+        expanded: None,
     }
 }

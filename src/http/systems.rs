@@ -142,7 +142,10 @@ struct StateAnswer {
     /// The instant of the sample.
     #[schema(format = DateTime)]
     at: String,
-    /// Standard deviations by state.
+    /// Present where the model has no filter: the states are those of a free run from the start of the fit's window, which no
+    /// measurement has corrected.
+    free_run: Option<bool>,
+    /// Standard deviations by state; empty for a free run, which has none.
     sd: std::collections::HashMap<String, f64>,
     /// The revision by whose parameters they were found.
     revision: i64,
@@ -236,7 +239,8 @@ async fn delete_system(
     Ok(StatusCode::NO_CONTENT)
 }
 
-/// The filtered states at the newest sample that a job has seen: what a controller needs beside the parameters.
+/// The states at the newest sample that a job has seen: what a controller needs beside the parameters. They are filtered,
+/// or, of a model without a filter, those of a free run.
 #[utoipa::path(
     get,
     path = "/systems/{kind}/{id}/state",

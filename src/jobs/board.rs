@@ -4,7 +4,7 @@
 
 use super::events::What;
 use crate::estimate::Progress;
-use crate::store::jobs::{JobRecord, Lease};
+use crate::store::jobs::{JobKind, JobRecord, Lease};
 use indexmap::IndexMap;
 use serde::Serialize;
 use serde_json::Value;
@@ -134,7 +134,8 @@ impl Live {
         *held(&self.running) = Some(Running {
             lease,
             since: now,
-            budget: job.request.pointer("/budget/evaluations").and_then(Value::as_u64),
+            // The budget of a tuning is that of each of its searches.
+            budget: job.request.pointer("/budget/evaluations").and_then(Value::as_u64).filter(|_| job.kind != JobKind::Tune),
             earlier: 0,
             progress: None,
             told_at: now,

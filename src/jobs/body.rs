@@ -9,7 +9,8 @@ use utoipa::openapi::schema::{Discriminator, Object, OneOfBuilder};
 use utoipa::openapi::{Ref, RefOr, Schema};
 use utoipa::{PartialSchema, ToSchema};
 
-/// A job for one system: an estimate, a diagnosis of what its model is missing, or a ladder of effects. Everything but `kind` and `system` has a default that serves.
+/// A job for one system: an estimate, a diagnosis of what its model is missing, a ladder of effects, or a tuning: settings of the search that suit it,
+/// chosen on the older windows of its record (`split.train` long) and judged on the newer ones. Everything but `kind` and `system` has a default that serves.
 #[derive(ToSchema)]
 #[expect(dead_code, reason = "describes what `jobs::request` reads")]
 struct OneFields {
@@ -33,6 +34,7 @@ enum OneWord {
     Estimate,
     Diagnose,
     Ladder,
+    Tune,
 }
 
 /// Estimates for several systems, as a batch. Everything but `kind` and `systems` has a default that serves.
@@ -109,9 +111,13 @@ impl ToSchema for BatchSettings {
 impl PartialSchema for JobBody {
     fn schema() -> RefOr<Schema> {
         let mut kind = Discriminator::new("kind");
-        for (word, name) in
-            [("estimate", "SystemJob"), ("diagnose", "SystemJob"), ("ladder", "SystemJob"), ("recalibrate", "RecalibrateJob")]
-        {
+        for (word, name) in [
+            ("estimate", "SystemJob"),
+            ("diagnose", "SystemJob"),
+            ("ladder", "SystemJob"),
+            ("tune", "SystemJob"),
+            ("recalibrate", "RecalibrateJob"),
+        ] {
             kind.mapping.insert(word.to_owned(), Ref::from_schema_name(name).ref_location);
         }
         OneOfBuilder::new()

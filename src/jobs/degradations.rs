@@ -6,7 +6,7 @@ use super::systems::{self, Mode, SystemDocument};
 use super::{JobsError, Service, params, submit};
 use crate::data::{Duration, SplitRequest, SystemId, rfc3339};
 use crate::estimate::EstimateRequest;
-use crate::estimate::degradation::{Newer, newer};
+use crate::estimate::degradation::{Newer, as_fitted, newer};
 use crate::estimate::metrics::{CurrentState, filter_fit, newest_state};
 use crate::estimate::request::WindowRange;
 use crate::store;
@@ -131,7 +131,11 @@ fn compare(input: &Input, served: &FitRecord) -> Result<Option<(Newer, Option<Cu
         // Channels have come or gone, so that the model is another one here.
         return Ok(None);
     }
-    let problem = problem.with_substeps(served.fit.substeps);
+    if !problem.filters() && rfc3339(problem.grid().start()) != served.fit.window().0 {
+        // A free run that starts elsewhere says nothing of the one that was judged, nor of the states now.
+        return Ok(None);
+    }
+    let problem = as_fitted(&problem, &served.fit);
     let run = filter_fit(&problem, &served.fit);
     let said = newer(&problem, &served.fit, &run, input.system.policy.horizon);
     Ok(Some((said, newest_state(&problem, &run))))

@@ -5,10 +5,11 @@ use super::interactive::Answer;
 use super::{JobsError, Service, chart, comparison};
 use crate::data::Window;
 use crate::diagnose::failures::{Failures, failures, sentences};
-use crate::estimate::Replay;
 use crate::estimate::replay::{Part, Provenance, window_of};
 use crate::estimate::skill::{HorizonSkill, PartSkill, by_horizon, by_part};
 use crate::estimate::summary::summary;
+use crate::estimate::{Fit, Replay};
+use crate::fault::{Fault, nearest};
 use indexmap::IndexMap;
 use serde::Serialize;
 
@@ -22,20 +23,24 @@ struct Document<'a> {
     skill: IndexMap<String, PartSkill>,
     judged_on: Part,
     by_horizon: IndexMap<String, Vec<HorizonSkill>>,
+    output: &'a str,
     rho: IndexMap<&'a str, Option<f64>>,
     noise_floor: IndexMap<&'a str, Option<f64>>,
     #[serde(flatten)]
     failures: Failures,
 }
 
-/// The diagnostics of a fit, JSON.
+/// The diagnostics of a fit, JSON: where and when is told of one output, of the first one where none is named.
 ///
 /// # Errors
-/// Where there is no such fit, or it cannot be run again.
-pub async fn diagnostics(service: &Service, id: &str) -> Result<Answer, JobsError> {
+/// Where there is no such fit or no such output, or the fit cannot be run again.
+pub async fn diagnostics(service: &Service, id: &str, output: Option<String>) -> Result<Answer, JobsError> {
     let record = comparison::require(service, id).await?;
+    if let Some(wanted) = output.as_deref().filter(|wanted| !record.fit.metrics.contains_key(*wanted)) {
+        return Err(JobsError::Faults(vec![unknown(&record.fit, wanted)]));
+    }
     let (_, end) = window_of(&record.fit).map_err(JobsError::Faults)?;
-    let key = comparison::key(service, "diagnostics", &[&record], "").await?;
+    let key = comparison::key(service, "diagnostics", &[&record], output.as_deref().unwrap_or("")).await?;
     if let Some(answer) = service.interactive.known(&key) {
         return Ok(answer);
     }
@@ -43,25 +48,38 @@ pub async fn diagnostics(service: &Service, id: &str) -> Result<Answer, JobsErro
     let work = move || {
         let window = subject.window()?;
         let system = subject.record().system.to_string();
-        document(&subject.named(&system), &subject.replay(&window, None)?, &window)
+        document(&subject.named(&system), &subject.replay(&window, None)?, &window, output.as_deref())
     };
     service.interactive.answer(&key, work).await
 }
 
-/// The diagnostics of a fit that was run again, in the light of all that was measured. This is work for the CPU pool.
+fn unknown(fit: &Fit, wanted: &str) -> Fault {
+    let known: Vec<&str> = fit.metrics.keys().map(String::as_str).collect();
+    let fault = Fault::new("query output", "unknown-output", format!("`{wanted}` is none of the outputs {}", known.join(", ")));
+    match nearest(wanted, known) {
+        Some(near) => fault.suggest(format!("did you mean `{near}`?")),
+        None => fault,
+    }
+}
+
+/// The diagnostics of a fit that was run again, in the light of all that was measured: the skill of every output, and
+/// where and when `output` fails, or the first one. This is work for the CPU pool.
 ///
 /// # Errors
 /// Where the measurements do not serve.
-pub fn document(named: &Named<'_>, replay: &Replay, window: &Window) -> Result<Vec<u8>, JobsError> {
-    let fit = named.fit;
+pub fn document(named: &Named<'_>, replay: &Replay, window: &Window, output: Option<&str>) -> Result<Vec<u8>, JobsError> {
+    let (fit, problem) = (named.fit, replay.problem());
+    let outputs = problem.model().outputs();
+    let at = output.and_then(|wanted| outputs.iter().position(|output| output.channel == wanted)).unwrap_or(0);
+    let output = outputs.get(at).map_or("", |output| output.channel.as_str());
     // Without unseen data the horizons are judged on what there is, and the answer says so.
     let judged_on = if replay.range(Part::Validation).is_empty() { Part::Train } else { Part::Validation };
     let (skill, by_horizon) = (by_part(replay), by_horizon(replay, judged_on));
-    let first = skill.first().zip(by_horizon.first());
-    let told = first.map(|((_, parts), (_, horizons))| summary(judged_on, parts, horizons, fit.first_metrics(), replay.provenance()));
-    let failures = failures(replay.problem(), fit, replay.filtered(), window, fit.seed).map_err(|fault| JobsError::Faults(vec![fault]))?;
+    let of_output = skill.get(output).zip(by_horizon.get(output));
+    let told = of_output.map(|(parts, horizons)| summary(judged_on, parts, horizons, fit.metrics.get(output), replay.provenance()));
+    let failures = failures(problem, fit, at, replay.filtered(), window).map_err(|fault| JobsError::Faults(vec![fault]))?;
     let mut told: Vec<String> = told.into_iter().collect();
-    told.extend(sentences(replay.problem(), &failures));
+    told.extend(sentences(problem, at, &failures));
     chart::json(&Document {
         fit: named.id,
         system: named.system,
@@ -71,6 +89,7 @@ pub fn document(named: &Named<'_>, replay: &Replay, window: &Window) -> Result<V
         skill,
         judged_on,
         by_horizon,
+        output,
         rho: fit.metrics.iter().map(|(output, metrics)| (output.as_str(), metrics.rho)).collect(),
         noise_floor: fit.metrics.iter().map(|(output, metrics)| (output.as_str(), metrics.noise_floor)).collect(),
         failures,

@@ -4,7 +4,9 @@ use super::JobsError;
 use super::input::Input;
 use super::systems::Mode;
 use crate::data::Window;
+use crate::data::rfc3339;
 use crate::diagnose::failures::worst_regime;
+use crate::estimate::degradation::as_fitted;
 use crate::estimate::metrics::current_state;
 use crate::estimate::{Control, EstimateError, Interrupt, Policy, Problem, estimate, validate};
 use crate::fault::Fault;
@@ -69,7 +71,15 @@ fn incumbent_state(input: &Input, problem: &Problem) -> Option<crate::estimate::
     let served = &input.served.as_ref()?.fit;
     let names = problem.model().parameters().iter().map(|parameter| &parameter.name);
     let same = served.model == problem.model().id().to_string() && names.eq(served.parameters.keys());
-    if same { current_state(problem, served) } else { None }
+    if !same {
+        return None;
+    }
+    if problem.filters() {
+        return current_state(problem, served);
+    }
+    // A free run that starts elsewhere says nothing of the states now.
+    let begins = rfc3339(problem.grid().start()) == served.window().0;
+    if begins { current_state(&as_fitted(problem, served), served) } else { None }
 }
 
 /// A failure with all faults of what the job was given.

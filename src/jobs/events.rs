@@ -327,6 +327,7 @@ mod tests {
             end_sequence,
             retry_of: None,
             diagnosis: None,
+            tuning: None,
         }
     }
 

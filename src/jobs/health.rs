@@ -150,6 +150,7 @@ mod tests {
             end_sequence: None,
             retry_of: None,
             diagnosis: None,
+            tuning: None,
         }
     }
 

@@ -44,7 +44,7 @@ pub struct Tallies {
     pub checks_failed: BTreeMap<String, u64>,
     /// How often the parameters of a system turned to be those of before a failure.
     pub fallbacks: u64,
-    /// The error of the newest comparison with newer measurements, by system, with the horizon of the forecasts.
+    /// The error of the newest comparison with newer measurements, by system, with the horizon of the forecasts, or `free_run`.
     pub live_rmse: BTreeMap<String, (String, f64)>,
     /// Requests, by method, path template and status.
     pub requests: BTreeMap<(&'static str, String, u16), u64>,

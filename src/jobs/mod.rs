@@ -13,6 +13,7 @@
 //! | `board` | who runs now: progress, cancellation |
 //! | `events` | what happens to jobs, for those who listen |
 //! | `worker`, `input`, `estimate`, `diagnose` | from the claim to the verdict, and to what is missing |
+//! | `tune` | settings of the search for a system |
 //! | `poison` | a hook for tests: jobs that go wrong on purpose |
 //! | `preview` | one simulation for whoever edits a model |
 //! | `interactive` | short CPU work that somebody waits for: first in line, bounded, kept |
@@ -55,6 +56,7 @@ mod strict;
 pub mod submit;
 pub mod systems;
 pub mod tokens;
+mod tune;
 pub mod windows;
 pub mod worker;
 

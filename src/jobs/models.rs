@@ -3,6 +3,7 @@
 use super::decode::{self, Read};
 use super::{JobsError, Service, blocking};
 use crate::fault::{Fault, nearest};
+use crate::model::plant::PlantSpec;
 use crate::model::spec::{CompositionSpec, EffectSpec, ModelDocument, ModelSpec};
 use crate::model::{Bindings, Catalogue, Model, ModelId, compile};
 use crate::store::idempotency::RequestKey;
@@ -11,6 +12,7 @@ use crate::store::{Store, StoreError};
 use arc_swap::ArcSwap;
 use jiff::Timestamp;
 use serde_json::{Value, json};
+use std::borrow::Cow;
 use std::cmp::Reverse;
 use std::sync::Arc;
 
@@ -60,6 +62,9 @@ pub fn check_model(catalogue: &Catalogue, body: Value) -> Result<(ModelDocument,
     if body.get("base").is_some() {
         return check_composition(catalogue, body);
     }
+    if ModelDocument::is_plant(|name| body.get(name).is_some()) {
+        return check_plant(catalogue, body);
+    }
     let Read { document: spec, mut faults, .. } = decode::read::<ModelSpec>(body, &Value::Null);
     let Some(mut spec) = spec.filter(|_| is_whole(&faults)) else {
         return Err(faults);
@@ -70,6 +75,20 @@ pub fn check_model(catalogue: &Catalogue, body: Value) -> Result<(ModelDocument,
     let mut extended = catalogue.clone();
     extended.add_model(document.clone());
     judged(compiled(&extended, &id), faults).map(|model| (document, model))
+}
+
+fn check_plant(catalogue: &Catalogue, body: Value) -> Result<(ModelDocument, Model), Vec<Fault>> {
+    let Read { document: plant, mut faults, .. } = decode::read::<PlantSpec>(body, &Value::Null);
+    let Some(mut plant) = plant.filter(|_| is_whole(&faults)) else {
+        return Err(faults);
+    };
+    let id = plain_id(&plant.id, &mut faults);
+    plant.id = id.to_string();
+    let document = ModelDocument::Plant(Box::new(plant));
+    let mut extended = catalogue.clone();
+    extended.add_model(document.clone());
+    let compiled = compiled(&extended, &id).map_err(|found| found.into_iter().map(PlantSpec::place).collect());
+    judged(compiled, faults).map(|model| (document, model))
 }
 
 fn check_composition(catalogue: &Catalogue, body: Value) -> Result<(ModelDocument, Model), Vec<Fault>> {
@@ -172,8 +191,8 @@ pub(super) fn check_effect(catalogue: &Catalogue, parent: Option<&ModelId>, body
         return Err(faults);
     };
     effect.id = plain_id(&effect.id, &mut faults).to_string();
-    if effect.terms.is_empty() && effect.outputs.is_empty() {
-        faults.push(Fault::new("/terms", "no-terms", "an effect adds a term to an equation or to an output"));
+    if effect.terms.is_empty() && effect.outputs.is_empty() && effect.replace.is_empty() {
+        faults.push(Fault::new("/terms", "no-terms", "an effect adds a term to an equation or to an output, or replaces a name"));
     }
     let mut extended = catalogue.clone();
     extended.add_effect(effect.clone());
@@ -188,19 +207,24 @@ pub(super) fn check_effect(catalogue: &Catalogue, parent: Option<&ModelId>, body
     judged(tried.map_err(|faults| faults.into_iter().map(place).collect()), faults).map(|()| effect)
 }
 
-/// An effect is at home in any model that has the states it names. Where none has them all, the model that has most
+/// An effect is at home in any model that has the states and the other names that it acts on. Where none has them all, the model that has most
 /// of them tells what is wrong.
 fn try_on_any(catalogue: &Catalogue, effect: &EffectSpec, name: &str) -> Result<(), Vec<Fault>> {
     let specs = catalogue.models().filter_map(|document| match document {
-        ModelDocument::Spec(spec) => Some(spec),
+        ModelDocument::Spec(spec) => Some(Cow::Borrowed(&**spec)),
+        ModelDocument::Plant(_) => catalogue.expanded(document).map(Cow::Owned),
         ModelDocument::Composition(_) => None,
     });
-    let mut by_states: Vec<_> =
-        specs.map(|spec| (effect.terms.keys().filter(|state| spec.states.contains_key(*state)).count(), spec)).collect();
-    by_states.sort_by_key(|(count, _)| Reverse(*count));
-    let most = by_states.first().map_or(0, |(count, _)| *count);
+    let known = |spec: &ModelSpec| {
+        let named =
+            |name: &&String| spec.define.contains_key(*name) || spec.parameters.contains_key(*name) || spec.inputs.contains_key(*name);
+        effect.terms.keys().filter(|state| spec.states.contains_key(*state)).count() + effect.replace.keys().filter(named).count()
+    };
+    let mut by_names: Vec<_> = specs.map(|spec: Cow<ModelSpec>| (known(&spec), spec)).collect();
+    by_names.sort_by_key(|(count, _)| Reverse(*count));
+    let most = by_names.first().map_or(0, |(count, _)| *count);
     let mut first = None;
-    for (_, spec) in by_states.into_iter().take_while(|(count, _)| *count == most) {
+    for (_, spec) in by_names.into_iter().take_while(|(count, _)| *count == most) {
         match spec.id.parse::<ModelId>().map(|id| compiled(catalogue, &id.plus(name))) {
             Ok(Ok(_)) => return Ok(()),
             Ok(Err(faults)) => first = first.or(Some(faults)),
@@ -317,6 +341,9 @@ fn make_version(
     });
     if !spec.define.is_empty() {
         document["diff"]["define"] = json!(spec.define);
+    }
+    if !spec.replace.is_empty() {
+        document["diff"]["replace"] = json!(spec.replace);
     }
     Ok((VersionRecord { id, parent: parent.clone(), effect: name, document, created_at }, own))
 }

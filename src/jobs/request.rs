@@ -5,7 +5,7 @@ use super::systems::SystemDocument;
 use crate::data::{SplitRequest, SystemId, SystemPattern, read_time};
 use crate::estimate::method::{MethodFields, SeededMethod};
 use crate::estimate::request::{Objective, agreed};
-use crate::estimate::{EarlyStopping, EstimateRequest};
+use crate::estimate::{EarlyStopping, EstimateRequest, tune};
 use crate::fault::{Fault, nearest};
 use crate::optimise::Method;
 use crate::store::jobs::{JobKind, Priority};
@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
 /// The kinds that a request may name.
-const KINDS: [&str; 4] = ["estimate", "diagnose", "ladder", "recalibrate"];
+const KINDS: [&str; 5] = ["estimate", "diagnose", "ladder", "recalibrate", "tune"];
 /// Most evaluations that a request may spend.
 const MOST_EVALUATIONS: usize = 100_000_000;
 
@@ -85,6 +85,7 @@ pub fn read(body: Value) -> Result<JobRequest, Vec<Fault>> {
         "recalibrate" => read_recalibration(fields),
         "diagnose" => read_one(JobKind::Diagnose, fields),
         "ladder" => read_one(JobKind::Ladder, fields),
+        "tune" => read_one(JobKind::Tune, fields),
         _ => read_one(JobKind::Estimate, fields),
     };
     match asked {
@@ -107,10 +108,15 @@ fn read_one(kind: JobKind, mut fields: Map<String, Value>) -> Result<JobRequest,
     if kind != JobKind::Ladder && fields.contains_key("criterion") {
         faults.push(Fault::new("/criterion", "contradiction", "only a ladder has a criterion"));
     }
-    // A diagnosis asks about the model and never alters what is served. It needs a part that no decision sees.
+    // Only an estimate alters what is served. A diagnosis needs a part that no decision sees, a tuning windows of equal length.
     let experiment = experiment || kind != JobKind::Estimate;
-    if kind != JobKind::Estimate && !fields.contains_key("split") {
-        fields.insert("split".to_owned(), serde_json::to_value(SplitRequest::DIAGNOSE).unwrap_or_default());
+    let split = match kind {
+        JobKind::Estimate => None,
+        JobKind::Diagnose | JobKind::Ladder => Some(SplitRequest::DIAGNOSE),
+        JobKind::Tune => Some(tune::SPLIT),
+    };
+    if let Some(split) = split.filter(|_| !fields.contains_key("split")) {
+        fields.insert("split".to_owned(), serde_json::to_value(split).unwrap_or_default());
     }
     match system {
         Some(system) if faults.is_empty() => Ok(JobRequest::One { kind, system, experiment, priority, settings: fields }),
@@ -212,6 +218,12 @@ pub fn read_settings(settings: &Map<String, Value>, system: Option<&SystemDocume
     if let Some(system) = system {
         if !settings.contains_key("prior") {
             request.prior = system.prior;
+        }
+        // A seed alone is no method.
+        let asked = settings.get("method").and_then(Value::as_object).is_some_and(|method| method.keys().any(|field| field != "seed"));
+        if let Some(method) = system.method.as_ref().filter(|_| !asked && request.objective != Objective::Likelihood) {
+            let seed = if settings.contains_key("method") { request.method.seed } else { method.seed };
+            request.method = SeededMethod { seed, method: method.method.clone() };
         }
         request.model.get_or_insert_with(|| system.model.clone());
     }

@@ -5,7 +5,7 @@ use super::request::{self, BatchRequest};
 use super::systems::{self, Mode, SystemDocument};
 use super::{JobsError, Service, blocking, input, params};
 use crate::data::SystemId;
-use crate::estimate::EstimateRequest;
+use crate::estimate::{EstimateRequest, tune};
 use crate::fault::{Fault, nearest};
 use crate::model::ModelId;
 use crate::store;
@@ -28,7 +28,10 @@ pub async fn one(
     settings: &Map<String, Value>,
     key: Option<&RequestKey>,
 ) -> Result<Submitted, JobsError> {
-    let (document, request, faults) = judge(service, system, settings).await?;
+    let (document, request, mut faults) = judge(service, system, settings).await?;
+    if kind == JobKind::Tune {
+        faults.extend(tune::faults(&request));
+    }
     let model = request.model.clone().ok_or_else(|| JobsError::Faults(faults.clone()))?;
     let Some(document) = document.filter(|_| faults.is_empty()) else {
         return Err(JobsError::Faults(faults));

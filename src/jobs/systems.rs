@@ -2,9 +2,10 @@
 
 use super::{JobsError, Refusal, Service, decode};
 use crate::data::{Bindings as ColumnBindings, Duration, Length, SystemId, read_time};
-use crate::estimate::request::{Prior, Site};
+use crate::estimate::request::{Prior, SeededMethod, Site};
 use crate::fault::{Fault, nearest};
 use crate::model::{Bindings, Catalogue, ModelId, compile};
+use crate::optimise::Method;
 use crate::store;
 use crate::store::systems::{Deleted, Needs};
 use serde::{Deserialize, Serialize};
@@ -48,6 +49,9 @@ pub struct SystemDocument {
     /// What is known about the parameters before any data.
     #[serde(default)]
     pub prior: Prior,
+    /// How its jobs search where they do not say it; `cfa` with its defaults where there is none. A tuning writes it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub method: Option<SeededMethod>,
     /// Stretches of time whose measurements are not to be trusted.
     #[serde(default)]
     pub exclude: Vec<Exclusion>,
@@ -203,6 +207,10 @@ impl SystemDocument {
             }
         }
         faults.extend(self.set_faults(catalogue));
+        if matches!(self.method, Some(SeededMethod { method: Method::Ctsm(_), .. })) {
+            let detail = "`ctsm` goes with the likelihood, which a job asks for by itself";
+            faults.push(Fault::new("/method/name", "contradiction", detail));
+        }
         for (field, duration) in [("stale_after", self.policy.stale_after), ("horizon", self.policy.horizon)] {
             if duration.is_zero() {
                 faults.push(Fault::new(format!("/policy/{field}"), "out-of-range", "it must be longer than nothing"));

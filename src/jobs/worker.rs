@@ -9,10 +9,10 @@ use super::diagnose;
 use super::estimate::{self, Stopped, describe};
 use super::events::{self, What};
 use super::input::{self, Input};
-use super::{Service, params, poison};
+use super::{Service, params, poison, tune};
 use crate::estimate::{Control, Interrupt, Progress};
 use crate::store::StoreError;
-use crate::store::finish::{Ending, Finding, finish};
+use crate::store::finish::{Ending, Finding, Tuned, finish};
 use crate::store::jobs::{self, JobFailure, JobKind, JobRecord, Lease};
 use rayon::{ThreadPool, ThreadPoolBuildError, ThreadPoolBuilder};
 use std::any::Any;
@@ -106,6 +106,7 @@ impl Drop for Alive<'_> {
 /// How a job ended, before the database knows.
 enum End {
     Found(Box<Finding>),
+    Tuned(Box<Tuned>),
     Failed(JobFailure),
     Cancelled,
     GivenBack,
@@ -138,7 +139,7 @@ async fn compute(service: &Arc<Service>, pool: &ThreadPool, live: &Arc<Live>, jo
         let _ = sender.send(result);
     });
     match receiver.await {
-        Ok(Ok(Ok(finding))) => End::Found(Box::new(finding)),
+        Ok(Ok(Ok(end))) => end,
         Ok(Ok(Err(Stopped::Failed(failure)))) => End::Failed(failure),
         Ok(Ok(Err(Stopped::Interrupted))) if live.is_cancelled() => End::Cancelled,
         Ok(Ok(Err(Stopped::Interrupted))) => End::GivenBack,
@@ -148,7 +149,7 @@ async fn compute(service: &Arc<Service>, pool: &ThreadPool, live: &Arc<Live>, jo
 }
 
 /// The work with the caller's hands on it: cancellation, shutdown, deadline, progress.
-fn guarded(service: &Service, live: &Live, job: &JobRecord, input: &Input) -> Result<Finding, Stopped> {
+fn guarded(service: &Service, live: &Live, job: &JobRecord, input: &Input) -> Result<End, Stopped> {
     let limit = Duration::from_secs(service.settings.limits.job_seconds);
     let asked = input.request.budget.wall.map(|wall| Duration::from_secs(wall.seconds().unsigned_abs()));
     let deadline = Instant::now() + asked.map_or(limit, |asked| asked.min(limit));
@@ -171,11 +172,13 @@ fn guarded(service: &Service, live: &Live, job: &JobRecord, input: &Input) -> Re
         }
     };
     let control = Control { interrupt: &interrupt, progress: &progress };
-    match job.kind {
+    let found = match job.kind {
         JobKind::Estimate => estimate::run(input, &control),
         JobKind::Diagnose => diagnose::run(input, &control),
         JobKind::Ladder => diagnose::ladder(input, &control),
-    }
+        JobKind::Tune => return tune::run(input, &control).map(|tuned| End::Tuned(Box::new(tuned))),
+    };
+    found.map(|finding| End::Found(Box::new(finding)))
 }
 
 /// Writes the end of a job, and only then shows it. While the database fails the job keeps its lease.
@@ -185,6 +188,7 @@ async fn record(service: &Arc<Service>, job: &JobRecord, lease: &Lease, mut end:
         let written = match &end {
             End::GivenBack => jobs::requeue(&service.store, lease, service.now()).await.map(|()| None),
             End::Found(finding) => finish(&service.store, lease, &Ending::Fitted(finding), service.now()).await.map(Some),
+            End::Tuned(tuned) => finish(&service.store, lease, &Ending::Tuned(tuned), service.now()).await.map(Some),
             End::Failed(failure) => finish(&service.store, lease, &Ending::Failed(failure), service.now()).await.map(Some),
             End::Cancelled => finish(&service.store, lease, &Ending::Cancelled, service.now()).await.map(Some),
         };
@@ -197,6 +201,9 @@ async fn record(service: &Arc<Service>, job: &JobRecord, lease: &Lease, mut end:
                     (End::Found(finding), Some(finished)) => tracing::info!(
                         job = %job.id, system = %job.system, fit = finished.fit, revision = finished.revision,
                         "{}: {}", finished.outcome.map_or("ended", |outcome| outcome.word()), finding.judgement.summary
+                    ),
+                    (End::Tuned(tuned), Some(finished)) => tracing::info!(
+                        job = %job.id, system = %job.system, outcome = ?finished.outcome, "{}", tuned.tuning.summary
                     ),
                     (End::Failed(failure), _) => {
                         tracing::warn!(job = %job.id, system = %job.system, code = failure.code, "failed: {}", failure.detail)
@@ -219,7 +226,7 @@ async fn record(service: &Arc<Service>, job: &JobRecord, lease: &Lease, mut end:
             Err(error) => {
                 tracing::error!(%error, job = %job.id, "the end of a job could not be written, trying again");
                 tries += 1;
-                if tries == TRIES && matches!((&end, &error), (End::Found(_), StoreError::Full(_))) {
+                if tries == TRIES && matches!((&end, &error), (End::Found(_) | End::Tuned(_), StoreError::Full(_))) {
                     // A running job keeps its windows from being deleted, which may be the only way to make room. A failure
                     // takes less of it than a result.
                     let detail = "the database had no room for the result: make room, and do the job again".to_owned();

@@ -1,6 +1,8 @@
 //! The built-in models and effects, and the composition of a [`ModelId`] from them.
 
 use super::id::ModelId;
+use super::plant::PlantSpec;
+use super::process::ReactionsSpec;
 use super::spec::{Definition, EffectSpec, ModelDocument, ModelSpec, Variant};
 use crate::fault::{Fault, nearest};
 use std::collections::BTreeMap;
@@ -8,6 +10,10 @@ use std::collections::BTreeMap;
 #[derive(rust_embed::RustEmbed)]
 #[folder = "config/models"]
 struct ModelFiles;
+
+#[derive(rust_embed::RustEmbed)]
+#[folder = "config/plants"]
+struct PlantFiles;
 
 #[derive(rust_embed::RustEmbed)]
 #[folder = "config/effects"]
@@ -18,6 +24,7 @@ struct EffectFiles;
 pub struct Catalogue {
     models: BTreeMap<String, ModelDocument>,
     effects: BTreeMap<String, EffectSpec>,
+    reactions: BTreeMap<String, ReactionsSpec>,
 }
 
 /// An effect as part of a composition, with its argument filled in.
@@ -43,18 +50,31 @@ pub struct Composition {
 }
 
 impl Catalogue {
-    /// The models and effects that come with the program.
+    /// The models, plants and effects that come with the program.
     ///
     /// # Errors
     /// Every built-in document that cannot be read; a test keeps this from happening.
     pub fn builtin() -> Result<Self, Vec<Fault>> {
         let mut catalogue = Self::default();
+        let mut reactions = BTreeMap::new();
         let mut faults = Vec::new();
         let text = |file: rust_embed::EmbeddedFile| String::from_utf8_lossy(&file.data).into_owned();
         for (name, file) in ModelFiles::iter().filter_map(|name| ModelFiles::get(&name).map(|file| (name, file))) {
-            match ModelDocument::from_toml(&text(file)) {
-                Ok(document) => catalogue.add_model(document),
-                Err(fault) => faults.push(Fault { pointer: format!("models/{name} {}", fault.pointer), ..fault }),
+            let text = text(file);
+            let read = if ReactionsSpec::is_one(&text) {
+                ReactionsSpec::from_toml(&text).map(|found| drop(reactions.insert(found.id.clone(), found)))
+            } else {
+                ModelDocument::from_toml(&text).map(|document| catalogue.add_model(document))
+            };
+            faults.extend(read.err().map(|fault| Fault { pointer: format!("models/{name} {}", fault.pointer), ..fault }));
+        }
+        for (name, file) in PlantFiles::iter().filter_map(|name| PlantFiles::get(&name).map(|file| (name, file))) {
+            let plant = PlantSpec::from_toml(&text(file)).map_err(|fault| vec![fault]);
+            match plant.and_then(|plant| plant.expand(&reactions)) {
+                Ok(spec) => catalogue.add_model(ModelDocument::Spec(Box::new(spec))),
+                Err(more) => {
+                    faults.extend(more.into_iter().map(|fault| Fault { pointer: format!("plants/{name} {}", fault.pointer), ..fault }))
+                }
             }
         }
         for (name, file) in EffectFiles::iter().filter_map(|name| EffectFiles::get(&name).map(|file| (name, file))) {
@@ -63,6 +83,7 @@ impl Catalogue {
                 Err(fault) => faults.push(Fault { pointer: format!("effects/{name} {}", fault.pointer), ..fault }),
             }
         }
+        catalogue.reactions = reactions;
         if faults.is_empty() { Ok(catalogue) } else { Err(faults) }
     }
 
@@ -91,6 +112,14 @@ impl Catalogue {
         self.models.get(name)
     }
 
+    /// The whole model that a plant's document stands for; nothing for other documents.
+    pub fn expanded(&self, document: &ModelDocument) -> Option<ModelSpec> {
+        match document {
+            ModelDocument::Plant(plant) => plant.expand(&self.reactions).ok(),
+            ModelDocument::Spec(_) | ModelDocument::Composition(_) => None,
+        }
+    }
+
     /// Puts the model of an id together.
     ///
     /// # Errors
@@ -109,6 +138,10 @@ impl Catalogue {
                 }
                 Some(ModelDocument::Spec(found)) => {
                     spec = Some((**found).clone());
+                    break;
+                }
+                Some(ModelDocument::Plant(plant)) => {
+                    spec = Some(plant.expand(&self.reactions)?);
                     break;
                 }
                 None => break,
@@ -206,6 +239,7 @@ fn fill(spec: &EffectSpec, words: &[(String, String)]) -> EffectSpec {
         parameter.title = fill(&parameter.title);
     }
     filled.define = spec.define.iter().map(|(key, text)| (fill(key), definition(text))).collect();
+    filled.replace = spec.replace.iter().map(|(key, text)| (key.clone(), fill(text))).collect();
     filled.terms = spec.terms.iter().map(|(key, term)| (key.clone(), fill(term))).collect();
     filled.outputs = spec.outputs.iter().map(|(key, term)| (key.clone(), fill(term))).collect();
     for input in filled.inputs.values_mut() {

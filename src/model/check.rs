@@ -42,6 +42,22 @@ pub enum Check {
         /// Highest.
         upper: f64,
     },
+    /// An expression stays inside this interval at every sample of the free run: of the parameters, such as a growth that is
+    /// faster than the decay, or of what is simulated, such as an effluent that is never negative. It knows no delays.
+    Range {
+        /// What it is called.
+        name: String,
+        /// The expression, in the names of the model.
+        expr: String,
+        /// Its unit.
+        unit: String,
+        /// Lowest.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        lower: Option<f64>,
+        /// Highest.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        upper: Option<f64>,
+    },
 }
 
 /// The fields of all checks. Read first, so that a fault has its place; which of them belong together is a matter of
@@ -57,6 +73,9 @@ struct CheckFields {
     above: Option<f64>,
     upto: Option<f64>,
     with: Option<IndexMap<String, f64>>,
+    name: Option<String>,
+    expr: Option<String>,
+    unit: Option<String>,
 }
 
 #[derive(Deserialize)]
@@ -66,6 +85,7 @@ enum CheckKind {
     TimeConstants,
     SteadyGain,
     StateRange,
+    Range,
 }
 
 impl TryFrom<CheckFields> for Check {
@@ -75,6 +95,10 @@ impl TryFrom<CheckFields> for Check {
         let is_gain =
             fields.input.is_some() || fields.state.is_some() || fields.above.is_some() || fields.upto.is_some() || fields.with.is_some();
         let is_range = fields.lower.is_some() || fields.upper.is_some();
+        let is_text = fields.name.is_some() || fields.expr.is_some() || fields.unit.is_some();
+        if is_text && !matches!(fields.kind, CheckKind::Range) {
+            return Err("only `range` has `name`, `expr` and `unit`");
+        }
         match (fields.kind, fields.lower.zip(fields.upper), fields.input.zip(fields.state).zip(fields.above)) {
             (CheckKind::Stable, _, _) if !is_gain && !is_range => Ok(Check::Stable),
             (CheckKind::Stable, _, _) => Err("`stable` has no other fields"),
@@ -84,6 +108,12 @@ impl TryFrom<CheckFields> for Check {
             (CheckKind::SteadyGain, _, Some(((input, state), above))) if !is_range => {
                 Ok(Check::SteadyGain { input, state, above, upto: fields.upto, with: fields.with.unwrap_or_default() })
             }
+            (CheckKind::Range, _, _) => match (fields.name, fields.expr, fields.unit) {
+                (Some(name), Some(expr), Some(unit)) if !is_gain => {
+                    Ok(Check::Range { name, expr, unit, lower: fields.lower, upper: fields.upper })
+                }
+                _ => Err("`range` has `name`, `expr` and `unit`, and may have `lower` and `upper`"),
+            },
             (CheckKind::SteadyGain, _, _) => Err("`steady_gain` has `input`, `state` and `above`, and may have `upto` and `with`"),
         }
     }
@@ -101,6 +131,13 @@ impl Check {
         match self {
             Check::Stable => {}
             Check::TimeConstants { lower, upper } | Check::StateRange { lower, upper } => {
+                demand(lower < upper, "upper", "bounds", format!("[{lower}, {upper}] is no interval"));
+            }
+            Check::Range { lower: None, upper: None, .. } => {
+                demand(false, "lower", "missing-value", "a check without `lower` and `upper` demands nothing".to_owned());
+            }
+            Check::Range { lower, upper, .. } => {
+                let (lower, upper) = (lower.unwrap_or(f64::NEG_INFINITY), upper.unwrap_or(f64::INFINITY));
                 demand(lower < upper, "upper", "bounds", format!("[{lower}, {upper}] is no interval"));
             }
             Check::SteadyGain { input, state, above, upto, with } => {

@@ -1,12 +1,13 @@
 //! A composition and its bindings become a [`Model`]: the only way to make one.
 
 use super::catalogue::{AppliedEffect, Composition};
-use super::derivative::{derivative, time_derivative};
+use super::derivative::{derivatives, time_derivative};
 use super::expr::{Graph, Node, NodeId, Point};
 use super::functions::{MAX_DELAY, delays};
 use super::lower::{Lowering, Symbol, Value};
-use super::parse::{declaration, is_name};
-use super::spec::{Hold, InputSpec, Nominal, ParameterSpec, Scale, StateSpec};
+use super::parse::{declaration, is_quantity};
+use super::spec::{Check, Hold, InputSpec, Nominal, ParameterSpec, Scale, StateSpec};
+use super::warm_up::warm_up;
 use super::{Initial, Input, Model, Output, Parameter, State};
 use crate::fault::Fault;
 use crate::units::Unit;
@@ -15,6 +16,8 @@ use std::collections::{BTreeMap, BTreeSet};
 
 /// Most states of a model.
 const MAX_STATES: usize = 256;
+/// Most checks of a model: each is looked at over the whole window.
+const MAX_CHECKS: usize = 64;
 /// Most parameters, and most inputs.
 const MAX_PARAMETERS: usize = 128;
 
@@ -49,10 +52,11 @@ pub fn compile(composition: &Composition, bindings: &Bindings) -> Result<Model, 
         builder.parameter(&format!("/parameters/{key}"), key, parameter);
     }
     for (name, definition) in &spec.define {
-        if !is_name(name) || !builder.lowering.add_define(name, definition.clone()) {
+        if !is_quantity(name) || !builder.lowering.add_define(name, definition.clone()) {
             builder.fault(&format!("/define/{name}"), "name-taken", format!("`{name}` is no free name"));
         }
     }
+    let effects: Vec<&AppliedEffect> = composition.effects.iter().filter(|effect| builder.declare_effect(effect, bindings)).collect();
     let mut rhs: Vec<Value> = Vec::new();
     for (name, state) in &spec.states {
         let pointer = format!("/equations/{name}");
@@ -69,6 +73,8 @@ pub fn compile(composition: &Composition, bindings: &Bindings) -> Result<Model, 
     for name in spec.equations.keys().filter(|name| !spec.states.contains_key(*name)) {
         builder.fault(&format!("/equations/{name}"), "unknown-state", format!("there is no state `{name}`"));
     }
+    // A state of an effect's own has nothing but its terms.
+    rhs.resize_with(builder.states, || builder.lowering.zero());
     let mut outputs: IndexMap<String, Value> = IndexMap::new();
     for (channel, output) in &spec.outputs {
         let pointer = format!("/outputs/{channel}");
@@ -82,18 +88,25 @@ pub fn compile(composition: &Composition, bindings: &Bindings) -> Result<Model, 
         }
         outputs.insert(channel.clone(), value);
     }
-    for effect in &composition.effects {
-        builder.effect(effect, bindings, &mut rhs, &mut outputs);
+    for effect in effects {
+        builder.effect(effect, &mut rhs, &mut outputs);
     }
-    for (index, check) in spec.checks.iter().enumerate() {
+    let mut ranges = Vec::new();
+    if spec.checks.len() > MAX_CHECKS {
+        builder.fault("/check", "limit", format!("a model has at most {MAX_CHECKS} checks"));
+    }
+    for (index, check) in spec.checks.iter().take(MAX_CHECKS).enumerate() {
         builder.lowering.faults.extend(check.faults(&format!("/check/{index}"), spec));
+        if let Check::Range { expr, unit, .. } = check {
+            ranges.push(builder.range(&format!("/check/{index}"), expr, unit));
+        }
     }
     builder.lowering.judge_unused();
     for channel in std::mem::take(&mut builder.lowering.missing) {
         builder.fault("/inputs", "missing-channel", format!("the model needs the channel `{channel}`, which is not there"));
     }
     let initials = builder.initials(composition);
-    builder.finish(composition, bindings, &rhs, &outputs, initials)
+    builder.finish(composition, bindings, &rhs, &outputs, &ranges, initials)
 }
 
 struct Builder {
@@ -133,12 +146,22 @@ impl Builder {
         Unit::parse(text).map_err(|error| self.fault(pointer, "unit", error.to_string())).ok()
     }
 
+    /// The expression of a check, in its unit.
+    fn range(&mut self, pointer: &str, expr: &str, unit: &str) -> Value {
+        let (expr_at, unit_at) = (format!("{pointer}/expr"), format!("{pointer}/unit"));
+        let value = self.lowering.text(&expr_at, expr);
+        if let Some(unit) = self.unit(&unit_at, unit) {
+            self.lowering.demand(&expr_at, value, unit, "the check");
+        }
+        value
+    }
+
     fn state(&mut self, name: &str, unit: &str) {
         let pointer = format!("/states/{name}");
         let unit = self.unit(&pointer, unit);
         // A state is a physical quantity whose sign nothing guarantees.
         let symbol = Symbol { node: Node::State(self.states as u16), unit, nonnegative: false, missing: None };
-        if !is_name(name) || !self.lowering.add_symbol(name.to_owned(), symbol) {
+        if !is_quantity(name) || !self.lowering.add_symbol(name.to_owned(), symbol) {
             self.fault(&pointer, "name-taken", format!("`{name}` is no free name"));
         }
         self.states += 1;
@@ -195,7 +218,8 @@ impl Builder {
             let node = Node::Input(self.inputs.len() as u16, Point::Start);
             let nonnegative = spec.min.is_some_and(|min| min >= 0.0);
             let symbol = Symbol { node, unit, nonnegative, missing: (!there).then(|| channel.clone()) };
-            self.inputs.push(Input { name: name.clone(), channel, unit: spec.unit.clone(), hold: spec.hold });
+            let may_be_constant = spec.may_be_constant;
+            self.inputs.push(Input { name: name.clone(), channel, unit: spec.unit.clone(), hold: spec.hold, may_be_constant });
             if !self.lowering.add_symbol(name.clone(), symbol) {
                 self.fault(pointer, "name-taken", format!("`{name}` is no free name"));
             }
@@ -228,12 +252,14 @@ impl Builder {
                 scale: spec.scale,
                 nominal: spec.nominal.clone(),
                 title: spec.title.clone(),
+                excite: spec.excite.clone(),
             });
         }
     }
 
-    /// Adds the terms of an effect; an optional one whose channels are missing leaves no trace but a note.
-    fn effect(&mut self, effect: &AppliedEffect, bindings: &Bindings, rhs: &mut Vec<Value>, outputs: &mut IndexMap<String, Value>) {
+    /// Declares the names of an effect, and what it replaces, before any equation is read. False where it replaces
+    /// something, is optional and one of its channels is missing: then it leaves no trace but a note.
+    fn declare_effect(&mut self, effect: &AppliedEffect, bindings: &Bindings) -> bool {
         let at = |part: &str, name: &str| format!("/effects/{}/{part}/{name}", effect.id);
         for (key, input) in &effect.spec.inputs {
             self.input(&at("inputs", key), key, input, bindings);
@@ -244,12 +270,33 @@ impl Builder {
         for (name, state) in &effect.spec.states {
             self.state(name, &state.unit);
         }
-        // A state of the effect's own has nothing but its terms.
-        rhs.resize_with(self.states, || self.lowering.zero());
         for (name, definition) in &effect.spec.define {
             // The base may define the same quantity by the same name, as room3 does with the sun.
             self.lowering.add_define(name, definition.clone());
         }
+        let channel = |name: &String| self.lowering.symbol(name).and_then(|symbol| symbol.missing.clone());
+        let missing: Vec<String> = effect.spec.inputs.keys().filter_map(channel).collect();
+        if effect.optional && !effect.spec.replace.is_empty() && !missing.is_empty() {
+            self.drop_effect(effect, missing);
+            return false;
+        }
+        for (name, text) in &effect.spec.replace {
+            let pointer = at("replace", name);
+            if !self.lowering.replace(pointer.clone(), name, text.clone()) {
+                self.fault(&pointer, "unknown-name", format!("the model has no definition, parameter or input `{name}` to replace"));
+            }
+        }
+        true
+    }
+
+    fn drop_effect(&mut self, effect: &AppliedEffect, missing: impl IntoIterator<Item = String>) {
+        let channels = missing.into_iter().collect::<Vec<_>>().join(", ");
+        self.lowering.dropped.insert(format!("{}: the channel {channels} is not there", effect.spec.title));
+    }
+
+    /// Adds the terms of an effect; an optional one whose channels are missing leaves no trace but a note.
+    fn effect(&mut self, effect: &AppliedEffect, rhs: &mut [Value], outputs: &mut IndexMap<String, Value>) {
+        let at = |part: &str, name: &str| format!("/effects/{}/{part}/{name}", effect.id);
         let missing_before = std::mem::take(&mut self.lowering.missing);
         let mut terms = Vec::new();
         for (state, text) in &effect.spec.terms {
@@ -272,8 +319,7 @@ impl Builder {
         }
         let missing = std::mem::replace(&mut self.lowering.missing, missing_before);
         if !missing.is_empty() && effect.optional {
-            let channels = missing.into_iter().collect::<Vec<_>>().join(", ");
-            self.lowering.dropped.insert(format!("{}: the channel {channels} is not there", effect.spec.title));
+            self.drop_effect(effect, missing);
             return;
         }
         self.lowering.missing.extend(missing);
@@ -323,6 +369,7 @@ impl Builder {
         bindings: &Bindings,
         rhs: &[Value],
         outputs: &IndexMap<String, Value>,
+        ranges: &[Value],
         initials: Vec<Initial>,
     ) -> Result<Model, Vec<Fault>> {
         if self.parameters.len() > MAX_PARAMETERS || self.inputs.len() > MAX_PARAMETERS {
@@ -332,7 +379,7 @@ impl Builder {
             return Err(self.lowering.faults);
         }
         let source = self.lowering.graph;
-        let roots: Vec<NodeId> = rhs.iter().chain(outputs.values()).map(|value| value.node).collect();
+        let roots: Vec<NodeId> = rhs.iter().chain(outputs.values()).chain(ranges).map(|value| value.node).collect();
         let used = source.reachable(&roots);
         let mut keep_input = vec![false; self.inputs.len()];
         let mut keep_parameter: Vec<bool> = (0..self.parameters.len()).map(|i| initials.contains(&Initial::Parameter(i))).collect();
@@ -358,28 +405,35 @@ impl Builder {
             self.parameters.into_iter().zip(&keep_parameter).filter(|(_, keep)| **keep).map(|(parameter, _)| parameter).collect();
         let delays = delays(&graph, &parameters);
         let too_long = delays.iter().filter(|delay| delay.longest > MAX_DELAY).filter_map(|delay| parameters.get(delay.parameter?));
-        let faults: Vec<Fault> = too_long
+        let mut faults: Vec<Fault> = too_long
             .map(|parameter| Fault::new(format!("/parameters/{}", parameter.name), "limit", format!("a delay is at most {MAX_DELAY} h")))
             .collect();
+        let (warm_up, more) = warm_up(&composition.spec, &inputs, &delays);
+        faults.extend(more);
         if !faults.is_empty() {
             return Err(faults);
         }
-        let (rhs, output_nodes) = roots.split_at(self.states);
+        let (rhs, rest) = roots.split_at(self.states);
+        let (output_nodes, ranges) = rest.split_at(outputs.len());
         let rhs = rhs.to_vec();
-        let jacobian: Vec<Vec<NodeId>> =
-            rhs.iter().map(|f| (0..rhs.len()).map(|j| derivative(&mut graph, *f, Node::State(j as u16))).collect()).collect();
+        // All equations and outputs by one state at a time: they share most of what they are made of.
+        let roots: Vec<NodeId> = rhs.iter().chain(output_nodes).copied().collect();
+        let by_state: Vec<Vec<NodeId>> = (0..rhs.len()).map(|j| derivatives(&mut graph, &roots, Node::State(j as u16))).collect();
+        let gradient = |root: usize| by_state.iter().map(|column| column[root]).collect::<Vec<NodeId>>();
+        let jacobian: Vec<Vec<NodeId>> = (0..rhs.len()).map(gradient).collect();
         let rate = rhs.iter().map(|f| time_derivative(&mut graph, *f, &inputs)).collect();
         let outputs = composition
             .spec
             .outputs
             .iter()
             .zip(output_nodes)
-            .map(|((channel, spec), node)| Output {
+            .enumerate()
+            .map(|(index, ((channel, spec), node))| Output {
                 channel: channel.clone(),
                 unit: spec.unit.clone(),
                 noise_sd: spec.noise_sd,
                 node: *node,
-                gradient: (0..rhs.len()).map(|j| derivative(&mut graph, *node, Node::State(j as u16))).collect(),
+                gradient: gradient(rhs.len() + index),
             })
             .collect();
         let states = states(composition)
@@ -409,11 +463,14 @@ impl Builder {
             effects: self.applied,
             dropped: self.lowering.dropped.into_iter().collect(),
             checks: composition.spec.checks.clone(),
+            ranges: ranges.to_vec(),
             graph,
             rhs,
             jacobian,
             rate,
             delays,
+            stepper: composition.spec.stepper,
+            warm_up,
         })
     }
 }

@@ -10,8 +10,13 @@ use std::collections::HashMap;
 /// `abs`, `min`, `max` and `if` are differentiated branch by branch; a comparison has derivative zero. A
 /// delayed input is a leaf: it follows its own past, neither the states nor the present input.
 pub fn derivative(graph: &mut Graph, root: NodeId, variable: Node) -> NodeId {
+    derivatives(graph, &[root], variable)[0]
+}
+
+/// The derivatives of several nodes with respect to the leaf `variable`, in the order of `roots`.
+pub fn derivatives(graph: &mut Graph, roots: &[NodeId], variable: Node) -> Vec<NodeId> {
     let mut memo = HashMap::new();
-    let used = graph.reachable(&[root]);
+    let used = graph.reachable(roots);
     // Operands precede their users, so one pass upwards suffices and no recursion can overflow the stack.
     for index in 0..used.len() {
         if used[index] {
@@ -20,7 +25,8 @@ pub fn derivative(graph: &mut Graph, root: NodeId, variable: Node) -> NodeId {
             memo.insert(id, slope);
         }
     }
-    memo.get(&root).copied().unwrap_or_else(|| graph.constant(0.0))
+    let zero = graph.constant(0.0);
+    roots.iter().map(|root| memo.get(root).copied().unwrap_or(zero)).collect()
 }
 
 /// The explicit time derivative of an equation: its linear-hold inputs move along their slopes, delayed ones along

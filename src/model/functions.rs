@@ -9,9 +9,20 @@ use crate::units::Unit;
 
 /// Longest delay of an input in hours: a week, which is the shortest window that is usually fitted.
 pub(super) const MAX_DELAY: f64 = 168.0;
-/// The functions of pure numbers and of like quantities; `delay` and `sum` read their arguments themselves.
-const FUNCTIONS: [(&str, usize); 10] =
-    [("if", 3), ("min", 2), ("max", 2), ("abs", 1), ("sqrt", 1), ("exp", 1), ("log", 1), ("sin", 1), ("cos", 1), ("tanh", 1)];
+/// The functions of pure numbers and of like quantities, and the change of a unit; `delay` and `sum` read their arguments themselves.
+const FUNCTIONS: [(&str, usize); 11] = [
+    ("if", 3),
+    ("convert", 2),
+    ("min", 2),
+    ("max", 2),
+    ("abs", 1),
+    ("sqrt", 1),
+    ("exp", 1),
+    ("log", 1),
+    ("sin", 1),
+    ("cos", 1),
+    ("tanh", 1),
+];
 
 impl Lowering {
     /// `delay(input, hours)`: what an input was so many hours ago. The delay depends on parameters alone, is never
@@ -82,6 +93,7 @@ impl Lowering {
                 let nonnegative = x[1].nonnegative && x[2].nonnegative;
                 Value { node: self.graph.choose(x[0].node, x[1].node, x[2].node), unit, nonnegative }
             }
+            "convert" => self.convert(pointer, at, x[0], x[1]),
             "min" => self.binary(pointer, at, Binary::Min, x[0], x[1], false),
             "max" => self.binary(pointer, at, Binary::Max, x[0], x[1], false),
             "abs" => unary(self, Unary::Abs, x[0].unit, true),
@@ -102,6 +114,21 @@ impl Lowering {
             }
             _ => self.transcendental(pointer, at, name, x[0]),
         }
+    }
+
+    /// `convert(Q, 1[m3/h])`: the same quantity counted in another unit, which a one with that unit names.
+    fn convert(&mut self, pointer: &str, at: Position, x: Value, target: Value) -> Value {
+        let Some(wanted) = target.unit.filter(|_| self.graph.constant_value(target.node) == Some(1.0)) else {
+            self.fault(pointer, at, "unit", "the second argument of `convert` is a one with the unit that is wanted, such as 1[m3/h]");
+            return self.zero();
+        };
+        let Some(unit) = x.unit else { return Value { unit: Some(wanted), ..x } };
+        let Some(factor) = unit.factor_to(&wanted) else {
+            self.fault(pointer, at, "unit", format!("{unit} does not convert to {wanted}"));
+            return self.zero();
+        };
+        let factor = self.graph.constant(factor);
+        Value { node: self.graph.mul(x.node, factor), unit: Some(wanted), nonnegative: x.nonnegative }
     }
 
     /// Functions of a pure number. Angles in degrees and fractions in percent are scaled first.

@@ -1,7 +1,7 @@
 //! Syntax tree to graph: names are resolved, families expanded, units checked, every fault collected.
 
 use super::expr::{Binary, Graph, Node, NodeId, Unary};
-use super::parse::{Expr, Kind, Position, parse};
+use super::parse::{Expr, Kind, Position, SyntaxError, parse};
 use super::spec::Definition;
 use crate::fault::{Fault, nearest};
 use crate::units::Unit;
@@ -12,6 +12,9 @@ use std::collections::{BTreeMap, BTreeSet};
 pub const MAX_NODES: usize = 50_000;
 /// Largest integer exponent that becomes a chain of products.
 const MAX_INTEGER_POWER: f64 = 16.0;
+
+/// Behind the name of something that an effect has replaced.
+const BEFORE: char = '~';
 
 /// What a name stands for.
 #[derive(Debug, Clone)]
@@ -38,6 +41,12 @@ pub(super) struct Value {
 /// A definition on its way to a value.
 enum Named {
     Text(Definition),
+    /// What an effect says instead; its own name stands for `before` in it.
+    Instead {
+        text: String,
+        pointer: String,
+        before: String,
+    },
     Busy,
     Done(Value),
 }
@@ -104,9 +113,33 @@ impl Lowering {
         true
     }
 
+    /// Gives a name another meaning; in `text` it stands for what it meant before. False where nothing has the name.
+    pub fn replace(&mut self, pointer: String, name: &str, text: String) -> bool {
+        let is_state = |symbol: &Symbol| matches!(symbol.node, Node::State(_));
+        if !self.defines.contains_key(name) && self.symbols.get(name).is_none_or(is_state) {
+            return false;
+        }
+        // No text can write such a name, so nobody else takes it. What a parameter or an input meant before the first of several
+        // replacements is not among the definitions: the name of that one counts, too.
+        let mut before = match self.defines.get(name) {
+            Some(Named::Instead { before, .. }) => before.clone(),
+            _ => name.to_owned(),
+        };
+        before.push(BEFORE);
+        if let Some(named) = self.defines.shift_remove(name) {
+            self.defines.insert(before.clone(), named);
+        }
+        self.defines.insert(name.to_owned(), Named::Instead { text, pointer, before });
+        true
+    }
+
     /// Lowers the text of one expression; the faults name `pointer`.
     pub fn text(&mut self, pointer: &str, text: &str) -> Value {
-        let value = match parse(text) {
+        self.parsed(pointer, parse(text))
+    }
+
+    fn parsed(&mut self, pointer: &str, parsed: Result<Expr, SyntaxError>) -> Value {
+        let value = match parsed {
             Ok(expr) => self.expr(pointer, &expr, &mut Vec::new()),
             Err(error) => {
                 self.fault(pointer, error.at, "syntax", error.message);
@@ -127,7 +160,7 @@ impl Lowering {
 
     /// Lowers the definitions that nothing uses, for their faults alone.
     pub fn judge_unused(&mut self) {
-        let unused = |(name, named): (&String, &Named)| matches!(named, Named::Text(_)).then(|| name.clone());
+        let unused = |(name, named): (&String, &Named)| matches!(named, Named::Text(_) | Named::Instead { .. }).then(|| name.clone());
         let names: Vec<String> = self.defines.iter().filter_map(unused).collect();
         let (missing, dropped) = (self.missing.clone(), self.dropped.clone());
         for name in names {
@@ -227,6 +260,11 @@ impl Lowering {
     }
 
     fn member_name(&mut self, pointer: &str, at: Position, family: &str, index: &str, indices: &[(String, String)]) -> Option<String> {
+        let member = format!("{family}[{index}]");
+        let bound = indices.iter().any(|(variable, _)| variable == index);
+        if !bound && (self.symbols.contains_key(&member) || self.defines.contains_key(&member)) {
+            return Some(member);
+        }
         let Some(set) = self.families.get(family) else {
             self.fault(pointer, at, "unknown-name", format!("there is no family `{family}`"));
             return None;
@@ -243,7 +281,9 @@ impl Lowering {
     }
 
     fn name(&mut self, pointer: &str, at: Position, name: &str) -> Value {
-        if let Some(symbol) = self.symbols.get(name) {
+        // What an effect has put in the place of a parameter or an input comes first.
+        let symbol = if self.defines.contains_key(name) { None } else { self.symbols.get(name.trim_end_matches(BEFORE)) };
+        if let Some(symbol) = symbol {
             self.missing.extend(symbol.missing.clone());
             let (unit, nonnegative) = (symbol.unit, symbol.nonnegative);
             return Value { node: self.graph.intern(symbol.node), unit, nonnegative };
@@ -255,7 +295,19 @@ impl Lowering {
             }
             Some(Named::Text(definition)) => {
                 let text = self.choose(&definition);
-                let value = self.text(&format!("/define/{name}"), &text);
+                let value = self.text(&format!("/define/{}", name.trim_end_matches(BEFORE)), &text);
+                self.defines.insert(name.to_owned(), Named::Done(value));
+                value
+            }
+            Some(Named::Instead { text, pointer, before }) => {
+                let own = name.trim_end_matches(BEFORE);
+                let was = self.name(&pointer, at, &before);
+                let value = self.parsed(&pointer, parse(&text).map(|expr| expr.renamed(own, &before)));
+                if let Some(unit) = was.unit {
+                    self.demand(&pointer, value, unit, &format!("what takes the place of `{own}`"));
+                }
+                // The unit stays, so that one fault does not make others.
+                let value = Value { unit: was.unit, ..value };
                 self.defines.insert(name.to_owned(), Named::Done(value));
                 value
             }

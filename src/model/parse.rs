@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! expression := comparison of sums of products of powers; `-a^2` is `-(a^2)`, `a^b^c` is `a^(b^c)`
-//! atom       := number | number [unit] | name | name[index] | function(arguments) | sum(n in set: expression) | ( … )
+//! atom       := number | number [unit] | name | name[index] | name[member] | function(arguments) | sum(n in set: expression) | ( … )
 //! ```
 
 use super::expr::Binary;
@@ -28,6 +28,22 @@ pub struct Expr {
 }
 
 impl Expr {
+    /// The same tree with one name or member replaced by another name.
+    #[must_use]
+    pub fn renamed(self, from: &str, to: &str) -> Self {
+        let inner = |x: Box<Expr>| Box::new(x.renamed(from, to));
+        let kind = match self.kind {
+            Kind::Name(name) if name == from => Kind::Name(to.to_owned()),
+            Kind::Member(family, index) if format!("{family}[{index}]") == from => Kind::Name(to.to_owned()),
+            Kind::Negate(x) => Kind::Negate(inner(x)),
+            Kind::Binary(op, a, b) => Kind::Binary(op, inner(a), inner(b)),
+            Kind::Call(name, arguments) => Kind::Call(name, arguments.into_iter().map(|x| x.renamed(from, to)).collect()),
+            Kind::Sum { variable, set, body } => Kind::Sum { variable, set, body: inner(body) },
+            other => other,
+        };
+        Self { kind, ..self }
+    }
+
     fn new(at: Position, kind: Kind) -> Self {
         let below = match &kind {
             Kind::Number(..) | Kind::Name(_) | Kind::Member(..) => 0,
@@ -47,7 +63,7 @@ pub enum Kind {
     Number(f64, Option<String>),
     /// A name.
     Name(String),
-    /// A member of a family, `alpha_n[n]`.
+    /// A member of a family, `alpha_n[n]` by the index of a sum or `TSS[1]` by its own name.
     Member(String, String),
     /// Change of sign.
     Negate(Box<Expr>),
@@ -115,6 +131,15 @@ pub fn declaration(text: &str) -> Option<(&str, Option<(&str, &str)>)> {
     let (variable, set) = rest.strip_suffix(']')?.split_once(" in ")?;
     let (variable, set) = (variable.trim(), set.trim());
     (is_name(name) && is_name(variable) && is_name(set)).then_some((name, Some((variable, set))))
+}
+
+/// Whether a text is a name or a member of a family by name, `S_NH[aerobic]`.
+pub fn is_quantity(text: &str) -> bool {
+    let member = |text: &str| text.len() <= 64 && !text.is_empty() && text.chars().all(|c| c.is_ascii_alphanumeric() || c == '_');
+    match text.split_once('[') {
+        Some((name, rest)) => is_name(name) && rest.strip_suffix(']').is_some_and(member),
+        None => is_name(text),
+    }
 }
 
 /// Whether a text is a name: a letter or underscore, then letters, digits and underscores; at most 64 bytes.
@@ -302,7 +327,13 @@ impl Parser<'_> {
             }
             Token::Name(name) if self.accept("(") => self.call(name, depth)?,
             Token::Name(name) if self.accept("[") => {
-                let index = self.name("an index variable")?;
+                let index = match self.advance() {
+                    (Token::Name(index), _) => index,
+                    (Token::Number(index), _) if index.fract() == 0.0 => index.to_string(),
+                    (token, at) => {
+                        return Err(SyntaxError { at, message: format!("an index or a member is expected, not {}", describe(&token)) });
+                    }
+                };
                 self.expect("]")?;
                 Kind::Member(name, index)
             }
@@ -394,6 +425,7 @@ mod tests {
             ("x/1000[W/m2]", "(x Div 1000[W/m2])"),
             ("sum(n in rooms: a[n]*(T[n]-T_e))", "sum(n in rooms: (a[n] Mul (T[n] Sub T_e)))"),
             ("max(0, sin(h))", "max(0,sin(h))"),
+            ("TSS[1]-S_NH[s10]", "(TSS[1] Sub S_NH[s10])"),
         ] {
             assert_eq!(parse(text).map(|e| shape(&e)), Ok(expected.to_owned()), "{text}");
         }
@@ -403,7 +435,7 @@ mod tests {
     fn errors_say_where() {
         let error = parse("a +\n  * b").unwrap_err();
         assert_eq!(error.at, Position { line: 2, column: 3 });
-        for bad in ["", "(", "a b", "1..2", "a[", "f(,)", "sum(n: a)", "é", "1e999", "a[n", "2[K"] {
+        for bad in ["", "(", "a b", "1..2", "a[", "f(,)", "sum(n: a)", "é", "1e999", "a[n", "a[1.5]", "a[-1]", "2[K"] {
             assert!(parse(bad).is_err(), "{bad}");
         }
     }

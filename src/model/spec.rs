@@ -5,6 +5,7 @@
 //! names a base and its effects. Unknown fields are refused. See `config/` for the built-in ones.
 
 pub use super::check::Check;
+use super::plant::PlantSpec;
 use crate::fault::Fault;
 use indexmap::IndexMap;
 use serde::de::value::SeqAccessDeserializer;
@@ -16,7 +17,7 @@ use utoipa::ToSchema;
 pub const MAX_DOCUMENT: usize = 64 * 1024;
 
 /// A grey-box model as its author wrote it.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ModelSpec {
     /// The name by which jobs ask for it.
@@ -48,6 +49,78 @@ pub struct ModelSpec {
     /// What physics demands of any estimate.
     #[serde(default, rename = "check")]
     pub checks: Vec<Check>,
+    /// How it is stepped.
+    #[serde(default, skip_serializing_if = "Stepper::is_default")]
+    pub stepper: Stepper,
+    /// What every candidate goes through before the first sample.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub warm_up: Option<WarmUpSpec>,
+}
+
+/// How a model is stepped.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum Stepper {
+    /// The L-stable Rosenbrock method of order 2 (Verwer, Spee, Blom and Hundsdorfer, SIAM J. Sci. Comput.
+    /// 20, 1999) with gamma = 1 - 1/sqrt(2) and the df/dt term. It stays stable for the stiff candidates of
+    /// wide boxes.
+    #[default]
+    Ros2,
+    /// The stabilised explicit method of order 2 (Sommeijer, Shampine and Verwer, J. Comput. Appl. Math. 88, 1997) with
+    /// steps of its own for each candidate: for large models whose stiffness is dissipative, as treatment plants are.
+    Rkc,
+    /// The classical Runge-Kutta method of order 4, for references; no document asks for it.
+    #[serde(skip)]
+    Rk4,
+}
+
+impl Stepper {
+    fn is_default(&self) -> bool {
+        *self == Self::default()
+    }
+}
+
+/// Constant inputs that lead every candidate from the states' initial values to the first sample.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+#[schema(as = WarmUp)]
+pub struct WarmUpSpec {
+    /// How long, in hours.
+    pub hours: f64,
+    /// What each input is meanwhile.
+    #[serde(default)]
+    pub inputs: WarmUpInputs,
+}
+
+/// What the inputs are during a warm-up.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(untagged, expecting = "the value of each input, or \"mean\"")]
+pub enum WarmUpInputs {
+    /// What they are on average in the record: for a plant that has run for so many hours since the stated state. With much
+    /// fewer or more of them its sludge is not what it was when the record began.
+    Record(RecordMean),
+    /// The value of each in its unit. An input that an effect adds keeps its first value where none is given.
+    Values(IndexMap<String, f64>),
+}
+
+/// The word for the means of the record's own inputs, over its training part.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum RecordMean {
+    /// The mean.
+    Mean,
+}
+
+impl Default for WarmUpInputs {
+    fn default() -> Self {
+        Self::Values(IndexMap::new())
+    }
+}
+
+impl FromIterator<(String, f64)> for WarmUpInputs {
+    fn from_iter<I: IntoIterator<Item = (String, f64)>>(values: I) -> Self {
+        Self::Values(values.into_iter().collect())
+    }
 }
 
 /// A state variable.
@@ -100,6 +173,10 @@ pub struct InputSpec {
     /// The least value that it can take, where physics gives one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub min: Option<f64>,
+    /// Whether it may stay constant in a record: no parameter stands for its effect alone, as with the concentrations of an
+    /// influent. All such inputs together may not.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub may_be_constant: bool,
 }
 
 fn linear() -> Hold {
@@ -163,6 +240,9 @@ pub struct ParameterSpec {
     /// A short title for people.
     #[serde(default)]
     pub title: String,
+    /// What would tell it apart from others, as the subject of a sentence: `a step in the oxygen set-point`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub excite: Option<String>,
 }
 
 /// A named subexpression: one text, or the first of several variants whose channels are all there.
@@ -269,6 +349,10 @@ pub struct EffectSpec {
     /// Named subexpressions that it adds to the model.
     #[serde(default)]
     pub define: IndexMap<String, Definition>,
+    /// New meanings of names of the model: definitions, parameters or inputs. Inside its expression the name means what
+    /// it meant before: `mu_A = "mu_A * f"`. An effect that replaces a name needs all of its inputs.
+    #[serde(default, skip_serializing_if = "IndexMap::is_empty")]
+    pub replace: IndexMap<String, String>,
     /// Terms added to the equations, by state.
     #[serde(default)]
     pub terms: IndexMap<String, String>,
@@ -315,6 +399,8 @@ pub struct CompositionSpec {
 pub enum ModelDocument {
     /// A base with effects.
     Composition(CompositionSpec),
+    /// A treatment plant, which becomes a whole model where it is put together.
+    Plant(Box<PlantSpec>),
     /// A whole model. Boxed, because it is much larger.
     Spec(Box<ModelSpec>),
 }
@@ -324,6 +410,7 @@ impl ModelDocument {
     pub fn id(&self) -> &str {
         match self {
             ModelDocument::Composition(composition) => &composition.id,
+            ModelDocument::Plant(plant) => &plant.id,
             ModelDocument::Spec(spec) => &spec.id,
         }
     }
@@ -332,11 +419,17 @@ impl ModelDocument {
     pub fn title(&self) -> &str {
         match self {
             ModelDocument::Composition(composition) => &composition.title,
+            ModelDocument::Plant(plant) => &plant.title,
             ModelDocument::Spec(spec) => &spec.title,
         }
     }
 
-    /// Reads a model document in TOML. A composition is known by its `base`.
+    /// Whether a document with these fields is one of a plant.
+    pub fn is_plant(has: impl Fn(&str) -> bool) -> bool {
+        has("reactions") || has("tanks")
+    }
+
+    /// Reads a model document in TOML. A composition is known by its `base`, a plant by its `reactions` or `tanks`.
     ///
     /// # Errors
     /// One fault with the place where the document stops making sense.
@@ -344,12 +437,14 @@ impl ModelDocument {
         let table: toml::Table = from_toml(text)?;
         if table.contains_key("base") {
             Ok(ModelDocument::Composition(from_toml(text)?))
+        } else if Self::is_plant(|name| table.contains_key(name)) {
+            Ok(ModelDocument::Plant(Box::new(from_toml(text)?)))
         } else {
             Ok(ModelDocument::Spec(Box::new(from_toml(text)?)))
         }
     }
 
-    /// Reads a model document in JSON. A composition is known by its `base`.
+    /// Reads a model document in JSON. A composition is known by its `base`, a plant by its `reactions` or `tanks`.
     ///
     /// # Errors
     /// One fault with the place where the document stops making sense.
@@ -357,6 +452,8 @@ impl ModelDocument {
         let wrong = |error: serde_json::Error| Fault::new("", "invalid-document", error.to_string());
         if value.get("base").is_some() {
             Ok(ModelDocument::Composition(serde_json::from_value(value.clone()).map_err(wrong)?))
+        } else if Self::is_plant(|name| value.get(name).is_some()) {
+            Ok(ModelDocument::Plant(Box::new(serde_json::from_value(value.clone()).map_err(wrong)?)))
         } else {
             Ok(ModelDocument::Spec(Box::new(serde_json::from_value(value.clone()).map_err(wrong)?)))
         }
@@ -373,7 +470,7 @@ impl EffectSpec {
     }
 }
 
-fn from_toml<T: serde::de::DeserializeOwned>(text: &str) -> Result<T, Fault> {
+pub(super) fn from_toml<T: serde::de::DeserializeOwned>(text: &str) -> Result<T, Fault> {
     if text.len() > MAX_DOCUMENT {
         return Err(Fault::new("", "too-large", format!("the document has {} bytes, the limit is {MAX_DOCUMENT}", text.len())));
     }

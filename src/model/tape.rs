@@ -242,8 +242,9 @@ pub fn schedule(graph: &Graph, roots: &[NodeId], parameters: usize, states: usiz
     let delayed: Vec<usize> = of_stage(Stage::Step).into_iter().filter(is_delayed).collect();
     let every: Vec<usize> = of_stage(Stage::Step).into_iter().filter(|i| !is_leaf(i)).collect();
     let inner = pair_up(nodes, &every, roots);
-    let absorbed: Vec<usize> = inner.iter().flatten().copied().collect();
-    let step: Vec<usize> = every.into_iter().filter(|i| !absorbed.contains(i)).collect();
+    let mut absorbed = vec![false; nodes.len()];
+    inner.iter().flatten().for_each(|i| absorbed[*i] = true);
+    let step: Vec<usize> = every.into_iter().filter(|i| !absorbed[*i]).collect();
 
     let mut register = vec![u32::MAX; nodes.len()];
     for (i, node) in nodes.iter().enumerate() {

@@ -161,6 +161,19 @@ impl Method {
     pub const NAMES: [&'static str; 11] =
         ["cfa", "cfa_thesis", "cfa_hierarchical", "lm_multistart", "ctsm", "fa", "fa_modified", "grid", "lshade", "pso", "ga"];
 
+    /// The same method, whose slopes are never taken over less than so far in the unit cube.
+    #[must_use]
+    pub fn with_least_step(&self, least: f64) -> Self {
+        let mut method = self.clone();
+        match &mut method {
+            Method::Cfa(options) => options.local.step = options.local.step.max(least),
+            Method::LmMultistart(options) => options.local.step = options.local.step.max(least),
+            // The others take no slopes of residuals.
+            _ => {}
+        }
+        method
+    }
+
     /// Every hyperparameter that is out of range; a method to be run has none.
     pub fn faults(&self) -> Vec<Range> {
         self.ranges().into_iter().filter(|range| !range.holds()).collect()

@@ -181,8 +181,11 @@ impl Scoring {
         self.promised = -gradient.dot(&step) - 0.5 * step.dot(&(&curvature * &step));
         self.trial = Candidate(self.place.0.iter().zip(step.iter()).map(|(x, by)| (x + by).clamp(0.0, 1.0)).collect());
         let bound = step.amax() > 0.99 * self.radius;
-        if self.promised <= self.options.tolerance && (!bound || self.radius < 1e-4) || self.radius < SMALLEST {
+        if self.promised <= self.options.tolerance && (!bound || self.radius < 1e-4) {
             self.state = State::Settled;
+        } else if self.radius < SMALLEST {
+            // No step keeps what the slope promises: whatever this place is, it was not shown to be an optimum.
+            self.state = State::Ended;
         }
     }
 }

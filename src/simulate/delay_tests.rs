@@ -2,9 +2,10 @@
 
 use super::drive::{Inputs, samples_back};
 use super::kalman::{Kalman, Noise};
-use super::stepper::{Stepper, ros2};
+use super::stepper::ros2;
 use super::trajectory::{Measured, Simulator};
 use crate::data::{Column, Grid};
+use crate::model::Stepper;
 use crate::model::expr::{Graph, Node, Point};
 use crate::model::spec::ModelDocument;
 use crate::model::{Bindings, Catalogue, Hold, Model, compile};

@@ -5,11 +5,12 @@ use crate::fault::Fault;
 use crate::model::compile::AS_IT_COMES;
 use crate::model::expr::Point;
 use crate::model::tape::{DelayedInput, SharedStage, Source, Tape};
-use crate::model::{Hold, Model};
+use crate::model::{Held, Hold, Model, WarmUp};
 use crate::simulate::dual::Scalar;
 use crate::simulate::lanes::LaneFile;
 use crate::simulate::registers::Registers;
 use crate::units::Unit;
+use std::ops::Range;
 
 /// The inputs of a model on a grid, in the units of its equations.
 ///
@@ -21,6 +22,8 @@ pub struct Inputs {
     /// Whether all inputs are known from sample `k` to sample `k + 1`.
     known: Vec<bool>,
     hours: f64,
+    /// The samples over whose mean a warm-up goes that takes the record's own.
+    averaged: Range<usize>,
 }
 
 impl Inputs {
@@ -56,7 +59,7 @@ impl Inputs {
             }
             columns.push((input.hold, column.values().iter().map(|value| convert(*value).unwrap_or(*value)).collect()));
         }
-        if faults.is_empty() { Ok(Self { columns, known, hours: grid.step_hours() }) } else { Err(faults) }
+        if faults.is_empty() { Ok(Self { columns, known, hours: grid.step_hours(), averaged: 0..grid.len() }) } else { Err(faults) }
     }
 
     /// Inputs that stay at these values for so many hours, with samples `hours` apart: the stress tests of
@@ -65,11 +68,31 @@ impl Inputs {
         Self::from_columns(model, values.iter().map(|value| vec![*value; intervals + 1]).collect(), hours)
     }
 
+    /// The constant inputs of a model's warm-up, over one interval of so many hours.
+    pub fn of_warm_up(&self, warm_up: &WarmUp, hours: f64) -> Self {
+        let samples: Vec<usize> = self.averaged.clone().filter(|k| self.known(*k)).collect();
+        let constant = |((hold, values), held): (&(Hold, Vec<f64>), &Held)| {
+            let value = match held {
+                Held::Value(value) => *value,
+                Held::First => values.first().copied().unwrap_or(f64::NAN),
+                Held::Mean => samples.iter().map(|k| values[*k]).sum::<f64>() / samples.len() as f64,
+            };
+            (*hold, vec![value; 2])
+        };
+        Self { columns: self.columns.iter().zip(&warm_up.inputs).map(constant).collect(), known: vec![true], hours, averaged: 0..2 }
+    }
+
+    /// The same inputs, of which a warm-up that goes over the record's own mean takes that over these samples.
+    #[must_use]
+    pub fn averaged_over(self, samples: Range<usize>) -> Self {
+        Self { averaged: samples, ..self }
+    }
+
     /// Inputs from one series per input of the model, all known, in the units of its equations.
     pub fn from_columns(model: &Model, columns: Vec<Vec<f64>>, hours: f64) -> Self {
         let intervals = columns.iter().map(Vec::len).min().unwrap_or(1).saturating_sub(1);
         let columns = model.inputs().iter().zip(columns).map(|(input, values)| (input.hold, values)).collect();
-        Self { columns, known: vec![true; intervals], hours }
+        Self { columns, known: vec![true; intervals], hours, averaged: 0..intervals }
     }
 
     /// Inputs of a model that has none, for so many samples.
@@ -80,7 +103,7 @@ impl Inputs {
 
     /// Makes the inputs unknown over these intervals.
     #[cfg(test)]
-    pub(super) fn forget(&mut self, intervals: std::ops::Range<usize>) {
+    pub(super) fn forget(&mut self, intervals: Range<usize>) {
         self.known[intervals].fill(false);
     }
 
@@ -110,6 +133,11 @@ impl Inputs {
     pub fn range(&self, input: usize) -> (f64, f64) {
         let values = &self.columns[input].1;
         (values.iter().copied().fold(f64::INFINITY, f64::min), values.iter().copied().fold(f64::NEG_INFINITY, f64::max))
+    }
+
+    /// The value of an input at a sample.
+    pub fn at(&self, input: usize, k: usize) -> f64 {
+        self.columns[input].1[k]
     }
 
     /// The mean of an input over the window.
@@ -233,6 +261,18 @@ impl Drive {
 }
 
 impl Drive {
+    /// Whether the inputs of two intervals are the same.
+    pub fn same(&self, a: usize, b: usize) -> bool {
+        let row = |k: usize| &self.rows[k * self.steps * self.width..][..self.width];
+        row(a) == row(b)
+    }
+
+    /// Loads the inputs at the start of an interval into one lane; nothing of them is delayed.
+    pub fn load_lane<const W: usize>(&self, file: &mut LaneFile<W>, lane: usize, k: usize) {
+        let start = k * self.steps * self.width;
+        file.share_lane(lane, &self.rows[start..start + self.width]);
+    }
+
     /// Loads the inputs of a step into the registers of the tape that the drive was made for.
     pub fn feed<T: Scalar>(&self, registers: &mut Registers<T>, k: usize, step: usize) {
         let start = (k * self.steps + step) * self.width;

@@ -329,9 +329,9 @@ impl Transition {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::model::Stepper;
     use crate::model::spec::ModelDocument;
     use crate::model::{Bindings, Catalogue, compile};
-    use crate::simulate::stepper::Stepper;
 
     const A: f64 = 0.6;
 

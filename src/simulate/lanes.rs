@@ -55,6 +55,15 @@ impl<'t, const W: usize> LaneFile<'t, W> {
         }
     }
 
+    /// Loads the values that one lane's candidate has for itself in this step.
+    #[inline]
+    pub fn share_lane(&mut self, lane: usize, row: &[f64]) {
+        let start = self.tape.shared_start();
+        for (register, value) in self.registers[start..].iter_mut().zip(row) {
+            register.0[lane] = *value;
+        }
+    }
+
     /// Looks the delayed inputs up: `past` gives the value of the input behind the numbered one of the tape so
     /// many hours ago.
     #[inline]
@@ -72,6 +81,19 @@ impl<'t, const W: usize> LaneFile<'t, W> {
         &mut self.registers[self.tape.state_start() + index].0
     }
 
+    /// Loads all states.
+    #[inline(always)]
+    pub fn set_states(&mut self, states: &[Lane<W>]) {
+        let start = self.tape.state_start();
+        self.registers[start..start + states.len()].copy_from_slice(states);
+    }
+
+    /// The instruction set that it runs on.
+    #[inline]
+    pub fn cpu(&self) -> Cpu {
+        self.cpu
+    }
+
     /// Evaluates the step.
     #[inline]
     pub fn step(&mut self) {
@@ -79,7 +101,7 @@ impl<'t, const W: usize> LaneFile<'t, W> {
     }
 
     /// A root of the tape, after [`LaneFile::step`].
-    #[inline]
+    #[inline(always)]
     pub fn root(&self, index: usize) -> &[f64; W] {
         &self.registers[self.tape.roots[index] as usize].0
     }

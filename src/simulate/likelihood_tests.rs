@@ -2,8 +2,8 @@
 
 use super::drive::Inputs;
 use super::likelihood::Likelihood;
-use super::stepper::Stepper;
 use super::trajectory::{Measured, Simulator};
+use crate::model::Stepper;
 use crate::model::spec::ModelDocument;
 use crate::model::{Bindings, Catalogue, Model, compile};
 use nalgebra::{Matrix2, Vector2};

@@ -3,9 +3,14 @@
 //! `stepper` writes one step as an expression graph, `model::tape` stages it, `drive` evaluates what all
 //! candidates share, `lanes` evaluates the rest, `trajectory` walks the window, `kalman` filters it.
 //!
+//! Large stiff models are stepped explicitly: `rkc` takes one lane through its stages with the coefficients of `chebyshev`, `vectors`
+//! does the arithmetic of all lanes, `block` gives lanes to candidates.
+//!
 //! `likelihood` filters with a diffusion per state and gives its slopes: `registers` evaluates a tape on numbers that carry
 //! theirs (`dual`), `transition` is the exact step of a linear model.
 
+mod block;
+mod chebyshev;
 #[cfg(test)]
 mod delay_tests;
 pub mod drive;
@@ -16,20 +21,27 @@ pub mod likelihood;
 #[cfg(test)]
 mod likelihood_tests;
 mod registers;
+mod rkc;
+#[cfg(test)]
+mod rkc_tests;
 pub mod stepper;
 pub mod trajectory;
 mod transition;
+mod vectors;
 
+pub use crate::model::Stepper;
 pub use drive::Inputs;
 pub use lanes::LANES;
-pub use stepper::Stepper;
 pub use trajectory::{Simulator, Trajectory};
 
 /// Longest internal step of the default stepper in hours: ten minutes, as measured for rooms.
 pub const LONGEST_STEP_HOURS: f64 = 1.0 / 6.0;
 
-/// Sub-steps per sample interval of so many hours.
-pub fn substeps(sample_hours: f64) -> usize {
-    // The small allowance keeps an interval of exactly ten minutes at one step.
-    ((sample_hours / LONGEST_STEP_HOURS - 1e-9).ceil() as usize).max(1)
+/// How finely a stepper divides sample intervals of so many hours: sub-steps, or for rkc, which finds its own steps, its tolerance.
+pub fn substeps(stepper: Stepper, sample_hours: f64) -> usize {
+    match stepper {
+        Stepper::Rkc => 1,
+        // The small allowance keeps an interval of exactly ten minutes at one step.
+        Stepper::Ros2 | Stepper::Rk4 => ((sample_hours / LONGEST_STEP_HOURS - 1e-9).ceil() as usize).max(1),
+    }
 }

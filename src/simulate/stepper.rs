@@ -3,26 +3,16 @@
 
 use crate::model::expr::{Graph, Node, NodeId, Point};
 use crate::model::tape::{Tape, schedule};
-use crate::model::{Hold, Model};
+use crate::model::{Hold, Model, Stepper};
 
-/// How a model is stepped.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Stepper {
-    /// The L-stable Rosenbrock method of order 2 (Verwer, Spee, Blom and Hundsdorfer, SIAM J. Sci. Comput.
-    /// 20, 1999) with gamma = 1 - 1/sqrt(2) and the df/dt term. It stays stable for the stiff candidates of
-    /// wide boxes.
-    #[default]
-    Ros2,
-    /// The classical Runge-Kutta method of order 4, for references.
-    Rk4,
-}
-
-/// The tape of one step: its first roots are the states at the end of the step.
+/// The tape of one step: its first roots are the states at the end of the step, or their rates where the stages are loops
+/// over lanes.
 pub fn step_tape(model: &Model, stepper: Stepper) -> Tape {
     let mut graph = Graph::default();
     let roots = match stepper {
         Stepper::Ros2 => ros2(&mut graph, model),
         Stepper::Rk4 => rk4(&mut graph, model),
+        Stepper::Rkc => return schedule(model.graph(), model.rhs(), model.parameters().len(), model.states().len()),
     };
     schedule(&graph, &roots, model.parameters().len(), model.states().len())
 }

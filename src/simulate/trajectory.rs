@@ -3,11 +3,12 @@
 //! Where inputs are unknown the simulation stands still: no values are invented. Behind such a gap the
 //! states that a sensor measures start again from the measurement, the hidden ones from where they were.
 
+use super::block;
 use super::drive::{Drive, Inputs};
 use super::lanes::{LANES, LaneFile};
-use super::stepper::{Stepper, output_tape, step_tape};
+use super::stepper::{output_tape, step_tape};
 use crate::model::tape::Tape;
-use crate::model::{Initial, Model};
+use crate::model::{Initial, Model, Stepper};
 use rayon::prelude::*;
 
 /// A state farther from zero than this has left physics: the candidate has diverged.
@@ -18,16 +19,28 @@ const PATROL: usize = 32;
 /// A model on the inputs of a window, ready to simulate any parameter vector.
 #[derive(Debug, Clone)]
 pub struct Simulator {
-    step: Tape,
-    output: Tape,
-    drive: Drive,
-    output_drive: Drive,
-    initial: Vec<Initial>,
+    stepper: Stepper,
+    pub(super) step: Tape,
+    pub(super) output: Tape,
+    pub(super) drive: Drive,
+    pub(super) output_drive: Drive,
+    pub(super) initial: Vec<Initial>,
     /// Measured starts per output: the mean of the first three valid samples from each sample on.
     starts: Vec<Vec<Option<f64>>>,
-    known: Vec<bool>,
+    pub(super) known: Vec<bool>,
     substeps: usize,
-    step_hours: f64,
+    /// Hours of a step; of a whole interval where every candidate finds its own steps.
+    pub(super) step_hours: f64,
+    pub(super) warm_up: Option<WarmUp>,
+}
+
+/// What comes before the first sample.
+#[derive(Debug, Clone)]
+pub(super) struct WarmUp {
+    /// Its constant inputs.
+    pub drive: Drive,
+    /// How long it takes.
+    pub hours: f64,
 }
 
 /// What one candidate did.
@@ -39,6 +52,8 @@ pub struct Trajectory {
     pub states: Vec<Vec<f64>>,
     /// Whether a state left the numbers or physics, or the simulation was cut short.
     pub diverged: bool,
+    /// How often the right-hand side was evaluated.
+    pub evaluations: usize,
 }
 
 /// Asked in the middle of simulations whether they are to end now.
@@ -53,8 +68,15 @@ impl Simulator {
     pub fn new(model: &Model, inputs: &Inputs, measured: &[Measured], stepper: Stepper, substeps: usize) -> Self {
         let step = step_tape(model, stepper);
         let output = output_tape(model);
+        let steps = if stepper == Stepper::Rkc { 1 } else { substeps };
+        let warm_up = model.warm_up().map(|warm_up| {
+            let inputs = inputs.of_warm_up(warm_up, warm_up.hours);
+            WarmUp { drive: Drive::new(&step, &inputs, 1), hours: warm_up.hours }
+        });
         Self {
-            drive: Drive::new(&step, inputs, substeps),
+            stepper,
+            warm_up,
+            drive: Drive::new(&step, inputs, steps),
             output_drive: Drive::new(&output, inputs, 1),
             step,
             output,
@@ -62,11 +84,16 @@ impl Simulator {
             starts: measured.iter().map(|(values, valid)| measured_starts(values, valid)).collect(),
             known: (0..inputs.samples()).map(|k| inputs.known(k)).collect(),
             substeps,
-            step_hours: inputs.hours() / substeps as f64,
+            step_hours: inputs.hours() / steps as f64,
         }
     }
 
-    /// Internal steps per sample.
+    /// How it steps.
+    pub fn stepper(&self) -> Stepper {
+        self.stepper
+    }
+
+    /// Internal steps per sample. The stepper rkc finds its own; with so many its tolerance is a tenth for each doubling.
     pub fn substeps(&self) -> usize {
         self.substeps
     }
@@ -110,6 +137,9 @@ impl Simulator {
     /// The same, cut short as soon as `halt` says so: long records of large models take minutes.
     pub fn run_unless(&self, thetas: &[&[f64]], until: usize, halt: Halt) -> Vec<Trajectory> {
         let until = until.min(self.samples());
+        if self.stepper == Stepper::Rkc {
+            return block::run(self, thetas, until, false, halt);
+        }
         // A lonely candidate does not need a whole block.
         if let [single] = thetas {
             return self.block::<1>(&[*single], until, false, halt);
@@ -127,8 +157,11 @@ impl Simulator {
     /// Simulates one parameter vector over the whole window and keeps its states.
     pub fn run_with_states(&self, theta: &[f64]) -> Trajectory {
         // One vector in, one trajectory out.
-        let mut trajectories = self.block::<1>(&[theta], self.samples(), true, &|| false);
-        trajectories.pop().unwrap_or(Trajectory { outputs: Vec::new(), states: Vec::new(), diverged: true })
+        let mut trajectories = match self.stepper {
+            Stepper::Rkc => block::run(self, &[theta], self.samples(), true, &|| false),
+            Stepper::Ros2 | Stepper::Rk4 => self.block::<1>(&[theta], self.samples(), true, &|| false),
+        };
+        trajectories.pop().unwrap_or(Trajectory { outputs: Vec::new(), states: Vec::new(), diverged: true, evaluations: 0 })
     }
 
     fn block<const W: usize>(&self, thetas: &[&[f64]], until: usize, keep_states: bool, halt: Halt) -> Vec<Trajectory> {
@@ -144,14 +177,10 @@ impl Simulator {
         let mut halted = false;
         for (state, initial) in self.initial.iter().enumerate() {
             for lane in 0..W {
-                let theta = thetas[lane.min(thetas.len() - 1)];
-                file.state(state)[lane] = match initial {
-                    Initial::Measured(output) => self.measured_start(*output).unwrap_or(f64::NAN),
-                    Initial::Parameter(parameter) => theta[*parameter],
-                    Initial::Fixed(value) => *value,
-                };
+                file.state(state)[lane] = self.start(*initial, thetas[lane.min(thetas.len() - 1)]);
             }
         }
+        let mut steps = self.warm_up(&mut file, thetas);
         for k in 0..until {
             if k > 0 && self.known[k - 1] {
                 for step in 0..self.substeps {
@@ -159,8 +188,9 @@ impl Simulator {
                     file.step();
                     file.advance();
                 }
+                steps += self.substeps;
             } else if k > 0 && self.known[k] {
-                self.restart(&mut file, k);
+                self.restarts(k).for_each(|(state, start)| *file.state(state) = [start; W]);
             }
             for state in 0..states {
                 let lane_values = *file.state(state);
@@ -198,19 +228,40 @@ impl Simulator {
                 outputs: series(&values, lane),
                 states: if keep_states { series(&kept, lane) } else { Vec::new() },
                 diverged: halted || diverged(farthest[lane]),
+                evaluations: steps * if self.stepper == Stepper::Rk4 { 4 } else { 2 },
             })
             .collect()
     }
 
-    /// Puts the measured states back on their measurements behind a gap in the inputs.
-    fn restart<const W: usize>(&self, file: &mut LaneFile<W>, k: usize) {
-        for (state, initial) in self.initial.iter().enumerate() {
-            if let Initial::Measured(output) = initial
-                && let Some(start) = self.starts[*output][k]
-            {
-                *file.state(state) = [start; W];
-            }
+    /// Takes the states through the warm-up in steps that are no longer than those of the window. Says how many.
+    fn warm_up<const W: usize>(&self, file: &mut LaneFile<W>, thetas: &[&[f64]]) -> usize {
+        let Some(warm_up) = &self.warm_up else { return 0 };
+        let steps = (warm_up.hours / self.step_hours - 1e-9).ceil().max(1.0) as usize;
+        file.load(thetas, warm_up.hours / steps as f64);
+        warm_up.drive.load(file, 0, 0);
+        for _ in 0..steps {
+            file.step();
+            file.advance();
         }
+        file.load(thetas, self.step_hours);
+        steps
+    }
+
+    /// Where a state begins.
+    pub(super) fn start(&self, initial: Initial, theta: &[f64]) -> f64 {
+        match initial {
+            Initial::Measured(output) => self.measured_start(output).unwrap_or(f64::NAN),
+            Initial::Parameter(parameter) => theta[parameter],
+            Initial::Fixed(value) => value,
+        }
+    }
+
+    /// The measured states behind a gap in the inputs, and their measurements.
+    pub(super) fn restarts(&self, k: usize) -> impl Iterator<Item = (usize, f64)> {
+        self.initial.iter().enumerate().filter_map(move |(state, initial)| match initial {
+            Initial::Measured(output) => self.starts[*output][k].map(|start| (state, start)),
+            Initial::Parameter(_) | Initial::Fixed(_) => None,
+        })
     }
 }
 
@@ -236,7 +287,6 @@ mod tests {
     use super::*;
     use crate::model::spec::ModelDocument;
     use crate::model::{Bindings, Catalogue, compile};
-    use crate::simulate::stepper::Stepper;
 
     /// x' = a (u - x) with a linear input: the closed form of a ramp is u(t) - s/a + (x0 - u0 + s/a) e^(-a t).
     fn first_order() -> Model {

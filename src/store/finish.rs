@@ -5,10 +5,12 @@
 
 use super::jobs::{JobFailure, Lease, Outcome};
 use super::revisions::{self, Cause, NewRevision};
-use super::{Store, StoreError, corrupt, decisions, derive_id, diagnoses, failpoint, millis, next, params, to_json};
+use super::{Store, StoreError, corrupt, decisions, derive_id, diagnoses, failpoint, millis, next, params, systems, to_json};
 use crate::diagnose::ladder::Ladder;
 use crate::diagnose::report::Diagnosis;
+use crate::estimate::method::SeededMethod;
 use crate::estimate::metrics::CurrentState;
+use crate::estimate::tune::Tuning;
 use crate::estimate::{Fit, Judgement, Offer, ServedParameters, Verdict};
 use jiff::Timestamp;
 use sqlx::SqliteConnection;
@@ -18,6 +20,8 @@ use sqlx::SqliteConnection;
 pub enum Ending<'a> {
     /// With a fit, whatever the gate says of it.
     Fitted(&'a Finding),
+    /// With settings of the search.
+    Tuned(&'a Tuned),
     /// Without one.
     Failed(&'a JobFailure),
     /// Somebody called it off.
@@ -41,6 +45,15 @@ pub struct Finding {
     pub incumbent_state: Option<CurrentState>,
     /// What the fit was asked for, where not for itself.
     pub report: Option<Report>,
+}
+
+/// Settings of the search, and what may be done with them.
+#[derive(Debug)]
+pub struct Tuned {
+    /// What was found.
+    pub tuning: Tuning,
+    /// Whether the policy of the system lets better settings be taken without an operator.
+    pub automatic: bool,
 }
 
 /// What a job found out with the help of its fit.
@@ -114,6 +127,7 @@ pub async fn finish(store: &Store, lease: &Lease, ending: &Ending<'_>, now: Time
             .await?;
             finished
         }
+        Ending::Tuned(tuned) => keep_tuning(&mut tx, lease, &leased, tuned, now).await?,
         Ending::Failed(failure) => {
             sqlx::query("UPDATE jobs SET state = 'failed', boot = NULL, error = $2, ended_at = $3 WHERE id = $1")
                 .bind(&lease.job)
@@ -139,6 +153,43 @@ pub async fn finish(store: &Store, lease: &Lease, ending: &Ending<'_>, now: Time
     tx.commit().await?;
     failpoint::reached("after_commit");
     Ok(finished)
+}
+
+/// Keeps what a tuning found; better settings become those of the system where its policy says so and the model is its own.
+async fn keep_tuning(
+    tx: &mut SqliteConnection,
+    lease: &Lease,
+    leased: &Leased,
+    Tuned { tuning, automatic }: &Tuned,
+    now: Timestamp,
+) -> Result<Finished, StoreError> {
+    // Better than what the job was asked to compare with is not better than what an operator has set meanwhile.
+    let method: Option<String> = sqlx::query_scalar("SELECT json_extract(document, '$.method') FROM systems WHERE system = $1")
+        .bind(&leased.system)
+        .fetch_one(&mut *tx)
+        .await?;
+    let set = method.map(|text| serde_json::from_str::<SeededMethod>(&text)).transpose().map_err(|error| corrupt("a method", &error))?;
+    let compared = set.unwrap_or_default().method == tuning.before.method;
+    let outcome = match (tuning.better, *automatic && leased.own_model && compared) {
+        (true, true) => Outcome::Accepted,
+        (true, false) => Outcome::Suggested,
+        (false, _) => Outcome::Unchanged,
+    };
+    if outcome == Outcome::Accepted {
+        let method = to_json("a method", &tuning.tuned)?;
+        systems::take_method(tx, &leased.system, &method, (&lease.job, &tuning.summary), now).await?;
+    }
+    sqlx::query(
+        "UPDATE jobs SET state = 'succeeded', boot = NULL, outcome = $2, tuning = $3, evaluations = $4, ended_at = $5 WHERE id = $1",
+    )
+    .bind(&lease.job)
+    .bind(outcome.word())
+    .bind(to_json("a tuning", tuning)?)
+    .bind(i64::try_from(tuning.evaluations).unwrap_or(i64::MAX))
+    .bind(millis(now))
+    .execute(tx)
+    .await?;
+    Ok(Finished { outcome: Some(outcome), ..Finished::default() })
 }
 
 /// Keeps a fit with its verdict, and draws the consequences for what is served.

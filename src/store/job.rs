@@ -14,6 +14,8 @@ words! {
         Diagnose = "diagnose",
         /// Add effects one after another while the error on unseen data falls.
         Ladder = "ladder",
+        /// Choose settings of the search on the system's own past.
+        Tune = "tune",
     }
 }
 
@@ -43,15 +45,16 @@ impl JobState {
 words! {
     /// What a job that succeeded led to.
     Outcome {
-        /// The gate accepted the fit; it is served if the job counts.
+        /// The gate accepted the fit; it is served if the job counts. Of a tuning: its settings are the system's now.
         Accepted = "accepted",
         /// The fit waits for an operator.
         Held = "held",
         /// The gate refused it.
         Rejected = "rejected",
-        /// The gate accepted it, but the policy of the system lets nobody but an operator publish.
+        /// The gate accepted it, but the policy of the system lets nobody but an operator publish. Of a tuning: its settings are better,
+        /// but not taken.
         Suggested = "suggested",
-        /// It passes, but what is served is better.
+        /// It passes, but what is served is better. Of a tuning: the settings in use stay.
         Unchanged = "unchanged",
     }
 }

@@ -96,6 +96,8 @@ pub struct JobRecord {
     pub retry_of: Option<String>,
     /// What it diagnosed.
     pub diagnosis: Option<String>,
+    /// The settings that it chose, and why.
+    pub tuning: Option<serde_json::Value>,
 }
 
 impl JobRecord {
@@ -188,6 +190,7 @@ pub(super) struct Row {
     ended_at: Option<i64>,
     end_sequence: Option<i64>,
     diagnosis: Option<String>,
+    tuning: Option<String>,
     retry_of: Option<String>,
 }
 
@@ -202,6 +205,7 @@ impl Row {
             priority: Priority::from_rank(self.priority),
             state: parse("a state", &self.state)?,
             outcome: self.outcome.as_deref().map(|word| parse("an outcome", word)).transpose()?,
+            tuning: self.tuning.as_deref().map(|text| from_json("a tuning", text)).transpose()?,
             error: self.error.as_deref().map(|text| from_json("a failure", text)).transpose()?,
             created_at: instant(self.created_at)?,
             started_at: self.started_at.map(instant).transpose()?,

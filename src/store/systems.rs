@@ -111,6 +111,23 @@ pub async fn put(store: &Store, system: &SystemId, model: &ModelId, document: &s
     Ok(known.is_none())
 }
 
+/// Writes how the jobs of a system search into its document; which job found it, and why, is noted like an operator's deed.
+pub(super) async fn take_method(
+    tx: &mut SqliteConnection,
+    system: &str,
+    method: &str,
+    (job, reason): (&str, &str),
+    now: Timestamp,
+) -> Result<(), StoreError> {
+    sqlx::query("UPDATE systems SET document = json_set(document, '$.method', json($2)), updated_at = $3 WHERE system = $1")
+        .bind(system)
+        .bind(method)
+        .bind(millis(now))
+        .execute(&mut *tx)
+        .await?;
+    note(tx, &Deed { who: job, action: Action::PutSystem, system: Some(system), subject: system, reason: Some(reason) }, now).await
+}
+
 /// Everything that belongs to a system, in an order that the keys allow. Fits of other systems lose what they cite
 /// of it; batches and schedules stay.
 const BELONGINGS: [&str; 17] = [

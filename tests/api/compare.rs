@@ -158,3 +158,71 @@ fn diagnostics_are_the_numbers_behind_the_chart() {
     app.get(&format!("/fits/{id}/diagnostics")).expect(200);
     assert_eq!(app.service().interactive.computed(), before);
 }
+
+/// Two rooms of a model that measures both: the second follows the first.
+fn two_outputs(app: &TestApp) -> String {
+    let temperature = json!({"unit": "degC", "initial": "T_a"});
+    let rate = |nominal: f64| json!({"unit": "1/h", "lower": 0.01, "upper": 5, "scale": "log", "nominal": nominal});
+    let model = json!({
+        "id": "pair", "title": "Two rooms",
+        "states": {"A": temperature, "B": {"unit": "degC", "initial": "T_b"}},
+        "inputs": {"T_out": {"unit": "degC"}},
+        "parameters": {"a": rate(0.3), "b": rate(0.1)},
+        "equations": {"A": "a*(T_out - A)", "B": "b*(A - B)"},
+        "outputs": {"T_a": {"expr": "A", "unit": "degC", "noise_sd": 0.05}, "T_b": {"expr": "B", "unit": "degC", "noise_sd": 0.05}},
+    });
+    app.json("POST", "/models", &model).expect(201);
+    app.json("PUT", "/systems/room/1", &json!({"model": "pair"})).expect(201);
+    let mut csv = String::from("time,T_a,T_b,T_out\n");
+    let (mut a, mut b) = (10.0, 10.0);
+    for k in 0..12 * 48 {
+        let hours = f64::from(k) * 0.5;
+        let out = 10.0 + 8.0 * (hours * std::f64::consts::TAU / 24.0).sin();
+        // Each errs at hours of its own: the first at noon, the second at midnight.
+        let [noon, midnight] = [12, 0].map(|hour| if (k / 2) % 24 == hour { 2.0 } else { 0.0 });
+        let wobble = 0.1 * (f64::from(k) * 12.9898).sin();
+        let time = jiff::Timestamp::from_second(1_767_225_600 + i64::from(k) * 1800).unwrap();
+        csv.push_str(&format!("{time},{:.4},{:.4},{out:.4}\n", a + noon + wobble, b + midnight - wobble));
+        (a, b) = (a + 0.5 * 0.3 * (out - a), b + 0.5 * 0.1 * (a - b));
+    }
+    app.csv("/systems/room/1/windows", &csv).expect(201);
+    fitted(app, "1", json!({"split": {"train": "P7D", "validation": "P3D"}}))
+}
+
+#[test]
+fn each_output_is_looked_at_by_its_name() {
+    let app = TestApp::start();
+    let id = two_outputs(&app);
+    let shown = app.get(&format!("/fits/{id}/comparison")).expect(200).json();
+    let [first, second, unnamed] =
+        ["?output=T_a", "?output=T_b", ""].map(|q| app.get(&format!("/fits/{id}/diagnostics{q}")).expect(200).json());
+    assert_eq!(first, unnamed);
+    assert_eq!((&first["skill"], &first["by_horizon"]), (&second["skill"], &second["by_horizon"]));
+    for (told, output, hour) in [(&first, "T_a", 12), (&second, "T_b", 0)] {
+        assert_eq!(told["output"], output);
+        // The hours are those of this output's own residual.
+        let day = &told["hour_by_date"][5];
+        let mut sums = [(0.0, 0); 24];
+        let residual = values(&shown["outputs"][output]["residual"]["values"]);
+        for (time, error) in shown["time"].as_array().unwrap().iter().zip(&residual) {
+            let (date, clock) = time.as_str().unwrap().split_once('T').unwrap();
+            if day["date"] == date && !error.is_nan() {
+                let at = &mut sums[clock[..2].parse::<usize>().unwrap()];
+                *at = (at.0 + error, at.1 + 1);
+            }
+        }
+        let hours = day["hours"].as_array().unwrap();
+        for (found, (sum, count)) in hours.iter().zip(sums) {
+            assert!((found.as_f64().unwrap() - sum / f64::from(count)).abs() < 1e-9, "{day}");
+        }
+        let worst = (0..24).max_by(|x, y| hours[*x].as_f64().unwrap().abs().total_cmp(&hours[*y].as_f64().unwrap().abs()));
+        assert_eq!(worst, Some(hour), "{day}");
+        assert_eq!(told["innovations"]["acf"].as_array().map(Vec::len), Some(48));
+    }
+    assert_ne!(first["innovations"], second["innovations"]);
+    assert_ne!(first["summary"], second["summary"]);
+    let problem = app.get(&format!("/fits/{id}/diagnostics?output=T_c")).problem(422, "invalid-request");
+    assert_eq!((&problem["errors"][0]["pointer"], &problem["errors"][0]["code"]), (&json!("query output"), &json!("unknown-output")));
+    assert!(problem["errors"][0]["suggestion"].as_str().unwrap().starts_with("did you mean `T_"), "{problem}");
+    app.get(&format!("/fits/{id}/diagnostics?outptu=T_b")).problem(422, "invalid-request");
+}

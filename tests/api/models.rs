@@ -1,6 +1,7 @@
 //! Models and effects as documents.
 
-use crate::support::TestApp;
+use crate::support::{TestApp, disagreements};
+use lampyris::model::plant::PlantSpec;
 use serde_json::json;
 
 fn leaky() -> serde_json::Value {
@@ -84,6 +85,65 @@ fn a_dry_run_lists_every_fault() {
     assert_eq!(pointers, ["/parameters/a/scale", "/sttes"], "{check}");
     app.json("POST", "/models", &bad).problem(422, "invalid-request");
     app.get("/models/leaky").problem(404, "model-not-found");
+}
+
+/// A plant of the catalogue under another name.
+fn works() -> serde_json::Value {
+    let spec = PlantSpec::from_toml(include_str!("../../config/plants/asm1_h.toml")).unwrap();
+    serde_json::to_value(PlantSpec { id: "works".to_owned(), ..spec }).unwrap()
+}
+
+#[test]
+fn a_plant_is_kept_as_posted_and_expands_where_it_is_compiled() {
+    let mut app = TestApp::start();
+    let taken = app.json("POST", "/models", &works()).expect(201);
+    assert_eq!(taken.header("location"), "/models/works");
+    let taken = taken.json();
+    let schemas = lampyris::http::described_documents();
+    assert_eq!(disagreements(&taken, &schemas["Model"], &schemas, ""), [""; 0]);
+    assert_eq!(taken["document"], works());
+    // It is the plant of the catalogue, whose document was expanded when the program was started.
+    let known = app.get("/models/asm1_h").expect(200).json();
+    for same in ["states", "inputs", "parameters", "outputs"] {
+        assert_eq!(taken[same], known[same], "{same}");
+    }
+    for same in ["equations", "define", "states", "outputs", "stepper"] {
+        assert_eq!(taken["expanded"][same], known["document"][same], "{same}");
+    }
+    assert!(taken["expanded"]["equations"]["S_NH[aerobic]"].as_str().unwrap().contains("S_NH[anoxic]"), "{taken}");
+    assert_eq!((known["expanded"].is_null(), app.get("/models/rc2").json()["expanded"].is_null()), (true, true));
+
+    app.json("POST", "/models", &works()).expect(200);
+    let mut other = works();
+    other["tanks"]["aerobic"]["volume"] = json!("6001[m3]");
+    app.json("POST", "/models", &other).problem(409, "already-exists");
+    let grown = app.json("POST", "/models/works/effects", &json!({"effect": "aeration_limit"})).expect(201).json();
+    assert_eq!(grown["diff"]["replace"]["kLa_max"], "kLa_max * (1 - s_aeration)");
+    app.json("PUT", "/systems/plant/1", &json!({"model": "works+aeration_limit"})).expect(201);
+    app.restart();
+    assert_eq!(app.get("/models/works").expect(200).json(), taken);
+    assert_eq!(app.get("/models/works+aeration_limit").expect(200).json()["hash"], grown["hash"]);
+}
+
+#[test]
+fn a_posted_plant_is_simulated_before_it_is_kept() {
+    let app = TestApp::start();
+    let shown = app.json("POST", "/models/preview", &json!({"model": works(), "max_points": 50})).expect(200).json();
+    assert_eq!(shown["outputs"]["S_NH_e"]["unit"], "g/m3");
+    let mut bad = works();
+    bad["controller"]["tank"] = json!("arobic");
+    bad["tanks"]["anoxic"]["volume"] = json!("2000");
+    let problem = app.json("POST", "/models/preview", &json!({"model": bad})).problem(422, "invalid-request");
+    let faults: Vec<(&str, &str)> =
+        problem["errors"].as_array().unwrap().iter().map(|f| (f["pointer"].as_str().unwrap(), f["suggestion"].as_str().unwrap())).collect();
+    assert_eq!(
+        faults,
+        [
+            ("/model/tanks/anoxic/volume", "write a number with its unit, such as 2[m3]"),
+            ("/model/controller/tank", "did you mean `aerobic`?")
+        ]
+    );
+    app.get("/models/works").problem(404, "model-not-found");
 }
 
 /// A room between zones: one conductance per member of a set that the system names.

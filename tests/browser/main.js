@@ -5,6 +5,7 @@ import { story } from './story.js';
 import { edges } from './edges.js';
 import { pages } from './pages.js';
 import { pictures } from './pictures.js';
+import { plants } from './plants.js';
 import { reports } from './reports.js';
 import { schedules } from './schedules.js';
 import { tokens } from './tokens.js';
@@ -21,6 +22,7 @@ try {
   if (process.env.LAMPYRIS_PICTURES) {
     await pictures(chrome, service, process.env.LAMPYRIS_PICTURES);
   } else {
+    await plants(chrome, service);
     await evidence(chrome, service);
     await story(chrome, service);
     await edges(chrome, service);

@@ -64,6 +64,11 @@ export async function pages(chrome, { base }) {
   const places = {
     overview: ['/', 'table.systems tbody tr'],
     fit: ['/systems/room/5', '.strips canvas'],
+    plant: ['/systems/plant/north', '.strips canvas'],
+    'plant-output': ['/systems/plant/north?output=X_S_e', '.strips canvas'],
+    'plant-fails': ['/systems/plant/north/fails?output=S_NH_e', 'svg.heat'],
+    'plant-parameters': ['/systems/plant/north/parameters', 'svg.rail'],
+    'plant-data': ['/systems/plant/north/data', '.strips canvas'],
     'fit-ahead': ['/systems/room/3?mode=PT6H', '.strips canvas'],
     fails: ['/systems/room/5/fails', 'svg.heat'],
     missing: ['/systems/room/7/missing', '.verdict'],

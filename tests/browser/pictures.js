@@ -8,7 +8,7 @@ const MOST_BYTES = 600_000;
 /** A room of the demo that hides two effects. */
 const ROOM = '/systems/room/7';
 const shots = [
-  { name: 'overview', path: '/', width: 1366, height: 560, ready: 'table.systems tbody tr:nth-child(8)' },
+  { name: 'overview', path: '/', width: 1366, height: 600, ready: 'table.systems tbody tr:nth-child(9)' },
   { name: 'fails', path: `${ROOM}/fails`, height: 870, ready: 'svg.heat rect.cell' },
   { name: 'missing', path: `${ROOM}/missing`, height: 676, scheme: 'dark', from: '.tabs', ready: 'article.finding:nth-of-type(2)' },
   { name: 'ladder', path: `${ROOM}/ladder`, height: 640, from: '.tabs', ready: 'svg.ladder' },

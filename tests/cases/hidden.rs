@@ -3,7 +3,7 @@
 use lampyris::data::{Bindings, SplitRequest, Window};
 use lampyris::diagnose::{Adequacy, Diagnosis, diagnose};
 use lampyris::estimate::{Control, EstimateRequest, Site, estimate, prepare};
-use lampyris::model::spec::ModelDocument;
+use lampyris::model::spec::{EffectSpec, ModelDocument};
 use lampyris::model::{Catalogue, ModelId};
 use lampyris::twin::{Level, WorldRequest, world};
 use rayon::prelude::*;
@@ -148,8 +148,10 @@ fn every_effect_of_the_catalogue_has_a_folder() {
     let family = |name: &String| name.split(':').next().unwrap_or_default().to_owned();
     let shown: Vec<String> = cases.iter().flat_map(|case| case.named.iter().chain(&case.effects)).map(family).collect();
     let catalogue = Catalogue::builtin().unwrap();
-    let without: Vec<&str> =
-        catalogue.effects().map(|effect| effect.id.as_str()).filter(|id| !shown.iter().any(|name| name == id)).collect();
+    // Those of treatment plants, which replace names or have other sensors, are no question to a room.
+    let of_room = |effect: &&EffectSpec| effect.replace.is_empty() && effect.outputs.keys().all(|channel| channel == "T_room");
+    let of_rooms = catalogue.effects().filter(of_room).map(|effect| effect.id.as_str());
+    let without: Vec<&str> = of_rooms.filter(|id| !shown.iter().any(|name| name == id)).collect();
     assert!(without.is_empty(), "{without:?}");
     for answer in [Answer::Named, Answer::Adequate, Answer::Unknown, Answer::NotDetectable] {
         assert!(cases.iter().any(|case| case.expect == answer), "{answer:?}");

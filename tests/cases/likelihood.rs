@@ -5,10 +5,13 @@ use lampyris::estimate::likelihood::likelihood_ratio;
 use lampyris::estimate::{Control, EstimateRequest, Fit, Site, estimate, prepare};
 use lampyris::model::Catalogue;
 use lampyris::model::spec::{EffectSpec, ModelDocument};
+use nalgebra::{Matrix2, SMatrix, Vector2};
 use serde_json::json;
 
-/// Log-likelihoods of ctsmTMB 1.1.1 on all 1,691 samples: zero-order hold, initial states fixed.
-const REFERENCE: [(&str, f64); 4] = [("ti", 2476.3), ("tite", 3516.2), ("tith", 3903.2), ("titeth", 5430.1)];
+/// Log-likelihoods of ctsmTMB 1.1.1 on all 1,691 samples, with zero-order hold, and the deviation in K of the start that its user
+/// gives, about the first sample. That sample is counted too. A filter by hand finds 2476.34 for `ti` from 1 K, and 3903.19 for
+/// `tith` from 0.1 K; nothing is known of the others.
+const REFERENCE: [(&str, f64, f64); 4] = [("ti", 2476.3, 1.0), ("tite", 3516.2, 1.0), ("tith", 3903.2, 0.1), ("titeth", 5430.1, 1.0)];
 
 /// The built-in models with every input held between samples.
 fn held() -> Catalogue {
@@ -51,7 +54,7 @@ fn flexhouse_is_as_likely_as_by_ctsm() {
         estimate(&problem, &request, None, &Control::NONE).unwrap()
     };
     let (held, builtin) = (held(), Catalogue::builtin().unwrap());
-    let fits = REFERENCE.map(|(model, reference)| {
+    let fits = REFERENCE.map(|(model, reference, start)| {
         let fit = fitted(&held, model);
         let found = fit.likelihood.as_ref().unwrap();
         let own = fitted(&builtin, model).likelihood.unwrap().log_likelihood;
@@ -59,10 +62,18 @@ fn flexhouse_is_as_likely_as_by_ctsm() {
             "{model}: log-likelihood {:.1} (ctsmTMB {reference}), {} evaluations; with the declared holds {own:.1}; {}",
             found.log_likelihood, fit.evaluations, found.reason
         );
-        // Of tith, ctsmTMB reports 1.2 more than there is with an initial state that is estimated and a first sample that
-        // is no innovation: a filter written by hand and a simplex from many starts also end at 3902.0.
-        let allowed = if model == "tith" { 1.3 } else { 1.0 };
-        assert!(found.exact && found.log_likelihood >= reference - allowed, "{model}: {} < {reference}", found.log_likelihood);
+        // The density of the first sample at the middle of what is expected of it.
+        let first = -(start * (2.0 * std::f64::consts::PI).sqrt()).ln();
+        assert!(
+            found.exact && found.log_likelihood + first >= reference - 1.0,
+            "{model}: {} + {first} < {reference}",
+            found.log_likelihood
+        );
+        if model == "tith" {
+            let by_hand = tith_by_hand(&csv, &fit, start);
+            println!("tith by hand, in the conventions of ctsmTMB: {by_hand:.2} at the parameters of the fit");
+            assert!(by_hand >= reference - 1.0, "{by_hand}");
+        }
         assert!(own >= reference - 1.0, "{model}: {own} < {reference}");
         fit
     });
@@ -72,4 +83,45 @@ fn flexhouse_is_as_likely_as_by_ctsm() {
         println!("{}", test.sentence);
         assert!(test.p < 1e-6, "{test:?}");
     }
+}
+
+/// The log-likelihood of `tith` by a filter of its own, with both temperatures known at the start to be those of the first sample but
+/// for a deviation in K, and that sample counted: van Loan's exact step, in the parameters of a fit.
+fn tith_by_hand(csv: &str, fit: &Fit, start: f64) -> f64 {
+    let rows: Vec<Vec<f64>> =
+        csv.lines().skip(1).map(|line| line.split(',').skip(1).map(|field| field.parse().unwrap()).collect()).collect();
+    let value = |name: &str| fit.parameters[name].value;
+    let likelihood = fit.likelihood.as_ref().unwrap();
+    let [air, heater] = ["T_r", "T_h"].map(|state| likelihood.diffusion[state].value);
+    let sensor = likelihood.measurement["T_room"].value;
+    let (alpha_h, alpha_a) = (value("alpha_h"), value("alpha_a"));
+    let a = Matrix2::new(-alpha_h - alpha_a, alpha_h, alpha_h / value("beta_h"), -alpha_h / value("beta_h"));
+    let hours = 1.0 / 12.0;
+    let mut with_noise = SMatrix::<f64, 4, 4>::zeros();
+    with_noise.fixed_view_mut::<2, 2>(0, 0).copy_from(&-a);
+    with_noise.fixed_view_mut::<2, 2>(0, 2).copy_from(&Matrix2::new(air * air, 0.0, 0.0, heater * heater));
+    with_noise.fixed_view_mut::<2, 2>(2, 2).copy_from(&a.transpose());
+    let with_noise = (with_noise * hours).exp();
+    let step = with_noise.fixed_view::<2, 2>(2, 2).transpose();
+    let noise = step * with_noise.fixed_view::<2, 2>(0, 2);
+    let mut with_input = SMatrix::<f64, 4, 4>::zeros();
+    with_input.fixed_view_mut::<2, 2>(0, 0).copy_from(&a);
+    with_input.fixed_view_mut::<2, 2>(0, 2).copy_from(&Matrix2::identity());
+    let input = (with_input * hours).exp().fixed_view::<2, 2>(0, 2).into_owned();
+    let (mut x, mut p) = (Vector2::repeat(rows[0][0]), Matrix2::identity() * start * start);
+    let mut sum = 0.0;
+    for (k, row) in rows.iter().enumerate() {
+        let variance = p[(0, 0)] + sensor * sensor;
+        let innovation = row[0] - x[0];
+        sum -= 0.5 * (innovation * innovation / variance + (2.0 * std::f64::consts::PI * variance).ln());
+        let gain = p.column(0) / variance;
+        x += gain * innovation;
+        p -= gain * p.row(0);
+        if k + 1 < rows.len() {
+            let drive = Vector2::new(alpha_a * row[1] + value("c_solar") * row[3] / 1000.0, value("c_heater") * row[2] / 1000.0);
+            x = step * x + input * drive;
+            p = step * p * step.transpose() + noise;
+        }
+    }
+    sum
 }

@@ -10,8 +10,12 @@ mod hidden;
 mod houses;
 mod likelihood;
 mod oracles;
+mod plant_effects;
+mod plants;
 mod posted;
+mod ridges;
 mod twins;
+mod warm_up;
 
 use lampyris::data::{Bindings, SplitRequest, Window};
 use lampyris::estimate::request::SeededMethod;

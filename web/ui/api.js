@@ -42,6 +42,7 @@ function carried(path) {
 export async function send(path, { headers = {}, patient = false, ...options } = {}) {
   for (;;) {
     const shown = token();
+    const sent = performance.now();
     let response;
     try {
       response = await fetch(path, { ...options, headers: shown === null ? headers : { ...headers, authorization: `Bearer ${shown}` } });
@@ -51,7 +52,7 @@ export async function send(path, { headers = {}, patient = false, ...options } =
     }
     if (response.status !== 401) return response;
     try {
-      await anotherToken(shown, await problemOf(response), patient);
+      await anotherToken(shown, await problemOf(response), { sent, patient });
     } catch (problem) {
       // Whoever has gone meanwhile does not want to know.
       options.signal?.throwIfAborted();

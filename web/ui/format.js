@@ -11,17 +11,22 @@ export function number(value, figures = 3) {
   return size >= 10 ** figures ? String(Math.round(value)) : String(Number(value.toPrecision(figures)));
 }
 
-/** An error as it stands beside others: two decimals, three below 0.1. */
+/** How many decimals an error has: two, and below 0.1 as many as show two digits that count, but no more than four. */
+function decimalsOf(value) {
+  const size = Math.abs(value);
+  if (size >= 0.0995 || size < 0.0005) return 2;
+  return size >= 0.00995 ? 3 : 4;
+}
+
+/** An error as it stands beside others. */
 export const fixed = value =>
-  value === null || value === undefined || !Number.isFinite(value)
-    ? NONE
-    : value.toFixed(Math.abs(value) < 0.0995 && Math.abs(value) >= 0.0005 ? 3 : 2).replace(/^-(0\.0*)$/, '$1');
+  value === null || value === undefined || !Number.isFinite(value) ? NONE : value.toFixed(decimalsOf(value)).replace(/^-(0\.0*)$/, '$1');
 
 /** An error with its unit: two decimals. */
 export const withUnit = (value, unit, decimals = 2) =>
   value === null || value === undefined || !Number.isFinite(value) ? NONE : `${value.toFixed(decimals)} ${unit}`;
 
-export const signed = (value, decimals = 2) =>
+export const signed = (value, decimals = decimalsOf(value ?? 0)) =>
   value === null || value === undefined || !Number.isFinite(value)
     ? NONE
     : `${value > 0 ? '+' : value < 0 ? '−' : ''}${Math.abs(value).toFixed(decimals)}`.replace(/^[+−](0\.?0*)$/, '$1');

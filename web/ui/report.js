@@ -20,6 +20,7 @@ import { EffectPage } from './pages/model.js';
 const { kind, id, zone, made_at: madeAt, version } = REPORT;
 const TITLES = { fit: 'Fit', diagnose: 'What is missing', ladder: 'Error ladder' };
 /** What the pages read of a system. */
+const { metrics } = REPORT.answers[`/fits/${id}`];
 const SYSTEM = { model: REPORT.answers[`/fits/${id}`].model, location: { zone: zone ?? 'UTC' } };
 const quoted = word => (/^[\w./:=,+-]+$/.test(word) ? word : `'${word.replaceAll("'", "'\\''")}'`);
 
@@ -41,14 +42,14 @@ function App() {
     <p class="quiet">Made ${clock(madeAt)} UTC by Lampyris ${version} with</p>
     <${Command} text=${['lampyris', ...REPORT.command.map(quoted)].join(' ')} />
     ${kind === 'diagnose' &&
-      html`<${Shown} of=${diagnosis} what="the diagnosis" show=${data => html`<${Diagnosis} data=${data} system=${id} document=${SYSTEM} query=${query} />`} />`}
+      html`<${Shown} of=${diagnosis} what="the diagnosis" show=${data => html`<${Diagnosis} data=${data} system=${id} document=${SYSTEM} metrics=${metrics} query=${query} />`} />`}
     ${kind === 'ladder' && html`<${Shown} of=${ladder} what="the ladder" show=${data => html`<${Ladder} data=${data} path=${`/systems/${id}/ladder`} />`} />`}
     ${kind !== 'fit' && html`<h2>The fit of ${model} that this starts from</h2>`}
-    <${Shown} of=${fit} what="the fit" show=${data => html`<${Figures} fit=${data} />`} />
+    <${Shown} of=${fit} what="the fit" show=${data => html`<${Figures} fit=${data} query=${query} />`} />
     <section ref=${chart} aria-label="Measured and model">
-      <${FitTab} system=${id} fit=${id} fits=${[]} params=${null} document=${SYSTEM} query=${query} /></section>
+      <${FitTab} system=${id} fit=${id} fits=${[]} metrics=${metrics} params=${null} document=${SYSTEM} query=${query} /></section>
     <h2>Where it fails</h2>
-    <${Fails} system=${id} fit=${id} query=${query} document=${SYSTEM} />
+    <${Fails} system=${id} fit=${id} metrics=${metrics} query=${query} document=${SYSTEM} />
     <h2>Parameters</h2>
     <${Shown} of=${fit} what="the fit" show=${data => html`<${Values} fit=${data} history=${[]} /><${Likelihood} fit=${data} /><${Judgement} fit=${data} />`} />
   </${Shell}>`;

@@ -4,8 +4,8 @@ const listeners = new Set();
 let waiting = [];
 /** What the dialog asks: `{token, problem}`, the token that was refused and why; null where nothing is asked. */
 let question = null;
-/** The token for which the dialog was left. Nobody is asked twice who did not try again. */
-let left;
+/** The token for which the dialog was left, and when. Nobody is asked twice who did not try again. */
+let left = null;
 let held = null;
 
 /** The token, or null. */
@@ -40,7 +40,7 @@ export function setToken(text) {
   } catch {
     /* it is held above */
   }
-  left = undefined;
+  left = null;
   const hopeful = waiting;
   waiting = [];
   ask(null);
@@ -51,7 +51,7 @@ export function setToken(text) {
 export function leaveToken() {
   if (!question) return;
   const { problem } = question;
-  left = question.token;
+  left = { token: question.token, at: performance.now() };
   const refused = waiting.filter(({ patient }) => !patient);
   waiting = waiting.filter(({ patient }) => patient);
   ask(null);
@@ -59,11 +59,16 @@ export function leaveToken() {
 }
 
 /**
- * Waits for another token than one that was refused. All who wait ask one question; `patient` is for those who come
- * again by themselves and must not bring it back after it was left.
+ * Waits for another token than one that was refused, with a request that was sent at that time of `performance`. All
+ * who wait ask one question. After it was left, it must not be brought back by an answer that was then on its way, nor
+ * by those who come again by themselves, which are `patient`.
  */
-export function anotherToken(refused, problem, patient) {
+export function anotherToken(refused, problem, { sent, patient }) {
   if (token() !== refused) return Promise.resolve();
-  if (!question && !(patient && left === refused)) ask({ token: refused, problem });
+  if (!question) {
+    const known = left !== null && left.token === refused;
+    if (known && !patient && sent <= left.at) return Promise.reject(problem);
+    if (!(known && patient)) ask({ token: refused, problem });
+  }
   return new Promise((resolve, reject) => waiting.push({ resolve, reject, patient }));
 }

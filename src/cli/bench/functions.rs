@@ -6,7 +6,7 @@ pub(super) mod methods;
 mod page;
 
 use super::super::{Failure, print};
-use super::Row;
+use super::{Row, write};
 use lampyris::optimise::functions::Function;
 use lampyris::optimise::{Ask, Cost, Evaluation, Method, Search};
 use methods::{CASES, Case, Entry, entries};
@@ -54,16 +54,11 @@ pub fn run(first: u64, seeds: u64, html: Option<&Path>, csv: Option<&Path>, as_j
         claims.iter().for_each(|claim| print(&format!("  {} {}", if claim.holds { "holds        " } else { "does not hold" }, claim.text)));
         print("");
     }
-    let write = |file: &Path, text: String| {
-        std::fs::write(file, text).map_err(|error| Failure::Error(format!("{}: {error}", file.display())))?;
-        eprintln!("written: {}", file.display());
-        Ok::<(), Failure>(())
-    };
     if let Some(file) = csv {
-        write(file, listed(first, &outcomes))?;
+        write(file, &listed(first, &outcomes))?;
     }
     if let Some(file) = html {
-        write(file, page::document(first, &outcomes, &claims)?)?;
+        write(file, &page::document(first, &outcomes, &claims)?)?;
     }
     Ok(figures::rows(&outcomes))
 }
@@ -125,7 +120,8 @@ impl Outcome {
 pub(super) fn quantile(sorted: &[f64], share: f64) -> f64 {
     let place = share * (sorted.len() - 1) as f64;
     let (low, high) = (sorted[place.floor() as usize], sorted[place.ceil() as usize]);
-    low + (high - low) * place.fract()
+    // Two infinities have no difference.
+    if low == high { low } else { low + (high - low) * place.fract() }
 }
 
 const HEAD: [&str; 9] = ["method", "mean error", "quartile", "median", "quartile", "success", "evaluations", "to reach it", "what it is"];

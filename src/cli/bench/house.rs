@@ -1,7 +1,6 @@
 //! Chapter 7 of the thesis in public: a twin of its house, seventeen sensors, eleven rooms, one week to fit and one to
 //! judge, by every method in every box.
 
-mod charts;
 mod page;
 mod published;
 mod tables;

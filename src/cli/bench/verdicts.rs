@@ -47,12 +47,8 @@ fn goals(judged: &[Judged], level: Level) -> Vec<Row> {
     let strange = these(&|one| one.truth.effects.iter().any(|hidden| !hidden.in_catalogue));
     let single = these(&|one| one.truth.effects.len() == 1 && one.truth.effects[0].in_catalogue && one.material());
     let pairs = these(&|one| one.truth.effects.len() == 2 && one.material());
-    let share = |what: &str, worlds: &[&Judged], test: &dyn Fn(&Judged) -> bool| {
-        let (hits, n) = (worlds.iter().filter(|one| test(one)).count(), worlds.len());
-        let [low, high] = interval(hits, n);
-        let name = format!("{level:?}").to_lowercase();
-        (n > 0).then(|| Row::new(format!("{name}: {what} ({hits} of {n}, {low:.2} to {high:.2})"), hits as f64 / n as f64, "-"))
-    };
+    let name = format!("{level:?}").to_lowercase();
+    let share = |what: &str, worlds: &[&Judged], test: &dyn Fn(&Judged) -> bool| share(&format!("{name}: {what}"), worlds, |one| test(one));
     let verdict = |verdict: Adequacy| move |one: &Judged| one.diagnosis.verdict == verdict;
     let named = |one: &Judged| !one.diagnosis.findings.is_empty();
     // Every name in a strange world is a wrong one.
@@ -69,10 +65,9 @@ fn goals(judged: &[Judged], level: Level) -> Vec<Row> {
     let covered = these(&|one| one.covered().is_some());
     let mut ratios: Vec<f64> = single.iter().filter_map(|one| Some(one.named()?[1] / one.test[1]?)).collect();
     ratios.sort_by(f64::total_cmp);
-    let ratio = ratios.get(ratios.len() / 2).map(|ratio| {
-        let name = format!("{level:?}").to_lowercase();
-        Row::new(format!("{name}: test error with what was named over that with the truth, median"), *ratio, "-")
-    });
+    let ratio = ratios
+        .get(ratios.len() / 2)
+        .map(|ratio| Row::new(format!("{name}: test error with what was named over that with the truth, median"), *ratio, "-"));
     [
         limit(share("nothing hidden, something named", &none, &named), Some(if matched { 0.02 } else { 0.04 }), true),
         limit(share("nothing hidden, adequate", &none, &verdict(Adequacy::Adequate)), matched.then_some(0.8), false),
@@ -89,6 +84,13 @@ fn goals(judged: &[Judged], level: Level) -> Vec<Row> {
     .into_iter()
     .flatten()
     .collect()
+}
+
+/// How many worlds pass a test, with Wilson's interval; none where there are no worlds.
+pub fn share<T>(what: &str, worlds: &[T], test: impl Fn(&T) -> bool) -> Option<Row> {
+    let (hits, n) = (worlds.iter().filter(|one| test(one)).count(), worlds.len());
+    let [low, high] = interval(hits, n);
+    (n > 0).then(|| Row::new(format!("{what} ({hits} of {n}, {low:.2} to {high:.2})"), hits as f64 / n as f64, "-"))
 }
 
 /// Wilson's 95 % interval of a share.

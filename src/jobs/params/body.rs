@@ -152,7 +152,7 @@ pub struct Degraded {
     limit: f64,
     /// Unit of both.
     unit: String,
-    /// How far ahead the forecasts look.
+    /// How far ahead the forecasts look; `free_run` where a model without a filter is left to itself.
     #[schema(example = "PT6H")]
     horizon: String,
     /// The newer measurements.

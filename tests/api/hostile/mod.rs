@@ -3,6 +3,7 @@
 
 mod documents;
 mod jobs;
+mod plants;
 mod raw;
 mod windows;
 
@@ -169,7 +170,7 @@ fn judge(case: &Case, answer: &Answer) -> Result<(), String> {
 fn hundreds_of_bad_inputs_are_named_and_change_nothing() {
     let app = prepared();
     let before = contents(&app);
-    let all = [windows::cases(), documents::cases(), jobs::cases()];
+    let all = [windows::cases(), documents::cases(), plants::cases(), jobs::cases()];
     let count: usize = all.iter().map(Vec::len).sum();
     let wrong: Vec<String> = all.iter().flat_map(|cases| complaints(&app, cases)).collect();
     assert!(wrong.is_empty(), "{} of {count} cases:\n{}", wrong.len(), wrong.join("\n"));
@@ -181,6 +182,7 @@ fn hundreds_of_bad_inputs_are_named_and_change_nothing() {
     // The good documents are good: without a mutation everything is taken.
     windows::check_good(&app);
     documents::check_good(&app);
+    plants::check_good(&app);
     jobs::check_good(&app);
     assert_ne!(contents(&app), before, "the hash sees what is kept");
 }

@@ -10,7 +10,7 @@ use lampyris::optimise::multistart::LmOptions;
 use lampyris::twin::{RoomTwin, room};
 
 /// A candidate, or why there is none.
-type Made = Result<Candidate, Refused>;
+pub type Made = Result<Candidate, Refused>;
 
 /// A way to be bad.
 pub struct Kind {

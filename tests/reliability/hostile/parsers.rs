@@ -253,7 +253,9 @@ fn a_written_window_is_the_same_window() {
 #[test]
 fn a_printed_model_is_the_same_model() {
     let catalogue = Catalogue::builtin().unwrap();
-    let good: Vec<Value> = catalogue.models().map(|model| serde_json::to_value(model).unwrap()).collect();
+    let mut good: Vec<Value> = catalogue.models().map(|model| serde_json::to_value(model).unwrap()).collect();
+    let plants = [include_str!("../../../config/plants/asm1_h.toml"), include_str!("../../../config/plants/bsm1.toml")];
+    good.extend(plants.map(|text| serde_json::to_value(ModelDocument::from_toml(text).unwrap()).unwrap()));
     many("models, read, printed and read", 3000, |random| {
         let mut document = good[random.random_range(0..good.len())].clone();
         for _ in 0..random.random_range(0..4) {

@@ -1,4 +1,4 @@
-// The error by hour and day: blue where the room is colder than the model says, orange where it is warmer.
+// The error by hour and day: blue where less is measured than the model says, orange where it is more.
 import { html, useRef } from '../html.js';
 import { number } from '../format.js';
 import { useWidth } from './axes.js';
@@ -8,6 +8,8 @@ const NONE = [247, 247, 247];
 const WARM = [213, 94, 0];
 const MARGIN = { left: 40, top: 4, bottom: 24 };
 const ROW_PX = 11;
+/** Few days do not make broad bars of the hours. */
+const WIDEST_PX = 90;
 
 /** A colour between the three, the same way up and down from zero. */
 export function signedColour(value, most) {
@@ -27,7 +29,8 @@ export function Heatmap({ days, unit, onPick, label }) {
     .sort((a, b) => a - b);
   // The scale ends at the 98th percentile, so that one bad hour does not bleach the rest.
   const most = sizes.length ? Math.max(sizes[Math.floor(sizes.length * 0.98)], 1e-6) : 1;
-  const cell = (width - MARGIN.left) / Math.max(days.length, 1);
+  const cell = Math.min((width - MARGIN.left) / Math.max(days.length, 1), WIDEST_PX);
+  const [less, more] = unit === 'K' ? ['colder', 'warmer'] : ['lower', 'higher'];
   const height = MARGIN.top + 24 * ROW_PX + MARGIN.bottom;
   const every = Math.max(Math.ceil(days.length / Math.max(Math.floor(width / 70), 1)), 1);
   const chosen = event => event.target.value && days.some(day => day.date === event.target.value) && onPick(event.target.value);
@@ -51,8 +54,8 @@ export function Heatmap({ days, unit, onPick, label }) {
         ${String(hour).padStart(2, '0')} h</text>`)}
       ${days.map((day, at) => at % every === 0 && html`<text class="quiet" x=${MARGIN.left + at * cell} y=${height - 8}>${day.date.slice(5)}</text>`)}
     </svg>
-    <p class="legend"><span>colder than the model says</span><span>−${number(most, 2)} ${unit} <${Scale} /> +${number(most, 2)} ${unit}</span>
-      <span>warmer</span></p>
+    <p class="legend"><span>${less} than the model says</span><span>−${number(most, 2)} ${unit} <${Scale} /> +${number(most, 2)} ${unit}</span>
+      <span>${more}</span></p>
     <label class="inline">Click an hour to see its day in the chart, or choose a day <input type="date" min=${days[0]?.date} max=${days.at(-1)?.date} onChange=${chosen} /></label>
   </div>`;
 }

@@ -128,7 +128,10 @@ function draw(target, strip, { time, width, zone, parts, gaps, sync, first, last
                 return [-most, most];
               },
             }
-          : {},
+          : {
+              // A level line lies in the middle of its strip.
+              range: (_, low, high) => (low === null ? [null, null] : low === high ? [low - 1, high + 1] : uPlot.rangeNum(low, high, 0.1, true)),
+            },
       },
       axes: [
         last ? { ...axis, values: TIMES, size: TIME_AXIS_PX } : { ...axis, values: () => [], ticks: { show: false }, size: 0 },
@@ -161,7 +164,12 @@ function draw(target, strip, { time, width, zone, parts, gaps, sync, first, last
 
 const read = (line, at) => {
   if (at === null || at === undefined) return '';
-  if (line.values) return number(line.values[at]);
+  // Between two samples of a slower sensor its last one is told.
+  if (line.values) {
+    let last = at;
+    while (last > 0 && line.values[last] === undefined) last -= 1;
+    return number(line.values[last]);
+  }
   return line.min[at] === null ? number(null) : `${number(line.min[at])} to ${number(line.max[at])}`;
 };
 

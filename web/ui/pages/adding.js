@@ -9,6 +9,7 @@ import { Failed } from '../parts/screens.js';
 import { JobWatch } from '../parts/watch.js';
 import { Equations } from '../parts/equations.js';
 import { Status } from '../parts/status.js';
+import { Outputs, outputIn } from '../parts/outputs.js';
 import { LadderChart } from '../charts/ladder.js';
 
 /** A fall of less than one per cent is none. */
@@ -17,8 +18,8 @@ const FALL = 0.99;
 const all = (path, options) => Promise.all(path.split(',').map(id => ask(`/fits/${id}`, options)));
 
 /** The errors of a fit as a step of the ladder. */
-function stepOf(fit, before) {
-  const [metrics] = Object.values(fit.metrics);
+function stepOf(fit, before, output) {
+  const metrics = fit.metrics[output] ?? Object.values(fit.metrics)[0];
   return {
     label: before
       ? `+ ${
@@ -44,7 +45,9 @@ export function Adding({ diagnosis, system, document, effect, steps, taken, grow
   const job = useResource(`/jobs/${diagnosis.job}`);
   const known = [diagnosis.fit, ...steps].filter(Boolean);
   const fits = useResource(known.length ? known.join(',') : null, { read: all });
-  const adding = here().query.adding;
+  const { adding } = here().query;
+  const outputs = Object.keys(fits.data?.[0]?.metrics ?? {});
+  const output = outputIn(here().query, outputs) ?? outputs[0];
   const ready = job.data && (fits.data || known.length === 0);
   const current = fits.data?.at(-1)?.model ?? diagnosis.model;
   useEffect(() => grown(current), [current]);
@@ -99,11 +102,12 @@ export function Adding({ diagnosis, system, document, effect, steps, taken, grow
     }
   };
   if (!error && !effect && !adding && steps.length === 0) return null;
-  const ladder = fits.data?.map((fit, at) => stepOf(fit, fits.data[at - 1])) ?? [];
+  const ladder = fits.data?.map((fit, at) => stepOf(fit, fits.data[at - 1], output)) ?? [];
   return html`<section aria-label="Add and refit">
     ${error && html`<${Failed} error=${error} />`}
     ${change && html`<${Equation} change=${change} />`}
     ${adding && html`<${JobWatch} key=${adding} id=${adding} title="Refit with the effect" onEnd=${ended} />`}
+    ${ladder.length > 1 && html`<${Outputs} outputs=${outputs} query=${here().query} />`}
     ${ladder.length > 1 && html`<${Outcome} ladder=${ladder} model=${current} undo=${undo} serve=${serve} />`}
     ${
       serving &&
@@ -117,7 +121,7 @@ export function Adding({ diagnosis, system, document, effect, steps, taken, grow
         summary=${ladder.map(step => `${step.label}: train ${number(step.train_rmse)}, validation ${number(step.validation_rmse)}, test ${number(step.test_rmse)}`).join('; ')}
       table=${() => ({ columns: [['model'], ['train', 'number'], ['validation', 'number'], ['test', 'number']], rows: ladder.map(step =>
         [step.label, number(step.train_rmse), number(step.validation_rmse), number(step.test_rmse)]) })}>
-      <${LadderChart} steps=${ladder} unit=${ladder[0].unit} floor=${diagnosis.noise_floor_rmse}
+      <${LadderChart} steps=${ladder} unit=${ladder[0].unit} floor=${outputs.length > 1 ? null : diagnosis.noise_floor_rmse}
         label="Train, validation and test error of each step" /></${Frame}>`
     }
   </section>`;

@@ -1,23 +1,30 @@
 // When and where the model fails, from one document of diagnostics.
 import { html } from '../html.js';
-import { useResource } from '../api.js';
+import { useResource, withQuery } from '../api.js';
 import { systemAddress, go } from '../router.js';
-import { number, fixed, signed, percent, horizon, clock, instant, midnight, seconds, words, NONE } from '../format.js';
+import { number, fixed, signed, percent, horizon, clock, instant, midnight, seconds, NONE } from '../format.js';
 import { Frame } from '../parts/frame.js';
 import { Table } from '../parts/table.js';
 import { Shown, Empty } from '../parts/screens.js';
+import { Outputs, outputIn, forecasts, NO_FORECASTS } from '../parts/outputs.js';
 import { Heatmap } from '../charts/heatmap.js';
 import { ByLag, Innovations } from './residuals.js';
 
 const HOUR = 3600;
+/** So many circumstances are shown at once. */
+const CIRCUMSTANCES = 14;
 
-export function Fails({ system, fit, query, document }) {
-  const path = fit && `/fits/${fit}/diagnostics`;
+export function Fails({ system, fit, metrics, query, document }) {
+  const outputs = Object.keys(metrics);
+  const output = outputs.length > 1 ? (outputIn(query, outputs) ?? outputs[0]) : null;
+  const path = fit && withQuery(`/fits/${fit}/diagnostics`, { output });
   const diagnostics = useResource(path);
   if (!fit) return html`<${Empty} title="Never fitted"><p>What fails can be said of a fit. Press Refit.</p></${Empty}>`;
-  const zoom = (from, to) => go(systemAddress(system, 'fit', { fit: query.fit, with: query.with, from: instant(from), to: instant(to) }));
-  return html`<${Shown} of=${diagnostics} what="the diagnostics"
-    show=${data => html`<${Failures} data=${data} path=${path} zoom=${zoom} zone=${document.location?.zone ?? 'UTC'} />`} />`;
+  const zoom = (from, to) => go(systemAddress(system, 'fit', { fit: query.fit, with: query.with, output: query.output, from: instant(from), to: instant(to) }));
+  return html`
+    ${outputs.length > 1 && html`<p><${Outputs} outputs=${outputs} query=${query} /></p>`}
+    <${Shown} of=${diagnostics} what="the diagnostics" show=${data => html`
+      <${Failures} data=${data} ahead=${forecasts(metrics)} path=${path} zoom=${zoom} zone=${document.location?.zone ?? 'UTC'} />`} />`;
 }
 
 /** The sentences of a summary, instants as people read them. */
@@ -27,9 +34,9 @@ const sentencesOf = (text, zone) =>
     .map(sentence => sentence.replace(/\.$/, '').replaceAll(/\d{4}-\d\d-\d\dT[\d:]+Z/g, at => clock(at, zone)))
     .filter(Boolean);
 
-function Failures({ data, path, zoom, zone }) {
-  const [output, skill] = Object.entries(data.skill)[0];
-  const { unit } = skill;
+function Failures({ data, ahead, path, zoom, zone }) {
+  const { output } = data;
+  const { unit } = data.skill[output];
   const around = episode => zoom(seconds(episode.from) - 12 * HOUR, seconds(episode.to) + 12 * HOUR);
   const cells = data.hour_by_date
     .flatMap(day => day.hours.map((value, hour) => [day.date, hour, value]))
@@ -59,12 +66,12 @@ function Failures({ data, path, zoom, zone }) {
             html`<button class="plain" aria-label=${`Show ${clock(episode.from, zone)} in the chart`} onClick=${() => around(episode)}>Show</button>`,
           ])} />
         <p class="note">Unusual: how many standard deviations a channel is from its mean.</p>
-        <${Table} caption="How far ahead"
-          columns=${[['forecast'], ['rmse', 'number'], ['holding the last value', 'number'], ['bias', 'number'], ['r²', 'number']]}
+        <${Table} caption=${ahead ? 'How far ahead' : 'Free run of each output'}
+          columns=${[[ahead ? 'forecast' : 'output'], ['rmse', 'number'], ['holding the last value', 'number'], ['bias', 'number'], ['r²', 'number']]}
           rows=${Object.entries(data.by_horizon).flatMap(([name, rows]) => rows.map(row =>
-            [`${name}, ${row.horizon === null ? 'free run' : horizon(row.horizon)}`, `${fixed(row.rmse)} ${unit}`,
-              `${fixed(row.persistence_rmse)} ${unit}`, signed(row.bias), number(row.r2)]))} />
-        <p class="note">Judged on the ${data.judged_on} part.</p>
+            [`${name}, ${horizon(row.horizon)}`, `${fixed(row.rmse)} ${data.skill[name].unit}`,
+              `${fixed(row.persistence_rmse)} ${data.skill[name].unit}`, signed(row.bias), number(row.r2)]))} />
+        <p class="note">Judged on the ${data.judged_on} part.${ahead ? '' : ` ${NO_FORECASTS}`}</p>
       </section>
     </div>
     <${ByLag} inputs=${data.residual_by_input} path=${path} />
@@ -73,15 +80,15 @@ function Failures({ data, path, zoom, zone }) {
 
 const contextOf = context =>
   Object.entries(context)
-    .map(([name, value]) => `${words(name)} ${signed(value, 1)}`)
+    .map(([name, value]) => `${name === 'hour_of_day' ? 'hour of the day' : name} ${signed(value, 1)}`)
     .join(', ') || NONE;
 
 /** Regimes, the largest share of the squared error first. */
 function Regimes({ rows, unit }) {
   const sorted = [...rows].sort((a, b) => b.error_share - a.error_share);
-  return html`<${Table} caption="By circumstances, largest share of the error first"
+  const part = (shown, hidden) => html`<${Table} caption="By circumstances, largest share of the error first" hidden=${hidden}
     columns=${[['when'], ['of the time', 'number'], ['bias', 'number'], ['rmse', 'number'], ['of the error', 'number'], ['']]}
-      rows=${sorted.map(row => [
+      rows=${shown.map(row => [
         row.regime,
         percent(row.time_share),
         html`<span title=${row.bias_ci95 ? `95 %: ${signed(row.bias_ci95[0])} to ${signed(row.bias_ci95[1])}` : ''}>
@@ -91,6 +98,9 @@ function Regimes({ rows, unit }) {
         html`<span class="bar" aria-hidden="true"
           style=${{ width: `${Math.round(row.error_share * 90)}px`, background: row.error_share > 1.25 * row.time_share ?
             'var(--heldout)' : 'var(--model)' }}></span>`,
-      ])} />
+      ])} />`;
+  const rest = sorted.slice(CIRCUMSTANCES);
+  return html`${part(sorted.slice(0, CIRCUMSTANCES), false)}
+    ${rest.length > 0 && html`<details><summary>${rest.length} more, with at most ${percent(rest[0].error_share)} of the error</summary>${part(rest, true)}</details>`}
     <p class="note">Bias is measured − model. An orange bar: more of the error than of the time. Circumstances overlap.</p>`;
 }

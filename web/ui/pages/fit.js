@@ -7,6 +7,7 @@ import { number, fixed, instant, seconds, horizon, length, fitName, NONE } from 
 import { Frame } from '../parts/frame.js';
 import { Table } from '../parts/table.js';
 import { Shown, Empty } from '../parts/screens.js';
+import { Outputs, outputIn, forecasts, NO_FORECASTS } from '../parts/outputs.js';
 import { Strips } from '../charts/strips.js';
 
 const POINTS = 2000;
@@ -19,7 +20,7 @@ const VIEWS = [
 ];
 
 /** What the service is asked for: the view, and the shown range with as much again on both sides for moving on. */
-function asked(query) {
+function viewOf(query) {
   const mode = query.mode && query.mode !== 'free_run' ? { mode: 'ahead', horizon: query.mode } : { mode: 'free_run' };
   return { ...mode, max_points: POINTS };
 }
@@ -34,26 +35,57 @@ function aligned(time, other, line) {
   return Object.fromEntries(Object.entries(linesOf(line)).map(([kind, values]) => [kind, taken(values)]));
 }
 
-/** The strips of a comparison: outputs with their residuals, then each input. */
-function stripsOf(data, previous) {
+/**
+ * A line whose sensor samples less often than the others: what lies between two of its samples is no gap and has no value of
+ * its own. The lengths of the holes are compared with the shortest one.
+ */
+function sampled(line) {
+  const { values } = line;
+  if (!values) return line;
+  const known = values.flatMap((value, at) => (value === null ? [] : [at]));
+  const steps = known.slice(1).map((at, index) => at - known[index]);
+  const step = Math.min(...steps);
+  if (!Number.isFinite(step) || step === 1) return line;
+  const between = new Set(steps.flatMap((length, index) => (length === step ? Array.from({ length: length - 1 }, (_, at) => known[index] + 1 + at) : [])));
+  return { values: values.map((value, at) => (value === null && (between.has(at) || (at < known[0] && known[0] < step) || (at > known.at(-1) && at < known.at(-1) + step)) ? undefined : value)) };
+}
+
+/** The value of an input that never changes, or null. */
+function constantOf(input) {
+  const [low, high] = input.values ? [input.values, input.values] : [input.min, input.max];
+  return low.every(value => value === low[0]) && high.every(value => value === low[0]) ? low[0] : null;
+}
+
+/** Inputs that never change, as `S_I 30 g/m3`. */
+const constants = data =>
+  Object.entries(data.inputs)
+    .filter(([, input]) => constantOf(input) !== null)
+    .map(([name, input]) => `${name} ${number(constantOf(input))} ${input.unit}`);
+
+/** The strips of a comparison: outputs with their residuals, then each input. One output alone is drawn larger. */
+function stripsOf(data, previous, chosen) {
   const strips = [];
+  const several = Object.keys(data.outputs).length > 1;
+  const heights = several && !chosen ? [150, 64] : [260, 96];
   for (const [name, output] of Object.entries(data.outputs)) {
+    if (chosen && name !== chosen) continue;
     const lines = [
-      { label: 'measured', colour: 'measured', width: 1.6, ...linesOf(output.measured) },
+      { label: 'measured', colour: 'measured', width: 1.6, ...sampled(linesOf(output.measured)) },
       { label: 'model', colour: 'model', width: 1.6, dash: [8, 3], ...linesOf(output.simulated) },
     ];
     const before = previous?.outputs[name] && aligned(data.time, previous, previous.outputs[name].simulated);
     if (before) lines.push({ label: 'the other', colour: 'previous', width: 1.6, dash: [2, 3], ...before });
-    strips.push({ label: name, unit: output.unit, height: 260, lines });
+    strips.push({ label: name, unit: output.unit, height: heights[0], lines });
     strips.push({
-      label: 'residual: measured − model',
+      label: several ? `${name}: measured − model` : 'residual: measured − model',
       unit: output.error_unit,
-      height: 96,
+      height: heights[1],
       zero: true,
-      lines: [{ label: 'residual', colour: 'heldout', width: 1.2, ...linesOf(output.residual) }],
+      lines: [{ label: 'residual', colour: 'heldout', width: 1.2, ...sampled(linesOf(output.residual)) }],
     });
   }
   for (const [name, input] of Object.entries(data.inputs)) {
+    if (constantOf(input) !== null) continue;
     strips.push({ label: name, unit: input.unit, height: 62, lines: [{ label: name, colour: 'quiet', width: 1.2, ...linesOf(input) }] });
   }
   return strips;
@@ -71,7 +103,7 @@ function tableOf(data) {
   for (const [name, output] of Object.entries(data.outputs)) {
     add(`${name} measured`, output.measured);
     add(`${name} model`, output.simulated);
-    add('residual', output.residual);
+    add(`${name} residual`, output.residual);
   }
   for (const [name, input] of Object.entries(data.inputs)) add(name, input);
   return {
@@ -92,7 +124,11 @@ function summaryOf(data) {
   return `${data.mode === 'free_run' ? 'Free run' : `Forecasts ${horizon(data.horizon)} ahead`} from ${data.from} to ${data.to}. ${parts.join(' ')}`;
 }
 
-export function FitTab({ system, fit, fits, params, document, query }) {
+export function FitTab({ system, fit, fits, metrics, params, document, query: asked }) {
+  const ahead = forecasts(metrics);
+  const outputs = Object.keys(metrics);
+  // A link from a system that forecasts leads to what there is here.
+  const query = ahead ? asked : { ...asked, mode: undefined };
   // Beside what is served stands what was served before, unless another fit is asked for, or none.
   const history = useList(fit && fit === params?.fit ? `/params/${system}/history` : null);
   const before =
@@ -100,7 +136,7 @@ export function FitTab({ system, fit, fits, params, document, query }) {
   const beside = query.with === NO_OTHER ? null : (query.with ?? before);
   const choice = useRef(null);
   useKeys({ c: ['choose a fit to compare with', () => choice.current?.focus()] });
-  const path = fit && withQuery(`/fits/${fit}/comparison`, asked(query));
+  const path = fit && withQuery(`/fits/${fit}/comparison`, viewOf(query));
   const whole = useResource(path);
   if (!fit)
     return html`<${Empty} title="Never fitted">
@@ -109,11 +145,15 @@ export function FitTab({ system, fit, fits, params, document, query }) {
     </${Empty}>`;
   return html`
     <div class="row apart">
-      <span class="segments" role="group" aria-label="What the model knows">${VIEWS.map(
-        ([value, title]) => html`
+      ${
+        ahead &&
+        html`<span class="segments" role="group" aria-label="What the model knows">${VIEWS.map(
+          ([value, title]) => html`
         <button aria-pressed=${(query.mode ?? 'free_run') === value}
           onClick=${() => setQuery({ mode: value === 'free_run' ? null : value })}>${title}</button>`,
-      )}</span>
+        )}</span>`
+      }
+      <${Outputs} outputs=${outputs} query=${query} all />
       ${fits.some(entry => entry.id !== fit) &&
         html`<label class="inline">Beside it <select ref=${choice} value=${beside ?? NO_OTHER} onChange=${event => setQuery({ with: event.target.value })}>
         <option value=${NO_OTHER}>no other fit</option>
@@ -124,7 +164,7 @@ export function FitTab({ system, fit, fits, params, document, query }) {
       query.mode && query.mode !== 'free_run'
         ? `At each time the forecast that was made ${horizon(query.mode)} before, from the states that the model then had.`
         : 'One simulation from the start: the model never sees the measured output again.'
-    }</p>
+    }${ahead ? '' : ` ${NO_FORECASTS}`}</p>
     <${Shown} of=${whole} what="the comparison"
       show=${data => html`<${Chart} whole=${data} fit=${fit} beside=${beside} query=${query} zone=${document.location?.zone ?? 'UTC'} />`} />`;
 }
@@ -138,13 +178,15 @@ function Chart({ whole, fit, beside, query, zone }) {
     range && whole.thinning
       ? { from: instant(Math.max(range[0] - margin, ends[0])), to: instant(Math.min(range[1] + margin, ends[1])) }
       : {};
-  const path = withQuery(`/fits/${fit}/comparison`, { ...asked(query), ...closer });
+  const path = withQuery(`/fits/${fit}/comparison`, { ...viewOf(query), ...closer });
   const detail = useResource(closer.from ? path : null);
   const data = detail.data?.fit === fit ? detail.data : whole;
-  const other = useResource(beside ? withQuery(`/fits/${beside}/comparison`, { ...asked(query), from: data.from, to: data.to }) : null);
+  const other = useResource(beside ? withQuery(`/fits/${beside}/comparison`, { ...viewOf(query), from: data.from, to: data.to }) : null);
   const another = beside && other.data?.fit === beside ? other.data : null;
   const time = useMemo(() => data.time.map(seconds), [data]);
-  const strips = useMemo(() => stripsOf(data, another), [data, another]);
+  const chosen = outputIn(query, Object.keys(data.outputs));
+  const strips = useMemo(() => stripsOf(data, another, chosen), [data, another, chosen]);
+  const still = constants(data);
   const apart = another && !strips[0].lines.some(line => line.colour === 'previous');
   const parts = useMemo(() => whole.parts.map(part => ({ part: part.part, from: seconds(part.from), to: seconds(part.to) })), [whole]);
   const zoom = chosen => setQuery({ from: chosen && instant(chosen[0]), to: chosen && instant(chosen[1]) });
@@ -154,13 +196,13 @@ function Chart({ whole, fit, beside, query, zone }) {
   return html`
     <${Frame} title="Measured and model" summary=${summaryOf(data)} table=${() => tableOf(data)} path=${path} csv
       note=${`${thinned} Gaps are hatched. ${data.provenance.comment[0].toUpperCase()}${data.provenance.comment.slice(1)}.${apart ?
-        ' The other fit has other times and is not drawn.' : ''}${other.error ? ` The other fit: ${other.error.detail}.` : ''}`}>
+        ' The other fit has other times and is not drawn.' : ''}${still.length ? ` Never changing, and not drawn: ${still.join(', ')}.` : ''}${other.error ? ` The other fit: ${other.error.detail}.` : ''}`}>
       <${Strips} time=${time} strips=${strips} whole=${ends} range=${range} parts=${parts} zone=${zone} onZoom=${zoom} label=${summaryOf(data)} />
     </${Frame}>
-    <${Errors} data=${whole} other=${another} />`;
+    <${Errors} data=${whole} other=${another} chosen=${chosen} />`;
 }
 
-function Errors({ data, other }) {
+function Errors({ data, other, chosen }) {
   const rows = [];
   for (const [which, comparison] of [
     ['this fit', data],
@@ -168,6 +210,7 @@ function Errors({ data, other }) {
   ]) {
     if (!comparison) continue;
     for (const [name, error] of Object.entries(comparison.errors)) {
+      if (chosen && name !== chosen) continue;
       for (const [part, skill] of [...Object.entries(error.parts), ['all', error.range]]) {
         if (skill)
           rows.push([

@@ -11,6 +11,8 @@ import { JobWatch } from '../parts/watch.js';
 import { Table } from '../parts/table.js';
 import { LadderChart } from '../charts/ladder.js';
 
+const NOISE = '× noise';
+
 const orNone = (path, options) =>
   ask(path, options).catch(error => {
     if (error.type === 'ladder-not-found') return { steps: [] };
@@ -47,7 +49,9 @@ export function LadderTab({ system, document }) {
 export function Ladder({ data, path, climb }) {
   const fit = useResource(`/fits/${data.fit}`);
   const [metrics] = Object.values(fit.data?.metrics ?? {});
-  const unit = metrics?.unit ?? 'K';
+  const several = Object.keys(fit.data?.metrics ?? {}).length > 1;
+  // Of several outputs the steps count all errors together, each in the noise of its sensor.
+  const unit = several ? NOISE : (metrics?.unit ?? '');
   const steps = data.steps.map(step => ({ ...step, label: step.added ? `+ ${step.added}` : step.model }));
   const kept = steps.filter(step => step.kept);
   const [first, last] = [kept[0], kept.at(-1)];
@@ -61,12 +65,14 @@ export function Ladder({ data, path, climb }) {
   return html`
     <div class="row apart"><p class="verdict"><${Status} of=${kept.length > 1 ? 'ok' : 'none'} label="" /> ${says}</p>
       ${climb && html`<button onClick=${climb}>Climb again</button>`}</div>
-    <p class="quiet">${clock(data.created_at)}. A step is kept on the validation part; the test part is only reported.</p>
+    <p class="quiet">${clock(data.created_at)}. A step is kept on the validation part; the test part is only reported.${
+      several ? ' Errors of all outputs together, each in the noise of its sensor.' : ''
+    }</p>
     <${Frame} title=${`Error ladder: rmse of the free run, ${unit}`} path=${path} summary=${says}
       table=${() => ({ columns: [['step'], ['train', 'number'], ['validation', 'number'], ['test', 'number'], ['bic', 'number'], ['kept'],
         ['why']], rows: steps.map(step => [step.label, number(step.train_rmse), number(step.validation_rmse), number(step.test_rmse),
           number(step.bic, 5), step.kept ? 'yes' : 'no', step.why]) })}>
-      <${LadderChart} steps=${steps} unit=${unit} floor=${metrics?.noise_floor}
+      <${LadderChart} steps=${steps} unit=${unit} floor=${several ? null : metrics?.noise_floor}
         floorName=${`one-step error of ${first.model}`} label=${says} /></${Frame}>
     <${Table} caption="Steps" columns=${[['step'], ['train', 'number'], ['validation', 'number'], ['test', 'number'],
       ...Object.keys(first.ahead).map(key => [`${horizon(key)} ahead`, 'number']), ['kept'], ['why']]}

@@ -22,7 +22,7 @@ const SAYS = {
   not_enough_data: 'These data cannot say what is missing.',
 };
 
-export function Missing({ system, document, query }) {
+export function Missing({ system, document, metrics, query }) {
   const diagnoses = useList(`/diagnoses?system=${encodeURIComponent(system)}`);
   const jobs = useList(`/jobs?system=${encodeURIComponent(system)}&kind=diagnose`);
   const id = query.diagnosis ?? diagnoses.data?.[0]?.id ?? null;
@@ -49,14 +49,17 @@ export function Missing({ system, document, query }) {
     ${diagnosis.error && html`<${Failed} error=${diagnosis.error} retry=${diagnosis.reload} />`}
     ${id && !diagnosis.data && !diagnosis.error && html`<${Loading} what="the diagnosis" />`}
     ${diagnosis.data && html`<${Diagnosis} key=${diagnosis.data.id} data=${diagnosis.data} system=${system} document=${document}
-      query=${query} search=${running ? null : search} />`}`;
+      metrics=${metrics} query=${query} search=${running ? null : search} />`}`;
 }
 
-export function Diagnosis({ data, system, document, query, search }) {
+export function Diagnosis({ data, system, document, metrics, query, search }) {
   const path = `/diagnoses/${data.id}`;
   const [adding, setAdding] = useState(null);
   const [model, setModel] = useState(data.model);
   const there = effect => model.split('+').slice(1).includes(effect);
+  const [first, ...others] = Object.entries(metrics);
+  const several = others.length > 0;
+  const weighed = data.rho !== null;
   const steps = query.steps?.split(',').filter(Boolean) ?? [];
   return html`
     <div class="row apart">
@@ -64,17 +67,21 @@ export function Diagnosis({ data, system, document, query, search }) {
       ${search && html`<button onClick=${search}>Look again</button>`}
     </div>
     <p>${data.summary[0].toUpperCase()}${data.summary.slice(1)}. <span
-      class="quiet">Model ${data.model}, ${clock(data.created_at)}. Noise floor ${number(data.noise_floor_rmse)}; the error is ${number(data.rho)} times what noise would leave.</span></p>
+      class="quiet">Model ${data.model}, ${clock(data.created_at)}. ${
+        weighed ? `Noise floor ${number(data.noise_floor_rmse)}; the error is ${number(data.rho)} times what noise would leave.` : ''
+      }</span></p>
+    ${several && weighed && html`<p class="note">Errors are those of all outputs together, each in the noise of its sensor; what is drawn over time is ${first[0]}.</p>`}
     ${data.warnings.map(warning => html`<p class="note">▲ ${warning}</p>`)}
     <${Adding} diagnosis=${data} system=${system} document=${document} effect=${adding} steps=${steps} taken=${() => setAdding(null)}
       grown=${setModel} />
     ${data.findings.map(finding => html`<${Finding} key=${finding.effect} finding=${finding} data=${data} path=${path} added=${there(finding.effect)}
       zone=${document.location?.zone ?? 'UTC'}
       add=${REPORT ? null : () => setAdding({ effect: finding.effect, title: finding.title })} />`)}
-    ${data.findings.length === 0 && data.verdict !== 'adequate' &&
+    ${data.findings.length === 0 && weighed && data.verdict !== 'adequate' &&
       html`<p>No effect of the catalogue passed both gates: the gain on the data that were fitted, and the error on unseen data.</p>`}
-    <${Unexplained} unexplained=${data.unexplained} path=${path} system=${system} model=${data.model} />
-    <div class="grid">
+    <${Unexplained} unexplained=${data.unexplained} path=${path} system=${system} model=${data.model}
+      unit=${first?.[1].unit ?? ''} />
+    ${(data.considered.length > 0 || data.not_testable.length > 0) && html`<div class="grid">
       <section><${Table} caption="Tested, and what became of it"
         columns=${[['effect'], ['gain in BIC', 'number'], ['of the error', 'number'], ['why']]}
         rows=${data.considered.map(entry => [
@@ -86,7 +93,7 @@ export function Diagnosis({ data, system, document, query, search }) {
       <section><${Table} caption="Not testable with these data: silence is not absence" columns=${[['effect'], ['reason']]}
         rows=${data.not_testable.map(entry => [html`<a href=${address(['effects', entry.effect.split(':')[0]])}>${entry.effect}</a>`,
           entry.reason])} /></section>
-    </div>`;
+    </div>`}`;
 }
 
 const PARTS = [
@@ -140,28 +147,29 @@ function Change({ from, to, most }) {
       height="8" style=${{ fill: `var(--${to < from * 0.99 ? 'model' : 'heldout'})` }} /></svg>`;
 }
 
-function Unexplained({ unexplained, path, system, model }) {
+function Unexplained({ unexplained, path, system, model, unit }) {
   if (unexplained.share === null && !unexplained.ask) return null;
   const known = unexplained.profile_by_hour.some(value => value !== null);
+  const rate = `${unit}/h`;
   const worst = unexplained.profile_by_hour.reduce(
     (at, value, hour, all) => (Math.abs(value ?? 0) > Math.abs(all[at] ?? 0) ? hour : at),
     0,
   );
-  const says = `${percent(unexplained.share)} of the error beyond the noise has no name yet. By hour of the day it is largest at ${worst} h: ${signed(unexplained.profile_by_hour[worst], 3)} K/h of heat that the model does not know.`;
+  const says = `${percent(unexplained.share)} of the error beyond the noise has no name yet. By hour of the day it is largest at ${worst} h: ${signed(unexplained.profile_by_hour[worst], 3)} ${rate} that the model does not know.`;
   return html`<section class="card"><h3>What no effect explains: ${percent(unexplained.share)} of the error</h3>
     ${unexplained.ask && html`<p>${unexplained.ask[0].toUpperCase()}${unexplained.ask.slice(1)}</p>`}
     <div class="grid">
       ${
         known &&
-        html`<${Frame} title="Heat that is missing, by hour of the day" path=${path} summary=${says}
+        html`<${Frame} title=${`${unit === 'K' ? 'Heat that is' : 'What is'} missing, by hour of the day`} path=${path} summary=${says}
         table=${() => ({
           columns: [
             ['hour', 'number'],
-            ['K/h', 'number'],
+            [rate, 'number'],
           ],
           rows: unexplained.profile_by_hour.map((value, hour) => [hour, number(value)]),
         })}>
-        <${Bars} values=${unexplained.profile_by_hour} signedColours xLabel="hour of the day" yLabel="K/h" label=${says} /></${Frame}>`
+        <${Bars} values=${unexplained.profile_by_hour} signedColours xLabel="hour of the day" yLabel=${rate} label=${says} /></${Frame}>`
       }
       <${Table} caption="When it is worst" columns=${[['from'], ['bias', 'number'], ['rmse', 'number'], ['']]}
         rows=${unexplained.episodes.map(episode => [

@@ -6,6 +6,7 @@ import { useEvents } from '../events.js';
 import { useKeys } from '../keys.js';
 import { say, sayFault } from '../say.js';
 import { NONE, length, fixed, fromNow, clock } from '../format.js';
+import { forecasts } from '../parts/outputs.js';
 import { Status, Flags } from '../parts/status.js';
 import { Shown, Empty } from '../parts/screens.js';
 import { Command } from '../parts/frame.js';
@@ -35,10 +36,10 @@ function rowsOf(systems, served, fits, schedules) {
       .flatMap(schedule => schedule.next_runs.slice(0, 1));
     return {
       ...system,
-      unit: error?.unit ?? newest?.unit ?? 'K',
+      unit: error?.unit ?? newest?.unit ?? '',
       // What was never served has the error of its newest fit, which is said.
       day: error ? (error.ahead?.PT24H ?? null) : (newest?.ahead?.PT24H?.rmse ?? null),
-      dayOf: error ? 'served' : newest ? 'newest fit' : null,
+      dayOf: !newest && !error ? null : own[0] && !forecasts(own[0].metrics) ? 'makes no forecasts' : error ? 'served' : 'newest fit',
       // Fits that keep a test part aside, as those of a diagnosis do, were judged on other weeks.
       trend: own
         .filter(fit => !fit.parts.test)
@@ -47,6 +48,8 @@ function rowsOf(systems, served, fits, schedules) {
         .filter(Number.isFinite)
         .reverse(),
       next: runs.sort()[0] ?? null,
+      // Which of several outputs the numbers are of.
+      several: Object.keys(own[0]?.metrics ?? {}).length > 1 ? Object.keys(own[0].metrics)[0] : null,
     };
   });
   return rows.sort((a, b) => SEVERITY[a.health] - SEVERITY[b.health] || (b.day ?? 0) - (a.day ?? 0) || a.system.localeCompare(b.system));
@@ -175,8 +178,8 @@ function Systems({ rows, running, query }) {
         <td><${Status} of=${row.health} /><div class="why clamped" title=${row.why}>${breakable(row.why)}</div></td>
         <td class="nowrap"><${Status} of=${row.status ?? 'none'} /><small>
           ${row.revision === null ? 'no revision' : `revision ${row.revision}, ${length(row.age_s)} old`}</small></td>
-        <td class="number">${row.day === null ? NONE : `${row.day.toFixed(2)} ${row.unit}`}<small>${row.dayOf ?? ''}</small></td>
-        <td>${row.trend.length ? html`<${Spark} values=${row.trend} unit=${row.unit} /><small>last ${fixed(row.trend.at(-1))}</small>` : NONE}</td>
+        <td class="number">${row.day === null ? NONE : `${fixed(row.day)} ${row.unit}`}<small>${row.dayOf ?? ''}</small></td>
+        <td>${row.trend.length ? html`<${Spark} values=${row.trend} unit=${row.unit} /><small>last ${fixed(row.trend.at(-1))} ${row.unit}${row.several ? ` of ${row.several}` : ''}</small>` : NONE}</td>
         <td><div class="regime clamped" title=${row.worst_regime ?? ''}>${row.worst_regime ?? NONE}</div></td>
         <td>${row.flags.length ? html`<${Flags} of=${row.flags} most=${2} />` : NONE}</td>
         <td class="nowrap">${row.next ? html`<span title=${clock(row.next)}>${fromNow(row.next)}</span>` : NONE}</td>

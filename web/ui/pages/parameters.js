@@ -13,6 +13,9 @@ import { Rail } from '../charts/rail.js';
 import { Curve } from '../charts/curve.js';
 import { Likelihood } from './likelihood.js';
 
+/** Whether a remark is the sentence about a pair that these data cannot tell apart. */
+const isOf = (pair, remark) => remark.startsWith(`${pair.parameters.join(' and ')} `);
+
 export function Parameters({ system, document, params, fit, reload }) {
   const chosen = useResource(fit && `/fits/${fit}`);
   const history = useList(`/params/${system}/history`);
@@ -94,8 +97,8 @@ export function Values({ fit, history }) {
           : []),
       ])} />
     ${fit.correlated.length > 0 && html`<ul>
-      ${fit.correlated.map(pair => html`<li>▲ ${pair.parameters.join(' and ')} move together (correlation ${number(pair.correlation)}): trust their effect, not their separate values.</li>`)}</ul>`}
-    ${fit.remarks.filter(remark => !remark.includes('move together')).map(remark => html`<p class="note">${remark}</p>`)}
+      ${fit.correlated.map(pair => html`<li>▲ ${fit.remarks.find(remark => isOf(pair, remark)) ?? `${pair.parameters.join(' and ')} move together (correlation ${number(pair.correlation)})`}.</li>`)}</ul>`}
+    ${fit.remarks.filter(remark => !fit.correlated.some(pair => isOf(pair, remark))).map(remark => html`<p class="note">${remark}</p>`)}
   </${Frame}>`;
 }
 
@@ -163,15 +166,17 @@ function History({ system, list, ask: asking, done }) {
       : html`<${Table} caption="Revisions" hidden
     columns=${[['revision'], ['published'], ['model'], ['cause'], ['24 h ahead', 'number'], ['validation', 'number'], ['reason'], ['']]}
     rows=${list.map(revision => {
-      const [error] = Object.values(revision.error);
+      const errors = Object.entries(revision.error);
+      const of = key =>
+        errors.map(([name, error]) => html`<div class="nowrap">${errors.length > 1 ? `${name} ` : ''}${fixed(key(error))} ${error.unit}</div>`);
       return [
         html`<button class="plain" onClick=${() => setQuery({ fit: revision.fit })}>
           ${revision.revision}${revision.current ? ', served' : ''}</button>`,
         clock(revision.published_at),
         revision.model,
         revision.cause,
-        `${fixed(error?.ahead?.PT24H)} ${error?.unit ?? ''}`,
-        `${fixed(error?.validation_rmse)} ${error?.unit ?? ''}`,
+        errors.some(([, error]) => error.ahead?.PT24H !== undefined) ? of(error => error.ahead?.PT24H) : NONE,
+        of(error => error.validation_rmse),
         revision.reason ?? NONE,
         revision.current ? '' : html`<button onClick=${roll(revision)}>Roll back</button>`,
       ];

@@ -11,7 +11,10 @@ const LEAST_RANGE = 0.3;
 const HOURS = [0, 6, 12, 18, 24];
 
 /** The free-run residual against each channel by lag, a small chart for each. */
-export function ByLag({ inputs, path }) {
+export function ByLag({ inputs: all, path }) {
+  // What never changes goes with nothing.
+  const inputs = all.filter(input => input.correlations.some(value => value !== 0));
+  const still = all.filter(input => !inputs.includes(input)).map(input => input.channel);
   if (inputs.length === 0) return null;
   const most = Math.max(LEAST_RANGE, ...inputs.flatMap(input => input.correlations.map(Math.abs)));
   const says = inputs
@@ -25,7 +28,7 @@ export function ByLag({ inputs, path }) {
   return html`<${Frame} title="Residual against each channel, by lag" path=${path} summary=${`Strongest: ${says}.`}
     note=${`How the free-run error goes with what a channel was so many hours before. It names companions, no causes, and is no evidence by itself: such errors depend on their own past, so that chance alone gives large correlations, and the same hour comes again after a day.${
       inputs.some(input => input.feedback) ? ' Closed loop: a controller may move this input by the very output, which is weaker evidence still.' : ''
-    }`}
+    }${still.length ? ` Never changing, and not shown: ${still.join(', ')}.` : ''}`}
     table=${() => ({
       columns: [['lag, h', 'number'], ...inputs.map(input => [input.channel, 'number'])],
       rows: lags.map((lag, at) => [number(lag), ...inputs.map(input => number(input.correlations[at]))]),

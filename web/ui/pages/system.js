@@ -7,6 +7,7 @@ import { useKeys } from '../keys.js';
 import { say, sayFault } from '../say.js';
 import { fitName } from '../format.js';
 import { Figures } from '../parts/figures.js';
+import { nextOutput } from '../parts/outputs.js';
 import { Status, Flags } from '../parts/status.js';
 import { Failed, Loading } from '../parts/screens.js';
 import { FitTab } from './fit.js';
@@ -26,8 +27,10 @@ const TABS = [
   ['data', 'Data', Data],
   ['settings', 'Settings', Settings],
 ];
-/** What of the address goes along from tab to tab: the fits that are looked at, and the range. */
-const CARRIED = ['fit', 'with', 'from', 'to', 'mode'];
+/** What of the address goes along from tab to tab: the fits that are looked at, the range and the output. */
+const CARRIED = ['fit', 'with', 'from', 'to', 'mode', 'output'];
+/** Where all outputs are seen at once until one is chosen. */
+const ALL_OUTPUTS = ['fit'];
 
 /** What the controller gets for a system; of a system that was never validated the list says nothing. */
 const servedOf = system => (path, options) =>
@@ -50,6 +53,11 @@ export function SystemPage({ system, tab, query }) {
     if (next) go(systemAddress(next, tab));
   };
   const refit = () => post('/jobs', { kind: 'estimate', system }).then(job => go(address(['jobs', job.id])), sayFault);
+  const usable = (fits.data ?? []).filter(fit => fit.metrics && Object.keys(fit.metrics).length);
+  const params = !served.data || served.data.missing ? null : served.data;
+  const fit = query.fit ?? params?.fit ?? usable[0]?.id ?? null;
+  const chosen = usable.find(entry => entry.id === fit);
+  const outputs = Object.keys(chosen?.metrics ?? {});
   useKeys({
     ...Object.fromEntries(
       TABS.map(([name, title], index) => [String(index + 1), [`show ${title}`, () => go(systemAddress(system, name, carried))]]),
@@ -57,6 +65,7 @@ export function SystemPage({ system, tab, query }) {
     '[': ['system before', () => step(-1)],
     ']': ['next system', () => step(1)],
     r: ['refit', refit],
+    ...(outputs.length > 1 && { o: ['next output', () => nextOutput(query, outputs, ALL_OUTPUTS.includes(tab))] }),
     z: ['show the whole range', () => setQuery({ from: null, to: null })],
   });
   if (document.error) return html`<${Failed} error=${document.error} retry=${document.reload} />`;
@@ -69,22 +78,19 @@ export function SystemPage({ system, tab, query }) {
         }} />`
       : html`<${Loading} what=${system} />`;
   }
-  const params = served.data.missing ? null : served.data;
-  const usable = fits.data.filter(fit => fit.metrics && Object.keys(fit.metrics).length);
-  const fit = query.fit ?? params?.fit ?? usable[0]?.id ?? null;
   const Tab = (TABS.find(([name]) => name === tab) ?? TABS[0])[2];
   return html`
     <${Head} system=${system} document=${document.data} params=${params} row=${rows.data?.find(row => row.system === system)} fits=${usable}
-      fit=${fit} refit=${refit} />
+      chosen=${chosen} query=${query} refit=${refit} />
     <${Tabs} system=${system} tab=${tab} carried=${carried} />
     <div role="tabpanel" id="panel" aria-labelledby=${`tab-${tab}`}>
-      <${Tab} key=${tab} system=${system} document=${document.data} params=${params} fits=${usable} fit=${fit} query=${query}
+      <${Tab} key=${tab} system=${system} document=${document.data} params=${params} fits=${usable} fit=${fit}
+        metrics=${chosen?.metrics ?? {}} query=${query}
         reload=${() => [document, served, fits, rows].forEach(resource => resource.reload())} />
     </div>`;
 }
 
-function Head({ system, document, params, row, fits, fit, refit }) {
-  const chosen = fits.find(entry => entry.id === fit);
+function Head({ system, document, params, row, fits, chosen, query, refit }) {
   const diagnose = () =>
     post('/jobs', { kind: 'diagnose', system }).then(job => go(systemAddress(system, 'missing', { job: job.id })), sayFault);
   return html`
@@ -96,11 +102,11 @@ function Head({ system, document, params, row, fits, fit, refit }) {
     </div>
     ${row && html`<p><${Status} of=${row.health} label="" /> ${row.why}</p>`}
     <div class="row apart">
-      ${chosen ? html`<${Figures} fit=${chosen} />` : ''}
+      ${chosen ? html`<${Figures} fit=${chosen} query=${query} />` : ''}
       ${
         fits.length > 0 &&
-        html`<label class="inline">Fit <select value=${fit} onChange=${event => setQuery({ fit: event.target.value })}>
-        ${fits.map(entry => html`<option value=${entry.id} selected=${entry.id === fit}>${fitName(entry)}</option>`)}</select></label>`
+        html`<label class="inline">Fit <select value=${chosen?.id} onChange=${event => setQuery({ fit: event.target.value })}>
+        ${fits.map(entry => html`<option value=${entry.id} selected=${entry === chosen}>${fitName(entry)}</option>`)}</select></label>`
       }
     </div>`;
 }

@@ -19,7 +19,9 @@ function termsOf(document, argument) {
 /** Lines `{left, terms}` of a model: its own equations, or those of its base, and what each of its effects adds. */
 async function linesOf(path, options) {
   const model = await ask(path, options);
-  const base = model.document.base ? (await ask(`/models/${encodeURIComponent(model.document.base)}`, options)).document : model.document;
+  const whole = model.document.base ? await ask(`/models/${encodeURIComponent(model.document.base)}`, options) : model;
+  // A plant says its layout; its equations are what that comes to.
+  const base = whole.expanded ?? whole.document;
   const lines = new Map();
   const add = (place, term) => lines.set(place, [...(lines.get(place) ?? []), term]);
   for (const [state, text] of Object.entries(base.equations ?? {})) add(state, text);

@@ -52,7 +52,8 @@ export function JobWatch({ id, title, onEnd = () => {} }) {
   const last = reports.at(-1);
   const ended = hasEnded(job);
   const evaluations = ended ? job.evaluations : (last?.evaluations ?? job.progress?.evaluations);
-  const budget = job.request.budget?.evaluations;
+  // The budget of a tuning is that of each of its searches.
+  const budget = job.kind === 'tune' ? null : job.request.budget?.evaluations;
   const [, costName] = shownCost(job);
   const lines = linesOf(job, reports, fit.data);
   const cancel = () => post(`/jobs/${id}/cancel`).then(() => say('Cancelled'), sayFault);
@@ -69,7 +70,7 @@ export function JobWatch({ id, title, onEnd = () => {} }) {
       ${last?.best_train != null && html`<div><dt>best on train</dt><dd>${number(shownCost(job)[0](last.best_train))}</dd></div>`}
       ${last?.best_validation != null && html`<div><dt>best on validation</dt><dd>${number(last.best_validation)}</dd></div>`}
     </dl>
-    ${!ended && html`<progress max=${budget ?? 1} value=${evaluations ?? 0} aria-label="Evaluations of the budget"></progress>`}
+    ${!ended && html`<progress max=${budget ?? 1} value=${budget ? (evaluations ?? 0) : undefined} aria-label="Evaluations of the budget"></progress>`}
     ${job.error && html`<p><${Status} of="failed" label=${job.error.detail} /></p>`}
     <div class="grid">
       ${

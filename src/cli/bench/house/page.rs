@@ -2,51 +2,19 @@
 //! table of its numbers below it.
 
 use super::super::super::Failure;
-use super::super::page::{self, escaped};
+use super::super::charts::{Edge, Frame, Line, dots, graph, heat, lines, mark};
+use super::super::page::{self, Table, escaped, figure, line_legend, number, section};
 use super::House;
-use super::charts::{Edge, Frame, Line, dots, graph, heat, lines, mark};
-use super::tables::Table;
 use super::ways::{BOXES, DEFAULT, METHODS, Measured, NARROWED, PRIOR, THESIS_MSE, VALVE, Way};
 use lampyris::data::rfc3339;
 use std::fmt::Write;
-
-/// What the charts need beside the style of the page.
-const STYLE: &str = "
-svg.chart path.measured, svg.chart path.model, svg.chart path.previous, svg.chart path.heldout, svg.sample path:not([class^=mark]) { fill: none; stroke-width: 1.5; stroke-linejoin: round; }
-path.measured { stroke: var(--measured); }
-path.model { stroke: var(--model); }
-path.previous { stroke: var(--previous); stroke-dasharray: 2 2; }
-path.heldout { stroke: var(--heldout); stroke-dasharray: 7 3; }
-path.ok { fill: none; stroke: var(--ok); stroke-width: 1.5; stroke-dasharray: 9 2 2 2; }
-svg.sample { width: 26px; height: 12px; vertical-align: middle; margin-right: .35rem; }
-.unseen-part { fill: var(--validation); }
-.mark-0 { stroke: var(--measured); stroke-width: 2; fill: none; }
-.mark-1 { fill: var(--previous); }
-.mark-2 { fill: var(--model); }
-.mark-3 { fill: var(--heldout); }
-.mark-4 { fill: var(--ok); }
-svg.matrix { max-width: 32rem; }
-rect.positive { fill: var(--model); }
-rect.negative { fill: var(--heldout); }
-line.edge-right { stroke: var(--ok); stroke-width: 3; }
-line.edge-extra { stroke: var(--strong-edge); stroke-width: 1; stroke-dasharray: 3 3; }
-line.edge-missed { stroke: var(--bad); stroke-width: 2.5; stroke-dasharray: 8 4; }
-circle.node { fill: var(--panel); stroke: var(--strong-edge); }
-details { margin: .4rem 0; }
-details .scroll { max-height: 22rem; overflow: auto; }
-summary { cursor: pointer; color: var(--link); min-height: 24px; }
-thead th { position: sticky; top: 0; background: var(--ground); }
-svg.dots { max-width: 56rem; }
-td { white-space: nowrap; font-variant-numeric: tabular-nums; }
-td.words { white-space: normal; min-width: 24ch; }
-";
 
 /// The document.
 ///
 /// # Errors
 /// Where the page's style is not in the binary.
 pub fn document(house: &House, tables: &[Table]) -> Result<String, Failure> {
-    page::document("The house of chapter 7", STYLE, &body(house, tables))
+    page::document("The house of chapter 7", page::STYLE, &body(house, tables))
 }
 
 fn body(house: &House, tables: &[Table]) -> String {
@@ -87,54 +55,11 @@ fn body(house: &House, tables: &[Table]) -> String {
     body
 }
 
-/// A table that stands for itself.
-fn section(table: &Table) -> String {
-    format!(
-        r#"<section id="{}"><h3>{}</h3><p class="note">{}</p>{}</section>"#,
-        table.id,
-        escaped(&table.title),
-        escaped(&table.note),
-        grid(&table.title, &table.head, &table.rows)
-    )
-}
-
-fn grid(caption: &str, head: &[String], rows: &[Vec<String>]) -> String {
-    let mut text = format!(
-        r#"<div class="scroll" tabindex="0" role="region" aria-label="{0}"><table><caption class="unseen">{0}</caption><thead><tr>"#,
-        escaped(caption)
-    );
-    for name in head {
-        let _ = write!(text, r#"<th scope="col">{}</th>"#, escaped(name));
-    }
-    text.push_str("</tr></thead><tbody>");
-    for row in rows {
-        text.push_str("<tr>");
-        for (place, cell) in row.iter().enumerate() {
-            let _ = match place {
-                0 => write!(text, r#"<th scope="row">{}</th>"#, escaped(cell)),
-                _ if cell.len() > 40 => write!(text, r#"<td class="words">{}</td>"#, escaped(cell)),
-                _ => write!(text, "<td>{}</td>", escaped(cell)),
-            };
-        }
-        text.push_str("</tr>");
-    }
-    text + "</tbody></table></div>"
-}
-
-/// A chart with its legend and the numbers behind it.
-fn figure(caption: &str, legend: &str, chart: &str, head: &[String], rows: &[Vec<String>]) -> String {
-    format!(
-        r#"<figure class="frame"><figcaption><h3>{0}</h3></figcaption><div class="legend">{legend}</div>{chart}<details><summary>Numbers</summary>{1}</details></figure>"#,
-        escaped(caption),
-        grid(caption, head, rows)
-    )
-}
-
 /// Median errors of both weeks and the time of every method.
 fn figures(house: &House) -> String {
     let mut text = String::from(r#"<dl class="figures">"#);
     for way in METHODS {
-        let [first, second] = [0, 1].map(|part| house.median(way, part).map_or_else(|| "-".to_owned(), super::tables::number));
+        let [first, second] = [0, 1].map(|part| house.median(way, part).map_or_else(|| "-".to_owned(), number));
         let took: f64 = house.of(way).map(|run| run.seconds).sum();
         let _ = write!(
             text,
@@ -143,16 +68,6 @@ fn figures(house: &House) -> String {
         );
     }
     text + "</dl>"
-}
-
-fn line_legend(entries: &[(&str, &str)]) -> String {
-    let entry = |(style, name): &(&str, &str)| {
-        format!(
-            r#"<span><svg class="sample" viewBox="0 0 26 12" aria-hidden="true"><path class="{style}" d="M0 6H26"/></svg>{}</span>"#,
-            escaped(name)
-        )
-    };
-    entries.iter().map(entry).collect()
 }
 
 fn mark_legend(names: &[&str]) -> String {
@@ -218,7 +133,7 @@ fn marks(house: &House, caption: &str, names: &[&str], label: &str, value: impl 
 
 fn dotted(caption: &str, names: &[&str], label: &str, first: &str, rows: &[(String, Vec<Option<f64>>)]) -> String {
     let head: Vec<String> = std::iter::once(first).chain(names.iter().copied()).map(str::to_owned).collect();
-    let cell = |value: &Option<f64>| value.map_or_else(|| "-".to_owned(), super::tables::number);
+    let cell = |value: &Option<f64>| value.map_or_else(|| "-".to_owned(), number);
     let listed: Vec<Vec<String>> =
         rows.iter().map(|(name, values)| std::iter::once(name.clone()).chain(values.iter().map(cell)).collect()).collect();
     figure(caption, &mark_legend(names), &dots(label, names, rows), &head, &listed)

@@ -1,37 +1,9 @@
 //! The tables of chapter 7 for the twin house, with the thesis's own figures beside them.
 
-use super::super::super::table::aligned;
+use super::super::page::{NONE, Table, number};
 use super::House;
 use super::published::{ROOMS, TABLE_7_6, TABLES_7_8_AND_7_9, place};
 use super::ways::{BOXES, DEFAULT, METHODS, Run, Solution, THESIS, THESIS_MSE, VALVE, Way};
-use serde::Serialize;
-
-/// Stands where there is no solution.
-const NONE: &str = "-";
-
-/// A table with its heading.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Table {
-    /// Where it is put on the page.
-    #[serde(skip)]
-    pub id: &'static str,
-    /// What it shows.
-    pub title: String,
-    /// How it is to be read.
-    pub note: String,
-    /// The heading of each column.
-    pub head: Vec<String>,
-    /// The cells. The first one of a row names it.
-    pub rows: Vec<Vec<String>>,
-}
-
-impl Table {
-    /// The table for a terminal.
-    pub fn text(&self) -> String {
-        let lines: Vec<Vec<String>> = std::iter::once(self.head.clone()).chain(self.rows.iter().cloned()).collect();
-        format!("{}\n{}\n\n{}", self.title, self.note, aligned(&lines))
-    }
-}
 
 /// All tables, in the order of the thesis.
 pub fn tables(house: &House) -> Vec<Table> {
@@ -39,16 +11,6 @@ pub fn tables(house: &House) -> Vec<Table> {
     tables.extend(worst(house));
     tables.extend([valves(house), times(house)]);
     tables
-}
-
-/// An error in K2, or another number without a fixed size.
-pub fn number(value: f64) -> String {
-    match value.abs() {
-        size if !size.is_finite() => NONE.to_owned(),
-        size if size < 100.0 => format!("{value:.4}"),
-        size if size < 1e5 => format!("{value:.1}"),
-        _ => format!("{value:.2e}"),
-    }
 }
 
 fn seconds(value: f64) -> String {

@@ -1,7 +1,7 @@
 //! Charts as SVG text. Colours come from the style sheet by class, and every series has a line or a mark of its own, so
 //! that none is told by colour alone.
 
-use super::super::page::escaped;
+use super::page::{escaped, number};
 use std::fmt::Write;
 
 /// A series over samples; a gap is no number.
@@ -33,7 +33,7 @@ pub fn lines(frame: &Frame, lines: &[Line]) -> String {
     let samples = lines.iter().map(|line| line.values.len()).max().unwrap_or(0).max(2);
     let measured = lines.first().map(|line| range(line.values.iter().flatten().copied())).unwrap_or((0.0, 1.0));
     let all = range(lines.iter().flat_map(|line| line.values.iter().flatten().copied()));
-    // Ten kelvins beyond what was measured tell enough of a run that leaves the room.
+    // Ten units beyond what was measured tell enough of a run that leaves it.
     let (low, high) = (all.0.max(measured.0 - 10.0), all.1.min(measured.1 + 10.0));
     let step = nice((high - low) / 4.0);
     let (low, high) = ((low / step).floor() * step, (high / step).ceil() * step);
@@ -55,7 +55,7 @@ pub fn lines(frame: &Frame, lines: &[Line]) -> String {
         value += step;
     }
     let days = samples.div_ceil(frame.per_day);
-    for day in (0..=days).step_by(if width < 500.0 { 7 } else { 1 }) {
+    for day in (0..=days).step_by(if width < 500.0 && days > 7 { 7 } else { 1 }) {
         let at = x((day * frame.per_day).min(samples - 1) as f64);
         let _ = write!(svg, r#"<text class="quiet" text-anchor="middle" x="{at:.1}" y="{:.1}">{day} d</text>"#, height - 5.0);
     }
@@ -119,7 +119,7 @@ pub fn dots(label: &str, series: &[&str], rows: &[(String, Vec<Option<f64>>)]) -
         let _ = write!(svg, r#"<line class="grid-line" x1="{left}" x2="{:.1}" y1="{y:.1}" y2="{y:.1}"/>"#, width - right);
         let _ = write!(svg, r#"<text text-anchor="end" x="{:.1}" y="{:.1}">{}</text>"#, left - 8.0, y + 4.0, escaped(name));
         for (place, value) in values.iter().enumerate().filter_map(|(place, value)| Some((place, (*value)?))) {
-            let title = format!("{}, {}: {}", escaped(name), escaped(series[place]), super::tables::number(value));
+            let title = format!("{}, {}: {}", escaped(name), escaped(series[place]), number(value));
             let _ = write!(svg, "{}", mark(place, x(value), y, &title));
         }
     }

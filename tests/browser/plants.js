@@ -1,0 +1,87 @@
+// A treatment plant on the page: four outputs in g/m3, and a model that forecasts nothing.
+import { ask, holds, test } from './harness.js';
+
+const PLANT = '/ui/systems/plant/north';
+const OUTPUTS = ['S_S_e', 'X_S_e', 'S_NH_e', 'S_NO_e'];
+
+/** Where the page counts in kelvin, which nothing in an effluent is. */
+const kelvin = page =>
+  page.evaluate(() => [...document.querySelector('main').innerText.matchAll(/.{0,40}(?<=[\d\s(])(K|degC|K\/h)(?=[\s,.);]|$).{0,20}/g)].map(([text]) => text));
+
+/** How many points of a chart have the colour of measurements. */
+const inked = (page, index) =>
+  page.evaluate(at => {
+    const canvas = document.querySelectorAll('.strips canvas')[at];
+    const { data } = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height);
+    let count = 0;
+    for (let i = 0; i < data.length; i += 4) if (data[i + 3] > 200 && Math.max(data[i], data[i + 1], data[i + 2]) < 70) count += 1;
+    return count;
+  }, index);
+
+export async function plants(chrome, { base }) {
+  await test(chrome, 'the_outputs_of_a_plant_are_below_each_other_until_one_is_chosen', {}, async page => {
+    await page.goto(`${base}${PLANT}`);
+    await page.locator('.strips canvas').first().waitFor();
+    const strips = page.locator('.strips .strip');
+    const names = (await strips.locator('.legend b').allInnerTexts()).filter(name => OUTPUTS.includes(name));
+    holds(names.join() === OUTPUTS.join(), names.join());
+    // The sensors sample half as often as the inputs, and their lines are lines all the same.
+    for (const at of OUTPUTS.keys()) {
+      const legend = await strips.nth(2 * at).locator('.legend').innerText();
+      holds(legend.includes(OUTPUTS[at]) && legend.includes('g/m3'), legend);
+      const points = await inked(page, 2 * at);
+      holds(points > 400, `${OUTPUTS[at]} is drawn with ${points} points`);
+    }
+    await page.getByText(/Never changing, and not drawn: .*S_ALK 7 mol\/m3/).waitFor();
+    const all = await strips.count();
+    // One after another by a key, all again behind the last.
+    for (const name of OUTPUTS) {
+      await page.keyboard.press('o');
+      await page.waitForURL(`**output=${name}`);
+      holds((await page.getByRole('button', { name, exact: true }).getAttribute('aria-pressed')) === 'true', `${name} is not marked`);
+      holds((await strips.count()) === all - 6, `${await strips.count()} strips of ${all}`);
+      const rows = await page.getByRole('region', { name: 'Errors of this view' }).locator('tbody th').allInnerTexts();
+      holds(rows.length > 0 && rows.every(row => row.startsWith(`${name},`)), rows.join());
+    }
+    await page.keyboard.press('o');
+    await page.waitForURL(url => !url.search.includes('output='));
+    holds((await strips.count()) === all, 'not all come again');
+    // The button does the same from the keyboard, and the choice goes along to the other pages and over a reload.
+    await page.getByRole('button', { name: 'S_NH_e', exact: true }).focus();
+    await page.keyboard.press('Enter');
+    await page.waitForURL('**output=S_NH_e');
+    await page.keyboard.press('2');
+    await page.waitForURL('**/fails?*output=S_NH_e*');
+    await page.reload();
+    await page.getByRole('heading', { name: 'Error by day and hour, S_NH_e' }).waitFor();
+    await page.keyboard.press('o');
+    await page.getByRole('heading', { name: 'Error by day and hour, S_NO_e' }).waitFor();
+    await page.getByText('lower than the model says', { exact: true }).waitFor();
+    const table = await page.getByRole('region', { name: 'Free run of each output' }).locator('tbody tr').allInnerTexts();
+    holds(table.length === 4 && table.every(row => row.includes('g/m3')), table.join('\n'));
+  });
+
+  await test(chrome, 'a_plant_counts_in_grams_and_forecasts_nothing', {}, async page => {
+    const [fit] = (await ask(base, '/fits?system=plant/north')).items;
+    await page.goto(`${base}${PLANT}?mode=PT6H`);
+    await page.getByText('so it makes no forecasts').first().waitFor();
+    await page.locator('.strips canvas').first().waitFor();
+    holds((await page.getByRole('button', { name: '6 h ahead' }).count()) === 0, 'forecasts are offered');
+    const figures = await page.locator('dl.figures').first().innerText();
+    for (const name of OUTPUTS) holds(figures.includes(`${name}, unseen data`), figures);
+    holds(fit.metrics.S_NH_e.unit === 'g/m3' && !figures.includes('24 h ahead'), figures);
+    const ready = { '': '.strips canvas', '/fails': 'svg.heat', '/missing': '.screen.empty', '/ladder': '.screen.empty', '/parameters': 'svg.rail' };
+    for (const [tab, part] of Object.entries(ready)) {
+      await page.goto(`${base}${PLANT}${tab}`);
+      await page.locator(part).first().waitFor();
+      // What the gate demands of a fit is its own text.
+      await page.evaluate(() => document.querySelectorAll('[aria-label="Checks"]').forEach(checks => checks.remove()));
+      const found = await kelvin(page);
+      holds(found.length === 0, `${tab}: ${found.join(' | ')}`);
+    }
+    await page.goto(`${base}/ui/`);
+    const row = page.locator('table.systems tbody tr', { hasText: 'plant/north' });
+    await row.getByText('makes no forecasts').waitFor();
+    await row.getByText(/last [\d.]+ g\/m3 of S_S_e/).waitFor();
+  });
+}
