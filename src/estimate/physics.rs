@@ -13,6 +13,8 @@ use nalgebra::DMatrix;
 const STRESS_HOURS: usize = 14 * 24;
 /// How far a stress run moves the temperatures beyond what the window saw.
 const STRESS_KELVIN: f64 = 10.0;
+/// The lowest and the highest of no values.
+const NOWHERE: (f64, f64) = (f64::INFINITY, f64::NEG_INFINITY);
 
 /// Puts every check of the model to a parameter vector.
 pub fn checks(problem: &Problem, theta: &[f64], trajectory: &Trajectory) -> Vec<CheckResult> {
@@ -47,7 +49,7 @@ fn inside(name: &str, unit: &str, (lower, upper): (Option<f64>, Option<f64>), (l
     }
 }
 
-/// The lowest and the highest value of the expressions of the range checks, over the samples at which all inputs are known.
+/// The lowest and the highest value of the expressions of the range checks, over the samples that the free run predicts.
 fn extents(problem: &Problem, theta: &[f64], trajectory: &Trajectory) -> Vec<(f64, f64)> {
     let (model, inputs) = (problem.model(), problem.inputs());
     // A graph of their own, which is small: they are looked at as often as there are samples.
@@ -56,9 +58,7 @@ fn extents(problem: &Problem, theta: &[f64], trajectory: &Trajectory) -> Vec<(f6
     if roots.is_empty() {
         return Vec::new();
     }
-    let mut extents = vec![(f64::INFINITY, f64::NEG_INFINITY); roots.len()];
-    // What is not a number stays so.
-    let least = |low: f64, value: f64| if low.is_nan() || value.is_nan() { f64::NAN } else { low.min(value) };
+    let mut extents = vec![NOWHERE; roots.len()];
     for k in (0..inputs.samples()).filter(|k| problem.simulator().predicted(*k)) {
         let values = graph.evaluate(&roots, |leaf| match leaf {
             Node::State(i) => trajectory.states[usize::from(i)][k],
@@ -68,7 +68,7 @@ fn extents(problem: &Problem, theta: &[f64], trajectory: &Trajectory) -> Vec<(f6
             Node::Delayed(..) => f64::NAN,
             _ => 0.0,
         });
-        extents.iter_mut().zip(values).for_each(|((low, high), value)| (*low, *high) = (least(*low, value), -least(-*high, -value)));
+        extents.iter_mut().zip(values).for_each(|(extent, value)| *extent = widened(*extent, value));
     }
     extents
 }
@@ -205,7 +205,10 @@ fn stress(problem: &Problem, theta: &[f64], kelvin: f64) -> Trajectory {
 
 /// Lowest and highest value; a series with a value that is no number has no range either.
 fn range(series: &[f64]) -> (f64, f64) {
-    let no_number = series.iter().any(|value| value.is_nan());
-    let range = series.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| (low.min(*value), high.max(*value)));
-    if no_number { (f64::NAN, f64::NAN) } else { range }
+    series.iter().fold(NOWHERE, |extent, value| widened(extent, *value))
+}
+
+/// A range that holds one more value. What is not a number stays so.
+fn widened((low, high): (f64, f64), value: f64) -> (f64, f64) {
+    if low.is_nan() || value.is_nan() { (f64::NAN, f64::NAN) } else { (low.min(value), high.max(value)) }
 }

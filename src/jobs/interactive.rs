@@ -275,7 +275,10 @@ mod tests {
         let interactive = Interactive::new(1).unwrap();
         let fault = || Err(JobsError::Faults(vec![Fault::new("/x", "x", "x")]));
         assert!(matches!(interactive.answer("a", fault).await, Err(JobsError::Faults(faults)) if faults.len() == 1));
-        assert!(matches!(interactive.answer("a", || std::panic::resume_unwind(Box::new("expected by this test"))).await, Err(JobsError::Internal(_))));
+        assert!(matches!(
+            interactive.answer("a", || std::panic::resume_unwind(Box::new("expected by this test"))).await,
+            Err(JobsError::Internal(_))
+        ));
         assert_eq!(&*interactive.answer("a", || bytes("at last")).await.unwrap(), b"at last");
     }
 

@@ -199,12 +199,16 @@ impl PlantSpec {
     /// What is wrong in the model that this expands into, where its author can do something about it.
     #[must_use]
     pub fn place(fault: Fault) -> Fault {
-        let made = ["/states", "/equations", "/define", "/inputs"].iter().any(|part| fault.pointer.starts_with(part));
-        // A balance that does not hold is one of the numbers that the plant has written over those of its reactions.
-        if fault.pointer.starts_with("/process") {
-            return Fault { detail: format!("{}: {}", fault.pointer, fault.detail), pointer: "/parameters".to_owned(), ..fault };
-        }
-        if made { Fault { detail: format!("{}: {}", fault.pointer, fault.detail), pointer: "/tanks".to_owned(), ..fault } } else { fault }
+        let of = |parts: &[&str]| parts.iter().any(|part| fault.pointer.starts_with(part));
+        let pointer = if of(&["/process"]) {
+            // A balance that does not hold is one of the numbers that the plant has written over those of its reactions.
+            "/parameters"
+        } else if of(&["/states", "/equations", "/define", "/inputs"]) {
+            "/tanks"
+        } else {
+            return fault;
+        };
+        Fault { detail: format!("{}: {}", fault.pointer, fault.detail), pointer: pointer.to_owned(), ..fault }
     }
 
     /// Writes the plant's own numbers over those of the reactions.

@@ -63,7 +63,7 @@ S_NH_e = "passes * (S_NH - S_NH_e)"
 S_NO_e = "passes * (S_NO - S_NO_e)"
 "#,
 ];
-/// The strengths of those, in the same order.
+/// Their strengths, as those above.
 const STRANGE_STRENGTHS: [(&str, &str, [f64; 2]); 3] =
     [("reject_water", "a_reject", [10.0, 30.0]), ("ammonium_inhibition", "K_I", [1.0, 4.0]), ("bypass", "s_bypass", [0.1, 0.4])];
 /// How far the true parameters are from those of the document, as a share.

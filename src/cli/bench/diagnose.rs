@@ -2,7 +2,7 @@
 
 use super::super::{Failure, faults};
 use super::Row;
-use super::verdicts::rows;
+use super::verdicts::{MATERIAL, judge_all, rows};
 use lampyris::data::{Bindings, SplitRequest, Window};
 use lampyris::diagnose::fitted::Null;
 use lampyris::diagnose::report::Considered;
@@ -10,7 +10,6 @@ use lampyris::diagnose::{Diagnosis, diagnose, preview};
 use lampyris::estimate::{Control, EstimateRequest, Problem, Site, estimate, prepare};
 use lampyris::model::Catalogue;
 use lampyris::twin::{CATALOGUED, Level, STRANGE, Truth, World, WorldRequest, world};
-use rayon::prelude::*;
 use std::time::Instant;
 
 /// Pairs of effects that show.
@@ -22,8 +21,6 @@ const PAIRS: [[&str; 2]; 6] = [
     ["sky_radiation", "metered_gain"],
     ["night_setback", "wind_infiltration"],
 ];
-/// An effect is material when knowing it cuts the test error by this share.
-const MATERIAL: f64 = 0.10;
 
 /// Of three hundred worlds so many hide nothing, an effect that no catalogue has, one effect, and two.
 const SHARES: [u64; 4] = [100, 40, 100, 60];
@@ -97,17 +94,7 @@ pub fn run(first: u64, worlds: u64, only: Option<&str>, each: bool) -> Result<Ve
         }
     }
     requests.retain(|request| only.is_none_or(|only| name(request).contains(only)));
-    let judged: Vec<Judged> = requests
-        .par_iter()
-        .map(|request| {
-            let judged = judge(request)?;
-            if each {
-                eprintln!("{}", line(&judged));
-            }
-            Ok(judged)
-        })
-        .collect::<Result<_, Failure>>()?;
-    Ok(rows(&judged))
+    Ok(rows(&judge_all(&requests, judge, each.then_some(line))?))
 }
 
 fn name(request: &WorldRequest) -> String {

@@ -59,7 +59,7 @@ pub struct Plan<'a> {
 
 /// Runs what is planned: the lines, and the tables for people.
 pub fn run(plan: &Plan) -> Result<(Vec<Row>, Vec<Table>), Failure> {
-    let (mut rows, mut listed, mut drawn) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut rows, mut drawn, mut beside_them) = (Vec::new(), Vec::new(), Vec::new());
     let beside = plan.thesis || plan.realism || plan.jena.is_some();
     for (place, id) in PLANTS.into_iter().enumerate().filter(|(_, id)| plan.only.is_none_or(|only| id.contains(only))) {
         let seed = plan.first + place as u64;
@@ -67,7 +67,7 @@ pub fn run(plan: &Plan) -> Result<(Vec<Row>, Vec<Table>), Failure> {
         if plan.thesis {
             let (more, table) = thesis::run(&clean)?;
             rows.extend(more);
-            listed.push(table);
+            beside_them.push(table);
         }
         if beside && plan.html.is_none() {
             continue;
@@ -78,23 +78,22 @@ pub fn run(plan: &Plan) -> Result<(Vec<Row>, Vec<Table>), Failure> {
         rows.extend(clean.estimation(plan.each));
         let noisy = noisy.fit()?;
         rows.extend(noisy.intervals(plan.each));
-        listed.push(tables::table_6_8(&clean, &noisy));
-        drawn.push((clean, noisy));
+        drawn.push((tables::table_6_8(&clean, &noisy), clean, noisy));
     }
     if plan.realism {
         let (more, table) = realism::run(plan.first)?;
         rows.extend(more);
-        listed.push(table);
+        beside_them.push(table);
     }
     if let Some(folder) = plan.jena {
         let (more, table) = jena::run(folder)?;
         rows.extend(more);
-        listed.push(table);
+        beside_them.push(table);
     }
     if let Some(file) = plan.html {
-        super::write(file, &page::document(&drawn, &listed, &rows)?)?;
+        super::write(file, &page::document(&drawn, &beside_them, &rows)?)?;
     }
-    Ok((rows, listed))
+    Ok((rows, drawn.into_iter().map(|(table, ..)| table).chain(beside_them).collect()))
 }
 
 /// What a record is made of.
@@ -215,12 +214,6 @@ impl Fitted {
         self.fit.correlated.iter().any(|pair| pair.parameters.iter().any(|one| one == name))
     }
 
-    /// The error of eq. 6.6 over the days that were fitted, and over those that were not.
-    fn errors(&self, theta: &[f64]) -> [f64; 2] {
-        let split = self.problem.split();
-        [split.train.clone(), split.validation.clone()].map(|part| normalised(&self.problem, theta, part))
-    }
-
     /// How many of the intervals that there are hold the truth.
     fn held(&self) -> (usize, usize) {
         let intervals = self.case.truth.iter().filter_map(|(name, truth)| Some((self.fit.parameters[name].ci95?, truth)));
@@ -234,14 +227,14 @@ impl Fitted {
         let error = |name: &str, truth: f64| (fit.parameters[name].value / truth - 1.0).abs();
         let far = self.case.truth.iter().filter(|(name, truth)| error(name, *truth) > NEAR && !self.on_a_ridge(name)).count();
         if each {
-            let [at_truth, _] = self.errors(&self.truth());
+            let [at_truth, _] = errors(&self.problem, &self.truth());
             eprintln!("{id}: error of eq. 6.6 at the truth {at_truth:.2e}; a point every {} s", fit.sample_s);
             for (name, truth) in &self.case.truth {
                 let mark = if self.on_a_ridge(name) { " (on a ridge)" } else { "" };
                 eprintln!("{id} {name}: {:.4}, truth {truth}{mark}", fit.parameters[name].value);
             }
         }
-        let [seen, unseen] = self.errors(&fit.theta());
+        let [seen, unseen] = errors(&self.problem, &fit.theta());
         vec![
             Row::new(format!("plant {id}: seven parameters (target 60 s; thesis 7,020 s)"), self.seconds, "s"),
             Row::new("  evaluations", fit.evaluations as f64, ""),
@@ -279,6 +272,12 @@ fn kept(csv: &str, keep: &dyn Fn(usize) -> bool) -> String {
         cells.collect::<Vec<_>>().join(",")
     };
     csv.lines().enumerate().map(row).collect::<Vec<_>>().join("\n")
+}
+
+/// The error of eq. 6.6 over the days that are fitted, and over those that are not.
+fn errors(problem: &Problem, theta: &[f64]) -> [f64; 2] {
+    let split = problem.split();
+    [split.train.clone(), split.validation.clone()].map(|part| normalised(problem, theta, part))
 }
 
 /// The mean square error of thesis eq. 6.6: each effluent in its range, all weighed alike.

@@ -2,22 +2,19 @@
 
 use super::super::{Failure, faults};
 use super::Row;
-use super::verdicts::share;
+use super::verdicts::{MATERIAL, judge_all, share, spread};
 use lampyris::data::{Bindings, Window};
 use lampyris::diagnose::fitted::Null;
 use lampyris::diagnose::{Adequacy, Diagnosis, diagnose};
 use lampyris::estimate::{Control, EstimateRequest, Problem, Site, prepare};
 use lampyris::model::Catalogue;
 use lampyris::twin::plant_world::{PLANT, PlantTruth, PlantWorldRequest, catalogued, plant_world, strange};
-use rayon::prelude::*;
 use std::time::Instant;
 
 /// Days of a record: fitted, judged, and kept aside to see whether naming an effect helped.
 const DAYS: [usize; 3] = [4, 2, 2];
 /// Of sixty worlds so many hide nothing, an effect that no catalogue has, and one of the catalogue's.
 const SHARES: [u64; 3] = [20, 8, 32];
-/// An effect is material when knowing the truth cuts the test error by this share.
-const MATERIAL: f64 = 0.10;
 
 /// A world and its diagnosis.
 struct Judged {
@@ -63,17 +60,7 @@ pub fn run(first: u64, worlds: u64, only: Option<&str>, each: bool) -> Result<Ve
         .map(|(effect, seed)| PlantWorldRequest { seed, effect: *effect, days: DAYS.iter().sum() })
         .collect();
     requests.retain(|request| only.is_none_or(|only| request.effect.unwrap_or("none").contains(only)));
-    let judged: Vec<Judged> = requests
-        .par_iter()
-        .map(|request| {
-            let judged = judge(request)?;
-            if each {
-                eprintln!("{}", line(&judged));
-            }
-            Ok(judged)
-        })
-        .collect::<Result<_, Failure>>()?;
-    Ok(rows(&judged))
+    Ok(rows(&judge_all(&requests, judge, each.then_some(line))?))
 }
 
 fn problem(catalogue: &Catalogue, window: &Window, model: &str) -> Result<Problem, Failure> {
@@ -152,12 +139,9 @@ fn rows(judged: &[Judged]) -> Vec<Row> {
         share("interval of 95 % holds the true strength", &covered, |one| one.covered() == Some(true)),
     ];
     rows.extend(goals.into_iter().flatten());
-    let mut seconds: Vec<f64> = judged.iter().map(|one| one.seconds).collect();
-    seconds.sort_by(f64::total_cmp);
-    rows.extend(seconds.get(seconds.len() / 2).map(|median| Row::new("a diagnosis, wall time beside others: median", *median, "s")));
-    let mut rounds: Vec<f64> = judged.iter().flat_map(|one| &one.diagnosis.evaluations).map(|count| *count as f64).collect();
-    rounds.sort_by(f64::total_cmp);
-    rows.extend(rounds.get(rounds.len() / 2).map(|median| Row::new("a round, simulations: median", *median, "-")));
+    rows.extend(spread("a diagnosis, wall time beside others", "s", judged.iter().map(|one| one.seconds).collect()));
+    let rounds = judged.iter().flat_map(|one| &one.diagnosis.evaluations).map(|count| *count as f64);
+    rows.extend(spread("a round, simulations", "-", rounds.collect()));
     rows
 }
 

@@ -1,10 +1,29 @@
 //! The table of a bench of diagnoses: what was named per kind of world, and the goals.
 
+use super::super::Failure;
 use super::Row;
 use super::diagnose::{Judged, Outcome};
 use lampyris::diagnose::Adequacy;
 use lampyris::twin::Level;
+use rayon::prelude::*;
 use std::collections::BTreeMap;
+
+/// An effect is material when knowing the truth cuts the test error by this share.
+pub const MATERIAL: f64 = 0.10;
+
+/// Judges every world, on as many as there are cores at once; prints a line on each as it is done where asked to.
+pub fn judge_all<W: Sync, J: Send>(
+    worlds: &[W],
+    judge: impl Fn(&W) -> Result<J, Failure> + Sync,
+    line: Option<fn(&J) -> String>,
+) -> Result<Vec<J>, Failure> {
+    let one = |world| {
+        let judged = judge(world)?;
+        line.into_iter().for_each(|line| eprintln!("{}", line(&judged)));
+        Ok(judged)
+    };
+    worlds.par_iter().map(one).collect()
+}
 
 /// The table: per level and effect, then the goals.
 pub fn rows(judged: &[Judged]) -> Vec<Row> {
@@ -26,11 +45,6 @@ pub fn rows(judged: &[Judged]) -> Vec<Row> {
     for level in [Level::Matched, Level::Rich] {
         rows.extend(goals(judged, level));
     }
-    let spread = |what: &str, unit: &'static str, mut values: Vec<f64>| {
-        values.sort_by(f64::total_cmp);
-        let at = |share: f64| values.get(((values.len() as f64 - 1.0) * share) as usize).copied().unwrap_or(f64::NAN);
-        [("median", 0.5), ("95th percentile", 0.95)].map(|(name, share)| Row::new(format!("{what}: {name}"), at(share), unit))
-    };
     rows.extend(spread("a diagnosis, wall time", "s", judged.iter().map(|one| one.seconds).collect()));
     rows.extend(spread("a preview, wall time", "s", judged.iter().map(|one| one.preview_seconds).collect()));
     let candidates = judged.iter().flat_map(|one| &one.diagnosis.considered).filter_map(|one| Some(one.measures?.evaluations as f64));
@@ -38,6 +52,13 @@ pub fn rows(judged: &[Judged]) -> Vec<Row> {
     let rounds = judged.iter().flat_map(|one| &one.diagnosis.evaluations).map(|count| *count as f64);
     rows.extend(spread("a round, simulations", "-", rounds.collect()));
     rows
+}
+
+/// Two rows on how values are spread.
+pub fn spread(what: &str, unit: &'static str, mut values: Vec<f64>) -> [Row; 2] {
+    values.sort_by(f64::total_cmp);
+    let at = |share: f64| values.get(((values.len() as f64 - 1.0) * share) as usize).copied().unwrap_or(f64::NAN);
+    [("median", 0.5), ("95th percentile", 0.95)].map(|(name, share)| Row::new(format!("{what}: {name}"), at(share), unit))
 }
 
 fn goals(judged: &[Judged], level: Level) -> Vec<Row> {

@@ -4,7 +4,7 @@ use super::super::super::Failure;
 use super::super::Row;
 use super::super::charts::{Frame, Line, lines};
 use super::super::page::{self, Table, escaped, figure, line_legend, section};
-use super::{Fitted, tables};
+use super::{Fitted, thesis};
 use lampyris::data::rfc3339;
 
 /// Samples between the points of a chart of all days.
@@ -14,27 +14,23 @@ const EVERY: usize = 3;
 ///
 /// # Errors
 /// Where the page's style is not in the binary.
-pub fn document(plants: &[(Fitted, Fitted)], listed: &[Table], rows: &[Row]) -> Result<String, Failure> {
+pub fn document(plants: &[(Table, Fitted, Fitted)], listed: &[Table], rows: &[Row]) -> Result<String, Failure> {
     page::document("The treatment plants of chapter 6", page::STYLE, &body(plants, listed, rows))
 }
 
-fn body(plants: &[(Fitted, Fitted)], listed: &[Table], rows: &[Row]) -> String {
+fn body(plants: &[(Table, Fitted, Fitted)], listed: &[Table], rows: &[Row]) -> String {
     let mut body = "<p>Twins of treatment plants with a known truth: an anoxic and an aerobic tank, a settler, recycles, ASM1. Three days of the \
                     effluent are fitted, the eleven days after are unseen. The thesis gives neither the volumes nor the influent of its plant; plant L has the truth of \
                     its Table 6.6, plant H is a healthy one.</p>"
         .to_owned();
-    for (clean, noisy) in plants {
+    for (table, clean, noisy) in plants {
         body += &format!("<h2>Plant {}</h2>", escaped(clean.case.id));
-        let title = tables::table_6_8(clean, noisy);
-        body += &section(&title);
+        body += &section(table);
         let ridges = noisy.fit.remarks.iter().filter(|remark| remark.contains("correlation"));
         body += &format!("<ul>{}</ul>", ridges.map(|remark| format!("<li>{}</li>", escaped(remark))).collect::<String>());
         body += &figures(clean, noisy);
     }
-    let shown = plants.iter().map(|(clean, noisy)| tables::table_6_8(clean, noisy).title).collect::<Vec<_>>();
-    for table in listed.iter().filter(|table| !shown.contains(&table.title)) {
-        body += &section(table);
-    }
+    body.extend(listed.iter().map(section));
     let cells: Vec<Vec<String>> = rows.iter().map(|row| vec![row.what.clone(), row.number(), row.unit.to_owned()]).collect();
     body + "<h2>All figures</h2>" + &page::table(&["what", "value", "unit"], &cells)
 }
@@ -46,7 +42,7 @@ fn figures(clean: &Fitted, noisy: &Fitted) -> String {
         ("model", "estimate", problem.simulate(&noisy.fit.theta())),
         ("previous", "start of the search", problem.simulate(problem.nominal())),
     ];
-    if let Some(published) = tables::published(clean) {
+    if let Some(published) = thesis::published(&clean.case) {
         ways.push(("heldout", "the thesis's estimate", problem.simulate(&published)));
     }
     let train = problem.split().train.end;

@@ -1,19 +1,20 @@
 //! Table 6.8 of the thesis with our own estimates.
 
 use super::super::page::{NONE, Table, number};
-use super::{Fitted, thesis};
+use super::{Fitted, errors, thesis};
 
 /// Truth, the thesis's estimate where its truth is ours, and ours without and with noise. Errors are those of eq. 6.6 against the
 /// effluent without noise.
 pub fn table_6_8(clean: &Fitted, noisy: &Fitted) -> Table {
-    let published = published(clean);
+    let published = thesis::published(&clean.case);
     let mut head = vec!["parameter", "truth"];
     head.extend(published.as_ref().map(|_| "thesis"));
     head.extend(["no noise", "noise of 2 %", "95 % interval", "can hardly be told from"]);
-    let mut rows: Vec<Vec<String>> = clean.case.truth.iter().map(|(name, truth)| parameter(name, *truth, clean, noisy)).collect();
+    let mut rows: Vec<Vec<String>> =
+        (0..clean.case.truth.len()).map(|place| parameter(place, published.as_deref(), clean, noisy)).collect();
     let [of_thesis, ours, with_noise] = [published.as_deref(), Some(&clean.fit.theta()[..]), Some(&noisy.fit.theta()[..])]
-        .map(|theta| theta.map(|theta| clean.errors(theta)));
-    let at_truth = clean.errors(&clean.truth());
+        .map(|theta| theta.map(|theta| errors(&clean.problem, theta)));
+    let at_truth = errors(&clean.problem, &clean.truth());
     for (part, name) in ["error of eq. 6.6, three days", "error of eq. 6.6, eleven unseen days"].into_iter().enumerate() {
         let cell = |errors: Option<[f64; 2]>| errors.map(|errors| format!("{:.1e}", errors[part]));
         rows.push(line(
@@ -35,17 +36,10 @@ pub fn table_6_8(clean: &Fitted, noisy: &Fitted) -> Table {
     }
 }
 
-/// The thesis's estimates in the model's order, for the plant that has the truth of its Table 6.6.
-pub fn published(fitted: &Fitted) -> Option<Vec<f64>> {
-    let names = || fitted.case.truth.iter().map(|(name, _)| name.as_str());
-    (fitted.case.id == "asm1_l").then(|| names().filter_map(thesis::estimate).collect())
-}
-
-fn parameter(name: &str, truth: f64, clean: &Fitted, noisy: &Fitted) -> Vec<String> {
-    let mut cells = vec![name.to_owned(), number(truth)];
-    if published(clean).is_some() {
-        cells.push(thesis::estimate(name).map_or_else(|| NONE.to_owned(), number));
-    }
+fn parameter(place: usize, published: Option<&[f64]>, clean: &Fitted, noisy: &Fitted) -> Vec<String> {
+    let (name, truth) = &clean.case.truth[place];
+    let mut cells = vec![name.to_owned(), number(*truth)];
+    cells.extend(published.map(|published| number(published[place])));
     let estimate = &noisy.fit.parameters[name];
     let interval = estimate.ci95.map_or_else(|| NONE.to_owned(), |[low, high]| format!("{} to {}", number(low), number(high)));
     let others: Vec<&str> = noisy.fit.correlated.iter().filter_map(|pair| other(&pair.parameters, name)).collect();
