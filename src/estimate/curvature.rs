@@ -100,7 +100,7 @@ impl Curvature {
         let name = |i: usize| task.space().dimensions()[i].name.clone();
         let pairs = (0..first).flat_map(|i| (0..i).map(move |j| (i, j)));
         pairs
-            .map(|(i, j)| CorrelatedPair { parameters: [name(j), name(i)], correlation: self.correlations[i][j] })
+            .map(|(i, j)| CorrelatedPair { parameters: [name(j), name(i)], correlation: self.correlations[i][j], ridge: Vec::new() })
             .filter(|pair| pair.correlation.abs() > CORRELATED)
             .collect()
     }

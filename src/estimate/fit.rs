@@ -51,6 +51,19 @@ pub struct CorrelatedPair {
     pub parameters: [String; 2],
     /// Their correlation.
     pub correlation: f64,
+    /// What lies along their ridge, in the order of the first; empty where it was not followed: it is for the closest pairs of models
+    /// that have no filter, and with it no likelihood to profile.
+    #[serde(default)]
+    pub ridge: Vec<RidgePoint>,
+}
+
+/// A point of a ridge: one parameter is held, all others are estimated again.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct RidgePoint {
+    /// The values of the pair: the one that is held, and what the other becomes.
+    pub values: [f64; 2],
+    /// The least cost there, in the unit of the fit's.
+    pub cost: f64,
 }
 
 /// The best cost after so many evaluations.

@@ -28,6 +28,7 @@ pub mod replay;
 #[cfg(test)]
 mod replay_tests;
 pub mod request;
+pub mod ridge;
 pub mod rules;
 pub mod run;
 pub mod served;

@@ -323,6 +323,14 @@ impl Problem {
         problem
     }
 
+    /// The same problem with a parameter fixed at a value.
+    #[must_use]
+    pub fn fixed_at(&self, parameter: usize, value: f64) -> Self {
+        let mut problem = self.with_fixed(&[parameter]);
+        problem.nominal[parameter] = value;
+        problem
+    }
+
     /// The same problem with its prior weighted by this residual variance.
     #[must_use]
     pub fn with_prior_variance(&self, variance: f64) -> Self {

@@ -5,8 +5,9 @@ use super::fit::{Estimate, Fit, Parts, Span, Stop, TracePoint};
 use super::metrics::{filter, metrics};
 use super::problem::Problem;
 use super::request::{EstimateRequest, Prior, StartFrom};
+use super::ridge::{follow, sentence};
 use super::stop::{EarlyStopping, Watch};
-use super::uncertainty::{Uncertainty, ridge, uncertainty};
+use super::uncertainty::{Uncertainty, uncertainty};
 use super::validate::Incumbent;
 use crate::data::rfc3339;
 use crate::model::{Scale, Stepper};
@@ -136,8 +137,12 @@ pub fn estimate(
         remarks.push("the validation part chose between candidates, so its error is not that of unseen data".to_owned());
     }
     let (problem, non_identifiable) = fix_unidentifiable(problem, &mut found, &mut remarks, control)?;
-    let known = uncertainty(&problem, &found.theta);
+    let mut known = uncertainty(&problem, &found.theta);
     found.evaluations += known.evaluations;
+    // A model with a filter has a likelihood, whose profiles `ctsm` gives.
+    if !problem.filters() {
+        found.evaluations += follow(&problem, &found.theta, found.cost, &mut known, control)?;
+    }
     let mut fit = report(&problem, request, found, &known, discretisation_error, remarks);
     fit.non_identifiable = non_identifiable;
     Ok(fit)
@@ -255,17 +260,11 @@ pub(super) fn drive(
     Ok(Found { theta, place, cost, stop, evaluations: progress.evaluations, trace, runs, remarks })
 }
 
-/// Least squares from a known point; `None` where it goes nowhere or the wall time is used up: what was found
-/// before then stays.
-fn polish(problem: &Problem, theta: &[f64], control: &Control) -> Result<Option<Found>, EstimateError> {
+/// Least squares from a known point, with so many evaluations; `None` where it goes nowhere or the wall time is used up: what was
+/// found before then stays.
+pub(super) fn polish(problem: &Problem, theta: &[f64], budget: usize, control: &Control) -> Result<Option<Found>, EstimateError> {
     let method = Method::LmMultistart(LmOptions { starts: 1, ..LmOptions::default() });
-    let search = Search {
-        dimensions: problem.space().len(),
-        seed: 0,
-        budget: POLISH_EVALUATIONS,
-        warm: vec![problem.candidate(theta)],
-        residuals: true,
-    };
+    let search = Search { dimensions: problem.space().len(), seed: 0, budget, warm: vec![problem.candidate(theta)], residuals: true };
     match drive(problem, &|ask, halt| evaluate(problem, ask, halt), &method, search, None, control) {
         Ok(found) => Ok(Some(found)),
         Err(EstimateError::NothingFinite | EstimateError::Interrupted(Interrupt::Deadline)) => Ok(None),
@@ -296,7 +295,7 @@ fn refine_step(mut problem: Problem, mut found: Found, chosen: bool, control: &C
             (problem, found.cost, found.evaluations) = (finer, cost, found.evaluations + 1);
             continue;
         }
-        let Some(polished) = polish(&finer, &found.theta, control)? else { return Ok((problem, found, difference)) };
+        let Some(polished) = polish(&finer, &found.theta, POLISH_EVALUATIONS, control)? else { return Ok((problem, found, difference)) };
         problem = finer;
         found = Found { theta: polished.theta, cost: polished.cost, evaluations: found.evaluations + polished.evaluations, ..found };
     }
@@ -346,7 +345,7 @@ fn fix_unidentifiable(
     on_bound.iter().for_each(|index| start[*index] = problem.nominal()[*index]);
     let error = |problem: &Problem, theta: &[f64]| problem.free_run_error(&problem.simulate(theta), unseen.clone());
     // A refit that goes nowhere only means that the parameters matter.
-    let refit = polish(&fixed, &start, control)?;
+    let refit = polish(&fixed, &start, POLISH_EVALUATIONS, control)?;
     found.evaluations += refit.as_ref().map_or(0, |refit| refit.evaluations);
     if let Some(refit) = refit
         && let (Some(with), Some(without)) = (error(&problem, &found.theta), error(&fixed, &refit.theta))
@@ -398,7 +397,7 @@ pub(super) fn report(
             },
         );
     }
-    remarks.extend(uncertainty.correlated.iter().map(|pair| ridge(pair, problem.model())));
+    remarks.extend(uncertainty.correlated.iter().map(|pair| sentence(pair, problem.model())));
     if !problem.filters() {
         remarks.push("the model is stepped explicitly and has no filter: errors are those of free runs, none is of a forecast".to_owned());
     }

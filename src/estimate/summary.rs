@@ -95,7 +95,12 @@ fn side(unit: &str, skill: &Skill) -> &'static str {
 
 /// A positive number with two digits that count.
 fn number(value: f64) -> String {
-    let digits = if value > 0.0 { (1.0 - value.log10().floor()).clamp(0.0, 9.0) } else { 0.0 };
+    digits(value, 2.0)
+}
+
+/// A positive number with so many digits that count.
+pub(super) fn digits(value: f64, count: f64) -> String {
+    let digits = if value > 0.0 { (count - 1.0 - value.log10().floor()).clamp(0.0, 9.0) } else { 0.0 };
     format!("{value:.*}", digits as usize)
 }
 

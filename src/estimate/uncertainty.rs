@@ -8,7 +8,6 @@
 use super::fit::CorrelatedPair;
 use super::problem::Problem;
 use super::whiten::{Ar, stride};
-use crate::model::Model;
 use crate::optimise::Candidate;
 use crate::simulate::Trajectory;
 use nalgebra::DMatrix;
@@ -93,25 +92,11 @@ pub fn uncertainty(problem: &Problem, theta: &[f64]) -> Uncertainty {
             let correlation = covariance[(i, j)] / (deviation(i) * deviation(j));
             if correlation.abs() > CORRELATED {
                 let name = |i: usize| space.dimensions()[i].name.clone();
-                correlated.push(CorrelatedPair { parameters: [name(j), name(i)], correlation });
+                correlated.push(CorrelatedPair { parameters: [name(j), name(i)], correlation, ridge: Vec::new() });
             }
         }
     }
     Uncertainty { ci95, correlated, evaluations }
-}
-
-/// What a pair means for an operator, with what would tell the two apart where their documents say it.
-pub fn ridge(pair: &CorrelatedPair, model: &Model) -> String {
-    let [a, b] = &pair.parameters;
-    let correlation = pair.correlation;
-    let excite = |name: &String| model.parameters().iter().find(|parameter| parameter.name == *name)?.excite.as_deref();
-    let mut ways: Vec<&str> = pair.parameters.iter().filter_map(excite).collect();
-    ways.dedup();
-    if ways.is_empty() {
-        return format!("{a} and {b} move together (correlation {correlation:.2}): trust their effect, not their separate values");
-    }
-    let ways = ways.join(" or ");
-    format!("{a} and {b} can hardly be told apart with these data (correlation {correlation:.3}): {ways} would separate them")
 }
 
 /// The rows of one output: its usable samples, whose gaps interrupt the correlation of its errors, its weight in the cost and

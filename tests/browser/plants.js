@@ -84,4 +84,21 @@ export async function plants(chrome, { base }) {
     await row.getByText('makes no forecasts').waitFor();
     await row.getByText(/last [\d.]+ g\/m3 of S_S_e/).waitFor();
   });
+
+  await test(chrome, 'a_ridge_is_drawn_with_its_numbers', {}, async page => {
+    // The two free parameters of the demo's plant can be told apart: its fit gets a pair that cannot.
+    const ridge = [[3.1, 0.42], [3.3, 0.46], [3.6, 0.5], [3.9, 0.53], [4.3, 0.57]].map((values, at) => ({ values, cost: 1 + 0.01 * (at - 2) ** 2 }));
+    await page.route(/\/fits\/[^/?]+$/, async route => {
+      const answer = await route.fetch();
+      const fit = await answer.json();
+      const parameters = Object.keys(fit.parameters).slice(0, 2);
+      await route.fulfill({ response: answer, json: { ...fit, correlated: [{ parameters, correlation: 0.991, ridge }] } });
+    });
+    await page.goto(`${base}${PLANT}/parameters`);
+    await page.getByText('Along the ridge').click();
+    const open = page.locator('details[open]', { hasText: 'Along the ridge' });
+    for (const at of [0, 1]) await open.locator('svg.chart path').nth(at).waitFor();
+    const rows = await open.locator('tbody tr').allInnerTexts();
+    holds(rows.length === ridge.length && rows[2].includes('3.6') && rows[2].includes('0.5'), rows.join('\n'));
+  });
 }

@@ -97,9 +97,27 @@ export function Values({ fit, history }) {
           : []),
       ])} />
     ${fit.correlated.length > 0 && html`<ul>
-      ${fit.correlated.map(pair => html`<li>▲ ${fit.remarks.find(remark => isOf(pair, remark)) ?? `${pair.parameters.join(' and ')} move together (correlation ${number(pair.correlation)})`}.</li>`)}</ul>`}
+      ${fit.correlated.map(pair => html`<li>▲ ${fit.remarks.find(remark => isOf(pair, remark)) ?? `${pair.parameters.join(' and ')} move together (correlation ${number(pair.correlation)})`}.
+        ${pair.ridge.length > 1 && html`<${AlongRidge} pair=${pair} fit=${fit} />`}</li>`)}</ul>`}
     ${fit.remarks.filter(remark => !fit.correlated.some(pair => isOf(pair, remark))).map(remark => html`<p class="note">${remark}</p>`)}
   </${Frame}>`;
+}
+
+/** Where the first of a pair is held and all else is fitted again: the least cost, and what the second becomes. */
+function AlongRidge({ pair, fit }) {
+  const [held, other] = pair.parameters;
+  const unit = name => (fit.parameters[name].unit === '-' ? '' : fit.parameters[name].unit);
+  const across = [pair.ridge[0].values[0], pair.ridge.at(-1).values[0]];
+  const drawn = (what, points) => html`<div><b>${what}</b>
+    <${Curve} height=${150} xLabel=${`${held} ${unit(held)}`} yLabel="" across=${across} label=${`${what} where ${held} is held`}
+      lines=${[{ label: '', colour: 'model', open: true, points }]} /></div>`;
+  return html`<details><summary>Along the ridge: ${held} is held, all else is fitted again</summary>
+    <div class="small-multiples">
+      ${drawn('least cost', pair.ridge.map(point => [point.values[0], point.cost]))}
+      ${drawn(`${other} ${unit(other)}`, pair.ridge.map(point => point.values))}
+    </div>
+    <${Table} caption=${`${held} is held, all else is fitted again`} columns=${[[held, 'number'], [other, 'number'], ['least cost', 'number']]}
+      rows=${pair.ridge.map(({ values, cost }) => [...values.map(value => number(value, 4)), number(cost, 4)])} /></details>`;
 }
 
 /** A parameter over the revisions, in its cell; the chart opens. */
