@@ -312,22 +312,15 @@ impl Problem {
         Self { simulator: simulator_for(&self.model, &inputs, &self.measured, self.simulator.substeps()), inputs, ..self.clone() }
     }
 
-    /// The same problem with some parameters fixed at their nominal values.
+    /// The same problem with some parameters fixed at values.
     #[must_use]
-    pub fn with_fixed(&self, parameters: &[usize]) -> Self {
+    pub fn with_fixed(&self, parameters: &[(usize, f64)]) -> Self {
         let mut problem = self.clone();
-        let keep: Vec<bool> = self.free.iter().map(|index| !parameters.contains(index)).collect();
+        parameters.iter().for_each(|(index, value)| problem.nominal[*index] = *value);
+        let keep: Vec<bool> = self.free.iter().map(|index| parameters.iter().all(|(fixed, _)| fixed != index)).collect();
         let kept = || keep.iter().copied();
         problem.free = self.free.iter().zip(kept()).filter_map(|(index, keep)| keep.then_some(*index)).collect();
         problem.space = Space::new(self.space.dimensions().iter().zip(kept()).filter(|(_, keep)| *keep).map(|(d, _)| d.clone()).collect());
-        problem
-    }
-
-    /// The same problem with a parameter fixed at a value.
-    #[must_use]
-    pub fn fixed_at(&self, parameter: usize, value: f64) -> Self {
-        let mut problem = self.with_fixed(&[parameter]);
-        problem.nominal[parameter] = value;
         problem
     }
 

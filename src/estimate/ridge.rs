@@ -76,7 +76,7 @@ fn side(
         if here[held] == before {
             break;
         }
-        let Some(found) = polish(&problem.fixed_at(held, here[held]), &here, EVALUATIONS, &control)? else { break };
+        let Some(found) = polish(&problem.with_fixed(&[(held, here[held])]), &here, EVALUATIONS, &control)? else { break };
         evaluations += found.evaluations;
         here = found.theta;
         points.push(RidgePoint { values: [here[held], here[other]], cost: found.cost });

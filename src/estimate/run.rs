@@ -340,9 +340,10 @@ fn fix_unidentifiable(
         remarks.push(limit);
         return Ok((problem, Vec::new()));
     }
-    let fixed = problem.with_fixed(&on_bound);
+    let at_nominal: Vec<(usize, f64)> = on_bound.iter().map(|index| (*index, problem.nominal()[*index])).collect();
+    let fixed = problem.with_fixed(&at_nominal);
     let mut start = found.theta.clone();
-    on_bound.iter().for_each(|index| start[*index] = problem.nominal()[*index]);
+    at_nominal.iter().for_each(|(index, value)| start[*index] = *value);
     let error = |problem: &Problem, theta: &[f64]| problem.free_run_error(&problem.simulate(theta), unseen.clone());
     // A refit that goes nowhere only means that the parameters matter.
     let refit = polish(&fixed, &start, POLISH_EVALUATIONS, control)?;

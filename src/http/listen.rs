@@ -5,23 +5,31 @@
 
 use super::Shared;
 use axum::Router;
-use axum::body::Body;
-use axum::http::Request;
-use hyper::body::Incoming;
+use axum::body::{Body, Bytes};
+use axum::http::{HeaderValue, Request, StatusCode, header};
+use axum::response::Response;
+use hyper::body::{Frame, Incoming, SizeHint};
 use hyper::server::conn::http1;
 use hyper::service::service_fn;
 use hyper_util::rt::{TokioIo, TokioTimer};
+use std::convert::Infallible;
 use std::io::{Error, ErrorKind};
 use std::net::IpAddr;
-use std::sync::Arc;
+use std::pin::Pin;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::task::{Context, Poll};
 use std::time::Duration;
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::{Semaphore, watch};
 use tokio::task::JoinSet;
+use tokio_stream::StreamExt;
 use tower::Service as _;
 
 /// A pause where the system gives no connection, such as for want of file descriptors: trying on would burn a core.
 const PAUSE: Duration = Duration::from_millis(200);
+
+/// How long a client is listened to whose request is answered before its body has come.
+const LINGER: Duration = Duration::from_secs(1);
 
 /// The address that a request came from.
 #[derive(Debug, Clone, Copy)]
@@ -73,11 +81,9 @@ pub async fn listen(listener: TcpListener, service: Shared) -> std::io::Result<(
 
 /// Serves one connection to its end.
 async fn serve(builder: http1::Builder, stream: TcpStream, peer: IpAddr, router: Router, mut stopping: watch::Receiver<bool>) {
-    let answer = service_fn(move |request: Request<Incoming>| {
-        let mut request = request.map(Body::new);
+    let answer = service_fn(move |mut request: Request<Incoming>| {
         request.extensions_mut().insert(Peer(peer));
-        // A router is always ready.
-        router.clone().call(request)
+        answer(router.clone(), request)
     });
     let connection = builder.serve_connection(TokioIo::new(stream), answer);
     tokio::pin!(connection);
@@ -89,6 +95,61 @@ async fn serve(builder: http1::Builder, stream: TcpStream, peer: IpAddr, router:
     if !has_ended {
         connection.as_mut().graceful_shutdown();
         let _ = connection.await;
+    }
+}
+
+/// Answers a request. A router may refuse one before its body has come: what is still under way is thrown away, or else the client
+/// that sends it would find the connection closed before it has heard the answer, or at its next request.
+async fn answer(mut router: Router, request: Request<Incoming>) -> Result<Response, Infallible> {
+    // A router is always ready.
+    if hyper::body::Body::is_end_stream(request.body()) {
+        return router.call(request.map(Body::new)).await;
+    }
+    // Who asks before sending has nothing under way.
+    let asks = request.headers().contains_key(header::EXPECT);
+    let (parts, body) = request.into_parts();
+    let body = Kept(Arc::new(Mutex::new((body, false))));
+    let mut response = router.call(Request::from_parts(parts, Body::new(body.clone()))).await?;
+    if !asks && response.status() != StatusCode::REQUEST_TIMEOUT {
+        let mut rest = Body::new(body.clone()).into_data_stream();
+        let drain = async { while let Some(Ok(_)) = rest.next().await {} };
+        let _ = tokio::time::timeout(LINGER, drain).await;
+    }
+    if !hyper::body::Body::is_end_stream(&body) {
+        response.headers_mut().insert(header::CONNECTION, HeaderValue::from_static("close"));
+    }
+    Ok(response)
+}
+
+/// The body of a request, which can be read on after its request was answered; and whether it has ended.
+#[derive(Clone)]
+struct Kept(Arc<Mutex<(Incoming, bool)>>);
+
+impl Kept {
+    fn lock(&self) -> MutexGuard<'_, (Incoming, bool)> {
+        // Whoever panics while polling leaves a body that has ended.
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl hyper::body::Body for Kept {
+    type Data = Bytes;
+    type Error = hyper::Error;
+
+    fn poll_frame(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Option<Result<Frame<Bytes>, hyper::Error>>> {
+        let (body, has_ended) = &mut *self.lock();
+        let polled = Pin::new(body).poll_frame(cx);
+        *has_ended |= matches!(polled, Poll::Ready(None | Some(Err(_))));
+        polled
+    }
+
+    fn is_end_stream(&self) -> bool {
+        let (body, has_ended) = &*self.lock();
+        *has_ended || body.is_end_stream()
+    }
+
+    fn size_hint(&self) -> SizeHint {
+        self.lock().0.size_hint()
     }
 }
 

@@ -72,6 +72,28 @@ fn a_body_that_no_handler_reads_holds_no_connection() {
 }
 
 #[test]
+fn a_refusal_before_the_body_has_come_leaves_the_connection_open() {
+    let app = TestApp::start();
+    let mut stream = connect(&app, "");
+    let mut answer = |parts: [&str; 2]| {
+        for part in parts {
+            stream.write_all(part.as_bytes()).unwrap();
+            // The service refuses the head while the body is under way.
+            std::thread::sleep(Duration::from_millis(100));
+        }
+        let mut bytes = [0; 1 << 14];
+        let length = stream.read(&mut bytes).unwrap();
+        String::from_utf8(bytes[..length].to_vec()).unwrap()
+    };
+    for (head, status) in [("POST /nothing", 404), ("DELETE /jobs", 405), ("PUT /schedules/x?y=1", 422), ("POST /jobs", 415)] {
+        let said = answer([&format!("{head} HTTP/1.1\r\nhost: x\r\ncontent-length: 2\r\n\r\n"), "{}"]);
+        assert!(said.starts_with(&format!("HTTP/1.1 {status} ")) && !said.contains("connection: close"), "{head}: {said}");
+    }
+    let said = answer(["GET /healthz HTTP/1.1\r\nhost: x\r\n\r\n", ""]);
+    assert!(said.starts_with("HTTP/1.1 200 "), "{said}");
+}
+
+#[test]
 fn more_clients_than_there_are_places_wait_their_turn() {
     let app = TestApp::with(|settings| {
         settings.limits.connections = 16;
