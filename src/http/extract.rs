@@ -24,7 +24,9 @@ use tokio_stream::StreamExt;
 const LARGE: usize = 64 << 10;
 /// This much of a body that is too large is read beyond its limit and thrown away: a client that is still sending when
 /// the connection closes never hears why.
-const SPARE: usize = 1 << 20;
+pub(super) const SPARE: usize = 1 << 20;
+/// How long a client is listened to whose request is refused before its body has come.
+const LINGER: Duration = Duration::from_secs(1);
 /// The longest idempotency key.
 const LONGEST_KEY: usize = 255;
 
@@ -219,10 +221,30 @@ async fn read(headers: &HeaderMap, body: Body, limit: usize, service: &Shared) -
     }
     let declared = headers.get(header::CONTENT_LENGTH).and_then(|length| length.to_str().ok()?.parse::<usize>().ok());
     if declared.is_some_and(|length| length > limit) {
+        // Who asks before sending has nothing under way; whoever is sending is listened to for a moment, to hear the answer.
+        if !headers.contains_key(header::EXPECT) {
+            linger(body, limit.saturating_add(SPARE)).await;
+        }
         return Err(ApiError::TooLarge(limit));
     }
     let patience = Duration::from_secs(service.settings.limits.body_seconds);
     tokio::time::timeout(patience, collect(body, limit)).await.unwrap_or(Err(ApiError::SlowBody(patience.as_secs())))
+}
+
+/// Throws away what comes, for a moment, up to so many bytes.
+pub(super) async fn linger(body: Body, most: usize) {
+    let mut parts = body.into_data_stream();
+    let mut length = 0;
+    let drain = async {
+        while let Some(Ok(part)) = parts.next().await {
+            length += part.len();
+            if length > most {
+                break;
+            }
+        }
+    };
+    // What takes longer stays unread.
+    let _ = tokio::time::timeout(LINGER, drain).await;
 }
 
 /// Reads a body to its end, or until it is clear that it is too large. No more than the limit is ever kept.

@@ -4,6 +4,7 @@
 //! and so is a connection that idles. There is a limit of connections: beyond it the system lets new ones wait.
 
 use super::Shared;
+use super::extract::{SPARE, linger};
 use axum::Router;
 use axum::body::{Body, Bytes};
 use axum::http::{HeaderValue, Request, StatusCode, header};
@@ -22,14 +23,10 @@ use std::time::Duration;
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::{Semaphore, watch};
 use tokio::task::JoinSet;
-use tokio_stream::StreamExt;
 use tower::Service as _;
 
 /// A pause where the system gives no connection, such as for want of file descriptors: trying on would burn a core.
 const PAUSE: Duration = Duration::from_millis(200);
-
-/// How long a client is listened to whose request is answered before its body has come.
-const LINGER: Duration = Duration::from_secs(1);
 
 /// The address that a request came from.
 #[derive(Debug, Clone, Copy)]
@@ -110,12 +107,11 @@ async fn answer(mut router: Router, request: Request<Incoming>) -> Result<Respon
     let (parts, body) = request.into_parts();
     let body = Kept(Arc::new(Mutex::new((body, false))));
     let mut response = router.call(Request::from_parts(parts, Body::new(body.clone()))).await?;
-    if !asks && response.status() != StatusCode::REQUEST_TIMEOUT {
-        let mut rest = Body::new(body.clone()).into_data_stream();
-        let drain = async { while let Some(Ok(_)) = rest.next().await {} };
-        let _ = tokio::time::timeout(LINGER, drain).await;
+    let has_ended = || hyper::body::Body::is_end_stream(&body);
+    if !has_ended() && !asks && response.status() != StatusCode::REQUEST_TIMEOUT {
+        linger(Body::new(body.clone()), SPARE).await;
     }
-    if !hyper::body::Body::is_end_stream(&body) {
+    if !has_ended() {
         response.headers_mut().insert(header::CONNECTION, HeaderValue::from_static("close"));
     }
     Ok(response)
