@@ -123,7 +123,7 @@ struct Kept(Arc<Mutex<(Incoming, bool)>>);
 
 impl Kept {
     fn lock(&self) -> MutexGuard<'_, (Incoming, bool)> {
-        // Whoever panics while polling leaves a body that has ended.
+        // After a panic there is still a body to read on, or to give up.
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
