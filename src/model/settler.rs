@@ -24,8 +24,10 @@ pub struct Settler {
     /// Its height, all layers together.
     pub height: String,
     /// How many layers there are.
+    #[schema(minimum = 2, maximum = 20)]
     pub layers: usize,
     /// The layer that is fed, counted from the top.
+    #[schema(minimum = 1, maximum = 20)]
     pub feed: usize,
     /// Highest settling velocity in practice.
     pub v0_max: String,

@@ -6,7 +6,7 @@ use std::net::TcpStream;
 use std::time::{Duration, Instant};
 
 /// Longest that a closed connection may be waited for.
-const PATIENCE: Duration = Duration::from_secs(8);
+const PATIENCE: Duration = Duration::from_secs(60);
 
 fn connect(app: &TestApp, text: &str) -> TcpStream {
     let mut stream = TcpStream::connect(app.addr()).unwrap();

@@ -1,7 +1,7 @@
 //! A database that is full, or whose disk has failed: nothing is acknowledged and lost, and controllers notice nothing.
 
 use crate::support::process::Process;
-use crate::support::{Answer, Client, TestApp, quick, room_csv};
+use crate::support::{Answer, Client, PATIENCE, TestApp, quick, room_csv};
 use serde_json::json;
 use std::time::{Duration, Instant};
 
@@ -96,7 +96,7 @@ fn a_full_database_serves_refuses_and_goes_on_when_there_is_room() {
     }
     let begun = Instant::now();
     while model(&app, MOST_WRITES).status != 201 {
-        assert!(begun.elapsed() < Duration::from_secs(10), "writes do not go on");
+        assert!(begun.elapsed() < PATIENCE, "writes do not go on");
         std::thread::sleep(Duration::from_millis(50));
     }
     app.get("/readyz").expect(200);

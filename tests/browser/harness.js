@@ -7,9 +7,9 @@ import { tmpdir } from 'node:os';
 import { join } from 'node:path';
 import { chromium } from 'playwright-core';
 
-const PATIENCE_MS = 60_000;
+const PATIENCE_MS = 240_000;
 /** The demo fits and diagnoses its rooms before it is done. */
-const START_MS = 240_000;
+const START_MS = 900_000;
 
 export async function freePort() {
   const server = net.createServer().listen(0, '127.0.0.1');

@@ -20,7 +20,7 @@ content_type_overrides:
   application/yaml: text/plain
 """
 SYSTEM = ("room", "generated")
-PATIENCE_S = 60
+PATIENCE_S = 600
 
 
 def generated(programs, base, folder):

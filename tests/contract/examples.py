@@ -16,7 +16,7 @@ import jsonschema_rs
 import service
 
 METHODS = ("get", "post", "put", "delete")
-PATIENCE_S = 30
+PATIENCE_S = 600
 # Paths that change or remove something have something of their own; the others show the house.
 PATHS = {
     "put_system": {"id": "spare"},

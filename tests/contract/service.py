@@ -23,7 +23,7 @@ MODEL = "tite"
 COLUMNS = {"T_room": "T_indoor_degC", "T_out": "T_outdoor_degC", "P_heater": "heat_input_raw"}
 MEASUREMENTS = ROOT / "config/demo/hourly_house.csv"
 ESTIMATE = {"kind": "estimate", "system": SYSTEM, "method": {"name": "lm_multistart", "seed": 1}, "budget": {"evaluations": 400}}
-PATIENCE_S = 60
+PATIENCE_S = 600
 
 
 def binary():
@@ -59,7 +59,7 @@ def running(folder, port=0, **settings):
     finally:
         child.terminate()
         try:
-            child.wait(10)
+            child.wait(60)
         except subprocess.TimeoutExpired:
             child.kill()
             child.wait()
@@ -76,7 +76,7 @@ def ask(base, method, path, body=None, media_type="application/json"):
     data = body if body is None or isinstance(body, bytes) else json.dumps(body).encode()
     headers = {} if data is None else {"Content-Type": media_type}
     try:
-        with urllib.request.urlopen(urllib.request.Request(base + path, data, headers, method=method), timeout=30) as answer:
+        with urllib.request.urlopen(urllib.request.Request(base + path, data, headers, method=method), timeout=PATIENCE_S) as answer:
             return json.load(answer)
     except urllib.error.HTTPError as error:
         raise RuntimeError(f"{method} {path}: {error.code} {error.read().decode()}") from None

@@ -10,9 +10,6 @@ use std::time::{Duration, Instant};
 /// The rooms that go wrong.
 const BAD: [&str; 7] = ["void", "divergent", "panic", "stiff", "stall", "huge", "flat"];
 
-/// Longest that a night may take.
-const LONGEST: Duration = Duration::from_secs(400);
-
 /// What every room is asked for: little, but all the steps of an estimate.
 fn batch() -> Value {
     let mut body = quick("room/*");
@@ -38,7 +35,7 @@ fn night(client: &Client) -> (Value, f64) {
         if report["finished"] == true {
             break report;
         }
-        assert!(begun.elapsed() < LONGEST, "the night has no end: {}", report["summary"]);
+        assert!(begun.elapsed() < PATIENCE, "the night has no end: {}", report["summary"]);
         std::thread::sleep(Duration::from_millis(50));
     };
     let jobs: Vec<Value> = report["jobs"].as_array().unwrap().iter().map(|row| job(client, &row["job"])).collect();

@@ -1,7 +1,7 @@
 //! The queue under a crowd: nothing is dropped in silence, nobody waits for another's crowd, and nothing is done twice.
 
 use crate::support::process::Process;
-use crate::support::{Answer, Client, endless, full, quick, room_csv};
+use crate::support::{Answer, Client, PATIENCE, endless, full, quick, room_csv};
 use jiff::Timestamp;
 use serde_json::{Value, json};
 use std::collections::{BTreeMap, BTreeSet};
@@ -9,8 +9,6 @@ use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
-/// Longest that a crowd may take to be done.
-const LONGEST: Duration = Duration::from_secs(900);
 /// Rooms whose jobs keep both workers from the crowd until it is complete.
 const BLOCKERS: [&str; 2] = ["blocker-1", "blocker-2"];
 
@@ -116,7 +114,7 @@ fn a_crowd_is_taken_up_to_the_limit_and_every_job_of_it_is_done_once_in_order() 
     release(client, &blockers);
     let begun = Instant::now();
     while !client.get("/jobs?state=queued&page_size=1").expect(200).json()["items"].as_array().unwrap().is_empty() {
-        assert!(begun.elapsed() < LONGEST, "the queue does not empty");
+        assert!(begun.elapsed() < PATIENCE, "the queue does not empty");
         std::thread::sleep(Duration::from_millis(100));
     }
     for room in &rooms {

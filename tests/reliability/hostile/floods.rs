@@ -1,7 +1,7 @@
 //! Bodies without an end, clients without haste, and equations without bottom: the controller is served meanwhile.
 
 use crate::support::process::Process;
-use crate::support::{Client, csv_of, full, room};
+use crate::support::{Client, PATIENCE, csv_of, full, room};
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 use serde_json::{Value, json};
 use std::io::{ErrorKind, Read, Write};
@@ -9,12 +9,9 @@ use std::net::TcpStream;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-/// Longest that a slow client may stay: ten seconds for a head, thirty for a body, and a little for the system.
-const SLOWEST: Duration = Duration::from_secs(45);
-
 fn connect(service: &Process, head: &str) -> TcpStream {
     let mut stream = TcpStream::connect(service.base().strip_prefix("http://").unwrap()).unwrap();
-    stream.set_read_timeout(Some(SLOWEST)).unwrap();
+    stream.set_read_timeout(Some(PATIENCE)).unwrap();
     stream.write_all(head.as_bytes()).unwrap();
     stream
 }
@@ -129,7 +126,7 @@ fn thousands_of_slow_clients_are_closed_while_the_controller_is_served() {
     assert!(polls > 100, "the controller was kept waiting: {polls} polls");
     let begun = Instant::now();
     while service.open_files() > open + 2 {
-        assert!(begun.elapsed() < Duration::from_secs(10), "{} files are open, {open} were", service.open_files());
+        assert!(begun.elapsed() < PATIENCE, "{} files are open, {open} were", service.open_files());
         std::thread::sleep(Duration::from_millis(50));
     }
 }
