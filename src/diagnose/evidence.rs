@@ -98,7 +98,7 @@ pub fn shape(null: &Null, next: &Null, suspect: &Suspect) -> Shape {
 /// The one-step errors by what the suspect would add to them.
 fn added(null: &Null, next: &Null, suspect: &Suspect) -> Option<Added> {
     let whitening = &null.filters.white;
-    let (effect, unexplained) = Screen::new(&null.problem, &null.fitted.white, whitening)?.added(suspect, &next.fitted.plain)?;
+    let (effect, unexplained) = Screen::new(&null.problem, &null.fitted.white, whitening, &|| false)?.added(suspect, &next.fitted.plain)?;
     let points: Vec<Point> =
         whitening.rows_of_first().zip(effect.into_iter().zip(unexplained)).map(|(row, (x, y))| Point { row, x, y }).collect();
     let [slope, intercept] = straight_line(&points)?;

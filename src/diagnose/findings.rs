@@ -17,7 +17,7 @@ use crate::estimate::physics::{jacobian, mean_inputs};
 use crate::estimate::run::at_bound;
 use crate::estimate::uncertainty::uncertainty;
 use crate::estimate::whiten::stride;
-use crate::estimate::{Control, EstimateError, Interrupt, Problem, Site};
+use crate::estimate::{Control, EstimateError, Problem, Site};
 use crate::fault::Fault;
 use crate::model::{Catalogue, Initial};
 use indexmap::IndexMap;
@@ -57,6 +57,13 @@ impl std::fmt::Display for DiagnoseError {
 
 impl std::error::Error for DiagnoseError {}
 
+impl DiagnoseError {
+    /// Why a model has no optimum: somebody has stopped the search, or it diverges.
+    pub(super) fn nothing(control: &Control) -> Self {
+        DiagnoseError::Estimate((control.interrupt)().map_or(EstimateError::NothingFinite, EstimateError::Interrupted))
+    }
+}
+
 /// Which effects the model is missing. `theta` is the fit to start from; it is polished first.
 ///
 /// # Errors
@@ -84,21 +91,22 @@ pub fn diagnose(
         report.warnings.push(format!("only {train:.1} days of training and {unseen:.1} unseen days: more is asked of every effect"));
     }
     let (grid, holes) = widen(problem, window, site).map_err(|fault| DiagnoseError::Faults(vec![fault]))?;
-    let settled = |null: Option<Null>| null.ok_or(DiagnoseError::Estimate(EstimateError::NothingFinite));
+    let nothing = || DiagnoseError::nothing(control);
+    let halt = || control.halts();
     let (mut library, not_testable) = suspects(catalogue, problem, &grid, &holes, site);
-    let mut null = settled(Null::settle(align(problem, &mut library), theta, None))?;
+    let mut null = Null::settle(align(problem, &mut library), theta, None, &halt).ok_or_else(nothing)?;
     report.not_testable = not_testable;
     let mut found: Vec<String> = Vec::new();
     let mut before = None;
     for number in 1..=ROUNDS {
-        interrupted(control)?;
         if number > 1 {
             (library, _) = suspects(catalogue, &null.problem, &grid, &holes, site);
             null.problem = align(&null.problem, &mut library);
         }
         // The openings that a drop detector marks are off by up to half an hour, which a lag then repairs.
         library.retain(|suspect| !(suspect.id == "sensor_lag" && found.iter().any(|name| name == "window_opening")));
-        let outcome = settled_round(round(&mut null, &library, strict))?;
+        let outcome = round(&mut null, &library, strict, &halt).ok_or_else(nothing)?;
+        interrupted(control)?;
         report.evaluations.push(null.fitted.evaluations + outcome.evaluations);
         if number == 1 {
             before = Some(null.clone());
@@ -106,8 +114,7 @@ pub fn diagnose(
         }
         let Some(winner) = outcome.winner.map(|place| &outcome.tried[place]) else { break };
         let suspect = &library[winner.suspect];
-        interrupted(control)?;
-        let next = settled(Null::settle(suspect.problem.clone(), &winner.fitted.plain, Some(&winner.fitted.white)))?;
+        let next = Null::settle(suspect.problem.clone(), &winner.fitted.plain, Some(&winner.fitted.white), &halt).ok_or_else(nothing)?;
         let finding = finding(&null, &next, &library, &outcome, winner, number);
         found.push(suspect.id.clone());
         report.findings.push(finding);
@@ -133,7 +140,7 @@ pub fn preview(
     let (mut library, _) = suspects(catalogue, problem, &grid, &holes, site);
     let problem = &align(problem, &mut library);
     let whitening = whitening_at(problem, theta).ok_or(diverged.clone())?;
-    let screen = Screen::new(problem, theta, &whitening).ok_or(diverged)?;
+    let screen = Screen::new(problem, theta, &whitening, &|| false).ok_or(diverged)?;
     let mut previews: Vec<Preview> = library
         .iter()
         .filter_map(|suspect| {
@@ -146,15 +153,13 @@ pub fn preview(
     Ok(previews)
 }
 
-fn settled_round(round: Option<Round>) -> Result<Round, DiagnoseError> {
-    round.ok_or(DiagnoseError::Estimate(EstimateError::NothingFinite))
-}
-
-fn interrupted(control: &Control) -> Result<(), DiagnoseError> {
+/// Nothing where the work goes on.
+///
+/// # Errors
+/// [`EstimateError::Interrupted`] where somebody has stopped it.
+pub(super) fn interrupted(control: &Control) -> Result<(), DiagnoseError> {
     match (control.interrupt)() {
-        Some(interrupt @ (Interrupt::Cancelled | Interrupt::Deadline)) => {
-            Err(DiagnoseError::Estimate(EstimateError::Interrupted(interrupt)))
-        }
+        Some(interrupt) => Err(DiagnoseError::Estimate(EstimateError::Interrupted(interrupt))),
         None => Ok(()),
     }
 }

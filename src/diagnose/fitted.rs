@@ -8,7 +8,7 @@ use super::refit::Refit;
 use super::residual::{Autoregression, Whitening, at, residuals, slow_bic, usable};
 use crate::estimate::Problem;
 use crate::estimate::problem::mean_square;
-use crate::simulate::Trajectory;
+use crate::simulate::trajectory::Halt;
 use std::ops::Range;
 
 /// Another optimum is one whose plain cost is larger by this factor, but not by that: without its missing effect a
@@ -94,16 +94,16 @@ impl Filters {
     }
 
     /// The two tasks of a problem.
-    pub fn tasks<'a>(&'a self, problem: &'a Problem) -> [Refit<'a>; 2] {
+    pub fn tasks<'a>(&'a self, problem: &'a Problem, halt: Halt<'a>) -> [Refit<'a>; 2] {
         [
-            Refit { problem, whitening: &self.plain, deviation: self.plain_deviation },
-            Refit { problem, whitening: &self.white, deviation: self.white_deviation },
+            Refit { problem, whitening: &self.plain, deviation: self.plain_deviation, halt },
+            Refit { problem, whitening: &self.white, deviation: self.white_deviation, halt },
         ]
     }
 
     /// Both optima, each the best from its starts.
-    pub fn fit(&self, problem: &Problem, plain: &[Vec<f64>], white: &[Vec<f64>], iterations: usize) -> Fitted {
-        let [plain_task, white_task] = self.tasks(problem);
+    pub fn fit(&self, problem: &Problem, plain: &[Vec<f64>], white: &[Vec<f64>], iterations: usize, halt: Halt) -> Fitted {
+        let [plain_task, white_task] = self.tasks(problem, halt);
         let (white, white_cost, white_evaluations) = white_task.polish(white, iterations);
         // The free run has more local optima than the innovations, whose optimum shows it a way out of them.
         let starts: Vec<Vec<f64>> = plain.iter().chain([&white]).cloned().collect();
@@ -111,11 +111,11 @@ impl Filters {
         Fitted { plain, plain_cost, white, white_cost, evaluations: evaluations + white_evaluations }
     }
 
-    /// What is measured at the optima; `None` where a simulation diverges.
-    pub fn measure(&self, problem: &Problem, fitted: &Fitted) -> Option<Measured> {
+    /// What is measured at the optima; `None` where a simulation diverges, or is cut short.
+    pub fn measure(&self, problem: &Problem, fitted: &Fitted, halt: Halt) -> Option<Measured> {
         let split = problem.split();
         let train = usable(problem, &split.train);
-        let mut runs = problem.simulator().run(&[&fitted.plain, &fitted.white], problem.grid().len());
+        let mut runs = problem.simulator().run_unless(&[&fitted.plain, &fitted.white], problem.grid().len(), halt);
         let (white, plain) = (runs.pop()?, runs.pop()?);
         if white.diverged || plain.diverged {
             return None;
@@ -168,11 +168,11 @@ fn squares_by_day(problem: &Problem, residuals: &[Vec<f64>], range: &Range<usize
 
 impl Null {
     /// Brings a model to its optima from a known point; `None` where it diverges or its residual has no
-    /// autoregressive model.
-    pub fn settle(problem: Problem, plain: &[f64], white: Option<&[f64]>) -> Option<Self> {
+    /// autoregressive model, or where `halt` ends it.
+    pub fn settle(problem: Problem, plain: &[f64], white: Option<&[f64]>, halt: Halt) -> Option<Self> {
         let usable = usable(&problem, &problem.split().train);
         let series = |theta: &[f64]| {
-            let run: Trajectory = problem.simulator().run(&[theta], problem.split().train.end).pop()?;
+            let run = problem.simulator().run_unless(&[theta], problem.split().train.end, halt).pop()?;
             (!run.diverged).then(|| residuals(&problem, &run))
         };
         let deviation = |series: &[Vec<f64>]| mean_square(&at(series, &usable)).sqrt();
@@ -180,20 +180,20 @@ impl Null {
         let first = series(plain)?;
         let ar = Autoregression::fit(&first, &usable)?;
         let filters = Filters::new(&problem, &ar, deviation(&first));
-        let [task, _] = filters.tasks(&problem);
+        let [task, _] = filters.tasks(&problem, halt);
         let (scouted, scouting) = task.ends(&[plain.to_vec(), problem.nominal().to_vec()], effort.scout);
         let starts: Vec<Vec<f64>> = scouted.iter().map(|(theta, _)| theta.clone()).collect();
         let mut whites: Vec<Vec<f64>> = white.map(<[f64]>::to_vec).into_iter().collect();
         whites.extend(starts.iter().cloned());
-        let mut fitted = filters.fit(&problem, &starts, &whites, effort.settle);
+        let mut fitted = filters.fit(&problem, &starts, &whites, effort.settle, halt);
         // The innovations' optimum changes the residual, and with it the filter: once more with the right one.
         let ar = Autoregression::fit(&series(&fitted.white)?, &usable)?;
         let filters = Filters::new(&problem, &ar, deviation(&series(&fitted.plain)?));
-        let [_, task] = filters.tasks(&problem);
+        let [_, task] = filters.tasks(&problem, halt);
         let polished;
         (fitted.white, fitted.white_cost, polished) = task.polish(&[fitted.white], effort.settle);
         fitted.evaluations += scouting + polished;
-        let measured = filters.measure(&problem, &fitted)?;
+        let measured = filters.measure(&problem, &fitted, halt)?;
         let [least, most] = OTHER.map(|factor| factor * fitted.plain_cost);
         let other = scouted.into_iter().find(|(_, cost)| (least..most).contains(cost)).map(|(plain, _)| {
             let (white, _, evaluations) = task.polish(std::slice::from_ref(&plain), effort.scout);
@@ -204,8 +204,8 @@ impl Null {
     }
 
     /// Goes on from another place: keeps what is better there, and measures again. Says whether anything was.
-    pub fn restart(&mut self, plain: &[f64], white: &[f64]) -> bool {
-        let again = self.filters.fit(&self.problem, &[plain.to_vec()], &[white.to_vec()], Effort::of(&self.problem).settle / 2);
+    pub fn restart(&mut self, plain: &[f64], white: &[f64], halt: Halt) -> bool {
+        let again = self.filters.fit(&self.problem, &[plain.to_vec()], &[white.to_vec()], Effort::of(&self.problem).settle / 2, halt);
         self.fitted.evaluations += again.evaluations;
         let mut better = self.fitted.clone();
         if again.plain_cost < better.plain_cost {
@@ -215,7 +215,7 @@ impl Null {
             (better.white, better.white_cost) = (again.white, again.white_cost);
         }
         let improved = better != self.fitted;
-        if let Some(measured) = self.filters.measure(&self.problem, &better).filter(|_| improved) {
+        if let Some(measured) = self.filters.measure(&self.problem, &better, halt).filter(|_| improved) {
             (self.fitted, self.measured) = (better, measured);
         }
         improved

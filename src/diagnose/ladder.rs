@@ -1,14 +1,14 @@
 //! The error ladder: effects are added one after another while the error on unseen data falls.
 
 use super::candidates::{align, suspects, widen};
-use super::findings::DiagnoseError;
+use super::findings::{DiagnoseError, interrupted};
 use super::fitted::Null;
 use super::gates::LEAST_BIC;
 use super::rank::round;
 use crate::data::Window;
 use crate::estimate::likelihood::LikelihoodRatio;
 use crate::estimate::metrics::{HORIZONS, ahead, filter};
-use crate::estimate::{Control, EstimateError, Problem, Site};
+use crate::estimate::{Control, Problem, Site};
 use crate::model::Catalogue;
 use indexmap::IndexMap;
 use serde::{Deserialize, Serialize};
@@ -74,22 +74,21 @@ pub fn ladder(
     max_steps: usize,
     control: &Control,
 ) -> Result<Ladder, DiagnoseError> {
-    let nothing = || DiagnoseError::Estimate(EstimateError::NothingFinite);
+    let nothing = || DiagnoseError::nothing(control);
+    let halt = || control.halts();
     let (grid, holes) = widen(problem, window, site).map_err(|fault| DiagnoseError::Faults(vec![fault]))?;
     let (mut library, _) = suspects(catalogue, problem, &grid, &holes, site);
-    let mut null = Null::settle(align(problem, &mut library), theta, None).ok_or_else(nothing)?;
+    let mut null = Null::settle(align(problem, &mut library), theta, None, &halt).ok_or_else(nothing)?;
     let noise = filter(problem, &null.fitted.plain, None).process_noise;
     let mut steps = Vec::new();
     let mut price = 0.0;
     for _ in 0..max_steps {
-        if let Some(interrupt) = (control.interrupt)() {
-            return Err(DiagnoseError::Estimate(EstimateError::Interrupted(interrupt)));
-        }
         if !steps.is_empty() {
             (library, _) = suspects(catalogue, &null.problem, &grid, &holes, site);
             null.problem = align(&null.problem, &mut library);
         }
-        let outcome = round(&mut null, &library, false).ok_or_else(nothing)?;
+        let outcome = round(&mut null, &library, false, &halt).ok_or_else(nothing)?;
+        interrupted(control)?;
         if steps.is_empty() {
             steps.push(step(&null, None, 0.0, noise, true, "the model as it is".to_owned()));
         }
@@ -98,7 +97,7 @@ pub fn ladder(
             break;
         };
         let suspect = &library[best.suspect];
-        let next = Null::settle(suspect.problem.clone(), &best.fitted.plain, Some(&best.fitted.white)).ok_or_else(nothing)?;
+        let next = Null::settle(suspect.problem.clone(), &best.fitted.plain, Some(&best.fitted.white), &halt).ok_or_else(nothing)?;
         let cost = best.active as f64 * (best.measured.samples as f64).ln();
         let (added, before) = (Some(suspect.id.clone()), steps.last());
         let mut step = step(&next, added, price + cost, noise, true, String::new());

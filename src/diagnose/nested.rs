@@ -2,13 +2,13 @@
 //! Bacher and Madsen (Energy and Buildings 43, 2011) select a model.
 
 use super::candidates::{Suspect, align, suspects, widen};
-use super::findings::DiagnoseError;
+use super::findings::{DiagnoseError, interrupted};
 use super::ladder::{Ladder, Step};
 use crate::data::Window;
 use crate::estimate::likelihood::{LikelihoodRatio, SIGNIFICANT};
 use crate::estimate::metrics::{HORIZONS, ahead, filter_with};
 use crate::estimate::peak::Peak;
-use crate::estimate::{Control, EstimateError, Problem, Site};
+use crate::estimate::{Control, Problem, Site};
 use crate::fault::Fault;
 use crate::model::Catalogue;
 use rayon::prelude::*;
@@ -30,7 +30,7 @@ pub fn ladder_by_likelihood(
     max_steps: usize,
     control: &Control,
 ) -> Result<Ladder, DiagnoseError> {
-    let nothing = || DiagnoseError::Estimate(EstimateError::NothingFinite);
+    let nothing = || DiagnoseError::nothing(control);
     if !problem.filters() {
         let detail = "the ladder by likelihood needs a filter, and a model that is stepped by rkc has none";
         return Err(DiagnoseError::Faults(vec![Fault::new("/model", "stepper", detail)]));
@@ -51,7 +51,7 @@ pub fn ladder_by_likelihood(
         let rivals: Vec<Option<(Peak, LikelihoodRatio)>> = library
             .par_iter()
             .map(|suspect| {
-                if (control.interrupt)().is_some() {
+                if control.halts() {
                     return None;
                 }
                 let there = Peak::near(&suspect.problem, &starts(suspect, &base, &here.theta), Some(&here.noise))?;
@@ -60,9 +60,7 @@ pub fn ladder_by_likelihood(
                 Some((there, test))
             })
             .collect();
-        if let Some(interrupt) = (control.interrupt)() {
-            return Err(DiagnoseError::Estimate(EstimateError::Interrupted(interrupt)));
-        }
+        interrupted(control)?;
         // Of two that chance explains equally badly, the larger gain counts.
         let order = |a: &LikelihoodRatio, b: &LikelihoodRatio| a.p.total_cmp(&b.p).then(b.statistic.total_cmp(&a.statistic));
         let best = library

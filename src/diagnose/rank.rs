@@ -10,6 +10,7 @@ use super::report::Gate;
 use super::screen::{Blind, Score, Screen};
 use crate::estimate::Problem;
 use crate::estimate::metrics::{day_ahead_mse, filter};
+use crate::simulate::trajectory::Halt;
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -89,26 +90,27 @@ pub enum Skip {
     Choice,
 }
 
-/// Tries every suspect on the null model, which is restarted on the way. `strict` asks for more of everybody.
-pub fn round(null: &mut Null, suspects: &[Suspect], strict: bool) -> Option<Round> {
+/// Tries every suspect on the null model, which is restarted on the way. `strict` asks for more of everybody. What comes of a round
+/// that `halt` has cut short means nothing.
+pub fn round(null: &mut Null, suspects: &[Suspect], strict: bool, halt: Halt) -> Option<Round> {
     let screened = |theta: &[f64]| -> Option<Vec<Result<Score, Blind>>> {
-        let screen = Screen::new(&null.problem, theta, &null.filters.white)?;
+        let screen = Screen::new(&null.problem, theta, &null.filters.white, halt)?;
         Some(suspects.par_iter().map(|suspect| screen.score(suspect)).collect())
     };
     let here = screened(&null.fitted.white)?;
     let there = null.other.as_ref().and_then(|[_, white]| screened(white));
     let (chosen, skipped) = choose(suspects, here, there);
-    let (chosen, skipped, scouting) = scout(null, suspects, chosen, skipped);
-    let found: Vec<Option<Tried>> = chosen.into_par_iter().map(|chosen| refit(null, &suspects[chosen.place], chosen)).collect();
+    let (chosen, skipped, scouting) = scout(null, suspects, chosen, skipped, halt);
+    let found: Vec<Option<Tried>> = chosen.into_par_iter().map(|chosen| refit(null, &suspects[chosen.place], chosen, halt)).collect();
     let mut tried: Vec<Tried> = found.into_iter().flatten().collect();
     compare(null, &mut tried);
     // The null model goes on from where the best suspects have come to.
-    restart(null, suspects, &mut tried, RESTARTS);
+    restart(null, suspects, &mut tried, RESTARTS, halt);
     let mut placebo = median_gain(&tried, suspects);
     if placebo > LEAST_BIC {
         // Where most suspects gain, it may be the null model that is not at its optimum.
         let all = tried.len();
-        restart(null, suspects, &mut tried, all);
+        restart(null, suspects, &mut tried, all, halt);
         placebo = median_gain(&tried, suspects);
     }
     day_ahead(null, suspects, &mut tried);
@@ -124,14 +126,14 @@ pub fn round(null: &mut Null, suspects: &[Suspect], strict: bool) -> Option<Roun
 }
 
 /// Restarts the null model from the parameters of the best suspects without their effects, and compares again.
-fn restart(null: &mut Null, suspects: &[Suspect], tried: &mut [Tried], count: usize) {
+fn restart(null: &mut Null, suspects: &[Suspect], tried: &mut [Tried], count: usize, halt: Halt) {
     let bases: Vec<[Vec<f64>; 2]> = tried
         .iter()
         .take(count)
         .map(|one| [&one.fitted.plain, &one.fitted.white].map(|theta| suspects[one.suspect].lower(&null.problem, theta)))
         .collect();
     for [plain, white] in bases {
-        null.restart(&plain, &white);
+        null.restart(&plain, &white, halt);
     }
     compare(null, tried);
 }
@@ -198,7 +200,13 @@ fn choose(
 /// model's optimum: without its missing effect a model may err least where it is no room any more, and nothing that is
 /// added there helps. Of a family of choices the best by score goes for all. Who is refitted now, who is not, and the
 /// simulations of all scouts.
-fn scout(null: &Null, suspects: &[Suspect], chosen: Vec<Chosen>, skipped: Vec<(usize, Skip)>) -> (Vec<Chosen>, Vec<(usize, Skip)>, usize) {
+fn scout(
+    null: &Null,
+    suspects: &[Suspect],
+    chosen: Vec<Chosen>,
+    skipped: Vec<(usize, Skip)>,
+    halt: Halt,
+) -> (Vec<Chosen>, Vec<(usize, Skip)>, usize) {
     let score = |skip: &Skip| match skip {
         Skip::Sign(score) | Skip::Faint(score) => Some(score.clone()),
         Skip::Blind(Blind::TooSmall) => Some(Score::nothing()),
@@ -222,7 +230,7 @@ fn scout(null: &Null, suspects: &[Suspect], chosen: Vec<Chosen>, skipped: Vec<(u
         .into_par_iter()
         .filter_map(|(place, _)| {
             let problem = &suspects[place].problem;
-            let [task, _] = null.filters.tasks(problem);
+            let [task, _] = null.filters.tasks(problem, halt);
             let iterations = Effort::of(problem).scout;
             let (mut theta, mut cost, mut spent) = task.polish(&[problem.nominal().to_vec()], iterations);
             evaluations.fetch_add(spent, Ordering::Relaxed);
@@ -246,7 +254,7 @@ fn scout(null: &Null, suspects: &[Suspect], chosen: Vec<Chosen>, skipped: Vec<(u
 }
 
 /// The suspect at its optima, from those of the null model and the linearised step.
-fn refit(null: &Null, suspect: &Suspect, chosen: Chosen) -> Option<Tried> {
+fn refit(null: &Null, suspect: &Suspect, chosen: Chosen, halt: Halt) -> Option<Tried> {
     let Chosen { place, score, other, far } = chosen;
     let start = |theta: &[f64], steps: &[f64]| {
         let mut start = suspect.lift(&null.problem, theta);
@@ -269,8 +277,8 @@ fn refit(null: &Null, suspect: &Suspect, chosen: Chosen) -> Option<Tried> {
         plain.push(far.clone());
         white.push(far);
     }
-    let fitted = null.filters.fit(&suspect.problem, &plain, &white, Effort::of(&suspect.problem).refit);
-    let measured = null.filters.measure(&suspect.problem, &fitted)?;
+    let fitted = null.filters.fit(&suspect.problem, &plain, &white, Effort::of(&suspect.problem).refit, halt);
+    let measured = null.filters.measure(&suspect.problem, &fitted, halt)?;
     let active = suspect.own.iter().filter(|(index, off)| is_active(suspect, *index, *off, fitted.white[*index])).count();
     Some(Tried {
         suspect: place,

@@ -7,6 +7,7 @@ use crate::estimate::problem::mean_square;
 use crate::model::Scale;
 use crate::optimise::local::{LocalOptions, LocalStage, LocalWay};
 use crate::optimise::{Ask, Candidate, Cost, Evaluation};
+use crate::simulate::trajectory::Halt;
 use nalgebra::DMatrix;
 
 /// Deviation of the weak prior in the logarithm of rates: it only holds what the data leave open.
@@ -20,6 +21,8 @@ pub struct Refit<'a> {
     pub whitening: &'a Whitening,
     /// Deviation of what is squared, the weight of the prior.
     pub deviation: f64,
+    /// Whether the work is to end: what it then gives means nothing.
+    pub halt: Halt<'a>,
 }
 
 impl Refit<'_> {
@@ -39,7 +42,7 @@ impl Refit<'_> {
         let places: Vec<Candidate> = starts.iter().map(|start| self.problem.candidate(start)).collect();
         let mut stage = LocalStage::new(&LocalWay::Residuals(options), &places);
         let mut evaluations = 0;
-        while let Some(Ask::Residuals(batch)) = stage.propose() {
+        while let (false, Some(Ask::Residuals(batch))) = ((self.halt)(), stage.propose()) {
             evaluations += batch.len();
             let answers = self.evaluate(&batch);
             stage.digest(&answers);
@@ -55,7 +58,7 @@ impl Refit<'_> {
 
     fn evaluate(&self, candidates: &[Candidate]) -> Vec<Evaluation> {
         let thetas: Vec<Vec<f64>> = candidates.iter().map(|candidate| self.problem.theta(candidate)).collect();
-        let series = filtered(self.problem, self.whitening, &thetas);
+        let series = filtered(self.problem, self.whitening, &thetas, self.halt);
         series
             .into_iter()
             .zip(&thetas)
@@ -88,21 +91,22 @@ impl Refit<'_> {
             steps.push(step);
             thetas.push(self.problem.theta(&moved));
         }
-        let series: Option<Vec<Vec<f64>>> = filtered(self.problem, self.whitening, &thetas).into_iter().collect();
+        let series: Option<Vec<Vec<f64>>> = filtered(self.problem, self.whitening, &thetas, self.halt).into_iter().collect();
         let (here, moved) = series.as_ref().and_then(|series| series.split_first())?;
         // The residual falls where the simulation rises.
         Some(DMatrix::from_fn(here.len(), steps.len(), |row, column| (here[row] - moved[column][row]) / steps[column]))
     }
 }
 
-/// The residuals of some parameter vectors up to the end of the training part, by output; `None` for one that diverges.
-pub fn simulated(problem: &Problem, thetas: &[Vec<f64>]) -> Vec<Option<Vec<Vec<f64>>>> {
+/// The residuals of some parameter vectors up to the end of the training part, by output; `None` for one that diverges, or is
+/// cut short.
+pub fn simulated(problem: &Problem, thetas: &[Vec<f64>], halt: Halt) -> Vec<Option<Vec<Vec<f64>>>> {
     let slices: Vec<&[f64]> = thetas.iter().map(Vec::as_slice).collect();
-    let runs = problem.simulator().run(&slices, problem.split().train.end);
+    let runs = problem.simulator().run_unless(&slices, problem.split().train.end, halt);
     runs.iter().map(|run| (!run.diverged).then(|| residuals(problem, run))).collect()
 }
 
 /// The same, filtered.
-pub fn filtered(problem: &Problem, whitening: &Whitening, thetas: &[Vec<f64>]) -> Vec<Option<Vec<f64>>> {
-    simulated(problem, thetas).into_iter().map(|series| series.map(|series| whitening.apply(&series))).collect()
+pub fn filtered(problem: &Problem, whitening: &Whitening, thetas: &[Vec<f64>], halt: Halt) -> Vec<Option<Vec<f64>>> {
+    simulated(problem, thetas, halt).into_iter().map(|series| series.map(|series| whitening.apply(&series))).collect()
 }

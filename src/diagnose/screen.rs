@@ -10,6 +10,7 @@ use super::residual::{Whitening, at, usable};
 use crate::estimate::Problem;
 use crate::estimate::problem::mean_square;
 use crate::model::Scale;
+use crate::simulate::trajectory::Halt;
 use nalgebra::{DMatrix, DVector};
 
 /// A suspect that moves the output by less than this at its physical bound cannot be seen, in the noise of its sensor.
@@ -65,12 +66,13 @@ pub struct Screen<'a> {
     /// An orthonormal basis of what the model's own parameters can do.
     own: DMatrix<f64>,
     residual: DVector<f64>,
+    halt: Halt<'a>,
 }
 
 impl<'a> Screen<'a> {
     /// Linearises the model at `theta`; `None` where it diverges there.
-    pub fn new(base: &'a Problem, theta: &[f64], whitening: &'a Whitening) -> Option<Self> {
-        let task = Refit { problem: base, whitening, deviation: 0.0 };
+    pub fn new(base: &'a Problem, theta: &[f64], whitening: &'a Whitening, halt: Halt<'a>) -> Option<Self> {
+        let task = Refit { problem: base, whitening, deviation: 0.0, halt };
         let mut slopes = task.slopes(theta)?;
         for mut column in slopes.column_iter_mut() {
             let norm = column.norm();
@@ -78,11 +80,11 @@ impl<'a> Screen<'a> {
                 column /= norm;
             }
         }
-        let residual = filtered(base, whitening, &[theta.to_vec()]).pop().flatten()?;
+        let residual = filtered(base, whitening, &[theta.to_vec()], halt).pop().flatten()?;
         let own = slopes.qr().q();
         let mut residual = DVector::from_vec(residual);
         residual -= &own * own.tr_mul(&residual);
-        Some(Self { base, theta: theta.to_vec(), whitening, own, residual })
+        Some(Self { base, theta: theta.to_vec(), whitening, own, residual, halt })
     }
 
     /// Scores one suspect.
@@ -112,7 +114,7 @@ impl<'a> Screen<'a> {
         let mut bound = off.clone();
         suspect.own.iter().for_each(|(index, _)| bound[*index] = suspect.problem.bounds()[*index][1]);
         thetas.push(bound);
-        let runs = simulated(&suspect.problem, &thetas);
+        let runs = simulated(&suspect.problem, &thetas, self.halt);
         let train = usable(&suspect.problem, &suspect.problem.split().train);
         if let (Some(Some(with)), Some(Some(without))) = (runs.last(), runs.first()) {
             let difference: Vec<f64> = at(with, &train).iter().zip(at(without, &train)).map(|(with, without)| with - without).collect();
@@ -142,7 +144,7 @@ impl<'a> Screen<'a> {
         let off = suspect.lift(self.base, &self.theta);
         let mut on = off.clone();
         suspect.own.iter().for_each(|(index, _)| on[*index] = with[*index]);
-        let runs: Option<Vec<Vec<f64>>> = filtered(&suspect.problem, self.whitening, &[off, on]).into_iter().collect();
+        let runs: Option<Vec<Vec<f64>>> = filtered(&suspect.problem, self.whitening, &[off, on], self.halt).into_iter().collect();
         let [off, on] = runs?.try_into().ok()?;
         let change = DVector::from_vec(off) - DVector::from_vec(on);
         let left = &change - &self.own * self.own.tr_mul(&change);

@@ -4,13 +4,14 @@ use super::candidates;
 use super::failures::{failures, sentences, worst_regime};
 use super::ladder::ladder;
 use super::report::Gate;
-use super::{Adequacy, Diagnosis, diagnose, preview};
+use super::{Adequacy, DiagnoseError, Diagnosis, diagnose, preview};
 use crate::data::{Bindings, SplitRequest, Window};
 use crate::estimate::metrics::filter;
 use crate::estimate::request::SeededMethod;
-use crate::estimate::{Control, EstimateRequest, Interrupt, Problem, Site, estimate, prepare};
+use crate::estimate::{Control, EstimateError, EstimateRequest, Interrupt, Problem, Site, estimate, prepare};
 use crate::model::Catalogue;
 use crate::twin::{Level, WorldRequest, world};
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// A world of four weeks with these effects hidden, sampled every half hour, and its problem for room3.
 pub(super) fn small_world(effects: &[&str]) -> (Problem, Window) {
@@ -155,8 +156,37 @@ fn a_withheld_channel_is_named_as_not_testable_and_short_records_as_too_short() 
     let found = diagnose(&catalogue, &problem, &theta, &calm, &site(), &Control::NONE).unwrap();
     assert!(found.not_testable.iter().any(|one| one.effect == "wind_infiltration" && one.reason == "needs channel wind_speed"));
     assert!(found.considered.iter().all(|one| one.effect != "sensor_lag" || one.gate != Some(Gate::Tie)));
-    let stop = Control { interrupt: &|| Some(Interrupt::Cancelled), ..Control::NONE };
-    assert!(diagnose(&catalogue, &problem, &theta, &window, &site(), &stop).is_err());
+}
+
+/// Wherever it is called off, it says so, and hardly anything is simulated any more.
+#[test]
+fn a_diagnosis_that_is_called_off_ends_where_it_is() {
+    let (problem, window) = small_world(&["wind_infiltration"]);
+    let (theta, catalogue) = (fitted(&problem).theta(), Catalogue::builtin().unwrap());
+    let cancelled = DiagnoseError::Estimate(EstimateError::Interrupted(Interrupt::Cancelled));
+    // How often it asks whether to go on, and how it ends, where it is called off after so many times.
+    let asked = |most: usize, climbs: bool| {
+        let asked = AtomicUsize::new(0);
+        let interrupt = || (asked.fetch_add(1, Ordering::Relaxed) >= most).then_some(Interrupt::Cancelled);
+        let control = Control { interrupt: &interrupt, ..Control::NONE };
+        let end = if climbs {
+            ladder(&catalogue, &problem, &theta, &window, &site(), 2, &control).err()
+        } else {
+            diagnose(&catalogue, &problem, &theta, &window, &site(), &control).err()
+        };
+        (asked.into_inner(), end)
+    };
+    for climbs in [false, true] {
+        let (all, end) = asked(usize::MAX, climbs);
+        assert_eq!(end, None);
+        for percent in [0, 1, 10, 30, 50, 70, 90] {
+            let most = all * percent / 100;
+            let (times, end) = asked(most, climbs);
+            println!("called off after {most} of {all} times: {} more", times - most);
+            assert_eq!(end.as_ref(), Some(&cancelled), "after {percent} %");
+            assert!(times - most < 500, "{} times after the end, of {all}", times - most);
+        }
+    }
 }
 
 #[test]

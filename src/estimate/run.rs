@@ -27,6 +27,9 @@ const FIXED_MAY_BE_WORSE: f64 = 1.02;
 const DISCRETISATION_LIMIT: f64 = 0.4;
 /// As fine as the tolerance of a stepper gets that finds its own steps: each doubling divides it by ten.
 const FINEST_TOLERANCE: usize = 2;
+/// Looks at the validation part that only tell how a search goes: each is one simulation up to its end, and as much as so many of those
+/// is done on the training part in between.
+const BETWEEN_LOOKS: usize = 100;
 /// Evaluations for a polish by least squares from a known point.
 const POLISH_EVALUATIONS: usize = 1500;
 
@@ -39,7 +42,8 @@ pub struct Progress {
     pub evaluations: usize,
     /// Best cost so far.
     pub best_train: Option<f64>,
-    /// Free-run RMSE of the best candidate on the validation part; of several outputs in the noise of their sensors.
+    /// Free-run RMSE of the best candidate on the validation part, as of the last look at it; of several outputs in the noise of
+    /// their sensors.
     pub best_validation: Option<f64>,
     /// The best parameters so far, by name; another one with every improvement.
     pub incumbent: Option<Arc<IndexMap<String, f64>>>,
@@ -65,6 +69,11 @@ pub struct Control<'a> {
 impl Control<'_> {
     /// Never interrupts, tells nobody.
     pub const NONE: Control<'static> = Control { interrupt: &|| None, progress: &|_| () };
+
+    /// Whether the work is to end now.
+    pub fn halts(&self) -> bool {
+        (self.interrupt)().is_some()
+    }
 }
 
 /// Why there is no fit.
@@ -204,10 +213,13 @@ pub(super) fn drive(
     }
     let mut optimiser = method.with_least_step(problem.least_step()).optimiser(search);
     let mut watch = early.map(Watch::new);
+    let watches_validation = early.is_some_and(|rule| rule.validation);
+    let between_looks = BETWEEN_LOOKS * problem.split().validation.end / problem.split().train.end.max(1);
+    let (mut looked, mut next_look) = (true, between_looks);
     let mut remarks = Vec::new();
     let mut progress = Progress::default();
     let mut trace: Vec<TracePoint> = Vec::new();
-    let halt = || (control.interrupt)().is_some();
+    let halt = || control.halts();
     let stop = loop {
         if let Some(interrupt) = (control.interrupt)() {
             match interrupt {
@@ -233,18 +245,22 @@ pub(super) fn drive(
         progress.evaluations += answers.len();
         optimiser.tell(&answers);
         progress.generation = optimiser.generation();
-        if let Some((best, Cost::Finite(cost))) = optimiser.best()
-            && progress.best_train.is_none_or(|known| cost < known)
-        {
-            progress.best_train = Some(cost);
-            trace.push(TracePoint { evaluations: progress.evaluations, best: cost });
-            let theta = problem.theta(best);
-            progress.best_validation = validation_rmse(problem, &theta);
-            if let Some(watch) = &mut watch {
+        if let Some((best, Cost::Finite(cost))) = optimiser.best() {
+            let better = progress.best_train.is_none_or(|known| cost < known);
+            if better {
+                progress.best_train = Some(cost);
+                trace.push(TracePoint { evaluations: progress.evaluations, best: cost });
+                let names = problem.model().parameters().iter().map(|parameter| parameter.name.clone());
+                progress.incumbent = Some(Arc::new(names.zip(problem.theta(best)).collect()));
+                looked = false;
+            }
+            if !looked && (watches_validation || progress.evaluations >= next_look) {
+                progress.best_validation = validation_rmse(problem, &problem.theta(best));
+                (looked, next_look) = (true, progress.evaluations + between_looks);
+            }
+            if let Some(watch) = watch.as_mut().filter(|_| better) {
                 watch.best(progress.generation, &best.0, cost, progress.best_validation);
             }
-            let names = problem.model().parameters().iter().map(|parameter| parameter.name.clone());
-            progress.incumbent = Some(Arc::new(names.zip(theta).collect()));
         }
         (control.progress)(&progress);
         if let Some(watch) = watch.as_ref().filter(|watch| watch.is_over(progress.generation)) {
@@ -277,7 +293,8 @@ fn validation_rmse(problem: &Problem, theta: &[f64]) -> Option<f64> {
     if range.is_empty() {
         return None;
     }
-    problem.free_run_error(&problem.simulate(theta), range)
+    let run = problem.simulator().run(&[theta], range.end).pop()?;
+    problem.free_run_error(&run, range)
 }
 
 /// Compares with half the step; where the difference is too large the step is halved and the fit polished, unless

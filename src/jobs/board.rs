@@ -67,7 +67,7 @@ pub struct Report {
     pub evaluations: usize,
     /// Best cost on the training part.
     pub best_train: Option<f64>,
-    /// Free-run error of the best candidate on the validation part.
+    /// Free-run error of the best candidate on the validation part, as of the last look at it.
     pub best_validation: Option<f64>,
     /// Seconds until the budget is used up at this pace; it may end sooner.
     pub eta_s: Option<f64>,

@@ -131,7 +131,7 @@ fn judge(request: &WorldRequest) -> Result<Judged, Failure> {
         diagnosis.findings.iter().any(|finding| same(&finding.effect, hidden) || finding.tied_with.iter().any(|tied| same(tied, hidden)))
     };
     let found = world.truth.effects.iter().filter(|hidden| named(&hidden.effect)).count();
-    let settled = |problem: Problem, theta: &[f64]| Null::settle(problem, theta, None)?.measured.plain[2].map(f64::sqrt);
+    let settled = |problem: Problem, theta: &[f64]| Null::settle(problem, theta, None, &|| false)?.measured.plain[2].map(f64::sqrt);
     let test = [
         settled(problem.clone(), &theta),
         informed(&catalogue, &world, &window, &problem, &theta)?.and_then(|(problem, theta)| settled(problem, &theta)),

@@ -89,7 +89,7 @@ fn judge(request: &PlantWorldRequest) -> Result<Judged, Failure> {
         let finding = if place == 0 { findings.first() } else { findings.last() }?;
         Some(finding.rmse.test?[place])
     };
-    let without = named(0).or_else(|| Some(Null::settle(base.clone(), &theta, None)?.measured.plain[2]?.sqrt()));
+    let without = named(0).or_else(|| Some(Null::settle(base.clone(), &theta, None, &|| false)?.measured.plain[2]?.sqrt()));
     let truth = match &world.truth.effect {
         Some(effect) if world.truth.in_catalogue => {
             let informed = problem(&catalogue, &window, &format!("{PLANT}+{effect}"))?;
