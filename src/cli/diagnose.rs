@@ -9,7 +9,7 @@ use lampyris::diagnose::report::{Considered, Finding};
 use lampyris::diagnose::{Adequacy, Diagnosis, diagnose};
 use lampyris::estimate::metrics::error_unit;
 use lampyris::estimate::request::SeededMethod;
-use lampyris::estimate::{Control, EstimateRequest, Fit, Judgement, Policy, Problem, Progress, Site, estimate, prepare, validate};
+use lampyris::estimate::{Control, EstimateRequest, Fit, Judgement, Past, Policy, Problem, Progress, Site, estimate, prepare, validate};
 use lampyris::model::Catalogue;
 use lampyris::optimise::Method;
 
@@ -61,7 +61,7 @@ pub fn first_fit(measured: &Measured, seed: u64, quiet: bool) -> Result<First, F
     let fit = estimate(&problem, &request, None, &Control { progress: &progress, ..Control::NONE });
     bar.finish_and_clear();
     let fit = fit.map_err(|error| Failure::Error(error.to_string()))?;
-    let judgement = validate(&problem, &fit, None, &Policy::default());
+    let judgement = validate(&problem, &fit, &Past::default(), &Policy::default());
     Ok(First { catalogue, window, site, problem: problem.with_substeps(fit.substeps), fit, judgement })
 }
 

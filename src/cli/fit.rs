@@ -8,7 +8,7 @@ use lampyris::data::SplitRequest;
 use lampyris::estimate::likelihood::LikelihoodReport;
 use lampyris::estimate::request::{Budget, Objective, Prior, SeededMethod, agreed};
 use lampyris::estimate::validate::{CheckResult, Severity};
-use lampyris::estimate::{Control, EstimateRequest, Fit, Policy, Progress, estimate, prepare, validate};
+use lampyris::estimate::{Control, EstimateRequest, Fit, Past, Policy, Progress, estimate, prepare, validate};
 use lampyris::model::Catalogue;
 use lampyris::optimise::Method;
 
@@ -81,7 +81,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let fit = estimate(&problem, &request, None, &Control { progress: &progress, ..Control::NONE });
     bar.finish_and_clear();
     let fit = fit.map_err(|error| Failure::Error(error.to_string()))?;
-    let judgement = validate(&problem, &fit, None, &Policy::default());
+    let judgement = validate(&problem, &fit, &Past::default(), &Policy::default());
     if arguments.json {
         let document = report::fit_document(report::ID, &fit, &judgement, &jiff::Timestamp::now().to_string())?;
         print(&document.to_string());

@@ -4,7 +4,7 @@ use super::fit::{AheadError, Fit};
 use super::limits::Measure;
 use super::metrics::{FilterRun, ahead, filter_fit, free_run_ahead, horizon_name, lead};
 use super::problem::Problem;
-use super::validate::{Incumbent, Policy};
+use super::validate::{Incumbent, Past, Policy};
 use crate::simulate::Trajectory;
 
 /// What the rules look at: a fit that is simulated again from its stored numbers.
@@ -21,7 +21,7 @@ pub(super) struct Case<'a> {
 }
 
 impl<'a> Case<'a> {
-    pub fn new(problem: &Problem, fit: &'a Fit, incumbent: Option<&Incumbent>, policy: &'a Policy) -> Result<Self, &'static str> {
+    pub fn new(problem: &Problem, fit: &'a Fit, past: &Past, policy: &'a Policy) -> Result<Self, &'static str> {
         // The fit may have needed shorter steps than the problem started with.
         let problem = problem.with_substeps(fit.substeps);
         let theta = reread(fit);
@@ -37,7 +37,7 @@ impl<'a> Case<'a> {
         } else {
             free_run(&problem, &trajectory, policy)
         };
-        let incumbent = incumbent.and_then(|incumbent| incumbent_theta(&problem, incumbent));
+        let incumbent = past.incumbent.as_ref().and_then(|incumbent| incumbent_theta(&problem, incumbent));
         Ok(Self { problem, fit, theta, trajectory, forecast, incumbent, policy })
     }
 

@@ -47,4 +47,4 @@ pub use request::{EstimateRequest, Site, prepare};
 pub use run::{Control, EstimateError, Interrupt, Progress, estimate};
 pub use served::{Offer, ServedParameters};
 pub use stop::EarlyStopping;
-pub use validate::{Acceptance, Holding, Incumbent, Judgement, Policy, Verdict, validate};
+pub use validate::{Acceptance, Holding, Incumbent, Judgement, Past, Policy, Reference, Verdict, validate};

@@ -8,7 +8,7 @@ use super::limits::{Measure, ticks};
 use super::metrics::{filter, horizon_name};
 use super::physics;
 use super::problem::{Problem, mean_square};
-use super::validate::{CheckResult, Incumbent, Policy, Severity};
+use super::validate::{CheckResult, Past, Policy, Severity};
 use super::whiten::stride;
 use crate::model::{Output, Scale};
 
@@ -70,9 +70,9 @@ pub struct Table {
 
 impl Table {
     /// Puts a fit to some rules.
-    pub fn of(problem: &Problem, fit: &Fit, incumbent: Option<&Incumbent>, policy: &Policy, rules: &[Rule]) -> Self {
+    pub fn of(problem: &Problem, fit: &Fit, past: &Past, policy: &Policy, rules: &[Rule]) -> Self {
         let mut table = Self::default();
-        match Case::new(problem, fit, incumbent, policy) {
+        match Case::new(problem, fit, past, policy) {
             Ok(case) => rules.iter().for_each(|rule| (rule.look)(&case, &mut table)),
             // There is nothing that any rule could look at.
             Err(comment) => table.check("G1 finite", None, "", None, "-", false, Severity::Reject, comment.to_owned()),

@@ -24,6 +24,33 @@ pub struct Incumbent {
     pub theta: IndexMap<String, f64>,
 }
 
+/// Parameters of the same system that were trusted at another time.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Reference {
+    /// What they are to an operator: `the parameters served 30 days ago`.
+    pub name: String,
+    /// The fit that found them.
+    pub fit: Fit,
+}
+
+/// What a fit is judged beside: what is served, and what was.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Past {
+    /// The parameters that are served now.
+    pub incumbent: Option<Incumbent>,
+    /// Older parameters, so that many small steps away from them are seen.
+    pub references: Vec<Reference>,
+    /// Since when newer measurements contradict the incumbent, in seconds, where they do.
+    pub degraded: Option<i64>,
+}
+
+impl Past {
+    /// A past of which only the incumbent is known.
+    pub fn of(incumbent: Option<Incumbent>) -> Self {
+        Self { incumbent, ..Self::default() }
+    }
+}
+
 /// What a system demands of its parameters.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Policy {
@@ -145,8 +172,8 @@ impl Judgement {
 const UNCHANGED_RATIO: f64 = 1.02;
 
 /// Judges a fit by every rule. A part of them gives a [`Table`], which lets nothing out.
-pub fn validate(problem: &Problem, fit: &Fit, incumbent: Option<&Incumbent>, policy: &Policy) -> Judgement {
-    let table = Table::of(problem, fit, incumbent, policy, Rule::ALL);
+pub fn validate(problem: &Problem, fit: &Fit, past: &Past, policy: &Policy) -> Judgement {
+    let table = Table::of(problem, fit, past, policy, Rule::ALL);
     let ratio = table.checks.iter().find(|check| check.name == NO_WORSE_THAN_INCUMBENT).and_then(|check| check.statistic);
     let flags = &table.flags;
     let (verdict, summary) = if let Some(check) = table.failed(Severity::Reject) {

@@ -9,7 +9,7 @@ use crate::support::full;
 use lampyris::data::{Bindings, Window};
 use lampyris::estimate::rules::{Rule, Table};
 use lampyris::estimate::validate::Severity;
-use lampyris::estimate::{Control, EstimateRequest, Fit, Incumbent, Policy, Problem, Site, Verdict, estimate, prepare, validate};
+use lampyris::estimate::{Control, EstimateRequest, Fit, Incumbent, Past, Policy, Problem, Site, Verdict, estimate, prepare, validate};
 use lampyris::fault::Fault;
 use lampyris::model::Catalogue;
 use lampyris::twin::{Level, WorldRequest, room, world};
@@ -28,12 +28,12 @@ struct Candidate {
 
 impl Candidate {
     fn table(&self, rules: &[Rule]) -> Table {
-        Table::of(&self.problem, &self.fit, self.incumbent.as_ref(), &Policy::default(), rules)
+        Table::of(&self.problem, &self.fit, &Past::of(self.incumbent.clone()), &Policy::default(), rules)
     }
 
     /// The checks that keep it from the controller.
     fn failed(&self) -> Vec<String> {
-        let judgement = validate(&self.problem, &self.fit, self.incumbent.as_ref(), &Policy::default());
+        let judgement = validate(&self.problem, &self.fit, &Past::of(self.incumbent.clone()), &Policy::default());
         let published = matches!(judgement.verdict, Verdict::Accepted(_));
         let failed: Vec<String> = judgement.failed().into_iter().map(str::to_owned).collect();
         assert!(published == failed.is_empty() || judgement.verdict == Verdict::Unchanged, "{}", judgement.summary);
@@ -118,7 +118,7 @@ fn bad_candidates_are_refused_by_name_and_every_rule_is_needed() {
 fn doubts_are_published_with_their_flag() {
     let found = bad::doubtful();
     for (flags, candidate) in &found {
-        let judgement = validate(&candidate.problem, &candidate.fit, None, &Policy::default());
+        let judgement = validate(&candidate.problem, &candidate.fit, &Past::default(), &Policy::default());
         let Verdict::Accepted(acceptance) = &judgement.verdict else { panic!("{flags:?}: {}", judgement.summary) };
         assert!(acceptance.flags().iter().any(|said| flags.contains(&said.as_str())), "{flags:?}: {:?}", acceptance.flags());
         let silent: Vec<Rule> =
@@ -149,7 +149,7 @@ fn good_fits_are_published() {
                 }
             };
             let problem = problem(&csv, &neighbours, &asked).unwrap();
-            let judgement = validate(&problem, &fit(&problem, &asked).unwrap(), None, &Policy::default());
+            let judgement = validate(&problem, &fit(&problem, &asked).unwrap(), &Past::default(), &Policy::default());
             (!matches!(judgement.verdict, Verdict::Accepted(_))).then(|| format!("{what} {seed}: {}", judgement.summary))
         })
         .collect();

@@ -5,7 +5,7 @@ use super::{CATALOGUE, Candidate, fit, problem_of, refused};
 use lampyris::data::SplitRequest;
 use lampyris::estimate::request::{Budget, SeededMethod};
 use lampyris::estimate::rules::Rule;
-use lampyris::estimate::{EstimateRequest, Fit, Incumbent, Policy, Problem, Verdict, validate};
+use lampyris::estimate::{EstimateRequest, Fit, Incumbent, Past, Policy, Problem, Verdict, validate};
 use lampyris::optimise::Method;
 use lampyris::optimise::multistart::LmOptions;
 use lampyris::twin::{PlantRequest, plant};
@@ -295,7 +295,7 @@ fn good_plants_are_published_with_their_doubts() {
         asked.fixed = truth.into_iter().filter(|(name, _)| name != "mu_A" && name != "Y_H").collect();
         let problem = problem_of(&CATALOGUE, MODEL, &lines.join("\n"), &[], &asked).unwrap();
         let fit = fit(&problem, &asked).unwrap();
-        let judgement = validate(&problem, &fit, None, &Policy::default());
+        let judgement = validate(&problem, &fit, &Past::default(), &Policy::default());
         let found = |name: &str| fit.parameters[name].value;
         println!("GATE-1: plant {seed}: mu_A {:.4} of {mu_a}, Y_H {:.4} of {y_h}: {}", found("mu_A"), found("Y_H"), judgement.summary);
         let Verdict::Accepted(acceptance) = &judgement.verdict else { panic!("{}: {:#?}", judgement.summary, judgement.checks) };
@@ -310,7 +310,7 @@ fn the_true_parameters_of_every_plant_are_published() {
         let twin = plant(&CATALOGUE, &PlantRequest { seed: 7400, model, values: &[], days: DAYS, noise: 1.0, warm_up: false }).unwrap();
         let asked = EstimateRequest { fixed: twin.truth.iter().cloned().collect(), ..asked() };
         let problem = problem_of(&CATALOGUE, model, &twin.csv, &[], &asked).unwrap();
-        let judgement = validate(&problem, &fit(&problem, &asked).unwrap(), None, &Policy::default());
+        let judgement = validate(&problem, &fit(&problem, &asked).unwrap(), &Past::default(), &Policy::default());
         assert!(matches!(judgement.verdict, Verdict::Accepted(_)), "{model}: {} {:#?}", judgement.summary, judgement.checks);
         assert_eq!(judgement.checks.iter().filter(|check| check.name.starts_with("G3")).count(), 7, "{model}");
     }

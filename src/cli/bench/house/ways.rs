@@ -5,7 +5,7 @@ use super::super::search::path;
 use lampyris::data::{Bindings, Duration, SplitRequest, Window, rfc3339};
 use lampyris::estimate::objective::{ShapeDelta, swmse};
 use lampyris::estimate::request::WindowRange;
-use lampyris::estimate::{Control, EstimateError, EstimateRequest, Fit, Policy, Problem, Site, estimate, prepare, validate};
+use lampyris::estimate::{Control, EstimateError, EstimateRequest, Fit, Past, Policy, Problem, Site, estimate, prepare, validate};
 use lampyris::model::spec::{ModelDocument, ParameterSpec};
 use lampyris::model::{Catalogue, ModelId, Nominal, Scale};
 use serde::Serialize;
@@ -297,7 +297,7 @@ pub fn run(csv: &str, room: &Room, way: &Way, asked: &Asked) -> Result<Run, Fail
 }
 
 fn solution(both: &Problem, fit: &Fit, asked: &Asked) -> Solution {
-    let judgement = validate(both, fit, None, &Policy::default());
+    let judgement = validate(both, fit, &Past::default(), &Policy::default());
     // The fit may have needed shorter steps than the problem starts with.
     let problem = both.with_substeps(fit.substeps);
     let run = problem.simulate(&fit.theta());
