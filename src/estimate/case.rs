@@ -2,10 +2,11 @@
 
 use super::fit::{AheadError, Fit};
 use super::limits::Measure;
-use super::metrics::{FilterRun, ahead, filter_fit, free_run_ahead, horizon_name, lead};
+use super::metrics::{FilterRun, ahead, filter, filter_fit, free_run_ahead, horizon_name, lead};
 use super::problem::Problem;
-use super::validate::{Incumbent, Past, Policy};
+use super::validate::{Incumbent, Past, Policy, Reference};
 use crate::simulate::Trajectory;
+use std::ops::Range;
 
 /// What the rules look at: a fit that is simulated again from its stored numbers.
 pub(super) struct Case<'a> {
@@ -17,11 +18,15 @@ pub(super) struct Case<'a> {
     pub forecast: Option<AheadError>,
     /// The parameters served now, where they are parameters of the same model.
     pub incumbent: Option<Vec<f64>>,
+    /// Older parameters of the same model, with what they are.
+    pub references: Vec<(&'a str, Vec<f64>)>,
+    /// Since when newer measurements contradict the incumbent, where they do.
+    pub degraded: Option<i64>,
     pub policy: &'a Policy,
 }
 
 impl<'a> Case<'a> {
-    pub fn new(problem: &Problem, fit: &'a Fit, past: &Past, policy: &'a Policy) -> Result<Self, &'static str> {
+    pub fn new(problem: &Problem, fit: &'a Fit, past: &'a Past, policy: &'a Policy) -> Result<Self, &'static str> {
         // The fit may have needed shorter steps than the problem started with.
         let problem = problem.with_substeps(fit.substeps);
         let theta = reread(fit);
@@ -32,13 +37,26 @@ impl<'a> Case<'a> {
         if trajectory.diverged {
             return Err("the simulation of the stored parameters leaves the numbers");
         }
-        let forecast = if problem.filters() {
-            forecast(&problem, &theta, &filter_fit(&problem, fit), policy)
-        } else {
-            free_run(&problem, &trajectory, policy)
-        };
+        let forecast = error(&problem, fit, &trajectory, policy, problem.split().validation.clone());
         let incumbent = past.incumbent.as_ref().and_then(|incumbent| incumbent_theta(&problem, incumbent));
-        Ok(Self { problem, fit, theta, trajectory, forecast, incumbent, policy })
+        let reference = |reference: &'a Reference| Some((reference.name.as_str(), reference_theta(&problem, &reference.fit)?));
+        let references = past.references.iter().filter_map(reference).collect();
+        Ok(Self { problem, fit, theta, trajectory, forecast, incumbent, references, degraded: past.degraded, policy })
+    }
+
+    /// What the fit errs by on some samples, as [`Case::error_of`] says it of other parameters.
+    pub fn own_error(&self, samples: Range<usize>) -> Option<AheadError> {
+        error(&self.problem, self.fit, &self.trajectory, self.policy, samples)
+    }
+
+    /// What parameters of the same model err by on some samples: ahead by the policy's horizon, or in the free run of a model
+    /// without a filter.
+    pub fn error_of(&self, theta: &[f64], samples: Range<usize>) -> Option<AheadError> {
+        if self.problem.filters() {
+            forecast(&self.problem, theta, &filter(&self.problem, theta, None), self.policy, samples)
+        } else {
+            free_run(&self.problem, &self.problem.simulate(theta), self.policy, samples)
+        }
     }
 
     /// The outputs, with what the limits mean for each.
@@ -58,31 +76,46 @@ impl<'a> Case<'a> {
     }
 }
 
-/// Forecast errors at the policy's horizon on unseen data: of the parameters, and of persistence. `None` where nothing is
+/// What a fit errs by on some samples, with the noise that belongs to it.
+fn error(problem: &Problem, fit: &Fit, trajectory: &Trajectory, policy: &Policy, samples: Range<usize>) -> Option<AheadError> {
+    if problem.filters() {
+        forecast(problem, &fit.theta(), &filter_fit(problem, fit), policy, samples)
+    } else {
+        free_run(problem, trajectory, policy, samples)
+    }
+}
+
+/// Forecast errors at the policy's horizon on some samples: of the parameters, and of persistence. `None` where nothing is
 /// comparable, or a forecast that could be made left the numbers: the others do not speak for it.
-pub(super) fn forecast(problem: &Problem, theta: &[f64], run: &FilterRun, policy: &Policy) -> Option<AheadError> {
+fn forecast(problem: &Problem, theta: &[f64], run: &FilterRun, policy: &Policy, samples: Range<usize>) -> Option<AheadError> {
     let name = horizon_name(policy.horizon);
     let horizon = [(name.as_str(), policy.horizon.seconds())];
-    let unseen = problem.split().validation.clone();
-    let error = ahead(problem, theta, run, unseen.clone(), &horizon).into_values().next()?;
+    let error = ahead(problem, theta, run, samples.clone(), &horizon).into_values().next()?;
     let lead = lead(policy.horizon.seconds(), problem.grid().step())?;
     let (_, valid) = problem.measured()[0];
     let known = problem.known();
     let possible =
-        (unseen.start + lead..unseen.end).filter(|k| valid[*k] && valid[k - lead] && known[k - lead..*k].iter().all(|known| *known));
+        (samples.start + lead..samples.end).filter(|k| valid[*k] && valid[k - lead] && known[k - lead..*k].iter().all(|known| *known));
     (error.n >= possible.count()).then_some(error)
 }
 
 /// The same for a model without a filter, which forecasts by its free run alone.
-pub(super) fn free_run(problem: &Problem, trajectory: &Trajectory, policy: &Policy) -> Option<AheadError> {
+fn free_run(problem: &Problem, trajectory: &Trajectory, policy: &Policy, samples: Range<usize>) -> Option<AheadError> {
     let lead = lead(policy.horizon.seconds(), problem.grid().step())?;
-    free_run_ahead(problem, trajectory, problem.split().validation.clone(), lead).filter(|_| !trajectory.diverged)
+    free_run_ahead(problem, trajectory, samples, lead).filter(|_| !trajectory.diverged)
 }
 
 /// The parameters as a reader of the stored document gets them.
 fn reread(fit: &Fit) -> Vec<f64> {
     let text = serde_json::to_string(fit).unwrap_or_default();
     serde_json::from_str::<Fit>(&text).map(|fit| fit.theta()).unwrap_or_default()
+}
+
+/// The vector of an older fit where it is one of the same model.
+fn reference_theta(problem: &Problem, fit: &Fit) -> Option<Vec<f64>> {
+    let names = problem.model().parameters().iter().map(|parameter| &parameter.name);
+    let same = fit.model == problem.model().id().to_string() && names.eq(fit.parameters.keys());
+    same.then(|| fit.theta())
 }
 
 /// The incumbent's vector where it belongs to the same model.

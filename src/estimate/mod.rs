@@ -7,6 +7,7 @@
 //! `skill` puts both into numbers; `degradation` asks whether newer measurements contradict it. `tune` chooses settings of the search.
 
 mod case;
+mod change;
 pub mod compare;
 pub mod comparison;
 mod ctsm;

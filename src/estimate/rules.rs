@@ -2,15 +2,16 @@
 //!
 //! A rule knows nothing of the others, and none decides: `validate` reads what they wrote.
 
-use super::case::{Case, forecast, free_run};
+use super::case::Case;
+use super::change;
 use super::fit::{Fit, Stop};
 use super::limits::{Measure, ticks};
-use super::metrics::{filter, horizon_name};
+use super::metrics::horizon_name;
 use super::physics;
 use super::problem::{Problem, mean_square};
 use super::validate::{CheckResult, Past, Policy, Severity};
 use super::whiten::stride;
-use crate::model::{Output, Scale};
+use crate::model::Output;
 
 /// The check whose statistic is the ratio of the forecast errors of a fit and of what it would replace.
 pub const NO_WORSE_THAN_INCUMBENT: &str = "G4 no worse than incumbent";
@@ -20,9 +21,6 @@ const BARELY: f64 = 0.9;
 // Limits of temperatures, in K; `limits` says what they are for other outputs.
 const LARGEST_ERROR: f64 = 10.0;
 const LARGEST_EXCURSION: f64 = 5.0;
-const JUMP_RMS: f64 = 1.0;
-const JUMP_FACTOR: f64 = 3.0;
-const JUMP_SHARE: f64 = 0.5;
 const LEAST_VALID: f64 = 0.9;
 /// No room changes by this much from one sample to the next; a sensor that changes its unit does.
 const LARGEST_CHANGE: f64 = 15.0;
@@ -34,7 +32,7 @@ const FORTNIGHT: i64 = 14 * 86_400;
 /// A rule of the gate.
 #[derive(Debug, Clone, Copy)]
 pub struct Rule {
-    /// What its checks are called; those of physics have names of their own behind `G3`.
+    /// What its checks are called; those of physics and of change have names of their own behind `G3` and `G6`.
     pub name: &'static str,
     look: fn(&Case, &mut Table),
 }
@@ -49,7 +47,7 @@ impl Rule {
         Rule { name: NO_WORSE_THAN_INCUMBENT, look: incumbent },
         Rule { name: "G5 largest error", look: largest_error },
         Rule { name: "G5 excursion", look: excursion },
-        Rule { name: "G6 jump", look: jump },
+        Rule { name: "G6", look: change::look },
         Rule { name: "G7 repeat", look: repeat },
         Rule { name: "G8 unseen data", look: unseen },
         Rule { name: "G8 complete", look: complete },
@@ -86,7 +84,7 @@ impl Table {
     }
 
     #[allow(clippy::too_many_arguments)]
-    fn check(
+    pub(super) fn check(
         &mut self,
         name: &str,
         statistic: Option<f64>,
@@ -110,7 +108,15 @@ impl Table {
     }
 
     /// A check of a statistic that must stay below a limit; one that is missing fails.
-    fn at_most(&mut self, name: &str, statistic: Option<f64>, limit: f64, unit: &str, severity: Severity, comment: String) -> bool {
+    pub(super) fn at_most(
+        &mut self,
+        name: &str,
+        statistic: Option<f64>,
+        limit: f64,
+        unit: &str,
+        severity: Severity,
+        comment: String,
+    ) -> bool {
         let pass = statistic.is_some_and(|value| value <= limit);
         self.check(name, statistic, "<=", Some(limit), unit, pass, severity, comment);
         pass
@@ -177,11 +183,7 @@ fn persistence(case: &Case, table: &mut Table) {
 
 fn incumbent(case: &Case, table: &mut Table) {
     let Some(incumbent) = &case.incumbent else { return };
-    let theirs = if case.problem.filters() {
-        forecast(&case.problem, incumbent, &filter(&case.problem, incumbent, None), case.policy)
-    } else {
-        free_run(&case.problem, &case.problem.simulate(incumbent), case.policy)
-    };
+    let theirs = case.error_of(incumbent, case.problem.split().validation.clone());
     let ratio = case.forecast.as_ref().zip(theirs).map(|(ours, theirs)| ours.rmse / theirs.rmse.max(f64::MIN_POSITIVE));
     let name = horizon_name(case.policy.horizon);
     let what = if case.problem.filters() { format!("the error {name} ahead") } else { "the error of the free run".to_owned() };
@@ -211,44 +213,6 @@ fn excursion(case: &Case, table: &mut Table) {
     };
     let says = |_: f64, _: &str| "how far the free run leaves the range that was ever measured".to_owned();
     table.worst(case, "G5 excursion", LARGEST_EXCURSION, excursion, says);
-}
-
-fn jump(case: &Case, table: &mut Table) {
-    let Some(incumbent) = &case.incumbent else { return };
-    let before = case.problem.simulate(incumbent);
-    let week = case.since(WEEK)..case.problem.grid().len();
-    let apart = |measure: &Measure| {
-        let (now, before) = (&case.trajectory.outputs[measure.output], &before.outputs[measure.output]);
-        mean_square(&week.clone().map(|k| now[k] - before[k]).collect::<Vec<f64>>()).sqrt()
-    };
-    let Some((measure, rms, limit)) = case.worst(JUMP_RMS, apart) else { return };
-    let (moved, how) = most_changed(case, incumbent);
-    let pass = !(rms > limit && moved) && rms.is_finite();
-    let unit = measure.unit;
-    let comment =
-        measure.says(format!("the free run differs from the incumbent's by {rms:.2} {unit} rms, the most changed parameter by {how}"));
-    table.check("G6 jump", Some(rms), "<=", Some(limit), unit, pass, Severity::Hold, comment);
-}
-
-/// Whether a parameter has moved far from the incumbent's, and how far the one that has moved most. Parameters that are searched on
-/// a logarithmic scale are compared by their ratio. Of the others some are temperatures at the start, which belong to a record, so
-/// they count only in models without a filter, which start from the same state always: as a share of what is searched.
-fn most_changed(case: &Case, incumbent: &[f64]) -> (bool, String) {
-    let changes = || case.theta.iter().zip(incumbent).zip(case.problem.model().parameters().iter().zip(case.problem.bounds()));
-    let factor = changes()
-        .filter(|(_, (parameter, _))| parameter.scale == Scale::Log)
-        .map(|((new, old), _)| (new / old).max(old / new))
-        .fold(1.0, f64::max);
-    let share = changes()
-        .filter(|(_, (parameter, _))| parameter.scale == Scale::Linear && !case.problem.filters())
-        .map(|((new, old), (_, [lower, upper]))| ((new - old) / (upper - lower)).abs())
-        .fold(0.0, f64::max);
-    let how = if share / JUMP_SHARE > factor / JUMP_FACTOR {
-        format!("{:.0} % of what is searched", 100.0 * share)
-    } else {
-        format!("a factor of {factor:.1}")
-    };
-    (factor > JUMP_FACTOR || share > JUMP_SHARE, how)
 }
 
 fn repeat(case: &Case, table: &mut Table) {

@@ -2,7 +2,7 @@
 //! measurements contradict the parameters.
 
 use super::input::{self, Input};
-use super::systems::{self, Mode, SystemDocument};
+use super::systems::{self, Mode};
 use super::{JobsError, Service, params, submit};
 use crate::data::{Duration, SplitRequest, SystemId, rfc3339};
 use crate::estimate::EstimateRequest;
@@ -53,8 +53,14 @@ pub async fn run(service: Arc<Service>, pool: ThreadPool) {
         told.as_mut().enable();
         let next = service.arrivals.systems().pop_first();
         if let Some(system) = next {
-            if let Err(error) = look(&service, &pool, &system).await {
-                tracing::warn!(%error, %system, "newer measurements could not be compared with what is served");
+            match look(&service, &pool, &system).await {
+                Ok(false) => {}
+                Ok(true) => {
+                    if let Err(error) = refit(&service, &system).await {
+                        tracing::warn!(%error, %system, "what newer measurements contradict could not be fitted again");
+                    }
+                }
+                Err(error) => not_compared(&system, &error),
             }
             continue;
         }
@@ -65,18 +71,39 @@ pub async fn run(service: Arc<Service>, pool: ThreadPool) {
     }
 }
 
-/// Compares what is served with the newest measurements, and keeps what that says.
-async fn look(service: &Service, pool: &ThreadPool, system: &SystemId) -> Result<(), JobsError> {
-    let Some(standing) = store::params::standing(&service.store, system).await? else { return Ok(()) };
-    let Some((revision, served)) = standing.revision.zip(store::fits::served(&service.store, system).await?) else { return Ok(()) };
+/// Looks at one system before a job that nobody has asked for replaces what it serves: measurements that came a moment ago may
+/// not have been looked at yet.
+pub(super) async fn look_first(service: &Service, pool: &ThreadPool, system: &SystemId) {
+    if let Err(error) = look(service, pool, system).await {
+        not_compared(system, &error);
+    }
+}
+
+fn not_compared(system: &SystemId, error: &JobsError) {
+    tracing::warn!(%error, %system, "newer measurements could not be compared with what is served");
+}
+
+/// Submits a job for a system that has become degraded, where its policy wants one.
+async fn refit(service: &Service, system: &SystemId) -> Result<(), JobsError> {
+    let document = systems::require(service, system).await?;
+    if document.policy.refit_when_degraded && document.policy.mode != Mode::Observe {
+        submit::refit(service, system, &document).await?;
+    }
+    Ok(())
+}
+
+/// Compares what is served with the newest measurements, and keeps what that says. Says whether it has become degraded by that.
+async fn look(service: &Service, pool: &ThreadPool, system: &SystemId) -> Result<bool, JobsError> {
+    let Some(standing) = store::params::standing(&service.store, system).await? else { return Ok(false) };
+    let Some((revision, served)) = standing.revision.zip(store::fits::served(&service.store, system).await?) else { return Ok(false) };
     if revision.fit != served.id {
         // Something was published in between, and its job has looked at the newest measurements itself.
-        return Ok(());
+        return Ok(false);
     }
-    let Some((_, newest)) = store::windows::extent(&service.store, system).await? else { return Ok(()) };
-    let Some(model) = served.fit.model.parse().ok() else { return Ok(()) };
+    let Some((_, newest)) = store::windows::extent(&service.store, system).await? else { return Ok(false) };
+    let Some(model) = served.fit.model.parse().ok() else { return Ok(false) };
     let document = systems::require(service, system).await?;
-    let input = input::collect(service, system, document.clone(), model, request(&served, newest)).await?;
+    let input = input::collect(service, system, document, model, request(&served, newest)).await?;
     let (sender, receiver) = oneshot::channel();
     pool.spawn(move || {
         let _ = sender.send(catch_unwind(AssertUnwindSafe(|| compare(&input, &served))));
@@ -84,7 +111,7 @@ async fn look(service: &Service, pool: &ThreadPool, system: &SystemId) -> Result
     let Ok(Ok(found)) = receiver.await else {
         return Err(JobsError::Internal("the comparison ran into a fault of the program".to_owned()));
     };
-    let Some((newer, state)) = found? else { return Ok(()) };
+    let Some((newer, state)) = found? else { return Ok(false) };
     if let Some((error, horizon)) = newer.error() {
         service.metrics.forecast(system, horizon, error);
     }
@@ -104,11 +131,8 @@ async fn look(service: &Service, pool: &ThreadPool, system: &SystemId) -> Result
     if let Some(degraded) = turned {
         tracing::warn!(%system, revision = revision.revision, degraded, "newer measurements {}", if degraded { "contradict what is served" } else { "agree again" });
         params::refresh(service, system).await?;
-        if degraded && wants_refit(&document) {
-            submit::refit(service, system, &document).await?;
-        }
     }
-    Ok(())
+    Ok(turned == Some(true))
 }
 
 /// The whole of the fit's window and what came behind it.
@@ -139,8 +163,4 @@ fn compare(input: &Input, served: &FitRecord) -> Result<Option<(Newer, Option<Cu
     let run = filter_fit(&problem, &served.fit);
     let said = newer(&problem, &served.fit, &run, input.system.policy.horizon);
     Ok(Some((said, newest_state(&problem, &run))))
-}
-
-fn wants_refit(document: &SystemDocument) -> bool {
-    document.policy.refit_when_degraded && document.policy.mode != Mode::Observe
 }

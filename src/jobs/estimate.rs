@@ -8,7 +8,7 @@ use crate::data::rfc3339;
 use crate::diagnose::failures::worst_regime;
 use crate::estimate::degradation::as_fitted;
 use crate::estimate::metrics::current_state;
-use crate::estimate::{Control, EstimateError, Interrupt, Past, Policy, Problem, estimate, validate};
+use crate::estimate::{Control, EstimateError, Interrupt, Policy, Problem, Verdict, estimate, validate};
 use crate::fault::Fault;
 use crate::store::finish::Finding;
 use crate::store::jobs::JobFailure;
@@ -48,7 +48,7 @@ pub fn fitted(input: &Input, control: &Control<'_>) -> Result<Fitted, Stopped> {
     let failed = |error| Stopped::Failed(describe(error));
     let window = input.window().map_err(failed)?;
     let problem = input.problem(&window).map_err(failed)?;
-    let past = Past::of(input.incumbent());
+    let past = input.past();
     let mut fit = estimate(&problem, &input.request, past.incumbent.as_ref(), control).map_err(|error| stopped(&error))?;
     fit.worst_regime = worst_regime(&problem, &fit, &window, fit.seed).map_err(|fault| Stopped::Failed(invalid(vec![fault])))?;
     let policy = Policy { horizon: input.system.policy.horizon, excluded: input.system.excluded() };

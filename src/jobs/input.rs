@@ -5,15 +5,18 @@ use super::windows::unpack;
 use super::{JobsError, Service};
 use crate::data::{Series, SystemId, Window, read_time};
 use crate::estimate::request::WindowRange;
-use crate::estimate::{EstimateRequest, Incumbent, Problem, prepare};
+use crate::estimate::{EstimateRequest, Incumbent, Past, Problem, Reference, prepare};
 use crate::fault::Fault;
 use crate::model::{Catalogue, ModelId};
 use crate::store;
 use crate::store::fits::FitRecord;
-use crate::store::jobs::JobRecord;
+use crate::store::jobs::{JobRecord, Origin};
 use crate::store::windows::Blocks;
+use jiff::{SignedDuration, Timestamp};
 use std::sync::Arc;
 
+/// How old the parameters are that a fit is compared with beside those that are served now.
+const LOOK_BACK: SignedDuration = SignedDuration::from_hours(30 * 24);
 /// The channel of a room that its neighbours see.
 const ROOM_TEMPERATURE: &str = "T_room";
 
@@ -30,6 +33,8 @@ pub struct Input {
     pub system: SystemDocument,
     /// The fit that is served now.
     pub served: Option<FitRecord>,
+    /// What a fit is judged beside, apart from what is served now.
+    pub past: Past,
     measurements: Measurements,
 }
 
@@ -49,7 +54,34 @@ pub async fn load(service: &Service, job: &JobRecord) -> Result<Input, JobsError
     let document = systems::require(service, &job.system).await?;
     let request: EstimateRequest = serde_json::from_value(job.request.clone())
         .map_err(|error| JobsError::Faults(vec![Fault::new("", "outdated-request", error.to_string())]))?;
-    collect(service, &job.system, document, job.model.clone(), request).await
+    let input = collect(service, &job.system, document, job.model.clone(), request).await?;
+    let past = past(service, job, input.served.as_ref()).await?;
+    Ok(Input { past, ..input })
+}
+
+/// What is known of older parameters, and of newer measurements.
+async fn past(service: &Service, job: &JobRecord, served: Option<&FitRecord>) -> Result<Past, JobsError> {
+    let then = service.now().saturating_sub(LOOK_BACK).unwrap_or(Timestamp::MIN);
+    let trusted = store::revisions::trusted(&service.store, &job.system, then).await?;
+    let reference = |name: &str, record: Option<FitRecord>| {
+        // What is served still is the incumbent, which has its own checks.
+        let record = record.filter(|record| served.is_none_or(|served| served.id != record.id))?;
+        Some(Reference { name: name.to_owned(), fit: record.fit })
+    };
+    let served_then = reference("the parameters served 30 days ago", trusted.served_then);
+    let confirmed = reference("the last parameters that an operator confirmed", trusted.confirmed);
+    Ok(Past { incumbent: None, references: served_then.into_iter().chain(confirmed).collect(), degraded: degraded(service, job).await? })
+}
+
+/// Since when newer measurements contradict what is served, where a job is nobody's wish: whoever posts one may know why the room
+/// has changed. While that stands every night has to answer for itself, not only the job that is submitted at once.
+async fn degraded(service: &Service, job: &JobRecord) -> Result<Option<i64>, JobsError> {
+    if job.origin == Origin::Posted {
+        return Ok(None);
+    }
+    let standing = store::params::standing(&service.store, &job.system).await?;
+    let found = standing.and_then(|standing| standing.degradation).map(|record| record.degradation);
+    Ok(found.and_then(|found| read_time("", &found.from).ok()))
 }
 
 /// Collects the input of one computation on a system.
@@ -73,6 +105,7 @@ pub async fn collect(
         model,
         measurements: measurements(service, name, &system.neighbours, &system.exclude, (from, to)).await?,
         served: store::fits::served(&service.store, name).await?,
+        past: Past::default(),
         request,
         system,
     })
@@ -200,8 +233,13 @@ impl Input {
         prepare(&self.catalogue, &self.model, &self.request, window, &self.system.site()).map_err(JobsError::Faults)
     }
 
+    /// All that a fit is judged beside.
+    pub fn past(&self) -> Past {
+        Past { incumbent: self.incumbent(), ..self.past.clone() }
+    }
+
     /// The parameters that are served now.
-    pub fn incumbent(&self) -> Option<Incumbent> {
+    fn incumbent(&self) -> Option<Incumbent> {
         let served = self.served.as_ref()?;
         Some(Incumbent {
             model: served.fit.model.parse().ok()?,

@@ -5,6 +5,7 @@
 //! second has ended. Their threads are nice: the handlers always get the CPU first.
 
 use super::board::Live;
+use super::degradations;
 use super::diagnose;
 use super::estimate::{self, Stopped, describe};
 use super::events::{self, What};
@@ -13,7 +14,7 @@ use super::{Service, params, poison, tune};
 use crate::estimate::{Control, Interrupt, Progress};
 use crate::store::StoreError;
 use crate::store::finish::{Ending, Finding, Tuned, finish};
-use crate::store::jobs::{self, JobFailure, JobKind, JobRecord, Lease};
+use crate::store::jobs::{self, JobFailure, JobKind, JobRecord, Lease, Origin};
 use rayon::{ThreadPool, ThreadPoolBuildError, ThreadPoolBuilder};
 use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -122,6 +123,9 @@ async fn process(service: &Arc<Service>, pool: &ThreadPool, job: JobRecord) {
     service.events.publish(&job.id, &job.system, What::Started(Box::new(job.clone())));
     tracing::info!(job = %job.id, system = %job.system, attempt = job.attempt, "started {} for {}", job.kind.word(), job.system);
     refreshed(service, &job).await;
+    if job.kind == JobKind::Estimate && job.origin == Origin::Scheduled {
+        degradations::look_first(service, pool, &job.system).await;
+    }
     let end = match input::load(service, &job).await {
         Ok(input) => compute(service, pool, &live, &job, input).await,
         Err(error) => End::Failed(describe(error)),

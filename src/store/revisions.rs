@@ -1,5 +1,6 @@
 //! What was ever served: revisions count up by one and never go back, and exactly one of a system is current.
 
+use super::fits::{self, FitRecord};
 use super::{Store, StoreError, from_json, instant, millis, parse, words};
 use crate::data::SystemId;
 use jiff::Timestamp;
@@ -155,6 +156,39 @@ pub(super) async fn confirm(tx: &mut SqliteConnection, system: &str, now: Timest
 /// # Errors
 /// Where the database fails.
 pub async fn page(store: &Store, system: &SystemId, before: i64, limit: i64) -> Result<Vec<Revision>, StoreError> {
+/// Fits of a system that were trusted at another time.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Trusted {
+    /// The one that was served at an instant, where no operator has confirmed another one since.
+    pub served_then: Option<FitRecord>,
+    /// The last one that an operator confirmed.
+    pub confirmed: Option<FitRecord>,
+}
+
+/// The fits that a new one is compared with beside the one that is served now. An operator's word makes an older fit a thing of
+/// the past: whoever has promoted what is far away does not want to hear of it for a month.
+///
+/// # Errors
+/// Where the database fails.
+pub async fn trusted(store: &Store, system: &SystemId, then: Timestamp) -> Result<Trusted, StoreError> {
+    let sql = "SELECT (SELECT MAX(revision) FROM revisions WHERE system = $1 AND COALESCE(published_at, fitted_at) <= $2),
+                      (SELECT MAX(revision) FROM revisions WHERE system = $1 AND cause IN ('promoted', 'pinned'))";
+    let (then, confirmed): (Option<i64>, Option<i64>) =
+        sqlx::query_as(sql).bind(system.to_string()).bind(millis(then)).fetch_one(&store.reader).await?;
+    let then = then.filter(|revision| confirmed.is_none_or(|confirmed| *revision > confirmed));
+    Ok(Trusted { served_then: fit(store, system, then).await?, confirmed: fit(store, system, confirmed).await? })
+}
+
+/// The fit behind a revision.
+async fn fit(store: &Store, system: &SystemId, revision: Option<i64>) -> Result<Option<FitRecord>, StoreError> {
+    let sql = "SELECT fit FROM revisions WHERE system = $1 AND revision = $2";
+    let id: Option<String> = sqlx::query_scalar(sql).bind(system.to_string()).bind(revision).fetch_optional(&store.reader).await?;
+    match id {
+        Some(id) => fits::get(store, &id).await,
+        None => Ok(None),
+    }
+}
+
     let sql = "SELECT r.revision, r.current, r.cause, r.reason, r.fit, r.job, f.verdict, f.summary, r.served, r.window_from, r.window_to,
                    r.fitted_at, r.validated_at, r.published_at
                FROM revisions r JOIN fits f ON f.id = r.fit WHERE r.system = $1 AND r.revision < $2 ORDER BY r.revision DESC LIMIT $3";

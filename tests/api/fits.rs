@@ -39,7 +39,7 @@ fn a_fit_has_all_the_fields_that_are_described_and_no_others() {
                 other => panic!("{other}"),
             };
             // G6 also asks whether a parameter has changed much.
-            assert!(check["pass"] == holds || check["name"] == "G6 jump", "{check}");
+            assert!(check["pass"] == holds || check["name"].as_str().unwrap().starts_with("G6 jump"), "{check}");
         }
         assert!(!check["comment"].as_str().unwrap().is_empty());
     }
