@@ -75,10 +75,11 @@ fn rooms() -> Vec<Room> {
             document: json!({
                 "label": "hourly house", "model": "tite",
                 "channels": { "T_room": "T_indoor_degC", "T_out": "T_outdoor_degC", "P_heater": "heat_input_raw" },
+                // The unit of the heating channel is unknown, so its gain is searched on the channel's own scale.
+                "bounds": { "c_P_heater": [0.0, 0.05] },
             }),
             csv: HOURLY_HOUSE,
-            // The unit of the heating channel is unknown, so its gain is searched on the channel's own scale.
-            request: json!({ "method": { "seed": 1 }, "bounds": { "c_P_heater": [0.0, 0.05] } }),
+            request: json!({ "method": { "seed": 1 } }),
         },
     ]
 }

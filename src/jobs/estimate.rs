@@ -52,13 +52,16 @@ pub fn fitted(input: &Input, control: &Control<'_>) -> Result<Fitted, Stopped> {
     let mut fit = estimate(&problem, &input.request, past.incumbent.as_ref(), control).map_err(|error| stopped(&error))?;
     fit.worst_regime = worst_regime(&problem, &fit, &window, fit.seed).map_err(|fault| Stopped::Failed(invalid(vec![fault])))?;
     let policy = Policy { horizon: input.system.policy.horizon, excluded: input.system.excluded() };
-    let judgement = validate(&problem, &fit, &past, &policy);
+    let mut judgement = validate(&problem, &fit, &past, &policy);
+    if let (Verdict::Accepted(_), true) = (&judgement.verdict, input.is_narrowed()) {
+        judgement.summary += "; fitted with bounds or fixed values of its own: it waits for an operator's word";
+    }
     let grid = problem.grid();
     let finding = Finding {
         windows: input.cited(&window, grid.start(), grid.time(grid.len().saturating_sub(1))).map_err(failed)?,
         state: current_state(&problem, &fit),
         incumbent_state: incumbent_state(input, &problem),
-        automatic: input.system.policy.mode == Mode::Auto,
+        automatic: input.system.policy.mode == Mode::Auto && !input.is_narrowed(),
         fit,
         judgement,
         report: None,

@@ -33,6 +33,8 @@ pub struct Input {
     pub system: SystemDocument,
     /// The fit that is served now.
     pub served: Option<FitRecord>,
+    /// Whether somebody has asked for the job; the others come by themselves.
+    pub posted: bool,
     /// What a fit is judged beside, apart from what is served now.
     pub past: Past,
     measurements: Measurements,
@@ -56,7 +58,7 @@ pub async fn load(service: &Service, job: &JobRecord) -> Result<Input, JobsError
         .map_err(|error| JobsError::Faults(vec![Fault::new("", "outdated-request", error.to_string())]))?;
     let input = collect(service, &job.system, document, job.model.clone(), request).await?;
     let past = past(service, job, input.served.as_ref()).await?;
-    Ok(Input { past, ..input })
+    Ok(Input { past, posted: job.origin == Origin::Posted, ..input })
 }
 
 /// What is known of older parameters, and of newer measurements.
@@ -105,6 +107,7 @@ pub async fn collect(
         model,
         measurements: measurements(service, name, &system.neighbours, &system.exclude, (from, to)).await?,
         served: store::fits::served(&service.store, name).await?,
+        posted: false,
         past: Past::default(),
         request,
         system,
@@ -231,6 +234,12 @@ impl Input {
     /// Faults of the model, the request and the measurements.
     pub fn problem(&self, window: &Window) -> Result<Problem, JobsError> {
         prepare(&self.catalogue, &self.model, &self.request, window, &self.system.site()).map_err(JobsError::Faults)
+    }
+
+    /// Whether somebody has narrowed this one search: such a fit may be served, but the nights to come are not to be measured by it
+    /// unless an operator wants that.
+    pub fn is_narrowed(&self) -> bool {
+        self.posted && (self.request.bounds != self.system.bounds || self.request.fixed != self.system.fixed)
     }
 
     /// All that a fit is judged beside.

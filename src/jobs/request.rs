@@ -225,7 +225,15 @@ pub fn read_settings(settings: &Map<String, Value>, system: Option<&SystemDocume
             let seed = if settings.contains_key("method") { request.method.seed } else { method.seed };
             request.method = SeededMethod { seed, method: method.method.clone() };
         }
-        request.model.get_or_insert_with(|| system.model.clone());
+        // Bounds and fixed values of the system name parameters of its own model.
+        if request.model.get_or_insert_with(|| system.model.clone()) == &system.model {
+            if !settings.contains_key("bounds") {
+                request.bounds.clone_from(&system.bounds);
+            }
+            if !settings.contains_key("fixed") {
+                request.fixed.clone_from(&system.fixed);
+            }
+        }
     }
     faults.extend(senseless(&request));
     (request, faults)

@@ -2,12 +2,16 @@
 
 use super::{JobsError, Refusal, Service, decode};
 use crate::data::{Bindings as ColumnBindings, Duration, Length, SystemId, read_time};
+use crate::estimate::EstimateRequest;
+use crate::estimate::problem::Choices;
 use crate::estimate::request::{Prior, SeededMethod, Site};
 use crate::fault::{Fault, nearest};
 use crate::model::{Bindings, Catalogue, ModelId, compile};
 use crate::optimise::Method;
+use crate::schema::Interval;
 use crate::store;
 use crate::store::systems::{Deleted, Needs};
+use indexmap::IndexMap;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 use std::collections::BTreeMap;
@@ -49,6 +53,13 @@ pub struct SystemDocument {
     /// What is known about the parameters before any data.
     #[serde(default)]
     pub prior: Prior,
+    /// Other bounds than the model's, for jobs that name none.
+    #[serde(default, skip_serializing_if = "IndexMap::is_empty")]
+    #[schema(value_type = IndexMap<String, Interval>)]
+    pub bounds: IndexMap<String, [f64; 2]>,
+    /// Parameters that are known and not estimated, for jobs that name none.
+    #[serde(default, skip_serializing_if = "IndexMap::is_empty")]
+    pub fixed: IndexMap<String, f64>,
     /// How its jobs search where they do not say it; `cfa` with its defaults where there is none. A tuning writes it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub method: Option<SeededMethod>,
@@ -157,8 +168,12 @@ impl SystemDocument {
     /// Every fault of a document whose form is right.
     fn faults(&self, system: &SystemId, catalogue: &Catalogue) -> Vec<Fault> {
         let mut faults = Vec::new();
-        if let Err(more) = self.bindings(catalogue, &self.model) {
-            faults.extend(more.into_iter().map(|fault| if fault.pointer == "/model" { fault } else { at("/model", fault) }));
+        match self.bindings(catalogue, &self.model) {
+            Ok(model) => {
+                let choices = Choices { bounds: self.bounds.clone(), fixed: self.fixed.clone(), ..EstimateRequest::default().choices() };
+                faults.extend(choices.faults(&model));
+            }
+            Err(more) => faults.extend(more.into_iter().map(|fault| if fault.pointer == "/model" { fault } else { at("/model", fault) })),
         }
         if let Some(place) = &self.location {
             let inside = |value: f64, limit: f64| value.is_finite() && value.abs() <= limit;

@@ -51,8 +51,8 @@ words! {
         Held = "held",
         /// The gate refused it.
         Rejected = "rejected",
-        /// The gate accepted it, but the policy of the system lets nobody but an operator publish. Of a tuning: its settings are better,
-        /// but not taken.
+        /// The gate accepted it, but nobody but an operator may publish it: by the policy of the system, or because the job had bounds
+        /// or fixed values of its own. Of a tuning: its settings are better, but not taken.
         Suggested = "suggested",
         /// It passes, but what is served is better. Of a tuning: the settings in use stay.
         Unchanged = "unchanged",

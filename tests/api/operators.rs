@@ -47,6 +47,33 @@ fn a_suggested_fit_is_served_on_an_operators_word() {
 }
 
 #[test]
+fn a_search_that_somebody_has_narrowed_waits_for_an_operators_word() {
+    let app = TestApp::start();
+    app.room("1", 1);
+    app.ended(&app.estimate("room/1", json!({})));
+    for narrowed in [json!({"bounds": {"alpha_a": [0.1, 0.3]}}), json!({"fixed": {"alpha_a": 0.151}})] {
+        let job = app.ended(&app.estimate("room/1", narrowed));
+        let fit = app.get(&format!("/fits/{}", job["fit"].as_str().unwrap())).json();
+        assert_eq!((&job["outcome"], &fit["verdict"]), (&json!("suggested"), &json!("accepted")), "{}", fit["summary"]);
+        assert!(fit["summary"].as_str().unwrap().ends_with("values of its own: it waits for an operator's word"), "{}", fit["summary"]);
+        assert_eq!((params(&app)["revision"].as_i64(), &fit["waits_for_operator"]), (Some(1), &json!(true)));
+    }
+    // What is known of the room itself narrows every search of it, and publishes as usual.
+    let bad = json!({"model": "rc2", "bounds": {"alpha_x": [1, 2], "alpha_a": [0.3, 0.1]}, "fixed": {"beta_x": 1}});
+    let faults = app.json("PUT", "/systems/room/1", &bad).problem(422, "invalid-request");
+    let pointers: Vec<&str> = faults["errors"].as_array().unwrap().iter().map(|fault| fault["pointer"].as_str().unwrap()).collect();
+    assert_eq!(pointers, ["/bounds/alpha_x", "/fixed/beta_x", "/bounds/alpha_a"], "{faults}");
+    app.json("PUT", "/systems/room/1", &json!({"model": "rc2", "bounds": {"alpha_a": [0.1, 0.3]}, "fixed": {"beta_e": 4.0}})).expect(200);
+    let own = app.ended(&app.estimate("room/1", json!({"start_from": "nominal"})));
+    assert!(["accepted", "unchanged"].contains(&own["outcome"].as_str().unwrap()), "{own}");
+    let asked = &own["request"];
+    assert_eq!((&asked["bounds"], &asked["fixed"]), (&json!({"alpha_a": [0.1, 0.3]}), &json!({"beta_e": 4.0})), "{asked}");
+    // Another model has other parameters.
+    let other = app.ended(&app.estimate("room/1", json!({"model": "rc1", "experiment": true})));
+    assert_eq!((&other["state"], &other["request"]["bounds"]), (&json!("succeeded"), &json!({})), "{other}");
+}
+
+#[test]
 fn what_an_operator_or_the_gate_has_rejected_stays_so() {
     let app = TestApp::start();
     app.room("1", 1);

@@ -40,14 +40,14 @@ fn hanging(csv: &str) -> String {
 fn a_plant_is_estimated_judged_and_served_as_a_room_is() {
     let app = TestApp::start();
     let policy = json!({"refit_when_degraded": false});
-    app.json("PUT", "/systems/plant/north", &json!({"label": "North", "model": "asm1_h", "policy": policy})).expect(201);
+    let fixed = json!({"b_H": 0.62, "mu_H": 6.0, "K_OA": 0.5, "K_NH": 1.0, "K_S": 20.0});
+    app.json("PUT", "/systems/plant/north", &json!({"label": "North", "model": "asm1_h", "policy": policy, "fixed": fixed})).expect(201);
     let (plant, weak) = (record(0.55), record(0.36));
     let windows = "/systems/plant/north/windows";
     app.csv(windows, &days(&plant, 0, 4)).expect(201);
     let body = json!({
         "kind": "estimate", "system": "plant/north",
-        "split": {"train": "P3D", "validation": "P1D"}, "method": {"name": "lm_multistart", "seed": 1}, "budget": {"evaluations": 300},
-        "fixed": {"b_H": 0.62, "mu_H": 6.0, "K_OA": 0.5, "K_NH": 1.0, "K_S": 20.0},
+        "split": {"train": "P3D", "validation": "P1D"}, "method": {"name": "lm_multistart", "seed": 1},
     });
     let ended = app.ended(&app.post_job(&body));
     assert_eq!((&ended["state"], &ended["outcome"]), (&json!("succeeded"), &json!("accepted")), "{ended}");

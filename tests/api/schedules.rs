@@ -70,10 +70,12 @@ fn a_report_says_who_improved_by_how_much_and_who_was_refused_and_why() {
     app.room("2", 2);
     app.ended(&app.estimate("room/1", json!({})));
     let quick =
-        json!({"method": {"name": "lm_multistart"}, "budget": {"evaluations": 600}, "split": {"train": "P9D", "validation": "P5D"}});
-    let mut body = quick.as_object().unwrap().clone();
-    body.extend(json!({"kind": "recalibrate", "systems": ["room/*"], "fixed": {"alpha_a": 14.0}}).as_object().unwrap().clone());
-    let first = app.json("POST", "/jobs", &body.into()).expect(202).json();
+        json!({"method": {"name": "lm_multistart"}, "budget": {"evaluations": 2000}, "split": {"train": "P9D", "validation": "P5D"}});
+    let mut request = quick.as_object().unwrap().clone();
+    request.extend(json!({"fixed": {"alpha_a": 14.0}}).as_object().unwrap().clone());
+    // What a schedule says is no experiment of somebody: it is published.
+    app.json("PUT", "/schedules/trial", &json!({"cron": "0 5 * * 1", "systems": ["room/*"], "request": request})).expect(201);
+    let first = app.post("/schedules/trial/run").expect(202).json();
     let report = app.until(&format!("/batches/{}", first["id"].as_str().unwrap()), |batch| batch["finished"] == true);
     assert_eq!(report["counts"], json!({"accepted": 1, "rejected": 1}), "{report}");
     assert_eq!((&report["improved"], report["rejected"][0]["system"].as_str()), (&json!(["room/2"]), Some("room/1")));

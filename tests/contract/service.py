@@ -92,6 +92,11 @@ def ended(base, job):
     return answer
 
 
+def promoted(base, job):
+    """Says an operator's word on the fit of a job."""
+    ask(base, "POST", f"/fits/{job['fit']}/promote", {"reason": "for the contract"})
+
+
 def quiet(base):
     """Waits until no job waits or runs."""
     for state in ("queued", "running"):
