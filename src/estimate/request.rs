@@ -105,9 +105,14 @@ pub struct Budget {
     pub wall: Option<Duration>,
 }
 
+impl Budget {
+    /// What is spent where nobody says anything else.
+    pub const USUAL: Budget = Budget { evaluations: 20_000, wall: None };
+}
+
 impl Default for Budget {
     fn default() -> Self {
-        Self { evaluations: 20_000, wall: None }
+        Self::USUAL
     }
 }
 

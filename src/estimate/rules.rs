@@ -8,7 +8,8 @@ use super::fit::{Fit, Stop};
 use super::limits::{Measure, ticks};
 use super::metrics::horizon_name;
 use super::physics;
-use super::problem::{Problem, mean_square};
+use super::problem::Problem;
+use super::request::Budget;
 use super::validate::{CheckResult, Past, Policy, Severity};
 use super::whiten::stride;
 use crate::model::Output;
@@ -26,7 +27,8 @@ const LEAST_VALID: f64 = 0.9;
 const LARGEST_CHANGE: f64 = 15.0;
 const STUCK_HOURS: f64 = 24.0;
 const STUCK_HOURS_MOVING: f64 = 12.0;
-const WEEK: i64 = 7 * 86_400;
+/// What a search may spend where nobody says anything else.
+const USUAL_BUDGET: usize = Budget::USUAL.evaluations;
 const FORTNIGHT: i64 = 14 * 86_400;
 
 /// A rule of the gate.
@@ -220,8 +222,20 @@ fn repeat(case: &Case, table: &mut Table) {
     if !pass {
         table.flags.push("low_confidence".to_owned());
     }
-    let comment = if pass { "restarts of the search agree" } else { "the search ended before two restarts agreed" };
-    table.check("G7 repeat", None, "", None, "-", pass, Severity::Flag, comment.to_owned());
+    // A search that has spent what is usual and finds no agreement has told all that it can; one that was cut short has not.
+    let evaluations = case.fit.evaluations;
+    let (severity, comment) = match case.fit.stopped_by {
+        Stop::Converged => (Severity::Flag, "restarts of the search agree".to_owned()),
+        Stop::Deadline => (Severity::Hold, "the search was cut short by its deadline, before two restarts agreed".to_owned()),
+        Stop::Budget if evaluations < USUAL_BUDGET => {
+            let comment = format!(
+                "the search was cut short by its budget, after {evaluations} simulations and before two restarts agreed: {USUAL_BUDGET} are usual"
+            );
+            (Severity::Hold, comment)
+        }
+        _ => (Severity::Flag, "the search ended before two restarts agreed".to_owned()),
+    };
+    table.check("G7 repeat", None, "", None, "-", pass, severity, comment);
 }
 
 fn unseen(case: &Case, table: &mut Table) {

@@ -111,6 +111,12 @@ fn a_deadline_ends_a_search_with_what_it_has() {
     let ended = app.ended(&job);
     assert_eq!((ended["state"].as_str(), ended["stopped_by"].as_str()), (Some("succeeded"), Some("deadline")), "{ended}");
     assert!(ended["wall_s"].as_f64().unwrap() < 3.0, "{ended}");
+    // What it has may be good, and nobody knows it.
+    assert!(["held", "rejected"].contains(&ended["outcome"].as_str().unwrap()), "{ended}");
+    let fit = app.get(&format!("/fits/{}", ended["fit"].as_str().unwrap())).json();
+    let repeat = fit["checks"].as_array().unwrap().iter().find(|check| check["name"] == "G7 repeat").cloned().unwrap();
+    assert_eq!((&repeat["pass"], &repeat["severity"]), (&json!(false), &json!("hold")), "{repeat}");
+    app.get("/params/room/1").problem(404, "no-validated-parameters");
 }
 
 #[test]

@@ -74,12 +74,12 @@ fn windows_go_only_where_that_is_asked_for_and_no_fit_has_read_them() {
     };
     let there = |app: &TestApp, windows: &[String]| windows.iter().map(|id| app.get(&format!("/windows/{id}")).status).collect::<Vec<_>>();
 
-    let app = TestApp::start();
+    let app = TestApp::at("2026-12-01T00:00:00Z", |_| {});
     let windows = upload(&app);
     assert_eq!(later(&app, 4000).windows, 0);
     assert_eq!(there(&app, &windows), [200; 4], "measurements are kept for ever by default");
 
-    let app = TestApp::with(|settings| settings.retention.windows_days = 80);
+    let app = TestApp::at("2026-12-01T00:00:00Z", |settings| settings.retention.windows_days = 80);
     let windows = upload(&app);
     assert_eq!(later(&app, 79).windows, 0, "they came less than eighty days ago");
     assert_eq!(later(&app, 4000).windows, 1);
@@ -100,9 +100,9 @@ fn windows_go_only_where_that_is_asked_for_and_no_fit_has_read_them() {
 
 #[test]
 fn batches_go_with_their_jobs_and_the_newest_one_of_a_schedule_stays() {
-    let app = TestApp::with(|settings| settings.retention.jobs_days = 30);
+    let app = TestApp::at("2026-12-01T00:00:00Z", |settings| settings.retention.jobs_days = 30);
     app.room("1", 1);
-    let request = json!({"method": {"name": "lm_multistart", "seed": 1}, "budget": {"evaluations": 600}, "split": {"train": "P9D", "validation": "P5D"}});
+    let request = json!({"method": {"name": "lm_multistart", "seed": 1}, "budget": {"evaluations": 2000}, "split": {"train": "P9D", "validation": "P5D"}});
     app.json("PUT", "/schedules/nightly", &json!({"cron": "0 4 29 2 *", "systems": ["room/*"], "request": request})).expect(200);
     let run = || -> Value {
         let answer = app.post("/schedules/nightly/run").expect(202);

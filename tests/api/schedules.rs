@@ -22,7 +22,7 @@ fn the_nightly_schedule_is_there_and_runs_on_demand() {
     app.json("PUT", "/systems/room/4", &json!({"model": "rc2", "policy": {"mode": "observe"}})).expect(201);
     app.json("PUT", "/systems/plant/1", &json!({"model": "rc2"})).expect(201);
     let request =
-        json!({"method": {"name": "lm_multistart"}, "budget": {"evaluations": 600}, "split": {"train": "P9D", "validation": "P5D"}});
+        json!({"method": {"name": "lm_multistart"}, "budget": {"evaluations": 2000}, "split": {"train": "P9D", "validation": "P5D"}});
     app.json("PUT", "/schedules/nightly", &json!({"cron": "0 4 * * *", "systems": ["room/*"], "request": request})).expect(200);
 
     let answer = app.post("/schedules/nightly/run").expect(202);
@@ -102,7 +102,7 @@ fn the_report_of_twenty_rooms_adds_up() {
     app.json("PUT", "/systems/room/20", &json!({"model": "rc2", "policy": {"mode": "observe"}})).expect(200);
     app.json("PUT", "/systems/room/21", &json!({"model": "rc2"})).expect(201);
     let body = json!({"kind": "recalibrate", "systems": ["room/*"], "method": {"name": "lm_multistart", "seed": 1},
-                      "budget": {"evaluations": 600}, "split": {"train": "P9D", "validation": "P5D"}});
+                      "budget": {"evaluations": 2000}, "split": {"train": "P9D", "validation": "P5D"}});
     let answer = app.json("POST", "/jobs", &body).expect(202);
     let report = app.until(answer.header("location"), |batch| batch["finished"] == true);
 
@@ -246,7 +246,7 @@ fn a_night_leaves_alone_what_is_frozen() {
     let before = [served(2), served(3), served(4)];
     // Other parameters than those that are served, so that a fit that passes would be published.
     let request =
-        json!({"method": {"name": "lm_multistart"}, "budget": {"evaluations": 600}, "split": {"train": "P5D", "validation": "P3D"}});
+        json!({"method": {"name": "lm_multistart"}, "budget": {"evaluations": 2000}, "split": {"train": "P5D", "validation": "P3D"}});
     app.json("PUT", "/schedules/nightly", &json!({"cron": "30 2 * * *", "systems": ["room/*"], "request": request})).expect(200);
     let report = app.until(app.post("/schedules/nightly/run").expect(202).header("location"), |batch| batch["finished"] == true);
     let skipped: Vec<&str> = report["skipped"].as_array().unwrap().iter().map(|row| row["system"].as_str().unwrap()).collect();

@@ -22,7 +22,7 @@ SYSTEM = "room/4"
 MODEL = "tite"
 COLUMNS = {"T_room": "T_indoor_degC", "T_out": "T_outdoor_degC", "P_heater": "heat_input_raw"}
 MEASUREMENTS = ROOT / "config/demo/hourly_house.csv"
-ESTIMATE = {"kind": "estimate", "system": SYSTEM, "method": {"name": "lm_multistart", "seed": 1}, "budget": {"evaluations": 400}}
+ESTIMATE = {"kind": "estimate", "system": SYSTEM, "method": {"name": "lm_multistart", "seed": 1}, "budget": {"evaluations": 4000}}
 PATIENCE_S = 600
 
 

@@ -46,7 +46,7 @@ impl House {
             let document = json!({"model": "rc2", "policy": {"refit_when_degraded": false}});
             app.json("PUT", &format!("/systems/room/{id}"), &document).expect(201);
         }
-        let request = json!({"method": {"name": "lm_multistart", "seed": 1}, "budget": {"evaluations": 600},
+        let request = json!({"method": {"name": "lm_multistart", "seed": 1}, "budget": {"evaluations": 2000},
                              "split": {"train": "P9D", "validation": "P5D"}});
         app.json("PUT", "/schedules/nightly", &json!({"cron": "30 2 * * *", "systems": ["room/*"], "request": request})).expect(200);
         let uploaded = start - SignedDuration::from_hours(24 * RECORD);

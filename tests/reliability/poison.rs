@@ -19,7 +19,7 @@ fn batch() -> Value {
     fields.insert("systems".to_owned(), json!(["room/*"]));
     // The wall time is what ends the job that comes to no end by itself. Where times are compared the others take as long as
     // they may in a night: a good part of a second.
-    fields.insert("budget".to_owned(), json!({"evaluations": if full() { 10_000 } else { 600 }, "wall": "PT2S"}));
+    fields.insert("budget".to_owned(), json!({"evaluations": if full() { 20_000 } else { 2_000 }, "wall": "PT2S"}));
     if full() {
         fields.insert("method".to_owned(), json!({"name": "cfa_thesis", "seed": 1, "generations": 1_000_000}));
     }

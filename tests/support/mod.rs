@@ -261,7 +261,7 @@ pub fn quick(system: &str) -> Value {
     serde_json::json!({
         "kind": "estimate", "system": system,
         "split": {"train": "P9D", "validation": "P5D"},
-        "method": {"name": "lm_multistart", "seed": 1}, "budget": {"evaluations": 600},
+        "method": {"name": "lm_multistart", "seed": 1}, "budget": {"evaluations": 2000},
     })
 }
 

@@ -128,6 +128,17 @@ fn doubts_are_published_with_their_flag() {
     println!("GATE-1: {} doubtful candidates carry their flags", found.len());
 }
 
+/// What a search that was cut short has found may be good, and nobody knows it.
+#[test]
+fn a_search_that_was_cut_short_is_held() {
+    let hurried = bad::hurried();
+    assert_eq!(hurried.failed(), ["G7 repeat"]);
+    let judgement = validate(&hurried.problem, &hurried.fit, &Past::default(), &Policy::default());
+    assert!(judgement.summary.starts_with("held by G7 repeat: the search was cut short by its budget, after 6"), "{}", judgement.summary);
+    let Verdict::Held(holding) = &judgement.verdict else { panic!("{}", judgement.summary) };
+    assert_eq!(holding.flags(), ["low_confidence"]);
+}
+
 /// Fresh rooms whose structure is that of the model, or nearly: as the service estimates and judges them.
 #[test]
 fn good_fits_are_published() {
