@@ -14,6 +14,9 @@ use utoipa::ToSchema;
 /// A flag about single parameters that takes nothing from the forecasts.
 const HARMLESS: &str = "non_identifiable:";
 
+/// What is wrong with a system whose parameters are stale.
+const OLD: &str = "The parameters, or the measurements behind them, are older than the policy wants";
+
 /// How a system fares.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, ToSchema)]
 #[serde(rename_all = "lowercase")]
@@ -82,8 +85,8 @@ pub fn health(served: Option<&Served>, newest: Option<&JobRecord>) -> (Health, S
     let flags: Vec<&str> = served.flags.iter().map(String::as_str).filter(|flag| !flag.starts_with(HARMLESS)).collect();
     match (served.status.as_str(), failure) {
         ("degraded", _) => (Health::Bad, "The error on new measurements is far above that of the validation.".to_owned()),
-        ("stale", Some(failure)) => (Health::Bad, format!("The parameters are older than the policy wants, and {failure}.")),
-        ("stale", None) => (Health::Attention, "The parameters are older than the policy wants.".to_owned()),
+        ("stale", Some(failure)) => (Health::Bad, format!("{OLD}, and {failure}.")),
+        ("stale", None) => (Health::Attention, format!("{OLD}.")),
         ("pinned", _) => (Health::Attention, "An operator holds the parameters.".to_owned()),
         (_, Some(failure)) => (Health::Attention, format!("The previous parameters are served: {failure}.")),
         (_, None) if waits => (Health::Attention, "A fit waits for an operator.".to_owned()),

@@ -19,11 +19,13 @@ use jiff::{SignedDuration, Timestamp};
 use std::collections::HashMap;
 use std::pin::pin;
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 use tokio::sync::{Mutex, Notify, watch};
 
 /// The longest sleep of the timer: after a jump of the clock nothing is later than this.
 const LONGEST_SLEEP: Duration = Duration::from_secs(30);
+/// By how much a clock may go another way than time itself between two looks; one that is further off was set.
+const LARGEST_SLIP: SignedDuration = SignedDuration::from_mins(1);
 
 /// What `/params` serves, by the name of the system (`room/4`).
 #[derive(Debug, Default)]
@@ -187,13 +189,23 @@ pub async fn load_all(service: &Service) -> Result<(), JobsError> {
     Ok(())
 }
 
-/// Publishes the turn to `stale` when its time has come, until the service stops.
+/// Publishes the turn to `stale` when its time has come, until the service stops. A clock that was set makes every age another one.
 pub async fn keep_fresh(service: Arc<Service>) {
     let mut stopping = service.stopping.subscribe();
+    let mut known = (service.now(), Instant::now());
     while !*stopping.borrow_and_update() {
         let mut retimed = pin!(service.params.retime.notified());
         retimed.as_mut().enable();
         let now = service.now();
+        let passed = SignedDuration::try_from(known.1.elapsed()).unwrap_or(SignedDuration::MAX);
+        let jump = now.duration_since(known.0) - passed;
+        known = (now, Instant::now());
+        if jump.abs() > LARGEST_SLIP {
+            tracing::warn!("the clock was set by {jump:#}, to {now}: the age of everything that is served is counted anew");
+            if let Err(error) = load_all(&service).await {
+                tracing::error!(%error, "the age of what is served could not be counted anew");
+            }
+        }
         let mut next = LONGEST_SLEEP;
         for (system, entry) in service.params.all() {
             match entry.turns_stale.map(|turn| turn.duration_since(now)) {
@@ -222,8 +234,9 @@ async fn entry(service: &Service, standing: Standing) -> Result<Entry, JobsError
     let document = document(&standing.document)?;
     match &standing.revision {
         Some(revision) => {
-            let stale_after = body::stale_after(revision, &document);
-            let stale = service.now() >= stale_after;
+            let now = service.now();
+            let stale_after = body::stale_after(revision, &document, now);
+            let stale = now >= stale_after;
             let rendered = body::validated(&standing, revision, stale_after, stale)?;
             Ok(Entry { answer: Answer::Validated(rendered), turns_stale: (!stale).then_some(stale_after) })
         }

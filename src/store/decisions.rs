@@ -119,6 +119,7 @@ pub async fn decide(store: &Store, fit: &str, decision: Decision, reason: &str, 
             served,
             model_hash: &found.model_hash,
             window: found.window(),
+            measured_to: None,
             // It is as old as the gate's look at it, however late the operator came.
             fitted_at: row.created_at,
             validated_at: row.created_at,

@@ -235,6 +235,7 @@ async fn keep_fit(
                 served: &served,
                 model_hash: &fit.model_hash,
                 window: fit.window(),
+                measured_to: None,
                 fitted_at: millis(now),
                 validated_at: millis(now),
                 cause: Cause::Accepted,
@@ -250,7 +251,7 @@ async fn keep_fit(
         Verdict::Accepted(_) => Outcome::Accepted,
         Verdict::Unchanged => {
             if counts {
-                revisions::confirm(tx, system, now).await?;
+                revisions::confirm(tx, system, fit.window().1, now).await?;
             }
             Outcome::Unchanged
         }

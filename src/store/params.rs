@@ -54,6 +54,8 @@ pub struct RevisionRecord {
     pub window_from: String,
     /// Last instant.
     pub window_to: String,
+    /// The newest measurement on which a gate has found it fit to be served.
+    pub measured_to: Timestamp,
     /// When it was found.
     pub fitted_at: Timestamp,
     /// When a gate last found it fit to be served.
@@ -96,6 +98,7 @@ struct Row {
     served_hash: Option<String>,
     window_from: Option<String>,
     window_to: Option<String>,
+    measured_to: Option<String>,
     fitted_at: Option<i64>,
     validated_at: Option<i64>,
     reason: Option<String>,
@@ -112,7 +115,8 @@ struct Row {
 }
 
 const STANDING: &str = "SELECT s.system, s.model, s.document,
-        r.revision, r.fit, r.job, r.served, r.served_hash, r.window_from, r.window_to, r.fitted_at, r.validated_at,
+        r.revision, r.fit, r.job, r.served, r.served_hash, r.window_from, r.window_to,
+        COALESCE(r.measured_to, r.window_to) AS measured_to, r.fitted_at, r.validated_at,
         f.reason, f.job AS failed_job, f.fit AS refused_fit, f.failed_checks, f.since_at,
         d.description AS degradation, d.since_at AS degraded_at, p.reason AS pin_reason, p.since_at AS pinned_at,
         j.id AS latest_job, j.state AS latest_state
@@ -131,29 +135,29 @@ impl Row {
         if hash != self.served_hash {
             return Err(StoreError::Damaged(format!("the parameters of {} are not those that were published", self.system)));
         }
-        let revision =
-            match (self.revision, self.fit, self.job, self.served, self.window_from, self.window_to, self.fitted_at, self.validated_at) {
-                (
-                    Some(revision),
-                    Some(fit),
-                    Some(job),
-                    Some(served),
-                    Some(window_from),
-                    Some(window_to),
-                    Some(fitted_at),
-                    Some(validated_at),
-                ) => Some(RevisionRecord {
-                    revision,
-                    fit,
-                    job,
-                    served: from_json("a revision", &served)?,
-                    window_from,
-                    window_to,
-                    fitted_at: instant(fitted_at)?,
-                    validated_at: instant(validated_at)?,
-                }),
-                _ => None,
-            };
+        let window = self.window_from.zip(self.window_to).zip(self.measured_to);
+        let times = self.fitted_at.zip(self.validated_at);
+        let revision = match (self.revision, self.fit, self.job, self.served, window, times) {
+            (
+                Some(revision),
+                Some(fit),
+                Some(job),
+                Some(served),
+                Some(((window_from, window_to), measured_to)),
+                Some((fitted_at, validated_at)),
+            ) => Some(RevisionRecord {
+                revision,
+                fit,
+                job,
+                served: from_json("a revision", &served)?,
+                window_from,
+                window_to,
+                measured_to: parse("an instant", &measured_to)?,
+                fitted_at: instant(fitted_at)?,
+                validated_at: instant(validated_at)?,
+            }),
+            _ => None,
+        };
         let fallback = match (self.reason, self.failed_job, self.failed_checks, self.since_at) {
             (Some(reason), Some(job), Some(failed_checks), Some(since_at)) => Some(FallbackRecord {
                 reason: parse("a reason", &reason)?,

@@ -25,6 +25,7 @@ struct Source {
     model_hash: String,
     window_from: String,
     window_to: String,
+    measured_to: Option<String>,
     fitted_at: i64,
     validated_at: i64,
     pinned: bool,
@@ -45,7 +46,8 @@ pub async fn put(
 ) -> Result<Pinned, StoreError> {
     let mut tx = store.write().await?;
     let system = system.to_string();
-    let sql = "SELECT r.revision, r.fit, r.job, r.served, r.model_hash, r.window_from, r.window_to, r.fitted_at, r.validated_at,
+    let sql =
+        "SELECT r.revision, r.fit, r.job, r.served, r.model_hash, r.window_from, r.window_to, r.measured_to, r.fitted_at, r.validated_at,
                    EXISTS (SELECT 1 FROM pins p WHERE p.system = r.system AND p.revision = r.revision) AS pinned
                FROM revisions r WHERE r.system = $1 AND ($2 IS NULL AND r.current OR r.fit = $2) ORDER BY r.revision DESC LIMIT 1";
     let source: Option<Source> = sqlx::query_as(sql).bind(&system).bind(fit).fetch_optional(&mut *tx).await?;
@@ -60,6 +62,7 @@ pub async fn put(
             served: &source.served,
             model_hash: &source.model_hash,
             window: (&source.window_from, &source.window_to),
+            measured_to: source.measured_to.as_deref(),
             fitted_at: source.fitted_at,
             validated_at: source.validated_at,
             cause: Cause::Pinned,

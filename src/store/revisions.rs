@@ -28,6 +28,8 @@ pub(super) struct NewRevision<'a> {
     pub served: &'a str,
     pub model_hash: &'a str,
     pub window: (&'a str, &'a str),
+    /// The newest measurement on which a gate has found it fit to be served, where that is not the end of the window.
+    pub measured_to: Option<&'a str>,
     pub fitted_at: i64,
     pub validated_at: i64,
     pub cause: Cause,
@@ -121,8 +123,8 @@ pub(super) async fn publish(tx: &mut SqliteConnection, new: &NewRevision<'_>, no
         sqlx::query(sql).bind(new.system).execute(&mut *tx).await?;
     }
     let sql = "INSERT INTO revisions (system, revision, fit, job, served, served_hash, model_hash, window_from, window_to, current,
-                   fitted_at, validated_at, published_at, cause, reason)
-               VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, TRUE, $10, $11, $12, $13, $14)";
+                   fitted_at, validated_at, published_at, cause, reason, measured_to)
+               VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, TRUE, $10, $11, $12, $13, $14, $15)";
     sqlx::query(sql)
         .bind(new.system)
         .bind(revision)
@@ -138,24 +140,22 @@ pub(super) async fn publish(tx: &mut SqliteConnection, new: &NewRevision<'_>, no
         .bind(millis(now))
         .bind(new.cause.word())
         .bind(new.reason)
+        .bind(new.measured_to)
         .execute(tx)
         .await?;
     Ok(revision)
 }
 
-/// Notes that the revision in service has held its ground against a new fit on new data, and ends a fallback.
-pub(super) async fn confirm(tx: &mut SqliteConnection, system: &str, now: Timestamp) -> Result<(), StoreError> {
-    let sql = "UPDATE revisions SET validated_at = $2 WHERE system = $1 AND current";
-    sqlx::query(sql).bind(system).bind(millis(now)).execute(&mut *tx).await?;
+/// Notes that the revision in service has held its ground against a new fit on measurements up to an instant, and ends a fallback.
+pub(super) async fn confirm(tx: &mut SqliteConnection, system: &str, measured_to: &str, now: Timestamp) -> Result<(), StoreError> {
+    // Instants of one form are in the order of their texts; a fit of older measurements makes none younger.
+    let sql =
+        "UPDATE revisions SET validated_at = $2, measured_to = MAX(COALESCE(measured_to, window_to), $3) WHERE system = $1 AND current";
+    sqlx::query(sql).bind(system).bind(millis(now)).bind(measured_to).execute(&mut *tx).await?;
     sqlx::query("DELETE FROM fallbacks WHERE system = $1").bind(system).execute(tx).await?;
     Ok(())
 }
 
-/// Revisions of a system below a number, newest first: one page of its history.
-///
-/// # Errors
-/// Where the database fails.
-pub async fn page(store: &Store, system: &SystemId, before: i64, limit: i64) -> Result<Vec<Revision>, StoreError> {
 /// Fits of a system that were trusted at another time.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Trusted {
@@ -189,6 +189,11 @@ async fn fit(store: &Store, system: &SystemId, revision: Option<i64>) -> Result<
     }
 }
 
+/// Revisions of a system below a number, newest first: one page of its history.
+///
+/// # Errors
+/// Where the database fails.
+pub async fn page(store: &Store, system: &SystemId, before: i64, limit: i64) -> Result<Vec<Revision>, StoreError> {
     let sql = "SELECT r.revision, r.current, r.cause, r.reason, r.fit, r.job, f.verdict, f.summary, r.served, r.window_from, r.window_to,
                    r.fitted_at, r.validated_at, r.published_at
                FROM revisions r JOIN fits f ON f.id = r.fit WHERE r.system = $1 AND r.revision < $2 ORDER BY r.revision DESC LIMIT $3";

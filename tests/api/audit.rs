@@ -7,7 +7,7 @@ use sqlx::{Connection, SqliteConnection};
 
 #[test]
 fn what_is_done_is_noted_with_the_name_of_the_token() {
-    let app = TestApp::start();
+    let app = TestApp::by_the_clock();
     app.json("PUT", "/systems/room/9", &json!({"model": "rc2"})).expect(201);
     let admin = app.token("ada", Scope::Admin, &[]);
     let night = app.token("night", Scope::Operate, &["room/1"]);

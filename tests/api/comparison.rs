@@ -225,7 +225,7 @@ fn every_fault_of_a_question_is_listed_at_once() {
 
 #[test]
 fn an_answer_is_computed_once_and_anew_when_measurements_come() {
-    let app = TestApp::start();
+    let app = TestApp::at("2026-12-01T00:00:00Z", |_| {});
     app.room("1", 1);
     let id = fitted(&app, "1", json!({}));
     let computed = || app.service().interactive.computed();

@@ -21,7 +21,7 @@ fn number(value: &Value) -> f64 {
 
 #[test]
 fn the_hidden_effect_is_named_added_and_the_error_falls() {
-    let app = TestApp::start();
+    let app = TestApp::at("2026-12-01T00:00:00Z", |_| {});
     twin(&app, "windy", 7, &["wind_infiltration"]);
     let job = app.ended(&app.post_job(&json!({"kind": "diagnose", "system": "room/windy", "method": {"seed": 3}})));
     assert_eq!(
@@ -84,7 +84,7 @@ fn fan_csv() -> String {
 
 #[test]
 fn an_effect_of_a_user_is_ranked_beside_the_others() {
-    let app = TestApp::start();
+    let app = TestApp::at("2026-12-01T00:00:00Z", |_| {});
     app.json("PUT", "/systems/room/attic", &json!({"model": "rc2"})).expect(201);
     app.csv("/systems/room/attic/windows", &fan_csv()).expect(201);
     let effect = json!({
@@ -116,7 +116,7 @@ fn an_effect_of_a_user_is_ranked_beside_the_others() {
 
 #[test]
 fn a_ladder_keeps_what_helps_on_unseen_data() {
-    let app = TestApp::start();
+    let app = TestApp::at("2026-12-01T00:00:00Z", |_| {});
     twin(&app, "sunny", 11, &["wind_infiltration"]);
     app.get("/systems/room/sunny/ladder").problem(404, "ladder-not-found");
     let job = app.ended(&app.post_job(&json!({"kind": "ladder", "system": "room/sunny"})));

@@ -56,7 +56,7 @@ fn objective_and_method_go_together() {
 
 #[test]
 fn a_ladder_by_likelihood_adds_what_the_test_speaks_for() {
-    let app = TestApp::start();
+    let app = TestApp::at("2026-12-01T00:00:00Z", |_| {});
     app.json("PUT", "/systems/room/4", &json!({"model": "tite-solar_gain"})).expect(201);
     app.csv("/systems/room/4/windows", &lampyris::twin::noisy(3, 10).csv).expect(201);
     let job = app.ended(&app.post_job(&json!({"kind": "ladder", "system": "room/4", "criterion": "lrt"})));

@@ -184,7 +184,7 @@ fn zoned_csv() -> String {
 
 #[test]
 fn a_model_with_a_set_and_a_family_is_posted_bound_and_fitted() {
-    let app = TestApp::start();
+    let app = TestApp::at("2026-12-01T00:00:00Z", |_| {});
     let taken = app.json("POST", "/models", &zoned()).expect(201).json();
     assert_eq!((&taken["sets"], taken["parameters"].as_array().unwrap().len()), (&json!(["zones"]), 1), "an unbound set is empty");
     app.json("PUT", "/systems/room/1", &json!({"model": "zoned", "sets": {"zones": ["north", "south"]}})).expect(201);

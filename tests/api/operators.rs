@@ -115,8 +115,9 @@ fn a_held_fit_waits_and_is_flagged_when_it_is_let_out() {
 
 #[test]
 fn a_pin_rolls_back_under_a_new_number_and_holds() {
-    let app = TestApp::start();
+    let app = TestApp::at("2026-01-24T00:00:00Z", |_| {});
     app.room("1", 1);
+    app.json("PUT", "/systems/room/1", &json!({"model": "rc2", "policy": {"stale_after": "P30D"}})).expect(200);
     app.json("PUT", "/params/room/1/pin", &json!({"reason": "x"})).problem(409, "never-served");
     app.json("PUT", "/params/room/2/pin", &json!({"reason": "x"})).problem(404, "system-not-found");
     app.ended(&app.estimate("room/1", json!({})));
@@ -168,7 +169,7 @@ fn a_pin_rolls_back_under_a_new_number_and_holds() {
 
 #[test]
 fn newer_measurements_that_contradict_what_is_served_say_so_and_submit_a_job() {
-    let app = TestApp::start();
+    let app = TestApp::at("2026-01-19T00:00:00Z", |_| {});
     app.room("1", 1);
     app.ended(&app.estimate("room/1", json!({})));
     let fresh = app.get("/params/room/1").expect(200);
@@ -194,7 +195,7 @@ fn newer_measurements_that_contradict_what_is_served_say_so_and_submit_a_job() {
 
 #[test]
 fn a_policy_may_want_no_job_and_a_good_week_ends_the_degradation() {
-    let app = TestApp::start();
+    let app = TestApp::at("2026-01-17T00:00:00Z", |_| {});
     app.json("PUT", "/systems/room/1", &json!({"model": "rc2", "policy": {"refit_when_degraded": false}})).expect(201);
     app.csv("/systems/room/1/windows", &csv_of(&room(1, 14))).expect(201);
     app.ended(&app.estimate("room/1", json!({})));

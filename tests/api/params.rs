@@ -1,6 +1,6 @@
 //! What the controller sees: tags, long polls, statuses.
 
-use crate::support::{TestApp, quick, stuck_csv};
+use crate::support::{TestApp, quick, room_csv, stuck_csv};
 use serde_json::json;
 use std::time::{Duration, Instant};
 
@@ -79,7 +79,8 @@ fn a_rejected_fit_leaves_the_previous_set_in_service() {
     assert_eq!((fallen["fallback"]["reason"].as_str(), &fallen["fallback"]["fit"]), (Some("validation_failed"), &rejected["fit"]));
     assert!(!fallen["fallback"]["failed_checks"].as_array().unwrap().is_empty());
 
-    // A good fit on the measurements from before the sensor hung ends the fallback.
+    // A good fit on the measurements from before the sensor hung ends the fallback. They are a week older.
+    app.json("PUT", "/systems/room/1", &json!({"model": "rc2", "policy": {"stale_after": "P30D"}})).expect(200);
     let job = app.estimate("room/1", json!({"window": {"to": "2026-01-07T00:00:00Z"}, "split": {"train": "P4D", "validation": "P2D"}}));
     let ended = app.ended(&job);
     assert!(["accepted", "unchanged"].contains(&ended["outcome"].as_str().unwrap()), "{ended}");
@@ -102,7 +103,8 @@ fn a_job_that_fails_says_so_beside_the_previous_set() {
 
 #[test]
 fn a_set_turns_stale_when_its_time_has_come() {
-    let app = TestApp::start();
+    // Before the newest of the measurements, so that the age of the validation decides.
+    let app = TestApp::at("2026-01-14T12:00:00Z", |_| {});
     app.room("1", 1);
     app.json("PUT", "/systems/room/1", &json!({"model": "rc2", "policy": {"stale_after": "PT4S"}})).expect(200);
     app.ended(&app.estimate("room/1", json!({})));
@@ -111,6 +113,52 @@ fn a_set_turns_stale_when_its_time_has_come() {
     let stale = app.get_with("/params/room/1", &[("if-none-match", fresh.header("etag")), ("prefer", "wait=20")]).expect(200);
     assert_eq!((stale.header("params-status"), &stale.json()["parameters"]), ("stale", &fresh.json()["parameters"]));
     app.get("/params/room/1?accept=fresh").problem(404, "no-fresh-parameters");
+}
+
+#[test]
+fn old_measurements_are_not_fresh_however_lately_they_were_looked_at() {
+    let app = TestApp::at("2026-01-20T00:00:00Z", |_| {});
+    app.room("1", 1);
+    assert_eq!(app.ended(&app.estimate("room/1", json!({})))["outcome"], "accepted");
+    let old = app.get("/params/room/1").expect(200).json();
+    assert_eq!((&old["status"], &old["stale_after"]), (&json!("stale"), &json!("2026-01-17T23:30:00Z")), "{old}");
+    app.get("/params/room/1?accept=fresh").problem(404, "no-fresh-parameters");
+    let row = app.get("/systems").json()["items"][0].clone();
+    assert_eq!(row["health"], "attention", "{row}");
+    // A week later something worse is tried on newer measurements, and what is served holds its ground there.
+    app.clock.set("2026-01-22T00:00:00Z".parse().unwrap());
+    app.csv("/systems/room/1/windows", &room_csv(1, 21)).expect(201);
+    let tried = |factor: f64| {
+        let mut fixed = old["parameters"].clone();
+        fixed.as_object_mut().unwrap().shift_remove("T_e0");
+        fixed["alpha_a"] = json!(factor * fixed["alpha_a"].as_f64().unwrap());
+        let split = json!({"train": "P14D", "validation": "P7D"});
+        app.ended(&app.estimate("room/1", json!({"split": split, "fixed": fixed})))
+    };
+    let unchanged = (1..60).map(|step| tried(1.0 + 0.005 * f64::from(step))).find(|job| job["outcome"] != "suggested").unwrap();
+    assert_eq!(unchanged["outcome"], "unchanged", "{unchanged}");
+    let held_its_ground = app.get("/params/room/1?accept=fresh").expect(200).json();
+    assert_eq!((&held_its_ground["stale_after"], &held_its_ground["window"]), (&json!("2026-01-24T23:30:00Z"), &old["window"]));
+}
+
+#[test]
+fn a_clock_that_was_set_back_makes_nothing_fresh_for_years() {
+    let app = TestApp::start();
+    for room in ["1", "2"] {
+        app.room(room, 1);
+        app.ended(&app.estimate(&format!("room/{room}"), json!({})));
+    }
+    let status = |room: &str| app.get(&format!("/params/room/{room}")).expect(200).json()["status"].clone();
+    assert_eq!((status("1"), status("2")), (json!("fresh"), json!("fresh")));
+    app.clock.set("2019-01-01T00:00:00Z".parse().unwrap());
+    // Any event wakes the timer; what is served elsewhere is looked at as well.
+    app.json("PUT", "/systems/room/1", &json!({"model": "rc2", "label": "attic"})).expect(200);
+    assert_eq!(status("1"), "stale");
+    app.until("/params/room/2", |params| params["status"] == "stale");
+    app.clock.set("2026-01-16T00:10:00Z".parse().unwrap());
+    app.json("PUT", "/systems/room/1", &json!({"model": "rc2"})).expect(200);
+    app.until("/params/room/2", |params| params["status"] == "fresh");
+    assert_eq!(status("1"), "fresh");
 }
 
 #[test]

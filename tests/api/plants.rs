@@ -38,7 +38,7 @@ fn hanging(csv: &str) -> String {
 
 #[test]
 fn a_plant_is_estimated_judged_and_served_as_a_room_is() {
-    let app = TestApp::start();
+    let app = TestApp::at("2026-01-18T00:00:00Z", |_| {});
     let policy = json!({"refit_when_degraded": false});
     let fixed = json!({"b_H": 0.62, "mu_H": 6.0, "K_OA": 0.5, "K_NH": 1.0, "K_S": 20.0});
     app.json("PUT", "/systems/plant/north", &json!({"label": "North", "model": "asm1_h", "policy": policy, "fixed": fixed})).expect(201);

@@ -67,7 +67,7 @@ fn the_newest_upload_wins_and_gaps_stay_gaps() {
 
 #[test]
 fn a_thinned_channel_keeps_its_extremes_and_says_so() {
-    let app = TestApp::start();
+    let app = TestApp::at("2026-12-01T00:00:00Z", |_| {});
     empty(&app, "1");
     let rows = room(5, 30);
     let mut text = "time,T_room,T_out\n".to_owned();

@@ -57,7 +57,7 @@ fn a_window_becomes_served_parameters() {
 
 #[test]
 fn json_and_bindings_lead_to_the_same_measurements() {
-    let app = TestApp::start();
+    let app = TestApp::at("2026-12-01T00:00:00Z", |_| {});
     let document = json!({"model": "rc2", "channels": {"T_room": "T_indoor", "T_out": "weather"}, "location": {"lat": 56.5, "lon": 10.0, "zone": "Europe/Copenhagen"}});
     app.json("PUT", "/systems/room/1", &document).expect(201);
     let rows = room(3, 2);

@@ -20,7 +20,7 @@ fn fit(app: &TestApp, system: &str, more: Value) -> Value {
 
 #[test]
 fn a_fit_cites_what_it_has_seen_and_nothing_else_is_kept_by_force() {
-    let app = TestApp::start();
+    let app = TestApp::at("2026-12-01T00:00:00Z", |_| {});
     app.json("PUT", "/systems/room/1", &json!({"model": "rc2"})).expect(201);
     let upload = |text: &str| id(&app.csv("/systems/room/1/windows", text).expect(201).json());
     // Wholly covered by the record; part of the record; a correction of some samples; beyond what the fit asks for.
@@ -85,7 +85,7 @@ fn a_running_job_keeps_its_windows_and_those_of_its_neighbours() {
 
 #[test]
 fn fits_of_an_earlier_schema_cite_all_that_they_may_have_seen() {
-    let mut app = TestApp::start();
+    let mut app = TestApp::at("2026-12-01T00:00:00Z", |_| {});
     app.room("1", 1);
     app.room("2", 2);
     app.json("PUT", "/systems/room/1", &json!({"model": "rc2", "neighbours": ["room/2"]})).expect(200);
@@ -280,7 +280,7 @@ fn fortnight(start: &str, zone: Option<&str>) -> String {
 
 #[test]
 fn clock_changes_do_not_touch_a_fit() {
-    let app = TestApp::start();
+    let app = TestApp::at("2026-12-01T00:00:00Z", |_| {});
     // Over both days of the change: one has no 02:30, the other has it twice.
     for (day, start) in [("spring", "2026-03-22T00:00:00Z"), ("autumn", "2026-10-18T00:00:00Z")] {
         let found: Vec<Value> = [("local", Some("Europe/Copenhagen")), ("utc", None)]

@@ -18,6 +18,9 @@ use tokio::runtime::Runtime;
 /// than another, and no test fails because of that.
 pub const PATIENCE: Duration = Duration::from_secs(900);
 
+/// When a service starts whose test does not say it: a day behind two weeks of [`room`], so that what rests on them is fresh.
+pub const TODAY: &str = "2026-01-16T00:00:00Z";
+
 /// Whether the full figures are asked for.
 pub fn full() -> bool {
     std::env::var("LAMPYRIS_TESTS").is_ok_and(|figures| figures == "full")
@@ -365,7 +368,12 @@ impl TestApp {
     }
 
     pub fn with(change: impl FnOnce(&mut Settings)) -> Self {
-        Self::by(Clock::default(), change)
+        Self::at(TODAY, change)
+    }
+
+    /// A service that goes by the clock of the system.
+    pub fn by_the_clock() -> Self {
+        Self::by(Clock::default(), |_| {})
     }
 
     /// A service whose clock was set.

@@ -13,6 +13,9 @@ use serde_json::Value;
 use std::sync::Arc;
 use utoipa::ToSchema;
 
+/// How far ahead of the clock measurements may be that are taken in; what is farther ahead is no age.
+const MOST_AHEAD: SignedDuration = SignedDuration::from_hours(24);
+
 /// A finished body.
 #[derive(Debug, Clone)]
 pub struct Rendered {
@@ -33,9 +36,9 @@ pub struct Rendered {
 #[serde(rename_all = "lowercase")]
 #[schema(as = ParamsStatus)]
 pub enum Status {
-    /// Validated, and not long ago.
+    /// Validated on new measurements, and not long ago.
     Fresh,
-    /// Validated, but longer ago than the policy wants.
+    /// Validated, but longer ago, or on older measurements, than the policy wants.
     Stale,
     /// Validated; a newer attempt failed.
     Fallback,
@@ -172,11 +175,19 @@ pub struct Pin {
     since: Timestamp,
 }
 
-/// When a revision turns stale.
-pub(super) fn stale_after(revision: &RevisionRecord, document: &SystemDocument) -> Timestamp {
+/// When a revision turns stale: it is as old as its newest measurement, or as the gate's last look at it where that is older.
+///
+/// What lies in the future was written by a clock that is wrong, or was right when that of the service is wrong now. It says
+/// nothing of the age, and what may be old is not called fresh.
+pub(super) fn stale_after(revision: &RevisionRecord, document: &SystemDocument, now: Timestamp) -> Timestamp {
     let fresh_for = SignedDuration::from_secs(document.policy.stale_after.seconds());
+    let born = revision.measured_to.min(revision.validated_at);
+    let latest = now.saturating_add(MOST_AHEAD).unwrap_or(Timestamp::MAX);
+    if born > latest {
+        return now;
+    }
     // A sum beyond the end of time never comes.
-    revision.validated_at.checked_add(fresh_for).unwrap_or(Timestamp::MAX)
+    born.checked_add(fresh_for).unwrap_or(Timestamp::MAX)
 }
 
 /// The body of a revision. Of several statuses the one that matters most to a controller is told: an operator's
