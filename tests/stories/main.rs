@@ -66,6 +66,6 @@ fn room(label: &str) -> Value {
 fn request(system: &str) -> Value {
     json!({
         "kind": "estimate", "system": system, "split": {"train": "P10D", "validation": "P4D"},
-        "method": {"name": "lm_multistart", "seed": 1}, "budget": {"evaluations": 4000},
+        "method": {"name": "lm_multistart", "seed": 1},
     })
 }

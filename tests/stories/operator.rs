@@ -22,7 +22,7 @@ fn the_operator_keeps_two_rooms_in_order_from_the_command_line() {
     assert_eq!(verb("windows list room/5 --json").expect(0).json()["items"][0]["rows"], 673);
 
     // The first fits, watched to their ends.
-    let post = "--train P10D --validation P4D --method lm_multistart --seed 1 --evaluations 4000";
+    let post = "--train P10D --validation P4D --method lm_multistart --seed 1";
     let told = verb(&format!("jobs post room/4 {post} --wait")).expect(0).out;
     for word in ["queued", "started", "finished", "succeeded, accepted, revision 1"] {
         assert!(told.contains(word), "{word} in {told}");
@@ -51,8 +51,7 @@ fn the_operator_keeps_two_rooms_in_order_from_the_command_line() {
     document["exclude"] = json!([{"from": "2026-01-19T00:00:00Z", "to": "2026-02-01T00:00:00Z", "reason": "the sensor hangs"}]);
     let file = scene.file("room.json", &document.to_string());
     verb(&format!("systems put room/4 {file}")).expect(0);
-    let told =
-        verb("jobs post room/4 --to 2026-01-18T23:59:00Z --train P4D --validation P2D --method lm_multistart --evaluations 4000 --wait");
+    let told = verb("jobs post room/4 --to 2026-01-18T23:59:00Z --train P4D --validation P2D --method lm_multistart --wait");
     let told = told.expect(0).out;
     assert!(told.contains("accepted") || told.contains("unchanged"), "{told}");
     assert_eq!(verb("params get room/4 --json").expect(0).json()["status"], "fresh");
