@@ -20,7 +20,7 @@ const OLDER_RATIO: f64 = 1.25;
 /// Below this much older time nothing is said: one good day confirms no model.
 const LEAST_OLDER: i64 = 2 * 86_400;
 
-/// The checks of the rule `G6`.
+/// The checks of the rule `G6 jump`, and of older days where newer ones contradict them.
 pub(super) fn look(case: &Case, table: &mut Table) {
     if let Some(incumbent) = &case.incumbent {
         if let Some(since) = case.degraded {

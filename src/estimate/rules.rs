@@ -34,7 +34,7 @@ const FORTNIGHT: i64 = 14 * 86_400;
 /// A rule of the gate.
 #[derive(Debug, Clone, Copy)]
 pub struct Rule {
-    /// What its checks are called; those of physics and of change have names of their own behind `G3` and `G6`.
+    /// What its checks are called; those of physics have names of their own behind `G3`, and `G6` looks at older days as well.
     pub name: &'static str,
     look: fn(&Case, &mut Table),
 }
@@ -49,7 +49,7 @@ impl Rule {
         Rule { name: NO_WORSE_THAN_INCUMBENT, look: incumbent },
         Rule { name: "G5 largest error", look: largest_error },
         Rule { name: "G5 excursion", look: excursion },
-        Rule { name: "G6", look: change::look },
+        Rule { name: "G6 jump", look: change::look },
         Rule { name: "G7 repeat", look: repeat },
         Rule { name: "G8 unseen data", look: unseen },
         Rule { name: "G8 complete", look: complete },

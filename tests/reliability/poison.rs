@@ -1,7 +1,7 @@
 //! Jobs that go wrong, in all the ways that a night may bring: they harm nobody but themselves.
 
 use crate::support::process::Process;
-use crate::support::{Client, PATIENCE, csv_of, endless, full, quick, stuck_csv};
+use crate::support::{Client, PATIENCE, csv_of, endless, full, lasting, quick, stuck_csv};
 use jiff::{SignedDuration, Timestamp};
 use serde_json::{Value, json};
 use std::collections::BTreeSet;
@@ -72,11 +72,11 @@ fn spoil(client: &Client) {
                         "values": {"T_room": none, "T_out": out}});
     client.json("POST", "/systems/room/void/windows", &window).expect(201);
     let exclude = json!([{"from": "2026-01-01T00:00:00Z", "to": "2026-01-19T00:00:00Z", "reason": "the sensor was replaced"}]);
-    client.json("PUT", "/systems/room/void", &json!({"model": "rc2", "exclude": exclude})).expect(200);
+    client.json("PUT", "/systems/room/void", &json!({"model": "rc2", "exclude": exclude, "policy": lasting()})).expect(200);
     // `failing` posts a job, too, which waits for nothing and tells what the night will tell.
     client.ended(&client.failing("room/divergent", json!({"experiment": true})));
     client.json("POST", "/models", &stiff()).expect(201);
-    client.json("PUT", "/systems/room/stiff", &json!({"model": "stiff"})).expect(200);
+    client.json("PUT", "/systems/room/stiff", &json!({"model": "stiff", "policy": lasting()})).expect(200);
     // An hour by two seconds, and one sample months later: a grid from one to the other would have millions of points.
     let start: Timestamp = "2026-01-16T00:00:00Z".parse().unwrap();
     let sample = |place: i64| ((start + SignedDuration::from_secs(2 * place)).to_string(), 17.0 + 0.001 * (place % 1000) as f64, 4.0);
@@ -107,7 +107,7 @@ fn seven_rooms_that_go_wrong_cost_the_others_nothing() {
     let service = Process::start(&database);
     good_rooms(&service.client, good);
     for (seed, id) in (1..).zip(BAD) {
-        service.client.room(id, seed);
+        service.client.lasting_room(id, seed);
         let ended = service.client.ended(&service.client.estimate(&format!("room/{id}"), json!({})));
         assert_eq!(ended["outcome"], "accepted", "{id}: {ended}");
     }
@@ -173,7 +173,7 @@ fn a_job_that_takes_the_process_down_fails_after_three_starts_and_the_others_fin
     let database = dir.path().join("poison.db");
     let service = Process::start(&database);
     for room in ["1", "2", "3"] {
-        service.client.room(room, 1);
+        service.client.lasting_room(room, 1);
     }
     service.client.ended(&service.client.estimate("room/2", json!({})));
     let served = service.client.get("/params/room/2").expect(200).json();

@@ -159,6 +159,13 @@ impl Client {
         self.csv(&format!("/systems/room/{id}/windows"), &room_csv(seed, 14)).expect(201);
     }
 
+    /// A room whose measurements are not old before their time has come, for services whose clock no test sets.
+    #[track_caller]
+    pub fn lasting_room(&self, id: &str, seed: u64) {
+        self.room(id, seed);
+        self.json("PUT", &format!("/systems/room/{id}"), &serde_json::json!({"model": "rc2", "policy": lasting()})).expect(200);
+    }
+
     /// Posts a quick estimate and gives its id.
     #[track_caller]
     pub fn estimate(&self, system: &str, more: Value) -> String {
@@ -175,7 +182,8 @@ impl Client {
     pub fn failing(&self, system: &str, more: Value) -> String {
         let known = self.json("POST", "/models", &exploding());
         assert!([200, 201].contains(&known.status), "{}", known.text);
-        self.json("PUT", &format!("/systems/{system}"), &serde_json::json!({"model": "explosion"})).expect(200);
+        let policy = self.get(&format!("/systems/{system}")).expect(200).json()["policy"].clone();
+        self.json("PUT", &format!("/systems/{system}"), &serde_json::json!({"model": "explosion", "policy": policy})).expect(200);
         self.estimate(system, more)
     }
 
@@ -257,6 +265,11 @@ pub fn disagreements(document: &Value, schema: &Value, schemas: &Value, place: &
         other => found.push(format!("{place} is {other}, described as {types:?}")),
     }
     found
+}
+
+/// A policy by which nothing turns stale.
+pub fn lasting() -> Value {
+    serde_json::json!({"stale_after": "P36500D"})
 }
 
 /// A quick request for an estimate: least squares from a few points.

@@ -298,8 +298,13 @@ fn good_plants_are_published_with_their_doubts() {
         let judgement = validate(&problem, &fit, &Past::default(), &Policy::default());
         let found = |name: &str| fit.parameters[name].value;
         println!("GATE-1: plant {seed}: mu_A {:.4} of {mu_a}, Y_H {:.4} of {y_h}: {}", found("mu_A"), found("Y_H"), judgement.summary);
-        let Verdict::Accepted(acceptance) = &judgement.verdict else { panic!("{}: {:#?}", judgement.summary, judgement.checks) };
-        assert_eq!(acceptance.flags().contains(&"low_confidence".to_owned()), evaluations < 400, "{:?}", acceptance.flags());
+        let flags = match &judgement.verdict {
+            Verdict::Accepted(acceptance) if evaluations == 400 => acceptance.flags(),
+            // So few simulations are a search that was cut short.
+            Verdict::Held(holding) if evaluations < 400 => holding.flags(),
+            _ => panic!("{}: {:#?}", judgement.summary, judgement.checks),
+        };
+        assert_eq!(flags.contains(&"low_confidence".to_owned()), evaluations < 400, "{flags:?}");
     }
 }
 
