@@ -118,7 +118,7 @@ fn a_job_that_takes_the_process_down_three_times_fails_for_good() {
     let dir = tempfile::tempdir().unwrap();
     let database = dir.path().join("poison.db");
     let service = Process::start(&database);
-    service.client.room("1", 1);
+    service.client.lasting_room("1", 1);
     service.client.ended(&service.client.estimate("room/1", json!({})));
     let job = service.client.post_job(&endless("room/1"));
     let mut service = service;
