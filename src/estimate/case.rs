@@ -1,11 +1,15 @@
 //! What the rules of the gate look at: a fit, put to its problem again.
 
+use super::channels::Level;
+use super::evidence::Evidence;
 use super::fit::{AheadError, Fit};
 use super::limits::Measure;
 use super::metrics::{FilterRun, ahead, filter, filter_fit, free_run_ahead, horizon_name, lead};
 use super::problem::Problem;
 use super::validate::{Incumbent, Past, Policy, Reference};
 use crate::simulate::Trajectory;
+use indexmap::IndexMap;
+use std::cell::OnceCell;
 use std::ops::Range;
 
 /// What the rules look at: a fit that is simulated again from its stored numbers.
@@ -22,7 +26,12 @@ pub(super) struct Case<'a> {
     pub references: Vec<(&'a str, Vec<f64>)>,
     /// Since when newer measurements contradict the incumbent, where they do.
     pub degraded: Option<i64>,
+    /// The levels of the channels in windows of fits that were trusted, with what those are.
+    pub levels: Vec<(&'a str, &'a IndexMap<String, Level>)>,
     pub policy: &'a Policy,
+    /// The filter over the window, which several rules need.
+    run: OnceCell<FilterRun>,
+    evidence: OnceCell<Evidence>,
 }
 
 impl<'a> Case<'a> {
@@ -41,7 +50,21 @@ impl<'a> Case<'a> {
         let incumbent = past.incumbent.as_ref().and_then(|incumbent| incumbent_theta(&problem, incumbent));
         let reference = |reference: &'a Reference| Some((reference.name.as_str(), reference_theta(&problem, &reference.fit)?));
         let references = past.references.iter().filter_map(reference).collect();
-        Ok(Self { problem, fit, theta, trajectory, forecast, incumbent, references, degraded: past.degraded, policy })
+        let served = past.incumbent.iter().map(|incumbent| ("the parameters served now", &incumbent.levels));
+        let levels = served.chain(past.references.iter().map(|reference| (reference.name.as_str(), &reference.fit.levels))).collect();
+        let (run, evidence, degraded) = (OnceCell::new(), OnceCell::new(), past.degraded);
+        Ok(Self { problem, fit, theta, trajectory, forecast, incumbent, references, degraded, levels, policy, run, evidence })
+    }
+
+    /// The filter over the window with the noise of the fit; a model without one has none.
+    pub fn run(&self) -> Option<&FilterRun> {
+        self.problem.filters().then(|| self.run.get_or_init(|| filter_fit(&self.problem, self.fit)))
+    }
+
+    /// What the measurements say of the inputs. A model without a filter has no states to start segments from.
+    pub fn evidence(&self) -> Option<&Evidence> {
+        let run = self.run()?;
+        Some(self.evidence.get_or_init(|| Evidence::of(&self.problem, &self.theta, run)))
     }
 
     /// What the fit errs by on some samples, as [`Case::error_of`] says it of other parameters.

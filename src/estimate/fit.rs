@@ -1,5 +1,6 @@
 //! What an estimation found, as the document that is stored, printed and compared.
 
+use super::channels::Level;
 use super::likelihood::LikelihoodReport;
 use crate::schema::Interval;
 use indexmap::IndexMap;
@@ -204,6 +205,9 @@ pub struct Fit {
     pub remarks: Vec<String>,
     /// Parameters that were fixed at their nominal value because the data do not determine them.
     pub non_identifiable: Vec<String>,
+    /// Level and spread of the channels that it was fitted to, by name; none in fits of versions that did not keep them.
+    #[serde(default)]
+    pub levels: IndexMap<String, Level>,
     /// What the likelihood says, where it was maximised.
     #[serde(default)]
     pub likelihood: Option<LikelihoodReport>,

@@ -2,12 +2,14 @@
 //!
 //! `request` says what is wanted and `method` how it is searched, `problem` puts model and window together, `objective`
 //! weighs the residuals, `run` drives the optimiser until it or `stop` says that it is over, `metrics` and `uncertainty`
-//! describe what was found, `rules` look at it and `validate` decides, `served` is what may go out. `replay` puts the
+//! describe what was found, `rules` look at it and `validate` decides, `served` is what may go out. Whether the inputs move the
+//! room at all is asked by `hearing`, of `evidence` from `segments` and a `regression`, of `opponents` and of the `channels`. `replay` puts the
 //! problem of a stored fit together again, `comparison` lays it beside the measurements and `compare` beside other fits,
 //! `skill` puts both into numbers; `degradation` asks whether newer measurements contradict it. `tune` chooses settings of the search.
 
 mod case;
 mod change;
+pub mod channels;
 pub mod compare;
 pub mod comparison;
 mod ctsm;
@@ -15,16 +17,22 @@ mod ctsm;
 mod ctsm_tests;
 mod curvature;
 pub mod degradation;
+pub mod evidence;
 pub mod fit;
+mod hearing;
+#[cfg(test)]
+mod hearing_tests;
 pub mod likelihood;
 mod limits;
 pub mod method;
 pub mod metrics;
 pub mod objective;
+pub mod opponents;
 pub mod peak;
 pub mod physics;
 pub mod preview;
 pub mod problem;
+pub mod regression;
 pub mod replay;
 #[cfg(test)]
 mod replay_tests;
@@ -32,6 +40,7 @@ pub mod request;
 pub mod ridge;
 pub mod rules;
 pub mod run;
+pub mod segments;
 pub mod served;
 pub mod skill;
 pub mod stop;

@@ -5,6 +5,7 @@
 use super::case::Case;
 use super::change;
 use super::fit::{Fit, Stop};
+use super::hearing;
 use super::limits::{Measure, ticks};
 use super::metrics::horizon_name;
 use super::physics;
@@ -34,7 +35,8 @@ const FORTNIGHT: i64 = 14 * 86_400;
 /// A rule of the gate.
 #[derive(Debug, Clone, Copy)]
 pub struct Rule {
-    /// What its checks are called; those of physics have names of their own behind `G3`, and `G6` looks at older days as well.
+    /// What its checks are called; those of physics and of the inputs have names of their own behind `G3`, `G9`, `G10` and `G11`, and
+    /// `G6` looks at older days as well.
     pub name: &'static str,
     look: fn(&Case, &mut Table),
 }
@@ -56,6 +58,10 @@ impl Rule {
         Rule { name: "G8 excited", look: excited },
         Rule { name: "G8 no unit jump", look: unit_jump },
         Rule { name: "G8 not stuck", look: stuck },
+        Rule { name: "G9", look: hearing::inputs },
+        Rule { name: "G10", look: hearing::opponents },
+        Rule { name: "G11", look: hearing::channels },
+        Rule { name: "G12 determined", look: hearing::determined },
     ];
 }
 

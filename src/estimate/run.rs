@@ -1,5 +1,6 @@
 //! The loop around an optimiser: ask, simulate, tell, until something says stop; then the fit's report.
 
+use super::channels::levels;
 use super::ctsm;
 use super::fit::{Estimate, Fit, Parts, Span, Stop, TracePoint};
 use super::metrics::{filter, metrics};
@@ -447,6 +448,7 @@ pub(super) fn report(
         worst_regime: None,
         remarks,
         non_identifiable: Vec::new(),
+        levels: levels(problem),
         likelihood: None,
     }
 }

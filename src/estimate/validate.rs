@@ -1,10 +1,11 @@
 //! The gate: a table of checks between a fit and the controller.
 //!
 //! [`validate`] is the only maker of an [`Acceptance`], and only an acceptance can be served, or a [`Holding`]
-//! with an operator's word. Rules G1 to G8 (`rules`)
+//! with an operator's word. Rules G1 to G12 (`rules`)
 //! each have a severity: a failed `reject` is final, a `hold` waits for an operator, a `flag` is published
 //! with the parameters. Incumbent and fit are judged on the same unseen data.
 
+use super::channels::Level;
 use super::fit::Fit;
 use super::problem::Problem;
 pub use super::rules::NO_WORSE_THAN_INCUMBENT;
@@ -22,6 +23,8 @@ pub struct Incumbent {
     pub model: ModelId,
     /// Values by name.
     pub theta: IndexMap<String, f64>,
+    /// The levels of the channels that they were fitted to; none where they are not known.
+    pub levels: IndexMap<String, Level>,
 }
 
 /// Parameters of the same system that were trusted at another time.

@@ -253,6 +253,7 @@ impl Input {
         Some(Incumbent {
             model: served.fit.model.parse().ok()?,
             theta: served.fit.parameters.iter().map(|(name, estimate)| (name.clone(), estimate.value)).collect(),
+            levels: served.fit.levels.clone(),
         })
     }
 }

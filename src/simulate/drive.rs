@@ -140,6 +140,19 @@ impl Inputs {
         self.columns[input].1[k]
     }
 
+    /// The values of an input at all samples, in the unit of the equations.
+    pub fn values(&self, input: usize) -> &[f64] {
+        &self.columns[input].1
+    }
+
+    /// The same inputs with other values of one of them, as many as there are samples.
+    #[must_use]
+    pub fn with_values(&self, input: usize, values: Vec<f64>) -> Self {
+        let mut inputs = self.clone();
+        inputs.columns[input].1 = values;
+        inputs
+    }
+
     /// The mean of an input over the window.
     pub fn mean(&self, input: usize) -> f64 {
         let values = &self.columns[input].1;

@@ -88,6 +88,14 @@ impl Simulator {
         }
     }
 
+    /// The same simulation under other inputs of the same grid. What is known stays as it was.
+    #[must_use]
+    pub fn with_inputs(&self, inputs: &Inputs) -> Self {
+        let steps = if self.stepper == Stepper::Rkc { 1 } else { self.substeps };
+        let (drive, output_drive) = (Drive::new(&self.step, inputs, steps), Drive::new(&self.output, inputs, 1));
+        Self { drive, output_drive, ..self.clone() }
+    }
+
     /// How it steps.
     pub fn stepper(&self) -> Stepper {
         self.stepper

@@ -44,7 +44,7 @@ fn a_worse_fit_loses_to_the_incumbent_and_a_jump_waits_for_an_operator() {
     let (_, problem) = room(421, 14, &asked);
     let good = fit(&problem, &asked);
     let theta = good.parameters.iter().map(|(name, estimate)| (name.clone(), estimate.value)).collect();
-    let incumbent = Incumbent { model: problem.model().id().clone(), theta };
+    let incumbent = Incumbent { model: problem.model().id().clone(), theta, levels: Default::default() };
     let again = validate(&problem, &good, &Past::of(Some(incumbent.clone())), &Policy::default());
     assert!(matches!(again.verdict, Verdict::Accepted(_)), "{}", again.summary);
     let mut worse = asked.clone();

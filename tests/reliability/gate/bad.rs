@@ -2,6 +2,7 @@
 
 use super::{CATALOGUE, Candidate, Refused, fit, problem, problem_of};
 use lampyris::data::SplitRequest;
+use lampyris::estimate::regression::Regression;
 use lampyris::estimate::request::{Budget, SeededMethod};
 use lampyris::estimate::{EstimateRequest, Fit, Incumbent, Problem};
 use lampyris::model::spec::ModelDocument;
@@ -52,6 +53,11 @@ pub const KINDS: &[Kind] = &[
     Kind { name: "a sensor that jumps", refused_by: &["G8 no unit jump"], make: breathed_upon },
     Kind { name: "a sensor that hangs", refused_by: &["G8 not stuck"], make: stuck },
     Kind { name: "a sensor that drifts", refused_by: &["G"], make: drifting },
+    Kind { name: "a neighbour that is mirrored", refused_by: &["G9 right T_room_1"], make: mirrored_neighbour },
+    Kind { name: "a room whose days are shuffled", refused_by: &["G10"], make: shuffled_days },
+    Kind { name: "two neighbours of one sensor", refused_by: &["G11"], make: one_sensor },
+    Kind { name: "against the physics of its model", refused_by: &["G3 time constants"], make: against_its_model },
+    Kind { name: "parameters on their bounds", refused_by: &["G12 determined"], make: cornered },
 ];
 
 /// Ten days to learn from and four to judge by.
@@ -88,7 +94,11 @@ impl Base {
 
     fn incumbent(&self, theta: &[f64]) -> Option<Incumbent> {
         let names = self.problem.model().parameters().iter().map(|parameter| parameter.name.clone());
-        Some(Incumbent { model: self.problem.model().id().clone(), theta: names.zip(theta.iter().copied()).collect() })
+        Some(Incumbent {
+            model: self.problem.model().id().clone(),
+            theta: names.zip(theta.iter().copied()).collect(),
+            levels: Default::default(),
+        })
     }
 
     /// The good parameters with some of them changed.
@@ -330,16 +340,26 @@ fn breathed_upon(seed: u64) -> Made {
             warmer(cells, |celsius| celsius + 16.0);
         }
     });
-    fitted(&csv, &twin.neighbours, &asked)
+    known(&twin, &csv, asked)
+}
+
+/// A record whose sensor lies, and the parameters of the true one: nothing but the sensor is wrong.
+fn known(twin: &RoomTwin, csv: &str, asked: EstimateRequest) -> Made {
+    let good = fitted(&twin.csv, &twin.neighbours, &asked)?.fit;
+    let fixed = good.parameters.iter().map(|(name, estimate)| (name.clone(), estimate.value)).collect();
+    fitted(csv, &twin.neighbours, &EstimateRequest { fixed, ..asked })
 }
 
 fn stuck(seed: u64) -> Made {
-    let from = (2 + seed as usize % 8) * PER_DAY;
-    measured(seed, |row, cells| {
+    let from = (2 + seed as usize % 6) * PER_DAY;
+    let twin = room(seed, 2, DAYS, STEP_MINUTES).unwrap();
+    let (_, values) = column(&twin.csv, "T_room");
+    let csv = rewritten(&twin.csv, |row, cells| {
         if (from..=from + PER_DAY + 2).contains(&row) {
-            warmer(cells, |_| 20.6);
+            warmer(cells, |_| values[from]);
         }
-    })
+    });
+    known(&twin, &csv, asked())
 }
 
 fn drifting(seed: u64) -> Made {
@@ -362,4 +382,70 @@ pub fn hurried() -> Candidate {
     let twin = room(8000, 2, DAYS, STEP_MINUTES).unwrap();
     let hurried = EstimateRequest { budget: Budget { evaluations: 600, wall: None }, ..asked() };
     fitted(&twin.csv, &twin.neighbours, &hurried).unwrap()
+}
+
+/// A column of a room's record, by its name.
+fn column(csv: &str, name: &str) -> (usize, Vec<f64>) {
+    let (head, rows) = csv.split_once('\n').unwrap();
+    let place = head.split(',').position(|known| known == name).unwrap();
+    (place, rows.lines().map(|row| row.split(',').nth(place).unwrap().parse().unwrap()).collect())
+}
+
+/// The record of a room with other values in one column.
+fn replaced(seed: u64, name: &str, change: impl Fn(&[f64]) -> Vec<f64>) -> Made {
+    let twin = room(seed, 2, DAYS, STEP_MINUTES).unwrap();
+    let (place, values) = column(&twin.csv, name);
+    let values = change(&values);
+    measured(seed, |row, cells| cells[place] = format!("{:.4}", values[row]))
+}
+
+/// The first room from this one on that follows its neighbour, mirrored.
+fn mirrored_neighbour(seed: u64) -> Made {
+    let follows = |seed: &u64| {
+        let twin = room(*seed, 2, DAYS, STEP_MINUTES).unwrap();
+        let problem = problem(&twin.csv, &twin.neighbours, &asked()).unwrap();
+        let neighbour = problem.model().inputs().iter().position(|input| input.channel == "T_room_1").unwrap();
+        let regression = Regression::new(&problem).unwrap();
+        regression.beside(neighbour).is_some_and(|beside| beside.followed().gain_t > 4.0)
+    };
+    let seed = (seed + 2..).find(follows).unwrap();
+    replaced(seed, "T_room_1", |values| {
+        let mean = values.iter().sum::<f64>() / values.len() as f64;
+        values.iter().map(|value| 2.0 * mean - value).collect()
+    })
+}
+
+/// Every fifth day takes the place of the next one.
+fn shuffled_days(seed: u64) -> Made {
+    replaced(seed, "T_room", |values| (0..values.len()).map(|k| values[(k / PER_DAY * 5 + 3) % DAYS * PER_DAY + k % PER_DAY]).collect())
+}
+
+fn one_sensor(seed: u64) -> Made {
+    let seed = seed + 1;
+    let twin = room(seed, 2, DAYS, STEP_MINUTES).unwrap();
+    let (_, values) = column(&twin.csv, "T_room_2");
+    replaced(seed, "T_room_1", |_| values.iter().map(|value| value + 0.02).collect())
+}
+
+/// A document that allows no slow masses, and a good fit that has them.
+fn against_its_model(seed: u64) -> Made {
+    let text =
+        include_str!("../../../config/models/room3.toml").replace("upper = 1440", "upper = 1").replace("id = \"room3\"", "id = \"quick\"");
+    let mut catalogue = CATALOGUE.clone();
+    catalogue.add_model(ModelDocument::from_toml(&text).unwrap());
+    let twin = room(seed, 2, DAYS, STEP_MINUTES).unwrap();
+    let problem = problem_of(&catalogue, "quick", &twin.csv, &twin.neighbours, &asked())?;
+    let fit = fit(&problem, &asked())?;
+    Ok(Candidate { problem, fit, incumbent: None })
+}
+
+/// Good values, and a box that ends just before each.
+fn cornered(seed: u64) -> Made {
+    let base = Base::new(seed);
+    let mut asked = asked();
+    for (name, estimate) in &base.good.parameters {
+        let near = 0.004 * estimate.value;
+        asked.bounds.insert(name.clone(), [estimate.value - 20.0 * near, estimate.value - near]);
+    }
+    fitted(&base.twin.csv, &base.twin.neighbours, &asked)
 }

@@ -1,0 +1,252 @@
+//! Whether the channels behind a fit can be what their names say: judged by themselves, by each other and by the months before.
+
+use super::evidence::Role;
+use super::problem::Problem;
+use crate::data::{Column, sun_position};
+use indexmap::IndexMap;
+use serde::{Deserialize, Serialize};
+use std::ops::Range;
+use utoipa::ToSchema;
+
+const DAY: i64 = 86_400;
+/// A day of values is noise where successive ones differ as those of white noise do: half the mean square of the differences over
+/// the variance (von Neumann's ratio) is 1 for white noise and near 0 for what moves slowly.
+const WHITE: f64 = 0.7;
+/// Successive days of noise after which an input is no measurement. An output may be held still by its thermostat, and whether it
+/// moves with anything is for other rules.
+const NOISY_DAYS: usize = 2;
+/// The deviation of noise about a constant, in K: less is the resolution of a sensor, more is something that is switched.
+const NOISE: [f64; 2] = [0.02, 2.0];
+/// A step from one sample to the next that stays, in K: of an input, and of a room, which has mass.
+const STEP: [f64; 2] = [8.0, 2.0];
+/// Days on either side of a step that have to lie apart.
+const STAYS: i64 = 3;
+/// Hours for which a temperature that is not zero may show one value; thrice as many where its sensor knows half degrees only.
+const STUCK_HOURS: f64 = 24.0;
+/// Coarse sensors show steps of at least this much, in K.
+const COARSE: f64 = 0.5;
+/// Sensors of two places do not agree better than this, in K, root mean square.
+const SAME: f64 = 0.1;
+/// The mean temperature of a room, and the highest of one that is colder outdoors than `MILD`.
+const ROOM: [f64; 2] = [5.0, 32.0];
+const HEATED_ROOM: f64 = 28.0;
+const MILD: f64 = 18.0;
+/// The lowest mean of one that is not heated.
+const FREEZING: f64 = -40.0;
+/// The highest mean of water that heats.
+const WATER: f64 = 90.0;
+/// How many deviations, and how many K at least, a channel's mean may lie from that of accepted months, and how many times its deviation
+/// may have changed.
+const LEVEL: (f64, f64, f64) = (3.0, 2.0, 4.0);
+
+/// The level and the spread of a channel in a fit's window.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Level {
+    /// Mean of its valid samples.
+    pub mean: f64,
+    /// Their standard deviation.
+    pub sd: f64,
+}
+
+/// The level of every channel that a problem reads, by its name.
+pub fn levels(problem: &Problem) -> IndexMap<String, Level> {
+    let level = |column: &Column| {
+        let known = || column.values().iter().zip(column.valid()).filter(|(_, valid)| **valid).map(|(value, _)| *value);
+        let n = known().count() as f64;
+        let mean = known().sum::<f64>() / n;
+        let sd = (known().map(|value| (value - mean).powi(2)).sum::<f64>() / n).sqrt();
+        (n > 0.0).then_some(Level { mean, sd })
+    };
+    read(problem).filter_map(|(name, column)| Some((name.to_owned(), level(column)?))).collect()
+}
+
+/// What is wrong with a channel, in a sentence.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ChannelFault {
+    /// The channel.
+    pub channel: String,
+    /// What was seen.
+    pub says: String,
+}
+
+/// Every fault that the temperatures of a problem show, the outputs' own hanging apart, which is another rule's.
+pub fn faults(problem: &Problem) -> Vec<ChannelFault> {
+    let mut faults = Vec::new();
+    let mut note = |channel: &str, says: Option<String>| {
+        faults.extend(says.map(|says| ChannelFault { channel: channel.to_owned(), says }));
+    };
+    let temperatures: Vec<(&str, &Column, bool)> = temperatures(problem).collect();
+    for (name, column, is_output) in &temperatures {
+        let since = |k: usize| crate::data::rfc3339(problem.grid().time(k));
+        if !is_output {
+            let stuck = stuck(problem, column).map(|(hours, k)| format!("{name} showed one value for {hours:.0} h from {} on", since(k)));
+            note(name, stuck);
+            let noisy = noisy(problem, column);
+            note(name, noisy.map(|k| format!("{name} is noise about a constant from {} on: its sensor measures nothing", since(k))));
+        }
+        let step = step(problem, column, *is_output);
+        let says = |(k, kelvin): (usize, f64)| {
+            format!("{name} steps by {kelvin:+.1} K at {} and stays there: another unit or another sensor?", since(k))
+        };
+        note(name, step.map(says));
+        note(name, implausible(problem, name, column));
+    }
+    for (i, (name, column, is_output)) in temperatures.iter().enumerate() {
+        for (other, theirs, _) in &temperatures[i + 1..] {
+            if apart(column, theirs).is_some_and(|apart| apart < SAME) {
+                // The channel that is not the output is the one that was bound wrongly.
+                let (wrong, right) = if *is_output { (other, name) } else { (name, other) };
+                note(wrong, Some(format!("{wrong} and {right} are the same sensor: they differ by less than {SAME} K")));
+            }
+        }
+    }
+    faults
+}
+
+/// Channels whose level or spread is another one than in a fit that was accepted before, or a reason why none is compared.
+pub fn strangers(now: &IndexMap<String, Level>, before: &IndexMap<String, Level>, when: &str) -> Vec<ChannelFault> {
+    let (deviations, least, times) = LEVEL;
+    let strange = |(name, now): (&String, &Level)| {
+        let before = before.get(name).filter(|_| name.starts_with("T_"))?;
+        let moved = now.mean - before.mean;
+        let says = if moved.abs() > (deviations * before.sd).max(least) {
+            format!("the mean of {name} is {moved:+.1} K from that of {when}: another unit, another place or another season?")
+        } else if now.sd > times * before.sd.max(NOISE[0]) || now.sd * times < before.sd {
+            format!("{name} varies by {:.2} K, in {when} it did by {:.2}: is its sensor still the same?", now.sd, before.sd)
+        } else {
+            return None;
+        };
+        Some(ChannelFault { channel: name.clone(), says })
+    };
+    now.iter().filter_map(strange).collect()
+}
+
+/// The columns that a problem reads and that were logged or computed for it.
+fn read(problem: &Problem) -> impl Iterator<Item = (&str, &Column)> {
+    let model = problem.model();
+    let names =
+        model.outputs().iter().map(|output| output.channel.as_str()).chain(model.inputs().iter().map(|input| input.channel.as_str()));
+    names.filter_map(|name| Some((name, problem.grid().column(name)?)))
+}
+
+/// Those of temperatures, and whether each is an output.
+fn temperatures(problem: &Problem) -> impl Iterator<Item = (&str, &Column, bool)> {
+    let is_output = |name: &str| problem.model().outputs().iter().any(|output| output.channel == name);
+    read(problem)
+        .filter(|(name, column)| column.unit() == "degC" && name.starts_with("T_"))
+        .map(move |(name, column)| (name, column, is_output(name)))
+}
+
+fn known(column: &Column, range: Range<usize>) -> Vec<f64> {
+    range.filter(|k| column.valid()[*k]).map(|k| column.values()[k]).collect()
+}
+
+fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len() as f64
+}
+
+/// Hours of the longest time for which one value was shown, and where that began, where it is too long.
+fn stuck(problem: &Problem, column: &Column) -> Option<(f64, usize)> {
+    let (values, valid) = (column.values(), column.valid());
+    let resolution =
+        (1..values.len()).map(|k| (values[k] - values[k - 1]).abs()).filter(|change| *change > 0.0).fold(f64::INFINITY, f64::min);
+    let limit = if resolution >= COARSE { 3.0 * STUCK_HOURS } else { STUCK_HOURS };
+    let (mut longest, mut at, mut start) = (0, 0, 0);
+    for k in 0..values.len() {
+        // A zero is what a meter of water shows while nothing flows.
+        if !valid[k] || values[k] != values[start] || values[k] == 0.0 {
+            start = k;
+        }
+        if k - start > longest {
+            (longest, at) = (k - start, start);
+        }
+    }
+    let hours = longest as f64 * problem.grid().step_hours();
+    (hours >= limit).then_some((hours, at))
+}
+
+/// The first of so many successive days of noise about a constant.
+fn noisy(problem: &Problem, column: &Column) -> Option<usize> {
+    let per_day = (DAY / problem.grid().step()) as usize;
+    if per_day < 12 {
+        return None;
+    }
+    let white = |day: usize| {
+        let values = known(column, day * per_day..(day + 1) * per_day);
+        if values.len() < per_day / 2 {
+            return false;
+        }
+        let mean = mean(&values);
+        let variance = values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / values.len() as f64;
+        let changes = values.windows(2).map(|pair| (pair[1] - pair[0]).powi(2)).sum::<f64>() / (values.len() - 1) as f64;
+        (NOISE[0]..NOISE[1]).contains(&variance.sqrt()) && 0.5 * changes > WHITE * variance
+    };
+    let days: Vec<bool> = (0..column.values().len() / per_day).map(white).collect();
+    days.windows(NOISY_DAYS).position(|days| days.iter().all(|white| *white)).map(|day| day * per_day)
+}
+
+/// A step from one sample to the next behind which the channel never comes back for days.
+fn step(problem: &Problem, column: &Column, is_output: bool) -> Option<(usize, f64)> {
+    let least = STEP[usize::from(is_output)];
+    let (values, valid) = (column.values(), column.valid());
+    let length = (STAYS * DAY / problem.grid().step()) as usize;
+    let ends = |range: Range<usize>| {
+        let mut values = known(column, range);
+        values.sort_by(f64::total_cmp);
+        let at = |share: f64| values.get((share * (values.len().max(1) - 1) as f64) as usize).copied();
+        // What stood still before was switched off.
+        Some((at(0.05)?, at(0.95)?)).filter(|(low, high)| high > low)
+    };
+    let found = (1..values.len()).find(|k| {
+        let change = values[*k] - values[k - 1];
+        if !valid[*k] || !valid[k - 1] || change.abs() < least {
+            return false;
+        }
+        let sides = ends(k.saturating_sub(length)..*k).zip(ends(*k..(k + length).min(values.len())));
+        sides.is_some_and(|((low, high), (low_after, high_after))| if change > 0.0 { low_after > high } else { high_after < low })
+    })?;
+    Some((found, values[found] - values[found - 1]))
+}
+
+/// A level that the name of a channel does not allow.
+fn implausible(problem: &Problem, name: &str, column: &Column) -> Option<String> {
+    let level = mean(&known(column, 0..column.values().len()));
+    let outdoors = problem.grid().column("T_out").map(|column| mean(&known(column, 0..column.values().len())));
+    let outside = |[low, high]: [f64; 2], of: &str| {
+        let is = !(low..=high).contains(&level);
+        is.then(|| format!("the mean of {name} is {level:.1} degC, {of}: another unit or another channel?"))
+    };
+    match name {
+        "T_out" => outside(season(problem)?, "which the height of the sun does not allow outdoors"),
+        "T_forward" => outside([ROOM[0], WATER], "which heating water does not have"),
+        name if name.starts_with("T_room") => {
+            let highest = if outdoors.is_some_and(|outdoors| outdoors < MILD) { HEATED_ROOM } else { ROOM[1] };
+            // What nobody heats may freeze.
+            let heated = problem.model().inputs().iter().any(|input| Role::of(&input.channel) == Role::Heat);
+            outside([if heated { ROOM[0] } else { FREEZING }, highest], "which no room has for weeks")
+        }
+        _ => None,
+    }
+}
+
+/// The means of outdoor temperature that the height of the sun at noon allows: generous bounds about the climates of the earth,
+/// from the Siberian winter to the summer of Kuwait.
+fn season(problem: &Problem) -> Option<[f64; 2]> {
+    let grid = problem.grid();
+    let noon = match (grid.column("sun_altitude"), problem.basis().location) {
+        (Some(column), _) => known(column, 0..grid.len()).into_iter().fold(f64::NEG_INFINITY, f64::max),
+        (None, Some((latitude, longitude))) => {
+            let heights = (0..grid.len()).filter_map(|k| Some(sun_position(grid.time(k), latitude, longitude).ok()?.altitude));
+            heights.fold(f64::NEG_INFINITY, f64::max)
+        }
+        (None, None) => return None,
+    };
+    noon.is_finite().then(|| [-55.0 + 0.6 * noon, 10.0 + 0.45 * noon])
+}
+
+/// Root mean square of the difference of two channels, over a day of common samples at least.
+fn apart(one: &Column, other: &Column) -> Option<f64> {
+    let both = || (0..one.values().len()).filter(|k| one.valid()[*k] && other.valid()[*k]);
+    let n = both().count();
+    (n > 24).then(|| (both().map(|k| (one.values()[k] - other.values()[k]).powi(2)).sum::<f64>() / n as f64).sqrt())
+}
