@@ -6,6 +6,7 @@ mod clock;
 mod delays;
 mod diagnoses;
 mod family;
+mod gate;
 mod hidden;
 mod houses;
 mod likelihood;
