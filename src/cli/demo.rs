@@ -28,6 +28,9 @@ const BELGIAN_HOUSE: &str = include_str!("../../config/demo/belgian_house.csv");
 const HOURLY_HOUSE: &str = include_str!("../../config/demo/hourly_house.csv");
 /// Longest time that the jobs of the demo may take.
 const PATIENCE: Duration = Duration::from_secs(600);
+/// What a held room is, in plain words.
+const HELD: &str =
+    "held back, a good deed: what moves this room was not logged, so the controller keeps its own baseline until an operator decides";
 /// Validation errors above this share of persistence's say that the log misses what moves the room.
 const HARDLY_BETTER: f64 = 0.9;
 
@@ -70,6 +73,16 @@ fn rooms() -> Vec<Room> {
         belgian("room/2", "living room (Belgium)", "T_living_room"),
         belgian("room/3", "teen room (Belgium)", "T_teen_room"),
         belgian("room/4", "bathroom (Belgium)", "T_bathroom"),
+        Room {
+            system: "room/10",
+            document: json!({
+                "label": "laundry with its meter", "model": "rc2+solar_gain+metered_gain:P_appliances",
+                "location": { "lat": 50.51, "lon": 3.71, "zone": "Europe/Brussels" },
+                "channels": { "T_room": "T_laundry", "irradiance": "irradiance_clear_sky" },
+            }),
+            csv: BELGIAN_HOUSE,
+            request: json!({ "method": { "seed": 1 } }),
+        },
         Room {
             system: "room/5",
             document: json!({
@@ -231,7 +244,9 @@ fn present(folder: &std::path::Path, seconds: f64, lines: &[(&JobRecord, Option<
             ahead("PT24H"),
             record.summary
         ));
-        if let Some(plain) = metrics.ahead.get("PT6H").and_then(hardly_better) {
+        if record.verdict == "held" {
+            print(&format!("{:<8} {HELD}", ""));
+        } else if let Some(plain) = metrics.ahead.get("PT6H").and_then(hardly_better) {
             print(&format!("{:<8} {plain}", ""));
         }
     }
