@@ -22,8 +22,9 @@ const LEAST_DAYS: f64 = 1.75;
 /// A fit that errs by this much more than the free regression on the same inputs, surely, lacks what the inputs say.
 const REGRESSION: f64 = 1.45;
 const SURELY: f64 = -2.5;
-/// The share of the parameters that may be undetermined or on a bound: in rooms of which everything is right it was up to two thirds.
-const UNDETERMINED: f64 = 0.75;
+/// The share of the parameters that may be undetermined or on a bound: in rooms of which everything is right it was up to twelve of
+/// thirteen.
+const UNDETERMINED: f64 = 0.95;
 /// Of fewer parameters than these the errors say more than the intervals.
 const HANDFUL: usize = 6;
 

@@ -72,7 +72,7 @@ fn a_report_says_who_improved_by_how_much_and_who_was_refused_and_why() {
     let quick =
         json!({"method": {"name": "lm_multistart"}, "budget": {"evaluations": 2000}, "split": {"train": "P9D", "validation": "P5D"}});
     let mut request = quick.as_object().unwrap().clone();
-    request.extend(json!({"fixed": {"alpha_a": 0.25}}).as_object().unwrap().clone());
+    request.extend(json!({"fixed": {"alpha_a": 1.2}}).as_object().unwrap().clone());
     // What a schedule says is no experiment of somebody: it is published.
     app.json("PUT", "/schedules/trial", &json!({"cron": "0 5 * * 1", "systems": ["room/*"], "request": request})).expect(201);
     let first = app.post("/schedules/trial/run").expect(202).json();

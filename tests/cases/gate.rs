@@ -209,7 +209,7 @@ fn spoil(room: &Room, case: &Case, truth: &(Problem, Fit), seed: u64, automatic:
 #[test]
 fn spoilt_measurements_are_stopped_by_name() {
     let cases = folders();
-    let seeds: Vec<u64> = if full() { (73_100..73_104).collect() } else { vec![71_100] };
+    let seeds: Vec<u64> = if full() { (73_100..73_102).collect() } else { vec![71_100] };
     let levels = if full() { vec![Level::Matched, Level::Rich] } else { vec![Level::Matched] };
     let mut rooms: Vec<Room> = levels.iter().flat_map(|level| seeds.iter().map(|seed| twin(*level, *seed))).collect();
     rooms.extend(measured());

@@ -33,8 +33,6 @@ const BEFORE_DAYS: usize = 21;
 /// Days of the parts of an estimate and of a diagnosis.
 const ESTIMATE: (usize, usize) = (10, 3);
 const DIAGNOSIS: (usize, usize) = (8, 6);
-/// Simulations of an estimate.
-const EVALUATIONS: usize = 4_000;
 /// Days between two diagnoses, of which two in a row must name an effect, and most effects that are added.
 const DIAGNOSE_EVERY: usize = 3;
 const MOST_EFFECTS: usize = 2;

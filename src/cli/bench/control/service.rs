@@ -99,8 +99,10 @@ impl Client {
     }
 
     fn put(&self, service: &Service) -> Result<(), Failure> {
-        // The arms differ in when they re-estimate, so nothing else may start a job.
-        let document = json!({"model": self.model, "policy": {"refit_when_degraded": false}});
+        // The arms differ in when they re-estimate, so nothing else may start a job. An emitter holds at least a twentieth of what the
+        // room holds: without that, its capacity and its gain can only be told together, and wander off hand in hand.
+        let bounds = json!({"beta_h": [0.05, 2.0], "c_heater": [0.2, 20.0]});
+        let document = json!({"model": self.model, "bounds": bounds, "policy": {"refit_when_degraded": false}});
         service.server.call("PUT", &format!("/systems/{}", self.system), Call::json(&document)).map(drop)
     }
 
@@ -109,17 +111,13 @@ impl Client {
         service.server.call("POST", &format!("/systems/{}/windows", self.system), Call { body, ..Call::default() }).map(drop)
     }
 
-    /// Submits a job over the last days; gives its id. An emitter holds at least a twentieth of what the room holds:
-    /// without that, its capacity and its gain can only be told together, and wander off hand in hand.
+    /// Submits a job over the last days; gives its id.
     pub fn submit(&self, service: &Service, kind: &str, train: usize, validation: usize) -> Result<String, Failure> {
-        let mut body = json!({
+        let body = json!({
             "kind": kind, "system": self.system, "window": {"last": format!("P{}D", train + validation)},
             "split": {"train": format!("P{train}D"), "validation": format!("P{validation}D"), "test": "P0D"},
-            "method": {"name": "cfa", "seed": 1}, "bounds": {"beta_h": [0.05, 2.0], "c_heater": [0.2, 20.0]},
+            "method": {"name": "cfa", "seed": 1},
         });
-        if kind == "estimate" {
-            body["budget"] = json!({"evaluations": super::EVALUATIONS});
-        }
         let job = service.server.call("POST", "/jobs", Call::json(&body))?;
         Ok(job.document["id"].as_str().unwrap_or_default().to_owned())
     }
