@@ -17,8 +17,8 @@ use super::validate::Severity;
 const UNEXPLAINED: f64 = 2.5;
 /// What is left of the squared error where the clock of the room itself is put right.
 const CLOCK: f64 = 0.8;
-/// Days of unseen targets below which no forecast is compared: one day is one draw.
-const LEAST_DAYS: f64 = 1.75;
+/// Days of unseen targets below which no forecast is compared: one day is one draw, and of two the first hours are no target.
+const LEAST_DAYS: f64 = 1.5;
 /// A fit that errs by this much more than the free regression on the same inputs, surely, lacks what the inputs say.
 const REGRESSION: f64 = 1.45;
 const SURELY: f64 = -2.5;
