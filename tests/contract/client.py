@@ -90,7 +90,8 @@ def walk(base):
 
     params = get_params.sync(*SYSTEM, client=client)
     assert isinstance(params, models.Params), params
-    assert (params.job, params.fit, params.status) == (job.id, job.fit, models.ParamsStatus.FRESH), params
+    # The measurements are years old, whenever they were validated.
+    assert (params.job, params.fit, params.status) == (job.id, job.fit, models.ParamsStatus.STALE), params
     named = params.parameters.additional_properties
     assert named and all(isinstance(value, float) for value in named.values()), named
     assert set(params.units.additional_properties) == set(named), params.units
