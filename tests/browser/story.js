@@ -117,7 +117,7 @@ export async function story(chrome, { base }) {
   });
 
   await test(chrome, 'a_set_is_pinned_with_a_reason_and_released', {}, async page => {
-    await page.goto(`${base}/ui/systems/room/3/parameters`);
+    await page.goto(`${base}/ui/systems/room/5/parameters`);
     await page.getByRole('button', { name: 'Keep it in service (pin)' }).click();
     await page.getByLabel('Reason, for whoever reads this later').fill('sensor swap this week');
     await page.getByRole('button', { name: 'Keep it', exact: true }).click();
@@ -125,7 +125,7 @@ export async function story(chrome, { base }) {
       .getByText(/sensor swap this week/)
       .first()
       .waitFor();
-    const pinned = await ask(base, '/params/room/3');
+    const pinned = await ask(base, '/params/room/5');
     holds(pinned.status === 'pinned' && pinned.pin.reason === 'sensor swap this week', pinned.status);
     await page.getByRole('button', { name: 'Release it' }).click();
     await page.getByRole('button', { name: 'Keep it in service (pin)' }).waitFor();
