@@ -29,8 +29,8 @@ pub(super) struct Case<'a> {
     /// The levels of the channels in windows of fits that were trusted, with what those are.
     pub levels: Vec<(&'a str, &'a IndexMap<String, Level>)>,
     pub policy: &'a Policy,
-    /// The filter over the window, which several rules need.
-    run: OnceCell<FilterRun>,
+    /// The filter over the window with the noise of the fit; a model without one has none.
+    run: Option<FilterRun>,
     evidence: OnceCell<Evidence>,
 }
 
@@ -46,19 +46,22 @@ impl<'a> Case<'a> {
         if trajectory.diverged {
             return Err("the simulation of the stored parameters leaves the numbers");
         }
-        let forecast = error(&problem, fit, &trajectory, policy, problem.split().validation.clone());
+        let run = problem.filters().then(|| filter_fit(&problem, fit));
         let incumbent = past.incumbent.as_ref().and_then(|incumbent| incumbent_theta(&problem, incumbent));
         let reference = |reference: &'a Reference| Some((reference.name.as_str(), reference_theta(&problem, &reference.fit)?));
         let references = past.references.iter().filter_map(reference).collect();
         let served = past.incumbent.iter().map(|incumbent| ("the parameters served now", &incumbent.levels));
         let levels = served.chain(past.references.iter().map(|reference| (reference.name.as_str(), &reference.fit.levels))).collect();
-        let (run, evidence, degraded) = (OnceCell::new(), OnceCell::new(), past.degraded);
-        Ok(Self { problem, fit, theta, trajectory, forecast, incumbent, references, degraded, levels, policy, run, evidence })
+        let (evidence, degraded) = (OnceCell::new(), past.degraded);
+        let mut case =
+            Self { problem, fit, theta, trajectory, forecast: None, incumbent, references, degraded, levels, policy, run, evidence };
+        case.forecast = case.own_error(case.problem.split().validation.clone());
+        Ok(case)
     }
 
     /// The filter over the window with the noise of the fit; a model without one has none.
     pub fn run(&self) -> Option<&FilterRun> {
-        self.problem.filters().then(|| self.run.get_or_init(|| filter_fit(&self.problem, self.fit)))
+        self.run.as_ref()
     }
 
     /// What the measurements say of the inputs. A model without a filter has no states to start segments from.
@@ -69,7 +72,10 @@ impl<'a> Case<'a> {
 
     /// What the fit errs by on some samples, as [`Case::error_of`] says it of other parameters.
     pub fn own_error(&self, samples: Range<usize>) -> Option<AheadError> {
-        error(&self.problem, self.fit, &self.trajectory, self.policy, samples)
+        match &self.run {
+            Some(run) => forecast(&self.problem, &self.theta, run, self.policy, samples),
+            None => free_run(&self.problem, &self.trajectory, self.policy, samples),
+        }
     }
 
     /// What parameters of the same model err by on some samples: ahead by the policy's horizon, or in the free run of a model
@@ -96,15 +102,6 @@ impl<'a> Case<'a> {
     /// The first sample of this many seconds before the end.
     pub fn since(&self, seconds: i64) -> usize {
         self.problem.grid().len().saturating_sub((seconds / self.problem.grid().step()) as usize)
-    }
-}
-
-/// What a fit errs by on some samples, with the noise that belongs to it.
-fn error(problem: &Problem, fit: &Fit, trajectory: &Trajectory, policy: &Policy, samples: Range<usize>) -> Option<AheadError> {
-    if problem.filters() {
-        forecast(problem, &fit.theta(), &filter_fit(problem, fit), policy, samples)
-    } else {
-        free_run(problem, trajectory, policy, samples)
     }
 }
 

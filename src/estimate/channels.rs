@@ -15,8 +15,19 @@ const WHITE: f64 = 0.7;
 /// Successive days of noise after which an input is no measurement. An output may be held still by its thermostat, and whether it
 /// moves with anything is for other rules.
 const NOISY_DAYS: usize = 2;
-/// The deviation of noise about a constant, in K: less is the resolution of a sensor, more is something that is switched.
+/// The deviation of noise about a constant, in K: less is the resolution of a sensor, more is something that is switched, unless it is the
+/// weather.
 const NOISE: [f64; 2] = [0.02, 2.0];
+/// A jump at one time of the day, beside those of the samples before and behind, from which on days are out of order, the share of it
+/// that has one sign in what is switched by a clock, and the days that it takes to tell.
+const OUT_OF_ORDER: f64 = 2.5;
+const ONE_SIGN: f64 = 0.5;
+const ORDER_DAYS: usize = 6;
+/// Steps from one sample to the next that what nobody heats cannot make, whether they stay or not: one is a spike that goes again.
+const JUMPS: usize = 4;
+/// Hours by which the warmest time of the day follows the sun outdoors, and how many deviations it takes to doubt a clock.
+const FOLLOWS_SUN: [f64; 2] = [1.0, 5.0];
+const DOUBTED: f64 = 4.0;
 /// A step from one sample to the next that stays, in K: of an input, and of a room, which has mass.
 const STEP: [f64; 2] = [8.0, 2.0];
 /// Days on either side of a step that have to lie apart.
@@ -37,7 +48,7 @@ const FREEZING: f64 = -40.0;
 const WATER: f64 = 90.0;
 /// How many deviations, and how many K at least, a channel's mean may lie from that of accepted months, and how many times its deviation
 /// may have changed.
-const LEVEL: (f64, f64, f64) = (3.0, 2.0, 4.0);
+const LEVEL: (f64, f64, f64) = (3.0, 2.0, 3.0);
 
 /// The level and the spread of a channel in a fit's window.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -78,10 +89,11 @@ pub fn faults(problem: &Problem) -> Vec<ChannelFault> {
     let temperatures: Vec<(&str, &Column, bool)> = temperatures(problem).collect();
     for (name, column, is_output) in &temperatures {
         let since = |k: usize| crate::data::rfc3339(problem.grid().time(k));
+        let most = if Role::of(name) == Role::Weather { f64::INFINITY } else { NOISE[1] };
         if !is_output {
             let stuck = stuck(problem, column).map(|(hours, k)| format!("{name} showed one value for {hours:.0} h from {} on", since(k)));
             note(name, stuck);
-            let noisy = noisy(problem, column);
+            let noisy = noisy(problem, column, most);
             note(name, noisy.map(|k| format!("{name} is noise about a constant from {} on: its sensor measures nothing", since(k))));
         }
         let step = step(problem, column, *is_output);
@@ -90,7 +102,23 @@ pub fn faults(problem: &Problem) -> Vec<ChannelFault> {
         };
         note(name, step.map(says));
         note(name, implausible(problem, name, column));
+        if *is_output || Role::of(name) != Role::Heat {
+            let jump = out_of_order(problem, column);
+            note(
+                name,
+                jump.map(|kelvin| format!("{name} jumps by {kelvin:.1} K at one time of the day and never else: are its days in order?")),
+            );
+        }
+        if !is_output && Role::of(name) != Role::Heat {
+            let jumps = jumps(column);
+            note(
+                name,
+                jumps
+                    .map(|n| format!("{name} jumps {n} times by more than {:.0} K from one sample to the next: a loose contact?", STEP[0])),
+            );
+        }
     }
+    note("T_out", clock_of_the_weather(problem));
     for (i, (name, column, is_output)) in temperatures.iter().enumerate() {
         for (other, theirs, _) in &temperatures[i + 1..] {
             if apart(column, theirs).is_some_and(|apart| apart < SAME) {
@@ -165,8 +193,8 @@ fn stuck(problem: &Problem, column: &Column) -> Option<(f64, usize)> {
     (hours >= limit).then_some((hours, at))
 }
 
-/// The first of so many successive days of noise about a constant.
-fn noisy(problem: &Problem, column: &Column) -> Option<usize> {
+/// The first of so many successive days of noise about a constant, with a deviation of less than `most`.
+fn noisy(problem: &Problem, column: &Column, most: f64) -> Option<usize> {
     let per_day = (DAY / problem.grid().step()) as usize;
     if per_day < 12 {
         return None;
@@ -179,10 +207,88 @@ fn noisy(problem: &Problem, column: &Column) -> Option<usize> {
         let mean = mean(&values);
         let variance = values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / values.len() as f64;
         let changes = values.windows(2).map(|pair| (pair[1] - pair[0]).powi(2)).sum::<f64>() / (values.len() - 1) as f64;
-        (NOISE[0]..NOISE[1]).contains(&variance.sqrt()) && 0.5 * changes > WHITE * variance
+        (NOISE[0]..most).contains(&variance.sqrt()) && 0.5 * changes > WHITE * variance
     };
     let days: Vec<bool> = (0..column.values().len() / per_day).map(white).collect();
     days.windows(NOISY_DAYS).position(|days| days.iter().all(|white| *white)).map(|day| day * per_day)
+}
+
+/// The mean jump of a channel at the time of the day at which it jumps beyond all that it does around it, to either side.
+fn out_of_order(problem: &Problem, column: &Column) -> Option<f64> {
+    let per_day = (DAY / problem.grid().step()) as usize;
+    let days = column.values().len() / per_day.max(1);
+    if per_day < 12 || days < ORDER_DAYS {
+        return None;
+    }
+    let change = |k: usize| (column.valid()[k] && column.valid()[k - 1]).then(|| column.values()[k] - column.values()[k - 1]);
+    // Mean of the changes at a time of the day, and of their sizes.
+    let at = |slot: usize| {
+        let changes: Vec<f64> = (0..days).filter_map(|day| (day * per_day + slot).checked_sub(1).and_then(|k| change(k + 1))).collect();
+        (mean(&changes), mean(&changes.iter().map(|change| change.abs()).collect::<Vec<_>>()))
+    };
+    let slots: Vec<(f64, f64)> = (0..per_day).map(at).collect();
+    let by_size = |one: &usize, other: &usize| slots[*one].1.total_cmp(&slots[*other].1);
+    let first = (0..per_day).max_by(by_size)?;
+    let next = (0..per_day).filter(|slot| *slot != first).max_by(by_size)?;
+    let (mean, size) = slots[first];
+    let (ratio, either_way) = (size / slots[next].1, mean.abs() < ONE_SIGN * size);
+    (ratio >= OUT_OF_ORDER && either_way).then_some(size)
+}
+
+/// How often a channel jumps from one sample to the next further than anything does that nobody heats.
+fn jumps(column: &Column) -> Option<usize> {
+    let (values, valid) = (column.values(), column.valid());
+    let jump = |k: &usize| valid[*k] && valid[k - 1] && (values[*k] - values[k - 1]).abs() >= STEP[0];
+    Some((1..values.len()).filter(jump).count()).filter(|count| *count >= JUMPS)
+}
+
+/// What is wrong with the clock of the outdoor temperature, which follows the sun by a few hours wherever there is weather: phases of
+/// the first harmonic of every day against that of the sun's height.
+fn clock_of_the_weather(problem: &Problem) -> Option<String> {
+    let grid = problem.grid();
+    let out = grid.column("T_out")?;
+    let sun = sun_heights(problem)?;
+    let per_day = (DAY / grid.step()) as usize;
+    if per_day < 12 {
+        return None;
+    }
+    let wave = |values: &dyn Fn(usize) -> f64, day: usize| {
+        let (mut re, mut im) = (0.0, 0.0);
+        // Without the line from one midnight to the next, which has a phase of its own.
+        let (first, last) = (values(day * per_day), values((day + 1) * per_day));
+        for i in 0..per_day {
+            let angle = std::f64::consts::TAU * i as f64 / per_day as f64;
+            let value = values(day * per_day + i) - first - (last - first) * i as f64 / per_day as f64;
+            (re, im) = (re + value * angle.cos(), im + value * angle.sin());
+        }
+        (re, im)
+    };
+    let whole = |day: &usize| (day * per_day..=(day + 1) * per_day).all(|k| out.valid()[k] && sun[k].is_finite());
+    // Turned so that the sun's own phase is zero: the angle is the delay behind the sun.
+    let turned: Vec<(f64, f64)> = (0..(grid.len() - 1) / per_day)
+        .filter(whole)
+        .map(|day| {
+            let (a, b) = wave(&|k| out.values()[k], day);
+            let (c, d) = wave(&|k| sun[k], day);
+            let size = (c * c + d * d).sqrt().max(f64::MIN_POSITIVE);
+            ((a * c + b * d) / size, (b * c - a * d) / size)
+        })
+        .collect();
+    let n = turned.len() as f64;
+    if turned.len() < ORDER_DAYS {
+        return None;
+    }
+    let (re, im) = (turned.iter().map(|z| z.0).sum::<f64>() / n, turned.iter().map(|z| z.1).sum::<f64>() / n);
+    let size = (re * re + im * im).sqrt();
+    let scatter = turned.iter().map(|z| (z.0 - re).powi(2) + (z.1 - im).powi(2)).sum::<f64>() / 2.0;
+    let deviation = (scatter / (n * (n - 1.0))).sqrt() / size;
+    let hours = |angle: f64| angle * 24.0 / std::f64::consts::TAU;
+    let (delay, deviation) = (hours(im.atan2(re)), hours(deviation));
+    let [earliest, latest] = FOLLOWS_SUN;
+    let beyond = (earliest - delay).max(delay - latest);
+    (beyond > DOUBTED * deviation).then(|| {
+        format!("T_out is warmest {delay:.1} h after noon, which no weather is: is its clock late or early, does the sun shine on its sensor, or is it not outdoors?")
+    })
 }
 
 /// A step from one sample to the next behind which the channel never comes back for days.
@@ -229,19 +335,32 @@ fn implausible(problem: &Problem, name: &str, column: &Column) -> Option<String>
     }
 }
 
-/// The means of outdoor temperature that the height of the sun at noon allows: generous bounds about the climates of the earth,
-/// from the Siberian winter to the summer of Kuwait.
+/// The means of outdoor temperature that the mean height of the sun at noon allows: generous bounds about the climates of the earth,
+/// from the Siberian winter over Honolulu's to the autumn and the summer of Kuwait.
 fn season(problem: &Problem) -> Option<[f64; 2]> {
+    let heights = sun_heights(problem)?;
+    let per_day = (DAY / problem.grid().step()).max(1) as usize;
+    let highest = |day: &[f64]| day.iter().copied().filter(|height| height.is_finite()).fold(f64::NEG_INFINITY, f64::max);
+    let noons: Vec<f64> = heights.chunks_exact(per_day).map(highest).filter(|noon| noon.is_finite()).collect();
+    let noon = mean(&noons);
+    noon.is_finite().then(|| [-55.0 + 0.6 * noon, 10.0 + 0.3 * noon + 0.0018 * noon * noon.abs()])
+}
+
+/// The height of the sun at every sample, as it was logged or computed for the place, not a number where it is missing. `None` where
+/// neither is known.
+fn sun_heights(problem: &Problem) -> Option<Vec<f64>> {
     let grid = problem.grid();
-    let noon = match (grid.column("sun_altitude"), problem.basis().location) {
-        (Some(column), _) => known(column, 0..grid.len()).into_iter().fold(f64::NEG_INFINITY, f64::max),
-        (None, Some((latitude, longitude))) => {
-            let heights = (0..grid.len()).filter_map(|k| Some(sun_position(grid.time(k), latitude, longitude).ok()?.altitude));
-            heights.fold(f64::NEG_INFINITY, f64::max)
+    match (grid.column("sun_altitude"), problem.basis().location) {
+        (Some(column), _) => {
+            let height = |(value, valid): (&f64, &bool)| if *valid { *value } else { f64::NAN };
+            Some(column.values().iter().zip(column.valid()).map(height).collect())
         }
-        (None, None) => return None,
-    };
-    noon.is_finite().then(|| [-55.0 + 0.6 * noon, 10.0 + 0.45 * noon])
+        (None, Some((latitude, longitude))) => {
+            let height = |k: usize| sun_position(grid.time(k), latitude, longitude).map_or(f64::NAN, |sun| sun.altitude);
+            Some((0..grid.len()).map(height).collect())
+        }
+        (None, None) => None,
+    }
 }
 
 /// Root mean square of the difference of two channels, over a day of common samples at least.

@@ -19,13 +19,15 @@ pub const BELIEVED: f64 = 3.0;
 const MIRRORED: f64 = -3.5;
 /// What is left of the squared error where the clock of a channel is late by some hours and is put right. Nothing in a room comes
 /// before its cause.
-const LATE: f64 = 0.85;
+const LATE: f64 = 0.88;
 /// The same where the channel would have to be early: walls delay as well, up to half a day, so it takes more.
 const EARLY: f64 = 0.75;
 /// What is left where two channels look exchanged.
 const EXCHANGED: f64 = 0.75;
 /// A channel that the regression needs this much, its squared error without it over that with it, cannot be silent in a good fit.
 const NEEDED: f64 = 1.25;
+/// The t from which on a regression without a channel misses it.
+const MISSED: f64 = -2.0;
 /// A channel that daily shifts imitate this seldom is seen by the regression.
 const IMITATED: f64 = 0.1;
 /// How many times as much as the fit claims may be there before it is another thing.
@@ -129,7 +131,7 @@ impl Evidence {
             Some((explained, _)) if explained.t >= BELIEVED => explained.size.max(1e-3).ln().abs(),
             _ => f64::INFINITY,
         };
-        let worth = |input: &&InputEvidence| input.followed.is_some_and(|followed| followed.without.t <= -2.0);
+        let worth = |input: &&InputEvidence| input.followed.is_some_and(|followed| followed.without.t <= MISSED);
         let followed = self.inputs.iter().filter(worth).max_by(|one, other| strange(one).total_cmp(&strange(other)));
         followed.map(|input| input.channel.as_str())
     }
@@ -149,14 +151,14 @@ impl InputEvidence {
     /// Whether the room is seen to follow the input.
     pub fn is_seen(&self) -> bool {
         let claimed = self.is_as_claimed();
-        let followed = self.followed.is_some_and(|followed| followed.gain_t.abs() >= BELIEVED && followed.without.t <= -2.0);
+        let followed = self.followed.is_some_and(|followed| followed.gain_t.abs() >= BELIEVED && followed.without.t <= MISSED);
         claimed || followed && self.shift_p.is_some_and(|p| p <= IMITATED)
     }
 
     /// Whether the room rises where the fit lets it fall, or the other way round, and the fit's own witness does not contradict.
     pub fn is_mirrored(&self) -> bool {
         let sign = if self.rises { 1.0 } else { -1.0 };
-        !self.is_as_claimed() && self.followed.is_some_and(|followed| sign * followed.gain_t <= MIRRORED && followed.without.t <= -2.0)
+        !self.is_as_claimed() && self.followed.is_some_and(|followed| sign * followed.gain_t <= MIRRORED && followed.without.t <= MISSED)
     }
 
     /// Whether the room plainly follows the channel and the fit does not.
@@ -198,7 +200,7 @@ impl<'a> Look<'a> {
             return None;
         }
         let starts: Vec<Vec<f64>> = segments.first_samples().map(|k| run.filtered.states[k].clone()).collect();
-        let outputs = segments.outputs(problem, problem.simulator(), theta, &starts);
+        let outputs = segments.outputs(problem, problem.simulator(), &[theta], &starts).remove(0);
         Some(Self { hours, problem, theta, segments, starts, outputs })
     }
 
@@ -219,7 +221,7 @@ impl<'a> Look<'a> {
         let (inputs, simulator) = (self.problem.inputs(), self.problem.simulator());
         let still = simulator.with_inputs(&inputs.with_values(input, vec![inputs.mean(input); inputs.samples()]));
         let linear = self.segments.linearise(self.problem, &still, self.theta, &self.starts)?;
-        let without = self.segments.outputs(self.problem, &still, self.theta, &self.starts);
+        let without = self.segments.outputs(self.problem, &still, &[self.theta], &self.starts).remove(0);
         let moves = self.outputs.iter().zip(without).map(|(with, without)| with - without).collect();
         let direction = linear.without_parameters(&self.segments.without_starts(&linear, moves));
         self.segments.explained(&linear.without_parameters(&linear.residual), &direction)
@@ -230,8 +232,10 @@ impl<'a> Look<'a> {
         let (inputs, simulator) = (self.problem.inputs(), self.problem.simulator());
         let (low, high) = inputs.range(input);
         let higher: Vec<f64> = inputs.values(input).iter().map(|value| value + 0.1 * (high - low)).collect();
-        let outputs =
-            self.segments.outputs(self.problem, &simulator.with_inputs(&inputs.with_values(input, higher)), self.theta, &self.starts);
+        let outputs = self
+            .segments
+            .outputs(self.problem, &simulator.with_inputs(&inputs.with_values(input, higher)), &[self.theta], &self.starts)
+            .remove(0);
         outputs.iter().zip(&self.outputs).map(|(higher, as_logged)| higher - as_logged).sum::<f64>() >= 0.0
     }
 }
@@ -271,6 +275,6 @@ fn hear(problem: &Problem, looks: &[Look], regression: Option<&Regression>, inpu
 
 /// The best other clock of the room itself.
 fn clock(regression: &Regression) -> Option<(i64, Compared)> {
-    let clocks = [3, 6, 12, -3, -6, -12].into_iter().map(|late| (late, regression.with_all_shifted(-late)));
+    let clocks = regression.with_all_shifted(&[-3, -6, -12, 3, 6, 12]).map(|(hours, compared)| (-hours, compared));
     clocks.min_by(|(_, one), (_, other)| one.ratio.total_cmp(&other.ratio))
 }

@@ -92,8 +92,8 @@ fn starts_take_no_part_and_a_direction_is_found_at_its_size() {
     let inputs = problem.inputs();
     let out = problem.model().inputs().iter().position(|input| input.channel == "T_out").unwrap();
     let still = problem.simulator().with_inputs(&inputs.with_values(out, vec![inputs.mean(out); inputs.samples()]));
-    let (with, without) =
-        (segments.outputs(problem, problem.simulator(), &theta, &starts), segments.outputs(problem, &still, &theta, &starts));
+    let outputs = |simulator| segments.outputs(problem, simulator, &[&theta], &starts).remove(0);
+    let (with, without) = (outputs(problem.simulator()), outputs(&still));
     let direction = segments.without_starts(&linear, with.iter().zip(&without).map(|(with, without)| with - without).collect());
     let laid: Vec<f64> = linear.residual.iter().zip(&direction).map(|(residual, direction)| residual + 0.7 * direction).collect();
     let found = segments.explained(&laid, &direction).unwrap();
@@ -163,7 +163,7 @@ fn a_regression_loses_by_what_it_is_denied() {
     let beside = regression.beside(regression.inputs().next().unwrap()).unwrap();
     let (followed, itself) = (beside.followed(), beside.shifted(0).unwrap());
     assert!(followed.without.ratio > 1.0 && (itself.ratio - 1.0).abs() < 1e-9, "{followed:?} {itself:?}");
-    let all = regression.with_all_shifted(0);
+    let (_, all) = regression.with_all_shifted(&[0]).next().unwrap();
     assert!((all.ratio - 1.0).abs() < 1e-12 && all.t == 0.0, "{all:?}");
     // Two days of 4 and 9 beside 1 and 3: ratio 13 / 4, differences -3 and -6.
     let compared = Compared::of(&[1.0, 3.0], &[4.0, 9.0]);

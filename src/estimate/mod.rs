@@ -42,6 +42,7 @@ pub mod rules;
 pub mod run;
 pub mod segments;
 pub mod served;
+pub mod shooting;
 pub mod skill;
 pub mod stop;
 pub mod summary;

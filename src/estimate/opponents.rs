@@ -91,7 +91,7 @@ pub fn with_regression(problem: &Problem, theta: &[f64], run: &FilterRun, regres
     let (values, valid) = problem.measured()[0];
     let forecasts = regression.forecasts(&split.train, &split.validation);
     let series = forecast_series(problem, theta, run, split.validation.clone(), &[lead]);
-    let error = |(target, theirs, _): (std::ops::Range<usize>, f64, f64)| {
+    let error = |(target, theirs): (std::ops::Range<usize>, f64)| {
         // The regression forecasts means of hours, so the fit's forecasts are taken over the same samples.
         let both: Vec<(f64, f64)> = target.clone().filter(|k| valid[*k]).filter_map(|k| Some((series[0][0][k]?, values[k]))).collect();
         let n = both.len() as f64;

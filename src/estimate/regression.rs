@@ -141,19 +141,20 @@ impl Regression {
         Some(Beside { regression: self, driver: &self.drivers[place], logged_by_day: self.squares(&logged.rest), others, rest, logged })
     }
 
-    /// The regression with all inputs so many hours later (`hours` negative) or earlier, beside that of what was logged: the clock
-    /// of the room itself.
-    pub fn with_all_shifted(&self, hours: i64) -> Compared {
+    /// The regression with all inputs so many hours later (negative) or earlier, beside that of what was logged: the clock of the room
+    /// itself.
+    pub fn with_all_shifted<'a>(&'a self, hours: &'a [i64]) -> impl Iterator<Item = (i64, Compared)> + 'a {
         let error = |shift: i64| {
             let columns = self.drivers.iter().flat_map(|driver| self.columns(&rolled(&driver.hourly, shift)));
             self.squares(&Basis::of(self.own.iter().cloned().chain(columns).collect()).without(self.target.clone()))
         };
-        Compared::of(&error(0), &error(hours))
+        let logged = error(0);
+        hours.iter().map(move |hours| (*hours, Compared::of(&logged, &error(*hours))))
     }
 
     /// Forecasts of the first output by a regression on the rows whose target lies in `train`, for the rows whose origin and target
-    /// lie in `range`: the hour of the target, counted on the grid, with the forecast and the mean that was measured.
-    pub fn forecasts(&self, train: &Range<usize>, range: &Range<usize>) -> Vec<(Range<usize>, f64, f64)> {
+    /// lie in `range`: the samples of the target's hour, with the forecast of their mean.
+    pub fn forecasts(&self, train: &Range<usize>, range: &Range<usize>) -> Vec<(Range<usize>, f64)> {
         let target = |k: usize| samples(k + AHEAD as usize, self.per_hour);
         let learnt: Vec<usize> = (0..self.origins.len()).filter(|row| target(self.origins[*row]).end <= train.end).collect();
         let columns: Vec<&DVector<f64>> = self.own.iter().chain(self.drivers.iter().flat_map(|driver| &driver.columns)).collect();
@@ -170,8 +171,7 @@ impl Regression {
         judged
             .map(|row| {
                 let forecast: f64 = columns.iter().zip(coefficients.iter()).map(|(column, c)| c * column[row]).sum();
-                let now = self.own[1][row];
-                (target(self.origins[row]), now + forecast, now + self.target[row])
+                (target(self.origins[row]), self.own[1][row] + forecast)
             })
             .collect()
     }

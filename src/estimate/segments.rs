@@ -20,9 +20,12 @@ const DAY: i64 = 86_400;
 const START_STEP: f64 = 0.1;
 /// A start whose response is this small beside the largest of its segment is none that the outputs could tell.
 const UNSEEN_START: f64 = 1e-6;
+/// How far a start is believed to lie from where it was expected when it is estimated, in the unit of the states: a slow state is not
+/// determined by a few hours.
+const START_REACH: f64 = 3.0;
 /// How far a parameter is believed to lie from the fit when the linear problem is solved, as a share of what is searched. It
 /// keeps what the data do not determine from leaving the reach of the linearisation.
-const REACH: f64 = 0.3;
+pub(super) const REACH: f64 = 0.3;
 
 /// A record cut into segments: ranges of samples within which all inputs are known.
 #[derive(Debug, Clone)]
@@ -91,12 +94,13 @@ impl Segments {
     /// free parameter. `starts` has the states at each segment's first sample. `None` where a lane leaves the numbers.
     pub fn linearise(&self, problem: &Problem, simulator: &Simulator, theta: &[f64], starts: &[Vec<f64>]) -> Option<Linear> {
         let states = problem.model().states().len();
-        let (steps, moved) = moved(problem, theta);
+        let Moved { along, steps, slopes, thetas: moved } = moved(problem, theta);
+        let measured_state = problem.model().states().iter().position(|state| state.initial == Initial::Measured(0));
         let n = self.rows.len();
         let measured = problem.measured();
         let mut residual = vec![0.0; n];
         let mut columns = vec![vec![0.0; n]; steps.len()];
-        let mut bases = Vec::with_capacity(self.pieces.len());
+        let (mut bases, mut pulses, mut nearer) = (Vec::with_capacity(self.pieces.len()), Vec::new(), Vec::new());
         for ((piece, rows), start) in self.pieces.iter().zip(&self.of_piece).zip(starts) {
             let bumped: Vec<Vec<f64>> = (0..states)
                 .map(|state| {
@@ -124,26 +128,66 @@ impl Segments {
                     columns[column][row] = (at(1 + states + column, row) - at(0, row)) / step;
                 }
             }
+            let pulse =
+                |state: usize| runs[1 + state][0].iter().zip(&runs[0][0]).map(|(bumped, kept)| (bumped - kept) / START_STEP).collect();
+            pulses.push(measured_state.map_or_else(Vec::new, pulse));
+            nearer.push(self.nearer(problem, start, &responses, &residual[rows.clone()]));
             bases.push(basis(responses)?);
         }
         if residual.iter().chain(columns.iter().flatten()).any(|value| !value.is_finite()) {
             return None;
         }
-        let mut linear = Linear { bases, residual: Vec::new(), columns: Vec::new(), factor: None };
+        let mut linear = Linear { bases, residual: Vec::new(), columns: Vec::new(), along, slopes, pulses, starts: nearer, factor: None };
         linear.residual = self.without_starts(&linear, residual);
         linear.columns = columns.into_iter().map(|column| self.without_starts(&linear, column)).collect();
         linear.factor = linear.normal();
         Some(linear)
     }
 
-    /// The outputs along the segments, one after the other as the rows are, from the same starts under other inputs.
-    pub fn outputs(&self, problem: &Problem, simulator: &Simulator, theta: &[f64], starts: &[Vec<f64>]) -> Vec<f64> {
-        let mut values = vec![0.0; self.rows.len()];
+    /// A start of a segment, moved to where the outputs ask for it.
+    fn nearer(&self, problem: &Problem, start: &[f64], responses: &DMatrix<f64>, residual: &[f64]) -> Vec<f64> {
+        let mut normal = responses.tr_mul(responses);
+        (0..start.len()).for_each(|i| normal[(i, i)] += (problem.scaled_noise() / START_REACH).powi(2));
+        let right = responses.tr_mul(&DVector::from_column_slice(residual));
+        let step = normal.cholesky().map(|factor| factor.solve(&right));
+        start.iter().enumerate().map(|(i, start)| start + step.as_ref().map_or(0.0, |step| step[i])).collect()
+    }
+
+    /// What heat into the first measured state does to the first output, for every hour of the local day that is counted by `hour`: a
+    /// column each, without starts. All that follows the clock is made of them, in a model that is nearly linear.
+    pub fn by_clock(&self, linear: &Linear, step_hours: f64, hour: impl Fn(usize) -> usize) -> Vec<Vec<f64>> {
+        let mut columns = vec![vec![0.0; self.rows.len()]; 24];
+        for ((piece, rows), pulse) in self.pieces.iter().zip(&self.of_piece).zip(&linear.pulses) {
+            let length = pulse.len();
+            let mut answers = vec![vec![0.0; length]; 24];
+            for k in 0..length {
+                let answer = &mut answers[hour(piece.start + k) % 24];
+                // Heat over a step is a pulse somewhere within it: the mean of one at its start and one at its end.
+                let means = pulse.windows(2).map(|pair| 0.5 * (pair[0] + pair[1]));
+                answer[k + 1..].iter_mut().zip(means).for_each(|(answer, mean)| *answer += step_hours * mean);
+            }
+            for row in rows.clone().filter(|row| length > 0 && self.rows[*row].0 == 0) {
+                columns.iter_mut().zip(&answers).for_each(|(column, answer)| column[row] = answer[self.rows[row].1 - piece.start]);
+            }
+        }
+        columns.into_iter().map(|column| self.without_starts(linear, column)).collect()
+    }
+
+    /// Which rows lie before a sample.
+    pub fn before(&self, sample: usize) -> Vec<bool> {
+        self.rows.iter().map(|(_, k, _)| *k < sample).collect()
+    }
+
+    /// The outputs along the segments for some parameter vectors, row by row, from the same starts.
+    pub fn outputs(&self, problem: &Problem, simulator: &Simulator, thetas: &[&[f64]], starts: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        let mut values = vec![vec![0.0; self.rows.len()]; thetas.len()];
         for ((piece, rows), start) in self.pieces.iter().zip(&self.of_piece).zip(starts) {
-            let runs = simulator.run_from(piece.clone(), &[theta], &[start]);
-            for row in rows.clone() {
-                let (output, k, _) = self.rows[row];
-                values[row] = runs[0][output][k - piece.start] / problem.scale(output);
+            let runs = simulator.run_from(piece.clone(), thetas, &vec![start.as_slice(); thetas.len()]);
+            for (values, run) in values.iter_mut().zip(&runs) {
+                for row in rows.clone() {
+                    let (output, k, _) = self.rows[row];
+                    values[row] = run[output][k - piece.start] / problem.scale(output);
+                }
             }
         }
         values
@@ -174,6 +218,14 @@ pub struct Linear {
     pub residual: Vec<f64>,
     /// The model's own Jacobian, a column for each free parameter, in the unit cube of the search.
     pub columns: Vec<Vec<f64>>,
+    /// The parameter of each column, by its place in the full vector.
+    pub along: Vec<usize>,
+    /// What a unit of the cube is in the parameter's own unit, here.
+    pub slopes: Vec<f64>,
+    /// What a unit more of the first measured state at a segment's start does to the first output, sample by sample.
+    pulses: Vec<Vec<f64>>,
+    /// The states at the segments' starts, moved to where the outputs ask for them.
+    pub starts: Vec<Vec<f64>>,
     factor: Option<Cholesky<f64, Dyn>>,
 }
 
@@ -234,19 +286,31 @@ impl Segments {
     }
 }
 
-/// The steps of the free parameters in the unit cube, and the parameter vectors there. Those that are a start of the record and
-/// nothing else are left out: segments have starts of their own.
-fn moved(problem: &Problem, theta: &[f64]) -> (Vec<f64>, Vec<Vec<f64>>) {
+/// Forward differences along the free parameters. Those that are a start of the record and nothing else are left out: segments have
+/// starts of their own.
+struct Moved {
+    along: Vec<usize>,
+    steps: Vec<f64>,
+    slopes: Vec<f64>,
+    thetas: Vec<Vec<f64>>,
+}
+
+fn moved(problem: &Problem, theta: &[f64]) -> Moved {
     let centre = problem.candidate(theta);
     let difference = problem.difference();
-    let one = |i: usize| {
-        let mut moved = centre.clone();
-        let step = if moved.0[i] + difference > 1.0 { -difference } else { difference };
-        moved.0[i] += step;
-        (step, problem.theta(&moved))
-    };
     let is_start = |index: usize| problem.model().states().iter().any(|state| state.initial == Initial::Parameter(index));
-    problem.free().iter().enumerate().filter(|(_, index)| !is_start(**index)).map(|(i, _)| one(i)).unzip()
+    let mut moved = Moved { along: Vec::new(), steps: Vec::new(), slopes: Vec::new(), thetas: Vec::new() };
+    for (i, index) in problem.free().iter().enumerate().filter(|(_, index)| !is_start(**index)) {
+        let mut there = centre.clone();
+        let step = if there.0[i] + difference > 1.0 { -difference } else { difference };
+        there.0[i] += step;
+        let there = problem.theta(&there);
+        moved.along.push(*index);
+        moved.steps.push(step);
+        moved.slopes.push((there[*index] - theta[*index]) / step);
+        moved.thetas.push(there);
+    }
+    moved
 }
 
 /// An orthonormal basis of what the columns span, without those that are too small to be seen.
@@ -273,6 +337,7 @@ fn basis(columns: DMatrix<f64>) -> Option<DMatrix<f64>> {
     Some(if kept.is_empty() { DMatrix::zeros(columns.nrows(), 0) } else { DMatrix::from_columns(&kept) })
 }
 
-pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
+/// The inner product of two series.
+pub fn dot(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }

@@ -33,7 +33,7 @@ struct Case {
     /// One of these is in the sentence that names the channel.
     #[serde(default)]
     says: Vec<String>,
-    /// What would show it where the gate cannot.
+    /// What would show it where the gate cannot: never, or, of what is expected to be stopped, as long as it knows no months before.
     shown_by: Option<String>,
 }
 
@@ -209,7 +209,7 @@ fn spoil(room: &Room, case: &Case, truth: &(Problem, Fit), seed: u64, automatic:
 #[test]
 fn spoilt_measurements_are_stopped_by_name() {
     let cases = folders();
-    let seeds: Vec<u64> = if full() { (73_100..73_102).collect() } else { vec![71_100] };
+    let seeds: Vec<u64> = if full() { (79_400..79_402).collect() } else { vec![71_100] };
     let levels = if full() { vec![Level::Matched, Level::Rich] } else { vec![Level::Matched] };
     let mut rooms: Vec<Room> = levels.iter().flat_map(|level| seeds.iter().map(|seed| twin(*level, *seed))).collect();
     rooms.extend(measured());
@@ -234,7 +234,9 @@ fn spoilt_measurements_are_stopped_by_name() {
     let mut wrong = Vec::new();
     for (way, (name, allowed)) in [("cold", 0.05), ("with an incumbent", 0.03), ("automatic", 0.0)].into_iter().enumerate() {
         let ended = || found.iter().filter_map(|(room, case, ways)| Some((&rooms[*room], &cases[*case], ways[way].as_ref()?)));
-        let harmful: Vec<_> = ended().filter(|(_, (_, case), ended)| ended.harmful && case.expect == Expected::Stopped).collect();
+        let by_nature = |case: &Case| case.expect == Expected::Undetectable || (way == 0 && case.shown_by.is_some());
+        let harmful: Vec<_> =
+            ended().filter(|(_, (_, case), ended)| ended.harmful && case.expect == Expected::Stopped && !by_nature(case)).collect();
         let served: Vec<_> = harmful.iter().filter(|(_, _, ended)| ended.served).collect();
         let stopped = harmful.len() - served.len();
         let named = harmful.iter().filter(|(_, _, ended)| !ended.served && ended.named).count();
@@ -248,7 +250,7 @@ fn spoilt_measurements_are_stopped_by_name() {
                 );
             }
         }
-        for (room, (case, what), ended) in ended().filter(|(_, (_, case), _)| case.expect == Expected::Undetectable) {
+        for (room, (case, what), ended) in ended().filter(|(_, (_, case), _)| by_nature(case)) {
             let way = if ended.served { "served" } else { "stopped" };
             println!("  by nature: {}: {case} {way}; {}", room.name, what.shown_by.as_deref().unwrap_or("-"));
         }

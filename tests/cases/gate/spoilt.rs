@@ -118,7 +118,8 @@ pub fn apply(
                 let shine = |k: usize| Some(sun[k]?.to_radians().sin().max(0.0) * (1.0 - 0.75 * cloud[k]?.powf(3.4)));
                 (0..column.len()).map(|k| Some(column[k]? + change.kelvin * shine(k)?)).collect()
             }
-            ("fahrenheit" | "offset", _) if !name_of_temperature(name) => return None,
+            // What a power is multiplied by, its gain takes up: that is no fault to a controller which reads the same meter.
+            ("fahrenheit" | "offset" | "scale", _) if !name_of_temperature(name) => return None,
             _ => one(change, column, table.per_day(), &mut dice),
         };
         changed.columns[place][from..].copy_from_slice(&spoilt);
