@@ -15,6 +15,7 @@ mod page;
 mod params;
 mod plant;
 mod plant_worlds;
+mod real;
 mod room;
 mod search;
 mod verdicts;
@@ -71,6 +72,9 @@ pub struct Arguments {
     /// Drive a plant with the measured influent of Jena instead, from the folder that holds `jena_influent_15min.csv`.
     #[arg(long, value_name = "FOLDER")]
     jena: Option<PathBuf>,
+    /// The folder of measured rooms for `real`.
+    #[arg(long, value_name = "FOLDER", default_value = "../shared/data/rooms")]
+    data: PathBuf,
     /// Print a line per world, or per search, as it is done.
     #[arg(long)]
     each: bool,
@@ -87,6 +91,8 @@ enum Subject {
     Room,
     /// What a diagnosis names on synthetic rooms with hidden effects.
     Diagnose,
+    /// The same on measured rooms with a known driver withheld, and with the channels of other days.
+    Real,
     /// The same on synthetic treatment plants: of sixty worlds twenty hide nothing, eight an effect that no catalogue has.
     DiagnosePlant,
     /// Chapter 5 of the thesis: the firefly family and its rivals on three functions.
@@ -230,6 +236,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
             rows
         }
         Subject::DiagnosePlant => plant_worlds::run(arguments.seed, arguments.worlds, arguments.only.as_deref(), arguments.each)?,
+        Subject::Real => real::run(&arguments.data, arguments.only.as_deref(), arguments.each)?,
         Subject::Diagnose => diagnose::run(arguments.seed, arguments.worlds, arguments.only.as_deref(), arguments.each)?,
     };
     if arguments.json {

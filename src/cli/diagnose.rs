@@ -8,7 +8,7 @@ use lampyris::data::{SplitRequest, Window};
 use lampyris::diagnose::report::{Considered, Finding};
 use lampyris::diagnose::{Adequacy, Diagnosis, diagnose};
 use lampyris::estimate::metrics::error_unit;
-use lampyris::estimate::request::SeededMethod;
+use lampyris::estimate::request::{AccusationRate, SeededMethod};
 use lampyris::estimate::{Control, EstimateRequest, Fit, Judgement, Past, Policy, Problem, Progress, Site, estimate, prepare, validate};
 use lampyris::model::Catalogue;
 use lampyris::optimise::Method;
@@ -20,6 +20,9 @@ pub struct Arguments {
     /// The seed of the first fit: the same seed gives the same bits.
     #[arg(long, default_value_t = 1)]
     seed: u64,
+    /// How often segments of hours may accuse where nothing is missing
+    #[arg(long, default_value = "0.01")]
+    accusation_rate: AccusationRate,
     /// Print the diagnosis as JSON.
     #[arg(long)]
     json: bool,
@@ -67,7 +70,8 @@ pub fn first_fit(measured: &Measured, seed: u64, quiet: bool) -> Result<First, F
 
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let first = first_fit(&arguments.measured, arguments.seed, arguments.json)?;
-    let diagnosis = diagnose(&first.catalogue, &first.problem, &first.fit.theta(), &first.window, &first.site, &Control::NONE)
+    let First { catalogue, problem, fit, window, site, .. } = &first;
+    let diagnosis = diagnose(catalogue, problem, &fit.theta(), window, site, arguments.accusation_rate, &Control::NONE)
         .map_err(|error| Failure::Error(error.to_string()))?;
     if arguments.json {
         print(&serde_json::to_string(&diagnosis).map_err(|error| Failure::Error(error.to_string()))?);

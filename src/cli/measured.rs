@@ -80,15 +80,16 @@ impl Measured {
         self.without.iter().fold(with, |model, effect| model.minus(effect))
     }
 
-    /// What is asked for, with these parts where none are given.
+    /// What is asked for, with these parts where none are given. Who names lengths gets those and no test part beside them.
     pub fn request(&self, split: SplitRequest) -> EstimateRequest {
+        let named = self.train.is_some() || self.validation.is_some();
         EstimateRequest {
             model: Some(self.model()),
             window: Some(WindowRange { last: None, from: self.from.clone(), to: self.to.clone() }),
             split: SplitRequest {
                 train: self.train.unwrap_or(split.train),
                 validation: self.validation.unwrap_or(split.validation),
-                test: self.test.or(split.test),
+                test: self.test.or(split.test.filter(|_| !named)),
             },
             ..EstimateRequest::default()
         }

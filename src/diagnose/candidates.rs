@@ -16,8 +16,10 @@ use rayon::prelude::*;
 const LEAST_VALID: f64 = 0.9;
 /// Largest rate that one channel may explain on its own, in K/h.
 const LARGEST_RATE: f64 = 3.0;
+/// Water that heats a room is at times this much warmer than the room ever was, in K.
+const WARMER: f64 = 3.0;
 /// Columns that the program computes, or that set the clock: nothing that a room can go with.
-const COMPUTED: [&str; 5] = ["hour_of_day", "weekday", "sun_altitude", "sun_azimuth", "window_drop"];
+pub const COMPUTED: [&str; 5] = ["hour_of_day", "weekday", "sun_altitude", "sun_azimuth", "window_drop"];
 
 /// An effect that the model may be missing.
 #[derive(Debug, Clone)]
@@ -143,7 +145,9 @@ fn names(catalogue: &Catalogue, base: &Problem, grid: &Grid) -> Vec<String> {
             None => names.push(effect.id.clone()),
             Some(_) if !effect.choices.is_empty() => names.extend(effect.choices.keys().map(|choice| format!("{}:{choice}", effect.id))),
             Some(_) => {
-                let members = grid.columns().filter(|(channel, column)| is_member(effect, channel, column.unit(), base));
+                let members = grid.columns().filter(|(channel, column)| {
+                    is_member(effect, channel, column.unit(), base) && (!effect.heats() || is_warm(column, grid, base))
+                });
                 names.extend(members.map(|(channel, _)| format!("{}:{channel}", effect.id)));
             }
         }
@@ -160,6 +164,13 @@ fn names(catalogue: &Catalogue, base: &Problem, grid: &Grid) -> Vec<String> {
     };
     names.retain(|name| !has(name) && at_home(name));
     names
+}
+
+/// Whether a temperature is at times so much warmer than the first output that it could heat it.
+fn is_warm(column: &Column, grid: &Grid, base: &Problem) -> bool {
+    let highest = |column: &Column| column.values().iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    let room = base.model().outputs().first().and_then(|output| grid.column(&output.channel));
+    room.is_some_and(|room| highest(column) >= highest(room) + WARMER)
 }
 
 /// Whether an effect has anything to do with a model: what makes rooms warm is no question to a treatment plant, and the reverse.
@@ -182,7 +193,8 @@ fn is_at_home(effect: &EffectSpec, model: &ModelSpec) -> bool {
 fn is_member(effect: &EffectSpec, channel: &str, unit: &str, base: &Problem) -> bool {
     let used = base.model().inputs().iter().any(|input| input.channel == channel);
     let output = base.model().outputs().iter().any(|output| output.channel == channel);
-    if output || COMPUTED.contains(&channel) {
+    let begins = |names: &[String]| names.iter().any(|name| channel.starts_with(name.as_str()));
+    if output || COMPUTED.contains(&channel) || begins(&effect.strangers) || !(effect.members.is_empty() || begins(&effect.members)) {
         return false;
     }
     let wanted = effect.inputs.get("{channel}").map_or(AS_IT_COMES, |input| input.unit.as_str());
@@ -195,7 +207,9 @@ fn is_member(effect: &EffectSpec, channel: &str, unit: &str, base: &Problem) -> 
             let known = ChannelKind::of_name(channel).is_some() && channel != "CO2";
             !used && !known && !moist && !converts("degC")
         }
-        "degC" => channel.starts_with("T_room_"),
+        // Another room may be coupled to this one already, and its door stand open all the same.
+        "degC" if !effect.members.is_empty() => converts("degC"),
+        "degC" => channel.starts_with("T_") && !used,
         wanted => converts(wanted) && !used,
     }
 }

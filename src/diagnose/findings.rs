@@ -11,9 +11,11 @@ use super::report::{
 };
 use super::residual::residual;
 use super::screen::{Blind, Screen};
+use super::surrogates::Shown;
 use crate::data::Window;
 use crate::estimate::metrics::{HORIZONS, ahead, error_unit, filter};
 use crate::estimate::physics::{jacobian, mean_inputs};
+use crate::estimate::request::AccusationRate;
 use crate::estimate::run::at_bound;
 use crate::estimate::uncertainty::uncertainty;
 use crate::estimate::whiten::stride;
@@ -64,7 +66,8 @@ impl DiagnoseError {
     }
 }
 
-/// Which effects the model is missing. `theta` is the fit to start from; it is polished first.
+/// Which effects the model is missing. `theta` is the fit to start from; it is polished first. `rate` is how often segments of hours may
+/// accuse where nothing is missing.
 ///
 /// # Errors
 /// [`DiagnoseError`] where the model diverges, the window does not serve, or `control` interrupts.
@@ -74,6 +77,7 @@ pub fn diagnose(
     theta: &[f64],
     window: &Window,
     site: &Site,
+    rate: AccusationRate,
     control: &Control,
 ) -> Result<Diagnosis, DiagnoseError> {
     let days = |range: &std::ops::Range<usize>| {
@@ -105,7 +109,9 @@ pub fn diagnose(
         }
         // The openings that a drop detector marks are off by up to half an hour, which a lag then repairs.
         library.retain(|suspect| !(suspect.id == "sensor_lag" && found.iter().any(|name| name == "window_opening")));
-        let outcome = round(&mut null, &library, strict, &halt).ok_or_else(nothing)?;
+        // What could not be told from a finding is named with it already.
+        library.retain(|suspect| !found.contains(&suspect.id));
+        let outcome = round(&mut null, &library, strict, rate.into(), &halt).ok_or_else(nothing)?;
         interrupted(control)?;
         report.evaluations.push(null.fitted.evaluations + outcome.evaluations);
         if number == 1 {
@@ -117,6 +123,7 @@ pub fn diagnose(
         let next = Null::settle(suspect.problem.clone(), &winner.fitted.plain, Some(&winner.fitted.white), &halt).ok_or_else(nothing)?;
         let finding = finding(&null, &next, &library, &outcome, winner, number);
         found.push(suspect.id.clone());
+        found.extend(finding.tied_with.iter().cloned());
         report.findings.push(finding);
         null = next;
     }
@@ -189,9 +196,12 @@ fn tell_round(report: &mut Diagnosis, library: &[Suspect], outcome: &Round) {
             report.not_testable.push(NotTestable { effect: library[one.suspect].id.clone(), reason: IMITATED.to_owned() });
             continue;
         }
-        let why = match &one.gate {
-            None => format!("it gains {:.0} in BIC", one.delta_bic),
-            Some((_, why)) => why.clone(),
+        let why = match (&one.gate, &one.heard.shown) {
+            (None, Some(Shown { evidence, .. })) => {
+                format!("over {:.0} h it explains {:.0} % of the error, t {:.1}", evidence.hours, 100.0 * evidence.share, evidence.t)
+            }
+            (None, None) => format!("it gains {:.0} in BIC", one.delta_bic),
+            (Some((_, why)), _) => why.clone(),
         };
         report.considered.push(Considered {
             effect: library[one.suspect].id.clone(),
@@ -291,6 +301,7 @@ fn finding(null: &Null, next: &Null, library: &[Suspect], outcome: &Round, winne
         separate_by,
         kind: if refinement { FindingKind::Refinement } else { FindingKind::Cause },
         evidence,
+        segments: winner.heard.shown.as_ref().map(|shown| shown.evidence.clone()),
         shape: Some(shape(null, next, suspect)),
     }
 }
@@ -312,6 +323,10 @@ fn evidence(suspect: &Suspect, winner: &Tried, rmse: &RmsePairs) -> Vec<String> 
     }
     if let Some([before, after]) = rmse.validation_ahead.get("PT24H") {
         sentences.push(format!("Forecasts a day ahead err by {after:.2} instead of {before:.2} {unit}."));
+    }
+    if let Some(shown) = &winner.heard.shown {
+        sentences.extend(shown.evidence.sentences(suspect));
+        return sentences;
     }
     let least = least_gain(suspect, winner);
     match winner.slow_delta_bic {

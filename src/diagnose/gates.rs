@@ -65,6 +65,10 @@ pub(super) fn gate(suspect: &Suspect, one: &Tried, strict: bool, rho: f64, place
     if !allowed {
         return Some((Gate::Sign, "the data ask for a sign that physics does not allow".to_owned()));
     }
+    // Days are the judges of what a logged channel drives, whatever the minutes say.
+    if one.heard.shown.is_some() {
+        return None;
+    }
     // What is no number reaches nothing.
     let reaches = |value: Option<f64>, least: f64| value.is_some_and(|value| value >= least);
     // A cause stands out from what everybody gains.
@@ -166,9 +170,14 @@ pub(super) fn ties(tried: &mut [Tried], suspects: &[Suspect], winner: usize) -> 
         let one = &tried[place];
         let suspect = &suspects[one.suspect];
         let named = |other: usize| suspect.is_choice() && suspects[other].family() == suspect.family();
-        let alike = gain(one) >= least || correlation(&one.score.direction, &best.score.direction).abs() > TIE_CORRELATION;
+        // Whom segments show is told apart by what it adds to them.
+        let alike = match (&one.heard.shown, &best.heard.shown) {
+            (Some(one), Some(best)) => one.likeness(best) > TIE_CORRELATION,
+            (None, Some(_)) => false,
+            _ => gain(one) >= least || correlation(&one.score.direction, &best.score.direction).abs() > TIE_CORRELATION,
+        };
         let held_out = matches!(one.gate, Some((Gate::HeldOut, _))) && !suspect.endogenous;
-        let likely = held_out && gain(one) >= least && one.fall.is_some_and(|fall| fall < 1.0);
+        let likely = best.heard.shown.is_none() && held_out && gain(one) >= least && one.fall.is_some_and(|fall| fall < 1.0);
         if !(likely || (one.gate.is_none() && alike)) {
             continue;
         }

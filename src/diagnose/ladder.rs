@@ -8,6 +8,7 @@ use super::rank::round;
 use crate::data::Window;
 use crate::estimate::likelihood::LikelihoodRatio;
 use crate::estimate::metrics::{HORIZONS, ahead, filter};
+use crate::estimate::request::AccusationRate;
 use crate::estimate::{Control, Problem, Site};
 use crate::model::Catalogue;
 use indexmap::IndexMap;
@@ -87,7 +88,7 @@ pub fn ladder(
             (library, _) = suspects(catalogue, &null.problem, &grid, &holes, site);
             null.problem = align(&null.problem, &mut library);
         }
-        let outcome = round(&mut null, &library, false, &halt).ok_or_else(nothing)?;
+        let outcome = round(&mut null, &library, false, AccusationRate::default().into(), &halt).ok_or_else(nothing)?;
         interrupted(control)?;
         if steps.is_empty() {
             steps.push(step(&null, None, 0.0, noise, true, "the model as it is".to_owned()));

@@ -25,8 +25,10 @@ mod refit;
 pub mod regimes;
 pub mod report;
 pub mod residual;
+mod score_test;
 mod screen;
 pub mod spectrum;
+pub mod surrogates;
 #[cfg(test)]
 mod tests;
 

@@ -8,6 +8,7 @@ use super::fitted::{Fitted, Measured, Null};
 use super::gates::{LEAST_BIC, LEAST_FALL, gate, ties};
 use super::report::Gate;
 use super::screen::{Blind, Score, Screen};
+use super::surrogates::{Heard, heard};
 use crate::estimate::Problem;
 use crate::estimate::metrics::{day_ahead_mse, filter};
 use crate::simulate::trajectory::Halt;
@@ -58,6 +59,8 @@ pub struct Tried {
     pub ahead_share: Option<f64>,
     /// Share of the days on which the free run errs less with it: training, validation.
     pub better_days: [f64; 2],
+    /// What segments of hours show of it.
+    pub heard: Heard,
     /// What stopped it, and why.
     pub gate: Option<(Gate, String)>,
 }
@@ -90,19 +93,21 @@ pub enum Skip {
     Choice,
 }
 
-/// Tries every suspect on the null model, which is restarted on the way. `strict` asks for more of everybody. What comes of a round
-/// that `halt` has cut short means nothing.
-pub fn round(null: &mut Null, suspects: &[Suspect], strict: bool, halt: Halt) -> Option<Round> {
+/// Tries every suspect on the null model, which is restarted on the way. `strict` asks for more of everybody, and `rate` is how often
+/// segments of hours may accuse where nothing is missing. What comes of a round that `halt` has cut short means nothing.
+pub fn round(null: &mut Null, suspects: &[Suspect], strict: bool, rate: f64, halt: Halt) -> Option<Round> {
     let screened = |theta: &[f64]| -> Option<Vec<Result<Score, Blind>>> {
         let screen = Screen::new(&null.problem, theta, &null.filters.white, halt)?;
         Some(suspects.par_iter().map(|suspect| screen.score(suspect)).collect())
     };
     let here = screened(&null.fitted.white)?;
     let there = null.other.as_ref().and_then(|[_, white]| screened(white));
-    let (chosen, skipped) = choose(suspects, here, there);
+    let mut heard = heard(&null.problem, &null.fitted.plain, suspects, rate, halt);
+    let (chosen, skipped) = choose(suspects, here, there, &heard);
     let (chosen, skipped, scouting) = scout(null, suspects, chosen, skipped, halt);
     let found: Vec<Option<Tried>> = chosen.into_par_iter().map(|chosen| refit(null, &suspects[chosen.place], chosen, halt)).collect();
     let mut tried: Vec<Tried> = found.into_iter().flatten().collect();
+    tried.iter_mut().for_each(|one| one.heard = std::mem::take(&mut heard[one.suspect]));
     compare(null, &mut tried);
     // The null model goes on from where the best suspects have come to.
     restart(null, suspects, &mut tried, RESTARTS, halt);
@@ -119,10 +124,21 @@ pub fn round(null: &mut Null, suspects: &[Suspect], strict: bool, halt: Halt) ->
         let suspect = &suspects[one.suspect];
         one.gate = gate(suspect, one, strict, rho, placebo);
     }
-    let winner = tried.iter().position(|one| one.gate.is_none());
+    let winner = winner(&tried);
     let tied = winner.map_or_else(Vec::new, |winner| ties(&mut tried, suspects, winner));
     let evaluations = scouting + tried.iter().map(|one| one.fitted.evaluations).sum::<usize>();
     Some(Round { tried, skipped, evaluations, winner, tied })
+}
+
+/// Whoever passes the gates with the largest gain. Where segments of hours show anybody, who of all that pass explains most of what they
+/// leave open.
+fn winner(tried: &[Tried]) -> Option<usize> {
+    let mut passes = (0..tried.len()).filter(|place| tried[*place].gate.is_none());
+    let share = |place: &usize| tried[*place].heard.share.unwrap_or(0.0);
+    match tried.iter().any(|one| one.gate.is_none() && one.heard.shown.is_some()) {
+        true => passes.max_by(|one, other| share(one).total_cmp(&share(other))),
+        false => passes.next(),
+    }
 }
 
 /// Restarts the null model from the parameters of the best suspects without their effects, and compares again.
@@ -170,6 +186,7 @@ fn choose(
     suspects: &[Suspect],
     here: Vec<Result<Score, Blind>>,
     there: Option<Vec<Result<Score, Blind>>>,
+    heard: &[Heard],
 ) -> (Vec<Chosen>, Vec<(usize, Skip)>) {
     // What the linearised model gives no gain at all the refit gives none either.
     let asks = |score: &Score| score.imitated || (score.sign && score.statistic >= LEAST_SCORE);
@@ -181,6 +198,10 @@ fn choose(
         match (here, there) {
             (Ok(score), there) if asks(&score) => chosen.push(Chosen { place, score, other: there.map(|score| score.step), far: None }),
             (_, Some(score)) => chosen.push(Chosen { place, other: Some(score.step.clone()), score, far: None }),
+            (here, None) if let Some(shown) = &heard[place].shown => {
+                let score = Score { step: shown.step.clone(), ..here.unwrap_or_else(|_| Score::nothing()) };
+                chosen.push(Chosen { place, score, other: None, far: None });
+            }
             (Err(blind), None) => skipped.push((place, Skip::Blind(blind))),
             (Ok(score), None) if !score.sign => skipped.push((place, Skip::Sign(score))),
             (Ok(score), None) => skipped.push((place, Skip::Faint(score))),
@@ -294,6 +315,7 @@ fn refit(null: &Null, suspect: &Suspect, chosen: Chosen, halt: Halt) -> Option<T
         ahead_fall: None,
         ahead_share: None,
         better_days: [0.0; 2],
+        heard: Heard::default(),
         gate: None,
     })
 }

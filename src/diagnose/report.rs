@@ -89,8 +89,36 @@ pub struct Finding {
     pub kind: FindingKind,
     /// Why, in sentences.
     pub evidence: Vec<String>,
+    /// What segments of hours show of it; `null` where they do not, or where no logged channel drives it.
+    #[serde(default)]
+    pub segments: Option<SegmentEvidence>,
     /// The unexplained error beside the effect's own shape; `null` in a diagnosis that was made before there were any.
     pub shape: Option<Shape>,
+}
+
+/// What segments of hours with states of their own show of an effect (score test, robust by days).
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct SegmentEvidence {
+    /// Hours of a segment: how far ahead the error is that the effect explains.
+    pub hours: f64,
+    /// The effect's size, in the unit of its first parameter.
+    pub size: f64,
+    /// The share of the squared error over these hours that it explains.
+    pub share: f64,
+    /// The size over its deviation, robust by days.
+    pub t: f64,
+    /// The same beyond whatever happens at the same hours every day.
+    pub beyond_clock: f64,
+    /// Days that were looked at.
+    pub days: usize,
+    /// The share that it explains of each half of the days with the size from the other half.
+    pub confirmed_share: f64,
+    /// Shifts of its channels by whole days that were tried.
+    pub shifts: usize,
+    /// The share of them, itself counted, with which it does as well.
+    pub shift_p: f64,
+    /// The chance that any effect of the catalogue is shown so clearly, over any length, where none is there.
+    pub p: f64,
 }
 
 /// Free-run errors without and with an effect, in the output's unit.

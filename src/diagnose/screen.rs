@@ -180,7 +180,7 @@ impl<'a> Screen<'a> {
 }
 
 /// The step of a difference in the parameter's own unit.
-fn difference(suspect: &Suspect, index: usize) -> f64 {
+pub(super) fn difference(suspect: &Suspect, index: usize) -> f64 {
     let [lower, upper] = suspect.problem.bounds()[index];
     match suspect.problem.model().parameters()[index].scale {
         Scale::Linear => STEP * (upper - lower),

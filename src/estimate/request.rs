@@ -131,6 +131,50 @@ pub struct WindowRange {
     pub to: Option<String>,
 }
 
+/// The share of rooms with nothing missing that may be accused, above 0 and at most a fifth.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "f64", into = "f64")]
+pub struct AccusationRate(f64);
+
+impl AccusationRate {
+    /// One in a hundred.
+    pub const USUAL: Self = Self(0.01);
+
+    /// Whether it is the usual one, which documents need not name.
+    pub fn is_usual(&self) -> bool {
+        *self == Self::default()
+    }
+}
+
+impl Default for AccusationRate {
+    fn default() -> Self {
+        Self::USUAL
+    }
+}
+
+impl TryFrom<f64> for AccusationRate {
+    type Error = String;
+
+    fn try_from(rate: f64) -> Result<Self, String> {
+        let serves = rate > 0.0 && rate <= 0.2;
+        if serves { Ok(Self(rate)) } else { Err(format!("an accusation rate is above 0 and at most 0.2, not {rate}")) }
+    }
+}
+
+impl From<AccusationRate> for f64 {
+    fn from(rate: AccusationRate) -> f64 {
+        rate.0
+    }
+}
+
+impl std::str::FromStr for AccusationRate {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        text.parse::<f64>().map_err(|error| error.to_string())?.try_into()
+    }
+}
+
 /// An estimation as it is asked for. Every field has a default that serves.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, default)]
@@ -162,6 +206,11 @@ pub struct EstimateRequest {
     pub fixed: IndexMap<String, f64>,
     /// Where the search starts.
     pub start_from: StartFrom,
+    /// How often a diagnosis may accuse where nothing is missing, other jobs do not: the share of such rooms in which segments of hours name an
+    /// effect that a logged channel drives.
+    #[serde(skip_serializing_if = "AccusationRate::is_usual")]
+    #[schema(value_type = f64, exclusive_minimum = 0, maximum = 0.2)]
+    pub accusation_rate: AccusationRate,
     /// What keeps a step of a ladder; other jobs have none.
     #[serde(skip_serializing_if = "Criterion::is_default")]
     pub criterion: Criterion,

@@ -94,6 +94,7 @@ impl PartialSchema for BatchSettings {
         let mut settings = settings();
         settings.properties.remove("model");
         settings.properties.remove("criterion");
+        settings.properties.remove("accusation_rate");
         settings.into()
     }
 }

@@ -18,7 +18,8 @@ const STEPS: usize = 3;
 pub fn run(input: &Input, control: &Control<'_>) -> Result<Finding, Stopped> {
     let Fitted { window, problem, finding } = fitted(input, control)?;
     let site = input.system.site();
-    let diagnosis = diagnose::diagnose(&input.catalogue, &problem, &finding.fit.theta(), &window, &site, control).map_err(halted)?;
+    let rate = input.request.accusation_rate;
+    let diagnosis = diagnose::diagnose(&input.catalogue, &problem, &finding.fit.theta(), &window, &site, rate, control).map_err(halted)?;
     Ok(Finding { report: Some(Report::Diagnosis(Box::new(diagnosis))), ..finding })
 }
 

@@ -108,6 +108,9 @@ fn read_one(kind: JobKind, mut fields: Map<String, Value>) -> Result<JobRequest,
     if kind != JobKind::Ladder && fields.contains_key("criterion") {
         faults.push(Fault::new("/criterion", "contradiction", "only a ladder has a criterion"));
     }
+    if kind != JobKind::Diagnose && fields.contains_key("accusation_rate") {
+        faults.push(Fault::new("/accusation_rate", "contradiction", "only a diagnosis has an accusation rate"));
+    }
     // Only an estimate alters what is served. A diagnosis needs a part that no decision sees, a tuning windows of equal length.
     let experiment = experiment || kind != JobKind::Estimate;
     let split = match kind {
@@ -148,6 +151,9 @@ pub fn read_batch(mut fields: Map<String, Value>) -> Result<BatchRequest, Vec<Fa
     }
     if fields.contains_key("criterion") {
         faults.push(Fault::new("/criterion", "unknown-field", "only a ladder has a criterion"));
+    }
+    if fields.contains_key("accusation_rate") {
+        faults.push(Fault::new("/accusation_rate", "unknown-field", "only a diagnosis has an accusation rate"));
     }
     if fields.contains_key("model") {
         faults.push(Fault::new("/model", "unknown-field", "a batch takes the model of each system"));

@@ -326,6 +326,12 @@ pub struct EffectSpec {
     /// other word where it is one of the `choices`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub argument: Option<String>,
+    /// How the names of the channels begin that are members of a family over channels; any that has the unit where there are none.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub members: Vec<String>,
+    /// How the names begin of those that are not.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub strangers: Vec<String>,
     /// The members of a family that does not run over channels, each with the constants that its texts use:
     /// with `west = { bearing = 270 }` the mark `{bearing}` stands for 270 in `oriented_solar_gain:west`.
     #[serde(default, skip_serializing_if = "IndexMap::is_empty")]
@@ -461,6 +467,11 @@ impl ModelDocument {
 }
 
 impl EffectSpec {
+    /// Whether its members are temperatures of what heats: any but those that are named as strangers.
+    pub fn heats(&self) -> bool {
+        self.argument.as_deref() == Some("channel") && !self.strangers.is_empty() && self.inputs.values().all(|input| input.unit == "degC")
+    }
+
     /// Reads an effect in TOML.
     ///
     /// # Errors

@@ -5,6 +5,7 @@ use lampyris::data::{Bindings, Window};
 use lampyris::diagnose::ladder::{Step, ladder};
 use lampyris::diagnose::{Diagnosis, diagnose};
 use lampyris::estimate::metrics::{day_ahead_mse, filter};
+use lampyris::estimate::request::AccusationRate;
 use lampyris::estimate::{Control, EstimateRequest, Site, prepare};
 use lampyris::model::{Catalogue, ModelId};
 
@@ -15,7 +16,7 @@ fn diagnosis(csv: &str, model: &str, binds: &[&str], site: &Site, asked: &Estima
     let problem = prepare(&catalogue, &id, asked, &window, site).unwrap();
     let found = fit(&problem, asked);
     let problem = problem.with_substeps(found.substeps);
-    let diagnosis = diagnose(&catalogue, &problem, &found.theta(), &window, site, &Control::NONE).unwrap();
+    let diagnosis = diagnose(&catalogue, &problem, &found.theta(), &window, site, AccusationRate::USUAL, &Control::NONE).unwrap();
     println!("{model}: {}", diagnosis.summary);
     diagnosis
 }

@@ -56,7 +56,7 @@ fn judged(csv: &str, model: &str, binds: &[&str], asked: &EstimateRequest) -> Ju
 }
 
 /// A room of the data that lie beside the project, packed or not.
-fn beside(path: &str) -> Option<String> {
+pub(super) fn beside(path: &str) -> Option<String> {
     let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data/rooms").join(path);
     let bytes = std::fs::read(path).ok()?;
     let mut text = String::new();

@@ -17,6 +17,7 @@ mod posted;
 mod ridges;
 mod twins;
 mod warm_up;
+mod withheld;
 
 use lampyris::data::{Bindings, SplitRequest, Window};
 use lampyris::estimate::request::SeededMethod;

@@ -3,6 +3,7 @@
 use super::plants::{full, nominal};
 use lampyris::data::{self, Window};
 use lampyris::diagnose::diagnose;
+use lampyris::estimate::request::AccusationRate;
 use lampyris::estimate::{Control, Site, prepare};
 use lampyris::model::expr::Node;
 use lampyris::model::{Bindings, Catalogue, compile};
@@ -60,7 +61,8 @@ fn what_a_plant_hides_is_named() {
         let asked = serde_json::json!({"split": {"train": "P4D", "validation": "P2D", "test": "P0D"}});
         let problem =
             prepare(&catalogue, &PLANT.parse().unwrap(), &serde_json::from_value(asked).unwrap(), &window, &Site::default()).unwrap();
-        let found = diagnose(&catalogue, &problem, problem.nominal(), &window, &Site::default(), &Control::NONE).unwrap();
+        let found =
+            diagnose(&catalogue, &problem, problem.nominal(), &window, &Site::default(), AccusationRate::USUAL, &Control::NONE).unwrap();
         println!("{}", found.summary);
         assert_eq!(found.findings.first().map(|finding| finding.effect.as_str()), Some(*effect), "{}", found.summary);
         assert!(found.rho.unwrap() < 1.5, "{:?}", found.rho);

@@ -7,6 +7,7 @@ use lampyris::data::{Bindings, SplitRequest, Window};
 use lampyris::diagnose::fitted::Null;
 use lampyris::diagnose::report::Considered;
 use lampyris::diagnose::{Diagnosis, diagnose, preview};
+use lampyris::estimate::request::AccusationRate;
 use lampyris::estimate::{Control, EstimateRequest, Problem, Site, estimate, prepare};
 use lampyris::model::Catalogue;
 use lampyris::twin::{CATALOGUED, Level, STRANGE, Truth, World, WorldRequest, world};
@@ -114,8 +115,8 @@ fn judge(request: &WorldRequest) -> Result<Judged, Failure> {
     preview(&catalogue, &problem, &theta, &window, &site).map_err(|error| Failure::Error(error.to_string()))?;
     let preview_seconds = start.elapsed().as_secs_f64();
     let start = Instant::now();
-    let diagnosis =
-        diagnose(&catalogue, &problem, &theta, &window, &site, &Control::NONE).map_err(|error| Failure::Error(error.to_string()))?;
+    let diagnosis = diagnose(&catalogue, &problem, &theta, &window, &site, AccusationRate::default(), &Control::NONE)
+        .map_err(|error| Failure::Error(error.to_string()))?;
     let seconds = start.elapsed().as_secs_f64();
     let first = diagnosis.findings.first().map_or(Outcome::Silent, |finding| {
         let mut group = vec![finding.effect.clone()];

@@ -6,6 +6,7 @@ use super::verdicts::{MATERIAL, judge_all, share, spread};
 use lampyris::data::{Bindings, Window};
 use lampyris::diagnose::fitted::Null;
 use lampyris::diagnose::{Adequacy, Diagnosis, diagnose};
+use lampyris::estimate::request::AccusationRate;
 use lampyris::estimate::{Control, EstimateRequest, Problem, Site, prepare};
 use lampyris::model::Catalogue;
 use lampyris::twin::plant_world::{PLANT, PlantTruth, PlantWorldRequest, catalogued, plant_world, strange};
@@ -81,7 +82,7 @@ fn judge(request: &PlantWorldRequest) -> Result<Judged, Failure> {
     let base = problem(&catalogue, &window, PLANT)?;
     let theta = base.nominal().to_vec();
     let begun = Instant::now();
-    let diagnosis = diagnose(&catalogue, &base, &theta, &window, &Site::default(), &Control::NONE)
+    let diagnosis = diagnose(&catalogue, &base, &theta, &window, &Site::default(), AccusationRate::default(), &Control::NONE)
         .map_err(|error| Failure::Error(error.to_string()))?;
     let seconds = begun.elapsed().as_secs_f64();
     let named = |place: usize| -> Option<f64> {

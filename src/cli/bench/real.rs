@@ -1,0 +1,331 @@
+//! Real rooms with a known driver withheld: is it named, do forecasts of the two weeks after fall, and are the channels of other days
+//! accused?
+
+use super::super::{Failure, faults};
+use super::Row;
+use super::verdicts::share;
+use lampyris::data::{Bindings, CALENDAR, Column, Grid, Window, rfc3339};
+use lampyris::diagnose::candidates::{COMPUTED, align, suspects, widen};
+use lampyris::diagnose::diagnose;
+use lampyris::diagnose::fitted::Null;
+use lampyris::diagnose::report::Finding;
+use lampyris::diagnose::surrogates::{heard, is_driven};
+use lampyris::estimate::metrics::{ahead, filter};
+use lampyris::estimate::request::{AccusationRate, WindowRange};
+use lampyris::estimate::{Control, EstimateRequest, Problem, Site, estimate, prepare};
+use lampyris::model::{Catalogue, ModelId};
+use std::io::Read;
+use std::path::Path;
+
+const DAY: i64 = 86_400;
+/// Days of a window, half of them to learn from.
+const DAYS: i64 = 14;
+/// Hours ahead of the forecasts of the days after.
+const AHEAD: [(&str, i64); 1] = [("PT12H", 12 * 3600)];
+/// Shifts of the channels of every window, as true negatives.
+const SHIFTS: i64 = 6;
+/// Accusation rates at which the negatives are counted.
+const RATES: [f64; 3] = [0.001, 0.01, 0.05];
+
+/// A room, and what is known to drive it.
+struct Room {
+    name: &'static str,
+    file: &'static str,
+    binds: &'static [&'static str],
+    model: &'static str,
+    /// The effects of which one must be named first; none where no window is known to show one.
+    drivers: &'static [&'static str],
+    /// Effects that never act there.
+    decoys: &'static [&'static str],
+    place: (f64, f64),
+}
+
+const BELGIAN: &str = "belgian_house/belgian_house_10min.csv.gz";
+const BLOCH: &str = "bloch_school/bloch_school.csv.gz";
+const BASE: &str = "rc2+constant_gain+solar_gain";
+const SOUTH: &[&str] = &["heat_emitter:T_supply_south_circuit", "heat_emitter:T_return_south_circuit"];
+const WATER: &[&str] = &["heat_emitter:T_heating_water_0off"];
+const PUMPS: &[&str] = &["metered_gain:P_pump_south", "metered_gain:P_pump_north"];
+
+const ROOMS: [Room; 12] = [
+    Room {
+        name: "laundry",
+        file: BELGIAN,
+        binds: &["T_room=T_laundry", "irradiance=irradiance_clear_sky"],
+        model: BASE,
+        drivers: &["metered_gain:P_appliances"],
+        decoys: &["wind_infiltration"],
+        place: (50.51, 3.71),
+    },
+    Room {
+        name: "living room",
+        file: BELGIAN,
+        binds: &["T_room=T_living_room", "irradiance=irradiance_clear_sky"],
+        model: BASE,
+        drivers: &[],
+        decoys: &["wind_infiltration"],
+        place: (50.51, 3.71),
+    },
+    Room {
+        name: "teen room",
+        file: BELGIAN,
+        binds: &["T_room=T_teen_room", "irradiance=irradiance_clear_sky"],
+        model: BASE,
+        drivers: &[],
+        decoys: &["wind_infiltration"],
+        place: (50.51, 3.71),
+    },
+    Room {
+        name: "bathroom",
+        file: BELGIAN,
+        binds: &["T_room=T_bathroom", "irradiance=irradiance_clear_sky"],
+        model: BASE,
+        drivers: &[],
+        decoys: &["wind_infiltration"],
+        place: (50.51, 3.71),
+    },
+    Room { name: "nl_home1", file: "nl_home1/nl_home1.csv.gz", binds: &[], model: BASE, drivers: WATER, decoys: &[], place: (52.0, 5.0) },
+    Room { name: "nl_home3", file: "nl_home3/nl_home3.csv.gz", binds: &[], model: BASE, drivers: WATER, decoys: &[], place: (52.0, 5.0) },
+    Room {
+        name: "radiator room",
+        file: "dk_radiator_room/dk_radiator_room.csv.gz",
+        binds: &[],
+        model: BASE,
+        drivers: &[
+            "heat_emitter:T_radiator_supply_pipe",
+            "heat_emitter:T_radiator_return_pipe",
+            "heat_emitter:T_radiator_supply_pipe2",
+            "heat_emitter:T_radiator_return_pipe2",
+        ],
+        decoys: &[],
+        place: (56.0, 10.0),
+    },
+    Room {
+        name: "hourly house",
+        file: "darkgreybox_demo_house/darkgreybox_1h.csv",
+        binds: &["T_room=T_indoor", "T_out=T_outdoor"],
+        model: "rc2+constant_gain",
+        drivers: &["companion:heat_input_raw", "heat_emitter:T_heating_supply"],
+        decoys: &[],
+        place: (51.5, 0.0),
+    },
+    Room {
+        name: "office 999169",
+        file: "brains4buildings_windesheim/room_999169_15min.csv",
+        binds: &["T_room=T_room_bms", "T_out=T_outdoor", "irradiance=ghi"],
+        model: "rc2+constant_gain",
+        drivers: &["solar_gain", "envelope_solar_gain", "oriented_solar_gain:south"],
+        decoys: &[],
+        place: (52.5, 6.1),
+    },
+    Room {
+        name: "ou44 room 511",
+        file: "ou44_room511/ou44_room511.csv.gz",
+        binds: &[],
+        model: BASE,
+        drivers: &["companion:occupants_count", "companion:CO2", "companion:PIR"],
+        decoys: &["wind_infiltration"],
+        place: (55.37, 10.43),
+    },
+    Room {
+        name: "bloch B140",
+        file: BLOCH,
+        binds: &["T_room=T_room_B140_south"],
+        model: "rc2+constant_gain",
+        drivers: SOUTH,
+        decoys: PUMPS,
+        place: (45.74, 3.19),
+    },
+    Room {
+        name: "bloch B216",
+        file: BLOCH,
+        binds: &["T_room=T_room_B216_south"],
+        model: "rc2+constant_gain",
+        drivers: SOUTH,
+        decoys: PUMPS,
+        place: (45.74, 3.19),
+    },
+];
+
+/// What came of a window.
+struct Judged {
+    named: bool,
+    driven: bool,
+    decoy: bool,
+    /// Errors 12 h ahead on the two weeks after, without and with what was named first.
+    after: Option<[f64; 2]>,
+    /// Candidates with channels of other days, and how many of them are accused at each rate.
+    negatives: usize,
+    accused: [usize; 3],
+}
+
+/// Diagnoses every window of every room below a folder.
+pub fn run(folder: &Path, only: Option<&str>, each: bool) -> Result<Vec<Row>, Failure> {
+    let mut judged = Vec::new();
+    for room in ROOMS.iter().filter(|room| only.is_none_or(|only| room.name.contains(only))) {
+        let bindings = Bindings::parse(room.binds.iter().copied()).map_err(|found| faults(&found))?;
+        let (window, _) = Window::parse_csv(&read(&folder.join(room.file))?, &bindings).map_err(|found| faults(&found))?;
+        // The windows of the Belgian house are those of the reference figures, from a Monday on.
+        let first = window.iter().map(lampyris::data::Series::from).max().unwrap_or_default();
+        let mut from = first + (7 * DAY + 8 * 3600) * i64::from(room.file == BELGIAN);
+        while from + DAYS * DAY <= window.to() + 3600 {
+            judged.push(judge(room, &window, from, each)?);
+            from += DAYS * DAY;
+        }
+    }
+    Ok(rows(&judged))
+}
+
+fn read(path: &Path) -> Result<String, Failure> {
+    let failed = |error: std::io::Error| Failure::NotFound(format!("{}: {error}", path.display()));
+    let bytes = std::fs::read(path).map_err(failed)?;
+    let mut text = String::new();
+    match bytes.starts_with(&[0x1f, 0x8b]) {
+        true => flate2::read::GzDecoder::new(bytes.as_slice()).read_to_string(&mut text).map_err(failed)?,
+        false => bytes.as_slice().read_to_string(&mut text).map_err(failed)?,
+    };
+    Ok(text)
+}
+
+fn asked(from: i64, days: i64) -> Result<EstimateRequest, Failure> {
+    let range = WindowRange { last: None, from: Some(rfc3339(from)), to: Some(rfc3339(from + days * DAY - 1)) };
+    let split = serde_json::json!({ "train": format!("PT{}H", days * 12), "validation": format!("PT{}H", days * 12) });
+    let split = serde_json::from_value(split).map_err(|error| Failure::Error(error.to_string()))?;
+    Ok(EstimateRequest { window: Some(range), split, ..EstimateRequest::default() })
+}
+
+fn judge(room: &Room, window: &Window, from: i64, each: bool) -> Result<Judged, Failure> {
+    let wrong = |error: &dyn std::fmt::Display| Failure::Error(format!("{} from {}: {error}", room.name, rfc3339(from)));
+    let catalogue = Catalogue::builtin().map_err(|found| faults(&found))?;
+    let site = Site { location: Some(room.place), ..Site::default() };
+    let model: ModelId = room.model.parse().map_err(|error| wrong(&error))?;
+    let request = asked(from, DAYS)?;
+    let problem = prepare(&catalogue, &model, &request, window, &site).map_err(|found| faults(&found))?;
+    let theta = estimate(&problem, &request, None, &Control::NONE).map_err(|error| wrong(&error))?.theta();
+    let found =
+        diagnose(&catalogue, &problem, &theta, window, &site, AccusationRate::USUAL, &Control::NONE).map_err(|error| wrong(&error))?;
+    let group = |finding: &Finding| [vec![finding.effect.clone()], finding.tied_with.clone()].concat();
+    let first: Vec<String> = found.findings.first().map(group).unwrap_or_default();
+    let holds = |effects: &[&str], names: &[String]| names.iter().any(|name| effects.contains(&name.as_str()));
+    let all: Vec<String> = found.findings.iter().map(|finding| finding.effect.clone()).collect();
+    let after = match found.findings.first() {
+        Some(finding) => after(&catalogue, room, window, from, &model, &model.plus(&finding.effect))?,
+        None => None,
+    };
+    let (negatives, accused) = negatives(&catalogue, &problem, &theta, window, &site)?;
+    if each {
+        let shown = found.findings.first().and_then(|finding| finding.segments.as_ref());
+        let evidence = shown.map_or_else(
+            || "-".to_owned(),
+            |shown| {
+                format!("{:.0} h: share {:.2}, t {:.1} and {:.1}, p {:.1e}", shown.hours, shown.share, shown.t, shown.beyond_clock, shown.p)
+            },
+        );
+        eprintln!(
+            "{} from {}: {} ({evidence}); 12 h ahead on the two weeks after {after:.2?}; {negatives} of other days, accused {accused:?}",
+            room.name,
+            rfc3339(from),
+            all.join(", ")
+        );
+    }
+    Ok(Judged {
+        named: holds(room.drivers, &first) && first.len() <= 2 || room.drivers.len() > 2 && holds(room.drivers, &first),
+        driven: !room.drivers.is_empty(),
+        decoy: holds(room.decoys, &all),
+        after,
+        negatives,
+        accused,
+    })
+}
+
+/// Errors 12 h ahead on the two weeks after a window, by the parameters of the window without and with an effect.
+fn after(
+    catalogue: &Catalogue,
+    room: &Room,
+    window: &Window,
+    from: i64,
+    without: &ModelId,
+    with: &ModelId,
+) -> Result<Option<[f64; 2]>, Failure> {
+    let next = from + DAYS * DAY;
+    if next + DAYS * DAY > window.to() + 3600 {
+        return Ok(None);
+    }
+    let site = Site { location: Some(room.place), ..Site::default() };
+    let error = |model: &ModelId| -> Result<Option<f64>, Failure> {
+        let request = asked(from, DAYS)?;
+        let problem = prepare(catalogue, model, &request, window, &site).map_err(|found| faults(&found))?;
+        let fit = estimate(&problem, &request, None, &Control::NONE).map_err(|error| Failure::Error(error.to_string()))?;
+        let later = prepare(catalogue, model, &asked(next, DAYS)?, window, &site).map_err(|found| faults(&found))?;
+        let later = later.with_substeps(fit.substeps);
+        let run = filter(&later, &fit.theta(), None);
+        Ok(ahead(&later, &fit.theta(), &run, 0..later.grid().len(), &AHEAD).into_values().next().map(|error| error.rmse))
+    };
+    Ok(error(without)?.zip(error(with)?).map(|(without, with)| [without, with]))
+}
+
+/// How many candidates with the channels of other days there are, and how many of them segments accuse at each rate.
+fn negatives(
+    catalogue: &Catalogue,
+    problem: &Problem,
+    theta: &[f64],
+    window: &Window,
+    site: &Site,
+) -> Result<(usize, [usize; 3]), Failure> {
+    let (grid, holes) = widen(problem, window, site).map_err(|fault| faults(&[fault]))?;
+    let (mut library, _) = suspects(catalogue, problem, &grid, &holes, site);
+    let Some(null) = Null::settle(align(problem, &mut library), theta, None, &|| false) else { return Ok((0, [0; 3])) };
+    let days = grid.len() as i64 * grid.step() / DAY;
+    let (mut count, mut accused) = (0, [0; 3]);
+    for shift in 1..=SHIFTS {
+        let grid = of_other_days(problem, &grid, (shift * days / (SHIFTS + 1)).max(1)).map_err(|fault| faults(&[fault]))?;
+        let (mut library, _) = suspects(catalogue, problem, &grid, &holes, site);
+        let base = align(&null.problem, &mut library);
+        let most = RATES.iter().copied().fold(0.0, f64::max);
+        let found = heard(&base, &null.fitted.plain, &library, most, &|| false);
+        count += library.iter().filter(|suspect| is_driven(suspect, &base)).count();
+        for evidence in found.iter().filter_map(|heard| Some(&heard.shown.as_ref()?.evidence)) {
+            accused.iter_mut().zip(RATES).for_each(|(accused, rate)| *accused += usize::from(evidence.p <= rate));
+        }
+    }
+    Ok((count, accused))
+}
+
+/// The grid with every column that the model does not use of so many days later, circularly.
+fn of_other_days(problem: &Problem, grid: &Grid, days: i64) -> Result<Grid, lampyris::fault::Fault> {
+    let model = problem.model();
+    let used = |channel: &str| {
+        model.inputs().iter().any(|input| input.channel == channel) || model.outputs().iter().any(|output| output.channel == channel)
+    };
+    let per_day = (DAY / grid.step()) as usize;
+    let (whole, later) = (grid.len() / per_day * per_day, days as usize * per_day);
+    let mut moved = grid.clone();
+    for (channel, column) in
+        grid.columns().filter(|(channel, _)| !used(channel) && !CALENDAR.contains(channel) && !COMPUTED.contains(channel))
+    {
+        let value = |k: usize| column.values()[if k < whole { (k + later) % whole } else { k }];
+        moved = moved.with_column(channel, Column::complete(column.unit(), column.hold(), (0..grid.len()).map(value).collect())?)?;
+    }
+    Ok(moved)
+}
+
+fn rows(judged: &[Judged]) -> Vec<Row> {
+    let driven: Vec<&Judged> = judged.iter().filter(|one| one.driven).collect();
+    let after: Vec<[f64; 2]> = judged.iter().filter_map(|one| one.after).collect();
+    let all: Vec<&Judged> = judged.iter().collect();
+    let mut rows: Vec<Row> = [
+        share("a known driver withheld: named first", &driven, |one| one.named),
+        share("an effect that never acts there is named", &all, |one| one.decoy),
+        share("named: forecasts 12 h ahead fall on the two weeks after", &after, |[without, with]| with < without),
+    ]
+    .into_iter()
+    .flatten()
+    .collect();
+    let negatives: usize = judged.iter().map(|one| one.negatives).sum();
+    for (place, rate) in RATES.iter().enumerate() {
+        let accused: usize = judged.iter().map(|one| one.accused[place]).sum();
+        let what = format!("channels of other days accused at {rate} ({accused} of {negatives})");
+        rows.push(Row::new(what, accused as f64 / negatives.max(1) as f64, "-").at_most(rate + 0.01));
+    }
+    rows
+}
