@@ -256,7 +256,8 @@ fn suspect(catalogue: &Catalogue, base: &Problem, grid: &Grid, site: &Site, name
             });
         }
     }
-    let endogenous = model.inputs().iter().any(|input| spec.endogenous.contains(&input.channel));
+    // A second sensor of what follows from the room follows from it as well.
+    let endogenous = model.inputs().iter().any(|input| spec.endogenous.iter().any(|name| input.channel.starts_with(name.as_str())));
     let calendar = |channel: &str| CALENDAR.contains(&channel);
     let reads = |channel: &str| spec.inputs.iter().any(|(name, input)| input.channel.as_deref().unwrap_or(name) == channel);
     let known = |channel: &str| base.model().inputs().iter().any(|input| input.channel == channel);

@@ -7,6 +7,7 @@ use super::report::SegmentEvidence;
 use super::score_test::{LENGTHS, Look, Score, logged};
 use crate::estimate::Problem;
 use crate::estimate::segments::dot;
+use crate::model::spec::Sign;
 use crate::simulate::trajectory::Halt;
 use rayon::prelude::*;
 use statrs::distribution::{ContinuousCDF, StudentsT};
@@ -42,7 +43,7 @@ impl SegmentEvidence {
     pub fn sentences(&self, suspect: &Suspect) -> [String; 2] {
         [
             format!(
-                "Over {:.0} h from measured states it explains {:.0} % of what the model errs by, on {} days alike (t {:.1}, {:.1} beyond what happens every day at the same hours); by chance something looks like that in {} rooms of which nothing is missing.",
+                "Over stretches of {:.0} h it explains {:.0} % of what the model errs by, steadily over {} days (t {:.1}, and {:.1} beyond what happens every day at the same hours); by chance something looks like that in {} rooms in which nothing is missing.",
                 self.hours,
                 100.0 * self.share,
                 self.days,
@@ -97,12 +98,12 @@ pub fn heard(base: &Problem, theta: &[f64], suspects: &[Suspect], rate: f64, hal
         let channels = Some(logged(suspect, base)).filter(|_| is_driven(suspect, base) && !halt())?;
         let score = |look| Some((look, Look::score(look, suspect, suspect.problem.simulator())?));
         let mut scores: Vec<(&Look, Score)> = looks.iter().filter_map(score).collect();
-        let p = (count * combined(&scores.iter().map(|(_, score)| chance(score)).collect::<Vec<_>>())).min(1.0);
+        let p = (count * combined(&scores.iter().map(|(_, score)| chance(suspect, score)).collect::<Vec<_>>())).min(1.0);
         if p > rate {
             return None;
         }
-        scores.retain(|(_, score)| score.confirmed > 0.0 && count * chance(score) <= rate);
-        scores.sort_by(|one, other| chance(&one.1).total_cmp(&chance(&other.1)));
+        scores.retain(|(_, score)| score.confirmed > 0.0 && count * chance(suspect, score) <= rate);
+        scores.sort_by(|one, other| chance(suspect, &one.1).total_cmp(&chance(suspect, &other.1)));
         scores.into_iter().find_map(|(look, score)| {
             let shifts = shifted(look, suspect, &channels, samples.end, halt);
             let as_good = |one: &&Option<Score>| {
@@ -132,10 +133,11 @@ pub fn heard(base: &Problem, theta: &[f64], suspects: &[Suspect], rate: f64, hal
     suspects.par_iter().map(|suspect| hear(suspect).unwrap_or_default()).collect()
 }
 
-/// The chance of so large a t, of the smaller one of the two, where nothing is there.
-fn chance(score: &Score) -> f64 {
+/// The chance of so large a t, of the smaller one of the two, where nothing is there: twice that of one side where physics allows both.
+fn chance(suspect: &Suspect, score: &Score) -> f64 {
+    let sides = if suspect.spec.sign == Sign::Any { 2.0 } else { 1.0 };
     let t = score.t.min(score.beyond_clock);
-    StudentsT::new(0.0, 1.0, (score.days.max(2) - 1) as f64).map_or(1.0, |student| student.sf(t))
+    StudentsT::new(0.0, 1.0, (score.days.max(2) - 1) as f64).map_or(1.0, |student| sides * student.sf(t)).min(1.0)
 }
 
 /// One chance for several tests of the same thing, however they lean on each other: Cauchy's combination (Liu and Xie 2020, J. Am. Stat.

@@ -154,7 +154,8 @@ mod tests {
     fn the_documented_settings_are_those_that_are_read() {
         let documented: BTreeSet<String> = settings().properties.keys().cloned().collect();
         // What is usual is not written into documents.
-        let unusual = EstimateRequest { delta: 0.3.try_into().unwrap(), criterion: Criterion::Lrt, ..EstimateRequest::default() };
+        let (delta, accusation_rate) = (0.3.try_into().unwrap(), 0.05.try_into().unwrap());
+        let unusual = EstimateRequest { delta, accusation_rate, criterion: Criterion::Lrt, ..EstimateRequest::default() };
         let read = serde_json::to_value(unusual).unwrap();
         assert_eq!(documented, read.as_object().unwrap().keys().cloned().collect());
     }

@@ -94,8 +94,9 @@ fn history_goes_only_by_force_and_then_completely() {
 #[test]
 fn every_field_of_a_document_is_kept_and_counts() {
     let app = TestApp::start();
+    // The warmest hour of these measurements is 6 h UTC, a little after noon in Japan.
     let document = json!({
-        "label": "Corner office", "location": {"lat": 56.5, "lon": 10.0, "zone": "Europe/Copenhagen"}, "model": "rc2",
+        "label": "Corner office", "location": {"lat": 35.0, "lon": 130.0, "zone": "Asia/Tokyo"}, "model": "rc2",
         "channels": {"T_room": "T_indoor"}, "neighbours": ["room/2"],
         "policy": {"mode": "suggest", "stale_after": "P2D", "horizon": "PT12H", "refit_when_degraded": false}, "prior": "log_normal",
         "exclude": [{"from": "2026-01-05T00:00:00Z", "to": "2026-01-07T00:00:00+01:00", "reason": "windows were cleaned"}],

@@ -152,7 +152,9 @@ fn every_effect_of_the_catalogue_has_a_folder() {
     // Those of treatment plants, which replace names or have other sensors, are no question to a room.
     let of_room = |effect: &&EffectSpec| effect.replace.is_empty() && effect.outputs.keys().all(|channel| channel == "T_room");
     let of_rooms = catalogue.effects().filter(of_room).map(|effect| effect.id.as_str());
-    let without: Vec<&str> = of_rooms.filter(|id| !shown.iter().any(|name| name == id)).collect();
+    // No twin has an emitter that its model does not know; a measured dwelling has (`withheld`).
+    let measured = ["heat_emitter"];
+    let without: Vec<&str> = of_rooms.filter(|id| !measured.contains(id) && !shown.iter().any(|name| name == id)).collect();
     assert!(without.is_empty(), "{without:?}");
     for answer in [Answer::Named, Answer::Adequate, Answer::Unknown, Answer::NotDetectable] {
         assert!(cases.iter().any(|case| case.expect == answer), "{answer:?}");
