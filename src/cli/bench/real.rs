@@ -166,8 +166,9 @@ pub fn run(folder: &Path, only: Option<&str>, each: bool) -> Result<Vec<Row>, Fa
         let bindings = Bindings::parse(room.binds.iter().copied()).map_err(|found| faults(&found))?;
         let (window, _) = Window::parse_csv(&read(&folder.join(room.file))?, &bindings).map_err(|found| faults(&found))?;
         // The windows of the Belgian house are those of the reference figures, from a Monday on.
-        let first = window.iter().map(lampyris::data::Series::from).max().unwrap_or_default();
-        let mut from = first + (7 * DAY + 8 * 3600) * i64::from(room.file == BELGIAN);
+        let output = window.iter().find(|series| series.channel() == "T_room");
+        let first = output.map(lampyris::data::Series::from).unwrap_or_default();
+        let mut from = first + (6 * DAY + 8 * 3600) * i64::from(room.file == BELGIAN);
         while from + DAYS * DAY <= window.to() + 3600 {
             judged.push(judge(room, &window, from, each)?);
             from += DAYS * DAY;
