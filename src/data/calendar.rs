@@ -18,6 +18,14 @@ const WEEKDAY: &str = "weekday";
 /// The columns that [`add_calendar`] knows.
 pub const CALENDAR: [&str; 2] = [HOUR, WEEKDAY];
 
+/// The hour of the local day of a sample, 0 to 23; of the day in UTC where the grid has no calendar.
+pub fn hour_of_day(grid: &Grid, k: usize) -> usize {
+    match grid.column(HOUR) {
+        Some(column) => column.values()[k] as usize % 24,
+        None => (grid.time(k).rem_euclid(86_400) / 3600) as usize,
+    }
+}
+
 /// The grid with the columns `hour_of_day` (h) and `weekday` (-), computed for this IANA time zone where they are
 /// not measured. Both hold their value over the interval that a point starts.
 ///

@@ -59,7 +59,7 @@ mod window;
 mod write;
 
 pub use block::CorruptBlock;
-pub use calendar::{CALENDAR, add_calendar, local_zone};
+pub use calendar::{CALENDAR, add_calendar, hour_of_day, local_zone};
 pub use channel::{ChannelKind, Hold, is_compass};
 pub use drops::{DROPS, add_drops};
 pub use duration::{BadDuration, Duration, Length};

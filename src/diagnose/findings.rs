@@ -12,7 +12,7 @@ use super::report::{
 use super::residual::residual;
 use super::screen::{Blind, Screen};
 use super::surrogates::Shown;
-use crate::data::Window;
+use crate::data::{Window, hour_of_day};
 use crate::estimate::metrics::{HORIZONS, ahead, error_unit, filter};
 use crate::estimate::physics::{jacobian, mean_inputs};
 use crate::estimate::request::AccusationRate;
@@ -416,10 +416,6 @@ fn profile(null: &Null, states: &[Vec<f64>], error: &[f64]) -> (Vec<Option<f64>>
     let forget = -jacobian(problem, &states, theta, &mean_inputs(problem))[(air, air)];
     let grid = problem.grid();
     let usable = problem.usable(0, problem.split().train.start..problem.split().validation.end);
-    let hour_of = |k: usize| match grid.column("hour_of_day") {
-        Some(column) => column.values()[k] as usize % 24,
-        None => (grid.time(k).rem_euclid(86_400) / 3600) as usize,
-    };
     // Sums over whole hours: the slope's noise cancels within them.
     let span = ((1.0 / grid.step_hours()).round() as usize).max(1);
     let mut heat: Vec<Vec<(i64, f64)>> = vec![Vec::new(); 24];
@@ -428,7 +424,8 @@ fn profile(null: &Null, states: &[Vec<f64>], error: &[f64]) -> (Vec<Option<f64>>
         if last - first == span {
             let hours = span as f64 * grid.step_hours();
             let level = pair.iter().map(|k| error[*k]).sum::<f64>() / pair.len() as f64;
-            heat[hour_of(first)].push((grid.time(first).div_euclid(86_400), (error[last] - error[first]) / hours + forget * level));
+            heat[hour_of_day(grid, first)]
+                .push((grid.time(first).div_euclid(86_400), (error[last] - error[first]) / hours + forget * level));
         }
     }
     let means: Vec<Option<f64>> = heat

@@ -13,10 +13,9 @@
 
 use super::candidates::{COMPUTED, Suspect, sign_allows};
 use super::screen::difference;
-use crate::data::CALENDAR;
+use crate::data::{CALENDAR, hour_of_day};
 use crate::estimate::Problem;
-use crate::estimate::metrics::filter;
-use crate::estimate::segments::{Linear, Segments, dot};
+use crate::estimate::segments::{Linear, REACH, Segments, dot};
 use crate::estimate::shooting::settle;
 use crate::simulate::Simulator;
 use crate::simulate::trajectory::Halt;
@@ -25,8 +24,6 @@ use std::ops::Range;
 
 /// Lengths of the segments, in hours: effects differ in pace.
 pub const LENGTHS: [f64; 4] = [2.0, 6.0, 12.0, 24.0];
-/// How far the model's own parameters are believed to lie from the null model's optimum, as a share of what is searched.
-const REACH: f64 = 0.3;
 /// The free profile of a day is held to what the hours can do together, as a share of their mean square.
 const PROFILE: f64 = 1e-3;
 /// What is left of a direction, as a share of its squares, below which the model's own parameters can do the same.
@@ -68,13 +65,13 @@ pub struct Score {
 }
 
 impl<'a> Look<'a> {
-    /// Settles the null model on segments of some samples; `None` where it leaves the numbers, there are too few, or `halt` ends it.
-    pub fn new(base: &'a Problem, theta: &[f64], samples: Range<usize>, hours: f64, halt: Halt) -> Option<Self> {
+    /// Settles the null model on segments of some samples, from filtered `states` of all of them; `None` where it leaves the numbers,
+    /// there are too few, or `halt` ends it.
+    pub fn new(base: &'a Problem, theta: &[f64], states: &[Vec<f64>], samples: Range<usize>, hours: f64, halt: Halt) -> Option<Self> {
         let segments = Segments::new(base, samples.clone(), hours);
         if segments.is_empty() || halt() {
             return None;
         }
-        let states = filter(base, theta, None).filtered.states;
         let starts: Vec<Vec<f64>> = segments.first_samples().map(|k| states[k].clone()).collect();
         let settled = settle(base, &segments, theta, &starts, halt)?;
         // Once more from the starts that belong to these parameters.
@@ -82,11 +79,7 @@ impl<'a> Look<'a> {
         let mut linear = segments.linearise(base, base.simulator(), &settled.theta, &starts)?;
         linear.starts = starts;
         let grid = base.grid();
-        let hour = |k: usize| match grid.column("hour_of_day") {
-            Some(column) => column.values()[k] as usize,
-            None => (grid.time(k).rem_euclid(86_400) / 3600) as usize,
-        };
-        let profile = segments.by_clock(&linear, grid.step_hours(), hour);
+        let profile = segments.by_clock(&linear, grid.step_hours(), |k| hour_of_day(grid, k));
         let pull = dot(&linear.residual, &linear.residual) / linear.residual.len() as f64 / REACH.powi(2);
         let squares = profile.iter().map(|column| dot(column, column)).sum::<f64>() / profile.len() as f64;
         let own: Vec<(Vec<f64>, f64)> = linear.columns.iter().map(|column| (column.clone(), pull)).collect();

@@ -6,6 +6,7 @@ use super::candidates::Suspect;
 use super::report::SegmentEvidence;
 use super::score_test::{LENGTHS, Look, Score, logged};
 use crate::estimate::Problem;
+use crate::estimate::metrics::filter;
 use crate::estimate::segments::dot;
 use crate::model::spec::Sign;
 use crate::simulate::trajectory::Halt;
@@ -91,7 +92,9 @@ pub fn heard(base: &Problem, theta: &[f64], suspects: &[Suspect], rate: f64, hal
     }
     let count = suspects.iter().filter(|suspect| is_driven(suspect, base)).count() as f64;
     let samples = base.split().train.start..base.split().validation.end;
-    let looks: Vec<Look> = LENGTHS.par_iter().filter_map(|hours| Look::new(base, theta, samples.clone(), *hours, halt)).collect();
+    let states = filter(base, theta, None).filtered.states;
+    let look = |hours: &f64| Look::new(base, theta, &states, samples.clone(), *hours, halt);
+    let looks: Vec<Look> = LENGTHS.par_iter().filter_map(look).collect();
     let nearest = |look: &Look| (look.hours - RANKING_HOURS).abs();
     let ranking = looks.iter().min_by(|one, other| nearest(one).total_cmp(&nearest(other)));
     let one = |suspect: &Suspect, ranked: &Score| {
@@ -180,7 +183,6 @@ mod tests {
     use super::super::candidates::{suspects, widen};
     use super::super::tests::{fitted, site, small_world};
     use super::*;
-    use crate::estimate::metrics::filter;
     use crate::estimate::segments::Segments;
     use crate::estimate::{EstimateRequest, prepare};
     use crate::model::Catalogue;
@@ -213,8 +215,7 @@ mod tests {
         let states = filter(&problem, &theta, None).filtered.states;
         let starts: Vec<Vec<f64>> = segments.first_samples().map(|k| states[k].clone()).collect();
         let linear = segments.linearise(&problem, problem.simulator(), &theta, &starts).unwrap();
-        let hours =
-            segments.by_clock(&linear, problem.grid().step_hours(), |k| (problem.grid().time(k).rem_euclid(86_400) / 3600) as usize);
+        let hours = segments.by_clock(&linear, problem.grid().step_hours(), |k| crate::data::hour_of_day(problem.grid(), k));
         let off = gain.lift(&problem, &theta);
         let mut on = off.clone();
         on[gain.own[0].0] += 1.0;

@@ -18,8 +18,8 @@ const NOISY_DAYS: usize = 2;
 /// The deviation of noise about a constant, in K: less is the resolution of a sensor, more is something that is switched, unless it is the
 /// weather.
 const NOISE: [f64; 2] = [0.02, 2.0];
-/// A jump at one time of the day, beside those of the samples before and behind, from which on days are out of order, the share of it
-/// that has one sign in what is switched by a clock, and the days that it takes to tell.
+/// The mean size of the jumps at one time of the day, beside that of any other time, from which on days are out of order; the share of
+/// it that has one sign in what is switched by a clock; and the days that it takes to tell.
 const OUT_OF_ORDER: f64 = 2.5;
 const ONE_SIGN: f64 = 0.5;
 const ORDER_DAYS: usize = 6;

@@ -25,7 +25,7 @@ const UNSEEN_START: f64 = 1e-6;
 const START_REACH: f64 = 3.0;
 /// How far a parameter is believed to lie from the fit when the linear problem is solved, as a share of what is searched. It
 /// keeps what the data do not determine from leaving the reach of the linearisation.
-pub(super) const REACH: f64 = 0.3;
+pub const REACH: f64 = 0.3;
 
 /// A record cut into segments: ranges of samples within which all inputs are known.
 #[derive(Debug, Clone)]
@@ -153,15 +153,15 @@ impl Segments {
         start.iter().enumerate().map(|(i, start)| start + step.as_ref().map_or(0.0, |step| step[i])).collect()
     }
 
-    /// What heat into the first measured state does to the first output, for every hour of the local day that is counted by `hour`: a
-    /// column each, without starts. All that follows the clock is made of them, in a model that is nearly linear.
+    /// What heat into the first measured state does to the first output, for every `hour` of the day, 0 to 23: a column each, without
+    /// starts. All that follows the clock is made of them, in a model that is nearly linear.
     pub fn by_clock(&self, linear: &Linear, step_hours: f64, hour: impl Fn(usize) -> usize) -> Vec<Vec<f64>> {
         let mut columns = vec![vec![0.0; self.rows.len()]; 24];
         for ((piece, rows), pulse) in self.pieces.iter().zip(&self.of_piece).zip(&linear.pulses) {
             let length = pulse.len();
             let mut answers = vec![vec![0.0; length]; 24];
             for k in 0..length {
-                let answer = &mut answers[hour(piece.start + k) % 24];
+                let answer = &mut answers[hour(piece.start + k)];
                 // Heat over a step is a pulse somewhere within it: the mean of one at its start and one at its end.
                 let means = pulse.windows(2).map(|pair| 0.5 * (pair[0] + pair[1]));
                 answer[k + 1..].iter_mut().zip(means).for_each(|(answer, mean)| *answer += step_hours * mean);
