@@ -184,6 +184,7 @@ fn empty(problem: &Problem) -> Diagnosis {
         considered: Vec::new(),
         not_testable: Vec::new(),
         unexplained: Unexplained::default(),
+        looked: None,
         warnings: Vec::new(),
         evaluations: Vec::new(),
     }

@@ -44,11 +44,54 @@ pub struct Diagnosis {
     pub not_testable: Vec<NotTestable>,
     /// What no effect explains.
     pub unexplained: Unexplained,
+    /// What segments of hours show of everything that was tried in the first round, for the ledger of the system; `null` where nothing
+    /// could be looked at, and in a diagnosis that was made before there was one.
+    #[serde(default)]
+    pub looked: Option<Looked>,
     /// What a reader should know of the data.
     pub warnings: Vec<String>,
     /// Simulations of every round, for benches.
     #[serde(skip)]
     pub evaluations: Vec<usize>,
+}
+
+/// What segments of hours show of every effect that could be tried, named or not: one window of a ledger.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Looked {
+    /// The first sample that was looked at.
+    #[schema(format = DateTime)]
+    pub from: String,
+    /// The end of the last one.
+    #[schema(format = DateTime)]
+    pub to: String,
+    /// Hours of a segment, the same in all windows.
+    pub hours: f64,
+    /// By effect.
+    pub effects: Vec<EffectScore>,
+}
+
+/// What one window shows of one effect, over the hours at which effects are ranked.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct EffectScore {
+    /// The effect's id.
+    pub effect: String,
+    /// Its size, as a change of its first parameter from where it does nothing.
+    pub size: f64,
+    /// The deviation of that size, robust by days.
+    pub deviation: f64,
+    /// The unit of both.
+    pub unit: String,
+    /// The share of the squared error over these hours that it explains.
+    pub share: f64,
+    /// The size of the whole effect over its deviation; negative where physics does not allow the sign.
+    pub t: f64,
+    /// The same beyond whatever happens at the same hours every day.
+    pub beyond_clock: f64,
+    /// Days that were looked at.
+    pub days: usize,
+    /// The share of shifts of its channels by whole days, itself counted, with which it does as well; `null` where no logged channel
+    /// drives it, or where it explains too little to ask.
+    pub shift_p: Option<f64>,
 }
 
 /// A finding is the cause of an error, or repairs what an earlier finding left.
