@@ -7,12 +7,13 @@ use super::fitted::{Null, whitening_at};
 use super::gates::{LEAST_BIC, LEAST_SHARE, STRICT_SHARE, least_gain};
 use super::rank::{Round, Skip, Tried, round};
 use super::report::{
-    Adequacy, Coefficient, Considered, Diagnosis, Finding, FindingKind, Gate, Measures, NotTestable, Preview, RmsePairs, Unexplained,
+    Adequacy, Coefficient, Considered, Diagnosis, EffectScore, Finding, FindingKind, Gate, Looked, Measures, NotTestable, Preview,
+    RmsePairs, Unexplained,
 };
 use super::residual::residual;
 use super::screen::{Blind, Screen};
-use super::surrogates::Shown;
-use crate::data::{Window, hour_of_day};
+use super::surrogates::{RANKING_HOURS, Shown};
+use crate::data::{Window, hour_of_day, rfc3339};
 use crate::estimate::metrics::{HORIZONS, ahead, error_unit, filter};
 use crate::estimate::physics::{jacobian, mean_inputs};
 use crate::estimate::request::AccusationRate;
@@ -117,6 +118,7 @@ pub fn diagnose(
         if number == 1 {
             before = Some(null.clone());
             tell_round(&mut report, &library, &outcome);
+            report.looked = looked(problem, outcome.scores.clone());
         }
         let Some(winner) = outcome.winner.map(|place| &outcome.tried[place]) else { break };
         let suspect = &library[winner.suspect];
@@ -188,6 +190,14 @@ fn empty(problem: &Problem) -> Diagnosis {
         warnings: Vec::new(),
         evaluations: Vec::new(),
     }
+}
+
+/// What a round has seen in segments, and when; `None` where there were none.
+fn looked(problem: &Problem, effects: Vec<EffectScore>) -> Option<Looked> {
+    let (grid, split) = (problem.grid(), problem.split());
+    let end = grid.time(split.validation.end.checked_sub(1)?) + grid.step();
+    let looked = Looked { from: rfc3339(grid.time(split.train.start)), to: rfc3339(end), hours: RANKING_HOURS, effects };
+    (!looked.effects.is_empty()).then_some(looked)
 }
 
 /// The first round into the report: what was tried, and what cannot be tested.

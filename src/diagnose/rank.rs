@@ -6,7 +6,7 @@ use super::candidates::Suspect;
 use super::effort::Effort;
 use super::fitted::{Fitted, Measured, Null};
 use super::gates::{LEAST_BIC, LEAST_FALL, gate, ties};
-use super::report::Gate;
+use super::report::{EffectScore, Gate};
 use super::screen::{Blind, Score, Screen};
 use super::surrogates::{Heard, heard};
 use crate::estimate::Problem;
@@ -78,6 +78,8 @@ pub struct Round {
     pub winner: Option<usize>,
     /// Places of those that are named together with it.
     pub tied: Vec<usize>,
+    /// What segments of hours show of everybody.
+    pub scores: Vec<EffectScore>,
 }
 
 /// Why a suspect was not refitted.
@@ -103,6 +105,7 @@ pub fn round(null: &mut Null, suspects: &[Suspect], strict: bool, rate: f64, hal
     let here = screened(&null.fitted.white)?;
     let there = null.other.as_ref().and_then(|[_, white]| screened(white));
     let mut heard = heard(&null.problem, &null.fitted.plain, suspects, rate, halt);
+    let scores = heard.iter().filter_map(|heard| heard.ranked.clone()).collect();
     let (chosen, skipped) = choose(suspects, here, there, &heard);
     let (chosen, skipped, scouting) = scout(null, suspects, chosen, skipped, halt);
     let found: Vec<Option<Tried>> = chosen.into_par_iter().map(|chosen| refit(null, &suspects[chosen.place], chosen, halt)).collect();
@@ -127,14 +130,14 @@ pub fn round(null: &mut Null, suspects: &[Suspect], strict: bool, rate: f64, hal
     let winner = winner(&tried);
     let tied = winner.map_or_else(Vec::new, |winner| ties(&mut tried, suspects, winner));
     let evaluations = scouting + tried.iter().map(|one| one.fitted.evaluations).sum::<usize>();
-    Some(Round { tried, skipped, evaluations, winner, tied })
+    Some(Round { tried, skipped, evaluations, winner, tied, scores })
 }
 
 /// Whoever passes the gates with the largest gain. Where segments of hours show anybody, who of all that pass explains most of what they
 /// leave open.
 fn winner(tried: &[Tried]) -> Option<usize> {
     let mut passes = (0..tried.len()).filter(|place| tried[*place].gate.is_none());
-    let share = |place: &usize| tried[*place].heard.share.unwrap_or(0.0);
+    let share = |place: &usize| tried[*place].heard.share().unwrap_or(0.0);
     match tried.iter().any(|one| one.gate.is_none() && one.heard.shown.is_some()) {
         true => passes.max_by(|one, other| share(one).total_cmp(&share(other))),
         false => passes.next(),

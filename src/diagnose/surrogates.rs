@@ -3,7 +3,7 @@
 //! Physica D 58, 77-94). Every room has its own true negatives this way.
 
 use super::candidates::Suspect;
-use super::report::SegmentEvidence;
+use super::report::{EffectScore, SegmentEvidence};
 use super::score_test::{LENGTHS, Look, Score, logged};
 use crate::estimate::Problem;
 use crate::estimate::metrics::filter;
@@ -18,7 +18,10 @@ const SHIFTS: usize = 60;
 
 /// The length at which candidates are ranked and told apart, in hours: between the minutes that sensors blur and the days in which all
 /// that was not logged adds up.
-const RANKING_HOURS: f64 = 12.0;
+pub const RANKING_HOURS: f64 = 12.0;
+
+/// The t from which on it is asked whether shifted channels do as well.
+const ASKED: f64 = 1.5;
 
 /// A candidate that the segments show.
 #[derive(Debug, Clone, PartialEq)]
@@ -77,10 +80,17 @@ pub fn is_driven(suspect: &Suspect, base: &Problem) -> bool {
 /// What the segments show of a candidate.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Heard {
-    /// The share that it explains over the length at which candidates are ranked, with a sign that physics allows.
-    pub share: Option<f64>,
+    /// Over the length at which candidates are ranked, for the ledger.
+    pub ranked: Option<EffectScore>,
     /// Where a logged channel drives it and the days are sure of it.
     pub shown: Option<Shown>,
+}
+
+impl Heard {
+    /// The share that it explains over the length at which candidates are ranked, with a sign that physics allows.
+    pub fn share(&self) -> Option<f64> {
+        self.ranked.as_ref().filter(|ranked| ranked.t > 0.0).map(|ranked| ranked.share)
+    }
 }
 
 /// What the segments show of every candidate, up to the end of the validation part. Shown are those that a logged channel drives, whose
@@ -109,10 +119,7 @@ pub fn heard(base: &Problem, theta: &[f64], suspects: &[Suspect], rate: f64, hal
         scores.sort_by(|one, other| chance(suspect, &one.1).total_cmp(&chance(suspect, &other.1)));
         scores.into_iter().find_map(|(look, score)| {
             let shifts = shifted(look, suspect, &channels, samples.end, halt);
-            let as_good = |one: &&Option<Score>| {
-                one.as_ref().is_some_and(|one| one.t > 0.0 && (one.share >= score.share || one.beyond_clock >= score.beyond_clock))
-            };
-            let as_good = shifts.iter().filter(as_good).count();
+            let (shift_p, as_good) = as_well(&score, &shifts);
             let evidence = SegmentEvidence {
                 hours: look.hours,
                 size: *score.size.first()?,
@@ -122,7 +129,7 @@ pub fn heard(base: &Problem, theta: &[f64], suspects: &[Suspect], rate: f64, hal
                 days: score.days,
                 confirmed_share: score.confirmed,
                 shifts: shifts.len(),
-                shift_p: (1 + as_good) as f64 / (1 + shifts.len()) as f64,
+                shift_p,
                 p,
             };
             let shown = Shown { evidence, step: score.size, direction: ranked.direction.clone() };
@@ -130,10 +137,31 @@ pub fn heard(base: &Problem, theta: &[f64], suspects: &[Suspect], rate: f64, hal
         })
     };
     let hear = |suspect: &Suspect| {
-        let ranked = ranking?.score(suspect, suspect.problem.simulator())?;
-        Some(Heard { share: (ranked.t > 0.0).then_some(ranked.share), shown: one(suspect, &ranked) })
+        let look = ranking?;
+        let score = look.score(suspect, suspect.problem.simulator())?;
+        let channels = Some(logged(suspect, base)).filter(|_| is_driven(suspect, base) && score.t.abs() >= ASKED);
+        let shift_p = channels.map(|channels| as_well(&score, &shifted(look, suspect, &channels, samples.end, halt)).0);
+        let ranked = EffectScore {
+            effect: suspect.id.clone(),
+            size: *score.size.first()?,
+            deviation: score.size.first()?.abs() / score.t.abs().max(f64::MIN_POSITIVE),
+            unit: suspect.problem.model().parameters()[suspect.own.first()?.0].unit.clone(),
+            share: score.share,
+            t: score.t,
+            beyond_clock: score.beyond_clock,
+            days: score.days,
+            shift_p,
+        };
+        Some(Heard { shown: one(suspect, &score), ranked: Some(ranked) })
     };
     suspects.par_iter().map(|suspect| hear(suspect).unwrap_or_default()).collect()
+}
+
+/// The share of shifted candidates, the true one counted, that do as well as that, and how many they are.
+fn as_well(score: &Score, shifts: &[Option<Score>]) -> (f64, usize) {
+    let does = |one: &&Score| one.t > 0.0 && (one.share >= score.share || one.beyond_clock >= score.beyond_clock);
+    let count = shifts.iter().flatten().filter(does).count();
+    ((1 + count) as f64 / (1 + shifts.len()) as f64, count)
 }
 
 /// The chance of so large a t, of the smaller one of the two, where nothing is there: twice that of one side where physics allows both.
@@ -241,6 +269,6 @@ mod tests {
         let evidence = &found.iter().find_map(|heard| heard.shown.as_ref()).unwrap().evidence;
         assert!(evidence.share > 0.2 && evidence.t > 5.0 && evidence.days == 21 && evidence.shifts == 20, "{evidence:?}");
         let never = heard(&problem, &theta, &library, 1e-30, &|| false);
-        assert!(never.iter().all(|heard| heard.shown.is_none()) && never.iter().any(|heard| heard.share.is_some()), "nothing is so sure");
+        assert!(never.iter().all(|heard| heard.shown.is_none()) && never.iter().any(|heard| heard.ranked.is_some()), "nothing is so sure");
     }
 }
