@@ -313,6 +313,7 @@ fn finding(null: &Null, next: &Null, library: &[Suspect], outcome: &Round, winne
         kind: if refinement { FindingKind::Refinement } else { FindingKind::Cause },
         evidence,
         segments: winner.heard.shown.as_ref().map(|shown| shown.evidence.clone()),
+        pooled: None,
         shape: Some(shape(null, next, suspect)),
     }
 }

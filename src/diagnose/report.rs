@@ -1,6 +1,7 @@
 //! The documents of a diagnosis, as they are stored, printed and served.
 
 use super::evidence::Shape;
+use super::ledger::Pooled;
 use indexmap::IndexMap;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -135,6 +136,9 @@ pub struct Finding {
     /// What segments of hours show of it; `null` where they do not, or where no logged channel drives it.
     #[serde(default)]
     pub segments: Option<SegmentEvidence>,
+    /// What this window shows of it together with earlier ones of the same base model; `null` where it was not looked at.
+    #[serde(default)]
+    pub pooled: Option<Pooled>,
     /// The unexplained error beside the effect's own shape; `null` in a diagnosis that was made before there were any.
     pub shape: Option<Shape>,
 }
