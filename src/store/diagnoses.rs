@@ -3,7 +3,7 @@
 use super::finish::Report;
 use super::jobs::Lease;
 use super::reach::Reach;
-use super::{Store, StoreError, derive_id, from_json, instant, millis, next, parse, to_json};
+use super::{Store, StoreError, derive_id, evidence, from_json, instant, millis, next, parse, to_json};
 use crate::data::SystemId;
 use crate::diagnose::ladder::Ladder;
 use crate::diagnose::report::Diagnosis;
@@ -72,12 +72,12 @@ impl Row {
     }
 }
 
-/// Keeps what a job found out; gives the id of a diagnosis.
+/// Keeps what a job found out from a fit, which is named with the hash of its model; gives the id of a diagnosis.
 pub(super) async fn keep(
     tx: &mut SqliteConnection,
     lease: &Lease,
     system: &str,
-    fit: &str,
+    (fit, model_hash): (&str, &str),
     report: &Report,
     now: Timestamp,
 ) -> Result<Option<String>, StoreError> {
@@ -97,8 +97,10 @@ pub(super) async fn keep(
                 .bind(super::finish::word(&named.verdict)?)
                 .bind(to_json("a diagnosis", &named)?)
                 .bind(millis(now))
-                .execute(tx)
+                .execute(&mut *tx)
                 .await?;
+            let entries = named.looked.as_ref().map(|looked| looked.entries(&id, &named.model, Some(model_hash))).unwrap_or_default();
+            evidence::keep(tx, system, sequence, &entries).await?;
             Ok(Some(id))
         }
         Report::Ladder(ladder) => {

@@ -107,7 +107,7 @@ pub async fn finish(store: &Store, lease: &Lease, ending: &Ending<'_>, now: Time
         Ending::Fitted(finding) => {
             let mut finished = keep_fit(&mut tx, lease, &leased, finding, counts, now).await?;
             if let (Some(report), Some(fit)) = (&finding.report, &finished.fit) {
-                finished.diagnosis = diagnoses::keep(&mut tx, lease, &leased.system, fit, report, now).await?;
+                finished.diagnosis = diagnoses::keep(&mut tx, lease, &leased.system, (fit, &finding.fit.model_hash), report, now).await?;
                 // The fit was a means: what the gate says of it is in its document, and no outcome of the job.
                 finished.outcome = None;
             }

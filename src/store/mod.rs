@@ -15,6 +15,7 @@
 //! | `batches` | recalibrations of several systems |
 //! | `fits` | what was found, with its verdict |
 //! | `diagnoses` | which effects models are missing, and the error ladders |
+//! | `evidence` | what every window showed of every effect, for longer than its diagnosis |
 //! | `params` | what is served, with all that is said of it |
 //! | `revisions` | everything that was ever served |
 //! | `decisions`, `pins` | an operator's word: on held and suggested fits, and on what stays in service |
@@ -41,6 +42,7 @@ pub mod diagnoses;
 pub mod doctor;
 mod error;
 pub mod events;
+pub mod evidence;
 pub mod failpoint;
 pub mod finish;
 pub mod fits;

@@ -1,7 +1,8 @@
 //! What is old and named by nothing that is kept: found and removed in small transactions, so that nobody waits for long.
 //!
 //! What was ever served stays, with the fits and jobs behind it and the windows that those fits have read. So do the newest
-//! job, diagnosis and ladder of a system, whatever waits for an operator, and the newest batch of a schedule.
+//! job, diagnosis and ladder of a system, whatever waits for an operator, and the newest batch of a schedule. What diagnoses
+//! saw of every effect (`evidence`) stays as long as its system.
 
 use super::audit::{Action, Deed, note};
 use super::{Store, StoreError, millis, to_json};

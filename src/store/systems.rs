@@ -130,7 +130,7 @@ pub(super) async fn take_method(
 
 /// Everything that belongs to a system, in an order that the keys allow. Fits of other systems lose what they cite
 /// of it; batches and schedules stay.
-const BELONGINGS: [&str; 17] = [
+const BELONGINGS: [&str; 18] = [
     "DELETE FROM idempotency WHERE resource IN (SELECT id FROM jobs WHERE system = $1 UNION SELECT id FROM windows WHERE system = $1)",
     "DELETE FROM fallbacks WHERE system = $1",
     "DELETE FROM states WHERE system = $1",
@@ -141,6 +141,7 @@ const BELONGINGS: [&str; 17] = [
     "UPDATE jobs SET diagnosis = NULL WHERE system = $1",
     "DELETE FROM diagnoses WHERE system = $1",
     "DELETE FROM ladders WHERE system = $1",
+    "DELETE FROM evidence WHERE system = $1",
     "DELETE FROM decisions WHERE fit IN (SELECT id FROM fits WHERE system = $1)",
     "DELETE FROM offers WHERE fit IN (SELECT id FROM fits WHERE system = $1)",
     "DELETE FROM fits WHERE system = $1",
