@@ -69,6 +69,7 @@ const OPERATIONS: &[(&str, Option<Scope>, About)] = &[
     ("delete_system", Some(Admin), System),
     ("get_state", Some(Read), System),
     ("get_ladder", Some(Read), System),
+    ("get_evidence", Some(Read), System),
     ("get_series", Some(Read), System),
     ("list_windows", Some(Read), System),
     ("post_window", Some(Operate), System),

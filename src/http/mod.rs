@@ -15,6 +15,7 @@ mod diagnoses;
 mod diagnostics;
 mod docs;
 mod events;
+mod evidence;
 mod examples;
 mod extract;
 mod fits;
@@ -93,6 +94,7 @@ fn layered() -> OpenApiRouter<Shared> {
         .merge(fits::router())
         .merge(decisions::router())
         .merge(diagnoses::router())
+        .merge(evidence::router())
         .merge(history::router())
         .merge(comparison::router())
         .merge(diagnostics::router())

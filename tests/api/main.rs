@@ -9,6 +9,7 @@ mod conventions;
 mod database;
 mod diagnoses;
 mod events;
+mod evidence;
 mod faults;
 mod fits;
 mod hostile;
