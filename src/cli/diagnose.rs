@@ -71,7 +71,7 @@ pub fn first_fit(measured: &Measured, seed: u64, quiet: bool) -> Result<First, F
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let first = first_fit(&arguments.measured, arguments.seed, arguments.json)?;
     let First { catalogue, problem, fit, window, site, .. } = &first;
-    let diagnosis = diagnose(catalogue, problem, &fit.theta(), window, site, arguments.accusation_rate, &Control::NONE)
+    let diagnosis = diagnose(catalogue, problem, &fit.theta(), window, site, arguments.accusation_rate, &[], &Control::NONE)
         .map_err(|error| Failure::Error(error.to_string()))?;
     if arguments.json {
         print(&serde_json::to_string(&diagnosis).map_err(|error| Failure::Error(error.to_string()))?);

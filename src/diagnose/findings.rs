@@ -5,6 +5,7 @@ use super::evidence::shape;
 use super::failures::episodes;
 use super::fitted::{Null, whitening_at};
 use super::gates::{LEAST_BIC, LEAST_SHARE, STRICT_SHARE, least_gain};
+use super::ledger::{Entry, pool_findings};
 use super::rank::{Round, Skip, Tried, round};
 use super::report::{
     Adequacy, Coefficient, Considered, Diagnosis, EffectScore, Finding, FindingKind, Gate, Looked, Measures, NotTestable, Preview,
@@ -68,10 +69,11 @@ impl DiagnoseError {
 }
 
 /// Which effects the model is missing. `theta` is the fit to start from; it is polished first. `rate` is how often segments of hours may
-/// accuse where nothing is missing.
+/// accuse where nothing is missing; `earlier` is what other windows of the system showed of this model.
 ///
 /// # Errors
 /// [`DiagnoseError`] where the model diverges, the window does not serve, or `control` interrupts.
+#[allow(clippy::too_many_arguments)]
 pub fn diagnose(
     catalogue: &Catalogue,
     problem: &Problem,
@@ -79,6 +81,7 @@ pub fn diagnose(
     window: &Window,
     site: &Site,
     rate: AccusationRate,
+    earlier: &[Entry],
     control: &Control,
 ) -> Result<Diagnosis, DiagnoseError> {
     let days = |range: &std::ops::Range<usize>| {
@@ -130,6 +133,7 @@ pub fn diagnose(
         null = next;
     }
     conclude(&mut report, before.as_ref().unwrap_or(&null), &null);
+    pool_findings(&mut report, earlier);
     Ok(report)
 }
 

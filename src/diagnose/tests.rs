@@ -36,7 +36,7 @@ pub(super) fn fitted(problem: &Problem) -> crate::estimate::Fit {
 fn diagnosis(effects: &[&str]) -> Diagnosis {
     let (problem, window) = small_world(effects);
     let theta = fitted(&problem).theta();
-    diagnose(&Catalogue::builtin().unwrap(), &problem, &theta, &window, &site(), RATE, &Control::NONE).unwrap()
+    diagnose(&Catalogue::builtin().unwrap(), &problem, &theta, &window, &site(), RATE, &[], &Control::NONE).unwrap()
 }
 
 #[test]
@@ -58,7 +58,7 @@ fn the_hidden_wind_is_named_first_and_the_unseen_error_falls() {
 fn the_shape_of_the_wind_is_that_of_the_error() {
     let (problem, window) = small_world(&["wind_infiltration"]);
     let theta = fitted(&problem).theta();
-    let found = diagnose(&Catalogue::builtin().unwrap(), &problem, &theta, &window, &site(), RATE, &Control::NONE).unwrap();
+    let found = diagnose(&Catalogue::builtin().unwrap(), &problem, &theta, &window, &site(), RATE, &[], &Control::NONE).unwrap();
     let (first, shape) = (&found.findings[0], found.findings[0].shape.as_ref().unwrap());
     assert_eq!((shape.unit.as_str(), shape.time.len()), ("K", shape.unexplained.len()));
     assert!(shape.effect.len() == shape.time.len() && (300..=400).contains(&shape.time.len()), "{} points", shape.time.len());
@@ -117,8 +117,8 @@ fn a_diagnosis_is_the_same_on_one_thread_and_on_two() {
     let theta = fitted(&problem).theta();
     let on = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        let found =
-            pool.install(|| diagnose(&Catalogue::builtin().unwrap(), &problem, &theta, &window, &site(), RATE, &Control::NONE).unwrap());
+        let found = pool
+            .install(|| diagnose(&Catalogue::builtin().unwrap(), &problem, &theta, &window, &site(), RATE, &[], &Control::NONE).unwrap());
         serde_json::to_string(&found).unwrap()
     };
     let one = on(1);
@@ -152,11 +152,11 @@ fn a_withheld_channel_is_named_as_not_testable_and_short_records_as_too_short() 
     };
     let catalogue = Catalogue::builtin().unwrap();
     let short = prepare(&catalogue, problem.model().id(), &request, &window, &site()).unwrap();
-    let found = diagnose(&catalogue, &short, &theta, &window, &site(), RATE, &Control::NONE).unwrap();
+    let found = diagnose(&catalogue, &short, &theta, &window, &site(), RATE, &[], &Control::NONE).unwrap();
     assert_eq!(found.verdict, Adequacy::NotEnoughData);
     let series = window.iter().filter(|series| series.channel() != "wind_speed").cloned().collect();
     let calm = Window::from_series(series).unwrap();
-    let found = diagnose(&catalogue, &problem, &theta, &calm, &site(), RATE, &Control::NONE).unwrap();
+    let found = diagnose(&catalogue, &problem, &theta, &calm, &site(), RATE, &[], &Control::NONE).unwrap();
     assert!(found.not_testable.iter().any(|one| one.effect == "wind_infiltration" && one.reason == "needs channel wind_speed"));
     assert!(found.considered.iter().all(|one| one.effect != "sensor_lag" || one.gate != Some(Gate::Tie)));
 }
@@ -175,7 +175,7 @@ fn a_diagnosis_that_is_called_off_ends_where_it_is() {
         let end = if climbs {
             ladder(&catalogue, &problem, &theta, &window, &site(), 2, &control).err()
         } else {
-            diagnose(&catalogue, &problem, &theta, &window, &site(), RATE, &control).err()
+            diagnose(&catalogue, &problem, &theta, &window, &site(), RATE, &[], &control).err()
         };
         (asked.into_inner(), end)
     };

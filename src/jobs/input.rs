@@ -4,13 +4,14 @@ use super::systems::{self, Exclusion, SystemDocument};
 use super::windows::unpack;
 use super::{JobsError, Service};
 use crate::data::{Series, SystemId, Window, read_time};
+use crate::diagnose::ledger::Entry;
 use crate::estimate::request::WindowRange;
 use crate::estimate::{EstimateRequest, Incumbent, Past, Problem, Reference, prepare};
 use crate::fault::Fault;
 use crate::model::{Catalogue, ModelId};
 use crate::store;
 use crate::store::fits::FitRecord;
-use crate::store::jobs::{JobRecord, Origin};
+use crate::store::jobs::{JobKind, JobRecord, Origin};
 use crate::store::windows::Blocks;
 use jiff::{SignedDuration, Timestamp};
 use std::sync::Arc;
@@ -37,6 +38,8 @@ pub struct Input {
     pub posted: bool,
     /// What a fit is judged beside, apart from what is served now.
     pub past: Past,
+    /// What earlier diagnoses of the system saw beside this model; of jobs that do not diagnose nothing is collected.
+    pub evidence: Vec<Entry>,
     measurements: Measurements,
 }
 
@@ -58,7 +61,11 @@ pub async fn load(service: &Service, job: &JobRecord) -> Result<Input, JobsError
         .map_err(|error| JobsError::Faults(vec![Fault::new("", "outdated-request", error.to_string())]))?;
     let input = collect(service, &job.system, document, job.model.clone(), request).await?;
     let past = past(service, job, input.served.as_ref()).await?;
-    Ok(Input { past, posted: job.origin == Origin::Posted, ..input })
+    let evidence = match job.kind {
+        JobKind::Diagnose => store::evidence::of(&service.store, &job.system, None, Some(&job.model.to_string())).await?,
+        _ => Vec::new(),
+    };
+    Ok(Input { past, evidence, posted: job.origin == Origin::Posted, ..input })
 }
 
 /// What is known of older parameters, and of newer measurements.
@@ -109,6 +116,7 @@ pub async fn collect(
         served: store::fits::served(&service.store, name).await?,
         posted: false,
         past: Past::default(),
+        evidence: Vec::new(),
         request,
         system,
     })

@@ -16,7 +16,7 @@ fn diagnosis(csv: &str, model: &str, binds: &[&str], site: &Site, asked: &Estima
     let problem = prepare(&catalogue, &id, asked, &window, site).unwrap();
     let found = fit(&problem, asked);
     let problem = problem.with_substeps(found.substeps);
-    let diagnosis = diagnose(&catalogue, &problem, &found.theta(), &window, site, AccusationRate::USUAL, &Control::NONE).unwrap();
+    let diagnosis = diagnose(&catalogue, &problem, &found.theta(), &window, site, AccusationRate::USUAL, &[], &Control::NONE).unwrap();
     println!("{model}: {}", diagnosis.summary);
     diagnosis
 }

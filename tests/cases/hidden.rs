@@ -90,7 +90,7 @@ fn run(folder: &Path, case: &Case) -> (Diagnosis, Option<[f64; 2]>) {
         (problem.with_substeps(fit.substeps), fit)
     };
     let (problem, fit) = fitted(&model);
-    let found = diagnose(&catalogue, &problem, &fit.theta(), &window, &site, AccusationRate::USUAL, &Control::NONE).unwrap();
+    let found = diagnose(&catalogue, &problem, &fit.theta(), &window, &site, AccusationRate::USUAL, &[], &Control::NONE).unwrap();
     let errors = (case.expect == Answer::NotDetectable).then(|| {
         let truth = made.truth.effects.iter().fold(model, |model, hidden| model.plus(&hidden.effect));
         let test = |fit: &lampyris::estimate::Fit| fit.first_metrics().unwrap().test_rmse.unwrap();

@@ -62,7 +62,8 @@ fn what_a_plant_hides_is_named() {
         let problem =
             prepare(&catalogue, &PLANT.parse().unwrap(), &serde_json::from_value(asked).unwrap(), &window, &Site::default()).unwrap();
         let found =
-            diagnose(&catalogue, &problem, problem.nominal(), &window, &Site::default(), AccusationRate::USUAL, &Control::NONE).unwrap();
+            diagnose(&catalogue, &problem, problem.nominal(), &window, &Site::default(), AccusationRate::USUAL, &[], &Control::NONE)
+                .unwrap();
         println!("{}", found.summary);
         assert_eq!(found.findings.first().map(|finding| finding.effect.as_str()), Some(*effect), "{}", found.summary);
         assert!(found.rho.unwrap() < 1.5, "{:?}", found.rho);

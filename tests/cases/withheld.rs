@@ -35,7 +35,7 @@ fn diagnosed(room: &Room, from: &str, to: &str) -> Diagnosis {
     let theta = fit(&problem, &asked).theta();
     let (window, _) = Window::parse_csv(&room.csv, &Bindings::parse(room.binds.iter().copied()).unwrap()).unwrap();
     let catalogue = Catalogue::builtin().unwrap();
-    diagnose(&catalogue, &problem, &theta, &window, &Site::default(), AccusationRate::USUAL, &Control::NONE).unwrap()
+    diagnose(&catalogue, &problem, &theta, &window, &Site::default(), AccusationRate::USUAL, &[], &Control::NONE).unwrap()
 }
 
 /// The room with the withheld column of so many days later, circularly: what it claims is broken, and its rhythm stays.

@@ -115,7 +115,7 @@ fn judge(request: &WorldRequest) -> Result<Judged, Failure> {
     preview(&catalogue, &problem, &theta, &window, &site).map_err(|error| Failure::Error(error.to_string()))?;
     let preview_seconds = start.elapsed().as_secs_f64();
     let start = Instant::now();
-    let diagnosis = diagnose(&catalogue, &problem, &theta, &window, &site, AccusationRate::default(), &Control::NONE)
+    let diagnosis = diagnose(&catalogue, &problem, &theta, &window, &site, AccusationRate::default(), &[], &Control::NONE)
         .map_err(|error| Failure::Error(error.to_string()))?;
     let seconds = start.elapsed().as_secs_f64();
     let first = diagnosis.findings.first().map_or(Outcome::Silent, |finding| {

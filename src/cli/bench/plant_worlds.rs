@@ -82,7 +82,7 @@ fn judge(request: &PlantWorldRequest) -> Result<Judged, Failure> {
     let base = problem(&catalogue, &window, PLANT)?;
     let theta = base.nominal().to_vec();
     let begun = Instant::now();
-    let diagnosis = diagnose(&catalogue, &base, &theta, &window, &Site::default(), AccusationRate::default(), &Control::NONE)
+    let diagnosis = diagnose(&catalogue, &base, &theta, &window, &Site::default(), AccusationRate::default(), &[], &Control::NONE)
         .map_err(|error| Failure::Error(error.to_string()))?;
     let seconds = begun.elapsed().as_secs_f64();
     let named = |place: usize| -> Option<f64> {

@@ -204,7 +204,7 @@ fn judge(room: &Room, window: &Window, from: i64, each: bool) -> Result<Judged, 
     let problem = prepare(&catalogue, &model, &request, window, &site).map_err(|found| faults(&found))?;
     let theta = estimate(&problem, &request, None, &Control::NONE).map_err(|error| wrong(&error))?.theta();
     let found =
-        diagnose(&catalogue, &problem, &theta, window, &site, AccusationRate::USUAL, &Control::NONE).map_err(|error| wrong(&error))?;
+        diagnose(&catalogue, &problem, &theta, window, &site, AccusationRate::USUAL, &[], &Control::NONE).map_err(|error| wrong(&error))?;
     let group = |finding: &Finding| [vec![finding.effect.clone()], finding.tied_with.clone()].concat();
     let first: Vec<String> = found.findings.first().map(group).unwrap_or_default();
     let holds = |effects: &[&str], names: &[String]| names.iter().any(|name| effects.contains(&name.as_str()));
