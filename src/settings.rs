@@ -23,6 +23,16 @@ pub struct Settings {
     pub limits: Limits,
     /// How long what is old is kept.
     pub retention: Retention,
+    /// What diagnoses go by that are not asked for otherwise.
+    pub diagnose: Diagnose,
+}
+
+/// What diagnoses go by that are not asked for otherwise.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Diagnose {
+    /// The share of rooms with nothing missing that a diagnosis may accuse, above 0 and at most 0.2.
+    pub accusation_rate: f64,
 }
 
 /// How many days something is kept that nothing names any more; 0 keeps it for ever. What was ever served is kept, with its
@@ -77,6 +87,7 @@ impl Default for Settings {
             zone: "UTC".to_owned(),
             limits: Limits::default(),
             retention: Retention::default(),
+            diagnose: Diagnose::default(),
         }
     }
 }
@@ -96,6 +107,12 @@ impl Default for Limits {
     }
 }
 
+impl Default for Diagnose {
+    fn default() -> Self {
+        Self { accusation_rate: 0.01 }
+    }
+}
+
 impl Default for Retention {
     fn default() -> Self {
         Self { jobs_days: 365, diagnoses_days: 0, windows_days: 0 }
@@ -103,7 +120,7 @@ impl Default for Retention {
 }
 
 /// The variables of the environment and the fields that they stand for.
-const VARIABLES: [(&str, &str); 16] = [
+const VARIABLES: [(&str, &str); 17] = [
     ("LAMPYRIS_BIND", "/bind"),
     ("LAMPYRIS_DATABASE", "/database"),
     ("LAMPYRIS_WORKERS", "/workers"),
@@ -120,6 +137,7 @@ const VARIABLES: [(&str, &str); 16] = [
     ("LAMPYRIS_RETENTION_JOBS_DAYS", "/retention/jobs_days"),
     ("LAMPYRIS_RETENTION_DIAGNOSES_DAYS", "/retention/diagnoses_days"),
     ("LAMPYRIS_RETENTION_WINDOWS_DAYS", "/retention/windows_days"),
+    ("LAMPYRIS_DIAGNOSE_ACCUSATION_RATE", "/diagnose/accusation_rate"),
 ];
 
 impl Settings {
@@ -188,7 +206,8 @@ impl Settings {
             "/limits/database_bytes" => read(&mut self.limits.database_bytes, text),
             "/retention/jobs_days" => read(&mut self.retention.jobs_days, text),
             "/retention/diagnoses_days" => read(&mut self.retention.diagnoses_days, text),
-            _ => read(&mut self.retention.windows_days, text),
+            "/retention/windows_days" => read(&mut self.retention.windows_days, text),
+            _ => read(&mut self.diagnose.accusation_rate, text),
         }
     }
 
@@ -223,6 +242,8 @@ impl Settings {
             let detail = format!("at least {least} days are kept, and at most 36500; 0 keeps everything");
             demand(days == 0 || (least..=36_500).contains(&days), &format!("/retention/{field}"), &detail);
         }
+        let rate = self.diagnose.accusation_rate;
+        demand(rate > 0.0 && rate <= 0.2, "/diagnose/accusation_rate", "an accusation rate is above 0 and at most 0.2");
         faults
     }
 }
@@ -250,6 +271,16 @@ mod tests {
             Settings::load(Some(&file), environment(&[("LAMPYRIS_WORKERS", "4"), ("PATH", "x"), ("LAMPYRIS_URL", "y")])).unwrap();
         assert_eq!((settings.workers, settings.limits.queue, settings.zone.as_str()), (4, 5, "Europe/Copenhagen"));
         assert_eq!(settings.limits.body_bytes, Limits::default().body_bytes);
+    }
+
+    #[test]
+    fn an_accusation_rate_lies_above_nothing_and_at_most_at_a_fifth() {
+        let load = |rate: &str| Settings::load(None, environment(&[("LAMPYRIS_DIAGNOSE_ACCUSATION_RATE", rate)]));
+        assert_eq!(load("0.2").unwrap().diagnose.accusation_rate, 0.2);
+        for rate in ["0", "-0.1", "0.21", "NaN", "inf"] {
+            let faults = load(rate).unwrap_err();
+            assert_eq!(faults.iter().map(|fault| fault.pointer.as_str()).collect::<Vec<_>>(), ["/diagnose/accusation_rate"], "{rate}");
+        }
     }
 
     #[test]

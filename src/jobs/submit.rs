@@ -28,7 +28,8 @@ pub async fn one(
     settings: &Map<String, Value>,
     key: Option<&RequestKey>,
 ) -> Result<Submitted, JobsError> {
-    let (document, request, mut faults) = judge(service, system, settings).await?;
+    let settings = with_defaults(service, kind, settings);
+    let (document, request, mut faults) = judge(service, system, &settings).await?;
     if kind == JobKind::Tune {
         faults.extend(tune::faults(&request));
     }
@@ -46,6 +47,15 @@ pub async fn one(
     let new = new_job(kind, system, model, experiment, &request, Origin::Posted, priority)?;
     let submitted = store::jobs::submit(&service.store, &new, key, service.queue_limit(), service.now()).await?;
     told(service, submitted).await
+}
+
+/// What is asked of a job, with what the settings of the service say to its kind.
+fn with_defaults(service: &Service, kind: JobKind, settings: &Map<String, Value>) -> Map<String, Value> {
+    let mut settings = settings.clone();
+    if kind == JobKind::Diagnose && !settings.contains_key("accusation_rate") {
+        settings.insert("accusation_rate".to_owned(), service.settings.diagnose.accusation_rate.into());
+    }
+    settings
 }
 
 /// Submits a job that has ended once more.

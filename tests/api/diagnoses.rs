@@ -140,3 +140,22 @@ fn a_record_that_is_too_short_is_told_so_and_deletions_take_diagnoses_along() {
     app.send("DELETE", "/systems/room/1?force=true", &[], None).unwrap().expect(204);
     app.get(job["links"]["diagnosis"].as_str().unwrap()).problem(404, "diagnosis-not-found");
 }
+
+#[test]
+fn how_often_a_diagnosis_may_accuse_is_a_setting_that_a_request_overrides() {
+    let app = TestApp::with(|settings| settings.diagnose.accusation_rate = 0.05);
+    app.room("1", 1);
+    let body = json!({"kind": "diagnose", "system": "room/1", "window": {"last": "P2D"}, "method": {"name": "lm_multistart"}});
+    let rate = |own: Option<f64>| {
+        let mut body = body.clone();
+        if let Some(own) = own {
+            body["accusation_rate"] = json!(own);
+        }
+        app.ended(&app.post_job(&body))["request"]["accusation_rate"].clone()
+    };
+    assert_eq!(rate(None), 0.05);
+    assert_eq!(rate(Some(0.002)), 0.002);
+    // One in a hundred is what a request says that names no rate.
+    assert_eq!(rate(Some(0.01)), Value::Null);
+    assert_eq!(app.ended(&app.estimate("room/1", json!({})))["request"]["accusation_rate"], Value::Null);
+}
