@@ -1,6 +1,7 @@
 // All browser tests, one after another, against one demo.
 import { browser, demo, result } from './harness.js';
 import { evidence } from './evidence.js';
+import { ledger } from './ledger.js';
 import { story } from './story.js';
 import { edges } from './edges.js';
 import { pages } from './pages.js';
@@ -24,6 +25,7 @@ try {
   } else {
     await plants(chrome, service);
     await evidence(chrome, service);
+    await ledger(chrome, service);
     await story(chrome, service);
     await edges(chrome, service);
     await schedules(chrome, service);

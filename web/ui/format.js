@@ -71,6 +71,12 @@ function format(zone) {
 /** An instant on the clock of a zone, UTC where nothing else is known. */
 export const clock = (instant, zone = 'UTC') => (instant ? format(zone).format(new Date(instant)) : NONE);
 
+/** The day of an instant in UTC. */
+export const day = at =>
+  new Intl.DateTimeFormat('en-GB', { timeZone: 'UTC', day: 'numeric', month: 'short', year: 'numeric' }).format(
+    new Date(typeof at === 'number' ? at * 1000 : at),
+  );
+
 /** `PT24H` as `24 h`. */
 export function horizon(text) {
   const match = /^P(?:(\d+)D)?(?:T(?:(\d+)H)?(?:(\d+)M)?)?$/.exec(text ?? '');

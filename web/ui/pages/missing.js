@@ -14,6 +14,7 @@ import { JobWatch } from '../parts/watch.js';
 import { Bars } from '../charts/bars.js';
 import { Adding } from './adding.js';
 import { Evidence } from './evidence.js';
+import { Ledger } from './ledger.js';
 
 const SAYS = {
   named: 'Something physical is missing here, and it has a name.',
@@ -49,7 +50,8 @@ export function Missing({ system, document, metrics, query }) {
     ${diagnosis.error && html`<${Failed} error=${diagnosis.error} retry=${diagnosis.reload} />`}
     ${id && !diagnosis.data && !diagnosis.error && html`<${Loading} what="the diagnosis" />`}
     ${diagnosis.data && html`<${Diagnosis} key=${diagnosis.data.id} data=${diagnosis.data} system=${system} document=${document}
-      metrics=${metrics} query=${query} search=${running ? null : search} />`}`;
+      metrics=${metrics} query=${query} search=${running ? null : search} />
+      <${Ledger} key=${`ledger of ${diagnosis.data.id}`} system=${system} model=${diagnosis.data.model} />`}`;
 }
 
 export function Diagnosis({ data, system, document, metrics, query, search }) {
