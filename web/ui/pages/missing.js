@@ -127,6 +127,8 @@ function Finding({ finding, data, path, zone, added, add }) {
         ${finding.segments && html`<p><b>Over ${number(finding.segments.hours)} h</b> it explains ${percent(finding.segments.share)} of the error:
           t ${number(finding.segments.t)}, ${number(finding.segments.beyond_clock)} beyond the clock, on ${finding.segments.days} days;
           p ${number(finding.segments.p)} over all effects, ${number(finding.segments.shift_p)} among ${finding.segments.shifts} shifts by days.</p>`}
+        ${finding.pooled?.windows > 1 && html`<p>${finding.pooled.sentence}</p>`}
+        ${finding.pooled?.taken_back && html`<p>▲ ${finding.pooled.taken_back.sentence}</p>`}
         <p>Explains ${finding.explained_share === null ?
           NONE : percent(finding.explained_share)} of the error on unseen data beyond the noise; gains ${number(finding.delta_bic)} in BIC.</p>
         ${finding.tied_with.length > 0 &&
