@@ -106,7 +106,7 @@ struct List {
 
 #[derive(Debug, clap::Args)]
 struct Post {
-    /// The system, such as room/4; several, or a pattern such as 'room/*', make a recalibration.
+    /// The system, such as room/4; several, or a pattern such as 'room/*', make a batch: a recalibration, or diagnoses.
     systems: Vec<String>,
     /// A request to start from: a JSON document, `-` for standard input. The flags win over it.
     #[arg(long, value_name = "FILE")]
@@ -293,7 +293,8 @@ fn batch(batch: &Value) -> String {
         let rows: Vec<&Value> = batch[field].as_array().into_iter().flatten().collect();
         if rows.is_empty() { String::new() } else { format!("\n{}", table::rows_of(&rows, columns)) }
     };
-    let jobs = rows("jobs", &[("system", "/system"), ("job", "/job"), ("state", "/state"), ("outcome", "/outcome"), ("why", "/why")]);
+    let result = if batch["kind"] == "diagnose" { ("verdict", "/verdict") } else { ("outcome", "/outcome") };
+    let jobs = rows("jobs", &[("system", "/system"), ("job", "/job"), ("state", "/state"), result, ("why", "/why")]);
     let skipped = rows("skipped", &[("left out", "/system"), ("why", "/why")]);
     format!("batch {}{jobs}{skipped}", table::cell(batch, "/id"))
 }
@@ -317,6 +318,7 @@ mod tests {
     fn the_flags_make_the_request() {
         assert_eq!(written(&["room/4"]), json!({"system": "room/4", "kind": "estimate"}));
         assert_eq!(written(&["room/*"]), json!({"systems": ["room/*"], "kind": "recalibrate"}));
+        assert_eq!(written(&["room/*", "--kind", "diagnose"]), json!({"systems": ["room/*"], "kind": "diagnose"}));
         let all = written(&[
             "room/4",
             "--kind",

@@ -183,7 +183,7 @@ pub async fn require(service: &Service, id: &str) -> Result<JobRecord, ApiError>
     request_body = JobBody,
     responses(
         (status = 200, description = "An equal job waits already", body = JobAnswer),
-        (status = 202, description = "It waits; `Location` leads to it. A recalibration answers with its batch", body = SubmittedAnswer, headers(("Location" = String))),
+        (status = 202, description = "It waits; `Location` leads to it. Several systems answer with their batch", body = SubmittedAnswer, headers(("Location" = String))),
         (status = 429, description = "So many jobs wait already; `Retry-After` says when to ask again", body = Problem, content_type = PROBLEM_JSON),
         Problems,
     )
@@ -202,9 +202,9 @@ async fn post_job(State(service): State<Shared>, caller: Caller, body: Json) -> 
             let submitted = submit::one(&service, kind, &system, experiment, priority, &settings, body.key.as_ref()).await?;
             job_answer(&service, submitted).await
         }
-        JobRequest::Recalibrate { priority, batch } => {
+        JobRequest::Several { priority, batch } => {
             caller.may_select(&batch.systems)?;
-            let submitted = submit::recalibrate(&service, &batch, None, priority, body.key.as_ref()).await?;
+            let submitted = submit::several(&service, &batch, None, priority, body.key.as_ref()).await?;
             batch_answer(&service, submitted).await
         }
     }

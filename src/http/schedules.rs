@@ -1,4 +1,4 @@
-//! When systems are recalibrated.
+//! When systems are recalibrated or diagnosed.
 
 use super::Shared;
 use super::access::{Caller, within};
@@ -10,6 +10,7 @@ use crate::data::SystemPattern;
 use crate::jobs::schedule::{self, ScheduleDocument, Ticks};
 use crate::jobs::{Refusal, submit};
 use crate::store;
+use crate::store::batches::BatchKind;
 use crate::store::jobs::Priority;
 use crate::store::schedules::{ScheduleRecord, TickResult};
 use axum::extract::{Path, State};
@@ -44,6 +45,8 @@ struct ScheduleAnswer {
     #[schema(example = "At 02:30.")]
     in_words: String,
     zone: String,
+    /// What is done: estimates that are served where they are accepted, or diagnoses.
+    kind: BatchKind,
     enabled: bool,
     /// Which systems.
     #[schema(value_type = Vec<SystemPattern>)]
@@ -93,12 +96,14 @@ impl ScheduleAnswer {
         };
         let in_words = ticks.map(|ticks| ticks.in_words()).unwrap_or_default();
         let mut request = record.request;
+        let kind = request.as_object_mut().and_then(|fields| fields.shift_remove("kind"));
         let systems = request.as_object_mut().and_then(|fields| fields.shift_remove("systems")).unwrap_or_default();
         Self {
             name: record.name,
             cron: record.cron,
             in_words,
             zone: record.zone,
+            kind: kind.and_then(|kind| serde_json::from_value(kind).ok()).unwrap_or(BatchKind::usual()),
             enabled: record.enabled,
             systems,
             request,
@@ -212,6 +217,6 @@ async fn delete_schedule(
 async fn run_schedule(State(service): State<Shared>, Path(name): Path<String>, body: Empty) -> Result<Response, ApiError> {
     let record = require(&service, &name).await?;
     let request = schedule::request(&record)?;
-    let submitted = submit::recalibrate(&service, &request, Some(&name), Priority::Operator, body.key.as_ref()).await?;
+    let submitted = submit::several(&service, &request, Some(&name), Priority::Operator, body.key.as_ref()).await?;
     batch_answer(&service, submitted).await
 }

@@ -5,7 +5,7 @@ use crate::estimate::EstimateRequest;
 use crate::schema::joined;
 use crate::store::jobs::Priority;
 use std::borrow::Cow;
-use utoipa::openapi::schema::{Discriminator, Object, OneOfBuilder};
+use utoipa::openapi::schema::{Object, OneOfBuilder};
 use utoipa::openapi::{Ref, RefOr, Schema};
 use utoipa::{PartialSchema, ToSchema};
 
@@ -51,7 +51,29 @@ struct RecalibrateFields {
     priority: Priority,
 }
 
-/// The kind of a batch.
+/// Diagnoses of several systems, as a batch. Everything but `kind` and `systems` has a default that serves.
+#[derive(ToSchema)]
+#[expect(dead_code, reason = "describes what `jobs::request` reads")]
+struct DiagnoseFields {
+    #[schema(inline)]
+    kind: DiagnoseWord,
+    /// Which systems.
+    #[schema(min_items = 1)]
+    systems: Vec<SystemPattern>,
+    /// Who goes first.
+    #[serde(default)]
+    priority: Priority,
+}
+
+/// The kind of a batch of diagnoses.
+#[derive(ToSchema)]
+#[serde(rename_all = "lowercase")]
+#[expect(dead_code, reason = "describes what `jobs::request` reads")]
+enum DiagnoseWord {
+    Diagnose,
+}
+
+/// The kind of a batch of estimates.
 #[derive(ToSchema)]
 #[serde(rename_all = "lowercase")]
 #[expect(dead_code, reason = "describes what `jobs::request` reads")]
@@ -88,14 +110,24 @@ fn without_default(property: &mut RefOr<Schema>) {
     }
 }
 
+/// A batch takes the model of each system, and estimates or diagnoses it.
+fn batch_settings() -> Object {
+    let mut settings = settings();
+    settings.properties.remove("model");
+    settings.properties.remove("criterion");
+    settings
+}
+
+/// Only diagnoses accuse.
+fn recalibration_settings() -> Object {
+    let mut settings = batch_settings();
+    settings.properties.remove("accusation_rate");
+    settings
+}
+
 impl PartialSchema for BatchSettings {
     fn schema() -> RefOr<Schema> {
-        // A batch takes the model of each system, and estimates it.
-        let mut settings = settings();
-        settings.properties.remove("model");
-        settings.properties.remove("criterion");
-        settings.properties.remove("accusation_rate");
-        settings.into()
+        batch_settings().into()
     }
 }
 
@@ -111,21 +143,12 @@ impl ToSchema for BatchSettings {
 
 impl PartialSchema for JobBody {
     fn schema() -> RefOr<Schema> {
-        let mut kind = Discriminator::new("kind");
-        for (word, name) in [
-            ("estimate", "SystemJob"),
-            ("diagnose", "SystemJob"),
-            ("ladder", "SystemJob"),
-            ("tune", "SystemJob"),
-            ("recalibrate", "RecalibrateJob"),
-        ] {
-            kind.mapping.insert(word.to_owned(), Ref::from_schema_name(name).ref_location);
-        }
+        // No discriminator: a diagnosis is of one system or of several, whatever its kind says.
         OneOfBuilder::new()
             .description(Some("What a job is asked to do. Everything but `kind` and `system` (or `systems`) has a default that serves."))
             .item(Ref::from_schema_name("SystemJob"))
             .item(Ref::from_schema_name("RecalibrateJob"))
-            .discriminator(Some(kind))
+            .item(Ref::from_schema_name("DiagnoseJobs"))
             .into()
     }
 }
@@ -137,9 +160,11 @@ impl ToSchema for JobBody {
 
     fn schemas(schemas: &mut Vec<(String, RefOr<Schema>)>) {
         schemas.push(("SystemJob".to_owned(), joined([OneFields::schema(), settings().into()], true).into()));
-        schemas.push(("RecalibrateJob".to_owned(), joined([RecalibrateFields::schema(), BatchSettings::schema()], true).into()));
+        schemas.push(("RecalibrateJob".to_owned(), joined([RecalibrateFields::schema(), recalibration_settings().into()], true).into()));
+        schemas.push(("DiagnoseJobs".to_owned(), joined([DiagnoseFields::schema(), BatchSettings::schema()], true).into()));
         OneFields::schemas(schemas);
         RecalibrateFields::schemas(schemas);
+        DiagnoseFields::schemas(schemas);
         EstimateRequest::schemas(schemas);
     }
 }

@@ -8,6 +8,7 @@ use crate::estimate::request::{Objective, agreed};
 use crate::estimate::{EarlyStopping, EstimateRequest, tune};
 use crate::fault::{Fault, nearest};
 use crate::optimise::Method;
+use crate::store::batches::BatchKind;
 use crate::store::jobs::{JobKind, Priority};
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
@@ -34,7 +35,7 @@ pub enum JobRequest {
         settings: Map<String, Value>,
     },
     /// Several.
-    Recalibrate {
+    Several {
         /// Who goes first.
         priority: Priority,
         /// Which systems, and what is asked of them.
@@ -42,9 +43,12 @@ pub enum JobRequest {
     },
 }
 
-/// A request to recalibrate several systems; also what a schedule submits.
+/// A request to recalibrate or to diagnose several systems; also what a schedule submits.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct BatchRequest {
+    /// What is done.
+    #[serde(default = "BatchKind::usual", skip_serializing_if = "BatchKind::is_usual")]
+    pub kind: BatchKind,
     /// Which systems.
     pub systems: Vec<SystemPattern>,
     /// What is asked of each, apart from what the system will fill in.
@@ -64,7 +68,7 @@ pub fn read(body: Value) -> Result<JobRequest, Vec<Fault>> {
     let mut faults = Vec::new();
     let kind = match named.as_ref().map(Value::as_str) {
         Some(Some(kind)) if KINDS.contains(&kind) => kind,
-        // What else is wrong can be said all the same: only one of the kinds has several systems.
+        // What else is wrong can be said all the same: several systems are recalibrated where nothing else is said.
         other => {
             faults.push(match other {
                 None => Fault::new("/kind", "missing-field", format!("`kind` is missing: {}", KINDS.join(" or "))),
@@ -82,7 +86,8 @@ pub fn read(body: Value) -> Result<JobRequest, Vec<Fault>> {
         }
     };
     let asked = match kind {
-        "recalibrate" => read_recalibration(fields),
+        "recalibrate" => read_several(BatchKind::Recalibrate, fields),
+        "diagnose" if fields.contains_key("systems") && !fields.contains_key("system") => read_several(BatchKind::Diagnose, fields),
         "diagnose" => read_one(JobKind::Diagnose, fields),
         "ladder" => read_one(JobKind::Ladder, fields),
         "tune" => read_one(JobKind::Tune, fields),
@@ -127,11 +132,11 @@ fn read_one(kind: JobKind, mut fields: Map<String, Value>) -> Result<JobRequest,
     }
 }
 
-fn read_recalibration(mut fields: Map<String, Value>) -> Result<JobRequest, Vec<Fault>> {
+fn read_several(kind: BatchKind, mut fields: Map<String, Value>) -> Result<JobRequest, Vec<Fault>> {
     let mut faults = Vec::new();
     let priority = take_or(&mut fields, "priority", Priority::Operator, &mut faults);
-    match read_batch(fields) {
-        Ok(batch) if faults.is_empty() => Ok(JobRequest::Recalibrate { priority, batch }),
+    match read_batch(kind, fields) {
+        Ok(batch) if faults.is_empty() => Ok(JobRequest::Several { priority, batch }),
         other => {
             faults.extend(other.err().into_iter().flatten());
             Err(faults)
@@ -143,7 +148,7 @@ fn read_recalibration(mut fields: Map<String, Value>) -> Result<JobRequest, Vec<
 ///
 /// # Errors
 /// Every fault.
-pub fn read_batch(mut fields: Map<String, Value>) -> Result<BatchRequest, Vec<Fault>> {
+pub fn read_batch(kind: BatchKind, mut fields: Map<String, Value>) -> Result<BatchRequest, Vec<Fault>> {
     let mut faults = Vec::new();
     let systems = take::<Vec<SystemPattern>>(&mut fields, "systems", &mut faults);
     if systems.as_ref().is_some_and(Vec::is_empty) {
@@ -152,7 +157,7 @@ pub fn read_batch(mut fields: Map<String, Value>) -> Result<BatchRequest, Vec<Fa
     if fields.contains_key("criterion") {
         faults.push(Fault::new("/criterion", "unknown-field", "only a ladder has a criterion"));
     }
-    if fields.contains_key("accusation_rate") {
+    if kind != BatchKind::Diagnose && fields.contains_key("accusation_rate") {
         faults.push(Fault::new("/accusation_rate", "unknown-field", "only a diagnosis has an accusation rate"));
     }
     if fields.contains_key("model") {
@@ -163,7 +168,7 @@ pub fn read_batch(mut fields: Map<String, Value>) -> Result<BatchRequest, Vec<Fa
         faults.extend(more);
     }
     match systems {
-        Some(systems) if faults.is_empty() => Ok(BatchRequest { systems, settings: fields }),
+        Some(systems) if faults.is_empty() => Ok(BatchRequest { kind, systems, settings: fields }),
         _ => Err(faults),
     }
 }

@@ -9,6 +9,7 @@ use super::{JobsError, Service, retention, submit};
 use crate::data::SystemPattern;
 use crate::fault::Fault;
 use crate::store;
+use crate::store::batches::BatchKind;
 use crate::store::jobs::Priority;
 use crate::store::schedules::{NewSchedule, ScheduleRecord, TickResult};
 use croner::Cron;
@@ -41,6 +42,9 @@ pub struct ScheduleDocument {
     #[serde(default)]
     #[schema(example = "Europe/Copenhagen")]
     pub zone: Option<String>,
+    /// What is done: estimates that are served where they are accepted, or diagnoses.
+    #[serde(default = "BatchKind::usual")]
+    pub kind: BatchKind,
     /// Whether it runs at all.
     #[serde(default = "yes")]
     pub enabled: bool,
@@ -126,11 +130,14 @@ fn read(service: &Service, name: &str, body: Value) -> Result<(ScheduleDocument,
     if fields.contains_key("systems") {
         faults.push(Fault::new("/request/systems", "unknown-field", "the systems stand beside the request"));
     }
+    if fields.shift_remove("kind").is_some() {
+        faults.push(Fault::new("/request/kind", "unknown-field", "the kind stands beside the request"));
+    }
     fields.insert("systems".to_owned(), json!(document.systems));
     let within = |fault: Fault| {
         if fault.pointer.starts_with("/systems") { fault } else { Fault { pointer: format!("/request{}", fault.pointer), ..fault } }
     };
-    match read_batch(fields) {
+    match read_batch(document.kind, fields) {
         Ok(request) if faults.is_empty() => Ok((document, request)),
         other => {
             // A list of which every pattern was wrong is empty by now.

@@ -4,12 +4,12 @@
 use super::request::{self, BatchRequest};
 use super::systems::{self, Mode, SystemDocument};
 use super::{JobsError, Service, blocking, input, params};
-use crate::data::SystemId;
+use crate::data::{SplitRequest, SystemId};
 use crate::estimate::{EstimateRequest, tune};
 use crate::fault::{Fault, nearest};
 use crate::model::ModelId;
 use crate::store;
-use crate::store::batches::{NewBatch, Skipped, SubmittedBatch};
+use crate::store::batches::{BatchKind, NewBatch, Skipped, SubmittedBatch};
 use crate::store::idempotency::RequestKey;
 use crate::store::jobs::{Cancelled, JobKind, NewJob, Origin, Priority, Submitted};
 use crate::store::retry::Retried;
@@ -49,11 +49,12 @@ pub async fn one(
     told(service, submitted).await
 }
 
-/// What is asked of a job, with what the settings of the service say to its kind.
+/// What is asked of a job, with what its kind and the settings of the service say to it.
 fn with_defaults(service: &Service, kind: JobKind, settings: &Map<String, Value>) -> Map<String, Value> {
     let mut settings = settings.clone();
-    if kind == JobKind::Diagnose && !settings.contains_key("accusation_rate") {
-        settings.insert("accusation_rate".to_owned(), service.settings.diagnose.accusation_rate.into());
+    if kind == JobKind::Diagnose {
+        settings.entry("split").or_insert_with(|| serde_json::to_value(SplitRequest::DIAGNOSE).unwrap_or_default());
+        settings.entry("accusation_rate").or_insert_with(|| service.settings.diagnose.accusation_rate.into());
     }
     settings
 }
@@ -153,7 +154,7 @@ fn at_request(fault: Fault) -> Fault {
 ///
 /// # Errors
 /// A full queue, a reused key, or where the database fails.
-pub async fn recalibrate(
+pub async fn several(
     service: &Service,
     request: &BatchRequest,
     schedule: Option<&str>,
@@ -169,13 +170,19 @@ pub async fn recalibrate(
     Ok(submitted)
 }
 
-/// The jobs of a batch: one for every selected system that has measurements and wants to be recalibrated.
+/// The jobs of a batch: one for every selected system that has measurements and, where what is served may change, wants that.
 ///
 /// # Errors
 /// Where the database fails.
 pub async fn batch(service: &Service, request: &BatchRequest, schedule: Option<&str>, priority: Priority) -> Result<NewBatch, JobsError> {
     let origin = if schedule.is_some() { Origin::Scheduled } else { Origin::Posted };
+    let kind = match request.kind {
+        BatchKind::Recalibrate => JobKind::Estimate,
+        BatchKind::Diagnose => JobKind::Diagnose,
+    };
+    let settings = with_defaults(service, kind, &request.settings);
     let mut batch = NewBatch {
+        kind: request.kind,
         schedule: schedule.map(str::to_owned),
         request: serde_json::to_string(request).map_err(|error| JobsError::Internal(error.to_string()))?,
         jobs: Vec::new(),
@@ -188,13 +195,16 @@ pub async fn batch(service: &Service, request: &BatchRequest, schedule: Option<&
         }
         let document = systems::document(&record.document)?;
         let mut skip = |why: String| batch.skipped.push(Skipped { system: system.clone(), why });
-        if document.policy.mode == Mode::Observe {
+        if kind == JobKind::Estimate && document.policy.mode == Mode::Observe {
             skip("its policy is to observe only".to_owned());
         } else if store::windows::extent(&service.store, system).await?.is_none() {
             skip("there are no measurements".to_owned());
         } else {
-            match request::complete(&request.settings, Some(&document)) {
-                Ok(request) => batch.jobs.push(new_job(JobKind::Estimate, system, document.model, false, &request, origin, priority)?),
+            match request::complete(&settings, Some(&document)) {
+                // Only an estimate alters what is served.
+                Ok(request) => {
+                    batch.jobs.push(new_job(kind, system, document.model, kind != JobKind::Estimate, &request, origin, priority)?);
+                }
                 Err(faults) => skip(faults.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ")),
             }
         }
@@ -210,7 +220,8 @@ pub async fn batch(service: &Service, request: &BatchRequest, schedule: Option<&
 pub async fn leave_out_answered(service: &Service, batch: &mut NewBatch) -> Result<(), JobsError> {
     for job in std::mem::take(&mut batch.jobs) {
         if store::batches::is_answered(&service.store, &job).await? {
-            batch.skipped.push(Skipped { system: job.system, why: "no measurements have arrived since its last estimate".to_owned() });
+            let what = if job.kind == JobKind::Diagnose { "diagnosis" } else { "estimate" };
+            batch.skipped.push(Skipped { system: job.system, why: format!("no measurements have arrived since its last {what}") });
         } else {
             batch.jobs.push(job);
         }

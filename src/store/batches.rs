@@ -1,15 +1,38 @@
-//! Recalibrations of several systems: ordinary jobs under one name.
+//! Recalibrations and diagnoses of several systems: ordinary jobs under one name.
 
 use super::idempotency::{Earlier, KeyState, RequestKey, look_up, remember};
 use super::jobs::{JobFailure, JobState, NewJob, Outcome, SubmitError, submit_in};
 use super::reach::Reach;
-use super::{Store, StoreError, derive_id, from_json, instant, millis, next, parse, to_json};
+use super::{Store, StoreError, derive_id, from_json, instant, millis, next, parse, to_json, words};
 use crate::data::SystemId;
+use crate::diagnose::Adequacy;
 use crate::estimate::validate::NO_WORSE_THAN_INCUMBENT;
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 use sqlx::{FromRow, SqliteConnection};
 use utoipa::ToSchema;
+
+words! {
+    /// What the jobs of a batch do.
+    BatchKind {
+        /// They estimate, and what is accepted is served.
+        Recalibrate = "recalibrate",
+        /// They look for what each model is missing.
+        Diagnose = "diagnose",
+    }
+}
+
+impl BatchKind {
+    /// The one that documents need not name.
+    pub const fn usual() -> Self {
+        Self::Recalibrate
+    }
+
+    /// Whether documents need not name it.
+    pub fn is_usual(&self) -> bool {
+        *self == Self::usual()
+    }
+}
 
 /// A system that was left out, with the reason.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
@@ -24,6 +47,8 @@ pub struct Skipped {
 /// A batch to be submitted.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NewBatch {
+    /// What its jobs do.
+    pub kind: BatchKind,
     /// The schedule that submits it.
     pub schedule: Option<String>,
     /// The request, JSON.
@@ -39,6 +64,8 @@ pub struct NewBatch {
 pub struct BatchRecord {
     /// Its id.
     pub id: String,
+    /// What its jobs do.
+    pub kind: BatchKind,
     /// The schedule that submitted it.
     pub schedule: Option<String>,
     /// The request.
@@ -64,13 +91,26 @@ pub struct BatchJob {
     pub outcome: Option<Outcome>,
     /// What it found.
     pub fit: Option<String>,
-    /// The gate's sentence about the fit.
+    /// The sentence of the diagnosis where there is one, otherwise the gate's about the fit.
     pub summary: Option<String>,
     /// Its forecast error over that of the parameters that were served before, on the same unseen data; `None`
     /// where there were none to compare with.
     pub error_ratio: Option<f64>,
     /// Why it failed.
     pub error: Option<JobFailure>,
+    /// What it diagnosed.
+    pub diagnosis: Option<BatchDiagnosis>,
+}
+
+/// What a diagnosis of a batch comes to.
+#[derive(Debug, Clone, PartialEq)]
+pub struct BatchDiagnosis {
+    /// Its id.
+    pub id: String,
+    /// The verdict.
+    pub verdict: Adequacy,
+    /// The effects that it names, the most telling first.
+    pub named: Vec<String>,
 }
 
 /// What became of a batch that was submitted.
@@ -85,6 +125,7 @@ pub enum SubmittedBatch {
 #[derive(FromRow)]
 struct Row {
     id: String,
+    kind: String,
     schedule: Option<String>,
     request: String,
     skipped: String,
@@ -101,10 +142,25 @@ struct JobRow {
     summary: Option<String>,
     error_ratio: Option<f64>,
     error: Option<String>,
+    diagnosis: Option<String>,
+    diagnosed: Option<String>,
+}
+
+/// What is read of the document of a diagnosis.
+#[derive(Deserialize)]
+struct Diagnosed {
+    verdict: Adequacy,
+    summary: String,
+    named: Vec<String>,
 }
 
 impl JobRow {
     fn record(self) -> Result<BatchJob, StoreError> {
+        let diagnosed: Option<Diagnosed> = self.diagnosed.as_deref().map(|text| from_json("a diagnosis", text)).transpose()?;
+        let (said, diagnosis) = match self.diagnosis.zip(diagnosed) {
+            Some((id, Diagnosed { verdict, summary, named })) => (Some(summary), Some(BatchDiagnosis { id, verdict, named })),
+            None => (self.summary, None),
+        };
         Ok(BatchJob {
             system: parse("a system", &self.system)?,
             state: parse("a state", &self.state)?,
@@ -112,8 +168,9 @@ impl JobRow {
             error: self.error.as_deref().map(|text| from_json("a failure", text)).transpose()?,
             job: self.id,
             fit: self.fit,
-            summary: self.summary,
+            summary: said,
             error_ratio: self.error_ratio,
+            diagnosis,
         })
     }
 }
@@ -145,11 +202,11 @@ pub async fn submit(
 pub(super) async fn submit_in_batch(tx: &mut SqliteConnection, new: &NewBatch, limit: i64, now: Timestamp) -> Result<String, SubmitError> {
     let sequence = next(tx, "sequence").await?;
     let id = derive_id("bat", sequence, now);
-    let sql =
-        "INSERT INTO batches (id, sequence, kind, schedule, request, skipped, created_at) VALUES ($1, $2, 'recalibrate', $3, $4, $5, $6)";
+    let sql = "INSERT INTO batches (id, sequence, kind, schedule, request, skipped, created_at) VALUES ($1, $2, $3, $4, $5, $6, $7)";
     sqlx::query(sql)
         .bind(&id)
         .bind(sequence)
+        .bind(new.kind.word())
         .bind(&new.schedule)
         .bind(&new.request)
         .bind(to_json("skipped systems", &new.skipped)?)
@@ -192,15 +249,19 @@ pub(super) async fn is_unfinished(tx: &mut SqliteConnection, id: &str) -> Result
 /// # Errors
 /// Where the database fails.
 pub async fn get(store: &Store, id: &str) -> Result<Option<BatchRecord>, StoreError> {
-    let sql = "SELECT id, schedule, request, skipped, created_at FROM batches WHERE id = $1";
+    let sql = "SELECT id, kind, schedule, request, skipped, created_at FROM batches WHERE id = $1";
     let Some(row) = sqlx::query_as::<_, Row>(sql).bind(id).fetch_optional(&store.reader).await? else {
         return Ok(None);
     };
-    let sql = "SELECT j.id, j.system, j.state, j.outcome, j.fit, f.summary, j.error,
-                   (SELECT c.value ->> 'statistic' FROM json_each(f.checks) c WHERE c.value ->> 'name' = $2) AS error_ratio
-               FROM batch_jobs b JOIN jobs j ON j.id = b.job LEFT JOIN fits f ON f.id = j.fit WHERE b.batch = $1 ORDER BY j.sequence";
+    let sql = "SELECT j.id, j.system, j.state, j.outcome, j.fit, f.summary, j.error, j.diagnosis,
+                   (SELECT c.value ->> 'statistic' FROM json_each(f.checks) c WHERE c.value ->> 'name' = $2) AS error_ratio,
+                   CASE WHEN d.id IS NOT NULL THEN json_object('verdict', d.verdict, 'summary', d.document ->> 'summary', 'named',
+                       (SELECT json_group_array(n.value ->> 'effect') FROM json_each(d.document, '$.findings') n)) END AS diagnosed
+               FROM batch_jobs b JOIN jobs j ON j.id = b.job LEFT JOIN fits f ON f.id = j.fit LEFT JOIN diagnoses d ON d.id = j.diagnosis
+               WHERE b.batch = $1 ORDER BY j.sequence";
     let jobs: Vec<JobRow> = sqlx::query_as(sql).bind(id).bind(NO_WORSE_THAN_INCUMBENT).fetch_all(&store.reader).await?;
     Ok(Some(BatchRecord {
+        kind: parse("a kind", &row.kind)?,
         id: row.id,
         schedule: row.schedule,
         request: from_json("a request", &row.request)?,
@@ -216,7 +277,7 @@ pub async fn get(store: &Store, id: &str) -> Result<Option<BatchRecord>, StoreEr
 /// # Errors
 /// Where the database fails.
 pub async fn page(store: &Store, reach: &Reach, before: i64, limit: i64) -> Result<Vec<BatchSummary>, StoreError> {
-    let sql = "SELECT b.id, b.sequence, b.schedule, b.created_at, COUNT(j.id) AS jobs,
+    let sql = "SELECT b.id, b.sequence, b.kind, b.schedule, b.created_at, COUNT(j.id) AS jobs,
                    COALESCE(SUM(j.state IN ('queued', 'running')), 0) AS unfinished
                FROM batches b LEFT JOIN batch_jobs l ON l.batch = b.id LEFT JOIN jobs j ON j.id = l.job
                WHERE b.sequence < $1 AND ($3 IS NULL OR NOT EXISTS (SELECT 1 FROM json_each(b.request, '$.systems') asked
@@ -233,6 +294,8 @@ pub struct BatchSummary {
     pub id: String,
     /// The order of submission.
     pub sequence: i64,
+    /// What its jobs do.
+    pub kind: BatchKind,
     /// The schedule that submitted it.
     pub schedule: Option<String>,
     /// When.
@@ -247,6 +310,7 @@ pub struct BatchSummary {
 struct SummaryRow {
     id: String,
     sequence: i64,
+    kind: String,
     schedule: Option<String>,
     created_at: i64,
     jobs: i64,
@@ -257,6 +321,7 @@ impl SummaryRow {
     fn record(self) -> Result<BatchSummary, StoreError> {
         Ok(BatchSummary {
             created_at: instant(self.created_at)?,
+            kind: parse("a kind", &self.kind)?,
             id: self.id,
             sequence: self.sequence,
             schedule: self.schedule,

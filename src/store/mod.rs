@@ -12,7 +12,7 @@
 //! | `jobs` | the queue: submit, claim with a lease, cancel, recover |
 //! | `events` | jobs that came or ended after a number |
 //! | `finish` | the end of a job: job, fit, verdict and revision in one transaction |
-//! | `batches` | recalibrations of several systems |
+//! | `batches` | recalibrations and diagnoses of several systems |
 //! | `fits` | what was found, with its verdict |
 //! | `diagnoses` | which effects models are missing, and the error ladders |
 //! | `evidence` | what every window showed of every effect, for longer than its diagnosis |

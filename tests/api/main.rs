@@ -7,6 +7,7 @@ mod compare;
 mod comparison;
 mod conventions;
 mod database;
+mod diagnose_batches;
 mod diagnoses;
 mod events;
 mod evidence;

@@ -6,17 +6,19 @@ import { Dialog } from '../parts/dialog.js';
 import { Faults } from '../parts/screens.js';
 
 const QUIET_MS = 250;
-const NIGHTLY = { cron: '30 2 * * *', zone: '', enabled: true, systems: ['room/*'], request: {} };
+const NIGHTLY = { cron: '30 2 * * *', zone: '', kind: 'recalibrate', enabled: true, systems: ['room/*'], request: {} };
+/** What a schedule does, in the words of the form and of the list. */
+export const DOES = { recalibrate: 'fits it anew', diagnose: 'looks for what is missing' };
 
 export const pathOf = name => `/schedules/${encodeURIComponent(name)}`;
 
 /** The field that a fault belongs to. */
 const fieldOf = ({ pointer }) =>
-  pointer === 'path' ? 'name' : (['cron', 'zone', 'systems', 'request'].find(field => pointer.startsWith(`/${field}`)) ?? 'form');
+  pointer === 'path' ? 'name' : (['cron', 'zone', 'kind', 'systems', 'request'].find(field => pointer.startsWith(`/${field}`)) ?? 'form');
 
 /** What the form says, as the service reads it; `faults` is what stops it from being sent. */
 function read(draft) {
-  const body = { cron: draft.cron.trim(), enabled: draft.enabled, systems: draft.systems.split(/[\s,]+/).filter(Boolean) };
+  const body = { cron: draft.cron.trim(), kind: draft.kind, enabled: draft.enabled, systems: draft.systems.split(/[\s,]+/).filter(Boolean) };
   if (draft.zone.trim()) body.zone = draft.zone.trim();
   try {
     return { body: { ...body, request: draft.request.trim() ? JSON.parse(draft.request) : {} }, faults: [] };
@@ -98,6 +100,9 @@ export function Editor({ schedule, taken, close, done }) {
         ]} input=${props =>
           html`<input ...${props} value=${draft.name} required autofocus onInput=${event => set({ name: event.target.value })} />`} />`
       }
+      <${Field} title="What it does with each system" faults=${of('kind')} input=${props =>
+        html`<select ...${props} value=${draft.kind} onChange=${event => set({ kind: event.target.value })}>
+          ${Object.entries(DOES).map(([kind, says]) => html`<option value=${kind} selected=${kind === draft.kind}>${says}</option>`)}</select>`} />
       <${Field} title="When: minute, hour, day of the month, month, day of the week" faults=${of('cron')} input=${props =>
         html`<input ...${props} class="code" value=${draft.cron} required autofocus=${Boolean(schedule)} spellcheck=${false}
           onInput=${event => set({ cron: event.target.value })} />`} />
@@ -108,7 +113,7 @@ export function Editor({ schedule, taken, close, done }) {
       <${Field} title="Systems: names such as room/4, or all of a kind, room/*" faults=${of('systems')} input=${props =>
         html`<input ...${props} value=${draft.systems} required spellcheck=${false} onInput=${event => set({ systems: event.target.value })} />`} />
       <${Field} title="What is asked of each, as in the body of a job (JSON); empty leaves the defaults" faults=${of('request')} input=${props =>
-        html`<textarea ...${props} rows="3" spellcheck=${false} placeholder='{"budget": {"evaluations": 20000}}'
+        html`<textarea ...${props} rows="3" spellcheck=${false} placeholder=${draft.kind === 'diagnose' ? '{"accusation_rate": 0.01}' : '{"budget": {"evaluations": 20000}}'}
           value=${draft.request} onInput=${event => set({ request: event.target.value })}></textarea>`} />
       <label class="inline"><input type="checkbox" checked=${draft.enabled} onChange=${event => set({ enabled: event.target.checked })} /> it runs;
         otherwise it is paused</label>

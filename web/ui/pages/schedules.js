@@ -1,4 +1,4 @@
-// When the service fits by itself: what is planned, and a form to change it.
+// When the service fits and diagnoses by itself: what is planned, and a form to change it.
 import { html, useState } from '../html.js';
 import { useList, post, put, remove } from '../api.js';
 import { address, go } from '../router.js';
@@ -8,10 +8,10 @@ import { Status } from '../parts/status.js';
 import { Table } from '../parts/table.js';
 import { Dialog } from '../parts/dialog.js';
 import { Failed, Shown, Empty } from '../parts/screens.js';
-import { Editor, Runs, pathOf } from './schedule.js';
+import { DOES, Editor, Runs, pathOf } from './schedule.js';
 
 /** What is sent back of a schedule that was read. */
-const bodyOf = ({ cron, zone, enabled, systems, request }) => ({ cron, zone, enabled, systems, request });
+const bodyOf = ({ cron, zone, kind, enabled, systems, request }) => ({ cron, zone, kind, enabled, systems, request });
 
 export function Schedules() {
   const schedules = useList('/schedules');
@@ -31,14 +31,14 @@ export function Schedules() {
   return html`
     <div class="row apart"><h1>Schedules</h1>${make}</div>
     <${Shown} of=${schedules} what="the schedules" empty=${html`<${Empty} title="Nothing is scheduled"><p>A schedule fits systems anew by itself,
-      every night for example.</p></${Empty}>`}
+      every night for example, or looks for what their models are missing, every week.</p></${Empty}>`}
       show=${list => html`<${Table} caption="Schedules" hidden
         columns=${[['name'], ['state'], ['when'], ['systems'], ['next runs'], ['last run'], ['']]}
         rows=${list.map(entry => [
           entry.name,
           html`<${Status} of=${entry.enabled ? 'ok' : 'cancelled'} label=${entry.enabled ? 'on' : 'paused'} />`,
           html`${entry.in_words}<br /><span class="quiet"><code class="nowrap">${entry.cron}</code> ${entry.zone}</span>`,
-          entry.systems.join(', '),
+          html`${entry.systems.join(', ')}<br /><span class="quiet">${DOES[entry.kind]}</span>`,
           entry.enabled ? html`<${Runs} at=${entry.next_runs} zone=${entry.zone} />` : NONE,
           html`${
             entry.last_run
