@@ -7,6 +7,7 @@ use super::limits::Measure;
 use super::metrics::{FilterRun, ahead, filter, filter_fit, free_run_ahead, horizon_name, lead};
 use super::problem::Problem;
 use super::validate::{Incumbent, Past, Policy, Reference};
+use crate::data::Duration;
 use crate::simulate::Trajectory;
 use indexmap::IndexMap;
 use std::cell::OnceCell;
@@ -29,6 +30,8 @@ pub(super) struct Case<'a> {
     /// The levels of the channels in windows of fits that were trusted, with what those are.
     pub levels: Vec<(&'a str, &'a IndexMap<String, Level>)>,
     pub policy: &'a Policy,
+    /// What else is known.
+    pub past: &'a Past,
     /// The filter over the window with the noise of the fit; a model without one has none.
     run: Option<FilterRun>,
     evidence: OnceCell<Evidence>,
@@ -54,7 +57,7 @@ impl<'a> Case<'a> {
         let levels = served.chain(past.references.iter().map(|reference| (reference.name.as_str(), &reference.fit.levels))).collect();
         let (evidence, degraded) = (OnceCell::new(), past.degraded);
         let mut case =
-            Self { problem, fit, theta, trajectory, forecast: None, incumbent, references, degraded, levels, policy, run, evidence };
+            Self { problem, fit, theta, trajectory, forecast: None, incumbent, references, degraded, levels, policy, past, run, evidence };
         case.forecast = case.own_error(case.problem.split().validation.clone());
         Ok(case)
     }
@@ -86,6 +89,18 @@ impl<'a> Case<'a> {
         } else {
             free_run(&self.problem, &self.problem.simulate(theta), self.policy, samples)
         }
+    }
+
+    /// What some parameters err by on the days before those of the fit, ahead by the policy's horizon and by a day.
+    pub fn errors_before(&self, theta: &[f64]) -> Option<[f64; 2]> {
+        let before = self.past.days_before.as_ref()?.with_substeps(self.fit.substeps);
+        let run = filter(&before, theta, None);
+        let samples = 0..before.grid().len();
+        let error = |horizon: Duration| {
+            let policy = Policy { horizon, ..self.policy.clone() };
+            forecast(&before, theta, &run, &policy, samples.clone()).map(|error| error.rmse)
+        };
+        Some([error(self.policy.horizon)?, error(Duration::from_days(1))?])
     }
 
     /// The outputs, with what the limits mean for each.

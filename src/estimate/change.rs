@@ -20,12 +20,17 @@ const OLDER_RATIO: f64 = 1.25;
 /// Below this much older time nothing is said: one good day confirms no model.
 const LEAST_OLDER: i64 = 2 * 86_400;
 
+/// How much more a fit may err than the incumbent on the days before its own, and how many of them there have to be.
+const BEFORE_RATIO: f64 = 1.25;
+const LEAST_BEFORE: i64 = 4 * 86_400;
+
 /// The checks of the rule `G6 jump`, and of older days where newer ones contradict them.
 pub(super) fn look(case: &Case, table: &mut Table) {
     if let Some(incumbent) = &case.incumbent {
         if let Some(since) = case.degraded {
             older_days(case, table, incumbent, since);
         }
+        days_before(case, table, incumbent);
         jump(case, table, "G6 jump", incumbent, "the incumbent's");
     }
     for (name, theta) in &case.references {
@@ -56,6 +61,30 @@ fn older_days(case: &Case, table: &mut Table, incumbent: &[f64], since: i64) {
         ),
     };
     table.at_most("G6 older days", ratio, OLDER_RATIO, "-", Severity::Hold, comment);
+}
+
+/// What a fit has learnt of the building it knows of last month as well: one for which only its own days speak has learnt from them
+/// what was not there before.
+fn days_before(case: &Case, table: &mut Table, incumbent: &[f64]) {
+    let Some(before) = case.past.days_before.as_ref().filter(|before| before.grid().len() as i64 * before.grid().step() >= LEAST_BEFORE)
+    else {
+        return;
+    };
+    let errors = case.errors_before(&case.theta).zip(case.errors_before(incumbent));
+    let worse = |(ours, theirs): ([f64; 2], [f64; 2])| {
+        ours.into_iter().zip(theirs).map(|(ours, theirs)| ours / theirs.max(f64::MIN_POSITIVE)).fold(0.0, f64::max)
+    };
+    let Some(ratio) = errors.map(worse) else { return };
+    let began = rfc3339(before.grid().start());
+    let ended = rfc3339(case.problem.grid().start());
+    let comment = if ratio <= BEFORE_RATIO {
+        format!("the days from {began} to {ended}, which the fit has not seen, speak for these parameters as well")
+    } else {
+        format!(
+            "on the days from {began} to {ended}, which the fit has not seen, the parameters served now forecast better: has the room changed since, or a sensor?"
+        )
+    };
+    table.at_most("G6 days before", Some(ratio), BEFORE_RATIO, "-", Severity::Hold, comment);
 }
 
 /// Many small steps go as far as a large one: each night's fit may stay near its incumbent, and still be far from what was

@@ -2,6 +2,7 @@
 
 use super::evidence::Role;
 use super::problem::Problem;
+use super::validate::NextDoor;
 use crate::data::{Column, sun_position};
 use indexmap::IndexMap;
 use serde::{Deserialize, Serialize};
@@ -49,6 +50,10 @@ const WATER: f64 = 90.0;
 /// How many deviations, and how many K at least, a channel's mean may lie from that of accepted months, and how many times its deviation
 /// may have changed.
 const LEVEL: (f64, f64, f64) = (3.0, 2.0, 3.0);
+
+/// How far the outdoor temperature may lie from a neighbour's: in the mean and in deviation, in K, and as a share of the deviation of the
+/// weather.
+const ELSEWHERE: [f64; 3] = [4.0, 1.5, 0.5];
 
 /// The level and the spread of a channel in a fit's window.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -147,6 +152,40 @@ pub fn strangers(now: &IndexMap<String, Level>, before: &IndexMap<String, Level>
         Some(ChannelFault { channel: name.clone(), says })
     };
     now.iter().filter_map(strange).collect()
+}
+
+/// Whether the outdoor temperature is that of the neighbours: sensors of one place stand in other sun and wind, and see the same weather.
+pub fn weather_elsewhere(problem: &Problem, next_door: &[NextDoor]) -> Option<ChannelFault> {
+    let grid = problem.grid();
+    let own = grid.column("T_out")?;
+    let differs = |other: &NextDoor| {
+        let theirs = other.weather.column_on(grid, "T_out", own.hold()).filter(|theirs| theirs.unit() == own.unit())?;
+        let both: Vec<usize> = (0..grid.len()).filter(|k| own.valid()[*k] && theirs.valid()[*k]).collect();
+        if (both.len() as i64) * grid.step() < ORDER_DAYS as i64 * DAY {
+            return None;
+        }
+        let level = mean(&both.iter().map(|k| own.values()[*k] - theirs.values()[*k]).collect::<Vec<_>>());
+        let deviation = |value: &dyn Fn(usize) -> f64| {
+            let values: Vec<f64> = both.iter().map(|k| value(*k)).collect();
+            let mean = mean(&values);
+            (values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / values.len() as f64).sqrt()
+        };
+        let difference = deviation(&|k| own.values()[k] - theirs.values()[k]);
+        let weather = deviation(&|k| theirs.values()[k]);
+        let [offset, least, share] = ELSEWHERE;
+        let is = level.abs() > offset || difference > least.max(share * weather);
+        Some(is.then(|| ChannelFault {
+            channel: "T_out".to_owned(),
+            says: format!(
+                "T_out does not follow that of {}, from which it lies by {level:+.1} K in the mean and varies by {difference:.1} K: another place, another clock or another channel?",
+                other.name
+            ),
+        }))
+    };
+    // Where neighbours disagree with each other one of them may be wrong itself.
+    let found: Vec<Option<ChannelFault>> = next_door.iter().filter_map(differs).collect();
+    let most = 2 * found.iter().flatten().count() > found.len();
+    found.into_iter().flatten().next().filter(|_| most)
 }
 
 /// The columns that a problem reads and that were logged or computed for it.

@@ -172,7 +172,8 @@ fn regression(met: Match, room: &str, evidence: &Evidence, table: &mut Table) {
 
 /// The checks of the rule `G11`.
 pub(super) fn channels(case: &Case, table: &mut Table) {
-    let faults = channels::faults(&case.problem);
+    let mut faults = channels::faults(&case.problem);
+    faults.extend(channels::weather_elsewhere(&case.problem, &case.past.next_door));
     if faults.is_empty() {
         let comment = "every temperature moves as such, at a level that its place and the season allow".to_owned();
         table.check("G11 channels", Some(0.0), "<=", Some(0.0), "faults", true, Severity::Hold, comment);

@@ -22,6 +22,8 @@ use utoipa::ToSchema;
 
 /// The shortest step of a grid that is chosen for several channels, in seconds.
 const SHORTEST_STEP: i64 = 60;
+/// How much of what came before the days of a fit is looked at: a season is not to pass meanwhile.
+pub const BEFORE: Duration = Duration::from_days(14);
 
 /// What is minimised on the training part.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, ToSchema)]
@@ -296,6 +298,16 @@ pub fn prepare(
     let choices = request.choices();
     let source = source(&model, window, &grid, basis)?;
     Problem::new(model, grid, split, &choices, source)
+}
+
+/// The same model on the measurements right before those of a problem, at most so many: what a fit to the problem has not seen, and
+/// what came before it. `None` where there is nothing to judge by.
+pub fn days_before(catalogue: &Catalogue, request: &EstimateRequest, window: &Window, site: &Site, problem: &Problem) -> Option<Problem> {
+    let start = problem.grid().time(problem.split().train.start);
+    let window = window.slice(start - BEFORE.seconds(), start).ok()?;
+    let split = SplitRequest { train: BEFORE, validation: Duration::from_seconds(0), test: None };
+    let asked = EstimateRequest { window: None, split, early_stopping: None, ..request.clone() };
+    prepare(catalogue, problem.model().id(), &asked, &window, site).ok().filter(Problem::filters)
 }
 
 /// The channels that a model can choose from: the window's, the clock's, the openings of a window, which can be read

@@ -10,7 +10,7 @@ use super::fit::Fit;
 use super::problem::Problem;
 pub use super::rules::NO_WORSE_THAN_INCUMBENT;
 use super::rules::{Rule, Table};
-use crate::data::Duration;
+use crate::data::{Duration, Window};
 use crate::model::ModelId;
 use indexmap::IndexMap;
 use serde::{Deserialize, Serialize};
@@ -36,8 +36,17 @@ pub struct Reference {
     pub fit: Fit,
 }
 
-/// What a fit is judged beside: what is served, and what was.
-#[derive(Debug, Clone, PartialEq, Default)]
+/// The outdoor temperature of another system in the same place.
+#[derive(Debug, Clone, PartialEq)]
+pub struct NextDoor {
+    /// Whose it is: `room/3`.
+    pub name: String,
+    /// A window with the channel `T_out`.
+    pub weather: Window,
+}
+
+/// What a fit is judged beside: what is served, what was, and what others measure.
+#[derive(Debug, Clone, Default)]
 pub struct Past {
     /// The parameters that are served now.
     pub incumbent: Option<Incumbent>,
@@ -45,6 +54,10 @@ pub struct Past {
     pub references: Vec<Reference>,
     /// Since when newer measurements contradict the incumbent, in seconds, where they do.
     pub degraded: Option<i64>,
+    /// The same model on the days right before those that the fit has seen, where there are any ([`super::request::days_before`]).
+    pub days_before: Option<Problem>,
+    /// The weather of the neighbours that measure it themselves.
+    pub next_door: Vec<NextDoor>,
 }
 
 impl Past {

@@ -8,7 +8,8 @@ use crate::data::rfc3339;
 use crate::diagnose::failures::worst_regime;
 use crate::estimate::degradation::as_fitted;
 use crate::estimate::metrics::current_state;
-use crate::estimate::{Control, EstimateError, Interrupt, Policy, Problem, Verdict, estimate, validate};
+use crate::estimate::request::days_before;
+use crate::estimate::{Control, EstimateError, Interrupt, Past, Policy, Problem, Verdict, estimate, validate};
 use crate::fault::Fault;
 use crate::store::finish::Finding;
 use crate::store::jobs::JobFailure;
@@ -48,7 +49,11 @@ pub fn fitted(input: &Input, control: &Control<'_>) -> Result<Fitted, Stopped> {
     let failed = |error| Stopped::Failed(describe(error));
     let window = input.window().map_err(failed)?;
     let problem = input.problem(&window).map_err(failed)?;
-    let past = input.past();
+    let past = Past {
+        days_before: days_before(&input.catalogue, &input.request, &window, &input.system.site(), &problem),
+        next_door: input.weather_next_door().map_err(failed)?,
+        ..input.past()
+    };
     let mut fit = estimate(&problem, &input.request, past.incumbent.as_ref(), control).map_err(|error| stopped(&error))?;
     fit.worst_regime = worst_regime(&problem, &fit, &window, fit.seed).map_err(|fault| Stopped::Failed(invalid(vec![fault])))?;
     let policy = Policy { horizon: input.system.policy.horizon, excluded: input.system.excluded() };

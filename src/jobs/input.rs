@@ -5,7 +5,8 @@ use super::windows::unpack;
 use super::{JobsError, Service};
 use crate::data::{Series, SystemId, Window, read_time};
 use crate::diagnose::ledger::Entry;
-use crate::estimate::request::WindowRange;
+use crate::estimate::request::{BEFORE, WindowRange};
+use crate::estimate::validate::NextDoor;
 use crate::estimate::{EstimateRequest, Incumbent, Past, Problem, Reference, prepare};
 use crate::fault::Fault;
 use crate::model::{Catalogue, ModelId};
@@ -20,6 +21,8 @@ use std::sync::Arc;
 const LOOK_BACK: SignedDuration = SignedDuration::from_hours(30 * 24);
 /// The channel of a room that its neighbours see.
 const ROOM_TEMPERATURE: &str = "T_room";
+/// The channel of the weather that each of them may measure for itself.
+const OUTDOOR_TEMPERATURE: &str = "T_out";
 
 /// Everything that an estimate reads, taken from the database before the work begins.
 #[derive(Debug)]
@@ -79,7 +82,7 @@ async fn past(service: &Service, job: &JobRecord, served: Option<&FitRecord>) ->
     };
     let served_then = reference("the parameters served 30 days ago", trusted.served_then);
     let confirmed = reference("the last parameters that an operator confirmed", trusted.confirmed);
-    Ok(Past { incumbent: None, references: served_then.into_iter().chain(confirmed).collect(), degraded: degraded(service, job).await? })
+    Ok(Past { references: served_then.into_iter().chain(confirmed).collect(), degraded: degraded(service, job).await?, ..Past::default() })
 }
 
 /// Since when newer measurements contradict what is served, where a job is nobody's wish: whoever posts one may know why the room
@@ -109,6 +112,8 @@ pub async fn collect(
         return Err(JobsError::Faults(vec![Fault::new("/window", "no-data", format!("there are no measurements of {name}"))]));
     };
     let (from, to) = range(request.window.as_ref(), first, newest).map_err(JobsError::Faults)?;
+    // A fit is judged on the days before its own as well.
+    let from = from.saturating_sub(BEFORE.seconds());
     Ok(Input {
         catalogue: service.catalogue.current(),
         model,
@@ -191,6 +196,20 @@ impl Measurements {
         Ok((ids, windows))
     }
 
+    /// The outdoor temperature of the neighbours that measure one.
+    fn weather_next_door(&self) -> Result<Vec<NextDoor>, JobsError> {
+        let mut all = Vec::new();
+        for (neighbour, blocks) in &self.neighbours {
+            let with_weather = unpack(blocks)?.into_iter().filter_map(|window| window.series(OUTDOOR_TEMPERATURE).cloned());
+            let windows: Result<Vec<Window>, _> = with_weather.map(|series| Window::from_series(vec![series])).collect();
+            let windows = windows.map_err(JobsError::Faults)?;
+            if !windows.is_empty() {
+                all.push(NextDoor { name: neighbour.to_string(), weather: Window::stitch(&windows).map_err(JobsError::Faults)? });
+            }
+        }
+        Ok(all)
+    }
+
     /// Takes the measured outputs out of the stretches that are not to be trusted; inputs stay, so that the
     /// simulation runs through.
     fn without_exclusions(&self, window: Window, catalogue: &Catalogue, model: &ModelId) -> Result<Window, JobsError> {
@@ -234,6 +253,14 @@ impl Input {
     /// As [`Input::window`].
     pub fn cited(&self, joined: &Window, from: i64, to: i64) -> Result<Vec<String>, JobsError> {
         self.measurements.cited(joined, from, to)
+    }
+
+    /// The outdoor temperature of the neighbours that measure one. This is work for the CPU pool.
+    ///
+    /// # Errors
+    /// As [`Measurements::window`].
+    pub fn weather_next_door(&self) -> Result<Vec<NextDoor>, JobsError> {
+        self.measurements.weather_next_door()
     }
 
     /// Puts the problem together. This is work for the CPU pool.

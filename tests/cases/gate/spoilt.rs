@@ -58,6 +58,12 @@ impl Table {
         csv
     }
 
+    /// The rows before one.
+    pub fn until(&self, row: usize) -> Self {
+        let columns = self.columns.iter().map(|column| column[..row].to_vec()).collect();
+        Self { names: self.names.clone(), times: self.times[..row].to_vec(), columns }
+    }
+
     fn place(&self, name: &str) -> Option<usize> {
         self.names.iter().position(|known| known == name || known.starts_with(&format!("{name}[")))
     }
@@ -125,6 +131,15 @@ pub fn apply(
         changed.columns[place][from..].copy_from_slice(&spoilt);
     }
     Some(changed)
+}
+
+/// The outdoor temperature of a table by another sensor at another wall.
+pub fn weather_next_door(table: &Table, seed: u64) -> lampyris::data::Window {
+    let mut dice = Xoshiro256PlusPlus::seed_from_u64(seed);
+    let place = table.place("T_out").unwrap();
+    let theirs = table.columns[place].iter().map(|v| v.map(|v| v + 0.5 + 0.4 * normal(&mut dice))).collect();
+    let only = Table { names: vec![table.names[place].clone()], times: table.times.clone(), columns: vec![theirs] };
+    lampyris::data::Window::parse_csv(&only.csv(), &lampyris::data::Bindings::none()).unwrap().0
 }
 
 fn name_of_temperature(name: &str) -> bool {
