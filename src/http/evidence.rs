@@ -4,8 +4,7 @@ use super::Shared;
 use super::extract::{Asked, Named};
 use super::problem::{ApiError, Problems};
 use crate::data::{SystemId, rfc3339};
-use crate::diagnose::ledger::{Apart, Kept, Ledger, Pooled, ledgers};
-use crate::diagnose::report::EffectScore;
+use crate::diagnose::ledger::{Apart, EffectScore, Kept, Ledger, Pooled, ledgers};
 use crate::jobs::systems;
 use crate::store;
 use axum::extract::State;
@@ -64,8 +63,22 @@ struct EvidenceWindow {
     to: String,
     /// Hours of a segment.
     hours: f64,
-    #[serde(flatten)]
-    score: EffectScore,
+    /// The effect's size, as a change of its first parameter from where it does nothing.
+    size: f64,
+    /// The deviation of that size, robust by days.
+    deviation: f64,
+    /// The unit of both.
+    unit: String,
+    /// The share of the squared error over these hours that it explains.
+    share: f64,
+    /// The size of the whole effect over its deviation; negative where physics does not allow the sign.
+    t: f64,
+    /// The same beyond whatever happens at the same hours every day.
+    beyond_clock: f64,
+    /// Days that were looked at.
+    days: usize,
+    /// The share of shifts of its channels by whole days with which it does as well; `null` where nobody asked.
+    shift_p: Option<f64>,
     /// Whether it is added up with the others.
     pooled: bool,
     /// Why it is not.
@@ -80,12 +93,20 @@ impl EffectEvidence {
 
 impl EvidenceWindow {
     fn of(Kept { entry, apart }: Kept) -> Self {
+        let EffectScore { size, deviation, unit, share, t, beyond_clock, days, shift_p, .. } = entry.score;
         Self {
             diagnosis: entry.diagnosis,
             from: rfc3339(entry.span.from),
             to: rfc3339(entry.span.to),
             hours: entry.span.hours,
-            score: entry.score,
+            size,
+            deviation,
+            unit,
+            share,
+            t,
+            beyond_clock,
+            days,
+            shift_p,
             pooled: apart.is_none(),
             apart,
         }

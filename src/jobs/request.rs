@@ -158,7 +158,7 @@ pub fn read_batch(kind: BatchKind, mut fields: Map<String, Value>) -> Result<Bat
         faults.push(Fault::new("/criterion", "unknown-field", "only a ladder has a criterion"));
     }
     if kind != BatchKind::Diagnose && fields.contains_key("accusation_rate") {
-        faults.push(Fault::new("/accusation_rate", "unknown-field", "only a diagnosis has an accusation rate"));
+        faults.push(Fault::new("/accusation_rate", "contradiction", "only a diagnosis has an accusation rate"));
     }
     if fields.contains_key("model") {
         faults.push(Fault::new("/model", "unknown-field", "a batch takes the model of each system"));

@@ -7,8 +7,10 @@ import { Frame } from '../parts/frame.js';
 import { Shown, Empty } from '../parts/screens.js';
 import { Windows } from '../charts/windows.js';
 
-/** Below this pooled t an effect cannot be told from chance, and is shown to those who ask. */
+/** Below this pooled t an effect does not stand out, and is shown to those who ask. */
 const CLEAR_T = 2;
+/** As many of a hundred stand out by chance alone. */
+const BY_CHANCE = 0.05;
 const COLUMNS = [
   ['effect'], ['from'], ['to'], ['size', 'number'], ['deviation', 'number'], ['unit'], ['t', 'number'], ['beyond the clock', 'number'],
   ['of the error', 'number'], ['days', 'number'], ['p of shifts', 'number'], ['added up'],
@@ -32,13 +34,13 @@ function Effects({ effects, path, model }) {
   const others = effects.filter(effect => !clear.includes(effect));
   const rows = list => list.map(effect => html`<${Row} key=${effect.effect} effect=${effect} span=${span} />`);
   const says = clear.length
-    ? `Beside ${model}, ${clear.length} of ${effects.length} effects cannot be chance: ${clear.map(({ effect }) => effect).join(', ')}.`
-    : `Beside ${model}, none of ${effects.length} effects can be told from chance.`;
+    ? `Beside ${model}, ${clear.length} of ${effects.length} effects stand out by two deviations or more, as ${Math.max(1, Math.round(BY_CHANCE * effects.length))} would by chance: ${clear.map(({ effect }) => effect).join(', ')}. The verdict of a diagnosis counts how many were tried.`
+    : `Beside ${model}, none of ${effects.length} effects stands out by two deviations.`;
   return html`<${Frame} title="Effects by window" path=${path} summary=${says}
     note="A dot is what one window shows, with its 95 % interval; hollow dots are not added up, mostly because a newer window holds their samples. The dashed line with its band is what the windows show together, if it is one size."
     table=${() => ({ columns: COLUMNS, rows: effects.flatMap(numbers) })}>
     ${clear.length ? rows(clear) : html`<p>${says}</p>`}
-    ${others.length > 0 && html`<details><summary>Show all: ${others.length} more that cannot be told from chance</summary>${rows(others)}</details>`}
+    ${others.length > 0 && html`<details><summary>Show all: ${others.length} more that do not stand out</summary>${rows(others)}</details>`}
   </${Frame}>`;
 }
 
