@@ -9,7 +9,7 @@ pub struct Effort {
     pub settle: usize,
     /// After which the ways from several starts are told apart.
     pub scout: usize,
-    /// Of a suspect.
+    /// Of a candidate.
     pub refit: usize,
     /// A run ends after two iterations that lower the cost by less than this share.
     pub tolerance: f64,

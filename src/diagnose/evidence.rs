@@ -1,13 +1,14 @@
 //! The unexplained error beside an effect's own shape: what a person looks at before believing a finding.
 
-use super::candidates::Suspect;
-use super::fitted::Null;
+use super::library::CandidateEffect;
+use super::null_model::NullModel;
 use super::regimes::interval;
 use super::residual::residual;
+use super::score_test::{Look, RANKING_HOURS};
 use super::screen::Screen;
 use crate::data::rfc3339;
 use crate::estimate::Problem;
-use crate::estimate::metrics::error_unit;
+use crate::estimate::metrics::{error_unit, filter};
 use crate::estimate::whiten::stride;
 use crate::schema::Interval;
 use serde::{Deserialize, Serialize};
@@ -43,12 +44,13 @@ pub struct Shape {
     /// The first sample of the test part, where there is one.
     #[schema(format = DateTime)]
     pub test_from: Option<String>,
-    /// The one-step errors of the training part by what the effect would add; `null` where it takes too few values.
+    /// What is unexplained by what the effect would add; `null` where it takes too few values.
     pub added: Option<Added>,
 }
 
-/// The innovations of the model without an effect against the change that the effect would make in them, when all that
-/// the model's own parameters can imitate is taken from both: an added-variable plot.
+/// The error of the model without an effect against the change that the effect would make in it, when all that the model's own
+/// parameters can imitate is taken from both: an added-variable plot. Of rooms it is the error along segments of 12 hours with states
+/// of their own, of plants that of the free run over the training part.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Added {
     /// Samples with about the same change, as many in each bin as ties allow, the smallest changes first.
@@ -74,8 +76,8 @@ pub struct AddedBin {
     pub samples: usize,
 }
 
-/// The shape of a suspect that was found. `next` is the model with it.
-pub fn shape(null: &Null, next: &Null, suspect: &Suspect) -> Shape {
+/// The shape of a candidate that was found. `next` is the model with it.
+pub fn shape(null: &NullModel, next: &NullModel, candidate: &CandidateEffect) -> Shape {
     let (problem, grid) = (&null.problem, null.problem.grid());
     let [without, with] = [null, next].map(|one| one.problem.simulate(&one.fitted.plain));
     let error = residual(problem, 0, &without.outputs[0]);
@@ -91,16 +93,23 @@ pub fn shape(null: &Null, next: &Null, suspect: &Suspect) -> Shape {
         effect: means(&change, &usable, span),
         validation_from: rfc3339(grid.time(problem.split().validation.start)),
         test_from: (!problem.split().test.is_empty()).then(|| rfc3339(grid.time(problem.split().test.start))),
-        added: added(null, next, suspect),
+        added: added(null, candidate, &next.fitted.plain),
     }
 }
 
-/// The one-step errors by what the suspect would add to them.
-fn added(null: &Null, next: &Null, suspect: &Suspect) -> Option<Added> {
-    let whitening = &null.filters.white;
-    let (effect, unexplained) = Screen::new(&null.problem, &null.fitted.white, whitening, &|| false)?.added(suspect, &next.fitted.plain)?;
-    let points: Vec<Point> =
-        whitening.rows_of_first().zip(effect.into_iter().zip(unexplained)).map(|(row, (x, y))| Point { row, x, y }).collect();
+/// What is unexplained by what the candidate would add to it: over segments of hours, or, of a model that has none, in the free run.
+fn added(null: &NullModel, candidate: &CandidateEffect, with: &[f64]) -> Option<Added> {
+    let point = |(row, x, y): (usize, f64, f64)| Point { row, x, y };
+    let points: Vec<Point> = if null.problem.filters() {
+        let samples = null.problem.split().train.start..null.problem.split().validation.end;
+        let states = filter(&null.problem, &null.fitted.plain, None).filtered.states;
+        let look = Look::new(&null.problem, &null.fitted.plain, &states, samples, RANKING_HOURS, &|| false)?;
+        look.added(candidate, with)?.into_iter().map(point).collect()
+    } else {
+        let plain = &null.filters.plain;
+        let (effect, unexplained) = Screen::new(&null.problem, &null.fitted.plain, plain, &|| false)?.added(candidate, with)?;
+        plain.rows_of_first().zip(effect.into_iter().zip(unexplained)).map(|(row, (x, y))| point((row, x, y))).collect()
+    };
     let [slope, intercept] = straight_line(&points)?;
     let bins = bins(&null.problem, points);
     (bins.len() >= LEAST_BINS).then_some(Added { bins, slope, intercept })

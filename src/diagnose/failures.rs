@@ -2,7 +2,7 @@
 //!
 //! Free runs show where; only innovations show whether anything is left to explain (reference: missing-effects 6).
 
-use super::candidates::widen;
+use super::library::widen;
 use super::regimes::{Regime, circumstances, regimes};
 use super::residual::residual;
 use super::spectrum::{InputLag, Spectrum, input_lags, spectrum};

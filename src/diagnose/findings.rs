@@ -1,19 +1,16 @@
 //! The main line: rounds until nothing more is found, and the document that says what was.
 
-use super::candidates::{Suspect, align, suspects, widen};
+use super::acceptance::{LEAST_BIC, LEAST_SHARE, STRICT_SHARE, Tried, least_gain};
 use super::evidence::shape;
 use super::failures::episodes;
-use super::fitted::{Null, whitening_at};
-use super::gates::{LEAST_BIC, LEAST_SHARE, STRICT_SHARE, least_gain};
-use super::ledger::{Entry, pool_findings};
-use super::rank::{Round, Skip, Tried, round};
-use super::report::{
-    Adequacy, Coefficient, Considered, Diagnosis, EffectScore, Finding, FindingKind, Gate, Looked, Measures, NotTestable, Preview,
-    RmsePairs, Unexplained,
-};
+use super::ledger::{EffectScore, Entry, Looked, pooled_with};
+use super::library::{CandidateEffect, NotTestable, align, candidates, widen};
+use super::null_model::{NullModel, whitening_at};
+use super::report::{Adequacy, Coefficient, Considered, Diagnosis, Finding, FindingKind, Gate, Measures, Preview, RmsePairs, Unexplained};
 use super::residual::residual;
+use super::score_test::RANKING_HOURS;
 use super::screen::{Blind, Screen};
-use super::surrogates::{RANKING_HOURS, Shown};
+use super::selection::{Round, Skip, round};
 use crate::data::{Window, hour_of_day, rfc3339};
 use crate::estimate::metrics::{HORIZONS, ahead, error_unit, filter};
 use crate::estimate::physics::{jacobian, mean_inputs};
@@ -101,21 +98,23 @@ pub fn diagnose(
     let (grid, holes) = widen(problem, window, site).map_err(|fault| DiagnoseError::Faults(vec![fault]))?;
     let nothing = || DiagnoseError::nothing(control);
     let halt = || control.halts();
-    let (mut library, not_testable) = suspects(catalogue, problem, &grid, &holes, site);
-    let mut null = Null::settle(align(problem, &mut library), theta, None, &halt).ok_or_else(nothing)?;
+    let (mut library, not_testable) = candidates(catalogue, problem, &grid, &holes, site);
+    let mut null = NullModel::settle(align(problem, &mut library), theta, None, &halt).ok_or_else(nothing)?;
     report.not_testable = not_testable;
     let mut found: Vec<String> = Vec::new();
     let mut before = None;
     for number in 1..=ROUNDS {
         if number > 1 {
-            (library, _) = suspects(catalogue, &null.problem, &grid, &holes, site);
+            (library, _) = candidates(catalogue, &null.problem, &grid, &holes, site);
             null.problem = align(&null.problem, &mut library);
         }
         // The openings that a drop detector marks are off by up to half an hour, which a lag then repairs.
-        library.retain(|suspect| !(suspect.id == "sensor_lag" && found.iter().any(|name| name == "window_opening")));
+        library.retain(|candidate| !(candidate.id == "sensor_lag" && found.iter().any(|name| name == "window_opening")));
         // What could not be told from a finding is named with it already.
-        library.retain(|suspect| !found.contains(&suspect.id));
-        let outcome = round(&mut null, &library, strict, rate.into(), &halt).ok_or_else(nothing)?;
+        library.retain(|candidate| !found.contains(&candidate.id));
+        // With a finding it is another model, of which no window has told.
+        let earlier = if number == 1 { earlier } else { &[] };
+        let outcome = round(&mut null, &library, strict, rate.into(), earlier, &halt).ok_or_else(nothing)?;
         interrupted(control)?;
         report.evaluations.push(null.fitted.evaluations + outcome.evaluations);
         if number == 1 {
@@ -124,10 +123,11 @@ pub fn diagnose(
             report.looked = looked(problem, outcome.scores.clone());
         }
         let Some(winner) = outcome.winner.map(|place| &outcome.tried[place]) else { break };
-        let suspect = &library[winner.suspect];
-        let next = Null::settle(suspect.problem.clone(), &winner.fitted.plain, Some(&winner.fitted.white), &halt).ok_or_else(nothing)?;
+        let candidate = &library[winner.refitted.candidate];
+        let next = NullModel::settle(candidate.problem.clone(), &winner.refitted.fitted.plain, Some(&winner.refitted.fitted.white), &halt)
+            .ok_or_else(nothing)?;
         let finding = finding(&null, &next, &library, &outcome, winner, number);
-        found.push(suspect.id.clone());
+        found.push(candidate.id.clone());
         found.extend(finding.tied_with.iter().cloned());
         report.findings.push(finding);
         null = next;
@@ -137,7 +137,7 @@ pub fn diagnose(
     Ok(report)
 }
 
-/// The instant preview: suspects by their score alone, the most suspicious first.
+/// The instant preview: candidates by their score alone, the most suspicious first.
 ///
 /// # Errors
 /// [`DiagnoseError`] where the model diverges or the window does not serve.
@@ -150,16 +150,16 @@ pub fn preview(
 ) -> Result<Vec<Preview>, DiagnoseError> {
     let diverged = DiagnoseError::Estimate(EstimateError::NothingFinite);
     let (grid, holes) = widen(problem, window, site).map_err(|fault| DiagnoseError::Faults(vec![fault]))?;
-    let (mut library, _) = suspects(catalogue, problem, &grid, &holes, site);
+    let (mut library, _) = candidates(catalogue, problem, &grid, &holes, site);
     let problem = &align(problem, &mut library);
     let whitening = whitening_at(problem, theta).ok_or(diverged.clone())?;
     let screen = Screen::new(problem, theta, &whitening, &|| false).ok_or(diverged)?;
     let mut previews: Vec<Preview> = library
         .iter()
-        .filter_map(|suspect| {
-            let score = screen.score(suspect).ok().filter(|score| score.sign && !score.imitated)?;
-            let (title, explain) = (suspect.spec.title.clone(), suspect.spec.explain.clone());
-            Some(Preview { effect: suspect.id.clone(), title, explain, score: score.net })
+        .filter_map(|candidate| {
+            let score = screen.score(candidate).ok().filter(|score| score.sign && !score.imitated)?;
+            let (title, explain) = (candidate.spec.title.clone(), candidate.spec.explain.clone());
+            Some(Preview { effect: candidate.id.clone(), title, explain, score: score.net })
         })
         .collect();
     previews.sort_by(|a, b| b.score.total_cmp(&a.score).then_with(|| a.effect.cmp(&b.effect)));
@@ -204,35 +204,50 @@ fn looked(problem: &Problem, effects: Vec<EffectScore>) -> Option<Looked> {
     (!looked.effects.is_empty()).then_some(looked)
 }
 
+/// Tells every finding of a diagnosis what its window shows of it together with earlier ones of the same base model, and takes back,
+/// with a warning, what those have shown clearly and this one contradicts.
+pub(super) fn pool_findings(report: &mut Diagnosis, earlier: &[Entry]) {
+    let now = report.looked.as_ref().map(|looked| looked.entries("", &report.model, None)).unwrap_or_default();
+    for entry in now {
+        let Some(pooled) = pooled_with(earlier, &entry.score, entry.span) else { continue };
+        if let Some(taken_back) = &pooled.taken_back {
+            report.warnings.push(format!("{}: {}", entry.score.effect, taken_back.sentence));
+        }
+        if let Some(finding) = report.findings.iter_mut().find(|finding| finding.effect == entry.score.effect) {
+            finding.pooled = Some(pooled);
+        }
+    }
+}
+
 /// The first round into the report: what was tried, and what cannot be tested.
-fn tell_round(report: &mut Diagnosis, library: &[Suspect], outcome: &Round) {
+fn tell_round(report: &mut Diagnosis, library: &[CandidateEffect], outcome: &Round) {
     for one in &outcome.tried {
-        if one.score.imitated && matches!(one.gate, Some((Gate::Bic | Gate::Bound, _))) {
-            report.not_testable.push(NotTestable { effect: library[one.suspect].id.clone(), reason: IMITATED.to_owned() });
+        if one.refitted.score.imitated && matches!(one.gate, Some((Gate::Bic | Gate::Bound, _))) {
+            report.not_testable.push(NotTestable { effect: library[one.refitted.candidate].id.clone(), reason: IMITATED.to_owned() });
             continue;
         }
-        let why = match (&one.gate, &one.heard.shown) {
-            (None, Some(Shown { evidence, .. })) => {
+        let why = match (&one.gate, one.heard.evidence()) {
+            (None, Some(evidence)) => {
                 format!("over {:.0} h it explains {:.0} % of the error, t {:.1}", evidence.hours, 100.0 * evidence.share, evidence.t)
             }
-            (None, None) => format!("it gains {:.0} in BIC", one.delta_bic),
+            (None, None) => format!("it gains {:.0} in BIC", one.gain.delta_bic),
             (Some((_, why)), _) => why.clone(),
         };
         report.considered.push(Considered {
-            effect: library[one.suspect].id.clone(),
-            score: one.score.net,
-            delta_bic: Some(one.delta_bic),
-            explained_share: one.share,
+            effect: library[one.refitted.candidate].id.clone(),
+            score: one.refitted.score.net,
+            delta_bic: Some(one.gain.delta_bic),
+            explained_share: one.gain.share,
             gate: one.gate.as_ref().map(|(gate, _)| *gate),
             why,
             measures: Some(Measures {
-                fall: one.fall,
-                white_share: one.white_share,
-                slow_delta_bic: one.slow_delta_bic,
-                ahead_share: one.ahead_share,
-                better_days: one.better_days,
-                evaluations: one.fitted.evaluations,
-                rho: one.measured.plain[0].unwrap_or(f64::NAN).sqrt() / one.measured.floor,
+                fall: one.gain.fall,
+                white_share: one.gain.white_share,
+                slow_delta_bic: one.gain.slow_delta_bic,
+                ahead_share: one.gain.ahead.map(|ahead| ahead.share),
+                better_days: one.gain.better_days,
+                evaluations: one.refitted.fitted.evaluations,
+                rho: one.refitted.measured.plain[0].unwrap_or(f64::NAN).sqrt() / one.refitted.measured.floor,
             }),
         });
     }
@@ -268,12 +283,12 @@ fn tell_round(report: &mut Diagnosis, library: &[Suspect], outcome: &Round) {
 }
 
 /// A winner as a finding.
-fn finding(null: &Null, next: &Null, library: &[Suspect], outcome: &Round, winner: &Tried, rank: usize) -> Finding {
-    let suspect = &library[winner.suspect];
-    let tied_with: Vec<String> = outcome.tied.iter().map(|place| library[outcome.tried[*place].suspect].id.clone()).collect();
+fn finding(null: &NullModel, next: &NullModel, library: &[CandidateEffect], outcome: &Round, winner: &Tried, rank: usize) -> Finding {
+    let candidate = &library[winner.refitted.candidate];
+    let tied_with: Vec<String> = outcome.tied.iter().map(|place| library[outcome.tried[*place].refitted.candidate].id.clone()).collect();
     let separate_by = (!tied_with.is_empty()).then(|| {
-        let mut needed: Vec<&str> = vec![&suspect.spec.measure];
-        needed.extend(outcome.tied.iter().map(|place| library[outcome.tried[*place].suspect].spec.measure.as_str()));
+        let mut needed: Vec<&str> = vec![&candidate.spec.measure];
+        needed.extend(outcome.tied.iter().map(|place| library[outcome.tried[*place].refitted.candidate].spec.measure.as_str()));
         needed.retain(|text| !text.is_empty());
         needed.dedup();
         format!("measure {}", needed.join(", or "))
@@ -281,7 +296,7 @@ fn finding(null: &Null, next: &Null, library: &[Suspect], outcome: &Round, winne
     let pair = |part: usize| null.measured.plain[part].zip(next.measured.plain[part]).map(|(a, b)| [a.sqrt(), b.sqrt()]);
     let uncertain = uncertainty(&next.problem, &next.fitted.plain);
     let mut parameters = IndexMap::new();
-    for (index, _) in &suspect.own {
+    for (index, _) in &candidate.own {
         let parameter = &next.problem.model().parameters()[*index];
         let place = next.problem.free().iter().position(|free| free == index);
         let ci95 = place.and_then(|place| uncertain.ci95.get(place).copied().flatten());
@@ -301,24 +316,24 @@ fn finding(null: &Null, next: &Null, library: &[Suspect], outcome: &Round, winne
         test: pair(2),
         validation_ahead: ahead_pairs(null, next),
     };
-    let refinement = rank > 1 && winner.share.is_none_or(|share| share < CAUSE_SHARE);
-    let evidence = evidence(suspect, winner, &rmse);
+    let refinement = rank > 1 && winner.gain.share.is_none_or(|share| share < CAUSE_SHARE);
+    let evidence = evidence(candidate, winner, &rmse);
     Finding {
         rank,
-        effect: suspect.id.clone(),
-        title: suspect.spec.title.clone(),
-        explain: suspect.spec.explain.clone(),
-        delta_bic: winner.delta_bic,
-        explained_share: winner.share,
+        effect: candidate.id.clone(),
+        title: candidate.spec.title.clone(),
+        explain: candidate.spec.explain.clone(),
+        delta_bic: winner.gain.delta_bic,
+        explained_share: winner.gain.share,
         rmse,
         parameters,
         tied_with,
         separate_by,
         kind: if refinement { FindingKind::Refinement } else { FindingKind::Cause },
         evidence,
-        segments: winner.heard.shown.as_ref().map(|shown| shown.evidence.clone()),
+        segments: winner.heard.evidence().cloned(),
         pooled: None,
-        shape: Some(shape(null, next, suspect)),
+        shape: Some(shape(null, next, candidate)),
     }
 }
 
@@ -328,9 +343,9 @@ fn leaves_bounds(ci95: Option<[f64; 2]>, bounds: [f64; 2]) -> bool {
     ci95.is_some_and(|[low, high]| low > bounds[0] && high < bounds[1])
 }
 
-fn evidence(suspect: &Suspect, winner: &Tried, rmse: &RmsePairs) -> Vec<String> {
-    let mut sentences = vec![suspect.spec.signature.clone()];
-    let unit = match suspect.problem.model().outputs() {
+fn evidence(candidate: &CandidateEffect, winner: &Tried, rmse: &RmsePairs) -> Vec<String> {
+    let mut sentences = vec![candidate.spec.signature.clone()];
+    let unit = match candidate.problem.model().outputs() {
         [one] => error_unit(&one.unit),
         _ => "times the noise of the sensors",
     };
@@ -340,28 +355,30 @@ fn evidence(suspect: &Suspect, winner: &Tried, rmse: &RmsePairs) -> Vec<String> 
     if let Some([before, after]) = rmse.validation_ahead.get("PT24H") {
         sentences.push(format!("Forecasts a day ahead err by {after:.2} instead of {before:.2} {unit}."));
     }
-    if let Some(shown) = &winner.heard.shown {
-        sentences.extend(shown.evidence.sentences(suspect));
+    if let Some(shown) = winner.heard.evidence() {
+        sentences.extend(shown.sentences(candidate));
         return sentences;
     }
-    let least = least_gain(suspect, winner);
-    match winner.slow_delta_bic {
-        Some(slow) if winner.delta_bic < least => {
+    let least = least_gain(candidate, &winner.refitted, &winner.gain);
+    match winner.gain.slow_delta_bic {
+        Some(slow) if winner.gain.delta_bic < least => {
             sentences.push(format!(
                 "The likelihood of three-hourly means gains {slow:.0} in BIC after its price; {LEAST_BIC:.0} would be enough."
             ));
         }
-        _ => sentences.push(format!("The likelihood gains {:.0} in BIC after its price; {least:.0} would be enough.", winner.delta_bic)),
+        _ => {
+            sentences.push(format!("The likelihood gains {:.0} in BIC after its price; {least:.0} would be enough.", winner.gain.delta_bic))
+        }
     }
-    if let Some(share) = winner.share.filter(|share| *share >= LEAST_SHARE) {
+    if let Some(share) = winner.gain.share.filter(|share| *share >= LEAST_SHARE) {
         sentences.push(format!("It explains {:.0} % of the unseen squared error beyond the noise.", 100.0 * share));
-    } else if let Some(ahead) = winner.ahead_share.filter(|share| *share >= STRICT_SHARE) {
+    } else if let Some(ahead) = winner.gain.ahead.map(|ahead| ahead.share).filter(|share| *share >= STRICT_SHARE) {
         sentences.push(format!("It explains {:.0} % of the squared error a day ahead beyond the noise.", 100.0 * ahead));
-    } else if let Some(white) = winner.white_share {
+    } else if let Some(white) = winner.gain.white_share {
         sentences
             .push(format!("It explains {:.1} % of the unseen innovations; the free run is dominated by something else.", 100.0 * white));
     }
-    if suspect.endogenous {
+    if candidate.endogenous {
         sentences.push(format!("It is read off the room temperature itself, so {:.0} % was asked for.", 100.0 * STRICT_SHARE));
     }
     sentences
@@ -369,9 +386,9 @@ fn evidence(suspect: &Suspect, winner: &Tried, rmse: &RmsePairs) -> Vec<String> 
 
 /// Forecast errors without and with the effect over the validation part, each from states filtered with its own
 /// likeliest process noise.
-fn ahead_pairs(null: &Null, next: &Null) -> IndexMap<String, [f64; 2]> {
+fn ahead_pairs(null: &NullModel, next: &NullModel) -> IndexMap<String, [f64; 2]> {
     let range = null.problem.split().validation.clone();
-    let errors = |null: &Null| {
+    let errors = |null: &NullModel| {
         let run = filter(&null.problem, &null.fitted.plain, None);
         ahead(&null.problem, &null.fitted.plain, &run, range.clone(), &HORIZONS)
     };
@@ -380,7 +397,7 @@ fn ahead_pairs(null: &Null, next: &Null) -> IndexMap<String, [f64; 2]> {
 }
 
 /// Verdict, summary and the shape of what is left.
-fn conclude(report: &mut Diagnosis, before: &Null, after: &Null) {
+fn conclude(report: &mut Diagnosis, before: &NullModel, after: &NullModel) {
     report.rho = after.rho();
     report.noise_floor_rmse = Some(after.measured.floor);
     let noise = after.measured.floor.powi(2);
@@ -421,7 +438,7 @@ fn conclude(report: &mut Diagnosis, before: &Null, after: &Null) {
 ///
 /// What drives the residual e of a first-order room is de/dt + a e, where a is the rate at which the room air
 /// forgets: minus the diagonal of the Jacobian.
-fn profile(null: &Null, states: &[Vec<f64>], error: &[f64]) -> (Vec<Option<f64>>, Option<String>) {
+fn profile(null: &NullModel, states: &[Vec<f64>], error: &[f64]) -> (Vec<Option<f64>>, Option<String>) {
     let problem = &null.problem;
     let theta = &null.fitted.plain;
     let Some(air) = problem.model().states().iter().position(|state| state.initial == Initial::Measured(0)) else {

@@ -1,10 +1,10 @@
 //! The error ladder: effects are added one after another while the error on unseen data falls.
 
-use super::candidates::{align, suspects, widen};
+use super::acceptance::LEAST_BIC;
 use super::findings::{DiagnoseError, interrupted};
-use super::fitted::Null;
-use super::gates::LEAST_BIC;
-use super::rank::round;
+use super::library::{align, candidates, widen};
+use super::null_model::NullModel;
+use super::selection::round;
 use crate::data::Window;
 use crate::estimate::likelihood::LikelihoodRatio;
 use crate::estimate::metrics::{HORIZONS, ahead, filter};
@@ -78,17 +78,17 @@ pub fn ladder(
     let nothing = || DiagnoseError::nothing(control);
     let halt = || control.halts();
     let (grid, holes) = widen(problem, window, site).map_err(|fault| DiagnoseError::Faults(vec![fault]))?;
-    let (mut library, _) = suspects(catalogue, problem, &grid, &holes, site);
-    let mut null = Null::settle(align(problem, &mut library), theta, None, &halt).ok_or_else(nothing)?;
+    let (mut library, _) = candidates(catalogue, problem, &grid, &holes, site);
+    let mut null = NullModel::settle(align(problem, &mut library), theta, None, &halt).ok_or_else(nothing)?;
     let noise = filter(problem, &null.fitted.plain, None).process_noise;
     let mut steps = Vec::new();
     let mut price = 0.0;
     for _ in 0..max_steps {
         if !steps.is_empty() {
-            (library, _) = suspects(catalogue, &null.problem, &grid, &holes, site);
+            (library, _) = candidates(catalogue, &null.problem, &grid, &holes, site);
             null.problem = align(&null.problem, &mut library);
         }
-        let outcome = round(&mut null, &library, false, AccusationRate::default().into(), &halt).ok_or_else(nothing)?;
+        let outcome = round(&mut null, &library, false, AccusationRate::default().into(), &[], &halt).ok_or_else(nothing)?;
         interrupted(control)?;
         if steps.is_empty() {
             steps.push(step(&null, None, 0.0, noise, true, "the model as it is".to_owned()));
@@ -97,10 +97,11 @@ pub fn ladder(
         let Some(best) = outcome.winner.or_else(|| (!outcome.tried.is_empty()).then_some(0)).map(|place| &outcome.tried[place]) else {
             break;
         };
-        let suspect = &library[best.suspect];
-        let next = Null::settle(suspect.problem.clone(), &best.fitted.plain, Some(&best.fitted.white), &halt).ok_or_else(nothing)?;
-        let cost = best.active as f64 * (best.measured.samples as f64).ln();
-        let (added, before) = (Some(suspect.id.clone()), steps.last());
+        let candidate = &library[best.refitted.candidate];
+        let next = NullModel::settle(candidate.problem.clone(), &best.refitted.fitted.plain, Some(&best.refitted.fitted.white), &halt)
+            .ok_or_else(nothing)?;
+        let cost = best.refitted.active as f64 * (best.refitted.measured.samples as f64).ln();
+        let (added, before) = (Some(candidate.id.clone()), steps.last());
         let mut step = step(&next, added, price + cost, noise, true, String::new());
         (step.kept, step.why) = match (&best.gate, before.map(|before| fallen(before, &step))) {
             (Some((_, why)), _) => (false, format!("the best of what is left is not kept: {why}")),
@@ -108,7 +109,7 @@ pub fn ladder(
             (None, _) => (false, "the likelihood gains, but no error on unseen data falls".to_owned()),
         };
         // Below the gate of the likelihood there is nothing to show.
-        if !step.kept && best.delta_bic < LEAST_BIC {
+        if !step.kept && best.gain.delta_bic < LEAST_BIC {
             break;
         }
         let kept = step.kept;
@@ -141,7 +142,7 @@ fn fallen(before: &Step, after: &Step) -> Option<String> {
     (!fallen.is_empty()).then(|| format!("the error on unseen data falls: {}{but}", fallen.join(", ")))
 }
 
-fn step(null: &Null, added: Option<String>, price: f64, noise: f64, kept: bool, why: String) -> Step {
+fn step(null: &NullModel, added: Option<String>, price: f64, noise: f64, kept: bool, why: String) -> Step {
     let problem = &null.problem;
     let theta = &null.fitted.plain;
     let run = filter(problem, theta, Some(noise));

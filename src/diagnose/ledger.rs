@@ -4,7 +4,6 @@
 //! their t add up by Stouffer's sum and their sizes by inverse variance; Q and I2 say whether it is one size at all (Higgins and
 //! Thompson 2002, Stat. Med. 21, 1539-1558).
 
-use super::report::{Diagnosis, EffectScore, Looked};
 use crate::data::read_time;
 use crate::schema::Interval;
 use jiff::Timestamp;
@@ -20,6 +19,45 @@ const Z99: f64 = 2.58;
 pub const CLEAR_T: f64 = 2.0;
 /// From this I2 on most of what sizes differ by is no chance ("considerable" in the Cochrane Handbook).
 const UNSTEADY: f64 = 0.75;
+
+/// What segments of hours show of every effect that could be tried, named or not: one window of a ledger.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Looked {
+    /// The first sample that was looked at.
+    #[schema(format = DateTime)]
+    pub from: String,
+    /// The end of the last one.
+    #[schema(format = DateTime)]
+    pub to: String,
+    /// Hours of a segment, the same in all windows.
+    pub hours: f64,
+    /// By effect.
+    pub effects: Vec<EffectScore>,
+}
+
+/// What one window shows of one effect, over the hours at which effects are ranked.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct EffectScore {
+    /// The effect's id.
+    pub effect: String,
+    /// Its size, as a change of its first parameter from where it does nothing.
+    pub size: f64,
+    /// The deviation of that size, robust by days.
+    pub deviation: f64,
+    /// The unit of both.
+    pub unit: String,
+    /// The share of the squared error over these hours that it explains.
+    pub share: f64,
+    /// The size of the whole effect over its deviation; negative where physics does not allow the sign.
+    pub t: f64,
+    /// The same beyond whatever happens at the same hours every day.
+    pub beyond_clock: f64,
+    /// Days that were looked at.
+    pub days: usize,
+    /// The share of shifts of its channels by whole days, itself counted, with which it does as well; `null` where no logged channel
+    /// drives it, or where it explains too little to ask.
+    pub shift_p: Option<f64>,
+}
 
 /// The stretch of time that a window looked at.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -192,15 +230,6 @@ pub fn pooled_with(earlier: &[Entry], now: &EffectScore, span: Span) -> Option<P
     windows.insert(0, &own);
     let apart = chosen(&windows);
     if apart[0].is_some() { None } else { pooled(&added(&windows, &apart)) }
-}
-
-/// Tells every finding of a diagnosis what its window shows of it together with earlier ones of the same base model.
-pub fn pool_findings(report: &mut Diagnosis, earlier: &[Entry]) {
-    let now = report.looked.as_ref().map(|looked| looked.entries("", &report.model, None)).unwrap_or_default();
-    for finding in &mut report.findings {
-        let own = now.iter().find(|entry| entry.score.effect == finding.effect);
-        finding.pooled = own.and_then(|entry| pooled_with(earlier, &entry.score, entry.span));
-    }
 }
 
 /// Those that end last come first; of equal windows those that were looked at last.

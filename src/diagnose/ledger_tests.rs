@@ -1,7 +1,8 @@
 //! The ledger against closed forms, a published analysis, and the windows of a real room.
 
-use super::ledger::{Apart, Entry, Pooled, Span, ledgers, pool_findings, pooled_with};
-use super::report::{Diagnosis, EffectScore, Looked};
+use super::findings::pool_findings;
+use super::ledger::{Apart, EffectScore, Entry, Looked, Pooled, Span, ledgers, pooled_with};
+use super::report::Diagnosis;
 
 const DAY: i64 = 86_400;
 /// 2016-01-12T00:00:00Z.

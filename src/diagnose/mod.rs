@@ -1,35 +1,36 @@
 //! Which physical effect is a model missing?
 //!
 //! ```text
-//! Problem, theta --fitted--> Null --screen--> scores --rank--> Round --findings--> Diagnosis
-//!                              |                                 |
-//!                       residual, failures                 up to three rounds
+//! Problem, theta --null_model--> NullModel --screen, surrogates--> scores --selection--> Round --findings--> Diagnosis
+//!                                    |                                                     |
+//!                             residual, failures                                  up to three rounds
 //! ```
 //!
-//! `candidates` compiles the catalogue into the model, `screen` scores it by one linearised simulation each, `refit`
-//! and `fitted` bring null model and suspects to their optima, `rank` tries them all and `gates` decides, `failures` says
-//! where a model fails, `evidence` lays the error beside an effect's shape, `ladder` adds effects one after another, `nested` by likelihood-ratio tests, and
-//! `ledger` adds up what the windows of a system show. The method and its thresholds were measured on synthetic rooms; `lampyris bench diagnose` measures them again.
+//! `library` compiles the catalogue into the model. `screen` scores a candidate by one linearised simulation, `score_test` along segments
+//! of hours and `surrogates` with its channels shifted by days. `refit` and `null_model` bring null model and candidates to their
+//! optima, `selection` tries them all and `acceptance` decides. `ledger` adds up what the windows of a system show, `failures` says where
+//! a model fails, `evidence` lays the error beside an effect's shape, `ladder` adds effects one after another, `nested` by
+//! likelihood-ratio tests. `lampyris bench diagnose` and `lampyris bench real` measure all of it, on synthetic rooms and on real ones.
 
-pub mod candidates;
+mod acceptance;
 mod effort;
 pub mod evidence;
 pub mod failures;
 mod findings;
-pub mod fitted;
-mod gates;
 pub mod ladder;
 pub mod ledger;
 #[cfg(test)]
 mod ledger_tests;
+pub mod library;
 pub mod nested;
-pub mod rank;
+pub mod null_model;
 mod refit;
 pub mod regimes;
 pub mod report;
 pub mod residual;
 mod score_test;
 mod screen;
+pub mod selection;
 pub mod spectrum;
 pub mod surrogates;
 #[cfg(test)]

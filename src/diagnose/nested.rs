@@ -1,9 +1,9 @@
 //! The ladder by likelihood: effects are added one after another while a likelihood-ratio test speaks for them, as
 //! Bacher and Madsen (Energy and Buildings 43, 2011) select a model.
 
-use super::candidates::{Suspect, align, suspects, widen};
 use super::findings::{DiagnoseError, interrupted};
 use super::ladder::{Ladder, Step};
+use super::library::{CandidateEffect, align, candidates, widen};
 use crate::data::Window;
 use crate::estimate::likelihood::{LikelihoodRatio, SIGNIFICANT};
 use crate::estimate::metrics::{HORIZONS, ahead, filter_with};
@@ -40,7 +40,7 @@ pub fn ladder_by_likelihood(
     let mut peak: Option<Peak> = None;
     let mut steps: Vec<Step> = Vec::new();
     for _ in 0..max_steps {
-        let (mut library, _) = suspects(catalogue, &base, &grid, &holes, site);
+        let (mut library, _) = candidates(catalogue, &base, &grid, &holes, site);
         base = align(&base, &mut library);
         // The samples may have changed, so the smaller model is fitted to them again.
         let (from, noise) = peak.as_ref().map_or((theta, None), |peak| (peak.theta.as_slice(), Some(peak.noise.as_slice())));
@@ -50,13 +50,13 @@ pub fn ladder_by_likelihood(
         }
         let rivals: Vec<Option<(Peak, LikelihoodRatio)>> = library
             .par_iter()
-            .map(|suspect| {
+            .map(|candidate| {
                 if control.halts() {
                     return None;
                 }
-                let there = Peak::near(&suspect.problem, &starts(suspect, &base, &here.theta), Some(&here.noise))?;
+                let there = Peak::near(&candidate.problem, &starts(candidate, &base, &here.theta), Some(&here.noise))?;
                 let test =
-                    there.against(&here, library.len(), [&base.model().id().to_string(), &suspect.problem.model().id().to_string()])?;
+                    there.against(&here, library.len(), [&base.model().id().to_string(), &candidate.problem.model().id().to_string()])?;
                 Some((there, test))
             })
             .collect();
@@ -66,25 +66,25 @@ pub fn ladder_by_likelihood(
         let best = library
             .iter()
             .zip(rivals)
-            .filter_map(|(suspect, rival)| rival.map(|(peak, test)| (suspect, peak, test)))
+            .filter_map(|(candidate, rival)| rival.map(|(peak, test)| (candidate, peak, test)))
             .min_by(|a, b| order(&a.2, &b.2));
-        let Some((suspect, there, test)) = best else { break };
+        let Some((candidate, there, test)) = best else { break };
         let kept = test.p < SIGNIFICANT;
-        steps.push(step(&suspect.problem, &there, Some(suspect.id.clone()), Some(test)));
+        steps.push(step(&candidate.problem, &there, Some(candidate.id.clone()), Some(test)));
         if !kept {
             break;
         }
-        base = suspect.problem.clone();
+        base = candidate.problem.clone();
         peak = Some(there);
     }
     Ok(Ladder { system: None, steps })
 }
 
 /// Where a fit with the effect starts: with the effect switched off, and at its nominal strength.
-fn starts(suspect: &Suspect, base: &Problem, theta: &[f64]) -> Vec<Vec<f64>> {
-    let off = suspect.lift(base, theta);
+fn starts(candidate: &CandidateEffect, base: &Problem, theta: &[f64]) -> Vec<Vec<f64>> {
+    let off = candidate.lift(base, theta);
     let mut nominal = off.clone();
-    suspect.own.iter().for_each(|(index, _)| nominal[*index] = suspect.problem.nominal()[*index]);
+    candidate.own.iter().for_each(|(index, _)| nominal[*index] = candidate.problem.nominal()[*index]);
     vec![off, nominal]
 }
 

@@ -1,7 +1,8 @@
 //! The documents of a diagnosis, as they are stored, printed and served.
 
 use super::evidence::Shape;
-use super::ledger::Pooled;
+use super::ledger::{Looked, Pooled};
+use super::library::NotTestable;
 use indexmap::IndexMap;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -56,45 +57,6 @@ pub struct Diagnosis {
     pub evaluations: Vec<usize>,
 }
 
-/// What segments of hours show of every effect that could be tried, named or not: one window of a ledger.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct Looked {
-    /// The first sample that was looked at.
-    #[schema(format = DateTime)]
-    pub from: String,
-    /// The end of the last one.
-    #[schema(format = DateTime)]
-    pub to: String,
-    /// Hours of a segment, the same in all windows.
-    pub hours: f64,
-    /// By effect.
-    pub effects: Vec<EffectScore>,
-}
-
-/// What one window shows of one effect, over the hours at which effects are ranked.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct EffectScore {
-    /// The effect's id.
-    pub effect: String,
-    /// Its size, as a change of its first parameter from where it does nothing.
-    pub size: f64,
-    /// The deviation of that size, robust by days.
-    pub deviation: f64,
-    /// The unit of both.
-    pub unit: String,
-    /// The share of the squared error over these hours that it explains.
-    pub share: f64,
-    /// The size of the whole effect over its deviation; negative where physics does not allow the sign.
-    pub t: f64,
-    /// The same beyond whatever happens at the same hours every day.
-    pub beyond_clock: f64,
-    /// Days that were looked at.
-    pub days: usize,
-    /// The share of shifts of its channels by whole days, itself counted, with which it does as well; `null` where no logged channel
-    /// drives it, or where it explains too little to ask.
-    pub shift_p: Option<f64>,
-}
-
 /// A finding is the cause of an error, or repairs what an earlier finding left.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
@@ -122,7 +84,7 @@ pub struct Finding {
     pub explained_share: Option<f64>,
     /// Errors without and with it.
     pub rmse: RmsePairs,
-    /// Its parameters.
+    /// Its parameters, in the free run at its optimum: beside heat that nobody logged they are smaller than what segments of hours show.
     #[schema(value_type = HashMap<String, Coefficient>)]
     pub parameters: IndexMap<String, Coefficient>,
     /// Effects that the data cannot tell from it.
@@ -133,7 +95,7 @@ pub struct Finding {
     pub kind: FindingKind,
     /// Why, in sentences.
     pub evidence: Vec<String>,
-    /// What segments of hours show of it; `null` where they do not, or where no logged channel drives it.
+    /// What segments of hours show of it; `null` where they do not.
     #[serde(default)]
     pub segments: Option<SegmentEvidence>,
     /// What this window shows of it together with earlier ones of the same base model; `null` where it was not looked at.
@@ -160,12 +122,20 @@ pub struct SegmentEvidence {
     pub days: usize,
     /// The share that it explains of each half of the days with the size from the other half.
     pub confirmed_share: f64,
-    /// Shifts of its channels by whole days that were tried.
+    /// Shifts of its channels by whole days that were tried; 0 where several windows show it together, or where no logged channel
+    /// drives it.
     pub shifts: usize,
-    /// The share of them, itself counted, with which it does as well.
-    pub shift_p: f64,
+    /// The share of them, itself counted, with which it does as well; `null` where no logged channel drives it.
+    pub shift_p: Option<f64>,
     /// The chance that any effect of the catalogue is shown so clearly, over any length, where none is there.
     pub p: f64,
+    /// Windows that show it together: 1 where this one does by itself.
+    #[serde(default = "one")]
+    pub windows: usize,
+}
+
+fn one() -> usize {
+    1
 }
 
 /// Free-run errors without and with an effect, in the output's unit.
@@ -198,7 +168,7 @@ pub struct Coefficient {
     pub at_bound: bool,
 }
 
-/// What stopped a suspect.
+/// What stopped a candidate.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Gate {
@@ -214,7 +184,7 @@ pub enum Gate {
     Tie,
 }
 
-/// A suspect and what became of it.
+/// A candidate and what became of it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Considered {
     /// The effect's id.
@@ -251,15 +221,6 @@ pub struct Measures {
     pub rho: f64,
     /// Simulations of its refit.
     pub evaluations: usize,
-}
-
-/// A suspect that these data cannot show.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
-pub struct NotTestable {
-    /// The effect's id.
-    pub effect: String,
-    /// Why.
-    pub reason: String,
 }
 
 /// The shape of what no effect explains.

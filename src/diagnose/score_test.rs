@@ -11,7 +11,7 @@
 //! units: minutes are blurred by sensors, and a free run of weeks drowns in what nobody logged. What goes with the clock is told
 //! apart by a free profile of the day, and what a logged channel drives by its own shifts (`surrogates`).
 
-use super::candidates::{COMPUTED, Suspect, sign_allows};
+use super::library::{COMPUTED, CandidateEffect, sign_allows};
 use super::screen::difference;
 use crate::data::{CALENDAR, hour_of_day};
 use crate::estimate::Problem;
@@ -24,6 +24,9 @@ use std::ops::Range;
 
 /// Lengths of the segments, in hours: effects differ in pace.
 pub const LENGTHS: [f64; 4] = [2.0, 6.0, 12.0, 24.0];
+/// The length at which candidates are ranked and told apart, in hours: between the minutes that sensors blur and the days in which all
+/// that was not logged adds up.
+pub const RANKING_HOURS: f64 = 12.0;
 /// The free profile of a day is held to what the hours can do together, as a share of their mean square.
 const PROFILE: f64 = 1e-3;
 /// What is left of a direction, as a share of its squares, below which the model's own parameters can do the same.
@@ -91,16 +94,36 @@ impl<'a> Look<'a> {
         Some(Self { base, hours, segments, theta: settled.theta, linear, model, clock, halves })
     }
 
-    /// Scores a candidate that has no states of its own, with the inputs of its problem or those of another simulator. `None` where it
-    /// leaves the numbers, where the model's own parameters imitate it, or where the days are too few.
-    pub fn score(&self, suspect: &Suspect, simulator: &Simulator) -> Option<Score> {
-        let problem = &suspect.problem;
+    /// What is left of the change that a candidate makes at these parameters of its own, and of the residual, when all that the segments'
+    /// starts and the model's own parameters can do is taken from both: the axes of an added-variable plot (Cook and Weisberg 1982), by
+    /// sample of the first output. `None` where a segment leaves the numbers, or the candidate has states of its own.
+    pub fn added(&self, candidate: &CandidateEffect, with: &[f64]) -> Option<Vec<(usize, f64, f64)>> {
+        let problem = &candidate.problem;
         if problem.model().states().len() != self.base.model().states().len() {
             return None;
         }
-        let off = suspect.lift(self.base, &self.theta);
-        let steps: Vec<f64> = suspect.own.iter().map(|(index, _)| difference(suspect, *index)).collect();
-        let moved: Vec<Vec<f64>> = suspect
+        let off = candidate.lift(self.base, &self.theta);
+        let mut on = off.clone();
+        candidate.own.iter().for_each(|(index, _)| on[*index] = with[*index]);
+        let outputs = self.segments.outputs(problem, problem.simulator(), &[&off, &on], &self.linear.starts);
+        let change = outputs[1].iter().zip(&outputs[0]).map(|(on, off)| on - off).collect();
+        let change = self.model.rest(&self.segments.without_starts(&self.linear, change));
+        let rows = self.segments.rows().zip(change.into_iter().zip(&self.model.residual));
+        let points: Vec<(usize, f64, f64)> =
+            rows.filter(|((output, _), _)| *output == 0).map(|((_, sample), (change, left))| (sample, change, *left)).collect();
+        points.iter().all(|(_, x, y)| x.is_finite() && y.is_finite()).then_some(points)
+    }
+
+    /// Scores a candidate that has no states of its own, with the inputs of its problem or those of another simulator. `None` where it
+    /// leaves the numbers, where the model's own parameters imitate it, or where the days are too few.
+    pub fn score(&self, candidate: &CandidateEffect, simulator: &Simulator) -> Option<Score> {
+        let problem = &candidate.problem;
+        if problem.model().states().len() != self.base.model().states().len() {
+            return None;
+        }
+        let off = candidate.lift(self.base, &self.theta);
+        let steps: Vec<f64> = candidate.own.iter().map(|(index, _)| difference(candidate, *index)).collect();
+        let moved: Vec<Vec<f64>> = candidate
             .own
             .iter()
             .zip(&steps)
@@ -118,7 +141,7 @@ impl<'a> Look<'a> {
             return None;
         }
         let own: Vec<Vec<f64>> = raw.into_iter().map(|column| self.segments.without_starts(&self.linear, column)).collect();
-        let allows = |value: f64| sign_allows(suspect.spec.sign, value);
+        let allows = |value: f64| sign_allows(candidate.spec.sign, value);
         let signed = |size: &[f64], t: f64| if size.iter().any(|value| *value != 0.0 && allows(*value)) { t } else { -t };
 
         let directions = self.model.all(&own);
@@ -237,9 +260,9 @@ fn regress(residual: &[f64], directions: &[Vec<f64>], allows: &dyn Fn(f64) -> bo
 }
 
 /// The inputs of a candidate that were logged, that the model does not use, and that do not follow from the room or the clock.
-pub fn logged(suspect: &Suspect, base: &Problem) -> Vec<usize> {
+pub fn logged(candidate: &CandidateEffect, base: &Problem) -> Vec<usize> {
     let known = |channel: &str| base.model().inputs().iter().any(|input| input.channel == channel);
     let computed = |channel: &str| CALENDAR.contains(&channel) || COMPUTED.contains(&channel);
-    let inputs = suspect.problem.model().inputs().iter().enumerate();
+    let inputs = candidate.problem.model().inputs().iter().enumerate();
     inputs.filter(|(_, input)| !known(&input.channel) && !computed(&input.channel)).map(|(place, _)| place).collect()
 }

@@ -1,10 +1,10 @@
-//! The instant preview: a score test of every suspect, one linearised simulation each.
+//! The instant preview: a score test of every candidate, one linearised simulation each.
 //!
-//! The residual, the sensitivities of the model's own parameters and that of the suspect go through the same
+//! The residual, the sensitivities of the model's own parameters and that of the candidate go through the same
 //! whitening filter. What the model's own parameters can imitate is projected out; what is left of the residual is
-//! compared with what is left of the suspect: LM = -n ln(1 - R2) (Rao's score test; reference: missing-effects 3).
+//! compared with what is left of the candidate: LM = -n ln(1 - R2) (Rao's score test; reference: missing-effects 3).
 
-use super::candidates::{Suspect, sign_allows};
+use super::library::{CandidateEffect, sign_allows};
 use super::refit::{Refit, filtered, simulated};
 use super::residual::{Whitening, at, usable};
 use crate::estimate::Problem;
@@ -13,9 +13,9 @@ use crate::model::Scale;
 use crate::simulate::trajectory::Halt;
 use nalgebra::{DMatrix, DVector};
 
-/// A suspect that moves the output by less than this at its physical bound cannot be seen, in the noise of its sensor.
+/// A candidate that moves the output by less than this at its physical bound cannot be seen, in the noise of its sensor.
 const VISIBLE: f64 = 0.4;
-/// A suspect of which the model's own parameters imitate all but this share of the variance has no score here, but may
+/// A candidate of which the model's own parameters imitate all but this share of the variance has no score here, but may
 /// gain elsewhere: where a rate lies on its bound, one state imitates another.
 const IMITATED: f64 = 1e-4;
 /// All but this share, and it is the same term once more.
@@ -23,7 +23,7 @@ const SAME: f64 = 1e-8;
 /// Step of a difference, as a share of the interval of a linear parameter or of the nominal value of a rate.
 const STEP: f64 = 1e-3;
 
-/// What the linearised model says of a suspect.
+/// What the linearised model says of a candidate.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Score {
     /// LM statistic, chi-squared with as many degrees of freedom as the effect has parameters.
@@ -34,20 +34,20 @@ pub struct Score {
     pub step: Vec<f64>,
     /// Whether the sign is one that physics allows.
     pub sign: bool,
-    /// What is left of the suspect's first sensitivity, of length one: for ties.
+    /// What is left of the candidate's first sensitivity, of length one: for ties.
     pub direction: Vec<f64>,
     /// Whether the model's own parameters imitate it at this place.
     pub imitated: bool,
 }
 
 impl Score {
-    /// Of a suspect that does nothing where it was asked about.
+    /// Of a candidate that does nothing where it was asked about.
     pub fn nothing() -> Self {
         Self { statistic: 0.0, net: 0.0, step: Vec::new(), sign: true, direction: Vec::new(), imitated: false }
     }
 }
 
-/// Why a suspect has no score.
+/// Why a candidate has no score.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Blind {
     /// Even at its physical bound it hardly moves the room.
@@ -58,7 +58,7 @@ pub enum Blind {
     Diverged,
 }
 
-/// The residual and the model's own sensitivities at a parameter vector, ready to score suspects.
+/// The residual and the model's own sensitivities at a parameter vector, ready to score candidates.
 pub struct Screen<'a> {
     base: &'a Problem,
     theta: Vec<f64>,
@@ -87,24 +87,24 @@ impl<'a> Screen<'a> {
         Some(Self { base, theta: theta.to_vec(), whitening, own, residual, halt })
     }
 
-    /// Scores one suspect.
+    /// Scores one candidate.
     ///
     /// # Errors
     /// [`Blind`] where these data cannot show it.
-    pub fn score(&self, suspect: &Suspect) -> Result<Score, Blind> {
-        let off = suspect.lift(self.base, &self.theta);
+    pub fn score(&self, candidate: &CandidateEffect) -> Result<Score, Blind> {
+        let off = candidate.lift(self.base, &self.theta);
         let mut thetas = vec![off.clone()];
         let mut steps = Vec::new();
-        for (index, _) in &suspect.own {
-            let step = difference(suspect, *index);
+        for (index, _) in &candidate.own {
+            let step = difference(candidate, *index);
             let mut moved = off.clone();
             moved[*index] += step;
             steps.push(step);
             thetas.push(moved);
         }
-        if let [(index, nothing)] = suspect.own[..] {
+        if let [(index, nothing)] = candidate.own[..] {
             let mut nominal = off.clone();
-            nominal[index] = suspect.problem.nominal()[index];
+            nominal[index] = candidate.problem.nominal()[index];
             let step = nominal[index] - nothing;
             if step != 0.0 {
                 steps.push(step);
@@ -112,47 +112,47 @@ impl<'a> Screen<'a> {
             }
         }
         let mut bound = off.clone();
-        suspect.own.iter().for_each(|(index, _)| bound[*index] = suspect.problem.bounds()[*index][1]);
+        candidate.own.iter().for_each(|(index, _)| bound[*index] = candidate.problem.bounds()[*index][1]);
         thetas.push(bound);
-        let runs = simulated(&suspect.problem, &thetas, self.halt);
-        let train = usable(&suspect.problem, &suspect.problem.split().train);
+        let runs = simulated(&candidate.problem, &thetas, self.halt);
+        let train = usable(&candidate.problem, &candidate.problem.split().train);
         if let (Some(Some(with)), Some(Some(without))) = (runs.last(), runs.first()) {
             let difference: Vec<f64> = at(with, &train).iter().zip(at(without, &train)).map(|(with, without)| with - without).collect();
-            if mean_square(&difference).sqrt() < VISIBLE * suspect.problem.scaled_noise() {
+            if mean_square(&difference).sqrt() < VISIBLE * candidate.problem.scaled_noise() {
                 return Err(Blind::TooSmall);
             }
         }
         let whitened = |run: &Option<Vec<Vec<f64>>>| run.as_ref().map(|run| self.whitening.apply(run));
         let series: Vec<Vec<f64>> = runs[..runs.len() - 1].iter().map(whitened).collect::<Option<_>>().ok_or(Blind::Diverged)?;
         let column = |run: usize, step: f64| series[0].iter().zip(&series[run]).map(move |(off, with)| (off - with) / step);
-        let k = suspect.own.len();
+        let k = candidate.own.len();
         let tangent = DMatrix::from_iterator(series[0].len(), k, (0..k).flat_map(|index| column(index + 1, steps[index])));
-        let score = self.explained(suspect, &tangent)?;
+        let score = self.explained(candidate, &tangent)?;
         // What a delay does is no multiple of what a small one does: the secant to the nominal value shows it better.
         let secants = steps[k..].iter().map(|step| DMatrix::from_iterator(series[0].len(), 1, column(k + 1, *step)));
         let best = secants
-            .filter_map(|secant| self.explained(suspect, &secant).ok())
+            .filter_map(|secant| self.explained(candidate, &secant).ok())
             .find(|other| other.sign && other.statistic > score.statistic);
         Ok(best.unwrap_or(score))
     }
 
-    /// What is left of the change that a suspect makes at these parameters of its own, and of the residual, sample by
+    /// What is left of the change that a candidate makes at these parameters of its own, and of the residual, sample by
     /// sample of the whitened series, when all that the model's own parameters can do is taken from both: the two axes of
-    /// an added-variable plot (Cook and Weisberg 1982), whose slope is 1 where the suspect is as large as that. `None`
+    /// an added-variable plot (Cook and Weisberg 1982), whose slope is 1 where the candidate is as large as that. `None`
     /// where its simulation diverges.
-    pub fn added(&self, suspect: &Suspect, with: &[f64]) -> Option<(Vec<f64>, Vec<f64>)> {
-        let off = suspect.lift(self.base, &self.theta);
+    pub fn added(&self, candidate: &CandidateEffect, with: &[f64]) -> Option<(Vec<f64>, Vec<f64>)> {
+        let off = candidate.lift(self.base, &self.theta);
         let mut on = off.clone();
-        suspect.own.iter().for_each(|(index, _)| on[*index] = with[*index]);
-        let runs: Option<Vec<Vec<f64>>> = filtered(&suspect.problem, self.whitening, &[off, on], self.halt).into_iter().collect();
+        candidate.own.iter().for_each(|(index, _)| on[*index] = with[*index]);
+        let runs: Option<Vec<Vec<f64>>> = filtered(&candidate.problem, self.whitening, &[off, on], self.halt).into_iter().collect();
         let [off, on] = runs?.try_into().ok()?;
         let change = DVector::from_vec(off) - DVector::from_vec(on);
         let left = &change - &self.own * self.own.tr_mul(&change);
         Some((left.iter().copied().collect(), self.residual.iter().copied().collect()))
     }
 
-    /// How much of the residual these sensitivities of a suspect explain beyond the model's own.
-    fn explained(&self, suspect: &Suspect, raw: &DMatrix<f64>) -> Result<Score, Blind> {
+    /// How much of the residual these sensitivities of a candidate explain beyond the model's own.
+    fn explained(&self, candidate: &CandidateEffect, raw: &DMatrix<f64>) -> Result<Score, Blind> {
         let left = raw - &self.own * self.own.tr_mul(raw);
         let (rows, k) = left.shape();
         let n = rows as f64;
@@ -161,7 +161,7 @@ impl<'a> Screen<'a> {
         }
         if left.norm_squared() <= IMITATED * raw.norm_squared() {
             // A step along what is left would leave physics: the refit starts from the nominal values.
-            let step = suspect.own.iter().map(|(index, off)| suspect.problem.nominal()[*index] - off).collect();
+            let step = candidate.own.iter().map(|(index, off)| candidate.problem.nominal()[*index] - off).collect();
             return Ok(Score { statistic: 0.0, net: -(k as f64) * n.ln(), step, sign: true, direction: vec![0.0; rows], imitated: true });
         }
         let mut normal = left.tr_mul(&left);
@@ -172,7 +172,7 @@ impl<'a> Screen<'a> {
         let total = self.residual.norm_squared().max(f64::MIN_POSITIVE);
         let explained = (right.dot(&step) / total).clamp(0.0, 1.0 - 1e-12);
         let statistic = -n * (-explained).ln_1p();
-        let sign = step.iter().any(|value| sign_allows(suspect.spec.sign, *value));
+        let sign = step.iter().any(|value| sign_allows(candidate.spec.sign, *value));
         let first = left.column(0);
         let direction = first.iter().map(|value| value / first.norm().max(f64::MIN_POSITIVE)).collect();
         Ok(Score { statistic, net: statistic - k as f64 * n.ln(), step: step.iter().copied().collect(), sign, direction, imitated: false })
@@ -180,11 +180,11 @@ impl<'a> Screen<'a> {
 }
 
 /// The step of a difference in the parameter's own unit.
-pub(super) fn difference(suspect: &Suspect, index: usize) -> f64 {
-    let [lower, upper] = suspect.problem.bounds()[index];
-    match suspect.problem.model().parameters()[index].scale {
+pub(super) fn difference(candidate: &CandidateEffect, index: usize) -> f64 {
+    let [lower, upper] = candidate.problem.bounds()[index];
+    match candidate.problem.model().parameters()[index].scale {
         Scale::Linear => STEP * (upper - lower),
-        Scale::Log => 10.0 * STEP * suspect.problem.nominal()[index],
+        Scale::Log => 10.0 * STEP * candidate.problem.nominal()[index],
     }
 }
 

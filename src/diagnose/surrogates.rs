@@ -2,9 +2,10 @@
 //! shift: the daily rhythm of a channel and the memory of the residual stay, and only what is claimed is broken (Theiler et al. 1992,
 //! Physica D 58, 77-94). Every room has its own true negatives this way.
 
-use super::candidates::Suspect;
-use super::report::{EffectScore, SegmentEvidence};
-use super::score_test::{LENGTHS, Look, Score, logged};
+use super::ledger::{EffectScore, Entry, Span, pooled_with};
+use super::library::CandidateEffect;
+use super::report::SegmentEvidence;
+use super::score_test::{LENGTHS, Look, RANKING_HOURS, Score, logged};
 use crate::estimate::Problem;
 use crate::estimate::metrics::filter;
 use crate::estimate::segments::dot;
@@ -16,12 +17,16 @@ use statrs::distribution::{ContinuousCDF, StudentsT};
 /// Most shifts of one channel; more days are thinned evenly.
 const SHIFTS: usize = 60;
 
-/// The length at which candidates are ranked and told apart, in hours: between the minutes that sensors blur and the days in which all
-/// that was not logged adds up.
-pub const RANKING_HOURS: f64 = 12.0;
-
 /// The t from which on it is asked whether shifted channels do as well.
 const ASKED: f64 = 1.5;
+
+/// An effect that explains less than this share of the squared error changes a fortieth of the error: that is practically nothing,
+/// however sure it is.
+const LEAST_SHARE: f64 = 0.05;
+/// What the size from one half of the days is to explain of the other half, as a share of what it explains of all.
+const CONFIRMED: f64 = 0.5;
+/// Several windows together are to do better than shifted channels as surely as one of twenty days can.
+const SHIFTED_TOGETHER: f64 = 0.05;
 
 /// A candidate that the segments show.
 #[derive(Debug, Clone, PartialEq)]
@@ -44,25 +49,34 @@ impl Shown {
 
 impl SegmentEvidence {
     /// What it says, for people.
-    pub fn sentences(&self, suspect: &Suspect) -> [String; 2] {
-        [
-            format!(
-                "Over stretches of {:.0} h it explains {:.0} % of what the model errs by, steadily over {} days (t {:.1}, and {:.1} beyond what happens every day at the same hours); by chance something looks like that in {} rooms in which nothing is missing.",
-                self.hours,
-                100.0 * self.share,
-                self.days,
-                self.t,
-                self.beyond_clock,
-                seldom(self.p)
-            ),
-            format!(
-                "Shifted by whole days, {} does worse with every one of {} shifts (p {:.2}), and its size from one half of the days explains {:.0} % in the other.",
-                suspect.id,
-                self.shifts,
-                self.shift_p,
-                100.0 * self.confirmed_share
-            ),
-        ]
+    pub fn sentences(&self, candidate: &CandidateEffect) -> Vec<String> {
+        let chance = format!("by chance something looks like that in {} rooms in which nothing is missing", seldom(self.p));
+        let [t, clock, share] = [self.t, self.beyond_clock, 100.0 * self.share];
+        if self.windows > 1 {
+            let mut sentences = vec![format!(
+                "This window alone does not prove it; {} windows together explain {share:.0} % of what the model errs by over stretches of {:.0} h (pooled t {t:.1}, and {clock:.1} beyond what happens every day at the same hours); {chance}.",
+                self.windows, self.hours,
+            )];
+            sentences.extend(
+                self.shift_p.map(|p| format!("Shifted by whole days, {} does worse in all of them together (p {p:.3}).", candidate.id)),
+            );
+            return sentences;
+        }
+        let half = format!("its size from one half of the days explains {:.0} % in the other", 100.0 * self.confirmed_share);
+        let shown = format!(
+            "Over stretches of {:.0} h it explains {share:.0} % of what the model errs by, steadily over {} days (t {t:.1}, and {clock:.1} beyond what happens every day at the same hours); {chance}.",
+            self.hours, self.days,
+        );
+        let second = match self.shift_p {
+            Some(p) => {
+                format!(
+                    "Shifted by whole days, {} does worse with every one of {} shifts (p {p:.2}), and {half}.",
+                    candidate.id, self.shifts
+                )
+            }
+            None => format!("Of the days, {half}."),
+        };
+        vec![shown, second]
     }
 }
 
@@ -73,8 +87,8 @@ fn seldom(p: f64) -> String {
 }
 
 /// Whether a logged channel drives a candidate, which does not follow from the room itself.
-pub fn is_driven(suspect: &Suspect, base: &Problem) -> bool {
-    !suspect.endogenous && !logged(suspect, base).is_empty()
+pub fn is_driven(candidate: &CandidateEffect, base: &Problem) -> bool {
+    !candidate.endogenous && !logged(candidate, base).is_empty()
 }
 
 /// What the segments show of a candidate.
@@ -84,41 +98,139 @@ pub struct Heard {
     pub ranked: Option<EffectScore>,
     /// Where a logged channel drives it and the days are sure of it.
     pub shown: Option<Shown>,
+    /// Where the model's structure lacks it and both the likelihood and the days are sure of it.
+    pub structure: Option<SegmentEvidence>,
 }
 
 impl Heard {
+    /// What makes it sure.
+    pub fn evidence(&self) -> Option<&SegmentEvidence> {
+        self.shown.as_ref().map(|shown| &shown.evidence).or(self.structure.as_ref())
+    }
+
     /// The share that it explains over the length at which candidates are ranked, with a sign that physics allows.
     pub fn share(&self) -> Option<f64> {
         self.ranked.as_ref().filter(|ranked| ranked.t > 0.0).map(|ranked| ranked.share)
     }
 }
 
-/// What the segments show of every candidate, up to the end of the validation part. Shown are those that a logged channel drives, whose
-/// chance of being accused wrongly, over all such candidates and lengths, is at most `rate`, that do better than with every shift of
-/// their channels, and whose size from each half of the days explains the other half.
-pub fn heard(base: &Problem, theta: &[f64], suspects: &[Suspect], rate: f64, halt: Halt) -> Vec<Heard> {
-    if !base.filters() {
-        return vec![Heard::default(); suspects.len()];
-    }
-    let count = suspects.iter().filter(|suspect| is_driven(suspect, base)).count() as f64;
-    let samples = base.split().train.start..base.split().validation.end;
-    let states = filter(base, theta, None).filtered.states;
-    let look = |hours: &f64| Look::new(base, theta, &states, samples.clone(), *hours, halt);
-    let looks: Vec<Look> = LENGTHS.par_iter().filter_map(look).collect();
-    let nearest = |look: &Look| (look.hours - RANKING_HOURS).abs();
-    let ranking = looks.iter().min_by(|one, other| nearest(one).total_cmp(&nearest(other)));
-    let one = |suspect: &Suspect, ranked: &Score| {
-        let channels = Some(logged(suspect, base)).filter(|_| is_driven(suspect, base) && !halt())?;
-        let score = |look| Some((look, Look::score(look, suspect, suspect.problem.simulator())?));
-        let mut scores: Vec<(&Look, Score)> = looks.iter().filter_map(score).collect();
-        let p = (count * combined(&scores.iter().map(|(_, score)| chance(suspect, score)).collect::<Vec<_>>())).min(1.0);
-        if p > rate {
+/// The score tests of a round.
+pub struct Tests<'a> {
+    base: &'a Problem,
+    /// By length.
+    looks: Vec<Look<'a>>,
+    /// The place of the length at which candidates are ranked.
+    ranking: usize,
+    /// How many candidates there are, and how many of them a logged channel drives: one of them looks good by chance so many times as
+    /// easily.
+    candidates: [f64; 2],
+    /// How often they may accuse where nothing is missing.
+    rate: f64,
+    /// What other windows showed of the same model.
+    earlier: &'a [Entry],
+    /// The end of the samples.
+    end: usize,
+    halt: Halt<'a>,
+}
+
+impl<'a> Tests<'a> {
+    /// The null model along segments of every length, up to the end of the validation part; `None` where it has no states that could
+    /// be filtered, or leaves the numbers. `rate` and `earlier` are those of [`Tests::hear`].
+    pub fn new(
+        base: &'a Problem,
+        theta: &[f64],
+        candidates: &[CandidateEffect],
+        rate: f64,
+        earlier: &'a [Entry],
+        halt: Halt<'a>,
+    ) -> Option<Self> {
+        if !base.filters() {
             return None;
         }
-        scores.retain(|(_, score)| score.confirmed > 0.0 && count * chance(suspect, score) <= rate);
-        scores.sort_by(|one, other| chance(suspect, &one.1).total_cmp(&chance(suspect, &other.1)));
+        let samples = base.split().train.start..base.split().validation.end;
+        let states = filter(base, theta, None).filtered.states;
+        let look = |hours: &f64| Look::new(base, theta, &states, samples.clone(), *hours, halt);
+        let looks: Vec<Look> = LENGTHS.par_iter().filter_map(look).collect();
+        let nearest = |one: &usize, other: &usize| {
+            let distance = |place: usize| (looks[place].hours - RANKING_HOURS).abs();
+            distance(*one).total_cmp(&distance(*other))
+        };
+        let ranking = (0..looks.len()).min_by(nearest)?;
+        let driven = candidates.iter().filter(|candidate| is_driven(candidate, base)).count();
+        let candidates = [candidates.len() as f64, driven as f64];
+        Some(Self { base, looks, ranking, candidates, rate, earlier, end: samples.end, halt })
+    }
+
+    /// What the segments show of a candidate. Shown is one that a logged channel drives, whose chance of being accused wrongly, over all
+    /// such candidates and lengths, is at most the rate, that does better than with every shift of its channels, and whose size from
+    /// each half of the days explains the other half; or one that is as sure together with earlier windows of the same model.
+    pub fn hear(&self, candidate: &CandidateEffect) -> Heard {
+        self.heard(candidate).unwrap_or_default()
+    }
+
+    /// What they show of one that the model's structure lacks, over the length that shows it best: no channel can be shifted for it, so
+    /// it must be as sure beyond the clock over all candidates and lengths, and each half of the days must know it from the other.
+    pub fn structure(&self, candidate: &CandidateEffect) -> Option<SegmentEvidence> {
+        let score = |look: &Look| Some((look.hours, look.score(candidate, candidate.problem.simulator())?));
+        let lengths = self.looks.len() as f64;
+        let price = self.candidates[0] * lengths;
+        let sure = |(_, score): &(f64, Score)| {
+            let p = price * chance(candidate, score.t.min(score.beyond_clock), score.days);
+            p <= self.rate && score.share >= LEAST_SHARE && score.confirmed >= CONFIRMED * score.share
+        };
+        let best = self.looks.iter().filter_map(score).filter(sure).max_by(|one, other| one.1.share.total_cmp(&other.1.share));
+        let (hours, score) = best?;
+        Some(SegmentEvidence {
+            hours,
+            size: *score.size.first()?,
+            share: score.share,
+            t: score.t,
+            beyond_clock: score.beyond_clock,
+            days: score.days,
+            confirmed_share: score.confirmed,
+            shifts: 0,
+            shift_p: None,
+            p: (price * chance(candidate, score.t.min(score.beyond_clock), score.days)).min(1.0),
+            windows: 1,
+        })
+    }
+
+    fn heard(&self, candidate: &CandidateEffect) -> Option<Heard> {
+        let look = &self.looks[self.ranking];
+        let score = look.score(candidate, candidate.problem.simulator())?;
+        let channels = Some(logged(candidate, self.base)).filter(|_| is_driven(candidate, self.base) && !(self.halt)());
+        let asked = channels.as_ref().filter(|_| score.t.abs() >= ASKED);
+        let shift_p = asked.map(|channels| as_well(&score, &shifted(look, candidate, channels, self.end, self.halt)).0);
+        let size = *score.size.first()?;
+        let ranked = EffectScore {
+            effect: candidate.id.clone(),
+            size,
+            deviation: size.abs() / score.t.abs().max(f64::MIN_POSITIVE),
+            unit: candidate.problem.model().parameters()[candidate.own.first()?.0].unit.clone(),
+            share: score.share,
+            t: score.t,
+            beyond_clock: score.beyond_clock,
+            days: score.days,
+            shift_p,
+        };
+        let shown =
+            channels.and_then(|channels| self.alone(candidate, &channels, &score).or_else(|| self.together(candidate, &ranked, &score)));
+        Some(Heard { shown, ranked: Some(ranked), structure: None })
+    }
+
+    /// What this window shows by itself, over the length that shows it best.
+    fn alone(&self, candidate: &CandidateEffect, channels: &[usize], ranked: &Score) -> Option<Shown> {
+        let score = |look| Some((look, Look::score(look, candidate, candidate.problem.simulator())?));
+        let mut scores: Vec<(&Look, Score)> = self.looks.iter().filter_map(score).collect();
+        let chance = |score: &Score| chance(candidate, score.t.min(score.beyond_clock), score.days);
+        let p = (self.candidates[1] * combined(&scores.iter().map(|(_, score)| chance(score)).collect::<Vec<_>>())).min(1.0);
+        if p > self.rate {
+            return None;
+        }
+        scores.retain(|(_, score)| score.share >= LEAST_SHARE && score.confirmed > 0.0 && self.candidates[1] * chance(score) <= self.rate);
+        scores.sort_by(|one, other| chance(&one.1).total_cmp(&chance(&other.1)));
         scores.into_iter().find_map(|(look, score)| {
-            let shifts = shifted(look, suspect, &channels, samples.end, halt);
+            let shifts = shifted(look, candidate, channels, self.end, self.halt);
             let (shift_p, as_good) = as_well(&score, &shifts);
             let evidence = SegmentEvidence {
                 hours: look.hours,
@@ -129,32 +241,39 @@ pub fn heard(base: &Problem, theta: &[f64], suspects: &[Suspect], rate: f64, hal
                 days: score.days,
                 confirmed_share: score.confirmed,
                 shifts: shifts.len(),
-                shift_p,
+                shift_p: Some(shift_p),
                 p,
+                windows: 1,
             };
             let shown = Shown { evidence, step: score.size, direction: ranked.direction.clone() };
             (as_good == 0 && !shifts.is_empty()).then_some(shown)
         })
-    };
-    let hear = |suspect: &Suspect| {
-        let look = ranking?;
-        let score = look.score(suspect, suspect.problem.simulator())?;
-        let channels = Some(logged(suspect, base)).filter(|_| is_driven(suspect, base) && score.t.abs() >= ASKED);
-        let shift_p = channels.map(|channels| as_well(&score, &shifted(look, suspect, &channels, samples.end, halt)).0);
-        let ranked = EffectScore {
-            effect: suspect.id.clone(),
-            size: *score.size.first()?,
-            deviation: score.size.first()?.abs() / score.t.abs().max(f64::MIN_POSITIVE),
-            unit: suspect.problem.model().parameters()[suspect.own.first()?.0].unit.clone(),
-            share: score.share,
-            t: score.t,
-            beyond_clock: score.beyond_clock,
-            days: score.days,
-            shift_p,
+    }
+
+    /// What it shows together with the windows before, where it does not speak against them. Each of them confirms the others.
+    fn together(&self, candidate: &CandidateEffect, ranked: &EffectScore, score: &Score) -> Option<Shown> {
+        let time = |sample: usize| self.base.grid().time(sample);
+        let span =
+            Span { from: time(self.base.split().train.start), to: time(self.end - 1) + self.base.grid().step(), hours: RANKING_HOURS };
+        let pooled = pooled_with(self.earlier, ranked, span).filter(|pooled| pooled.windows > 1 && pooled.taken_back.is_none())?;
+        let p = (self.candidates[1] * chance(candidate, pooled.t.min(pooled.beyond_clock), pooled.windows * score.days)).min(1.0);
+        let shift_p = pooled.shift_p?;
+        let evidence = SegmentEvidence {
+            hours: RANKING_HOURS,
+            size: pooled.size,
+            share: pooled.share,
+            t: pooled.t,
+            beyond_clock: pooled.beyond_clock,
+            days: pooled.windows * score.days,
+            confirmed_share: score.confirmed,
+            shifts: 0,
+            shift_p: Some(shift_p),
+            p,
+            windows: pooled.windows,
         };
-        Some(Heard { shown: one(suspect, &score), ranked: Some(ranked) })
-    };
-    suspects.par_iter().map(|suspect| hear(suspect).unwrap_or_default()).collect()
+        let sure = p <= self.rate && shift_p <= SHIFTED_TOGETHER && score.t > 0.0 && pooled.share >= LEAST_SHARE;
+        sure.then(|| Shown { evidence, step: score.size.clone(), direction: score.direction.clone() })
+    }
 }
 
 /// The share of shifted candidates, the true one counted, that do as well as that, and how many they are.
@@ -164,11 +283,10 @@ fn as_well(score: &Score, shifts: &[Option<Score>]) -> (f64, usize) {
     ((1 + count) as f64 / (1 + shifts.len()) as f64, count)
 }
 
-/// The chance of so large a t, of the smaller one of the two, where nothing is there: twice that of one side where physics allows both.
-fn chance(suspect: &Suspect, score: &Score) -> f64 {
-    let sides = if suspect.spec.sign == Sign::Any { 2.0 } else { 1.0 };
-    let t = score.t.min(score.beyond_clock);
-    StudentsT::new(0.0, 1.0, (score.days.max(2) - 1) as f64).map_or(1.0, |student| sides * student.sf(t)).min(1.0)
+/// The chance of so large a t of so many days where nothing is there: twice that of one side where physics allows both.
+fn chance(candidate: &CandidateEffect, t: f64, days: usize) -> f64 {
+    let sides = if candidate.spec.sign == Sign::Any { 2.0 } else { 1.0 };
+    StudentsT::new(0.0, 1.0, (days.max(2) - 1) as f64).map_or(1.0, |student| sides * student.sf(t)).min(1.0)
 }
 
 /// One chance for several tests of the same thing, however they lean on each other: Cauchy's combination (Liu and Xie 2020, J. Am. Stat.
@@ -185,9 +303,9 @@ fn combined(chances: &[f64]) -> f64 {
 }
 
 /// The scores of a candidate with its channels shifted by whole days, circularly over the samples up to `end`.
-fn shifted(look: &Look, suspect: &Suspect, channels: &[usize], end: usize, halt: Halt) -> Vec<Option<Score>> {
-    let inputs = suspect.problem.inputs();
-    let per_day = (86_400 / suspect.problem.grid().step()) as usize;
+fn shifted(look: &Look, candidate: &CandidateEffect, channels: &[usize], end: usize, halt: Halt) -> Vec<Option<Score>> {
+    let inputs = candidate.problem.inputs();
+    let per_day = (86_400 / candidate.problem.grid().step()) as usize;
     let days = end / per_day.max(1);
     let all = 1..days;
     let stride = all.len().div_ceil(SHIFTS).max(1);
@@ -201,14 +319,14 @@ fn shifted(look: &Look, suspect: &Suspect, channels: &[usize], end: usize, halt:
             let shifted = (0..values.len()).map(|k| if k < length { values[(k + day * per_day) % length] } else { values[k] });
             moved.with_values(*channel, shifted.collect())
         });
-        look.score(suspect, &suspect.problem.simulator().with_inputs(&moved))
+        look.score(candidate, &candidate.problem.simulator().with_inputs(&moved))
     };
     all.step_by(stride).map(one).collect()
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::candidates::{suspects, widen};
+    use super::super::library::{candidates, widen};
     use super::super::tests::{fitted, site, small_world};
     use super::*;
     use crate::estimate::segments::Segments;
@@ -236,8 +354,8 @@ mod tests {
         // A model whose answer to heat is the same at all times.
         let problem = prepare(&catalogue, &"rc2".parse().unwrap(), &EstimateRequest::default(), &window, &site()).unwrap();
         let (grid, holes) = widen(&problem, &window, &site()).unwrap();
-        let (library, _) = suspects(&catalogue, &problem, &grid, &holes, &site());
-        let gain = library.iter().find(|suspect| suspect.id == "constant_gain").unwrap();
+        let (library, _) = candidates(&catalogue, &problem, &grid, &holes, &site());
+        let gain = library.iter().find(|candidate| candidate.id == "constant_gain").unwrap();
         let theta = problem.nominal().to_vec();
         let segments = Segments::new(&problem, 0..problem.grid().len(), 12.0);
         let states = filter(&problem, &theta, None).filtered.states;
@@ -256,19 +374,62 @@ mod tests {
         assert!(apart < 1e-4 * dot(&warmed, &warmed), "{apart} of {}", dot(&warmed, &warmed));
     }
 
+    fn heard(base: &Problem, theta: &[f64], library: &[CandidateEffect], rate: f64, earlier: &[Entry]) -> Vec<Heard> {
+        let tests = Tests::new(base, theta, library, rate, earlier, &|| false).unwrap();
+        library.iter().map(|candidate| tests.hear(candidate)).collect()
+    }
+
     #[test]
     fn a_meter_is_shown_and_the_wind_that_does_nothing_is_not() {
         let (problem, window) = small_world(&["metered_gain"]);
         let (grid, holes) = widen(&problem, &window, &site()).unwrap();
-        let (library, _) = suspects(&Catalogue::builtin().unwrap(), &problem, &grid, &holes, &site());
+        let (library, _) = candidates(&Catalogue::builtin().unwrap(), &problem, &grid, &holes, &site());
         let theta = fitted(&problem).theta();
-        let found = heard(&problem, &theta, &library, 0.01, &|| false);
+        let found = heard(&problem, &theta, &library, 0.01, &[]);
         let named: Vec<&str> =
-            library.iter().zip(&found).filter(|(_, heard)| heard.shown.is_some()).map(|(suspect, _)| suspect.id.as_str()).collect();
+            library.iter().zip(&found).filter(|(_, heard)| heard.shown.is_some()).map(|(candidate, _)| candidate.id.as_str()).collect();
         assert_eq!(named, ["metered_gain:P_appliances"]);
         let evidence = &found.iter().find_map(|heard| heard.shown.as_ref()).unwrap().evidence;
         assert!(evidence.share > 0.2 && evidence.t > 5.0 && evidence.days == 21 && evidence.shifts == 20, "{evidence:?}");
-        let never = heard(&problem, &theta, &library, 1e-30, &|| false);
+        let tests = Tests::new(&problem, &theta, &library, 0.01, &[], &|| false).unwrap();
+        let sure: Vec<&str> =
+            library.iter().filter(|one| !one.endogenous && tests.structure(one).is_some()).map(|one| one.id.as_str()).collect();
+        assert_eq!(sure, ["metered_gain:P_appliances"], "what can do without shifts is no other");
+        let never = heard(&problem, &theta, &library, 1e-30, &[]);
         assert!(never.iter().all(|heard| heard.shown.is_none()) && never.iter().any(|heard| heard.ranked.is_some()), "nothing is so sure");
+    }
+    /// What one window cannot prove several can, and a newest one that contradicts takes it back.
+    #[test]
+    fn windows_before_add_up_to_what_one_cannot_show() {
+        let (problem, window) = small_world(&["metered_gain"]);
+        let (grid, holes) = widen(&problem, &window, &site()).unwrap();
+        let (library, _) = candidates(&Catalogue::builtin().unwrap(), &problem, &grid, &holes, &site());
+        let theta = fitted(&problem).theta();
+        let rate = 1e-30;
+        let alone = heard(&problem, &theta, &library, rate, &[]);
+        let now = alone.iter().filter_map(|heard| heard.ranked.clone()).find(|score| score.effect == "metered_gain:P_appliances").unwrap();
+        let before = |factor: f64| -> Vec<Entry> {
+            let start = problem.grid().start();
+            let span = |weeks: i64| Span { from: start - (weeks + 3) * 604_800, to: start - weeks * 604_800, hours: RANKING_HOURS };
+            let score = EffectScore { size: factor * now.size, t: factor * now.t, beyond_clock: factor * now.beyond_clock, ..now.clone() };
+            let entry = |weeks: i64| Entry {
+                diagnosis: String::new(),
+                model: problem.model().id().to_string(),
+                model_hash: None,
+                span: span(weeks),
+                score: score.clone(),
+            };
+            [0, 3, 6, 9].map(entry).to_vec()
+        };
+        let named = |earlier: &[Entry]| {
+            let found = heard(&problem, &theta, &library, rate, earlier);
+            let shown = library.iter().zip(found).filter_map(|(candidate, heard)| Some((candidate.id.clone(), heard.shown?.evidence)));
+            shown.collect::<Vec<_>>()
+        };
+        let together = named(&before(1.0));
+        let [(effect, evidence)] = together.as_slice() else { panic!("{together:?}") };
+        assert_eq!((effect.as_str(), evidence.windows), ("metered_gain:P_appliances", 5));
+        assert!((evidence.size / now.size - 1.0).abs() < 1e-9 && evidence.t > 2.0 * now.t, "{evidence:?} {now:?}");
+        assert_eq!(named(&before(-1.0)), []);
     }
 }

@@ -1,8 +1,8 @@
 //! The diagnosis of small worlds, end to end.
 
-use super::candidates;
 use super::failures::{failures, sentences, worst_regime};
 use super::ladder::ladder;
+use super::library;
 use super::report::Gate;
 use super::{Adequacy, DiagnoseError, Diagnosis, diagnose, preview};
 use crate::data::{Bindings, SplitRequest, Window};
@@ -85,18 +85,19 @@ fn the_shape_of_the_wind_is_that_of_the_error() {
 
 /// An effect with a delay knows nothing behind the start and behind each gap: then no model may be judged there.
 #[test]
-fn all_suspects_are_judged_on_the_same_samples() {
+fn all_candidates_are_judged_on_the_same_samples() {
     let (problem, window) = small_world(&[]);
-    let (grid, holes) = candidates::widen(&problem, &window, &site()).unwrap();
-    let (mut library, _) = candidates::suspects(&Catalogue::builtin().unwrap(), &problem, &grid, &holes, &site());
+    let (grid, holes) = library::widen(&problem, &window, &site()).unwrap();
+    let (mut library, _) = library::candidates(&Catalogue::builtin().unwrap(), &problem, &grid, &holes, &site());
     let all = 0..problem.grid().len();
-    let delayed = |library: &[candidates::Suspect]| library.iter().find(|suspect| suspect.id == "pipe_delay").unwrap().problem.clone();
+    let delayed =
+        |library: &[library::CandidateEffect]| library.iter().find(|candidate| candidate.id == "pipe_delay").unwrap().problem.clone();
     let before = delayed(&library).usable(0, all.clone()).len();
     assert!(before < problem.usable(0, all.clone()).len());
-    let problem = candidates::align(&problem.with_substeps(5), &mut library);
+    let problem = library::align(&problem.with_substeps(5), &mut library);
     assert_eq!(problem.usable(0, all.clone()).len(), before);
-    assert!(library.iter().all(|suspect| suspect.problem.usable(0, all.clone()) == problem.usable(0, all.clone())));
-    assert!(library.iter().all(|suspect| suspect.problem.simulator().substeps() == 5));
+    assert!(library.iter().all(|candidate| candidate.problem.usable(0, all.clone()) == problem.usable(0, all.clone())));
+    assert!(library.iter().all(|candidate| candidate.problem.simulator().substeps() == 5));
 }
 
 #[test]

@@ -80,6 +80,11 @@ impl Segments {
         self.rows.is_empty()
     }
 
+    /// The output and the sample of every row.
+    pub fn rows(&self) -> impl Iterator<Item = (usize, usize)> {
+        self.rows.iter().map(|(output, sample, _)| (*output, *sample))
+    }
+
     /// Sums of a product of two series by the days of the record, for the days that have rows.
     pub fn by_day(&self, product: impl Fn(usize) -> f64) -> Vec<f64> {
         let (mut sums, mut seen) = (vec![0.0; self.days], vec![false; self.days]);

@@ -2,8 +2,8 @@
 
 use super::{Store, StoreError, corrupt};
 use crate::data::SystemId;
+use crate::diagnose::ledger::EffectScore;
 use crate::diagnose::ledger::{Entry, Span};
-use crate::diagnose::report::EffectScore;
 use sqlx::{FromRow, SqliteConnection};
 
 #[derive(FromRow)]

@@ -44,6 +44,13 @@ fn the_hidden_effect_is_named_added_and_the_error_falls() {
     assert!(shape["validation_from"].as_str() < shape["test_from"].as_str() && number(&shape["added"]["slope"]) > 0.5, "{shape}");
     assert_eq!(app.get("/diagnoses?system=room/windy").json()["items"][0]["id"], diagnosis["id"]);
 
+    // What its window shows stands in the ledger, of what was named and of what was not.
+    let ledger = app.get("/systems/room/windy/evidence").expect(200).json();
+    let items = ledger["effects"].as_array().unwrap();
+    assert!(items.len() > 5 && items[0]["effect"] == "wind_infiltration", "{ledger}");
+    assert!(number(&items[0]["pooled"]["t"]) > 5.0 && items[0]["windows"].as_array().unwrap().len() == 1, "{ledger}");
+    assert_eq!(finding["pooled"]["windows"], 1, "{finding}");
+
     // One request adds it; the rest is an ordinary job.
     let model = app.json("POST", "/models/room3/effects", &json!({"effect": finding["effect"]})).expect(201).json();
     assert_eq!(model["id"], "room3+wind_infiltration");

@@ -2,7 +2,8 @@
 
 use crate::support::TestApp;
 use jiff::SignedDuration;
-use lampyris::diagnose::report::{Diagnosis, EffectScore, Looked};
+use lampyris::diagnose::ledger::{EffectScore, Looked};
+use lampyris::diagnose::report::Diagnosis;
 use lampyris::estimate::{Judgement, Verdict};
 use lampyris::jobs::retention;
 use lampyris::store::finish::{Ending, Finding, Report, finish};

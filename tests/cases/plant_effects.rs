@@ -67,5 +67,9 @@ fn what_a_plant_hides_is_named() {
         println!("{}", found.summary);
         assert_eq!(found.findings.first().map(|finding| finding.effect.as_str()), Some(*effect), "{}", found.summary);
         assert!(found.rho.unwrap() < 1.5, "{:?}", found.rho);
+        // What a person sees says the same: the line of the errors by what the effect would add rises by about one.
+        let added = found.findings[0].shape.as_ref().and_then(|shape| shape.added.as_ref()).unwrap();
+        println!("slope {:.2}", added.slope);
+        assert!((0.5..1.5).contains(&added.slope), "{}", added.slope);
     }
 }

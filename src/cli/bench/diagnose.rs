@@ -4,7 +4,7 @@ use super::super::{Failure, faults};
 use super::Row;
 use super::verdicts::{MATERIAL, judge_all, rows};
 use lampyris::data::{Bindings, SplitRequest, Window};
-use lampyris::diagnose::fitted::Null;
+use lampyris::diagnose::null_model::NullModel;
 use lampyris::diagnose::report::Considered;
 use lampyris::diagnose::{Diagnosis, diagnose, preview};
 use lampyris::estimate::request::AccusationRate;
@@ -132,7 +132,7 @@ fn judge(request: &WorldRequest) -> Result<Judged, Failure> {
         diagnosis.findings.iter().any(|finding| same(&finding.effect, hidden) || finding.tied_with.iter().any(|tied| same(tied, hidden)))
     };
     let found = world.truth.effects.iter().filter(|hidden| named(&hidden.effect)).count();
-    let settled = |problem: Problem, theta: &[f64]| Null::settle(problem, theta, None, &|| false)?.measured.plain[2].map(f64::sqrt);
+    let settled = |problem: Problem, theta: &[f64]| NullModel::settle(problem, theta, None, &|| false)?.measured.plain[2].map(f64::sqrt);
     let test = [
         settled(problem.clone(), &theta),
         informed(&catalogue, &world, &window, &problem, &theta)?.and_then(|(problem, theta)| settled(problem, &theta)),
@@ -223,7 +223,7 @@ fn line(judged: &Judged) -> String {
     )
 }
 
-/// A suspect that explains something, in numbers.
+/// A candidate that explains something, in numbers.
 fn near(one: &Considered) -> Option<String> {
     let measures = one.measures?;
     let (share, gain) = (one.explained_share.unwrap_or(f64::NAN), one.delta_bic.unwrap_or(f64::NAN));

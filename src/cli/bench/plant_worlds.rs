@@ -4,7 +4,7 @@ use super::super::{Failure, faults};
 use super::Row;
 use super::verdicts::{MATERIAL, judge_all, share, spread};
 use lampyris::data::{Bindings, Window};
-use lampyris::diagnose::fitted::Null;
+use lampyris::diagnose::null_model::NullModel;
 use lampyris::diagnose::{Adequacy, Diagnosis, diagnose};
 use lampyris::estimate::request::AccusationRate;
 use lampyris::estimate::{Control, EstimateRequest, Problem, Site, prepare};
@@ -90,7 +90,7 @@ fn judge(request: &PlantWorldRequest) -> Result<Judged, Failure> {
         let finding = if place == 0 { findings.first() } else { findings.last() }?;
         Some(finding.rmse.test?[place])
     };
-    let without = named(0).or_else(|| Some(Null::settle(base.clone(), &theta, None, &|| false)?.measured.plain[2]?.sqrt()));
+    let without = named(0).or_else(|| Some(NullModel::settle(base.clone(), &theta, None, &|| false)?.measured.plain[2]?.sqrt()));
     let truth = match &world.truth.effect {
         Some(effect) if world.truth.in_catalogue => {
             let informed = problem(&catalogue, &window, &format!("{PLANT}+{effect}"))?;

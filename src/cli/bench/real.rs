@@ -5,15 +5,16 @@ use super::super::{Failure, faults};
 use super::Row;
 use super::verdicts::share;
 use lampyris::data::{Bindings, CALENDAR, Column, Grid, Window, rfc3339};
-use lampyris::diagnose::candidates::{COMPUTED, align, suspects, widen};
 use lampyris::diagnose::diagnose;
-use lampyris::diagnose::fitted::Null;
+use lampyris::diagnose::library::{COMPUTED, align, candidates, widen};
+use lampyris::diagnose::null_model::NullModel;
 use lampyris::diagnose::report::Finding;
-use lampyris::diagnose::surrogates::{heard, is_driven};
+use lampyris::diagnose::surrogates::{Heard, Tests, is_driven};
 use lampyris::estimate::metrics::{ahead, filter};
 use lampyris::estimate::request::{AccusationRate, WindowRange};
 use lampyris::estimate::{Control, EstimateRequest, Problem, Site, estimate, prepare};
 use lampyris::model::{Catalogue, ModelId};
+use rayon::prelude::*;
 use std::io::Read;
 use std::path::Path;
 
@@ -274,17 +275,18 @@ fn negatives(
     site: &Site,
 ) -> Result<(usize, [usize; 3]), Failure> {
     let (grid, holes) = widen(problem, window, site).map_err(|fault| faults(&[fault]))?;
-    let (mut library, _) = suspects(catalogue, problem, &grid, &holes, site);
-    let Some(null) = Null::settle(align(problem, &mut library), theta, None, &|| false) else { return Ok((0, [0; 3])) };
+    let (mut library, _) = candidates(catalogue, problem, &grid, &holes, site);
+    let Some(null) = NullModel::settle(align(problem, &mut library), theta, None, &|| false) else { return Ok((0, [0; 3])) };
     let days = grid.len() as i64 * grid.step() / DAY;
     let (mut count, mut accused) = (0, [0; 3]);
     for shift in 1..=SHIFTS {
         let grid = of_other_days(problem, &grid, (shift * days / (SHIFTS + 1)).max(1)).map_err(|fault| faults(&[fault]))?;
-        let (mut library, _) = suspects(catalogue, problem, &grid, &holes, site);
+        let (mut library, _) = candidates(catalogue, problem, &grid, &holes, site);
         let base = align(&null.problem, &mut library);
         let most = RATES.iter().copied().fold(0.0, f64::max);
-        let found = heard(&base, &null.fitted.plain, &library, most, &|| false);
-        count += library.iter().filter(|suspect| is_driven(suspect, &base)).count();
+        let Some(tests) = Tests::new(&base, &null.fitted.plain, &library, most, &[], &|| false) else { continue };
+        let found: Vec<Heard> = library.par_iter().map(|candidate| tests.hear(candidate)).collect();
+        count += library.iter().filter(|candidate| is_driven(candidate, &base)).count();
         for evidence in found.iter().filter_map(|heard| Some(&heard.shown.as_ref()?.evidence)) {
             accused.iter_mut().zip(RATES).for_each(|(accused, rate)| *accused += usize::from(evidence.p <= rate));
         }

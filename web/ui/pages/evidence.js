@@ -62,13 +62,13 @@ function Lines({ shape, title, path, zone }) {
   </${Frame}>`;
 }
 
-/** The one-step errors by what the effect would add to them: a slope of 1 is the effect, a level line is nothing. */
+/** The errors by what the effect would add to them: a slope of 1 is the effect, a level line is nothing. */
 function Added({ shape, title, path }) {
   const { added, unit } = shape;
   const [least, most] = [added.bins[0], added.bins.at(-1)];
   const says = `Where the effect would add ${signed(least.effect, 3)} ${unit}, ${signed(least.unexplained, 3)} ${unit} are unexplained; where it would add ${signed(most.effect, 3)}, ${signed(most.unexplained, 3)}.`;
   return html`<${Frame} title=${`${title}: unexplained by what it would add`} path=${path} summary=${says}
-    note=${`One-step errors of the training part; what the model's own parameters can imitate is taken from both axes. ${says} On the dashed line lies an effect as large as was found; a level line would mean that it adds nothing. A point is the mean of about ${least.samples} samples with its 95 % interval from resampled days.`}
+    note=${`Errors over stretches of twelve hours, of a plant those of the free run; what the model's own parameters and the start of a stretch can imitate is taken from both axes. ${says} On the dashed line lies an effect as large as was found; a level line would mean that it adds nothing. A point is the mean of about ${least.samples} samples with its 95 % interval from resampled days.`}
     table=${() => ({
       columns: [
         [`the effect would add, ${unit}`, 'number'],

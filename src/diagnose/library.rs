@@ -1,6 +1,5 @@
 //! The library of what may be missing: every effect of the catalogue, compiled into the model and put on the data.
 
-use super::report::NotTestable;
 use crate::data::{CALENDAR, ChannelKind, Column, Grid, Window, add_calendar, add_drops};
 use crate::estimate::problem::Choices;
 use crate::estimate::{Problem, Site};
@@ -11,6 +10,8 @@ use crate::model::spec::{EffectSpec, ModelSpec, Sign};
 use crate::model::{Bindings, ModelId, Scale, compile};
 use crate::units::Unit;
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
 
 /// A channel of which more than a tenth is missing tells too little.
 const LEAST_VALID: f64 = 0.9;
@@ -23,7 +24,7 @@ pub const COMPUTED: [&str; 5] = ["hour_of_day", "weekday", "sun_altitude", "sun_
 
 /// An effect that the model may be missing.
 #[derive(Debug, Clone)]
-pub struct Suspect {
+pub struct CandidateEffect {
     /// Its id, with its argument.
     pub id: String,
     /// Its document, with the argument filled in.
@@ -40,7 +41,16 @@ pub struct Suspect {
     pub conducts: bool,
 }
 
-impl Suspect {
+/// A candidate that these data cannot show.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct NotTestable {
+    /// The effect's id.
+    pub effect: String,
+    /// Why.
+    pub reason: String,
+}
+
+impl CandidateEffect {
     /// The id without its argument.
     pub fn family(&self) -> &str {
         self.id.split(':').next().unwrap_or(&self.id)
@@ -97,16 +107,24 @@ pub fn widen(problem: &Problem, window: &Window, site: &Site) -> Result<(Grid, V
     Ok((grid, holes))
 }
 
-/// All suspects that can be tested, and those that cannot, with the reason.
-pub fn suspects(catalogue: &Catalogue, base: &Problem, grid: &Grid, holes: &[String], site: &Site) -> (Vec<Suspect>, Vec<NotTestable>) {
-    let found: Vec<Result<Suspect, NotTestable>> = names(catalogue, base, grid)
+/// All candidates that can be tested, and those that cannot, with the reason.
+pub fn candidates(
+    catalogue: &Catalogue,
+    base: &Problem,
+    grid: &Grid,
+    holes: &[String],
+    site: &Site,
+) -> (Vec<CandidateEffect>, Vec<NotTestable>) {
+    let found: Vec<Result<CandidateEffect, NotTestable>> = names(catalogue, base, grid)
         .into_par_iter()
-        .map(|name| suspect(catalogue, base, grid, site, &name).map_err(|reason| NotTestable { effect: name, reason: why(reason, holes) }))
+        .map(|name| {
+            candidate(catalogue, base, grid, site, &name).map_err(|reason| NotTestable { effect: name, reason: why(reason, holes) })
+        })
         .collect();
-    let (mut suspects, mut not_testable) = (Vec::new(), Vec::<NotTestable>::new());
+    let (mut candidates, mut not_testable) = (Vec::new(), Vec::<NotTestable>::new());
     for one in found {
         match one {
-            Ok(suspect) => suspects.push(suspect),
+            Ok(candidate) => candidates.push(candidate),
             // The choices of one shape lack the same thing: one line says so.
             Err(reason) => {
                 let family = reason.effect.split(':').next().unwrap_or_default().to_owned();
@@ -118,22 +136,22 @@ pub fn suspects(catalogue: &Catalogue, base: &Problem, grid: &Grid, holes: &[Str
             }
         }
     }
-    (suspects, not_testable)
+    (candidates, not_testable)
 }
 
-/// Puts the model and all suspects on the same footing: the same steps, and the same samples. An effect with a delay
+/// Puts the model and all candidates on the same footing: the same steps, and the same samples. An effect with a delay
 /// knows nothing for a while behind the start and behind each gap, and there no other model may gain or lose.
-pub fn align(base: &Problem, library: &mut [Suspect]) -> Problem {
+pub fn align(base: &Problem, library: &mut [CandidateEffect]) -> Problem {
     let whole = base.known();
     let mut known = whole.clone();
-    for suspect in library.iter() {
-        known.iter_mut().zip(suspect.problem.known()).for_each(|(known, own)| *known &= own);
+    for candidate in library.iter() {
+        known.iter_mut().zip(candidate.problem.known()).for_each(|(known, own)| *known &= own);
     }
     let steps = base.simulator().substeps();
     library
         .par_iter_mut()
-        .filter(|suspect| suspect.problem.known() != known || suspect.problem.simulator().substeps() != steps)
-        .for_each(|suspect| suspect.problem = suspect.problem.aligned(&known, steps));
+        .filter(|candidate| candidate.problem.known() != known || candidate.problem.simulator().substeps() != steps)
+        .for_each(|candidate| candidate.problem = candidate.problem.aligned(&known, steps));
     if known == whole { base.clone() } else { base.aligned(&known, steps) }
 }
 
@@ -214,8 +232,8 @@ fn is_member(effect: &EffectSpec, channel: &str, unit: &str, base: &Problem) -> 
     }
 }
 
-/// One suspect.
-fn suspect(catalogue: &Catalogue, base: &Problem, grid: &Grid, site: &Site, name: &str) -> Result<Suspect, Vec<Fault>> {
+/// One candidate.
+fn candidate(catalogue: &Catalogue, base: &Problem, grid: &Grid, site: &Site, name: &str) -> Result<CandidateEffect, Vec<Fault>> {
     let id: ModelId = base.model().id().plus(name);
     let spec = catalogue.effect(name).map_err(|fault| vec![fault])?;
     let composition = catalogue.compose(&id)?;
@@ -273,7 +291,7 @@ fn suspect(catalogue: &Catalogue, base: &Problem, grid: &Grid, site: &Site, name
         }
     };
     let own = own.into_iter().map(|index| (index, off(index))).collect();
-    Ok(Suspect { id: name.to_owned(), spec, problem, own, endogenous, by_clock, conducts })
+    Ok(CandidateEffect { id: name.to_owned(), spec, problem, own, endogenous, by_clock, conducts })
 }
 
 /// The reason in words, the most telling fault first.

@@ -15,6 +15,21 @@ use std::ops::Range;
 /// model may err least where it is no room any more, and from there the effect is never found.
 const OTHER: [f64; 2] = [1.02, 16.0];
 
+/// From several starts a search goes this part of its iterations before the best of them goes on alone.
+const FIRST_PART: usize = 5;
+
+/// The free run's squared error, over that of the null model, above which a candidate has shown nothing.
+const LEAST_PROMISE: f64 = 0.97;
+
+/// The costs below which a search that has gone a part of its way goes on.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Promise {
+    /// Of the free run.
+    pub plain: f64,
+    /// Of the innovations.
+    pub white: f64,
+}
+
 /// Full parameter vectors at the two optima, with their costs.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Fitted {
@@ -68,7 +83,7 @@ pub struct Filters {
 
 /// A model without the effects that are tried on it.
 #[derive(Debug, Clone)]
-pub struct Null {
+pub struct NullModel {
     /// The model on its data.
     pub problem: Problem,
     /// Where it ends.
@@ -101,14 +116,33 @@ impl Filters {
         ]
     }
 
-    /// Both optima, each the best from its starts.
-    pub fn fit(&self, problem: &Problem, plain: &[Vec<f64>], white: &[Vec<f64>], iterations: usize, halt: Halt) -> Fitted {
+    /// Both optima, each the best from its starts: all of them go a part of the way, and the best goes on. Nobody does where that part
+    /// shows less than `promise` says.
+    pub fn fit(
+        &self,
+        problem: &Problem,
+        [plain, white]: [&[Vec<f64>]; 2],
+        iterations: usize,
+        promise: Option<Promise>,
+        halt: Halt,
+    ) -> Fitted {
         let [plain_task, white_task] = self.tasks(problem, halt);
-        let (white, white_cost, white_evaluations) = white_task.polish(white, iterations);
+        let first = iterations.div_ceil(FIRST_PART);
+        let mut evaluations = 0;
+        let mut polished = |task: &Refit, starts: &[Vec<f64>], iterations: usize| {
+            let (theta, cost, spent) = task.polish(starts, iterations);
+            evaluations += spent;
+            (theta, cost)
+        };
+        let (mut white, mut white_cost) = polished(&white_task, white, first);
         // The free run has more local optima than the innovations, whose optimum shows it a way out of them.
         let starts: Vec<Vec<f64>> = plain.iter().chain([&white]).cloned().collect();
-        let (plain, plain_cost, evaluations) = plain_task.polish(&starts, iterations);
-        Fitted { plain, plain_cost, white, white_cost, evaluations: evaluations + white_evaluations }
+        let (mut plain, mut plain_cost) = polished(&plain_task, &starts, first);
+        if promise.is_none_or(|promise| plain_cost < promise.plain || white_cost < promise.white) {
+            (white, white_cost) = polished(&white_task, &[white], iterations - first);
+            (plain, plain_cost) = polished(&plain_task, &[plain, white.clone()], iterations - first);
+        }
+        Fitted { plain, plain_cost, white, white_cost, evaluations }
     }
 
     /// What is measured at the optima; `None` where a simulation diverges, or is cut short.
@@ -166,7 +200,7 @@ fn squares_by_day(problem: &Problem, residuals: &[Vec<f64>], range: &Range<usize
     days
 }
 
-impl Null {
+impl NullModel {
     /// Brings a model to its optima from a known point; `None` where it diverges or its residual has no
     /// autoregressive model, or where `halt` ends it.
     pub fn settle(problem: Problem, plain: &[f64], white: Option<&[f64]>, halt: Halt) -> Option<Self> {
@@ -185,7 +219,7 @@ impl Null {
         let starts: Vec<Vec<f64>> = scouted.iter().map(|(theta, _)| theta.clone()).collect();
         let mut whites: Vec<Vec<f64>> = white.map(<[f64]>::to_vec).into_iter().collect();
         whites.extend(starts.iter().cloned());
-        let mut fitted = filters.fit(&problem, &starts, &whites, effort.settle, halt);
+        let mut fitted = filters.fit(&problem, [&starts, &whites], effort.settle, None, halt);
         // The innovations' optimum changes the residual, and with it the filter: once more with the right one.
         let ar = Autoregression::fit(&series(&fitted.white)?, &usable)?;
         let filters = Filters::new(&problem, &ar, deviation(&series(&fitted.plain)?));
@@ -205,7 +239,8 @@ impl Null {
 
     /// Goes on from another place: keeps what is better there, and measures again. Says whether anything was.
     pub fn restart(&mut self, plain: &[f64], white: &[f64], halt: Halt) -> bool {
-        let again = self.filters.fit(&self.problem, &[plain.to_vec()], &[white.to_vec()], Effort::of(&self.problem).settle / 2, halt);
+        let starts: [&[Vec<f64>]; 2] = [&[plain.to_vec()], &[white.to_vec()]];
+        let again = self.filters.fit(&self.problem, starts, Effort::of(&self.problem).settle / 2, None, halt);
         self.fitted.evaluations += again.evaluations;
         let mut better = self.fitted.clone();
         if again.plain_cost < better.plain_cost {
@@ -219,6 +254,13 @@ impl Null {
             (self.fitted, self.measured) = (better, measured);
         }
         improved
+    }
+
+    /// What a candidate has to promise: three in twice the logarithm of the likelihood, less than half of what one parameter costs, or a
+    /// thirtieth of the free run's squared error.
+    pub fn promise(&self) -> Promise {
+        let n = self.measured.samples as f64;
+        Promise { plain: LEAST_PROMISE * self.fitted.plain_cost, white: (-3.0 / n).exp() * self.fitted.white_cost }
     }
 
     /// Free-run error over the innovation deviation, on the training part.
