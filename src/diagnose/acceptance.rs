@@ -153,10 +153,6 @@ pub(super) fn gate(
     rho: f64,
     placebo: f64,
 ) -> Option<(Gate, String)> {
-    // What minutes and hours agree on for themselves needs no more of either.
-    if heard.structure.is_some() {
-        return None;
-    }
     let percent = |share: Option<f64>| share.map_or_else(|| "no unseen data".to_owned(), |share| format!("{:.0} %", 100.0 * share));
     if refitted.active == 0 {
         return Some((Gate::Bound, "it fits best where it does nothing".to_owned()));

@@ -226,7 +226,7 @@ fn tell_round(report: &mut Diagnosis, library: &[CandidateEffect], outcome: &Rou
             report.not_testable.push(NotTestable { effect: library[one.refitted.candidate].id.clone(), reason: IMITATED.to_owned() });
             continue;
         }
-        let why = match (&one.gate, one.heard.evidence()) {
+        let why = match (&one.gate, one.heard.shown.as_ref().map(|shown| &shown.evidence)) {
             (None, Some(evidence)) => {
                 format!("over {:.0} h it explains {:.0} % of the error, t {:.1}", evidence.hours, 100.0 * evidence.share, evidence.t)
             }
@@ -331,7 +331,7 @@ fn finding(null: &NullModel, next: &NullModel, library: &[CandidateEffect], outc
         separate_by,
         kind: if refinement { FindingKind::Refinement } else { FindingKind::Cause },
         evidence,
-        segments: winner.heard.evidence().cloned(),
+        segments: winner.heard.shown.as_ref().map(|shown| shown.evidence.clone()),
         pooled: None,
         shape: Some(shape(null, next, candidate)),
     }
@@ -355,8 +355,8 @@ fn evidence(candidate: &CandidateEffect, winner: &Tried, rmse: &RmsePairs) -> Ve
     if let Some([before, after]) = rmse.validation_ahead.get("PT24H") {
         sentences.push(format!("Forecasts a day ahead err by {after:.2} instead of {before:.2} {unit}."));
     }
-    if let Some(shown) = winner.heard.evidence() {
-        sentences.extend(shown.sentences(candidate));
+    if let Some(shown) = &winner.heard.shown {
+        sentences.extend(shown.evidence.sentences(candidate));
         return sentences;
     }
     let least = least_gain(candidate, &winner.refitted, &winner.gain);

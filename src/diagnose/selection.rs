@@ -7,7 +7,6 @@ use super::effort::Effort;
 use super::ledger::{EffectScore, Entry};
 use super::library::CandidateEffect;
 use super::null_model::NullModel;
-use super::report::Gate;
 use super::screen::{Blind, Score, Screen};
 use super::surrogates::{Heard, Tests};
 use crate::estimate::Problem;
@@ -102,15 +101,8 @@ pub fn round(
     let judge = |(refitted, ahead): (Refitted, Option<Ahead>)| {
         let candidate = &candidates[refitted.candidate];
         let gain = refitted.gain(null, ahead);
-        let mut heard = heard[refitted.candidate].clone();
-        let judged = |heard: &Heard| gate(candidate, &refitted, &gain, heard, strict, rho, placebo);
-        let mut gate = judged(&heard);
-        // What follows from the room itself or from the clock imitates too much of what is in no catalogue.
-        let stopped = matches!(gate, Some((Gate::Bic | Gate::HeldOut, _))) && gain.delta_bic >= LEAST_BIC && placebo <= LEAST_BIC;
-        if stopped && !candidate.endogenous && !candidate.by_clock {
-            heard.structure = tests.as_ref().and_then(|tests| tests.structure(candidate));
-            gate = judged(&heard);
-        }
+        let heard = heard[refitted.candidate].clone();
+        let gate = gate(candidate, &refitted, &gain, &heard, strict, rho, placebo);
         Tried { refitted, gain, heard, gate }
     };
     let mut tried: Vec<Tried> = refitted.into_iter().zip(ahead).map(judge).collect();

@@ -23,8 +23,6 @@ const ASKED: f64 = 1.5;
 /// An effect that explains less than this share of the squared error changes a fortieth of the error: that is practically nothing,
 /// however sure it is.
 const LEAST_SHARE: f64 = 0.05;
-/// What the size from one half of the days is to explain of the other half, as a share of what it explains of all.
-const CONFIRMED: f64 = 0.5;
 /// Several windows together are to do better than shifted channels as surely as one of twenty days can.
 const SHIFTED_TOGETHER: f64 = 0.05;
 
@@ -98,16 +96,9 @@ pub struct Heard {
     pub ranked: Option<EffectScore>,
     /// Where a logged channel drives it and the days are sure of it.
     pub shown: Option<Shown>,
-    /// Where the model's structure lacks it and both the likelihood and the days are sure of it.
-    pub structure: Option<SegmentEvidence>,
 }
 
 impl Heard {
-    /// What makes it sure.
-    pub fn evidence(&self) -> Option<&SegmentEvidence> {
-        self.shown.as_ref().map(|shown| &shown.evidence).or(self.structure.as_ref())
-    }
-
     /// The share that it explains over the length at which candidates are ranked, with a sign that physics allows.
     pub fn share(&self) -> Option<f64> {
         self.ranked.as_ref().filter(|ranked| ranked.t > 0.0).map(|ranked| ranked.share)
@@ -121,9 +112,8 @@ pub struct Tests<'a> {
     looks: Vec<Look<'a>>,
     /// The place of the length at which candidates are ranked.
     ranking: usize,
-    /// How many candidates there are, and how many of them a logged channel drives: one of them looks good by chance so many times as
-    /// easily.
-    candidates: [f64; 2],
+    /// How many candidates a logged channel drives: one of them looks good by chance so many times as easily.
+    candidates: f64,
     /// How often they may accuse where nothing is missing.
     rate: f64,
     /// What other windows showed of the same model.
@@ -156,8 +146,7 @@ impl<'a> Tests<'a> {
             distance(*one).total_cmp(&distance(*other))
         };
         let ranking = (0..looks.len()).min_by(nearest)?;
-        let driven = candidates.iter().filter(|candidate| is_driven(candidate, base)).count();
-        let candidates = [candidates.len() as f64, driven as f64];
+        let candidates = candidates.iter().filter(|candidate| is_driven(candidate, base)).count() as f64;
         Some(Self { base, looks, ranking, candidates, rate, earlier, end: samples.end, halt })
     }
 
@@ -166,33 +155,6 @@ impl<'a> Tests<'a> {
     /// each half of the days explains the other half; or one that is as sure together with earlier windows of the same model.
     pub fn hear(&self, candidate: &CandidateEffect) -> Heard {
         self.heard(candidate).unwrap_or_default()
-    }
-
-    /// What they show of one that the model's structure lacks, over the length that shows it best: no channel can be shifted for it, so
-    /// it must be as sure beyond the clock over all candidates and lengths, and each half of the days must know it from the other.
-    pub fn structure(&self, candidate: &CandidateEffect) -> Option<SegmentEvidence> {
-        let score = |look: &Look| Some((look.hours, look.score(candidate, candidate.problem.simulator())?));
-        let lengths = self.looks.len() as f64;
-        let price = self.candidates[0] * lengths;
-        let sure = |(_, score): &(f64, Score)| {
-            let p = price * chance(candidate, score.t.min(score.beyond_clock), score.days);
-            p <= self.rate && score.share >= LEAST_SHARE && score.confirmed >= CONFIRMED * score.share
-        };
-        let best = self.looks.iter().filter_map(score).filter(sure).max_by(|one, other| one.1.share.total_cmp(&other.1.share));
-        let (hours, score) = best?;
-        Some(SegmentEvidence {
-            hours,
-            size: *score.size.first()?,
-            share: score.share,
-            t: score.t,
-            beyond_clock: score.beyond_clock,
-            days: score.days,
-            confirmed_share: score.confirmed,
-            shifts: 0,
-            shift_p: None,
-            p: (price * chance(candidate, score.t.min(score.beyond_clock), score.days)).min(1.0),
-            windows: 1,
-        })
     }
 
     fn heard(&self, candidate: &CandidateEffect) -> Option<Heard> {
@@ -215,7 +177,7 @@ impl<'a> Tests<'a> {
         };
         let shown =
             channels.and_then(|channels| self.alone(candidate, &channels, &score).or_else(|| self.together(candidate, &ranked, &score)));
-        Some(Heard { shown, ranked: Some(ranked), structure: None })
+        Some(Heard { shown, ranked: Some(ranked) })
     }
 
     /// What this window shows by itself, over the length that shows it best.
@@ -223,11 +185,11 @@ impl<'a> Tests<'a> {
         let score = |look| Some((look, Look::score(look, candidate, candidate.problem.simulator())?));
         let mut scores: Vec<(&Look, Score)> = self.looks.iter().filter_map(score).collect();
         let chance = |score: &Score| chance(candidate, score.t.min(score.beyond_clock), score.days);
-        let p = (self.candidates[1] * combined(&scores.iter().map(|(_, score)| chance(score)).collect::<Vec<_>>())).min(1.0);
+        let p = (self.candidates * combined(&scores.iter().map(|(_, score)| chance(score)).collect::<Vec<_>>())).min(1.0);
         if p > self.rate {
             return None;
         }
-        scores.retain(|(_, score)| score.share >= LEAST_SHARE && score.confirmed > 0.0 && self.candidates[1] * chance(score) <= self.rate);
+        scores.retain(|(_, score)| score.share >= LEAST_SHARE && score.confirmed > 0.0 && self.candidates * chance(score) <= self.rate);
         scores.sort_by(|one, other| chance(&one.1).total_cmp(&chance(&other.1)));
         scores.into_iter().find_map(|(look, score)| {
             let shifts = shifted(look, candidate, channels, self.end, self.halt);
@@ -256,7 +218,7 @@ impl<'a> Tests<'a> {
         let span =
             Span { from: time(self.base.split().train.start), to: time(self.end - 1) + self.base.grid().step(), hours: RANKING_HOURS };
         let pooled = pooled_with(self.earlier, ranked, span).filter(|pooled| pooled.windows > 1 && pooled.taken_back.is_none())?;
-        let p = (self.candidates[1] * chance(candidate, pooled.t.min(pooled.beyond_clock), pooled.windows * score.days)).min(1.0);
+        let p = (self.candidates * chance(candidate, pooled.t.min(pooled.beyond_clock), pooled.windows * score.days)).min(1.0);
         let shift_p = pooled.shift_p?;
         let evidence = SegmentEvidence {
             hours: RANKING_HOURS,
@@ -391,10 +353,6 @@ mod tests {
         assert_eq!(named, ["metered_gain:P_appliances"]);
         let evidence = &found.iter().find_map(|heard| heard.shown.as_ref()).unwrap().evidence;
         assert!(evidence.share > 0.2 && evidence.t > 5.0 && evidence.days == 21 && evidence.shifts == 20, "{evidence:?}");
-        let tests = Tests::new(&problem, &theta, &library, 0.01, &[], &|| false).unwrap();
-        let sure: Vec<&str> =
-            library.iter().filter(|one| !one.endogenous && tests.structure(one).is_some()).map(|one| one.id.as_str()).collect();
-        assert_eq!(sure, ["metered_gain:P_appliances"], "what can do without shifts is no other");
         let never = heard(&problem, &theta, &library, 1e-30, &[]);
         assert!(never.iter().all(|heard| heard.shown.is_none()) && never.iter().any(|heard| heard.ranked.is_some()), "nothing is so sure");
     }
