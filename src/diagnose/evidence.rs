@@ -8,7 +8,7 @@ use super::score_test::{Look, RANKING_HOURS};
 use super::screen::Screen;
 use crate::data::rfc3339;
 use crate::estimate::Problem;
-use crate::estimate::metrics::{error_unit, filter};
+use crate::estimate::metrics::error_unit;
 use crate::estimate::whiten::stride;
 use crate::schema::Interval;
 use serde::{Deserialize, Serialize};
@@ -76,8 +76,9 @@ pub struct AddedBin {
     pub samples: usize,
 }
 
-/// The shape of a candidate that was found. `next` is the model with it.
-pub fn shape(null: &NullModel, next: &NullModel, candidate: &CandidateEffect) -> Shape {
+/// The shape of a candidate that was found. `next` is the model with it, `sized` a vector of its parameters with the values that the
+/// finding states.
+pub fn shape(null: &NullModel, next: &NullModel, candidate: &CandidateEffect, sized: &[f64]) -> Shape {
     let (problem, grid) = (&null.problem, null.problem.grid());
     let [without, with] = [null, next].map(|one| one.problem.simulate(&one.fitted.plain));
     let error = residual(problem, 0, &without.outputs[0]);
@@ -93,7 +94,7 @@ pub fn shape(null: &NullModel, next: &NullModel, candidate: &CandidateEffect) ->
         effect: means(&change, &usable, span),
         validation_from: rfc3339(grid.time(problem.split().validation.start)),
         test_from: (!problem.split().test.is_empty()).then(|| rfc3339(grid.time(problem.split().test.start))),
-        added: added(null, candidate, &next.fitted.plain),
+        added: added(null, candidate, sized),
     }
 }
 
@@ -102,8 +103,7 @@ fn added(null: &NullModel, candidate: &CandidateEffect, with: &[f64]) -> Option<
     let point = |(row, x, y): (usize, f64, f64)| Point { row, x, y };
     let points: Vec<Point> = if null.problem.filters() {
         let samples = null.problem.split().train.start..null.problem.split().validation.end;
-        let states = filter(&null.problem, &null.fitted.plain, None).filtered.states;
-        let look = Look::new(&null.problem, &null.fitted.plain, &states, samples, RANKING_HOURS, &|| false)?;
+        let look = Look::new(&null.problem, &null.fitted.plain, samples, RANKING_HOURS, &|| false)?;
         look.added(candidate, with)?.into_iter().map(point).collect()
     } else {
         let plain = &null.filters.plain;

@@ -8,19 +8,20 @@ use super::library::{CandidateEffect, NotTestable, align, candidates, widen};
 use super::null_model::{NullModel, whitening_at};
 use super::report::{Adequacy, Coefficient, Considered, Diagnosis, Finding, FindingKind, Gate, Measures, Preview, RmsePairs, Unexplained};
 use super::residual::residual;
-use super::score_test::RANKING_HOURS;
 use super::screen::{Blind, Screen};
 use super::selection::{Round, Skip, round};
+use super::size::{Size, sizes};
+use super::surrogates::span;
 use crate::data::{Window, hour_of_day, rfc3339};
 use crate::estimate::metrics::{HORIZONS, ahead, error_unit, filter};
 use crate::estimate::physics::{jacobian, mean_inputs};
 use crate::estimate::request::AccusationRate;
 use crate::estimate::run::at_bound;
-use crate::estimate::uncertainty::uncertainty;
 use crate::estimate::whiten::stride;
 use crate::estimate::{Control, EstimateError, Problem, Site};
 use crate::fault::Fault;
 use crate::model::{Catalogue, Initial};
+use crate::simulate::trajectory::Halt;
 use indexmap::IndexMap;
 
 /// Most effects that one diagnosis names.
@@ -126,7 +127,7 @@ pub fn diagnose(
         let candidate = &library[winner.refitted.candidate];
         let next = NullModel::settle(candidate.problem.clone(), &winner.refitted.fitted.plain, Some(&winner.refitted.fitted.white), &halt)
             .ok_or_else(nothing)?;
-        let finding = finding(&null, &next, &library, &outcome, winner, number);
+        let finding = finding(&null, &next, &library, &outcome, winner, number, &halt);
         found.push(candidate.id.clone());
         found.extend(finding.tied_with.iter().cloned());
         report.findings.push(finding);
@@ -198,10 +199,8 @@ fn empty(problem: &Problem) -> Diagnosis {
 
 /// What a round has seen in segments, and when; `None` where there were none.
 fn looked(problem: &Problem, effects: Vec<EffectScore>) -> Option<Looked> {
-    let (grid, split) = (problem.grid(), problem.split());
-    let end = grid.time(split.validation.end.checked_sub(1)?) + grid.step();
-    let looked = Looked { from: rfc3339(grid.time(split.train.start)), to: rfc3339(end), hours: RANKING_HOURS, effects };
-    (!looked.effects.is_empty()).then_some(looked)
+    let span = span(problem).filter(|_| !effects.is_empty())?;
+    Some(Looked { from: rfc3339(span.from), to: rfc3339(span.to), hours: span.hours, effects })
 }
 
 /// Tells every finding of a diagnosis what its window shows of it together with earlier ones of the same base model, and takes back,
@@ -283,7 +282,15 @@ fn tell_round(report: &mut Diagnosis, library: &[CandidateEffect], outcome: &Rou
 }
 
 /// A winner as a finding.
-fn finding(null: &NullModel, next: &NullModel, library: &[CandidateEffect], outcome: &Round, winner: &Tried, rank: usize) -> Finding {
+fn finding(
+    null: &NullModel,
+    next: &NullModel,
+    library: &[CandidateEffect],
+    outcome: &Round,
+    winner: &Tried,
+    rank: usize,
+    halt: Halt,
+) -> Finding {
     let candidate = &library[winner.refitted.candidate];
     let tied_with: Vec<String> = outcome.tied.iter().map(|place| library[outcome.tried[*place].refitted.candidate].id.clone()).collect();
     let separate_by = (!tied_with.is_empty()).then(|| {
@@ -294,21 +301,13 @@ fn finding(null: &NullModel, next: &NullModel, library: &[CandidateEffect], outc
         format!("measure {}", needed.join(", or "))
     });
     let pair = |part: usize| null.measured.plain[part].zip(next.measured.plain[part]).map(|(a, b)| [a.sqrt(), b.sqrt()]);
-    let uncertain = uncertainty(&next.problem, &next.fitted.plain);
+    let mut sized = next.fitted.plain.clone();
     let mut parameters = IndexMap::new();
-    for (index, _) in &candidate.own {
+    for ((index, _), Size { value, ci95 }) in candidate.own.iter().zip(sizes(next, candidate, winner.heard.shown.is_some(), halt)) {
+        sized[*index] = value;
         let parameter = &next.problem.model().parameters()[*index];
-        let place = next.problem.free().iter().position(|free| free == index);
-        let ci95 = place.and_then(|place| uncertain.ci95.get(place).copied().flatten());
-        parameters.insert(
-            parameter.name.clone(),
-            Coefficient {
-                value: next.fitted.plain[*index],
-                ci95,
-                unit: parameter.unit.clone(),
-                at_bound: at_bound(&next.problem, &next.fitted.plain, *index) && !leaves_bounds(ci95, next.problem.bounds()[*index]),
-            },
-        );
+        let at_bound = at_bound(&next.problem, &sized, *index) && !leaves_bounds(ci95, next.problem.bounds()[*index]);
+        parameters.insert(parameter.name.clone(), Coefficient { value, ci95, unit: parameter.unit.clone(), at_bound });
     }
     let rmse = RmsePairs {
         train: pair(0).unwrap_or([f64::NAN; 2]),
@@ -333,7 +332,7 @@ fn finding(null: &NullModel, next: &NullModel, library: &[CandidateEffect], outc
         evidence,
         segments: winner.heard.shown.as_ref().map(|shown| shown.evidence.clone()),
         pooled: None,
-        shape: Some(shape(null, next, candidate)),
+        shape: Some(shape(null, next, candidate, &sized)),
     }
 }
 
@@ -379,7 +378,8 @@ fn evidence(candidate: &CandidateEffect, winner: &Tried, rmse: &RmsePairs) -> Ve
             .push(format!("It explains {:.1} % of the unseen innovations; the free run is dominated by something else.", 100.0 * white));
     }
     if candidate.endogenous {
-        sentences.push(format!("It is read off the room temperature itself, so {:.0} % was asked for.", 100.0 * STRICT_SHARE));
+        let asked = 100.0 * STRICT_SHARE;
+        sentences.push(format!("It is read off the room temperature itself, so {asked:.0} % was asked for, and its size has no interval."));
     }
     sentences
 }

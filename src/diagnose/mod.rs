@@ -31,6 +31,7 @@ pub mod residual;
 mod score_test;
 mod screen;
 pub mod selection;
+mod size;
 pub mod spectrum;
 pub mod surrogates;
 #[cfg(test)]

@@ -21,6 +21,18 @@ pub enum Adequacy {
     NotEnoughData,
 }
 
+impl Adequacy {
+    /// It as documents write it.
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::Named => "named",
+            Self::Adequate => "adequate",
+            Self::Unknown => "unknown",
+            Self::NotEnoughData => "not_enough_data",
+        }
+    }
+}
+
 /// Which effect a model is missing.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Diagnosis {
@@ -84,7 +96,7 @@ pub struct Finding {
     pub explained_share: Option<f64>,
     /// Errors without and with it.
     pub rmse: RmsePairs,
-    /// Its parameters, in the free run at its optimum: beside heat that nobody logged they are smaller than what segments of hours show.
+    /// Its parameters, from segments of a day where segments have shown it, else from the likelihood that has; of a plant from the free run.
     #[schema(value_type = HashMap<String, Coefficient>)]
     pub parameters: IndexMap<String, Coefficient>,
     /// Effects that the data cannot tell from it.
@@ -95,7 +107,7 @@ pub struct Finding {
     pub kind: FindingKind,
     /// Why, in sentences.
     pub evidence: Vec<String>,
-    /// What segments of hours show of it; `null` where they do not.
+    /// What segments of hours show of it; `null` where no logged channel drives it, or where they are not sure of it.
     #[serde(default)]
     pub segments: Option<SegmentEvidence>,
     /// What this window shows of it together with earlier ones of the same base model; `null` where it was not looked at.
@@ -122,11 +134,10 @@ pub struct SegmentEvidence {
     pub days: usize,
     /// The share that it explains of each half of the days with the size from the other half.
     pub confirmed_share: f64,
-    /// Shifts of its channels by whole days that were tried; 0 where several windows show it together, or where no logged channel
-    /// drives it.
+    /// Shifts of its channels by whole days that were tried; 0 where several windows show it together.
     pub shifts: usize,
-    /// The share of them, itself counted, with which it does as well; `null` where no logged channel drives it.
-    pub shift_p: Option<f64>,
+    /// The share of them, itself counted, with which it does as well.
+    pub shift_p: f64,
     /// The chance that any effect of the catalogue is shown so clearly, over any length, where none is there.
     pub p: f64,
     /// Windows that show it together: 1 where this one does by itself.
@@ -160,7 +171,7 @@ pub struct RmsePairs {
 pub struct Coefficient {
     /// Its value.
     pub value: f64,
-    /// Its 95 % interval; `None` where the data do not determine it.
+    /// Its 95 % interval, robust by days; `null` where the data do not determine it, or where it is read off the output itself.
     pub ci95: Option<[f64; 2]>,
     /// Its unit.
     pub unit: String,

@@ -68,15 +68,14 @@ pub struct Score {
 }
 
 impl<'a> Look<'a> {
-    /// Settles the null model on segments of some samples, from filtered `states` of all of them; `None` where it leaves the numbers,
-    /// there are too few, or `halt` ends it.
-    pub fn new(base: &'a Problem, theta: &[f64], states: &[Vec<f64>], samples: Range<usize>, hours: f64, halt: Halt) -> Option<Self> {
+    /// Settles the null model on segments of some samples, from its free run; `None` where it leaves the numbers, there are too few, or
+    /// `halt` ends it.
+    pub fn new(base: &'a Problem, theta: &[f64], samples: Range<usize>, hours: f64, halt: Halt) -> Option<Self> {
         let segments = Segments::new(base, samples.clone(), hours);
         if segments.is_empty() || halt() {
             return None;
         }
-        let starts: Vec<Vec<f64>> = segments.first_samples().map(|k| states[k].clone()).collect();
-        let settled = settle(base, &segments, theta, &starts, halt)?;
+        let settled = settle(base, &segments, theta, &segments.starts(base, theta), halt)?;
         // Once more from the starts that belong to these parameters.
         let starts = settled.linear.starts;
         let mut linear = segments.linearise(base, base.simulator(), &settled.theta, &starts)?;

@@ -7,7 +7,6 @@ use super::library::CandidateEffect;
 use super::report::SegmentEvidence;
 use super::score_test::{LENGTHS, Look, RANKING_HOURS, Score, logged};
 use crate::estimate::Problem;
-use crate::estimate::metrics::filter;
 use crate::estimate::segments::dot;
 use crate::model::spec::Sign;
 use crate::simulate::trajectory::Halt;
@@ -51,30 +50,24 @@ impl SegmentEvidence {
         let chance = format!("by chance something looks like that in {} rooms in which nothing is missing", seldom(self.p));
         let [t, clock, share] = [self.t, self.beyond_clock, 100.0 * self.share];
         if self.windows > 1 {
-            let mut sentences = vec![format!(
-                "This window alone does not prove it; {} windows together explain {share:.0} % of what the model errs by over stretches of {:.0} h (pooled t {t:.1}, and {clock:.1} beyond what happens every day at the same hours); {chance}.",
-                self.windows, self.hours,
-            )];
-            sentences.extend(
-                self.shift_p.map(|p| format!("Shifted by whole days, {} does worse in all of them together (p {p:.3}).", candidate.id)),
-            );
-            return sentences;
+            return vec![
+                format!(
+                    "This window alone does not prove it; {} windows together explain {share:.0} % of what the model errs by over stretches of {:.0} h (pooled t {t:.1}, and {clock:.1} beyond what happens every day at the same hours); {chance}.",
+                    self.windows, self.hours,
+                ),
+                format!("Shifted by whole days, {} does worse in all of them together (p {:.3}).", candidate.id, self.shift_p),
+            ];
         }
         let half = format!("its size from one half of the days explains {:.0} % in the other", 100.0 * self.confirmed_share);
         let shown = format!(
             "Over stretches of {:.0} h it explains {share:.0} % of what the model errs by, steadily over {} days (t {t:.1}, and {clock:.1} beyond what happens every day at the same hours); {chance}.",
             self.hours, self.days,
         );
-        let second = match self.shift_p {
-            Some(p) => {
-                format!(
-                    "Shifted by whole days, {} does worse with every one of {} shifts (p {p:.2}), and {half}.",
-                    candidate.id, self.shifts
-                )
-            }
-            None => format!("Of the days, {half}."),
-        };
-        vec![shown, second]
+        let shifted = format!(
+            "Shifted by whole days, {} does worse with every one of {} shifts (p {:.2}), and {half}.",
+            candidate.id, self.shifts, self.shift_p
+        );
+        vec![shown, shifted]
     }
 }
 
@@ -118,8 +111,6 @@ pub struct Tests<'a> {
     rate: f64,
     /// What other windows showed of the same model.
     earlier: &'a [Entry],
-    /// The end of the samples.
-    end: usize,
     halt: Halt<'a>,
 }
 
@@ -138,8 +129,7 @@ impl<'a> Tests<'a> {
             return None;
         }
         let samples = base.split().train.start..base.split().validation.end;
-        let states = filter(base, theta, None).filtered.states;
-        let look = |hours: &f64| Look::new(base, theta, &states, samples.clone(), *hours, halt);
+        let look = |hours: &f64| Look::new(base, theta, samples.clone(), *hours, halt);
         let looks: Vec<Look> = LENGTHS.par_iter().filter_map(look).collect();
         let nearest = |one: &usize, other: &usize| {
             let distance = |place: usize| (looks[place].hours - RANKING_HOURS).abs();
@@ -147,7 +137,7 @@ impl<'a> Tests<'a> {
         };
         let ranking = (0..looks.len()).min_by(nearest)?;
         let candidates = candidates.iter().filter(|candidate| is_driven(candidate, base)).count() as f64;
-        Some(Self { base, looks, ranking, candidates, rate, earlier, end: samples.end, halt })
+        Some(Self { base, looks, ranking, candidates, rate, earlier, halt })
     }
 
     /// What the segments show of a candidate. Shown is one that a logged channel drives, whose chance of being accused wrongly, over all
@@ -162,7 +152,7 @@ impl<'a> Tests<'a> {
         let score = look.score(candidate, candidate.problem.simulator())?;
         let channels = Some(logged(candidate, self.base)).filter(|_| is_driven(candidate, self.base) && !(self.halt)());
         let asked = channels.as_ref().filter(|_| score.t.abs() >= ASKED);
-        let shift_p = asked.map(|channels| as_well(&score, &shifted(look, candidate, channels, self.end, self.halt)).0);
+        let shifts = asked.map(|channels| self.shifted(look, candidate, channels));
         let size = *score.size.first()?;
         let ranked = EffectScore {
             effect: candidate.id.clone(),
@@ -173,17 +163,28 @@ impl<'a> Tests<'a> {
             t: score.t,
             beyond_clock: score.beyond_clock,
             days: score.days,
-            shift_p,
+            shift_p: shifts.as_ref().map(|shifts| as_well(&score, shifts).0),
         };
-        let shown =
-            channels.and_then(|channels| self.alone(candidate, &channels, &score).or_else(|| self.together(candidate, &ranked, &score)));
+        let shown = channels.and_then(|channels| {
+            self.alone(candidate, &channels, &score, shifts.as_deref()).or_else(|| self.together(candidate, &ranked, &score))
+        });
         Some(Heard { shown, ranked: Some(ranked) })
     }
 
-    /// What this window shows by itself, over the length that shows it best.
-    fn alone(&self, candidate: &CandidateEffect, channels: &[usize], ranked: &Score) -> Option<Shown> {
-        let score = |look| Some((look, Look::score(look, candidate, candidate.problem.simulator())?));
-        let mut scores: Vec<(&Look, Score)> = self.looks.iter().filter_map(score).collect();
+    /// What this window shows by itself, over the length that shows it best. `ranked` and `ranked_shifts` are the scores over the length
+    /// at which candidates are ranked.
+    fn alone(
+        &self,
+        candidate: &CandidateEffect,
+        channels: &[usize],
+        ranked: &Score,
+        ranked_shifts: Option<&[Option<Score>]>,
+    ) -> Option<Shown> {
+        let score = |place: usize| match place == self.ranking {
+            true => Some((place, ranked.clone())),
+            false => Some((place, self.looks[place].score(candidate, candidate.problem.simulator())?)),
+        };
+        let mut scores: Vec<(usize, Score)> = (0..self.looks.len()).filter_map(score).collect();
         let chance = |score: &Score| chance(candidate, score.t.min(score.beyond_clock), score.days);
         let p = (self.candidates * combined(&scores.iter().map(|(_, score)| chance(score)).collect::<Vec<_>>())).min(1.0);
         if p > self.rate {
@@ -191,11 +192,12 @@ impl<'a> Tests<'a> {
         }
         scores.retain(|(_, score)| score.share >= LEAST_SHARE && score.confirmed > 0.0 && self.candidates * chance(score) <= self.rate);
         scores.sort_by(|one, other| chance(&one.1).total_cmp(&chance(&other.1)));
-        scores.into_iter().find_map(|(look, score)| {
-            let shifts = shifted(look, candidate, channels, self.end, self.halt);
+        scores.into_iter().find_map(|(place, score)| {
+            let known = ranked_shifts.filter(|_| place == self.ranking).map(<[_]>::to_vec);
+            let shifts = known.unwrap_or_else(|| self.shifted(&self.looks[place], candidate, channels));
             let (shift_p, as_good) = as_well(&score, &shifts);
             let evidence = SegmentEvidence {
-                hours: look.hours,
+                hours: self.looks[place].hours,
                 size: *score.size.first()?,
                 share: score.share,
                 t: score.t,
@@ -203,7 +205,7 @@ impl<'a> Tests<'a> {
                 days: score.days,
                 confirmed_share: score.confirmed,
                 shifts: shifts.len(),
-                shift_p: Some(shift_p),
+                shift_p,
                 p,
                 windows: 1,
             };
@@ -214,10 +216,8 @@ impl<'a> Tests<'a> {
 
     /// What it shows together with the windows before, where it does not speak against them. Each of them confirms the others.
     fn together(&self, candidate: &CandidateEffect, ranked: &EffectScore, score: &Score) -> Option<Shown> {
-        let time = |sample: usize| self.base.grid().time(sample);
-        let span =
-            Span { from: time(self.base.split().train.start), to: time(self.end - 1) + self.base.grid().step(), hours: RANKING_HOURS };
-        let pooled = pooled_with(self.earlier, ranked, span).filter(|pooled| pooled.windows > 1 && pooled.taken_back.is_none())?;
+        let pooled =
+            pooled_with(self.earlier, ranked, span(self.base)?).filter(|pooled| pooled.windows > 1 && pooled.taken_back.is_none())?;
         let p = (self.candidates * chance(candidate, pooled.t.min(pooled.beyond_clock), pooled.windows * score.days)).min(1.0);
         let shift_p = pooled.shift_p?;
         let evidence = SegmentEvidence {
@@ -229,13 +229,42 @@ impl<'a> Tests<'a> {
             days: pooled.windows * score.days,
             confirmed_share: score.confirmed,
             shifts: 0,
-            shift_p: Some(shift_p),
+            shift_p,
             p,
             windows: pooled.windows,
         };
         let sure = p <= self.rate && shift_p <= SHIFTED_TOGETHER && score.t > 0.0 && pooled.share >= LEAST_SHARE;
         sure.then(|| Shown { evidence, step: score.size.clone(), direction: score.direction.clone() })
     }
+
+    /// The scores of a candidate with its channels shifted by whole days, circularly over the samples that are looked at.
+    fn shifted(&self, look: &Look, candidate: &CandidateEffect, channels: &[usize]) -> Vec<Option<Score>> {
+        let inputs = candidate.problem.inputs();
+        let per_day = (86_400 / candidate.problem.grid().step()) as usize;
+        let days = self.base.split().validation.end / per_day.max(1);
+        let all = 1..days;
+        let stride = all.len().div_ceil(SHIFTS).max(1);
+        let one = |day: usize| {
+            if (self.halt)() {
+                return None;
+            }
+            let length = days * per_day;
+            let moved = channels.iter().fold(inputs.clone(), |moved, channel| {
+                let values = inputs.values(*channel);
+                let shifted = (0..values.len()).map(|k| if k < length { values[(k + day * per_day) % length] } else { values[k] });
+                moved.with_values(*channel, shifted.collect())
+            });
+            look.score(candidate, &candidate.problem.simulator().with_inputs(&moved))
+        };
+        all.step_by(stride).map(one).collect()
+    }
+}
+
+/// The stretch of time that segments look at: training and validation part. `None` where both are empty.
+pub fn span(problem: &Problem) -> Option<Span> {
+    let (grid, split) = (problem.grid(), problem.split());
+    let last = split.validation.end.checked_sub(1)?;
+    Some(Span { from: grid.time(split.train.start), to: grid.time(last) + grid.step(), hours: RANKING_HOURS })
 }
 
 /// The share of shifted candidates, the true one counted, that do as well as that, and how many they are.
@@ -262,28 +291,6 @@ fn combined(chances: &[f64]) -> f64 {
     let tangent = |p: &f64| if *p < 1e-9 { 1.0 / (p.max(1e-300) * pi) } else { ((0.5 - p) * pi).tan() };
     let mean = chances.iter().map(tangent).sum::<f64>() / chances.len() as f64;
     if mean > 1e9 { 1.0 / (mean * pi) } else { 0.5 - mean.atan() / pi }
-}
-
-/// The scores of a candidate with its channels shifted by whole days, circularly over the samples up to `end`.
-fn shifted(look: &Look, candidate: &CandidateEffect, channels: &[usize], end: usize, halt: Halt) -> Vec<Option<Score>> {
-    let inputs = candidate.problem.inputs();
-    let per_day = (86_400 / candidate.problem.grid().step()) as usize;
-    let days = end / per_day.max(1);
-    let all = 1..days;
-    let stride = all.len().div_ceil(SHIFTS).max(1);
-    let one = |day: usize| {
-        if halt() {
-            return None;
-        }
-        let length = days * per_day;
-        let moved = channels.iter().fold(inputs.clone(), |moved, channel| {
-            let values = inputs.values(*channel);
-            let shifted = (0..values.len()).map(|k| if k < length { values[(k + day * per_day) % length] } else { values[k] });
-            moved.with_values(*channel, shifted.collect())
-        });
-        look.score(candidate, &candidate.problem.simulator().with_inputs(&moved))
-    };
-    all.step_by(stride).map(one).collect()
 }
 
 #[cfg(test)]
@@ -320,8 +327,7 @@ mod tests {
         let gain = library.iter().find(|candidate| candidate.id == "constant_gain").unwrap();
         let theta = problem.nominal().to_vec();
         let segments = Segments::new(&problem, 0..problem.grid().len(), 12.0);
-        let states = filter(&problem, &theta, None).filtered.states;
-        let starts: Vec<Vec<f64>> = segments.first_samples().map(|k| states[k].clone()).collect();
+        let starts = segments.starts(&problem, &theta);
         let linear = segments.linearise(&problem, problem.simulator(), &theta, &starts).unwrap();
         let hours = segments.by_clock(&linear, problem.grid().step_hours(), |k| crate::data::hour_of_day(problem.grid(), k));
         let off = gain.lift(&problem, &theta);

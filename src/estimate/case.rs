@@ -25,8 +25,6 @@ pub(super) struct Case<'a> {
     pub incumbent: Option<Vec<f64>>,
     /// Older parameters of the same model, with what they are.
     pub references: Vec<(&'a str, Vec<f64>)>,
-    /// Since when newer measurements contradict the incumbent, where they do.
-    pub degraded: Option<i64>,
     /// The levels of the channels in windows of fits that were trusted, with what those are.
     pub levels: Vec<(&'a str, &'a IndexMap<String, Level>)>,
     pub policy: &'a Policy,
@@ -55,9 +53,8 @@ impl<'a> Case<'a> {
         let references = past.references.iter().filter_map(reference).collect();
         let served = past.incumbent.iter().map(|incumbent| ("the parameters served now", &incumbent.levels));
         let levels = served.chain(past.references.iter().map(|reference| (reference.name.as_str(), &reference.fit.levels))).collect();
-        let (evidence, degraded) = (OnceCell::new(), past.degraded);
-        let mut case =
-            Self { problem, fit, theta, trajectory, forecast: None, incumbent, references, degraded, levels, policy, past, run, evidence };
+        let evidence = OnceCell::new();
+        let mut case = Self { problem, fit, theta, trajectory, forecast: None, incumbent, references, levels, policy, past, run, evidence };
         case.forecast = case.own_error(case.problem.split().validation.clone());
         Ok(case)
     }
@@ -76,8 +73,8 @@ impl<'a> Case<'a> {
     /// What the fit errs by on some samples, as [`Case::error_of`] says it of other parameters.
     pub fn own_error(&self, samples: Range<usize>) -> Option<AheadError> {
         match &self.run {
-            Some(run) => forecast(&self.problem, &self.theta, run, self.policy, samples),
-            None => free_run(&self.problem, &self.trajectory, self.policy, samples),
+            Some(run) => forecast(&self.problem, &self.theta, run, self.policy.horizon, samples),
+            None => free_run(&self.problem, &self.trajectory, self.policy.horizon, samples),
         }
     }
 
@@ -85,9 +82,9 @@ impl<'a> Case<'a> {
     /// without a filter.
     pub fn error_of(&self, theta: &[f64], samples: Range<usize>) -> Option<AheadError> {
         if self.problem.filters() {
-            forecast(&self.problem, theta, &filter(&self.problem, theta, None), self.policy, samples)
+            forecast(&self.problem, theta, &filter(&self.problem, theta, None), self.policy.horizon, samples)
         } else {
-            free_run(&self.problem, &self.problem.simulate(theta), self.policy, samples)
+            free_run(&self.problem, &self.problem.simulate(theta), self.policy.horizon, samples)
         }
     }
 
@@ -95,11 +92,7 @@ impl<'a> Case<'a> {
     pub fn errors_before(&self, theta: &[f64]) -> Option<[f64; 2]> {
         let before = self.past.days_before.as_ref()?.with_substeps(self.fit.substeps);
         let run = filter(&before, theta, None);
-        let samples = 0..before.grid().len();
-        let error = |horizon: Duration| {
-            let policy = Policy { horizon, ..self.policy.clone() };
-            forecast(&before, theta, &run, &policy, samples.clone()).map(|error| error.rmse)
-        };
+        let error = |horizon| Some(forecast(&before, theta, &run, horizon, 0..before.grid().len())?.rmse);
         Some([error(self.policy.horizon)?, error(Duration::from_days(1))?])
     }
 
@@ -120,13 +113,12 @@ impl<'a> Case<'a> {
     }
 }
 
-/// Forecast errors at the policy's horizon on some samples: of the parameters, and of persistence. `None` where nothing is
+/// Forecast errors at a horizon on some samples: of the parameters, and of persistence. `None` where nothing is
 /// comparable, or a forecast that could be made left the numbers: the others do not speak for it.
-fn forecast(problem: &Problem, theta: &[f64], run: &FilterRun, policy: &Policy, samples: Range<usize>) -> Option<AheadError> {
-    let name = horizon_name(policy.horizon);
-    let horizon = [(name.as_str(), policy.horizon.seconds())];
-    let error = ahead(problem, theta, run, samples.clone(), &horizon).into_values().next()?;
-    let lead = lead(policy.horizon.seconds(), problem.grid().step())?;
+fn forecast(problem: &Problem, theta: &[f64], run: &FilterRun, horizon: Duration, samples: Range<usize>) -> Option<AheadError> {
+    let name = horizon_name(horizon);
+    let error = ahead(problem, theta, run, samples.clone(), &[(name.as_str(), horizon.seconds())]).into_values().next()?;
+    let lead = lead(horizon.seconds(), problem.grid().step())?;
     let (_, valid) = problem.measured()[0];
     let known = problem.known();
     let possible =
@@ -135,8 +127,8 @@ fn forecast(problem: &Problem, theta: &[f64], run: &FilterRun, policy: &Policy, 
 }
 
 /// The same for a model without a filter, which forecasts by its free run alone.
-fn free_run(problem: &Problem, trajectory: &Trajectory, policy: &Policy, samples: Range<usize>) -> Option<AheadError> {
-    let lead = lead(policy.horizon.seconds(), problem.grid().step())?;
+fn free_run(problem: &Problem, trajectory: &Trajectory, horizon: Duration, samples: Range<usize>) -> Option<AheadError> {
+    let lead = lead(horizon.seconds(), problem.grid().step())?;
     free_run_ahead(problem, trajectory, samples, lead).filter(|_| !trajectory.diverged)
 }
 

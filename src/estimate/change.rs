@@ -27,7 +27,7 @@ const LEAST_BEFORE: i64 = 4 * 86_400;
 /// The checks of the rule `G6 jump`, and of older days where newer ones contradict them.
 pub(super) fn look(case: &Case, table: &mut Table) {
     if let Some(incumbent) = &case.incumbent {
-        if let Some(since) = case.degraded {
+        if let Some(since) = case.past.degraded {
             older_days(case, table, incumbent, since);
         }
         days_before(case, table, incumbent);

@@ -3,7 +3,7 @@
 use super::evidence::Role;
 use super::problem::Problem;
 use super::validate::NextDoor;
-use crate::data::{Column, sun_position};
+use crate::data::{Column, hour_of_day, sun_position};
 use indexmap::IndexMap;
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
@@ -19,9 +19,12 @@ const NOISY_DAYS: usize = 2;
 /// The deviation of noise about a constant, in K: less is the resolution of a sensor, more is something that is switched, unless it is the
 /// weather.
 const NOISE: [f64; 2] = [0.02, 2.0];
-/// The mean size of the jumps at one time of the day, beside that of any other time, from which on days are out of order; the share of
-/// it that has one sign in what is switched by a clock; and the days that it takes to tell.
+/// The mean size of the jumps at one time of the day, beside that of any other time, from which on days are out of order; the same at
+/// midnight, where records are cut, beside that of the hours around it, in which hardly anything is switched; the share of it that has
+/// one sign in what is switched by a clock; and the days that it takes to tell.
 const OUT_OF_ORDER: f64 = 2.5;
+const CUT_AT_MIDNIGHT: f64 = 1.6;
+const ABOUT_MIDNIGHT_HOURS: f64 = 2.0;
 const ONE_SIGN: f64 = 0.5;
 const ORDER_DAYS: usize = 6;
 /// Steps from one sample to the next that what nobody heats cannot make, whether they stay or not: one is a spike that goes again.
@@ -66,14 +69,8 @@ pub struct Level {
 
 /// The level of every channel that a problem reads, by its name.
 pub fn levels(problem: &Problem) -> IndexMap<String, Level> {
-    let level = |column: &Column| {
-        let known = || column.values().iter().zip(column.valid()).filter(|(_, valid)| **valid).map(|(value, _)| *value);
-        let n = known().count() as f64;
-        let mean = known().sum::<f64>() / n;
-        let sd = (known().map(|value| (value - mean).powi(2)).sum::<f64>() / n).sqrt();
-        (n > 0.0).then_some(Level { mean, sd })
-    };
-    read(problem).filter_map(|(name, column)| Some((name.to_owned(), level(column)?))).collect()
+    let levels = read(problem).map(|(name, column)| (name.to_owned(), level(&known(column, 0..column.values().len()))));
+    levels.filter(|(_, level)| level.mean.is_finite()).collect()
 }
 
 /// What is wrong with a channel, in a sentence.
@@ -111,7 +108,9 @@ pub fn faults(problem: &Problem) -> Vec<ChannelFault> {
             let jump = out_of_order(problem, column);
             note(
                 name,
-                jump.map(|kelvin| format!("{name} jumps by {kelvin:.1} K at one time of the day and never else: are its days in order?")),
+                jump.map(|kelvin| {
+                    format!("{name} jumps by {kelvin:.2} K at one time of the day, and not around it: are its days in order?")
+                }),
             );
         }
         if !is_output && Role::of(name) != Role::Heat {
@@ -164,21 +163,15 @@ pub fn weather_elsewhere(problem: &Problem, next_door: &[NextDoor]) -> Option<Ch
         if (both.len() as i64) * grid.step() < ORDER_DAYS as i64 * DAY {
             return None;
         }
-        let level = mean(&both.iter().map(|k| own.values()[*k] - theirs.values()[*k]).collect::<Vec<_>>());
-        let deviation = |value: &dyn Fn(usize) -> f64| {
-            let values: Vec<f64> = both.iter().map(|k| value(*k)).collect();
-            let mean = mean(&values);
-            (values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / values.len() as f64).sqrt()
-        };
-        let difference = deviation(&|k| own.values()[k] - theirs.values()[k]);
-        let weather = deviation(&|k| theirs.values()[k]);
+        let apart = level(&both.iter().map(|k| own.values()[*k] - theirs.values()[*k]).collect::<Vec<_>>());
+        let weather = level(&both.iter().map(|k| theirs.values()[*k]).collect::<Vec<_>>());
         let [offset, least, share] = ELSEWHERE;
-        let is = level.abs() > offset || difference > least.max(share * weather);
+        let is = apart.mean.abs() > offset || apart.sd > least.max(share * weather.sd);
         Some(is.then(|| ChannelFault {
             channel: "T_out".to_owned(),
             says: format!(
-                "T_out does not follow that of {}, from which it lies by {level:+.1} K in the mean and varies by {difference:.1} K: another place, another clock or another channel?",
-                other.name
+                "T_out does not follow that of {}, from which it lies by {:+.1} K in the mean and varies by {:.1} K: another place, another clock or another channel?",
+                other.name, apart.mean, apart.sd
             ),
         }))
     };
@@ -212,6 +205,13 @@ fn mean(values: &[f64]) -> f64 {
     values.iter().sum::<f64>() / values.len() as f64
 }
 
+/// No numbers where there are no values.
+fn level(values: &[f64]) -> Level {
+    let mean = mean(values);
+    let sd = (values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / values.len() as f64).sqrt();
+    Level { mean, sd }
+}
+
 /// Hours of the longest time for which one value was shown, and where that began, where it is too long.
 fn stuck(problem: &Problem, column: &Column) -> Option<(f64, usize)> {
     let (values, valid) = (column.values(), column.valid());
@@ -243,16 +243,15 @@ fn noisy(problem: &Problem, column: &Column, most: f64) -> Option<usize> {
         if values.len() < per_day / 2 {
             return false;
         }
-        let mean = mean(&values);
-        let variance = values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / values.len() as f64;
+        let deviation = level(&values).sd;
         let changes = values.windows(2).map(|pair| (pair[1] - pair[0]).powi(2)).sum::<f64>() / (values.len() - 1) as f64;
-        (NOISE[0]..most).contains(&variance.sqrt()) && 0.5 * changes > WHITE * variance
+        (NOISE[0]..most).contains(&deviation) && 0.5 * changes > WHITE * deviation.powi(2)
     };
     let days: Vec<bool> = (0..column.values().len() / per_day).map(white).collect();
     days.windows(NOISY_DAYS).position(|days| days.iter().all(|white| *white)).map(|day| day * per_day)
 }
 
-/// The mean jump of a channel at the time of the day at which it jumps beyond all that it does around it, to either side.
+/// The mean jump of a channel at the time of the day at which it jumps beyond all that it does at others, to either side.
 fn out_of_order(problem: &Problem, column: &Column) -> Option<f64> {
     let per_day = (DAY / problem.grid().step()) as usize;
     let days = column.values().len() / per_day.max(1);
@@ -260,18 +259,30 @@ fn out_of_order(problem: &Problem, column: &Column) -> Option<f64> {
         return None;
     }
     let change = |k: usize| (column.valid()[k] && column.valid()[k - 1]).then(|| column.values()[k] - column.values()[k - 1]);
-    // Mean of the changes at a time of the day, and of their sizes.
+    // Mean of the changes at a time of the day and of their sizes, and whether it changed on enough days.
     let at = |slot: usize| {
         let changes: Vec<f64> = (0..days).filter_map(|day| (day * per_day + slot).checked_sub(1).and_then(|k| change(k + 1))).collect();
-        (mean(&changes), mean(&changes.iter().map(|change| change.abs()).collect::<Vec<_>>()))
+        let often = changes.iter().filter(|change| **change != 0.0).count() >= ORDER_DAYS - 1;
+        let sizes: Vec<f64> = changes.iter().map(|change| change.abs()).collect();
+        if sizes.is_empty() { (0.0, 0.0, false) } else { (mean(&changes), mean(&sizes), often) }
     };
-    let slots: Vec<(f64, f64)> = (0..per_day).map(at).collect();
-    let by_size = |one: &usize, other: &usize| slots[*one].1.total_cmp(&slots[*other].1);
-    let first = (0..per_day).max_by(by_size)?;
-    let next = (0..per_day).filter(|slot| *slot != first).max_by(by_size)?;
-    let (mean, size) = slots[first];
-    let (ratio, either_way) = (size / slots[next].1, mean.abs() < ONE_SIGN * size);
-    (ratio >= OUT_OF_ORDER && either_way).then_some(size)
+    let slots: Vec<(f64, f64, bool)> = (0..per_day).map(at).collect();
+    // Whether it jumps beyond all that it does at other times, so many samples around this one at most.
+    let beyond = |slot: usize, within: usize, times: f64| {
+        let apart = |other: usize| slot.abs_diff(other).min(per_day - slot.abs_diff(other));
+        let others = (0..per_day).filter(|other| (1..=within).contains(&apart(*other)));
+        let (mean, size, often) = slots[slot];
+        let most = others.map(|other| slots[other].1).fold(0.0, f64::max);
+        (often && size >= times * most && mean.abs() < ONE_SIGN * size).then_some(size)
+    };
+    let largest = (0..per_day).max_by(|one, other| slots[*one].1.total_cmp(&slots[*other].1))?;
+    let about = (ABOUT_MIDNIGHT_HOURS / problem.grid().step_hours()) as usize;
+    // A file of days may be cut by either clock.
+    let mut midnights = (0..per_day).filter(|slot| {
+        let k = if *slot == 0 { per_day } else { *slot };
+        problem.grid().time(k) % DAY == 0 || hour_of_day(problem.grid(), k) < hour_of_day(problem.grid(), k - 1)
+    });
+    beyond(largest, per_day, OUT_OF_ORDER).or_else(|| midnights.find_map(|slot| beyond(slot, about, CUT_AT_MIDNIGHT)))
 }
 
 /// How often a channel jumps from one sample to the next further than anything does that nobody heats.

@@ -206,6 +206,7 @@ fn channels_that_cannot_be_what_their_names_say() {
     let room: Vec<f64> = rows.lines().map(|row| row.split(',').nth(1).unwrap().parse().unwrap()).collect();
     assert!(head.starts_with("time,T_room,"));
     assert!(said("T_forward", &|k, _| room[k] + 0.01).contains("same sensor"));
+    assert!(said("T_room_1", &|k, values| values[(k / 48 * 5 + 3) % DAYS * 48 + k % 48]).contains("days in order"));
 }
 
 #[test]

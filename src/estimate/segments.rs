@@ -208,6 +208,12 @@ impl Segments {
         series
     }
 
+    /// Where the segments start in the free run of a parameter vector: near enough for starts that are estimated.
+    pub fn starts(&self, problem: &Problem, theta: &[f64]) -> Vec<Vec<f64>> {
+        let states = problem.simulate(theta).states;
+        self.first_samples().map(|k| states.iter().map(|series| series[k]).collect()).collect()
+    }
+
     /// The first sample of every segment.
     pub fn first_samples(&self) -> impl Iterator<Item = usize> {
         self.pieces.iter().map(|piece| piece.start)

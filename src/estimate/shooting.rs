@@ -72,3 +72,34 @@ pub fn settle(problem: &Problem, segments: &Segments, theta: &[f64], starts: &[V
     }
     Some(here)
 }
+
+impl Settled {
+    /// The deviation of every parameter of [`Linear::along`], in its own unit: without one day after the other, each by one step (the
+    /// jackknife of clusters; Bell and McCaffrey 2002, Survey Methodology 28, 169-181). `None` where there are fewer than three days or
+    /// one of them is all that determines a parameter.
+    pub fn deviations(&self, problem: &Problem, segments: &Segments) -> Option<Vec<f64>> {
+        // Once more from the starts that belong to these parameters.
+        let linear = segments.linearise(problem, problem.simulator(), &self.theta, &self.linear.starts)?;
+        let (residual, columns) = (&linear.residual, &linear.columns);
+        let n = columns.len();
+        let by_day = |i: usize, other: &[f64]| segments.by_day(|row| columns[i][row] * other[row]);
+        let scores: Vec<Vec<f64>> = (0..n).map(|i| by_day(i, residual)).collect();
+        let squares: Vec<Vec<Vec<f64>>> = (0..n).map(|i| columns[..=i].iter().map(|column| by_day(i, column)).collect()).collect();
+        let days = scores.first().map_or(0, Vec::len);
+        if days < 3 {
+            return None;
+        }
+        let square = |i: usize, j: usize, day: usize| if j <= i { squares[i][j][day] } else { squares[j][i][day] };
+        let pull = dot(residual, residual) / residual.len() as f64 / REACH.powi(2);
+        let mut all = DMatrix::from_fn(n, n, |i, j| (0..days).map(|day| square(i, j, day)).sum());
+        (0..n).for_each(|i| all[(i, i)] += pull);
+        let mut variances = vec![0.0; n];
+        for day in 0..days {
+            let without = &all - DMatrix::from_fn(n, n, |i, j| square(i, j, day));
+            let step = without.cholesky()?.solve(&DVector::from_fn(n, |i, _| scores[i][day]));
+            variances.iter_mut().zip(step.iter()).for_each(|(variance, step)| *variance += step * step);
+        }
+        let factor = (days as f64 - 1.0) / days as f64;
+        Some(variances.iter().zip(&linear.slopes).map(|(variance, slope)| (factor * variance).sqrt() * slope.abs()).collect())
+    }
+}

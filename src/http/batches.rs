@@ -202,13 +202,8 @@ impl Diagnosed {
 
 /// Where a job stands, in a word: a diagnosis by what it comes to.
 fn standing(job: &BatchJob) -> &'static str {
-    match job.diagnosis.as_ref().map(|found| found.verdict) {
-        Some(Adequacy::Named) => "named",
-        Some(Adequacy::Adequate) => "adequate",
-        Some(Adequacy::Unknown) => "unknown",
-        Some(Adequacy::NotEnoughData) => "not_enough_data",
-        None => job.outcome.map_or(job.state.word(), Outcome::word),
-    }
+    let found = job.diagnosis.as_ref().map(|found| found.verdict.word());
+    found.unwrap_or_else(|| job.outcome.map_or(job.state.word(), Outcome::word))
 }
 
 /// The report in words. `named` is what diagnoses have named.
@@ -219,10 +214,10 @@ fn sentence(kind: BatchKind, counts: &BTreeMap<&'static str, usize>, named: &str
     };
     let lack = format!("lack something that has a name{named}");
     let known = [
-        ("named", lack.as_str()),
-        ("unknown", "lack something that no effect explains"),
-        ("adequate", "lack nothing"),
-        ("not_enough_data", "have too few data to tell"),
+        (Adequacy::Named.word(), lack.as_str()),
+        (Adequacy::Unknown.word(), "lack something that no effect explains"),
+        (Adequacy::Adequate.word(), "lack nothing"),
+        (Adequacy::NotEnoughData.word(), "have too few data to tell"),
         (Outcome::Accepted.word(), "have new parameters"),
         (Outcome::Unchanged.word(), "were good already"),
         (Outcome::Suggested.word(), "have a fit that waits for an operator's word"),

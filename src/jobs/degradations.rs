@@ -103,7 +103,7 @@ async fn look(service: &Service, pool: &ThreadPool, system: &SystemId) -> Result
     let Some((_, newest)) = store::windows::extent(&service.store, system).await? else { return Ok(false) };
     let Some(model) = served.fit.model.parse().ok() else { return Ok(false) };
     let document = systems::require(service, system).await?;
-    let input = input::collect(service, system, document, model, request(&served, newest)).await?;
+    let input = input::collect(service, system, document, model, request(&served, newest), 0).await?;
     let (sender, receiver) = oneshot::channel();
     pool.spawn(move || {
         let _ = sender.send(catch_unwind(AssertUnwindSafe(|| compare(&input, &served))));

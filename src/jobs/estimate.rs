@@ -50,7 +50,11 @@ pub fn fitted(input: &Input, control: &Control<'_>) -> Result<Fitted, Stopped> {
     let window = input.window().map_err(failed)?;
     let problem = input.problem(&window).map_err(failed)?;
     let past = Past {
-        days_before: days_before(&input.catalogue, &input.request, &window, &input.system.site(), &problem),
+        // They are for comparing with what is served.
+        days_before: input
+            .served
+            .as_ref()
+            .and_then(|_| days_before(&input.catalogue, &input.request, &window, &input.system.site(), &problem)),
         next_door: input.weather_next_door().map_err(failed)?,
         ..input.past()
     };

@@ -62,7 +62,8 @@ pub async fn load(service: &Service, job: &JobRecord) -> Result<Input, JobsError
     let document = systems::require(service, &job.system).await?;
     let request: EstimateRequest = serde_json::from_value(job.request.clone())
         .map_err(|error| JobsError::Faults(vec![Fault::new("", "outdated-request", error.to_string())]))?;
-    let input = collect(service, &job.system, document, job.model.clone(), request).await?;
+    // A fit is judged on the days before its own as well.
+    let input = collect(service, &job.system, document, job.model.clone(), request, BEFORE.seconds()).await?;
     let past = past(service, job, input.served.as_ref()).await?;
     let evidence = match job.kind {
         JobKind::Diagnose => store::evidence::of(&service.store, &job.system, None, Some(&job.model.to_string())).await?,
@@ -96,7 +97,7 @@ async fn degraded(service: &Service, job: &JobRecord) -> Result<Option<i64>, Job
     Ok(found.and_then(|found| read_time("", &found.from).ok()))
 }
 
-/// Collects the input of one computation on a system.
+/// Collects the input of one computation on a system, with so many seconds of measurements before those that are asked for.
 ///
 /// # Errors
 /// Where there are no measurements or the database fails.
@@ -106,18 +107,17 @@ pub async fn collect(
     system: SystemDocument,
     model: ModelId,
     request: EstimateRequest,
+    before: i64,
 ) -> Result<Input, JobsError> {
     let extent = store::windows::extent(&service.store, name).await?;
     let Some((first, newest)) = extent else {
         return Err(JobsError::Faults(vec![Fault::new("/window", "no-data", format!("there are no measurements of {name}"))]));
     };
     let (from, to) = range(request.window.as_ref(), first, newest).map_err(JobsError::Faults)?;
-    // A fit is judged on the days before its own as well.
-    let from = from.saturating_sub(BEFORE.seconds());
     Ok(Input {
         catalogue: service.catalogue.current(),
         model,
-        measurements: measurements(service, name, &system.neighbours, &system.exclude, (from, to)).await?,
+        measurements: measurements(service, name, &system.neighbours, &system.exclude, (from.saturating_sub(before), to)).await?,
         served: store::fits::served(&service.store, name).await?,
         posted: false,
         past: Past::default(),

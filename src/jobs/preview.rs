@@ -54,7 +54,7 @@ pub async fn run(service: &Service, body: Value) -> Result<Preview, JobsError> {
     let input = match (&request.system, &record) {
         (Some(system), Some(document)) => {
             let asked = asked(&request);
-            Some(input::collect(service, system, document.clone(), document.model.clone(), asked).await?)
+            Some(input::collect(service, system, document.clone(), document.model.clone(), asked, 0).await?)
         }
         _ => None,
     };

@@ -38,7 +38,7 @@ pub async fn one(
         return Err(JobsError::Faults(faults));
     };
     // Whether the measurements are enough is seen now, and not by whoever looks for the result.
-    let input = input::collect(service, system, document, model.clone(), request.clone()).await?;
+    let input = input::collect(service, system, document, model.clone(), request.clone(), 0).await?;
     match blocking(move || input.window().and_then(|window| input.problem(&window))).await? {
         Ok(_) => {}
         Err(JobsError::Faults(faults)) => return Err(JobsError::Faults(faults.into_iter().map(at_request).collect())),

@@ -1,17 +1,15 @@
 //! The Kalman filter: re-estimated states, innovations, and forecasts from any sample on.
 //!
 //! Extended form: the mean goes through the model's own stepper, the covariance through the linearised
-//! model, whose transition matrix and process noise come from one matrix exponential (Van Loan, IEEE Trans.
-//! Automatic Control 23, 1978), so that the filter is exact for linear models. Behind a gap in the inputs it
-//! starts again.
+//! model (`transition`), so that the filter is exact for linear models. Behind a gap in the inputs it starts again.
 
 use super::drive::{Drive, Inputs};
 use super::lanes::{LANES, LaneFile};
 use super::stepper::linear_tape;
 use super::trajectory::{Measured, Simulator};
+use super::transition::{Transition, propagate};
 use crate::model::tape::Tape;
 use crate::model::{Initial, Model};
-use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
 /// Prior variance of a state that no sensor measures, in the square of its unit (models: 4 K2).
@@ -50,11 +48,16 @@ pub struct Kalman<'a> {
     known: Vec<bool>,
 }
 
-/// Transition matrix and process noise of one sub-step, kept while the Jacobian stays the same.
-struct Transition {
-    jacobian: DMatrix<f64>,
-    matrix: DMatrix<f64>,
-    noise: DMatrix<f64>,
+/// A filter on its way: mean and covariance by rows, and what it works with.
+struct Walk {
+    x: Vec<f64>,
+    p: Vec<f64>,
+    /// Variances of the process noise per hour.
+    q: Vec<f64>,
+    jacobian: Vec<f64>,
+    /// The last sub-step with its Jacobian, kept while that stays the same.
+    step: Option<(Vec<f64>, Transition<f64>)>,
+    scratch: Vec<f64>,
 }
 
 impl<'a> Kalman<'a> {
@@ -80,59 +83,66 @@ impl<'a> Kalman<'a> {
         file.load(&[theta], hours);
         let mut linear = LaneFile::<1>::new(&self.linear);
         linear.load(&[theta], hours);
-        let mut transition: Option<Transition> = None;
         let mut found = Filtered {
             states: Vec::with_capacity(until),
             deviations: Vec::with_capacity(until),
             innovations: vec![Vec::with_capacity(until); self.measured.len()],
             log_likelihood: 0.0,
         };
-        let mut x = DVector::zeros(n);
-        let mut p = DMatrix::zeros(n, n);
+        let mut walk = Walk {
+            x: vec![0.0; n],
+            p: vec![0.0; n * n],
+            q: noise.process.iter().map(|sigma| sigma * sigma).collect(),
+            jacobian: vec![0.0; n * n],
+            step: None,
+            scratch: vec![0.0; n * n],
+        };
         for k in 0..until.min(self.known.len()) {
             let started = k == 0 || !self.known[k - 1];
             if started {
-                self.start(k, theta, noise, &mut x, &mut p);
+                self.start(k, theta, noise, &mut walk);
             } else {
                 for step in 0..substeps {
-                    let jacobian = self.jacobian(&mut linear, &x, k - 1, step);
-                    let transition = Transition::of(&mut transition, jacobian, &noise.process, hours);
+                    self.linearise(&mut linear, &walk.x, k - 1, step);
+                    (0..n * n).for_each(|place| walk.jacobian[place] = linear.root(place)[0]);
                     for state in 0..n {
-                        file.state(state)[0] = x[state];
+                        file.state(state)[0] = walk.x[state];
                     }
                     drive.load(&mut file, k - 1, step);
                     file.step();
                     for state in 0..n {
-                        x[state] = file.root(state)[0];
+                        walk.x[state] = file.root(state)[0];
                     }
-                    p = &transition.matrix * &p * transition.matrix.transpose() + &transition.noise;
+                    walk.spread(hours);
                 }
             }
             for output in 0..self.measured.len() {
-                let innovation = self.update(output, k, started, noise, &mut linear, (&mut x, &mut p), &mut found.log_likelihood);
+                let innovation = self.update(output, k, started, noise, &mut linear, &mut walk, &mut found.log_likelihood);
                 found.innovations[output].push(innovation);
             }
-            found.states.push(x.iter().copied().collect());
-            found.deviations.push((0..n).map(|i| p[(i, i)].max(0.0).sqrt()).collect());
+            found.states.push(walk.x.clone());
+            found.deviations.push((0..n).map(|i| walk.p[i * n + i].max(0.0).sqrt()).collect());
         }
         found
     }
 
     /// State and covariance where the filter starts: measured states at their measurement, hidden ones at
     /// their parameter or, behind a gap, where they were.
-    fn start(&self, k: usize, theta: &[f64], noise: &Noise, x: &mut DVector<f64>, p: &mut DMatrix<f64>) {
+    fn start(&self, k: usize, theta: &[f64], noise: &Noise, walk: &mut Walk) {
+        let Walk { x, p, .. } = walk;
+        let n = x.len();
         p.fill(0.0);
         for (state, initial) in self.initial.iter().enumerate() {
             match initial {
                 Initial::Measured(output) => {
                     x[state] = self.simulator.measured_start_at(*output, k).unwrap_or(x[state]);
-                    p[(state, state)] = noise.measurement[*output];
+                    p[state * n + state] = noise.measurement[*output];
                 }
                 Initial::Parameter(parameter) => {
                     if k == 0 {
                         x[state] = theta[*parameter];
                     }
-                    p[(state, state)] = HIDDEN_VARIANCE;
+                    p[state * n + state] = HIDDEN_VARIANCE;
                 }
                 // What starts at a known value is known; behind a gap it goes on from where it was.
                 Initial::Fixed(value) => {
@@ -144,12 +154,7 @@ impl<'a> Kalman<'a> {
         }
     }
 
-    fn jacobian(&self, linear: &mut LaneFile<1>, x: &DVector<f64>, k: usize, step: usize) -> DMatrix<f64> {
-        self.linearise(linear, x, k, step);
-        DMatrix::from_fn(x.len(), x.len(), |i, j| linear.root(i * x.len() + j)[0])
-    }
-
-    fn linearise(&self, linear: &mut LaneFile<1>, x: &DVector<f64>, k: usize, step: usize) {
+    fn linearise(&self, linear: &mut LaneFile<1>, x: &[f64], k: usize, step: usize) {
         for (state, value) in x.iter().enumerate() {
             linear.state(state)[0] = *value;
         }
@@ -167,26 +172,32 @@ impl<'a> Kalman<'a> {
         started: bool,
         noise: &Noise,
         linear: &mut LaneFile<1>,
-        (x, p): (&mut DVector<f64>, &mut DMatrix<f64>),
+        walk: &mut Walk,
         log_likelihood: &mut f64,
     ) -> Option<f64> {
         let (values, valid) = self.measured[output];
         if started || !valid[k] {
             return None;
         }
+        self.linearise(linear, &walk.x, k, 0);
+        let Walk { x, p, scratch, .. } = walk;
         let n = x.len();
-        self.linearise(linear, x, k, 0);
         let first = n * n + output * (n + 1);
         let innovation = values[k] - linear.root(first)[0];
-        let gradient = DVector::from_fn(n, |i, _| linear.root(first + 1 + i)[0]);
-        let spread = &*p * &gradient;
-        let variance = gradient.dot(&spread) + noise.measurement[output];
-        let gain = &spread / variance;
-        *x += &gain * innovation;
-        *p -= &gain * spread.transpose();
-        // Rounding must not make the covariance asymmetric.
-        let symmetric = (&*p + p.transpose()) * 0.5;
-        p.copy_from(&symmetric);
+        let slope = |i: usize| linear.root(first + 1 + i)[0];
+        let mut variance = noise.measurement[output];
+        for i in 0..n {
+            scratch[i] = (0..n).map(|j| p[i * n + j] * slope(j)).sum();
+            variance += slope(i) * scratch[i];
+        }
+        for i in 0..n {
+            let gain = scratch[i] / variance;
+            x[i] += gain * innovation;
+            for j in 0..=i {
+                let less = p[i * n + j] - gain * scratch[j];
+                (p[i * n + j], p[j * n + i]) = (less, less);
+            }
+        }
         *log_likelihood -= 0.5 * (innovation * innovation / variance + variance.ln() + (2.0 * std::f64::consts::PI).ln());
         Some(innovation)
     }
@@ -306,23 +317,16 @@ impl<'a> Kalman<'a> {
     }
 }
 
-impl Transition {
-    /// The transition of this Jacobian, computed anew only where it differs from the last one.
-    fn of<'t>(last: &'t mut Option<Transition>, jacobian: DMatrix<f64>, process: &[f64], hours: f64) -> &'t Transition {
-        if last.as_ref().is_none_or(|last| last.jacobian != jacobian) {
-            *last = None;
+impl Walk {
+    /// Takes the covariance over a sub-step of so many hours; none that no step can follow.
+    fn spread(&mut self, hours: f64) {
+        if self.step.as_ref().is_none_or(|(jacobian, _)| *jacobian != self.jacobian) {
+            self.step = Transition::new(&self.jacobian, &self.q, hours, false).map(|step| (self.jacobian.clone(), step));
         }
-        last.get_or_insert_with(|| {
-            let n = jacobian.nrows();
-            let mut block = DMatrix::zeros(2 * n, 2 * n);
-            block.view_mut((0, 0), (n, n)).copy_from(&(-&jacobian * hours));
-            (0..n).for_each(|i| block[(i, n + i)] = process[i] * process[i] * hours);
-            block.view_mut((n, n), (n, n)).copy_from(&(jacobian.transpose() * hours));
-            let exponential = block.exp();
-            let matrix = exponential.view((n, n), (n, n)).transpose();
-            let noise = &matrix * exponential.view((0, n), (n, n));
-            Transition { jacobian, matrix, noise }
-        })
+        match &self.step {
+            Some((_, step)) => propagate(&mut self.p, &step.phi, &step.noise, &mut self.scratch, self.x.len()),
+            None => self.p.fill(f64::NAN),
+        }
     }
 }
 

@@ -7,7 +7,7 @@
 //! does the arithmetic of all lanes, `block` gives lanes to candidates.
 //!
 //! `likelihood` filters with a diffusion per state and gives its slopes: `registers` evaluates a tape on numbers that carry
-//! theirs (`dual`), `transition` is the exact step of a linear model.
+//! theirs (`dual`). `transition` is the exact step of a linear model, which both filters take.
 
 mod block;
 mod chebyshev;

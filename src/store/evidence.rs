@@ -2,8 +2,7 @@
 
 use super::{Store, StoreError, corrupt};
 use crate::data::SystemId;
-use crate::diagnose::ledger::EffectScore;
-use crate::diagnose::ledger::{Entry, Span};
+use crate::diagnose::ledger::{EffectScore, Entry, Span};
 use sqlx::{FromRow, SqliteConnection};
 
 #[derive(FromRow)]

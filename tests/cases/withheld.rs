@@ -68,7 +68,7 @@ fn the_meter_of_the_laundry_is_named_and_that_of_other_days_is_not() {
         println!("laundry from {from}: {} {shown:?}", first.effect);
         assert_eq!((first.effect.as_str(), first.tied_with.len()), ("metered_gain:P_appliances", 0));
         assert!(shown.t > 4.0 && shown.beyond_clock > 4.0 && shown.p <= 0.01 && shown.confirmed_share > 0.0, "{shown:?}");
-        assert!(shown.shifts >= 12 && shown.shift_p == Some(1.0 / (1 + shown.shifts) as f64), "{shown:?}");
+        assert!(shown.shifts >= 12 && shown.shift_p == 1.0 / (1 + shown.shifts) as f64, "{shown:?}");
         // What a person sees says the same: errors rise by what the meter would add, and by more than the free run gives it.
         let added = first.shape.as_ref().and_then(|shape| shape.added.as_ref()).unwrap();
         assert!(added.slope > 0.7, "{}", added.slope);

@@ -2,7 +2,7 @@
 
 use super::super::{Failure, faults};
 use super::Row;
-use super::verdicts::{MATERIAL, judge_all, rows};
+use super::verdicts::{MATERIAL, judge_all, rows, spread};
 use lampyris::data::{Bindings, SplitRequest, Window};
 use lampyris::diagnose::null_model::NullModel;
 use lampyris::diagnose::report::Considered;
@@ -26,6 +26,9 @@ const PAIRS: [[&str; 2]; 6] = [
 /// Of three hundred worlds so many hide nothing, an effect that no catalogue has, one effect, and two.
 const SHARES: [u64; 4] = [100, 40, 100, 60];
 
+/// So many of them are diagnosed once more, one after the other, for the time that it takes.
+const TIMED: usize = 12;
+
 /// How a world came out.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Outcome {
@@ -48,8 +51,6 @@ pub struct Judged {
     /// Root mean square error of the free run over the test part: without any effect, and with the true ones.
     pub test: [Option<f64>; 2],
     pub logged: bool,
-    pub seconds: f64,
-    pub preview_seconds: f64,
 }
 
 impl Judged {
@@ -95,7 +96,13 @@ pub fn run(first: u64, worlds: u64, only: Option<&str>, each: bool) -> Result<Ve
         }
     }
     requests.retain(|request| only.is_none_or(|only| name(request).contains(only)));
-    Ok(rows(&judge_all(&requests, judge, each.then_some(line))?))
+    let mut table = rows(&judge_all(&requests, judge, each.then_some(line))?);
+    let stride = requests.len().div_ceil(TIMED).max(1);
+    let seconds: Vec<[f64; 2]> = requests.iter().step_by(stride).map(seconds).collect::<Result<_, _>>()?;
+    let of = |place: usize| seconds.iter().map(|seconds| seconds[place]).collect();
+    table.extend(spread("a preview alone on this machine", "s", of(0)));
+    table.extend(spread("a diagnosis alone on this machine, all rounds", "s", of(1)));
+    Ok(table)
 }
 
 fn name(request: &WorldRequest) -> String {
@@ -103,21 +110,50 @@ fn name(request: &WorldRequest) -> String {
     format!("{:?} {effects}", request.level).to_lowercase()
 }
 
+/// A world that was made, and the fit of room3 to it.
+struct Fitted {
+    catalogue: Catalogue,
+    world: World,
+    window: Window,
+    problem: Problem,
+    site: Site,
+    theta: Vec<f64>,
+}
+
+impl Fitted {
+    fn new(request: &WorldRequest) -> Result<Self, Failure> {
+        let world = world(request).map_err(|fault| Failure::Error(fault.to_string()))?;
+        let (window, _) = Window::parse_csv(&world.csv, &Bindings::none()).map_err(|found| faults(&found))?;
+        let catalogue = Catalogue::builtin().map_err(|found| faults(&found))?;
+        let (problem, site, asked) = ask(&catalogue, &world, &window, "room3")?;
+        let fit = estimate(&problem, &asked, None, &Control::NONE).map_err(|error| Failure::Error(error.to_string()))?;
+        Ok(Self { catalogue, world, window, problem, site, theta: fit.theta() })
+    }
+
+    fn diagnosed(&self) -> Result<Diagnosis, Failure> {
+        let Self { catalogue, window, problem, site, theta, .. } = self;
+        diagnose(catalogue, problem, theta, window, site, AccusationRate::default(), &[], &Control::NONE)
+            .map_err(|error| Failure::Error(error.to_string()))
+    }
+}
+
+/// What a preview and a diagnosis of a world take that have the machine for themselves.
+fn seconds(request: &WorldRequest) -> Result<[f64; 2], Failure> {
+    let fitted = Fitted::new(request)?;
+    let start = Instant::now();
+    preview(&fitted.catalogue, &fitted.problem, &fitted.theta, &fitted.window, &fitted.site)
+        .map_err(|error| Failure::Error(error.to_string()))?;
+    let preview = start.elapsed().as_secs_f64();
+    let start = Instant::now();
+    fitted.diagnosed()?;
+    Ok([preview, start.elapsed().as_secs_f64()])
+}
+
 /// One world: made, fitted, diagnosed.
 fn judge(request: &WorldRequest) -> Result<Judged, Failure> {
-    let world = world(request).map_err(|fault| Failure::Error(fault.to_string()))?;
-    let (window, _) = Window::parse_csv(&world.csv, &Bindings::none()).map_err(|found| faults(&found))?;
-    let catalogue = Catalogue::builtin().map_err(|found| faults(&found))?;
-    let (problem, site, asked) = ask(&catalogue, &world, &window, "room3")?;
-    let fit = estimate(&problem, &asked, None, &Control::NONE).map_err(|error| Failure::Error(error.to_string()))?;
-    let theta = fit.theta();
-    let start = Instant::now();
-    preview(&catalogue, &problem, &theta, &window, &site).map_err(|error| Failure::Error(error.to_string()))?;
-    let preview_seconds = start.elapsed().as_secs_f64();
-    let start = Instant::now();
-    let diagnosis = diagnose(&catalogue, &problem, &theta, &window, &site, AccusationRate::default(), &[], &Control::NONE)
-        .map_err(|error| Failure::Error(error.to_string()))?;
-    let seconds = start.elapsed().as_secs_f64();
+    let fitted = Fitted::new(request)?;
+    let diagnosis = fitted.diagnosed()?;
+    let Fitted { catalogue, world, window, problem, theta, .. } = fitted;
     let first = diagnosis.findings.first().map_or(Outcome::Silent, |finding| {
         let mut group = vec![finding.effect.clone()];
         group.extend(finding.tied_with.iter().cloned());
@@ -139,7 +175,7 @@ fn judge(request: &WorldRequest) -> Result<Judged, Failure> {
     ];
     let logged = world.csv.contains("window_open");
     let truth = world.truth;
-    Ok(Judged { kind: name(request), level: request.level, truth, diagnosis, first, found, test, logged, seconds, preview_seconds })
+    Ok(Judged { kind: name(request), level: request.level, truth, diagnosis, first, found, test, logged })
 }
 
 fn ask(catalogue: &Catalogue, world: &World, window: &Window, model: &str) -> Result<(Problem, Site, EstimateRequest), Failure> {
@@ -208,7 +244,7 @@ fn line(judged: &Judged) -> String {
     let logged = if judged.logged { " LOGGED" } else { "" };
     let missed = format!("{missed}{logged} <<{}>>", near.join(" | "));
     format!(
-        "{} seed {} {:?}{} test {:.2}>{:.2} heat {:.3} rho {:.2} hidden ({}) named ({}){missed} {:.2}s",
+        "{} seed {} {:?}{} test {:.2}>{:.2} heat {:.3} rho {:.2} hidden ({}) named ({}){missed}",
         judged.kind,
         judged.truth.seed,
         judged.first,
@@ -218,8 +254,7 @@ fn line(judged: &Judged) -> String {
         judged.truth.household_heat,
         judged.diagnosis.rho.unwrap_or(f64::NAN),
         hidden.join(", "),
-        named.join("; "),
-        judged.seconds
+        named.join("; ")
     )
 }
 

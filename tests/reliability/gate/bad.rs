@@ -54,7 +54,7 @@ pub const KINDS: &[Kind] = &[
     Kind { name: "a sensor that hangs", refused_by: &["G8 not stuck"], make: stuck },
     Kind { name: "a sensor that drifts", refused_by: &["G"], make: drifting },
     Kind { name: "a neighbour that is mirrored", refused_by: &["G9 right T_room_1"], make: mirrored_neighbour },
-    Kind { name: "a room whose days are shuffled", refused_by: &["G10"], make: shuffled_days },
+    Kind { name: "a room whose days are shuffled", refused_by: &["G10", "G11 T_room"], make: shuffled_days },
     Kind { name: "two neighbours of one sensor", refused_by: &["G11"], make: one_sensor },
     Kind { name: "against the physics of its model", refused_by: &["G3 time constants"], make: against_its_model },
     Kind { name: "parameters that nothing determines", refused_by: &["G12 determined"], make: undetermined },

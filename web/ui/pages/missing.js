@@ -126,7 +126,7 @@ function Finding({ finding, data, path, zone, added, add }) {
       <div>
         ${finding.segments && html`<p><b>Over ${number(finding.segments.hours)} h</b> it explains ${percent(finding.segments.share)} of the error:
           t ${number(finding.segments.t)}, ${number(finding.segments.beyond_clock)} beyond the clock, on ${finding.segments.days} days;
-          p ${number(finding.segments.p)} over all effects${finding.segments.shift_p === null ? '' : `, ${number(finding.segments.shift_p)} for its channels shifted by days`}.</p>`}
+          p ${number(finding.segments.p)} over all effects, ${number(finding.segments.shift_p)} for its channels shifted by days.</p>`}
         ${finding.pooled?.windows > 1 && html`<p>${finding.pooled.sentence}</p>`}
         ${finding.pooled?.taken_back && html`<p>▲ ${finding.pooled.taken_back.sentence}</p>`}
         <p>Explains ${finding.explained_share === null ?

@@ -1,0 +1,112 @@
+//! How large a finding is: its coefficients from where they were seen, with intervals that are robust by days.
+//!
+//! Three objectives estimate the same coefficients: the likelihood of the innovations, a step ahead, segments of a day with states of
+//! their own, and the free run of weeks. Were the model the room, they would differ by chance alone; but sensors blur steps, and heat
+//! that nobody logged drowns weeks. What even the nearer of the two others disagrees by is added to the variance, so that an interval
+//! is as wide as the model is wrong (after Hausman 1978, Econometrica 46, 1251-1271).
+
+use super::library::CandidateEffect;
+use super::null_model::NullModel;
+use crate::estimate::segments::Segments;
+use crate::estimate::shooting::settle;
+use crate::estimate::uncertainty::uncertainty;
+use crate::simulate::trajectory::Halt;
+use statrs::distribution::{ContinuousCDF, StudentsT};
+
+/// Hours of the segments.
+const HOURS: f64 = 24.0;
+
+/// A coefficient of a finding.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Size {
+    /// In its own unit.
+    pub value: f64,
+    /// 95 % interval; `None` where the data do not determine it within its bounds, or nobody can say.
+    pub ci95: Option<[f64; 2]>,
+}
+
+/// The candidate's own coefficients in the model that has it: from segments of a day where segments have `shown` it, else from the
+/// likelihood that did. What is read off the output itself has no interval, because its error goes with what it explains; large models
+/// have no segments, and take the free run.
+pub fn sizes(model: &NullModel, candidate: &CandidateEffect, shown: bool, halt: Halt) -> Vec<Size> {
+    let by_days = if model.problem.filters() { by_days(model, candidate, shown, halt) } else { None };
+    by_days.unwrap_or_else(|| of_free_run(model, candidate))
+}
+
+fn by_days(model: &NullModel, candidate: &CandidateEffect, shown: bool, halt: Halt) -> Option<Vec<Size>> {
+    let (problem, white, plain) = (&model.problem, &model.fitted.white, &model.fitted.plain);
+    let segments = Segments::new(problem, problem.split().train.start..problem.split().validation.end, HOURS);
+    let settled = settle(problem, &segments, white, &segments.starts(problem, white), halt)?;
+    let deviations = settled.deviations(problem, &segments)?;
+    let days = segments.by_day(|_| 0.0).len();
+    let quantile = StudentsT::new(0.0, 1.0, days.max(2) as f64 - 1.0).map_or(1.96, |student| student.inverse_cdf(0.975));
+    let size = |index: usize| {
+        let place = settled.linear.along.iter().position(|along| *along == index)?;
+        let (value, other) = if shown { (settled.theta[index], white[index]) } else { (white[index], settled.theta[index]) };
+        let apart = (value - other).abs().min((value - plain[index]).abs());
+        // Of two that differ by that much the variance is half its square.
+        let half = quantile * (deviations[place].powi(2) + apart.powi(2) / 2.0).sqrt();
+        let [lower, upper] = problem.bounds()[index];
+        let (low, high) = (value - half, value + half);
+        // An interval that covers the whole search says nothing about the coefficient.
+        let told = half.is_finite() && (low > lower || high < upper) && !candidate.endogenous;
+        Some(Size { value, ci95: told.then(|| [low.max(lower), high.min(upper)]) })
+    };
+    candidate.own.iter().map(|(index, _)| size(*index)).collect()
+}
+
+fn of_free_run(model: &NullModel, candidate: &CandidateEffect) -> Vec<Size> {
+    let (problem, plain) = (&model.problem, &model.fitted.plain);
+    let uncertain = uncertainty(problem, plain);
+    let size = |(index, _): &(usize, f64)| {
+        let place = problem.free().iter().position(|free| free == index).filter(|_| !candidate.endogenous);
+        Size { value: plain[*index], ci95: place.and_then(|place| uncertain.ci95.get(place).copied().flatten()) }
+    };
+    candidate.own.iter().map(size).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::{site, small_world};
+    use super::*;
+    use crate::data::{Series, SplitRequest, Window};
+    use crate::estimate::{EstimateRequest, Problem, prepare};
+    use crate::model::Catalogue;
+
+    /// The wind's coefficient without one day after the other, each settled anew, against the one step from the whole.
+    #[test]
+    fn a_step_without_a_day_is_what_a_new_fit_without_it_does() {
+        let (_, window) = small_world(&["wind_infiltration"]);
+        let request = EstimateRequest { split: SplitRequest::DIAGNOSE, ..EstimateRequest::default() };
+        let catalogue = Catalogue::builtin().unwrap();
+        let of = |window: &Window| prepare(&catalogue, &"room3+wind_infiltration".parse().unwrap(), &request, window, &site()).unwrap();
+        let whole = of(&window);
+        let model = NullModel::settle(whole.clone(), whole.nominal(), None, &|| false).unwrap();
+        let index = whole.model().parameters().iter().position(|parameter| parameter.name == "c_wind").unwrap();
+        let settled = |problem: &Problem, from: &[f64]| {
+            let samples = whole.split().train.start..whole.split().validation.end;
+            let segments = Segments::new(problem, samples, HOURS);
+            (settle(problem, &segments, from, &segments.starts(problem, from), &|| false).unwrap(), segments)
+        };
+        let (all, segments) = settled(&whole, &model.fitted.white);
+        let place = all.linear.along.iter().position(|along| *along == index).unwrap();
+        let deviation = all.deviations(&whole, &segments).unwrap()[place];
+        let grid = whole.grid();
+        let days = (grid.time(whole.split().validation.end) - grid.start()) / 86_400;
+        let without = |day: i64| {
+            let [from, to] = [day, day + 1].map(|day| grid.start() + day * 86_400);
+            let thinned = window.iter().map(|series| {
+                let kept = series.times().iter().zip(series.values()).filter(|(time, _)| !(from..to).contains(*time));
+                let (times, values) = kept.map(|(time, value)| (*time, *value)).unzip();
+                Series::new(series.channel(), series.unit(), series.hold(), times, values).unwrap()
+            });
+            let thinned =
+                thinned.zip(window.iter()).map(|(thinned, whole)| if whole.channel() == "T_room" { thinned } else { whole.clone() });
+            settled(&of(&Window::from_series(thinned.collect()).unwrap()), &all.theta).0.theta[index]
+        };
+        let found: Vec<f64> = (0..days).map(without).collect();
+        let mean = found.iter().sum::<f64>() / days as f64;
+        let brute = ((days - 1) as f64 / days as f64 * found.iter().map(|value| (value - mean).powi(2)).sum::<f64>()).sqrt();
+        assert!((0.8..1.25).contains(&(deviation / brute)), "{deviation} {brute}");
+    }
+}
