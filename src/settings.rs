@@ -1,6 +1,5 @@
 //! What an operator can set: a TOML file, and the environment, which wins.
 
-use crate::estimate::request::AccusationRate;
 use crate::fault::{Fault, nearest};
 use serde::{Deserialize, Serialize};
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
@@ -110,7 +109,7 @@ impl Default for Limits {
 
 impl Default for Diagnose {
     fn default() -> Self {
-        Self { accusation_rate: AccusationRate::default().into() }
+        Self { accusation_rate: 0.01 }
     }
 }
 
@@ -244,7 +243,7 @@ impl Settings {
             demand(days == 0 || (least..=36_500).contains(&days), &format!("/retention/{field}"), &detail);
         }
         let rate = self.diagnose.accusation_rate;
-        demand(AccusationRate::try_from(rate).is_ok(), "/diagnose/accusation_rate", "an accusation rate is above 0 and at most 0.2");
+        demand(rate > 0.0 && rate <= 0.2, "/diagnose/accusation_rate", "an accusation rate is above 0 and at most 0.2");
         faults
     }
 }
