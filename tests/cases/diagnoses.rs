@@ -30,7 +30,10 @@ fn the_laundry_is_missing_its_appliances() {
     let binds = ["T_room=T_laundry", "irradiance=irradiance_clear_sky"];
     let found = diagnosis(csv, "room2", &binds, &Site::default(), &asked);
     assert_eq!(found.findings[0].effect, "metered_gain:P_appliances", "{}", found.summary);
-    assert_eq!(found.findings[0].parameters["c_P_appliances"].ci95.map(|[low, high]| low > 0.1 && high < 0.7), Some(true));
+    // An interval over days is wider than one of the autoregression, which held the truth too seldom; the size itself is no looser.
+    let size = &found.findings[0].parameters["c_P_appliances"];
+    assert!((0.2..0.6).contains(&size.value), "{size:?}");
+    assert_eq!(size.ci95.map(|[low, high]| low > 0.1 && high < 0.7), Some(true), "{size:?}");
     let errors = day_ahead(csv, "room2", &binds, &asked);
     println!("the next days, each forecast from its midnight: {errors:.3?} K2");
     assert!(errors[1] <= 0.3 && errors[1] < 0.8 * errors[0], "{errors:?}");
