@@ -1,28 +1,31 @@
 //! The main line: rounds until nothing more is found, and the document that says what was.
 
-use super::acceptance::{LEAST_BIC, LEAST_SHARE, STRICT_SHARE, Tried, least_gain};
+use super::acceptance::{LEAST_BIC, LEAST_SHARE, STRICT_INNOVATIONS, STRICT_SHARE, Tried, least_gain};
 use super::evidence::shape;
 use super::failures::episodes;
 use super::ledger::{EffectScore, Entry, Looked, pooled_with};
 use super::library::{CandidateEffect, NotTestable, align, candidates, widen};
 use super::null_model::{NullModel, whitening_at};
-use super::report::{Adequacy, Coefficient, Considered, Diagnosis, Finding, FindingKind, Gate, Measures, Preview, RmsePairs, Unexplained};
+use super::report::{
+    Adequacy, Coefficient, Considered, Diagnosis, EffectSize, Finding, FindingKind, Gate, Measures, Preview, RmsePairs, Unexplained,
+};
 use super::residual::residual;
 use super::screen::{Blind, Screen};
 use super::selection::{Round, Skip, round};
-use super::size::{Size, sizes};
+use super::size::{AHEAD_HOURS, Size, Sizes, sizes};
 use super::surrogates::span;
-use crate::data::{Window, hour_of_day, rfc3339};
+use super::unexplained::profile;
+use crate::data::{Window, rfc3339};
 use crate::estimate::metrics::{HORIZONS, ahead, error_unit, filter};
-use crate::estimate::physics::{jacobian, mean_inputs};
 use crate::estimate::request::AccusationRate;
 use crate::estimate::run::at_bound;
 use crate::estimate::whiten::stride;
 use crate::estimate::{Control, EstimateError, Problem, Site};
 use crate::fault::Fault;
-use crate::model::{Catalogue, Initial};
+use crate::model::Catalogue;
 use crate::simulate::trajectory::Halt;
 use indexmap::IndexMap;
+use rayon::prelude::*;
 
 /// Most effects that one diagnosis names.
 const ROUNDS: usize = 3;
@@ -115,7 +118,7 @@ pub fn diagnose(
         library.retain(|candidate| !found.contains(&candidate.id));
         // With a finding it is another model, of which no window has told.
         let earlier = if number == 1 { earlier } else { &[] };
-        let outcome = round(&mut null, &library, strict, rate.into(), earlier, &halt).ok_or_else(nothing)?;
+        let outcome = round(&mut null, &library, strict, rate.into(), earlier, number == 1, &halt).ok_or_else(nothing)?;
         interrupted(control)?;
         report.evaluations.push(null.fitted.evaluations + outcome.evaluations);
         if number == 1 {
@@ -156,7 +159,7 @@ pub fn preview(
     let whitening = whitening_at(problem, theta).ok_or(diverged.clone())?;
     let screen = Screen::new(problem, theta, &whitening, &|| false).ok_or(diverged)?;
     let mut previews: Vec<Preview> = library
-        .iter()
+        .par_iter()
         .filter_map(|candidate| {
             let score = screen.score(candidate).ok().filter(|score| score.sign && !score.imitated)?;
             let (title, explain) = (candidate.spec.title.clone(), candidate.spec.explain.clone());
@@ -303,7 +306,14 @@ fn finding(
     let pair = |part: usize| null.measured.plain[part].zip(next.measured.plain[part]).map(|(a, b)| [a.sqrt(), b.sqrt()]);
     let mut sized = next.fitted.plain.clone();
     let mut parameters = IndexMap::new();
-    for ((index, _), Size { value, ci95 }) in candidate.own.iter().zip(sizes(next, candidate, winner.heard.shown.is_some(), halt)) {
+    let Sizes { coefficients, ahead } = sizes(next, candidate, winner.heard.shown.is_some(), halt);
+    let size = ahead.zip(next.problem.model().outputs().first()).map(|(Size { value, ci95 }, output)| EffectSize {
+        hours: AHEAD_HOURS,
+        value,
+        ci95,
+        unit: error_unit(&output.unit).to_owned(),
+    });
+    for ((index, _), Size { value, ci95 }) in candidate.own.iter().zip(coefficients) {
         sized[*index] = value;
         let parameter = &next.problem.model().parameters()[*index];
         let at_bound = at_bound(&next.problem, &sized, *index) && !leaves_bounds(ci95, next.problem.bounds()[*index]);
@@ -316,7 +326,8 @@ fn finding(
         validation_ahead: ahead_pairs(null, next),
     };
     let refinement = rank > 1 && winner.gain.share.is_none_or(|share| share < CAUSE_SHARE);
-    let evidence = evidence(candidate, winner, &rmse);
+    let mut evidence = evidence(candidate, winner, &rmse);
+    evidence.extend(size.as_ref().map(EffectSize::sentence));
     Finding {
         rank,
         effect: candidate.id.clone(),
@@ -325,6 +336,7 @@ fn finding(
         delta_bic: winner.gain.delta_bic,
         explained_share: winner.gain.share,
         rmse,
+        size,
         parameters,
         tied_with,
         separate_by,
@@ -378,8 +390,12 @@ fn evidence(candidate: &CandidateEffect, winner: &Tried, rmse: &RmsePairs) -> Ve
             .push(format!("It explains {:.1} % of the unseen innovations; the free run is dominated by something else.", 100.0 * white));
     }
     if candidate.endogenous {
-        let asked = 100.0 * STRICT_SHARE;
-        sentences.push(format!("It is read off the room temperature itself, so {asked:.0} % was asked for, and its size has no interval."));
+        sentences.push(format!(
+            "It is read off the room temperature itself, so more was asked of it: {:.0} % of the error or of forecasts a day ahead, and {:.0} % of the innovations, of which it explains {:.0} %. Its size has no interval.",
+            100.0 * STRICT_SHARE,
+            100.0 * STRICT_INNOVATIONS,
+            100.0 * winner.gain.innovations
+        ));
     }
     sentences
 }
@@ -432,64 +448,4 @@ fn conclude(report: &mut Diagnosis, before: &NullModel, after: &NullModel) {
         ),
         ask: more.then(|| evenings.unwrap_or_else(|| diary.to_owned())),
     };
-}
-
-/// Heat that is missing at the room air by hour of the local day, in K/h, and a question in words.
-///
-/// What drives the residual e of a first-order room is de/dt + a e, where a is the rate at which the room air
-/// forgets: minus the diagonal of the Jacobian.
-fn profile(null: &NullModel, states: &[Vec<f64>], error: &[f64]) -> (Vec<Option<f64>>, Option<String>) {
-    let problem = &null.problem;
-    let theta = &null.fitted.plain;
-    let Some(air) = problem.model().states().iter().position(|state| state.initial == Initial::Measured(0)) else {
-        return (vec![None; 24], None);
-    };
-    let mean = |series: &Vec<f64>| series.iter().sum::<f64>() / series.len().max(1) as f64;
-    let states: Vec<f64> = states.iter().map(mean).collect();
-    let forget = -jacobian(problem, &states, theta, &mean_inputs(problem))[(air, air)];
-    let grid = problem.grid();
-    let usable = problem.usable(0, problem.split().train.start..problem.split().validation.end);
-    // Sums over whole hours: the slope's noise cancels within them.
-    let span = ((1.0 / grid.step_hours()).round() as usize).max(1);
-    let mut heat: Vec<Vec<(i64, f64)>> = vec![Vec::new(); 24];
-    for pair in usable.windows(span + 1).step_by(span) {
-        let (first, last) = (pair[0], pair[span]);
-        if last - first == span {
-            let hours = span as f64 * grid.step_hours();
-            let level = pair.iter().map(|k| error[*k]).sum::<f64>() / pair.len() as f64;
-            heat[hour_of_day(grid, first)]
-                .push((grid.time(first).div_euclid(86_400), (error[last] - error[first]) / hours + forget * level));
-        }
-    }
-    let means: Vec<Option<f64>> = heat
-        .iter()
-        .map(|values| (!values.is_empty()).then(|| values.iter().map(|(_, heat)| heat).sum::<f64>() / values.len() as f64))
-        .collect();
-    (means, question(&heat))
-}
-
-/// The three hours of the day whose missing heat varies most, as a question to the people of the house.
-fn question(heat: &[Vec<(i64, f64)>]) -> Option<String> {
-    let spread = |hour: usize| {
-        let values: Vec<f64> = (0..3).flat_map(|next| heat[(hour + next) % 24].iter().map(|(_, heat)| *heat)).collect();
-        values.iter().map(|value| value * value).sum::<f64>() / values.len().max(1) as f64
-    };
-    let hour = (0..24).max_by(|a, b| spread(*a).total_cmp(&spread(*b)))?;
-    let mut days: IndexMap<i64, (f64, usize)> = IndexMap::new();
-    for (day, value) in (0..3).flat_map(|next| &heat[(hour + next) % 24]) {
-        let entry = days.entry(*day).or_insert((0.0, 0));
-        *entry = (entry.0 + value, entry.1 + 1);
-    }
-    let means: Vec<f64> = days.values().map(|(sum, n)| sum / *n as f64).collect();
-    let size = means.iter().copied().max_by(|a, b| a.abs().total_cmp(&b.abs()))?;
-    let strong: Vec<f64> = means.iter().copied().filter(|mean| mean * size.signum() > 0.5 * size.abs()).collect();
-    let typical = strong.iter().sum::<f64>() / strong.len().max(1) as f64;
-    let what = if typical > 0.0 { "of heat that the model does not know" } else { "of cooling that the model does not know" };
-    Some(format!(
-        "about {:.1} K/h {what} on {} of {} days between {hour} and {} h: what happens then?",
-        typical.abs(),
-        strong.len(),
-        means.len(),
-        (hour + 3) % 24
-    ))
 }

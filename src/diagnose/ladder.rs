@@ -88,7 +88,8 @@ pub fn ladder(
             (library, _) = candidates(catalogue, &null.problem, &grid, &holes, site);
             null.problem = align(&null.problem, &mut library);
         }
-        let outcome = round(&mut null, &library, false, AccusationRate::default().into(), &[], &halt).ok_or_else(nothing)?;
+        let outcome =
+            round(&mut null, &library, false, AccusationRate::default().into(), &[], steps.is_empty(), &halt).ok_or_else(nothing)?;
         interrupted(control)?;
         if steps.is_empty() {
             steps.push(step(&null, None, 0.0, noise, true, "the model as it is".to_owned()));

@@ -281,7 +281,8 @@ fn candidate(catalogue: &Catalogue, base: &Problem, grid: &Grid, site: &Site, na
     let known = |channel: &str| base.model().inputs().iter().any(|input| input.channel == channel);
     let mut own_inputs = model.inputs().iter().map(|input| input.channel.as_str()).filter(|channel| reads(channel));
     let by_clock = own_inputs.clone().any(calendar) && own_inputs.all(|channel| calendar(channel) || known(channel));
-    let conducts = !spec.inputs.is_empty() && spec.inputs.values().all(|input| input.unit == "degC");
+    let rates = own.iter().all(|index| model.parameters()[*index].unit == "1/h");
+    let conducts = rates && !spec.inputs.is_empty() && spec.inputs.values().all(|input| input.unit == "degC");
     let problem = Problem::new(model, grid.clone(), base.split().clone(), &choices, base.source().clone())?;
     let off = |index: usize| {
         let [lower, upper] = problem.bounds()[index];

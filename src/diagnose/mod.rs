@@ -8,9 +8,10 @@
 //!
 //! `library` compiles the catalogue into the model. `screen` scores a candidate by one linearised simulation, `score_test` along segments
 //! of hours and `surrogates` with its channels shifted by days. `refit` and `null_model` bring null model and candidates to their
-//! optima, `selection` tries them all and `acceptance` decides. `ledger` adds up what the windows of a system show, `failures` says where
-//! a model fails, `evidence` lays the error beside an effect's shape, `ladder` adds effects one after another, `nested` by
-//! likelihood-ratio tests. `lampyris bench diagnose` and `lampyris bench real` measure all of it, on synthetic rooms and on real ones.
+//! optima, `selection` tries them all and `acceptance` decides; `size` says how large a finding is. `ledger` adds up what the windows of
+//! a system show, `failures` says where a model fails, `unexplained` what is left by hour of the day, `evidence` lays the error beside an
+//! effect's shape, `ladder` adds effects one after another, `nested` by likelihood-ratio tests. `lampyris bench diagnose` and `lampyris
+//! bench real` measure all of it, on synthetic rooms and on real ones.
 
 mod acceptance;
 mod effort;
@@ -36,6 +37,7 @@ pub mod spectrum;
 pub mod surrogates;
 #[cfg(test)]
 mod tests;
+mod unexplained;
 
 pub use findings::{DiagnoseError, diagnose, preview};
 pub use report::{Adequacy, Diagnosis, Finding};

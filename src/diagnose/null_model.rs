@@ -9,6 +9,7 @@ use super::residual::{Autoregression, Whitening, at, residuals, slow_bic, usable
 use crate::estimate::Problem;
 use crate::estimate::problem::mean_square;
 use crate::simulate::trajectory::Halt;
+use rayon::prelude::*;
 use std::ops::Range;
 
 /// Another optimum is one whose plain cost is larger by this factor, but not by that: without its missing effect a
@@ -128,19 +129,16 @@ impl Filters {
     ) -> Fitted {
         let [plain_task, white_task] = self.tasks(problem, halt);
         let first = iterations.div_ceil(FIRST_PART);
-        let mut evaluations = 0;
-        let mut polished = |task: &Refit, starts: &[Vec<f64>], iterations: usize| {
-            let (theta, cost, spent) = task.polish(starts, iterations);
-            evaluations += spent;
-            (theta, cost)
-        };
-        let (mut white, mut white_cost) = polished(&white_task, white, first);
-        // The free run has more local optima than the innovations, whose optimum shows it a way out of them.
-        let starts: Vec<Vec<f64>> = plain.iter().chain([&white]).cloned().collect();
-        let (mut plain, mut plain_cost) = polished(&plain_task, &starts, first);
+        let ((mut white, mut white_cost, of_white), (mut plain, mut plain_cost, of_plain)) =
+            rayon::join(|| white_task.polish(white, first), || plain_task.polish(plain, first));
+        let mut evaluations = of_white + of_plain;
         if promise.is_none_or(|promise| plain_cost < promise.plain || white_cost < promise.white) {
-            (white, white_cost) = polished(&white_task, &[white], iterations - first);
-            (plain, plain_cost) = polished(&plain_task, &[plain, white.clone()], iterations - first);
+            // The free run has more local optima than the innovations, whose way to theirs shows it a way out of its own.
+            let starts = [plain, white.clone()];
+            let (of_white, of_plain);
+            ((white, white_cost, of_white), (plain, plain_cost, of_plain)) =
+                rayon::join(|| white_task.polish(&[white], iterations - first), || plain_task.polish(&starts, iterations - first));
+            evaluations += of_white + of_plain;
         }
         Fitted { plain, plain_cost, white, white_cost, evaluations }
     }
@@ -237,23 +235,28 @@ impl NullModel {
         Some(Self { fitted, measured, filters, other, problem })
     }
 
-    /// Goes on from another place: keeps what is better there, and measures again. Says whether anything was.
-    pub fn restart(&mut self, plain: &[f64], white: &[f64], halt: Halt) -> bool {
-        let starts: [&[Vec<f64>]; 2] = [&[plain.to_vec()], &[white.to_vec()]];
-        let again = self.filters.fit(&self.problem, starts, Effort::of(&self.problem).settle / 2, None, halt);
-        self.fitted.evaluations += again.evaluations;
+    /// Goes on from other places, each a start for the free run and one for the innovations: keeps what is better there, and measures
+    /// again.
+    pub fn restart(&mut self, places: &[[Vec<f64>; 2]], halt: Halt) {
+        let iterations = Effort::of(&self.problem).settle / 2;
+        let again = |[plain, white]: &[Vec<f64>; 2]| {
+            let starts: [&[Vec<f64>]; 2] = [std::slice::from_ref(plain), std::slice::from_ref(white)];
+            self.filters.fit(&self.problem, starts, iterations, None, halt)
+        };
+        let found: Vec<Fitted> = places.par_iter().map(again).collect();
+        self.fitted.evaluations += found.iter().map(|again| again.evaluations).sum::<usize>();
         let mut better = self.fitted.clone();
-        if again.plain_cost < better.plain_cost {
-            (better.plain, better.plain_cost) = (again.plain, again.plain_cost);
+        for again in found {
+            if again.plain_cost < better.plain_cost {
+                (better.plain, better.plain_cost) = (again.plain, again.plain_cost);
+            }
+            if again.white_cost < better.white_cost {
+                (better.white, better.white_cost) = (again.white, again.white_cost);
+            }
         }
-        if again.white_cost < better.white_cost {
-            (better.white, better.white_cost) = (again.white, again.white_cost);
-        }
-        let improved = better != self.fitted;
-        if let Some(measured) = self.filters.measure(&self.problem, &better, halt).filter(|_| improved) {
+        if let Some(measured) = self.filters.measure(&self.problem, &better, halt).filter(|_| better != self.fitted) {
             (self.fitted, self.measured) = (better, measured);
         }
-        improved
     }
 
     /// What a candidate has to promise: three in twice the logarithm of the likelihood, less than half of what one parameter costs, or a

@@ -96,6 +96,9 @@ pub struct Finding {
     pub explained_share: Option<f64>,
     /// Errors without and with it.
     pub rmse: RmsePairs,
+    /// What a forecast loses without it; `null` of a plant, and in a diagnosis that was made before it was asked.
+    #[serde(default)]
+    pub size: Option<EffectSize>,
     /// Its parameters, from segments of a day where segments have shown it, else from the likelihood that has; of a plant from the free run.
     #[schema(value_type = HashMap<String, Coefficient>)]
     pub parameters: IndexMap<String, Coefficient>,
@@ -164,6 +167,28 @@ pub struct RmsePairs {
     /// Forecasts from re-estimated states over the validation part, by horizon.
     #[schema(value_type = HashMap<String, [f64; 2]>)]
     pub validation_ahead: IndexMap<String, [f64; 2]>,
+}
+
+/// How large an effect is in what a controller sees: how far a forecast over some hours goes wrong without it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct EffectSize {
+    /// Length of the forecasts.
+    pub hours: f64,
+    /// Root mean square of the difference that it makes over these hours, in the whole window.
+    pub value: f64,
+    /// Its 95 % interval, robust by days; `null` where the data do not determine it, or where it is read off the output itself.
+    pub ci95: Option<[f64; 2]>,
+    /// The output's unit.
+    pub unit: String,
+}
+
+impl EffectSize {
+    /// It for people.
+    pub fn sentence(&self) -> String {
+        let Self { hours, value, ci95, unit } = self;
+        let interval = ci95.map_or_else(String::new, |[low, high]| format!(" (95 %: {low:.2} to {high:.2})"));
+        format!("Left out, it puts forecasts over the next {hours:.0} h wrong by {value:.2} {unit}{interval}.")
+    }
 }
 
 /// A coefficient of a finding.

@@ -20,7 +20,7 @@ const LEAST_FAMILIES: usize = 5;
 /// Members of a family of choices that are refitted.
 const CHOICES: usize = 3;
 /// Least score of a candidate that is refitted: chi-squared with one degree of freedom exceeds it by chance in a
-/// third of all cases.
+/// third of all cases. What the linearised model gives no gain at all the refit gives none either.
 const LEAST_SCORE: f64 = 1.0;
 /// From how many of the best candidates the null model is restarted.
 const RESTARTS: usize = 3;
@@ -29,6 +29,9 @@ const RESTARTS: usize = 3;
 const GOES_ON: f64 = 2.0;
 /// The largest cost in the end, over the null model's, at which the refit goes on from it.
 const PROMISING: f64 = 0.95;
+/// Ratio of free-run error to innovation deviation from which on scouts are sent with everybody before the first round ends with nothing:
+/// below it little is left to explain, and with a finding the model is a room again.
+const FAR_RHO: f64 = 1.3;
 
 /// What a round found.
 #[derive(Debug, Clone)]
@@ -62,13 +65,14 @@ pub enum Skip {
 
 /// Tries every candidate on the null model, which is restarted on the way. `strict` asks for more of everybody, and `rate` is how often
 /// segments of hours may accuse where nothing is missing, alone or together with what `earlier` windows showed of the same model. What
-/// comes of a round that `halt` has cut short means nothing.
+/// comes of a round that `halt` has cut short means nothing. `first` is the round in which nothing has been added yet.
 pub fn round(
     null: &mut NullModel,
     candidates: &[CandidateEffect],
     strict: bool,
     rate: f64,
     earlier: &[Entry],
+    first: bool,
     halt: Halt,
 ) -> Option<Round> {
     let screened = |theta: &[f64]| -> Option<Vec<Result<Score, Blind>>> {
@@ -82,34 +86,73 @@ pub fn round(
     let hear = |candidate: &CandidateEffect| tests.as_ref().map(|tests| tests.hear(candidate)).unwrap_or_default();
     let heard: Vec<Heard> = candidates.par_iter().map(hear).collect();
     let scores = heard.iter().filter_map(|heard| heard.ranked.clone()).collect();
-    let (chosen, skipped) = choose(candidates, here, there, &heard);
-    let (chosen, skipped, scouting) = scout(null, candidates, chosen, skipped, halt);
-    let found: Vec<Option<Refitted>> = chosen.into_par_iter().map(|chosen| refit(null, &candidates[chosen.place], chosen, halt)).collect();
-    let mut refitted: Vec<Refitted> = found.into_iter().flatten().collect();
+    // With a finding the model is near the room, where a score is nearly what the likelihood would gain: the price is asked at once.
+    let far = first || !base.filters();
+    let asks = |score: &Score| score.imitated || (score.sign && if far { score.statistic >= LEAST_SCORE } else { score.net >= 0.0 });
+    let (chosen, skipped) = choose(candidates, here, there, &heard, &asks);
+    let faint = if far { 0 } else { skipped.iter().filter(|(_, skip)| matches!(skip, Skip::Faint(_))).count() };
+    let far_first = |place: usize, score: &Score| score.imitated || !candidates[place].problem.filters();
+    let (chosen, skipped, mut scouting) = scout(null, candidates, chosen, skipped, &far_first, halt);
+    let judge = |null: &mut NullModel, refitted: Vec<Refitted>| judge(null, candidates, &heard, strict, refitted, faint, halt);
+    let refitted = refits(null, candidates, &chosen, halt);
+    let mut judged = judge(null, refitted);
+    let mut skipped = skipped;
+    if first && judged.winner.is_none() && base.filters() && null.rho().is_some_and(|rho| rho >= FAR_RHO) && !halt() {
+        let near = chosen.into_iter().map(|chosen| Chosen { far: None, ..chosen }).collect();
+        let (chosen, left, more) = scout(null, candidates, near, skipped, &|place, score| !far_first(place, score), halt);
+        skipped = left;
+        scouting += more;
+        let again: Vec<Chosen> = chosen.into_iter().filter(|chosen| chosen.far.is_some()).collect();
+        let mut refitted = refits(null, candidates, &again, halt);
+        if !refitted.is_empty() {
+            let known = |one: &Tried| refitted.iter().any(|other| other.candidate == one.refitted.candidate);
+            let kept: Vec<Refitted> = judged.tried.iter().filter(|one| !known(one)).map(|one| one.refitted.clone()).collect();
+            refitted.extend(kept);
+            judged = judge(null, refitted);
+        }
+    }
+    let Judged { mut tried, winner } = judged;
+    let tied = winner.map_or_else(Vec::new, |winner| ties(&mut tried, candidates, winner));
+    let evaluations = scouting + tried.iter().map(|one| one.refitted.fitted.evaluations).sum::<usize>();
+    Some(Round { tried, skipped, evaluations, winner, tied, scores })
+}
+
+/// What the gates say of candidates at their optima.
+struct Judged {
+    tried: Vec<Tried>,
+    winner: Option<usize>,
+}
+
+/// Compares candidates with a null model that goes on from where the best of them have come to. So many `faint` ones were not tried.
+fn judge(
+    null: &mut NullModel,
+    candidates: &[CandidateEffect],
+    heard: &[Heard],
+    strict: bool,
+    mut refitted: Vec<Refitted>,
+    faint: usize,
+    halt: Halt,
+) -> Judged {
     compare(null, &mut refitted);
-    // The null model goes on from where the best candidates have come to.
     restart(null, candidates, &mut refitted, RESTARTS, halt);
-    let mut placebo = median_gain(null, &refitted, candidates);
+    let mut placebo = median_gain(null, &refitted, candidates, faint);
     if placebo > LEAST_BIC {
         // Where most candidates gain, it may be the null model that is not at its optimum.
         let all = refitted.len();
         restart(null, candidates, &mut refitted, all, halt);
-        placebo = median_gain(null, &refitted, candidates);
+        placebo = median_gain(null, &refitted, candidates, faint);
     }
     let ahead = day_ahead(null, candidates, &refitted);
     let rho = null.rho().unwrap_or(f64::INFINITY);
-    let judge = |(refitted, ahead): (Refitted, Option<Ahead>)| {
+    let one = |(refitted, ahead): (Refitted, Option<Ahead>)| {
         let candidate = &candidates[refitted.candidate];
         let gain = refitted.gain(null, ahead);
         let heard = heard[refitted.candidate].clone();
         let gate = gate(candidate, &refitted, &gain, &heard, strict, rho, placebo);
         Tried { refitted, gain, heard, gate }
     };
-    let mut tried: Vec<Tried> = refitted.into_iter().zip(ahead).map(judge).collect();
-    let winner = winner(&tried);
-    let tied = winner.map_or_else(Vec::new, |winner| ties(&mut tried, candidates, winner));
-    let evaluations = scouting + tried.iter().map(|one| one.refitted.fitted.evaluations).sum::<usize>();
-    Some(Round { tried, skipped, evaluations, winner, tied, scores })
+    let tried: Vec<Tried> = refitted.into_iter().zip(ahead).map(one).collect();
+    Judged { winner: winner(&tried), tried }
 }
 
 /// Whoever passes the gates with the largest gain. Where segments of hours show anybody, who of all that pass explains most of what they
@@ -130,15 +173,13 @@ fn restart(null: &mut NullModel, candidates: &[CandidateEffect], refitted: &mut 
         .take(count)
         .map(|one| [&one.fitted.plain, &one.fitted.white].map(|theta| candidates[one.candidate].lower(&null.problem, theta)))
         .collect();
-    for [plain, white] in bases {
-        null.restart(&plain, &white, halt);
-    }
+    null.restart(&bases, halt);
     compare(null, refitted);
 }
 
 /// The median gain of the families that were tried, each by its best member; minus infinity where they are too few
-/// to tell.
-fn median_gain(null: &NullModel, refitted: &[Refitted], candidates: &[CandidateEffect]) -> f64 {
+/// to tell. So many `faint` ones were not worth a trial.
+fn median_gain(null: &NullModel, refitted: &[Refitted], candidates: &[CandidateEffect], faint: usize) -> f64 {
     let mut families: Vec<&str> = Vec::new();
     let mut gains: Vec<f64> = Vec::new();
     for one in refitted {
@@ -148,11 +189,13 @@ fn median_gain(null: &NullModel, refitted: &[Refitted], candidates: &[CandidateE
             gains.push(one.delta_bic(null));
         }
     }
+    gains.extend(std::iter::repeat_n(f64::NEG_INFINITY, faint));
     // The largest gain comes first, so this is the median.
     if gains.len() < LEAST_FAMILIES { f64::NEG_INFINITY } else { gains[gains.len() / 2] }
 }
 
 /// A candidate that is refitted.
+#[derive(Clone)]
 struct Chosen {
     place: usize,
     score: Score,
@@ -169,9 +212,8 @@ fn choose(
     here: Vec<Result<Score, Blind>>,
     there: Option<Vec<Result<Score, Blind>>>,
     heard: &[Heard],
+    asks: &dyn Fn(&Score) -> bool,
 ) -> (Vec<Chosen>, Vec<(usize, Skip)>) {
-    // What the linearised model gives no gain at all the refit gives none either.
-    let asks = |score: &Score| score.imitated || (score.sign && score.statistic >= LEAST_SCORE);
     let mut there = there.unwrap_or_default().into_iter();
     let mut chosen: Vec<Chosen> = Vec::new();
     let mut skipped = Vec::new();
@@ -199,15 +241,16 @@ fn choose(
     (kept.into_iter().map(|(one, _)| one).collect(), skipped)
 }
 
-/// Sends a scout from the nominal values with every candidate that the model's own parameters imitate at the null model's optimum, and
-/// of a large model with all: without its missing effect a model may err least where it is none of its kind any more, and nothing that
-/// is added there helps. Of a family of choices the best by score goes for all. Who is refitted now, who is not, and the simulations of
-/// all scouts. On 98 synthetic rooms scouts for everybody doubled the time, and named one more rightly for every one that they lost.
+/// Sends a scout from the nominal values with every candidate that `goes`: without its missing effect a model may err least where it is
+/// none of its kind any more, and nothing that is added there helps. Of a family of choices the best by score goes for all. Who is
+/// refitted now, who is not, and the simulations of all scouts. First go those that the model's own parameters imitate at the null
+/// model's optimum, and of a large model all; the others where nothing is found without them.
 fn scout(
     null: &NullModel,
     candidates: &[CandidateEffect],
     chosen: Vec<Chosen>,
     skipped: Vec<(usize, Skip)>,
+    goes: &dyn Fn(usize, &Score) -> bool,
     halt: Halt,
 ) -> (Vec<Chosen>, Vec<(usize, Skip)>, usize) {
     let score = |skip: &Skip| match skip {
@@ -217,10 +260,9 @@ fn scout(
         Skip::Blind(Blind::Imitated) => Some(Score { imitated: true, ..Score::nothing() }),
         Skip::Blind(Blind::Diverged) | Skip::Choice => None,
     };
-    let goes =
-        |(place, score): (usize, Score)| (score.imitated || !candidates[place].problem.filters()).then_some((place, score.statistic));
-    let mut waiting: Vec<(usize, f64)> = chosen.iter().filter_map(|one| goes((one.place, one.score.clone()))).collect();
-    waiting.extend(skipped.iter().filter_map(|(place, skip)| goes((*place, score(skip)?))));
+    let asked = |place: usize, score: &Score| goes(place, score).then_some((place, score.statistic));
+    let mut waiting: Vec<(usize, f64)> = chosen.iter().filter_map(|one| asked(one.place, &one.score)).collect();
+    waiting.extend(skipped.iter().filter_map(|(place, skip)| asked(*place, &score(skip)?)));
     waiting.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
     let mut families: Vec<&str> = Vec::new();
     waiting.retain(|(place, _)| {
@@ -256,6 +298,11 @@ fn scout(
         }
     }
     (chosen, left, evaluations.into_inner())
+}
+
+fn refits(null: &NullModel, candidates: &[CandidateEffect], chosen: &[Chosen], halt: Halt) -> Vec<Refitted> {
+    let found: Vec<Option<Refitted>> = chosen.par_iter().map(|one| refit(null, &candidates[one.place], one.clone(), halt)).collect();
+    found.into_iter().flatten().collect()
 }
 
 /// The candidate at its optima, from those of the null model and the linearised step.

@@ -7,16 +7,19 @@
 
 use super::library::CandidateEffect;
 use super::null_model::NullModel;
-use crate::estimate::segments::Segments;
-use crate::estimate::shooting::settle;
+use crate::estimate::Problem;
+use crate::estimate::segments::{Moved, Segments, moved};
+use crate::estimate::shooting::{Settled, settle};
 use crate::estimate::uncertainty::uncertainty;
 use crate::simulate::trajectory::Halt;
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
 /// Hours of the segments.
 const HOURS: f64 = 24.0;
+/// How far ahead it is asked what an effect does to a forecast, in hours.
+pub const AHEAD_HOURS: f64 = 12.0;
 
-/// A coefficient of a finding.
+/// A quantity of a finding.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Size {
     /// In its own unit.
@@ -25,34 +28,79 @@ pub struct Size {
     pub ci95: Option<[f64; 2]>,
 }
 
-/// The candidate's own coefficients in the model that has it: from segments of a day where segments have `shown` it, else from the
-/// likelihood that did. What is read off the output itself has no interval, because its error goes with what it explains; large models
-/// have no segments, and take the free run.
-pub fn sizes(model: &NullModel, candidate: &CandidateEffect, shown: bool, halt: Halt) -> Vec<Size> {
-    let by_days = if model.problem.filters() { by_days(model, candidate, shown, halt) } else { None };
-    by_days.unwrap_or_else(|| of_free_run(model, candidate))
+/// How large a finding is.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Sizes {
+    /// The candidate's own coefficients.
+    pub coefficients: Vec<Size>,
+    /// What forecasts over the next [`AHEAD_HOURS`] lose without it: the root mean square of the difference that it makes to the first
+    /// output, over the record cut into stretches of that length, each from the model's own states. `None` of large models.
+    pub ahead: Option<Size>,
 }
 
-fn by_days(model: &NullModel, candidate: &CandidateEffect, shown: bool, halt: Halt) -> Option<Vec<Size>> {
+/// How large a candidate is in the model that has it: from segments of a day where segments have `shown` it, else from the likelihood that
+/// did. What is read off the output itself has no interval, because its error goes with what it explains; large models have no segments,
+/// and take the free run.
+pub fn sizes(model: &NullModel, candidate: &CandidateEffect, shown: bool, halt: Halt) -> Sizes {
+    let by_days = if model.problem.filters() { by_days(model, candidate, shown, halt) } else { None };
+    by_days.unwrap_or_else(|| Sizes { coefficients: of_free_run(model, candidate), ahead: None })
+}
+
+fn by_days(model: &NullModel, candidate: &CandidateEffect, shown: bool, halt: Halt) -> Option<Sizes> {
     let (problem, white, plain) = (&model.problem, &model.fitted.white, &model.fitted.plain);
     let segments = Segments::new(problem, problem.split().train.start..problem.split().validation.end, HOURS);
     let settled = settle(problem, &segments, white, &segments.starts(problem, white), halt)?;
-    let deviations = settled.deviations(problem, &segments)?;
+    let spread = settled.spread(problem, &segments)?;
     let days = segments.by_day(|_| 0.0).len();
     let quantile = StudentsT::new(0.0, 1.0, days.max(2) as f64 - 1.0).map_or(1.96, |student| student.inverse_cdf(0.975));
-    let size = |index: usize| {
-        let place = settled.linear.along.iter().position(|along| *along == index)?;
-        let (value, other) = if shown { (settled.theta[index], white[index]) } else { (white[index], settled.theta[index]) };
-        let apart = (value - other).abs().min((value - plain[index]).abs());
+    let optima = if shown { [&settled.theta, white, plain] } else { [white, &settled.theta, plain] };
+    // A quantity at its optimum, how far the others are apart from it, and the rest.
+    let size = |value: f64, apart: f64, gradient: &[f64], [lower, upper]: [f64; 2]| {
         // Of two that differ by that much the variance is half its square.
-        let half = quantile * (deviations[place].powi(2) + apart.powi(2) / 2.0).sqrt();
-        let [lower, upper] = problem.bounds()[index];
+        let half = quantile * (spread.deviation(gradient).powi(2) + apart.powi(2) / 2.0).sqrt();
         let (low, high) = (value - half, value + half);
-        // An interval that covers the whole search says nothing about the coefficient.
+        // An interval that covers the whole search says nothing about the quantity.
         let told = half.is_finite() && (low > lower || high < upper) && !candidate.endogenous;
-        Some(Size { value, ci95: told.then(|| [low.max(lower), high.min(upper)]) })
+        Size { value, ci95: told.then(|| [low.max(lower), high.min(upper)]) }
     };
-    candidate.own.iter().map(|(index, _)| size(*index)).collect()
+    let Settled { linear, .. } = &settled;
+    let coefficient = |(index, _): &(usize, f64)| {
+        let place = linear.along.iter().position(|along| along == index)?;
+        let gradient: Vec<f64> = (0..linear.along.len()).map(|i| if i == place { linear.slopes[i] } else { 0.0 }).collect();
+        let [value, other, third] = optima.map(|theta| theta[*index]);
+        let nearer = (value - other).abs().min((value - third).abs());
+        Some(size(value, nearer, &gradient, problem.bounds()[*index]))
+    };
+    let coefficients = candidate.own.iter().map(coefficient).collect::<Option<_>>()?;
+    let stretches = Segments::new(problem, 0..problem.grid().len(), AHEAD_HOURS);
+    let Moved { steps, thetas, .. } = moved(problem, optima[0]);
+    let around: Vec<&[f64]> = std::iter::once(optima[0]).chain(&thetas).map(Vec::as_slice).collect();
+    let moved = ahead(problem, candidate, &stretches, &around);
+    let gradient: Vec<f64> = moved[1..].iter().zip(steps).map(|(there, step)| (there - moved[0]) / step).collect();
+    // All parameters take part in a forecast, and the objectives agree on fewer of them than on the effect: the farther one counts.
+    let farther = [optima[1], optima[2]].map(|theta| (ahead(problem, candidate, &stretches, &[theta])[0] - moved[0]).abs());
+    let farther = farther[0].max(farther[1]);
+    Some(Sizes { coefficients, ahead: Some(size(moved[0], farther, &gradient, [0.0, f64::INFINITY])) })
+}
+
+/// What forecasts along stretches lose without the candidate, for some parameter vectors, from the states of the first one's free run.
+fn ahead(problem: &Problem, candidate: &CandidateEffect, stretches: &Segments, thetas: &[&[f64]]) -> Vec<f64> {
+    let off = |theta: &[f64]| {
+        let mut off = theta.to_vec();
+        candidate.own.iter().for_each(|(index, nothing)| off[*index] = *nothing);
+        off
+    };
+    let without: Vec<Vec<f64>> = thetas.iter().map(|theta| off(theta)).collect();
+    let both: Vec<&[f64]> = thetas.iter().copied().chain(without.iter().map(Vec::as_slice)).collect();
+    let outputs = stretches.outputs(problem, problem.simulator(), &both, &stretches.starts(problem, thetas[0]));
+    let (with, without) = outputs.split_at(thetas.len());
+    let first: Vec<bool> = stretches.rows().map(|(output, _)| output == 0).collect();
+    let root_mean_square = |(with, without): (&Vec<f64>, &Vec<f64>)| {
+        let squares =
+            with.iter().zip(without).zip(&first).filter(|(_, first)| **first).map(|((with, without), _)| (with - without).powi(2));
+        (squares.sum::<f64>() / first.iter().filter(|first| **first).count().max(1) as f64).sqrt() * problem.scale(0)
+    };
+    with.iter().zip(without).map(root_mean_square).collect()
 }
 
 fn of_free_run(model: &NullModel, candidate: &CandidateEffect) -> Vec<Size> {
@@ -90,7 +138,8 @@ mod tests {
         };
         let (all, segments) = settled(&whole, &model.fitted.white);
         let place = all.linear.along.iter().position(|along| *along == index).unwrap();
-        let deviation = all.deviations(&whole, &segments).unwrap()[place];
+        let gradient: Vec<f64> = (0..all.linear.along.len()).map(|i| if i == place { all.linear.slopes[i] } else { 0.0 }).collect();
+        let deviation = all.spread(&whole, &segments).unwrap().deviation(&gradient);
         let grid = whole.grid();
         let days = (grid.time(whole.split().validation.end) - grid.start()) / 86_400;
         let without = |day: i64| {

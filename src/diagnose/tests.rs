@@ -10,12 +10,17 @@ use crate::estimate::metrics::filter;
 use crate::estimate::request::{AccusationRate, SeededMethod};
 use crate::estimate::{Control, EstimateError, EstimateRequest, Interrupt, Problem, Site, estimate, prepare};
 use crate::model::Catalogue;
-use crate::twin::{Level, WorldRequest, world};
+use crate::twin::{Level, World, WorldRequest, world};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-/// A world of four weeks with these effects hidden, sampled every half hour, and its problem for room3.
+/// A world of four weeks with these effects hidden, sampled every half hour.
+fn small_twin(effects: &[&str]) -> World {
+    world(&WorldRequest { step_minutes: 30, ..WorldRequest::new(77, effects, Level::Matched) }).unwrap()
+}
+
+/// It as a window, and its problem for room3.
 pub(super) fn small_world(effects: &[&str]) -> (Problem, Window) {
-    let made = world(&WorldRequest { step_minutes: 30, ..WorldRequest::new(77, effects, Level::Matched) }).unwrap();
+    let made = small_twin(effects);
     let (window, _) = Window::parse_csv(&made.csv, &Bindings::none()).unwrap();
     let request = EstimateRequest { split: SplitRequest::DIAGNOSE, ..EstimateRequest::default() };
     let id = "room3".parse().unwrap();
@@ -48,6 +53,11 @@ fn the_hidden_wind_is_named_first_and_the_unseen_error_falls() {
     let [before, after] = first.rmse.test.unwrap();
     assert!(after < 0.6 * before, "{before} {after}");
     assert!(first.parameters["c_wind"].ci95.is_some_and(|[low, _]| low > 0.0));
+    // What forecasts lose without it, against the twin's own equations.
+    let truth = small_twin(&["wind_infiltration"]).truth.ahead;
+    let size = first.size.as_ref().unwrap();
+    assert!((0.85..1.15).contains(&(size.value / truth)), "{size:?} of {truth}");
+    assert!(size.unit == "K" && size.ci95.is_some_and(|[low, high]| low > 0.5 * truth && high < 2.0 * truth), "{size:?} of {truth}");
     let solar = found.not_testable.iter().find(|one| one.effect == "solar_gain").unwrap();
     assert!(solar.reason.contains("own parameters"), "{}", solar.reason);
     assert!(found.considered.iter().all(|one| one.gate.is_some() || one.effect == "wind_infiltration"));

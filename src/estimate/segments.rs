@@ -299,14 +299,19 @@ impl Segments {
 
 /// Forward differences along the free parameters. Those that are a start of the record and nothing else are left out: segments have
 /// starts of their own.
-struct Moved {
-    along: Vec<usize>,
-    steps: Vec<f64>,
-    slopes: Vec<f64>,
-    thetas: Vec<Vec<f64>>,
+pub struct Moved {
+    /// The parameter of each, by its place in the full vector.
+    pub along: Vec<usize>,
+    /// How far it is moved in the unit cube of the search.
+    pub steps: Vec<f64>,
+    /// What a unit of the cube is in its own unit, here.
+    pub slopes: Vec<f64>,
+    /// The full vectors.
+    pub thetas: Vec<Vec<f64>>,
 }
 
-fn moved(problem: &Problem, theta: &[f64]) -> Moved {
+/// Moves every free parameter but the starts a little.
+pub fn moved(problem: &Problem, theta: &[f64]) -> Moved {
     let centre = problem.candidate(theta);
     let difference = problem.difference();
     let is_start = |index: usize| problem.model().states().iter().any(|state| state.initial == Initial::Parameter(index));

@@ -73,11 +73,19 @@ pub fn settle(problem: &Problem, segments: &Segments, theta: &[f64], starts: &[V
     Some(here)
 }
 
+/// How far the parameters of a fit to segments may lie from the truth, in the unit cube of the search.
+#[derive(Debug, Clone)]
+pub struct Spread {
+    /// The step of all parameters when one day is left out, day by day.
+    steps: Vec<DVector<f64>>,
+    /// The inverse of the normal matrix, times what each parameter is pulled by towards where it began.
+    held: DMatrix<f64>,
+}
+
 impl Settled {
-    /// The deviation of every parameter of [`Linear::along`], in its own unit: without one day after the other, each by one step (the
-    /// jackknife of clusters; Bell and McCaffrey 2002, Survey Methodology 28, 169-181). `None` where there are fewer than three days or
-    /// one of them is all that determines a parameter.
-    pub fn deviations(&self, problem: &Problem, segments: &Segments) -> Option<Vec<f64>> {
+    /// Without one day after the other, each by one step (the jackknife of clusters; Bell and McCaffrey 2002, Survey Methodology 28,
+    /// 169-181). `None` where there are fewer than three days or one of them is all that determines a parameter.
+    pub fn spread(&self, problem: &Problem, segments: &Segments) -> Option<Spread> {
         // Once more from the starts that belong to these parameters.
         let linear = segments.linearise(problem, problem.simulator(), &self.theta, &self.linear.starts)?;
         let (residual, columns) = (&linear.residual, &linear.columns);
@@ -93,13 +101,22 @@ impl Settled {
         let pull = dot(residual, residual) / residual.len() as f64 / REACH.powi(2);
         let mut all = DMatrix::from_fn(n, n, |i, j| (0..days).map(|day| square(i, j, day)).sum());
         (0..n).for_each(|i| all[(i, i)] += pull);
-        let mut variances = vec![0.0; n];
-        for day in 0..days {
+        let step = |day: usize| {
             let without = &all - DMatrix::from_fn(n, n, |i, j| square(i, j, day));
-            let step = without.cholesky()?.solve(&DVector::from_fn(n, |i, _| scores[i][day]));
-            variances.iter_mut().zip(step.iter()).for_each(|(variance, step)| *variance += step * step);
-        }
-        let factor = (days as f64 - 1.0) / days as f64;
-        Some(variances.iter().zip(&linear.slopes).map(|(variance, slope)| (factor * variance).sqrt() * slope.abs()).collect())
+            Some(without.cholesky()?.solve(&DVector::from_fn(n, |i, _| scores[i][day])))
+        };
+        let steps = (0..days).map(step).collect::<Option<_>>()?;
+        Some(Spread { steps, held: pull * all.cholesky()?.inverse() })
+    }
+}
+
+impl Spread {
+    /// The deviation of a function of the parameters, by its gradient along [`Linear::along`] in the unit cube: the jackknife's, and
+    /// what the pull towards the beginning may hold back where the data ask for little.
+    pub fn deviation(&self, gradient: &[f64]) -> f64 {
+        let gradient = DVector::from_column_slice(gradient);
+        let days = self.steps.len() as f64;
+        let jackknife = (days - 1.0) / days * self.steps.iter().map(|step| gradient.dot(step).powi(2)).sum::<f64>();
+        (jackknife + (REACH * (&self.held * gradient).norm()).powi(2)).sqrt()
     }
 }

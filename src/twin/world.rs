@@ -17,6 +17,8 @@ const START: i64 = 1_768_176_000;
 const QUANTUM: f64 = 0.1;
 /// Deviation of the sensor's noise in K.
 const SENSOR_NOISE: f64 = 0.05;
+/// How far ahead it is asked what the hidden effects do, in hours.
+const AHEAD_HOURS: f64 = 12.0;
 /// Hours of a step.
 const HOURS: f64 = STEP_MINUTES as f64 / 60.0;
 
@@ -72,6 +74,9 @@ pub struct Truth {
     pub level: Level,
     /// The effects.
     pub effects: Vec<HiddenEffect>,
+    /// What forecasts over the next 12 h lose without all of them: root mean square over the window in K, every stretch of 12 h from
+    /// the room's own state.
+    pub ahead: f64,
     /// Deviation of the household heat that no meter sees, in K/h.
     pub household_heat: f64,
     /// Deviation of the sensor's noise in K.
@@ -133,7 +138,7 @@ pub fn world(request: &WorldRequest) -> Result<World, Fault> {
     let memory = dice.between(0.5, 3.0) / HOURS;
     let heat = dice.wander(steps, household_heat, memory);
     let room = Room { rates: rates(&mut dice), level: request.level, climate, heat };
-    let bare = room.run(&[]);
+    let bare = shown(&room.states(&[]), &[]);
     let mut hidden = Vec::new();
     let mut effects = Vec::new();
     for name in &request.effects {
@@ -144,11 +149,13 @@ pub fn world(request: &WorldRequest) -> Result<World, Fault> {
         effects.push(HiddenEffect { effect: kind.id(), in_catalogue: kind.in_catalogue(), strength: effect.strength, moves });
         hidden.push(effect);
     }
-    let measured = room.run(&hidden);
+    let states = room.states(&hidden);
+    let measured = shown(&states, &hidden);
     let contact = hidden.iter().find(|effect| effect.kind == Kind::Window).filter(|_| dice.uniform() < 0.5).cloned();
     let csv = write(&room.climate, &measured, request, contact.as_ref(), &mut dice);
     let neighbours = (1..=NEIGHBOURS).map(|n| n.to_string()).collect();
-    let truth = Truth { seed: request.seed, level: request.level, effects, household_heat, sensor_noise: SENSOR_NOISE };
+    let ahead = room.ahead(&states, &hidden, request.step_minutes / STEP_MINUTES);
+    let truth = Truth { seed: request.seed, level: request.level, effects, ahead, household_heat, sensor_noise: SENSOR_NOISE };
     Ok(World { csv, neighbours, truth })
 }
 
@@ -170,28 +177,48 @@ fn rates(dice: &mut Dice) -> Rates {
 }
 
 impl Room {
-    /// The measured quantity at every step: what a perfect sensor of this kind would show.
-    fn run(&self, hidden: &[Hidden]) -> Vec<f64> {
-        let steps = self.heat.len();
+    /// The states at every step.
+    fn states(&self, hidden: &[Hidden]) -> Vec<State> {
         let t_set = self.rates.t_set;
-        let mut x: State = [t_set, t_set + 4.0, t_set - 3.0, t_set, t_set - 6.0, t_set];
-        let drift: f64 = hidden.iter().filter(|effect| effect.kind == Kind::Drift).map(|effect| effect.strength).sum();
-        let sensor = if hidden.iter().any(|effect| effect.kind == Kind::Lag) { 5 } else { 0 };
-        let mut shown = Vec::with_capacity(steps);
-        for k in 0..steps {
-            let days = (k as f64 - (WARM_UP_DAYS * STEPS_PER_DAY) as f64) / STEPS_PER_DAY as f64;
-            shown.push(x[sensor] + drift * days);
-            if k + 1 < steps {
-                let at = |x: &State, part: f64| self.slope(x, k, part, hidden);
-                let moved = |slope: &State, part: f64| std::array::from_fn(|i| x[i] + part * HOURS * slope[i]);
-                let k1 = at(&x, 0.0);
-                let k2 = at(&moved(&k1, 0.5), 0.5);
-                let k3 = at(&moved(&k2, 0.5), 0.5);
-                let k4 = at(&moved(&k3, 1.0), 1.0);
-                x = std::array::from_fn(|i| x[i] + HOURS / 6.0 * (k1[i] + 2.0 * k2[i] + 2.0 * k3[i] + k4[i]));
+        let mut states = vec![[t_set, t_set + 4.0, t_set - 3.0, t_set, t_set - 6.0, t_set]];
+        for k in 1..self.heat.len() {
+            states.push(self.next(&states[k - 1], k - 1, hidden));
+        }
+        states
+    }
+
+    /// The states a step after step `k`.
+    fn next(&self, x: &State, k: usize, hidden: &[Hidden]) -> State {
+        let at = |x: &State, part: f64| self.slope(x, k, part, hidden);
+        let moved = |slope: &State, part: f64| std::array::from_fn(|i| x[i] + part * HOURS * slope[i]);
+        let k1 = at(x, 0.0);
+        let k2 = at(&moved(&k1, 0.5), 0.5);
+        let k3 = at(&moved(&k2, 0.5), 0.5);
+        let k4 = at(&moved(&k3, 1.0), 1.0);
+        std::array::from_fn(|i| x[i] + HOURS / 6.0 * (k1[i] + 2.0 * k2[i] + 2.0 * k3[i] + k4[i]))
+    }
+
+    /// What forecasts over [`AHEAD_HOURS`] lose without the hidden effects, at every so many steps of the window.
+    fn ahead(&self, states: &[State], hidden: &[Hidden], stride: usize) -> f64 {
+        let first = WARM_UP_DAYS * STEPS_PER_DAY;
+        let measured = shown(states, hidden);
+        let (mut squares, mut count) = (0.0, 0usize);
+        for from in (first..states.len()).step_by((AHEAD_HOURS / HOURS) as usize) {
+            let to = (from + (AHEAD_HOURS / HOURS) as usize).min(states.len());
+            let mut x = states[from];
+            // What a drift has come to by then stays.
+            let error = drift(hidden) * days(from);
+            for k in from..to {
+                if (k - from).is_multiple_of(stride) {
+                    squares += (measured[k] - x[0] - error).powi(2);
+                    count += 1;
+                }
+                if k + 1 < to {
+                    x = self.next(&x, k, &[]);
+                }
             }
         }
-        shown
+        (squares / count.max(1) as f64).sqrt()
     }
 
     /// The derivative per hour, `part` of the way from step `k` to the next.
@@ -249,7 +276,11 @@ impl Room {
         let strongest = effect.strength;
         let mut moves = |strength: f64| {
             effect.strength = strength;
-            let difference: Vec<f64> = self.run(std::slice::from_ref(&effect)).iter().zip(bare).map(|(with, bare)| with - bare).collect();
+            let difference: Vec<f64> = shown(&self.states(std::slice::from_ref(&effect)), std::slice::from_ref(&effect))
+                .iter()
+                .zip(bare)
+                .map(|(with, bare)| with - bare)
+                .collect();
             deviation(&difference[WARM_UP_DAYS * STEPS_PER_DAY..])
         };
         let mut moved = moves(strongest);
@@ -263,6 +294,23 @@ impl Room {
         }
         (effect, moved)
     }
+}
+
+/// Days since the window began.
+fn days(k: usize) -> f64 {
+    (k as f64 - (WARM_UP_DAYS * STEPS_PER_DAY) as f64) / STEPS_PER_DAY as f64
+}
+
+/// How fast the sensor drifts, in K a day.
+fn drift(hidden: &[Hidden]) -> f64 {
+    hidden.iter().filter(|effect| effect.kind == Kind::Drift).map(|effect| effect.strength).sum()
+}
+
+/// What a perfect sensor of this kind shows at every step.
+fn shown(states: &[State], hidden: &[Hidden]) -> Vec<f64> {
+    let sensor = if hidden.iter().any(|effect| effect.kind == Kind::Lag) { 5 } else { 0 };
+    let drift = drift(hidden);
+    states.iter().enumerate().map(|(k, state)| state[sensor] + drift * days(k)).collect()
 }
 
 fn deviation(values: &[f64]) -> f64 {

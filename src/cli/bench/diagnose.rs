@@ -5,12 +5,12 @@ use super::Row;
 use super::verdicts::{MATERIAL, judge_all, rows, spread};
 use lampyris::data::{Bindings, SplitRequest, Window};
 use lampyris::diagnose::null_model::NullModel;
-use lampyris::diagnose::report::Considered;
+use lampyris::diagnose::report::{Considered, Finding};
 use lampyris::diagnose::{Diagnosis, diagnose, preview};
 use lampyris::estimate::request::AccusationRate;
 use lampyris::estimate::{Control, EstimateRequest, Problem, Site, estimate, prepare};
 use lampyris::model::Catalogue;
-use lampyris::twin::{CATALOGUED, Level, STRANGE, Truth, World, WorldRequest, world};
+use lampyris::twin::{CATALOGUED, HiddenEffect, Level, STRANGE, Truth, World, WorldRequest, world};
 use std::time::Instant;
 
 /// Pairs of effects that show.
@@ -66,12 +66,24 @@ impl Judged {
         Some([first[0], last[1]])
     }
 
-    /// Whether the interval of the coefficient holds the true strength, where the one hidden effect was named and has
-    /// one coefficient.
-    pub fn covered(&self) -> Option<bool> {
+    /// The finding of the one hidden effect.
+    fn hit(&self) -> Option<(&HiddenEffect, &Finding)> {
         let ([hidden], Some(finding)) = (self.truth.effects.as_slice(), self.diagnosis.findings.first()) else { return None };
+        same(&finding.effect, &hidden.effect).then_some((hidden, finding))
+    }
+
+    /// Whether the interval of what forecasts lose without it holds the truth, where the one hidden effect was named.
+    pub fn covered(&self) -> Option<bool> {
+        let [low, high] = self.hit()?.1.size.as_ref()?.ci95?;
+        Some((low..=high).contains(&self.truth.ahead))
+    }
+
+    /// The same of the coefficient and the true strength, where there is one coefficient. Shapes of the truth differ from those of
+    /// the catalogue, and a rich room has other masses.
+    pub fn covered_strength(&self) -> Option<bool> {
+        let (hidden, finding) = self.hit()?;
         let (1, Some(coefficient)) = (finding.parameters.len(), finding.parameters.values().next()) else { return None };
-        let [low, high] = coefficient.ci95.filter(|_| same(&finding.effect, &hidden.effect))?;
+        let [low, high] = coefficient.ci95?;
         Some((low..=high).contains(&hidden.strength))
     }
 }
@@ -169,6 +181,21 @@ fn judge(request: &WorldRequest) -> Result<Judged, Failure> {
     };
     let found = world.truth.effects.iter().filter(|hidden| named(&hidden.effect)).count();
     let settled = |problem: Problem, theta: &[f64]| NullModel::settle(problem, theta, None, &|| false)?.measured.plain[2].map(f64::sqrt);
+    if std::env::var("RATIO").is_ok() {
+        let null = NullModel::settle(problem.clone(), &theta, None, &|| false);
+        if let Some(null) = null {
+            let m = null.measured.plain.map(|x| x.unwrap_or(f64::NAN).sqrt());
+            eprintln!(
+                "RATIO {} {} train {:.3} val {:.3} test {:.3} floor {:.3}",
+                name(request),
+                request.seed,
+                m[0],
+                m[1],
+                m[2],
+                null.measured.floor
+            );
+        }
+    }
     let test = [
         settled(problem.clone(), &theta),
         informed(&catalogue, &world, &window, &problem, &theta)?.and_then(|(problem, theta)| settled(problem, &theta)),
@@ -240,9 +267,19 @@ fn line(judged: &Judged) -> String {
         }
         _ => String::new(),
     };
+    let size = judged.hit().map(|(hidden, finding)| {
+        let interval = |value: f64, ci95: Option<[f64; 2]>, truth: f64| {
+            let [low, high] = ci95.unwrap_or([f64::NAN; 2]);
+            format!("{value:.4} [{low:.4}, {high:.4}] of {truth:.4}")
+        };
+        let ahead = finding.size.as_ref().map(|size| interval(size.value, size.ci95, judged.truth.ahead));
+        let strength = finding.parameters.values().next().map(|one| interval(one.value, one.ci95, hidden.strength));
+        format!(" ahead {} size {}", ahead.unwrap_or_default(), strength.unwrap_or_default())
+    });
+    let size = size.unwrap_or_default();
     let near: Vec<String> = judged.diagnosis.considered.iter().filter_map(near).collect();
     let logged = if judged.logged { " LOGGED" } else { "" };
-    let missed = format!("{missed}{logged} <<{}>>", near.join(" | "));
+    let missed = format!("{size}{missed}{logged} <<{}>>", near.join(" | "));
     format!(
         "{} seed {} {:?}{} test {:.2}>{:.2} heat {:.3} rho {:.2} hidden ({}) named ({}){missed}",
         judged.kind,

@@ -82,6 +82,7 @@ fn goals(judged: &[Judged], level: Level) -> Vec<Row> {
     };
     let falls: Vec<&Judged> = these(&|one| one.named().is_some());
     let covered = these(&|one| one.covered().is_some());
+    let strengths = these(&|one| one.covered_strength().is_some());
     let mut ratios: Vec<f64> = single.iter().filter_map(|one| Some(one.named()?[1] / one.test[1]?)).collect();
     ratios.sort_by(f64::total_cmp);
     let ratio = ratios
@@ -98,7 +99,8 @@ fn goals(judged: &[Judged], level: Level) -> Vec<Row> {
         limit(share("two effects, first right", &pairs, &right), None, false),
         limit(ratio, Some(1.05), true),
         limit(share("something named, test error falls", &falls, &|one| one.named().is_some_and(|[a, b]| b < a)), Some(0.95), false),
-        limit(share("interval of 95 % holds the true strength", &covered, &|one| one.covered() == Some(true)), Some(0.9), false),
+        limit(share("interval of 95 % holds what forecasts lose", &covered, &|one| one.covered() == Some(true)), Some(0.9), false),
+        limit(share("interval of 95 % holds the true strength", &strengths, &|one| one.covered_strength() == Some(true)), Some(0.9), false),
     ]
     .into_iter()
     .flatten()
