@@ -26,8 +26,8 @@ const LEAST_CONDUCTANCE_BIC: f64 = 50.0;
 /// Ratio of free-run error to innovation deviation above which slow effects are let in by slower measures: where a
 /// model is right but for little, the likelihood sees what is missing.
 const CRUDE_RHO: f64 = 1.5;
-/// Below this ratio a modest gain of the BIC needs both measures of unseen data, or nearly all of the error: a structure
-/// that is a little wrong gains a little by almost anything.
+/// Below this ratio a modest gain of the BIC needs both measures of unseen data, or nearly all of the error, or slow gains that the free
+/// run of most unseen days confirms: a structure that is a little wrong gains a little by almost anything.
 const NEAR_RHO: f64 = 3.0;
 const MODEST_BIC: f64 = 25.0;
 const NEARLY_ALL: f64 = 0.9;
@@ -44,8 +44,9 @@ pub const STRICT_INNOVATIONS: f64 = 0.4;
 const MOST_DAYS: f64 = 0.7;
 /// An error that falls at least to this share has fallen: what matters to nobody is no finding.
 pub const LEAST_FALL: f64 = 0.9;
-/// Unless the likelihood gains this much, and as much of the error beyond the noise is explained as is asked of the strict:
-/// near the noise an error cannot fall by a tenth. With such a gain forecasts a day ahead stand in for the free run.
+/// Unless the likelihood gains this much, and either as much of the error beyond the noise is explained as is asked of the strict:
+/// near the noise an error cannot fall by a tenth; or the error falls on unseen days a little and on all together so far: one week may be
+/// one in which little is missing. With such a gain forecasts a day ahead stand in for the free run.
 const PLAIN_BIC: f64 = 40.0;
 /// Candidates whose gain is within this much of the winner's, or within this share of it, or that are this much alike, are
 /// named together with it.
@@ -87,8 +88,12 @@ pub struct Gain {
     pub innovations: f64,
     /// Of forecasts a day ahead, where they were asked for.
     pub ahead: Option<Ahead>,
+    /// The free-run error with it over that without it, on all days, seen and unseen.
+    pub overall_fall: f64,
     /// Share of the days on which the free run errs less with it: training, validation.
     pub better_days: [f64; 2],
+    /// The same of both together.
+    pub most_days: f64,
 }
 
 /// Forecasts a day ahead over the validation part with a candidate.
@@ -129,10 +134,12 @@ impl Refitted {
         let (before, after) = (&null.measured, &self.measured);
         let noise = after.floor.powi(2);
         let unseen = before.plain[1].zip(after.plain[1]);
-        let better = |part: usize| {
-            let pairs = before.days[part].iter().zip(&after.days[part]);
-            pairs.clone().filter(|(before, after)| after < before).count() as f64 / pairs.len().max(1) as f64
+        let better = |parts: &[usize]| {
+            let pairs = parts.iter().flat_map(|part| before.days[*part].iter().zip(&after.days[*part]));
+            let (days, better) = pairs.fold((0, 0), |(days, better), (before, after)| (days + 1, better + usize::from(after < before)));
+            better as f64 / days.max(1) as f64
         };
+        let total = |measured: &Measured| measured.days.iter().flatten().sum::<f64>();
         let white_share = before.white_validation.zip(after.white_validation).map(|(before, after)| 1.0 - after / before);
         // What the likelihood gains is the logarithm of the variance.
         let seen = 1.0 - ((after.bic - before.bic) / after.samples.max(1) as f64).exp();
@@ -146,19 +153,22 @@ impl Refitted {
             fall: unseen.map(|(before, after)| (after / before).sqrt()),
             white_share,
             ahead,
-            better_days: [better(0), better(1)],
+            overall_fall: (total(after) / total(before)).sqrt(),
+            better_days: [better(&[0]), better(&[1])],
+            most_days: better(&[0, 1]),
         }
     }
 }
 
-/// What stops a candidate.
+/// What stops a candidate. The null model's free run errs by so much over its floor on the training part, and on the worse of training
+/// and validation.
 pub(super) fn gate(
     candidate: &CandidateEffect,
     refitted: &Refitted,
     gain: &Gain,
     heard: &Heard,
     strict: bool,
-    rho: f64,
+    [rho, worst_rho]: [f64; 2],
     placebo: f64,
 ) -> Option<(Gate, String)> {
     let percent = |share: Option<f64>| share.map_or_else(|| "no unseen data".to_owned(), |share| format!("{:.0} %", 100.0 * share));
@@ -183,7 +193,7 @@ pub(super) fn gate(
     let least = least_gain(candidate, refitted, gain);
     // Of whom no more is asked than of everybody, slower measures may speak. Where nothing moves the states by chance, the likelihood
     // sees the slow as well.
-    let slow = candidate.problem.filters() && least <= LEAST_BIC && rho >= CRUDE_RHO && !endogenous && explains_slowly(gain);
+    let slow = candidate.problem.filters() && least <= LEAST_BIC && worst_rho >= CRUDE_RHO && !endogenous && explains_slowly(gain);
     if !slow && !reaches(Some(gain.delta_bic), least) {
         return Some((Gate::Bic, format!("it gains {:.1} in BIC, and {least} is asked for", gain.delta_bic)));
     }
@@ -193,13 +203,15 @@ pub(super) fn gate(
     // Whatever the likelihood says: what leaves the unseen error as it is is no cause of it.
     let one_step = gain.white_share.map(|share| (1.0 - share).max(0.0).sqrt());
     let falls = [gain.fall, gain.ahead.map(|ahead| ahead.fall), one_step].into_iter().flatten().any(|fall| fall <= LEAST_FALL);
-    let plain = reaches(Some(gain.delta_bic), PLAIN_BIC) && reaches(gain.share, STRICT_SHARE);
+    let overall = gain.overall_fall <= LEAST_FALL && gain.fall.is_some_and(|fall| fall < 1.0);
+    let plain = reaches(Some(gain.delta_bic), PLAIN_BIC) && (reaches(gain.share, STRICT_SHARE) || overall);
     if !falls && !plain {
         let why = "neither the free run nor forecasts a step or a day ahead err a tenth less with it on unseen data";
         return Some((Gate::HeldOut, why.to_owned()));
     }
     let both = reaches(gain.share, LEAST_SHARE) && reaches(gain.white_share, LEAST_WHITE_SHARE);
-    if rho < NEAR_RHO && gain.delta_bic < MODEST_BIC && !both && !reaches(gain.share, NEARLY_ALL) {
+    let nearly_all = reaches(gain.share, NEARLY_ALL) || (slow && free_run_confirms(gain));
+    if rho < NEAR_RHO && gain.delta_bic < MODEST_BIC && !both && !nearly_all {
         let why = "it gains little, and the free run and the innovations on unseen data do not both confirm it";
         return Some((Gate::HeldOut, why.to_owned()));
     }
@@ -220,7 +232,7 @@ pub(super) fn gate(
     let least = if strict { STRICT_SHARE } else { LEAST_SHARE };
     // States that are re-estimated show what a free run hides behind the chance of one week.
     let a_day_ahead = reaches(Some(gain.delta_bic), PLAIN_BIC) && reaches(ahead, STRICT_SHARE) && reaches(gain.share, 0.0);
-    let passes = endogenous || reaches(gain.share, least) || (!strict && (a_day_ahead || reaches(gain.white_share, LEAST_WHITE_SHARE)));
+    let passes = endogenous || a_day_ahead || reaches(gain.share, least) || (!strict && reaches(gain.white_share, LEAST_WHITE_SHARE));
     (!passes).then(|| {
         let why = format!("it explains {} of the error on unseen data, and {:.0} % is asked for", percent(gain.share), 100.0 * least);
         (Gate::HeldOut, why)
@@ -253,14 +265,18 @@ fn least_by_clock(candidate: &CandidateEffect, fitted: &Fitted) -> f64 {
     }
 }
 
-/// The other way in: a slow effect gains on three-hourly means, on most days, and on unseen data either in
+/// The other way in: a slow effect gains on three-hourly means, on most of all days, and on unseen data either in
 /// forecasts a day ahead from re-estimated states or in the free run of most days.
 fn explains_slowly(gain: &Gain) -> bool {
-    let gains = gain.slow_delta_bic.is_some_and(|gain| gain >= LEAST_BIC) && gain.better_days[0] >= MOST_DAYS;
+    let gains = gain.slow_delta_bic.is_some_and(|gain| gain >= LEAST_BIC) && gain.most_days >= MOST_DAYS;
     // States that are re-estimated hide much, but not innovations that grow.
     let ahead = gain.ahead.is_some_and(|ahead| ahead.share >= STRICT_SHARE) && gain.white_share.is_none_or(|share| share >= 0.0);
-    let free = gain.share.is_some_and(|share| share >= STRICT_SHARE) && gain.better_days[1] >= MOST_DAYS;
-    gains && (ahead || free)
+    gains && (ahead || free_run_confirms(gain))
+}
+
+/// The free run of most unseen days, and much of its error.
+fn free_run_confirms(gain: &Gain) -> bool {
+    gain.share.is_some_and(|share| share >= STRICT_SHARE) && gain.better_days[1] >= MOST_DAYS
 }
 
 /// Those that cannot be told from the winner, the best member of each family of choices only: what passes the gates and

@@ -1,6 +1,7 @@
 //! The main line: rounds until nothing more is found, and the document that says what was.
 
 use super::acceptance::{LEAST_BIC, LEAST_SHARE, STRICT_INNOVATIONS, STRICT_SHARE, Tried, least_gain};
+use super::course::Course;
 use super::evidence::shape;
 use super::failures::episodes;
 use super::ledger::{EffectScore, Entry, Looked, pooled_with};
@@ -101,9 +102,11 @@ pub fn diagnose(
     }
     let (grid, holes) = widen(problem, window, site).map_err(|fault| DiagnoseError::Faults(vec![fault]))?;
     let nothing = || DiagnoseError::nothing(control);
-    let halt = || control.halts();
+    let course = Course::new(control);
+    let halt = || course.halts();
     let (mut library, not_testable) = candidates(catalogue, problem, &grid, &holes, site);
     let mut null = NullModel::settle(align(problem, &mut library), theta, None, &halt).ok_or_else(nothing)?;
+    course.settled(null.fitted.evaluations);
     report.not_testable = not_testable;
     let mut found: Vec<String> = Vec::new();
     let mut before = None;
@@ -118,7 +121,7 @@ pub fn diagnose(
         library.retain(|candidate| !found.contains(&candidate.id));
         // With a finding it is another model, of which no window has told.
         let earlier = if number == 1 { earlier } else { &[] };
-        let outcome = round(&mut null, &library, strict, rate.into(), earlier, number == 1, &halt).ok_or_else(nothing)?;
+        let outcome = round(&mut null, &library, strict, rate.into(), earlier, number == 1, &course).ok_or_else(nothing)?;
         interrupted(control)?;
         report.evaluations.push(null.fitted.evaluations + outcome.evaluations);
         if number == 1 {
@@ -130,6 +133,7 @@ pub fn diagnose(
         let candidate = &library[winner.refitted.candidate];
         let next = NullModel::settle(candidate.problem.clone(), &winner.refitted.fitted.plain, Some(&winner.refitted.fitted.white), &halt)
             .ok_or_else(nothing)?;
+        course.settled(next.fitted.evaluations);
         let finding = finding(&null, &next, &library, &outcome, winner, number, &halt);
         found.push(candidate.id.clone());
         found.extend(finding.tied_with.iter().cloned());

@@ -1,6 +1,7 @@
 //! The error ladder: effects are added one after another while the error on unseen data falls.
 
 use super::acceptance::LEAST_BIC;
+use super::course::Course;
 use super::findings::{DiagnoseError, interrupted};
 use super::library::{align, candidates, widen};
 use super::null_model::NullModel;
@@ -76,10 +77,12 @@ pub fn ladder(
     control: &Control,
 ) -> Result<Ladder, DiagnoseError> {
     let nothing = || DiagnoseError::nothing(control);
-    let halt = || control.halts();
+    let course = Course::new(control);
+    let halt = || course.halts();
     let (grid, holes) = widen(problem, window, site).map_err(|fault| DiagnoseError::Faults(vec![fault]))?;
     let (mut library, _) = candidates(catalogue, problem, &grid, &holes, site);
     let mut null = NullModel::settle(align(problem, &mut library), theta, None, &halt).ok_or_else(nothing)?;
+    course.settled(null.fitted.evaluations);
     let noise = filter(problem, &null.fitted.plain, None).process_noise;
     let mut steps = Vec::new();
     let mut price = 0.0;
@@ -89,7 +92,7 @@ pub fn ladder(
             null.problem = align(&null.problem, &mut library);
         }
         let outcome =
-            round(&mut null, &library, false, AccusationRate::default().into(), &[], steps.is_empty(), &halt).ok_or_else(nothing)?;
+            round(&mut null, &library, false, AccusationRate::default().into(), &[], steps.is_empty(), &course).ok_or_else(nothing)?;
         interrupted(control)?;
         if steps.is_empty() {
             steps.push(step(&null, None, 0.0, noise, true, "the model as it is".to_owned()));
@@ -101,6 +104,7 @@ pub fn ladder(
         let candidate = &library[best.refitted.candidate];
         let next = NullModel::settle(candidate.problem.clone(), &best.refitted.fitted.plain, Some(&best.refitted.fitted.white), &halt)
             .ok_or_else(nothing)?;
+        course.settled(next.fitted.evaluations);
         let cost = best.refitted.active as f64 * (best.refitted.measured.samples as f64).ln();
         let (added, before) = (Some(candidate.id.clone()), steps.last());
         let mut step = step(&next, added, price + cost, noise, true, String::new());

@@ -22,15 +22,6 @@ const FIRST_PART: usize = 5;
 /// The free run's squared error, over that of the null model, above which a candidate has shown nothing.
 const LEAST_PROMISE: f64 = 0.97;
 
-/// The costs below which a search that has gone a part of its way goes on.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Promise {
-    /// Of the free run.
-    pub plain: f64,
-    /// Of the innovations.
-    pub white: f64,
-}
-
 /// Full parameter vectors at the two optima, with their costs.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Fitted {
@@ -117,30 +108,35 @@ impl Filters {
         ]
     }
 
-    /// Both optima, each the best from its starts: all of them go a part of the way, and the best goes on. Nobody does where that part
-    /// shows less than `promise` says.
-    pub fn fit(
-        &self,
-        problem: &Problem,
-        [plain, white]: [&[Vec<f64>]; 2],
-        iterations: usize,
-        promise: Option<Promise>,
-        halt: Halt,
-    ) -> Fitted {
+    /// Both optima, each the best from its starts: all of them go a part of the way, and the best goes on.
+    pub fn fit(&self, problem: &Problem, starts: [&[Vec<f64>]; 2], iterations: usize, halt: Halt) -> Fitted {
+        self.go_on(problem, self.begin(problem, starts, iterations, halt), iterations, halt)
+    }
+
+    /// The first part of the way, from all starts.
+    pub fn begin(&self, problem: &Problem, [plain, white]: [&[Vec<f64>]; 2], iterations: usize, halt: Halt) -> Fitted {
         let [plain_task, white_task] = self.tasks(problem, halt);
         let first = iterations.div_ceil(FIRST_PART);
-        let ((mut white, mut white_cost, of_white), (mut plain, mut plain_cost, of_plain)) =
+        let ((white, white_cost, of_white), (plain, plain_cost, of_plain)) =
             rayon::join(|| white_task.polish(white, first), || plain_task.polish(plain, first));
-        let mut evaluations = of_white + of_plain;
-        if promise.is_none_or(|promise| plain_cost < promise.plain || white_cost < promise.white) {
-            // The free run has more local optima than the innovations, whose way to theirs shows it a way out of its own.
-            let starts = [plain, white.clone()];
-            let (of_white, of_plain);
-            ((white, white_cost, of_white), (plain, plain_cost, of_plain)) =
-                rayon::join(|| white_task.polish(&[white], iterations - first), || plain_task.polish(&starts, iterations - first));
-            evaluations += of_white + of_plain;
-        }
-        Fitted { plain, plain_cost, white, white_cost, evaluations }
+        Fitted { plain, plain_cost, white, white_cost, evaluations: of_white + of_plain }
+    }
+
+    /// The rest of it, from the best.
+    pub fn go_on(&self, problem: &Problem, begun: Fitted, iterations: usize, halt: Halt) -> Fitted {
+        let [plain_task, white_task] = self.tasks(problem, halt);
+        let rest = iterations - iterations.div_ceil(FIRST_PART);
+        let Fitted { plain, plain_cost, white, evaluations, .. } = begun;
+        // The free run has more local optima than the innovations, whose way to theirs shows it a way out of its own. The simulations
+        // of a large model are too dear for two ways: the better start goes.
+        let starts = match problem.filters() {
+            true => vec![plain, white.clone()],
+            false if plain_task.cost(&white) < plain_cost => vec![white.clone()],
+            false => vec![plain],
+        };
+        let ((white, white_cost, of_white), (plain, plain_cost, of_plain)) =
+            rayon::join(|| white_task.polish(&[white], rest), || plain_task.polish(&starts, rest));
+        Fitted { plain, plain_cost, white, white_cost, evaluations: evaluations + of_white + of_plain }
     }
 
     /// What is measured at the optima; `None` where a simulation diverges, or is cut short.
@@ -217,7 +213,7 @@ impl NullModel {
         let starts: Vec<Vec<f64>> = scouted.iter().map(|(theta, _)| theta.clone()).collect();
         let mut whites: Vec<Vec<f64>> = white.map(<[f64]>::to_vec).into_iter().collect();
         whites.extend(starts.iter().cloned());
-        let mut fitted = filters.fit(&problem, [&starts, &whites], effort.settle, None, halt);
+        let mut fitted = filters.fit(&problem, [&starts, &whites], effort.settle, halt);
         // The innovations' optimum changes the residual, and with it the filter: once more with the right one.
         let ar = Autoregression::fit(&series(&fitted.white)?, &usable)?;
         let filters = Filters::new(&problem, &ar, deviation(&series(&fitted.plain)?));
@@ -241,7 +237,7 @@ impl NullModel {
         let iterations = Effort::of(&self.problem).settle / 2;
         let again = |[plain, white]: &[Vec<f64>; 2]| {
             let starts: [&[Vec<f64>]; 2] = [std::slice::from_ref(plain), std::slice::from_ref(white)];
-            self.filters.fit(&self.problem, starts, iterations, None, halt)
+            self.filters.fit(&self.problem, starts, iterations, halt)
         };
         let found: Vec<Fitted> = places.par_iter().map(again).collect();
         self.fitted.evaluations += found.iter().map(|again| again.evaluations).sum::<usize>();
@@ -259,15 +255,21 @@ impl NullModel {
         }
     }
 
-    /// What a candidate has to promise: three in twice the logarithm of the likelihood, less than half of what one parameter costs, or a
-    /// thirtieth of the free run's squared error.
-    pub fn promise(&self) -> Promise {
+    /// Whether a candidate that has gone a part of its way promises something: three in twice the logarithm of the likelihood, less than
+    /// half of what one parameter costs, or a thirtieth of the free run's squared error.
+    pub fn is_promising(&self, begun: &Fitted) -> bool {
         let n = self.measured.samples as f64;
-        Promise { plain: LEAST_PROMISE * self.fitted.plain_cost, white: (-3.0 / n).exp() * self.fitted.white_cost }
+        begun.plain_cost < LEAST_PROMISE * self.fitted.plain_cost || begun.white_cost < (-3.0 / n).exp() * self.fitted.white_cost
     }
 
     /// Free-run error over the innovation deviation, on the training part.
     pub fn rho(&self) -> Option<f64> {
         self.measured.plain[0].map(|mse| mse.sqrt() / self.measured.floor)
+    }
+    /// The same of the part, seen or unseen, on which the free run errs more: what imitates a missing effect on the days that it was
+    /// fitted to fails on others.
+    pub fn worst_rho(&self) -> Option<f64> {
+        let [train, validation, _] = self.measured.plain;
+        Some(train?.max(validation.unwrap_or(0.0)).sqrt() / self.measured.floor)
     }
 }

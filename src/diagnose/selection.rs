@@ -3,10 +3,11 @@
 //! The null model is restarted from the best candidates' parameters, so that no candidate gains by a better search alone.
 
 use super::acceptance::{Ahead, LEAST_BIC, LEAST_FALL, Refitted, Tried, gate, ties};
+use super::course::Course;
 use super::effort::Effort;
 use super::ledger::{EffectScore, Entry};
 use super::library::CandidateEffect;
-use super::null_model::NullModel;
+use super::null_model::{Fitted, NullModel};
 use super::screen::{Blind, Score, Screen};
 use super::surrogates::{Heard, Tests};
 use crate::estimate::Problem;
@@ -25,13 +26,17 @@ const LEAST_SCORE: f64 = 1.0;
 /// From how many of the best candidates the null model is restarted.
 const RESTARTS: usize = 3;
 /// The largest cost of the free run to which a scout from the nominal values has come, over the null model's, at which it goes
-/// on for as many iterations again: the way from the nominal values is long.
+/// on for as many iterations again: the way from the nominal values is long. One of a large model has to have come to the null model's.
 const GOES_ON: f64 = 2.0;
 /// The largest cost in the end, over the null model's, at which the refit goes on from it.
 const PROMISING: f64 = 0.95;
+/// A candidate leads clearly whose free run's squared error is this much of the null model's after the first part of its way.
+const CLEAR: f64 = 0.5;
 /// Ratio of free-run error to innovation deviation from which on scouts are sent with everybody before the first round ends with nothing:
 /// below it little is left to explain, and with a finding the model is a room again.
 const FAR_RHO: f64 = 1.3;
+/// The same below which a large model is right but for noise, and whose simulations are too dear to look far for nothing.
+const RIGHT_RHO: f64 = 1.05;
 
 /// What a round found.
 #[derive(Debug, Clone)]
@@ -73,8 +78,11 @@ pub fn round(
     rate: f64,
     earlier: &[Entry],
     first: bool,
-    halt: Halt,
+    course: &Course,
 ) -> Option<Round> {
+    let halt: Halt = &|| course.halts();
+    let rho = null.worst_rho().unwrap_or(f64::INFINITY);
+    course.round(candidates.len(), rho);
     let screened = |theta: &[f64]| -> Option<Vec<Result<Score, Blind>>> {
         let screen = Screen::new(&null.problem, theta, &null.filters.white, halt)?;
         Some(candidates.par_iter().map(|candidate| screen.score(candidate)).collect())
@@ -87,23 +95,37 @@ pub fn round(
     let heard: Vec<Heard> = candidates.par_iter().map(hear).collect();
     let scores = heard.iter().filter_map(|heard| heard.ranked.clone()).collect();
     // With a finding the model is near the room, where a score is nearly what the likelihood would gain: the price is asked at once.
-    let far = first || !base.filters();
+    let far = if base.filters() { first } else { rho >= RIGHT_RHO };
     let asks = |score: &Score| score.imitated || (score.sign && if far { score.statistic >= LEAST_SCORE } else { score.net >= 0.0 });
     let (chosen, skipped) = choose(candidates, here, there, &heard, &asks);
     let faint = if far { 0 } else { skipped.iter().filter(|(_, skip)| matches!(skip, Skip::Faint(_))).count() };
-    let far_first = |place: usize, score: &Score| score.imitated || !candidates[place].problem.filters();
-    let (chosen, skipped, mut scouting) = scout(null, candidates, chosen, skipped, &far_first, halt);
-    let judge = |null: &mut NullModel, refitted: Vec<Refitted>| judge(null, candidates, &heard, strict, refitted, faint, halt);
-    let refitted = refits(null, candidates, &chosen, halt);
+    let imitated = |score: &Score| score.imitated;
+    let (mut chosen, mut skipped, mut scouting) = scout(null, candidates, chosen, skipped, &imitated, course);
+    let mut begun = begin_all(null, candidates, &chosen, &[], course);
+    // Where nobody of a large model leads clearly, the other scouts go before the rest of the way: refits are dear.
+    if far && !base.filters() && !leads_clearly(null, &begun) && !halt() {
+        let known: Vec<(usize, Fitted)> = chosen.iter().map(|one| one.place).zip(begun).collect();
+        let more;
+        (chosen, skipped, more) = scout(null, candidates, chosen, skipped, &|score| !imitated(score), course);
+        scouting += more;
+        begun = begin_all(null, candidates, &chosen, &known, course);
+    }
+    let refitted = go_on_all(null, candidates, &chosen, begun, course);
+    let judge = |null: &mut NullModel, refitted: Vec<Refitted>| {
+        let before = null.fitted.evaluations;
+        let judged = judge(null, candidates, &heard, strict, refitted, faint, halt);
+        course.judged(null.fitted.evaluations - before, judged.winner.is_some());
+        judged
+    };
     let mut judged = judge(null, refitted);
-    let mut skipped = skipped;
-    if first && judged.winner.is_none() && base.filters() && null.rho().is_some_and(|rho| rho >= FAR_RHO) && !halt() {
+    if first && judged.winner.is_none() && base.filters() && null.worst_rho().is_some_and(|rho| rho >= FAR_RHO) && !halt() {
         let near = chosen.into_iter().map(|chosen| Chosen { far: None, ..chosen }).collect();
-        let (chosen, left, more) = scout(null, candidates, near, skipped, &|place, score| !far_first(place, score), halt);
+        let (chosen, left, more) = scout(null, candidates, near, skipped, &|score| !imitated(score), course);
         skipped = left;
         scouting += more;
         let again: Vec<Chosen> = chosen.into_iter().filter(|chosen| chosen.far.is_some()).collect();
-        let mut refitted = refits(null, candidates, &again, halt);
+        let begun = begin_all(null, candidates, &again, &[], course);
+        let mut refitted = go_on_all(null, candidates, &again, begun, course);
         if !refitted.is_empty() {
             let known = |one: &Tried| refitted.iter().any(|other| other.candidate == one.refitted.candidate);
             let kept: Vec<Refitted> = judged.tried.iter().filter(|one| !known(one)).map(|one| one.refitted.clone()).collect();
@@ -148,7 +170,7 @@ fn judge(
         let candidate = &candidates[refitted.candidate];
         let gain = refitted.gain(null, ahead);
         let heard = heard[refitted.candidate].clone();
-        let gate = gate(candidate, &refitted, &gain, &heard, strict, rho, placebo);
+        let gate = gate(candidate, &refitted, &gain, &heard, strict, [rho, null.worst_rho().unwrap_or(f64::INFINITY)], placebo);
         Tried { refitted, gain, heard, gate }
     };
     let tried: Vec<Tried> = refitted.into_iter().zip(ahead).map(one).collect();
@@ -244,14 +266,14 @@ fn choose(
 /// Sends a scout from the nominal values with every candidate that `goes`: without its missing effect a model may err least where it is
 /// none of its kind any more, and nothing that is added there helps. Of a family of choices the best by score goes for all. Who is
 /// refitted now, who is not, and the simulations of all scouts. First go those that the model's own parameters imitate at the null
-/// model's optimum, and of a large model all; the others where nothing is found without them.
+/// model's optimum; the others where too little is found without them.
 fn scout(
     null: &NullModel,
     candidates: &[CandidateEffect],
     chosen: Vec<Chosen>,
     skipped: Vec<(usize, Skip)>,
-    goes: &dyn Fn(usize, &Score) -> bool,
-    halt: Halt,
+    goes: &dyn Fn(&Score) -> bool,
+    course: &Course,
 ) -> (Vec<Chosen>, Vec<(usize, Skip)>, usize) {
     let score = |skip: &Skip| match skip {
         Skip::Sign(score) | Skip::Faint(score) => Some(score.clone()),
@@ -260,7 +282,7 @@ fn scout(
         Skip::Blind(Blind::Imitated) => Some(Score { imitated: true, ..Score::nothing() }),
         Skip::Blind(Blind::Diverged) | Skip::Choice => None,
     };
-    let asked = |place: usize, score: &Score| goes(place, score).then_some((place, score.statistic));
+    let asked = |place: usize, score: &Score| goes(score).then_some((place, score.statistic));
     let mut waiting: Vec<(usize, f64)> = chosen.iter().filter_map(|one| asked(one.place, &one.score)).collect();
     waiting.extend(skipped.iter().filter_map(|(place, skip)| asked(*place, &score(skip)?)));
     waiting.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
@@ -271,6 +293,9 @@ fn scout(
         families.push(candidate.family());
         first
     });
+    let halt: Halt = &|| course.halts();
+    let alone = waiting.iter().filter(|(place, _)| !chosen.iter().any(|one| one.place == *place)).count();
+    course.open(chosen.len() + alone, waiting.len(), chosen.len());
     let most = PROMISING * null.fitted.plain_cost;
     let evaluations = AtomicUsize::new(0);
     let mut far: Vec<(usize, Vec<f64>)> = waiting
@@ -280,11 +305,14 @@ fn scout(
             let [task, _] = null.filters.tasks(problem, halt);
             let iterations = Effort::of(problem).scout;
             let (mut theta, mut cost, mut spent) = task.polish(&[problem.nominal().to_vec()], iterations);
-            evaluations.fetch_add(spent, Ordering::Relaxed);
-            if (most..GOES_ON * null.fitted.plain_cost).contains(&cost) {
-                (theta, cost, spent) = task.polish(&[theta], iterations);
-                evaluations.fetch_add(spent, Ordering::Relaxed);
+            let goes_on = if problem.filters() { GOES_ON } else { 1.0 };
+            if (most..goes_on * null.fitted.plain_cost).contains(&cost) {
+                let more;
+                (theta, cost, more) = task.polish(&[theta], iterations);
+                spent += more;
             }
+            evaluations.fetch_add(spent, Ordering::Relaxed);
+            course.scouted(spent);
             (cost < most).then_some((place, theta))
         })
         .collect();
@@ -300,14 +328,50 @@ fn scout(
     (chosen, left, evaluations.into_inner())
 }
 
-fn refits(null: &NullModel, candidates: &[CandidateEffect], chosen: &[Chosen], halt: Halt) -> Vec<Refitted> {
-    let found: Vec<Option<Refitted>> = chosen.par_iter().map(|one| refit(null, &candidates[one.place], one.clone(), halt)).collect();
+/// The first part of everybody's way, but of those that are known and have no new start.
+fn begin_all(
+    null: &NullModel,
+    candidates: &[CandidateEffect],
+    chosen: &[Chosen],
+    known: &[(usize, Fitted)],
+    course: &Course,
+) -> Vec<Fitted> {
+    course.open(chosen.len(), 0, chosen.len());
+    let one = |one: &Chosen| match known.iter().find(|(place, _)| *place == one.place && one.far.is_none()) {
+        Some((_, begun)) => begun.clone(),
+        None => {
+            let begun = begin(null, &candidates[one.place], one, &|| course.halts());
+            course.begun(begun.evaluations);
+            begun
+        }
+    };
+    chosen.par_iter().map(one).collect()
+}
+
+/// Whether somebody has left the null model far behind after the first part of the way.
+fn leads_clearly(null: &NullModel, begun: &[Fitted]) -> bool {
+    begun.iter().any(|begun| begun.plain_cost < CLEAR * null.fitted.plain_cost)
+}
+
+/// The rest of the way of all that promise something.
+fn go_on_all(null: &NullModel, candidates: &[CandidateEffect], chosen: &[Chosen], begun: Vec<Fitted>, course: &Course) -> Vec<Refitted> {
+    let clear = leads_clearly(null, &begun);
+    let one = |(one, begun): (&Chosen, Fitted)| {
+        let candidate = &candidates[one.place];
+        // The few iterations that a large model can afford show little after a fifth of them, unless somebody leads clearly.
+        let goes_on = null.is_promising(&begun) || (!candidate.problem.filters() && !clear);
+        let before = begun.evaluations;
+        let refitted = refit(null, candidate, one, begun, goes_on, &|| course.halts())?;
+        course.tried(&candidate.id, refitted.delta_bic(null), refitted.fitted.evaluations - before);
+        Some(refitted)
+    };
+    let found: Vec<Option<Refitted>> = chosen.par_iter().zip(begun).map(one).collect();
     found.into_iter().flatten().collect()
 }
 
-/// The candidate at its optima, from those of the null model and the linearised step.
-fn refit(null: &NullModel, candidate: &CandidateEffect, chosen: Chosen, halt: Halt) -> Option<Refitted> {
-    let Chosen { place, score, other, far } = chosen;
+/// The first part of a candidate's way to its optima, from those of the null model and the linearised step.
+fn begin(null: &NullModel, candidate: &CandidateEffect, chosen: &Chosen, halt: Halt) -> Fitted {
+    let Chosen { score, other, far, .. } = chosen;
     let start = |theta: &[f64], steps: &[f64]| {
         let mut start = candidate.lift(&null.problem, theta);
         for ((index, off), step) in candidate.own.iter().zip(steps) {
@@ -321,21 +385,24 @@ fn refit(null: &NullModel, candidate: &CandidateEffect, chosen: Chosen, halt: Ha
     };
     let mut plain = vec![start(&null.fitted.plain, &score.step)];
     let mut white = vec![start(&null.fitted.white, &score.step)];
-    if let Some(([at_plain, at_white], steps)) = null.other.as_ref().zip(other) {
-        plain.push(start(at_plain, &steps));
-        white.push(start(at_white, &steps));
+    if let Some(([at_plain, at_white], steps)) = null.other.as_ref().zip(other.as_ref()) {
+        plain.push(start(at_plain, steps));
+        white.push(start(at_white, steps));
     }
     if let Some(far) = far {
         plain.push(far.clone());
-        white.push(far);
+        white.push(far.clone());
     }
-    let effort = Effort::of(&candidate.problem);
-    // The few iterations that a plant can afford show nothing after a third of them.
-    let promise = candidate.problem.filters().then(|| null.promise());
-    let fitted = null.filters.fit(&candidate.problem, [&plain, &white], effort.refit, promise, halt);
+    null.filters.begin(&candidate.problem, [&plain, &white], Effort::of(&candidate.problem).refit, halt)
+}
+
+/// The candidate where its way ends, whether or not it goes on.
+fn refit(null: &NullModel, candidate: &CandidateEffect, chosen: &Chosen, begun: Fitted, goes_on: bool, halt: Halt) -> Option<Refitted> {
+    let iterations = Effort::of(&candidate.problem).refit;
+    let fitted = if goes_on { null.filters.go_on(&candidate.problem, begun, iterations, halt) } else { begun };
     let measured = null.filters.measure(&candidate.problem, &fitted, halt)?;
     let active = candidate.own.iter().filter(|(index, off)| is_active(candidate, *index, *off, fitted.white[*index])).count();
-    Some(Refitted { candidate: place, score, fitted, measured, active })
+    Some(Refitted { candidate: chosen.place, score: chosen.score.clone(), fitted, measured, active })
 }
 
 /// Whether a coefficient has left the value at which it does nothing.

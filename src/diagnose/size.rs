@@ -72,7 +72,7 @@ fn by_days(model: &NullModel, candidate: &CandidateEffect, shown: bool, halt: Ha
         Some(size(value, nearer, &gradient, problem.bounds()[*index]))
     };
     let coefficients = candidate.own.iter().map(coefficient).collect::<Option<_>>()?;
-    let stretches = Segments::new(problem, 0..problem.grid().len(), AHEAD_HOURS);
+    let stretches = Segments::new(problem, first_stretch(problem)..problem.grid().len(), AHEAD_HOURS);
     let Moved { steps, thetas, .. } = moved(problem, optima[0]);
     let around: Vec<&[f64]> = std::iter::once(optima[0]).chain(&thetas).map(Vec::as_slice).collect();
     let moved = ahead(problem, candidate, &stretches, &around);
@@ -81,6 +81,14 @@ fn by_days(model: &NullModel, candidate: &CandidateEffect, shown: bool, halt: Ha
     let farther = [optima[1], optima[2]].map(|theta| (ahead(problem, candidate, &stretches, &[theta])[0] - moved[0]).abs());
     let farther = farther[0].max(farther[1]);
     Some(Sizes { coefficients, ahead: Some(size(moved[0], farther, &gradient, [0.0, f64::INFINITY])) })
+}
+
+/// Where the first stretch begins: at midnight or noon, as those of others do. Who forecasts from the morning and from the evening finds
+/// another loss without the sun.
+fn first_stretch(problem: &Problem) -> usize {
+    let seconds = (AHEAD_HOURS * 3600.0) as i64;
+    let begins = |k: &usize| problem.inputs().known(*k) && problem.grid().time(*k) % seconds == 0;
+    (0..problem.grid().len()).find(begins).unwrap_or(0)
 }
 
 /// What forecasts along stretches lose without the candidate, for some parameter vectors, from the states of the first one's free run.

@@ -55,7 +55,7 @@ pub use fit::{Fit, Stop};
 pub use problem::Problem;
 pub use replay::Replay;
 pub use request::{EstimateRequest, Site, prepare};
-pub use run::{Control, EstimateError, Interrupt, Progress, estimate};
+pub use run::{Control, EstimateError, Interrupt, Progress, Trials, estimate};
 pub use served::{Offer, ServedParameters};
 pub use stop::EarlyStopping;
 pub use validate::{Acceptance, Holding, Incumbent, Judgement, Past, Policy, Reference, Verdict, validate};

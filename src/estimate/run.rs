@@ -17,8 +17,10 @@ use crate::optimise::multistart::LmOptions;
 use crate::optimise::{Ask, Candidate, Cost, Ended, Evaluation, LocalRun, Search};
 use crate::simulate::trajectory::Halt;
 use indexmap::IndexMap;
+use serde::Serialize;
 use std::ops::Range;
 use std::sync::Arc;
+use utoipa::ToSchema;
 
 /// A parameter this close to a bound, as a share of the interval on its scale, sits on it.
 pub const AT_BOUND: f64 = 0.01;
@@ -34,7 +36,22 @@ const BETWEEN_LOOKS: usize = 100;
 /// Evaluations for a polish by least squares from a known point.
 const POLISH_EVALUATIONS: usize = 1500;
 
-/// How far a search has come.
+/// How far the trials of a diagnosis have come.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, ToSchema)]
+pub struct Trials {
+    /// The round, from 1 on; a round looks for one more effect. 0 while the model without any is brought to its optima.
+    pub round: usize,
+    /// Effects that have been tried in this round, or ruled out.
+    pub tried: usize,
+    /// Of so many.
+    pub of: usize,
+    /// The effect that gains most in this round so far.
+    pub leader: Option<String>,
+    /// The share of the expected work of all rounds that is done.
+    pub share: Option<f64>,
+}
+
+/// How far a search has come, or the diagnosis behind it.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Progress {
     /// Generations or restarts completed.
@@ -48,6 +65,8 @@ pub struct Progress {
     pub best_validation: Option<f64>,
     /// The best parameters so far, by name; another one with every improvement.
     pub incumbent: Option<Arc<IndexMap<String, f64>>>,
+    /// The trials of a diagnosis, once its search is over.
+    pub trials: Option<Trials>,
 }
 
 /// Why somebody outside stops a search.

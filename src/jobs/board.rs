@@ -3,7 +3,7 @@
 //! Progress lives here and never in the database: a watcher wants the newest value, not all of them.
 
 use super::events::What;
-use crate::estimate::Progress;
+use crate::estimate::{Progress, Trials};
 use crate::store::jobs::{JobKind, JobRecord, Lease};
 use indexmap::IndexMap;
 use serde::Serialize;
@@ -49,6 +49,8 @@ struct Running {
     earlier: usize,
     /// The newest news of the present search.
     progress: Option<Progress>,
+    /// When its diagnosis began.
+    trials_since: Option<Instant>,
     /// When watchers were last told something.
     told_at: Instant,
     /// The best parameters that watchers know.
@@ -69,8 +71,11 @@ pub struct Report {
     pub best_train: Option<f64>,
     /// Free-run error of the best candidate on the validation part, as of the last look at it.
     pub best_validation: Option<f64>,
-    /// Seconds until the budget is used up at this pace; it may end sooner.
+    /// Seconds until the budget is used up at this pace; it may end sooner. Of a diagnosis the seconds that its trials will take, once
+    /// its model is fitted.
     pub eta_s: Option<f64>,
+    /// Of a diagnosis, once its model is fitted.
+    pub trials: Option<Trials>,
 }
 
 /// A panic while a lock was held cannot have left what it guards half-changed: every use is one assignment or call.
@@ -135,9 +140,11 @@ impl Live {
             lease,
             since: now,
             // The budget of a tuning is that of each of its searches.
-            budget: job.request.pointer("/budget/evaluations").and_then(Value::as_u64).filter(|_| job.kind != JobKind::Tune),
+            // Nor does the budget of its fit say when a diagnosis ends.
+            budget: job.request.pointer("/budget/evaluations").and_then(Value::as_u64).filter(|_| job.kind == JobKind::Estimate),
             earlier: 0,
             progress: None,
+            trials_since: None,
             told_at: now,
             told: None,
             told_incumbent_last: true,
@@ -149,8 +156,12 @@ impl Live {
         let mut running = held(&self.running);
         let running = running.as_mut()?;
         // A job may search several times, each time counting from nought.
-        if let Some(last) = running.progress.as_ref().filter(|last| news.evaluations < last.evaluations) {
+        let begins = |last: &&Progress| news.evaluations < last.evaluations || news.trials.is_some() != last.trials.is_some();
+        if let Some(last) = running.progress.as_ref().filter(begins) {
             running.earlier += last.evaluations;
+        }
+        if news.trials.is_some() {
+            running.trials_since.get_or_insert_with(Instant::now);
         }
         running.progress = Some(news.clone());
         if running.told_at.elapsed() < PACE {
@@ -172,12 +183,17 @@ impl Running {
         let evaluations = self.earlier + progress.evaluations;
         let left = self.budget.map(|budget| budget.saturating_sub(evaluations as u64));
         let pace = self.since.elapsed().as_secs_f64() / (evaluations.max(1) as f64);
+        let trials = progress.trials.as_ref();
+        let share = trials.and_then(|trials| trials.share).filter(|share| *share > 0.0);
+        let of_trials = share.zip(self.trials_since).map(|(share, since)| since.elapsed().as_secs_f64() * (1.0 - share) / share);
+        let eta = of_trials.or(left.map(|left| left as f64 * pace));
         Some(Report {
             generation: progress.generation,
             evaluations,
             best_train: progress.best_train.filter(|value| value.is_finite()),
             best_validation: progress.best_validation.filter(|value| value.is_finite()),
-            eta_s: left.map(|left| (left as f64 * pace * 10.0).round() / 10.0),
+            eta_s: eta.map(|eta| (eta * 10.0).round() / 10.0),
+            trials: trials.cloned(),
         })
     }
 
@@ -207,6 +223,7 @@ mod tests {
             budget: Some(1000),
             earlier: 0,
             progress: None,
+            trials_since: None,
             told_at,
             told: None,
             told_incumbent_last: true,
@@ -239,6 +256,25 @@ mod tests {
         let better = Arc::new(IndexMap::from([("a".to_owned(), 2.0)]));
         later(&live);
         assert_eq!(live.report(&news(60, &better)), Some(What::Incumbent(better)));
+    }
+
+    #[test]
+    fn a_diagnosis_behind_a_search_says_how_long_its_trials_will_take() {
+        let best = Arc::new(IndexMap::new());
+        let live = running(Duration::ZERO);
+        held(&live.running).as_mut().unwrap().budget = None;
+        let report = || held(&live.running).as_ref().unwrap().report().unwrap();
+        live.report(&news(100, &best));
+        assert_eq!((report().eta_s, report().trials), (None, None), "nobody knows yet");
+        let trials = |share| Some(Trials { round: 1, tried: 3, of: 12, leader: Some("wind_infiltration".to_owned()), share });
+        live.report(&Progress { evaluations: 120, trials: trials(None), ..Progress::default() });
+        assert_eq!((report().eta_s, report().evaluations), (None, 220));
+        let began = Instant::now().checked_sub(Duration::from_secs(30)).unwrap();
+        held(&live.running).as_mut().unwrap().trials_since = Some(began);
+        live.report(&Progress { evaluations: 400, trials: trials(Some(0.75)), ..Progress::default() });
+        let eta = report().eta_s.unwrap();
+        assert!((9.9..10.5).contains(&eta), "a quarter of the work is left after 30 s: {eta}");
+        assert_eq!((report().evaluations, report().trials.map(|trials| trials.tried)), (500, Some(3)));
     }
 
     #[test]

@@ -378,7 +378,8 @@ mod tests {
     fn a_newcomer_is_told_the_newest_of_each_kind() {
         let events = Events::new(1, 0);
         let system: SystemId = "room/1".parse().unwrap();
-        let report = |evaluations| Report { generation: 1, evaluations, best_train: None, best_validation: None, eta_s: None };
+        let report =
+            |evaluations| Report { generation: 1, evaluations, best_train: None, best_validation: None, eta_s: None, trials: None };
         events.publish("job_1", &system, What::Progress(report(1)));
         assert!(events.snapshot().1.is_empty(), "progress of a job that does not run is none");
         events.publish("job_1", &system, What::Started(Box::new(job(1, None))));

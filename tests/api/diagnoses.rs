@@ -1,6 +1,7 @@
 //! Compare, see which effect is missing, add it, watch the error fall: over HTTP, on a room with a hidden effect.
 
 use crate::support::TestApp;
+use crate::support::events::Told;
 use lampyris::twin::{Level, WorldRequest, world};
 use rand::{RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
@@ -23,13 +24,24 @@ fn number(value: &Value) -> f64 {
 fn the_hidden_effect_is_named_added_and_the_error_falls() {
     let app = TestApp::at("2026-12-01T00:00:00Z", |_| {});
     twin(&app, "windy", 7, &["wind_infiltration"]);
-    let job = app.ended(&app.post_job(&json!({"kind": "diagnose", "system": "room/windy", "method": {"seed": 3}})));
+    let job = app.post_job(&json!({"kind": "diagnose", "system": "room/windy", "method": {"seed": 3}}));
+    let told: Vec<Told> = app.listen(&format!("/jobs/{job}/events"), "").collect();
+    let job = app.ended(&job);
     assert_eq!(
         (job["state"].as_str(), &job["outcome"], job["kind"].as_str()),
         (Some("succeeded"), &Value::Null, Some("diagnose")),
         "{job}"
     );
     app.get("/params/room/windy").problem(404, "no-validated-parameters");
+
+    // On the way it says how many effects have been tried, who leads, and how long it will take, once its model is fitted.
+    let progress: Vec<&Value> = told.iter().filter(|told| told.event == "progress").map(|told| &told.data).collect();
+    let (searching, trying): (Vec<&Value>, Vec<&Value>) = progress.iter().partition(|one| one["trials"].is_null());
+    assert!(searching.iter().all(|one| one["eta_s"].is_null()), "the budget of its fit is not its end: {searching:?}");
+    let counted = |one: &&Value| one["trials"]["tried"].as_u64() <= one["trials"]["of"].as_u64();
+    assert!(!trying.is_empty() && trying.iter().all(counted), "{progress:?}");
+    assert!(trying.iter().any(|one| one["eta_s"].is_f64() && one["trials"]["of"].as_u64() > Some(10)), "{trying:?}");
+    assert!(progress.windows(2).all(|pair| pair[0]["evaluations"].as_u64() <= pair[1]["evaluations"].as_u64()), "{progress:?}");
 
     let diagnosis = app.get(job["links"]["diagnosis"].as_str().unwrap()).expect(200).json();
     assert_eq!((diagnosis["id"].as_str(), &diagnosis["fit"]), (job["diagnosis"].as_str(), &job["fit"]));

@@ -181,21 +181,6 @@ fn judge(request: &WorldRequest) -> Result<Judged, Failure> {
     };
     let found = world.truth.effects.iter().filter(|hidden| named(&hidden.effect)).count();
     let settled = |problem: Problem, theta: &[f64]| NullModel::settle(problem, theta, None, &|| false)?.measured.plain[2].map(f64::sqrt);
-    if std::env::var("RATIO").is_ok() {
-        let null = NullModel::settle(problem.clone(), &theta, None, &|| false);
-        if let Some(null) = null {
-            let m = null.measured.plain.map(|x| x.unwrap_or(f64::NAN).sqrt());
-            eprintln!(
-                "RATIO {} {} train {:.3} val {:.3} test {:.3} floor {:.3}",
-                name(request),
-                request.seed,
-                m[0],
-                m[1],
-                m[2],
-                null.measured.floor
-            );
-        }
-    }
     let test = [
         settled(problem.clone(), &theta),
         informed(&catalogue, &world, &window, &problem, &theta)?.and_then(|(problem, theta)| settled(problem, &theta)),

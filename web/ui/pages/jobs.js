@@ -54,7 +54,8 @@ export function Jobs({ query }) {
 function rowOf(job, report) {
   const running = job.state === 'running';
   const told = running ? (report ?? job.progress) : null;
-  const budget = job.request.budget?.evaluations;
+  const trials = told?.trials;
+  const budget = trials ? null : job.request.budget?.evaluations;
   const act = word => () => post(`/jobs/${job.id}/${word}`).then(() => say(word === 'cancel' ? 'Cancelled' : 'Asked for again'), sayFault);
   return [
     html`<a href=${address(['jobs', job.id])}>${job.id.slice(0, 12)}…</a>`,
@@ -65,7 +66,8 @@ function rowOf(job, report) {
     `${job.origin}${job.experiment ? ', experiment' : ''}`,
     html`${told?.evaluations ?? job.evaluations ?? NONE}${running && budget ?
       html`<br /><progress max=${budget} value=${told?.evaluations ?? 0} aria-label="of the budget">
-        </progress>` : ''}${told?.best_validation ? html`<br />best ${number(told.best_validation)}` : ''}`,
+        </progress>` : ''}${trials ? html`<br />${trials.tried} of ${trials.of} effects tried${
+      trials.leader ? html`,<br />${trials.leader} leads` : ''}` : ''}${told?.best_validation ? html`<br />best ${number(told.best_validation)}` : ''}`,
     hasEnded(job) ? length(job.wall_s) : told?.eta_s ? `${length(told.eta_s)} left` : NONE,
     html`<span title=${clock(job.created_at)}>${fromNow(job.created_at)}</span>`,
     hasEnded(job)

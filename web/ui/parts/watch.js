@@ -53,7 +53,9 @@ export function JobWatch({ id, title, onEnd = () => {} }) {
   const ended = hasEnded(job);
   const evaluations = ended ? job.evaluations : (last?.evaluations ?? job.progress?.evaluations);
   // The budget of a tuning is that of each of its searches.
-  const budget = job.kind === 'tune' ? null : job.request.budget?.evaluations;
+  // With its trials a diagnosis counts effects, and its fit has spent its budget.
+  const trials = ended ? null : (last ?? job.progress)?.trials;
+  const budget = job.kind === 'tune' || trials ? null : job.request.budget?.evaluations;
   const [, costName] = shownCost(job);
   const lines = linesOf(job, reports, fit.data);
   const cancel = () => post(`/jobs/${id}/cancel`).then(() => say('Cancelled'), sayFault);
@@ -63,14 +65,17 @@ export function JobWatch({ id, title, onEnd = () => {} }) {
       ${!ended && html`<button onClick=${cancel}>Stop</button>`}</div>
     <dl class="figures">
       <div><dt>evaluations</dt><dd>${evaluations ?? '–'}${budget && !ended ? ` of at most ${budget}` : ''}</dd></div>
-      ${last && !ended && html`<div><dt>generation</dt><dd>${last.generation}</dd></div>`}
-      ${last && !ended && html`<div><dt>time left, at most</dt><dd>${length(last.eta_s)}</dd></div>`}
+      ${last && !ended && !trials && html`<div><dt>generation</dt><dd>${last.generation}</dd></div>`}
+      ${trials && html`<div><dt>effects tried</dt><dd>${trials.tried} of ${trials.of}${trials.round > 1 ? `, round ${trials.round}` : ''}</dd></div>
+        <div><dt>leads so far</dt><dd>${trials.leader ?? 'none'}</dd></div>`}
+      ${last && !ended && html`<div><dt>time left${trials ? '' : ', at most'}</dt><dd>${length(last.eta_s)}</dd></div>`}
       ${ended && html`<div><dt>ran for</dt><dd>${length(job.wall_s)}</dd></div><div><dt>stopped because</dt><dd>
         ${job.stopped_by ?? job.error?.detail ?? job.state}</dd></div>`}
       ${last?.best_train != null && html`<div><dt>best on train</dt><dd>${number(shownCost(job)[0](last.best_train))}</dd></div>`}
       ${last?.best_validation != null && html`<div><dt>best on validation</dt><dd>${number(last.best_validation)}</dd></div>`}
     </dl>
-    ${!ended && html`<progress max=${budget ?? 1} value=${budget ? (evaluations ?? 0) : undefined} aria-label="Evaluations of the budget"></progress>`}
+    ${!ended && html`<progress max=${budget ?? 1} value=${trials ? (trials.share ?? undefined) : budget ? (evaluations ?? 0) : undefined}
+      aria-label=${trials ? 'Share of the work that is done' : 'Evaluations of the budget'}></progress>`}
     ${job.error && html`<p><${Status} of="failed" label=${job.error.detail} /></p>`}
     <div class="grid">
       ${
