@@ -154,6 +154,12 @@ impl Row {
     }
 
     fn line(&self) -> String {
+        let [what, number, unit, limit, mark] = self.cells();
+        format!("{what:<66} {number:>12} {unit:<8} {limit:<9} {mark}")
+    }
+
+    /// What, how much, in which unit, the limit, and whether it holds.
+    fn cells(&self) -> [String; 5] {
         let limit = match self.limit {
             None => String::new(),
             Some(Limit::AtMost(limit)) => format!("<= {limit}"),
@@ -164,7 +170,7 @@ impl Row {
             (true, true) => "holds",
             (true, false) => "FAILS",
         };
-        format!("{:<66} {:>12} {:<8} {limit:<9} {mark}", self.what, self.number(), self.unit)
+        [self.what.clone(), self.number(), self.unit.to_owned(), limit, mark.to_owned()]
     }
 
     fn number(&self) -> String {
@@ -236,7 +242,14 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
             rows
         }
         Subject::DiagnosePlant => plant_worlds::run(arguments.seed, arguments.worlds, arguments.only.as_deref(), arguments.each)?,
-        Subject::Real => real::run(&arguments.data, arguments.only.as_deref(), arguments.each)?,
+        Subject::Real => {
+            let (rows, windows) = real::run(&arguments.data, arguments.only.as_deref(), arguments.each, arguments.html.as_deref())?;
+            if !arguments.json {
+                print(&format!("{}\n", windows.text()));
+            }
+            more = json!({ "windows": windows });
+            rows
+        }
         Subject::Diagnose => diagnose::run(arguments.seed, arguments.worlds, arguments.only.as_deref(), arguments.each)?,
     };
     if arguments.json {

@@ -89,6 +89,27 @@ impl Split {
         Ok(Self { train: validation_start - train..validation_start, validation: validation_start..test_start, test: test_start..len })
     }
 
+    /// What the record was too short for, in a sentence; `None` where every part is as long as it was asked for.
+    pub fn shortfall(&self, step: i64, request: &SplitRequest) -> Option<String> {
+        let days = |seconds: f64| {
+            let text = format!("{:.2}", seconds / 86_400.0);
+            text.trim_end_matches('0').trim_end_matches('.').to_owned()
+        };
+        let parts = [
+            ("to train", &self.train, request.train),
+            ("to validate", &self.validation, request.validation),
+            ("to test", &self.test, request.test.unwrap_or_default()),
+        ];
+        let short: Vec<String> = parts
+            .iter()
+            .map(|(what, part, asked)| (what, (part.len() as i64 * step) as f64, asked.seconds() as f64))
+            // A duration that is no whole number of steps is rounded.
+            .filter(|(_, has, asked)| has + 0.5 * (step as f64) < *asked)
+            .map(|(what, has, asked)| format!("{} of {} days {what}", days(has), days(asked)))
+            .collect();
+        (!short.is_empty()).then(|| format!("the record is shorter than what was asked for: {}", short.join(", ")))
+    }
+
     /// All parts together.
     pub fn all(&self) -> Range<usize> {
         self.train.start..self.test.end
@@ -164,6 +185,19 @@ mod tests {
         assert_eq!(days(4, &request), [72, 24, 0]);
         assert_eq!(days(2, &request), [32, 16, 0]);
         assert_eq!(days(12, &SplitRequest::ESTIMATE), [9 * 24, 3 * 24, 0]);
+    }
+
+    #[test]
+    fn every_shrinking_is_told() {
+        let told = |points: usize, request: &SplitRequest| Split::new(points, HOUR, request).unwrap().shortfall(HOUR, request);
+        assert_eq!(told(28 * 24, &SplitRequest::DIAGNOSE), None);
+        let week = SplitRequest { train: Duration::from_days(7), validation: Duration::from_days(7), test: None };
+        assert_eq!(told(14 * 24, &week), None, "explicit lengths are kept");
+        let sentence = "the record is shorter than what was asked for: 6.96 of 7 days to train, 6.92 of 7 days to validate";
+        assert_eq!(told(14 * 24 - 3, &week).as_deref(), Some(sentence));
+        let sentence =
+            "the record is shorter than what was asked for: 3.33 of 14 days to train, 1.67 of 7 days to validate, 0 of 7 days to test";
+        assert_eq!(told(5 * 24, &SplitRequest::DIAGNOSE).as_deref(), Some(sentence));
     }
 
     #[test]

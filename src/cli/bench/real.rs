@@ -3,6 +3,7 @@
 
 use super::super::{Failure, faults};
 use super::Row;
+use super::page::{self, NONE, STYLE, Table, section};
 use super::verdicts::share;
 use lampyris::data::{Bindings, CALENDAR, Column, Grid, Window, rfc3339};
 use lampyris::diagnose::diagnose;
@@ -22,7 +23,7 @@ const DAY: i64 = 86_400;
 /// Days of a window, half of them to learn from.
 const DAYS: i64 = 14;
 /// Hours ahead of the forecasts of the days after.
-const AHEAD: [(&str, i64); 1] = [("PT12H", 12 * 3600)];
+const AHEAD: [(&str, i64); 2] = [("PT6H", 6 * 3600), ("PT12H", 12 * 3600)];
 /// Shifts of the channels of every window, as true negatives.
 const SHIFTS: i64 = 6;
 /// Accusation rates at which the negatives are counted.
@@ -153,15 +154,31 @@ struct Judged {
     named: bool,
     driven: bool,
     decoy: bool,
-    /// Errors 12 h ahead on the two weeks after, without and with what was named first.
-    after: Option<[f64; 2]>,
+    /// Errors so far ahead on the two weeks after, without and with what was named first.
+    after: Option<[[f64; 2]; AHEAD.len()]>,
     /// Candidates with channels of other days, and how many of them are accused at each rate.
     negatives: usize,
     accused: [usize; 3],
+    /// Its line of the table.
+    cells: Vec<String>,
 }
 
-/// Diagnoses every window of every room below a folder.
-pub fn run(folder: &Path, only: Option<&str>, each: bool) -> Result<Vec<Row>, Failure> {
+const HEAD: [&str; 11] = [
+    "window",
+    "withheld",
+    "named first",
+    "named",
+    "over",
+    "share",
+    "t",
+    "p of shifts",
+    "lost 12 h ahead without it",
+    "error 6 and 12 h ahead, two weeks after",
+    "accused of other days at .001, .01, .05",
+];
+
+/// Diagnoses every window of every room below a folder: the figures, and a line for every window, on a page where asked to.
+pub fn run(folder: &Path, only: Option<&str>, each: bool, html: Option<&Path>) -> Result<(Vec<Row>, Table), Failure> {
     let mut judged = Vec::new();
     for room in ROOMS.iter().filter(|room| only.is_none_or(|only| room.name.contains(only))) {
         let bindings = Bindings::parse(room.binds.iter().copied()).map_err(|found| faults(&found))?;
@@ -171,11 +188,38 @@ pub fn run(folder: &Path, only: Option<&str>, each: bool) -> Result<Vec<Row>, Fa
         let first = output.map(lampyris::data::Series::from).unwrap_or_default();
         let mut from = first + (6 * DAY + 8 * 3600) * i64::from(room.file == BELGIAN);
         while from + DAYS * DAY <= window.to() + 3600 {
-            judged.push(judge(room, &window, from, each)?);
+            judged.push(judge(room, &window, from)?);
+            if let Some(one) = judged.last().filter(|_| each) {
+                eprintln!("{}", one.cells.join("  "));
+            }
             from += DAYS * DAY;
         }
     }
-    Ok(rows(&judged))
+    let rows = rows(&judged);
+    let windows = Table {
+        id: "windows",
+        title: "Windows of measured rooms with a known driver withheld".to_owned(),
+        note: format!(
+            "Windows of {DAYS} days, half of them to learn from. Evidence is that of what was named first; of the channels of other days none should be accused."
+        ),
+        head: HEAD.map(str::to_owned).to_vec(),
+        rows: judged.into_iter().map(|one| one.cells).collect(),
+    };
+    if let Some(file) = html {
+        super::write(file, &document(&rows, &windows)?)?;
+    }
+    Ok((rows, windows))
+}
+
+fn document(rows: &[Row], windows: &Table) -> Result<String, Failure> {
+    let figures = Table {
+        id: "figures",
+        title: "In short".to_owned(),
+        note: "Every figure beside its limit, where it has one.".to_owned(),
+        head: ["what", "figure", "unit", "limit", ""].map(str::to_owned).to_vec(),
+        rows: rows.iter().map(|row| row.cells().to_vec()).collect(),
+    };
+    page::document("What real rooms say", STYLE, &[section(&figures), section(windows)].concat())
 }
 
 fn read(path: &Path) -> Result<String, Failure> {
@@ -196,7 +240,7 @@ fn asked(from: i64, days: i64) -> Result<EstimateRequest, Failure> {
     Ok(EstimateRequest { window: Some(range), split, ..EstimateRequest::default() })
 }
 
-fn judge(room: &Room, window: &Window, from: i64, each: bool) -> Result<Judged, Failure> {
+fn judge(room: &Room, window: &Window, from: i64) -> Result<Judged, Failure> {
     let wrong = |error: &dyn std::fmt::Display| Failure::Error(format!("{} from {}: {error}", room.name, rfc3339(from)));
     let catalogue = Catalogue::builtin().map_err(|found| faults(&found))?;
     let site = Site { location: Some(room.place), ..Site::default() };
@@ -215,32 +259,40 @@ fn judge(room: &Room, window: &Window, from: i64, each: bool) -> Result<Judged, 
         None => None,
     };
     let (negatives, accused) = negatives(&catalogue, &problem, &theta, window, &site)?;
-    if each {
-        let shown = found.findings.first().and_then(|finding| finding.segments.as_ref());
-        let evidence = shown.map_or_else(
-            || "-".to_owned(),
-            |shown| {
-                format!("{:.0} h: share {:.2}, t {:.1} and {:.1}, p {:.1e}", shown.hours, shown.share, shown.t, shown.beyond_clock, shown.p)
-            },
-        );
-        eprintln!(
-            "{} from {}: {} ({evidence}); 12 h ahead on the two weeks after {after:.2?}; {negatives} of other days, accused {accused:?}",
-            room.name,
-            rfc3339(from),
-            all.join(", ")
-        );
-    }
-    Ok(Judged {
-        named: holds(room.drivers, &first) && first.len() <= 2 || room.drivers.len() > 2 && holds(room.drivers, &first),
-        driven: !room.drivers.is_empty(),
-        decoy: holds(room.decoys, &all),
-        after,
-        negatives,
-        accused,
-    })
+    let named = holds(room.drivers, &first) && (first.len() <= 2 || room.drivers.len() > 2);
+    let shown = found.findings.first().and_then(|finding| finding.segments.as_ref());
+    let of = |text: Option<String>| text.unwrap_or_else(|| NONE.to_owned());
+    let size = found.findings.first().and_then(|finding| finding.size.as_ref()).map(|size| {
+        let interval = size.ci95.map_or_else(String::new, |[low, high]| format!(" ({low:.2} to {high:.2})"));
+        format!("{:.2}{interval} {}", size.value, size.unit)
+    });
+    let errors = after.map(|after| after.map(|[without, with]| format!("{without:.2} to {with:.2}")).join(", "));
+    let words = |names: &[&str]| if names.is_empty() { NONE.to_owned() } else { names.join(" or ") };
+    let names: Vec<&str> = all.iter().map(String::as_str).collect();
+    let cells = vec![
+        format!("{} from {}", room.name, &rfc3339(from)[..10]),
+        words(room.drivers),
+        if room.drivers.is_empty() {
+            NONE
+        } else if named {
+            "yes"
+        } else {
+            "no"
+        }
+        .to_owned(),
+        words(&names).replace(" or ", ", "),
+        of(shown.map(|shown| format!("{:.0} h", shown.hours))),
+        of(shown.map(|shown| format!("{:.2}", shown.share))),
+        of(shown.map(|shown| format!("{:.1}", shown.t))),
+        of(shown.map(|shown| format!("{:.1e}", shown.p))),
+        of(size),
+        of(errors),
+        format!("{} of {negatives}", accused.map(|count| count.to_string()).join(", ")),
+    ];
+    Ok(Judged { named, driven: !room.drivers.is_empty(), decoy: holds(room.decoys, &all), after, negatives, accused, cells })
 }
 
-/// Errors 12 h ahead on the two weeks after a window, by the parameters of the window without and with an effect.
+/// Errors ahead on the two weeks after a window, by the parameters of the window without and with an effect.
 fn after(
     catalogue: &Catalogue,
     room: &Room,
@@ -248,22 +300,25 @@ fn after(
     from: i64,
     without: &ModelId,
     with: &ModelId,
-) -> Result<Option<[f64; 2]>, Failure> {
+) -> Result<Option<[[f64; 2]; AHEAD.len()]>, Failure> {
     let next = from + DAYS * DAY;
     if next + DAYS * DAY > window.to() + 3600 {
         return Ok(None);
     }
     let site = Site { location: Some(room.place), ..Site::default() };
-    let error = |model: &ModelId| -> Result<Option<f64>, Failure> {
+    let errors = |model: &ModelId| -> Result<[Option<f64>; AHEAD.len()], Failure> {
         let request = asked(from, DAYS)?;
         let problem = prepare(catalogue, model, &request, window, &site).map_err(|found| faults(&found))?;
         let fit = estimate(&problem, &request, None, &Control::NONE).map_err(|error| Failure::Error(error.to_string()))?;
         let later = prepare(catalogue, model, &asked(next, DAYS)?, window, &site).map_err(|found| faults(&found))?;
         let later = later.with_substeps(fit.substeps);
         let run = filter(&later, &fit.theta(), None);
-        Ok(ahead(&later, &fit.theta(), &run, 0..later.grid().len(), &AHEAD).into_values().next().map(|error| error.rmse))
+        let found = ahead(&later, &fit.theta(), &run, 0..later.grid().len(), &AHEAD);
+        Ok(AHEAD.map(|(name, _)| found.get(name).map(|error| error.rmse)))
     };
-    Ok(error(without)?.zip(error(with)?).map(|(without, with)| [without, with]))
+    let (without, with) = (errors(without)?, errors(with)?);
+    let pair = |place: usize| without[place].zip(with[place]).map(|(without, with)| [without, with]);
+    Ok(pair(0).zip(pair(1)).map(|(six, twelve)| [six, twelve]))
 }
 
 /// How many candidates with the channels of other days there are, and how many of them segments accuse at each rate.
@@ -314,7 +369,7 @@ fn of_other_days(problem: &Problem, grid: &Grid, days: i64) -> Result<Grid, lamp
 
 fn rows(judged: &[Judged]) -> Vec<Row> {
     let driven: Vec<&Judged> = judged.iter().filter(|one| one.driven).collect();
-    let after: Vec<[f64; 2]> = judged.iter().filter_map(|one| one.after).collect();
+    let after: Vec<[f64; 2]> = judged.iter().filter_map(|one| one.after.map(|[_, twelve]| twelve)).collect();
     let all: Vec<&Judged> = judged.iter().collect();
     let mut rows: Vec<Row> = [
         share("a known driver withheld: named first", &driven, |one| one.named),
