@@ -83,7 +83,10 @@ pub fn tell_trials(bar: &ProgressBar, progress: &Progress) {
     let Some(trials) = &progress.trials else { return };
     bar.set_position((100.0 * trials.share.unwrap_or(0.0)) as u64);
     let leader = trials.leader.as_ref().map_or_else(String::new, |leader| format!(", {leader} leads"));
-    bar.set_message(format!("round {}: {} of {} effects tried{leader}", trials.round, trials.tried, trials.of));
+    bar.set_message(match trials.round {
+        0 => "the model without effects comes first".to_owned(),
+        round => format!("round {round}: {} of {} effects tried{leader}", trials.tried, trials.of),
+    });
 }
 
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {

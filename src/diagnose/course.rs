@@ -60,13 +60,13 @@ impl Part {
 }
 
 impl State {
-    /// The share of all work that is done; nothing is known before the null model is at its optima.
+    /// The share of all work that is done; nothing is known before the first round begins.
     fn share(&self) -> Option<f64> {
         let judging = if self.judged { 0.0 } else { JUDGING };
         let another = if self.trials.leader.is_some() { self.gain >= LEAST_BIC } else { self.another };
         let fixed = judging + if another { ROUND } else { 0.0 };
         let left = self.scouts.expected(SCOUT * self.unit) + self.refits.expected(REFIT * self.unit) + fixed * self.unit;
-        (self.unit > 0.0).then(|| self.spent as f64 / (self.spent as f64 + left))
+        (self.unit > 0.0 && self.trials.round > 0).then(|| self.spent as f64 / (self.spent as f64 + left))
     }
 }
 
@@ -181,13 +181,13 @@ mod tests {
         let mut told = told.into_inner().unwrap();
         assert_eq!(told.remove(0), Trials::default());
         let shares: Vec<f64> = told.iter().filter_map(|trials| trials.share).collect();
-        // Settled, then two refits and the judging to come.
-        assert!((shares[0] - 100.0 / 180.0).abs() < 1e-9, "{shares:?}");
-        assert!((shares[1] - 100.0 / (100.0 + 50.0 + 80.0)).abs() < 1e-9, "{shares:?}");
+        assert_eq!(told[0].share, None, "settled, and no round yet");
+        // Two refits and the judging to come.
+        assert!((shares[0] - 100.0 / (100.0 + 50.0 + 80.0)).abs() < 1e-9, "{shares:?}");
         // One refit of a hundred and the usual 25 make 62.5 for each of the two left.
-        assert!((shares[3] - 200.0 / (200.0 + 125.0 + 80.0)).abs() < 1e-9, "{shares:?}");
+        assert!((shares[2] - 200.0 / (200.0 + 125.0 + 80.0)).abs() < 1e-9, "{shares:?}");
         // Who leads clearly promises another round.
-        assert!((shares[4] - 300.0 / (300.0 + 225.0 / 3.0 + 80.0 + 100.0)).abs() < 1e-9, "{shares:?}");
+        assert!((shares[3] - 300.0 / (300.0 + 225.0 / 3.0 + 80.0 + 100.0)).abs() < 1e-9, "{shares:?}");
         assert_eq!((told[4].tried, told[4].of, told[4].leader.as_deref()), (3, 4, Some("sun")));
         assert_eq!((told[5].tried, told[5].leader.as_deref()), (4, Some("sun")));
         assert_eq!(told.last().map(|trials| (trials.round, trials.share)), Some((2, Some(1.0))));

@@ -16,6 +16,7 @@ use super::selection::{Round, Skip, round};
 use super::size::{AHEAD_HOURS, Size, Sizes, sizes};
 use super::surrogates::span;
 use super::unexplained::profile;
+use super::ways::{Way, other_way};
 use crate::data::{Window, rfc3339};
 use crate::estimate::metrics::{HORIZONS, ahead, error_unit, filter};
 use crate::estimate::request::AccusationRate;
@@ -133,12 +134,14 @@ pub fn diagnose(
         let candidate = &library[winner.refitted.candidate];
         let next = NullModel::settle(candidate.problem.clone(), &winner.refitted.fitted.plain, Some(&winner.refitted.fitted.white), &halt)
             .ok_or_else(nothing)?;
-        course.settled(next.fitted.evaluations);
-        let finding = finding(&null, &next, &library, &outcome, winner, number, &halt);
+        let (way, evaluations) = other_way(catalogue, &null, &next, candidate, &grid, site, &halt);
+        course.settled(next.fitted.evaluations + evaluations);
+        interrupted(control)?;
+        let finding = finding(&null, &next, way.as_ref(), &library, &outcome, winner, number, &halt);
         found.push(candidate.id.clone());
         found.extend(finding.tied_with.iter().cloned());
         report.findings.push(finding);
-        null = next;
+        null = way.map_or(next, |way| way.model);
     }
     conclude(&mut report, before.as_ref().unwrap_or(&null), &null);
     pool_findings(&mut report, earlier);
@@ -219,7 +222,7 @@ pub(super) fn pool_findings(report: &mut Diagnosis, earlier: &[Entry]) {
         if let Some(taken_back) = &pooled.taken_back {
             report.warnings.push(format!("{}: {}", entry.score.effect, taken_back.sentence));
         }
-        if let Some(finding) = report.findings.iter_mut().find(|finding| finding.effect == entry.score.effect) {
+        if let Some(finding) = report.findings.iter_mut().find(|finding| finding.named() == entry.score.effect) {
             finding.pooled = Some(pooled);
         }
     }
@@ -288,20 +291,23 @@ fn tell_round(report: &mut Diagnosis, library: &[CandidateEffect], outcome: &Rou
     }
 }
 
-/// A winner as a finding.
+/// A winner as a finding, by another way where that is better.
+#[allow(clippy::too_many_arguments)]
 fn finding(
     null: &NullModel,
-    next: &NullModel,
+    direct: &NullModel,
+    way: Option<&Way>,
     library: &[CandidateEffect],
     outcome: &Round,
     winner: &Tried,
     rank: usize,
     halt: Halt,
 ) -> Finding {
-    let candidate = &library[winner.refitted.candidate];
+    let named = &library[winner.refitted.candidate];
+    let (candidate, next) = way.map_or((named, direct), |way| (&way.candidate, &way.model));
     let tied_with: Vec<String> = outcome.tied.iter().map(|place| library[outcome.tried[*place].refitted.candidate].id.clone()).collect();
     let separate_by = (!tied_with.is_empty()).then(|| {
-        let mut needed: Vec<&str> = vec![&candidate.spec.measure];
+        let mut needed: Vec<&str> = vec![&named.spec.measure];
         needed.extend(outcome.tied.iter().map(|place| library[outcome.tried[*place].refitted.candidate].spec.measure.as_str()));
         needed.retain(|text| !text.is_empty());
         needed.dedup();
@@ -330,14 +336,16 @@ fn finding(
         validation_ahead: ahead_pairs(null, next),
     };
     let refinement = rank > 1 && winner.gain.share.is_none_or(|share| share < CAUSE_SHARE);
-    let mut evidence = evidence(candidate, winner, &rmse);
+    let mut evidence = evidence(named, winner, &rmse);
+    evidence.extend(way.map(Way::sentence));
     evidence.extend(size.as_ref().map(EffectSize::sentence));
     Finding {
         rank,
         effect: candidate.id.clone(),
+        way_of: way.map(|_| named.id.clone()),
         title: candidate.spec.title.clone(),
         explain: candidate.spec.explain.clone(),
-        delta_bic: winner.gain.delta_bic,
+        delta_bic: winner.gain.delta_bic + way.map_or(0.0, |way| way.delta_bic),
         explained_share: winner.gain.share,
         rmse,
         size,

@@ -158,7 +158,7 @@ pub fn align(base: &Problem, library: &mut [CandidateEffect]) -> Problem {
 /// The ids of all effects that could concern this window and are no part of the model.
 fn names(catalogue: &Catalogue, base: &Problem, grid: &Grid) -> Vec<String> {
     let mut names = Vec::new();
-    for effect in catalogue.effects() {
+    for effect in catalogue.effects().filter(|effect| effect.way_of.is_none()) {
         match &effect.argument {
             None => names.push(effect.id.clone()),
             Some(_) if !effect.choices.is_empty() => names.extend(effect.choices.keys().map(|choice| format!("{}:{choice}", effect.id))),
@@ -173,7 +173,11 @@ fn names(catalogue: &Catalogue, base: &Problem, grid: &Grid) -> Vec<String> {
     let family = |name: &str| name.split(':').next().unwrap_or_default().to_owned();
     let has = |name: &String| {
         let choice = catalogue.effects().any(|effect| effect.id == family(name) && !effect.choices.is_empty());
-        base.model().effects().iter().any(|known| known == name || (choice && family(known) == family(name)))
+        let by_way = |known: &str| {
+            let way_of = catalogue.effect(known).ok().and_then(|effect| effect.way_of);
+            way_of.is_some_and(|of| known.split_once(':').map_or_else(|| of.clone(), |(_, argument)| format!("{of}:{argument}")) == *name)
+        };
+        base.model().effects().iter().any(|known| known == name || by_way(known) || (choice && family(known) == family(name)))
     };
     let composition = catalogue.compose(base.model().id()).ok();
     let at_home = |name: &String| {
@@ -233,7 +237,13 @@ fn is_member(effect: &EffectSpec, channel: &str, unit: &str, base: &Problem) -> 
 }
 
 /// One candidate.
-fn candidate(catalogue: &Catalogue, base: &Problem, grid: &Grid, site: &Site, name: &str) -> Result<CandidateEffect, Vec<Fault>> {
+pub(super) fn candidate(
+    catalogue: &Catalogue,
+    base: &Problem,
+    grid: &Grid,
+    site: &Site,
+    name: &str,
+) -> Result<CandidateEffect, Vec<Fault>> {
     let id: ModelId = base.model().id().plus(name);
     let spec = catalogue.effect(name).map_err(|fault| vec![fault])?;
     let composition = catalogue.compose(&id)?;

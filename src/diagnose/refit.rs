@@ -56,6 +56,16 @@ impl Refit<'_> {
         self.evaluate(&[self.problem.candidate(theta)]).first().map_or(f64::INFINITY, |answer| answer.cost.value())
     }
 
+    /// Which start costs least; of one it is known.
+    pub fn cheapest(&self, starts: &[Vec<f64>]) -> usize {
+        if starts.len() < 2 {
+            return 0;
+        }
+        let places: Vec<Candidate> = starts.iter().map(|start| self.problem.candidate(start)).collect();
+        let costs: Vec<f64> = self.evaluate(&places).iter().map(|answer| answer.cost.value()).collect();
+        (0..costs.len()).min_by(|one, other| costs[*one].total_cmp(&costs[*other])).unwrap_or(0)
+    }
+
     fn evaluate(&self, candidates: &[Candidate]) -> Vec<Evaluation> {
         let thetas: Vec<Vec<f64>> = candidates.iter().map(|candidate| self.problem.theta(candidate)).collect();
         let series = filtered(self.problem, self.whitening, &thetas, self.halt);

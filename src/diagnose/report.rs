@@ -86,6 +86,9 @@ pub struct Finding {
     pub rank: usize,
     /// The effect's id.
     pub effect: String,
+    /// The effect that was named, where this is another way of its heat into the room.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub way_of: Option<String>,
     /// A short title for people.
     pub title: String,
     /// One sentence that an operator understands.
@@ -118,6 +121,13 @@ pub struct Finding {
     pub pooled: Option<Pooled>,
     /// The unexplained error beside the effect's own shape; `null` in a diagnosis that was made before there were any.
     pub shape: Option<Shape>,
+}
+
+impl Finding {
+    /// The effect that was named, whatever the way of its heat.
+    pub fn named(&self) -> &str {
+        self.way_of.as_deref().unwrap_or(&self.effect)
+    }
 }
 
 /// What segments of hours with states of their own show of an effect (score test, robust by days).
@@ -214,7 +224,7 @@ pub enum Gate {
     HeldOut,
     /// Physics does not allow its sign.
     Sign,
-    /// It ended where it does nothing.
+    /// It ended where it does nothing, or at a limit beyond which it would be something else.
     Bound,
     /// It cannot be told from a better one.
     Tie,

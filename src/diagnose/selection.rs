@@ -8,6 +8,7 @@ use super::effort::Effort;
 use super::ledger::{EffectScore, Entry};
 use super::library::CandidateEffect;
 use super::null_model::{Fitted, NullModel};
+use super::refit::Refit;
 use super::screen::{Blind, Score, Screen};
 use super::surrogates::{Heard, Tests};
 use crate::estimate::Problem;
@@ -30,6 +31,9 @@ const RESTARTS: usize = 3;
 const GOES_ON: f64 = 2.0;
 /// The largest cost in the end, over the null model's, at which the refit goes on from it.
 const PROMISING: f64 = 0.95;
+/// Parts of the linearised step of a large model, of which the one that costs least is the start: a whole step of what is far from linear
+/// can lead so far astray that the few iterations such a model can afford do not find back.
+const PARTS: [f64; 3] = [1.0, 0.3, 0.1];
 /// A candidate leads clearly whose free run's squared error is this much of the null model's after the first part of its way.
 const CLEAR: f64 = 0.5;
 /// Ratio of free-run error to innovation deviation from which on scouts are sent with everybody before the first round ends with nothing:
@@ -372,22 +376,29 @@ fn go_on_all(null: &NullModel, candidates: &[CandidateEffect], chosen: &[Chosen]
 /// The first part of a candidate's way to its optima, from those of the null model and the linearised step.
 fn begin(null: &NullModel, candidate: &CandidateEffect, chosen: &Chosen, halt: Halt) -> Fitted {
     let Chosen { score, other, far, .. } = chosen;
-    let start = |theta: &[f64], steps: &[f64]| {
+    let start = |theta: &[f64], steps: &[f64], part: f64| {
         let mut start = candidate.lift(&null.problem, theta);
         for ((index, off), step) in candidate.own.iter().zip(steps) {
             let [lower, upper] = candidate.problem.bounds()[*index];
             // Not on the bound, where a rate on a logarithmic scale would never leave it.
             let least = off + 1e-3 * (upper - lower);
-            let wanted = off + step;
+            let wanted = off + part * step;
             start[*index] = if lower >= 0.0 { wanted.clamp(least, upper) } else { wanted.clamp(lower, upper) };
         }
         start
     };
-    let mut plain = vec![start(&null.fitted.plain, &score.step)];
-    let mut white = vec![start(&null.fitted.white, &score.step)];
+    let parts: &[f64] = if candidate.problem.filters() { &[1.0] } else { &PARTS };
+    let along = |task: &Refit, theta: &[f64], steps: &[f64]| {
+        let mut starts: Vec<Vec<f64>> = parts.iter().map(|part| start(theta, steps, *part)).collect();
+        let cheapest = task.cheapest(&starts);
+        starts.swap_remove(cheapest)
+    };
+    let [of_plain, of_white] = null.filters.tasks(&candidate.problem, halt);
+    let mut plain = vec![along(&of_plain, &null.fitted.plain, &score.step)];
+    let mut white = vec![along(&of_white, &null.fitted.white, &score.step)];
     if let Some(([at_plain, at_white], steps)) = null.other.as_ref().zip(other.as_ref()) {
-        plain.push(start(at_plain, steps));
-        white.push(start(at_white, steps));
+        plain.push(along(&of_plain, at_plain, steps));
+        white.push(along(&of_white, at_white, steps));
     }
     if let Some(far) = far {
         plain.push(far.clone());

@@ -194,6 +194,11 @@ pub(super) fn check_effect(catalogue: &Catalogue, parent: Option<&ModelId>, body
     if effect.terms.is_empty() && effect.outputs.is_empty() && effect.replace.is_empty() {
         faults.push(Fault::new("/terms", "no-terms", "an effect adds a term to an equation or to an output, or replaces a name"));
     }
+    let is_head = |known: &EffectSpec, of: &str| known.id == of && known.argument == effect.argument && known.way_of.is_none();
+    if let Some(of) = effect.way_of.as_deref().filter(|of| !catalogue.effects().any(|known| is_head(known, of))) {
+        let detail = format!("there is no effect `{of}` with the same argument that is no way of another itself");
+        faults.push(Fault::new("/way_of", "unknown-effect", detail));
+    }
     let mut extended = catalogue.clone();
     extended.add_effect(effect.clone());
     let name = if effect.argument.is_some() { format!("{}:P_example", effect.id) } else { effect.id.clone() };

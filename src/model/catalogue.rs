@@ -3,7 +3,7 @@
 use super::id::ModelId;
 use super::plant::PlantSpec;
 use super::process::ReactionsSpec;
-use super::spec::{Definition, EffectSpec, ModelDocument, ModelSpec, Variant};
+use super::spec::{Definition, EffectSpec, ModelDocument, ModelSpec, StateSpec, Variant};
 use crate::fault::{Fault, nearest};
 use std::collections::BTreeMap;
 
@@ -233,6 +233,7 @@ fn fill(spec: &EffectSpec, words: &[(String, String)]) -> EffectSpec {
     for text in [&mut filled.title, &mut filled.explain, &mut filled.signature, &mut filled.measure] {
         *text = fill(text);
     }
+    filled.states = spec.states.iter().map(|(key, state)| (fill(key), StateSpec { title: fill(&state.title), ..state.clone() })).collect();
     filled.inputs = spec.inputs.iter().map(|(key, input)| (fill(key), input.clone())).collect();
     filled.parameters = spec.parameters.iter().map(|(key, parameter)| (fill(key), parameter.clone())).collect();
     for parameter in filled.parameters.values_mut() {
@@ -240,7 +241,7 @@ fn fill(spec: &EffectSpec, words: &[(String, String)]) -> EffectSpec {
     }
     filled.define = spec.define.iter().map(|(key, text)| (fill(key), definition(text))).collect();
     filled.replace = spec.replace.iter().map(|(key, text)| (key.clone(), fill(text))).collect();
-    filled.terms = spec.terms.iter().map(|(key, term)| (key.clone(), fill(term))).collect();
+    filled.terms = spec.terms.iter().map(|(key, term)| (fill(key), fill(term))).collect();
     filled.outputs = spec.outputs.iter().map(|(key, term)| (key.clone(), fill(term))).collect();
     for input in filled.inputs.values_mut() {
         input.channel = input.channel.as_deref().map(fill);

@@ -339,6 +339,9 @@ pub struct EffectSpec {
     /// The sign that physics gives its coefficient.
     #[serde(default)]
     pub sign: Sign,
+    /// The effect of which this is another way: the same heat by another path into the room. It is tried where that one is named.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub way_of: Option<String>,
     /// Inputs that are made from the measured output, or follow from it: an effect that reads one can explain
     /// the output by itself, so more is asked of it.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]

@@ -7,10 +7,11 @@ use crate::model::expr::Point;
 use crate::model::tape::{DelayedInput, SharedStage, Source, Tape};
 use crate::model::{Held, Hold, Model, WarmUp};
 use crate::simulate::dual::Scalar;
-use crate::simulate::lanes::LaneFile;
+use crate::simulate::lanes::{LANES, LaneFile};
 use crate::simulate::registers::Registers;
 use crate::units::Unit;
 use std::ops::Range;
+use std::sync::Arc;
 
 /// The inputs of a model on a grid, in the units of its equations.
 ///
@@ -186,7 +187,7 @@ pub fn samples_back(delay_hours: f64, sample_hours: f64) -> usize {
 /// The shared columns of a tape for every step of a window, and the past of the inputs that it delays.
 #[derive(Debug, Clone)]
 pub struct Drive {
-    rows: Vec<f64>,
+    rows: Arc<[f64]>,
     width: usize,
     steps: usize,
     delayed: Vec<Past>,
@@ -238,26 +239,35 @@ impl Drive {
     pub fn new(tape: &Tape, inputs: &Inputs, steps: usize) -> Self {
         let stage = &tape.shared;
         let width = stage.columns.len();
-        let mut rows = Vec::with_capacity(inputs.samples() * steps * width);
+        let all = inputs.samples() * steps;
+        let mut rows = vec![0.0; all * width];
         let evaluator = shared_tape(stage);
-        let mut file = LaneFile::<1>::new(&evaluator);
-        for k in 0..inputs.samples() {
-            for step in 0..steps {
-                for (index, source) in stage.sources.iter().enumerate() {
-                    file.state(index)[0] = match *source {
+        let mut file = LaneFile::<LANES>::new(&evaluator);
+        // A lane for every step: they depend on nothing but their inputs.
+        for first in (0..all).step_by(LANES) {
+            let lanes = LANES.min(all - first);
+            for (index, source) in stage.sources.iter().enumerate() {
+                let values = file.state(index);
+                for (lane, value) in values.iter_mut().enumerate().take(lanes) {
+                    let (k, step) = ((first + lane) / steps, (first + lane) % steps);
+                    *value = match *source {
                         Source::Slope(input) => inputs.slope(input, k),
                         Source::Input(input, point) => inputs.value(input, k, (step as f64 + offset(point)) / steps as f64),
                     };
                 }
-                file.step();
-                rows.extend((0..width).map(|column| file.root(column)[0]));
+            }
+            file.step();
+            for column in 0..width {
+                for (lane, value) in file.root(column).iter().enumerate().take(lanes) {
+                    rows[(first + lane) * width + column] = *value;
+                }
             }
         }
         let past = |delayed: &DelayedInput| {
             let (hold, values) = inputs.columns[delayed.input].clone();
             Past { hold, values, offset: offset(delayed.point) }
         };
-        Self { rows, width, steps, delayed: tape.delayed.iter().map(past).collect(), sample_hours: inputs.hours }
+        Self { rows: rows.into(), width, steps, delayed: tape.delayed.iter().map(past).collect(), sample_hours: inputs.hours }
     }
 
     /// Loads the inputs of a step into the lanes of the tape that the drive was made for.

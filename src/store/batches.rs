@@ -256,7 +256,7 @@ pub async fn get(store: &Store, id: &str) -> Result<Option<BatchRecord>, StoreEr
     let sql = "SELECT j.id, j.system, j.state, j.outcome, j.fit, f.summary, j.error, j.diagnosis,
                    (SELECT c.value ->> 'statistic' FROM json_each(f.checks) c WHERE c.value ->> 'name' = $2) AS error_ratio,
                    CASE WHEN d.id IS NOT NULL THEN json_object('verdict', d.verdict, 'summary', d.document ->> 'summary', 'named',
-                       (SELECT json_group_array(n.value ->> 'effect') FROM json_each(d.document, '$.findings') n)) END AS diagnosed
+                       (SELECT json_group_array(coalesce(n.value ->> 'way_of', n.value ->> 'effect')) FROM json_each(d.document, '$.findings') n)) END AS diagnosed
                FROM batch_jobs b JOIN jobs j ON j.id = b.job LEFT JOIN fits f ON f.id = j.fit LEFT JOIN diagnoses d ON d.id = j.diagnosis
                WHERE b.batch = $1 ORDER BY j.sequence";
     let jobs: Vec<JobRow> = sqlx::query_as(sql).bind(id).bind(NO_WORSE_THAN_INCUMBENT).fetch_all(&store.reader).await?;

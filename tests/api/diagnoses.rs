@@ -116,9 +116,12 @@ fn an_effect_of_a_user_is_ranked_beside_the_others() {
     let mut wrong = effect.clone();
     wrong["terms"] = json!({"T_attic": "c_fan * fan * (T_out - T_r)", "T_r": "c_fan * (T_out - T_r) + fan"});
     wrong["outputs"] = json!({"humidity": "c_fan"});
+    wrong["way_of"] = json!("metered_gain");
     let problem = app.json("POST", "/effects", &wrong).problem(422, "invalid-request");
     let faults = problem["errors"].as_array().unwrap();
-    assert!(faults.len() >= 2 && faults.iter().any(|fault| fault["pointer"].as_str().unwrap().contains("T_attic")), "{problem}");
+    assert!(faults.len() >= 3 && faults.iter().any(|fault| fault["pointer"].as_str().unwrap().contains("T_attic")), "{problem}");
+    // A meter's gain has a channel for its argument, a fan has none.
+    assert!(faults.iter().any(|fault| fault["pointer"] == "/way_of" && fault["code"] == "unknown-effect"), "{problem}");
     app.json("POST", "/effects", &effect).expect(201);
 
     let job = app.ended(&app.post_job(&json!({"kind": "diagnose", "system": "room/attic", "method": {"seed": 5}})));

@@ -150,7 +150,9 @@ fn every_effect_of_the_catalogue_has_a_folder() {
     let shown: Vec<String> = cases.iter().flat_map(|case| case.named.iter().chain(&case.effects)).map(family).collect();
     let catalogue = Catalogue::builtin().unwrap();
     // Those of treatment plants, which replace names or have other sensors, are no question to a room.
-    let of_room = |effect: &&EffectSpec| effect.replace.is_empty() && effect.outputs.keys().all(|channel| channel == "T_room");
+    let of_room = |effect: &&EffectSpec| {
+        effect.way_of.is_none() && effect.replace.is_empty() && effect.outputs.keys().all(|channel| channel == "T_room")
+    };
     let of_rooms = catalogue.effects().filter(of_room).map(|effect| effect.id.as_str());
     // No twin has an emitter that its model does not know; a measured dwelling has (`withheld`).
     let measured = ["heat_emitter"];

@@ -69,7 +69,7 @@ impl Judged {
     /// The finding of the one hidden effect.
     fn hit(&self) -> Option<(&HiddenEffect, &Finding)> {
         let ([hidden], Some(finding)) = (self.truth.effects.as_slice(), self.diagnosis.findings.first()) else { return None };
-        same(&finding.effect, &hidden.effect).then_some((hidden, finding))
+        same(finding.named(), &hidden.effect).then_some((hidden, finding))
     }
 
     /// Whether the interval of what forecasts lose without it holds the truth, where the one hidden effect was named.
@@ -167,7 +167,7 @@ fn judge(request: &WorldRequest) -> Result<Judged, Failure> {
     let diagnosis = fitted.diagnosed()?;
     let Fitted { catalogue, world, window, problem, theta, .. } = fitted;
     let first = diagnosis.findings.first().map_or(Outcome::Silent, |finding| {
-        let mut group = vec![finding.effect.clone()];
+        let mut group = vec![finding.named().to_owned()];
         group.extend(finding.tied_with.iter().cloned());
         let holds = world.truth.effects.iter().any(|hidden| group.iter().any(|named| same(named, &hidden.effect)));
         match (holds, group.len()) {
@@ -177,7 +177,7 @@ fn judge(request: &WorldRequest) -> Result<Judged, Failure> {
         }
     });
     let named = |hidden: &str| {
-        diagnosis.findings.iter().any(|finding| same(&finding.effect, hidden) || finding.tied_with.iter().any(|tied| same(tied, hidden)))
+        diagnosis.findings.iter().any(|finding| same(finding.named(), hidden) || finding.tied_with.iter().any(|tied| same(tied, hidden)))
     };
     let found = world.truth.effects.iter().filter(|hidden| named(&hidden.effect)).count();
     let settled = |problem: Problem, theta: &[f64]| NullModel::settle(problem, theta, None, &|| false)?.measured.plain[2].map(f64::sqrt);
@@ -237,7 +237,8 @@ fn line(judged: &Judged) -> String {
             let tied = if finding.tied_with.is_empty() { String::new() } else { format!("~{}", finding.tied_with.join("~")) };
             let [before, after] = finding.rmse.test.unwrap_or([f64::NAN; 2]);
             let share = finding.explained_share.unwrap_or(f64::NAN);
-            format!("{}{tied} dbic {:.0} share {share:.2} test {before:.2}>{after:.2}", finding.effect, finding.delta_bic)
+            let limit = if finding.parameters.values().any(|one| one.at_bound) { " at its limit" } else { "" };
+            format!("{}{tied} dbic {:.0} share {share:.2} test {before:.2}>{after:.2}{limit}", finding.effect, finding.delta_bic)
         })
         .collect();
     let best = judged.diagnosis.considered.iter().find(|one| judged.truth.effects.iter().any(|hidden| same(&one.effect, &hidden.effect)));

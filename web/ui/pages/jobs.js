@@ -66,7 +66,7 @@ function rowOf(job, report) {
     `${job.origin}${job.experiment ? ', experiment' : ''}`,
     html`${told?.evaluations ?? job.evaluations ?? NONE}${running && budget ?
       html`<br /><progress max=${budget} value=${told?.evaluations ?? 0} aria-label="of the budget">
-        </progress>` : ''}${trials ? html`<br />${trials.tried} of ${trials.of} effects tried${
+        </progress>` : ''}${trials?.of ? html`<br />${trials.tried} of ${trials.of} effects tried${
       trials.leader ? html`,<br />${trials.leader} leads` : ''}` : ''}${told?.best_validation ? html`<br />best ${number(told.best_validation)}` : ''}`,
     hasEnded(job) ? length(job.wall_s) : told?.eta_s ? `${length(told.eta_s)} left` : NONE,
     html`<span title=${clock(job.created_at)}>${fromNow(job.created_at)}</span>`,

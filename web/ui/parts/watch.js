@@ -66,7 +66,7 @@ export function JobWatch({ id, title, onEnd = () => {} }) {
     <dl class="figures">
       <div><dt>evaluations</dt><dd>${evaluations ?? '–'}${budget && !ended ? ` of at most ${budget}` : ''}</dd></div>
       ${last && !ended && !trials && html`<div><dt>generation</dt><dd>${last.generation}</dd></div>`}
-      ${trials && html`<div><dt>effects tried</dt><dd>${trials.tried} of ${trials.of}${trials.round > 1 ? `, round ${trials.round}` : ''}</dd></div>
+      ${trials && html`<div><dt>effects tried</dt><dd>${trials.of ? `${trials.tried} of ${trials.of}${trials.round > 1 ? `, round ${trials.round}` : ''}` : 'none yet'}</dd></div>
         <div><dt>leads so far</dt><dd>${trials.leader ?? 'none'}</dd></div>`}
       ${last && !ended && html`<div><dt>time left${trials ? '' : ', at most'}</dt><dd>${length(last.eta_s)}</dd></div>`}
       ${ended && html`<div><dt>ran for</dt><dd>${length(job.wall_s)}</dd></div><div><dt>stopped because</dt><dd>
