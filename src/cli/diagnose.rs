@@ -69,17 +69,20 @@ pub fn first_fit(measured: &Measured, seed: u64, quiet: bool) -> Result<First, F
     Ok(First { catalogue, window, site, problem: problem.with_substeps(fit.substeps), fit, judgement })
 }
 
-/// A bar of the trials of a diagnosis.
-pub fn trials_bar(hidden: bool) -> ProgressBar {
+/// Does some work under a bar of its trials.
+pub fn with_trials_bar<T>(hidden: bool, work: impl FnOnce(&Control) -> T) -> T {
     let bar = if hidden { ProgressBar::hidden() } else { ProgressBar::new(100) };
     if let Ok(style) = ProgressStyle::with_template("{bar:30} {pos} %  {msg}") {
         bar.set_style(style);
     }
-    bar
+    let progress = |progress: &Progress| tell_trials(&bar, progress);
+    let done = work(&Control { progress: &progress, ..Control::NONE });
+    bar.finish_and_clear();
+    done
 }
 
 /// Shows on it how far the trials have come.
-pub fn tell_trials(bar: &ProgressBar, progress: &Progress) {
+fn tell_trials(bar: &ProgressBar, progress: &Progress) {
     let Some(trials) = &progress.trials else { return };
     bar.set_position((100.0 * trials.share.unwrap_or(0.0)) as u64);
     let leader = trials.leader.as_ref().map_or_else(String::new, |leader| format!(", {leader} leads"));
@@ -92,12 +95,9 @@ pub fn tell_trials(bar: &ProgressBar, progress: &Progress) {
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let first = first_fit(&arguments.measured, arguments.seed, arguments.json)?;
     let First { catalogue, problem, fit, window, site, .. } = &first;
-    let bar = trials_bar(arguments.json);
-    let progress = |progress: &Progress| tell_trials(&bar, progress);
-    let control = Control { progress: &progress, ..Control::NONE };
-    let diagnosis = diagnose(catalogue, problem, &fit.theta(), window, site, arguments.accusation_rate, &[], &control);
-    bar.finish_and_clear();
-    let diagnosis = diagnosis.map_err(|error| Failure::Error(error.to_string()))?;
+    let rate = arguments.accusation_rate;
+    let work = |control: &Control| diagnose(catalogue, problem, &fit.theta(), window, site, rate, &[], control);
+    let diagnosis = with_trials_bar(arguments.json, work).map_err(|error| Failure::Error(error.to_string()))?;
     if arguments.json {
         print(&serde_json::to_string(&diagnosis).map_err(|error| Failure::Error(error.to_string()))?);
     } else {

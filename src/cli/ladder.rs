@@ -1,14 +1,14 @@
 //! `lampyris ladder`: one CSV, and the error after each effect that is added.
 
-use super::diagnose::{first_fit, tell_trials, trials_bar};
+use super::diagnose::{First, first_fit, with_trials_bar};
 use super::fit::word;
 use super::measured::Measured;
 use super::report::{self, Found};
 use super::{Failure, print};
 use lampyris::diagnose::ladder::{Ladder, ladder};
 use lampyris::diagnose::nested::ladder_by_likelihood;
+use lampyris::estimate::Control;
 use lampyris::estimate::request::Criterion;
-use lampyris::estimate::{Control, Progress};
 
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
@@ -34,12 +34,9 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         Criterion::HeldOut => ladder,
         Criterion::Lrt => ladder_by_likelihood,
     };
-    let bar = trials_bar(arguments.json);
-    let progress = |progress: &Progress| tell_trials(&bar, progress);
-    let control = Control { progress: &progress, ..Control::NONE };
-    let found = by(&first.catalogue, &first.problem, &first.fit.theta(), &first.window, &first.site, arguments.max_steps, &control);
-    bar.finish_and_clear();
-    let found = found.map_err(|error| Failure::Error(error.to_string()))?;
+    let First { catalogue, problem, fit, window, site, .. } = &first;
+    let work = |control: &Control| by(catalogue, problem, &fit.theta(), window, site, arguments.max_steps, control);
+    let found = with_trials_bar(arguments.json, work).map_err(|error| Failure::Error(error.to_string()))?;
     if arguments.json {
         print(&serde_json::to_string(&found).map_err(|error| Failure::Error(error.to_string()))?);
     } else {

@@ -342,7 +342,7 @@ fn finding(
     Finding {
         rank,
         effect: candidate.id.clone(),
-        way_of: way.map(|_| named.id.clone()),
+        way_of: candidate.spec.way_of.clone(),
         title: candidate.spec.title.clone(),
         explain: candidate.spec.explain.clone(),
         delta_bic: winner.gain.delta_bic + way.map_or(0.0, |way| way.delta_bic),

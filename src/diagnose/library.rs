@@ -63,23 +63,23 @@ impl CandidateEffect {
 
     /// A parameter vector of the model without the effect, with the effect switched off.
     pub fn lift(&self, base: &Problem, theta: &[f64]) -> Vec<f64> {
-        let mut lifted = self.problem.nominal().to_vec();
-        for (value, parameter) in lifted.iter_mut().zip(self.problem.model().parameters()) {
-            if let Some(place) = base.model().parameters().iter().position(|known| known.name == parameter.name) {
-                *value = theta[place];
-            }
-        }
+        let mut lifted = carried(base, theta, &self.problem);
         self.own.iter().for_each(|(index, off)| lifted[*index] = *off);
         lifted
     }
 
     /// The vector of the model without the effect that a vector with it contains.
     pub fn lower(&self, base: &Problem, theta: &[f64]) -> Vec<f64> {
-        let parameters = self.problem.model().parameters();
-        let place = |name: &str| parameters.iter().position(|known| known.name == name);
-        let known = base.model().parameters().iter().zip(base.nominal());
-        known.map(|(parameter, nominal)| place(&parameter.name).map_or(*nominal, |place| theta[place])).collect()
+        carried(&self.problem, theta, base)
     }
+}
+
+/// A full vector of `to` from one of another model: its values where names are the same, the nominal ones elsewhere.
+pub fn carried(from: &Problem, theta: &[f64], to: &Problem) -> Vec<f64> {
+    let known = from.model().parameters();
+    let place = |name: &str| known.iter().position(|parameter| parameter.name == name);
+    let parameters = to.model().parameters().iter().zip(to.nominal());
+    parameters.map(|(parameter, nominal)| place(&parameter.name).map_or(*nominal, |place| theta[place])).collect()
 }
 
 /// Every channel of the window on the grid of a problem, so that any effect finds its inputs there. A channel
@@ -173,10 +173,7 @@ fn names(catalogue: &Catalogue, base: &Problem, grid: &Grid) -> Vec<String> {
     let family = |name: &str| name.split(':').next().unwrap_or_default().to_owned();
     let has = |name: &String| {
         let choice = catalogue.effects().any(|effect| effect.id == family(name) && !effect.choices.is_empty());
-        let by_way = |known: &str| {
-            let way_of = catalogue.effect(known).ok().and_then(|effect| effect.way_of);
-            way_of.is_some_and(|of| known.split_once(':').map_or_else(|| of.clone(), |(_, argument)| format!("{of}:{argument}")) == *name)
-        };
+        let by_way = |known: &str| catalogue.effect(known).is_ok_and(|effect| effect.way_of.as_ref() == Some(name));
         base.model().effects().iter().any(|known| known == name || by_way(known) || (choice && family(known) == family(name)))
     };
     let composition = catalogue.compose(base.model().id()).ok();

@@ -266,6 +266,7 @@ impl NullModel {
     pub fn rho(&self) -> Option<f64> {
         self.measured.plain[0].map(|mse| mse.sqrt() / self.measured.floor)
     }
+
     /// The same of the part, seen or unseen, on which the free run errs more: what imitates a missing effect on the days that it was
     /// fitted to fails on others.
     pub fn worst_rho(&self) -> Option<f64> {

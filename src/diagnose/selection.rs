@@ -169,12 +169,12 @@ fn judge(
         placebo = median_gain(null, &refitted, candidates, faint);
     }
     let ahead = day_ahead(null, candidates, &refitted);
-    let rho = null.rho().unwrap_or(f64::INFINITY);
+    let rhos = [null.rho(), null.worst_rho()].map(|rho| rho.unwrap_or(f64::INFINITY));
     let one = |(refitted, ahead): (Refitted, Option<Ahead>)| {
         let candidate = &candidates[refitted.candidate];
         let gain = refitted.gain(null, ahead);
         let heard = heard[refitted.candidate].clone();
-        let gate = gate(candidate, &refitted, &gain, &heard, strict, [rho, null.worst_rho().unwrap_or(f64::INFINITY)], placebo);
+        let gate = gate(candidate, &refitted, &gain, &heard, strict, rhos, placebo);
         Tried { refitted, gain, heard, gate }
     };
     let tried: Vec<Tried> = refitted.into_iter().zip(ahead).map(one).collect();

@@ -5,7 +5,7 @@
 //! unseen data agree.
 
 use super::acceptance::LEAST_BIC;
-use super::library::{CandidateEffect, align, candidate};
+use super::library::{CandidateEffect, align, candidate, carried};
 use super::null_model::NullModel;
 use crate::data::Grid;
 use crate::estimate::Site;
@@ -70,12 +70,7 @@ fn settle(catalogue: &Catalogue, null: &NullModel, direct: &NullModel, name: &st
     align(&null.problem, &mut one);
     let [candidate] = one;
     // What both have in common starts where the direct way has it.
-    let start = |theta: &[f64]| {
-        let known = direct.problem.model().parameters();
-        let place = |name: &str| known.iter().position(|parameter| parameter.name == name);
-        let parameters = candidate.problem.model().parameters().iter().zip(candidate.problem.nominal());
-        parameters.map(|(parameter, nominal)| place(&parameter.name).map_or(*nominal, |place| theta[place])).collect::<Vec<f64>>()
-    };
+    let start = |theta: &[f64]| carried(&direct.problem, theta, &candidate.problem);
     let model = NullModel::settle(candidate.problem.clone(), &start(&direct.fitted.plain), Some(&start(&direct.fitted.white)), halt)?;
     let more = candidate.problem.free().len() as f64 - direct.problem.free().len() as f64;
     let price = more * (model.measured.samples as f64).ln();

@@ -233,6 +233,8 @@ fn fill(spec: &EffectSpec, words: &[(String, String)]) -> EffectSpec {
     for text in [&mut filled.title, &mut filled.explain, &mut filled.signature, &mut filled.measure] {
         *text = fill(text);
     }
+    let member = words.first().map_or("", |(_, value)| value);
+    filled.way_of = spec.way_of.as_ref().map(|of| format!("{of}:{member}"));
     filled.states = spec.states.iter().map(|(key, state)| (fill(key), StateSpec { title: fill(&state.title), ..state.clone() })).collect();
     filled.inputs = spec.inputs.iter().map(|(key, input)| (fill(key), input.clone())).collect();
     filled.parameters = spec.parameters.iter().map(|(key, parameter)| (fill(key), parameter.clone())).collect();

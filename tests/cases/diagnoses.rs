@@ -29,7 +29,7 @@ fn the_laundry_is_missing_its_appliances() {
     asked.window = serde_json::from_value(serde_json::json!({ "from": "2016-02-23T00:00:00Z", "to": "2016-03-06T23:50:00Z" })).unwrap();
     let binds = ["T_room=T_laundry", "irradiance=irradiance_clear_sky"];
     let found = diagnosis(csv, "room2", &binds, &Site::default(), &asked);
-    assert_eq!(found.findings[0].named(), "metered_gain:P_appliances", "{}", found.summary);
+    assert_eq!(found.findings[0].effect, "metered_gain:P_appliances", "{}", found.summary);
     // An interval over days is wider than one of the autoregression, which held the truth too seldom; the size itself is no looser.
     let size = &found.findings[0].parameters["c_P_appliances"];
     assert!((0.2..0.6).contains(&size.value), "{size:?}");
@@ -67,7 +67,7 @@ fn the_hourly_house_is_missing_its_heating() {
     let asked = request("PT500H", "PT292H", "P0D", 32);
     let binds = ["T_room=T_indoor_degC", "T_out=T_outdoor_degC", "P_heater=heat_input_raw"];
     let found = diagnosis(csv, "rc2+constant_gain+direct_outdoor_loss", &binds, &Site::default(), &asked);
-    assert_eq!(found.findings[0].named(), "metered_gain:P_heater", "{}", found.summary);
+    assert_eq!(found.findings[0].effect, "metered_gain:P_heater", "{}", found.summary);
     let [before, after] = found.findings[0].rmse.validation.unwrap();
     assert!(after < 0.5 * before, "{before} {after}");
 }
@@ -83,7 +83,7 @@ fn the_flexhouse_is_missing_its_sun() {
     let asked = request("P4D", "PT44H", "P0D", 33);
     let binds = ["T_room=T_indoor_degC", "T_out=T_outdoor_degC", "P_heater=P_heater_W", "irradiance=ghi_W_m2"];
     let found = diagnosis(&csv, "tite-solar_gain+constant_gain+direct_outdoor_loss", &binds, &Site::default(), &asked);
-    assert_eq!(found.findings[0].named(), "solar_gain", "{}", found.summary);
+    assert_eq!(found.findings[0].effect, "solar_gain", "{}", found.summary);
     let [before, after] = found.findings[0].rmse.validation.unwrap();
     assert!(after < 0.6 * before, "{before} {after}");
 }

@@ -4,6 +4,7 @@ use super::super::{Failure, faults};
 use super::Row;
 use super::verdicts::{MATERIAL, judge_all, rows, spread};
 use lampyris::data::{Bindings, SplitRequest, Window};
+use lampyris::diagnose::library::carried;
 use lampyris::diagnose::null_model::NullModel;
 use lampyris::diagnose::report::{Considered, Finding};
 use lampyris::diagnose::{Diagnosis, diagnose, preview};
@@ -218,12 +219,7 @@ fn informed(
         return Ok(None);
     }
     let (problem, _, _) = ask(catalogue, world, window, &format!("room3+{}", effects.join("+")))?;
-    let mut start = problem.nominal().to_vec();
-    for (value, parameter) in start.iter_mut().zip(problem.model().parameters()) {
-        if let Some(place) = base.model().parameters().iter().position(|known| known.name == parameter.name) {
-            *value = theta[place];
-        }
-    }
+    let start = carried(base, theta, &problem);
     Ok(Some((problem, start)))
 }
 

@@ -202,6 +202,6 @@ fn line(judged: &Judged) -> String {
         considered.collect::<Vec<_>>().join(" | "),
         blind.collect::<Vec<_>>().join(" | "),
         judged.diagnosis.evaluations,
-        judged.seconds,
+        judged.seconds
     )
 }
