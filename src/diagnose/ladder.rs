@@ -6,6 +6,7 @@ use super::findings::{DiagnoseError, interrupted};
 use super::library::{align, candidates, widen};
 use super::null_model::NullModel;
 use super::selection::round;
+use super::ways::other_way;
 use crate::data::Window;
 use crate::estimate::likelihood::LikelihoodRatio;
 use crate::estimate::metrics::{HORIZONS, ahead, filter};
@@ -104,10 +105,16 @@ pub fn ladder(
         let candidate = &library[best.refitted.candidate];
         let next = NullModel::settle(candidate.problem.clone(), &best.refitted.fitted.plain, Some(&best.refitted.fitted.white), &halt)
             .ok_or_else(nothing)?;
-        course.settled(next.fitted.evaluations);
-        let cost = best.refitted.active as f64 * (best.refitted.measured.samples as f64).ln();
-        let (added, before) = (Some(candidate.id.clone()), steps.last());
-        let mut step = step(&next, added, price + cost, noise, true, String::new());
+        let (way, evaluations) =
+            if best.gate.is_none() { other_way(catalogue, &null, &next, candidate, &grid, site, &halt) } else { (None, 0) };
+        course.settled(next.fitted.evaluations + evaluations);
+        let (added, active, next) = match way {
+            Some(way) => (way.candidate.id, way.candidate.own.len(), way.model),
+            None => (candidate.id.clone(), best.refitted.active, next),
+        };
+        let cost = active as f64 * (best.refitted.measured.samples as f64).ln();
+        let before = steps.last();
+        let mut step = step(&next, Some(added), price + cost, noise, true, String::new());
         (step.kept, step.why) = match (&best.gate, before.map(|before| fallen(before, &step))) {
             (Some((_, why)), _) => (false, format!("the best of what is left is not kept: {why}")),
             (None, Some(Some(why))) => (true, why),

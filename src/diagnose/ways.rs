@@ -97,9 +97,9 @@ mod tests {
     use rand::{RngExt, SeedableRng};
     use rand_xoshiro::Xoshiro256PlusPlus;
 
-    /// The diagnosis of a record that room3 with an effect has made itself, with a stove that burns on some evenings and a sensor
-    /// that errs by .05 K.
-    fn diagnosis(effect: &str, values: &[(&str, f64)]) -> Diagnosis {
+    /// A record that room3 with an effect has made itself, with a stove that burns on some evenings and a sensor that errs by .05 K, and
+    /// room3 fitted to it.
+    fn record(effect: &str, values: &[(&str, f64)]) -> (Catalogue, Window, Problem, Vec<f64>) {
         let (catalogue, mut chance) = (Catalogue::builtin().unwrap(), Xoshiro256PlusPlus::seed_from_u64(5));
         let (_, window) = small_world(&[]);
         let room = window.iter().find(|series| series.channel() == "T_room").unwrap();
@@ -129,6 +129,11 @@ mod tests {
         let window = Window::from_series(window.collect()).unwrap();
         let base = of("room3", &window);
         let theta = fitted(&base).theta();
+        (catalogue, window, base, theta)
+    }
+
+    fn diagnosis(effect: &str, values: &[(&str, f64)]) -> Diagnosis {
+        let (catalogue, window, base, theta) = record(effect, values);
         super::super::diagnose(&catalogue, &base, &theta, &window, &site(), AccusationRate::USUAL, &[], &Control::NONE).unwrap()
     }
 
@@ -149,5 +154,25 @@ mod tests {
         let first = &direct.findings[0];
         assert_eq!((first.effect.as_str(), &first.way_of), ("metered_gain:P_stove", &None), "{}", direct.summary);
         assert!((0.7..0.9).contains(&first.parameters["c_P_stove"].value), "{first:?}");
+    }
+
+    #[test]
+    fn heat_into_walls_is_told_from_heat_on_the_air() {
+        let walls = diagnosis("metered_gain_walls:P_stove", &[("c_P_stove", 1.0)]);
+        let first = &walls.findings[0];
+        assert_eq!((first.effect.as_str(), first.named()), ("metered_gain_walls:P_stove", "metered_gain:P_stove"), "{}", walls.summary);
+        let size = &first.parameters["c_P_stove"];
+        assert!((0.8..1.2).contains(&size.value) && size.ci95.is_some_and(|[low, high]| low < 1.0 && 1.0 < high), "{size:?}");
+        assert!(first.rmse.validation.is_some_and(|[before, after]| after < 0.6 * before), "{:?}", first.rmse);
+    }
+
+    #[test]
+    fn a_ladder_climbs_by_the_same_way() {
+        let (catalogue, window, base, theta) = record("metered_gain_slow:P_stove", &[("c_P_stove", 0.8), ("tau_P_stove", 2.5)]);
+        let ladder = super::super::ladder::ladder(&catalogue, &base, &theta, &window, &site(), 2, &Control::NONE).unwrap();
+        let steps = &ladder.steps;
+        assert_eq!(steps[1].added.as_deref(), Some("metered_gain_slow:P_stove"), "{steps:?}");
+        assert!(steps[1].kept && steps[1].validation_rmse < steps[0].validation_rmse.map(|before| 0.4 * before), "{steps:?}");
+        assert!(steps[1].bic < steps[0].bic, "{steps:?}");
     }
 }
