@@ -1,8 +1,0 @@
-//! Tells cargo that the binary embeds migrations, documents and pages: without this a new file would go
-//! unnoticed until some source file changes.
-
-fn main() {
-    println!("cargo:rerun-if-changed=migrations");
-    println!("cargo:rerun-if-changed=config");
-    println!("cargo:rerun-if-changed=web");
-}

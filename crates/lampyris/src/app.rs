@@ -1,0 +1,263 @@
+//! Puts the service together: database, catalogue, snapshot, workers, schedule, then the listener.
+
+use crate::http;
+use crate::jobs::board::Board;
+use crate::jobs::degradations::{self, Arrivals};
+use crate::jobs::events::{self, Events};
+use crate::jobs::interactive::Interactive;
+use crate::jobs::metrics::Metrics;
+use crate::jobs::models::SharedCatalogue;
+use crate::jobs::params::{self, Snapshot};
+use crate::jobs::tokens::{self, Tokens};
+use crate::jobs::{Clock, JobsError, Service, schedule, worker};
+use crate::settings::Settings;
+use crate::store::{self, Store, StoreError};
+use lampyris_core::model::Catalogue;
+use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
+use std::net::SocketAddr;
+use std::sync::Arc;
+use std::sync::atomic::AtomicUsize;
+use std::time::Duration;
+use tokio::net::{TcpListener, TcpSocket};
+use tokio::signal::unix::{SignalKind, signal};
+use tokio::sync::{Notify, watch};
+use tokio::task::{JoinHandle, JoinSet};
+
+/// How long jobs and answers under way may take after the service was asked to stop. Five seconds are promised.
+const GRACE: Duration = Duration::from_secs(4);
+/// Files beside those of connections: the database, the log, the runtime.
+const SPARE_FILES: u64 = 128;
+
+/// A running service.
+#[derive(Debug)]
+pub struct App {
+    /// Where it listens.
+    pub addr: SocketAddr,
+    service: Arc<Service>,
+    server: JoinHandle<std::io::Result<()>>,
+    tasks: JoinSet<()>,
+}
+
+/// Why the service did not start, or did not stop cleanly.
+#[derive(Debug)]
+pub enum AppError {
+    /// The settings make no sense.
+    Settings(Vec<lampyris_core::fault::Fault>),
+    /// Where there are no tokens, whoever can reach the address can do everything: that may be this machine alone.
+    NotLoopback(SocketAddr),
+    /// The address cannot be listened on.
+    Bind(SocketAddr, std::io::Error),
+    /// The built-in documents cannot be read.
+    Catalogue(Vec<lampyris_core::fault::Fault>),
+    /// The database cannot be used.
+    Store(StoreError),
+    /// What is served could not be prepared.
+    Prepare(JobsError),
+    /// The system gives no threads.
+    Threads(rayon::ThreadPoolBuildError),
+    /// The listener or a signal failed.
+    Io(std::io::Error),
+}
+
+impl std::fmt::Display for AppError {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let list = |f: &mut std::fmt::Formatter<'_>, faults: &[lampyris_core::fault::Fault]| {
+            faults.iter().try_for_each(|fault| write!(f, "\n  {fault}"))
+        };
+        match self {
+            AppError::Settings(faults) => {
+                f.write_str("the settings have faults:")?;
+                list(f, faults)
+            }
+            AppError::NotLoopback(addr) => {
+                write!(
+                    f,
+                    "{addr} can be reached from other machines, and there are no tokens: make one first, with\n  \
+                     lampyris token create --name NAME --scope admin --database FILE\nor bind to 127.0.0.1"
+                )
+            }
+            AppError::Bind(addr, error) => write!(f, "cannot listen on {addr}: {error}"),
+            AppError::Catalogue(faults) => {
+                f.write_str("the built-in documents have faults:")?;
+                list(f, faults)
+            }
+            AppError::Store(error) => error.fmt(f),
+            AppError::Prepare(error) => write!(f, "what is served could not be prepared: {error}"),
+            AppError::Threads(error) => write!(f, "no threads for jobs: {error}"),
+            AppError::Io(error) => error.fmt(f),
+        }
+    }
+}
+
+impl std::error::Error for AppError {}
+
+impl From<StoreError> for AppError {
+    fn from(error: StoreError) -> Self {
+        AppError::Store(error)
+    }
+}
+
+impl From<JobsError> for AppError {
+    fn from(error: JobsError) -> Self {
+        AppError::Prepare(error)
+    }
+}
+
+impl App {
+    /// Starts a service inside this process.
+    ///
+    /// # Errors
+    /// Where anything that it needs is missing; then nothing of it runs.
+    pub async fn start(settings: Settings) -> Result<App, AppError> {
+        Self::start_by(settings, Clock::default()).await
+    }
+
+    /// Starts a service that lives by this clock.
+    ///
+    /// # Errors
+    /// As [`App::start`].
+    pub async fn start_by(settings: Settings, clock: Clock) -> Result<App, AppError> {
+        let faults = settings.faults();
+        if !faults.is_empty() {
+            return Err(AppError::Settings(faults));
+        }
+        let builtin = Catalogue::builtin().map_err(AppError::Catalogue)?;
+        let store = Store::open(&settings.database, settings.limits.quota()).await?;
+        let tokens = Tokens::load(&store).await?;
+        if tokens.is_open() && !settings.bind.ip().is_loopback() {
+            return Err(AppError::NotLoopback(settings.bind));
+        }
+        let boot = store.next_boot().await?;
+        // Taken before anything ends, so that the jobs that fail right now are told and counted like all others.
+        let newest = store::events::newest(&store).await?;
+        let recovered = store::jobs::recover(&store, boot, clock.now()).await?;
+        if !recovered.requeued.is_empty() || !recovered.failed.is_empty() {
+            tracing::warn!(
+                requeued = recovered.requeued.len(),
+                failed = recovered.failed.len(),
+                "jobs of an earlier start were found running"
+            );
+        }
+        store::idempotency::forget_old(&store, clock.now()).await?;
+        let service = Arc::new(Service {
+            catalogue: SharedCatalogue::load(&store, builtin).await?,
+            board: Board::default(),
+            interactive: Interactive::new(threads(&settings)).map_err(AppError::Threads)?,
+            events: Events::new(boot, newest),
+            tokens,
+            metrics: Metrics::new(clock.now()),
+            params: Snapshot::default(),
+            arrivals: Arrivals::default(),
+            wake: Notify::new(),
+            wake_schedule: Notify::new(),
+            stopping: watch::Sender::new(false),
+            workers_alive: AtomicUsize::new(0),
+            settings,
+            store,
+            clock,
+            boot,
+        });
+        // Nobody may ask before what is served is in memory.
+        params::load_all(&service).await?;
+        schedule::ensure_nightly(&service).await?;
+        let bind = service.settings.bind;
+        let listener = bound(bind, service.settings.limits.connections).map_err(|error| AppError::Bind(bind, error))?;
+        let addr = listener.local_addr().map_err(AppError::Io)?;
+        let mut tasks = JoinSet::new();
+        for index in 0..service.settings.workers {
+            let pool = worker::pool(threads(&service.settings), index).map_err(AppError::Threads)?;
+            tasks.spawn(worker::run(service.clone(), pool));
+        }
+        let spare = worker::pool(1, service.settings.workers).map_err(AppError::Threads)?;
+        tasks.spawn(degradations::run(service.clone(), spare));
+        tasks.spawn(events::follow(service.clone()));
+        tasks.spawn(params::keep_fresh(service.clone()));
+        tasks.spawn(schedule::run(service.clone()));
+        tasks.spawn(tokens::follow(service.clone()));
+        let server = tokio::spawn(http::listen(listener, service.clone()));
+        tracing::info!(%addr, boot, "listening on http://{addr}");
+        Ok(App { addr, service, server, tasks })
+    }
+
+    /// What handlers and workers share, for callers in the same process.
+    pub fn service(&self) -> &Service {
+        &self.service
+    }
+
+    /// Stops: jobs under way go back to the queue without a charge, answers under way are sent.
+    ///
+    /// # Errors
+    /// Where the listener had failed.
+    pub async fn shutdown(mut self) -> Result<(), AppError> {
+        self.service.stopping.send_replace(true);
+        self.service.wake.notify_waiters();
+        let tasks = async { while self.tasks.join_next().await.is_some() {} };
+        let (tasks_done, server_done) = tokio::join!(tokio::time::timeout(GRACE, tasks), tokio::time::timeout(GRACE, &mut self.server));
+        if tasks_done.is_err() {
+            // A job that did not hear in time is given back over its head; its own end will find the lease gone.
+            for lease in self.service.board.leases() {
+                if let Err(error) = store::jobs::requeue(&self.service.store, &lease, self.service.now()).await {
+                    tracing::error!(%error, job = lease.job, "a job could not be given back");
+                }
+            }
+            self.tasks.abort_all();
+        }
+        self.service.store.close().await;
+        match server_done {
+            Ok(Ok(result)) => result.map_err(AppError::Io),
+            // A client that reads slowly does not hold up the end.
+            Ok(Err(_)) | Err(_) => {
+                self.server.abort();
+                Ok(())
+            }
+        }
+    }
+}
+
+/// Runs a service until SIGTERM or SIGINT.
+///
+/// # Errors
+/// Where it cannot start, or its listener fails.
+pub async fn serve(settings: Settings, ready: impl FnOnce(SocketAddr)) -> Result<(), AppError> {
+    let mut terminate = signal(SignalKind::terminate()).map_err(AppError::Io)?;
+    let mut interrupt = signal(SignalKind::interrupt()).map_err(AppError::Io)?;
+    allow_files(settings.limits.connections);
+    let app = App::start(settings).await?;
+    ready(app.addr);
+    tokio::select! {
+        _ = terminate.recv() => {}
+        _ = interrupt.recv() => {}
+    }
+    tracing::info!("asked to stop");
+    app.shutdown().await
+}
+
+/// Lets this process have as many files open as its connections need, as far as the system allows.
+fn allow_files(connections: usize) {
+    let needed = connections as u64 + SPARE_FILES;
+    let limit = getrlimit(Resource::Nofile);
+    let allowed = limit.maximum.map_or(needed, |most| most.min(needed));
+    if limit.current.is_some_and(|current| current < allowed)
+        && let Err(error) = setrlimit(Resource::Nofile, Rlimit { current: Some(allowed), ..limit })
+    {
+        tracing::warn!(%error, "the number of open files stays as it is");
+    }
+}
+
+/// A listener with a queue for as many connections as may be open: with the usual 128, a crowd that arrives at once waits a second
+/// for the system to try again.
+fn bound(address: SocketAddr, connections: usize) -> std::io::Result<TcpListener> {
+    let socket = if address.is_ipv4() { TcpSocket::new_v4()? } else { TcpSocket::new_v6()? };
+    // As a restart finds connections of the last life that the system has not forgotten yet.
+    socket.set_reuseaddr(true)?;
+    socket.bind(address)?;
+    socket.listen(u32::try_from(connections).unwrap_or(u32::MAX).min(i32::MAX as u32))
+}
+
+/// CPU threads of one worker.
+fn threads(settings: &Settings) -> usize {
+    match settings.threads {
+        0 => std::thread::available_parallelism().map_or(1, std::num::NonZero::get),
+        threads => threads,
+    }
+}

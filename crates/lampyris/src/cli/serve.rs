@@ -1,0 +1,55 @@
+//! `lampyris serve`.
+
+use super::{Failure, faults, print};
+use crate::app;
+use crate::settings::Settings;
+use std::path::PathBuf;
+use tracing_subscriber::filter::{LevelFilter, Targets};
+use tracing_subscriber::prelude::*;
+
+/// What `serve` takes.
+#[derive(Debug, clap::Args)]
+pub struct Arguments {
+    /// Settings file (TOML).
+    #[arg(long, env = "LAMPYRIS_CONFIG")]
+    config: Option<PathBuf>,
+    /// Address to listen on; port 0 takes any free one.
+    #[arg(long)]
+    bind: Option<std::net::SocketAddr>,
+    /// The database file; it is made where it does not exist.
+    #[arg(long)]
+    database: Option<PathBuf>,
+}
+
+/// Serves until it is told to stop.
+///
+/// # Errors
+/// Where settings, database or address do not serve.
+pub fn run(arguments: Arguments) -> Result<(), Failure> {
+    start_logging();
+    let mut settings = Settings::load(arguments.config.as_deref(), std::env::vars()).map_err(|found| faults(&found))?;
+    settings.bind = arguments.bind.unwrap_or(settings.bind);
+    settings.database = arguments.database.unwrap_or(settings.database);
+    let runtime = runtime()?;
+    runtime
+        .block_on(app::serve(settings, |address| print(&format!("listening on http://{address}"))))
+        .map_err(|error| Failure::Error(error.to_string()))
+}
+
+/// The async runtime of the service: two threads are enough, because no computing happens on them.
+pub fn runtime() -> Result<tokio::runtime::Runtime, Failure> {
+    tokio::runtime::Builder::new_multi_thread()
+        .worker_threads(2)
+        .enable_all()
+        .build()
+        .map_err(|error| Failure::Error(format!("cannot start the async runtime: {error}")))
+}
+
+/// Logs to standard error what `LAMPYRIS_LOG` asks for, such as `debug` or `info,sqlx=warn`.
+fn start_logging() {
+    let asked = std::env::var("LAMPYRIS_LOG").ok().and_then(|words| words.parse::<Targets>().ok());
+    let filter = asked.unwrap_or_else(|| Targets::new().with_default(LevelFilter::INFO));
+    let coloured = std::io::IsTerminal::is_terminal(&std::io::stderr());
+    let lines = tracing_subscriber::fmt::layer().with_ansi(coloured).with_writer(std::io::stderr);
+    tracing_subscriber::registry().with(lines.with_filter(filter)).init();
+}

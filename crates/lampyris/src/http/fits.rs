@@ -1,0 +1,160 @@
+//! What was found, and what the gate says of it.
+
+use super::Shared;
+use super::access::Caller;
+use super::description::With;
+use super::extract::Asked;
+use super::page::{Page, PageQuery};
+use super::problem::{ApiError, Problems};
+use crate::jobs::Service;
+use crate::store;
+use crate::store::decisions::Decision;
+use crate::store::fits::FitEntry;
+use axum::extract::{Path, State};
+use jiff::Timestamp;
+use lampyris_core::data::SystemId;
+use lampyris_core::estimate::Fit;
+use lampyris_core::estimate::fit::{OutputMetrics, Parts};
+use lampyris_core::estimate::validate::CheckResult;
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use utoipa::{IntoParams, ToSchema};
+use utoipa_axum::router::OpenApiRouter;
+use utoipa_axum::routes;
+
+/// The paths of this file.
+pub fn router() -> OpenApiRouter<Shared> {
+    OpenApiRouter::new().routes(routes!(list_fits)).routes(routes!(get_fit))
+}
+
+/// A fit with its verdict.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = Fit)]
+pub struct FitVerdict {
+    id: String,
+    /// The job that found it.
+    job: String,
+    /// The system.
+    system: SystemId,
+    /// `accepted`, `unchanged`, `held` or `rejected`.
+    verdict: String,
+    /// The verdict in a sentence.
+    summary: String,
+    /// Every check of the gate.
+    #[schema(value_type = Vec<CheckResult>)]
+    checks: Value,
+    /// Whether it passed and waits for an operator: `POST /fits/{id}/promote` or `reject`.
+    waits_for_operator: bool,
+    /// What an operator has said.
+    decision: Option<DecisionAnswer>,
+    /// The uploaded windows whose samples it has seen, in the order of upload. None of them can be deleted.
+    windows: Vec<String>,
+    #[schema(value_type = String, format = DateTime)]
+    created_at: Timestamp,
+}
+
+/// An operator's word.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = FitDecision)]
+struct DecisionAnswer {
+    /// `promoted` or `rejected`.
+    decision: Decision,
+    /// Why.
+    reason: String,
+    /// When.
+    #[schema(value_type = String, format = DateTime)]
+    decided_at: Timestamp,
+}
+
+pub type FitAnswer = With<FitVerdict, Fit>;
+
+/// One fit in a list; `/fits/{id}` has all of it.
+#[derive(Debug, Serialize, ToSchema)]
+struct FitRow {
+    id: String,
+    /// The job that found it.
+    job: String,
+    /// The system.
+    system: SystemId,
+    /// The model.
+    model: String,
+    /// `accepted`, `unchanged`, `held` or `rejected`.
+    verdict: String,
+    /// The verdict in a sentence.
+    summary: String,
+    /// Whether its parameters are served now.
+    served: bool,
+    /// Errors by output channel.
+    #[schema(value_type = HashMap<String, OutputMetrics>)]
+    metrics: Value,
+    /// The parts of the window.
+    #[schema(value_type = Parts)]
+    parts: Value,
+    #[schema(value_type = String, format = DateTime)]
+    created_at: Timestamp,
+}
+
+/// Which fits.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+struct FitQuery {
+    /// Those of this system; all by default.
+    system: Option<SystemId>,
+    /// Items per page, 50 by default, at most 500.
+    #[param(minimum = 1, maximum = 500)]
+    page_size: Option<i64>,
+    /// The `next_page_token` of the page before.
+    page_token: Option<String>,
+}
+
+/// Fits, newest first.
+#[utoipa::path(get, path = "/fits", tag = "fits", params(FitQuery), responses((status = 200, body = Page<FitRow>), Problems))]
+async fn list_fits(
+    State(service): State<Shared>,
+    caller: Caller,
+    Asked(query): Asked<FitQuery>,
+) -> Result<axum::Json<Page<FitRow>>, ApiError> {
+    let page = PageQuery { page_size: query.page_size, page_token: query.page_token };
+    let size = page.size()?;
+    let entries = store::fits::page(&service.store, caller.reach(), query.system.as_ref(), page.before()?, size + 1).await?;
+    let row = |entry: FitEntry| FitRow {
+        id: entry.id,
+        job: entry.job,
+        system: entry.system,
+        model: entry.model,
+        verdict: entry.verdict,
+        summary: entry.summary,
+        served: entry.served,
+        metrics: entry.metrics,
+        parts: entry.parts,
+        created_at: entry.created_at,
+    };
+    Ok(axum::Json(Page::of(entries, size, |entry| entry.place.to_string(), row)))
+}
+
+/// One fit.
+#[utoipa::path(get, path = "/fits/{id}", tag = "fits", params(("id" = String, Path)), responses((status = 200, body = FitAnswer), Problems))]
+async fn get_fit(State(service): State<Shared>, Path(id): Path<String>) -> Result<axum::Json<FitAnswer>, ApiError> {
+    answer(&service, &id).await
+}
+
+/// A fit as it is shown.
+pub async fn answer(service: &Service, id: &str) -> Result<axum::Json<FitAnswer>, ApiError> {
+    let record = store::fits::get(&service.store, id).await?.ok_or_else(|| ApiError::NotFound("fit", id.to_owned()))?;
+    let (waits_for_operator, decision) = store::decisions::of(&service.store, id).await?;
+    let windows = store::windows::cited(&service.store, id).await?;
+    let own = FitVerdict {
+        windows,
+        id: record.id,
+        job: record.job,
+        system: record.system,
+        verdict: record.verdict,
+        summary: record.summary,
+        checks: record.checks,
+        waits_for_operator,
+        decision: decision.map(|record| DecisionAnswer { decision: record.decision, reason: record.reason, decided_at: record.decided_at }),
+        created_at: record.created_at,
+    };
+    Ok(axum::Json(With { own, document: record.fit }))
+}

@@ -1,0 +1,299 @@
+//! Jobs: posted here, run elsewhere.
+
+use super::Shared;
+use super::access::Caller;
+use super::batches::BatchAnswer;
+use super::extract::{Asked, Empty, Json};
+use super::page::{Page, PageQuery};
+use super::problem::{ApiError, PROBLEM_JSON, Problem, Problems};
+use crate::jobs::board::Report;
+use crate::jobs::body::JobBody;
+use crate::jobs::request::{self, JobRequest};
+use crate::jobs::{Service, submit};
+use crate::store;
+use crate::store::batches::SubmittedBatch;
+use crate::store::jobs::{Filter, JobKind, JobRecord, JobState, Origin, Outcome, Priority, Submitted};
+use axum::extract::{Path, State};
+use axum::http::{HeaderName, StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use jiff::Timestamp;
+use lampyris_core::data::SystemId;
+use lampyris_core::estimate::tune::Tuning;
+use lampyris_core::model::ModelId;
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use std::collections::BTreeMap;
+use utoipa::{IntoParams, ToSchema};
+use utoipa_axum::router::OpenApiRouter;
+use utoipa_axum::routes;
+
+/// The paths of this file.
+pub fn router() -> OpenApiRouter<Shared> {
+    OpenApiRouter::new()
+        .routes(routes!(post_job, list_jobs))
+        .routes(routes!(get_job))
+        .routes(routes!(cancel_job))
+        .routes(routes!(retry_job))
+}
+
+/// A job.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = Job)]
+pub struct JobAnswer {
+    id: String,
+    kind: JobKind,
+    system: SystemId,
+    model: ModelId,
+    state: JobState,
+    /// What it led to; `null` unless an estimate or a tuning succeeded.
+    outcome: Option<Outcome>,
+    experiment: bool,
+    origin: Origin,
+    priority: Priority,
+    /// What was asked, with all defaults filled in.
+    #[schema(value_type = Object)]
+    request: Value,
+    /// How far it has come, while it runs.
+    progress: Option<Report>,
+    /// Why the search ended.
+    stopped_by: Option<String>,
+    /// What the search cost.
+    evaluations: Option<i64>,
+    /// How long it ran, in seconds.
+    wall_s: Option<f64>,
+    /// What it found.
+    fit: Option<String>,
+    /// The revision that it published.
+    revision: Option<i64>,
+    /// Why it failed.
+    error: Option<store::jobs::JobFailure>,
+    /// How often it was started.
+    attempt: i64,
+    #[schema(value_type = String, format = DateTime)]
+    created_at: Timestamp,
+    #[schema(value_type = Option<String>, format = DateTime)]
+    started_at: Option<Timestamp>,
+    #[schema(value_type = Option<String>, format = DateTime)]
+    ended_at: Option<Timestamp>,
+    /// The job that it repeats.
+    retry_of: Option<String>,
+    /// What it diagnosed, for the kind `diagnose`.
+    diagnosis: Option<String>,
+    /// The settings that it chose and how they fare on windows that the choice did not see, for the kind `tune`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(value_type = Option<Tuning>)]
+    tuning: Option<Value>,
+    /// Where to go from here.
+    links: BTreeMap<&'static str, String>,
+}
+
+/// What a request became: a job, or a batch of them.
+#[derive(ToSchema)]
+#[schema(as = Submitted)]
+#[serde(untagged)]
+#[expect(dead_code, reason = "describes the two answers of `post_job`")]
+enum SubmittedAnswer {
+    Job(Box<JobAnswer>),
+    Batch(Box<BatchAnswer>),
+}
+
+/// Which jobs are listed.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+struct JobQuery {
+    /// Only those that stand so.
+    state: Option<JobState>,
+    /// Only those of this system.
+    system: Option<SystemId>,
+    /// Only those of this kind.
+    kind: Option<JobKind>,
+    /// Items per page, 50 by default, at most 500.
+    #[param(minimum = 1, maximum = 500)]
+    page_size: Option<i64>,
+    /// The `next_page_token` of the page before.
+    page_token: Option<String>,
+}
+
+impl JobAnswer {
+    /// A job as it is shown.
+    pub fn of(service: &Service, job: JobRecord) -> Self {
+        let progress = match job.state {
+            JobState::Running => service.board.report(&job.id),
+            _ => None,
+        };
+        Self { progress, ..Self::without_progress(job) }
+    }
+
+    /// A job as its events tell of it: progress has events of its own, and all listeners hear the same of a start.
+    pub fn without_progress(job: JobRecord) -> Self {
+        let mut links = BTreeMap::from([("self", format!("/jobs/{}", job.id)), ("events", format!("/jobs/{}/events", job.id))]);
+        links.insert("params", format!("/params/{}", job.system));
+        if let Some(fit) = &job.fit {
+            links.insert("fit", format!("/fits/{fit}"));
+        }
+        if let Some(diagnosis) = &job.diagnosis {
+            links.insert("diagnosis", format!("/diagnoses/{diagnosis}"));
+        }
+        if job.kind == JobKind::Ladder {
+            links.insert("ladder", format!("/systems/{}/ladder", job.system));
+        }
+        let wall = job.started_at.zip(job.ended_at).map(|(start, end)| end.duration_since(start).as_secs_f64().max(0.0));
+        Self {
+            kind: job.kind,
+            model: job.model,
+            state: job.state,
+            outcome: job.outcome,
+            experiment: job.experiment,
+            origin: job.origin,
+            priority: job.priority,
+            request: job.request,
+            progress: None,
+            stopped_by: job.stopped_by,
+            evaluations: job.evaluations,
+            wall_s: wall,
+            fit: job.fit,
+            revision: job.revision,
+            error: job.error,
+            attempt: job.attempt,
+            created_at: job.created_at,
+            started_at: job.started_at,
+            ended_at: job.ended_at,
+            retry_of: job.retry_of,
+            diagnosis: job.diagnosis,
+            tuning: job.tuning,
+            links,
+            system: job.system,
+            id: job.id,
+        }
+    }
+}
+
+/// The job that must be there.
+pub async fn require(service: &Service, id: &str) -> Result<JobRecord, ApiError> {
+    store::jobs::get(&service.store, id).await?.ok_or_else(|| ApiError::NotFound("job", id.to_owned()))
+}
+
+/// Submits a job, or a batch of them.
+#[utoipa::path(
+    post,
+    path = "/jobs",
+    tag = "jobs",
+    params(("Idempotency-Key" = Option<String>, Header)),
+    request_body = JobBody,
+    responses(
+        (status = 200, description = "An equal job waits already", body = JobAnswer),
+        (status = 202, description = "It waits; `Location` leads to it. Several systems answer with their batch", body = SubmittedAnswer, headers(("Location" = String))),
+        (status = 429, description = "So many jobs wait already; `Retry-After` says when to ask again", body = Problem, content_type = PROBLEM_JSON),
+        Problems,
+    )
+)]
+async fn post_job(State(service): State<Shared>, caller: Caller, body: Json) -> Result<Response, ApiError> {
+    caller.may_name(&service, &body.value)?;
+    let asked = match request::read(body.value.clone()) {
+        Ok(asked) => asked,
+        Err(mut faults) => {
+            faults.extend(submit::further_faults(&service, &body.value, &faults).await?);
+            return Err(ApiError::Invalid(faults));
+        }
+    };
+    match asked {
+        JobRequest::One { kind, system, experiment, priority, settings } => {
+            let submitted = submit::one(&service, kind, &system, experiment, priority, &settings, body.key.as_ref()).await?;
+            job_answer(&service, submitted).await
+        }
+        JobRequest::Several { priority, batch } => {
+            caller.may_select(&batch.systems)?;
+            let submitted = submit::several(&service, &batch, None, priority, body.key.as_ref()).await?;
+            batch_answer(&service, submitted).await
+        }
+    }
+}
+
+/// The answer to a job that was submitted.
+async fn job_answer(service: &Service, submitted: Submitted) -> Result<Response, ApiError> {
+    let (status, job, replayed) = match submitted {
+        Submitted::New(job) => (StatusCode::ACCEPTED, job, false),
+        Submitted::Waiting(job) => (StatusCode::OK, job, false),
+        Submitted::Earlier(earlier) => (status(earlier.status), require(service, &earlier.resource).await?, true),
+    };
+    let location = format!("/jobs/{}", job.id);
+    Ok(answer(status, location, replayed, axum::Json(JobAnswer::of(service, job))))
+}
+
+/// The answer to a batch that was submitted.
+pub async fn batch_answer(service: &Service, submitted: SubmittedBatch) -> Result<Response, ApiError> {
+    let (status, id, replayed) = match submitted {
+        SubmittedBatch::New(id) => (StatusCode::ACCEPTED, id, false),
+        SubmittedBatch::Earlier(earlier) => (status(earlier.status), earlier.resource, true),
+    };
+    let batch = store::batches::get(&service.store, &id).await?.ok_or(ApiError::NotFound("batch", id))?;
+    let location = format!("/batches/{}", batch.id);
+    Ok(answer(status, location, replayed, axum::Json(BatchAnswer::of(service, batch))))
+}
+
+fn answer(status: StatusCode, location: String, replayed: bool, body: impl IntoResponse) -> Response {
+    let mut response = (status, [(header::LOCATION, location)], body).into_response();
+    if replayed {
+        response.headers_mut().insert(HeaderName::from_static("idempotency-replayed"), header::HeaderValue::from_static("true"));
+    }
+    response
+}
+
+fn status(code: u16) -> StatusCode {
+    StatusCode::from_u16(code).unwrap_or(StatusCode::OK)
+}
+
+/// Jobs, newest first.
+#[utoipa::path(get, path = "/jobs", tag = "jobs", params(JobQuery), responses((status = 200, body = Page<JobAnswer>), Problems))]
+async fn list_jobs(
+    State(service): State<Shared>,
+    caller: Caller,
+    Asked(query): Asked<JobQuery>,
+) -> Result<axum::Json<Page<JobAnswer>>, ApiError> {
+    let page = PageQuery { page_size: query.page_size, page_token: query.page_token };
+    let filter = Filter { state: query.state, kind: query.kind, system: query.system, reach: caller.reach().clone() };
+    let size = page.size()?;
+    let records = store::jobs::page(&service.store, &filter, page.before()?, size + 1).await?;
+    Ok(axum::Json(Page::of(records, size, |record| record.sequence.to_string(), |record| JobAnswer::of(&service, record))))
+}
+
+/// One job.
+#[utoipa::path(get, path = "/jobs/{id}", tag = "jobs", params(("id" = String, Path)), responses((status = 200, body = JobAnswer), Problems))]
+async fn get_job(State(service): State<Shared>, Path(id): Path<String>) -> Result<axum::Json<JobAnswer>, ApiError> {
+    let job = require(&service, &id).await?;
+    if job.state.is_final() {
+        service.board.settled(&job.id).await;
+    }
+    Ok(axum::Json(JobAnswer::of(&service, job)))
+}
+
+/// Calls a job off. Calling it off twice, or after its end, changes nothing.
+#[utoipa::path(
+    post,
+    path = "/jobs/{id}/cancel",
+    tag = "jobs",
+    params(("id" = String, Path)),
+    responses((status = 200, description = "The job as it is now; one that runs stops within half a second", body = JobAnswer), Problems)
+)]
+async fn cancel_job(State(service): State<Shared>, Path(id): Path<String>, _body: Empty) -> Result<axum::Json<JobAnswer>, ApiError> {
+    let cancelled = submit::cancel(&service, &id).await?.ok_or(ApiError::NotFound("job", id))?;
+    Ok(axum::Json(JobAnswer::of(&service, cancelled.job)))
+}
+
+/// Does a job that has ended once more: a new job with the same request, which names it in `retry_of`.
+#[utoipa::path(
+    post,
+    path = "/jobs/{id}/retry",
+    tag = "jobs",
+    params(("id" = String, Path), ("Idempotency-Key" = Option<String>, Header)),
+    responses(
+        (status = 200, description = "An equal job waits already", body = JobAnswer),
+        (status = 202, description = "The new job waits; `Location` leads to it", body = JobAnswer, headers(("Location" = String))),
+        (status = 409, description = "The job has not ended", body = super::problem::Problem, content_type = "application/problem+json"),
+        Problems,
+    )
+)]
+async fn retry_job(State(service): State<Shared>, Path(id): Path<String>, body: Empty) -> Result<Response, ApiError> {
+    job_answer(&service, submit::retry(&service, &id, body.key.as_ref()).await?).await
+}

@@ -1,0 +1,261 @@
+//! Rooms and plants.
+
+use super::Shared;
+use super::access::Caller;
+use super::description::With;
+use super::extract::{Asked, Json, Named};
+use super::page::{Page, PageQuery};
+use super::problem::{ApiError, Problems};
+use crate::jobs::Service;
+use crate::jobs::health::{Health, Served, ahead, health};
+use crate::jobs::params::Status;
+use crate::jobs::systems::{self, SystemDocument, document};
+use crate::store;
+use crate::store::jobs::{JobRecord, JobState, Outcome};
+use crate::store::systems::SystemRecord;
+use axum::extract::State;
+use axum::http::{StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use indexmap::IndexMap;
+use jiff::Timestamp;
+use lampyris_core::data::SystemId;
+use lampyris_core::estimate::served::ServedError;
+use lampyris_core::model::ModelId;
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use utoipa::{IntoParams, ToSchema};
+use utoipa_axum::router::OpenApiRouter;
+use utoipa_axum::routes;
+
+/// The paths of this file.
+pub fn router() -> OpenApiRouter<Shared> {
+    OpenApiRouter::new().routes(routes!(get_system, put_system, delete_system)).routes(routes!(list_systems)).routes(routes!(get_state))
+}
+
+/// A system with its name.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = SystemAnswer)]
+struct SystemName {
+    /// Its name.
+    system: SystemId,
+}
+
+type SystemAnswer = With<SystemName, SystemDocument>;
+
+/// One system in a list: what it is and how it fares.
+#[derive(Debug, Serialize, ToSchema)]
+struct SystemRow {
+    /// Its name.
+    system: SystemId,
+    /// A name for people.
+    label: String,
+    /// The model whose fits are served.
+    model: ModelId,
+    /// How it fares.
+    health: Health,
+    /// Why, in a sentence.
+    why: String,
+    /// How much to trust what is served; `null` where nothing was ever validated.
+    status: Option<Status>,
+    /// The revision that is served.
+    revision: Option<i64>,
+    /// Errors of what is served, by output.
+    #[schema(value_type = HashMap<String, RowError>)]
+    error: IndexMap<String, RowError>,
+    /// What the gate wants said of it.
+    flags: Vec<String>,
+    /// When it was found.
+    #[schema(value_type = Option<String>, format = DateTime)]
+    fitted_at: Option<Timestamp>,
+    /// When the gate last found it fit to be served.
+    #[schema(value_type = Option<String>, format = DateTime)]
+    validated_at: Option<Timestamp>,
+    /// Seconds since then.
+    age_s: Option<i64>,
+    /// When it turns stale.
+    #[schema(value_type = Option<String>, format = DateTime)]
+    stale_after: Option<Timestamp>,
+    /// The newest job of any kind.
+    latest_job: Option<String>,
+    /// Where that job stands.
+    latest_state: Option<JobState>,
+    /// What it led to.
+    latest_outcome: Option<Outcome>,
+    /// In which circumstances the served fit fails most, in a sentence; `null` where none stand out.
+    worst_regime: Option<String>,
+}
+
+/// The errors of one output on data that the search has not seen.
+#[derive(Debug, Serialize, ToSchema)]
+struct RowError {
+    /// Unit of the errors.
+    unit: String,
+    /// Of a free run.
+    validation_rmse: Option<f64>,
+    /// The horizon of the policy, or the longest known one below it.
+    #[schema(example = "PT6H")]
+    horizon: Option<String>,
+    /// Of forecasts at that horizon.
+    ahead: Option<f64>,
+}
+
+impl SystemRow {
+    fn of(service: &Service, record: SystemRecord, newest: Option<JobRecord>, worst_regime: Option<String>) -> Self {
+        let system = record.system.to_string();
+        let entry = service.params.entry(&system);
+        let rendered = entry.as_ref().and_then(|entry| entry.validated());
+        let served = rendered.and_then(Served::of);
+        let (health, why) = health(served.as_ref(), newest.as_ref());
+        let (label, horizon) = document(&record.document).map(|document| (document.label, document.policy.horizon)).unwrap_or_default();
+        let row_error = |error: &ServedError| {
+            let (horizon, ahead) = ahead(error, horizon).unzip();
+            RowError { unit: error.unit.clone(), validation_rmse: error.validation_rmse, horizon: horizon.map(str::to_owned), ahead }
+        };
+        let errors = served.iter().flat_map(|served| &served.error).map(|(output, error)| (output.clone(), row_error(error))).collect();
+        let validated_at = served.as_ref().and_then(|served| served.validated_at);
+        Self {
+            label,
+            model: record.model,
+            health,
+            why,
+            status: rendered.map(|rendered| rendered.status),
+            revision: rendered.and_then(|rendered| rendered.revision),
+            error: errors,
+            fitted_at: served.as_ref().and_then(|served| served.fitted_at),
+            validated_at,
+            age_s: validated_at.map(|instant| service.now().duration_since(instant).as_secs().max(0)),
+            stale_after: served.as_ref().and_then(|served| served.stale_after),
+            flags: served.map(|served| served.flags).unwrap_or_default(),
+            latest_state: newest.as_ref().map(|job| job.state),
+            latest_outcome: newest.as_ref().and_then(|job| job.outcome),
+            latest_job: newest.map(|job| job.id),
+            worst_regime,
+            system: record.system,
+        }
+    }
+}
+
+/// The states at the newest sample that a job has seen.
+#[derive(Debug, ToSchema)]
+#[expect(dead_code, reason = "describes a document whose fields are named by the model")]
+struct StateAnswer {
+    /// The instant of the sample.
+    #[schema(format = DateTime)]
+    at: String,
+    /// Present where the model has no filter: the states are those of a free run from the start of the fit's window, which no
+    /// measurement has corrected.
+    free_run: Option<bool>,
+    /// Standard deviations by state; empty for a free run, which has none.
+    sd: std::collections::HashMap<String, f64>,
+    /// The revision by whose parameters they were found.
+    revision: i64,
+    /// The states by name, in the units of the model.
+    #[serde(flatten)]
+    states: std::collections::HashMap<String, f64>,
+}
+
+/// All systems, one row each: health, error, status.
+#[utoipa::path(get, path = "/systems", tag = "systems", params(PageQuery), responses((status = 200, body = Page<SystemRow>), Problems))]
+async fn list_systems(
+    State(service): State<Shared>,
+    caller: Caller,
+    Asked(page): Asked<PageQuery>,
+) -> Result<axum::Json<Page<SystemRow>>, ApiError> {
+    let size = page.size()?;
+    let after = page.page_token.unwrap_or_default();
+    let records = store::systems::page(&service.store, caller.reach(), &after, size + 1).await?;
+    let names: Vec<String> = records.iter().map(|record| record.system.to_string()).collect();
+    let newest = store::jobs::newest(&service.store, &names).await?;
+    let worst = store::fits::worst_regimes(&service.store, &names).await?;
+    let row = |record: SystemRecord| {
+        let job = newest.iter().find(|job| job.system == record.system).cloned();
+        let worst = worst.get(&record.system.to_string()).cloned();
+        SystemRow::of(&service, record, job, worst)
+    };
+    Ok(axum::Json(Page::of(records, size, |record| record.system.to_string(), row)))
+}
+
+/// One system.
+#[utoipa::path(
+    get,
+    path = "/systems/{kind}/{id}",
+    tag = "systems",
+    params(("kind" = String, Path), ("id" = String, Path)),
+    responses((status = 200, body = SystemAnswer), Problems)
+)]
+async fn get_system(State(service): State<Shared>, Named(system): Named) -> Result<axum::Json<SystemAnswer>, ApiError> {
+    let document = systems::require(&service, &system).await?;
+    Ok(axum::Json(With { own: SystemName { system }, document }))
+}
+
+/// Makes a system, or replaces its document.
+#[utoipa::path(
+    put,
+    path = "/systems/{kind}/{id}",
+    tag = "systems",
+    params(("kind" = String, Path), ("id" = String, Path)),
+    request_body = SystemDocument,
+    responses((status = 200, description = "Replaced", body = SystemAnswer), (status = 201, description = "Made", body = SystemAnswer), Problems)
+)]
+async fn put_system(State(service): State<Shared>, caller: Caller, Named(system): Named, body: Json) -> Result<Response, ApiError> {
+    let (document, is_new) = systems::put(&service, &system, body.value, caller.name()).await?;
+    let status = if is_new { StatusCode::CREATED } else { StatusCode::OK };
+    let location = format!("/systems/{system}");
+    Ok((status, [(header::LOCATION, location)], axum::Json(With { own: SystemName { system }, document })).into_response())
+}
+
+/// Whether a deletion may take history along.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+struct DeleteQuery {
+    /// Deletes fits and revisions, too, and a system that others name as a neighbour.
+    #[serde(default)]
+    force: bool,
+}
+
+/// Deletes a system with everything that is its own: measurements, jobs, fits, revisions. `/params` then answers 404.
+///
+/// A system with fits or revisions, or on which others depend, goes only by `?force=true`; one whose jobs wait or
+/// run does not go at all. Documents of other systems that name it stay as they are.
+#[utoipa::path(
+    delete,
+    path = "/systems/{kind}/{id}",
+    tag = "systems",
+    params(("kind" = String, Path), ("id" = String, Path), DeleteQuery),
+    responses(
+        (status = 204, description = "It is gone"),
+        (status = 409, description = "`system-busy`: `jobs` need it; `system-needed`: it has a history or `dependents`, and nobody forced it", body = super::problem::Problem, content_type = "application/problem+json"),
+        Problems,
+    )
+)]
+async fn delete_system(
+    State(service): State<Shared>,
+    caller: Caller,
+    Named(system): Named,
+    Asked(query): Asked<DeleteQuery>,
+) -> Result<StatusCode, ApiError> {
+    systems::delete(&service, &system, query.force, caller.name()).await?;
+    Ok(StatusCode::NO_CONTENT)
+}
+
+/// The states at the newest sample that a job has seen: what a controller needs beside the parameters. They are filtered,
+/// or, of a model without a filter, those of a free run.
+#[utoipa::path(
+    get,
+    path = "/systems/{kind}/{id}/state",
+    tag = "systems",
+    params(("kind" = String, Path), ("id" = String, Path)),
+    responses((status = 200, description = "The states by name, beside these fields", body = StateAnswer), Problems)
+)]
+async fn get_state(State(service): State<Shared>, Named(system): Named) -> Result<axum::Json<Value>, ApiError> {
+    match store::params::state(&service.store, &system).await? {
+        Some((revision, Value::Object(mut state))) => {
+            state.insert("revision".to_owned(), revision.into());
+            Ok(axum::Json(Value::Object(state)))
+        }
+        Some(_) => Err(ApiError::Internal("a stored state is no object".into())),
+        None if service.params.entry(&system.to_string()).is_none() => Err(ApiError::NotFound("system", system.to_string())),
+        None => Err(ApiError::NoState(system.to_string())),
+    }
+}

@@ -1,0 +1,160 @@
+//! Measurements.
+
+use super::Shared;
+use super::access::Caller;
+use super::description::{Stored, With};
+use super::extract::{Asked, Named, Raw};
+use super::page::{Page, PageQuery};
+use super::problem::{ApiError, Problems};
+use crate::jobs::systems;
+use crate::jobs::windows::{self, Format};
+use crate::store;
+use crate::store::windows::WindowRecord;
+use axum::extract::{Path, State};
+use axum::http::{StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use jiff::Timestamp;
+use lampyris_core::data::{SystemId, WindowReport};
+use serde::Serialize;
+use std::collections::HashMap;
+use utoipa::ToSchema;
+use utoipa::openapi::schema::{ArrayBuilder, ObjectBuilder, SchemaType, Type};
+use utoipa::openapi::{RefOr, Schema};
+use utoipa_axum::router::OpenApiRouter;
+use utoipa_axum::routes;
+
+/// The paths of this file.
+pub fn router() -> OpenApiRouter<Shared> {
+    OpenApiRouter::new().routes(routes!(post_window, list_windows)).routes(routes!(get_window, delete_window))
+}
+
+/// Measurements as JSON; as CSV they are `time,T_room[degC],…`. A row that cannot be read is left out and listed; where more than a
+/// tenth of the rows cannot be read, the window is refused.
+#[derive(Debug, ToSchema)]
+#[serde(deny_unknown_fields)]
+#[expect(dead_code, reason = "describes what `Window::parse_json` reads")]
+pub struct WindowBody {
+    /// Units by channel; a channel that is not named has its own.
+    #[serde(default)]
+    channels: HashMap<String, ChannelUnit>,
+    /// Increasing times with offset.
+    #[schema(min_items = 2)]
+    time: Vec<Instant>,
+    /// One list per channel, as long as `time`.
+    #[schema(schema_with = columns)]
+    values: HashMap<String, Vec<Option<f64>>>,
+}
+
+fn columns() -> impl Into<RefOr<Schema>> {
+    let types = SchemaType::from_iter([Type::Number, Type::Null]);
+    let column = ArrayBuilder::new().items(ObjectBuilder::new().schema_type(types)).min_items(Some(2));
+    let columns = ObjectBuilder::new().schema_type(Type::Object).additional_properties(Some(column)).min_properties(Some(1));
+    columns.description(Some("One list per channel, as long as `time`.")).build()
+}
+
+/// An instant, RFC 3339 with offset.
+#[derive(Debug, ToSchema)]
+#[schema(format = DateTime)]
+#[expect(dead_code, reason = "describes a text")]
+struct Instant(String);
+
+/// The unit of a channel.
+#[derive(Debug, ToSchema)]
+#[serde(deny_unknown_fields)]
+#[expect(dead_code, reason = "describes what `Window::parse_json` reads")]
+struct ChannelUnit {
+    /// Such as `degC`.
+    unit: Option<String>,
+}
+
+/// A window: not its samples, but what was found in them.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = Window)]
+struct WindowName {
+    /// `win_` and a hash of system and content.
+    id: String,
+    /// The system.
+    system: SystemId,
+    /// When it came.
+    #[schema(value_type = String, format = DateTime)]
+    uploaded_at: Timestamp,
+}
+
+/// A window as it is shown: not its samples, but what was found in them.
+type WindowAnswer = With<WindowName, Stored<WindowReport>>;
+
+/// How a body of measurements is written, by its media type.
+///
+/// # Errors
+/// 415 where it is neither CSV nor JSON.
+pub fn format(raw: &Raw) -> Result<Format, ApiError> {
+    match raw.media_type.as_str() {
+        "text/csv" => Ok(Format::Csv),
+        "application/json" => Ok(Format::Json),
+        _ => Err(ApiError::MediaType("text/csv or application/json")),
+    }
+}
+
+fn shown(window: WindowRecord) -> WindowAnswer {
+    With { own: WindowName { id: window.id, system: window.system, uploaded_at: window.uploaded_at }, document: Stored::of(window.report) }
+}
+
+/// Takes measurements. The same content again is the same window.
+#[utoipa::path(
+    post,
+    path = "/systems/{kind}/{id}/windows",
+    tag = "windows",
+    params(("kind" = String, Path), ("id" = String, Path), ("Idempotency-Key" = Option<String>, Header)),
+    request_body(content((WindowBody = "application/json"), (String = "text/csv"))),
+    responses((status = 200, description = "It was there already", body = WindowAnswer), (status = 201, description = "Taken; `Location` leads to it", body = WindowAnswer, headers(("Location" = String))), Problems)
+)]
+async fn post_window(State(service): State<Shared>, Named(system): Named, raw: Raw) -> Result<Response, ApiError> {
+    let format = format(&raw)?;
+    let taken = windows::take(&service, &system, format, raw.body, raw.key.as_ref()).await?;
+    let status = if taken.is_new { StatusCode::CREATED } else { StatusCode::OK };
+    let location = format!("/windows/{}", taken.window.id);
+    Ok((status, [(header::LOCATION, location)], axum::Json(shown(taken.window))).into_response())
+}
+
+/// The windows of a system, newest upload first.
+#[utoipa::path(
+    get,
+    path = "/systems/{kind}/{id}/windows",
+    tag = "windows",
+    params(("kind" = String, Path), ("id" = String, Path), PageQuery),
+    responses((status = 200, body = Page<WindowAnswer>), Problems)
+)]
+async fn list_windows(
+    State(service): State<Shared>,
+    Named(system): Named,
+    Asked(page): Asked<PageQuery>,
+) -> Result<axum::Json<Page<WindowAnswer>>, ApiError> {
+    systems::require(&service, &system).await?;
+    let size = page.size()?;
+    let records = store::windows::page(&service.store, &system, page.before()?, size + 1).await?;
+    Ok(axum::Json(Page::of(records, size, |record| record.sequence.to_string(), shown)))
+}
+
+/// One window.
+#[utoipa::path(get, path = "/windows/{id}", tag = "windows", params(("id" = String, Path)), responses((status = 200, body = WindowAnswer), Problems))]
+async fn get_window(State(service): State<Shared>, Path(id): Path<String>) -> Result<axum::Json<WindowAnswer>, ApiError> {
+    let window = store::windows::get(&service.store, &id).await?.ok_or(ApiError::NotFound("window", id))?;
+    Ok(axum::Json(shown(window)))
+}
+
+/// Deletes a window that no fit cites. The measurements that it covered show again.
+#[utoipa::path(
+    delete,
+    path = "/windows/{id}",
+    tag = "windows",
+    params(("id" = String, Path)),
+    responses(
+        (status = 204, description = "It is gone"),
+        (status = 409, description = "`window-cited`: `fits` cite it; `window-in-use`: `jobs` may be reading it", body = super::problem::Problem, content_type = "application/problem+json"),
+        Problems,
+    )
+)]
+async fn delete_window(State(service): State<Shared>, caller: Caller, Path(id): Path<String>) -> Result<StatusCode, ApiError> {
+    windows::delete(&service, &id, caller.name()).await?;
+    Ok(StatusCode::NO_CONTENT)
+}

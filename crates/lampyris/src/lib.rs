@@ -1,0 +1,20 @@
+//! Lampyris keeps grey-box models honest: measurements in, validated parameters out. This is the service around
+//! [`lampyris_core`].
+//!
+//! # The map
+//! | stage | turns | into |
+//! |---|---|---|
+//! | [`store`] | accepted fits | durable revisions |
+//! | [`jobs`] | requests | running work on the CPU pool |
+//! | [`http`] | all of it | the service |
+//! | [`cli`] | words on the command line | all of it |
+//!
+//! [`app`] composes them, [`settings`] says how. Tests enforce who may import whom (`tests/layers.rs`).
+
+pub mod http;
+pub mod jobs;
+pub mod store;
+
+pub mod app;
+pub mod cli;
+pub mod settings;

@@ -1,0 +1,336 @@
+//! Recalibrations and diagnoses of several systems: ordinary jobs under one name.
+
+use super::idempotency::{Earlier, KeyState, RequestKey, look_up, remember};
+use super::jobs::{JobFailure, JobState, NewJob, Outcome, SubmitError, submit_in};
+use super::reach::Reach;
+use super::row::row;
+use super::{Store, StoreError, derive_id, from_json, instant, millis, next, parse, to_json, words};
+use jiff::Timestamp;
+use lampyris_core::data::SystemId;
+use lampyris_core::diagnose::Adequacy;
+use lampyris_core::estimate::validate::NO_WORSE_THAN_INCUMBENT;
+use serde::{Deserialize, Serialize};
+use sqlx::SqliteConnection;
+use utoipa::ToSchema;
+
+words! {
+    /// What the jobs of a batch do.
+    BatchKind {
+        /// They estimate, and what is accepted is served.
+        Recalibrate = "recalibrate",
+        /// They look for what each model is missing.
+        Diagnose = "diagnose",
+    }
+}
+
+impl BatchKind {
+    /// The one that documents need not name.
+    pub const fn usual() -> Self {
+        Self::Recalibrate
+    }
+
+    /// Whether documents need not name it.
+    pub fn is_usual(&self) -> bool {
+        *self == Self::usual()
+    }
+}
+
+/// A system that was left out, with the reason.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[schema(as = SkippedSystem)]
+pub struct Skipped {
+    /// The system.
+    pub system: SystemId,
+    /// A sentence.
+    pub why: String,
+}
+
+/// A batch to be submitted.
+#[derive(Debug, Clone, PartialEq)]
+pub struct NewBatch {
+    /// What its jobs do.
+    pub kind: BatchKind,
+    /// The schedule that submits it.
+    pub schedule: Option<String>,
+    /// The request, JSON.
+    pub request: String,
+    /// One job per system.
+    pub jobs: Vec<NewJob>,
+    /// Systems that were left out.
+    pub skipped: Vec<Skipped>,
+}
+
+/// A batch as it is kept, with where its jobs stand.
+#[derive(Debug, Clone, PartialEq)]
+pub struct BatchRecord {
+    /// Its id.
+    pub id: String,
+    /// What its jobs do.
+    pub kind: BatchKind,
+    /// The schedule that submitted it.
+    pub schedule: Option<String>,
+    /// The request.
+    pub request: serde_json::Value,
+    /// Systems that were left out.
+    pub skipped: Vec<Skipped>,
+    /// When.
+    pub created_at: Timestamp,
+    /// Its jobs, in the order of submission.
+    pub jobs: Vec<BatchJob>,
+}
+
+/// A job of a batch.
+#[derive(Debug, Clone, PartialEq)]
+pub struct BatchJob {
+    /// Its id.
+    pub job: String,
+    /// The system.
+    pub system: SystemId,
+    /// Where it stands.
+    pub state: JobState,
+    /// What it led to.
+    pub outcome: Option<Outcome>,
+    /// What it found.
+    pub fit: Option<String>,
+    /// The sentence of the diagnosis where there is one, otherwise the gate's about the fit.
+    pub summary: Option<String>,
+    /// Its forecast error over that of the parameters that were served before, on the same unseen data; `None`
+    /// where there were none to compare with.
+    pub error_ratio: Option<f64>,
+    /// Why it failed.
+    pub error: Option<JobFailure>,
+    /// What it diagnosed.
+    pub diagnosis: Option<BatchDiagnosis>,
+}
+
+/// What a diagnosis of a batch comes to.
+#[derive(Debug, Clone, PartialEq)]
+pub struct BatchDiagnosis {
+    /// Its id.
+    pub id: String,
+    /// The verdict.
+    pub verdict: Adequacy,
+    /// The effects that it names, the most telling first.
+    pub named: Vec<String>,
+}
+
+/// What became of a batch that was submitted.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum SubmittedBatch {
+    /// It is new; its id.
+    New(String),
+    /// The same request came before.
+    Earlier(Earlier),
+}
+
+row! {
+    struct Row {
+        id: String,
+        kind: String,
+        schedule: Option<String>,
+        request: String,
+        skipped: String,
+        created_at: i64,
+    }
+}
+
+row! {
+    struct JobRow {
+        id: String,
+        system: String,
+        state: String,
+        outcome: Option<String>,
+        fit: Option<String>,
+        summary: Option<String>,
+        error_ratio: Option<f64>,
+        error: Option<String>,
+        diagnosis: Option<String>,
+        diagnosed: Option<String>,
+    }
+}
+
+/// What is read of the document of a diagnosis.
+#[derive(Deserialize)]
+struct Diagnosed {
+    verdict: Adequacy,
+    summary: String,
+    named: Vec<String>,
+}
+
+impl JobRow {
+    fn record(self) -> Result<BatchJob, StoreError> {
+        let diagnosed: Option<Diagnosed> = self.diagnosed.as_deref().map(|text| from_json("a diagnosis", text)).transpose()?;
+        let (said, diagnosis) = match self.diagnosis.zip(diagnosed) {
+            Some((id, Diagnosed { verdict, summary, named })) => (Some(summary), Some(BatchDiagnosis { id, verdict, named })),
+            None => (self.summary, None),
+        };
+        Ok(BatchJob {
+            system: parse("a system", &self.system)?,
+            state: parse("a state", &self.state)?,
+            outcome: self.outcome.as_deref().map(|word| parse("an outcome", word)).transpose()?,
+            error: self.error.as_deref().map(|text| from_json("a failure", text)).transpose()?,
+            job: self.id,
+            fit: self.fit,
+            summary: said,
+            error_ratio: self.error_ratio,
+            diagnosis,
+        })
+    }
+}
+
+/// Submits a batch with all its jobs.
+///
+/// # Errors
+/// Where the queue cannot take them all, the key belongs to another request, or the database fails.
+pub async fn submit(
+    store: &Store,
+    new: &NewBatch,
+    key: Option<&RequestKey>,
+    limit: i64,
+    now: Timestamp,
+) -> Result<SubmittedBatch, SubmitError> {
+    let mut tx = store.write().await?;
+    match look_up(&mut tx, key).await? {
+        KeyState::Reused => return Err(SubmitError::KeyReused),
+        KeyState::Seen(earlier) => return Ok(SubmittedBatch::Earlier(earlier)),
+        KeyState::Fresh => {}
+    }
+    let id = submit_in_batch(&mut tx, new, limit, now).await?;
+    remember(&mut tx, key, &id, 202, now).await?;
+    tx.commit().await?;
+    Ok(SubmittedBatch::New(id))
+}
+
+/// Submits a batch inside a transaction.
+pub(super) async fn submit_in_batch(tx: &mut SqliteConnection, new: &NewBatch, limit: i64, now: Timestamp) -> Result<String, SubmitError> {
+    let sequence = next(tx, "sequence").await?;
+    let id = derive_id("bat", sequence, now);
+    let sql = "INSERT INTO batches (id, sequence, kind, schedule, request, skipped, created_at) VALUES ($1, $2, $3, $4, $5, $6, $7)";
+    sqlx::query(sql)
+        .bind(&id)
+        .bind(sequence)
+        .bind(new.kind.word())
+        .bind(&new.schedule)
+        .bind(&new.request)
+        .bind(to_json("skipped systems", &new.skipped)?)
+        .bind(millis(now))
+        .execute(&mut *tx)
+        .await?;
+    for job in &new.jobs {
+        // An equal job that waits already belongs to this batch, too.
+        let (job, _) = submit_in(tx, job, limit, now).await?;
+        sqlx::query("INSERT INTO batch_jobs (batch, job) VALUES ($1, $2) ON CONFLICT DO NOTHING")
+            .bind(&id)
+            .bind(&job.id)
+            .execute(&mut *tx)
+            .await?;
+    }
+    Ok(id)
+}
+
+/// Whether an equal job has succeeded since measurements of its system came or went, and its settings changed.
+///
+/// # Errors
+/// Where the database fails.
+pub async fn is_answered(store: &Store, job: &NewJob) -> Result<bool, StoreError> {
+    let sql = "SELECT EXISTS (SELECT 1 FROM jobs WHERE system = $1 AND state = 'succeeded' AND fingerprint = $2
+                   AND started_at > (SELECT MAX(uploaded_at) FROM windows WHERE system = $1)
+                   AND started_at > (SELECT updated_at FROM systems WHERE system = $1)
+                   AND started_at > COALESCE((SELECT MAX(at) FROM audit WHERE system = $1 AND action = 'delete_window'), 0))";
+    Ok(sqlx::query_scalar(sql).bind(job.system.to_string()).bind(job.fingerprint()).fetch_one(&store.reader).await?)
+}
+
+/// Whether a batch has jobs that have not ended.
+pub(super) async fn is_unfinished(tx: &mut SqliteConnection, id: &str) -> Result<bool, StoreError> {
+    let sql = "SELECT COUNT(*) FROM batch_jobs b JOIN jobs j ON j.id = b.job WHERE b.batch = $1 AND j.state IN ('queued', 'running')";
+    let left: i64 = sqlx::query_scalar(sql).bind(id).fetch_one(tx).await?;
+    Ok(left > 0)
+}
+
+/// One batch.
+///
+/// # Errors
+/// Where the database fails.
+pub async fn get(store: &Store, id: &str) -> Result<Option<BatchRecord>, StoreError> {
+    let sql = "SELECT id, kind, schedule, request, skipped, created_at FROM batches WHERE id = $1";
+    let Some(row) = sqlx::query_as::<_, Row>(sql).bind(id).fetch_optional(&store.reader).await? else {
+        return Ok(None);
+    };
+    let sql = "SELECT j.id, j.system, j.state, j.outcome, j.fit, f.summary, j.error, j.diagnosis,
+                   (SELECT c.value ->> 'statistic' FROM json_each(f.checks) c WHERE c.value ->> 'name' = $2) AS error_ratio,
+                   CASE WHEN d.id IS NOT NULL THEN json_object('verdict', d.verdict, 'summary', d.document ->> 'summary', 'named',
+                       (SELECT json_group_array(coalesce(n.value ->> 'way_of', n.value ->> 'effect')) FROM json_each(d.document, '$.findings') n)) END AS diagnosed
+               FROM batch_jobs b JOIN jobs j ON j.id = b.job LEFT JOIN fits f ON f.id = j.fit LEFT JOIN diagnoses d ON d.id = j.diagnosis
+               WHERE b.batch = $1 ORDER BY j.sequence";
+    let jobs: Vec<JobRow> = sqlx::query_as(sql).bind(id).bind(NO_WORSE_THAN_INCUMBENT).fetch_all(&store.reader).await?;
+    Ok(Some(BatchRecord {
+        kind: parse("a kind", &row.kind)?,
+        id: row.id,
+        schedule: row.schedule,
+        request: from_json("a request", &row.request)?,
+        skipped: from_json("skipped systems", &row.skipped)?,
+        created_at: instant(row.created_at)?,
+        jobs: jobs.into_iter().map(JobRow::record).collect::<Result<_, _>>()?,
+    }))
+}
+
+/// Batches submitted before a sequence number, newest first, without their jobs, of which every system that they may
+/// select lies within a reach: one page of a list.
+///
+/// # Errors
+/// Where the database fails.
+pub async fn page(store: &Store, reach: &Reach, before: i64, limit: i64) -> Result<Vec<BatchSummary>, StoreError> {
+    let sql = "SELECT b.id, b.sequence, b.kind, b.schedule, b.created_at, COUNT(j.id) AS jobs,
+                   COALESCE(SUM(j.state IN ('queued', 'running')), 0) AS unfinished
+               FROM batches b LEFT JOIN batch_jobs l ON l.batch = b.id LEFT JOIN jobs j ON j.id = l.job
+               WHERE b.sequence < $1 AND ($3 IS NULL OR NOT EXISTS (SELECT 1 FROM json_each(b.request, '$.systems') asked
+                   WHERE NOT EXISTS (SELECT 1 FROM json_each($3) pattern WHERE asked.value GLOB pattern.value)))
+               GROUP BY b.id ORDER BY b.sequence DESC LIMIT $2";
+    let rows: Vec<SummaryRow> = sqlx::query_as(sql).bind(before).bind(limit).bind(reach.sql()?).fetch_all(&store.reader).await?;
+    rows.into_iter().map(SummaryRow::record).collect()
+}
+
+/// A batch as it is listed.
+#[derive(Debug, Clone, PartialEq)]
+pub struct BatchSummary {
+    /// Its id.
+    pub id: String,
+    /// The order of submission.
+    pub sequence: i64,
+    /// What its jobs do.
+    pub kind: BatchKind,
+    /// The schedule that submitted it.
+    pub schedule: Option<String>,
+    /// When.
+    pub created_at: Timestamp,
+    /// How many jobs it has.
+    pub jobs: i64,
+    /// How many of them have not ended.
+    pub unfinished: i64,
+}
+
+row! {
+    struct SummaryRow {
+        id: String,
+        sequence: i64,
+        kind: String,
+        schedule: Option<String>,
+        created_at: i64,
+        jobs: i64,
+        unfinished: i64,
+    }
+}
+
+impl SummaryRow {
+    fn record(self) -> Result<BatchSummary, StoreError> {
+        Ok(BatchSummary {
+            created_at: instant(self.created_at)?,
+            kind: parse("a kind", &self.kind)?,
+            id: self.id,
+            sequence: self.sequence,
+            schedule: self.schedule,
+            jobs: self.jobs,
+            unfinished: self.unfinished,
+        })
+    }
+}

@@ -1,0 +1,89 @@
+//! What every window showed of every effect, also when its diagnosis is forgotten: the long memory of a system.
+
+use super::row::row;
+use super::{Store, StoreError, corrupt};
+use lampyris_core::data::SystemId;
+use lampyris_core::diagnose::ledger::{EffectScore, Entry, Span};
+use sqlx::SqliteConnection;
+
+row! {
+    struct Row {
+        diagnosis: String,
+        effect: String,
+        model: String,
+        model_hash: Option<String>,
+        from_s: i64,
+        to_s: i64,
+        hours: f64,
+        size: f64,
+        deviation: f64,
+        unit: String,
+        share: f64,
+        t: f64,
+        beyond_clock: f64,
+        days: i64,
+        shift_p: Option<f64>,
+    }
+}
+
+impl Row {
+    fn entry(self) -> Result<Entry, StoreError> {
+        Ok(Entry {
+            diagnosis: self.diagnosis,
+            model: self.model,
+            model_hash: self.model_hash,
+            span: Span { from: self.from_s, to: self.to_s, hours: self.hours },
+            score: EffectScore {
+                effect: self.effect,
+                size: self.size,
+                deviation: self.deviation,
+                unit: self.unit,
+                share: self.share,
+                t: self.t,
+                beyond_clock: self.beyond_clock,
+                days: usize::try_from(self.days).map_err(|error| corrupt("a number of days", &error))?,
+                shift_p: self.shift_p,
+            },
+        })
+    }
+}
+
+/// Keeps what the window of a diagnosis showed. `sequence` is that of the diagnosis.
+pub(super) async fn keep(tx: &mut SqliteConnection, system: &str, sequence: i64, entries: &[Entry]) -> Result<(), StoreError> {
+    let sql = "INSERT INTO evidence (diagnosis, effect, sequence, system, model, model_hash, from_s, to_s, hours, size, deviation, unit, share, t,
+                   beyond_clock, days, shift_p)
+               VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $12, $13, $14, $15, $16, $17)";
+    for Entry { diagnosis, model, model_hash, span, score } in entries {
+        sqlx::query(sql)
+            .bind(diagnosis)
+            .bind(&score.effect)
+            .bind(sequence)
+            .bind(system)
+            .bind(model)
+            .bind(model_hash)
+            .bind(span.from)
+            .bind(span.to)
+            .bind(span.hours)
+            .bind(score.size)
+            .bind(score.deviation)
+            .bind(&score.unit)
+            .bind(score.share)
+            .bind(score.t)
+            .bind(score.beyond_clock)
+            .bind(i64::try_from(score.days).unwrap_or(i64::MAX))
+            .bind(score.shift_p)
+            .execute(&mut *tx)
+            .await?;
+    }
+    Ok(())
+}
+
+/// What the windows of a system showed, in the order in which they were looked at: of one effect or all, of one model or all.
+///
+/// # Errors
+/// Where the database fails.
+pub async fn of(store: &Store, system: &SystemId, effect: Option<&str>, model: Option<&str>) -> Result<Vec<Entry>, StoreError> {
+    let sql = "SELECT * FROM evidence WHERE system = $1 AND ($2 IS NULL OR effect = $2) AND ($3 IS NULL OR model = $3) ORDER BY sequence";
+    let rows: Vec<Row> = sqlx::query_as(sql).bind(system.to_string()).bind(effect).bind(model).fetch_all(&store.reader).await?;
+    rows.into_iter().map(Row::entry).collect()
+}

@@ -1,0 +1,287 @@
+//! The end of a job: job, fit, verdict and revision in one transaction, or none of them.
+//!
+//! It publishes where it has an [`Acceptance`](lampyris_core::estimate::Acceptance), the policy is automatic and no pin is set; what
+//! passes otherwise becomes an offer to the operator.
+
+use super::jobs::{JobFailure, Lease, Outcome};
+use super::revisions::{self, Cause, NewRevision};
+use super::row::row;
+use super::{Store, StoreError, corrupt, decisions, derive_id, diagnoses, failpoint, millis, next, params, systems, to_json};
+use jiff::Timestamp;
+use lampyris_core::diagnose::ladder::Ladder;
+use lampyris_core::diagnose::report::Diagnosis;
+use lampyris_core::estimate::method::SeededMethod;
+use lampyris_core::estimate::metrics::CurrentState;
+use lampyris_core::estimate::tune::Tuning;
+use lampyris_core::estimate::{Fit, Judgement, Offer, ServedParameters, Verdict};
+use sqlx::SqliteConnection;
+
+/// How a job ended.
+#[derive(Debug)]
+pub enum Ending<'a> {
+    /// With a fit, whatever the gate says of it.
+    Fitted(&'a Finding),
+    /// With settings of the search.
+    Tuned(&'a Tuned),
+    /// Without one.
+    Failed(&'a JobFailure),
+    /// Somebody called it off.
+    Cancelled,
+}
+
+/// A fit with its judgement.
+#[derive(Debug)]
+pub struct Finding {
+    /// What was found.
+    pub fit: Fit,
+    /// The uploaded windows that it cites.
+    pub windows: Vec<String>,
+    /// What the gate says.
+    pub judgement: Judgement,
+    /// Whether the policy of the system lets an accepted fit be served without an operator.
+    pub automatic: bool,
+    /// The states at the newest sample by this fit.
+    pub state: Option<CurrentState>,
+    /// The states at the newest sample by the parameters that are served now.
+    pub incumbent_state: Option<CurrentState>,
+    /// What the fit was asked for, where not for itself.
+    pub report: Option<Report>,
+}
+
+/// Settings of the search, and what may be done with them.
+#[derive(Debug)]
+pub struct Tuned {
+    /// What was found.
+    pub tuning: Tuning,
+    /// Whether the policy of the system lets better settings be taken without an operator.
+    pub automatic: bool,
+}
+
+/// What a job found out with the help of its fit.
+#[derive(Debug)]
+pub enum Report {
+    /// Which effect the model is missing.
+    Diagnosis(Box<Diagnosis>),
+    /// Effects one after another.
+    Ladder(Box<Ladder>),
+}
+
+/// What the end of a job led to.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Finished {
+    /// The outcome, if it succeeded.
+    pub outcome: Option<Outcome>,
+    /// The id of the fit.
+    pub fit: Option<String>,
+    /// The revision that was published.
+    pub revision: Option<i64>,
+    /// The id of the diagnosis.
+    pub diagnosis: Option<String>,
+}
+
+row! {
+    /// The job as the transaction needs it.
+    struct Leased {
+        system: String,
+        experiment: bool,
+        own_model: bool,
+        pinned: bool,
+    }
+}
+
+/// Ends a job, if the lease still holds.
+///
+/// # Errors
+/// [`StoreError::LeaseLost`] where somebody else has the job by now; otherwise where the database fails.
+pub async fn finish(store: &Store, lease: &Lease, ending: &Ending<'_>, now: Timestamp) -> Result<Finished, StoreError> {
+    let mut tx = store.write().await?;
+    let sql = "SELECT j.system, j.experiment, j.model = s.model AS own_model,
+                   EXISTS (SELECT 1 FROM pins p WHERE p.system = j.system) AS pinned
+               FROM jobs j JOIN systems s ON s.system = j.system
+               WHERE j.id = $1 AND j.state = 'running' AND j.boot = $2 AND j.attempt = $3";
+    let leased: Option<Leased> = sqlx::query_as(sql).bind(&lease.job).bind(lease.boot).bind(lease.attempt).fetch_optional(&mut *tx).await?;
+    let Some(leased) = leased else {
+        return Err(StoreError::LeaseLost);
+    };
+    // An experiment, or a fit of another model than the system's, never alters what is served nor its status.
+    let counts = leased.own_model && !leased.experiment;
+    let finished = match ending {
+        Ending::Fitted(finding) => {
+            let mut finished = keep_fit(&mut tx, lease, &leased, finding, counts, now).await?;
+            if let (Some(report), Some(fit)) = (&finding.report, &finished.fit) {
+                finished.diagnosis = diagnoses::keep(&mut tx, lease, &leased.system, (fit, &finding.fit.model_hash), report, now).await?;
+                // The fit was a means: what the gate says of it is in its document, and no outcome of the job.
+                finished.outcome = None;
+            }
+            sqlx::query(
+                "UPDATE jobs SET state = 'succeeded', boot = NULL, outcome = $2, fit = $3, revision = $4, stopped_by = $5, evaluations = $6,
+                 ended_at = $7, diagnosis = $8 WHERE id = $1",
+            )
+            .bind(&lease.job)
+            .bind(finished.outcome.map(Outcome::word))
+            .bind(&finished.fit)
+            .bind(finished.revision)
+            .bind(word(&finding.fit.stopped_by)?)
+            .bind(i64::try_from(finding.fit.evaluations).unwrap_or(i64::MAX))
+            .bind(millis(now))
+            .bind(&finished.diagnosis)
+            .execute(&mut *tx)
+            .await?;
+            finished
+        }
+        Ending::Tuned(tuned) => keep_tuning(&mut tx, lease, &leased, tuned, now).await?,
+        Ending::Failed(failure) => {
+            sqlx::query("UPDATE jobs SET state = 'failed', boot = NULL, error = $2, ended_at = $3 WHERE id = $1")
+                .bind(&lease.job)
+                .bind(to_json("a failure", failure)?)
+                .bind(millis(now))
+                .execute(&mut *tx)
+                .await?;
+            if counts {
+                params::fall_back(&mut tx, &leased.system, &lease.job, None, now).await?;
+            }
+            Finished::default()
+        }
+        Ending::Cancelled => {
+            sqlx::query("UPDATE jobs SET state = 'cancelled', boot = NULL, ended_at = $2 WHERE id = $1")
+                .bind(&lease.job)
+                .bind(millis(now))
+                .execute(&mut *tx)
+                .await?;
+            Finished::default()
+        }
+    };
+    failpoint::reached("before_commit");
+    tx.commit().await?;
+    failpoint::reached("after_commit");
+    Ok(finished)
+}
+
+/// Keeps what a tuning found; better settings become those of the system where its policy says so and the model is its own.
+async fn keep_tuning(
+    tx: &mut SqliteConnection,
+    lease: &Lease,
+    leased: &Leased,
+    Tuned { tuning, automatic }: &Tuned,
+    now: Timestamp,
+) -> Result<Finished, StoreError> {
+    // Better than what the job was asked to compare with is not better than what an operator has set meanwhile.
+    let method: Option<String> = sqlx::query_scalar("SELECT json_extract(document, '$.method') FROM systems WHERE system = $1")
+        .bind(&leased.system)
+        .fetch_one(&mut *tx)
+        .await?;
+    let set = method.map(|text| serde_json::from_str::<SeededMethod>(&text)).transpose().map_err(|error| corrupt("a method", &error))?;
+    let compared = set.unwrap_or_default().method == tuning.before.method;
+    let outcome = match (tuning.better, *automatic && leased.own_model && compared) {
+        (true, true) => Outcome::Accepted,
+        (true, false) => Outcome::Suggested,
+        (false, _) => Outcome::Unchanged,
+    };
+    if outcome == Outcome::Accepted {
+        let method = to_json("a method", &tuning.tuned)?;
+        systems::take_method(tx, &leased.system, &method, (&lease.job, &tuning.summary), now).await?;
+    }
+    sqlx::query(
+        "UPDATE jobs SET state = 'succeeded', boot = NULL, outcome = $2, tuning = $3, evaluations = $4, ended_at = $5 WHERE id = $1",
+    )
+    .bind(&lease.job)
+    .bind(outcome.word())
+    .bind(to_json("a tuning", tuning)?)
+    .bind(i64::try_from(tuning.evaluations).unwrap_or(i64::MAX))
+    .bind(millis(now))
+    .execute(tx)
+    .await?;
+    Ok(Finished { outcome: Some(outcome), ..Finished::default() })
+}
+
+/// Keeps a fit with its verdict, and draws the consequences for what is served.
+async fn keep_fit(
+    tx: &mut SqliteConnection,
+    lease: &Lease,
+    leased: &Leased,
+    finding: &Finding,
+    counts: bool,
+    now: Timestamp,
+) -> Result<Finished, StoreError> {
+    let Finding { fit, judgement, .. } = finding;
+    let system = leased.system.as_str();
+    let sequence = next(tx, "sequence").await?;
+    let id = derive_id("fit", sequence, now);
+    let sql = "INSERT INTO fits (id, job, system, model, document, verdict, checks, summary, created_at) VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9)";
+    sqlx::query(sql)
+        .bind(&id)
+        .bind(&lease.job)
+        .bind(system)
+        .bind(&fit.model)
+        .bind(to_json("a fit", fit)?)
+        .bind(judgement.verdict.word())
+        .bind(to_json("checks", &judgement.checks)?)
+        .bind(&judgement.summary)
+        .bind(millis(now))
+        .execute(&mut *tx)
+        .await?;
+    // Windows that a running job may read cannot be deleted; should one be gone nevertheless, the fit still counts.
+    sqlx::query("INSERT INTO fit_windows (fit, window) SELECT $1, id FROM windows WHERE id IN (SELECT value FROM json_each($2))")
+        .bind(&id)
+        .bind(to_json("cited windows", &finding.windows)?)
+        .execute(&mut *tx)
+        .await?;
+    let mut finished = Finished { fit: Some(id.clone()), ..Finished::default() };
+    finished.outcome = Some(match &judgement.verdict {
+        Verdict::Accepted(acceptance) if counts && finding.automatic && !leased.pinned => {
+            let served = to_json("served parameters", &ServedParameters::new(acceptance, fit))?;
+            let new = NewRevision {
+                system,
+                fit: &id,
+                job: &lease.job,
+                served: &served,
+                model_hash: &fit.model_hash,
+                window: fit.window(),
+                measured_to: None,
+                fitted_at: millis(now),
+                validated_at: millis(now),
+                cause: Cause::Accepted,
+                reason: None,
+            };
+            finished.revision = Some(revisions::publish(tx, &new, now).await?);
+            Outcome::Accepted
+        }
+        Verdict::Accepted(acceptance) if counts => {
+            decisions::offer(tx, &id, &Offer::of_accepted(acceptance, fit), finding.state.as_ref()).await?;
+            Outcome::Suggested
+        }
+        Verdict::Accepted(_) => Outcome::Accepted,
+        Verdict::Unchanged => {
+            if counts {
+                revisions::confirm(tx, system, fit.window().1, now).await?;
+            }
+            Outcome::Unchanged
+        }
+        Verdict::Held(holding) => {
+            if counts {
+                decisions::offer(tx, &id, &Offer::of_held(holding, fit), finding.state.as_ref()).await?;
+            }
+            Outcome::Held
+        }
+        Verdict::Rejected => {
+            if counts {
+                params::fall_back(tx, system, &lease.job, Some((&id, &judgement.failed())), now).await?;
+            }
+            Outcome::Rejected
+        }
+    });
+    let state = if finished.revision.is_some() { &finding.state } else { &finding.incumbent_state };
+    if let (true, Some(state)) = (counts, state) {
+        params::keep_state(tx, system, state).await?;
+    }
+    Ok(finished)
+}
+
+/// The word by which an enum is written in documents.
+pub(super) fn word<T: serde::Serialize>(value: &T) -> Result<String, StoreError> {
+    match serde_json::to_value(value) {
+        Ok(serde_json::Value::String(word)) => Ok(word),
+        Ok(other) => Err(corrupt("an enum", &other)),
+        Err(error) => Err(corrupt("an enum", &error)),
+    }
+}

@@ -1,0 +1,267 @@
+//! What is served, all from one moment: the current revision, why it is not newer, what is said of it, and the states.
+
+use super::degradations::DegradationRecord;
+use super::jobs::{JobRecord, JobState};
+use super::row::row;
+use super::{Store, StoreError, from_json, instant, millis, parse, to_json, words};
+use jiff::Timestamp;
+use lampyris_core::data::SystemId;
+use lampyris_core::estimate::metrics::CurrentState;
+use sqlx::SqliteConnection;
+
+words! {
+    /// Why the previous revision is served although there was a newer attempt.
+    FallbackReason {
+        /// The gate refused the newest fit.
+        ValidationFailed = "validation_failed",
+        /// The newest job came to no result.
+        JobFailed = "job_failed",
+    }
+}
+
+/// What is known about the parameters of a system, all from one moment.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Standing {
+    /// The system.
+    pub system: SystemId,
+    /// The model whose fits count.
+    pub model: String,
+    /// The system's document, JSON.
+    pub document: String,
+    /// What is served.
+    pub revision: Option<RevisionRecord>,
+    /// Why it is not newer.
+    pub fallback: Option<FallbackRecord>,
+    /// Whether newer measurements contradict it.
+    pub degradation: Option<DegradationRecord>,
+    /// Whether an operator holds it.
+    pub pin: Option<PinRecord>,
+    /// The newest job of any kind.
+    pub latest_job: Option<(String, JobState)>,
+}
+
+/// A revision.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RevisionRecord {
+    /// Its number.
+    pub revision: i64,
+    /// The fit that it came from.
+    pub fit: String,
+    /// The job that found it.
+    pub job: String,
+    /// The parameters, as the gate let them out.
+    pub served: serde_json::Value,
+    /// First instant of the measurements, RFC 3339.
+    pub window_from: String,
+    /// Last instant.
+    pub window_to: String,
+    /// The newest measurement on which a gate has found it fit to be served.
+    pub measured_to: Timestamp,
+    /// When it was found.
+    pub fitted_at: Timestamp,
+    /// When a gate last found it fit to be served.
+    pub validated_at: Timestamp,
+}
+
+/// Why a system is in fallback.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FallbackRecord {
+    /// The reason.
+    pub reason: FallbackReason,
+    /// The job behind it.
+    pub job: String,
+    /// The fit that was refused.
+    pub fit: Option<String>,
+    /// What it failed.
+    pub failed_checks: Vec<String>,
+    /// Since when no attempt has succeeded.
+    pub since: Timestamp,
+}
+
+/// An operator's pin.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PinRecord {
+    /// Why.
+    pub reason: String,
+    /// Since when.
+    pub since: Timestamp,
+}
+
+row! {
+    struct Row {
+        system: String,
+        model: String,
+        document: String,
+        revision: Option<i64>,
+        fit: Option<String>,
+        job: Option<String>,
+        served: Option<String>,
+        served_hash: Option<String>,
+        window_from: Option<String>,
+        window_to: Option<String>,
+        measured_to: Option<String>,
+        fitted_at: Option<i64>,
+        validated_at: Option<i64>,
+        reason: Option<String>,
+        failed_job: Option<String>,
+        refused_fit: Option<String>,
+        failed_checks: Option<String>,
+        since_at: Option<i64>,
+        degradation: Option<String>,
+        degraded_at: Option<i64>,
+        pin_reason: Option<String>,
+        pinned_at: Option<i64>,
+        latest_job: Option<String>,
+        latest_state: Option<String>,
+    }
+}
+
+const STANDING: &str = "SELECT s.system, s.model, s.document,
+        r.revision, r.fit, r.job, r.served, r.served_hash, r.window_from, r.window_to,
+        COALESCE(r.measured_to, r.window_to) AS measured_to, r.fitted_at, r.validated_at,
+        f.reason, f.job AS failed_job, f.fit AS refused_fit, f.failed_checks, f.since_at,
+        d.description AS degradation, d.since_at AS degraded_at, p.reason AS pin_reason, p.since_at AS pinned_at,
+        j.id AS latest_job, j.state AS latest_state
+    FROM systems s
+    LEFT JOIN revisions r ON r.system = s.system AND r.current
+    LEFT JOIN fallbacks f ON f.system = s.system
+    LEFT JOIN degradations d ON d.system = s.system AND d.revision = r.revision
+    LEFT JOIN pins p ON p.system = s.system
+    LEFT JOIN jobs j ON j.sequence = (SELECT MAX(sequence) FROM jobs WHERE jobs.system = s.system)
+    WHERE $1 IS NULL OR s.system = $1";
+
+impl Row {
+    fn standing(self) -> Result<Standing, StoreError> {
+        // A flipped bit inside of a number is no contradiction to SQLite; to a controller it would be a wrong parameter.
+        let hash = self.served.as_ref().map(|served| blake3::hash(served.as_bytes()).to_hex().to_string());
+        if hash != self.served_hash {
+            return Err(StoreError::Damaged(format!("the parameters of {} are not those that were published", self.system)));
+        }
+        let window = self.window_from.zip(self.window_to).zip(self.measured_to);
+        let times = self.fitted_at.zip(self.validated_at);
+        let revision = match (self.revision, self.fit, self.job, self.served, window, times) {
+            (
+                Some(revision),
+                Some(fit),
+                Some(job),
+                Some(served),
+                Some(((window_from, window_to), measured_to)),
+                Some((fitted_at, validated_at)),
+            ) => Some(RevisionRecord {
+                revision,
+                fit,
+                job,
+                served: from_json("a revision", &served)?,
+                window_from,
+                window_to,
+                measured_to: parse("an instant", &measured_to)?,
+                fitted_at: instant(fitted_at)?,
+                validated_at: instant(validated_at)?,
+            }),
+            _ => None,
+        };
+        let fallback = match (self.reason, self.failed_job, self.failed_checks, self.since_at) {
+            (Some(reason), Some(job), Some(failed_checks), Some(since_at)) => Some(FallbackRecord {
+                reason: parse("a reason", &reason)?,
+                job,
+                fit: self.refused_fit,
+                failed_checks: from_json("failed checks", &failed_checks)?,
+                since: instant(since_at)?,
+            }),
+            _ => None,
+        };
+        let degradation = self.degradation.zip(self.degraded_at);
+        let pin = self.pin_reason.zip(self.pinned_at);
+        let latest_job = match (self.latest_job, self.latest_state) {
+            (Some(id), Some(state)) => Some((id, parse("a state", &state)?)),
+            _ => None,
+        };
+        Ok(Standing {
+            system: parse("a system", &self.system)?,
+            model: self.model,
+            document: self.document,
+            revision,
+            fallback,
+            degradation: degradation.map(|(text, at)| DegradationRecord::read(&text, at)).transpose()?,
+            pin: pin.map(|(reason, at)| Ok::<_, StoreError>(PinRecord { reason, since: instant(at)? })).transpose()?,
+            latest_job,
+        })
+    }
+}
+
+/// What is known about the parameters of one system.
+///
+/// # Errors
+/// Where the database fails.
+pub async fn standing(store: &Store, system: &SystemId) -> Result<Option<Standing>, StoreError> {
+    let row: Option<Row> = sqlx::query_as(STANDING).bind(system.to_string()).fetch_optional(&store.reader).await?;
+    row.map(Row::standing).transpose()
+}
+
+/// What is known about the parameters of all systems.
+///
+/// # Errors
+/// Where the database fails.
+pub async fn standings(store: &Store) -> Result<Vec<Standing>, StoreError> {
+    let rows: Vec<Row> = sqlx::query_as(STANDING).bind(None::<String>).fetch_all(&store.reader).await?;
+    rows.into_iter().map(Row::standing).collect()
+}
+
+/// The filtered states of a system and the revision by whose parameters they were found.
+///
+/// # Errors
+/// Where the database fails.
+pub async fn state(store: &Store, system: &SystemId) -> Result<Option<(i64, serde_json::Value)>, StoreError> {
+    let row: Option<(i64, String)> = sqlx::query_as("SELECT revision, document FROM states WHERE system = $1")
+        .bind(system.to_string())
+        .fetch_optional(&store.reader)
+        .await?;
+    row.map(|(revision, document)| Ok((revision, from_json("a state", &document)?))).transpose()
+}
+
+/// Notes why the newest attempt changed nothing. `since` stays that of the first attempt in a row.
+pub(super) async fn fall_back(
+    tx: &mut SqliteConnection,
+    system: &str,
+    job: &str,
+    refused: Option<(&str, &[&str])>,
+    now: Timestamp,
+) -> Result<(), StoreError> {
+    let (reason, fit, checks) = match refused {
+        Some((fit, checks)) => (FallbackReason::ValidationFailed, Some(fit), checks),
+        None => (FallbackReason::JobFailed, None, &[] as &[&str]),
+    };
+    let sql = "INSERT INTO fallbacks (system, reason, job, fit, failed_checks, since_at) VALUES ($1, $2, $3, $4, $5, $6)
+               ON CONFLICT (system) DO UPDATE SET
+                   reason = excluded.reason, job = excluded.job, fit = excluded.fit, failed_checks = excluded.failed_checks";
+    sqlx::query(sql)
+        .bind(system)
+        .bind(reason.word())
+        .bind(job)
+        .bind(fit)
+        .bind(to_json("failed checks", checks)?)
+        .bind(millis(now))
+        .execute(tx)
+        .await?;
+    Ok(())
+}
+
+/// Notes a job that failed outside of a worker's hands, if it counts.
+pub(super) async fn note_failed_job(tx: &mut SqliteConnection, job: &JobRecord, now: Timestamp) -> Result<(), StoreError> {
+    let system = job.system.to_string();
+    let own: Option<String> =
+        sqlx::query_scalar("SELECT model FROM systems WHERE system = $1").bind(&system).fetch_optional(&mut *tx).await?;
+    if !job.experiment && own.is_some_and(|model| model == job.model.to_string()) {
+        fall_back(tx, &system, &job.id, None, now).await?;
+    }
+    Ok(())
+}
+
+/// Keeps the states of the revision in service; a system without one has none.
+pub(super) async fn keep_state(tx: &mut SqliteConnection, system: &str, state: &CurrentState) -> Result<(), StoreError> {
+    let sql = "INSERT INTO states (system, revision, document)
+               SELECT system, revision, $2 FROM revisions WHERE system = $1 AND current
+               ON CONFLICT (system) DO UPDATE SET revision = excluded.revision, document = excluded.document";
+    sqlx::query(sql).bind(system).bind(to_json("a state", state)?).execute(tx).await?;
+    Ok(())
+}

@@ -1,0 +1,242 @@
+//! Documents of rooms and plants. What is in a document is for `jobs` to know; here it is a text.
+
+use super::audit::{Action, Deed, note};
+use super::reach::Reach;
+use super::row::row;
+use super::windows::readers;
+use super::{Store, StoreError, instant, millis, parse};
+use jiff::Timestamp;
+use lampyris_core::data::SystemId;
+use lampyris_core::model::ModelId;
+use sqlx::SqliteConnection;
+
+/// A system as it is kept.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SystemRecord {
+    /// Its name.
+    pub system: SystemId,
+    /// The model whose fits count.
+    pub model: ModelId,
+    /// The document, JSON.
+    pub document: String,
+    /// When it was made.
+    pub created_at: Timestamp,
+    /// When it was last changed.
+    pub updated_at: Timestamp,
+}
+
+/// What became of a system that was to be deleted.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Deleted {
+    /// It is gone, with everything that was its own.
+    Gone,
+    /// There was none.
+    NotThere,
+    /// These jobs wait, run, or read its measurements.
+    Busy(Vec<String>),
+    /// Nobody forced it, and something depends on it.
+    Needed(Needs),
+}
+
+/// Something that belongs to one system.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Thing {
+    /// A job.
+    Job,
+    /// A fit.
+    Fit,
+    /// A diagnosis.
+    Diagnosis,
+    /// A window.
+    Window,
+}
+
+impl Thing {
+    /// The word for it.
+    pub const fn word(self) -> &'static str {
+        match self {
+            Thing::Job => "job",
+            Thing::Fit => "fit",
+            Thing::Diagnosis => "diagnosis",
+            Thing::Window => "window",
+        }
+    }
+}
+
+/// What would be lost, or would miss a system, if it were deleted.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Needs {
+    /// Fits of the system.
+    pub fits: i64,
+    /// Revisions that were served.
+    pub revisions: i64,
+    /// Other systems that name it as a neighbour, or whose fits cite its measurements.
+    pub dependents: Vec<String>,
+}
+
+row! {
+    struct Row {
+        system: String,
+        model: String,
+        document: String,
+        created_at: i64,
+        updated_at: i64,
+    }
+}
+
+impl Row {
+    fn record(self) -> Result<SystemRecord, StoreError> {
+        Ok(SystemRecord {
+            system: parse("a system", &self.system)?,
+            model: parse("a model", &self.model)?,
+            document: self.document,
+            created_at: instant(self.created_at)?,
+            updated_at: instant(self.updated_at)?,
+        })
+    }
+}
+
+/// Makes a system or replaces its document; says whether it is new.
+///
+/// # Errors
+/// Where the database fails.
+pub async fn put(store: &Store, system: &SystemId, model: &ModelId, document: &str, who: &str, now: Timestamp) -> Result<bool, StoreError> {
+    let mut tx = store.write().await?;
+    let known: Option<i64> =
+        sqlx::query_scalar("SELECT 1 FROM systems WHERE system = $1").bind(system.to_string()).fetch_optional(&mut *tx).await?;
+    let sql = "INSERT INTO systems (system, model, document, created_at, updated_at) VALUES ($1, $2, $3, $4, $4)
+               ON CONFLICT (system) DO UPDATE SET model = excluded.model, document = excluded.document, updated_at = excluded.updated_at";
+    sqlx::query(sql).bind(system.to_string()).bind(model.to_string()).bind(document).bind(millis(now)).execute(&mut *tx).await?;
+    let name = system.to_string();
+    note(&mut tx, &Deed { who, action: Action::PutSystem, system: Some(&name), subject: &name, reason: None }, now).await?;
+    tx.commit().await?;
+    Ok(known.is_none())
+}
+
+/// Writes how the jobs of a system search into its document; which job found it, and why, is noted like an operator's deed.
+pub(super) async fn take_method(
+    tx: &mut SqliteConnection,
+    system: &str,
+    method: &str,
+    (job, reason): (&str, &str),
+    now: Timestamp,
+) -> Result<(), StoreError> {
+    sqlx::query("UPDATE systems SET document = json_set(document, '$.method', json($2)), updated_at = $3 WHERE system = $1")
+        .bind(system)
+        .bind(method)
+        .bind(millis(now))
+        .execute(&mut *tx)
+        .await?;
+    note(tx, &Deed { who: job, action: Action::PutSystem, system: Some(system), subject: system, reason: Some(reason) }, now).await
+}
+
+/// Everything that belongs to a system, in an order that the keys allow. Fits of other systems lose what they cite
+/// of it; batches and schedules stay.
+const BELONGINGS: [&str; 18] = [
+    "DELETE FROM idempotency WHERE resource IN (SELECT id FROM jobs WHERE system = $1 UNION SELECT id FROM windows WHERE system = $1)",
+    "DELETE FROM fallbacks WHERE system = $1",
+    "DELETE FROM states WHERE system = $1",
+    "DELETE FROM pins WHERE system = $1",
+    "DELETE FROM degradations WHERE system = $1",
+    "DELETE FROM revisions WHERE system = $1",
+    "DELETE FROM fit_windows WHERE window IN (SELECT id FROM windows WHERE system = $1)",
+    "UPDATE jobs SET diagnosis = NULL WHERE system = $1",
+    "DELETE FROM diagnoses WHERE system = $1",
+    "DELETE FROM ladders WHERE system = $1",
+    "DELETE FROM evidence WHERE system = $1",
+    "DELETE FROM decisions WHERE fit IN (SELECT id FROM fits WHERE system = $1)",
+    "DELETE FROM offers WHERE fit IN (SELECT id FROM fits WHERE system = $1)",
+    "DELETE FROM fits WHERE system = $1",
+    "DELETE FROM batch_jobs WHERE job IN (SELECT id FROM jobs WHERE system = $1)",
+    "DELETE FROM jobs WHERE system = $1",
+    "DELETE FROM windows WHERE system = $1",
+    "DELETE FROM systems WHERE system = $1",
+];
+
+/// Deletes a system with everything that is its own, in one transaction. Never while a job needs it; where there is
+/// history, or another system depends on it, only by force.
+///
+/// # Errors
+/// Where the database fails.
+pub async fn delete(store: &Store, system: &SystemId, force: bool, who: &str, now: Timestamp) -> Result<Deleted, StoreError> {
+    let name = system.to_string();
+    let mut tx = store.write().await?;
+    if sqlx::query("SELECT 1 FROM systems WHERE system = $1").bind(&name).fetch_optional(&mut *tx).await?.is_none() {
+        return Ok(Deleted::NotThere);
+    }
+    let sql = "SELECT id FROM jobs WHERE system = $1 AND state IN ('queued', 'running') ORDER BY sequence";
+    let mut busy: Vec<String> = sqlx::query_scalar(sql).bind(&name).fetch_all(&mut *tx).await?;
+    busy.extend(readers(&mut tx, &name).await?);
+    busy.dedup();
+    if !busy.is_empty() {
+        return Ok(Deleted::Busy(busy));
+    }
+    let needs = needs(&mut tx, &name).await?;
+    if !force && needs != Needs::default() {
+        return Ok(Deleted::Needed(needs));
+    }
+    for sql in BELONGINGS {
+        sqlx::query(sql).bind(&name).execute(&mut *tx).await?;
+    }
+    note(&mut tx, &Deed { who, action: Action::DeleteSystem, system: Some(&name), subject: &name, reason: None }, now).await?;
+    tx.commit().await?;
+    Ok(Deleted::Gone)
+}
+
+async fn needs(tx: &mut SqliteConnection, system: &str) -> Result<Needs, StoreError> {
+    let count = "SELECT (SELECT COUNT(*) FROM fits WHERE system = $1), (SELECT COUNT(*) FROM revisions WHERE system = $1)";
+    let (fits, revisions) = sqlx::query_as(count).bind(system).fetch_one(&mut *tx).await?;
+    let sql = "SELECT s.system FROM systems s WHERE s.system <> $1 AND (
+                   $1 IN (SELECT value FROM json_each(s.document, '$.neighbours'))
+                   OR EXISTS (SELECT 1 FROM fits f JOIN fit_windows c ON c.fit = f.id JOIN windows w ON w.id = c.window
+                              WHERE f.system = s.system AND w.system = $1))
+               ORDER BY s.system";
+    let dependents = sqlx::query_scalar(sql).bind(system).fetch_all(tx).await?;
+    Ok(Needs { fits, revisions, dependents })
+}
+
+/// One system.
+///
+/// # Errors
+/// Where the database fails.
+pub async fn get(store: &Store, system: &SystemId) -> Result<Option<SystemRecord>, StoreError> {
+    let sql = "SELECT system, model, document, created_at, updated_at FROM systems WHERE system = $1";
+    let row: Option<Row> = sqlx::query_as(sql).bind(system.to_string()).fetch_optional(&store.reader).await?;
+    row.map(Row::record).transpose()
+}
+
+/// The system that something belongs to, `None` where it is not there.
+///
+/// # Errors
+/// Where the database fails.
+pub async fn of(store: &Store, thing: Thing, id: &str) -> Result<Option<SystemId>, StoreError> {
+    let sql = match thing {
+        Thing::Job => "SELECT system FROM jobs WHERE id = $1",
+        Thing::Fit => "SELECT system FROM fits WHERE id = $1",
+        Thing::Diagnosis => "SELECT system FROM diagnoses WHERE id = $1",
+        Thing::Window => "SELECT system FROM windows WHERE id = $1",
+    };
+    let system: Option<String> = sqlx::query_scalar(sql).bind(id).fetch_optional(&store.reader).await?;
+    system.map(|system| parse("a system", &system)).transpose()
+}
+
+/// All systems, by name.
+///
+/// # Errors
+/// Where the database fails.
+pub async fn all(store: &Store) -> Result<Vec<SystemRecord>, StoreError> {
+    let sql = "SELECT system, model, document, created_at, updated_at FROM systems ORDER BY system";
+    let rows: Vec<Row> = sqlx::query_as(sql).fetch_all(&store.reader).await?;
+    rows.into_iter().map(Row::record).collect()
+}
+
+/// Systems within a reach that come after a name, in order: one page of a list.
+///
+/// # Errors
+/// Where the database fails.
+pub async fn page(store: &Store, reach: &Reach, after: &str, limit: i64) -> Result<Vec<SystemRecord>, StoreError> {
+    let sql = "SELECT system, model, document, created_at, updated_at FROM systems WHERE system > $1
+               AND ($3 IS NULL OR EXISTS (SELECT 1 FROM json_each($3) WHERE system GLOB value)) ORDER BY system LIMIT $2";
+    let rows: Vec<Row> = sqlx::query_as(sql).bind(after).bind(limit).bind(reach.sql()?).fetch_all(&store.reader).await?;
+    rows.into_iter().map(Row::record).collect()
+}

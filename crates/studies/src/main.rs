@@ -1,0 +1,204 @@
+//! `lampyris bench`: what this build does on this machine, every ratio within one run.
+
+mod ablation;
+mod charts;
+mod complexity;
+mod control;
+mod diagnose;
+mod engine;
+mod functions;
+mod hand;
+mod house;
+mod likelihood;
+mod load;
+mod options;
+mod page;
+mod params;
+mod plant;
+mod plant_worlds;
+mod real;
+mod room;
+mod search;
+mod verdicts;
+
+use clap::{Parser, Subcommand};
+use lampyris::cli::{Failure, exit_code, print};
+use options::{First, Seeds, Worlds};
+use serde_json::{Value, json};
+use std::path::Path;
+use std::process::ExitCode;
+
+/// Measures this build on this machine.
+#[derive(Debug, Parser)]
+#[command(name = "lampyris bench", version, max_term_width = 100)]
+struct Cli {
+    /// What to measure; the engine where nothing is said.
+    #[command(subcommand)]
+    study: Option<Study>,
+    /// Print JSON.
+    #[arg(long, global = true)]
+    json: bool,
+}
+
+#[derive(Debug, Subcommand)]
+enum Study {
+    /// Simulation and controller path.
+    Engine(First),
+    /// The default search beside its rivals on synthetic rooms: one week fitted, one to judge.
+    Room(room::Arguments),
+    /// What a diagnosis names on synthetic rooms with hidden effects.
+    Diagnose(Worlds),
+    /// The same on measured rooms with a known driver withheld, and with the channels of other days.
+    Real(real::Arguments),
+    /// The same on synthetic treatment plants: of sixty worlds twenty hide nothing, eight an effect that no catalogue has.
+    DiagnosePlant(Worlds),
+    /// Chapter 5 of the thesis: the firefly family and its rivals on three functions.
+    Functions(functions::Arguments),
+    /// Each modification of the firefly algorithm alone removed from cFA, and alone added to the original.
+    Ablation(Seeds),
+    /// How the evaluations of a generation grow with the population.
+    Complexity(Seeds),
+    /// Maximum likelihood on synthetic rooms: whether and how fast it converges, and how often its intervals hold the truth.
+    Likelihood(likelihood::Arguments),
+    /// How long a controller waits for its parameters while the service has all hands full.
+    Load(load::Arguments),
+    /// What fresh parameters are worth to a controller, in money and comfort.
+    Loop(control::Arguments),
+    /// Chapter 6 of the thesis on a twin plant: what one evaluation takes, seven parameters, eleven unseen days.
+    Plant(plant::Arguments),
+    /// Chapter 7 of the thesis on a twin house: layout, methods, two weeks, bounds, valve.
+    House(house::Arguments),
+}
+
+/// One line of the table.
+#[derive(Debug, serde::Serialize)]
+struct Row {
+    what: String,
+    value: f64,
+    unit: &'static str,
+    /// The limit of a ratio or count that binds.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    limit: Option<Limit>,
+}
+
+/// A limit on a ratio, a share or a count.
+#[derive(Debug, Clone, Copy, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+enum Limit {
+    AtMost(f64),
+    AtLeast(f64),
+}
+
+impl Row {
+    fn new(what: impl Into<String>, value: f64, unit: &'static str) -> Self {
+        Self { what: what.into(), value, unit, limit: None }
+    }
+
+    fn at_most(self, limit: f64) -> Self {
+        Self { limit: Some(Limit::AtMost(limit)), ..self }
+    }
+
+    fn at_least(self, limit: f64) -> Self {
+        Self { limit: Some(Limit::AtLeast(limit)), ..self }
+    }
+
+    fn holds(&self) -> bool {
+        match self.limit {
+            None => true,
+            Some(Limit::AtMost(limit)) => self.value <= limit,
+            Some(Limit::AtLeast(limit)) => self.value >= limit,
+        }
+    }
+
+    fn line(&self) -> String {
+        let [what, number, unit, limit, mark] = self.cells();
+        format!("{what:<66} {number:>12} {unit:<8} {limit:<9} {mark}")
+    }
+
+    /// What, how much, in which unit, the limit, and whether it holds.
+    fn cells(&self) -> [String; 5] {
+        let limit = match self.limit {
+            None => String::new(),
+            Some(Limit::AtMost(limit)) => format!("<= {limit}"),
+            Some(Limit::AtLeast(limit)) => format!(">= {limit}"),
+        };
+        let mark = match (self.limit.is_some(), self.holds()) {
+            (false, _) => "",
+            (true, true) => "holds",
+            (true, false) => "FAILS",
+        };
+        [self.what.clone(), self.number(), self.unit.to_owned(), limit, mark.to_owned()]
+    }
+
+    fn number(&self) -> String {
+        if self.value != 0.0 && self.value.abs() < 1e-3 { format!("{:.2e}", self.value) } else { format!("{:.4}", self.value) }
+    }
+}
+
+fn write(file: &Path, text: &str) -> Result<(), Failure> {
+    std::fs::write(file, text).map_err(|error| Failure::Error(format!("{}: {error}", file.display())))?;
+    eprintln!("written: {}", file.display());
+    Ok(())
+}
+
+fn main() -> ExitCode {
+    let cli = Cli::parse();
+    let study = cli.study.unwrap_or(Study::Engine(First { seed: 1 }));
+    exit_code(run(&study, cli.json))
+}
+
+fn run(study: &Study, as_json: bool) -> Result<(), Failure> {
+    let mut more = Value::Null;
+    let rows = match study {
+        Study::Engine(asked) => {
+            let mut rows = engine::run(asked.seed)?;
+            rows.extend(params::run()?);
+            rows
+        }
+        Study::Room(asked) => {
+            let (rows, document) = room::run(asked, as_json)?;
+            more = document;
+            rows
+        }
+        Study::Functions(asked) => functions::run(asked, as_json)?,
+        Study::Ablation(asked) => ablation::run(asked),
+        Study::Complexity(asked) => complexity::run(asked),
+        Study::Likelihood(asked) => likelihood::run(asked)?,
+        Study::Load(asked) => load::run(asked)?,
+        Study::Loop(asked) => return control::run(asked, as_json),
+        Study::House(asked) => {
+            let (rows, document) = house::run(asked, as_json)?;
+            more = document;
+            rows
+        }
+        Study::Plant(asked) => {
+            let (rows, tables) = plant::run(asked)?;
+            if !as_json {
+                tables.iter().for_each(|table| print(&format!("{}\n", table.text())));
+            }
+            more = json!({ "tables": tables });
+            rows
+        }
+        Study::DiagnosePlant(asked) => plant_worlds::run(asked)?,
+        Study::Real(asked) => {
+            let (rows, windows) = real::run(asked)?;
+            if !as_json {
+                print(&format!("{}\n", windows.text()));
+            }
+            more = json!({ "windows": windows });
+            rows
+        }
+        Study::Diagnose(asked) => diagnose::run(asked)?,
+    };
+    if as_json {
+        let mut document = json!({ "rows": rows });
+        if let (Value::Object(document), Value::Object(more)) = (&mut document, more) {
+            document.extend(more);
+        }
+        print(&document.to_string());
+    } else {
+        rows.iter().for_each(|row| print(&row.line()));
+    }
+    let broken = rows.iter().filter(|row| !row.holds()).count();
+    if broken == 0 { Ok(()) } else { Err(Failure::Error(format!("{broken} limits do not hold"))) }
+}
