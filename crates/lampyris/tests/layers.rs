@@ -5,8 +5,8 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// The stages, and what each may see beside the leaves `fault` and `units`. `app`, `cli` and `main` may see all.
-const MAY_SEE: &[(&str, &[&str])] = &[
+/// The stages of the core, and what each may see beside the leaves.
+const CORE: &[(&str, &[&str])] = &[
     ("model", &[]),
     ("data", &[]),
     ("optimise", &[]),
@@ -14,24 +14,28 @@ const MAY_SEE: &[(&str, &[&str])] = &[
     ("estimate", &["model", "data", "simulate", "optimise"]),
     ("diagnose", &["model", "data", "simulate", "optimise", "estimate"]),
     ("twin", &["model", "data", "simulate"]),
-    ("store", &["model", "data", "simulate", "optimise", "estimate", "diagnose"]),
-    ("jobs", &["model", "data", "simulate", "optimise", "estimate", "diagnose", "store", "settings"]),
-    ("http", &["model", "data", "estimate", "diagnose", "store", "jobs", "settings"]),
-    ("settings", &[]),
     ("fault", &[]),
     ("schema", &[]),
     ("units", &[]),
 ];
+/// The stages of the service, and what each may see of it and of the core. `app` and `cli` may see all.
+const SERVICE: &[(&str, &[&str])] = &[
+    ("store", &["model", "data", "simulate", "optimise", "estimate", "diagnose"]),
+    ("jobs", &["model", "data", "simulate", "optimise", "estimate", "diagnose", "store", "settings"]),
+    ("http", &["model", "data", "estimate", "diagnose", "store", "jobs", "settings"]),
+    ("settings", &[]),
+];
 const LEAVES: [&str; 3] = ["fault", "schema", "units"];
+const IN_CORE: &str = "crates/core/src";
+const IN_SERVICE: &str = "crates/lampyris/src";
 /// The pure core: no async, no IO, no clock.
-const CORE: [&str; 10] = ["model", "data", "optimise", "simulate", "estimate", "diagnose", "twin", "fault", "schema", "units"];
 const IMPURE: [&str; 10] =
     ["tokio::", "axum::", "sqlx::", "tower", "std::time", "std::fs", "std::net", "std::env", "SystemTime", "Timestamp::now"];
 const LONGEST_FILE: usize = 500;
 
 /// All Rust files under a folder of the project, with their texts.
 fn sources(folder: &str) -> BTreeMap<PathBuf, String> {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let root = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../.."));
     let mut files = BTreeMap::new();
     let mut folders = vec![root.join(folder)];
     while let Some(folder) = folders.pop() {
@@ -47,13 +51,18 @@ fn sources(folder: &str) -> BTreeMap<PathBuf, String> {
     files
 }
 
-/// `src/store/jobs.rs` and `src/settings.rs` belong to `store` and `settings`.
+/// `crates/lampyris/src/store/jobs.rs` and `crates/lampyris/src/settings.rs` belong to `store` and `settings`.
 fn stage(path: &Path) -> String {
-    let first = path.components().nth(1).unwrap().as_os_str().to_string_lossy().into_owned();
+    let first = path.components().nth(3).unwrap().as_os_str().to_string_lossy().into_owned();
     first.trim_end_matches(".rs").to_owned()
 }
 
-/// Whether a file under `src` holds nothing but unit tests: `tests.rs` and `…_tests.rs`.
+/// Whether a file is one of a library or a program, and not of its tests: `crates/core/src/…`.
+fn is_source(path: &Path) -> bool {
+    path.components().nth(2).is_some_and(|folder| folder.as_os_str() == "src")
+}
+
+/// Whether a file holds nothing but unit tests: `tests.rs` and `…_tests.rs`.
 fn is_test(path: &Path) -> bool {
     path.file_stem().is_some_and(|stem| stem == "tests" || stem.to_string_lossy().ends_with("_tests"))
 }
@@ -71,12 +80,13 @@ fn code(text: &str) -> String {
     body.lines().filter(|line| !line.trim_start().starts_with("//")).collect::<Vec<_>>().join("\n")
 }
 
-/// The stages that a text names by `crate::`, also in grouped imports.
+/// The stages that a text names by `crate::` or `lampyris_core::`, also in grouped imports.
 fn named(code: &str) -> Vec<String> {
     let mut names = Vec::new();
-    for (at, _) in code.match_indices("crate::") {
+    let places = ["crate::", "lampyris_core::"].map(|root| code.match_indices(root));
+    for (at, root) in places.into_iter().flatten() {
         // `$crate::` in a macro names its own stage.
-        let rest = &code[at + "crate::".len()..];
+        let rest = &code[at + root.len()..];
         let group = rest.strip_prefix('{').map(|inner| inner.split('}').next().unwrap_or_default());
         let parts: Vec<&str> = group.map_or_else(|| vec![rest], |group| group.split(',').collect());
         for part in parts {
@@ -92,18 +102,20 @@ fn named(code: &str) -> Vec<String> {
 #[test]
 fn every_stage_sees_only_what_lies_before_it() {
     let mut wrong = Vec::new();
-    for (path, text) in sources("src").into_iter().filter(|(path, _)| !is_test(path)) {
-        let stage = stage(&path);
-        if ["main", "lib", "app", "cli"].contains(&stage.as_str()) {
-            continue;
-        }
-        let Some((_, allowed)) = MAY_SEE.iter().find(|(name, _)| *name == stage) else {
-            wrong.push(format!("{}: the stage `{stage}` has no place in the house", path.display()));
-            continue;
-        };
-        for name in named(&code(&text)) {
-            if name != stage && !LEAVES.contains(&name.as_str()) && !allowed.contains(&name.as_str()) {
-                wrong.push(format!("{} sees `{name}`", path.display()));
+    for (folder, stages) in [(IN_CORE, CORE), (IN_SERVICE, SERVICE)] {
+        for (path, text) in sources(folder).into_iter().filter(|(path, _)| !is_test(path)) {
+            let stage = stage(&path);
+            if ["main", "lib", "app", "cli"].contains(&stage.as_str()) {
+                continue;
+            }
+            let Some((_, allowed)) = stages.iter().find(|(name, _)| *name == stage) else {
+                wrong.push(format!("{}: the stage `{stage}` has no place in the house", path.display()));
+                continue;
+            };
+            for name in named(&code(&text)) {
+                if name != stage && !LEAVES.contains(&name.as_str()) && !allowed.contains(&name.as_str()) {
+                    wrong.push(format!("{} sees `{name}`", path.display()));
+                }
             }
         }
     }
@@ -113,8 +125,7 @@ fn every_stage_sees_only_what_lies_before_it() {
 #[test]
 fn the_core_is_pure() {
     let mut wrong = Vec::new();
-    let core = |path: &Path| CORE.contains(&stage(path).as_str()) && !is_test(path);
-    for (path, text) in sources("src").into_iter().filter(|(path, _)| core(path)) {
+    for (path, text) in sources(IN_CORE).into_iter().filter(|(path, _)| !is_test(path)) {
         let code = code(&text);
         wrong.extend(IMPURE.iter().filter(|word| code.contains(**word)).map(|word| format!("{} uses {word}", path.display())));
     }
@@ -124,7 +135,7 @@ fn the_core_is_pure() {
 #[test]
 fn each_outer_library_has_one_home() {
     let mut wrong = Vec::new();
-    for (path, text) in sources("src") {
+    for (path, text) in sources(IN_SERVICE) {
         let (stage, code) = (stage(&path), code(&text));
         for (library, homes) in
             [("sqlx::", &["store"][..]), ("axum::", &["http", "app", "cli"][..]), ("Timestamp::now", &["jobs", "cli"][..])]
@@ -139,13 +150,13 @@ fn each_outer_library_has_one_home() {
 
 #[test]
 fn the_house_is_tidy() {
-    let ours = sources("src");
+    let ours = sources("crates");
     let mut wrong: Vec<String> = ours
         .keys()
-        .filter(|path| is_test(path) && !is_declared_for_tests(path, &ours))
+        .filter(|path| is_source(path) && is_test(path) && !is_declared_for_tests(path, &ours))
         .map(|path| format!("{} is named as a test and is none", path.display()))
         .collect();
-    for (path, text) in ours.into_iter().chain(sources("tests")) {
+    for (path, text) in ours {
         let at = path.display();
         let lines = text.lines().count();
         if lines > LONGEST_FILE {
@@ -155,7 +166,7 @@ fn the_house_is_tidy() {
         if ["home", "work", "root", "Users"].iter().any(|place| text.contains(&format!("/{place}/"))) && !is_this {
             wrong.push(format!("{at} names a place of one machine"));
         }
-        if path.starts_with("src") {
+        if is_source(&path) {
             let code = code(&text);
             for word in [".unwrap()", "todo!", "unimplemented!", "dbg!("] {
                 if code.contains(word) && !is_test(&path) {

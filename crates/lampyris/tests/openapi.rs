@@ -15,7 +15,7 @@ const METHODS: [&str; 5] = ["get", "put", "post", "delete", "patch"];
 
 #[test]
 fn the_committed_description_is_the_generated_one() {
-    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("openapi.yaml");
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../openapi.yaml");
     let generated = lampyris::http::openapi_yaml();
     assert!(generated.contains("openapi: 3.1"), "nothing was generated");
     if std::env::var_os("UPDATE_OPENAPI").is_some() {

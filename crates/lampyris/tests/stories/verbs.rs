@@ -56,3 +56,11 @@ fn shells_can_complete_every_verb() {
         }
     }
 }
+
+#[test]
+fn bench_hands_over_to_the_studies_beside_it() {
+    let help = verb("http://127.0.0.1:1", &["bench", "help"]).expect(0).out;
+    for study in ["engine", "diagnose", "real", "house"] {
+        assert!(help.contains(study), "{study} in {help}");
+    }
+}
