@@ -81,6 +81,7 @@ export function Diagnosis({ data, system, document, metrics, query, search }) {
       add=${REPORT ? null : () => setAdding({ effect: finding.effect, title: finding.title })} />`)}
     ${data.findings.length === 0 && weighed && data.verdict !== 'adequate' &&
       html`<p>No effect of the catalogue passed both gates: the gain on the data that were fitted, and the error on unseen data.</p>`}
+    <${Present} effects=${data.present} />
     <${Unexplained} unexplained=${data.unexplained} path=${path} system=${system} model=${data.model}
       unit=${first?.[1].unit ?? ''} />
     ${(data.considered.length > 0 || data.not_testable.length > 0) && html`<div class="grid">
@@ -96,6 +97,20 @@ export function Diagnosis({ data, system, document, metrics, query, search }) {
         rows=${data.not_testable.map(entry => [html`<a href=${address(['effects', entry.effect.split(':')[0]])}>${entry.effect}</a>`,
           entry.reason])} /></section>
     </div>`}`;
+}
+
+/** What the model has already, as this window shows it; a sentence each, with its numbers behind it. */
+function Present({ effects }) {
+  if (!effects?.length) return null;
+  return html`<section class="card" aria-labelledby="present"><h3 id="present">What the model has already</h3>
+    ${effects.map(({ effect, sentence, pooled }) => html`<p key=${effect}>${pooled?.taken_back ? '▲ ' : ''}${sentence}
+      ${pooled?.windows > 1 && !pooled.taken_back && html` <span class="quiet">${pooled.sentence}</span>`}</p>`)}
+    <details><summary>The numbers</summary><${Table} caption="Each effect beside the model without it"
+      columns=${[['effect'], ['model without it'], ['size', 'number'], ['deviation', 'number'], ['unit'], ['t', 'number'], ['of the error', 'number'], ['p of shifts', 'number'], ['windows', 'number']]}
+      rows=${effects.map(({ effect, model, score, pooled }) => [
+        effect, model, number(score.size), number(score.deviation), score.unit, number(score.t), percent(score.share),
+        score.shift_p === null ? NONE : number(score.shift_p), pooled?.windows ?? 0,
+      ])} /></details></section>`;
 }
 
 const PARTS = [

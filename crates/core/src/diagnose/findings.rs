@@ -4,11 +4,13 @@ use super::acceptance::{LEAST_BIC, LEAST_SHARE, STRICT_INNOVATIONS, STRICT_SHARE
 use super::course::Course;
 use super::evidence::shape;
 use super::failures::episodes;
-use super::ledger::{EffectScore, Entry, Looked, pooled_with};
+use super::ledger::{EffectScore, Entry, Looked, beside, pooled_with};
 use super::library::{CandidateEffect, NotTestable, align, candidates, widen};
 use super::null_model::{NullModel, whitening_at};
+use super::present::present;
 use super::report::{
-    Adequacy, Coefficient, Considered, Diagnosis, EffectSize, Finding, FindingKind, Gate, Measures, Preview, RmsePairs, Unexplained,
+    Adequacy, Coefficient, Considered, Diagnosis, EffectSize, Finding, FindingKind, Gate, Measures, PresentEffect, Preview, RmsePairs,
+    Unexplained,
 };
 use super::residual::residual;
 use super::screen::{Blind, Screen};
@@ -72,7 +74,7 @@ impl DiagnoseError {
 }
 
 /// Which effects the model is missing. `theta` is the fit to start from; it is polished first. `rate` is how often segments of hours may
-/// accuse where nothing is missing; `earlier` is what other windows of the system showed of this model.
+/// accuse where nothing is missing; `earlier` is what other windows of the system showed, of any model.
 ///
 /// # Errors
 /// [`DiagnoseError`] where the model diverges, the window does not serve, or `control` interrupts.
@@ -109,6 +111,7 @@ pub fn diagnose(
     let mut null = NullModel::settle(align(problem, &mut library), theta, None, &halt).ok_or_else(nothing)?;
     course.settled(null.fitted.evaluations);
     report.not_testable = not_testable;
+    let beside_base = beside(earlier, &report.model, problem.model().hash());
     let mut found: Vec<String> = Vec::new();
     let mut before = None;
     for number in 1..=ROUNDS {
@@ -121,14 +124,18 @@ pub fn diagnose(
         // What could not be told from a finding is named with it already.
         library.retain(|candidate| !found.contains(&candidate.id));
         // With a finding it is another model, of which no window has told.
-        let earlier = if number == 1 { earlier } else { &[] };
-        let outcome = round(&mut null, &library, strict, rate.into(), earlier, number == 1, &course).ok_or_else(nothing)?;
+        let told = if number == 1 { beside_base.as_slice() } else { &[] };
+        let outcome = round(&mut null, &library, strict, rate.into(), told, number == 1, &course).ok_or_else(nothing)?;
         interrupted(control)?;
         report.evaluations.push(null.fitted.evaluations + outcome.evaluations);
         if number == 1 {
             before = Some(null.clone());
             tell_round(&mut report, &library, &outcome);
             report.looked = looked(problem, outcome.scores.clone());
+            if let Some(span) = span(problem) {
+                report.present = present(catalogue, &null.problem, &null.fitted.plain, (&grid, site), earlier, span, &halt);
+            }
+            interrupted(control)?;
         }
         let Some(winner) = outcome.winner.map(|place| &outcome.tried[place]) else { break };
         let candidate = &library[winner.refitted.candidate];
@@ -144,7 +151,7 @@ pub fn diagnose(
         null = way.map_or(next, |way| way.model);
     }
     conclude(&mut report, before.as_ref().unwrap_or(&null), &null);
-    pool_findings(&mut report, earlier);
+    pool_findings(&mut report, &beside_base);
     Ok(report)
 }
 
@@ -202,6 +209,7 @@ fn empty(problem: &Problem) -> Diagnosis {
         not_testable: Vec::new(),
         unexplained: Unexplained::default(),
         looked: None,
+        present: Vec::new(),
         warnings: Vec::new(),
         evaluations: Vec::new(),
     }
@@ -216,16 +224,18 @@ fn looked(problem: &Problem, effects: Vec<EffectScore>) -> Option<Looked> {
 /// Tells every finding of a diagnosis what its window shows of it together with earlier ones of the same base model, and takes back,
 /// with a warning, what those have shown clearly and this one contradicts.
 pub(super) fn pool_findings(report: &mut Diagnosis, earlier: &[Entry]) {
-    let now = report.looked.as_ref().map(|looked| looked.entries("", &report.model, None)).unwrap_or_default();
-    for entry in now {
-        let Some(pooled) = pooled_with(earlier, &entry.score, entry.span) else { continue };
+    let Some(span) = report.looked.as_ref().and_then(Looked::span) else { return };
+    for score in report.looked.iter().flat_map(|looked| &looked.effects) {
+        let Some(pooled) = pooled_with(earlier, score, span) else { continue };
         if let Some(taken_back) = &pooled.taken_back {
-            report.warnings.push(format!("{}: {}", entry.score.effect, taken_back.sentence));
+            report.warnings.push(format!("{}: {}", score.effect, taken_back.sentence));
         }
-        if let Some(finding) = report.findings.iter_mut().find(|finding| finding.named() == entry.score.effect) {
+        if let Some(finding) = report.findings.iter_mut().find(|finding| finding.named() == score.effect) {
             finding.pooled = Some(pooled);
         }
     }
+    let taken_back = |one: &&PresentEffect| one.pooled.as_ref().is_some_and(|pooled| pooled.taken_back.is_some());
+    report.warnings.extend(report.present.iter().filter(taken_back).map(|one| one.sentence.clone()));
 }
 
 /// The first round into the report: what was tried, and what cannot be tested.

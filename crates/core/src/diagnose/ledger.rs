@@ -181,24 +181,38 @@ pub struct TakenBack {
 }
 
 impl Looked {
-    /// What this window adds to the ledger of its system; effects without finite figures are left out.
-    pub fn entries(&self, diagnosis: &str, model: &str, model_hash: Option<&str>) -> Vec<Entry> {
-        // Both were written by the diagnosis itself; a window at no time could not be told from the others.
-        let (Ok(from), Ok(to)) = (read_time("", &self.from), read_time("", &self.to)) else { return Vec::new() };
-        let entry = |score: &EffectScore| Entry {
-            diagnosis: diagnosis.to_owned(),
-            model: model.to_owned(),
-            model_hash: model_hash.map(str::to_owned),
-            span: Span { from, to, hours: self.hours },
-            score: score.clone(),
-        };
-        self.effects.iter().filter(|score| is_finite(score)).map(entry).collect()
+    /// When it looked; `None` where it is at no time, which could not be told from other windows.
+    pub fn span(&self) -> Option<Span> {
+        Some(Span { from: read_time("", &self.from).ok()?, to: read_time("", &self.to).ok()?, hours: self.hours })
     }
+}
+
+/// What a window adds to the ledger of its system beside one model; effects without finite figures are left out.
+pub fn entries<'a>(
+    span: Span,
+    diagnosis: &str,
+    (model, model_hash): (&str, Option<&str>),
+    scores: impl Iterator<Item = &'a EffectScore>,
+) -> Vec<Entry> {
+    let entry = |score: &EffectScore| Entry {
+        diagnosis: diagnosis.to_owned(),
+        model: model.to_owned(),
+        model_hash: model_hash.map(str::to_owned),
+        span,
+        score: score.clone(),
+    };
+    scores.filter(|score| is_finite(score)).map(entry).collect()
 }
 
 fn is_finite(score: &EffectScore) -> bool {
     let EffectScore { size, deviation, share, t, beyond_clock, .. } = score;
     [size, deviation, share, t, beyond_clock].into_iter().chain(&score.shift_p).all(|figure| figure.is_finite())
+}
+
+/// Those of some entries that speak of a model with this content. Windows that were judged beside another content speak of something else.
+pub fn beside(entries: &[Entry], model: &str, hash: &str) -> Vec<Entry> {
+    let is_same = |entry: &&Entry| entry.model == model && entry.model_hash.as_ref().is_none_or(|known| known == hash);
+    entries.iter().filter(is_same).cloned().collect()
 }
 
 /// The ledgers of a system, by effect and base model, the most telling first. Entries stand in the order in which they were made.

@@ -1,7 +1,7 @@
 //! The ledger against closed forms, a published analysis, and the windows of a real room.
 
 use super::findings::pool_findings;
-use super::ledger::{Apart, EffectScore, Entry, Looked, Pooled, Span, ledgers, pooled_with};
+use super::ledger::{Apart, EffectScore, Entry, Looked, Pooled, Span, beside, entries, ledgers, pooled_with};
 use super::report::Diagnosis;
 
 const DAY: i64 = 86_400;
@@ -202,7 +202,12 @@ fn a_ledger_is_of_one_effect_and_one_model() {
     };
     let mut own = entry(0, 0.2, 0.1);
     own.diagnosis = "dia_1".to_owned();
-    assert_eq!(looked.entries("dia_1", "rc2", Some("a")), [own], "what has no figures is not kept");
+    let kept = entries(looked.span().unwrap(), "dia_1", ("rc2", Some("a")), looked.effects.iter());
+    assert_eq!(kept, [own.clone()], "what has no figures is not kept");
+    let mut other = own.clone();
+    other.model_hash = Some("b".to_owned());
+    assert_eq!(beside(&[own.clone(), other], "rc2", "a"), [own.clone()]);
+    assert_eq!(beside(&[own], "room3", "a"), []);
 }
 
 /// Findings are told together with earlier windows where their window was looked at, and not otherwise.

@@ -7,7 +7,7 @@ use crate::fault::Fault;
 use crate::model::catalogue::Catalogue;
 use crate::model::compile::AS_IT_COMES;
 use crate::model::spec::{EffectSpec, ModelSpec, Sign};
-use crate::model::{Bindings, ModelId, Scale, compile};
+use crate::model::{Bindings, Model, ModelId, Scale, compile};
 use crate::units::Unit;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -233,6 +233,37 @@ fn is_member(effect: &EffectSpec, channel: &str, unit: &str, base: &Problem) -> 
     }
 }
 
+/// Another model on the channels of a grid, with the members that a site gives to its sets.
+fn relative(catalogue: &Catalogue, id: &ModelId, grid: &Grid, site: &Site) -> Result<Model, Vec<Fault>> {
+    let composition = catalogue.compose(id)?;
+    let sets = composition.spec.sets.iter().filter_map(|set| site.sets.get(set).map(|members| (set.clone(), members.clone()))).collect();
+    let channels = grid.columns().map(|(channel, _)| channel.to_owned()).collect();
+    compile(&composition, &Bindings { sets, channels: Some(channels) })
+}
+
+/// The boxes and the prior of a fit, which may have asked for others than the document has, for what it shares with another model.
+fn choices_of(base: &Problem, model: &Model) -> Choices {
+    let mut choices = Choices { objective: base.objective(), delta: base.delta(), prior: base.prior(), ..Choices::default() };
+    let free = base.free();
+    for (index, (parameter, bounds)) in base.model().parameters().iter().zip(base.bounds()).enumerate() {
+        if model.parameters().iter().all(|shared| shared.name != parameter.name) {
+            continue;
+        }
+        choices.bounds.insert(parameter.name.clone(), *bounds);
+        if !free.contains(&index) {
+            choices.fixed.insert(parameter.name.clone(), base.nominal()[index]);
+        }
+    }
+    choices
+}
+
+/// A problem whose model lacks one of its effects, on the same data.
+pub(super) fn lacking(catalogue: &Catalogue, with: &Problem, grid: &Grid, site: &Site, name: &str) -> Result<Problem, Vec<Fault>> {
+    let model = relative(catalogue, &with.model().id().minus(name), grid, site)?;
+    let choices = choices_of(with, &model);
+    Problem::new(model, grid.clone(), with.split().clone(), &choices, with.source().clone())
+}
+
 /// One candidate.
 pub(super) fn candidate(
     catalogue: &Catalogue,
@@ -241,21 +272,9 @@ pub(super) fn candidate(
     site: &Site,
     name: &str,
 ) -> Result<CandidateEffect, Vec<Fault>> {
-    let id: ModelId = base.model().id().plus(name);
     let spec = catalogue.effect(name).map_err(|fault| vec![fault])?;
-    let composition = catalogue.compose(&id)?;
-    let sets = composition.spec.sets.iter().filter_map(|set| site.sets.get(set).map(|members| (set.clone(), members.clone()))).collect();
-    let channels = grid.columns().map(|(channel, _)| channel.to_owned()).collect();
-    let model = compile(&composition, &Bindings { sets, channels: Some(channels) })?;
-    // The boxes and the prior of the fit, which may have asked for others than the document has.
-    let mut choices = Choices { objective: base.objective(), delta: base.delta(), prior: base.prior(), ..Choices::default() };
-    for (parameter, bounds) in base.model().parameters().iter().zip(base.bounds()) {
-        choices.bounds.insert(parameter.name.clone(), *bounds);
-    }
-    let free = base.free();
-    for (index, parameter) in base.model().parameters().iter().enumerate().filter(|(index, _)| !free.contains(index)) {
-        choices.fixed.insert(parameter.name.clone(), base.nominal()[index]);
-    }
+    let model = relative(catalogue, &base.model().id().plus(name), grid, site)?;
+    let mut choices = choices_of(base, &model);
     let own: Vec<usize> = (0..model.parameters().len())
         .filter(|index| base.model().parameters().iter().all(|known| known.name != model.parameters()[*index].name))
         .collect();

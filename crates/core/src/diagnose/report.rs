@@ -1,7 +1,7 @@
 //! The documents of a diagnosis, as they are stored, printed and served.
 
 use super::evidence::Shape;
-use super::ledger::{Looked, Pooled};
+use super::ledger::{EffectScore, Entry, Looked, Pooled, entries};
 use super::library::NotTestable;
 use indexmap::IndexMap;
 use serde::{Deserialize, Serialize};
@@ -62,11 +62,45 @@ pub struct Diagnosis {
     /// could be looked at, and in a diagnosis that was made before there was one.
     #[serde(default)]
     pub looked: Option<Looked>,
+    /// What this window shows of the effects that the model has already.
+    #[serde(default)]
+    pub present: Vec<PresentEffect>,
     /// What a reader should know of the data.
     pub warnings: Vec<String>,
     /// Simulations of every round, for benches.
     #[serde(skip)]
     pub evaluations: Vec<usize>,
+}
+
+impl Diagnosis {
+    /// What its window adds to the ledger of the system, beside the model that was diagnosed and beside those that lack one of its effects.
+    pub fn entries(&self, id: &str, model_hash: Option<&str>) -> Vec<Entry> {
+        let Some((looked, span)) = self.looked.as_ref().and_then(|looked| Some((looked, looked.span()?))) else { return Vec::new() };
+        let mut all = entries(span, id, (&self.model, model_hash), looked.effects.iter());
+        for one in &self.present {
+            all.extend(entries(span, id, (&one.model, Some(&one.model_hash)), std::iter::once(&one.score)));
+        }
+        all
+    }
+}
+
+/// What a window shows of an effect that the model has already, beside the model without it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct PresentEffect {
+    /// The effect's id.
+    pub effect: String,
+    /// A short title for people.
+    pub title: String,
+    /// The model without it.
+    pub model: String,
+    /// That model's content hash.
+    pub model_hash: String,
+    /// What this window shows of it.
+    pub score: EffectScore,
+    /// What it shows together with earlier windows of the model without it; `null` where it has no size.
+    pub pooled: Option<Pooled>,
+    /// For people.
+    pub sentence: String,
 }
 
 /// A finding is the cause of an error, or repairs what an earlier finding left.

@@ -121,6 +121,7 @@ fn text(diagnosis: &Diagnosis, problem: &Problem) -> String {
     for finding in &diagnosis.findings {
         lines.extend(one(finding));
     }
+    lines.extend(diagnosis.present.iter().map(|one| one.sentence.clone()));
     if let (Some(rho), Some(floor)) = (diagnosis.rho, diagnosis.noise_floor_rmse) {
         lines.push(format!("rho {rho:.2}   noise floor {floor:.3} {unit}"));
     }

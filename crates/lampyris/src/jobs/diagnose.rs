@@ -4,7 +4,6 @@
 use super::estimate::{Fitted, Stopped, fitted, invalid, stopped};
 use super::input::Input;
 use crate::store::finish::{Finding, Report};
-use lampyris_core::diagnose::ledger::Entry;
 use lampyris_core::diagnose::{self, DiagnoseError};
 use lampyris_core::estimate::Control;
 use lampyris_core::estimate::request::Criterion;
@@ -20,11 +19,8 @@ pub fn run(input: &Input, control: &Control<'_>) -> Result<Finding, Stopped> {
     let Fitted { window, problem, finding } = fitted(input, control)?;
     let site = input.system.site();
     let rate = input.request.accusation_rate;
-    // Windows that were judged beside another content of the model speak of something else.
-    let is_same = |entry: &&Entry| entry.model_hash.as_ref().is_none_or(|hash| hash == problem.model().hash());
-    let earlier: Vec<Entry> = input.evidence.iter().filter(is_same).cloned().collect();
-    let theta = finding.fit.theta();
-    let diagnosis = diagnose::diagnose(&input.catalogue, &problem, &theta, &window, &site, rate, &earlier, control).map_err(halted)?;
+    let (theta, earlier) = (finding.fit.theta(), &input.evidence);
+    let diagnosis = diagnose::diagnose(&input.catalogue, &problem, &theta, &window, &site, rate, earlier, control).map_err(halted)?;
     Ok(Finding { report: Some(Report::Diagnosis(Box::new(diagnosis))), ..finding })
 }
 

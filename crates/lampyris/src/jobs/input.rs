@@ -41,7 +41,7 @@ pub struct Input {
     pub posted: bool,
     /// What a fit is judged beside, apart from what is served now.
     pub past: Past,
-    /// What earlier diagnoses of the system saw beside this model; of jobs that do not diagnose nothing is collected.
+    /// What earlier diagnoses of the system saw, beside any model; of jobs that do not diagnose nothing is collected.
     pub evidence: Vec<Entry>,
     measurements: Measurements,
 }
@@ -66,7 +66,7 @@ pub async fn load(service: &Service, job: &JobRecord) -> Result<Input, JobsError
     let input = collect(service, &job.system, document, job.model.clone(), request, BEFORE.seconds()).await?;
     let past = past(service, job, input.served.as_ref()).await?;
     let evidence = match job.kind {
-        JobKind::Diagnose => store::evidence::of(&service.store, &job.system, None, Some(&job.model.to_string())).await?,
+        JobKind::Diagnose => store::evidence::of(&service.store, &job.system, None, None).await?,
         _ => Vec::new(),
     };
     Ok(Input { past, evidence, posted: job.origin == Origin::Posted, ..input })

@@ -101,8 +101,7 @@ pub(super) async fn keep(
                 .bind(millis(now))
                 .execute(&mut *tx)
                 .await?;
-            let entries = named.looked.as_ref().map(|looked| looked.entries(&id, &named.model, Some(model_hash))).unwrap_or_default();
-            evidence::keep(tx, system, sequence, &entries).await?;
+            evidence::keep(tx, system, sequence, &named.entries(&id, Some(model_hash))).await?;
             Ok(Some(id))
         }
         Report::Ladder(ladder) => {
