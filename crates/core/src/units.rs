@@ -235,6 +235,11 @@ fn parse_power(text: &str) -> Option<Unit> {
     (-9..=9).contains(&exponent).then(|| base.power(exponent))
 }
 
+/// An error of a temperature in degC is in K.
+pub fn error_unit(unit: &str) -> &str {
+    if unit == "degC" { "K" } else { unit }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -12,7 +12,7 @@ use super::page::Table;
 use lampyris::cli::{Failure, faults};
 use lampyris_core::data::{Bindings, Window};
 use lampyris_core::estimate::{Control, EstimateRequest, Fit, Problem, Site, estimate, prepare};
-use lampyris_core::model::spec::ModelDocument;
+use lampyris_core::model::document::ModelDocument;
 use lampyris_core::model::{Catalogue, Nominal};
 use lampyris_core::optimise::Candidate;
 use lampyris_core::simulate::{Simulator, Stepper};

@@ -24,10 +24,45 @@ fn is_time(column: &str) -> bool {
     TIME_NAMES.iter().any(|name| column.eq_ignore_ascii_case(name))
 }
 
+impl Window {
+    /// Reads a window from CSV: a header `time,T_room[degC],…`, then one row per time.
+    ///
+    /// Times carry an offset or `Z`. An empty cell or `null` is a missing value. A row with anything else that
+    /// is no finite number, with a time that does not increase or with another number of cells is rejected and
+    /// listed in the report; a single value that no working sensor gives is left out with a warning.
+    ///
+    /// # Errors
+    /// All kinds of faults at once, at most 100: no or several columns of times, unknown or inconvertible units,
+    /// duplicate columns, bindings to missing columns, no data, times without offset, more than a tenth of the
+    /// rows rejected, values that only another unit explains, fewer than two rows.
+    pub fn parse_csv(text: &str, bindings: &Bindings) -> Result<(Window, WindowReport), Vec<Fault>> {
+        csv(text, bindings)
+    }
+
+    /// Reads a window from JSON: `{"channels":{"T_room":{"unit":"degC"}},"time":[…],"values":{"T_room":[21.1,null]}}`.
+    ///
+    /// `channels` is optional and states units; a name in `values` is a column header as in CSV. The rules for
+    /// rows are those of [`Window::parse_csv`], and rows count from 1.
+    ///
+    /// # Errors
+    /// As for CSV, and where the body is no such document or lists have different lengths.
+    pub fn parse_json(body: &[u8], bindings: &Bindings) -> Result<(Window, WindowReport), Vec<Fault>> {
+        json(body, bindings)
+    }
+
+    /// Reads a window from a JSON document whose form is right, by the rules of [`Window::parse_json`].
+    ///
+    /// # Errors
+    /// As for CSV, and where lists have different lengths.
+    pub fn read(document: WindowDocument, bindings: &Bindings) -> Result<(Window, WindowReport), Vec<Fault>> {
+        self::document(document, bindings)
+    }
+}
+
 /// Reads `time,T_room,…`: a header, then one row per time. Lines that start with `#` are comments.
 ///
 /// Commas separate; a header without any comma may use semicolons or tabs.
-pub(super) fn csv(text: &str, bindings: &Bindings) -> Result<(Window, WindowReport), Vec<Fault>> {
+fn csv(text: &str, bindings: &Bindings) -> Result<(Window, WindowReport), Vec<Fault>> {
     let text = text.strip_prefix('\u{feff}').unwrap_or(text);
     let header_line = text.lines().find(|line| !line.trim().is_empty() && !line.starts_with('#')).unwrap_or_default();
     let delimiter = [b',', b';', b'\t'].into_iter().find(|mark| header_line.as_bytes().contains(mark)).unwrap_or(b',');
@@ -80,7 +115,7 @@ pub(super) fn csv(text: &str, bindings: &Bindings) -> Result<(Window, WindowRepo
 }
 
 /// Reads `{"channels":{"T_room":{"unit":"degC"}},"time":[…],"values":{"T_room":[21.1,null]}}`.
-pub(super) fn json(body: &[u8], bindings: &Bindings) -> Result<(Window, WindowReport), Vec<Fault>> {
+fn json(body: &[u8], bindings: &Bindings) -> Result<(Window, WindowReport), Vec<Fault>> {
     let document = serde_json::from_slice(body).map_err(|error| {
         // The parser's message may quote a name of the document, which may be of any length.
         let message: String = error.to_string().chars().take(200).collect();
@@ -90,7 +125,7 @@ pub(super) fn json(body: &[u8], bindings: &Bindings) -> Result<(Window, WindowRe
 }
 
 /// The window of a document whose form is right.
-pub(super) fn document(document: WindowDocument, bindings: &Bindings) -> Result<(Window, WindowReport), Vec<Fault>> {
+fn document(document: WindowDocument, bindings: &Bindings) -> Result<(Window, WindowReport), Vec<Fault>> {
     let WindowDocument { channels, time: Times(time), values } = document;
     let (channels, values) = (channels.0, values.0);
 

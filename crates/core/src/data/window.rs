@@ -3,8 +3,6 @@
 use indexmap::IndexMap;
 use serde::{Deserialize, Serialize};
 
-use super::header::Bindings;
-use super::parse::{self, WindowDocument};
 use super::series::{Series, SeriesStatistics};
 use super::stamp::rfc3339;
 use crate::fault::{Fault, nearest};
@@ -60,39 +58,6 @@ impl WindowReport {
 }
 
 impl Window {
-    /// Reads a window from CSV: a header `time,T_room[degC],…`, then one row per time.
-    ///
-    /// Times carry an offset or `Z`. An empty cell or `null` is a missing value. A row with anything else that
-    /// is no finite number, with a time that does not increase or with another number of cells is rejected and
-    /// listed in the report; a single value that no working sensor gives is left out with a warning.
-    ///
-    /// # Errors
-    /// All kinds of faults at once, at most 100: no or several columns of times, unknown or inconvertible units,
-    /// duplicate columns, bindings to missing columns, no data, times without offset, more than a tenth of the
-    /// rows rejected, values that only another unit explains, fewer than two rows.
-    pub fn parse_csv(text: &str, bindings: &Bindings) -> Result<(Window, WindowReport), Vec<Fault>> {
-        parse::csv(text, bindings)
-    }
-
-    /// Reads a window from JSON: `{"channels":{"T_room":{"unit":"degC"}},"time":[…],"values":{"T_room":[21.1,null]}}`.
-    ///
-    /// `channels` is optional and states units; a name in `values` is a column header as in CSV. The rules for
-    /// rows are those of [`Window::parse_csv`], and rows count from 1.
-    ///
-    /// # Errors
-    /// As for CSV, and where the body is no such document or lists have different lengths.
-    pub fn parse_json(body: &[u8], bindings: &Bindings) -> Result<(Window, WindowReport), Vec<Fault>> {
-        parse::json(body, bindings)
-    }
-
-    /// Reads a window from a JSON document whose form is right, by the rules of [`Window::parse_json`].
-    ///
-    /// # Errors
-    /// As for CSV, and where lists have different lengths.
-    pub fn read(document: WindowDocument, bindings: &Bindings) -> Result<(Window, WindowReport), Vec<Fault>> {
-        parse::document(document, bindings)
-    }
-
     /// The window of these series, as decoded from stored blocks.
     ///
     /// # Errors

@@ -20,14 +20,15 @@ use super::surrogates::span;
 use super::unexplained::profile;
 use super::ways::{Way, other_way};
 use crate::data::{Window, rfc3339};
-use crate::estimate::metrics::{HORIZONS, ahead, error_unit, filter};
+use crate::estimate::bounds::at_bound;
+use crate::estimate::metrics::{HORIZONS, ahead, filter};
 use crate::estimate::request::AccusationRate;
-use crate::estimate::run::at_bound;
 use crate::estimate::whiten::stride;
 use crate::estimate::{Control, EstimateError, Problem, Site};
 use crate::fault::Fault;
 use crate::model::Catalogue;
 use crate::simulate::trajectory::Halt;
+use crate::units::error_unit;
 use indexmap::IndexMap;
 use rayon::prelude::*;
 

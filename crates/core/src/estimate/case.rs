@@ -1,12 +1,13 @@
 //! What the rules of the gate look at: a fit, put to its problem again.
 
-use super::channels::Level;
 use super::evidence::Evidence;
 use super::fit::{AheadError, Fit};
+use super::incumbent::Incumbent;
+use super::levels::Level;
 use super::limits::Measure;
 use super::metrics::{FilterRun, ahead, filter, filter_fit, free_run_ahead, horizon_name, lead};
+use super::past::{Past, Policy, Reference};
 use super::problem::Problem;
-use super::validate::{Incumbent, Past, Policy, Reference};
 use crate::data::Duration;
 use crate::simulate::Trajectory;
 use indexmap::IndexMap;

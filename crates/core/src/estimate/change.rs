@@ -1,10 +1,10 @@
 //! How far a fit has gone from what is trusted: from the parameters served now, from older ones, and from older days.
 
 use super::case::Case;
+use super::check::Severity;
 use super::limits::Measure;
 use super::problem::mean_square;
-use super::rules::Table;
-use super::validate::Severity;
+use super::table::Table;
 use crate::data::rfc3339;
 use crate::model::Scale;
 

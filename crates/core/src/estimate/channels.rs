@@ -1,13 +1,12 @@
 //! Whether the channels behind a fit can be what their names say: judged by themselves, by each other and by the months before.
 
 use super::evidence::Role;
+use super::levels::{Level, known, level, mean, read};
+use super::past::NextDoor;
 use super::problem::Problem;
-use super::validate::NextDoor;
 use crate::data::{Column, hour_of_day, sun_position};
 use indexmap::IndexMap;
-use serde::{Deserialize, Serialize};
 use std::ops::Range;
-use utoipa::ToSchema;
 
 const DAY: i64 = 86_400;
 /// A day of values is noise where successive ones differ as those of white noise do: half the mean square of the differences over
@@ -57,21 +56,6 @@ const LEVEL: (f64, f64, f64) = (3.0, 2.0, 3.0);
 /// How far the outdoor temperature may lie from a neighbour's: in the mean and in deviation, in K, and as a share of the deviation of the
 /// weather.
 const ELSEWHERE: [f64; 3] = [4.0, 1.5, 0.5];
-
-/// The level and the spread of a channel in a fit's window.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct Level {
-    /// Mean of its valid samples.
-    pub mean: f64,
-    /// Their standard deviation.
-    pub sd: f64,
-}
-
-/// The level of every channel that a problem reads, by its name.
-pub fn levels(problem: &Problem) -> IndexMap<String, Level> {
-    let levels = read(problem).map(|(name, column)| (name.to_owned(), level(&known(column, 0..column.values().len()))));
-    levels.filter(|(_, level)| level.mean.is_finite()).collect()
-}
 
 /// What is wrong with a channel, in a sentence.
 #[derive(Debug, Clone, PartialEq)]
@@ -181,35 +165,12 @@ pub fn weather_elsewhere(problem: &Problem, next_door: &[NextDoor]) -> Option<Ch
     found.into_iter().flatten().next().filter(|_| most)
 }
 
-/// The columns that a problem reads and that were logged or computed for it.
-fn read(problem: &Problem) -> impl Iterator<Item = (&str, &Column)> {
-    let model = problem.model();
-    let names =
-        model.outputs().iter().map(|output| output.channel.as_str()).chain(model.inputs().iter().map(|input| input.channel.as_str()));
-    names.filter_map(|name| Some((name, problem.grid().column(name)?)))
-}
-
 /// Those of temperatures, and whether each is an output.
 fn temperatures(problem: &Problem) -> impl Iterator<Item = (&str, &Column, bool)> {
     let is_output = |name: &str| problem.model().outputs().iter().any(|output| output.channel == name);
     read(problem)
         .filter(|(name, column)| column.unit() == "degC" && name.starts_with("T_"))
         .map(move |(name, column)| (name, column, is_output(name)))
-}
-
-fn known(column: &Column, range: Range<usize>) -> Vec<f64> {
-    range.filter(|k| column.valid()[*k]).map(|k| column.values()[k]).collect()
-}
-
-fn mean(values: &[f64]) -> f64 {
-    values.iter().sum::<f64>() / values.len() as f64
-}
-
-/// No numbers where there are no values.
-fn level(values: &[f64]) -> Level {
-    let mean = mean(values);
-    let sd = (values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / values.len() as f64).sqrt();
-    Level { mean, sd }
 }
 
 /// Hours of the longest time for which one value was shown, and where that began, where it is too long.

@@ -1,11 +1,12 @@
 //! Several fits of one system on the same samples.
 
 use super::comparison::{PartSpan, parts, samples};
-use super::metrics::{HORIZONS, error_unit, lead};
+use super::metrics::{HORIZONS, lead};
 use super::replay::{Part, Replay};
 use super::skill::Skill;
 use crate::data::{Duration, Grid};
 use crate::fault::Fault;
+use crate::units::error_unit;
 use indexmap::IndexMap;
 use serde::Serialize;
 

@@ -1,10 +1,10 @@
 //! One fit beside what was measured, sample by sample.
 
-use super::metrics::error_unit;
 use super::replay::{Part, Replay};
 use super::skill::Skill;
 use crate::data::rfc3339;
 use crate::fault::Fault;
+use crate::units::error_unit;
 use indexmap::IndexMap;
 use serde::Serialize;
 use std::ops::Range;

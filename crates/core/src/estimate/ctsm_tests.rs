@@ -1,6 +1,6 @@
 //! The largest likelihood of rooms: it is found, the same on any number of threads, and says what it rests on.
 
-use super::ctsm::*;
+use super::likely::Likely;
 use crate::data::Bindings;
 use crate::data::Window;
 use crate::estimate::request::{EstimateRequest, Site, prepare};

@@ -1,9 +1,10 @@
 //! How sharply a likelihood is peaked: standard errors, correlations and profiles at its optimum.
 
-use super::ctsm::Likely;
+use super::bounds::AT_BOUND;
+use super::control::Control;
 use super::fit::CorrelatedPair;
 use super::likelihood::Profile;
-use super::run::{AT_BOUND, Control};
+use super::likely::Likely;
 use crate::optimise::Scale;
 use crate::optimise::ctsm::CtsmOptions;
 use crate::optimise::scoring::ScoringOptions;

@@ -1,10 +1,11 @@
 //! Whether newer measurements contradict parameters that were validated on older ones.
 
 use super::fit::{Fit, Span};
-use super::metrics::{FREE_RUN, FilterRun, ahead, error_unit, horizon_name, measurement_variance};
+use super::metrics::{FREE_RUN, FilterRun, ahead, horizon_name, measurement_variance};
 use super::problem::Problem;
 use super::whiten::stride;
 use crate::data::{Duration, read_time, rfc3339};
+use crate::units::error_unit;
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
 

@@ -6,11 +6,12 @@
 
 use super::case::Case;
 use super::channels;
+use super::check::Severity;
 use super::evidence::{BELIEVED, Evidence, InputEvidence, Rival, Role};
+use super::levels::levels;
 use super::metrics::horizon_name;
 use super::opponents::{self, Match};
-use super::rules::Table;
-use super::validate::Severity;
+use super::table::Table;
 
 /// What moves a room unexplained, in deviations of its sensor's noise, where its heating must be seen: what chance and the sensor
 /// add in a day stays below.
@@ -181,7 +182,7 @@ pub(super) fn channels(case: &Case, table: &mut Table) {
     for fault in faults {
         table.check(&format!("G11 {}", fault.channel), None, "", None, "-", false, Severity::Hold, fault.says);
     }
-    let now = channels::levels(&case.problem);
+    let now = levels(&case.problem);
     for (when, before) in &case.levels {
         for fault in channels::strangers(&now, before, when) {
             table.check(&format!("G11 level of {}", fault.channel), None, "", None, "-", false, Severity::Hold, fault.says);

@@ -1,7 +1,8 @@
 //! Segments, the free regression, opponents and channels: against plain sums, closed forms and rooms whose truth is known.
 
-use super::channels::{Level, faults, levels, strangers};
+use super::channels::{faults, strangers};
 use super::evidence::{Evidence, Rival};
+use super::levels::{Level, levels};
 use super::metrics::{filter, filter_fit};
 use super::opponents;
 use super::problem::Problem;

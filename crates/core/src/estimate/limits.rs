@@ -4,9 +4,9 @@
 //! limits in the ratio of its own day to that one: so much of its day is as far for it as so many kelvin are for a room. A change
 //! of unit moves a value by far more than its own day does.
 
-use super::metrics::error_unit;
 use super::problem::Problem;
 use super::whiten::stride;
+use crate::units::error_unit;
 
 /// What a day moves the temperature of a room by, in K.
 const DAY_OF_A_ROOM: f64 = 5.0;

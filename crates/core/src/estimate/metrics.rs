@@ -6,6 +6,7 @@ use super::whiten::Ar;
 use crate::data::{Duration, rfc3339};
 use crate::simulate::Trajectory;
 use crate::simulate::kalman::{Filtered, Kalman, Noise};
+use crate::units::error_unit;
 use indexmap::IndexMap;
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
@@ -223,11 +224,6 @@ pub fn metrics(problem: &Problem, theta: &[f64], run: &FilterRun) -> IndexMap<St
         found.insert(output.channel.clone(), metrics);
     }
     found
-}
-
-/// An error of a temperature in degC is in K.
-pub fn error_unit(unit: &str) -> &str {
-    if unit == "degC" { "K" } else { unit }
 }
 
 /// Free-run error over the innovation deviation of the AR model of the free-run residual, on the training

@@ -7,35 +7,47 @@
 //! problem of a stored fit together again, `comparison` lays it beside the measurements and `compare` beside other fits,
 //! `skill` puts both into numbers; `degradation` asks whether newer measurements contradict it. `tune` chooses settings of the search.
 
+pub mod basis;
+pub mod bounds;
 mod case;
 mod change;
 pub mod channels;
+pub mod check;
 pub mod compare;
 pub mod comparison;
+pub mod control;
 mod ctsm;
 #[cfg(test)]
 mod ctsm_tests;
 mod curvature;
 pub mod degradation;
+mod discretisation;
+mod drive;
 pub mod evidence;
 pub mod fit;
 mod hearing;
 #[cfg(test)]
 mod hearing_tests;
+pub mod incumbent;
+pub mod levels;
 pub mod likelihood;
+pub mod likely;
 mod limits;
 pub mod method;
 pub mod metrics;
 pub mod objective;
 pub mod opponents;
+pub mod past;
 pub mod peak;
 pub mod physics;
 pub mod preview;
 pub mod problem;
+pub mod ratio;
 pub mod regression;
 pub mod replay;
 #[cfg(test)]
 mod replay_tests;
+mod report;
 pub mod request;
 pub mod ridge;
 pub mod rules;
@@ -46,16 +58,20 @@ pub mod shooting;
 pub mod skill;
 pub mod stop;
 pub mod summary;
+pub mod table;
 pub mod tune;
 pub mod uncertainty;
 pub mod validate;
 pub mod whiten;
 
+pub use control::{Control, EstimateError, Interrupt, Progress, Trials};
 pub use fit::{Fit, Stop};
+pub use incumbent::Incumbent;
+pub use past::{Past, Policy, Reference};
 pub use problem::Problem;
 pub use replay::Replay;
 pub use request::{EstimateRequest, Site, prepare};
-pub use run::{Control, EstimateError, Interrupt, Progress, Trials, estimate};
+pub use run::estimate;
 pub use served::{Offer, ServedParameters};
 pub use stop::EarlyStopping;
-pub use validate::{Acceptance, Holding, Incumbent, Judgement, Past, Policy, Reference, Verdict, validate};
+pub use validate::{Acceptance, Holding, Judgement, Verdict, validate};

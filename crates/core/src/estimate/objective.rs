@@ -1,7 +1,7 @@
 //! What is minimised, as a divisor of squared residuals: the mean of all of them is the objective.
 
-use super::request::Objective;
 use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
 
 /// The correlation weight of the thesis.
 const USUAL_DELTA: f64 = 0.5;
@@ -104,6 +104,48 @@ fn correlation(pairs: impl Iterator<Item = (f64, f64)> + Clone) -> f64 {
         ab += x * y;
     }
     if aa > 0.0 && bb > 0.0 { ab / (aa * bb).sqrt() } else { 0.0 }
+}
+
+/// What is minimised on the training part.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum Objective {
+    /// Mean square error of the free run (thesis eq. 6.6).
+    #[default]
+    Mse,
+    /// Mean square error weighted by the correlation of the shapes (thesis eq. 7.6).
+    Swmse,
+    /// Mean square error of each output over the variance of its measurements, averaged over the outputs:
+    /// `1/J sum_j [mean_k (y_j(k) - ym_j(k))^2 / mean_k (ym_j(k) - mean ym_j)^2]`. It is 1 for a model that knows
+    /// nothing but the means, and outputs of any size and number of samples count alike.
+    Nmse,
+    /// The likelihood of one-step innovations under the stochastic model; it goes with the method `ctsm`, as the others
+    /// go with the other methods.
+    Likelihood,
+}
+
+impl Objective {
+    /// The word for documents.
+    pub fn word(self) -> &'static str {
+        match self {
+            Objective::Mse => "mse",
+            Objective::Swmse => "swmse",
+            Objective::Nmse => "nmse",
+            Objective::Likelihood => "likelihood",
+        }
+    }
+}
+
+/// What is known about the parameters before any data.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Prior {
+    /// Nothing but the bounds.
+    #[default]
+    None,
+    /// ln(theta) is normal about the nominal value with deviation 1: the regularisation that the thesis asks
+    /// for in 7.6.2.
+    LogNormal,
 }
 
 #[cfg(test)]

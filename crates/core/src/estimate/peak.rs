@@ -1,8 +1,8 @@
 //! The largest likelihood near some known points: a fit without its document, for the comparison of many models.
 
-use super::ctsm::Likely;
-use super::likelihood::{LikelihoodRatio, ratio};
+use super::likely::Likely;
 use super::problem::Problem;
+use super::ratio::{LikelihoodRatio, ratio};
 use crate::optimise::scoring::ScoringOptions;
 use crate::simulate::kalman::Noise;
 

@@ -1,7 +1,7 @@
 //! G3: what physics demands of an estimate, from the `[[check]]` blocks of its model.
 
+use super::check::{CheckResult, Severity};
 use super::problem::Problem;
-use super::validate::{CheckResult, Severity};
 use crate::model::expr::{Graph, Node};
 use crate::model::{Check, Hold};
 use crate::simulate::trajectory::Measured;

@@ -1,15 +1,15 @@
 //! What is asked: a model, a window on a grid, the parts of it, an objective and a box of free parameters.
 
-use super::fit::Basis;
-use super::metrics::error_unit;
+use super::basis::Basis;
+use super::objective::{Objective, Prior};
 use super::objective::{ShapeDelta, Share, divisor};
-use super::request::{Objective, Prior};
 use crate::data::{Grid, Split};
 use crate::fault::{Fault, nearest};
 use crate::model::{Model, Nominal, Scale as ModelScale};
 use crate::optimise::{Candidate, Cost, Dimension, Evaluation, Scale, Space, Theta};
 use crate::simulate::trajectory::{Halt, Measured};
 use crate::simulate::{Inputs, Simulator, Stepper, Trajectory, substeps};
+use crate::units::error_unit;
 use indexmap::IndexMap;
 use std::ops::Range;
 

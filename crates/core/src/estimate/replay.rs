@@ -5,7 +5,8 @@
 //! go on beyond the window, over newer measurements. Those are taken as they are now: where newer uploads have
 //! changed the window itself, [`Provenance`] says so.
 
-use super::fit::{Basis, Fit, Parts, Span};
+use super::basis::Basis;
+use super::fit::{Fit, Parts, Span};
 use super::metrics::{FilterRun, filter_with, forecast_series, noise_of};
 use super::problem::{Choices, Problem};
 use super::request::{Columns, bound, source, with_computed};

@@ -1,9 +1,10 @@
 //! What lies along a ridge: one parameter of a pair that the data can hardly tell apart is held at values about its estimate and
 //! all others are estimated again (a profile; Raue et al. 2009, Bioinformatics 25, 1923-1929).
 
+use super::control::{Control, EstimateError};
+use super::drive::polish;
 use super::fit::{CorrelatedPair, RidgePoint};
 use super::problem::Problem;
-use super::run::{Control, EstimateError, polish};
 use super::summary::digits;
 use super::uncertainty::Uncertainty;
 use crate::model::Model;

@@ -4,14 +4,14 @@
 
 use super::case::Case;
 use super::change;
-use super::fit::{Fit, Stop};
+use super::check::Severity;
+use super::fit::Stop;
 use super::hearing;
 use super::limits::{Measure, ticks};
 use super::metrics::horizon_name;
 use super::physics;
-use super::problem::Problem;
 use super::request::Budget;
-use super::validate::{CheckResult, Past, Policy, Severity};
+use super::table::{Rule, Table};
 use super::whiten::stride;
 use crate::model::Output;
 
@@ -32,104 +32,27 @@ const STUCK_HOURS_MOVING: f64 = 12.0;
 const USUAL_BUDGET: usize = Budget::USUAL.evaluations;
 const FORTNIGHT: i64 = 14 * 86_400;
 
-/// A rule of the gate.
-#[derive(Debug, Clone, Copy)]
-pub struct Rule {
-    /// What its checks are called; those of physics and of the inputs have names of their own behind `G3`, `G9`, `G10` and `G11`, and
-    /// `G6` looks at older days as well.
-    pub name: &'static str,
-    look: fn(&Case, &mut Table),
-}
-
-impl Rule {
-    /// Every rule, in the order in which an operator reads them.
-    pub const ALL: &'static [Rule] = &[
-        Rule { name: "G1 finite", look: finite },
-        Rule { name: "G2 bounds", look: bounds },
-        Rule { name: "G3", look: physical },
-        Rule { name: "G4 beats persistence", look: persistence },
-        Rule { name: NO_WORSE_THAN_INCUMBENT, look: incumbent },
-        Rule { name: "G5 largest error", look: largest_error },
-        Rule { name: "G5 excursion", look: excursion },
-        Rule { name: "G6 jump", look: change::look },
-        Rule { name: "G7 repeat", look: repeat },
-        Rule { name: "G8 unseen data", look: unseen },
-        Rule { name: "G8 complete", look: complete },
-        Rule { name: "G8 excited", look: excited },
-        Rule { name: "G8 no unit jump", look: unit_jump },
-        Rule { name: "G8 not stuck", look: stuck },
-        Rule { name: "G9", look: hearing::inputs },
-        Rule { name: "G10", look: hearing::opponents },
-        Rule { name: "G11", look: hearing::channels },
-        Rule { name: "G12 determined", look: hearing::determined },
-    ];
-}
-
-/// What the rules wrote down. It says what is wrong and lets nothing out.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub struct Table {
-    /// Every check, in the order of the rules.
-    pub checks: Vec<CheckResult>,
-    /// What the controller should know about the parameters.
-    pub flags: Vec<String>,
-}
-
-impl Table {
-    /// Puts a fit to some rules.
-    pub fn of(problem: &Problem, fit: &Fit, past: &Past, policy: &Policy, rules: &[Rule]) -> Self {
-        let mut table = Self::default();
-        match Case::new(problem, fit, past, policy) {
-            Ok(case) => rules.iter().for_each(|rule| (rule.look)(&case, &mut table)),
-            // There is nothing that any rule could look at.
-            Err(comment) => table.check("G1 finite", None, "", None, "-", false, Severity::Reject, comment.to_owned()),
-        }
-        table
-    }
-
-    /// The first check of a severity that failed.
-    pub fn failed(&self, severity: Severity) -> Option<&CheckResult> {
-        self.checks.iter().find(|check| !check.pass && check.severity == severity)
-    }
-
-    #[allow(clippy::too_many_arguments)]
-    pub(super) fn check(
-        &mut self,
-        name: &str,
-        statistic: Option<f64>,
-        operator: &str,
-        threshold: Option<f64>,
-        unit: &str,
-        pass: bool,
-        severity: Severity,
-        comment: String,
-    ) {
-        let (name, operator, unit) = (name.to_owned(), operator.to_owned(), unit.to_owned());
-        let statistic = statistic.filter(|value| value.is_finite());
-        self.checks.push(CheckResult { name, statistic, operator, threshold, unit, pass, severity, comment });
-    }
-
-    /// A check of every output, of which the worst is told. The limit is that of rooms.
-    fn worst(&mut self, case: &Case, name: &str, kelvin: f64, statistic: impl Fn(&Measure) -> f64, says: impl Fn(f64, &str) -> String) {
-        let Some((measure, statistic, limit)) = case.worst(kelvin, statistic) else { return };
-        let comment = measure.says(says(limit, measure.unit));
-        self.at_most(name, Some(statistic), limit, measure.unit, Severity::Reject, comment);
-    }
-
-    /// A check of a statistic that must stay below a limit; one that is missing fails.
-    pub(super) fn at_most(
-        &mut self,
-        name: &str,
-        statistic: Option<f64>,
-        limit: f64,
-        unit: &str,
-        severity: Severity,
-        comment: String,
-    ) -> bool {
-        let pass = statistic.is_some_and(|value| value <= limit);
-        self.check(name, statistic, "<=", Some(limit), unit, pass, severity, comment);
-        pass
-    }
-}
+/// Every rule, in the order in which an operator reads them.
+pub const ALL: &[Rule] = &[
+    Rule { name: "G1 finite", look: finite },
+    Rule { name: "G2 bounds", look: bounds },
+    Rule { name: "G3", look: physical },
+    Rule { name: "G4 beats persistence", look: persistence },
+    Rule { name: NO_WORSE_THAN_INCUMBENT, look: incumbent },
+    Rule { name: "G5 largest error", look: largest_error },
+    Rule { name: "G5 excursion", look: excursion },
+    Rule { name: "G6 jump", look: change::look },
+    Rule { name: "G7 repeat", look: repeat },
+    Rule { name: "G8 unseen data", look: unseen },
+    Rule { name: "G8 complete", look: complete },
+    Rule { name: "G8 excited", look: excited },
+    Rule { name: "G8 no unit jump", look: unit_jump },
+    Rule { name: "G8 not stuck", look: stuck },
+    Rule { name: "G9", look: hearing::inputs },
+    Rule { name: "G10", look: hearing::opponents },
+    Rule { name: "G11", look: hearing::channels },
+    Rule { name: "G12 determined", look: hearing::determined },
+];
 
 fn finite(case: &Case, table: &mut Table) {
     let of_output = |(index, output): (usize, &Output)| {

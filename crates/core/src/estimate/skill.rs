@@ -1,7 +1,8 @@
 //! How well a series follows its measurements, in the numbers that the field uses.
 
-use super::metrics::{FREE_RUN, HORIZONS, error_unit, lead};
+use super::metrics::{FREE_RUN, HORIZONS, lead};
 use super::replay::{Part, Replay};
+use crate::units::error_unit;
 use indexmap::IndexMap;
 use serde::Serialize;
 use std::ops::Range;

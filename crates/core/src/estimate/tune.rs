@@ -5,18 +5,21 @@
 //! the parameters in use still hold, any settings do.
 
 mod arena;
+mod performance;
 
+use super::control::{Control, EstimateError};
 use super::fit::Span;
 use super::method::SeededMethod;
+use super::objective::Objective;
 use super::problem::Problem;
-use super::request::{EstimateRequest, Objective, Site, WindowRange, prepare, range};
-use super::run::{Control, EstimateError};
+use super::request::{EstimateRequest, Site, WindowRange, prepare, range};
 use crate::data::{Duration, SplitRequest, Window, rfc3339};
 use crate::fault::Fault;
 use crate::model::{Catalogue, ModelId};
 use crate::optimise::Method;
-use crate::optimise::hybrid::{CfaOptions, LocalFrom};
+use crate::optimise::cfa_options::{CfaOptions, LocalFrom};
 use arena::{Arena, Run, mean};
+pub use performance::{Judged, Performance};
 use rand::{RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use serde::{Deserialize, Serialize};
@@ -34,13 +37,6 @@ const MOST_WINDOWS: usize = 12;
 const CANDIDATES: usize = 16;
 /// Searches of each candidate in the first round.
 const FIRST: usize = 2;
-/// The tuned settings have to need at most this share of the evaluations of those in use, by the geometric mean of the pairs.
-const BETTER: f64 = 0.95;
-/// They have to need fewer in more pairs than chance would give in one comparison of forty (the sign test, by the normal
-/// distribution).
-const BY_CHANCE: f64 = 1.96;
-/// They may spend so much more in all, until the search ends by itself.
-const MAY_SPEND: f64 = 1.05;
 
 /// What a tuning found.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -83,36 +79,6 @@ pub struct Round {
     pub best: f64,
     /// The same of the settings in use, while they were left.
     pub before: Option<f64>,
-}
-
-/// Both settings on the unseen windows, in pairs with the same window and seed.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
-#[schema(as = TuningJudgement)]
-pub struct Judged {
-    /// Searches of each.
-    pub searches: usize,
-    /// What the system had.
-    pub before: Performance,
-    /// What came out.
-    pub tuned: Performance,
-    /// Evaluations to come within 1 %, tuned over before: the geometric mean of the pairs.
-    pub ratio: f64,
-    /// Pairs in which the tuned settings need fewer.
-    pub fewer: usize,
-    /// Pairs in which they need more.
-    pub more: usize,
-}
-
-/// What some settings did.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
-#[schema(as = TuningPerformance)]
-pub struct Performance {
-    /// Share of the searches that came within 1 % of the best known cost.
-    pub within: f64,
-    /// Median evaluations until then, among those that did.
-    pub to_reach: Option<f64>,
-    /// Mean evaluations until a search ended.
-    pub evaluations: f64,
 }
 
 /// Why there is no tuning.
@@ -292,18 +258,6 @@ fn choose(
     let mut arena = Arena::new(unseen, request, control, arena.spent)?;
     let judged = arena.judge(before, &tuned)?;
     Ok((tuned, rounds, Some(judged), arena.spent))
-}
-
-impl Judged {
-    /// Whether the tuned settings take the place of those in use: they come to the best known cost as often, need clearly fewer
-    /// evaluations for it and not by chance, and their searches do not take longer to end.
-    fn is_better(&self) -> bool {
-        let (fewer, more) = (self.fewer as f64, self.more as f64);
-        self.ratio <= BETTER
-            && fewer - more > BY_CHANCE * (fewer + more).sqrt()
-            && self.tuned.within >= self.before.within
-            && self.tuned.evaluations <= MAY_SPEND * self.before.evaluations
-    }
 }
 
 fn summary(judged: Option<&Judged>, unseen: usize) -> String {

@@ -1,9 +1,10 @@
 //! The built-in models and effects, and the composition of a [`ModelId`] from them.
 
+use super::document::ModelDocument;
 use super::id::ModelId;
 use super::plant::PlantSpec;
 use super::process::ReactionsSpec;
-use super::spec::{Definition, EffectSpec, ModelDocument, ModelSpec, StateSpec, Variant};
+use super::spec::{Definition, EffectSpec, ModelSpec, StateSpec, Variant};
 use crate::fault::{Fault, nearest};
 use std::collections::BTreeMap;
 

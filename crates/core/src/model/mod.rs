@@ -14,6 +14,7 @@ pub mod catalogue;
 mod check;
 pub mod compile;
 pub mod derivative;
+pub mod document;
 pub mod expr;
 mod functions;
 pub mod id;

@@ -136,7 +136,7 @@ fn nested_sums_cannot_explode() {
     "#
     );
     let mut catalogue = Catalogue::default();
-    catalogue.add_model(spec::ModelDocument::from_toml(&text).unwrap());
+    catalogue.add_model(super::document::ModelDocument::from_toml(&text).unwrap());
     let rooms = [("rooms".to_owned(), vec!["1".to_owned(), "2".to_owned(), "3".to_owned()])].into();
     let faults = compile(&catalogue.compose(&"big".parse().unwrap()).unwrap(), &Bindings { sets: rooms, channels: None }).unwrap_err();
     assert!(faults.iter().any(|fault| fault.code == "too-large"), "{faults:?}");
@@ -160,7 +160,7 @@ fn with_rate(rate: &str) -> Result<Model, Vec<crate::fault::Fault>> {
     "#
     );
     let mut catalogue = Catalogue::default();
-    catalogue.add_model(spec::ModelDocument::from_toml(&text).unwrap());
+    catalogue.add_model(super::document::ModelDocument::from_toml(&text).unwrap());
     compile(&catalogue.compose(&"one".parse().unwrap()).unwrap(), &Bindings::default())
 }
 
@@ -214,7 +214,7 @@ fn a_clock_is_no_straight_line_between_samples() {
         outputs.y = { expr = "x", unit = "degC", noise_sd = 0.05 }
     "#;
     let mut catalogue = Catalogue::default();
-    catalogue.add_model(spec::ModelDocument::from_toml(clock).unwrap());
+    catalogue.add_model(super::document::ModelDocument::from_toml(clock).unwrap());
     let faults = compile(&catalogue.compose(&"clock".parse().unwrap()).unwrap(), &Bindings::default()).unwrap_err();
     assert_eq!((faults.len(), faults[0].code.as_str(), faults[0].pointer.as_str()), (1, "hold", "/inputs/hour"));
 }
@@ -242,7 +242,7 @@ fn all_faults_are_reported_at_once() {
         T_room = { expr = "T_r + a*0[K] + T_r^2.5*0[K]", unit = "degC", noise_sd = 0.05 }
     "#;
     let mut catalogue = Catalogue::default();
-    catalogue.add_model(spec::ModelDocument::from_toml(text).unwrap());
+    catalogue.add_model(super::document::ModelDocument::from_toml(text).unwrap());
     let faults = compile(&catalogue.compose(&"bad".parse().unwrap()).unwrap(), &Bindings::default()).unwrap_err();
     let codes: Vec<&str> = faults.iter().map(|fault| fault.code.as_str()).collect();
     for code in ["unit", "bounds", "cycle", "unknown-name", "syntax", "negative-base"] {

@@ -5,10 +5,11 @@
 //! `S_NH[aerobic]`, and replace names such as `mu_A`, `Q` or `kLa[aerobic]`.
 
 use super::process::{Constant, ReactionsSpec};
-use super::quantity::MAX_TANKS;
+use super::settler::state;
+
 use super::settler::Settler;
 use super::spec::{
-    Check, Definition, Hold, InputSpec, ModelSpec, Nominal, OutputSpec, ParameterSpec, Scale, StateSpec, Stepper, WarmUpSpec, from_toml,
+    Check, Definition, Hold, InputSpec, ModelSpec, Nominal, OutputSpec, ParameterSpec, Scale, Stepper, WarmUpSpec, from_toml,
 };
 use crate::fault::{Fault, nearest};
 use indexmap::IndexMap;
@@ -347,8 +348,5 @@ impl Controller {
     }
 }
 
-/// Adds a state with its equation.
-pub(super) fn state(spec: &mut ModelSpec, name: &str, unit: &str, initial: f64, title: String, equation: String) {
-    spec.states.insert(name.to_owned(), StateSpec { unit: unit.to_owned(), initial: initial.to_string(), title });
-    spec.equations.insert(name.to_owned(), equation);
-}
+/// Most tanks.
+pub(super) const MAX_TANKS: usize = 12;

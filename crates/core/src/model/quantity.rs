@@ -8,9 +8,6 @@ use crate::fault::Fault;
 use crate::units::Unit;
 use std::collections::BTreeMap;
 
-/// Most tanks.
-pub(super) const MAX_TANKS: usize = 12;
-
 /// A quantity of the document: its place, its text, the unit that it must have, and whether it may be zero.
 struct Quantity<'a>(String, &'a str, &'static str, bool);
 

@@ -3,8 +3,8 @@
 //! Layer 1 is the top. Each layer has a state for the suspended solids, `TSS[3]`, and one for each dissolved component,
 //! `S_NH[s3]`. The components that settle leave in the proportions of the feed at that instant.
 
-use super::plant::state;
 use super::process::ReactionsSpec;
+use super::spec::StateSpec;
 use super::spec::{Definition, ModelSpec};
 use crate::fault::Fault;
 use indexmap::IndexMap;
@@ -149,4 +149,10 @@ impl Settler {
     fn initial(&self, name: &str, layer: usize) -> f64 {
         self.initial.get(name).and_then(|values| values.get(layer - 1)).copied().unwrap_or_default()
     }
+}
+
+/// Adds a state with its equation.
+pub(super) fn state(spec: &mut ModelSpec, name: &str, unit: &str, initial: f64, title: String, equation: String) {
+    spec.states.insert(name.to_owned(), StateSpec { unit: unit.to_owned(), initial: initial.to_string(), title });
+    spec.equations.insert(name.to_owned(), equation);
 }

@@ -56,7 +56,7 @@ pub(super) fn warm_up(spec: &ModelSpec, inputs: &[Input], delays: &[Delay]) -> (
 
 #[cfg(test)]
 mod tests {
-    use crate::model::spec::ModelDocument;
+    use crate::model::document::ModelDocument;
     use crate::model::{Bindings, Catalogue, Model, compile};
 
     fn build(hold: &str, extra: &str) -> Result<Model, Vec<crate::fault::Fault>> {

@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use super::budget::Strategy;
 use super::firefly::{self, Crowd, Edges, Firefly, Flight};
 use super::kmeans::{Seeding, cluster_count, kmeans};
-use super::method::Search;
+use super::search::Search;
 use super::{Ask, Candidate, Cost, Ended, Evaluation};
 use utoipa::ToSchema;
 

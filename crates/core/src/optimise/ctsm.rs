@@ -4,10 +4,11 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::agreement::AgreementOptions;
-use super::hybrid::{Cfa, CfaOptions};
+use super::cfa_options::CfaOptions;
+use super::hybrid::Cfa;
 use super::local::LocalWay;
-use super::method::Search;
 use super::scoring::ScoringOptions;
+use super::search::Search;
 
 /// The hyperparameters of maximum likelihood.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]

@@ -106,7 +106,8 @@ impl FaModifiedOptions {
 mod tests {
     use super::*;
     use crate::optimise::functions::{Function, drive};
-    use crate::optimise::method::{Method, Search};
+    use crate::optimise::method::Method;
+    use crate::optimise::search::Search;
 
     fn mean(method: &Method, function: Function, dimensions: usize, budget: usize) -> f64 {
         let run = |seed| {

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::budget::Strategy;
-use super::method::Search;
+use super::search::Search;
 use super::{Ask, Candidate, Cost, Ended, Evaluation};
 
 /// Points that are asked for together: a grid in many dimensions does not fit into memory.

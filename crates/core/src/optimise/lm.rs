@@ -7,7 +7,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::local::LocalOptions;
+use super::local_options::LocalOptions;
 use super::{Candidate, Cost, Evaluation};
 
 /// Damping beyond which a step no longer differs from standing still.

@@ -10,7 +10,7 @@ use utoipa::ToSchema;
 
 use super::budget::Strategy;
 use super::firefly::{random_point, stream};
-use super::method::Search;
+use super::search::Search;
 use super::{Ask, Candidate, Cost, Evaluation};
 
 /// The smallest population of L-SHADE: a mutation needs that many.

@@ -1,21 +1,23 @@
 //! The searches that can be asked for by name, and what each needs to know of the task.
 
+use super::search::Search;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+use super::Optimiser;
 use super::agreement::AgreementOptions;
 use super::budget::{Budgeted, Strategy};
+use super::cfa_options::CfaOptions;
 use super::clustered::{CfaHierarchicalOptions, CfaThesis, CfaThesisOptions};
 use super::ctsm::{CtsmOptions, likely};
 use super::fa::{FaModifiedOptions, FaOptions};
 use super::ga::{Ga, GaOptions};
 use super::grid::{Grid, GridOptions};
-use super::hybrid::{Cfa, CfaOptions};
-use super::local::LocalOptions;
+use super::hybrid::Cfa;
+use super::local_options::LocalOptions;
 use super::lshade::{Lshade, LshadeOptions};
 use super::multistart::{LmMultistart, LmOptions};
 use super::pso::{Pso, PsoOptions};
-use super::{Candidate, Optimiser};
 
 /// A search method with its hyperparameters: `{"cfa": {"n": 60}}`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -48,30 +50,6 @@ pub enum Method {
 impl Default for Method {
     fn default() -> Self {
         Method::Cfa(CfaOptions::default())
-    }
-}
-
-/// The task of a search.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Search {
-    /// How many parameters are free.
-    pub dimensions: usize,
-    /// Fixes every random number of the search.
-    pub seed: u64,
-    /// Most evaluations, each candidate of each batch being one.
-    pub budget: usize,
-    /// Candidates to begin with, such as the parameters in use. Those of another dimension are ignored.
-    pub warm: Vec<Candidate>,
-    /// Whether the caller can answer [`super::Ask::Residuals`]; otherwise it is asked for costs only.
-    pub residuals: bool,
-}
-
-impl Search {
-    /// The warm starts that fit, inside the cube.
-    pub(super) fn warm_starts(&self) -> Vec<Candidate> {
-        let fits = |start: &&Candidate| start.0.len() == self.dimensions && start.0.iter().all(|x| x.is_finite());
-        let inside = |start: &Candidate| Candidate(start.0.iter().map(|x| x.clamp(0.0, 1.0)).collect());
-        self.warm.iter().filter(fits).map(inside).collect()
     }
 }
 
@@ -304,6 +282,7 @@ impl Method {
 
 #[cfg(test)]
 mod tests {
+    use super::super::Candidate;
     use super::*;
 
     #[test]

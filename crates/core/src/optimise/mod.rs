@@ -5,6 +5,7 @@
 
 pub mod agreement;
 mod budget;
+pub mod cfa_options;
 pub mod clustered;
 pub mod ctsm;
 mod descent;
@@ -17,17 +18,20 @@ pub mod hybrid;
 mod kmeans;
 mod lm;
 pub mod local;
+pub mod local_options;
 pub mod lshade;
 pub mod method;
 pub mod multistart;
 pub mod pso;
 pub mod scoring;
+mod search;
 pub mod space;
 mod swarm;
 mod trust_region;
 
 pub use firefly::{Crowd, Edges};
-pub use method::{Method, Range, Search};
+pub use method::{Method, Range};
+pub use search::Search;
 pub use space::{Candidate, Dimension, Scale, Space, Theta};
 
 use serde::{Deserialize, Serialize};

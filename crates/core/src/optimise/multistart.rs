@@ -6,8 +6,9 @@ use serde::{Deserialize, Serialize};
 use super::agreement::{Agreement, AgreementOptions};
 use super::budget::Strategy;
 use super::firefly::stream;
-use super::local::{LocalOptions, LocalStage, LocalWay};
-use super::method::Search;
+use super::local::{LocalStage, LocalWay};
+use super::local_options::LocalOptions;
+use super::search::Search;
 use super::{Ask, Candidate, Ended, Evaluation};
 use utoipa::ToSchema;
 

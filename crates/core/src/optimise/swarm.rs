@@ -7,8 +7,8 @@
 
 use rand_xoshiro::Xoshiro256PlusPlus;
 
+use super::cfa_options::{CfaOptions, LocalFrom, OnCostsOptions};
 use super::firefly::{self, Edges, Firefly, Flight};
-use super::hybrid::{CfaOptions, LocalFrom, OnCostsOptions};
 use super::kmeans::{Clusters, Seeding, cluster_count, kmeans};
 use super::{Candidate, Cost, Evaluation};
 

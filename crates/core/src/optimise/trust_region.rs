@@ -11,7 +11,7 @@ use std::thread::JoinHandle;
 use bobyqa::{Bobyqa, Config};
 
 use super::descent::{self, Limits};
-use super::local::{LocalMethod, LocalOptions};
+use super::local_options::{LocalMethod, LocalOptions};
 use super::{Candidate, Cost};
 
 /// Told to the solver when nobody listens any more: it is below its target cost, so that it returns at once.

@@ -6,8 +6,8 @@ use super::stepper::ros2;
 use super::trajectory::{Measured, Simulator};
 use crate::data::{Column, Grid};
 use crate::model::Stepper;
+use crate::model::document::ModelDocument;
 use crate::model::expr::{Graph, Node, Point};
-use crate::model::spec::ModelDocument;
 use crate::model::{Bindings, Catalogue, Hold, Model, compile};
 
 /// x' = a (u(t - tau) - x).

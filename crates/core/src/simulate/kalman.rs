@@ -334,7 +334,7 @@ impl Walk {
 mod tests {
     use super::*;
     use crate::model::Stepper;
-    use crate::model::spec::ModelDocument;
+    use crate::model::document::ModelDocument;
     use crate::model::{Bindings, Catalogue, compile};
 
     const A: f64 = 0.6;

@@ -4,7 +4,7 @@ use super::drive::Inputs;
 use super::likelihood::Likelihood;
 use super::trajectory::{Measured, Simulator};
 use crate::model::Stepper;
-use crate::model::spec::ModelDocument;
+use crate::model::document::ModelDocument;
 use crate::model::{Bindings, Catalogue, Model, compile};
 use nalgebra::{Matrix2, Vector2};
 

@@ -1,7 +1,7 @@
 //! (Model, inputs, parameter vectors) to trajectories, a block of candidates at a time.
 //!
 //! `stepper` writes one step as an expression graph, `model::tape` stages it, `drive` evaluates what all
-//! candidates share, `lanes` evaluates the rest, `trajectory` walks the window, `segment` walks stretches of it from states of their own, `kalman` filters it.
+//! candidates share, `lanes` evaluates the rest, `trajectory` walks the window and `run` says which way, `segment` walks stretches of it from states of their own, `kalman` filters it.
 //!
 //! Large stiff models are stepped explicitly: `rkc` takes one lane through its stages with the coefficients of `chebyshev`, `vectors`
 //! does the arithmetic of all lanes, `block` gives lanes to candidates.
@@ -24,6 +24,7 @@ mod registers;
 mod rkc;
 #[cfg(test)]
 mod rkc_tests;
+mod run;
 mod segment;
 pub mod stepper;
 pub mod trajectory;

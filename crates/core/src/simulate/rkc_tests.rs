@@ -2,7 +2,7 @@
 
 use super::Inputs;
 use super::trajectory::{Simulator, Trajectory};
-use crate::model::spec::ModelDocument;
+use crate::model::document::ModelDocument;
 use crate::model::{Bindings, Catalogue, Model, Stepper, compile};
 
 /// Hours between samples.

@@ -3,13 +3,11 @@
 //! Where inputs are unknown the simulation stands still: no values are invented. Behind such a gap the
 //! states that a sensor measures start again from the measurement, the hidden ones from where they were.
 
-use super::block;
 use super::drive::{Drive, Inputs};
-use super::lanes::{LANES, LaneFile};
+use super::lanes::LaneFile;
 use super::stepper::{output_tape, step_tape};
 use crate::model::tape::Tape;
 use crate::model::{Initial, Model, Stepper};
-use rayon::prelude::*;
 
 /// A state farther from zero than this has left physics: the candidate has diverged.
 const RUNAWAY: f64 = 1e6;
@@ -19,7 +17,7 @@ const PATROL: usize = 32;
 /// A model on the inputs of a window, ready to simulate any parameter vector.
 #[derive(Debug, Clone)]
 pub struct Simulator {
-    stepper: Stepper,
+    pub(super) stepper: Stepper,
     pub(super) step: Tape,
     pub(super) output: Tape,
     pub(super) drive: Drive,
@@ -136,43 +134,7 @@ impl Simulator {
         (&self.step, &self.drive, self.substeps, self.step_hours)
     }
 
-    /// Simulates samples `0..until` for every parameter vector; blocks run in parallel, and the result does
-    /// not depend on how many threads there are.
-    pub fn run(&self, thetas: &[&[f64]], until: usize) -> Vec<Trajectory> {
-        self.run_unless(thetas, until, &|| false)
-    }
-
-    /// The same, cut short as soon as `halt` says so: long records of large models take minutes.
-    pub fn run_unless(&self, thetas: &[&[f64]], until: usize, halt: Halt) -> Vec<Trajectory> {
-        let until = until.min(self.samples());
-        if self.stepper == Stepper::Rkc {
-            return block::run(self, thetas, until, false, halt);
-        }
-        // A lonely candidate does not need a whole block.
-        if let [single] = thetas {
-            return self.block::<1>(&[*single], until, false, halt);
-        }
-        // A short block is as good as a long one, lane by lane; half-empty lanes would be paid for.
-        let block = |block: &[&[f64]]| match block.len() {
-            1..=4 => self.block::<4>(block, until, false, halt),
-            5..=8 => self.block::<8>(block, until, false, halt),
-            9..=16 => self.block::<16>(block, until, false, halt),
-            _ => self.block::<LANES>(block, until, false, halt),
-        };
-        thetas.par_chunks(LANES).flat_map_iter(block).collect()
-    }
-
-    /// Simulates one parameter vector over the whole window and keeps its states.
-    pub fn run_with_states(&self, theta: &[f64]) -> Trajectory {
-        // One vector in, one trajectory out.
-        let mut trajectories = match self.stepper {
-            Stepper::Rkc => block::run(self, &[theta], self.samples(), true, &|| false),
-            Stepper::Ros2 | Stepper::Rk4 => self.block::<1>(&[theta], self.samples(), true, &|| false),
-        };
-        trajectories.pop().unwrap_or(Trajectory { outputs: Vec::new(), states: Vec::new(), diverged: true, evaluations: 0 })
-    }
-
-    fn block<const W: usize>(&self, thetas: &[&[f64]], until: usize, keep_states: bool, halt: Halt) -> Vec<Trajectory> {
+    pub(super) fn block<const W: usize>(&self, thetas: &[&[f64]], until: usize, keep_states: bool, halt: Halt) -> Vec<Trajectory> {
         let states = self.initial.len();
         let outputs = self.output.roots.len();
         let mut file = LaneFile::<W>::new(&self.step);
@@ -293,7 +255,7 @@ fn measured_starts(values: &[f64], valid: &[bool]) -> Vec<Option<f64>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::spec::ModelDocument;
+    use crate::model::document::ModelDocument;
     use crate::model::{Bindings, Catalogue, compile};
 
     /// x' = a (u - x) with a linear input: the closed form of a ramp is u(t) - s/a + (x0 - u0 + s/a) e^(-a t).

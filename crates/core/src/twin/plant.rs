@@ -4,7 +4,8 @@
 use super::dice::Dice;
 use crate::data::{DRY_INFLUENT, rfc3339};
 use crate::fault::Fault;
-use crate::model::spec::{ModelDocument, WarmUpSpec};
+use crate::model::document::ModelDocument;
+use crate::model::spec::WarmUpSpec;
 use crate::model::{Bindings, Catalogue, Model, ModelId, Nominal, compile};
 use crate::simulate::{Inputs, Simulator, Stepper};
 use std::f64::consts::TAU;

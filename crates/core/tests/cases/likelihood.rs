@@ -1,10 +1,11 @@
 //! Maximum likelihood on the data of the CTSM literature, beside ctsmTMB under the same conventions.
 
 use lampyris_core::data::{Bindings, Window};
-use lampyris_core::estimate::likelihood::likelihood_ratio;
+use lampyris_core::estimate::ratio::likelihood_ratio;
 use lampyris_core::estimate::{Control, EstimateRequest, Fit, Site, estimate, prepare};
 use lampyris_core::model::Catalogue;
-use lampyris_core::model::spec::{EffectSpec, ModelDocument};
+use lampyris_core::model::document::ModelDocument;
+use lampyris_core::model::spec::EffectSpec;
 use nalgebra::{Matrix2, SMatrix, Vector2};
 use serde_json::json;
 

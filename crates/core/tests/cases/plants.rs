@@ -3,10 +3,11 @@
 
 mod transcription;
 
+use lampyris_core::model::document::ModelDocument;
 use lampyris_core::model::expr::Node;
 use lampyris_core::model::plant::PlantSpec;
 use lampyris_core::model::process::ReactionsSpec;
-use lampyris_core::model::spec::{EffectSpec, ModelDocument, ModelSpec, OutputSpec, WarmUpSpec};
+use lampyris_core::model::spec::{EffectSpec, ModelSpec, OutputSpec, WarmUpSpec};
 use lampyris_core::model::{Bindings, Catalogue, Check, Model, compile};
 use lampyris_core::simulate::{Inputs, Simulator, Stepper};
 use std::collections::HashMap;

@@ -6,7 +6,8 @@ use lampyris_core::estimate::ridge::sentence;
 use lampyris_core::estimate::uncertainty::{Uncertainty, uncertainty};
 use lampyris_core::estimate::{Control, EstimateRequest, Problem, Site, estimate, prepare};
 use lampyris_core::model::Catalogue;
-use lampyris_core::model::spec::{EffectSpec, ModelDocument};
+use lampyris_core::model::document::ModelDocument;
+use lampyris_core::model::spec::EffectSpec;
 use lampyris_core::twin::plant::{PlantRequest, plant};
 
 /// An experiment of some hours, at the times of the log that twins keep beside the influent.

@@ -1,7 +1,8 @@
 //! Synthetic rooms with a known truth: what a fit finds, what the gate says, and that threads change nothing.
 
 use super::{fit, problem, request};
-use lampyris_core::estimate::request::{EstimateRequest, Objective, Prior};
+use lampyris_core::estimate::objective::{Objective, Prior};
+use lampyris_core::estimate::request::EstimateRequest;
 use lampyris_core::estimate::{
     Control, EarlyStopping, Incumbent, Past, Policy, Problem, Progress, Site, Stop, Verdict, estimate, validate,
 };

@@ -3,7 +3,8 @@
 use lampyris_core::data::{self, Window};
 use lampyris_core::estimate::{Control, EstimateRequest, Problem, Site, estimate, prepare};
 use lampyris_core::model::Catalogue;
-use lampyris_core::model::spec::{ModelDocument, RecordMean, WarmUpInputs, WarmUpSpec};
+use lampyris_core::model::document::ModelDocument;
+use lampyris_core::model::spec::{RecordMean, WarmUpInputs, WarmUpSpec};
 use lampyris_core::twin::{PlantRequest, plant};
 
 const MODEL: &str = "asm1_h";

@@ -8,13 +8,13 @@ use indicatif::{ProgressBar, ProgressStyle};
 use lampyris_core::data::{SplitRequest, Window};
 use lampyris_core::diagnose::report::{Considered, Finding};
 use lampyris_core::diagnose::{Adequacy, Diagnosis, diagnose};
-use lampyris_core::estimate::metrics::error_unit;
 use lampyris_core::estimate::request::{AccusationRate, SeededMethod};
 use lampyris_core::estimate::{
     Control, EstimateRequest, Fit, Judgement, Past, Policy, Problem, Progress, Site, estimate, prepare, validate,
 };
 use lampyris_core::model::Catalogue;
 use lampyris_core::optimise::Method;
+use lampyris_core::units::error_unit;
 
 #[derive(Debug, clap::Args)]
 pub struct Arguments {

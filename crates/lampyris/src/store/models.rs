@@ -5,7 +5,8 @@ use super::idempotency::{KeyState, RequestKey, look_up, remember};
 use super::{Store, StoreError, from_json, instant, millis, parse, to_json};
 use jiff::Timestamp;
 use lampyris_core::model::ModelId;
-use lampyris_core::model::spec::{EffectSpec, ModelDocument};
+use lampyris_core::model::document::ModelDocument;
+use lampyris_core::model::spec::EffectSpec;
 use sqlx::SqliteConnection;
 
 /// A model made by adding an effect.

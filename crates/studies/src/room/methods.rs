@@ -1,9 +1,9 @@
 //! What is compared on the rooms: the default search, its variants and its rivals, each with its defaults.
 
 use lampyris_core::optimise::agreement::AgreementOptions;
+use lampyris_core::optimise::cfa_options::{CfaOptions, LocalFrom};
 use lampyris_core::optimise::grid::GridOptions;
-use lampyris_core::optimise::hybrid::{CfaOptions, LocalFrom};
-use lampyris_core::optimise::local::{LocalMethod, LocalOptions};
+use lampyris_core::optimise::local_options::{LocalMethod, LocalOptions};
 use lampyris_core::optimise::multistart::LmOptions;
 use lampyris_core::optimise::{Method, Scale};
 

@@ -3,9 +3,10 @@
 use super::super::fit::{Span, TracePoint};
 use super::super::problem::Problem;
 use super::super::request::EstimateRequest;
-use super::super::run::{Control, EstimateError, Progress, drive, evaluate};
-use super::{Judged, Performance};
-use crate::optimise::hybrid::CfaOptions;
+use super::performance::{Judged, Performance};
+use crate::estimate::control::{Control, EstimateError, Progress};
+use crate::estimate::drive::{drive, evaluate};
+use crate::optimise::cfa_options::CfaOptions;
 use crate::optimise::multistart::LmOptions;
 use crate::optimise::{Method, Search};
 

@@ -5,7 +5,7 @@ use lampyris_core::data::SplitRequest;
 use lampyris_core::estimate::regression::Regression;
 use lampyris_core::estimate::request::{Budget, SeededMethod};
 use lampyris_core::estimate::{EstimateRequest, Fit, Incumbent, Problem};
-use lampyris_core::model::spec::ModelDocument;
+use lampyris_core::model::document::ModelDocument;
 use lampyris_core::optimise::Method;
 use lampyris_core::optimise::multistart::LmOptions;
 use lampyris_core::twin::{RoomTwin, room};

@@ -7,8 +7,8 @@ mod served;
 
 use crate::support::full;
 use lampyris_core::data::{Bindings, Window};
-use lampyris_core::estimate::rules::{Rule, Table};
-use lampyris_core::estimate::validate::Severity;
+use lampyris_core::estimate::check::Severity;
+use lampyris_core::estimate::table::{Rule, Table};
 use lampyris_core::estimate::{
     Control, EstimateRequest, Fit, Incumbent, Past, Policy, Problem, Site, Verdict, estimate, prepare, validate,
 };
@@ -79,9 +79,9 @@ fn refused(what: &str, kinds: &[bad::Kind], each: usize) -> BTreeSet<&'static st
             };
             // The rules without which this one would have got through.
             let mut alone = BTreeSet::new();
-            let rules = candidate.iter().flat_map(|candidate| Rule::ALL.iter().map(move |rule| (candidate, rule)));
+            let rules = candidate.iter().flat_map(|candidate| ALL.iter().map(move |rule| (candidate, rule)));
             for (candidate, left_out) in rules.filter(|(_, rule)| failed.iter().any(|name| name.starts_with(rule.name))) {
-                let rest: Vec<Rule> = Rule::ALL.iter().filter(|rule| rule.name != left_out.name).copied().collect();
+                let rest: Vec<Rule> = ALL.iter().filter(|rule| rule.name != left_out.name).copied().collect();
                 let table = candidate.table(&rest);
                 if table.failed(Severity::Reject).or(table.failed(Severity::Hold)).is_none() {
                     alone.insert(left_out.name);
@@ -110,8 +110,7 @@ fn refused(what: &str, kinds: &[bad::Kind], each: usize) -> BTreeSet<&'static st
 fn bad_candidates_are_refused_by_name_and_every_rule_is_needed() {
     let each = if full() { 200usize.div_ceil(bad::KINDS.len()) } else { 1 };
     let alone = refused("candidates", bad::KINDS, each);
-    let spared: Vec<&str> =
-        Rule::ALL.iter().map(|rule| rule.name).filter(|rule| !alone.contains(rule) && !bad::SECOND.contains(rule)).collect();
+    let spared: Vec<&str> = ALL.iter().map(|rule| rule.name).filter(|rule| !alone.contains(rule) && !bad::SECOND.contains(rule)).collect();
     assert!(spared.is_empty(), "nothing gets through without {spared:?}");
 }
 
@@ -124,7 +123,7 @@ fn doubts_are_published_with_their_flag() {
         let Verdict::Accepted(acceptance) = &judgement.verdict else { panic!("{flags:?}: {}", judgement.summary) };
         assert!(acceptance.flags().iter().any(|said| flags.contains(&said.as_str())), "{flags:?}: {:?}", acceptance.flags());
         let silent: Vec<Rule> =
-            Rule::ALL.iter().filter(|rule| !["G2 bounds", "G4 beats persistence", "G7 repeat"].contains(&rule.name)).copied().collect();
+            ALL.iter().filter(|rule| !["G2 bounds", "G4 beats persistence", "G7 repeat"].contains(&rule.name)).copied().collect();
         assert!(candidate.table(&silent).flags.is_empty(), "{flags:?}");
     }
     println!("GATE-1: {} doubtful candidates carry their flags", found.len());

@@ -4,7 +4,7 @@ use super::bad::{Kind, Made, SECOND};
 use super::{CATALOGUE, Candidate, fit, problem_of, refused};
 use lampyris_core::data::SplitRequest;
 use lampyris_core::estimate::request::{Budget, SeededMethod};
-use lampyris_core::estimate::rules::Rule;
+use lampyris_core::estimate::table::Rule;
 use lampyris_core::estimate::{EstimateRequest, Fit, Incumbent, Past, Policy, Problem, Verdict, validate};
 use lampyris_core::optimise::Method;
 use lampyris_core::optimise::multistart::LmOptions;
@@ -286,7 +286,7 @@ fn bad_plants_are_refused_by_name_and_every_changed_rule_is_needed() {
     let spared: Vec<&str> = CHANGED.into_iter().chain(["G8 excited"]).filter(|rule| !alone.contains(rule)).collect();
     assert!(spared.is_empty(), "nothing gets through without {spared:?}");
     let elsewhere = |rule: &Rule| SECOND.contains(&rule.name) || OF_ROOMS.contains(&rule.name);
-    assert!(Rule::ALL.iter().all(|rule| alone.contains(rule.name) || elsewhere(rule)), "{alone:?}");
+    assert!(ALL.iter().all(|rule| alone.contains(rule.name) || elsewhere(rule)), "{alone:?}");
 }
 
 /// Plants with other growth and yield, estimated from an effluent record as the service does it.

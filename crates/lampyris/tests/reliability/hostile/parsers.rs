@@ -6,9 +6,9 @@ use crate::support::{csv_of, full, room};
 
 use lampyris_core::data::{Bindings, CsvChannel, SplitRequest, Thinned, Window, write_csv};
 use lampyris_core::estimate::{EstimateRequest, Problem, Site, prepare};
+use lampyris_core::model::document::ModelDocument;
 use lampyris_core::model::expr::{Binary, Unary, select};
 use lampyris_core::model::parse::{Expr, Kind, parse};
-use lampyris_core::model::spec::ModelDocument;
 use lampyris_core::model::{Catalogue, compile};
 use rand::{RngExt, SeedableRng};
 use serde_json::{Value, json};

@@ -1,0 +1,90 @@
+//! The document of a fit from what a search has found.
+
+use super::bounds::at_bound;
+use super::drive::Found;
+use super::fit::{Estimate, Fit, Parts, Span, Stop};
+use super::levels::levels;
+use super::metrics::{filter, metrics};
+use super::problem::Problem;
+use super::request::EstimateRequest;
+use super::ridge::sentence;
+use super::uncertainty::Uncertainty;
+use crate::data::rfc3339;
+use indexmap::IndexMap;
+use std::ops::Range;
+
+/// The document of a fit, with the noise that makes free-run residuals likely.
+pub(super) fn report(
+    problem: &Problem,
+    request: &EstimateRequest,
+    found: Found,
+    uncertainty: &Uncertainty,
+    discretisation_error: f64,
+    mut remarks: Vec<String>,
+) -> Fit {
+    let run = filter(problem, &found.theta, None);
+    let mut parameters = IndexMap::new();
+    for (index, parameter) in problem.model().parameters().iter().enumerate() {
+        let place = problem.free().iter().position(|free| *free == index);
+        parameters.insert(
+            parameter.name.clone(),
+            Estimate {
+                value: found.theta[index],
+                unit: parameter.unit.clone(),
+                ci95: place.and_then(|place| uncertainty.ci95[place]),
+                bounds: problem.bounds()[index],
+                at_bound: place.is_some() && at_bound(problem, &found.theta, index),
+                fixed: place.is_none(),
+            },
+        );
+    }
+    remarks.extend(problem.split().shortfall(problem.grid().step(), &request.split));
+    remarks.extend(uncertainty.correlated.iter().map(|pair| sentence(pair, problem.model())));
+    if !problem.filters() {
+        remarks.push("the model is stepped explicitly and has no filter: errors are those of free runs, none is of a forecast".to_owned());
+    }
+    if found.stop != Stop::Converged {
+        remarks.push("the search ended before two of its restarts agreed".to_owned());
+    }
+    Fit {
+        model: problem.model().id().to_string(),
+        model_hash: problem.model().hash().to_owned(),
+        dropped: problem.model().dropped().to_vec(),
+        parameters,
+        correlated: uncertainty.correlated.clone(),
+        method: request.method.method.name().to_owned(),
+        objective: problem.objective().word().to_owned(),
+        cost: found.cost,
+        stopped_by: found.stop,
+        seed: request.method.seed,
+        evaluations: found.evaluations,
+        trace: found.trace,
+        metrics: metrics(problem, &found.theta, &run),
+        sample_s: problem.grid().step(),
+        substeps: problem.simulator().substeps(),
+        // A document has no word for infinity, and one that held it could not be read again.
+        discretisation_error: Some(discretisation_error).filter(|error| error.is_finite()),
+        process_noise: run.process_noise,
+        parts: parts(problem),
+        input_hash: problem.input_hash().to_owned(),
+        basis: Some(problem.basis().clone()),
+        worst_regime: None,
+        remarks,
+        non_identifiable: Vec::new(),
+        levels: levels(problem),
+        likelihood: None,
+    }
+}
+
+fn parts(problem: &Problem) -> Parts {
+    let span = |range: &Range<usize>| {
+        (!range.is_empty())
+            .then(|| Span { from: rfc3339(problem.grid().time(range.start)), to: rfc3339(problem.grid().time(range.end - 1)) })
+    };
+    let split = problem.split();
+    Parts {
+        train: span(&split.train).unwrap_or(Span { from: String::new(), to: String::new() }),
+        validation: span(&split.validation),
+        test: span(&split.test),
+    }
+}
