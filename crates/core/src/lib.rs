@@ -27,7 +27,7 @@
 //! ```
 //! use lampyris_core::data::{Bindings, SplitRequest, Window};
 //! use lampyris_core::diagnose::diagnose;
-//! use lampyris_core::estimate::request::{AccusationRate, EstimateRequest, Site, prepare};
+//! use lampyris_core::estimate::problem::request::{AccusationRate, EstimateRequest, Site, prepare};
 //! use lampyris_core::estimate::{Control, Past, Policy, estimate, validate};
 //! use lampyris_core::model::Catalogue;
 //! use lampyris_core::twin::{Level, WorldRequest, world};

@@ -9,7 +9,7 @@ use lampyris_core::diagnose::library::carried;
 use lampyris_core::diagnose::null_model::NullModel;
 use lampyris_core::diagnose::report::{Considered, Finding};
 use lampyris_core::diagnose::{Diagnosis, diagnose, preview};
-use lampyris_core::estimate::request::AccusationRate;
+use lampyris_core::estimate::problem::request::AccusationRate;
 use lampyris_core::estimate::{Control, EstimateRequest, Problem, Site, estimate, prepare};
 use lampyris_core::model::Catalogue;
 use lampyris_core::twin::{CATALOGUED, HiddenEffect, Level, STRANGE, Truth, World, WorldRequest, world};

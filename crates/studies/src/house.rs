@@ -10,7 +10,7 @@ use super::Row;
 use super::options::{First, Html, RoomCount};
 use lampyris::cli::{Failure, faults, print};
 use lampyris_core::data::{Bindings, Layout, Window, propose_layout};
-use lampyris_core::estimate::objective::ShapeDelta;
+use lampyris_core::estimate::problem::objective::ShapeDelta;
 use lampyris_core::twin::{HouseRequest, RoomTruth, house};
 use serde_json::{Value, json};
 use std::time::Instant;

@@ -7,7 +7,7 @@ use lampyris::cli::{Failure, faults};
 use lampyris_core::data::{Bindings, Window};
 use lampyris_core::diagnose::null_model::NullModel;
 use lampyris_core::diagnose::{Adequacy, Diagnosis, diagnose};
-use lampyris_core::estimate::request::AccusationRate;
+use lampyris_core::estimate::problem::request::AccusationRate;
 use lampyris_core::estimate::{Control, EstimateRequest, Problem, Progress, Site, prepare};
 use lampyris_core::model::Catalogue;
 use lampyris_core::twin::plant_world::{PLANT, PlantTruth, PlantWorldRequest, catalogued, plant_world, strange};

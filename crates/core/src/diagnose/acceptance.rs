@@ -8,7 +8,7 @@ use super::null_model::{Fitted, Measured, NullModel};
 use super::report::Gate;
 use super::screen::{Score, correlation};
 use super::surrogates::Heard;
-use crate::estimate::bounds::at_bound;
+use crate::estimate::problem::bounds::at_bound;
 
 /// Least gain of the BIC.
 pub const LEAST_BIC: f64 = 10.0;

@@ -8,7 +8,7 @@ use super::score_test::{Look, RANKING_HOURS};
 use super::screen::Screen;
 use crate::data::rfc3339;
 use crate::estimate::Problem;
-use crate::estimate::whiten::stride;
+use crate::estimate::problem::whiten::stride;
 use crate::schema::Interval;
 use crate::units::error_unit;
 use serde::{Deserialize, Serialize};

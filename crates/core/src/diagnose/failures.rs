@@ -7,7 +7,7 @@ use super::regimes::{Regime, circumstances, regimes};
 use super::residual::residual;
 use super::spectrum::{InputLag, Spectrum, input_lags, spectrum};
 use crate::data::{Grid, Window, is_compass, local_zone, rfc3339};
-use crate::estimate::metrics::FilterRun;
+use crate::estimate::assess::metrics::FilterRun;
 use crate::estimate::problem::mean_square;
 use crate::estimate::{Fit, Problem, Site};
 use crate::fault::Fault;

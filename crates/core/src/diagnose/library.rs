@@ -1,7 +1,7 @@
 //! The library of what may be missing: every effect of the catalogue, compiled into the model and put on the data.
 
 use crate::data::{CALENDAR, ChannelKind, Column, Grid, Window, add_calendar, add_drops};
-use crate::estimate::problem::Choices;
+use crate::estimate::problem::choices::Choices;
 use crate::estimate::{Problem, Site};
 use crate::fault::Fault;
 use crate::model::catalogue::Catalogue;

@@ -82,7 +82,7 @@ mod tests {
     use super::super::{Diagnosis, diagnose};
     use super::*;
     use crate::data::SplitRequest;
-    use crate::estimate::request::AccusationRate;
+    use crate::estimate::problem::request::AccusationRate;
     use crate::estimate::{Control, EstimateRequest, prepare};
 
     /// A diagnosis of room3 with the appliances' heat, of a room that these effects warm.

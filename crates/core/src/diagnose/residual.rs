@@ -4,7 +4,7 @@
 //! the unit of that; those of several outputs are counted in the noise of their sensors, so that they may stand side by side.
 
 use crate::estimate::Problem;
-use crate::estimate::whiten::{Ar, stride};
+use crate::estimate::problem::whiten::{Ar, stride};
 use crate::simulate::Trajectory;
 use std::ops::Range;
 

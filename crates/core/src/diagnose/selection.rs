@@ -12,7 +12,7 @@ use super::refit::Refit;
 use super::screen::{Blind, Score, Screen};
 use super::surrogates::{Heard, Tests};
 use crate::estimate::Problem;
-use crate::estimate::metrics::{day_ahead_mse, filter};
+use crate::estimate::assess::metrics::{day_ahead_mse, filter};
 use crate::simulate::trajectory::Halt;
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicUsize, Ordering};

@@ -8,8 +8,8 @@
 use super::library::CandidateEffect;
 use super::null_model::NullModel;
 use crate::estimate::Problem;
+use crate::estimate::segments::shooting::{Settled, settle};
 use crate::estimate::segments::{Moved, Segments, moved};
-use crate::estimate::shooting::{Settled, settle};
 use crate::estimate::uncertainty::uncertainty;
 use crate::simulate::trajectory::Halt;
 use statrs::distribution::{ContinuousCDF, StudentsT};

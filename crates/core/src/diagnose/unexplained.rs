@@ -2,7 +2,7 @@
 
 use super::null_model::NullModel;
 use crate::data::hour_of_day;
-use crate::estimate::physics::{jacobian, mean_inputs};
+use crate::estimate::gate::physics::{jacobian, mean_inputs};
 use crate::model::Initial;
 use indexmap::IndexMap;
 

@@ -92,7 +92,7 @@ mod tests {
     use super::super::tests::{fitted, site, small_world};
     use super::*;
     use crate::data::{Hold, Series, SplitRequest, Window};
-    use crate::estimate::request::AccusationRate;
+    use crate::estimate::problem::request::AccusationRate;
     use crate::estimate::{Control, EstimateRequest, Problem, prepare};
     use rand::{RngExt, SeedableRng};
     use rand_xoshiro::Xoshiro256PlusPlus;

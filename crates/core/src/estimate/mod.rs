@@ -1,77 +1,47 @@
 //! The system-identification step: a problem is asked, a search answers, a gate judges.
 //!
-//! `request` says what is wanted and `method` how it is searched, `problem` puts model and window together, `objective`
-//! weighs the residuals, `run` drives the optimiser until it or `stop` says that it is over, `metrics` and `uncertainty`
-//! describe what was found, `rules` look at it and `validate` decides, `served` is what may go out. Whether the inputs move the
-//! room at all is asked by `hearing`, of `evidence` from `segments` and a `regression`, of `opponents` and of the `channels`. `replay` puts the
-//! problem of a stored fit together again, `comparison` lays it beside the measurements and `compare` beside other fits,
-//! `skill` puts both into numbers; `degradation` asks whether newer measurements contradict it. `tune` chooses settings of the search.
+//! ```text
+//! request --problem--> Problem --run (search, likelihood, uncertainty)--> Fit --gate--> Verdict
+//!                         |                                                |
+//!                      segments                          assess: errors, comparisons, degradation
+//! ```
+//!
+//! `problem` says what is asked and puts model and window together. `search` drives an optimiser through it, `likelihood` does so
+//! where the stochastic model is estimated, `uncertainty` says how well the data determine what was found, and `run` leads through
+//! all of it; `report` writes the document, which is a `fit`. `assess` tells in numbers and sentences how good it is. `segments`
+//! lays a model along stretches of hours, which the gate and a diagnosis ask. `gate` decides what may be served, and `tune` chooses
+//! the settings of a search. No folder sees one that is named after it.
 
-pub mod basis;
-pub mod bounds;
-mod case;
-mod change;
-pub mod channels;
-pub mod check;
-pub mod compare;
-pub mod comparison;
-pub mod control;
-mod ctsm;
-#[cfg(test)]
-mod ctsm_tests;
-mod curvature;
-pub mod degradation;
-mod discretisation;
-mod drive;
-pub mod evidence;
-pub mod fit;
-mod hearing;
-#[cfg(test)]
-mod hearing_tests;
-pub mod incumbent;
-pub mod levels;
-pub mod likelihood;
-pub mod likely;
-mod limits;
-pub mod method;
-pub mod metrics;
-pub mod objective;
-pub mod opponents;
-pub mod past;
-pub mod peak;
-pub mod physics;
-pub mod preview;
 pub mod problem;
-pub mod ratio;
-pub mod regression;
-pub mod replay;
-#[cfg(test)]
-mod replay_tests;
-mod report;
-pub mod request;
-pub mod ridge;
-pub mod rules;
-pub mod run;
-pub mod segments;
-pub mod served;
-pub mod shooting;
-pub mod skill;
-pub mod stop;
-pub mod summary;
-pub mod table;
-pub mod tune;
-pub mod uncertainty;
-pub mod validate;
-pub mod whiten;
 
-pub use control::{Control, EstimateError, Interrupt, Progress, Trials};
+pub mod fit;
+
+pub mod assess;
+
+pub mod search;
+
+pub mod uncertainty;
+
+mod report;
+
+pub mod likelihood;
+
+pub mod run;
+
+pub mod segments;
+
+pub mod gate;
+
+pub mod tune;
+
+pub use assess::replay::Replay;
+pub use fit::incumbent::Incumbent;
 pub use fit::{Fit, Stop};
-pub use incumbent::Incumbent;
-pub use past::{Past, Policy, Reference};
+pub use gate::past::{Past, Policy, Reference};
+pub use gate::served::{Offer, ServedParameters};
+pub use gate::validate::{Acceptance, Holding, Judgement, Verdict, validate};
 pub use problem::Problem;
-pub use replay::Replay;
-pub use request::{EstimateRequest, Site, prepare};
+pub use problem::request::{EstimateRequest, Site, prepare};
+pub use problem::stop::EarlyStopping;
 pub use run::estimate;
-pub use served::{Offer, ServedParameters};
-pub use stop::EarlyStopping;
-pub use validate::{Acceptance, Holding, Judgement, Verdict, validate};
+pub use search::control::{Control, EstimateError, Interrupt, Progress, Trials};

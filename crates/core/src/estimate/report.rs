@@ -1,15 +1,15 @@
 //! The document of a fit from what a search has found.
 
-use super::bounds::at_bound;
-use super::drive::Found;
 use super::fit::{Estimate, Fit, Parts, Span, Stop};
-use super::levels::levels;
-use super::metrics::{filter, metrics};
 use super::problem::Problem;
-use super::request::EstimateRequest;
-use super::ridge::sentence;
 use super::uncertainty::Uncertainty;
 use crate::data::rfc3339;
+use crate::estimate::assess::metrics::{filter, metrics};
+use crate::estimate::fit::levels::levels;
+use crate::estimate::problem::bounds::at_bound;
+use crate::estimate::problem::request::EstimateRequest;
+use crate::estimate::search::drive::Found;
+use crate::estimate::uncertainty::ridge::sentence;
 use indexmap::IndexMap;
 use std::ops::Range;
 

@@ -1,18 +1,18 @@
 //! The loop around an optimiser: ask, simulate, tell, until something says stop; then the fit's report.
 
-use super::bounds::at_bound;
-use super::control::{Control, EstimateError};
-use super::ctsm;
-use super::discretisation::{fine_enough, step_error};
-use super::drive::{Found, drive, evaluate, polish};
 use super::fit::Fit;
-use super::incumbent::Incumbent;
-use super::objective::Prior;
+use super::likelihood;
 use super::problem::Problem;
 use super::report::report;
-use super::request::{EstimateRequest, StartFrom};
-use super::ridge::follow;
 use super::uncertainty::uncertainty;
+use crate::estimate::fit::incumbent::Incumbent;
+use crate::estimate::problem::bounds::at_bound;
+use crate::estimate::problem::objective::Prior;
+use crate::estimate::problem::request::{EstimateRequest, StartFrom};
+use crate::estimate::search::control::{Control, EstimateError};
+use crate::estimate::search::discretisation::{fine_enough, step_error};
+use crate::estimate::search::drive::{Found, drive, evaluate, polish};
+use crate::estimate::uncertainty::ridge::follow;
 use crate::optimise::Method;
 use crate::optimise::{Candidate, Cost, Search};
 
@@ -33,7 +33,7 @@ pub fn estimate(
 ) -> Result<Fit, EstimateError> {
     let warm = warm_starts(problem, request, incumbent);
     if let Method::Ctsm(options) = &request.method.method {
-        return ctsm::estimate(problem, request, options, &warm, control);
+        return likelihood::estimate(problem, request, options, &warm, control);
     }
     // The prior's weight is the residual variance of the fit without it.
     let mut spent = 0;

@@ -4,8 +4,8 @@ use super::{fit, request};
 use lampyris_core::data::{Bindings, Window};
 use lampyris_core::diagnose::ladder::{Step, ladder};
 use lampyris_core::diagnose::{Diagnosis, diagnose};
-use lampyris_core::estimate::metrics::{day_ahead_mse, filter};
-use lampyris_core::estimate::request::AccusationRate;
+use lampyris_core::estimate::assess::metrics::{day_ahead_mse, filter};
+use lampyris_core::estimate::problem::request::AccusationRate;
 use lampyris_core::estimate::{Control, EstimateRequest, Site, prepare};
 use lampyris_core::model::{Catalogue, ModelId};
 

@@ -9,13 +9,12 @@ mod spoilt;
 use super::plants::full;
 use super::problem;
 use lampyris_core::data::SplitRequest;
-use lampyris_core::estimate::check::Severity;
-use lampyris_core::estimate::metrics::{ahead, filter};
-use lampyris_core::estimate::past::NextDoor;
-use lampyris_core::estimate::request::days_before;
-use lampyris_core::estimate::{
-    Control, EstimateRequest, Fit, Incumbent, Judgement, Past, Policy, Problem, Site, Verdict, estimate, validate,
-};
+use lampyris_core::estimate::assess::metrics::{ahead, filter};
+use lampyris_core::estimate::gate::check::Severity;
+use lampyris_core::estimate::gate::past::NextDoor;
+use lampyris_core::estimate::problem::request::days_before;
+use lampyris_core::estimate::validate;
+use lampyris_core::estimate::{Control, EstimateRequest, Fit, Incumbent, Judgement, Past, Policy, Problem, Site, Verdict, estimate};
 use lampyris_core::fault::Fault;
 use lampyris_core::twin::{Level, WorldRequest, world};
 use rayon::prelude::*;
@@ -191,7 +190,7 @@ fn ended(room: &Room, case: &Case, harm: f64, judgement: &Judgement) -> Ended {
     let channels: Vec<&str> =
         [Some(&case.change.channel), case.change.other.as_ref()].into_iter().flatten().map(|role| room.channel(role)).collect();
     let failed = || judgement.checks.iter().filter(|check| !check.pass && check.severity != Severity::Flag);
-    let names = |check: &lampyris_core::estimate::check::CheckResult| {
+    let names = |check: &lampyris_core::estimate::gate::check::CheckResult| {
         let channel = case.change.channel == "inputs" || channels.iter().any(|name| check.comment.contains(name));
         channel && case.says.iter().any(|word| check.comment.contains(word.as_str()))
     };

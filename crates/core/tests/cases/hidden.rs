@@ -2,7 +2,7 @@
 
 use lampyris_core::data::{Bindings, SplitRequest, Window};
 use lampyris_core::diagnose::{Adequacy, Diagnosis, diagnose};
-use lampyris_core::estimate::request::AccusationRate;
+use lampyris_core::estimate::problem::request::AccusationRate;
 use lampyris_core::estimate::{Control, EstimateRequest, Site, estimate, prepare};
 use lampyris_core::model::document::ModelDocument;
 use lampyris_core::model::spec::EffectSpec;

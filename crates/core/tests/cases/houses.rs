@@ -1,7 +1,8 @@
 //! Measured houses: the errors of a fit beside those that another program reached on the same parts.
 
 use super::{fit, problem, request, squares};
-use lampyris_core::estimate::{EstimateRequest, Judgement, Past, Policy, Site, Verdict, validate};
+use lampyris_core::estimate::validate;
+use lampyris_core::estimate::{EstimateRequest, Judgement, Past, Policy, Site, Verdict};
 use std::io::Read;
 
 const MODEL: &str = "tite+constant_gain+direct_outdoor_loss";

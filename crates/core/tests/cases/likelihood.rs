@@ -1,7 +1,7 @@
 //! Maximum likelihood on the data of the CTSM literature, beside ctsmTMB under the same conventions.
 
 use lampyris_core::data::{Bindings, Window};
-use lampyris_core::estimate::ratio::likelihood_ratio;
+use lampyris_core::estimate::likelihood::ratio::likelihood_ratio;
 use lampyris_core::estimate::{Control, EstimateRequest, Fit, Site, estimate, prepare};
 use lampyris_core::model::Catalogue;
 use lampyris_core::model::document::ModelDocument;

@@ -20,7 +20,7 @@ mod warm_up;
 mod withheld;
 
 use lampyris_core::data::{Bindings, SplitRequest, Window};
-use lampyris_core::estimate::request::SeededMethod;
+use lampyris_core::estimate::problem::request::SeededMethod;
 use lampyris_core::estimate::{Control, EstimateRequest, Fit, Problem, Site, estimate, prepare};
 use lampyris_core::model::{Catalogue, ModelId};
 

@@ -3,7 +3,7 @@
 use super::plants::{full, nominal};
 use lampyris_core::data::{self, Window};
 use lampyris_core::diagnose::diagnose;
-use lampyris_core::estimate::request::AccusationRate;
+use lampyris_core::estimate::problem::request::AccusationRate;
 use lampyris_core::estimate::{Control, Site, prepare};
 use lampyris_core::model::expr::Node;
 use lampyris_core::model::{Bindings, Catalogue, compile};

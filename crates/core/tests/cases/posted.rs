@@ -4,7 +4,7 @@ use super::clock::house;
 use super::request;
 use lampyris_core::data::{Bindings, Window};
 use lampyris_core::diagnose::{Adequacy, diagnose, preview};
-use lampyris_core::estimate::request::AccusationRate;
+use lampyris_core::estimate::problem::request::AccusationRate;
 use lampyris_core::estimate::{Control, Site, prepare};
 use lampyris_core::model::spec::EffectSpec;
 use lampyris_core::model::{Bindings as Sets, Catalogue, compile};

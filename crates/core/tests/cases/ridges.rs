@@ -2,7 +2,7 @@
 //! and what lies along a ridge is what the equations say.
 
 use lampyris_core::data::{self, Window};
-use lampyris_core::estimate::ridge::sentence;
+use lampyris_core::estimate::uncertainty::ridge::sentence;
 use lampyris_core::estimate::uncertainty::{Uncertainty, uncertainty};
 use lampyris_core::estimate::{Control, EstimateRequest, Problem, Site, estimate, prepare};
 use lampyris_core::model::Catalogue;

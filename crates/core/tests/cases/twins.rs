@@ -1,11 +1,10 @@
 //! Synthetic rooms with a known truth: what a fit finds, what the gate says, and that threads change nothing.
 
 use super::{fit, problem, request};
-use lampyris_core::estimate::objective::{Objective, Prior};
-use lampyris_core::estimate::request::EstimateRequest;
-use lampyris_core::estimate::{
-    Control, EarlyStopping, Incumbent, Past, Policy, Problem, Progress, Site, Stop, Verdict, estimate, validate,
-};
+use lampyris_core::estimate::problem::objective::{Objective, Prior};
+use lampyris_core::estimate::problem::request::EstimateRequest;
+use lampyris_core::estimate::validate;
+use lampyris_core::estimate::{Control, EarlyStopping, Incumbent, Past, Policy, Problem, Progress, Site, Stop, Verdict, estimate};
 use lampyris_core::twin::{self, RoomTwin};
 
 fn room(seed: u64, days: usize, asked: &EstimateRequest) -> (RoomTwin, Problem) {

@@ -3,7 +3,7 @@
 use super::{fit, problem, request};
 use lampyris_core::data::{Bindings, Window};
 use lampyris_core::diagnose::{Diagnosis, diagnose};
-use lampyris_core::estimate::request::{AccusationRate, WindowRange};
+use lampyris_core::estimate::problem::request::{AccusationRate, WindowRange};
 use lampyris_core::estimate::{Control, EstimateRequest, Site};
 use lampyris_core::model::Catalogue;
 

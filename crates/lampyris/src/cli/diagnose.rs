@@ -8,10 +8,9 @@ use indicatif::{ProgressBar, ProgressStyle};
 use lampyris_core::data::{SplitRequest, Window};
 use lampyris_core::diagnose::report::{Considered, Finding};
 use lampyris_core::diagnose::{Adequacy, Diagnosis, diagnose};
-use lampyris_core::estimate::request::{AccusationRate, SeededMethod};
-use lampyris_core::estimate::{
-    Control, EstimateRequest, Fit, Judgement, Past, Policy, Problem, Progress, Site, estimate, prepare, validate,
-};
+use lampyris_core::estimate::problem::request::{AccusationRate, SeededMethod};
+use lampyris_core::estimate::validate;
+use lampyris_core::estimate::{Control, EstimateRequest, Fit, Judgement, Past, Policy, Problem, Progress, Site, estimate, prepare};
 use lampyris_core::model::Catalogue;
 use lampyris_core::optimise::Method;
 use lampyris_core::units::error_unit;

@@ -5,11 +5,12 @@ use super::report::{self, Found};
 use super::{Failure, faults, print};
 use indicatif::{ProgressBar, ProgressStyle};
 use lampyris_core::data::SplitRequest;
-use lampyris_core::estimate::check::{CheckResult, Severity};
-use lampyris_core::estimate::likelihood::LikelihoodReport;
-use lampyris_core::estimate::objective::{Objective, Prior};
-use lampyris_core::estimate::request::{Budget, SeededMethod, agreed};
-use lampyris_core::estimate::{Control, EstimateRequest, Fit, Past, Policy, Progress, estimate, prepare, validate};
+use lampyris_core::estimate::fit::likelihood::LikelihoodReport;
+use lampyris_core::estimate::gate::check::{CheckResult, Severity};
+use lampyris_core::estimate::problem::objective::{Objective, Prior};
+use lampyris_core::estimate::problem::request::{Budget, SeededMethod, agreed};
+use lampyris_core::estimate::validate;
+use lampyris_core::estimate::{Control, EstimateRequest, Fit, Past, Policy, Progress, estimate, prepare};
 use lampyris_core::model::Catalogue;
 use lampyris_core::optimise::Method;
 

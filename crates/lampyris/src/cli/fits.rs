@@ -4,7 +4,7 @@ use super::server::{Answer, Call, Server, segment};
 use super::table::{self, Column};
 use super::{Failure, fit};
 use lampyris_core::estimate::Fit;
-use lampyris_core::estimate::check::CheckResult;
+use lampyris_core::estimate::gate::check::CheckResult;
 use serde::Deserialize;
 use serde_json::{Value, json};
 

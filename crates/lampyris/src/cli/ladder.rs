@@ -8,7 +8,7 @@ use super::{Failure, print};
 use lampyris_core::diagnose::ladder::{Ladder, ladder};
 use lampyris_core::diagnose::nested::ladder_by_likelihood;
 use lampyris_core::estimate::Control;
-use lampyris_core::estimate::request::Criterion;
+use lampyris_core::estimate::problem::request::Criterion;
 
 #[derive(Debug, clap::Args)]
 pub struct Arguments {

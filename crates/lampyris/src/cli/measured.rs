@@ -2,7 +2,7 @@
 
 use super::{Failure, faults};
 use lampyris_core::data::{Bindings, Duration, SplitRequest, Window};
-use lampyris_core::estimate::request::WindowRange;
+use lampyris_core::estimate::problem::request::WindowRange;
 use lampyris_core::estimate::{EstimateRequest, Site};
 use lampyris_core::model::ModelId;
 use std::path::{Path, PathBuf};

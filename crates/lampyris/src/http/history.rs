@@ -15,7 +15,7 @@ use axum::extract::State;
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use jiff::Timestamp;
-use lampyris_core::estimate::served::ServedError;
+use lampyris_core::estimate::gate::served::ServedError;
 use lampyris_core::model::ModelId;
 use serde::Serialize;
 use serde_json::Value;

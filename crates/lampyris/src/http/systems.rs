@@ -19,7 +19,7 @@ use axum::response::{IntoResponse, Response};
 use indexmap::IndexMap;
 use jiff::Timestamp;
 use lampyris_core::data::SystemId;
-use lampyris_core::estimate::served::ServedError;
+use lampyris_core::estimate::gate::served::ServedError;
 use lampyris_core::model::ModelId;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;

@@ -172,7 +172,7 @@ impl ToSchema for JobBody {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use lampyris_core::estimate::request::Criterion;
+    use lampyris_core::estimate::problem::request::Criterion;
     use std::collections::BTreeSet;
 
     #[test]

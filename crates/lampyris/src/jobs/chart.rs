@@ -6,9 +6,9 @@ use super::comparison::{Asked, Named, Subject};
 use indexmap::IndexMap;
 use lampyris_core::data::{Duration, Envelope, Thinning, rfc3339};
 use lampyris_core::estimate::Replay;
-use lampyris_core::estimate::compare::{Compared, ErrorRow};
-use lampyris_core::estimate::comparison::{Comparison, OutputErrors, PartSpan};
-use lampyris_core::estimate::replay::Provenance;
+use lampyris_core::estimate::assess::compare::{Compared, ErrorRow};
+use lampyris_core::estimate::assess::comparison::{Comparison, OutputErrors, PartSpan};
+use lampyris_core::estimate::assess::replay::Provenance;
 use serde::Serialize;
 
 /// A line of a chart: every sample, or the extremes of stretches of them.

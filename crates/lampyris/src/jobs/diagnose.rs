@@ -6,7 +6,7 @@ use super::input::Input;
 use crate::store::finish::{Finding, Report};
 use lampyris_core::diagnose::{self, DiagnoseError};
 use lampyris_core::estimate::Control;
-use lampyris_core::estimate::request::Criterion;
+use lampyris_core::estimate::problem::request::Criterion;
 
 /// Most effects that a ladder adds.
 const STEPS: usize = 3;

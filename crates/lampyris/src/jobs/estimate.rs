@@ -8,10 +8,11 @@ use crate::store::jobs::JobFailure;
 use lampyris_core::data::Window;
 use lampyris_core::data::rfc3339;
 use lampyris_core::diagnose::failures::worst_regime;
-use lampyris_core::estimate::degradation::as_fitted;
-use lampyris_core::estimate::metrics::current_state;
-use lampyris_core::estimate::request::days_before;
-use lampyris_core::estimate::{Control, EstimateError, Interrupt, Past, Policy, Problem, Verdict, estimate, validate};
+use lampyris_core::estimate::assess::degradation::as_fitted;
+use lampyris_core::estimate::assess::metrics::current_state;
+use lampyris_core::estimate::problem::request::days_before;
+use lampyris_core::estimate::validate;
+use lampyris_core::estimate::{Control, EstimateError, Interrupt, Past, Policy, Problem, Verdict, estimate};
 use lampyris_core::fault::Fault;
 
 /// Why there is no finding.
@@ -79,7 +80,7 @@ pub fn fitted(input: &Input, control: &Control<'_>) -> Result<Fitted, Stopped> {
 }
 
 /// The states by the parameters that are served now, where they are parameters of this model.
-fn incumbent_state(input: &Input, problem: &Problem) -> Option<lampyris_core::estimate::metrics::CurrentState> {
+fn incumbent_state(input: &Input, problem: &Problem) -> Option<lampyris_core::estimate::assess::metrics::CurrentState> {
     let served = &input.served.as_ref()?.fit;
     let names = problem.model().parameters().iter().map(|parameter| &parameter.name);
     let same = served.model == problem.model().id().to_string() && names.eq(served.parameters.keys());

@@ -7,7 +7,7 @@ use crate::store::jobs::{JobRecord, JobState, Outcome};
 use indexmap::IndexMap;
 use jiff::Timestamp;
 use lampyris_core::data::Duration;
-use lampyris_core::estimate::served::ServedError;
+use lampyris_core::estimate::gate::served::ServedError;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 

@@ -8,7 +8,7 @@ use super::{Store, StoreError, derive_id, from_json, instant, millis, next, pars
 use jiff::Timestamp;
 use lampyris_core::data::SystemId;
 use lampyris_core::diagnose::Adequacy;
-use lampyris_core::estimate::validate::NO_WORSE_THAN_INCUMBENT;
+use lampyris_core::estimate::gate::validate::NO_WORSE_THAN_INCUMBENT;
 use serde::{Deserialize, Serialize};
 use sqlx::SqliteConnection;
 use utoipa::ToSchema;

@@ -5,7 +5,7 @@ use super::revisions::{Cause, NewRevision, publish};
 use super::row::row;
 use super::{Store, StoreError, from_json, instant, millis, params, parse, to_json, words};
 use jiff::Timestamp;
-use lampyris_core::estimate::metrics::CurrentState;
+use lampyris_core::estimate::assess::metrics::CurrentState;
 use lampyris_core::estimate::{Fit, Offer};
 use sqlx::SqliteConnection;
 

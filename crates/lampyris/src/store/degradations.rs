@@ -3,8 +3,8 @@
 use super::{Store, StoreError, from_json, instant, millis, to_json};
 use jiff::Timestamp;
 use lampyris_core::data::SystemId;
-use lampyris_core::estimate::degradation::Degradation;
-use lampyris_core::estimate::metrics::CurrentState;
+use lampyris_core::estimate::assess::degradation::Degradation;
+use lampyris_core::estimate::assess::metrics::CurrentState;
 
 /// A degradation as it is kept: the numbers of the moment at which it was noticed.
 #[derive(Debug, Clone, PartialEq)]

@@ -10,8 +10,8 @@ use super::{Store, StoreError, corrupt, decisions, derive_id, diagnoses, failpoi
 use jiff::Timestamp;
 use lampyris_core::diagnose::ladder::Ladder;
 use lampyris_core::diagnose::report::Diagnosis;
-use lampyris_core::estimate::method::SeededMethod;
-use lampyris_core::estimate::metrics::CurrentState;
+use lampyris_core::estimate::assess::metrics::CurrentState;
+use lampyris_core::estimate::problem::method::SeededMethod;
 use lampyris_core::estimate::tune::Tuning;
 use lampyris_core::estimate::{Fit, Judgement, Offer, ServedParameters, Verdict};
 use sqlx::SqliteConnection;

@@ -6,7 +6,7 @@ use super::row::row;
 use super::{Store, StoreError, from_json, instant, millis, parse, to_json, words};
 use jiff::Timestamp;
 use lampyris_core::data::SystemId;
-use lampyris_core::estimate::metrics::CurrentState;
+use lampyris_core::estimate::assess::metrics::CurrentState;
 use sqlx::SqliteConnection;
 
 words! {

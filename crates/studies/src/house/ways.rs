@@ -3,9 +3,10 @@
 use super::super::search::path;
 use lampyris::cli::{Failure, faults};
 use lampyris_core::data::{Bindings, Duration, SplitRequest, Window, rfc3339};
-use lampyris_core::estimate::objective::{ShapeDelta, swmse};
-use lampyris_core::estimate::request::WindowRange;
-use lampyris_core::estimate::{Control, EstimateError, EstimateRequest, Fit, Past, Policy, Problem, Site, estimate, prepare, validate};
+use lampyris_core::estimate::problem::objective::{ShapeDelta, swmse};
+use lampyris_core::estimate::problem::request::WindowRange;
+use lampyris_core::estimate::validate;
+use lampyris_core::estimate::{Control, EstimateError, EstimateRequest, Fit, Past, Policy, Problem, Site, estimate, prepare};
 use lampyris_core::model::document::ModelDocument;
 use lampyris_core::model::spec::ParameterSpec;
 use lampyris_core::model::{Catalogue, ModelId, Nominal, Scale};

@@ -2,10 +2,10 @@
 
 use super::super::fit::{Span, TracePoint};
 use super::super::problem::Problem;
-use super::super::request::EstimateRequest;
 use super::performance::{Judged, Performance};
-use crate::estimate::control::{Control, EstimateError, Progress};
-use crate::estimate::drive::{drive, evaluate};
+use crate::estimate::problem::request::EstimateRequest;
+use crate::estimate::search::control::{Control, EstimateError, Progress};
+use crate::estimate::search::drive::{drive, evaluate};
 use crate::optimise::cfa_options::CfaOptions;
 use crate::optimise::multistart::LmOptions;
 use crate::optimise::{Method, Search};

@@ -2,8 +2,8 @@
 
 use super::{CATALOGUE, Candidate, Refused, fit, problem, problem_of};
 use lampyris_core::data::SplitRequest;
-use lampyris_core::estimate::regression::Regression;
-use lampyris_core::estimate::request::{Budget, SeededMethod};
+use lampyris_core::estimate::gate::regression::Regression;
+use lampyris_core::estimate::problem::request::{Budget, SeededMethod};
 use lampyris_core::estimate::{EstimateRequest, Fit, Incumbent, Problem};
 use lampyris_core::model::document::ModelDocument;
 use lampyris_core::optimise::Method;

@@ -7,11 +7,11 @@ mod served;
 
 use crate::support::full;
 use lampyris_core::data::{Bindings, Window};
-use lampyris_core::estimate::check::Severity;
-use lampyris_core::estimate::table::{Rule, Table};
-use lampyris_core::estimate::{
-    Control, EstimateRequest, Fit, Incumbent, Past, Policy, Problem, Site, Verdict, estimate, prepare, validate,
-};
+use lampyris_core::estimate::gate::check::Severity;
+use lampyris_core::estimate::gate::rules::ALL;
+use lampyris_core::estimate::gate::table::{Rule, Table};
+use lampyris_core::estimate::validate;
+use lampyris_core::estimate::{Control, EstimateRequest, Fit, Incumbent, Past, Policy, Problem, Site, Verdict, estimate, prepare};
 use lampyris_core::fault::Fault;
 use lampyris_core::model::Catalogue;
 use lampyris_core::twin::{Level, WorldRequest, room, world};

@@ -3,9 +3,11 @@
 use super::bad::{Kind, Made, SECOND};
 use super::{CATALOGUE, Candidate, fit, problem_of, refused};
 use lampyris_core::data::SplitRequest;
-use lampyris_core::estimate::request::{Budget, SeededMethod};
-use lampyris_core::estimate::table::Rule;
-use lampyris_core::estimate::{EstimateRequest, Fit, Incumbent, Past, Policy, Problem, Verdict, validate};
+use lampyris_core::estimate::gate::rules::ALL;
+use lampyris_core::estimate::gate::table::Rule;
+use lampyris_core::estimate::problem::request::{Budget, SeededMethod};
+use lampyris_core::estimate::validate;
+use lampyris_core::estimate::{EstimateRequest, Fit, Incumbent, Past, Policy, Problem, Verdict};
 use lampyris_core::optimise::Method;
 use lampyris_core::optimise::multistart::LmOptions;
 use lampyris_core::twin::{PlantRequest, plant};

@@ -1,0 +1,280 @@
+//! The measures of a fit: free-run errors, forecasts from re-estimated states, noise floor, rho.
+
+use crate::data::{Duration, rfc3339};
+use crate::estimate::fit::{AheadError, Fit, OutputMetrics};
+use crate::estimate::problem::whiten::Ar;
+use crate::estimate::problem::{Problem, mean_square};
+use crate::simulate::Trajectory;
+use crate::simulate::kalman::{Filtered, Kalman, Noise};
+use crate::units::error_unit;
+use indexmap::IndexMap;
+use serde::{Deserialize, Serialize};
+use std::ops::Range;
+
+/// The horizons that every fit reports.
+pub const HORIZONS: [(&str, i64); 3] = [("PT1H", 3600), ("PT6H", 21_600), ("PT24H", 86_400)];
+
+/// The name of a horizon that has no end: the model is left to itself.
+pub const FREE_RUN: &str = "free_run";
+
+/// Seconds in a day.
+const DAY: i64 = 86_400;
+
+/// A filter run at a parameter vector, with the noise that it assumed.
+#[derive(Debug, Clone)]
+pub struct FilterRun {
+    /// States and innovations.
+    pub filtered: Filtered,
+    /// Process noise, per square root of an hour; where states differ in it, its root mean square.
+    pub process_noise: f64,
+}
+
+/// The variance of each sensor: its declared noise and what its quantisation adds (step2 / 12).
+pub fn measurement_variance(problem: &Problem) -> Vec<f64> {
+    problem
+        .model()
+        .outputs()
+        .iter()
+        .zip(problem.quanta())
+        .map(|(output, quantum)| output.noise_sd.powi(2) + quantum.unwrap_or(0.0).powi(2) / 12.0)
+        .collect()
+}
+
+/// Filters the window at `theta`; the process noise is the likeliest one on the training part.
+pub fn filter(problem: &Problem, theta: &[f64], process_noise: Option<f64>) -> FilterRun {
+    if !problem.filters() {
+        return unfiltered(problem, theta);
+    }
+    let measured = problem.measured();
+    let kalman = Kalman::new(problem.model(), problem.simulator(), problem.inputs(), &measured);
+    let measurement = measurement_variance(problem);
+    let process_noise = process_noise.unwrap_or_else(|| kalman.likely_process_noise(theta, &measurement, problem.split().train.end));
+    filter_with(problem, theta, &Noise { process: vec![process_noise; problem.model().states().len()], measurement })
+}
+
+/// Filters the window at `theta` with this noise.
+pub fn filter_with(problem: &Problem, theta: &[f64], noise: &Noise) -> FilterRun {
+    if !problem.filters() {
+        return unfiltered(problem, theta);
+    }
+    let measured = problem.measured();
+    let kalman = Kalman::new(problem.model(), problem.simulator(), problem.inputs(), &measured);
+    FilterRun { filtered: kalman.filter(theta, noise, problem.grid().len()), process_noise: mean_square(&noise.process).sqrt() }
+}
+
+/// The free run in the place of a filter, for models without one: no state is re-estimated and nothing is innovated.
+fn unfiltered(problem: &Problem, theta: &[f64]) -> FilterRun {
+    let trajectory = problem.simulate(theta);
+    let samples = problem.grid().len();
+    let filtered = Filtered {
+        states: (0..samples).map(|k| trajectory.states.iter().map(|series| series[k]).collect()).collect(),
+        deviations: vec![Vec::new(); samples],
+        innovations: vec![vec![None; samples]; problem.model().outputs().len()],
+        log_likelihood: 0.0,
+    };
+    FilterRun { filtered, process_noise: 0.0 }
+}
+
+/// The noise that belongs to a fit: what its likelihood says, or one process noise for all states.
+pub fn noise_of(problem: &Problem, fit: &Fit) -> Noise {
+    let plain = || Noise { process: vec![fit.process_noise; problem.model().states().len()], measurement: measurement_variance(problem) };
+    // A model whose states have changed since has no noise of its own.
+    fit.likelihood.as_ref().and_then(|likelihood| likelihood.noise(problem.model())).unwrap_or_else(plain)
+}
+
+/// Filters the window with the parameters of a fit and the noise that belongs to it.
+pub fn filter_fit(problem: &Problem, fit: &Fit) -> FilterRun {
+    filter_with(problem, &fit.theta(), &noise_of(problem, fit))
+}
+
+/// Forecasts as series: `[output][lead][k]` is the value at sample `k` as it was forecast `leads[lead]` samples
+/// before, from the filtered state at an origin in `range` at which that output was measured. Leads are in
+/// samples, strictly increasing. A model without a filter forecasts nothing.
+pub fn forecast_series(
+    problem: &Problem,
+    theta: &[f64],
+    run: &FilterRun,
+    range: Range<usize>,
+    leads: &[usize],
+) -> Vec<Vec<Vec<Option<f64>>>> {
+    let measured = problem.measured();
+    let samples = problem.grid().len();
+    if !problem.filters() {
+        return vec![vec![vec![None; samples]; leads.len()]; measured.len()];
+    }
+    let origins: Vec<usize> = range.filter(|k| measured.iter().any(|(_, valid)| valid[*k])).collect();
+    let kalman = Kalman::new(problem.model(), problem.simulator(), problem.inputs(), &measured);
+    let forecasts = kalman.forecasts_at(theta, &run.filtered, &origins, leads);
+    let mut series = vec![vec![vec![None; samples]; leads.len()]; measured.len()];
+    for (output, (_, valid)) in measured.iter().enumerate() {
+        for (index, lead) in leads.iter().enumerate() {
+            for (origin, value) in origins.iter().zip(&forecasts[output][index]) {
+                if valid[*origin] && origin + lead < samples {
+                    series[output][index][origin + lead] = *value;
+                }
+            }
+        }
+    }
+    series
+}
+
+/// Forecast errors of the first output by horizon: an origin at every measured sample of `range`.
+pub fn ahead(
+    problem: &Problem,
+    theta: &[f64],
+    run: &FilterRun,
+    range: Range<usize>,
+    horizons: &[(&str, i64)],
+) -> IndexMap<String, AheadError> {
+    let mut wanted: Vec<(&str, usize)> =
+        horizons.iter().filter_map(|(name, seconds)| lead(*seconds, problem.grid().step()).map(|lead| (*name, lead))).collect();
+    wanted.sort_by_key(|(_, lead)| *lead);
+    let leads: Vec<usize> = wanted.iter().map(|(_, lead)| *lead).collect();
+    let series = forecast_series(problem, theta, run, range.clone(), &leads);
+    let measured = problem.measured();
+    let (values, valid) = measured[0];
+    let mut errors = IndexMap::new();
+    for ((name, lead), forecast) in wanted.into_iter().zip(&series[0]) {
+        let mut model = Vec::new();
+        let mut persistence = Vec::new();
+        for k in (range.start + lead..range.end).filter(|k| valid[*k]) {
+            if let Some(value) = forecast[k] {
+                model.push(value - values[k]);
+                persistence.push(values[k - lead] - values[k]);
+            }
+        }
+        if !model.is_empty() {
+            let n = model.len();
+            let rmse = |errors: &[f64]| mean_square(errors).sqrt();
+            errors.insert(name.to_owned(), AheadError { rmse: rmse(&model), persistence: rmse(&persistence), n });
+        }
+    }
+    errors
+}
+
+/// The errors of a free run, and of each output's last measurement at least `lead` samples ago, on the same samples of a range:
+/// all outputs together, counted in their [`Problem::scale`]. `None` where nothing is comparable or the run leaves the numbers.
+pub fn free_run_ahead(problem: &Problem, trajectory: &Trajectory, range: Range<usize>, lead: usize) -> Option<AheadError> {
+    let (mut model, mut persistence) = (Vec::new(), Vec::new());
+    for (output, (simulated, (values, valid))) in trajectory.outputs.iter().zip(problem.measured()).enumerate() {
+        let scale = problem.scale(output);
+        let mut last = None;
+        for k in range.start + lead..range.end {
+            last = if valid[k - lead] { Some(values[k - lead]) } else { last };
+            if let Some(last) = last.filter(|_| valid[k] && problem.simulator().predicted(k)) {
+                model.push((simulated[k] - values[k]) / scale);
+                persistence.push((last - values[k]) / scale);
+            }
+        }
+    }
+    let rmse = |errors: &[f64]| mean_square(errors).sqrt();
+    (!model.is_empty())
+        .then(|| AheadError { rmse: rmse(&model), persistence: rmse(&persistence), n: model.len() })
+        .filter(|error| error.rmse.is_finite())
+}
+
+/// A horizon in whole samples; `None` where it is shorter than one.
+pub fn lead(horizon_s: i64, step_s: i64) -> Option<usize> {
+    usize::try_from(horizon_s / step_s).ok().filter(|lead| *lead > 0)
+}
+
+/// Mean square of all 24-hour forecasts from the midnights (UTC) of `range`, pooled.
+pub fn day_ahead_mse(problem: &Problem, theta: &[f64], run: &FilterRun, range: Range<usize>) -> Option<f64> {
+    if !problem.filters() {
+        return None;
+    }
+    let grid = problem.grid();
+    let measured = problem.measured();
+    let (values, valid) = measured[0];
+    let kalman = Kalman::new(problem.model(), problem.simulator(), problem.inputs(), &measured);
+    let leads = (DAY / grid.step()) as usize;
+    let origins: Vec<usize> = range.clone().filter(|k| grid.time(*k).rem_euclid(DAY) < grid.step()).collect();
+    let mut errors = Vec::new();
+    for (origin, forecast) in origins.iter().zip(kalman.forecasts(theta, &run.filtered, &origins, leads)) {
+        for (lead, value) in forecast.iter().enumerate().skip(1) {
+            let target = origin + lead;
+            if let (true, Some(value)) = (target < range.end && valid[target], value) {
+                errors.push(value - values[target]);
+            }
+        }
+    }
+    (!errors.is_empty()).then(|| mean_square(&errors))
+}
+
+/// All measures of a parameter vector, by output channel.
+pub fn metrics(problem: &Problem, theta: &[f64], run: &FilterRun) -> IndexMap<String, OutputMetrics> {
+    let trajectory = problem.simulate(theta);
+    let split = problem.split();
+    let part = |output: usize, range: &Range<usize>| problem.mean_square_error(&trajectory, output, range.clone()).map(f64::sqrt);
+    let mut found = IndexMap::new();
+    for (index, output) in problem.model().outputs().iter().enumerate() {
+        let first = index == 0;
+        let judged = if split.validation.is_empty() { split.train.clone() } else { split.validation.clone() };
+        let innovations: Vec<f64> = run.filtered.innovations[index].iter().flatten().copied().collect();
+        let metrics = OutputMetrics {
+            unit: error_unit(&output.unit).to_owned(),
+            train_rmse: part(index, &split.train).unwrap_or(f64::INFINITY),
+            validation_rmse: part(index, &split.validation),
+            test_rmse: part(index, &split.test),
+            ahead: if first { ahead(problem, theta, run, judged.clone(), &HORIZONS) } else { IndexMap::new() },
+            day_ahead_mse: if first { day_ahead_mse(problem, theta, run, judged) } else { None },
+            noise_floor: (!innovations.is_empty()).then(|| mean_square(&innovations).sqrt()),
+            rho: rho(problem, &trajectory, index),
+        };
+        found.insert(output.channel.clone(), metrics);
+    }
+    found
+}
+
+/// Free-run error over the innovation deviation of the AR model of the free-run residual, on the training
+/// part.
+fn rho(problem: &Problem, trajectory: &Trajectory, output: usize) -> Option<f64> {
+    let measured = problem.measured();
+    let (values, _) = measured[output];
+    let train = problem.split().train.clone();
+    let usable = problem.usable(output, train.clone());
+    let rmse = problem.mean_square_error(trajectory, output, train)?.sqrt();
+    Ar::fit_samples(&usable, |k| trajectory.outputs[output][k] - values[k]).map(|ar| rmse / ar.deviation).filter(|rho| rho.is_finite())
+}
+
+/// The states at the newest sample: what a controller needs beside the parameters.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct CurrentState {
+    /// The instant, RFC 3339.
+    pub at: String,
+    /// Whether they are those of a free run from the start of the fit's window, which no measurement has corrected: a model
+    /// without a filter has no other, and no deviations.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub free_run: bool,
+    /// The states by name.
+    #[serde(flatten)]
+    pub states: IndexMap<String, f64>,
+    /// Their standard deviations.
+    pub sd: IndexMap<String, f64>,
+}
+
+/// Filters the window with a fit's parameters and noise up to its newest sample.
+pub fn current_state(problem: &Problem, fit: &Fit) -> Option<CurrentState> {
+    newest_state(problem, &filter_fit(problem, fit))
+}
+
+/// The states at the newest sample of a filter run.
+pub fn newest_state(problem: &Problem, run: &FilterRun) -> Option<CurrentState> {
+    let last = problem.grid().len().checked_sub(1)?;
+    let named = |values: &Vec<f64>| {
+        let pairs: IndexMap<String, f64> =
+            problem.model().states().iter().map(|state| state.name.clone()).zip(values.iter().copied()).collect();
+        pairs.values().all(|value| value.is_finite()).then_some(pairs)
+    };
+    Some(CurrentState {
+        at: rfc3339(problem.grid().time(last)),
+        free_run: !problem.filters(),
+        states: named(run.filtered.states.get(last)?)?,
+        sd: named(run.filtered.deviations.get(last)?)?,
+    })
+}
+
+/// The name under which a horizon is reported.
+pub fn horizon_name(horizon: Duration) -> String {
+    HORIZONS.iter().find(|(_, seconds)| *seconds == horizon.seconds()).map_or_else(|| horizon.to_string(), |(name, _)| (*name).to_owned())
+}

@@ -1,0 +1,90 @@
+//! What the rules of the gate write down.
+
+use super::case::Case;
+use super::check::{CheckResult, Severity};
+use super::limits::Measure;
+use super::past::{Past, Policy};
+use crate::estimate::fit::Fit;
+use crate::estimate::problem::Problem;
+
+/// What the rules wrote down. It says what is wrong and lets nothing out.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Table {
+    /// Every check, in the order of the rules.
+    pub checks: Vec<CheckResult>,
+    /// What the controller should know about the parameters.
+    pub flags: Vec<String>,
+}
+
+impl Table {
+    /// Puts a fit to some rules.
+    pub fn of(problem: &Problem, fit: &Fit, past: &Past, policy: &Policy, rules: &[Rule]) -> Self {
+        let mut table = Self::default();
+        match Case::new(problem, fit, past, policy) {
+            Ok(case) => rules.iter().for_each(|rule| (rule.look)(&case, &mut table)),
+            // There is nothing that any rule could look at.
+            Err(comment) => table.check("G1 finite", None, "", None, "-", false, Severity::Reject, comment.to_owned()),
+        }
+        table
+    }
+
+    /// The first check of a severity that failed.
+    pub fn failed(&self, severity: Severity) -> Option<&CheckResult> {
+        self.checks.iter().find(|check| !check.pass && check.severity == severity)
+    }
+
+    #[allow(clippy::too_many_arguments)]
+    pub(super) fn check(
+        &mut self,
+        name: &str,
+        statistic: Option<f64>,
+        operator: &str,
+        threshold: Option<f64>,
+        unit: &str,
+        pass: bool,
+        severity: Severity,
+        comment: String,
+    ) {
+        let (name, operator, unit) = (name.to_owned(), operator.to_owned(), unit.to_owned());
+        let statistic = statistic.filter(|value| value.is_finite());
+        self.checks.push(CheckResult { name, statistic, operator, threshold, unit, pass, severity, comment });
+    }
+
+    /// A check of every output, of which the worst is told. The limit is that of rooms.
+    pub(super) fn worst(
+        &mut self,
+        case: &Case,
+        name: &str,
+        kelvin: f64,
+        statistic: impl Fn(&Measure) -> f64,
+        says: impl Fn(f64, &str) -> String,
+    ) {
+        let Some((measure, statistic, limit)) = case.worst(kelvin, statistic) else { return };
+        let comment = measure.says(says(limit, measure.unit));
+        self.at_most(name, Some(statistic), limit, measure.unit, Severity::Reject, comment);
+    }
+
+    /// A check of a statistic that must stay below a limit; one that is missing fails.
+    pub(super) fn at_most(
+        &mut self,
+        name: &str,
+        statistic: Option<f64>,
+        limit: f64,
+        unit: &str,
+        severity: Severity,
+        comment: String,
+    ) -> bool {
+        let pass = statistic.is_some_and(|value| value <= limit);
+        self.check(name, statistic, "<=", Some(limit), unit, pass, severity, comment);
+        pass
+    }
+}
+
+/// A rule of the gate.
+#[derive(Debug, Clone, Copy)]
+pub struct Rule {
+    /// What its checks are called; those of physics and of the inputs have names of their own behind `G3`, `G9`, `G10` and `G11`, and
+    /// `G6` looks at older days as well.
+    pub name: &'static str,
+    pub(super) look: fn(&Case, &mut Table),
+}

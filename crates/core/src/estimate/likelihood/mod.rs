@@ -1,0 +1,17 @@
+//! Maximum likelihood of the stochastic model.
+//!
+//! ```text
+//! Problem --objective--> LikelihoodObjective --ctsm--> optimum --curvature--> standard errors, profiles, ridges
+//! ```
+//!
+//! `estimate` goes to the optimum of one problem from a known place, `ratio` tests nested models against each other.
+
+mod ctsm;
+#[cfg(test)]
+mod ctsm_tests;
+mod curvature;
+pub mod likely;
+pub mod peak;
+pub mod ratio;
+
+pub(in crate::estimate) use ctsm::estimate;

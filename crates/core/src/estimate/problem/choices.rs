@@ -1,0 +1,75 @@
+//! What a caller wants different from a model's own document, and where the measurements come from.
+
+use super::basis::Basis;
+use super::objective::{Objective, Prior, ShapeDelta};
+use crate::fault::{Fault, nearest};
+use crate::model::{Model, Scale as ModelScale};
+use indexmap::IndexMap;
+
+/// What the caller wants different from the model's own document.
+#[derive(Debug, Clone, Default)]
+pub struct Choices {
+    /// What is minimised.
+    pub objective: Objective,
+    /// What the shape counts in it.
+    pub delta: ShapeDelta,
+    /// Whether the logarithms of the parameters are drawn to their nominal values.
+    pub prior: Prior,
+    /// Other bounds, by parameter.
+    pub bounds: IndexMap<String, [f64; 2]>,
+    /// Values that are not estimated, by parameter.
+    pub fixed: IndexMap<String, f64>,
+}
+
+impl Choices {
+    /// What makes no sense for this model: unknown parameters, and bounds that are no interval on their scale.
+    pub fn faults(&self, model: &Model) -> Vec<Fault> {
+        let mut faults = Vec::new();
+        let names = || model.parameters().iter().map(|parameter| parameter.name.as_str());
+        for (field, name) in self.bounds.keys().map(|name| ("bounds", name)).chain(self.fixed.keys().map(|name| ("fixed", name))) {
+            if !names().any(|known| known == name) {
+                let fault = Fault::new(format!("/{field}/{name}"), "unknown-parameter", format!("the model has no parameter `{name}`"));
+                faults.push(match nearest(name, names()) {
+                    Some(near) => fault.suggest(format!("did you mean `{near}`?")),
+                    None => fault,
+                });
+            }
+        }
+        for parameter in model.parameters() {
+            if let Some([lower, upper]) = self.bounds.get(&parameter.name)
+                && (!(lower.is_finite() && upper.is_finite() && lower < upper) || (parameter.scale == ModelScale::Log && *lower <= 0.0))
+            {
+                let detail = format!("[{lower}, {upper}] is not an interval on the scale of `{}`", parameter.name);
+                faults.push(Fault::new(format!("/bounds/{}", parameter.name), "bounds", detail));
+            }
+            if let Some(value) = self.fixed.get(&parameter.name).filter(|value| !value.is_finite()) {
+                faults.push(Fault::new(format!("/fixed/{}", parameter.name), "not-finite", format!("{value} is not a finite number")));
+            }
+        }
+        for delay in model.delays() {
+            let Some(parameter) = delay.parameter.map(|index| &model.parameters()[index]) else { continue };
+            let (field, asked) = match (self.fixed.get(&parameter.name), self.bounds.get(&parameter.name)) {
+                (Some(value), _) => ("fixed", [*value, *value]),
+                (None, Some(bounds)) => ("bounds", *bounds),
+                (None, None) => continue,
+            };
+            // A window brings as much past along as the model declares.
+            if !(asked[0] >= 0.0 && asked[1] <= delay.longest) {
+                let detail = format!("`{}` delays an input: the model allows 0 to {} h", parameter.name, delay.longest);
+                faults.push(Fault::new(format!("/{field}/{}", parameter.name), "bounds", detail));
+            }
+        }
+        faults
+    }
+}
+
+/// Where the measurements come from.
+#[derive(Debug, Clone, Default)]
+pub struct Source {
+    /// Hash of the stitched measurements.
+    pub hash: String,
+    /// The quantisation step of each output's sensor, where it has one.
+    pub quanta: Vec<Option<f64>>,
+    /// What is needed to put the problem together again.
+    pub basis: Basis,
+}

@@ -1,0 +1,11 @@
+//! A search from its first question to its end.
+//!
+//! ```text
+//! Problem, Method --drive: ask, simulate, tell--> Found --discretisation--> is the step short enough?
+//! ```
+//!
+//! `control` is what a caller sees of it and how it is stopped.
+
+pub mod control;
+pub(super) mod discretisation;
+pub(super) mod drive;

@@ -1,0 +1,242 @@
+//! How well the data determine the parameters.
+//!
+//! The residuals e of a free run are autocorrelated, and their plain least squares are no likelihood: the covariance
+//! of the estimates is `(J'J)^-1 J' S J (J'J)^-1` with S the covariance of the residuals, here that of their AR model
+//! (the "sandwich"; White 1982, Econometrica 50, 1-25). The inverse of `J' S^-1 J`, which is that of whitened least
+//! squares, would be too small.
+
+pub mod ridge;
+
+use super::fit::CorrelatedPair;
+use super::problem::Problem;
+use crate::estimate::problem::whiten::{Ar, stride};
+use crate::optimise::Candidate;
+use crate::simulate::Trajectory;
+use nalgebra::DMatrix;
+use statrs::distribution::{ContinuousCDF, StudentsT};
+
+/// Correlations above this are reported.
+const CORRELATED: f64 = 0.95;
+
+/// Intervals and correlations of the free parameters.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Uncertainty {
+    /// 95 % intervals in physical units, in the order of the space; `None` where the data do not determine
+    /// the parameter within its bounds.
+    pub ci95: Vec<Option<[f64; 2]>>,
+    /// Pairs that the data can hardly tell apart.
+    pub correlated: Vec<CorrelatedPair>,
+    /// Simulations spent.
+    pub evaluations: usize,
+}
+
+/// Uncertainty at a full parameter vector, from all outputs on the training part, which are taken to err independently.
+pub fn uncertainty(problem: &Problem, theta: &[f64]) -> Uncertainty {
+    let space = problem.space();
+    let none = Uncertainty { ci95: vec![None; space.len()], ..Uncertainty::default() };
+    // Where every parameter is fixed there is nothing to be uncertain about, and no matrix to decompose.
+    if space.is_empty() {
+        return none;
+    }
+    let centre = problem.candidate(theta);
+    let mut points = vec![centre.clone()];
+    let difference = problem.difference();
+    let mut steps = Vec::new();
+    for i in 0..space.len() {
+        let mut moved = centre.0.clone();
+        let step = if moved[i] + difference > 1.0 { -difference } else { difference };
+        moved[i] += step;
+        steps.push(step);
+        points.push(Candidate(moved));
+    }
+    let thetas: Vec<Vec<f64>> = points.iter().map(|point| problem.theta(point)).collect();
+    let slices: Vec<&[f64]> = thetas.iter().map(Vec::as_slice).collect();
+    let end = problem.split().train.end;
+    let runs = problem.simulator().run(&slices, end);
+    let evaluations = runs.len();
+    let none = Uncertainty { evaluations, ..none };
+    if runs.iter().any(|run| run.diverged) {
+        return none;
+    }
+    let Some(blocks) = blocks(problem, &runs[0]) else { return none };
+    let rows: usize = blocks.iter().map(|block| block.samples.len()).sum();
+    if rows <= space.len() + 1 {
+        return none;
+    }
+    let mut jacobian = DMatrix::zeros(rows, space.len());
+    let places = blocks.iter().enumerate().flat_map(|(output, block)| block.samples.iter().map(move |k| (output, *k, block.weight)));
+    for (row, (output, k, weight)) in places.enumerate() {
+        for (i, step) in steps.iter().enumerate() {
+            jacobian[(row, i)] = (runs[i + 1].outputs[output][k] - runs[0].outputs[output][k]) / step * weight;
+        }
+    }
+    let freedom = (rows - space.len()) as f64;
+    let Some(covariance) = covariance(jacobian, &blocks) else {
+        return none;
+    };
+    let quantile = StudentsT::new(0.0, 1.0, freedom).map_or(1.96, |t| t.inverse_cdf(0.975));
+    let deviation = |i: usize| covariance[(i, i)].max(0.0).sqrt();
+    let ci95 = space
+        .dimensions()
+        .iter()
+        .enumerate()
+        .map(|(i, dimension)| {
+            let half = quantile * deviation(i);
+            let (low, high) = (centre.0[i] - half, centre.0[i] + half);
+            // An interval that covers the whole search says nothing about the parameter.
+            let told = half.is_finite() && (low > 0.0 || high < 1.0);
+            told.then(|| [dimension.value(low.max(0.0)), dimension.value(high.min(1.0))])
+        })
+        .collect();
+    let mut correlated = Vec::new();
+    for i in 0..space.len() {
+        for j in 0..i {
+            let correlation = covariance[(i, j)] / (deviation(i) * deviation(j));
+            if correlation.abs() > CORRELATED {
+                let name = |i: usize| space.dimensions()[i].name.clone();
+                correlated.push(CorrelatedPair { parameters: [name(j), name(i)], correlation, ridge: Vec::new() });
+            }
+        }
+    }
+    Uncertainty { ci95, correlated, evaluations }
+}
+
+/// The rows of one output: its usable samples, whose gaps interrupt the correlation of its errors, its weight in the cost and
+/// the autoregressive model of its weighted errors.
+struct Block {
+    samples: Vec<usize>,
+    weight: f64,
+    ar: Ar,
+}
+
+/// The rows of every output; `None` where the errors of one have no autoregressive model.
+fn blocks(problem: &Problem, run: &Trajectory) -> Option<Vec<Block>> {
+    let measured = problem.measured();
+    let weights = if measured.len() == 1 { vec![1.0] } else { problem.weights(run) };
+    let block = |(output, weight): (usize, f64)| {
+        let samples = problem.usable(output, problem.split().train.clone());
+        let ar = Ar::fit_samples(&samples, |k| (run.outputs[output][k] - measured[output].0[k]) * weight)?;
+        Some(Block { ar, samples, weight })
+    };
+    weights.into_iter().enumerate().map(block).collect()
+}
+
+/// The sandwich by singular values, J = U D V': `V D^-1 (U' S U) D^-1 V'`. Directions that the data do not see get a huge
+/// variance instead of none.
+fn covariance(jacobian: DMatrix<f64>, blocks: &[Block]) -> Option<DMatrix<f64>> {
+    let d = jacobian.ncols();
+    let svd = jacobian.svd(true, true);
+    let (mut u, v_t) = (svd.u?, svd.v_t?);
+    let largest = svd.singular_values.iter().copied().fold(0.0, f64::max);
+    if largest <= 0.0 || !largest.is_finite() {
+        return None;
+    }
+    // The residuals are A^-1 w, with w white and A the filter that whitens them, so U' S U is the square of A^-T U: a
+    // recursion backwards in time.
+    let mut middle = DMatrix::zeros(d, d);
+    let mut first = 0;
+    for Block { samples, ar, .. } in blocks {
+        let mut part = u.rows_mut(first, samples.len());
+        let stride = stride(samples);
+        for mut column in part.column_iter_mut() {
+            for row in (0..samples.len()).rev() {
+                for (lag, coefficient) in ar.coefficients.iter().enumerate() {
+                    let later = row + lag + 1;
+                    if later >= samples.len() || samples[later] != samples[row] + (lag + 1) * stride {
+                        break;
+                    }
+                    column[row] += coefficient * column[later];
+                }
+            }
+        }
+        middle += part.tr_mul(&part) * ar.deviation.powi(2);
+        first += samples.len();
+    }
+    let scale: Vec<f64> = svd.singular_values.iter().map(|singular| 1.0 / singular.max(1e-9 * largest)).collect();
+    for (i, a) in scale.iter().enumerate() {
+        for (j, b) in scale.iter().enumerate() {
+            middle[(i, j)] *= a * b;
+        }
+    }
+    Some(v_t.tr_mul(&(middle * &v_t)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::{RngExt, SeedableRng};
+    use rand_xoshiro::Xoshiro256PlusPlus;
+
+    const AR: f64 = 0.9;
+
+    fn regressors(rows: usize) -> DMatrix<f64> {
+        DMatrix::from_fn(rows, 3, |row, column| match column {
+            0 => 1.0,
+            1 => (row as f64 / 15.0).sin(),
+            _ => row as f64 / rows as f64,
+        })
+    }
+
+    /// Normally distributed by the polar method.
+    fn normal(random: &mut Xoshiro256PlusPlus) -> f64 {
+        let (u, v): (f64, f64) = (random.random(), random.random());
+        (-2.0 * (1.0 - u).ln()).sqrt() * (std::f64::consts::TAU * v).cos()
+    }
+
+    #[test]
+    fn the_sandwich_is_that_of_the_written_out_covariance() {
+        let samples: Vec<usize> = (0..60).chain(70..100).collect();
+        let jacobian = regressors(samples.len());
+        let ar = Ar { coefficients: vec![1.1, -0.3], deviation: 0.4, bic: 0.0, samples: 0 };
+        // A by hand: rows behind the gap at 60 know nothing of those before it.
+        let filter = DMatrix::from_fn(samples.len(), samples.len(), |row, past| {
+            let lag = samples[row].wrapping_sub(samples[past]);
+            match lag {
+                0 => 1.0,
+                1 => -1.1,
+                2 => 0.3,
+                _ => 0.0,
+            }
+        });
+        let inverse = filter.try_inverse().unwrap();
+        let series = &inverse * inverse.transpose() * 0.16;
+        let bread = (jacobian.transpose() * &jacobian).try_inverse().unwrap();
+        let expected = &bread * jacobian.transpose() * series * &jacobian * &bread;
+        let found = covariance(jacobian, &[Block { samples, weight: 1.0, ar }]).unwrap();
+        assert!((&found - &expected).norm() < 1e-10 * expected.norm(), "{found} {expected}");
+    }
+
+    #[test]
+    fn intervals_of_plain_least_squares_hold_the_truth_in_coloured_noise() {
+        let rows = 600;
+        let jacobian = regressors(rows);
+        let bread = (jacobian.transpose() * &jacobian).try_inverse().unwrap();
+        let samples: Vec<usize> = (0..rows).collect();
+        let mut random = Xoshiro256PlusPlus::seed_from_u64(5);
+        let (mut held, mut held_white, mut all) = (0, 0, 0);
+        for _ in 0..200 {
+            let mut level = 0.0;
+            let noise: Vec<f64> = (0..rows)
+                .map(|_| {
+                    level = AR * level + normal(&mut random);
+                    level
+                })
+                .collect();
+            let noise = nalgebra::DVector::from_vec(noise);
+            // The truth is nothing at all, so the estimate is the error.
+            let estimate = &bread * jacobian.tr_mul(&noise);
+            let residual = noise - &jacobian * &estimate;
+            let ar = Ar::fit(&residual.iter().copied().map(Some).collect::<Vec<_>>()).unwrap();
+            let covariance = covariance(jacobian.clone(), &[Block { samples: samples.clone(), weight: 1.0, ar }]).unwrap();
+            let white = &bread * (residual.norm_squared() / rows as f64);
+            for i in 0..3 {
+                all += 1;
+                held += usize::from(estimate[i].abs() <= 1.96 * covariance[(i, i)].sqrt());
+                held_white += usize::from(estimate[i].abs() <= 1.96 * white[(i, i)].sqrt());
+            }
+        }
+        let share = |count: usize| f64::from(count as u32) / f64::from(all as u32);
+        assert!((0.88..=0.98).contains(&share(held)), "{}", share(held));
+        assert!(share(held_white) < 0.6, "{}", share(held_white));
+    }
+}
