@@ -25,7 +25,7 @@
 //! # An example
 //! A room whose truth is known, with a leak that its model does not know: fitted, judged, and asked what is missing.
 //! ```
-//! use lampyris_core::data::{Bindings, Window};
+//! use lampyris_core::data::{Bindings, SplitRequest, Window};
 //! use lampyris_core::diagnose::diagnose;
 //! use lampyris_core::estimate::request::{AccusationRate, EstimateRequest, Site, prepare};
 //! use lampyris_core::estimate::{Control, Past, Policy, estimate, validate};
@@ -35,7 +35,7 @@
 //! let world = world(&WorldRequest::new(3, &["wind_infiltration"], Level::Matched)).unwrap();
 //! let (window, _) = Window::parse_csv(&world.csv, &Bindings::none()).unwrap();
 //! let site = Site { sets: [("neighbours".to_owned(), world.neighbours)].into(), ..Site::default() };
-//! let request: EstimateRequest = serde_json::from_str(r#"{"seed": 1}"#).unwrap();
+//! let request = EstimateRequest { split: SplitRequest::DIAGNOSE, ..EstimateRequest::default() };
 //!
 //! let catalogue = Catalogue::builtin().unwrap();
 //! let problem = prepare(&catalogue, &"room3".parse().unwrap(), &request, &window, &site).unwrap();
