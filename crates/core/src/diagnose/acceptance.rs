@@ -4,7 +4,7 @@
 //! the error on unseen data really falls. Who cannot be told from the winner is named together with it.
 
 use super::library::{CandidateEffect, sign_allows};
-use super::null_model::{Fitted, Measured, NullModel};
+use super::null_model::{NullModel, Optima, OptimaMeasures};
 use super::report::Gate;
 use super::screen::{Score, correlation};
 use super::surrogates::Heard;
@@ -68,9 +68,9 @@ pub struct Refitted {
     /// Its score.
     pub score: Score,
     /// Where its refit ended.
-    pub fitted: Fitted,
+    pub fitted: Optima,
     /// What is measured there.
-    pub measured: Measured,
+    pub measured: OptimaMeasures,
     /// Parameters of its own that are not where they do nothing.
     pub active: usize,
 }
@@ -143,7 +143,7 @@ impl Refitted {
             let (days, better) = pairs.fold((0, 0), |(days, better), (before, after)| (days + 1, better + usize::from(after < before)));
             better as f64 / days.max(1) as f64
         };
-        let total = |measured: &Measured| measured.days.iter().flatten().sum::<f64>();
+        let total = |measured: &OptimaMeasures| measured.days.iter().flatten().sum::<f64>();
         let white_share = before.white_validation.zip(after.white_validation).map(|(before, after)| 1.0 - after / before);
         // What the likelihood gains is the logarithm of the variance.
         let seen = 1.0 - ((after.bic - before.bic) / after.samples.max(1) as f64).exp();
@@ -173,7 +173,7 @@ pub(super) fn gate(
     heard: &Heard,
     strict: bool,
     [rho, worst_rho]: [f64; 2],
-    placebo: f64,
+    usual_gain: f64,
 ) -> Option<(Gate, String)> {
     let percent = |share: Option<f64>| share.map_or_else(|| "no unseen data".to_owned(), |share| format!("{:.0} %", 100.0 * share));
     if refitted.active == 0 {
@@ -196,7 +196,7 @@ pub(super) fn gate(
     // What is no number reaches nothing.
     let reaches = |value: Option<f64>, least: f64| value.is_some_and(|value| value >= least);
     // A cause stands out from what everybody gains.
-    if placebo > LEAST_BIC && !reaches(Some(gain.delta_bic), STAND_OUT * placebo) {
+    if usual_gain > LEAST_BIC && !reaches(Some(gain.delta_bic), STAND_OUT * usual_gain) {
         return Some((Gate::Bic, "most candidates gain alike: the fit without them is not at its optimum".to_owned()));
     }
     let endogenous = candidate.endogenous;
@@ -264,7 +264,7 @@ pub fn least_gain(candidate: &CandidateEffect, refitted: &Refitted, gain: &Gain)
     }
 }
 
-fn least_by_clock(candidate: &CandidateEffect, fitted: &Fitted) -> f64 {
+fn least_by_clock(candidate: &CandidateEffect, fitted: &Optima) -> f64 {
     let size = |(index, off): &(usize, f64)| {
         let [lower, upper] = candidate.problem.bounds()[*index];
         (fitted.plain[*index] - off).abs() / (upper - lower)

@@ -7,9 +7,9 @@ use super::acceptance::LEAST_BIC;
 use crate::estimate::{Control, Progress, Trials};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-/// What parts of a round take before any of them has been seen, over what it took to bring the null model to its optima: a scout, a refit
+/// What parts of a round take before any of them has been seen, over what it took to bring the null model to its optima: a restart, a refit
 /// after its first part, what follows all refits, and a whole round behind one that has found something, with its null model.
-const SCOUT: f64 = 0.075;
+const RESTART: f64 = 0.075;
 const REFIT: f64 = 0.25;
 const JUDGING: f64 = 0.8;
 const ROUND: f64 = 1.0;
@@ -31,7 +31,7 @@ struct State {
     spent: usize,
     /// Those of the first null model.
     unit: f64,
-    scouts: Part,
+    restarts: Part,
     refits: Part,
     judged: bool,
     /// Whether another round is expected while nobody leads.
@@ -65,7 +65,7 @@ impl State {
         let judging = if self.judged { 0.0 } else { JUDGING };
         let another = if self.trials.leader.is_some() { self.gain >= LEAST_BIC } else { self.another };
         let fixed = judging + if another { ROUND } else { 0.0 };
-        let left = self.scouts.expected(SCOUT * self.unit) + self.refits.expected(REFIT * self.unit) + fixed * self.unit;
+        let left = self.restarts.expected(RESTART * self.unit) + self.refits.expected(REFIT * self.unit) + fixed * self.unit;
         (self.unit > 0.0 && self.trials.round > 0).then(|| self.spent as f64 / (self.spent as f64 + left))
     }
 }
@@ -96,16 +96,16 @@ impl<'a> Course<'a> {
         self.tell(|state| {
             let round = state.trials.round + 1;
             state.trials = Trials { round, of: effects, ..Trials::default() };
-            (state.scouts, state.refits, state.judged) = (Part::default(), Part { left: effects / 2, ..Part::default() }, false);
+            (state.restarts, state.refits, state.judged) = (Part::default(), Part { left: effects / 2, ..Part::default() }, false);
             (state.gain, state.another) = (0.0, round == 1 && rho >= PROMISING_RHO);
         });
     }
 
-    /// Of the effects so many are still `open`: some scouts go, and at least so many refits follow.
-    pub(super) fn open(&self, open: usize, scouts: usize, refits: usize) {
+    /// Of the effects so many are still `open`: some restarts go, and at least so many refits follow.
+    pub(super) fn open(&self, open: usize, restarts: usize, refits: usize) {
         self.tell(|state| {
             state.trials.tried = state.trials.of.saturating_sub(open);
-            (state.scouts.left, state.refits.left) = (scouts, refits);
+            (state.restarts.left, state.refits.left) = (restarts, refits);
         });
     }
 
@@ -114,11 +114,11 @@ impl<'a> Course<'a> {
         self.tell(|state| state.spent += simulations);
     }
 
-    /// A scout has come to its end.
-    pub(super) fn scouted(&self, simulations: usize) {
+    /// A restart has come to its end.
+    pub(super) fn restarted(&self, simulations: usize) {
         self.tell(|state| {
             state.spent += simulations;
-            state.scouts.step(simulations);
+            state.restarts.step(simulations);
         });
     }
 

@@ -8,7 +8,7 @@ pub struct Effort {
     /// Of a null model: it must be no less converged than those that are compared with it.
     pub settle: usize,
     /// After which the ways from several starts are told apart.
-    pub scout: usize,
+    pub restart: usize,
     /// Of a candidate.
     pub refit: usize,
     /// A run ends after two iterations that lower the cost by less than this share.
@@ -21,9 +21,9 @@ impl Effort {
     /// less than one.
     pub fn of(problem: &Problem) -> Self {
         if problem.filters() {
-            Self { settle: 60, scout: 15, refit: 30, tolerance: 1e-5 }
+            Self { settle: 60, restart: 15, refit: 30, tolerance: 1e-5 }
         } else {
-            Self { settle: 16, scout: 5, refit: 10, tolerance: 1e-4 }
+            Self { settle: 16, restart: 5, refit: 10, tolerance: 1e-4 }
         }
     }
 }

@@ -109,7 +109,7 @@ pub enum Apart {
 
 /// A window in the ledger of an effect.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Kept {
+pub struct LedgerWindow {
     /// What it shows.
     pub entry: Entry,
     /// Why it is not added up; nothing where it is.
@@ -124,7 +124,7 @@ pub struct Ledger {
     /// The base model.
     pub model: String,
     /// Newest first.
-    pub windows: Vec<Kept>,
+    pub windows: Vec<LedgerWindow>,
     /// What they show together.
     pub pooled: Option<Pooled>,
 }
@@ -227,7 +227,7 @@ pub fn ledgers(entries: &[Entry]) -> Vec<Ledger> {
             effect: effect.to_owned(),
             model: model.to_owned(),
             pooled: pooled(&added(&windows, &apart)),
-            windows: windows.into_iter().zip(apart).map(|(entry, apart)| Kept { entry: entry.clone(), apart }).collect(),
+            windows: windows.into_iter().zip(apart).map(|(entry, apart)| LedgerWindow { entry: entry.clone(), apart }).collect(),
         }
     };
     let mut all: Vec<Ledger> = names.into_iter().map(ledger).collect();

@@ -6,7 +6,7 @@ use super::ladder::{Ladder, Step};
 use super::library::{CandidateEffect, align, candidates, widen};
 use crate::data::Window;
 use crate::estimate::assess::metrics::{HORIZONS, ahead, filter_with};
-use crate::estimate::likelihood::peak::Peak;
+use crate::estimate::likelihood::ml_estimate::MlEstimate;
 use crate::estimate::likelihood::ratio::{LikelihoodRatio, SIGNIFICANT};
 use crate::estimate::{Control, Problem, Site};
 use crate::fault::Fault;
@@ -37,24 +37,24 @@ pub fn ladder_by_likelihood(
     }
     let (grid, holes) = widen(problem, window, site).map_err(|fault| DiagnoseError::Faults(vec![fault]))?;
     let mut base = problem.clone();
-    let mut peak: Option<Peak> = None;
+    let mut optimum: Option<MlEstimate> = None;
     let mut steps: Vec<Step> = Vec::new();
     for _ in 0..max_steps {
         let (mut library, _) = candidates(catalogue, &base, &grid, &holes, site);
         base = align(&base, &mut library);
         // The samples may have changed, so the smaller model is fitted to them again.
-        let (from, noise) = peak.as_ref().map_or((theta, None), |peak| (peak.theta.as_slice(), Some(peak.noise.as_slice())));
-        let here = Peak::near(&base, &[from.to_vec()], noise).ok_or_else(nothing)?;
+        let (from, noise) = optimum.as_ref().map_or((theta, None), |optimum| (optimum.theta.as_slice(), Some(optimum.noise.as_slice())));
+        let here = MlEstimate::near(&base, &[from.to_vec()], noise).ok_or_else(nothing)?;
         if steps.is_empty() {
             steps.push(step(&base, &here, None, None));
         }
-        let rivals: Vec<Option<(Peak, LikelihoodRatio)>> = library
+        let rivals: Vec<Option<(MlEstimate, LikelihoodRatio)>> = library
             .par_iter()
             .map(|candidate| {
                 if control.halts() {
                     return None;
                 }
-                let there = Peak::near(&candidate.problem, &starts(candidate, &base, &here.theta), Some(&here.noise))?;
+                let there = MlEstimate::near(&candidate.problem, &starts(candidate, &base, &here.theta), Some(&here.noise))?;
                 let test =
                     there.against(&here, library.len(), [&base.model().id().to_string(), &candidate.problem.model().id().to_string()])?;
                 Some((there, test))
@@ -66,7 +66,7 @@ pub fn ladder_by_likelihood(
         let best = library
             .iter()
             .zip(rivals)
-            .filter_map(|(candidate, rival)| rival.map(|(peak, test)| (candidate, peak, test)))
+            .filter_map(|(candidate, rival)| rival.map(|(optimum, test)| (candidate, optimum, test)))
             .min_by(|a, b| order(&a.2, &b.2));
         let Some((candidate, there, test)) = best else { break };
         let kept = test.p < SIGNIFICANT;
@@ -75,7 +75,7 @@ pub fn ladder_by_likelihood(
             break;
         }
         base = candidate.problem.clone();
-        peak = Some(there);
+        optimum = Some(there);
     }
     Ok(Ladder { system: None, steps })
 }
@@ -88,12 +88,12 @@ fn starts(candidate: &CandidateEffect, base: &Problem, theta: &[f64]) -> Vec<Vec
     vec![off, nominal]
 }
 
-fn step(problem: &Problem, peak: &Peak, added: Option<String>, test: Option<LikelihoodRatio>) -> Step {
-    let trajectory = problem.simulate(&peak.theta);
+fn step(problem: &Problem, optimum: &MlEstimate, added: Option<String>, test: Option<LikelihoodRatio>) -> Step {
+    let trajectory = problem.simulate(&optimum.theta);
     let split = problem.split();
     let part = |range: &Range<usize>| problem.mean_square_error(&trajectory, 0, range.clone()).map(f64::sqrt);
-    let run = filter_with(problem, &peak.theta, &peak.filter_noise(problem));
-    let errors = ahead(problem, &peak.theta, &run, split.validation.clone(), &HORIZONS);
+    let run = filter_with(problem, &optimum.theta, &optimum.filter_noise(problem));
+    let errors = ahead(problem, &optimum.theta, &run, split.validation.clone(), &HORIZONS);
     let names = problem.model().parameters().iter().map(|parameter| parameter.name.clone());
     Step {
         model: problem.model().id().to_string(),
@@ -102,8 +102,8 @@ fn step(problem: &Problem, peak: &Peak, added: Option<String>, test: Option<Like
         validation_rmse: part(&split.validation),
         test_rmse: part(&split.test),
         ahead: errors.into_iter().map(|(name, error)| (name, error.rmse)).collect(),
-        bic: peak.estimated as f64 * (peak.innovations as f64).ln() - 2.0 * peak.log_likelihood,
-        parameters: names.zip(peak.theta.iter().copied()).collect(),
+        bic: optimum.estimated as f64 * (optimum.innovations as f64).ln() - 2.0 * optimum.log_likelihood,
+        parameters: names.zip(optimum.theta.iter().copied()).collect(),
         kept: test.as_ref().is_none_or(|test| test.p < SIGNIFICANT),
         why: test.as_ref().map_or_else(|| "the model as it is".to_owned(), |test| test.sentence.clone()),
         likelihood_ratio: test,

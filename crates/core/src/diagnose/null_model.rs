@@ -24,7 +24,7 @@ const LEAST_PROMISE: f64 = 0.97;
 
 /// Full parameter vectors at the two optima, with their costs.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Fitted {
+pub struct Optima {
     /// Least squares of the free run.
     pub plain: Vec<f64>,
     /// Its cost.
@@ -39,7 +39,7 @@ pub struct Fitted {
 
 /// What is measured at the two optima.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Measured {
+pub struct OptimaMeasures {
     /// BIC of the AR likelihood of the residual at the innovations' optimum, AR re-estimated; the model's own
     /// parameters are not counted. Whatever is measured is in the unit of the output, or, of several outputs, in the noise of
     /// their sensors.
@@ -79,9 +79,9 @@ pub struct NullModel {
     /// The model on its data.
     pub problem: Problem,
     /// Where it ends.
-    pub fitted: Fitted,
+    pub fitted: Optima,
     /// What is measured there.
-    pub measured: Measured,
+    pub measured: OptimaMeasures,
     /// The filters that it gives to the round.
     pub filters: Filters,
     /// Another optimum, if the way from the nominal values has ended in one: of the plain residual, of the innovations.
@@ -109,24 +109,24 @@ impl Filters {
     }
 
     /// Both optima, each the best from its starts: all of them go a part of the way, and the best goes on.
-    pub fn fit(&self, problem: &Problem, starts: [&[Vec<f64>]; 2], iterations: usize, halt: Halt) -> Fitted {
+    pub fn fit(&self, problem: &Problem, starts: [&[Vec<f64>]; 2], iterations: usize, halt: Halt) -> Optima {
         self.go_on(problem, self.begin(problem, starts, iterations, halt), iterations, halt)
     }
 
     /// The first part of the way, from all starts.
-    pub fn begin(&self, problem: &Problem, [plain, white]: [&[Vec<f64>]; 2], iterations: usize, halt: Halt) -> Fitted {
+    pub fn begin(&self, problem: &Problem, [plain, white]: [&[Vec<f64>]; 2], iterations: usize, halt: Halt) -> Optima {
         let [plain_task, white_task] = self.tasks(problem, halt);
         let first = iterations.div_ceil(FIRST_PART);
         let ((white, white_cost, of_white), (plain, plain_cost, of_plain)) =
             rayon::join(|| white_task.polish(white, first), || plain_task.polish(plain, first));
-        Fitted { plain, plain_cost, white, white_cost, evaluations: of_white + of_plain }
+        Optima { plain, plain_cost, white, white_cost, evaluations: of_white + of_plain }
     }
 
     /// The rest of it, from the best.
-    pub fn go_on(&self, problem: &Problem, begun: Fitted, iterations: usize, halt: Halt) -> Fitted {
+    pub fn go_on(&self, problem: &Problem, begun: Optima, iterations: usize, halt: Halt) -> Optima {
         let [plain_task, white_task] = self.tasks(problem, halt);
         let rest = iterations - iterations.div_ceil(FIRST_PART);
-        let Fitted { plain, plain_cost, white, evaluations, .. } = begun;
+        let Optima { plain, plain_cost, white, evaluations, .. } = begun;
         // The free run has more local optima than the innovations, whose way to theirs shows it a way out of its own. The simulations
         // of a large model are too dear for two ways: the better start goes.
         let starts = match problem.filters() {
@@ -136,11 +136,11 @@ impl Filters {
         };
         let ((white, white_cost, of_white), (plain, plain_cost, of_plain)) =
             rayon::join(|| white_task.polish(&[white], rest), || plain_task.polish(&starts, rest));
-        Fitted { plain, plain_cost, white, white_cost, evaluations: evaluations + of_white + of_plain }
+        Optima { plain, plain_cost, white, white_cost, evaluations: evaluations + of_white + of_plain }
     }
 
     /// What is measured at the optima; `None` where a simulation diverges, or is cut short.
-    pub fn measure(&self, problem: &Problem, fitted: &Fitted, halt: Halt) -> Option<Measured> {
+    pub fn measure(&self, problem: &Problem, fitted: &Optima, halt: Halt) -> Option<OptimaMeasures> {
         let split = problem.split();
         let train = usable(problem, &split.train);
         let mut runs = problem.simulator().run_unless(&[&fitted.plain, &fitted.white], problem.grid().len(), halt);
@@ -154,7 +154,7 @@ impl Filters {
         let at_plain = residuals(problem, &plain);
         let part = |range: &Range<usize>| mean_square_of(problem, &at_plain, range);
         let days = |range: &Range<usize>| squares_by_day(problem, &at_plain, range);
-        Some(Measured {
+        Some(OptimaMeasures {
             bic,
             samples,
             slow: slow_bic(problem, &at_plain, &train),
@@ -209,8 +209,8 @@ impl NullModel {
         let ar = Autoregression::fit(&first, &usable)?;
         let filters = Filters::new(&problem, &ar, deviation(&first));
         let [task, _] = filters.tasks(&problem, halt);
-        let (scouted, scouting) = task.ends(&[plain.to_vec(), problem.nominal().to_vec()], effort.scout);
-        let starts: Vec<Vec<f64>> = scouted.iter().map(|(theta, _)| theta.clone()).collect();
+        let (restarted, restarting) = task.ends(&[plain.to_vec(), problem.nominal().to_vec()], effort.restart);
+        let starts: Vec<Vec<f64>> = restarted.iter().map(|(theta, _)| theta.clone()).collect();
         let mut whites: Vec<Vec<f64>> = white.map(<[f64]>::to_vec).into_iter().collect();
         whites.extend(starts.iter().cloned());
         let mut fitted = filters.fit(&problem, [&starts, &whites], effort.settle, halt);
@@ -220,11 +220,11 @@ impl NullModel {
         let [_, task] = filters.tasks(&problem, halt);
         let polished;
         (fitted.white, fitted.white_cost, polished) = task.polish(&[fitted.white], effort.settle);
-        fitted.evaluations += scouting + polished;
+        fitted.evaluations += restarting + polished;
         let measured = filters.measure(&problem, &fitted, halt)?;
         let [least, most] = OTHER.map(|factor| factor * fitted.plain_cost);
-        let other = scouted.into_iter().find(|(_, cost)| (least..most).contains(cost)).map(|(plain, _)| {
-            let (white, _, evaluations) = task.polish(std::slice::from_ref(&plain), effort.scout);
+        let other = restarted.into_iter().find(|(_, cost)| (least..most).contains(cost)).map(|(plain, _)| {
+            let (white, _, evaluations) = task.polish(std::slice::from_ref(&plain), effort.restart);
             fitted.evaluations += evaluations;
             [plain, white]
         });
@@ -239,7 +239,7 @@ impl NullModel {
             let starts: [&[Vec<f64>]; 2] = [std::slice::from_ref(plain), std::slice::from_ref(white)];
             self.filters.fit(&self.problem, starts, iterations, halt)
         };
-        let found: Vec<Fitted> = places.par_iter().map(again).collect();
+        let found: Vec<Optima> = places.par_iter().map(again).collect();
         self.fitted.evaluations += found.iter().map(|again| again.evaluations).sum::<usize>();
         let mut better = self.fitted.clone();
         for again in found {
@@ -257,7 +257,7 @@ impl NullModel {
 
     /// Whether a candidate that has gone a part of its way promises something: three in twice the logarithm of the likelihood, less than
     /// half of what one parameter costs, or a thirtieth of the free run's squared error.
-    pub fn is_promising(&self, begun: &Fitted) -> bool {
+    pub fn is_promising(&self, begun: &Optima) -> bool {
         let n = self.measured.samples as f64;
         begun.plain_cost < LEAST_PROMISE * self.fitted.plain_cost || begun.white_cost < (-3.0 / n).exp() * self.fitted.white_cost
     }

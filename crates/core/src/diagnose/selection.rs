@@ -7,7 +7,7 @@ use super::course::Course;
 use super::effort::Effort;
 use super::ledger::{EffectScore, Entry};
 use super::library::CandidateEffect;
-use super::null_model::{Fitted, NullModel};
+use super::null_model::{NullModel, Optima};
 use super::refit::Refit;
 use super::screen::{Blind, Score, Screen};
 use super::surrogates::{Heard, Tests};
@@ -26,7 +26,7 @@ const CHOICES: usize = 3;
 const LEAST_SCORE: f64 = 1.0;
 /// From how many of the best candidates the null model is restarted.
 const RESTARTS: usize = 3;
-/// The largest cost of the free run to which a scout from the nominal values has come, over the null model's, at which it goes
+/// The largest cost of the free run to which a restart from the nominal values has come, over the null model's, at which it goes
 /// on for as many iterations again: the way from the nominal values is long. One of a large model has to have come to the null model's.
 const GOES_ON: f64 = 2.0;
 /// The largest cost in the end, over the null model's, at which the refit goes on from it.
@@ -36,7 +36,7 @@ const PROMISING: f64 = 0.95;
 const PARTS: [f64; 3] = [1.0, 0.3, 0.1];
 /// A candidate leads clearly whose free run's squared error is this much of the null model's after the first part of its way.
 const CLEAR: f64 = 0.5;
-/// Ratio of free-run error to innovation deviation from which on scouts are sent with everybody before the first round ends with nothing:
+/// Ratio of free-run error to innovation deviation from which on restarts are sent with everybody before the first round ends with nothing:
 /// below it little is left to explain, and with a finding the model is a room again.
 const FAR_RHO: f64 = 1.3;
 /// The same below which a large model is right but for noise, and whose simulations are too dear to look far for nothing.
@@ -49,7 +49,7 @@ pub struct Round {
     pub tried: Vec<Tried>,
     /// Candidates without one: those that physics or the screen ruled out.
     pub skipped: Vec<(usize, Skip)>,
-    /// Simulations of all scouts and of all that were tried.
+    /// Simulations of all restarts and of all that were tried.
     pub evaluations: usize,
     /// The place of the winner among the tried.
     pub winner: Option<usize>,
@@ -104,14 +104,14 @@ pub fn round(
     let (chosen, skipped) = choose(candidates, here, there, &heard, &asks);
     let faint = if far { 0 } else { skipped.iter().filter(|(_, skip)| matches!(skip, Skip::Faint(_))).count() };
     let imitated = |score: &Score| score.imitated;
-    let (mut chosen, mut skipped, mut scouting) = scout(null, candidates, chosen, skipped, &imitated, course);
+    let (mut chosen, mut skipped, mut restarting) = search_from_nominal(null, candidates, chosen, skipped, &imitated, course);
     let mut begun = begin_all(null, candidates, &chosen, &[], course);
-    // Where nobody of a large model leads clearly, the other scouts go before the rest of the way: refits are dear.
+    // Where nobody of a large model leads clearly, the other restarts go before the rest of the way: refits are dear.
     if far && !base.filters() && !leads_clearly(null, &begun) && !halt() {
-        let known: Vec<(usize, Fitted)> = chosen.iter().map(|one| one.place).zip(begun).collect();
+        let known: Vec<(usize, Optima)> = chosen.iter().map(|one| one.place).zip(begun).collect();
         let more;
-        (chosen, skipped, more) = scout(null, candidates, chosen, skipped, &|score| !imitated(score), course);
-        scouting += more;
+        (chosen, skipped, more) = search_from_nominal(null, candidates, chosen, skipped, &|score| !imitated(score), course);
+        restarting += more;
         begun = begin_all(null, candidates, &chosen, &known, course);
     }
     let refitted = go_on_all(null, candidates, &chosen, begun, course);
@@ -124,9 +124,9 @@ pub fn round(
     let mut judged = judge(null, refitted);
     if first && judged.winner.is_none() && base.filters() && null.worst_rho().is_some_and(|rho| rho >= FAR_RHO) && !halt() {
         let near = chosen.into_iter().map(|chosen| Chosen { far: None, ..chosen }).collect();
-        let (chosen, left, more) = scout(null, candidates, near, skipped, &|score| !imitated(score), course);
+        let (chosen, left, more) = search_from_nominal(null, candidates, near, skipped, &|score| !imitated(score), course);
         skipped = left;
-        scouting += more;
+        restarting += more;
         let again: Vec<Chosen> = chosen.into_iter().filter(|chosen| chosen.far.is_some()).collect();
         let begun = begin_all(null, candidates, &again, &[], course);
         let mut refitted = go_on_all(null, candidates, &again, begun, course);
@@ -137,14 +137,14 @@ pub fn round(
             judged = judge(null, refitted);
         }
     }
-    let Judged { mut tried, winner } = judged;
+    let JudgedRound { mut tried, winner } = judged;
     let tied = winner.map_or_else(Vec::new, |winner| ties(&mut tried, candidates, winner));
-    let evaluations = scouting + tried.iter().map(|one| one.refitted.fitted.evaluations).sum::<usize>();
+    let evaluations = restarting + tried.iter().map(|one| one.refitted.fitted.evaluations).sum::<usize>();
     Some(Round { tried, skipped, evaluations, winner, tied, scores })
 }
 
 /// What the gates say of candidates at their optima.
-struct Judged {
+struct JudgedRound {
     tried: Vec<Tried>,
     winner: Option<usize>,
 }
@@ -158,15 +158,15 @@ fn judge(
     mut refitted: Vec<Refitted>,
     faint: usize,
     halt: Halt,
-) -> Judged {
+) -> JudgedRound {
     compare(null, &mut refitted);
     restart(null, candidates, &mut refitted, RESTARTS, halt);
-    let mut placebo = median_gain(null, &refitted, candidates, faint);
-    if placebo > LEAST_BIC {
+    let mut usual_gain = median_gain(null, &refitted, candidates, faint);
+    if usual_gain > LEAST_BIC {
         // Where most candidates gain, it may be the null model that is not at its optimum.
         let all = refitted.len();
         restart(null, candidates, &mut refitted, all, halt);
-        placebo = median_gain(null, &refitted, candidates, faint);
+        usual_gain = median_gain(null, &refitted, candidates, faint);
     }
     let ahead = day_ahead(null, candidates, &refitted);
     let rhos = [null.rho(), null.worst_rho()].map(|rho| rho.unwrap_or(f64::INFINITY));
@@ -174,11 +174,11 @@ fn judge(
         let candidate = &candidates[refitted.candidate];
         let gain = refitted.gain(null, ahead);
         let heard = heard[refitted.candidate].clone();
-        let gate = gate(candidate, &refitted, &gain, &heard, strict, rhos, placebo);
+        let gate = gate(candidate, &refitted, &gain, &heard, strict, rhos, usual_gain);
         Tried { refitted, gain, heard, gate }
     };
     let tried: Vec<Tried> = refitted.into_iter().zip(ahead).map(one).collect();
-    Judged { winner: winner(&tried), tried }
+    JudgedRound { winner: winner(&tried), tried }
 }
 
 /// Whoever passes the gates with the largest gain. Where segments of hours show anybody, who of all that pass explains most of what they
@@ -227,7 +227,7 @@ struct Chosen {
     score: Score,
     /// The step from the other optimum of the null model, where there is one.
     other: Option<Vec<f64>>,
-    /// Where the scout from the nominal values has come to, where it promises something.
+    /// Where the restart from the nominal values has come to, where it promises something.
     far: Option<Vec<f64>>,
 }
 
@@ -267,11 +267,11 @@ fn choose(
     (kept.into_iter().map(|(one, _)| one).collect(), skipped)
 }
 
-/// Sends a scout from the nominal values with every candidate that `goes`: without its missing effect a model may err least where it is
+/// Searches from the nominal values with every candidate that `goes`: without its missing effect a model may err least where it is
 /// none of its kind any more, and nothing that is added there helps. Of a family of choices the best by score goes for all. Who is
-/// refitted now, who is not, and the simulations of all scouts. First go those that the model's own parameters imitate at the null
+/// refitted now, who is not, and the simulations of all restarts. First go those that the model's own parameters imitate at the null
 /// model's optimum; the others where too little is found without them.
-fn scout(
+fn search_from_nominal(
     null: &NullModel,
     candidates: &[CandidateEffect],
     chosen: Vec<Chosen>,
@@ -307,7 +307,7 @@ fn scout(
         .filter_map(|(place, _)| {
             let problem = &candidates[place].problem;
             let [task, _] = null.filters.tasks(problem, halt);
-            let iterations = Effort::of(problem).scout;
+            let iterations = Effort::of(problem).restart;
             let (mut theta, mut cost, mut spent) = task.polish(&[problem.nominal().to_vec()], iterations);
             let goes_on = if problem.filters() { GOES_ON } else { 1.0 };
             if (most..goes_on * null.fitted.plain_cost).contains(&cost) {
@@ -316,7 +316,7 @@ fn scout(
                 spent += more;
             }
             evaluations.fetch_add(spent, Ordering::Relaxed);
-            course.scouted(spent);
+            course.restarted(spent);
             (cost < most).then_some((place, theta))
         })
         .collect();
@@ -337,9 +337,9 @@ fn begin_all(
     null: &NullModel,
     candidates: &[CandidateEffect],
     chosen: &[Chosen],
-    known: &[(usize, Fitted)],
+    known: &[(usize, Optima)],
     course: &Course,
-) -> Vec<Fitted> {
+) -> Vec<Optima> {
     course.open(chosen.len(), 0, chosen.len());
     let one = |one: &Chosen| match known.iter().find(|(place, _)| *place == one.place && one.far.is_none()) {
         Some((_, begun)) => begun.clone(),
@@ -353,14 +353,14 @@ fn begin_all(
 }
 
 /// Whether somebody has left the null model far behind after the first part of the way.
-fn leads_clearly(null: &NullModel, begun: &[Fitted]) -> bool {
+fn leads_clearly(null: &NullModel, begun: &[Optima]) -> bool {
     begun.iter().any(|begun| begun.plain_cost < CLEAR * null.fitted.plain_cost)
 }
 
 /// The rest of the way of all that promise something.
-fn go_on_all(null: &NullModel, candidates: &[CandidateEffect], chosen: &[Chosen], begun: Vec<Fitted>, course: &Course) -> Vec<Refitted> {
+fn go_on_all(null: &NullModel, candidates: &[CandidateEffect], chosen: &[Chosen], begun: Vec<Optima>, course: &Course) -> Vec<Refitted> {
     let clear = leads_clearly(null, &begun);
-    let one = |(one, begun): (&Chosen, Fitted)| {
+    let one = |(one, begun): (&Chosen, Optima)| {
         let candidate = &candidates[one.place];
         // The few iterations that a large model can afford show little after a fifth of them, unless somebody leads clearly.
         let goes_on = null.is_promising(&begun) || (!candidate.problem.filters() && !clear);
@@ -374,7 +374,7 @@ fn go_on_all(null: &NullModel, candidates: &[CandidateEffect], chosen: &[Chosen]
 }
 
 /// The first part of a candidate's way to its optima, from those of the null model and the linearised step.
-fn begin(null: &NullModel, candidate: &CandidateEffect, chosen: &Chosen, halt: Halt) -> Fitted {
+fn begin(null: &NullModel, candidate: &CandidateEffect, chosen: &Chosen, halt: Halt) -> Optima {
     let Chosen { score, other, far, .. } = chosen;
     let start = |theta: &[f64], steps: &[f64], part: f64| {
         let mut start = candidate.lift(&null.problem, theta);
@@ -408,7 +408,7 @@ fn begin(null: &NullModel, candidate: &CandidateEffect, chosen: &Chosen, halt: H
 }
 
 /// The candidate where its way ends, whether or not it goes on.
-fn refit(null: &NullModel, candidate: &CandidateEffect, chosen: &Chosen, begun: Fitted, goes_on: bool, halt: Halt) -> Option<Refitted> {
+fn refit(null: &NullModel, candidate: &CandidateEffect, chosen: &Chosen, begun: Optima, goes_on: bool, halt: Halt) -> Option<Refitted> {
     let iterations = Effort::of(&candidate.problem).refit;
     let fitted = if goes_on { null.filters.go_on(&candidate.problem, begun, iterations, halt) } else { begun };
     let measured = null.filters.measure(&candidate.problem, &fitted, halt)?;

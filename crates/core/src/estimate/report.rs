@@ -8,7 +8,7 @@ use crate::estimate::assess::metrics::{filter, metrics};
 use crate::estimate::fit::levels::levels;
 use crate::estimate::problem::bounds::at_bound;
 use crate::estimate::problem::request::EstimateRequest;
-use crate::estimate::search::drive::Found;
+use crate::estimate::search::drive::SearchResult;
 use crate::estimate::uncertainty::ridge::sentence;
 use indexmap::IndexMap;
 use std::ops::Range;
@@ -17,7 +17,7 @@ use std::ops::Range;
 pub(super) fn report(
     problem: &Problem,
     request: &EstimateRequest,
-    found: Found,
+    found: SearchResult,
     uncertainty: &Uncertainty,
     discretisation_error: f64,
     mut remarks: Vec<String>,

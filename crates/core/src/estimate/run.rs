@@ -11,7 +11,7 @@ use crate::estimate::problem::objective::Prior;
 use crate::estimate::problem::request::{EstimateRequest, StartFrom};
 use crate::estimate::search::control::{Control, EstimateError};
 use crate::estimate::search::discretisation::{fine_enough, step_error};
-use crate::estimate::search::drive::{Found, drive, evaluate, polish};
+use crate::estimate::search::drive::{SearchResult, drive, evaluate, polish};
 use crate::estimate::uncertainty::ridge::follow;
 use crate::optimise::Method;
 use crate::optimise::{Candidate, Cost, Search};
@@ -82,7 +82,7 @@ fn warm_starts(problem: &Problem, request: &EstimateRequest, incumbent: Option<&
 }
 
 /// Runs one optimiser to its end.
-fn search(problem: &Problem, request: &EstimateRequest, warm: &[Candidate], control: &Control) -> Result<Found, EstimateError> {
+fn search(problem: &Problem, request: &EstimateRequest, warm: &[Candidate], control: &Control) -> Result<SearchResult, EstimateError> {
     let search = Search {
         dimensions: problem.space().len(),
         seed: request.method.seed,
@@ -95,7 +95,12 @@ fn search(problem: &Problem, request: &EstimateRequest, warm: &[Candidate], cont
 
 /// Compares with half the step; where the difference is too large the step is halved and the fit polished, unless
 /// another part than that of training has `chosen` it.
-fn refine_step(mut problem: Problem, mut found: Found, chosen: bool, control: &Control) -> Result<(Problem, Found, f64), EstimateError> {
+fn refine_step(
+    mut problem: Problem,
+    mut found: SearchResult,
+    chosen: bool,
+    control: &Control,
+) -> Result<(Problem, SearchResult, f64), EstimateError> {
     loop {
         let (finer, difference) = step_error(&problem, &found.theta);
         found.evaluations += 2;
@@ -110,14 +115,14 @@ fn refine_step(mut problem: Problem, mut found: Found, chosen: bool, control: &C
         }
         let Some(polished) = polish(&finer, &found.theta, POLISH_EVALUATIONS, control)? else { return Ok((problem, found, difference)) };
         problem = finer;
-        found = Found { theta: polished.theta, cost: polished.cost, evaluations: found.evaluations + polished.evaluations, ..found };
+        found = SearchResult { theta: polished.theta, cost: polished.cost, evaluations: found.evaluations + polished.evaluations, ..found };
     }
 }
 
 /// Fixes parameters on a bound at their nominal values where the hold-out is no worse for it.
 fn fix_unidentifiable(
     problem: Problem,
-    found: &mut Found,
+    found: &mut SearchResult,
     remarks: &mut Vec<String>,
     control: &Control,
 ) -> Result<(Problem, Vec<String>), EstimateError> {

@@ -7,7 +7,7 @@ use crate::jobs::systems;
 use crate::store;
 use axum::extract::State;
 use lampyris_core::data::{SystemId, rfc3339};
-use lampyris_core::diagnose::ledger::{Apart, EffectScore, Kept, Ledger, Pooled, ledgers};
+use lampyris_core::diagnose::ledger::{Apart, EffectScore, Ledger, LedgerWindow, Pooled, ledgers};
 use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 use utoipa_axum::router::OpenApiRouter;
@@ -92,7 +92,7 @@ impl EffectEvidence {
 }
 
 impl EvidenceWindow {
-    fn of(Kept { entry, apart }: Kept) -> Self {
+    fn of(LedgerWindow { entry, apart }: LedgerWindow) -> Self {
         let EffectScore { size, deviation, unit, share, t, beyond_clock, days, shift_p, .. } = entry.score;
         Self {
             diagnosis: entry.diagnosis,

@@ -1,8 +1,8 @@
 //! How far a fit has gone from what is trusted: from the parameters served now, from older ones, and from older days.
 
-use super::case::Case;
 use super::check::Severity;
-use super::limits::Measure;
+use super::context::ValidationContext;
+use super::limits::OutputScale;
 use super::table::Table;
 use crate::data::rfc3339;
 use crate::estimate::problem::mean_square;
@@ -25,27 +25,27 @@ const BEFORE_RATIO: f64 = 1.25;
 const LEAST_BEFORE: i64 = 4 * 86_400;
 
 /// The checks of the rule `G6 jump`, and of older days where newer ones contradict them.
-pub(super) fn look(case: &Case, table: &mut Table) {
-    if let Some(incumbent) = &case.incumbent {
-        if let Some(since) = case.past.degraded {
-            older_days(case, table, incumbent, since);
+pub(super) fn look(context: &ValidationContext, table: &mut Table) {
+    if let Some(incumbent) = &context.incumbent {
+        if let Some(since) = context.past.degraded {
+            older_days(context, table, incumbent, since);
         }
-        days_before(case, table, incumbent);
-        jump(case, table, "G6 jump", incumbent, "the incumbent's");
+        days_before(context, table, incumbent);
+        jump(context, table, "G6 jump", incumbent, "the incumbent's");
     }
-    for (name, theta) in &case.references {
-        jump(case, table, &format!("G6 jump from {name}"), theta, &format!("that of {name}"));
+    for (name, theta) in &context.references {
+        jump(context, table, &format!("G6 jump from {name}"), theta, &format!("that of {name}"));
     }
 }
 
 /// Newer measurements contradict what is served: the room has changed, or its sensors lie. A fit for which only those measurements
 /// speak cannot tell one from the other, and an operator can.
-fn older_days(case: &Case, table: &mut Table, incumbent: &[f64], since: i64) {
-    let (grid, first) = (case.problem.grid(), case.problem.split().train.start);
+fn older_days(context: &ValidationContext, table: &mut Table, incumbent: &[f64], since: i64) {
+    let (grid, first) = (context.problem.grid(), context.problem.split().train.start);
     let older = first..(first..grid.len()).find(|k| grid.time(*k) >= since).unwrap_or(grid.len());
     let began = rfc3339(since);
     let long_enough = older.len() as i64 * grid.step() >= LEAST_OLDER;
-    let errors = case.own_error(older.clone()).zip(case.error_of(incumbent, older)).filter(|_| long_enough);
+    let errors = context.own_error(older.clone()).zip(context.error_of(incumbent, older)).filter(|_| long_enough);
     let ratio = errors.map(|(ours, theirs)| ours.rmse / theirs.rmse.max(f64::MIN_POSITIVE));
     let comment = match ratio {
         Some(ratio) if ratio <= OLDER_RATIO => {
@@ -65,18 +65,18 @@ fn older_days(case: &Case, table: &mut Table, incumbent: &[f64], since: i64) {
 
 /// What a fit has learnt of the building it knows of last month as well: one for which only its own days speak has learnt from them
 /// what was not there before.
-fn days_before(case: &Case, table: &mut Table, incumbent: &[f64]) {
-    let Some(before) = case.past.days_before.as_ref().filter(|before| before.grid().len() as i64 * before.grid().step() >= LEAST_BEFORE)
+fn days_before(context: &ValidationContext, table: &mut Table, incumbent: &[f64]) {
+    let Some(before) = context.past.days_before.as_ref().filter(|before| before.grid().len() as i64 * before.grid().step() >= LEAST_BEFORE)
     else {
         return;
     };
-    let errors = case.errors_before(&case.theta).zip(case.errors_before(incumbent));
+    let errors = context.errors_before(&context.theta).zip(context.errors_before(incumbent));
     let worse = |(ours, theirs): ([f64; 2], [f64; 2])| {
         ours.into_iter().zip(theirs).map(|(ours, theirs)| ours / theirs.max(f64::MIN_POSITIVE)).fold(0.0, f64::max)
     };
     let Some(ratio) = errors.map(worse) else { return };
     let began = rfc3339(before.grid().start());
-    let ended = rfc3339(case.problem.grid().start());
+    let ended = rfc3339(context.problem.grid().start());
     let comment = if ratio <= BEFORE_RATIO {
         format!("the days from {began} to {ended}, which the fit has not seen, speak for these parameters as well")
     } else {
@@ -89,32 +89,32 @@ fn days_before(case: &Case, table: &mut Table, incumbent: &[f64]) {
 
 /// Many small steps go as far as a large one: each night's fit may stay near its incumbent, and still be far from what was
 /// trusted a month ago. So the same distance has the same limits, whatever it is taken from.
-fn jump(case: &Case, table: &mut Table, check: &str, from: &[f64], whose: &str) {
-    let before = case.problem.simulate(from);
-    let week = case.since(WEEK)..case.problem.grid().len();
-    let apart = |measure: &Measure| {
-        let (now, before) = (&case.trajectory.outputs[measure.output], &before.outputs[measure.output]);
+fn jump(context: &ValidationContext, table: &mut Table, check: &str, from: &[f64], whose: &str) {
+    let before = context.problem.simulate(from);
+    let week = context.since(WEEK)..context.problem.grid().len();
+    let apart = |scale: &OutputScale| {
+        let (now, before) = (&context.trajectory.outputs[scale.output], &before.outputs[scale.output]);
         mean_square(&week.clone().map(|k| now[k] - before[k]).collect::<Vec<f64>>()).sqrt()
     };
-    let Some((measure, rms, limit)) = case.worst(JUMP_RMS, apart) else { return };
-    let (moved, how) = most_changed(case, from);
+    let Some((scale, rms, limit)) = context.worst(JUMP_RMS, apart) else { return };
+    let (moved, how) = most_changed(context, from);
     let pass = !(rms > limit && moved) && rms.is_finite();
-    let unit = measure.unit;
-    let comment = measure.says(format!("the free run differs from {whose} by {rms:.2} {unit} rms, the most changed parameter by {how}"));
+    let unit = scale.unit;
+    let comment = scale.says(format!("the free run differs from {whose} by {rms:.2} {unit} rms, the most changed parameter by {how}"));
     table.check(check, Some(rms), "<=", Some(limit), unit, pass, Severity::Hold, comment);
 }
 
 /// Whether a parameter has moved far from what it was, and how far the one that has moved most. Parameters that are searched on
 /// a logarithmic scale are compared by their ratio. Of the others some are temperatures at the start, which belong to a record, so
 /// they count only in models without a filter, which start from the same state always: as a share of what is searched.
-fn most_changed(case: &Case, from: &[f64]) -> (bool, String) {
-    let changes = || case.theta.iter().zip(from).zip(case.problem.model().parameters().iter().zip(case.problem.bounds()));
+fn most_changed(context: &ValidationContext, from: &[f64]) -> (bool, String) {
+    let changes = || context.theta.iter().zip(from).zip(context.problem.model().parameters().iter().zip(context.problem.bounds()));
     let factor = changes()
         .filter(|(_, (parameter, _))| parameter.scale == Scale::Log)
         .map(|((new, old), _)| (new / old).max(old / new))
         .fold(1.0, f64::max);
     let share = changes()
-        .filter(|(_, (parameter, _))| parameter.scale == Scale::Linear && !case.problem.filters())
+        .filter(|(_, (parameter, _))| parameter.scale == Scale::Linear && !context.problem.filters())
         .map(|((new, old), (_, [lower, upper]))| ((new - old) / (upper - lower)).abs())
         .fold(0.0, f64::max);
     let how = if share / JUMP_SHARE > factor / JUMP_FACTOR {

@@ -4,9 +4,9 @@
 //! What is shown to be wrong holds a fit, and so does a room that nothing logged is seen to move; what is merely not seen is a flag.
 //! They hold and do not reject: the measurements are at fault, and an operator can look at a sensor.
 
-use super::case::Case;
 use super::channels;
 use super::check::Severity;
+use super::context::ValidationContext;
 use super::evidence::{BELIEVED, Evidence, InputEvidence, Rival, Role};
 use super::opponents;
 use super::opponents::Match;
@@ -31,8 +31,8 @@ const UNDETERMINED: f64 = 0.95;
 const HANDFUL: usize = 6;
 
 /// The checks of the rule `G9`.
-pub(super) fn inputs(case: &Case, table: &mut Table) {
-    let Some(evidence) = case.evidence() else { return };
+pub(super) fn inputs(context: &ValidationContext, table: &mut Table) {
+    let Some(evidence) = context.evidence() else { return };
     for input in &evidence.inputs {
         seen(input, table);
     }
@@ -41,13 +41,13 @@ pub(super) fn inputs(case: &Case, table: &mut Table) {
     for (input, comment, statistic) in &wrong {
         table.check(&format!("G9 right {}", input.channel), Some(*statistic), "", None, "-", false, Severity::Hold, comment.clone());
     }
-    clock(case, evidence, !wrong.is_empty(), table);
-    heating(case, evidence, table);
+    clock(context, evidence, !wrong.is_empty(), table);
+    heating(context, evidence, table);
 }
 
 /// The channel of the first output.
-fn room<'a>(case: &'a Case) -> &'a str {
-    case.problem.model().outputs().first().map_or("the room", |output| output.channel.as_str())
+fn room<'a>(context: &'a ValidationContext) -> &'a str {
+    context.problem.model().outputs().first().map_or("the room", |output| output.channel.as_str())
 }
 
 fn seen(input: &InputEvidence, table: &mut Table) {
@@ -95,10 +95,10 @@ fn statistic(input: &InputEvidence) -> f64 {
 }
 
 /// The clock of the room itself, where no single input explains the same.
-fn clock(case: &Case, evidence: &Evidence, told: bool, table: &mut Table) {
+fn clock(context: &ValidationContext, evidence: &Evidence, told: bool, table: &mut Table) {
     let Some((late, compared)) = evidence.clock else { return };
     let pass = told || !(compared.ratio <= CLOCK && compared.t >= BELIEVED);
-    let channel = room(case);
+    let channel = room(context);
     let inputs = evidence.names(|_| true);
     let comment = match (pass, late > 0) {
         (true, _) => format!("{channel} follows its inputs by their clock"),
@@ -109,12 +109,12 @@ fn clock(case: &Case, evidence: &Evidence, told: bool, table: &mut Table) {
 }
 
 /// A room that something moves must be seen to follow its heating, where that is among the inputs.
-fn heating(case: &Case, evidence: &Evidence, table: &mut Table) {
+fn heating(context: &ValidationContext, evidence: &Evidence, table: &mut Table) {
     let heat: Vec<&InputEvidence> = evidence.inputs.iter().filter(|input| input.role == Role::Heat).collect();
     let Some(unexplained) = evidence.unexplained.filter(|_| !heat.is_empty()) else { return };
     let pass = heat.iter().any(|input| input.is_seen()) || unexplained < UNEXPLAINED;
     let names = evidence.names(|input| input.role == Role::Heat);
-    let room = room(case);
+    let room = room(context);
     let comment = if pass {
         "the heating is seen, or nothing moves this room that is not explained".to_owned()
     } else {
@@ -126,14 +126,14 @@ fn heating(case: &Case, evidence: &Evidence, table: &mut Table) {
 }
 
 /// The checks of the rule `G10`.
-pub(super) fn opponents(case: &Case, table: &mut Table) {
-    let (Some(run), Some(evidence)) = (case.run(), case.evidence()) else { return };
-    let problem = &case.problem;
-    let room = room(case);
+pub(super) fn opponents(context: &ValidationContext, table: &mut Table) {
+    let (Some(run), Some(evidence)) = (context.run(), context.evidence()) else { return };
+    let problem = &context.problem;
+    let room = room(context);
     let unseen = evidence.names(|input| !input.is_seen());
     let unseen = if unseen.is_empty() { String::new() } else { format!("; not seen to drive it: {unseen}") };
-    let name = horizon_name(case.policy.horizon);
-    let met = opponents::without_inputs(problem, &case.theta, run, case.policy.horizon.seconds());
+    let name = horizon_name(context.policy.horizon);
+    let met = opponents::without_inputs(problem, &context.theta, run, context.policy.horizon.seconds());
     let days = met.map_or(0.0, |met| met.days);
     let comment = format!("{days:.1} days of unseen measurements have a forecast {name} ahead; a day is one draw");
     table.check("G10 unseen days", Some(days), ">=", Some(LEAST_DAYS), "d", days >= LEAST_DAYS, Severity::Hold, comment);
@@ -173,9 +173,9 @@ fn regression(met: Match, room: &str, evidence: &Evidence, table: &mut Table) {
 }
 
 /// The checks of the rule `G11`.
-pub(super) fn channels(case: &Case, table: &mut Table) {
-    let mut faults = channels::faults(&case.problem);
-    faults.extend(channels::weather_elsewhere(&case.problem, &case.past.next_door));
+pub(super) fn channels(context: &ValidationContext, table: &mut Table) {
+    let mut faults = channels::faults(&context.problem);
+    faults.extend(channels::weather_elsewhere(&context.problem, &context.past.next_door));
     if faults.is_empty() {
         let comment = "every temperature moves as such, at a level that its place and the season allow".to_owned();
         table.check("G11 channels", Some(0.0), "<=", Some(0.0), "faults", true, Severity::Hold, comment);
@@ -183,8 +183,8 @@ pub(super) fn channels(case: &Case, table: &mut Table) {
     for fault in faults {
         table.check(&format!("G11 {}", fault.channel), None, "", None, "-", false, Severity::Hold, fault.says);
     }
-    let now = levels(&case.problem);
-    for (when, before) in &case.levels {
+    let now = levels(&context.problem);
+    for (when, before) in &context.levels {
         for fault in channels::strangers(&now, before, when) {
             table.check(&format!("G11 level of {}", fault.channel), None, "", None, "-", false, Severity::Hold, fault.says);
         }
@@ -192,8 +192,8 @@ pub(super) fn channels(case: &Case, table: &mut Table) {
 }
 
 /// The check of the rule `G12`: models of a handful of parameters are judged by their errors alone.
-pub(super) fn determined(case: &Case, table: &mut Table) {
-    let free = || case.fit.parameters.values().filter(|estimate| !estimate.fixed);
+pub(super) fn determined(context: &ValidationContext, table: &mut Table) {
+    let free = || context.fit.parameters.values().filter(|estimate| !estimate.fixed);
     if free().count() < HANDFUL {
         return;
     }

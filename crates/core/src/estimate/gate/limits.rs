@@ -14,33 +14,33 @@ const DAY_OF_A_ROOM: f64 = 5.0;
 const LEAST_DAY: f64 = 10.0;
 const DAY: i64 = 86_400;
 
-/// An output of a problem and the measure of its limits.
+/// An output of a problem and the scale of its limits.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Measure<'a> {
+pub(super) struct OutputScale<'a> {
     pub output: usize,
     /// Unit of its errors.
     pub unit: &'a str,
     /// How much of it is one kelvin of a room.
-    kelvin: f64,
+    unit_kelvin: f64,
     /// Its channel, where there are several.
     channel: Option<&'a str>,
 }
 
-impl<'a> Measure<'a> {
+impl<'a> OutputScale<'a> {
     /// Of every output.
     pub fn of(problem: &'a Problem) -> Vec<Self> {
         let outputs = problem.model().outputs();
-        let measure = |(index, output): (usize, &'a crate::model::Output)| {
+        let scale = |(index, output): (usize, &'a crate::model::Output)| {
             let unit = error_unit(&output.unit);
-            let kelvin = if unit == "K" { 1.0 } else { usual_day(problem, index).max(LEAST_DAY * output.noise_sd) / DAY_OF_A_ROOM };
-            Self { output: index, unit, kelvin, channel: (outputs.len() > 1).then_some(output.channel.as_str()) }
+            let unit_kelvin = if unit == "K" { 1.0 } else { usual_day(problem, index).max(LEAST_DAY * output.noise_sd) / DAY_OF_A_ROOM };
+            Self { output: index, unit, unit_kelvin, channel: (outputs.len() > 1).then_some(output.channel.as_str()) }
         };
-        outputs.iter().enumerate().map(measure).collect()
+        outputs.iter().enumerate().map(scale).collect()
     }
 
     /// A limit of rooms, for this output.
     pub fn limit(&self, kelvin: f64) -> f64 {
-        kelvin * self.kelvin
+        kelvin * self.unit_kelvin
     }
 
     /// A sentence about this output, with its name where there are others.

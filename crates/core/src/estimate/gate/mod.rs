@@ -1,18 +1,18 @@
 //! The gate between a fit and the controller.
 //!
 //! ```text
-//! Fit, Past, Policy --case--> Case --rules: change, physics, hearing--> Table --validate--> Verdict --served--> ServedParameters
+//! Fit, Past, Policy --context--> ValidationContext --rules: change, physics, hearing--> Table --validate--> Verdict --served--> ServedParameters
 //!                              |
 //!                  evidence: segments, regression, opponents; channels
 //! ```
 //!
-//! A rule looks at a case and writes `check`s into a table; it knows no other rule, and none decides. `limits` says what so many kelvin
+//! A rule looks at a context and writes `check`s into a table; it knows no other rule, and none decides. `limits` says what so many kelvin
 //! are for an output in another unit. `hearing` asks whether the inputs move the room at all. Only `validate` makes an `Acceptance`.
 
-mod case;
 mod change;
 pub mod channels;
 pub mod check;
+mod context;
 pub mod evidence;
 mod hearing;
 #[cfg(test)]

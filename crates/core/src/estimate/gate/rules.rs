@@ -2,11 +2,11 @@
 //!
 //! A rule knows nothing of the others, and none decides: `validate` reads what they wrote.
 
-use super::case::Case;
 use super::change;
 use super::check::Severity;
+use super::context::ValidationContext;
 use super::hearing;
-use super::limits::{Measure, ticks};
+use super::limits::{OutputScale, ticks};
 use super::physics;
 use super::table::{Rule, Table};
 use crate::estimate::assess::metrics::horizon_name;
@@ -54,13 +54,13 @@ pub const ALL: &[Rule] = &[
     Rule { name: "G12 determined", look: hearing::determined },
 ];
 
-fn finite(case: &Case, table: &mut Table) {
+fn finite(context: &ValidationContext, table: &mut Table) {
     let of_output = |(index, output): (usize, &Output)| {
-        let again = case.problem.mean_square_error(&case.trajectory, index, case.problem.split().train.clone())?.sqrt();
-        let stored = case.fit.metrics.get(&output.channel)?.train_rmse;
+        let again = context.problem.mean_square_error(&context.trajectory, index, context.problem.split().train.clone())?.sqrt();
+        let stored = context.fit.metrics.get(&output.channel)?.train_rmse;
         Some(((again - stored) / stored.max(f64::MIN_POSITIVE)).abs())
     };
-    let differences: Option<Vec<f64>> = case.problem.model().outputs().iter().enumerate().map(of_output).collect();
+    let differences: Option<Vec<f64>> = context.problem.model().outputs().iter().enumerate().map(of_output).collect();
     // A difference that is not a number is as large as can be.
     let largest = |worst: f64, d: f64| if d.is_nan() { f64::INFINITY } else { worst.max(d) };
     let difference = differences.map(|differences| differences.into_iter().fold(0.0, largest));
@@ -68,12 +68,12 @@ fn finite(case: &Case, table: &mut Table) {
     table.at_most("G1 finite", difference, 1e-9, "-", Severity::Reject, comment);
 }
 
-fn bounds(case: &Case, table: &mut Table) {
-    let estimates = &case.fit.parameters;
+fn bounds(context: &ValidationContext, table: &mut Table) {
+    let estimates = &context.fit.parameters;
     let outside = estimates.values().filter(|e| !(e.bounds[0]..=e.bounds[1]).contains(&e.value)).count();
     let comment = "every parameter, estimated or fixed, lies inside its bounds".to_owned();
     table.at_most("G2 bounds", Some(outside as f64), 0.0, "parameters", Severity::Reject, comment);
-    for name in &case.fit.non_identifiable {
+    for name in &context.fit.non_identifiable {
         table.flags.push(format!("non_identifiable:{name}"));
     }
     for (name, _) in estimates.iter().filter(|(_, estimate)| estimate.at_bound) {
@@ -83,22 +83,22 @@ fn bounds(case: &Case, table: &mut Table) {
     }
 }
 
-fn physical(case: &Case, table: &mut Table) {
-    table.checks.extend(physics::checks(&case.problem, &case.theta, &case.trajectory));
+fn physical(context: &ValidationContext, table: &mut Table) {
+    table.checks.extend(physics::checks(&context.problem, &context.theta, &context.trajectory));
 }
 
-fn persistence(case: &Case, table: &mut Table) {
-    let name = horizon_name(case.policy.horizon);
-    let ratio = case.forecast.as_ref().map(|error| error.rmse / error.persistence.max(f64::MIN_POSITIVE));
-    let comment = match &case.forecast {
-        Some(error) if !case.problem.filters() => format!(
+fn persistence(context: &ValidationContext, table: &mut Table) {
+    let name = horizon_name(context.policy.horizon);
+    let ratio = context.forecast.as_ref().map(|error| error.rmse / error.persistence.max(f64::MIN_POSITIVE));
+    let comment = match &context.forecast {
+        Some(error) if !context.problem.filters() => format!(
             "the free run errs by {:.2} {unit} on unseen data, holding each output's last measurement for {name} by {:.2}",
             error.rmse,
             error.persistence,
-            unit = case.problem.scale_in_words()
+            unit = context.problem.scale_in_words()
         ),
         Some(error) => format!("forecasts {name} ahead err by {:.2}, holding the last measurement by {:.2}", error.rmse, error.persistence),
-        None if !case.problem.filters() => {
+        None if !context.problem.filters() => {
             format!("there are no unseen measurements {name} behind others to compare the free run with, or it leaves the numbers")
         }
         None => format!("there are no unseen measurements to forecast {name} ahead, or a forecast of them leaves the numbers"),
@@ -106,54 +106,54 @@ fn persistence(case: &Case, table: &mut Table) {
     table.at_most("G4 beats persistence", ratio, 1.0, "-", Severity::Reject, comment);
     if ratio.is_some_and(|ratio| ratio > BARELY && ratio <= 1.0) {
         table.flags.push("barely_better_than_persistence".to_owned());
-        let what = if case.problem.filters() { "forecasts are" } else { "free run is" };
+        let what = if context.problem.filters() { "forecasts are" } else { "free run is" };
         let comment = format!("the {what} hardly better than holding the last measurement");
         table.at_most("G4 clearly beats persistence", ratio, BARELY, "-", Severity::Flag, comment);
     }
 }
 
-fn incumbent(case: &Case, table: &mut Table) {
-    let Some(incumbent) = &case.incumbent else { return };
-    let theirs = case.error_of(incumbent, case.problem.split().validation.clone());
-    let ratio = case.forecast.as_ref().zip(theirs).map(|(ours, theirs)| ours.rmse / theirs.rmse.max(f64::MIN_POSITIVE));
-    let name = horizon_name(case.policy.horizon);
-    let what = if case.problem.filters() { format!("the error {name} ahead") } else { "the error of the free run".to_owned() };
+fn incumbent(context: &ValidationContext, table: &mut Table) {
+    let Some(incumbent) = &context.incumbent else { return };
+    let theirs = context.error_of(incumbent, context.problem.split().validation.clone());
+    let ratio = context.forecast.as_ref().zip(theirs).map(|(ours, theirs)| ours.rmse / theirs.rmse.max(f64::MIN_POSITIVE));
+    let name = horizon_name(context.policy.horizon);
+    let what = if context.problem.filters() { format!("the error {name} ahead") } else { "the error of the free run".to_owned() };
     let comment = format!("{what} beside that of the parameters served now, on the same unseen data");
     table.at_most(NO_WORSE_THAN_INCUMBENT, ratio, INCUMBENT_RATIO, "-", Severity::Reject, comment);
 }
 
-fn largest_error(case: &Case, table: &mut Table) {
-    let error = |measure: &Measure| {
-        let (values, _) = case.problem.measured()[measure.output];
-        let used = case.problem.usable(measure.output, case.since(FORTNIGHT)..values.len());
-        let errors = used.iter().map(|k| (case.trajectory.outputs[measure.output][*k] - values[*k]).abs());
+fn largest_error(context: &ValidationContext, table: &mut Table) {
+    let error = |scale: &OutputScale| {
+        let (values, _) = context.problem.measured()[scale.output];
+        let used = context.problem.usable(scale.output, context.since(FORTNIGHT)..values.len());
+        let errors = used.iter().map(|k| (context.trajectory.outputs[scale.output][*k] - values[*k]).abs());
         // What is not a number errs by more than any.
         errors.fold(0.0, |worst, error| if error.is_nan() { f64::INFINITY } else { worst.max(error) })
     };
     let says = |limit: f64, unit: &str| format!("the free run never errs by more than {} {unit}", short(limit));
-    table.worst(case, "G5 largest error", LARGEST_ERROR, error, says);
+    table.worst(context, "G5 largest error", LARGEST_ERROR, error, says);
 }
 
-fn excursion(case: &Case, table: &mut Table) {
-    let excursion = |measure: &Measure| {
-        let (values, valid) = case.problem.measured()[measure.output];
+fn excursion(context: &ValidationContext, table: &mut Table) {
+    let excursion = |scale: &OutputScale| {
+        let (values, valid) = context.problem.measured()[scale.output];
         let known = (0..values.len()).filter(|k| valid[*k]).map(|k| values[k]);
         let (low, high) = known.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| (low.min(value), high.max(value)));
-        let run = &case.trajectory.outputs[measure.output][case.since(FORTNIGHT)..];
+        let run = &context.trajectory.outputs[scale.output][context.since(FORTNIGHT)..];
         run.iter().map(|y| (low - y).max(y - high)).fold(0.0, f64::max)
     };
     let says = |_: f64, _: &str| "how far the free run leaves the range that was ever measured".to_owned();
-    table.worst(case, "G5 excursion", LARGEST_EXCURSION, excursion, says);
+    table.worst(context, "G5 excursion", LARGEST_EXCURSION, excursion, says);
 }
 
-fn repeat(case: &Case, table: &mut Table) {
-    let pass = case.fit.stopped_by == Stop::Converged;
+fn repeat(context: &ValidationContext, table: &mut Table) {
+    let pass = context.fit.stopped_by == Stop::Converged;
     if !pass {
         table.flags.push("low_confidence".to_owned());
     }
     // A search that has spent what is usual and finds no agreement has told all that it can; one that was cut short has not.
-    let evaluations = case.fit.evaluations;
-    let (severity, comment) = match case.fit.stopped_by {
+    let evaluations = context.fit.evaluations;
+    let (severity, comment) = match context.fit.stopped_by {
         Stop::Converged => (Severity::Flag, "restarts of the search agree".to_owned()),
         Stop::Deadline => (Severity::Hold, "the search was cut short by its deadline, before two restarts agreed".to_owned()),
         Stop::Budget if evaluations < USUAL_BUDGET => {
@@ -167,31 +167,31 @@ fn repeat(case: &Case, table: &mut Table) {
     table.check("G7 repeat", None, "", None, "-", pass, severity, comment);
 }
 
-fn unseen(case: &Case, table: &mut Table) {
-    let unseen = case.problem.split().validation.len();
+fn unseen(context: &ValidationContext, table: &mut Table) {
+    let unseen = context.problem.split().validation.len();
     let comment = "there are measurements that the search has not seen".to_owned();
     table.check("G8 unseen data", Some(unseen as f64), ">", Some(0.0), "samples", unseen > 0, Severity::Reject, comment);
 }
 
-fn complete(case: &Case, table: &mut Table) {
-    let (problem, split) = (&case.problem, case.problem.split());
+fn complete(context: &ValidationContext, table: &mut Table) {
+    let (problem, split) = (&context.problem, context.problem.split());
     let all = split.train.start..split.validation.end.max(split.train.end);
-    let excluded = |k: &usize| case.policy.excluded.iter().any(|(from, to)| (*from..=*to).contains(&problem.grid().time(*k)));
+    let excluded = |k: &usize| context.policy.excluded.iter().any(|(from, to)| (*from..=*to).contains(&problem.grid().time(*k)));
     let wanted = all.clone().filter(|k| !excluded(k)).count();
-    let share = |measure: &Measure| {
-        let usable = problem.usable(measure.output, all.clone());
+    let share = |scale: &OutputScale| {
+        let usable = problem.usable(scale.output, all.clone());
         (usable.iter().filter(|k| !excluded(k)).count() * stride(&usable)) as f64 / wanted.max(1) as f64
     };
-    let shares = case.measures().into_iter().map(|measure| (share(&measure), measure));
-    let Some((good, measure)) = shares.min_by(|(one, _), (other, _)| one.total_cmp(other)) else { return };
-    let comment = measure.says("share of samples at which the output and all inputs are known".to_owned());
+    let shares = context.output_scales().into_iter().map(|scale| (share(&scale), scale));
+    let Some((good, scale)) = shares.min_by(|(one, _), (other, _)| one.total_cmp(other)) else { return };
+    let comment = scale.says("share of samples at which the output and all inputs are known".to_owned());
     table.check("G8 complete", Some(good), ">=", Some(LEAST_VALID), "-", good >= LEAST_VALID, Severity::Reject, comment);
 }
 
-fn excited(case: &Case, table: &mut Table) {
-    let inputs = || case.problem.model().inputs().iter().enumerate();
+fn excited(context: &ValidationContext, table: &mut Table) {
+    let inputs = || context.problem.model().inputs().iter().enumerate();
     let constant = |index: usize| {
-        let (low, high) = case.problem.inputs().range(index);
+        let (low, high) = context.problem.inputs().range(index);
         high - low <= 0.0
     };
     for (_, input) in inputs().filter(|(index, input)| !input.may_be_constant && constant(*index)) {
@@ -208,28 +208,28 @@ fn excited(case: &Case, table: &mut Table) {
     }
 }
 
-fn unit_jump(case: &Case, table: &mut Table) {
-    let change = |measure: &Measure| {
-        let (values, valid) = case.problem.measured()[measure.output];
+fn unit_jump(context: &ValidationContext, table: &mut Table) {
+    let change = |scale: &OutputScale| {
+        let (values, valid) = context.problem.measured()[scale.output];
         let ticks = ticks(valid);
         let pairs = ticks.clone().zip(ticks.skip(1)).filter(|(before, k)| valid[*before] && valid[*k]);
         pairs.map(|(before, k)| (values[k] - values[before]).abs()).fold(0.0, f64::max)
     };
     let says = |_: f64, _: &str| "largest change of the output from one sample to the next; a change of unit would be larger".to_owned();
-    table.worst(case, "G8 no unit jump", LARGEST_CHANGE, change, says);
+    table.worst(context, "G8 no unit jump", LARGEST_CHANGE, change, says);
 }
 
-fn stuck(case: &Case, table: &mut Table) {
-    let longest = |measure: &Measure| {
-        let (values, valid) = case.problem.measured()[measure.output];
-        let step = case.problem.quanta().get(measure.output).copied().flatten().unwrap_or(0.0);
-        let (hours, moved) = longest_constant(values, valid, &case.trajectory.outputs[measure.output], case.problem.grid().step());
+fn stuck(context: &ValidationContext, table: &mut Table) {
+    let longest = |scale: &OutputScale| {
+        let (values, valid) = context.problem.measured()[scale.output];
+        let step = context.problem.quanta().get(scale.output).copied().flatten().unwrap_or(0.0);
+        let (hours, moved) = longest_constant(values, valid, &context.trajectory.outputs[scale.output], context.problem.grid().step());
         let limit = if step > 0.0 && moved > 5.0 * step { STUCK_HOURS_MOVING } else { STUCK_HOURS };
         (hours, limit)
     };
-    let judged = case.measures().into_iter().map(|measure| (longest(&measure), measure));
-    let Some(((hours, limit), measure)) = judged.max_by(|((a, x), _), ((b, y), _)| (a / x).total_cmp(&(b / y))) else { return };
-    let comment = measure.says("longest time for which the output sensor showed one value".to_owned());
+    let judged = context.output_scales().into_iter().map(|scale| (longest(&scale), scale));
+    let Some(((hours, limit), scale)) = judged.max_by(|((a, x), _), ((b, y), _)| (a / x).total_cmp(&(b / y))) else { return };
+    let comment = scale.says("longest time for which the output sensor showed one value".to_owned());
     table.at_most("G8 not stuck", Some(hours), limit, "h", Severity::Reject, comment);
 }
 

@@ -1,8 +1,8 @@
 //! What the rules of the gate write down.
 
-use super::case::Case;
 use super::check::{CheckResult, Severity};
-use super::limits::Measure;
+use super::context::ValidationContext;
+use super::limits::OutputScale;
 use super::past::{Past, Policy};
 use crate::estimate::fit::Fit;
 use crate::estimate::problem::Problem;
@@ -20,8 +20,8 @@ impl Table {
     /// Puts a fit to some rules.
     pub fn of(problem: &Problem, fit: &Fit, past: &Past, policy: &Policy, rules: &[Rule]) -> Self {
         let mut table = Self::default();
-        match Case::new(problem, fit, past, policy) {
-            Ok(case) => rules.iter().for_each(|rule| (rule.look)(&case, &mut table)),
+        match ValidationContext::new(problem, fit, past, policy) {
+            Ok(context) => rules.iter().for_each(|rule| (rule.look)(&context, &mut table)),
             // There is nothing that any rule could look at.
             Err(comment) => table.check("G1 finite", None, "", None, "-", false, Severity::Reject, comment.to_owned()),
         }
@@ -53,15 +53,15 @@ impl Table {
     /// A check of every output, of which the worst is told. The limit is that of rooms.
     pub(super) fn worst(
         &mut self,
-        case: &Case,
+        context: &ValidationContext,
         name: &str,
         kelvin: f64,
-        statistic: impl Fn(&Measure) -> f64,
+        statistic: impl Fn(&OutputScale) -> f64,
         says: impl Fn(f64, &str) -> String,
     ) {
-        let Some((measure, statistic, limit)) = case.worst(kelvin, statistic) else { return };
-        let comment = measure.says(says(limit, measure.unit));
-        self.at_most(name, Some(statistic), limit, measure.unit, Severity::Reject, comment);
+        let Some((scale, statistic, limit)) = context.worst(kelvin, statistic) else { return };
+        let comment = scale.says(says(limit, scale.unit));
+        self.at_most(name, Some(statistic), limit, scale.unit, Severity::Reject, comment);
     }
 
     /// A check of a statistic that must stay below a limit; one that is missing fails.
@@ -86,5 +86,5 @@ pub struct Rule {
     /// What its checks are called; those of physics and of the inputs have names of their own behind `G3`, `G9`, `G10` and `G11`, and
     /// `G6` looks at older days as well.
     pub name: &'static str,
-    pub(super) look: fn(&Case, &mut Table),
+    pub(super) look: fn(&ValidationContext, &mut Table),
 }

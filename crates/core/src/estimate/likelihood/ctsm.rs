@@ -5,7 +5,7 @@
 //! judges the fit as it does any other.
 
 use super::curvature::{Curvature, profiles};
-use super::likely::Likely;
+use super::objective::LikelihoodObjective;
 use crate::estimate::assess::metrics::{filter_fit, metrics};
 use crate::estimate::fit::likelihood::{LikelihoodReport, NoiseEstimate, Profile, StartReport};
 use crate::estimate::fit::{Fit, Stop};
@@ -16,7 +16,7 @@ use crate::estimate::problem::request::EstimateRequest;
 use crate::estimate::report::report;
 use crate::estimate::search::control::{Control, EstimateError, Interrupt};
 use crate::estimate::search::discretisation::{fine_enough, step_error};
-use crate::estimate::search::drive::{Found, drive};
+use crate::estimate::search::drive::{SearchResult, drive};
 use crate::estimate::uncertainty::Uncertainty;
 use crate::optimise::ctsm::CtsmOptions;
 use crate::optimise::{Ask, Candidate, Cost, LocalRun, Origin, Search};
@@ -38,7 +38,7 @@ pub(in crate::estimate) fn estimate(
     warm: &[Candidate],
     control: &Control,
 ) -> Result<Fit, EstimateError> {
-    let task = Likely::new(problem);
+    let task = LikelihoodObjective::new(problem);
     let search = Search {
         dimensions: task.space.len(),
         seed: request.method.seed,
@@ -50,7 +50,7 @@ pub(in crate::estimate) fn estimate(
     let mut found = drive(problem, &answer, &request.method.method, search, request.early_stopping, control)?;
     let mut starts = starts(&task, &found.runs);
     let (problem, discretisation_error) = refine(problem, &mut found, options);
-    let task = Likely::new(&problem);
+    let task = LikelihoodObjective::new(&problem);
     let (curvature, profiles) = peak(&task, &mut found, &mut starts, options, control);
     // A cancelled search has no result, wherever it was.
     if let Some(Interrupt::Cancelled) = (control.interrupt)() {
@@ -108,8 +108,8 @@ pub(in crate::estimate) fn estimate(
 /// The curvature and the profiles of the optimum. A profile that comes to a better place shows that there is another one: the
 /// search goes on from there.
 fn peak(
-    task: &Likely,
-    found: &mut Found,
+    task: &LikelihoodObjective,
+    found: &mut SearchResult,
     starts: &mut Vec<StartReport>,
     options: &CtsmOptions,
     control: &Control,
@@ -145,7 +145,7 @@ fn peak(
 }
 
 /// Halves the step of the free run while it is too long, and climbs again where the likelihood depends on it.
-fn refine(problem: &Problem, found: &mut Found, options: &CtsmOptions) -> (Problem, f64) {
+fn refine(problem: &Problem, found: &mut SearchResult, options: &CtsmOptions) -> (Problem, f64) {
     let mut problem = problem.clone();
     loop {
         let (finer, difference) = step_error(&problem, &found.theta);
@@ -153,7 +153,7 @@ fn refine(problem: &Problem, found: &mut Found, options: &CtsmOptions) -> (Probl
         if fine_enough(&problem, difference) {
             return (problem, difference);
         }
-        let task = Likely::new(&finer);
+        let task = LikelihoodObjective::new(&finer);
         let all: Vec<usize> = (0..task.space.len()).collect();
         let Some((place, value, passes)) = task.climb(&found.place.0, &all, &options.scoring) else { return (problem, difference) };
         found.evaluations += passes;
@@ -167,7 +167,7 @@ fn refine(problem: &Problem, found: &mut Found, options: &CtsmOptions) -> (Probl
 }
 
 /// The local runs as documents.
-fn starts(task: &Likely, runs: &[LocalRun]) -> Vec<StartReport> {
+fn starts(task: &LikelihoodObjective, runs: &[LocalRun]) -> Vec<StartReport> {
     let one = |run: &LocalRun| StartReport {
         origin: run.origin,
         from: task.log_likelihood(run.start),
@@ -196,7 +196,11 @@ fn reason(stop: Stop, starts: &[StartReport]) -> String {
 }
 
 /// Diffusions by state and deviations by channel.
-fn noise(task: &Likely, point: &[f64], curvature: &Curvature) -> (IndexMap<String, NoiseEstimate>, IndexMap<String, NoiseEstimate>) {
+fn noise(
+    task: &LikelihoodObjective,
+    point: &[f64],
+    curvature: &Curvature,
+) -> (IndexMap<String, NoiseEstimate>, IndexMap<String, NoiseEstimate>) {
     let model = task.problem.model();
     let own = task.problem.space().len();
     let one = |coordinate: usize, unit: String| {

@@ -1,6 +1,6 @@
 //! The largest likelihood of rooms: it is found, the same on any number of threads, and says what it rests on.
 
-use super::likely::Likely;
+use super::objective::LikelihoodObjective;
 use crate::data::Bindings;
 use crate::data::Window;
 use crate::estimate::problem::request::{EstimateRequest, Site, prepare};
@@ -32,7 +32,7 @@ fn slopes_in_the_cube_equal_high_order_differences() {
             problem.source().clone(),
         )
         .unwrap();
-        let task = Likely::new(&problem);
+        let task = LikelihoodObjective::new(&problem);
         let mut place = task.start(&problem.candidate(problem.nominal())).0;
         place.iter_mut().enumerate().for_each(|(i, x)| *x += 0.1 * (unit - *x) + 0.002 * i as f64);
         let moving: Vec<usize> = (0..place.len()).filter(|i| i % 5 != 4).collect();

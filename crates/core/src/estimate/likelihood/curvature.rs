@@ -1,6 +1,6 @@
 //! How sharply a likelihood is peaked: standard errors, correlations and profiles at its optimum.
 
-use super::likely::Likely;
+use super::objective::LikelihoodObjective;
 use crate::estimate::fit::CorrelatedPair;
 use crate::estimate::fit::likelihood::Profile;
 use crate::estimate::problem::bounds::AT_BOUND;
@@ -42,7 +42,7 @@ pub struct Curvature {
 impl Curvature {
     /// The inverse of the Hessian at an optimum; the Hessian is a central difference of exact gradients. Coordinates on a
     /// bound stay there.
-    pub fn at(task: &Likely, place: &[f64]) -> Self {
+    pub fn at(task: &LikelihoodObjective, place: &[f64]) -> Self {
         let d = place.len();
         let inside: Vec<usize> = (0..d).filter(|i| (AT_BOUND..=1.0 - AT_BOUND).contains(&place[*i])).collect();
         let mut curvature = Self {
@@ -97,7 +97,7 @@ impl Curvature {
     }
 
     /// The pairs of the first coordinates that the data can hardly tell apart.
-    pub fn correlated(&self, task: &Likely, first: usize) -> Vec<CorrelatedPair> {
+    pub fn correlated(&self, task: &LikelihoodObjective, first: usize) -> Vec<CorrelatedPair> {
         let name = |i: usize| task.space().dimensions()[i].name.clone();
         let pairs = (0..first).flat_map(|i| (0..i).map(move |j| (i, j)));
         pairs
@@ -145,7 +145,7 @@ pub struct Profiled {
 
 /// Profiles a likelihood about its optimum. Each side goes outwards, the others following first the covariance and then their
 /// own slopes.
-pub fn profiles(task: &Likely, place: &[f64], curvature: &Curvature, options: &CtsmOptions, control: &Control) -> Profiled {
+pub fn profiles(task: &LikelihoodObjective, place: &[f64], curvature: &Curvature, options: &CtsmOptions, control: &Control) -> Profiled {
     let own = task.parameters();
     let mut profiled = Profiled { profiles: IndexMap::new(), passes: 0, better: None };
     let Some(best) = task.value(place) else { return profiled };

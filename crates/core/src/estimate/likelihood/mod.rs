@@ -4,14 +4,14 @@
 //! Problem --objective--> LikelihoodObjective --ctsm--> optimum --curvature--> standard errors, profiles, ridges
 //! ```
 //!
-//! `estimate` goes to the optimum of one problem from a known place, `ratio` tests nested models against each other.
+//! `ml_estimate` is the optimum of one problem from a known place, `ratio` tests nested models against each other.
 
 mod ctsm;
 #[cfg(test)]
 mod ctsm_tests;
 mod curvature;
-pub mod likely;
-pub mod peak;
+pub mod ml_estimate;
+pub mod objective;
 pub mod ratio;
 
 pub(in crate::estimate) use ctsm::estimate;

@@ -10,7 +10,7 @@ use crate::simulate::trajectory::Halt;
 use std::sync::Arc;
 
 /// What a search found.
-pub(in crate::estimate) struct Found {
+pub(in crate::estimate) struct SearchResult {
     pub theta: Vec<f64>,
     /// The same in the unit cube of the search, which may have more coordinates than parameters.
     pub place: Candidate,
@@ -36,7 +36,7 @@ pub(in crate::estimate) fn drive(
     search: Search,
     early: Option<EarlyStopping>,
     control: &Control,
-) -> Result<Found, EstimateError> {
+) -> Result<SearchResult, EstimateError> {
     if search.dimensions == 0 {
         let cost = problem.evaluate(&[Candidate(Vec::new())], false).first().map_or(Cost::Diverged, |evaluation| evaluation.cost);
         let Cost::Finite(cost) = cost else {
@@ -44,7 +44,7 @@ pub(in crate::estimate) fn drive(
         };
         let theta = problem.nominal().to_vec();
         let (place, stop) = (Candidate(Vec::new()), Stop::Converged);
-        return Ok(Found { theta, place, cost, stop, evaluations: 1, trace: Vec::new(), runs: Vec::new(), remarks: Vec::new() });
+        return Ok(SearchResult { theta, place, cost, stop, evaluations: 1, trace: Vec::new(), runs: Vec::new(), remarks: Vec::new() });
     }
     let mut optimiser = method.with_least_step(problem.least_step()).optimiser(search);
     let mut watch = early.map(Watch::new);
@@ -108,7 +108,7 @@ pub(in crate::estimate) fn drive(
     };
     let (place, cost) = watch.and_then(Watch::kept).map_or_else(|| (best.clone(), cost), |(place, cost)| (Candidate(place), cost));
     let (theta, runs) = (problem.theta(&place), optimiser.runs());
-    Ok(Found { theta, place, cost, stop, evaluations: progress.evaluations, trace, runs, remarks })
+    Ok(SearchResult { theta, place, cost, stop, evaluations: progress.evaluations, trace, runs, remarks })
 }
 
 /// The answers to a question, from free runs.
@@ -127,7 +127,7 @@ pub(in crate::estimate) fn polish(
     theta: &[f64],
     budget: usize,
     control: &Control,
-) -> Result<Option<Found>, EstimateError> {
+) -> Result<Option<SearchResult>, EstimateError> {
     let method = Method::LmMultistart(LmOptions { starts: 1, ..LmOptions::default() });
     let search = Search { dimensions: problem.space().len(), seed: 0, budget, warm: vec![problem.candidate(theta)], residuals: true };
     match drive(problem, &|ask, halt| evaluate(problem, ask, halt), &method, search, None, control) {

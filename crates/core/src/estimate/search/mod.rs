@@ -1,7 +1,7 @@
 //! A search from its first question to its end.
 //!
 //! ```text
-//! Problem, Method --drive: ask, simulate, tell--> Found --discretisation--> is the step short enough?
+//! Problem, Method --drive: ask, simulate, tell--> SearchResult --discretisation--> is the step short enough?
 //! ```
 //!
 //! `control` is what a caller sees of it and how it is stopped.

@@ -10,7 +10,7 @@ use crate::simulate::trajectory::Halt;
 use rayon::prelude::*;
 
 /// A problem with its noise: the coordinates are the free parameters, a diffusion per state, a deviation per output.
-pub struct Likely<'a> {
+pub struct LikelihoodObjective<'a> {
     pub(in crate::estimate) problem: &'a Problem,
     pub(in crate::estimate) likelihood: Likelihood<'a>,
     pub(in crate::estimate) space: Space,
@@ -20,7 +20,7 @@ pub struct Likely<'a> {
     innovations: usize,
 }
 
-impl<'a> Likely<'a> {
+impl<'a> LikelihoodObjective<'a> {
     /// The task of a problem.
     pub fn new(problem: &'a Problem) -> Self {
         let model = problem.model();

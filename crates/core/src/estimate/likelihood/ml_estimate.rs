@@ -1,6 +1,6 @@
 //! The largest likelihood near some known points: a fit without its document, for the comparison of many models.
 
-use super::likely::Likely;
+use super::objective::LikelihoodObjective;
 use super::ratio::{LikelihoodRatio, ratio};
 use crate::estimate::problem::Problem;
 use crate::optimise::scoring::ScoringOptions;
@@ -8,7 +8,7 @@ use crate::simulate::kalman::Noise;
 
 /// A local maximum of the likelihood.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Peak {
+pub struct MlEstimate {
     /// The parameters in the model's order.
     pub theta: Vec<f64>,
     /// The diffusions in the order of the states, then the deviations in the order of the outputs.
@@ -21,11 +21,11 @@ pub struct Peak {
     pub estimated: usize,
 }
 
-impl Peak {
+impl MlEstimate {
     /// The highest peak that is reached from any of these parameter vectors, with the noise that a search begins with, or this
     /// one. `None` where the likelihood of all of them cannot be computed.
     pub fn near(problem: &Problem, thetas: &[Vec<f64>], noise: Option<&[f64]>) -> Option<Self> {
-        let task = Likely::new(problem);
+        let task = LikelihoodObjective::new(problem);
         let all: Vec<usize> = (0..task.space().len()).collect();
         let climbed = thetas.iter().filter_map(|theta| task.climb(&task.place(theta, noise), &all, &ScoringOptions::default()));
         let (place, ..) = climbed.min_by(|a, b| a.1.total_cmp(&b.1))?;
@@ -35,7 +35,7 @@ impl Peak {
     }
 
     /// Tests it against the peak of a smaller model, whose name comes first; the best of so many was taken.
-    pub fn against(&self, smaller: &Peak, tried: usize, names: [&str; 2]) -> Option<LikelihoodRatio> {
+    pub fn against(&self, smaller: &MlEstimate, tried: usize, names: [&str; 2]) -> Option<LikelihoodRatio> {
         if self.innovations != smaller.innovations {
             return None;
         }

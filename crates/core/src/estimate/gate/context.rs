@@ -1,7 +1,7 @@
 //! What the rules of the gate look at: a fit, put to its problem again.
 
 use super::evidence::Evidence;
-use super::limits::Measure;
+use super::limits::OutputScale;
 use super::past::{Past, Policy, Reference};
 use crate::data::Duration;
 use crate::estimate::assess::metrics::{FilterRun, ahead, filter, filter_fit, free_run_ahead, horizon_name, lead};
@@ -15,7 +15,7 @@ use std::cell::OnceCell;
 use std::ops::Range;
 
 /// What the rules look at: a fit that is simulated again from its stored numbers.
-pub(super) struct Case<'a> {
+pub(super) struct ValidationContext<'a> {
     pub problem: Problem,
     pub fit: &'a Fit,
     pub theta: Vec<f64>,
@@ -36,7 +36,7 @@ pub(super) struct Case<'a> {
     evidence: OnceCell<Evidence>,
 }
 
-impl<'a> Case<'a> {
+impl<'a> ValidationContext<'a> {
     pub fn new(problem: &Problem, fit: &'a Fit, past: &'a Past, policy: &'a Policy) -> Result<Self, &'static str> {
         // The fit may have needed shorter steps than the problem started with.
         let problem = problem.with_substeps(fit.substeps);
@@ -55,9 +55,10 @@ impl<'a> Case<'a> {
         let served = past.incumbent.iter().map(|incumbent| ("the parameters served now", &incumbent.levels));
         let levels = served.chain(past.references.iter().map(|reference| (reference.name.as_str(), &reference.fit.levels))).collect();
         let evidence = OnceCell::new();
-        let mut case = Self { problem, fit, theta, trajectory, forecast: None, incumbent, references, levels, policy, past, run, evidence };
-        case.forecast = case.own_error(case.problem.split().validation.clone());
-        Ok(case)
+        let mut context =
+            Self { problem, fit, theta, trajectory, forecast: None, incumbent, references, levels, policy, past, run, evidence };
+        context.forecast = context.own_error(context.problem.split().validation.clone());
+        Ok(context)
     }
 
     /// The filter over the window with the noise of the fit; a model without one has none.
@@ -71,7 +72,7 @@ impl<'a> Case<'a> {
         Some(self.evidence.get_or_init(|| Evidence::of(&self.problem, &self.theta, run)))
     }
 
-    /// What the fit errs by on some samples, as [`Case::error_of`] says it of other parameters.
+    /// What the fit errs by on some samples, as [`ValidationContext::error_of`] says it of other parameters.
     pub fn own_error(&self, samples: Range<usize>) -> Option<AheadError> {
         match &self.run {
             Some(run) => forecast(&self.problem, &self.theta, run, self.policy.horizon, samples),
@@ -98,13 +99,13 @@ impl<'a> Case<'a> {
     }
 
     /// The outputs, with what the limits mean for each.
-    pub fn measures(&self) -> Vec<Measure<'_>> {
-        Measure::of(&self.problem)
+    pub fn output_scales(&self) -> Vec<OutputScale<'_>> {
+        OutputScale::of(&self.problem)
     }
 
     /// The output that comes nearest to its limit or leaves it farthest behind, with its statistic and its limit.
-    pub fn worst(&self, kelvin: f64, statistic: impl Fn(&Measure) -> f64) -> Option<(Measure<'_>, f64, f64)> {
-        let judged = self.measures().into_iter().map(|measure| (measure, statistic(&measure), measure.limit(kelvin)));
+    pub fn worst(&self, kelvin: f64, statistic: impl Fn(&OutputScale) -> f64) -> Option<(OutputScale<'_>, f64, f64)> {
+        let judged = self.output_scales().into_iter().map(|scale| (scale, statistic(&scale), scale.limit(kelvin)));
         judged.max_by(|(_, one, limit), (_, other, their)| (one / limit).total_cmp(&(other / their)))
     }
 
