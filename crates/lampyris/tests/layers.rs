@@ -21,8 +21,8 @@ const CORE: &[(&str, &[&str])] = &[
 /// The stages of the service, and what each may see of it and of the core. `app` and `cli` may see all.
 const SERVICE: &[(&str, &[&str])] = &[
     ("store", &["model", "data", "simulate", "optimise", "estimate", "diagnose"]),
-    ("jobs", &["model", "data", "simulate", "optimise", "estimate", "diagnose", "store", "settings"]),
-    ("http", &["model", "data", "estimate", "diagnose", "store", "jobs", "settings"]),
+    ("service", &["model", "data", "simulate", "optimise", "estimate", "diagnose", "store", "settings"]),
+    ("http", &["model", "data", "estimate", "diagnose", "store", "service", "settings"]),
     ("settings", &[]),
 ];
 const LEAVES: [&str; 3] = ["fault", "schema", "units"];
@@ -138,7 +138,7 @@ fn each_outer_library_has_one_home() {
     for (path, text) in sources(IN_SERVICE) {
         let (stage, code) = (stage(&path), code(&text));
         for (library, homes) in
-            [("sqlx::", &["store"][..]), ("axum::", &["http", "app", "cli"][..]), ("Timestamp::now", &["jobs", "cli"][..])]
+            [("sqlx::", &["store"][..]), ("axum::", &["http", "app", "cli"][..]), ("Timestamp::now", &["service", "cli"][..])]
         {
             if code.contains(library) && !homes.contains(&stage.as_str()) {
                 wrong.push(format!("{} uses {library}", path.display()));

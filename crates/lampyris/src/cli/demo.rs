@@ -7,9 +7,11 @@ mod plant;
 use super::serve::runtime;
 use super::{Failure, print};
 use crate::app::App;
-use crate::jobs::tokens::LOCAL;
-use crate::jobs::windows::Format;
-use crate::jobs::{JobsError, Service, submit, systems, windows};
+use crate::service::access::tokens::LOCAL;
+use crate::service::catalogue::systems;
+use crate::service::catalogue::windows::{self, Format};
+use crate::service::queue::submit;
+use crate::service::{Service, ServiceError};
 use crate::settings::Settings;
 use crate::store::fits::FitRecord;
 use crate::store::jobs::{JobKind, JobRecord, Priority, Submitted};
@@ -114,7 +116,7 @@ fn fresh_folder() -> Result<PathBuf, Failure> {
         .ok_or_else(|| Failure::Error("there are a thousand demo folders here; remove some".to_owned()))
 }
 
-fn failed(error: JobsError) -> Failure {
+fn failed(error: ServiceError) -> Failure {
     Failure::Error(error.to_string())
 }
 

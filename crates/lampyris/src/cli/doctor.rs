@@ -120,7 +120,7 @@ fn log(found: &Found) -> (Status, String) {
 }
 
 fn clock(found: &Found, zone: &str) -> (Status, String) {
-    let now = crate::jobs::now();
+    let now = crate::service::now();
     if let Err(error) = TimeZone::get(zone) {
         return (Fail, format!("the time zone of schedules is not known: {error}"));
     }

@@ -2,8 +2,8 @@
 
 use super::table::{self, Column};
 use super::{Failure, faults, print, serve};
-use crate::jobs::tokens::{self, LOCAL, Made, NewToken};
-use crate::jobs::{JobsError, now};
+use crate::service::access::tokens::{self, LOCAL, Made, NewToken};
+use crate::service::{ServiceError, now};
 use crate::settings::Settings;
 use crate::store::Store;
 use crate::store::tokens::{Scope, TokenRecord};
@@ -105,10 +105,10 @@ async fn done(store: &Store, verb: Verb, json: bool) -> Result<(), Failure> {
     }
 }
 
-fn failed(error: JobsError) -> Failure {
+fn failed(error: ServiceError) -> Failure {
     match error {
-        JobsError::Faults(found) => faults(&found),
-        JobsError::NotFound(..) => Failure::NotFound(error.to_string()),
+        ServiceError::Faults(found) => faults(&found),
+        ServiceError::NotFound(..) => Failure::NotFound(error.to_string()),
         other => Failure::Error(other.to_string()),
     }
 }

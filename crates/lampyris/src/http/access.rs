@@ -4,8 +4,8 @@
 use super::Shared;
 use super::listen::Peer;
 use super::problem::ApiError;
-use crate::jobs::Service;
-use crate::jobs::tokens::{Judged, LOCAL};
+use crate::service::Service;
+use crate::service::access::tokens::{Judged, LOCAL};
 use crate::store;
 use crate::store::reach::Reach;
 use crate::store::systems::Thing;

@@ -6,7 +6,7 @@ use super::description::{Stored, With};
 use super::extract::{Asked, Named};
 use super::page::{Page, PageQuery};
 use super::problem::{ApiError, Problems};
-use crate::jobs::systems;
+use crate::service::catalogue::systems;
 use crate::store;
 use crate::store::diagnoses::DiagnosisRecord;
 use axum::extract::{Path, State};

@@ -3,7 +3,7 @@
 use super::Shared;
 use super::extract::{Asked, Named};
 use super::problem::{ApiError, Problems};
-use crate::jobs::systems;
+use crate::service::catalogue::systems;
 use crate::store;
 use axum::extract::State;
 use lampyris_core::data::{SystemId, rfc3339};

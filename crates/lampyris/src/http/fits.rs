@@ -6,7 +6,7 @@ use super::description::With;
 use super::extract::Asked;
 use super::page::{Page, PageQuery};
 use super::problem::{ApiError, Problems};
-use crate::jobs::Service;
+use crate::service::Service;
 use crate::store;
 use crate::store::decisions::Decision;
 use crate::store::fits::FitEntry;

@@ -5,7 +5,7 @@ use super::description::With;
 use super::extract::Raw;
 use super::problem::{ApiError, Problems};
 use super::windows::{WindowBody, format};
-use crate::jobs::layout;
+use crate::service::catalogue::layout;
 use axum::extract::State;
 use lampyris_core::data::{Layout, NEIGHBOUR, SAME_ROOM};
 use serde::Serialize;

@@ -1,6 +1,6 @@
 //! The only axum. Each file owns its paths: router, request and response types, handlers.
 //!
-//! A handler checks, asks `jobs` or `store`, and answers; long work is for the CPU pools. The guard (`access`) lies around
+//! A handler checks, asks `service` or `store`, and answers; long work is for the CPU pools. The guard (`access`) lies around
 //! every operation. The controller's paths (`params`) lie outside of all other layers, so that a poll costs no more than
 //! its body; the page (`web`) holds no data and lies outside of all.
 
@@ -41,7 +41,7 @@ pub use listen::listen;
 pub use models::document as model_document;
 pub use web::page_part;
 
-use crate::jobs::Service;
+use crate::service::Service;
 use axum::Router;
 use axum::body::{Body, Bytes};
 use axum::http::StatusCode;

@@ -3,7 +3,7 @@
 use super::Shared;
 use super::extract::accepted;
 use super::problem::ApiError;
-use crate::jobs::windows::Format;
+use crate::service::catalogue::windows::Format;
 use axum::body::Body;
 use axum::extract::FromRequestParts;
 use axum::http::request::Parts;

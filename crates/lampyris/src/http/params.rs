@@ -5,7 +5,8 @@
 use super::Shared;
 use super::access::Caller;
 use super::problem::{ApiError, Problems};
-use crate::jobs::params::{Answer, Body as ParamsBody, Entry, Rendered};
+use crate::service::serving::body::{Body as ParamsBody, Rendered};
+use crate::service::serving::snapshot::{Answer, Entry};
 use axum::body::Body;
 use axum::extract::{Request, State};
 use axum::http::{HeaderMap, HeaderValue, StatusCode, Uri, header};

@@ -1,4 +1,4 @@
-//! Documents of rooms and plants. What is in a document is for `jobs` to know; here it is a text.
+//! Documents of rooms and plants. What is in a document is for `service` to know; here it is a text.
 
 use super::audit::{Action, Deed, note};
 use super::reach::Reach;

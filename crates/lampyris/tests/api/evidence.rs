@@ -2,7 +2,7 @@
 
 use crate::support::TestApp;
 use jiff::SignedDuration;
-use lampyris::jobs::retention;
+use lampyris::service::queue::retention;
 use lampyris::store::finish::{Ending, Finding, Report, finish};
 use lampyris::store::jobs::{self, JobKind, NewJob, Origin, Priority};
 use lampyris::store::{Store, fits};

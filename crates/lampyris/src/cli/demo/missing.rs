@@ -4,9 +4,11 @@
 
 use super::super::ladder;
 use super::{BELGIAN_HOUSE, Failure, failed, print, wait};
-use crate::jobs::tokens::LOCAL;
-use crate::jobs::windows::Format;
-use crate::jobs::{Service, models, submit, systems, windows};
+use crate::service::Service;
+use crate::service::access::tokens::LOCAL;
+use crate::service::catalogue::windows::{self, Format};
+use crate::service::catalogue::{models, systems};
+use crate::service::queue::submit;
 use crate::store::diagnoses;
 use crate::store::jobs::{JobKind, Priority, Submitted};
 use crate::store::reach::Reach;

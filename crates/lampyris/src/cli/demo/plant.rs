@@ -2,9 +2,11 @@
 //! to its effluent; what it lacks is a question of minutes, so that the demo only says how to ask.
 
 use super::{Failure, failed, print, wait};
-use crate::jobs::tokens::LOCAL;
-use crate::jobs::windows::Format;
-use crate::jobs::{Service, submit, systems, windows};
+use crate::service::Service;
+use crate::service::access::tokens::LOCAL;
+use crate::service::catalogue::systems;
+use crate::service::catalogue::windows::{self, Format};
+use crate::service::queue::submit;
 use crate::store::fits::{self, FitRecord};
 use crate::store::jobs::{JobKind, Priority, Submitted};
 use lampyris_core::data::SystemId;
