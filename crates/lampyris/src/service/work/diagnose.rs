@@ -3,7 +3,8 @@
 
 use super::estimate::{Fitted, Stopped, fitted, invalid, stopped};
 use super::input::Input;
-use crate::store::finish::{Finding, Report};
+use crate::store::diagnoses::Report;
+use crate::store::finish::Finding;
 use lampyris_core::diagnose::{self, DiagnoseError};
 use lampyris_core::estimate::Control;
 use lampyris_core::estimate::request::Criterion;
