@@ -1,10 +1,10 @@
 //! Reports of recalibrations and of diagnoses of several systems.
 
-use super::Shared;
 use super::access::Caller;
 use super::extract::Asked;
 use super::page::{Page, PageQuery};
 use super::problem::{ApiError, Problems};
+use super::shared::Shared;
 use crate::service::Service;
 use crate::service::serving::body::Status;
 use crate::store;

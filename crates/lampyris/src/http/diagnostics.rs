@@ -1,10 +1,10 @@
 //! How well a fit follows its measurements.
 
-use super::Shared;
 use super::chart::{ProvenanceBody, SkillBody};
 use super::extract::Asked as Query;
 use super::negotiate::rendered;
 use super::problem::{ApiError, Problems};
+use super::shared::{Shared, shared_body};
 use crate::service::catalogue::windows::Format;
 use crate::service::query::diagnostics;
 use axum::extract::{Path, State};
@@ -112,5 +112,5 @@ async fn get_diagnostics(
     Path(id): Path<String>,
     Query(query): Query<DiagnosticsQuery>,
 ) -> Result<Response, ApiError> {
-    Ok(rendered(Format::Json, super::shared_body(diagnostics::diagnostics(&service, &id, query.output).await?)))
+    Ok(rendered(Format::Json, shared_body(diagnostics::diagnostics(&service, &id, query.output).await?)))
 }

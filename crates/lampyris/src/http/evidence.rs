@@ -1,8 +1,8 @@
 //! What the windows of a system show of every effect, each for itself and together.
 
-use super::Shared;
 use super::extract::{Asked, Named};
 use super::problem::{ApiError, Problems};
+use super::shared::Shared;
 use crate::service::catalogue::systems;
 use crate::store;
 use axum::extract::State;

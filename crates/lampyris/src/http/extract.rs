@@ -1,7 +1,7 @@
 //! What handlers take out of a request. Every refusal is a problem document.
 
-use super::Shared;
 use super::problem::ApiError;
+use super::shared::Shared;
 use crate::service::blocking;
 use crate::service::decode::{self, Unread};
 use crate::store::idempotency::RequestKey;

@@ -1,11 +1,11 @@
 //! Jobs: posted here, run elsewhere.
 
-use super::Shared;
 use super::access::Caller;
 use super::batches::BatchAnswer;
 use super::extract::{Asked, Empty, Json};
 use super::page::{Page, PageQuery};
 use super::problem::{ApiError, PROBLEM_JSON, Problem, Problems};
+use super::shared::Shared;
 use crate::service::Service;
 use crate::service::queue::body::JobBody;
 use crate::service::queue::request::{self, JobRequest};

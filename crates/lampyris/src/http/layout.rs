@@ -1,9 +1,9 @@
 //! The layout of a building, proposed from one window of many sensors.
 
-use super::Shared;
 use super::description::With;
 use super::extract::Raw;
 use super::problem::{ApiError, Problems};
+use super::shared::Shared;
 use super::windows::{WindowBody, format};
 use crate::service::catalogue::layout;
 use axum::extract::State;

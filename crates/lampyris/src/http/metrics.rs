@@ -1,8 +1,8 @@
 //! Figures for Prometheus: `/metrics`, and the layer that times the answers.
 
-use super::Shared;
 use super::access::Caller;
 use super::problem::Problems;
+use super::shared::Shared;
 use crate::service::observe::metrics::Histogram;
 use crate::service::serving::body;
 use crate::store;

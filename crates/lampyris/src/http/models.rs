@@ -1,10 +1,10 @@
 //! Models and effects: documents that say what physics is thought to be at work.
 
-use super::Shared;
 use super::access::Caller;
 use super::extract::{Asked, Json};
 use super::page::{Page, PageQuery};
 use super::problem::{ApiError, PROBLEM_JSON, Problem, Problems};
+use super::shared::Shared;
 use crate::service::blocking;
 use crate::service::catalogue::models;
 use crate::store;

@@ -1,9 +1,9 @@
 //! What a model does: a short simulation for whoever edits it.
 
-use super::Shared;
 use super::access::Caller;
 use super::extract::Json;
 use super::problem::{ApiError, Problems};
+use super::shared::Shared;
 use crate::service::query::preview;
 use axum::extract::State;
 use lampyris_core::data::SystemId;

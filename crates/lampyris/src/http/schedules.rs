@@ -1,12 +1,11 @@
 //! When systems are recalibrated or diagnosed.
 
-use super::Shared;
 use super::access::{Caller, within};
 use super::extract::{Asked, Empty, Json};
 use super::jobs::batch_answer;
 use super::page::{Page, PageQuery};
 use super::problem::{ApiError, PROBLEM_JSON, Problem, Problems};
-use crate::service::Refusal;
+use super::shared::Shared;
 use crate::service::queue::schedules::{self, ScheduleDocument, Ticks};
 use crate::service::queue::submit;
 use crate::store;
@@ -192,14 +191,7 @@ async fn delete_schedule(
     Path(name): Path<String>,
     _body: Empty,
 ) -> Result<StatusCode, ApiError> {
-    if name == schedules::NIGHTLY {
-        let detail = "the nightly schedule is part of the service: put it with `\"enabled\": false` instead".to_owned();
-        return Err(ApiError::Refused(Refusal::new("schedule-not-removable", detail)));
-    }
-    if !store::schedules::delete(&service.store, &name, caller.name(), service.now()).await? {
-        return Err(ApiError::NotFound("schedule", name));
-    }
-    service.wake_schedule.notify_one();
+    schedules::delete(&service, &name, caller.name()).await?;
     Ok(StatusCode::NO_CONTENT)
 }
 

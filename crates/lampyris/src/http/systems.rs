@@ -1,11 +1,11 @@
 //! Rooms and plants.
 
-use super::Shared;
 use super::access::Caller;
 use super::description::With;
 use super::extract::{Asked, Json, Named};
 use super::page::{Page, PageQuery};
 use super::problem::{ApiError, Problems};
+use super::shared::Shared;
 use crate::service::Service;
 use crate::service::catalogue::system::{SystemDocument, document};
 use crate::service::catalogue::systems;

@@ -6,7 +6,7 @@ use super::request::{BatchRequest, read_batch};
 use super::{retention, submit};
 use crate::service::access::tokens::SERVICE;
 use crate::service::decode::{self, Read};
-use crate::service::error::ServiceError;
+use crate::service::error::{Refusal, ServiceError};
 use crate::service::state::Service;
 use crate::store;
 use crate::store::batches::BatchKind;
@@ -180,6 +180,22 @@ pub async fn put(service: &Service, name: &str, body: Value, who: &str) -> Resul
     let is_new = store::schedules::put(&service.store, &new, who, service.now()).await?;
     service.wake_schedule.notify_one();
     Ok(is_new)
+}
+
+/// Deletes a schedule.
+///
+/// # Errors
+/// Where it is part of the service, there is none, or the database fails.
+pub async fn delete(service: &Service, name: &str, who: &str) -> Result<(), ServiceError> {
+    if name == NIGHTLY {
+        let detail = "the nightly schedule is part of the service: put it with `\"enabled\": false` instead";
+        return Err(Refusal::new("schedule-not-removable", detail).into());
+    }
+    if !store::schedules::delete(&service.store, name, who, service.now()).await? {
+        return Err(ServiceError::NotFound("schedule", name.to_owned()));
+    }
+    service.wake_schedule.notify_one();
+    Ok(())
 }
 
 /// Makes the nightly schedule where there is none. One that an operator has changed stays as it is.
