@@ -1,6 +1,7 @@
 //! `lampyris migrate`, `backup` and `restore`: the database file itself, without a server.
 
-use super::{Failure, faults, print, serve};
+use super::output::{Failure, faults, print};
+use super::serve;
 use crate::settings::Settings;
 use crate::store::{StoreError, backup, migrate};
 use lampyris_core::fault::Fault;

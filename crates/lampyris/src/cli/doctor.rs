@@ -1,7 +1,8 @@
 //! `lampyris doctor`: looks at everything that the service stands on, and says what to do.
 
 use super::database::Database;
-use super::{Failure, serve};
+use super::output::Failure;
+use super::serve;
 use crate::settings::Settings;
 use crate::store::StoreError;
 use crate::store::doctor::{Found, look};

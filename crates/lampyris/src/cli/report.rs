@@ -1,7 +1,8 @@
 //! `--report`: what a verb found as one HTML file. It holds the page's own modules and the answers that they would
 //! ask the service for, so that it opens from the disk, without a network.
 
-use super::{Failure, bundle, faults};
+use super::bundle;
+use super::output::{Failure, faults};
 use crate::http::{model_document, page_part};
 use crate::service::ServiceError;
 use crate::service::catalogue::windows::Format;

@@ -1,7 +1,8 @@
 //! `lampyris token`: who may ask a service. It works on the database file, so that whoever has the file needs no token.
 
+use super::output::{Failure, faults, print};
+use super::serve;
 use super::table::{self, Column};
-use super::{Failure, faults, print, serve};
 use crate::service::access::tokens::{self, LOCAL, Made, NewToken};
 use crate::service::{ServiceError, now};
 use crate::settings::Settings;

@@ -2,8 +2,10 @@
 //! that hides two effects, and a synthetic room that hides none. The service names the effects, adds them, and the
 //! error falls step by step.
 
-use super::super::ladder;
-use super::{BELGIAN_HOUSE, Failure, failed, print, wait};
+use super::houses::BELGIAN_HOUSE;
+use super::wait::{failed, wait};
+use crate::cli::ladder;
+use crate::cli::output::{Failure, print};
 use crate::service::Service;
 use crate::service::access::tokens::LOCAL;
 use crate::service::catalogue::windows::{self, Format};
