@@ -9,7 +9,7 @@
 //! | [`http`] | all of it | the service |
 //! | [`cli`] | words on the command line | all of it |
 //!
-//! [`app`] composes them, [`settings`] says how. Tests enforce who may import whom (`tests/layers.rs`).
+//! [`app`] composes them, [`settings`] says how. Tests enforce who may import whom (`tests/layers.rs`), and that nobody imports in circles (`tests/circles.rs`).
 
 pub mod http;
 pub mod service;
