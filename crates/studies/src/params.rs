@@ -1,6 +1,6 @@
 //! How many polls a second the controller's path answers, beside a bare axum route.
 
-use super::Row;
+use super::row::Row;
 use lampyris::app::App;
 use lampyris::cli::serve::runtime;
 use lampyris::cli::{Failure, faults};
