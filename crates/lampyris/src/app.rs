@@ -1,15 +1,19 @@
 //! Puts the service together: database, catalogue, snapshot, workers, schedule, then the listener.
 
 use crate::http;
-use crate::jobs::board::Board;
-use crate::jobs::degradations::{self, Arrivals};
-use crate::jobs::events::{self, Events};
-use crate::jobs::interactive::Interactive;
-use crate::jobs::metrics::Metrics;
-use crate::jobs::models::SharedCatalogue;
-use crate::jobs::params::{self, Snapshot};
-use crate::jobs::tokens::{self, Tokens};
-use crate::jobs::{Clock, JobsError, Service, schedule, worker};
+use crate::service::access::tokens::{self, Tokens};
+use crate::service::catalogue::shared::SharedCatalogue;
+use crate::service::changes::events::Events;
+use crate::service::changes::follow;
+use crate::service::observe::metrics::Metrics;
+use crate::service::queue::schedules;
+use crate::service::serving::arrivals::Arrivals;
+use crate::service::serving::snapshot::Snapshot;
+use crate::service::serving::{degradations, params};
+use crate::service::work::board::Board;
+use crate::service::work::interactive::Interactive;
+use crate::service::work::worker;
+use crate::service::{Clock, Service, ServiceError, pool};
 use crate::settings::Settings;
 use crate::store::{self, Store, StoreError};
 use lampyris_core::model::Catalogue;
@@ -52,7 +56,7 @@ pub enum AppError {
     /// The database cannot be used.
     Store(StoreError),
     /// What is served could not be prepared.
-    Prepare(JobsError),
+    Prepare(ServiceError),
     /// The system gives no threads.
     Threads(rayon::ThreadPoolBuildError),
     /// The listener or a signal failed.
@@ -97,8 +101,8 @@ impl From<StoreError> for AppError {
     }
 }
 
-impl From<JobsError> for AppError {
-    fn from(error: JobsError) -> Self {
+impl From<ServiceError> for AppError {
+    fn from(error: ServiceError) -> Self {
         AppError::Prepare(error)
     }
 }
@@ -159,21 +163,22 @@ impl App {
         });
         // Nobody may ask before what is served is in memory.
         params::load_all(&service).await?;
-        schedule::ensure_nightly(&service).await?;
+        schedules::ensure_nightly(&service).await?;
         let bind = service.settings.bind;
         let listener = bound(bind, service.settings.limits.connections).map_err(|error| AppError::Bind(bind, error))?;
         let addr = listener.local_addr().map_err(AppError::Io)?;
         let mut tasks = JoinSet::new();
         for index in 0..service.settings.workers {
-            let pool = worker::pool(threads(&service.settings), index).map_err(AppError::Threads)?;
+            let pool = pool(threads(&service.settings), index).map_err(AppError::Threads)?;
             tasks.spawn(worker::run(service.clone(), pool));
         }
-        let spare = worker::pool(1, service.settings.workers).map_err(AppError::Threads)?;
+        let spare = pool(1, service.settings.workers).map_err(AppError::Threads)?;
         tasks.spawn(degradations::run(service.clone(), spare));
-        tasks.spawn(events::follow(service.clone()));
+        tasks.spawn(follow::follow(service.clone()));
         tasks.spawn(params::keep_fresh(service.clone()));
-        tasks.spawn(schedule::run(service.clone()));
-        tasks.spawn(tokens::follow(service.clone()));
+        tasks.spawn(schedules::run(service.clone()));
+        let following = service.clone();
+        tasks.spawn(async move { tokens::follow(&following.tokens, &following.store, following.stopping.subscribe()).await });
         let server = tokio::spawn(http::listen(listener, service.clone()));
         tracing::info!(%addr, boot, "listening on http://{addr}");
         Ok(App { addr, service, server, tasks })

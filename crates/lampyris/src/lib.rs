@@ -5,14 +5,14 @@
 //! | stage | turns | into |
 //! |---|---|---|
 //! | [`store`] | accepted fits | durable revisions |
-//! | [`jobs`] | requests | running work on the CPU pool |
+//! | [`service`] | requests | running work on the CPU pool |
 //! | [`http`] | all of it | the service |
 //! | [`cli`] | words on the command line | all of it |
 //!
-//! [`app`] composes them, [`settings`] says how. Tests enforce who may import whom (`tests/layers.rs`).
+//! [`app`] composes them, [`settings`] says how. Tests enforce who may import whom (`tests/layers.rs`), and that nobody imports in circles (`tests/circles.rs`).
 
 pub mod http;
-pub mod jobs;
+pub mod service;
 pub mod store;
 
 pub mod app;

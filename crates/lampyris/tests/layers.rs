@@ -1,8 +1,10 @@
 //! Who may import whom, and what the house looks like: enforced over the sources as text.
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
-use std::collections::BTreeMap;
-use std::fs;
+mod sources;
+
+use sources::{code, is_source, is_test, sources};
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 /// The stages of the core, and what each may see beside the leaves.
@@ -21,35 +23,19 @@ const CORE: &[(&str, &[&str])] = &[
 /// The stages of the service, and what each may see of it and of the core. `app` and `cli` may see all.
 const SERVICE: &[(&str, &[&str])] = &[
     ("store", &["model", "data", "simulate", "optimise", "estimate", "diagnose"]),
-    ("jobs", &["model", "data", "simulate", "optimise", "estimate", "diagnose", "store", "settings"]),
-    ("http", &["model", "data", "estimate", "diagnose", "store", "jobs", "settings"]),
+    ("service", &["model", "data", "simulate", "optimise", "estimate", "diagnose", "store", "settings"]),
+    ("http", &["model", "data", "estimate", "diagnose", "store", "service", "settings"]),
     ("settings", &[]),
 ];
 const LEAVES: [&str; 3] = ["fault", "schema", "units"];
 const IN_CORE: &str = "crates/core/src";
 const IN_SERVICE: &str = "crates/lampyris/src";
+const IN_STORE: &str = "crates/lampyris/src/store";
+const IN_HTTP: &str = "crates/lampyris/src/http";
 /// The pure core: no async, no IO, no clock.
 const IMPURE: [&str; 10] =
     ["tokio::", "axum::", "sqlx::", "tower", "std::time", "std::fs", "std::net", "std::env", "SystemTime", "Timestamp::now"];
 const LONGEST_FILE: usize = 500;
-
-/// All Rust files under a folder of the project, with their texts.
-fn sources(folder: &str) -> BTreeMap<PathBuf, String> {
-    let root = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../.."));
-    let mut files = BTreeMap::new();
-    let mut folders = vec![root.join(folder)];
-    while let Some(folder) = folders.pop() {
-        for entry in fs::read_dir(&folder).into_iter().flatten().map(Result::unwrap) {
-            let path = entry.path();
-            if path.is_dir() {
-                folders.push(path);
-            } else if path.extension().is_some_and(|extension| extension == "rs") {
-                files.insert(path.strip_prefix(root).unwrap().to_owned(), fs::read_to_string(&path).unwrap());
-            }
-        }
-    }
-    files
-}
 
 /// `crates/lampyris/src/store/jobs.rs` and `crates/lampyris/src/settings.rs` belong to `store` and `settings`.
 fn stage(path: &Path) -> String {
@@ -57,27 +43,11 @@ fn stage(path: &Path) -> String {
     first.trim_end_matches(".rs").to_owned()
 }
 
-/// Whether a file is one of a library or a program, and not of its tests: `crates/core/src/…`.
-fn is_source(path: &Path) -> bool {
-    path.components().nth(2).is_some_and(|folder| folder.as_os_str() == "src")
-}
-
-/// Whether a file holds nothing but unit tests: `tests.rs` and `…_tests.rs`.
-fn is_test(path: &Path) -> bool {
-    path.file_stem().is_some_and(|stem| stem == "tests" || stem.to_string_lossy().ends_with("_tests"))
-}
-
 /// Whether the folder's `mod.rs` declares a file of unit tests for tests alone.
 fn is_declared_for_tests(path: &Path, sources: &BTreeMap<PathBuf, String>) -> bool {
     let stem = path.file_stem().unwrap().to_string_lossy();
     let parent = path.with_file_name("mod.rs");
     sources.get(&parent).is_some_and(|text| text.contains(&format!("#[cfg(test)]\nmod {stem};")))
-}
-
-/// The code without comments and without its unit tests, which may use more.
-fn code(text: &str) -> String {
-    let body = text.split("#[cfg(test)]\nmod tests {").next().unwrap_or_default();
-    body.lines().filter(|line| !line.trim_start().starts_with("//")).collect::<Vec<_>>().join("\n")
 }
 
 /// The stages that a text names by `crate::` or `lampyris_core::`, also in grouped imports.
@@ -138,10 +108,43 @@ fn each_outer_library_has_one_home() {
     for (path, text) in sources(IN_SERVICE) {
         let (stage, code) = (stage(&path), code(&text));
         for (library, homes) in
-            [("sqlx::", &["store"][..]), ("axum::", &["http", "app", "cli"][..]), ("Timestamp::now", &["jobs", "cli"][..])]
+            [("sqlx::", &["store"][..]), ("axum::", &["http", "app", "cli"][..]), ("Timestamp::now", &["service", "cli"][..])]
         {
             if code.contains(library) && !homes.contains(&stage.as_str()) {
                 wrong.push(format!("{} uses {library}", path.display()));
+            }
+        }
+    }
+    assert!(wrong.is_empty(), "{wrong:#?}");
+}
+
+/// The functions of the store that begin a transaction, as `systems::put`; only these write.
+fn writers() -> BTreeSet<String> {
+    let mut writers = BTreeSet::new();
+    for (path, text) in sources(IN_STORE) {
+        let noun = path.file_stem().unwrap().to_string_lossy();
+        for function in code(&text).split("pub async fn ").skip(1) {
+            let body = function.split("\n}").next().unwrap_or_default();
+            if body.contains(".write()") {
+                let name: String = function.chars().take_while(|c| c.is_alphanumeric() || *c == '_').collect();
+                writers.insert(format!("{noun}::{name}"));
+            }
+        }
+    }
+    writers
+}
+
+#[test]
+fn the_surface_writes_nothing_by_itself() {
+    let writers = writers();
+    assert!(writers.contains("systems::put") && !writers.contains("systems::get"), "{writers:?}");
+    let mut wrong = Vec::new();
+    for (path, text) in sources(IN_HTTP) {
+        let code = code(&text);
+        for (at, _) in code.match_indices("store::") {
+            let called: String = code[at + 7..].chars().take_while(|c| c.is_alphanumeric() || "_:".contains(*c)).collect();
+            if writers.contains(&called) {
+                wrong.push(format!("{} calls store::{called}", path.display()));
             }
         }
     }

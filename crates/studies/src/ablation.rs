@@ -1,10 +1,11 @@
 //! Which modification of the firefly algorithm matters: each alone removed from the thesis's cFA, and each alone added to the
 //! original algorithm, on the same seeds.
 
-use super::Row;
-use super::functions::methods::{CASES, Case, clustered, original};
-use super::functions::{name, one, quantile};
+use super::functions::methods::{CASES, Case, clustered, name, original};
+use super::functions::outcome::one;
 use super::options::Seeds;
+use super::quantile::quantile;
+use super::row::Row;
 use lampyris_core::optimise::clustered::CfaThesisOptions;
 use lampyris_core::optimise::{Crowd, Edges, Method};
 use rayon::prelude::*;

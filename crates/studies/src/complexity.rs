@@ -1,8 +1,8 @@
 //! How the evaluations of a generation grow with the population: the thesis says n^2 for FA and n^(3/2) for cFA with sqrt(n)
 //! fireflies per cluster (section 4.3.2).
 
-use super::Row;
 use super::options::Seeds;
+use super::row::Row;
 use lampyris_core::optimise::clustered::CfaThesisOptions;
 use lampyris_core::optimise::functions::Function;
 use lampyris_core::optimise::{Ask, Cost, Crowd, Evaluation, Method, Search};

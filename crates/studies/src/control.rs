@@ -9,96 +9,30 @@ mod answer;
 mod arm;
 mod grey;
 mod mpc;
+mod outcome;
 mod page;
 mod service;
 
 use super::options::{First, Html};
 use answer::Answer;
-use arm::{Arm, Before, Belief, Kind, Measures};
+use arm::{Arm, Before, Belief, Kind};
 use grey::Grey;
 use lampyris::cli::{Failure, print};
 use lampyris_core::model::Catalogue;
 use lampyris_core::twin::heated::{HeatedRoom, SAMPLES_PER_DAY};
+use outcome::{BEFORE_DAYS, Measured, Outcome, Plan, Spent};
 use rayon::prelude::*;
-use serde::Serialize;
 use serde_json::json;
 use service::{Added, Client, Service};
 use std::path::Path;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
-/// Samples that a controller looks ahead: a day.
-const HORIZON: usize = SAMPLES_PER_DAY;
-/// Days under a thermostat before the first day under control.
-const BEFORE_DAYS: usize = 21;
 /// Days of the parts of an estimate and of a diagnosis.
 const ESTIMATE: (usize, usize) = (10, 3);
 const DIAGNOSIS: (usize, usize) = (8, 6);
 /// Days between two diagnoses, of which two in a row must name an effect, and most effects that are added.
 const DIAGNOSE_EVERY: usize = 3;
 const MOST_EFFECTS: usize = 2;
-
-/// The bounds of comfort at a local time, in degC: the house is set back at night.
-fn comfort(hour: f64) -> (f64, f64) {
-    (if (6.0..22.0).contains(&hour) { 21.0 } else { 18.5 }, 24.0)
-}
-
-/// What is run.
-#[derive(Debug, Clone)]
-pub struct Plan {
-    seed: u64,
-    houses: usize,
-    weeks: usize,
-    arms: Vec<Kind>,
-}
-
-impl Plan {
-    /// All arms in so many houses.
-    fn new(seed: u64, houses: usize, weeks: usize) -> Self {
-        Self { seed, houses, weeks, arms: Kind::ALL.to_vec() }
-    }
-
-    fn days(&self) -> usize {
-        7 * self.weeks
-    }
-
-    /// The first day under control with wind in the house.
-    fn leaks_from(&self) -> usize {
-        self.days() / 2
-    }
-}
-
-/// What an arm came to in one house.
-#[derive(Debug, Clone, Serialize)]
-struct Outcome {
-    kind: Kind,
-    /// One for every day under control.
-    days: Vec<Measures>,
-    effects: Vec<Added>,
-    /// How its estimates ended.
-    fits: Vec<String>,
-}
-
-/// What every arm came to in every house, and how long it took.
-#[derive(Debug)]
-struct Measured {
-    plan: Plan,
-    /// By house, in the order of the plan's arms.
-    houses: Vec<Vec<Outcome>>,
-    spent: Spent,
-}
-
-/// Where the time went.
-#[derive(Debug, Clone, Copy, Default, Serialize)]
-struct Spent {
-    seconds: f64,
-    /// In the rooms and their controllers.
-    control_seconds: f64,
-    /// Waiting for estimates, and for diagnoses and the estimates that they ask for.
-    estimate_seconds: f64,
-    diagnosis_seconds: f64,
-    estimates: usize,
-    diagnoses: usize,
-}
 
 /// A house and the arms that live in it, each with its own copy of the rooms.
 struct House {
@@ -273,14 +207,9 @@ fn night(service: &Service, catalogue: &Catalogue, houses: &mut [House], day: us
     Ok(())
 }
 
-/// Seconds for people.
-fn shown(seconds: f64) -> String {
-    let whole = Duration::from_secs_f64(seconds.max(0.0)).as_secs();
-    if whole < 120 { format!("{seconds:.0} s") } else { format!("{} min {} s", whole / 60, whole % 60) }
-}
-
 #[cfg(test)]
 mod tests {
+    use super::arm::{Measures, comfort};
     use super::*;
 
     /// A week of two arms over HTTP: both keep the house warm, the one that knows nothing foresees worse, and the same

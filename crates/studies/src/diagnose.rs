@@ -1,18 +1,19 @@
 //! What a diagnosis names on synthetic rooms whose truth is known: right, wrong or silent, with intervals.
 
-use super::Row;
+use super::judged::{Judged, Outcome, same};
 use super::options::Worlds;
-use super::verdicts::{MATERIAL, judge_all, rows, spread};
+use super::row::Row;
+use super::verdicts::{judge_all, rows, spread};
 use lampyris::cli::{Failure, faults};
 use lampyris_core::data::{Bindings, SplitRequest, Window};
 use lampyris_core::diagnose::library::carried;
 use lampyris_core::diagnose::null_model::NullModel;
-use lampyris_core::diagnose::report::{Considered, Finding};
+use lampyris_core::diagnose::report::Considered;
 use lampyris_core::diagnose::{Diagnosis, diagnose, preview};
 use lampyris_core::estimate::problem::request::AccusationRate;
 use lampyris_core::estimate::{Control, EstimateRequest, Problem, Site, estimate, prepare};
 use lampyris_core::model::Catalogue;
-use lampyris_core::twin::{CATALOGUED, HiddenEffect, Level, STRANGE, Truth, World, WorldRequest, world};
+use lampyris_core::twin::{CATALOGUED, Level, STRANGE, World, WorldRequest, world};
 use std::time::Instant;
 
 /// Pairs of effects that show.
@@ -30,65 +31,6 @@ const SHARES: [u64; 4] = [100, 40, 100, 60];
 
 /// So many of them are diagnosed once more, one after the other, for the time that it takes.
 const TIMED: usize = 12;
-
-/// How a world came out.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Outcome {
-    Right,
-    Wrong,
-    /// A group of more than two that holds the truth.
-    Vague,
-    Silent,
-}
-
-/// A world and its diagnosis.
-pub struct Judged {
-    pub kind: String,
-    pub level: Level,
-    pub truth: Truth,
-    pub diagnosis: Diagnosis,
-    pub first: Outcome,
-    /// How many of the hidden effects are named.
-    pub found: usize,
-    /// Root mean square error of the free run over the test part: without any effect, and with the true ones.
-    pub test: [Option<f64>; 2],
-    pub logged: bool,
-}
-
-impl Judged {
-    /// Whether the true effects, given to the model, cut the test error by a tenth.
-    pub fn material(&self) -> bool {
-        matches!(self.test, [Some(without), Some(with)] if with <= (1.0 - MATERIAL) * without)
-    }
-
-    /// The test error without anything that was named, and with all of it.
-    pub fn named(&self) -> Option<[f64; 2]> {
-        let first = self.diagnosis.findings.first()?.rmse.test?;
-        let last = self.diagnosis.findings.last()?.rmse.test?;
-        Some([first[0], last[1]])
-    }
-
-    /// The finding of the one hidden effect.
-    fn hit(&self) -> Option<(&HiddenEffect, &Finding)> {
-        let ([hidden], Some(finding)) = (self.truth.effects.as_slice(), self.diagnosis.findings.first()) else { return None };
-        same(finding.named(), &hidden.effect).then_some((hidden, finding))
-    }
-
-    /// Whether the interval of what forecasts lose without it holds the truth, where the one hidden effect was named.
-    pub fn covered(&self) -> Option<bool> {
-        let [low, high] = self.hit()?.1.size.as_ref()?.ci95?;
-        Some((low..=high).contains(&self.truth.ahead))
-    }
-
-    /// The same of the coefficient and the true strength, where there is one coefficient. Shapes of the truth differ from those of
-    /// the catalogue, and a rich room has other masses.
-    pub fn covered_strength(&self) -> Option<bool> {
-        let (hidden, finding) = self.hit()?;
-        let (1, Some(coefficient)) = (finding.parameters.len(), finding.parameters.values().next()) else { return None };
-        let [low, high] = coefficient.ci95?;
-        Some((low..=high).contains(&hidden.strength))
-    }
-}
 
 /// Diagnoses about so many worlds of each level.
 pub fn run(asked: &Worlds) -> Result<Vec<Row>, Failure> {
@@ -199,11 +141,6 @@ fn ask(catalogue: &Catalogue, world: &World, window: &Window, model: &str) -> Re
     let site = Site { sets: [("neighbours".to_owned(), world.neighbours.clone())].into(), ..Site::default() };
     let problem = prepare(catalogue, &id, &asked, window, &site).map_err(|found| faults(&found))?;
     Ok((problem, site, asked))
-}
-
-/// Whether a name means the hidden effect. Hours of a set-back are its size, not its name.
-fn same(named: &str, hidden: &str) -> bool {
-    named == hidden || (hidden == "night_setback" && named.starts_with("night_setback:"))
 }
 
 /// The model with the true effects, and where to start; none where no catalogue has them.

@@ -1,7 +1,7 @@
 //! How fast a candidate is simulated: the tape beside code written by hand, and beside a scalar RK4.
 
-use super::Row;
 use super::hand::{HandRoom, half_steps, scalar_rk4};
+use super::row::Row;
 use lampyris::cli::{Failure, faults};
 use lampyris_core::data::{Bindings, Window};
 use lampyris_core::estimate::{EstimateRequest, Problem, Site, prepare};

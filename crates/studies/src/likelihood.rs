@@ -1,8 +1,8 @@
 //! Maximum likelihood on synthetic rooms: convergence, wall time, errors beside those of the free-run fit, and how often
 //! the 95 % intervals hold the truth.
 
-use super::Row;
 use super::options::{Each, First, RoomCount};
+use super::row::Row;
 use indexmap::IndexMap;
 use lampyris::cli::{Failure, faults};
 use lampyris_core::data::{Bindings, Window};

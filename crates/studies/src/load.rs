@@ -3,7 +3,7 @@
 //! The load is an open one: every poll has its time, whatever became of the one before, and its latency counts from that
 //! time. A service that stands still for a second therefore shows as what it is.
 
-use super::Row;
+use super::row::Row;
 use lampyris::cli::server::{Call, Server};
 use lampyris::cli::{Failure, faults};
 use lampyris_core::twin;

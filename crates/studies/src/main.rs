@@ -6,9 +6,11 @@ mod complexity;
 mod control;
 mod diagnose;
 mod engine;
+mod file;
 mod functions;
 mod hand;
 mod house;
+mod judged;
 mod likelihood;
 mod load;
 mod options;
@@ -16,8 +18,10 @@ mod page;
 mod params;
 mod plant;
 mod plant_worlds;
+mod quantile;
 mod real;
 mod room;
+mod row;
 mod search;
 mod verdicts;
 
@@ -25,7 +29,6 @@ use clap::{Parser, Subcommand};
 use lampyris::cli::{Failure, exit_code, print};
 use options::{First, Seeds, Worlds};
 use serde_json::{Value, json};
-use std::path::Path;
 use std::process::ExitCode;
 
 /// Measures this build on this machine.
@@ -68,77 +71,6 @@ enum Study {
     Plant(plant::Arguments),
     /// Chapter 7 of the thesis on a twin house: layout, methods, two weeks, bounds, valve.
     House(house::Arguments),
-}
-
-/// One line of the table.
-#[derive(Debug, serde::Serialize)]
-struct Row {
-    what: String,
-    value: f64,
-    unit: &'static str,
-    /// The limit of a ratio or count that binds.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    limit: Option<Limit>,
-}
-
-/// A limit on a ratio, a share or a count.
-#[derive(Debug, Clone, Copy, serde::Serialize)]
-#[serde(rename_all = "snake_case")]
-enum Limit {
-    AtMost(f64),
-    AtLeast(f64),
-}
-
-impl Row {
-    fn new(what: impl Into<String>, value: f64, unit: &'static str) -> Self {
-        Self { what: what.into(), value, unit, limit: None }
-    }
-
-    fn at_most(self, limit: f64) -> Self {
-        Self { limit: Some(Limit::AtMost(limit)), ..self }
-    }
-
-    fn at_least(self, limit: f64) -> Self {
-        Self { limit: Some(Limit::AtLeast(limit)), ..self }
-    }
-
-    fn holds(&self) -> bool {
-        match self.limit {
-            None => true,
-            Some(Limit::AtMost(limit)) => self.value <= limit,
-            Some(Limit::AtLeast(limit)) => self.value >= limit,
-        }
-    }
-
-    fn line(&self) -> String {
-        let [what, number, unit, limit, mark] = self.cells();
-        format!("{what:<66} {number:>12} {unit:<8} {limit:<9} {mark}")
-    }
-
-    /// What, how much, in which unit, the limit, and whether it holds.
-    fn cells(&self) -> [String; 5] {
-        let limit = match self.limit {
-            None => String::new(),
-            Some(Limit::AtMost(limit)) => format!("<= {limit}"),
-            Some(Limit::AtLeast(limit)) => format!(">= {limit}"),
-        };
-        let mark = match (self.limit.is_some(), self.holds()) {
-            (false, _) => "",
-            (true, true) => "holds",
-            (true, false) => "FAILS",
-        };
-        [self.what.clone(), self.number(), self.unit.to_owned(), limit, mark.to_owned()]
-    }
-
-    fn number(&self) -> String {
-        if self.value != 0.0 && self.value.abs() < 1e-3 { format!("{:.2e}", self.value) } else { format!("{:.4}", self.value) }
-    }
-}
-
-fn write(file: &Path, text: &str) -> Result<(), Failure> {
-    std::fs::write(file, text).map_err(|error| Failure::Error(format!("{}: {error}", file.display())))?;
-    eprintln!("written: {}", file.display());
-    Ok(())
 }
 
 fn main() -> ExitCode {

@@ -1,12 +1,14 @@
 //! How many polls a second the controller's path answers, beside a bare axum route.
 
-use super::Row;
+use super::row::Row;
 use lampyris::app::App;
 use lampyris::cli::serve::runtime;
 use lampyris::cli::{Failure, faults};
-use lampyris::jobs::tokens::LOCAL;
-use lampyris::jobs::windows::Format;
-use lampyris::jobs::{JobsError, submit, systems, windows};
+use lampyris::service::ServiceError;
+use lampyris::service::access::tokens::LOCAL;
+use lampyris::service::catalogue::systems;
+use lampyris::service::catalogue::windows::{self, Format};
+use lampyris::service::queue::submit;
 use lampyris::settings::Settings;
 use lampyris::store::jobs::{self, JobKind, Priority, Submitted};
 use lampyris_core::data::SystemId;
@@ -65,7 +67,7 @@ async fn measure() -> Result<Vec<Row>, Failure> {
 
 /// Fits a synthetic room so that something is served, and returns the tag of the answer.
 async fn publish(app: &App) -> Result<String, Failure> {
-    let failed = |error: JobsError| Failure::Error(error.to_string());
+    let failed = |error: ServiceError| Failure::Error(error.to_string());
     let service = app.service();
     let twin = twin::room(4, 0, 9, 30).map_err(|found| faults(&found))?;
     let system: SystemId = "room/4".parse().map_err(|error| Failure::Error(format!("{error}")))?;

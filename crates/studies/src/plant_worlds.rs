@@ -1,8 +1,9 @@
 //! What a diagnosis names on synthetic treatment plants whose truth is known.
 
-use super::Row;
+use super::judged::MATERIAL;
 use super::options::Worlds;
-use super::verdicts::{MATERIAL, judge_all, share, spread};
+use super::row::Row;
+use super::verdicts::{judge_all, share, spread};
 use lampyris::cli::{Failure, faults};
 use lampyris_core::data::{Bindings, Window};
 use lampyris_core::diagnose::null_model::NullModel;

@@ -1,9 +1,10 @@
 //! Real rooms with a known driver withheld: is it named, do forecasts of the two weeks after fall, and are the channels of other days
 //! accused?
 
-use super::Row;
+use super::file::write;
 use super::options::{Each, Html, Only};
 use super::page::{self, NONE, STYLE, Table, section};
+use super::row::Row;
 use super::verdicts::share;
 use lampyris::cli::{Failure, faults};
 use lampyris_core::data::{Bindings, CALENDAR, Column, Grid, Window, rfc3339};
@@ -277,7 +278,7 @@ pub fn run(asked: &Arguments) -> Result<(Vec<Row>, Table), Failure> {
         rows: judged.into_iter().map(|one| one.cells).collect(),
     };
     if let Some(file) = html {
-        super::write(file, &document(&rows, &windows)?)?;
+        write(file, &document(&rows, &windows)?)?;
     }
     Ok((rows, windows))
 }

@@ -1,15 +1,12 @@
 //! The table of a bench of diagnoses: what was named per kind of world, and the goals.
 
-use super::Row;
-use super::diagnose::{Judged, Outcome};
+use super::judged::{Judged, Outcome};
+use super::row::Row;
 use lampyris::cli::Failure;
 use lampyris_core::diagnose::Adequacy;
 use lampyris_core::twin::Level;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
-
-/// An effect is material when knowing the truth cuts the test error by this share.
-pub const MATERIAL: f64 = 0.10;
 
 /// Judges every world, on as many as there are cores at once; prints a line on each as it is done where asked to.
 pub fn judge_all<W: Sync, J: Send>(

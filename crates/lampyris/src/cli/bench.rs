@@ -1,7 +1,7 @@
 //! `lampyris bench`: hands over to `lampyris-studies`, a program of its own so that nobody builds the studies who does
 //! not run them.
 
-use super::Failure;
+use super::output::Failure;
 use std::ffi::OsString;
 use std::os::unix::process::CommandExt;
 use std::process::Command;

@@ -2,7 +2,7 @@
 //! function that returns what it exports. It reads the dialect that the page is written in: named and default imports
 //! and exports by their own statements, no cycles.
 
-use super::Failure;
+use super::output::Failure;
 use crate::http::page_part;
 
 /// What the script calls the table of modules.

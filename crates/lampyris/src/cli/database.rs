@@ -1,6 +1,7 @@
 //! `lampyris migrate`, `backup` and `restore`: the database file itself, without a server.
 
-use super::{Failure, faults, print, serve};
+use super::output::{Failure, faults, print};
+use super::serve;
 use crate::settings::Settings;
 use crate::store::{StoreError, backup, migrate};
 use lampyris_core::fault::Fault;
@@ -82,7 +83,7 @@ pub fn backup(arguments: &BackupArguments) -> Result<(), Failure> {
 /// Puts a backup in the place of the database.
 pub fn restore(arguments: &RestoreArguments) -> Result<(), Failure> {
     let path = arguments.database.path()?;
-    let now = crate::jobs::now();
+    let now = crate::service::now();
     let done = serve::runtime()?.block_on(backup::restore(&path, &arguments.file, now)).map_err(failure)?;
     let replaced = done.replaced.as_deref().map(shown);
     let kept = replaced.as_ref().map_or("there was none before".to_owned(), |kept| format!("the one before is kept as {kept}"));

@@ -1,33 +1,30 @@
 //! `lampyris demo`: two real houses in a fresh folder - fitted, validated, asked what they are missing, and served; and a
 //! treatment plant.
 
+mod houses;
 mod missing;
 mod plant;
+mod wait;
 
+use super::output::{Failure, print};
 use super::serve::runtime;
-use super::{Failure, print};
 use crate::app::App;
-use crate::jobs::tokens::LOCAL;
-use crate::jobs::windows::Format;
-use crate::jobs::{JobsError, Service, submit, systems, windows};
+use crate::service::access::tokens::LOCAL;
+use crate::service::catalogue::systems;
+use crate::service::catalogue::windows::{self, Format};
+use crate::service::queue::submit;
 use crate::settings::Settings;
-use crate::store::fits::FitRecord;
+use crate::store::fits::{self, FitRecord};
 use crate::store::jobs::{JobKind, JobRecord, Priority, Submitted};
-use crate::store::{fits, jobs};
-use indicatif::{ProgressBar, ProgressStyle};
+use houses::{BELGIAN_HOUSE, HOURLY_HOUSE};
 use lampyris_core::data::SystemId;
 use lampyris_core::estimate::fit::AheadError;
 use serde_json::{Value, json};
 use std::net::SocketAddr;
 use std::path::PathBuf;
-use std::time::{Duration, Instant};
+use std::time::Instant;
+use wait::{failed, wait};
 
-/// Five weeks of four rooms (CC BY 4.0, see the head of the file).
-const BELGIAN_HOUSE: &str = include_str!("../../../../config/demo/belgian_house.csv");
-/// A month of a house with a heating channel (MIT, see the head of the file).
-const HOURLY_HOUSE: &str = include_str!("../../../../config/demo/hourly_house.csv");
-/// Longest time that the jobs of the demo may take.
-const PATIENCE: Duration = Duration::from_secs(600);
 /// What a held room is, in plain words.
 const HELD: &str =
     "held back, a good deed: what moves this room was not logged, so the controller keeps its own baseline until an operator decides";
@@ -114,10 +111,6 @@ fn fresh_folder() -> Result<PathBuf, Failure> {
         .ok_or_else(|| Failure::Error("there are a thousand demo folders here; remove some".to_owned()))
 }
 
-fn failed(error: JobsError) -> Failure {
-    Failure::Error(error.to_string())
-}
-
 async fn demonstrate(arguments: &Arguments, folder: PathBuf) -> Result<(), Failure> {
     let settings = Settings { bind: free_address(arguments.bind).await, database: folder.join("lampyris.db"), ..Settings::default() };
     let app = App::start(settings).await.map_err(|error| Failure::Error(error.to_string()))?;
@@ -177,32 +170,6 @@ async fn stop_signal() {
     // A terminal that gives no signals leaves the service running, which is what it is for.
     if tokio::signal::ctrl_c().await.is_err() {
         std::future::pending::<()>().await;
-    }
-}
-
-/// Waits until all jobs have ended.
-async fn wait(service: &Service, ids: &[String], hidden: bool, what: &'static str) -> Result<Vec<JobRecord>, Failure> {
-    let bar = if hidden { ProgressBar::hidden() } else { ProgressBar::new(ids.len() as u64) };
-    if let Ok(style) = ProgressStyle::with_template(&format!("{{bar:30}} {{pos}} of {{len}} {what}  {{elapsed}}")) {
-        bar.set_style(style);
-    }
-    let start = Instant::now();
-    loop {
-        let mut records = Vec::new();
-        for id in ids {
-            let record = jobs::get(&service.store, id).await.map_err(|error| Failure::Error(error.to_string()))?;
-            records.extend(record);
-        }
-        let done = records.iter().filter(|record| record.state.is_final()).count();
-        bar.set_position(done as u64);
-        if done == ids.len() {
-            bar.finish_and_clear();
-            return Ok(records);
-        }
-        if start.elapsed() > PATIENCE {
-            return Err(Failure::Error(format!("{} of {} jobs have not ended", ids.len() - done, ids.len())));
-        }
-        tokio::time::sleep(Duration::from_millis(50)).await;
     }
 }
 

@@ -2,8 +2,8 @@
 
 use super::fit::progress_bar;
 use super::measured::Measured;
+use super::output::{Failure, faults, print};
 use super::report::{self, Found};
-use super::{Failure, faults, print};
 use indicatif::{ProgressBar, ProgressStyle};
 use lampyris_core::data::{SplitRequest, Window};
 use lampyris_core::diagnose::report::{Considered, Finding};

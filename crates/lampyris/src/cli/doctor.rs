@@ -1,7 +1,8 @@
 //! `lampyris doctor`: looks at everything that the service stands on, and says what to do.
 
 use super::database::Database;
-use super::{Failure, serve};
+use super::output::Failure;
+use super::serve;
 use crate::settings::Settings;
 use crate::store::StoreError;
 use crate::store::doctor::{Found, look};
@@ -120,7 +121,7 @@ fn log(found: &Found) -> (Status, String) {
 }
 
 fn clock(found: &Found, zone: &str) -> (Status, String) {
-    let now = crate::jobs::now();
+    let now = crate::service::now();
     if let Err(error) = TimeZone::get(zone) {
         return (Fail, format!("the time zone of schedules is not known: {error}"));
     }

@@ -1,8 +1,8 @@
 //! `lampyris fit`: one CSV, one model, one report.
 
 use super::measured::Measured;
+use super::output::{Failure, faults, print};
 use super::report::{self, Found};
-use super::{Failure, faults, print};
 use indicatif::{ProgressBar, ProgressStyle};
 use lampyris_core::data::SplitRequest;
 use lampyris_core::estimate::fit::likelihood::LikelihoodReport;

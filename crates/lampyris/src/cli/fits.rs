@@ -1,8 +1,9 @@
 //! `lampyris fits`: what a running server has found, and an operator's word on it.
 
+use super::fit;
+use super::output::Failure;
 use super::server::{Answer, Call, Server, segment};
 use super::table::{self, Column};
-use super::{Failure, fit};
 use lampyris_core::estimate::Fit;
 use lampyris_core::estimate::gate::check::CheckResult;
 use serde::Deserialize;

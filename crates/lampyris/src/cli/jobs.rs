@@ -1,9 +1,11 @@
 //! `lampyris jobs`: post, watch and manage jobs of a running server.
 
-use super::server::{Answer, Call, Server, segment};
+use super::document::read_document;
+use super::output::Failure;
+use super::pages::{self, Page};
+use super::server::{Answer, Call, Server, fault_line, segment};
 use super::table::{self, Column};
 use super::watch::{follow, watch};
-use super::{Failure, read_document};
 use serde_json::{Map, Value, json};
 use std::path::PathBuf;
 
@@ -101,7 +103,7 @@ struct List {
     #[arg(long)]
     kind: Option<String>,
     #[command(flatten)]
-    page: super::Page,
+    page: Page,
 }
 
 #[derive(Debug, clap::Args)]
@@ -166,7 +168,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     match &arguments.verb {
         Verb::List(list) => {
             let query = [("state", &list.state), ("system", &list.system), ("kind", &list.kind)];
-            super::list(server, "/jobs", &list.page, &query, COLUMNS)
+            pages::list(server, "/jobs", &list.page, &query, COLUMNS)
         }
         Verb::Show { id } => {
             server.show(&server.get(&format!("/jobs/{}", segment(id)))?, describe);
@@ -283,7 +285,7 @@ fn entered(server: &Server, answer: &Answer, wait: bool) -> Result<(), Failure> 
 fn describe(job: &Value) -> String {
     let mut text = table::fields(job, FIELDS);
     for fault in job["error"]["errors"].as_array().into_iter().flatten() {
-        text.push_str(&format!("\n  {}", super::server::fault_line(fault)));
+        text.push_str(&format!("\n  {}", fault_line(fault)));
     }
     text
 }

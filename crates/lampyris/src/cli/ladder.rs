@@ -3,8 +3,8 @@
 use super::diagnose::{First, first_fit, with_trials_bar};
 use super::fit::word;
 use super::measured::Measured;
+use super::output::{Failure, print};
 use super::report::{self, Found};
-use super::{Failure, print};
 use lampyris_core::diagnose::ladder::{Ladder, ladder};
 use lampyris_core::diagnose::nested::ladder_by_likelihood;
 use lampyris_core::estimate::Control;

@@ -1,6 +1,6 @@
 //! The arguments that every verb on a CSV of measurements shares, and how they become a window and a model.
 
-use super::{Failure, faults};
+use super::output::{Failure, faults};
 use lampyris_core::data::{Bindings, Duration, SplitRequest, Window};
 use lampyris_core::estimate::problem::request::WindowRange;
 use lampyris_core::estimate::{EstimateRequest, Site};

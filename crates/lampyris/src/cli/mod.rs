@@ -6,12 +6,15 @@ mod database;
 mod demo;
 mod diagnose;
 mod doctor;
+mod document;
 mod fit;
 mod fits;
 mod jobs;
 mod ladder;
 mod measured;
 mod models;
+mod output;
+mod pages;
 mod params;
 mod report;
 pub mod serve;
@@ -24,12 +27,10 @@ mod twin;
 mod watch;
 mod windows;
 
+pub use output::{Failure, exit_code, faults, print};
+
 use clap::{CommandFactory, Parser, Subcommand};
 use clap_complete::Shell;
-use serde_json::Value;
-use server::{Answer, Server};
-use std::io::{Read, Write};
-use std::path::Path;
 use std::process::ExitCode;
 
 /// Estimation service for model predictive control: measurements in, validated parameters out.
@@ -100,34 +101,6 @@ enum Verb {
     },
 }
 
-/// Which part of a list.
-#[derive(Debug, clap::Args)]
-struct Page {
-    /// Rows, at most 500.
-    #[arg(long, default_value_t = 50)]
-    limit: u16,
-    /// Goes on where a list said that there is more.
-    #[arg(long, value_name = "TOKEN")]
-    page_token: Option<String>,
-}
-
-/// Why a verb ended without its result.
-#[derive(Debug)]
-pub enum Failure {
-    /// Something went wrong; the text says what.
-    Error(String),
-    /// The arguments make no sense together.
-    Usage(String),
-    /// Nobody answers.
-    Unreachable(String),
-    /// The result is there, but the gate rejected it, or nothing was found.
-    Rejected,
-    /// What was asked for is known, but there is nothing to give.
-    Nothing(String),
-    /// A file or a name does not exist.
-    NotFound(String),
-}
-
 /// Runs a verb and turns its end into an exit code.
 pub fn run(cli: Cli) -> ExitCode {
     let result = match cli.verb {
@@ -160,75 +133,4 @@ pub fn run(cli: Cli) -> ExitCode {
         }
     };
     exit_code(result)
-}
-
-/// How a verb ended, as a shell hears it; says on standard error what went wrong.
-pub fn exit_code(result: Result<(), Failure>) -> ExitCode {
-    match result {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(Failure::Rejected) => ExitCode::from(3),
-        Err(Failure::Nothing(message)) => {
-            eprintln!("nothing found: {message}");
-            ExitCode::from(3)
-        }
-        Err(Failure::Error(message) | Failure::Unreachable(message)) => {
-            eprintln!("error: {message}");
-            ExitCode::from(1)
-        }
-        Err(Failure::Usage(message)) => {
-            eprintln!("error: {message}");
-            ExitCode::from(2)
-        }
-        Err(Failure::NotFound(message)) => {
-            eprintln!("not found: {message}");
-            ExitCode::from(4)
-        }
-    }
-}
-
-/// Prints to standard output; a reader that has gone away is no error.
-pub fn print(text: &str) {
-    let _ = writeln!(std::io::stdout().lock(), "{text}");
-}
-
-/// All faults as one message, a line each.
-pub fn faults(faults: &[lampyris_core::fault::Fault]) -> Failure {
-    let lines: Vec<String> = faults.iter().map(ToString::to_string).collect();
-    Failure::Error(lines.join("\n       "))
-}
-
-/// Asks for a page of a list and shows it.
-fn list(server: &Server, path: &str, page: &Page, query: &[(&str, &Option<String>)], columns: &[table::Column]) -> Result<(), Failure> {
-    let mut asked = format!("{path}?page_size={}", page.limit);
-    for (name, value) in query.iter().chain([&("page_token", &page.page_token)]) {
-        if let Some(value) = value {
-            asked.push_str(&format!("&{name}={}", server::segment(value)));
-        }
-    }
-    shown_list(server, &server.get(&asked)?, columns)
-}
-
-/// Shows a list; an empty one is nothing found.
-fn shown_list(server: &Server, answer: &Answer, columns: &[table::Column]) -> Result<(), Failure> {
-    let is_empty = answer.document["items"].as_array().is_none_or(Vec::is_empty);
-    if !is_empty || server.json() {
-        server.show(answer, |list| table::items(list, columns));
-    }
-    if is_empty { Err(Failure::Nothing("the list is empty".to_owned())) } else { Ok(()) }
-}
-
-/// Reads a document: TOML where the name says so, otherwise JSON; `-` is standard input.
-fn read_document(file: &Path) -> Result<Value, Failure> {
-    let shown = file.display();
-    let mut text = String::new();
-    if file == Path::new("-") {
-        std::io::stdin().read_to_string(&mut text).map_err(|error| Failure::Error(format!("standard input: {error}")))?;
-    } else {
-        text = std::fs::read_to_string(file).map_err(|error| Failure::NotFound(format!("{shown}: {error}")))?;
-    }
-    if file.extension().is_some_and(|kind| kind == "toml") {
-        toml::from_str(&text).map_err(|error| Failure::Error(format!("{shown}: {error}")))
-    } else {
-        serde_json::from_str(&text).map_err(|error| Failure::Error(format!("{shown}: {error}")))
-    }
 }

@@ -1,8 +1,10 @@
 //! `lampyris models`: documents of models and effects on a running server.
 
+use super::document::read_document;
+use super::output::{Failure, print};
+use super::pages::{self, Page};
 use super::server::{Answer, Call, Server, fault_line, segment};
 use super::table::{self, Column};
-use super::{Failure, print, read_document};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
@@ -19,7 +21,7 @@ pub struct Arguments {
 #[derive(Debug, clap::Subcommand)]
 enum Verb {
     /// List models.
-    List(super::Page),
+    List(Page),
     /// Show one model: states, inputs, parameters, outputs.
     Show {
         /// Its id, such as room3+wind_infiltration.
@@ -47,7 +49,7 @@ enum Verb {
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let server = &arguments.server;
     match &arguments.verb {
-        Verb::List(page) => super::list(server, "/models", page, &[], COLUMNS),
+        Verb::List(page) => pages::list(server, "/models", page, &[], COLUMNS),
         Verb::Show { id } => {
             server.show(&server.get(&format!("/models/{}", segment(id)))?, describe);
             Ok(())

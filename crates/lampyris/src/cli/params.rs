@@ -1,8 +1,9 @@
 //! `lampyris params`: what a running server serves to controllers.
 
-use super::server::{Answer, Call, Server};
+use super::output::{Failure, print};
+use super::pages::{self, Page};
+use super::server::{Answer, Call, Server, segment};
 use super::table::{self, Column};
-use super::{Failure, print};
 use lampyris_core::data::SystemId;
 use serde_json::{Value, json};
 use std::time::Duration;
@@ -78,7 +79,7 @@ enum Verb {
         /// The system, such as room/4.
         system: SystemId,
         #[command(flatten)]
-        page: super::Page,
+        page: Page,
     },
     /// Serve an earlier fit, as a new revision, until it is let go.
     Pin {
@@ -102,8 +103,8 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let server = &arguments.server;
     match &arguments.verb {
         Verb::Get { system, accept, etag, wait } => get(server, system, accept.as_deref(), etag.as_deref(), *wait),
-        Verb::List => super::shown_list(server, &server.get("/params")?, COLUMNS),
-        Verb::History { system, page } => super::list(server, &format!("/params/{system}/history"), page, &[], HISTORY),
+        Verb::List => pages::shown_list(server, &server.get("/params")?, COLUMNS),
+        Verb::History { system, page } => pages::list(server, &format!("/params/{system}/history"), page, &[], HISTORY),
         Verb::Pin { system, fit, reason } => {
             let call = Call::json(&json!({"fit": fit, "reason": reason}));
             server.show(&server.call("PUT", &format!("/params/{system}/pin"), call)?, describe);
@@ -126,7 +127,7 @@ fn get(server: &Server, system: &SystemId, accept: Option<&str>, etag: Option<&s
         call.headers.push(("prefer", format!("wait={seconds}")));
         call.extra = Duration::from_secs(seconds);
     }
-    let query = accept.map_or_else(String::new, |accept| format!("?accept={}", super::server::segment(accept)));
+    let query = accept.map_or_else(String::new, |accept| format!("?accept={}", segment(accept)));
     let answer: Answer = server.call("GET", &format!("/params/{system}{query}"), call)?;
     if answer.status == 304 {
         eprintln!("unchanged");

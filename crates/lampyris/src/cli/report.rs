@@ -1,11 +1,13 @@
 //! `--report`: what a verb found as one HTML file. It holds the page's own modules and the answers that they would
 //! ask the service for, so that it opens from the disk, without a network.
 
-use super::{Failure, bundle, faults};
+use super::bundle;
+use super::output::{Failure, faults};
 use crate::http::{model_document, page_part};
-use crate::jobs::comparison::{self, Asked, Named};
-use crate::jobs::windows::Format;
-use crate::jobs::{JobsError, diagnostics};
+use crate::service::ServiceError;
+use crate::service::catalogue::windows::Format;
+use crate::service::query::subject::{Asked, Named};
+use crate::service::query::{comparison, diagnostics};
 use jiff::Timestamp;
 use lampyris_core::data::{Duration, Window};
 use lampyris_core::diagnose::Diagnosis;
@@ -127,9 +129,9 @@ fn value(document: &impl Serialize) -> Result<Value, Failure> {
     serde_json::to_value(document).map_err(|error| unwritten(&error))
 }
 
-fn read(document: Result<Vec<u8>, JobsError>) -> Result<Value, Failure> {
+fn read(document: Result<Vec<u8>, ServiceError>) -> Result<Value, Failure> {
     let bytes = document.map_err(|error| match error {
-        JobsError::Faults(found) => faults(&found),
+        ServiceError::Faults(found) => faults(&found),
         other => Failure::Error(other.to_string()),
     })?;
     serde_json::from_slice(&bytes).map_err(|error| unwritten(&error))

@@ -1,6 +1,6 @@
 //! `lampyris serve`.
 
-use super::{Failure, faults, print};
+use super::output::{Failure, faults, print};
 use crate::app;
 use crate::settings::Settings;
 use std::path::PathBuf;

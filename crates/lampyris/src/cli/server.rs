@@ -1,6 +1,6 @@
 //! Asks a running server: plain HTTP, one document per answer, faults as people read them.
 
-use super::{Failure, print};
+use super::output::{Failure, print};
 use serde_json::Value;
 use std::fmt::Write as _;
 use std::io::{BufRead, BufReader, Read};

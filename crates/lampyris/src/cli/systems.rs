@@ -1,8 +1,10 @@
 //! `lampyris systems`: rooms and plants of a running server.
 
+use super::document::read_document;
+use super::output::Failure;
+use super::pages::{self, Page};
 use super::server::{Call, Server};
 use super::table::{self, Column};
-use super::{Failure, read_document};
 use lampyris_core::data::SystemId;
 use serde_json::{Value, json};
 use std::path::PathBuf;
@@ -42,7 +44,7 @@ pub struct Arguments {
 #[derive(Debug, clap::Subcommand)]
 enum Verb {
     /// List systems, one row each. Exit code 3 where there are none.
-    List(super::Page),
+    List(Page),
     /// Show one system.
     Show {
         /// The system, such as room/4.
@@ -67,7 +69,7 @@ enum Verb {
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let server = &arguments.server;
     match &arguments.verb {
-        Verb::List(page) => super::list(server, "/systems", page, &[], COLUMNS),
+        Verb::List(page) => pages::list(server, "/systems", page, &[], COLUMNS),
         Verb::Show { system } => {
             server.show(&server.get(&format!("/systems/{system}"))?, describe);
             Ok(())

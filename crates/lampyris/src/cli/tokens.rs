@@ -1,9 +1,10 @@
 //! `lampyris token`: who may ask a service. It works on the database file, so that whoever has the file needs no token.
 
+use super::output::{Failure, faults, print};
+use super::serve;
 use super::table::{self, Column};
-use super::{Failure, faults, print, serve};
-use crate::jobs::tokens::{self, LOCAL, Made, NewToken};
-use crate::jobs::{JobsError, now};
+use crate::service::access::tokens::{self, LOCAL, Made, NewToken};
+use crate::service::{ServiceError, now};
 use crate::settings::Settings;
 use crate::store::Store;
 use crate::store::tokens::{Scope, TokenRecord};
@@ -105,10 +106,10 @@ async fn done(store: &Store, verb: Verb, json: bool) -> Result<(), Failure> {
     }
 }
 
-fn failed(error: JobsError) -> Failure {
+fn failed(error: ServiceError) -> Failure {
     match error {
-        JobsError::Faults(found) => faults(&found),
-        JobsError::NotFound(..) => Failure::NotFound(error.to_string()),
+        ServiceError::Faults(found) => faults(&found),
+        ServiceError::NotFound(..) => Failure::NotFound(error.to_string()),
         other => Failure::Error(other.to_string()),
     }
 }

@@ -2,7 +2,7 @@
 
 use super::fit::progress_bar;
 use super::measured::Measured;
-use super::{Failure, faults, print};
+use super::output::{Failure, faults, print};
 use lampyris_core::estimate::problem::request::{Budget, SeededMethod};
 use lampyris_core::estimate::tune::Performance;
 use lampyris_core::estimate::tune::{SPLIT, TuneError, Tuning, tune};

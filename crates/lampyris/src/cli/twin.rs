@@ -1,6 +1,6 @@
 //! `lampyris twin`: a synthetic room or plant as a CSV, and the truth beside it.
 
-use super::{Failure, faults, print};
+use super::output::{Failure, faults, print};
 use lampyris_core::model::Catalogue;
 use lampyris_core::twin::{Level, PlantRequest, WorldRequest, plant, world};
 use serde_json::Value;

@@ -1,7 +1,8 @@
 //! Follows events of a running server, line by line.
 
+use super::output::{Failure, print};
 use super::server::{Event, Server, segment};
-use super::{Failure, print, table};
+use super::table;
 use serde_json::{Value, json};
 use std::time::Duration;
 

@@ -1,6 +1,7 @@
 //! `lampyris windows`: measurements on a running server.
 
-use super::Failure;
+use super::output::Failure;
+use super::pages::{self, Page};
 use super::server::{Call, Server};
 use super::table::{self, Column};
 use lampyris_core::data::SystemId;
@@ -32,7 +33,7 @@ enum Verb {
         /// The system, such as room/4.
         system: SystemId,
         #[command(flatten)]
-        page: super::Page,
+        page: Page,
     },
 }
 
@@ -46,7 +47,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
             server.show(&server.call("POST", &format!("/systems/{system}/windows"), call)?, describe);
             Ok(())
         }
-        Verb::List { system, page } => super::list(server, &format!("/systems/{system}/windows"), page, &[], COLUMNS),
+        Verb::List { system, page } => pages::list(server, &format!("/systems/{system}/windows"), page, &[], COLUMNS),
     }
 }
 

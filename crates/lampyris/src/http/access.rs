@@ -1,11 +1,10 @@
 //! Who may do what. Every operation is declared here, once; the description takes its `security` from here, and the
 //! guard that lies around all operations decides by it.
 
-use super::Shared;
-use super::listen::Peer;
 use super::problem::ApiError;
-use crate::jobs::Service;
-use crate::jobs::tokens::{Judged, LOCAL};
+use super::shared::Shared;
+use crate::service::Service;
+use crate::service::access::tokens::{Judged, LOCAL};
 use crate::store;
 use crate::store::reach::Reach;
 use crate::store::systems::Thing;
@@ -172,6 +171,10 @@ impl FromRequestParts<Shared> for Caller {
     }
 }
 
+/// The address that a request came from.
+#[derive(Debug, Clone, Copy)]
+pub struct Peer(pub IpAddr);
+
 /// What the guard knows: the service, and every operation by path and method.
 #[derive(Debug, Clone)]
 pub struct Gate {
@@ -318,7 +321,7 @@ mod tests {
     #[test]
     fn every_operation_is_declared_once_and_nothing_else_is() {
         let described: BTreeSet<String> =
-            super::super::description::ids(&mut super::super::described()).into_iter().map(|(_, _, id)| id).collect();
+            super::super::description::ids(&mut super::super::surface::described()).into_iter().map(|(_, _, id)| id).collect();
         let declared: BTreeSet<String> = OPERATIONS.iter().map(|(id, ..)| (*id).to_owned()).collect();
         assert_eq!(declared, described);
         assert_eq!(OPERATIONS.len(), declared.len(), "an operation is declared twice");

@@ -1,10 +1,10 @@
 //! What operators did.
 
-use super::Shared;
 use super::access::Caller;
 use super::extract::Asked;
 use super::page::{Page, PageQuery};
 use super::problem::{ApiError, Problems};
+use super::shared::Shared;
 use crate::store;
 use crate::store::audit::{Action, DeedRecord};
 use axum::extract::State;

@@ -1,12 +1,12 @@
 //! Reports of recalibrations and of diagnoses of several systems.
 
-use super::Shared;
 use super::access::Caller;
 use super::extract::Asked;
 use super::page::{Page, PageQuery};
 use super::problem::{ApiError, Problems};
-use crate::jobs::Service;
-use crate::jobs::params::Status;
+use super::shared::Shared;
+use crate::service::Service;
+use crate::service::serving::body::Status;
 use crate::store;
 use crate::store::batches::{BatchJob, BatchKind, BatchRecord, BatchSummary};
 use crate::store::jobs::{JobState, Outcome};

@@ -1,4 +1,4 @@
-//! The documents that `jobs::chart` writes, as the description of the surface knows them.
+//! The documents that `query::chart` writes, as the description of the surface knows them.
 
 use std::collections::HashMap;
 use utoipa::ToSchema;
@@ -6,7 +6,7 @@ use utoipa::ToSchema;
 /// A fit beside the measurements.
 #[derive(Debug, ToSchema)]
 #[schema(as = Comparison)]
-#[expect(dead_code, reason = "describes what `jobs::chart` writes; a test keeps the two alike")]
+#[expect(dead_code, reason = "describes what `query::chart` writes; a test keeps the two alike")]
 pub struct ComparisonBody {
     fit: String,
     system: String,
@@ -44,7 +44,7 @@ pub struct ComparisonBody {
 /// How lines were thinned.
 #[derive(Debug, ToSchema)]
 #[schema(as = Thinning)]
-#[expect(dead_code, reason = "describes what `jobs::chart` writes")]
+#[expect(dead_code, reason = "describes what `query::chart` writes")]
 pub struct ThinningBody {
     /// `min_max`: the lowest and the highest value of each stretch.
     method: String,
@@ -117,7 +117,7 @@ pub struct OutputErrorsBody {
 /// A line: `values`, or `min` and `max` where it is thinned. `null` is a gap.
 #[derive(Debug, ToSchema)]
 #[schema(as = Line)]
-#[expect(dead_code, reason = "describes what `jobs::chart` writes")]
+#[expect(dead_code, reason = "describes what `query::chart` writes")]
 pub struct LineBody {
     values: Option<Vec<Option<f64>>>,
     min: Option<Vec<Option<f64>>>,
@@ -127,7 +127,7 @@ pub struct LineBody {
 /// One output.
 #[derive(Debug, ToSchema)]
 #[schema(as = OutputLines)]
-#[expect(dead_code, reason = "describes what `jobs::chart` writes")]
+#[expect(dead_code, reason = "describes what `query::chart` writes")]
 pub struct OutputBody {
     /// Unit of `measured` and `simulated`.
     unit: String,
@@ -142,7 +142,7 @@ pub struct OutputBody {
 /// One input.
 #[derive(Debug, ToSchema)]
 #[schema(as = InputLine)]
-#[expect(dead_code, reason = "describes what `jobs::chart` writes")]
+#[expect(dead_code, reason = "describes what `query::chart` writes")]
 pub struct InputBody {
     unit: String,
     values: Option<Vec<Option<f64>>>,
@@ -153,7 +153,7 @@ pub struct InputBody {
 /// Several fits beside the measurements.
 #[derive(Debug, ToSchema)]
 #[schema(as = Compare)]
-#[expect(dead_code, reason = "describes what `jobs::chart` writes; a test keeps the two alike")]
+#[expect(dead_code, reason = "describes what `query::chart` writes; a test keeps the two alike")]
 pub struct CompareBody {
     system: String,
     /// `free_run` or `ahead`.
@@ -185,7 +185,7 @@ pub struct CompareBody {
 /// One fit of several.
 #[derive(Debug, ToSchema)]
 #[schema(as = ComparedFit)]
-#[expect(dead_code, reason = "describes what `jobs::chart` writes")]
+#[expect(dead_code, reason = "describes what `query::chart` writes")]
 pub struct ComparedFitBody {
     fit: String,
     model: String,
@@ -216,7 +216,7 @@ pub struct ErrorRowBody {
 /// One output of several fits.
 #[derive(Debug, ToSchema)]
 #[schema(as = ComparedOutput)]
-#[expect(dead_code, reason = "describes what `jobs::chart` writes")]
+#[expect(dead_code, reason = "describes what `query::chart` writes")]
 pub struct ComparedOutputBody {
     unit: String,
     measured: LineBody,

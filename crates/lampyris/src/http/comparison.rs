@@ -1,13 +1,14 @@
 //! Fits beside the measurements, for charts and spreadsheets.
 
-use super::Shared;
 use super::access::Caller;
 use super::chart::{CompareBody, ComparisonBody};
 use super::extract::Asked as Query;
 use super::negotiate::{Wanted, rendered};
 use super::problem::{ApiError, PROBLEM_JSON, Problem, Problems};
-use crate::jobs::comparison::{self, Asked, MOST_FITS};
-use crate::jobs::windows::Format;
+use super::shared::{Shared, shared_body};
+use crate::service::catalogue::windows::Format;
+use crate::service::query::comparison::{self, MOST_FITS};
+use crate::service::query::subject::Asked;
 use axum::extract::{Path, State};
 use axum::response::Response;
 use lampyris_core::data::{Duration, Length, read_time};
@@ -184,7 +185,7 @@ async fn get_comparison(
     if !faults.is_empty() {
         return Err(ApiError::Invalid(faults));
     }
-    Ok(rendered(format, super::shared_body(comparison::one(&service, &id, &asked).await?)))
+    Ok(rendered(format, shared_body(comparison::one(&service, &id, &asked).await?)))
 }
 
 /// Several fits of one system on one window: the same times, and a table of errors on the same samples. The first
@@ -209,5 +210,5 @@ async fn get_compare(
     if !faults.is_empty() {
         return Err(ApiError::Invalid(faults));
     }
-    Ok(rendered(format, super::shared_body(comparison::several(&service, caller.reach(), &ids, &asked).await?)))
+    Ok(rendered(format, shared_body(comparison::several(&service, caller.reach(), &ids, &asked).await?)))
 }

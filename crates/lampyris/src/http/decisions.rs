@@ -1,11 +1,11 @@
 //! An operator's word on a fit that waits for it.
 
-use super::Shared;
 use super::access::Caller;
 use super::extract::Json;
 use super::fits::{FitAnswer, answer};
 use super::problem::{ApiError, PROBLEM_JSON, Problem, Problems};
-use crate::jobs::decisions::{self, Reason};
+use super::shared::Shared;
+use crate::service::serving::decisions::{self, Reason};
 use crate::store::decisions::Decision;
 use axum::extract::{Path, State};
 use utoipa_axum::router::OpenApiRouter;

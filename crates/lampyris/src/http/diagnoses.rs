@@ -1,12 +1,12 @@
 //! Which effect a model is missing, and the error ladder.
 
-use super::Shared;
 use super::access::Caller;
 use super::description::{Stored, With};
 use super::extract::{Asked, Named};
 use super::page::{Page, PageQuery};
 use super::problem::{ApiError, Problems};
-use crate::jobs::systems;
+use super::shared::Shared;
+use crate::service::catalogue::systems;
 use crate::store;
 use crate::store::diagnoses::DiagnosisRecord;
 use axum::extract::{Path, State};

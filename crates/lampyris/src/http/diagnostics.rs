@@ -1,12 +1,12 @@
 //! How well a fit follows its measurements.
 
-use super::Shared;
 use super::chart::{ProvenanceBody, SkillBody};
 use super::extract::Asked as Query;
 use super::negotiate::rendered;
 use super::problem::{ApiError, Problems};
-use crate::jobs::diagnostics;
-use crate::jobs::windows::Format;
+use super::shared::{Shared, shared_body};
+use crate::service::catalogue::windows::Format;
+use crate::service::query::diagnostics;
 use axum::extract::{Path, State};
 use axum::response::Response;
 use lampyris_core::diagnose::failures::{DayOfErrors, Episode};
@@ -36,7 +36,7 @@ struct DiagnosticsQuery {
 /// How well a fit follows its measurements.
 #[derive(Debug, ToSchema)]
 #[schema(as = Diagnostics)]
-#[expect(dead_code, reason = "describes what `jobs::diagnostics` writes; a test keeps the two alike")]
+#[expect(dead_code, reason = "describes what `query::diagnostics` writes; a test keeps the two alike")]
 struct DiagnosticsBody {
     fit: String,
     system: String,
@@ -112,5 +112,5 @@ async fn get_diagnostics(
     Path(id): Path<String>,
     Query(query): Query<DiagnosticsQuery>,
 ) -> Result<Response, ApiError> {
-    Ok(rendered(Format::Json, super::shared_body(diagnostics::diagnostics(&service, &id, query.output).await?)))
+    Ok(rendered(Format::Json, shared_body(diagnostics::diagnostics(&service, &id, query.output).await?)))
 }

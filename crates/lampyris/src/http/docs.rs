@@ -1,8 +1,8 @@
 //! `/docs`: the description of the surface, readable in a browser. The page is part of the binary and asks this
 //! service alone.
 
-use super::Shared;
 use super::problem::{ApiError, Problems};
+use super::shared::Shared;
 use axum::extract::Path;
 use axum::http::header;
 use axum::response::{IntoResponse, Response};

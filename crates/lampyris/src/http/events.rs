@@ -4,13 +4,13 @@
 //! log no longer knows, also after a restart of the service, it is told how things stand: which jobs wait and run,
 //! and every end since. No end is lost; around a return an event may come twice.
 
-use super::Shared;
 use super::access::Caller;
 use super::extract::Asked;
 use super::jobs::{JobAnswer, require};
 use super::problem::{ApiError, PROBLEM_JSON, Problem, Problems};
-use crate::jobs::board::Report;
-use crate::jobs::events::{Event as Happening, Position, What};
+use super::shared::Shared;
+use crate::service::changes::events::{Event as Happening, Position, What};
+use crate::service::work::progress::Report;
 use crate::store;
 use crate::store::events::Missed;
 use crate::store::jobs::{JobRecord, JobState};

@@ -1,9 +1,9 @@
 //! What the windows of a system show of every effect, each for itself and together.
 
-use super::Shared;
 use super::extract::{Asked, Named};
 use super::problem::{ApiError, Problems};
-use crate::jobs::systems;
+use super::shared::Shared;
+use crate::service::catalogue::systems;
 use crate::store;
 use axum::extract::State;
 use lampyris_core::data::{SystemId, rfc3339};

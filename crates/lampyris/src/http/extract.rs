@@ -1,9 +1,9 @@
 //! What handlers take out of a request. Every refusal is a problem document.
 
-use super::Shared;
 use super::problem::ApiError;
-use crate::jobs::blocking;
-use crate::jobs::decode::{self, Unread};
+use super::shared::Shared;
+use crate::service::blocking;
+use crate::service::decode::{self, Unread};
 use crate::store::idempotency::RequestKey;
 use axum::body::{Body, Bytes};
 use axum::extract::{FromRequest, FromRequestParts, MatchedPath, Path, Query, Request, State};

@@ -1,12 +1,12 @@
 //! What was found, and what the gate says of it.
 
-use super::Shared;
 use super::access::Caller;
 use super::description::With;
 use super::extract::Asked;
 use super::page::{Page, PageQuery};
 use super::problem::{ApiError, Problems};
-use crate::jobs::Service;
+use super::shared::Shared;
+use crate::service::Service;
 use crate::store;
 use crate::store::decisions::Decision;
 use crate::store::fits::FitEntry;

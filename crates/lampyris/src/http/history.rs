@@ -1,13 +1,13 @@
 //! What was served before, and what an operator keeps in service.
 
-use super::Shared;
 use super::access::Caller;
 use super::extract::{Asked, Empty, Json, Named};
 use super::page::{Page, PageQuery};
 use super::problem::{ApiError, PROBLEM_JSON, Problem, Problems};
-use crate::jobs::decisions::{self, PinBody};
-use crate::jobs::params::Body as ParamsBody;
-use crate::jobs::systems;
+use super::shared::Shared;
+use crate::service::catalogue::systems;
+use crate::service::serving::body::Body as ParamsBody;
+use crate::service::serving::decisions::{self, PinBody};
 use crate::store;
 use crate::store::revisions::{Cause, Revision};
 use axum::body::{Body, Bytes};

@@ -1,15 +1,16 @@
 //! Jobs: posted here, run elsewhere.
 
-use super::Shared;
 use super::access::Caller;
 use super::batches::BatchAnswer;
 use super::extract::{Asked, Empty, Json};
 use super::page::{Page, PageQuery};
 use super::problem::{ApiError, PROBLEM_JSON, Problem, Problems};
-use crate::jobs::board::Report;
-use crate::jobs::body::JobBody;
-use crate::jobs::request::{self, JobRequest};
-use crate::jobs::{Service, submit};
+use super::shared::Shared;
+use crate::service::Service;
+use crate::service::queue::body::JobBody;
+use crate::service::queue::request::{self, JobRequest};
+use crate::service::queue::submit;
+use crate::service::work::progress::Report;
 use crate::store;
 use crate::store::batches::SubmittedBatch;
 use crate::store::jobs::{Filter, JobKind, JobRecord, JobState, Origin, Outcome, Priority, Submitted};

@@ -1,11 +1,11 @@
 //! The layout of a building, proposed from one window of many sensors.
 
-use super::Shared;
 use super::description::With;
 use super::extract::Raw;
 use super::problem::{ApiError, Problems};
+use super::shared::Shared;
 use super::windows::{WindowBody, format};
-use crate::jobs::layout;
+use crate::service::catalogue::layout;
 use axum::extract::State;
 use lampyris_core::data::{Layout, NEIGHBOUR, SAME_ROOM};
 use serde::Serialize;

@@ -3,8 +3,10 @@
 //! A client has a moment for the head of a request and another for its body (`extract`); whoever is slower is closed,
 //! and so is a connection that idles. There is a limit of connections: beyond it the system lets new ones wait.
 
-use super::Shared;
+use super::access::Peer;
 use super::extract::{SPARE, linger};
+use super::shared::Shared;
+use super::surface::router;
 use axum::Router;
 use axum::body::{Body, Bytes};
 use axum::http::{HeaderValue, Request, StatusCode, header};
@@ -28,10 +30,6 @@ use tower::Service as _;
 /// A pause where the system gives no connection, such as for want of file descriptors: trying on would burn a core.
 const PAUSE: Duration = Duration::from_millis(200);
 
-/// The address that a request came from.
-#[derive(Debug, Clone, Copy)]
-pub struct Peer(pub IpAddr);
-
 /// Serves until the service is asked to stop, and then until the answers under way are sent.
 ///
 /// # Errors
@@ -41,7 +39,7 @@ pub async fn listen(listener: TcpListener, service: Shared) -> std::io::Result<(
     let mut builder = http1::Builder::new();
     builder.timer(TokioTimer::new()).header_read_timeout(Duration::from_secs(limits.header_seconds));
     let places = Arc::new(Semaphore::new(limits.connections));
-    let router = super::router(service.clone());
+    let router = router(service.clone());
     let mut stopping = service.stopping.subscribe();
     let mut open = JoinSet::new();
     loop {

@@ -1,10 +1,10 @@
 //! Figures for Prometheus: `/metrics`, and the layer that times the answers.
 
-use super::Shared;
 use super::access::Caller;
 use super::problem::Problems;
-use crate::jobs::metrics::Histogram;
-use crate::jobs::params;
+use super::shared::Shared;
+use crate::service::observe::metrics::Histogram;
+use crate::service::serving::body;
 use crate::store;
 use axum::extract::{MatchedPath, Request, State};
 use axum::http::{Method, header};
@@ -162,7 +162,7 @@ fn about_systems(service: &Shared, caller: &Caller, text: &mut Exposition, now: 
     ages.iter().for_each(|(system, age)| text.sample("lampyris_params_age_seconds", &[("system", system)], *age));
     text.family("lampyris_params_status", "gauge", "Whether this is the status of what a system serves.");
     for (system, status) in &statuses {
-        for word in params::Status::VALIDATED {
+        for word in body::Status::VALIDATED {
             text.sample("lampyris_params_status", &[("system", system), ("status", word.word())], f64::from(u8::from(word == *status)));
         }
     }

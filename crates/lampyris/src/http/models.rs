@@ -1,11 +1,12 @@
 //! Models and effects: documents that say what physics is thought to be at work.
 
-use super::Shared;
 use super::access::Caller;
 use super::extract::{Asked, Json};
 use super::page::{Page, PageQuery};
 use super::problem::{ApiError, PROBLEM_JSON, Problem, Problems};
-use crate::jobs::{blocking, models};
+use super::shared::Shared;
+use crate::service::blocking;
+use crate::service::catalogue::models;
 use crate::store;
 use axum::extract::{Path, State};
 use axum::http::{StatusCode, header};
@@ -119,7 +120,7 @@ struct ModelOutput {
 
 /// What an effect added to a model.
 #[derive(Debug, ToSchema)]
-#[expect(dead_code, reason = "describes the document that `jobs::models` makes")]
+#[expect(dead_code, reason = "describes the document that `catalogue::models` makes")]
 struct ModelDiff {
     /// The effect, with its argument.
     effect: String,
@@ -138,7 +139,7 @@ struct ModelDiff {
 /// An effect of the catalogue by name, or a whole effect document.
 #[derive(Debug, ToSchema)]
 #[serde(untagged)]
-#[expect(dead_code, reason = "describes what `jobs::models` reads")]
+#[expect(dead_code, reason = "describes what `catalogue::models` reads")]
 enum AddedEffect {
     Named(NamedEffect),
     Document(Box<EffectSpec>),
@@ -147,7 +148,7 @@ enum AddedEffect {
 /// An effect of the catalogue, with its argument where it takes one.
 #[derive(Debug, ToSchema)]
 #[serde(deny_unknown_fields)]
-#[expect(dead_code, reason = "describes what `jobs::models` reads")]
+#[expect(dead_code, reason = "describes what `catalogue::models` reads")]
 struct NamedEffect {
     #[schema(pattern = "^[A-Za-z0-9_]{1,64}(:[A-Za-z0-9_]{1,64})?$", example = "wind_infiltration")]
     effect: String,
@@ -164,7 +165,7 @@ struct ModelCheck {
 
 /// A model made by adding an effect.
 #[derive(Debug, ToSchema)]
-#[expect(dead_code, reason = "describes the document that `jobs::models` makes")]
+#[expect(dead_code, reason = "describes the document that `catalogue::models` makes")]
 #[schema(as = ModelVersion)]
 struct VersionAnswer {
     /// Its id.

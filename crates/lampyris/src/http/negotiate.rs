@@ -1,9 +1,9 @@
 //! JSON or CSV: what the client would rather have (RFC 9110, 12.5.1).
 
-use super::Shared;
 use super::extract::accepted;
 use super::problem::ApiError;
-use crate::jobs::windows::Format;
+use super::shared::Shared;
+use crate::service::catalogue::windows::Format;
 use axum::body::Body;
 use axum::extract::FromRequestParts;
 use axum::http::request::Parts;

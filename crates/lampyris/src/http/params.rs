@@ -2,10 +2,11 @@
 //!
 //! The handlers answer from the snapshot. No layer lies around them but the guard: no trace, no compression, no time-out.
 
-use super::Shared;
 use super::access::Caller;
 use super::problem::{ApiError, Problems};
-use crate::jobs::params::{Answer, Body as ParamsBody, Entry, Rendered};
+use super::shared::{Shared, shared_body};
+use crate::service::serving::body::{Body as ParamsBody, Rendered};
+use crate::service::serving::snapshot::{Answer, Entry};
 use axum::body::Body;
 use axum::extract::{Request, State};
 use axum::http::{HeaderMap, HeaderValue, StatusCode, Uri, header};
@@ -143,7 +144,7 @@ fn answer(entry: &Entry, system: &str, accept: Option<Accept>, headers: &HeaderM
     match chosen(entry, accept) {
         Some(rendered) if matches(headers, &rendered.etag) => not_modified(&rendered.etag),
         Some(rendered) => {
-            let mut response = tagged(super::shared_body(rendered.body.clone()), &rendered.etag);
+            let mut response = tagged(shared_body(rendered.body.clone()), &rendered.etag);
             response.headers_mut().insert("params-status", HeaderValue::from_static(rendered.status.word()));
             response
         }

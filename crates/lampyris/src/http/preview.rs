@@ -1,10 +1,10 @@
 //! What a model does: a short simulation for whoever edits it.
 
-use super::Shared;
 use super::access::Caller;
 use super::extract::Json;
 use super::problem::{ApiError, Problems};
-use crate::jobs::preview;
+use super::shared::Shared;
+use crate::service::query::preview;
 use axum::extract::State;
 use lampyris_core::data::SystemId;
 use lampyris_core::estimate::assess::preview::Preview;
@@ -26,7 +26,7 @@ pub fn router() -> OpenApiRouter<Shared> {
 /// What is simulated. Every field has a default, but a model or a system must be named.
 #[derive(Debug, ToSchema)]
 #[serde(deny_unknown_fields)]
-#[expect(dead_code, reason = "describes what `jobs::preview` reads")]
+#[expect(dead_code, reason = "describes what `query::preview` reads")]
 struct PreviewBody {
     /// The id of a model, or a whole model document; the system's own model by default.
     #[schema(value_type = Option<PreviewModel>)]
@@ -52,7 +52,7 @@ struct PreviewBody {
 /// A model by its id, or a whole model document.
 #[derive(Debug, ToSchema)]
 #[serde(untagged)]
-#[expect(dead_code, reason = "describes what `jobs::preview` reads")]
+#[expect(dead_code, reason = "describes what `query::preview` reads")]
 enum PreviewModel {
     Named(ModelId),
     Document(Box<ModelDocument>),
@@ -61,7 +61,7 @@ enum PreviewModel {
 /// An effect by its id, with its argument where it takes one, or a whole effect document.
 #[derive(Debug, ToSchema)]
 #[serde(untagged)]
-#[expect(dead_code, reason = "describes what `jobs::preview` reads")]
+#[expect(dead_code, reason = "describes what `query::preview` reads")]
 enum PreviewEffect {
     Named(String),
     Document(Box<EffectSpec>),

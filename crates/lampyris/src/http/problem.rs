@@ -1,6 +1,6 @@
 //! Every answer that is an error, as a problem document (RFC 9457) with a stable slug and all faults at once.
 
-use crate::jobs::{JobsError, Refusal};
+use crate::service::{Refusal, ServiceError};
 use crate::store::StoreError;
 use crate::store::tokens::Scope;
 use axum::http::{HeaderValue, StatusCode, header};
@@ -112,21 +112,21 @@ pub enum ApiError {
     Internal(String),
 }
 
-impl From<JobsError> for ApiError {
-    fn from(error: JobsError) -> Self {
+impl From<ServiceError> for ApiError {
+    fn from(error: ServiceError) -> Self {
         match error {
-            JobsError::Malformed(fault) => ApiError::Malformed(fault),
-            JobsError::Faults(faults) => ApiError::Invalid(faults),
-            JobsError::NoSystem(system) => ApiError::NotFound("system", system.to_string()),
-            JobsError::NotFound(what, which) => ApiError::NotFound(what, which),
-            JobsError::Conflict(what, which) => ApiError::Conflict(what, which),
-            JobsError::Refused(refusal) => ApiError::Refused(refusal),
-            JobsError::KeyReused => ApiError::KeyReused,
-            JobsError::NotFinished(job, state) => ApiError::NotFinished(job, state.word()),
-            JobsError::QueueFull(limit) => ApiError::QueueFull(limit),
-            JobsError::Busy => ApiError::Busy,
-            JobsError::Store(error) => ApiError::Storage(error),
-            JobsError::Internal(detail) => ApiError::Internal(detail),
+            ServiceError::Malformed(fault) => ApiError::Malformed(fault),
+            ServiceError::Faults(faults) => ApiError::Invalid(faults),
+            ServiceError::NoSystem(system) => ApiError::NotFound("system", system.to_string()),
+            ServiceError::NotFound(what, which) => ApiError::NotFound(what, which),
+            ServiceError::Conflict(what, which) => ApiError::Conflict(what, which),
+            ServiceError::Refused(refusal) => ApiError::Refused(refusal),
+            ServiceError::KeyReused => ApiError::KeyReused,
+            ServiceError::NotFinished(job, state) => ApiError::NotFinished(job, state.word()),
+            ServiceError::QueueFull(limit) => ApiError::QueueFull(limit),
+            ServiceError::Busy => ApiError::Busy,
+            ServiceError::Store(error) => ApiError::Storage(error),
+            ServiceError::Internal(detail) => ApiError::Internal(detail),
         }
     }
 }

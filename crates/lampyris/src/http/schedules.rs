@@ -1,13 +1,13 @@
 //! When systems are recalibrated or diagnosed.
 
-use super::Shared;
 use super::access::{Caller, within};
 use super::extract::{Asked, Empty, Json};
 use super::jobs::batch_answer;
 use super::page::{Page, PageQuery};
 use super::problem::{ApiError, PROBLEM_JSON, Problem, Problems};
-use crate::jobs::schedule::{self, ScheduleDocument, Ticks};
-use crate::jobs::{Refusal, submit};
+use super::shared::Shared;
+use crate::service::queue::schedules::{self, ScheduleDocument, Ticks};
+use crate::service::queue::submit;
 use crate::store;
 use crate::store::batches::BatchKind;
 use crate::store::jobs::Priority;
@@ -135,8 +135,8 @@ async fn get_schedule(State(service): State<Shared>, Path(name): Path<String>) -
     responses((status = 200, description = "Replaced", body = ScheduleAnswer), (status = 201, description = "Made", body = ScheduleAnswer), Problems)
 )]
 async fn put_schedule(State(service): State<Shared>, caller: Caller, Path(name): Path<String>, body: Json) -> Result<Response, ApiError> {
-    caller.may_select(&schedule::selected(&body.value))?;
-    let is_new = schedule::put(&service, &name, body.value, caller.name()).await?;
+    caller.may_select(&schedules::selected(&body.value))?;
+    let is_new = schedules::put(&service, &name, body.value, caller.name()).await?;
     let answer = ScheduleAnswer::of(require(&service, &name).await?, service.now());
     Ok((if is_new { StatusCode::CREATED } else { StatusCode::OK }, axum::Json(answer)).into_response())
 }
@@ -155,7 +155,7 @@ async fn preview_schedule(
     Path(name): Path<String>,
     body: Json,
 ) -> Result<axum::Json<SchedulePreview>, ApiError> {
-    let (zone, ticks) = schedule::preview(&service, &name, body.value)?;
+    let (zone, ticks) = schedules::preview(&service, &name, body.value)?;
     Ok(axum::Json(SchedulePreview { in_words: ticks.in_words(), zone, next_runs: ticks.next(service.now(), SHOWN_TICKS) }))
 }
 
@@ -191,14 +191,7 @@ async fn delete_schedule(
     Path(name): Path<String>,
     _body: Empty,
 ) -> Result<StatusCode, ApiError> {
-    if name == schedule::NIGHTLY {
-        let detail = "the nightly schedule is part of the service: put it with `\"enabled\": false` instead".to_owned();
-        return Err(ApiError::Refused(Refusal::new("schedule-not-removable", detail)));
-    }
-    if !store::schedules::delete(&service.store, &name, caller.name(), service.now()).await? {
-        return Err(ApiError::NotFound("schedule", name));
-    }
-    service.wake_schedule.notify_one();
+    schedules::delete(&service, &name, caller.name()).await?;
     Ok(StatusCode::NO_CONTENT)
 }
 
@@ -216,7 +209,7 @@ async fn delete_schedule(
 )]
 async fn run_schedule(State(service): State<Shared>, Path(name): Path<String>, body: Empty) -> Result<Response, ApiError> {
     let record = require(&service, &name).await?;
-    let request = schedule::request(&record)?;
+    let request = schedules::request(&record)?;
     let submitted = submit::several(&service, &request, Some(&name), Priority::Operator, body.key.as_ref()).await?;
     batch_answer(&service, submitted).await
 }

@@ -1,11 +1,11 @@
 //! What was measured, stitched from all windows of a system: for a chart as JSON, for a file as CSV.
 
-use super::Shared;
 use super::extract::{Asked, Named};
 use super::negotiate::{Wanted, rendered};
 use super::problem::{ApiError, Problems};
-use crate::jobs::series::{self, CHART_POINTS, ShownChannel, View};
-use crate::jobs::windows::Format;
+use super::shared::Shared;
+use crate::service::catalogue::windows::Format;
+use crate::service::query::series::{self, CHART_POINTS, ShownChannel, View};
 use axum::body::Body;
 use axum::extract::State;
 use axum::response::Response;

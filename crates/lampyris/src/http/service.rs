@@ -1,9 +1,9 @@
 //! The service about itself.
 
-use super::Shared;
 use super::problem::Problems;
+use super::shared::Shared;
 use axum::extract::State;
-use axum::http::{StatusCode, header};
+use axum::http::StatusCode;
 use axum::response::{IntoResponse, Response};
 use serde::Serialize;
 use std::sync::atomic::Ordering;
@@ -13,12 +13,7 @@ use utoipa_axum::routes;
 
 /// The paths of this file.
 pub fn router() -> OpenApiRouter<Shared> {
-    OpenApiRouter::new()
-        .routes(routes!(healthz))
-        .routes(routes!(readyz))
-        .routes(routes!(version))
-        .routes(routes!(openapi))
-        .routes(routes!(openapi_as_json))
+    OpenApiRouter::new().routes(routes!(healthz)).routes(routes!(readyz)).routes(routes!(version))
 }
 
 /// Whether the service can do its work.
@@ -76,16 +71,4 @@ async fn readyz(State(service): State<Shared>) -> Response {
 #[utoipa::path(get, path = "/version", tag = "service", responses((status = 200, body = Version)))]
 async fn version() -> axum::Json<Version> {
     axum::Json(Version { name: env!("CARGO_PKG_NAME"), version: env!("CARGO_PKG_VERSION") })
-}
-
-/// This description of the surface.
-#[utoipa::path(get, path = "/openapi.yaml", tag = "service", responses((status = 200, body = String, content_type = "application/yaml")))]
-async fn openapi() -> Response {
-    ([(header::CONTENT_TYPE, "application/yaml")], super::openapi_yaml()).into_response()
-}
-
-/// This description of the surface as JSON.
-#[utoipa::path(get, path = "/openapi.json", tag = "service", responses((status = 200, body = Object)))]
-async fn openapi_as_json() -> Response {
-    ([(header::CONTENT_TYPE, "application/json")], super::openapi_json()).into_response()
 }

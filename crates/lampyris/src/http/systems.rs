@@ -1,15 +1,16 @@
 //! Rooms and plants.
 
-use super::Shared;
 use super::access::Caller;
 use super::description::With;
 use super::extract::{Asked, Json, Named};
 use super::page::{Page, PageQuery};
 use super::problem::{ApiError, Problems};
-use crate::jobs::Service;
-use crate::jobs::health::{Health, Served, ahead, health};
-use crate::jobs::params::Status;
-use crate::jobs::systems::{self, SystemDocument, document};
+use super::shared::Shared;
+use crate::service::Service;
+use crate::service::catalogue::system::{SystemDocument, document};
+use crate::service::catalogue::systems;
+use crate::service::serving::body::Status;
+use crate::service::serving::health::{Health, Served, ahead, health};
 use crate::store;
 use crate::store::jobs::{JobRecord, JobState, Outcome};
 use crate::store::systems::SystemRecord;

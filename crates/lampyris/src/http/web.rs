@@ -1,9 +1,9 @@
 //! `/ui/`: the page. It is part of the binary, asks this service alone, and carries what it shows in its address, so
 //! that every address under `/ui/` that names no file answers with the same document.
 
-use super::Shared;
 use super::params::matches;
 use super::problem::ApiError;
+use super::shared::Shared;
 use axum::Router;
 use axum::extract::Path;
 use axum::http::{HeaderMap, StatusCode, header};

@@ -1,13 +1,13 @@
 //! Measurements.
 
-use super::Shared;
 use super::access::Caller;
 use super::description::{Stored, With};
 use super::extract::{Asked, Named, Raw};
 use super::page::{Page, PageQuery};
 use super::problem::{ApiError, Problems};
-use crate::jobs::systems;
-use crate::jobs::windows::{self, Format};
+use super::shared::Shared;
+use crate::service::catalogue::systems;
+use crate::service::catalogue::windows::{self, Format};
 use crate::store;
 use crate::store::windows::WindowRecord;
 use axum::extract::{Path, State};

@@ -1,8 +1,11 @@
 //! What operators did, when, and under which name. A row is written in the transaction that does it.
 
+use super::database::Store;
+use super::error::StoreError;
 use super::reach::Reach;
 use super::row::row;
-use super::{Store, StoreError, instant, millis, parse, words};
+use super::value::{instant, millis, parse};
+use super::words::words;
 use jiff::Timestamp;
 use lampyris_core::data::SystemId;
 use sqlx::SqliteConnection;

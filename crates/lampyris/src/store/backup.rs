@@ -3,8 +3,10 @@
 //! A database in use is three files: a raw copy of the first lacks what still waits in the write-ahead log, and a copy
 //! of all three at different moments may be no database at all. `VACUUM INTO` copies one moment of it as one file.
 
-use super::migrate::schema;
-use super::{StoreError, failpoint, lock, options};
+use super::error::StoreError;
+use super::failpoint;
+use super::file::{beside, lock, options};
+use super::schema::schema;
 use jiff::Timestamp;
 use sqlx::{ConnectOptions, Connection, SqliteConnection};
 use std::fs::{self, File};
@@ -155,13 +157,6 @@ pub(super) async fn require_whole(connection: &mut SqliteConnection) -> Result<(
 pub(super) async fn require_sound(connection: &mut SqliteConnection, check: &'static str) -> Result<(), StoreError> {
     let found: Vec<String> = sqlx::query_scalar(check).fetch_all(connection).await?;
     if found == ["ok"] { Ok(()) } else { Err(StoreError::Damaged(found.join("; "))) }
-}
-
-/// The path of a file beside a database: its name with an ending.
-pub(super) fn beside(path: &Path, ending: &str) -> PathBuf {
-    let mut name = path.as_os_str().to_owned();
-    name.push(ending);
-    PathBuf::from(name)
 }
 
 /// A name is on the disk when its folder is.

@@ -1,10 +1,14 @@
 //! Recalibrations and diagnoses of several systems: ordinary jobs under one name.
 
+use super::database::Store;
+use super::error::StoreError;
 use super::idempotency::{Earlier, KeyState, RequestKey, look_up, remember};
 use super::jobs::{JobFailure, JobState, NewJob, Outcome, SubmitError, submit_in};
 use super::reach::Reach;
 use super::row::row;
-use super::{Store, StoreError, derive_id, from_json, instant, millis, next, parse, to_json, words};
+use super::sequence::{derive_id, next};
+use super::value::{from_json, instant, millis, parse, to_json};
+use super::words::words;
 use jiff::Timestamp;
 use lampyris_core::data::SystemId;
 use lampyris_core::diagnose::Adequacy;

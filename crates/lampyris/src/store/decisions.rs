@@ -1,9 +1,13 @@
 //! Fits that wait for an operator, and what the operator says.
 
 use super::audit::{Action, Deed, note};
+use super::database::Store;
+use super::error::StoreError;
+use super::params;
 use super::revisions::{Cause, NewRevision, publish};
 use super::row::row;
-use super::{Store, StoreError, from_json, instant, millis, params, parse, to_json, words};
+use super::value::{from_json, instant, millis, parse, to_json};
+use super::words::words;
 use jiff::Timestamp;
 use lampyris_core::estimate::assess::metrics::CurrentState;
 use lampyris_core::estimate::{Fit, Offer};

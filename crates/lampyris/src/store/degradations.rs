@@ -1,25 +1,13 @@
 //! Systems whose revision forecasts newer measurements much worse than those that it was validated on.
 
-use super::{Store, StoreError, from_json, instant, millis, to_json};
+use super::database::Store;
+use super::error::StoreError;
+use super::params;
+use super::value::{millis, parse, to_json};
 use jiff::Timestamp;
 use lampyris_core::data::SystemId;
 use lampyris_core::estimate::assess::degradation::Degradation;
 use lampyris_core::estimate::assess::metrics::CurrentState;
-
-/// A degradation as it is kept: the numbers of the moment at which it was noticed.
-#[derive(Debug, Clone, PartialEq)]
-pub struct DegradationRecord {
-    /// What was found.
-    pub degradation: Degradation,
-    /// When.
-    pub since: Timestamp,
-}
-
-impl DegradationRecord {
-    pub(super) fn read(description: &str, since: i64) -> Result<Self, StoreError> {
-        Ok(Self { degradation: from_json("a degradation", description)?, since: instant(since)? })
-    }
-}
 
 /// Keeps what newer measurements say of a revision, if it is still the current one: its states, and whether it
 /// is degraded. Says whether that has turned: `Some(true)` where it became degraded, `Some(false)` where it recovered.
@@ -42,7 +30,7 @@ pub async fn keep(
         return Ok(None);
     }
     if let Some(state) = state {
-        super::params::keep_state(&mut tx, &system, state).await?;
+        params::keep_state(&mut tx, &system, state).await?;
     }
     let changed = match found {
         Some(degradation) => {
@@ -64,5 +52,5 @@ pub async fn outdated(store: &Store) -> Result<Vec<SystemId>, StoreError> {
     let sql = "SELECT r.system FROM revisions r WHERE r.current AND EXISTS
                    (SELECT 1 FROM windows w WHERE w.system = r.system AND w.uploaded_at > r.published_at) ORDER BY r.system";
     let names: Vec<String> = sqlx::query_scalar(sql).fetch_all(&store.reader).await?;
-    names.iter().map(|name| super::parse("a system", name)).collect()
+    names.iter().map(|name| parse("a system", name)).collect()
 }

@@ -1,10 +1,13 @@
 //! Which effects models are missing, and the error ladders. A job writes one of them when it ends.
 
-use super::finish::Report;
+use super::database::Store;
+use super::error::StoreError;
+use super::evidence;
 use super::jobs::Lease;
 use super::reach::Reach;
 use super::row::row;
-use super::{Store, StoreError, derive_id, evidence, from_json, instant, millis, next, parse, to_json};
+use super::sequence::{derive_id, next};
+use super::value::{from_json, instant, millis, parse, to_json, word};
 use jiff::Timestamp;
 use lampyris_core::data::SystemId;
 use lampyris_core::diagnose::ladder::Ladder;
@@ -74,6 +77,15 @@ impl Row {
     }
 }
 
+/// What a job found out with the help of its fit.
+#[derive(Debug)]
+pub enum Report {
+    /// Which effect the model is missing.
+    Diagnosis(Box<Diagnosis>),
+    /// Effects one after another.
+    Ladder(Box<Ladder>),
+}
+
 /// Keeps what a job found out from a fit, which is named with the hash of its model; gives the id of a diagnosis.
 pub(super) async fn keep(
     tx: &mut SqliteConnection,
@@ -96,7 +108,7 @@ pub(super) async fn keep(
                 .bind(&lease.job)
                 .bind(system)
                 .bind(fit)
-                .bind(super::finish::word(&named.verdict)?)
+                .bind(word(&named.verdict)?)
                 .bind(to_json("a diagnosis", &named)?)
                 .bind(millis(now))
                 .execute(&mut *tx)

@@ -1,8 +1,10 @@
 //! What a doctor wants to know of a database, also of one that a service has open.
 
-use super::backup::{beside, require_whole};
-use super::migrate::{newest, schema};
-use super::{StoreError, instant, lock, options};
+use super::backup::require_whole;
+use super::error::StoreError;
+use super::file::{beside, lock, options};
+use super::schema::{newest, schema};
+use super::value::instant;
 use jiff::Timestamp;
 use sqlx::{ConnectOptions, Connection, SqliteConnection};
 use std::path::Path;

@@ -3,8 +3,9 @@
 //! Submissions and ends take their numbers from one counter inside their transactions, and transactions that
 //! write follow one another; so whoever has seen a number has seen all smaller ones.
 
+use super::database::Store;
+use super::error::StoreError;
 use super::jobs::{JobRecord, Row};
-use super::{Store, StoreError};
 use lampyris_core::data::SystemId;
 
 /// Numbers between which listeners have missed something.

@@ -1,7 +1,9 @@
 //! What every window showed of every effect, also when its diagnosis is forgotten: the long memory of a system.
 
+use super::database::Store;
+use super::error::StoreError;
 use super::row::row;
-use super::{Store, StoreError, corrupt};
+use super::value::corrupt;
 use lampyris_core::data::SystemId;
 use lampyris_core::diagnose::ledger::{EffectScore, Entry, Span};
 use sqlx::SqliteConnection;

@@ -3,13 +3,16 @@
 //! It publishes where it has an [`Acceptance`](lampyris_core::estimate::Acceptance), the policy is automatic and no pin is set; what
 //! passes otherwise becomes an offer to the operator.
 
+use super::database::Store;
+use super::diagnoses::{self, Report};
+use super::error::StoreError;
 use super::jobs::{JobFailure, Lease, Outcome};
 use super::revisions::{self, Cause, NewRevision};
 use super::row::row;
-use super::{Store, StoreError, corrupt, decisions, derive_id, diagnoses, failpoint, millis, next, params, systems, to_json};
+use super::sequence::{derive_id, next};
+use super::value::{corrupt, millis, to_json, word};
+use super::{decisions, failpoint, params, systems};
 use jiff::Timestamp;
-use lampyris_core::diagnose::ladder::Ladder;
-use lampyris_core::diagnose::report::Diagnosis;
 use lampyris_core::estimate::assess::metrics::CurrentState;
 use lampyris_core::estimate::problem::method::SeededMethod;
 use lampyris_core::estimate::tune::Tuning;
@@ -55,15 +58,6 @@ pub struct Tuned {
     pub tuning: Tuning,
     /// Whether the policy of the system lets better settings be taken without an operator.
     pub automatic: bool,
-}
-
-/// What a job found out with the help of its fit.
-#[derive(Debug)]
-pub enum Report {
-    /// Which effect the model is missing.
-    Diagnosis(Box<Diagnosis>),
-    /// Effects one after another.
-    Ladder(Box<Ladder>),
 }
 
 /// What the end of a job led to.
@@ -275,13 +269,4 @@ async fn keep_fit(
         params::keep_state(tx, system, state).await?;
     }
     Ok(finished)
-}
-
-/// The word by which an enum is written in documents.
-pub(super) fn word<T: serde::Serialize>(value: &T) -> Result<String, StoreError> {
-    match serde_json::to_value(value) {
-        Ok(serde_json::Value::String(word)) => Ok(word),
-        Ok(other) => Err(corrupt("an enum", &other)),
-        Err(error) => Err(corrupt("an enum", &error)),
-    }
 }

@@ -1,8 +1,10 @@
 //! What was found, with its verdict.
 
+use super::database::Store;
+use super::error::StoreError;
 use super::reach::Reach;
 use super::row::row;
-use super::{Store, StoreError, from_json, instant, parse, to_json};
+use super::value::{from_json, instant, parse, to_json};
 use jiff::Timestamp;
 use lampyris_core::data::SystemId;
 use lampyris_core::estimate::Fit;

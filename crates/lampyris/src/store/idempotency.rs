@@ -1,7 +1,9 @@
 //! Keys of requests that created something. The key is written in the transaction that creates the thing, so
 //! neither can survive a crash without the other.
 
-use super::{Store, StoreError, millis};
+use super::database::Store;
+use super::error::StoreError;
+use super::value::millis;
 use jiff::{SignedDuration, Timestamp};
 use sqlx::SqliteConnection;
 

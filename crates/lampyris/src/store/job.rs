@@ -1,6 +1,6 @@
 //! The words of a job: what it does, where it stands, what came of it, and why it failed.
 
-use super::words;
+use super::words::words;
 use lampyris_core::fault::Fault;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;

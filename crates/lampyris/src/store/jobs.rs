@@ -3,10 +3,14 @@
 //! A lease has no expiry and no clock: it is void as soon as another boot looks at it. The attempt is counted
 //! and committed before the job starts, so a job that takes the process down is counted as well.
 
+use super::database::Store;
+use super::error::StoreError;
 use super::idempotency::{Earlier, KeyState, RequestKey, look_up, remember};
 use super::reach::Reach;
 use super::row::row;
-use super::{Store, StoreError, derive_id, failpoint, from_json, instant, millis, next, params, parse, to_json};
+use super::sequence::{derive_id, next};
+use super::value::{from_json, instant, millis, parse, to_json};
+use super::{failpoint, params};
 use jiff::Timestamp;
 use lampyris_core::data::SystemId;
 use lampyris_core::model::ModelId;
@@ -381,7 +385,7 @@ pub async fn recover(store: &Store, boot: i64, now: Timestamp) -> Result<Recover
     let mut recovered = Recovered::default();
     for row in failed {
         let job = row.record()?;
-        params::note_failed_job(&mut tx, &job, now).await?;
+        note_failed_job(&mut tx, &job, now).await?;
         recovered.failed.push(job.id);
     }
     let sql = "UPDATE jobs SET state = 'queued', boot = NULL, requeued = TRUE WHERE state = 'running' AND boot <> $1 RETURNING id";
@@ -389,6 +393,17 @@ pub async fn recover(store: &Store, boot: i64, now: Timestamp) -> Result<Recover
     failpoint::reached("in_recovery");
     tx.commit().await?;
     Ok(recovered)
+}
+
+/// Notes a job that failed outside of a worker's hands, if it counts.
+async fn note_failed_job(tx: &mut SqliteConnection, job: &JobRecord, now: Timestamp) -> Result<(), StoreError> {
+    let system = job.system.to_string();
+    let own: Option<String> =
+        sqlx::query_scalar("SELECT model FROM systems WHERE system = $1").bind(&system).fetch_optional(&mut *tx).await?;
+    if !job.experiment && own.is_some_and(|model| model == job.model.to_string()) {
+        params::fall_back(tx, &system, &job.id, None, now).await?;
+    }
+    Ok(())
 }
 
 /// Calls a job off: one that waits is over at once, one that runs is marked. One that has ended stays as it is.

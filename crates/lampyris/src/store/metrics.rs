@@ -1,7 +1,9 @@
 //! How long the queue is.
 
+use super::database::Store;
+use super::error::StoreError;
 use super::jobs::JobState;
-use super::{Store, StoreError, instant, parse};
+use super::value::{instant, parse};
 use jiff::Timestamp;
 
 /// The jobs that stand alike.

@@ -1,8 +1,10 @@
 //! Model and effect documents of users, and the versions made by adding effects.
 
 use super::audit::{Action, Deed, note};
+use super::database::Store;
+use super::error::StoreError;
 use super::idempotency::{KeyState, RequestKey, look_up, remember};
-use super::{Store, StoreError, from_json, instant, millis, parse, to_json};
+use super::value::{corrupt, from_json, instant, millis, parse, to_json};
 use jiff::Timestamp;
 use lampyris_core::model::ModelId;
 use lampyris_core::model::document::ModelDocument;
@@ -44,7 +46,7 @@ pub enum Kept {
 pub async fn models(store: &Store) -> Result<Vec<ModelDocument>, StoreError> {
     let texts: Vec<String> = sqlx::query_scalar("SELECT document FROM models ORDER BY id").fetch_all(&store.reader).await?;
     let read = |text: &String| -> Result<ModelDocument, StoreError> {
-        ModelDocument::from_json(&from_json("a model document", text)?).map_err(|fault| super::corrupt("a model document", &fault))
+        ModelDocument::from_json(&from_json("a model document", text)?).map_err(|fault| corrupt("a model document", &fault))
     };
     texts.iter().map(read).collect()
 }

@@ -1,11 +1,14 @@
 //! What is served, all from one moment: the current revision, why it is not newer, what is said of it, and the states.
 
-use super::degradations::DegradationRecord;
-use super::jobs::{JobRecord, JobState};
+use super::database::Store;
+use super::error::StoreError;
+use super::job::JobState;
 use super::row::row;
-use super::{Store, StoreError, from_json, instant, millis, parse, to_json, words};
+use super::value::{from_json, instant, millis, parse, to_json};
+use super::words::words;
 use jiff::Timestamp;
 use lampyris_core::data::SystemId;
+use lampyris_core::estimate::assess::degradation::Degradation;
 use lampyris_core::estimate::assess::metrics::CurrentState;
 use sqlx::SqliteConnection;
 
@@ -76,6 +79,21 @@ pub struct FallbackRecord {
     pub failed_checks: Vec<String>,
     /// Since when no attempt has succeeded.
     pub since: Timestamp,
+}
+
+/// A degradation as it is kept: the numbers of the moment at which it was noticed.
+#[derive(Debug, Clone, PartialEq)]
+pub struct DegradationRecord {
+    /// What was found.
+    pub degradation: Degradation,
+    /// When.
+    pub since: Timestamp,
+}
+
+impl DegradationRecord {
+    fn read(description: &str, since: i64) -> Result<Self, StoreError> {
+        Ok(Self { degradation: from_json("a degradation", description)?, since: instant(since)? })
+    }
 }
 
 /// An operator's pin.
@@ -243,17 +261,6 @@ pub(super) async fn fall_back(
         .bind(millis(now))
         .execute(tx)
         .await?;
-    Ok(())
-}
-
-/// Notes a job that failed outside of a worker's hands, if it counts.
-pub(super) async fn note_failed_job(tx: &mut SqliteConnection, job: &JobRecord, now: Timestamp) -> Result<(), StoreError> {
-    let system = job.system.to_string();
-    let own: Option<String> =
-        sqlx::query_scalar("SELECT model FROM systems WHERE system = $1").bind(&system).fetch_optional(&mut *tx).await?;
-    if !job.experiment && own.is_some_and(|model| model == job.model.to_string()) {
-        fall_back(tx, &system, &job.id, None, now).await?;
-    }
     Ok(())
 }
 

@@ -1,9 +1,11 @@
 //! Revisions that stay in service until an operator says otherwise.
 
 use super::audit::{Action, Deed, note};
+use super::database::Store;
+use super::error::StoreError;
 use super::revisions::{Cause, NewRevision, publish};
 use super::row::row;
-use super::{Store, StoreError, millis};
+use super::value::millis;
 use jiff::Timestamp;
 use lampyris_core::data::SystemId;
 

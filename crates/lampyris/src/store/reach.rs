@@ -1,6 +1,7 @@
 //! Which systems somebody may see.
 
-use super::{StoreError, to_json};
+use super::error::StoreError;
+use super::value::to_json;
 use lampyris_core::data::{SystemId, SystemPattern};
 
 /// The systems that a caller may see: all of them, or those that one of some patterns selects.

@@ -5,7 +5,9 @@
 //! saw of every effect (`evidence`) stays as long as its system.
 
 use super::audit::{Action, Deed, note};
-use super::{Store, StoreError, millis, to_json};
+use super::database::Store;
+use super::error::StoreError;
+use super::value::{millis, to_json};
 use jiff::Timestamp;
 
 /// Most rows that one transaction removes.

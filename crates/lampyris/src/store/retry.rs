@@ -1,8 +1,9 @@
 //! Jobs that are done again.
 
+use super::database::Store;
 use super::idempotency::{KeyState, RequestKey, look_up, remember};
 use super::jobs::{JobRecord, JobState, NewJob, Origin, Priority, Row, SubmitError, Submitted, submit_in};
-use super::{Store, to_json};
+use super::value::to_json;
 use jiff::Timestamp;
 
 /// What became of a wish to do a job again.

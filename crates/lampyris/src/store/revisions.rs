@@ -1,8 +1,11 @@
 //! What was ever served: revisions count up by one and never go back, and exactly one of a system is current.
 
+use super::database::Store;
+use super::error::StoreError;
 use super::fits::{self, FitRecord};
 use super::row::row;
-use super::{Store, StoreError, from_json, instant, millis, parse, words};
+use super::value::{from_json, instant, millis, parse};
+use super::words::words;
 use jiff::Timestamp;
 use lampyris_core::data::SystemId;
 use sqlx::SqliteConnection;

@@ -2,9 +2,12 @@
 
 use super::audit::{Action, Deed, note};
 use super::batches::{NewBatch, is_unfinished, submit_in_batch};
+use super::database::Store;
+use super::error::StoreError;
 use super::jobs::SubmitError;
 use super::row::row;
-use super::{Store, StoreError, from_json, instant, millis, parse, words};
+use super::value::{from_json, instant, millis, parse};
+use super::words::words;
 use jiff::Timestamp;
 
 words! {

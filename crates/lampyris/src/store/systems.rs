@@ -1,10 +1,12 @@
-//! Documents of rooms and plants. What is in a document is for `jobs` to know; here it is a text.
+//! Documents of rooms and plants. What is in a document is for `service` to know; here it is a text.
 
 use super::audit::{Action, Deed, note};
+use super::database::Store;
+use super::error::StoreError;
 use super::reach::Reach;
 use super::row::row;
+use super::value::{instant, millis, parse};
 use super::windows::readers;
-use super::{Store, StoreError, instant, millis, parse};
 use jiff::Timestamp;
 use lampyris_core::data::SystemId;
 use lampyris_core::model::ModelId;

@@ -1,9 +1,12 @@
 //! Who may ask: tokens, of which only hashes are kept.
 
 use super::audit::{Action, Deed, note};
+use super::database::Store;
+use super::error::StoreError;
 use super::reach::Reach;
 use super::row::row;
-use super::{Store, StoreError, from_json, instant, millis, parse, words};
+use super::value::{corrupt, from_json, instant, millis, parse};
+use super::words::words;
 use jiff::Timestamp;
 use lampyris_core::data::SystemPattern;
 
@@ -73,7 +76,7 @@ impl Row {
         let what = || format!("the token `{}`", self.name);
         let patterns = self.systems.as_deref().map(|text| from_json::<Vec<SystemPattern>>(&what(), text)).transpose()?;
         Ok(TokenRecord {
-            hash: self.hash.as_slice().try_into().map_err(|error| super::corrupt(what(), &error))?,
+            hash: self.hash.as_slice().try_into().map_err(|error| corrupt(what(), &error))?,
             scope: parse("a scope", &self.scope)?,
             reach: Reach::of(patterns.unwrap_or_default()),
             created_at: instant(self.created_at)?,

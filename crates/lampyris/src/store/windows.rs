@@ -1,9 +1,12 @@
 //! Uploaded measurements: a report and one compressed block per channel.
 
 use super::audit::{Action, Deed, note};
+use super::database::Store;
+use super::error::StoreError;
 use super::idempotency::{KeyState, RequestKey, look_up, remember};
 use super::row::row;
-use super::{Store, StoreError, corrupt, from_json, instant, millis, next, parse, to_json};
+use super::sequence::next;
+use super::value::{corrupt, from_json, instant, millis, parse, to_json};
 use jiff::Timestamp;
 use lampyris_core::data::{Series, SystemId};
 use sqlx::SqliteConnection;

@@ -4,7 +4,8 @@
 //! write is none: after one the system may have dropped pages that it calls written, and only a new start, which reads
 //! the files anew, knows what is on the disk. From then on nothing is written.
 
-use super::{Store, StoreError};
+use super::error::StoreError;
+use sqlx::sqlite::SqlitePool;
 use sqlx::{Connection, Sqlite, SqliteConnection, Transaction};
 use std::ops::{Deref, DerefMut};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -27,6 +28,17 @@ pub(super) struct Quota {
 impl Quota {
     pub(super) fn of_bytes(bytes: u64) -> Self {
         Self { bytes, pages: bytes / PAGE }
+    }
+
+    /// Refuses a window of so many bytes where the database would use most of its quota.
+    pub(super) async fn require_room(&self, tx: &mut SqliteConnection, bytes: usize) -> Result<(), StoreError> {
+        let sql = "SELECT page_count - freelist_count FROM pragma_page_count, pragma_freelist_count";
+        let pages: i64 = sqlx::query_scalar(sql).fetch_one(tx).await?;
+        let used = pages.unsigned_abs() * PAGE + bytes as u64;
+        if used > self.bytes / 100 * FOR_WINDOWS {
+            return Err(StoreError::Full(format!("a window would take the database to {used} of {} bytes", self.bytes)));
+        }
+        Ok(())
     }
 }
 
@@ -61,6 +73,40 @@ struct Open {
 }
 
 impl Writing {
+    /// A transaction that holds the write lock from its first statement.
+    pub(super) async fn begin(&self, writer: &SqlitePool) -> Result<Write, StoreError> {
+        self.require_unbroken()?;
+        let begun = writer.begin_with("BEGIN IMMEDIATE").await.map_err(StoreError::from);
+        let tx = begun.inspect_err(|error| self.note_error(error))?;
+        // The transaction that this one has waited for may have been the one that failed.
+        self.require_unbroken()?;
+        Ok(Write { tx, open: Open { writing: self.clone(), is_known: false } })
+    }
+
+    /// Finds out whether the database can be written now.
+    pub(super) async fn prove(&self, writer: &SqlitePool) -> Result<(), StoreError> {
+        let mut tx = self.begin(writer).await?;
+        // Rewrites a row as it is: a file that has become read-only shows here and not in a user's request.
+        sqlx::query("UPDATE counters SET value = value WHERE name = 'boot'").execute(&mut *tx).await?;
+        let is_well = *self.health() == Health::Well;
+        if is_well {
+            return tx.take_back().await;
+        }
+        // After a failure only pages that reach the disk are a proof. A row that is left behind is forgotten as an old key.
+        let sql = "INSERT OR REPLACE INTO idempotency (key, fingerprint, resource, status, created_at) VALUES ($1, hex(zeroblob(8192)), '', 0, 0)";
+        sqlx::query(sql).bind(PROBE).execute(&mut *tx).await.map_err(|error| self.noted(error))?;
+        tx.commit().await?;
+        let mut tx = self.begin(writer).await?;
+        sqlx::query("DELETE FROM idempotency WHERE key = $1").bind(PROBE).execute(&mut *tx).await?;
+        tx.commit().await
+    }
+
+    fn noted(&self, error: sqlx::Error) -> StoreError {
+        let error = StoreError::from(error);
+        self.note_error(&error);
+        error
+    }
+
     fn health(&self) -> MutexGuard<'_, Health> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -148,55 +194,4 @@ pub(super) async fn is_clean(connection: &mut SqliteConnection) -> Result<bool, 
     // An answer comes after the ROLLBACK that an abandoned transaction has left in the line.
     connection.ping().await?;
     Ok(!connection.is_in_transaction())
-}
-
-impl Store {
-    /// A transaction that holds the write lock from its first statement.
-    pub(super) async fn write(&self) -> Result<Write, StoreError> {
-        self.writing.require_unbroken()?;
-        let begun = self.writer.begin_with("BEGIN IMMEDIATE").await.map_err(StoreError::from);
-        let tx = begun.inspect_err(|error| self.writing.note_error(error))?;
-        // The transaction that this one has waited for may have been the one that failed.
-        self.writing.require_unbroken()?;
-        Ok(Write { tx, open: Open { writing: self.writing.clone(), is_known: false } })
-    }
-
-    /// Whether the database can be written now.
-    ///
-    /// # Errors
-    /// Where it cannot.
-    pub async fn writable(&self) -> Result<(), StoreError> {
-        let mut tx = self.write().await?;
-        // Rewrites a row as it is: a file that has become read-only shows here and not in a user's request.
-        sqlx::query("UPDATE counters SET value = value WHERE name = 'boot'").execute(&mut *tx).await?;
-        let is_well = *self.writing.health() == Health::Well;
-        if is_well {
-            return tx.take_back().await;
-        }
-        // After a failure only pages that reach the disk are a proof. A row that is left behind is forgotten as an old key.
-        let sql = "INSERT OR REPLACE INTO idempotency (key, fingerprint, resource, status, created_at) VALUES ($1, hex(zeroblob(8192)), '', 0, 0)";
-        sqlx::query(sql).bind(PROBE).execute(&mut *tx).await.map_err(|error| self.noted(error))?;
-        tx.commit().await?;
-        let mut tx = self.write().await?;
-        sqlx::query("DELETE FROM idempotency WHERE key = $1").bind(PROBE).execute(&mut *tx).await?;
-        tx.commit().await
-    }
-
-    /// Refuses a window of so many bytes where the database would use most of its quota.
-    pub(super) async fn require_room(&self, tx: &mut SqliteConnection, bytes: usize) -> Result<(), StoreError> {
-        let Some(quota) = self.quota else { return Ok(()) };
-        let sql = "SELECT page_count - freelist_count FROM pragma_page_count, pragma_freelist_count";
-        let pages: i64 = sqlx::query_scalar(sql).fetch_one(tx).await?;
-        let used = pages.unsigned_abs() * PAGE + bytes as u64;
-        if used > quota.bytes / 100 * FOR_WINDOWS {
-            return Err(StoreError::Full(format!("a window would take the database to {used} of {} bytes", quota.bytes)));
-        }
-        Ok(())
-    }
-
-    fn noted(&self, error: sqlx::Error) -> StoreError {
-        let error = StoreError::from(error);
-        self.writing.note_error(&error);
-        error
-    }
 }

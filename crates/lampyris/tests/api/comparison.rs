@@ -1,7 +1,7 @@
 //! Fits beside the measurements: what is shown, what it adds up to, and what it costs.
 
 use crate::support::{TestApp, disagreements, room, room_csv};
-use lampyris::jobs::interactive::MOST_PENDING;
+use lampyris::service::work::interactive::MOST_PENDING;
 use serde_json::{Value, json};
 use std::sync::mpsc;
 

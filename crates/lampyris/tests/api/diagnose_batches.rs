@@ -2,7 +2,7 @@
 
 use crate::support::{TestApp, room_csv};
 use jiff::SignedDuration;
-use lampyris::jobs::schedule;
+use lampyris::service::queue::schedules;
 use lampyris::store::tokens::Scope;
 use serde_json::{Value, json};
 
@@ -110,7 +110,7 @@ fn a_schedule_diagnoses_week_by_week_where_something_new_was_measured() {
     let week =
         |weeks: i64| app.clock.set("2026-01-19T05:00:30Z".parse::<jiff::Timestamp>().unwrap() + SignedDuration::from_hours(168 * weeks));
     let weekly = |result: &str| {
-        app.within(async |service| schedule::due(service, service.now()).await.unwrap());
+        app.within(async |service| schedules::due(service, service.now()).await.unwrap());
         app.until("/schedules/weekly", |schedule| schedule["last_result"] == result)
     };
     app.json("PUT", "/schedules/nightly", &json!({"cron": "30 2 * * *", "systems": ["room/*"], "enabled": false})).expect(200);

@@ -2,8 +2,9 @@
 
 use crate::support::TestApp;
 use jiff::SignedDuration;
-use lampyris::jobs::retention;
-use lampyris::store::finish::{Ending, Finding, Report, finish};
+use lampyris::service::queue::retention;
+use lampyris::store::diagnoses::Report;
+use lampyris::store::finish::{Ending, Finding, finish};
 use lampyris::store::jobs::{self, JobKind, NewJob, Origin, Priority};
 use lampyris::store::{Store, fits};
 use lampyris_core::diagnose::ledger::{EffectScore, Looked};

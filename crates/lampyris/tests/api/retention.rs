@@ -2,7 +2,7 @@
 
 use crate::support::{TestApp, csv_of, room, stuck_csv};
 use jiff::SignedDuration;
-use lampyris::jobs::retention::{self, Forgotten};
+use lampyris::service::queue::retention::{self, Forgotten};
 use serde_json::{Value, json};
 
 /// Lets days pass, and forgets what is old by then.

@@ -2,7 +2,7 @@
 
 use crate::support::{TestApp, endless, quick, room_csv, stuck_csv};
 use jiff::{SignedDuration, Timestamp};
-use lampyris::jobs::schedule;
+use lampyris::service::queue::schedules;
 use lampyris::store;
 use serde_json::{Value, json};
 use std::collections::BTreeSet;
@@ -183,11 +183,11 @@ fn half_past_two_fires_once_on_both_days_of_a_clock_change() {
     for (start, expected) in cases {
         let start: Timestamp = start.parse().unwrap();
         let fired: Vec<String> = app.within(async |service| {
-            let tick = async || store::schedules::get(&service.store, schedule::NIGHTLY).await.unwrap().unwrap().last_tick_at;
-            schedule::due(service, start).await.unwrap();
+            let tick = async || store::schedules::get(&service.store, schedules::NIGHTLY).await.unwrap().unwrap().last_tick_at;
+            schedules::due(service, start).await.unwrap();
             let (mut last, mut fired) = (tick().await, Vec::new());
             for minutes in (0..60 * 72).step_by(10) {
-                schedule::due(service, start + SignedDuration::from_mins(minutes)).await.unwrap();
+                schedules::due(service, start + SignedDuration::from_mins(minutes)).await.unwrap();
                 let now = tick().await;
                 if now != last {
                     fired.push(now.to_string());
@@ -220,14 +220,14 @@ fn a_schedule_that_finds_no_room_in_the_queue_holds_up_no_other() {
     app.json("PUT", "/schedules/one", &schedule("room/2")).expect(201);
     let tick = Timestamp::now() + SignedDuration::from_hours(24 * 366);
     let last = |name: &str| app.get(&format!("/schedules/{name}")).expect(200).json()["last_result"].clone();
-    app.within(async |service| schedule::due(service, tick).await.unwrap());
+    app.within(async |service| schedules::due(service, tick).await.unwrap());
     assert_eq!((last("all"), last("one")), (Value::Null, json!("submitted")), "there is room for one job and not for three");
     for job in [&blocker, &waiting] {
         app.post(&format!("/jobs/{job}/cancel")).expect(200);
     }
     app.until("/batches", |page| page["items"][0]["finished"] == true);
     // The tick was not lost.
-    app.within(async |service| schedule::due(service, tick).await.unwrap());
+    app.within(async |service| schedules::due(service, tick).await.unwrap());
     assert_eq!(last("all"), "submitted");
     app.until("/batches", |page| page["items"][0]["finished"] == true);
 }
@@ -275,7 +275,7 @@ fn a_night_asks_nothing_twice_so_that_a_silent_room_turns_stale() {
     let night = |day: i64| -> Option<Value> {
         let now = start + SignedDuration::from_hours(24 * day);
         app.clock.set(now);
-        app.within(async |service| schedule::due(service, now).await.unwrap());
+        app.within(async |service| schedules::due(service, now).await.unwrap());
         let newest = app.until("/batches?page_size=1", |page| page["items"][0]["finished"] == true)["items"][0].clone();
         let is_new = newest["created_at"].as_str().unwrap().parse::<Timestamp>().unwrap() >= now;
         is_new.then(|| app.get(&format!("/batches/{}", newest["id"].as_str().unwrap())).expect(200).json())

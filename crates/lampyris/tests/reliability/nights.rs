@@ -5,7 +5,7 @@ use crate::support::{TestApp, csv_of, full, room};
 use jiff::civil::{Date, date};
 use jiff::tz::TimeZone;
 use jiff::{SignedDuration, Timestamp, ToSpan};
-use lampyris::jobs::schedule;
+use lampyris::service::queue::schedules;
 use serde_json::{Value, json};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -70,7 +70,7 @@ impl House {
         for step in 1..=48 {
             let now = noon + SignedDuration::from_mins(30 * step);
             self.app.clock.set(now);
-            self.app.within(async |service| schedule::due(service, now).await.unwrap());
+            self.app.within(async |service| schedules::due(service, now).await.unwrap());
             self.account();
         }
     }
@@ -210,7 +210,7 @@ fn a_schedule_never_overlaps_itself_and_makes_up_for_a_downtime_once() {
     let minute = |app: &TestApp, minute: i64| -> (usize, Value) {
         let now = start + SignedDuration::from_mins(minute);
         app.clock.set(now);
-        app.within(async |service| schedule::due(service, now).await.unwrap());
+        app.within(async |service| schedules::due(service, now).await.unwrap());
         let batches = app.get("/batches").expect(200).json()["items"].as_array().unwrap().len();
         (batches, app.get("/schedules/often").expect(200).json()["last_result"].clone())
     };

@@ -5,8 +5,8 @@ pub mod events;
 pub mod process;
 
 use lampyris::app::App;
-use lampyris::jobs::Clock;
-use lampyris::jobs::tokens::{self, LOCAL, NewToken};
+use lampyris::service::Clock;
+use lampyris::service::access::tokens::{self, LOCAL, NewToken};
 use lampyris::settings::Settings;
 use lampyris::store::tokens::Scope;
 use serde_json::Value;
@@ -425,7 +425,7 @@ impl TestApp {
     }
 
     /// What handlers and workers share, for tests that look behind the surface.
-    pub fn service(&self) -> &lampyris::jobs::Service {
+    pub fn service(&self) -> &lampyris::service::Service {
         self.app.as_ref().unwrap().service()
     }
 
@@ -435,7 +435,7 @@ impl TestApp {
     }
 
     /// Runs something in the service's own runtime, with what its handlers share.
-    pub fn within<T>(&self, work: impl AsyncFnOnce(&lampyris::jobs::Service) -> T) -> T {
+    pub fn within<T>(&self, work: impl AsyncFnOnce(&lampyris::service::Service) -> T) -> T {
         self.runtime.block_on(work(self.app.as_ref().unwrap().service()))
     }
 

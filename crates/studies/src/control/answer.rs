@@ -1,7 +1,8 @@
 //! What the arms came to, as a table and in sentences: every difference within one house, then over the houses.
 
 use super::arm::{Kind, Measures};
-use super::{BEFORE_DAYS, Measured, Outcome, mpc, shown};
+use super::mpc;
+use super::outcome::{BEFORE_DAYS, Measured, Outcome, shown};
 use serde::Serialize;
 use std::fmt::Write;
 
@@ -262,7 +263,7 @@ pub fn basis(measured: &Measured) -> Vec<String> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{Plan, Spent};
+    use super::super::outcome::{Plan, Spent};
     use super::*;
 
     /// Two houses of two weeks in which every day of an arm costs the same.

@@ -2,7 +2,6 @@
 
 use super::grey::{Grey, Observer};
 use super::mpc::{self, Output, Step, Task};
-use super::{HORIZON, comfort};
 use lampyris::cli::Failure;
 use lampyris_core::data::rfc3339;
 use lampyris_core::twin::heated::{self, HeatedRoom, LARGEST_POWER, SAMPLE_HOURS, SAMPLES_PER_DAY};
@@ -12,6 +11,14 @@ use std::fmt::Write;
 
 /// Days of its own log over which a controller finds the states of new parameters.
 const CATCH_UP_DAYS: usize = 3;
+
+/// Samples that a controller looks ahead: a day.
+const HORIZON: usize = SAMPLES_PER_DAY;
+
+/// The bounds of comfort at a local time, in degC: the house is set back at night.
+pub fn comfort(hour: f64) -> (f64, f64) {
+    (if (6.0..22.0).contains(&hour) { 21.0 } else { 18.5 }, 24.0)
+}
 
 /// Where a controller has its parameters from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]

@@ -3,7 +3,7 @@
 use super::super::page::{self, escaped};
 use super::answer::{Answer, Spread, basis, span};
 use super::arm::{Kind, Measures};
-use super::{Measured, Outcome};
+use super::outcome::{Measured, Outcome};
 use lampyris::cli::Failure;
 use std::fmt::Write;
 use std::path::Path;

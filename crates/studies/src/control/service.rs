@@ -6,7 +6,7 @@ use lampyris::app::App;
 use lampyris::cli::Failure;
 use lampyris::cli::serve::runtime;
 use lampyris::cli::server::{Call, Server, segment};
-use lampyris::jobs::Clock;
+use lampyris::service::Clock;
 use lampyris::settings::Settings;
 use serde_json::{Value, json};
 use std::net::SocketAddr;

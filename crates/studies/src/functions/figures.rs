@@ -1,8 +1,8 @@
 //! What the runs say: the limits, and whether the thesis's own claims hold.
 
-use super::super::Row;
-use super::methods::{CASES, Case, DEFAULT, ENDLESS, GRID, LSHADE, MODIFIED, ORIGINAL, THESIS};
-use super::{Outcome, name};
+use super::super::row::Row;
+use super::methods::{CASES, Case, DEFAULT, ENDLESS, GRID, LSHADE, MODIFIED, ORIGINAL, THESIS, name};
+use super::outcome::Outcome;
 use lampyris_core::optimise::functions::Function;
 
 /// A claim of section 5.4, and whether it holds here.

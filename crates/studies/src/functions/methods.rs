@@ -1,6 +1,5 @@
 //! What is compared: functions with their budgets, and methods with the settings of Tables 5.1 to 5.3.
 
-use super::name;
 use lampyris_core::optimise::agreement::AgreementOptions;
 use lampyris_core::optimise::cfa_options::CfaOptions;
 use lampyris_core::optimise::clustered::{CfaHierarchicalOptions, CfaThesisOptions};
@@ -130,4 +129,13 @@ fn grid(case: &Case) -> GridOptions {
         _ => (2, 4),
     };
     GridOptions { points, iterations, ..GridOptions::default() }
+}
+
+/// A function by its author.
+pub fn name(function: Function) -> &'static str {
+    match function {
+        Function::Schwefel => "Schwefel",
+        Function::Rosenbrock => "Rosenbrock",
+        Function::Ackley => "Ackley",
+    }
 }

@@ -3,7 +3,7 @@
 use super::super::page::{self, escaped, table};
 use super::figures::Claim;
 use super::methods::{CASES, Case, DEFAULT, GRID, LSHADE, MODIFIED, ORIGINAL, THESIS};
-use super::{HEAD, Outcome, PLACES, cells};
+use super::outcome::{HEAD, Outcome, PLACES, cells};
 use lampyris::cli::Failure;
 use lampyris_core::optimise::clustered::{CfaThesisOptions, Seen, watch};
 use lampyris_core::optimise::functions::Function;

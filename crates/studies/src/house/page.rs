@@ -3,7 +3,7 @@
 
 use super::super::charts::{Edge, Frame, Line, dots, graph, heat, lines, mark};
 use super::super::page::{self, Table, escaped, figure, line_legend, number, section};
-use super::House;
+use super::found::House;
 use super::ways::{BOXES, DEFAULT, METHODS, Measured, NARROWED, PRIOR, THESIS_MSE, VALVE, Way};
 use lampyris::cli::Failure;
 use lampyris_core::data::rfc3339;

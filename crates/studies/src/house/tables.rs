@@ -1,7 +1,7 @@
 //! The tables of chapter 7 for the twin house, with the thesis's own figures beside them.
 
 use super::super::page::{NONE, Table, number};
-use super::House;
+use super::found::{House, median};
 use super::published::{ROOMS, TABLE_7_6, TABLES_7_8_AND_7_9, place};
 use super::ways::{BOXES, DEFAULT, METHODS, Run, Solution, THESIS, THESIS_MSE, VALVE, Way};
 
@@ -31,12 +31,6 @@ fn evaluations(solution: Option<&Solution>) -> String {
 
 fn heads(words: &[&str]) -> Vec<String> {
     words.iter().map(|word| (*word).to_owned()).collect()
-}
-
-/// The middle of some numbers; the upper one of two.
-pub fn median(mut values: Vec<f64>) -> Option<f64> {
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied()
 }
 
 fn layout(house: &House) -> Table {

@@ -2,9 +2,9 @@
 //!
 //! The record has flow, COD and ammonium; what else ASM1 asks for is assumed, and said in [`ASSUMED`].
 
-use super::super::Row;
 use super::super::page::Table;
-use super::range;
+use super::super::row::Row;
+use super::case::{OF_RANGE, range};
 use lampyris::cli::{Failure, faults};
 use lampyris_core::data::DRY_INFLUENT;
 use lampyris_core::model::document::ModelDocument;
@@ -93,7 +93,7 @@ pub fn run(folder: &Path) -> Result<(Vec<Row>, Table), Failure> {
     let [cod, nitrogen] = plant.balances(mean);
     let rows = vec![
         Row::new(format!("{PLANT}, {size:.2} times as large: 100 days of its mean influent and two weeks of Jena"), 1e3 * seconds, "ms"),
-        Row::new("  largest error beside steps of 5 s by RK4, of the range", worst, "-").at_most(super::OF_RANGE),
+        Row::new("  largest error beside steps of 5 s by RK4, of the range", worst, "-").at_most(OF_RANGE),
         Row::new("  lowest concentration in effluent and return sludge", plant.lowest(), "g/m3").at_least(-1e-6),
         Row::new("  share of the COD that is removed", plant.removed(cod_of), "-").at_least(0.85),
         Row::new("  share of the nitrogen that is removed", plant.removed(nitrogen_of), "-").at_least(0.4),

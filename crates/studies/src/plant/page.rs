@@ -1,9 +1,10 @@
 //! The page of chapter 6: Table 6.8 and Figures 6.2 and 6.3 for our plants, and what else was measured.
 
-use super::super::Row;
 use super::super::charts::{Frame, Line, lines};
 use super::super::page::{self, Table, escaped, figure, line_legend, section};
-use super::{Fitted, thesis};
+use super::super::row::Row;
+use super::case::Fitted;
+use super::thesis;
 use lampyris::cli::Failure;
 use lampyris_core::data::rfc3339;
 

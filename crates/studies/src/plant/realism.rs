@@ -1,8 +1,8 @@
 //! What thesis 6.3 teaches for: the same estimation from records such as plants really have.
 
-use super::super::Row;
 use super::super::page::Table;
-use super::{Case, Fitted, Record};
+use super::super::row::Row;
+use super::case::{Case, Fitted, Record, normalised};
 use lampyris::cli::{Failure, faults};
 use lampyris_core::model::Catalogue;
 use lampyris_core::model::spec::EffectSpec;
@@ -107,7 +107,7 @@ pub fn run(seed: u64) -> Result<(Vec<Row>, Table), Failure> {
         let fitted = Case::of(&catalogue, &record)?.fit()?;
         // What the plant gave off, without the noise and with every sample: what a forecast is worth.
         let (truth, _) = Case::of(&catalogue, &Record { noise: 0.0, keep: &|_| true, ..record })?.problem()?;
-        let unseen = super::normalised(&truth, &fitted.fit.theta(), truth.split().validation.clone());
+        let unseen = normalised(&truth, &fitted.fit.theta(), truth.split().validation.clone());
         names = fitted.case.truth.iter().map(|(name, _)| name.clone()).collect();
         cells.push(line(lack, &fitted, unseen));
         let (held, known) = fitted.held();

@@ -1,7 +1,8 @@
 //! Table 6.8 of the thesis with our own estimates.
 
 use super::super::page::{NONE, Table, number};
-use super::{Fitted, errors, thesis};
+use super::case::{Fitted, errors};
+use super::thesis;
 
 /// Truth, the thesis's estimate where its truth is ours, and ours without and with noise. Errors are those of eq. 6.6 against the
 /// effluent without noise.

@@ -1,9 +1,9 @@
 //! The thesis's own algorithm with its own settings (Table 6.7). It moves one firefly at a time, so its evaluations share no lanes.
 
-use super::super::Row;
 use super::super::page::{NONE, Table, number};
+use super::super::row::Row;
 use super::super::search::path;
-use super::{Case, errors};
+use super::case::{Case, errors};
 use lampyris::cli::Failure;
 use lampyris_core::optimise::Method;
 

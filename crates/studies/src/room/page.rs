@@ -1,9 +1,9 @@
 //! The page: how fast each method comes down to the best known fit, and the table.
 
-use super::super::functions::quantile;
 use super::super::page::{self, escaped, table};
-use super::methods::{DEFAULT, MULTISTART};
-use super::{BUDGET, HEAD, Outcome, Rooms};
+use super::super::quantile::quantile;
+use super::methods::{COSTS, DEFAULT, MULTISTART};
+use super::rooms::{BUDGET, HEAD, Outcome, Rooms, Run};
 use lampyris::cli::Failure;
 use std::fmt::Write;
 
@@ -16,14 +16,8 @@ const LEAST: f64 = 1e-4;
 const MOST: f64 = 1e3;
 
 /// What the first plot shows, each with a colour and a dash of its own.
-const DRAWN: [(&str, &str); 6] = [
-    (DEFAULT, "default"),
-    (MULTISTART, "multistart"),
-    (super::methods::COSTS, "costs"),
-    ("cfa_thesis", "thesis"),
-    ("lshade", "rival"),
-    ("pso", "swarm"),
-];
+const DRAWN: [(&str, &str); 6] =
+    [(DEFAULT, "default"), (MULTISTART, "multistart"), (COSTS, "costs"), ("cfa_thesis", "thesis"), ("lshade", "rival"), ("pso", "swarm")];
 
 const STYLE: &str = "
 .plots { display: grid; grid-template-columns: repeat(auto-fit, minmax(19rem, 1fr)); gap: 1rem; }
@@ -115,7 +109,7 @@ fn evaluations(place: usize) -> f64 {
 fn curves(rooms: &Rooms, outcome: &Outcome) -> Curves {
     let mut curves = [const { Vec::new() }; 3];
     for place in 0..PLACES {
-        let above = |run: &super::Run| run.path.after(evaluations(place).round() as usize) / rooms.known(run).cost - 1.0;
+        let above = |run: &Run| run.path.after(evaluations(place).round() as usize) / rooms.known(run).cost - 1.0;
         let mut values: Vec<f64> = outcome.runs.iter().map(above).collect();
         values.sort_by(f64::total_cmp);
         for (curve, share) in curves.iter_mut().zip([0.25, 0.5, 0.75]) {

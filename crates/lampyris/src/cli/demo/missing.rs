@@ -2,11 +2,15 @@
 //! that hides two effects, and a synthetic room that hides none. The service names the effects, adds them, and the
 //! error falls step by step.
 
-use super::super::ladder;
-use super::{BELGIAN_HOUSE, Failure, failed, print, wait};
-use crate::jobs::tokens::LOCAL;
-use crate::jobs::windows::Format;
-use crate::jobs::{Service, models, submit, systems, windows};
+use super::houses::BELGIAN_HOUSE;
+use super::wait::{failed, wait};
+use crate::cli::ladder;
+use crate::cli::output::{Failure, print};
+use crate::service::Service;
+use crate::service::access::tokens::LOCAL;
+use crate::service::catalogue::windows::{self, Format};
+use crate::service::catalogue::{models, systems};
+use crate::service::queue::submit;
 use crate::store::diagnoses;
 use crate::store::jobs::{JobKind, Priority, Submitted};
 use crate::store::reach::Reach;

@@ -1,10 +1,13 @@
 //! The treatment plant of the demo: a synthetic one whose blowers give less air than its model believes. It is fitted
 //! to its effluent; what it lacks is a question of minutes, so that the demo only says how to ask.
 
-use super::{Failure, failed, print, wait};
-use crate::jobs::tokens::LOCAL;
-use crate::jobs::windows::Format;
-use crate::jobs::{Service, submit, systems, windows};
+use super::wait::{failed, wait};
+use crate::cli::output::{Failure, faults, print};
+use crate::service::Service;
+use crate::service::access::tokens::LOCAL;
+use crate::service::catalogue::systems;
+use crate::service::catalogue::windows::{self, Format};
+use crate::service::queue::submit;
 use crate::store::fits::{self, FitRecord};
 use crate::store::jobs::{JobKind, Priority, Submitted};
 use lampyris_core::data::SystemId;
@@ -47,7 +50,7 @@ pub async fn fit(service: &Service, hidden: bool) -> Result<Fitted, Failure> {
         let request = PlantRequest { seed: SEED, model: HIDDEN, values: &values, days: DAYS, noise: 1.0, warm_up: false };
         plant(&catalogue, &request)
     });
-    let twin = made.await.map_err(|error| Failure::Error(error.to_string()))?.map_err(|found| super::super::faults(&found))?;
+    let twin = made.await.map_err(|error| Failure::Error(error.to_string()))?.map_err(|found| faults(&found))?;
     let fixed = json!({ "Y_H": 0.67, "b_H": 0.62, "K_S": 20, "K_OA": 0.5, "K_NH": 1 });
     let document = json!({ "label": "synthetic treatment plant", "model": MODEL, "fixed": fixed });
     systems::put(service, &system, document, LOCAL).await.map_err(failed)?;

@@ -1,0 +1,146 @@
+//! The surface: every path with the layers around it, and the description of all of them.
+
+use super::problem::ApiError;
+use super::shared::Shared;
+use super::{
+    access, audit, batches, comparison, decisions, description, diagnoses, diagnostics, docs, events, evidence, extract, fits, history,
+    jobs, layout, metrics, models, params, preview, problem, schedules, series, service, systems, web, windows,
+};
+use axum::Router;
+use axum::http::{StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use std::any::Any;
+use std::sync::{Arc, LazyLock};
+use std::time::Duration;
+use tower_http::catch_panic::CatchPanicLayer;
+use tower_http::compression::CompressionLayer;
+use tower_http::timeout::TimeoutLayer;
+use tower_http::trace::TraceLayer;
+use utoipa::OpenApi;
+use utoipa_axum::router::OpenApiRouter;
+use utoipa_axum::routes;
+
+/// How long a request may take until its answer begins, beside the time that its body may take. Long polls lie outside, event streams begin at once.
+const REQUEST_TIMEOUT: Duration = Duration::from_secs(30);
+
+/// The frame of the description; the handlers fill it.
+#[derive(OpenApi)]
+#[openapi(
+    info(
+        title = "Lampyris",
+        description = "Estimation service for model predictive control: measurements in, validated grey-box parameters out. Errors are problem documents (RFC 9457) that list all faults at once."
+    ),
+    components(schemas(problem::Problem))
+)]
+struct Frame;
+
+/// The paths that a controller polls.
+fn lean() -> OpenApiRouter<Shared> {
+    OpenApiRouter::with_openapi(Frame::openapi()).merge(params::router())
+}
+
+/// All others.
+fn layered() -> OpenApiRouter<Shared> {
+    OpenApiRouter::new()
+        .merge(systems::router())
+        .merge(windows::router())
+        .merge(series::router())
+        .merge(layout::router())
+        .merge(models::router())
+        .merge(preview::router())
+        .merge(jobs::router())
+        .merge(events::router())
+        .merge(batches::router())
+        .merge(fits::router())
+        .merge(decisions::router())
+        .merge(diagnoses::router())
+        .merge(evidence::router())
+        .merge(history::router())
+        .merge(comparison::router())
+        .merge(diagnostics::router())
+        .merge(schedules::router())
+        .merge(audit::router())
+        .merge(service::router())
+        .merge(own())
+        .merge(metrics::router())
+        .merge(docs::router())
+}
+
+/// The paths of this file.
+fn own() -> OpenApiRouter<Shared> {
+    OpenApiRouter::new().routes(routes!(openapi)).routes(routes!(openapi_as_json))
+}
+
+/// The whole surface.
+pub fn router(service: Shared) -> Router {
+    let (layered, mut described) = layered().split_for_parts();
+    let (lean, mut polled) = lean().split_for_parts();
+    let known: Vec<_> = description::ids(&mut described).into_iter().chain(description::ids(&mut polled)).collect();
+    let patience = REQUEST_TIMEOUT + Duration::from_secs(service.settings.limits.body_seconds);
+    let guard = axum::middleware::from_fn_with_state(access::Gate::new(service.clone(), known), access::guard);
+    let asking = Arc::new(description::queries(described));
+    // The layer that is named last is the outermost.
+    layered
+        .layer(axum::middleware::from_fn_with_state(asking, extract::refuse_unknown))
+        .layer(guard.clone())
+        .layer(CatchPanicLayer::custom(panicked))
+        .layer(TimeoutLayer::with_status_code(StatusCode::SERVICE_UNAVAILABLE, patience))
+        .layer(axum::middleware::map_response(problem::as_problem))
+        .layer(CompressionLayer::new())
+        .layer(TraceLayer::new_for_http())
+        .layer(axum::middleware::from_fn_with_state(service.clone(), metrics::measure))
+        .merge(lean.layer(guard))
+        .merge(web::router())
+        .fallback(async || ApiError::NoSuchPath)
+        .method_not_allowed_fallback(async || ApiError::NoSuchMethod)
+        .with_state(service)
+}
+
+pub(super) fn described() -> utoipa::openapi::OpenApi {
+    description::completed(lean().merge(layered()).into_openapi())
+}
+
+/// The description of the surface, as it is served and committed.
+pub fn openapi_yaml() -> String {
+    static TEXT: LazyLock<String> = LazyLock::new(|| {
+        // The description is made of texts and numbers; a failure to print it shows in the test that compares it.
+        described().to_yaml().unwrap_or_default()
+    });
+    TEXT.clone()
+}
+
+/// The same as JSON, for the page that shows it.
+pub fn openapi_json() -> String {
+    static TEXT: LazyLock<String> = LazyLock::new(|| described().to_json().unwrap_or_default());
+    TEXT.clone()
+}
+
+/// This description of the surface.
+#[utoipa::path(get, path = "/openapi.yaml", tag = "service", responses((status = 200, body = String, content_type = "application/yaml")))]
+async fn openapi() -> Response {
+    ([(header::CONTENT_TYPE, "application/yaml")], openapi_yaml()).into_response()
+}
+
+/// This description of the surface as JSON.
+#[utoipa::path(get, path = "/openapi.json", tag = "service", responses((status = 200, body = Object)))]
+async fn openapi_as_json() -> Response {
+    ([(header::CONTENT_TYPE, "application/json")], openapi_json()).into_response()
+}
+
+/// Every path with its methods in lower case, for the tests of the description.
+pub fn described_paths() -> Vec<(String, Vec<String>)> {
+    let description = serde_json::to_value(described()).unwrap_or_default();
+    let paths = description.get("paths").and_then(serde_json::Value::as_object).cloned().unwrap_or_default();
+    paths.into_iter().map(|(path, item)| (path, item.as_object().map(|item| item.keys().cloned().collect()).unwrap_or_default())).collect()
+}
+
+/// The described documents by name, as JSON schemas, for the tests of the description.
+pub fn described_documents() -> serde_json::Value {
+    let description = serde_json::to_value(described()).unwrap_or_default();
+    description.pointer("/components/schemas").cloned().unwrap_or_default()
+}
+
+fn panicked(panic: Box<dyn Any + Send + 'static>) -> Response {
+    let said = panic.downcast_ref::<&str>().map(|text| (*text).to_owned()).or_else(|| panic.downcast_ref::<String>().cloned());
+    ApiError::Internal(format!("a handler panicked: {}", said.unwrap_or_default())).into_response()
+}

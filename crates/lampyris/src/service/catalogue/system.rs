@@ -1,0 +1,288 @@
+//! What is known about a room or a plant: the document behind `/systems/{kind}/{id}`.
+
+use crate::service::error::ServiceError;
+use indexmap::IndexMap;
+use lampyris_core::data::{Bindings as ColumnBindings, Duration, Length, SystemId, read_time};
+use lampyris_core::estimate::EstimateRequest;
+use lampyris_core::estimate::problem::choices::Choices;
+use lampyris_core::estimate::problem::objective::Prior;
+use lampyris_core::estimate::problem::request::{SeededMethod, Site};
+use lampyris_core::fault::{Fault, nearest};
+use lampyris_core::model::{Bindings, Catalogue, ModelId, compile};
+use lampyris_core::optimise::Method;
+use lampyris_core::schema::Interval;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use utoipa::ToSchema;
+
+/// The longest name for people.
+const LONGEST_LABEL: usize = 200;
+
+/// The set whose members are the neighbours of a room.
+pub const NEIGHBOURS: &str = "neighbours";
+
+/// A system, as its owner describes it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+#[schema(as = System)]
+pub struct SystemDocument {
+    /// A name for people.
+    #[serde(default)]
+    pub label: String,
+    /// Where it is, for the position of the sun.
+    #[serde(default)]
+    pub location: Option<Location>,
+    /// The model whose fits are served.
+    pub model: ModelId,
+    /// Which column feeds which channel, where the names alone do not say it.
+    #[serde(default)]
+    #[schema(value_type = std::collections::HashMap<String, String>)]
+    pub channels: ColumnBindings,
+    /// The rooms next door.
+    #[serde(default)]
+    pub neighbours: Vec<SystemId>,
+    /// The members of the other sets of its model; a set that is not named is empty.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    #[schema(value_type = std::collections::HashMap<String, Vec<String>>, example = json!({"zones": ["north", "south"]}))]
+    pub sets: BTreeMap<String, Vec<String>>,
+    /// What happens to an accepted fit, and how long it is fresh.
+    #[serde(default)]
+    pub policy: Policy,
+    /// What is known about the parameters before any data.
+    #[serde(default)]
+    pub prior: Prior,
+    /// Other bounds than the model's, for jobs that name none.
+    #[serde(default, skip_serializing_if = "IndexMap::is_empty")]
+    #[schema(value_type = IndexMap<String, Interval>)]
+    pub bounds: IndexMap<String, [f64; 2]>,
+    /// Parameters that are known and not estimated, for jobs that name none.
+    #[serde(default, skip_serializing_if = "IndexMap::is_empty")]
+    pub fixed: IndexMap<String, f64>,
+    /// How its jobs search where they do not say it; `cfa` with its defaults where there is none. A tuning writes it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub method: Option<SeededMethod>,
+    /// Stretches of time whose measurements are not to be trusted.
+    #[serde(default)]
+    pub exclude: Vec<Exclusion>,
+}
+
+/// A place on earth.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Location {
+    /// Latitude in degrees, north positive.
+    #[schema(minimum = -90, maximum = 90)]
+    pub lat: f64,
+    /// Longitude in degrees, east positive.
+    #[schema(minimum = -180, maximum = 180)]
+    pub lon: f64,
+    /// IANA time zone of the inputs `hour_of_day` and `weekday`; UTC where it is not given.
+    #[serde(default)]
+    pub zone: Option<String>,
+}
+
+/// What happens to an accepted fit.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Policy {
+    /// Who publishes.
+    pub mode: Mode,
+    /// How long a revision is fresh after its last validation.
+    #[schema(value_type = Length)]
+    pub stale_after: Duration,
+    /// The forecast horizon that the controller lives on.
+    #[schema(value_type = Length)]
+    pub horizon: Duration,
+    /// Whether a job is submitted as soon as newer measurements contradict what is served.
+    pub refit_when_degraded: bool,
+}
+
+impl Default for Policy {
+    fn default() -> Self {
+        Self { mode: Mode::Auto, stale_after: Duration::from_days(3), horizon: Duration::from_hours(6), refit_when_degraded: true }
+    }
+}
+
+/// Who publishes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "lowercase")]
+#[schema(as = PolicyMode)]
+pub enum Mode {
+    /// The gate's acceptance is enough.
+    #[default]
+    Auto,
+    /// An operator, on the gate's suggestion.
+    Suggest,
+    /// Nobody: batches leave the system out.
+    Observe,
+}
+
+/// A stretch of time that is left out.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Exclusion {
+    /// Its first instant, RFC 3339.
+    #[schema(format = DateTime)]
+    pub from: String,
+    /// Its last instant.
+    #[schema(format = DateTime)]
+    pub to: String,
+    /// Why.
+    #[serde(default)]
+    pub reason: String,
+}
+
+impl SystemDocument {
+    /// What the model is told about the place.
+    pub fn site(&self) -> Site {
+        Site {
+            location: self.location.as_ref().map(|place| (place.lat, place.lon)),
+            zone: self.location.as_ref().and_then(|place| place.zone.clone()),
+            sets: self.sets(),
+        }
+    }
+
+    /// The stretches of time that are left out, in seconds, both ends included.
+    pub fn excluded(&self) -> Vec<(i64, i64)> {
+        self.exclude.iter().filter_map(|span| Some((read_time("", &span.from).ok()?, read_time("", &span.to).ok()?))).collect()
+    }
+
+    /// The members of the model's sets.
+    pub fn sets(&self) -> BTreeMap<String, Vec<String>> {
+        let mut sets = self.sets.clone();
+        if !self.neighbours.is_empty() {
+            sets.insert(NEIGHBOURS.to_owned(), self.neighbours.iter().map(|neighbour| neighbour.id().to_owned()).collect());
+        }
+        sets
+    }
+
+    /// What this model would be bound to here; channels are left open, as windows may bring them later.
+    pub fn bindings(&self, catalogue: &Catalogue, model: &ModelId) -> Result<lampyris_core::model::Model, Vec<Fault>> {
+        let composition = catalogue.compose(model)?;
+        let sets = self.sets().into_iter().filter(|(set, _)| composition.spec.sets.contains(set)).collect();
+        compile(&composition, &Bindings { sets, channels: None })
+    }
+
+    /// Every fault of a document whose form is right.
+    pub(super) fn faults(&self, system: &SystemId, catalogue: &Catalogue) -> Vec<Fault> {
+        let mut faults = Vec::new();
+        match self.bindings(catalogue, &self.model) {
+            Ok(model) => {
+                let choices = Choices { bounds: self.bounds.clone(), fixed: self.fixed.clone(), ..EstimateRequest::default().choices() };
+                faults.extend(choices.faults(&model));
+            }
+            Err(more) => faults.extend(more.into_iter().map(|fault| if fault.pointer == "/model" { fault } else { at("/model", fault) })),
+        }
+        if let Some(place) = &self.location {
+            let inside = |value: f64, limit: f64| value.is_finite() && value.abs() <= limit;
+            if !inside(place.lat, 90.0) {
+                faults.push(Fault::new(
+                    "/location/lat",
+                    "out-of-range",
+                    format!("a latitude lies between -90 and 90, not at {}", place.lat),
+                ));
+            }
+            if !inside(place.lon, 180.0) {
+                faults.push(Fault::new(
+                    "/location/lon",
+                    "out-of-range",
+                    format!("a longitude lies between -180 and 180, not at {}", place.lon),
+                ));
+            }
+            if let Some(zone) = place.zone.as_ref().filter(|zone| jiff::tz::TimeZone::get(zone).is_err()) {
+                let shown: String = zone.chars().take(40).collect();
+                faults.push(
+                    Fault::new("/location/zone", "unknown-zone", format!("`{}` is no IANA time zone", shown.escape_debug()))
+                        .suggest("such as `Europe/Copenhagen`"),
+                );
+            }
+        }
+        if self.label.chars().count() > LONGEST_LABEL {
+            faults.push(Fault::new("/label", "too-long", format!("a label has at most {LONGEST_LABEL} characters")));
+        }
+        for (channel, column) in self.channels.iter().filter(|(channel, column)| channel.trim().is_empty() || column.trim().is_empty()) {
+            let shown: String = channel.chars().take(60).collect();
+            let fault =
+                Fault::new(format!("/channels/{}", shown.escape_debug()), "bad-binding", "a channel is bound to the name of a column");
+            faults.push(if column.trim().is_empty() {
+                fault.suggest("leave the channel out: it then takes the column of its own name")
+            } else {
+                fault
+            });
+        }
+        for (index, neighbour) in self.neighbours.iter().enumerate() {
+            let pointer = format!("/neighbours/{index}");
+            if neighbour == system {
+                faults.push(Fault::new(&pointer, "own-neighbour", "a system is not its own neighbour"));
+            }
+            if self.neighbours[..index].iter().any(|earlier| earlier.id() == neighbour.id()) {
+                faults.push(Fault::new(pointer, "named-twice", format!("the neighbour `{}` is named twice", neighbour.id())));
+            }
+        }
+        faults.extend(self.set_faults(catalogue));
+        if matches!(self.method, Some(SeededMethod { method: Method::Ctsm(_), .. })) {
+            let detail = "`ctsm` goes with the likelihood, which a job asks for by itself";
+            faults.push(Fault::new("/method/name", "contradiction", detail));
+        }
+        for (field, duration) in [("stale_after", self.policy.stale_after), ("horizon", self.policy.horizon)] {
+            if duration.is_zero() {
+                faults.push(Fault::new(format!("/policy/{field}"), "out-of-range", "it must be longer than nothing"));
+            }
+        }
+        for (index, exclusion) in self.exclude.iter().enumerate() {
+            let from = read_time(&format!("/exclude/{index}/from"), &exclusion.from);
+            let to = read_time(&format!("/exclude/{index}/to"), &exclusion.to);
+            if let (Ok(from), Ok(to)) = (&from, &to)
+                && from > to
+            {
+                faults.push(Fault::new(format!("/exclude/{index}"), "out-of-order", "it ends before it starts"));
+            }
+            faults.extend([from.err(), to.err()].into_iter().flatten());
+        }
+        faults
+    }
+}
+
+impl SystemDocument {
+    /// Sets that its model does not have, and members that cannot be part of a name.
+    fn set_faults(&self, catalogue: &Catalogue) -> Vec<Fault> {
+        let mut faults = Vec::new();
+        let declared = catalogue.compose(&self.model).map_or_else(|_| Vec::new(), |composition| composition.spec.sets);
+        for (set, members) in &self.sets {
+            let pointer = format!("/sets/{set}");
+            let word = |text: &str| !text.is_empty() && text.len() <= 64 && text.bytes().all(|b| b.is_ascii_alphanumeric() || b == b'_');
+            if set == NEIGHBOURS {
+                faults
+                    .push(Fault::new(&pointer, "contradiction", "the neighbours have a field of their own").suggest("write `neighbours`"));
+            } else if !declared.contains(set) {
+                let fault = Fault::new(&pointer, "unknown-set", format!("the model `{}` has no set `{set}`", self.model));
+                faults.push(match nearest(set, declared.iter().map(String::as_str)) {
+                    Some(near) => fault.suggest(format!("did you mean `{near}`?")),
+                    None => fault,
+                });
+            }
+            for (index, member) in members.iter().enumerate() {
+                if !word(member) {
+                    let detail = "a member is made of 1 to 64 letters, digits and underscores";
+                    faults.push(Fault::new(format!("{pointer}/{index}"), "invalid-member", detail));
+                } else if members[..index].contains(member) {
+                    faults.push(Fault::new(format!("{pointer}/{index}"), "named-twice", format!("the member `{member}` is named twice")));
+                }
+            }
+        }
+        faults
+    }
+}
+
+/// The fault, found inside something that the pointer names.
+pub(in crate::service) fn at(pointer: &str, fault: Fault) -> Fault {
+    Fault { detail: format!("{}: {}", fault.pointer, fault.detail), pointer: pointer.to_owned(), ..fault }
+}
+
+/// Reads the document of a system that is kept.
+///
+/// # Errors
+/// Where the row holds something else.
+pub fn document(text: &str) -> Result<SystemDocument, ServiceError> {
+    serde_json::from_str(text).map_err(|error| ServiceError::Internal(format!("a stored system document cannot be read: {error}")))
+}

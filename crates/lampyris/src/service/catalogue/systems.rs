@@ -1,0 +1,70 @@
+//! Rooms and plants: their documents are checked here and kept by the store.
+
+use super::system::{SystemDocument, document};
+use crate::service::decode;
+use crate::service::error::{Refusal, ServiceError};
+use crate::service::serving::params;
+use crate::service::state::Service;
+use crate::service::threads::blocking;
+use crate::store;
+use crate::store::systems::{Deleted, Needs};
+use lampyris_core::data::SystemId;
+use serde_json::json;
+
+/// Makes a system or replaces its document; says whether it is new.
+///
+/// # Errors
+/// Every fault of the document, or where the database fails.
+pub async fn put(service: &Service, system: &SystemId, body: serde_json::Value, who: &str) -> Result<(SystemDocument, bool), ServiceError> {
+    let catalogue = service.catalogue.current();
+    let name = system.clone();
+    // Compiling a model of the largest size takes longer than an async thread may be held.
+    let checked = blocking(move || {
+        // The stand-in is a built-in model, of which no fault is found.
+        let mut read = decode::read::<SystemDocument>(body, &json!({ "model": "rc2" }));
+        let faults = read.document.as_ref().map(|document| document.faults(&name, &catalogue));
+        read.add(faults.unwrap_or_default());
+        read.finish()
+    });
+    let document = checked.await?.map_err(ServiceError::Faults)?;
+    let text = serde_json::to_string(&document).map_err(|error| ServiceError::Internal(error.to_string()))?;
+    let is_new = store::systems::put(&service.store, system, &document.model, &text, who, service.now()).await?;
+    params::refresh(service, system).await?;
+    Ok((document, is_new))
+}
+
+/// Deletes a system with its measurements, jobs, fits and revisions; `/params` then does not know it any more.
+///
+/// # Errors
+/// Where there is none, a job needs it, it has a history or dependents and nobody forces it, or the database fails.
+pub async fn delete(service: &Service, system: &SystemId, force: bool, who: &str) -> Result<(), ServiceError> {
+    let refused = |slug, detail, because| Err(ServiceError::Refused(Refusal { slug, detail, because: Some(because) }));
+    match store::systems::delete(&service.store, system, force, who, service.now()).await? {
+        Deleted::Busy(jobs) => {
+            let detail = format!("{} jobs of {system} or of its neighbours wait or run: wait for their end, or cancel them", jobs.len());
+            refused("system-busy", detail, ("jobs", jobs))
+        }
+        Deleted::Needed(Needs { fits, revisions, dependents }) => {
+            let detail = format!(
+                "{system} has {fits} fits, {revisions} revisions and {} dependents: `?force=true` deletes its history",
+                dependents.len()
+            );
+            refused("system-needed", detail, ("dependents", dependents))
+        }
+        // A deletion whose answer was lost comes again: what is served is made to agree all the same.
+        Deleted::NotThere => {
+            params::refresh(service, system).await?;
+            Err(ServiceError::NoSystem(system.clone()))
+        }
+        Deleted::Gone => params::refresh(service, system).await,
+    }
+}
+
+/// The document of a system that must be there.
+///
+/// # Errors
+/// Where there is no such system, or the database fails.
+pub async fn require(service: &Service, system: &SystemId) -> Result<SystemDocument, ServiceError> {
+    let record = store::systems::get(&service.store, system).await?.ok_or_else(|| ServiceError::NoSystem(system.clone()))?;
+    document(&record.document)
+}

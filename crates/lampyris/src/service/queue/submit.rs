@@ -1,0 +1,295 @@
+//! How requests enter the queue: checked against the system and its model first, so that what can be known to
+//! fail is refused at once and not at night.
+
+use super::request::{self, BatchRequest};
+use crate::service::catalogue::system::{self, Mode, SystemDocument};
+use crate::service::error::ServiceError;
+use crate::service::serving::params;
+use crate::service::state::Service;
+use crate::service::threads::blocking;
+use crate::service::work::input;
+use crate::store;
+use crate::store::batches::{BatchKind, NewBatch, Skipped, SubmittedBatch};
+use crate::store::idempotency::RequestKey;
+use crate::store::jobs::{Cancelled, JobKind, NewJob, Origin, Priority, Submitted};
+use crate::store::retry::Retried;
+use lampyris_core::data::{SplitRequest, SystemId};
+use lampyris_core::estimate::{EstimateRequest, tune};
+use lampyris_core::fault::{Fault, nearest};
+use lampyris_core::model::ModelId;
+use serde_json::{Map, Value};
+
+/// Submits a job for one system.
+///
+/// # Errors
+/// Every fault of the request, a full queue, a reused key, or where the database fails.
+pub async fn one(
+    service: &Service,
+    kind: JobKind,
+    system: &SystemId,
+    experiment: bool,
+    priority: Priority,
+    settings: &Map<String, Value>,
+    key: Option<&RequestKey>,
+) -> Result<Submitted, ServiceError> {
+    let settings = with_defaults(service, kind, settings);
+    let (document, request, mut faults) = judge(service, system, &settings).await?;
+    if kind == JobKind::Tune {
+        faults.extend(tune::faults(&request));
+    }
+    let model = request.model.clone().ok_or_else(|| ServiceError::Faults(faults.clone()))?;
+    let Some(document) = document.filter(|_| faults.is_empty()) else {
+        return Err(ServiceError::Faults(faults));
+    };
+    // Whether the measurements are enough is seen now, and not by whoever looks for the result.
+    let input = input::collect(service, system, document, model.clone(), request.clone(), 0).await?;
+    match blocking(move || input.window().and_then(|window| input.problem(&window))).await? {
+        Ok(_) => {}
+        Err(ServiceError::Faults(faults)) => return Err(ServiceError::Faults(faults.into_iter().map(at_request).collect())),
+        Err(error) => return Err(error),
+    }
+    let new = new_job(kind, system, model, experiment, &request, Origin::Posted, priority)?;
+    let submitted = store::jobs::submit(&service.store, &new, key, service.queue_limit(), service.now()).await?;
+    told(service, submitted).await
+}
+
+/// What is asked of a job, with what its kind and the settings of the service say to it.
+fn with_defaults(service: &Service, kind: JobKind, settings: &Map<String, Value>) -> Map<String, Value> {
+    let mut settings = settings.clone();
+    if kind == JobKind::Diagnose {
+        settings.entry("split").or_insert_with(|| serde_json::to_value(SplitRequest::DIAGNOSE).unwrap_or_default());
+        settings.entry("accusation_rate").or_insert_with(|| service.settings.diagnose.accusation_rate.into());
+    }
+    settings
+}
+
+/// Submits a job that has ended once more.
+///
+/// # Errors
+/// Where there is no such job or it has not ended, a full queue, a reused key, or where the database fails.
+pub async fn retry(service: &Service, id: &str, key: Option<&RequestKey>) -> Result<Submitted, ServiceError> {
+    match store::retry::retry(&service.store, id, key, service.queue_limit(), service.now()).await? {
+        Retried::Submitted(submitted) => told(service, *submitted).await,
+        Retried::NotFinished(state) => Err(ServiceError::NotFinished(id.to_owned(), state)),
+        Retried::NoJob => Err(ServiceError::NotFound("job", id.to_owned())),
+    }
+}
+
+/// Wakes a worker for a new job, and tells those who listen and those who wait for parameters.
+async fn told(service: &Service, submitted: Submitted) -> Result<Submitted, ServiceError> {
+    if let Submitted::New(job) = &submitted {
+        service.wake.notify_one();
+        service.events.hint();
+        params::refresh(service, &job.system).await?;
+    }
+    Ok(submitted)
+}
+
+/// Submits an ordinary recalibration of one system, because newer measurements contradict what it serves.
+///
+/// # Errors
+/// Where the system's defaults give no request, the queue is full, or the database fails.
+pub async fn refit(service: &Service, system: &SystemId, document: &SystemDocument) -> Result<(), ServiceError> {
+    let request = request::complete(&Map::new(), Some(document)).map_err(ServiceError::Faults)?;
+    let new = new_job(JobKind::Estimate, system, document.model.clone(), false, &request, Origin::Scheduled, Priority::Nightly)?;
+    store::jobs::submit(&service.store, &new, None, service.queue_limit(), service.now()).await?;
+    service.wake.notify_one();
+    params::refresh(service, system).await
+}
+
+/// What the faults of a request hide: those that only its system and its model can tell.
+///
+/// # Errors
+/// Where the database fails.
+pub async fn further_faults(service: &Service, body: &Value, known: &[Fault]) -> Result<Vec<Fault>, ServiceError> {
+    let (Some(system), Some(mut settings)) = (body.get("system").and_then(Value::as_str).map(str::parse), body.as_object().cloned()) else {
+        return Ok(Vec::new());
+    };
+    let Ok(system) = system else {
+        return Ok(Vec::new());
+    };
+    if settings.get("kind").is_some_and(|kind| kind == "recalibrate") {
+        return Ok(Vec::new());
+    }
+    settings.retain(|field, _| !["kind", "system", "experiment", "priority"].contains(&field.as_str()));
+    let (_, _, mut faults) = judge(service, &system, &settings).await?;
+    faults.retain(|fault| !known.contains(fault));
+    Ok(faults)
+}
+
+/// The system, if there is one, and as much of a request as can be read, with every fault that the request, its system
+/// and its model show.
+async fn judge(
+    service: &Service,
+    system: &SystemId,
+    settings: &Map<String, Value>,
+) -> Result<(Option<SystemDocument>, EstimateRequest, Vec<Fault>), ServiceError> {
+    let Some(record) = store::systems::get(&service.store, system).await? else {
+        let (request, mut faults) = request::read_settings(settings, None);
+        faults.push(unknown_system(service, system).await?);
+        return Ok((None, request, faults));
+    };
+    let document = system::document(&record.document)?;
+    let (request, mut faults) = request::read_settings(settings, Some(&document));
+    let model = request.model.clone().unwrap_or_else(|| document.model.clone());
+    let (catalogue, choices) = (service.catalogue.current(), request.choices());
+    let binding = document.clone();
+    let more = blocking(move || match binding.bindings(&catalogue, &model) {
+        Ok(model) => choices.faults(&model),
+        Err(faults) => faults.into_iter().map(at_request).collect(),
+    });
+    // Bounds that are no interval on any scale were found before.
+    let is_new = |fault: &Fault, faults: &[Fault]| !faults.iter().any(|known| known.pointer == fault.pointer);
+    faults.extend(more.await?.into_iter().filter(|fault| is_new(fault, &faults)).collect::<Vec<_>>());
+    if store::windows::extent(&service.store, system).await?.is_none() {
+        let fault = Fault::new("/system", "no-data", format!("there are no measurements of {system}"));
+        faults.push(fault.suggest(format!("post some to /systems/{system}/windows")));
+    }
+    Ok((Some(document), request, faults))
+}
+
+/// A fault of the model or the measurements, as a fault of the request that names the model.
+fn at_request(fault: Fault) -> Fault {
+    let is_of_request = ["/model", "/window", "/split", "/bounds", "/fixed"].iter().any(|field| fault.pointer.starts_with(field));
+    if is_of_request { fault } else { system::at("/model", fault) }
+}
+
+/// Submits a batch.
+///
+/// # Errors
+/// A full queue, a reused key, or where the database fails.
+pub async fn several(
+    service: &Service,
+    request: &BatchRequest,
+    schedule: Option<&str>,
+    priority: Priority,
+    key: Option<&RequestKey>,
+) -> Result<SubmittedBatch, ServiceError> {
+    let batch = batch(service, request, schedule, priority).await?;
+    let submitted = store::batches::submit(&service.store, &batch, key, service.queue_limit(), service.now()).await?;
+    if let (SubmittedBatch::New(id), Some(schedule)) = (&submitted, schedule) {
+        store::schedules::note_run(&service.store, schedule, id, service.now()).await?;
+    }
+    entered(service, &batch).await?;
+    Ok(submitted)
+}
+
+/// The jobs of a batch: one for every selected system that has measurements and, where what is served may change, wants that.
+///
+/// # Errors
+/// Where the database fails.
+pub async fn batch(
+    service: &Service,
+    request: &BatchRequest,
+    schedule: Option<&str>,
+    priority: Priority,
+) -> Result<NewBatch, ServiceError> {
+    let origin = if schedule.is_some() { Origin::Scheduled } else { Origin::Posted };
+    let kind = match request.kind {
+        BatchKind::Recalibrate => JobKind::Estimate,
+        BatchKind::Diagnose => JobKind::Diagnose,
+    };
+    let settings = with_defaults(service, kind, &request.settings);
+    let mut batch = NewBatch {
+        kind: request.kind,
+        schedule: schedule.map(str::to_owned),
+        request: serde_json::to_string(request).map_err(|error| ServiceError::Internal(error.to_string()))?,
+        jobs: Vec::new(),
+        skipped: Vec::new(),
+    };
+    for record in store::systems::all(&service.store).await? {
+        let system = &record.system;
+        if !request.systems.iter().any(|pattern| pattern.matches(system)) {
+            continue;
+        }
+        let document = system::document(&record.document)?;
+        let mut skip = |why: String| batch.skipped.push(Skipped { system: system.clone(), why });
+        if kind == JobKind::Estimate && document.policy.mode == Mode::Observe {
+            skip("its policy is to observe only".to_owned());
+        } else if store::windows::extent(&service.store, system).await?.is_none() {
+            skip("there are no measurements".to_owned());
+        } else {
+            match request::complete(&settings, Some(&document)) {
+                // Only an estimate alters what is served.
+                Ok(request) => {
+                    batch.jobs.push(new_job(kind, system, document.model, kind != JobKind::Estimate, &request, origin, priority)?);
+                }
+                Err(faults) => skip(faults.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ")),
+            }
+        }
+    }
+    Ok(batch)
+}
+
+/// Leaves out the systems of which nothing has been measured since the same question was answered: the same numbers would
+/// confirm what is served, night after night, and it would never turn stale.
+///
+/// # Errors
+/// Where the database fails.
+pub async fn leave_out_answered(service: &Service, batch: &mut NewBatch) -> Result<(), ServiceError> {
+    for job in std::mem::take(&mut batch.jobs) {
+        if store::batches::is_answered(&service.store, &job).await? {
+            let what = if job.kind == JobKind::Diagnose { "diagnosis" } else { "estimate" };
+            batch.skipped.push(Skipped { system: job.system, why: format!("no measurements have arrived since its last {what}") });
+        } else {
+            batch.jobs.push(job);
+        }
+    }
+    Ok(())
+}
+
+/// Wakes the workers after a batch has entered the queue, and tells those who wait for parameters.
+///
+/// # Errors
+/// Where the database fails.
+pub async fn entered(service: &Service, batch: &NewBatch) -> Result<(), ServiceError> {
+    service.wake.notify_one();
+    service.events.hint();
+    for job in &batch.jobs {
+        params::refresh(service, &job.system).await?;
+    }
+    Ok(())
+}
+
+/// Calls a job off.
+///
+/// # Errors
+/// Where the database fails.
+pub async fn cancel(service: &Service, id: &str) -> Result<Option<Cancelled>, ServiceError> {
+    let Some(cancelled) = store::jobs::cancel(&service.store, id, service.now()).await? else {
+        return Ok(None);
+    };
+    if cancelled.running {
+        service.board.cancel(id);
+        // The worker may have ended the job in between and forgotten its place; then nobody else will.
+        if store::jobs::get(&service.store, id).await?.is_some_and(|job| job.state.is_final()) {
+            service.board.end(id);
+        }
+    } else {
+        service.events.hint();
+        params::refresh(service, &cancelled.job.system).await?;
+    }
+    Ok(Some(cancelled))
+}
+
+fn new_job(
+    kind: JobKind,
+    system: &SystemId,
+    model: ModelId,
+    experiment: bool,
+    request: &EstimateRequest,
+    origin: Origin,
+    priority: Priority,
+) -> Result<NewJob, ServiceError> {
+    let request = serde_json::to_string(request).map_err(|error| ServiceError::Internal(error.to_string()))?;
+    Ok(NewJob { kind, system: system.clone(), model, request, experiment, origin, priority })
+}
+
+pub(in crate::service) async fn unknown_system(service: &Service, system: &SystemId) -> Result<Fault, ServiceError> {
+    let known: Vec<String> = store::systems::all(&service.store).await?.into_iter().map(|record| record.system.to_string()).collect();
+    let fault = Fault::new("/system", "system-not-found", format!("there is no system `{system}`"));
+    Ok(match nearest(&system.to_string(), known.iter().map(String::as_str)) {
+        Some(near) => fault.suggest(format!("did you mean `{near}`?")),
+        None => fault.suggest(format!("make it with PUT /systems/{system}")),
+    })
+}

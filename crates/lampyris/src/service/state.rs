@@ -1,0 +1,70 @@
+//! What handlers and workers share. Its parts know nothing of the whole.
+
+use super::access::tokens::Tokens;
+use super::catalogue::shared::SharedCatalogue;
+use super::changes::events::Events;
+use super::clock::Clock;
+use super::observe::metrics::Metrics;
+use super::serving::arrivals::Arrivals;
+use super::serving::snapshot::Snapshot;
+use super::work::board::Board;
+use super::work::interactive::Interactive;
+use crate::settings::Settings;
+use crate::store::Store;
+use jiff::Timestamp;
+use std::sync::atomic::AtomicUsize;
+use tokio::sync::{Notify, watch};
+
+/// Everything that handlers and workers share.
+#[derive(Debug)]
+pub struct Service {
+    /// What the operator set.
+    pub settings: Settings,
+    /// The database.
+    pub store: Store,
+    /// Models and effects, built-in and of users.
+    pub catalogue: SharedCatalogue,
+    /// Who runs now.
+    pub board: Board,
+    /// Short CPU work that somebody waits for.
+    pub interactive: Interactive,
+    /// What happens to jobs.
+    pub events: Events,
+    /// Who may ask.
+    pub tokens: Tokens,
+    /// What is counted.
+    pub metrics: Metrics,
+    /// What `/params` serves.
+    pub params: Snapshot,
+    /// Systems of which measurements have arrived.
+    pub arrivals: Arrivals,
+    /// What time it is.
+    pub clock: Clock,
+    /// The number of this start.
+    pub boot: i64,
+    /// Told when a job may be claimed.
+    pub wake: Notify,
+    /// Told when a schedule has changed.
+    pub wake_schedule: Notify,
+    /// True from the moment at which the service is asked to stop.
+    pub stopping: watch::Sender<bool>,
+    /// Workers whose loop is alive.
+    pub workers_alive: AtomicUsize,
+}
+
+impl Service {
+    /// The time by the clock of this service.
+    pub fn now(&self) -> Timestamp {
+        self.clock.now()
+    }
+
+    /// Whether the service is asked to stop.
+    pub fn is_stopping(&self) -> bool {
+        *self.stopping.borrow()
+    }
+
+    /// Most jobs that wait.
+    pub fn queue_limit(&self) -> i64 {
+        i64::try_from(self.settings.limits.queue).unwrap_or(i64::MAX)
+    }
+}

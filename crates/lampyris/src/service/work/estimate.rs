@@ -1,0 +1,130 @@
+//! The work of an `estimate` job: from stored blocks to a judged fit. It runs on the CPU pool.
+
+use super::input::Input;
+use crate::service::catalogue::system::Mode;
+use crate::service::error::ServiceError;
+use crate::store::finish::Finding;
+use crate::store::jobs::JobFailure;
+use lampyris_core::data::Window;
+use lampyris_core::data::rfc3339;
+use lampyris_core::diagnose::failures::worst_regime;
+use lampyris_core::estimate::assess::degradation::as_fitted;
+use lampyris_core::estimate::assess::metrics::current_state;
+use lampyris_core::estimate::problem::request::days_before;
+use lampyris_core::estimate::validate;
+use lampyris_core::estimate::{Control, EstimateError, Interrupt, Past, Policy, Problem, Verdict, estimate};
+use lampyris_core::fault::Fault;
+
+/// Why there is no finding.
+#[derive(Debug)]
+pub enum Stopped {
+    /// The job failed.
+    Failed(JobFailure),
+    /// Somebody stopped it.
+    Interrupted,
+}
+
+/// Estimates, judges and reads the states off.
+///
+/// # Errors
+/// Where the data, the model or the search give no fit, or somebody stopped it.
+pub fn run(input: &Input, control: &Control<'_>) -> Result<Finding, Stopped> {
+    fitted(input, control).map(|fitted| fitted.finding)
+}
+
+/// A finding with what it was found from, for those who go on from there.
+pub struct Fitted {
+    /// The measurements.
+    pub window: Window,
+    /// What was asked, with the steps that the fit needed.
+    pub problem: Problem,
+    /// What was found.
+    pub finding: Finding,
+}
+
+/// Estimates, judges and reads the states off, and keeps what that was done with.
+///
+/// # Errors
+/// Where the data, the model or the search give no fit, or somebody stopped it.
+pub fn fitted(input: &Input, control: &Control<'_>) -> Result<Fitted, Stopped> {
+    let failed = |error| Stopped::Failed(describe(error));
+    let window = input.window().map_err(failed)?;
+    let problem = input.problem(&window).map_err(failed)?;
+    let past = Past {
+        // They are for comparing with what is served.
+        days_before: input
+            .served
+            .as_ref()
+            .and_then(|_| days_before(&input.catalogue, &input.request, &window, &input.system.site(), &problem)),
+        next_door: input.weather_next_door().map_err(failed)?,
+        ..input.past()
+    };
+    let mut fit = estimate(&problem, &input.request, past.incumbent.as_ref(), control).map_err(|error| stopped(&error))?;
+    fit.worst_regime = worst_regime(&problem, &fit, &window, fit.seed).map_err(|fault| Stopped::Failed(invalid(vec![fault])))?;
+    let policy = Policy { horizon: input.system.policy.horizon, excluded: input.system.excluded() };
+    let mut judgement = validate(&problem, &fit, &past, &policy);
+    if let (Verdict::Accepted(_), true) = (&judgement.verdict, input.is_narrowed()) {
+        judgement.summary += "; fitted with bounds or fixed values of its own: it waits for an operator's word";
+    }
+    let grid = problem.grid();
+    let finding = Finding {
+        windows: input.cited(&window, grid.start(), grid.time(grid.len().saturating_sub(1))).map_err(failed)?,
+        state: current_state(&problem, &fit),
+        incumbent_state: incumbent_state(input, &problem),
+        automatic: input.system.policy.mode == Mode::Auto && !input.is_narrowed(),
+        fit,
+        judgement,
+        report: None,
+    };
+    Ok(Fitted { window, problem: problem.with_substeps(finding.fit.substeps), finding })
+}
+
+/// The states by the parameters that are served now, where they are parameters of this model.
+fn incumbent_state(input: &Input, problem: &Problem) -> Option<lampyris_core::estimate::assess::metrics::CurrentState> {
+    let served = &input.served.as_ref()?.fit;
+    let names = problem.model().parameters().iter().map(|parameter| &parameter.name);
+    let same = served.model == problem.model().id().to_string() && names.eq(served.parameters.keys());
+    if !same {
+        return None;
+    }
+    if problem.filters() {
+        return current_state(problem, served);
+    }
+    // A free run that starts elsewhere says nothing of the states now.
+    let begins = rfc3339(problem.grid().start()) == served.window().0;
+    if begins { current_state(&as_fitted(problem, served), served) } else { None }
+}
+
+/// A failure with all faults of what the job was given.
+pub fn invalid(errors: Vec<Fault>) -> JobFailure {
+    let has = |codes: &[&str]| errors.iter().any(|fault| codes.contains(&fault.code.as_str()));
+    let code = match () {
+        () if has(&["no-data", "no-data-in-range"]) => "no_data",
+        () if has(&["grid-too-long"]) => "too_large",
+        () => "invalid",
+    };
+    let detail = errors.first().map_or_else(|| "the job cannot be done".to_owned(), ToString::to_string);
+    JobFailure { code: code.to_owned(), detail, errors }
+}
+
+/// The failure behind an error of this layer.
+pub fn describe(error: ServiceError) -> JobFailure {
+    match error {
+        ServiceError::Faults(faults) => invalid(faults),
+        ServiceError::Store(error) => {
+            tracing::error!(%error, "a job could not read its input");
+            JobFailure { code: "storage".to_owned(), detail: "the stored measurements could not be read".to_owned(), errors: Vec::new() }
+        }
+        other => JobFailure { code: "internal".to_owned(), detail: other.to_string(), errors: Vec::new() },
+    }
+}
+
+/// What an error of the core means for the job.
+pub fn stopped(error: &EstimateError) -> Stopped {
+    let code = match error {
+        EstimateError::NothingFinite => "diverged",
+        EstimateError::Interrupted(Interrupt::Deadline) => "deadline",
+        EstimateError::Interrupted(Interrupt::Cancelled) => return Stopped::Interrupted,
+    };
+    Stopped::Failed(JobFailure { code: code.to_owned(), detail: error.to_string(), errors: Vec::new() })
+}

@@ -1,0 +1,17 @@
+//! Numbers that nothing else has, and the ids that are made of them.
+
+use super::error::StoreError;
+use jiff::Timestamp;
+use sqlx::SqliteConnection;
+
+/// The next number of a counter.
+pub(super) async fn next(tx: &mut SqliteConnection, counter: &'static str) -> Result<i64, StoreError> {
+    let query = sqlx::query_scalar("UPDATE counters SET value = value + 1 WHERE name = $1 RETURNING value");
+    Ok(query.bind(counter).fetch_one(tx).await?)
+}
+
+/// An id that nobody has: a sequence number and the time, hashed so that ids neither sort nor show how many there are.
+pub(super) fn derive_id(prefix: &str, sequence: i64, now: Timestamp) -> String {
+    let hash = blake3::hash(format!("{prefix} {sequence} {now}").as_bytes()).to_hex();
+    format!("{prefix}_{}", &hash[..20])
+}
