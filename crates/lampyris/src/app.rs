@@ -10,7 +10,7 @@ use crate::service::queue::schedules;
 use crate::service::serving::arrivals::Arrivals;
 use crate::service::serving::snapshot::Snapshot;
 use crate::service::serving::{degradations, params};
-use crate::service::work::board::Board;
+use crate::service::work::board::ProgressBoard;
 use crate::service::work::interactive::Interactive;
 use crate::service::work::worker;
 use crate::service::{Clock, Service, ServiceError, pool};
@@ -145,7 +145,7 @@ impl App {
         store::idempotency::forget_old(&store, clock.now()).await?;
         let service = Arc::new(Service {
             catalogue: SharedCatalogue::load(&store, builtin).await?,
-            board: Board::default(),
+            board: ProgressBoard::default(),
             interactive: Interactive::new(threads(&settings)).map_err(AppError::Threads)?,
             events: Events::new(boot, newest),
             tokens,

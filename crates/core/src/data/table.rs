@@ -60,7 +60,7 @@ pub(super) enum Place {
 }
 
 impl Place {
-    fn word(self) -> &'static str {
+    fn as_str(self) -> &'static str {
         match self {
             Place::Text => "line",
             Place::Json => "row",
@@ -301,7 +301,7 @@ fn channel_series(
     place: Place,
     warnings: &mut Vec<String>,
 ) -> Result<Option<Series>, Fault> {
-    let word = place.word();
+    let word = place.as_str();
     let convert = |raw: f64| target.from.convert(&target.to, raw).filter(|value| value.is_finite());
     let mut times = Vec::with_capacity(column.rows.len());
     let mut values = Vec::with_capacity(column.rows.len());

@@ -23,7 +23,7 @@ pub enum Adequacy {
 
 impl Adequacy {
     /// It as documents write it.
-    pub fn word(self) -> &'static str {
+    pub fn as_str(self) -> &'static str {
         match self {
             Self::Named => "named",
             Self::Adequate => "adequate",

@@ -10,7 +10,7 @@
 //! where the stochastic model is estimated, `uncertainty` says how well the data determine what was found, and `run` leads through
 //! all of it; `report` writes the document, which is a `fit`. `assess` tells in numbers and sentences how good it is. `segments`
 //! lays a model along stretches of hours, which the gate and a diagnosis ask. `gate` decides what may be served, and `tune` chooses
-//! the settings of a search. No folder sees one that is named after it.
+//! the settings of a search. No room imports one that stands after it below.
 
 pub mod problem;
 

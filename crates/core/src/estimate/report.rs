@@ -53,7 +53,7 @@ pub(super) fn report(
         parameters,
         correlated: uncertainty.correlated.clone(),
         method: request.method.method.name().to_owned(),
-        objective: problem.objective().word().to_owned(),
+        objective: problem.objective().as_str().to_owned(),
         cost: found.cost,
         stopped_by: found.stop,
         seed: request.method.seed,

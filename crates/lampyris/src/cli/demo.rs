@@ -175,7 +175,7 @@ async fn stop_signal() {
 
 fn document(job: &JobRecord, fit: Option<&FitRecord>) -> Value {
     json!({
-        "system": job.system.to_string(), "model": job.model.to_string(), "state": job.state.word(),
+        "system": job.system.to_string(), "model": job.model.to_string(), "state": job.state.as_str(),
         "verdict": fit.map(|fit| &fit.verdict), "summary": fit.map(|fit| &fit.summary), "fit": fit.map(|fit| &fit.fit),
     })
 }
@@ -192,7 +192,7 @@ fn present(folder: &std::path::Path, seconds: f64, lines: &[(&JobRecord, Option<
     let labels: Vec<String> = rooms().iter().map(|room| room.document["label"].as_str().unwrap_or_default().to_owned()).collect();
     for ((job, fit), label) in lines.iter().zip(labels) {
         let Some(record) = fit else {
-            let why = job.error.as_ref().map_or_else(|| job.state.word().to_owned(), |error| error.detail.clone());
+            let why = job.error.as_ref().map_or_else(|| job.state.as_str().to_owned(), |error| error.detail.clone());
             print(&format!("{:<8} {label:<24} {:<7} failed: {why}", job.system.to_string(), job.model.to_string()));
             continue;
         };

@@ -1,9 +1,9 @@
 //! `lampyris diagnose`: one CSV, one model, and what the model is missing.
 
 use super::fit::progress_bar;
-use super::measured::Measured;
+use super::measured::MeasuredArguments;
 use super::output::{Failure, faults, print};
-use super::report::{self, Found};
+use super::report::{self, ReportSubject};
 use indicatif::{ProgressBar, ProgressStyle};
 use lampyris_core::data::{SplitRequest, Window};
 use lampyris_core::diagnose::report::{Considered, Finding};
@@ -18,7 +18,7 @@ use lampyris_core::units::error_unit;
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
     #[command(flatten)]
-    measured: Measured,
+    measured: MeasuredArguments,
     /// The seed of the first fit: the same seed gives the same bits.
     #[arg(long, default_value_t = 1)]
     seed: u64,
@@ -42,8 +42,8 @@ pub struct First {
 
 impl First {
     /// What a report shows of it.
-    pub fn found(&self) -> Found<'_> {
-        Found {
+    pub fn found(&self) -> ReportSubject<'_> {
+        ReportSubject {
             catalogue: &self.catalogue,
             window: &self.window,
             fit: &self.fit,
@@ -55,7 +55,7 @@ impl First {
 }
 
 /// Reads the measurements and fits the model as it is.
-pub fn first_fit(measured: &Measured, seed: u64, quiet: bool) -> Result<First, Failure> {
+pub fn first_fit(measured: &MeasuredArguments, seed: u64, quiet: bool) -> Result<First, Failure> {
     let window = measured.read()?;
     let request = EstimateRequest { method: SeededMethod { seed, method: Method::default() }, ..measured.request(SplitRequest::DIAGNOSE) };
     let site = measured.site();
@@ -105,7 +105,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         print(&text(&diagnosis, &first.problem));
     }
     if let Some(file) = arguments.measured.report() {
-        report::write(file, &Found { diagnosis: Some(&diagnosis), ..first.found() })?;
+        report::write(file, &ReportSubject { diagnosis: Some(&diagnosis), ..first.found() })?;
     }
     if diagnosis.verdict == Adequacy::Named { Ok(()) } else { Err(Failure::Rejected) }
 }

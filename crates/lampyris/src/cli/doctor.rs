@@ -5,7 +5,7 @@ use super::output::Failure;
 use super::serve;
 use crate::settings::Settings;
 use crate::store::StoreError;
-use crate::store::doctor::{Found, look};
+use crate::store::doctor::{DatabaseState, look};
 use Status::{Fail, Fine, Warn};
 use jiff::tz::TimeZone;
 use lampyris_core::simulate::lanes::Cpu;
@@ -94,7 +94,7 @@ pub fn run(arguments: &Database) -> Result<(), Failure> {
     if failed == 0 { Ok(()) } else { Err(Failure::Error(format!("{failed} of {} checks failed", checks.len()))) }
 }
 
-fn database(found: &Found) -> (Status, String) {
+fn database(found: &DatabaseState) -> (Status, String) {
     let user = if found.in_use { "a service has it open" } else { "no service has it open" };
     match &found.soundness {
         Ok(()) => (Fine, format!("every page, index and reference is in order; {} bytes, {user}", found.bytes)),
@@ -102,7 +102,7 @@ fn database(found: &Found) -> (Status, String) {
     }
 }
 
-fn schema(found: &Found) -> (Status, String) {
+fn schema(found: &DatabaseState) -> (Status, String) {
     match &found.schema {
         Ok((schema, newest)) if schema == newest => (Fine, format!("schema {schema}, the newest")),
         Ok((schema, newest)) => {
@@ -112,7 +112,7 @@ fn schema(found: &Found) -> (Status, String) {
     }
 }
 
-fn log(found: &Found) -> (Status, String) {
+fn log(found: &DatabaseState) -> (Status, String) {
     let size = found.log_bytes;
     if size <= LONG_LOG {
         return (Fine, format!("the write-ahead log has {size} bytes"));
@@ -120,7 +120,7 @@ fn log(found: &Found) -> (Status, String) {
     (Warn, format!("the write-ahead log has {size} bytes: something reads the database for long; end that, or restart the service"))
 }
 
-fn clock(found: &Found, zone: &str) -> (Status, String) {
+fn clock(found: &DatabaseState, zone: &str) -> (Status, String) {
     let now = crate::service::now();
     if let Err(error) = TimeZone::get(zone) {
         return (Fail, format!("the time zone of schedules is not known: {error}"));

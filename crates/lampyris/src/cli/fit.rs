@@ -1,8 +1,8 @@
 //! `lampyris fit`: one CSV, one model, one report.
 
-use super::measured::Measured;
+use super::measured::MeasuredArguments;
 use super::output::{Failure, faults, print};
-use super::report::{self, Found};
+use super::report::{self, ReportSubject};
 use indicatif::{ProgressBar, ProgressStyle};
 use lampyris_core::data::SplitRequest;
 use lampyris_core::estimate::fit::likelihood::LikelihoodReport;
@@ -17,7 +17,7 @@ use lampyris_core::optimise::Method;
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
     #[command(flatten)]
-    measured: Measured,
+    measured: MeasuredArguments,
     /// The optimiser: cfa (the default), ctsm for the largest likelihood, cfa_thesis, cfa_hierarchical, fa, fa_modified, grid,
     /// lm_multistart, lshade, pso or ga.
     #[arg(long, value_parser = method)]
@@ -97,7 +97,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     if let Some(file) = arguments.measured.report() {
         report::write(
             file,
-            &Found { catalogue: &catalogue, window: &window, fit: &fit, judgement: &judgement, diagnosis: None, ladder: None },
+            &ReportSubject { catalogue: &catalogue, window: &window, fit: &fit, judgement: &judgement, diagnosis: None, ladder: None },
         )?;
     }
     // Without unseen data for the gate, the fit is a study and not a candidate for a controller.

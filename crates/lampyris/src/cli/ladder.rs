@@ -2,9 +2,9 @@
 
 use super::diagnose::{First, first_fit, with_trials_bar};
 use super::fit::word;
-use super::measured::Measured;
+use super::measured::MeasuredArguments;
 use super::output::{Failure, print};
-use super::report::{self, Found};
+use super::report::{self, ReportSubject};
 use lampyris_core::diagnose::ladder::{Ladder, ladder};
 use lampyris_core::diagnose::nested::ladder_by_likelihood;
 use lampyris_core::estimate::Control;
@@ -13,7 +13,7 @@ use lampyris_core::estimate::problem::request::Criterion;
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
     #[command(flatten)]
-    measured: Measured,
+    measured: MeasuredArguments,
     /// Most effects that are added.
     #[arg(long, default_value_t = 3)]
     max_steps: usize,
@@ -43,7 +43,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         print(&text(&found));
     }
     if let Some(file) = arguments.measured.report() {
-        report::write(file, &Found { ladder: Some(&found), ..first.found() })?;
+        report::write(file, &ReportSubject { ladder: Some(&found), ..first.found() })?;
     }
     if found.steps.iter().skip(1).any(|step| step.kept) { Ok(()) } else { Err(Failure::Rejected) }
 }

@@ -1,14 +1,18 @@
 //! The arguments that every verb on a CSV of measurements shares, and how they become a window and a model.
 
 use super::output::{Failure, faults};
+use jiff::civil::Date;
 use lampyris_core::data::{Bindings, Duration, SplitRequest, Window};
 use lampyris_core::estimate::problem::request::WindowRange;
 use lampyris_core::estimate::{EstimateRequest, Site};
 use lampyris_core::model::ModelId;
 use std::path::{Path, PathBuf};
 
+/// Characters of a date without a time: `2016-02-23`.
+const PLAIN_DATE: usize = 10;
+
 #[derive(Debug, clap::Args)]
-pub struct Measured {
+pub struct MeasuredArguments {
     /// The measurements: a CSV with a `time` column (RFC 3339).
     pub window: PathBuf,
     /// The model, such as room3, room2 or tite.
@@ -29,10 +33,10 @@ pub struct Measured {
     /// Members of another set of the model: zones=north,south.
     #[arg(long, value_name = "SET=MEMBERS", value_parser = set)]
     set: Vec<(String, Vec<String>)>,
-    /// Use measurements from this instant on.
+    /// Use measurements from this instant on; a plain date is its first moment in the zone.
     #[arg(long)]
     from: Option<String>,
-    /// Use measurements up to this instant.
+    /// Use measurements up to this instant; a plain date is its first moment in the zone.
     #[arg(long)]
     to: Option<String>,
     /// Length of the training part, such as P14D or PT500H.
@@ -58,7 +62,7 @@ pub struct Measured {
     report: Option<PathBuf>,
 }
 
-impl Measured {
+impl MeasuredArguments {
     /// Reads the file; what it warns of goes to standard error.
     pub fn read(&self) -> Result<Window, Failure> {
         let path = self.window.display();
@@ -85,7 +89,7 @@ impl Measured {
         let named = self.train.is_some() || self.validation.is_some();
         EstimateRequest {
             model: Some(self.model()),
-            window: Some(WindowRange { last: None, from: self.from.clone(), to: self.to.clone() }),
+            window: Some(WindowRange { last: None, from: self.instant(self.from.as_deref()), to: self.instant(self.to.as_deref()) }),
             split: SplitRequest {
                 train: self.train.unwrap_or(split.train),
                 validation: self.validation.unwrap_or(split.validation),
@@ -93,6 +97,15 @@ impl Measured {
             },
             ..EstimateRequest::default()
         }
+    }
+
+    /// A plain date as its first moment in the zone; anything else as it was written, for whoever reads times to judge.
+    fn instant(&self, text: Option<&str>) -> Option<String> {
+        let midnight = |text: &str| {
+            let date: Date = text.parse().ok().filter(|_| text.len() == PLAIN_DATE)?;
+            Some(date.in_tz(self.zone.as_deref().unwrap_or("UTC")).ok()?.timestamp().to_string())
+        };
+        text.map(|text| midnight(text).unwrap_or_else(|| text.to_owned()))
     }
 
     /// Where a report is to be written.
@@ -113,4 +126,31 @@ impl Measured {
 fn set(text: &str) -> Result<(String, Vec<String>), String> {
     let (name, members) = text.split_once('=').ok_or("write SET=MEMBER,MEMBER")?;
     Ok((name.to_owned(), members.split(',').map(str::to_owned).collect()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::MeasuredArguments;
+    use clap::Parser;
+    use lampyris_core::data::SplitRequest;
+
+    #[derive(Parser)]
+    struct Verb {
+        #[command(flatten)]
+        measured: MeasuredArguments,
+    }
+
+    #[test]
+    fn a_plain_date_is_midnight_in_the_zone() {
+        let range = |words: &[&str]| {
+            let verb = Verb::parse_from(["fit", "window.csv"].iter().chain(words));
+            verb.measured.request(SplitRequest::DIAGNOSE).window.unwrap()
+        };
+        let winter = range(&["--from", "2016-02-23", "--to", "2016-07-01", "--zone", "Europe/Copenhagen"]);
+        assert_eq!((winter.from.as_deref(), winter.to.as_deref()), (Some("2016-02-22T23:00:00Z"), Some("2016-06-30T22:00:00Z")));
+        assert_eq!(range(&["--from", "2016-02-23"]).from.as_deref(), Some("2016-02-23T00:00:00Z"));
+        for text in ["2016-02-23T06:00:00+01:00", "2016-02-30", "yesterday"] {
+            assert_eq!(range(&["--to", text]).to.as_deref(), Some(text), "it is for others to judge");
+        }
+    }
 }

@@ -28,7 +28,7 @@ const LICENCES: [&str; 3] = ["vendor/LICENSE-preact.txt", "vendor/LICENSE-htm.tx
 
 /// What a report shows.
 #[derive(Clone, Copy)]
-pub struct Found<'a> {
+pub struct ReportSubject<'a> {
     pub catalogue: &'a Catalogue,
     /// All that was measured.
     pub window: &'a Window,
@@ -42,7 +42,7 @@ pub struct Found<'a> {
 ///
 /// # Errors
 /// Where the fit cannot be run again, or the file cannot be written.
-pub fn write(file: &Path, found: &Found<'_>) -> Result<(), Failure> {
+pub fn write(file: &Path, found: &ReportSubject<'_>) -> Result<(), Failure> {
     let document = document(&data(found)?)?;
     std::fs::write(file, document).map_err(|error| Failure::Error(format!("{}: {error}", file.display())))?;
     eprintln!("report: {}", file.display());
@@ -50,7 +50,7 @@ pub fn write(file: &Path, found: &Found<'_>) -> Result<(), Failure> {
 }
 
 /// All answers, by the paths at which the service would give them.
-fn data(found: &Found<'_>) -> Result<Value, Failure> {
+fn data(found: &ReportSubject<'_>) -> Result<Value, Failure> {
     let fit = found.fit;
     let replay = Replay::new(found.catalogue, fit, found.window, None).map_err(|found| faults(&found))?;
     let named = Named { id: ID, system: ID, fit };
@@ -104,7 +104,7 @@ fn data(found: &Found<'_>) -> Result<Value, Failure> {
 /// Where it cannot be written.
 pub fn fit_document(id: &str, fit: &Fit, judgement: &Judgement, made_at: &str) -> Result<Value, Failure> {
     let mut judged = json!({
-        "id": id, "system": id, "verdict": judgement.verdict.word(), "summary": judgement.summary,
+        "id": id, "system": id, "verdict": judgement.verdict.as_str(), "summary": judgement.summary,
         "checks": judgement.checks, "waits_for_operator": false, "decision": null, "created_at": made_at,
     });
     if fit.parts.validation.is_none() {

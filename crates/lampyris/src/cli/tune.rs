@@ -1,7 +1,7 @@
 //! `lampyris tune`: settings of the search that suit these measurements, chosen on their older part and judged on the newer one.
 
 use super::fit::progress_bar;
-use super::measured::Measured;
+use super::measured::MeasuredArguments;
 use super::output::{Failure, faults, print};
 use lampyris_core::estimate::problem::request::{Budget, SeededMethod};
 use lampyris_core::estimate::tune::Performance;
@@ -13,7 +13,7 @@ use lampyris_core::optimise::Method;
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
     #[command(flatten)]
-    measured: Measured,
+    measured: MeasuredArguments,
     /// The seed: the same seed gives the same bits.
     #[arg(long, default_value_t = 1)]
     seed: u64,

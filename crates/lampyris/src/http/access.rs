@@ -4,9 +4,9 @@
 use super::problem::ApiError;
 use super::shared::Shared;
 use crate::service::Service;
-use crate::service::access::tokens::{Judged, LOCAL};
+use crate::service::access::tokens::{LOCAL, TokenCheck};
 use crate::store;
-use crate::store::reach::Reach;
+use crate::store::reach::SystemScope;
 use crate::store::systems::Thing;
 use crate::store::tokens::{Scope, TokenRecord};
 use axum::body::Body;
@@ -133,8 +133,8 @@ impl Caller {
     }
 
     /// The systems that it may see.
-    pub fn reach(&self) -> &Reach {
-        self.token.as_ref().map_or(&Reach::ALL, |token| &token.reach)
+    pub fn reach(&self) -> &SystemScope {
+        self.token.as_ref().map_or(&SystemScope::ALL, |token| &token.reach)
     }
 
     /// Whether it may see the system of a name.
@@ -235,13 +235,13 @@ async fn admit(gate: &Gate, parts: &mut Parts) -> Result<Caller, ApiError> {
     let Some(needed) = needed else { return Ok(Caller { token: None }) };
     let peer = parts.extensions.get::<Peer>().map_or(IpAddr::V4(Ipv4Addr::UNSPECIFIED), |peer| peer.0);
     let token = match service.tokens.judge(shown(&parts.headers), peer) {
-        Judged::Open => return Ok(Caller { token: None }),
-        Judged::Known(token) => token,
-        Judged::Missing => return Err(ApiError::Unauthorized("send a token: `Authorization: Bearer …`")),
-        Judged::Unknown => return Err(ApiError::Unauthorized("nobody knows this token")),
-        Judged::Ended("expired") => return Err(ApiError::Unauthorized("the token has expired")),
-        Judged::Ended(_) => return Err(ApiError::Unauthorized("the token was revoked")),
-        Judged::TooMany => return Err(ApiError::TooManyFailures),
+        TokenCheck::Open => return Ok(Caller { token: None }),
+        TokenCheck::Known(token) => token,
+        TokenCheck::Missing => return Err(ApiError::Unauthorized("send a token: `Authorization: Bearer …`")),
+        TokenCheck::Unknown => return Err(ApiError::Unauthorized("nobody knows this token")),
+        TokenCheck::Ended("expired") => return Err(ApiError::Unauthorized("the token has expired")),
+        TokenCheck::Ended(_) => return Err(ApiError::Unauthorized("the token was revoked")),
+        TokenCheck::TooMany => return Err(ApiError::TooManyFailures),
     };
     if !token.scope.includes(needed) {
         return Err(ApiError::Forbidden { needed, token: token.name.clone(), has: token.scope });
@@ -260,7 +260,7 @@ fn shown(headers: &HeaderMap) -> Option<&str> {
 }
 
 /// Answers for what lies beyond a reach as if it were not there. What is not there at all is for the handler to say.
-async fn reaches(service: &Shared, reach: &Reach, about: About, parts: &mut Parts) -> Result<(), ApiError> {
+async fn reaches(service: &Shared, reach: &SystemScope, about: About, parts: &mut Parts) -> Result<(), ApiError> {
     if about == Several {
         return Ok(());
     }
@@ -276,7 +276,7 @@ async fn reaches(service: &Shared, reach: &Reach, about: About, parts: &mut Part
             _ => Ok(()),
         },
         About::Thing(thing) => match store::systems::of(&service.store, thing, name("id")).await? {
-            Some(system) if !reach.covers(&system) => hidden(thing.word(), name("id")),
+            Some(system) if !reach.covers(&system) => hidden(thing.as_str(), name("id")),
             _ => Ok(()),
         },
         Batch => match store::batches::get(&service.store, name("id")).await? {
@@ -291,7 +291,7 @@ async fn reaches(service: &Shared, reach: &Reach, about: About, parts: &mut Part
 }
 
 /// Whether all systems that a request of several may select lie within a reach.
-pub fn within(reach: &Reach, request: &Value) -> bool {
+pub fn within(reach: &SystemScope, request: &Value) -> bool {
     let patterns = serde_json::from_value::<Vec<SystemPattern>>(request["systems"].clone());
     reach.is_all() || patterns.is_ok_and(|patterns| reach.beyond(&patterns).is_none())
 }

@@ -202,8 +202,8 @@ impl Diagnosed {
 
 /// Where a job stands, in a word: a diagnosis by what it comes to.
 fn standing(job: &BatchJob) -> &'static str {
-    let found = job.diagnosis.as_ref().map(|found| found.verdict.word());
-    found.unwrap_or_else(|| job.outcome.map_or(job.state.word(), Outcome::word))
+    let found = job.diagnosis.as_ref().map(|found| found.verdict.as_str());
+    found.unwrap_or_else(|| job.outcome.map_or(job.state.as_str(), Outcome::as_str))
 }
 
 /// The report in words. `named` is what diagnoses have named.
@@ -214,19 +214,19 @@ fn sentence(kind: BatchKind, counts: &BTreeMap<&'static str, usize>, named: &str
     };
     let lack = format!("lack something that has a name{named}");
     let known = [
-        (Adequacy::Named.word(), lack.as_str()),
-        (Adequacy::Unknown.word(), "lack something that no effect explains"),
-        (Adequacy::Adequate.word(), "lack nothing"),
-        (Adequacy::NotEnoughData.word(), "have too few data to tell"),
-        (Outcome::Accepted.word(), "have new parameters"),
-        (Outcome::Unchanged.word(), "were good already"),
-        (Outcome::Suggested.word(), "have a fit that waits for an operator's word"),
-        (Outcome::Held.word(), "have a fit that the gate holds"),
-        (Outcome::Rejected.word(), "had their fit refused"),
-        (JobState::Failed.word(), failed),
-        (JobState::Cancelled.word(), "were called off"),
-        (JobState::Running.word(), running),
-        (JobState::Queued.word(), "wait"),
+        (Adequacy::Named.as_str(), lack.as_str()),
+        (Adequacy::Unknown.as_str(), "lack something that no effect explains"),
+        (Adequacy::Adequate.as_str(), "lack nothing"),
+        (Adequacy::NotEnoughData.as_str(), "have too few data to tell"),
+        (Outcome::Accepted.as_str(), "have new parameters"),
+        (Outcome::Unchanged.as_str(), "were good already"),
+        (Outcome::Suggested.as_str(), "have a fit that waits for an operator's word"),
+        (Outcome::Held.as_str(), "have a fit that the gate holds"),
+        (Outcome::Rejected.as_str(), "had their fit refused"),
+        (JobState::Failed.as_str(), failed),
+        (JobState::Cancelled.as_str(), "were called off"),
+        (JobState::Running.as_str(), running),
+        (JobState::Queued.as_str(), "wait"),
     ];
     let parts: Vec<String> = known.iter().filter_map(|(word, text)| counts.get(word).map(|count| format!("{count} {text}"))).collect();
     let left_out = if skipped == 0 { String::new() } else { format!("; {skipped} left out") };

@@ -220,7 +220,7 @@ fn secure(operation: &mut Operation) {
     let needed = operation.operation_id.as_deref().and_then(declared).map(|(needed, _)| needed);
     // One that nobody has declared says nothing, which a test forbids.
     let Some(needed) = needed else { return };
-    operation.security = Some(needed.iter().map(|scope| SecurityRequirement::new(TOKEN, [scope.word()])).collect());
+    operation.security = Some(needed.iter().map(|scope| SecurityRequirement::new(TOKEN, [scope.as_str()])).collect());
     if needed.is_some() {
         for (status, name, _) in REFUSALS.iter().filter(|(status, ..)| ["401", "403", "429"].contains(status)) {
             operation.responses.responses.entry((*status).to_owned()).or_insert_with(|| Ref::from_response_name(*name).into());

@@ -9,12 +9,12 @@ use super::extract::Asked;
 use super::jobs::{JobAnswer, require};
 use super::problem::{ApiError, PROBLEM_JSON, Problem, Problems};
 use super::shared::Shared;
-use crate::service::changes::events::{Event as Happening, Position, What};
+use crate::service::changes::events::{Event as Happening, JobChange, Position};
 use crate::service::work::progress::Report;
 use crate::store;
 use crate::store::events::Missed;
 use crate::store::jobs::{JobRecord, JobState};
-use crate::store::reach::Reach;
+use crate::store::reach::SystemScope;
 use axum::extract::{Path, State};
 use axum::http::{HeaderMap, StatusCode};
 use axum::response::sse::{Event, KeepAlive, Sse};
@@ -79,7 +79,7 @@ struct Listener {
     service: Shared,
     whose: Whose,
     /// Of which systems it may hear.
-    reach: Reach,
+    reach: SystemScope,
     sender: mpsc::Sender<Result<Event, Infallible>>,
     stopping: watch::Receiver<bool>,
 }
@@ -318,7 +318,7 @@ impl Listener {
     async fn tell(&mut self, event: &Happening) -> Result<(), Over> {
         self.send(self.event(event)?.id(event.position.to_string())).await?;
         match (&self.whose, &event.what) {
-            (Whose::Job(_), What::Finished(_)) => Err(Over),
+            (Whose::Job(_), JobChange::Finished(_)) => Err(Over),
             _ => Ok(()),
         }
     }
@@ -333,11 +333,13 @@ impl Listener {
     }
 
     fn event(&self, event: &Happening) -> Result<Event, Over> {
-        let (name, job, system) = (event.what.word(), event.job.as_str(), &event.system);
+        let (name, job, system) = (event.what.as_str(), event.job.as_str(), &event.system);
         match &event.what {
-            What::Queued(record) | What::Started(record) | What::Finished(record) => self.job_event(name, JobRecord::clone(record)),
-            What::Progress(report) => written(name, &ProgressData { job, system, report }),
-            What::Incumbent(parameters) => written(name, &IncumbentData { job, system, parameters }),
+            JobChange::Queued(record) | JobChange::Started(record) | JobChange::Finished(record) => {
+                self.job_event(name, JobRecord::clone(record))
+            }
+            JobChange::Progress(report) => written(name, &ProgressData { job, system, report }),
+            JobChange::Incumbent(parameters) => written(name, &IncumbentData { job, system, parameters }),
         }
     }
 

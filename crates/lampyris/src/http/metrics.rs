@@ -91,12 +91,12 @@ async fn about_jobs(service: &Shared, text: &mut Exposition) {
         Ok(queue) => {
             text.family("lampyris_jobs", "gauge", "Jobs that wait or run.");
             for standing in &queue {
-                text.sample("lampyris_jobs", &[("state", standing.state.word())], standing.count as f64);
+                text.sample("lampyris_jobs", &[("state", standing.state.as_str())], standing.count as f64);
             }
             text.family("lampyris_jobs_oldest_seconds", "gauge", "How long the oldest of them has been waiting or running.");
             for standing in &queue {
                 let age = standing.oldest.map_or(0.0, |oldest| age(oldest, service.now()));
-                text.sample("lampyris_jobs_oldest_seconds", &[("state", standing.state.word())], age);
+                text.sample("lampyris_jobs_oldest_seconds", &[("state", standing.state.as_str())], age);
             }
         }
         Err(error) => tracing::error!(%error, "the queue could not be counted"),
@@ -136,7 +136,7 @@ fn about_systems(service: &Shared, caller: &Caller, text: &mut Exposition, now: 
             *counts.entry("none").or_default() += 1;
             continue;
         };
-        *counts.entry(served.status.word()).or_default() += 1;
+        *counts.entry(served.status.as_str()).or_default() += 1;
         if ages.len() == MOST_SYSTEMS {
             continue;
         }
@@ -163,7 +163,7 @@ fn about_systems(service: &Shared, caller: &Caller, text: &mut Exposition, now: 
     text.family("lampyris_params_status", "gauge", "Whether this is the status of what a system serves.");
     for (system, status) in &statuses {
         for word in body::Status::VALIDATED {
-            text.sample("lampyris_params_status", &[("system", system), ("status", word.word())], f64::from(u8::from(word == *status)));
+            text.sample("lampyris_params_status", &[("system", system), ("status", word.as_str())], f64::from(u8::from(word == *status)));
         }
     }
     text.family("lampyris_live_rmse", "gauge", "Error on the newest measurements: of forecasts in the unit of the output, of a model without a filter that of its free run in the noise of the sensors.");

@@ -145,7 +145,7 @@ fn answer(entry: &Entry, system: &str, accept: Option<Accept>, headers: &HeaderM
         Some(rendered) if matches(headers, &rendered.etag) => not_modified(&rendered.etag),
         Some(rendered) => {
             let mut response = tagged(shared_body(rendered.body.clone()), &rendered.etag);
-            response.headers_mut().insert("params-status", HeaderValue::from_static(rendered.status.word()));
+            response.headers_mut().insert("params-status", HeaderValue::from_static(rendered.status.as_str()));
             response
         }
         None => match &entry.answer {

@@ -122,7 +122,7 @@ impl From<ServiceError> for ApiError {
             ServiceError::Conflict(what, which) => ApiError::Conflict(what, which),
             ServiceError::Refused(refusal) => ApiError::Refused(refusal),
             ServiceError::KeyReused => ApiError::KeyReused,
-            ServiceError::NotFinished(job, state) => ApiError::NotFinished(job, state.word()),
+            ServiceError::NotFinished(job, state) => ApiError::NotFinished(job, state.as_str()),
             ServiceError::QueueFull(limit) => ApiError::QueueFull(limit),
             ServiceError::Busy => ApiError::Busy,
             ServiceError::Store(error) => ApiError::Storage(error),
@@ -225,9 +225,9 @@ impl ApiError {
                 plain(StatusCode::TOO_MANY_REQUESTS, "too-many-failures", "Too many wrong tokens", detail)
             }
             ApiError::Forbidden { needed, token, has } => {
-                let detail = format!("this needs the scope `{}`, and the token `{token}` has `{}`", needed.word(), has.word());
+                let detail = format!("this needs the scope `{}`, and the token `{token}` has `{}`", needed.as_str(), has.as_str());
                 let mut problem = plain(StatusCode::FORBIDDEN, "insufficient-scope", "The token is not good for this", detail);
-                problem.more.insert("scope".into(), needed.word().into());
+                problem.more.insert("scope".into(), needed.as_str().into());
                 problem
             }
             ApiError::OutOfReach(pattern) => {

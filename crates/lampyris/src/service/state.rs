@@ -7,7 +7,7 @@ use super::clock::Clock;
 use super::observe::metrics::Metrics;
 use super::serving::arrivals::Arrivals;
 use super::serving::snapshot::Snapshot;
-use super::work::board::Board;
+use super::work::board::ProgressBoard;
 use super::work::interactive::Interactive;
 use crate::settings::Settings;
 use crate::store::Store;
@@ -25,7 +25,7 @@ pub struct Service {
     /// Models and effects, built-in and of users.
     pub catalogue: SharedCatalogue,
     /// Who runs now.
-    pub board: Board,
+    pub board: ProgressBoard,
     /// Short CPU work that somebody waits for.
     pub interactive: Interactive,
     /// What happens to jobs.

@@ -2,7 +2,7 @@
 
 use super::database::Store;
 use super::error::StoreError;
-use super::reach::Reach;
+use super::reach::SystemScope;
 use super::row::row;
 use super::value::{instant, millis, parse};
 use super::words::words;
@@ -44,7 +44,7 @@ words! {
 
 /// Something that was done.
 #[derive(Debug)]
-pub(super) struct Deed<'a> {
+pub(super) struct AuditEntry<'a> {
     /// Under which name.
     pub who: &'a str,
     /// What.
@@ -103,11 +103,11 @@ impl Row {
 }
 
 /// Notes a deed inside the transaction that does it.
-pub(super) async fn note(tx: &mut SqliteConnection, deed: &Deed<'_>, now: Timestamp) -> Result<(), StoreError> {
+pub(super) async fn note(tx: &mut SqliteConnection, deed: &AuditEntry<'_>, now: Timestamp) -> Result<(), StoreError> {
     sqlx::query("INSERT INTO audit (at, who, action, system, subject, reason) VALUES ($1, $2, $3, $4, $5, $6)")
         .bind(millis(now))
         .bind(deed.who)
-        .bind(deed.action.word())
+        .bind(deed.action.as_str())
         .bind(deed.system)
         .bind(deed.subject)
         .bind(deed.reason)
@@ -121,7 +121,13 @@ pub(super) async fn note(tx: &mut SqliteConnection, deed: &Deed<'_>, now: Timest
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn page(store: &Store, reach: &Reach, system: Option<&SystemId>, before: i64, limit: i64) -> Result<Vec<DeedRecord>, StoreError> {
+pub async fn page(
+    store: &Store,
+    reach: &SystemScope,
+    system: Option<&SystemId>,
+    before: i64,
+    limit: i64,
+) -> Result<Vec<DeedRecord>, StoreError> {
     let sql = "SELECT * FROM audit WHERE ($1 IS NULL OR system = $1)
                AND ($4 IS NULL OR EXISTS (SELECT 1 FROM json_each($4) WHERE system GLOB value))
                AND sequence < $2 ORDER BY sequence DESC LIMIT $3";

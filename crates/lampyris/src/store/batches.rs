@@ -4,7 +4,7 @@ use super::database::Store;
 use super::error::StoreError;
 use super::idempotency::{Earlier, KeyState, RequestKey, look_up, remember};
 use super::jobs::{JobFailure, JobState, NewJob, Outcome, SubmitError, submit_in};
-use super::reach::Reach;
+use super::reach::SystemScope;
 use super::row::row;
 use super::sequence::{derive_id, next};
 use super::value::{from_json, instant, millis, parse, to_json};
@@ -213,7 +213,7 @@ pub(super) async fn submit_in_batch(tx: &mut SqliteConnection, new: &NewBatch, l
     sqlx::query(sql)
         .bind(&id)
         .bind(sequence)
-        .bind(new.kind.word())
+        .bind(new.kind.as_str())
         .bind(&new.schedule)
         .bind(&new.request)
         .bind(to_json("skipped systems", &new.skipped)?)
@@ -283,7 +283,7 @@ pub async fn get(store: &Store, id: &str) -> Result<Option<BatchRecord>, StoreEr
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn page(store: &Store, reach: &Reach, before: i64, limit: i64) -> Result<Vec<BatchSummary>, StoreError> {
+pub async fn page(store: &Store, reach: &SystemScope, before: i64, limit: i64) -> Result<Vec<BatchSummary>, StoreError> {
     let sql = "SELECT b.id, b.sequence, b.kind, b.schedule, b.created_at, COUNT(j.id) AS jobs,
                    COALESCE(SUM(j.state IN ('queued', 'running')), 0) AS unfinished
                FROM batches b LEFT JOIN batch_jobs l ON l.batch = b.id LEFT JOIN jobs j ON j.id = l.job

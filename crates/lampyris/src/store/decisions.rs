@@ -1,6 +1,6 @@
 //! Fits that wait for an operator, and what the operator says.
 
-use super::audit::{Action, Deed, note};
+use super::audit::{Action, AuditEntry, note};
 use super::database::Store;
 use super::error::StoreError;
 use super::params;
@@ -105,7 +105,7 @@ pub async fn decide(store: &Store, fit: &str, decision: Decision, reason: &str, 
     }
     sqlx::query("INSERT INTO decisions (fit, decision, reason, decided_at) VALUES ($1, $2, $3, $4)")
         .bind(fit)
-        .bind(decision.word())
+        .bind(decision.as_str())
         .bind(reason)
         .bind(millis(now))
         .execute(&mut *tx)
@@ -114,7 +114,7 @@ pub async fn decide(store: &Store, fit: &str, decision: Decision, reason: &str, 
         Decision::Promoted => Action::PromoteFit,
         Decision::Rejected => Action::RejectFit,
     };
-    note(&mut tx, &Deed { who, action, system: Some(&row.system), subject: fit, reason: Some(reason) }, now).await?;
+    note(&mut tx, &AuditEntry { who, action, system: Some(&row.system), subject: fit, reason: Some(reason) }, now).await?;
     let mut revision = None;
     if decision == Decision::Promoted {
         let found: Fit = from_json("a fit", &row.document)?;

@@ -4,7 +4,7 @@ use super::database::Store;
 use super::error::StoreError;
 use super::evidence;
 use super::jobs::Lease;
-use super::reach::Reach;
+use super::reach::SystemScope;
 use super::row::row;
 use super::sequence::{derive_id, next};
 use super::value::{from_json, instant, millis, parse, to_json, word};
@@ -148,7 +148,7 @@ pub async fn get(store: &Store, id: &str) -> Result<Option<DiagnosisRecord>, Sto
 /// Where the database fails.
 pub async fn page(
     store: &Store,
-    reach: &Reach,
+    reach: &SystemScope,
     system: Option<&SystemId>,
     before: i64,
     limit: i64,

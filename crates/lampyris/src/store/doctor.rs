@@ -11,7 +11,7 @@ use std::path::Path;
 
 /// A database as it was found.
 #[derive(Debug)]
-pub struct Found {
+pub struct DatabaseState {
     /// Its schema, and the newest that this program knows.
     pub schema: Result<(i64, i64), StoreError>,
     /// Whether every page, index and reference is in order.
@@ -30,7 +30,7 @@ pub struct Found {
 ///
 /// # Errors
 /// Where there is no such file, or it cannot be opened at all.
-pub async fn look(path: &Path) -> Result<Found, StoreError> {
+pub async fn look(path: &Path) -> Result<DatabaseState, StoreError> {
     let file = std::fs::metadata(path).map_err(|_| StoreError::NoFile(path.to_owned()))?;
     let in_use = match lock(path) {
         Ok(_) => false,
@@ -38,7 +38,7 @@ pub async fn look(path: &Path) -> Result<Found, StoreError> {
         Err(error) => return Err(error),
     };
     let mut connection = options(path).connect().await?;
-    let found = Found {
+    let found = DatabaseState {
         schema: schema(&mut connection, path).await.map(|found| (found, newest())),
         soundness: require_whole(&mut connection).await,
         newest_row: newest_row(&mut connection).await,

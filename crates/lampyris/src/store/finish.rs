@@ -21,9 +21,9 @@ use sqlx::SqliteConnection;
 
 /// How a job ended.
 #[derive(Debug)]
-pub enum Ending<'a> {
+pub enum JobEnd<'a> {
     /// With a fit, whatever the gate says of it.
-    Fitted(&'a Finding),
+    Fitted(&'a JudgedFit),
     /// With settings of the search.
     Tuned(&'a Tuned),
     /// Without one.
@@ -34,7 +34,7 @@ pub enum Ending<'a> {
 
 /// A fit with its judgement.
 #[derive(Debug)]
-pub struct Finding {
+pub struct JudgedFit {
     /// What was found.
     pub fit: Fit,
     /// The uploaded windows that it cites.
@@ -87,7 +87,7 @@ row! {
 ///
 /// # Errors
 /// [`StoreError::LeaseLost`] where somebody else has the job by now; otherwise where the database fails.
-pub async fn finish(store: &Store, lease: &Lease, ending: &Ending<'_>, now: Timestamp) -> Result<Finished, StoreError> {
+pub async fn finish(store: &Store, lease: &Lease, ending: &JobEnd<'_>, now: Timestamp) -> Result<Finished, StoreError> {
     let mut tx = store.write().await?;
     let sql = "SELECT j.system, j.experiment, j.model = s.model AS own_model,
                    EXISTS (SELECT 1 FROM pins p WHERE p.system = j.system) AS pinned
@@ -100,7 +100,7 @@ pub async fn finish(store: &Store, lease: &Lease, ending: &Ending<'_>, now: Time
     // An experiment, or a fit of another model than the system's, never alters what is served nor its status.
     let counts = leased.own_model && !leased.experiment;
     let finished = match ending {
-        Ending::Fitted(finding) => {
+        JobEnd::Fitted(finding) => {
             let mut finished = keep_fit(&mut tx, lease, &leased, finding, counts, now).await?;
             if let (Some(report), Some(fit)) = (&finding.report, &finished.fit) {
                 finished.diagnosis = diagnoses::keep(&mut tx, lease, &leased.system, (fit, &finding.fit.model_hash), report, now).await?;
@@ -112,7 +112,7 @@ pub async fn finish(store: &Store, lease: &Lease, ending: &Ending<'_>, now: Time
                  ended_at = $7, diagnosis = $8 WHERE id = $1",
             )
             .bind(&lease.job)
-            .bind(finished.outcome.map(Outcome::word))
+            .bind(finished.outcome.map(Outcome::as_str))
             .bind(&finished.fit)
             .bind(finished.revision)
             .bind(word(&finding.fit.stopped_by)?)
@@ -123,8 +123,8 @@ pub async fn finish(store: &Store, lease: &Lease, ending: &Ending<'_>, now: Time
             .await?;
             finished
         }
-        Ending::Tuned(tuned) => keep_tuning(&mut tx, lease, &leased, tuned, now).await?,
-        Ending::Failed(failure) => {
+        JobEnd::Tuned(tuned) => keep_tuning(&mut tx, lease, &leased, tuned, now).await?,
+        JobEnd::Failed(failure) => {
             sqlx::query("UPDATE jobs SET state = 'failed', boot = NULL, error = $2, ended_at = $3 WHERE id = $1")
                 .bind(&lease.job)
                 .bind(to_json("a failure", failure)?)
@@ -136,7 +136,7 @@ pub async fn finish(store: &Store, lease: &Lease, ending: &Ending<'_>, now: Time
             }
             Finished::default()
         }
-        Ending::Cancelled => {
+        JobEnd::Cancelled => {
             sqlx::query("UPDATE jobs SET state = 'cancelled', boot = NULL, ended_at = $2 WHERE id = $1")
                 .bind(&lease.job)
                 .bind(millis(now))
@@ -179,7 +179,7 @@ async fn keep_tuning(
         "UPDATE jobs SET state = 'succeeded', boot = NULL, outcome = $2, tuning = $3, evaluations = $4, ended_at = $5 WHERE id = $1",
     )
     .bind(&lease.job)
-    .bind(outcome.word())
+    .bind(outcome.as_str())
     .bind(to_json("a tuning", tuning)?)
     .bind(i64::try_from(tuning.evaluations).unwrap_or(i64::MAX))
     .bind(millis(now))
@@ -193,11 +193,11 @@ async fn keep_fit(
     tx: &mut SqliteConnection,
     lease: &Lease,
     leased: &Leased,
-    finding: &Finding,
+    finding: &JudgedFit,
     counts: bool,
     now: Timestamp,
 ) -> Result<Finished, StoreError> {
-    let Finding { fit, judgement, .. } = finding;
+    let JudgedFit { fit, judgement, .. } = finding;
     let system = leased.system.as_str();
     let sequence = next(tx, "sequence").await?;
     let id = derive_id("fit", sequence, now);
@@ -208,7 +208,7 @@ async fn keep_fit(
         .bind(system)
         .bind(&fit.model)
         .bind(to_json("a fit", fit)?)
-        .bind(judgement.verdict.word())
+        .bind(judgement.verdict.as_str())
         .bind(to_json("checks", &judgement.checks)?)
         .bind(&judgement.summary)
         .bind(millis(now))

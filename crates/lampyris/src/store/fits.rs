@@ -2,7 +2,7 @@
 
 use super::database::Store;
 use super::error::StoreError;
-use super::reach::Reach;
+use super::reach::SystemScope;
 use super::row::row;
 use super::value::{from_json, instant, parse, to_json};
 use jiff::Timestamp;
@@ -156,7 +156,13 @@ impl EntryRow {
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn page(store: &Store, reach: &Reach, system: Option<&SystemId>, before: i64, limit: i64) -> Result<Vec<FitEntry>, StoreError> {
+pub async fn page(
+    store: &Store,
+    reach: &SystemScope,
+    system: Option<&SystemId>,
+    before: i64,
+    limit: i64,
+) -> Result<Vec<FitEntry>, StoreError> {
     // The documents hold whole traces; the database reads the little that a list shows.
     let sql = "SELECT f.id, f.rowid AS place, f.job, f.system, f.model, f.verdict, f.summary, f.created_at,
                       json_extract(f.document, '$.metrics') AS metrics, json_extract(f.document, '$.parts') AS parts,

@@ -6,7 +6,7 @@
 use super::database::Store;
 use super::error::StoreError;
 use super::idempotency::{Earlier, KeyState, RequestKey, look_up, remember};
-use super::reach::Reach;
+use super::reach::SystemScope;
 use super::row::row;
 use super::sequence::{derive_id, next};
 use super::value::{from_json, instant, millis, parse, to_json};
@@ -43,7 +43,7 @@ pub struct NewJob {
 impl NewJob {
     /// Equal jobs have equal fingerprints, whoever asked.
     pub(super) fn fingerprint(&self) -> String {
-        let text = format!("{} {} {} {} {}", self.kind.word(), self.system, self.model, self.experiment, self.request);
+        let text = format!("{} {} {} {} {}", self.kind.as_str(), self.system, self.model, self.experiment, self.request);
         blake3::hash(text.as_bytes()).to_hex().to_string()
     }
 }
@@ -277,13 +277,13 @@ pub(super) async fn submit_in(
     let row: Row = sqlx::query_as(sql)
         .bind(derive_id("job", sequence, now))
         .bind(sequence)
-        .bind(new.kind.word())
+        .bind(new.kind.as_str())
         .bind(new.system.to_string())
         .bind(new.model.to_string())
         .bind(&new.request)
         .bind(fingerprint)
         .bind(new.experiment)
-        .bind(new.origin.word())
+        .bind(new.origin.as_str())
         .bind(new.priority.rank())
         .bind(turn)
         .bind(millis(now))
@@ -454,7 +454,7 @@ pub struct Filter {
     /// Only those of this kind.
     pub kind: Option<JobKind>,
     /// Only those of these systems.
-    pub reach: Reach,
+    pub reach: SystemScope,
 }
 
 /// Jobs submitted before a sequence number, newest first: one page of a list.
@@ -467,8 +467,8 @@ pub async fn page(store: &Store, filter: &Filter, before: i64, limit: i64) -> Re
     let system = filter.system.as_ref().map(ToString::to_string);
     let wanted = [
         (system, "system"),
-        (filter.state.map(|state| state.word().to_owned()), "state"),
-        (filter.kind.map(|kind| kind.word().to_owned()), "kind"),
+        (filter.state.map(|state| state.as_str().to_owned()), "state"),
+        (filter.kind.map(|kind| kind.as_str().to_owned()), "kind"),
     ];
     let mut query = QueryBuilder::<Sqlite>::new("SELECT * FROM jobs WHERE sequence < ");
     query.push_bind(before);

@@ -8,7 +8,7 @@ use jiff::Timestamp;
 
 /// The jobs that stand alike.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Standing {
+pub struct QueueCounts {
     /// Where they stand.
     pub state: JobState,
     /// How many there are.
@@ -21,12 +21,12 @@ pub struct Standing {
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn queue(store: &Store) -> Result<Vec<Standing>, StoreError> {
+pub async fn queue(store: &Store) -> Result<Vec<QueueCounts>, StoreError> {
     let sql = "SELECT 'queued', COUNT(*), MIN(created_at) FROM jobs WHERE state = 'queued'
                UNION ALL SELECT 'running', COUNT(*), MIN(started_at) FROM jobs WHERE state = 'running'";
     let rows: Vec<(String, i64, Option<i64>)> = sqlx::query_as(sql).fetch_all(&store.reader).await?;
     let standing = |(state, count, oldest): (String, i64, Option<i64>)| {
-        Ok(Standing { state: parse("a state", &state)?, count, oldest: oldest.map(instant).transpose()? })
+        Ok(QueueCounts { state: parse("a state", &state)?, count, oldest: oldest.map(instant).transpose()? })
     };
     rows.into_iter().map(standing).collect()
 }

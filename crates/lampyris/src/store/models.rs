@@ -1,6 +1,6 @@
 //! Model and effect documents of users, and the versions made by adding effects.
 
-use super::audit::{Action, Deed, note};
+use super::audit::{Action, AuditEntry, note};
 use super::database::Store;
 use super::error::StoreError;
 use super::idempotency::{KeyState, RequestKey, look_up, remember};
@@ -28,7 +28,7 @@ pub struct VersionRecord {
 
 /// What became of a document that was to be kept.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Kept {
+pub enum Insertion {
     /// It is new.
     New,
     /// The same document was there.
@@ -90,15 +90,15 @@ pub async fn insert_model(
     who: &str,
     key: Option<&RequestKey>,
     now: Timestamp,
-) -> Result<Kept, StoreError> {
+) -> Result<Insertion, StoreError> {
     let document = to_json("a model document", model)?;
     let mut tx = store.write().await?;
     let earlier = sqlx::query_scalar("SELECT document FROM models WHERE id = $1").bind(model.id()).fetch_optional(&mut *tx).await?;
     let kept = settle(&mut tx, earlier, &document, model.id(), key, now).await?;
-    if kept == Kept::New {
+    if kept == Insertion::New {
         let sql = "INSERT INTO models (id, document, created_at) VALUES ($1, $2, $3)";
         sqlx::query(sql).bind(model.id()).bind(&document).bind(millis(now)).execute(&mut *tx).await?;
-        note(&mut tx, &Deed { who, action: Action::PostModel, system: None, subject: model.id(), reason: None }, now).await?;
+        note(&mut tx, &AuditEntry { who, action: Action::PostModel, system: None, subject: model.id(), reason: None }, now).await?;
     }
     tx.commit().await?;
     Ok(kept)
@@ -114,15 +114,15 @@ pub async fn insert_effect(
     who: &str,
     key: Option<&RequestKey>,
     now: Timestamp,
-) -> Result<Kept, StoreError> {
+) -> Result<Insertion, StoreError> {
     let document = to_json("an effect document", effect)?;
     let mut tx = store.write().await?;
     let earlier = sqlx::query_scalar("SELECT document FROM effects WHERE id = $1").bind(&effect.id).fetch_optional(&mut *tx).await?;
     let kept = settle(&mut tx, earlier, &document, &effect.id, key, now).await?;
-    if kept == Kept::New {
+    if kept == Insertion::New {
         let sql = "INSERT INTO effects (id, document, created_at) VALUES ($1, $2, $3)";
         sqlx::query(sql).bind(&effect.id).bind(&document).bind(millis(now)).execute(&mut *tx).await?;
-        note(&mut tx, &Deed { who, action: Action::PostEffect, system: None, subject: &effect.id, reason: None }, now).await?;
+        note(&mut tx, &AuditEntry { who, action: Action::PostEffect, system: None, subject: &effect.id, reason: None }, now).await?;
     }
     tx.commit().await?;
     Ok(kept)
@@ -138,19 +138,20 @@ pub async fn insert_version(
     effect: Option<&EffectSpec>,
     who: &str,
     key: Option<&RequestKey>,
-) -> Result<Kept, StoreError> {
+) -> Result<Insertion, StoreError> {
     let document = to_json("a model version", &version.document)?;
     let (id, now) = (version.id.to_string(), version.created_at);
     let mut tx = store.write().await?;
     let earlier = sqlx::query_scalar("SELECT document FROM model_versions WHERE id = $1").bind(&id).fetch_optional(&mut *tx).await?;
     let kept = settle(&mut tx, earlier, &document, &id, key, now).await?;
-    if kept == Kept::New {
+    if kept == Insertion::New {
         if let Some(effect) = effect {
             let sql = "INSERT INTO effects (id, document, created_at) VALUES ($1, $2, $3) ON CONFLICT (id) DO NOTHING";
             let text = to_json("an effect document", effect)?;
             let done = sqlx::query(sql).bind(&effect.id).bind(text).bind(millis(now)).execute(&mut *tx).await?;
             if done.rows_affected() > 0 {
-                note(&mut tx, &Deed { who, action: Action::PostEffect, system: None, subject: &effect.id, reason: None }, now).await?;
+                note(&mut tx, &AuditEntry { who, action: Action::PostEffect, system: None, subject: &effect.id, reason: None }, now)
+                    .await?;
             }
         }
         sqlx::query("INSERT INTO model_versions (id, parent, effect, document, created_at) VALUES ($1, $2, $3, $4, $5)")
@@ -161,7 +162,7 @@ pub async fn insert_version(
             .bind(millis(now))
             .execute(&mut *tx)
             .await?;
-        note(&mut tx, &Deed { who, action: Action::PostModel, system: None, subject: &id, reason: None }, now).await?;
+        note(&mut tx, &AuditEntry { who, action: Action::PostModel, system: None, subject: &id, reason: None }, now).await?;
     }
     tx.commit().await?;
     Ok(kept)
@@ -175,16 +176,16 @@ async fn settle(
     id: &str,
     key: Option<&RequestKey>,
     now: Timestamp,
-) -> Result<Kept, StoreError> {
+) -> Result<Insertion, StoreError> {
     let kept = match &earlier {
-        None => Kept::New,
-        Some(earlier) if earlier == document => Kept::Known,
-        Some(_) => Kept::Conflict,
+        None => Insertion::New,
+        Some(earlier) if earlier == document => Insertion::Known,
+        Some(_) => Insertion::Conflict,
     };
     match look_up(tx, key).await? {
-        KeyState::Reused => return Ok(Kept::KeyReused),
-        KeyState::Fresh if kept != Kept::Conflict => {
-            remember(tx, key, id, if kept == Kept::New { 201 } else { 200 }, now).await?;
+        KeyState::Reused => return Ok(Insertion::KeyReused),
+        KeyState::Fresh if kept != Insertion::Conflict => {
+            remember(tx, key, id, if kept == Insertion::New { 201 } else { 200 }, now).await?;
         }
         KeyState::Fresh | KeyState::Seen(_) => {}
     }

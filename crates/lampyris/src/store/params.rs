@@ -24,7 +24,7 @@ words! {
 
 /// What is known about the parameters of a system, all from one moment.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Standing {
+pub struct ServedState {
     /// The system.
     pub system: SystemId,
     /// The model whose fits count.
@@ -149,7 +149,7 @@ const STANDING: &str = "SELECT s.system, s.model, s.document,
     WHERE $1 IS NULL OR s.system = $1";
 
 impl Row {
-    fn standing(self) -> Result<Standing, StoreError> {
+    fn standing(self) -> Result<ServedState, StoreError> {
         // A flipped bit inside of a number is no contradiction to SQLite; to a controller it would be a wrong parameter.
         let hash = self.served.as_ref().map(|served| blake3::hash(served.as_bytes()).to_hex().to_string());
         if hash != self.served_hash {
@@ -194,7 +194,7 @@ impl Row {
             (Some(id), Some(state)) => Some((id, parse("a state", &state)?)),
             _ => None,
         };
-        Ok(Standing {
+        Ok(ServedState {
             system: parse("a system", &self.system)?,
             model: self.model,
             document: self.document,
@@ -211,7 +211,7 @@ impl Row {
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn standing(store: &Store, system: &SystemId) -> Result<Option<Standing>, StoreError> {
+pub async fn standing(store: &Store, system: &SystemId) -> Result<Option<ServedState>, StoreError> {
     let row: Option<Row> = sqlx::query_as(STANDING).bind(system.to_string()).fetch_optional(&store.reader).await?;
     row.map(Row::standing).transpose()
 }
@@ -220,7 +220,7 @@ pub async fn standing(store: &Store, system: &SystemId) -> Result<Option<Standin
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn standings(store: &Store) -> Result<Vec<Standing>, StoreError> {
+pub async fn standings(store: &Store) -> Result<Vec<ServedState>, StoreError> {
     let rows: Vec<Row> = sqlx::query_as(STANDING).bind(None::<String>).fetch_all(&store.reader).await?;
     rows.into_iter().map(Row::standing).collect()
 }
@@ -254,7 +254,7 @@ pub(super) async fn fall_back(
                    reason = excluded.reason, job = excluded.job, fit = excluded.fit, failed_checks = excluded.failed_checks";
     sqlx::query(sql)
         .bind(system)
-        .bind(reason.word())
+        .bind(reason.as_str())
         .bind(job)
         .bind(fit)
         .bind(to_json("failed checks", checks)?)

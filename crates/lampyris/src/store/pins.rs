@@ -1,6 +1,6 @@
 //! Revisions that stay in service until an operator says otherwise.
 
-use super::audit::{Action, Deed, note};
+use super::audit::{Action, AuditEntry, note};
 use super::database::Store;
 use super::error::StoreError;
 use super::revisions::{Cause, NewRevision, publish};
@@ -78,7 +78,7 @@ pub async fn put(
     let sql = "INSERT INTO pins (system, revision, reason, since_at) VALUES ($1, $2, $3, $4)
                ON CONFLICT (system) DO UPDATE SET reason = excluded.reason";
     sqlx::query(sql).bind(&system).bind(revision).bind(reason).bind(millis(now)).execute(&mut *tx).await?;
-    note(&mut tx, &Deed { who, action: Action::Pin, system: Some(&system), subject: &source.fit, reason: Some(reason) }, now).await?;
+    note(&mut tx, &AuditEntry { who, action: Action::Pin, system: Some(&system), subject: &source.fit, reason: Some(reason) }, now).await?;
     tx.commit().await?;
     Ok(Pinned::Set(revision))
 }
@@ -92,7 +92,7 @@ pub async fn delete(store: &Store, system: &SystemId, who: &str, now: Timestamp)
     let mut tx = store.write().await?;
     let gone = sqlx::query("DELETE FROM pins WHERE system = $1").bind(&system).execute(&mut *tx).await?;
     if gone.rows_affected() > 0 {
-        note(&mut tx, &Deed { who, action: Action::Unpin, system: Some(&system), subject: &system, reason: None }, now).await?;
+        note(&mut tx, &AuditEntry { who, action: Action::Unpin, system: Some(&system), subject: &system, reason: None }, now).await?;
     }
     tx.commit().await
 }

@@ -9,9 +9,9 @@ use lampyris_core::data::{SystemId, SystemPattern};
 /// Lists are cut in the database by `EXISTS (SELECT 1 FROM json_each($n) WHERE system GLOB value)`. Names and patterns
 /// hold one `/` each and none of the other signs of GLOB, so that it means what [`SystemPattern`] means.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
-pub struct Reach(Option<Vec<SystemPattern>>);
+pub struct SystemScope(Option<Vec<SystemPattern>>);
 
-impl Reach {
+impl SystemScope {
     /// Every system.
     pub const ALL: Self = Self(None);
 

@@ -4,7 +4,7 @@
 //! job, diagnosis and ladder of a system, whatever waits for an operator, and the newest batch of a schedule. What diagnoses
 //! saw of every effect (`evidence`) stays as long as its system.
 
-use super::audit::{Action, Deed, note};
+use super::audit::{Action, AuditEntry, note};
 use super::database::Store;
 use super::error::StoreError;
 use super::value::{millis, to_json};
@@ -111,7 +111,7 @@ pub async fn forget_windows(store: &Store, before: Timestamp, days: u32, who: &s
         }
         for (id, system) in &found {
             sqlx::query("DELETE FROM windows WHERE id = $1").bind(id).execute(&mut *tx).await?;
-            let deed = Deed { who, action: Action::DeleteWindow, system: Some(system), subject: id, reason: Some(&reason) };
+            let deed = AuditEntry { who, action: Action::DeleteWindow, system: Some(system), subject: id, reason: Some(&reason) };
             note(&mut tx, &deed, now).await?;
         }
         tx.commit().await?;

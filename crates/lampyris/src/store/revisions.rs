@@ -143,7 +143,7 @@ pub(super) async fn publish(tx: &mut SqliteConnection, new: &NewRevision<'_>, no
         .bind(new.fitted_at)
         .bind(new.validated_at)
         .bind(millis(now))
-        .bind(new.cause.word())
+        .bind(new.cause.as_str())
         .bind(new.reason)
         .bind(new.measured_to)
         .execute(tx)

@@ -1,6 +1,6 @@
 //! When batches are submitted. The row is the schedule: there is no other memory of what ran.
 
-use super::audit::{Action, Deed, note};
+use super::audit::{Action, AuditEntry, note};
 use super::batches::{NewBatch, is_unfinished, submit_in_batch};
 use super::database::Store;
 use super::error::StoreError;
@@ -109,7 +109,7 @@ pub async fn put(store: &Store, new: &NewSchedule<'_>, who: &str, now: Timestamp
         .bind(millis(now))
         .execute(&mut *tx)
         .await?;
-    note(&mut tx, &Deed { who, action: Action::PutSchedule, system: None, subject: new.name, reason: None }, now).await?;
+    note(&mut tx, &AuditEntry { who, action: Action::PutSchedule, system: None, subject: new.name, reason: None }, now).await?;
     tx.commit().await?;
     Ok(known.is_none())
 }
@@ -123,7 +123,7 @@ pub async fn delete(store: &Store, name: &str, who: &str, now: Timestamp) -> Res
     let done = sqlx::query("DELETE FROM schedules WHERE name = $1").bind(name).execute(&mut *tx).await?;
     let was_there = done.rows_affected() > 0;
     if was_there {
-        note(&mut tx, &Deed { who, action: Action::DeleteSchedule, system: None, subject: name, reason: None }, now).await?;
+        note(&mut tx, &AuditEntry { who, action: Action::DeleteSchedule, system: None, subject: name, reason: None }, now).await?;
     }
     tx.commit().await?;
     Ok(was_there)
@@ -184,7 +184,7 @@ pub async fn tick(
     sqlx::query("UPDATE schedules SET last_tick_at = $2, last_result = $3 WHERE name = $1")
         .bind(name)
         .bind(millis(tick))
-        .bind(result.word())
+        .bind(result.as_str())
         .execute(&mut *tx)
         .await?;
     tx.commit().await?;

@@ -1,9 +1,9 @@
 //! Documents of rooms and plants. What is in a document is for `service` to know; here it is a text.
 
-use super::audit::{Action, Deed, note};
+use super::audit::{Action, AuditEntry, note};
 use super::database::Store;
 use super::error::StoreError;
-use super::reach::Reach;
+use super::reach::SystemScope;
 use super::row::row;
 use super::value::{instant, millis, parse};
 use super::windows::readers;
@@ -55,7 +55,7 @@ pub enum Thing {
 
 impl Thing {
     /// The word for it.
-    pub const fn word(self) -> &'static str {
+    pub const fn as_str(self) -> &'static str {
         match self {
             Thing::Job => "job",
             Thing::Fit => "fit",
@@ -110,7 +110,7 @@ pub async fn put(store: &Store, system: &SystemId, model: &ModelId, document: &s
                ON CONFLICT (system) DO UPDATE SET model = excluded.model, document = excluded.document, updated_at = excluded.updated_at";
     sqlx::query(sql).bind(system.to_string()).bind(model.to_string()).bind(document).bind(millis(now)).execute(&mut *tx).await?;
     let name = system.to_string();
-    note(&mut tx, &Deed { who, action: Action::PutSystem, system: Some(&name), subject: &name, reason: None }, now).await?;
+    note(&mut tx, &AuditEntry { who, action: Action::PutSystem, system: Some(&name), subject: &name, reason: None }, now).await?;
     tx.commit().await?;
     Ok(known.is_none())
 }
@@ -129,7 +129,7 @@ pub(super) async fn take_method(
         .bind(millis(now))
         .execute(&mut *tx)
         .await?;
-    note(tx, &Deed { who: job, action: Action::PutSystem, system: Some(system), subject: system, reason: Some(reason) }, now).await
+    note(tx, &AuditEntry { who: job, action: Action::PutSystem, system: Some(system), subject: system, reason: Some(reason) }, now).await
 }
 
 /// Everything that belongs to a system, in an order that the keys allow. Fits of other systems lose what they cite
@@ -180,7 +180,7 @@ pub async fn delete(store: &Store, system: &SystemId, force: bool, who: &str, no
     for sql in BELONGINGS {
         sqlx::query(sql).bind(&name).execute(&mut *tx).await?;
     }
-    note(&mut tx, &Deed { who, action: Action::DeleteSystem, system: Some(&name), subject: &name, reason: None }, now).await?;
+    note(&mut tx, &AuditEntry { who, action: Action::DeleteSystem, system: Some(&name), subject: &name, reason: None }, now).await?;
     tx.commit().await?;
     Ok(Deleted::Gone)
 }
@@ -236,7 +236,7 @@ pub async fn all(store: &Store) -> Result<Vec<SystemRecord>, StoreError> {
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn page(store: &Store, reach: &Reach, after: &str, limit: i64) -> Result<Vec<SystemRecord>, StoreError> {
+pub async fn page(store: &Store, reach: &SystemScope, after: &str, limit: i64) -> Result<Vec<SystemRecord>, StoreError> {
     let sql = "SELECT system, model, document, created_at, updated_at FROM systems WHERE system > $1
                AND ($3 IS NULL OR EXISTS (SELECT 1 FROM json_each($3) WHERE system GLOB value)) ORDER BY system LIMIT $2";
     let rows: Vec<Row> = sqlx::query_as(sql).bind(after).bind(limit).bind(reach.sql()?).fetch_all(&store.reader).await?;

@@ -1,9 +1,9 @@
 //! Who may ask: tokens, of which only hashes are kept.
 
-use super::audit::{Action, Deed, note};
+use super::audit::{Action, AuditEntry, note};
 use super::database::Store;
 use super::error::StoreError;
-use super::reach::Reach;
+use super::reach::SystemScope;
 use super::row::row;
 use super::value::{corrupt, from_json, instant, millis, parse};
 use super::words::words;
@@ -39,7 +39,7 @@ pub struct TokenRecord {
     /// What it is good for.
     pub scope: Scope,
     /// The systems that it is good for.
-    pub reach: Reach,
+    pub reach: SystemScope,
     /// When it was made.
     pub created_at: Timestamp,
     /// When it ends by itself.
@@ -78,7 +78,7 @@ impl Row {
         Ok(TokenRecord {
             hash: self.hash.as_slice().try_into().map_err(|error| corrupt(what(), &error))?,
             scope: parse("a scope", &self.scope)?,
-            reach: Reach::of(patterns.unwrap_or_default()),
+            reach: SystemScope::of(patterns.unwrap_or_default()),
             created_at: instant(self.created_at)?,
             expires_at: self.expires_at.map(instant).transpose()?,
             revoked_at: self.revoked_at.map(instant).transpose()?,
@@ -98,7 +98,7 @@ pub async fn insert(store: &Store, token: &TokenRecord, who: &str) -> Result<boo
     let done = sqlx::query(sql)
         .bind(&token.name)
         .bind(token.hash.as_slice())
-        .bind(token.scope.word())
+        .bind(token.scope.as_str())
         .bind(token.reach.sql()?)
         .bind(millis(token.created_at))
         .bind(token.expires_at.map(millis))
@@ -106,7 +106,7 @@ pub async fn insert(store: &Store, token: &TokenRecord, who: &str) -> Result<boo
         .await?;
     let is_free = done.rows_affected() > 0;
     if is_free {
-        let deed = Deed { who, action: Action::CreateToken, system: None, subject: &token.name, reason: None };
+        let deed = AuditEntry { who, action: Action::CreateToken, system: None, subject: &token.name, reason: None };
         note(&mut tx, &deed, token.created_at).await?;
     }
     tx.commit().await?;
@@ -127,7 +127,7 @@ pub async fn revoke(store: &Store, name: &str, who: &str, now: Timestamp) -> Res
         Some(None) => {}
     }
     sqlx::query("UPDATE tokens SET revoked_at = $2 WHERE name = $1").bind(name).bind(millis(now)).execute(&mut *tx).await?;
-    note(&mut tx, &Deed { who, action: Action::RevokeToken, system: None, subject: name, reason: None }, now).await?;
+    note(&mut tx, &AuditEntry { who, action: Action::RevokeToken, system: None, subject: name, reason: None }, now).await?;
     tx.commit().await?;
     Ok(Revoked::Done)
 }

@@ -1,6 +1,6 @@
 //! Uploaded measurements: a report and one compressed block per channel.
 
-use super::audit::{Action, Deed, note};
+use super::audit::{Action, AuditEntry, note};
 use super::database::Store;
 use super::error::StoreError;
 use super::idempotency::{KeyState, RequestKey, look_up, remember};
@@ -57,7 +57,7 @@ pub struct Blocks {
 
 /// What became of a window that was to be kept.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Kept {
+pub enum Insertion {
     /// It is new.
     New,
     /// The same content was there.
@@ -122,10 +122,10 @@ impl Blocks {
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn insert(store: &Store, new: &NewWindow<'_>, key: Option<&RequestKey>, now: Timestamp) -> Result<Kept, StoreError> {
+pub async fn insert(store: &Store, new: &NewWindow<'_>, key: Option<&RequestKey>, now: Timestamp) -> Result<Insertion, StoreError> {
     let mut tx = store.write().await?;
     let seen = match look_up(&mut tx, key).await? {
-        KeyState::Reused => return Ok(Kept::KeyReused),
+        KeyState::Reused => return Ok(Insertion::KeyReused),
         KeyState::Seen(_) => true,
         KeyState::Fresh => false,
     };
@@ -136,7 +136,7 @@ pub async fn insert(store: &Store, new: &NewWindow<'_>, key: Option<&RequestKey>
     if known.is_none() {
         // Between the first look at the system and this moment a large body was parsed.
         if sqlx::query("SELECT 1 FROM systems WHERE system = $1").bind(new.system.to_string()).fetch_optional(&mut *tx).await?.is_none() {
-            return Ok(Kept::NoSystem);
+            return Ok(Insertion::NoSystem);
         }
         let bytes = new.blocks.iter().map(|(_, block)| block.len()).sum::<usize>() + new.report.len();
         store.require_room(&mut tx, bytes).await?;
@@ -162,7 +162,7 @@ pub async fn insert(store: &Store, new: &NewWindow<'_>, key: Option<&RequestKey>
         }
     }
     tx.commit().await?;
-    Ok(if known.is_some() { Kept::Known } else { Kept::New })
+    Ok(if known.is_some() { Insertion::Known } else { Insertion::New })
 }
 
 /// One window.
@@ -204,7 +204,7 @@ pub async fn delete(store: &Store, id: &str, who: &str, now: Timestamp) -> Resul
         return Ok(Deleted::InUse(reading));
     }
     sqlx::query("DELETE FROM windows WHERE id = $1").bind(id).execute(&mut *tx).await?;
-    note(&mut tx, &Deed { who, action: Action::DeleteWindow, system: Some(&system), subject: id, reason: None }, now).await?;
+    note(&mut tx, &AuditEntry { who, action: Action::DeleteWindow, system: Some(&system), subject: id, reason: None }, now).await?;
     tx.commit().await?;
     Ok(Deleted::Gone)
 }

@@ -4,7 +4,7 @@ use crate::support::TestApp;
 use jiff::SignedDuration;
 use lampyris::service::queue::retention;
 use lampyris::store::diagnoses::Report;
-use lampyris::store::finish::{Ending, Finding, finish};
+use lampyris::store::finish::{JobEnd, JudgedFit, finish};
 use lampyris::store::jobs::{self, JobKind, NewJob, Origin, Priority};
 use lampyris::store::{Store, fits};
 use lampyris_core::diagnose::ledger::{EffectScore, Looked};
@@ -49,7 +49,7 @@ fn look(app: &mut TestApp, template: &Value, windows: &[(&str, &str, [f64; 2])])
             };
             let effects = vec![score("metered_gain:P", sizes[0]), score("wind_infiltration", sizes[1])];
             let looked = Looked { from: format!("{from}T00:00:00Z"), to: format!("{to}T00:00:00Z"), hours: 12.0, effects };
-            let finding = Finding {
+            let finding = JudgedFit {
                 fit: fit.clone(),
                 windows: Vec::new(),
                 judgement: Judgement { verdict: Verdict::Rejected, checks: Vec::new(), summary: "no matter".to_owned() },
@@ -58,7 +58,7 @@ fn look(app: &mut TestApp, template: &Value, windows: &[(&str, &str, [f64; 2])])
                 incumbent_state: None,
                 report: Some(Report::Diagnosis(Box::new(Diagnosis { looked: Some(looked), ..document.clone() }))),
             };
-            made.push(finish(&store, &lease, &Ending::Fitted(&finding), now).await.unwrap().diagnosis.unwrap());
+            made.push(finish(&store, &lease, &JobEnd::Fitted(&finding), now).await.unwrap().diagnosis.unwrap());
         }
         store.close().await;
         made

@@ -70,7 +70,7 @@ fn try_out(client: &Client, operation: &Operation, path: &str) -> Answer {
 fn every_operation_answers_those_who_may_and_nobody_else() {
     let app = TestApp::start();
     let concrete = furnished(&app);
-    let clients = [Scope::Read, Scope::Operate, Scope::Admin].map(|scope| (scope, app.token(scope.word(), scope, &[])));
+    let clients = [Scope::Read, Scope::Operate, Scope::Admin].map(|scope| (scope, app.token(scope.as_str(), scope, &[])));
     let stranger = app.token("stranger", Scope::Operate, &["room/2", "plant/*"]);
     let wrong = app.with_token("lampyris_0000");
     let operations = operations();
@@ -92,10 +92,10 @@ fn every_operation_answers_those_who_may_and_nobody_else() {
             if scope.includes(needs) {
                 // The room has no ladder, which is another thing than no room.
                 let is_there = answer.status != 404 || answer.text.contains("\"ladder-not-found\"");
-                assert!(is_there && ![401, 403, 500, 503].contains(&answer.status), "{named} as {}: {}", scope.word(), answer.text);
+                assert!(is_there && ![401, 403, 500, 503].contains(&answer.status), "{named} as {}: {}", scope.as_str(), answer.text);
             } else {
                 assert!(answer.header("www-authenticate").contains("insufficient_scope"), "{named}");
-                assert_eq!(answer.problem(403, "insufficient-scope")["scope"], needs.word(), "{named} as {}", scope.word());
+                assert_eq!(answer.problem(403, "insufficient-scope")["scope"], needs.as_str(), "{named} as {}", scope.as_str());
             }
         }
         // Somebody who may operate another room.

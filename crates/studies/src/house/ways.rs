@@ -314,7 +314,7 @@ fn solution(both: &Problem, fit: &Fit, asked: &Asked) -> Solution {
         swmse: [0, 1].map(|part| swmse(&parts[part], asked.delta).unwrap_or(f64::INFINITY)),
     };
     let gate = Gate {
-        verdict: judgement.verdict.word(),
+        verdict: judgement.verdict.as_str(),
         failed: judgement.failed().into_iter().map(str::to_owned).collect(),
         summary: judgement.summary.clone(),
     };

@@ -54,7 +54,7 @@ pub enum Verdict {
 
 impl Verdict {
     /// The word for documents.
-    pub fn word(&self) -> &'static str {
+    pub fn as_str(&self) -> &'static str {
         match self {
             Verdict::Accepted(_) => "accepted",
             Verdict::Unchanged => "unchanged",

@@ -96,7 +96,7 @@ pub(in crate::estimate) fn estimate(
     if !limits.is_empty() {
         fit.remarks.push(format!("{} sits on a bound of the search: the value is a limit, not an estimate", limits.join(", ")));
     }
-    fit.objective = Objective::Likelihood.word().to_owned();
+    fit.objective = Objective::Likelihood.as_str().to_owned();
     fit.likelihood = Some(likelihood);
     // Forecasts and innovations with the noise that was estimated.
     let run = filter_fit(&problem, &fit);

@@ -126,7 +126,7 @@ pub enum Objective {
 
 impl Objective {
     /// The word for documents.
-    pub fn word(self) -> &'static str {
+    pub fn as_str(self) -> &'static str {
         match self {
             Objective::Mse => "mse",
             Objective::Swmse => "swmse",

@@ -193,7 +193,7 @@ pub fn agreed(objective: Option<Objective>, method: Option<Method>) -> Result<(O
             Err(Fault::new("/objective", "contradiction", detail).suggest("name the method `ctsm`, or no method"))
         }
         (Some(objective), Some(method)) if is_ctsm(&method) => {
-            let detail = format!("the method `ctsm` maximises the likelihood, not `{}`", objective.word());
+            let detail = format!("the method `ctsm` maximises the likelihood, not `{}`", objective.as_str());
             Err(Fault::new("/objective", "contradiction", detail).suggest("leave the objective out"))
         }
         (objective, method) => Ok((objective.unwrap_or_default(), method.unwrap_or_default())),

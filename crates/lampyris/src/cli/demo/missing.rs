@@ -13,7 +13,7 @@ use crate::service::catalogue::{models, systems};
 use crate::service::queue::submit;
 use crate::store::diagnoses;
 use crate::store::jobs::{JobKind, Priority, Submitted};
-use crate::store::reach::Reach;
+use crate::store::reach::SystemScope;
 use lampyris_core::data::SystemId;
 use lampyris_core::model::ModelId;
 use lampyris_core::twin::{Level, WorldRequest, world};
@@ -36,7 +36,7 @@ struct Room {
 
 /// What was found in a room.
 #[derive(Debug, serde::Serialize)]
-pub struct Found {
+pub struct DiagnosedRoom {
     system: String,
     label: &'static str,
     diagnosis: Value,
@@ -89,7 +89,7 @@ fn rooms() -> Result<Vec<Room>, Failure> {
 }
 
 /// Diagnoses the rooms, and adds what they are missing to their models.
-pub async fn find(service: &Service, hidden: bool) -> Result<Vec<Found>, Failure> {
+pub async fn find(service: &Service, hidden: bool) -> Result<Vec<DiagnosedRoom>, Failure> {
     let rooms = rooms()?;
     let mut submitted = Vec::new();
     for room in &rooms {
@@ -115,7 +115,7 @@ pub async fn find(service: &Service, hidden: bool) -> Result<Vec<Found>, Failure
     let mut found = Vec::new();
     for room in &rooms {
         let system = id(room)?;
-        let newest = diagnoses::page(&service.store, &Reach::ALL, Some(&system), i64::MAX, 1)
+        let newest = diagnoses::page(&service.store, &SystemScope::ALL, Some(&system), i64::MAX, 1)
             .await
             .map_err(|error| Failure::Error(error.to_string()))?;
         let ladder = diagnoses::newest_ladder(&service.store, &system).await.map_err(|error| Failure::Error(error.to_string()))?;
@@ -124,7 +124,7 @@ pub async fn find(service: &Service, hidden: bool) -> Result<Vec<Found>, Failure
             add(service, ladder).await?;
         }
         let diagnosis = newest.into_iter().next().map_or(Value::Null, |record| record.document);
-        found.push(Found { system: system.to_string(), label: room.label, diagnosis, ladder });
+        found.push(DiagnosedRoom { system: system.to_string(), label: room.label, diagnosis, ladder });
     }
     Ok(found)
 }
@@ -144,7 +144,7 @@ async fn add(service: &Service, ladder: &Value) -> Result<(), Failure> {
 }
 
 /// What was found, for people.
-pub fn present(found: &[Found]) -> Result<(), Failure> {
+pub fn present(found: &[DiagnosedRoom]) -> Result<(), Failure> {
     print(
         "\nWhat is missing? Each model was asked against every effect of the catalogue. Free-run errors in K; `test` is data that no decision saw.",
     );

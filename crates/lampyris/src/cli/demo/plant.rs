@@ -27,12 +27,12 @@ const DAYS: usize = 8;
 
 /// The fit of the plant.
 #[derive(Debug)]
-pub struct Fitted {
+pub struct PlantFit {
     record: FitRecord,
     seconds: f64,
 }
 
-impl Fitted {
+impl PlantFit {
     /// For programs.
     pub fn document(&self) -> Value {
         json!({ "system": SYSTEM, "seconds": self.seconds, "verdict": self.record.verdict, "summary": self.record.summary, "fit": self.record.fit })
@@ -41,7 +41,7 @@ impl Fitted {
 
 /// Makes the plant and fits it. The parameters that four effluent concentrations of a week hardly tell stay at their
 /// nominal values.
-pub async fn fit(service: &Service, hidden: bool) -> Result<Fitted, Failure> {
+pub async fn fit(service: &Service, hidden: bool) -> Result<PlantFit, Failure> {
     let start = Instant::now();
     let system: SystemId = SYSTEM.parse().map_err(|error| Failure::Error(format!("{error}")))?;
     let catalogue = service.catalogue.current();
@@ -71,12 +71,12 @@ pub async fn fit(service: &Service, hidden: bool) -> Result<Fitted, Failure> {
         None => None,
     };
     let record = record.ok_or_else(|| Failure::Error(format!("{SYSTEM}: {}", why())))?;
-    Ok(Fitted { record, seconds: start.elapsed().as_secs_f64() })
+    Ok(PlantFit { record, seconds: start.elapsed().as_secs_f64() })
 }
 
 /// What the fit says, and how to ask what the plant lacks.
-pub fn present(fitted: &Fitted, address: SocketAddr) {
-    let Fitted { record, seconds } = fitted;
+pub fn present(fitted: &PlantFit, address: SocketAddr) {
+    let PlantFit { record, seconds } = fitted;
     print(&format!(
         "\nA synthetic treatment plant, {SYSTEM} ({MODEL}), fitted in {seconds:.1} s to four concentrations of its effluent. Free-run errors in g/m3:\n"
     ));

@@ -5,7 +5,7 @@
 
 use crate::service::clock::now;
 use crate::service::error::{Refusal, ServiceError};
-use crate::store::reach::Reach;
+use crate::store::reach::SystemScope;
 use crate::store::tokens::{self, Revoked, Scope, TokenRecord};
 use crate::store::{Store, StoreError};
 use arc_swap::ArcSwap;
@@ -57,7 +57,7 @@ pub struct Made {
 
 /// What a request may do by what it shows.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Judged {
+pub enum TokenCheck {
     /// There are no tokens: everything.
     Open,
     /// What this token may.
@@ -108,20 +108,20 @@ impl Tokens {
     }
 
     /// Judges what a request shows. A token that is good is never refused for what others at its address have tried.
-    pub fn judge(&self, secret: Option<&str>, peer: IpAddr) -> Judged {
+    pub fn judge(&self, secret: Option<&str>, peer: IpAddr) -> TokenCheck {
         let known = self.by_hash.load();
         if known.is_empty() {
-            return Judged::Open;
+            return TokenCheck::Open;
         }
         let found = secret.map(|secret| known.get(blake3::hash(secret.as_bytes()).as_bytes()));
         let judged = match found {
-            None => Judged::Missing,
+            None => TokenCheck::Missing,
             Some(Some(token)) => match ended(token, now()) {
-                None => return Judged::Known(token.clone()),
-                Some(why) => Judged::Ended(why),
+                None => return TokenCheck::Known(token.clone()),
+                Some(why) => TokenCheck::Ended(why),
             },
-            Some(None) if self.has_failed_often(network(peer)) => Judged::TooMany,
-            Some(None) => Judged::Unknown,
+            Some(None) if self.has_failed_often(network(peer)) => TokenCheck::TooMany,
+            Some(None) => TokenCheck::Unknown,
         };
         self.refused.fetch_add(1, Ordering::Relaxed);
         judged
@@ -206,7 +206,7 @@ pub async fn create(store: &Store, new: NewToken, who: &str) -> Result<Made, Ser
         name: new.name,
         hash: *blake3::hash(secret.as_bytes()).as_bytes(),
         scope: new.scope,
-        reach: Reach::of(new.systems),
+        reach: SystemScope::of(new.systems),
         created_at,
         expires_at,
         revoked_at: None,

@@ -6,7 +6,7 @@ use crate::service::error::{Refusal, ServiceError};
 use crate::service::state::Service;
 use crate::service::threads::blocking;
 use crate::store::idempotency::RequestKey;
-use crate::store::windows::{self, Blocks, Deleted, Kept, NewWindow, WindowRecord};
+use crate::store::windows::{self, Blocks, Deleted, Insertion, NewWindow, WindowRecord};
 use jiff::Timestamp;
 use lampyris_core::data::{Bindings, ChannelKind, ColumnHeader, SystemId, Window, WindowDocument, WindowReport};
 use lampyris_core::fault::Fault;
@@ -70,13 +70,13 @@ pub async fn take(
     let new =
         NewWindow { id: &packed.id, system, from_s: packed.from_s, to_s: packed.to_s, report: &packed.report, blocks: &packed.blocks };
     let is_new = match windows::insert(&service.store, &new, key, service.now()).await? {
-        Kept::New => {
+        Insertion::New => {
             service.arrivals.note(system);
             true
         }
-        Kept::Known => false,
-        Kept::KeyReused => return Err(ServiceError::KeyReused),
-        Kept::NoSystem => return Err(ServiceError::NoSystem(system.clone())),
+        Insertion::Known => false,
+        Insertion::KeyReused => return Err(ServiceError::KeyReused),
+        Insertion::NoSystem => return Err(ServiceError::NoSystem(system.clone())),
     };
     let window = windows::get(&service.store, &packed.id).await?;
     window.map(|window| Taken { window, is_new }).ok_or_else(|| ServiceError::NotFound("window", packed.id))

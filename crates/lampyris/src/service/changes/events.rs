@@ -61,12 +61,12 @@ pub struct Event {
     /// The system of the job.
     pub system: SystemId,
     /// What happened.
-    pub what: What,
+    pub what: JobChange,
 }
 
 /// What happened to a job.
 #[derive(Debug, Clone, PartialEq)]
-pub enum What {
+pub enum JobChange {
     /// It entered the queue.
     Queued(Box<JobRecord>),
     /// A worker has it.
@@ -81,7 +81,7 @@ pub enum What {
 
 /// Some events, and the place after them.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Handful {
+pub struct EventBatch {
     /// Those that were asked for.
     pub events: Vec<Arc<Event>>,
     /// The place of the last one that was looked at.
@@ -90,15 +90,15 @@ pub struct Handful {
     pub is_all: bool,
 }
 
-impl What {
+impl JobChange {
     /// The name of the event.
-    pub const fn word(&self) -> &'static str {
+    pub const fn as_str(&self) -> &'static str {
         match self {
-            What::Queued(_) => "queued",
-            What::Started(_) => "started",
-            What::Progress(_) => "progress",
-            What::Incumbent(_) => "incumbent",
-            What::Finished(_) => "finished",
+            JobChange::Queued(_) => "queued",
+            JobChange::Started(_) => "started",
+            JobChange::Progress(_) => "progress",
+            JobChange::Incumbent(_) => "incumbent",
+            JobChange::Finished(_) => "finished",
         }
     }
 }
@@ -152,7 +152,7 @@ impl Events {
     }
 
     /// Adds an event that the database does not know of.
-    pub fn publish(&self, job: &str, system: &SystemId, what: What) {
+    pub fn publish(&self, job: &str, system: &SystemId, what: JobChange) {
         let number = self.log().push(self.boot, job, system, what);
         self.newest.send_replace(number);
     }
@@ -166,20 +166,20 @@ impl Events {
     pub(super) fn publish_news(&self, jobs: Vec<JobRecord>) {
         let mut log = self.log();
         let seen = log.sequence;
-        let mut news: Vec<(i64, What)> = Vec::new();
+        let mut news: Vec<(i64, JobChange)> = Vec::new();
         for job in jobs {
             if job.sequence > seen {
-                news.push((job.sequence, What::Queued(Box::new(job.clone()))));
+                news.push((job.sequence, JobChange::Queued(Box::new(job.clone()))));
             }
             if let Some(end) = job.end_sequence.filter(|end| *end > seen) {
-                news.push((end, What::Finished(Box::new(job))));
+                news.push((end, JobChange::Finished(Box::new(job))));
             }
         }
         news.sort_by_key(|(sequence, _)| *sequence);
         let mut number = log.number;
         for (sequence, what) in news {
             log.sequence = sequence;
-            if let What::Queued(job) | What::Finished(job) = &what {
+            if let JobChange::Queued(job) | JobChange::Finished(job) = &what {
                 let (id, system) = (job.id.clone(), job.system.clone());
                 number = log.push(self.boot, &id, &system, what);
             }
@@ -197,14 +197,14 @@ impl Events {
     }
 
     /// Events after a place that satisfy a condition, or nothing where the log does not reach back so far.
-    pub fn after(&self, position: Position, wanted: impl Fn(&Event) -> bool) -> Option<Handful> {
+    pub fn after(&self, position: Position, wanted: impl Fn(&Event) -> bool) -> Option<EventBatch> {
         let log = self.log();
         let first = log.number - log.kept.len() as u64;
         if position.boot != self.boot || position.number < first || position.number > log.number {
             return None;
         }
         let from = usize::try_from(position.number - first).unwrap_or(usize::MAX);
-        let mut handful = Handful { events: Vec::new(), position, is_all: true };
+        let mut handful = EventBatch { events: Vec::new(), position, is_all: true };
         for event in log.kept.iter().skip(from) {
             if handful.events.len() == HANDFUL {
                 handful.is_all = false;
@@ -221,7 +221,7 @@ impl Events {
     /// The place before a job entered the queue, as far as the log reaches back.
     pub fn before(&self, job: &str) -> Option<Position> {
         let log = self.log();
-        let entry = log.kept.iter().find(|event| event.job == job && matches!(event.what, What::Queued(_)))?;
+        let entry = log.kept.iter().find(|event| event.job == job && matches!(event.what, JobChange::Queued(_)))?;
         Some(Position { number: entry.position.number - 1, sequence: entry.position.sequence - 1, ..entry.position })
     }
 }
@@ -231,21 +231,21 @@ impl Log {
         Position { boot, number: self.number, sequence: self.sequence }
     }
 
-    fn push(&mut self, boot: i64, job: &str, system: &SystemId, what: What) -> u64 {
+    fn push(&mut self, boot: i64, job: &str, system: &SystemId, what: JobChange) -> u64 {
         self.number += 1;
         let event = Arc::new(Event { position: self.position(boot), job: job.to_owned(), system: system.clone(), what });
         match &event.what {
-            What::Queued(_) => {}
-            What::Started(_) => {
+            JobChange::Queued(_) => {}
+            JobChange::Started(_) => {
                 self.running.insert(event.job.clone(), vec![event.clone()]);
             }
-            What::Progress(_) | What::Incumbent(_) => {
+            JobChange::Progress(_) | JobChange::Incumbent(_) => {
                 if let Some(told) = self.running.get_mut(job) {
-                    told.retain(|earlier| earlier.what.word() != event.what.word());
+                    told.retain(|earlier| earlier.what.as_str() != event.what.as_str());
                     told.push(event.clone());
                 }
             }
-            What::Finished(_) => {
+            JobChange::Finished(_) => {
                 self.running.remove(job);
             }
         }
@@ -293,8 +293,8 @@ mod tests {
         }
     }
 
-    fn told(handful: &Handful) -> Vec<(&str, &str)> {
-        handful.events.iter().map(|event| (event.what.word(), event.job.as_str())).collect()
+    fn told(handful: &EventBatch) -> Vec<(&str, &str)> {
+        handful.events.iter().map(|event| (event.what.as_str(), event.job.as_str())).collect()
     }
 
     #[test]
@@ -342,18 +342,18 @@ mod tests {
         let system: SystemId = "room/1".parse().unwrap();
         let report =
             |evaluations| Report { generation: 1, evaluations, best_train: None, best_validation: None, eta_s: None, trials: None };
-        events.publish("job_1", &system, What::Progress(report(1)));
+        events.publish("job_1", &system, JobChange::Progress(report(1)));
         assert!(events.snapshot().1.is_empty(), "progress of a job that does not run is none");
-        events.publish("job_1", &system, What::Started(Box::new(job(1, None))));
+        events.publish("job_1", &system, JobChange::Started(Box::new(job(1, None))));
         for evaluations in [10, 20] {
-            events.publish("job_1", &system, What::Progress(report(evaluations)));
-            events.publish("job_1", &system, What::Incumbent(Arc::default()));
+            events.publish("job_1", &system, JobChange::Progress(report(evaluations)));
+            events.publish("job_1", &system, JobChange::Incumbent(Arc::default()));
         }
         let (_, running) = events.snapshot();
-        let words: Vec<&str> = running.iter().map(|event| event.what.word()).collect();
+        let words: Vec<&str> = running.iter().map(|event| event.what.as_str()).collect();
         assert_eq!(words, ["started", "progress", "incumbent"]);
-        assert_eq!(running[1].what, What::Progress(report(20)));
-        events.publish("job_1", &system, What::Finished(Box::new(job(1, Some(2)))));
+        assert_eq!(running[1].what, JobChange::Progress(report(20)));
+        events.publish("job_1", &system, JobChange::Finished(Box::new(job(1, Some(2)))));
         assert!(events.snapshot().1.is_empty());
     }
 

@@ -138,8 +138,8 @@ impl Metrics {
     /// Counts a job that has ended.
     pub fn job_ended(&self, job: &JobRecord) {
         let mut tallies = self.tallies();
-        let word = job.outcome.map_or(job.state.word(), |outcome| outcome.word());
-        *tallies.jobs_ended.entry([job.kind.word(), word]).or_default() += 1;
+        let word = job.outcome.map_or(job.state.as_str(), |outcome| outcome.as_str());
+        *tallies.jobs_ended.entry([job.kind.as_str(), word]).or_default() += 1;
         if let Some(failure) = &job.error {
             *tallies.jobs_failed.entry(failure.code.clone()).or_default() += 1;
         }

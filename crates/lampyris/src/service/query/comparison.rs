@@ -8,7 +8,7 @@ use crate::service::error::ServiceError;
 use crate::service::state::Service;
 use crate::service::work::interactive::Answer;
 use crate::store;
-use crate::store::reach::Reach;
+use crate::store::reach::SystemScope;
 use lampyris_core::data::rfc3339;
 use lampyris_core::estimate::assess::compare::{Contender, compare};
 use lampyris_core::estimate::assess::comparison::{Mode, comparison};
@@ -64,7 +64,7 @@ pub fn document(named: &Named<'_>, replay: &Replay, asked: &Asked) -> Result<Vec
 ///
 /// # Errors
 /// All unknown fits at once, fits of different systems, and as [`one`].
-pub async fn several(service: &Service, reach: &Reach, ids: &[String], asked: &Asked) -> Result<Answer, ServiceError> {
+pub async fn several(service: &Service, reach: &SystemScope, ids: &[String], asked: &Asked) -> Result<Answer, ServiceError> {
     let mut records = Vec::new();
     let mut faults = Vec::new();
     for id in ids {

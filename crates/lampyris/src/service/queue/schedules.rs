@@ -270,7 +270,7 @@ async fn run_tick(service: &Service, schedule: &ScheduleRecord, tick: Timestamp,
     let Some(result) = store::schedules::tick(&service.store, &schedule.name, tick, &batch, limit, now).await? else {
         return Ok(());
     };
-    tracing::info!(schedule = schedule.name, %tick, jobs = batch.jobs.len(), skipped = batch.skipped.len(), "tick: {}", result.word());
+    tracing::info!(schedule = schedule.name, %tick, jobs = batch.jobs.len(), skipped = batch.skipped.len(), "tick: {}", result.as_str());
     if result == TickResult::Submitted {
         submit::entered(service, &batch).await?;
     }

@@ -2,7 +2,7 @@
 
 use crate::service::catalogue::system::SystemDocument;
 use crate::service::error::ServiceError;
-use crate::store::params::{RevisionRecord, Standing};
+use crate::store::params::{RevisionRecord, ServedState};
 use jiff::{SignedDuration, Timestamp};
 use lampyris_core::data::SystemId;
 use lampyris_core::estimate::assess::degradation::Degradation;
@@ -55,7 +55,7 @@ impl Status {
     pub const VALIDATED: [Status; 5] = [Status::Fresh, Status::Stale, Status::Fallback, Status::Degraded, Status::Pinned];
 
     /// The word in the body and in the header `Params-Status`.
-    pub const fn word(self) -> &'static str {
+    pub const fn as_str(self) -> &'static str {
         match self {
             Status::Fresh => "fresh",
             Status::Stale => "stale",
@@ -194,7 +194,7 @@ pub(super) fn stale_after(revision: &RevisionRecord, document: &SystemDocument, 
 /// word first, then what newer measurements say, then age, then the fate of the newest attempt; the objects
 /// beside it tell of the others.
 pub(super) fn validated(
-    standing: &Standing,
+    standing: &ServedState,
     revision: &RevisionRecord,
     stale_after: Timestamp,
     stale: bool,
@@ -228,7 +228,7 @@ pub(super) fn validated(
         job: Some(revision.job.clone()),
         stale_after: Some(stale_after),
         fallback: standing.fallback.as_ref().map(|fallback| Fallback {
-            reason: fallback.reason.word(),
+            reason: fallback.reason.as_str(),
             job: fallback.job.clone(),
             fit: fallback.fit.clone(),
             failed_checks: fallback.failed_checks.clone(),

@@ -46,7 +46,7 @@ pub async fn decide(service: &Service, fit: &str, decision: Decision, body: Valu
     check_reason(&reason)?;
     match store::decisions::decide(&service.store, fit, decision, &reason, who, service.now()).await? {
         Decided::Done(system, revision) => {
-            tracing::info!(fit, system, revision, reason, who, "{} by an operator", decision.word());
+            tracing::info!(fit, system, revision, reason, who, "{} by an operator", decision.as_str());
             let system = system.parse().map_err(|error: lampyris_core::data::BadSystemId| ServiceError::Internal(error.to_string()))?;
             changed(service, &system).await
         }
@@ -61,7 +61,7 @@ pub async fn decide(service: &Service, fit: &str, decision: Decision, body: Valu
             Err(Refusal::new("not-offered", detail).into())
         }
         Decided::Final(earlier) => {
-            Err(Refusal::new("already-decided", format!("an operator has {} this fit, which is final", earlier.word())).into())
+            Err(Refusal::new("already-decided", format!("an operator has {} this fit, which is final", earlier.as_str())).into())
         }
         Decided::Pinned => Err(Refusal::new("pinned", "the system is pinned: take the pin away first".to_owned()).into()),
         Decided::OtherModel(model) => {

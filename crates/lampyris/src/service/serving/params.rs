@@ -10,7 +10,7 @@ use crate::service::error::ServiceError;
 use crate::service::state::Service;
 use crate::service::threads::blocking;
 use crate::store::failpoint;
-use crate::store::params::{Standing, standing, standings};
+use crate::store::params::{ServedState, standing, standings};
 use jiff::SignedDuration;
 use lampyris_core::data::SystemId;
 use std::pin::pin;
@@ -98,7 +98,7 @@ pub async fn keep_fresh(service: Arc<Service>) {
     }
 }
 
-async fn entry(service: &Service, standing: Standing) -> Result<Entry, ServiceError> {
+async fn entry(service: &Service, standing: ServedState) -> Result<Entry, ServiceError> {
     let document = document(&standing.document)?;
     match &standing.revision {
         Some(revision) => {

@@ -3,7 +3,7 @@
 //! Progress lives here and never in the database: a watcher wants the newest value, not all of them.
 
 use super::progress::Report;
-use crate::service::changes::events::What;
+use crate::service::changes::events::JobChange;
 use crate::store::jobs::{JobKind, JobRecord, Lease};
 use indexmap::IndexMap;
 use lampyris_core::estimate::Progress;
@@ -23,7 +23,7 @@ const LONGEST_SETTLING: Duration = Duration::from_secs(1);
 
 /// The jobs that run.
 #[derive(Debug, Default)]
-pub struct Board {
+pub struct ProgressBoard {
     live: Mutex<HashMap<String, Arc<Live>>>,
     ended: Notify,
 }
@@ -63,7 +63,7 @@ fn held<T>(lock: &Mutex<T>) -> MutexGuard<'_, T> {
     lock.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-impl Board {
+impl ProgressBoard {
     /// The place of a job, made if need be.
     pub fn place(&self, job: &str) -> Arc<Live> {
         held(&self.live).entry(job.to_owned()).or_default().clone()
@@ -132,7 +132,7 @@ impl Live {
     }
 
     /// Notes how far the search has come, and says what watchers are to be told of it now, if anything.
-    pub fn report(&self, news: &Progress) -> Option<What> {
+    pub fn report(&self, news: &Progress) -> Option<JobChange> {
         let mut running = held(&self.running);
         let running = running.as_mut()?;
         // A job may search several times, each time counting from nought.
@@ -178,15 +178,15 @@ impl Running {
     }
 
     /// Progress and new best parameters take turns, so that neither keeps the other from being told.
-    fn news(&mut self) -> Option<What> {
+    fn news(&mut self) -> Option<JobChange> {
         let incumbent = self.progress.as_ref().and_then(|progress| progress.incumbent.clone());
         let is_new = incumbent.as_ref().is_some_and(|new| self.told.as_ref().is_none_or(|old| !Arc::ptr_eq(old, new)));
         self.told_incumbent_last = is_new && !self.told_incumbent_last;
         if self.told_incumbent_last {
             self.told.clone_from(&incumbent);
-            return incumbent.map(What::Incumbent);
+            return incumbent.map(JobChange::Incumbent);
         }
-        self.report().map(What::Progress)
+        self.report().map(JobChange::Progress)
     }
 }
 
@@ -226,17 +226,17 @@ mod tests {
     fn watchers_are_told_once_per_pause_and_of_each_improvement_once() {
         let best = Arc::new(IndexMap::from([("a".to_owned(), 1.0)]));
         let live = running(PACE);
-        assert!(matches!(live.report(&news(10, &best)), Some(What::Progress(_))));
+        assert!(matches!(live.report(&news(10, &best)), Some(JobChange::Progress(_))));
         assert_eq!(live.report(&news(20, &best)), None, "the pause has not passed");
         later(&live);
-        assert_eq!(live.report(&news(30, &best)), Some(What::Incumbent(best.clone())));
+        assert_eq!(live.report(&news(30, &best)), Some(JobChange::Incumbent(best.clone())));
         later(&live);
-        assert!(matches!(live.report(&news(40, &best)), Some(What::Progress(_))));
+        assert!(matches!(live.report(&news(40, &best)), Some(JobChange::Progress(_))));
         later(&live);
-        assert!(matches!(live.report(&news(50, &best)), Some(What::Progress(_))), "the same parameters are no news");
+        assert!(matches!(live.report(&news(50, &best)), Some(JobChange::Progress(_))), "the same parameters are no news");
         let better = Arc::new(IndexMap::from([("a".to_owned(), 2.0)]));
         later(&live);
-        assert_eq!(live.report(&news(60, &better)), Some(What::Incumbent(better)));
+        assert_eq!(live.report(&news(60, &better)), Some(JobChange::Incumbent(better)));
     }
 
     #[test]

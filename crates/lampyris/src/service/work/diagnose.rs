@@ -1,10 +1,10 @@
 //! The work of a `diagnose` and of a `ladder` job: a fit of the base model first, then what it is missing. It
 //! runs on the CPU pool.
 
-use super::estimate::{Fitted, Stopped, fitted, invalid, stopped};
+use super::estimate::{FirstFit, Stopped, fitted, invalid, stopped};
 use super::input::Input;
 use crate::store::diagnoses::Report;
-use crate::store::finish::Finding;
+use crate::store::finish::JudgedFit;
 use lampyris_core::diagnose::{self, DiagnoseError};
 use lampyris_core::estimate::Control;
 use lampyris_core::estimate::problem::request::Criterion;
@@ -16,28 +16,28 @@ const STEPS: usize = 3;
 ///
 /// # Errors
 /// Where there is no fit to start from, the window does not serve, or somebody stopped it.
-pub fn run(input: &Input, control: &Control<'_>) -> Result<Finding, Stopped> {
-    let Fitted { window, problem, finding } = fitted(input, control)?;
+pub fn run(input: &Input, control: &Control<'_>) -> Result<JudgedFit, Stopped> {
+    let FirstFit { window, problem, finding } = fitted(input, control)?;
     let site = input.system.site();
     let rate = input.request.accusation_rate;
     let (theta, earlier) = (finding.fit.theta(), &input.evidence);
     let diagnosis = diagnose::diagnose(&input.catalogue, &problem, &theta, &window, &site, rate, earlier, control).map_err(halted)?;
-    Ok(Finding { report: Some(Report::Diagnosis(Box::new(diagnosis))), ..finding })
+    Ok(JudgedFit { report: Some(Report::Diagnosis(Box::new(diagnosis))), ..finding })
 }
 
 /// Fits the base model and adds effects while the criterion keeps them.
 ///
 /// # Errors
 /// Where there is no fit to start from, the window does not serve, or somebody stopped it.
-pub fn ladder(input: &Input, control: &Control<'_>) -> Result<Finding, Stopped> {
-    let Fitted { window, problem, finding } = fitted(input, control)?;
+pub fn ladder(input: &Input, control: &Control<'_>) -> Result<JudgedFit, Stopped> {
+    let FirstFit { window, problem, finding } = fitted(input, control)?;
     let site = input.system.site();
     let ladder = match input.request.criterion {
         Criterion::HeldOut => diagnose::ladder::ladder,
         Criterion::Lrt => diagnose::nested::ladder_by_likelihood,
     };
     let ladder = ladder(&input.catalogue, &problem, &finding.fit.theta(), &window, &site, STEPS, control).map_err(halted)?;
-    Ok(Finding { report: Some(Report::Ladder(Box::new(ladder))), ..finding })
+    Ok(JudgedFit { report: Some(Report::Ladder(Box::new(ladder))), ..finding })
 }
 
 fn halted(error: DiagnoseError) -> Stopped {

@@ -3,7 +3,7 @@
 use super::input::Input;
 use crate::service::catalogue::system::Mode;
 use crate::service::error::ServiceError;
-use crate::store::finish::Finding;
+use crate::store::finish::JudgedFit;
 use crate::store::jobs::JobFailure;
 use lampyris_core::data::Window;
 use lampyris_core::data::rfc3339;
@@ -28,25 +28,25 @@ pub enum Stopped {
 ///
 /// # Errors
 /// Where the data, the model or the search give no fit, or somebody stopped it.
-pub fn run(input: &Input, control: &Control<'_>) -> Result<Finding, Stopped> {
+pub fn run(input: &Input, control: &Control<'_>) -> Result<JudgedFit, Stopped> {
     fitted(input, control).map(|fitted| fitted.finding)
 }
 
 /// A finding with what it was found from, for those who go on from there.
-pub struct Fitted {
+pub struct FirstFit {
     /// The measurements.
     pub window: Window,
     /// What was asked, with the steps that the fit needed.
     pub problem: Problem,
     /// What was found.
-    pub finding: Finding,
+    pub finding: JudgedFit,
 }
 
 /// Estimates, judges and reads the states off, and keeps what that was done with.
 ///
 /// # Errors
 /// Where the data, the model or the search give no fit, or somebody stopped it.
-pub fn fitted(input: &Input, control: &Control<'_>) -> Result<Fitted, Stopped> {
+pub fn fitted(input: &Input, control: &Control<'_>) -> Result<FirstFit, Stopped> {
     let failed = |error| Stopped::Failed(describe(error));
     let window = input.window().map_err(failed)?;
     let problem = input.problem(&window).map_err(failed)?;
@@ -67,7 +67,7 @@ pub fn fitted(input: &Input, control: &Control<'_>) -> Result<Fitted, Stopped> {
         judgement.summary += "; fitted with bounds or fixed values of its own: it waits for an operator's word";
     }
     let grid = problem.grid();
-    let finding = Finding {
+    let finding = JudgedFit {
         windows: input.cited(&window, grid.start(), grid.time(grid.len().saturating_sub(1))).map_err(failed)?,
         state: current_state(&problem, &fit),
         incumbent_state: incumbent_state(input, &problem),
@@ -76,7 +76,7 @@ pub fn fitted(input: &Input, control: &Control<'_>) -> Result<Fitted, Stopped> {
         judgement,
         report: None,
     };
-    Ok(Fitted { window, problem: problem.with_substeps(finding.fit.substeps), finding })
+    Ok(FirstFit { window, problem: problem.with_substeps(finding.fit.substeps), finding })
 }
 
 /// The states by the parameters that are served now, where they are parameters of this model.

@@ -38,7 +38,7 @@ pub struct Interactive {
 #[derive(Debug)]
 struct Desk {
     pending: HashMap<String, Arc<watch::Sender<Option<Outcome>>>>,
-    kept: Kept,
+    kept: CachedAnswers,
     computed: u64,
 }
 
@@ -54,7 +54,7 @@ enum Failure {
 
 /// The answers that were used last, oldest first.
 #[derive(Debug)]
-struct Kept {
+struct CachedAnswers {
     answers: IndexMap<String, Answer>,
     bytes: usize,
     most: usize,
@@ -74,7 +74,7 @@ impl Interactive {
     /// # Errors
     /// Where the system gives none.
     pub fn new(threads: usize) -> Result<Self, ThreadPoolBuildError> {
-        let kept = Kept { answers: IndexMap::new(), bytes: 0, most: KEPT_BYTES };
+        let kept = CachedAnswers { answers: IndexMap::new(), bytes: 0, most: KEPT_BYTES };
         let desk = Desk { pending: HashMap::new(), kept, computed: 0 };
         Ok(Self { pool: nice_pool(threads, "interactive".to_owned(), NICENESS)?, desk: Arc::new(Mutex::new(desk)) })
     }
@@ -178,7 +178,7 @@ impl Desk {
     }
 }
 
-impl Kept {
+impl CachedAnswers {
     /// An answer, which then is the newest.
     fn get(&mut self, key: &str) -> Option<Answer> {
         let place = self.answers.get_index_of(key)?;
@@ -289,8 +289,8 @@ mod tests {
 
     #[test]
     fn the_answers_that_were_used_last_are_kept() {
-        let mut kept = Kept { answers: IndexMap::new(), bytes: 0, most: 10 };
-        let put = |kept: &mut Kept, key: &str, length: usize| kept.put(key, Answer::from(vec![0; length]));
+        let mut kept = CachedAnswers { answers: IndexMap::new(), bytes: 0, most: 10 };
+        let put = |kept: &mut CachedAnswers, key: &str, length: usize| kept.put(key, Answer::from(vec![0; length]));
         put(&mut kept, "a", 4);
         put(&mut kept, "b", 4);
         assert!(kept.get("a").is_some());

@@ -8,12 +8,12 @@ use super::board::Live;
 use super::estimate::{self, Stopped, describe};
 use super::input::{self, Input};
 use super::{diagnose, poison, tune};
-use crate::service::changes::events::What;
+use crate::service::changes::events::JobChange;
 use crate::service::changes::follow;
 use crate::service::serving::{degradations, params};
 use crate::service::state::Service;
 use crate::store::StoreError;
-use crate::store::finish::{Ending, Finding, Tuned, finish};
+use crate::store::finish::{JobEnd, JudgedFit, Tuned, finish};
 use crate::store::jobs::{self, JobFailure, JobKind, JobRecord, Lease, Origin};
 use lampyris_core::estimate::{Control, Interrupt, Progress};
 use rayon::ThreadPool;
@@ -78,7 +78,7 @@ impl Drop for Alive<'_> {
 
 /// How a job ended, before the database knows.
 enum End {
-    Found(Box<Finding>),
+    Found(Box<JudgedFit>),
     Tuned(Box<Tuned>),
     Failed(JobFailure),
     Cancelled,
@@ -92,8 +92,8 @@ async fn process(service: &Arc<Service>, pool: &ThreadPool, job: JobRecord) {
     live.start(&job, lease.clone());
     followed(service).await;
     service.metrics.job_started(&job);
-    service.events.publish(&job.id, &job.system, What::Started(Box::new(job.clone())));
-    tracing::info!(job = %job.id, system = %job.system, attempt = job.attempt, "started {} for {}", job.kind.word(), job.system);
+    service.events.publish(&job.id, &job.system, JobChange::Started(Box::new(job.clone())));
+    tracing::info!(job = %job.id, system = %job.system, attempt = job.attempt, "started {} for {}", job.kind.as_str(), job.system);
     refreshed(service, &job).await;
     if job.kind == JobKind::Estimate && job.origin == Origin::Scheduled {
         degradations::look_first(service, pool, &job.system).await;
@@ -163,10 +163,10 @@ async fn record(service: &Arc<Service>, job: &JobRecord, lease: &Lease, mut end:
     loop {
         let written = match &end {
             End::GivenBack => jobs::requeue(&service.store, lease, service.now()).await.map(|()| None),
-            End::Found(finding) => finish(&service.store, lease, &Ending::Fitted(finding), service.now()).await.map(Some),
-            End::Tuned(tuned) => finish(&service.store, lease, &Ending::Tuned(tuned), service.now()).await.map(Some),
-            End::Failed(failure) => finish(&service.store, lease, &Ending::Failed(failure), service.now()).await.map(Some),
-            End::Cancelled => finish(&service.store, lease, &Ending::Cancelled, service.now()).await.map(Some),
+            End::Found(finding) => finish(&service.store, lease, &JobEnd::Fitted(finding), service.now()).await.map(Some),
+            End::Tuned(tuned) => finish(&service.store, lease, &JobEnd::Tuned(tuned), service.now()).await.map(Some),
+            End::Failed(failure) => finish(&service.store, lease, &JobEnd::Failed(failure), service.now()).await.map(Some),
+            End::Cancelled => finish(&service.store, lease, &JobEnd::Cancelled, service.now()).await.map(Some),
         };
         match written {
             Ok(finished) => {
@@ -176,7 +176,7 @@ async fn record(service: &Arc<Service>, job: &JobRecord, lease: &Lease, mut end:
                 match (&end, finished) {
                     (End::Found(finding), Some(finished)) => tracing::info!(
                         job = %job.id, system = %job.system, fit = finished.fit, revision = finished.revision,
-                        "{}: {}", finished.outcome.map_or("ended", |outcome| outcome.word()), finding.judgement.summary
+                        "{}: {}", finished.outcome.map_or("ended", |outcome| outcome.as_str()), finding.judgement.summary
                     ),
                     (End::Tuned(tuned), Some(finished)) => tracing::info!(
                         job = %job.id, system = %job.system, outcome = ?finished.outcome, "{}", tuned.tuning.summary
