@@ -1,6 +1,5 @@
 //! What physics demands of any estimate, as documents say it.
 
-use super::spec::ModelSpec;
 use crate::fault::Fault;
 use indexmap::IndexMap;
 use serde::{Deserialize, Serialize};
@@ -120,8 +119,8 @@ impl TryFrom<CheckFields> for Check {
 }
 
 impl Check {
-    /// What makes no sense in a check of this model.
-    pub(super) fn faults(&self, pointer: &str, spec: &ModelSpec) -> Vec<Fault> {
+    /// What makes no sense in a check of a model with these inputs and states.
+    pub(super) fn faults(&self, pointer: &str, is_input: impl Fn(&str) -> bool, is_state: impl Fn(&str) -> bool) -> Vec<Fault> {
         let mut faults = Vec::new();
         let mut demand = |holds: bool, field: &str, code: &str, detail: String| {
             if !holds {
@@ -142,9 +141,9 @@ impl Check {
             }
             Check::SteadyGain { input, state, above, upto, with } => {
                 for (field, name) in [("input", input)].into_iter().chain(with.keys().map(|name| ("with", name))) {
-                    demand(spec.inputs.contains_key(name), field, "unknown-name", format!("there is no input `{name}`"));
+                    demand(is_input(name), field, "unknown-name", format!("there is no input `{name}`"));
                 }
-                demand(spec.states.contains_key(state), "state", "unknown-state", format!("there is no state `{state}`"));
+                demand(is_state(state), "state", "unknown-state", format!("there is no state `{state}`"));
                 let is_interval = upto.is_none_or(|upto| *above < upto);
                 demand(is_interval, "upto", "bounds", format!("nothing is above {above} and at most {}", upto.unwrap_or_default()));
             }

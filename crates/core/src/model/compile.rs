@@ -96,7 +96,8 @@ pub fn compile(composition: &Composition, bindings: &Bindings) -> Result<Model, 
         builder.fault("/check", "limit", format!("a model has at most {MAX_CHECKS} checks"));
     }
     for (index, check) in spec.checks.iter().take(MAX_CHECKS).enumerate() {
-        builder.lowering.faults.extend(check.faults(&format!("/check/{index}"), spec));
+        let (is_input, is_state) = (|name: &str| spec.inputs.contains_key(name), |name: &str| spec.states.contains_key(name));
+        builder.lowering.faults.extend(check.faults(&format!("/check/{index}"), is_input, is_state));
         if let Check::Range { expr, unit, .. } = check {
             ranges.push(builder.range(&format!("/check/{index}"), expr, unit));
         }
