@@ -36,6 +36,8 @@ const IN_HTTP: &str = "crates/lampyris/src/http";
 const IMPURE: [&str; 10] =
     ["tokio::", "axum::", "sqlx::", "tower", "std::time", "std::fs", "std::net", "std::env", "SystemTime", "Timestamp::now"];
 const LONGEST_FILE: usize = 500;
+/// What a public name may be of.
+const KINDS: [&str; 5] = ["struct", "enum", "trait", "type", "fn"];
 
 /// `crates/lampyris/src/store/jobs.rs` and `crates/lampyris/src/settings.rs` belong to `store` and `settings`.
 fn stage(path: &Path) -> String {
@@ -178,6 +180,31 @@ fn the_house_is_tidy() {
             }
             if !text.starts_with("//!") {
                 wrong.push(format!("{at} does not say what it is for"));
+            }
+        }
+    }
+    assert!(wrong.is_empty(), "{wrong:#?}");
+}
+
+/// The names of the last table of the vocabulary.
+fn refused_names() -> BTreeSet<String> {
+    let page = std::fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/contributing/vocabulary.md")).unwrap();
+    let table = page.split("## Names that the code does not use").nth(1).unwrap();
+    let row = |line: &str| line.strip_prefix("| `").and_then(|rest| rest.split('`').next()).map(str::to_owned);
+    table.lines().filter_map(row).collect()
+}
+
+#[test]
+fn public_names_are_words_of_the_field() {
+    let refused = refused_names();
+    assert!(refused.len() > 10, "the table was found: {refused:?}");
+    let mut wrong = Vec::new();
+    for (path, text) in sources(IN_CORE).into_iter().chain(sources(IN_SERVICE)) {
+        for line in code(&text).lines().map(str::trim_start).filter(|line| line.starts_with("pub")) {
+            let mut words = line.split(|c: char| !c.is_alphanumeric() && c != '_').skip_while(|word| !KINDS.contains(word));
+            let name = words.nth(1).unwrap_or_default();
+            if refused.contains(name) {
+                wrong.push(format!("{}: {name}", path.display()));
             }
         }
     }

@@ -3,7 +3,7 @@
 use super::drive::{Inputs, samples_back};
 use super::kalman::{Kalman, Noise};
 use super::stepper::ros2;
-use super::trajectory::{Measured, Simulator};
+use super::trajectory::{MeasuredOutput, Simulator};
 use crate::data::{Column, Grid};
 use crate::model::Stepper;
 use crate::model::document::ModelDocument;
@@ -159,7 +159,7 @@ fn the_filter_and_its_forecasts_follow_delayed_inputs() {
     let theta = [0.6, 2.3];
     let truth = run(&model, column, 0.5, 15.0, Stepper::Ros2, 3, &theta);
     let valid = vec![true; 80];
-    let measured: [Measured; 1] = [(&truth, &valid)];
+    let measured: [MeasuredOutput; 1] = [(&truth, &valid)];
     let simulator = Simulator::new(&model, &inputs, &measured, Stepper::Ros2, 3);
     let kalman = Kalman::new(&model, &simulator, &inputs, &measured);
     let found = kalman.filter(&theta, &Noise { process: vec![0.1; model.states().len()], measurement: vec![1e-4] }, 80);

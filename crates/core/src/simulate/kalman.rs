@@ -6,7 +6,7 @@
 use super::drive::{Drive, Inputs};
 use super::lanes::{LANES, LaneFile};
 use super::stepper::linear_tape;
-use super::trajectory::{Measured, Simulator};
+use super::trajectory::{MeasuredOutput, Simulator};
 use super::transition::{Transition, propagate};
 use crate::model::tape::Tape;
 use crate::model::{Initial, Model};
@@ -44,7 +44,7 @@ pub struct Kalman<'a> {
     linear: Tape,
     linear_drive: Drive,
     initial: Vec<Initial>,
-    measured: Vec<Measured<'a>>,
+    measured: Vec<MeasuredOutput<'a>>,
     known: Vec<bool>,
 }
 
@@ -62,7 +62,7 @@ struct Walk {
 
 impl<'a> Kalman<'a> {
     /// A filter for the model that `simulator` was made from.
-    pub fn new(model: &Model, simulator: &'a Simulator, inputs: &Inputs, measured: &[Measured<'a>]) -> Self {
+    pub fn new(model: &Model, simulator: &'a Simulator, inputs: &Inputs, measured: &[MeasuredOutput<'a>]) -> Self {
         let linear = linear_tape(model);
         let (_, _, substeps, _) = simulator.step_parts();
         Self {
@@ -364,7 +364,7 @@ mod tests {
         let inputs = Inputs::from_columns_with_length(&model, 40, 0.5);
         let values: Vec<f64> = (0..40).map(|k| 10.0 * (-A * 0.5 * f64::from(k)).exp()).collect();
         let valid = vec![true; 40];
-        let measured: [Measured; 1] = [(&values, &valid)];
+        let measured: [MeasuredOutput; 1] = [(&values, &valid)];
         // The mean goes through the stepper, whose error vanishes with the step; the variance does not.
         let simulator = Simulator::new(&model, &inputs, &measured, Stepper::Rk4, 30);
         let kalman = Kalman::new(&model, &simulator, &inputs, &measured);
@@ -391,7 +391,7 @@ mod tests {
         let inputs = Inputs::from_columns_with_length(&model, 60, 0.5);
         let values: Vec<f64> = (0..60).map(|k| 10.0 * (-A * 0.5 * f64::from(k)).exp() + 0.1 * f64::from(k % 3)).collect();
         let valid = vec![true; 60];
-        let measured: [Measured; 1] = [(&values, &valid)];
+        let measured: [MeasuredOutput; 1] = [(&values, &valid)];
         let simulator = Simulator::new(&model, &inputs, &measured, Stepper::Ros2, 3);
         let kalman = Kalman::new(&model, &simulator, &inputs, &measured);
         let found = kalman.filter(&[A], &Noise { process: vec![0.1], measurement: vec![0.01] }, 60);

@@ -14,7 +14,7 @@ use super::dual::{Dual, Scalar};
 use super::kalman::HIDDEN_VARIANCE;
 use super::registers::Registers;
 use super::stepper::{field_tape, observation_tape};
-use super::trajectory::{Measured, Simulator, diverged};
+use super::trajectory::{MeasuredOutput, Simulator, diverged};
 use super::transition::{Transition, propagate};
 use crate::model::expr::{Node, NodeId};
 use crate::model::tape::Tape;
@@ -33,7 +33,7 @@ pub struct Likelihood<'a> {
     observation: Tape,
     observation_drive: Drive,
     initial: Vec<Initial>,
-    measured: Vec<Measured<'a>>,
+    measured: Vec<MeasuredOutput<'a>>,
     known: Vec<bool>,
     /// Which parameters are estimated.
     estimated: Vec<bool>,
@@ -59,7 +59,7 @@ type Innovation<T> = (T, T);
 
 impl<'a> Likelihood<'a> {
     /// The likelihood of the model that `simulator` was made from; `estimated` are the parameters that are searched.
-    pub fn new(model: &Model, simulator: &'a Simulator, inputs: &Inputs, measured: &[Measured<'a>], estimated: &[usize]) -> Self {
+    pub fn new(model: &Model, simulator: &'a Simulator, inputs: &Inputs, measured: &[MeasuredOutput<'a>], estimated: &[usize]) -> Self {
         let flat: Vec<NodeId> = model.jacobian().iter().flatten().copied().collect();
         let moves = |input: &u16| model.inputs()[usize::from(*input)].hold == Hold::Linear;
         let depends = |nodes: &[NodeId], on: &dyn Fn(&Node) -> bool| {

@@ -2,7 +2,7 @@
 
 use super::drive::Inputs;
 use super::likelihood::Likelihood;
-use super::trajectory::{Measured, Simulator};
+use super::trajectory::{MeasuredOutput, Simulator};
 use crate::model::Stepper;
 use crate::model::document::ModelDocument;
 use crate::model::{Bindings, Catalogue, Model, compile};
@@ -38,7 +38,7 @@ fn an_ornstein_uhlenbeck_process_has_its_closed_form() {
     let inputs = Inputs::from_columns_with_length(&model, samples, hours);
     let values: Vec<f64> = (0..samples).map(|k| wobble(k, 0.3)).collect();
     let valid: Vec<bool> = (0..samples).map(|k| k % 7 != 3 && !(20..25).contains(&k)).collect();
-    let measured: [Measured; 1] = [(&values, &valid)];
+    let measured: [MeasuredOutput; 1] = [(&values, &valid)];
     let simulator = Simulator::new(&model, &inputs, &measured, Stepper::Ros2, 2);
     let likelihood = Likelihood::new(&model, &simulator, &inputs, &measured, &[0]);
     let (a, sigma, sd): (f64, f64, f64) = (0.8, 0.6, 0.2);
@@ -131,7 +131,7 @@ fn two_states_and_two_sensors_agree_with_a_dense_filter_of_small_steps() {
     let (u, power, y, w) = (series(0.1, 5.0), series(1.1, 2.0), series(2.1, 1.0), series(3.1, 1.0));
     let inputs = Inputs::from_columns(&model, vec![u.clone(), power.clone()], hours);
     let valid = vec![true; samples];
-    let measured: [Measured; 2] = [(&y, &valid), (&w, &valid)];
+    let measured: [MeasuredOutput; 2] = [(&y, &valid), (&w, &valid)];
     let simulator = Simulator::new(&model, &inputs, &measured, Stepper::Ros2, 3);
     let likelihood = Likelihood::new(&model, &simulator, &inputs, &measured, &[0, 1, 2, 3]);
     assert!(likelihood.is_linear());
@@ -192,7 +192,7 @@ fn slopes_equal_high_order_differences() {
     let pair = model(PAIR);
     let mut inputs = Inputs::from_columns(&pair, vec![u.clone(), power], 0.5);
     inputs.forget(30..33);
-    let measured: [Measured; 2] = [(&y, &valid), (&w, &valid)];
+    let measured: [MeasuredOutput; 2] = [(&y, &valid), (&w, &valid)];
     let simulator = Simulator::new(&pair, &inputs, &measured, Stepper::Ros2, 3);
     let likelihood = Likelihood::new(&pair, &simulator, &inputs, &measured, &[0, 1, 2, 3]);
     for point in [[0.7, 0.2, 1.3, 0.5, 0.4, 0.9, 0.1, 0.3], [9.0, 3.0, 0.1, -2.0, 1.4, 0.2, 0.5, 0.05]] {
@@ -200,7 +200,7 @@ fn slopes_equal_high_order_differences() {
     }
     let bent = model(BENT);
     let inputs = Inputs::from_columns(&bent, vec![u], 0.5);
-    let measured: [Measured; 1] = [(&y, &valid)];
+    let measured: [MeasuredOutput; 1] = [(&y, &valid)];
     let simulator = Simulator::new(&bent, &inputs, &measured, Stepper::Ros2, 3);
     let likelihood = Likelihood::new(&bent, &simulator, &inputs, &measured, &[0, 1, 2, 3, 4]);
     assert!(!likelihood.is_linear());

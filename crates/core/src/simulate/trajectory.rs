@@ -58,12 +58,12 @@ pub struct Trajectory {
 pub type Halt<'a> = &'a (dyn Fn() -> bool + Sync);
 
 /// A measured output: its values and which of them are valid.
-pub type Measured<'a> = (&'a [f64], &'a [bool]);
+pub type MeasuredOutput<'a> = (&'a [f64], &'a [bool]);
 
 impl Simulator {
     /// Prepares a simulation. `measured` has one series per output of the model, as long as the inputs; it
     /// gives the measured starts.
-    pub fn new(model: &Model, inputs: &Inputs, measured: &[Measured], stepper: Stepper, substeps: usize) -> Self {
+    pub fn new(model: &Model, inputs: &Inputs, measured: &[MeasuredOutput], stepper: Stepper, substeps: usize) -> Self {
         let step = step_tape(model, stepper);
         let output = output_tape(model);
         let steps = if stepper == Stepper::Rkc { 1 } else { substeps };

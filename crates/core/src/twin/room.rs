@@ -3,7 +3,7 @@
 use crate::data::rfc3339;
 use crate::fault::Fault;
 use crate::model::{Bindings, Catalogue, Model, ModelId, compile};
-use crate::simulate::trajectory::Measured;
+use crate::simulate::trajectory::MeasuredOutput;
 use crate::simulate::{Inputs, Simulator, Stepper};
 use crate::twin::dice::Dice;
 use std::fmt::Write;
@@ -48,7 +48,7 @@ pub fn room(seed: u64, neighbours: usize, days: usize, step_minutes: usize) -> R
         step_minutes as f64 / 60.0,
     );
     let (start, valid) = (vec![20.5; samples], vec![true; samples]);
-    let measured: [Measured; 1] = [(&start, &valid)];
+    let measured: [MeasuredOutput; 1] = [(&start, &valid)];
     // One-minute steps of a fourth-order method: the truth owes nothing to the stepper under test.
     let simulator = Simulator::new(&model, &inputs, &measured, Stepper::Rk4, step_minutes);
     let run = simulator.run(&[&theta], samples);

@@ -4,7 +4,7 @@ use super::check::{CheckResult, Severity};
 use crate::estimate::problem::Problem;
 use crate::model::expr::{Graph, Node};
 use crate::model::{Check, Hold};
-use crate::simulate::trajectory::Measured;
+use crate::simulate::trajectory::MeasuredOutput;
 use crate::simulate::{Inputs, Simulator, Trajectory, substeps};
 use indexmap::IndexMap;
 use nalgebra::DMatrix;
@@ -198,7 +198,7 @@ fn stress(problem: &Problem, theta: &[f64], kelvin: f64) -> Trajectory {
     let starts: Vec<f64> = (0..model.outputs().len()).map(|output| problem.simulator().measured_start(output).unwrap_or(20.0)).collect();
     let columns: Vec<(Vec<f64>, Vec<bool>)> =
         starts.iter().map(|start| (vec![*start; STRESS_HOURS + 1], vec![true; STRESS_HOURS + 1])).collect();
-    let measured: Vec<Measured> = columns.iter().map(|(values, valid)| (values.as_slice(), valid.as_slice())).collect();
+    let measured: Vec<MeasuredOutput> = columns.iter().map(|(values, valid)| (values.as_slice(), valid.as_slice())).collect();
     let simulator = Simulator::new(model, &inputs, &measured, model.stepper(), substeps(model.stepper(), 1.0));
     simulator.run_with_states(theta)
 }

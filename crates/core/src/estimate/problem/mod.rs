@@ -20,7 +20,7 @@ use crate::data::{Grid, Split};
 use crate::fault::Fault;
 use crate::model::{Model, Nominal, Scale as ModelScale};
 use crate::optimise::{Candidate, Cost, Dimension, Evaluation, Scale, Space, Theta};
-use crate::simulate::trajectory::{Halt, Measured};
+use crate::simulate::trajectory::{Halt, MeasuredOutput};
 use crate::simulate::{Inputs, Simulator, Stepper, Trajectory, substeps};
 use crate::units::error_unit;
 use basis::Basis;
@@ -229,7 +229,7 @@ impl Problem {
     }
 
     /// The measured outputs with their validity.
-    pub fn measured(&self) -> Vec<Measured<'_>> {
+    pub fn measured(&self) -> Vec<MeasuredOutput<'_>> {
         self.measured.iter().map(|(values, valid)| (values.as_slice(), valid.as_slice())).collect()
     }
 
@@ -434,7 +434,7 @@ impl Problem {
 }
 
 fn simulator_for(model: &Model, inputs: &Inputs, measured: &[(Vec<f64>, Vec<bool>)], substeps: usize) -> Simulator {
-    let measured: Vec<Measured> = measured.iter().map(|(values, valid)| (values.as_slice(), valid.as_slice())).collect();
+    let measured: Vec<MeasuredOutput> = measured.iter().map(|(values, valid)| (values.as_slice(), valid.as_slice())).collect();
     Simulator::new(model, inputs, &measured, model.stepper(), substeps)
 }
 

@@ -2,7 +2,7 @@
 
 use super::super::fit::{Span, TracePoint};
 use super::super::problem::Problem;
-use super::performance::{Judged, Performance};
+use super::performance::{Performance, TuningJudgement};
 use crate::estimate::problem::request::EstimateRequest;
 use crate::estimate::search::control::{Control, EstimateError, Progress};
 use crate::estimate::search::drive::{drive, evaluate};
@@ -107,7 +107,7 @@ impl<'a> Arena<'a> {
     }
 
     /// Both on every window, in pairs of the same window and seed.
-    pub(super) fn judge(&mut self, before: &CfaOptions, tuned: &CfaOptions) -> Result<Judged, EstimateError> {
+    pub(super) fn judge(&mut self, before: &CfaOptions, tuned: &CfaOptions) -> Result<TuningJudgement, EstimateError> {
         let searches = UNSEEN.next_multiple_of(self.problems.len());
         let (mut old, mut new) = (Vec::new(), Vec::new());
         for number in 0..searches {
@@ -115,7 +115,7 @@ impl<'a> Arena<'a> {
             new.push(self.run(tuned, number)?);
         }
         let pairs: Vec<f64> = old.iter().zip(&new).map(|(old, new)| self.score(new) - self.score(old)).collect();
-        Ok(Judged {
+        Ok(TuningJudgement {
             searches,
             before: self.performance(&old),
             tuned: self.performance(&new),

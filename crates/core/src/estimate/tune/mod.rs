@@ -19,7 +19,7 @@ use crate::model::{Catalogue, ModelId};
 use crate::optimise::Method;
 use crate::optimise::cfa_options::{CfaOptions, LocalFrom};
 use arena::{Arena, Run, mean};
-pub use performance::{Judged, Performance};
+pub use performance::{Performance, TuningJudgement};
 use rand::{RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use serde::{Deserialize, Serialize};
@@ -55,7 +55,7 @@ pub struct Tuning {
     /// What came out.
     pub tuned: SeededMethod,
     /// Both on the unseen windows; `null` where no candidate was better than what the system had.
-    pub judged: Option<Judged>,
+    pub judged: Option<TuningJudgement>,
     /// The windows on which the settings were chosen.
     pub windows: Vec<Span>,
     /// The newer windows, which only judge.
@@ -142,7 +142,7 @@ pub fn tune(
             let method = |options: &CfaOptions| SeededMethod { seed: 0, method: Method::Cfa(options.clone()) };
             let (before, tuned) = (method(before), method(&tuned));
             let spans = |problems: &[(Span, Problem)]| problems.iter().map(|(span, _)| span.clone()).collect();
-            let better = judged.as_ref().is_some_and(Judged::is_better);
+            let better = judged.as_ref().is_some_and(TuningJudgement::is_better);
             Tuning {
                 model: model.to_string(),
                 summary: summary(judged.as_ref(), unseen.len()),
@@ -220,7 +220,7 @@ fn halve<E>(count: usize, first: usize, mut score: impl FnMut(&[usize], Range<us
     Ok(left.first().copied().unwrap_or(0))
 }
 
-type Chosen = (CfaOptions, Vec<Round>, Option<Judged>, usize);
+type Chosen = (CfaOptions, Vec<Round>, Option<TuningJudgement>, usize);
 
 /// The settings that are left, the rounds, both on the unseen windows, and what all of it cost.
 fn choose(
@@ -260,11 +260,11 @@ fn choose(
     Ok((tuned, rounds, Some(judged), arena.spent))
 }
 
-fn summary(judged: Option<&Judged>, unseen: usize) -> String {
+fn summary(judged: Option<&TuningJudgement>, unseen: usize) -> String {
     let Some(judged) = judged else {
         return "No other settings were better than those in use, which stay.".to_owned();
     };
-    let Judged { searches, before, tuned, ratio, fewer, .. } = judged;
+    let TuningJudgement { searches, before, tuned, ratio, fewer, .. } = judged;
     let percent = |share: f64| 100.0 * share;
     let word = if *ratio <= 1.0 { "fewer" } else { "more" };
     let figures = format!(
@@ -333,9 +333,9 @@ mod tests {
     #[test]
     fn success_and_the_end_of_a_search_count_beside_the_evaluations() {
         let side = |within, evaluations| Performance { within, to_reach: Some(1000.0), evaluations };
-        let judged = |ratio, tuned| Judged { searches: 20, before: side(0.95, 5000.0), tuned, ratio, fewer: 15, more: 5 };
+        let judged = |ratio, tuned| TuningJudgement { searches: 20, before: side(0.95, 5000.0), tuned, ratio, fewer: 15, more: 5 };
         assert!(judged(0.8, side(0.95, 5200.0)).is_better());
-        assert!(!Judged { fewer: 1, more: 0, ..judged(0.8, side(0.95, 5000.0)) }.is_better());
+        assert!(!TuningJudgement { fewer: 1, more: 0, ..judged(0.8, side(0.95, 5000.0)) }.is_better());
         assert!(!judged(0.97, side(0.95, 4000.0)).is_better());
         assert!(!judged(0.8, side(0.9, 4000.0)).is_better());
         assert!(!judged(0.8, side(1.0, 6000.0)).is_better());

@@ -13,8 +13,7 @@ const MAY_SPEND: f64 = 1.05;
 
 /// Both settings on the unseen windows, in pairs with the same window and seed.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
-#[schema(as = TuningJudgement)]
-pub struct Judged {
+pub struct TuningJudgement {
     /// Searches of each.
     pub searches: usize,
     /// What the system had.
@@ -29,7 +28,7 @@ pub struct Judged {
     pub more: usize,
 }
 
-impl Judged {
+impl TuningJudgement {
     /// Whether the tuned settings take the place of those in use: they come to the best known cost as often, need clearly fewer
     /// evaluations for it and not by chance, and their searches do not take longer to end.
     pub(super) fn is_better(&self) -> bool {
