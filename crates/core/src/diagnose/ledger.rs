@@ -15,6 +15,9 @@ use utoipa::ToSchema;
 /// Deviations on both sides that hold 95 of a hundred, and 99.
 const Z95: f64 = 1.96;
 const Z99: f64 = 2.58;
+/// Only what stands out of a catalogue of some twenty effects can be taken back: of twenty, with the days of a fortnight,
+/// one shows a t of 2.6 in every fourth room by chance, and one of 4 in one of seventy.
+const STANDS_OUT: f64 = 4.0;
 /// Below this pooled t an effect cannot be told from chance.
 pub const CLEAR_T: f64 = 2.0;
 /// From this I2 on most of what sizes differ by is no chance ("considerable" in the Cochrane Handbook).
@@ -349,7 +352,7 @@ fn fisher(chances: impl Iterator<Item = f64>) -> Option<f64> {
 fn taken_back(windows: &[&Entry]) -> Option<TakenBack> {
     let newest = windows.iter().max_by_key(|entry| entry.span.to)?;
     let others: Vec<&Entry> = windows.iter().copied().filter(|entry| entry.span != newest.span).collect();
-    if others.is_empty() || stouffer(&others, |score| score.t) < Z99 {
+    if others.is_empty() || stouffer(&others, |score| score.t) < STANDS_OUT {
         return None;
     }
     let (before, now) = (Mean::of(&others), Mean::of(&[newest]));

@@ -177,6 +177,9 @@ fn evidence_is_taken_back_where_the_newest_window_contradicts_it() {
     assert!(with(0.0, 0.2).is_none(), "a window that shows nothing of anything contradicts nothing");
     let faint: Vec<Entry> = (0..5).map(|place| entry(14 * place, 0.3, 0.3)).chain([entry(70, -0.9, 0.05)]).collect();
     assert!(pooled(&faint).taken_back.is_none(), "nothing clear was there to be taken back");
+    let once = |t: f64| pooled(&[entry(0, 0.05 * t, 0.05), entry(14, -0.2, 0.05)]).taken_back;
+    assert!(once(3.0).is_none(), "of twenty effects one shows as much by chance");
+    assert!(once(5.0).is_some());
     // An older window that differs is heterogeneity, and no change.
     let old = [vec![entry(-14, 0.0, 0.05)], clear].concat();
     assert!(pooled(&old).taken_back.is_none());

@@ -7,6 +7,7 @@
 use super::ledger::{CLEAR_T, EffectScore, Entry, Span, beside, pooled_with};
 use super::library::{align, candidate, carried, lacking};
 use super::report::PresentEffect;
+use super::score_test::RANKING_HOURS;
 use super::surrogates::Tests;
 use crate::data::Grid;
 use crate::estimate::{Problem, Site};
@@ -44,7 +45,7 @@ fn shown(
     let without = align(&without, &mut library);
     let theta = carried(problem, theta, &without);
     // What this window shows by itself and what several show together is told below; nothing is named here.
-    let tests = Tests::new(&without, &theta, &library, 0.0, &[], halt)?;
+    let tests = Tests::over(&[RANKING_HOURS], &without, &theta, &library, 0.0, &[], halt)?;
     let [candidate] = &library;
     let score = tests.hear(candidate).ranked?;
     let (model, hash) = (without.model().id().to_string(), without.model().hash().to_owned());

@@ -125,12 +125,25 @@ impl<'a> Tests<'a> {
         earlier: &'a [Entry],
         halt: Halt<'a>,
     ) -> Option<Self> {
+        Self::over(&LENGTHS, base, theta, candidates, rate, earlier, halt)
+    }
+
+    /// The same along segments of some lengths.
+    pub(super) fn over(
+        lengths: &[f64],
+        base: &'a Problem,
+        theta: &[f64],
+        candidates: &[CandidateEffect],
+        rate: f64,
+        earlier: &'a [Entry],
+        halt: Halt<'a>,
+    ) -> Option<Self> {
         if !base.filters() {
             return None;
         }
         let samples = base.split().train.start..base.split().validation.end;
         let look = |hours: &f64| Look::new(base, theta, samples.clone(), *hours, halt);
-        let looks: Vec<Look> = LENGTHS.par_iter().filter_map(look).collect();
+        let looks: Vec<Look> = lengths.par_iter().filter_map(look).collect();
         let nearest = |one: &usize, other: &usize| {
             let distance = |place: usize| (looks[place].hours - RANKING_HOURS).abs();
             distance(*one).total_cmp(&distance(*other))

@@ -97,11 +97,14 @@ fn statistic(input: &InputEvidence) -> f64 {
 /// The clock of the room itself, where no single input explains the same.
 fn clock(context: &ValidationContext, evidence: &Evidence, told: bool, table: &mut Table) {
     let Some((late, compared)) = evidence.clock else { return };
-    let pass = told || !(compared.ratio <= CLOCK && compared.t >= BELIEVED);
+    let (is_better, is_sure) = (compared.ratio <= CLOCK, compared.t >= BELIEVED);
+    let pass = told || !(is_better && is_sure);
     let channel = room(context);
     let inputs = evidence.names(|_| true);
     let comment = match (pass, late > 0) {
-        (true, _) => format!("{channel} follows its inputs by their clock"),
+        (true, _) if !is_better => format!("{channel} follows its inputs by their clock"),
+        (true, _) if is_sure => format!("what another clock of {channel} would mend is told of one input already"),
+        (true, _) => format!("another clock of {channel} fits better, but not on enough days to be sure"),
         (false, true) => format!("{channel} fits its inputs better {late} h earlier: is its clock late, or that of {inputs} early?"),
         (false, false) => format!("{channel} fits its inputs better {} h later: is its clock early, or that of {inputs} late?", -late),
     };
@@ -112,11 +115,14 @@ fn clock(context: &ValidationContext, evidence: &Evidence, told: bool, table: &m
 fn heating(context: &ValidationContext, evidence: &Evidence, table: &mut Table) {
     let heat: Vec<&InputEvidence> = evidence.inputs.iter().filter(|input| input.role == Role::Heat).collect();
     let Some(unexplained) = evidence.unexplained.filter(|_| !heat.is_empty()) else { return };
-    let pass = heat.iter().any(|input| input.is_seen()) || unexplained < UNEXPLAINED;
+    let is_quiet = unexplained < UNEXPLAINED;
+    let pass = is_quiet || heat.iter().any(|input| input.is_seen());
     let names = evidence.names(|input| input.role == Role::Heat);
     let room = room(context);
-    let comment = if pass {
-        "the heating is seen, or nothing moves this room that is not explained".to_owned()
+    let comment = if is_quiet {
+        "nothing moves this room that is not explained".to_owned()
+    } else if pass {
+        format!("something moves {room} that is not explained, but its heating is seen")
     } else {
         format!(
             "{names} does not drive {room}, and something does: unplugged, another room's, wrong unit? Shifted by days it forecasts as well"
