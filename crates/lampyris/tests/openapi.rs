@@ -1,6 +1,6 @@
 //! The description of the surface and the surface agree, both ways.
 //!
-//! `UPDATE_OPENAPI=1 cargo test --test openapi` writes the committed description anew.
+//! `UPDATE_OPENAPI=1 cargo test --release --workspace --test openapi` writes the committed description anew.
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
 #[path = "support/mod.rs"]
@@ -25,7 +25,7 @@ fn the_committed_description_is_the_generated_one() {
     let differs = committed.lines().zip(generated.lines()).position(|(committed, generated)| committed != generated);
     assert!(
         committed == generated,
-        "openapi.yaml differs from the handlers from line {}: UPDATE_OPENAPI=1 cargo test --test openapi writes it anew",
+        "openapi.yaml differs from the handlers from line {}: UPDATE_OPENAPI=1 cargo test --release --workspace --test openapi writes it anew",
         differs.map_or(committed.lines().count().min(generated.lines().count()), |line| line + 1)
     );
 }
