@@ -101,7 +101,7 @@ impl<'a> Course<'a> {
         });
     }
 
-    /// Of the effects so many are still `open`: some restarts go, and at least so many refits follow.
+    /// Of the effects so many are still `open`: some are searched from the nominal values, and at least so many refits follow.
     pub(super) fn open(&self, open: usize, restarts: usize, refits: usize) {
         self.tell(|state| {
             state.trials.tried = state.trials.of.saturating_sub(open);

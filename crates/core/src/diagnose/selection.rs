@@ -36,7 +36,8 @@ const PROMISING: f64 = 0.95;
 const PARTS: [f64; 3] = [1.0, 0.3, 0.1];
 /// A candidate leads clearly whose free run's squared error is this much of the null model's after the first part of its way.
 const CLEAR: f64 = 0.5;
-/// Ratio of free-run error to innovation deviation from which on restarts are sent with everybody before the first round ends with nothing:
+/// Ratio of free-run error to innovation deviation from which on every candidate is searched from the nominal values before the first
+/// round ends with nothing:
 /// below it little is left to explain, and with a finding the model is a room again.
 const FAR_RHO: f64 = 1.3;
 /// The same below which a large model is right but for noise, and whose simulations are too dear to look far for nothing.
@@ -106,7 +107,7 @@ pub fn round(
     let imitated = |score: &Score| score.imitated;
     let (mut chosen, mut skipped, mut restarting) = search_from_nominal(null, candidates, chosen, skipped, &imitated, course);
     let mut begun = begin_all(null, candidates, &chosen, &[], course);
-    // Where nobody of a large model leads clearly, the other restarts go before the rest of the way: refits are dear.
+    // Where nobody of a large model leads clearly, the others are searched for before the rest of the way: refits are dear.
     if far && !base.filters() && !leads_clearly(null, &begun) && !halt() {
         let known: Vec<(usize, Optima)> = chosen.iter().map(|one| one.place).zip(begun).collect();
         let more;
