@@ -37,8 +37,7 @@ const PARTS: [f64; 3] = [1.0, 0.3, 0.1];
 /// A candidate leads clearly whose free run's squared error is this much of the null model's after the first part of its way.
 const CLEAR: f64 = 0.5;
 /// Ratio of free-run error to innovation deviation from which on every candidate is searched from the nominal values before the first
-/// round ends with nothing:
-/// below it little is left to explain, and with a finding the model is a room again.
+/// round ends with nothing: below it little is left to explain, and with a finding the model is a room again.
 const FAR_RHO: f64 = 1.3;
 /// The same below which a large model is right but for noise, and whose simulations are too dear to look far for nothing.
 const RIGHT_RHO: f64 = 1.05;
