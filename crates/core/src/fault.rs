@@ -27,7 +27,12 @@ const LONGEST: usize = 500;
 impl Fault {
     /// A fault without a suggestion.
     pub fn new(pointer: impl Into<String>, code: &str, detail: impl Into<String>) -> Self {
-        Self { pointer: clip(pointer.into()), code: code.to_owned(), detail: clip(detail.into()), suggestion: None }
+        Self {
+            pointer: clip(pointer.into()),
+            code: code.to_owned(),
+            detail: clip(detail.into()),
+            suggestion: None,
+        }
     }
 
     /// The same fault with a suggestion.
@@ -62,7 +67,8 @@ pub fn nearest<'a>(wanted: &str, known: impl IntoIterator<Item = &'a str>) -> Op
     let slips = |name: &str| 1 + wanted.len().min(name.len()) / 3;
     known
         .into_iter()
-        // What differs by so much in length alone is not worth a comparison, which for a long text is a long one.
+        // What differs by so much in length alone is not worth a comparison, which for a long text is a long
+        // one.
         .filter(|name| wanted.len().abs_diff(name.len()) <= 4 * slips(name))
         .map(|name| (edit_distance(wanted, name), name))
         .min()

@@ -1,5 +1,5 @@
-//! Grey-box models, from their documents to validated parameters and to what they are missing. Pure: no async, no IO,
-//! no clock, no randomness of the system.
+//! Grey-box models, from their documents to validated parameters and to what they are missing. Pure: no
+//! async, no IO, no clock, no randomness of the system.
 //!
 //! # The map
 //! Folders are the stages that data pass, in order; every boundary is a change of type.
@@ -23,7 +23,8 @@
 //! 4. Only [`estimate::validate()`] makes an [`estimate::Acceptance`], and only an acceptance can be served.
 //!
 //! # An example
-//! A room whose truth is known, with a leak that its model does not know: fitted, judged, and asked what is missing.
+//! A room whose truth is known, with a leak that its model does not know: fitted, judged, and asked what is
+//! missing.
 //! ```
 //! use lampyris_core::data::{Bindings, SplitRequest, Window};
 //! use lampyris_core::diagnose::diagnose;

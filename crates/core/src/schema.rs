@@ -1,7 +1,9 @@
-//! What openapi.yaml says of names, lengths of time and joined objects. Other documents derive what it says of them,
-//! so that the description cannot say anything else than what is read and written.
+//! What openapi.yaml says of names, lengths of time and joined objects. Other documents derive what it says
+//! of them, so that the description cannot say anything else than what is read and written.
 
-use utoipa::openapi::schema::{AdditionalProperties, ArrayBuilder, KnownFormat, Object, ObjectBuilder, SchemaFormat, SchemaType, Type};
+use utoipa::openapi::schema::{
+    AdditionalProperties, ArrayBuilder, KnownFormat, Object, ObjectBuilder, SchemaFormat, SchemaType, Type,
+};
 use utoipa::openapi::{RefOr, Schema};
 use utoipa::{PartialSchema, ToSchema};
 
@@ -40,8 +42,9 @@ pub struct Interval;
 
 impl PartialSchema for Interval {
     fn schema() -> RefOr<Schema> {
-        let number =
-            ObjectBuilder::new().schema_type(SchemaType::Type(Type::Number)).format(Some(SchemaFormat::KnownFormat(KnownFormat::Double)));
+        let number = ObjectBuilder::new()
+            .schema_type(SchemaType::Type(Type::Number))
+            .format(Some(SchemaFormat::KnownFormat(KnownFormat::Double)));
         let pair = ArrayBuilder::new().items(number).min_items(Some(2)).max_items(Some(2));
         pair.description(Some("Lower and upper end.")).into()
     }
@@ -49,8 +52,8 @@ impl PartialSchema for Interval {
 
 impl ToSchema for Interval {}
 
-/// One object that has the fields of all of these, and no others if `closed`. `allOf` says the same of open objects
-/// only: each closed one forbids the fields of the others.
+/// One object that has the fields of all of these, and no others if `closed`. `allOf` says the same of open
+/// objects only: each closed one forbids the fields of the others.
 pub fn joined(parts: impl IntoIterator<Item = RefOr<Schema>>, closed: bool) -> Object {
     let mut whole = Object::with_type(Type::Object);
     for part in parts {

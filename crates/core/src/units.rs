@@ -138,7 +138,8 @@ impl Unit {
         self.addable(&Unit::ONE)
     }
 
-    /// The factor that turns a pure number in this unit (deg, pct) into a plain one; `None` for anything with a dimension.
+    /// The factor that turns a pure number in this unit (deg, pct) into a plain one; `None` for anything with
+    /// a dimension.
     pub fn number_scale(&self) -> Option<f64> {
         (self.dims == NUMBER).then_some(self.scale)
     }

@@ -27,7 +27,8 @@ use tokio::signal::unix::{SignalKind, signal};
 use tokio::sync::{Notify, watch};
 use tokio::task::{JoinHandle, JoinSet};
 
-/// How long jobs and answers under way may take after the service was asked to stop. Five seconds are promised.
+/// How long jobs and answers under way may take after the service was asked to stop. Five seconds are
+/// promised.
 const GRACE: Duration = Duration::from_secs(4);
 /// Files beside those of connections: the database, the log, the runtime.
 const SPARE_FILES: u64 = 128;
@@ -47,7 +48,8 @@ pub struct App {
 pub enum AppError {
     /// The settings make no sense.
     Settings(Vec<lampyris_core::fault::Fault>),
-    /// Where there are no tokens, whoever can reach the address can do everything: that may be this machine alone.
+    /// Where there are no tokens, whoever can reach the address can do everything: that may be this machine
+    /// alone.
     NotLoopback(SocketAddr),
     /// The address cannot be listened on.
     Bind(SocketAddr, std::io::Error),
@@ -76,7 +78,8 @@ impl std::fmt::Display for AppError {
             AppError::NotLoopback(addr) => {
                 write!(
                     f,
-                    "{addr} can be reached from other machines, and there are no tokens: make one first, with\n  \
+                    "{addr} can be reached from other machines, and there are no tokens: make one first, \
+                    with\n  \
                      lampyris token create --name NAME --scope admin --database FILE\nor bind to 127.0.0.1"
                 )
             }
@@ -132,7 +135,8 @@ impl App {
             return Err(AppError::NotLoopback(settings.bind));
         }
         let boot = store.next_boot().await?;
-        // Taken before anything ends, so that the jobs that fail right now are told and counted like all others.
+        // Taken before anything ends, so that the jobs that fail right now are told and counted like all
+        // others.
         let newest = store::events::newest(&store).await?;
         let recovered = store::jobs::recover(&store, boot, clock.now()).await?;
         if !recovered.requeued.is_empty() || !recovered.failed.is_empty() {
@@ -165,7 +169,8 @@ impl App {
         params::load_all(&service).await?;
         schedules::ensure_nightly(&service).await?;
         let bind = service.settings.bind;
-        let listener = bound(bind, service.settings.limits.connections).map_err(|error| AppError::Bind(bind, error))?;
+        let listener =
+            bound(bind, service.settings.limits.connections).map_err(|error| AppError::Bind(bind, error))?;
         let addr = listener.local_addr().map_err(AppError::Io)?;
         let mut tasks = JoinSet::new();
         for index in 0..service.settings.workers {
@@ -178,7 +183,9 @@ impl App {
         tasks.spawn(params::keep_fresh(service.clone()));
         tasks.spawn(schedules::run(service.clone()));
         let following = service.clone();
-        tasks.spawn(async move { tokens::follow(&following.tokens, &following.store, following.stopping.subscribe()).await });
+        tasks.spawn(async move {
+            tokens::follow(&following.tokens, &following.store, following.stopping.subscribe()).await
+        });
         let server = tokio::spawn(http::listen(listener, service.clone()));
         tracing::info!(%addr, boot, "listening on http://{addr}");
         Ok(App { addr, service, server, tasks })
@@ -197,11 +204,15 @@ impl App {
         self.service.stopping.send_replace(true);
         self.service.wake.notify_waiters();
         let tasks = async { while self.tasks.join_next().await.is_some() {} };
-        let (tasks_done, server_done) = tokio::join!(tokio::time::timeout(GRACE, tasks), tokio::time::timeout(GRACE, &mut self.server));
+        let (tasks_done, server_done) =
+            tokio::join!(tokio::time::timeout(GRACE, tasks), tokio::time::timeout(GRACE, &mut self.server));
         if tasks_done.is_err() {
-            // A job that did not hear in time is given back over its head; its own end will find the lease gone.
+            // A job that did not hear in time is given back over its head; its own end will find the lease
+            // gone.
             for lease in self.service.board.leases() {
-                if let Err(error) = store::jobs::requeue(&self.service.store, &lease, self.service.now()).await {
+                if let Err(error) =
+                    store::jobs::requeue(&self.service.store, &lease, self.service.now()).await
+                {
                     tracing::error!(%error, job = lease.job, "a job could not be given back");
                 }
             }
@@ -249,8 +260,8 @@ fn allow_files(connections: usize) {
     }
 }
 
-/// A listener with a queue for as many connections as may be open: with the usual 128, a crowd that arrives at once waits a second
-/// for the system to try again.
+/// A listener with a queue for as many connections as may be open: with the usual 128, a crowd that arrives
+/// at once waits a second for the system to try again.
 fn bound(address: SocketAddr, connections: usize) -> std::io::Result<TcpListener> {
     let socket = if address.is_ipv4() { TcpSocket::new_v4()? } else { TcpSocket::new_v6()? };
     // As a restart finds connections of the last life that the system has not forgotten yet.

@@ -1,5 +1,5 @@
-//! Lampyris keeps grey-box models honest: measurements in, validated parameters out. This is the service around
-//! [`lampyris_core`].
+//! Lampyris keeps grey-box models honest: measurements in, validated parameters out. This is the service
+//! around [`lampyris_core`].
 //!
 //! # The map
 //! | stage | turns | into |
@@ -9,7 +9,8 @@
 //! | [`http`] | all of it | the service |
 //! | [`cli`] | words on the command line | all of it |
 //!
-//! [`app`] composes them, [`settings`] says how. Tests enforce who may import whom (`tests/layers.rs`), and that nobody imports in circles (`tests/circles.rs`).
+//! [`app`] composes them, [`settings`] says how. Tests enforce who may import whom (`tests/layers.rs`), and
+//! that nobody imports in circles (`tests/circles.rs`).
 
 pub mod http;
 pub mod service;

@@ -35,8 +35,8 @@ pub struct Diagnose {
     pub accusation_rate: f64,
 }
 
-/// How many days something is kept that nothing names any more; 0 keeps it for ever. What was ever served is kept, with its
-/// fit and the windows that the fit has read.
+/// How many days something is kept that nothing names any more; 0 keeps it for ever. What was ever served is
+/// kept, with its fit and the windows that the fit has read.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Retention {
@@ -146,7 +146,10 @@ impl Settings {
     /// # Errors
     /// Every fault: a file that cannot be read, unknown fields, values that make no sense, and variables that
     /// look like a slip of the pen.
-    pub fn load(file: Option<&Path>, environment: impl IntoIterator<Item = (String, String)>) -> Result<Self, Vec<Fault>> {
+    pub fn load(
+        file: Option<&Path>,
+        environment: impl IntoIterator<Item = (String, String)>,
+    ) -> Result<Self, Vec<Fault>> {
         let mut faults = Vec::new();
         let mut settings = match file.map(|file| (file, std::fs::read_to_string(file))) {
             None => Self::default(),
@@ -155,8 +158,14 @@ impl Settings {
                 Self::default()
             }
             Some((file, Ok(text))) => toml::from_str(&text).unwrap_or_else(|error| {
-                let line = error.span().map_or(1, |span| 1 + text[..span.start.min(text.len())].matches('\n').count());
-                faults.push(Fault::new(format!("{} line {line}", file.display()), "invalid-settings", error.message().to_owned()));
+                let line = error
+                    .span()
+                    .map_or(1, |span| 1 + text[..span.start.min(text.len())].matches('\n').count());
+                faults.push(Fault::new(
+                    format!("{} line {line}", file.display()),
+                    "invalid-settings",
+                    error.message().to_owned(),
+                ));
                 Self::default()
             }),
         };
@@ -167,7 +176,8 @@ impl Settings {
                         faults.push(Fault::new(name, "invalid-settings", detail));
                     }
                 }
-                // Other variables may share the prefix; one that is nearly ours is a slip that must not go unnoticed.
+                // Other variables may share the prefix; one that is nearly ours is a slip that must not go
+                // unnoticed.
                 None if name.starts_with("LAMPYRIS_") => {
                     let close = nearest(&name[9..], VARIABLES.iter().map(|(known, _)| &known[9..]));
                     if let Some(known) = close {
@@ -186,7 +196,10 @@ impl Settings {
 
     /// Sets one field from a text.
     fn set(&mut self, field: &str, text: &str) -> Result<(), String> {
-        fn read<T: std::str::FromStr<Err: std::fmt::Display>>(target: &mut T, text: &str) -> Result<(), String> {
+        fn read<T: std::str::FromStr<Err: std::fmt::Display>>(
+            target: &mut T,
+            text: &str,
+        ) -> Result<(), String> {
             *target = text.parse().map_err(|error: T::Err| format!("`{text}`: {error}"))?;
             Ok(())
         }
@@ -221,8 +234,16 @@ impl Settings {
         };
         demand((1..=64).contains(&self.workers), "/workers", "there are between 1 and 64 workers");
         demand(self.threads <= 1024, "/threads", "there are at most 1024 threads");
-        demand(jiff::tz::TimeZone::get(&self.zone).is_ok(), "/zone", "this is no IANA time zone, such as `Europe/Copenhagen`");
-        demand(self.limits.window_bytes >= 1024, "/limits/window_bytes", "a window needs at least 1024 bytes");
+        demand(
+            jiff::tz::TimeZone::get(&self.zone).is_ok(),
+            "/zone",
+            "this is no IANA time zone, such as `Europe/Copenhagen`",
+        );
+        demand(
+            self.limits.window_bytes >= 1024,
+            "/limits/window_bytes",
+            "a window needs at least 1024 bytes",
+        );
         demand(self.limits.body_bytes >= 1024, "/limits/body_bytes", "a body needs at least 1024 bytes");
         demand(self.limits.queue >= 1, "/limits/queue", "at least one job must be able to wait");
         let quota = self.limits.quota();
@@ -232,18 +253,38 @@ impl Settings {
             "a database needs at least 1048576 bytes; 0 sets no quota",
         );
         demand(self.limits.job_seconds >= 1, "/limits/job_seconds", "a job needs at least a second");
-        demand((16..=1_000_000).contains(&self.limits.connections), "/limits/connections", "there are between 16 and 1000000 connections");
-        demand((1..=3_600).contains(&self.limits.header_seconds), "/limits/header_seconds", "a head takes between 1 and 3600 seconds");
-        demand((1..=3_600).contains(&self.limits.body_seconds), "/limits/body_seconds", "a body takes between 1 and 3600 seconds");
+        demand(
+            (16..=1_000_000).contains(&self.limits.connections),
+            "/limits/connections",
+            "there are between 16 and 1000000 connections",
+        );
+        demand(
+            (1..=3_600).contains(&self.limits.header_seconds),
+            "/limits/header_seconds",
+            "a head takes between 1 and 3600 seconds",
+        );
+        demand(
+            (1..=3_600).contains(&self.limits.body_seconds),
+            "/limits/body_seconds",
+            "a body takes between 1 and 3600 seconds",
+        );
         let Retention { jobs_days, diagnoses_days, windows_days } = self.retention;
         // Diagnoses read five weeks of measurements, and comparisons look farther back.
-        let days = [("jobs_days", jobs_days, 7), ("diagnoses_days", diagnoses_days, 7), ("windows_days", windows_days, 60)];
+        let days = [
+            ("jobs_days", jobs_days, 7),
+            ("diagnoses_days", diagnoses_days, 7),
+            ("windows_days", windows_days, 60),
+        ];
         for (field, days, least) in days {
             let detail = format!("at least {least} days are kept, and at most 36500; 0 keeps everything");
             demand(days == 0 || (least..=36_500).contains(&days), &format!("/retention/{field}"), &detail);
         }
         let rate = self.diagnose.accusation_rate;
-        demand(rate > 0.0 && rate <= 0.2, "/diagnose/accusation_rate", "an accusation rate is above 0 and at most 0.2");
+        demand(
+            rate > 0.0 && rate <= 0.2,
+            "/diagnose/accusation_rate",
+            "an accusation rate is above 0 and at most 0.2",
+        );
         faults
     }
 }
@@ -267,25 +308,41 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let file = dir.path().join("lampyris.toml");
         std::fs::write(&file, "workers = 3\nzone = \"Europe/Copenhagen\"\n[limits]\nqueue = 5\n").unwrap();
-        let settings =
-            Settings::load(Some(&file), environment(&[("LAMPYRIS_WORKERS", "4"), ("PATH", "x"), ("LAMPYRIS_URL", "y")])).unwrap();
-        assert_eq!((settings.workers, settings.limits.queue, settings.zone.as_str()), (4, 5, "Europe/Copenhagen"));
+        let settings = Settings::load(
+            Some(&file),
+            environment(&[("LAMPYRIS_WORKERS", "4"), ("PATH", "x"), ("LAMPYRIS_URL", "y")]),
+        )
+        .unwrap();
+        assert_eq!(
+            (settings.workers, settings.limits.queue, settings.zone.as_str()),
+            (4, 5, "Europe/Copenhagen")
+        );
         assert_eq!(settings.limits.body_bytes, Limits::default().body_bytes);
     }
 
     #[test]
     fn an_accusation_rate_lies_above_nothing_and_at_most_at_a_fifth() {
-        let load = |rate: &str| Settings::load(None, environment(&[("LAMPYRIS_DIAGNOSE_ACCUSATION_RATE", rate)]));
+        let load =
+            |rate: &str| Settings::load(None, environment(&[("LAMPYRIS_DIAGNOSE_ACCUSATION_RATE", rate)]));
         assert_eq!(load("0.2").unwrap().diagnose.accusation_rate, 0.2);
         for rate in ["0", "-0.1", "0.21", "NaN", "inf"] {
             let faults = load(rate).unwrap_err();
-            assert_eq!(faults.iter().map(|fault| fault.pointer.as_str()).collect::<Vec<_>>(), ["/diagnose/accusation_rate"], "{rate}");
+            assert_eq!(
+                faults.iter().map(|fault| fault.pointer.as_str()).collect::<Vec<_>>(),
+                ["/diagnose/accusation_rate"],
+                "{rate}"
+            );
         }
     }
 
     #[test]
     fn all_faults_are_listed_and_slips_are_noticed() {
-        let variables = [("LAMPYRIS_BIND", "here"), ("LAMPYRIS_ZONE", "Mars/Olympus"), ("LAMPYRIS_WORKER", "1"), ("LAMPYRIS_WORKERS", "0")];
+        let variables = [
+            ("LAMPYRIS_BIND", "here"),
+            ("LAMPYRIS_ZONE", "Mars/Olympus"),
+            ("LAMPYRIS_WORKER", "1"),
+            ("LAMPYRIS_WORKERS", "0"),
+        ];
         let faults = Settings::load(None, environment(&variables)).unwrap_err();
         let pointers: Vec<&str> = faults.iter().map(|fault| fault.pointer.as_str()).collect();
         assert_eq!(pointers, ["LAMPYRIS_BIND", "LAMPYRIS_WORKER", "/workers", "/zone"]);

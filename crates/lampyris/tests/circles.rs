@@ -1,7 +1,8 @@
 //! No file imports one that imports it, however long the way round: enforced over the sources as text.
 //!
-//! Imports are `use` statements and paths inside of the code. What a folder's `mod.rs` shows of its files by `pub use` is a face: whoever
-//! imports from it imports from the file behind, and the face itself imports nothing.
+//! Imports are `use` statements and paths inside of the code. What a folder's `mod.rs` shows of its files by
+//! `pub use` is a face: whoever imports from it imports from the file behind, and the face itself imports
+//! nothing.
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
 mod sources;
@@ -11,8 +12,19 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 /// The rooms of the estimation, in the order in which its data pass them.
-const ESTIMATE: [&str; 11] =
-    ["problem", "fit", "assess", "search", "uncertainty", "report", "likelihood", "run", "segments", "gate", "tune"];
+const ESTIMATE: [&str; 11] = [
+    "problem",
+    "fit",
+    "assess",
+    "search",
+    "uncertainty",
+    "report",
+    "likelihood",
+    "run",
+    "segments",
+    "gate",
+    "tune",
+];
 /// The longest chain of faces behind each other.
 const MOST_FACES: usize = 5;
 
@@ -94,7 +106,10 @@ impl Crate {
             at.push(name.clone());
             rest = &rest[1..];
         }
-        let behind = rest.first().and_then(|name| self.shown.get(&(at.clone(), name.clone()))).filter(|_| faces < MOST_FACES);
+        let behind = rest
+            .first()
+            .and_then(|name| self.shown.get(&(at.clone(), name.clone())))
+            .filter(|_| faces < MOST_FACES);
         let behind = behind.and_then(|shown| self.resolve(&at, &[shown, &rest[1..]].concat(), faces + 1));
         Some(behind.unwrap_or(at))
     }
@@ -103,7 +118,10 @@ impl Crate {
     fn imports(&self, module: &Module) -> Imports {
         let (code, is_face) = &self.files[module];
         let (statements, body) = uses(code);
-        let used = statements.into_iter().filter(|statement| !(*is_face && statement.is_public)).flat_map(|statement| statement.paths);
+        let used = statements
+            .into_iter()
+            .filter(|statement| !(*is_face && statement.is_public))
+            .flat_map(|statement| statement.paths);
         let mut imports = Imports::new();
         for path in used.chain(inline(&body)) {
             if let Some(other) = self.resolve(module, &path, 0).filter(|other| other != module) {
@@ -115,19 +133,28 @@ impl Crate {
 
     /// Every circle, with what ties its files to each other.
     fn circles(&self) -> Vec<Vec<String>> {
-        let imports: BTreeMap<&Module, Imports> = self.files.keys().map(|module| (module, self.imports(module))).collect();
-        let reached: BTreeMap<&Module, BTreeSet<&Module>> = imports.keys().map(|module| (*module, reach(module, &imports))).collect();
+        let imports: BTreeMap<&Module, Imports> =
+            self.files.keys().map(|module| (module, self.imports(module))).collect();
+        let reached: BTreeMap<&Module, BTreeSet<&Module>> =
+            imports.keys().map(|module| (*module, reach(module, &imports))).collect();
         let mut told: BTreeSet<&Module> = BTreeSet::new();
         let mut circles = Vec::new();
         for module in imports.keys() {
-            let circle: BTreeSet<&Module> = reached[module].iter().copied().filter(|other| reached[other].contains(module)).collect();
+            let circle: BTreeSet<&Module> =
+                reached[module].iter().copied().filter(|other| reached[other].contains(module)).collect();
             if circle.is_empty() || !told.insert(module) {
                 continue;
             }
             told.extend(&circle);
-            let ties =
-                circle.iter().flat_map(|file| imports[file].iter().filter(|(other, _)| circle.contains(other)).map(move |tie| (file, tie)));
-            circles.push(ties.map(|(file, (other, names))| format!("{} imports {} for {names:?}", shown(file), shown(other))).collect());
+            let ties = circle.iter().flat_map(|file| {
+                imports[file].iter().filter(|(other, _)| circle.contains(other)).map(move |tie| (file, tie))
+            });
+            circles.push(
+                ties.map(|(file, (other, names))| {
+                    format!("{} imports {} for {names:?}", shown(file), shown(other))
+                })
+                .collect(),
+            );
         }
         circles
     }
@@ -161,15 +188,19 @@ fn bare(code: &str) -> String {
         match character {
             '/' if next == Some('/') => at += characters[at..].iter().take_while(|c| **c != '\n').count(),
             // A lifetime has no second quote.
-            '\'' if next == Some('\\') => at += 3 + characters[at + 3..].iter().take_while(|c| **c != '\'').count(),
+            '\'' if next == Some('\\') => {
+                at += 3 + characters[at + 3..].iter().take_while(|c| **c != '\'').count()
+            }
             '\'' if characters.get(at + 2) == Some(&'\'') => at += 3,
             '"' => {
                 let hashes = bare.chars().rev().take_while(|c| *c == '#').count();
-                let is_raw =
-                    bare.chars().rev().nth(hashes) == Some('r') && bare.chars().rev().nth(hashes + 1).is_none_or(|c| !c.is_alphanumeric());
+                let is_raw = bare.chars().rev().nth(hashes) == Some('r')
+                    && bare.chars().rev().nth(hashes + 1).is_none_or(|c| !c.is_alphanumeric());
                 at += 1;
                 while let Some(inside) = characters.get(at).copied() {
-                    let is_end = inside == '"' && (!is_raw || characters[at + 1..].iter().take_while(|c| **c == '#').count() >= hashes);
+                    let is_end = inside == '"'
+                        && (!is_raw
+                            || characters[at + 1..].iter().take_while(|c| **c == '#').count() >= hashes);
                     at += if inside == '\\' && !is_raw { 2 } else { 1 };
                     if is_end {
                         break;
@@ -191,9 +222,9 @@ fn uses(code: &str) -> (Vec<Use>, String) {
     let mut lines = code.lines();
     while let Some(line) = lines.next() {
         let trimmed = line.trim_start();
-        let sight = trimmed
-            .strip_prefix("pub")
-            .map(|rest| rest.strip_prefix('(').and_then(|rest| rest.split_once(')')).map_or(rest, |(_, rest)| rest));
+        let sight = trimmed.strip_prefix("pub").map(|rest| {
+            rest.strip_prefix('(').and_then(|rest| rest.split_once(')')).map_or(rest, |(_, rest)| rest)
+        });
         let Some(rest) = sight.unwrap_or(trimmed).trim_start().strip_prefix("use ") else {
             body.push_str(line);
             body.push('\n');
@@ -216,7 +247,8 @@ fn expand(before: &str, import: &str) -> Vec<Vec<String>> {
         let path = format!("{before}{}", import.split(" as ").next().unwrap_or_default());
         return vec![path.split("::").map(|word| word.trim().to_owned()).collect()];
     };
-    let (before, group) = (format!("{before}{}", head.trim()), group.trim_end().strip_suffix('}').unwrap_or(group));
+    let (before, group) =
+        (format!("{before}{}", head.trim()), group.trim_end().strip_suffix('}').unwrap_or(group));
     let mut parts = vec![String::new()];
     let mut depth = 0;
     for character in group.chars() {
@@ -231,7 +263,12 @@ fn expand(before: &str, import: &str) -> Vec<Vec<String>> {
         }
         parts.last_mut().unwrap().push(character);
     }
-    parts.iter().map(|part| part.trim()).filter(|part| !part.is_empty()).flat_map(|part| expand(&before, part)).collect()
+    parts
+        .iter()
+        .map(|part| part.trim())
+        .filter(|part| !part.is_empty())
+        .flat_map(|part| expand(&before, part))
+        .collect()
 }
 
 /// The paths inside of code: words joined by `::`.
@@ -246,7 +283,8 @@ fn crates() -> BTreeMap<String, BTreeMap<String, String>> {
     let mut crates: BTreeMap<String, BTreeMap<String, String>> = BTreeMap::new();
     for (path, text) in sources("crates").into_iter().filter(|(path, _)| is_source(path) && !is_test(path)) {
         let name = path.components().nth(1).unwrap().as_os_str().to_string_lossy().into_owned();
-        let inside = path.strip_prefix(Path::new("crates").join(&name).join("src")).unwrap().with_extension("");
+        let inside =
+            path.strip_prefix(Path::new("crates").join(&name).join("src")).unwrap().with_extension("");
         crates.entry(name).or_default().insert(inside.to_string_lossy().into_owned(), text);
     }
     crates
@@ -266,11 +304,16 @@ fn no_file_imports_one_that_imports_it() {
 fn no_room_of_the_estimation_imports_one_that_stands_after_it() {
     let core = Crate::read(&crates()["core"]);
     let place = |module: &Module| (module.first()? == "estimate").then(|| module.get(1)).flatten().cloned();
-    let rank = |room: &str| ESTIMATE.iter().position(|known| *known == room).unwrap_or_else(|| panic!("`{room}` has no place"));
+    let rank = |room: &str| {
+        ESTIMATE.iter().position(|known| *known == room).unwrap_or_else(|| panic!("`{room}` has no place"))
+    };
     let mut wrong = Vec::new();
     for module in core.files.keys() {
         let Some(room) = place(module) else { continue };
-        let later = core.imports(module).into_keys().filter(|other| place(other).is_some_and(|other| rank(&other) > rank(&room)));
+        let later = core
+            .imports(module)
+            .into_keys()
+            .filter(|other| place(other).is_some_and(|other| rank(&other) > rank(&room)));
         wrong.extend(later.map(|other| format!("{} imports {}", shown(module), shown(&other))));
     }
     assert!(wrong.is_empty(), "{wrong:#?}");
@@ -291,15 +334,34 @@ fn a_circle_is_found_and_a_face_is_none() {
         ("room/door", "use super::{Wall};\nuse crate::room::Wall as W;"),
     ];
     assert!(circles(&none).is_empty(), "whoever imports from a face imports from the file behind it");
-    let grouped =
-        [face, ("room/wall", "use super::{\n    door::{Door, hinge},\n    Wall,\n};"), ("room/door", "fn f() -> crate::room::Wall {}")];
+    let grouped = [
+        face,
+        ("room/wall", "use super::{\n    door::{Door, hinge},\n    Wall,\n};"),
+        ("room/door", "fn f() -> crate::room::Wall {}"),
+    ];
     let found = circles(&grouped);
-    assert_eq!(found, [["room/door imports room/wall for {\"Wall\"}", "room/wall imports room/door for {\"Door\", \"hinge\"}"]]);
-    let defining = [("room/mod", "mod wall;\npub struct Room(wall::Wall);"), ("room/wall", "use super::Room;")];
-    assert_eq!(circles(&defining).len(), 1, "a folder that defines what its files import, from what they define");
-    let texts =
-        [("a", "// use super::b::B;\nconst A: &str = \"super::b::B\"; const Q: char = '\"'; fn f<'a>() {}"), ("b", "use super::a::A;")];
+    assert_eq!(
+        found,
+        [[
+            "room/door imports room/wall for {\"Wall\"}",
+            "room/wall imports room/door for {\"Door\", \"hinge\"}"
+        ]]
+    );
+    let defining =
+        [("room/mod", "mod wall;\npub struct Room(wall::Wall);"), ("room/wall", "use super::Room;")];
+    assert_eq!(
+        circles(&defining).len(),
+        1,
+        "a folder that defines what its files import, from what they define"
+    );
+    let texts = [
+        ("a", "// use super::b::B;\nconst A: &str = \"super::b::B\"; const Q: char = '\"'; fn f<'a>() {}"),
+        ("b", "use super::a::A;"),
+    ];
     assert!(circles(&texts).is_empty(), "comments and texts import nothing");
-    let tests = [("a", "pub struct A;\n#[cfg(test)]\nmod tests {\n    use crate::b::B;\n}"), ("b", "use crate::a::A;")];
+    let tests = [
+        ("a", "pub struct A;\n#[cfg(test)]\nmod tests {\n    use crate::b::B;\n}"),
+        ("b", "use crate::a::A;"),
+    ];
     assert!(circles(&tests).is_empty(), "unit tests may use more");
 }

@@ -33,13 +33,24 @@ const IN_SERVICE: &str = "crates/lampyris/src";
 const IN_STORE: &str = "crates/lampyris/src/store";
 const IN_HTTP: &str = "crates/lampyris/src/http";
 /// The pure core: no async, no IO, no clock.
-const IMPURE: [&str; 10] =
-    ["tokio::", "axum::", "sqlx::", "tower", "std::time", "std::fs", "std::net", "std::env", "SystemTime", "Timestamp::now"];
+const IMPURE: [&str; 10] = [
+    "tokio::",
+    "axum::",
+    "sqlx::",
+    "tower",
+    "std::time",
+    "std::fs",
+    "std::net",
+    "std::env",
+    "SystemTime",
+    "Timestamp::now",
+];
 const LONGEST_FILE: usize = 500;
 /// What a public name may be of.
 const KINDS: [&str; 5] = ["struct", "enum", "trait", "type", "fn"];
 
-/// `crates/lampyris/src/store/jobs.rs` and `crates/lampyris/src/settings.rs` belong to `store` and `settings`.
+/// `crates/lampyris/src/store/jobs.rs` and `crates/lampyris/src/settings.rs` belong to `store` and
+/// `settings`.
 fn stage(path: &Path) -> String {
     let first = path.components().nth(3).unwrap().as_os_str().to_string_lossy().into_owned();
     first.trim_end_matches(".rs").to_owned()
@@ -62,7 +73,8 @@ fn named(code: &str) -> Vec<String> {
         let group = rest.strip_prefix('{').map(|inner| inner.split('}').next().unwrap_or_default());
         let parts: Vec<&str> = group.map_or_else(|| vec![rest], |group| group.split(',').collect());
         for part in parts {
-            let name: String = part.trim_start().chars().take_while(|c| c.is_alphanumeric() || *c == '_').collect();
+            let name: String =
+                part.trim_start().chars().take_while(|c| c.is_alphanumeric() || *c == '_').collect();
             if !name.is_empty() {
                 names.push(name);
             }
@@ -99,7 +111,12 @@ fn the_core_is_pure() {
     let mut wrong = Vec::new();
     for (path, text) in sources(IN_CORE).into_iter().filter(|(path, _)| !is_test(path)) {
         let code = code(&text);
-        wrong.extend(IMPURE.iter().filter(|word| code.contains(**word)).map(|word| format!("{} uses {word}", path.display())));
+        wrong.extend(
+            IMPURE
+                .iter()
+                .filter(|word| code.contains(**word))
+                .map(|word| format!("{} uses {word}", path.display())),
+        );
     }
     assert!(wrong.is_empty(), "{wrong:#?}");
 }
@@ -109,9 +126,11 @@ fn each_outer_library_has_one_home() {
     let mut wrong = Vec::new();
     for (path, text) in sources(IN_SERVICE) {
         let (stage, code) = (stage(&path), code(&text));
-        for (library, homes) in
-            [("sqlx::", &["store"][..]), ("axum::", &["http", "app", "cli"][..]), ("Timestamp::now", &["service", "cli"][..])]
-        {
+        for (library, homes) in [
+            ("sqlx::", &["store"][..]),
+            ("axum::", &["http", "app", "cli"][..]),
+            ("Timestamp::now", &["service", "cli"][..]),
+        ] {
             if code.contains(library) && !homes.contains(&stage.as_str()) {
                 wrong.push(format!("{} uses {library}", path.display()));
             }
@@ -128,7 +147,8 @@ fn writers() -> BTreeSet<String> {
         for function in code(&text).split("pub async fn ").skip(1) {
             let body = function.split("\n}").next().unwrap_or_default();
             if body.contains(".write()") {
-                let name: String = function.chars().take_while(|c| c.is_alphanumeric() || *c == '_').collect();
+                let name: String =
+                    function.chars().take_while(|c| c.is_alphanumeric() || *c == '_').collect();
                 writers.insert(format!("{noun}::{name}"));
             }
         }
@@ -144,7 +164,8 @@ fn the_surface_writes_nothing_by_itself() {
     for (path, text) in sources(IN_HTTP) {
         let code = code(&text);
         for (at, _) in code.match_indices("store::") {
-            let called: String = code[at + 7..].chars().take_while(|c| c.is_alphanumeric() || "_:".contains(*c)).collect();
+            let called: String =
+                code[at + 7..].chars().take_while(|c| c.is_alphanumeric() || "_:".contains(*c)).collect();
             if writers.contains(&called) {
                 wrong.push(format!("{} calls store::{called}", path.display()));
             }
@@ -168,7 +189,9 @@ fn the_house_is_tidy() {
             wrong.push(format!("{at} has {lines} lines"));
         }
         let is_this = path.ends_with("layers.rs");
-        if ["home", "work", "root", "Users"].iter().any(|place| text.contains(&format!("/{place}/"))) && !is_this {
+        if ["home", "work", "root", "Users"].iter().any(|place| text.contains(&format!("/{place}/")))
+            && !is_this
+        {
             wrong.push(format!("{at} names a place of one machine"));
         }
         if is_source(&path) {
@@ -188,9 +211,14 @@ fn the_house_is_tidy() {
 
 /// The names of the last table of the vocabulary.
 fn refused_names() -> BTreeSet<String> {
-    let page = std::fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/contributing/vocabulary.md")).unwrap();
+    let page = std::fs::read_to_string(concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/../../docs/contributing/vocabulary.md"
+    ))
+    .unwrap();
     let table = page.split("## Names that the code does not use").nth(1).unwrap();
-    let row = |line: &str| line.strip_prefix("| `").and_then(|rest| rest.split('`').next()).map(str::to_owned);
+    let row =
+        |line: &str| line.strip_prefix("| `").and_then(|rest| rest.split('`').next()).map(str::to_owned);
     table.lines().filter_map(row).collect()
 }
 
@@ -201,7 +229,9 @@ fn public_names_are_words_of_the_field() {
     let mut wrong = Vec::new();
     for (path, text) in sources(IN_CORE).into_iter().chain(sources(IN_SERVICE)) {
         for line in code(&text).lines().map(str::trim_start).filter(|line| line.starts_with("pub")) {
-            let mut words = line.split(|c: char| !c.is_alphanumeric() && c != '_').skip_while(|word| !KINDS.contains(word));
+            let mut words = line
+                .split(|c: char| !c.is_alphanumeric() && c != '_')
+                .skip_while(|word| !KINDS.contains(word));
             let name = words.nth(1).unwrap_or_default();
             if refused.contains(name) {
                 wrong.push(format!("{}: {name}", path.display()));

@@ -22,10 +22,12 @@ fn the_committed_description_is_the_generated_one() {
         std::fs::write(&file, &generated).unwrap();
     }
     let committed = std::fs::read_to_string(&file).unwrap_or_default();
-    let differs = committed.lines().zip(generated.lines()).position(|(committed, generated)| committed != generated);
+    let differs =
+        committed.lines().zip(generated.lines()).position(|(committed, generated)| committed != generated);
     assert!(
         committed == generated,
-        "openapi.yaml differs from the handlers from line {}: UPDATE_OPENAPI=1 cargo test --release --workspace --test openapi writes it anew",
+        "openapi.yaml differs from the handlers from line {}: UPDATE_OPENAPI=1 cargo test --release \
+        --workspace --test openapi writes it anew",
         differs.map_or(committed.lines().count().min(generated.lines().count()), |line| line + 1)
     );
 }
@@ -36,7 +38,8 @@ fn every_described_path_exists_with_these_methods_and_no_others() {
     let paths = lampyris::http::described_paths();
     assert!(paths.len() >= 20);
     for (path, described) in paths {
-        let described: BTreeSet<&str> = described.iter().map(String::as_str).filter(|method| METHODS.contains(method)).collect();
+        let described: BTreeSet<&str> =
+            described.iter().map(String::as_str).filter(|method| METHODS.contains(method)).collect();
         let concrete = path.replace("{kind}", "room").replace("{id}", "none").replace("{name}", "none");
         for method in METHODS {
             let answer = app
@@ -48,9 +51,16 @@ fn every_described_path_exists_with_these_methods_and_no_others() {
                     (method != "get").then_some(b"[]".as_slice()),
                 )
                 .unwrap();
-            let exists = answer.status != 405 && !(answer.status == 404 && answer.text.contains("\"not-found\""));
+            let exists =
+                answer.status != 405 && !(answer.status == 404 && answer.text.contains("\"not-found\""));
             // A thing that is not there is a 404 of its own kind, so the path itself is known.
-            assert_eq!(exists, described.contains(method), "{method} {path}: {} {}", answer.status, answer.text);
+            assert_eq!(
+                exists,
+                described.contains(method),
+                "{method} {path}: {} {}",
+                answer.status,
+                answer.text
+            );
         }
     }
 }
@@ -64,7 +74,11 @@ fn operations() -> Vec<Value> {
 
 /// The successes of an operation that have a body: media types with their contents.
 fn successes(operation: &Value) -> impl Iterator<Item = (&String, &Value)> {
-    let responses = operation["responses"].as_object().into_iter().flatten().filter(|(status, _)| status.starts_with('2'));
+    let responses = operation["responses"]
+        .as_object()
+        .into_iter()
+        .flatten()
+        .filter(|(status, _)| status.starts_with('2'));
     responses.flat_map(|(_, response)| response["content"].as_object().into_iter().flatten())
 }
 
@@ -98,11 +112,21 @@ fn every_example_belongs_to_an_operation() {
         for (name, examples) in serde_json::from_str::<serde_json::Map<String, Value>>(&text).unwrap() {
             let operation = operations.iter().find(|operation| operation["operationId"] == *name);
             let operation = operation.unwrap_or_else(|| panic!("there is no operation {name}"));
-            for media_type in examples["requests"].as_object().into_iter().flatten().map(|(media_type, _)| media_type) {
-                assert!(!operation["requestBody"]["content"][media_type].is_null(), "{name} takes no {media_type}");
+            for media_type in
+                examples["requests"].as_object().into_iter().flatten().map(|(media_type, _)| media_type)
+            {
+                assert!(
+                    !operation["requestBody"]["content"][media_type].is_null(),
+                    "{name} takes no {media_type}"
+                );
             }
-            for media_type in examples["answers"].as_object().into_iter().flatten().map(|(media_type, _)| media_type) {
-                assert!(successes(operation).any(|(described, _)| described == media_type), "{name} answers no {media_type}");
+            for media_type in
+                examples["answers"].as_object().into_iter().flatten().map(|(media_type, _)| media_type)
+            {
+                assert!(
+                    successes(operation).any(|(described, _)| described == media_type),
+                    "{name} answers no {media_type}"
+                );
             }
         }
     }
@@ -110,7 +134,8 @@ fn every_example_belongs_to_an_operation() {
 
 #[test]
 fn every_path_of_the_sources_is_described() {
-    let described: BTreeSet<String> = lampyris::http::described_paths().into_iter().map(|(path, _)| path).collect();
+    let described: BTreeSet<String> =
+        lampyris::http::described_paths().into_iter().map(|(path, _)| path).collect();
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("src/http");
     let mut undescribed = Vec::new();
     // The page is no part of the surface: its addresses are its own.
@@ -118,8 +143,13 @@ fn every_path_of_the_sources_is_described() {
     for file in files.filter(|path| path.is_file() && !path.ends_with("web.rs")) {
         let text = std::fs::read_to_string(file).unwrap();
         // A plain `.route(` would add a path that no description knows.
-        undescribed.extend(text.match_indices(".route(").map(|(at, _)| text[at..].lines().next().unwrap_or_default().to_owned()));
-        let named = text.match_indices("path = \"/").map(|(at, _)| text[at + 8..].split('"').next().unwrap_or_default().to_owned());
+        undescribed.extend(
+            text.match_indices(".route(")
+                .map(|(at, _)| text[at..].lines().next().unwrap_or_default().to_owned()),
+        );
+        let named = text
+            .match_indices("path = \"/")
+            .map(|(at, _)| text[at + 8..].split('"').next().unwrap_or_default().to_owned());
         undescribed.extend(named.filter(|path| !described.contains(path)));
     }
     assert!(undescribed.is_empty(), "{undescribed:?}");

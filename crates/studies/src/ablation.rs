@@ -1,5 +1,5 @@
-//! Which modification of the firefly algorithm matters: each alone removed from the thesis's cFA, and each alone added to the
-//! original algorithm, on the same seeds.
+//! Which modification of the firefly algorithm matters: each alone removed from the thesis's cFA, and each
+//! alone added to the original algorithm, on the same seeds.
 
 use super::functions::methods::{CASES, Case, clustered, name, original};
 use super::functions::outcome::one;
@@ -27,15 +27,25 @@ const MODIFICATIONS: [Modification; 8] = [
     Modification { name: "alpha decay", take: |o, from| o.decay = from.decay },
     Modification { name: "population control", take: |o, from| o.n_min = from.n_min.min(o.n) },
     Modification { name: "bounce at the edges", take: |o, from| o.edges = from.edges },
-    Modification { name: "clusters", take: |o, from| (o.target, o.target_min) = (from.target, from.target_min) },
-    Modification { name: "shrinking clusters", take: |o, from| o.target_min = if from.target_min < from.target { 1.0 } else { o.target } },
+    Modification {
+        name: "clusters",
+        take: |o, from| (o.target, o.target_min) = (from.target, from.target_min),
+    },
+    Modification {
+        name: "shrinking clusters",
+        take: |o, from| o.target_min = if from.target_min < from.target { 1.0 } else { o.target },
+    },
     Modification { name: "sqrt(n_c)", take: |o, from| o.crowd = from.crowd },
 ];
 
 /// The other's schedule at this one's scale: constant, or from a small to a large gamma.
 fn gammas(o: &CfaThesisOptions, from: &CfaThesisOptions) -> (f64, f64) {
     let scale = o.gamma_max / if o.gamma_min < o.gamma_max { 1.0 } else { from.gamma_max };
-    if from.gamma_min < from.gamma_max { (from.gamma_min * scale, from.gamma_max * scale) } else { (1.0, 1.0) }
+    if from.gamma_min < from.gamma_max {
+        (from.gamma_min * scale, from.gamma_max * scale)
+    } else {
+        (1.0, 1.0)
+    }
 }
 
 /// Medians over the seeds, and how often the change is for the worse.
@@ -44,10 +54,20 @@ pub fn run(asked: &Seeds) -> Vec<Row> {
     let mut rows = Vec::new();
     for case in CASES.iter().filter(|case| case.dimensions != 15) {
         let thesis = CfaThesisOptions { crowd: Crowd::Step, ..clustered(case) };
-        let plain = CfaThesisOptions { crowd: Crowd::Ignored, edges: Edges::Clamp, ..original(case).as_one_cluster() };
-        for (base, other, title, word) in [(&thesis, &plain, "cFA", "without"), (&plain, &thesis, "original FA", "with")] {
+        let plain = CfaThesisOptions {
+            crowd: Crowd::Ignored,
+            edges: Edges::Clamp,
+            ..original(case).as_one_cluster()
+        };
+        for (base, other, title, word) in
+            [(&thesis, &plain, "cFA", "without"), (&plain, &thesis, "original FA", "with")]
+        {
             let before = errors(case, base, first, seeds);
-            rows.push(Row::new(format!("{} {}: {title}, median error", name(case.function), case.dimensions), median(&before), ""));
+            rows.push(Row::new(
+                format!("{} {}: {title}, median error", name(case.function), case.dimensions),
+                median(&before),
+                "",
+            ));
             for modification in &MODIFICATIONS {
                 let mut changed = base.clone();
                 (modification.take)(&mut changed, other);
@@ -56,7 +76,11 @@ pub fn run(asked: &Seeds) -> Vec<Row> {
                 }
                 let after = errors(case, &changed, first, seeds);
                 let (better, worse) = (wins(&after, &before), wins(&before, &after));
-                let what = format!("  {word} {}: {better} better, {worse} worse, p {:.0e}", modification.name, sign_test(better, worse));
+                let what = format!(
+                    "  {word} {}: {better} better, {worse} worse, p {:.0e}",
+                    modification.name,
+                    sign_test(better, worse)
+                );
                 rows.push(Row::new(what, median(&after), ""));
             }
         }

@@ -1,5 +1,5 @@
-//! Charts as SVG text. Colours come from the style sheet by class, and every series has a line or a mark of its own, so
-//! that none is told by colour alone.
+//! Charts as SVG text. Colours come from the style sheet by class, and every series has a line or a mark of
+//! its own, so that none is told by colour alone.
 
 use super::page::{escaped, number};
 use std::fmt::Write;
@@ -26,12 +26,14 @@ pub struct Frame<'a> {
     pub size: (f64, f64),
 }
 
-/// Lines over days, the unseen part shaded. What leaves the measured range by far is cut at the edge of the chart.
+/// Lines over days, the unseen part shaded. What leaves the measured range by far is cut at the edge of the
+/// chart.
 pub fn lines(frame: &Frame, lines: &[Line]) -> String {
     let (width, height) = frame.size;
     let (left, right, top, bottom) = (34.0, 6.0, 6.0, 20.0);
     let samples = lines.iter().map(|line| line.values.len()).max().unwrap_or(0).max(2);
-    let measured = lines.first().map(|line| range(line.values.iter().flatten().copied())).unwrap_or((0.0, 1.0));
+    let measured =
+        lines.first().map(|line| range(line.values.iter().flatten().copied())).unwrap_or((0.0, 1.0));
     let all = range(lines.iter().flat_map(|line| line.values.iter().flatten().copied()));
     // Ten units beyond what was measured tell enough of a run that leaves it.
     let (low, high) = (all.0.max(measured.0 - 10.0), all.1.min(measured.1 + 10.0));
@@ -39,7 +41,10 @@ pub fn lines(frame: &Frame, lines: &[Line]) -> String {
     let (low, high) = ((low / step).floor() * step, (high / step).ceil() * step);
     let x = |sample: f64| left + sample / (samples - 1) as f64 * (width - left - right);
     let y = |value: f64| top + (high - value.clamp(low, high)) / (high - low) * (height - top - bottom);
-    let mut svg = format!(r#"<svg class="chart" role="img" viewBox="0 0 {width} {height}" aria-label="{}">"#, escaped(frame.label));
+    let mut svg = format!(
+        r#"<svg class="chart" role="img" viewBox="0 0 {width} {height}" aria-label="{}">"#,
+        escaped(frame.label)
+    );
     let from = x(frame.unseen as f64);
     let _ = write!(
         svg,
@@ -49,19 +54,38 @@ pub fn lines(frame: &Frame, lines: &[Line]) -> String {
     );
     let mut value = low;
     while value <= high + 0.01 * step {
-        let _ = write!(svg, r#"<line class="grid-line" x1="{left}" x2="{:.1}" y1="{1:.1}" y2="{1:.1}"/>"#, width - right, y(value));
-        let _ =
-            write!(svg, r#"<text class="quiet" text-anchor="end" x="{:.1}" y="{:.1}">{}</text>"#, left - 4.0, y(value) + 4.0, short(value));
+        let _ = write!(
+            svg,
+            r#"<line class="grid-line" x1="{left}" x2="{:.1}" y1="{1:.1}" y2="{1:.1}"/>"#,
+            width - right,
+            y(value)
+        );
+        let _ = write!(
+            svg,
+            r#"<text class="quiet" text-anchor="end" x="{:.1}" y="{:.1}">{}</text>"#,
+            left - 4.0,
+            y(value) + 4.0,
+            short(value)
+        );
         value += step;
     }
     let days = samples.div_ceil(frame.per_day);
     for day in (0..=days).step_by(if width < 500.0 && days > 7 { 7 } else { 1 }) {
         let at = x((day * frame.per_day).min(samples - 1) as f64);
-        let _ = write!(svg, r#"<text class="quiet" text-anchor="middle" x="{at:.1}" y="{:.1}">{day} d</text>"#, height - 5.0);
+        let _ = write!(
+            svg,
+            r#"<text class="quiet" text-anchor="middle" x="{at:.1}" y="{:.1}">{day} d</text>"#,
+            height - 5.0
+        );
     }
     for line in lines {
-        let _ =
-            write!(svg, r#"<path class="{}" d="{}"><title>{}</title></path>"#, line.style, path(&line.values, &x, &y), escaped(line.name));
+        let _ = write!(
+            svg,
+            r#"<path class="{}" d="{}"><title>{}</title></path>"#,
+            line.style,
+            path(&line.values, &x, &y),
+            escaped(line.name)
+        );
     }
     svg.push_str("</svg>");
     svg
@@ -73,7 +97,13 @@ fn path(values: &[Option<f64>], x: &dyn Fn(f64) -> f64, y: &dyn Fn(f64) -> f64) 
     for (sample, value) in values.iter().enumerate() {
         match value.filter(|value| value.is_finite()) {
             Some(value) => {
-                let _ = write!(text, "{}{:.1} {:.1}", if is_down { 'L' } else { 'M' }, x(sample as f64), y(value));
+                let _ = write!(
+                    text,
+                    "{}{:.1} {:.1}",
+                    if is_down { 'L' } else { 'M' },
+                    x(sample as f64),
+                    y(value)
+                );
                 is_down = true;
             }
             None => is_down = false,
@@ -106,19 +136,44 @@ pub fn dots(label: &str, series: &[&str], rows: &[(String, Vec<Option<f64>>)]) -
     let height = top + pitch * rows.len() as f64 + 24.0;
     let (low, high) = range(rows.iter().flat_map(|(_, values)| values.iter().flatten().copied()));
     let (low, high) = (low.max(1e-6).log10().floor(), high.max(1e-5).log10().ceil());
-    let x = |value: f64| left + (value.max(1e-6).log10() - low) / (high - low).max(1.0) * (width - left - right);
-    let mut svg = format!(r#"<svg class="chart dots" role="img" viewBox="0 0 {width} {height}" aria-label="{}">"#, escaped(label));
+    let x =
+        |value: f64| left + (value.max(1e-6).log10() - low) / (high - low).max(1.0) * (width - left - right);
+    let mut svg = format!(
+        r#"<svg class="chart dots" role="img" viewBox="0 0 {width} {height}" aria-label="{}">"#,
+        escaped(label)
+    );
     for decade in low as i32..=high as i32 {
         let value = 10f64.powi(decade);
-        let _ = write!(svg, r#"<line class="grid-line" x1="{0:.1}" x2="{0:.1}" y1="{top}" y2="{1:.1}"/>"#, x(value), height - 22.0);
-        let _ =
-            write!(svg, r#"<text class="quiet" text-anchor="middle" x="{:.1}" y="{:.1}">{}</text>"#, x(value), height - 7.0, short(value));
+        let _ = write!(
+            svg,
+            r#"<line class="grid-line" x1="{0:.1}" x2="{0:.1}" y1="{top}" y2="{1:.1}"/>"#,
+            x(value),
+            height - 22.0
+        );
+        let _ = write!(
+            svg,
+            r#"<text class="quiet" text-anchor="middle" x="{:.1}" y="{:.1}">{}</text>"#,
+            x(value),
+            height - 7.0,
+            short(value)
+        );
     }
     for (index, (name, values)) in rows.iter().enumerate() {
         let y = top + pitch * (index as f64 + 0.5);
-        let _ = write!(svg, r#"<line class="grid-line" x1="{left}" x2="{:.1}" y1="{y:.1}" y2="{y:.1}"/>"#, width - right);
-        let _ = write!(svg, r#"<text text-anchor="end" x="{:.1}" y="{:.1}">{}</text>"#, left - 8.0, y + 4.0, escaped(name));
-        for (place, value) in values.iter().enumerate().filter_map(|(place, value)| Some((place, (*value)?))) {
+        let _ = write!(
+            svg,
+            r#"<line class="grid-line" x1="{left}" x2="{:.1}" y1="{y:.1}" y2="{y:.1}"/>"#,
+            width - right
+        );
+        let _ = write!(
+            svg,
+            r#"<text text-anchor="end" x="{:.1}" y="{:.1}">{}</text>"#,
+            left - 8.0,
+            y + 4.0,
+            escaped(name)
+        );
+        for (place, value) in values.iter().enumerate().filter_map(|(place, value)| Some((place, (*value)?)))
+        {
             let title = format!("{}, {}: {}", escaped(name), escaped(series[place]), number(value));
             let _ = write!(svg, "{}", mark(place, x(value), y, &title));
         }
@@ -133,7 +188,14 @@ pub fn mark(place: usize, x: f64, y: f64, title: &str) -> String {
     let shape = match place % 5 {
         0 => format!("M{:.1} {y:.1}h{}M{x:.1} {:.1}v{}", x - r, 2.0 * r, y - r, 2.0 * r),
         1 => format!("M{:.1} {y:.1}a{r} {r} 0 1 0 {} 0a{r} {r} 0 1 0 -{} 0z", x - r, 2.0 * r, 2.0 * r),
-        2 => format!("M{:.1} {:.1}h{}v{}h-{}z", x - r + 1.0, y - r + 1.0, 2.0 * r - 2.0, 2.0 * r - 2.0, 2.0 * r - 2.0),
+        2 => format!(
+            "M{:.1} {:.1}h{}v{}h-{}z",
+            x - r + 1.0,
+            y - r + 1.0,
+            2.0 * r - 2.0,
+            2.0 * r - 2.0,
+            2.0 * r - 2.0
+        ),
         3 => format!("M{x:.1} {:.1}l{r} {}h-{}z", y - r, 2.0 * r - 1.0, 2.0 * r),
         _ => format!("M{x:.1} {:.1}l{r} {r}l-{r} {r}l-{r} -{r}z", y - r),
     };
@@ -144,11 +206,25 @@ pub fn mark(place: usize, x: f64, y: f64, title: &str) -> String {
 pub fn heat(label: &str, names: &[String], cells: &[Vec<Option<f64>>]) -> String {
     let (left, pitch) = (36.0, 26.0);
     let size = left + pitch * names.len() as f64;
-    let mut svg = format!(r#"<svg class="chart matrix" role="img" viewBox="0 0 {size} {size}" aria-label="{}">"#, escaped(label));
+    let mut svg = format!(
+        r#"<svg class="chart matrix" role="img" viewBox="0 0 {size} {size}" aria-label="{}">"#,
+        escaped(label)
+    );
     for (index, name) in names.iter().enumerate() {
         let at = left + pitch * (index as f64 + 0.5);
-        let _ = write!(svg, r#"<text class="quiet" text-anchor="end" x="{:.1}" y="{:.1}">{}</text>"#, left - 5.0, at + 4.0, escaped(name));
-        let _ = write!(svg, r#"<text class="quiet" text-anchor="middle" x="{at:.1}" y="{:.1}">{}</text>"#, left - 8.0, escaped(name));
+        let _ = write!(
+            svg,
+            r#"<text class="quiet" text-anchor="end" x="{:.1}" y="{:.1}">{}</text>"#,
+            left - 5.0,
+            at + 4.0,
+            escaped(name)
+        );
+        let _ = write!(
+            svg,
+            r#"<text class="quiet" text-anchor="middle" x="{at:.1}" y="{:.1}">{}</text>"#,
+            left - 8.0,
+            escaped(name)
+        );
         for (other, value) in cells[index].iter().enumerate() {
             let Some(value) = value else { continue };
             let (x, y) = (left + pitch * other as f64, left + pitch * index as f64);
@@ -181,10 +257,14 @@ pub enum Edge {
 pub fn graph(label: &str, names: &[String], edges: &[(usize, usize, Edge)]) -> String {
     let (size, radius) = (420.0, 170.0);
     let at = |index: usize| {
-        let angle = std::f64::consts::TAU * index as f64 / names.len().max(1) as f64 - std::f64::consts::FRAC_PI_2;
+        let angle =
+            std::f64::consts::TAU * index as f64 / names.len().max(1) as f64 - std::f64::consts::FRAC_PI_2;
         (0.5 * size + radius * angle.cos(), 0.5 * size + radius * angle.sin())
     };
-    let mut svg = format!(r#"<svg class="chart matrix" role="img" viewBox="0 0 {size} {size}" aria-label="{}">"#, escaped(label));
+    let mut svg = format!(
+        r#"<svg class="chart matrix" role="img" viewBox="0 0 {size} {size}" aria-label="{}">"#,
+        escaped(label)
+    );
     for (a, b, edge) in edges {
         let ((x1, y1), (x2, y2)) = (at(*a), at(*b));
         let (class, word) = match edge {
@@ -193,7 +273,10 @@ pub fn graph(label: &str, names: &[String], edges: &[(usize, usize, Edge)]) -> S
             Edge::Missed => ("edge-missed", "a wall that is not proposed"),
         };
         let title = format!("{} and {}: {word}", escaped(&names[*a]), escaped(&names[*b]));
-        let _ = write!(svg, r#"<line class="{class}" x1="{x1:.1}" y1="{y1:.1}" x2="{x2:.1}" y2="{y2:.1}"><title>{title}</title></line>"#);
+        let _ = write!(
+            svg,
+            r#"<line class="{class}" x1="{x1:.1}" y1="{y1:.1}" x2="{x2:.1}" y2="{y2:.1}"><title>{title}</title></line>"#
+        );
     }
     for (index, name) in names.iter().enumerate() {
         let (x, y) = at(index);

@@ -1,5 +1,5 @@
-//! How the evaluations of a generation grow with the population: the thesis says n^2 for FA and n^(3/2) for cFA with sqrt(n)
-//! fireflies per cluster (section 4.3.2).
+//! How the evaluations of a generation grow with the population: the thesis says n^2 for FA and n^(3/2) for
+//! cFA with sqrt(n) fireflies per cluster (section 4.3.2).
 
 use super::options::Seeds;
 use super::row::Row;
@@ -31,12 +31,15 @@ pub fn run(asked: &Seeds) -> Vec<Row> {
     let mut rows = Vec::new();
     let one_cluster = |_: usize| EVERYONE;
     let root = |n: usize| (n as f64).sqrt();
-    let cases: [(&str, f64, Target); 2] = [("FA", 2.0, one_cluster), ("cFA, sqrt(n) fireflies per cluster", 1.5, root)];
+    let cases: [(&str, f64, Target); 2] =
+        [("FA", 2.0, one_cluster), ("cFA, sqrt(n) fireflies per cluster", 1.5, root)];
     for (title, formal, target) in cases {
         let mut points = Vec::new();
         for n in POPULATIONS {
-            let runs: Vec<Generation> = (first..first + seeds).into_par_iter().map(|seed| generation(n, target(n), seed)).collect();
-            let mean = |value: &dyn Fn(&Generation) -> f64| runs.iter().map(value).sum::<f64>() / runs.len() as f64;
+            let runs: Vec<Generation> =
+                (first..first + seeds).into_par_iter().map(|seed| generation(n, target(n), seed)).collect();
+            let mean =
+                |value: &dyn Fn(&Generation) -> f64| runs.iter().map(value).sum::<f64>() / runs.len() as f64;
             let evaluations = mean(&|run| run.evaluations);
             points.push(((n as f64).ln(), evaluations.ln()));
             rows.push(Row::new(format!("{title}: evaluations of a generation of {n}"), evaluations, ""));
@@ -65,7 +68,8 @@ fn generation(n: usize, target: f64, seed: u64) -> Generation {
         crowd: Crowd::Step,
         ..CfaThesisOptions::default()
     };
-    let search = Search { dimensions: DIMENSIONS, seed, budget: usize::MAX, warm: Vec::new(), residuals: false };
+    let search =
+        Search { dimensions: DIMENSIONS, seed, budget: usize::MAX, warm: Vec::new(), residuals: false };
     let start = Instant::now();
     let mut optimiser = Method::CfaThesis(options).optimiser(search);
     let (mut evaluations, mut evaluating) = (0, 0.0);
@@ -73,7 +77,11 @@ fn generation(n: usize, target: f64, seed: u64) -> Generation {
         let begun = Instant::now();
         let answers: Vec<Evaluation> = batch
             .iter()
-            .map(|x| Evaluation { cost: Cost::new(Function::Schwefel.cost(&x.0)), residuals: Vec::new(), slope: None })
+            .map(|x| Evaluation {
+                cost: Cost::new(Function::Schwefel.cost(&x.0)),
+                residuals: Vec::new(),
+                slope: None,
+            })
             .collect();
         evaluating += begun.elapsed().as_secs_f64();
         evaluations += batch.len();
@@ -86,7 +94,9 @@ fn generation(n: usize, target: f64, seed: u64) -> Generation {
 fn slope(points: &[(f64, f64)]) -> f64 {
     let n = points.len() as f64;
     let (x, y) = (points.iter().map(|p| p.0).sum::<f64>() / n, points.iter().map(|p| p.1).sum::<f64>() / n);
-    let (over, under) = points.iter().fold((0.0, 0.0), |(over, under), p| (over + (p.0 - x) * (p.1 - y), under + (p.0 - x).powi(2)));
+    let (over, under) = points
+        .iter()
+        .fold((0.0, 0.0), |(over, under), p| (over + (p.0 - x) * (p.1 - y), under + (p.0 - x).powi(2)));
     over / under
 }
 
@@ -96,7 +106,8 @@ mod tests {
 
     #[test]
     fn a_power_has_its_exponent() {
-        let points: Vec<(f64, f64)> = [2.0f64, 4.0, 8.0].iter().map(|n| (n.ln(), (3.0 * n.powf(1.5)).ln())).collect();
+        let points: Vec<(f64, f64)> =
+            [2.0f64, 4.0, 8.0].iter().map(|n| (n.ln(), (3.0 * n.powf(1.5)).ln())).collect();
         assert!((slope(&points) - 1.5).abs() < 1e-12);
     }
 }

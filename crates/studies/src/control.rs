@@ -1,9 +1,10 @@
-//! What fresh parameters are worth to a controller (thesis 8.1): the same houses, weather, prices and people, under
-//! controllers that differ in where their parameters come from.
+//! What fresh parameters are worth to a controller (thesis 8.1): the same houses, weather, prices and people,
+//! under controllers that differ in where their parameters come from.
 //!
-//! Each arm is a system of one service on loopback. Every midnight it posts what it measured, re-estimates where its turn
-//! has come, polls `/params`, and decides for the day with what it got. The truth (`twin::heated`) has two thermal masses
-//! more than the model, its parameters drift, and half-way the wind begins to blow through the house.
+//! Each arm is a system of one service on loopback. Every midnight it posts what it measured, re-estimates
+//! where its turn has come, polls `/params`, and decides for the day with what it got. The truth
+//! (`twin::heated`) has two thermal masses more than the model, its parameters drift, and half-way the wind
+//! begins to blow through the house.
 
 mod answer;
 mod arm;
@@ -93,7 +94,8 @@ fn controlled(plan: &Plan, folder: &Path) -> Result<Measured, Failure> {
     let rooms = (0..plan.houses)
         .map(|house| {
             let days = BEFORE_DAYS + plan.days() + 2;
-            HeatedRoom::new(plan.seed + house as u64, days, BEFORE_DAYS, BEFORE_DAYS + plan.leaks_from()).map_err(text)
+            HeatedRoom::new(plan.seed + house as u64, days, BEFORE_DAYS, BEFORE_DAYS + plan.leaks_from())
+                .map_err(text)
         })
         .collect::<Result<Vec<_>, Failure>>()?;
     let start = rooms.first().map_or(0, |room| room.time(BEFORE_DAYS * SAMPLES_PER_DAY));
@@ -123,7 +125,12 @@ fn controlled(plan: &Plan, folder: &Path) -> Result<Measured, Failure> {
             }
         }
         if (day + 1).is_multiple_of(7) {
-            eprintln!("week {} of {} after {:.0} s", (day + 1) / 7, plan.weeks, begun.elapsed().as_secs_f64());
+            eprintln!(
+                "week {} of {} after {:.0} s",
+                (day + 1) / 7,
+                plan.weeks,
+                begun.elapsed().as_secs_f64()
+            );
         }
     }
     service.stop()?;
@@ -137,7 +144,13 @@ fn controlled(plan: &Plan, folder: &Path) -> Result<Measured, Failure> {
 }
 
 impl House {
-    fn new(service: &Service, catalogue: &Catalogue, plan: &Plan, index: usize, room: HeatedRoom) -> Result<Self, Failure> {
+    fn new(
+        service: &Service,
+        catalogue: &Catalogue,
+        plan: &Plan,
+        index: usize,
+        room: HeatedRoom,
+    ) -> Result<Self, Failure> {
         let before = Before::new(&room, BEFORE_DAYS);
         let mut arms = Vec::new();
         for kind in &plan.arms {
@@ -156,9 +169,18 @@ impl House {
 }
 
 /// What happens at midnight before a day: estimates, diagnoses, and the polls of all controllers.
-fn night(service: &Service, catalogue: &Catalogue, houses: &mut [House], day: usize, spent: &mut Spent) -> Result<(), Failure> {
+fn night(
+    service: &Service,
+    catalogue: &Catalogue,
+    houses: &mut [House],
+    day: usize,
+    spent: &mut Spent,
+) -> Result<(), Failure> {
     let asked = |kind: Kind, client: &Client| {
-        kind == Kind::Found && day > 0 && day.is_multiple_of(DIAGNOSE_EVERY) && client.effects.len() < MOST_EFFECTS
+        kind == Kind::Found
+            && day > 0
+            && day.is_multiple_of(DIAGNOSE_EVERY)
+            && client.effects.len() < MOST_EFFECTS
     };
     let begun = Instant::now();
     let mut clients: Vec<(Kind, &mut Client)> = houses
@@ -168,7 +190,11 @@ fn night(service: &Service, catalogue: &Catalogue, houses: &mut [House], day: us
         .collect();
     let mut jobs = Vec::new();
     for (kind, client) in &clients {
-        jobs.push(if kind.is_due(day) { Some(client.submit(service, "estimate", ESTIMATE.0, ESTIMATE.1)?) } else { None });
+        jobs.push(if kind.is_due(day) {
+            Some(client.submit(service, "estimate", ESTIMATE.0, ESTIMATE.1)?)
+        } else {
+            None
+        });
     }
     for ((_, client), job) in clients.iter_mut().zip(&jobs) {
         if let Some(job) = job {
@@ -180,7 +206,11 @@ fn night(service: &Service, catalogue: &Catalogue, houses: &mut [House], day: us
     let begun = Instant::now();
     let mut jobs = Vec::new();
     for (kind, client) in &clients {
-        jobs.push(if asked(*kind, client) { Some(client.submit(service, "diagnose", DIAGNOSIS.0, DIAGNOSIS.1)?) } else { None });
+        jobs.push(if asked(*kind, client) {
+            Some(client.submit(service, "diagnose", DIAGNOSIS.0, DIAGNOSIS.1)?)
+        } else {
+            None
+        });
     }
     for ((_, client), job) in clients.iter_mut().zip(&jobs) {
         let Some(job) = job else { continue };
@@ -212,8 +242,8 @@ mod tests {
     use super::arm::{Measures, comfort};
     use super::*;
 
-    /// A week of two arms over HTTP: both keep the house warm, the one that knows nothing foresees worse, and the same
-    /// seed gives the same week.
+    /// A week of two arms over HTTP: both keep the house warm, the one that knows nothing foresees worse, and
+    /// the same seed gives the same week.
     #[test]
     fn a_week_of_two_arms_is_controlled_over_http() {
         let plan = Plan { arms: vec![Kind::Nominal, Kind::Nightly, Kind::Perfect], ..Plan::new(1, 1, 1) };
@@ -222,8 +252,15 @@ mod tests {
         let week = |arm: &Outcome| Measures::sum(&arm.days);
         assert_eq!((nightly.fits.len(), nominal.fits.len(), nightly.days.len()), (7, 0, 7));
         assert!(nightly.fits.iter().any(|outcome| outcome == "accepted"), "{:?}", nightly.fits);
-        assert!(week(nightly).rmse() < 0.8 * week(nominal).rmse(), "{} {}", week(nightly).rmse(), week(nominal).rmse());
-        assert!(week(perfect).total() < week(nightly).total() && week(perfect).total() < week(nominal).total());
+        assert!(
+            week(nightly).rmse() < 0.8 * week(nominal).rmse(),
+            "{} {}",
+            week(nightly).rmse(),
+            week(nominal).rmse()
+        );
+        assert!(
+            week(perfect).total() < week(nightly).total() && week(perfect).total() < week(nominal).total()
+        );
         for arm in [nominal, nightly, perfect] {
             assert!(week(arm).bill > 1.0 && week(arm).discomfort() < 100.0, "{:?}", week(arm));
         }
@@ -233,6 +270,9 @@ mod tests {
 
     #[test]
     fn the_house_is_set_back_at_night() {
-        assert_eq!((comfort(5.9), comfort(6.0), comfort(21.9), comfort(22.0)), ((18.5, 24.0), (21.0, 24.0), (21.0, 24.0), (18.5, 24.0)));
+        assert_eq!(
+            (comfort(5.9), comfort(6.0), comfort(21.9), comfort(22.0)),
+            ((18.5, 24.0), (21.0, 24.0), (21.0, 24.0), (18.5, 24.0))
+        );
     }
 }

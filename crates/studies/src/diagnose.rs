@@ -83,7 +83,8 @@ impl Fitted {
         let (window, _) = Window::parse_csv(&world.csv, &Bindings::none()).map_err(|found| faults(&found))?;
         let catalogue = Catalogue::builtin().map_err(|found| faults(&found))?;
         let (problem, site, asked) = ask(&catalogue, &world, &window, "room3")?;
-        let fit = estimate(&problem, &asked, None, &Control::NONE).map_err(|error| Failure::Error(error.to_string()))?;
+        let fit = estimate(&problem, &asked, None, &Control::NONE)
+            .map_err(|error| Failure::Error(error.to_string()))?;
         Ok(Self { catalogue, world, window, problem, site, theta: fit.theta() })
     }
 
@@ -114,7 +115,8 @@ fn judge(request: &WorldRequest) -> Result<Judged, Failure> {
     let first = diagnosis.findings.first().map_or(Outcome::Silent, |finding| {
         let mut group = vec![finding.named().to_owned()];
         group.extend(finding.tied_with.iter().cloned());
-        let holds = world.truth.effects.iter().any(|hidden| group.iter().any(|named| same(named, &hidden.effect)));
+        let holds =
+            world.truth.effects.iter().any(|hidden| group.iter().any(|named| same(named, &hidden.effect)));
         match (holds, group.len()) {
             (true, ..=2) => Outcome::Right,
             (true, _) => Outcome::Vague,
@@ -122,20 +124,30 @@ fn judge(request: &WorldRequest) -> Result<Judged, Failure> {
         }
     });
     let named = |hidden: &str| {
-        diagnosis.findings.iter().any(|finding| same(finding.named(), hidden) || finding.tied_with.iter().any(|tied| same(tied, hidden)))
+        diagnosis.findings.iter().any(|finding| {
+            same(finding.named(), hidden) || finding.tied_with.iter().any(|tied| same(tied, hidden))
+        })
     };
     let found = world.truth.effects.iter().filter(|hidden| named(&hidden.effect)).count();
-    let settled = |problem: Problem, theta: &[f64]| NullModel::settle(problem, theta, None, &|| false)?.measured.plain[2].map(f64::sqrt);
+    let settled = |problem: Problem, theta: &[f64]| {
+        NullModel::settle(problem, theta, None, &|| false)?.measured.plain[2].map(f64::sqrt)
+    };
     let test = [
         settled(problem.clone(), &theta),
-        informed(&catalogue, &world, &window, &problem, &theta)?.and_then(|(problem, theta)| settled(problem, &theta)),
+        informed(&catalogue, &world, &window, &problem, &theta)?
+            .and_then(|(problem, theta)| settled(problem, &theta)),
     ];
     let logged = world.csv.contains("window_open");
     let truth = world.truth;
     Ok(Judged { kind: name(request), level: request.level, truth, diagnosis, first, found, test, logged })
 }
 
-fn ask(catalogue: &Catalogue, world: &World, window: &Window, model: &str) -> Result<(Problem, Site, EstimateRequest), Failure> {
+fn ask(
+    catalogue: &Catalogue,
+    world: &World,
+    window: &Window,
+    model: &str,
+) -> Result<(Problem, Site, EstimateRequest), Failure> {
     let id = model.parse().map_err(|error| Failure::Error(format!("{error}")))?;
     let asked = EstimateRequest { split: SplitRequest::DIAGNOSE, ..EstimateRequest::default() };
     let site = Site { sets: [("neighbours".to_owned(), world.neighbours.clone())].into(), ..Site::default() };
@@ -151,9 +163,16 @@ fn informed(
     base: &Problem,
     theta: &[f64],
 ) -> Result<Option<(Problem, Vec<f64>)>, Failure> {
-    let known = |effect: &str| if effect == "night_setback" { "night_setback:22_6".to_owned() } else { effect.to_owned() };
-    let effects: Vec<String> =
-        world.truth.effects.iter().filter(|hidden| hidden.in_catalogue).map(|hidden| known(&hidden.effect)).collect();
+    let known = |effect: &str| {
+        if effect == "night_setback" { "night_setback:22_6".to_owned() } else { effect.to_owned() }
+    };
+    let effects: Vec<String> = world
+        .truth
+        .effects
+        .iter()
+        .filter(|hidden| hidden.in_catalogue)
+        .map(|hidden| known(&hidden.effect))
+        .collect();
     if effects.is_empty() {
         return Ok(None);
     }
@@ -163,20 +182,33 @@ fn informed(
 }
 
 fn line(judged: &Judged) -> String {
-    let hidden: Vec<String> = judged.truth.effects.iter().map(|one| format!("{} {:.2}K", one.effect, one.moves)).collect();
+    let hidden: Vec<String> =
+        judged.truth.effects.iter().map(|one| format!("{} {:.2}K", one.effect, one.moves)).collect();
     let named: Vec<String> = judged
         .diagnosis
         .findings
         .iter()
         .map(|finding| {
-            let tied = if finding.tied_with.is_empty() { String::new() } else { format!("~{}", finding.tied_with.join("~")) };
+            let tied = if finding.tied_with.is_empty() {
+                String::new()
+            } else {
+                format!("~{}", finding.tied_with.join("~"))
+            };
             let [before, after] = finding.rmse.test.unwrap_or([f64::NAN; 2]);
             let share = finding.explained_share.unwrap_or(f64::NAN);
-            let limit = if finding.parameters.values().any(|one| one.at_bound) { " at its limit" } else { "" };
-            format!("{}{tied} dbic {:.0} share {share:.2} test {before:.2}>{after:.2}{limit}", finding.effect, finding.delta_bic)
+            let limit =
+                if finding.parameters.values().any(|one| one.at_bound) { " at its limit" } else { "" };
+            format!(
+                "{}{tied} dbic {:.0} share {share:.2} test {before:.2}>{after:.2}{limit}",
+                finding.effect, finding.delta_bic
+            )
         })
         .collect();
-    let best = judged.diagnosis.considered.iter().find(|one| judged.truth.effects.iter().any(|hidden| same(&one.effect, &hidden.effect)));
+    let best = judged
+        .diagnosis
+        .considered
+        .iter()
+        .find(|one| judged.truth.effects.iter().any(|hidden| same(&one.effect, &hidden.effect)));
     let missed = match best {
         Some(best) if judged.first != Outcome::Right => {
             format!(
@@ -194,7 +226,8 @@ fn line(judged: &Judged) -> String {
             format!("{value:.4} [{low:.4}, {high:.4}] of {truth:.4}")
         };
         let ahead = finding.size.as_ref().map(|size| interval(size.value, size.ci95, judged.truth.ahead));
-        let strength = finding.parameters.values().next().map(|one| interval(one.value, one.ci95, hidden.strength));
+        let strength =
+            finding.parameters.values().next().map(|one| interval(one.value, one.ci95, hidden.strength));
         format!(" ahead {} size {}", ahead.unwrap_or_default(), strength.unwrap_or_default())
     });
     let size = size.unwrap_or_default();
@@ -224,7 +257,8 @@ fn near(one: &Considered) -> Option<String> {
     let slow = number(measures.slow_delta_bic);
     (share > 0.3 || slow > 8.0 || gain > 8.0).then(|| {
         format!(
-            "{} share {share:.2} fall {:.2} dbic {gain:.0} white {:.2} slow {slow:.0} ahead {:.2} days {:.2} {:.2} rho {:.2}",
+            "{} share {share:.2} fall {:.2} dbic {gain:.0} white {:.2} slow {slow:.0} ahead {:.2} days {:.2} \
+            {:.2} rho {:.2}",
             one.effect,
             number(measures.fall),
             number(measures.white_share),

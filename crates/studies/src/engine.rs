@@ -22,8 +22,9 @@ pub fn week(seed: u64, step_minutes: usize) -> Result<(twin::RoomTwin, Problem),
     let twin = twin::room(seed, 4, 7, step_minutes).map_err(|found| faults(&found))?;
     let (window, _) = Window::parse_csv(&twin.csv, &Bindings::none()).map_err(|found| faults(&found))?;
     let model: ModelId = "room3".parse().map_err(|error| Failure::Error(format!("{error}")))?;
-    let request: EstimateRequest = serde_json::from_value(serde_json::json!({ "split": { "train": "P7D", "validation": "P0D" } }))
-        .map_err(|error| Failure::Error(error.to_string()))?;
+    let request: EstimateRequest =
+        serde_json::from_value(serde_json::json!({ "split": { "train": "P7D", "validation": "P0D" } }))
+            .map_err(|error| Failure::Error(error.to_string()))?;
     let site = Site { sets: [("neighbours".to_owned(), twin.neighbours.clone())].into(), ..Site::default() };
     let catalogue = Catalogue::builtin().map_err(|found| faults(&found))?;
     let problem = prepare(&catalogue, &model, &request, &window, &site).map_err(|found| faults(&found))?;
@@ -47,11 +48,19 @@ fn time<const N: usize>(mut rounds: [&mut dyn FnMut(); N]) -> [f64; N] {
 pub fn run(seed: u64) -> Result<Vec<Row>, Failure> {
     let (twin, problem) = week(seed, 10)?;
     // One thread for all: the ratio compares code, not cores.
-    let single = rayon::ThreadPoolBuilder::new().num_threads(1).build().map_err(|error| Failure::Error(error.to_string()))?;
+    let single = rayon::ThreadPoolBuilder::new()
+        .num_threads(1)
+        .build()
+        .map_err(|error| Failure::Error(error.to_string()))?;
     single.install(|| {
         // Candidates spread about the truth, as a search sees them.
         let thetas: Vec<Vec<f64>> = (0..CANDIDATES)
-            .map(|i| twin.theta.iter().map(|value| value * (1.0 + 0.2 * (i as f64 / CANDIDATES as f64 - 0.5))).collect())
+            .map(|i| {
+                twin.theta
+                    .iter()
+                    .map(|value| value * (1.0 + 0.2 * (i as f64 / CANDIDATES as f64 - 0.5)))
+                    .collect()
+            })
             .collect();
         let slices: Vec<&[f64]> = thetas.iter().map(Vec::as_slice).collect();
         let samples = problem.grid().len();
@@ -69,7 +78,11 @@ pub fn run(seed: u64) -> Result<Vec<Row>, Failure> {
         let [tape, by_hand, rk4] = time([
             &mut || drop(black_box(problem.simulator().run(black_box(&slices), samples))),
             &mut || slices.chunks(LANES).for_each(|block| drop(black_box(hand.run(black_box(block))))),
-            &mut || slices[..SCALAR].iter().for_each(|theta| drop(black_box(scalar_rk4(&hand, &minutes, black_box(theta), 10)))),
+            &mut || {
+                slices[..SCALAR]
+                    .iter()
+                    .for_each(|theta| drop(black_box(scalar_rk4(&hand, &minutes, black_box(theta), 10))))
+            },
         ]);
         let (tape, by_hand, rk4) = (per_candidate(tape), per_candidate(by_hand), rk4 / SCALAR as f64 * 1e6);
         Ok(vec![

@@ -1,5 +1,5 @@
-//! Chapter 5 of the thesis in public: three functions in two sizes, the thesis's algorithms with its settings, the default search
-//! and its rivals at the same budgets.
+//! Chapter 5 of the thesis in public: three functions in two sizes, the thesis's algorithms with its
+//! settings, the default search and its rivals at the same budgets.
 
 mod figures;
 pub(super) mod methods;
@@ -26,7 +26,8 @@ pub struct Arguments {
     csv: Csv,
 }
 
-/// Runs every method on every function and prints a table of each; writes the page and the runs where files are named.
+/// Runs every method on every function and prints a table of each; writes the page and the runs where files
+/// are named.
 pub fn run(asked: &Arguments, as_json: bool) -> Result<Vec<Row>, Failure> {
     let (first, seeds) = (asked.seeds.first.seed, asked.seeds.seeds);
     let mut outcomes = Vec::new();
@@ -34,7 +35,8 @@ pub fn run(asked: &Arguments, as_json: bool) -> Result<Vec<Row>, Failure> {
         for entry in entries(case) {
             // Chance has no part in a grid.
             let seeds = if matches!(entry.method, Method::Grid(_)) { 1 } else { seeds };
-            let runs = (first..first + seeds).into_par_iter().map(|seed| one(case, &entry.method, seed)).collect();
+            let runs =
+                (first..first + seeds).into_par_iter().map(|seed| one(case, &entry.method, seed)).collect();
             outcomes.push(Outcome { case, entry, runs });
         }
         if !as_json {
@@ -44,7 +46,13 @@ pub fn run(asked: &Arguments, as_json: bool) -> Result<Vec<Row>, Failure> {
     let claims = figures::claims(&outcomes);
     if !as_json {
         print("What section 5.4 of the thesis says, on these seeds:");
-        claims.iter().for_each(|claim| print(&format!("  {} {}", if claim.holds { "holds        " } else { "does not hold" }, claim.text)));
+        claims.iter().for_each(|claim| {
+            print(&format!(
+                "  {} {}",
+                if claim.holds { "holds        " } else { "does not hold" },
+                claim.text
+            ))
+        });
         print("");
     }
     if let Some(file) = &asked.csv.csv {
@@ -73,7 +81,8 @@ fn text(case: &Case, outcomes: &[Outcome]) -> String {
 
 /// Every run, a line each.
 fn listed(first: u64, outcomes: &[Outcome]) -> String {
-    let mut text = "function,dimensions,budget,within,method,seed,error,evaluations,evaluations_to_reach\n".to_owned();
+    let mut text =
+        "function,dimensions,budget,within,method,seed,error,evaluations,evaluations_to_reach\n".to_owned();
     for outcome in outcomes {
         let Case { function, dimensions, budget, within } = outcome.case;
         for (seed, run) in (first..).zip(&outcome.runs) {

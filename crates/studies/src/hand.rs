@@ -34,7 +34,9 @@ pub struct Weather {
 
 impl HandRoom {
     pub fn new(problem: &Problem) -> Self {
-        let column = |name: &str| problem.grid().column(name).map(|column| column.values().to_vec()).unwrap_or_default();
+        let column = |name: &str| {
+            problem.grid().column(name).map(|column| column.values().to_vec()).unwrap_or_default()
+        };
         Self {
             forward: column("T_forward"),
             out: column("T_out"),
@@ -60,7 +62,9 @@ impl HandRoom {
 
     /// Simulates a block of candidates with ROS2 at one step per sample.
     pub fn run(&self, thetas: &[&[f64]]) -> Vec<Vec<f64>> {
-        let p = std::array::from_fn(|parameter| std::array::from_fn(|lane| thetas[lane.min(thetas.len() - 1)][parameter]));
+        let p = std::array::from_fn(|parameter| {
+            std::array::from_fn(|lane| thetas[lane.min(thetas.len() - 1)][parameter])
+        });
         let samples = dispatch(Cpu::detect(), Ros2 { room: self, block: Block { p } });
         (0..thetas.len()).map(|lane| samples.iter().map(|sample| sample[lane]).collect()).collect()
     }
@@ -142,15 +146,22 @@ impl Kernel for Ros2<'_> {
                 let (f1, f2, f3) = rates(r[i], f[i], e[i], &a, m);
                 let mut moved = alpha(P::AlphaA) * slope(a.out, b.out);
                 for n in 0..4 {
-                    moved += self.block.p[P::AlphaN as usize + n][i] * slope(a.neighbours[n], b.neighbours[n]);
+                    moved +=
+                        self.block.p[P::AlphaN as usize + n][i] * slope(a.neighbours[n], b.neighbours[n]);
                 }
-                let (d1, d2, d3) = (gh * alpha(P::AlphaS) * sun_rate, gh * alpha(P::AlphaW) * m * slope(a.forward, b.forward), gh * moved);
+                let (d1, d2, d3) = (
+                    gh * alpha(P::AlphaS) * sun_rate,
+                    gh * alpha(P::AlphaW) * m * slope(a.forward, b.forward),
+                    gh * moved,
+                );
                 // (I - gh J) x = y by elimination of floor and envelope.
                 let floor_pivot = 1.0 / (1.0 + gh * (af + alpha(P::AlphaW) * m));
                 let floor_room = -gh * (af + by_room);
                 let envelope_room = -gh * ae;
-                let (floor_factor, envelope_factor) = (constant[5][i] * floor_pivot, constant[6][i] * constant[4][i]);
-                let room_pivot = 1.0 / (constant[3][i] + floor_factor * floor_room + envelope_factor * envelope_room);
+                let (floor_factor, envelope_factor) =
+                    (constant[5][i] * floor_pivot, constant[6][i] * constant[4][i]);
+                let room_pivot =
+                    1.0 / (constant[3][i] + floor_factor * floor_room + envelope_factor * envelope_room);
                 let solve = |y1: f64, y2: f64, y3: f64| {
                     let x1 = (y1 + floor_factor * y2 + envelope_factor * y3) * room_pivot;
                     (x1, (y2 - floor_room * x1) * floor_pivot, (y3 - envelope_room * x1) * constant[4][i])
@@ -188,7 +199,10 @@ impl Ros2<'_> {
 pub fn half_steps(room: &HandRoom, substeps: usize) -> Vec<Weather> {
     let halves = 2 * substeps;
     let last = room.out.len() - 1;
-    (0..last * halves).map(|i| room.weather(i / halves, (i % halves) as f64 / halves as f64)).chain([room.weather(last, 0.0)]).collect()
+    (0..last * halves)
+        .map(|i| room.weather(i / halves, (i % halves) as f64 / halves as f64))
+        .chain([room.weather(last, 0.0)])
+        .collect()
 }
 
 /// One candidate with the classical Runge-Kutta method, as a scalar program would do it.

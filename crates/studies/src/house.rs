@@ -1,5 +1,5 @@
-//! Chapter 7 of the thesis in public: a twin of its house, seventeen sensors, eleven rooms, one week to fit and one to
-//! judge, by every method in every box.
+//! Chapter 7 of the thesis in public: a twin of its house, seventeen sensors, eleven rooms, one week to fit
+//! and one to judge, by every method in every box.
 
 mod found;
 mod page;
@@ -45,10 +45,14 @@ pub fn run(asked: &Arguments, as_json: bool) -> Result<(Vec<Row>, Value), Failur
         tables.iter().for_each(|table| print(&format!("{}\n", table.text())));
     }
     if let Some(file) = &asked.html.html {
-        std::fs::write(file, page::document(&house, &tables)?).map_err(|error| Failure::Error(format!("{}: {error}", file.display())))?;
+        std::fs::write(file, page::document(&house, &tables)?)
+            .map_err(|error| Failure::Error(format!("{}: {error}", file.display())))?;
         eprintln!("page: {}", file.display());
     }
-    Ok((house.rows(), json!({ "layout": house.layout, "truth": house.truths, "runs": house.runs, "tables": tables })))
+    Ok((
+        house.rows(),
+        json!({ "layout": house.layout, "truth": house.truths, "runs": house.runs, "tables": tables }),
+    ))
 }
 
 #[cfg(test)]
@@ -58,7 +62,10 @@ mod tests {
 
     /// Chapter 7 in a few seconds: two rooms of a house in which nobody lives, four days each, a short swarm.
     fn small() -> House {
-        let thesis = Way { request: r#"{"method": {"name": "cfa_thesis", "n": 12, "generations": 4}, "objective": "swmse"}"#, ..THESIS };
+        let thesis = Way {
+            request: r#"{"method": {"name": "cfa_thesis", "n": 12, "generations": 4}, "objective": "swmse"}"#,
+            ..THESIS
+        };
         let request = HouseRequest { seed: 1, days: 8, step_minutes: STEP_MINUTES, lived_in: false };
         let asked = Asked { seed: 1, delta: ShapeDelta::default(), part_days: 4 };
         House::new(&request, 2, &[thesis, DEFAULT, VALVE], &asked).ok().unwrap()
@@ -71,28 +78,60 @@ mod tests {
         let noise = house.sensor_noise.powi(2);
         for way in [&DEFAULT, &VALVE] {
             let errors: Vec<f64> = house.solutions(way).map(|solution| solution.errors.mse[0]).collect();
-            assert!(errors.len() == 2 && errors.iter().all(|error| (0.7 * noise..1.4 * noise).contains(error)), "{}: {errors:?}", way.name);
+            assert!(
+                errors.len() == 2 && errors.iter().all(|error| (0.7 * noise..1.4 * noise).contains(error)),
+                "{}: {errors:?}",
+                way.name
+            );
         }
         for solution in house.solutions(&THESIS) {
             let [mse, swmse] = [solution.errors.mse[0], solution.errors.swmse[0]];
-            assert!(swmse >= mse && (solution.cost / swmse - 1.0).abs() < 1e-6, "{mse} {swmse} {}", solution.cost);
-            assert!(solution.errors.mse[0] > house.median(&DEFAULT, 0).unwrap(), "52 fireflies in the wide box are no match");
+            assert!(
+                swmse >= mse && (solution.cost / swmse - 1.0).abs() < 1e-6,
+                "{mse} {swmse} {}",
+                solution.cost
+            );
+            assert!(
+                solution.errors.mse[0] > house.median(&DEFAULT, 0).unwrap(),
+                "52 fireflies in the wide box are no match"
+            );
         }
         let tables = tables::tables(&house);
         let ids: Vec<&str> = tables.iter().map(|table| table.id).collect();
-        assert_eq!(ids, ["layout", "table-7-6", "table-7-8", "table-7-9", "shapes", "boxes", "figure-7-7", "valves", "times"]);
+        assert_eq!(
+            ids,
+            [
+                "layout",
+                "table-7-6",
+                "table-7-8",
+                "table-7-9",
+                "shapes",
+                "boxes",
+                "figure-7-7",
+                "valves",
+                "times"
+            ]
+        );
         for table in &tables {
             assert!(table.rows.iter().all(|row| row.len() == table.head.len()), "{}", table.text());
         }
         let named = |id: &str| tables.iter().find(|table| table.id == id).unwrap();
         let cfa = named("table-7-8").head.iter().position(|head| head == "cfa MSE").unwrap();
-        assert!(named("table-7-8").rows[..2].iter().all(|row| row[cfa].parse::<f64>().is_ok_and(|error| error < 0.01)));
+        assert!(
+            named("table-7-8").rows[..2]
+                .iter()
+                .all(|row| row[cfa].parse::<f64>().is_ok_and(|error| error < 0.01))
+        );
         assert_eq!(named("table-7-8").rows[2][cfa], "2 of 2");
 
         let page = page::document(&house, &tables).ok().unwrap();
         assert_eq!(page.matches("<figure").count(), page.matches("<summary>Numbers").count());
         for word in ["<script", "://", " src=", " style=", "@import", "NaN"] {
-            assert!(!page.contains(word), "{word}: {:?}", page.find(word).map(|at| &page[at.saturating_sub(80)..at + 40]));
+            assert!(
+                !page.contains(word),
+                "{word}: {:?}",
+                page.find(word).map(|at| &page[at.saturating_sub(80)..at + 40])
+            );
         }
         assert!(tables.iter().all(|table| page.contains(&format!(r#"<section id="{}">"#, table.id))));
     }

@@ -46,21 +46,27 @@ impl Judged {
 
     /// The finding of the one hidden effect.
     pub fn hit(&self) -> Option<(&HiddenEffect, &Finding)> {
-        let ([hidden], Some(finding)) = (self.truth.effects.as_slice(), self.diagnosis.findings.first()) else { return None };
+        let ([hidden], Some(finding)) = (self.truth.effects.as_slice(), self.diagnosis.findings.first())
+        else {
+            return None;
+        };
         same(finding.named(), &hidden.effect).then_some((hidden, finding))
     }
 
-    /// Whether the interval of what forecasts lose without it holds the truth, where the one hidden effect was named.
+    /// Whether the interval of what forecasts lose without it holds the truth, where the one hidden effect
+    /// was named.
     pub fn covered(&self) -> Option<bool> {
         let [low, high] = self.hit()?.1.size.as_ref()?.ci95?;
         Some((low..=high).contains(&self.truth.ahead))
     }
 
-    /// The same of the coefficient and the true strength, where there is one coefficient. Shapes of the truth differ from those of
-    /// the catalogue, and a rich room has other masses.
+    /// The same of the coefficient and the true strength, where there is one coefficient. Shapes of the truth
+    /// differ from those of the catalogue, and a rich room has other masses.
     pub fn covered_strength(&self) -> Option<bool> {
         let (hidden, finding) = self.hit()?;
-        let (1, Some(coefficient)) = (finding.parameters.len(), finding.parameters.values().next()) else { return None };
+        let (1, Some(coefficient)) = (finding.parameters.len(), finding.parameters.values().next()) else {
+            return None;
+        };
         let [low, high] = coefficient.ci95?;
         Some((low..=high).contains(&hidden.strength))
     }

@@ -1,7 +1,8 @@
-//! How long a controller waits for its parameters while both cores are busy with fits, and while windows pour in.
+//! How long a controller waits for its parameters while both cores are busy with fits, and while windows pour
+//! in.
 //!
-//! The load is an open one: every poll has its time, whatever became of the one before, and its latency counts from that
-//! time. A service that stands still for a second therefore shows as what it is.
+//! The load is an open one: every poll has its time, whatever became of the one before, and its latency
+//! counts from that time. A service that stands still for a second therefore shows as what it is.
 
 use super::row::Row;
 use lampyris::cli::server::{Call, Server};
@@ -49,12 +50,27 @@ impl Measured {
         let mut rows = Vec::new();
         for (percent, target) in [50.0, 99.0, 99.9].into_iter().zip(targets) {
             let aim = target.map_or_else(String::new, |target| format!(" (target {target} ms)"));
-            rows.push(Row::new(format!("{what}: poll, percentile {percent}{aim}"), self.percentile(percent), "ms"));
+            rows.push(Row::new(
+                format!("{what}: poll, percentile {percent}{aim}"),
+                self.percentile(percent),
+                "ms",
+            ));
             if let Some(idle) = idle {
-                rows.push(Row::new("  beside an idle service", self.percentile(percent) / idle.percentile(percent), "x"));
+                rows.push(Row::new(
+                    "  beside an idle service",
+                    self.percentile(percent) / idle.percentile(percent),
+                    "x",
+                ));
             }
         }
-        rows.push(Row::new(format!("{what}: polls that failed, of {}", self.latencies.len()), self.errors as f64, "").at_most(0.0));
+        rows.push(
+            Row::new(
+                format!("{what}: polls that failed, of {}", self.latencies.len()),
+                self.errors as f64,
+                "",
+            )
+            .at_most(0.0),
+        );
         rows
     }
 }
@@ -123,13 +139,24 @@ fn measure(folder: &Path, seconds: u64) -> Result<Vec<Row>, Failure> {
         stop.store(true, Ordering::Relaxed);
         storm
     })?;
-    let running = server.get("/jobs?state=running&page_size=10")?.document["items"].as_array().map_or(0, Vec::len);
+    let running =
+        server.get("/jobs?state=running&page_size=10")?.document["items"].as_array().map_or(0, Vec::len);
     let mut rows = idle.rows("idle service", [None; 3], None);
     rows.extend(fits.rows("all cores busy with fits", [Some(1.0), Some(10.0), Some(50.0)], Some(&idle)));
-    rows.extend(storm.rows("fits, and 8 clients that send windows", [Some(1.0), Some(20.0), Some(50.0)], Some(&idle)));
+    rows.extend(storm.rows(
+        "fits, and 8 clients that send windows",
+        [Some(1.0), Some(20.0), Some(50.0)],
+        Some(&idle),
+    ));
     let windows = taken.load(Ordering::Relaxed) as f64;
-    rows.push(Row::new("  windows of a megabyte that were taken", windows / (length / 2).as_secs_f64(), "1/s"));
-    rows.push(Row::new("  windows that were refused", refused.load(Ordering::Relaxed) as f64, "").at_most(0.0));
+    rows.push(Row::new(
+        "  windows of a megabyte that were taken",
+        windows / (length / 2).as_secs_f64(),
+        "1/s",
+    ));
+    rows.push(
+        Row::new("  windows that were refused", refused.load(Ordering::Relaxed) as f64, "").at_most(0.0),
+    );
     rows.push(Row::new("fits that were still running at the end", running as f64, "").at_least(2.0));
     Ok(rows)
 }
@@ -147,7 +174,10 @@ fn start(folder: &Path) -> Result<Service, Failure> {
     let mut service = Service { child, address: String::new() };
     let mut line = String::new();
     out.map(|out| BufReader::new(out).read_line(&mut line)).transpose().map_err(text)?;
-    let address = line.trim().strip_prefix("listening on http://").ok_or_else(|| Failure::Error("the service did not start".to_owned()))?;
+    let address = line
+        .trim()
+        .strip_prefix("listening on http://")
+        .ok_or_else(|| Failure::Error("the service did not start".to_owned()))?;
     service.address = address.to_owned();
     Ok(service)
 }
@@ -170,11 +200,14 @@ fn saturate(server: &Server) -> Result<(), Failure> {
         let room = 1 + fit % ROOMS;
         let body = json!({
             "kind": "estimate", "system": format!("room/{room}"), "experiment": true,
-            "method": {"name": "cfa_thesis", "seed": fit, "generations": 10_000}, "budget": {"evaluations": 100_000_000},
+            "method": {"name": "cfa_thesis", "seed": fit, "generations": 10_000},
+            "budget": {"evaluations": 100_000_000},
         });
         server.call("POST", "/jobs", Call::json(&body))?;
     }
-    until(server, "/jobs?state=running&page_size=10", |jobs| jobs["items"].as_array().is_some_and(|jobs| jobs.len() >= 2))
+    until(server, "/jobs?state=running&page_size=10", |jobs| {
+        jobs["items"].as_array().is_some_and(|jobs| jobs.len() >= 2)
+    })
 }
 
 /// Asks until there is an answer that will do.
@@ -196,7 +229,9 @@ fn room(writer: usize) -> String {
 
 /// A week of ten channels in a system of the writer's own.
 fn week(writer: usize) -> Result<String, Failure> {
-    let mut csv = String::from("time,T_room,T_out,T_forward,P_heater,cloud_cover,wind_speed,CO2,occupancy,flow,irradiance\n");
+    let mut csv = String::from(
+        "time,T_room,T_out,T_forward,P_heater,cloud_cover,wind_speed,CO2,occupancy,flow,irradiance\n",
+    );
     let start: jiff::Timestamp = "2026-01-05T00:00:00Z".parse().map_err(text)?;
     for row in 0..ROWS {
         csv.push_str(&(start + jiff::SignedDuration::from_mins(row as i64)).to_string());
@@ -234,10 +269,13 @@ fn poll(address: &str, length: Duration) -> Result<Measured, Failure> {
     let begun = Instant::now() + Duration::from_millis(100);
     let mut measured = Measured { latencies: Vec::new(), errors: 0 };
     thread::scope(|scope| {
-        let slow = (0..POLLERS).map(|poller| (Duration::from_secs(1), Duration::from_secs(1) * poller / POLLERS));
+        let slow =
+            (0..POLLERS).map(|poller| (Duration::from_secs(1), Duration::from_secs(1) * poller / POLLERS));
         let pollers: Vec<_> = slow
             .chain([(Duration::from_secs(1) / BUSY_POLLER, Duration::ZERO)])
-            .map(|(period, offset)| scope.spawn(move || poller(address, begun + offset, period, begun + length)))
+            .map(|(period, offset)| {
+                scope.spawn(move || poller(address, begun + offset, period, begun + length))
+            })
             .collect();
         for poller in pollers {
             let one = poller.join().map_err(|_| Failure::Error("a poller panicked".to_owned()))?;

@@ -53,7 +53,8 @@ enum Study {
     Diagnose(Worlds),
     /// The same on measured rooms with a known driver withheld, and with the channels of other days.
     Real(real::Arguments),
-    /// The same on synthetic treatment plants: of sixty worlds twenty hide nothing, eight an effect that no catalogue has.
+    /// The same on synthetic treatment plants: of sixty worlds twenty hide nothing, eight an effect that no
+    /// catalogue has.
     DiagnosePlant(Worlds),
     /// Chapter 5 of the thesis: the firefly family and its rivals on three functions.
     Functions(functions::Arguments),
@@ -61,13 +62,15 @@ enum Study {
     Ablation(Seeds),
     /// How the evaluations of a generation grow with the population.
     Complexity(Seeds),
-    /// Maximum likelihood on synthetic rooms: whether and how fast it converges, and how often its intervals hold the truth.
+    /// Maximum likelihood on synthetic rooms: whether and how fast it converges, and how often its intervals
+    /// hold the truth.
     Likelihood(likelihood::Arguments),
     /// How long a controller waits for its parameters while the service has all hands full.
     Load(load::Arguments),
     /// What fresh parameters are worth to a controller, in money and comfort.
     Loop(control::Arguments),
-    /// Chapter 6 of the thesis on a twin plant: what one evaluation takes, seven parameters, eleven unseen days.
+    /// Chapter 6 of the thesis on a twin plant: what one evaluation takes, seven parameters, eleven unseen
+    /// days.
     Plant(plant::Arguments),
     /// Chapter 7 of the thesis on a twin house: layout, methods, two weeks, bounds, valve.
     House(house::Arguments),

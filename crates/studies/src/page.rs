@@ -1,4 +1,5 @@
-//! One HTML file without scripts, in the style of the service's own page: the frame of every benchmark's page.
+//! One HTML file without scripts, in the style of the service's own page: the frame of every benchmark's
+//! page.
 
 use jiff::Timestamp;
 use lampyris::cli::Failure;
@@ -9,7 +10,8 @@ use std::fmt::Write;
 
 /// What charts and tables need beside the style of the page.
 pub const STYLE: &str = "
-svg.chart path.measured, svg.chart path.model, svg.chart path.previous, svg.chart path.heldout, svg.sample path:not([class^=mark]) { fill: none; stroke-width: 1.5; stroke-linejoin: round; }
+svg.chart path.measured, svg.chart path.model, svg.chart path.previous, svg.chart path.heldout, svg.sample \
+    path:not([class^=mark]) { fill: none; stroke-width: 1.5; stroke-linejoin: round; }
 path.measured { stroke: var(--measured); }
 path.model { stroke: var(--model); }
 path.previous { stroke: var(--previous); stroke-dasharray: 2 2; }
@@ -60,7 +62,8 @@ pub struct Table {
 impl Table {
     /// The table for a terminal.
     pub fn text(&self) -> String {
-        let lines: Vec<Vec<String>> = std::iter::once(self.head.clone()).chain(self.rows.iter().cloned()).collect();
+        let lines: Vec<Vec<String>> =
+            std::iter::once(self.head.clone()).chain(self.rows.iter().cloned()).collect();
         format!("{}\n{}\n\n{}", self.title, self.note, aligned(&lines))
     }
 }
@@ -85,10 +88,12 @@ pub fn escaped(text: &str) -> String {
 /// # Errors
 /// Where the page's style is not in the binary.
 pub fn document(title: &str, style: &str, body: &str) -> Result<String, Failure> {
-    let part = |path: &str| page_part(path).ok_or_else(|| Failure::Error(format!("the page has no part `{path}`")));
+    let part =
+        |path: &str| page_part(path).ok_or_else(|| Failure::Error(format!("the page has no part `{path}`")));
     let styles = format!("{}\n{}\n{style}", part("style.css")?, part("parts.css")?);
     // The folders of this machine are nobody else's business.
-    let command: Vec<String> = std::env::args().skip(1).map(|word| word.rsplit('/').next().unwrap_or_default().to_owned()).collect();
+    let command: Vec<String> =
+        std::env::args().skip(1).map(|word| word.rsplit('/').next().unwrap_or_default().to_owned()).collect();
     // Only what is written here may style the page: nobody can know the number before the figures are there.
     let nonce = blake3::hash(body.as_bytes()).to_hex();
     let title = escaped(title);
@@ -127,7 +132,8 @@ pub fn table(head: &[&str], rows: &[Vec<String>]) -> String {
     let mut text = "<div class=\"scroll\"><table><thead><tr>".to_owned();
     // Writing to a text cannot fail, here and below.
     for (index, title) in head.iter().enumerate() {
-        let _ = write!(text, "<th{}>{}</th>", if index == 0 { "" } else { " class=\"number\"" }, escaped(title));
+        let _ =
+            write!(text, "<th{}>{}</th>", if index == 0 { "" } else { " class=\"number\"" }, escaped(title));
     }
     text.push_str("</tr></thead><tbody>");
     for row in rows {

@@ -36,10 +36,15 @@ fn text(error: impl std::fmt::Display) -> Failure {
 async fn measure() -> Result<Vec<Row>, Failure> {
     let folder = std::env::temp_dir().join(format!("lampyris-bench-{}", std::process::id()));
     std::fs::create_dir_all(&folder).map_err(text)?;
-    let settings = Settings { bind: SocketAddr::from(([127, 0, 0, 1], 0)), database: folder.join("bench.db"), ..Settings::default() };
+    let settings = Settings {
+        bind: SocketAddr::from(([127, 0, 0, 1], 0)),
+        database: folder.join("bench.db"),
+        ..Settings::default()
+    };
     let app = App::start(settings).await.map_err(text)?;
     let etag = publish(&app).await?;
-    let bare = axum::Router::new().route("/params/{kind}/{id}", axum::routing::get(async || axum::http::StatusCode::NOT_MODIFIED));
+    let bare = axum::Router::new()
+        .route("/params/{kind}/{id}", axum::routing::get(async || axum::http::StatusCode::NOT_MODIFIED));
     let listener = tokio::net::TcpListener::bind(("127.0.0.1", 0)).await.map_err(text)?;
     let address = listener.local_addr().map_err(text)?;
     let server = tokio::spawn(async move { axum::serve(listener, bare).await });
@@ -73,8 +78,17 @@ async fn publish(app: &App) -> Result<String, Failure> {
     let system: SystemId = "room/4".parse().map_err(|error| Failure::Error(format!("{error}")))?;
     systems::put(service, &system, json!({ "model": "room3" }), LOCAL).await.map_err(failed)?;
     windows::take(service, &system, Format::Csv, twin.csv, None).await.map_err(failed)?;
-    let submitted =
-        submit::one(service, JobKind::Estimate, &system, false, Priority::Operator, &serde_json::Map::new(), None).await.map_err(failed)?;
+    let submitted = submit::one(
+        service,
+        JobKind::Estimate,
+        &system,
+        false,
+        Priority::Operator,
+        &serde_json::Map::new(),
+        None,
+    )
+    .await
+    .map_err(failed)?;
     let (Submitted::New(job) | Submitted::Waiting(job)) = submitted else {
         return Err(Failure::Error("the job was refused".to_owned()));
     };
@@ -96,7 +110,8 @@ async fn publish(app: &App) -> Result<String, Failure> {
 /// Requests a second over a few connections that each wait for their answer.
 async fn poll(address: SocketAddr, request: &str) -> Result<f64, Failure> {
     let start = Instant::now();
-    let clients: Vec<_> = (0..CONNECTIONS).map(|_| tokio::spawn(client(address, request.to_owned()))).collect();
+    let clients: Vec<_> =
+        (0..CONNECTIONS).map(|_| tokio::spawn(client(address, request.to_owned()))).collect();
     let mut answers = 0;
     for client in clients {
         answers += client.await.map_err(text)?.map_err(text)?;

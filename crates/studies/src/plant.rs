@@ -1,4 +1,5 @@
-//! Chapter 6 of the thesis: seven parameters of a treatment plant from three days of its effluent, and the eleven days after.
+//! Chapter 6 of the thesis: seven parameters of a treatment plant from three days of its effluent, and the
+//! eleven days after.
 
 mod case;
 mod jena;
@@ -27,13 +28,16 @@ pub struct Arguments {
     each: Each,
     #[command(flatten)]
     html: Html,
-    /// Estimate plants by the thesis's own algorithm and settings instead: one firefly at a time, ten minutes each.
+    /// Estimate plants by the thesis's own algorithm and settings instead: one firefly at a time, ten minutes
+    /// each.
     #[arg(long)]
     thesis: bool,
-    /// Estimate a plant from records with noise, outages, few samples, a drift and wrong fixed numbers instead.
+    /// Estimate a plant from records with noise, outages, few samples, a drift and wrong fixed numbers
+    /// instead.
     #[arg(long)]
     realism: bool,
-    /// Drive a plant with the measured influent of Jena instead, from the folder that holds `jena_influent_15min.csv`.
+    /// Drive a plant with the measured influent of Jena instead, from the folder that holds
+    /// `jena_influent_15min.csv`.
     #[arg(long, value_name = "FOLDER")]
     jena: Option<PathBuf>,
 }
@@ -42,7 +46,11 @@ pub struct Arguments {
 pub fn run(asked: &Arguments) -> Result<(Vec<Row>, Vec<Table>), Failure> {
     let (mut rows, mut drawn, mut beside_them) = (Vec::new(), Vec::new(), Vec::new());
     let beside = asked.thesis || asked.realism || asked.jena.is_some();
-    for (place, id) in PLANTS.into_iter().enumerate().filter(|(_, id)| asked.only.only.as_deref().is_none_or(|only| id.contains(only))) {
+    for (place, id) in PLANTS
+        .into_iter()
+        .enumerate()
+        .filter(|(_, id)| asked.only.only.as_deref().is_none_or(|only| id.contains(only)))
+    {
         let seed = asked.first.seed + place as u64;
         let clean = Case::new(id, seed, 0.0)?;
         if asked.thesis {

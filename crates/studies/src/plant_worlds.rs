@@ -11,7 +11,9 @@ use lampyris_core::diagnose::{Adequacy, Diagnosis, diagnose};
 use lampyris_core::estimate::problem::request::AccusationRate;
 use lampyris_core::estimate::{Control, EstimateRequest, Problem, Progress, Site, prepare};
 use lampyris_core::model::Catalogue;
-use lampyris_core::twin::plant_world::{PLANT, PlantTruth, PlantWorldRequest, catalogued, plant_world, strange};
+use lampyris_core::twin::plant_world::{
+    PLANT, PlantTruth, PlantWorldRequest, catalogued, plant_world, strange,
+};
 use std::sync::Mutex;
 use std::time::Instant;
 
@@ -25,8 +27,8 @@ struct Judged {
     kind: &'static str,
     truth: PlantTruth,
     diagnosis: Diagnosis,
-    /// Error of the free run over the test part, in the noise of the sensors: without anything that was named, with all of it, and
-    /// with the truth.
+    /// Error of the free run over the test part, in the noise of the sensors: without anything that was
+    /// named, with all of it, and with the truth.
     test: [Option<f64>; 3],
     seconds: f64,
     /// After so many seconds so many were said to be left.
@@ -41,7 +43,8 @@ impl Judged {
     fn right(&self) -> bool {
         let Some(finding) = self.diagnosis.findings.first() else { return false };
         let group = [&finding.effect].into_iter().chain(&finding.tied_with);
-        finding.tied_with.len() <= 1 && group.into_iter().any(|named| Some(named) == self.truth.effect.as_ref())
+        finding.tied_with.len() <= 1
+            && group.into_iter().any(|named| Some(named) == self.truth.effect.as_ref())
     }
 
     fn named(&self) -> bool {
@@ -50,7 +53,11 @@ impl Judged {
 
     /// Whether the interval of the strength holds the true one, where the effect is the first that was named.
     fn covered(&self) -> Option<bool> {
-        let finding = self.diagnosis.findings.first().filter(|finding| Some(&finding.effect) == self.truth.effect.as_ref())?;
+        let finding = self
+            .diagnosis
+            .findings
+            .first()
+            .filter(|finding| Some(&finding.effect) == self.truth.effect.as_ref())?;
         let [low, high] = finding.parameters.values().next()?.ci95?;
         Some((low..=high).contains(&self.truth.strength))
     }
@@ -59,9 +66,13 @@ impl Judged {
 /// Diagnoses about so many worlds.
 pub fn run(asked: &Worlds) -> Result<Vec<Row>, Failure> {
     let (first, worlds, only, each) = asked.parts();
-    let kinds: [Vec<Option<&'static str>>; 3] = [vec![None], strange().map(Some).collect(), catalogued().map(Some).collect()];
+    let kinds: [Vec<Option<&'static str>>; 3] =
+        [vec![None], strange().map(Some).collect(), catalogued().map(Some).collect()];
     let total: u64 = SHARES.iter().sum();
-    let wanted = kinds.iter().zip(SHARES).flat_map(|(kinds, share)| kinds.iter().cycle().take((worlds * share).div_ceil(total) as usize));
+    let wanted = kinds
+        .iter()
+        .zip(SHARES)
+        .flat_map(|(kinds, share)| kinds.iter().cycle().take((worlds * share).div_ceil(total) as usize));
     let mut requests: Vec<PlantWorldRequest> = wanted
         .zip(first * 1_000_000..)
         .map(|(effect, seed)| PlantWorldRequest { seed, effect: *effect, days: DAYS.iter().sum() })
@@ -73,9 +84,10 @@ pub fn run(asked: &Worlds) -> Result<Vec<Row>, Failure> {
 fn problem(catalogue: &Catalogue, window: &Window, model: &str) -> Result<Problem, Failure> {
     let text = |found: &dyn std::fmt::Display| Failure::Error(found.to_string());
     let [train, validation, test] = DAYS.map(|days| format!("P{days}D"));
-    let request: EstimateRequest =
-        serde_json::from_value(serde_json::json!({"split": {"train": train, "validation": validation, "test": test}}))
-            .map_err(|error| text(&error))?;
+    let request: EstimateRequest = serde_json::from_value(
+        serde_json::json!({"split": {"train": train, "validation": validation, "test": test}}),
+    )
+    .map_err(|error| text(&error))?;
     let id = model.parse().map_err(|error| text(&error))?;
     prepare(catalogue, &id, &request, window, &Site::default()).map_err(|found| faults(&found))
 }
@@ -93,13 +105,18 @@ fn judge(request: &PlantWorldRequest) -> Result<Judged, Failure> {
         let finding = if place == 0 { findings.first() } else { findings.last() }?;
         Some(finding.rmse.test?[place])
     };
-    let without = named(0).or_else(|| Some(NullModel::settle(base.clone(), &theta, None, &|| false)?.measured.plain[2]?.sqrt()));
+    let without = named(0).or_else(|| {
+        Some(NullModel::settle(base.clone(), &theta, None, &|| false)?.measured.plain[2]?.sqrt())
+    });
     let truth = match &world.truth.effect {
         Some(effect) if world.truth.in_catalogue => {
             let informed = problem(&catalogue, &window, &format!("{PLANT}+{effect}"))?;
             let values = &world.truth.values;
-            let value = |name: &str| values.iter().find(|(known, _)| known == name).map_or(f64::NAN, |(_, value)| *value);
-            let theta: Vec<f64> = informed.model().parameters().iter().map(|parameter| value(&parameter.name)).collect();
+            let value = |name: &str| {
+                values.iter().find(|(known, _)| known == name).map_or(f64::NAN, |(_, value)| *value)
+            };
+            let theta: Vec<f64> =
+                informed.model().parameters().iter().map(|parameter| value(&parameter.name)).collect();
             informed.free_run_error(&informed.simulate(&theta), informed.split().test.clone())
         }
         _ => None,
@@ -109,7 +126,12 @@ fn judge(request: &PlantWorldRequest) -> Result<Judged, Failure> {
 }
 
 /// A diagnosis, the seconds that it took, and the time left that it told on its way: when, and how much.
-fn diagnosed(catalogue: &Catalogue, base: &Problem, theta: &[f64], window: &Window) -> Result<(Diagnosis, f64, Vec<[f64; 2]>), Failure> {
+fn diagnosed(
+    catalogue: &Catalogue,
+    base: &Problem,
+    theta: &[f64],
+    window: &Window,
+) -> Result<(Diagnosis, f64, Vec<[f64; 2]>), Failure> {
     let begun = Instant::now();
     let told: Mutex<Vec<[f64; 2]>> = Mutex::default();
     let note = |progress: &Progress| {
@@ -120,8 +142,9 @@ fn diagnosed(catalogue: &Catalogue, base: &Problem, theta: &[f64], window: &Wind
         }
     };
     let control = Control { progress: &note, ..Control::NONE };
-    let diagnosis = diagnose(catalogue, base, theta, window, &Site::default(), AccusationRate::default(), &[], &control)
-        .map_err(|error| Failure::Error(error.to_string()))?;
+    let diagnosis =
+        diagnose(catalogue, base, theta, window, &Site::default(), AccusationRate::default(), &[], &control)
+            .map_err(|error| Failure::Error(error.to_string()))?;
     let seconds = begun.elapsed().as_secs_f64();
     Ok((diagnosis, seconds, told.into_inner().unwrap_or_default()))
 }
@@ -143,7 +166,8 @@ fn rows(judged: &[Judged]) -> Vec<Row> {
         );
         rows.push(Row::new(what, worlds.len() as f64, "worlds"));
     }
-    let these = |keep: &dyn Fn(&Judged) -> bool| -> Vec<&Judged> { judged.iter().filter(|one| keep(one)).collect() };
+    let these =
+        |keep: &dyn Fn(&Judged) -> bool| -> Vec<&Judged> { judged.iter().filter(|one| keep(one)).collect() };
     let none = these(&|one| one.truth.effect.is_none());
     let foreign = these(&|one| one.truth.effect.is_some() && !one.truth.in_catalogue);
     let material = these(&|one| one.truth.in_catalogue && one.material());
@@ -153,21 +177,32 @@ fn rows(judged: &[Judged]) -> Vec<Row> {
     let goals = [
         share("nothing hidden, something named", &none, |one| one.named()).map(|row| row.at_most(0.0)),
         share("nothing hidden, adequate", &none, verdict(Adequacy::Adequate)),
-        share("not in the catalogue, something named", &foreign, |one| one.named()).map(|row| row.at_most(0.25)),
+        share("not in the catalogue, something named", &foreign, |one| one.named())
+            .map(|row| row.at_most(0.25)),
         share("not in the catalogue, unknown", &foreign, verdict(Adequacy::Unknown)),
         share("one material effect, right first", &material, |one| one.right()).map(|row| row.at_least(0.93)),
         share("one material effect, wrong first", &material, |one| one.named() && !one.right()),
-        share("something named, test error falls", &falls, |one| matches!(one.test, [Some(before), Some(after), _] if after < before)),
+        share(
+            "something named, test error falls",
+            &falls,
+            |one| matches!(one.test, [Some(before), Some(after), _] if after < before),
+        ),
         share("interval of 95 % holds the true strength", &covered, |one| one.covered() == Some(true)),
     ];
     rows.extend(goals.into_iter().flatten());
     // The last moments are no time to wait for.
-    let promises = judged.iter().flat_map(|one| one.told.iter().map(|[at, left]| [*left, one.seconds - at, 0.05 * one.seconds]));
+    let promises = judged
+        .iter()
+        .flat_map(|one| one.told.iter().map(|[at, left]| [*left, one.seconds - at, 0.05 * one.seconds]));
     let promises: Vec<[f64; 3]> = promises.filter(|[_, really, least]| really >= least).collect();
     rows.extend(share("time left comes true within a factor of two", &promises, |[told, really, _]| {
         (0.5..=2.0).contains(&(told / really))
     }));
-    rows.extend(spread("a diagnosis, wall time beside others", "s", judged.iter().map(|one| one.seconds).collect()));
+    rows.extend(spread(
+        "a diagnosis, wall time beside others",
+        "s",
+        judged.iter().map(|one| one.seconds).collect(),
+    ));
     let rounds = judged.iter().flat_map(|one| &one.diagnosis.evaluations).map(|count| *count as f64);
     rows.extend(spread("a round, simulations", "-", rounds.collect()));
     rows
@@ -177,7 +212,12 @@ fn line(judged: &Judged) -> String {
     let number = |value: Option<f64>| value.unwrap_or(f64::NAN);
     let findings = judged.diagnosis.findings.iter().map(|finding| {
         let tied = finding.tied_with.iter().map(|name| format!("~{name}")).collect::<String>();
-        format!("{}{tied} dbic {:.0} share {:.2}", finding.effect, finding.delta_bic, number(finding.explained_share))
+        format!(
+            "{}{tied} dbic {:.0} share {:.2}",
+            finding.effect,
+            finding.delta_bic,
+            number(finding.explained_share)
+        )
     });
     let considered = judged.diagnosis.considered.iter().map(|one| {
         let gate = one.gate.map_or_else(String::new, |gate| format!(" {gate:?}"));
@@ -189,12 +229,18 @@ fn line(judged: &Judged) -> String {
                 number(measures.slow_delta_bic)
             )
         });
-        format!("{} dbic {:.0} share {:.2}{measures}{gate}", one.effect, number(one.delta_bic), number(one.explained_share))
+        format!(
+            "{} dbic {:.0} share {:.2}{measures}{gate}",
+            one.effect,
+            number(one.delta_bic),
+            number(one.explained_share)
+        )
     });
     let blind = judged.diagnosis.not_testable.iter().map(|one| format!("{}: {}", one.effect, one.reason));
     let [without, with, truth] = judged.test.map(number);
     format!(
-        "{} seed {}{}{} strength {:.2} test {without:.2} named {with:.2} truth {truth:.2} rho {:.2} NAMED {} CONSIDERED {} BLIND {} simulations {:?} {:.0} s",
+        "{} seed {}{}{} strength {:.2} test {without:.2} named {with:.2} truth {truth:.2} rho {:.2} NAMED {} \
+        CONSIDERED {} BLIND {} simulations {:?} {:.0} s",
         judged.kind,
         judged.truth.seed,
         if judged.material() { " material" } else { "" },

@@ -1,5 +1,5 @@
-//! Real rooms with a known driver withheld: is it named, do forecasts of the two weeks after fall, and are the channels of other days
-//! accused?
+//! Real rooms with a known driver withheld: is it named, do forecasts of the two weeks after fall, and are
+//! the channels of other days accused?
 
 use super::file::write;
 use super::options::{Each, Html, Only};
@@ -24,8 +24,8 @@ use std::path::{Path, PathBuf};
 const DAY: i64 = 86_400;
 /// Days of a window, half of them to learn from.
 const DAYS: i64 = 14;
-/// Records of at most so many days are also looked at as a whole, two thirds of them to learn from: what is seen on few days, as people
-/// in a teaching room, is not seen in every window.
+/// Records of at most so many days are also looked at as a whole, two thirds of them to learn from: what is
+/// seen on few days, as people in a teaching room, is not seen in every window.
 const SHORT_DAYS: i64 = 35;
 /// Hours ahead of the forecasts of the days after.
 const AHEAD: [(&str, i64); 2] = [("PT6H", 6 * 3600), ("PT12H", 12 * 3600)];
@@ -91,8 +91,24 @@ const ROOMS: [Room; 14] = [
         decoys: &["wind_infiltration"],
         place: (50.51, 3.71),
     },
-    Room { name: "nl_home1", file: "nl_home1/nl_home1.csv.gz", binds: &[], model: BASE, drivers: WATER, decoys: &[], place: (52.0, 5.0) },
-    Room { name: "nl_home3", file: "nl_home3/nl_home3.csv.gz", binds: &[], model: BASE, drivers: WATER, decoys: &[], place: (52.0, 5.0) },
+    Room {
+        name: "nl_home1",
+        file: "nl_home1/nl_home1.csv.gz",
+        binds: &[],
+        model: BASE,
+        drivers: WATER,
+        decoys: &[],
+        place: (52.0, 5.0),
+    },
+    Room {
+        name: "nl_home3",
+        file: "nl_home3/nl_home3.csv.gz",
+        binds: &[],
+        model: BASE,
+        drivers: WATER,
+        decoys: &[],
+        place: (52.0, 5.0),
+    },
     Room {
         name: "radiator room",
         file: "dk_radiator_room/dk_radiator_room.csv.gz",
@@ -241,13 +257,16 @@ pub struct Arguments {
     html: Html,
 }
 
-/// Diagnoses every window of every room below a folder: the figures, and a line for every window, on a page where asked to.
+/// Diagnoses every window of every room below a folder: the figures, and a line for every window, on a page
+/// where asked to.
 pub fn run(asked: &Arguments) -> Result<(Vec<Row>, Table), Failure> {
-    let (folder, only, each, html) = (&asked.data, asked.only.only.as_deref(), asked.each.each, asked.html.html.as_deref());
+    let (folder, only, each, html) =
+        (&asked.data, asked.only.only.as_deref(), asked.each.each, asked.html.html.as_deref());
     let mut judged = Vec::new();
     for room in ROOMS.iter().filter(|room| only.is_none_or(|only| room.name.contains(only))) {
         let bindings = Bindings::parse(room.binds.iter().copied()).map_err(|found| faults(&found))?;
-        let (window, _) = Window::parse_csv(&read(&folder.join(room.file))?, &bindings).map_err(|found| faults(&found))?;
+        let (window, _) =
+            Window::parse_csv(&read(&folder.join(room.file))?, &bindings).map_err(|found| faults(&found))?;
         // The windows of the Belgian house are those of the reference figures, from a Monday on.
         let output = window.iter().find(|series| series.channel() == "T_room");
         let first = output.map(lampyris_core::data::Series::from).unwrap_or_default();
@@ -272,7 +291,10 @@ pub fn run(asked: &Arguments) -> Result<(Vec<Row>, Table), Failure> {
         id: "windows",
         title: "Windows of measured rooms with a known driver withheld".to_owned(),
         note: format!(
-            "Windows of {DAYS} days, half of them to learn from, and records of up to {SHORT_DAYS} days as a whole, two thirds of them to learn from. Evidence is that of what was named first, and the chance that of anything being shown so clearly where nothing is missing; of the channels of other days none should be accused."
+            "Windows of {DAYS} days, half of them to learn from, and records of up to {SHORT_DAYS} days as a \
+            whole, two thirds of them to learn from. Evidence is that of what was named first, and the \
+            chance that of anything being shown so clearly where nothing is missing; of the channels of \
+            other days none should be accused."
         ),
         head: HEAD.map(str::to_owned).to_vec(),
         rows: judged.into_iter().map(|one| one.cells).collect(),
@@ -307,13 +329,17 @@ fn read(path: &Path) -> Result<String, Failure> {
 
 fn asked(part: Part) -> Result<EstimateRequest, Failure> {
     let range = WindowRange { last: None, from: Some(rfc3339(part.from)), to: Some(rfc3339(part.to() - 1)) };
-    let split = serde_json::json!({ "train": format!("PT{}H", part.train), "validation": format!("PT{}H", part.hours - part.train) });
+    let split = serde_json::json!({
+        "train": format!("PT{}H", part.train), "validation": format!("PT{}H", part.hours - part.train)
+    });
     let split = serde_json::from_value(split).map_err(|error| Failure::Error(error.to_string()))?;
     Ok(EstimateRequest { window: Some(range), split, ..EstimateRequest::default() })
 }
 
 fn judge(room: &Room, window: &Window, part: Part) -> Result<Judged, Failure> {
-    let wrong = |error: &dyn std::fmt::Display| Failure::Error(format!("{} from {}: {error}", room.name, rfc3339(part.from)));
+    let wrong = |error: &dyn std::fmt::Display| {
+        Failure::Error(format!("{} from {}: {error}", room.name, rfc3339(part.from)))
+    };
     let catalogue = Catalogue::builtin().map_err(|found| faults(&found))?;
     let site = Site { location: Some(room.place), ..Site::default() };
     let model: ModelId = room.model.parse().map_err(|error| wrong(&error))?;
@@ -321,10 +347,12 @@ fn judge(room: &Room, window: &Window, part: Part) -> Result<Judged, Failure> {
     let problem = prepare(&catalogue, &model, &request, window, &site).map_err(|found| faults(&found))?;
     let theta = estimate(&problem, &request, None, &Control::NONE).map_err(|error| wrong(&error))?.theta();
     let found =
-        diagnose(&catalogue, &problem, &theta, window, &site, AccusationRate::USUAL, &[], &Control::NONE).map_err(|error| wrong(&error))?;
+        diagnose(&catalogue, &problem, &theta, window, &site, AccusationRate::USUAL, &[], &Control::NONE)
+            .map_err(|error| wrong(&error))?;
     let group = |finding: &Finding| [vec![finding.named().to_owned()], finding.tied_with.clone()].concat();
     let first: Vec<String> = found.findings.first().map(group).unwrap_or_default();
-    let holds = |effects: &[&str], names: &[String]| names.iter().any(|name| effects.contains(&name.as_str()));
+    let holds =
+        |effects: &[&str], names: &[String]| names.iter().any(|name| effects.contains(&name.as_str()));
     let all: Vec<String> = found.findings.iter().map(|finding| finding.effect.clone()).collect();
     let after = match found.findings.first() {
         Some(finding) => after(&catalogue, room, window, part, &model, &model.plus(&finding.effect))?,
@@ -338,7 +366,8 @@ fn judge(room: &Room, window: &Window, part: Part) -> Result<Judged, Failure> {
         let interval = size.ci95.map_or_else(String::new, |[low, high]| format!(" ({low:.2} to {high:.2})"));
         format!("{:.2}{interval} {}", size.value, size.unit)
     });
-    let errors = after.map(|after| after.map(|[without, with]| format!("{without:.2} to {with:.2}")).join(", "));
+    let errors =
+        after.map(|after| after.map(|[without, with]| format!("{without:.2} to {with:.2}")).join(", "));
     let words = |names: &[&str]| if names.is_empty() { NONE.to_owned() } else { names.join(" or ") };
     let names: Vec<&str> = all.iter().map(String::as_str).collect();
     let cells = vec![
@@ -392,8 +421,10 @@ fn after(
     let errors = |model: &ModelId| -> Result<[Option<f64>; AHEAD.len()], Failure> {
         let request = asked(part)?;
         let problem = prepare(catalogue, model, &request, window, &site).map_err(|found| faults(&found))?;
-        let fit = estimate(&problem, &request, None, &Control::NONE).map_err(|error| Failure::Error(error.to_string()))?;
-        let later = prepare(catalogue, model, &asked(next)?, window, &site).map_err(|found| faults(&found))?;
+        let fit = estimate(&problem, &request, None, &Control::NONE)
+            .map_err(|error| Failure::Error(error.to_string()))?;
+        let later =
+            prepare(catalogue, model, &asked(next)?, window, &site).map_err(|found| faults(&found))?;
         let later = later.with_substeps(fit.substeps);
         let run = filter(&later, &fit.theta(), None);
         let found = ahead(&later, &fit.theta(), &run, 0..later.grid().len(), &AHEAD);
@@ -404,7 +435,8 @@ fn after(
     Ok(pair(0).zip(pair(1)).map(|(six, twelve)| [six, twelve]))
 }
 
-/// How many candidates with the channels of other days there are, and how many of them segments accuse at each rate.
+/// How many candidates with the channels of other days there are, and how many of them segments accuse at
+/// each rate.
 fn negatives(
     catalogue: &Catalogue,
     problem: &Problem,
@@ -414,19 +446,27 @@ fn negatives(
 ) -> Result<(usize, [usize; 3]), Failure> {
     let (grid, holes) = widen(problem, window, site).map_err(|fault| faults(&[fault]))?;
     let (mut library, _) = candidates(catalogue, problem, &grid, &holes, site);
-    let Some(null) = NullModel::settle(align(problem, &mut library), theta, None, &|| false) else { return Ok((0, [0; 3])) };
+    let Some(null) = NullModel::settle(align(problem, &mut library), theta, None, &|| false) else {
+        return Ok((0, [0; 3]));
+    };
     let days = grid.len() as i64 * grid.step() / DAY;
     let (mut count, mut accused) = (0, [0; 3]);
     for shift in 1..=SHIFTS {
-        let grid = of_other_days(problem, &grid, (shift * days / (SHIFTS + 1)).max(1)).map_err(|fault| faults(&[fault]))?;
+        let grid = of_other_days(problem, &grid, (shift * days / (SHIFTS + 1)).max(1))
+            .map_err(|fault| faults(&[fault]))?;
         let (mut library, _) = candidates(catalogue, problem, &grid, &holes, site);
         let base = align(&null.problem, &mut library);
         let most = RATES.iter().copied().fold(0.0, f64::max);
-        let Some(tests) = Tests::new(&base, &null.fitted.plain, &library, most, &[], &|| false) else { continue };
+        let Some(tests) = Tests::new(&base, &null.fitted.plain, &library, most, &[], &|| false) else {
+            continue;
+        };
         let found: Vec<Heard> = library.par_iter().map(|candidate| tests.hear(candidate)).collect();
         count += library.iter().filter(|candidate| is_driven(candidate, &base)).count();
         for evidence in found.iter().filter_map(|heard| Some(&heard.shown.as_ref()?.evidence)) {
-            accused.iter_mut().zip(RATES).for_each(|(accused, rate)| *accused += usize::from(evidence.p <= rate));
+            accused
+                .iter_mut()
+                .zip(RATES)
+                .for_each(|(accused, rate)| *accused += usize::from(evidence.p <= rate));
         }
     }
     Ok((count, accused))
@@ -436,29 +476,37 @@ fn negatives(
 fn of_other_days(problem: &Problem, grid: &Grid, days: i64) -> Result<Grid, lampyris_core::fault::Fault> {
     let model = problem.model();
     let used = |channel: &str| {
-        model.inputs().iter().any(|input| input.channel == channel) || model.outputs().iter().any(|output| output.channel == channel)
+        model.inputs().iter().any(|input| input.channel == channel)
+            || model.outputs().iter().any(|output| output.channel == channel)
     };
     let per_day = (DAY / grid.step()) as usize;
     let (whole, later) = (grid.len() / per_day * per_day, days as usize * per_day);
     let mut moved = grid.clone();
-    for (channel, column) in
-        grid.columns().filter(|(channel, _)| !used(channel) && !CALENDAR.contains(channel) && !COMPUTED.contains(channel))
+    for (channel, column) in grid
+        .columns()
+        .filter(|(channel, _)| !used(channel) && !CALENDAR.contains(channel) && !COMPUTED.contains(channel))
     {
         let value = |k: usize| column.values()[if k < whole { (k + later) % whole } else { k }];
-        moved = moved.with_column(channel, Column::complete(column.unit(), column.hold(), (0..grid.len()).map(value).collect())?)?;
+        moved = moved.with_column(
+            channel,
+            Column::complete(column.unit(), column.hold(), (0..grid.len()).map(value).collect())?,
+        )?;
     }
     Ok(moved)
 }
 
 fn rows(judged: &[Judged]) -> Vec<Row> {
-    let driven = |whole: bool| judged.iter().filter(|one| one.driven && one.whole == whole).collect::<Vec<&Judged>>();
+    let driven =
+        |whole: bool| judged.iter().filter(|one| one.driven && one.whole == whole).collect::<Vec<&Judged>>();
     let after: Vec<[f64; 2]> = judged.iter().filter_map(|one| one.after.map(|[_, twelve]| twelve)).collect();
     let all: Vec<&Judged> = judged.iter().collect();
     let mut rows: Vec<Row> = [
         share("a known driver withheld: named first", &driven(false), |one| one.named),
         share("the same on the whole of a short record", &driven(true), |one| one.named),
         share("an effect that never acts there is named", &all, |one| one.decoy),
-        share("named: forecasts 12 h ahead fall on the two weeks after", &after, |[without, with]| with < without),
+        share("named: forecasts 12 h ahead fall on the two weeks after", &after, |[without, with]| {
+            with < without
+        }),
     ]
     .into_iter()
     .flatten()
@@ -467,7 +515,9 @@ fn rows(judged: &[Judged]) -> Vec<Row> {
     for (place, rate) in RATES.iter().enumerate() {
         let accused: usize = judged.iter().map(|one| one.accused[place]).sum();
         let what = format!("channels of other days accused at {rate} ({accused} of {negatives})");
-        rows.push(Row::new(what, accused as f64 / negatives.max(1) as f64, "-").at_most((1e3 * rate + 10.0) / 1e3));
+        rows.push(
+            Row::new(what, accused as f64 / negatives.max(1) as f64, "-").at_most((1e3 * rate + 10.0) / 1e3),
+        );
     }
     rows
 }

@@ -1,4 +1,5 @@
-//! The default search beside its rivals on synthetic rooms of 15 parameters: one week fitted, the next one to judge.
+//! The default search beside its rivals on synthetic rooms of 15 parameters: one week fitted, the next one to
+//! judge.
 
 mod methods;
 mod page;
@@ -59,13 +60,19 @@ mod tests {
     /// Two rooms, the default and a swarm, few evaluations.
     fn small() -> Rooms {
         let named = entries().into_iter().filter(|entry| [DEFAULT, LINEAR, "pso"].contains(&entry.name));
-        Rooms::measure(40_901, 2, 1500, named.map(|entry| Entry { seeds: 2, ..entry }).collect(), false).ok().unwrap()
+        Rooms::measure(40_901, 2, 1500, named.map(|entry| Entry { seeds: 2, ..entry }).collect(), false)
+            .ok()
+            .unwrap()
     }
 
     #[test]
     fn a_small_comparison_has_every_figure_and_a_page_that_needs_nothing() {
         let rooms = small();
-        assert!(rooms.known.iter().all(|known| (0.04f64.powi(2)..0.06f64.powi(2)).contains(&known.cost)), "{:?}", rooms.known);
+        assert!(
+            rooms.known.iter().all(|known| (0.04f64.powi(2)..0.06f64.powi(2)).contains(&known.cost)),
+            "{:?}",
+            rooms.known
+        );
         for outcome in &rooms.outcomes {
             let figures = rooms.figures(outcome);
             assert_eq!(figures.runs, 4);
@@ -86,6 +93,9 @@ mod tests {
     #[test]
     fn pieces_come_back_in_their_order() {
         let list: Vec<usize> = (0..50).collect();
-        assert_eq!(on_every_core(&list, |n| n * n).ok().unwrap(), list.iter().map(|n| n * n).collect::<Vec<_>>());
+        assert_eq!(
+            on_every_core(&list, |n| n * n).ok().unwrap(),
+            list.iter().map(|n| n * n).collect::<Vec<_>>()
+        );
     }
 }

@@ -61,6 +61,10 @@ impl Row {
     }
 
     pub fn number(&self) -> String {
-        if self.value != 0.0 && self.value.abs() < 1e-3 { format!("{:.2e}", self.value) } else { format!("{:.4}", self.value) }
+        if self.value != 0.0 && self.value.abs() < 1e-3 {
+            format!("{:.2e}", self.value)
+        } else {
+            format!("{:.4}", self.value)
+        }
     }
 }

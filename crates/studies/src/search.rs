@@ -32,21 +32,35 @@ impl Path {
     }
 }
 
-/// A method by itself, without what an estimation adds: no start at nominal values, no polish, no finer steps.
+/// A method by itself, without what an estimation adds: no start at nominal values, no polish, no finer
+/// steps.
 pub fn path(problem: &Problem, method: &Method, seed: u64, budget: usize) -> Path {
     path_in(problem, problem.space(), method, true, seed, budget)
 }
 
 /// The same in another box of the same parameters, and from costs alone where there are to be no residuals.
-pub fn path_in(problem: &Problem, space: &Space, method: &Method, residuals: bool, seed: u64, budget: usize) -> Path {
+pub fn path_in(
+    problem: &Problem,
+    space: &Space,
+    method: &Method,
+    residuals: bool,
+    seed: u64,
+    budget: usize,
+) -> Path {
     let start = Instant::now();
     // No warm start: a first fit has none but the nominal values, and those are not the question here.
     let search = Search { dimensions: space.len(), seed, budget, warm: Vec::new(), residuals };
     let mut optimiser = method.optimiser(search);
     let here = |candidate: &Candidate| {
-        if space == problem.space() { candidate.clone() } else { problem.space().candidate(&space.theta(candidate)) }
+        if space == problem.space() {
+            candidate.clone()
+        } else {
+            problem.space().candidate(&space.theta(candidate))
+        }
     };
-    let answer = |candidates: &[Candidate], wanted| problem.evaluate(&candidates.iter().map(here).collect::<Vec<_>>(), wanted);
+    let answer = |candidates: &[Candidate], wanted| {
+        problem.evaluate(&candidates.iter().map(here).collect::<Vec<_>>(), wanted)
+    };
     let (mut evaluations, mut improvements) = (0, Vec::new());
     loop {
         let answers = match optimiser.ask() {
@@ -62,6 +76,9 @@ pub fn path_in(problem: &Problem, space: &Space, method: &Method, residuals: boo
             improvements.push((evaluations, cost));
         }
     }
-    let best = optimiser.best().filter(|(_, cost)| *cost != Cost::Diverged).map(|(best, _)| problem.theta(&here(best)));
+    let best = optimiser
+        .best()
+        .filter(|(_, cost)| *cost != Cost::Diverged)
+        .map(|(best, _)| problem.theta(&here(best)));
     Path { improvements, best, evaluations, seconds: start.elapsed().as_secs_f64() }
 }

@@ -120,7 +120,8 @@ fn read_payload(payload: &[u8]) -> Result<Series, CorruptBlock> {
         previous ^= u64::from_le_bytes(word);
         f64::from_bits(previous)
     });
-    Series::new(channel, unit, hold, times, values.collect()).map_err(|_| CorruptBlock("its samples are not a series"))
+    Series::new(channel, unit, hold, times, values.collect())
+        .map_err(|_| CorruptBlock("its samples are not a series"))
 }
 
 /// Each value's bits, exclusive or those of the value before.
@@ -179,7 +180,8 @@ mod tests {
 
     fn series(samples: usize) -> Series {
         let times = (0..samples as i64).map(|i| 1_452_528_000 + 600 * i).collect();
-        let values = (0..samples).map(|i| 20.0 + (i as f64 * 0.01).sin()).map(|v| (v * 10.0).round() / 10.0).collect();
+        let values =
+            (0..samples).map(|i| 20.0 + (i as f64 * 0.01).sin()).map(|v| (v * 10.0).round() / 10.0).collect();
         Series::new("T_room", "degC", Hold::Linear, times, values).unwrap()
     }
 
@@ -192,7 +194,8 @@ mod tests {
 
     #[test]
     fn a_bomb_is_refused() {
-        // Zeros compress a thousandfold; the declared hash cannot match, and nothing beyond the limit is kept.
+        // Zeros compress a thousandfold; the declared hash cannot match, and nothing beyond the limit is
+        // kept.
         let mut block = MAGIC.to_vec();
         block.extend([0; HASH]);
         let mut encoder = flate2::write::ZlibEncoder::new(block, flate2::Compression::best());

@@ -1,7 +1,7 @@
 //! The clock on the wall: hour of the day and day of the week in the local time zone.
 //!
-//! People, set-backs and ventilation follow the local clock, so both columns jump where summer time begins and
-//! ends. The zones come with the program: the same measurements give the same columns on every machine.
+//! People, set-backs and ventilation follow the local clock, so both columns jump where summer time begins
+//! and ends. The zones come with the program: the same measurements give the same columns on every machine.
 
 use jiff::Timestamp;
 use jiff::tz::{TimeZone, TimeZoneDatabase};
@@ -26,8 +26,8 @@ pub fn hour_of_day(grid: &Grid, k: usize) -> usize {
     }
 }
 
-/// The grid with the columns `hour_of_day` (h) and `weekday` (-), computed for this IANA time zone where they are
-/// not measured. Both hold their value over the interval that a point starts.
+/// The grid with the columns `hour_of_day` (h) and `weekday` (-), computed for this IANA time zone where they
+/// are not measured. Both hold their value over the interval that a point starts.
 ///
 /// # Errors
 /// A fault where the zone is unknown or a time lies thousands of years away.
@@ -35,9 +35,12 @@ pub fn add_calendar(mut grid: Grid, zone: &str) -> Result<Grid, Fault> {
     let zone = local_zone(zone)?;
     let (mut hours, mut weekdays) = (Vec::with_capacity(grid.len()), Vec::with_capacity(grid.len()));
     for index in 0..grid.len() {
-        let time = Timestamp::from_second(grid.time(index)).map_err(|error| Fault::new("/time", "bad-time", error.to_string()))?;
+        let time = Timestamp::from_second(grid.time(index))
+            .map_err(|error| Fault::new("/time", "bad-time", error.to_string()))?;
         let local = zone.to_datetime(time);
-        hours.push(f64::from(local.hour()) + f64::from(local.minute()) / 60.0 + f64::from(local.second()) / 3600.0);
+        hours.push(
+            f64::from(local.hour()) + f64::from(local.minute()) / 60.0 + f64::from(local.second()) / 3600.0,
+        );
         weekdays.push(f64::from(local.weekday().to_monday_one_offset()));
     }
     for (name, unit, values) in [(HOUR, "h", hours), (WEEKDAY, "-", weekdays)] {
@@ -53,7 +56,13 @@ pub fn add_calendar(mut grid: Grid, zone: &str) -> Result<Grid, Fault> {
 /// # Errors
 /// A fault where it is unknown.
 pub fn local_zone(name: &str) -> Result<TimeZone, Fault> {
-    let unknown = || Fault::new("/location/zone", "unknown-zone", format!("`{}` is no IANA time zone", name.escape_debug()));
+    let unknown = || {
+        Fault::new(
+            "/location/zone",
+            "unknown-zone",
+            format!("`{}` is no IANA time zone", name.escape_debug()),
+        )
+    };
     TimeZoneDatabase::bundled().get(name).map_err(|_| unknown())
 }
 
@@ -81,14 +90,18 @@ mod tests {
 
     #[test]
     fn every_hour_of_a_year_agrees_with_the_zoned_clock() {
-        for zone in ["Europe/Copenhagen", "America/St_Johns", "Asia/Kathmandu", "Australia/Lord_Howe", "UTC"] {
+        for zone in ["Europe/Copenhagen", "America/St_Johns", "Asia/Kathmandu", "Australia/Lord_Howe", "UTC"]
+        {
             let (hours, weekdays) = columns("2025-12-31T00:20:00Z", 3600, 366 * 24, zone);
             let start = read_time("", "2025-12-31T00:20:00Z").unwrap();
             for (k, (hour, weekday)) in hours.iter().zip(&weekdays).enumerate() {
                 let stamp = Timestamp::from_second(start + 3600 * k as i64).unwrap();
                 let text = stamp.in_tz(zone).unwrap().strftime("%H %M %u").to_string();
                 let parts: Vec<f64> = text.split(' ').map(|part| part.parse().unwrap()).collect();
-                assert!((hour - parts[0] - parts[1] / 60.0).abs() < 1e-12 && *weekday == parts[2], "{zone} {stamp}: {hour} {weekday}");
+                assert!(
+                    (hour - parts[0] - parts[1] / 60.0).abs() < 1e-12 && *weekday == parts[2],
+                    "{zone} {stamp}: {hour} {weekday}"
+                );
             }
         }
     }

@@ -12,7 +12,8 @@ use utoipa::ToSchema;
 pub enum Hold {
     /// A straight line from sample to sample: temperatures, weather, the sun.
     Linear,
-    /// The sample's value until the next one, stamped at the start of its interval: power, valves, windows, people.
+    /// The sample's value until the next one, stamped at the start of its interval: power, valves, windows,
+    /// people.
     ZeroOrder,
 }
 
@@ -23,12 +24,14 @@ pub struct ChannelKind {
     pub unit: String,
     /// What it is between two samples.
     pub hold: Hold,
-    /// The lowest and the highest value that a working sensor gives, in `unit`; infinite where nothing is known.
+    /// The lowest and the highest value that a working sensor gives, in `unit`; infinite where nothing is
+    /// known.
     pub plausible: (f64, f64),
 }
 
 /// The thirteen components of ASM1.
-const ASM1: [&str; 13] = ["S_I", "S_S", "X_I", "X_S", "X_BH", "X_BA", "X_P", "S_O", "S_NO", "S_NH", "S_ND", "X_ND", "S_ALK"];
+const ASM1: [&str; 13] =
+    ["S_I", "S_S", "X_I", "X_S", "X_BH", "X_BA", "X_P", "S_O", "S_NO", "S_NH", "S_ND", "X_ND", "S_ALK"];
 /// The effluent measurements.
 const EFFLUENT: [&str; 4] = ["S_S_e", "X_S_e", "S_NH_e", "S_NO_e"];
 
@@ -58,11 +61,16 @@ pub(super) const KNOWN: [&str; 19] = [
 impl ChannelKind {
     /// The kind of a channel whose name is known, alone or by a pattern such as `T_room_<n>` and `P_<name>`.
     ///
-    /// The plausible ranges are wide: they are there to catch Fahrenheit, kelvin and watts, and the dead sensor's
-    /// 85 or -127, not to judge the weather. The slight excess below zero is for the offsets of real instruments.
+    /// The plausible ranges are wide: they are there to catch Fahrenheit, kelvin and watts, and the dead
+    /// sensor's 85 or -127, not to judge the weather. The slight excess below zero is for the offsets of real
+    /// instruments.
     pub fn of_name(name: &str) -> Option<Self> {
-        let linear = |unit: &str, low, high| Some(Self { unit: unit.to_owned(), hold: Hold::Linear, plausible: (low, high) });
-        let held = |unit: &str, low, high| Some(Self { unit: unit.to_owned(), hold: Hold::ZeroOrder, plausible: (low, high) });
+        let linear = |unit: &str, low, high| {
+            Some(Self { unit: unit.to_owned(), hold: Hold::Linear, plausible: (low, high) })
+        };
+        let held = |unit: &str, low, high| {
+            Some(Self { unit: unit.to_owned(), hold: Hold::ZeroOrder, plausible: (low, high) })
+        };
         match name {
             "T_room" => linear("degC", -20.0, 50.0),
             "T_out" => linear("degC", -60.0, 60.0),
@@ -94,7 +102,11 @@ impl ChannelKind {
 
     /// The kind of a channel of which only the unit is known: linear, without limits of plausibility.
     pub fn of_unit(unit: &str) -> Self {
-        Self { unit: canonical_unit(unit).to_owned(), hold: Hold::Linear, plausible: (f64::NEG_INFINITY, f64::INFINITY) }
+        Self {
+            unit: canonical_unit(unit).to_owned(),
+            hold: Hold::Linear,
+            plausible: (f64::NEG_INFINITY, f64::INFINITY),
+        }
     }
 
     /// Whether a value, in the channel's unit, is one that a working sensor gives.
@@ -102,8 +114,8 @@ impl ChannelKind {
         self.plausible.0 <= value && value <= self.plausible.1
     }
 
-    /// The highest value, in `unit`, that is believed without a word where a column states no unit: 50 watts of a lamp
-    /// are no impossible kilowatts, and 50 degrees Fahrenheit outdoors no impossible Celsius.
+    /// The highest value, in `unit`, that is believed without a word where a column states no unit: 50 watts
+    /// of a lamp are no impossible kilowatts, and 50 degrees Fahrenheit outdoors no impossible Celsius.
     pub(super) fn usual_limit(&self, name: &str) -> Option<f64> {
         match self.unit.as_str() {
             "kW" => Some(20.0),
@@ -169,7 +181,13 @@ mod tests {
 
     #[test]
     fn known_channels_have_readable_units_and_ranges() {
-        for name in KNOWN.iter().chain(&ASM1).chain(&["T_room_2", "P_heater", "irradiance_clear_sky", "RH_laundry", "S_NO_e"]) {
+        for name in KNOWN.iter().chain(&ASM1).chain(&[
+            "T_room_2",
+            "P_heater",
+            "irradiance_clear_sky",
+            "RH_laundry",
+            "S_NO_e",
+        ]) {
             let kind = ChannelKind::of_name(name).unwrap();
             assert!(Unit::parse(&kind.unit).is_ok(), "{name} in {}", kind.unit);
             assert!(kind.plausible.0 < kind.plausible.1, "{name}");
@@ -184,7 +202,9 @@ mod tests {
     fn patterns_need_a_tail() {
         assert_eq!(ChannelKind::of_name("P_heater").unwrap().hold, Hold::ZeroOrder);
         assert_eq!(ChannelKind::of_name("T_room_kitchen").unwrap().unit, "degC");
-        for unknown in ["P_", "T_", "T_room_x".trim_end_matches("room_x"), "ghi", "heat_input_raw", "", "t_room"] {
+        for unknown in
+            ["P_", "T_", "T_room_x".trim_end_matches("room_x"), "ghi", "heat_input_raw", "", "t_room"]
+        {
             assert_eq!(ChannelKind::of_name(unknown), None, "{unknown}");
         }
     }

@@ -1,7 +1,8 @@
 //! Openings of a window, read off sharp drops of a room temperature.
 //!
-//! Where no contact is fitted, a drop that is much steeper than the room's usual movement stands for an opening.
-//! The column is made from the output itself, so whatever explains the output by it has to show more than usual.
+//! Where no contact is fitted, a drop that is much steeper than the room's usual movement stands for an
+//! opening. The column is made from the output itself, so whatever explains the output by it has to show more
+//! than usual.
 
 use super::channel::Hold;
 use super::grid::{Column, Grid};
@@ -24,7 +25,9 @@ pub fn add_drops(grid: Grid, output: &str) -> Result<Grid, Fault> {
     let column = grid.require(output)?;
     let lead = (SPAN / grid.step()).max(1) as usize;
     let (values, valid) = (column.values(), column.valid());
-    let change = |k: usize| (k + lead < values.len() && valid[k] && valid[k + lead]).then(|| values[k + lead] - values[k]);
+    let change = |k: usize| {
+        (k + lead < values.len() && valid[k] && valid[k + lead]).then(|| values[k + lead] - values[k])
+    };
     let mut sizes: Vec<f64> = (0..values.len()).filter_map(change).map(f64::abs).collect();
     sizes.sort_by(f64::total_cmp);
     let median = sizes.get(sizes.len() / 2).copied().unwrap_or(0.0);

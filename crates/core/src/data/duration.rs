@@ -12,7 +12,8 @@ const HOUR: i64 = 3_600;
 const MINUTE: i64 = 60;
 /// Most digits of a number.
 const MAX_DIGITS: usize = 5;
-/// The most days that can be written, 273 years: longer than any record, and far from any overflow of seconds.
+/// The most days that can be written, 273 years: longer than any record, and far from any overflow of
+/// seconds.
 const MAX_SECONDS: i64 = 99_999 * DAY;
 /// The parts of a duration before and behind the `T`, in their order.
 const DATE: [(char, i64); 2] = [('W', 7 * DAY), ('D', DAY)];
@@ -35,7 +36,12 @@ pub struct BadDuration {
 impl fmt::Display for BadDuration {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let shown: String = self.text.chars().take(40).collect();
-        write!(f, "`{}` is not a duration: {} (such as `P7D`, `PT6H` or `PT30M`)", shown.escape_debug(), self.reason)
+        write!(
+            f,
+            "`{}` is not a duration: {} (such as `P7D`, `PT6H` or `PT30M`)",
+            shown.escape_debug(),
+            self.reason
+        )
     }
 }
 
@@ -92,8 +98,11 @@ impl FromStr for Duration {
         if parts.is_empty() || time == Some("") {
             return Err(bad("it says no length"));
         }
-        let seconds = sum(date, &DATE).zip(sum(time.unwrap_or_default(), &TIME)).map(|(days, rest)| days + rest);
-        seconds.map(Self::from_seconds).ok_or_else(|| bad("it is made of whole numbers of at most five digits"))
+        let seconds =
+            sum(date, &DATE).zip(sum(time.unwrap_or_default(), &TIME)).map(|(days, rest)| days + rest);
+        seconds
+            .map(Self::from_seconds)
+            .ok_or_else(|| bad("it is made of whole numbers of at most five digits"))
     }
 }
 
@@ -119,7 +128,8 @@ schema::is_text!(
     "Duration",
     "^P(?=[0-9T])([0-9]{1,5}W)?([0-9]{1,5}D)?(T(?=[0-9])([0-9]{1,5}H)?([0-9]{1,5}M)?([0-9]{1,5}S)?)?$",
     "P7D",
-    "A length of time, as ISO 8601 writes it. A day has 24 hours; whatever is longer than 99,999 days counts as that."
+    "A length of time, as ISO 8601 writes it. A day has 24 hours; whatever is longer than 99,999 days counts \
+    as that."
 );
 
 /// What the description calls a [`Duration`] that has to be longer than nothing.
@@ -135,7 +145,8 @@ schema::is_text!(
 );
 
 impl fmt::Display for Duration {
-    /// Whole days from two days on (`P7D`), else hours and less (`PT24H`): horizons are spoken of in hours, records in days.
+    /// Whole days from two days on (`P7D`), else hours and less (`PT24H`): horizons are spoken of in hours,
+    /// records in days.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         if self.seconds == 0 {
             return f.write_str("P0D");

@@ -1,5 +1,5 @@
-//! Fewer points for a chart: each stands for a stretch of samples and keeps its lowest and its highest value, so
-//! that no spike is lost and no value is made up.
+//! Fewer points for a chart: each stands for a stretch of samples and keeps its lowest and its highest value,
+//! so that no spike is lost and no value is made up.
 
 use serde::Serialize;
 
@@ -42,7 +42,9 @@ impl Thinning {
 
     /// The extremes of every point. Values must be finite.
     pub fn envelope(&self, values: &[Option<f64>]) -> Envelope {
-        let extreme = |stretch: &[Option<f64>], better: fn(f64, f64) -> f64| stretch.iter().copied().flatten().reduce(better);
+        let extreme = |stretch: &[Option<f64>], better: fn(f64, f64) -> f64| {
+            stretch.iter().copied().flatten().reduce(better)
+        };
         Envelope {
             min: values.chunks(self.per_point).map(|stretch| extreme(stretch, f64::min)).collect(),
             max: values.chunks(self.per_point).map(|stretch| extreme(stretch, f64::max)).collect(),
@@ -70,7 +72,11 @@ mod tests {
     proptest! {
         #[test]
         fn every_value_lies_in_its_envelope(
-            values in proptest::collection::vec(prop_oneof![Just(None), (-50.0f64..50.0).prop_map(Some)], 0..200), most in 1usize..60,
+            values in proptest::collection::vec(
+                prop_oneof![Just(None), (-50.0f64..50.0).prop_map(Some)],
+                0..200
+            ),
+            most in 1usize..60,
         ) {
             let thinning = Thinning::new(values.len(), most);
             let envelope = thinning.envelope(&values);

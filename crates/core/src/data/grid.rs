@@ -30,7 +30,11 @@ impl Column {
             return Err(Fault::new("/column", "length-mismatch", detail));
         }
         if let Some(index) = values.iter().position(|value| !value.is_finite()) {
-            return Err(Fault::new("/column", "not-finite", format!("the value at index {index} is not finite")));
+            return Err(Fault::new(
+                "/column",
+                "not-finite",
+                format!("the value at index {index} is not finite"),
+            ));
         }
         Ok(Self { unit: canonical_unit(unit).to_owned(), hold, values, valid })
     }
@@ -44,7 +48,8 @@ impl Column {
         Self::new(unit, hold, values, valid)
     }
 
-    /// A column from values that are there only at some indices; the others hold the last one, and are invalid.
+    /// A column from values that are there only at some indices; the others hold the last one, and are
+    /// invalid.
     ///
     /// `None` where there is no value at all. Values must be finite.
     pub(super) fn from_options(unit: &str, hold: Hold, found: &[Option<f64>]) -> Option<Self> {
@@ -65,7 +70,8 @@ impl Column {
         &self.unit
     }
 
-    /// What the column is between two grid points. A zero-order value holds over the interval that its point starts.
+    /// What the column is between two grid points. A zero-order value holds over the interval that its point
+    /// starts.
     pub fn hold(&self) -> Hold {
         self.hold
     }
@@ -86,7 +92,12 @@ impl Column {
     }
 
     fn slice(&self, range: Range<usize>) -> Self {
-        Self { unit: self.unit.clone(), hold: self.hold, values: self.values[range.clone()].to_vec(), valid: self.valid[range].to_vec() }
+        Self {
+            unit: self.unit.clone(),
+            hold: self.hold,
+            values: self.values[range.clone()].to_vec(),
+            valid: self.valid[range].to_vec(),
+        }
     }
 }
 
@@ -106,11 +117,22 @@ impl Grid {
     /// A fault where the step is not positive or the grid leaves the range of times.
     pub fn new(start: i64, step: i64, len: usize) -> Result<Self, Fault> {
         if step <= 0 {
-            return Err(Fault::new("/step", "bad-step", format!("a grid needs a positive step, not {step} s")));
+            return Err(Fault::new(
+                "/step",
+                "bad-step",
+                format!("a grid needs a positive step, not {step} s"),
+            ));
         }
-        let end = i64::try_from(len).ok().and_then(|len| len.checked_mul(step)).and_then(|length| length.checked_add(start));
+        let end = i64::try_from(len)
+            .ok()
+            .and_then(|len| len.checked_mul(step))
+            .and_then(|length| length.checked_add(start));
         if end.is_none() {
-            return Err(Fault::new("/step", "grid-too-long", "the grid does not end within the range of times"));
+            return Err(Fault::new(
+                "/step",
+                "grid-too-long",
+                "the grid does not end within the range of times",
+            ));
         }
         Ok(Self { start, step, len, columns: IndexMap::new() })
     }
@@ -192,7 +214,11 @@ impl Grid {
             start: self.time(range.start),
             step: self.step,
             len: range.len(),
-            columns: self.columns.iter().map(|(name, column)| (name.clone(), column.slice(range.clone()))).collect(),
+            columns: self
+                .columns
+                .iter()
+                .map(|(name, column)| (name.clone(), column.slice(range.clone())))
+                .collect(),
         }
     }
 
@@ -228,7 +254,9 @@ mod tests {
     use crate::data::Hold;
 
     fn grid() -> Grid {
-        let column = Column::new("degC", Hold::Linear, vec![1.0, 2.0, 2.0, 4.0], vec![true, true, false, true]).unwrap();
+        let column =
+            Column::new("degC", Hold::Linear, vec![1.0, 2.0, 2.0, 4.0], vec![true, true, false, true])
+                .unwrap();
         Grid::new(1_000, 600, 4).unwrap().with_column("T_room", column).unwrap()
     }
 

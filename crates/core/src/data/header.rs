@@ -1,4 +1,5 @@
-//! From the columns of a file to channels: `T_room[degC]`, `P_heater_W`, and bindings such as `T_room=T_indoor_degC`.
+//! From the columns of a file to channels: `T_room[degC]`, `P_heater_W`, and bindings such as
+//! `T_room=T_indoor_degC`.
 
 use indexmap::IndexMap;
 use serde::{Deserialize, Serialize};
@@ -12,7 +13,8 @@ use utoipa::ToSchema;
 pub(super) const MAX_COLUMNS: usize = 1_000;
 const MAX_NAME: usize = 128;
 
-/// Unit suffixes of column names, with the unit texts that they stand for; a longer one comes before its own tail.
+/// Unit suffixes of column names, with the unit texts that they stand for; a longer one comes before its own
+/// tail.
 const SUFFIXES: &[(&str, &str)] = &[
     ("_kW_m2", "kW/m2"),
     ("_W_m2", "W/m2"),
@@ -40,8 +42,8 @@ const RAW: &str = "_raw";
 
 /// Unit texts to suggest for a slip of the pen.
 const COMMON_UNITS: &[&str] = &[
-    "degC", "degF", "K", "W", "kW", "MW", "W/m2", "kW/m2", "m/s", "km/h", "ppm", "pct", "deg", "g/m3", "mol/m3", "m3/d", "m3/h", "people",
-    "-",
+    "degC", "degF", "K", "W", "kW", "MW", "W/m2", "kW/m2", "m/s", "km/h", "ppm", "pct", "deg", "g/m3",
+    "mol/m3", "m3/d", "m3/h", "people", "-",
 ];
 
 /// What a column says about its unit.
@@ -51,7 +53,8 @@ pub enum ColumnUnit {
     Stated(String),
     /// Nothing: the channel's own unit is meant.
     Unstated,
-    /// The name ends in `_raw`: nobody knows the unit. Such a column is neither converted nor judged for plausibility.
+    /// The name ends in `_raw`: nobody knows the unit. Such a column is neither converted nor judged for
+    /// plausibility.
     Raw,
 }
 
@@ -69,8 +72,8 @@ pub struct ColumnHeader {
 impl ColumnHeader {
     /// Takes a header apart.
     ///
-    /// A bracket is the last word: in `T_out_W[degC]` the `_W` belongs to the name. Without one a known suffix
-    /// is the unit and no part of the name.
+    /// A bracket is the last word: in `T_out_W[degC]` the `_W` belongs to the name. Without one a known
+    /// suffix is the unit and no part of the name.
     pub fn parse(header: &str) -> Self {
         let column = header.trim();
         let (channel, unit) = match column.strip_suffix(']').and_then(|open| open.rsplit_once('[')) {
@@ -84,10 +87,15 @@ impl ColumnHeader {
         Self { column: column.to_owned(), channel: channel.to_owned(), unit }
     }
 
-    /// A header whose unit is stated elsewhere (in the `channels` of a JSON window), so that the name stands as it is.
+    /// A header whose unit is stated elsewhere (in the `channels` of a JSON window), so that the name stands
+    /// as it is.
     pub(super) fn with_unit(name: &str, unit: &str) -> Self {
         let name = name.trim();
-        Self { column: name.to_owned(), channel: name.to_owned(), unit: ColumnUnit::Stated(canonical_unit(unit.trim()).to_owned()) }
+        Self {
+            column: name.to_owned(),
+            channel: name.to_owned(),
+            unit: ColumnUnit::Stated(canonical_unit(unit.trim()).to_owned()),
+        }
     }
 }
 
@@ -120,7 +128,11 @@ impl Bindings {
             match text.split_once('=').map(|(channel, column)| (channel.trim(), column.trim())) {
                 Some((channel, column)) if !channel.is_empty() && !column.is_empty() => {
                     if bindings.0.insert(channel.to_owned(), column.to_owned()).is_some() {
-                        faults.push(Fault::new("/bind", "bound-twice", format!("`{}` is bound twice", shown(channel))));
+                        faults.push(Fault::new(
+                            "/bind",
+                            "bound-twice",
+                            format!("`{}` is bound twice", shown(channel)),
+                        ));
                     }
                 }
                 _ => faults.push(
@@ -174,8 +186,8 @@ pub(super) struct Target {
     pub assumed: bool,
 }
 
-/// The channels behind all columns of a file that make sense, and every fault of the others: of columns without a
-/// name, in units that do not convert, there twice, or bound although they are not there.
+/// The channels behind all columns of a file that make sense, and every fault of the others: of columns
+/// without a name, in units that do not convert, there twice, or bound although they are not there.
 ///
 /// `pointer` turns a column's name into the place that a fault names: `column T_room` or `/values/T_room`.
 pub(super) fn resolve(
@@ -202,7 +214,11 @@ pub(super) fn resolve(
                 }
             }
             None => {
-                let detail = format!("`{}` is bound to a column `{}` that is not there", shown(channel), shown(column));
+                let detail = format!(
+                    "`{}` is bound to a column `{}` that is not there",
+                    shown(channel),
+                    shown(column)
+                );
                 let near = nearest(column, headers.iter().map(|header| header.column.as_str()));
                 faults.push(with_near(Fault::new("/bind", "unknown-column", detail), near));
             }
@@ -215,14 +231,18 @@ pub(super) fn resolve(
         } else if bound[index] {
             continue;
         } else if bindings.column(&header.channel).is_some() {
-            warnings.push(format!("column `{}` left out: its channel is bound to another column", header.column));
+            warnings
+                .push(format!("column `{}` left out: its channel is bound to another column", header.column));
         } else if let Some(first) = own.insert(&header.channel, &header.column) {
-            let detail = format!("`{}` and `{}` are both the channel `{}`", shown(first), shown(&header.column), shown(&header.channel));
-            faults.push(Fault::new(pointer(&shown(&header.column)), "duplicate-column", detail).suggest(format!(
-                "rename one of them, or bind one: {0}={1}",
-                shown(&header.channel),
-                shown(first)
-            )));
+            let detail = format!(
+                "`{}` and `{}` are both the channel `{}`",
+                shown(first),
+                shown(&header.column),
+                shown(&header.channel)
+            );
+            faults.push(Fault::new(pointer(&shown(&header.column)), "duplicate-column", detail).suggest(
+                format!("rename one of them, or bind one: {0}={1}", shown(&header.channel), shown(first)),
+            ));
         } else {
             match target(index, &header.channel, header, pointer, warnings) {
                 Ok(found) => drop(targets.insert(header.channel.clone(), found)),
@@ -256,7 +276,10 @@ fn target(
         (ColumnUnit::Unstated | ColumnUnit::Raw, Some(kind)) => {
             let unit = kind.unit.clone();
             if header.unit == ColumnUnit::Raw {
-                warnings.push(format!("`{}` does not state its unit: its numbers are taken as {unit} and not checked", header.column));
+                warnings.push(format!(
+                    "`{}` does not state its unit: its numbers are taken as {unit} and not checked",
+                    header.column
+                ));
             }
             (kind, unit)
         }
@@ -293,11 +316,18 @@ fn bad_name(header: &ColumnHeader, pointer: &str) -> Option<Fault> {
     if header.channel.is_empty() {
         let detail = "a column has no name";
         return Some(
-            Fault::new(pointer, "unnamed-column", detail).suggest("name it, or remove it (a comma at the end of every line makes one)"),
+            Fault::new(pointer, "unnamed-column", detail)
+                .suggest("name it, or remove it (a comma at the end of every line makes one)"),
         );
     }
     let ends_up = header.channel.len() > MAX_NAME || header.channel.chars().any(char::is_control);
-    ends_up.then(|| Fault::new(pointer, "bad-column-name", format!("a column name has at most {MAX_NAME} bytes and no control characters")))
+    ends_up.then(|| {
+        Fault::new(
+            pointer,
+            "bad-column-name",
+            format!("a column name has at most {MAX_NAME} bytes and no control characters"),
+        )
+    })
 }
 
 fn with_near(fault: Fault, near: Option<&str>) -> Fault {
@@ -322,7 +352,8 @@ mod tests {
     fn channels(headers: &[&str], binds: &[&str]) -> Result<Vec<Target>, Vec<Fault>> {
         let headers: Vec<ColumnHeader> = headers.iter().map(|header| ColumnHeader::parse(header)).collect();
         let bindings = Bindings::parse(binds.iter().copied())?;
-        let (targets, faults) = resolve(&headers, &bindings, &|name| format!("column {name}"), &mut Vec::new());
+        let (targets, faults) =
+            resolve(&headers, &bindings, &|name| format!("column {name}"), &mut Vec::new());
         if faults.is_empty() { Ok(targets) } else { Err(faults) }
     }
 
@@ -350,15 +381,23 @@ mod tests {
         assert_eq!(parts("_W"), ("_W".to_owned(), ColumnUnit::Unstated));
         for (suffix, unit) in SUFFIXES {
             assert!(Unit::parse(unit).is_ok(), "{unit}");
-            assert_eq!(parts(&format!("x{suffix}")), stated("x", unit), "no shorter suffix may hide {suffix}");
+            assert_eq!(
+                parts(&format!("x{suffix}")),
+                stated("x", unit),
+                "no shorter suffix may hide {suffix}"
+            );
         }
     }
 
     #[test]
     fn bound_columns_are_converted_and_not_taken_twice() {
-        let found =
-            channels(&["T_indoor_degC", "T_outdoor_degC", "P_heater_W", "ghi_W_m2"], &["T_room=T_indoor_degC", "T_out=T_outdoor"]).unwrap();
-        let names: Vec<(&str, &str)> = found.iter().map(|target| (target.channel.as_str(), target.kind.unit.as_str())).collect();
+        let found = channels(
+            &["T_indoor_degC", "T_outdoor_degC", "P_heater_W", "ghi_W_m2"],
+            &["T_room=T_indoor_degC", "T_out=T_outdoor"],
+        )
+        .unwrap();
+        let names: Vec<(&str, &str)> =
+            found.iter().map(|target| (target.channel.as_str(), target.kind.unit.as_str())).collect();
         assert_eq!(names, [("T_room", "degC"), ("T_out", "degC"), ("P_heater", "kW"), ("ghi", "W/m2")]);
         let one_for_two = channels(&["T_a"], &["T_room=T_a", "T_forward=T_a"]).unwrap();
         assert_eq!(one_for_two.len(), 2);
@@ -369,13 +408,22 @@ mod tests {
 
     #[test]
     fn every_fault_of_a_header_is_named() {
-        assert_eq!(codes(channels(&["T_room[furlong]", "T_out_W", ""], &[])), ["unknown-unit", "inconvertible-unit", "unnamed-column"]);
+        assert_eq!(
+            codes(channels(&["T_room[furlong]", "T_out_W", ""], &[])),
+            ["unknown-unit", "inconvertible-unit", "unnamed-column"]
+        );
         assert_eq!(codes(channels(&["T_room", "T_room_degC"], &[])), ["duplicate-column"]);
         assert_eq!(channels(&["T_room", "T_room_degC"], &["T_room=T_room_degC"]).unwrap().len(), 1);
         assert_eq!(codes(channels(&["T_indoor"], &["T_room=T_indor"])), ["unknown-column"]);
         assert_eq!(codes(channels(&[], &[])), ["no-data-column"]);
-        assert_eq!(codes(channels(&["CO2_degC", "occupancy[deg]"], &[])), ["inconvertible-unit", "inconvertible-unit"]);
-        assert_eq!(codes(channels(&["a"], &["T_room", "T_room=a", "T_room=b"])), ["bad-binding", "bound-twice"]);
+        assert_eq!(
+            codes(channels(&["CO2_degC", "occupancy[deg]"], &[])),
+            ["inconvertible-unit", "inconvertible-unit"]
+        );
+        assert_eq!(
+            codes(channels(&["a"], &["T_room", "T_room=a", "T_room=b"])),
+            ["bad-binding", "bound-twice"]
+        );
         let suggestion = channels(&["T_room[degc]"], &[]).unwrap_err().remove(0).suggestion;
         assert_eq!(suggestion.as_deref(), Some("did you mean `degC`?"));
     }

@@ -1,7 +1,7 @@
 //! The average dry-weather influent of a town, by which plants are warmed up, previewed and put to the test.
 
-/// The constant influent of the benchmark simulation model no. 1 (Gernaey et al. 2014): the flow in m3/d, what it carries in g/m3, the
-/// alkalinity in mol/m3.
+/// The constant influent of the benchmark simulation model no. 1 (Gernaey et al. 2014): the flow in m3/d,
+/// what it carries in g/m3, the alkalinity in mol/m3.
 pub const DRY_INFLUENT: [(&str, f64); 14] = [
     ("Q", 18_446.0),
     ("S_I", 30.0),

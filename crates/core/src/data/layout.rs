@@ -1,16 +1,16 @@
 //! Which sensors are probably in one room, and which rooms are probably neighbours: the layout of a building
 //! from the correlations of its temperatures, where nobody has its plan (thesis 7.3).
 //!
-//! The thesis takes the Pearson correlation of the interpolated temperatures themselves over two weeks: sensors
-//! that reach 0.96 are one room, of which one sensor is kept; rooms above 0.5 are neighbours. Temperatures alone
-//! mislead, though: rooms far apart drift together with the weather and the heating curve, and a common drift of
-//! a few kelvins drowns what tells them apart. Steps from sample to sample are no better: at ten minutes they are
-//! mostly the sensor's noise and resolution. So a pair is judged twice, by the temperatures and by what remains
-//! when the mean of the surrounding day is taken out, and the smaller of the two correlations counts: one room
-//! must drift together and move together within the day.
+//! The thesis takes the Pearson correlation of the interpolated temperatures themselves over two weeks:
+//! sensors that reach 0.96 are one room, of which one sensor is kept; rooms above 0.5 are neighbours.
+//! Temperatures alone mislead, though: rooms far apart drift together with the weather and the heating curve,
+//! and a common drift of a few kelvins drowns what tells them apart. Steps from sample to sample are no
+//! better: at ten minutes they are mostly the sensor's noise and resolution. So a pair is judged twice, by
+//! the temperatures and by what remains when the mean of the surrounding day is taken out, and the smaller of
+//! the two correlations counts: one room must drift together and move together within the day.
 //!
-//! A correlation proposes, it does not prove. Two sensors of one measured office correlate by no more than 0.75,
-//! as much as either does with the office next door: what is not proposed is not excluded.
+//! A correlation proposes, it does not prove. Two sensors of one measured office correlate by no more than
+//! 0.75, as much as either does with the office next door: what is not proposed is not excluded.
 
 use serde::Serialize;
 use utoipa::ToSchema;
@@ -123,7 +123,8 @@ type Matrix = Vec<Vec<Option<f64>>>;
 
 /// Proposes rooms and neighbours from the temperatures of many sensors, whatever their names.
 ///
-/// Channels in another unit, channels that are outdoors by their name, and sensors that never move are left out.
+/// Channels in another unit, channels that are outdoors by their name, and sensors that never move are left
+/// out.
 ///
 /// # Errors
 /// Faults where fewer than two sensors or more than 200 remain, or no two of them have three days in common.
@@ -136,21 +137,33 @@ pub fn propose_layout(window: &Window) -> Result<Layout, Vec<Fault>> {
         }
     }
     if !(2..=MOST_SENSORS).contains(&sensors.len()) {
-        let reasons: Vec<String> = left_out.iter().take(20).map(|one| format!("`{}`: {}", one.channel, one.reason)).collect();
+        let reasons: Vec<String> =
+            left_out.iter().take(20).map(|one| format!("`{}`: {}", one.channel, one.reason)).collect();
         let detail = format!("{} temperature sensors; 2 to {MOST_SENSORS} can be compared", sensors.len());
         let fault = Fault::new("/values", "sensor-count", detail);
-        return Err(vec![if reasons.is_empty() { fault } else { fault.suggest(format!("left out: {}", reasons.join("; "))) }]);
+        return Err(vec![if reasons.is_empty() {
+            fault
+        } else {
+            fault.suggest(format!("left out: {}", reasons.join("; ")))
+        }]);
     }
     let grid = common_grid(&sensors)?;
-    let levels: Vec<Vec<Option<f64>>> = sensors.iter().map(|series| interpolated(series, &grid, DEFAULT_MAX_GAP_STEPS)).collect();
+    let levels: Vec<Vec<Option<f64>>> =
+        sensors.iter().map(|series| interpolated(series, &grid, DEFAULT_MAX_GAP_STEPS)).collect();
     let daily: Vec<Vec<Option<f64>>> = levels.iter().map(|values| without_day(values, grid.step())).collect();
     let (by_level, by_day) = (matrix(&levels, grid.step()), matrix(&daily, grid.step()));
     let smaller = |a: &Option<f64>, b: &Option<f64>| a.zip(*b).map(|(a, b)| a.min(b));
-    let correlation: Matrix = by_level.iter().zip(&by_day).map(|(a, b)| a.iter().zip(b).map(|(a, b)| smaller(a, b)).collect()).collect();
+    let correlation: Matrix = by_level
+        .iter()
+        .zip(&by_day)
+        .map(|(a, b)| a.iter().zip(b).map(|(a, b)| smaller(a, b)).collect())
+        .collect();
     let judged = |a: usize| (0..a).any(|b| correlation[a][b].is_some());
     if !(1..sensors.len()).any(judged) {
         let detail = "no two sensors have three days of moving temperatures in common";
-        return Err(vec![Fault::new("/values", "window-too-short", detail).suggest("send two weeks or more")]);
+        return Err(vec![
+            Fault::new("/values", "window-too-short", detail).suggest("send two weeks or more"),
+        ]);
     }
     let samples = |index: usize| levels[index].iter().flatten().count();
     let sensors: Vec<Sensor> = sensors
@@ -162,13 +175,21 @@ pub fn propose_layout(window: &Window) -> Result<Layout, Vec<Fault>> {
     let groups = groups(&correlation);
     let heads: Vec<usize> = groups.iter().map(|group| representative(group, &sensors)).collect();
     let ids = ids(heads.iter().map(|head| sensors[*head].channel.as_str()));
-    let rooms: Vec<Room> =
-        groups.iter().zip(&heads).zip(&ids).map(|((group, head), id)| room(id, group, *head, &sensors, &correlation)).collect();
+    let rooms: Vec<Room> = groups
+        .iter()
+        .zip(&heads)
+        .zip(&ids)
+        .map(|((group, head), id)| room(id, group, *head, &sensors, &correlation))
+        .collect();
     let mut neighbours = Vec::new();
     for a in 0..heads.len() {
         for b in a + 1..heads.len() {
             if let Some(correlation) = correlation[heads[a]][heads[b]].filter(|found| *found > NEIGHBOUR) {
-                let both = levels[heads[a]].iter().zip(&levels[heads[b]]).filter(|(a, b)| a.is_some() && b.is_some()).count();
+                let both = levels[heads[a]]
+                    .iter()
+                    .zip(&levels[heads[b]])
+                    .filter(|(a, b)| a.is_some() && b.is_some())
+                    .count();
                 neighbours.push(Pair { rooms: [ids[a].clone(), ids[b].clone()], correlation, samples: both });
             }
         }
@@ -197,7 +218,10 @@ fn unsuitable(series: &Series) -> Option<String> {
     // A column of an unknown name without a unit is taken for what its sender says that it is.
     let nameless = series.unit() == "-" && ChannelKind::of_name(name).is_none();
     let kelvin = Unit::parse("K").ok();
-    let is_temperature = Unit::parse(series.unit()).ok().zip(kelvin).is_some_and(|(unit, kelvin)| unit.same_dimension(&kelvin));
+    let is_temperature = Unit::parse(series.unit())
+        .ok()
+        .zip(kelvin)
+        .is_some_and(|(unit, kelvin)| unit.same_dimension(&kelvin));
     if !is_temperature && !nameless {
         return Some(format!("it is in {}, no temperature", series.unit()));
     }
@@ -206,8 +230,10 @@ fn unsuitable(series: &Series) -> Option<String> {
     if plain.starts_with("out") || plain.starts_with("forward") || plain.starts_with("ambient") {
         return Some("by its name it is not in a room".to_owned());
     }
-    let (low, high) =
-        series.values().iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| (value.min(low), value.max(high)));
+    let (low, high) = series
+        .values()
+        .iter()
+        .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| (value.min(low), value.max(high)));
     (high - low < STILL).then(|| "it never moves".to_owned())
 }
 
@@ -216,7 +242,10 @@ fn common_grid(sensors: &[&Series]) -> Result<Grid, Vec<Fault>> {
     let from = sensors.iter().map(|series| series.from()).min().unwrap_or_default();
     let to = sensors.iter().map(|series| series.to()).max().unwrap_or_default();
     if to - from < LEAST_SPAN {
-        let detail = format!("the window covers {:.1} days; correlations of rooms need four at least", (to - from) as f64 / DAY as f64);
+        let detail = format!(
+            "the window covers {:.1} days; correlations of rooms need four at least",
+            (to - from) as f64 / DAY as f64
+        );
         return Err(vec![Fault::new("/time", "window-too-short", detail).suggest("send two weeks or more")]);
     }
     let steps: Vec<i64> = sensors.iter().filter_map(|series| series.median_step()).collect();
@@ -226,8 +255,8 @@ fn common_grid(sensors: &[&Series]) -> Result<Grid, Vec<Fault>> {
     Grid::new(from, step, ((to - from) / step + 1) as usize).map_err(|fault| vec![fault])
 }
 
-/// The values without the mean of the surrounding day, where three quarters of that day are measured: a mean of one
-/// side only, as at the ends of a record, would leave the drift in.
+/// The values without the mean of the surrounding day, where three quarters of that day are measured: a mean
+/// of one side only, as at the ends of a record, would leave the drift in.
 fn without_day(values: &[Option<f64>], step: i64) -> Vec<Option<f64>> {
     let half = (DAY / 2 / step) as usize;
     let (mut sums, mut counts) = (vec![0.0], vec![0usize]);
@@ -277,8 +306,8 @@ fn pearson(a: &[Option<f64>], b: &[Option<f64>], step: i64) -> Option<f64> {
     (aa > still && bb > still && correlation.is_finite()).then(|| correlation.clamp(-1.0, 1.0))
 }
 
-/// Groups of which every pair reaches [`SAME_ROOM`] (complete linkage), the most alike first: a chain of sensors
-/// each of which resembles the next is no room.
+/// Groups of which every pair reaches [`SAME_ROOM`] (complete linkage), the most alike first: a chain of
+/// sensors each of which resembles the next is no room.
 fn groups(correlation: &Matrix) -> Vec<Vec<usize>> {
     let mut groups: Vec<Vec<usize>> = (0..correlation.len()).map(|index| vec![index]).collect();
     let link = |a: &[usize], b: &[usize]| {
@@ -304,11 +333,15 @@ fn groups(correlation: &Matrix) -> Vec<Vec<usize>> {
 
 /// The sensor of a group with the most samples, the first one among equals.
 fn representative(group: &[usize], sensors: &[Sensor]) -> usize {
-    group.iter().copied().fold(group[0], |best, index| if sensors[index].samples > sensors[best].samples { index } else { best })
+    group.iter().copied().fold(group[0], |best, index| {
+        if sensors[index].samples > sensors[best].samples { index } else { best }
+    })
 }
 
 fn room(id: &str, group: &[usize], head: usize, sensors: &[Sensor], correlation: &Matrix) -> Room {
-    let pairs = group.iter().flat_map(|a| group.iter().filter(move |b| *b < a).filter_map(move |b| correlation[*a][*b]));
+    let pairs = group
+        .iter()
+        .flat_map(|a| group.iter().filter(move |b| *b < a).filter_map(move |b| correlation[*a][*b]));
     Room {
         id: id.to_owned(),
         sensors: group.iter().map(|index| sensors[*index].channel.clone()).collect(),
@@ -321,8 +354,13 @@ fn room(id: &str, group: &[usize], head: usize, sensors: &[Sensor], correlation:
 fn ids<'a>(channels: impl Iterator<Item = &'a str>) -> Vec<String> {
     let mut ids: Vec<String> = Vec::new();
     for channel in channels {
-        let tail = ["T_room_", "T_"].iter().find_map(|prefix| channel.strip_prefix(prefix)).unwrap_or(channel);
-        let plain: String = tail.chars().take(48).map(|c| if c.is_ascii_alphanumeric() || c == '_' { c } else { '-' }).collect();
+        let tail =
+            ["T_room_", "T_"].iter().find_map(|prefix| channel.strip_prefix(prefix)).unwrap_or(channel);
+        let plain: String = tail
+            .chars()
+            .take(48)
+            .map(|c| if c.is_ascii_alphanumeric() || c == '_' { c } else { '-' })
+            .collect();
         let plain = plain.trim_matches('-');
         let stem = if plain.is_empty() { "room" } else { plain };
         let mut id = stem.to_owned();
@@ -338,19 +376,29 @@ fn ids<'a>(channels: impl Iterator<Item = &'a str>) -> Vec<String> {
 
 fn summary(layout: &Layout, days: f64) -> String {
     const MOST_NAMED: usize = 12;
-    let mut text = format!("{} sensors over {days:.1} days look like {} rooms.", layout.sensors.len(), layout.rooms.len());
+    let mut text = format!(
+        "{} sensors over {days:.1} days look like {} rooms.",
+        layout.sensors.len(),
+        layout.rooms.len()
+    );
     let list = |mut all: Vec<String>| {
         let more = all.len().saturating_sub(MOST_NAMED);
         all.truncate(MOST_NAMED);
         if more > 0 { format!("{} and {more} more", all.join(", ")) } else { all.join(", ") }
     };
-    let groups = layout.rooms.iter().filter_map(|room| Some(format!("{} ({:.2})", room.sensors.join(" and "), room.correlation?)));
+    let groups = layout
+        .rooms
+        .iter()
+        .filter_map(|room| Some(format!("{} ({:.2})", room.sensors.join(" and "), room.correlation?)));
     let groups: Vec<String> = groups.collect();
     if !groups.is_empty() {
         text += &format!(" Probably in one room: {}.", list(groups));
     }
-    let pairs: Vec<String> =
-        layout.neighbours.iter().map(|pair| format!("{} ({:.2})", pair.rooms.join(" and "), pair.correlation)).collect();
+    let pairs: Vec<String> = layout
+        .neighbours
+        .iter()
+        .map(|pair| format!("{} ({:.2})", pair.rooms.join(" and "), pair.correlation))
+        .collect();
     text += &if pairs.is_empty() {
         " No two rooms look like neighbours.".to_owned()
     } else {
@@ -361,7 +409,10 @@ fn summary(layout: &Layout, days: f64) -> String {
         for b in a + 1..layout.sensors.len() {
             match (layout.levels[a][b], layout.daily[a][b]) {
                 (Some(level), Some(day)) if level >= SAME_ROOM && day < SAME_ROOM => {
-                    apart.push(format!("{} and {} ({level:.2}, {day:.2})", layout.sensors[a].channel, layout.sensors[b].channel));
+                    apart.push(format!(
+                        "{} and {} ({level:.2}, {day:.2})",
+                        layout.sensors[a].channel, layout.sensors[b].channel
+                    ));
                 }
                 (Some(_), Some(_)) => {}
                 _ => unjudged += 1,
@@ -369,7 +420,10 @@ fn summary(layout: &Layout, days: f64) -> String {
         }
     }
     if !apart.is_empty() {
-        text += &format!(" These drift together but move differently within the day, and were kept apart: {}.", list(apart));
+        text += &format!(
+            " These drift together but move differently within the day, and were kept apart: {}.",
+            list(apart)
+        );
     }
     if unjudged > 0 {
         text += &format!(" {unjudged} pairs have too little in common to be compared.");

@@ -27,22 +27,24 @@ fn is_time(column: &str) -> bool {
 impl Window {
     /// Reads a window from CSV: a header `time,T_room[degC],…`, then one row per time.
     ///
-    /// Times carry an offset or `Z`. An empty cell or `null` is a missing value. A row with anything else that
-    /// is no finite number, with a time that does not increase or with another number of cells is rejected and
-    /// listed in the report; a single value that no working sensor gives is left out with a warning.
+    /// Times carry an offset or `Z`. An empty cell or `null` is a missing value. A row with anything else
+    /// that is no finite number, with a time that does not increase or with another number of cells is
+    /// rejected and listed in the report; a single value that no working sensor gives is left out with a
+    /// warning.
     ///
     /// # Errors
-    /// All kinds of faults at once, at most 100: no or several columns of times, unknown or inconvertible units,
-    /// duplicate columns, bindings to missing columns, no data, times without offset, more than a tenth of the
-    /// rows rejected, values that only another unit explains, fewer than two rows.
+    /// All kinds of faults at once, at most 100: no or several columns of times, unknown or inconvertible
+    /// units, duplicate columns, bindings to missing columns, no data, times without offset, more than a
+    /// tenth of the rows rejected, values that only another unit explains, fewer than two rows.
     pub fn parse_csv(text: &str, bindings: &Bindings) -> Result<(Window, WindowReport), Vec<Fault>> {
         csv(text, bindings)
     }
 
-    /// Reads a window from JSON: `{"channels":{"T_room":{"unit":"degC"}},"time":[…],"values":{"T_room":[21.1,null]}}`.
+    /// Reads a window from JSON:
+    /// `{"channels":{"T_room":{"unit":"degC"}},"time":[…],"values":{"T_room":[21.1,null]}}`.
     ///
-    /// `channels` is optional and states units; a name in `values` is a column header as in CSV. The rules for
-    /// rows are those of [`Window::parse_csv`], and rows count from 1.
+    /// `channels` is optional and states units; a name in `values` is a column header as in CSV. The rules
+    /// for rows are those of [`Window::parse_csv`], and rows count from 1.
     ///
     /// # Errors
     /// As for CSV, and where the body is no such document or lists have different lengths.
@@ -64,10 +66,18 @@ impl Window {
 /// Commas separate; a header without any comma may use semicolons or tabs.
 fn csv(text: &str, bindings: &Bindings) -> Result<(Window, WindowReport), Vec<Fault>> {
     let text = text.strip_prefix('\u{feff}').unwrap_or(text);
-    let header_line = text.lines().find(|line| !line.trim().is_empty() && !line.starts_with('#')).unwrap_or_default();
-    let delimiter = [b',', b';', b'\t'].into_iter().find(|mark| header_line.as_bytes().contains(mark)).unwrap_or(b',');
-    let mut reader = csv::ReaderBuilder::new().delimiter(delimiter).flexible(true).comment(Some(b'#')).from_reader(text.as_bytes());
-    let unreadable = |error: csv::Error| vec![Fault::new("csv", UNREADABLE, format!("the text cannot be read as CSV: {error}"))];
+    let header_line =
+        text.lines().find(|line| !line.trim().is_empty() && !line.starts_with('#')).unwrap_or_default();
+    let delimiter =
+        [b',', b';', b'\t'].into_iter().find(|mark| header_line.as_bytes().contains(mark)).unwrap_or(b',');
+    let mut reader = csv::ReaderBuilder::new()
+        .delimiter(delimiter)
+        .flexible(true)
+        .comment(Some(b'#'))
+        .from_reader(text.as_bytes());
+    let unreadable = |error: csv::Error| {
+        vec![Fault::new("csv", UNREADABLE, format!("the text cannot be read as CSV: {error}"))]
+    };
     let header = reader.headers().map_err(unreadable)?.clone();
 
     let headers: Vec<ColumnHeader> = header.iter().map(ColumnHeader::parse).collect();
@@ -83,12 +93,16 @@ fn csv(text: &str, bindings: &Bindings) -> Result<(Window, WindowReport), Vec<Fa
                     .suggest("the header starts with time, such as time,T_room[degC],T_out[degC]"),
             );
         }
-        _ => faults.push(Fault::new("line 1", "duplicate-column", "there are several columns of times").suggest("keep one column `time`")),
+        _ => faults.push(
+            Fault::new("line 1", "duplicate-column", "there are several columns of times")
+                .suggest("keep one column `time`"),
+        ),
     }
     let data: Vec<usize> = (0..headers.len()).filter(|index| !times.contains(index)).collect();
     let data_headers: Vec<ColumnHeader> = data.iter().map(|index| headers[*index].clone()).collect();
     let mut warnings = Vec::new();
-    let (targets, more) = resolve(&data_headers, bindings, &|column| Place::Text.column(column), &mut warnings);
+    let (targets, more) =
+        resolve(&data_headers, bindings, &|column| Place::Text.column(column), &mut warnings);
     faults.extend(more);
     let [time] = times[..] else {
         return Err(limited(faults));
@@ -103,7 +117,11 @@ fn csv(text: &str, bindings: &Bindings) -> Result<(Window, WindowReport), Vec<Fa
                 let line = record.position().map_or(0, csv::Position::line);
                 if record.len() == headers.len() {
                     let stamp = Stamp::Text(record.get(time).unwrap_or_default());
-                    table.push(line, stamp, data.iter().map(|index| Cell::of_text(record.get(*index).unwrap_or_default())));
+                    table.push(
+                        line,
+                        stamp,
+                        data.iter().map(|index| Cell::of_text(record.get(*index).unwrap_or_default())),
+                    );
                 } else {
                     table.reject(line, format!("not the {} cells of the header", headers.len()));
                 }
@@ -130,7 +148,9 @@ fn document(document: WindowDocument, bindings: &Bindings) -> Result<(Window, Wi
     let (channels, values) = (channels.0, values.0);
 
     let mut faults = Vec::new();
-    let stated = |name: &str| channels.iter().find(|(channel, _)| channel == name).and_then(|(_, entry)| entry.unit.as_deref());
+    let stated = |name: &str| {
+        channels.iter().find(|(channel, _)| channel == name).and_then(|(_, entry)| entry.unit.as_deref())
+    };
     let headers: Vec<ColumnHeader> = values
         .iter()
         .map(|(name, _)| match stated(name) {
@@ -154,9 +174,15 @@ fn document(document: WindowDocument, bindings: &Bindings) -> Result<(Window, Wi
     let mut warnings = Vec::new();
     let (targets, more) = resolve(&headers, bindings, &|column| Place::Json.column(column), &mut warnings);
     // A unit is wrong where it is stated.
-    let stated_at = |fault: &Fault| channels.iter().find(|(name, entry)| entry.unit.is_some() && Place::Json.column(name) == fault.pointer);
+    let stated_at = |fault: &Fault| {
+        channels
+            .iter()
+            .find(|(name, entry)| entry.unit.is_some() && Place::Json.column(name) == fault.pointer)
+    };
     faults.extend(more.into_iter().map(|fault| match stated_at(&fault) {
-        Some((name, _)) if fault.code.ends_with("-unit") => Fault { pointer: format!("{}/unit", channel_pointer(name)), ..fault },
+        Some((name, _)) if fault.code.ends_with("-unit") => {
+            Fault { pointer: format!("{}/unit", channel_pointer(name)), ..fault }
+        }
         _ => fault,
     }));
     let names = headers.into_iter().map(|header| header.column).collect();
@@ -200,7 +226,8 @@ struct ChannelEntry {
     unit: Option<String>,
 }
 
-/// The entries of a map in the order of the document; a name that occurs twice stays twice, so that it can be a fault.
+/// The entries of a map in the order of the document; a name that occurs twice stays twice, so that it can be
+/// a fault.
 struct Pairs<T>(Vec<(String, T)>);
 
 impl<T> Default for Pairs<T> {
@@ -262,7 +289,8 @@ impl<'de> Deserialize<'de> for Times {
     }
 }
 
-/// The values of one channel, eight bytes each: a body of two bytes per value must not grow twelvefold in memory.
+/// The values of one channel, eight bytes each: a body of two bytes per value must not grow twelvefold in
+/// memory.
 ///
 /// JSON has neither NaN nor infinity, so inside this type NaN stands for `null`, and infinity for what is no
 /// number; the first few of the latter keep their text for the report.

@@ -8,8 +8,8 @@
 //! | zero-order input, as coarse or coarser | the value held at `t` | the value still holds |
 //!
 //! Two samples have a gap between them when they are more than `max_gap_steps` steps apart, the channel's own
-//! median step or the grid's, whichever is longer. A held value lasts until the next sample; before a gap, and
-//! at the end of the record, it lasts for one such step.
+//! median step or the grid's, whichever is longer. A held value lasts until the next sample; before a gap,
+//! and at the end of the record, it lasts for one such step.
 
 use super::channel::{Hold, is_compass};
 use super::grid::{Column, Grid};
@@ -28,7 +28,8 @@ const MAX_POINTS: i64 = 2_000_000;
 /// What a grid is to hold.
 #[derive(Debug, Clone, Copy)]
 pub struct GridRequest<'a> {
-    /// The measured output that sets the grid: its first sample in the range is index 0, its last sample ends it.
+    /// The measured output that sets the grid: its first sample in the range is index 0, its last sample ends
+    /// it.
     pub output: &'a str,
     /// More outputs, for models that have several; like the first they are never interpolated.
     pub more_outputs: &'a [&'a str],
@@ -47,7 +48,15 @@ pub struct GridRequest<'a> {
 impl<'a> GridRequest<'a> {
     /// The whole record of one output with these inputs, at the output's own step.
     pub fn new(output: &'a str, channels: &'a [(&'a str, Hold)]) -> Self {
-        Self { output, more_outputs: &[], channels, step: None, from: None, to: None, max_gap_steps: DEFAULT_MAX_GAP_STEPS }
+        Self {
+            output,
+            more_outputs: &[],
+            channels,
+            step: None,
+            from: None,
+            to: None,
+            max_gap_steps: DEFAULT_MAX_GAP_STEPS,
+        }
     }
 }
 
@@ -55,12 +64,14 @@ impl Window {
     /// The output and the inputs on one grid, by the rules at the head of this file.
     ///
     /// # Errors
-    /// A fault for every channel that is missing or has no value in the range, for a range without two samples
-    /// of the output, and for a step that is not positive or too short for the range.
+    /// A fault for every channel that is missing or has no value in the range, for a range without two
+    /// samples of the output, and for a step that is not positive or too short for the range.
     pub fn grid(&self, request: &GridRequest<'_>) -> Result<Grid, Vec<Fault>> {
         let mut faults = self.absent(request);
-        let frame =
-            self.require(request.output).map_err(|_| Vec::new()).and_then(|output| frame(output, request).map_err(|fault| vec![fault]));
+        let frame = self
+            .require(request.output)
+            .map_err(|_| Vec::new())
+            .and_then(|output| frame(output, request).map_err(|fault| vec![fault]));
         match frame {
             Ok(frame) if faults.is_empty() => self.fill(frame, request),
             other => {
@@ -70,8 +81,8 @@ impl Window {
         }
     }
 
-    /// The output and the inputs on points that are given, by the same rules. What the request says of step and
-    /// range does not matter: a fit that is looked at again needs the very points that it was made on.
+    /// The output and the inputs on points that are given, by the same rules. What the request says of step
+    /// and range does not matter: a fit that is looked at again needs the very points that it was made on.
     ///
     /// # Errors
     /// A fault for every channel that is missing or has no value on these points.
@@ -82,8 +93,12 @@ impl Window {
 
     /// A fault for every channel that is missing.
     fn absent(&self, request: &GridRequest<'_>) -> Vec<Fault> {
-        let wanted = request.more_outputs.iter().copied().chain(request.channels.iter().map(|(name, _)| *name));
-        std::iter::once(request.output).chain(wanted).filter_map(|channel| self.require(channel).err()).collect()
+        let wanted =
+            request.more_outputs.iter().copied().chain(request.channels.iter().map(|(name, _)| *name));
+        std::iter::once(request.output)
+            .chain(wanted)
+            .filter_map(|channel| self.require(channel).err())
+            .collect()
     }
 
     /// Puts the columns on an empty grid.
@@ -109,9 +124,13 @@ impl Window {
                 Some(column) => grid = grid.with_column(name, column).map_err(|fault| vec![fault])?,
                 None => {
                     let last = grid.time(grid.len().saturating_sub(1));
-                    let detail = format!("`{name}` has no value from {} to {}", rfc3339(grid.start()), rfc3339(last));
-                    let there = format!("it has samples from {} to {}", rfc3339(series.from()), rfc3339(series.to()));
-                    faults.push(Fault::new(format!("/channels/{name}"), "no-data-in-range", detail).suggest(there));
+                    let detail =
+                        format!("`{name}` has no value from {} to {}", rfc3339(grid.start()), rfc3339(last));
+                    let there =
+                        format!("it has samples from {} to {}", rfc3339(series.from()), rfc3339(series.to()));
+                    faults.push(
+                        Fault::new(format!("/channels/{name}"), "no-data-in-range", detail).suggest(there),
+                    );
                 }
             }
         }
@@ -120,8 +139,8 @@ impl Window {
 }
 
 impl Window {
-    /// One more channel on a grid that is there, by the rules at the head of this file; `None` where it has no
-    /// value.
+    /// One more channel on a grid that is there, by the rules at the head of this file; `None` where it has
+    /// no value.
     pub fn column_on(&self, grid: &Grid, channel: &str, hold: Hold) -> Option<Column> {
         let series = self.series(channel)?;
         let found = match hold {
@@ -138,7 +157,8 @@ fn frame(output: &Series, request: &GridRequest<'_>) -> Result<Grid, Fault> {
     let end = output.times().partition_point(|time| request.to.is_none_or(|to| *time <= to));
     let times = output.times().get(first..end).unwrap_or_default();
     let Some(own_step) = median_step(times) else {
-        let detail = format!("`{}` has {} samples in the range; a grid needs two", request.output, times.len());
+        let detail =
+            format!("`{}` has {} samples in the range; a grid needs two", request.output, times.len());
         let there = format!("it has samples from {} to {}", rfc3339(output.from()), rfc3339(output.to()));
         return Err(Fault::new("/window", "no-data-in-range", detail).suggest(there));
     };
@@ -149,7 +169,9 @@ fn frame(output: &Series, request: &GridRequest<'_>) -> Result<Grid, Fault> {
     let points = (times[times.len() - 1] - times[0]) / step + 1;
     if points > MAX_POINTS {
         let detail = format!("{points} points at a step of {step} s; {MAX_POINTS} are the most");
-        return Err(Fault::new("/step", "grid-too-long", detail).suggest("ask for a longer step or a shorter range"));
+        return Err(
+            Fault::new("/step", "grid-too-long", detail).suggest("ask for a longer step or a shorter range")
+        );
     }
     Grid::new(times[0], step, points as usize)
 }
@@ -160,8 +182,12 @@ fn nearest_samples(series: &Series, grid: &Grid) -> Vec<Option<f64>> {
     points(grid)
         .map(|t| {
             let next = times.partition_point(|time| *time < t);
-            let after = times.get(next).map(|time| (time - t, next)).filter(|(distance, _)| 2 * distance < step);
-            let before = next.checked_sub(1).map(|index| (t - times[index], index)).filter(|(distance, _)| 2 * distance <= step);
+            let after =
+                times.get(next).map(|time| (time - t, next)).filter(|(distance, _)| 2 * distance < step);
+            let before = next
+                .checked_sub(1)
+                .map(|index| (t - times[index], index))
+                .filter(|(distance, _)| 2 * distance <= step);
             before.into_iter().chain(after).min().map(|(_, index)| series.values()[index])
         })
         .collect()
@@ -181,7 +207,11 @@ pub(super) fn interpolated(series: &Series, grid: &Grid, max_gap_steps: u32) -> 
             let previous = next.checked_sub(1)?;
             let span = times.get(next)? - times[previous];
             let weight = (t - times[previous]) as f64 / span as f64;
-            let between = if compass { turn(values[previous], values[next], weight) } else { line(values[previous], values[next], weight) };
+            let between = if compass {
+                turn(values[previous], values[next], weight)
+            } else {
+                line(values[previous], values[next], weight)
+            };
             (span <= limit).then_some(between)
         })
         .collect()
@@ -240,7 +270,8 @@ fn line(from: f64, to: f64, weight: f64) -> f64 {
     from * (1.0 - weight) + to * weight
 }
 
-/// The bearing at a share of the shorter way round, in the range of the ends: from 350 to 10 leads through 0, not 180.
+/// The bearing at a share of the shorter way round, in the range of the ends: from 350 to 10 leads through 0,
+/// not 180.
 fn turn(from: f64, to: f64, weight: f64) -> f64 {
     let way = (to - from + 180.0).rem_euclid(360.0) - 180.0;
     let bearing = from + way * weight;

@@ -29,7 +29,11 @@ fn codes(result: Result<Grid, Vec<Fault>>) -> Vec<String> {
 #[test]
 fn an_output_is_its_nearest_sample_and_never_a_line() {
     // Samples a little off the grid, one missing, one exactly half a step after its point.
-    let output = series("y", Hold::Linear, &[(0, 0.0), (62, 1.0), (118, 2.0), (240, 4.0), (330, 5.0), (360, 6.0), (420, 7.0)]);
+    let output = series(
+        "y",
+        Hold::Linear,
+        &[(0, 0.0), (62, 1.0), (118, 2.0), (240, 4.0), (330, 5.0), (360, 6.0), (420, 7.0)],
+    );
     let grid = Window::from_series(vec![output]).unwrap().grid(&GridRequest::new("y", &[])).unwrap();
     assert_eq!((grid.start(), grid.step(), grid.len()), (0, 60, 8));
     assert_eq!(marks(&grid, "y"), "11101011");
@@ -79,13 +83,19 @@ fn fine_power_is_averaged_over_the_interval_that_its_stamp_starts() {
     // Off by ten seconds: the first interval is covered for 50 of its 60 s.
     let shifted: Vec<(i64, f64)> = samples.iter().map(|(time, value)| (time + 10, *value)).collect();
     let grid = gridded(series("u", Hold::ZeroOrder, &shifted));
-    assert!((grid.column("u").unwrap().values()[0] - (20.0 * 0.0 + 20.0 * 3.0 + 10.0 * 6.0) / 50.0).abs() < 1e-12);
+    assert!(
+        (grid.column("u").unwrap().values()[0] - (20.0 * 0.0 + 20.0 * 3.0 + 10.0 * 6.0) / 50.0).abs() < 1e-12
+    );
 }
 
 #[test]
 fn power_that_is_as_coarse_as_the_grid_is_held() {
     // At 180..480 a gap of five steps: the value holds for its own step only.
-    let grid = gridded(series("u", Hold::ZeroOrder, &[(0, 1.0), (60, 2.0), (120, 3.0), (180, 4.0), (480, 9.0), (540, 10.0)]));
+    let grid = gridded(series(
+        "u",
+        Hold::ZeroOrder,
+        &[(0, 1.0), (60, 2.0), (120, 3.0), (180, 4.0), (480, 9.0), (540, 10.0)],
+    ));
     assert_eq!(marks(&grid, "u"), "11110000110");
     let held = grid.column("u").unwrap();
     assert_eq!(held.values(), [1.0, 2.0, 3.0, 4.0, 4.0, 4.0, 4.0, 4.0, 9.0, 10.0, 10.0]);
@@ -121,13 +131,23 @@ fn what_cannot_be_gridded_is_a_fault() {
     .unwrap();
     let request = GridRequest::new("T_room", &[]);
     let inputs = [("T_out", Hold::Linear), ("lat", Hold::Linear)];
-    assert_eq!(codes(window.grid(&GridRequest { channels: &inputs, ..request })), ["missing-channel", "missing-channel"]);
-    let fault = window.grid(&GridRequest { channels: &[("lat", Hold::Linear)], ..request }).unwrap_err().remove(0);
+    assert_eq!(
+        codes(window.grid(&GridRequest { channels: &inputs, ..request })),
+        ["missing-channel", "missing-channel"]
+    );
+    let fault =
+        window.grid(&GridRequest { channels: &[("lat", Hold::Linear)], ..request }).unwrap_err().remove(0);
     assert_eq!(fault.suggestion.as_deref(), Some("bind it: lat=late"));
-    assert_eq!(codes(window.grid(&GridRequest { channels: &[("late", Hold::Linear)], ..request })), ["no-data-in-range"]);
+    assert_eq!(
+        codes(window.grid(&GridRequest { channels: &[("late", Hold::Linear)], ..request })),
+        ["no-data-in-range"]
+    );
     assert_eq!(codes(window.grid(&GridRequest { step: Some(60), ..request })), ["grid-too-long"]);
     assert_eq!(codes(window.grid(&GridRequest { step: Some(0), ..request })), ["bad-step"]);
-    assert_eq!(codes(window.grid(&GridRequest { from: Some(9), to: Some(1), ..request })), ["no-data-in-range"]);
+    assert_eq!(
+        codes(window.grid(&GridRequest { from: Some(9), to: Some(1), ..request })),
+        ["no-data-in-range"]
+    );
 }
 
 proptest! {
@@ -147,8 +167,12 @@ proptest! {
             })
             .collect();
         let hold = if held { Hold::ZeroOrder } else { Hold::Linear };
-        let (low, high) = samples.iter().fold((f64::MAX, f64::MIN), |(low, high), (_, value)| (low.min(*value), high.max(*value)));
-        let window = Window::from_series(vec![series("y", Hold::Linear, &samples), series("u", hold, &samples)]).unwrap();
+        let low = samples.iter().map(|(_, value)| *value).fold(f64::MAX, f64::min);
+        let high = samples.iter().map(|(_, value)| *value).fold(f64::MIN, f64::max);
+        let window = Window::from_series(vec![
+            series("y", Hold::Linear, &samples),
+            series("u", hold, &samples)
+        ]).unwrap();
         let channels = [("u", hold)];
         let request = GridRequest { step: Some(step), max_gap_steps, ..GridRequest::new("y", &channels) };
         if let Ok(grid) = window.grid(&request) {

@@ -57,13 +57,21 @@ pub struct SeriesStatistics {
 }
 
 impl Series {
-    /// A series of samples; negative zero and subnormal numbers become zero, so that equal data have equal hashes.
+    /// A series of samples; negative zero and subnormal numbers become zero, so that equal data have equal
+    /// hashes.
     ///
     /// # Errors
-    /// A fault where the lengths differ, a time does not increase, a value is not finite, there is no sample or
-    /// more than 16 million, or the name or the unit is none.
-    pub fn new(channel: &str, unit: &str, hold: Hold, times: Vec<i64>, values: Vec<f64>) -> Result<Self, Fault> {
-        let fault = |code, detail: String| Err(Fault::new(format!("/values/{}", shown(channel)), code, detail));
+    /// A fault where the lengths differ, a time does not increase, a value is not finite, there is no sample
+    /// or more than 16 million, or the name or the unit is none.
+    pub fn new(
+        channel: &str,
+        unit: &str,
+        hold: Hold,
+        times: Vec<i64>,
+        values: Vec<f64>,
+    ) -> Result<Self, Fault> {
+        let fault =
+            |code, detail: String| Err(Fault::new(format!("/values/{}", shown(channel)), code, detail));
         if channel.is_empty() || channel.len() > MAX_NAME || unit.len() > MAX_NAME {
             return fault("bad-name", format!("a channel and its unit have 1 to {MAX_NAME} bytes"));
         }
@@ -71,10 +79,16 @@ impl Series {
             return fault("length-mismatch", format!("{} times but {} values", times.len(), values.len()));
         }
         if times.is_empty() || times.len() > MAX_SAMPLES {
-            return fault("sample-count", format!("{} samples, where 1 to {MAX_SAMPLES} are possible", times.len()));
+            return fault(
+                "sample-count",
+                format!("{} samples, where 1 to {MAX_SAMPLES} are possible", times.len()),
+            );
         }
         if let Some(index) = times.windows(2).position(|pair| pair[0] >= pair[1]) {
-            return fault("times-not-increasing", format!("the time of sample {} is not after the one before", index + 1));
+            return fault(
+                "times-not-increasing",
+                format!("the time of sample {} is not after the one before", index + 1),
+            );
         }
         if times[0] < -MAX_TIME || times[times.len() - 1] > MAX_TIME {
             return fault("time-out-of-range", "a time is thousands of years from now".to_owned());
@@ -86,8 +100,10 @@ impl Series {
         if Unit::parse(unit).is_err() {
             return fault("unknown-unit", format!("`{}` is not a known unit", shown(unit)));
         }
-        // Subnormal dust (-1e-323 of a weather service) means zero, and costs a processor a hundred cycles a time.
-        let values = values.into_iter().map(|value| if value.is_subnormal() { 0.0 } else { value + 0.0 }).collect();
+        // Subnormal dust (-1e-323 of a weather service) means zero, and costs a processor a hundred cycles a
+        // time.
+        let values =
+            values.into_iter().map(|value| if value.is_subnormal() { 0.0 } else { value + 0.0 }).collect();
         Ok(Self { channel: channel.to_owned(), unit: unit.to_owned(), hold, times, values })
     }
 
@@ -150,7 +166,8 @@ impl Series {
         })
     }
 
-    /// What can be said about the samples; `rows` is the number of rows of which they are the ones with a value.
+    /// What can be said about the samples; `rows` is the number of rows of which they are the ones with a
+    /// value.
     pub fn statistics(&self, rows: usize) -> SeriesStatistics {
         SeriesStatistics {
             unit: self.unit.clone(),
@@ -169,7 +186,10 @@ impl Series {
     /// The samples behind which there is a gap: the next one is more than three median steps away.
     pub fn gaps(&self) -> Vec<usize> {
         let limit = self.gap_limit();
-        (1..self.len()).filter(|next| self.times[*next] - self.times[next - 1] > limit).map(|next| next - 1).collect()
+        (1..self.len())
+            .filter(|next| self.times[*next] - self.times[next - 1] > limit)
+            .map(|next| next - 1)
+            .collect()
     }
 
     /// The longest distance of two samples, in seconds, that is no gap.
@@ -192,8 +212,8 @@ impl Series {
 
     /// The step between the levels on which the values lie, where at least four levels lie on such a grid.
     ///
-    /// Works on the distances between neighbouring levels, not on multiples of the step from the lowest one, so
-    /// that values rounded in print (0.0033, 0.0067) still show their step of 1/300.
+    /// Works on the distances between neighbouring levels, not on multiples of the step from the lowest one,
+    /// so that values rounded in print (0.0033, 0.0067) still show their step of 1/300.
     pub fn quantum(&self) -> Option<f64> {
         let mut levels = self.values.clone();
         levels.sort_by(f64::total_cmp);
@@ -224,7 +244,8 @@ impl Series {
             return Some(self.clone());
         }
         let (from, to) = (Unit::parse(&self.unit).ok()?, Unit::parse(unit).ok()?);
-        let values = self.values.iter().map(|value| from.convert(&to, *value)).collect::<Option<Vec<f64>>>()?;
+        let values =
+            self.values.iter().map(|value| from.convert(&to, *value)).collect::<Option<Vec<f64>>>()?;
         Self::new(&self.channel, unit, self.hold, self.times.clone(), values).ok()
     }
 }
@@ -251,12 +272,17 @@ mod tests {
 
     #[test]
     fn only_sound_samples_make_a_series() {
-        let new = |times: Vec<i64>, values: Vec<f64>| Series::new("x", "degC", Hold::Linear, times, values).map_err(|fault| fault.code);
+        let new = |times: Vec<i64>, values: Vec<f64>| {
+            Series::new("x", "degC", Hold::Linear, times, values).map_err(|fault| fault.code)
+        };
         assert_eq!(new(vec![0, 1], vec![1.0]).unwrap_err(), "length-mismatch");
         assert_eq!(new(vec![], vec![]).unwrap_err(), "sample-count");
         assert_eq!(new(vec![0, 0], vec![1.0, 2.0]).unwrap_err(), "times-not-increasing");
         assert_eq!(new(vec![0, 1], vec![1.0, f64::NAN]).unwrap_err(), "not-finite");
-        assert_eq!(Series::new("x", "furlong", Hold::Linear, vec![0], vec![0.0]).unwrap_err().code, "unknown-unit");
+        assert_eq!(
+            Series::new("x", "furlong", Hold::Linear, vec![0], vec![0.0]).unwrap_err().code,
+            "unknown-unit"
+        );
         assert_eq!(new(vec![0], vec![-0.0]).unwrap().values()[0].to_bits(), 0);
     }
 
@@ -277,7 +303,8 @@ mod tests {
     fn the_quantum_of_a_sensor_is_found() {
         let grid = |step: f64, digits: i32| {
             let scale = 10f64.powi(digits);
-            let values: Vec<f64> = (0..200).map(|i| (f64::from((i * 37) % 61) * step * scale).round() / scale + 17.0).collect();
+            let values: Vec<f64> =
+                (0..200).map(|i| (f64::from((i * 37) % 61) * step * scale).round() / scale + 17.0).collect();
             series((0..200).collect(), values).quantum()
         };
         assert!((grid(0.1, 6).unwrap() - 0.1).abs() < 1e-6);

@@ -28,11 +28,16 @@ pub struct SplitRequest {
 }
 
 impl SplitRequest {
-    /// For `estimate` and `recalibrate`: three weeks and one, no test part, so that the controller gets fresh physics.
-    pub const ESTIMATE: SplitRequest = SplitRequest { train: Duration::from_days(21), validation: Duration::from_days(7), test: None };
+    /// For `estimate` and `recalibrate`: three weeks and one, no test part, so that the controller gets fresh
+    /// physics.
+    pub const ESTIMATE: SplitRequest =
+        SplitRequest { train: Duration::from_days(21), validation: Duration::from_days(7), test: None };
     /// For `diagnose` and `ladder`: two weeks, one to decide on and one that no decision sees.
-    pub const DIAGNOSE: SplitRequest =
-        SplitRequest { train: Duration::from_days(14), validation: Duration::from_days(7), test: Some(Duration::from_days(7)) };
+    pub const DIAGNOSE: SplitRequest = SplitRequest {
+        train: Duration::from_days(14),
+        validation: Duration::from_days(7),
+        test: Some(Duration::from_days(7)),
+    };
 
     /// The length of all parts together.
     pub fn total(&self) -> Duration {
@@ -47,7 +52,8 @@ impl Default for SplitRequest {
     }
 }
 
-/// The parts of a record as ranges of grid indices: contiguous, in this order, the last one ending at the newest sample.
+/// The parts of a record as ranges of grid indices: contiguous, in this order, the last one ending at the
+/// newest sample.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Split {
     /// Where parameters are estimated.
@@ -69,27 +75,40 @@ impl Split {
     /// A fault where no training was asked for, or fewer than two points of it remain.
     pub fn new(len: usize, step: i64, request: &SplitRequest) -> Result<Self, Fault> {
         if step <= 0 {
-            return Err(Fault::new("/split", "bad-step", format!("a grid needs a positive step, not {step} s")));
+            return Err(Fault::new(
+                "/split",
+                "bad-step",
+                format!("a grid needs a positive step, not {step} s"),
+            ));
         }
         if request.train.is_zero() {
-            return Err(Fault::new("/split/train", "no-training", "the training part has no length").suggest("such as P21D"));
+            return Err(Fault::new("/split/train", "no-training", "the training part has no length")
+                .suggest("such as P21D"));
         }
-        // Durations end below 2^34 s and grids below 2^21 points: no sum or product below comes near an overflow.
+        // Durations end below 2^34 s and grids below 2^21 points: no sum or product below comes near an
+        // overflow.
         let points = |duration: Duration| (duration.seconds() as f64 / step as f64).round() as u64;
         let test = request.test.unwrap_or_default();
         let wanted = [points(request.train).max(1), points(request.validation), points(test)];
         let [train, validation, test] =
-            shrink(wanted, len as u64, points(ENOUGH_TRAINING), points(SHORT_VALIDATION)).map(|part| part as usize);
+            shrink(wanted, len as u64, points(ENOUGH_TRAINING), points(SHORT_VALIDATION))
+                .map(|part| part as usize);
         if train < 2 {
             let detail = format!("{len} points every {step} s leave {train} for training; it needs two");
-            return Err(Fault::new("/split", "record-too-short", detail).suggest("upload a longer record, or ask for less validation"));
+            return Err(Fault::new("/split", "record-too-short", detail)
+                .suggest("upload a longer record, or ask for less validation"));
         }
         let validation_start = len - test - validation;
         let test_start = len - test;
-        Ok(Self { train: validation_start - train..validation_start, validation: validation_start..test_start, test: test_start..len })
+        Ok(Self {
+            train: validation_start - train..validation_start,
+            validation: validation_start..test_start,
+            test: test_start..len,
+        })
     }
 
-    /// What the record was too short for, in a sentence; `None` where every part is as long as it was asked for.
+    /// What the record was too short for, in a sentence; `None` where every part is as long as it was asked
+    /// for.
     pub fn shortfall(&self, step: i64, request: &SplitRequest) -> Option<String> {
         let days = |seconds: f64| {
             let text = format!("{:.2}", seconds / 86_400.0);
@@ -107,7 +126,8 @@ impl Split {
             .filter(|(_, has, asked)| has + 0.5 * (step as f64) < *asked)
             .map(|(what, has, asked)| format!("{} of {} days {what}", days(has), days(asked)))
             .collect();
-        (!short.is_empty()).then(|| format!("the record is shorter than what was asked for: {}", short.join(", ")))
+        (!short.is_empty())
+            .then(|| format!("the record is shorter than what was asked for: {}", short.join(", ")))
     }
 
     /// All parts together.
@@ -189,20 +209,28 @@ mod tests {
 
     #[test]
     fn every_shrinking_is_told() {
-        let told = |points: usize, request: &SplitRequest| Split::new(points, HOUR, request).unwrap().shortfall(HOUR, request);
+        let told = |points: usize, request: &SplitRequest| {
+            Split::new(points, HOUR, request).unwrap().shortfall(HOUR, request)
+        };
         assert_eq!(told(28 * 24, &SplitRequest::DIAGNOSE), None);
-        let week = SplitRequest { train: Duration::from_days(7), validation: Duration::from_days(7), test: None };
+        let week =
+            SplitRequest { train: Duration::from_days(7), validation: Duration::from_days(7), test: None };
         assert_eq!(told(14 * 24, &week), None, "explicit lengths are kept");
-        let sentence = "the record is shorter than what was asked for: 6.96 of 7 days to train, 6.92 of 7 days to validate";
+        let sentence = "the record is shorter than what was asked for: 6.96 of 7 days to train, 6.92 of 7 \
+            days to validate";
         assert_eq!(told(14 * 24 - 3, &week).as_deref(), Some(sentence));
-        let sentence =
-            "the record is shorter than what was asked for: 3.33 of 14 days to train, 1.67 of 7 days to validate, 0 of 7 days to test";
+        let sentence = "the record is shorter than what was asked for: 3.33 of 14 days to train, 1.67 of 7 \
+            days to validate, 0 of 7 days to test";
         assert_eq!(told(5 * 24, &SplitRequest::DIAGNOSE).as_deref(), Some(sentence));
     }
 
     #[test]
     fn parts_may_be_left_out() {
-        let request = SplitRequest { train: Duration::from_days(2), validation: Duration::ZERO, test: Some(Duration::from_days(1)) };
+        let request = SplitRequest {
+            train: Duration::from_days(2),
+            validation: Duration::ZERO,
+            test: Some(Duration::from_days(1)),
+        };
         assert_eq!(days(10, &request), [48, 0, 24]);
         assert!(Split::new(100, HOUR, &SplitRequest { train: Duration::ZERO, ..request }).is_err());
         assert!(Split::new(1, HOUR, &request).is_err());
@@ -219,7 +247,8 @@ mod tests {
     proptest! {
         #[test]
         fn parts_are_contiguous_and_end_at_the_newest_sample(
-            len in 0usize..100_000, step in 1i64..100_000, train in 0i64..60, validation in 0i64..60, test in 0i64..60,
+            len in 0usize..100_000, step in 1i64..100_000, train in 0i64..60, validation in 0i64..60,
+            test in 0i64..60,
         ) {
             let request = SplitRequest {
                 train: Duration::from_days(train),

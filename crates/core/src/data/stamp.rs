@@ -42,7 +42,10 @@ pub(super) fn read_stamp(text: &str) -> Result<i64, BadStamp> {
     if let Ok(instant) = text.parse::<jiff::Timestamp>() {
         // Rounds down, also below zero, so that nothing before 1970 slips in as second 0.
         let seconds = instant.as_nanosecond().div_euclid(1_000_000_000);
-        return i64::try_from(seconds).ok().filter(|seconds| (0..END).contains(seconds)).ok_or(BadStamp::OutOfRange);
+        return i64::try_from(seconds)
+            .ok()
+            .filter(|seconds| (0..END).contains(seconds))
+            .ok_or(BadStamp::OutOfRange);
     }
     if text.parse::<f64>().is_ok_and(f64::is_finite) {
         return Err(BadStamp::Number);
@@ -73,7 +76,8 @@ pub(super) fn in_utc(text: &str) -> String {
     if text.contains(':') { format!("{text}Z") } else { format!("{text}T00:00:00Z") }
 }
 
-/// A time as text in UTC, such as `2016-01-11T16:00:00Z`; times that no calendar holds print as their seconds.
+/// A time as text in UTC, such as `2016-01-11T16:00:00Z`; times that no calendar holds print as their
+/// seconds.
 pub fn rfc3339(seconds: i64) -> String {
     jiff::Timestamp::from_second(seconds).map_or_else(|_| seconds.to_string(), |instant| instant.to_string())
 }
@@ -112,7 +116,9 @@ mod tests {
         for number in ["1452528000", "1452528000000", "42380.5"] {
             assert_eq!(read_stamp(number), Err(BadStamp::Number), "{number}");
         }
-        for outside in ["0001-01-01T00:00:00Z", "1969-12-31T23:59:59.5Z", "2101-01-01T00:00:00Z", "9998-01-01T00:00:00Z"] {
+        for outside in
+            ["0001-01-01T00:00:00Z", "1969-12-31T23:59:59.5Z", "2101-01-01T00:00:00Z", "9998-01-01T00:00:00Z"]
+        {
             assert_eq!(read_stamp(outside), Err(BadStamp::OutOfRange), "{outside}");
         }
         for rubbish in ["", "NaN", "yesterday", "2016-13-01T00:00:00Z", "2016-01-11T25:00:00Z"] {

@@ -27,19 +27,23 @@ pub struct SunPosition {
 /// Where the sun stands at a time (Unix seconds) and a place (degrees north, degrees east).
 ///
 /// # Errors
-/// A fault where the latitude is outside -90..90, the longitude outside -180..180, or the time thousands of years away.
+/// A fault where the latitude is outside -90..90, the longitude outside -180..180, or the time thousands of
+/// years away.
 pub fn sun_position(time: i64, latitude: f64, longitude: f64) -> Result<SunPosition, Fault> {
     let year = 1970.0 + time as f64 / SECONDS_PER_YEAR;
-    let delta = delta_t::estimate(year).map_err(|error| Fault::new("/time", "bad-time", error.to_string()))?;
+    let delta =
+        delta_t::estimate(year).map_err(|error| Fault::new("/time", "bad-time", error.to_string()))?;
     position(time, delta, latitude, longitude, 0.0, None)
 }
 
-/// The grid with the columns `sun_altitude` and `sun_azimuth`, computed for this place where they are not measured.
+/// The grid with the columns `sun_altitude` and `sun_azimuth`, computed for this place where they are not
+/// measured.
 ///
 /// # Errors
 /// As [`sun_position`].
 pub fn add_sun(grid: Grid, latitude: f64, longitude: f64) -> Result<Grid, Fault> {
-    let absent: Vec<&str> = [ALTITUDE, AZIMUTH].into_iter().filter(|name| grid.column(name).is_none()).collect();
+    let absent: Vec<&str> =
+        [ALTITUDE, AZIMUTH].into_iter().filter(|name| grid.column(name).is_none()).collect();
     if absent.is_empty() {
         return Ok(grid);
     }
@@ -68,7 +72,9 @@ fn position(
 ) -> Result<SunPosition, Fault> {
     let fault = |error: solar_positioning::Error| Fault::new("/location", "bad-location", error.to_string());
     let julian = JulianDate::new(UNIX_EPOCH_JULIAN + time as f64 / 86_400.0, delta_t).map_err(fault)?;
-    let sun = SolarPositions::new().at_from_julian(julian, Location { latitude, longitude }, height, refraction).map_err(fault)?;
+    let sun = SolarPositions::new()
+        .at_from_julian(julian, Location { latitude, longitude }, height, refraction)
+        .map_err(fault)?;
     Ok(SunPosition { altitude: sun.elevation_angle(), azimuth: sun.azimuth() })
 }
 
@@ -95,7 +101,8 @@ mod tests {
             return;
         };
         let (window, _) = Window::parse_csv(&text, &Bindings::none()).unwrap();
-        let (altitude, azimuth) = (window.series("sun_altitude").unwrap(), window.series("sun_azimuth").unwrap());
+        let (altitude, azimuth) =
+            (window.series("sun_altitude").unwrap(), window.series("sun_azimuth").unwrap());
         let (mut worst_altitude, mut worst_azimuth) = (0.0f64, 0.0f64);
         for (index, time) in altitude.times().iter().enumerate() {
             let sun = sun_position(*time, 50.51, 3.71).unwrap();
@@ -113,7 +120,10 @@ mod tests {
         let grid = add_sun(grid.with_column("sun_altitude", measured).unwrap(), 50.51, 3.71).unwrap();
         assert_eq!(grid.column("sun_altitude").unwrap().values(), [1.0, 2.0, 3.0]);
         let azimuth = grid.column("sun_azimuth").unwrap().values();
-        assert!(azimuth[0] > 180.0 && azimuth.is_sorted(), "noon in UTC is afternoon in Belgium: {azimuth:?}");
+        assert!(
+            azimuth[0] > 180.0 && azimuth.is_sorted(),
+            "noon in UTC is afternoon in Belgium: {azimuth:?}"
+        );
         assert!(sun_position(0, 91.0, 0.0).is_err() && sun_position(0, 0.0, f64::NAN).is_err());
         assert!(sun_position(i64::MAX, 0.0, 0.0).is_err());
     }

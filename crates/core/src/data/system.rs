@@ -18,7 +18,8 @@ pub struct SystemId {
     id: String,
 }
 
-/// A pattern over system names in which `*` stands for any run of characters within a part: `room/*`, `room/north-*`, `*/*`.
+/// A pattern over system names in which `*` stands for any run of characters within a part: `room/*`,
+/// `room/north-*`, `*/*`.
 #[derive(Debug, Clone, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(into = "String", try_from = "String")]
 pub struct SystemPattern {
@@ -40,7 +41,8 @@ impl fmt::Display for BadSystemId {
         let (what, example) = if self.pattern { ("system pattern", "room/*") } else { ("system", "room/4") };
         write!(
             f,
-            "`{}` is not a {what}: a kind of lower-case letters, a slash and an id of at most {MAX_ID} letters, digits, `_` and `-`, such as `{example}`",
+            "`{}` is not a {what}: a kind of lower-case letters, a slash and an id of at most {MAX_ID} \
+            letters, digits, `_` and `-`, such as `{example}`",
             shown.escape_debug()
         )
     }
@@ -108,8 +110,8 @@ impl SystemPattern {
         glob(self.kind.as_bytes(), system.kind.as_bytes()) && glob(self.id.as_bytes(), system.id.as_bytes())
     }
 
-    /// Whether every system that the other pattern selects is selected by this one. A `*` of the other pattern can only be
-    /// met by a `*` of this one, as if it were a character of its own.
+    /// Whether every system that the other pattern selects is selected by this one. A `*` of the other
+    /// pattern can only be met by a `*` of this one, as if it were a character of its own.
     pub fn includes(&self, other: &SystemPattern) -> bool {
         glob(self.kind.as_bytes(), other.kind.as_bytes()) && glob(self.id.as_bytes(), other.id.as_bytes())
     }
@@ -126,7 +128,8 @@ impl FromStr for SystemPattern {
     fn from_str(text: &str) -> Result<Self, BadSystemId> {
         match text.split_once('/') {
             Some((kind, id))
-                if is_part(kind, MAX_KIND, |c| c == '*' || is_kind_char(c)) && is_part(id, MAX_ID, |c| c == '*' || is_id_char(c)) =>
+                if is_part(kind, MAX_KIND, |c| c == '*' || is_kind_char(c))
+                    && is_part(id, MAX_ID, |c| c == '*' || is_id_char(c)) =>
             {
                 Ok(Self { kind: kind.to_owned(), id: id.to_owned() })
             }
@@ -155,7 +158,13 @@ impl TryFrom<String> for SystemPattern {
     }
 }
 
-schema::is_text!(SystemId, "SystemName", "^[a-z]{1,32}/[A-Za-z0-9_-]{1,64}$", "room/4", "The name of a system: its kind and its id.");
+schema::is_text!(
+    SystemId,
+    "SystemName",
+    "^[a-z]{1,32}/[A-Za-z0-9_-]{1,64}$",
+    "room/4",
+    "The name of a system: its kind and its id."
+);
 schema::is_text!(
     SystemPattern,
     "SystemPattern",
@@ -176,7 +185,8 @@ fn is_part(text: &str, max: usize, allowed: impl Fn(char) -> bool) -> bool {
     !text.is_empty() && text.len() <= max && text.chars().all(allowed)
 }
 
-/// Matches `text` against `pattern` in linear space: after a mismatch the last `*` swallows one character more.
+/// Matches `text` against `pattern` in linear space: after a mismatch the last `*` swallows one character
+/// more.
 fn glob(pattern: &[u8], text: &[u8]) -> bool {
     let (mut p, mut t) = (0, 0);
     let mut star: Option<(usize, usize)> = None;
@@ -210,7 +220,9 @@ mod tests {
         assert_eq!(serde_json::to_string(&system).unwrap(), "\"room/4\"");
         assert_eq!(serde_json::from_str::<SystemId>("\"room/4\"").unwrap(), system);
         let too_long = format!("room/{}", "x".repeat(65));
-        for bad in ["", "room", "room/", "/4", "Room/4", "room/4/5", "room/*", "room/a b", "r\u{f6}m/4", &too_long] {
+        for bad in
+            ["", "room", "room/", "/4", "Room/4", "room/4/5", "room/*", "room/a b", "r\u{f6}m/4", &too_long]
+        {
             assert!(bad.parse::<SystemId>().is_err(), "{bad}");
         }
         assert!(serde_json::from_str::<SystemId>("\"room\"").is_err());
@@ -218,7 +230,9 @@ mod tests {
 
     #[test]
     fn patterns_select() {
-        let matches = |pattern: &str, system: &str| pattern.parse::<SystemPattern>().unwrap().matches(&system.parse().unwrap());
+        let matches = |pattern: &str, system: &str| {
+            pattern.parse::<SystemPattern>().unwrap().matches(&system.parse().unwrap())
+        };
         assert!(matches("room/*", "room/4"));
         assert!(!matches("room/*", "plant/4"));
         assert!(matches("*/*", "plant/4"));
@@ -232,9 +246,13 @@ mod tests {
 
     #[test]
     fn a_pattern_includes_those_that_select_no_more() {
-        let includes = |one: &str, other: &str| one.parse::<SystemPattern>().unwrap().includes(&other.parse().unwrap());
+        let includes =
+            |one: &str, other: &str| one.parse::<SystemPattern>().unwrap().includes(&other.parse().unwrap());
         assert!(
-            includes("*/*", "room/*") && includes("room/*", "room/*") && includes("room/*", "room/n*-1") && includes("room/4", "room/4")
+            includes("*/*", "room/*")
+                && includes("room/*", "room/*")
+                && includes("room/*", "room/n*-1")
+                && includes("room/4", "room/4")
         );
         assert!(
             !includes("room/*", "*/*")

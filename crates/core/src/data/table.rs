@@ -1,8 +1,9 @@
-//! The rules for rows and cells: which row is rejected, what is only missing, and what makes a whole window a fault.
+//! The rules for rows and cells: which row is rejected, what is only missing, and what makes a whole window a
+//! fault.
 //!
 //! CSV and JSON both end here, row by row. Rubbish in a row costs that row; rubbish that repeats (more than a
-//! tenth of the rows, a unit that cannot be meant, stamps without offset) means that the window as a whole was
-//! misunderstood, and then every kind of fault is reported at once.
+//! tenth of the rows, a unit that cannot be meant, stamps without offset) means that the window as a whole
+//! was misunderstood, and then every kind of fault is reported at once.
 
 use indexmap::IndexMap;
 
@@ -218,7 +219,8 @@ impl Table {
     fn note_cell(&mut self, line: u64, column: Option<usize>, reason: String, example: &str) {
         if self.rejected.len() < MAX_LISTED {
             let shown_example = shown(example);
-            let reason = if example.is_empty() { reason.clone() } else { format!("{reason}: `{shown_example}`") };
+            let reason =
+                if example.is_empty() { reason.clone() } else { format!("{reason}: `{shown_example}`") };
             self.rejected.push(RejectedRow { line, reason });
         }
         self.reasons.entry(reason).or_default().add(line, column, example);
@@ -237,9 +239,19 @@ impl Table {
         let mut series = Vec::new();
         for target in &self.targets {
             let (name, column) = (&self.names[target.column], &self.columns[target.column]);
-            match channel_series(target, name, column, &self.times, &self.lines, self.place, &mut self.warnings) {
+            match channel_series(
+                target,
+                name,
+                column,
+                &self.times,
+                &self.lines,
+                self.place,
+                &mut self.warnings,
+            ) {
                 Ok(Some(found)) => series.push(found),
-                Ok(None) => self.warnings.push(format!("`{}` has no values and was left out", shown(&target.channel))),
+                Ok(None) => {
+                    self.warnings.push(format!("`{}` has no values and was left out", shown(&target.channel)))
+                }
                 Err(fault) => faults.push(fault),
             }
         }
@@ -251,38 +263,56 @@ impl Table {
         }
         let rejected: usize = self.reasons.values().map(|tally| tally.count).sum();
         if rejected > self.rejected.len() {
-            self.warnings.push(format!("{rejected} rows were rejected; the first {} are listed", self.rejected.len()));
+            self.warnings
+                .push(format!("{rejected} rows were rejected; the first {} are listed", self.rejected.len()));
         }
         let rows = self.times.len();
         let window = Window::from_series(series)?;
-        let report = WindowReport::new(&window, rows, (self.times[0], self.times[rows - 1]), self.rejected, self.warnings);
+        let report = WindowReport::new(
+            &window,
+            rows,
+            (self.times[0], self.times[rows - 1]),
+            self.rejected,
+            self.warnings,
+        );
         Ok((window, report))
     }
 
     /// What the rows as a whole do wrong.
     fn row_faults(&self) -> Vec<Fault> {
         let mut faults = Vec::new();
-        let at = |tally: &Tally| self.place.row(tally.line, tally.column.map(|index| self.names[index].as_str()));
+        let at =
+            |tally: &Tally| self.place.row(tally.line, tally.column.map(|index| self.names[index].as_str()));
         if self.naive.count > 0 {
-            let detail = format!("{} times have no offset: `{}` could mean many instants", self.naive.count, self.naive.example);
-            faults.push(
-                Fault::new(at(&self.naive), "naive-time", detail)
-                    .suggest(format!("append the offset of the clock that wrote them, `Z` for UTC: {}", in_utc(&self.naive.example))),
+            let detail = format!(
+                "{} times have no offset: `{}` could mean many instants",
+                self.naive.count, self.naive.example
             );
+            faults.push(Fault::new(at(&self.naive), "naive-time", detail).suggest(format!(
+                "append the offset of the clock that wrote them, `Z` for UTC: {}",
+                in_utc(&self.naive.example)
+            )));
         }
         if self.numeric.count > 0 {
             let detail = format!("{} times are bare numbers, not RFC 3339 times", self.numeric.count);
-            faults.push(Fault::new(at(&self.numeric), "numeric-time", detail).suggest("write times like 2026-01-31T12:00:00Z"));
+            faults.push(
+                Fault::new(at(&self.numeric), "numeric-time", detail)
+                    .suggest("write times like 2026-01-31T12:00:00Z"),
+            );
         }
         let rejected: usize = self.reasons.values().map(|tally| tally.count).sum();
         if rejected as f64 > MAX_REJECTED_SHARE * self.seen as f64 {
             let mut reasons: Vec<(&String, &Tally)> = self.reasons.iter().collect();
             reasons.sort_by_key(|(_, tally)| std::cmp::Reverse(tally.count));
             for (reason, tally) in reasons.into_iter().take(MAX_LISTED - faults.len()) {
-                if matches!(reason.as_str(), naive if naive == BadStamp::Naive.reason() || naive == BadStamp::Number.reason()) {
+                if matches!(
+                    reason.as_str(),
+                    naive if naive == BadStamp::Naive.reason() || naive == BadStamp::Number.reason()
+                ) {
                     continue;
                 }
-                let example = if tally.example.is_empty() { String::new() } else { format!(" (`{}`)", tally.example) };
+                let example =
+                    if tally.example.is_empty() { String::new() } else { format!(" (`{}`)", tally.example) };
                 let detail = format!("{} of {} rows rejected: {reason}{example}", tally.count, self.seen);
                 faults.push(Fault::new(at(tally), "rejected-rows", detail));
             }
@@ -332,7 +362,10 @@ fn channel_series(
             );
             let fault = Fault::new(place.column(name), "implausible-values", detail);
             return Err(match meant_unit(target, &column.values) {
-                Some(unit) => fault.suggest(format!("they look like {unit}: state the unit, {}[{unit}]", shown(&target.channel))),
+                Some(unit) => fault.suggest(format!(
+                    "they look like {unit}: state the unit, {}[{unit}]",
+                    shown(&target.channel)
+                )),
                 None => fault.suggest("check the unit and the sensor, or remove the column"),
             });
         }
@@ -353,7 +386,8 @@ fn channel_series(
         if let Some(other) = other.filter(|_| highest > limit) {
             let (channel, unit) = (shown(&target.channel), &target.kind.unit);
             warnings.push(format!(
-                "`{channel}` states no unit and is taken as {unit}, with values up to {highest} {unit}: if they are {other}, state it as {channel}[{other}]"
+                "`{channel}` states no unit and is taken as {unit}, with values up to {highest} {unit}: if \
+                they are {other}, state it as {channel}[{other}]"
             ));
         }
     }
@@ -367,7 +401,10 @@ fn meant_unit(target: &Target, values: &[f64]) -> Option<&'static str> {
         let Ok(unit) = Unit::parse(text) else {
             return false;
         };
-        let plausible = told.iter().filter(|value| unit.convert(&target.to, **value).is_some_and(|v| target.kind.is_plausible(v))).count();
+        let plausible = told
+            .iter()
+            .filter(|value| unit.convert(&target.to, **value).is_some_and(|v| target.kind.is_plausible(v)))
+            .count();
         *text != canonical_unit(&target.from_text) && plausible as f64 >= 0.95 * told.len() as f64
     })
 }

@@ -44,8 +44,9 @@ pub struct Bucket {
 impl Thinned {
     /// The series in at most `max_points` points.
     ///
-    /// All samples, if they fit together with a mark in every gap; otherwise buckets between `from` and `to`, which
-    /// several channels may share. A bucket counts as two points, its extremes, so that the marks always fit.
+    /// All samples, if they fit together with a mark in every gap; otherwise buckets between `from` and `to`,
+    /// which several channels may share. A bucket counts as two points, its extremes, so that the marks
+    /// always fit.
     pub fn new(series: &Series, (from, to): (i64, i64), max_points: usize) -> Self {
         let gaps = series.gaps();
         if series.len() + gaps.len() <= max_points {
@@ -116,7 +117,8 @@ fn summary(series: &Series, range: std::ops::Range<usize>) -> Bucket {
     Bucket { count: values.len(), min, mean, max }
 }
 
-/// The mean direction of bearings in degrees: that of the sum of their unit vectors. Between 350 and 10 lies 0.
+/// The mean direction of bearings in degrees: that of the sum of their unit vectors. Between 350 and 10 lies
+/// 0.
 fn direction(values: &[f64], min: f64) -> f64 {
     let (mut east, mut north) = (0.0, 0.0);
     for value in values {
@@ -143,10 +145,15 @@ mod tests {
     fn what_fits_is_not_thinned_and_gaps_are_marked() {
         // Steps of 60 s; 180 s are no gap, 181 s are one.
         let whole = series("x", &[(0, 1.0), (60, 2.0), (120, 3.0), (300, 4.0), (481, 5.0), (541, 6.0)]);
-        let Thinned::Samples { times, values } = Thinned::new(&whole, (0, 541), 10) else { panic!("thinned") };
+        let Thinned::Samples { times, values } = Thinned::new(&whole, (0, 541), 10) else {
+            panic!("thinned")
+        };
         assert_eq!(times, [0, 60, 120, 300, 360, 481, 541]);
         assert_eq!(values, [Some(1.0), Some(2.0), Some(3.0), Some(4.0), None, Some(5.0), Some(6.0)]);
-        assert!(matches!(Thinned::new(&whole, (0, 541), 6), Thinned::Envelope { .. }), "seven points are no six");
+        assert!(
+            matches!(Thinned::new(&whole, (0, 541), 6), Thinned::Envelope { .. }),
+            "seven points are no six"
+        );
     }
 
     #[test]
@@ -155,7 +162,9 @@ mod tests {
         let mut samples: Vec<(i64, f64)> = (0..12).map(|i| (60 * i, i as f64)).collect();
         samples.extend((0..12).map(|i| (4_320 + 60 * i, 100.0 - i as f64)));
         samples[5].1 = -7.0;
-        let Thinned::Envelope { bucket, times, buckets } = Thinned::new(&series("x", &samples), (0, 4_980), 10) else {
+        let Thinned::Envelope { bucket, times, buckets } =
+            Thinned::new(&series("x", &samples), (0, 4_980), 10)
+        else {
             panic!("not thinned")
         };
         // Five buckets of 997 s: the first holds the first twelve, the last one the others.
@@ -186,7 +195,8 @@ mod tests {
     proptest! {
         #[test]
         fn no_sample_lies_outside_and_no_point_is_too_many(
-            steps in proptest::collection::vec((1i64..2_000, -1e9f64..1e9), 2..400), max_points in 2usize..60, early in 0i64..5_000,
+            steps in proptest::collection::vec((1i64..2_000, -1e9f64..1e9), 2..400), max_points in 2usize..60,
+            early in 0i64..5_000,
         ) {
             let mut time = 0;
             let samples: Vec<(i64, f64)> = steps.iter().map(|(step, value)| { time += step; (time, *value) }).collect();

@@ -52,7 +52,8 @@ impl WindowReport {
         rejected_rows: Vec<RejectedRow>,
         warnings: Vec<String>,
     ) -> Self {
-        let channels = window.series.iter().map(|(name, series)| (name.clone(), series.statistics(rows))).collect();
+        let channels =
+            window.series.iter().map(|(name, series)| (name.clone(), series.statistics(rows))).collect();
         Self { rows, from: rfc3339(from), to: rfc3339(to), channels, rejected_rows, warnings }
     }
 }
@@ -70,7 +71,11 @@ impl Window {
         let mut faults = Vec::new();
         for one in all {
             if let Some(twice) = series.insert(one.channel().to_owned(), one) {
-                faults.push(Fault::new(format!("/values/{}", twice.channel()), "duplicate-column", "a channel occurs twice"));
+                faults.push(Fault::new(
+                    format!("/values/{}", twice.channel()),
+                    "duplicate-column",
+                    "a channel occurs twice",
+                ));
             }
         }
         if faults.is_empty() { Ok(Window { series }) } else { Err(faults) }
@@ -122,8 +127,11 @@ impl Window {
     /// # Errors
     /// A fault where no channel has a sample there.
     pub fn slice(&self, from: i64, to: i64) -> Result<Window, Vec<Fault>> {
-        let series: IndexMap<String, Series> =
-            self.series.iter().filter_map(|(name, series)| Some((name.clone(), series.slice(from, to)?))).collect();
+        let series: IndexMap<String, Series> = self
+            .series
+            .iter()
+            .filter_map(|(name, series)| Some((name.clone(), series.slice(from, to)?)))
+            .collect();
         if series.is_empty() {
             let detail = format!("no data from {} to {}", rfc3339(from), rfc3339(to));
             let there = format!("there are data from {} to {}", rfc3339(self.from()), rfc3339(self.to()));
@@ -138,7 +146,8 @@ impl Window {
     /// Unit and hold of a channel are the newest one's.
     ///
     /// # Errors
-    /// Faults where there is no window, or where an older window has a channel in a unit that does not convert.
+    /// Faults where there is no window, or where an older window has a channel in a unit that does not
+    /// convert.
     pub fn stitch(windows: &[Window]) -> Result<Window, Vec<Fault>> {
         let mut by_channel: IndexMap<&str, Vec<&Series>> = IndexMap::new();
         for one in windows.iter().flat_map(Window::iter) {
@@ -161,11 +170,14 @@ impl Window {
     /// Which of several windows, of which the last is the newest, gave a sample to `stitched`: to what
     /// [`Window::stitch`] made of them, or to a part of it.
     pub fn contributors(windows: &[Window], stitched: &Window) -> Vec<bool> {
-        let mut taken: IndexMap<&str, Vec<bool>> = stitched.iter().map(|series| (series.channel(), vec![false; series.len()])).collect();
+        let mut taken: IndexMap<&str, Vec<bool>> =
+            stitched.iter().map(|series| (series.channel(), vec![false; series.len()])).collect();
         let mut gave = vec![false; windows.len()];
         for (window, gave) in windows.iter().zip(&mut gave).rev() {
             for series in window.iter() {
-                let (Some(whole), Some(taken)) = (stitched.series(series.channel()), taken.get_mut(series.channel())) else {
+                let (Some(whole), Some(taken)) =
+                    (stitched.series(series.channel()), taken.get_mut(series.channel()))
+                else {
                     continue;
                 };
                 for time in series.times() {
@@ -179,7 +191,8 @@ impl Window {
         gave
     }
 
-    /// A hash of the content: channels with their units, holds and samples, whatever the order of the columns.
+    /// A hash of the content: channels with their units, holds and samples, whatever the order of the
+    /// columns.
     ///
     /// 64 hexadecimal digits. Two texts that mean the same measurements have the same hash.
     pub fn content_hash(&self) -> String {
@@ -215,7 +228,12 @@ fn merge(oldest_first: &[&Series]) -> Result<Series, Fault> {
     let mut samples: Vec<(i64, f64)> = Vec::new();
     for one in older {
         let converted = one.in_unit(newest.unit()).ok_or_else(|| {
-            let detail = format!("`{}` is in {} in an older window and in {} in a newer one", newest.channel(), one.unit(), newest.unit());
+            let detail = format!(
+                "`{}` is in {} in an older window and in {} in a newer one",
+                newest.channel(),
+                one.unit(),
+                newest.unit()
+            );
             Fault::new(format!("/values/{}", newest.channel()), "unit-conflict", detail)
         })?;
         samples.extend(converted.times().iter().copied().zip(converted.values().iter().copied()));

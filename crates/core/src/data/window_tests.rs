@@ -7,7 +7,8 @@ use super::{Bindings, GridRequest, Hold, Window, WindowReport};
 use crate::fault::Fault;
 use proptest::prelude::{any, prop_assert, prop_assert_eq, proptest};
 
-/// A measured file from the folder of shared data beside the project; `None`, said aloud, where that is absent.
+/// A measured file from the folder of shared data beside the project; `None`, said aloud, where that is
+/// absent.
 pub(super) fn real_file(name: &str) -> Option<String> {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data/rooms").join(name);
     let Ok(bytes) = std::fs::read(&path) else {
@@ -42,13 +43,17 @@ fn rows(header: &str, count: usize, cell: impl Fn(usize) -> String) -> String {
 
 #[test]
 fn a_plain_window() {
-    let text = rows("time,T_room[degF],P_heater_W,note_pct", 20, |i| format!("{},{},", 68 + i % 2, 1_000 * i));
+    let text =
+        rows("time,T_room[degF],P_heater_W,note_pct", 20, |i| format!("{},{},", 68 + i % 2, 1_000 * i));
     let (window, report) = parse(&text).unwrap();
     assert_eq!(window.channels().collect::<Vec<_>>(), ["T_room", "P_heater"]);
     let room = window.series("T_room").unwrap();
     assert_eq!((room.unit(), room.values()[0]), ("degC", 20.0));
     assert_eq!(window.series("P_heater").unwrap().values()[3], 3.0);
-    assert_eq!((report.rows, report.from.as_str(), report.to.as_str()), (20, "2016-01-11T16:00:00Z", "2016-01-11T19:10:00Z"));
+    assert_eq!(
+        (report.rows, report.from.as_str(), report.to.as_str()),
+        (20, "2016-01-11T16:00:00Z", "2016-01-11T19:10:00Z")
+    );
     assert_eq!(report.channels["T_room"].median_step_s, Some(600));
     assert_eq!(report.warnings, ["`note_pct` has no values and was left out".replace("_pct", "")]);
     let json = serde_json::to_string(&report).unwrap();
@@ -73,7 +78,10 @@ fn rubbish_costs_its_row_only() {
     assert_eq!(report.rejected_rows[2].reason, "not the 3 cells of the header");
     assert_eq!((report.rows, window.series("T_room").unwrap().len()), (56, 54));
     assert_eq!(report.channels["T_room"].missing, 2);
-    assert_eq!(report.warnings, ["`T_room`: 1 values outside -20 to 50 degC left out, the first in line 10: 85"]);
+    assert_eq!(
+        report.warnings,
+        ["`T_room`: 1 values outside -20 to 50 degC left out, the first in line 10: 85"]
+    );
 }
 
 #[test]
@@ -82,7 +90,14 @@ fn times_must_increase() {
     text += "2016-01-11T16:00:00Z,20\n2016-01-11T22:30:00Z,20\n2016-01-12T00:00:00+01:00,20\n2016-01-12T01:00:00+01:00,21\nyesterday,20\n";
     let (window, report) = parse(&text).unwrap();
     let reasons: Vec<&str> = report.rejected_rows.iter().map(|row| row.reason.as_str()).collect();
-    assert_eq!(reasons, ["the time goes backwards", "the time is the same as that of the row before", "the time cannot be read"]);
+    assert_eq!(
+        reasons,
+        [
+            "the time goes backwards",
+            "the time is the same as that of the row before",
+            "the time cannot be read"
+        ]
+    );
     assert_eq!(window.series("T_room").unwrap().len(), 42);
 }
 
@@ -106,9 +121,16 @@ fn faults_of_a_whole_window() {
     assert_eq!(codes(parse(&rows("time,T_room", 9, |_| String::new()))), ["no-valid-rows"]);
     assert_eq!(codes(parse(&rows("time,T_room", 20, good).replace('Z', ""))), ["naive-time"]);
     assert_eq!(codes(parse("time,T_room\n1452528000000,20\n1452528600000,20\n")), ["numeric-time"]);
-    assert_eq!(codes(parse(&rows("time,T_room,room", 20, |i| format!("{},east", good(i))))), ["rejected-rows"]);
-    let mixed = "time,T_room\n2016-01-11,20\n1452528000,20\n9998-01-01T00:00:00Z,20\nx,20\n2016-01-11T00:00:00Z,y\n";
-    assert_eq!(codes(parse(mixed)), ["naive-time", "numeric-time", "rejected-rows", "rejected-rows", "rejected-rows"]);
+    assert_eq!(
+        codes(parse(&rows("time,T_room,room", 20, |i| format!("{},east", good(i))))),
+        ["rejected-rows"]
+    );
+    let mixed =
+        "time,T_room\n2016-01-11,20\n1452528000,20\n9998-01-01T00:00:00Z,20\nx,20\n2016-01-11T00:00:00Z,y\n";
+    assert_eq!(
+        codes(parse(mixed)),
+        ["naive-time", "numeric-time", "rejected-rows", "rejected-rows", "rejected-rows"]
+    );
     let wide: String = (0..2_000).map(|i| format!(",c{i}")).collect();
     assert_eq!(codes(parse(&format!("time{wide}\n"))), ["too-many-columns"]);
     let many_faults: String = (0..500).map(|i| format!(",c{i}[furlong]")).collect();
@@ -127,29 +149,42 @@ fn mistaken_units_are_named() {
     assert!(suggestion("time,T_room[K]", &|_| 20.5).contains("T_room[degC]"));
     assert!(suggestion("time,cloud_cover", &|i| i as f64).contains("cloud_cover[pct]"));
     // A heater that is off most of the time: its zeros do not hide the watts.
-    assert!(suggestion("time,P_heater", &|i| if i % 10 == 0 { 2_000.0 } else { 0.0 }).contains("P_heater[W]"));
+    assert!(
+        suggestion("time,P_heater", &|i| if i % 10 == 0 { 2_000.0 } else { 0.0 }).contains("P_heater[W]")
+    );
     assert!(suggestion("time,T_room", &|_| 1e7).contains("check the unit"));
     // What another unit would explain as well is taken, and named.
-    let warnings = |header: &str, value: f64| parse(&rows(header, 50, |i| (value - i as f64 / 10.0).to_string())).unwrap().1.warnings;
+    let warnings = |header: &str, value: f64| {
+        parse(&rows(header, 50, |i| (value - i as f64 / 10.0).to_string())).unwrap().1.warnings
+    };
     assert!(warnings("time,P_lamp", 60.0)[0].contains("up to 60 kW: if they are W, state it as P_lamp[W]"));
     assert!(warnings("time,T_out", 59.0)[0].contains("if they are degF, state it as T_out[degF]"));
-    for (header, value) in
-        [("time,P_lamp[kW]", 60.0), ("time,P_lamp_kW", 60.0), ("time,P_lamp", 19.0), ("time,T_out_degC", 59.0), ("time,T_forward", 59.0)]
-    {
+    for (header, value) in [
+        ("time,P_lamp[kW]", 60.0),
+        ("time,P_lamp_kW", 60.0),
+        ("time,P_lamp", 19.0),
+        ("time,T_out_degC", 59.0),
+        ("time,T_forward", 59.0),
+    ] {
         assert_eq!(warnings(header, value), [""; 0], "{header}");
     }
-    assert!(parse(&rows("time,P_heater_raw", 50, |i| (i * 100).to_string())).is_ok(), "an unknown unit is not judged");
+    assert!(
+        parse(&rows("time,P_heater_raw", 50, |i| (i * 100).to_string())).is_ok(),
+        "an unknown unit is not judged"
+    );
 }
 
 #[test]
 fn spreadsheets_may_use_semicolons_marks_and_comments() {
-    let text = "\u{feff}# a file\nTime;T_room\r\n2016-01-11T16:00:00Z;20\r\n\r\n2016-01-11T16:10:00Z;\"21\"\r\n";
+    let text =
+        "\u{feff}# a file\nTime;T_room\r\n2016-01-11T16:00:00Z;20\r\n\r\n2016-01-11T16:10:00Z;\"21\"\r\n";
     assert_eq!(parse(text).unwrap().0.series("T_room").unwrap().values(), [20.0, 21.0]);
 }
 
 #[test]
 fn json_says_the_same_as_csv() {
-    let csv = "time,T_room[degF],x\n2016-01-11T16:00:00Z,68,1\n2016-01-11T16:10:00Z,,2\n2016-01-11T16:20:00Z,77,\n";
+    let csv =
+        "time,T_room[degF],x\n2016-01-11T16:00:00Z,68,1\n2016-01-11T16:10:00Z,,2\n2016-01-11T16:20:00Z,77,\n";
     let json = r#"{"channels":{"T_room":{"unit":"degF"}},"time":["2016-01-11T16:00:00Z","2016-01-11T16:10:00Z","2016-01-11T16:20:00Z"],
         "values":{"T_room":[68,null,77.0],"x":[1,2,null]}}"#;
     let from_json = Window::parse_json(json.as_bytes(), &Bindings::none()).unwrap();
@@ -179,10 +214,12 @@ fn json_faults_are_listed() {
     assert_eq!(codes(&deep), ["unreadable"]);
     assert_eq!(codes(r#"{"time":[],"values":{}}"#), ["no-data-column"]);
     assert_eq!(codes(r#"{"time":[],"values":{"x":[],"x":[]}}"#), ["duplicate-column"]);
-    assert_eq!(codes(r#"{"channels":{"y":{}},"time":[],"values":{"x":[1],"z[q]":[]}}"#), ["no-values", "length-mismatch", "unknown-unit"]);
+    assert_eq!(
+        codes(r#"{"channels":{"y":{}},"time":[],"values":{"x":[1],"z[q]":[]}}"#),
+        ["no-values", "length-mismatch", "unknown-unit"]
+    );
     assert_eq!(codes(r#"{"time":[1,2],"values":{"x":[1,2]}}"#), ["numeric-time"]);
-    let cells =
-        r#"{"time":["2016-01-11T16:00:00Z","2016-01-11T16:10:00Z","2016-01-11T16:20:00Z",null],"values":{"x":[[1],{"a":1},true,2]}}"#;
+    let cells = r#"{"time":["2016-01-11T16:00:00Z","2016-01-11T16:10:00Z","2016-01-11T16:20:00Z",null],"values":{"x":[[1],{"a":1},true,2]}}"#;
     assert_eq!(codes(cells), ["rejected-rows", "rejected-rows"]);
 }
 
@@ -190,7 +227,8 @@ fn json_faults_are_listed() {
 fn the_newest_window_wins_per_channel_and_time() {
     let older =
         parse("time,T_room,x[K]\n2016-01-11T16:00:00Z,20,300\n2016-01-11T16:10:00Z,20,300\n2016-01-11T16:20:00Z,20,300\n").unwrap().0;
-    let newer = parse("time,T_room,x[degC],z\n2016-01-11T16:10:00Z,21,1,5\n2016-01-11T16:15:00Z,22,,5\n").unwrap().0;
+    let newer =
+        parse("time,T_room,x[degC],z\n2016-01-11T16:10:00Z,21,1,5\n2016-01-11T16:15:00Z,22,,5\n").unwrap().0;
     let both = Window::stitch(&[older.clone(), newer.clone()]).unwrap();
     assert_eq!(both.series("T_room").unwrap().values(), [20.0, 21.0, 22.0, 20.0]);
     let x = both.series("x").unwrap();
@@ -222,7 +260,8 @@ fn windows_that_are_covered_give_nothing() {
 #[test]
 fn the_hash_is_that_of_the_content() {
     let first = parse("time,a,b\n2016-01-11T16:00:00Z,1,2\n2016-01-11T16:10:00Z,1,-0\n").unwrap().0;
-    let swapped = parse("time,b,a\n2016-01-11T17:00:00+01:00,2.0,1\n2016-01-11T17:10:00+01:00,0,1e0\n").unwrap().0;
+    let swapped =
+        parse("time,b,a\n2016-01-11T17:00:00+01:00,2.0,1\n2016-01-11T17:10:00+01:00,0,1e0\n").unwrap().0;
     let other = parse("time,a,b\n2016-01-11T16:00:00Z,1,2\n2016-01-11T16:10:00Z,1,3\n").unwrap().0;
     assert_eq!(first.content_hash(), swapped.content_hash());
     assert_ne!(first.content_hash(), other.content_hash());
@@ -252,7 +291,12 @@ fn the_measured_files() {
         ),
         (
             "brains4buildings_windesheim/room_999169_15min.csv",
-            &["T_room=T_room_bms_degC", "T_out=T_outdoor_degC", "CO2=CO2_bms_ppm", "valve=ventilation_valve_frac"],
+            &[
+                "T_room=T_room_bms_degC",
+                "T_out=T_outdoor_degC",
+                "CO2=CO2_bms_ppm",
+                "valve=ventilation_valve_frac",
+            ],
             2_308,
             &["T_room", "T_out", "CO2", "valve", "wind_speed", "ghi"],
         ),
@@ -267,10 +311,15 @@ fn the_measured_files() {
         let Some(text) = real_file(name) else {
             continue;
         };
-        let (window, report) = Window::parse_csv(&text, &Bindings::parse(binds.iter().copied()).unwrap()).unwrap();
+        let (window, report) =
+            Window::parse_csv(&text, &Bindings::parse(binds.iter().copied()).unwrap()).unwrap();
         assert_eq!((report.rows, report.rejected_rows.len()), (count, 0), "{name}");
         for channel in expected {
-            assert!(window.series(channel).is_some(), "{name} has {:?}", window.channels().collect::<Vec<_>>());
+            assert!(
+                window.series(channel).is_some(),
+                "{name} has {:?}",
+                window.channels().collect::<Vec<_>>()
+            );
         }
         let grid = window.grid(&GridRequest::new("T_room", &[("T_out", Hold::Linear)])).unwrap();
         assert!(grid.valid_share() > 0.99, "{name}: {}", grid.valid_share());
@@ -287,7 +336,10 @@ fn the_measured_files() {
 
 proptest! {
     #[test]
-    fn any_text_is_a_window_or_faults(text in any::<String>(), bytes in proptest::collection::vec(any::<u8>(), 0..300)) {
+    fn any_text_is_a_window_or_faults(
+        text in any::<String>(),
+        bytes in proptest::collection::vec(any::<u8>(), 0..300),
+    ) {
         let _ = parse(&text);
         let _ = parse(&format!("time,T_room\n{text}"));
         let _ = Window::parse_json(&bytes, &Bindings::none());
@@ -325,14 +377,27 @@ proptest! {
     }
 
     #[test]
-    fn stitching_keeps_every_time_once(a in proptest::collection::btree_set(0i64..50, 1..20), b in proptest::collection::btree_set(0i64..50, 1..20)) {
+    fn stitching_keeps_every_time_once(
+        a in proptest::collection::btree_set(0i64..50, 1..20),
+        b in proptest::collection::btree_set(0i64..50, 1..20),
+    ) {
         let window = |times: &std::collections::BTreeSet<i64>, value: f64| {
-            let series = super::Series::new("x", "-", Hold::Linear, times.iter().copied().collect(), vec![value; times.len()]);
+            let series = super::Series::new(
+                "x",
+                "-",
+                Hold::Linear,
+                times.iter().copied().collect(),
+                vec![value; times.len()]
+            );
             Window::from_series(vec![series.unwrap()]).unwrap()
         };
         let both = Window::stitch(&[window(&a, 1.0), window(&b, 2.0)]).unwrap();
         let x = both.series("x").unwrap();
-        let expected: Vec<(i64, f64)> = a.union(&b).map(|time| (*time, if b.contains(time) { 2.0 } else { 1.0 })).collect();
-        prop_assert_eq!(x.times().iter().copied().zip(x.values().iter().copied()).collect::<Vec<_>>(), expected);
+        let newest = |time: &i64| (*time, if b.contains(time) { 2.0 } else { 1.0 });
+        let expected: Vec<(i64, f64)> = a.union(&b).map(newest).collect();
+        prop_assert_eq!(
+            x.times().iter().copied().zip(x.values().iter().copied()).collect::<Vec<_>>(),
+            expected
+        );
     }
 }

@@ -25,14 +25,20 @@ pub fn write_csv(channels: &[CsvChannel<'_>]) -> String {
     for CsvChannel { channel, unit, points } in channels {
         match points {
             Thinned::Samples { .. } => push_header(&mut text, &format!("{channel}[{unit}]")),
-            Thinned::Envelope { .. } => {
-                ["min", "mean", "max"].iter().for_each(|part| push_header(&mut text, &format!("{channel}.{part}[{unit}]")))
-            }
+            Thinned::Envelope { .. } => ["min", "mean", "max"]
+                .iter()
+                .for_each(|part| push_header(&mut text, &format!("{channel}.{part}[{unit}]"))),
         }
     }
     text.push('\n');
     let mut next = vec![0; channels.len()];
-    let ahead = |next: &[usize]| channels.iter().zip(next).filter_map(|(channel, next)| channel.points.times().get(*next).copied()).min();
+    let ahead = |next: &[usize]| {
+        channels
+            .iter()
+            .zip(next)
+            .filter_map(|(channel, next)| channel.points.times().get(*next).copied())
+            .min()
+    };
     while let Some(time) = ahead(&next) {
         let start = text.len();
         text.push_str(&rfc3339(time));
@@ -86,29 +92,39 @@ mod tests {
     use proptest::prelude::{any, prop_assert_eq, proptest};
 
     fn csv(series: &[Series], max_points: usize) -> String {
-        let span = (series.iter().map(Series::from).min().unwrap(), series.iter().map(Series::to).max().unwrap());
+        let span =
+            (series.iter().map(Series::from).min().unwrap(), series.iter().map(Series::to).max().unwrap());
         let points: Vec<Thinned> = series.iter().map(|one| Thinned::new(one, span, max_points)).collect();
-        let channels: Vec<CsvChannel<'_>> =
-            series.iter().zip(&points).map(|(one, points)| CsvChannel { channel: one.channel(), unit: one.unit(), points }).collect();
+        let channels: Vec<CsvChannel<'_>> = series
+            .iter()
+            .zip(&points)
+            .map(|(one, points)| CsvChannel { channel: one.channel(), unit: one.unit(), points })
+            .collect();
         write_csv(&channels)
     }
 
     #[test]
     fn every_channel_has_its_own_times() {
-        let one = |name: &str, unit: &str, times: Vec<i64>, values: Vec<f64>| Series::new(name, unit, Hold::Linear, times, values).unwrap();
+        let one = |name: &str, unit: &str, times: Vec<i64>, values: Vec<f64>| {
+            Series::new(name, unit, Hold::Linear, times, values).unwrap()
+        };
         let a = one("T_room", "degC", vec![0, 60, 600], vec![20.0, 0.1 + 0.2, -0.5]);
         let b = one("od,d \"name\"", "kW", vec![60, 120], vec![1e-7, 1e21]);
         let expected = "time,T_room[degC],\"od,d \"\"name\"\"[kW]\"\n1970-01-01T00:00:00Z,20,\n1970-01-01T00:01:00Z,0.30000000000000004,0.0000001\n\
                         1970-01-01T00:02:00Z,,1000000000000000000000\n1970-01-01T00:10:00Z,-0.5,\n";
         assert_eq!(csv(&[a.clone(), b], usize::MAX), expected);
         let thinned = csv(&[a], 2);
-        assert_eq!(thinned, "time,T_room.min[degC],T_room.mean[degC],T_room.max[degC]\n1970-01-01T00:05:00Z,-0.5,6.6000000000000005,20\n");
+        assert_eq!(
+            thinned,
+            "time,T_room.min[degC],T_room.mean[degC],T_room.max[degC]\n1970-01-01T00:05:00Z,-0.5,6.6000000000000005,20\n"
+        );
     }
 
     proptest! {
         #[test]
         fn a_window_reads_back_to_the_same_bits(
-            samples in proptest::collection::vec((1i64..10_000, any::<f64>(), any::<f64>()), 2..60), held in any::<bool>(),
+            samples in proptest::collection::vec((1i64..10_000, any::<f64>(), any::<f64>()), 2..60),
+            held in any::<bool>(),
         ) {
             let mut time = 0;
             let (mut all, mut odd) = (Vec::new(), Vec::new());
@@ -130,7 +146,10 @@ mod tests {
                 && all.len() >= 2
             {
                 let window = Window::from_series(vec![all.clone(), odd.clone()]).unwrap();
-                let (read, report) = Window::parse_csv(&csv(&[all, odd], usize::MAX), &Bindings::none()).unwrap();
+                let (read, report) = Window::parse_csv(
+                    &csv(&[all, odd], usize::MAX),
+                    &Bindings::none()
+                ).unwrap();
                 prop_assert_eq!(&report.rejected_rows, &[]);
                 prop_assert_eq!(read.content_hash(), window.content_hash());
             }

@@ -1,14 +1,15 @@
 //! How far a diagnosis has come: which effects have been tried, who leads, and how much of the work is done.
 //!
-//! Work is counted in simulations, which take nearly all of the time. What is still to come is expected from what the same kind of work
-//! has taken so far in this diagnosis.
+//! Work is counted in simulations, which take nearly all of the time. What is still to come is expected from
+//! what the same kind of work has taken so far in this diagnosis.
 
 use super::acceptance::LEAST_BIC;
 use crate::estimate::{Control, Progress, Trials};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-/// What parts of a round take before any of them has been seen, over what it took to bring the null model to its optima: a restart, a refit
-/// after its first part, what follows all refits, and a whole round behind one that has found something, with its null model.
+/// What parts of a round take before any of them has been seen, over what it took to bring the null model to
+/// its optima: a restart, a refit after its first part, what follows all refits, and a whole round behind one
+/// that has found something, with its null model.
 const RESTART: f64 = 0.075;
 const REFIT: f64 = 0.25;
 const JUDGING: f64 = 0.8;
@@ -65,7 +66,9 @@ impl State {
         let judging = if self.judged { 0.0 } else { JUDGING };
         let another = if self.trials.leader.is_some() { self.gain >= LEAST_BIC } else { self.another };
         let fixed = judging + if another { ROUND } else { 0.0 };
-        let left = self.restarts.expected(RESTART * self.unit) + self.refits.expected(REFIT * self.unit) + fixed * self.unit;
+        let left = self.restarts.expected(RESTART * self.unit)
+            + self.refits.expected(REFIT * self.unit)
+            + fixed * self.unit;
         (self.unit > 0.0 && self.trials.round > 0).then(|| self.spent as f64 / (self.spent as f64 + left))
     }
 }
@@ -96,12 +99,14 @@ impl<'a> Course<'a> {
         self.tell(|state| {
             let round = state.trials.round + 1;
             state.trials = Trials { round, of: effects, ..Trials::default() };
-            (state.restarts, state.refits, state.judged) = (Part::default(), Part { left: effects / 2, ..Part::default() }, false);
+            (state.restarts, state.refits, state.judged) =
+                (Part::default(), Part { left: effects / 2, ..Part::default() }, false);
             (state.gain, state.another) = (0.0, round == 1 && rho >= PROMISING_RHO);
         });
     }
 
-    /// Of the effects so many are still `open`: some are searched from the nominal values, and at least so many refits follow.
+    /// Of the effects so many are still `open`: some are searched from the nominal values, and at least so
+    /// many refits follow.
     pub(super) fn open(&self, open: usize, restarts: usize, refits: usize) {
         self.tell(|state| {
             state.trials.tried = state.trials.of.saturating_sub(open);
@@ -122,7 +127,8 @@ impl<'a> Course<'a> {
         });
     }
 
-    /// An effect has been tried, with so many simulations after the first part of its way, and gains so much in BIC.
+    /// An effect has been tried, with so many simulations after the first part of its way, and gains so much
+    /// in BIC.
     pub(super) fn tried(&self, effect: &str, gain: f64, simulations: usize) {
         self.tell(|state| {
             state.spent += simulations;
@@ -148,7 +154,11 @@ impl<'a> Course<'a> {
         change(&mut state);
         let trials = Trials { share: state.share(), ..state.trials.clone() };
         // Under the lock, so that nobody hears of less after more.
-        (self.control.progress)(&Progress { evaluations: state.spent, trials: Some(trials), ..Progress::default() });
+        (self.control.progress)(&Progress {
+            evaluations: state.spent,
+            trials: Some(trials),
+            ..Progress::default()
+        });
     }
 }
 

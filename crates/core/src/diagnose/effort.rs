@@ -16,9 +16,9 @@ pub struct Effort {
 }
 
 impl Effort {
-    /// What the last iterations would gain is little beside what the gates ask for: with a share of 1e-5, thousands of samples gain less
-    /// than a tenth in BIC. A simulation of a large model takes a hundred times as long as one of a room; with a share of 1e-4 they gain
-    /// less than one.
+    /// What the last iterations would gain is little beside what the gates ask for: with a share of 1e-5,
+    /// thousands of samples gain less than a tenth in BIC. A simulation of a large model takes a hundred
+    /// times as long as one of a room; with a share of 1e-4 they gain less than one.
     pub fn of(problem: &Problem) -> Self {
         if problem.filters() {
             Self { settle: 60, restart: 15, refit: 30, tolerance: 1e-5 }

@@ -22,7 +22,8 @@ const LEAST_BINS: usize = 3;
 /// Fixes the resampling of the intervals.
 const SEED: u64 = 1;
 
-/// What the model without an effect leaves unexplained, and what the effect changes, side by side in the same unit.
+/// What the model without an effect leaves unexplained, and what the effect changes, side by side in the same
+/// unit.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Shape {
     /// Unit of all numbers.
@@ -32,11 +33,11 @@ pub struct Shape {
     pub mean_over_s: i64,
     /// The middles of the stretches, RFC 3339.
     pub time: Vec<String>,
-    /// Measured minus simulated in the free run of the model without the effect; `null` where less than half of a
-    /// stretch is comparable.
+    /// Measured minus simulated in the free run of the model without the effect; `null` where less than half
+    /// of a stretch is comparable.
     pub unexplained: Vec<Option<f64>>,
-    /// How much higher the free run is with the effect, both models at their own least squares. What is left between
-    /// the two lines is left unexplained by the model with the effect.
+    /// How much higher the free run is with the effect, both models at their own least squares. What is left
+    /// between the two lines is left unexplained by the model with the effect.
     pub effect: Vec<Option<f64>>,
     /// The first sample of the validation part, from which neither line has learnt anything.
     #[schema(format = DateTime)]
@@ -48,15 +49,16 @@ pub struct Shape {
     pub added: Option<Added>,
 }
 
-/// The error of the model without an effect against the change that the effect would make in it, when all that the model's own
-/// parameters can imitate is taken from both: an added-variable plot. Of rooms it is the error along segments of 12 hours with states
-/// of their own, of plants that of the free run over the training part.
+/// The error of the model without an effect against the change that the effect would make in it, when all
+/// that the model's own parameters can imitate is taken from both: an added-variable plot. Of rooms it is the
+/// error along segments of 12 hours with states of their own, of plants that of the free run over the
+/// training part.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Added {
     /// Samples with about the same change, as many in each bin as ties allow, the smallest changes first.
     pub bins: Vec<AddedBin>,
-    /// Slope of the straight line through all samples: 1 where the effect is as large as the finding says, 0 where it
-    /// adds nothing.
+    /// Slope of the straight line through all samples: 1 where the effect is as large as the finding says, 0
+    /// where it adds nothing.
     pub slope: f64,
     /// Its height at no change.
     pub intercept: f64,
@@ -76,13 +78,14 @@ pub struct AddedBin {
     pub samples: usize,
 }
 
-/// The shape of a candidate that was found. `next` is the model with it, `sized` a vector of its parameters with the values that the
-/// finding states.
+/// The shape of a candidate that was found. `next` is the model with it, `sized` a vector of its parameters
+/// with the values that the finding states.
 pub fn shape(null: &NullModel, next: &NullModel, candidate: &CandidateEffect, sized: &[f64]) -> Shape {
     let (problem, grid) = (&null.problem, null.problem.grid());
     let [without, with] = [null, next].map(|one| one.problem.simulate(&one.fitted.plain));
     let error = residual(problem, 0, &without.outputs[0]);
-    let change: Vec<f64> = with.outputs[0].iter().zip(&without.outputs[0]).map(|(with, without)| with - without).collect();
+    let change: Vec<f64> =
+        with.outputs[0].iter().zip(&without.outputs[0]).map(|(with, without)| with - without).collect();
     let usable = problem.usable(0, 0..grid.len());
     let span = grid.len().div_ceil(POINTS).max(1);
     let middle = |first: usize| grid.time(first) + (span as i64 - 1) * grid.step() / 2;
@@ -98,7 +101,8 @@ pub fn shape(null: &NullModel, next: &NullModel, candidate: &CandidateEffect, si
     }
 }
 
-/// What is unexplained by what the candidate would add to it: over segments of hours, or, of a model that has none, in the free run.
+/// What is unexplained by what the candidate would add to it: over segments of hours, or, of a model that has
+/// none, in the free run.
 fn added(null: &NullModel, candidate: &CandidateEffect, with: &[f64]) -> Option<Added> {
     let point = |(row, x, y): (usize, f64, f64)| Point { row, x, y };
     let points: Vec<Point> = if null.problem.filters() {
@@ -107,8 +111,13 @@ fn added(null: &NullModel, candidate: &CandidateEffect, with: &[f64]) -> Option<
         look.added(candidate, with)?.into_iter().map(point).collect()
     } else {
         let plain = &null.filters.plain;
-        let (effect, unexplained) = Screen::new(&null.problem, &null.fitted.plain, plain, &|| false)?.added(candidate, with)?;
-        plain.rows_of_first().zip(effect.into_iter().zip(unexplained)).map(|(row, (x, y))| point((row, x, y))).collect()
+        let (effect, unexplained) =
+            Screen::new(&null.problem, &null.fitted.plain, plain, &|| false)?.added(candidate, with)?;
+        plain
+            .rows_of_first()
+            .zip(effect.into_iter().zip(unexplained))
+            .map(|(row, (x, y))| point((row, x, y)))
+            .collect()
     };
     let [slope, intercept] = straight_line(&points)?;
     let bins = bins(&null.problem, points);
@@ -123,7 +132,9 @@ fn means(series: &[f64], usable: &[usize], span: usize) -> Vec<Option<f64>> {
         (*sum, *count) = (*sum + series[*k], *count + 1);
     }
     let stride = stride(usable);
-    let mean = |(sum, count): &(f64, usize)| (*count > 0 && 2 * count * stride >= span).then(|| rounded(sum / *count as f64));
+    let mean = |(sum, count): &(f64, usize)| {
+        (*count > 0 && 2 * count * stride >= span).then(|| rounded(sum / *count as f64))
+    };
     sums.iter().map(mean).collect()
 }
 
@@ -148,12 +159,18 @@ fn bins(problem: &Problem, mut points: Vec<Point>) -> Vec<AddedBin> {
         let mean = |of: fn(&Point) -> f64| bin.iter().map(of).sum::<f64>() / bin.len() as f64;
         let rows: Vec<usize> = bin.iter().map(|point| point.row).collect();
         let unexplained_ci95 = interval(problem, &series, &rows, SEED);
-        AddedBin { effect: mean(|point| point.x), unexplained: mean(|point| point.y), unexplained_ci95, samples: bin.len() }
+        AddedBin {
+            effect: mean(|point| point.x),
+            unexplained: mean(|point| point.y),
+            unexplained_ci95,
+            samples: bin.len(),
+        }
     };
     equal_bins(&points, BINS).into_iter().map(one).collect()
 }
 
-/// Sorted points in about so many bins of the same size. What is equal is never parted: half of all samples are nights.
+/// Sorted points in about so many bins of the same size. What is equal is never parted: half of all samples
+/// are nights.
 fn equal_bins(sorted: &[Point], bins: usize) -> Vec<&[Point]> {
     let least = sorted.len().div_ceil(bins).max(1);
     let mut found = Vec::new();
@@ -170,11 +187,13 @@ fn equal_bins(sorted: &[Point], bins: usize) -> Vec<&[Point]> {
     found
 }
 
-/// Slope and height at zero of the straight line of least squares; `None` where x does not vary or is no number.
+/// Slope and height at zero of the straight line of least squares; `None` where x does not vary or is no
+/// number.
 fn straight_line(points: &[Point]) -> Option<[f64; 2]> {
     let n = points.len() as f64;
     let (x, y) = points.iter().fold((0.0, 0.0), |(x, y), point| (x + point.x / n, y + point.y / n));
-    let (xx, xy) = points.iter().fold((0.0, 0.0), |(xx, xy), p| (xx + (p.x - x).powi(2), xy + (p.x - x) * (p.y - y)));
+    let (xx, xy) =
+        points.iter().fold((0.0, 0.0), |(xx, xy), p| (xx + (p.x - x).powi(2), xy + (p.x - x) * (p.y - y)));
     let line = [xy / xx, y - xy / xx * x];
     (xx > 0.0 && line.iter().all(|value| value.is_finite())).then_some(line)
 }
@@ -187,7 +206,11 @@ mod tests {
     fn means_leave_gaps_where_less_than_half_is_known() {
         let series = [1.0, 2.0, 3.0, 4.0, 50.0, 60.0, 7.0];
         assert_eq!(means(&series, &[0, 1, 2, 3, 6], 2), [Some(1.5), Some(3.5), None, Some(7.0)]);
-        assert_eq!(means(&series, &[0, 2, 3, 6], 3), [Some(2.0), None, None], "two of three are enough, one is not");
+        assert_eq!(
+            means(&series, &[0, 2, 3, 6], 3),
+            [Some(2.0), None, None],
+            "two of three are enough, one is not"
+        );
         assert_eq!(means(&[1.0 / 3.0], &[0], 1), [Some(0.3333)]);
     }
 
@@ -199,7 +222,9 @@ mod tests {
     fn bins_are_equal_and_never_part_what_is_equal() {
         // Twelve nights without sun, then eight hours that all differ.
         let sun = points((0..20).map(|k| ((f64::from(k) - 11.0).max(0.0), 1.0)));
-        let sizes = |points: &[Point], bins: usize| equal_bins(points, bins).iter().map(|bin| bin.len()).collect::<Vec<_>>();
+        let sizes = |points: &[Point], bins: usize| {
+            equal_bins(points, bins).iter().map(|bin| bin.len()).collect::<Vec<_>>()
+        };
         assert_eq!(sizes(&sun, 10), [12, 2, 2, 2, 2]);
         assert_eq!(sizes(&sun, 7), [12, 3, 3, 2], "a rest of two is no less than half of three");
         assert_eq!(sizes(&sun[..5], 10), [5]);
@@ -221,7 +246,10 @@ mod tests {
         let on = |k: usize| if k >= 240 { 1.0 } else { 0.0 };
         let error = |k: usize| 0.5 * on(k) + if k.is_multiple_of(2) { 0.1 } else { -0.1 };
         let found = bins(&problem, points((0..480).map(|k| (on(k), error(k)))));
-        assert_eq!(found.iter().map(|bin| (bin.effect, bin.samples)).collect::<Vec<_>>(), [(0.0, 240), (1.0, 240)]);
+        assert_eq!(
+            found.iter().map(|bin| (bin.effect, bin.samples)).collect::<Vec<_>>(),
+            [(0.0, 240), (1.0, 240)]
+        );
         for bin in &found {
             let [low, high] = bin.unexplained_ci95.unwrap();
             // All whole days have the same mean, so that resampling them changes little.

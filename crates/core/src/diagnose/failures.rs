@@ -1,6 +1,7 @@
 //! Where a model fails: which hours err most, in which circumstances, with which input, over which horizon.
 //!
-//! Free runs show where; only innovations show whether anything is left to explain (reference: missing-effects 6).
+//! Free runs show where; only innovations show whether anything is left to explain (reference:
+//! missing-effects 6).
 
 use super::library::widen;
 use super::regimes::{Regime, circumstances, regimes};
@@ -44,8 +45,8 @@ pub struct Episode {
     pub context: IndexMap<String, f64>,
 }
 
-/// Where the free run of a fit fails. Errors are residuals of one output of the model, measured minus simulated, in its
-/// unit.
+/// Where the free run of a fit fails. Errors are residuals of one output of the model, measured minus
+/// simulated, in its unit.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Failures {
     /// Errors by circumstances.
@@ -69,13 +70,19 @@ pub struct DayOfErrors {
     pub hours: Vec<Option<f64>>,
 }
 
-/// Where the free run of a fit fails over its window, in the light of everything that was measured, whether the model
-/// uses it or not. `output` counts the model's outputs, `run` is the filter over the window at the fit; the fit's seed
-/// fixes the resampling of the intervals.
+/// Where the free run of a fit fails over its window, in the light of everything that was measured, whether
+/// the model uses it or not. `output` counts the model's outputs, `run` is the filter over the window at the
+/// fit; the fit's seed fixes the resampling of the intervals.
 ///
 /// # Errors
 /// A fault where the window does not fit the problem, or its time zone is unknown.
-pub fn failures(problem: &Problem, fit: &Fit, output: usize, run: &FilterRun, window: &Window) -> Result<Failures, Fault> {
+pub fn failures(
+    problem: &Problem,
+    fit: &Fit,
+    output: usize,
+    run: &FilterRun,
+    window: &Window,
+) -> Result<Failures, Fault> {
     let (grid, _) = widen(problem, window, &site(problem))?;
     let (error, usable) = free_run_errors(problem, output, &fit.theta());
     Ok(Failures {
@@ -83,7 +90,12 @@ pub fn failures(problem: &Problem, fit: &Fit, output: usize, run: &FilterRun, wi
         hour_by_date: hour_by_date(problem, &error, &usable)?,
         episodes: worst(problem, &grid, &error, &usable, 0..grid.len()),
         residual_by_input: input_lags(problem, &grid, &error, &usable),
-        innovations: run.filtered.innovations.get(output).map(|series| spectrum(series, grid.step_hours())).unwrap_or_default(),
+        innovations: run
+            .filtered
+            .innovations
+            .get(output)
+            .map(|series| spectrum(series, grid.step_hours()))
+            .unwrap_or_default(),
     })
 }
 
@@ -91,7 +103,12 @@ pub fn failures(problem: &Problem, fit: &Fit, output: usize, run: &FilterRun, wi
 ///
 /// # Errors
 /// As [`failures`].
-pub fn worst_regime(problem: &Problem, fit: &Fit, window: &Window, seed: u64) -> Result<Option<String>, Fault> {
+pub fn worst_regime(
+    problem: &Problem,
+    fit: &Fit,
+    window: &Window,
+    seed: u64,
+) -> Result<Option<String>, Fault> {
     let (grid, _) = widen(problem, window, &site(problem))?;
     let (error, usable) = free_run_errors(problem, 0, &fit.theta());
     let found = regimes(problem, &grid, &error, &usable, seed);
@@ -109,7 +126,8 @@ fn free_run_errors(problem: &Problem, output: usize, theta: &[f64]) -> (Vec<f64>
     (residual(problem, output, &simulated.outputs[output]), problem.usable(output, 0..problem.grid().len()))
 }
 
-/// Regimes whose bias is sure to be one, and that hold more of the error than of the time, the most telling first.
+/// Regimes whose bias is sure to be one, and that hold more of the error than of the time, the most telling
+/// first.
 fn telling(regimes: &[Regime]) -> impl Iterator<Item = &Regime> {
     let sure = |regime: &&Regime| regime.bias_ci95.is_some_and(|[low, high]| low > 0.0 || high < 0.0);
     regimes.iter().filter(sure).filter(|regime| regime.error_share > regime.time_share)
@@ -123,9 +141,11 @@ fn small(value: f64) -> String {
 
 fn sentence(problem: &Problem, output: usize, regime: &Regime) -> String {
     let output = problem.model().outputs().get(output);
-    let (channel, unit) = output.map_or(("", ""), |output| (output.channel.as_str(), error_unit(&output.unit)));
+    let (channel, unit) =
+        output.map_or(("", ""), |output| (output.channel.as_str(), error_unit(&output.unit)));
     format!(
-        "{}: {channel} is {} {unit} {} than the model says, {:.0} % of the time, {:.0} % of the squared error.",
+        "{}: {channel} is {} {unit} {} than the model says, {:.0} % of the time, {:.0} % of the squared \
+        error.",
         regime.regime,
         small(regime.bias.abs()),
         if regime.bias > 0.0 { "higher" } else { "lower" },
@@ -136,7 +156,8 @@ fn sentence(problem: &Problem, output: usize, regime: &Regime) -> String {
 
 /// What a user should read first of the failures of an output.
 pub fn sentences(problem: &Problem, output: usize, failures: &Failures) -> Vec<String> {
-    let mut sentences: Vec<String> = telling(&failures.by_regime).take(2).map(|regime| sentence(problem, output, regime)).collect();
+    let mut sentences: Vec<String> =
+        telling(&failures.by_regime).take(2).map(|regime| sentence(problem, output, regime)).collect();
     if let Some(worst) = failures.episodes.first() {
         let unit = problem.model().outputs().get(output).map_or("", |output| error_unit(&output.unit));
         sentences.push(format!(
@@ -154,14 +175,18 @@ fn hour_by_date(problem: &Problem, error: &[f64], usable: &[usize]) -> Result<Ve
     let zone = local_zone(problem.basis().zone.as_deref().unwrap_or("UTC"))?;
     let mut sums: IndexMap<Date, [(f64, usize); 24]> = IndexMap::new();
     for k in usable {
-        let time = Timestamp::from_second(problem.grid().time(*k)).map_err(|error| Fault::new("/time", "bad-time", error.to_string()))?;
+        let time = Timestamp::from_second(problem.grid().time(*k))
+            .map_err(|error| Fault::new("/time", "bad-time", error.to_string()))?;
         let local = zone.to_datetime(time);
         let hours = sums.entry(local.date()).or_insert([(0.0, 0); 24]);
         let (sum, count) = &mut hours[local.hour() as usize];
         (*sum, *count) = (*sum + error[*k], *count + 1);
     }
     let mean = |(sum, count): &(f64, usize)| (*count > 0).then(|| sum / *count as f64);
-    Ok(sums.iter().map(|(date, hours)| DayOfErrors { date: date.to_string(), hours: hours.iter().map(mean).collect() }).collect())
+    Ok(sums
+        .iter()
+        .map(|(date, hours)| DayOfErrors { date: date.to_string(), hours: hours.iter().map(mean).collect() })
+        .collect())
 }
 
 /// The worst episodes of the first output in a part, which do not overlap, the worst first.
@@ -169,14 +194,21 @@ pub fn episodes(problem: &Problem, grid: &Grid, error: &[f64], range: Range<usiz
     worst(problem, grid, error, &problem.usable(0, range.clone()), range)
 }
 
-fn worst(problem: &Problem, grid: &Grid, error: &[f64], usable: &[usize], range: Range<usize>) -> Vec<Episode> {
+fn worst(
+    problem: &Problem,
+    grid: &Grid,
+    error: &[f64],
+    usable: &[usize],
+    range: Range<usize>,
+) -> Vec<Episode> {
     let length = ((EPISODE_HOURS / problem.grid().step_hours()) as usize).max(1);
     let total: f64 = usable.iter().map(|k| error[*k] * error[*k]).sum();
     let mut weight = vec![0.0; range.end + 1];
     usable.iter().for_each(|k| weight[*k + 1] = error[*k] * error[*k]);
     (1..weight.len()).for_each(|k| weight[k] += weight[k - 1]);
-    let mut starts: Vec<(f64, usize)> =
-        (range.start..range.end.saturating_sub(length)).map(|k| (weight[k + length] - weight[k], k)).collect();
+    let mut starts: Vec<(f64, usize)> = (range.start..range.end.saturating_sub(length))
+        .map(|k| (weight[k + length] - weight[k], k))
+        .collect();
     starts.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
     let mut chosen: Vec<usize> = Vec::new();
     for (_, start) in starts {
@@ -188,7 +220,8 @@ fn worst(problem: &Problem, grid: &Grid, error: &[f64], usable: &[usize], range:
         }
     }
     let one = |start: usize| {
-        let inside: Vec<f64> = usable.iter().filter(|k| (start..start + length).contains(*k)).map(|k| error[*k]).collect();
+        let inside: Vec<f64> =
+            usable.iter().filter(|k| (start..start + length).contains(*k)).map(|k| error[*k]).collect();
         if inside.is_empty() {
             return None;
         }
@@ -206,7 +239,12 @@ fn worst(problem: &Problem, grid: &Grid, error: &[f64], usable: &[usize], range:
 }
 
 /// Columns whose mean over an episode is more than a deviation from that over the part.
-fn context(problem: &Problem, grid: &Grid, range: &Range<usize>, episode: Range<usize>) -> IndexMap<String, f64> {
+fn context(
+    problem: &Problem,
+    grid: &Grid,
+    range: &Range<usize>,
+    episode: Range<usize>,
+) -> IndexMap<String, f64> {
     let mut unusual = IndexMap::new();
     for (channel, column) in circumstances(problem, grid).filter(|(channel, _)| !is_compass(channel)) {
         let all = &column.values()[range.clone()];

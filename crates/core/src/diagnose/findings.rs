@@ -9,8 +9,8 @@ use super::library::{CandidateEffect, NotTestable, align, candidates, widen};
 use super::null_model::{NullModel, whitening_at};
 use super::present::present;
 use super::report::{
-    Adequacy, Coefficient, Considered, Diagnosis, EffectSize, Finding, FindingKind, Gate, Measures, PresentEffect, Preview, RmsePairs,
-    Unexplained,
+    Adequacy, Coefficient, Considered, Diagnosis, EffectSize, Finding, FindingKind, Gate, Measures,
+    PresentEffect, Preview, RmsePairs, Unexplained,
 };
 use super::residual::residual;
 use super::screen::{Blind, Screen};
@@ -70,12 +70,15 @@ impl std::error::Error for DiagnoseError {}
 impl DiagnoseError {
     /// Why a model has no optimum: somebody has stopped the search, or it diverges.
     pub(super) fn nothing(control: &Control) -> Self {
-        DiagnoseError::Estimate((control.interrupt)().map_or(EstimateError::NothingFinite, EstimateError::Interrupted))
+        DiagnoseError::Estimate(
+            (control.interrupt)().map_or(EstimateError::NothingFinite, EstimateError::Interrupted),
+        )
     }
 }
 
-/// Which effects the model is missing. `theta` is the fit to start from; it is polished first. `rate` is how often segments of hours may
-/// accuse where nothing is missing; `earlier` is what other windows of the system showed, of any model.
+/// Which effects the model is missing. `theta` is the fit to start from; it is polished first. `rate` is how
+/// often segments of hours may accuse where nothing is missing; `earlier` is what other windows of the system
+/// showed, of any model.
 ///
 /// # Errors
 /// [`DiagnoseError`] where the model diverges, the window does not serve, or `control` interrupts.
@@ -97,12 +100,16 @@ pub fn diagnose(
     let (train, unseen) = (days(&problem.split().train), days(&problem.split().validation));
     let mut report = empty(problem);
     if train < LEAST_DAYS.0 || unseen < LEAST_DAYS.1 {
-        report.summary = format!("{train:.1} days of training and {unseen:.1} unseen days are too little to say what is missing");
+        report.summary = format!(
+            "{train:.1} days of training and {unseen:.1} unseen days are too little to say what is missing"
+        );
         return Ok(report);
     }
     let strict = train < GOOD_DAYS.0 || unseen < GOOD_DAYS.1 * 0.9;
     if strict {
-        report.warnings.push(format!("only {train:.1} days of training and {unseen:.1} unseen days: more is asked of every effect"));
+        report.warnings.push(format!(
+            "only {train:.1} days of training and {unseen:.1} unseen days: more is asked of every effect"
+        ));
     }
     let (grid, holes) = widen(problem, window, site).map_err(|fault| DiagnoseError::Faults(vec![fault]))?;
     let nothing = || DiagnoseError::nothing(control);
@@ -121,12 +128,15 @@ pub fn diagnose(
             null.problem = align(&null.problem, &mut library);
         }
         // The openings that a drop detector marks are off by up to half an hour, which a lag then repairs.
-        library.retain(|candidate| !(candidate.id == "sensor_lag" && found.iter().any(|name| name == "window_opening")));
+        library.retain(|candidate| {
+            !(candidate.id == "sensor_lag" && found.iter().any(|name| name == "window_opening"))
+        });
         // What could not be told from a finding is named with it already.
         library.retain(|candidate| !found.contains(&candidate.id));
         // With a finding it is another model, of which no window has told.
         let told = if number == 1 { beside_base.as_slice() } else { &[] };
-        let outcome = round(&mut null, &library, strict, rate.into(), told, number == 1, &course).ok_or_else(nothing)?;
+        let outcome = round(&mut null, &library, strict, rate.into(), told, number == 1, &course)
+            .ok_or_else(nothing)?;
         interrupted(control)?;
         report.evaluations.push(null.fitted.evaluations + outcome.evaluations);
         if number == 1 {
@@ -134,14 +144,27 @@ pub fn diagnose(
             tell_round(&mut report, &library, &outcome);
             report.looked = looked(problem, outcome.scores.clone());
             if let Some(span) = span(problem) {
-                report.present = present(catalogue, &null.problem, &null.fitted.plain, (&grid, site), earlier, span, &halt);
+                report.present = present(
+                    catalogue,
+                    &null.problem,
+                    &null.fitted.plain,
+                    (&grid, site),
+                    earlier,
+                    span,
+                    &halt,
+                );
             }
             interrupted(control)?;
         }
         let Some(winner) = outcome.winner.map(|place| &outcome.tried[place]) else { break };
         let candidate = &library[winner.refitted.candidate];
-        let next = NullModel::settle(candidate.problem.clone(), &winner.refitted.fitted.plain, Some(&winner.refitted.fitted.white), &halt)
-            .ok_or_else(nothing)?;
+        let next = NullModel::settle(
+            candidate.problem.clone(),
+            &winner.refitted.fitted.plain,
+            Some(&winner.refitted.fitted.white),
+            &halt,
+        )
+        .ok_or_else(nothing)?;
         let (way, evaluations) = other_way(catalogue, &null, &next, candidate, &grid, site, &halt);
         course.settled(next.fitted.evaluations + evaluations);
         interrupted(control)?;
@@ -222,8 +245,8 @@ fn looked(problem: &Problem, effects: Vec<EffectScore>) -> Option<Looked> {
     Some(Looked { from: rfc3339(span.from), to: rfc3339(span.to), hours: span.hours, effects })
 }
 
-/// Tells every finding of a diagnosis what its window shows of it together with earlier ones of the same base model, and takes back,
-/// with a warning, what those have shown clearly and this one contradicts.
+/// Tells every finding of a diagnosis what its window shows of it together with earlier ones of the same base
+/// model, and takes back, with a warning, what those have shown clearly and this one contradicts.
 pub(super) fn pool_findings(report: &mut Diagnosis, earlier: &[Entry]) {
     let Some(span) = report.looked.as_ref().and_then(Looked::span) else { return };
     for score in report.looked.iter().flat_map(|looked| &looked.effects) {
@@ -235,7 +258,8 @@ pub(super) fn pool_findings(report: &mut Diagnosis, earlier: &[Entry]) {
             finding.pooled = Some(pooled);
         }
     }
-    let taken_back = |one: &&PresentEffect| one.pooled.as_ref().is_some_and(|pooled| pooled.taken_back.is_some());
+    let taken_back =
+        |one: &&PresentEffect| one.pooled.as_ref().is_some_and(|pooled| pooled.taken_back.is_some());
     report.warnings.extend(report.present.iter().filter(taken_back).map(|one| one.sentence.clone()));
 }
 
@@ -243,12 +267,20 @@ pub(super) fn pool_findings(report: &mut Diagnosis, earlier: &[Entry]) {
 fn tell_round(report: &mut Diagnosis, library: &[CandidateEffect], outcome: &Round) {
     for one in &outcome.tried {
         if one.refitted.score.imitated && matches!(one.gate, Some((Gate::Bic | Gate::Bound, _))) {
-            report.not_testable.push(NotTestable { effect: library[one.refitted.candidate].id.clone(), reason: IMITATED.to_owned() });
+            report.not_testable.push(NotTestable {
+                effect: library[one.refitted.candidate].id.clone(),
+                reason: IMITATED.to_owned(),
+            });
             continue;
         }
         let why = match (&one.gate, one.heard.shown.as_ref().map(|shown| &shown.evidence)) {
             (None, Some(evidence)) => {
-                format!("over {:.0} h it explains {:.0} % of the error, t {:.1}", evidence.hours, 100.0 * evidence.share, evidence.t)
+                format!(
+                    "over {:.0} h it explains {:.0} % of the error, t {:.1}",
+                    evidence.hours,
+                    100.0 * evidence.share,
+                    evidence.t
+                )
             }
             (None, None) => format!("it gains {:.0} in BIC", one.gain.delta_bic),
             (Some((_, why)), _) => why.clone(),
@@ -291,7 +323,9 @@ fn tell_round(report: &mut Diagnosis, library: &[CandidateEffect], outcome: &Rou
             }
             Skip::Blind(blind) => {
                 let reason = match blind {
-                    Blind::TooSmall => "even at its physical limit it hardly moves the room in these data".to_owned(),
+                    Blind::TooSmall => {
+                        "even at its physical limit it hardly moves the room in these data".to_owned()
+                    }
                     Blind::Imitated => IMITATED.to_owned(),
                     Blind::Diverged => "the simulation with it diverges".to_owned(),
                 };
@@ -316,29 +350,41 @@ fn finding(
 ) -> Finding {
     let named = &library[winner.refitted.candidate];
     let (candidate, next) = way.map_or((named, direct), |way| (&way.candidate, &way.model));
-    let tied_with: Vec<String> = outcome.tied.iter().map(|place| library[outcome.tried[*place].refitted.candidate].id.clone()).collect();
+    let tied_with: Vec<String> = outcome
+        .tied
+        .iter()
+        .map(|place| library[outcome.tried[*place].refitted.candidate].id.clone())
+        .collect();
     let separate_by = (!tied_with.is_empty()).then(|| {
         let mut needed: Vec<&str> = vec![&named.spec.measure];
-        needed.extend(outcome.tied.iter().map(|place| library[outcome.tried[*place].refitted.candidate].spec.measure.as_str()));
+        needed.extend(
+            outcome
+                .tied
+                .iter()
+                .map(|place| library[outcome.tried[*place].refitted.candidate].spec.measure.as_str()),
+        );
         needed.retain(|text| !text.is_empty());
         needed.dedup();
         format!("measure {}", needed.join(", or "))
     });
-    let pair = |part: usize| null.measured.plain[part].zip(next.measured.plain[part]).map(|(a, b)| [a.sqrt(), b.sqrt()]);
+    let pair = |part: usize| {
+        null.measured.plain[part].zip(next.measured.plain[part]).map(|(a, b)| [a.sqrt(), b.sqrt()])
+    };
     let mut sized = next.fitted.plain.clone();
     let mut parameters = IndexMap::new();
     let Sizes { coefficients, ahead } = sizes(next, candidate, winner.heard.shown.is_some(), halt);
-    let size = ahead.zip(next.problem.model().outputs().first()).map(|(Size { value, ci95 }, output)| EffectSize {
-        hours: AHEAD_HOURS,
-        value,
-        ci95,
-        unit: error_unit(&output.unit).to_owned(),
+    let size = ahead.zip(next.problem.model().outputs().first()).map(|(Size { value, ci95 }, output)| {
+        EffectSize { hours: AHEAD_HOURS, value, ci95, unit: error_unit(&output.unit).to_owned() }
     });
     for ((index, _), Size { value, ci95 }) in candidate.own.iter().zip(coefficients) {
         sized[*index] = value;
         let parameter = &next.problem.model().parameters()[*index];
-        let at_bound = at_bound(&next.problem, &sized, *index) && !leaves_bounds(ci95, next.problem.bounds()[*index]);
-        parameters.insert(parameter.name.clone(), Coefficient { value, ci95, unit: parameter.unit.clone(), at_bound });
+        let at_bound =
+            at_bound(&next.problem, &sized, *index) && !leaves_bounds(ci95, next.problem.bounds()[*index]);
+        parameters.insert(
+            parameter.name.clone(),
+            Coefficient { value, ci95, unit: parameter.unit.clone(), at_bound },
+        );
     }
     let rmse = RmsePairs {
         train: pair(0).unwrap_or([f64::NAN; 2]),
@@ -371,8 +417,8 @@ fn finding(
     }
 }
 
-/// Whether an interval stays clear of both bounds: a small coefficient of a channel with large numbers is near its
-/// bound on the scale of the search, and well determined all the same.
+/// Whether an interval stays clear of both bounds: a small coefficient of a channel with large numbers is
+/// near its bound on the scale of the search, and well determined all the same.
 fn leaves_bounds(ci95: Option<[f64; 2]>, bounds: [f64; 2]) -> bool {
     ci95.is_some_and(|[low, high]| low > bounds[0] && high < bounds[1])
 }
@@ -384,7 +430,9 @@ fn evidence(candidate: &CandidateEffect, winner: &Tried, rmse: &RmsePairs) -> Ve
         _ => "times the noise of the sensors",
     };
     if let Some([before, after]) = rmse.validation {
-        sentences.push(format!("With it the free run on unseen data errs by {after:.2} instead of {before:.2} {unit}."));
+        sentences.push(format!(
+            "With it the free run on unseen data errs by {after:.2} instead of {before:.2} {unit}."
+        ));
     }
     if let Some([before, after]) = rmse.validation_ahead.get("PT24H") {
         sentences.push(format!("Forecasts a day ahead err by {after:.2} instead of {before:.2} {unit}."));
@@ -397,24 +445,38 @@ fn evidence(candidate: &CandidateEffect, winner: &Tried, rmse: &RmsePairs) -> Ve
     match winner.gain.slow_delta_bic {
         Some(slow) if winner.gain.delta_bic < least => {
             sentences.push(format!(
-                "The likelihood of three-hourly means gains {slow:.0} in BIC after its price; {LEAST_BIC:.0} would be enough."
+                "The likelihood of three-hourly means gains {slow:.0} in BIC after its price; {LEAST_BIC:.0} \
+                would be enough."
             ));
         }
-        _ => {
-            sentences.push(format!("The likelihood gains {:.0} in BIC after its price; {least:.0} would be enough.", winner.gain.delta_bic))
-        }
+        _ => sentences.push(format!(
+            "The likelihood gains {:.0} in BIC after its price; {least:.0} would be enough.",
+            winner.gain.delta_bic
+        )),
     }
     if let Some(share) = winner.gain.share.filter(|share| *share >= LEAST_SHARE) {
-        sentences.push(format!("It explains {:.0} % of the unseen squared error beyond the noise.", 100.0 * share));
-    } else if let Some(ahead) = winner.gain.ahead.map(|ahead| ahead.share).filter(|share| *share >= STRICT_SHARE) {
-        sentences.push(format!("It explains {:.0} % of the squared error a day ahead beyond the noise.", 100.0 * ahead));
+        sentences.push(format!(
+            "It explains {:.0} % of the unseen squared error beyond the noise.",
+            100.0 * share
+        ));
+    } else if let Some(ahead) =
+        winner.gain.ahead.map(|ahead| ahead.share).filter(|share| *share >= STRICT_SHARE)
+    {
+        sentences.push(format!(
+            "It explains {:.0} % of the squared error a day ahead beyond the noise.",
+            100.0 * ahead
+        ));
     } else if let Some(white) = winner.gain.white_share {
-        sentences
-            .push(format!("It explains {:.1} % of the unseen innovations; the free run is dominated by something else.", 100.0 * white));
+        sentences.push(format!(
+            "It explains {:.1} % of the unseen innovations; the free run is dominated by something else.",
+            100.0 * white
+        ));
     }
     if candidate.endogenous {
         sentences.push(format!(
-            "It is read off the room temperature itself, so more was asked of it: {:.0} % of the error or of forecasts a day ahead, and {:.0} % of the innovations, of which it explains {:.0} %. Its size has no interval.",
+            "It is read off the room temperature itself, so more was asked of it: {:.0} % of the error or of \
+            forecasts a day ahead, and {:.0} % of the innovations, of which it explains {:.0} %. Its size \
+            has no interval.",
             100.0 * STRICT_SHARE,
             100.0 * STRICT_INNOVATIONS,
             100.0 * winner.gain.innovations
@@ -423,8 +485,8 @@ fn evidence(candidate: &CandidateEffect, winner: &Tried, rmse: &RmsePairs) -> Ve
     sentences
 }
 
-/// Forecast errors without and with the effect over the validation part, each from states filtered with its own
-/// likeliest process noise.
+/// Forecast errors without and with the effect over the validation part, each from states filtered with its
+/// own likeliest process noise.
 fn ahead_pairs(null: &NullModel, next: &NullModel) -> IndexMap<String, [f64; 2]> {
     let range = null.problem.split().validation.clone();
     let errors = |null: &NullModel| {
@@ -432,7 +494,10 @@ fn ahead_pairs(null: &NullModel, next: &NullModel) -> IndexMap<String, [f64; 2]>
         ahead(&null.problem, &null.fitted.plain, &run, range.clone(), &HORIZONS)
     };
     let (before, after) = rayon::join(|| errors(null), || errors(next));
-    before.into_iter().filter_map(|(name, before)| Some((name.clone(), [before.rmse, after.get(&name)?.rmse]))).collect()
+    before
+        .into_iter()
+        .filter_map(|(name, before)| Some((name.clone(), [before.rmse, after.get(&name)?.rmse])))
+        .collect()
 }
 
 /// Verdict, summary and the shape of what is left.
@@ -441,7 +506,9 @@ fn conclude(report: &mut Diagnosis, before: &NullModel, after: &NullModel) {
     report.noise_floor_rmse = Some(after.measured.floor);
     let noise = after.measured.floor.powi(2);
     let beyond = |mse: Option<f64>| mse.map(|mse| (mse - noise).max(0.0));
-    let share = beyond(after.measured.plain[0]).zip(beyond(before.measured.plain[0])).map(|(left, all)| left / all.max(f64::MIN_POSITIVE));
+    let share = beyond(after.measured.plain[0])
+        .zip(beyond(before.measured.plain[0]))
+        .map(|(left, all)| left / all.max(f64::MIN_POSITIVE));
     let more = report.rho.is_some_and(|rho| rho >= ADEQUATE_RHO);
     let run = after.problem.simulate(&after.fitted.plain);
     let error = residual(&after.problem, 0, &run.outputs[0]);
@@ -453,12 +520,20 @@ fn conclude(report: &mut Diagnosis, before: &NullModel, after: &NullModel) {
     };
     let names: Vec<&str> = report.findings.iter().map(|finding| finding.title.as_str()).collect();
     (report.verdict, report.summary) = match (names.is_empty(), more) {
-        (false, false) => {
-            (Adequacy::Named, format!("missing: {}; with it the model explains the data down to their noise", names.join(", then ")))
+        (false, false) => (
+            Adequacy::Named,
+            format!(
+                "missing: {}; with it the model explains the data down to their noise",
+                names.join(", then ")
+            ),
+        ),
+        (false, true) => {
+            (Adequacy::Named, format!("missing: {}; probably something else as well", names.join(", then ")))
         }
-        (false, true) => (Adequacy::Named, format!("missing: {}; probably something else as well", names.join(", then "))),
         (true, false) => (Adequacy::Adequate, "the model explains the data down to their noise".to_owned()),
-        (true, true) => (Adequacy::Unknown, "something is missing that none of the known effects explains".to_owned()),
+        (true, true) => {
+            (Adequacy::Unknown, "something is missing that none of the known effects explains".to_owned())
+        }
     };
     report.unexplained = Unexplained {
         share,

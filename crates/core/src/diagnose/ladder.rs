@@ -46,8 +46,8 @@ pub struct Step {
     /// Forecast errors from re-estimated states over the validation part, by horizon.
     #[schema(value_type = HashMap<String, f64>)]
     pub ahead: IndexMap<String, f64>,
-    /// BIC of the AR likelihood of the training part, the effects' parameters counted; by the criterion `lrt` that of the
-    /// likelihood of the stochastic model.
+    /// BIC of the AR likelihood of the training part, the effects' parameters counted; by the criterion `lrt`
+    /// that of the likelihood of the stochastic model.
     pub bic: f64,
     /// Estimates by name.
     #[schema(value_type = HashMap<String, f64>)]
@@ -63,8 +63,8 @@ pub struct Step {
 
 /// Builds the ladder from a fit: at most `max_steps` effects.
 ///
-/// A step is kept where the gates of a diagnosis let its effect through and the error on unseen data falls; the first
-/// step that is not ends the ladder.
+/// A step is kept where the gates of a diagnosis let its effect through and the error on unseen data falls;
+/// the first step that is not ends the ladder.
 ///
 /// # Errors
 /// [`DiagnoseError`] where the model diverges, the window does not serve, or `control` interrupts.
@@ -92,21 +92,41 @@ pub fn ladder(
             (library, _) = candidates(catalogue, &null.problem, &grid, &holes, site);
             null.problem = align(&null.problem, &mut library);
         }
-        let outcome =
-            round(&mut null, &library, false, AccusationRate::default().into(), &[], steps.is_empty(), &course).ok_or_else(nothing)?;
+        let outcome = round(
+            &mut null,
+            &library,
+            false,
+            AccusationRate::default().into(),
+            &[],
+            steps.is_empty(),
+            &course,
+        )
+        .ok_or_else(nothing)?;
         interrupted(control)?;
         if steps.is_empty() {
             steps.push(step(&null, None, 0.0, noise, true, "the model as it is".to_owned()));
         }
         // The winner of the gates, or else the one that came closest, to show that it does not help.
-        let Some(best) = outcome.winner.or_else(|| (!outcome.tried.is_empty()).then_some(0)).map(|place| &outcome.tried[place]) else {
+        let Some(best) = outcome
+            .winner
+            .or_else(|| (!outcome.tried.is_empty()).then_some(0))
+            .map(|place| &outcome.tried[place])
+        else {
             break;
         };
         let candidate = &library[best.refitted.candidate];
-        let next = NullModel::settle(candidate.problem.clone(), &best.refitted.fitted.plain, Some(&best.refitted.fitted.white), &halt)
-            .ok_or_else(nothing)?;
-        let (way, evaluations) =
-            if best.gate.is_none() { other_way(catalogue, &null, &next, candidate, &grid, site, &halt) } else { (None, 0) };
+        let next = NullModel::settle(
+            candidate.problem.clone(),
+            &best.refitted.fitted.plain,
+            Some(&best.refitted.fitted.white),
+            &halt,
+        )
+        .ok_or_else(nothing)?;
+        let (way, evaluations) = if best.gate.is_none() {
+            other_way(catalogue, &null, &next, candidate, &grid, site, &halt)
+        } else {
+            (None, 0)
+        };
         course.settled(next.fitted.evaluations + evaluations);
         let (added, active, next) = match way {
             Some(way) => (way.candidate.id, way.candidate.own.len(), way.model),
@@ -138,19 +158,27 @@ pub fn ladder(
     Ok(Ladder { system: None, steps })
 }
 
-/// Which errors on unseen data really fall, of the free run and of forecasts over six hours and a day, in a sentence
-/// that also says where the free run does not; `None` where none falls.
+/// Which errors on unseen data really fall, of the free run and of forecasts over six hours and a day, in a
+/// sentence that also says where the free run does not; `None` where none falls.
 fn fallen(before: &Step, after: &Step) -> Option<String> {
     let ahead = |name: &str| before.ahead.get(name).copied().zip(after.ahead.get(name).copied());
     let free = before.validation_rmse.zip(after.validation_rmse);
-    let pairs = [("the free run", free), ("forecasts 6 h ahead", ahead("PT6H")), ("forecasts a day ahead", ahead("PT24H"))];
+    let pairs = [
+        ("the free run", free),
+        ("forecasts 6 h ahead", ahead("PT6H")),
+        ("forecasts a day ahead", ahead("PT24H")),
+    ];
     let falls = |pair: Option<(f64, f64)>| pair.filter(|(before, after)| *after <= FALL * before);
     let fallen: Vec<String> = pairs
         .into_iter()
-        .filter_map(|(name, pair)| falls(pair).map(|(before, after)| format!("of {name} from {before:.2} to {after:.2}")))
+        .filter_map(|(name, pair)| {
+            falls(pair).map(|(before, after)| format!("of {name} from {before:.2} to {after:.2}"))
+        })
         .collect();
     let rises = free.filter(|(before, after)| after > before);
-    let but = rises.map_or_else(String::new, |(before, after)| format!("; the free run's rises from {before:.2} to {after:.2}"));
+    let but = rises.map_or_else(String::new, |(before, after)| {
+        format!("; the free run's rises from {before:.2} to {after:.2}")
+    });
     (!fallen.is_empty()).then(|| format!("the error on unseen data falls: {}{but}", fallen.join(", ")))
 }
 

@@ -1,8 +1,8 @@
 //! Evidence adds up: what the windows of a system show of one effect, each for itself and together.
 //!
-//! One window of two weeks shows an effect of the size of its noise. Windows that do not overlap are independent of each other, so
-//! their t add up by Stouffer's sum and their sizes by inverse variance; Q and I2 say whether it is one size at all (Higgins and
-//! Thompson 2002, Stat. Med. 21, 1539-1558).
+//! One window of two weeks shows an effect of the size of its noise. Windows that do not overlap are
+//! independent of each other, so their t add up by Stouffer's sum and their sizes by inverse variance; Q and
+//! I2 say whether it is one size at all (Higgins and Thompson 2002, Stat. Med. 21, 1539-1558).
 
 use crate::data::read_time;
 use crate::schema::Interval;
@@ -15,8 +15,8 @@ use utoipa::ToSchema;
 /// Deviations on both sides that hold 95 of a hundred, and 99.
 const Z95: f64 = 1.96;
 const Z99: f64 = 2.58;
-/// Only what stands out of a catalogue of some twenty effects can be taken back: of twenty, with the days of a fortnight,
-/// one shows a t of 2.6 in every fourth room by chance, and one of 4 in one of seventy.
+/// Only what stands out of a catalogue of some twenty effects can be taken back: of twenty, with the days of
+/// a fortnight, one shows a t of 2.6 in every fourth room by chance, and one of 4 in one of seventy.
 const STANDS_OUT: f64 = 4.0;
 /// Below this pooled t an effect cannot be told from chance.
 pub const CLEAR_T: f64 = 2.0;
@@ -57,8 +57,8 @@ pub struct EffectScore {
     pub beyond_clock: f64,
     /// Days that were looked at.
     pub days: usize,
-    /// The share of shifts of its channels by whole days, itself counted, with which it does as well; `null` where no logged channel
-    /// drives it, or where it explains too little to ask.
+    /// The share of shifts of its channels by whole days, itself counted, with which it does as well; `null`
+    /// where no logged channel drives it, or where it explains too little to ask.
     pub shift_p: Option<f64>,
 }
 
@@ -162,8 +162,8 @@ pub struct Pooled {
     pub i2: Option<f64>,
     /// The share of the squared error that it explains, windows weighted by their days.
     pub share: f64,
-    /// The chances that a shifted channel does as well, of all windows that have one, by Fisher's sum of logarithms; `null` where none
-    /// has. Shifts are counted, so what this says is on the safe side.
+    /// The chances that a shifted channel does as well, of all windows that have one, by Fisher's sum of
+    /// logarithms; `null` where none has. Shifts are counted, so what this says is on the safe side.
     pub shift_p: Option<f64>,
     /// For people.
     pub sentence: String,
@@ -186,11 +186,16 @@ pub struct TakenBack {
 impl Looked {
     /// When it looked; `None` where it is at no time, which could not be told from other windows.
     pub fn span(&self) -> Option<Span> {
-        Some(Span { from: read_time("", &self.from).ok()?, to: read_time("", &self.to).ok()?, hours: self.hours })
+        Some(Span {
+            from: read_time("", &self.from).ok()?,
+            to: read_time("", &self.to).ok()?,
+            hours: self.hours,
+        })
     }
 }
 
-/// What a window adds to the ledger of its system beside one model; effects without finite figures are left out.
+/// What a window adds to the ledger of its system beside one model; effects without finite figures are left
+/// out.
 pub fn entries<'a>(
     span: Span,
     diagnosis: &str,
@@ -209,28 +214,40 @@ pub fn entries<'a>(
 
 fn is_finite(score: &EffectScore) -> bool {
     let EffectScore { size, deviation, share, t, beyond_clock, .. } = score;
-    [size, deviation, share, t, beyond_clock].into_iter().chain(&score.shift_p).all(|figure| figure.is_finite())
+    [size, deviation, share, t, beyond_clock]
+        .into_iter()
+        .chain(&score.shift_p)
+        .all(|figure| figure.is_finite())
 }
 
-/// Those of some entries that speak of a model with this content. Windows that were judged beside another content speak of something else.
+/// Those of some entries that speak of a model with this content. Windows that were judged beside another
+/// content speak of something else.
 pub fn beside(entries: &[Entry], model: &str, hash: &str) -> Vec<Entry> {
-    let is_same = |entry: &&Entry| entry.model == model && entry.model_hash.as_ref().is_none_or(|known| known == hash);
+    let is_same =
+        |entry: &&Entry| entry.model == model && entry.model_hash.as_ref().is_none_or(|known| known == hash);
     entries.iter().filter(is_same).cloned().collect()
 }
 
-/// The ledgers of a system, by effect and base model, the most telling first. Entries stand in the order in which they were made.
+/// The ledgers of a system, by effect and base model, the most telling first. Entries stand in the order in
+/// which they were made.
 pub fn ledgers(entries: &[Entry]) -> Vec<Ledger> {
-    let mut names: Vec<(&str, &str)> = entries.iter().map(|entry| (entry.score.effect.as_str(), entry.model.as_str())).collect();
+    let mut names: Vec<(&str, &str)> =
+        entries.iter().map(|entry| (entry.score.effect.as_str(), entry.model.as_str())).collect();
     names.sort_unstable();
     names.dedup();
     let ledger = |(effect, model): (&str, &str)| {
-        let windows = newest_first(entries.iter().filter(|entry| entry.score.effect == effect && entry.model == model));
+        let windows =
+            newest_first(entries.iter().filter(|entry| entry.score.effect == effect && entry.model == model));
         let apart = chosen(&windows);
         Ledger {
             effect: effect.to_owned(),
             model: model.to_owned(),
             pooled: pooled(&added(&windows, &apart)),
-            windows: windows.into_iter().zip(apart).map(|(entry, apart)| LedgerWindow { entry: entry.clone(), apart }).collect(),
+            windows: windows
+                .into_iter()
+                .zip(apart)
+                .map(|(entry, apart)| LedgerWindow { entry: entry.clone(), apart })
+                .collect(),
         }
     };
     let mut all: Vec<Ledger> = names.into_iter().map(ledger).collect();
@@ -239,10 +256,11 @@ pub fn ledgers(entries: &[Entry]) -> Vec<Ledger> {
     all
 }
 
-/// What a window shows together with earlier ones of the same base model, whatever else they tell of; nothing where it has no size.
-/// Earlier windows that overlap it are not added.
+/// What a window shows together with earlier ones of the same base model, whatever else they tell of; nothing
+/// where it has no size. Earlier windows that overlap it are not added.
 pub fn pooled_with(earlier: &[Entry], now: &EffectScore, span: Span) -> Option<Pooled> {
-    let own = Entry { diagnosis: String::new(), model: String::new(), model_hash: None, span, score: now.clone() };
+    let own =
+        Entry { diagnosis: String::new(), model: String::new(), model_hash: None, span, score: now.clone() };
     let mut windows = newest_first(earlier.iter().filter(|entry| entry.score.effect == now.effect));
     windows.insert(0, &own);
     let apart = chosen(&windows);
@@ -317,7 +335,8 @@ fn pooled(windows: &[&Entry]) -> Option<Pooled> {
     let from = windows.iter().map(|entry| entry.span.from).min().and_then(instant)?;
     let to = windows.iter().map(|entry| entry.span.to).max().and_then(instant)?;
     let mean = Mean::of(windows);
-    let q: f64 = windows.iter().map(|entry| ((entry.score.size - mean.size) / entry.score.deviation).powi(2)).sum();
+    let q: f64 =
+        windows.iter().map(|entry| ((entry.score.size - mean.size) / entry.score.deviation).powi(2)).sum();
     let freedom = (windows.len() - 1) as f64;
     let days: f64 = windows.iter().map(|entry| entry.score.days as f64).sum();
     let mut pooled = Pooled {
@@ -332,7 +351,8 @@ fn pooled(windows: &[&Entry]) -> Option<Pooled> {
         unit: windows[0].score.unit.clone(),
         q,
         i2: (freedom > 0.0).then(|| if q > freedom { (q - freedom) / q } else { 0.0 }),
-        share: windows.iter().map(|entry| entry.score.days as f64 * entry.score.share).sum::<f64>() / days.max(1.0),
+        share: windows.iter().map(|entry| entry.score.days as f64 * entry.score.share).sum::<f64>()
+            / days.max(1.0),
         shift_p: fisher(windows.iter().filter_map(|entry| entry.score.shift_p)),
         sentence: String::new(),
         taken_back: taken_back(windows),
@@ -341,14 +361,16 @@ fn pooled(windows: &[&Entry]) -> Option<Pooled> {
     Some(pooled)
 }
 
-/// One chance for several, each uniform where nothing is there: minus twice the sum of their logarithms follows chi squared with two
-/// degrees of freedom for each (Fisher 1932).
+/// One chance for several, each uniform where nothing is there: minus twice the sum of their logarithms
+/// follows chi squared with two degrees of freedom for each (Fisher 1932).
 fn fisher(chances: impl Iterator<Item = f64>) -> Option<f64> {
-    let (count, sum) = chances.fold((0_u32, 0.0), |(count, sum), p| (count + 1, sum - 2.0 * p.clamp(f64::MIN_POSITIVE, 1.0).ln()));
+    let (count, sum) = chances
+        .fold((0_u32, 0.0), |(count, sum), p| (count + 1, sum - 2.0 * p.clamp(f64::MIN_POSITIVE, 1.0).ln()));
     ChiSquared::new(2.0 * f64::from(count)).ok().map(|chi| chi.sf(sum))
 }
 
-/// Whether the newest window contradicts the others: they are clear, it shows nothing or the opposite, and that is no chance.
+/// Whether the newest window contradicts the others: they are clear, it shows nothing or the opposite, and
+/// that is no chance.
 fn taken_back(windows: &[&Entry]) -> Option<TakenBack> {
     let newest = windows.iter().max_by_key(|entry| entry.span.to)?;
     let others: Vec<&Entry> = windows.iter().copied().filter(|entry| entry.span != newest.span).collect();
@@ -363,7 +385,8 @@ fn taken_back(windows: &[&Entry]) -> Option<TakenBack> {
     }
     let unit = &newest.score.unit;
     let sentence = format!(
-        "The newest window, {} to {}, speaks against it: its size is {} there and {} in {} before (z {z:.1}).",
+        "The newest window, {} to {}, speaks against it: its size is {} there and {} in {} before (z \
+        {z:.1}).",
         day(newest.span.from),
         day(newest.span.to),
         now.in_words(unit),
@@ -387,12 +410,20 @@ fn sentence(pooled: &Pooled, windows: &[&Entry]) -> String {
     } else if pooled.t < CLEAR_T {
         "it cannot be told from chance".to_owned()
     } else {
-        format!("it explains {:.0} % of the error {:.0} h ahead{signs}", 100.0 * pooled.share, windows[0].span.hours)
+        format!(
+            "it explains {:.0} % of the error {:.0} h ahead{signs}",
+            100.0 * pooled.share,
+            windows[0].span.hours
+        )
     };
     let mean = Mean { size: pooled.size, deviation: pooled.deviation };
     let name = if pooled.windows == 1 { "t" } else { "pooled t" };
     let spread = pooled.i2.map(|i2| format!("; I2 {:.0} %", 100.0 * i2)).unwrap_or_default();
-    let unsteady = if pooled.i2.is_some_and(|i2| i2 >= UNSTEADY) { "; its size differs from window to window" } else { "" };
+    let unsteady = if pooled.i2.is_some_and(|i2| i2 >= UNSTEADY) {
+        "; its size differs from window to window"
+    } else {
+        ""
+    };
     format!(
         "In {} since {since} {shows} ({name} {:.1}, size {}{spread}){unsteady}.",
         counted(pooled.windows),

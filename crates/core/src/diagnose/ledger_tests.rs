@@ -38,9 +38,10 @@ fn near(one: f64, other: f64, within: f64) {
     assert!((one - other).abs() < within, "{one} is not {other}");
 }
 
-/// Thirteen trials of the BCG vaccine (Colditz et al. 1994, J. Am. Med. Assoc. 271, 698-702): vaccinated with and without tuberculosis,
-/// others with and without. The mean of the logarithms of the relative risks, its interval, Q and I2 are those of the documentation of
-/// metafor (Viechtbauer 2010, J. Stat. Softw. 36) for the model of equal effects.
+/// Thirteen trials of the BCG vaccine (Colditz et al. 1994, J. Am. Med. Assoc. 271, 698-702): vaccinated with
+/// and without tuberculosis, others with and without. The mean of the logarithms of the relative risks, its
+/// interval, Q and I2 are those of the documentation of metafor (Viechtbauer 2010, J. Stat. Softw. 36) for
+/// the model of equal effects.
 #[test]
 fn a_published_analysis_comes_out_again() {
     let trials: [[f64; 4]; 13] = [
@@ -83,7 +84,8 @@ fn a_published_analysis_comes_out_again() {
 fn the_windows_of_a_room_add_up() {
     let t = [6.4, 4.4, 8.3, 6.1, 10.1, 4.5, 3.4, 3.7, 2.4];
     let size = [0.23, 0.28, 0.36, 0.34, 0.35, 0.20, 0.28, 0.23, 0.21];
-    let mut entries: Vec<Entry> = t.iter().zip(size).zip(0..).map(|((t, size), place)| entry(14 * place, size, size / t)).collect();
+    let mut entries: Vec<Entry> =
+        t.iter().zip(size).zip(0..).map(|((t, size), place)| entry(14 * place, size, size / t)).collect();
     entries[0].score.share = 0.5;
     entries[0].score.days = 7;
     let found = pooled(&entries);
@@ -91,8 +93,8 @@ fn the_windows_of_a_room_add_up() {
     near(found.beyond_clock, 0.5 * 49.3 / 3.0, 1e-9);
     near(found.share, (0.5 * 7.0 + 0.2 * 8.0 * 14.0) / (7.0 + 8.0 * 14.0), 1e-12);
     assert!(found.taken_back.is_none() && found.shift_p.is_none(), "{found:?}");
-    let opening =
-        "In 9 windows since 12 January 2016 it explains 22 % of the error 12 h ahead, always with the same sign (pooled t 16.4, size 0.2";
+    let opening = "In 9 windows since 12 January 2016 it explains 22 % of the error 12 h ahead, always with \
+        the same sign (pooled t 16.4, size 0.2";
     assert!(found.sentence.starts_with(opening), "{}", found.sentence);
 }
 
@@ -107,16 +109,22 @@ fn equal_windows_have_closed_forms() {
     near(found.size, 0.3, 1e-12);
     near(found.deviation, 0.05, 1e-12);
     assert!(found.q < 1e-20 && found.i2 == Some(0.0));
-    // Of an even number of degrees of freedom chi squared is a sum: exp(-x/2) times the first four terms of the exponential.
+    // Of an even number of degrees of freedom chi squared is a sum: exp(-x/2) times the first four terms of
+    // the exponential.
     let half = -4.0 * 0.1_f64.ln();
-    near(found.shift_p.unwrap(), (-half).exp() * (1.0 + half + half.powi(2) / 2.0 + half.powi(3) / 6.0), 1e-9);
+    near(
+        found.shift_p.unwrap(),
+        (-half).exp() * (1.0 + half + half.powi(2) / 2.0 + half.powi(3) / 6.0),
+        1e-9,
+    );
 
     let one = pooled(&entries[..1]);
     assert_eq!((one.windows, one.i2, one.size, one.t), (1, None, 0.3, entries[0].score.t));
     near(one.shift_p.unwrap(), 0.1, 1e-9);
     assert_eq!(
         one.sentence,
-        "In one window since 12 January 2016 it explains 20 % of the error 12 h ahead (t 3.0, size 0.30 ± 0.20 K/(h*kW))."
+        "In one window since 12 January 2016 it explains 20 % of the error 12 h ahead (t 3.0, size 0.30 ± \
+        0.20 K/(h*kW))."
     );
     let faint = pooled(&[entry(0, 0.1, 0.1), entry(14, -0.1, 0.1)]);
     assert!(faint.sentence.contains("it cannot be told from chance (pooled t 0.0"), "{}", faint.sentence);
@@ -134,8 +142,11 @@ fn windows_that_overlap_or_tell_of_something_else_stand_apart() {
     unit.score.unit = "1/h".to_owned();
     entries.extend([model, hours, unit, entry(100, 0.5, 0.0), entry(120, 0.4, 0.1)]);
     let ledger = &ledgers(&entries)[0];
-    let apart: Vec<(i64, f64, Option<Apart>)> =
-        ledger.windows.iter().map(|kept| ((kept.entry.span.from - START) / DAY, kept.entry.score.size, kept.apart)).collect();
+    let apart: Vec<(i64, f64, Option<Apart>)> = ledger
+        .windows
+        .iter()
+        .map(|kept| ((kept.entry.span.from - START) / DAY, kept.entry.score.size, kept.apart))
+        .collect();
     let expected = [
         (120, 0.4, None),
         (100, 0.5, Some(Apart::NoSize)),
@@ -164,18 +175,22 @@ fn windows_that_overlap_or_tell_of_something_else_stand_apart() {
 #[test]
 fn evidence_is_taken_back_where_the_newest_window_contradicts_it() {
     let clear: Vec<Entry> = (0..5).map(|place| entry(14 * place, 0.3, 0.05)).collect();
-    let with = |size: f64, deviation: f64| pooled(&[clear.clone(), vec![entry(70, size, deviation)]].concat()).taken_back;
+    let with = |size: f64, deviation: f64| {
+        pooled(&[clear.clone(), vec![entry(70, size, deviation)]].concat()).taken_back
+    };
     let taken = with(0.0, 0.05).unwrap();
     near(taken.z, -0.3 / (0.05_f64.powi(2) * 1.2).sqrt(), 1e-12);
     assert_eq!(
         taken.sentence,
-        "The newest window, 22 March 2016 to 5 April 2016, speaks against it: its size is 0.000 ± 0.098 K/(h*kW) there and 0.300 ± 0.044 \
+        "The newest window, 22 March 2016 to 5 April 2016, speaks against it: its size is 0.000 ± 0.098 \
+        K/(h*kW) there and 0.300 ± 0.044 \
          K/(h*kW) in 5 windows before (z -5.5)."
     );
     assert!(with(-0.3, 0.05).is_some(), "the other sign");
     assert!(with(0.12, 0.05).is_none(), "smaller, but still there");
     assert!(with(0.0, 0.2).is_none(), "a window that shows nothing of anything contradicts nothing");
-    let faint: Vec<Entry> = (0..5).map(|place| entry(14 * place, 0.3, 0.3)).chain([entry(70, -0.9, 0.05)]).collect();
+    let faint: Vec<Entry> =
+        (0..5).map(|place| entry(14 * place, 0.3, 0.3)).chain([entry(70, -0.9, 0.05)]).collect();
     assert!(pooled(&faint).taken_back.is_none(), "nothing clear was there to be taken back");
     let once = |t: f64| pooled(&[entry(0, 0.05 * t, 0.05), entry(14, -0.2, 0.05)]).taken_back;
     assert!(once(3.0).is_none(), "of twenty effects one shows as much by chance");
@@ -192,7 +207,8 @@ fn a_ledger_is_of_one_effect_and_one_model() {
     let mut other = entry(14, 0.5, 0.1);
     other.model = "room3".to_owned();
     let found = ledgers(&[entry(0, 0.2, 0.1), wind, other]);
-    let names: Vec<(&str, &str)> = found.iter().map(|ledger| (ledger.effect.as_str(), ledger.model.as_str())).collect();
+    let names: Vec<(&str, &str)> =
+        found.iter().map(|ledger| (ledger.effect.as_str(), ledger.model.as_str())).collect();
     assert_eq!(names, [("wind_infiltration", "rc2"), ("metered_gain:P", "room3"), ("metered_gain:P", "rc2")]);
     assert!(ledgers(&[]).is_empty());
 
@@ -218,14 +234,18 @@ fn a_ledger_is_of_one_effect_and_one_model() {
 fn findings_know_what_earlier_windows_showed() {
     let finding = |effect: &str| {
         serde_json::json!({
-            "rank": 1, "effect": effect, "title": "", "explain": "", "delta_bic": 0.0, "explained_share": null,
+            "rank": 1, "effect": effect, "title": "", "explain": "", "delta_bic": 0.0,
+            "explained_share": null,
             "rmse": {"train": [1.0, 1.0], "validation": null, "test": null, "validation_ahead": {}},
-            "parameters": {}, "tied_with": [], "separate_by": null, "kind": "cause", "evidence": [], "shape": null,
+            "parameters": {}, "tied_with": [], "separate_by": null, "kind": "cause", "evidence": [],
+            "shape": null,
         })
     };
     let mut report: Diagnosis = serde_json::from_value(serde_json::json!({
-        "system": null, "model": "rc2", "fit": null, "verdict": "named", "summary": "", "rho": null, "noise_floor_rmse": null,
-        "findings": [finding("metered_gain:P"), finding("wind_infiltration")], "considered": [], "not_testable": [],
+        "system": null, "model": "rc2", "fit": null, "verdict": "named", "summary": "", "rho": null,
+        "noise_floor_rmse": null,
+        "findings": [finding("metered_gain:P"), finding("wind_infiltration")], "considered": [],
+        "not_testable": [],
         "unexplained": {"share": null, "profile_by_hour": [], "episodes": [], "ask": null}, "warnings": [],
     }))
     .unwrap();
@@ -233,7 +253,12 @@ fn findings_know_what_earlier_windows_showed() {
     pool_findings(&mut report, &earlier);
     assert!(report.findings.iter().all(|finding| finding.pooled.is_none()), "nobody has looked");
     let effects = vec![entry(0, 0.4, 0.1).score];
-    report.looked = Some(Looked { from: "2016-01-26T00:00:00Z".to_owned(), to: "2016-02-09T00:00:00Z".to_owned(), hours: 12.0, effects });
+    report.looked = Some(Looked {
+        from: "2016-01-26T00:00:00Z".to_owned(),
+        to: "2016-02-09T00:00:00Z".to_owned(),
+        hours: 12.0,
+        effects,
+    });
     pool_findings(&mut report, &earlier);
     let pooled = report.findings[0].pooled.as_ref().unwrap();
     assert_eq!(pooled.windows, 2);

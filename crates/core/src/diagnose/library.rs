@@ -1,4 +1,5 @@
-//! The library of what may be missing: every effect of the catalogue, compiled into the model and put on the data.
+//! The library of what may be missing: every effect of the catalogue, compiled into the model and put on the
+//! data.
 
 use crate::data::{CALENDAR, ChannelKind, Column, Grid, Window, add_calendar, add_drops};
 use crate::estimate::problem::choices::Choices;
@@ -35,9 +36,11 @@ pub struct CandidateEffect {
     pub own: Vec<(usize, f64)>,
     /// Whether it reads a channel that follows from the output.
     pub endogenous: bool,
-    /// Whether all that it reads beyond the model is the clock: such a shape imitates whatever happens at those hours.
+    /// Whether all that it reads beyond the model is the clock: such a shape imitates whatever happens at
+    /// those hours.
     pub by_clock: bool,
-    /// Whether temperatures are all that it reads: a conductance that is always there, as those of the model are.
+    /// Whether temperatures are all that it reads: a conductance that is always there, as those of the model
+    /// are.
     pub conducts: bool,
 }
 
@@ -74,12 +77,15 @@ impl CandidateEffect {
     }
 }
 
-/// A full vector of `to` from one of another model: its values where names are the same, the nominal ones elsewhere.
+/// A full vector of `to` from one of another model: its values where names are the same, the nominal ones
+/// elsewhere.
 pub fn carried(from: &Problem, theta: &[f64], to: &Problem) -> Vec<f64> {
     let known = from.model().parameters();
     let place = |name: &str| known.iter().position(|parameter| parameter.name == name);
     let parameters = to.model().parameters().iter().zip(to.nominal());
-    parameters.map(|(parameter, nominal)| place(&parameter.name).map_or(*nominal, |place| theta[place])).collect()
+    parameters
+        .map(|(parameter, nominal)| place(&parameter.name).map_or(*nominal, |place| theta[place]))
+        .collect()
 }
 
 /// Every channel of the window on the grid of a problem, so that any effect finds its inputs there. A channel
@@ -97,7 +103,10 @@ pub fn widen(problem: &Problem, window: &Window, site: &Site) -> Result<(Grid, V
         match window.column_on(&grid, channel, hold) {
             // Small holes hold the last value, so that every effect is judged on the same samples.
             Some(column) if column.valid_share() >= LEAST_VALID => {
-                grid = grid.with_column(channel, Column::complete(column.unit(), column.hold(), column.values().to_vec())?)?;
+                grid = grid.with_column(
+                    channel,
+                    Column::complete(column.unit(), column.hold(), column.values().to_vec())?,
+                )?;
             }
             _ => holes.push(channel.to_owned()),
         }
@@ -118,7 +127,8 @@ pub fn candidates(
     let found: Vec<Result<CandidateEffect, NotTestable>> = names(catalogue, base, grid)
         .into_par_iter()
         .map(|name| {
-            candidate(catalogue, base, grid, site, &name).map_err(|reason| NotTestable { effect: name, reason: why(reason, holes) })
+            candidate(catalogue, base, grid, site, &name)
+                .map_err(|reason| NotTestable { effect: name, reason: why(reason, holes) })
         })
         .collect();
     let (mut candidates, mut not_testable) = (Vec::new(), Vec::<NotTestable>::new());
@@ -128,7 +138,8 @@ pub fn candidates(
             // The choices of one shape lack the same thing: one line says so.
             Err(reason) => {
                 let family = reason.effect.split(':').next().unwrap_or_default().to_owned();
-                let choice = catalogue.effects().any(|effect| effect.id == family && !effect.choices.is_empty());
+                let choice =
+                    catalogue.effects().any(|effect| effect.id == family && !effect.choices.is_empty());
                 let reason = if choice { NotTestable { effect: family, ..reason } } else { reason };
                 if !not_testable.contains(&reason) {
                     not_testable.push(reason);
@@ -139,8 +150,9 @@ pub fn candidates(
     (candidates, not_testable)
 }
 
-/// Puts the model and all candidates on the same footing: the same steps, and the same samples. An effect with a delay
-/// knows nothing for a while behind the start and behind each gap, and there no other model may gain or lose.
+/// Puts the model and all candidates on the same footing: the same steps, and the same samples. An effect
+/// with a delay knows nothing for a while behind the start and behind each gap, and there no other model may
+/// gain or lose.
 pub fn align(base: &Problem, library: &mut [CandidateEffect]) -> Problem {
     let whole = base.known();
     let mut known = whole.clone();
@@ -150,7 +162,9 @@ pub fn align(base: &Problem, library: &mut [CandidateEffect]) -> Problem {
     let steps = base.simulator().substeps();
     library
         .par_iter_mut()
-        .filter(|candidate| candidate.problem.known() != known || candidate.problem.simulator().substeps() != steps)
+        .filter(|candidate| {
+            candidate.problem.known() != known || candidate.problem.simulator().substeps() != steps
+        })
         .for_each(|candidate| candidate.problem = candidate.problem.aligned(&known, steps));
     if known == whole { base.clone() } else { base.aligned(&known, steps) }
 }
@@ -161,10 +175,13 @@ fn names(catalogue: &Catalogue, base: &Problem, grid: &Grid) -> Vec<String> {
     for effect in catalogue.effects().filter(|effect| effect.way_of.is_none()) {
         match &effect.argument {
             None => names.push(effect.id.clone()),
-            Some(_) if !effect.choices.is_empty() => names.extend(effect.choices.keys().map(|choice| format!("{}:{choice}", effect.id))),
+            Some(_) if !effect.choices.is_empty() => {
+                names.extend(effect.choices.keys().map(|choice| format!("{}:{choice}", effect.id)))
+            }
             Some(_) => {
                 let members = grid.columns().filter(|(channel, column)| {
-                    is_member(effect, channel, column.unit(), base) && (!effect.heats() || is_warm(column, grid, base))
+                    is_member(effect, channel, column.unit(), base)
+                        && (!effect.heats() || is_warm(column, grid, base))
                 });
                 names.extend(members.map(|(channel, _)| format!("{}:{channel}", effect.id)));
             }
@@ -172,14 +189,20 @@ fn names(catalogue: &Catalogue, base: &Problem, grid: &Grid) -> Vec<String> {
     }
     let family = |name: &str| name.split(':').next().unwrap_or_default().to_owned();
     let has = |name: &String| {
-        let choice = catalogue.effects().any(|effect| effect.id == family(name) && !effect.choices.is_empty());
-        let by_way = |known: &str| catalogue.effect(known).is_ok_and(|effect| effect.way_of.as_ref() == Some(name));
-        base.model().effects().iter().any(|known| known == name || by_way(known) || (choice && family(known) == family(name)))
+        let choice =
+            catalogue.effects().any(|effect| effect.id == family(name) && !effect.choices.is_empty());
+        let by_way =
+            |known: &str| catalogue.effect(known).is_ok_and(|effect| effect.way_of.as_ref() == Some(name));
+        base.model()
+            .effects()
+            .iter()
+            .any(|known| known == name || by_way(known) || (choice && family(known) == family(name)))
     };
     let composition = catalogue.compose(base.model().id()).ok();
     let at_home = |name: &String| {
         let spec = catalogue.effect(name).ok();
-        spec.zip(composition.as_ref()).is_none_or(|(effect, composition)| is_at_home(&effect, &composition.spec))
+        spec.zip(composition.as_ref())
+            .is_none_or(|(effect, composition)| is_at_home(&effect, &composition.spec))
     };
     names.retain(|name| !has(name) && at_home(name));
     names
@@ -192,7 +215,8 @@ fn is_warm(column: &Column, grid: &Grid, base: &Problem) -> bool {
     room.is_some_and(|room| highest(column) >= highest(room) + WARMER)
 }
 
-/// Whether an effect has anything to do with a model: what makes rooms warm is no question to a treatment plant, and the reverse.
+/// Whether an effect has anything to do with a model: what makes rooms warm is no question to a treatment
+/// plant, and the reverse.
 fn is_at_home(effect: &EffectSpec, model: &ModelSpec) -> bool {
     // A sensor that the model does not have is none of its own.
     let reads = effect.outputs.keys().any(|channel| model.outputs.contains_key(channel));
@@ -203,7 +227,11 @@ fn is_at_home(effect: &EffectSpec, model: &ModelSpec) -> bool {
         let is_warm = model.states.values().any(|state| state.unit == "degC");
         is_warm || reads || effect.terms.keys().any(|state| model.states.contains_key(state))
     } else {
-        let has = |name: &String| model.define.contains_key(name) || model.parameters.contains_key(name) || model.inputs.contains_key(name);
+        let has = |name: &String| {
+            model.define.contains_key(name)
+                || model.parameters.contains_key(name)
+                || model.inputs.contains_key(name)
+        };
         effect.replace.keys().any(has)
     }
 }
@@ -213,13 +241,20 @@ fn is_member(effect: &EffectSpec, channel: &str, unit: &str, base: &Problem) -> 
     let used = base.model().inputs().iter().any(|input| input.channel == channel);
     let output = base.model().outputs().iter().any(|output| output.channel == channel);
     let begins = |names: &[String]| names.iter().any(|name| channel.starts_with(name.as_str()));
-    if output || COMPUTED.contains(&channel) || begins(&effect.strangers) || !(effect.members.is_empty() || begins(&effect.members)) {
+    if output
+        || COMPUTED.contains(&channel)
+        || begins(&effect.strangers)
+        || !(effect.members.is_empty() || begins(&effect.members))
+    {
         return false;
     }
     let wanted = effect.inputs.get("{channel}").map_or(AS_IT_COMES, |input| input.unit.as_str());
-    let converts = |text: &str| Unit::parse(unit).ok().zip(Unit::parse(text).ok()).is_some_and(|(from, to)| from.same_dimension(&to));
+    let converts = |text: &str| {
+        Unit::parse(unit).ok().zip(Unit::parse(text).ok()).is_some_and(|(from, to)| from.same_dimension(&to))
+    };
     match wanted {
-        // What has a meaning of its own has an effect of its own. Temperatures and humidities go with everything.
+        // What has a meaning of its own has an effect of its own. Temperatures and humidities go with
+        // everything.
         AS_IT_COMES => {
             let lower = channel.to_lowercase();
             let moist = lower.starts_with("rh") || lower.contains("humid") || lower.contains("dew");
@@ -236,14 +271,25 @@ fn is_member(effect: &EffectSpec, channel: &str, unit: &str, base: &Problem) -> 
 /// Another model on the channels of a grid, with the members that a site gives to its sets.
 fn relative(catalogue: &Catalogue, id: &ModelId, grid: &Grid, site: &Site) -> Result<Model, Vec<Fault>> {
     let composition = catalogue.compose(id)?;
-    let sets = composition.spec.sets.iter().filter_map(|set| site.sets.get(set).map(|members| (set.clone(), members.clone()))).collect();
+    let sets = composition
+        .spec
+        .sets
+        .iter()
+        .filter_map(|set| site.sets.get(set).map(|members| (set.clone(), members.clone())))
+        .collect();
     let channels = grid.columns().map(|(channel, _)| channel.to_owned()).collect();
     compile(&composition, &Bindings { sets, channels: Some(channels) })
 }
 
-/// The boxes and the prior of a fit, which may have asked for others than the document has, for what it shares with another model.
+/// The boxes and the prior of a fit, which may have asked for others than the document has, for what it
+/// shares with another model.
 fn choices_of(base: &Problem, model: &Model) -> Choices {
-    let mut choices = Choices { objective: base.objective(), delta: base.delta(), prior: base.prior(), ..Choices::default() };
+    let mut choices = Choices {
+        objective: base.objective(),
+        delta: base.delta(),
+        prior: base.prior(),
+        ..Choices::default()
+    };
     let free = base.free();
     for (index, (parameter, bounds)) in base.model().parameters().iter().zip(base.bounds()).enumerate() {
         if model.parameters().iter().all(|shared| shared.name != parameter.name) {
@@ -258,7 +304,13 @@ fn choices_of(base: &Problem, model: &Model) -> Choices {
 }
 
 /// A problem whose model lacks one of its effects, on the same data.
-pub(super) fn lacking(catalogue: &Catalogue, with: &Problem, grid: &Grid, site: &Site, name: &str) -> Result<Problem, Vec<Fault>> {
+pub(super) fn lacking(
+    catalogue: &Catalogue,
+    with: &Problem,
+    grid: &Grid,
+    site: &Site,
+    name: &str,
+) -> Result<Problem, Vec<Fault>> {
     let model = relative(catalogue, &with.model().id().minus(name), grid, site)?;
     let choices = choices_of(with, &model);
     Problem::new(model, grid.clone(), with.split().clone(), &choices, with.source().clone())
@@ -276,21 +328,41 @@ pub(super) fn candidate(
     let model = relative(catalogue, &base.model().id().plus(name), grid, site)?;
     let mut choices = choices_of(base, &model);
     let own: Vec<usize> = (0..model.parameters().len())
-        .filter(|index| base.model().parameters().iter().all(|known| known.name != model.parameters()[*index].name))
+        .filter(|index| {
+            base.model().parameters().iter().all(|known| known.name != model.parameters()[*index].name)
+        })
         .collect();
     if own.is_empty() {
-        return Err(vec![Fault::new("/effect", "nothing-new", "it adds nothing to this model with these channels")]);
+        return Err(vec![Fault::new(
+            "/effect",
+            "nothing-new",
+            "it adds nothing to this model with these channels",
+        )]);
     }
     let train = base.split().train.clone();
-    for input in model.inputs().iter().filter(|input| base.model().inputs().iter().all(|known| known.channel != input.channel)) {
+    for input in model
+        .inputs()
+        .iter()
+        .filter(|input| base.model().inputs().iter().all(|known| known.channel != input.channel))
+    {
         let Some(column) = grid.column(&input.channel) else { continue };
         let values = &column.values()[train.clone()];
-        let (low, high) = values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), x| (low.min(*x), high.max(*x)));
+        let (low, high) = values
+            .iter()
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), x| (low.min(*x), high.max(*x)));
         if high - low <= 0.0 && !COMPUTED.contains(&input.channel.as_str()) {
-            return Err(vec![Fault::new("/effect", "constant", format!("`{}` never changes in these data", input.channel))]);
+            return Err(vec![Fault::new(
+                "/effect",
+                "constant",
+                format!("`{}` never changes in these data", input.channel),
+            )]);
         }
         if high - low <= 0.0 {
-            return Err(vec![Fault::new("/effect", "constant", "nothing of the kind is in these data".to_owned())]);
+            return Err(vec![Fault::new(
+                "/effect",
+                "constant",
+                "nothing of the kind is in these data".to_owned(),
+            )]);
         }
         if input.unit == AS_IT_COMES {
             let largest = high.abs().max(low.abs());
@@ -301,12 +373,19 @@ pub(super) fn candidate(
         }
     }
     // A second sensor of what follows from the room follows from it as well.
-    let endogenous = model.inputs().iter().any(|input| spec.endogenous.iter().any(|name| input.channel.starts_with(name.as_str())));
+    let endogenous = model
+        .inputs()
+        .iter()
+        .any(|input| spec.endogenous.iter().any(|name| input.channel.starts_with(name.as_str())));
     let calendar = |channel: &str| CALENDAR.contains(&channel);
-    let reads = |channel: &str| spec.inputs.iter().any(|(name, input)| input.channel.as_deref().unwrap_or(name) == channel);
+    let reads = |channel: &str| {
+        spec.inputs.iter().any(|(name, input)| input.channel.as_deref().unwrap_or(name) == channel)
+    };
     let known = |channel: &str| base.model().inputs().iter().any(|input| input.channel == channel);
-    let mut own_inputs = model.inputs().iter().map(|input| input.channel.as_str()).filter(|channel| reads(channel));
-    let by_clock = own_inputs.clone().any(calendar) && own_inputs.all(|channel| calendar(channel) || known(channel));
+    let mut own_inputs =
+        model.inputs().iter().map(|input| input.channel.as_str()).filter(|channel| reads(channel));
+    let by_clock =
+        own_inputs.clone().any(calendar) && own_inputs.all(|channel| calendar(channel) || known(channel));
     let rates = own.iter().all(|index| model.parameters()[*index].unit == "1/h");
     let conducts = rates && !spec.inputs.is_empty() && spec.inputs.values().all(|input| input.unit == "degC");
     let problem = Problem::new(model, grid.clone(), base.split().clone(), &choices, base.source().clone())?;
@@ -324,7 +403,8 @@ pub(super) fn candidate(
 /// The reason in words, the most telling fault first.
 fn why(faults: Vec<Fault>, holes: &[String]) -> String {
     // What is wrong with the document itself is told in full.
-    let absent = |fault: &Fault| ["missing-channel", "unknown-state", "unknown-name"].contains(&fault.code.as_ref());
+    let absent =
+        |fault: &Fault| ["missing-channel", "unknown-state", "unknown-name"].contains(&fault.code.as_ref());
     if faults.len() > 1 && !faults.iter().all(absent) {
         return faults.iter().map(|fault| fault.detail.as_str()).collect::<Vec<_>>().join("; ");
     }

@@ -6,12 +6,15 @@
 //!                             residual, failures                                  up to three rounds
 //! ```
 //!
-//! `library` compiles the catalogue into the model. `screen` scores a candidate by one linearised simulation, `score_test` along
-//! segments of hours and `surrogates` with its channels shifted by days. `refit` and `null_model` bring null model and candidates to
-//! their optima, `selection` tries them all and `acceptance` decides, `ways` says by which way heat comes that is missing; `course` tells how far that has come, `size` how large a finding
-//! is. `present` asks whether a window still shows what the model has already, `ledger` adds up what the windows of a system show, `failures` says where a model fails, `unexplained` what is left by hour of
-//! the day, `evidence` lays the error beside an effect's shape, `ladder` adds effects one after another, `nested` by likelihood-ratio
-//! tests. `lampyris bench diagnose` and `lampyris bench real` measure all of it, on synthetic rooms and on real ones.
+//! `library` compiles the catalogue into the model. `screen` scores a candidate by one linearised simulation,
+//! `score_test` along segments of hours and `surrogates` with its channels shifted by days. `refit` and
+//! `null_model` bring null model and candidates to their optima, `selection` tries them all and `acceptance`
+//! decides, `ways` says by which way heat comes that is missing; `course` tells how far that has come, `size`
+//! how large a finding is. `present` asks whether a window still shows what the model has already, `ledger`
+//! adds up what the windows of a system show, `failures` says where a model fails, `unexplained` what is left
+//! by hour of the day, `evidence` lays the error beside an effect's shape, `ladder` adds effects one after
+//! another, `nested` by likelihood-ratio tests. `lampyris bench diagnose` and `lampyris bench real` measure
+//! all of it, on synthetic rooms and on real ones.
 
 mod acceptance;
 pub mod course;

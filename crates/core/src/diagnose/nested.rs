@@ -1,5 +1,5 @@
-//! The ladder by likelihood: effects are added one after another while a likelihood-ratio test speaks for them, as
-//! Bacher and Madsen (Energy and Buildings 43, 2011) select a model.
+//! The ladder by likelihood: effects are added one after another while a likelihood-ratio test speaks for
+//! them, as Bacher and Madsen (Energy and Buildings 43, 2011) select a model.
 
 use super::findings::{DiagnoseError, interrupted};
 use super::ladder::{Ladder, Step};
@@ -14,10 +14,11 @@ use crate::model::Catalogue;
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Builds the ladder from a parameter vector: at most `max_steps` effects, each the one for which the test speaks most.
+/// Builds the ladder from a parameter vector: at most `max_steps` effects, each the one for which the test
+/// speaks most.
 ///
-/// As the best of many is taken, its probability is multiplied by their number (Bonferroni). The first step for which the
-/// test does not speak ends the ladder.
+/// As the best of many is taken, its probability is multiplied by their number (Bonferroni). The first step
+/// for which the test does not speak ends the ladder.
 ///
 /// # Errors
 /// [`DiagnoseError`] where the model diverges, the window does not serve, or `control` interrupts.
@@ -43,7 +44,9 @@ pub fn ladder_by_likelihood(
         let (mut library, _) = candidates(catalogue, &base, &grid, &holes, site);
         base = align(&base, &mut library);
         // The samples may have changed, so the smaller model is fitted to them again.
-        let (from, noise) = optimum.as_ref().map_or((theta, None), |optimum| (optimum.theta.as_slice(), Some(optimum.noise.as_slice())));
+        let (from, noise) = optimum
+            .as_ref()
+            .map_or((theta, None), |optimum| (optimum.theta.as_slice(), Some(optimum.noise.as_slice())));
         let here = MlEstimate::near(&base, &[from.to_vec()], noise).ok_or_else(nothing)?;
         if steps.is_empty() {
             steps.push(step(&base, &here, None, None));
@@ -54,15 +57,24 @@ pub fn ladder_by_likelihood(
                 if control.halts() {
                     return None;
                 }
-                let there = MlEstimate::near(&candidate.problem, &starts(candidate, &base, &here.theta), Some(&here.noise))?;
-                let test =
-                    there.against(&here, library.len(), [&base.model().id().to_string(), &candidate.problem.model().id().to_string()])?;
+                let there = MlEstimate::near(
+                    &candidate.problem,
+                    &starts(candidate, &base, &here.theta),
+                    Some(&here.noise),
+                )?;
+                let test = there.against(
+                    &here,
+                    library.len(),
+                    [&base.model().id().to_string(), &candidate.problem.model().id().to_string()],
+                )?;
                 Some((there, test))
             })
             .collect();
         interrupted(control)?;
         // Of two that chance explains equally badly, the larger gain counts.
-        let order = |a: &LikelihoodRatio, b: &LikelihoodRatio| a.p.total_cmp(&b.p).then(b.statistic.total_cmp(&a.statistic));
+        let order = |a: &LikelihoodRatio, b: &LikelihoodRatio| {
+            a.p.total_cmp(&b.p).then(b.statistic.total_cmp(&a.statistic))
+        };
         let best = library
             .iter()
             .zip(rivals)
@@ -88,7 +100,12 @@ fn starts(candidate: &CandidateEffect, base: &Problem, theta: &[f64]) -> Vec<Vec
     vec![off, nominal]
 }
 
-fn step(problem: &Problem, optimum: &MlEstimate, added: Option<String>, test: Option<LikelihoodRatio>) -> Step {
+fn step(
+    problem: &Problem,
+    optimum: &MlEstimate,
+    added: Option<String>,
+    test: Option<LikelihoodRatio>,
+) -> Step {
     let trajectory = problem.simulate(&optimum.theta);
     let split = problem.split();
     let part = |range: &Range<usize>| problem.mean_square_error(&trajectory, 0, range.clone()).map(f64::sqrt);

@@ -1,7 +1,7 @@
 //! A model at its optima, and what is measured there.
 //!
-//! Every model is fitted twice: the plain free run, whose error users see, and its innovations, whose likelihood
-//! decides (generalised least squares with one autoregressive model for all models of a round).
+//! Every model is fitted twice: the plain free run, whose error users see, and its innovations, whose
+//! likelihood decides (generalised least squares with one autoregressive model for all models of a round).
 
 use super::effort::Effort;
 use super::refit::Refit;
@@ -12,8 +12,8 @@ use crate::simulate::trajectory::Halt;
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Another optimum is one whose plain cost is larger by this factor, but not by that: without its missing effect a
-/// model may err least where it is no room any more, and from there the effect is never found.
+/// Another optimum is one whose plain cost is larger by this factor, but not by that: without its missing
+/// effect a model may err least where it is no room any more, and from there the effect is never found.
 const OTHER: [f64; 2] = [1.02, 16.0];
 
 /// From several starts a search goes this part of its iterations before the best of them goes on alone.
@@ -41,12 +41,13 @@ pub struct Optima {
 #[derive(Debug, Clone, PartialEq)]
 pub struct OptimaMeasures {
     /// BIC of the AR likelihood of the residual at the innovations' optimum, AR re-estimated; the model's own
-    /// parameters are not counted. Whatever is measured is in the unit of the output, or, of several outputs, in the noise of
-    /// their sensors.
+    /// parameters are not counted. Whatever is measured is in the unit of the output, or, of several outputs,
+    /// in the noise of their sensors.
     pub bic: f64,
     /// Samples of the likelihood.
     pub samples: usize,
-    /// The same criterion of the three-hourly means of the residual at the free run's optimum, and their number.
+    /// The same criterion of the three-hourly means of the residual at the free run's optimum, and their
+    /// number.
     pub slow: Option<(f64, usize)>,
     /// Innovation deviation of the free-run residual at its own optimum.
     pub floor: f64,
@@ -84,13 +85,15 @@ pub struct NullModel {
     pub measured: OptimaMeasures,
     /// The filters that it gives to the round.
     pub filters: Filters,
-    /// Another optimum, if the way from the nominal values has ended in one: of the plain residual, of the innovations.
+    /// Another optimum, if the way from the nominal values has ended in one: of the plain residual, of the
+    /// innovations.
     pub other: Option<[Vec<f64>; 2]>,
 }
 
 impl Filters {
     fn new(problem: &Problem, ar: &Autoregression, plain_deviation: f64) -> Self {
-        let (train, validation) = (usable(problem, &problem.split().train), usable(problem, &problem.split().validation));
+        let (train, validation) =
+            (usable(problem, &problem.split().train), usable(problem, &problem.split().validation));
         Self {
             plain: Whitening::none(&train),
             white: Whitening::ar(ar, &train),
@@ -114,7 +117,13 @@ impl Filters {
     }
 
     /// The first part of the way, from all starts.
-    pub fn begin(&self, problem: &Problem, [plain, white]: [&[Vec<f64>]; 2], iterations: usize, halt: Halt) -> Optima {
+    pub fn begin(
+        &self,
+        problem: &Problem,
+        [plain, white]: [&[Vec<f64>]; 2],
+        iterations: usize,
+        halt: Halt,
+    ) -> Optima {
         let [plain_task, white_task] = self.tasks(problem, halt);
         let first = iterations.div_ceil(FIRST_PART);
         let ((white, white_cost, of_white), (plain, plain_cost, of_plain)) =
@@ -127,8 +136,8 @@ impl Filters {
         let [plain_task, white_task] = self.tasks(problem, halt);
         let rest = iterations - iterations.div_ceil(FIRST_PART);
         let Optima { plain, plain_cost, white, evaluations, .. } = begun;
-        // The free run has more local optima than the innovations, whose way to theirs shows it a way out of its own. The simulations
-        // of a large model are too dear for two ways: the better start goes.
+        // The free run has more local optima than the innovations, whose way to theirs shows it a way out of
+        // its own. The simulations of a large model are too dear for two ways: the better start goes.
         let starts = match problem.filters() {
             true => vec![plain, white.clone()],
             false if plain_task.cost(&white) < plain_cost => vec![white.clone()],
@@ -143,7 +152,8 @@ impl Filters {
     pub fn measure(&self, problem: &Problem, fitted: &Optima, halt: Halt) -> Option<OptimaMeasures> {
         let split = problem.split();
         let train = usable(problem, &split.train);
-        let mut runs = problem.simulator().run_unless(&[&fitted.plain, &fitted.white], problem.grid().len(), halt);
+        let mut runs =
+            problem.simulator().run_unless(&[&fitted.plain, &fitted.white], problem.grid().len(), halt);
         let (white, plain) = (runs.pop()?, runs.pop()?);
         if white.diverged || plain.diverged {
             return None;
@@ -175,7 +185,8 @@ fn mean_square_of(problem: &Problem, residuals: &[Vec<f64>], range: &Range<usize
 /// The innovations' filter of the training part at a parameter vector; `None` where the model diverges there.
 pub fn whitening_at(problem: &Problem, theta: &[f64]) -> Option<Whitening> {
     let train = usable(problem, &problem.split().train);
-    let run = problem.simulator().run(&[theta], problem.split().train.end).pop().filter(|run| !run.diverged)?;
+    let run =
+        problem.simulator().run(&[theta], problem.split().train.end).pop().filter(|run| !run.diverged)?;
     let ar = Autoregression::fit(&residuals(problem, &run), &train)?;
     Some(Whitening::ar(&ar, &train))
 }
@@ -209,12 +220,14 @@ impl NullModel {
         let ar = Autoregression::fit(&first, &usable)?;
         let filters = Filters::new(&problem, &ar, deviation(&first));
         let [task, _] = filters.tasks(&problem, halt);
-        let (restarted, restarting) = task.ends(&[plain.to_vec(), problem.nominal().to_vec()], effort.restart);
+        let (restarted, restarting) =
+            task.ends(&[plain.to_vec(), problem.nominal().to_vec()], effort.restart);
         let starts: Vec<Vec<f64>> = restarted.iter().map(|(theta, _)| theta.clone()).collect();
         let mut whites: Vec<Vec<f64>> = white.map(<[f64]>::to_vec).into_iter().collect();
         whites.extend(starts.iter().cloned());
         let mut fitted = filters.fit(&problem, [&starts, &whites], effort.settle, halt);
-        // The innovations' optimum changes the residual, and with it the filter: once more with the right one.
+        // The innovations' optimum changes the residual, and with it the filter: once more with the right
+        // one.
         let ar = Autoregression::fit(&series(&fitted.white)?, &usable)?;
         let filters = Filters::new(&problem, &ar, deviation(&series(&fitted.plain)?));
         let [_, task] = filters.tasks(&problem, halt);
@@ -231,8 +244,8 @@ impl NullModel {
         Some(Self { fitted, measured, filters, other, problem })
     }
 
-    /// Goes on from other places, each a start for the free run and one for the innovations: keeps what is better there, and measures
-    /// again.
+    /// Goes on from other places, each a start for the free run and one for the innovations: keeps what is
+    /// better there, and measures again.
     pub fn restart(&mut self, places: &[[Vec<f64>; 2]], halt: Halt) {
         let iterations = Effort::of(&self.problem).settle / 2;
         let again = |[plain, white]: &[Vec<f64>; 2]| {
@@ -250,16 +263,20 @@ impl NullModel {
                 (better.white, better.white_cost) = (again.white, again.white_cost);
             }
         }
-        if let Some(measured) = self.filters.measure(&self.problem, &better, halt).filter(|_| better != self.fitted) {
+        if let Some(measured) =
+            self.filters.measure(&self.problem, &better, halt).filter(|_| better != self.fitted)
+        {
             (self.fitted, self.measured) = (better, measured);
         }
     }
 
-    /// Whether a candidate that has gone a part of its way promises something: three in twice the logarithm of the likelihood, less than
-    /// half of what one parameter costs, or a thirtieth of the free run's squared error.
+    /// Whether a candidate that has gone a part of its way promises something: three in twice the logarithm
+    /// of the likelihood, less than half of what one parameter costs, or a thirtieth of the free run's
+    /// squared error.
     pub fn is_promising(&self, begun: &Optima) -> bool {
         let n = self.measured.samples as f64;
-        begun.plain_cost < LEAST_PROMISE * self.fitted.plain_cost || begun.white_cost < (-3.0 / n).exp() * self.fitted.white_cost
+        begun.plain_cost < LEAST_PROMISE * self.fitted.plain_cost
+            || begun.white_cost < (-3.0 / n).exp() * self.fitted.white_cost
     }
 
     /// Free-run error over the innovation deviation, on the training part.
@@ -267,8 +284,8 @@ impl NullModel {
         self.measured.plain[0].map(|mse| mse.sqrt() / self.measured.floor)
     }
 
-    /// The same of the part, seen or unseen, on which the free run errs more: what imitates a missing effect on the days that it was
-    /// fitted to fails on others.
+    /// The same of the part, seen or unseen, on which the free run errs more: what imitates a missing effect
+    /// on the days that it was fitted to fails on others.
     pub fn worst_rho(&self) -> Option<f64> {
         let [train, validation, _] = self.measured.plain;
         Some(train?.max(validation.unwrap_or(0.0)).sqrt() / self.measured.floor)

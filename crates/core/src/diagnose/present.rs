@@ -1,8 +1,9 @@
 //! The effects that a model has already: does this window still show them?
 //!
-//! What was named once is not there for ever: a window is sealed, a stove is carried away, and a controller that goes on to believe in
-//! it errs. So each effect of the model is a candidate again, beside the model without it on segments of hours. Its windows go on in the
-//! ledger of the model that lacks it, where a newest one that contradicts the others takes the effect back.
+//! What was named once is not there for ever: a window is sealed, a stove is carried away, and a controller
+//! that goes on to believe in it errs. So each effect of the model is a candidate again, beside the model
+//! without it on segments of hours. Its windows go on in the ledger of the model that lacks it, where a
+//! newest one that contradicts the others takes the effect back.
 
 use super::ledger::{CLEAR_T, EffectScore, Entry, Span, beside, pooled_with};
 use super::library::{align, candidate, carried, lacking};
@@ -14,8 +15,9 @@ use crate::estimate::{Problem, Site};
 use crate::model::Catalogue;
 use crate::simulate::trajectory::Halt;
 
-/// What this window shows of every effect of a model; effects that it cannot be asked about are left out: those with states of their
-/// own, and those without which the model is none. `earlier` are all entries of the system.
+/// What this window shows of every effect of a model; effects that it cannot be asked about are left out:
+/// those with states of their own, and those without which the model is none. `earlier` are all entries of
+/// the system.
 pub(super) fn present(
     catalogue: &Catalogue,
     problem: &Problem,
@@ -26,7 +28,9 @@ pub(super) fn present(
     halt: Halt,
 ) -> Vec<PresentEffect> {
     let effects = problem.model().effects().iter();
-    effects.filter_map(|effect| shown(catalogue, problem, theta, (grid, site), effect, earlier, span, halt)).collect()
+    effects
+        .filter_map(|effect| shown(catalogue, problem, theta, (grid, site), effect, earlier, span, halt))
+        .collect()
 }
 
 #[allow(clippy::too_many_arguments)]
@@ -64,14 +68,21 @@ fn sentence(title: &str, score: &EffectScore, span: Span) -> String {
     let t = score.t;
     if t >= CLEAR_T {
         format!(
-            "{title} is in the model, and this window shows it: it explains {:.0} % of what the model without it errs by over {:.0} h (t {t:.1}).",
+            "{title} is in the model, and this window shows it: it explains {:.0} % of what the model \
+            without it errs by over {:.0} h (t {t:.1}).",
             100.0 * score.share,
             span.hours
         )
     } else if t <= -CLEAR_T {
-        format!("{title} is in the model, and this window speaks against it: it asks for a sign that physics does not allow (t {t:.1}).")
+        format!(
+            "{title} is in the model, and this window speaks against it: it asks for a sign that physics \
+            does not allow (t {t:.1})."
+        )
     } else {
-        format!("{title} is in the model, and this window does not show it (t {t:.1}), which does not mean that it is absent.")
+        format!(
+            "{title} is in the model, and this window does not show it (t {t:.1}), which does not mean that \
+            it is absent."
+        )
     }
 }
 
@@ -94,7 +105,17 @@ mod tests {
         let id = "room3+metered_gain:P_appliances".parse().unwrap();
         let problem = prepare(&catalogue, &id, &request, &window, &site()).unwrap();
         let theta = fitted(&problem).theta();
-        let found = diagnose(&catalogue, &problem, &theta, &window, &site(), AccusationRate::USUAL, earlier, &Control::NONE).unwrap();
+        let found = diagnose(
+            &catalogue,
+            &problem,
+            &theta,
+            &window,
+            &site(),
+            AccusationRate::USUAL,
+            earlier,
+            &Control::NONE,
+        )
+        .unwrap();
         (found, problem)
     }
 
@@ -103,17 +124,29 @@ mod tests {
         let (there, problem) = diagnosis(&["metered_gain"], &[]);
         let [shown] = there.present.as_slice() else { panic!("{:?}", there.present) };
         assert_eq!((shown.effect.as_str(), shown.model.as_str()), ("metered_gain:P_appliances", "room3"));
-        assert!(shown.score.t > 5.0 && shown.score.share > 0.2 && shown.sentence.contains("this window shows it"), "{shown:?}");
+        assert!(
+            shown.score.t > 5.0 && shown.score.share > 0.2 && shown.sentence.contains("this window shows it"),
+            "{shown:?}"
+        );
         assert!(there.warnings.is_empty(), "{:?}", there.warnings);
         // Its entries stand beside the model that lacks it, as those of a diagnosis of that model do.
         let entries = there.entries("dia_1", Some("with"));
         let own: Vec<&Entry> = entries.iter().filter(|entry| entry.score.effect == shown.effect).collect();
         assert_eq!(own.iter().map(|entry| entry.model.as_str()).collect::<Vec<_>>(), ["room3"]);
-        assert!(entries.iter().any(|entry| entry.model == there.model && entry.model_hash.as_deref() == Some("with")));
+        assert!(
+            entries
+                .iter()
+                .any(|entry| entry.model == there.model && entry.model_hash.as_deref() == Some("with"))
+        );
 
-        // Weeks before the appliances were carried away. The room is the same otherwise, so the weeks are those of the other twin.
+        // Weeks before the appliances were carried away. The room is the same otherwise, so the weeks are
+        // those of the other twin.
         let now = span(&problem).unwrap();
-        let weeks = |number: i64| Span { from: now.from - number * 3_000_000, to: now.to - number * 3_000_000, hours: now.hours };
+        let weeks = |number: i64| Span {
+            from: now.from - number * 3_000_000,
+            to: now.to - number * 3_000_000,
+            hours: now.hours,
+        };
         let before: Vec<Entry> = [1, 2].map(|number| Entry { span: weeks(number), ..own[0].clone() }).into();
         let (gone, _) = diagnosis(&[], &before);
         let [shown] = gone.present.as_slice() else { panic!("{:?}", gone.present) };

@@ -27,8 +27,8 @@ pub struct Refit<'a> {
 }
 
 impl Refit<'_> {
-    /// Levenberg and Marquardt's method from full parameter vectors side by side: the best end, with its cost and the
-    /// evaluations of all.
+    /// Levenberg and Marquardt's method from full parameter vectors side by side: the best end, with its cost
+    /// and the evaluations of all.
     pub fn polish(&self, starts: &[Vec<f64>], iterations: usize) -> (Vec<f64>, f64, usize) {
         let (ends, evaluations) = self.ends(starts, iterations);
         let best = ends.into_iter().min_by(|a, b| a.1.total_cmp(&b.1));
@@ -38,7 +38,11 @@ impl Refit<'_> {
 
     /// Where each start ends, its cost there, infinite where the model diverges, and the evaluations of all.
     pub fn ends(&self, starts: &[Vec<f64>], iterations: usize) -> (Vec<(Vec<f64>, f64)>, usize) {
-        let usual = LocalOptions { iterations, tolerance: Effort::of(self.problem).tolerance, ..LocalOptions::default() };
+        let usual = LocalOptions {
+            iterations,
+            tolerance: Effort::of(self.problem).tolerance,
+            ..LocalOptions::default()
+        };
         let options = LocalOptions { step: self.problem.least_step().max(usual.step), ..usual };
         let places: Vec<Candidate> = starts.iter().map(|start| self.problem.candidate(start)).collect();
         let mut stage = LocalStage::new(&LocalWay::Residuals(options), &places);
@@ -48,13 +52,18 @@ impl Refit<'_> {
             let answers = self.evaluate(&batch);
             stage.digest(&answers);
         }
-        let ends = stage.places().into_iter().map(|(candidate, cost)| (self.problem.theta(&candidate), cost.value()));
+        let ends = stage
+            .places()
+            .into_iter()
+            .map(|(candidate, cost)| (self.problem.theta(&candidate), cost.value()));
         (ends.collect(), evaluations)
     }
 
     /// The cost at a full parameter vector.
     pub fn cost(&self, theta: &[f64]) -> f64 {
-        self.evaluate(&[self.problem.candidate(theta)]).first().map_or(f64::INFINITY, |answer| answer.cost.value())
+        self.evaluate(&[self.problem.candidate(theta)])
+            .first()
+            .map_or(f64::INFINITY, |answer| answer.cost.value())
     }
 
     /// Which start costs least; of one it is known.
@@ -68,15 +77,22 @@ impl Refit<'_> {
     }
 
     fn evaluate(&self, candidates: &[Candidate]) -> Vec<Evaluation> {
-        let thetas: Vec<Vec<f64>> = candidates.iter().map(|candidate| self.problem.theta(candidate)).collect();
+        let thetas: Vec<Vec<f64>> =
+            candidates.iter().map(|candidate| self.problem.theta(candidate)).collect();
         let series = filtered(self.problem, self.whitening, &thetas, self.halt);
         series
             .into_iter()
             .zip(&thetas)
             .map(|(series, theta)| {
-                let residuals: Vec<f64> = series.map_or_else(Vec::new, |series| series.into_iter().chain(self.prior(theta)).collect());
-                let cost = if residuals.is_empty() { Cost::Diverged } else { Cost::new(mean_square(&residuals)) };
-                Evaluation { cost, residuals: if cost == Cost::Diverged { Vec::new() } else { residuals }, slope: None }
+                let residuals: Vec<f64> = series
+                    .map_or_else(Vec::new, |series| series.into_iter().chain(self.prior(theta)).collect());
+                let cost =
+                    if residuals.is_empty() { Cost::Diverged } else { Cost::new(mean_square(&residuals)) };
+                Evaluation {
+                    cost,
+                    residuals: if cost == Cost::Diverged { Vec::new() } else { residuals },
+                    slope: None,
+                }
             })
             .collect()
     }
@@ -85,7 +101,8 @@ impl Refit<'_> {
     fn prior(&self, theta: &[f64]) -> impl Iterator<Item = f64> {
         let (nominal, parameters) = (self.problem.nominal(), self.problem.model().parameters());
         let logarithmic = self.problem.free().iter().filter(|index| parameters[**index].scale == Scale::Log);
-        logarithmic.map(move |index| self.deviation * (theta[*index] / nominal[*index]).ln() / PRIOR_DEVIATION)
+        logarithmic
+            .map(move |index| self.deviation * (theta[*index] / nominal[*index]).ln() / PRIOR_DEVIATION)
     }
 
     /// The derivatives of the filtered simulation with respect to the free coordinates of the unit cube, one
@@ -102,15 +119,18 @@ impl Refit<'_> {
             steps.push(step);
             thetas.push(self.problem.theta(&moved));
         }
-        let series: Option<Vec<Vec<f64>>> = filtered(self.problem, self.whitening, &thetas, self.halt).into_iter().collect();
+        let series: Option<Vec<Vec<f64>>> =
+            filtered(self.problem, self.whitening, &thetas, self.halt).into_iter().collect();
         let (here, moved) = series.as_ref().and_then(|series| series.split_first())?;
         // The residual falls where the simulation rises.
-        Some(DMatrix::from_fn(here.len(), steps.len(), |row, column| (here[row] - moved[column][row]) / steps[column]))
+        Some(DMatrix::from_fn(here.len(), steps.len(), |row, column| {
+            (here[row] - moved[column][row]) / steps[column]
+        }))
     }
 }
 
-/// The residuals of some parameter vectors up to the end of the training part, by output; `None` for one that diverges, or is
-/// cut short.
+/// The residuals of some parameter vectors up to the end of the training part, by output; `None` for one that
+/// diverges, or is cut short.
 pub fn simulated(problem: &Problem, thetas: &[Vec<f64>], halt: Halt) -> Vec<Option<Vec<Vec<f64>>>> {
     let slices: Vec<&[f64]> = thetas.iter().map(Vec::as_slice).collect();
     let runs = problem.simulator().run_unless(&slices, problem.split().train.end, halt);
@@ -118,6 +138,14 @@ pub fn simulated(problem: &Problem, thetas: &[Vec<f64>], halt: Halt) -> Vec<Opti
 }
 
 /// The same, filtered.
-pub fn filtered(problem: &Problem, whitening: &Whitening, thetas: &[Vec<f64>], halt: Halt) -> Vec<Option<Vec<f64>>> {
-    simulated(problem, thetas, halt).into_iter().map(|series| series.map(|series| whitening.apply(&series))).collect()
+pub fn filtered(
+    problem: &Problem,
+    whitening: &Whitening,
+    thetas: &[Vec<f64>],
+    halt: Halt,
+) -> Vec<Option<Vec<f64>>> {
+    simulated(problem, thetas, halt)
+        .into_iter()
+        .map(|series| series.map(|series| whitening.apply(&series)))
+        .collect()
 }

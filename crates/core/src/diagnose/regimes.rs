@@ -32,25 +32,31 @@ pub struct Regime {
     pub error_share: f64,
 }
 
-/// The columns of a grid that do not come from what the model is judged by: a window that is read off a falling room
-/// temperature is open wherever the room was warm, whatever the model says.
-pub fn circumstances<'a>(problem: &'a Problem, grid: &'a Grid) -> impl Iterator<Item = (&'a str, &'a Column)> {
+/// The columns of a grid that do not come from what the model is judged by: a window that is read off a
+/// falling room temperature is open wherever the room was warm, whatever the model says.
+pub fn circumstances<'a>(
+    problem: &'a Problem,
+    grid: &'a Grid,
+) -> impl Iterator<Item = (&'a str, &'a Column)> {
     let is_output = |channel: &str| problem.model().outputs().iter().any(|output| output.channel == channel);
     grid.columns().filter(move |(channel, _)| !is_output(channel) && *channel != DROPS)
 }
 
-/// All regimes that the columns of the grid define, the most telling first: thirds of what varies, on and off of
-/// what is either, day and night, weekdays and weekends.
+/// All regimes that the columns of the grid define, the most telling first: thirds of what varies, on and off
+/// of what is either, day and night, weekdays and weekends.
 pub fn regimes(problem: &Problem, grid: &Grid, error: &[f64], usable: &[usize], seed: u64) -> Vec<Regime> {
     let mut labels: Vec<(String, Vec<usize>)> = Vec::new();
     for (channel, column) in circumstances(problem, grid).filter(|(channel, _)| !is_compass(channel)) {
         let value = |k: &usize| column.values()[*k];
-        let part = |test: &dyn Fn(f64) -> bool| usable.iter().copied().filter(|k| test(value(k))).collect::<Vec<usize>>();
+        let part = |test: &dyn Fn(f64) -> bool| {
+            usable.iter().copied().filter(|k| test(value(k))).collect::<Vec<usize>>()
+        };
         match channel {
             "hour_of_day" => {
                 labels.push(("night (22 to 6 h)".to_owned(), part(&|hour| !(6.0..22.0).contains(&hour))));
                 labels.push(("morning (6 to 12 h)".to_owned(), part(&|hour| (6.0..12.0).contains(&hour))));
-                labels.push(("afternoon (12 to 17 h)".to_owned(), part(&|hour| (12.0..17.0).contains(&hour))));
+                labels
+                    .push(("afternoon (12 to 17 h)".to_owned(), part(&|hour| (12.0..17.0).contains(&hour))));
                 labels.push(("evening (17 to 22 h)".to_owned(), part(&|hour| (17.0..22.0).contains(&hour))));
             }
             "weekday" => {
@@ -144,6 +150,10 @@ mod tests {
         let (high, low) = (0.25 * warm.time_share, 0.01 * (1.0 - warm.time_share));
         assert!((warm.error_share - high / (high + low)).abs() < 1e-9, "{}", warm.error_share);
         assert!(warm.bias_ci95.is_some_and(|[low, high]| low <= 0.5 && 0.5 <= high));
-        assert_eq!(found, regimes(&problem, grid, &error, &usable, 1), "the same seed resamples the same days");
+        assert_eq!(
+            found,
+            regimes(&problem, grid, &error, &usable, 1),
+            "the same seed resamples the same days"
+        );
     }
 }

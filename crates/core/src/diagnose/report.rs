@@ -48,7 +48,8 @@ pub struct Diagnosis {
     pub summary: String,
     /// Free-run error over the innovation deviation of its AR model, after the last finding.
     pub rho: Option<f64>,
-    /// One-step innovation error of the free-run residual, in the output's unit; of several outputs, in the noise of their sensors.
+    /// One-step innovation error of the free-run residual, in the output's unit; of several outputs, in the
+    /// noise of their sensors.
     pub noise_floor_rmse: Option<f64>,
     /// What is missing, the most telling first.
     pub findings: Vec<Finding>,
@@ -58,8 +59,9 @@ pub struct Diagnosis {
     pub not_testable: Vec<NotTestable>,
     /// What no effect explains.
     pub unexplained: Unexplained,
-    /// What segments of hours show of everything that was tried in the first round, for the ledger of the system; `null` where nothing
-    /// could be looked at, and in a diagnosis that was made before there was one.
+    /// What segments of hours show of everything that was tried in the first round, for the ledger of the
+    /// system; `null` where nothing could be looked at, and in a diagnosis that was made before there was
+    /// one.
     #[serde(default)]
     pub looked: Option<Looked>,
     /// What this window shows of the effects that the model has already.
@@ -73,9 +75,13 @@ pub struct Diagnosis {
 }
 
 impl Diagnosis {
-    /// What its window adds to the ledger of the system, beside the model that was diagnosed and beside those that lack one of its effects.
+    /// What its window adds to the ledger of the system, beside the model that was diagnosed and beside those
+    /// that lack one of its effects.
     pub fn entries(&self, id: &str, model_hash: Option<&str>) -> Vec<Entry> {
-        let Some((looked, span)) = self.looked.as_ref().and_then(|looked| Some((looked, looked.span()?))) else { return Vec::new() };
+        let Some((looked, span)) = self.looked.as_ref().and_then(|looked| Some((looked, looked.span()?)))
+        else {
+            return Vec::new();
+        };
         let mut all = entries(span, id, (&self.model, model_hash), looked.effects.iter());
         for one in &self.present {
             all.extend(entries(span, id, (&one.model, Some(&one.model_hash)), std::iter::once(&one.score)));
@@ -133,10 +139,12 @@ pub struct Finding {
     pub explained_share: Option<f64>,
     /// Errors without and with it.
     pub rmse: RmsePairs,
-    /// What a forecast loses without it; `null` of a plant, and in a diagnosis that was made before it was asked.
+    /// What a forecast loses without it; `null` of a plant, and in a diagnosis that was made before it was
+    /// asked.
     #[serde(default)]
     pub size: Option<EffectSize>,
-    /// Its parameters, from segments of a day where segments have shown it, else from the likelihood that has; of a plant from the free run.
+    /// Its parameters, from segments of a day where segments have shown it, else from the likelihood that
+    /// has; of a plant from the free run.
     #[schema(value_type = HashMap<String, Coefficient>)]
     pub parameters: IndexMap<String, Coefficient>,
     /// Effects that the data cannot tell from it.
@@ -147,13 +155,16 @@ pub struct Finding {
     pub kind: FindingKind,
     /// Why, in sentences.
     pub evidence: Vec<String>,
-    /// What segments of hours show of it; `null` where no logged channel drives it, or where they are not sure of it.
+    /// What segments of hours show of it; `null` where no logged channel drives it, or where they are not
+    /// sure of it.
     #[serde(default)]
     pub segments: Option<SegmentEvidence>,
-    /// What this window shows of it together with earlier ones of the same base model; `null` where it was not looked at.
+    /// What this window shows of it together with earlier ones of the same base model; `null` where it was
+    /// not looked at.
     #[serde(default)]
     pub pooled: Option<Pooled>,
-    /// The unexplained error beside the effect's own shape; `null` in a diagnosis that was made before there were any.
+    /// The unexplained error beside the effect's own shape; `null` in a diagnosis that was made before there
+    /// were any.
     pub shape: Option<Shape>,
 }
 
@@ -213,14 +224,16 @@ pub struct RmsePairs {
     pub validation_ahead: IndexMap<String, [f64; 2]>,
 }
 
-/// How large an effect is in what a controller sees: how far a forecast over some hours goes wrong without it.
+/// How large an effect is in what a controller sees: how far a forecast over some hours goes wrong without
+/// it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct EffectSize {
     /// Length of the forecasts.
     pub hours: f64,
     /// Root mean square of the difference that it makes over these hours, in the whole window.
     pub value: f64,
-    /// Its 95 % interval, robust by days; `null` where the data do not determine it, or where it is read off the output itself.
+    /// Its 95 % interval, robust by days; `null` where the data do not determine it, or where it is read off
+    /// the output itself.
     pub ci95: Option<[f64; 2]>,
     /// The output's unit.
     pub unit: String,
@@ -231,7 +244,9 @@ impl EffectSize {
     pub fn sentence(&self) -> String {
         let Self { hours, value, ci95, unit } = self;
         let interval = ci95.map_or_else(String::new, |[low, high]| format!(" (95 %: {low:.2} to {high:.2})"));
-        format!("Left out, it puts forecasts over the next {hours:.0} h wrong by {value:.2} {unit}{interval}.")
+        format!(
+            "Left out, it puts forecasts over the next {hours:.0} h wrong by {value:.2} {unit}{interval}."
+        )
     }
 }
 
@@ -240,7 +255,8 @@ impl EffectSize {
 pub struct Coefficient {
     /// Its value.
     pub value: f64,
-    /// Its 95 % interval, robust by days; `null` where the data do not determine it, or where it is read off the output itself.
+    /// Its 95 % interval, robust by days; `null` where the data do not determine it, or where it is read off
+    /// the output itself.
     pub ci95: Option<[f64; 2]>,
     /// Its unit.
     pub unit: String,

@@ -1,7 +1,8 @@
 //! The residual of a free run, measured minus simulated, and its innovations.
 //!
-//! A room that is warmer than its model has a positive residual: it lacks a gain. The residual of a model with one output is in
-//! the unit of that; those of several outputs are counted in the noise of their sensors, so that they may stand side by side.
+//! A room that is warmer than its model has a positive residual: it lacks a gain. The residual of a model
+//! with one output is in the unit of that; those of several outputs are counted in the noise of their
+//! sensors, so that they may stand side by side.
 
 use crate::estimate::Problem;
 use crate::estimate::problem::whiten::{Ar, stride};
@@ -10,7 +11,10 @@ use std::ops::Range;
 
 /// Measured minus simulated of an output at every sample, in its unit; only the usable samples mean anything.
 pub fn residual(problem: &Problem, output: usize, simulated: &[f64]) -> Vec<f64> {
-    problem.measured().get(output).map_or_else(Vec::new, |(values, _)| values.iter().zip(simulated).map(|(y, x)| y - x).collect())
+    problem
+        .measured()
+        .get(output)
+        .map_or_else(Vec::new, |(values, _)| values.iter().zip(simulated).map(|(y, x)| y - x).collect())
 }
 
 /// The same of every output, each in its weight.
@@ -18,7 +22,11 @@ pub fn residuals(problem: &Problem, run: &Trajectory) -> Vec<Vec<f64>> {
     let weight = |output: usize| 1.0 / problem.scale(output);
     let measured = problem.measured();
     let outputs = run.outputs.iter().zip(measured).enumerate();
-    outputs.map(|(output, (simulated, (y, _)))| y.iter().zip(simulated).map(|(y, x)| (y - x) * weight(output)).collect()).collect()
+    outputs
+        .map(|(output, (simulated, (y, _)))| {
+            y.iter().zip(simulated).map(|(y, x)| (y - x) * weight(output)).collect()
+        })
+        .collect()
 }
 
 /// The samples of a part at which each output means something.
@@ -31,8 +39,8 @@ pub fn at(residuals: &[Vec<f64>], usable: &[Vec<usize>]) -> Vec<f64> {
     residuals.iter().zip(usable).flat_map(|(series, usable)| usable.iter().map(|k| series[*k])).collect()
 }
 
-/// A linear filter on the usable samples of a part: nothing but selection, or an autoregressive whitening that
-/// starts anew behind each gap.
+/// A linear filter on the usable samples of a part: nothing but selection, or an autoregressive whitening
+/// that starts anew behind each gap.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Whitening(Vec<Filter>);
 
@@ -48,18 +56,30 @@ struct Filter {
 impl Whitening {
     /// The usable samples as they are.
     pub fn none(usable: &[Vec<usize>]) -> Self {
-        Self(usable.iter().map(|rows| Filter { coefficients: Vec::new(), rows: rows.clone(), stride: 1, weight: 1.0 }).collect())
+        Self(
+            usable
+                .iter()
+                .map(|rows| Filter { coefficients: Vec::new(), rows: rows.clone(), stride: 1, weight: 1.0 })
+                .collect(),
+        )
     }
 
-    /// The innovations under autoregressive models, at the samples whose whole past is usable. Those of several outputs have a
-    /// deviation of one.
+    /// The innovations under autoregressive models, at the samples whose whole past is usable. Those of
+    /// several outputs have a deviation of one.
     pub fn ar(ar: &Autoregression, usable: &[Vec<usize>]) -> Self {
         let several = usable.len() > 1;
         let filter = |(ar, usable): (&Ar, &Vec<usize>)| {
             let (lags, stride) = (ar.coefficients.len(), stride(usable));
-            let whole = |place: &usize| place.checked_sub(lags).is_some_and(|first| usable[*place] - usable[first] == lags * stride);
+            let whole = |place: &usize| {
+                place.checked_sub(lags).is_some_and(|first| usable[*place] - usable[first] == lags * stride)
+            };
             let rows = (0..usable.len()).filter(whole).map(|place| usable[place]).collect();
-            Filter { coefficients: ar.coefficients.clone(), rows, stride, weight: if several { 1.0 / ar.deviation } else { 1.0 } }
+            Filter {
+                coefficients: ar.coefficients.clone(),
+                rows,
+                stride,
+                weight: if several { 1.0 / ar.deviation } else { 1.0 },
+            }
         };
         Self(ar.0.iter().zip(usable).map(filter).collect())
     }
@@ -91,12 +111,14 @@ impl Autoregression {
     /// `None` where that of any output cannot be fitted.
     pub fn fit(residuals: &[Vec<f64>], usable: &[Vec<usize>]) -> Option<Self> {
         let one = |(residual, usable): (&Vec<f64>, &Vec<usize>)| {
-            Ar::fit_samples(usable, |k| residual[k]).filter(|ar| ar.deviation.is_finite() && ar.deviation > 0.0)
+            Ar::fit_samples(usable, |k| residual[k])
+                .filter(|ar| ar.deviation.is_finite() && ar.deviation > 0.0)
         };
         residuals.iter().zip(usable).map(one).collect::<Option<_>>().map(Self)
     }
 
-    /// Their criteria together, for the errors of different outputs are taken as independent, and the samples of all.
+    /// Their criteria together, for the errors of different outputs are taken as independent, and the samples
+    /// of all.
     pub fn bic(&self) -> (f64, usize) {
         (self.0.iter().map(|ar| ar.bic).sum(), self.0.iter().map(|ar| ar.samples).sum())
     }
@@ -106,7 +128,8 @@ impl Autoregression {
         match &self.0[..] {
             [one] => one.deviation,
             several => {
-                let squares: f64 = several.iter().map(|ar| ar.samples as f64 * ar.deviation * ar.deviation).sum();
+                let squares: f64 =
+                    several.iter().map(|ar| ar.samples as f64 * ar.deviation * ar.deviation).sum();
                 (squares / self.bic().1.max(1) as f64).sqrt()
             }
         }
@@ -136,8 +159,10 @@ pub fn slow_bic(problem: &Problem, residuals: &[Vec<f64>], usable: &[Vec<usize>]
             }
         }
         let stride = stride(usable);
-        let means: Vec<Option<f64>> =
-            sums.iter().map(|(sum, count)| (2 * count * stride >= per_mean).then(|| sum / *count as f64)).collect();
+        let means: Vec<Option<f64>> = sums
+            .iter()
+            .map(|(sum, count)| (2 * count * stride >= per_mean).then(|| sum / *count as f64))
+            .collect();
         Ar::fit_orders(&means, &SLOW_ORDERS)
     };
     residuals.iter().zip(usable).map(one).collect::<Option<Vec<Ar>>>().map(|ars| Autoregression(ars).bic())
@@ -149,7 +174,8 @@ mod tests {
 
     #[test]
     fn whitening_by_rows_equals_whitening_with_gaps() {
-        let series: Vec<f64> = (0..200).map(|k| (f64::from(k) * 0.37).sin() + 0.1 * f64::from(k % 7)).collect();
+        let series: Vec<f64> =
+            (0..200).map(|k| (f64::from(k) * 0.37).sin() + 0.1 * f64::from(k % 7)).collect();
         let usable: Vec<usize> = (0..200).filter(|k| !(60..65).contains(k) && *k != 120).collect();
         let ar = Autoregression::fit(std::slice::from_ref(&series), std::slice::from_ref(&usable)).unwrap();
         let whitening = Whitening::ar(&ar, std::slice::from_ref(&usable));
@@ -177,7 +203,8 @@ mod tests {
             let deviation = (half.iter().map(|x| x * x).sum::<f64>() / half.len() as f64).sqrt();
             assert!((deviation - 1.0).abs() < 0.05, "{deviation}");
         }
-        let alone = |output: usize| Autoregression::fit(&series[output..=output], &usable[..1]).unwrap().bic();
+        let alone =
+            |output: usize| Autoregression::fit(&series[output..=output], &usable[..1]).unwrap().bic();
         assert_eq!(ar.bic(), (alone(0).0 + alone(1).0, alone(0).1 + alone(1).1));
     }
 }

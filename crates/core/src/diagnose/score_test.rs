@@ -6,10 +6,11 @@
 //!                                           +--surrogates--> p       its channels shifted by whole days
 //! ```
 //!
-//! Segments of hours start from states of their own, which are projected out of the residual, of the model's own Jacobian and of the
-//! direction that one linearised run gives to a candidate (`estimate/segments`). It is Rao's score test with days as the independent
-//! units: minutes are blurred by sensors, and a free run of weeks drowns in what nobody logged. What goes with the clock is told
-//! apart by a free profile of the day, and what a logged channel drives by its own shifts (`surrogates`).
+//! Segments of hours start from states of their own, which are projected out of the residual, of the model's
+//! own Jacobian and of the direction that one linearised run gives to a candidate (`estimate/segments`). It
+//! is Rao's score test with days as the independent units: minutes are blurred by sensors, and a free run of
+//! weeks drowns in what nobody logged. What goes with the clock is told apart by a free profile of the day,
+//! and what a logged channel drives by its own shifts (`surrogates`).
 
 use super::library::{COMPUTED, CandidateEffect, sign_allows};
 use super::screen::difference;
@@ -24,12 +25,13 @@ use std::ops::Range;
 
 /// Lengths of the segments, in hours: effects differ in pace.
 pub const LENGTHS: [f64; 4] = [2.0, 6.0, 12.0, 24.0];
-/// The length at which candidates are ranked and told apart, in hours: between the minutes that sensors blur and the days in which all
-/// that was not logged adds up.
+/// The length at which candidates are ranked and told apart, in hours: between the minutes that sensors blur
+/// and the days in which all that was not logged adds up.
 pub const RANKING_HOURS: f64 = 12.0;
 /// The free profile of a day is held to what the hours can do together, as a share of their mean square.
 const PROFILE: f64 = 1e-3;
-/// What is left of a direction, as a share of its squares, below which the model's own parameters can do the same.
+/// What is left of a direction, as a share of its squares, below which the model's own parameters can do the
+/// same.
 const IMITATED: f64 = 1e-4;
 
 /// A null model along segments of one length.
@@ -55,7 +57,8 @@ pub struct Score {
     pub size: Vec<f64>,
     /// The share of the squared residual that it explains.
     pub share: f64,
-    /// The size of the whole effect over its deviation, robust by days; negative where physics does not allow the sign.
+    /// The size of the whole effect over its deviation, robust by days; negative where physics does not allow
+    /// the sign.
     pub t: f64,
     /// The same beyond a free profile of the day.
     pub beyond_clock: f64,
@@ -68,9 +71,15 @@ pub struct Score {
 }
 
 impl<'a> Look<'a> {
-    /// Settles the null model on segments of some samples, from its free run; `None` where it leaves the numbers, there are too few, or
-    /// `halt` ends it.
-    pub fn new(base: &'a Problem, theta: &[f64], samples: Range<usize>, hours: f64, halt: Halt) -> Option<Self> {
+    /// Settles the null model on segments of some samples, from its free run; `None` where it leaves the
+    /// numbers, there are too few, or `halt` ends it.
+    pub fn new(
+        base: &'a Problem,
+        theta: &[f64],
+        samples: Range<usize>,
+        hours: f64,
+        halt: Halt,
+    ) -> Option<Self> {
         let segments = Segments::new(base, samples.clone(), hours);
         if segments.is_empty() || halt() {
             return None;
@@ -85,17 +94,23 @@ impl<'a> Look<'a> {
         let pull = dot(&linear.residual, &linear.residual) / linear.residual.len() as f64 / REACH.powi(2);
         let squares = profile.iter().map(|column| dot(column, column)).sum::<f64>() / profile.len() as f64;
         let own: Vec<(Vec<f64>, f64)> = linear.columns.iter().map(|column| (column.clone(), pull)).collect();
-        let both = own.iter().cloned().chain(profile.into_iter().map(|column| (column, PROFILE * squares))).collect();
+        let both = own
+            .iter()
+            .cloned()
+            .chain(profile.into_iter().map(|column| (column, PROFILE * squares)))
+            .collect();
         let first = segments.before((samples.start + samples.end) / 2);
         let second = first.iter().map(|first| !first).collect();
-        let halves = [Known::new(own.clone(), Some(first), &linear)?, Known::new(own.clone(), Some(second), &linear)?];
+        let halves =
+            [Known::new(own.clone(), Some(first), &linear)?, Known::new(own.clone(), Some(second), &linear)?];
         let (model, clock) = (Known::new(own, None, &linear)?, Known::new(both, None, &linear)?);
         Some(Self { base, hours, segments, theta: settled.theta, linear, model, clock, halves })
     }
 
-    /// What is left of the change that a candidate makes at these parameters of its own, and of the residual, when all that the segments'
-    /// starts and the model's own parameters can do is taken from both: the axes of an added-variable plot (Cook and Weisberg 1982), by
-    /// sample of the first output. `None` where a segment leaves the numbers, or the candidate has states of its own.
+    /// What is left of the change that a candidate makes at these parameters of its own, and of the residual,
+    /// when all that the segments' starts and the model's own parameters can do is taken from both: the axes
+    /// of an added-variable plot (Cook and Weisberg 1982), by sample of the first output. `None` where a
+    /// segment leaves the numbers, or the candidate has states of its own.
     pub fn added(&self, candidate: &CandidateEffect, with: &[f64]) -> Option<Vec<(usize, f64, f64)>> {
         let problem = &candidate.problem;
         if problem.model().states().len() != self.base.model().states().len() {
@@ -108,13 +123,16 @@ impl<'a> Look<'a> {
         let change = outputs[1].iter().zip(&outputs[0]).map(|(on, off)| on - off).collect();
         let change = self.model.rest(&self.segments.without_starts(&self.linear, change));
         let rows = self.segments.rows().zip(change.into_iter().zip(&self.model.residual));
-        let points: Vec<(usize, f64, f64)> =
-            rows.filter(|((output, _), _)| *output == 0).map(|((_, sample), (change, left))| (sample, change, *left)).collect();
+        let points: Vec<(usize, f64, f64)> = rows
+            .filter(|((output, _), _)| *output == 0)
+            .map(|((_, sample), (change, left))| (sample, change, *left))
+            .collect();
         points.iter().all(|(_, x, y)| x.is_finite() && y.is_finite()).then_some(points)
     }
 
-    /// Scores a candidate that has no states of its own, with the inputs of its problem or those of another simulator. `None` where it
-    /// leaves the numbers, where the model's own parameters imitate it, or where the days are too few.
+    /// Scores a candidate that has no states of its own, with the inputs of its problem or those of another
+    /// simulator. `None` where it leaves the numbers, where the model's own parameters imitate it, or where
+    /// the days are too few.
     pub fn score(&self, candidate: &CandidateEffect, simulator: &Simulator) -> Option<Score> {
         let problem = &candidate.problem;
         if problem.model().states().len() != self.base.model().states().len() {
@@ -134,23 +152,35 @@ impl<'a> Look<'a> {
             .collect();
         let thetas: Vec<&[f64]> = std::iter::once(&off).chain(&moved).map(Vec::as_slice).collect();
         let outputs = self.segments.outputs(problem, simulator, &thetas, &self.linear.starts);
-        let change = |(moved, step): (&Vec<f64>, &f64)| moved.iter().zip(&outputs[0]).map(|(moved, off)| (moved - off) / step).collect();
+        let change = |(moved, step): (&Vec<f64>, &f64)| {
+            moved.iter().zip(&outputs[0]).map(|(moved, off)| (moved - off) / step).collect()
+        };
         let raw: Vec<Vec<f64>> = outputs[1..].iter().zip(&steps).map(change).collect();
         if raw.iter().flatten().any(|value| !value.is_finite()) {
             return None;
         }
-        let own: Vec<Vec<f64>> = raw.into_iter().map(|column| self.segments.without_starts(&self.linear, column)).collect();
+        let own: Vec<Vec<f64>> =
+            raw.into_iter().map(|column| self.segments.without_starts(&self.linear, column)).collect();
         let allows = |value: f64| sign_allows(candidate.spec.sign, value);
-        let signed = |size: &[f64], t: f64| if size.iter().any(|value| *value != 0.0 && allows(*value)) { t } else { -t };
+        let signed = |size: &[f64], t: f64| {
+            if size.iter().any(|value| *value != 0.0 && allows(*value)) { t } else { -t }
+        };
 
         let directions = self.model.all(&own);
-        if !directions.iter().zip(&own).any(|(direction, raw)| dot(direction, direction) > IMITATED * dot(raw, raw)) {
+        if !directions
+            .iter()
+            .zip(&own)
+            .any(|(direction, raw)| dot(direction, direction) > IMITATED * dot(raw, raw))
+        {
             return None;
         }
         let (size, direction) = regress(&self.model.residual, &directions, &allows, None)?;
         let explained = self.segments.explained(&self.model.residual, &direction)?;
-        let beyond = regress(&self.clock.residual, &self.clock.all(&own), &allows, None)
-            .and_then(|(size, direction)| Some(signed(&size, self.segments.explained(&self.clock.residual, &direction)?.t)));
+        let beyond = regress(&self.clock.residual, &self.clock.all(&own), &allows, None).and_then(
+            |(size, direction)| {
+                Some(signed(&size, self.segments.explained(&self.clock.residual, &direction)?.t))
+            },
+        );
         let (mut without, mut with) = (0.0, 0.0);
         for half in &self.halves {
             let (_, direction) = regress(&half.residual, &half.all(&own), &allows, half.rows.as_deref())?;
@@ -189,7 +219,9 @@ impl Known {
         let mut known = Self { columns, factor: None, rows, residual: Vec::new() };
         if n > 0 {
             let rows = known.rows.as_deref();
-            let mut normal = DMatrix::from_fn(n, n, |i, j| if j <= i { over(rows, &known.columns[i], &known.columns[j]) } else { 0.0 });
+            let mut normal = DMatrix::from_fn(n, n, |i, j| {
+                if j <= i { over(rows, &known.columns[i], &known.columns[j]) } else { 0.0 }
+            });
             normal.fill_upper_triangle_with_lower_triangle();
             (0..n).for_each(|i| normal[(i, i)] += pulls[i] + 1e-12 * (1.0 + normal[(i, i)]));
             known.factor = Some(normal.cholesky()?);
@@ -203,7 +235,10 @@ impl Known {
         let mut rest = series.to_vec();
         if let Some(factor) = &self.factor {
             let rows = self.rows.as_deref();
-            let right = DVector::from_iterator(self.columns.len(), self.columns.iter().map(|column| over(rows, column, series)));
+            let right = DVector::from_iterator(
+                self.columns.len(),
+                self.columns.iter().map(|column| over(rows, column, series)),
+            );
             for (column, size) in self.columns.iter().zip(factor.solve(&right).iter()) {
                 rest.iter_mut().zip(column).for_each(|(rest, value)| *rest -= size * value);
             }
@@ -225,22 +260,33 @@ fn over(rows: Option<&[bool]>, a: &[f64], b: &[f64]) -> f64 {
     }
 }
 
-/// The sizes of some directions in a residual, and what they add up to. Of several those whose sign physics does not allow are left
-/// out, the largest first; the last one stays whatever its sign, but not where unseen rows are to be explained with it.
-fn regress(residual: &[f64], directions: &[Vec<f64>], allows: &dyn Fn(f64) -> bool, rows: Option<&[bool]>) -> Option<(Vec<f64>, Vec<f64>)> {
-    let mut active: Vec<usize> = (0..directions.len()).filter(|i| over(rows, &directions[*i], &directions[*i]) > 0.0).collect();
+/// The sizes of some directions in a residual, and what they add up to. Of several those whose sign physics
+/// does not allow are left out, the largest first; the last one stays whatever its sign, but not where unseen
+/// rows are to be explained with it.
+fn regress(
+    residual: &[f64],
+    directions: &[Vec<f64>],
+    allows: &dyn Fn(f64) -> bool,
+    rows: Option<&[bool]>,
+) -> Option<(Vec<f64>, Vec<f64>)> {
+    let mut active: Vec<usize> =
+        (0..directions.len()).filter(|i| over(rows, &directions[*i], &directions[*i]) > 0.0).collect();
     loop {
         let n = active.len();
         if n == 0 {
             return None;
         }
-        let mut normal = DMatrix::from_fn(n, n, |i, j| over(rows, &directions[active[i]], &directions[active[j]]));
+        let mut normal =
+            DMatrix::from_fn(n, n, |i, j| over(rows, &directions[active[i]], &directions[active[j]]));
         let ridge = 1e-9 * normal.trace();
         (0..n).for_each(|i| normal[(i, i)] += ridge);
         let squares = normal.diagonal();
-        let size = normal.cholesky()?.solve(&DVector::from_fn(n, |i, _| over(rows, &directions[active[i]], residual)));
+        let size = normal
+            .cholesky()?
+            .solve(&DVector::from_fn(n, |i, _| over(rows, &directions[active[i]], residual)));
         let refused = (0..n).filter(|i| !allows(size[*i]));
-        let worst = refused.max_by(|i, j| (size[*i].powi(2) * squares[*i]).total_cmp(&(size[*j].powi(2) * squares[*j])));
+        let worst = refused
+            .max_by(|i, j| (size[*i].powi(2) * squares[*i]).total_cmp(&(size[*j].powi(2) * squares[*j])));
         let (mut sizes, mut sum) = (vec![0.0; directions.len()], vec![0.0; residual.len()]);
         match worst {
             Some(worst) if n > 1 => {
@@ -258,10 +304,14 @@ fn regress(residual: &[f64], directions: &[Vec<f64>], allows: &dyn Fn(f64) -> bo
     }
 }
 
-/// The inputs of a candidate that were logged, that the model does not use, and that do not follow from the room or the clock.
+/// The inputs of a candidate that were logged, that the model does not use, and that do not follow from the
+/// room or the clock.
 pub fn logged(candidate: &CandidateEffect, base: &Problem) -> Vec<usize> {
     let known = |channel: &str| base.model().inputs().iter().any(|input| input.channel == channel);
     let computed = |channel: &str| CALENDAR.contains(&channel) || COMPUTED.contains(&channel);
     let inputs = candidate.problem.model().inputs().iter().enumerate();
-    inputs.filter(|(_, input)| !known(&input.channel) && !computed(&input.channel)).map(|(place, _)| place).collect()
+    inputs
+        .filter(|(_, input)| !known(&input.channel) && !computed(&input.channel))
+        .map(|(place, _)| place)
+        .collect()
 }

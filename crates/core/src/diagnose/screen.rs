@@ -1,8 +1,9 @@
 //! The instant preview: a score test of every candidate, one linearised simulation each.
 //!
-//! The residual, the sensitivities of the model's own parameters and that of the candidate go through the same
-//! whitening filter. What the model's own parameters can imitate is projected out; what is left of the residual is
-//! compared with what is left of the candidate: LM = -n ln(1 - R2) (Rao's score test; reference: missing-effects 3).
+//! The residual, the sensitivities of the model's own parameters and that of the candidate go through the
+//! same whitening filter. What the model's own parameters can imitate is projected out; what is left of the
+//! residual is compared with what is left of the candidate: LM = -n ln(1 - R2) (Rao's score test; reference:
+//! missing-effects 3).
 
 use super::library::{CandidateEffect, sign_allows};
 use super::refit::{Refit, filtered, simulated};
@@ -13,10 +14,11 @@ use crate::model::Scale;
 use crate::simulate::trajectory::Halt;
 use nalgebra::{DMatrix, DVector};
 
-/// A candidate that moves the output by less than this at its physical bound cannot be seen, in the noise of its sensor.
+/// A candidate that moves the output by less than this at its physical bound cannot be seen, in the noise of
+/// its sensor.
 const VISIBLE: f64 = 0.4;
-/// A candidate of which the model's own parameters imitate all but this share of the variance has no score here, but may
-/// gain elsewhere: where a rate lies on its bound, one state imitates another.
+/// A candidate of which the model's own parameters imitate all but this share of the variance has no score
+/// here, but may gain elsewhere: where a rate lies on its bound, one state imitates another.
 const IMITATED: f64 = 1e-4;
 /// All but this share, and it is the same term once more.
 const SAME: f64 = 1e-8;
@@ -43,7 +45,14 @@ pub struct Score {
 impl Score {
     /// Of a candidate that does nothing where it was asked about.
     pub fn nothing() -> Self {
-        Self { statistic: 0.0, net: 0.0, step: Vec::new(), sign: true, direction: Vec::new(), imitated: false }
+        Self {
+            statistic: 0.0,
+            net: 0.0,
+            step: Vec::new(),
+            sign: true,
+            direction: Vec::new(),
+            imitated: false,
+        }
     }
 }
 
@@ -117,34 +126,48 @@ impl<'a> Screen<'a> {
         let runs = simulated(&candidate.problem, &thetas, self.halt);
         let train = usable(&candidate.problem, &candidate.problem.split().train);
         if let (Some(Some(with)), Some(Some(without))) = (runs.last(), runs.first()) {
-            let difference: Vec<f64> = at(with, &train).iter().zip(at(without, &train)).map(|(with, without)| with - without).collect();
+            let difference: Vec<f64> = at(with, &train)
+                .iter()
+                .zip(at(without, &train))
+                .map(|(with, without)| with - without)
+                .collect();
             if mean_square(&difference).sqrt() < VISIBLE * candidate.problem.scaled_noise() {
                 return Err(Blind::TooSmall);
             }
         }
         let whitened = |run: &Option<Vec<Vec<f64>>>| run.as_ref().map(|run| self.whitening.apply(run));
-        let series: Vec<Vec<f64>> = runs[..runs.len() - 1].iter().map(whitened).collect::<Option<_>>().ok_or(Blind::Diverged)?;
-        let column = |run: usize, step: f64| series[0].iter().zip(&series[run]).map(move |(off, with)| (off - with) / step);
+        let series: Vec<Vec<f64>> =
+            runs[..runs.len() - 1].iter().map(whitened).collect::<Option<_>>().ok_or(Blind::Diverged)?;
+        let column = |run: usize, step: f64| {
+            series[0].iter().zip(&series[run]).map(move |(off, with)| (off - with) / step)
+        };
         let k = candidate.own.len();
-        let tangent = DMatrix::from_iterator(series[0].len(), k, (0..k).flat_map(|index| column(index + 1, steps[index])));
+        let tangent = DMatrix::from_iterator(
+            series[0].len(),
+            k,
+            (0..k).flat_map(|index| column(index + 1, steps[index])),
+        );
         let score = self.explained(candidate, &tangent)?;
-        // What a delay does is no multiple of what a small one does: the secant to the nominal value shows it better.
-        let secants = steps[k..].iter().map(|step| DMatrix::from_iterator(series[0].len(), 1, column(k + 1, *step)));
+        // What a delay does is no multiple of what a small one does: the secant to the nominal value shows it
+        // better.
+        let secants =
+            steps[k..].iter().map(|step| DMatrix::from_iterator(series[0].len(), 1, column(k + 1, *step)));
         let best = secants
             .filter_map(|secant| self.explained(candidate, &secant).ok())
             .find(|other| other.sign && other.statistic > score.statistic);
         Ok(best.unwrap_or(score))
     }
 
-    /// What is left of the change that a candidate makes at these parameters of its own, and of the residual, sample by
-    /// sample of the whitened series, when all that the model's own parameters can do is taken from both: the two axes of
-    /// an added-variable plot (Cook and Weisberg 1982), whose slope is 1 where the candidate is as large as that. `None`
-    /// where its simulation diverges.
+    /// What is left of the change that a candidate makes at these parameters of its own, and of the residual,
+    /// sample by sample of the whitened series, when all that the model's own parameters can do is taken from
+    /// both: the two axes of an added-variable plot (Cook and Weisberg 1982), whose slope is 1 where the
+    /// candidate is as large as that. `None` where its simulation diverges.
     pub fn added(&self, candidate: &CandidateEffect, with: &[f64]) -> Option<(Vec<f64>, Vec<f64>)> {
         let off = candidate.lift(self.base, &self.theta);
         let mut on = off.clone();
         candidate.own.iter().for_each(|(index, _)| on[*index] = with[*index]);
-        let runs: Option<Vec<Vec<f64>>> = filtered(&candidate.problem, self.whitening, &[off, on], self.halt).into_iter().collect();
+        let runs: Option<Vec<Vec<f64>>> =
+            filtered(&candidate.problem, self.whitening, &[off, on], self.halt).into_iter().collect();
         let [off, on] = runs?.try_into().ok()?;
         let change = DVector::from_vec(off) - DVector::from_vec(on);
         let left = &change - &self.own * self.own.tr_mul(&change);
@@ -161,8 +184,16 @@ impl<'a> Screen<'a> {
         }
         if left.norm_squared() <= IMITATED * raw.norm_squared() {
             // A step along what is left would leave physics: the refit starts from the nominal values.
-            let step = candidate.own.iter().map(|(index, off)| candidate.problem.nominal()[*index] - off).collect();
-            return Ok(Score { statistic: 0.0, net: -(k as f64) * n.ln(), step, sign: true, direction: vec![0.0; rows], imitated: true });
+            let step =
+                candidate.own.iter().map(|(index, off)| candidate.problem.nominal()[*index] - off).collect();
+            return Ok(Score {
+                statistic: 0.0,
+                net: -(k as f64) * n.ln(),
+                step,
+                sign: true,
+                direction: vec![0.0; rows],
+                imitated: true,
+            });
         }
         let mut normal = left.tr_mul(&left);
         let ridge = 1e-9 * normal.trace();
@@ -175,7 +206,14 @@ impl<'a> Screen<'a> {
         let sign = step.iter().any(|value| sign_allows(candidate.spec.sign, *value));
         let first = left.column(0);
         let direction = first.iter().map(|value| value / first.norm().max(f64::MIN_POSITIVE)).collect();
-        Ok(Score { statistic, net: statistic - k as f64 * n.ln(), step: step.iter().copied().collect(), sign, direction, imitated: false })
+        Ok(Score {
+            statistic,
+            net: statistic - k as f64 * n.ln(),
+            step: step.iter().copied().collect(),
+            sign,
+            direction,
+            imitated: false,
+        })
     }
 }
 

@@ -1,6 +1,8 @@
-//! A round: every candidate is refitted, and the gates (`acceptance`) decide (reference: missing-effects 3, 5 and 7).
+//! A round: every candidate is refitted, and the gates (`acceptance`) decide (reference: missing-effects 3, 5
+//! and 7).
 //!
-//! The null model is restarted from the best candidates' parameters, so that no candidate gains by a better search alone.
+//! The null model is restarted from the best candidates' parameters, so that no candidate gains by a better
+//! search alone.
 
 use super::acceptance::{Ahead, LEAST_BIC, LEAST_FALL, Refitted, Tried, gate, ties};
 use super::course::Course;
@@ -21,25 +23,30 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 const LEAST_FAMILIES: usize = 5;
 /// Members of a family of choices that are refitted.
 const CHOICES: usize = 3;
-/// Least score of a candidate that is refitted: chi-squared with one degree of freedom exceeds it by chance in a
-/// third of all cases. What the linearised model gives no gain at all the refit gives none either.
+/// Least score of a candidate that is refitted: chi-squared with one degree of freedom exceeds it by chance
+/// in a third of all cases. What the linearised model gives no gain at all the refit gives none either.
 const LEAST_SCORE: f64 = 1.0;
 /// From how many of the best candidates the null model is restarted.
 const RESTARTS: usize = 3;
-/// The largest cost of the free run to which a restart from the nominal values has come, over the null model's, at which it goes
-/// on for as many iterations again: the way from the nominal values is long. One of a large model has to have come to the null model's.
+/// The largest cost of the free run to which a restart from the nominal values has come, over the null
+/// model's, at which it goes on for as many iterations again: the way from the nominal values is long. One of
+/// a large model has to have come to the null model's.
 const GOES_ON: f64 = 2.0;
 /// The largest cost in the end, over the null model's, at which the refit goes on from it.
 const PROMISING: f64 = 0.95;
-/// Parts of the linearised step of a large model, of which the one that costs least is the start: a whole step of what is far from linear
-/// can lead so far astray that the few iterations such a model can afford do not find back.
+/// Parts of the linearised step of a large model, of which the one that costs least is the start: a whole
+/// step of what is far from linear can lead so far astray that the few iterations such a model can afford do
+/// not find back.
 const PARTS: [f64; 3] = [1.0, 0.3, 0.1];
-/// A candidate leads clearly whose free run's squared error is this much of the null model's after the first part of its way.
+/// A candidate leads clearly whose free run's squared error is this much of the null model's after the first
+/// part of its way.
 const CLEAR: f64 = 0.5;
-/// Ratio of free-run error to innovation deviation from which on every candidate is searched from the nominal values before the first
-/// round ends with nothing: below it little is left to explain, and with a finding the model is a room again.
+/// Ratio of free-run error to innovation deviation from which on every candidate is searched from the nominal
+/// values before the first round ends with nothing: below it little is left to explain, and with a finding
+/// the model is a room again.
 const FAR_RHO: f64 = 1.3;
-/// The same below which a large model is right but for noise, and whose simulations are too dear to look far for nothing.
+/// The same below which a large model is right but for noise, and whose simulations are too dear to look far
+/// for nothing.
 const RIGHT_RHO: f64 = 1.05;
 
 /// What a round found.
@@ -72,9 +79,10 @@ pub enum Skip {
     Choice,
 }
 
-/// Tries every candidate on the null model, which is restarted on the way. `strict` asks for more of everybody, and `rate` is how often
-/// segments of hours may accuse where nothing is missing, alone or together with what `earlier` windows showed of the same model. What
-/// comes of a round that `halt` has cut short means nothing. `first` is the round in which nothing has been added yet.
+/// Tries every candidate on the null model, which is restarted on the way. `strict` asks for more of
+/// everybody, and `rate` is how often segments of hours may accuse where nothing is missing, alone or
+/// together with what `earlier` windows showed of the same model. What comes of a round that `halt` has cut
+/// short means nothing. `first` is the round in which nothing has been added yet.
 pub fn round(
     null: &mut NullModel,
     candidates: &[CandidateEffect],
@@ -95,22 +103,30 @@ pub fn round(
     let there = null.other.as_ref().and_then(|[_, white]| screened(white));
     let base = null.problem.clone();
     let tests = Tests::new(&base, &null.fitted.plain, candidates, rate, earlier, halt);
-    let hear = |candidate: &CandidateEffect| tests.as_ref().map(|tests| tests.hear(candidate)).unwrap_or_default();
+    let hear =
+        |candidate: &CandidateEffect| tests.as_ref().map(|tests| tests.hear(candidate)).unwrap_or_default();
     let heard: Vec<Heard> = candidates.par_iter().map(hear).collect();
     let scores = heard.iter().filter_map(|heard| heard.ranked.clone()).collect();
-    // With a finding the model is near the room, where a score is nearly what the likelihood would gain: the price is asked at once.
+    // With a finding the model is near the room, where a score is nearly what the likelihood would gain: the
+    // price is asked at once.
     let far = if base.filters() { first } else { rho >= RIGHT_RHO };
-    let asks = |score: &Score| score.imitated || (score.sign && if far { score.statistic >= LEAST_SCORE } else { score.net >= 0.0 });
+    let asks = |score: &Score| {
+        score.imitated || (score.sign && if far { score.statistic >= LEAST_SCORE } else { score.net >= 0.0 })
+    };
     let (chosen, skipped) = choose(candidates, here, there, &heard, &asks);
-    let faint = if far { 0 } else { skipped.iter().filter(|(_, skip)| matches!(skip, Skip::Faint(_))).count() };
+    let faint =
+        if far { 0 } else { skipped.iter().filter(|(_, skip)| matches!(skip, Skip::Faint(_))).count() };
     let imitated = |score: &Score| score.imitated;
-    let (mut chosen, mut skipped, mut restarting) = search_from_nominal(null, candidates, chosen, skipped, &imitated, course);
+    let (mut chosen, mut skipped, mut restarting) =
+        search_from_nominal(null, candidates, chosen, skipped, &imitated, course);
     let mut begun = begin_all(null, candidates, &chosen, &[], course);
-    // Where nobody of a large model leads clearly, the others are searched for before the rest of the way: refits are dear.
+    // Where nobody of a large model leads clearly, the others are searched for before the rest of the way:
+    // refits are dear.
     if far && !base.filters() && !leads_clearly(null, &begun) && !halt() {
         let known: Vec<(usize, Optima)> = chosen.iter().map(|one| one.place).zip(begun).collect();
         let more;
-        (chosen, skipped, more) = search_from_nominal(null, candidates, chosen, skipped, &|score| !imitated(score), course);
+        (chosen, skipped, more) =
+            search_from_nominal(null, candidates, chosen, skipped, &|score| !imitated(score), course);
         restarting += more;
         begun = begin_all(null, candidates, &chosen, &known, course);
     }
@@ -122,9 +138,15 @@ pub fn round(
         judged
     };
     let mut judged = judge(null, refitted);
-    if first && judged.winner.is_none() && base.filters() && null.worst_rho().is_some_and(|rho| rho >= FAR_RHO) && !halt() {
+    if first
+        && judged.winner.is_none()
+        && base.filters()
+        && null.worst_rho().is_some_and(|rho| rho >= FAR_RHO)
+        && !halt()
+    {
         let near = chosen.into_iter().map(|chosen| Chosen { far: None, ..chosen }).collect();
-        let (chosen, left, more) = search_from_nominal(null, candidates, near, skipped, &|score| !imitated(score), course);
+        let (chosen, left, more) =
+            search_from_nominal(null, candidates, near, skipped, &|score| !imitated(score), course);
         skipped = left;
         restarting += more;
         let again: Vec<Chosen> = chosen.into_iter().filter(|chosen| chosen.far.is_some()).collect();
@@ -132,7 +154,8 @@ pub fn round(
         let mut refitted = go_on_all(null, candidates, &again, begun, course);
         if !refitted.is_empty() {
             let known = |one: &Tried| refitted.iter().any(|other| other.candidate == one.refitted.candidate);
-            let kept: Vec<Refitted> = judged.tried.iter().filter(|one| !known(one)).map(|one| one.refitted.clone()).collect();
+            let kept: Vec<Refitted> =
+                judged.tried.iter().filter(|one| !known(one)).map(|one| one.refitted.clone()).collect();
             refitted.extend(kept);
             judged = judge(null, refitted);
         }
@@ -149,7 +172,8 @@ struct JudgedRound {
     winner: Option<usize>,
 }
 
-/// Compares candidates with a null model that goes on from where the best of them have come to. So many `faint` ones were not tried.
+/// Compares candidates with a null model that goes on from where the best of them have come to. So many
+/// `faint` ones were not tried.
 fn judge(
     null: &mut NullModel,
     candidates: &[CandidateEffect],
@@ -181,8 +205,8 @@ fn judge(
     JudgedRound { winner: winner(&tried), tried }
 }
 
-/// Whoever passes the gates with the largest gain. Where segments of hours show anybody, who of all that pass explains most of what they
-/// leave open.
+/// Whoever passes the gates with the largest gain. Where segments of hours show anybody, who of all that pass
+/// explains most of what they leave open.
 fn winner(tried: &[Tried]) -> Option<usize> {
     let mut passes = (0..tried.len()).filter(|place| tried[*place].gate.is_none());
     let share = |place: &usize| tried[*place].heard.share().unwrap_or(0.0);
@@ -192,19 +216,29 @@ fn winner(tried: &[Tried]) -> Option<usize> {
     }
 }
 
-/// Restarts the null model from the parameters of the best candidates without their effects, and compares again.
-fn restart(null: &mut NullModel, candidates: &[CandidateEffect], refitted: &mut [Refitted], count: usize, halt: Halt) {
+/// Restarts the null model from the parameters of the best candidates without their effects, and compares
+/// again.
+fn restart(
+    null: &mut NullModel,
+    candidates: &[CandidateEffect],
+    refitted: &mut [Refitted],
+    count: usize,
+    halt: Halt,
+) {
     let bases: Vec<[Vec<f64>; 2]> = refitted
         .iter()
         .take(count)
-        .map(|one| [&one.fitted.plain, &one.fitted.white].map(|theta| candidates[one.candidate].lower(&null.problem, theta)))
+        .map(|one| {
+            [&one.fitted.plain, &one.fitted.white]
+                .map(|theta| candidates[one.candidate].lower(&null.problem, theta))
+        })
         .collect();
     null.restart(&bases, halt);
     compare(null, refitted);
 }
 
-/// The median gain of the families that were tried, each by its best member; minus infinity where they are too few
-/// to tell. So many `faint` ones were not worth a trial.
+/// The median gain of the families that were tried, each by its best member; minus infinity where they are
+/// too few to tell. So many `faint` ones were not worth a trial.
 fn median_gain(null: &NullModel, refitted: &[Refitted], candidates: &[CandidateEffect], faint: usize) -> f64 {
     let mut families: Vec<&str> = Vec::new();
     let mut gains: Vec<f64> = Vec::new();
@@ -231,8 +265,8 @@ struct Chosen {
     far: Option<Vec<f64>>,
 }
 
-/// Who is refitted: whom the data can show with a sign that physics allows, from either optimum of the null model,
-/// and of a shape the best choices.
+/// Who is refitted: whom the data can show with a sign that physics allows, from either optimum of the null
+/// model, and of a shape the best choices.
 fn choose(
     candidates: &[CandidateEffect],
     here: Vec<Result<Score, Blind>>,
@@ -246,8 +280,12 @@ fn choose(
     for (place, here) in here.into_iter().enumerate() {
         let there = there.next().and_then(Result::ok).filter(asks);
         match (here, there) {
-            (Ok(score), there) if asks(&score) => chosen.push(Chosen { place, score, other: there.map(|score| score.step), far: None }),
-            (_, Some(score)) => chosen.push(Chosen { place, other: Some(score.step.clone()), score, far: None }),
+            (Ok(score), there) if asks(&score) => {
+                chosen.push(Chosen { place, score, other: there.map(|score| score.step), far: None })
+            }
+            (_, Some(score)) => {
+                chosen.push(Chosen { place, other: Some(score.step.clone()), score, far: None })
+            }
             (here, None) if let Some(shown) = &heard[place].shown => {
                 let score = Score { step: shown.step.clone(), ..here.unwrap_or_else(|_| Score::nothing()) };
                 chosen.push(Chosen { place, score, other: None, far: None });
@@ -261,16 +299,18 @@ fn choose(
         let alike = |other: &&Chosen| candidates[other.place].family() == candidates[one.place].family();
         chosen.iter().filter(alike).filter(|other| other.score.statistic > one.score.statistic).count()
     };
-    let keep: Vec<bool> = chosen.iter().map(|one| !candidates[one.place].is_choice() || better(one) < CHOICES).collect();
+    let keep: Vec<bool> =
+        chosen.iter().map(|one| !candidates[one.place].is_choice() || better(one) < CHOICES).collect();
     let (kept, left): (Vec<_>, Vec<_>) = chosen.into_iter().zip(keep).partition(|(_, keep)| *keep);
     skipped.extend(left.into_iter().map(|(one, _)| (one.place, Skip::Choice)));
     (kept.into_iter().map(|(one, _)| one).collect(), skipped)
 }
 
-/// Searches from the nominal values with every candidate that `goes`: without its missing effect a model may err least where it is
-/// none of its kind any more, and nothing that is added there helps. Of a family of choices the best by score goes for all. Who is
-/// refitted now, who is not, and the simulations of all restarts. First go those that the model's own parameters imitate at the null
-/// model's optimum; the others where too little is found without them.
+/// Searches from the nominal values with every candidate that `goes`: without its missing effect a model may
+/// err least where it is none of its kind any more, and nothing that is added there helps. Of a family of
+/// choices the best by score goes for all. Who is refitted now, who is not, and the simulations of all
+/// restarts. First go those that the model's own parameters imitate at the null model's optimum; the others
+/// where too little is found without them.
 fn search_from_nominal(
     null: &NullModel,
     candidates: &[CandidateEffect],
@@ -287,7 +327,8 @@ fn search_from_nominal(
         Skip::Blind(Blind::Diverged) | Skip::Choice => None,
     };
     let asked = |place: usize, score: &Score| goes(score).then_some((place, score.statistic));
-    let mut waiting: Vec<(usize, f64)> = chosen.iter().filter_map(|one| asked(one.place, &one.score)).collect();
+    let mut waiting: Vec<(usize, f64)> =
+        chosen.iter().filter_map(|one| asked(one.place, &one.score)).collect();
     waiting.extend(skipped.iter().filter_map(|(place, skip)| asked(*place, &score(skip)?)));
     waiting.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
     let mut families: Vec<&str> = Vec::new();
@@ -320,8 +361,11 @@ fn search_from_nominal(
             (cost < most).then_some((place, theta))
         })
         .collect();
-    let mut promising = |place: usize| far.iter().position(|(other, _)| *other == place).map(|found| far.swap_remove(found).1);
-    let mut chosen: Vec<Chosen> = chosen.into_iter().map(|one| Chosen { far: promising(one.place), ..one }).collect();
+    let mut promising = |place: usize| {
+        far.iter().position(|(other, _)| *other == place).map(|found| far.swap_remove(found).1)
+    };
+    let mut chosen: Vec<Chosen> =
+        chosen.into_iter().map(|one| Chosen { far: promising(one.place), ..one }).collect();
     let mut left = Vec::new();
     for (place, skip) in skipped {
         match score(&skip).zip(promising(place)) {
@@ -358,11 +402,18 @@ fn leads_clearly(null: &NullModel, begun: &[Optima]) -> bool {
 }
 
 /// The rest of the way of all that promise something.
-fn go_on_all(null: &NullModel, candidates: &[CandidateEffect], chosen: &[Chosen], begun: Vec<Optima>, course: &Course) -> Vec<Refitted> {
+fn go_on_all(
+    null: &NullModel,
+    candidates: &[CandidateEffect],
+    chosen: &[Chosen],
+    begun: Vec<Optima>,
+    course: &Course,
+) -> Vec<Refitted> {
     let clear = leads_clearly(null, &begun);
     let one = |(one, begun): (&Chosen, Optima)| {
         let candidate = &candidates[one.place];
-        // The few iterations that a large model can afford show little after a fifth of them, unless somebody leads clearly.
+        // The few iterations that a large model can afford show little after a fifth of them, unless somebody
+        // leads clearly.
         let goes_on = null.is_promising(&begun) || (!candidate.problem.filters() && !clear);
         let before = begun.evaluations;
         let refitted = refit(null, candidate, one, begun, goes_on, &|| course.halts())?;
@@ -383,7 +434,8 @@ fn begin(null: &NullModel, candidate: &CandidateEffect, chosen: &Chosen, halt: H
             // Not on the bound, where a rate on a logarithmic scale would never leave it.
             let least = off + 1e-3 * (upper - lower);
             let wanted = off + part * step;
-            start[*index] = if lower >= 0.0 { wanted.clamp(least, upper) } else { wanted.clamp(lower, upper) };
+            start[*index] =
+                if lower >= 0.0 { wanted.clamp(least, upper) } else { wanted.clamp(lower, upper) };
         }
         start
     };
@@ -408,11 +460,23 @@ fn begin(null: &NullModel, candidate: &CandidateEffect, chosen: &Chosen, halt: H
 }
 
 /// The candidate where its way ends, whether or not it goes on.
-fn refit(null: &NullModel, candidate: &CandidateEffect, chosen: &Chosen, begun: Optima, goes_on: bool, halt: Halt) -> Option<Refitted> {
+fn refit(
+    null: &NullModel,
+    candidate: &CandidateEffect,
+    chosen: &Chosen,
+    begun: Optima,
+    goes_on: bool,
+    halt: Halt,
+) -> Option<Refitted> {
     let iterations = Effort::of(&candidate.problem).refit;
-    let fitted = if goes_on { null.filters.go_on(&candidate.problem, begun, iterations, halt) } else { begun };
+    let fitted =
+        if goes_on { null.filters.go_on(&candidate.problem, begun, iterations, halt) } else { begun };
     let measured = null.filters.measure(&candidate.problem, &fitted, halt)?;
-    let active = candidate.own.iter().filter(|(index, off)| is_active(candidate, *index, *off, fitted.white[*index])).count();
+    let active = candidate
+        .own
+        .iter()
+        .filter(|(index, off)| is_active(candidate, *index, *off, fitted.white[*index]))
+        .count();
     Some(Refitted { candidate: chosen.place, score: chosen.score.clone(), fitted, measured, active })
 }
 
@@ -424,11 +488,12 @@ fn is_active(candidate: &CandidateEffect, index: usize, off: f64, value: f64) ->
 
 /// The largest gain over the null model as it is now comes first.
 fn compare(null: &NullModel, refitted: &mut [Refitted]) {
-    refitted.sort_by(|a, b| b.delta_bic(null).total_cmp(&a.delta_bic(null)).then(a.candidate.cmp(&b.candidate)));
+    refitted
+        .sort_by(|a, b| b.delta_bic(null).total_cmp(&a.delta_bic(null)).then(a.candidate.cmp(&b.candidate)));
 }
 
-/// Forecasts a day ahead with those candidates that explain slow residuals, or innovations without making the free run
-/// better: it can be dominated by what nobody logs, and states re-estimated every day put it right.
+/// Forecasts a day ahead with those candidates that explain slow residuals, or innovations without making the
+/// free run better: it can be dominated by what nobody logs, and states re-estimated every day put it right.
 fn day_ahead(null: &NullModel, candidates: &[CandidateEffect], refitted: &[Refitted]) -> Vec<Option<Ahead>> {
     let asked = |one: &Refitted| {
         let gain = one.gain(null, None);
@@ -448,7 +513,10 @@ fn day_ahead(null: &NullModel, candidates: &[CandidateEffect], refitted: &[Refit
         let before = before.filter(|_| *asked)?;
         let after = error(&candidates[one.candidate].problem, &one.fitted.plain, Some(process_noise)).0?;
         let noise = one.measured.floor.powi(2);
-        Some(Ahead { fall: (after / before).sqrt(), share: (before - after) / (before - noise).max(1e-3 * before) })
+        Some(Ahead {
+            fall: (after / before).sqrt(),
+            share: (before - after) / (before - noise).max(1e-3 * before),
+        })
     };
     refitted.par_iter().zip(&asked).map(ahead).collect()
 }

@@ -1,4 +1,5 @@
-//! What is left in series that should be noise: correlation with inputs, with their own past, and by frequency.
+//! What is left in series that should be noise: correlation with inputs, with their own past, and by
+//! frequency.
 
 use super::regimes::circumstances;
 use crate::data::{CALENDAR, Grid, is_compass};
@@ -6,7 +7,8 @@ use crate::estimate::Problem;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// Longest lag at which an input is said to go with the residual most, in hours: a day on, the same hour comes again.
+/// Longest lag at which an input is said to go with the residual most, in hours: a day on, the same hour
+/// comes again.
 const LAG_HOURS: f64 = 6.0;
 /// Longest lag that is shown, and the least distance of two, in hours.
 const SHOWN_LAG_HOURS: f64 = 24.0;
@@ -34,13 +36,13 @@ pub struct InputLag {
     pub correlation: f64,
     /// The lag in hours, six at most: the residual follows the input by so much.
     pub lag_hours: f64,
-    /// Whether a controller may move it by what the output does: a valve, a mass flow, the power of a heater. There the
-    /// input follows the output, and a correlation is weaker evidence.
+    /// Whether a controller may move it by what the output does: a valve, a mass flow, the power of a heater.
+    /// There the input follows the output, and a correlation is weaker evidence.
     pub feedback: bool,
     /// The lags of `correlations` in hours, up to a day.
     pub lags_hours: Vec<f64>,
-    /// The correlation at each of these lags. It has no band: a free-run residual depends on its own past, so that chance
-    /// alone gives large ones.
+    /// The correlation at each of these lags. It has no band: a free-run residual depends on its own past, so
+    /// that chance alone gives large ones.
     pub correlations: Vec<f64>,
 }
 
@@ -57,14 +59,15 @@ pub struct Spectrum {
     pub step_hours: f64,
     /// The frequencies of `cumulated_periodogram` in cycles a day, evenly up to half the sampling rate.
     pub cycles_per_day: Vec<f64>,
-    /// Share of the power up to each frequency, over as many whole days as the newest samples hold; a straight line for
-    /// white noise.
+    /// Share of the power up to each frequency, over as many whole days as the newest samples hold; a
+    /// straight line for white noise.
     pub cumulated_periodogram: Vec<f64>,
     /// Largest distance from the straight line.
     pub largest_distance: f64,
     /// The 95 % limit of that distance for white noise (Kolmogorov and Smirnov).
     pub distance_limit: f64,
-    /// Periods up to two days that stand out of white noise and of the frequencies around them (95 %), the strongest first.
+    /// Periods up to two days that stand out of white noise and of the frequencies around them (95 %), the
+    /// strongest first.
     pub peaks: Vec<Peak>,
 }
 
@@ -79,7 +82,8 @@ pub struct Peak {
 
 /// Whether a controller may move a channel by what the output does.
 fn may_be_controlled(channel: &str) -> bool {
-    matches!(channel, "flow" | "valve") || (channel.starts_with("P_") && channel.to_lowercase().contains("heat"))
+    matches!(channel, "flow" | "valve")
+        || (channel.starts_with("P_") && channel.to_lowercase().contains("heat"))
 }
 
 /// The lag of every input of the grid at which the residual goes with it most, the strongest first.
@@ -91,7 +95,11 @@ pub fn input_lags(problem: &Problem, grid: &Grid, error: &[f64], usable: &[usize
     let mut lags: Vec<InputLag> = circumstances(problem, grid)
         .filter(|(channel, _)| !CALENDAR.contains(channel) && !is_compass(channel))
         .map(|(channel, column)| {
-            let at = |lag: usize| correlation(usable.iter().filter(|k| **k >= lag).map(|k| (error[*k], column.values()[k - lag])));
+            let at = |lag: usize| {
+                correlation(
+                    usable.iter().filter(|k| **k >= lag).map(|k| (error[*k], column.values()[k - lag])),
+                )
+            };
             let best = (0..=longest)
                 .map(|lag| (at(lag), lag))
                 .fold((0.0, 0), |best, one| if f64::abs(one.0) > f64::abs(best.0) { one } else { best });
@@ -124,7 +132,8 @@ fn correlation(pairs: impl Iterator<Item = (f64, f64)>) -> f64 {
     if spread > 0.0 { (xy - x * y / n) / spread.sqrt() } else { 0.0 }
 }
 
-/// Autocorrelation and cumulated periodogram of innovations that are so many hours apart, whose gaps are closed up.
+/// Autocorrelation and cumulated periodogram of innovations that are so many hours apart, whose gaps are
+/// closed up.
 pub fn spectrum(innovations: &[Option<f64>], step_hours: f64) -> Spectrum {
     let known: Vec<f64> = innovations.iter().flatten().copied().collect();
     let n = known.len();
@@ -135,7 +144,9 @@ pub fn spectrum(innovations: &[Option<f64>], step_hours: f64) -> Spectrum {
     let series: Vec<f64> = known.iter().map(|value| value - mean).collect();
     let power: f64 = series.iter().map(|x| x * x).sum();
     let acf = (1..=LAGS.min(n / 4))
-        .map(|lag| series[lag..].iter().zip(&series).map(|(a, b)| a * b).sum::<f64>() / power.max(f64::MIN_POSITIVE))
+        .map(|lag| {
+            series[lag..].iter().zip(&series).map(|(a, b)| a * b).sum::<f64>() / power.max(f64::MIN_POSITIVE)
+        })
         .collect();
     // Over whole days the day and its halves are frequencies of the transform, and do not spill into others.
     let (longest, day) = (n.min(LONGEST), ((24.0 / step_hours).round() as usize).max(1));
@@ -186,24 +197,29 @@ fn periodogram(series: &[f64]) -> Vec<f64> {
     (1..=(series.len() - 1) / 2).map(ordinate).collect()
 }
 
-/// The shares that stand out both of white noise and of the frequencies around them, the largest first, with their
-/// places; `first` is the first place that is looked at.
+/// The shares that stand out both of white noise and of the frequencies around them, the largest first, with
+/// their places; `first` is the first place that is looked at.
 ///
-/// The largest of m shares of white noise exceeds x with a chance of about m (1 - x)^(m - 1) (Fisher 1929). Coloured
-/// noise has larger shares somewhere: an ordinate over the mean of k others nearby exceeds x with a chance of
-/// (1 + x/k)^-k, where the spectrum is level.
+/// The largest of m shares of white noise exceeds x with a chance of about m (1 - x)^(m - 1) (Fisher 1929).
+/// Coloured noise has larger shares somewhere: an ordinate over the mean of k others nearby exceeds x with a
+/// chance of (1 + x/k)^-k, where the spectrum is level.
 fn peaks(shares: &[f64], first: usize) -> Vec<(usize, f64)> {
     let m = shares.len() as f64;
     let white = 1.0 - (PEAK_CHANCE / m).powf(1.0 / (m - 1.0));
     let at = |index: Option<usize>| index.and_then(|index| shares.get(index)).copied();
     let stands_out = |(index, share): &(usize, f64)| {
-        let nearby: Vec<f64> = NEARBY.flat_map(|away| [at(index.checked_sub(away)), at(index.checked_add(away))]).flatten().collect();
+        let nearby: Vec<f64> = NEARBY
+            .flat_map(|away| [at(index.checked_sub(away)), at(index.checked_add(away))])
+            .flatten()
+            .collect();
         let k = nearby.len() as f64;
         let most = k * ((m / PEAK_CHANCE).powf(1.0 / k) - 1.0);
         let neighbours = [at(index.checked_sub(1)), at(Some(index + 1))];
-        *share > white.max(most * nearby.iter().sum::<f64>() / k) && neighbours.into_iter().flatten().all(|other| *share >= other)
+        *share > white.max(most * nearby.iter().sum::<f64>() / k)
+            && neighbours.into_iter().flatten().all(|other| *share >= other)
     };
-    let mut found: Vec<(usize, f64)> = shares.iter().copied().enumerate().skip(first).filter(stands_out).collect();
+    let mut found: Vec<(usize, f64)> =
+        shares.iter().copied().enumerate().skip(first).filter(stands_out).collect();
     found.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
     found.truncate(PEAKS);
     found
@@ -217,7 +233,8 @@ mod tests {
 
     #[test]
     fn a_sine_stands_out_at_its_frequency_and_its_lag() {
-        let wave: Vec<Option<f64>> = (0..512).map(|t| Some((2.0 * std::f64::consts::PI * f64::from(t) / 16.0).sin())).collect();
+        let wave: Vec<Option<f64>> =
+            (0..512).map(|t| Some((2.0 * std::f64::consts::PI * f64::from(t) / 16.0).sin())).collect();
         let found = spectrum(&wave, 0.5);
         assert!(found.acf[15] > 0.9 && found.acf[7] < -0.9, "{:?}", &found.acf[..16]);
         assert!(found.largest_distance > found.distance_limit);
@@ -239,7 +256,9 @@ mod tests {
         assert_eq!(ordinates.len(), 150);
         for frequency in [1usize, 77, 150] {
             let angle = |t: usize| 2.0 * std::f64::consts::PI * (frequency * t) as f64 / 301.0;
-            let sum = |part: fn(f64) -> f64| series.iter().enumerate().map(|(t, x)| x * part(angle(t))).sum::<f64>();
+            let sum = |part: fn(f64) -> f64| {
+                series.iter().enumerate().map(|(t, x)| x * part(angle(t))).sum::<f64>()
+            };
             let exact = sum(f64::sin).powi(2) + sum(f64::cos).powi(2);
             assert!((ordinates[frequency - 1] / exact - 1.0).abs() < 1e-9);
         }
@@ -255,7 +274,11 @@ mod tests {
         };
         let red: Vec<Option<f64>> = (0..1500).map(|_| next()).collect();
         let found = spectrum(&red, 0.5);
-        assert!(found.largest_distance > 3.0 * found.distance_limit && found.peaks.is_empty(), "{:?}", found.peaks);
+        assert!(
+            found.largest_distance > 3.0 * found.distance_limit && found.peaks.is_empty(),
+            "{:?}",
+            found.peaks
+        );
     }
 
     #[test]
@@ -265,7 +288,8 @@ mod tests {
         let quiet = spectrum(&noise.iter().copied().map(Some).collect::<Vec<_>>(), 0.5);
         assert!(quiet.peaks.is_empty() && quiet.largest_distance < quiet.distance_limit, "{:?}", quiet.peaks);
         let wave = |t: usize| (2.0 * std::f64::consts::PI * t as f64 / 48.0).sin();
-        let daily: Vec<Option<f64>> = (0..1500).map(|t| Some(noise[t] + 0.5 * wave(t) + 0.4 * wave(2 * t))).collect();
+        let daily: Vec<Option<f64>> =
+            (0..1500).map(|t| Some(noise[t] + 0.5 * wave(t) + 0.4 * wave(2 * t))).collect();
         let periods: Vec<f64> = spectrum(&daily, 0.5).peaks.iter().map(|peak| peak.period_hours).collect();
         assert_eq!(periods, [24.0, 12.0]);
     }

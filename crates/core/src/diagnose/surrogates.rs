@@ -1,6 +1,7 @@
-//! Is it this channel? A candidate is tried with its channels shifted by whole days, and must do better as they were logged than with any
-//! shift: the daily rhythm of a channel and the memory of the residual stay, and only what is claimed is broken (Theiler et al. 1992,
-//! Physica D 58, 77-94). Every room has its own true negatives this way.
+//! Is it this channel? A candidate is tried with its channels shifted by whole days, and must do better as
+//! they were logged than with any shift: the daily rhythm of a channel and the memory of the residual stay,
+//! and only what is claimed is broken (Theiler et al. 1992, Physica D 58, 77-94). Every room has its own true
+//! negatives this way.
 
 use super::ledger::{EffectScore, Entry, Span, pooled_with};
 use super::library::CandidateEffect;
@@ -19,8 +20,8 @@ const SHIFTS: usize = 60;
 /// The t from which on it is asked whether shifted channels do as well.
 const ASKED: f64 = 1.5;
 
-/// An effect that explains less than this share of the squared error changes a fortieth of the error: that is practically nothing,
-/// however sure it is.
+/// An effect that explains less than this share of the squared error changes a fortieth of the error: that is
+/// practically nothing, however sure it is.
 const LEAST_SHARE: f64 = 0.05;
 /// Several windows together are to do better than shifted channels as surely as one of twenty days can.
 const SHIFTED_TOGETHER: f64 = 0.05;
@@ -47,20 +48,32 @@ impl Shown {
 impl SegmentEvidence {
     /// What it says, for people.
     pub fn sentences(&self, candidate: &CandidateEffect) -> Vec<String> {
-        let chance = format!("by chance something looks like that in {} rooms in which nothing is missing", seldom(self.p));
+        let chance = format!(
+            "by chance something looks like that in {} rooms in which nothing is missing",
+            seldom(self.p)
+        );
         let [t, clock, share] = [self.t, self.beyond_clock, 100.0 * self.share];
         if self.windows > 1 {
             return vec![
                 format!(
-                    "This window alone does not prove it; {} windows together explain {share:.0} % of what the model errs by over stretches of {:.0} h (pooled t {t:.1}, and {clock:.1} beyond what happens every day at the same hours); {chance}.",
+                    "This window alone does not prove it; {} windows together explain {share:.0} % of what \
+                    the model errs by over stretches of {:.0} h (pooled t {t:.1}, and {clock:.1} beyond what \
+                    happens every day at the same hours); {chance}.",
                     self.windows, self.hours,
                 ),
-                format!("Shifted by whole days, {} does worse in all of them together (p {:.3}).", candidate.id, self.shift_p),
+                format!(
+                    "Shifted by whole days, {} does worse in all of them together (p {:.3}).",
+                    candidate.id, self.shift_p
+                ),
             ];
         }
-        let half = format!("its size from one half of the days explains {:.0} % in the other", 100.0 * self.confirmed_share);
+        let half = format!(
+            "its size from one half of the days explains {:.0} % in the other",
+            100.0 * self.confirmed_share
+        );
         let shown = format!(
-            "Over stretches of {:.0} h it explains {share:.0} % of what the model errs by, steadily over {} days (t {t:.1}, and {clock:.1} beyond what happens every day at the same hours); {chance}.",
+            "Over stretches of {:.0} h it explains {share:.0} % of what the model errs by, steadily over {} \
+            days (t {t:.1}, and {clock:.1} beyond what happens every day at the same hours); {chance}.",
             self.hours, self.days,
         );
         let shifted = format!(
@@ -92,7 +105,8 @@ pub struct Heard {
 }
 
 impl Heard {
-    /// The share that it explains over the length at which candidates are ranked, with a sign that physics allows.
+    /// The share that it explains over the length at which candidates are ranked, with a sign that physics
+    /// allows.
     pub fn share(&self) -> Option<f64> {
         self.ranked.as_ref().filter(|ranked| ranked.t > 0.0).map(|ranked| ranked.share)
     }
@@ -115,8 +129,9 @@ pub struct Tests<'a> {
 }
 
 impl<'a> Tests<'a> {
-    /// The null model along segments of every length, up to the end of the validation part; `None` where it has no states that could
-    /// be filtered, or leaves the numbers. `rate` and `earlier` are those of [`Tests::hear`].
+    /// The null model along segments of every length, up to the end of the validation part; `None` where it
+    /// has no states that could be filtered, or leaves the numbers. `rate` and `earlier` are those of
+    /// [`Tests::hear`].
     pub fn new(
         base: &'a Problem,
         theta: &[f64],
@@ -153,9 +168,10 @@ impl<'a> Tests<'a> {
         Some(Self { base, looks, ranking, candidates, rate, earlier, halt })
     }
 
-    /// What the segments show of a candidate. Shown is one that a logged channel drives, whose chance of being accused wrongly, over all
-    /// such candidates and lengths, is at most the rate, that does better than with every shift of its channels, and whose size from
-    /// each half of the days explains the other half; or one that is as sure together with earlier windows of the same model.
+    /// What the segments show of a candidate. Shown is one that a logged channel drives, whose chance of
+    /// being accused wrongly, over all such candidates and lengths, is at most the rate, that does better
+    /// than with every shift of its channels, and whose size from each half of the days explains the other
+    /// half; or one that is as sure together with earlier windows of the same model.
     pub fn hear(&self, candidate: &CandidateEffect) -> Heard {
         self.heard(candidate).unwrap_or_default()
     }
@@ -163,7 +179,8 @@ impl<'a> Tests<'a> {
     fn heard(&self, candidate: &CandidateEffect) -> Option<Heard> {
         let look = &self.looks[self.ranking];
         let score = look.score(candidate, candidate.problem.simulator())?;
-        let channels = Some(logged(candidate, self.base)).filter(|_| is_driven(candidate, self.base) && !(self.halt)());
+        let channels =
+            Some(logged(candidate, self.base)).filter(|_| is_driven(candidate, self.base) && !(self.halt)());
         let asked = channels.as_ref().filter(|_| score.t.abs() >= ASKED);
         let shifts = asked.map(|channels| self.shifted(look, candidate, channels));
         let size = *score.size.first()?;
@@ -179,13 +196,14 @@ impl<'a> Tests<'a> {
             shift_p: shifts.as_ref().map(|shifts| as_well(&score, shifts).0),
         };
         let shown = channels.and_then(|channels| {
-            self.alone(candidate, &channels, &score, shifts.as_deref()).or_else(|| self.together(candidate, &ranked, &score))
+            self.alone(candidate, &channels, &score, shifts.as_deref())
+                .or_else(|| self.together(candidate, &ranked, &score))
         });
         Some(Heard { shown, ranked: Some(ranked) })
     }
 
-    /// What this window shows by itself, over the length that shows it best. `ranked` and `ranked_shifts` are the scores over the length
-    /// at which candidates are ranked.
+    /// What this window shows by itself, over the length that shows it best. `ranked` and `ranked_shifts` are
+    /// the scores over the length at which candidates are ranked.
     fn alone(
         &self,
         candidate: &CandidateEffect,
@@ -199,11 +217,17 @@ impl<'a> Tests<'a> {
         };
         let mut scores: Vec<(usize, Score)> = (0..self.looks.len()).filter_map(score).collect();
         let chance = |score: &Score| chance(candidate, score.t.min(score.beyond_clock), score.days);
-        let p = (self.candidates * combined(&scores.iter().map(|(_, score)| chance(score)).collect::<Vec<_>>())).min(1.0);
+        let p = (self.candidates
+            * combined(&scores.iter().map(|(_, score)| chance(score)).collect::<Vec<_>>()))
+        .min(1.0);
         if p > self.rate {
             return None;
         }
-        scores.retain(|(_, score)| score.share >= LEAST_SHARE && score.confirmed > 0.0 && self.candidates * chance(score) <= self.rate);
+        scores.retain(|(_, score)| {
+            score.share >= LEAST_SHARE
+                && score.confirmed > 0.0
+                && self.candidates * chance(score) <= self.rate
+        });
         scores.sort_by(|one, other| chance(&one.1).total_cmp(&chance(&other.1)));
         scores.into_iter().find_map(|(place, score)| {
             let known = ranked_shifts.filter(|_| place == self.ranking).map(<[_]>::to_vec);
@@ -227,11 +251,14 @@ impl<'a> Tests<'a> {
         })
     }
 
-    /// What it shows together with the windows before, where it does not speak against them. Each of them confirms the others.
+    /// What it shows together with the windows before, where it does not speak against them. Each of them
+    /// confirms the others.
     fn together(&self, candidate: &CandidateEffect, ranked: &EffectScore, score: &Score) -> Option<Shown> {
-        let pooled =
-            pooled_with(self.earlier, ranked, span(self.base)?).filter(|pooled| pooled.windows > 1 && pooled.taken_back.is_none())?;
-        let p = (self.candidates * chance(candidate, pooled.t.min(pooled.beyond_clock), pooled.windows * score.days)).min(1.0);
+        let pooled = pooled_with(self.earlier, ranked, span(self.base)?)
+            .filter(|pooled| pooled.windows > 1 && pooled.taken_back.is_none())?;
+        let p = (self.candidates
+            * chance(candidate, pooled.t.min(pooled.beyond_clock), pooled.windows * score.days))
+        .min(1.0);
         let shift_p = pooled.shift_p?;
         let evidence = SegmentEvidence {
             hours: RANKING_HOURS,
@@ -246,11 +273,13 @@ impl<'a> Tests<'a> {
             p,
             windows: pooled.windows,
         };
-        let sure = p <= self.rate && shift_p <= SHIFTED_TOGETHER && score.t > 0.0 && pooled.share >= LEAST_SHARE;
+        let sure =
+            p <= self.rate && shift_p <= SHIFTED_TOGETHER && score.t > 0.0 && pooled.share >= LEAST_SHARE;
         sure.then(|| Shown { evidence, step: score.size.clone(), direction: score.direction.clone() })
     }
 
-    /// The scores of a candidate with its channels shifted by whole days, circularly over the samples that are looked at.
+    /// The scores of a candidate with its channels shifted by whole days, circularly over the samples that
+    /// are looked at.
     fn shifted(&self, look: &Look, candidate: &CandidateEffect, channels: &[usize]) -> Vec<Option<Score>> {
         let inputs = candidate.problem.inputs();
         let per_day = (86_400 / candidate.problem.grid().step()) as usize;
@@ -264,7 +293,8 @@ impl<'a> Tests<'a> {
             let length = days * per_day;
             let moved = channels.iter().fold(inputs.clone(), |moved, channel| {
                 let values = inputs.values(*channel);
-                let shifted = (0..values.len()).map(|k| if k < length { values[(k + day * per_day) % length] } else { values[k] });
+                let shifted = (0..values.len())
+                    .map(|k| if k < length { values[(k + day * per_day) % length] } else { values[k] });
                 moved.with_values(*channel, shifted.collect())
             });
             look.score(candidate, &candidate.problem.simulator().with_inputs(&moved))
@@ -282,19 +312,21 @@ pub fn span(problem: &Problem) -> Option<Span> {
 
 /// The share of shifted candidates, the true one counted, that do as well as that, and how many they are.
 fn as_well(score: &Score, shifts: &[Option<Score>]) -> (f64, usize) {
-    let does = |one: &&Score| one.t > 0.0 && (one.share >= score.share || one.beyond_clock >= score.beyond_clock);
+    let does =
+        |one: &&Score| one.t > 0.0 && (one.share >= score.share || one.beyond_clock >= score.beyond_clock);
     let count = shifts.iter().flatten().filter(does).count();
     ((1 + count) as f64 / (1 + shifts.len()) as f64, count)
 }
 
-/// The chance of so large a t of so many days where nothing is there: twice that of one side where physics allows both.
+/// The chance of so large a t of so many days where nothing is there: twice that of one side where physics
+/// allows both.
 fn chance(candidate: &CandidateEffect, t: f64, days: usize) -> f64 {
     let sides = if candidate.spec.sign == Sign::Any { 2.0 } else { 1.0 };
     StudentsT::new(0.0, 1.0, (days.max(2) - 1) as f64).map_or(1.0, |student| sides * student.sf(t)).min(1.0)
 }
 
-/// One chance for several tests of the same thing, however they lean on each other: Cauchy's combination (Liu and Xie 2020, J. Am. Stat.
-/// Assoc. 115, 393-402).
+/// One chance for several tests of the same thing, however they lean on each other: Cauchy's combination (Liu
+/// and Xie 2020, J. Am. Stat. Assoc. 115, 393-402).
 fn combined(chances: &[f64]) -> f64 {
     if chances.is_empty() {
         return 1.0;
@@ -334,7 +366,9 @@ mod tests {
         let (_, window) = small_world(&[]);
         let catalogue = Catalogue::builtin().unwrap();
         // A model whose answer to heat is the same at all times.
-        let problem = prepare(&catalogue, &"rc2".parse().unwrap(), &EstimateRequest::default(), &window, &site()).unwrap();
+        let problem =
+            prepare(&catalogue, &"rc2".parse().unwrap(), &EstimateRequest::default(), &window, &site())
+                .unwrap();
         let (grid, holes) = widen(&problem, &window, &site()).unwrap();
         let (library, _) = candidates(&catalogue, &problem, &grid, &holes, &site());
         let gain = library.iter().find(|candidate| candidate.id == "constant_gain").unwrap();
@@ -342,7 +376,8 @@ mod tests {
         let segments = Segments::new(&problem, 0..problem.grid().len(), 12.0);
         let starts = segments.starts(&problem, &theta);
         let linear = segments.linearise(&problem, problem.simulator(), &theta, &starts).unwrap();
-        let hours = segments.by_clock(&linear, problem.grid().step_hours(), |k| crate::data::hour_of_day(problem.grid(), k));
+        let hours = segments
+            .by_clock(&linear, problem.grid().step_hours(), |k| crate::data::hour_of_day(problem.grid(), k));
         let off = gain.lift(&problem, &theta);
         let mut on = off.clone();
         on[gain.own[0].0] += 1.0;
@@ -355,7 +390,13 @@ mod tests {
         assert!(apart < 1e-4 * dot(&warmed, &warmed), "{apart} of {}", dot(&warmed, &warmed));
     }
 
-    fn heard(base: &Problem, theta: &[f64], library: &[CandidateEffect], rate: f64, earlier: &[Entry]) -> Vec<Heard> {
+    fn heard(
+        base: &Problem,
+        theta: &[f64],
+        library: &[CandidateEffect],
+        rate: f64,
+        earlier: &[Entry],
+    ) -> Vec<Heard> {
         let tests = Tests::new(base, theta, library, rate, earlier, &|| false).unwrap();
         library.iter().map(|candidate| tests.hear(candidate)).collect()
     }
@@ -367,13 +408,24 @@ mod tests {
         let (library, _) = candidates(&Catalogue::builtin().unwrap(), &problem, &grid, &holes, &site());
         let theta = fitted(&problem).theta();
         let found = heard(&problem, &theta, &library, 0.01, &[]);
-        let named: Vec<&str> =
-            library.iter().zip(&found).filter(|(_, heard)| heard.shown.is_some()).map(|(candidate, _)| candidate.id.as_str()).collect();
+        let named: Vec<&str> = library
+            .iter()
+            .zip(&found)
+            .filter(|(_, heard)| heard.shown.is_some())
+            .map(|(candidate, _)| candidate.id.as_str())
+            .collect();
         assert_eq!(named, ["metered_gain:P_appliances"]);
         let evidence = &found.iter().find_map(|heard| heard.shown.as_ref()).unwrap().evidence;
-        assert!(evidence.share > 0.2 && evidence.t > 5.0 && evidence.days == 21 && evidence.shifts == 20, "{evidence:?}");
+        assert!(
+            evidence.share > 0.2 && evidence.t > 5.0 && evidence.days == 21 && evidence.shifts == 20,
+            "{evidence:?}"
+        );
         let never = heard(&problem, &theta, &library, 1e-30, &[]);
-        assert!(never.iter().all(|heard| heard.shown.is_none()) && never.iter().any(|heard| heard.ranked.is_some()), "nothing is so sure");
+        assert!(
+            never.iter().all(|heard| heard.shown.is_none())
+                && never.iter().any(|heard| heard.ranked.is_some()),
+            "nothing is so sure"
+        );
     }
     /// What one window cannot prove several can, and a newest one that contradicts takes it back.
     #[test]
@@ -384,11 +436,24 @@ mod tests {
         let theta = fitted(&problem).theta();
         let rate = 1e-30;
         let alone = heard(&problem, &theta, &library, rate, &[]);
-        let now = alone.iter().filter_map(|heard| heard.ranked.clone()).find(|score| score.effect == "metered_gain:P_appliances").unwrap();
+        let now = alone
+            .iter()
+            .filter_map(|heard| heard.ranked.clone())
+            .find(|score| score.effect == "metered_gain:P_appliances")
+            .unwrap();
         let before = |factor: f64| -> Vec<Entry> {
             let start = problem.grid().start();
-            let span = |weeks: i64| Span { from: start - (weeks + 3) * 604_800, to: start - weeks * 604_800, hours: RANKING_HOURS };
-            let score = EffectScore { size: factor * now.size, t: factor * now.t, beyond_clock: factor * now.beyond_clock, ..now.clone() };
+            let span = |weeks: i64| Span {
+                from: start - (weeks + 3) * 604_800,
+                to: start - weeks * 604_800,
+                hours: RANKING_HOURS,
+            };
+            let score = EffectScore {
+                size: factor * now.size,
+                t: factor * now.t,
+                beyond_clock: factor * now.beyond_clock,
+                ..now.clone()
+            };
             let entry = |weeks: i64| Entry {
                 diagnosis: String::new(),
                 model: problem.model().id().to_string(),
@@ -400,13 +465,19 @@ mod tests {
         };
         let named = |earlier: &[Entry]| {
             let found = heard(&problem, &theta, &library, rate, earlier);
-            let shown = library.iter().zip(found).filter_map(|(candidate, heard)| Some((candidate.id.clone(), heard.shown?.evidence)));
+            let shown = library
+                .iter()
+                .zip(found)
+                .filter_map(|(candidate, heard)| Some((candidate.id.clone(), heard.shown?.evidence)));
             shown.collect::<Vec<_>>()
         };
         let together = named(&before(1.0));
         let [(effect, evidence)] = together.as_slice() else { panic!("{together:?}") };
         assert_eq!((effect.as_str(), evidence.windows), ("metered_gain:P_appliances", 5));
-        assert!((evidence.size / now.size - 1.0).abs() < 1e-9 && evidence.t > 2.0 * now.t, "{evidence:?} {now:?}");
+        assert!(
+            (evidence.size / now.size - 1.0).abs() < 1e-9 && evidence.t > 2.0 * now.t,
+            "{evidence:?} {now:?}"
+        );
         assert_eq!(named(&before(-1.0)), []);
     }
 }

@@ -34,14 +34,18 @@ pub(super) fn site() -> Site {
 }
 
 pub(super) fn fitted(problem: &Problem) -> crate::estimate::Fit {
-    let request = EstimateRequest { method: SeededMethod { seed: 3, ..SeededMethod::default() }, ..EstimateRequest::default() };
+    let request = EstimateRequest {
+        method: SeededMethod { seed: 3, ..SeededMethod::default() },
+        ..EstimateRequest::default()
+    };
     estimate(problem, &request, None, &Control::NONE).unwrap()
 }
 
 fn diagnosis(effects: &[&str]) -> Diagnosis {
     let (problem, window) = small_world(effects);
     let theta = fitted(&problem).theta();
-    diagnose(&Catalogue::builtin().unwrap(), &problem, &theta, &window, &site(), RATE, &[], &Control::NONE).unwrap()
+    diagnose(&Catalogue::builtin().unwrap(), &problem, &theta, &window, &site(), RATE, &[], &Control::NONE)
+        .unwrap()
 }
 
 #[test]
@@ -57,7 +61,10 @@ fn the_hidden_wind_is_named_first_and_the_unseen_error_falls() {
     let truth = small_twin(&["wind_infiltration"]).truth.ahead;
     let size = first.size.as_ref().unwrap();
     assert!((0.85..1.15).contains(&(size.value / truth)), "{size:?} of {truth}");
-    assert!(size.unit == "K" && size.ci95.is_some_and(|[low, high]| low > 0.5 * truth && high < 2.0 * truth), "{size:?} of {truth}");
+    assert!(
+        size.unit == "K" && size.ci95.is_some_and(|[low, high]| low > 0.5 * truth && high < 2.0 * truth),
+        "{size:?} of {truth}"
+    );
     let solar = found.not_testable.iter().find(|one| one.effect == "solar_gain").unwrap();
     assert!(solar.reason.contains("own parameters"), "{}", solar.reason);
     assert!(found.considered.iter().all(|one| one.gate.is_some() || one.effect == "wind_infiltration"));
@@ -68,21 +75,45 @@ fn the_hidden_wind_is_named_first_and_the_unseen_error_falls() {
 fn the_shape_of_the_wind_is_that_of_the_error() {
     let (problem, window) = small_world(&["wind_infiltration"]);
     let theta = fitted(&problem).theta();
-    let found = diagnose(&Catalogue::builtin().unwrap(), &problem, &theta, &window, &site(), RATE, &[], &Control::NONE).unwrap();
+    let found = diagnose(
+        &Catalogue::builtin().unwrap(),
+        &problem,
+        &theta,
+        &window,
+        &site(),
+        RATE,
+        &[],
+        &Control::NONE,
+    )
+    .unwrap();
     let (first, shape) = (&found.findings[0], found.findings[0].shape.as_ref().unwrap());
     assert_eq!((shape.unit.as_str(), shape.time.len()), ("K", shape.unexplained.len()));
-    assert!(shape.effect.len() == shape.time.len() && (300..=400).contains(&shape.time.len()), "{} points", shape.time.len());
-    let pairs: Vec<(f64, f64)> = shape.unexplained.iter().zip(&shape.effect).filter_map(|(u, e)| u.zip(*e)).collect();
+    assert!(
+        shape.effect.len() == shape.time.len() && (300..=400).contains(&shape.time.len()),
+        "{} points",
+        shape.time.len()
+    );
+    let pairs: Vec<(f64, f64)> =
+        shape.unexplained.iter().zip(&shape.effect).filter_map(|(u, e)| u.zip(*e)).collect();
     let n = pairs.len() as f64;
     let mean = |of: &dyn Fn(&(f64, f64)) -> f64| pairs.iter().map(of).sum::<f64>() / n;
     let (u, e) = (mean(&|pair| pair.0), mean(&|pair| pair.1));
-    let (uu, ee, ue) = (mean(&|pair| (pair.0 - u).powi(2)), mean(&|pair| (pair.1 - e).powi(2)), mean(&|pair| (pair.0 - u) * (pair.1 - e)));
+    let (uu, ee, ue) = (
+        mean(&|pair| (pair.0 - u).powi(2)),
+        mean(&|pair| (pair.1 - e).powi(2)),
+        mean(&|pair| (pair.0 - u) * (pair.1 - e)),
+    );
     assert!(ue / (uu * ee).sqrt() > 0.9, "{}", ue / (uu * ee).sqrt());
-    // Means of two hours hide only noise: what is unexplained is the error without it, and the gap that with it.
+    // Means of two hours hide only noise: what is unexplained is the error without it, and the gap that with
+    // it.
     let unseen = shape.time.iter().position(|time| *time >= shape.validation_from).unwrap();
-    let rms = |of: &dyn Fn(&(f64, f64)) -> f64| (pairs[..unseen].iter().map(|pair| of(pair).powi(2)).sum::<f64>() / unseen as f64).sqrt();
+    let rms = |of: &dyn Fn(&(f64, f64)) -> f64| {
+        (pairs[..unseen].iter().map(|pair| of(pair).powi(2)).sum::<f64>() / unseen as f64).sqrt()
+    };
     let noise: f64 = 0.07;
-    for (mine, told) in [(rms(&|pair| pair.0), first.rmse.train[0]), (rms(&|pair| pair.0 - pair.1), first.rmse.train[1])] {
+    for (mine, told) in
+        [(rms(&|pair| pair.0), first.rmse.train[0]), (rms(&|pair| pair.0 - pair.1), first.rmse.train[1])]
+    {
         assert!(mine < told && told.powi(2) - mine.powi(2) < noise.powi(2), "{mine} beside {told}");
     }
 
@@ -93,20 +124,27 @@ fn the_shape_of_the_wind_is_that_of_the_error() {
     assert!(first.unexplained_ci95.unwrap()[1] < last.unexplained_ci95.unwrap()[0], "{first:?} {last:?}");
 }
 
-/// An effect with a delay knows nothing behind the start and behind each gap: then no model may be judged there.
+/// An effect with a delay knows nothing behind the start and behind each gap: then no model may be judged
+/// there.
 #[test]
 fn all_candidates_are_judged_on_the_same_samples() {
     let (problem, window) = small_world(&[]);
     let (grid, holes) = library::widen(&problem, &window, &site()).unwrap();
-    let (mut library, _) = library::candidates(&Catalogue::builtin().unwrap(), &problem, &grid, &holes, &site());
+    let (mut library, _) =
+        library::candidates(&Catalogue::builtin().unwrap(), &problem, &grid, &holes, &site());
     let all = 0..problem.grid().len();
-    let delayed =
-        |library: &[library::CandidateEffect]| library.iter().find(|candidate| candidate.id == "pipe_delay").unwrap().problem.clone();
+    let delayed = |library: &[library::CandidateEffect]| {
+        library.iter().find(|candidate| candidate.id == "pipe_delay").unwrap().problem.clone()
+    };
     let before = delayed(&library).usable(0, all.clone()).len();
     assert!(before < problem.usable(0, all.clone()).len());
     let problem = library::align(&problem.with_substeps(5), &mut library);
     assert_eq!(problem.usable(0, all.clone()).len(), before);
-    assert!(library.iter().all(|candidate| candidate.problem.usable(0, all.clone()) == problem.usable(0, all.clone())));
+    assert!(
+        library
+            .iter()
+            .all(|candidate| candidate.problem.usable(0, all.clone()) == problem.usable(0, all.clone()))
+    );
     assert!(library.iter().all(|candidate| candidate.problem.simulator().substeps() == 5));
 }
 
@@ -128,8 +166,19 @@ fn a_diagnosis_is_the_same_on_one_thread_and_on_two() {
     let theta = fitted(&problem).theta();
     let on = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        let found = pool
-            .install(|| diagnose(&Catalogue::builtin().unwrap(), &problem, &theta, &window, &site(), RATE, &[], &Control::NONE).unwrap());
+        let found = pool.install(|| {
+            diagnose(
+                &Catalogue::builtin().unwrap(),
+                &problem,
+                &theta,
+                &window,
+                &site(),
+                RATE,
+                &[],
+                &Control::NONE,
+            )
+            .unwrap()
+        });
         serde_json::to_string(&found).unwrap()
     };
     let one = on(1);
@@ -149,8 +198,15 @@ fn the_preview_and_the_ladder_begin_with_the_hidden_effect() {
     assert_eq!(found.steps[1].added.as_deref(), Some("metered_gain:P_appliances"));
     assert!(found.steps[1].kept && found.steps[1].bic < found.steps[0].bic);
     assert!(found.steps[1].validation_rmse < found.steps[0].validation_rmse);
-    assert!(found.steps[1].why.starts_with("the error on unseen data falls: of the free run from "), "{}", found.steps[1].why);
-    assert!(found.steps.windows(2).all(|pair| pair[1].train_rmse <= pair[0].train_rmse + 1e-6), "larger models fit no worse");
+    assert!(
+        found.steps[1].why.starts_with("the error on unseen data falls: of the free run from "),
+        "{}",
+        found.steps[1].why
+    );
+    assert!(
+        found.steps.windows(2).all(|pair| pair[1].train_rmse <= pair[0].train_rmse + 1e-6),
+        "larger models fit no worse"
+    );
 }
 
 #[test]
@@ -158,7 +214,11 @@ fn a_withheld_channel_is_named_as_not_testable_and_short_records_as_too_short() 
     let (problem, window) = small_world(&[]);
     let theta = problem.nominal().to_vec();
     let request = EstimateRequest {
-        split: SplitRequest { train: "P2D".parse().unwrap(), validation: "P1D".parse().unwrap(), test: Some("P0D".parse().unwrap()) },
+        split: SplitRequest {
+            train: "P2D".parse().unwrap(),
+            validation: "P1D".parse().unwrap(),
+            test: Some("P0D".parse().unwrap()),
+        },
         ..EstimateRequest::default()
     };
     let catalogue = Catalogue::builtin().unwrap();
@@ -168,7 +228,12 @@ fn a_withheld_channel_is_named_as_not_testable_and_short_records_as_too_short() 
     let series = window.iter().filter(|series| series.channel() != "wind_speed").cloned().collect();
     let calm = Window::from_series(series).unwrap();
     let found = diagnose(&catalogue, &problem, &theta, &calm, &site(), RATE, &[], &Control::NONE).unwrap();
-    assert!(found.not_testable.iter().any(|one| one.effect == "wind_infiltration" && one.reason == "needs channel wind_speed"));
+    assert!(
+        found
+            .not_testable
+            .iter()
+            .any(|one| one.effect == "wind_infiltration" && one.reason == "needs channel wind_speed")
+    );
     assert!(found.considered.iter().all(|one| one.effect != "sensor_lag" || one.gate != Some(Gate::Tie)));
 }
 
@@ -212,11 +277,21 @@ fn failures_say_where_the_wind_is_missing() {
     assert_eq!(found, failures(&problem, &fit, 0, &run, &window).unwrap());
     // The model has no wind, and yet its errors are told by the wind.
     let windy = found.by_regime.iter().find(|regime| regime.regime == "wind_speed high").unwrap();
-    assert!(windy.bias_ci95.is_some_and(|[_, high]| high < 0.0) && windy.error_share > windy.time_share, "{windy:?}");
-    assert!(found.residual_by_input.iter().any(|input| input.channel == "wind_speed" && input.correlation < 0.0));
+    assert!(
+        windy.bias_ci95.is_some_and(|[_, high]| high < 0.0) && windy.error_share > windy.time_share,
+        "{windy:?}"
+    );
+    assert!(
+        found.residual_by_input.iter().any(|input| input.channel == "wind_speed" && input.correlation < 0.0)
+    );
     for input in &found.residual_by_input {
         assert_eq!((input.lags_hours[0], *input.lags_hours.last().unwrap()), (0.0, 24.0));
-        let strongest = input.lags_hours.iter().zip(&input.correlations).find(|(lag, _)| **lag == input.lag_hours).unwrap();
+        let strongest = input
+            .lags_hours
+            .iter()
+            .zip(&input.correlations)
+            .find(|(lag, _)| **lag == input.lag_hours)
+            .unwrap();
         assert_eq!(*strongest.1, input.correlation);
         assert_eq!(input.feedback, ["flow", "valve"].contains(&input.channel.as_str()), "{}", input.channel);
     }

@@ -41,7 +41,11 @@ pub(super) fn report(
     remarks.extend(problem.split().shortfall(problem.grid().step(), &request.split));
     remarks.extend(uncertainty.correlated.iter().map(|pair| sentence(pair, problem.model())));
     if !problem.filters() {
-        remarks.push("the model is stepped explicitly and has no filter: errors are those of free runs, none is of a forecast".to_owned());
+        remarks.push(
+            "the model is stepped explicitly and has no filter: errors are those of free runs, none \
+            is of a forecast"
+                .to_owned(),
+        );
     }
     if found.stop != Stop::Converged {
         remarks.push("the search ended before two of its restarts agreed".to_owned());
@@ -78,8 +82,10 @@ pub(super) fn report(
 
 fn parts(problem: &Problem) -> Parts {
     let span = |range: &Range<usize>| {
-        (!range.is_empty())
-            .then(|| Span { from: rfc3339(problem.grid().time(range.start)), to: rfc3339(problem.grid().time(range.end - 1)) })
+        (!range.is_empty()).then(|| Span {
+            from: rfc3339(problem.grid().time(range.start)),
+            to: rfc3339(problem.grid().time(range.end - 1)),
+        })
     };
     let split = problem.split();
     Parts {

@@ -49,10 +49,14 @@ pub fn estimate(
     found.evaluations += spent;
     let watched = request.early_stopping.is_some_and(|rule| rule.validation);
     let (problem, mut found, discretisation_error) = refine_step(problem, found, watched, control)?;
-    let mut remarks: Vec<String> = problem.model().dropped().iter().map(|what| format!("left out: {what}")).collect();
+    let mut remarks: Vec<String> =
+        problem.model().dropped().iter().map(|what| format!("left out: {what}")).collect();
     remarks.append(&mut found.remarks);
     if watched {
-        remarks.push("the validation part chose between candidates, so its error is not that of unseen data".to_owned());
+        remarks.push(
+            "the validation part chose between candidates, so its error is not that of unseen data"
+                .to_owned(),
+        );
     }
     let (problem, non_identifiable) = fix_unidentifiable(problem, &mut found, &mut remarks, control)?;
     let mut known = uncertainty(&problem, &found.theta);
@@ -67,7 +71,11 @@ pub fn estimate(
 }
 
 /// The served parameters where they are wanted and known, and the nominal ones.
-fn warm_starts(problem: &Problem, request: &EstimateRequest, incumbent: Option<&Incumbent>) -> Vec<Candidate> {
+fn warm_starts(
+    problem: &Problem,
+    request: &EstimateRequest,
+    incumbent: Option<&Incumbent>,
+) -> Vec<Candidate> {
     let mut starts = Vec::new();
     if let (StartFrom::Current, Some(incumbent)) = (request.start_from, incumbent) {
         let mut theta = problem.nominal().to_vec();
@@ -82,7 +90,12 @@ fn warm_starts(problem: &Problem, request: &EstimateRequest, incumbent: Option<&
 }
 
 /// Runs one optimiser to its end.
-fn search(problem: &Problem, request: &EstimateRequest, warm: &[Candidate], control: &Control) -> Result<SearchResult, EstimateError> {
+fn search(
+    problem: &Problem,
+    request: &EstimateRequest,
+    warm: &[Candidate],
+    control: &Control,
+) -> Result<SearchResult, EstimateError> {
     let search = Search {
         dimensions: problem.space().len(),
         seed: request.method.seed,
@@ -90,11 +103,18 @@ fn search(problem: &Problem, request: &EstimateRequest, warm: &[Candidate], cont
         warm: warm.to_vec(),
         residuals: true,
     };
-    drive(problem, &|ask, halt| evaluate(problem, ask, halt), &request.method.method, search, request.early_stopping, control)
+    drive(
+        problem,
+        &|ask, halt| evaluate(problem, ask, halt),
+        &request.method.method,
+        search,
+        request.early_stopping,
+        control,
+    )
 }
 
-/// Compares with half the step; where the difference is too large the step is halved and the fit polished, unless
-/// another part than that of training has `chosen` it.
+/// Compares with half the step; where the difference is too large the step is halved and the fit polished,
+/// unless another part than that of training has `chosen` it.
 fn refine_step(
     mut problem: Problem,
     mut found: SearchResult,
@@ -109,13 +129,22 @@ fn refine_step(
         }
         if chosen {
             let again = finer.evaluate(&[finer.candidate(&found.theta)], false);
-            let Some(Cost::Finite(cost)) = again.first().map(|evaluation| evaluation.cost) else { return Ok((problem, found, difference)) };
+            let Some(Cost::Finite(cost)) = again.first().map(|evaluation| evaluation.cost) else {
+                return Ok((problem, found, difference));
+            };
             (problem, found.cost, found.evaluations) = (finer, cost, found.evaluations + 1);
             continue;
         }
-        let Some(polished) = polish(&finer, &found.theta, POLISH_EVALUATIONS, control)? else { return Ok((problem, found, difference)) };
+        let Some(polished) = polish(&finer, &found.theta, POLISH_EVALUATIONS, control)? else {
+            return Ok((problem, found, difference));
+        };
         problem = finer;
-        found = SearchResult { theta: polished.theta, cost: polished.cost, evaluations: found.evaluations + polished.evaluations, ..found };
+        found = SearchResult {
+            theta: polished.theta,
+            cost: polished.cost,
+            evaluations: found.evaluations + polished.evaluations,
+            ..found
+        };
     }
 }
 
@@ -126,23 +155,28 @@ fn fix_unidentifiable(
     remarks: &mut Vec<String>,
     control: &Control,
 ) -> Result<(Problem, Vec<String>), EstimateError> {
-    let on_bound: Vec<usize> = problem.free().iter().copied().filter(|index| at_bound(&problem, &found.theta, *index)).collect();
+    let on_bound: Vec<usize> =
+        problem.free().iter().copied().filter(|index| at_bound(&problem, &found.theta, *index)).collect();
     if on_bound.is_empty() {
         return Ok((problem, Vec::new()));
     }
-    let names: Vec<String> = on_bound.iter().map(|index| problem.model().parameters()[*index].name.clone()).collect();
-    let limit = format!("{} sits on a bound of the search: the value is a limit, not an estimate", names.join(", "));
+    let names: Vec<String> =
+        on_bound.iter().map(|index| problem.model().parameters()[*index].name.clone()).collect();
+    let limit =
+        format!("{} sits on a bound of the search: the value is a limit, not an estimate", names.join(", "));
     // Only unseen data can say that a parameter is not needed.
     let unseen = problem.split().validation.clone();
     if unseen.is_empty() {
         remarks.push(limit);
         return Ok((problem, Vec::new()));
     }
-    let at_nominal: Vec<(usize, f64)> = on_bound.iter().map(|index| (*index, problem.nominal()[*index])).collect();
+    let at_nominal: Vec<(usize, f64)> =
+        on_bound.iter().map(|index| (*index, problem.nominal()[*index])).collect();
     let fixed = problem.with_fixed(&at_nominal);
     let mut start = found.theta.clone();
     at_nominal.iter().for_each(|(index, value)| start[*index] = *value);
-    let error = |problem: &Problem, theta: &[f64]| problem.free_run_error(&problem.simulate(theta), unseen.clone());
+    let error =
+        |problem: &Problem, theta: &[f64]| problem.free_run_error(&problem.simulate(theta), unseen.clone());
     // A refit that goes nowhere only means that the parameters matter.
     let refit = polish(&fixed, &start, POLISH_EVALUATIONS, control)?;
     found.evaluations += refit.as_ref().map_or(0, |refit| refit.evaluations);

@@ -60,28 +60,40 @@ impl Catalogue {
         let mut reactions = BTreeMap::new();
         let mut faults = Vec::new();
         let text = |file: rust_embed::EmbeddedFile| String::from_utf8_lossy(&file.data).into_owned();
-        for (name, file) in ModelFiles::iter().filter_map(|name| ModelFiles::get(&name).map(|file| (name, file))) {
+        for (name, file) in
+            ModelFiles::iter().filter_map(|name| ModelFiles::get(&name).map(|file| (name, file)))
+        {
             let text = text(file);
             let read = if ReactionsSpec::is_one(&text) {
                 ReactionsSpec::from_toml(&text).map(|found| drop(reactions.insert(found.id.clone(), found)))
             } else {
                 ModelDocument::from_toml(&text).map(|document| catalogue.add_model(document))
             };
-            faults.extend(read.err().map(|fault| Fault { pointer: format!("models/{name} {}", fault.pointer), ..fault }));
+            faults.extend(
+                read.err()
+                    .map(|fault| Fault { pointer: format!("models/{name} {}", fault.pointer), ..fault }),
+            );
         }
-        for (name, file) in PlantFiles::iter().filter_map(|name| PlantFiles::get(&name).map(|file| (name, file))) {
+        for (name, file) in
+            PlantFiles::iter().filter_map(|name| PlantFiles::get(&name).map(|file| (name, file)))
+        {
             let plant = PlantSpec::from_toml(&text(file)).map_err(|fault| vec![fault]);
             match plant.and_then(|plant| plant.expand(&reactions)) {
                 Ok(spec) => catalogue.add_model(ModelDocument::Spec(Box::new(spec))),
-                Err(more) => {
-                    faults.extend(more.into_iter().map(|fault| Fault { pointer: format!("plants/{name} {}", fault.pointer), ..fault }))
-                }
+                Err(more) => faults.extend(
+                    more.into_iter()
+                        .map(|fault| Fault { pointer: format!("plants/{name} {}", fault.pointer), ..fault }),
+                ),
             }
         }
-        for (name, file) in EffectFiles::iter().filter_map(|name| EffectFiles::get(&name).map(|file| (name, file))) {
+        for (name, file) in
+            EffectFiles::iter().filter_map(|name| EffectFiles::get(&name).map(|file| (name, file)))
+        {
             match EffectSpec::from_toml(&text(file)) {
                 Ok(effect) => catalogue.add_effect(effect),
-                Err(fault) => faults.push(Fault { pointer: format!("effects/{name} {}", fault.pointer), ..fault }),
+                Err(fault) => {
+                    faults.push(Fault { pointer: format!("effects/{name} {}", fault.pointer), ..fault })
+                }
             }
         }
         catalogue.reactions = reactions;
@@ -159,7 +171,11 @@ impl Catalogue {
             if names.iter().any(|(name, _)| name == effect) {
                 names.retain(|(name, _)| name != effect);
             } else {
-                faults.push(Fault::new("/model", "not-part-of-model", format!("`{}` has no effect `{effect}` to leave out", id.base())));
+                faults.push(Fault::new(
+                    "/model",
+                    "not-part-of-model",
+                    format!("`{}` has no effect `{effect}` to leave out", id.base()),
+                ));
             }
         }
         for effect in id.with() {
@@ -193,19 +209,33 @@ impl Catalogue {
         };
         match (&spec.argument, argument) {
             (None, None) => Ok(spec.clone()),
-            (Some(word), Some(value)) if spec.choices.is_empty() => Ok(fill(spec, &[(word.clone(), value.to_owned())])),
+            (Some(word), Some(value)) if spec.choices.is_empty() => {
+                Ok(fill(spec, &[(word.clone(), value.to_owned())]))
+            }
             (Some(word), Some(value)) => match spec.choices.get(value) {
                 Some(constants) => {
-                    let constants = constants.iter().map(|(name, constant)| (name.clone(), constant.to_string()));
-                    Ok(fill(spec, &std::iter::once((word.clone(), value.to_owned())).chain(constants).collect::<Vec<_>>()))
+                    let constants =
+                        constants.iter().map(|(name, constant)| (name.clone(), constant.to_string()));
+                    Ok(fill(
+                        spec,
+                        &std::iter::once((word.clone(), value.to_owned()))
+                            .chain(constants)
+                            .collect::<Vec<_>>(),
+                    ))
                 }
-                None => Err(Fault::new("/model", "unknown-choice", format!("`{id}` has no {word} `{value}`")).suggest(choices(spec))),
+                None => {
+                    Err(Fault::new("/model", "unknown-choice", format!("`{id}` has no {word} `{value}`"))
+                        .suggest(choices(spec)))
+                }
             },
             (Some(word), None) => {
-                let hint = if spec.choices.is_empty() { format!("write `{id}:<{word}>`") } else { choices(spec) };
+                let hint =
+                    if spec.choices.is_empty() { format!("write `{id}:<{word}>`") } else { choices(spec) };
                 Err(Fault::new("/model", "argument-missing", format!("`{id}` needs a {word}")).suggest(hint))
             }
-            (None, Some(_)) => Err(Fault::new("/model", "argument-unexpected", format!("`{id}` takes no argument"))),
+            (None, Some(_)) => {
+                Err(Fault::new("/model", "argument-unexpected", format!("`{id}` takes no argument")))
+            }
         }
     }
 }
@@ -218,7 +248,9 @@ fn choices(spec: &EffectSpec) -> String {
 
 /// The document with every mark `{word}` replaced in its keys and texts.
 fn fill(spec: &EffectSpec, words: &[(String, String)]) -> EffectSpec {
-    let fill = |text: &str| words.iter().fold(text.to_owned(), |text, (word, value)| text.replace(&format!("{{{word}}}"), value));
+    let fill = |text: &str| {
+        words.iter().fold(text.to_owned(), |text, (word, value)| text.replace(&format!("{{{word}}}"), value))
+    };
     let definition = |definition: &Definition| match definition {
         Definition::Text(text) => Definition::Text(fill(text)),
         Definition::Variants(variants) => {
@@ -236,9 +268,14 @@ fn fill(spec: &EffectSpec, words: &[(String, String)]) -> EffectSpec {
     }
     let member = words.first().map_or("", |(_, value)| value);
     filled.way_of = spec.way_of.as_ref().map(|of| format!("{of}:{member}"));
-    filled.states = spec.states.iter().map(|(key, state)| (fill(key), StateSpec { title: fill(&state.title), ..state.clone() })).collect();
+    filled.states = spec
+        .states
+        .iter()
+        .map(|(key, state)| (fill(key), StateSpec { title: fill(&state.title), ..state.clone() }))
+        .collect();
     filled.inputs = spec.inputs.iter().map(|(key, input)| (fill(key), input.clone())).collect();
-    filled.parameters = spec.parameters.iter().map(|(key, parameter)| (fill(key), parameter.clone())).collect();
+    filled.parameters =
+        spec.parameters.iter().map(|(key, parameter)| (fill(key), parameter.clone())).collect();
     for parameter in filled.parameters.values_mut() {
         parameter.title = fill(&parameter.title);
     }

@@ -31,7 +31,8 @@ const CLOCK: [&str; 2] = ["hour_of_day", "weekday"];
 pub struct Bindings {
     /// The members of each set; a set that is not named is empty.
     pub sets: BTreeMap<String, Vec<String>>,
-    /// The channels of the window, derived ones included; `None` where nothing is known, then all are assumed.
+    /// The channels of the window, derived ones included; `None` where nothing is known, then all are
+    /// assumed.
     pub channels: Option<BTreeSet<String>>,
 }
 
@@ -56,7 +57,8 @@ pub fn compile(composition: &Composition, bindings: &Bindings) -> Result<Model, 
             builder.fault(&format!("/define/{name}"), "name-taken", format!("`{name}` is no free name"));
         }
     }
-    let effects: Vec<&AppliedEffect> = composition.effects.iter().filter(|effect| builder.declare_effect(effect, bindings)).collect();
+    let effects: Vec<&AppliedEffect> =
+        composition.effects.iter().filter(|effect| builder.declare_effect(effect, bindings)).collect();
     let mut rhs: Vec<Value> = Vec::new();
     for (name, state) in &spec.states {
         let pointer = format!("/equations/{name}");
@@ -66,7 +68,12 @@ pub fn compile(composition: &Composition, bindings: &Bindings) -> Result<Model, 
         };
         let value = builder.lowering.text(&pointer, text);
         if let Ok(unit) = Unit::parse(&state.unit) {
-            builder.lowering.demand(&pointer, value, unit.divided_by(Unit::HOUR), &format!("the rate of `{name}`"));
+            builder.lowering.demand(
+                &pointer,
+                value,
+                unit.divided_by(Unit::HOUR),
+                &format!("the rate of `{name}`"),
+            );
         }
         rhs.push(value);
     }
@@ -84,7 +91,11 @@ pub fn compile(composition: &Composition, bindings: &Bindings) -> Result<Model, 
             Err(error) => builder.fault(&pointer, "unit", error.to_string()),
         }
         if !(output.noise_sd.is_finite() && output.noise_sd > 0.0) {
-            builder.fault(&pointer, "noise", "the standard deviation of the noise must be positive".to_owned());
+            builder.fault(
+                &pointer,
+                "noise",
+                "the standard deviation of the noise must be positive".to_owned(),
+            );
         }
         outputs.insert(channel.clone(), value);
     }
@@ -96,7 +107,8 @@ pub fn compile(composition: &Composition, bindings: &Bindings) -> Result<Model, 
         builder.fault("/check", "limit", format!("a model has at most {MAX_CHECKS} checks"));
     }
     for (index, check) in spec.checks.iter().take(MAX_CHECKS).enumerate() {
-        let (is_input, is_state) = (|name: &str| spec.inputs.contains_key(name), |name: &str| spec.states.contains_key(name));
+        let (is_input, is_state) =
+            (|name: &str| spec.inputs.contains_key(name), |name: &str| spec.states.contains_key(name));
         builder.lowering.faults.extend(check.faults(&format!("/check/{index}"), is_input, is_state));
         if let Check::Range { expr, unit, .. } = check {
             ranges.push(builder.range(&format!("/check/{index}"), expr, unit));
@@ -104,7 +116,11 @@ pub fn compile(composition: &Composition, bindings: &Bindings) -> Result<Model, 
     }
     builder.lowering.judge_unused();
     for channel in std::mem::take(&mut builder.lowering.missing) {
-        builder.fault("/inputs", "missing-channel", format!("the model needs the channel `{channel}`, which is not there"));
+        builder.fault(
+            "/inputs",
+            "missing-channel",
+            format!("the model needs the channel `{channel}`, which is not there"),
+        );
     }
     let initials = builder.initials(composition);
     builder.finish(composition, bindings, &rhs, &outputs, &ranges, initials)
@@ -120,9 +136,19 @@ struct Builder {
 
 impl Builder {
     fn new(composition: &Composition, bindings: &Bindings) -> Self {
-        let sets = composition.spec.sets.iter().map(|set| (set.clone(), bindings.sets.get(set).cloned().unwrap_or_default())).collect();
-        let mut builder =
-            Self { lowering: Lowering::new(sets), inputs: Vec::new(), parameters: Vec::new(), states: 0, applied: Vec::new() };
+        let sets = composition
+            .spec
+            .sets
+            .iter()
+            .map(|set| (set.clone(), bindings.sets.get(set).cloned().unwrap_or_default()))
+            .collect();
+        let mut builder = Self {
+            lowering: Lowering::new(sets),
+            inputs: Vec::new(),
+            parameters: Vec::new(),
+            states: 0,
+            applied: Vec::new(),
+        };
         for set in bindings.sets.keys().filter(|set| !composition.spec.sets.contains(set)) {
             builder.fault("/bindings", "unknown-set", format!("the model has no set `{set}`"));
         }
@@ -161,7 +187,8 @@ impl Builder {
         let pointer = format!("/states/{name}");
         let unit = self.unit(&pointer, unit);
         // A state is a physical quantity whose sign nothing guarantees.
-        let symbol = Symbol { node: Node::State(self.states as u16), unit, nonnegative: false, missing: None };
+        let symbol =
+            Symbol { node: Node::State(self.states as u16), unit, nonnegative: false, missing: None };
         if !is_quantity(name) || !self.lowering.add_symbol(name.to_owned(), symbol) {
             self.fault(&pointer, "name-taken", format!("`{name}` is no free name"));
         }
@@ -183,7 +210,11 @@ impl Builder {
                 }
             },
             None => {
-                self.fault(pointer, "name", format!("`{key}` is neither a name nor a family such as `a[n in set]`"));
+                self.fault(
+                    pointer,
+                    "name",
+                    format!("`{key}` is neither a name nor a family such as `a[n in set]`"),
+                );
                 Vec::new()
             }
         }
@@ -195,7 +226,9 @@ impl Builder {
         let mark = format!("{{{}}}", variable.unwrap_or_default());
         if variable.is_some() && spec.channel.as_ref().is_some_and(|channel| !channel.contains(&mark)) {
             let fault = Fault::new(pointer, "channel", "the members of a family need channels of their own");
-            self.lowering.faults.push(fault.suggest(format!("write {mark} where the member stands in the channel's name")));
+            self.lowering
+                .faults
+                .push(fault.suggest(format!("write {mark} where the member stands in the channel's name")));
         }
         for (name, member) in self.declare(pointer, key) {
             let channel = match (&spec.channel, &member) {
@@ -207,20 +240,34 @@ impl Builder {
             if let Some(known) = self.inputs.iter().find(|input| input.name == name) {
                 // Two effects may name the same input, if they mean the same by it.
                 if known.channel != channel || known.hold != spec.hold || known.unit != spec.unit {
-                    self.fault(pointer, "name-taken", format!("the input `{name}` is declared twice with different meanings"));
+                    self.fault(
+                        pointer,
+                        "name-taken",
+                        format!("the input `{name}` is declared twice with different meanings"),
+                    );
                 }
                 continue;
             }
             if CLOCK.contains(&channel.as_str()) && spec.hold != Hold::ZeroOrder {
-                let detail = format!("between two samples `{channel}` is no straight line: it begins again at midnight");
-                self.lowering.faults.push(Fault::new(pointer, "hold", detail).suggest("write hold = \"zero_order\""));
+                let detail = format!(
+                    "between two samples `{channel}` is no straight line: it begins again at midnight"
+                );
+                self.lowering
+                    .faults
+                    .push(Fault::new(pointer, "hold", detail).suggest("write hold = \"zero_order\""));
             }
             let there = bindings.channels.as_ref().is_none_or(|channels| channels.contains(&channel));
             let node = Node::Input(self.inputs.len() as u16, Point::Start);
             let nonnegative = spec.min.is_some_and(|min| min >= 0.0);
             let symbol = Symbol { node, unit, nonnegative, missing: (!there).then(|| channel.clone()) };
             let may_be_constant = spec.may_be_constant;
-            self.inputs.push(Input { name: name.clone(), channel, unit: spec.unit.clone(), hold: spec.hold, may_be_constant });
+            self.inputs.push(Input {
+                name: name.clone(),
+                channel,
+                unit: spec.unit.clone(),
+                hold: spec.hold,
+                may_be_constant,
+            });
             if !self.lowering.add_symbol(name.clone(), symbol) {
                 self.fault(pointer, "name-taken", format!("`{name}` is no free name"));
             }
@@ -231,12 +278,20 @@ impl Builder {
         let unit = self.unit(pointer, &spec.unit);
         let finite = spec.lower.is_finite() && spec.upper.is_finite() && spec.lower < spec.upper;
         if !finite || (spec.scale == Scale::Log && spec.lower <= 0.0) {
-            self.fault(pointer, "bounds", format!("the bounds [{}, {}] are not an interval on this scale", spec.lower, spec.upper));
+            self.fault(
+                pointer,
+                "bounds",
+                format!("the bounds [{}, {}] are not an interval on this scale", spec.lower, spec.upper),
+            );
         }
         if let Nominal::Value(value) = spec.nominal
             && !(spec.lower..=spec.upper).contains(&value)
         {
-            self.fault(pointer, "bounds", format!("the nominal value {value} lies outside [{}, {}]", spec.lower, spec.upper));
+            self.fault(
+                pointer,
+                "bounds",
+                format!("the nominal value {value} lies outside [{}, {}]", spec.lower, spec.upper),
+            );
         }
         for (name, _) in self.declare(pointer, key) {
             let node = Node::Param(self.parameters.len() as u16);
@@ -258,8 +313,9 @@ impl Builder {
         }
     }
 
-    /// Declares the names of an effect, and what it replaces, before any equation is read. False where it replaces
-    /// something, is optional and one of its channels is missing: then it leaves no trace but a note.
+    /// Declares the names of an effect, and what it replaces, before any equation is read. False where it
+    /// replaces something, is optional and one of its channels is missing: then it leaves no trace but a
+    /// note.
     fn declare_effect(&mut self, effect: &AppliedEffect, bindings: &Bindings) -> bool {
         let at = |part: &str, name: &str| format!("/effects/{}/{part}/{name}", effect.id);
         for (key, input) in &effect.spec.inputs {
@@ -284,7 +340,11 @@ impl Builder {
         for (name, text) in &effect.spec.replace {
             let pointer = at("replace", name);
             if !self.lowering.replace(pointer.clone(), name, text.clone()) {
-                self.fault(&pointer, "unknown-name", format!("the model has no definition, parameter or input `{name}` to replace"));
+                self.fault(
+                    &pointer,
+                    "unknown-name",
+                    format!("the model has no definition, parameter or input `{name}` to replace"),
+                );
             }
         }
         true
@@ -304,7 +364,11 @@ impl Builder {
             let pointer = at("terms", state);
             let index = self.lowering.symbol(state).map(|symbol| (symbol.node, symbol.unit));
             let Some((Node::State(index), unit)) = index else {
-                self.fault(&pointer, "unknown-state", format!("the model has no state `{state}` for this effect"));
+                self.fault(
+                    &pointer,
+                    "unknown-state",
+                    format!("the model has no state `{state}` for this effect"),
+                );
                 continue;
             };
             let value = self.lowering.text(&pointer, text);
@@ -332,7 +396,11 @@ impl Builder {
         for (channel, term) in output_terms {
             match outputs.get_mut(channel) {
                 Some(value) => value.node = self.lowering.graph.add(value.node, term.node),
-                None => self.fault(&at("outputs", channel), "unknown-output", format!("the model has no output `{channel}`")),
+                None => self.fault(
+                    &at("outputs", channel),
+                    "unknown-output",
+                    format!("the model has no output `{channel}`"),
+                ),
             }
         }
         self.applied.push(effect.id.clone());
@@ -345,10 +413,13 @@ impl Builder {
                 initials.push(Initial::Measured(output));
             } else if let Some(value) = state.initial.parse().ok().filter(|value: &f64| value.is_finite()) {
                 initials.push(Initial::Fixed(value));
-            } else if let Some(parameter) = self.parameters.iter().position(|parameter| parameter.name == state.initial) {
+            } else if let Some(parameter) =
+                self.parameters.iter().position(|parameter| parameter.name == state.initial)
+            {
                 initials.push(Initial::Parameter(parameter));
             } else {
-                let detail = format!("`{}` is neither an output channel nor a parameter nor a number", state.initial);
+                let detail =
+                    format!("`{}` is neither an output channel nor a parameter nor a number", state.initial);
                 self.fault(&format!("/states/{name}/initial"), "unknown-name", detail);
             }
         }
@@ -357,7 +428,11 @@ impl Builder {
                 && !composition.spec.outputs.contains_key(channel)
             {
                 let detail = format!("`{channel}` is not an output channel");
-                self.lowering.faults.push(Fault::new(format!("/parameters/{}/nominal", parameter.name), "unknown-name", detail));
+                self.lowering.faults.push(Fault::new(
+                    format!("/parameters/{}/nominal", parameter.name),
+                    "unknown-name",
+                    detail,
+                ));
             }
         }
         initials
@@ -374,16 +449,22 @@ impl Builder {
         initials: Vec<Initial>,
     ) -> Result<Model, Vec<Fault>> {
         if self.parameters.len() > MAX_PARAMETERS || self.inputs.len() > MAX_PARAMETERS {
-            self.fault("", "limit", format!("a model has at most {MAX_PARAMETERS} parameters and {MAX_PARAMETERS} inputs"));
+            self.fault(
+                "",
+                "limit",
+                format!("a model has at most {MAX_PARAMETERS} parameters and {MAX_PARAMETERS} inputs"),
+            );
         }
         if !self.lowering.faults.is_empty() {
             return Err(self.lowering.faults);
         }
         let source = self.lowering.graph;
-        let roots: Vec<NodeId> = rhs.iter().chain(outputs.values()).chain(ranges).map(|value| value.node).collect();
+        let roots: Vec<NodeId> =
+            rhs.iter().chain(outputs.values()).chain(ranges).map(|value| value.node).collect();
         let used = source.reachable(&roots);
         let mut keep_input = vec![false; self.inputs.len()];
-        let mut keep_parameter: Vec<bool> = (0..self.parameters.len()).map(|i| initials.contains(&Initial::Parameter(i))).collect();
+        let mut keep_parameter: Vec<bool> =
+            (0..self.parameters.len()).map(|i| initials.contains(&Initial::Parameter(i))).collect();
         for (node, _) in source.nodes().iter().zip(&used).filter(|(_, used)| **used) {
             match node {
                 Node::Input(i, _) | Node::Delayed(i, ..) => keep_input[usize::from(*i)] = true,
@@ -396,18 +477,40 @@ impl Builder {
         let roots = graph.import(&source, &roots, |graph, leaf| {
             graph.intern(match leaf {
                 Node::Input(i, point) => Node::Input(rank(&keep_input, usize::from(i)) as u16, point),
-                Node::Delayed(i, point, hours) => Node::Delayed(rank(&keep_input, usize::from(i)) as u16, point, hours),
+                Node::Delayed(i, point, hours) => {
+                    Node::Delayed(rank(&keep_input, usize::from(i)) as u16, point, hours)
+                }
                 Node::Param(i) => Node::Param(rank(&keep_parameter, usize::from(i)) as u16),
                 other => other,
             })
         });
-        let inputs: Vec<Input> = self.inputs.into_iter().zip(&keep_input).filter(|(_, keep)| **keep).map(|(input, _)| input).collect();
-        let parameters: Vec<Parameter> =
-            self.parameters.into_iter().zip(&keep_parameter).filter(|(_, keep)| **keep).map(|(parameter, _)| parameter).collect();
+        let inputs: Vec<Input> = self
+            .inputs
+            .into_iter()
+            .zip(&keep_input)
+            .filter(|(_, keep)| **keep)
+            .map(|(input, _)| input)
+            .collect();
+        let parameters: Vec<Parameter> = self
+            .parameters
+            .into_iter()
+            .zip(&keep_parameter)
+            .filter(|(_, keep)| **keep)
+            .map(|(parameter, _)| parameter)
+            .collect();
         let delays = delays(&graph, &parameters);
-        let too_long = delays.iter().filter(|delay| delay.longest > MAX_DELAY).filter_map(|delay| parameters.get(delay.parameter?));
+        let too_long = delays
+            .iter()
+            .filter(|delay| delay.longest > MAX_DELAY)
+            .filter_map(|delay| parameters.get(delay.parameter?));
         let mut faults: Vec<Fault> = too_long
-            .map(|parameter| Fault::new(format!("/parameters/{}", parameter.name), "limit", format!("a delay is at most {MAX_DELAY} h")))
+            .map(|parameter| {
+                Fault::new(
+                    format!("/parameters/{}", parameter.name),
+                    "limit",
+                    format!("a delay is at most {MAX_DELAY} h"),
+                )
+            })
             .collect();
         let (warm_up, more) = warm_up(&composition.spec, &inputs, &delays);
         faults.extend(more);
@@ -419,7 +522,8 @@ impl Builder {
         let rhs = rhs.to_vec();
         // All equations and outputs by one state at a time: they share most of what they are made of.
         let roots: Vec<NodeId> = rhs.iter().chain(output_nodes).copied().collect();
-        let by_state: Vec<Vec<NodeId>> = (0..rhs.len()).map(|j| derivatives(&mut graph, &roots, Node::State(j as u16))).collect();
+        let by_state: Vec<Vec<NodeId>> =
+            (0..rhs.len()).map(|j| derivatives(&mut graph, &roots, Node::State(j as u16))).collect();
         let gradient = |root: usize| by_state.iter().map(|column| column[root]).collect::<Vec<NodeId>>();
         let jacobian: Vec<Vec<NodeId>> = (0..rhs.len()).map(gradient).collect();
         let rate = rhs.iter().map(|f| time_derivative(&mut graph, *f, &inputs)).collect();
@@ -450,7 +554,8 @@ impl Builder {
             .collect();
         let channels: Vec<&str> = inputs.iter().map(|input| input.channel.as_str()).collect();
         let identity = serde_json::json!({
-            "spec": composition.spec, "effects": composition.effects.iter().filter(|effect| self.applied.contains(&effect.id)).map(|effect| &effect.spec).collect::<Vec<_>>(),
+            "spec": composition.spec,
+            "effects": composition.effects.iter().filter(|effect| self.applied.contains(&effect.id)).map(|effect| &effect.spec).collect::<Vec<_>>(),
             "sets": bindings.sets, "channels": channels,
         });
         Ok(Model {

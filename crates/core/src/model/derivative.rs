@@ -29,8 +29,8 @@ pub fn derivatives(graph: &mut Graph, roots: &[NodeId], variable: Node) -> Vec<N
     roots.iter().map(|root| memo.get(root).copied().unwrap_or(zero)).collect()
 }
 
-/// The explicit time derivative of an equation: its linear-hold inputs move along their slopes, delayed ones along
-/// the line between their values at both ends of the step.
+/// The explicit time derivative of an equation: its linear-hold inputs move along their slopes, delayed ones
+/// along the line between their values at both ends of the step.
 pub(super) fn time_derivative(graph: &mut Graph, f: NodeId, inputs: &[Input]) -> NodeId {
     let linear = |input: u16| inputs.get(usize::from(input)).is_some_and(|input| input.hold == Hold::Linear);
     let mut moving: Vec<(Node, NodeId)> = Vec::new();
@@ -38,7 +38,8 @@ pub(super) fn time_derivative(graph: &mut Graph, f: NodeId, inputs: &[Input]) ->
         moving.push((Node::Input(i, Point::Start), graph.intern(Node::Slope(i))));
     }
     let used = graph.reachable(&[f]);
-    let leaves: Vec<Node> = graph.nodes().iter().zip(used).filter_map(|(node, used)| used.then_some(*node)).collect();
+    let leaves: Vec<Node> =
+        graph.nodes().iter().zip(used).filter_map(|(node, used)| used.then_some(*node)).collect();
     for leaf in leaves {
         if let Node::Delayed(i, _, hours) = leaf
             && linear(i)
@@ -111,7 +112,13 @@ fn unary(g: &mut Graph, op: Unary, value: NodeId, x: NodeId, dx: NodeId) -> Node
     }
 }
 
-fn binary(g: &mut Graph, op: Binary, value: NodeId, (a, da): (NodeId, NodeId), (b, db): (NodeId, NodeId)) -> NodeId {
+fn binary(
+    g: &mut Graph,
+    op: Binary,
+    value: NodeId,
+    (a, da): (NodeId, NodeId),
+    (b, db): (NodeId, NodeId),
+) -> NodeId {
     let zero = g.constant(0.0);
     match op {
         Binary::Add => g.add(da, db),
@@ -175,10 +182,13 @@ mod tests {
         let x = g.intern(Node::State(0));
         let half = g.constant(0.5);
         let mut functions = Vec::new();
-        for op in [Unary::Neg, Unary::Abs, Unary::Exp, Unary::Log, Unary::Sqrt, Unary::Sin, Unary::Cos, Unary::Tanh] {
+        for op in
+            [Unary::Neg, Unary::Abs, Unary::Exp, Unary::Log, Unary::Sqrt, Unary::Sin, Unary::Cos, Unary::Tanh]
+        {
             functions.push(g.unary(op, x));
         }
-        for op in [Binary::Add, Binary::Sub, Binary::Mul, Binary::Div, Binary::Min, Binary::Max, Binary::Pow] {
+        for op in [Binary::Add, Binary::Sub, Binary::Mul, Binary::Div, Binary::Min, Binary::Max, Binary::Pow]
+        {
             let shifted = g.add(x, half);
             let inner = g.unary(Unary::Exp, x);
             functions.push(g.binary(op, shifted, inner));
@@ -190,7 +200,11 @@ mod tests {
                 let leaf = |value: f64| move |_: Node| value;
                 let exact = g.evaluate(&[slope], leaf(at))[0];
                 let approximate = difference(|value| g.evaluate(&[f], leaf(value))[0], at);
-                assert!((exact - approximate).abs() < 1e-8 * (1.0 + exact.abs()), "{:?} at {at}: {exact} {approximate}", g.node(f));
+                assert!(
+                    (exact - approximate).abs() < 1e-8 * (1.0 + exact.abs()),
+                    "{:?} at {at}: {exact} {approximate}",
+                    g.node(f)
+                );
             }
         }
     }

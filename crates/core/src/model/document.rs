@@ -42,7 +42,8 @@ impl ModelDocument {
         has("reactions") || has("tanks")
     }
 
-    /// Reads a model document in TOML. A composition is known by its `base`, a plant by its `reactions` or `tanks`.
+    /// Reads a model document in TOML. A composition is known by its `base`, a plant by its `reactions` or
+    /// `tanks`.
     ///
     /// # Errors
     /// One fault with the place where the document stops making sense.
@@ -57,7 +58,8 @@ impl ModelDocument {
         }
     }
 
-    /// Reads a model document in JSON. A composition is known by its `base`, a plant by its `reactions` or `tanks`.
+    /// Reads a model document in JSON. A composition is known by its `base`, a plant by its `reactions` or
+    /// `tanks`.
     ///
     /// # Errors
     /// One fault with the place where the document stops making sense.

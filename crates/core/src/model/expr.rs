@@ -324,7 +324,12 @@ impl Graph {
 
     /// Rebuilds `roots` of `source` in this graph with every leaf replaced by what `leaf` returns for it. The
     /// delay of a delayed input comes to `leaf` as a node of this graph.
-    pub fn import(&mut self, source: &Graph, roots: &[NodeId], mut leaf: impl FnMut(&mut Graph, Node) -> NodeId) -> Vec<NodeId> {
+    pub fn import(
+        &mut self,
+        source: &Graph,
+        roots: &[NodeId],
+        mut leaf: impl FnMut(&mut Graph, Node) -> NodeId,
+    ) -> Vec<NodeId> {
         let used = source.reachable(roots);
         let mut image: Vec<Option<NodeId>> = vec![None; source.nodes.len()];
         let mut last = self.constant(0.0);

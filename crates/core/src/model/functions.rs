@@ -9,7 +9,8 @@ use crate::units::Unit;
 
 /// Longest delay of an input in hours: a week, which is the shortest window that is usually fitted.
 pub(super) const MAX_DELAY: f64 = 168.0;
-/// The functions of pure numbers and of like quantities, and the change of a unit; `delay` and `sum` read their arguments themselves.
+/// The functions of pure numbers and of like quantities, and the change of a unit; `delay` and `sum` read
+/// their arguments themselves.
 const FUNCTIONS: [(&str, usize); 11] = [
     ("if", 3),
     ("convert", 2),
@@ -25,11 +26,22 @@ const FUNCTIONS: [(&str, usize); 11] = [
 ];
 
 impl Lowering {
-    /// `delay(input, hours)`: what an input was so many hours ago. The delay depends on parameters alone, is never
-    /// negative, and has a known limit, because that much of the past has to be there.
-    pub(super) fn delay(&mut self, pointer: &str, at: Position, arguments: &[Expr], indices: &mut Vec<(String, String)>) -> Value {
+    /// `delay(input, hours)`: what an input was so many hours ago. The delay depends on parameters alone, is
+    /// never negative, and has a known limit, because that much of the past has to be there.
+    pub(super) fn delay(
+        &mut self,
+        pointer: &str,
+        at: Position,
+        arguments: &[Expr],
+        indices: &mut Vec<(String, String)>,
+    ) -> Value {
         let [input, hours] = arguments else {
-            self.fault(pointer, at, "arguments", format!("`delay` takes 2 arguments, not {}", arguments.len()));
+            self.fault(
+                pointer,
+                at,
+                "arguments",
+                format!("`delay` takes 2 arguments, not {}", arguments.len()),
+            );
             return self.zero();
         };
         let faults = self.faults.len();
@@ -39,7 +51,12 @@ impl Lowering {
         let Node::Input(index, point) = self.graph.node(delayed.node) else {
             // A name that does not exist has its fault already.
             if self.faults.len() == faults {
-                self.fault(pointer, input.at, "delay", "only an input can be delayed: nothing else has a past that is known");
+                self.fault(
+                    pointer,
+                    input.at,
+                    "delay",
+                    "only an input can be delayed: nothing else has a past that is known",
+                );
                 let inputs: Vec<&str> = self.inputs().collect();
                 self.suggest(format!("the inputs are {}", inputs.join(", ")));
             }
@@ -49,7 +66,9 @@ impl Lowering {
             self.fault(pointer, hours_at, "unit", "a delay must have the unit h");
         }
         let used = self.graph.reachable(&[hours.node]);
-        let changes = |node: &Node| matches!(node, Node::State(_) | Node::Input(..) | Node::Slope(_) | Node::Delayed(..));
+        let changes = |node: &Node| {
+            matches!(node, Node::State(_) | Node::Input(..) | Node::Slope(_) | Node::Delayed(..))
+        };
         if self.graph.nodes().iter().zip(used).any(|(node, used)| used && changes(node)) {
             self.fault(pointer, hours_at, "delay", "a delay depends on parameters and numbers alone");
         } else if !hours.nonnegative {
@@ -62,10 +81,14 @@ impl Lowering {
         } else if !matches!(self.graph.node(hours.node), Node::Param(_)) {
             match limit(&self.graph, hours.node) {
                 Some(limit) if limit <= MAX_DELAY => {}
-                Some(_) => self.fault(pointer, hours_at, "limit", format!("a delay is at most {MAX_DELAY} h")),
+                Some(_) => {
+                    self.fault(pointer, hours_at, "limit", format!("a delay is at most {MAX_DELAY} h"))
+                }
                 None => {
                     self.fault(pointer, hours_at, "delay", "nothing says how long this delay can be");
-                    self.suggest("take a parameter, whose upper bound says it, or write min(…, 6[h])".to_owned());
+                    self.suggest(
+                        "take a parameter, whose upper bound says it, or write min(…, 6[h])".to_owned(),
+                    );
                 }
             }
         }
@@ -83,10 +106,19 @@ impl Lowering {
             return self.zero();
         };
         if x.len() != *wanted {
-            self.fault(pointer, at, "arguments", format!("`{name}` takes {wanted} arguments, not {}", x.len()));
+            self.fault(
+                pointer,
+                at,
+                "arguments",
+                format!("`{name}` takes {wanted} arguments, not {}", x.len()),
+            );
             return self.zero();
         }
-        let unary = |lowering: &mut Self, op, unit, nonnegative| Value { node: lowering.graph.unary(op, x[0].node), unit, nonnegative };
+        let unary = |lowering: &mut Self, op, unit, nonnegative| Value {
+            node: lowering.graph.unary(op, x[0].node),
+            unit,
+            nonnegative,
+        };
         match name {
             "if" => {
                 let unit = self.alike(pointer, at, Binary::Add, x[1], x[2]);
@@ -119,7 +151,12 @@ impl Lowering {
     /// `convert(Q, 1[m3/h])`: the same quantity counted in another unit, which a one with that unit names.
     fn convert(&mut self, pointer: &str, at: Position, x: Value, target: Value) -> Value {
         let Some(wanted) = target.unit.filter(|_| self.graph.constant_value(target.node) == Some(1.0)) else {
-            self.fault(pointer, at, "unit", "the second argument of `convert` is a one with the unit that is wanted, such as 1[m3/h]");
+            self.fault(
+                pointer,
+                at,
+                "unit",
+                "the second argument of `convert` is a one with the unit that is wanted, such as 1[m3/h]",
+            );
             return self.zero();
         };
         let Some(unit) = x.unit else { return Value { unit: Some(wanted), ..x } };

@@ -21,7 +21,11 @@ pub struct NotAModelId(pub String);
 
 impl std::fmt::Display for NotAModelId {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "`{}` is not a model id such as `room3` or `room3+wind_infiltration`", self.0.chars().take(80).collect::<String>())
+        write!(
+            f,
+            "`{}` is not a model id such as `room3` or `room3+wind_infiltration`",
+            self.0.chars().take(80).collect::<String>()
+        )
     }
 }
 
@@ -83,7 +87,9 @@ schema::is_text!(
 
 /// `room2`, `metered_gain:P_heater`: letters, digits and underscores, with one colon in an effect.
 fn is_part(text: &str, effect: bool) -> bool {
-    let word = |text: &str| !text.is_empty() && text.len() <= 64 && text.bytes().all(|b| b.is_ascii_alphanumeric() || b == b'_');
+    let word = |text: &str| {
+        !text.is_empty() && text.len() <= 64 && text.bytes().all(|b| b.is_ascii_alphanumeric() || b == b'_')
+    };
     match text.split_once(':') {
         Some((name, argument)) => effect && word(name) && word(argument),
         None => word(text),

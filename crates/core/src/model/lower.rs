@@ -113,14 +113,15 @@ impl Lowering {
         true
     }
 
-    /// Gives a name another meaning; in `text` it stands for what it meant before. False where nothing has the name.
+    /// Gives a name another meaning; in `text` it stands for what it meant before. False where nothing has
+    /// the name.
     pub fn replace(&mut self, pointer: String, name: &str, text: String) -> bool {
         let is_state = |symbol: &Symbol| matches!(symbol.node, Node::State(_));
         if !self.defines.contains_key(name) && self.symbols.get(name).is_none_or(is_state) {
             return false;
         }
-        // No text can write such a name, so nobody else takes it. What a parameter or an input meant before the first of several
-        // replacements is not among the definitions: the name of that one counts, too.
+        // No text can write such a name, so nobody else takes it. What a parameter or an input meant before
+        // the first of several replacements is not among the definitions: the name of that one counts, too.
         let mut before = match self.defines.get(name) {
             Some(Named::Instead { before, .. }) => before.clone(),
             _ => name.to_owned(),
@@ -160,7 +161,9 @@ impl Lowering {
 
     /// Lowers the definitions that nothing uses, for their faults alone.
     pub fn judge_unused(&mut self) {
-        let unused = |(name, named): (&String, &Named)| matches!(named, Named::Text(_) | Named::Instead { .. }).then(|| name.clone());
+        let unused = |(name, named): (&String, &Named)| {
+            matches!(named, Named::Text(_) | Named::Instead { .. }).then(|| name.clone())
+        };
         let names: Vec<String> = self.defines.iter().filter_map(unused).collect();
         let (missing, dropped) = (self.missing.clone(), self.dropped.clone());
         for name in names {
@@ -183,7 +186,11 @@ impl Lowering {
     }
 
     pub(super) fn fault(&mut self, pointer: &str, at: Position, code: &str, detail: impl std::fmt::Display) {
-        self.faults.push(Fault::new(pointer, code, format!("line {}, column {}: {detail}", at.line, at.column)));
+        self.faults.push(Fault::new(
+            pointer,
+            code,
+            format!("line {}, column {}: {detail}", at.line, at.column),
+        ));
     }
 
     /// Says what would probably have been right about the last fault.
@@ -195,7 +202,10 @@ impl Lowering {
 
     /// The names of the inputs.
     pub(super) fn inputs(&self) -> impl Iterator<Item = &str> {
-        self.symbols.iter().filter(|(_, symbol)| matches!(symbol.node, Node::Input(..))).map(|(name, _)| name.as_str())
+        self.symbols
+            .iter()
+            .filter(|(_, symbol)| matches!(symbol.node, Node::Input(..)))
+            .map(|(name, _)| name.as_str())
     }
 
     pub(super) fn expr(&mut self, pointer: &str, expr: &Expr, indices: &mut Vec<(String, String)>) -> Value {
@@ -219,9 +229,12 @@ impl Lowering {
                 let right = self.expr(pointer, b, indices);
                 self.binary(pointer, expr.at, *op, left, right, a == b)
             }
-            Kind::Call(name, arguments) if name == "delay" => self.delay(pointer, expr.at, arguments, indices),
+            Kind::Call(name, arguments) if name == "delay" => {
+                self.delay(pointer, expr.at, arguments, indices)
+            }
             Kind::Call(name, arguments) => {
-                let values: Vec<Value> = arguments.iter().map(|argument| self.expr(pointer, argument, indices)).collect();
+                let values: Vec<Value> =
+                    arguments.iter().map(|argument| self.expr(pointer, argument, indices)).collect();
                 self.call(pointer, expr.at, name, &values)
             }
             Kind::Sum { variable, set, body } => {
@@ -259,7 +272,14 @@ impl Lowering {
         Value { node, unit, nonnegative: value >= 0.0 }
     }
 
-    fn member_name(&mut self, pointer: &str, at: Position, family: &str, index: &str, indices: &[(String, String)]) -> Option<String> {
+    fn member_name(
+        &mut self,
+        pointer: &str,
+        at: Position,
+        family: &str,
+        index: &str,
+        indices: &[(String, String)],
+    ) -> Option<String> {
         let member = format!("{family}[{index}]");
         let bound = indices.iter().any(|(variable, _)| variable == index);
         if !bound && (self.symbols.contains_key(&member) || self.defines.contains_key(&member)) {
@@ -270,19 +290,33 @@ impl Lowering {
             return None;
         };
         let Some((_, member)) = indices.iter().rev().find(|(variable, _)| variable == index) else {
-            self.fault(pointer, at, "unknown-index", format!("`{index}` is not the index of a sum around `{family}[{index}]`"));
+            self.fault(
+                pointer,
+                at,
+                "unknown-index",
+                format!("`{index}` is not the index of a sum around `{family}[{index}]`"),
+            );
             return None;
         };
         if self.sets.get(set).is_some_and(|members| members.contains(member)) {
             return Some(format!("{family}[{member}]"));
         }
-        self.fault(pointer, at, "unknown-index", format!("`{family}` runs over `{set}`, which has no `{member}`"));
+        self.fault(
+            pointer,
+            at,
+            "unknown-index",
+            format!("`{family}` runs over `{set}`, which has no `{member}`"),
+        );
         None
     }
 
     fn name(&mut self, pointer: &str, at: Position, name: &str) -> Value {
         // What an effect has put in the place of a parameter or an input comes first.
-        let symbol = if self.defines.contains_key(name) { None } else { self.symbols.get(name.trim_end_matches(BEFORE)) };
+        let symbol = if self.defines.contains_key(name) {
+            None
+        } else {
+            self.symbols.get(name.trim_end_matches(BEFORE))
+        };
         if let Some(symbol) = symbol {
             self.missing.extend(symbol.missing.clone());
             let (unit, nonnegative) = (symbol.unit, symbol.nonnegative);
@@ -315,9 +349,18 @@ impl Lowering {
                 self.fault(pointer, at, "cycle", format!("`{name}` is defined by itself"));
                 self.zero()
             }
-            None if name == "pi" => Value { node: self.graph.constant(std::f64::consts::PI), unit: Some(Unit::ONE), nonnegative: true },
+            None if name == "pi" => Value {
+                node: self.graph.constant(std::f64::consts::PI),
+                unit: Some(Unit::ONE),
+                nonnegative: true,
+            },
             None => {
-                self.fault(pointer, at, "unknown-name", format!("`{name}` is not a state, input, parameter or definition"));
+                self.fault(
+                    pointer,
+                    at,
+                    "unknown-name",
+                    format!("`{name}` is not a state, input, parameter or definition"),
+                );
                 let known = self.symbols.keys().chain(self.defines.keys()).map(String::as_str);
                 if let Some(near) = nearest(name, known).map(str::to_owned) {
                     self.suggest(format!("did you mean `{near}`?"));
@@ -332,15 +375,25 @@ impl Lowering {
         match definition {
             Definition::Text(text) => text.clone(),
             Definition::Variants(variants) => {
-                let there = |input: &String| self.symbols.get(input).is_some_and(|symbol| symbol.missing.is_none());
-                let chosen = variants.iter().find(|variant| variant.needs.iter().all(there)).or(variants.last());
+                let there =
+                    |input: &String| self.symbols.get(input).is_some_and(|symbol| symbol.missing.is_none());
+                let chosen =
+                    variants.iter().find(|variant| variant.needs.iter().all(there)).or(variants.last());
                 self.dropped.extend(chosen.and_then(|variant| variant.drops.clone()));
                 chosen.map_or_else(|| "0".to_owned(), |variant| variant.expr.clone())
             }
         }
     }
 
-    pub(super) fn binary(&mut self, pointer: &str, at: Position, op: Binary, a: Value, b: Value, same: bool) -> Value {
+    pub(super) fn binary(
+        &mut self,
+        pointer: &str,
+        at: Position,
+        op: Binary,
+        a: Value,
+        b: Value,
+        same: bool,
+    ) -> Value {
         let both = a.nonnegative && b.nonnegative;
         let (unit, nonnegative) = match op {
             Binary::Pow => return self.power(pointer, at, a, b),
@@ -361,7 +414,14 @@ impl Lowering {
     }
 
     /// The common unit of two operands that must be like quantities.
-    pub(super) fn alike(&mut self, pointer: &str, at: Position, op: Binary, a: Value, b: Value) -> Option<Unit> {
+    pub(super) fn alike(
+        &mut self,
+        pointer: &str,
+        at: Position,
+        op: Binary,
+        a: Value,
+        b: Value,
+    ) -> Option<Unit> {
         if let Some((left, right)) = a.unit.zip(b.unit).filter(|(left, right)| !left.addable(right)) {
             self.fault(pointer, at, "unit", format!("{op:?} of {left} and {right}: not like quantities"));
         }
@@ -387,7 +447,8 @@ impl Lowering {
                 }
                 let mut unit = Some(Unit::ONE);
                 for _ in 0..n.abs() as i8 {
-                    unit = unit.zip(base.unit).map(|(a, b)| if n < 0.0 { a.divided_by(b) } else { a.times(b) });
+                    unit =
+                        unit.zip(base.unit).map(|(a, b)| if n < 0.0 { a.divided_by(b) } else { a.times(b) });
                 }
                 Value { node, unit, nonnegative: base.nonnegative || n.rem_euclid(2.0) == 0.0 }
             }
@@ -397,13 +458,18 @@ impl Lowering {
                         pointer,
                         at,
                         "negative-base",
-                        "a real exponent needs a base that cannot be negative; wrap the base in abs() or max(0, …)",
+                        "a real exponent needs a base that cannot be negative; wrap the base in abs() or \
+                        max(0, …)",
                     );
                 }
                 if base.unit.is_some_and(|unit| !unit.is_number()) {
                     self.fault(pointer, at, "unit", "the base of a real exponent must be a pure number");
                 }
-                Value { node: self.graph.binary(Binary::Pow, base.node, exponent.node), unit: Some(Unit::ONE), nonnegative: true }
+                Value {
+                    node: self.graph.binary(Binary::Pow, base.node, exponent.node),
+                    unit: Some(Unit::ONE),
+                    nonnegative: true,
+                }
             }
         }
     }

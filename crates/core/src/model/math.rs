@@ -78,7 +78,8 @@ fn sine_of_quadrant(x: f64, ahead: u64) -> f64 {
     let shifted = x * std::f64::consts::FRAC_2_PI + ROUND;
     let n = shifted - ROUND;
     // pi/2 in pieces of 33 bits: their products with n are exact (Cody and Waite; fdlibm's constants).
-    let r = ((x - n * 1.570_796_326_734_125_6) - n * 6.077_100_506_303_966e-11) - n * 2.022_266_248_795_950_7e-21;
+    let r =
+        ((x - n * 1.570_796_326_734_125_6) - n * 6.077_100_506_303_966e-11) - n * 2.022_266_248_795_950_7e-21;
     let z = r * r;
     let mut s = 1.589_690_995_211_55e-10;
     s = s * z - 2.505_076_025_340_686_3e-8;

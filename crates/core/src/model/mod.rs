@@ -5,8 +5,8 @@
 //! units checked) --derivative--> Jacobian and df/dt --compile--> Model --tape (four stages)--> simulate/
 //! ```
 //!
-//! A plant document (`plant`: tanks, flows, `settler`, controller) and the processes that happen in it (`process`) expand
-//! into an ordinary spec first.
+//! A plant document (`plant`: tanks, flows, `settler`, controller) and the processes that happen in it
+//! (`process`) expand into an ordinary spec first.
 //!
 //! Nothing here knows measurements or parameter values. Time is counted in hours.
 
@@ -236,8 +236,8 @@ impl Model {
         &self.jacobian
     }
 
-    /// The explicit time derivative of each equation through the slopes of its inputs. A delayed input moves along
-    /// the straight line between its values at both ends of the step.
+    /// The explicit time derivative of each equation through the slopes of its inputs. A delayed input moves
+    /// along the straight line between its values at both ends of the step.
     pub fn rate(&self) -> &[NodeId] {
         &self.rate
     }

@@ -4,7 +4,10 @@ use super::*;
 use expr::Node;
 
 fn bindings(channels: &[&str], neighbours: &[&str]) -> Bindings {
-    let mut bindings = Bindings { channels: Some(channels.iter().map(|name| (*name).to_owned()).collect()), ..Bindings::default() };
+    let mut bindings = Bindings {
+        channels: Some(channels.iter().map(|name| (*name).to_owned()).collect()),
+        ..Bindings::default()
+    };
     if !neighbours.is_empty() {
         bindings.sets.insert("neighbours".into(), neighbours.iter().map(|name| (*name).to_owned()).collect());
     }
@@ -21,7 +24,8 @@ const WEATHER: [&str; 4] = ["T_out", "T_forward", "sun_altitude", "cloud_cover"]
 fn every_built_in_model_and_effect_compiles() {
     let catalogue = Catalogue::builtin().unwrap();
     for document in catalogue.models() {
-        let model = compile(&catalogue.compose(&document.id().parse().unwrap()).unwrap(), &Bindings::default());
+        let model =
+            compile(&catalogue.compose(&document.id().parse().unwrap()).unwrap(), &Bindings::default());
         assert!(model.is_ok(), "{}: {model:?}", document.id());
     }
     for effect in catalogue.effects() {
@@ -32,8 +36,12 @@ fn every_built_in_model_and_effect_compiles() {
             Some(_) => effect.choices.keys().map(|choice| name(choice)).collect(),
         };
         for name in names {
-            let models = ["room3", "asm1_h"]
-                .map(|base| compile(&catalogue.compose(&format!("{base}+{name}").parse().unwrap()).unwrap(), &Bindings::default()));
+            let models = ["room3", "asm1_h"].map(|base| {
+                compile(
+                    &catalogue.compose(&format!("{base}+{name}").parse().unwrap()).unwrap(),
+                    &Bindings::default(),
+                )
+            });
             assert!(models.iter().any(Result::is_ok), "{name}: {models:?}");
             let texts = [&effect.explain, &effect.signature, &effect.measure];
             assert!(texts.iter().all(|text| !text.is_empty()), "{name} does not explain itself");
@@ -48,13 +56,17 @@ fn room3_with_four_neighbours_has_the_fifteen_parameters_of_the_thesis() {
     let model = build("room3", &channels, &["1", "2", "5", "6"]).unwrap();
     assert_eq!(model.parameters().len(), 15);
     let names: Vec<&str> = model.inputs().iter().map(|input| input.channel.as_str()).collect();
-    assert_eq!(names, ["T_forward", "T_out", "sun_altitude", "cloud_cover", "T_room_1", "T_room_2", "T_room_5", "T_room_6"]);
+    assert_eq!(
+        names,
+        ["T_forward", "T_out", "sun_altitude", "cloud_cover", "T_room_1", "T_room_2", "T_room_5", "T_room_6"]
+    );
 }
 
 /// Equations 7.1 to 7.5, written out by hand.
 #[test]
 fn room3_means_the_equations_of_the_thesis() {
-    let model = build("room3", &["T_out", "T_forward", "sun_altitude", "cloud_cover", "T_room_7"], &["7"]).unwrap();
+    let model =
+        build("room3", &["T_out", "T_forward", "sun_altitude", "cloud_cover", "T_room_7"], &["7"]).unwrap();
     let value = |name: &str| match name {
         "alpha_h" => 0.4,
         "alpha_e" => 0.7,
@@ -119,7 +131,11 @@ fn a_model_with_an_effect_is_another_model() {
     assert_ne!(base.hash(), windy.hash());
     assert_eq!(windy.parameters().len(), base.parameters().len() + 1);
     assert_eq!(windy.effects(), ["wind_infiltration"]);
-    assert_eq!(build("room3", &channels, &[]).unwrap().hash(), base.hash(), "an unused channel is no part of the model");
+    assert_eq!(
+        build("room3", &channels, &[]).unwrap().hash(),
+        base.hash(),
+        "an unused channel is no part of the model"
+    );
 }
 
 #[test]
@@ -138,7 +154,11 @@ fn nested_sums_cannot_explode() {
     let mut catalogue = Catalogue::default();
     catalogue.add_model(super::document::ModelDocument::from_toml(&text).unwrap());
     let rooms = [("rooms".to_owned(), vec!["1".to_owned(), "2".to_owned(), "3".to_owned()])].into();
-    let faults = compile(&catalogue.compose(&"big".parse().unwrap()).unwrap(), &Bindings { sets: rooms, channels: None }).unwrap_err();
+    let faults = compile(
+        &catalogue.compose(&"big".parse().unwrap()).unwrap(),
+        &Bindings { sets: rooms, channels: None },
+    )
+    .unwrap_err();
     assert!(faults.iter().any(|fault| fault.code == "too-large"), "{faults:?}");
 }
 
@@ -166,7 +186,8 @@ fn with_rate(rate: &str) -> Result<Model, Vec<crate::fault::Fault>> {
 
 #[test]
 fn a_delay_says_how_much_of_the_past_it_needs() {
-    let longest = |hours: &str| with_rate(&format!("a*(delay(u, {hours}) - x)")).map(|model| model.longest_delay(0));
+    let longest =
+        |hours: &str| with_rate(&format!("a*(delay(u, {hours}) - x)")).map(|model| model.longest_delay(0));
     assert_eq!(longest("tau"), Ok(6.0));
     assert_eq!(longest("2[h]"), Ok(2.0));
     assert_eq!(longest("min(2*tau, 4[h])"), Ok(4.0));
@@ -197,7 +218,12 @@ fn a_quantity_is_counted_in_another_unit() {
     let model = with_rate("convert(convert(a, 1[1/d]), 1[1/h])*(u - x) + convert(48[K/d], 1[K/h])").unwrap();
     let leaf = |node: Node| if matches!(node, Node::State(_)) { 2.0 } else { 3.0 };
     assert!((model.graph().evaluate(model.rhs(), leaf)[0] - 5.0).abs() < 1e-14);
-    for wrong in ["convert(a, 2[1/h])*(u - x)", "convert(a, 1[K])*(u - x)", "convert(a, tau)*(u - x)", "convert(x, 1[K])*a"] {
+    for wrong in [
+        "convert(a, 2[1/h])*(u - x)",
+        "convert(a, 1[K])*(u - x)",
+        "convert(a, tau)*(u - x)",
+        "convert(x, 1[K])*a",
+    ] {
         assert_eq!(with_rate(wrong).unwrap_err()[0].code, "unit", "{wrong}");
     }
 }
@@ -215,8 +241,12 @@ fn a_clock_is_no_straight_line_between_samples() {
     "#;
     let mut catalogue = Catalogue::default();
     catalogue.add_model(super::document::ModelDocument::from_toml(clock).unwrap());
-    let faults = compile(&catalogue.compose(&"clock".parse().unwrap()).unwrap(), &Bindings::default()).unwrap_err();
-    assert_eq!((faults.len(), faults[0].code.as_str(), faults[0].pointer.as_str()), (1, "hold", "/inputs/hour"));
+    let faults =
+        compile(&catalogue.compose(&"clock".parse().unwrap()).unwrap(), &Bindings::default()).unwrap_err();
+    assert_eq!(
+        (faults.len(), faults[0].code.as_str(), faults[0].pointer.as_str()),
+        (1, "hold", "/inputs/hour")
+    );
 }
 
 #[test]
@@ -243,7 +273,8 @@ fn all_faults_are_reported_at_once() {
     "#;
     let mut catalogue = Catalogue::default();
     catalogue.add_model(super::document::ModelDocument::from_toml(text).unwrap());
-    let faults = compile(&catalogue.compose(&"bad".parse().unwrap()).unwrap(), &Bindings::default()).unwrap_err();
+    let faults =
+        compile(&catalogue.compose(&"bad".parse().unwrap()).unwrap(), &Bindings::default()).unwrap_err();
     let codes: Vec<&str> = faults.iter().map(|fault| fault.code.as_str()).collect();
     for code in ["unit", "bounds", "cycle", "unknown-name", "syntax", "negative-base"] {
         assert!(codes.contains(&code), "{code} is missing in {faults:#?}");

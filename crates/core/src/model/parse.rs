@@ -37,7 +37,9 @@ impl Expr {
             Kind::Member(family, index) if format!("{family}[{index}]") == from => Kind::Name(to.to_owned()),
             Kind::Negate(x) => Kind::Negate(inner(x)),
             Kind::Binary(op, a, b) => Kind::Binary(op, inner(a), inner(b)),
-            Kind::Call(name, arguments) => Kind::Call(name, arguments.into_iter().map(|x| x.renamed(from, to)).collect()),
+            Kind::Call(name, arguments) => {
+                Kind::Call(name, arguments.into_iter().map(|x| x.renamed(from, to)).collect())
+            }
             Kind::Sum { variable, set, body } => Kind::Sum { variable, set, body: inner(body) },
             other => other,
         };
@@ -113,7 +115,10 @@ enum Token {
 pub fn parse(text: &str) -> Result<Expr, SyntaxError> {
     if text.len() > MAX_LENGTH {
         let at = Position { line: 1, column: 1 };
-        return Err(SyntaxError { at, message: format!("the expression has {} bytes, the limit is {MAX_LENGTH}", text.len()) });
+        return Err(SyntaxError {
+            at,
+            message: format!("the expression has {} bytes, the limit is {MAX_LENGTH}", text.len()),
+        });
     }
     let mut parser = Parser { tokens: tokens(text)?, next: 0, text };
     let expr = parser.expression(0, 0)?;
@@ -123,7 +128,8 @@ pub fn parse(text: &str) -> Result<Expr, SyntaxError> {
     }
 }
 
-/// The name, index variable and set of a declaration such as `alpha_n[n in neighbours]`; the bare name otherwise.
+/// The name, index variable and set of a declaration such as `alpha_n[n in neighbours]`; the bare name
+/// otherwise.
 pub fn declaration(text: &str) -> Option<(&str, Option<(&str, &str)>)> {
     let Some((name, rest)) = text.split_once('[') else {
         return is_name(text).then_some((text, None));
@@ -135,7 +141,9 @@ pub fn declaration(text: &str) -> Option<(&str, Option<(&str, &str)>)> {
 
 /// Whether a text is a name or a member of a family by name, `S_NH[aerobic]`.
 pub fn is_quantity(text: &str) -> bool {
-    let member = |text: &str| text.len() <= 64 && !text.is_empty() && text.chars().all(|c| c.is_ascii_alphanumeric() || c == '_');
+    let member = |text: &str| {
+        text.len() <= 64 && !text.is_empty() && text.chars().all(|c| c.is_ascii_alphanumeric() || c == '_')
+    };
     match text.split_once('[') {
         Some((name, rest)) => is_name(name) && rest.strip_suffix(']').is_some_and(member),
         None => is_name(text),
@@ -150,7 +158,8 @@ pub fn is_name(text: &str) -> bool {
         && chars.all(|c| c.is_ascii_alphanumeric() || c == '_')
 }
 
-const SYMBOLS: [&str; 17] = ["<=", ">=", "==", "+", "-", "*", "/", "^", "(", ")", "[", "]", ",", ":", "<", ">", "%"];
+const SYMBOLS: [&str; 17] =
+    ["<=", ">=", "==", "+", "-", "*", "/", "^", "(", ")", "[", "]", ",", ":", "<", ">", "%"];
 
 /// A token, where it begins, and the byte behind it.
 type Placed = (Token, Position, usize);
@@ -160,7 +169,8 @@ fn tokens(text: &str) -> Result<Vec<Placed>, SyntaxError> {
     let (mut line, mut column, mut counted, mut i) = (1, 1, 0, 0);
     let bytes = text.as_bytes();
     while i < bytes.len() {
-        // Counted on from the token before: a count from the start of the line would make long lines quadratic.
+        // Counted on from the token before: a count from the start of the line would make long lines
+        // quadratic.
         column += text[counted..i].chars().count();
         counted = i;
         let at = Position { line, column };
@@ -174,13 +184,22 @@ fn tokens(text: &str) -> Result<Vec<Placed>, SyntaxError> {
         } else if c.is_ascii_digit() || (c == b'.' && bytes.get(i + 1).is_some_and(u8::is_ascii_digit)) {
             let end = number_end(bytes, i);
             let value = text[i..end].parse::<f64>().ok().filter(|value| value.is_finite());
-            let value = value.ok_or_else(|| SyntaxError { at, message: format!("`{}` is not a finite number", clip(&text[i..end])) })?;
+            let value = value.ok_or_else(|| SyntaxError {
+                at,
+                message: format!("`{}` is not a finite number", clip(&text[i..end])),
+            })?;
             tokens.push((Token::Number(value), at, end));
             i = end;
         } else if c.is_ascii_alphabetic() || c == b'_' {
-            let end = bytes[i..].iter().position(|b| !(b.is_ascii_alphanumeric() || *b == b'_')).map_or(bytes.len(), |n| i + n);
+            let end = bytes[i..]
+                .iter()
+                .position(|b| !(b.is_ascii_alphanumeric() || *b == b'_'))
+                .map_or(bytes.len(), |n| i + n);
             if !is_name(&text[i..end]) {
-                return Err(SyntaxError { at, message: format!("the name `{}…` is longer than 64 characters", clip(&text[i..end])) });
+                return Err(SyntaxError {
+                    at,
+                    message: format!("the name `{}…` is longer than 64 characters", clip(&text[i..end])),
+                });
             }
             tokens.push((Token::Name(text[i..end].to_owned()), at, end));
             i = end;
@@ -189,7 +208,10 @@ fn tokens(text: &str) -> Result<Vec<Placed>, SyntaxError> {
             tokens.push((Token::Symbol(symbol), at, i));
         } else {
             let c = text[i..].chars().next().unwrap_or(' ');
-            return Err(SyntaxError { at, message: format!("`{}` has no meaning in an expression", c.escape_default()) });
+            return Err(SyntaxError {
+                at,
+                message: format!("`{}` has no meaning in an expression", c.escape_default()),
+            });
         }
     }
     let at = Position { line, column: column + text[counted..].chars().count() };
@@ -284,7 +306,9 @@ impl Parser<'_> {
     fn name(&mut self, what: &str) -> Result<String, SyntaxError> {
         match self.advance() {
             (Token::Name(name), _) => Ok(name),
-            (token, at) => Err(SyntaxError { at, message: format!("{what} is expected, not {}", describe(&token)) }),
+            (token, at) => {
+                Err(SyntaxError { at, message: format!("{what} is expected, not {}", describe(&token)) })
+            }
         }
     }
 
@@ -303,7 +327,8 @@ impl Parser<'_> {
             }
             self.advance();
             // The power binds to the right: its right operand may hold another power.
-            let right = self.expression(if op == Binary::Pow { left_strength - 1 } else { left_strength }, depth + 1)?;
+            let right = self
+                .expression(if op == Binary::Pow { left_strength - 1 } else { left_strength }, depth + 1)?;
             let swapped = matches!(symbol, ">" | ">=");
             let (a, b) = if swapped { (right, left) } else { (left, right) };
             left = Expr::new(at, Kind::Binary(op, Box::new(a), Box::new(b)));
@@ -331,7 +356,10 @@ impl Parser<'_> {
                     (Token::Name(index), _) => index,
                     (Token::Number(index), _) if index.fract() == 0.0 => index.to_string(),
                     (token, at) => {
-                        return Err(SyntaxError { at, message: format!("an index or a member is expected, not {}", describe(&token)) });
+                        return Err(SyntaxError {
+                            at,
+                            message: format!("an index or a member is expected, not {}", describe(&token)),
+                        });
                     }
                 };
                 self.expect("]")?;
@@ -339,7 +367,10 @@ impl Parser<'_> {
             }
             Token::Name(name) => Kind::Name(name),
             other => {
-                return Err(SyntaxError { at, message: format!("a value is expected, not {}", describe(&other)) });
+                return Err(SyntaxError {
+                    at,
+                    message: format!("a value is expected, not {}", describe(&other)),
+                });
             }
         };
         Ok(Expr::new(at, kind))
@@ -364,7 +395,10 @@ impl Parser<'_> {
             let variable = self.name("an index variable")?;
             let (word, at) = self.advance();
             if word != Token::Name("in".to_owned()) {
-                return Err(SyntaxError { at, message: "a sum is written `sum(n in set: expression)`".to_owned() });
+                return Err(SyntaxError {
+                    at,
+                    message: "a sum is written `sum(n in set: expression)`".to_owned(),
+                });
             }
             let set = self.name("the name of a set")?;
             self.expect(":")?;
@@ -389,7 +423,10 @@ impl Parser<'_> {
 fn too_deep(at: Position) -> SyntaxError {
     SyntaxError {
         at,
-        message: format!("the expression is nested too deep (at most {MAX_DEPTH} parentheses, {MAX_HEIGHT} operators in a chain)"),
+        message: format!(
+            "the expression is nested too deep (at most {MAX_DEPTH} parentheses, {MAX_HEIGHT} operators in a \
+            chain)"
+        ),
     }
 }
 
@@ -407,7 +444,9 @@ mod tests {
             Kind::Member(name, index) => format!("{name}[{index}]"),
             Kind::Negate(x) => format!("(-{})", shape(x)),
             Kind::Binary(op, a, b) => format!("({} {op:?} {})", shape(a), shape(b)),
-            Kind::Call(name, arguments) => format!("{name}({})", arguments.iter().map(shape).collect::<Vec<_>>().join(",")),
+            Kind::Call(name, arguments) => {
+                format!("{name}({})", arguments.iter().map(shape).collect::<Vec<_>>().join(","))
+            }
             Kind::Sum { variable, set, body } => format!("sum({variable} in {set}: {})", shape(body)),
         }
     }
@@ -435,14 +474,22 @@ mod tests {
     fn errors_say_where() {
         let error = parse("a +\n  * b").unwrap_err();
         assert_eq!(error.at, Position { line: 2, column: 3 });
-        for bad in ["", "(", "a b", "1..2", "a[", "f(,)", "sum(n: a)", "é", "1e999", "a[n", "a[1.5]", "a[-1]", "2[K"] {
+        for bad in
+            ["", "(", "a b", "1..2", "a[", "f(,)", "sum(n: a)", "é", "1e999", "a[n", "a[1.5]", "a[-1]", "2[K"]
+        {
             assert!(parse(bad).is_err(), "{bad}");
         }
     }
 
     #[test]
     fn hostile_depth_is_refused_without_a_crash() {
-        for hostile in ["(".repeat(8000), "-".repeat(8000), "a^".repeat(5000), "a+".repeat(8000) + "a", "f(".repeat(5000)] {
+        for hostile in [
+            "(".repeat(8000),
+            "-".repeat(8000),
+            "a^".repeat(5000),
+            "a+".repeat(8000) + "a",
+            "f(".repeat(5000),
+        ] {
             assert!(parse(&hostile).is_err());
         }
     }

@@ -1,15 +1,17 @@
-//! Treatment plants: tanks in a row, recycles, a settler and a controller, put together as an ordinary model document.
+//! Treatment plants: tanks in a row, recycles, a settler and a controller, put together as an ordinary model
+//! document.
 //!
-//! A plant's document says volumes, flows and numbers; what is layout and logic is here. It expands into the texts of a
-//! [`ModelSpec`], one equation per state, so that everything that works on models works on plants: effects add terms to
-//! `S_NH[aerobic]`, and replace names such as `mu_A`, `Q` or `kLa[aerobic]`.
+//! A plant's document says volumes, flows and numbers; what is layout and logic is here. It expands into the
+//! texts of a [`ModelSpec`], one equation per state, so that everything that works on models works on plants:
+//! effects add terms to `S_NH[aerobic]`, and replace names such as `mu_A`, `Q` or `kLa[aerobic]`.
 
 use super::process::{Constant, ReactionsSpec};
 use super::settler::state;
 
 use super::settler::Settler;
 use super::spec::{
-    Check, Definition, Hold, InputSpec, ModelSpec, Nominal, OutputSpec, ParameterSpec, Scale, Stepper, WarmUpSpec, from_toml,
+    Check, Definition, Hold, InputSpec, ModelSpec, Nominal, OutputSpec, ParameterSpec, Scale, Stepper,
+    WarmUpSpec, from_toml,
 };
 use crate::fault::{Fault, nearest};
 use indexmap::IndexMap;
@@ -91,7 +93,8 @@ pub struct Flows {
     pub wasted: String,
 }
 
-/// A proportional-integral controller of the oxygen in a tank, whose integral follows the limits of the aeration.
+/// A proportional-integral controller of the oxygen in a tank, whose integral follows the limits of the
+/// aeration.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 #[schema(as = PlantController)]
@@ -142,14 +145,23 @@ impl PlantSpec {
     /// Every name and length that makes no sense, and every process that does not conserve what it should.
     pub fn expand(&self, known: &BTreeMap<String, ReactionsSpec>) -> Result<ModelSpec, Vec<Fault>> {
         if !(1..=MAX_TANKS).contains(&self.tanks.len()) {
-            return Err(vec![Fault::new("/tanks", "limit", format!("a plant has between 1 and {MAX_TANKS} tanks"))]);
+            return Err(vec![Fault::new(
+                "/tanks",
+                "limit",
+                format!("a plant has between 1 and {MAX_TANKS} tanks"),
+            )]);
         }
         let mut faults = self.own_faults();
         let Some(mut reactions) = known.get(&self.reactions).cloned() else {
-            let fault = Fault::new("/reactions", "unknown-name", format!("there are no reactions `{}`", self.reactions));
+            let fault = Fault::new(
+                "/reactions",
+                "unknown-name",
+                format!("there are no reactions `{}`", self.reactions),
+            );
             faults.push(match nearest(&self.reactions, known.keys().map(String::as_str)) {
                 Some(near) => fault.suggest(format!("did you mean `{near}`?")),
-                None => fault.suggest(format!("known are {}", known.keys().cloned().collect::<Vec<_>>().join(", "))),
+                None => fault
+                    .suggest(format!("known are {}", known.keys().cloned().collect::<Vec<_>>().join(", "))),
             });
             return Err(faults);
         };
@@ -157,11 +169,18 @@ impl PlantSpec {
         faults.extend(self.settler.faults(&reactions));
         let components = reactions.kept().count();
         for (name, tank) in self.tanks.iter().filter(|(_, tank)| tank.initial.len() != components) {
-            let detail = format!("the tank needs {components} values, one per component, not {}", tank.initial.len());
+            let detail =
+                format!("the tank needs {components} values, one per component, not {}", tank.initial.len());
             faults.push(Fault::new(format!("/tanks/{name}/initial"), "length", detail));
         }
-        if let Some(controller) = self.controller.as_ref().filter(|controller| !self.tanks.contains_key(&controller.tank)) {
-            let fault = Fault::new("/controller/tank", "unknown-name", format!("there is no tank `{}`", controller.tank));
+        if let Some(controller) =
+            self.controller.as_ref().filter(|controller| !self.tanks.contains_key(&controller.tank))
+        {
+            let fault = Fault::new(
+                "/controller/tank",
+                "unknown-name",
+                format!("there is no tank `{}`", controller.tank),
+            );
             faults.push(match nearest(&controller.tank, self.tanks.keys().map(String::as_str)) {
                 Some(near) => fault.suggest(format!("did you mean `{near}`?")),
                 None => fault,
@@ -202,7 +221,8 @@ impl PlantSpec {
     pub fn place(fault: Fault) -> Fault {
         let of = |parts: &[&str]| parts.iter().any(|part| fault.pointer.starts_with(part));
         let pointer = if of(&["/process"]) {
-            // A balance that does not hold is one of the numbers that the plant has written over those of its reactions.
+            // A balance that does not hold is one of the numbers that the plant has written over those of its
+            // reactions.
             "/parameters"
         } else if of(&["/states", "/equations", "/define", "/inputs"]) {
             "/tanks"
@@ -216,7 +236,8 @@ impl PlantSpec {
     fn set(&self, reactions: &mut ReactionsSpec) -> Vec<Fault> {
         let mut faults = Vec::new();
         let unknown = |pointer: String, name: &str, reactions: &ReactionsSpec| {
-            let fault = Fault::new(pointer, "unknown-name", format!("`{}` has no parameter `{name}`", reactions.id));
+            let fault =
+                Fault::new(pointer, "unknown-name", format!("`{}` has no parameter `{name}`", reactions.id));
             match nearest(name, reactions.parameters.keys().map(String::as_str)) {
                 Some(near) => fault.suggest(format!("did you mean `{near}`?")),
                 None => fault,
@@ -235,7 +256,11 @@ impl PlantSpec {
         for (index, name) in self.free.iter().enumerate() {
             match reactions.parameters.get(name) {
                 Some(Constant { lower: Some(_), upper: Some(_), .. }) => {}
-                Some(_) => faults.push(Fault::new(format!("/free/{index}"), "bounds", format!("`{name}` is free and has no bounds"))),
+                Some(_) => faults.push(Fault::new(
+                    format!("/free/{index}"),
+                    "bounds",
+                    format!("`{name}` is free and has no bounds"),
+                )),
                 None => faults.push(unknown(format!("/free/{index}"), name, reactions)),
             }
         }
@@ -253,7 +278,9 @@ impl PlantSpec {
         };
         spec.inputs.insert("Q".to_owned(), input("m3/d", false));
         // By convention some components of an influent are constant, or zero.
-        spec.inputs.extend(reactions.kept().map(|(name, component)| (name.to_owned(), input(&component.unit, true))));
+        spec.inputs.extend(
+            reactions.kept().map(|(name, component)| (name.to_owned(), input(&component.unit, true))),
+        );
     }
 
     /// Parameters that are free, and definitions of all numbers that are not.
@@ -273,7 +300,10 @@ impl PlantSpec {
                     spec.parameters.insert(name.clone(), parameter);
                 }
                 _ => {
-                    spec.define.insert(name.clone(), Definition::Text(format!("{}[{}]", constant.value, constant.unit)));
+                    spec.define.insert(
+                        name.clone(),
+                        Definition::Text(format!("{}[{}]", constant.value, constant.unit)),
+                    );
                 }
             }
         }
@@ -344,7 +374,14 @@ impl Controller {
         define(&format!("kLa[{tank}]"), "kLa_set");
         // Twice what the limit takes away goes back into the integral, so that it does not wind up.
         let integral = "convert(S_O_error + 2*(kLa_set - kLa_wanted)/kLa_gain, 1[g d/m3/h])";
-        state(spec, "I_O2", "g d/m3", self.initial, "integral of the oxygen controller".to_owned(), integral.to_owned());
+        state(
+            spec,
+            "I_O2",
+            "g d/m3",
+            self.initial,
+            "integral of the oxygen controller".to_owned(),
+            integral.to_owned(),
+        );
     }
 }
 

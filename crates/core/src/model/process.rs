@@ -1,7 +1,8 @@
 //! Processes: a Gujer matrix as the field writes it, of components, rates and stoichiometry.
 //!
-//! Processes make no model by themselves, because they do not say where they happen: a plant does (`plant`). Its texts
-//! come from here, once per tank, with every name of a component or rate followed by the tank's, `S_NH[aerobic]`.
+//! Processes make no model by themselves, because they do not say where they happen: a plant does (`plant`).
+//! Its texts come from here, once per tank, with every name of a component or rate followed by the tank's,
+//! `S_NH[aerobic]`.
 
 use super::expr::{Node, NodeId};
 use super::lower::{Lowering, Symbol, Value};
@@ -104,12 +105,17 @@ impl ReactionsSpec {
 
     /// The components that tanks keep account of.
     pub(super) fn kept(&self) -> impl Iterator<Item = (&str, &Component)> {
-        self.components.iter().filter(|(_, component)| !component.leaves).map(|(name, component)| (name.as_str(), component))
+        self.components
+            .iter()
+            .filter(|(_, component)| !component.leaves)
+            .map(|(name, component)| (name.as_str(), component))
     }
 
     /// The suspended solids of a tank.
     pub(super) fn solids(&self, tank: &str) -> String {
-        let share = |(name, component): (&str, &Component)| component.tss.as_ref().map(|tss| format!("({tss})*{name}[{tank}]"));
+        let share = |(name, component): (&str, &Component)| {
+            component.tss.as_ref().map(|tss| format!("({tss})*{name}[{tank}]"))
+        };
         self.kept().filter_map(share).collect::<Vec<_>>().join(" + ")
     }
 
@@ -159,21 +165,29 @@ impl ReactionsSpec {
         placed
     }
 
-    /// Every process that makes or destroys something that is conserved, at the values of the parameters and at both ends
-    /// of their intervals.
+    /// Every process that makes or destroys something that is conserved, at the values of the parameters and
+    /// at both ends of their intervals.
     pub(super) fn continuity(&self) -> Vec<Fault> {
         let mut lowering = Lowering::new(BTreeMap::new());
         for (index, (name, constant)) in self.parameters.iter().enumerate() {
             let node = Node::Param(index as u16);
             let unit = Unit::parse(&constant.unit).ok();
-            lowering.add_symbol(name.clone(), Symbol { node, unit, nonnegative: constant.value >= 0.0, missing: None });
+            lowering.add_symbol(
+                name.clone(),
+                Symbol { node, unit, nonnegative: constant.value >= 0.0, missing: None },
+            );
         }
-        let quantities: BTreeSet<&String> = self.components.values().flat_map(|component| component.holds.keys()).collect();
+        let quantities: BTreeSet<&String> =
+            self.components.values().flat_map(|component| component.holds.keys()).collect();
         let mut balances: Vec<(String, String, NodeId)> = Vec::new();
         for process in &self.processes {
             let pointer = format!("/process/{}", process.name);
             for name in process.stoichiometry.keys().filter(|name| !self.components.contains_key(*name)) {
-                let fault = Fault::new(format!("{pointer}/{name}"), "unknown-name", format!("there is no component `{name}`"));
+                let fault = Fault::new(
+                    format!("{pointer}/{name}"),
+                    "unknown-name",
+                    format!("there is no component `{name}`"),
+                );
                 lowering.faults.push(match nearest(name, self.components.keys().map(String::as_str)) {
                     Some(near) => fault.suggest(format!("did you mean `{near}`?")),
                     None => fault,
@@ -197,18 +211,28 @@ impl ReactionsSpec {
         let roots: Vec<NodeId> = balances.iter().map(|(_, _, node)| *node).collect();
         let at = |value: fn(&Constant) -> f64| {
             let leaf = |node: Node| match node {
-                Node::Param(i) => self.parameters.get_index(usize::from(i)).map_or(f64::NAN, |(_, constant)| value(constant)),
+                Node::Param(i) => self
+                    .parameters
+                    .get_index(usize::from(i))
+                    .map_or(f64::NAN, |(_, constant)| value(constant)),
                 _ => f64::NAN,
             };
             lowering.graph.evaluate(&roots, leaf)
         };
-        let all = [at(|constant| constant.value), at(|c| c.lower.unwrap_or(c.value)), at(|c| c.upper.unwrap_or(c.value))];
+        let all = [
+            at(|constant| constant.value),
+            at(|c| c.lower.unwrap_or(c.value)),
+            at(|c| c.upper.unwrap_or(c.value)),
+        ];
         let mut faults = Vec::new();
         for (index, (pointer, quantity, _)) in balances.into_iter().enumerate() {
-            let larger = |worst: f64, x: f64| if worst.is_nan() || worst.abs() >= x.abs() { worst } else { x };
+            let larger =
+                |worst: f64, x: f64| if worst.is_nan() || worst.abs() >= x.abs() { worst } else { x };
             let worst = all.iter().map(|residuals| residuals[index]).fold(0.0f64, larger);
             if worst.is_nan() || worst.abs() > CONTINUITY {
-                let detail = format!("the process makes {worst:.3e} of {quantity} out of nothing, per unit of its rate");
+                let detail = format!(
+                    "the process makes {worst:.3e} of {quantity} out of nothing, per unit of its rate"
+                );
                 faults.push(Fault::new(pointer, "continuity", detail));
             }
         }

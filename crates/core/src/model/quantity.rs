@@ -1,5 +1,5 @@
-//! What is wrong with the numbers and names of a plant's document, each at its place. Expressions that these numbers go into
-//! would say it at places that its author never wrote.
+//! What is wrong with the numbers and names of a plant's document, each at its place. Expressions that these
+//! numbers go into would say it at places that its author never wrote.
 
 use super::lower::{Lowering, Value};
 use super::parse::is_name;
@@ -12,13 +12,15 @@ use std::collections::BTreeMap;
 struct Quantity<'a>(String, &'a str, &'static str, bool);
 
 impl PlantSpec {
-    /// Every quantity without the unit that belongs there or out of physics, and every tank that cannot have its name.
+    /// Every quantity without the unit that belongs there or out of physics, and every tank that cannot have
+    /// its name.
     pub(super) fn own_faults(&self) -> Vec<Fault> {
         let mut faults: Vec<Fault> = self.quantities().iter().flat_map(Quantity::faults).collect();
         for (name, tank) in &self.tanks {
             if !is_name(name) || is_layer(name) {
                 let detail = format!(
-                    "`{name}` names no tank: a letter, then letters, digits and `_`, and not `s1`, which is a layer of the settler"
+                    "`{name}` names no tank: a letter, then letters, digits and `_`, and not `s1`, which is \
+                    a layer of the settler"
                 );
                 faults.push(Fault::new(format!("/tanks/{name}"), "name", detail));
             }
@@ -57,11 +59,15 @@ impl PlantSpec {
         });
         let tanks = self.tanks.iter().flat_map(|(name, tank)| {
             let volume = Quantity(format!("/tanks/{name}/volume"), &tank.volume, "m3", false);
-            let aeration = tank.aeration.as_ref().map(|text| Quantity(format!("/tanks/{name}/kLa"), text, "1/d", true));
+            let aeration =
+                tank.aeration.as_ref().map(|text| Quantity(format!("/tanks/{name}/kLa"), text, "1/d", true));
             [Some(volume), aeration].into_iter().flatten()
         });
         let named = fixed.into_iter().chain(controller);
-        named.map(|(pointer, text, unit, zero)| Quantity(pointer.to_owned(), text, unit, zero)).chain(tanks).collect()
+        named
+            .map(|(pointer, text, unit, zero)| Quantity(pointer.to_owned(), text, unit, zero))
+            .chain(tanks)
+            .collect()
     }
 }
 
@@ -76,7 +82,11 @@ impl Quantity<'_> {
         let fits = |found: Unit| Unit::parse(unit).is_ok_and(|wanted| found.same_dimension(&wanted));
         if found.is_some_and(|found| !fits(found)) {
             let fault = Fault::new(pointer.clone(), "unit", format!("`{text}` is no quantity in {unit}"));
-            return vec![if *unit == "-" { fault } else { fault.suggest(format!("write a number with its unit, such as 2[{unit}]")) }];
+            return vec![if *unit == "-" {
+                fault
+            } else {
+                fault.suggest(format!("write a number with its unit, such as 2[{unit}]"))
+            }];
         }
         let value = lowering.graph.evaluate(&[node], |_| f64::NAN).first().copied().unwrap_or(f64::NAN);
         if value.is_finite() && (value > 0.0 || (*zero && value == 0.0)) {
@@ -89,7 +99,8 @@ impl Quantity<'_> {
 
 /// Whether `S_NH[name]` would be a layer of the settler.
 fn is_layer(name: &str) -> bool {
-    name.strip_prefix('s').is_some_and(|rest| !rest.is_empty() && rest.bytes().all(|byte| byte.is_ascii_digit()))
+    name.strip_prefix('s')
+        .is_some_and(|rest| !rest.is_empty() && rest.bytes().all(|byte| byte.is_ascii_digit()))
 }
 
 /// So many faults of one list are enough.
@@ -100,6 +111,8 @@ fn negative(pointer: &str, values: &[f64]) -> Vec<Fault> {
     let wrong = values.iter().enumerate().filter(|(_, value)| !(value.is_finite() && **value >= 0.0));
     wrong
         .take(MOST_FAULTS)
-        .map(|(index, value)| Fault::new(format!("{pointer}/{index}"), "bounds", format!("{value} is no concentration")))
+        .map(|(index, value)| {
+            Fault::new(format!("{pointer}/{index}"), "bounds", format!("{value} is no concentration"))
+        })
         .collect()
 }

@@ -1,7 +1,8 @@
-//! The secondary settler of Takacs, Patry and Nolasco (Water Research 25, 1991): layers through which solids settle.
+//! The secondary settler of Takacs, Patry and Nolasco (Water Research 25, 1991): layers through which solids
+//! settle.
 //!
-//! Layer 1 is the top. Each layer has a state for the suspended solids, `TSS[3]`, and one for each dissolved component,
-//! `S_NH[s3]`. The components that settle leave in the proportions of the feed at that instant.
+//! Layer 1 is the top. Each layer has a state for the suspended solids, `TSS[3]`, and one for each dissolved
+//! component, `S_NH[s3]`. The components that settle leave in the proportions of the feed at that instant.
 
 use super::process::ReactionsSpec;
 use super::spec::StateSpec;
@@ -42,7 +43,8 @@ pub struct Settler {
     /// The solids above which a layer over the feed slows the settling into it.
     #[serde(rename = "X_t")]
     pub x_t: String,
-    /// What each layer holds at the start, from the top: the suspended solids `TSS` and the dissolved components.
+    /// What each layer holds at the start, from the top: the suspended solids `TSS` and the dissolved
+    /// components.
     pub initial: IndexMap<String, Vec<f64>>,
 }
 
@@ -51,12 +53,25 @@ impl Settler {
     pub(super) fn faults(&self, reactions: &ReactionsSpec) -> Vec<Fault> {
         let mut faults = Vec::new();
         if !(2..=MAX_LAYERS).contains(&self.layers) {
-            faults.push(Fault::new("/settler/layers", "limit", format!("a settler has 2 to {MAX_LAYERS} layers")));
+            faults.push(Fault::new(
+                "/settler/layers",
+                "limit",
+                format!("a settler has 2 to {MAX_LAYERS} layers"),
+            ));
         }
         if !(1..=self.layers).contains(&self.feed) {
-            faults.push(Fault::new("/settler/feed", "limit", "one of the layers is fed, counted from the top"));
+            faults.push(Fault::new(
+                "/settler/feed",
+                "limit",
+                "one of the layers is fed, counted from the top",
+            ));
         }
-        let held: Vec<&str> = reactions.kept().filter(|(_, about)| about.tss.is_none()).map(|(name, _)| name).chain(["TSS"]).collect();
+        let held: Vec<&str> = reactions
+            .kept()
+            .filter(|(_, about)| about.tss.is_none())
+            .map(|(name, _)| name)
+            .chain(["TSS"])
+            .collect();
         for name in &held {
             if self.initial.get(*name).is_none_or(|values| values.len() != self.layers) {
                 let detail = format!("`{name}` needs {} values, one per layer", self.layers);
@@ -64,14 +79,16 @@ impl Settler {
             }
         }
         for name in self.initial.keys().filter(|name| !held.contains(&name.as_str())) {
-            let detail = format!("a layer holds no `{name}`: the dissolved components, and TSS for all solids");
+            let detail =
+                format!("a layer holds no `{name}`: the dissolved components, and TSS for all solids");
             faults.push(Fault::new(format!("/settler/initial/{name}"), "unknown-name", detail));
         }
         faults
     }
 
-    /// Adds the settler behind the tank `last`. The flows `Q_e` (over the weir), `Q_r` and `Q_w` are defined elsewhere;
-    /// what it defines for the plant is each component in the effluent, `S_NH_e`, and in the return sludge, `S_NH_r`.
+    /// Adds the settler behind the tank `last`. The flows `Q_e` (over the weir), `Q_r` and `Q_w` are defined
+    /// elsewhere; what it defines for the plant is each component in the effluent, `S_NH_e`, and in the
+    /// return sludge, `S_NH_r`.
     pub(super) fn build(&self, spec: &mut ModelSpec, reactions: &ReactionsSpec, last: &str) {
         let bottom = self.layers;
         let mut define = |name: String, text: String| {
@@ -89,7 +106,8 @@ impl Settler {
             define(name.to_owned(), text.clone());
         }
         define("z_layer".to_owned(), format!("({})/{}", self.height, self.layers));
-        // Velocities are counted in layers per hour, so that the height enters what is known beforehand alone.
+        // Velocities are counted in layers per hour, so that the height enters what is known beforehand
+        // alone.
         define("v_up".to_owned(), "convert(Q_e/(A_settler*z_layer), 1[1/h])".to_owned());
         define("v_down".to_owned(), "convert((Q_r + Q_w)/(A_settler*z_layer), 1[1/h])".to_owned());
         define("TSS_feed".to_owned(), format!("TSS[{last}]"));
@@ -98,14 +116,20 @@ impl Settler {
         define("thickened".to_owned(), format!("TSS[{bottom}]/TSS_feed"));
         for i in 1..=bottom {
             let law = format!("exp(-r_h*(TSS[{i}] - TSS_min)) - exp(-r_p*(TSS[{i}] - TSS_min))");
-            let velocity = format!("max(0, min(convert(v0_max/z_layer, 1[1/h]), convert(v0/z_layer, 1[1/h])*({law})))");
+            let velocity =
+                format!("max(0, min(convert(v0_max/z_layer, 1[1/h]), convert(v0/z_layer, 1[1/h])*({law})))");
             define(format!("v_settling[{i}]"), velocity);
             define(format!("settling[{i}]"), format!("v_settling[{i}]*TSS[{i}]"));
         }
         for i in 1..bottom {
-            // What sinks out of a layer is limited by what the next one passes on; above the feed only if that is thick.
+            // What sinks out of a layer is limited by what the next one passes on; above the feed only if
+            // that is thick.
             let limited = format!("min(settling[{i}], settling[{}])", i + 1);
-            let flux = if i < self.feed { format!("if(TSS[{}] <= X_t, settling[{i}], {limited})", i + 1) } else { limited };
+            let flux = if i < self.feed {
+                format!("if(TSS[{}] <= X_t, settling[{i}], {limited})", i + 1)
+            } else {
+                limited
+            };
             define(format!("sinking[{i}]"), flux);
         }
         for (name, component) in reactions.kept() {
@@ -152,7 +176,15 @@ impl Settler {
 }
 
 /// Adds a state with its equation.
-pub(super) fn state(spec: &mut ModelSpec, name: &str, unit: &str, initial: f64, title: String, equation: String) {
-    spec.states.insert(name.to_owned(), StateSpec { unit: unit.to_owned(), initial: initial.to_string(), title });
+pub(super) fn state(
+    spec: &mut ModelSpec,
+    name: &str,
+    unit: &str,
+    initial: f64,
+    title: String,
+    equation: String,
+) {
+    spec.states
+        .insert(name.to_owned(), StateSpec { unit: unit.to_owned(), initial: initial.to_string(), title });
     spec.equations.insert(name.to_owned(), equation);
 }

@@ -65,8 +65,9 @@ pub enum Stepper {
     /// wide boxes.
     #[default]
     Ros2,
-    /// The stabilised explicit method of order 2 (Sommeijer, Shampine and Verwer, J. Comput. Appl. Math. 88, 1997) with
-    /// steps of its own for each candidate: for large models whose stiffness is dissipative, as treatment plants are.
+    /// The stabilised explicit method of order 2 (Sommeijer, Shampine and Verwer, J. Comput. Appl. Math. 88,
+    /// 1997) with steps of its own for each candidate: for large models whose stiffness is dissipative, as
+    /// treatment plants are.
     Rkc,
     /// The classical Runge-Kutta method of order 4, for references; no document asks for it.
     #[serde(skip)]
@@ -95,8 +96,8 @@ pub struct WarmUpSpec {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(untagged, expecting = "the value of each input, or \"mean\"")]
 pub enum WarmUpInputs {
-    /// What they are on average in the record: for a plant that has run for so many hours since the stated state. With much
-    /// fewer or more of them its sludge is not what it was when the record began.
+    /// What they are on average in the record: for a plant that has run for so many hours since the stated
+    /// state. With much fewer or more of them its sludge is not what it was when the record began.
     Record(RecordMean),
     /// The value of each in its unit. An input that an effect adds keeps its first value where none is given.
     Values(IndexMap<String, f64>),
@@ -165,15 +166,15 @@ pub struct InputSpec {
     /// Between samples.
     #[serde(default = "linear")]
     pub hold: Hold,
-    /// The channel that it is read from, its own name by default. In a family `T_n[n in neighbours]` the index in
-    /// braces stands for the member, `T_room_{n}`; the default is `T_n_<member>`.
+    /// The channel that it is read from, its own name by default. In a family `T_n[n in neighbours]` the
+    /// index in braces stands for the member, `T_room_{n}`; the default is `T_n_<member>`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub channel: Option<String>,
     /// The least value that it can take, where physics gives one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub min: Option<f64>,
-    /// Whether it may stay constant in a record: no parameter stands for its effect alone, as with the concentrations of an
-    /// influent. All such inputs together may not.
+    /// Whether it may stay constant in a record: no parameter stands for its effect alone, as with the
+    /// concentrations of an influent. All such inputs together may not.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub may_be_constant: bool,
 }
@@ -321,11 +322,12 @@ pub struct EffectSpec {
     /// What could be measured to tell this effect from others.
     #[serde(default)]
     pub measure: String,
-    /// `channel` where the effect is a family with one member per channel: `{channel}` stands for the name. Any
-    /// other word where it is one of the `choices`.
+    /// `channel` where the effect is a family with one member per channel: `{channel}` stands for the name.
+    /// Any other word where it is one of the `choices`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub argument: Option<String>,
-    /// How the names of the channels begin that are members of a family over channels; any that has the unit where there are none.
+    /// How the names of the channels begin that are members of a family over channels; any that has the unit
+    /// where there are none.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub members: Vec<String>,
     /// How the names begin of those that are not.
@@ -338,7 +340,8 @@ pub struct EffectSpec {
     /// The sign that physics gives its coefficient.
     #[serde(default)]
     pub sign: Sign,
-    /// The effect of which this is another way: the same heat by another path into the room. It is tried where that one is named.
+    /// The effect of which this is another way: the same heat by another path into the room. It is tried
+    /// where that one is named.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub way_of: Option<String>,
     /// Inputs that are made from the measured output, or follow from it: an effect that reads one can explain
@@ -357,8 +360,9 @@ pub struct EffectSpec {
     /// Named subexpressions that it adds to the model.
     #[serde(default)]
     pub define: IndexMap<String, Definition>,
-    /// New meanings of names of the model: definitions, parameters or inputs. Inside its expression the name means what
-    /// it meant before: `mu_A = "mu_A * f"`. An effect that replaces a name needs all of its inputs.
+    /// New meanings of names of the model: definitions, parameters or inputs. Inside its expression the name
+    /// means what it meant before: `mu_A = "mu_A * f"`. An effect that replaces a name needs all of its
+    /// inputs.
     #[serde(default, skip_serializing_if = "IndexMap::is_empty")]
     pub replace: IndexMap<String, String>,
     /// Terms added to the equations, by state.
@@ -404,7 +408,9 @@ pub struct CompositionSpec {
 impl EffectSpec {
     /// Whether its members are temperatures of what heats: any but those that are named as strangers.
     pub fn heats(&self) -> bool {
-        self.argument.as_deref() == Some("channel") && !self.strangers.is_empty() && self.inputs.values().all(|input| input.unit == "degC")
+        self.argument.as_deref() == Some("channel")
+            && !self.strangers.is_empty()
+            && self.inputs.values().all(|input| input.unit == "degC")
     }
 
     /// Reads an effect in TOML.
@@ -418,10 +424,15 @@ impl EffectSpec {
 
 pub(super) fn from_toml<T: serde::de::DeserializeOwned>(text: &str) -> Result<T, Fault> {
     if text.len() > MAX_DOCUMENT {
-        return Err(Fault::new("", "too-large", format!("the document has {} bytes, the limit is {MAX_DOCUMENT}", text.len())));
+        return Err(Fault::new(
+            "",
+            "too-large",
+            format!("the document has {} bytes, the limit is {MAX_DOCUMENT}", text.len()),
+        ));
     }
     toml::from_str(text).map_err(|error| {
-        let line = error.span().map_or(1, |span| 1 + text[..span.start.min(text.len())].matches('\n').count());
+        let line =
+            error.span().map_or(1, |span| 1 + text[..span.start.min(text.len())].matches('\n').count());
         Fault::new(format!("line {line}"), "invalid-document", error.message().to_owned())
     })
 }

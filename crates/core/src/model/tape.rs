@@ -5,9 +5,9 @@
 //! - shared: depends on inputs only, computed once per step for all candidates together;
 //! - step: depends on states or delayed inputs, computed per candidate and step.
 //!
-//! The registers of a lane file follow in this order: parameters, step length, constants, candidate
-//! values, shared values, delayed inputs, states, step values. An instruction writes the next register, so its operands
-//! always lie below its result. Tapes are data; the workspace belongs to the evaluator.
+//! The registers of a lane file follow in this order: parameters, step length, constants, candidate values,
+//! shared values, delayed inputs, states, step values. An instruction writes the next register, so its
+//! operands always lie below its result. Tapes are data; the workspace belongs to the evaluator.
 
 use super::expr::{Binary, Graph, Node, NodeId, Point, Unary, operands};
 
@@ -229,10 +229,15 @@ pub fn schedule(graph: &Graph, roots: &[NodeId], parameters: usize, states: usiz
     for root in roots {
         for_lanes[root.0 as usize] = true;
     }
-    for (_, node) in nodes.iter().enumerate().filter(|(i, _)| used[*i] && matches!(stages[*i], Stage::Candidate | Stage::Step)) {
+    for (_, node) in nodes
+        .iter()
+        .enumerate()
+        .filter(|(i, _)| used[*i] && matches!(stages[*i], Stage::Candidate | Stage::Step))
+    {
         operands(*node).for_each(|x| for_lanes[x.0 as usize] = true);
     }
-    let of_stage = |stage: Stage| (0..nodes.len()).filter(|i| used[*i] && stages[*i] == stage).collect::<Vec<_>>();
+    let of_stage =
+        |stage: Stage| (0..nodes.len()).filter(|i| used[*i] && stages[*i] == stage).collect::<Vec<_>>();
     let is_delayed = |i: &usize| matches!(nodes[*i], Node::Delayed(..));
     let is_leaf = |i: &usize| is_delayed(i) || operands(nodes[*i]).next().is_none();
     let shared = shared_stage(nodes, &of_stage(Stage::Shared), &for_lanes);
@@ -269,7 +274,8 @@ pub fn schedule(graph: &Graph, roots: &[NodeId], parameters: usize, states: usiz
         register[*i] = next;
         next += 1;
     }
-    let code = |list: &[usize]| list.iter().filter_map(|i| instruction(nodes, *i, &inner, &register)).collect();
+    let code =
+        |list: &[usize]| list.iter().filter_map(|i| instruction(nodes, *i, &inner, &register)).collect();
     Tape {
         parameters,
         constants: constants.iter().filter_map(|i| constant(nodes[*i])).collect(),
@@ -335,7 +341,9 @@ fn pair_up(nodes: &[Node], step: &[usize], roots: &[NodeId]) -> Vec<Option<usize
 
 /// The operands a, b and c of a product `(a - b) c` that a sum may absorb as a whole.
 fn conduct(nodes: &[Node], outer: Binary, product: usize, inner: &[Option<usize>]) -> Option<[NodeId; 3]> {
-    let (Binary::Add, Node::Binary(Binary::Mul, x, y), Some(difference)) = (outer, nodes[product], inner[product]) else {
+    let (Binary::Add, Node::Binary(Binary::Mul, x, y), Some(difference)) =
+        (outer, nodes[product], inner[product])
+    else {
         return None;
     };
     let Node::Binary(Binary::Sub, a, b) = nodes[difference] else {
@@ -344,7 +352,12 @@ fn conduct(nodes: &[Node], outer: Binary, product: usize, inner: &[Option<usize>
     Some([a, b, if x.0 as usize == difference { y } else { x }])
 }
 
-fn instruction(nodes: &[Node], index: usize, inner: &[Option<usize>], register: &[u32]) -> Option<Instruction> {
+fn instruction(
+    nodes: &[Node],
+    index: usize,
+    inner: &[Option<usize>],
+    register: &[u32],
+) -> Option<Instruction> {
     let of = |id: NodeId| register[id.0 as usize];
     let absorbed = inner.get(index).copied().flatten();
     if let (Node::Binary(outer, a, b), Some(absorbed)) = (nodes[index], absorbed)
@@ -367,7 +380,9 @@ fn instruction(nodes: &[Node], index: usize, inner: &[Option<usize>], register: 
 
 fn delayed_input(node: Node, register: &[u32]) -> Option<DelayedInput> {
     match node {
-        Node::Delayed(input, point, hours) => Some(DelayedInput { input: usize::from(input), point, hours: register[hours.0 as usize] }),
+        Node::Delayed(input, point, hours) => {
+            Some(DelayedInput { input: usize::from(input), point, hours: register[hours.0 as usize] })
+        }
         _ => None,
     }
 }

@@ -11,27 +11,45 @@ const MAX_HOURS: f64 = 8784.0;
 pub(super) fn warm_up(spec: &ModelSpec, inputs: &[Input], delays: &[Delay]) -> (Option<WarmUp>, Vec<Fault>) {
     let mut faults = Vec::new();
     if spec.stepper == Stepper::Rkc {
-        // Between two samples the equations must not depend on time: each candidate steps at times of its own.
+        // Between two samples the equations must not depend on time: each candidate steps at times of its
+        // own.
         for input in inputs.iter().filter(|input| input.hold == Hold::Linear) {
-            let detail = format!("the stepper rkc needs inputs that are held between samples, `{}` is not", input.name);
-            faults.push(Fault::new(format!("/inputs/{}/hold", input.name), "hold", detail).suggest("write hold = \"zero_order\""));
+            let detail = format!(
+                "the stepper rkc needs inputs that are held between samples, `{}` is not",
+                input.name
+            );
+            faults.push(
+                Fault::new(format!("/inputs/{}/hold", input.name), "hold", detail)
+                    .suggest("write hold = \"zero_order\""),
+            );
         }
         for delay in delays {
             let name = inputs.get(delay.input).map_or("", |input| input.name.as_str());
             let detail = format!("the stepper rkc knows no delays, the equations delay `{name}`");
-            faults.push(Fault::new(format!("/inputs/{name}"), "delay", detail).suggest("leave the stepper out"));
+            faults.push(
+                Fault::new(format!("/inputs/{name}"), "delay", detail).suggest("leave the stepper out"),
+            );
         }
     }
     let Some(asked) = &spec.warm_up else { return (None, faults) };
     if spec.stepper != Stepper::Rkc {
-        faults.push(Fault::new("/warm_up", "stepper", "a warm-up needs the stepper rkc").suggest("write stepper = \"rkc\""));
+        faults.push(
+            Fault::new("/warm_up", "stepper", "a warm-up needs the stepper rkc")
+                .suggest("write stepper = \"rkc\""),
+        );
     }
     if !(asked.hours > 0.0 && asked.hours <= MAX_HOURS) {
-        faults.push(Fault::new("/warm_up/hours", "limit", format!("a warm-up takes more than 0 and at most {MAX_HOURS} hours")));
+        faults.push(Fault::new(
+            "/warm_up/hours",
+            "limit",
+            format!("a warm-up takes more than 0 and at most {MAX_HOURS} hours"),
+        ));
     }
     let given = match &asked.inputs {
         WarmUpInputs::Values(given) => given,
-        WarmUpInputs::Record(_) => return (Some(WarmUp { hours: asked.hours, inputs: vec![Held::Mean; inputs.len()] }), faults),
+        WarmUpInputs::Record(_) => {
+            return (Some(WarmUp { hours: asked.hours, inputs: vec![Held::Mean; inputs.len()] }), faults);
+        }
     };
     for (name, value) in given {
         let pointer = format!("/warm_up/inputs/{name}");
@@ -46,11 +64,17 @@ pub(super) fn warm_up(spec: &ModelSpec, inputs: &[Input], delays: &[Delay]) -> (
             faults.push(Fault::new(pointer, "not-finite", format!("{value} is not a finite number")));
         }
     }
-    for input in inputs.iter().filter(|input| spec.inputs.contains_key(&input.name) && !given.contains_key(&input.name)) {
+    for input in inputs
+        .iter()
+        .filter(|input| spec.inputs.contains_key(&input.name) && !given.contains_key(&input.name))
+    {
         let detail = format!("the warm-up gives no value of the input `{}`", input.name);
         faults.push(Fault::new("/warm_up/inputs", "missing-input", detail));
     }
-    let values = inputs.iter().map(|input| given.get(&input.name).map_or(Held::First, |value| Held::Value(*value))).collect();
+    let values = inputs
+        .iter()
+        .map(|input| given.get(&input.name).map_or(Held::First, |value| Held::Value(*value)))
+        .collect();
     (Some(WarmUp { hours: asked.hours, inputs: values }), faults)
 }
 
@@ -83,7 +107,11 @@ mod tests {
     }
 
     fn codes(hold: &str, extra: &str) -> Vec<(String, String)> {
-        build(hold, extra).unwrap_err().into_iter().map(|fault| (fault.pointer, fault.code.to_string())).collect()
+        build(hold, extra)
+            .unwrap_err()
+            .into_iter()
+            .map(|fault| (fault.pointer, fault.code.to_string()))
+            .collect()
     }
 
     fn pair(pointer: &str, code: &str) -> (String, String) {
@@ -101,10 +129,18 @@ mod tests {
             pair("/warm_up/inputs", "missing-input"),
         ];
         assert_eq!(found, wanted);
-        assert_eq!(codes("zero_order", "warm_up = { hours = 1, inputs = { u = 2 } }"), [pair("/warm_up", "stepper")]);
-        assert_eq!(codes("zero_order", "warm_up = { hours = 1, inputs = \"mean\" }"), [pair("/warm_up", "stepper")]);
         assert_eq!(
-            build("zero_order", "stepper = \"rkc\"\nwarm_up = { hours = 1, inputs = \"first\" }").unwrap_err()[0].code,
+            codes("zero_order", "warm_up = { hours = 1, inputs = { u = 2 } }"),
+            [pair("/warm_up", "stepper")]
+        );
+        assert_eq!(
+            codes("zero_order", "warm_up = { hours = 1, inputs = \"mean\" }"),
+            [pair("/warm_up", "stepper")]
+        );
+        assert_eq!(
+            build("zero_order", "stepper = \"rkc\"\nwarm_up = { hours = 1, inputs = \"first\" }")
+                .unwrap_err()[0]
+                .code,
             "invalid-document"
         );
         assert_eq!(build("zero_order", "stepper = \"rk4\"").unwrap_err()[0].code, "invalid-document");

@@ -8,8 +8,8 @@ use utoipa::ToSchema;
 /// Costs closer than this count as equal whatever their ratio: a noise-free fit ends at rounding errors.
 const NOTHING: f64 = 1e-10;
 
-/// Places closer than this in every coordinate of the unit cube are one place, whatever the ratio of their costs: at the tip of
-/// a cusp the last digits of the place are the first ones of the cost.
+/// Places closer than this in every coordinate of the unit cube are one place, whatever the ratio of their
+/// costs: at the tip of a cusp the last digits of the place are the first ones of the cost.
 const ONE_PLACE: f64 = 1e-6;
 
 /// The convergence rule over successive restarts.
@@ -50,8 +50,9 @@ impl Agreement {
 
     /// Takes the optimum of one more restart, or that it found none, and says whether the search is over.
     ///
-    /// Converged: this restart and the one before reached the same cost or the same place, that is the best known, and
-    /// this one improved on it by next to nothing. Two restarts that share a worse optimum prove nothing.
+    /// Converged: this restart and the one before reached the same cost or the same place, that is the best
+    /// known, and this one improved on it by next to nothing. Two restarts that share a worse optimum prove
+    /// nothing.
     pub fn restart(&mut self, optimum: Option<(Candidate, Cost)>) -> Option<Ended> {
         let found = optimum.filter(|(_, cost)| *cost != Cost::Diverged);
         let improved = match (&found, &self.best) {
@@ -62,8 +63,9 @@ impl Agreement {
         if found.as_ref().is_some_and(|found| self.best.as_ref().is_none_or(|best| found.1 < best.1)) {
             self.best.clone_from(&found);
         }
-        let agrees =
-            |with: &Option<(Candidate, Cost)>| found.as_ref().zip(with.as_ref()).is_some_and(|(a, b)| same(a, b, self.options.within));
+        let agrees = |with: &Option<(Candidate, Cost)>| {
+            found.as_ref().zip(with.as_ref()).is_some_and(|(a, b)| same(a, b, self.options.within))
+        };
         let agree = agrees(&self.last) && agrees(&self.best);
         self.last = found;
         self.confirmed = if agree && !improved { self.confirmed + 1 } else { 0 };
@@ -90,7 +92,11 @@ mod tests {
 
     fn verdicts(optima: &[f64]) -> Vec<Option<Ended>> {
         let mut agreement = Agreement::new(AgreementOptions { patience: 3, ..AgreementOptions::default() });
-        optima.iter().enumerate().map(|(index, optimum)| agreement.restart(Some(at(index as f64, *optimum)))).collect()
+        optima
+            .iter()
+            .enumerate()
+            .map(|(index, optimum)| agreement.restart(Some(at(index as f64, *optimum))))
+            .collect()
     }
 
     fn at(place: f64, cost: f64) -> (Candidate, Cost) {
@@ -123,7 +129,8 @@ mod tests {
 
     #[test]
     fn more_confirmations_can_be_asked_for() {
-        let mut agreement = Agreement::new(AgreementOptions { confirmations: 2, ..AgreementOptions::default() });
+        let mut agreement =
+            Agreement::new(AgreementOptions { confirmations: 2, ..AgreementOptions::default() });
         let verdicts = [1.0, 1.0, 1.5, 1.0, 1.0, 1.0].map(|cost| agreement.restart(Some(at(cost, cost))));
         assert_eq!(verdicts, [None, None, None, None, None, Some(Ended::Converged)]);
     }

@@ -1,4 +1,5 @@
-//! The bookkeeping that every search needs once: the evaluation budget, the pending question, the best so far.
+//! The bookkeeping that every search needs once: the evaluation budget, the pending question, the best so
+//! far.
 //!
 //! A [`Strategy`] proposes batches of any size and never counts; [`Budgeted`] makes an [`Optimiser`] of it.
 
@@ -65,7 +66,9 @@ impl<S: Strategy> Optimiser for Budgeted<S> {
         // A missing answer is a candidate that could not be computed.
         let mut answers = Cow::Borrowed(answers);
         if answers.len() != batch.len() {
-            answers.to_mut().resize(batch.len(), Evaluation { cost: Cost::Diverged, residuals: Vec::new(), slope: None });
+            answers
+                .to_mut()
+                .resize(batch.len(), Evaluation { cost: Cost::Diverged, residuals: Vec::new(), slope: None });
         }
         for (candidate, answer) in batch.iter().zip(answers.iter()) {
             if self.best.as_ref().is_none_or(|(_, cost)| answer.cost < *cost) {

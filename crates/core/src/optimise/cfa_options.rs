@@ -42,8 +42,8 @@ pub struct CfaOptions {
     pub starts: usize,
     /// Where these runs start.
     pub local_from: LocalFrom,
-    /// Local runs per swarm from random places. They keep a swarm that is drawn to the wrong basin, as another one
-    /// may be, from confirming itself.
+    /// Local runs per swarm from random places. They keep a swarm that is drawn to the wrong basin, as
+    /// another one may be, from confirming itself.
     pub scouts: usize,
     /// The local runs.
     pub local: LocalOptions,

@@ -1,8 +1,9 @@
-//! The Clustered Firefly Algorithm as the thesis publishes it: Algorithm 2, for comparison with the literature.
+//! The Clustered Firefly Algorithm as the thesis publishes it: Algorithm 2, for comparison with the
+//! literature.
 //!
-//! Fireflies move one after the other in index order and see each other's moves at once; a move is taken whether
-//! it helps or not, and each one is an evaluation. After the initial population every batch is therefore a single
-//! candidate. Searches that need speed use the hybrid.
+//! Fireflies move one after the other in index order and see each other's moves at once; a move is taken
+//! whether it helps or not, and each one is an evaluation. After the initial population every batch is
+//! therefore a single candidate. Searches that need speed use the hybrid.
 
 use rand_xoshiro::Xoshiro256PlusPlus;
 use serde::{Deserialize, Serialize};
@@ -63,8 +64,8 @@ impl Default for CfaThesisOptions {
     }
 }
 
-/// The hierarchical algorithm that thesis section 8.1 proposes: clusters are clustered again. A firefly follows the centroids of
-/// its own supercluster, then superclusters in the one above, and so on.
+/// The hierarchical algorithm that thesis section 8.1 proposes: clusters are clustered again. A firefly
+/// follows the centroids of its own supercluster, then superclusters in the one above, and so on.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct CfaHierarchicalOptions {
@@ -172,13 +173,20 @@ impl CfaThesis {
     /// Lines 4-6: gamma, the clusters and their intensities. Generations count from 1 in the schedules.
     fn begin_generation(&mut self) {
         let options = &self.options;
-        self.flight.gamma = options.gamma_min + (options.gamma_max - options.gamma_min) * self.progress(self.generation + 1);
-        let mut points: Vec<Vec<f64>> = self.fireflies.iter().map(|firefly| firefly.position.clone()).collect();
+        self.flight.gamma =
+            options.gamma_min + (options.gamma_max - options.gamma_min) * self.progress(self.generation + 1);
+        let mut points: Vec<Vec<f64>> =
+            self.fireflies.iter().map(|firefly| firefly.position.clone()).collect();
         self.ancestry = vec![Vec::new(); points.len()];
         self.centroids.clear();
         for level in 0..self.levels {
             let places: Vec<&[f64]> = points.iter().map(Vec::as_slice).collect();
-            let clusters = kmeans(&places, cluster_count(places.len(), self.target), Seeding::RandomPoints, &mut self.stream);
+            let clusters = kmeans(
+                &places,
+                cluster_count(places.len(), self.target),
+                Seeding::RandomPoints,
+                &mut self.stream,
+            );
             for centroid in self.centroids.iter_mut().filter(|centroid| centroid.level + 1 == level) {
                 centroid.parent = clusters.assignment[centroid.number];
             }
@@ -186,10 +194,22 @@ impl CfaThesis {
                 ancestors.push(clusters.assignment[ancestors.last().copied().unwrap_or(firefly)]);
             }
             for (number, position) in clusters.centroids.iter().enumerate() {
-                let members = || self.ancestry.iter().zip(&self.fireflies).filter(|(ancestors, _)| ancestors[level] == number);
+                let members = || {
+                    self.ancestry
+                        .iter()
+                        .zip(&self.fireflies)
+                        .filter(|(ancestors, _)| ancestors[level] == number)
+                };
                 let intensity = firefly::mean_cost(members().map(|(_, firefly)| firefly.cost));
                 let size = members().count() as f64;
-                self.centroids.push(Centroid { position: position.clone(), intensity, size, level, number, parent: 0 });
+                self.centroids.push(Centroid {
+                    position: position.clone(),
+                    intensity,
+                    size,
+                    level,
+                    number,
+                    parent: 0,
+                });
             }
             points = clusters.centroids;
         }
@@ -197,10 +217,12 @@ impl CfaThesis {
         self.turn = Turn::Local(0);
     }
 
-    /// Whether a firefly may follow a centroid: its parent is an ancestor of the firefly, and it is none itself.
+    /// Whether a firefly may follow a centroid: its parent is an ancestor of the firefly, and it is none
+    /// itself.
     fn is_beside(&self, firefly: usize, centroid: &Centroid) -> bool {
         let ancestors = &self.ancestry[firefly];
-        ancestors[centroid.level] != centroid.number && ancestors.get(centroid.level + 1).copied().unwrap_or(0) == centroid.parent
+        ancestors[centroid.level] != centroid.number
+            && ancestors.get(centroid.level + 1).copied().unwrap_or(0) == centroid.parent
     }
 
     /// Lines 7-21: the next comparison in which the other is brighter, as a target and its crowd.
@@ -254,8 +276,14 @@ pub struct Seen {
     pub cost: Cost,
 }
 
-/// The fireflies at the start of some generations of Algorithm 2 (Figure 4.2), the first generation being number 0.
-pub fn watch(options: CfaThesisOptions, search: &Search, cost: impl Fn(&[f64]) -> f64, generations: &[usize]) -> Vec<Vec<Seen>> {
+/// The fireflies at the start of some generations of Algorithm 2 (Figure 4.2), the first generation being
+/// number 0.
+pub fn watch(
+    options: CfaThesisOptions,
+    search: &Search,
+    cost: impl Fn(&[f64]) -> f64,
+    generations: &[usize],
+) -> Vec<Vec<Seen>> {
     let mut swarm = CfaThesis::new(options, search);
     let (mut seen, mut next) = (Vec::new(), 0);
     while let Ask::Costs(batch) = swarm.propose() {
@@ -265,8 +293,14 @@ pub fn watch(options: CfaThesisOptions, search: &Search, cost: impl Fn(&[f64]) -
             }
             next = swarm.generation + 1;
         }
-        let answers: Vec<Evaluation> =
-            batch.iter().map(|candidate| Evaluation { cost: Cost::new(cost(&candidate.0)), residuals: Vec::new(), slope: None }).collect();
+        let answers: Vec<Evaluation> = batch
+            .iter()
+            .map(|candidate| Evaluation {
+                cost: Cost::new(cost(&candidate.0)),
+                residuals: Vec::new(),
+                slope: None,
+            })
+            .collect();
         swarm.digest(&batch, &answers);
     }
     seen
@@ -288,7 +322,8 @@ impl Strategy for CfaThesis {
         if !self.started {
             return Ask::Costs(self.fireflies.iter().map(Firefly::candidate).collect());
         }
-        let is_flat = |fireflies: &[Firefly]| fireflies.iter().all(|firefly| firefly.cost == fireflies[0].cost);
+        let is_flat =
+            |fireflies: &[Firefly]| fireflies.iter().all(|firefly| firefly.cost == fireflies[0].cost);
         // Where all places cost the same nobody attracts anybody, and the schedule runs empty.
         while self.generation < self.options.generations && !is_flat(&self.fireflies) {
             if let Some((target, crowd)) = self.next_attraction() {
@@ -340,15 +375,31 @@ mod tests {
 
     /// Tables 5.1 and 5.3.
     fn schwefel() -> CfaThesisOptions {
-        CfaThesisOptions { generations: 100, n_min: 30, target: 5.0, gamma_min: 1.0, gamma_max: 3.0, ..CfaThesisOptions::default() }
+        CfaThesisOptions {
+            generations: 100,
+            n_min: 30,
+            target: 5.0,
+            gamma_min: 1.0,
+            gamma_max: 3.0,
+            ..CfaThesisOptions::default()
+        }
     }
 
     fn ackley() -> CfaThesisOptions {
-        CfaThesisOptions { n: 80, generations: 350, n_min: 25, target: 8.0, decay: 0.95, gamma_min: 0.1, ..CfaThesisOptions::default() }
+        CfaThesisOptions {
+            n: 80,
+            generations: 350,
+            n_min: 25,
+            target: 8.0,
+            decay: 0.95,
+            gamma_min: 0.1,
+            ..CfaThesisOptions::default()
+        }
     }
 
     fn sorted(function: Function, options: &CfaThesisOptions, dimensions: usize, budget: usize) -> Vec<f64> {
-        let mut errors: Vec<f64> = (0..15).map(|seed| run(function, options, search(dimensions, seed, budget)).0).collect();
+        let mut errors: Vec<f64> =
+            (0..15).map(|seed| run(function, options, search(dimensions, seed, budget)).0).collect();
         errors.sort_by(f64::total_cmp);
         errors
     }
@@ -365,13 +416,15 @@ mod tests {
         assert!((30.0..250.0).contains(&mean), "Schwefel 5: {mean}");
     }
 
-    /// Section 5.4, as it was reproduced by other means: 75 and 278 on Schwefel, 1.7e-7 on Ackley, 6.6e-10 on Rosenbrock.
+    /// Section 5.4, as it was reproduced by other means: 75 and 278 on Schwefel, 1.7e-7 on Ackley, 6.6e-10 on
+    /// Rosenbrock.
     #[test]
     fn a_scaled_step_reproduces_the_published_results() {
         let step = |options: CfaThesisOptions| CfaThesisOptions { crowd: Crowd::Step, ..options };
         let median = sorted(Function::Ackley, &step(ackley()), 5, 100_000)[7];
         assert!((5e-8..1e-6).contains(&median), "Ackley 5: {median:e}");
-        let median = sorted(Function::Rosenbrock, &step(CfaThesisOptions { n_min: 20, ..ackley() }), 5, 100_000)[7];
+        let median =
+            sorted(Function::Rosenbrock, &step(CfaThesisOptions { n_min: 20, ..ackley() }), 5, 100_000)[7];
         assert!(median < 1e-7, "Rosenbrock 5: {median:e}");
         let five = mean(&sorted(Function::Schwefel, &step(schwefel()), 5, 20_000));
         assert!((20.0..180.0).contains(&five), "Schwefel 5: {five}");
@@ -424,7 +477,8 @@ mod tests {
     #[test]
     fn the_budget_truncates_and_divergence_ends_with_the_schedule() {
         for budget in [0, 1, 69, 70, 71, 500] {
-            let (_, evaluations) = run(Function::Schwefel, &CfaThesisOptions::default(), search(3, 1, budget));
+            let (_, evaluations) =
+                run(Function::Schwefel, &CfaThesisOptions::default(), search(3, 1, budget));
             assert_eq!(evaluations, budget);
         }
         let mut optimiser = Method::CfaThesis(CfaThesisOptions::default()).optimiser(search(3, 1, 1000));
@@ -438,8 +492,14 @@ mod tests {
         let mut sizes = Vec::new();
         while let Ask::Costs(batch) = optimiser.ask() {
             sizes.push(batch.len());
-            let answers: Vec<Evaluation> =
-                batch.iter().map(|candidate| Evaluation { cost: Cost::new(candidate.0[0]), residuals: Vec::new(), slope: None }).collect();
+            let answers: Vec<Evaluation> = batch
+                .iter()
+                .map(|candidate| Evaluation {
+                    cost: Cost::new(candidate.0[0]),
+                    residuals: Vec::new(),
+                    slope: None,
+                })
+                .collect();
             optimiser.tell(&answers);
         }
         assert_eq!(sizes[0], 70);

@@ -28,8 +28,8 @@ pub struct CtsmOptions {
     pub profile: usize,
     /// The local runs.
     pub scoring: ScoringOptions,
-    /// When restarts have told enough. The cost is the variance of white innovations of the same likelihood, so its
-    /// relative difference is twice that of the log-likelihood over the number of innovations.
+    /// When restarts have told enough. The cost is the variance of white innovations of the same likelihood,
+    /// so its relative difference is twice that of the log-likelihood over the number of innovations.
     pub agreement: AgreementOptions,
 }
 

@@ -1,4 +1,5 @@
-//! Local searches without derivatives beside BOBYQA, on the unit cube: Nelder and Mead's simplex, and a pattern search.
+//! Local searches without derivatives beside BOBYQA, on the unit cube: Nelder and Mead's simplex, and a
+//! pattern search.
 //!
 //! Each calls its objective until it is done; `trust_region` makes an asked and told search of it.
 
@@ -28,14 +29,17 @@ impl<F: FnMut(&[f64]) -> f64> Counted<F> {
     }
 }
 
-/// Nelder and Mead's simplex with coefficients that suit the dimension (F. Gao, L. Han, Computational Optimization and
-/// Applications 51 (2012) 259-277), clamped to the cube; it starts again from its best point where it has shrunk.
+/// Nelder and Mead's simplex with coefficients that suit the dimension (F. Gao, L. Han, Computational
+/// Optimization and Applications 51 (2012) 259-277), clamped to the cube; it starts again from its best point
+/// where it has shrunk.
 pub fn nelder_mead<F: FnMut(&[f64]) -> f64>(objective: F, start: &[f64], limits: Limits) {
     let mut counted = Counted { objective, left: limits.evaluations };
     let (mut best, mut radius) = (start.to_vec(), limits.radius);
     let Some(mut value) = counted.at(start) else { return };
     while radius >= limits.radius_end {
-        let Some((found, cost)) = simplex(&mut counted, &best, value, radius, limits.radius_end) else { return };
+        let Some((found, cost)) = simplex(&mut counted, &best, value, radius, limits.radius_end) else {
+            return;
+        };
         // A fresh simplex that finds nothing at this size is followed by a smaller one.
         if cost >= value {
             radius *= 0.1;
@@ -65,13 +69,19 @@ fn simplex<F: FnMut(&[f64]) -> f64>(
     }
     loop {
         corners.sort_by(|a, b| a.1.total_cmp(&b.1));
-        let size =
-            corners[1..].iter().flat_map(|corner| corner.0.iter().zip(&corners[0].0)).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        let size = corners[1..]
+            .iter()
+            .flat_map(|corner| corner.0.iter().zip(&corners[0].0))
+            .map(|(a, b)| (a - b).abs())
+            .fold(0.0, f64::max);
         if size < radius_end {
             return corners.into_iter().next();
         }
-        let middle: Vec<f64> = (0..d).map(|j| corners[..d].iter().map(|corner| corner.0[j]).sum::<f64>() / d as f64).collect();
-        let along = |t: f64| -> Vec<f64> { middle.iter().zip(&corners[d].0).map(|(m, w)| (m + t * (m - w)).clamp(0.0, 1.0)).collect() };
+        let middle: Vec<f64> =
+            (0..d).map(|j| corners[..d].iter().map(|corner| corner.0[j]).sum::<f64>() / d as f64).collect();
+        let along = |t: f64| -> Vec<f64> {
+            middle.iter().zip(&corners[d].0).map(|(m, w)| (m + t * (m - w)).clamp(0.0, 1.0)).collect()
+        };
         let (reflected, least, second, worst) = (along(1.0), corners[0].1, corners[d - 1].1, corners[d].1);
         let cost = counted.at(&reflected)?;
         let next = if cost < least {
@@ -97,8 +107,8 @@ fn simplex<F: FnMut(&[f64]) -> f64>(
     }
 }
 
-/// A pattern search (R. Hooke, T. A. Jeeves, J. ACM 8 (1961) 212-229): along each coordinate to and fro, on in the direction that
-/// has helped, and with half of the step where nothing does.
+/// A pattern search (R. Hooke, T. A. Jeeves, J. ACM 8 (1961) 212-229): along each coordinate to and fro, on
+/// in the direction that has helped, and with half of the step where nothing does.
 pub fn pattern<F: FnMut(&[f64]) -> f64>(objective: F, start: &[f64], limits: Limits) {
     let mut counted = Counted { objective, left: limits.evaluations };
     let (mut base, mut radius) = (start.to_vec(), limits.radius);
@@ -110,7 +120,8 @@ pub fn pattern<F: FnMut(&[f64]) -> f64>(objective: F, start: &[f64], limits: Lim
             continue;
         }
         while cost < value {
-            let ahead: Vec<f64> = found.iter().zip(&base).map(|(new, old)| (2.0 * new - old).clamp(0.0, 1.0)).collect();
+            let ahead: Vec<f64> =
+                found.iter().zip(&base).map(|(new, old)| (2.0 * new - old).clamp(0.0, 1.0)).collect();
             (base, value) = (found, cost);
             let Some(there) = counted.at(&ahead) else { return };
             let Some(next) = around(&mut counted, ahead, there, radius) else { return };
@@ -120,7 +131,12 @@ pub fn pattern<F: FnMut(&[f64]) -> f64>(objective: F, start: &[f64], limits: Lim
 }
 
 /// The best that one step along each coordinate in turn leads to.
-fn around<F: FnMut(&[f64]) -> f64>(counted: &mut Counted<F>, mut x: Vec<f64>, mut value: f64, radius: f64) -> Option<(Vec<f64>, f64)> {
+fn around<F: FnMut(&[f64]) -> f64>(
+    counted: &mut Counted<F>,
+    mut x: Vec<f64>,
+    mut value: f64,
+    radius: f64,
+) -> Option<(Vec<f64>, f64)> {
     for j in 0..x.len() {
         let old = x[j];
         for step in [radius, -radius] {
@@ -160,7 +176,8 @@ mod tests {
 
     #[test]
     fn both_find_the_bottom_of_a_bowl_on_a_bound_and_survive_divergence() {
-        let searches: [Search; 2] = [|f, x, limits| nelder_mead(f, x, limits), |f, x, limits| pattern(f, x, limits)];
+        let searches: [Search; 2] =
+            [|f, x, limits| nelder_mead(f, x, limits), |f, x, limits| pattern(f, x, limits)];
         for search in searches {
             let bowl = |x: &[f64]| (x[0] - 0.3).powi(2) + (x[1] + 0.4).powi(2) + 2.0 * (x[2] - x[0]).powi(2);
             let (cost, count) = lowest(search, &[0.5, 0.5, 0.5], bowl);

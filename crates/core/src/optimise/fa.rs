@@ -1,5 +1,6 @@
-//! The two algorithms that the thesis compares its own with, as cases of Algorithm 2 with a single cluster: a firefly whose
-//! cluster is the whole population follows everyone who is brighter, and there is no other cluster to follow.
+//! The two algorithms that the thesis compares its own with, as cases of Algorithm 2 with a single cluster: a
+//! firefly whose cluster is the whole population follows everyone who is brighter, and there is no other
+//! cluster to follow.
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -24,8 +25,9 @@ pub struct FaOptions {
     pub beta0: f64,
     /// Light absorption (eq 4.1), constant.
     pub gamma: f64,
-    /// The width of the box in which distances are measured. The original algorithm measures in the parameters' own units, so
-    /// that in a box of a thousand nobody sees anybody; 1 is the normalised distance of eq 4.6.
+    /// The width of the box in which distances are measured. The original algorithm measures in the
+    /// parameters' own units, so that in a box of a thousand nobody sees anybody; 1 is the normalised
+    /// distance of eq 4.6.
     pub width: f64,
 }
 
@@ -78,7 +80,16 @@ pub struct FaModifiedOptions {
 
 impl Default for FaModifiedOptions {
     fn default() -> Self {
-        Self { n: 70, generations: 100, n_min: 30, alpha: 0.5, decay: 0.97, beta0: 1.0, gamma_min: 1.0, gamma_max: 3.0 }
+        Self {
+            n: 70,
+            generations: 100,
+            n_min: 30,
+            alpha: 0.5,
+            decay: 0.97,
+            beta0: 1.0,
+            gamma_min: 1.0,
+            gamma_max: 3.0,
+        }
     }
 }
 
@@ -117,7 +128,8 @@ mod tests {
         (0..15).map(run).sum::<f64>() / 15.0
     }
 
-    /// Section 5.4, as it was reproduced by other means: 514 and 279 on Schwefel's function in 5 dimensions, 8.9 on Ackley's.
+    /// Section 5.4, as it was reproduced by other means: 514 and 279 on Schwefel's function in 5 dimensions,
+    /// 8.9 on Ackley's.
     #[test]
     fn the_published_results_come_out() {
         let original = |function: Function, gamma: f64| {

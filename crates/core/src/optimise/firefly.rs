@@ -86,10 +86,12 @@ impl Firefly {
     pub fn fly(&mut self, target: &[f64], crowd: f64, flight: &Flight) {
         let pull = flight.pull(squared_distance(&self.position, target), crowd);
         // One coordinate always takes part, otherwise the evaluation would repeat the old place.
-        let certain = if flight.crossover > 0.0 { self.stream.random_range(0..self.position.len().max(1)) } else { 0 };
+        let certain =
+            if flight.crossover > 0.0 { self.stream.random_range(0..self.position.len().max(1)) } else { 0 };
         for (coordinate, (x, to)) in self.position.iter_mut().zip(target).enumerate() {
             let noise = self.stream.random::<f64>() - 0.5;
-            // The draw is made only with a mask, so that the thesis' algorithm spends one number per coordinate.
+            // The draw is made only with a mask, so that the thesis' algorithm spends one number per
+            // coordinate.
             let kept = flight.crossover > 0.0 && self.stream.random::<f64>() < flight.crossover;
             if kept && coordinate != certain {
                 continue;
@@ -109,11 +111,11 @@ impl Firefly {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Crowd {
-    /// As the equation is printed: the distance is divided by the square root of the size, so that the light of a
-    /// large cluster is seen from further away.
+    /// As the equation is printed: the distance is divided by the square root of the size, so that the light
+    /// of a large cluster is seen from further away.
     Distance,
-    /// As the text around it says, "the movement is scaled": the step is multiplied by the square root of the size
-    /// and may overshoot the centroid. This is the reading that gives the results of thesis section 5.4.
+    /// As the text around it says, "the movement is scaled": the step is multiplied by the square root of the
+    /// size and may overshoot the centroid. This is the reading that gives the results of thesis section 5.4.
     Step,
     /// Nothing: a centroid attracts as one firefly does.
     Ignored,
@@ -222,8 +224,15 @@ pub fn keep_brightest(fireflies: &mut Vec<Firefly>, keep: usize) {
 mod tests {
     use super::*;
 
-    const STILL: Flight =
-        Flight { beta0: 1.0, gamma: 1.0, alpha: 0.0, crossover: 0.0, leap: 0.0, crowd: Crowd::Distance, edges: Edges::Bounce };
+    const STILL: Flight = Flight {
+        beta0: 1.0,
+        gamma: 1.0,
+        alpha: 0.0,
+        crossover: 0.0,
+        leap: 0.0,
+        crowd: Crowd::Distance,
+        edges: Edges::Bounce,
+    };
 
     #[test]
     fn a_move_is_equation_4_10() {

@@ -30,8 +30,12 @@ impl Function {
         let x: Vec<f64> = unit.iter().map(|unit| (2.0 * unit - 1.0) * self.half_width()).collect();
         let d = x.len() as f64;
         match self {
-            Function::Schwefel => 418.982_887_272_433_8 * d - x.iter().map(|x| x * x.abs().sqrt().sin()).sum::<f64>(),
-            Function::Rosenbrock => x.windows(2).map(|x| 100.0 * (x[1] - x[0] * x[0]).powi(2) + (x[0] - 1.0).powi(2)).sum(),
+            Function::Schwefel => {
+                418.982_887_272_433_8 * d - x.iter().map(|x| x * x.abs().sqrt().sin()).sum::<f64>()
+            }
+            Function::Rosenbrock => {
+                x.windows(2).map(|x| 100.0 * (x[1] - x[0] * x[0]).powi(2) + (x[0] - 1.0).powi(2)).sum()
+            }
             Function::Ackley => {
                 let square = x.iter().map(|x| x * x).sum::<f64>() / d;
                 let wave = x.iter().map(|x| (TAU * x).cos()).sum::<f64>() / d;
@@ -89,7 +93,8 @@ fn drive_with(optimiser: &mut dyn super::Optimiser, evaluate: impl Fn(&[f64]) ->
             Ask::Residuals(batch) => (batch, true),
             Ask::Slopes(_) => panic!("these functions have no likelihood"),
             Ask::Done(ended) => {
-                let (at, best) = optimiser.best().map_or((Vec::new(), Cost::Diverged), |(at, best)| (at.0.clone(), best));
+                let (at, best) =
+                    optimiser.best().map_or((Vec::new(), Cost::Diverged), |(at, best)| (at.0.clone(), best));
                 return Run { best, at, evaluations, batches, ended };
             }
         };
@@ -101,7 +106,11 @@ fn drive_with(optimiser: &mut dyn super::Optimiser, evaluate: impl Fn(&[f64]) ->
             .iter()
             .map(|candidate| {
                 let (cost, residuals) = evaluate(&candidate.0);
-                Evaluation { cost: Cost::new(cost), residuals: if wanted { residuals } else { Vec::new() }, slope: None }
+                Evaluation {
+                    cost: Cost::new(cost),
+                    residuals: if wanted { residuals } else { Vec::new() },
+                    slope: None,
+                }
             })
             .collect();
         optimiser.tell(&answers);

@@ -1,7 +1,9 @@
-//! A genetic algorithm on real numbers, as a rival: tournaments, simulated binary crossover, polynomial mutation, an elite.
+//! A genetic algorithm on real numbers, as a rival: tournaments, simulated binary crossover, polynomial
+//! mutation, an elite.
 //!
-//! K. Deb, R. B. Agrawal, "Simulated binary crossover for continuous search space", Complex Systems 9 (1995) 115-148;
-//! K. Deb, M. Goyal, "A combined genetic adaptive search (GeneAS)", Computer Science and Informatics 26 (1996) 30-45.
+//! K. Deb, R. B. Agrawal, "Simulated binary crossover for continuous search space", Complex Systems 9 (1995)
+//! 115-148; K. Deb, M. Goyal, "A combined genetic adaptive search (GeneAS)", Computer Science and Informatics
+//! 26 (1996) 30-45.
 
 use rand::{Rng, RngExt};
 use rand_xoshiro::Xoshiro256PlusPlus;
@@ -105,7 +107,8 @@ fn mutate<R: Rng>(child: &mut [f64], index: f64, stream: &mut R) {
         if stream.random::<f64>() < rate {
             let u = stream.random::<f64>();
             let power = 1.0 / (index + 1.0);
-            let step = if u < 0.5 { (2.0 * u).powf(power) - 1.0 } else { 1.0 - (2.0 * (1.0 - u)).powf(power) };
+            let step =
+                if u < 0.5 { (2.0 * u).powf(power) - 1.0 } else { 1.0 - (2.0 * (1.0 - u)).powf(power) };
             *x = (*x + step).clamp(0.0, 1.0);
         }
     }
@@ -122,7 +125,9 @@ impl Strategy for Ga {
 
     fn digest(&mut self, candidates: &[Candidate], answers: &[Evaluation]) {
         self.parents.truncate(self.options.elite.min(self.options.n.max(4) - 1));
-        self.parents.extend(candidates.iter().zip(answers).map(|(candidate, answer)| (candidate.0.clone(), answer.cost)));
+        self.parents.extend(
+            candidates.iter().zip(answers).map(|(candidate, answer)| (candidate.0.clone(), answer.cost)),
+        );
         // The order of equals is that of their making.
         self.parents.sort_by_key(|parent| parent.1);
     }
@@ -140,9 +145,12 @@ mod tests {
 
     #[test]
     fn it_comes_near_and_never_loses_its_best() {
-        let search = |seed| Search { dimensions: 5, seed, budget: 20_000, warm: Vec::new(), residuals: false };
+        let search =
+            |seed| Search { dimensions: 5, seed, budget: 20_000, warm: Vec::new(), residuals: false };
         for seed in 0..5 {
-            let run = drive(Method::Ga(GaOptions::default()).optimiser(search(seed)).as_mut(), |x| Function::Ackley.cost(x));
+            let run = drive(Method::Ga(GaOptions::default()).optimiser(search(seed)).as_mut(), |x| {
+                Function::Ackley.cost(x)
+            });
             assert!(run.best.value() < 0.5, "{}", run.best.value());
         }
         let mut ga = Ga::new(GaOptions::default(), &search(1));
@@ -151,7 +159,11 @@ mod tests {
             let Ask::Costs(batch) = ga.propose() else { panic!() };
             let answers: Vec<Evaluation> = batch
                 .iter()
-                .map(|x| Evaluation { cost: Cost::new(Function::Schwefel.cost(&x.0)), residuals: Vec::new(), slope: None })
+                .map(|x| Evaluation {
+                    cost: Cost::new(Function::Schwefel.cost(&x.0)),
+                    residuals: Vec::new(),
+                    slope: None,
+                })
                 .collect();
             ga.digest(&batch, &answers);
             let best = ga.parents[0].1.value();
@@ -163,7 +175,9 @@ mod tests {
     #[test]
     fn divergence_is_survived_and_a_seed_fixes_every_bit() {
         let search = Search { dimensions: 3, seed: 5, budget: 1000, warm: Vec::new(), residuals: false };
-        let run = |cost: &dyn Fn(&[f64]) -> f64| drive(Method::Ga(GaOptions::default()).optimiser(search.clone()).as_mut(), cost);
+        let run = |cost: &dyn Fn(&[f64]) -> f64| {
+            drive(Method::Ga(GaOptions::default()).optimiser(search.clone()).as_mut(), cost)
+        };
         assert_eq!(run(&|_| f64::NAN).best, Cost::Diverged);
         let half = |x: &[f64]| if x[0] > 0.5 { f64::NAN } else { Function::Ackley.cost(x) };
         assert_eq!(run(&half), run(&half));

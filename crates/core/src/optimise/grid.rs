@@ -18,7 +18,8 @@ pub struct GridOptions {
     pub points: usize,
     /// How often the grid is laid out.
     pub iterations: usize,
-    /// Most of the width of a grid that the next one keeps. Two steps of the grid are kept where that is less.
+    /// Most of the width of a grid that the next one keeps. Two steps of the grid are kept where that is
+    /// less.
     pub shrink: f64,
 }
 
@@ -149,22 +150,27 @@ mod tests {
         if let Ask::Costs(batch) = grid.propose() {
             seen = batch.into_iter().map(|candidate| candidate.0).collect();
         }
-        let expected: Vec<Vec<f64>> = [0.0, 0.5, 1.0].iter().flat_map(|y| [0.0, 0.5, 1.0].map(|x| vec![x, *y])).collect();
+        let expected: Vec<Vec<f64>> =
+            [0.0, 0.5, 1.0].iter().flat_map(|y| [0.0, 0.5, 1.0].map(|x| vec![x, *y])).collect();
         assert_eq!(seen, expected);
-        let (error, evaluations) = run(Function::Rosenbrock, 2, GridOptions { points: 5, iterations: 12, shrink: 0.5 });
+        let (error, evaluations) =
+            run(Function::Rosenbrock, 2, GridOptions { points: 5, iterations: 12, shrink: 0.5 });
         assert_eq!(evaluations, 12 * 25);
         assert!(error < 1.0, "{error}");
     }
 
-    /// The errors are those of an independent implementation. Section 5.4.3: a point at the centre wins on Ackley's function, and zooming into a wrong basin loses on Schwefel's.
+    /// The errors are those of an independent implementation. Section 5.4.3: a point at the centre wins on
+    /// Ackley's function, and zooming into a wrong basin loses on Schwefel's.
     #[test]
     fn the_grid_does_what_the_thesis_says_of_it() {
         let (ackley, evaluations) = run(Function::Ackley, 5, GridOptions::default());
         assert!(ackley < 1e-14, "{ackley:e}");
         assert_eq!(evaluations, 6 * 7usize.pow(5));
-        let (schwefel, _) = run(Function::Schwefel, 5, GridOptions { points: 5, iterations: 10, shrink: 0.5 });
+        let (schwefel, _) =
+            run(Function::Schwefel, 5, GridOptions { points: 5, iterations: 10, shrink: 0.5 });
         assert_eq!(schwefel.round(), 1192.0);
-        let (wide, evaluations) = run(Function::Schwefel, 10, GridOptions { points: 2, iterations: 40, shrink: 0.5 });
+        let (wide, evaluations) =
+            run(Function::Schwefel, 10, GridOptions { points: 2, iterations: 40, shrink: 0.5 });
         assert_eq!(evaluations, 40 * 1024);
         assert_eq!(wide.round(), 2384.0);
     }

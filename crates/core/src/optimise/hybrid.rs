@@ -1,10 +1,11 @@
-//! The default search: a small swarm finds basins, a local stage goes to their bottoms, and restarts confirm them.
+//! The default search: a small swarm finds basins, a local stage goes to their bottoms, and restarts confirm
+//! them.
 //!
-//! It is the Clustered Firefly Algorithm (thesis section 4.3) with a synchronous update and schedules that run on
-//! evaluations, followed by Levenberg-Marquardt from the best places of distinct clusters. The published algorithm
-//! keeps its randomness for convergence as well and spends most of its evaluations on that; a handful of
-//! least-squares steps does it better. Where there are no residuals the moves are greedy, change few coordinates and
-//! sometimes leap, and BOBYQA descends.
+//! It is the Clustered Firefly Algorithm (thesis section 4.3) with a synchronous update and schedules that
+//! run on evaluations, followed by Levenberg-Marquardt from the best places of distinct clusters. The
+//! published algorithm keeps its randomness for convergence as well and spends most of its evaluations on
+//! that; a handful of least-squares steps does it better. Where there are no residuals the moves are greedy,
+//! change few coordinates and sometimes leap, and BOBYQA descends.
 
 use super::cfa_options::CfaOptions;
 use rand_xoshiro::Xoshiro256PlusPlus;
@@ -48,8 +49,8 @@ pub struct Cfa {
 }
 
 impl Cfa {
-    /// A search that polishes the warm starts first, if there are any: a recalibration whose parameters still hold
-    /// has its optimum at once, and a swarm whose own local runs end at the same cost confirms it.
+    /// A search that polishes the warm starts first, if there are any: a recalibration whose parameters still
+    /// hold has its optimum at once, and a swarm whose own local runs end at the same cost confirms it.
     pub fn new(options: CfaOptions, search: &Search) -> Self {
         let way = LocalWay::on_residuals(&options.local, search.residuals);
         Self::with(options, way, search)
@@ -88,25 +89,39 @@ impl Cfa {
         let budget = grown as usize;
         let first_id = self.swarms as u64 * Swarm::ids(&self.options);
         self.swarms += 1;
-        Stage::Swarm(Box::new(Swarm::new(&self.options, guided, budget, self.seed, first_id, self.dimensions, &self.warm)))
+        Stage::Swarm(Box::new(Swarm::new(
+            &self.options,
+            guided,
+            budget,
+            self.seed,
+            first_id,
+            self.dimensions,
+            &self.warm,
+        )))
     }
 
-    /// The local stage from a swarm's bests and from the scouts' places. A polished warm start is left out: its run
-    /// would end where it began, and the restart would confirm nothing but itself.
+    /// The local stage from a swarm's bests and from the scouts' places. A polished warm start is left out:
+    /// its run would end where it began, and the restart would confirm nothing but itself.
     fn descend(&mut self, bests: &[Candidate]) -> Stage {
         let merge = self.way.merge();
         let near = |a: &Candidate, b: &Candidate| a.0.iter().zip(&b.0).all(|(a, b)| (a - b).abs() < merge);
-        let mut starts: Vec<Candidate> =
-            bests.iter().filter(|best| !self.warm.iter().any(|warm| near(best, warm))).take(self.options.starts).cloned().collect();
+        let mut starts: Vec<Candidate> = bests
+            .iter()
+            .filter(|best| !self.warm.iter().any(|warm| near(best, warm)))
+            .take(self.options.starts)
+            .cloned()
+            .collect();
         self.origins = vec![Origin::Cluster; starts.len()];
         self.origins.extend(vec![Origin::Random; self.options.scouts]);
-        starts.extend((0..self.options.scouts).map(|_| Candidate(random_point(self.dimensions, &mut self.stream))));
+        starts.extend(
+            (0..self.options.scouts).map(|_| Candidate(random_point(self.dimensions, &mut self.stream))),
+        );
         self.warm.clear();
         Stage::Local(LocalStage::new(&self.way, &starts))
     }
 
-    /// A restart is complete: either it settles the search, or another swarm sets out. The first swarm knows the
-    /// polished warm starts, later ones begin without prejudice.
+    /// A restart is complete: either it settles the search, or another swarm sets out. The first swarm knows
+    /// the polished warm starts, later ones begin without prejudice.
     fn restart(&mut self, places: Vec<(Candidate, Cost)>) -> Stage {
         let optimum = places.iter().min_by_key(|(_, cost)| *cost).cloned();
         if let Some(ended) = self.agreement.restart(optimum) {
@@ -126,7 +141,8 @@ impl Strategy for Cfa {
                 Stage::Swarm(swarm) => match swarm.propose() {
                     Some(batch) => return Ask::Costs(batch),
                     None => {
-                        let bests = swarm.starts(self.options.local_from, self.options.starts + self.warm.len());
+                        let bests =
+                            swarm.starts(self.options.local_from, self.options.starts + self.warm.len());
                         self.descend(&bests)
                     }
                 },
@@ -203,7 +219,10 @@ mod tests {
         for (function, dimensions, budget, within) in cases {
             for seed in 0..10 {
                 let run = on_costs(function, search(dimensions, seed, budget, false));
-                assert!(run.best.value() < within && run.ended == Ended::Converged, "{function:?} {dimensions}, {seed}: {run:?}");
+                assert!(
+                    run.best.value() < within && run.ended == Ended::Converged,
+                    "{function:?} {dimensions}, {seed}: {run:?}"
+                );
             }
         }
     }
@@ -233,7 +252,10 @@ mod tests {
     fn the_budget_is_never_exceeded() {
         for budget in [0, 1, 39, 40, 41, 999, 1100, 1500] {
             for residuals in [true, false] {
-                let run = drive_residuals(Method::default().optimiser(search(15, 3, budget, residuals)).as_mut(), rosenbrock_residuals);
+                let run = drive_residuals(
+                    Method::default().optimiser(search(15, 3, budget, residuals)).as_mut(),
+                    rosenbrock_residuals,
+                );
                 assert_eq!((run.evaluations, run.ended), (budget, Ended::Budget));
             }
         }
@@ -259,7 +281,9 @@ mod tests {
         }
         // Half of the cube cannot be computed.
         let mut optimiser = Method::default().optimiser(search(4, 1, 50_000, true));
-        let run = drive_residuals(optimiser.as_mut(), |x| if x[0] > 0.5 { vec![f64::NAN; 4] } else { x.iter().map(|x| x - 0.4).collect() });
+        let run = drive_residuals(optimiser.as_mut(), |x| {
+            if x[0] > 0.5 { vec![f64::NAN; 4] } else { x.iter().map(|x| x - 0.4).collect() }
+        });
         assert!(run.best.value() < 1e-16 && run.ended == Ended::Converged, "{run:?}");
     }
 

@@ -4,7 +4,8 @@
 
 use rand::{Rng, RngExt};
 
-/// Lloyd's iteration settles within a few sweeps on populations this small; the cap only bounds the worst case.
+/// Lloyd's iteration settles within a few sweeps on populations this small; the cap only bounds the worst
+/// case.
 const SWEEPS: usize = 50;
 
 /// Where the centroids start.
@@ -12,7 +13,8 @@ const SWEEPS: usize = 50;
 pub enum Seeding {
     /// Distinct points drawn at random, as the thesis does it.
     RandomPoints,
-    /// k-means++: each further centroid is drawn with probability proportional to the squared distance from those before.
+    /// k-means++: each further centroid is drawn with probability proportional to the squared distance from
+    /// those before.
     PlusPlus,
 }
 
@@ -38,7 +40,8 @@ pub fn cluster_count(fireflies: usize, target: f64) -> usize {
     count.clamp(1, fireflies.max(1))
 }
 
-/// Partitions `points` into at most `k` clusters. Ties go to the lower index, clusters that run empty are dropped.
+/// Partitions `points` into at most `k` clusters. Ties go to the lower index, clusters that run empty are
+/// dropped.
 pub fn kmeans<R: Rng>(points: &[&[f64]], k: usize, seeding: Seeding, stream: &mut R) -> Clusters {
     if points.is_empty() {
         return Clusters { assignment: Vec::new(), centroids: Vec::new() };

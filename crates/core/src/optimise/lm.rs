@@ -1,9 +1,10 @@
-//! Levenberg-Marquardt in the unit cube, as a state machine: it proposes batches, the caller computes residuals.
+//! Levenberg-Marquardt in the unit cube, as a state machine: it proposes batches, the caller computes
+//! residuals.
 //!
-//! An iteration is two batches. The first one holds a forward difference per coordinate; the second one holds the
-//! steps of several damping values at once, because candidates side by side in the lanes cost hardly more than one.
-//! Bounds are kept by an active set: coordinates that press against their bound are fixed, and a step that would
-//! cross a bound ends on it while the others are solved again.
+//! An iteration is two batches. The first one holds a forward difference per coordinate; the second one holds
+//! the steps of several damping values at once, because candidates side by side in the lanes cost hardly more
+//! than one. Bounds are kept by an active set: coordinates that press against their bound are fixed, and a
+//! step that would cross a bound ends on it while the others are solved again.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -100,7 +101,9 @@ impl LevenbergMarquardt {
                 let base = self.residuals.is_empty().then(|| Candidate(self.position.clone()));
                 base.into_iter().chain((0..self.position.len()).map(|along| self.probe(along))).collect()
             }
-            Phase::Trials(trials, _) => trials.iter().map(|trial| Candidate(trial.position.clone())).collect(),
+            Phase::Trials(trials, _) => {
+                trials.iter().map(|trial| Candidate(trial.position.clone())).collect()
+            }
             Phase::Ended => Vec::new(),
         }
     }
@@ -138,13 +141,14 @@ impl LevenbergMarquardt {
             self.residuals.clone_from(&base.residuals);
             answers = slopes;
         }
-        let columns: Vec<Vec<f64>> = answers.iter().enumerate().map(|(along, answer)| self.column(along, answer)).collect();
+        let columns: Vec<Vec<f64>> =
+            answers.iter().enumerate().map(|(along, answer)| self.column(along, answer)).collect();
         let normal = self.normal(&columns);
         self.search(normal);
     }
 
-    /// The derivative of the residuals along one coordinate. Where the step diverged it is taken as zero, which
-    /// holds the coordinate still for one iteration.
+    /// The derivative of the residuals along one coordinate. Where the step diverged it is taken as zero,
+    /// which holds the coordinate still for one iteration.
     fn column(&self, along: usize, answer: &Evaluation) -> Vec<f64> {
         if answer.cost == Cost::Diverged || answer.residuals.len() != self.residuals.len() {
             return vec![0.0; self.residuals.len()];
@@ -171,8 +175,8 @@ impl LevenbergMarquardt {
     fn search(&mut self, normal: Normal) {
         let mut trials: Vec<Trial> = Vec::with_capacity(self.options.trials.max(1));
         for power in 0..self.options.trials.max(1) {
-            // Around the last damping, and a bold one far below it: near an optimum without residuals only ever
-            // smaller dampings converge faster than linearly.
+            // Around the last damping, and a bold one far below it: near an optimum without residuals only
+            // ever smaller dampings converge faster than linearly.
             let power = if power == 0 { -BOLD } else { power as i32 - 2 };
             let damping = (self.damping * self.options.spread.powi(power)).clamp(DAMPING_MIN, DAMPING_MAX);
             let Some(position) = self.stepped(&normal, damping) else {
@@ -190,15 +194,16 @@ impl LevenbergMarquardt {
     fn stepped(&self, normal: &Normal, damping: f64) -> Option<Vec<f64>> {
         let d = self.position.len();
         let mut step = vec![0.0; d];
-        // The damping is the same for every coordinate (Levenberg's), because the cube is the natural scale: with
-        // a damping in proportion to each column (Marquardt's) a coordinate that has little effect here runs to
-        // its bound at once. On rooms of 15 parameters this halves the evaluations.
+        // The damping is the same for every coordinate (Levenberg's), because the cube is the natural scale:
+        // with a damping in proportion to each column (Marquardt's) a coordinate that has little effect here
+        // runs to its bound at once. On rooms of 15 parameters this halves the evaluations.
         let scale = normal.matrix.diagonal().max();
         // A coordinate without any effect, or one that presses against its bound, stays.
         let mut free: Vec<usize> = (0..d)
             .filter(|i| {
                 let downhill = -normal.gradient[*i];
-                let pressed = (self.position[*i] <= 0.0 && downhill <= 0.0) || (self.position[*i] >= 1.0 && downhill >= 0.0);
+                let pressed = (self.position[*i] <= 0.0 && downhill <= 0.0)
+                    || (self.position[*i] >= 1.0 && downhill >= 0.0);
                 !pressed && normal.matrix[(*i, *i)] > 0.0
             })
             .collect();
@@ -210,7 +215,8 @@ impl LevenbergMarquardt {
             });
             let right = DVector::from_fn(free.len(), |row, _| {
                 let i = free[row];
-                let pinned: f64 = (0..d).filter(|j| !free.contains(j)).map(|j| normal.matrix[(i, j)] * step[j]).sum();
+                let pinned: f64 =
+                    (0..d).filter(|j| !free.contains(j)).map(|j| normal.matrix[(i, j)] * step[j]).sum();
                 -(normal.gradient[i] + pinned) / scale
             });
             let solved = matrix.cholesky()?.solve(&right);
@@ -231,7 +237,8 @@ impl LevenbergMarquardt {
             }
             free = inside.into_iter().map(|row| free[row]).collect();
         }
-        let position: Vec<f64> = self.position.iter().zip(&step).map(|(x, step)| (x + step).clamp(0.0, 1.0)).collect();
+        let position: Vec<f64> =
+            self.position.iter().zip(&step).map(|(x, step)| (x + step).clamp(0.0, 1.0)).collect();
         position.iter().all(|x| x.is_finite()).then_some(position)
     }
 
@@ -293,7 +300,8 @@ mod tests {
                 .iter()
                 .map(|candidate| {
                     let residuals = residuals(&candidate.0);
-                    let cost = Cost::new(residuals.iter().map(|r| r * r).sum::<f64>() / residuals.len() as f64);
+                    let cost =
+                        Cost::new(residuals.iter().map(|r| r * r).sum::<f64>() / residuals.len() as f64);
                     Evaluation { cost, residuals, slope: None }
                 })
                 .collect();
@@ -306,7 +314,8 @@ mod tests {
     #[test]
     fn linear_least_squares_with_active_bounds_is_solved_exactly() {
         // min (x - 2)^2 + (x + y - 1.8)^2 + (z + 0.5)^2 over the cube: x = 1, y = 0.8, z = 0.
-        let (run, evaluations) = run(vec![0.3, 0.9, 0.6], |x| vec![x[0] - 2.0, x[0] + x[1] - 1.8, x[2] + 0.5]);
+        let (run, evaluations) =
+            run(vec![0.3, 0.9, 0.6], |x| vec![x[0] - 2.0, x[0] + x[1] - 1.8, x[2] + 0.5]);
         assert_eq!((run.position[0], run.position[2]), (1.0, 0.0));
         assert!((run.position[1] - 0.8).abs() < 1e-8, "{:?}", run.position);
         assert!(evaluations < 60, "{evaluations}");
@@ -315,7 +324,8 @@ mod tests {
     #[test]
     fn a_wrongly_pinned_coordinate_is_released() {
         // The unconstrained step from the corner crosses both bounds, the solution lies on one of them.
-        let (run, _) = run(vec![1.0, 1.0], |x| vec![3.0 * x[0] + x[1] - 0.5, x[0] - x[1] + 0.9, 0.1 * x[1] - 0.02]);
+        let (run, _) =
+            run(vec![1.0, 1.0], |x| vec![3.0 * x[0] + x[1] - 0.5, x[0] - x[1] + 0.9, 0.1 * x[1] - 0.02]);
         let expected = (0.5 + 0.9 + 0.002) / (1.0 + 1.0 + 0.01);
         assert_eq!(run.position[0], 0.0);
         assert!((run.position[1] - expected).abs() < 1e-8, "{:?} {expected}", run.position);

@@ -52,17 +52,22 @@ impl LocalStage {
                 let run = |start| LevenbergMarquardt::new(options.clone(), start);
                 LocalStage::Residuals(starts.iter().map(run).collect(), options.merge)
             }
-            LocalWay::Costs(options) => LocalStage::Costs(starts.iter().map(|start| TrustRegion::new(options, start)).collect()),
-            LocalWay::Slopes(options) => {
-                LocalStage::Slopes(starts.iter().map(|start| Scoring::new(options, start)).collect(), options.merge)
+            LocalWay::Costs(options) => {
+                LocalStage::Costs(starts.iter().map(|start| TrustRegion::new(options, start)).collect())
             }
+            LocalWay::Slopes(options) => LocalStage::Slopes(
+                starts.iter().map(|start| Scoring::new(options, start)).collect(),
+                options.merge,
+            ),
         }
     }
 
     /// The next batch of all runs together; none when every run has ended.
     pub fn propose(&self) -> Option<Ask> {
         let ask = match self {
-            LocalStage::Residuals(runs, _) => Ask::Residuals(runs.iter().flat_map(LevenbergMarquardt::propose).collect()),
+            LocalStage::Residuals(runs, _) => {
+                Ask::Residuals(runs.iter().flat_map(LevenbergMarquardt::propose).collect())
+            }
             LocalStage::Costs(runs) => Ask::Costs(runs.iter().filter_map(TrustRegion::propose).collect()),
             LocalStage::Slopes(runs, _) => Ask::Slopes(runs.iter().filter_map(Scoring::propose).collect()),
         };
@@ -109,7 +114,9 @@ impl LocalStage {
     /// The runs, which came from these places; only those on slopes keep count.
     pub fn runs(&self, origins: &[Origin]) -> Vec<LocalRun> {
         match self {
-            LocalStage::Slopes(runs, _) => runs.iter().zip(origins).map(|(run, origin)| run.run(*origin)).collect(),
+            LocalStage::Slopes(runs, _) => {
+                runs.iter().zip(origins).map(|(run, origin)| run.run(*origin)).collect()
+            }
             LocalStage::Residuals(..) | LocalStage::Costs(_) => Vec::new(),
         }
     }
@@ -155,7 +162,8 @@ impl Run for Scoring {
     }
 }
 
-/// Ends the worse of any two runs that have come to the same place: the rest of its way would be a repetition.
+/// Ends the worse of any two runs that have come to the same place: the rest of its way would be a
+/// repetition.
 fn end_twins(runs: &mut [impl Run], merge: f64) {
     for i in 0..runs.len() {
         for j in 0..runs.len() {
@@ -186,7 +194,8 @@ mod tests {
                 .iter()
                 .map(|candidate| {
                     let residuals = rosenbrock_residuals(&candidate.0);
-                    let cost = Cost::new(residuals.iter().map(|r| r * r).sum::<f64>() / residuals.len() as f64);
+                    let cost =
+                        Cost::new(residuals.iter().map(|r| r * r).sum::<f64>() / residuals.len() as f64);
                     Evaluation { cost, residuals, slope: None }
                 })
                 .collect();

@@ -11,7 +11,8 @@ pub struct LocalOptions {
     pub iterations: usize,
     /// Levenberg-Marquardt: length of the forward differences in the unit cube.
     pub step: f64,
-    /// Levenberg-Marquardt: a run ends after two successive iterations that lower the cost by less than this share.
+    /// Levenberg-Marquardt: a run ends after two successive iterations that lower the cost by less than this
+    /// share.
     pub tolerance: f64,
     /// Levenberg-Marquardt: damping of the first iteration, relative to the largest squared norm of a column.
     pub damping: f64,

@@ -1,7 +1,7 @@
 //! L-SHADE: differential evolution that learns its own step and crossover and shrinks its population.
 //!
-//! R. Tanabe, A. Fukunaga, "Improving the search performance of SHADE using linear population size reduction",
-//! IEEE CEC 2014. The rival to beat on functions with many local optima.
+//! R. Tanabe, A. Fukunaga, "Improving the search performance of SHADE using linear population size
+//! reduction", IEEE CEC 2014. The rival to beat on functions with many local optima.
 
 use rand::{Rng, RngExt};
 use rand_xoshiro::Xoshiro256PlusPlus;
@@ -75,10 +75,17 @@ impl Lshade {
     pub fn new(options: LshadeOptions, search: &Search) -> Self {
         let mut stream = stream(search.seed, 0);
         let first = (options.n_per_parameter * search.dimensions).max(LEAST);
-        let mut population: Vec<Member> =
-            search.warm_starts().into_iter().take(first).map(|start| Member { position: start.0, cost: Cost::Diverged }).collect();
+        let mut population: Vec<Member> = search
+            .warm_starts()
+            .into_iter()
+            .take(first)
+            .map(|start| Member { position: start.0, cost: Cost::Diverged })
+            .collect();
         while population.len() < first {
-            population.push(Member { position: random_point(search.dimensions, &mut stream), cost: Cost::Diverged });
+            population.push(Member {
+                position: random_point(search.dimensions, &mut stream),
+                cost: Cost::Diverged,
+            });
         }
         let entries = options.memory.max(1);
         Self {
@@ -101,7 +108,8 @@ impl Lshade {
     /// How a trial is made: from a random entry of the memory.
     fn way(&mut self) -> Way {
         let entry = self.stream.random_range(0..self.scales.len());
-        let crossover = self.crossovers[entry].map_or(0.0, |mean| (mean + 0.1 * normal(&mut self.stream)).clamp(0.0, 1.0));
+        let crossover = self.crossovers[entry]
+            .map_or(0.0, |mean| (mean + 0.1 * normal(&mut self.stream)).clamp(0.0, 1.0));
         let scale = loop {
             let turn = std::f64::consts::PI * (self.stream.random::<f64>() - 0.5);
             let drawn = self.scales[entry] + 0.1 * turn.tan();
@@ -115,11 +123,15 @@ impl Lshade {
     /// current-to-pbest/1 with the archive, then binomial crossover.
     fn trial(&mut self, target: usize, order: &[usize], way: Way) -> Vec<f64> {
         let n = self.population.len();
-        let best = order[self.stream.random_range(0..((self.options.p * n as f64).round() as usize).clamp(2, n))];
+        let best =
+            order[self.stream.random_range(0..((self.options.p * n as f64).round() as usize).clamp(2, n))];
         let first = draw(&mut self.stream, n, &[target]);
         let second = draw(&mut self.stream, n + self.archive.len(), &[target, first]);
-        let position = |index: usize| if index < n { &self.population[index].position } else { &self.archive[index - n] };
-        let (own, best, first, second) = (position(target), position(best), position(first), position(second));
+        let position = |index: usize| {
+            if index < n { &self.population[index].position } else { &self.archive[index - n] }
+        };
+        let (own, best, first, second) =
+            (position(target), position(best), position(first), position(second));
         let certain = self.stream.random_range(0..self.dimensions.max(1));
         (0..self.dimensions)
             .map(|j| {
@@ -147,7 +159,9 @@ impl Lshade {
             return;
         }
         let lehmer = |value: &dyn Fn(&Way) -> f64| {
-            let moment = |power: i32| won.iter().map(|(way, gain)| gain / largest * value(way).powi(power)).sum::<f64>();
+            let moment = |power: i32| {
+                won.iter().map(|(way, gain)| gain / largest * value(way).powi(power)).sum::<f64>()
+            };
             moment(2) / moment(1)
         };
         let scale = lehmer(&|way| way.scale);
@@ -179,7 +193,9 @@ impl Lshade {
 impl Strategy for Lshade {
     fn propose(&mut self) -> Ask {
         if self.spent == 0 {
-            return Ask::Costs(self.population.iter().map(|member| Candidate(member.position.clone())).collect());
+            return Ask::Costs(
+                self.population.iter().map(|member| Candidate(member.position.clone())).collect(),
+            );
         }
         let mut order: Vec<usize> = (0..self.population.len()).collect();
         order.sort_by_key(|index| (self.population[*index].cost, *index));
@@ -261,8 +277,14 @@ mod tests {
         for (function, dimensions, budget, within) in cases {
             for seed in 0..5 {
                 let search = Search { dimensions, seed, budget, warm: Vec::new(), residuals: false };
-                let run = drive(Method::Lshade(LshadeOptions::default()).optimiser(search).as_mut(), |x| function.cost(x));
-                assert!(run.best.value() <= within, "{function:?} {dimensions}, {seed}: {}", run.best.value());
+                let run = drive(Method::Lshade(LshadeOptions::default()).optimiser(search).as_mut(), |x| {
+                    function.cost(x)
+                });
+                assert!(
+                    run.best.value() <= within,
+                    "{function:?} {dimensions}, {seed}: {}",
+                    run.best.value()
+                );
             }
         }
     }
@@ -270,7 +292,9 @@ mod tests {
     #[test]
     fn divergence_is_survived_and_a_seed_fixes_every_bit() {
         let search = Search { dimensions: 3, seed: 5, budget: 3000, warm: Vec::new(), residuals: false };
-        let run = |cost: &dyn Fn(&[f64]) -> f64| drive(Method::Lshade(LshadeOptions::default()).optimiser(search.clone()).as_mut(), cost);
+        let run = |cost: &dyn Fn(&[f64]) -> f64| {
+            drive(Method::Lshade(LshadeOptions::default()).optimiser(search.clone()).as_mut(), cost)
+        };
         assert_eq!(run(&|_| f64::NAN).best, Cost::Diverged);
         let half = |x: &[f64]| if x[0] > 0.5 { f64::NAN } else { Function::Ackley.cost(x) };
         assert_eq!(run(&half), run(&half));

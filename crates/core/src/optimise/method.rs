@@ -31,7 +31,8 @@ pub enum Method {
     CfaHierarchical(CfaHierarchicalOptions),
     /// Levenberg-Marquardt from a Latin hypercube.
     LmMultistart(LmOptions),
-    /// Maximum likelihood of the stochastic model: swarms on the likelihood, then Fisher scoring on its slopes.
+    /// Maximum likelihood of the stochastic model: swarms on the likelihood, then Fisher scoring on its
+    /// slopes.
     Ctsm(CtsmOptions),
     /// The original Firefly Algorithm (Algorithm 1).
     Fa(FaOptions),
@@ -136,8 +137,19 @@ impl Ranges {
 
 impl Method {
     /// The names that a job may use.
-    pub const NAMES: [&'static str; 11] =
-        ["cfa", "cfa_thesis", "cfa_hierarchical", "lm_multistart", "ctsm", "fa", "fa_modified", "grid", "lshade", "pso", "ga"];
+    pub const NAMES: [&'static str; 11] = [
+        "cfa",
+        "cfa_thesis",
+        "cfa_hierarchical",
+        "lm_multistart",
+        "ctsm",
+        "fa",
+        "fa_modified",
+        "grid",
+        "lshade",
+        "pso",
+        "ga",
+    ];
 
     /// The same method, whose slopes are never taken over less than so far in the unit cube.
     #[must_use]
@@ -267,7 +279,9 @@ impl Method {
         match self {
             Method::Cfa(options) => within(Cfa::new(options.clone(), &search), budget),
             Method::CfaThesis(options) => within(CfaThesis::new(options.clone(), &search), budget),
-            Method::CfaHierarchical(options) => within(CfaThesis::hierarchical(options.clone(), &search), budget),
+            Method::CfaHierarchical(options) => {
+                within(CfaThesis::hierarchical(options.clone(), &search), budget)
+            }
             Method::LmMultistart(options) => within(LmMultistart::new(options.clone(), &search), budget),
             Method::Ctsm(options) => within(likely(options, &search), budget),
             Method::Fa(options) => within(CfaThesis::new(options.as_one_cluster(), &search), budget),
@@ -289,10 +303,13 @@ mod tests {
     fn hyperparameters_are_optional_and_known() {
         let method: Method = serde_json::from_str(r#"{"cfa": {}}"#).unwrap();
         assert_eq!(method, Method::default());
-        let method: Method = serde_json::from_str(r#"{"cfa": {"n": 60, "alpha": 1, "local": {"trials": 8}}}"#).unwrap();
+        let method: Method =
+            serde_json::from_str(r#"{"cfa": {"n": 60, "alpha": 1, "local": {"trials": 8}}}"#).unwrap();
         let Method::Cfa(options) = &method else { panic!("{method:?}") };
         assert_eq!((options.n, options.alpha, options.local.trials, options.n_min), (60, 1.0, 8, 12));
-        for text in [r#"{"annealing": {}}"#, r#"{"cfa": {"fireflies": 3}}"#, r#"{"cfa_thesis": {"growth": 3}}"#] {
+        for text in
+            [r#"{"annealing": {}}"#, r#"{"cfa": {"fireflies": 3}}"#, r#"{"cfa_thesis": {"growth": 3}}"#]
+        {
             assert!(serde_json::from_str::<Method>(text).is_err(), "{text}");
         }
     }
@@ -307,16 +324,18 @@ mod tests {
         ] {
             assert_eq!(method.faults(), vec![]);
         }
-        let options = CfaOptions { n: 1_000_000, alpha: f64::NAN, starts: 0, scouts: 0, ..CfaOptions::default() };
-        let fields: Vec<String> = Method::Cfa(options).faults().into_iter().map(|fault| fault.field).collect();
+        let options =
+            CfaOptions { n: 1_000_000, alpha: f64::NAN, starts: 0, scouts: 0, ..CfaOptions::default() };
+        let fields: Vec<String> =
+            Method::Cfa(options).faults().into_iter().map(|fault| fault.field).collect();
         assert_eq!(fields, ["n", "alpha", "starts + scouts"]);
         let local = LocalOptions { trials: 0, ..LocalOptions::default() };
         let faults = Method::LmMultistart(LmOptions { local, ..LmOptions::default() }).faults();
         assert_eq!(faults[0].to_string(), "must be from 1 to 64, not 0");
     }
 
-    /// What each method spends on Schwefel's function in 5 dimensions within 20,000 evaluations, and its generations: numbers that
-    /// change only where the method does.
+    /// What each method spends on Schwefel's function in 5 dimensions within 20,000 evaluations, and its
+    /// generations: numbers that change only where the method does.
     #[test]
     fn a_seed_fixes_the_course_of_every_method() {
         use crate::optimise::functions::{Function, drive};
@@ -335,14 +354,16 @@ mod tests {
         let course = |name: &str| {
             let method: Method = serde_json::from_value(serde_json::json!({ name: {} })).unwrap();
             assert_eq!(method.name(), name);
-            let search = Search { dimensions: 5, seed: 42, budget: 20_000, warm: Vec::new(), residuals: false };
+            let search =
+                Search { dimensions: 5, seed: 42, budget: 20_000, warm: Vec::new(), residuals: false };
             let mut optimiser = method.optimiser(search);
             let run = drive(optimiser.as_mut(), |x| Function::Schwefel.cost(x));
             (run.evaluations, optimiser.generation())
         };
         // These functions have no likelihood.
         let names: Vec<&str> = Method::NAMES.into_iter().filter(|name| *name != "ctsm").collect();
-        let courses: Vec<(&str, usize, usize)> = names.iter().map(|name| (*name, course(name).0, course(name).1)).collect();
+        let courses: Vec<(&str, usize, usize)> =
+            names.iter().map(|name| (*name, course(name).0, course(name).1)).collect();
         assert_eq!(courses, golden);
     }
 

@@ -30,7 +30,13 @@ pub struct LmOptions {
 
 impl Default for LmOptions {
     fn default() -> Self {
-        Self { starts: 200, lockstep: 4, converge: true, local: LocalOptions::default(), agreement: AgreementOptions::default() }
+        Self {
+            starts: 200,
+            lockstep: 4,
+            converge: true,
+            local: LocalOptions::default(),
+            agreement: AgreementOptions::default(),
+        }
     }
 }
 
@@ -137,7 +143,10 @@ mod tests {
     use crate::optimise::method::Method;
 
     fn run(options: &LmOptions, search: Search) -> Run {
-        drive_residuals(Method::LmMultistart(options.clone()).optimiser(search).as_mut(), rosenbrock_residuals)
+        drive_residuals(
+            Method::LmMultistart(options.clone()).optimiser(search).as_mut(),
+            rosenbrock_residuals,
+        )
     }
 
     fn search(seed: u64, budget: usize) -> Search {
@@ -148,7 +157,8 @@ mod tests {
     fn every_part_of_every_interval_has_its_point() {
         let points = latin_hypercube(16, 3, 9);
         for coordinate in 0..3 {
-            let mut cells: Vec<usize> = points.iter().map(|point| (point.0[coordinate] * 16.0) as usize).collect();
+            let mut cells: Vec<usize> =
+                points.iter().map(|point| (point.0[coordinate] * 16.0) as usize).collect();
             cells.sort_unstable();
             assert_eq!(cells, (0..16).collect::<Vec<_>>());
         }
@@ -168,7 +178,8 @@ mod tests {
 
     #[test]
     fn without_convergence_every_start_is_used() {
-        let all = run(&LmOptions { converge: false, starts: 10, ..LmOptions::default() }, search(4, 1_000_000));
+        let all =
+            run(&LmOptions { converge: false, starts: 10, ..LmOptions::default() }, search(4, 1_000_000));
         assert_eq!(all.ended, Ended::Stalled);
     }
 

@@ -1,7 +1,8 @@
 //! Particle swarm optimisation with constriction: the firefly's elder cousin, as a rival.
 //!
-//! M. Clerc, J. Kennedy, "The particle swarm: explosion, stability, and convergence in a multidimensional complex space",
-//! IEEE Trans. Evolutionary Computation 6 (2002) 58-73; neighbours on a ring (Bratton and Kennedy, IEEE SIS 2007).
+//! M. Clerc, J. Kennedy, "The particle swarm: explosion, stability, and convergence in a multidimensional
+//! complex space", IEEE Trans. Evolutionary Computation 6 (2002) 58-73; neighbours on a ring (Bratton and
+//! Kennedy, IEEE SIS 2007).
 
 use rand::RngExt;
 use rand_xoshiro::Xoshiro256PlusPlus;
@@ -80,7 +81,9 @@ impl Pso {
         let Particle { position, velocity, best } = &mut self.particles[index];
         for j in 0..position.len() {
             let (own, others) = (self.stream.random::<f64>(), self.stream.random::<f64>());
-            velocity[j] = inertia * velocity[j] + pull * own * (best.0[j] - position[j]) + pull * others * (guide[j] - position[j]);
+            velocity[j] = inertia * velocity[j]
+                + pull * own * (best.0[j] - position[j])
+                + pull * others * (guide[j] - position[j]);
             position[j] += velocity[j];
             // At a wall a particle stops and turns back slowly.
             if !(0.0..=1.0).contains(&position[j]) {
@@ -125,7 +128,9 @@ mod tests {
         let run = |function: Function, dimensions: usize, budget: usize| -> Vec<f64> {
             let run = |seed| {
                 let search = Search { dimensions, seed, budget, warm: Vec::new(), residuals: false };
-                drive(Method::Pso(PsoOptions::default()).optimiser(search).as_mut(), |x| function.cost(x)).best.value()
+                drive(Method::Pso(PsoOptions::default()).optimiser(search).as_mut(), |x| function.cost(x))
+                    .best
+                    .value()
             };
             (0..5).map(run).collect()
         };
@@ -136,7 +141,9 @@ mod tests {
     #[test]
     fn divergence_is_survived_and_a_seed_fixes_every_bit() {
         let search = Search { dimensions: 3, seed: 5, budget: 1000, warm: Vec::new(), residuals: false };
-        let run = |cost: &dyn Fn(&[f64]) -> f64| drive(Method::Pso(PsoOptions::default()).optimiser(search.clone()).as_mut(), cost);
+        let run = |cost: &dyn Fn(&[f64]) -> f64| {
+            drive(Method::Pso(PsoOptions::default()).optimiser(search.clone()).as_mut(), cost)
+        };
         assert_eq!(run(&|_| f64::NAN).best, Cost::Diverged);
         let half = |x: &[f64]| if x[0] > 0.5 { f64::NAN } else { Function::Ackley.cost(x) };
         assert_eq!(run(&half), run(&half));

@@ -1,8 +1,8 @@
 //! Fisher scoring in a box: the local run where a cost is a likelihood and its slopes are known.
 //!
-//! The curvature is that which the innovations are expected to have, plus what the gradients seen so far say beyond it
-//! (a secant correction; Dennis, Gay and Welsch, ACM Trans. Math. Softw. 7, 1981). A box-shaped trust region keeps the steps where the
-//! quadratic holds, and joins with the bounds.
+//! The curvature is that which the innovations are expected to have, plus what the gradients seen so far say
+//! beyond it (a secant correction; Dennis, Gay and Welsch, ACM Trans. Math. Softw. 7, 1981). A box-shaped
+//! trust region keeps the steps where the quadratic holds, and joins with the bounds.
 
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
@@ -120,7 +120,8 @@ impl Scoring {
             (Some(here), Some(there)) => {
                 let gained = here.value - there.value;
                 let share = if self.promised > 0.0 { gained / self.promised } else { 0.0 };
-                let longest = self.trial.0.iter().zip(&self.place.0).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+                let longest =
+                    self.trial.0.iter().zip(&self.place.0).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
                 self.learn(there);
                 if share < 0.25 {
                     self.radius = 0.35 * longest;
@@ -128,7 +129,8 @@ impl Scoring {
                     self.radius = (2.5 * self.radius).min(1.0);
                 }
                 if share > 1e-4 {
-                    (self.place, self.cost, self.slope) = (self.trial.clone(), answer.cost, Some(there.clone()));
+                    (self.place, self.cost, self.slope) =
+                        (self.trial.clone(), answer.cost, Some(there.clone()));
                 }
             }
         }
@@ -146,7 +148,8 @@ impl Scoring {
         let change = DVector::from_fn(d, |i, _| there.gradient[i] - here.gradient[i]);
         let information = DMatrix::from_row_slice(d, d, &there.information);
         let wanted = &change - information * &step;
-        // The correction shrinks to what the last step saw of it (sizing), then meets the secant (symmetric rank one).
+        // The correction shrinks to what the last step saw of it (sizing), then meets the secant (symmetric
+        // rank one).
         let bent = &self.correction * &step;
         let seen = step.dot(&bent);
         if seen.abs() > 0.0 {
@@ -165,7 +168,8 @@ impl Scoring {
         let d = self.place.0.len();
         let information = DMatrix::from_row_slice(d, d, &slope.information);
         let gradient = DVector::from_column_slice(&slope.gradient);
-        let limits: Vec<(f64, f64)> = self.place.0.iter().map(|x| ((-x).max(-self.radius), (1.0 - x).min(self.radius))).collect();
+        let limits: Vec<(f64, f64)> =
+            self.place.0.iter().map(|x| ((-x).max(-self.radius), (1.0 - x).min(self.radius))).collect();
         let corrected = &information + &self.correction;
         let (curvature, step) = match minimise(&corrected, &gradient, &limits) {
             Some(step) => (corrected, step),
@@ -179,19 +183,26 @@ impl Scoring {
             },
         };
         self.promised = -gradient.dot(&step) - 0.5 * step.dot(&(&curvature * &step));
-        self.trial = Candidate(self.place.0.iter().zip(step.iter()).map(|(x, by)| (x + by).clamp(0.0, 1.0)).collect());
+        self.trial =
+            Candidate(self.place.0.iter().zip(step.iter()).map(|(x, by)| (x + by).clamp(0.0, 1.0)).collect());
         let bound = step.amax() > 0.99 * self.radius;
         if self.promised <= self.options.tolerance && (!bound || self.radius < 1e-4) {
             self.state = State::Settled;
         } else if self.radius < SMALLEST {
-            // No step keeps what the slope promises: whatever this place is, it was not shown to be an optimum.
+            // No step keeps what the slope promises: whatever this place is, it was not shown to be an
+            // optimum.
             self.state = State::Ended;
         }
     }
 }
 
-/// The step in a box that minimises a quadratic: an active-set search. `None` where the curvature is not positive.
-fn minimise(curvature: &DMatrix<f64>, gradient: &DVector<f64>, limits: &[(f64, f64)]) -> Option<DVector<f64>> {
+/// The step in a box that minimises a quadratic: an active-set search. `None` where the curvature is not
+/// positive.
+fn minimise(
+    curvature: &DMatrix<f64>,
+    gradient: &DVector<f64>,
+    limits: &[(f64, f64)],
+) -> Option<DVector<f64>> {
     let d = gradient.len();
     // A direction that the data do not see at all must not be infinitely long.
     let floor = 1e-12 * (0..d).map(|i| curvature[(i, i)]).fold(0.0, f64::max) + f64::MIN_POSITIVE;
@@ -205,8 +216,9 @@ fn minimise(curvature: &DMatrix<f64>, gradient: &DVector<f64>, limits: &[(f64, f
         .collect();
     for _ in 0..3 * d + 1 {
         let places: Vec<usize> = (0..d).filter(|i| free[*i]).collect();
-        let part =
-            DMatrix::from_fn(places.len(), places.len(), |i, j| curvature[(places[i], places[j])] + if i == j { floor } else { 0.0 });
+        let part = DMatrix::from_fn(places.len(), places.len(), |i, j| {
+            curvature[(places[i], places[j])] + if i == j { floor } else { 0.0 }
+        });
         let slope = DVector::from_fn(places.len(), |i, _| {
             let fixed: f64 = (0..d).filter(|j| !free[*j]).map(|j| curvature[(places[i], j)] * step[j]).sum();
             -(gradient[places[i]] + fixed)
@@ -242,7 +254,9 @@ fn minimise(curvature: &DMatrix<f64>, gradient: &DVector<f64>, limits: &[(f64, f
                 let total = gradient + curvature * &step;
                 let inward = |i: &usize| {
                     let (low, high) = limits[*i];
-                    !free[*i] && low < high && ((step[*i] <= low && total[*i] < 0.0) || (step[*i] >= high && total[*i] > 0.0))
+                    !free[*i]
+                        && low < high
+                        && ((step[*i] <= low && total[*i] < 0.0) || (step[*i] >= high && total[*i] > 0.0))
                 };
                 match (0..d).find(inward) {
                     Some(i) => free[i] = true,
@@ -258,18 +272,27 @@ fn minimise(curvature: &DMatrix<f64>, gradient: &DVector<f64>, limits: &[(f64, f
 mod tests {
     use super::*;
 
-    /// Rosenbrock's valley on the unit square with its Gauss-Newton curvature; the optimum lies at (0.7, 0.49).
+    /// Rosenbrock's valley on the unit square with its Gauss-Newton curvature; the optimum lies at (0.7,
+    /// 0.49).
     fn valley(x: &[f64]) -> Evaluation {
         let (a, b) = (10.0 * (x[1] - x[0] * x[0]), x[0] - 0.7);
         let rows = [[-20.0 * x[0], 10.0], [1.0, 0.0]];
         let value = 100.0 * 0.5 * (a * a + b * b);
         let gradient = (0..2).map(|i| 100.0 * (a * rows[0][i] + b * rows[1][i])).collect();
-        let information = (0..4).map(|s| 100.0 * (0..2).map(|r| rows[r][s / 2] * rows[r][s % 2]).sum::<f64>()).collect();
-        Evaluation { cost: Cost::new(value), residuals: Vec::new(), slope: Some(Slope { value, gradient, information }) }
+        let information =
+            (0..4).map(|s| 100.0 * (0..2).map(|r| rows[r][s / 2] * rows[r][s % 2]).sum::<f64>()).collect();
+        Evaluation {
+            cost: Cost::new(value),
+            residuals: Vec::new(),
+            slope: Some(Slope { value, gradient, information }),
+        }
     }
 
     fn run(start: [f64; 2], f: impl Fn(&[f64]) -> Evaluation) -> (Vec<f64>, usize, bool) {
-        let mut scoring = Scoring::new(&ScoringOptions { tolerance: 1e-12, ..ScoringOptions::default() }, &Candidate(start.to_vec()));
+        let mut scoring = Scoring::new(
+            &ScoringOptions { tolerance: 1e-12, ..ScoringOptions::default() },
+            &Candidate(start.to_vec()),
+        );
         let mut asked = 0;
         while let Some(trial) = scoring.propose() {
             assert!(trial.0.iter().all(|x| (0.0..=1.0).contains(x)));

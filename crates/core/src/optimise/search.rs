@@ -20,7 +20,8 @@ pub struct Search {
 impl Search {
     /// The warm starts that fit, inside the cube.
     pub(super) fn warm_starts(&self) -> Vec<Candidate> {
-        let fits = |start: &&Candidate| start.0.len() == self.dimensions && start.0.iter().all(|x| x.is_finite());
+        let fits =
+            |start: &&Candidate| start.0.len() == self.dimensions && start.0.iter().all(|x| x.is_finite());
         let inside = |start: &Candidate| Candidate(start.0.iter().map(|x| x.clamp(0.0, 1.0)).collect());
         self.warm.iter().filter(fits).map(inside).collect()
     }

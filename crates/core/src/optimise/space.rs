@@ -85,12 +85,20 @@ impl Space {
 
     /// The physical point of a candidate.
     pub fn theta(&self, candidate: &Candidate) -> Theta {
-        Theta(self.dimensions.iter().zip(&candidate.0).map(|(dimension, unit)| dimension.value(*unit)).collect())
+        Theta(
+            self.dimensions
+                .iter()
+                .zip(&candidate.0)
+                .map(|(dimension, unit)| dimension.value(*unit))
+                .collect(),
+        )
     }
 
     /// The candidate of a physical point; values outside the box are moved to its edge.
     pub fn candidate(&self, theta: &Theta) -> Candidate {
-        Candidate(self.dimensions.iter().zip(&theta.0).map(|(dimension, value)| dimension.unit(*value)).collect())
+        Candidate(
+            self.dimensions.iter().zip(&theta.0).map(|(dimension, value)| dimension.unit(*value)).collect(),
+        )
     }
 }
 

@@ -1,9 +1,9 @@
 //! One swarm of the hybrid: the clustered firefly moves with a synchronous update.
 //!
-//! In Algorithm 2 a firefly sees the moves of those before it, so that each move is a batch of one. Here everyone
-//! sees the places and intensities of the start of the generation, and the moves go in rounds: in each round every
-//! firefly that still has somebody brighter to follow makes one move, and these moves are one batch. The results
-//! are as good as those of the sequential order, and the lanes are full.
+//! In Algorithm 2 a firefly sees the moves of those before it, so that each move is a batch of one. Here
+//! everyone sees the places and intensities of the start of the generation, and the moves go in rounds: in
+//! each round every firefly that still has somebody brighter to follow makes one move, and these moves are
+//! one batch. The results are as good as those of the sequential order, and the lanes are full.
 
 use rand_xoshiro::Xoshiro256PlusPlus;
 
@@ -47,8 +47,8 @@ pub struct Swarm {
 }
 
 impl Swarm {
-    /// A fresh swarm over `budget` evaluations. `first_id` numbers its random streams, so that each swarm of a
-    /// search draws other numbers; `first` are the places of its first fireflies.
+    /// A fresh swarm over `budget` evaluations. `first_id` numbers its random streams, so that each swarm of
+    /// a search draws other numbers; `first` are the places of its first fireflies.
     pub fn new(
         options: &CfaOptions,
         guided: bool,
@@ -177,18 +177,20 @@ impl Swarm {
         self.options.stall > 0 && self.still >= self.options.stall
     }
 
-    /// Clusters the population and lists the lights of each firefly: its cluster's members, then the centroids of
-    /// the other clusters.
+    /// Clusters the population and lists the lights of each firefly: its cluster's members, then the
+    /// centroids of the other clusters.
     fn look_around(&mut self, target: f64) {
         let points: Vec<&[f64]> = self.fireflies.iter().map(|firefly| firefly.position.as_slice()).collect();
         let k = cluster_count(points.len(), target);
         let clusters = kmeans(&points, k, Seeding::PlusPlus, &mut self.stream);
-        let centroids: Vec<Light> = (0..clusters.centroids.len()).map(|c| self.centroid(&clusters, c)).collect();
+        let centroids: Vec<Light> =
+            (0..clusters.centroids.len()).map(|c| self.centroid(&clusters, c)).collect();
         self.lights = (0..self.fireflies.len())
             .map(|index| {
                 let own = clusters.assignment[index];
                 let others = (0..centroids.len()).filter(|c| *c != own).map(|c| centroids[c].clone());
-                let near = clusters.members(own).filter(|other| *other != index).map(|other| self.light(other));
+                let near =
+                    clusters.members(own).filter(|other| *other != index).map(|other| self.light(other));
                 let mut lights: Vec<Light> = near.chain(others).collect();
                 // They are taken from the end.
                 lights.reverse();
@@ -205,13 +207,15 @@ impl Swarm {
     fn centroid(&self, clusters: &Clusters, cluster: usize) -> Light {
         Light {
             position: clusters.centroids[cluster].clone(),
-            intensity: firefly::mean_cost(clusters.members(cluster).map(|member| self.fireflies[member].cost)),
+            intensity: firefly::mean_cost(
+                clusters.members(cluster).map(|member| self.fireflies[member].cost),
+            ),
             crowd: clusters.members(cluster).count() as f64,
         }
     }
 
-    /// Where nothing could be computed there is nobody to follow, and everyone is drawn anew. Where all costs are
-    /// equal and finite the swarm has nothing left to say.
+    /// Where nothing could be computed there is nobody to follow, and everyone is drawn anew. Where all costs
+    /// are equal and finite the swarm has nothing left to say.
     fn nobody_moves(&mut self) {
         if self.fireflies.iter().any(|firefly| firefly.cost != Cost::Diverged) {
             self.ended = true;
@@ -223,22 +227,31 @@ impl Swarm {
         self.movers = (0..self.fireflies.len()).collect();
     }
 
-    /// Up to `count` starts for the local stage, the cheapest first: by default the fireflies' best places so far in as many
-    /// clusters, and of each cluster the best one.
+    /// Up to `count` starts for the local stage, the cheapest first: by default the fireflies' best places so
+    /// far in as many clusters, and of each cluster the best one.
     pub fn starts(&mut self, from: LocalFrom, count: usize) -> Vec<Candidate> {
-        let mut seen: Vec<&(Candidate, Cost)> =
-            self.fireflies.iter().map(|firefly| &firefly.best).filter(|best| best.1 != Cost::Diverged).collect();
+        let mut seen: Vec<&(Candidate, Cost)> = self
+            .fireflies
+            .iter()
+            .map(|firefly| &firefly.best)
+            .filter(|best| best.1 != Cost::Diverged)
+            .collect();
         if from == LocalFrom::Fireflies {
             seen.sort_by_key(|best| best.1);
             return seen.into_iter().take(count.max(1)).map(|best| best.0.clone()).collect();
         }
         let points: Vec<&[f64]> = seen.iter().map(|best| best.0.0.as_slice()).collect();
         let clusters = kmeans(&points, count.max(1), Seeding::PlusPlus, &mut self.stream);
-        let best = |cluster: usize| clusters.members(cluster).map(|member| seen[member]).min_by_key(|best| best.1);
+        let best =
+            |cluster: usize| clusters.members(cluster).map(|member| seen[member]).min_by_key(|best| best.1);
         let mut starts: Vec<(Candidate, Cost)> = (0..clusters.centroids.len())
             .filter_map(|cluster| {
                 let (place, cost) = best(cluster)?;
-                let place = if from == LocalFrom::Centroids { Candidate(clusters.centroids[cluster].clone()) } else { place.clone() };
+                let place = if from == LocalFrom::Centroids {
+                    Candidate(clusters.centroids[cluster].clone())
+                } else {
+                    place.clone()
+                };
                 Some((place, *cost))
             })
             .collect();
@@ -253,7 +266,10 @@ mod tests {
     use crate::optimise::functions::Function;
 
     fn answers(batch: &[Candidate], cost: impl Fn(&[f64]) -> f64) -> Vec<Evaluation> {
-        batch.iter().map(|c| Evaluation { cost: Cost::new(cost(&c.0)), residuals: Vec::new(), slope: None }).collect()
+        batch
+            .iter()
+            .map(|c| Evaluation { cost: Cost::new(cost(&c.0)), residuals: Vec::new(), slope: None })
+            .collect()
     }
 
     #[test]
@@ -277,7 +293,8 @@ mod tests {
         swarm.digest(&answers(&first, |_| 1.0));
         assert_eq!(swarm.propose(), None);
 
-        let mut swarm = Swarm::new(&CfaOptions { stall: 0, ..CfaOptions::default() }, true, 1000, 1, 0, 5, &[]);
+        let mut swarm =
+            Swarm::new(&CfaOptions { stall: 0, ..CfaOptions::default() }, true, 1000, 1, 0, 5, &[]);
         let mut rounds = 0;
         while let Some(batch) = swarm.propose() {
             swarm.digest(&answers(&batch, |_| f64::NAN));

@@ -1,9 +1,9 @@
-//! Local searches on costs alone as coroutines: BOBYQA, Powell's trust-region method without derivatives, and those of
-//! `descent`.
+//! Local searches on costs alone as coroutines: BOBYQA, Powell's trust-region method without derivatives, and
+//! those of `descent`.
 //!
-//! A solver calls the objective from deep inside, whereas a search here is asked and told. It therefore runs on
-//! a thread of its own behind two rendezvous channels: of the two threads one always waits for the other, so
-//! nothing runs at the same time and the result does not depend on any scheduling.
+//! A solver calls the objective from deep inside, whereas a search here is asked and told. It therefore runs
+//! on a thread of its own behind two rendezvous channels: of the two threads one always waits for the other,
+//! so nothing runs at the same time and the result does not depend on any scheduling.
 
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread::JoinHandle;
@@ -25,8 +25,8 @@ pub struct TrustRegion {
     best: (Candidate, Cost),
     /// The question that waits for its answer; none when the run has ended.
     pending: Option<Candidate>,
-    /// The worst finite cost so far, which stands for diverged candidates: a huge number would ruin the quadratic
-    /// model that the solver interpolates.
+    /// The worst finite cost so far, which stands for diverged candidates: a huge number would ruin the
+    /// quadratic model that the solver interpolates.
     worst: f64,
     solver: Option<Solver>,
 }
@@ -120,7 +120,11 @@ impl Solver {
         let d = x.len();
         // The cube is one wide and the solver needs two radii of room.
         let radius = options.radius.clamp(1e-12, 0.5);
-        let limits = Limits { radius, radius_end: options.radius_end.clamp(1e-14, radius), evaluations: options.evaluations };
+        let limits = Limits {
+            radius,
+            radius_end: options.radius_end.clamp(1e-14, radius),
+            evaluations: options.evaluations,
+        };
         let bobyqa = match options.on_costs {
             LocalMethod::Bobyqa => Some(bobyqa(d, limits)?),
             // There is nothing to search, which the others would find out by dividing by it.
@@ -175,7 +179,9 @@ mod tests {
 
     #[test]
     fn a_quadratic_with_an_active_bound_is_solved() {
-        let (run, evaluations) = run(vec![0.5, 0.5, 0.5], |x| (x[0] - 0.3).powi(2) + (x[1] + 0.4).powi(2) + 2.0 * (x[2] - x[0]).powi(2));
+        let (run, evaluations) = run(vec![0.5, 0.5, 0.5], |x| {
+            (x[0] - 0.3).powi(2) + (x[1] + 0.4).powi(2) + 2.0 * (x[2] - x[0]).powi(2)
+        });
         let (at, cost) = run.place();
         assert!((cost.value() - 0.16).abs() < 1e-12 && at[1] == 0.0 && (at[0] - 0.3).abs() < 1e-6, "{at:?}");
         assert!(evaluations < 200, "{evaluations}");

@@ -1,9 +1,10 @@
 //! Free runs of many candidates by RKC2: lanes that each go their own way through the window.
 //!
-//! One evaluation of the right-hand side follows another. Each lane has a time, a step, a number of stages and a spectral radius
-//! of its own (`rkc`), and takes an evaluation for whatever it needs next. So no lane waits for another, one that is done takes
-//! the next candidate, and a candidate's result depends neither on its neighbours nor on threads. Inputs are held over
-//! an interval: between two samples the equations do not know the time.
+//! One evaluation of the right-hand side follows another. Each lane has a time, a step, a number of stages
+//! and a spectral radius of its own (`rkc`), and takes an evaluation for whatever it needs next. So no lane
+//! waits for another, one that is done takes the next candidate, and a candidate's result depends neither on
+//! its neighbours nor on threads. Inputs are held over an interval: between two samples the equations do not
+//! know the time.
 
 use super::lanes::LaneFile;
 use super::rkc::{Clock, Event, FLOOR, TOLERANCE};
@@ -15,12 +16,18 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 /// Evaluations of a block between two looks at whether it is still wanted.
 const PATROL: usize = 512;
 
-/// Candidates that one worker takes before another helps: eight lanes take a third longer than one, so few candidates on two
-/// workers are hardly sooner there and cost nearly twice as much.
+/// Candidates that one worker takes before another helps: eight lanes take a third longer than one, so few
+/// candidates on two workers are hardly sooner there and cost nearly twice as much.
 const FULL: usize = 8;
 
 /// Simulates every candidate; the workers of the pool take them in turn.
-pub(super) fn run(simulator: &Simulator, thetas: &[&[f64]], until: usize, keep_states: bool, halt: Halt) -> Vec<Trajectory> {
+pub(super) fn run(
+    simulator: &Simulator,
+    thetas: &[&[f64]],
+    until: usize,
+    keep_states: bool,
+    halt: Halt,
+) -> Vec<Trajectory> {
     if thetas.is_empty() {
         return Vec::new();
     }
@@ -48,7 +55,8 @@ struct Run {
 
 impl Run {
     fn new(candidate: usize, simulator: &Simulator) -> Self {
-        let (outputs, states) = (vec![Vec::new(); simulator.output.roots.len()], vec![Vec::new(); simulator.initial.len()]);
+        let (outputs, states) =
+            (vec![Vec::new(); simulator.output.roots.len()], vec![Vec::new(); simulator.initial.len()]);
         Self { candidate, outputs, states, evaluations: 0, diverged: false }
     }
 
@@ -82,7 +90,14 @@ struct Block<'a, const W: usize> {
 }
 
 impl<'a, const W: usize> Block<'a, W> {
-    fn run(simulator: &'a Simulator, thetas: &'a [&'a [f64]], until: usize, keep_states: bool, halt: Halt, next: &AtomicUsize) -> Vec<Run> {
+    fn run(
+        simulator: &'a Simulator,
+        thetas: &'a [&'a [f64]],
+        until: usize,
+        keep_states: bool,
+        halt: Halt,
+        next: &AtomicUsize,
+    ) -> Vec<Run> {
         let mut block = Self {
             simulator,
             thetas,
@@ -126,7 +141,9 @@ impl<'a, const W: usize> Block<'a, W> {
             for (lane, event) in events.into_iter().enumerate() {
                 match event {
                     Event::Nothing => {}
-                    Event::Arrived => self.arrive(lane, self.clocks[lane].sample.map_or(0, |sample| sample + 1)),
+                    Event::Arrived => {
+                        self.arrive(lane, self.clocks[lane].sample.map_or(0, |sample| sample + 1))
+                    }
                     Event::Lost => self.leave(lane, true),
                 }
             }

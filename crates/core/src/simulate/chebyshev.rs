@@ -1,6 +1,6 @@
-//! The coefficients of RKC2, the stabilised explicit Runge-Kutta method of order 2 (Sommeijer, Shampine and Verwer,
-//! J. Comput. Appl. Math. 88, 1997): shifted Chebyshev polynomials, damped by 2/13. With s stages a step h is stable on
-//! the negative axis down to about -0.65 (s^2 - 1) / h.
+//! The coefficients of RKC2, the stabilised explicit Runge-Kutta method of order 2 (Sommeijer, Shampine and
+//! Verwer, J. Comput. Appl. Math. 88, 1997): shifted Chebyshev polynomials, damped by 2/13. With s stages a
+//! step h is stable on the negative axis down to about -0.65 (s^2 - 1) / h.
 
 use std::sync::LazyLock;
 
@@ -53,7 +53,12 @@ fn table(s: usize) -> Vec<Stage> {
     for j in 2..=s {
         let mu = 2.0 * w0 * weight(j) / weight(j - 1);
         let slope = 2.0 * w1 * weight(j) / weight(j - 1);
-        stages.push(Stage { mu, nu: -weight(j) / weight(j - 2), slope, start: -(1.0 - t[j - 1][0] * weight(j - 1)) * slope });
+        stages.push(Stage {
+            mu,
+            nu: -weight(j) / weight(j - 2),
+            slope,
+            start: -(1.0 - t[j - 1][0] * weight(j - 1)) * slope,
+        });
     }
     stages
 }
@@ -67,8 +72,10 @@ mod tests {
         let [first, rest @ ..] = stages(s) else { return f64::NAN };
         let (mut before, mut last) = (y, y + h * first.start * f(y));
         for stage in rest {
-            let next =
-                (1.0 - stage.mu - stage.nu) * y + stage.mu * last + stage.nu * before + h * (stage.slope * f(last) + stage.start * f(y));
+            let next = (1.0 - stage.mu - stage.nu) * y
+                + stage.mu * last
+                + stage.nu * before
+                + h * (stage.slope * f(last) + stage.start * f(y));
             (before, last) = (last, next);
         }
         last
@@ -98,7 +105,10 @@ mod tests {
                 assert!(factor.abs() < 1.0, "{s} stages, {z}: {factor}");
             }
             // An odd polynomial leaves through zero and stays small for longer.
-            assert!(s % 2 == 1 || step(|y| -1.1 * reach(s) * y, 1.0, 1.0, s).abs() > 1.0, "the bound is no idle one");
+            assert!(
+                s % 2 == 1 || step(|y| -1.1 * reach(s) * y, 1.0, 1.0, s).abs() > 1.0,
+                "the bound is no idle one"
+            );
         }
     }
 }

@@ -31,7 +31,15 @@ fn delayed(hold: &str, term: &str) -> Model {
 
 const PIPE: &str = "a*(delay(u, tau) - x)";
 
-fn run(model: &Model, column: Vec<f64>, hours: f64, start: f64, stepper: Stepper, substeps: usize, theta: &[f64]) -> Vec<f64> {
+fn run(
+    model: &Model,
+    column: Vec<f64>,
+    hours: f64,
+    start: f64,
+    stepper: Stepper,
+    substeps: usize,
+    theta: &[f64],
+) -> Vec<f64> {
     let samples = column.len();
     let inputs = Inputs::from_columns(model, vec![column], hours);
     let (values, valid) = (vec![start; samples], vec![true; samples]);
@@ -41,7 +49,15 @@ fn run(model: &Model, column: Vec<f64>, hours: f64, start: f64, stepper: Stepper
 
 /// The end of a ramp of one degree per hour that arrives tau hours late, from 20 degrees at the start.
 fn ramp_error(stepper: Stepper, substeps: usize, a: f64, tau: f64) -> f64 {
-    let ours = run(&delayed("linear", PIPE), (0..=10).map(f64::from).collect(), 1.0, 20.0, stepper, substeps, &[a, tau]);
+    let ours = run(
+        &delayed("linear", PIPE),
+        (0..=10).map(f64::from).collect(),
+        1.0,
+        20.0,
+        stepper,
+        substeps,
+        &[a, tau],
+    );
     let at_arrival = 20.0 * (-a * tau).exp();
     let since = 10.0 - tau;
     let exact = since - 1.0 / a + (at_arrival + 1.0 / a) * (-a * since).exp();
@@ -52,7 +68,11 @@ fn ramp_error(stepper: Stepper, substeps: usize, a: f64, tau: f64) -> f64 {
 fn a_delayed_ramp_agrees_with_its_closed_form() {
     for tau in [0.0, 0.25, 1.3, 4.0, 5.99] {
         assert!(ramp_error(Stepper::Rk4, 400, 0.7, tau) < 1e-6, "{tau}");
-        assert!(ramp_error(Stepper::Ros2, 400, 0.7, tau) < 1e-5, "{tau}: {}", ramp_error(Stepper::Ros2, 400, 0.7, tau));
+        assert!(
+            ramp_error(Stepper::Ros2, 400, 0.7, tau) < 1e-5,
+            "{tau}: {}",
+            ramp_error(Stepper::Ros2, 400, 0.7, tau)
+        );
     }
     let observed = (ramp_error(Stepper::Ros2, 4, 0.7, 2.0) / ramp_error(Stepper::Ros2, 8, 0.7, 2.0)).log2();
     assert!((observed - 2.0).abs() < 0.15, "the order is kept: {observed}");
@@ -93,7 +113,8 @@ fn lanes_with_delays_of_their_own_equal_single_runs() {
         let inputs = Inputs::from_columns(&model, vec![column], 0.5);
         let (values, valid) = (vec![20.0; 50], vec![true; 50]);
         let simulator = Simulator::new(&model, &inputs, &[(&values, &valid)], Stepper::Ros2, 3);
-        let thetas: Vec<Vec<f64>> = (0..37).map(|i| vec![0.01 * 1.3f64.powi(i), 0.17 * f64::from(i)]).collect();
+        let thetas: Vec<Vec<f64>> =
+            (0..37).map(|i| vec![0.01 * 1.3f64.powi(i), 0.17 * f64::from(i)]).collect();
         let slices: Vec<&[f64]> = thetas.iter().map(Vec::as_slice).collect();
         let together = simulator.run(&slices, 50);
         for (theta, run) in slices.iter().zip(&together) {
@@ -146,7 +167,11 @@ fn the_past_must_be_known_as_far_back_as_the_longest_delay() {
     let (values, valid) = ((0..40).map(f64::from).collect::<Vec<_>>(), vec![true; 40]);
     let simulator = Simulator::new(&model, &inputs, &[(&values, &valid)], Stepper::Ros2, 6);
     let y = simulator.run(&[&[0.5, 2.0]], 40)[0].outputs[0].clone();
-    assert_eq!((y[5], y[6], y[27]), (1.0, 7.0, 28.0), "it stands still there and starts again from the measurement");
+    assert_eq!(
+        (y[5], y[6], y[27]),
+        (1.0, 7.0, 28.0),
+        "it stands still there and starts again from the measurement"
+    );
     assert!(!simulator.predicted(6) && simulator.predicted(7));
     assert_eq!((samples_back(6.0, 0.1), samples_back(0.0, 0.1), samples_back(0.05, 0.1)), (60, 0, 1));
 }
@@ -162,7 +187,11 @@ fn the_filter_and_its_forecasts_follow_delayed_inputs() {
     let measured: [MeasuredOutput; 1] = [(&truth, &valid)];
     let simulator = Simulator::new(&model, &inputs, &measured, Stepper::Ros2, 3);
     let kalman = Kalman::new(&model, &simulator, &inputs, &measured);
-    let found = kalman.filter(&theta, &Noise { process: vec![0.1; model.states().len()], measurement: vec![1e-4] }, 80);
+    let found = kalman.filter(
+        &theta,
+        &Noise { process: vec![0.1; model.states().len()], measurement: vec![1e-4] },
+        80,
+    );
     // The filter starts from the mean of three samples; its error has gone after a day.
     let origins: Vec<usize> = (48..60).collect();
     for (origin, forecast) in origins.iter().zip(kalman.forecasts(&theta, &found, &origins, 20)) {

@@ -40,14 +40,23 @@ impl Inputs {
         for (index, input) in model.inputs().iter().enumerate() {
             let pointer = format!("/channels/{}", input.channel);
             let Some(column) = grid.column(&input.channel) else {
-                faults.push(Fault::new(pointer, "missing-channel", format!("the model needs the channel `{}`", input.channel)));
+                faults.push(Fault::new(
+                    pointer,
+                    "missing-channel",
+                    format!("the model needs the channel `{}`", input.channel),
+                ));
                 continue;
             };
             let wanted = if input.unit == AS_IT_COMES { column.unit() } else { &input.unit };
             let converter = Unit::parse(column.unit()).ok().zip(Unit::parse(wanted).ok());
             let convert = |value: f64| converter.and_then(|(from, to)| from.convert(&to, value));
             if convert(0.0).is_none() {
-                let detail = format!("`{}` is in {}, which does not convert to {}", input.channel, column.unit(), input.unit);
+                let detail = format!(
+                    "`{}` is in {}, which does not convert to {}",
+                    input.channel,
+                    column.unit(),
+                    input.unit
+                );
                 faults.push(Fault::new(pointer, "unit", detail));
                 continue;
             }
@@ -58,9 +67,16 @@ impl Inputs {
                 run = if measured { run + 1 } else { 0 };
                 *known &= run > reach;
             }
-            columns.push((input.hold, column.values().iter().map(|value| convert(*value).unwrap_or(*value)).collect()));
+            columns.push((
+                input.hold,
+                column.values().iter().map(|value| convert(*value).unwrap_or(*value)).collect(),
+            ));
         }
-        if faults.is_empty() { Ok(Self { columns, known, hours: grid.step_hours(), averaged: 0..grid.len() }) } else { Err(faults) }
+        if faults.is_empty() {
+            Ok(Self { columns, known, hours: grid.step_hours(), averaged: 0..grid.len() })
+        } else {
+            Err(faults)
+        }
     }
 
     /// Inputs that stay at these values for so many hours, with samples `hours` apart: the stress tests of
@@ -80,10 +96,16 @@ impl Inputs {
             };
             (*hold, vec![value; 2])
         };
-        Self { columns: self.columns.iter().zip(&warm_up.inputs).map(constant).collect(), known: vec![true], hours, averaged: 0..2 }
+        Self {
+            columns: self.columns.iter().zip(&warm_up.inputs).map(constant).collect(),
+            known: vec![true],
+            hours,
+            averaged: 0..2,
+        }
     }
 
-    /// The same inputs, of which a warm-up that goes over the record's own mean takes that over these samples.
+    /// The same inputs, of which a warm-up that goes over the record's own mean takes that over these
+    /// samples.
     #[must_use]
     pub fn averaged_over(self, samples: Range<usize>) -> Self {
         Self { averaged: samples, ..self }
@@ -92,7 +114,8 @@ impl Inputs {
     /// Inputs from one series per input of the model, all known, in the units of its equations.
     pub fn from_columns(model: &Model, columns: Vec<Vec<f64>>, hours: f64) -> Self {
         let intervals = columns.iter().map(Vec::len).min().unwrap_or(1).saturating_sub(1);
-        let columns = model.inputs().iter().zip(columns).map(|(input, values)| (input.hold, values)).collect();
+        let columns =
+            model.inputs().iter().zip(columns).map(|(input, values)| (input.hold, values)).collect();
         Self { columns, known: vec![true; intervals], hours, averaged: 0..intervals }
     }
 
@@ -111,7 +134,12 @@ impl Inputs {
     /// The same inputs, unknown as well over the intervals at which `known` is false.
     #[must_use]
     pub fn masked(&self, known: &[bool]) -> Self {
-        let both = self.known.iter().enumerate().map(|(k, own)| *own && known.get(k).copied().unwrap_or(true)).collect();
+        let both = self
+            .known
+            .iter()
+            .enumerate()
+            .map(|(k, own)| *own && known.get(k).copied().unwrap_or(true))
+            .collect();
         Self { known: both, ..self.clone() }
     }
 
@@ -133,7 +161,10 @@ impl Inputs {
     /// Smallest and largest value of an input.
     pub fn range(&self, input: usize) -> (f64, f64) {
         let values = &self.columns[input].1;
-        (values.iter().copied().fold(f64::INFINITY, f64::min), values.iter().copied().fold(f64::NEG_INFINITY, f64::max))
+        (
+            values.iter().copied().fold(f64::INFINITY, f64::min),
+            values.iter().copied().fold(f64::NEG_INFINITY, f64::max),
+        )
     }
 
     /// The value of an input at a sample.
@@ -204,8 +235,8 @@ struct Past {
 }
 
 impl Past {
-    /// The value at a position counted in samples. Before the first sample it is the first value; a zero-order
-    /// input has the value of the interval that holds the position.
+    /// The value at a position counted in samples. Before the first sample it is the first value; a
+    /// zero-order input has the value of the interval that holds the position.
     #[inline(always)]
     fn at(&self, position: f64) -> f64 {
         let last = self.values.len().saturating_sub(1);
@@ -216,8 +247,8 @@ impl Past {
                 let next = self.values[(k + 1).min(last)];
                 self.values[k] + (next - self.values[k]) * (position - k as f64)
             }
-            // A delay of whole samples must not fall into the interval before by a rounding error. The cast ends
-            // at zero for whatever lies before the window.
+            // A delay of whole samples must not fall into the interval before by a rounding error. The cast
+            // ends at zero for whatever lies before the window.
             Hold::ZeroOrder => self.values[((position + 1e-9) as usize).min(last)],
         }
     }
@@ -252,7 +283,9 @@ impl Drive {
                     let (k, step) = ((first + lane) / steps, (first + lane) % steps);
                     *value = match *source {
                         Source::Slope(input) => inputs.slope(input, k),
-                        Source::Input(input, point) => inputs.value(input, k, (step as f64 + offset(point)) / steps as f64),
+                        Source::Input(input, point) => {
+                            inputs.value(input, k, (step as f64 + offset(point)) / steps as f64)
+                        }
                     };
                 }
             }
@@ -267,7 +300,13 @@ impl Drive {
             let (hold, values) = inputs.columns[delayed.input].clone();
             Past { hold, values, offset: offset(delayed.point) }
         };
-        Self { rows: rows.into(), width, steps, delayed: tape.delayed.iter().map(past).collect(), sample_hours: inputs.hours }
+        Self {
+            rows: rows.into(),
+            width,
+            steps,
+            delayed: tape.delayed.iter().map(past).collect(),
+            sample_hours: inputs.hours,
+        }
     }
 
     /// Loads the inputs of a step into the lanes of the tape that the drive was made for.
@@ -302,7 +341,8 @@ impl Drive {
         registers.share(&self.rows[start..start + self.width]);
         registers.delay(|index, hours| {
             let past = &self.delayed[index];
-            let position = k as f64 + (step as f64 + past.offset) / self.steps as f64 - hours / self.sample_hours;
+            let position =
+                k as f64 + (step as f64 + past.offset) / self.steps as f64 - hours / self.sample_hours;
             (past.at(position), -past.slope(position) / self.sample_hours)
         });
     }

@@ -1,15 +1,21 @@
 //! Numbers that carry their slopes: forward derivatives of whatever is computed with them.
 //!
-//! A filter is written once over [`Scalar`]. With plain numbers it gives the likelihood, with [`Dual`] ones its exact
-//! derivatives as well, those of the discretisation included (forward mode; Griewank and Walther, Evaluating
-//! Derivatives, 2008).
+//! A filter is written once over [`Scalar`]. With plain numbers it gives the likelihood, with [`Dual`] ones
+//! its exact derivatives as well, those of the discretisation included (forward mode; Griewank and Walther,
+//! Evaluating Derivatives, 2008).
 
 use crate::model::expr::{Binary, Unary};
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
 /// A number, with or without slopes.
 pub trait Scalar:
-    Copy + PartialEq + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Div<Output = Self> + Neg<Output = Self>
+    Copy
+    + PartialEq
+    + Add<Output = Self>
+    + Sub<Output = Self>
+    + Mul<Output = Self>
+    + Div<Output = Self>
+    + Neg<Output = Self>
 {
     /// A number that depends on nothing.
     fn constant(value: f64) -> Self;
@@ -121,7 +127,9 @@ impl<const W: usize> Mul for Dual<W> {
     #[inline(always)]
     #[allow(clippy::suspicious_arithmetic_impl, reason = "the slope of a product is a sum")]
     fn mul(self, other: Self) -> Self {
-        Self::with(self.value * other.value, |lane| self.slopes[lane] * other.value + self.value * other.slopes[lane])
+        Self::with(self.value * other.value, |lane| {
+            self.slopes[lane] * other.value + self.value * other.slopes[lane]
+        })
     }
 }
 
@@ -191,8 +199,18 @@ mod tests {
 
     #[test]
     fn slopes_equal_central_differences() {
-        let unaries = [Unary::Neg, Unary::Abs, Unary::Exp, Unary::Log, Unary::Sqrt, Unary::Sin, Unary::Cos, Unary::Tanh];
-        let binaries = [Binary::Add, Binary::Sub, Binary::Mul, Binary::Div, Binary::Min, Binary::Max, Binary::Pow];
+        let unaries = [
+            Unary::Neg,
+            Unary::Abs,
+            Unary::Exp,
+            Unary::Log,
+            Unary::Sqrt,
+            Unary::Sin,
+            Unary::Cos,
+            Unary::Tanh,
+        ];
+        let binaries =
+            [Binary::Add, Binary::Sub, Binary::Mul, Binary::Div, Binary::Min, Binary::Max, Binary::Pow];
         for (a, b) in [(0.4, 1.3), (2.2, 0.7)] {
             let (x, y) = (Dual::<2>::variable(a, 0), Dual::<2>::variable(b, 1));
             let near = |slope: f64, f: &dyn Fn(f64) -> f64| {

@@ -1,7 +1,7 @@
 //! The Kalman filter: re-estimated states, innovations, and forecasts from any sample on.
 //!
-//! Extended form: the mean goes through the model's own stepper, the covariance through the linearised
-//! model (`transition`), so that the filter is exact for linear models. Behind a gap in the inputs it starts again.
+//! Extended form: the mean goes through the model's own stepper, the covariance through the linearised model
+//! (`transition`), so that the filter is exact for linear models. Behind a gap in the inputs it starts again.
 
 use super::drive::{Drive, Inputs};
 use super::lanes::{LANES, LaneFile};
@@ -62,7 +62,12 @@ struct Walk {
 
 impl<'a> Kalman<'a> {
     /// A filter for the model that `simulator` was made from.
-    pub fn new(model: &Model, simulator: &'a Simulator, inputs: &Inputs, measured: &[MeasuredOutput<'a>]) -> Self {
+    pub fn new(
+        model: &Model,
+        simulator: &'a Simulator,
+        inputs: &Inputs,
+        measured: &[MeasuredOutput<'a>],
+    ) -> Self {
         let linear = linear_tape(model);
         let (_, _, substeps, _) = simulator.step_parts();
         Self {
@@ -117,7 +122,8 @@ impl<'a> Kalman<'a> {
                 }
             }
             for output in 0..self.measured.len() {
-                let innovation = self.update(output, k, started, noise, &mut linear, &mut walk, &mut found.log_likelihood);
+                let innovation =
+                    self.update(output, k, started, noise, &mut linear, &mut walk, &mut found.log_likelihood);
                 found.innovations[output].push(innovation);
             }
             found.states.push(walk.x.clone());
@@ -198,7 +204,8 @@ impl<'a> Kalman<'a> {
                 (p[i * n + j], p[j * n + i]) = (less, less);
             }
         }
-        *log_likelihood -= 0.5 * (innovation * innovation / variance + variance.ln() + (2.0 * std::f64::consts::PI).ln());
+        *log_likelihood -=
+            0.5 * (innovation * innovation / variance + variance.ln() + (2.0 * std::f64::consts::PI).ln());
         Some(innovation)
     }
 
@@ -206,7 +213,8 @@ impl<'a> Kalman<'a> {
     /// search over 1e-3 to 3 units per square root of an hour.
     pub fn likely_process_noise(&self, theta: &[f64], measurement: &[f64], until: usize) -> f64 {
         let cost = |log_q: f64| {
-            let noise = Noise { process: vec![log_q.exp(); self.initial.len()], measurement: measurement.to_vec() };
+            let noise =
+                Noise { process: vec![log_q.exp(); self.initial.len()], measurement: measurement.to_vec() };
             let likelihood = self.filter(theta, &noise, until).log_likelihood;
             if likelihood.is_finite() { -likelihood } else { f64::INFINITY }
         };
@@ -231,7 +239,13 @@ impl<'a> Kalman<'a> {
 
     /// Forecasts with measured inputs from the filtered state at each origin: the first output at leads
     /// `0..=horizon` samples, `None` behind a gap in the inputs or the end of the window.
-    pub fn forecasts(&self, theta: &[f64], filtered: &Filtered, origins: &[usize], horizon: usize) -> Vec<Vec<Option<f64>>> {
+    pub fn forecasts(
+        &self,
+        theta: &[f64],
+        filtered: &Filtered,
+        origins: &[usize],
+        horizon: usize,
+    ) -> Vec<Vec<Option<f64>>> {
         let leads: Vec<usize> = (0..=horizon).collect();
         let block = |block: &[usize]| {
             let mut forecasts = vec![vec![None; horizon + 1]; block.len()];
@@ -245,9 +259,15 @@ impl<'a> Kalman<'a> {
         origins.par_chunks(LANES).flat_map_iter(block).collect()
     }
 
-    /// Forecasts of every output at some leads only, in samples and strictly increasing: `[output][lead][origin]`. As
-    /// [`Kalman::forecasts`], without keeping what lies between the leads.
-    pub fn forecasts_at(&self, theta: &[f64], filtered: &Filtered, origins: &[usize], leads: &[usize]) -> Vec<Vec<Vec<Option<f64>>>> {
+    /// Forecasts of every output at some leads only, in samples and strictly increasing:
+    /// `[output][lead][origin]`. As [`Kalman::forecasts`], without keeping what lies between the leads.
+    pub fn forecasts_at(
+        &self,
+        theta: &[f64],
+        filtered: &Filtered,
+        origins: &[usize],
+        leads: &[usize],
+    ) -> Vec<Vec<Vec<Option<f64>>>> {
         let outputs = self.measured.len();
         let block = |block: &[usize]| {
             let mut forecasts = vec![vec![None; outputs * leads.len()]; block.len()];
@@ -258,7 +278,9 @@ impl<'a> Kalman<'a> {
         };
         let by_origin: Vec<Vec<Option<f64>>> = origins.par_chunks(LANES).flat_map_iter(block).collect();
         let series = |place: usize| by_origin.iter().map(|forecasts| forecasts[place]).collect();
-        (0..outputs).map(|output| (0..leads.len()).map(|lead| series(output * leads.len() + lead)).collect()).collect()
+        (0..outputs)
+            .map(|output| (0..leads.len()).map(|lead| series(output * leads.len() + lead)).collect())
+            .collect()
     }
 
     /// Tells `keep` the lane, the index of the lead, the output and the value of every forecast of a block.
@@ -305,7 +327,9 @@ impl<'a> Kalman<'a> {
             }
             output_drive.load(&mut out, k, 0);
             out.step();
-            for (lane, origin) in origins.iter().enumerate().filter(|(lane, origin)| alive[*lane] && k >= **origin) {
+            for (lane, origin) in
+                origins.iter().enumerate().filter(|(lane, origin)| alive[*lane] && k >= **origin)
+            {
                 if let Ok(lead) = leads.binary_search(&(k - origin)) {
                     for output in 0..self.measured.len() {
                         let value = out.root(output)[lane];
@@ -321,10 +345,13 @@ impl Walk {
     /// Takes the covariance over a sub-step of so many hours; none that no step can follow.
     fn spread(&mut self, hours: f64) {
         if self.step.as_ref().is_none_or(|(jacobian, _)| *jacobian != self.jacobian) {
-            self.step = Transition::new(&self.jacobian, &self.q, hours, false).map(|step| (self.jacobian.clone(), step));
+            self.step = Transition::new(&self.jacobian, &self.q, hours, false)
+                .map(|step| (self.jacobian.clone(), step));
         }
         match &self.step {
-            Some((_, step)) => propagate(&mut self.p, &step.phi, &step.noise, &mut self.scratch, self.x.len()),
+            Some((_, step)) => {
+                propagate(&mut self.p, &step.phi, &step.noise, &mut self.scratch, self.x.len())
+            }
             None => self.p.fill(f64::NAN),
         }
     }
@@ -389,7 +416,8 @@ mod tests {
     fn a_forecast_is_the_free_run_from_the_filtered_state() {
         let model = decay();
         let inputs = Inputs::from_columns_with_length(&model, 60, 0.5);
-        let values: Vec<f64> = (0..60).map(|k| 10.0 * (-A * 0.5 * f64::from(k)).exp() + 0.1 * f64::from(k % 3)).collect();
+        let values: Vec<f64> =
+            (0..60).map(|k| 10.0 * (-A * 0.5 * f64::from(k)).exp() + 0.1 * f64::from(k % 3)).collect();
         let valid = vec![true; 60];
         let measured: [MeasuredOutput; 1] = [(&values, &valid)];
         let simulator = Simulator::new(&model, &inputs, &measured, Stepper::Ros2, 3);

@@ -64,8 +64,8 @@ impl<'t, const W: usize> LaneFile<'t, W> {
         }
     }
 
-    /// Looks the delayed inputs up: `past` gives the value of the input behind the numbered one of the tape so
-    /// many hours ago.
+    /// Looks the delayed inputs up: `past` gives the value of the input behind the numbered one of the tape
+    /// so many hours ago.
     #[inline]
     pub fn delay(&mut self, past: impl Fn(usize, f64) -> f64) {
         let start = self.tape.delayed_start();
@@ -139,7 +139,9 @@ impl Cpu {
     pub fn detect() -> Self {
         #[cfg(target_arch = "x86_64")]
         {
-            if std::arch::is_x86_feature_detected!("avx512f") && std::arch::is_x86_feature_detected!("avx512dq") {
+            if std::arch::is_x86_feature_detected!("avx512f")
+                && std::arch::is_x86_feature_detected!("avx512dq")
+            {
                 return Cpu(Set::Avx512);
             }
             if std::arch::is_x86_feature_detected!("avx2") {
@@ -272,7 +274,8 @@ fn interpret<const W: usize>(code: &[Instruction], registers: &mut [Lane<W>], fi
                 }
             }
             Instruction::Conduct(a, b, c, d) => {
-                let (a, b, c, d) = (&below[a as usize], &below[b as usize], &below[c as usize], &below[d as usize]);
+                let (a, b, c, d) =
+                    (&below[a as usize], &below[b as usize], &below[c as usize], &below[d as usize]);
                 for lane in 0..W {
                     out.0[lane] = (a.0[lane] - b.0[lane]) * c.0[lane] + d.0[lane];
                 }
@@ -302,7 +305,13 @@ fn two<const W: usize>(out: &mut Lane<W>, a: &Lane<W>, b: &Lane<W>, f: impl Fn(f
 }
 
 #[inline(always)]
-fn three<const W: usize>(out: &mut Lane<W>, a: &Lane<W>, b: &Lane<W>, c: &Lane<W>, f: impl Fn(f64, f64, f64) -> f64) {
+fn three<const W: usize>(
+    out: &mut Lane<W>,
+    a: &Lane<W>,
+    b: &Lane<W>,
+    c: &Lane<W>,
+    f: impl Fn(f64, f64, f64) -> f64,
+) {
     for lane in 0..W {
         out.0[lane] = f(a.0[lane], b.0[lane], c.0[lane]);
     }
@@ -320,7 +329,9 @@ mod tests {
         let mut g = Graph::default();
         let (x, y) = (g.intern(Node::State(0)), g.intern(Node::State(1)));
         let mut roots = Vec::new();
-        for op in [Unary::Neg, Unary::Abs, Unary::Exp, Unary::Log, Unary::Sqrt, Unary::Sin, Unary::Cos, Unary::Tanh] {
+        for op in
+            [Unary::Neg, Unary::Abs, Unary::Exp, Unary::Log, Unary::Sqrt, Unary::Sin, Unary::Cos, Unary::Tanh]
+        {
             roots.push(g.unary(op, x));
         }
         for op in [
@@ -375,8 +386,15 @@ mod tests {
                         };
                         let canonical = g.evaluate(&[*root], leaf)[0];
                         let ours = file.root(index)[lane];
-                        let same = ours.to_bits() == canonical.to_bits() || (ours.is_nan() && canonical.is_nan());
-                        assert!(same, "{:?} at {}, {}: {ours} {canonical}", g.node(*root), leaf(Node::State(0)), leaf(Node::State(1)));
+                        let same =
+                            ours.to_bits() == canonical.to_bits() || (ours.is_nan() && canonical.is_nan());
+                        assert!(
+                            same,
+                            "{:?} at {}, {}: {ours} {canonical}",
+                            g.node(*root),
+                            leaf(Node::State(0)),
+                            leaf(Node::State(1))
+                        );
                     }
                 }
             }

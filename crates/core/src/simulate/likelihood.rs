@@ -1,13 +1,16 @@
-//! The likelihood of a stochastic grey-box model, `dx = f dt + diag(sigma) dw`, `y = h(x) + e`, and its slopes.
+//! The likelihood of a stochastic grey-box model, `dx = f dt + diag(sigma) dw`, `y = h(x) + e`, and its
+//! slopes.
 //!
-//! The (extended) Kalman filter gives one-step innovations and their variances, whose normal densities multiply to the
-//! likelihood (Kristensen, Madsen and Jorgensen, Automatica 40, 2004: the method of CTSM). Where the equations are linear in
-//! the states the step between samples is exact; otherwise the mean takes the model's own steps and the covariance the
-//! exact step of the linearised model, as in [`super::kalman`]. Derivatives go forward through all of it.
+//! The (extended) Kalman filter gives one-step innovations and their variances, whose normal densities
+//! multiply to the likelihood (Kristensen, Madsen and Jorgensen, Automatica 40, 2004: the method of CTSM).
+//! Where the equations are linear in the states the step between samples is exact; otherwise the mean takes
+//! the model's own steps and the covariance the exact step of the linearised model, as in [`super::kalman`].
+//! Derivatives go forward through all of it.
 //!
-//! A state that starts at its measurement takes its first sample as it is, with the variance of the sensor: a flat prior
-//! after one look, so that this sample is no innovation. A hidden state starts at its parameter, exactly if that parameter
-//! is estimated. Behind a gap in the inputs the filter starts again; a missing measurement is passed over.
+//! A state that starts at its measurement takes its first sample as it is, with the variance of the sensor: a
+//! flat prior after one look, so that this sample is no innovation. A hidden state starts at its parameter,
+//! exactly if that parameter is estimated. Behind a gap in the inputs the filter starts again; a missing
+//! measurement is passed over.
 
 use super::drive::{Drive, Inputs};
 use super::dual::{Dual, Scalar};
@@ -23,8 +26,8 @@ use crate::model::{Hold, Initial, Model};
 /// Steps of a linear model that are kept: as many settings as its switches may have.
 const KEPT: usize = 8;
 
-/// The likelihood of one model on one window. A point of it is a vector of parameters, then a diffusion per state, per
-/// square root of an hour, then a standard deviation per output.
+/// The likelihood of one model on one window. A point of it is a vector of parameters, then a diffusion per
+/// state, per square root of an hour, then a standard deviation per output.
 #[derive(Debug, Clone)]
 pub struct Likelihood<'a> {
     simulator: &'a Simulator,
@@ -58,17 +61,26 @@ pub struct Slopes {
 type Innovation<T> = (T, T);
 
 impl<'a> Likelihood<'a> {
-    /// The likelihood of the model that `simulator` was made from; `estimated` are the parameters that are searched.
-    pub fn new(model: &Model, simulator: &'a Simulator, inputs: &Inputs, measured: &[MeasuredOutput<'a>], estimated: &[usize]) -> Self {
+    /// The likelihood of the model that `simulator` was made from; `estimated` are the parameters that are
+    /// searched.
+    pub fn new(
+        model: &Model,
+        simulator: &'a Simulator,
+        inputs: &Inputs,
+        measured: &[MeasuredOutput<'a>],
+        estimated: &[usize],
+    ) -> Self {
         let flat: Vec<NodeId> = model.jacobian().iter().flatten().copied().collect();
         let moves = |input: &u16| model.inputs()[usize::from(*input)].hold == Hold::Linear;
         let depends = |nodes: &[NodeId], on: &dyn Fn(&Node) -> bool| {
             let used = model.graph().reachable(nodes);
             model.graph().nodes().iter().zip(used).any(|(node, used)| used && on(node))
         };
-        let varies = |node: &Node| matches!(node, Node::Input(input, _) | Node::Delayed(input, ..) if moves(input));
+        let varies =
+            |node: &Node| matches!(node, Node::Input(input, _) | Node::Delayed(input, ..) if moves(input));
         let linear = !depends(&flat, &|node| matches!(node, Node::State(_)) || varies(node));
-        // Between two samples a linear input is a straight line, but what an equation makes of it need not be one.
+        // Between two samples a linear input is a straight line, but what an equation makes of it need not be
+        // one.
         let straight = linear && !depends(model.rate(), &varies);
         let delayed = model.delays().iter().any(|delay| model.inputs()[delay.input].hold == Hold::Linear);
         let (_, _, substeps, _) = simulator.step_parts();
@@ -95,8 +107,8 @@ impl<'a> Likelihood<'a> {
         self.linear
     }
 
-    /// Minus the logarithm of the likelihood of samples `0..until`, constants included, and how many innovations there
-    /// were. `None` where the filter leaves the numbers.
+    /// Minus the logarithm of the likelihood of samples `0..until`, constants included, and how many
+    /// innovations there were. `None` where the filter leaves the numbers.
     pub fn value(&self, point: &[f64], until: usize) -> Option<(f64, usize)> {
         let innovations = self.pass(point, until)?;
         let value: f64 = innovations.iter().map(|(error, variance)| term(*error, *variance)).sum();
@@ -113,14 +125,19 @@ impl<'a> Likelihood<'a> {
         let d = active.len();
         let (value, innovations) = self.value(point, until)?;
         let mut slopes = Slopes { value, gradient: vec![0.0; d], information: vec![0.0; d * d] };
-        // Rows whose squares sum to the information: the innovation's slope over its deviation, and that of its variance.
+        // Rows whose squares sum to the information: the innovation's slope over its deviation, and that of
+        // its variance.
         let mut rows = vec![0.0; 2 * innovations * d];
         for (chunk, part) in active.chunks(24).enumerate() {
             let first = 24 * chunk;
             match part.len() {
                 0..=8 => self.directions::<8>(point, part, until, first, &mut slopes.gradient, &mut rows)?,
-                9..=12 => self.directions::<12>(point, part, until, first, &mut slopes.gradient, &mut rows)?,
-                13..=16 => self.directions::<16>(point, part, until, first, &mut slopes.gradient, &mut rows)?,
+                9..=12 => {
+                    self.directions::<12>(point, part, until, first, &mut slopes.gradient, &mut rows)?
+                }
+                13..=16 => {
+                    self.directions::<16>(point, part, until, first, &mut slopes.gradient, &mut rows)?
+                }
                 _ => self.directions::<24>(point, part, until, first, &mut slopes.gradient, &mut rows)?,
             }
         }
@@ -162,7 +179,8 @@ impl<'a> Likelihood<'a> {
                 let (by_error, by_variance) = (error.slopes()[lane], variance.slopes()[lane]);
                 gradient[first + lane] += e / s * by_error + 0.5 * (1.0 / s - (e / s).powi(2)) * by_variance;
                 rows[2 * index * width + first + lane] = by_error / deviation;
-                rows[(2 * index + 1) * width + first + lane] = by_variance * std::f64::consts::FRAC_1_SQRT_2 / s;
+                rows[(2 * index + 1) * width + first + lane] =
+                    by_variance * std::f64::consts::FRAC_1_SQRT_2 / s;
             }
         }
         Some(())
@@ -254,7 +272,13 @@ impl<'a> Likelihood<'a> {
     }
 
     /// A step of a linear model: exact for inputs that are held or move along a straight line.
-    fn exact_step<T: Scalar>(&self, k: usize, part: usize, field: &mut Registers<T>, walk: &mut Walk<T>) -> Option<()> {
+    fn exact_step<T: Scalar>(
+        &self,
+        k: usize,
+        part: usize,
+        field: &mut Registers<T>,
+        walk: &mut Walk<T>,
+    ) -> Option<()> {
         let n = walk.x.len();
         self.field_drive.feed(field, k, part);
         field.step(&walk.x);
@@ -262,7 +286,8 @@ impl<'a> Likelihood<'a> {
         let place = match walk.kept.iter().position(|(jacobian, _)| *jacobian == walk.jacobian) {
             Some(place) => place,
             None => {
-                let step = (walk.jacobian.clone(), Transition::new(&walk.jacobian, &walk.q, self.hours, true)?);
+                let step =
+                    (walk.jacobian.clone(), Transition::new(&walk.jacobian, &walk.q, self.hours, true)?);
                 if walk.kept.len() < KEPT {
                     walk.kept.push(step);
                 } else {
@@ -277,7 +302,8 @@ impl<'a> Likelihood<'a> {
         for i in 0..n {
             let mut moved = walk.x[i];
             for j in 0..n {
-                moved = moved + step.psi[i * n + j] * field.root(j) + step.ramp[i * n + j] * field.root(n + j);
+                moved =
+                    moved + step.psi[i * n + j] * field.root(j) + step.ramp[i * n + j] * field.root(n + j);
             }
             walk.x[i] = moved;
         }

@@ -77,7 +77,8 @@ const PAIR: &str = r#"
     outputs.w = { expr = "0.3*x + 0.7*z", unit = "degC", noise_sd = 0.05 }
 "#;
 
-/// Minus the log-likelihood of the pair by a dense filter with many small Runge-Kutta steps, both outputs at once.
+/// Minus the log-likelihood of the pair by a dense filter with many small Runge-Kutta steps, both outputs at
+/// once.
 fn dense(point: &[f64; 8], u: &[f64], power: &[f64], y: &[f64], w: &[f64], hours: f64) -> f64 {
     let [a, b, c, z0, sx, sz, ry, rw] = *point;
     let matrix = Matrix2::new(-a, a, a / 3.0, -a / 3.0 - b);
@@ -97,7 +98,8 @@ fn dense(point: &[f64; 8], u: &[f64], power: &[f64], y: &[f64], w: &[f64], hours
     let d = hours / f64::from(parts);
     for k in 1..y.len() {
         for part in 0..parts {
-            let drive = |t: f64| Vector2::new(c * power[k - 1], b * (u[k - 1] + (u[k] - u[k - 1]) * t / hours));
+            let drive =
+                |t: f64| Vector2::new(c * power[k - 1], b * (u[k - 1] + (u[k] - u[k - 1]) * t / hours));
             let rate = |x: Vector2<f64>, t: f64| matrix * x + drive(t);
             let spread = |p: Matrix2<f64>| matrix * p + p * matrix.transpose() + noise;
             let t = f64::from(part) * d;
@@ -115,7 +117,10 @@ fn dense(point: &[f64; 8], u: &[f64], power: &[f64], y: &[f64], w: &[f64], hours
         let error = Vector2::new(y[k], w[k]) - sensors * x;
         let variance = sensors * p * sensors.transpose() + floor;
         let inverse = variance.try_inverse().unwrap();
-        total += 0.5 * ((error.transpose() * inverse * error)[0] + variance.determinant().ln() + 2.0 * std::f64::consts::TAU.ln());
+        total += 0.5
+            * ((error.transpose() * inverse * error)[0]
+                + variance.determinant().ln()
+                + 2.0 * std::f64::consts::TAU.ln());
         let gain = p * sensors.transpose() * inverse;
         x += gain * error;
         p -= gain * sensors * p;
@@ -175,7 +180,11 @@ fn slopes_hold(likelihood: &Likelihood, point: &[f64], samples: usize) {
         let d = |k: f64| at(k) - at(-k);
         let difference = (d(1.0) * 672.0 - d(2.0) * 168.0 + d(3.0) * 32.0 - d(4.0) * 3.0) / (840.0 * h);
         let scale = slopes.gradient[i].abs().max(1e-3 * largest);
-        assert!((slopes.gradient[i] - difference).abs() < 1e-6 * scale, "{i}: {} {difference}", slopes.gradient[i]);
+        assert!(
+            (slopes.gradient[i] - difference).abs() < 1e-6 * scale,
+            "{i}: {} {difference}",
+            slopes.gradient[i]
+        );
     }
     // A part of the slopes is the same part.
     let some = likelihood.slopes(point, &[2, 0], samples).unwrap();

@@ -1,13 +1,15 @@
 //! (Model, inputs, parameter vectors) to trajectories, a block of candidates at a time.
 //!
 //! `stepper` writes one step as an expression graph, `model::tape` stages it, `drive` evaluates what all
-//! candidates share, `lanes` evaluates the rest, `trajectory` walks the window and `run` says which way, `segment` walks stretches of it from states of their own, `kalman` filters it.
+//! candidates share, `lanes` evaluates the rest, `trajectory` walks the window and `run` says which way,
+//! `segment` walks stretches of it from states of their own, `kalman` filters it.
 //!
-//! Large stiff models are stepped explicitly: `rkc` takes one lane through its stages with the coefficients of `chebyshev`, `vectors`
-//! does the arithmetic of all lanes, `block` gives lanes to candidates.
+//! Large stiff models are stepped explicitly: `rkc` takes one lane through its stages with the coefficients
+//! of `chebyshev`, `vectors` does the arithmetic of all lanes, `block` gives lanes to candidates.
 //!
-//! `likelihood` filters with a diffusion per state and gives its slopes: `registers` evaluates a tape on numbers that carry
-//! theirs (`dual`). `transition` is the exact step of a linear model, which both filters take.
+//! `likelihood` filters with a diffusion per state and gives its slopes: `registers` evaluates a tape on
+//! numbers that carry theirs (`dual`). `transition` is the exact step of a linear model, which both filters
+//! take.
 
 mod block;
 mod chebyshev;
@@ -39,7 +41,8 @@ pub use trajectory::{Simulator, Trajectory};
 /// Longest internal step of the default stepper in hours: ten minutes, as measured for rooms.
 pub const LONGEST_STEP_HOURS: f64 = 1.0 / 6.0;
 
-/// How finely a stepper divides sample intervals of so many hours: sub-steps, or for rkc, which finds its own steps, its tolerance.
+/// How finely a stepper divides sample intervals of so many hours: sub-steps, or for rkc, which finds its own
+/// steps, its tolerance.
 pub fn substeps(stepper: Stepper, sample_hours: f64) -> usize {
     match stepper {
         Stepper::Rkc => 1,

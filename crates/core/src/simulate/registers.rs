@@ -12,7 +12,8 @@ pub struct Registers<'t, T> {
 }
 
 impl<'t, T: Scalar> Registers<'t, T> {
-    /// A file for a tape, with a parameter vector and the step length in hours, and what depends on them alone.
+    /// A file for a tape, with a parameter vector and the step length in hours, and what depends on them
+    /// alone.
     pub fn new(tape: &'t Tape, theta: &[T], hours: f64) -> Self {
         let mut values = vec![T::constant(0.0); tape.registers()];
         values[..tape.parameters].copy_from_slice(&theta[..tape.parameters]);
@@ -32,8 +33,8 @@ impl<'t, T: Scalar> Registers<'t, T> {
         }
     }
 
-    /// Looks the delayed inputs up: `past` gives the value of the input behind the numbered one of the tape so many
-    /// hours ago, and its slope by these hours.
+    /// Looks the delayed inputs up: `past` gives the value of the input behind the numbered one of the tape
+    /// so many hours ago, and its slope by these hours.
     pub fn delay(&mut self, past: impl Fn(usize, f64) -> (f64, f64)) {
         let start = self.tape.delayed_start();
         for (index, delayed) in self.tape.delayed.iter().enumerate() {

@@ -1,14 +1,14 @@
-//! One candidate's way through an interval by the stabilised explicit method RKC2 (Sommeijer, Shampine and Verwer, J. Comput.
-//! Appl. Math. 88, 1997): stages, error control, and a spectral radius by a nonlinear power method. An evaluation of the
-//! right-hand side comes in, and what the lane does next goes out.
+//! One candidate's way through an interval by the stabilised explicit method RKC2 (Sommeijer, Shampine and
+//! Verwer, J. Comput. Appl. Math. 88, 1997): stages, error control, and a spectral radius by a nonlinear
+//! power method. An evaluation of the right-hand side comes in, and what the lane does next goes out.
 
 use super::chebyshev::{MOST_STAGES, Stage, fewest, reach, stages};
 use super::vectors::{Moves, NO, Sums, YES};
 use crate::model::math;
 
-/// Tolerance of one step, as a share of a state. The plateaus of a settler flip at the kinks of their fluxes and magnify what a step
-/// leaves behind: over 200 random candidates of plants this holds the effluents within 3e-3 of their ranges, and 1e-5 only
-/// within 1e-2.
+/// Tolerance of one step, as a share of a state. The plateaus of a settler flip at the kinks of their fluxes
+/// and magnify what a step leaves behind: over 200 random candidates of plants this holds the effluents
+/// within 3e-3 of their ranges, and 1e-5 only within 1e-2.
 pub const TOLERANCE: f64 = 1e-7;
 /// A state below this, in its own unit, counts as this large.
 pub const FLOOR: f64 = 0.1;
@@ -102,14 +102,23 @@ impl Clock {
         evaluations: 0,
     };
 
-    /// Begins an interval at a sample, or the warm-up; `changed` says whether the inputs are others than before.
+    /// Begins an interval at a sample, or the warm-up; `changed` says whether the inputs are others than
+    /// before.
     pub fn begin(&mut self, sample: Option<usize>, length: f64, changed: bool) {
         let (before, age) = if changed { (None, STEPS_PER_ESTIMATE) } else { (self.before, self.age) };
-        *self = Clock { phase: Phase::Slope, sample, time: 0.0, length, before, age, evaluations: 0, ..*self };
+        *self =
+            Clock { phase: Phase::Slope, sample, time: 0.0, length, before, age, evaluations: 0, ..*self };
     }
 
     /// Reads an evaluation and says what follows from it.
-    pub fn turn<const W: usize>(&mut self, lane: usize, sums: &Sums<W>, states: usize, tolerance: f64, moves: &mut Moves<W>) -> Event {
+    pub fn turn<const W: usize>(
+        &mut self,
+        lane: usize,
+        sums: &Sums<W>,
+        states: usize,
+        tolerance: f64,
+        moves: &mut Moves<W>,
+    ) -> Event {
         self.evaluations += 1;
         let allowance = if self.sample.is_none() { WARM_UP_ALLOWANCE } else { 1 };
         if self.evaluations > allowance * MOST_EVALUATIONS {
@@ -143,11 +152,17 @@ impl Clock {
                 let stage = self.stages[number - 1];
                 let h = self.step;
                 moves.fresh[lane] = NO;
-                moves.set(lane, [1.0 - stage.mu - stage.nu, stage.mu, stage.nu, h * stage.slope, h * stage.start, 0.0]);
-                self.phase = if number == self.stages.len() { Phase::Judge } else { Phase::Stage(number + 1) };
+                moves.set(
+                    lane,
+                    [1.0 - stage.mu - stage.nu, stage.mu, stage.nu, h * stage.slope, h * stage.start, 0.0],
+                );
+                self.phase =
+                    if number == self.stages.len() { Phase::Judge } else { Phase::Stage(number + 1) };
                 Event::Nothing
             }
-            Phase::Judge => self.judge(lane, (sums.error[lane] / states as f64).sqrt() / tolerance, sums, moves),
+            Phase::Judge => {
+                self.judge(lane, (sums.error[lane] / states as f64).sqrt() / tolerance, sums, moves)
+            }
         }
     }
 
@@ -190,7 +205,13 @@ impl Clock {
     }
 
     /// Accepts or rejects a step by its error, in tolerances, and proposes the next.
-    fn judge<const W: usize>(&mut self, lane: usize, error: f64, sums: &Sums<W>, moves: &mut Moves<W>) -> Event {
+    fn judge<const W: usize>(
+        &mut self,
+        lane: usize,
+        error: f64,
+        sums: &Sums<W>,
+        moves: &mut Moves<W>,
+    ) -> Event {
         let root = math::pow(error.max(1e-12), 1.0 / 3.0);
         // What is no number is no small error either.
         if error > 1.0 || error.is_nan() {
@@ -208,7 +229,9 @@ impl Clock {
         (moves.accept[lane], moves.take[lane]) = (YES, YES);
         // Watts and Shampine's controller looks at two errors, the first step at one.
         let factor = match self.before {
-            Some((error_before, step_before)) => 0.8 * self.step * math::pow(error_before, 1.0 / 3.0) / (step_before * root * root),
+            Some((error_before, step_before)) => {
+                0.8 * self.step * math::pow(error_before, 1.0 / 3.0) / (step_before * root * root)
+            }
             None => 0.8 / root,
         };
         let grown = self.step * factor.clamp(0.1, 10.0);

@@ -14,10 +14,11 @@ fn build(text: &str) -> Model {
     compile(&catalogue.compose(&"chain".parse().unwrap()).unwrap(), &Bindings::default()).unwrap()
 }
 
-/// A chain of cells that exchange and settle, each with a Monod reaction; the fluxes of the settling have kinks. With d =
-/// 100 1/h the spectral radius is about 1e4 1/d.
+/// A chain of cells that exchange and settle, each with a Monod reaction; the fluxes of the settling have
+/// kinks. With d = 100 1/h the spectral radius is about 1e4 1/d.
 fn chain(cells: usize, extra: &str) -> Model {
-    let states: String = (0..cells).map(|i| format!("c{i} = {{ unit = \"g/m3\", initial = \"{}\" }}\n", 3 + i % 4)).collect();
+    let states: String =
+        (0..cells).map(|i| format!("c{i} = {{ unit = \"g/m3\", initial = \"{}\" }}\n", 3 + i % 4)).collect();
     let equations: String = (0..cells)
         .map(|i| {
             let (above, below) = (i.saturating_sub(1), (i + 1).min(cells - 1));
@@ -122,12 +123,16 @@ fn a_linear_case_agrees_with_its_closed_form_the_better_the_smaller_the_toleranc
     let worst = |substeps: usize, a: f64| {
         let run = &simulator(&model, vec![5.0; 41], Stepper::Rkc, substeps).run(&[&[a]], 41)[0];
         let closed = |k: usize| 5.0 + 15.0 * (-a * SAMPLE * k as f64).exp();
-        (run.outputs[0].iter().enumerate().map(|(k, y)| (y - closed(k)).abs()).fold(0.0, f64::max), run.evaluations)
+        (
+            run.outputs[0].iter().enumerate().map(|(k, y)| (y - closed(k)).abs()).fold(0.0, f64::max),
+            run.evaluations,
+        )
     };
     for a in [0.3, 2.0, 30.0, 900.0] {
         let found: Vec<(f64, usize)> = [1, 2, 4, 8].map(|substeps| worst(substeps, a)).to_vec();
         assert!(found[0].0 < 3e-4, "{a}: {found:?}");
-        // A thousandth of the tolerance is a tenth of the step and a hundredth of the error, less where the samples cut the steps.
+        // A thousandth of the tolerance is a tenth of the step and a hundredth of the error, less where the
+        // samples cut the steps.
         assert!(found[3].0 < found[0].0 / 15.0 || found[3].0 < 1e-9, "{a}: {found:?}");
     }
 }
@@ -182,8 +187,10 @@ fn a_candidate_that_diverges_ends_alone() {
     );
     let inputs = Inputs::from_columns_with_length(&model, 30, 1.0);
     let simulator = Simulator::new(&model, &inputs, &[], Stepper::Rkc, 1);
-    let thetas: Vec<Vec<f64>> =
-        [[0.5, 0.0], [3.0, 0.0], [0.2, 1e8], [0.9, 0.0], [f64::NAN, 0.0], [0.1, 0.0]].iter().map(|theta| theta.to_vec()).collect();
+    let thetas: Vec<Vec<f64>> = [[0.5, 0.0], [3.0, 0.0], [0.2, 1e8], [0.9, 0.0], [f64::NAN, 0.0], [0.1, 0.0]]
+        .iter()
+        .map(|theta| theta.to_vec())
+        .collect();
     let runs = simulator.run(&slices(&thetas), 30);
     let finite: Vec<bool> = runs.iter().map(|run| run.outputs[0].iter().all(|y| y.is_finite())).collect();
     assert_eq!(finite, [true, false, false, true, false, true]);
@@ -194,7 +201,10 @@ fn a_candidate_that_diverges_ends_alone() {
     // Bernoulli's equation has a closed form.
     for (theta, run) in [(0.5, &runs[0]), (0.9, &runs[3]), (0.1, &runs[5])] {
         let closed = |t: f64| 1.0 / (theta + (1.0 - theta) * t.exp());
-        run.outputs[0].iter().enumerate().for_each(|(k, y)| assert!((y - closed(k as f64)).abs() < 2e-3, "{theta} {k}: {y}"));
+        run.outputs[0]
+            .iter()
+            .enumerate()
+            .for_each(|(k, y)| assert!((y - closed(k as f64)).abs() < 2e-3, "{theta} {k}: {y}"));
     }
 }
 
@@ -208,7 +218,10 @@ fn a_warm_up_is_a_long_constant_window_before_the_first() {
     let reference = simulator(&chain(12, ""), long, Stepper::Rk4, 256).run(&slices(&thetas), 126);
     let fixed = simulator(&warm, column(30), Stepper::Rk4, 256).run(&slices(&thetas), 30);
     for ((ours, fixed), reference) in ours.iter().zip(&fixed).zip(&reference) {
-        let tail = Trajectory { outputs: reference.outputs.iter().map(|series| series[96..].to_vec()).collect(), ..reference.clone() };
+        let tail = Trajectory {
+            outputs: reference.outputs.iter().map(|series| series[96..].to_vec()).collect(),
+            ..reference.clone()
+        };
         assert!(error(fixed, &tail) < 1e-9, "{}", error(fixed, &tail));
         assert!(error(ours, &tail) < 1e-4, "{}", error(ours, &tail));
     }
@@ -237,5 +250,7 @@ fn what_is_not_wanted_any_more_ends_in_the_middle() {
     let halt = || asked.fetch_add(1, std::sync::atomic::Ordering::Relaxed) >= 2;
     let runs = simulator(&model, column(400), Stepper::Rkc, 1).run_unless(&slices(&thetas), 400, &halt);
     assert_eq!(runs.len(), 20);
-    assert!(runs.iter().all(|run| run.diverged && run.outputs[0].len() == 400 && run.outputs[0][399].is_nan()));
+    assert!(
+        runs.iter().all(|run| run.diverged && run.outputs[0].len() == 400 && run.outputs[0][399].is_nan())
+    );
 }

@@ -1,4 +1,5 @@
-//! Which way the free runs of many candidates go: in blocks of lanes that step together, or in lanes that find their own steps.
+//! Which way the free runs of many candidates go: in blocks of lanes that step together, or in lanes that
+//! find their own steps.
 
 use super::block;
 use super::lanes::LANES;
@@ -40,6 +41,11 @@ impl Simulator {
             Stepper::Rkc => block::run(self, &[theta], self.samples(), true, &|| false),
             Stepper::Ros2 | Stepper::Rk4 => self.block::<1>(&[theta], self.samples(), true, &|| false),
         };
-        trajectories.pop().unwrap_or(Trajectory { outputs: Vec::new(), states: Vec::new(), diverged: true, evaluations: 0 })
+        trajectories.pop().unwrap_or(Trajectory {
+            outputs: Vec::new(),
+            states: Vec::new(),
+            diverged: true,
+            evaluations: 0,
+        })
     }
 }

@@ -1,17 +1,22 @@
 //! Stretches of a window that each start from states of their own.
 //!
-//! A lane is a parameter vector with its start, so the response of a stretch to every parameter and to every initial state is
-//! one run of a block.
+//! A lane is a parameter vector with its start, so the response of a stretch to every parameter and to every
+//! initial state is one run of a block.
 
 use super::lanes::{LANES, LaneFile};
 use super::trajectory::Simulator;
 use std::ops::Range;
 
 impl Simulator {
-    /// Runs the samples of a stretch for every pair of a parameter vector and its states at the first sample; as many of the one as
-    /// of the other. Gives `[pair][output][sample of the stretch]`; the inputs must be known between its samples. Only models that
-    /// step with their samples have such runs.
-    pub fn run_from(&self, samples: Range<usize>, thetas: &[&[f64]], starts: &[&[f64]]) -> Vec<Vec<Vec<f64>>> {
+    /// Runs the samples of a stretch for every pair of a parameter vector and its states at the first sample;
+    /// as many of the one as of the other. Gives `[pair][output][sample of the stretch]`; the inputs must be
+    /// known between its samples. Only models that step with their samples have such runs.
+    pub fn run_from(
+        &self,
+        samples: Range<usize>,
+        thetas: &[&[f64]],
+        starts: &[&[f64]],
+    ) -> Vec<Vec<Vec<f64>>> {
         if let ([theta], [start]) = (thetas, starts) {
             return self.stretch::<1>(samples, &[*theta], &[*start]);
         }
@@ -24,7 +29,12 @@ impl Simulator {
         thetas.chunks(LANES).zip(starts.chunks(LANES)).flat_map(block).collect()
     }
 
-    fn stretch<const W: usize>(&self, samples: Range<usize>, thetas: &[&[f64]], starts: &[&[f64]]) -> Vec<Vec<Vec<f64>>> {
+    fn stretch<const W: usize>(
+        &self,
+        samples: Range<usize>,
+        thetas: &[&[f64]],
+        starts: &[&[f64]],
+    ) -> Vec<Vec<Vec<f64>>> {
         let (step_tape, drive, substeps, hours) = self.step_parts();
         let (output_tape, output_drive) = self.output_parts();
         let mut file = LaneFile::<W>::new(step_tape);
@@ -35,7 +45,8 @@ impl Simulator {
         for state in 0..states {
             *file.state(state) = std::array::from_fn(|lane| starts[lane.min(starts.len() - 1)][state]);
         }
-        let mut values: Vec<Vec<Vec<f64>>> = vec![vec![Vec::with_capacity(samples.len()); output_tape.roots.len()]; thetas.len()];
+        let mut values: Vec<Vec<Vec<f64>>> =
+            vec![vec![Vec::with_capacity(samples.len()); output_tape.roots.len()]; thetas.len()];
         for k in samples.clone() {
             if k > samples.start {
                 for step in 0..substeps {
@@ -50,7 +61,10 @@ impl Simulator {
             output_drive.load(&mut out, k, 0);
             out.step();
             for (lane, series) in values.iter_mut().enumerate() {
-                series.iter_mut().enumerate().for_each(|(output, series)| series.push(out.root(output)[lane]));
+                series
+                    .iter_mut()
+                    .enumerate()
+                    .for_each(|(output, series)| series.push(out.root(output)[lane]));
             }
         }
         values

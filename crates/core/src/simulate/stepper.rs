@@ -5,14 +5,16 @@ use crate::model::expr::{Graph, Node, NodeId, Point};
 use crate::model::tape::{Tape, schedule};
 use crate::model::{Hold, Model, Stepper};
 
-/// The tape of one step: its first roots are the states at the end of the step, or their rates where the stages are loops
-/// over lanes.
+/// The tape of one step: its first roots are the states at the end of the step, or their rates where the
+/// stages are loops over lanes.
 pub fn step_tape(model: &Model, stepper: Stepper) -> Tape {
     let mut graph = Graph::default();
     let roots = match stepper {
         Stepper::Ros2 => ros2(&mut graph, model),
         Stepper::Rk4 => rk4(&mut graph, model),
-        Stepper::Rkc => return schedule(model.graph(), model.rhs(), model.parameters().len(), model.states().len()),
+        Stepper::Rkc => {
+            return schedule(model.graph(), model.rhs(), model.parameters().len(), model.states().len());
+        }
     };
     schedule(&graph, &roots, model.parameters().len(), model.states().len())
 }
@@ -23,8 +25,8 @@ pub fn output_tape(model: &Model) -> Tape {
     schedule(model.graph(), &nodes, model.parameters().len(), model.states().len())
 }
 
-/// The tape of the equations, of their explicit time derivatives, and of the Jacobian, row by row: what an exact step
-/// of a linear model needs.
+/// The tape of the equations, of their explicit time derivatives, and of the Jacobian, row by row: what an
+/// exact step of a linear model needs.
 pub fn field_tape(model: &Model) -> Tape {
     let mut nodes = model.rhs().to_vec();
     nodes.extend(model.rate());
@@ -34,7 +36,11 @@ pub fn field_tape(model: &Model) -> Tape {
 
 /// The tape of each output with its gradient.
 pub fn observation_tape(model: &Model) -> Tape {
-    let nodes: Vec<NodeId> = model.outputs().iter().flat_map(|output| [output.node].into_iter().chain(output.gradient.clone())).collect();
+    let nodes: Vec<NodeId> = model
+        .outputs()
+        .iter()
+        .flat_map(|output| [output.node].into_iter().chain(output.gradient.clone()))
+        .collect();
     schedule(model.graph(), &nodes, model.parameters().len(), model.states().len())
 }
 
@@ -53,7 +59,9 @@ fn at(graph: &mut Graph, model: &Model, nodes: &[NodeId], states: &[NodeId], poi
     graph.import(model.graph(), nodes, |graph, leaf| match leaf {
         Node::State(i) => states[usize::from(i)],
         // A held input is the same throughout the step.
-        Node::Input(i, _) if model.inputs()[usize::from(i)].hold == Hold::Linear => graph.intern(Node::Input(i, point)),
+        Node::Input(i, _) if model.inputs()[usize::from(i)].hold == Hold::Linear => {
+            graph.intern(Node::Input(i, point))
+        }
         // The slope of a delayed input speaks of both ends already.
         Node::Delayed(i, Point::Start, hours) if model.inputs()[usize::from(i)].hold == Hold::Linear => {
             graph.intern(Node::Delayed(i, point, hours))
@@ -171,10 +179,13 @@ impl Factors {
     fn new(g: &mut Graph, a: Vec<Vec<NodeId>>) -> Self {
         let n = a.len();
         let (zero, one) = (g.constant(0.0), g.constant(1.0));
-        let entries = |i: usize| (0..n).filter(|j| a[i][*j] != zero).count() + (0..n).filter(|j| a[*j][i] != zero).count();
+        let entries = |i: usize| {
+            (0..n).filter(|j| a[i][*j] != zero).count() + (0..n).filter(|j| a[*j][i] != zero).count()
+        };
         let mut order: Vec<usize> = (0..n).collect();
         order.sort_by_key(|i| (entries(*i), *i));
-        let mut matrix: Vec<Vec<NodeId>> = order.iter().map(|i| order.iter().map(|j| a[*i][*j]).collect()).collect();
+        let mut matrix: Vec<Vec<NodeId>> =
+            order.iter().map(|i| order.iter().map(|j| a[*i][*j]).collect()).collect();
         let mut inverse_pivots = Vec::with_capacity(n);
         for k in 0..n {
             let inverse = g.div(one, matrix[k][k]);

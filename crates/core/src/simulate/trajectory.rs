@@ -63,7 +63,13 @@ pub type MeasuredOutput<'a> = (&'a [f64], &'a [bool]);
 impl Simulator {
     /// Prepares a simulation. `measured` has one series per output of the model, as long as the inputs; it
     /// gives the measured starts.
-    pub fn new(model: &Model, inputs: &Inputs, measured: &[MeasuredOutput], stepper: Stepper, substeps: usize) -> Self {
+    pub fn new(
+        model: &Model,
+        inputs: &Inputs,
+        measured: &[MeasuredOutput],
+        stepper: Stepper,
+        substeps: usize,
+    ) -> Self {
         let step = step_tape(model, stepper);
         let output = output_tape(model);
         let steps = if stepper == Stepper::Rkc { 1 } else { substeps };
@@ -90,7 +96,8 @@ impl Simulator {
     #[must_use]
     pub fn with_inputs(&self, inputs: &Inputs) -> Self {
         let steps = if self.stepper == Stepper::Rkc { 1 } else { self.substeps };
-        let (drive, output_drive) = (Drive::new(&self.step, inputs, steps), Drive::new(&self.output, inputs, 1));
+        let (drive, output_drive) =
+            (Drive::new(&self.step, inputs, steps), Drive::new(&self.output, inputs, 1));
         Self { drive, output_drive, ..self.clone() }
     }
 
@@ -99,7 +106,8 @@ impl Simulator {
         self.stepper
     }
 
-    /// Internal steps per sample. The stepper rkc finds its own; with so many its tolerance is a tenth for each doubling.
+    /// Internal steps per sample. The stepper rkc finds its own; with so many its tolerance is a tenth for
+    /// each doubling.
     pub fn substeps(&self) -> usize {
         self.substeps
     }
@@ -134,7 +142,13 @@ impl Simulator {
         (&self.step, &self.drive, self.substeps, self.step_hours)
     }
 
-    pub(super) fn block<const W: usize>(&self, thetas: &[&[f64]], until: usize, keep_states: bool, halt: Halt) -> Vec<Trajectory> {
+    pub(super) fn block<const W: usize>(
+        &self,
+        thetas: &[&[f64]],
+        until: usize,
+        keep_states: bool,
+        halt: Halt,
+    ) -> Vec<Trajectory> {
         let states = self.initial.len();
         let outputs = self.output.roots.len();
         let mut file = LaneFile::<W>::new(&self.step);
@@ -203,7 +217,8 @@ impl Simulator {
             .collect()
     }
 
-    /// Takes the states through the warm-up in steps that are no longer than those of the window. Says how many.
+    /// Takes the states through the warm-up in steps that are no longer than those of the window. Says how
+    /// many.
     fn warm_up<const W: usize>(&self, file: &mut LaneFile<W>, thetas: &[&[f64]]) -> usize {
         let Some(warm_up) = &self.warm_up else { return 0 };
         let steps = (warm_up.hours / self.step_hours - 1e-9).ceil().max(1.0) as usize;
@@ -244,7 +259,8 @@ pub(super) fn diverged(farthest: f64) -> bool {
 fn measured_starts(values: &[f64], valid: &[bool]) -> Vec<Option<f64>> {
     (0..values.len())
         .map(|k| {
-            // A record may begin in a gap of its sensor; then its first value, however late, is the best that is known.
+            // A record may begin in a gap of its sensor; then its first value, however late, is the best that
+            // is known.
             let until = if k == 0 { values.len() } else { values.len().min(k + 12) };
             let first: Vec<f64> = (k..until).filter(|i| valid[*i]).take(3).map(|i| values[i]).collect();
             (!first.is_empty()).then(|| first.iter().sum::<f64>() / first.len() as f64)
@@ -258,7 +274,8 @@ mod tests {
     use crate::model::document::ModelDocument;
     use crate::model::{Bindings, Catalogue, compile};
 
-    /// x' = a (u - x) with a linear input: the closed form of a ramp is u(t) - s/a + (x0 - u0 + s/a) e^(-a t).
+    /// x' = a (u - x) with a linear input: the closed form of a ramp is u(t) - s/a + (x0 - u0 + s/a) e^(-a
+    /// t).
     fn first_order() -> Model {
         let text = r#"
             id = "first"
@@ -313,7 +330,8 @@ mod tests {
     #[test]
     fn a_candidate_is_the_same_alone_and_in_any_block() {
         let model = first_order();
-        let inputs = Inputs::from_columns(&model, vec![(0..50).map(|k| (f64::from(k) * 0.3).sin()).collect()], 0.5);
+        let inputs =
+            Inputs::from_columns(&model, vec![(0..50).map(|k| (f64::from(k) * 0.3).sin()).collect()], 0.5);
         let (values, valid) = (vec![20.0; 50], vec![true; 50]);
         let simulator = Simulator::new(&model, &inputs, &[(&values, &valid)], Stepper::Ros2, 3);
         let thetas: Vec<Vec<f64>> = (0..37).map(|i| vec![0.01 * 1.3f64.powi(i)]).collect();

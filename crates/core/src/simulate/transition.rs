@@ -1,15 +1,16 @@
 //! The exact step of a linear stochastic equation: `dx = (A x + b + b' t) dt + diag(s) dw` over a time h.
 //!
-//! Transition, input and noise integrals are summed as Taylor series over a short time, and doubled until it is h:
-//! `Phi(2t) = Phi(t)^2`, `Q(2t) = Q(t) + Phi(t) Q(t) Phi(t)'`, and likewise for the integrals of the inputs. The sums have
-//! no differences of large numbers, so a stiff system keeps its accuracy and Q stays positive.
+//! Transition, input and noise integrals are summed as Taylor series over a short time, and doubled until it
+//! is h: `Phi(2t) = Phi(t)^2`, `Q(2t) = Q(t) + Phi(t) Q(t) Phi(t)'`, and likewise for the integrals of the
+//! inputs. The sums have no differences of large numbers, so a stiff system keeps its accuracy and Q stays
+//! positive.
 
 use super::dual::Scalar;
 
 /// Terms of the series where the step is exact and kept.
 const EXACT: usize = 10;
-/// Terms where the system is linearised anew at every step: an error of 1e-10 of the covariance is far below that of the
-/// linearisation, and small enough for slopes to agree with differences.
+/// Terms where the system is linearised anew at every step: an error of 1e-10 of the covariance is far below
+/// that of the linearisation, and small enough for slopes to agree with differences.
 const LINEARISED: usize = 7;
 /// Largest norm of `A t` that the series is summed at.
 const NORM: f64 = 0.125;
@@ -30,15 +31,18 @@ pub struct Transition<T> {
 }
 
 impl<T: Scalar> Transition<T> {
-    /// The step over `hours` of a system with Jacobian `a` and noise variances `q` per hour; an `exact` one has the integrals over the
-    /// inputs as well. `None` where the Jacobian is not finite, or too large for any step.
+    /// The step over `hours` of a system with Jacobian `a` and noise variances `q` per hour; an `exact` one
+    /// has the integrals over the inputs as well. `None` where the Jacobian is not finite, or too large for
+    /// any step.
     pub fn new(a: &[T], q: &[T], hours: f64, exact: bool) -> Option<Self> {
         let n = q.len();
         let terms = if exact { EXACT } else { LINEARISED };
         if a.iter().any(|slope| !slope.value().is_finite()) {
             return None;
         }
-        let norm = (0..n).map(|j| (0..n).map(|i| a[i * n + j].value().abs()).sum::<f64>()).fold(0.0, f64::max) * hours;
+        let norm =
+            (0..n).map(|j| (0..n).map(|i| a[i * n + j].value().abs()).sum::<f64>()).fold(0.0, f64::max)
+                * hours;
         let doublings = (0..=DOUBLINGS).find(|doublings| norm / 2f64.powi(*doublings as i32) <= NORM)?;
         let mut time = hours / 2f64.powi(doublings as i32);
         let zero = vec![T::constant(0.0); n * n];
@@ -132,10 +136,14 @@ mod tests {
 
     #[test]
     fn a_scalar_step_is_its_closed_form() {
-        for (a, h, tolerance) in [(-0.6, 0.5, 1e-14), (-300.0, 2.0, 1e-11), (0.3, 1.0, 1e-14), (-1e-9, 1.0, 1e-14)] {
+        for (a, h, tolerance) in
+            [(-0.6, 0.5, 1e-14), (-300.0, 2.0, 1e-11), (0.3, 1.0, 1e-14), (-1e-9, 1.0, 1e-14)]
+        {
             let step = Transition::new(&[a], &[0.04], h, true).unwrap();
             let z: f64 = a * h;
-            let near = |ours: f64, closed: f64| assert!((ours - closed).abs() <= tolerance * closed.abs(), "{a}: {ours} {closed}");
+            let near = |ours: f64, closed: f64| {
+                assert!((ours - closed).abs() <= tolerance * closed.abs(), "{a}: {ours} {closed}")
+            };
             near(step.phi[0].max(1e-200), z.exp().max(1e-200));
             near(step.psi[0], z.exp_m1() / a);
             near(step.noise[0], 0.04 * (2.0 * z).exp_m1() / (2.0 * a));
@@ -152,18 +160,26 @@ mod tests {
         let whole = Transition::new(&a, &[0.1, 0.2, 0.3], h, true).unwrap();
         // The mean under a drive b + b' t by classical Runge-Kutta steps, the covariance by its own equation.
         let (b, slope) = ([1.0, -2.0, 0.5], [0.3, 0.2, -1.0]);
-        let rate =
-            |x: &[f64], t: f64| (0..n).map(|i| (0..n).map(|j| a[i * n + j] * x[j]).sum::<f64>() + b[i] + slope[i] * t).collect::<Vec<_>>();
+        let rate = |x: &[f64], t: f64| {
+            (0..n)
+                .map(|i| (0..n).map(|j| a[i * n + j] * x[j]).sum::<f64>() + b[i] + slope[i] * t)
+                .collect::<Vec<_>>()
+        };
         let lyapunov = |p: &[f64]| {
             let one = |i: usize, j: usize| (0..n).map(|k| a[i * n + k] * p[k * n + j]).sum::<f64>();
             (0..9)
-                .map(|s| one(s / n, s % n) + one(s % n, s / n) + if s / n == s % n { [0.1, 0.2, 0.3][s / n] } else { 0.0 })
+                .map(|s| {
+                    one(s / n, s % n)
+                        + one(s % n, s / n)
+                        + if s / n == s % n { [0.1, 0.2, 0.3][s / n] } else { 0.0 }
+                })
                 .collect::<Vec<f64>>()
         };
         let (mut x, mut p) = (vec![3.0, -1.0, 2.0], vec![0.0; 9]);
         let steps = 2000;
         let d = h / f64::from(steps);
-        let shifted = |x: &[f64], k: &[f64], by: f64| x.iter().zip(k).map(|(x, k)| x + by * k).collect::<Vec<f64>>();
+        let shifted =
+            |x: &[f64], k: &[f64], by: f64| x.iter().zip(k).map(|(x, k)| x + by * k).collect::<Vec<f64>>();
         for step in 0..steps {
             let t = f64::from(step) * d;
             let k1 = rate(&x, t);
@@ -179,7 +195,13 @@ mod tests {
         }
         let start = [3.0, -1.0, 2.0];
         let ours = |i: usize| {
-            (0..n).map(|j| whole.phi[i * n + j] * start[j] + whole.psi[i * n + j] * b[j] + whole.ramp[i * n + j] * slope[j]).sum::<f64>()
+            (0..n)
+                .map(|j| {
+                    whole.phi[i * n + j] * start[j]
+                        + whole.psi[i * n + j] * b[j]
+                        + whole.ramp[i * n + j] * slope[j]
+                })
+                .sum::<f64>()
         };
         (0..n).for_each(|i| assert!((ours(i) - x[i]).abs() < 1e-11, "{} {}", ours(i), x[i]));
         (0..9).for_each(|i| assert!((whole.noise[i] - p[i]).abs() < 1e-12, "{} {}", whole.noise[i], p[i]));

@@ -1,6 +1,8 @@
-//! The vectors of an explicit method in lanes: what a step needs beside the right-hand side, a value per state and lane.
+//! The vectors of an explicit method in lanes: what a step needs beside the right-hand side, a value per
+//! state and lane.
 //!
-//! Every lane is at a place of its own in its own step, so one pass does for each lane what its [`Moves`] say.
+//! Every lane is at a place of its own in its own step, so one pass does for each lane what its [`Moves`]
+//! say.
 
 use super::lanes::{Cpu, Kernel, Lane, LaneFile, dispatch};
 
@@ -35,7 +37,8 @@ pub struct Moves<const W: usize> {
     pub keep: [u64; W],
     /// Stages and evaluation are forgotten: the next place depends on the start alone.
     pub fresh: [u64; W],
-    /// The factors of the start, the newest stage, the one before, the evaluation, the slope and the mode in the next place.
+    /// The factors of the start, the newest stage, the one before, the evaluation, the slope and the mode in
+    /// the next place.
     pub factors: [[f64; W]; 6],
 }
 
@@ -87,8 +90,8 @@ impl<const W: usize> Vectors<W> {
         file.set_states(&self.last);
     }
 
-    /// Measures the newest evaluation for steps of these lengths. A state's error is weighed by its size, and by `floor` where
-    /// that is smaller.
+    /// Measures the newest evaluation for steps of these lengths. A state's error is weighed by its size, and
+    /// by `floor` where that is smaller.
     pub fn measure(&self, file: &LaneFile<W>, hours: &[f64; W], floor: f64) -> Sums<W> {
         dispatch(file.cpu(), Measure { vectors: self, file, hours, floor })
     }
@@ -179,7 +182,8 @@ impl<const W: usize> Kernel for Update<'_, '_, W> {
 fn either<const W: usize>(mask: &[u64; W], first: &[f64; W], second: &[f64; W]) -> [f64; W] {
     let mut out = [0.0; W];
     for lane in 0..W {
-        out[lane] = f64::from_bits((first[lane].to_bits() & mask[lane]) | (second[lane].to_bits() & !mask[lane]));
+        out[lane] =
+            f64::from_bits((first[lane].to_bits() & mask[lane]) | (second[lane].to_bits() & !mask[lane]));
     }
     out
 }

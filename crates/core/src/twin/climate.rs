@@ -41,12 +41,20 @@ impl Climate {
     pub fn new(dice: &mut Dice, start: i64, steps: usize) -> Result<Self, Fault> {
         let nodes = steps / NODE + 2;
         let day = (STEPS_PER_DAY / NODE) as f64;
-        let clock = |node: usize| 2.0 * std::f64::consts::PI * ((node * NODE) as f64 / STEPS_PER_DAY as f64 - 0.5);
-        let cloud: Vec<f64> = dice.wander(nodes, 1.8, day / 2.0).into_iter().map(|x| 1.0 / (1.0 + (-x).exp())).collect();
+        let clock =
+            |node: usize| 2.0 * std::f64::consts::PI * ((node * NODE) as f64 / STEPS_PER_DAY as f64 - 0.5);
+        let cloud: Vec<f64> =
+            dice.wander(nodes, 1.8, day / 2.0).into_iter().map(|x| 1.0 / (1.0 + (-x).exp())).collect();
         let mild = dice.between(-2.0, 6.0);
         let wander = dice.wander(nodes, 3.0, 2.0 * day);
-        let out: Vec<f64> = wander.into_iter().enumerate().map(|(k, x)| mild + x + 2.5 * (clock(k) - 0.7).cos()).collect();
-        let forward: Vec<f64> = dice.wander(nodes, 1.5, day / 6.0).into_iter().zip(&out).map(|(x, out)| 36.0 - 0.6 * out + x).collect();
+        let out: Vec<f64> =
+            wander.into_iter().enumerate().map(|(k, x)| mild + x + 2.5 * (clock(k) - 0.7).cos()).collect();
+        let forward: Vec<f64> = dice
+            .wander(nodes, 1.5, day / 6.0)
+            .into_iter()
+            .zip(&out)
+            .map(|(x, out)| 36.0 - 0.6 * out + x)
+            .collect();
         let gusts = dice.wander(nodes, 0.6, day / 3.0);
         let wind: Vec<f64> = gusts.into_iter().map(|x| 4.5 * x.exp()).collect();
         let neighbours = (0..NEIGHBOURS).map(|_| neighbour(dice, nodes, day, clock)).collect::<Vec<_>>();
@@ -60,7 +68,8 @@ impl Climate {
         let local = |step: usize| start + (step * STEP_MINUTES * 60) as i64 + 3600 * ZONE_HOURS;
         let hour: Vec<f64> = (0..steps).map(|step| local(step).rem_euclid(86_400) as f64 / 3600.0).collect();
         // The first of January 1970 was a Thursday.
-        let weekday = (0..steps).map(|step| ((local(step).div_euclid(86_400) + 3).rem_euclid(7) + 1) as f64).collect();
+        let weekday =
+            (0..steps).map(|step| ((local(step).div_euclid(86_400) + 3).rem_euclid(7) + 1) as f64).collect();
         Ok(Self {
             start,
             out: between(&out, steps),
@@ -104,14 +113,16 @@ fn between(nodes: &[f64], steps: usize) -> Vec<f64> {
         .collect()
 }
 
-/// The power of the appliances in kW: a base load, and bouts of an hour or so at breakfast, in the evening and
-/// now and then, constant over a quarter of an hour.
+/// The power of the appliances in kW: a base load, and bouts of an hour or so at breakfast, in the evening
+/// and now and then, constant over a quarter of an hour.
 fn appliances(dice: &mut Dice, hour: &[f64]) -> Vec<f64> {
     let mut power = vec![0.05; hour.len()];
     for day in 0..hour.len() / STEPS_PER_DAY + 1 {
         for (likely, from, to) in [(0.6, 5.0, 9.0), (0.5, 10.0, 16.0), (0.8, 16.0, 21.0), (0.4, 19.0, 23.0)] {
             if dice.uniform() < likely {
-                let at = ((day as f64 + dice.between(from, to) / 24.0) * STEPS_PER_DAY as f64) as usize / NODE * NODE;
+                let at = ((day as f64 + dice.between(from, to) / 24.0) * STEPS_PER_DAY as f64) as usize
+                    / NODE
+                    * NODE;
                 let length = NODE * (1 + (dice.uniform() * 9.0) as usize);
                 let size = dice.log_between(0.2, 1.5);
                 power.iter_mut().skip(at).take(length).for_each(|kw| *kw += size);

@@ -1,7 +1,7 @@
 //! A synthetic room whose heat pump somebody else decides on: the other side of a controller.
 //!
-//! Five thermal masses, written out by hand and stepped by a fourth-order method, so that no model of the catalogue is
-//! the truth. Its parameters drift, and from a day on the wind blows through it.
+//! Five thermal masses, written out by hand and stepped by a fourth-order method, so that no model of the
+//! catalogue is the truth. Its parameters drift, and from a day on the wind blows through it.
 
 use super::climate::{Climate, STEP_MINUTES, STEPS_PER_DAY};
 use super::dice::Dice;
@@ -104,7 +104,8 @@ pub fn cop(out: f64) -> f64 {
 pub const LARGEST_POWER: f64 = 3.0;
 
 impl HeatedRoom {
-    /// A room over so many days. Its parameters drift from one day on, and the wind blows through it from another.
+    /// A room over so many days. Its parameters drift from one day on, and the wind blows through it from
+    /// another.
     ///
     /// # Errors
     /// Where the position of the sun cannot be computed.
@@ -151,7 +152,11 @@ impl HeatedRoom {
     /// The weather at a sample.
     pub fn weather(&self, sample: usize) -> Weather {
         let step = sample * STEPS;
-        Weather { out: self.climate.out[step], irradiance: 1000.0 * self.climate.sun(step), wind: self.climate.wind[step] }
+        Weather {
+            out: self.climate.out[step],
+            irradiance: 1000.0 * self.climate.sun(step),
+            wind: self.climate.wind[step],
+        }
     }
 
     /// What the sensor shows where the room has this temperature.
@@ -164,24 +169,27 @@ impl HeatedRoom {
         [20.5, 28.0, 18.0, 20.5, 8.0]
     }
 
-    /// Moves the masses from a sample to the next under so many kW of heat; the room's temperature after each step of
-    /// three minutes.
+    /// Moves the masses from a sample to the next under so many kW of heat; the room's temperature after each
+    /// step of three minutes.
     pub fn advance(&self, state: &mut State, sample: usize, heat: f64) -> [f64; STEPS] {
         std::array::from_fn(|step| {
             let k = sample * STEPS + step;
             let at = |x: &State, part: f64| self.slope(x, k, part, heat);
-            let moved = |x: &State, slope: &State, part: f64| -> State { std::array::from_fn(|i| x[i] + part * HOURS * slope[i]) };
+            let moved = |x: &State, slope: &State, part: f64| -> State {
+                std::array::from_fn(|i| x[i] + part * HOURS * slope[i])
+            };
             let k1 = at(state, 0.0);
             let k2 = at(&moved(state, &k1, 0.5), 0.5);
             let k3 = at(&moved(state, &k2, 0.5), 0.5);
             let k4 = at(&moved(state, &k3, 1.0), 1.0);
-            *state = std::array::from_fn(|i| state[i] + HOURS / 6.0 * (k1[i] + 2.0 * k2[i] + 2.0 * k3[i] + k4[i]));
+            *state =
+                std::array::from_fn(|i| state[i] + HOURS / 6.0 * (k1[i] + 2.0 * k2[i] + 2.0 * k3[i] + k4[i]));
             state[0]
         })
     }
 
-    /// The equations in the middle between a sample and the next, without the household heat: what a model that knows
-    /// everything knows.
+    /// The equations in the middle between a sample and the next, without the household heat: what a model
+    /// that knows everything knows.
     pub fn linear(&self, sample: usize) -> Linear {
         self.equations(sample * STEPS + STEPS / 2, 0.0)
     }
@@ -202,7 +210,8 @@ impl HeatedRoom {
         let days = k.saturating_sub(self.drifts_from) as f64 / STEPS_PER_DAY as f64;
         let [through, shine, warmth] = rates.drift.map(|rate| (rate * days).exp());
         let leak = if k >= self.leak.from { self.leak.strength * line(&climate.wind) } else { 0.0 };
-        let mut linear = Linear { matrix: [[0.0; MASSES]; MASSES], heat: [0.0; MASSES], constant: [0.0; MASSES] };
+        let mut linear =
+            Linear { matrix: [[0.0; MASSES]; MASSES], heat: [0.0; MASSES], constant: [0.0; MASSES] };
         let mut joined = |i: usize, j: usize, conductance: f64, capacities: [f64; 2]| {
             for (from, to, capacity) in [(i, j, capacities[0]), (j, i, capacities[1])] {
                 linear.matrix[from][from] -= conductance / capacity;

@@ -68,7 +68,8 @@ pub struct Hidden {
 impl Kind {
     /// An effect by name; an argument that is left open is drawn.
     pub fn named(name: &str, dice: &mut Dice) -> Result<Self, Fault> {
-        let (family, argument) = name.split_once(':').map_or((name, None), |(family, argument)| (family, Some(argument)));
+        let (family, argument) =
+            name.split_once(':').map_or((name, None), |(family, argument)| (family, Some(argument)));
         let unknown = || {
             let fault = Fault::new("/effect", "unknown-effect", format!("no twin can hide `{name}`"));
             match nearest(family, names()) {
@@ -91,7 +92,9 @@ impl Kind {
                 // No house stands exactly by the compass.
                 Kind::Facade(facade + dice.between(-15.0, 15.0))
             }
-            "open_door" => match argument.map(|argument| argument.strip_prefix("T_room_").and_then(|n| n.parse::<usize>().ok())) {
+            "open_door" => match argument
+                .map(|argument| argument.strip_prefix("T_room_").and_then(|n| n.parse::<usize>().ok()))
+            {
                 Some(Some(n)) if (1..=NEIGHBOURS).contains(&n) => Kind::Door(n - 1),
                 Some(_) => return Err(unknown()),
                 None => Kind::Door(usize::from(dice.uniform() < 0.5)),
@@ -208,7 +211,8 @@ impl Kind {
                     if dice.uniform() < 0.45 {
                         let (from, length) = (dice.between(17.0, 20.0), dice.between(3.0, 5.0));
                         add(day, from, length + 4.0, &|h| {
-                            (1.0 - (-h / 0.5).exp()) * if h > length { (-(h - length) / 1.0).exp() } else { 1.0 }
+                            (1.0 - (-h / 0.5).exp())
+                                * if h > length { (-(h - length) / 1.0).exp() } else { 1.0 }
                         });
                     }
                 }
@@ -216,14 +220,17 @@ impl Kind {
             Kind::Laundry => {
                 for day in 0..days {
                     if dice.uniform() < 0.4 {
-                        add(day, dice.between(8.0, 19.0), 30.0, &|h| -(1.0 - (-h / 0.5).exp()) * (-h / 6.0).exp());
+                        add(day, dice.between(8.0, 19.0), 30.0, &|h| {
+                            -(1.0 - (-h / 0.5).exp()) * (-h / 6.0).exp()
+                        });
                     }
                 }
             }
             Kind::Facade(bearing) => {
                 let depth = dice.between(0.15, 0.3);
                 for (step, value) in shape.iter_mut().enumerate() {
-                    let (altitude, azimuth) = (climate.altitude[step].to_radians(), climate.azimuth[step].to_radians());
+                    let (altitude, azimuth) =
+                        (climate.altitude[step].to_radians(), climate.azimuth[step].to_radians());
                     if altitude > 0.0 {
                         let direct = altitude.cos() * (azimuth - bearing.to_radians()).cos().max(0.0);
                         let beam = (-depth / altitude.sin().max(0.02)).exp() * climate.clearness(step);

@@ -1,9 +1,9 @@
-//! The house of the thesis's chapter 7 with a known truth: eleven rooms that warm each other through their walls, valves
-//! that follow thermostats, seventeen sensors. Equations written out by hand, steps of three minutes, a fourth-order
-//! method, as in `world`.
+//! The house of the thesis's chapter 7 with a known truth: eleven rooms that warm each other through their
+//! walls, valves that follow thermostats, seventeen sensors. Equations written out by hand, steps of three
+//! minutes, a fourth-order method, as in `world`.
 //!
-//! Each room is of the structure of `room3`; what the model does not know is what a house has: set-points that are
-//! lowered at night in some rooms, the heat of people and appliances, and a plan that nobody tells.
+//! Each room is of the structure of `room3`; what the model does not know is what a house has: set-points
+//! that are lowered at night in some rooms, the heat of people and appliances, and a plan that nobody tells.
 
 use super::climate::{Climate, STEP_MINUTES, STEPS_PER_DAY};
 use super::dice::Dice;
@@ -25,8 +25,23 @@ const ROOMS: [u32; 11] = [0, 1, 2, 3, 4, 5, 6, 7, 12, 15, 17];
 /// Second sensors, and the room in which each hangs.
 const SECOND: [(u32, u32); 6] = [(8, 0), (9, 1), (10, 4), (11, 4), (13, 12), (14, 15)];
 /// The plan: which rooms share a wall.
-const WALLS: [(u32, u32); 15] =
-    [(0, 1), (1, 2), (2, 3), (3, 4), (4, 5), (6, 7), (7, 12), (12, 15), (15, 17), (0, 6), (1, 7), (2, 12), (4, 15), (4, 17), (5, 17)];
+const WALLS: [(u32, u32); 15] = [
+    (0, 1),
+    (1, 2),
+    (2, 3),
+    (3, 4),
+    (4, 5),
+    (6, 7),
+    (7, 12),
+    (12, 15),
+    (15, 17),
+    (0, 6),
+    (1, 7),
+    (2, 12),
+    (4, 15),
+    (4, 17),
+    (5, 17),
+];
 /// Rooms whose thermostats are turned down at night.
 const LOWERED: [u32; 6] = [1, 3, 4, 5, 12, 17];
 /// Rooms with large windows to the sun.
@@ -48,7 +63,8 @@ pub struct HouseRequest {
 /// A house with a known truth.
 #[derive(Debug, Clone)]
 pub struct HouseTwin {
-    /// Weather, forward temperature, every sensor `T_room_<number>` and the valve `valve_<room>` of every room.
+    /// Weather, forward temperature, every sensor `T_room_<number>` and the valve `valve_<room>` of every
+    /// room.
     pub csv: String,
     /// The rooms as they are, by the number of their first sensor.
     pub rooms: Vec<RoomTruth>,
@@ -99,7 +115,11 @@ struct Room {
 /// A fault for a sampling that is no multiple of three minutes.
 pub fn house(request: &HouseRequest) -> Result<HouseTwin, Fault> {
     if request.step_minutes == 0 || !request.step_minutes.is_multiple_of(STEP_MINUTES) || request.days == 0 {
-        return Err(Fault::new("/step", "bad-step", format!("a house is sampled every {STEP_MINUTES}, 6, … minutes, for a day or more")));
+        return Err(Fault::new(
+            "/step",
+            "bad-step",
+            format!("a house is sampled every {STEP_MINUTES}, 6, … minutes, for a day or more"),
+        ));
     }
     let mut dice = Dice::new(request.seed);
     let start = START - 86_400 * WARM_UP_DAYS as i64;
@@ -121,8 +141,10 @@ pub fn house(request: &HouseRequest) -> Result<HouseTwin, Fault> {
 
 fn draw(dice: &mut Dice, number: u32, climate: &Climate, lived_in: bool) -> (Room, RoomTruth) {
     let steps = climate.hour.len();
-    let neighbours: Vec<u32> =
-        ROOMS.into_iter().filter(|other| WALLS.contains(&(number, *other)) || WALLS.contains(&(*other, number))).collect();
+    let neighbours: Vec<u32> = ROOMS
+        .into_iter()
+        .filter(|other| WALLS.contains(&(number, *other)) || WALLS.contains(&(*other, number)))
+        .collect();
     let place = |wanted: &u32| ROOMS.iter().position(|room| room == wanted).unwrap_or(0);
     let t_set = dice.between(20.5, 22.5);
     let depth = dice.between(1.5, 3.0);
@@ -154,8 +176,10 @@ fn draw(dice: &mut Dice, number: u32, climate: &Climate, lived_in: bool) -> (Roo
 /// The air of every room and the opening of its valve, at every step.
 fn run(rooms: &[Room], climate: &Climate) -> (Vec<Vec<f64>>, Vec<Vec<f64>>) {
     let steps = climate.hour.len();
-    let mut x: Vec<State> = rooms.iter().map(|room| [room.set[0], room.set[0] + 4.0, room.set[0] - 3.0]).collect();
-    let (mut air, mut valves) = (vec![Vec::with_capacity(steps); rooms.len()], vec![Vec::with_capacity(steps); rooms.len()]);
+    let mut x: Vec<State> =
+        rooms.iter().map(|room| [room.set[0], room.set[0] + 4.0, room.set[0] - 3.0]).collect();
+    let (mut air, mut valves) =
+        (vec![Vec::with_capacity(steps); rooms.len()], vec![Vec::with_capacity(steps); rooms.len()]);
     for k in 0..steps {
         for (index, (room, state)) in rooms.iter().zip(&x).enumerate() {
             air[index].push(state[0]);
@@ -168,14 +192,19 @@ fn run(rooms: &[Room], climate: &Climate) -> (Vec<Vec<f64>>, Vec<Vec<f64>>) {
             rooms.iter().zip(x).map(|(room, own)| room.slope(own, x, climate, k, part)).collect()
         };
         let moved = |slope: &[State], part: f64| -> Vec<State> {
-            x.iter().zip(slope).map(|(x, slope)| std::array::from_fn(|i| x[i] + part * HOURS * slope[i])).collect()
+            x.iter()
+                .zip(slope)
+                .map(|(x, slope)| std::array::from_fn(|i| x[i] + part * HOURS * slope[i]))
+                .collect()
         };
         let k1 = slopes(&x, 0.0);
         let k2 = slopes(&moved(&k1, 0.5), 0.5);
         let k3 = slopes(&moved(&k2, 0.5), 0.5);
         let k4 = slopes(&moved(&k3, 1.0), 1.0);
         for (room, state) in x.iter_mut().enumerate() {
-            *state = std::array::from_fn(|i| state[i] + HOURS / 6.0 * (k1[room][i] + 2.0 * k2[room][i] + 2.0 * k3[room][i] + k4[room][i]));
+            *state = std::array::from_fn(|i| {
+                state[i] + HOURS / 6.0 * (k1[room][i] + 2.0 * k2[room][i] + 2.0 * k3[room][i] + k4[room][i])
+            });
         }
     }
     (air, valves)
@@ -203,7 +232,14 @@ impl Room {
 }
 
 /// The measurements as loggers write them: noise, an offset between two sensors of a room, lost samples.
-fn write(climate: &Climate, air: &[Vec<f64>], valves: &[Vec<f64>], rooms: &[RoomTruth], request: &HouseRequest, dice: &mut Dice) -> String {
+fn write(
+    climate: &Climate,
+    air: &[Vec<f64>],
+    valves: &[Vec<f64>],
+    rooms: &[RoomTruth],
+    request: &HouseRequest,
+    dice: &mut Dice,
+) -> String {
     let first = WARM_UP_DAYS * STEPS_PER_DAY;
     let per_sample = request.step_minutes / STEP_MINUTES;
     let samples = request.days * STEPS_PER_DAY / per_sample;
@@ -214,7 +250,12 @@ fn write(climate: &Climate, air: &[Vec<f64>], valves: &[Vec<f64>], rooms: &[Room
             let _ = write!(csv, ",T_room_{sensor}");
             let offset = if place == 0 { 0.0 } else { dice.between(-0.5, 0.5) };
             let mut column: Vec<String> = (0..samples)
-                .map(|sample| format!("{:.3}", air[room][first + sample * per_sample] + offset + SENSOR_NOISE * dice.normal()))
+                .map(|sample| {
+                    format!(
+                        "{:.3}",
+                        air[room][first + sample * per_sample] + offset + SENSOR_NOISE * dice.normal()
+                    )
+                })
                 .collect();
             // A first sensor misses single samples, a second one hours.
             let (stretches, longest) = if place == 0 { (2.0, 1.0) } else { (4.0, 6.0) };
@@ -235,7 +276,13 @@ fn write(climate: &Climate, air: &[Vec<f64>], valves: &[Vec<f64>], rooms: &[Room
     csv.push('\n');
     for sample in 0..samples {
         let k = first + sample * per_sample;
-        let _ = write!(csv, "{},{:.2},{:.2}", rfc3339(climate.start + (k * STEP_MINUTES * 60) as i64), climate.out[k], climate.forward[k]);
+        let _ = write!(
+            csv,
+            "{},{:.2},{:.2}",
+            rfc3339(climate.start + (k * STEP_MINUTES * 60) as i64),
+            climate.out[k],
+            climate.forward[k]
+        );
         let _ = write!(csv, ",{:.2},{:.3}", climate.altitude[k], climate.cloud[k]);
         for column in &columns {
             let _ = write!(csv, ",{}", column[sample]);
@@ -261,11 +308,18 @@ mod tests {
         assert_eq!(window.channels().filter(|channel| channel.starts_with("T_room_")).count(), 17);
         for truth in &twin.rooms {
             let air = window.series(&format!("T_room_{}", truth.room)).unwrap();
-            assert!(air.values().iter().all(|t| (14.0..30.0).contains(t)), "room {}: {:?}", truth.room, air.values());
+            assert!(
+                air.values().iter().all(|t| (14.0..30.0).contains(t)),
+                "room {}: {:?}",
+                truth.room,
+                air.values()
+            );
             let valve = window.series(&format!("valve_{}", truth.room)).unwrap();
             assert!(valve.values().iter().all(|open| (0.0..=100.0).contains(open)));
             // Walls have two sides.
-            let back = |other: &u32| twin.rooms.iter().any(|one| one.room == *other && one.neighbours.contains(&truth.room));
+            let back = |other: &u32| {
+                twin.rooms.iter().any(|one| one.room == *other && one.neighbours.contains(&truth.room))
+            };
             assert!(!truth.neighbours.is_empty() && truth.neighbours.iter().all(back));
         }
         assert!(house(&HouseRequest { step_minutes: 10, ..request }).is_err());
@@ -277,13 +331,18 @@ mod tests {
         let (window, _) = Window::parse_csv(&twin.csv, &Bindings::none()).unwrap();
         let found = propose_layout(&window).unwrap();
         let mut rooms: Vec<Vec<String>> = found.rooms.iter().map(|room| room.sensors.clone()).collect();
-        let mut wanted: Vec<Vec<String>> =
-            twin.rooms.iter().map(|room| room.sensors.iter().map(|sensor| format!("T_room_{sensor}")).collect()).collect();
+        let mut wanted: Vec<Vec<String>> = twin
+            .rooms
+            .iter()
+            .map(|room| room.sensors.iter().map(|sensor| format!("T_room_{sensor}")).collect())
+            .collect();
         rooms.iter_mut().chain(&mut wanted).for_each(|sensors| sensors.sort());
         rooms.sort();
         wanted.sort();
         assert_eq!(rooms, wanted);
         // The first sensor of a room misses least, so that rooms have the thesis's numbers.
-        assert!(found.rooms.iter().all(|room| twin.rooms.iter().any(|truth| truth.room.to_string() == room.id)));
+        assert!(
+            found.rooms.iter().all(|room| twin.rooms.iter().any(|truth| truth.room.to_string() == room.id))
+        );
     }
 }

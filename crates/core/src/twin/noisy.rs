@@ -1,5 +1,5 @@
-//! A room and its envelope that chance moves: a stochastic differential equation with known parameters and known noise, for the
-//! question whether intervals hold what they promise.
+//! A room and its envelope that chance moves: a stochastic differential equation with known parameters and
+//! known noise, for the question whether intervals hold what they promise.
 
 use super::dice::Dice;
 use crate::data::rfc3339;
@@ -12,8 +12,10 @@ const STEP: usize = 15;
 /// Seconds between samples.
 const SAMPLE: usize = 600;
 
-/// The parameters of the model `tite`, but for the envelope's temperature at the start, which each twin draws.
-const PARAMETERS: [(&str, f64); 5] = [("alpha_e", 0.8), ("beta_e", 4.0), ("alpha_a", 0.08), ("c_P_heater", 1.6), ("c_solar", 2.5)];
+/// The parameters of the model `tite`, but for the envelope's temperature at the start, which each twin
+/// draws.
+const PARAMETERS: [(&str, f64); 5] =
+    [("alpha_e", 0.8), ("beta_e", 4.0), ("alpha_a", 0.08), ("c_P_heater", 1.6), ("c_solar", 2.5)];
 /// Diffusions of room air and envelope in K per square root of an hour, and the deviation of the sensor in K.
 const NOISE: [f64; 3] = [0.15, 0.10, 0.05];
 
@@ -26,9 +28,10 @@ pub struct NoisyTwin {
     pub truth: Vec<(String, f64)>,
 }
 
-/// Makes a room with so many days of samples, ten minutes apart, so that a training part of as many days starts where the
-/// truth does. The drift goes by Heun's method over steps of 15 seconds, and
-/// the noise, which no state changes, is exact in each; heater, sun and weather are as the model reads them between samples.
+/// Makes a room with so many days of samples, ten minutes apart, so that a training part of as many days
+/// starts where the truth does. The drift goes by Heun's method over steps of 15 seconds, and the noise,
+/// which no state changes, is exact in each; heater, sun and weather are as the model reads them between
+/// samples.
 pub fn noisy(seed: u64, days: usize) -> NoisyTwin {
     let mut dice = Dice::new(seed);
     let samples = days * 86_400 / SAMPLE;
@@ -38,7 +41,12 @@ pub fn noisy(seed: u64, days: usize) -> NoisyTwin {
     let sun: Vec<f64> = clear
         .iter()
         .enumerate()
-        .map(|(k, x)| (500.0 * (std::f64::consts::TAU * (k as f64 / day - 0.25)).sin() * (0.6 + 0.5 * x).clamp(0.1, 1.0)).max(0.0))
+        .map(|(k, x)| {
+            (500.0
+                * (std::f64::consts::TAU * (k as f64 / day - 0.25)).sin()
+                * (0.6 + 0.5 * x).clamp(0.1, 1.0))
+            .max(0.0)
+        })
         .collect();
     let mut on = false;
     let heater: Vec<f64> = (0..samples)
@@ -85,7 +93,8 @@ mod tests {
         let twin = noisy(3, 4);
         assert_eq!(twin.csv, noisy(3, 4).csv);
         assert_ne!(twin.csv, noisy(4, 4).csv);
-        let temperatures: Vec<f64> = twin.csv.lines().skip(1).map(|line| line.split(',').nth(1).unwrap().parse().unwrap()).collect();
+        let temperatures: Vec<f64> =
+            twin.csv.lines().skip(1).map(|line| line.split(',').nth(1).unwrap().parse().unwrap()).collect();
         assert_eq!(temperatures.len(), 4 * 144);
         assert!(temperatures.iter().all(|t| (5.0..45.0).contains(t)), "{temperatures:?}");
     }

@@ -1,5 +1,6 @@
-//! A treatment plant whose truth is known: the dry-weather influent of a town with some rain, and the effluent that the plant makes
-//! of it. The truth takes steps of ten seconds by the classical Runge-Kutta method: it owes nothing to the stepper under test.
+//! A treatment plant whose truth is known: the dry-weather influent of a town with some rain, and the
+//! effluent that the plant makes of it. The truth takes steps of ten seconds by the classical Runge-Kutta
+//! method: it owes nothing to the stepper under test.
 
 use super::dice::Dice;
 use crate::data::{DRY_INFLUENT, rfc3339};
@@ -21,7 +22,8 @@ const EFFLUENT: usize = 10;
 const STEP: usize = 10;
 /// What every plant goes through before its record, in minutes (thesis 6.2.3).
 const WARM_UP: usize = 10_000;
-/// What the warm-up holds beside the influent: the temperature of the water in degC, no rain and nothing toxic.
+/// What the warm-up holds beside the influent: the temperature of the water in degC, no rain and nothing
+/// toxic.
 const BESIDE: [(&str, f64); 3] = [("temperature", 15.0), ("rain", 0.0), ("toxic", 0.0)];
 
 /// What plant is wanted.
@@ -37,7 +39,8 @@ pub struct PlantRequest<'a> {
     pub days: usize,
     /// Noise of the sensors, in the deviations that the plant's document states.
     pub noise: f64,
-    /// Whether it goes through the warm-up of [`with_warm_up`] before its record; otherwise the record starts at the stated state.
+    /// Whether it goes through the warm-up of [`with_warm_up`] before its record; otherwise the record starts
+    /// at the stated state.
     pub warm_up: bool,
 }
 
@@ -55,31 +58,42 @@ pub struct PlantTwin {
 /// # Errors
 /// Faults of the model, and of a plant that these values drive out of physics.
 pub fn plant(catalogue: &Catalogue, request: &PlantRequest) -> Result<PlantTwin, Vec<Fault>> {
-    let id: ModelId = request.model.parse().map_err(|error| vec![Fault::new("/model", "model-id", format!("{error}"))])?;
+    let id: ModelId =
+        request.model.parse().map_err(|error| vec![Fault::new("/model", "model-id", format!("{error}"))])?;
     let model = compile(&catalogue.compose(&id)?, &Bindings::default())?;
     let mut dice = Dice::new(request.seed);
     // As many rows as a fit of all days takes: one more, and it would begin a row later than the truth does.
     let rows = request.days * 1440 / ROW;
     let inflow = inflow(&mut dice, rows);
-    let theta: Vec<f64> = model.parameters().iter().map(|parameter| truth(parameter, request.values)).collect();
+    let theta: Vec<f64> =
+        model.parameters().iter().map(|parameter| truth(parameter, request.values)).collect();
     let warm = if request.warm_up { WARM_UP / ROW } else { 0 };
     let columns = model.inputs().iter().map(|input| column(&inflow, &input.channel, warm)).collect();
     let inputs = Inputs::from_columns(&model, columns, ROW as f64 / 60.0);
-    let simulator = Simulator::new(&without_warm_up(catalogue, &id)?, &inputs, &[], Stepper::Rk4, ROW * 60 / STEP);
+    let simulator =
+        Simulator::new(&without_warm_up(catalogue, &id)?, &inputs, &[], Stepper::Rk4, ROW * 60 / STEP);
     let run = simulator.run(&[&theta], warm + rows).pop().filter(|run| !run.diverged);
-    let run = run.ok_or_else(|| vec![Fault::new("/values", "diverged", "the plant leaves physics with these values")])?;
+    let run = run.ok_or_else(|| {
+        vec![Fault::new("/values", "diverged", "the plant leaves physics with these values")]
+    })?;
     let mut csv = String::from("time");
     let header = |name: &'static str| if name == "rain" { "rain[mm/h]" } else { name };
-    model.outputs().iter().map(|output| output.channel.as_str()).chain(inflow.iter().map(|(name, _)| header(name))).for_each(|name| {
-        let _ = write!(csv, ",{name}");
-    });
+    model
+        .outputs()
+        .iter()
+        .map(|output| output.channel.as_str())
+        .chain(inflow.iter().map(|(name, _)| header(name)))
+        .for_each(|name| {
+            let _ = write!(csv, ",{name}");
+        });
     csv.push('\n');
     for k in 0..rows {
         csv.push_str(&rfc3339(START + (k * ROW * 60) as i64));
         for (output, values) in model.outputs().iter().zip(&run.outputs) {
             csv.push(',');
             if (k * ROW).is_multiple_of(EFFLUENT) {
-                let _ = write!(csv, "{:.9}", values[warm + k] + request.noise * output.noise_sd * dice.normal());
+                let _ =
+                    write!(csv, "{:.9}", values[warm + k] + request.noise * output.noise_sd * dice.normal());
             }
         }
         for (_, values) in &inflow {
@@ -130,8 +144,8 @@ fn column(inflow: &[(&'static str, Vec<f64>)], channel: &str, warm: usize) -> Ve
     held.chain(record.into_iter().flat_map(|(_, values)| values.iter().copied())).collect()
 }
 
-/// What arrives, row by row, as it is written: held over a quarter of an hour. Flow and loads follow the hours of the day, ammonium
-/// ahead of the rest; at weekends there is less of all.
+/// What arrives, row by row, as it is written: held over a quarter of an hour. Flow and loads follow the
+/// hours of the day, ammonium ahead of the rest; at weekends there is less of all.
 fn inflow(dice: &mut Dice, rows: usize) -> Vec<(&'static str, Vec<f64>)> {
     let quarters = (rows * ROW).div_ceil(INFLUENT);
     let per_day = 1440.0 / INFLUENT as f64;
@@ -157,7 +171,9 @@ fn inflow(dice: &mut Dice, rows: usize) -> Vec<(&'static str, Vec<f64>)> {
             let value = |quarter: usize| match *name {
                 "Q" => mean * week(quarter) * wave(quarter, 0.0) * (1.0 + flow[quarter]),
                 "S_S" | "S_ND" => mean * wave(quarter, 0.02) * (1.0 + load[quarter]),
-                "X_S" | "X_I" | "X_BH" | "X_ND" => mean * week(quarter) * wave(quarter, 0.0) * (1.0 + solids[quarter]),
+                "X_S" | "X_I" | "X_BH" | "X_ND" => {
+                    mean * week(quarter) * wave(quarter, 0.0) * (1.0 + solids[quarter])
+                }
                 "S_NH" => mean * (0.5 + 0.5 * wave(quarter, 0.06)) * (1.0 + nitrogen[quarter]),
                 "temperature" => mean + warmth[quarter] + cooling * day(quarter),
                 "rain" => rain[quarter],
@@ -174,7 +190,8 @@ fn rain(dice: &mut Dice, quarters: usize, per_day: f64) -> Vec<f64> {
     let mut rain = vec![0.0; quarters];
     let showers = (quarters as f64 / per_day / 2.0).ceil() as usize;
     for _ in 0..showers {
-        let (from, hours, strength) = (dice.between(0.0, quarters as f64) as usize, dice.between(2.0, 9.0), dice.between(0.5, 3.0));
+        let (from, hours, strength) =
+            (dice.between(0.0, quarters as f64) as usize, dice.between(2.0, 9.0), dice.between(0.5, 3.0));
         rain.iter_mut().skip(from).take((hours * 4.0) as usize).for_each(|rain| *rain = strength);
     }
     rain
@@ -198,13 +215,16 @@ mod tests {
     #[test]
     fn a_plant_is_plausible_and_the_same_for_the_same_seed() {
         let catalogue = Catalogue::builtin().unwrap();
-        let request = PlantRequest { seed: 3, model: "asm1_h", values: &[], days: 1, noise: 0.0, warm_up: true };
+        let request =
+            PlantRequest { seed: 3, model: "asm1_h", values: &[], days: 1, noise: 0.0, warm_up: true };
         let twin = plant(&catalogue, &request).unwrap();
         assert_eq!(twin.csv, plant(&catalogue, &request).unwrap().csv);
-        let limited = PlantRequest { model: "asm1_h+aeration_limit", values: &[("s_aeration", 0.65)], ..request };
+        let limited =
+            PlantRequest { model: "asm1_h+aeration_limit", values: &[("s_aeration", 0.65)], ..request };
         let limited = plant(&catalogue, &limited).unwrap();
         let ammonium = |twin: &PlantTwin| -> Vec<f64> {
-            let place = twin.csv.lines().next().unwrap().split(',').position(|name| name == "S_NH_e").unwrap();
+            let place =
+                twin.csv.lines().next().unwrap().split(',').position(|name| name == "S_NH_e").unwrap();
             twin.csv.lines().skip(1).filter_map(|line| line.split(',').nth(place)?.parse().ok()).collect()
         };
         let (plain, limited) = (ammonium(&twin), ammonium(&limited));

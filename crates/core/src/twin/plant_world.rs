@@ -1,5 +1,5 @@
-//! A synthetic treatment plant that hides an effect: its parameters are not those of the document, and one thing happens in it
-//! that its model does not know.
+//! A synthetic treatment plant that hides an effect: its parameters are not those of the document, and one
+//! thing happens in it that its model does not know.
 
 use super::dice::Dice;
 use super::plant::{PlantRequest, plant};
@@ -18,8 +18,9 @@ const STRENGTHS: [(&str, &str, [f64; 2]); 5] = [
     ("toxic_inflow", "s_toxic", [0.3, 0.9]),
     ("oxygen_sensor_bias", "b_S_O", [0.3, 1.0]),
 ];
-/// Effects that no catalogue has, as documents. A side stream of the digesters carries ammonium at the same hours of every day; too
-/// much ammonium slows the nitrifiers; when the inflow is high, some of it passes the plant untreated.
+/// Effects that no catalogue has, as documents. A side stream of the digesters carries ammonium at the same
+/// hours of every day; too much ammonium slows the nitrifiers; when the inflow is high, some of it passes the
+/// plant untreated.
 const STRANGE_EFFECTS: [&str; 3] = [
     r#"
 id = "reject_water"
@@ -64,8 +65,11 @@ S_NO_e = "passes * (S_NO - S_NO_e)"
 "#,
 ];
 /// Their strengths, as those above.
-const STRANGE_STRENGTHS: [(&str, &str, [f64; 2]); 3] =
-    [("reject_water", "a_reject", [10.0, 30.0]), ("ammonium_inhibition", "K_I", [1.0, 4.0]), ("bypass", "s_bypass", [0.1, 0.4])];
+const STRANGE_STRENGTHS: [(&str, &str, [f64; 2]); 3] = [
+    ("reject_water", "a_reject", [10.0, 30.0]),
+    ("ammonium_inhibition", "K_I", [1.0, 4.0]),
+    ("bypass", "s_bypass", [0.1, 0.4]),
+];
 /// How far the true parameters are from those of the document, as a share.
 const SPREAD: f64 = 0.12;
 /// And least distance from their bounds, as a share of these.
@@ -133,7 +137,10 @@ pub fn plant_world(catalogue: &Catalogue, request: &PlantWorldRequest) -> Result
     for parameter in base.parameters() {
         let Nominal::Value(nominal) = parameter.nominal else { continue };
         let drawn = nominal * (1.0 + dice.between(-SPREAD, SPREAD));
-        values.push((&parameter.name, drawn.clamp(parameter.lower * (1.0 + INSIDE), parameter.upper * (1.0 - INSIDE))));
+        values.push((
+            &parameter.name,
+            drawn.clamp(parameter.lower * (1.0 + INSIDE), parameter.upper * (1.0 - INSIDE)),
+        ));
     }
     let mut strength = 0.0;
     let mut model = PLANT.to_owned();
@@ -150,11 +157,21 @@ pub fn plant_world(catalogue: &Catalogue, request: &PlantWorldRequest) -> Result
         values.push((parameter, strength));
         model = format!("{PLANT}+{effect}");
     }
-    let asked = PlantRequest { seed: request.seed, model: &model, values: &values, days: request.days, noise: 1.0, warm_up: false };
+    let asked = PlantRequest {
+        seed: request.seed,
+        model: &model,
+        values: &values,
+        days: request.days,
+        noise: 1.0,
+        warm_up: false,
+    };
     let twin = plant(&catalogue, &asked)?;
     let in_catalogue = request.effect.is_some_and(|effect| catalogued().any(|known| known == effect));
     let effect = request.effect.map(str::to_owned);
-    Ok(PlantWorld { csv: twin.csv, truth: PlantTruth { seed: request.seed, effect, in_catalogue, strength, values: twin.truth } })
+    Ok(PlantWorld {
+        csv: twin.csv,
+        truth: PlantTruth { seed: request.seed, effect, in_catalogue, strength, values: twin.truth },
+    })
 }
 
 #[cfg(test)]
@@ -164,7 +181,8 @@ mod tests {
     /// The mean of an effluent over the record.
     fn mean(csv: &str, channel: &str) -> f64 {
         let place = csv.lines().next().unwrap().split(',').position(|name| name == channel).unwrap();
-        let values: Vec<f64> = csv.lines().skip(1).filter_map(|line| line.split(',').nth(place)?.parse().ok()).collect();
+        let values: Vec<f64> =
+            csv.lines().skip(1).filter_map(|line| line.split(',').nth(place)?.parse().ok()).collect();
         values.iter().sum::<f64>() / values.len() as f64
     }
 
@@ -176,7 +194,11 @@ mod tests {
         for effect in catalogued().chain(strange()) {
             let world = made(Some(effect));
             let shared = plain.truth.values.len();
-            assert_eq!(world.truth.values[..shared], plain.truth.values, "{effect} is hidden in another plant");
+            assert_eq!(
+                world.truth.values[..shared],
+                plain.truth.values,
+                "{effect} is hidden in another plant"
+            );
             let moved = (mean(&world.csv, "S_NH_e") - mean(&plain.csv, "S_NH_e")).abs();
             assert!(moved > 0.02, "{effect}: {moved}");
         }

@@ -37,13 +37,20 @@ pub fn room(seed: u64, neighbours: usize, days: usize, step_minutes: usize) -> R
     let per_day = 24 * 60 / step_minutes;
     let samples = (days + WARM_UP_DAYS) * per_day + 1;
     let columns: Vec<(String, Vec<f64>)> = weather(&mut dice, &names, samples, per_day);
-    let theta: Vec<f64> = model.parameters().iter().map(|parameter| truth(&mut dice, &parameter.name)).collect();
+    let theta: Vec<f64> =
+        model.parameters().iter().map(|parameter| truth(&mut dice, &parameter.name)).collect();
     let inputs = Inputs::from_columns(
         &model,
         model
             .inputs()
             .iter()
-            .map(|input| columns.iter().find(|(name, _)| *name == input.channel).map(|(_, values)| values.clone()).unwrap_or_default())
+            .map(|input| {
+                columns
+                    .iter()
+                    .find(|(name, _)| *name == input.channel)
+                    .map(|(_, values)| values.clone())
+                    .unwrap_or_default()
+            })
             .collect(),
         step_minutes as f64 / 60.0,
     );
@@ -72,11 +79,16 @@ pub fn room(seed: u64, neighbours: usize, days: usize, step_minutes: usize) -> R
 
 /// The built-in room3 with a sigmoid flow and clouds.
 fn room3(neighbours: &[String]) -> Result<Model, Vec<Fault>> {
-    let id: ModelId = "room3".parse().map_err(|error| vec![Fault::new("/model", "model-id", format!("{error}"))])?;
-    let mut channels: Vec<String> = ["T_out", "T_forward", "sun_altitude", "cloud_cover"].map(str::to_owned).to_vec();
+    let id: ModelId =
+        "room3".parse().map_err(|error| vec![Fault::new("/model", "model-id", format!("{error}"))])?;
+    let mut channels: Vec<String> =
+        ["T_out", "T_forward", "sun_altitude", "cloud_cover"].map(str::to_owned).to_vec();
     channels.extend(neighbours.iter().map(|n| format!("T_room_{n}")));
     let sets = [("neighbours".to_owned(), neighbours.to_vec())].into();
-    compile(&Catalogue::builtin()?.compose(&id)?, &Bindings { sets, channels: Some(channels.into_iter().collect()) })
+    compile(
+        &Catalogue::builtin()?.compose(&id)?,
+        &Bindings { sets, channels: Some(channels.into_iter().collect()) },
+    )
 }
 
 /// A sensible value for each parameter of room3.
@@ -104,14 +116,22 @@ fn weather(dice: &mut Dice, neighbours: &[String], n: usize, per_day: usize) -> 
     let sun: Vec<f64> = (0..n)
         .map(|k| {
             let (latitude, declination) = (LATITUDE.to_radians(), (-15f64).to_radians());
-            (latitude.sin() * declination.sin() + latitude.cos() * declination.cos() * hour_angle(k).cos()).asin().to_degrees()
+            (latitude.sin() * declination.sin() + latitude.cos() * declination.cos() * hour_angle(k).cos())
+                .asin()
+                .to_degrees()
         })
         .collect();
-    let cloud: Vec<f64> = dice.wander(n, 1.2, day / 2.0).into_iter().map(|x| 1.0 / (1.0 + (-x).exp())).collect();
+    let cloud: Vec<f64> =
+        dice.wander(n, 1.2, day / 2.0).into_iter().map(|x| 1.0 / (1.0 + (-x).exp())).collect();
     let mild = dice.between(-2.0, 6.0);
-    let out: Vec<f64> =
-        dice.wander(n, 3.0, 2.0 * day).into_iter().enumerate().map(|(k, x)| mild + x + 2.5 * (hour_angle(k) - 0.7).cos()).collect();
-    let forward: Vec<f64> = dice.wander(n, 1.0, day / 6.0).into_iter().zip(&out).map(|(x, out)| 36.0 - 0.6 * out + x).collect();
+    let out: Vec<f64> = dice
+        .wander(n, 3.0, 2.0 * day)
+        .into_iter()
+        .enumerate()
+        .map(|(k, x)| mild + x + 2.5 * (hour_angle(k) - 0.7).cos())
+        .collect();
+    let forward: Vec<f64> =
+        dice.wander(n, 1.0, day / 6.0).into_iter().zip(&out).map(|(x, out)| 36.0 - 0.6 * out + x).collect();
     let mut columns = vec![
         ("T_out".to_owned(), out),
         ("T_forward".to_owned(), forward),
@@ -121,7 +141,11 @@ fn weather(dice: &mut Dice, neighbours: &[String], n: usize, per_day: usize) -> 
     for name in neighbours {
         let (level, phase) = (dice.between(19.0, 23.0), dice.between(0.0, 6.0));
         let wander = dice.wander(n, 0.6, day / 3.0);
-        let values = wander.into_iter().enumerate().map(|(k, x)| level + x + 0.5 * (hour_angle(k) - phase).cos()).collect();
+        let values = wander
+            .into_iter()
+            .enumerate()
+            .map(|(k, x)| level + x + 0.5 * (hour_angle(k) - phase).cos())
+            .collect();
         columns.push((format!("T_room_{name}"), values));
     }
     columns
@@ -136,7 +160,8 @@ mod tests {
         let twin = room(7, 4, 2, 30).unwrap();
         assert_eq!(twin.csv, room(7, 4, 2, 30).unwrap().csv);
         assert_ne!(twin.csv, room(8, 4, 2, 30).unwrap().csv);
-        let temperatures: Vec<f64> = twin.csv.lines().skip(1).map(|line| line.split(',').nth(1).unwrap().parse().unwrap()).collect();
+        let temperatures: Vec<f64> =
+            twin.csv.lines().skip(1).map(|line| line.split(',').nth(1).unwrap().parse().unwrap()).collect();
         assert_eq!(temperatures.len(), 97);
         assert!(temperatures.iter().all(|t| (10.0..30.0).contains(t)), "{temperatures:?}");
     }

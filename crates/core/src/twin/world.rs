@@ -50,7 +50,13 @@ pub struct WorldRequest {
 impl WorldRequest {
     /// Four weeks of quarter hours.
     pub fn new(seed: u64, effects: &[&str], level: Level) -> Self {
-        Self { seed, effects: effects.iter().map(|effect| (*effect).to_owned()).collect(), level, days: 28, step_minutes: 15 }
+        Self {
+            seed,
+            effects: effects.iter().map(|effect| (*effect).to_owned()).collect(),
+            level,
+            days: 28,
+            step_minutes: 15,
+        }
     }
 }
 
@@ -74,8 +80,8 @@ pub struct Truth {
     pub level: Level,
     /// The effects.
     pub effects: Vec<HiddenEffect>,
-    /// What forecasts over the next 12 h lose without all of them: root mean square over the window in K, every stretch of 12 h from
-    /// the room's own state.
+    /// What forecasts over the next 12 h lose without all of them: root mean square over the window in K,
+    /// every stretch of 12 h from the room's own state.
     pub ahead: f64,
     /// Deviation of the household heat that no meter sees, in K/h.
     pub household_heat: f64,
@@ -128,7 +134,11 @@ struct Rates {
 /// A fault for an effect that no twin can hide, and for a sampling that is no multiple of three minutes.
 pub fn world(request: &WorldRequest) -> Result<World, Fault> {
     if request.step_minutes == 0 || !request.step_minutes.is_multiple_of(STEP_MINUTES) || request.days == 0 {
-        return Err(Fault::new("/step", "bad-step", format!("a twin is sampled every {STEP_MINUTES}, 6, … minutes, for a day or more")));
+        return Err(Fault::new(
+            "/step",
+            "bad-step",
+            format!("a twin is sampled every {STEP_MINUTES}, 6, … minutes, for a day or more"),
+        ));
     }
     let mut dice = Dice::new(request.seed);
     let start = START + 86_400 * ((dice.uniform() * 35.0) as i64 - WARM_UP_DAYS as i64);
@@ -145,17 +155,34 @@ pub fn world(request: &WorldRequest) -> Result<World, Fault> {
         let kind = Kind::named(name, &mut dice)?;
         let shape = kind.shape(&mut dice, &room.climate);
         let sign = if kind.two_sided() && dice.uniform() < 0.5 { -1.0 } else { 1.0 };
-        let (effect, moves) = room.sized(Hidden { kind, strength: sign * kind.strongest(), shape }, &bare, dice.between(0.2, 0.8));
-        effects.push(HiddenEffect { effect: kind.id(), in_catalogue: kind.in_catalogue(), strength: effect.strength, moves });
+        let (effect, moves) = room.sized(
+            Hidden { kind, strength: sign * kind.strongest(), shape },
+            &bare,
+            dice.between(0.2, 0.8),
+        );
+        effects.push(HiddenEffect {
+            effect: kind.id(),
+            in_catalogue: kind.in_catalogue(),
+            strength: effect.strength,
+            moves,
+        });
         hidden.push(effect);
     }
     let states = room.states(&hidden);
     let measured = shown(&states, &hidden);
-    let contact = hidden.iter().find(|effect| effect.kind == Kind::Window).filter(|_| dice.uniform() < 0.5).cloned();
+    let contact =
+        hidden.iter().find(|effect| effect.kind == Kind::Window).filter(|_| dice.uniform() < 0.5).cloned();
     let csv = write(&room.climate, &measured, request, contact.as_ref(), &mut dice);
     let neighbours = (1..=NEIGHBOURS).map(|n| n.to_string()).collect();
     let ahead = room.ahead(&states, &hidden, request.step_minutes / STEP_MINUTES);
-    let truth = Truth { seed: request.seed, level: request.level, effects, ahead, household_heat, sensor_noise: SENSOR_NOISE };
+    let truth = Truth {
+        seed: request.seed,
+        level: request.level,
+        effects,
+        ahead,
+        household_heat,
+        sensor_noise: SENSOR_NOISE,
+    };
     Ok(World { csv, neighbours, truth })
 }
 
@@ -198,7 +225,8 @@ impl Room {
         std::array::from_fn(|i| x[i] + HOURS / 6.0 * (k1[i] + 2.0 * k2[i] + 2.0 * k3[i] + k4[i]))
     }
 
-    /// What forecasts over [`AHEAD_HOURS`] lose without the hidden effects, at every so many steps of the window.
+    /// What forecasts over [`AHEAD_HOURS`] lose without the hidden effects, at every so many steps of the
+    /// window.
     fn ahead(&self, states: &[State], hidden: &[Hidden], stride: usize) -> f64 {
         let first = WARM_UP_DAYS * STEPS_PER_DAY;
         let measured = shown(states, hidden);
@@ -237,7 +265,9 @@ impl Room {
                 Kind::Window => gain += c * shape * (out - room),
                 Kind::Door(n) => gain += c * shape * (line(&climate.neighbours[*n]) - room),
                 Kind::Outdoor => gain += c * (out - room),
-                Kind::People | Kind::Facade(_) | Kind::Constant | Kind::Stove | Kind::Laundry => gain += c * shape,
+                Kind::People | Kind::Facade(_) | Kind::Constant | Kind::Stove | Kind::Laundry => {
+                    gain += c * shape
+                }
                 Kind::Metered => gain += c * climate.power[k],
                 Kind::Sky => wall_gain -= c * shape,
                 Kind::Wall => wall_gain += c * shape,
@@ -270,17 +300,18 @@ impl Room {
         slope
     }
 
-    /// The effect with the strength that moves the room by `wanted` K (standard deviation), or the strongest that
-    /// physics allows; and by how much it does.
+    /// The effect with the strength that moves the room by `wanted` K (standard deviation), or the strongest
+    /// that physics allows; and by how much it does.
     fn sized(&self, mut effect: Hidden, bare: &[f64], wanted: f64) -> (Hidden, f64) {
         let strongest = effect.strength;
         let mut moves = |strength: f64| {
             effect.strength = strength;
-            let difference: Vec<f64> = shown(&self.states(std::slice::from_ref(&effect)), std::slice::from_ref(&effect))
-                .iter()
-                .zip(bare)
-                .map(|(with, bare)| with - bare)
-                .collect();
+            let difference: Vec<f64> =
+                shown(&self.states(std::slice::from_ref(&effect)), std::slice::from_ref(&effect))
+                    .iter()
+                    .zip(bare)
+                    .map(|(with, bare)| with - bare)
+                    .collect();
             deviation(&difference[WARM_UP_DAYS * STEPS_PER_DAY..])
         };
         let mut moved = moves(strongest);
@@ -319,7 +350,13 @@ fn deviation(values: &[f64]) -> f64 {
 }
 
 /// The measurements as a logger writes them: noise, rounding, gaps.
-fn write(climate: &Climate, shown: &[f64], request: &WorldRequest, contact: Option<&Hidden>, dice: &mut Dice) -> String {
+fn write(
+    climate: &Climate,
+    shown: &[f64],
+    request: &WorldRequest,
+    contact: Option<&Hidden>,
+    dice: &mut Dice,
+) -> String {
     let first = WARM_UP_DAYS * STEPS_PER_DAY;
     let per_sample = request.step_minutes / STEP_MINUTES;
     let samples = (shown.len() - 1 - first) / per_sample + 1;
@@ -329,7 +366,9 @@ fn write(climate: &Climate, shown: &[f64], request: &WorldRequest, contact: Opti
         let count = (dice.between(1.0, 8.0) * 60.0 / request.step_minutes as f64) as usize;
         lost.iter_mut().skip(from.max(8)).take(count).for_each(|lost| *lost = true);
     }
-    let mut csv = String::from("time,T_room,T_out,T_forward,sun_altitude,sun_azimuth,cloud_cover,wind_speed,P_appliances");
+    let mut csv = String::from(
+        "time,T_room,T_out,T_forward,sun_altitude,sun_azimuth,cloud_cover,wind_speed,P_appliances",
+    );
     for n in 1..=NEIGHBOURS {
         let _ = write!(csv, ",T_room_{n}");
     }
@@ -338,7 +377,9 @@ fn write(climate: &Climate, shown: &[f64], request: &WorldRequest, contact: Opti
     for sample in 0..samples {
         let k = first + sample * per_sample;
         let temperature = ((shown[k] + SENSOR_NOISE * dice.normal()) / QUANTUM).round() * QUANTUM;
-        let held = |series: &[f64]| series[k..(k + per_sample).min(series.len())].iter().sum::<f64>() / per_sample as f64;
+        let held = |series: &[f64]| {
+            series[k..(k + per_sample).min(series.len())].iter().sum::<f64>() / per_sample as f64
+        };
         let _ = write!(csv, "{},", rfc3339(climate.start + (k * STEP_MINUTES * 60) as i64));
         if !lost[sample] {
             let _ = write!(csv, "{temperature:.1}");
@@ -368,7 +409,8 @@ mod tests {
     #[test]
     fn every_effect_moves_the_room_and_is_the_same_for_the_same_seed() {
         for (index, name) in names().enumerate() {
-            let request = WorldRequest { days: 7, ..WorldRequest::new(700 + index as u64, &[name], Level::Matched) };
+            let request =
+                WorldRequest { days: 7, ..WorldRequest::new(700 + index as u64, &[name], Level::Matched) };
             let hiding = world(&request).unwrap();
             assert_eq!(hiding.csv, world(&request).unwrap().csv);
             let moves = hiding.truth.effects[0].moves;
@@ -381,7 +423,8 @@ mod tests {
     fn both_levels_stay_warm_and_a_window_holds_no_truth() {
         for level in [Level::Matched, Level::Rich] {
             let world = world(&WorldRequest { days: 7, ..WorldRequest::new(5, &["stove"], level) }).unwrap();
-            let shown = world.csv.lines().skip(1).filter_map(|line| line.split(',').nth(1)?.parse::<f64>().ok());
+            let shown =
+                world.csv.lines().skip(1).filter_map(|line| line.split(',').nth(1)?.parse::<f64>().ok());
             assert!(shown.clone().count() > 500 && shown.clone().all(|t| (10.0..30.0).contains(&t)));
             assert!(!world.csv.contains("stove"));
         }

@@ -28,8 +28,8 @@ fn office(gain: f64) -> String {
     })
 }
 
-/// Half-hourly samples of a room that `heat` warms, in K/h, by the time in Copenhagen, the outdoor and the room
-/// temperature.
+/// Half-hourly samples of a room that `heat` warms, in K/h, by the time in Copenhagen, the outdoor and the
+/// room temperature.
 pub fn house(days: i64, heat: impl Fn(&jiff::Zoned, f64, f64) -> f64) -> String {
     let (alpha_e, beta_e, alpha_a) = (0.8, 4.0, 0.15);
     let start: jiff::Timestamp = "2026-03-20T00:00:00Z".parse().unwrap();
@@ -44,7 +44,10 @@ pub fn house(days: i64, heat: impl Fn(&jiff::Zoned, f64, f64) -> f64) -> String 
         let (from, to) = (out(hour), out(hour + 0.5));
         let rate = |t: f64, r: f64, e: f64| {
             let outdoors = from + (to - from) * t / 0.5;
-            (alpha_e * (e - r) + heat(&local, outdoors, r), alpha_e / beta_e * (r - e) + alpha_a * (outdoors - e))
+            (
+                alpha_e * (e - r) + heat(&local, outdoors, r),
+                alpha_e / beta_e * (r - e) + alpha_a * (outdoors - e),
+            )
         };
         // The classical Runge-Kutta method with steps of a minute.
         let h = 0.5 / 30.0;
@@ -75,7 +78,11 @@ fn people_are_found_by_the_local_clock() {
     let (right, wrong) = (fitted("Europe/Copenhagen"), fitted("America/New_York"));
     let error = |fit: &lampyris_core::estimate::Fit| fit.first_metrics().unwrap().validation_rmse.unwrap();
     let gain = right.parameters["c_office"].value;
-    println!("gain {gain:.3} K/h; validation {:.4} K by the local clock, {:.4} K by another", error(&right), error(&wrong));
+    println!(
+        "gain {gain:.3} K/h; validation {:.4} K by the local clock, {:.4} K by another",
+        error(&right),
+        error(&wrong)
+    );
     assert!((gain - 0.9).abs() < 0.01 && error(&right) < 0.01, "{gain} {}", error(&right));
     assert!(error(&wrong) > 10.0 * error(&right));
     let nowhere = Site { zone: Some("Nowhere".into()), ..Site::default() };

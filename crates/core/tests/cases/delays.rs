@@ -27,13 +27,17 @@ fn built(csv: &str, model: &str, site: &Site, asked: &EstimateRequest) -> Proble
     prepare(&catalogue, &model.parse::<ModelId>().unwrap(), asked, &window, site).unwrap()
 }
 
-/// The rows of a CSV with steps of the forward temperature, and a room that answers to them `late` hours later.
+/// The rows of a CSV with steps of the forward temperature, and a room that answers to them `late` hours
+/// later.
 fn late_room(seed: u64, late: f64) -> (String, Site) {
     let twin = twin::room(seed, 1, 14, 30).unwrap();
     let site = Site { sets: [("neighbours".to_owned(), twin.neighbours.clone())].into(), ..Site::default() };
     let mut lines = twin.csv.lines();
     let header: Vec<&str> = lines.next().unwrap().split(',').collect();
-    let (room, forward) = (header.iter().position(|name| *name == "T_room"), header.iter().position(|name| *name == "T_forward"));
+    let (room, forward) = (
+        header.iter().position(|name| *name == "T_room"),
+        header.iter().position(|name| *name == "T_forward"),
+    );
     let (room, forward) = (room.unwrap(), forward.unwrap());
     let mut rows: Vec<Vec<String>> = lines.map(|line| line.split(',').map(str::to_owned).collect()).collect();
     for (k, row) in rows.iter_mut().enumerate() {
@@ -82,28 +86,48 @@ fn a_delay_that_is_given_back_is_found_and_the_error_falls() {
         let (csv, site) = late_room(seed, late);
         let without = fit(&built(&csv, "room3", &site, &asked), &asked);
         let with = fit(&built(&csv, "room3+late_water", &site, &asked), &asked);
-        let error = |fit: &lampyris_core::estimate::Fit| fit.first_metrics().unwrap().validation_rmse.unwrap();
+        let error =
+            |fit: &lampyris_core::estimate::Fit| fit.first_metrics().unwrap().validation_rmse.unwrap();
         let found = with.parameters["tau_late"].value;
-        println!("late by {late} h: found {found:.2} h; validation {:.3} K without, {:.3} K with", error(&without), error(&with));
+        println!(
+            "late by {late} h: found {found:.2} h; validation {:.3} K without, {:.3} K with",
+            error(&without),
+            error(&with)
+        );
         assert!((found - late).abs() < 0.25, "{found}");
-        assert!(error(&with) < 0.5 * error(&without) && error(&with) < 0.04, "{} {}", error(&with), error(&without));
+        assert!(
+            error(&with) < 0.5 * error(&without) && error(&with) < 0.04,
+            "{} {}",
+            error(&with),
+            error(&without)
+        );
     }
 }
 
-/// A record that is longer than what is asked for brings the past along; a record that is not loses its first hours.
+/// A record that is longer than what is asked for brings the past along; a record that is not loses its first
+/// hours.
 #[test]
 fn the_past_comes_from_before_the_training_part_where_there_is_any() {
     let (csv, site) = late_room(513, 2.0);
     let short = built(&csv, "room3+late_water", &site, &request("P9D", "P4D", "P0D", 1));
     assert_eq!(short.split().train.start, 12, "six hours at half-hour steps");
-    assert_eq!(short.usable(0, short.split().train.clone()).len(), 9 * 48 - 1, "only the restart itself is no prediction");
+    assert_eq!(
+        short.usable(0, short.split().train.clone()).len(),
+        9 * 48 - 1,
+        "only the restart itself is no prediction"
+    );
     let whole = built(&csv, "room3+late_water", &site, &request("P14D", "P0D", "P0D", 1));
-    assert_eq!((whole.split().train.start, whole.usable(0, 0..20).len()), (1, 8), "a start, and what follows six hours");
+    assert_eq!(
+        (whole.split().train.start, whole.usable(0, 0..20).len()),
+        (1, 8),
+        "a start, and what follows six hours"
+    );
     let mut asked = request("P9D", "P4D", "P0D", 1);
     asked.bounds.insert("tau_late".into(), [0.0, 12.0]);
     let mut catalogue = Catalogue::builtin().unwrap();
     catalogue.add_effect(EffectSpec::from_toml(LATE_WATER).unwrap());
     let (window, _) = Window::parse_csv(&csv, &Bindings::none()).unwrap();
-    let faults = prepare(&catalogue, &"room3+late_water".parse().unwrap(), &asked, &window, &site).unwrap_err();
+    let faults =
+        prepare(&catalogue, &"room3+late_water".parse().unwrap(), &asked, &window, &site).unwrap_err();
     assert_eq!((faults[0].pointer.as_str(), faults[0].code.as_str()), ("/bounds/tau_late", "bounds"));
 }

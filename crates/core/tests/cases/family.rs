@@ -1,4 +1,5 @@
-//! The models of Bacher and Madsen (2011) beside their equations, written out by hand, and on the house of the paper.
+//! The models of Bacher and Madsen (2011) beside their equations, written out by hand, and on the house of
+//! the paper.
 
 use super::{fit, problem, request, squares};
 use lampyris_core::estimate::Site;
@@ -23,8 +24,8 @@ fn weather() -> Weather {
     }
 }
 
-/// The temperatures of interior, heater and envelope per hour by the classical Runge-Kutta method with steps of two
-/// seconds. A model without heater or envelope leaves that state where it is.
+/// The temperatures of interior, heater and envelope per hour by the classical Runge-Kutta method with steps
+/// of two seconds. A model without heater or envelope leaves that state where it is.
 fn by_hand(model: &str, value: &BTreeMap<&str, f64>, weather: &Weather) -> Vec<f64> {
     let of = |name: &str| value.get(name).copied().unwrap_or(f64::NAN);
     let (heater, envelope) = (model.ends_with("th"), model.contains("te"));
@@ -54,8 +55,12 @@ fn by_hand(model: &str, value: &BTreeMap<&str, f64>, weather: &Weather) -> Vec<f
         for part in 0..parts {
             let at = |offset: f64| (f64::from(part) + offset) * h;
             let line = |series: &[f64], offset: f64| series[k] + (series[k + 1] - series[k]) * at(offset);
-            let f = |x: [f64; 3], offset: f64| rate(x, line(&weather.out, offset), line(&weather.sun, offset), weather.power[k]);
-            let moved = |slope: [f64; 3], step: f64| [x[0] + step * slope[0], x[1] + step * slope[1], x[2] + step * slope[2]];
+            let f = |x: [f64; 3], offset: f64| {
+                rate(x, line(&weather.out, offset), line(&weather.sun, offset), weather.power[k])
+            };
+            let moved = |slope: [f64; 3], step: f64| {
+                [x[0] + step * slope[0], x[1] + step * slope[1], x[2] + step * slope[2]]
+            };
             let a = f(x, 0.0);
             let b = f(moved(a, h / 2.0), 0.5);
             let c = f(moved(b, h / 2.0), 0.5);
@@ -78,13 +83,27 @@ fn the_family_means_the_equations_of_the_paper() {
         let time = start + jiff::SignedDuration::from_hours(k as i64);
         writeln!(csv, "{time},20,{},{},{}", weather.out[k], weather.sun[k], weather.power[k]).unwrap();
     }
-    let names = ["alpha_h", "alpha_e", "alpha_a", "beta_h", "beta_e", "c_heater", "c_P_heater", "c_solar", "T_h0", "T_e0"];
+    let names = [
+        "alpha_h",
+        "alpha_e",
+        "alpha_a",
+        "beta_h",
+        "beta_e",
+        "c_heater",
+        "c_P_heater",
+        "c_solar",
+        "T_h0",
+        "T_e0",
+    ];
     let values = [0.9, 0.6, 0.12, 0.08, 4.0, 25.0, 2.2, 1.7, 24.0, 15.0];
     for model in ["ti", "tith", "tite", "titeth"] {
-        let problem = problem(&csv, model, &[], &Site::default(), &request("P4D", "P0D", "P0D", 1)).with_substeps(120);
+        let problem =
+            problem(&csv, model, &[], &Site::default(), &request("P4D", "P0D", "P0D", 1)).with_substeps(120);
         let used = |name: &&str| problem.model().parameters().iter().any(|parameter| parameter.name == *name);
-        let value: BTreeMap<&str, f64> = names.iter().copied().zip(values).filter(|(name, _)| used(name)).collect();
-        let theta: Vec<f64> = problem.model().parameters().iter().map(|parameter| value[parameter.name.as_str()]).collect();
+        let value: BTreeMap<&str, f64> =
+            names.iter().copied().zip(values).filter(|(name, _)| used(name)).collect();
+        let theta: Vec<f64> =
+            problem.model().parameters().iter().map(|parameter| value[parameter.name.as_str()]).collect();
         assert!(problem.model().dropped().is_empty());
         let (ours, theirs) = (problem.simulate(&theta).outputs[0].clone(), by_hand(model, &value, &weather));
         assert_eq!(ours.len(), theirs.len());
@@ -97,18 +116,25 @@ fn the_family_means_the_equations_of_the_paper() {
 /// The house of the paper: every state that is added lowers the error on the training part.
 #[test]
 fn flexhouse_gains_from_every_state_of_the_family() {
-    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/data/rooms/dtu_flexhouse_prbs/flexhouse_5min.csv");
+    let path = concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/../../../shared/data/rooms/dtu_flexhouse_prbs/flexhouse_5min.csv"
+    );
     let Ok(csv) = std::fs::read_to_string(path) else {
         println!("SKIPPED: the FlexHouse data may not be copied into the project and are not beside it");
         return;
     };
     let asked = request("P4D", "P0D", "PT44H55M", 11);
-    let binds = ["T_room=T_indoor_degC", "T_out=T_outdoor_degC", "P_heater=P_heater_W", "irradiance=ghi_W_m2"];
+    let binds =
+        ["T_room=T_indoor_degC", "T_out=T_outdoor_degC", "P_heater=P_heater_W", "irradiance=ghi_W_m2"];
     let error = |model: &str| {
         let (train, test) = squares(&fit(&problem(&csv, model, &binds, &Site::default(), &asked), &asked));
         println!("FlexHouse, {model}: train {train:.4} K2, test {test:.4} K2");
         train
     };
     let (ti, tith, tite, titeth) = (error("ti"), error("tith"), error("tite"), error("titeth"));
-    assert!(tite < 0.9 * ti && titeth < tite && tith <= 1.001 * ti && titeth < tith, "{ti} {tith} {tite} {titeth}");
+    assert!(
+        tite < 0.9 * ti && titeth < tite && tith <= 1.001 * ti && titeth < tith,
+        "{ti} {tith} {tite} {titeth}"
+    );
 }

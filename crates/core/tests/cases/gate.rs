@@ -1,8 +1,8 @@
-//! Measurements that are spoilt on purpose, one folder each under `gate/`: the gate must stop what would harm a controller, and say
-//! which channel is at fault.
+//! Measurements that are spoilt on purpose, one folder each under `gate/`: the gate must stop what would harm
+//! a controller, and say which channel is at fault.
 //!
-//! Harm is measured: a fit to spoilt data is harmful where it forecasts the true data half as badly again as a fit to those, 6 or 24 h
-//! ahead. What no gate can see by its nature is listed with what would show it.
+//! Harm is measured: a fit to spoilt data is harmful where it forecasts the true data half as badly again as
+//! a fit to those, 6 or 24 h ahead. What no gate can see by its nature is listed with what would show it.
 
 mod spoilt;
 
@@ -14,7 +14,9 @@ use lampyris_core::estimate::gate::check::Severity;
 use lampyris_core::estimate::gate::past::NextDoor;
 use lampyris_core::estimate::problem::request::days_before;
 use lampyris_core::estimate::validate;
-use lampyris_core::estimate::{Control, EstimateRequest, Fit, Incumbent, Judgement, Past, Policy, Problem, Site, Verdict, estimate};
+use lampyris_core::estimate::{
+    Control, EstimateRequest, Fit, Incumbent, Judgement, Past, Policy, Problem, Site, Verdict, estimate,
+};
 use lampyris_core::fault::Fault;
 use lampyris_core::twin::{Level, WorldRequest, world};
 use rayon::prelude::*;
@@ -40,7 +42,8 @@ struct Case {
     /// One of these is in the sentence that names the channel.
     #[serde(default)]
     says: Vec<String>,
-    /// What would show it where the gate cannot: never, or, of what is expected to be stopped, as long as it knows no months before.
+    /// What would show it where the gate cannot: never, or, of what is expected to be stopped, as long as it
+    /// knows no months before.
     shown_by: Option<String>,
 }
 
@@ -83,15 +86,24 @@ fn folders() -> Vec<(String, Case)> {
 }
 
 fn twin(level: Level, seed: u64) -> Room {
-    let made = |seed| world(&WorldRequest { days: RECORD_DAYS, ..WorldRequest::new(seed, &[], level) }).unwrap();
+    let made =
+        |seed| world(&WorldRequest { days: RECORD_DAYS, ..WorldRequest::new(seed, &[], level) }).unwrap();
     let (own, other) = (made(seed), made(seed + 100_000));
     let table = Table::parse(&own.csv);
-    let next_door = vec![NextDoor { name: "room/2".to_owned(), weather: spoilt::weather_next_door(&table, seed) }];
+    let next_door =
+        vec![NextDoor { name: "room/2".to_owned(), weather: spoilt::weather_next_door(&table, seed) }];
     Room {
         name: format!("{level:?} {seed}"),
         model: "room3",
         binds: &[],
-        roles: [("heat", "T_forward"), ("out", "T_out"), ("room", "T_room"), ("neighbour", "T_room_1"), ("sun", "sun_altitude")].into(),
+        roles: [
+            ("heat", "T_forward"),
+            ("out", "T_out"),
+            ("room", "T_room"),
+            ("neighbour", "T_room_1"),
+            ("sun", "sun_altitude"),
+        ]
+        .into(),
         table,
         next_door,
         other: Some(Table::parse(&other.csv)),
@@ -120,7 +132,13 @@ fn measured() -> [Room; 2] {
             name: "laundry".to_owned(),
             model: "rc2+solar_gain+metered_gain:P_appliances",
             binds: &["T_room=T_laundry", "irradiance=irradiance_clear_sky"],
-            roles: [("heat", "P_appliances"), ("out", "T_out"), ("room", "T_laundry"), ("sun", "irradiance_clear_sky")].into(),
+            roles: [
+                ("heat", "P_appliances"),
+                ("out", "T_out"),
+                ("room", "T_laundry"),
+                ("sun", "irradiance_clear_sky"),
+            ]
+            .into(),
             table: Table::parse(include_str!("../../../../config/demo/belgian_house.csv")),
             other: None,
             site: Site::default(),
@@ -137,7 +155,13 @@ impl Room {
         let bindings = lampyris_core::data::Bindings::parse(self.binds.iter().copied()).unwrap();
         let (window, _) = lampyris_core::data::Window::parse_csv(&table.csv(), &bindings).map_err(code)?;
         let catalogue = lampyris_core::model::Catalogue::builtin().unwrap();
-        let problem = lampyris_core::estimate::prepare(&catalogue, &self.model.parse().unwrap(), &self.asked, &window, &self.site);
+        let problem = lampyris_core::estimate::prepare(
+            &catalogue,
+            &self.model.parse().unwrap(),
+            &self.asked,
+            &window,
+            &self.site,
+        );
         let problem = problem.map_err(code)?;
         let before = days_before(&catalogue, &self.asked, &window, &self.site, &problem);
         Ok((problem, before))
@@ -154,7 +178,11 @@ impl Room {
     /// The channel of the model that a column is.
     fn channel<'a>(&'a self, role: &'a str) -> &'a str {
         let column = self.roles.get(role).copied().unwrap_or(role);
-        self.binds.iter().filter_map(|bind| bind.split_once('=')).find(|(_, bound)| *bound == column).map_or(column, |(channel, _)| channel)
+        self.binds
+            .iter()
+            .filter_map(|bind| bind.split_once('='))
+            .find(|(_, bound)| *bound == column)
+            .map_or(column, |(channel, _)| channel)
     }
 }
 
@@ -167,7 +195,10 @@ fn errors(problem: &Problem, fit: &Fit) -> Vec<f64> {
     let problem = problem.with_substeps(fit.substeps);
     let run = filter(&problem, &fit.theta(), None);
     let range = problem.split().validation.clone();
-    ahead(&problem, &fit.theta(), &run, range, &[("PT6H", 21_600), ("PT24H", 86_400)]).into_values().map(|error| error.rmse).collect()
+    ahead(&problem, &fit.theta(), &run, range, &[("PT6H", 21_600), ("PT24H", 86_400)])
+        .into_values()
+        .map(|error| error.rmse)
+        .collect()
 }
 
 fn incumbent(problem: &Problem, fit: &Fit) -> Incumbent {
@@ -187,19 +218,30 @@ struct Ended {
 
 fn ended(room: &Room, case: &Case, harm: f64, judgement: &Judgement) -> Ended {
     let served = matches!(judgement.verdict, Verdict::Accepted(_));
-    let channels: Vec<&str> =
-        [Some(&case.change.channel), case.change.other.as_ref()].into_iter().flatten().map(|role| room.channel(role)).collect();
+    let channels: Vec<&str> = [Some(&case.change.channel), case.change.other.as_ref()]
+        .into_iter()
+        .flatten()
+        .map(|role| room.channel(role))
+        .collect();
     let failed = || judgement.checks.iter().filter(|check| !check.pass && check.severity != Severity::Flag);
     let names = |check: &lampyris_core::estimate::gate::check::CheckResult| {
-        let channel = case.change.channel == "inputs" || channels.iter().any(|name| check.comment.contains(name));
+        let channel =
+            case.change.channel == "inputs" || channels.iter().any(|name| check.comment.contains(name));
         channel && case.says.iter().any(|word| check.comment.contains(word.as_str()))
     };
     let why = failed().map(|check| check.name.as_str()).collect::<Vec<_>>().join(", ");
     Ended { harmful: harm > HARM, served, named: failed().any(names), why }
 }
 
-/// All ways into the gate for one case in one room: cold, with an incumbent, and, where it is asked for, automatic.
-fn spoil(room: &Room, case: &Case, truth: &(Problem, Fit), seed: u64, automatic: bool) -> Option<[Option<Ended>; 3]> {
+/// All ways into the gate for one case in one room: cold, with an incumbent, and, where it is asked for,
+/// automatic.
+fn spoil(
+    room: &Room,
+    case: &Case,
+    truth: &(Problem, Fit),
+    seed: u64,
+    automatic: bool,
+) -> Option<[Option<Ended>; 3]> {
     let (clean, good) = truth;
     let roles = &room.roles;
     let judge = |from: usize, past: &[Past]| -> Option<Vec<Ended>> {
@@ -214,7 +256,11 @@ fn spoil(room: &Room, case: &Case, truth: &(Problem, Fit), seed: u64, automatic:
             Ok(fit) => fit,
             Err(why) => return Some(past.iter().map(|_| stopped(why.clone())).collect()),
         };
-        let harm = errors(clean, &fit).iter().zip(errors(clean, good)).map(|(spoilt, true_error)| spoilt / true_error).fold(0.0, f64::max);
+        let harm = errors(clean, &fit)
+            .iter()
+            .zip(errors(clean, good))
+            .map(|(spoilt, true_error)| spoilt / true_error)
+            .fold(0.0, f64::max);
         let judged = |past: &Past| {
             // What came before was measured while all was well, and there was somebody to serve.
             let days_before = before.clone().filter(|_| past.incumbent.is_some());
@@ -224,7 +270,8 @@ fn spoil(room: &Room, case: &Case, truth: &(Problem, Fit), seed: u64, automatic:
         Some(past.iter().map(judged).collect())
     };
     let served = incumbent(clean, good);
-    let mut whole = judge(room.row(FIT_DAYS), &[Past::default(), Past::of(Some(served.clone()))])?.into_iter();
+    let mut whole =
+        judge(room.row(FIT_DAYS), &[Past::default(), Past::of(Some(served.clone()))])?.into_iter();
     let ways = [whole.next(), whole.next()];
     let grid = clean.grid();
     let since = grid.time(grid.len() - 1) - FAULTY_DAYS * 86_400;
@@ -241,7 +288,8 @@ fn spoilt_measurements_are_stopped_by_name() {
     let cases = folders();
     let seeds: Vec<u64> = if full() { (83_100..83_102).collect() } else { vec![71_100] };
     let levels = if full() { vec![Level::Matched, Level::Rich] } else { vec![Level::Matched] };
-    let mut rooms: Vec<Room> = levels.iter().flat_map(|level| seeds.iter().map(|seed| twin(*level, *seed))).collect();
+    let mut rooms: Vec<Room> =
+        levels.iter().flat_map(|level| seeds.iter().map(|seed| twin(*level, *seed))).collect();
     rooms.extend(measured());
     let truths: Vec<(Problem, Fit)> = rooms
         .par_iter()
@@ -252,25 +300,45 @@ fn spoilt_measurements_are_stopped_by_name() {
         })
         .collect();
     // Everyday each room takes its share of the cases; the figures are those of the full run.
-    let jobs: Vec<(usize, usize)> = (0..rooms.len()).flat_map(|room| (0..cases.len()).map(move |case| (room, case))).collect();
-    let jobs: Vec<(usize, usize)> = jobs.into_iter().filter(|(room, case)| full() || case % rooms.len() == *room).collect();
+    let jobs: Vec<(usize, usize)> =
+        (0..rooms.len()).flat_map(|room| (0..cases.len()).map(move |case| (room, case))).collect();
+    let jobs: Vec<(usize, usize)> =
+        jobs.into_iter().filter(|(room, case)| full() || case % rooms.len() == *room).collect();
     let found: Vec<(usize, usize, [Option<Ended>; 3])> = jobs
         .into_par_iter()
         .filter_map(|(room, case)| {
             let automatic = full() || case % 5 == 0;
-            Some((room, case, spoil(&rooms[room], &cases[case].1, &truths[room], case as u64 + 1, automatic)?))
+            Some((
+                room,
+                case,
+                spoil(&rooms[room], &cases[case].1, &truths[room], case as u64 + 1, automatic)?,
+            ))
         })
         .collect();
     let mut wrong = Vec::new();
-    for (way, (name, allowed)) in [("cold", 0.05), ("with an incumbent", 0.03), ("automatic", 0.0)].into_iter().enumerate() {
-        let ended = || found.iter().filter_map(|(room, case, ways)| Some((&rooms[*room], &cases[*case], ways[way].as_ref()?)));
-        let by_nature = |case: &Case| case.expect == Expected::Undetectable || (way == 0 && case.shown_by.is_some());
-        let harmful: Vec<_> =
-            ended().filter(|(_, (_, case), ended)| ended.harmful && case.expect == Expected::Stopped && !by_nature(case)).collect();
+    for (way, (name, allowed)) in
+        [("cold", 0.05), ("with an incumbent", 0.03), ("automatic", 0.0)].into_iter().enumerate()
+    {
+        let ended = || {
+            found
+                .iter()
+                .filter_map(|(room, case, ways)| Some((&rooms[*room], &cases[*case], ways[way].as_ref()?)))
+        };
+        let by_nature =
+            |case: &Case| case.expect == Expected::Undetectable || (way == 0 && case.shown_by.is_some());
+        let harmful: Vec<_> = ended()
+            .filter(|(_, (_, case), ended)| {
+                ended.harmful && case.expect == Expected::Stopped && !by_nature(case)
+            })
+            .collect();
         let served: Vec<_> = harmful.iter().filter(|(_, _, ended)| ended.served).collect();
         let stopped = harmful.len() - served.len();
         let named = harmful.iter().filter(|(_, _, ended)| !ended.served && ended.named).count();
-        println!("GATE-2 {name}: {} harmful, {} served, {named} of {stopped} named", harmful.len(), served.len());
+        println!(
+            "GATE-2 {name}: {} harmful, {} served, {named} of {stopped} named",
+            harmful.len(),
+            served.len()
+        );
         for (room, (case, _), ended) in &harmful {
             if ended.served || !ended.named {
                 println!(
@@ -290,7 +358,9 @@ fn spoilt_measurements_are_stopped_by_name() {
                 wrong.push(format!("{}: {case} is harmless and was stopped by {}", room.name, ended.why));
             }
         }
-        if served.len() as f64 > (allowed * harmful.len() as f64).max(if full() { 0.0 } else { 1.0 * f64::from(way < 2) }) {
+        if served.len() as f64
+            > (allowed * harmful.len() as f64).max(if full() { 0.0 } else { 1.0 * f64::from(way < 2) })
+        {
             wrong.push(format!("{name}: {} of {} harmful ones were served", served.len(), harmful.len()));
         }
         if way == 0 && (named as f64) < 0.7 * stopped as f64 {
@@ -310,15 +380,20 @@ fn rooms_with_nothing_hidden_are_served() {
             .map(|index| {
                 let seed = 85_000 + index;
                 let made = world(&WorldRequest::new(seed, &[], level)).unwrap();
-                let site = Site { sets: [("neighbours".to_owned(), made.neighbours.clone())].into(), ..Site::default() };
+                let site = Site {
+                    sets: [("neighbours".to_owned(), made.neighbours.clone())].into(),
+                    ..Site::default()
+                };
                 let asked = EstimateRequest { split: SplitRequest::default(), ..EstimateRequest::default() };
                 let problem = problem(&made.csv, "room3", &[], &site, &asked);
                 let fit = estimate(&problem, &asked, None, &Control::NONE).unwrap();
                 (seed, validate(&problem, &fit, &Past::default(), &Policy::default()))
             })
             .collect();
-        let held: Vec<&(u64, Judgement)> =
-            verdicts.iter().filter(|(_, judgement)| !matches!(judgement.verdict, Verdict::Accepted(_))).collect();
+        let held: Vec<&(u64, Judgement)> = verdicts
+            .iter()
+            .filter(|(_, judgement)| !matches!(judgement.verdict, Verdict::Accepted(_)))
+            .collect();
         let rejected = held.iter().filter(|(_, judgement)| judgement.verdict == Verdict::Rejected).count();
         println!("GATE-2 {level:?}: {} of {count} not served, {rejected} of them rejected", held.len());
         held.iter().for_each(|(seed, judgement)| println!("  {seed}: {}", judgement.summary));
@@ -329,8 +404,8 @@ fn rooms_with_nothing_hidden_are_served() {
     }
 }
 
-/// A week later another fit of the same room is served as well: what it is held against, days before it and parameters of before,
-/// stops no honest one.
+/// A week later another fit of the same room is served as well: what it is held against, days before it and
+/// parameters of before, stops no honest one.
 #[test]
 fn a_later_fit_of_the_same_room_is_served() {
     let count = if full() { 60 } else { 4 };
@@ -345,11 +420,19 @@ fn a_later_fit_of_the_same_room_is_served() {
                 let served = incumbent(&before, &fitted(&earlier, &before).unwrap());
                 let (problem, days_before) = room.problems(&room.table).unwrap();
                 let past = Past { days_before, next_door: room.next_door.clone(), ..Past::of(Some(served)) };
-                (82_000 + index, validate(&problem, &fitted(&room, &problem).unwrap(), &past, &Policy::default()))
+                (
+                    82_000 + index,
+                    validate(&problem, &fitted(&room, &problem).unwrap(), &past, &Policy::default()),
+                )
             })
             .collect();
-        let ratio =
-            |judgement: &Judgement| judgement.checks.iter().find(|check| check.name == "G6 days before").and_then(|check| check.statistic);
+        let ratio = |judgement: &Judgement| {
+            judgement
+                .checks
+                .iter()
+                .find(|check| check.name == "G6 days before")
+                .and_then(|check| check.statistic)
+        };
         let mut ratios: Vec<f64> = fits.iter().filter_map(|(_, judgement)| ratio(judgement)).collect();
         ratios.sort_by(f64::total_cmp);
         println!("GATE-2 {level:?}: days before {ratios:.2?}");

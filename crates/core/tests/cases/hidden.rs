@@ -1,4 +1,5 @@
-//! Worlds with hidden effects, one folder each under `hidden/`: what is hidden, and what a diagnosis says of it.
+//! Worlds with hidden effects, one folder each under `hidden/`: what is hidden, and what a diagnosis says of
+//! it.
 
 use lampyris_core::data::{Bindings, SplitRequest, Window};
 use lampyris_core::diagnose::{Adequacy, Diagnosis, diagnose};
@@ -48,13 +49,15 @@ enum Answer {
     Adequate,
     /// Something is missing that no effect explains.
     Unknown,
-    /// Physics hides the effect: nothing is named, the truth in hand would not help, and the model is adequate.
+    /// Physics hides the effect: nothing is named, the truth in hand would not help, and the model is
+    /// adequate.
     NotDetectable,
 }
 
 fn folders() -> Vec<PathBuf> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/cases/hidden");
-    let mut folders: Vec<PathBuf> = std::fs::read_dir(root).unwrap().map(|entry| entry.unwrap().path()).collect();
+    let mut folders: Vec<PathBuf> =
+        std::fs::read_dir(root).unwrap().map(|entry| entry.unwrap().path()).collect();
     folders.sort();
     folders
 }
@@ -64,7 +67,8 @@ fn case(folder: &Path) -> Case {
     toml::from_str(&text).unwrap_or_else(|error| panic!("{}: {error}", folder.display()))
 }
 
-/// The diagnosis of a case, and the test error with the true effects beside that without, where they are known.
+/// The diagnosis of a case, and the test error with the true effects beside that without, where they are
+/// known.
 fn run(folder: &Path, case: &Case) -> (Diagnosis, Option<[f64; 2]>) {
     let level = match case.level {
         Distance::Matched => Level::Matched,
@@ -91,7 +95,17 @@ fn run(folder: &Path, case: &Case) -> (Diagnosis, Option<[f64; 2]>) {
         (problem.with_substeps(fit.substeps), fit)
     };
     let (problem, fit) = fitted(&model);
-    let found = diagnose(&catalogue, &problem, &fit.theta(), &window, &site, AccusationRate::USUAL, &[], &Control::NONE).unwrap();
+    let found = diagnose(
+        &catalogue,
+        &problem,
+        &fit.theta(),
+        &window,
+        &site,
+        AccusationRate::USUAL,
+        &[],
+        &Control::NONE,
+    )
+    .unwrap();
     let errors = (case.expect == Answer::NotDetectable).then(|| {
         let truth = made.truth.effects.iter().fold(model, |model, hidden| model.plus(&hidden.effect));
         let test = |fit: &lampyris_core::estimate::Fit| fit.first_metrics().unwrap().test_rmse.unwrap();
@@ -112,19 +126,26 @@ fn wrong(case: &Case, found: &Diagnosis, errors: Option<[f64; 2]>) -> Option<Str
         return Some(format!("{:?}: named {named:?}, rho {:?}", found.verdict, found.rho));
     }
     if case.expect == Answer::Named {
-        let holds = |finding: &lampyris_core::diagnose::Finding, name: &String| finding.effect == *name || finding.tied_with.contains(name);
+        let holds = |finding: &lampyris_core::diagnose::Finding, name: &String| {
+            finding.effect == *name || finding.tied_with.contains(name)
+        };
         if case.named.is_empty() || !holds(&found.findings[0], &case.named[0]) {
             return Some(format!("the first of {named:?} is not {:?}", case.named.first()));
         }
-        if let Some(missed) = case.named.iter().find(|name| !found.findings.iter().any(|finding| holds(finding, name))) {
+        if let Some(missed) =
+            case.named.iter().find(|name| !found.findings.iter().any(|finding| holds(finding, name)))
+        {
             return Some(format!("{missed} is missed: {named:?}"));
         }
-        let [before, after] = [found.findings.first(), found.findings.last()].map(|finding| finding.unwrap().rmse.test.unwrap());
+        let [before, after] = [found.findings.first(), found.findings.last()]
+            .map(|finding| finding.unwrap().rmse.test.unwrap());
         if after[1] >= before[0] {
             return Some(format!("the error on the test part does not fall: {} {}", before[0], after[1]));
         }
     }
-    errors.filter(|[without, with]| *with < 0.9 * without).map(|[without, with]| format!("the truth would show: {without} {with}"))
+    errors
+        .filter(|[without, with]| *with < 0.9 * without)
+        .map(|[without, with]| format!("the truth would show: {without} {with}"))
 }
 
 #[test]
@@ -148,16 +169,20 @@ fn every_folder_with_a_hidden_effect_gets_its_answer() {
 fn every_effect_of_the_catalogue_has_a_folder() {
     let cases: Vec<Case> = folders().iter().map(|folder| case(folder)).collect();
     let family = |name: &String| name.split(':').next().unwrap_or_default().to_owned();
-    let shown: Vec<String> = cases.iter().flat_map(|case| case.named.iter().chain(&case.effects)).map(family).collect();
+    let shown: Vec<String> =
+        cases.iter().flat_map(|case| case.named.iter().chain(&case.effects)).map(family).collect();
     let catalogue = Catalogue::builtin().unwrap();
     // Those of treatment plants, which replace names or have other sensors, are no question to a room.
     let of_room = |effect: &&EffectSpec| {
-        effect.way_of.is_none() && effect.replace.is_empty() && effect.outputs.keys().all(|channel| channel == "T_room")
+        effect.way_of.is_none()
+            && effect.replace.is_empty()
+            && effect.outputs.keys().all(|channel| channel == "T_room")
     };
     let of_rooms = catalogue.effects().filter(of_room).map(|effect| effect.id.as_str());
     // No twin has an emitter that its model does not know; a measured dwelling has (`withheld`).
     let measured = ["heat_emitter"];
-    let without: Vec<&str> = of_rooms.filter(|id| !measured.contains(id) && !shown.iter().any(|name| name == id)).collect();
+    let without: Vec<&str> =
+        of_rooms.filter(|id| !measured.contains(id) && !shown.iter().any(|name| name == id)).collect();
     assert!(without.is_empty(), "{without:?}");
     for answer in [Answer::Named, Answer::Adequate, Answer::Unknown, Answer::NotDetectable] {
         assert!(cases.iter().any(|case| case.expect == answer), "{answer:?}");

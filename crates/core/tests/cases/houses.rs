@@ -10,21 +10,25 @@ const MODEL: &str = "tite+constant_gain+direct_outdoor_loss";
 /// Bacher and Madsen's FlexHouse: four days to fit, the rest unseen. Reference: 0.129 and 0.371 K2.
 #[test]
 fn flexhouse_is_fitted_as_well_as_by_the_reference() {
-    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/data/rooms/dtu_flexhouse_prbs/flexhouse_5min.csv");
+    let path = concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/../../../shared/data/rooms/dtu_flexhouse_prbs/flexhouse_5min.csv"
+    );
     let Ok(csv) = std::fs::read_to_string(path) else {
         println!("SKIPPED: the FlexHouse data may not be copied into the project and are not beside it");
         return;
     };
     let mut asked = request("P4D", "P0D", "PT44H55M", 11);
     asked.bounds.insert("c_constant".into(), [-1.0, 1.0]);
-    let binds = ["T_room=T_indoor_degC", "T_out=T_outdoor_degC", "P_heater=P_heater_W", "irradiance=ghi_W_m2"];
+    let binds =
+        ["T_room=T_indoor_degC", "T_out=T_outdoor_degC", "P_heater=P_heater_W", "irradiance=ghi_W_m2"];
     let (train, test) = squares(&fit(&problem(&csv, MODEL, &binds, &Site::default(), &asked), &asked));
     println!("FlexHouse: train {train:.4} K2, test {test:.4} K2");
     assert!(train <= 0.129 && test <= 0.371, "{train} {test}");
 }
 
-/// The hourly house: 500 hours to fit, 292 unseen. Reference: 0.068 and 1.36 K2. Its solar term needs a place,
-/// which the data do not state; latitude 51.5 and longitude 0 stand for a clock in UTC.
+/// The hourly house: 500 hours to fit, 292 unseen. Reference: 0.068 and 1.36 K2. Its solar term needs a
+/// place, which the data do not state; latitude 51.5 and longitude 0 stand for a clock in UTC.
 #[test]
 fn hourly_house_is_fitted_as_well_as_by_the_reference() {
     let csv = include_str!("../../../../config/demo/hourly_house.csv");
@@ -45,8 +49,12 @@ fn heating_power_explains_the_hourly_house() {
     let binds = ["T_room=T_indoor_degC", "T_out=T_outdoor_degC", "P_heater=heat_input_raw"];
     let without = "tite-metered_gain:P_heater+constant_gain+direct_outdoor_loss";
     let (train, test) = squares(&fit(&problem(csv, MODEL, &binds, &Site::default(), &asked), &asked));
-    let (blind_train, blind_test) = squares(&fit(&problem(csv, without, &binds, &Site::default(), &asked), &asked));
-    println!("hourly house without its heating: train {blind_train:.3}, test {blind_test:.3}; with it: {train:.3}, {test:.3} K2");
+    let (blind_train, blind_test) =
+        squares(&fit(&problem(csv, without, &binds, &Site::default(), &asked), &asked));
+    println!(
+        "hourly house without its heating: train {blind_train:.3}, test {blind_test:.3}; with it: \
+        {train:.3}, {test:.3} K2"
+    );
     assert!(train < 0.1 * blind_train && test < 0.3 * blind_test);
 }
 
@@ -80,12 +88,24 @@ fn houses_whose_heating_was_logged_are_accepted() {
     let dutch = ["T_room=T_room_degC", "T_out=T_out_degC", "irradiance=irradiance_W_m2"];
     let hourly_house = include_str!("../../../../config/demo/hourly_house.csv").to_owned();
     let belgian = include_str!("../../../../config/demo/belgian_house.csv").to_owned();
-    let flexhouse = ["T_room=T_indoor_degC", "T_out=T_outdoor_degC", "P_heater=P_heater_W", "irradiance=ghi_W_m2"];
-    let radiator = ["T_room=T_room_degC", "T_out=T_out_degC", "irradiance=irradiance_W_m2", "T_forward=T_radiator_supply_pipe_degC"];
+    let flexhouse =
+        ["T_room=T_indoor_degC", "T_out=T_outdoor_degC", "P_heater=P_heater_W", "irradiance=ghi_W_m2"];
+    let radiator = [
+        "T_room=T_room_degC",
+        "T_out=T_out_degC",
+        "irradiance=irradiance_W_m2",
+        "T_forward=T_radiator_supply_pipe_degC",
+    ];
     // Six days of FlexHouse hold two unseen ones only where fewer are learnt from.
     let short = request("PT84H", "PT56H", "P0D", 1);
     let houses: [House; 5] = [
-        ("hourly house", Some(hourly_house), "tite", &["T_room=T_indoor_degC", "T_out=T_outdoor_degC", "P_heater=heat_input_raw"], &hourly),
+        (
+            "hourly house",
+            Some(hourly_house),
+            "tite",
+            &["T_room=T_indoor_degC", "T_out=T_outdoor_degC", "P_heater=heat_input_raw"],
+            &hourly,
+        ),
         (
             "laundry with its meter",
             Some(belgian),
@@ -94,8 +114,20 @@ fn houses_whose_heating_was_logged_are_accepted() {
             &usual,
         ),
         ("FlexHouse", beside("dtu_flexhouse_prbs/flexhouse_5min.csv"), "tite", &flexhouse, &short),
-        ("nl_home3", beside("nl_home3/nl_home3.csv.gz"), "rc2+solar_gain+constant_gain+companion:T_heating_water_0off", &dutch, &usual),
-        ("dk_radiator_room", beside("dk_radiator_room/dk_radiator_room.csv.gz"), "rc2+solar_gain+companion:T_forward", &radiator, &usual),
+        (
+            "nl_home3",
+            beside("nl_home3/nl_home3.csv.gz"),
+            "rc2+solar_gain+constant_gain+companion:T_heating_water_0off",
+            &dutch,
+            &usual,
+        ),
+        (
+            "dk_radiator_room",
+            beside("dk_radiator_room/dk_radiator_room.csv.gz"),
+            "rc2+solar_gain+companion:T_forward",
+            &radiator,
+            &usual,
+        ),
     ];
     let mut held = Vec::new();
     for (name, csv, model, binds, asked) in houses {

@@ -9,10 +9,11 @@ use lampyris_core::model::spec::EffectSpec;
 use nalgebra::{Matrix2, SMatrix, Vector2};
 use serde_json::json;
 
-/// Log-likelihoods of ctsmTMB 1.1.1 on all 1,691 samples, with zero-order hold, and the deviation in K of the start that its user
-/// gives, about the first sample. That sample is counted too. A filter by hand finds 2476.34 for `ti` from 1 K, and 3903.19 for
-/// `tith` from 0.1 K; nothing is known of the others.
-const REFERENCE: [(&str, f64, f64); 4] = [("ti", 2476.3, 1.0), ("tite", 3516.2, 1.0), ("tith", 3903.2, 0.1), ("titeth", 5430.1, 1.0)];
+/// Log-likelihoods of ctsmTMB 1.1.1 on all 1,691 samples, with zero-order hold, and the deviation in K of the
+/// start that its user gives, about the first sample. That sample is counted too. A filter by hand finds
+/// 2476.34 for `ti` from 1 K, and 3903.19 for `tith` from 0.1 K; nothing is known of the others.
+const REFERENCE: [(&str, f64, f64); 4] =
+    [("ti", 2476.3, 1.0), ("tite", 3516.2, 1.0), ("tith", 3903.2, 0.1), ("titeth", 5430.1, 1.0)];
 
 /// The built-in models with every input held between samples.
 fn held() -> Catalogue {
@@ -31,18 +32,25 @@ fn held() -> Catalogue {
     ] {
         catalogue.add_model(ModelDocument::from_toml(&held(text, outdoors)).unwrap());
     }
-    catalogue.add_effect(EffectSpec::from_toml(&held(include_str!("../../../../config/effects/solar_gain.toml"), sun)).unwrap());
+    catalogue.add_effect(
+        EffectSpec::from_toml(&held(include_str!("../../../../config/effects/solar_gain.toml"), sun))
+            .unwrap(),
+    );
     catalogue
 }
 
 #[test]
 fn flexhouse_is_as_likely_as_by_ctsm() {
-    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/data/rooms/dtu_flexhouse_prbs/flexhouse_5min.csv");
+    let path = concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/../../../shared/data/rooms/dtu_flexhouse_prbs/flexhouse_5min.csv"
+    );
     let Ok(csv) = std::fs::read_to_string(path) else {
         println!("SKIPPED: the FlexHouse data may not be copied into the project and are not beside it");
         return;
     };
-    let binds = ["T_room=T_indoor_degC", "T_out=T_outdoor_degC", "P_heater=P_heater_W", "irradiance=ghi_W_m2"];
+    let binds =
+        ["T_room=T_indoor_degC", "T_out=T_outdoor_degC", "P_heater=P_heater_W", "irradiance=ghi_W_m2"];
     let (window, _) = Window::parse_csv(&csv, &Bindings::parse(binds).unwrap()).unwrap();
     let request: EstimateRequest = serde_json::from_value(json!({
         "method": {"name": "ctsm", "seed": 1}, "objective": "likelihood",
@@ -50,7 +58,8 @@ fn flexhouse_is_as_likely_as_by_ctsm() {
     }))
     .unwrap();
     let fitted = |catalogue: &Catalogue, model: &str| -> Fit {
-        let problem = prepare(catalogue, &model.parse().unwrap(), &request, &window, &Site::default()).unwrap();
+        let problem =
+            prepare(catalogue, &model.parse().unwrap(), &request, &window, &Site::default()).unwrap();
         assert_eq!(problem.split().train, 0..1691);
         estimate(&problem, &request, None, &Control::NONE).unwrap()
     };
@@ -60,7 +69,8 @@ fn flexhouse_is_as_likely_as_by_ctsm() {
         let found = fit.likelihood.as_ref().unwrap();
         let own = fitted(&builtin, model).likelihood.unwrap().log_likelihood;
         println!(
-            "{model}: log-likelihood {:.1} (ctsmTMB {reference}), {} evaluations; with the declared holds {own:.1}; {}",
+            "{model}: log-likelihood {:.1} (ctsmTMB {reference}), {} evaluations; with the declared holds \
+            {own:.1}; {}",
             found.log_likelihood, fit.evaluations, found.reason
         );
         // The density of the first sample at the middle of what is expected of it.
@@ -72,7 +82,10 @@ fn flexhouse_is_as_likely_as_by_ctsm() {
         );
         if model == "tith" {
             let by_hand = tith_by_hand(&csv, &fit, start);
-            println!("tith by hand, in the conventions of ctsmTMB: {by_hand:.2} at the parameters of the fit");
+            println!(
+                "tith by hand, in the conventions of ctsmTMB: {by_hand:.2} at the parameters of the \
+                fit"
+            );
             assert!(by_hand >= reference - 1.0, "{by_hand}");
         }
         assert!(own >= reference - 1.0, "{model}: {own} < {reference}");
@@ -86,11 +99,15 @@ fn flexhouse_is_as_likely_as_by_ctsm() {
     }
 }
 
-/// The log-likelihood of `tith` by a filter of its own, with both temperatures known at the start to be those of the first sample but
-/// for a deviation in K, and that sample counted: van Loan's exact step, in the parameters of a fit.
+/// The log-likelihood of `tith` by a filter of its own, with both temperatures known at the start to be those
+/// of the first sample but for a deviation in K, and that sample counted: van Loan's exact step, in the
+/// parameters of a fit.
 fn tith_by_hand(csv: &str, fit: &Fit, start: f64) -> f64 {
-    let rows: Vec<Vec<f64>> =
-        csv.lines().skip(1).map(|line| line.split(',').skip(1).map(|field| field.parse().unwrap()).collect()).collect();
+    let rows: Vec<Vec<f64>> = csv
+        .lines()
+        .skip(1)
+        .map(|line| line.split(',').skip(1).map(|field| field.parse().unwrap()).collect())
+        .collect();
     let value = |name: &str| fit.parameters[name].value;
     let likelihood = fit.likelihood.as_ref().unwrap();
     let [air, heater] = ["T_r", "T_h"].map(|state| likelihood.diffusion[state].value);
@@ -119,7 +136,10 @@ fn tith_by_hand(csv: &str, fit: &Fit, start: f64) -> f64 {
         x += gain * innovation;
         p -= gain * p.row(0);
         if k + 1 < rows.len() {
-            let drive = Vector2::new(alpha_a * row[1] + value("c_solar") * row[3] / 1000.0, value("c_heater") * row[2] / 1000.0);
+            let drive = Vector2::new(
+                alpha_a * row[1] + value("c_solar") * row[3] / 1000.0,
+                value("c_heater") * row[2] / 1000.0,
+            );
             x = step * x + input * drive;
             p = step * p * step.transpose() + noise;
         }

@@ -34,7 +34,11 @@ fn problem(csv: &str, model: &str, binds: &[&str], site: &Site, request: &Estima
 
 /// A request with these parts and seed.
 fn request(train: &str, validation: &str, test: &str, seed: u64) -> EstimateRequest {
-    let split = SplitRequest { train: train.parse().unwrap(), validation: validation.parse().unwrap(), test: Some(test.parse().unwrap()) };
+    let split = SplitRequest {
+        train: train.parse().unwrap(),
+        validation: validation.parse().unwrap(),
+        test: Some(test.parse().unwrap()),
+    };
     let method = SeededMethod { seed, ..SeededMethod::default() };
     EstimateRequest { split, method, ..EstimateRequest::default() }
 }

@@ -10,12 +10,15 @@ use lampyris_core::twin;
 fn room3_agrees_with_a_fine_fourth_order_solver() {
     for seed in [301, 302, 303] {
         let twin = twin::room(seed, 4, 7, 10).unwrap();
-        let site = Site { sets: [("neighbours".to_owned(), twin.neighbours.clone())].into(), ..Site::default() };
+        let site =
+            Site { sets: [("neighbours".to_owned(), twin.neighbours.clone())].into(), ..Site::default() };
         let problem = problem(&twin.csv, "room3", &[], &site, &request("P7D", "P0D", "P0D", 1));
         let measured = problem.measured();
         let samples = problem.grid().len();
-        let fine = Simulator::new(problem.model(), problem.inputs(), &measured, Stepper::Rk4, 200).run(&[&twin.theta], samples);
-        let finer = Simulator::new(problem.model(), problem.inputs(), &measured, Stepper::Rk4, 400).run(&[&twin.theta], samples);
+        let fine = Simulator::new(problem.model(), problem.inputs(), &measured, Stepper::Rk4, 200)
+            .run(&[&twin.theta], samples);
+        let finer = Simulator::new(problem.model(), problem.inputs(), &measured, Stepper::Rk4, 400)
+            .run(&[&twin.theta], samples);
         let ours = problem.simulate(&twin.theta);
         let worst = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
         let reference = worst(&fine[0].outputs[0], &finer[0].outputs[0]);
@@ -39,7 +42,9 @@ fn the_tape_of_a_step_equals_its_graph_bit_for_bit() {
     let grid = |channel: &str, k: usize| problem.grid().column(channel).unwrap().values()[k];
     let hours = problem.grid().step_hours();
     let first = measured[0].0[..3].iter().sum::<f64>() / 3.0;
-    let by_name = |name: &str| twin.theta[model.parameters().iter().position(|parameter| parameter.name == name).unwrap()];
+    let by_name = |name: &str| {
+        twin.theta[model.parameters().iter().position(|parameter| parameter.name == name).unwrap()]
+    };
     let mut x = vec![first, by_name("T_h0"), by_name("T_e0")];
     for k in 0..problem.grid().len() - 1 {
         let leaf = |node: Node| match node {

@@ -1,5 +1,5 @@
-//! Plants against reference series that another implementation computed, and against a second transcription of the
-//! equations. The steps are those of the classical Runge-Kutta method, ten seconds long.
+//! Plants against reference series that another implementation computed, and against a second transcription
+//! of the equations. The steps are those of the classical Runge-Kutta method, ten seconds long.
 
 mod transcription;
 
@@ -13,7 +13,8 @@ use lampyris_core::simulate::{Inputs, Simulator, Stepper};
 use std::collections::HashMap;
 use std::path::Path;
 
-const COMPONENTS: [&str; 13] = ["S_I", "S_S", "X_I", "X_S", "X_BH", "X_BA", "X_P", "S_O", "S_NO", "S_NH", "S_ND", "X_ND", "S_ALK"];
+const COMPONENTS: [&str; 13] =
+    ["S_I", "S_S", "X_I", "X_S", "X_BH", "X_BA", "X_P", "S_O", "S_NO", "S_NH", "S_ND", "X_ND", "S_ALK"];
 /// The constant influent of the benchmark.
 const CONSTANT: [f64; 13] = [30.0, 69.5, 51.2, 202.32, 28.17, 0.0, 0.0, 0.0, 0.0, 31.56, 6.95, 10.59, 7.0];
 
@@ -31,8 +32,15 @@ fn table(name: &str) -> Option<HashMap<String, Vec<f64>>> {
     };
     let mut lines = text.lines();
     let header: Vec<&str> = lines.next().unwrap().split(',').collect();
-    let rows: Vec<Vec<f64>> = lines.map(|line| line.split(',').map(|cell| cell.parse().unwrap_or(f64::NAN)).collect()).collect();
-    Some(header.iter().enumerate().map(|(at, name)| ((*name).to_owned(), rows.iter().map(|row| row[at]).collect())).collect())
+    let rows: Vec<Vec<f64>> =
+        lines.map(|line| line.split(',').map(|cell| cell.parse().unwrap_or(f64::NAN)).collect()).collect();
+    Some(
+        header
+            .iter()
+            .enumerate()
+            .map(|(at, name)| ((*name).to_owned(), rows.iter().map(|row| row[at]).collect()))
+            .collect(),
+    )
 }
 
 fn spec(id: &str) -> ModelSpec {
@@ -54,7 +62,10 @@ fn measuring(id: &str, outputs: &[(&str, &str, &str)]) -> Model {
     let mut spec = spec(id);
     spec.outputs.clear();
     for (channel, expr, unit) in outputs {
-        spec.outputs.insert((*channel).to_owned(), OutputSpec { expr: (*expr).to_owned(), unit: (*unit).to_owned(), noise_sd: 1.0 });
+        spec.outputs.insert(
+            (*channel).to_owned(),
+            OutputSpec { expr: (*expr).to_owned(), unit: (*unit).to_owned(), noise_sd: 1.0 },
+        );
     }
     built(spec)
 }
@@ -76,7 +87,8 @@ pub fn nominal(model: &Model) -> Vec<f64> {
 
 /// Inputs that `value` gives by name and interval.
 fn inputs(model: &Model, samples: usize, hours: f64, value: impl Fn(&str, usize) -> f64) -> Inputs {
-    let columns = model.inputs().iter().map(|input| (0..samples).map(|k| value(&input.name, k)).collect()).collect();
+    let columns =
+        model.inputs().iter().map(|input| (0..samples).map(|k| value(&input.name, k)).collect()).collect();
     Inputs::from_columns(model, columns, hours)
 }
 
@@ -107,19 +119,26 @@ fn the_benchmark_plant_stays_in_its_published_steady_state_and_comes_back_to_it(
                 worst = (error, state.name.clone());
             }
         }
-        println!("bsm1 from {shift} times its steady state, {days} days: largest relative error {:.2e} ({})", worst.0, worst.1);
+        println!(
+            "bsm1 from {shift} times its steady state, {days} days: largest relative error {:.2e} ({})",
+            worst.0, worst.1
+        );
         assert!(worst.0 <= 1e-5, "{worst:?}");
     }
 }
 
 #[test]
 fn the_stated_steady_state_of_the_benchmark_is_the_published_one() {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data/asm1/bsm1_openloop_steady_state.csv");
+    let path = Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("../../../shared/data/asm1/bsm1_openloop_steady_state.csv");
     let Ok(text) = std::fs::read_to_string(path) else {
         println!("SKIPPED: the steady state of the benchmark is not beside the project");
         return;
     };
-    let model = measuring("bsm1", &effluent().iter().map(|(channel, expr, unit)| (*channel, expr.as_str(), *unit)).collect::<Vec<_>>());
+    let model = measuring(
+        "bsm1",
+        &effluent().iter().map(|(channel, expr, unit)| (*channel, expr.as_str(), *unit)).collect::<Vec<_>>(),
+    );
     let stated = |name: &str| match model.states().iter().find(|state| state.name == name).unwrap().initial {
         lampyris_core::model::Initial::Fixed(value) => value,
         other => panic!("{other:?}"),
@@ -128,16 +147,26 @@ fn the_stated_steady_state_of_the_benchmark_is_the_published_one() {
         let (unit, numbers) = line.split_once(',').unwrap();
         let numbers: Vec<f64> = numbers.split(',').map(|number| number.parse().unwrap()).collect();
         let layer = unit.strip_prefix("settler_layer").map(|rest| rest.split('_').next().unwrap());
-        let solids = |tank: &str| 0.75 * ["X_I", "X_S", "X_BH", "X_BA", "X_P"].iter().map(|x| stated(&format!("{x}[{tank}]"))).sum::<f64>();
+        let solids = |tank: &str| {
+            0.75 * ["X_I", "X_S", "X_BH", "X_BA", "X_P"]
+                .iter()
+                .map(|x| stated(&format!("{x}[{tank}]")))
+                .sum::<f64>()
+        };
         for (at, component) in COMPONENTS.iter().enumerate() {
             let ours = match layer {
                 None => stated(&format!("{component}[{unit}]")),
                 Some(layer) if component.starts_with('X') => {
-                    stated(&format!("{component}[tank5]")) * stated(&format!("TSS[{layer}]")) / solids("tank5")
+                    stated(&format!("{component}[tank5]")) * stated(&format!("TSS[{layer}]"))
+                        / solids("tank5")
                 }
                 Some(layer) => stated(&format!("{component}[s{layer}]")),
             };
-            assert!((ours - numbers[at]).abs() <= 1e-8 * numbers[at].abs(), "{component} of {unit}: {ours} {}", numbers[at]);
+            assert!(
+                (ours - numbers[at]).abs() <= 1e-8 * numbers[at].abs(),
+                "{component} of {unit}: {ours} {}",
+                numbers[at]
+            );
         }
         let ours = layer.map_or_else(|| solids(unit), |layer| stated(&format!("TSS[{layer}]")));
         assert!((ours / numbers[13] - 1.0).abs() <= 1e-8, "solids of {unit}");
@@ -149,12 +178,17 @@ fn dry_weather(id: &str, reference: &str, minutes: f64, more: &[(&'static str, &
     let (Some(influent), Some(reference)) = (table("influent_dry.csv"), table(reference)) else { return };
     let mut outputs = effluent();
     outputs.extend(more.iter().map(|(channel, expr, unit)| (*channel, (*expr).to_owned(), *unit)));
-    let model = measuring(id, &outputs.iter().map(|(channel, expr, unit)| (*channel, expr.as_str(), *unit)).collect::<Vec<_>>());
+    let model = measuring(
+        id,
+        &outputs.iter().map(|(channel, expr, unit)| (*channel, expr.as_str(), *unit)).collect::<Vec<_>>(),
+    );
     let days = if full() { 14.0 } else { 3.0 };
     let samples = (days * 1440.0 / minutes) as usize;
     // Each row of the influent holds for fifteen minutes from its index on; its column of times is rounded.
     let row = |k: usize| ((k as f64 * minutes / 15.0 + 1e-9) as usize).min(influent["Q_m3_d"].len() - 1);
-    let inputs = inputs(&model, samples, minutes / 60.0, |name, k| influent[if name == "Q" { "Q_m3_d" } else { name }][row(k)]);
+    let inputs = inputs(&model, samples, minutes / 60.0, |name, k| {
+        influent[if name == "Q" { "Q_m3_d" } else { name }][row(k)]
+    });
     let substeps = (minutes * 6.0) as usize;
     let run = Simulator::new(&model, &inputs, &[], Stepper::Rk4, substeps).run(&[&nominal(&model)], samples);
     assert!(!run[0].diverged);
@@ -162,11 +196,14 @@ fn dry_weather(id: &str, reference: &str, minutes: f64, more: &[(&'static str, &
     let mut worst = (0.0, "");
     for (output, ours) in model.outputs().iter().zip(&run[0].outputs) {
         let (name, theirs) = reference.get_key_value(&output.channel).unwrap();
-        let (low, high) = theirs.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), x| (low.min(*x), high.max(*x)));
+        let (low, high) = theirs
+            .iter()
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), x| (low.min(*x), high.max(*x)));
         // The reference has eight digits; what never changes has no range.
         let range = (high - low).max(1e-6 * high.abs());
         let every = (minutes_apart / minutes).round() as usize;
-        let errors = ours.iter().step_by(every).zip(theirs).map(|(ours, theirs)| (ours - theirs).abs() / range);
+        let errors =
+            ours.iter().step_by(every).zip(theirs).map(|(ours, theirs)| (ours - theirs).abs() / range);
         let error = errors.fold(0.0, |a: f64, b| if b <= a { a } else { b });
         println!("{id}, {days} days, {name}: largest error {error:.2e} of the range");
         if error.is_nan() || error > worst.0 {
@@ -203,10 +240,20 @@ fn the_plant_of_the_thesis_in_dry_weather_gives_the_reference_effluent() {
 /// Every rate and every equation at random states and parameters, against the second transcription.
 #[test]
 fn a_plant_means_the_same_equations_as_a_second_transcription() {
-    const RATES: [&str; 8] =
-        ["growth_H_aerobic", "growth_H_anoxic", "growth_A", "decay_H", "decay_A", "ammonification", "hydrolysis", "hydrolysis_N"];
-    let rates: Vec<(String, String)> = RATES.iter().map(|name| ((*name).to_owned(), format!("{name}[aerobic]"))).collect();
-    let rates: Vec<(&str, &str, &str)> = rates.iter().map(|(name, expr)| (name.as_str(), expr.as_str(), "g/m3/h")).collect();
+    const RATES: [&str; 8] = [
+        "growth_H_aerobic",
+        "growth_H_anoxic",
+        "growth_A",
+        "decay_H",
+        "decay_A",
+        "ammonification",
+        "hydrolysis",
+        "hydrolysis_N",
+    ];
+    let rates: Vec<(String, String)> =
+        RATES.iter().map(|name| ((*name).to_owned(), format!("{name}[aerobic]"))).collect();
+    let rates: Vec<(&str, &str, &str)> =
+        rates.iter().map(|(name, expr)| (name.as_str(), expr.as_str(), "g/m3/h")).collect();
     let model = measuring("asm1_h", &rates);
     let mut roots = model.rhs().to_vec();
     roots.extend(model.outputs().iter().map(|output| output.node));
@@ -237,7 +284,10 @@ fn a_plant_means_the_same_equations_as_a_second_transcription() {
             worst_rate = worst_rate.max((24.0 * ours / by_hand - 1.0).abs());
         }
     }
-    println!("1000 random states: rates within {worst_rate:.1e}, equations within {worst_equation:.1e} of their terms");
+    println!(
+        "1000 random states: rates within {worst_rate:.1e}, equations within {worst_equation:.1e} of their \
+        terms"
+    );
     assert!(worst_rate <= 1e-12 && worst_equation <= 1e-12);
 }
 
@@ -267,7 +317,8 @@ fn an_effect_that_replaces_a_name_acts_on_the_plant_as_another_program_says() {
     let Some(influent) = table("influent_dry.csv") else { return };
     let means = |model: &Model| {
         let samples = 3 * 96;
-        let inputs = inputs(model, samples, 0.25, |name, k| influent[if name == "Q" { "Q_m3_d" } else { name }][k]);
+        let inputs =
+            inputs(model, samples, 0.25, |name, k| influent[if name == "Q" { "Q_m3_d" } else { name }][k]);
         let run = Simulator::new(model, &inputs, &[], Stepper::Rk4, 90).run(&[&nominal(model)], samples);
         let mean = |channel: &str| {
             let at = model.outputs().iter().position(|output| output.channel == channel).unwrap();
@@ -290,15 +341,22 @@ fn at_one(model: &Model, channel: &str) -> f64 {
 
 #[test]
 fn what_is_replaced_means_in_its_own_text_what_it_meant_before() {
-    let effect = |id: &str, replace: &str| format!("id = \"{id}\"\ntitle = \"{id}\"\nexplain = \"test\"\n[replace]\n{replace}\n");
+    let effect = |id: &str, replace: &str| {
+        format!("id = \"{id}\"\ntitle = \"{id}\"\nexplain = \"test\"\n[replace]\n{replace}\n")
+    };
     let rate = |effects: &[String]| {
         let mut catalogue = Catalogue::builtin().unwrap();
         let mut spec = spec("asm1_h");
         spec.outputs.clear();
-        for (channel, expr, unit) in
-            [("decay", "decay_A[aerobic]", "g/m3/h"), ("flow", "Q_through", "m3/d"), ("growth", "growth_A[aerobic]", "g/m3/h")]
-        {
-            spec.outputs.insert(channel.to_owned(), OutputSpec { expr: expr.to_owned(), unit: unit.to_owned(), noise_sd: 1.0 });
+        for (channel, expr, unit) in [
+            ("decay", "decay_A[aerobic]", "g/m3/h"),
+            ("flow", "Q_through", "m3/d"),
+            ("growth", "growth_A[aerobic]", "g/m3/h"),
+        ] {
+            spec.outputs.insert(
+                channel.to_owned(),
+                OutputSpec { expr: expr.to_owned(), unit: unit.to_owned(), noise_sd: 1.0 },
+            );
         }
         catalogue.add_model(ModelDocument::Spec(Box::new(spec)));
         let mut id = "asm1_h".to_owned();
@@ -311,7 +369,11 @@ fn what_is_replaced_means_in_its_own_text_what_it_meant_before() {
     };
     let plain = rate(&[]).unwrap();
     // A fixed number, by two effects one after the other; an input; a free parameter.
-    let twice = rate(&[effect("a", "b_A = \"2*b_A\""), effect("b", "b_A = \"b_A + 1[1/d]\"\nQ = \"3*Q\"\nmu_A = \"mu_A/2\"")]).unwrap();
+    let twice = rate(&[
+        effect("a", "b_A = \"2*b_A\""),
+        effect("b", "b_A = \"b_A + 1[1/d]\"\nQ = \"3*Q\"\nmu_A = \"mu_A/2\""),
+    ])
+    .unwrap();
     let close = |a: f64, b: f64| assert!((a / b - 1.0).abs() < 1e-14, "{a} {b}");
     close(at_one(&plain, "decay"), 0.15 / 24.0);
     close(at_one(&twice, "decay"), 1.3 / 24.0);
@@ -352,7 +414,13 @@ fn a_process_that_makes_something_out_of_nothing_is_refused() {
             "N",
             -0.086 + 0.08 * 0.06,
         ),
-        ("S_ALK = \"1/14[g/mol]\"", "S_ALK = \"1/15[g/mol]\"", "ammonification", "charge", 1.0 / 14.0 - 1.0 / 15.0),
+        (
+            "S_ALK = \"1/14[g/mol]\"",
+            "S_ALK = \"1/15[g/mol]\"",
+            "ammonification",
+            "charge",
+            1.0 / 14.0 - 1.0 / 15.0,
+        ),
     ] {
         assert!(asm1.contains(from), "{from}");
         let found = faults(&asm1.replacen(from, to, 1)).unwrap_err();
@@ -383,7 +451,8 @@ fn a_plant_with_a_slip_says_all_that_is_wrong() {
         .replacen("layers = 10", "layers = 9", 1);
     let faults = PlantSpec::from_toml(&bad).unwrap().expand(&[("asm1".to_owned(), asm1)].into()).unwrap_err();
     let pointers: Vec<&str> = faults.iter().map(|fault| fault.pointer.as_str()).collect();
-    let layers = ["S_I", "S_S", "S_O", "S_NO", "S_NH", "S_ND", "S_ALK", "TSS"].map(|name| format!("/settler/initial/{name}"));
+    let layers = ["S_I", "S_S", "S_O", "S_NO", "S_NH", "S_ND", "S_ALK", "TSS"]
+        .map(|name| format!("/settler/initial/{name}"));
     let mut expected = vec!["/parameters/mu_B", "/free/0", "/free/1"];
     expected.extend(layers.iter().map(String::as_str));
     expected.push("/controller/tank");
@@ -398,7 +467,9 @@ fn a_check_of_a_plant_is_an_expression_in_its_names_and_units() {
         let checks = vec![Check::Range { name, expr, unit, lower: range(lower), upper: range(upper) }];
         let mut catalogue = Catalogue::builtin().unwrap();
         catalogue.add_model(ModelDocument::Spec(Box::new(ModelSpec { checks, ..spec("asm1_h") })));
-        let faults = compile(&catalogue.compose(&"asm1_h".parse().unwrap()).unwrap(), &Bindings::default()).err().unwrap_or_default();
+        let faults = compile(&catalogue.compose(&"asm1_h".parse().unwrap()).unwrap(), &Bindings::default())
+            .err()
+            .unwrap_or_default();
         faults.into_iter().map(|fault| (fault.pointer, fault.code.to_string())).collect::<Vec<_>>()
     };
     let fault = |pointer: &str, code: &str| vec![(pointer.to_owned(), code.to_owned())];
@@ -407,15 +478,21 @@ fn a_check_of_a_plant_is_an_expression_in_its_names_and_units() {
     assert_eq!(codes("mu_H - b_X", "1/d", 0.0, 1.0), fault("/check/0/expr", "unknown-name"));
     assert_eq!(codes("mu_H", "g/m3", 0.0, 1.0), fault("/check/0/expr", "unit"));
     assert_eq!(codes("mu_H", "1/d", 1.0, 0.0), fault("/check/0/upper", "bounds"));
-    assert_eq!(codes("mu_H", "1/d", f64::NEG_INFINITY, f64::INFINITY), fault("/check/0/lower", "missing-value"));
-    for text in ["kind = \"range\"\nname = \"a\"\nexpr = \"mu_H\"\nlower = 0", "kind = \"stable\"\nexpr = \"mu_H\""] {
+    assert_eq!(
+        codes("mu_H", "1/d", f64::NEG_INFINITY, f64::INFINITY),
+        fault("/check/0/lower", "missing-value")
+    );
+    for text in
+        ["kind = \"range\"\nname = \"a\"\nexpr = \"mu_H\"\nlower = 0", "kind = \"stable\"\nexpr = \"mu_H\""]
+    {
         let bad = include_str!("../../../../config/plants/asm1_h.toml").to_owned() + "\n[[check]]\n" + text;
         assert_eq!(PlantSpec::from_toml(&bad).unwrap_err().code, "invalid-document", "{text}");
     }
 }
 
-/// Random candidates of the box, each from a warm-up of 10,000 minutes on, by the stabilised stepper and by RK4 with steps of five
-/// seconds: at ten seconds three of 200 candidates of plant L have left RK4's stable region.
+/// Random candidates of the box, each from a warm-up of 10,000 minutes on, by the stabilised stepper and by
+/// RK4 with steps of five seconds: at ten seconds three of 200 candidates of plant L have left RK4's stable
+/// region.
 #[test]
 fn random_candidates_of_plants_stay_near_fine_steps_of_rk4() {
     let Some(influent) = table("influent_dry.csv") else { return };
@@ -423,21 +500,33 @@ fn random_candidates_of_plants_stay_near_fine_steps_of_rk4() {
     for id in ["asm1_l", "asm1_h"] {
         let mut spec = spec(id);
         let values = COMPONENTS.iter().zip(CONSTANT).map(|(name, value)| ((*name).to_owned(), value));
-        spec.warm_up = Some(WarmUpSpec { hours: 10_000.0 / 60.0, inputs: values.chain([("Q".to_owned(), 18_446.0)]).collect() });
+        spec.warm_up = Some(WarmUpSpec {
+            hours: 10_000.0 / 60.0,
+            inputs: values.chain([("Q".to_owned(), 18_446.0)]).collect(),
+        });
         spec.stepper = Stepper::Rkc;
         let model = built(spec);
-        let inputs = inputs(&model, samples, 1.0 / 6.0, |name, k| influent[if name == "Q" { "Q_m3_d" } else { name }][k * 10 / 15]);
+        let inputs = inputs(&model, samples, 1.0 / 6.0, |name, k| {
+            influent[if name == "Q" { "Q_m3_d" } else { name }][k * 10 / 15]
+        });
         let mut random = transcription::Random(6);
         let mut thetas = vec![nominal(&model)];
-        thetas.extend((1..count).map(|_| model.parameters().iter().map(|p| random.between(p.lower, p.upper)).collect::<Vec<f64>>()));
+        thetas.extend((1..count).map(|_| {
+            model.parameters().iter().map(|p| random.between(p.lower, p.upper)).collect::<Vec<f64>>()
+        }));
         let thetas: Vec<&[f64]> = thetas.iter().map(Vec::as_slice).collect();
         let ours = Simulator::new(&model, &inputs, &[], Stepper::Rkc, 1).run(&thetas, samples);
         let fine = Simulator::new(&model, &inputs, &[], Stepper::Rk4, 120).run(&thetas, samples);
         let mut worst = (0.0, Vec::new());
-        for ((theta, ours), fine) in thetas.iter().zip(&ours).zip(&fine).filter(|((_, ours), _)| !ours.diverged) {
+        for ((theta, ours), fine) in
+            thetas.iter().zip(&ours).zip(&fine).filter(|((_, ours), _)| !ours.diverged)
+        {
             for (ours, fine) in ours.outputs.iter().zip(&fine.outputs) {
-                let (low, high) = fine.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), x| (low.min(*x), high.max(*x)));
-                let error = ours.iter().zip(fine).map(|(ours, fine)| (ours - fine).abs()).fold(0.0, f64::max) / (high - low);
+                let (low, high) = fine
+                    .iter()
+                    .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), x| (low.min(*x), high.max(*x)));
+                let error = ours.iter().zip(fine).map(|(ours, fine)| (ours - fine).abs()).fold(0.0, f64::max)
+                    / (high - low);
                 if error > worst.0 || error.is_nan() {
                     worst = (error, theta.to_vec());
                 }
@@ -446,10 +535,14 @@ fn random_candidates_of_plants_stay_near_fine_steps_of_rk4() {
         let evaluations = ours.iter().map(|run| run.evaluations).sum::<usize>() / count;
         let diverged = ours.iter().filter(|run| run.diverged).count();
         println!(
-            "{id}: {count} candidates, {diverged} diverged, largest error {:.2e} of the range, {evaluations} evaluations each beside {}",
+            "{id}: {count} candidates, {diverged} diverged, largest error {:.2e} of the range, {evaluations} \
+            evaluations each beside {}",
             worst.0, fine[0].evaluations
         );
         assert!(worst.0 <= 5e-3, "{id}: {worst:?}");
-        assert!(diverged <= count / 10 && evaluations < 90_000, "{id}: {diverged} diverged, {evaluations} evaluations");
+        assert!(
+            diverged <= count / 10 && evaluations < 90_000,
+            "{id}: {diverged} diverged, {evaluations} evaluations"
+        );
     }
 }

@@ -1,4 +1,5 @@
-//! Effects that a user posts and that no catalogue has: the right one is found, a wrong one is told all its faults.
+//! Effects that a user posts and that no catalogue has: the right one is found, a wrong one is told all its
+//! faults.
 
 use super::clock::house;
 use super::request;
@@ -56,13 +57,17 @@ fn an_effect_that_a_user_posts_is_ranked_first_and_accepted() {
     let mut catalogue = Catalogue::builtin().unwrap();
     let problem = prepare(&catalogue, &"rc2".parse().unwrap(), &asked, &window, &site).unwrap();
     let theta = super::fit(&problem, &asked).theta();
-    let without = diagnose(&catalogue, &problem, &theta, &window, &site, AccusationRate::USUAL, &[], &Control::NONE).unwrap();
+    let without =
+        diagnose(&catalogue, &problem, &theta, &window, &site, AccusationRate::USUAL, &[], &Control::NONE)
+            .unwrap();
     println!("without it: {}", without.summary);
     assert!(without.rho.unwrap() > 2.0, "no effect of the catalogue explains the shop: {:?}", without.rho);
     catalogue.add_effect(EffectSpec::from_toml(VENTILATION).unwrap());
     let previews = preview(&catalogue, &problem, &theta, &window, &site).unwrap();
     assert_eq!(previews[0].effect, "shop_ventilation");
-    let with = diagnose(&catalogue, &problem, &theta, &window, &site, AccusationRate::USUAL, &[], &Control::NONE).unwrap();
+    let with =
+        diagnose(&catalogue, &problem, &theta, &window, &site, AccusationRate::USUAL, &[], &Control::NONE)
+            .unwrap();
     println!("with it: {}", with.summary);
     assert_eq!((with.verdict, with.findings[0].effect.as_str()), (Adequacy::Named, "shop_ventilation"));
     let coefficient = &with.findings[0].parameters["c_shop"];
@@ -81,10 +86,22 @@ fn an_impossible_effect_is_told_all_its_faults_and_stops_no_diagnosis() {
     let faults = compile(&composition, &Sets { channels: Some(channels), ..Sets::default() }).unwrap_err();
     let codes: Vec<&str> = faults.iter().map(|fault| fault.code.as_ref()).collect();
     println!("{faults:#?}");
-    assert!(["unknown-state", "unit", "missing-channel"].iter().all(|code| codes.contains(code)), "{codes:?}");
+    assert!(
+        ["unknown-state", "unit", "missing-channel"].iter().all(|code| codes.contains(code)),
+        "{codes:?}"
+    );
     let problem = prepare(&catalogue, &"rc2".parse().unwrap(), &asked, &window, &Site::default()).unwrap();
-    let found =
-        diagnose(&catalogue, &problem, problem.nominal(), &window, &Site::default(), AccusationRate::USUAL, &[], &Control::NONE).unwrap();
+    let found = diagnose(
+        &catalogue,
+        &problem,
+        problem.nominal(),
+        &window,
+        &Site::default(),
+        AccusationRate::USUAL,
+        &[],
+        &Control::NONE,
+    )
+    .unwrap();
     let told = found.not_testable.iter().find(|one| one.effect == "impossible").unwrap();
     for part in ["T_cellar", "T_attic"] {
         assert!(told.reason.contains(part), "{}", told.reason);

@@ -1,5 +1,5 @@
-//! Parameters that can hardly be told apart: what the document of a plant says would separate them does so, on twins of the plant,
-//! and what lies along a ridge is what the equations say.
+//! Parameters that can hardly be told apart: what the document of a plant says would separate them does so,
+//! on twins of the plant, and what lies along a ridge is what the equations say.
 
 use lampyris_core::data::{self, Window};
 use lampyris_core::estimate::uncertainty::ridge::sentence;
@@ -28,9 +28,15 @@ fn told(experiment: &str) -> (Problem, Uncertainty) {
         id = format!("asm1_h+{}", effect.id);
         catalogue.add_effect(effect);
     }
-    let twin = plant(&catalogue, &PlantRequest { seed: 3, model: &id, values: &[], days: 3, noise: 1.0, warm_up: false }).unwrap();
+    let twin = plant(
+        &catalogue,
+        &PlantRequest { seed: 3, model: &id, values: &[], days: 3, noise: 1.0, warm_up: false },
+    )
+    .unwrap();
     let (window, _) = Window::parse_csv(&twin.csv, &data::Bindings::none()).unwrap();
-    let asked = serde_json::json!({"objective": "nmse", "split": {"train": "P3D", "validation": "P0D", "test": "P0D"}});
+    let asked = serde_json::json!({
+        "objective": "nmse", "split": {"train": "P3D", "validation": "P0D", "test": "P0D"}
+    });
     let asked: EstimateRequest = serde_json::from_value(asked).unwrap();
     let problem = prepare(&catalogue, &id.parse().unwrap(), &asked, &window, &Site::default()).unwrap();
     let truth: Vec<f64> = twin.truth.iter().map(|(_, value)| *value).collect();
@@ -43,11 +49,16 @@ fn the_experiment_that_a_document_names_tells_two_parameters_apart() {
     let names = ["mu_A", "K_OA"];
     let ((problem, plain), (_, stepped)) = (told(""), told(STEPS));
     let width = |known: &Uncertainty| {
-        let place = problem.space().dimensions().iter().position(|dimension| dimension.name == "K_OA").unwrap();
+        let place =
+            problem.space().dimensions().iter().position(|dimension| dimension.name == "K_OA").unwrap();
         known.ci95[place].map_or(f64::INFINITY, |[low, high]| high - low)
     };
     let pair = |known: &Uncertainty| {
-        known.correlated.iter().find(|pair| names.iter().all(|name| pair.parameters.iter().any(|one| one == name))).cloned()
+        known
+            .correlated
+            .iter()
+            .find(|pair| names.iter().all(|name| pair.parameters.iter().any(|one| one == name)))
+            .cloned()
     };
     let before = pair(&plain).unwrap();
     let said = sentence(&before, problem.model());
@@ -84,15 +95,18 @@ fn along_a_ridge_the_product_stays_where_only_the_product_counts() {
         // An error that no parameter takes up.
         let error = 0.05 * ((k * k) as f64).sin();
         let (day, minutes) = (1 + k / 144, 10 * (k % 144));
-        csv += &format!("2026-03-{day:02}T{:02}:{:02}:00Z,{inflow},{}\n", minutes / 60, minutes % 60, c + error);
+        csv +=
+            &format!("2026-03-{day:02}T{:02}:{:02}:00Z,{inflow},{}\n", minutes / 60, minutes % 60, c + error);
         let end = inflow + 0.01 / a;
         c = end + (c - end) * (-a * s * step).exp();
     }
     let (window, _) = Window::parse_csv(&csv, &data::Bindings::none()).unwrap();
     let mut catalogue = Catalogue::builtin().unwrap();
     catalogue.add_model(ModelDocument::from_toml(BASIN).unwrap());
-    let asked =
-        serde_json::json!({"method": {"name": "lm_multistart", "seed": 4}, "split": {"train": "P2D", "validation": "P1D", "test": "P0D"}});
+    let asked = serde_json::json!({
+        "method": {"name": "lm_multistart", "seed": 4},
+        "split": {"train": "P2D", "validation": "P1D", "test": "P0D"}
+    });
     let asked: EstimateRequest = serde_json::from_value(asked).unwrap();
     let problem = prepare(&catalogue, &"basin".parse().unwrap(), &asked, &window, &Site::default()).unwrap();
     let fit = estimate(&problem, &asked, None, &Control::NONE).unwrap();
@@ -105,7 +119,14 @@ fn along_a_ridge_the_product_stays_where_only_the_product_counts() {
     assert!(products.iter().all(|product| (product / (a * s) - 1.0).abs() < 0.02), "{products:?}");
     // The estimate lies at the bottom, and the error rises with the distance from it.
     let costs: Vec<f64> = pair.ridge.iter().map(|point| point.cost).collect();
-    assert!(costs[0] > costs[1] && costs[1] > costs[2] && costs[2] < costs[3] && costs[3] < costs[4], "{costs:?}");
+    assert!(
+        costs[0] > costs[1] && costs[1] > costs[2] && costs[2] < costs[3] && costs[3] < costs[4],
+        "{costs:?}"
+    );
     assert!(costs[2] == fit.cost && costs[4] < 1.1 * fit.cost, "{costs:?}");
-    assert!(fit.remarks.iter().any(|remark| remark.contains("; with a from ") && remark.contains(" and s from ")), "{:?}", fit.remarks);
+    assert!(
+        fit.remarks.iter().any(|remark| remark.contains("; with a from ") && remark.contains(" and s from ")),
+        "{:?}",
+        fit.remarks
+    );
 }

@@ -4,7 +4,9 @@ use super::{fit, problem, request};
 use lampyris_core::estimate::problem::objective::{Objective, Prior};
 use lampyris_core::estimate::problem::request::EstimateRequest;
 use lampyris_core::estimate::validate;
-use lampyris_core::estimate::{Control, EarlyStopping, Incumbent, Past, Policy, Problem, Progress, Site, Stop, Verdict, estimate};
+use lampyris_core::estimate::{
+    Control, EarlyStopping, Incumbent, Past, Policy, Problem, Progress, Site, Stop, Verdict, estimate,
+};
 use lampyris_core::twin::{self, RoomTwin};
 
 fn room(seed: u64, days: usize, asked: &EstimateRequest) -> (RoomTwin, Problem) {
@@ -21,7 +23,10 @@ fn a_well_specified_room_is_fitted_to_its_noise_and_accepted() {
         let (_, problem) = room(seed, 14, &asked);
         let fit = fit(&problem, &asked);
         let metrics = fit.first_metrics().unwrap();
-        println!("twin {seed}: train {:.4}, validation {:?}, {:?}", metrics.train_rmse, metrics.validation_rmse, fit.stopped_by);
+        println!(
+            "twin {seed}: train {:.4}, validation {:?}, {:?}",
+            metrics.train_rmse, metrics.validation_rmse, fit.stopped_by
+        );
         assert!(metrics.train_rmse < 0.055, "{}", metrics.train_rmse);
         assert!(metrics.validation_rmse.unwrap() < 0.08);
         let judgement = validate(&problem, &fit, &Past::default(), &Policy::default());
@@ -52,8 +57,13 @@ fn a_worse_fit_loses_to_the_incumbent_and_a_jump_waits_for_an_operator() {
     let mut worse = asked.clone();
     worse.fixed.insert("alpha_a".into(), 2.0);
     let (_, crippled) = room(421, 14, &worse);
-    let judgement = validate(&crippled, &fit(&crippled, &worse), &Past::of(Some(incumbent.clone())), &Policy::default());
-    assert!(matches!(judgement.verdict, Verdict::Rejected | Verdict::Held(_) | Verdict::Unchanged), "{}", judgement.summary);
+    let judgement =
+        validate(&crippled, &fit(&crippled, &worse), &Past::of(Some(incumbent.clone())), &Policy::default());
+    assert!(
+        matches!(judgement.verdict, Verdict::Rejected | Verdict::Held(_) | Verdict::Unchanged),
+        "{}",
+        judgement.summary
+    );
     assert!(!judgement.failed().is_empty(), "{}", judgement.summary);
 }
 
@@ -81,8 +91,14 @@ fn the_prior_pulls_only_what_the_data_leave_open() {
     let rmse = |fit: &lampyris_core::estimate::Fit| fit.first_metrics().unwrap().train_rmse;
     assert!(rmse(&pulled) < 1.05 * rmse(&free), "{} {}", rmse(&pulled), rmse(&free));
     let distance = |fit: &lampyris_core::estimate::Fit| {
-        let logs = plain.model().parameters().iter().zip(plain.nominal()).filter(|(parameter, _)| parameter.unit == "1/h");
-        logs.map(|(parameter, nominal)| (fit.parameters[&parameter.name].value / nominal).ln().powi(2)).sum::<f64>()
+        let logs = plain
+            .model()
+            .parameters()
+            .iter()
+            .zip(plain.nominal())
+            .filter(|(parameter, _)| parameter.unit == "1/h");
+        logs.map(|(parameter, nominal)| (fit.parameters[&parameter.name].value / nominal).ln().powi(2))
+            .sum::<f64>()
     };
     assert!(distance(&pulled) <= distance(&free) + 1e-9);
 }
@@ -97,7 +113,8 @@ fn the_shape_weighted_error_is_minimised_by_the_same_search() {
     assert!(fit.cost > 0.9 * 0.05f64.powi(2) && fit.cost < 1.3 * 0.05f64.powi(2), "{}", fit.cost);
 }
 
-/// The normalised error of one output is its mean square error over a number: the same optimum, the same search.
+/// The normalised error of one output is its mean square error over a number: the same optimum, the same
+/// search.
 #[test]
 fn the_normalised_error_of_one_output_has_the_same_optimum() {
     let mut asked = request("P7D", "P2D", "P0D", 27);
@@ -120,18 +137,31 @@ fn the_normalised_error_of_one_output_has_the_same_optimum() {
 fn early_stopping_saves_evaluations_and_says_so() {
     let mut asked = request("P5D", "P2D", "P0D", 28);
     asked.budget.evaluations = 6000;
-    asked.method = serde_json::from_str(r#"{"name": "cfa_thesis", "seed": 28, "n": 16, "n_min": 8, "generations": 400}"#).unwrap();
+    asked.method = serde_json::from_str(
+        r#"{"name": "cfa_thesis", "seed": 28, "n": 16, "n_min": 8, "generations": 400}"#,
+    )
+    .unwrap();
     let (_, problem) = room(471, 7, &asked);
     let whole = fit(&problem, &asked);
     assert_eq!(whole.stopped_by, Stop::Budget);
     asked.early_stopping = Some(EarlyStopping { patience: 10, min_delta: 0.02, ..EarlyStopping::default() });
     let early = fit(&problem, &asked);
-    println!("whole: {} evaluations, cost {:.5}; early: {}, {:.5}", whole.evaluations, whole.cost, early.evaluations, early.cost);
+    println!(
+        "whole: {} evaluations, cost {:.5}; early: {}, {:.5}",
+        whole.evaluations, whole.cost, early.evaluations, early.cost
+    );
     assert_eq!(early.stopped_by, Stop::Stalled);
     assert!(early.evaluations < whole.evaluations / 2, "{} {}", early.evaluations, whole.evaluations);
-    assert!(early.remarks.iter().any(|remark| remark.contains("stopped early: in 10 generations the cost")), "{:?}", early.remarks);
+    assert!(
+        early.remarks.iter().any(|remark| remark.contains("stopped early: in 10 generations the cost")),
+        "{:?}",
+        early.remarks
+    );
     // The same seed goes the same way as far as it goes.
-    assert!(whole.trace.iter().any(|point| point.best == early.cost), "the early end is a point of the whole way");
+    assert!(
+        whole.trace.iter().any(|point| point.best == early.cost),
+        "the early end is a point of the whole way"
+    );
 
     asked.early_stopping = Some(EarlyStopping { validation: true, ..asked.early_stopping.unwrap() });
     let seen = std::sync::Mutex::new(f64::INFINITY);
@@ -139,10 +169,18 @@ fn early_stopping_saves_evaluations_and_says_so() {
         let mut lowest = seen.lock().unwrap();
         *lowest = lowest.min(progress.best_validation.unwrap_or(f64::INFINITY));
     };
-    let watched = estimate(&problem, &asked, None, &Control { progress: &progress, ..Control::NONE }).unwrap();
-    assert!(watched.remarks.iter().any(|remark| remark.contains("not that of unseen data")), "{:?}", watched.remarks);
+    let watched =
+        estimate(&problem, &asked, None, &Control { progress: &progress, ..Control::NONE }).unwrap();
+    assert!(
+        watched.remarks.iter().any(|remark| remark.contains("not that of unseen data")),
+        "{:?}",
+        watched.remarks
+    );
     let (unseen, lowest) = (watched.first_metrics().unwrap().validation_rmse.unwrap(), *seen.lock().unwrap());
-    println!("on validation: {} evaluations, {unseen:.4} K; lowest on the way {lowest:.4} K", watched.evaluations);
+    println!(
+        "on validation: {} evaluations, {unseen:.4} K; lowest on the way {lowest:.4} K",
+        watched.evaluations
+    );
     // A parameter on a bound may be fixed afterwards where that costs less than two per cent.
     assert!(unseen <= 1.02 * lowest, "{unseen} {lowest}");
 }

@@ -1,5 +1,5 @@
-//! `lampyris bench`: hands over to `lampyris-studies`, a program of its own so that nobody builds the studies who does
-//! not run them.
+//! `lampyris bench`: hands over to `lampyris-studies`, a program of its own so that nobody builds the studies
+//! who does not run them.
 
 use super::output::Failure;
 use std::ffi::OsString;
@@ -19,5 +19,8 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let this = std::env::current_exe().map_err(|error| Failure::Error(error.to_string()))?;
     let studies = this.with_file_name("lampyris-studies");
     let error = Command::new(&studies).args(&arguments.rest).exec();
-    Err(Failure::NotFound(format!("{}: {error}; `cargo build --release --workspace` builds it", studies.display())))
+    Err(Failure::NotFound(format!(
+        "{}: {error}; `cargo build --release --workspace` builds it",
+        studies.display()
+    )))
 }

@@ -1,6 +1,6 @@
-//! The page's modules as one classic script. Browsers refuse to import modules from the disk, so each module becomes a
-//! function that returns what it exports. It reads the dialect that the page is written in: named and default imports
-//! and exports by their own statements, no cycles.
+//! The page's modules as one classic script. Browsers refuse to import modules from the disk, so each module
+//! becomes a function that returns what it exports. It reads the dialect that the page is written in: named
+//! and default imports and exports by their own statements, no cycles.
 
 use super::output::Failure;
 use crate::http::page_part;
@@ -29,12 +29,20 @@ pub fn script(entry: &str) -> Result<String, Failure> {
     Ok(script.replace("</script", "<\\/script"))
 }
 
-fn add(path: &str, done: &mut Vec<String>, open: &mut Vec<String>, script: &mut String) -> Result<(), Failure> {
+fn add(
+    path: &str,
+    done: &mut Vec<String>,
+    open: &mut Vec<String>,
+    script: &mut String,
+) -> Result<(), Failure> {
     if done.iter().any(|known| known == path) {
         return Ok(());
     }
     if open.iter().any(|waiting| waiting == path) {
-        return Err(Failure::Error(format!("the page's parts import each other: {} -> {path}", open.join(" -> "))));
+        return Err(Failure::Error(format!(
+            "the page's parts import each other: {} -> {path}",
+            open.join(" -> ")
+        )));
     }
     let text = page_part(path).ok_or_else(|| Failure::Error(format!("the page has no part `{path}`")))?;
     let body = body(path, &text)?;
@@ -45,7 +53,11 @@ fn add(path: &str, done: &mut Vec<String>, open: &mut Vec<String>, script: &mut 
     open.pop();
     done.push(path.to_owned());
     let exports: Vec<String> = body.exports.iter().map(|(name, value)| format!("{name}: {value}")).collect();
-    script.push_str(&format!("{TABLE}['{path}'] = (() => {{\n{}\nreturn {{ {} }};\n}})();\n", body.text.trim(), exports.join(", ")));
+    script.push_str(&format!(
+        "{TABLE}['{path}'] = (() => {{\n{}\nreturn {{ {} }};\n}})();\n",
+        body.text.trim(),
+        exports.join(", ")
+    ));
     Ok(())
 }
 
@@ -58,7 +70,9 @@ fn body(path: &str, text: &str) -> Result<Body, Failure> {
         body.text.push_str(&rest[..at]);
         let taken = one(path, &rest[at..], &mut body).ok_or_else(|| {
             let line: String = rest[at..].chars().take(60).collect();
-            Failure::Error(format!("the page's part `{path}` has a statement that a report cannot hold: {line}"))
+            Failure::Error(format!(
+                "the page's part `{path}` has a statement that a report cannot hold: {line}"
+            ))
         })?;
         // What stays of an export is no beginning of another one.
         before = ' ';
@@ -68,18 +82,23 @@ fn body(path: &str, text: &str) -> Result<Body, Failure> {
     Ok(body)
 }
 
-/// Where the next import or export begins: at the start of a line, or behind a statement of a minified module.
+/// Where the next import or export begins: at the start of a line, or behind a statement of a minified
+/// module.
 fn statement(text: &str, before: char) -> Option<usize> {
     let begins = |at: usize| matches!(text[..at].chars().next_back().unwrap_or(before), '\n' | ';' | '}');
     let word = |at: usize| {
         let rest = &text[at..];
         ["import ", "import{", "export ", "export{"].iter().any(|word| rest.starts_with(word))
     };
-    text.match_indices("import").chain(text.match_indices("export")).map(|(at, _)| at).filter(|at| word(*at) && begins(*at)).min()
+    text.match_indices("import")
+        .chain(text.match_indices("export"))
+        .map(|(at, _)| at)
+        .filter(|at| word(*at) && begins(*at))
+        .min()
 }
 
-/// Rewrites one statement at the start of a text; how much of the text it takes. An exported declaration loses its
-/// first word alone.
+/// Rewrites one statement at the start of a text; how much of the text it takes. An exported declaration
+/// loses its first word alone.
 fn one(path: &str, text: &str, body: &mut Body) -> Option<usize> {
     let end = text.find(';').map(|at| at + 1);
     let (word, rest) = text.split_at("import".len());
@@ -89,7 +108,9 @@ fn one(path: &str, text: &str, body: &mut Body) -> Option<usize> {
         let (names, source) = statement.rsplit_once("from")?;
         let source = body.import(path, source)?;
         let names = match listed(names) {
-            Some(names) => names.iter().map(|(from, to)| format!("{from}: {to}")).collect::<Vec<_>>().join(", "),
+            Some(names) => {
+                names.iter().map(|(from, to)| format!("{from}: {to}")).collect::<Vec<_>>().join(", ")
+            }
             None => format!("default: {}", names.trim()),
         };
         body.text.push_str(&format!("const {{ {names} }} = {source};"));
@@ -103,7 +124,8 @@ fn one(path: &str, text: &str, body: &mut Body) -> Option<usize> {
             None => None,
         };
         for (from, to) in listed(list)? {
-            body.exports.push((to, source.as_ref().map_or(from.clone(), |source| format!("{source}.{from}"))));
+            body.exports
+                .push((to, source.as_ref().map_or(from.clone(), |source| format!("{source}.{from}"))));
         }
         return end;
     }
@@ -113,8 +135,13 @@ fn one(path: &str, text: &str, body: &mut Body) -> Option<usize> {
         body.text.push_str("const $default = ");
         return Some(text.len() - value.len());
     }
-    let named = ["async function ", "function ", "const ", "class "].iter().find_map(|kind| rest.strip_prefix(kind))?;
-    let name = named.split(|c: char| !(c.is_alphanumeric() || c == '_' || c == '$')).next().filter(|name| !name.is_empty())?;
+    let named = ["async function ", "function ", "const ", "class "]
+        .iter()
+        .find_map(|kind| rest.strip_prefix(kind))?;
+    let name = named
+        .split(|c: char| !(c.is_alphanumeric() || c == '_' || c == '$'))
+        .next()
+        .filter(|name| !name.is_empty())?;
     body.exports.push((name.to_owned(), name.to_owned()));
     Some(declaration)
 }
@@ -157,24 +184,35 @@ mod tests {
 
     #[test]
     fn statements_become_what_a_function_may_hold() {
-        let text = "import a from './a.mjs';\nimport {\n  b,\n  c as d,\n} from '../x/b.js';\nexport { b };\nexport * as all;\n";
+        let text = "import a from './a.mjs';\nimport {\n  b,\n  c as d,\n} from '../x/b.js';\nexport { b \
+            };\nexport * as all;\n";
         assert!(body("pages/one.js", text).is_err(), "what is not understood is a fault");
-        let text =
-            text.replace("export * as all;\n", "export const e = 1;\nexport async function f() {}\nexport { g as h } from './g.js';\n");
+        let text = text.replace(
+            "export * as all;\n",
+            "export const e = 1;\nexport async function f() {}\nexport { g as h } from './g.js';\n",
+        );
         let body = body("pages/one.js", &text).ok().unwrap_or_default();
         assert_eq!(body.imports, ["pages/a.mjs", "x/b.js", "pages/g.js"]);
         assert!(body.text.contains("const { default: a } = $parts['pages/a.mjs'];"), "{}", body.text);
         assert!(body.text.contains("const { b: b, c: d } = $parts['x/b.js'];"), "{}", body.text);
-        assert!(body.text.contains("\nconst e = 1;\nasync function f() {}\n") && !body.text.contains("export"), "{}", body.text);
-        let exports: Vec<String> = body.exports.iter().map(|(name, value)| format!("{name}={value}")).collect();
+        assert!(
+            body.text.contains("\nconst e = 1;\nasync function f() {}\n") && !body.text.contains("export"),
+            "{}",
+            body.text
+        );
+        let exports: Vec<String> =
+            body.exports.iter().map(|(name, value)| format!("{name}={value}")).collect();
         assert_eq!(exports, ["b=b", "e=e", "f=f", "h=$parts['pages/g.js'].g"]);
     }
 
     #[test]
     fn a_minified_module_is_understood() {
-        let body = body("vendor/h.mjs", "import{options as n}from\"./p.mjs\";var t=n;function u(){}export{t as x,u as y};\n")
-            .ok()
-            .unwrap_or_default();
+        let body = body(
+            "vendor/h.mjs",
+            "import{options as n}from\"./p.mjs\";var t=n;function u(){}export{t as x,u as y};\n",
+        )
+        .ok()
+        .unwrap_or_default();
         assert_eq!(body.text.trim(), "const { options: n } = $parts['vendor/p.mjs'];var t=n;function u(){}");
         assert_eq!(body.exports, [("x".to_owned(), "t".to_owned()), ("y".to_owned(), "u".to_owned())]);
     }
@@ -184,7 +222,9 @@ mod tests {
         for entry in ["report.js", "main.js"] {
             let script = script(entry).ok().unwrap_or_default();
             assert!(
-                script.contains("$parts['charts/strips.js']") && !script.contains("\nimport ") && !script.contains("\nexport "),
+                script.contains("$parts['charts/strips.js']")
+                    && !script.contains("\nimport ")
+                    && !script.contains("\nexport "),
                 "{entry}"
             );
             assert!(!script.contains("</script"), "{entry} could end its own element");

@@ -62,11 +62,16 @@ pub fn migrate(database: &Database) -> Result<(), Failure> {
     let done = serve::runtime()?.block_on(migrate::migrate(&path)).map_err(failure)?;
     let backup = done.backup.as_deref().map(shown);
     let sentence = match &backup {
-        Some(backup) => format!("schema {} -> {}; the database as it was is kept as {backup}", done.from, done.to),
+        Some(backup) => {
+            format!("schema {} -> {}; the database as it was is kept as {backup}", done.from, done.to)
+        }
         None if done.from == done.to => format!("the schema is up to date: {}", done.to),
         None => format!("schema {} -> {}", done.from, done.to),
     };
-    database.show(&json!({"database": shown(&path), "from": done.from, "to": done.to, "backup": backup}), &sentence);
+    database.show(
+        &json!({"database": shown(&path), "from": done.from, "to": done.to, "backup": backup}),
+        &sentence,
+    );
     Ok(())
 }
 
@@ -76,7 +81,10 @@ pub fn backup(arguments: &BackupArguments) -> Result<(), Failure> {
     let made = serve::runtime()?.block_on(backup::backup(&path, &arguments.file)).map_err(failure)?;
     let file = shown(&arguments.file);
     let sentence = format!("{file}: {} bytes, schema {}, checked and on the disk", made.bytes, made.schema);
-    arguments.database.show(&json!({"database": shown(&path), "file": file, "bytes": made.bytes, "schema": made.schema}), &sentence);
+    arguments.database.show(
+        &json!({"database": shown(&path), "file": file, "bytes": made.bytes, "schema": made.schema}),
+        &sentence,
+    );
     Ok(())
 }
 
@@ -86,9 +94,14 @@ pub fn restore(arguments: &RestoreArguments) -> Result<(), Failure> {
     let now = crate::service::now();
     let done = serve::runtime()?.block_on(backup::restore(&path, &arguments.file, now)).map_err(failure)?;
     let replaced = done.replaced.as_deref().map(shown);
-    let kept = replaced.as_ref().map_or("there was none before".to_owned(), |kept| format!("the one before is kept as {kept}"));
-    let sentence = format!("{} is {} again, schema {}; {kept}", shown(&path), shown(&arguments.file), done.schema);
-    let document = json!({"database": shown(&path), "file": shown(&arguments.file), "schema": done.schema, "replaced": replaced});
+    let kept = replaced
+        .as_ref()
+        .map_or("there was none before".to_owned(), |kept| format!("the one before is kept as {kept}"));
+    let sentence =
+        format!("{} is {} again, schema {}; {kept}", shown(&path), shown(&arguments.file), done.schema);
+    let document = json!({
+        "database": shown(&path), "file": shown(&arguments.file), "schema": done.schema, "replaced": replaced
+    });
     arguments.database.show(&document, &sentence);
     Ok(())
 }

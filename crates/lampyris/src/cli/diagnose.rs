@@ -10,7 +10,9 @@ use lampyris_core::diagnose::report::{Considered, Finding};
 use lampyris_core::diagnose::{Adequacy, Diagnosis, diagnose};
 use lampyris_core::estimate::problem::request::{AccusationRate, SeededMethod};
 use lampyris_core::estimate::validate;
-use lampyris_core::estimate::{Control, EstimateRequest, Fit, Judgement, Past, Policy, Problem, Progress, Site, estimate, prepare};
+use lampyris_core::estimate::{
+    Control, EstimateRequest, Fit, Judgement, Past, Policy, Problem, Progress, Site, estimate, prepare,
+};
 use lampyris_core::model::Catalogue;
 use lampyris_core::optimise::Method;
 use lampyris_core::units::error_unit;
@@ -57,10 +59,14 @@ impl First {
 /// Reads the measurements and fits the model as it is.
 pub fn first_fit(measured: &MeasuredArguments, seed: u64, quiet: bool) -> Result<First, Failure> {
     let window = measured.read()?;
-    let request = EstimateRequest { method: SeededMethod { seed, method: Method::default() }, ..measured.request(SplitRequest::DIAGNOSE) };
+    let request = EstimateRequest {
+        method: SeededMethod { seed, method: Method::default() },
+        ..measured.request(SplitRequest::DIAGNOSE)
+    };
     let site = measured.site();
     let catalogue = Catalogue::builtin().map_err(|found| faults(&found))?;
-    let problem = prepare(&catalogue, &measured.model(), &request, &window, &site).map_err(|found| faults(&found))?;
+    let problem =
+        prepare(&catalogue, &measured.model(), &request, &window, &site).map_err(|found| faults(&found))?;
     let bar = progress_bar(request.budget.evaluations as u64, quiet);
     let progress = |progress: &Progress| bar.set_position(progress.evaluations as u64);
     let fit = estimate(&problem, &request, None, &Control { progress: &progress, ..Control::NONE });
@@ -97,8 +103,10 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let first = first_fit(&arguments.measured, arguments.seed, arguments.json)?;
     let First { catalogue, problem, fit, window, site, .. } = &first;
     let rate = arguments.accusation_rate;
-    let work = |control: &Control| diagnose(catalogue, problem, &fit.theta(), window, site, rate, &[], control);
-    let diagnosis = with_trials_bar(arguments.json, work).map_err(|error| Failure::Error(error.to_string()))?;
+    let work =
+        |control: &Control| diagnose(catalogue, problem, &fit.theta(), window, site, rate, &[], control);
+    let diagnosis =
+        with_trials_bar(arguments.json, work).map_err(|error| Failure::Error(error.to_string()))?;
     if arguments.json {
         print(&serde_json::to_string(&diagnosis).map_err(|error| Failure::Error(error.to_string()))?);
     } else {
@@ -146,10 +154,13 @@ fn text(diagnosis: &Diagnosis, problem: &Problem) -> String {
 }
 
 fn one(finding: &Finding) -> Vec<String> {
-    let mut lines = vec![format!("{}. {} ({}) - {}", finding.rank, finding.title, finding.effect, finding.explain)];
+    let mut lines =
+        vec![format!("{}. {} ({}) - {}", finding.rank, finding.title, finding.effect, finding.explain)];
     lines.extend(finding.evidence.iter().map(|sentence| format!("   {sentence}")));
     for (name, value) in &finding.parameters {
-        let interval = value.ci95.map_or_else(|| "not determined".to_owned(), |[low, high]| format!("[{low:.4}, {high:.4}]"));
+        let interval = value
+            .ci95
+            .map_or_else(|| "not determined".to_owned(), |[low, high]| format!("[{low:.4}, {high:.4}]"));
         let bound = if value.at_bound { ", at a bound" } else { "" };
         lines.push(format!("   {name} = {:.4} {} {interval}{bound}", value.value, value.unit));
     }
@@ -160,7 +171,9 @@ fn one(finding: &Finding) -> Vec<String> {
 }
 
 fn considered(one: &Considered) -> String {
-    let number = |value: Option<f64>, scale: f64| value.map_or_else(|| "-".to_owned(), |value| format!("{:.1}", scale * value));
+    let number = |value: Option<f64>, scale: f64| {
+        value.map_or_else(|| "-".to_owned(), |value| format!("{:.1}", scale * value))
+    };
     format!(
         "{:<32} {:>9.1} {:>9} {:>8}%  {}",
         one.effect,

@@ -64,7 +64,13 @@ pub fn run(arguments: &Database) -> Result<(), Failure> {
         }
         Err(found) => {
             let list: Vec<String> = found.iter().map(ToString::to_string).collect();
-            say("configuration", (Fail, format!("correct the settings, the defaults were looked at instead: {}", list.join("; "))));
+            say(
+                "configuration",
+                (
+                    Fail,
+                    format!("correct the settings, the defaults were looked at instead: {}", list.join("; ")),
+                ),
+            );
             Settings::default()
         }
     };
@@ -91,13 +97,19 @@ pub fn run(arguments: &Database) -> Result<(), Failure> {
     let failed = checks.iter().filter(|check| check.status == Fail).count();
     let lines: Vec<String> = checks.iter().map(Check::line).collect();
     arguments.show(&serde_json::json!({"healthy": failed == 0, "checks": checks}), &lines.join("\n"));
-    if failed == 0 { Ok(()) } else { Err(Failure::Error(format!("{failed} of {} checks failed", checks.len()))) }
+    if failed == 0 {
+        Ok(())
+    } else {
+        Err(Failure::Error(format!("{failed} of {} checks failed", checks.len())))
+    }
 }
 
 fn database(found: &DatabaseState) -> (Status, String) {
     let user = if found.in_use { "a service has it open" } else { "no service has it open" };
     match &found.soundness {
-        Ok(()) => (Fine, format!("every page, index and reference is in order; {} bytes, {user}", found.bytes)),
+        Ok(()) => {
+            (Fine, format!("every page, index and reference is in order; {} bytes, {user}", found.bytes))
+        }
         Err(error) => (Fail, error.to_string()),
     }
 }
@@ -105,9 +117,13 @@ fn database(found: &DatabaseState) -> (Status, String) {
 fn schema(found: &DatabaseState) -> (Status, String) {
     match &found.schema {
         Ok((schema, newest)) if schema == newest => (Fine, format!("schema {schema}, the newest")),
-        Ok((schema, newest)) => {
-            (Warn, format!("schema {schema}, and this program has {newest}: `lampyris migrate` or the next start brings it up to date"))
-        }
+        Ok((schema, newest)) => (
+            Warn,
+            format!(
+                "schema {schema}, and this program has {newest}: `lampyris migrate` or the next start brings \
+                it up to date"
+            ),
+        ),
         Err(error) => (Fail, error.to_string()),
     }
 }
@@ -117,7 +133,13 @@ fn log(found: &DatabaseState) -> (Status, String) {
     if size <= LONG_LOG {
         return (Fine, format!("the write-ahead log has {size} bytes"));
     }
-    (Warn, format!("the write-ahead log has {size} bytes: something reads the database for long; end that, or restart the service"))
+    (
+        Warn,
+        format!(
+            "the write-ahead log has {size} bytes: something reads the database for long; end that, or \
+            restart the service"
+        ),
+    )
 }
 
 fn clock(found: &DatabaseState, zone: &str) -> (Status, String) {
@@ -126,11 +148,17 @@ fn clock(found: &DatabaseState, zone: &str) -> (Status, String) {
         return (Fail, format!("the time zone of schedules is not known: {error}"));
     }
     match &found.newest_row {
-        Ok(Some(newest)) if *newest > now => {
-            (Fail, format!("it is {now:.0}, and the database was written at {newest:.0}: set the clock of this machine"))
-        }
+        Ok(Some(newest)) if *newest > now => (
+            Fail,
+            format!(
+                "it is {now:.0}, and the database was written at {newest:.0}: set the clock of this machine"
+            ),
+        ),
         Ok(_) => (Fine, format!("it is {now:.0}, schedules follow {zone}")),
-        Err(_) => (Warn, format!("it is {now:.0}; the database cannot tell whether that is later than its newest row")),
+        Err(_) => (
+            Warn,
+            format!("it is {now:.0}; the database cannot tell whether that is later than its newest row"),
+        ),
     }
 }
 
@@ -142,12 +170,21 @@ fn disk(folder: &Path, database: u64) -> (Status, String) {
             if free < NO_ROOM {
                 (Fail, format!("{free} bytes are free in {place}: make room, or writes will be refused"))
             } else if free < ROOM.saturating_add(database) {
-                (Warn, format!("{free} bytes are free in {place}: a migration needs as much again as the database, so make room soon"))
+                (
+                    Warn,
+                    format!(
+                        "{free} bytes are free in {place}: a migration needs as much again as the database, \
+                        so make room soon"
+                    ),
+                )
             } else {
                 (Fine, format!("{free} bytes are free in {place}"))
             }
         }
-        Err(error) => (Fail, format!("{} cannot be looked at ({error}): make the folder, or set `database`", folder.display())),
+        Err(error) => (
+            Fail,
+            format!("{} cannot be looked at ({error}): make the folder, or set `database`", folder.display()),
+        ),
     }
 }
 
@@ -155,14 +192,23 @@ fn disk(folder: &Path, database: u64) -> (Status, String) {
 fn permissions(folder: &Path, database: &Path) -> (Status, String) {
     let probe = folder.join(".lampyris-doctor");
     if let Err(error) = fs::write(&probe, b"").and_then(|()| fs::remove_file(&probe)) {
-        return (Fail, format!("{} cannot be written ({error}): give it to the user who runs the service", folder.display()));
+        return (
+            Fail,
+            format!(
+                "{} cannot be written ({error}): give it to the user who runs the service",
+                folder.display()
+            ),
+        );
     }
     for path in [folder, database] {
         let Ok(found) = fs::metadata(path) else { continue };
         // A sticky folder such as /tmp lets nobody touch the files of others.
         let mode = found.permissions().mode();
         if mode & 0o002 != 0 && mode & 0o1000 == 0 {
-            return (Warn, format!("everybody on this machine can change {0}: `chmod o-w {0}`", path.display()));
+            return (
+                Warn,
+                format!("everybody on this machine can change {0}: `chmod o-w {0}`", path.display()),
+            );
         }
     }
     (Fine, format!("{} can be written", folder.display()))
@@ -170,9 +216,13 @@ fn permissions(folder: &Path, database: &Path) -> (Status, String) {
 
 fn open_files() -> (Status, String) {
     match getrlimit(Resource::Nofile).current {
-        Some(limit) if limit < OPEN_FILES => {
-            (Warn, format!("{limit} files may be open at once, and every connection is one: raise it with `ulimit -n {OPEN_FILES}`"))
-        }
+        Some(limit) if limit < OPEN_FILES => (
+            Warn,
+            format!(
+                "{limit} files may be open at once, and every connection is one: raise it with `ulimit -n \
+                {OPEN_FILES}`"
+            ),
+        ),
         Some(limit) => (Fine, format!("{limit} files may be open at once")),
         None => (Fine, "any number of files may be open at once".to_owned()),
     }
@@ -181,7 +231,10 @@ fn open_files() -> (Status, String) {
 fn cpu() -> (Status, String) {
     let cpu = Cpu::detect();
     match cpu.name() {
-        "baseline" => (Warn, "this CPU has no AVX2: fits take several times as long, their results are the same".to_owned()),
+        "baseline" => (
+            Warn,
+            "this CPU has no AVX2: fits take several times as long, their results are the same".to_owned(),
+        ),
         name => (Fine, format!("simulations use {name}")),
     }
 }

@@ -10,9 +10,12 @@ pub fn read_document(file: &Path) -> Result<Value, Failure> {
     let shown = file.display();
     let mut text = String::new();
     if file == Path::new("-") {
-        std::io::stdin().read_to_string(&mut text).map_err(|error| Failure::Error(format!("standard input: {error}")))?;
+        std::io::stdin()
+            .read_to_string(&mut text)
+            .map_err(|error| Failure::Error(format!("standard input: {error}")))?;
     } else {
-        text = std::fs::read_to_string(file).map_err(|error| Failure::NotFound(format!("{shown}: {error}")))?;
+        text =
+            std::fs::read_to_string(file).map_err(|error| Failure::NotFound(format!("{shown}: {error}")))?;
     }
     if file.extension().is_some_and(|kind| kind == "toml") {
         toml::from_str(&text).map_err(|error| Failure::Error(format!("{shown}: {error}")))

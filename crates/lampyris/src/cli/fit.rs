@@ -18,8 +18,8 @@ use lampyris_core::optimise::Method;
 pub struct Arguments {
     #[command(flatten)]
     measured: MeasuredArguments,
-    /// The optimiser: cfa (the default), ctsm for the largest likelihood, cfa_thesis, cfa_hierarchical, fa, fa_modified, grid,
-    /// lm_multistart, lshade, pso or ga.
+    /// The optimiser: cfa (the default), ctsm for the largest likelihood, cfa_thesis, cfa_hierarchical, fa,
+    /// fa_modified, grid, lm_multistart, lshade, pso or ga.
     #[arg(long, value_parser = method)]
     method: Option<Method>,
     /// What is minimised: mse (the default), swmse, nmse, or the likelihood, which goes with ctsm.
@@ -63,7 +63,8 @@ fn method(text: &str) -> Result<Method, String> {
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let window = arguments.measured.read()?;
     let model = arguments.measured.model();
-    let (objective, method) = agreed(arguments.objective, arguments.method.clone()).map_err(|fault| faults(&[fault]))?;
+    let (objective, method) =
+        agreed(arguments.objective, arguments.method.clone()).map_err(|fault| faults(&[fault]))?;
     let request = EstimateRequest {
         objective,
         prior: arguments.prior,
@@ -85,7 +86,8 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let fit = fit.map_err(|error| Failure::Error(error.to_string()))?;
     let judgement = validate(&problem, &fit, &Past::default(), &Policy::default());
     if arguments.json {
-        let document = report::fit_document(report::ID, &fit, &judgement, &jiff::Timestamp::now().to_string())?;
+        let document =
+            report::fit_document(report::ID, &fit, &judgement, &jiff::Timestamp::now().to_string())?;
         print(&document.to_string());
     } else {
         print(&table(&fit));
@@ -97,11 +99,22 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     if let Some(file) = arguments.measured.report() {
         report::write(
             file,
-            &ReportSubject { catalogue: &catalogue, window: &window, fit: &fit, judgement: &judgement, diagnosis: None, ladder: None },
+            &ReportSubject {
+                catalogue: &catalogue,
+                window: &window,
+                fit: &fit,
+                judgement: &judgement,
+                diagnosis: None,
+                ladder: None,
+            },
         )?;
     }
     // Without unseen data for the gate, the fit is a study and not a candidate for a controller.
-    if problem.split().validation.is_empty() || judgement.failed().is_empty() { Ok(()) } else { Err(Failure::Rejected) }
+    if problem.split().validation.is_empty() || judgement.failed().is_empty() {
+        Ok(())
+    } else {
+        Err(Failure::Rejected)
+    }
 }
 
 /// A bar on standard error where somebody watches.
@@ -115,7 +128,10 @@ pub fn progress_bar(length: u64, hidden: bool) -> ProgressBar {
 
 /// The report of a fit for people.
 pub fn table(fit: &Fit) -> String {
-    let mut lines = vec![format!("{}  {} {}  {} evaluations, {:?}", fit.model, fit.method, fit.objective, fit.evaluations, fit.stopped_by)];
+    let mut lines = vec![format!(
+        "{}  {} {}  {} evaluations, {:?}",
+        fit.model, fit.method, fit.objective, fit.evaluations, fit.stopped_by
+    )];
     lines.push(format!("{:<18} {:>12} {:<12} {:>26}", "parameter", "value", "unit", "95 % interval"));
     for (name, estimate) in &fit.parameters {
         let interval = match (estimate.fixed, estimate.ci95) {
@@ -124,12 +140,17 @@ pub fn table(fit: &Fit) -> String {
             (false, None) => "not determined".to_owned(),
         };
         let bound = if estimate.at_bound { "  at a bound" } else { "" };
-        lines.push(format!("{name:<18} {:>12.5} {:<12} {interval:>26}{bound}", estimate.value, estimate.unit));
+        lines
+            .push(format!("{name:<18} {:>12.5} {:<12} {interval:>26}{bound}", estimate.value, estimate.unit));
     }
     for (channel, metrics) in &fit.metrics {
         let unit = &metrics.unit;
-        let error =
-            |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |value| format!("{value:.4} {unit} (MSE {:.4})", value * value));
+        let error = |value: Option<f64>| {
+            value.map_or_else(
+                || "-".to_owned(),
+                |value| format!("{value:.4} {unit} (MSE {:.4})", value * value),
+            )
+        };
         lines.push(format!(
             "{channel} free run   train {}   validation {}   test {}",
             error(Some(metrics.train_rmse)),
@@ -147,7 +168,8 @@ pub fn table(fit: &Fit) -> String {
         }
     }
     lines.extend(fit.likelihood.iter().flat_map(likelihood));
-    let step_error = fit.discretisation_error.map_or_else(|| "without limit".to_owned(), |error| format!("{error:.5}"));
+    let step_error =
+        fit.discretisation_error.map_or_else(|| "without limit".to_owned(), |error| format!("{error:.5}"));
     lines.push(format!("step error {step_error}  ({} steps per sample)", fit.substeps));
     lines.extend(fit.remarks.iter().map(|remark| format!("note: {remark}")));
     lines.join("\n")
@@ -161,14 +183,27 @@ fn likelihood(found: &LikelihoodReport) -> Vec<String> {
         found.log_likelihood, found.innovations, found.estimated, found.aic, found.bic
     )];
     let groups = [("diffusion", &found.diffusion), ("sensor", &found.measurement)];
-    for (group, (name, noise)) in groups.into_iter().flat_map(|(group, noises)| noises.iter().map(move |noise| (group, noise))) {
-        let interval = noise.ci95.map_or_else(|| "not determined".to_owned(), |[low, high]| format!("[{low:.4}, {high:.4}]"));
+    for (group, (name, noise)) in
+        groups.into_iter().flat_map(|(group, noises)| noises.iter().map(move |noise| (group, noise)))
+    {
+        let interval = noise
+            .ci95
+            .map_or_else(|| "not determined".to_owned(), |[low, high]| format!("[{low:.4}, {high:.4}]"));
         let bound = if noise.at_bound { "  at a bound" } else { "" };
-        lines.push(format!("{:<18} {:>12.5} {:<12} {interval:>26}{bound}", format!("{group} {name}"), noise.value, noise.unit));
+        lines.push(format!(
+            "{:<18} {:>12.5} {:<12} {interval:>26}{bound}",
+            format!("{group} {name}"),
+            noise.value,
+            noise.unit
+        ));
     }
     for (name, profile) in &found.profiles {
         let side = |side: Option<f64>| side.map_or_else(|| "open".to_owned(), |value| format!("{value:.4}"));
-        lines.push(format!("{:<44} {:>26}", format!("profile {name}"), format!("[{}, {}]", side(profile.ci95[0]), side(profile.ci95[1]))));
+        lines.push(format!(
+            "{:<44} {:>26}",
+            format!("profile {name}"),
+            format!("[{}, {}]", side(profile.ci95[0]), side(profile.ci95[1]))
+        ));
     }
     lines.push(found.reason.clone());
     lines

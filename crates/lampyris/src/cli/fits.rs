@@ -70,7 +70,8 @@ fn decide(server: &Server, decision: &Decision, word: &str) -> Result<(), Failur
     Ok(())
 }
 
-/// The same report as that of `lampyris fit`. A server of another version may say more or less than this one knows.
+/// The same report as that of `lampyris fit`. A server of another version may say more or less than this one
+/// knows.
 fn describe(document: &Value) -> String {
     let head = table::fields(document, FIELDS);
     let report = Fit::deserialize(document).map(|found| fit::table(&found));

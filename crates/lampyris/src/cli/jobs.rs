@@ -108,7 +108,8 @@ struct List {
 
 #[derive(Debug, clap::Args)]
 struct Post {
-    /// The system, such as room/4; several, or a pattern such as 'room/*', make a batch: a recalibration, or diagnoses.
+    /// The system, such as room/4; several, or a pattern such as 'room/*', make a batch: a recalibration, or
+    /// diagnoses.
     systems: Vec<String>,
     /// A request to start from: a JSON document, `-` for standard input. The flags win over it.
     #[arg(long, value_name = "FILE")]
@@ -176,7 +177,10 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         }
         Verb::Post(post) => submit(server, post),
         Verb::Cancel { id } => {
-            server.show(&server.call("POST", &format!("/jobs/{}/cancel", segment(id)), Call::default())?, describe);
+            server.show(
+                &server.call("POST", &format!("/jobs/{}/cancel", segment(id)), Call::default())?,
+                describe,
+            );
             Ok(())
         }
         Verb::Retry { id, wait } => {
@@ -185,7 +189,8 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         }
         Verb::Watch { id: Some(id), .. } => watch(server, id),
         Verb::Watch { id: None, system } => {
-            let query = system.as_ref().map_or_else(String::new, |system| format!("?system={}", segment(system)));
+            let query =
+                system.as_ref().map_or_else(String::new, |system| format!("?system={}", segment(system)));
             follow(server, &format!("/events{query}"), |_| None).map(|_| ())
         }
     }
@@ -269,13 +274,17 @@ fn submit(server: &Server, post: &Post) -> Result<(), Failure> {
 fn entered(server: &Server, answer: &Answer, wait: bool) -> Result<(), Failure> {
     let id = answer.document["id"].as_str().unwrap_or_default();
     if !wait {
-        server.show(answer, |document| if document["jobs"].is_array() { batch(document) } else { describe(document) });
+        server.show(
+            answer,
+            |document| if document["jobs"].is_array() { batch(document) } else { describe(document) },
+        );
         return Ok(());
     }
     match answer.document["jobs"].as_array() {
         Some(jobs) => {
             // One after another: each stream tells from the beginning, so nothing is missed.
-            let ends: Vec<Result<(), Failure>> = jobs.iter().filter_map(|job| job["job"].as_str()).map(|job| watch(server, job)).collect();
+            let ends: Vec<Result<(), Failure>> =
+                jobs.iter().filter_map(|job| job["job"].as_str()).map(|job| watch(server, job)).collect();
             ends.into_iter().collect()
         }
         None => watch(server, id),
@@ -296,7 +305,8 @@ fn batch(batch: &Value) -> String {
         if rows.is_empty() { String::new() } else { format!("\n{}", table::rows_of(&rows, columns)) }
     };
     let result = if batch["kind"] == "diagnose" { ("verdict", "/verdict") } else { ("outcome", "/outcome") };
-    let jobs = rows("jobs", &[("system", "/system"), ("job", "/job"), ("state", "/state"), result, ("why", "/why")]);
+    let jobs =
+        rows("jobs", &[("system", "/system"), ("job", "/job"), ("state", "/state"), result, ("why", "/why")]);
     let skipped = rows("skipped", &[("left out", "/system"), ("why", "/why")]);
     format!("batch {}{jobs}{skipped}", table::cell(batch, "/id"))
 }
@@ -313,14 +323,18 @@ mod tests {
     }
 
     fn written(words: &[&str]) -> Value {
-        body(&Line::try_parse_from(std::iter::once("post").chain(words.iter().copied())).unwrap().post).unwrap()
+        body(&Line::try_parse_from(std::iter::once("post").chain(words.iter().copied())).unwrap().post)
+            .unwrap()
     }
 
     #[test]
     fn the_flags_make_the_request() {
         assert_eq!(written(&["room/4"]), json!({"system": "room/4", "kind": "estimate"}));
         assert_eq!(written(&["room/*"]), json!({"systems": ["room/*"], "kind": "recalibrate"}));
-        assert_eq!(written(&["room/*", "--kind", "diagnose"]), json!({"systems": ["room/*"], "kind": "diagnose"}));
+        assert_eq!(
+            written(&["room/*", "--kind", "diagnose"]),
+            json!({"systems": ["room/*"], "kind": "diagnose"})
+        );
         let all = written(&[
             "room/4",
             "--kind",
@@ -340,7 +354,8 @@ mod tests {
             "objective=swmse",
         ]);
         let expected = json!({
-            "system": "room/4", "kind": "diagnose", "window": {"last": "P28D"}, "method": {"name": "cfa", "seed": 7},
+            "system": "room/4", "kind": "diagnose", "window": {"last": "P28D"},
+            "method": {"name": "cfa", "seed": 7},
             "budget": {"evaluations": 100}, "experiment": true, "bounds": {"a": [1, 2]}, "objective": "swmse",
         });
         assert_eq!(all, expected);

@@ -17,7 +17,8 @@ pub struct Arguments {
     /// Most effects that are added.
     #[arg(long, default_value_t = 3)]
     max_steps: usize,
-    /// What keeps a step: held_out (an error on unseen data falls) or lrt (a likelihood-ratio test on the training part).
+    /// What keeps a step: held_out (an error on unseen data falls) or lrt (a likelihood-ratio test on the
+    /// training part).
     #[arg(long, default_value = "held_out", value_parser = word::<Criterion>)]
     criterion: Criterion,
     /// The seed of the first fit: the same seed gives the same bits.
@@ -35,7 +36,8 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         Criterion::Lrt => ladder_by_likelihood,
     };
     let First { catalogue, problem, fit, window, site, .. } = &first;
-    let work = |control: &Control| by(catalogue, problem, &fit.theta(), window, site, arguments.max_steps, control);
+    let work =
+        |control: &Control| by(catalogue, problem, &fit.theta(), window, site, arguments.max_steps, control);
     let found = with_trials_bar(arguments.json, work).map_err(|error| Failure::Error(error.to_string()))?;
     if arguments.json {
         print(&serde_json::to_string(&found).map_err(|error| Failure::Error(error.to_string()))?);
@@ -50,9 +52,13 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
 
 /// The ladder for people: a line per step.
 pub fn text(ladder: &Ladder) -> String {
-    let number = |value: Option<f64>| value.filter(|value| value.is_finite()).map_or_else(|| "-".to_owned(), |value| format!("{value:.3}"));
-    let mut lines =
-        vec![format!("{:<36} {:>8} {:>10} {:>8} {:>8} {:>8} {:>10}", "step", "train", "validation", "test", "6 h", "24 h", "BIC")];
+    let number = |value: Option<f64>| {
+        value.filter(|value| value.is_finite()).map_or_else(|| "-".to_owned(), |value| format!("{value:.3}"))
+    };
+    let mut lines = vec![format!(
+        "{:<36} {:>8} {:>10} {:>8} {:>8} {:>8} {:>10}",
+        "step", "train", "validation", "test", "6 h", "24 h", "BIC"
+    )];
     for step in &ladder.steps {
         let added = step.added.as_ref().map_or_else(|| step.model.clone(), |added| format!("+ {added}"));
         lines.push(format!(
@@ -66,6 +72,12 @@ pub fn text(ladder: &Ladder) -> String {
             if step.kept { "kept" } else { "not kept" }
         ));
     }
-    lines.extend(ladder.steps.iter().skip(1).map(|step| format!("{}: {}", step.added.as_deref().unwrap_or_default(), step.why)));
+    lines.extend(
+        ladder
+            .steps
+            .iter()
+            .skip(1)
+            .map(|step| format!("{}: {}", step.added.as_deref().unwrap_or_default(), step.why)),
+    );
     lines.join("\n")
 }

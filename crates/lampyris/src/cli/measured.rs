@@ -66,8 +66,10 @@ impl MeasuredArguments {
     /// Reads the file; what it warns of goes to standard error.
     pub fn read(&self) -> Result<Window, Failure> {
         let path = self.window.display();
-        let text = std::fs::read_to_string(&self.window).map_err(|error| Failure::NotFound(format!("{path}: {error}")))?;
-        let bindings = Bindings::parse(self.bind.iter().map(String::as_str)).map_err(|found| faults(&found))?;
+        let text = std::fs::read_to_string(&self.window)
+            .map_err(|error| Failure::NotFound(format!("{path}: {error}")))?;
+        let bindings =
+            Bindings::parse(self.bind.iter().map(String::as_str)).map_err(|found| faults(&found))?;
         let (window, report) = Window::parse_csv(&text, &bindings).map_err(|found| faults(&found))?;
         for warning in &report.warnings {
             eprintln!("warning: {warning}");
@@ -84,12 +86,17 @@ impl MeasuredArguments {
         self.without.iter().fold(with, |model, effect| model.minus(effect))
     }
 
-    /// What is asked for, with these parts where none are given. Who names lengths gets those and no test part beside them.
+    /// What is asked for, with these parts where none are given. Who names lengths gets those and no test
+    /// part beside them.
     pub fn request(&self, split: SplitRequest) -> EstimateRequest {
         let named = self.train.is_some() || self.validation.is_some();
         EstimateRequest {
             model: Some(self.model()),
-            window: Some(WindowRange { last: None, from: self.instant(self.from.as_deref()), to: self.instant(self.to.as_deref()) }),
+            window: Some(WindowRange {
+                last: None,
+                from: self.instant(self.from.as_deref()),
+                to: self.instant(self.to.as_deref()),
+            }),
             split: SplitRequest {
                 train: self.train.unwrap_or(split.train),
                 validation: self.validation.unwrap_or(split.validation),
@@ -99,7 +106,8 @@ impl MeasuredArguments {
         }
     }
 
-    /// A plain date as its first moment in the zone; anything else as it was written, for whoever reads times to judge.
+    /// A plain date as its first moment in the zone; anything else as it was written, for whoever reads times
+    /// to judge.
     fn instant(&self, text: Option<&str>) -> Option<String> {
         let midnight = |text: &str| {
             let date: Date = text.parse().ok().filter(|_| text.len() == PLAIN_DATE)?;
@@ -118,7 +126,12 @@ impl MeasuredArguments {
         Site {
             location: self.lat.zip(self.lon),
             zone: self.zone.clone(),
-            sets: self.set.iter().cloned().chain([("neighbours".to_owned(), self.neighbours.clone())]).collect(),
+            sets: self
+                .set
+                .iter()
+                .cloned()
+                .chain([("neighbours".to_owned(), self.neighbours.clone())])
+                .collect(),
         }
     }
 }
@@ -147,7 +160,10 @@ mod tests {
             verb.measured.request(SplitRequest::DIAGNOSE).window.unwrap()
         };
         let winter = range(&["--from", "2016-02-23", "--to", "2016-07-01", "--zone", "Europe/Copenhagen"]);
-        assert_eq!((winter.from.as_deref(), winter.to.as_deref()), (Some("2016-02-22T23:00:00Z"), Some("2016-06-30T22:00:00Z")));
+        assert_eq!(
+            (winter.from.as_deref(), winter.to.as_deref()),
+            (Some("2016-02-22T23:00:00Z"), Some("2016-06-30T22:00:00Z"))
+        );
         assert_eq!(range(&["--from", "2016-02-23"]).from.as_deref(), Some("2016-02-23T00:00:00Z"));
         for text in ["2016-02-23T06:00:00+01:00", "2016-02-30", "yesterday"] {
             assert_eq!(range(&["--to", text]).to.as_deref(), Some(text), "it is for others to judge");

@@ -1,4 +1,5 @@
-//! Verbs, their arguments and their exit codes: 0 ok, 1 error, 2 usage, 3 rejected or nothing found, 4 not found.
+//! Verbs, their arguments and their exit codes: 0 ok, 1 error, 2 usage, 3 rejected or nothing found, 4 not
+//! found.
 
 mod bench;
 mod bundle;
@@ -79,9 +80,9 @@ enum Verb {
     Migrate(database::Database),
     /// Copy the database into one file, also beside a running server.
     ///
-    /// The file holds everything that was acknowledged before the verb began; it is checked and on the disk when the verb
-    /// ends. A raw copy of the database file is no backup: what was written last is in the write-ahead log beside it,
-    /// and a copy without that log lacks writes that were acknowledged.
+    /// The file holds everything that was acknowledged before the verb began; it is checked and on the disk
+    /// when the verb ends. A raw copy of the database file is no backup: what was written last is in the
+    /// write-ahead log beside it, and a copy without that log lacks writes that were acknowledged.
     Backup(database::BackupArguments),
     /// Put a backup in the place of the database, while no server runs.
     ///
@@ -89,8 +90,8 @@ enum Verb {
     Restore(database::RestoreArguments),
     /// Look at everything that the service stands on, and say what to do about it.
     ///
-    /// Configuration, database, schema, log, clock, disk, folder, open files and CPU, a line each. The exit code is 1
-    /// where a check failed; a warning is none.
+    /// Configuration, database, schema, log, clock, disk, folder, open files and CPU, a line each. The exit
+    /// code is 1 where a check failed; a warning is none.
     Doctor(database::Database),
     /// Print the OpenAPI document.
     Openapi,

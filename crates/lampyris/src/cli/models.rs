@@ -68,7 +68,8 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
             let file = Path::new(effect);
             let is_file = file.extension().is_some_and(|kind| kind == "toml" || kind == "json");
             let body = if is_file { read_document(file)? } else { json!({"effect": effect}) };
-            let answer = server.call("POST", &format!("/models/{}/effects", segment(model)), Call::json(&body))?;
+            let answer =
+                server.call("POST", &format!("/models/{}/effects", segment(model)), Call::json(&body))?;
             taken(server, &answer, version);
             Ok(())
         }
@@ -90,7 +91,8 @@ fn check(check: &Value) -> String {
 }
 
 fn version(version: &Value) -> String {
-    let parts: [Column; 4] = [("model", "/id"), ("parent", "/parent"), ("added", "/diff/effect"), ("title", "/diff/title")];
+    let parts: [Column; 4] =
+        [("model", "/id"), ("parent", "/parent"), ("added", "/diff/effect"), ("title", "/diff/title")];
     let mut text = table::fields(version, &parts);
     for (heading, pointer) in [("terms", "/diff/terms"), ("outputs", "/diff/outputs")] {
         for (name, term) in version.pointer(pointer).and_then(Value::as_object).into_iter().flatten() {
@@ -103,13 +105,24 @@ fn version(version: &Value) -> String {
     let names = version.pointer("/diff/parameters").and_then(Value::as_object).into_iter().flatten();
     names.for_each(|(name, parameter)| {
         let cell = |field: &str| table::cell(parameter, field);
-        text.push_str(&format!("\nparameter  {name} [{}] {} to {}", cell("/unit"), cell("/lower"), cell("/upper")));
+        text.push_str(&format!(
+            "\nparameter  {name} [{}] {} to {}",
+            cell("/unit"),
+            cell("/lower"),
+            cell("/upper")
+        ));
     });
     text
 }
 
 fn describe(model: &Value) -> String {
-    let parts: [Column; 5] = [("model", "/id"), ("title", "/title"), ("parent", "/parent"), ("effects", "/effects"), ("hash", "/hash")];
+    let parts: [Column; 5] = [
+        ("model", "/id"),
+        ("title", "/title"),
+        ("parent", "/parent"),
+        ("effects", "/effects"),
+        ("hash", "/hash"),
+    ];
     let mut text = table::fields(model, &parts);
     let tables: [(&str, &[Column]); 4] = [
         ("states", &[("state", "/name"), ("unit", "/unit")]),

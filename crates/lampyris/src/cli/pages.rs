@@ -16,7 +16,13 @@ pub struct Page {
 }
 
 /// Asks for a page of a list and shows it.
-pub fn list(server: &Server, path: &str, page: &Page, query: &[(&str, &Option<String>)], columns: &[table::Column]) -> Result<(), Failure> {
+pub fn list(
+    server: &Server,
+    path: &str,
+    page: &Page,
+    query: &[(&str, &Option<String>)],
+    columns: &[table::Column],
+) -> Result<(), Failure> {
     let mut asked = format!("{path}?page_size={}", page.limit);
     for (name, value) in query.iter().chain([&("page_token", &page.page_token)]) {
         if let Some(value) = value {

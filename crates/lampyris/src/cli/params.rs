@@ -62,7 +62,8 @@ enum Verb {
     Get {
         /// The system, such as room/4.
         system: SystemId,
-        /// nominal: the model's nominal values where nothing was ever validated; fresh: nothing rather than a stale set.
+        /// nominal: the model's nominal values where nothing was ever validated; fresh: nothing rather than a
+        /// stale set.
         #[arg(long)]
         accept: Option<String>,
         /// The tag of the set that is known; the same set is not printed again.
@@ -102,9 +103,13 @@ enum Verb {
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let server = &arguments.server;
     match &arguments.verb {
-        Verb::Get { system, accept, etag, wait } => get(server, system, accept.as_deref(), etag.as_deref(), *wait),
+        Verb::Get { system, accept, etag, wait } => {
+            get(server, system, accept.as_deref(), etag.as_deref(), *wait)
+        }
         Verb::List => pages::shown_list(server, &server.get("/params")?, COLUMNS),
-        Verb::History { system, page } => pages::list(server, &format!("/params/{system}/history"), page, &[], HISTORY),
+        Verb::History { system, page } => {
+            pages::list(server, &format!("/params/{system}/history"), page, &[], HISTORY)
+        }
         Verb::Pin { system, fit, reason } => {
             let call = Call::json(&json!({"fit": fit, "reason": reason}));
             server.show(&server.call("PUT", &format!("/params/{system}/pin"), call)?, describe);
@@ -120,7 +125,13 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
 }
 
-fn get(server: &Server, system: &SystemId, accept: Option<&str>, etag: Option<&str>, wait: Option<u64>) -> Result<(), Failure> {
+fn get(
+    server: &Server,
+    system: &SystemId,
+    accept: Option<&str>,
+    etag: Option<&str>,
+    wait: Option<u64>,
+) -> Result<(), Failure> {
     let mut call = Call::default();
     call.headers.extend(etag.map(|etag| ("if-none-match", etag.to_owned())));
     if let Some(seconds) = wait {
@@ -154,10 +165,17 @@ fn describe(served: &Value) -> String {
     if rows.len() > 1 {
         text.push_str(&format!("\n\n{}", table::aligned(&rows)));
     }
-    let mut rows = vec![["free run", "unit", "train", "validation", "1 h ahead", "6 h", "24 h"].map(str::to_owned).to_vec()];
+    let mut rows = vec![
+        ["free run", "unit", "train", "validation", "1 h ahead", "6 h", "24 h"].map(str::to_owned).to_vec(),
+    ];
     for (output, error) in served["error"].as_object().into_iter().flatten() {
-        let cells = ["/unit", "/train_rmse", "/validation_rmse", "/ahead/PT1H", "/ahead/PT6H", "/ahead/PT24H"];
-        rows.push(std::iter::once(output.clone()).chain(cells.iter().map(|pointer| table::cell(error, pointer))).collect());
+        let cells =
+            ["/unit", "/train_rmse", "/validation_rmse", "/ahead/PT1H", "/ahead/PT6H", "/ahead/PT24H"];
+        rows.push(
+            std::iter::once(output.clone())
+                .chain(cells.iter().map(|pointer| table::cell(error, pointer)))
+                .collect(),
+        );
     }
     if rows.len() > 1 {
         text.push_str(&format!("\n\n{}\n", table::aligned(&rows)));

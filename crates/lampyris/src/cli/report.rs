@@ -1,5 +1,5 @@
-//! `--report`: what a verb found as one HTML file. It holds the page's own modules and the answers that they would
-//! ask the service for, so that it opens from the disk, without a network.
+//! `--report`: what a verb found as one HTML file. It holds the page's own modules and the answers that they
+//! would ask the service for, so that it opens from the disk, without a network.
 
 use super::bundle;
 use super::output::{Failure, faults};
@@ -24,7 +24,8 @@ pub const ID: &str = "report";
 const POINTS: [usize; 2] = [20_000, 2_000];
 const HORIZONS: [&str; 3] = ["PT1H", "PT6H", "PT24H"];
 const STYLES: [&str; 3] = ["vendor/uPlot.min.css", "style.css", "parts.css"];
-const LICENCES: [&str; 3] = ["vendor/LICENSE-preact.txt", "vendor/LICENSE-htm.txt", "vendor/LICENSE-uplot.txt"];
+const LICENCES: [&str; 3] =
+    ["vendor/LICENSE-preact.txt", "vendor/LICENSE-htm.txt", "vendor/LICENSE-uplot.txt"];
 
 /// What a report shows.
 #[derive(Clone, Copy)]
@@ -57,8 +58,12 @@ fn data(found: &ReportSubject<'_>) -> Result<Value, Failure> {
     let made_at = Timestamp::now().to_string();
     let mut answers = Map::new();
     answers.insert(format!("/fits/{ID}"), fit_document(ID, fit, found.judgement, &made_at)?);
-    let asked = |horizon, max_points| Asked { horizon, from: None, to: None, max_points, format: Format::Json };
-    answers.insert(format!("/fits/{ID}/comparison?mode=free_run"), read(comparison::document(&named, &replay, &asked(None, POINTS[0])))?);
+    let asked =
+        |horizon, max_points| Asked { horizon, from: None, to: None, max_points, format: Format::Json };
+    answers.insert(
+        format!("/fits/{ID}/comparison?mode=free_run"),
+        read(comparison::document(&named, &replay, &asked(None, POINTS[0])))?,
+    );
     for name in HORIZONS {
         let horizon: Duration = name.parse().map_err(|error| Failure::Error(format!("{error}")))?;
         if horizon.seconds() % fit.sample_s == 0 {
@@ -75,7 +80,10 @@ fn data(found: &ReportSubject<'_>) -> Result<Value, Failure> {
     }
     let model = replay.problem().model();
     let base = found.catalogue.model(model.id().base()).cloned();
-    answers.insert(format!("/models/{}", fit.model), model_document(model.id().clone(), model, base).map_err(|error| unwritten(&error))?);
+    answers.insert(
+        format!("/models/{}", fit.model),
+        model_document(model.id().clone(), model, base).map_err(|error| unwritten(&error))?,
+    );
     if let Some(diagnosis) = found.diagnosis {
         let own = json!({"id": ID, "job": null, "system": ID, "fit": ID, "created_at": made_at});
         answers.insert(format!("/diagnoses/{ID}"), joined(own, diagnosis)?);
@@ -110,7 +118,9 @@ pub fn fit_document(id: &str, fit: &Fit, judgement: &Judgement, made_at: &str) -
     if fit.parts.validation.is_none() {
         judged["verdict"] = Value::Null;
         judged["checks"] = json!([]);
-        judged["summary"] = json!("without unseen data there is nothing to judge: this is a study and no candidate for a controller");
+        judged["summary"] = json!(
+            "without unseen data there is nothing to judge: this is a study and no candidate for a controller"
+        );
     }
     joined(judged, fit)
 }
@@ -143,8 +153,11 @@ fn unwritten(error: &serde_json::Error) -> Failure {
 
 /// The file: styles, modules and data in one document that may ask nobody for anything.
 fn document(data: &Value) -> Result<String, Failure> {
-    let part = |path: &str| page_part(path).ok_or_else(|| Failure::Error(format!("the page has no part `{path}`")));
-    let parts = |paths: &[&str]| paths.iter().map(|path| part(path)).collect::<Result<Vec<_>, _>>().map(|parts| parts.join("\n"));
+    let part =
+        |path: &str| page_part(path).ok_or_else(|| Failure::Error(format!("the page has no part `{path}`")));
+    let parts = |paths: &[&str]| {
+        paths.iter().map(|path| part(path)).collect::<Result<Vec<_>, _>>().map(|parts| parts.join("\n"))
+    };
     // No text of the data may end the element that holds it, whatever a column of the measurements is called.
     let data = data.to_string().replace('<', "\\u003c");
     let (styles, early, plot, script) =

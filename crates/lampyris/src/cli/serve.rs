@@ -27,7 +27,8 @@ pub struct Arguments {
 /// Where settings, database or address do not serve.
 pub fn run(arguments: Arguments) -> Result<(), Failure> {
     start_logging();
-    let mut settings = Settings::load(arguments.config.as_deref(), std::env::vars()).map_err(|found| faults(&found))?;
+    let mut settings =
+        Settings::load(arguments.config.as_deref(), std::env::vars()).map_err(|found| faults(&found))?;
     settings.bind = arguments.bind.unwrap_or(settings.bind);
     settings.database = arguments.database.unwrap_or(settings.database);
     let runtime = runtime()?;

@@ -18,7 +18,13 @@ const NOTHING: [&str; 3] = ["no-validated-parameters", "no-fresh-parameters", "n
 #[derive(Debug, clap::Args)]
 pub struct Server {
     /// Address of the server; plain HTTP only, so reach another machine through a tunnel.
-    #[arg(long, global = true, env = "LAMPYRIS_URL", default_value = "http://127.0.0.1:8080", value_parser = plain_http)]
+    #[arg(
+        long,
+        global = true,
+        env = "LAMPYRIS_URL",
+        default_value = "http://127.0.0.1:8080",
+        value_parser = plain_http
+    )]
     url: String,
     /// Token, where the server wants one.
     #[arg(long, global = true, env = "LAMPYRIS_TOKEN", hide_env_values = true)]
@@ -32,7 +38,9 @@ fn plain_http(text: &str) -> Result<String, String> {
     match text.strip_prefix("http://") {
         Some(host) if !host.is_empty() => Ok(text.trim_end_matches('/').to_owned()),
         Some(_) => Err("the address names no host".to_owned()),
-        None => Err("this client speaks plain HTTP: write http://HOST:PORT, and reach another machine through a tunnel".to_owned()),
+        None => Err("this client speaks plain HTTP: write http://HOST:PORT, and reach another machine \
+            through a tunnel"
+            .to_owned()),
     }
 }
 
@@ -88,9 +96,12 @@ impl Server {
     /// # Errors
     /// Where the server cannot be reached, or answers with a problem, which is shown with all its faults.
     pub fn call(&self, method: &str, path: &str, call: Call) -> Result<Answer, Failure> {
-        let config = ureq::Agent::config_builder().http_status_as_error(false).timeout_global(Some(PATIENCE + call.extra));
+        let config = ureq::Agent::config_builder()
+            .http_status_as_error(false)
+            .timeout_global(Some(PATIENCE + call.extra));
         let (parts, mut body) = self.send(&config.build().into(), method, path, call)?.into_parts();
-        let text = body.with_config().limit(LARGEST).read_to_string().map_err(|error| self.unreachable(&error))?;
+        let text =
+            body.with_config().limit(LARGEST).read_to_string().map_err(|error| self.unreachable(&error))?;
         let status = parts.status.as_u16();
         if status >= 400 {
             return Err(self.problem(status, &text));
@@ -99,9 +110,11 @@ impl Server {
         Ok(Answer { status, etag, document: serde_json::from_str(&text).unwrap_or_default(), text })
     }
 
-    /// Opens a stream of events after the one with an id; nothing where the server says that there is no more.
+    /// Opens a stream of events after the one with an id; nothing where the server says that there is no
+    /// more.
     pub fn listen(&self, path: &str, last_id: &str) -> Result<Option<Events>, Failure> {
-        let config = ureq::Agent::config_builder().http_status_as_error(false).timeout_recv_response(Some(PATIENCE));
+        let config =
+            ureq::Agent::config_builder().http_status_as_error(false).timeout_recv_response(Some(PATIENCE));
         let mut call = Call::default();
         if !last_id.is_empty() {
             call.headers.push(("last-event-id", last_id.to_owned()));
@@ -109,12 +122,21 @@ impl Server {
         let (parts, mut body) = self.send(&config.build().into(), "GET", path, call)?.into_parts();
         match parts.status.as_u16() {
             204 => Ok(None),
-            200 => Ok(Some(Events { lines: BufReader::new(Box::new(body.into_reader())), last_id: last_id.to_owned() })),
+            200 => Ok(Some(Events {
+                lines: BufReader::new(Box::new(body.into_reader())),
+                last_id: last_id.to_owned(),
+            })),
             status => Err(self.problem(status, &body.read_to_string().unwrap_or_default())),
         }
     }
 
-    fn send(&self, agent: &ureq::Agent, method: &str, path: &str, call: Call) -> Result<http::Response<ureq::Body>, Failure> {
+    fn send(
+        &self,
+        agent: &ureq::Agent,
+        method: &str,
+        path: &str,
+        call: Call,
+    ) -> Result<http::Response<ureq::Body>, Failure> {
         let mut request = http::Request::builder().method(method).uri(format!("{}{path}", self.url));
         for (name, value) in &call.headers {
             request = request.header(*name, value);
@@ -133,7 +155,8 @@ impl Server {
 
     fn unreachable(&self, error: &ureq::Error) -> Failure {
         Failure::Unreachable(format!(
-            "no answer from {}: {error}\n       is `lampyris serve` running there? LAMPYRIS_URL says where to ask",
+            "no answer from {}: {error}\n       is `lampyris serve` running there? LAMPYRIS_URL says where \
+            to ask",
             self.url
         ))
     }
@@ -212,7 +235,8 @@ pub struct Events {
 impl Iterator for Events {
     type Item = Event;
 
-    /// The next event; nothing where the stream ends or breaks off, which a client treats alike: it comes back.
+    /// The next event; nothing where the stream ends or breaks off, which a client treats alike: it comes
+    /// back.
     fn next(&mut self) -> Option<Event> {
         let mut event = Event { name: String::new(), data: Value::Null };
         loop {
@@ -246,15 +270,23 @@ mod tests {
 
     #[test]
     fn names_cannot_leave_their_place_in_a_path() {
-        assert_eq!(segment("room3+metered_gain:P_x"), "room3%2Bmetered_gain:P_x", "a plus is a space in a query");
+        assert_eq!(
+            segment("room3+metered_gain:P_x"),
+            "room3%2Bmetered_gain:P_x",
+            "a plus is a space in a query"
+        );
         assert_eq!(segment("../a?b#c d%"), "..%2Fa%3Fb%23c%20d%25");
     }
 
     #[test]
     fn events_are_read_as_the_standard_says() {
-        let text = "retry: 1000\n\nid: 1.0.5\n\n: a comment\n\nevent: queued\ndata: {\"id\":\"job_1\"}\nid: 1.1.6\n\nevent: started\ndata: {}\n\nevent: cut";
+        let text = "retry: 1000\n\nid: 1.0.5\n\n: a comment\n\nevent: queued\ndata: {\"id\":\"job_1\"}\nid: \
+            1.1.6\n\nevent: started\ndata: {}\n\nevent: cut";
         let mut events = Events { lines: BufReader::new(Box::new(text.as_bytes())), last_id: String::new() };
-        assert_eq!(events.next(), Some(Event { name: "queued".into(), data: serde_json::json!({"id": "job_1"}) }));
+        assert_eq!(
+            events.next(),
+            Some(Event { name: "queued".into(), data: serde_json::json!({"id": "job_1"}) })
+        );
         assert_eq!(events.last_id, "1.1.6");
         assert_eq!(events.next().map(|event| event.name), Some("started".into()));
         assert_eq!((events.next(), events.last_id.as_str()), (None, "1.1.6"));

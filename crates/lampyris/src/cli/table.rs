@@ -36,7 +36,9 @@ pub fn fields(document: &Value, fields: &[Column]) -> String {
 /// Lines whose columns are as wide as their widest cells.
 pub fn aligned(rows: &[Vec<String>]) -> String {
     let columns = rows.iter().map(Vec::len).max().unwrap_or(0);
-    let width = |column: usize| rows.iter().filter_map(|row| row.get(column)).map(|cell| cell.chars().count()).max().unwrap_or(0);
+    let width = |column: usize| {
+        rows.iter().filter_map(|row| row.get(column)).map(|cell| cell.chars().count()).max().unwrap_or(0)
+    };
     let widths: Vec<usize> = (0..columns).map(width).collect();
     let line = |row: &Vec<String>| {
         let cells = row.iter().zip(&widths).map(|(cell, width)| format!("{cell:<width$}"));
@@ -53,7 +55,9 @@ pub fn cell(document: &Value, pointer: &str) -> String {
         Some(Value::String(text)) if text.is_empty() => NOTHING.to_owned(),
         Some(Value::String(text)) => text.clone(),
         Some(Value::Number(number)) => short(number),
-        Some(Value::Array(values)) => values.iter().map(|value| cell(value, "")).collect::<Vec<_>>().join(", "),
+        Some(Value::Array(values)) => {
+            values.iter().map(|value| cell(value, "")).collect::<Vec<_>>().join(", ")
+        }
         Some(other) => other.to_string(),
     }
 }
@@ -78,7 +82,8 @@ mod tests {
 
     #[test]
     fn columns_are_aligned_and_absent_ones_left_out() {
-        let list = json!({"items": [{"id": "a", "n": 12}, {"id": "long", "n": null}], "next_page_token": "7"});
+        let list =
+            json!({"items": [{"id": "a", "n": 12}, {"id": "long", "n": null}], "next_page_token": "7"});
         let text = items(&list, &[("id", "/id"), ("number", "/n"), ("gone", "/gone")]);
         assert_eq!(text, "id    number\na     12\nlong  -\n… more: --page-token 7");
         assert_eq!(items(&json!({"items": []}), &[("id", "/id")]), "nothing");
@@ -86,8 +91,14 @@ mod tests {
 
     #[test]
     fn numbers_are_short_and_texts_plain() {
-        let document = json!({"a": 0.000123456, "b": 12345.678, "c": 1.5, "d": 3, "e": 1e-12, "f": ["x", 2.0], "g": 0.0, "h": -0.25});
-        let cells: Vec<String> = ["a", "b", "c", "d", "e", "f", "g", "h"].iter().map(|name| cell(&document, &format!("/{name}"))).collect();
+        let document = json!({
+            "a": 0.000123456, "b": 12345.678, "c": 1.5, "d": 3, "e": 1e-12, "f": ["x", 2.0], "g": 0.0,
+            "h": -0.25
+        });
+        let cells: Vec<String> = ["a", "b", "c", "d", "e", "f", "g", "h"]
+            .iter()
+            .map(|name| cell(&document, &format!("/{name}")))
+            .collect();
         assert_eq!(cells, ["0.00012346", "12346", "1.5", "3", "1.0000e-12", "x, 2", "0.0", "-0.25"]);
     }
 }

@@ -1,4 +1,5 @@
-//! `lampyris token`: who may ask a service. It works on the database file, so that whoever has the file needs no token.
+//! `lampyris token`: who may ask a service. It works on the database file, so that whoever has the file needs
+//! no token.
 
 use super::output::{Failure, faults, print};
 use super::serve;
@@ -40,7 +41,8 @@ pub struct Arguments {
 
 #[derive(Debug, clap::Subcommand)]
 enum Verb {
-    /// Make a token. It is printed once; only its hash is kept. From the first one on nobody is answered without.
+    /// Make a token. It is printed once; only its hash is kept. From the first one on nobody is answered
+    /// without.
     Create {
         /// Under which name it acts: letters, digits, `_`, `-` and `.`.
         #[arg(long)]
@@ -48,7 +50,8 @@ enum Verb {
         /// `read`; `operate`: also measurements, jobs, decisions, pins and schedules; `admin`: everything.
         #[arg(long, value_parser = scope)]
         scope: Scope,
-        /// The systems that it is good for, such as room/4 or room/*; all by default. Administrators are not limited.
+        /// The systems that it is good for, such as room/4 or room/*; all by default. Administrators are not
+        /// limited.
         #[arg(long, value_name = "PATTERN")]
         system: Vec<SystemPattern>,
         /// How long it is good, such as P90D; until it is revoked by default.
@@ -69,7 +72,8 @@ fn scope(text: &str) -> Result<Scope, String> {
 }
 
 pub fn run(arguments: Arguments) -> Result<(), Failure> {
-    let settings = Settings::load(arguments.config.as_deref(), std::env::vars()).map_err(|found| faults(&found))?;
+    let settings =
+        Settings::load(arguments.config.as_deref(), std::env::vars()).map_err(|found| faults(&found))?;
     let database = arguments.database.unwrap_or(settings.database);
     if !matches!(arguments.verb, Verb::Create { .. }) && !database.exists() {
         return Err(Failure::NotFound(format!("there is no database {}", database.display())));
@@ -85,14 +89,20 @@ pub fn run(arguments: Arguments) -> Result<(), Failure> {
 async fn done(store: &Store, verb: Verb, json: bool) -> Result<(), Failure> {
     match verb {
         Verb::Create { name, scope, system, expires } => {
-            let made = tokens::create(store, NewToken { name, scope, systems: system, expires }, LOCAL).await.map_err(failed)?;
+            let made = tokens::create(store, NewToken { name, scope, systems: system, expires }, LOCAL)
+                .await
+                .map_err(failed)?;
             print(&if json { with_secret(&made).to_string() } else { told(&made) });
             Ok(())
         }
         Verb::List => {
             let now = now();
-            let tokens = crate::store::tokens::all(store).await.map_err(|error| Failure::Error(error.to_string()))?;
-            let list = json!({"items": tokens.iter().map(|token| document(token, now)).collect::<Vec<_>>(), "next_page_token": null});
+            let tokens =
+                crate::store::tokens::all(store).await.map_err(|error| Failure::Error(error.to_string()))?;
+            let list = json!({
+                "items": tokens.iter().map(|token| document(token, now)).collect::<Vec<_>>(),
+                "next_page_token": null
+            });
             if json || !tokens.is_empty() {
                 print(&if json { list.to_string() } else { table::items(&list, COLUMNS) });
             }
@@ -100,7 +110,11 @@ async fn done(store: &Store, verb: Verb, json: bool) -> Result<(), Failure> {
         }
         Verb::Revoke { name } => {
             tokens::revoke(store, &name, LOCAL).await.map_err(failed)?;
-            print(&if json { json!({"name": name, "revoked": true}).to_string() } else { format!("`{name}` is revoked") });
+            print(&if json {
+                json!({"name": name, "revoked": true}).to_string()
+            } else {
+                format!("`{name}` is revoked")
+            });
             Ok(())
         }
     }
@@ -133,5 +147,9 @@ fn with_secret(made: &Made) -> Value {
 }
 
 fn told(made: &Made) -> String {
-    format!("{}\n\nThis is shown once. Send it as `Authorization: Bearer …`; the verbs read it from LAMPYRIS_TOKEN.", made.secret)
+    format!(
+        "{}\n\nThis is shown once. Send it as `Authorization: Bearer …`; the verbs read it from \
+        LAMPYRIS_TOKEN.",
+        made.secret
+    )
 }

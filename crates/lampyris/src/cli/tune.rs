@@ -1,4 +1,5 @@
-//! `lampyris tune`: settings of the search that suit these measurements, chosen on their older part and judged on the newer one.
+//! `lampyris tune`: settings of the search that suit these measurements, chosen on their older part and
+//! judged on the newer one.
 
 use super::fit::progress_bar;
 use super::measured::MeasuredArguments;
@@ -39,7 +40,14 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         bar.set_message(format!("{} searches", progress.generation));
     };
     let control = Control { progress: &progress, ..Control::NONE };
-    let found = tune(&catalogue, &arguments.measured.model(), &request, &window, &arguments.measured.site(), &control);
+    let found = tune(
+        &catalogue,
+        &arguments.measured.model(),
+        &request,
+        &window,
+        &arguments.measured.site(),
+        &control,
+    );
     bar.finish_and_clear();
     let tuning = found.map_err(|error| match error {
         TuneError::Faults(found) => faults(&found),
@@ -65,13 +73,23 @@ fn text(tuning: &Tuning) -> String {
     lines.push(format!("{:<12} {:>14} {:>16} {:>16}", "candidates", "searches each", "best", "in use"));
     for round in &tuning.rounds {
         let before = round.before.map_or_else(|| "out".to_owned(), |before| format!("{before:.0}"));
-        lines.push(format!("{:<12} {:>14} {:>16.0} {before:>16}", round.candidates, round.searches, round.best));
+        lines.push(format!(
+            "{:<12} {:>14} {:>16.0} {before:>16}",
+            round.candidates, round.searches, round.best
+        ));
     }
     if let Some(judged) = &tuning.judged {
-        lines.push(format!("{:<12} {:>14} {:>16} {:>16}", "unseen", "within 1 %", "to reach it", "evaluations"));
-        lines.extend([("in use", &judged.before), ("tuned", &judged.tuned)].map(|(name, side)| line(name, side)));
+        lines.push(format!(
+            "{:<12} {:>14} {:>16} {:>16}",
+            "unseen", "within 1 %", "to reach it", "evaluations"
+        ));
+        lines.extend(
+            [("in use", &judged.before), ("tuned", &judged.tuned)].map(|(name, side)| line(name, side)),
+        );
     }
-    lines.extend(tuning.changes.iter().map(|(name, values)| format!("{name}: {} -> {}", values[0], values[1])));
+    lines.extend(
+        tuning.changes.iter().map(|(name, values)| format!("{name}: {} -> {}", values[0], values[1])),
+    );
     lines.push(tuning.summary.clone());
     lines.join("\n")
 }

@@ -26,7 +26,8 @@ pub struct Arguments {
     /// A treatment plant instead of a room, such as asm1_h; level and step are its own.
     #[arg(long, value_name = "MODEL")]
     plant: Option<String>,
-    /// A true value of the plant that is not the usual one, such as s_aeration=0.6; may be given several times.
+    /// A true value of the plant that is not the usual one, such as s_aeration=0.6; may be given several
+    /// times.
     #[arg(long, value_name = "NAME=VALUE", requires = "plant")]
     value: Vec<String>,
     /// Where the measurements go; standard output without it.
@@ -62,14 +63,17 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         Some(plant) => treatment_plant(arguments, plant)?,
         None => room(arguments)?,
     };
-    let write =
-        |path: &PathBuf, text: &str| std::fs::write(path, text).map_err(|error| Failure::Error(format!("{}: {error}", path.display())));
+    let write = |path: &PathBuf, text: &str| {
+        std::fs::write(path, text).map_err(|error| Failure::Error(format!("{}: {error}", path.display())))
+    };
     if let Some(path) = &arguments.truth {
         write(path, &format!("{truth:#}\n"))?;
     }
     match &arguments.out {
         Some(path) => write(path, &csv)?,
-        None if arguments.json => print(&serde_json::json!({ "csv": csv, "neighbours": neighbours, "truth": truth }).to_string()),
+        None if arguments.json => {
+            print(&serde_json::json!({ "csv": csv, "neighbours": neighbours, "truth": truth }).to_string())
+        }
         None => print(csv.trim_end()),
     }
     Ok(())
@@ -92,11 +96,21 @@ fn room(arguments: &Arguments) -> Result<(String, Value, Vec<String>), Failure> 
 /// A plant that starts where its document says, with what is hidden in it.
 fn treatment_plant(arguments: &Arguments, id: &str) -> Result<(String, Value, Vec<String>), Failure> {
     let catalogue = Catalogue::builtin().map_err(|found| faults(&found))?;
-    let values: Vec<(&str, f64)> = arguments.value.iter().map(|text| value(text)).collect::<Result<_, _>>()?;
-    let model = std::iter::once(id).chain(arguments.effect.iter().map(String::as_str)).collect::<Vec<_>>().join("+");
-    let request = PlantRequest { seed: arguments.seed, model: &model, values: &values, days: arguments.days, noise: 1.0, warm_up: false };
+    let values: Vec<(&str, f64)> =
+        arguments.value.iter().map(|text| value(text)).collect::<Result<_, _>>()?;
+    let model =
+        std::iter::once(id).chain(arguments.effect.iter().map(String::as_str)).collect::<Vec<_>>().join("+");
+    let request = PlantRequest {
+        seed: arguments.seed,
+        model: &model,
+        values: &values,
+        days: arguments.days,
+        noise: 1.0,
+        warm_up: false,
+    };
     let twin = plant(&catalogue, &request).map_err(|found| faults(&found))?;
-    let parameters: serde_json::Map<String, Value> = twin.truth.into_iter().map(|(name, value)| (name, value.into())).collect();
+    let parameters: serde_json::Map<String, Value> =
+        twin.truth.into_iter().map(|(name, value)| (name, value.into())).collect();
     Ok((twin.csv, serde_json::json!({ "model": model, "parameters": parameters }), Vec::new()))
 }
 

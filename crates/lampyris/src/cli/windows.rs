@@ -8,8 +8,10 @@ use lampyris_core::data::SystemId;
 use serde_json::Value;
 use std::path::PathBuf;
 
-const COLUMNS: &[Column] = &[("window", "/id"), ("rows", "/rows"), ("from", "/from"), ("to", "/to"), ("uploaded", "/uploaded_at")];
-const CHANNELS: [&str; 8] = ["unit", "missing", "min", "max", "median_step_s", "longest_gap_s", "stuck_s", "samples"];
+const COLUMNS: &[Column] =
+    &[("window", "/id"), ("rows", "/rows"), ("from", "/from"), ("to", "/to"), ("uploaded", "/uploaded_at")];
+const CHANNELS: [&str; 8] =
+    ["unit", "missing", "min", "max", "median_step_s", "longest_gap_s", "stuck_s", "samples"];
 
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
@@ -41,13 +43,20 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let server = &arguments.server;
     match &arguments.verb {
         Verb::Upload { system, file } => {
-            let bytes = std::fs::read(file).map_err(|error| Failure::NotFound(format!("{}: {error}", file.display())))?;
-            let kind = if file.extension().is_some_and(|kind| kind == "json") { "application/json" } else { "text/csv" };
+            let bytes = std::fs::read(file)
+                .map_err(|error| Failure::NotFound(format!("{}: {error}", file.display())))?;
+            let kind = if file.extension().is_some_and(|kind| kind == "json") {
+                "application/json"
+            } else {
+                "text/csv"
+            };
             let call = Call { body: Some((kind, bytes)), ..Call::default() };
             server.show(&server.call("POST", &format!("/systems/{system}/windows"), call)?, describe);
             Ok(())
         }
-        Verb::List { system, page } => pages::list(server, &format!("/systems/{system}/windows"), page, &[], COLUMNS),
+        Verb::List { system, page } => {
+            pages::list(server, &format!("/systems/{system}/windows"), page, &[], COLUMNS)
+        }
     }
 }
 
@@ -58,13 +67,18 @@ fn describe(window: &Value) -> String {
         let cells = CHANNELS.iter().map(|field| table::cell(channel, &format!("/{field}")));
         std::iter::once(name.clone()).chain(cells).collect()
     };
-    let rows: Vec<Vec<String>> = std::iter::once(head).chain(window["channels"].as_object().into_iter().flatten().map(row)).collect();
+    let rows: Vec<Vec<String>> =
+        std::iter::once(head).chain(window["channels"].as_object().into_iter().flatten().map(row)).collect();
     text.push_str(&format!("\n\n{}", table::aligned(&rows)));
     for warning in window["warnings"].as_array().into_iter().flatten() {
         text.push_str(&format!("\nwarning: {}", table::cell(warning, "")));
     }
     for rejected in window["rejected_rows"].as_array().into_iter().flatten() {
-        text.push_str(&format!("\nline {} rejected: {}", table::cell(rejected, "/line"), table::cell(rejected, "/reason")));
+        text.push_str(&format!(
+            "\nline {} rejected: {}",
+            table::cell(rejected, "/line"),
+            table::cell(rejected, "/reason")
+        ));
     }
     text
 }

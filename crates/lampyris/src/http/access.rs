@@ -1,5 +1,5 @@
-//! Who may do what. Every operation is declared here, once; the description takes its `security` from here, and the
-//! guard that lies around all operations decides by it.
+//! Who may do what. Every operation is declared here, once; the description takes its `security` from here,
+//! and the guard that lies around all operations decides by it.
 
 use super::problem::ApiError;
 use super::shared::Shared;
@@ -47,7 +47,8 @@ const FIT: About = About::Thing(Thing::Fit);
 const DIAGNOSIS: About = About::Thing(Thing::Diagnosis);
 const WINDOW: About = About::Thing(Thing::Window);
 
-/// Every operation by its id: the scope that it needs, and what it is about. Those that need none hold no data.
+/// Every operation by its id: the scope that it needs, and what it is about. Those that need none hold no
+/// data.
 const OPERATIONS: &[(&str, Option<Scope>, About)] = &[
     ("healthz", None, Several),
     ("readyz", None, Several),
@@ -142,16 +143,24 @@ impl Caller {
         self.reach().is_all() || system.parse().is_ok_and(|system| self.reach().covers(&system))
     }
 
-    /// Refuses a body that names a system beyond its reach as one that is not there. Who may see some systems only is
-    /// told no name that is like it: it might be one of the others.
+    /// Refuses a body that names a system beyond its reach as one that is not there. Who may see some systems
+    /// only is told no name that is like it: it might be one of the others.
     pub fn may_name(&self, service: &Service, body: &Value) -> Result<(), ApiError> {
-        let Some(system) = body.get("system").and_then(Value::as_str).and_then(|text| text.parse::<SystemId>().ok()) else {
+        let Some(system) =
+            body.get("system").and_then(Value::as_str).and_then(|text| text.parse::<SystemId>().ok())
+        else {
             return Ok(());
         };
-        if self.reach().is_all() || (self.reach().covers(&system) && service.params.slot(&system.to_string()).is_some()) {
+        if self.reach().is_all()
+            || (self.reach().covers(&system) && service.params.slot(&system.to_string()).is_some())
+        {
             return Ok(());
         }
-        Err(ApiError::Invalid(vec![Fault::new("/system", "system-not-found", format!("there is no system `{system}`"))]))
+        Err(ApiError::Invalid(vec![Fault::new(
+            "/system",
+            "system-not-found",
+            format!("there is no system `{system}`"),
+        )]))
     }
 
     /// Refuses patterns that select more systems than it may see.
@@ -167,7 +176,11 @@ impl FromRequestParts<Shared> for Caller {
     type Rejection = ApiError;
 
     async fn from_request_parts(parts: &mut Parts, _: &Shared) -> Result<Self, ApiError> {
-        parts.extensions.get::<Self>().cloned().ok_or_else(|| ApiError::Internal("a request has passed the guard by".into()))
+        parts
+            .extensions
+            .get::<Self>()
+            .cloned()
+            .ok_or_else(|| ApiError::Internal("a request has passed the guard by".into()))
     }
 }
 
@@ -184,7 +197,10 @@ pub struct Gate {
 
 impl Gate {
     /// The guard of these operations, each with its path and method.
-    pub fn new(service: Shared, operations: impl IntoIterator<Item = (String, &'static str, String)>) -> Self {
+    pub fn new(
+        service: Shared,
+        operations: impl IntoIterator<Item = (String, &'static str, String)>,
+    ) -> Self {
         let mut known: HashMap<String, HashMap<_, _>> = HashMap::new();
         for (path, method, id) in operations {
             // An operation that nobody has declared is for administrators.
@@ -194,7 +210,8 @@ impl Gate {
     }
 }
 
-/// Lets a request through to its operation, or says why not. Whoever reads on and on hears no more when the token ends.
+/// Lets a request through to its operation, or says why not. Whoever reads on and on hears no more when the
+/// token ends.
 pub async fn guard(State(gate): State<Gate>, request: Request, next: Next) -> Response {
     let (mut parts, body) = request.into_parts();
     let caller = match admit(&gate, &mut parts).await {
@@ -259,8 +276,14 @@ fn shown(headers: &HeaderMap) -> Option<&str> {
     scheme.eq_ignore_ascii_case("bearer").then(|| token.trim())
 }
 
-/// Answers for what lies beyond a reach as if it were not there. What is not there at all is for the handler to say.
-async fn reaches(service: &Shared, reach: &SystemScope, about: About, parts: &mut Parts) -> Result<(), ApiError> {
+/// Answers for what lies beyond a reach as if it were not there. What is not there at all is for the handler
+/// to say.
+async fn reaches(
+    service: &Shared,
+    reach: &SystemScope,
+    about: About,
+    parts: &mut Parts,
+) -> Result<(), ApiError> {
     if about == Several {
         return Ok(());
     }
@@ -321,7 +344,10 @@ mod tests {
     #[test]
     fn every_operation_is_declared_once_and_nothing_else_is() {
         let described: BTreeSet<String> =
-            super::super::description::ids(&mut super::super::surface::described()).into_iter().map(|(_, _, id)| id).collect();
+            super::super::description::ids(&mut super::super::surface::described())
+                .into_iter()
+                .map(|(_, _, id)| id)
+                .collect();
         let declared: BTreeSet<String> = OPERATIONS.iter().map(|(id, ..)| (*id).to_owned()).collect();
         assert_eq!(declared, described);
         assert_eq!(OPERATIONS.len(), declared.len(), "an operation is declared twice");

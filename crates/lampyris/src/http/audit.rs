@@ -26,7 +26,8 @@ pub fn router() -> OpenApiRouter<Shared> {
 struct EntryAnswer {
     #[schema(value_type = String, format = DateTime)]
     at: Timestamp,
-    /// The name of the token; `local` where no token was needed, `service` for what the service did by itself.
+    /// The name of the token; `local` where no token was needed, `service` for what the service did by
+    /// itself.
     who: String,
     action: Action,
     /// The system, where it is about one. It may be gone.
@@ -51,10 +52,17 @@ struct AuditQuery {
     page_token: Option<String>,
 }
 
-/// What operators did, newest first: who let a fit out, pinned, deleted, changed a schedule, made a token, and why.
+/// What operators did, newest first: who let a fit out, pinned, deleted, changed a schedule, made a token,
+/// and why.
 ///
 /// A token that is good for some systems is shown what was done to these.
-#[utoipa::path(get, path = "/audit", tag = "service", params(AuditQuery), responses((status = 200, body = Page<EntryAnswer>), Problems))]
+#[utoipa::path(
+    get,
+    path = "/audit",
+    tag = "service",
+    params(AuditQuery),
+    responses((status = 200, body = Page<EntryAnswer>), Problems)
+)]
 async fn list_audit(
     State(service): State<Shared>,
     caller: Caller,
@@ -62,7 +70,9 @@ async fn list_audit(
 ) -> Result<axum::Json<Page<EntryAnswer>>, ApiError> {
     let page = PageQuery { page_size: query.page_size, page_token: query.page_token };
     let size = page.size()?;
-    let records = store::audit::page(&service.store, caller.reach(), query.system.as_ref(), page.before()?, size + 1).await?;
+    let records =
+        store::audit::page(&service.store, caller.reach(), query.system.as_ref(), page.before()?, size + 1)
+            .await?;
     let entry = |record: DeedRecord| EntryAnswer {
         at: record.at,
         who: record.who,

@@ -26,7 +26,8 @@ pub fn router() -> OpenApiRouter<Shared> {
     OpenApiRouter::new().routes(routes!(list_batches)).routes(routes!(get_batch))
 }
 
-/// A recalibration: who improved, who was refused and why, who was left out. Or diagnoses: what is missing, and where.
+/// A recalibration: who improved, who was refused and why, who was left out. Or diagnoses: what is missing,
+/// and where.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = Batch)]
 pub struct BatchAnswer {
@@ -119,8 +120,8 @@ struct BatchRow {
     verdict: Option<Adequacy>,
     /// The sentence of the diagnosis or of the gate, or the reason of a failure.
     why: Option<String>,
-    /// The forecast error over that of the parameters before, on the same unseen data: below 1 is better. `null`
-    /// where there were none.
+    /// The forecast error over that of the parameters before, on the same unseen data: below 1 is better.
+    /// `null` where there were none.
     error_ratio: Option<f64>,
 }
 
@@ -136,13 +137,18 @@ impl BatchAnswer {
         };
         let is_degraded = |job: &BatchJob| {
             let entry = service.params.entry(&job.system.to_string());
-            entry.is_some_and(|entry| entry.validated().is_some_and(|served| served.status == Status::Degraded))
+            entry.is_some_and(|entry| {
+                entry.validated().is_some_and(|served| served.status == Status::Degraded)
+            })
         };
         let improved = systems(&|job| job.outcome == Some(Outcome::Accepted));
         let degraded = systems(&is_degraded);
-        let refused = |job: &&BatchJob| job.outcome == Some(Outcome::Rejected) || job.state == JobState::Failed;
-        let why = |job: &BatchJob| job.summary.clone().or(job.error.as_ref().map(|error| error.detail.clone()));
-        let refusal = |job: &BatchJob| Refusal { system: job.system.to_string(), why: why(job).unwrap_or_default() };
+        let refused =
+            |job: &&BatchJob| job.outcome == Some(Outcome::Rejected) || job.state == JobState::Failed;
+        let why =
+            |job: &BatchJob| job.summary.clone().or(job.error.as_ref().map(|error| error.detail.clone()));
+        let refusal =
+            |job: &BatchJob| Refusal { system: job.system.to_string(), why: why(job).unwrap_or_default() };
         let rejected: Vec<Refusal> = batch.jobs.iter().filter(refused).map(refusal).collect();
         let diagnosed = (batch.kind == BatchKind::Diagnose).then(|| Diagnosed::of(&batch.jobs));
         let named = diagnosed.as_ref().map(Diagnosed::names).unwrap_or_default();
@@ -180,22 +186,32 @@ impl BatchAnswer {
 impl Diagnosed {
     fn of(jobs: &[BatchJob]) -> Self {
         let found = || jobs.iter().filter_map(|job| Some((job.system.to_string(), job.diagnosis.as_ref()?)));
-        let with = |verdict: Adequacy| found().filter(|(_, one)| one.verdict == verdict).map(|(system, _)| system).collect();
+        let with = |verdict: Adequacy| {
+            found().filter(|(_, one)| one.verdict == verdict).map(|(system, _)| system).collect()
+        };
         let mut named: BTreeMap<&str, Vec<String>> = BTreeMap::new();
         for (system, one) in found() {
             for effect in &one.named {
                 named.entry(effect).or_default().push(system.clone());
             }
         }
-        let mut named: Vec<NamedEffect> =
-            named.into_iter().map(|(effect, systems)| NamedEffect { effect: effect.to_owned(), systems }).collect();
+        let mut named: Vec<NamedEffect> = named
+            .into_iter()
+            .map(|(effect, systems)| NamedEffect { effect: effect.to_owned(), systems })
+            .collect();
         named.sort_by_key(|one| Reverse(one.systems.len()));
-        Self { named, adequate: with(Adequacy::Adequate), unknown: with(Adequacy::Unknown), not_enough_data: with(Adequacy::NotEnoughData) }
+        Self {
+            named,
+            adequate: with(Adequacy::Adequate),
+            unknown: with(Adequacy::Unknown),
+            not_enough_data: with(Adequacy::NotEnoughData),
+        }
     }
 
     /// The effects that were named, and how often.
     fn names(&self) -> String {
-        let names: Vec<String> = self.named.iter().map(|one| format!("{} {}", one.effect, one.systems.len())).collect();
+        let names: Vec<String> =
+            self.named.iter().map(|one| format!("{} {}", one.effect, one.systems.len())).collect();
         if names.is_empty() { String::new() } else { format!(" ({})", names.join(", ")) }
     }
 }
@@ -207,7 +223,13 @@ fn standing(job: &BatchJob) -> &'static str {
 }
 
 /// The report in words. `named` is what diagnoses have named.
-fn sentence(kind: BatchKind, counts: &BTreeMap<&'static str, usize>, named: &str, jobs: usize, skipped: usize) -> String {
+fn sentence(
+    kind: BatchKind,
+    counts: &BTreeMap<&'static str, usize>,
+    named: &str,
+    jobs: usize,
+    skipped: usize,
+) -> String {
     let [failed, running] = match kind {
         BatchKind::Recalibrate => ["got no fit", "are being fitted"],
         BatchKind::Diagnose => ["got no diagnosis", "are being diagnosed"],
@@ -228,13 +250,25 @@ fn sentence(kind: BatchKind, counts: &BTreeMap<&'static str, usize>, named: &str
         (JobState::Running.as_str(), running),
         (JobState::Queued.as_str(), "wait"),
     ];
-    let parts: Vec<String> = known.iter().filter_map(|(word, text)| counts.get(word).map(|count| format!("{count} {text}"))).collect();
+    let parts: Vec<String> = known
+        .iter()
+        .filter_map(|(word, text)| counts.get(word).map(|count| format!("{count} {text}")))
+        .collect();
     let left_out = if skipped == 0 { String::new() } else { format!("; {skipped} left out") };
-    format!("of {jobs} systems {}{left_out}", if parts.is_empty() { "none was selected".to_owned() } else { parts.join(", ") })
+    format!(
+        "of {jobs} systems {}{left_out}",
+        if parts.is_empty() { "none was selected".to_owned() } else { parts.join(", ") }
+    )
 }
 
 /// Batches, newest first.
-#[utoipa::path(get, path = "/batches", tag = "jobs", params(PageQuery), responses((status = 200, body = Page<BatchListRow>), Problems))]
+#[utoipa::path(
+    get,
+    path = "/batches",
+    tag = "jobs",
+    params(PageQuery),
+    responses((status = 200, body = Page<BatchListRow>), Problems)
+)]
 async fn list_batches(
     State(service): State<Shared>,
     caller: Caller,
@@ -254,8 +288,17 @@ async fn list_batches(
 }
 
 /// One batch.
-#[utoipa::path(get, path = "/batches/{id}", tag = "jobs", params(("id" = String, Path)), responses((status = 200, body = BatchAnswer), Problems))]
-async fn get_batch(State(service): State<Shared>, Path(id): Path<String>) -> Result<axum::Json<BatchAnswer>, ApiError> {
+#[utoipa::path(
+    get,
+    path = "/batches/{id}",
+    tag = "jobs",
+    params(("id" = String, Path)),
+    responses((status = 200, body = BatchAnswer), Problems)
+)]
+async fn get_batch(
+    State(service): State<Shared>,
+    Path(id): Path<String>,
+) -> Result<axum::Json<BatchAnswer>, ApiError> {
     let batch = store::batches::get(&service.store, &id).await?.ok_or(ApiError::NotFound("batch", id))?;
     Ok(axum::Json(BatchAnswer::of(&service, batch)))
 }

@@ -30,8 +30,8 @@ pub struct ComparisonBody {
     provenance: ProvenanceBody,
     /// Which part of the fit's window each stretch belongs to: `train`, `validation`, `test`, or `after` it.
     parts: Vec<PartBody>,
-    /// Errors by output: `unit`, over the whole `range`, and over its `parts`. Forecasts count in a part where
-    /// origin and target lie in it.
+    /// Errors by output: `unit`, over the whole `range`, and over its `parts`. Forecasts count in a part
+    /// where origin and target lie in it.
     errors: HashMap<String, OutputErrorsBody>,
     /// The times of the points.
     time: Vec<String>,

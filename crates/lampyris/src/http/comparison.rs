@@ -37,14 +37,15 @@ pub fn router() -> OpenApiRouter<Shared> {
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 struct ComparisonQuery {
-    /// First instant, RFC 3339; the start of the fit's window by default. A fit says nothing about earlier times.
+    /// First instant, RFC 3339; the start of the fit's window by default. A fit says nothing about earlier
+    /// times.
     #[param(format = DateTime)]
     from: Option<String>,
     /// Last instant; the end of the fit's window by default. The run goes on over newer measurements.
     #[param(format = DateTime)]
     to: Option<String>,
-    /// `free_run` (the default): one simulation from the start of the fit's window. `ahead`: at each sample the
-    /// forecast made `horizon` before, from re-estimated states and with measured inputs.
+    /// `free_run` (the default): one simulation from the start of the fit's window. `ahead`: at each sample
+    /// the forecast made `horizon` before, from re-estimated states and with measured inputs.
     #[param(value_type = Option<ComparisonMode>, inline)]
     mode: Option<String>,
     /// How far ahead, PT24H by default, at most P7D; a multiple of the step between samples.
@@ -61,7 +62,11 @@ struct ComparisonQuery {
 #[into_params(parameter_in = Query)]
 struct CompareQuery {
     /// Fits of one system, separated by commas, at most 8.
-    #[param(value_type = String, pattern = "^[A-Za-z0-9_]{1,64}(,[A-Za-z0-9_]{1,64}){0,7}$", example = "fit_a,fit_b")]
+    #[param(
+        value_type = String,
+        pattern = "^[A-Za-z0-9_]{1,64}(,[A-Za-z0-9_]{1,64}){0,7}$",
+        example = "fit_a,fit_b"
+    )]
     fits: Option<String>,
     /// First instant, RFC 3339; the latest start of a fit's window by default, and never earlier.
     #[param(format = DateTime)]
@@ -122,10 +127,15 @@ impl ComparisonQuery {
             ));
         }
         if self.horizon.is_some() && !ahead {
-            faults.push(Fault::new("query horizon", "contradiction", "a free run has no horizon").suggest("mode=ahead"));
+            faults.push(
+                Fault::new("query horizon", "contradiction", "a free run has no horizon")
+                    .suggest("mode=ahead"),
+            );
         }
         let mut instant = |field: &str, text: &Option<String>| {
-            text.as_ref().and_then(|text| read_time(&format!("query {field}"), text).map_err(|fault| faults.push(fault)).ok())
+            text.as_ref().and_then(|text| {
+                read_time(&format!("query {field}"), text).map_err(|fault| faults.push(fault)).ok()
+            })
         };
         let (from, to) = (instant("from", &self.from), instant("to", &self.to));
         if let (Some(from), Some(to)) = (from, to)
@@ -137,7 +147,11 @@ impl ComparisonQuery {
             None => DEFAULT_POINTS,
             Some(Ok(points)) if (1..=MOST_POINTS).contains(&points) => points,
             Some(_) => {
-                faults.push(Fault::new("query max_points", "out-of-range", format!("a line has between 1 and {MOST_POINTS} points")));
+                faults.push(Fault::new(
+                    "query max_points",
+                    "out-of-range",
+                    format!("a line has between 1 and {MOST_POINTS} points"),
+                ));
                 DEFAULT_POINTS
             }
         };
@@ -147,12 +161,22 @@ impl ComparisonQuery {
 
 /// The ids of a list that names each once.
 fn read_fits(text: Option<&str>, faults: &mut Vec<Fault>) -> Vec<String> {
-    let ids: Vec<String> = text.unwrap_or_default().split(',').map(str::trim).filter(|id| !id.is_empty()).map(str::to_owned).collect();
+    let ids: Vec<String> = text
+        .unwrap_or_default()
+        .split(',')
+        .map(str::trim)
+        .filter(|id| !id.is_empty())
+        .map(str::to_owned)
+        .collect();
     if ids.is_empty() {
         faults.push(Fault::new("query fits", "missing-field", "no fit is named").suggest("fits=fit_a,fit_b"));
     }
     if ids.len() > MOST_FITS {
-        faults.push(Fault::new("query fits", "out-of-range", format!("{} fits are named, {MOST_FITS} are the most", ids.len())));
+        faults.push(Fault::new(
+            "query fits",
+            "out-of-range",
+            format!("{} fits are named, {MOST_FITS} are the most", ids.len()),
+        ));
     }
     let mut seen = HashSet::new();
     for twice in ids.iter().filter(|id| !seen.insert(id.as_str())) {
@@ -172,7 +196,16 @@ fn shown(text: &str) -> String {
     path = "/fits/{id}/comparison",
     tag = "fits",
     params(("id" = String, Path), ComparisonQuery),
-    responses((status = 200, content((ComparisonBody = "application/json"), (String = "text/csv"))), (status = 406, description = "Neither of the two forms is acceptable", body = Problem, content_type = PROBLEM_JSON), Problems)
+    responses(
+        (status = 200, content((ComparisonBody = "application/json"), (String = "text/csv"))),
+        (
+            status = 406,
+            description = "Neither of the two forms is acceptable",
+            body = Problem,
+            content_type = PROBLEM_JSON
+        ),
+        Problems
+    )
 )]
 async fn get_comparison(
     State(service): State<Shared>,
@@ -188,14 +221,23 @@ async fn get_comparison(
     Ok(rendered(format, shared_body(comparison::one(&service, &id, &asked).await?)))
 }
 
-/// Several fits of one system on one window: the same times, and a table of errors on the same samples. The first
-/// time is never earlier than the latest start of a fit's window.
+/// Several fits of one system on one window: the same times, and a table of errors on the same samples. The
+/// first time is never earlier than the latest start of a fit's window.
 #[utoipa::path(
     get,
     path = "/compare",
     tag = "fits",
     params(CompareQuery),
-    responses((status = 200, content((CompareBody = "application/json"), (String = "text/csv"))), (status = 406, description = "Neither of the two forms is acceptable", body = Problem, content_type = PROBLEM_JSON), Problems)
+    responses(
+        (status = 200, content((CompareBody = "application/json"), (String = "text/csv"))),
+        (
+            status = 406,
+            description = "Neither of the two forms is acceptable",
+            body = Problem,
+            content_type = PROBLEM_JSON
+        ),
+        Problems
+    )
 )]
 async fn get_compare(
     State(service): State<Shared>,

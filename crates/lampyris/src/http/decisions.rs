@@ -25,7 +25,8 @@ pub fn router() -> OpenApiRouter<Shared> {
     request_body = Reason,
     responses(
         (status = 200, description = "It is served; promoting it twice changes nothing", body = FitAnswer),
-        (status = 409, description = "`not-offered`, `already-decided`, `pinned` or `other-model`: it cannot be served", body = Problem, content_type = PROBLEM_JSON),
+        (status = 409, description = "`not-offered`, `already-decided`, `pinned` or `other-model`: it cannot \
+            be served", body = Problem, content_type = PROBLEM_JSON),
         Problems,
     )
 )]
@@ -47,8 +48,17 @@ async fn promote_fit(
     params(("id" = String, Path), ("Idempotency-Key" = Option<String>, Header)),
     request_body = Reason,
     responses(
-        (status = 200, description = "It will never be served; rejecting it twice changes nothing", body = FitAnswer),
-        (status = 409, description = "`not-offered` or `already-decided`: it does not wait for a word", body = Problem, content_type = PROBLEM_JSON),
+        (
+            status = 200,
+            description = "It will never be served; rejecting it twice changes nothing",
+            body = FitAnswer
+        ),
+        (
+            status = 409,
+            description = "`not-offered` or `already-decided`: it does not wait for a word",
+            body = Problem,
+            content_type = PROBLEM_JSON
+        ),
         Problems,
     )
 )]

@@ -24,7 +24,11 @@ const REFUSALS: [(&str, &str, &str); 10] = [
     ("413", "TooLarge", "The body is larger than `limit` bytes"),
     ("415", "MediaType", "`Content-Type` does not say what the body must be, or the body is compressed"),
     ("422", "Invalid", "The request has faults; all of them are listed"),
-    ("429", "TooManyFailures", "So many wrong tokens came from this address; `Retry-After` says when another one is judged"),
+    (
+        "429",
+        "TooManyFailures",
+        "So many wrong tokens came from this address; `Retry-After` says when another one is judged",
+    ),
     ("500", "Internal", "A fault of the service"),
     ("503", "Unavailable", "The database cannot do this now; `Retry-After` says when to ask again"),
 ];
@@ -102,8 +106,10 @@ pub fn completed(mut description: OpenApi) -> OpenApi {
         }
     }
     if let Some(components) = &mut description.components {
-        let text = "A token of `lampyris token create`. A service without any token answers its own machine without one. \
-                    The names after `token` are the scopes `read`, `operate` and `admin`; each includes those before it.";
+        let text = "A token of `lampyris token create`. A service without any token answers its own machine \
+            without one. \
+                    The names after `token` are the scopes `read`, `operate` and `admin`; each includes \
+            those before it.";
         let bearer = HttpBuilder::new().scheme(HttpAuthScheme::Bearer).description(Some(text)).build();
         components.add_security_scheme(TOKEN, SecurityScheme::Http(bearer));
         for (_, name, text) in REFUSALS {
@@ -123,7 +129,8 @@ pub fn completed(mut description: OpenApi) -> OpenApi {
 fn complete_schema(name: &str, schema: &mut RefOr<Schema>, names: &BTreeSet<String>) {
     match (schema, name.strip_prefix("Page_")) {
         (RefOr::T(Schema::Object(page)), Some(item)) if names.contains(item) => {
-            let items = ArrayBuilder::new().items(Ref::from_schema_name(item)).description(Some("What is on it."));
+            let items =
+                ArrayBuilder::new().items(Ref::from_schema_name(item)).description(Some("What is on it."));
             page.properties.insert("items".to_owned(), items.into());
         }
         (RefOr::T(Schema::OneOf(one_of)), _) => {
@@ -143,7 +150,9 @@ fn complete_schema(name: &str, schema: &mut RefOr<Schema>, names: &BTreeSet<Stri
 pub fn ids(description: &mut OpenApi) -> Vec<(String, &'static str, String)> {
     let mut ids = Vec::new();
     for (path, item) in &mut description.paths.paths {
-        ids.extend(operations(item).map(|(method, operation)| (path.clone(), method, operation.operation_id.clone().unwrap_or_default())));
+        ids.extend(operations(item).map(|(method, operation)| {
+            (path.clone(), method, operation.operation_id.clone().unwrap_or_default())
+        }));
     }
     ids
 }
@@ -173,14 +182,22 @@ fn operations(item: &mut PathItem) -> impl Iterator<Item = (&'static str, &mut O
 }
 
 fn has(operation: &Operation, place: &ParameterIn) -> bool {
-    operation.parameters.iter().flatten().any(|parameter| matches!(parameter, RefOr::T(parameter) if parameter.parameter_in == *place))
+    operation
+        .parameters
+        .iter()
+        .flatten()
+        .any(|parameter| matches!(parameter, RefOr::T(parameter) if parameter.parameter_in == *place))
 }
 
 /// Says what a parameter may be, where its name says it.
 fn complete_parameter(path: &str, parameter: &mut Parameter) {
     let named = match parameter.name.as_str() {
-        "kind" if path.contains("/{kind}/{id}") => Some((text("^[a-z]{1,32}$").examples(["room"]), "The kind of the system.")),
-        "id" if path.contains("/{kind}/{id}") => Some((text("^[A-Za-z0-9_-]{1,64}$").examples(["4"]), "The system within its kind.")),
+        "kind" if path.contains("/{kind}/{id}") => {
+            Some((text("^[a-z]{1,32}$").examples(["room"]), "The kind of the system."))
+        }
+        "id" if path.contains("/{kind}/{id}") => {
+            Some((text("^[A-Za-z0-9_-]{1,64}$").examples(["4"]), "The system within its kind."))
+        }
         // Without an example: a key that everybody copies belongs to somebody else's request.
         "Idempotency-Key" => Some((
             text("^[!-~]([ -~]{0,253}[!-~])?$"),
@@ -209,7 +226,12 @@ fn without_null(schema: &mut Schema) {
             }
         }
         Schema::OneOf(OneOf { items, .. }) => {
-            items.retain(|item| !matches!(item, RefOr::T(Schema::Object(object)) if object.schema_type == SchemaType::Type(Type::Null)));
+            items.retain(|item| {
+                !matches!(
+                    item,
+                    RefOr::T(Schema::Object(object)) if object.schema_type == SchemaType::Type(Type::Null)
+                )
+            });
         }
         _ => {}
     }
@@ -220,10 +242,16 @@ fn secure(operation: &mut Operation) {
     let needed = operation.operation_id.as_deref().and_then(declared).map(|(needed, _)| needed);
     // One that nobody has declared says nothing, which a test forbids.
     let Some(needed) = needed else { return };
-    operation.security = Some(needed.iter().map(|scope| SecurityRequirement::new(TOKEN, [scope.as_str()])).collect());
+    operation.security =
+        Some(needed.iter().map(|scope| SecurityRequirement::new(TOKEN, [scope.as_str()])).collect());
     if needed.is_some() {
-        for (status, name, _) in REFUSALS.iter().filter(|(status, ..)| ["401", "403", "429"].contains(status)) {
-            operation.responses.responses.entry((*status).to_owned()).or_insert_with(|| Ref::from_response_name(*name).into());
+        for (status, name, _) in REFUSALS.iter().filter(|(status, ..)| ["401", "403", "429"].contains(status))
+        {
+            operation
+                .responses
+                .responses
+                .entry((*status).to_owned())
+                .or_insert_with(|| Ref::from_response_name(*name).into());
         }
     }
 }
@@ -253,7 +281,11 @@ fn complete_responses(method: &str, operation: &mut Operation) {
             _ => true,
         };
         if is_possible {
-            operation.responses.responses.entry(status.to_owned()).or_insert_with(|| Ref::from_response_name(name).into());
+            operation
+                .responses
+                .responses
+                .entry(status.to_owned())
+                .or_insert_with(|| Ref::from_response_name(name).into());
         }
     }
 }

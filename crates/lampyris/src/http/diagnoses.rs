@@ -23,10 +23,14 @@ use utoipa_axum::routes;
 
 /// The paths of this file.
 pub fn router() -> OpenApiRouter<Shared> {
-    OpenApiRouter::new().routes(routes!(list_diagnoses)).routes(routes!(get_diagnosis)).routes(routes!(get_ladder))
+    OpenApiRouter::new()
+        .routes(routes!(list_diagnoses))
+        .routes(routes!(get_diagnosis))
+        .routes(routes!(get_ladder))
 }
 
-/// A diagnosis: verdict, findings with evidence, what was considered, what these data cannot show, what is left.
+/// A diagnosis: verdict, findings with evidence, what was considered, what these data cannot show, what is
+/// left.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = Diagnosis)]
 struct DiagnosisName {
@@ -109,7 +113,13 @@ impl DiagnosisRow {
 }
 
 /// Diagnoses, newest first.
-#[utoipa::path(get, path = "/diagnoses", tag = "diagnoses", params(DiagnosisQuery), responses((status = 200, body = Page<DiagnosisRow>), Problems))]
+#[utoipa::path(
+    get,
+    path = "/diagnoses",
+    tag = "diagnoses",
+    params(DiagnosisQuery),
+    responses((status = 200, body = Page<DiagnosisRow>), Problems)
+)]
 async fn list_diagnoses(
     State(service): State<Shared>,
     caller: Caller,
@@ -117,16 +127,30 @@ async fn list_diagnoses(
 ) -> Result<axum::Json<Page<DiagnosisRow>>, ApiError> {
     let page = PageQuery { page_size: query.page_size, page_token: query.page_token };
     let system = query.system.as_deref().map(str::parse::<SystemId>).transpose();
-    let system = system.map_err(|error| ApiError::Invalid(vec![Fault::new("query system", "invalid-system", error.to_string())]))?;
+    let system = system.map_err(|error| {
+        ApiError::Invalid(vec![Fault::new("query system", "invalid-system", error.to_string())])
+    })?;
     let size = page.size()?;
-    let records = store::diagnoses::page(&service.store, caller.reach(), system.as_ref(), page.before()?, size + 1).await?;
+    let records =
+        store::diagnoses::page(&service.store, caller.reach(), system.as_ref(), page.before()?, size + 1)
+            .await?;
     Ok(axum::Json(Page::of(records, size, |record| record.sequence.to_string(), DiagnosisRow::of)))
 }
 
 /// One diagnosis.
-#[utoipa::path(get, path = "/diagnoses/{id}", tag = "diagnoses", params(("id" = String, Path)), responses((status = 200, body = DiagnosisAnswer), Problems))]
-async fn get_diagnosis(State(service): State<Shared>, Path(id): Path<String>) -> Result<axum::Json<DiagnosisAnswer>, ApiError> {
-    let record = store::diagnoses::get(&service.store, &id).await?.ok_or(ApiError::NotFound("diagnosis", id))?;
+#[utoipa::path(
+    get,
+    path = "/diagnoses/{id}",
+    tag = "diagnoses",
+    params(("id" = String, Path)),
+    responses((status = 200, body = DiagnosisAnswer), Problems)
+)]
+async fn get_diagnosis(
+    State(service): State<Shared>,
+    Path(id): Path<String>,
+) -> Result<axum::Json<DiagnosisAnswer>, ApiError> {
+    let record =
+        store::diagnoses::get(&service.store, &id).await?.ok_or(ApiError::NotFound("diagnosis", id))?;
     Ok(axum::Json(With {
         own: DiagnosisName { id: record.id, job: record.job, created_at: record.created_at },
         document: Stored::of(record.document),
@@ -141,7 +165,10 @@ async fn get_diagnosis(State(service): State<Shared>, Path(id): Path<String>) ->
     params(("kind" = String, Path), ("id" = String, Path)),
     responses((status = 200, body = LadderAnswer), Problems)
 )]
-async fn get_ladder(State(service): State<Shared>, Named(system): Named) -> Result<axum::Json<LadderAnswer>, ApiError> {
+async fn get_ladder(
+    State(service): State<Shared>,
+    Named(system): Named,
+) -> Result<axum::Json<LadderAnswer>, ApiError> {
     systems::require(&service, &system).await?;
     let record = store::diagnoses::newest_ladder(&service.store, &system).await?;
     let record = record.ok_or_else(|| ApiError::NotFound("ladder", system.to_string()))?;

@@ -28,7 +28,8 @@ pub fn router() -> OpenApiRouter<Shared> {
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 struct DiagnosticsQuery {
-    /// An output of the model, such as `S_NH_e`; the first one by default. Skill is told of all of them in any case.
+    /// An output of the model, such as `S_NH_e`; the first one by default. Skill is told of all of them in
+    /// any case.
     #[param(example = "T_room")]
     output: Option<String>,
 }
@@ -52,13 +53,13 @@ struct DiagnosticsBody {
     by_horizon: HashMap<String, Vec<HorizonSkillBody>>,
     /// The output that the summary and all that follows is about, as asked for; the first one where none was.
     output: String,
-    /// Free-run error over the deviation of the noise that is left in it, by output; above 1.6 something physical
-    /// is probably missing.
+    /// Free-run error over the deviation of the noise that is left in it, by output; above 1.6 something
+    /// physical is probably missing.
     rho: HashMap<String, Option<f64>>,
     /// Root mean square of the one-step innovations, by output.
     noise_floor: HashMap<String, Option<f64>>,
-    /// The free run of the output by circumstances, over the fit's window and in the light of all channels, the
-    /// most telling first. All errors are measured minus simulated.
+    /// The free run of the output by circumstances, over the fit's window and in the light of all channels,
+    /// the most telling first. All errors are measured minus simulated.
     by_regime: Vec<Regime>,
     /// Its mean error by day and hour of the local clock.
     hour_by_date: Vec<DayOfErrors>,

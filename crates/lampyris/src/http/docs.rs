@@ -1,5 +1,5 @@
-//! `/docs`: the description of the surface, readable in a browser. The page is part of the binary and asks this
-//! service alone.
+//! `/docs`: the description of the surface, readable in a browser. The page is part of the binary and asks
+//! this service alone.
 
 use super::problem::{ApiError, Problems};
 use super::shared::Shared;
@@ -11,7 +11,8 @@ use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
 /// Everything comes from this service, and nothing may frame the page.
-const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; img-src data:; base-uri 'none'; \
+const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; img-src \
+    data:; base-uri 'none'; \
                       form-action 'self'; frame-ancestors 'none'";
 
 #[derive(RustEmbed)]
@@ -24,7 +25,12 @@ pub fn router() -> OpenApiRouter<Shared> {
 }
 
 /// This description as a page.
-#[utoipa::path(get, path = "/docs", tag = "service", responses((status = 200, body = String, content_type = "text/html")))]
+#[utoipa::path(
+    get,
+    path = "/docs",
+    tag = "service",
+    responses((status = 200, body = String, content_type = "text/html"))
+)]
 async fn get_docs() -> Result<Response, ApiError> {
     file("index.html")
 }
@@ -35,7 +41,15 @@ async fn get_docs() -> Result<Response, ApiError> {
     path = "/docs/{name}",
     tag = "service",
     params(("name" = String, Path, example = "docs.js")),
-    responses((status = 200, description = "A script or a style sheet", body = String, content_type = "text/javascript"), Problems)
+    responses(
+        (
+            status = 200,
+            description = "A script or a style sheet",
+            body = String,
+            content_type = "text/javascript"
+        ),
+        Problems
+    )
 )]
 async fn get_docs_file(Path(name): Path<String>) -> Result<Response, ApiError> {
     file(&name)

@@ -1,8 +1,8 @@
 //! What happens to jobs, as server-sent events: `queued`, `started`, `progress`, `incumbent`, `finished`.
 //!
-//! Every event has an id. A client that comes back with it (`Last-Event-ID`) is told what it has missed; where the
-//! log no longer knows, also after a restart of the service, it is told how things stand: which jobs wait and run,
-//! and every end since. No end is lost; around a return an event may come twice.
+//! Every event has an id. A client that comes back with it (`Last-Event-ID`) is told what it has missed;
+//! where the log no longer knows, also after a restart of the service, it is told how things stand: which
+//! jobs wait and run, and every end since. No end is lost; around a return an event may come twice.
 
 use super::access::Caller;
 use super::extract::Asked;
@@ -126,8 +126,8 @@ enum JobEventName {
 
 /// The events of a job until its end; then the stream ends.
 ///
-/// `queued`, `started` and `finished` carry the job, `progress` how far it has come, `incumbent` the best parameters so far by name.
-/// Progress and parameters come at most four times a second.
+/// `queued`, `started` and `finished` carry the job, `progress` how far it has come, `incumbent` the best
+/// parameters so far by name. Progress and parameters come at most four times a second.
 #[utoipa::path(
     get,
     path = "/jobs/{id}/events",
@@ -138,7 +138,12 @@ enum JobEventName {
         ("Last-Event-ID" = Option<String>, Header, description = "The id of the last event that was seen"),
     ),
     responses(
-        (status = 200, description = "Server-sent events", body = JobEvent, content_type = "text/event-stream"),
+        (
+            status = 200,
+            description = "Server-sent events",
+            body = JobEvent,
+            content_type = "text/event-stream"
+        ),
         (status = 204, description = "The end was seen already: do not come back"),
         Problems,
     )
@@ -165,9 +170,15 @@ async fn get_job_events(
     get,
     path = "/events",
     tag = "jobs",
-    params(EventsQuery, ("Last-Event-ID" = Option<String>, Header, description = "The id of the last event that was seen")),
+    params(EventsQuery, ("Last-Event-ID" = Option<String>, Header, description = "The id of the last event \
+        that was seen")),
     responses(
-        (status = 200, description = "Server-sent events", body = JobEvent, content_type = "text/event-stream"),
+        (
+            status = 200,
+            description = "Server-sent events",
+            body = JobEvent,
+            content_type = "text/event-stream"
+        ),
         (status = 404, description = "There is no such system", body = Problem, content_type = PROBLEM_JSON),
         Problems,
     )
@@ -181,8 +192,11 @@ async fn get_events(
     let whose = match query.system {
         None => Whose::All,
         Some(text) => {
-            let invalid = |detail: String| ApiError::Invalid(vec![Fault::new("query system", "invalid-system", detail)]);
-            let system: SystemId = text.parse().map_err(|error: lampyris_core::data::BadSystemId| invalid(error.to_string()))?;
+            let invalid = |detail: String| {
+                ApiError::Invalid(vec![Fault::new("query system", "invalid-system", detail)])
+            };
+            let system: SystemId =
+                text.parse().map_err(|error: lampyris_core::data::BadSystemId| invalid(error.to_string()))?;
             if service.params.slot(&text).is_none() || !caller.reach().covers(&system) {
                 return Err(ApiError::NotFound("system", text));
             }
@@ -250,8 +264,8 @@ impl Listener {
             }
     }
 
-    /// Tells how things stand to a client that the log cannot help, and says where the log goes on. Only ends have
-    /// ids here: a client that is cut off in between is told the rest of them.
+    /// Tells how things stand to a client that the log cannot help, and says where the log goes on. Only ends
+    /// have ids here: a client that is cut off in between is told the rest of them.
     async fn tell_state(&mut self, last: Option<Position>) -> Result<Position, Over> {
         let (position, running) = self.service.events.snapshot();
         if let Whose::Job(id) = &self.whose {
@@ -282,7 +296,9 @@ impl Listener {
     async fn tell_waiting(&mut self, missed: Missed) -> Result<(), Over> {
         let mut cursor = 0;
         loop {
-            let waiting = store::events::waiting(&self.service.store, missed, self.system(), cursor, CHUNK).await.map_err(|_| Over)?;
+            let waiting = store::events::waiting(&self.service.store, missed, self.system(), cursor, CHUNK)
+                .await
+                .map_err(|_| Over)?;
             let Some(newest) = waiting.last() else { return Ok(()) };
             cursor = newest.sequence;
             for job in waiting {
@@ -295,7 +311,9 @@ impl Listener {
 
     async fn tell_ended(&mut self, mut missed: Missed) -> Result<(), Over> {
         loop {
-            let ended = store::events::ended(&self.service.store, missed, self.system(), CHUNK).await.map_err(|_| Over)?;
+            let ended = store::events::ended(&self.service.store, missed, self.system(), CHUNK)
+                .await
+                .map_err(|_| Over)?;
             let Some(newest) = ended.last().and_then(|job| job.end_sequence) else { return Ok(()) };
             missed.after = newest;
             for job in ended {

@@ -77,7 +77,8 @@ struct EvidenceWindow {
     beyond_clock: f64,
     /// Days that were looked at.
     days: usize,
-    /// The share of shifts of its channels by whole days with which it does as well; `null` where nobody asked.
+    /// The share of shifts of its channels by whole days with which it does as well; `null` where nobody
+    /// asked.
     shift_p: Option<f64>,
     /// Whether it is added up with the others.
     pooled: bool,
@@ -115,8 +116,8 @@ impl EvidenceWindow {
 
 /// What the windows of a system show of every effect, each for itself and together.
 ///
-/// Every diagnosis adds its window. Windows that do not overlap add up, beside the same base model: the newest come first, older ones
-/// that share samples with them are listed and not added.
+/// Every diagnosis adds its window. Windows that do not overlap add up, beside the same base model: the
+/// newest come first, older ones that share samples with them are listed and not added.
 #[utoipa::path(
     get,
     path = "/systems/{kind}/{id}/evidence",
@@ -130,6 +131,10 @@ async fn get_evidence(
     Asked(query): Asked<EvidenceQuery>,
 ) -> Result<axum::Json<Evidence>, ApiError> {
     systems::require(&service, &system).await?;
-    let entries = store::evidence::of(&service.store, &system, query.effect.as_deref(), query.model.as_deref()).await?;
-    Ok(axum::Json(Evidence { system, effects: ledgers(&entries).into_iter().map(EffectEvidence::of).collect() }))
+    let entries =
+        store::evidence::of(&service.store, &system, query.effect.as_deref(), query.model.as_deref()).await?;
+    Ok(axum::Json(Evidence {
+        system,
+        effects: ledgers(&entries).into_iter().map(EffectEvidence::of).collect(),
+    }))
 }

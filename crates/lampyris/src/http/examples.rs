@@ -1,7 +1,7 @@
 //! Examples for the description: what may be sent to each operation, and what it answers.
 //!
-//! They are documents of their own (`examples/*.json`), by the id of the operation and the media type. The check of
-//! the contract sends every request to a running service and holds every answer against its schema.
+//! They are documents of their own (`examples/*.json`), by the id of the operation and the media type. The
+//! check of the contract sends every request to a running service and holds every answer against its schema.
 
 use indexmap::IndexMap;
 use serde::Deserialize;
@@ -54,12 +54,16 @@ pub fn attach(operation: &mut Operation) {
     if let Some(RefOr::T(body)) = &mut operation.request_body {
         for (media_type, content) in &mut body.content {
             if let (Some(named), RefOr::T(content)) = (examples.requests.get(media_type), content) {
-                let named = named.iter().map(|(name, value)| (name.clone(), ExampleBuilder::new().value(Some(value.clone())).build()));
+                let named = named.iter().map(|(name, value)| {
+                    (name.clone(), ExampleBuilder::new().value(Some(value.clone())).build())
+                });
                 content.examples = named.map(|(name, example)| (name, RefOr::T(example))).collect();
             }
         }
     }
-    for (_, response) in operation.responses.responses.iter_mut().filter(|(status, _)| status.starts_with('2')) {
+    for (_, response) in
+        operation.responses.responses.iter_mut().filter(|(status, _)| status.starts_with('2'))
+    {
         if let RefOr::T(response) = response {
             for (media_type, content) in &mut response.content {
                 if let RefOr::T(Content { example, .. }) = content {

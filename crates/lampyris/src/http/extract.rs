@@ -22,8 +22,8 @@ use tokio_stream::StreamExt;
 
 /// JSON beyond this size is parsed off the async threads.
 const LARGE: usize = 64 << 10;
-/// This much of a body that is too large is read beyond its limit and thrown away: a client that is still sending when
-/// the connection closes never hears why.
+/// This much of a body that is too large is read beyond its limit and thrown away: a client that is still
+/// sending when the connection closes never hears why.
 pub(super) const SPARE: usize = 1 << 20;
 /// How long a client is listened to whose request is refused before its body has come.
 const LINGER: Duration = Duration::from_secs(1);
@@ -75,7 +75,11 @@ impl FromRequest<Shared> for Json {
         let (parts, body) = request.into_parts();
         let body = read(&parts.headers, body, service.settings.limits.body_bytes, service).await?;
         let key = key(&parts, &body)?;
-        let value = if body.len() > LARGE { blocking(move || decode::parse(&body)).await? } else { decode::parse(&body) };
+        let value = if body.len() > LARGE {
+            blocking(move || decode::parse(&body)).await?
+        } else {
+            decode::parse(&body)
+        };
         Ok(Self { value: value.map_err(unread)?, key })
     }
 }
@@ -99,7 +103,11 @@ impl FromRequest<Shared> for Empty {
         let (parts, body) = request.into_parts();
         let body = read(&parts.headers, body, service.settings.limits.body_bytes, service).await?;
         if !body.iter().all(u8::is_ascii_whitespace) && body.as_ref() != b"{}" {
-            return Err(ApiError::Invalid(vec![Fault::new("", "unexpected-body", "this request has no body")]));
+            return Err(ApiError::Invalid(vec![Fault::new(
+                "",
+                "unexpected-body",
+                "this request has no body",
+            )]));
         }
         Ok(Self { key: key(&parts, &body)? })
     }
@@ -113,7 +121,11 @@ impl<T: DeserializeOwned> FromRequestParts<Shared> for Asked<T> {
         let mut fields = Map::new();
         for (name, text) in pairs(parts)? {
             if fields.contains_key(&name) {
-                faults.push(Fault::new(format!("/{name}"), "duplicate-field", "the name is there twice, and only one can be meant"));
+                faults.push(Fault::new(
+                    format!("/{name}"),
+                    "duplicate-field",
+                    "the name is there twice, and only one can be meant",
+                ));
             }
             fields.insert(name, text.into());
         }
@@ -127,7 +139,8 @@ impl<T: DeserializeOwned> FromRequestParts<Shared> for Asked<T> {
     }
 }
 
-/// Reads the fields of a query. They are texts; where a number or a truth value is wanted, the text is read as one.
+/// Reads the fields of a query. They are texts; where a number or a truth value is wanted, the text is read
+/// as one.
 fn fields<T: DeserializeOwned>(mut fields: Map<String, Value>) -> Result<T, Vec<Fault>> {
     let faults = match decode::decode(Value::Object(fields.clone())) {
         Ok(read) => return Ok(read),
@@ -136,7 +149,8 @@ fn fields<T: DeserializeOwned>(mut fields: Map<String, Value>) -> Result<T, Vec<
     let mut is_another = false;
     for fault in faults.iter().filter(|fault| fault.code == "wrong-type") {
         if let Some(field) = fields.get_mut(fault.pointer.trim_start_matches('/'))
-            && let Some(Ok(value @ (Value::Number(_) | Value::Bool(_)))) = field.as_str().map(|text| decode::parse(text.as_bytes()))
+            && let Some(Ok(value @ (Value::Number(_) | Value::Bool(_)))) =
+                field.as_str().map(|text| decode::parse(text.as_bytes()))
         {
             *field = value;
             is_another = true;
@@ -154,7 +168,8 @@ impl FromRequestParts<Shared> for Named {
         };
         match SystemId::new(&kind, &id) {
             Ok(system) => Ok(Self(system)),
-            // Making a system with a name that cannot be is a fault of the request; asking for it is asking for nothing.
+            // Making a system with a name that cannot be is a fault of the request; asking for it is asking
+            // for nothing.
             Err(error) if parts.method == Method::PUT => {
                 Err(ApiError::Invalid(vec![Fault::new("path", "invalid-system", error.to_string())]))
             }
@@ -168,7 +183,8 @@ impl FromRequestParts<Shared> for Named {
 /// # Errors
 /// 406 where it accepts none of them.
 pub fn accepted(headers: &HeaderMap, forms: &'static [&'static str]) -> Result<&'static str, ApiError> {
-    let texts: Vec<&str> = headers.get_all(header::ACCEPT).iter().filter_map(|value| value.to_str().ok()).collect();
+    let texts: Vec<&str> =
+        headers.get_all(header::ACCEPT).iter().filter_map(|value| value.to_str().ok()).collect();
     if texts.iter().all(|text| text.trim().is_empty()) {
         return forms.first().copied().ok_or(ApiError::NotAcceptable(forms));
     }
@@ -176,10 +192,14 @@ pub fn accepted(headers: &HeaderMap, forms: &'static [&'static str]) -> Result<&
     // The most specific range that names a form decides on it.
     let weight = |form: &str| {
         let group = form.split('/').next().unwrap_or_default();
-        let of = |wanted: &dyn Fn(&str) -> bool| ranges.iter().find(|(range, _)| wanted(range)).map(|(_, weight)| *weight);
+        let of = |wanted: &dyn Fn(&str) -> bool| {
+            ranges.iter().find(|(range, _)| wanted(range)).map(|(_, weight)| *weight)
+        };
         let exact = of(&|range| range.eq_ignore_ascii_case(form));
         exact
-            .or_else(|| of(&|range| range.strip_suffix("/*").is_some_and(|of| of.eq_ignore_ascii_case(group))))
+            .or_else(|| {
+                of(&|range| range.strip_suffix("/*").is_some_and(|of| of.eq_ignore_ascii_case(group)))
+            })
             .or_else(|| of(&|range| range == "*/*"))
     };
     let mut best = (0.0, None);
@@ -216,19 +236,26 @@ fn media_type(headers: &HeaderMap) -> String {
 /// Reads a body up to a limit of bytes, and of time.
 async fn read(headers: &HeaderMap, body: Body, limit: usize, service: &Shared) -> Result<Bytes, ApiError> {
     // What unpacks to a thousand times its size is refused before anything is unpacked.
-    if headers.get(header::CONTENT_ENCODING).is_some_and(|encoding| !encoding.as_bytes().eq_ignore_ascii_case(b"identity")) {
+    if headers
+        .get(header::CONTENT_ENCODING)
+        .is_some_and(|encoding| !encoding.as_bytes().eq_ignore_ascii_case(b"identity"))
+    {
         return Err(ApiError::Encoded);
     }
-    let declared = headers.get(header::CONTENT_LENGTH).and_then(|length| length.to_str().ok()?.parse::<usize>().ok());
+    let declared =
+        headers.get(header::CONTENT_LENGTH).and_then(|length| length.to_str().ok()?.parse::<usize>().ok());
     if declared.is_some_and(|length| length > limit) {
-        // Who asks before sending has nothing under way; whoever is sending is listened to for a moment, to hear the answer.
+        // Who asks before sending has nothing under way; whoever is sending is listened to for a moment, to
+        // hear the answer.
         if !headers.contains_key(header::EXPECT) {
             linger(body, limit.saturating_add(SPARE)).await;
         }
         return Err(ApiError::TooLarge(limit));
     }
     let patience = Duration::from_secs(service.settings.limits.body_seconds);
-    tokio::time::timeout(patience, collect(body, limit)).await.unwrap_or(Err(ApiError::SlowBody(patience.as_secs())))
+    tokio::time::timeout(patience, collect(body, limit))
+        .await
+        .unwrap_or(Err(ApiError::SlowBody(patience.as_secs())))
 }
 
 /// Throws away what comes, for a moment, up to so many bytes.
@@ -271,26 +298,41 @@ fn key(parts: &Parts, body: &[u8]) -> Result<Option<RequestKey>, ApiError> {
     let Some(value) = parts.headers.get("idempotency-key") else {
         return Ok(None);
     };
-    let fault = |detail: &str| ApiError::Invalid(vec![Fault::new("header Idempotency-Key", "invalid-key", detail)]);
-    let key =
-        value.to_str().ok().filter(|key| !key.contains('\t')).ok_or_else(|| fault("a key is made of visible ASCII characters"))?.trim();
+    let fault =
+        |detail: &str| ApiError::Invalid(vec![Fault::new("header Idempotency-Key", "invalid-key", detail)]);
+    let key = value
+        .to_str()
+        .ok()
+        .filter(|key| !key.contains('\t'))
+        .ok_or_else(|| fault("a key is made of visible ASCII characters"))?
+        .trim();
     if key.is_empty() || key.len() > LONGEST_KEY {
         return Err(fault("a key has 1 to 255 characters"));
     }
     let mut hasher = blake3::Hasher::new();
-    hasher.update(parts.method.as_str().as_bytes()).update(b" ").update(parts.uri.path().as_bytes()).update(b"\n").update(body);
+    hasher
+        .update(parts.method.as_str().as_bytes())
+        .update(b" ")
+        .update(parts.uri.path().as_bytes())
+        .update(b"\n")
+        .update(body);
     Ok(Some(RequestKey { key: key.to_owned(), fingerprint: hasher.finalize().to_hex().to_string() }))
 }
 
 /// Refuses a query where the description of the path knows none.
-pub async fn refuse_unknown(State(asking): State<Arc<BTreeSet<(String, &'static str)>>>, request: Request, next: Next) -> Response {
+pub async fn refuse_unknown(
+    State(asking): State<Arc<BTreeSet<(String, &'static str)>>>,
+    request: Request,
+    next: Next,
+) -> Response {
     let (parts, body) = request.into_parts();
     if parts.uri.query().is_some_and(|query| !query.is_empty()) {
         let method = if parts.method == Method::HEAD { "GET" } else { parts.method.as_str() };
         let path = parts.extensions.get::<MatchedPath>().map(MatchedPath::as_str).unwrap_or_default();
         if !asking.iter().any(|(known, with)| known == path && *with == method) {
             return match pairs(&parts) {
-                Ok(pairs) => ApiError::Invalid(pairs.into_iter().map(|(name, _)| unknown(&name)).collect()).into_response(),
+                Ok(pairs) => ApiError::Invalid(pairs.into_iter().map(|(name, _)| unknown(&name)).collect())
+                    .into_response(),
                 Err(error) => error.into_response(),
             };
         }
@@ -329,8 +371,14 @@ mod tests {
         };
         let (json, csv) = (Some(FORMS[0]), Some(FORMS[1]));
         assert_eq!(accepted(&HeaderMap::new(), FORMS).ok(), json);
-        assert_eq!((chosen(""), chosen("*/*"), chosen("application/*"), chosen("TEXT/CSV; header=present")), (json, json, json, csv));
-        assert_eq!((chosen("text/*, */*;q=0.1"), chosen("application/json;q=0.2, text/csv;q=0.9")), (csv, csv));
+        assert_eq!(
+            (chosen(""), chosen("*/*"), chosen("application/*"), chosen("TEXT/CSV; header=present")),
+            (json, json, json, csv)
+        );
+        assert_eq!(
+            (chosen("text/*, */*;q=0.1"), chosen("application/json;q=0.2, text/csv;q=0.9")),
+            (csv, csv)
+        );
         assert_eq!((chosen("application/json;q=0, */*"), chosen("text/html, text/csv;q=0.1")), (csv, csv));
         assert_eq!((chosen("text/html"), chosen("*/*;q=0"), chosen("text/csv;q=none")), (None, None, None));
     }

@@ -109,7 +109,13 @@ struct FitQuery {
 }
 
 /// Fits, newest first.
-#[utoipa::path(get, path = "/fits", tag = "fits", params(FitQuery), responses((status = 200, body = Page<FitRow>), Problems))]
+#[utoipa::path(
+    get,
+    path = "/fits",
+    tag = "fits",
+    params(FitQuery),
+    responses((status = 200, body = Page<FitRow>), Problems)
+)]
 async fn list_fits(
     State(service): State<Shared>,
     caller: Caller,
@@ -117,7 +123,9 @@ async fn list_fits(
 ) -> Result<axum::Json<Page<FitRow>>, ApiError> {
     let page = PageQuery { page_size: query.page_size, page_token: query.page_token };
     let size = page.size()?;
-    let entries = store::fits::page(&service.store, caller.reach(), query.system.as_ref(), page.before()?, size + 1).await?;
+    let entries =
+        store::fits::page(&service.store, caller.reach(), query.system.as_ref(), page.before()?, size + 1)
+            .await?;
     let row = |entry: FitEntry| FitRow {
         id: entry.id,
         job: entry.job,
@@ -134,14 +142,25 @@ async fn list_fits(
 }
 
 /// One fit.
-#[utoipa::path(get, path = "/fits/{id}", tag = "fits", params(("id" = String, Path)), responses((status = 200, body = FitAnswer), Problems))]
-async fn get_fit(State(service): State<Shared>, Path(id): Path<String>) -> Result<axum::Json<FitAnswer>, ApiError> {
+#[utoipa::path(
+    get,
+    path = "/fits/{id}",
+    tag = "fits",
+    params(("id" = String, Path)),
+    responses((status = 200, body = FitAnswer), Problems)
+)]
+async fn get_fit(
+    State(service): State<Shared>,
+    Path(id): Path<String>,
+) -> Result<axum::Json<FitAnswer>, ApiError> {
     answer(&service, &id).await
 }
 
 /// A fit as it is shown.
 pub async fn answer(service: &Service, id: &str) -> Result<axum::Json<FitAnswer>, ApiError> {
-    let record = store::fits::get(&service.store, id).await?.ok_or_else(|| ApiError::NotFound("fit", id.to_owned()))?;
+    let record = store::fits::get(&service.store, id)
+        .await?
+        .ok_or_else(|| ApiError::NotFound("fit", id.to_owned()))?;
     let (waits_for_operator, decision) = store::decisions::of(&service.store, id).await?;
     let windows = store::windows::cited(&service.store, id).await?;
     let own = FitVerdict {
@@ -153,7 +172,11 @@ pub async fn answer(service: &Service, id: &str) -> Result<axum::Json<FitAnswer>
         summary: record.summary,
         checks: record.checks,
         waits_for_operator,
-        decision: decision.map(|record| DecisionAnswer { decision: record.decision, reason: record.reason, decided_at: record.decided_at }),
+        decision: decision.map(|record| DecisionAnswer {
+            decision: record.decision,
+            reason: record.reason,
+            decided_at: record.decided_at,
+        }),
         created_at: record.created_at,
     };
     Ok(axum::Json(With { own, document: record.fit }))

@@ -128,7 +128,8 @@ async fn get_history(
 
 /// Keeps a set in service until the pin is taken away: what is served now, or an earlier fit to roll back to.
 ///
-/// The pin makes a new revision that names the old fit. Fits that the gate accepts meanwhile are suggested, not published.
+/// The pin makes a new revision that names the old fit. Fits that the gate accepts meanwhile are suggested,
+/// not published.
 #[utoipa::path(
     put,
     path = "/params/{kind}/{id}/pin",
@@ -137,14 +138,28 @@ async fn get_history(
     request_body = PinBody,
     responses(
         (status = 200, description = "What is served now", body = ParamsBody),
-        (status = 409, description = "`never-served`: the system has never served this fit", body = Problem, content_type = PROBLEM_JSON),
+        (
+            status = 409,
+            description = "`never-served`: the system has never served this fit",
+            body = Problem,
+            content_type = PROBLEM_JSON
+        ),
         Problems,
     )
 )]
-async fn put_pin(State(service): State<Shared>, caller: Caller, Named(system): Named, body: Json) -> Result<Response, ApiError> {
+async fn put_pin(
+    State(service): State<Shared>,
+    caller: Caller,
+    Named(system): Named,
+    body: Json,
+) -> Result<Response, ApiError> {
     decisions::pin(&service, &system, body.value, caller.name()).await?;
-    let entry = service.params.entry(&system.to_string()).ok_or_else(|| ApiError::NotFound("system", system.to_string()))?;
-    let served = entry.validated().ok_or_else(|| ApiError::Internal("a pinned system serves nothing".into()))?;
+    let entry = service
+        .params
+        .entry(&system.to_string())
+        .ok_or_else(|| ApiError::NotFound("system", system.to_string()))?;
+    let served =
+        entry.validated().ok_or_else(|| ApiError::Internal("a pinned system serves nothing".into()))?;
     let mut response = Body::from(Bytes::copy_from_slice(&served.body)).into_response();
     response.headers_mut().insert(header::CONTENT_TYPE, HeaderValue::from_static("application/json"));
     Ok(response)
@@ -158,7 +173,12 @@ async fn put_pin(State(service): State<Shared>, caller: Caller, Named(system): N
     params(("kind" = String, Path), ("id" = String, Path)),
     responses((status = 204, description = "There is no pin any more"), Problems)
 )]
-async fn delete_pin(State(service): State<Shared>, caller: Caller, Named(system): Named, _body: Empty) -> Result<StatusCode, ApiError> {
+async fn delete_pin(
+    State(service): State<Shared>,
+    caller: Caller,
+    Named(system): Named,
+    _body: Empty,
+) -> Result<StatusCode, ApiError> {
     decisions::unpin(&service, &system, caller.name()).await?;
     Ok(StatusCode::NO_CONTENT)
 }

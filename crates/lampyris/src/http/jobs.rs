@@ -80,7 +80,8 @@ pub struct JobAnswer {
     retry_of: Option<String>,
     /// What it diagnosed, for the kind `diagnose`.
     diagnosis: Option<String>,
-    /// The settings that it chose and how they fare on windows that the choice did not see, for the kind `tune`.
+    /// The settings that it chose and how they fare on windows that the choice did not see, for the kind
+    /// `tune`.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(value_type = Option<Tuning>)]
     tuning: Option<Value>,
@@ -126,9 +127,13 @@ impl JobAnswer {
         Self { progress, ..Self::without_progress(job) }
     }
 
-    /// A job as its events tell of it: progress has events of its own, and all listeners hear the same of a start.
+    /// A job as its events tell of it: progress has events of its own, and all listeners hear the same of a
+    /// start.
     pub fn without_progress(job: JobRecord) -> Self {
-        let mut links = BTreeMap::from([("self", format!("/jobs/{}", job.id)), ("events", format!("/jobs/{}/events", job.id))]);
+        let mut links = BTreeMap::from([
+            ("self", format!("/jobs/{}", job.id)),
+            ("events", format!("/jobs/{}/events", job.id)),
+        ]);
         links.insert("params", format!("/params/{}", job.system));
         if let Some(fit) = &job.fit {
             links.insert("fit", format!("/fits/{fit}"));
@@ -139,7 +144,10 @@ impl JobAnswer {
         if job.kind == JobKind::Ladder {
             links.insert("ladder", format!("/systems/{}/ladder", job.system));
         }
-        let wall = job.started_at.zip(job.ended_at).map(|(start, end)| end.duration_since(start).as_secs_f64().max(0.0));
+        let wall = job
+            .started_at
+            .zip(job.ended_at)
+            .map(|(start, end)| end.duration_since(start).as_secs_f64().max(0.0));
         Self {
             kind: job.kind,
             model: job.model,
@@ -184,8 +192,14 @@ pub async fn require(service: &Service, id: &str) -> Result<JobRecord, ApiError>
     request_body = JobBody,
     responses(
         (status = 200, description = "An equal job waits already", body = JobAnswer),
-        (status = 202, description = "It waits; `Location` leads to it. Several systems answer with their batch", body = SubmittedAnswer, headers(("Location" = String))),
-        (status = 429, description = "So many jobs wait already; `Retry-After` says when to ask again", body = Problem, content_type = PROBLEM_JSON),
+        (status = 202, description = "It waits; `Location` leads to it. Several systems answer with their \
+            batch", body = SubmittedAnswer, headers(("Location" = String))),
+        (
+            status = 429,
+            description = "So many jobs wait already; `Retry-After` says when to ask again",
+            body = Problem,
+            content_type = PROBLEM_JSON
+        ),
         Problems,
     )
 )]
@@ -200,7 +214,9 @@ async fn post_job(State(service): State<Shared>, caller: Caller, body: Json) -> 
     };
     match asked {
         JobRequest::One { kind, system, experiment, priority, settings } => {
-            let submitted = submit::one(&service, kind, &system, experiment, priority, &settings, body.key.as_ref()).await?;
+            let submitted =
+                submit::one(&service, kind, &system, experiment, priority, &settings, body.key.as_ref())
+                    .await?;
             job_answer(&service, submitted).await
         }
         JobRequest::Several { priority, batch } => {
@@ -216,7 +232,9 @@ async fn job_answer(service: &Service, submitted: Submitted) -> Result<Response,
     let (status, job, replayed) = match submitted {
         Submitted::New(job) => (StatusCode::ACCEPTED, job, false),
         Submitted::Waiting(job) => (StatusCode::OK, job, false),
-        Submitted::Earlier(earlier) => (status(earlier.status), require(service, &earlier.resource).await?, true),
+        Submitted::Earlier(earlier) => {
+            (status(earlier.status), require(service, &earlier.resource).await?, true)
+        }
     };
     let location = format!("/jobs/{}", job.id);
     Ok(answer(status, location, replayed, axum::Json(JobAnswer::of(service, job))))
@@ -236,7 +254,10 @@ pub async fn batch_answer(service: &Service, submitted: SubmittedBatch) -> Resul
 fn answer(status: StatusCode, location: String, replayed: bool, body: impl IntoResponse) -> Response {
     let mut response = (status, [(header::LOCATION, location)], body).into_response();
     if replayed {
-        response.headers_mut().insert(HeaderName::from_static("idempotency-replayed"), header::HeaderValue::from_static("true"));
+        response.headers_mut().insert(
+            HeaderName::from_static("idempotency-replayed"),
+            header::HeaderValue::from_static("true"),
+        );
     }
     response
 }
@@ -246,22 +267,43 @@ fn status(code: u16) -> StatusCode {
 }
 
 /// Jobs, newest first.
-#[utoipa::path(get, path = "/jobs", tag = "jobs", params(JobQuery), responses((status = 200, body = Page<JobAnswer>), Problems))]
+#[utoipa::path(
+    get,
+    path = "/jobs",
+    tag = "jobs",
+    params(JobQuery),
+    responses((status = 200, body = Page<JobAnswer>), Problems)
+)]
 async fn list_jobs(
     State(service): State<Shared>,
     caller: Caller,
     Asked(query): Asked<JobQuery>,
 ) -> Result<axum::Json<Page<JobAnswer>>, ApiError> {
     let page = PageQuery { page_size: query.page_size, page_token: query.page_token };
-    let filter = Filter { state: query.state, kind: query.kind, system: query.system, reach: caller.reach().clone() };
+    let filter =
+        Filter { state: query.state, kind: query.kind, system: query.system, reach: caller.reach().clone() };
     let size = page.size()?;
     let records = store::jobs::page(&service.store, &filter, page.before()?, size + 1).await?;
-    Ok(axum::Json(Page::of(records, size, |record| record.sequence.to_string(), |record| JobAnswer::of(&service, record))))
+    Ok(axum::Json(Page::of(
+        records,
+        size,
+        |record| record.sequence.to_string(),
+        |record| JobAnswer::of(&service, record),
+    )))
 }
 
 /// One job.
-#[utoipa::path(get, path = "/jobs/{id}", tag = "jobs", params(("id" = String, Path)), responses((status = 200, body = JobAnswer), Problems))]
-async fn get_job(State(service): State<Shared>, Path(id): Path<String>) -> Result<axum::Json<JobAnswer>, ApiError> {
+#[utoipa::path(
+    get,
+    path = "/jobs/{id}",
+    tag = "jobs",
+    params(("id" = String, Path)),
+    responses((status = 200, body = JobAnswer), Problems)
+)]
+async fn get_job(
+    State(service): State<Shared>,
+    Path(id): Path<String>,
+) -> Result<axum::Json<JobAnswer>, ApiError> {
     let job = require(&service, &id).await?;
     if job.state.is_final() {
         service.board.settled(&job.id).await;
@@ -275,9 +317,20 @@ async fn get_job(State(service): State<Shared>, Path(id): Path<String>) -> Resul
     path = "/jobs/{id}/cancel",
     tag = "jobs",
     params(("id" = String, Path)),
-    responses((status = 200, description = "The job as it is now; one that runs stops within half a second", body = JobAnswer), Problems)
+    responses(
+        (
+            status = 200,
+            description = "The job as it is now; one that runs stops within half a second",
+            body = JobAnswer
+        ),
+        Problems
+    )
 )]
-async fn cancel_job(State(service): State<Shared>, Path(id): Path<String>, _body: Empty) -> Result<axum::Json<JobAnswer>, ApiError> {
+async fn cancel_job(
+    State(service): State<Shared>,
+    Path(id): Path<String>,
+    _body: Empty,
+) -> Result<axum::Json<JobAnswer>, ApiError> {
     let cancelled = submit::cancel(&service, &id).await?.ok_or(ApiError::NotFound("job", id))?;
     Ok(axum::Json(JobAnswer::of(&service, cancelled.job)))
 }
@@ -290,11 +343,25 @@ async fn cancel_job(State(service): State<Shared>, Path(id): Path<String>, _body
     params(("id" = String, Path), ("Idempotency-Key" = Option<String>, Header)),
     responses(
         (status = 200, description = "An equal job waits already", body = JobAnswer),
-        (status = 202, description = "The new job waits; `Location` leads to it", body = JobAnswer, headers(("Location" = String))),
-        (status = 409, description = "The job has not ended", body = super::problem::Problem, content_type = "application/problem+json"),
+        (
+            status = 202,
+            description = "The new job waits; `Location` leads to it",
+            body = JobAnswer,
+            headers(("Location" = String))
+        ),
+        (
+            status = 409,
+            description = "The job has not ended",
+            body = super::problem::Problem,
+            content_type = "application/problem+json"
+        ),
         Problems,
     )
 )]
-async fn retry_job(State(service): State<Shared>, Path(id): Path<String>, body: Empty) -> Result<Response, ApiError> {
+async fn retry_job(
+    State(service): State<Shared>,
+    Path(id): Path<String>,
+    body: Empty,
+) -> Result<Response, ApiError> {
     job_answer(&service, submit::retry(&service, &id, body.key.as_ref()).await?).await
 }

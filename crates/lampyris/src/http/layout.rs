@@ -40,19 +40,24 @@ struct Thresholds {
     neighbour: f64,
 }
 
-const SIGNAL: &str = "Each pair is judged twice, over the samples that both have: by the temperatures, and by the temperatures without the mean of the \
-    surrounding day. The smaller of the two Pearson correlations counts, since rooms far apart drift together with the weather.";
+const SIGNAL: &str = "Each pair is judged twice, over the samples that both have: by the temperatures, and \
+    by the temperatures without the mean of the \
+    surrounding day. The smaller of the two Pearson correlations counts, since rooms far apart drift \
+    together with the weather.";
 
 /// Proposes which sensors share a room and which rooms are neighbours, from one window of many temperatures.
 ///
-/// The body is a window; the names of its channels are free. At least four days are needed, two weeks are better.
-/// Sensors of one room need not correlate, so what is not proposed is not excluded.
+/// The body is a window; the names of its channels are free. At least four days are needed, two weeks are
+/// better. Sensors of one room need not correlate, so what is not proposed is not excluded.
 #[utoipa::path(
     post,
     path = "/systems/layout",
     tag = "systems",
     request_body(content((WindowBody = "application/json"), (String = "text/csv"))),
-    responses((status = 200, description = "A proposal; nothing is stored or bound", body = LayoutAnswer), Problems)
+    responses(
+        (status = 200, description = "A proposal; nothing is stored or bound", body = LayoutAnswer),
+        Problems
+    )
 )]
 async fn propose_layout(State(_): State<Shared>, raw: Raw) -> Result<axum::Json<LayoutAnswer>, ApiError> {
     let proposal = layout::propose(format(&raw)?, raw.body).await?;

@@ -1,7 +1,8 @@
 //! The listener: who may stay connected, and for how long without saying anything.
 //!
-//! A client has a moment for the head of a request and another for its body (`extract`); whoever is slower is closed,
-//! and so is a connection that idles. There is a limit of connections: beyond it the system lets new ones wait.
+//! A client has a moment for the head of a request and another for its body (`extract`); whoever is slower is
+//! closed, and so is a connection that idles. There is a limit of connections: beyond it the system lets new
+//! ones wait.
 
 use super::access::Peer;
 use super::extract::{SPARE, linger};
@@ -27,7 +28,8 @@ use tokio::sync::{Semaphore, watch};
 use tokio::task::JoinSet;
 use tower::Service as _;
 
-/// A pause where the system gives no connection, such as for want of file descriptors: trying on would burn a core.
+/// A pause where the system gives no connection, such as for want of file descriptors: trying on would burn a
+/// core.
 const PAUSE: Duration = Duration::from_millis(200);
 
 /// Serves until the service is asked to stop, and then until the answers under way are sent.
@@ -54,7 +56,8 @@ pub async fn listen(listener: TcpListener, service: Shared) -> std::io::Result<(
         };
         match accepted {
             Ok((stream, peer)) => {
-                let serving = serve(builder.clone(), stream, peer.ip(), router.clone(), service.stopping.subscribe());
+                let serving =
+                    serve(builder.clone(), stream, peer.ip(), router.clone(), service.stopping.subscribe());
                 open.spawn(async move {
                     serving.await;
                     drop(place);
@@ -75,7 +78,13 @@ pub async fn listen(listener: TcpListener, service: Shared) -> std::io::Result<(
 }
 
 /// Serves one connection to its end.
-async fn serve(builder: http1::Builder, stream: TcpStream, peer: IpAddr, router: Router, mut stopping: watch::Receiver<bool>) {
+async fn serve(
+    builder: http1::Builder,
+    stream: TcpStream,
+    peer: IpAddr,
+    router: Router,
+    mut stopping: watch::Receiver<bool>,
+) {
     let answer = service_fn(move |mut request: Request<Incoming>| {
         request.extensions_mut().insert(Peer(peer));
         answer(router.clone(), request)
@@ -93,8 +102,9 @@ async fn serve(builder: http1::Builder, stream: TcpStream, peer: IpAddr, router:
     }
 }
 
-/// Answers a request. A router may refuse one before its body has come: what is still under way is thrown away, or else the client
-/// that sends it would find the connection closed before it has heard the answer, or at its next request.
+/// Answers a request. A router may refuse one before its body has come: what is still under way is thrown
+/// away, or else the client that sends it would find the connection closed before it has heard the answer, or
+/// at its next request.
 async fn answer(mut router: Router, request: Request<Incoming>) -> Result<Response, Infallible> {
     // A router is always ready.
     if hyper::body::Body::is_end_stream(request.body()) {
@@ -130,7 +140,10 @@ impl hyper::body::Body for Kept {
     type Data = Bytes;
     type Error = hyper::Error;
 
-    fn poll_frame(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Option<Result<Frame<Bytes>, hyper::Error>>> {
+    fn poll_frame(
+        self: Pin<&mut Self>,
+        cx: &mut Context<'_>,
+    ) -> Poll<Option<Result<Frame<Bytes>, hyper::Error>>> {
         let (body, has_ended) = &mut *self.lock();
         let polled = Pin::new(body).poll_frame(cx);
         *has_ended |= matches!(polled, Poll::Ready(None | Some(Err(_))));
@@ -148,5 +161,8 @@ impl hyper::body::Body for Kept {
 }
 
 fn is_of_the_client(error: &Error) -> bool {
-    matches!(error.kind(), ErrorKind::ConnectionRefused | ErrorKind::ConnectionAborted | ErrorKind::ConnectionReset)
+    matches!(
+        error.kind(),
+        ErrorKind::ConnectionRefused | ErrorKind::ConnectionAborted | ErrorKind::ConnectionReset
+    )
 }

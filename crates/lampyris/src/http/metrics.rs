@@ -57,7 +57,15 @@ fn known(method: &Method) -> &'static str {
     get,
     path = "/metrics",
     tag = "service",
-    responses((status = 200, description = "Text exposition format 0.0.4", body = String, content_type = "text/plain"), Problems)
+    responses(
+        (
+            status = 200,
+            description = "Text exposition format 0.0.4",
+            body = String,
+            content_type = "text/plain"
+        ),
+        Problems
+    )
 )]
 async fn get_metrics(State(service): State<Shared>, caller: Caller) -> Response {
     let mut text = Exposition::default();
@@ -71,18 +79,43 @@ async fn get_metrics(State(service): State<Shared>, caller: Caller) -> Response 
 async fn about_the_service(service: &Shared, text: &mut Exposition) {
     text.family("lampyris_build_info", "gauge", "What runs here.");
     text.sample("lampyris_build_info", &[("version", env!("CARGO_PKG_VERSION"))], 1.0);
-    text.plain("lampyris_boot", "gauge", "How often the service was started on this database.", service.boot as f64);
+    text.plain(
+        "lampyris_boot",
+        "gauge",
+        "How often the service was started on this database.",
+        service.boot as f64,
+    );
     let started = service.metrics.started_at.as_millisecond() as f64 / 1000.0;
-    text.plain("process_start_time_seconds", "gauge", "When the service started, in seconds since 1970.", started);
+    text.plain(
+        "process_start_time_seconds",
+        "gauge",
+        "When the service started, in seconds since 1970.",
+        started,
+    );
     let writable = service.store.writable().await.is_ok();
-    text.plain("lampyris_database_writable", "gauge", "Whether the database can be written.", f64::from(u8::from(writable)));
+    text.plain(
+        "lampyris_database_writable",
+        "gauge",
+        "Whether the database can be written.",
+        f64::from(u8::from(writable)),
+    );
     let refused = service.tokens.refused() as f64;
     text.plain("lampyris_refused_total", "counter", "Requests that showed no token that is good.", refused);
     let busy = store::busy() as f64;
-    text.plain("lampyris_database_busy_total", "counter", "How often another process held the database for too long.", busy);
+    text.plain(
+        "lampyris_database_busy_total",
+        "counter",
+        "How often another process held the database for too long.",
+        busy,
+    );
     let workers = service.workers_alive.load(Ordering::Relaxed);
     text.plain("lampyris_workers", "gauge", "Workers that wait for jobs or run one.", workers as f64);
-    text.plain("lampyris_event_listeners", "gauge", "Open streams of events.", service.events.listeners() as f64);
+    text.plain(
+        "lampyris_event_listeners",
+        "gauge",
+        "Open streams of events.",
+        service.events.listeners() as f64,
+    );
 }
 
 async fn about_jobs(service: &Shared, text: &mut Exposition) {
@@ -93,7 +126,11 @@ async fn about_jobs(service: &Shared, text: &mut Exposition) {
             for standing in &queue {
                 text.sample("lampyris_jobs", &[("state", standing.state.as_str())], standing.count as f64);
             }
-            text.family("lampyris_jobs_oldest_seconds", "gauge", "How long the oldest of them has been waiting or running.");
+            text.family(
+                "lampyris_jobs_oldest_seconds",
+                "gauge",
+                "How long the oldest of them has been waiting or running.",
+            );
             for standing in &queue {
                 let age = standing.oldest.map_or(0.0, |oldest| age(oldest, service.now()));
                 text.sample("lampyris_jobs_oldest_seconds", &[("state", standing.state.as_str())], age);
@@ -102,7 +139,11 @@ async fn about_jobs(service: &Shared, text: &mut Exposition) {
         Err(error) => tracing::error!(%error, "the queue could not be counted"),
     }
     let tallies = service.metrics.read();
-    text.family("lampyris_jobs_ended_total", "counter", "Jobs that ended, by outcome; those without one by state.");
+    text.family(
+        "lampyris_jobs_ended_total",
+        "counter",
+        "Jobs that ended, by outcome; those without one by state.",
+    );
     for ([kind, outcome], count) in &tallies.jobs_ended {
         text.sample("lampyris_jobs_ended_total", &[("kind", kind), ("outcome", outcome)], *count as f64);
     }
@@ -114,14 +155,23 @@ async fn about_jobs(service: &Shared, text: &mut Exposition) {
     text.histogram("lampyris_job_duration_seconds", &[], &tallies.job_seconds);
     text.family("lampyris_queue_wait_seconds", "histogram", "How long jobs waited.");
     text.histogram("lampyris_queue_wait_seconds", &[], &tallies.wait_seconds);
-    text.plain("lampyris_evaluations_total", "counter", "Simulations of the jobs that ended.", tallies.evaluations as f64);
+    text.plain(
+        "lampyris_evaluations_total",
+        "counter",
+        "Simulations of the jobs that ended.",
+        tallies.evaluations as f64,
+    );
     text.plain(
         "lampyris_fallbacks_total",
         "counter",
         "How often a failure left a system with its parameters of before.",
         tallies.fallbacks as f64,
     );
-    text.family("lampyris_gate_failed_total", "counter", "Checks of the gate that kept a fit from being served.");
+    text.family(
+        "lampyris_gate_failed_total",
+        "counter",
+        "Checks of the gate that kept a fit from being served.",
+    );
     for (check, count) in &tallies.checks_failed {
         text.sample("lampyris_gate_failed_total", &[("check", check)], *count as f64);
     }
@@ -141,7 +191,8 @@ fn about_systems(service: &Shared, caller: &Caller, text: &mut Exposition, now: 
             continue;
         }
         let body: Value = serde_json::from_slice(&served.body).unwrap_or_default();
-        if let Some(validated) = body["validated_at"].as_str().and_then(|text| text.parse::<Timestamp>().ok()) {
+        if let Some(validated) = body["validated_at"].as_str().and_then(|text| text.parse::<Timestamp>().ok())
+        {
             ages.push((system.clone(), age(validated, now)));
         }
         let flags = body["flags"].as_array().into_iter().flatten().filter_map(Value::as_str);
@@ -158,23 +209,47 @@ fn about_systems(service: &Shared, caller: &Caller, text: &mut Exposition, now: 
     for (status, count) in counts {
         text.sample("lampyris_systems", &[("status", status)], f64::from(count));
     }
-    text.family("lampyris_params_age_seconds", "gauge", "Time since the served parameters were last found fit to be served.");
-    ages.iter().for_each(|(system, age)| text.sample("lampyris_params_age_seconds", &[("system", system)], *age));
+    text.family(
+        "lampyris_params_age_seconds",
+        "gauge",
+        "Time since the served parameters were last found fit to be served.",
+    );
+    ages.iter()
+        .for_each(|(system, age)| text.sample("lampyris_params_age_seconds", &[("system", system)], *age));
     text.family("lampyris_params_status", "gauge", "Whether this is the status of what a system serves.");
     for (system, status) in &statuses {
         for word in body::Status::VALIDATED {
-            text.sample("lampyris_params_status", &[("system", system), ("status", word.as_str())], f64::from(u8::from(word == *status)));
+            text.sample(
+                "lampyris_params_status",
+                &[("system", system), ("status", word.as_str())],
+                f64::from(u8::from(word == *status)),
+            );
         }
     }
-    text.family("lampyris_live_rmse", "gauge", "Error on the newest measurements: of forecasts in the unit of the output, of a model without a filter that of its free run in the noise of the sensors.");
-    for (system, (horizon, rmse)) in
-        service.metrics.read().live_rmse.iter().filter(|(system, _)| ages.iter().any(|(known, _)| known == *system))
+    text.family(
+        "lampyris_live_rmse",
+        "gauge",
+        "Error on the newest measurements: of forecasts in the unit \
+        of the output, of a model without a filter that of its free run in the noise of the sensors.",
+    );
+    for (system, (horizon, rmse)) in service
+        .metrics
+        .read()
+        .live_rmse
+        .iter()
+        .filter(|(system, _)| ages.iter().any(|(known, _)| known == *system))
     {
         text.sample("lampyris_live_rmse", &[("system", system), ("horizon", horizon)], *rmse);
     }
     text.family("lampyris_params_at_bound", "gauge", "Served parameters that sit on a bound of the search.");
-    bounds.iter().for_each(|(system, count)| text.sample("lampyris_params_at_bound", &[("system", system)], *count as f64));
-    text.family("lampyris_fit_rmse", "gauge", "Free-run error of the served parameters in the unit of the output.");
+    bounds.iter().for_each(|(system, count)| {
+        text.sample("lampyris_params_at_bound", &[("system", system)], *count as f64)
+    });
+    text.family(
+        "lampyris_fit_rmse",
+        "gauge",
+        "Free-run error of the served parameters in the unit of the output.",
+    );
     for (system, output, split, value) in &errors {
         text.sample("lampyris_fit_rmse", &[("system", system), ("output", output), ("split", split)], *value);
     }
@@ -186,15 +261,31 @@ fn about_requests(service: &Shared, text: &mut Exposition) {
     text.family("http_requests_total", "counter", "Requests that were answered.");
     for (route, polls) in polls {
         for (code, count) in polls.counts().filter(|(_, count)| *count > 0) {
-            text.sample("http_requests_total", &[("method", "GET"), ("route", route), ("code", &code.to_string())], count as f64);
+            text.sample(
+                "http_requests_total",
+                &[("method", "GET"), ("route", route), ("code", &code.to_string())],
+                count as f64,
+            );
         }
     }
     for ((method, route, code), count) in &tallies.requests {
-        text.sample("http_requests_total", &[("method", method), ("route", route), ("code", &code.to_string())], *count as f64);
+        text.sample(
+            "http_requests_total",
+            &[("method", method), ("route", route), ("code", &code.to_string())],
+            *count as f64,
+        );
     }
-    text.family("http_request_duration_seconds", "histogram", "Time until an answer began; polls of /params are not timed.");
+    text.family(
+        "http_request_duration_seconds",
+        "histogram",
+        "Time until an answer began; polls of /params are not timed.",
+    );
     for ((route, code), histogram) in &tallies.answer_seconds {
-        text.histogram("http_request_duration_seconds", &[("route", route), ("code", &code.to_string())], histogram);
+        text.histogram(
+            "http_request_duration_seconds",
+            &[("route", route), ("code", &code.to_string())],
+            histogram,
+        );
     }
 }
 

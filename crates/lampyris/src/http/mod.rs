@@ -1,8 +1,8 @@
 //! The only axum. Each file owns its paths: router, request and response types, handlers.
 //!
-//! A handler checks, asks `service` or `store`, and answers; long work is for the CPU pools. The guard (`access`) lies around
-//! every operation. The controller's paths (`params`) lie outside of all other layers, so that a poll costs no more than
-//! its body; the page (`web`) holds no data and lies outside of all.
+//! A handler checks, asks `service` or `store`, and answers; long work is for the CPU pools. The guard
+//! (`access`) lies around every operation. The controller's paths (`params`) lie outside of all other layers,
+//! so that a poll costs no more than its body; the page (`web`) holds no data and lies outside of all.
 
 mod access;
 mod audit;

@@ -179,24 +179,48 @@ struct VersionAnswer {
 }
 
 /// All models: the built-in ones, those of users, and those made by adding effects.
-#[utoipa::path(get, path = "/models", tag = "models", params(PageQuery), responses((status = 200, body = Page<ModelRow>), Problems))]
-async fn list_models(State(service): State<Shared>, Asked(page): Asked<PageQuery>) -> Result<axum::Json<Page<ModelRow>>, ApiError> {
+#[utoipa::path(
+    get,
+    path = "/models",
+    tag = "models",
+    params(PageQuery),
+    responses((status = 200, body = Page<ModelRow>), Problems)
+)]
+async fn list_models(
+    State(service): State<Shared>,
+    Asked(page): Asked<PageQuery>,
+) -> Result<axum::Json<Page<ModelRow>>, ApiError> {
     let catalogue = service.catalogue.current();
     let mut rows: Vec<ModelRow> = catalogue
         .models()
-        .map(|document| ModelRow { id: document.id().to_owned(), title: document.title().to_owned(), parent: None })
+        .map(|document| ModelRow {
+            id: document.id().to_owned(),
+            title: document.title().to_owned(),
+            parent: None,
+        })
         .collect();
     for version in store::models::versions(&service.store).await? {
-        let base = catalogue.model(version.id.base()).map_or_else(String::new, |document| document.title().to_owned());
-        let title = version.document.pointer("/diff/title").and_then(Value::as_str).unwrap_or(&version.effect);
-        rows.push(ModelRow { title: format!("{base} + {title}"), id: version.id.to_string(), parent: Some(version.parent.to_string()) });
+        let base = catalogue
+            .model(version.id.base())
+            .map_or_else(String::new, |document| document.title().to_owned());
+        let title =
+            version.document.pointer("/diff/title").and_then(Value::as_str).unwrap_or(&version.effect);
+        rows.push(ModelRow {
+            title: format!("{base} + {title}"),
+            id: version.id.to_string(),
+            parent: Some(version.parent.to_string()),
+        });
     }
     rows.sort_by(|a, b| a.id.cmp(&b.id));
     paged(rows, &page, |row| &row.id)
 }
 
 /// One page of a list that is in memory, by id.
-fn paged<T: Serialize>(rows: Vec<T>, page: &PageQuery, id: impl Fn(&T) -> &str) -> Result<axum::Json<Page<T>>, ApiError> {
+fn paged<T: Serialize>(
+    rows: Vec<T>,
+    page: &PageQuery,
+    id: impl Fn(&T) -> &str,
+) -> Result<axum::Json<Page<T>>, ApiError> {
     let size = page.size()?;
     let after = page.page_token.as_deref().unwrap_or_default();
     let limit = usize::try_from(size).unwrap_or(usize::MAX).saturating_add(1);
@@ -213,8 +237,18 @@ fn paged<T: Serialize>(rows: Vec<T>, page: &PageQuery, id: impl Fn(&T) -> &str) 
     request_body = ModelDocument,
     responses(
         (status = 200, description = "It was there already", body = ModelAnswer),
-        (status = 201, description = "Taken; `Location` leads to it", body = ModelAnswer, headers(("Location" = String))),
-        (status = 409, description = "Another document has this id", body = Problem, content_type = PROBLEM_JSON),
+        (
+            status = 201,
+            description = "Taken; `Location` leads to it",
+            body = ModelAnswer,
+            headers(("Location" = String))
+        ),
+        (
+            status = 409,
+            description = "Another document has this id",
+            body = Problem,
+            content_type = PROBLEM_JSON
+        ),
         Problems,
     )
 )]
@@ -222,7 +256,8 @@ async fn post_model(State(service): State<Shared>, caller: Caller, body: Json) -
     let taken = models::create(&service, body.value, caller.name(), body.key.as_ref()).await?;
     let id = taken.thing.id().to_owned();
     let answer = describe(&service, parse_id(&id)?).await?;
-    Ok((created(taken.is_new), [(header::LOCATION, format!("/models/{id}"))], axum::Json(answer)).into_response())
+    Ok((created(taken.is_new), [(header::LOCATION, format!("/models/{id}"))], axum::Json(answer))
+        .into_response())
 }
 
 /// Says what is wrong with a model document without taking it.
@@ -233,12 +268,16 @@ async fn post_model(State(service): State<Shared>, caller: Caller, body: Json) -
     request_body(content = Object, description = "What is thought to be a model document"),
     responses((status = 200, body = ModelCheck), Problems)
 )]
-async fn validate_model(State(service): State<Shared>, body: Json) -> Result<axum::Json<ModelCheck>, ApiError> {
+async fn validate_model(
+    State(service): State<Shared>,
+    body: Json,
+) -> Result<axum::Json<ModelCheck>, ApiError> {
     if !body.value.is_object() {
         return Err(ApiError::Invalid(vec![Fault::new("", "wrong-type", "a model document is an object")]));
     }
     let catalogue = service.catalogue.current();
-    let errors = blocking(move || models::check_model(&catalogue, body.value).err().unwrap_or_default()).await?;
+    let errors =
+        blocking(move || models::check_model(&catalogue, body.value).err().unwrap_or_default()).await?;
     Ok(axum::Json(ModelCheck { valid: errors.is_empty(), errors }))
 }
 
@@ -250,7 +289,10 @@ async fn validate_model(State(service): State<Shared>, body: Json) -> Result<axu
     params(("id" = String, Path, example = "room3")),
     responses((status = 200, body = ModelAnswer), Problems)
 )]
-async fn get_model(State(service): State<Shared>, Path(id): Path<String>) -> Result<axum::Json<ModelAnswer>, ApiError> {
+async fn get_model(
+    State(service): State<Shared>,
+    Path(id): Path<String>,
+) -> Result<axum::Json<ModelAnswer>, ApiError> {
     describe(&service, parse_id(&id)?).await.map(axum::Json)
 }
 
@@ -263,8 +305,18 @@ async fn get_model(State(service): State<Shared>, Path(id): Path<String>) -> Res
     request_body = AddedEffect,
     responses(
         (status = 200, description = "It was there already", body = VersionAnswer),
-        (status = 201, description = "Made; `Location` leads to it", body = VersionAnswer, headers(("Location" = String))),
-        (status = 409, description = "Another document has this id", body = Problem, content_type = PROBLEM_JSON),
+        (
+            status = 201,
+            description = "Made; `Location` leads to it",
+            body = VersionAnswer,
+            headers(("Location" = String))
+        ),
+        (
+            status = 409,
+            description = "Another document has this id",
+            body = Problem,
+            content_type = PROBLEM_JSON
+        ),
         Problems,
     )
 )]
@@ -281,8 +333,17 @@ async fn post_model_effect(
 }
 
 /// All effects: the built-in ones and those of users.
-#[utoipa::path(get, path = "/effects", tag = "effects", params(PageQuery), responses((status = 200, body = Page<EffectSpec>), Problems))]
-async fn list_effects(State(service): State<Shared>, Asked(page): Asked<PageQuery>) -> Result<axum::Json<Page<EffectSpec>>, ApiError> {
+#[utoipa::path(
+    get,
+    path = "/effects",
+    tag = "effects",
+    params(PageQuery),
+    responses((status = 200, body = Page<EffectSpec>), Problems)
+)]
+async fn list_effects(
+    State(service): State<Shared>,
+    Asked(page): Asked<PageQuery>,
+) -> Result<axum::Json<Page<EffectSpec>>, ApiError> {
     paged(service.catalogue.current().effects().cloned().collect(), &page, |effect| &effect.id)
 }
 
@@ -295,20 +356,43 @@ async fn list_effects(State(service): State<Shared>, Asked(page): Asked<PageQuer
     request_body = EffectSpec,
     responses(
         (status = 200, description = "It was there already", body = EffectSpec),
-        (status = 201, description = "Taken; `Location` leads to it", body = EffectSpec, headers(("Location" = String))),
-        (status = 409, description = "Another document has this id", body = Problem, content_type = PROBLEM_JSON),
+        (
+            status = 201,
+            description = "Taken; `Location` leads to it",
+            body = EffectSpec,
+            headers(("Location" = String))
+        ),
+        (
+            status = 409,
+            description = "Another document has this id",
+            body = Problem,
+            content_type = PROBLEM_JSON
+        ),
         Problems,
     )
 )]
-async fn post_effect(State(service): State<Shared>, caller: Caller, body: Json) -> Result<Response, ApiError> {
+async fn post_effect(
+    State(service): State<Shared>,
+    caller: Caller,
+    body: Json,
+) -> Result<Response, ApiError> {
     let taken = models::create_effect(&service, body.value, caller.name(), body.key.as_ref()).await?;
     let location = format!("/effects/{}", taken.thing.id);
     Ok((created(taken.is_new), [(header::LOCATION, location)], axum::Json(taken.thing)).into_response())
 }
 
 /// One effect.
-#[utoipa::path(get, path = "/effects/{id}", tag = "effects", params(("id" = String, Path)), responses((status = 200, body = EffectSpec), Problems))]
-async fn get_effect(State(service): State<Shared>, Path(id): Path<String>) -> Result<axum::Json<EffectSpec>, ApiError> {
+#[utoipa::path(
+    get,
+    path = "/effects/{id}",
+    tag = "effects",
+    params(("id" = String, Path)),
+    responses((status = 200, body = EffectSpec), Problems)
+)]
+async fn get_effect(
+    State(service): State<Shared>,
+    Path(id): Path<String>,
+) -> Result<axum::Json<EffectSpec>, ApiError> {
     let catalogue = service.catalogue.current();
     let effect = catalogue.effects().find(|effect| effect.id == id).cloned();
     effect.map(axum::Json).ok_or(ApiError::NotFound("effect", id))
@@ -331,7 +415,9 @@ async fn describe(service: &Shared, id: ModelId) -> Result<ModelAnswer, ApiError
     let expanded = base.as_ref().and_then(|document| catalogue.expanded(document));
     let sets = catalogue.compose(&id).map_or_else(|_| Vec::new(), |composition| composition.spec.sets);
     let name = id.clone();
-    let model = blocking(move || models::compiled(&catalogue, &name)).await?.map_err(|_| ApiError::NotFound("model", id.to_string()))?;
+    let model = blocking(move || models::compiled(&catalogue, &name))
+        .await?
+        .map_err(|_| ApiError::NotFound("model", id.to_string()))?;
     let (parent, diff) = match version {
         Some(version) => (Some(version.parent), version.document.get("diff").cloned()),
         None => (None, None),
@@ -349,9 +435,16 @@ pub fn document(id: ModelId, model: &Model, base: Option<ModelDocument>) -> Resu
 
 /// A model as it is shown, without what only the service knows of it.
 fn answer(id: ModelId, model: &Model, document: Option<ModelDocument>) -> ModelAnswer {
-    let state = |state: &lampyris_core::model::State| ModelState { name: state.name.clone(), unit: state.unit.clone() };
-    let input =
-        |input: &Input| ModelInput { name: input.name.clone(), channel: input.channel.clone(), unit: input.unit.clone(), hold: input.hold };
+    let state = |state: &lampyris_core::model::State| ModelState {
+        name: state.name.clone(),
+        unit: state.unit.clone(),
+    };
+    let input = |input: &Input| ModelInput {
+        name: input.name.clone(),
+        channel: input.channel.clone(),
+        unit: input.unit.clone(),
+        hold: input.hold,
+    };
     let parameter = |parameter: &Parameter| ModelParameter {
         name: parameter.name.clone(),
         unit: parameter.unit.clone(),
@@ -360,7 +453,11 @@ fn answer(id: ModelId, model: &Model, document: Option<ModelDocument>) -> ModelA
         nominal: parameter.nominal.clone(),
         title: parameter.title.clone(),
     };
-    let output = |output: &Output| ModelOutput { channel: output.channel.clone(), unit: output.unit.clone(), noise_sd: output.noise_sd };
+    let output = |output: &Output| ModelOutput {
+        channel: output.channel.clone(),
+        unit: output.unit.clone(),
+        noise_sd: output.noise_sd,
+    };
     ModelAnswer {
         id,
         title: model.title().to_owned(),

@@ -47,7 +47,11 @@ impl PageQuery {
         match &self.page_token {
             None => Ok(i64::MAX),
             Some(token) => token.parse().map_err(|_| {
-                ApiError::Invalid(vec![Fault::new("query page_token", "invalid-token", "this is no token of an earlier page")])
+                ApiError::Invalid(vec![Fault::new(
+                    "query page_token",
+                    "invalid-token",
+                    "this is no token of an earlier page",
+                )])
             }),
         }
     }
@@ -55,7 +59,12 @@ impl PageQuery {
 
 impl<T> Page<T> {
     /// The page of records that were read with one more than fit: that one only shows that there are more.
-    pub fn of<R>(mut records: Vec<R>, size: i64, token: impl Fn(&R) -> String, item: impl Fn(R) -> T) -> Self {
+    pub fn of<R>(
+        mut records: Vec<R>,
+        size: i64,
+        token: impl Fn(&R) -> String,
+        item: impl Fn(R) -> T,
+    ) -> Self {
         let size = usize::try_from(size).unwrap_or(usize::MAX);
         let more = records.len() > size;
         records.truncate(size);

@@ -1,6 +1,7 @@
 //! What the controller asks for: 200 use these, 304 keep yours, 404 use your own baseline.
 //!
-//! The handlers answer from the snapshot. No layer lies around them but the guard: no trace, no compression, no time-out.
+//! The handlers answer from the snapshot. No layer lies around them but the guard: no trace, no compression,
+//! no time-out.
 
 use super::access::Caller;
 use super::problem::{ApiError, Problems};
@@ -49,14 +50,25 @@ enum Accept {
     params(
         ("kind" = String, Path, description = "Kind of the system", example = "room"),
         ("id" = String, Path, description = "Id of the system", example = "4"),
-        ("accept" = inline(Option<Accept>), Query, description = "`nominal`: the model's nominal values where nothing was ever validated; `fresh`: 404 rather than a stale set"),
+        ("accept" = inline(Option<Accept>), Query, description = "`nominal`: the model's nominal values \
+            where nothing was ever validated; `fresh`: 404 rather than a stale set"),
         ("If-None-Match" = Option<String>, Header, description = "The tag of the last answer"),
         ("Prefer" = Option<String>, Header, description = "`wait=N`: wait up to N seconds for news"),
     ),
     responses(
-        (status = 200, description = "Use these", body = ParamsBody, headers(("ETag" = String), ("Params-Status" = String))),
+        (
+            status = 200,
+            description = "Use these",
+            body = ParamsBody,
+            headers(("ETag" = String), ("Params-Status" = String))
+        ),
         (status = 304, description = "Keep yours"),
-        (status = 404, description = "Use your own baseline", body = super::problem::Problem, content_type = "application/problem+json"),
+        (
+            status = 404,
+            description = "Use your own baseline",
+            body = super::problem::Problem,
+            content_type = "application/problem+json"
+        ),
         Problems,
     )
 )]
@@ -101,9 +113,18 @@ async fn poll(service: &Shared, request: Request) -> Response {
     get,
     path = "/params",
     tag = "params",
-    responses((status = 200, description = "All of them", body = super::page::Page<ParamsBody>), (status = 304, description = "Keep yours"), Problems)
+    responses(
+        (status = 200, description = "All of them", body = super::page::Page<ParamsBody>),
+        (status = 304, description = "Keep yours"),
+        Problems
+    )
 )]
-async fn list_params(State(service): State<Shared>, caller: Caller, uri: Uri, headers: HeaderMap) -> Response {
+async fn list_params(
+    State(service): State<Shared>,
+    caller: Caller,
+    uri: Uri,
+    headers: HeaderMap,
+) -> Response {
     if uri.query().is_some_and(|query| !query.is_empty()) {
         let fault = Fault::new("query", "unknown-field", "this path knows no query");
         return ApiError::Invalid(vec![fault]).into_response();
@@ -121,7 +142,8 @@ async fn list_params(State(service): State<Shared>, caller: Caller, uri: Uri, he
     }
     body.extend_from_slice(br#"],"next_page_token":null}"#);
     let etag = format!("\"{}\"", &blake3::hash(&body).to_hex()[..32]);
-    let response = if matches(&headers, &etag) { not_modified(&etag) } else { tagged(Body::from(body), &etag) };
+    let response =
+        if matches(&headers, &etag) { not_modified(&etag) } else { tagged(Body::from(body), &etag) };
     service.metrics.all_polls.count(response.status().as_u16());
     response
 }
@@ -133,7 +155,11 @@ fn accept(query: Option<&str>) -> Result<Option<Accept>, ApiError> {
         Some("accept=nominal") => Ok(Some(Accept::Nominal)),
         Some("accept=fresh") => Ok(Some(Accept::Fresh)),
         Some(_) => {
-            let fault = Fault::new("query", "invalid-query", "the query is empty, `accept=nominal` or `accept=fresh`");
+            let fault = Fault::new(
+                "query",
+                "invalid-query",
+                "the query is empty, `accept=nominal` or `accept=fresh`",
+            );
             Err(ApiError::Invalid(vec![fault]))
         }
     }
@@ -145,7 +171,9 @@ fn answer(entry: &Entry, system: &str, accept: Option<Accept>, headers: &HeaderM
         Some(rendered) if matches(headers, &rendered.etag) => not_modified(&rendered.etag),
         Some(rendered) => {
             let mut response = tagged(shared_body(rendered.body.clone()), &rendered.etag);
-            response.headers_mut().insert("params-status", HeaderValue::from_static(rendered.status.as_str()));
+            response
+                .headers_mut()
+                .insert("params-status", HeaderValue::from_static(rendered.status.as_str()));
             response
         }
         None => match &entry.answer {
@@ -223,10 +251,14 @@ mod tests {
     #[test]
     fn preferences_and_tags_are_read_as_the_standards_say() {
         let wait_of = |text: &'static str| wait(&HeaderValue::from_static(text));
-        assert_eq!((wait_of("wait=30"), wait_of("respond-async, wait=5"), wait_of("wait=9999")), (Some(30), Some(5), Some(60)));
+        assert_eq!(
+            (wait_of("wait=30"), wait_of("respond-async, wait=5"), wait_of("wait=9999")),
+            (Some(30), Some(5), Some(60))
+        );
         assert_eq!((wait_of("wait=soon"), wait_of("respond-async")), (None, None));
-        let matching =
-            |text: &'static str| matches(&HeaderMap::from_iter([(header::IF_NONE_MATCH, HeaderValue::from_static(text))]), "\"a\"");
+        let matching = |text: &'static str| {
+            matches(&HeaderMap::from_iter([(header::IF_NONE_MATCH, HeaderValue::from_static(text))]), "\"a\"")
+        };
         assert!(matching("\"a\"") && matching("W/\"a\"") && matching("\"b\", \"a\"") && matching("*"));
         assert!(!matching("\"b\"") && !matching("a"));
     }

@@ -39,8 +39,9 @@ struct PreviewBody {
     #[serde(default)]
     #[schema(example = json!({"alpha_h": 0.4}))]
     parameters: HashMap<String, f64>,
-    /// The system whose measurements drive the model. Without one the inputs are those of two standard days: a cool
-    /// March with sun, heating by day, and people in the evening; channels that nobody knows step from 0 to 1 at noon.
+    /// The system whose measurements drive the model. Without one the inputs are those of two standard days:
+    /// a cool March with sun, heating by day, and people in the evening; channels that nobody knows step from
+    /// 0 to 1 at noon.
     system: Option<SystemId>,
     /// Which of its measurements, at most 28 days: `last`, or `from` and `to`; the last seven by default.
     window: Option<WindowRange>,
@@ -128,8 +129,9 @@ struct PreviewAnswer {
 
 /// Simulates a model once with nominal or given values. Nothing is kept.
 ///
-/// Faults of a posted model name their places inside it (`/model/equations/T_r`), with line and column; so do those
-/// of posted effects (`/effects/0/terms/T_r`). A model too large for its window is refused (`too-expensive`).
+/// Faults of a posted model name their places inside it (`/model/equations/T_r`), with line and column; so do
+/// those of posted effects (`/effects/0/terms/T_r`). A model too large for its window is refused
+/// (`too-expensive`).
 #[utoipa::path(
     post,
     path = "/models/preview",
@@ -137,7 +139,11 @@ struct PreviewAnswer {
     request_body = PreviewBody,
     responses((status = 200, description = "What it does", body = PreviewAnswer), Problems)
 )]
-async fn preview_model(State(service): State<Shared>, caller: Caller, body: Json) -> Result<axum::Json<Preview>, ApiError> {
+async fn preview_model(
+    State(service): State<Shared>,
+    caller: Caller,
+    body: Json,
+) -> Result<axum::Json<Preview>, ApiError> {
     caller.may_name(&service, &body.value)?;
     Ok(axum::Json(preview::run(&service, body.value).await?))
 }

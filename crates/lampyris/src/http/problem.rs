@@ -150,28 +150,50 @@ impl ApiError {
         match self {
             ApiError::Malformed(fault) => {
                 let detail = fault.detail.clone();
-                Problem { errors: vec![fault], ..plain(StatusCode::BAD_REQUEST, "malformed-body", "The body is not JSON", detail) }
+                Problem {
+                    errors: vec![fault],
+                    ..plain(StatusCode::BAD_REQUEST, "malformed-body", "The body is not JSON", detail)
+                }
             }
             ApiError::Invalid(faults) => {
                 let detail = match faults.as_slice() {
                     [fault] => fault.to_string(),
                     faults => format!("there are {} faults", faults.len()),
                 };
-                Problem { errors: faults, ..plain(StatusCode::UNPROCESSABLE_ENTITY, "invalid-request", "The request has faults", detail) }
+                Problem {
+                    errors: faults,
+                    ..plain(
+                        StatusCode::UNPROCESSABLE_ENTITY,
+                        "invalid-request",
+                        "The request has faults",
+                        detail,
+                    )
+                }
             }
             ApiError::NotFound(what, which) => {
                 let (slug, title) = not_found(what);
                 plain(StatusCode::NOT_FOUND, slug, title, format!("there is no {what} `{}`", shown(&which)))
             }
-            ApiError::NoSuchPath => {
-                plain(StatusCode::NOT_FOUND, "not-found", "No such path", "the service has no such path; /openapi.yaml lists them".into())
-            }
-            ApiError::NoSuchMethod => {
-                plain(StatusCode::METHOD_NOT_ALLOWED, "method-not-allowed", "No such method", "the path does not know this method".into())
-            }
+            ApiError::NoSuchPath => plain(
+                StatusCode::NOT_FOUND,
+                "not-found",
+                "No such path",
+                "the service has no such path; /openapi.yaml lists them".into(),
+            ),
+            ApiError::NoSuchMethod => plain(
+                StatusCode::METHOD_NOT_ALLOWED,
+                "method-not-allowed",
+                "No such method",
+                "the path does not know this method".into(),
+            ),
             ApiError::NeverValidated { system, latest_job, .. } => {
                 let detail = format!("no fit of {} was ever accepted: use your own baseline", shown(&system));
-                let mut problem = plain(StatusCode::NOT_FOUND, "no-validated-parameters", "No validated parameters", detail);
+                let mut problem = plain(
+                    StatusCode::NOT_FOUND,
+                    "no-validated-parameters",
+                    "No validated parameters",
+                    detail,
+                );
                 problem.more.insert("latest_job".into(), latest_job.into());
                 problem
             }
@@ -184,7 +206,10 @@ impl ApiError {
                 plain(StatusCode::NOT_FOUND, "no-state", "No states", detail)
             }
             ApiError::Conflict(what, which) => {
-                let detail = format!("there is another {what} `{}`: documents do not change, because fits refer to them", shown(&which));
+                let detail = format!(
+                    "there is another {what} `{}`: documents do not change, because fits refer to them",
+                    shown(&which)
+                );
                 plain(StatusCode::CONFLICT, "already-exists", "The id is taken", detail)
             }
             ApiError::Refused(Refusal { slug, detail, because }) => {
@@ -196,75 +221,136 @@ impl ApiError {
             }
             ApiError::MediaType(wanted) => {
                 let detail = format!("the body must be {wanted}, and Content-Type must say so");
-                plain(StatusCode::UNSUPPORTED_MEDIA_TYPE, "unsupported-media-type", "Unsupported media type", detail)
+                plain(
+                    StatusCode::UNSUPPORTED_MEDIA_TYPE,
+                    "unsupported-media-type",
+                    "Unsupported media type",
+                    detail,
+                )
             }
             ApiError::NotAcceptable(forms) => {
-                let detail = format!("the answer comes as {}, and Accept must allow one of them", forms.join(" or "));
+                let detail =
+                    format!("the answer comes as {}, and Accept must allow one of them", forms.join(" or "));
                 plain(StatusCode::NOT_ACCEPTABLE, "not-acceptable", "No acceptable media type", detail)
             }
             ApiError::TooLarge(limit) => {
-                let mut problem =
-                    plain(StatusCode::PAYLOAD_TOO_LARGE, "body-too-large", "The body is too large", format!("the limit is {limit} bytes"));
+                let mut problem = plain(
+                    StatusCode::PAYLOAD_TOO_LARGE,
+                    "body-too-large",
+                    "The body is too large",
+                    format!("the limit is {limit} bytes"),
+                );
                 problem.more.insert("limit".into(), limit.into());
                 problem
             }
-            ApiError::BrokenBody => {
-                plain(StatusCode::BAD_REQUEST, "broken-body", "The body could not be read", "the body ended early".into())
-            }
+            ApiError::BrokenBody => plain(
+                StatusCode::BAD_REQUEST,
+                "broken-body",
+                "The body could not be read",
+                "the body ended early".into(),
+            ),
             ApiError::SlowBody(seconds) => {
                 let detail = format!("a body comes within {seconds} seconds");
                 plain(StatusCode::REQUEST_TIMEOUT, "body-too-slow", "The body came too slowly", detail)
             }
             ApiError::Encoded => {
                 let detail = "a body is sent as it is: leave Content-Encoding out".to_owned();
-                plain(StatusCode::UNSUPPORTED_MEDIA_TYPE, "unsupported-content-encoding", "The body is compressed", detail)
+                plain(
+                    StatusCode::UNSUPPORTED_MEDIA_TYPE,
+                    "unsupported-content-encoding",
+                    "The body is compressed",
+                    detail,
+                )
             }
-            ApiError::Unauthorized(detail) => plain(StatusCode::UNAUTHORIZED, "unauthorized", "A token is needed", detail.to_owned()),
+            ApiError::Unauthorized(detail) => {
+                plain(StatusCode::UNAUTHORIZED, "unauthorized", "A token is needed", detail.to_owned())
+            }
             ApiError::TooManyFailures => {
-                let detail = "too many wrong tokens came from this address; one that is good would be taken".to_owned();
+                let detail = "too many wrong tokens came from this address; one that is good would be taken"
+                    .to_owned();
                 plain(StatusCode::TOO_MANY_REQUESTS, "too-many-failures", "Too many wrong tokens", detail)
             }
             ApiError::Forbidden { needed, token, has } => {
-                let detail = format!("this needs the scope `{}`, and the token `{token}` has `{}`", needed.as_str(), has.as_str());
-                let mut problem = plain(StatusCode::FORBIDDEN, "insufficient-scope", "The token is not good for this", detail);
+                let detail = format!(
+                    "this needs the scope `{}`, and the token `{token}` has `{}`",
+                    needed.as_str(),
+                    has.as_str()
+                );
+                let mut problem = plain(
+                    StatusCode::FORBIDDEN,
+                    "insufficient-scope",
+                    "The token is not good for this",
+                    detail,
+                );
                 problem.more.insert("scope".into(), needed.as_str().into());
                 problem
             }
             ApiError::OutOfReach(pattern) => {
                 let detail = format!("`{pattern}` selects systems that the token is not good for");
-                plain(StatusCode::FORBIDDEN, "out-of-reach", "The token is not good for these systems", detail)
+                plain(
+                    StatusCode::FORBIDDEN,
+                    "out-of-reach",
+                    "The token is not good for these systems",
+                    detail,
+                )
             }
             ApiError::KeyReused => {
                 let detail = "the Idempotency-Key was used for another request".into();
-                plain(StatusCode::UNPROCESSABLE_ENTITY, "idempotency-key-reused", "The idempotency key is taken", detail)
+                plain(
+                    StatusCode::UNPROCESSABLE_ENTITY,
+                    "idempotency-key-reused",
+                    "The idempotency key is taken",
+                    detail,
+                )
             }
             ApiError::NotFinished(job, state) => {
-                let detail = format!("the job `{}` is {state}: it can be done again when it has ended", shown(&job));
+                let detail =
+                    format!("the job `{}` is {state}: it can be done again when it has ended", shown(&job));
                 plain(StatusCode::CONFLICT, "job-not-finished", "The job has not ended", detail)
             }
-            ApiError::QueueFull(limit) => {
-                plain(StatusCode::TOO_MANY_REQUESTS, "queue-full", "The queue is full", format!("{limit} jobs wait already"))
-            }
+            ApiError::QueueFull(limit) => plain(
+                StatusCode::TOO_MANY_REQUESTS,
+                "queue-full",
+                "The queue is full",
+                format!("{limit} jobs wait already"),
+            ),
             ApiError::Busy => {
                 let detail = "too many answers are being computed already; nothing was started".into();
                 plain(StatusCode::SERVICE_UNAVAILABLE, "busy", "Too much is asked at once", detail)
             }
             ApiError::Storage(StoreError::Full(_)) => {
-                let detail = "the database has no room for this: delete windows or make room on its disk, and send it again; what is served stays served".into();
+                let detail = "the database has no room for this: delete windows or make room on its disk, \
+                    and send it again; what is served stays served"
+                    .into();
                 plain(StatusCode::INSUFFICIENT_STORAGE, "storage-full", "The database is full", detail)
             }
             ApiError::Storage(StoreError::Broken(_)) => {
                 let detail =
-                    "a write has failed, and nothing is written until the service is started again; what is served stays served".into();
-                plain(StatusCode::SERVICE_UNAVAILABLE, "storage-read-only", "The database is read-only", detail)
+                    "a write has failed, and nothing is written until the service is started again; what is \
+                    served stays served"
+                        .into();
+                plain(
+                    StatusCode::SERVICE_UNAVAILABLE,
+                    "storage-read-only",
+                    "The database is read-only",
+                    detail,
+                )
             }
             ApiError::Storage(_) => {
                 let detail = "the database cannot do this now; what is served stays served".into();
-                plain(StatusCode::SERVICE_UNAVAILABLE, "storage-unavailable", "The database is unavailable", detail)
+                plain(
+                    StatusCode::SERVICE_UNAVAILABLE,
+                    "storage-unavailable",
+                    "The database is unavailable",
+                    detail,
+                )
             }
-            ApiError::TimedOut => {
-                plain(StatusCode::SERVICE_UNAVAILABLE, "timed-out", "It took too long", "the request was given up".into())
-            }
+            ApiError::TimedOut => plain(
+                StatusCode::SERVICE_UNAVAILABLE,
+                "timed-out",
+                "It took too long",
+                "the request was given up".into(),
+            ),
             ApiError::Internal(_) => plain(
                 StatusCode::INTERNAL_SERVER_ERROR,
                 "internal-error",
@@ -280,7 +366,9 @@ impl ApiError {
             ApiError::Unauthorized(_) => Some("Bearer realm=\"lampyris\""),
             ApiError::Forbidden { needed, .. } => Some(match needed {
                 Scope::Read => "Bearer realm=\"lampyris\", error=\"insufficient_scope\", scope=\"read\"",
-                Scope::Operate => "Bearer realm=\"lampyris\", error=\"insufficient_scope\", scope=\"operate\"",
+                Scope::Operate => {
+                    "Bearer realm=\"lampyris\", error=\"insufficient_scope\", scope=\"operate\""
+                }
                 Scope::Admin => "Bearer realm=\"lampyris\", error=\"insufficient_scope\", scope=\"admin\"",
             }),
             _ => None,
@@ -347,8 +435,10 @@ impl IntoResponse for ApiError {
 impl IntoResponse for Problem {
     fn into_response(self) -> Response {
         let status = StatusCode::from_u16(self.status).unwrap_or(StatusCode::INTERNAL_SERVER_ERROR);
-        // A problem holds nothing but texts and numbers, so this cannot fail; the slug alone would still be an answer.
-        let body = serde_json::to_vec(&self).unwrap_or_else(|_| format!(r#"{{"type":"{}"}}"#, self.slug).into_bytes());
+        // A problem holds nothing but texts and numbers, so this cannot fail; the slug alone would still be
+        // an answer.
+        let body = serde_json::to_vec(&self)
+            .unwrap_or_else(|_| format!(r#"{{"type":"{}"}}"#, self.slug).into_bytes());
         (status, [(header::CONTENT_TYPE, HeaderValue::from_static(PROBLEM_JSON))], body).into_response()
     }
 }
@@ -357,15 +447,22 @@ impl IntoResponse for Problem {
 pub async fn as_problem(response: Response) -> Response {
     let status = response.status();
     // A document is what a handler wanted to say; layers and the framework send texts, or nothing.
-    let is_document = response.headers().get(header::CONTENT_TYPE).is_some_and(|kind| kind == PROBLEM_JSON || kind == "application/json");
+    let is_document = response
+        .headers()
+        .get(header::CONTENT_TYPE)
+        .is_some_and(|kind| kind == PROBLEM_JSON || kind == "application/json");
     if is_document || !(status.is_client_error() || status.is_server_error()) {
         return response;
     }
     let error = match status {
         StatusCode::NOT_FOUND => ApiError::NoSuchPath,
         StatusCode::METHOD_NOT_ALLOWED => ApiError::NoSuchMethod,
-        StatusCode::SERVICE_UNAVAILABLE | StatusCode::REQUEST_TIMEOUT | StatusCode::GATEWAY_TIMEOUT => ApiError::TimedOut,
-        StatusCode::INTERNAL_SERVER_ERROR => ApiError::Internal("an answer without a problem document".into()),
+        StatusCode::SERVICE_UNAVAILABLE | StatusCode::REQUEST_TIMEOUT | StatusCode::GATEWAY_TIMEOUT => {
+            ApiError::TimedOut
+        }
+        StatusCode::INTERNAL_SERVER_ERROR => {
+            ApiError::Internal("an answer without a problem document".into())
+        }
         _ => return bare(status).into_response(),
     };
     let mut problem = error.into_response();
@@ -378,7 +475,14 @@ pub async fn as_problem(response: Response) -> Response {
 /// A status that this service has no words of its own for.
 fn bare(status: StatusCode) -> Problem {
     let detail = status.canonical_reason().unwrap_or("the request was refused").to_owned();
-    Problem { slug: "refused", title: "The request was refused", status: status.as_u16(), detail, errors: Vec::new(), more: Map::new() }
+    Problem {
+        slug: "refused",
+        title: "The request was refused",
+        status: status.as_u16(),
+        detail,
+        errors: Vec::new(),
+        more: Map::new(),
+    }
 }
 
 /// Documents that every path may answer with a problem.
@@ -388,7 +492,8 @@ pub struct Problems;
 impl IntoResponses for Problems {
     fn responses() -> BTreeMap<String, RefOr<DocumentedResponse>> {
         let content = ContentBuilder::new().schema(Some(Ref::from_schema_name("Problem"))).build();
-        let response = ResponseBuilder::new().description("What went wrong").content(PROBLEM_JSON, content).build();
+        let response =
+            ResponseBuilder::new().description("What went wrong").content(PROBLEM_JSON, content).build();
         BTreeMap::from([("default".to_owned(), RefOr::T(response))])
     }
 }

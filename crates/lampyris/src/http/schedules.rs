@@ -97,7 +97,8 @@ impl ScheduleAnswer {
         let in_words = ticks.map(|ticks| ticks.in_words()).unwrap_or_default();
         let mut request = record.request;
         let kind = request.as_object_mut().and_then(|fields| fields.shift_remove("kind"));
-        let systems = request.as_object_mut().and_then(|fields| fields.shift_remove("systems")).unwrap_or_default();
+        let systems =
+            request.as_object_mut().and_then(|fields| fields.shift_remove("systems")).unwrap_or_default();
         Self {
             name: record.name,
             cron: record.cron,
@@ -116,12 +117,23 @@ impl ScheduleAnswer {
 }
 
 async fn require(service: &Shared, name: &str) -> Result<ScheduleRecord, ApiError> {
-    store::schedules::get(&service.store, name).await?.ok_or_else(|| ApiError::NotFound("schedule", name.to_owned()))
+    store::schedules::get(&service.store, name)
+        .await?
+        .ok_or_else(|| ApiError::NotFound("schedule", name.to_owned()))
 }
 
 /// One schedule.
-#[utoipa::path(get, path = "/schedules/{name}", tag = "schedules", params(("name" = String, Path, example = "nightly")), responses((status = 200, body = ScheduleAnswer), Problems))]
-async fn get_schedule(State(service): State<Shared>, Path(name): Path<String>) -> Result<axum::Json<ScheduleAnswer>, ApiError> {
+#[utoipa::path(
+    get,
+    path = "/schedules/{name}",
+    tag = "schedules",
+    params(("name" = String, Path, example = "nightly")),
+    responses((status = 200, body = ScheduleAnswer), Problems)
+)]
+async fn get_schedule(
+    State(service): State<Shared>,
+    Path(name): Path<String>,
+) -> Result<axum::Json<ScheduleAnswer>, ApiError> {
     Ok(axum::Json(ScheduleAnswer::of(require(&service, &name).await?, service.now())))
 }
 
@@ -132,9 +144,18 @@ async fn get_schedule(State(service): State<Shared>, Path(name): Path<String>) -
     tag = "schedules",
     params(("name" = String, Path, pattern = "^[A-Za-z0-9_-]{1,64}$", example = "nightly")),
     request_body = ScheduleDocument,
-    responses((status = 200, description = "Replaced", body = ScheduleAnswer), (status = 201, description = "Made", body = ScheduleAnswer), Problems)
+    responses(
+        (status = 200, description = "Replaced", body = ScheduleAnswer),
+        (status = 201, description = "Made", body = ScheduleAnswer),
+        Problems
+    )
 )]
-async fn put_schedule(State(service): State<Shared>, caller: Caller, Path(name): Path<String>, body: Json) -> Result<Response, ApiError> {
+async fn put_schedule(
+    State(service): State<Shared>,
+    caller: Caller,
+    Path(name): Path<String>,
+    body: Json,
+) -> Result<Response, ApiError> {
     caller.may_select(&schedules::selected(&body.value))?;
     let is_new = schedules::put(&service, &name, body.value, caller.name()).await?;
     let answer = ScheduleAnswer::of(require(&service, &name).await?, service.now());
@@ -156,11 +177,21 @@ async fn preview_schedule(
     body: Json,
 ) -> Result<axum::Json<SchedulePreview>, ApiError> {
     let (zone, ticks) = schedules::preview(&service, &name, body.value)?;
-    Ok(axum::Json(SchedulePreview { in_words: ticks.in_words(), zone, next_runs: ticks.next(service.now(), SHOWN_TICKS) }))
+    Ok(axum::Json(SchedulePreview {
+        in_words: ticks.in_words(),
+        zone,
+        next_runs: ticks.next(service.now(), SHOWN_TICKS),
+    }))
 }
 
 /// All schedules, by name.
-#[utoipa::path(get, path = "/schedules", tag = "schedules", params(PageQuery), responses((status = 200, body = Page<ScheduleAnswer>), Problems))]
+#[utoipa::path(
+    get,
+    path = "/schedules",
+    tag = "schedules",
+    params(PageQuery),
+    responses((status = 200, body = Page<ScheduleAnswer>), Problems)
+)]
 async fn list_schedules(
     State(service): State<Shared>,
     caller: Caller,
@@ -169,8 +200,14 @@ async fn list_schedules(
     let size = page.size()?;
     let after = page.page_token.unwrap_or_default();
     let is_left = |record: &ScheduleRecord| record.name > after && within(caller.reach(), &record.request);
-    let left: Vec<ScheduleRecord> = store::schedules::all(&service.store).await?.into_iter().filter(is_left).collect();
-    Ok(axum::Json(Page::of(left, size, |record| record.name.clone(), |record| ScheduleAnswer::of(record, service.now()))))
+    let left: Vec<ScheduleRecord> =
+        store::schedules::all(&service.store).await?.into_iter().filter(is_left).collect();
+    Ok(axum::Json(Page::of(
+        left,
+        size,
+        |record| record.name.clone(),
+        |record| ScheduleAnswer::of(record, service.now()),
+    )))
 }
 
 /// Removes a schedule; what it has submitted stays. The nightly one can be disabled, not removed.
@@ -181,7 +218,12 @@ async fn list_schedules(
     params(("name" = String, Path, example = "nightly")),
     responses(
         (status = 204, description = "It is gone"),
-        (status = 409, description = "`schedule-not-removable`: it is part of the service", body = Problem, content_type = PROBLEM_JSON),
+        (
+            status = 409,
+            description = "`schedule-not-removable`: it is part of the service",
+            body = Problem,
+            content_type = PROBLEM_JSON
+        ),
         Problems,
     )
 )]
@@ -202,14 +244,29 @@ async fn delete_schedule(
     tag = "schedules",
     params(("name" = String, Path, example = "nightly"), ("Idempotency-Key" = Option<String>, Header)),
     responses(
-        (status = 202, description = "The batch; `Location` leads to it", body = super::batches::BatchAnswer, headers(("Location" = String))),
-        (status = 429, description = "So many jobs wait already; `Retry-After` says when to ask again", body = Problem, content_type = PROBLEM_JSON),
+        (
+            status = 202,
+            description = "The batch; `Location` leads to it",
+            body = super::batches::BatchAnswer,
+            headers(("Location" = String))
+        ),
+        (
+            status = 429,
+            description = "So many jobs wait already; `Retry-After` says when to ask again",
+            body = Problem,
+            content_type = PROBLEM_JSON
+        ),
         Problems,
     )
 )]
-async fn run_schedule(State(service): State<Shared>, Path(name): Path<String>, body: Empty) -> Result<Response, ApiError> {
+async fn run_schedule(
+    State(service): State<Shared>,
+    Path(name): Path<String>,
+    body: Empty,
+) -> Result<Response, ApiError> {
     let record = require(&service, &name).await?;
     let request = schedules::request(&record)?;
-    let submitted = submit::several(&service, &request, Some(&name), Priority::Operator, body.key.as_ref()).await?;
+    let submitted =
+        submit::several(&service, &request, Some(&name), Priority::Operator, body.key.as_ref()).await?;
     batch_answer(&service, submitted).await
 }

@@ -34,7 +34,8 @@ struct SeriesQuery {
     /// Names with commas between them; all channels by default.
     #[param(example = "T_room,T_out")]
     channels: Option<String>,
-    /// Points of each channel, between 10 and 100000; 2000 by default as JSON. CSV holds every sample unless this is given.
+    /// Points of each channel, between 10 and 100000; 2000 by default as JSON. CSV holds every sample unless
+    /// this is given.
     #[param(value_type = Option<u32>, minimum = 10, maximum = 100_000)]
     max_points: Option<String>,
 }
@@ -62,7 +63,8 @@ struct SeriesAnswer {
     gaps: &'static str,
 }
 
-/// One channel: `values` with every sample, or `min`, `max`, `mean` and `count` of buckets, each as long as `time`.
+/// One channel: `values` with every sample, or `min`, `max`, `mean` and `count` of buckets, each as long as
+/// `time`.
 #[derive(Debug, Serialize, ToSchema)]
 struct ChannelSeries {
     #[schema(example = "degC")]
@@ -94,9 +96,12 @@ struct ChannelSeries {
     count: Option<Vec<usize>>,
 }
 
-const THINNING: &str = "A channel with more samples than `max_points` shows, per bucket of `bucket_s` seconds, the lowest, the highest and the mean \
-    value and the number of its samples; `time` is the middle of the bucket, and a bucket without samples is left out.";
-const GAPS: &str = "Two samples further apart than three median steps of the channel have a gap between them: a `null` stands there, and no line \
+const THINNING: &str = "A channel with more samples than `max_points` shows, per bucket of `bucket_s` \
+    seconds, the lowest, the highest and the mean \
+    value and the number of its samples; `time` is the middle of the bucket, and a bucket without samples is \
+    left out.";
+const GAPS: &str = "Two samples further apart than three median steps of the channel have a gap between \
+    them: a `null` stands there, and no line \
     should cross it. A gap within a bucket lowers its `count` only.";
 
 impl ChannelSeries {
@@ -118,23 +123,26 @@ impl ChannelSeries {
         match points {
             Thinned::Samples { values, .. } => channel.values = Some(values),
             Thinned::Envelope { bucket, buckets, .. } => {
-                let column = |of: fn(Bucket) -> f64| Some(buckets.iter().map(|bucket| bucket.map(of)).collect());
+                let column =
+                    |of: fn(Bucket) -> f64| Some(buckets.iter().map(|bucket| bucket.map(of)).collect());
                 channel.bucket_s = Some(bucket);
                 channel.min = column(|bucket| bucket.min);
                 channel.max = column(|bucket| bucket.max);
                 channel.mean = column(|bucket| bucket.mean);
-                channel.count = Some(buckets.iter().map(|bucket| bucket.map_or(0, |bucket| bucket.count)).collect());
+                channel.count =
+                    Some(buckets.iter().map(|bucket| bucket.map_or(0, |bucket| bucket.count)).collect());
             }
         }
         (series.channel().to_owned(), channel)
     }
 }
 
-/// The measurements of a system, stitched from all its windows: where several have a sample of a channel at one
-/// time, the newest upload counts.
+/// The measurements of a system, stitched from all its windows: where several have a sample of a channel at
+/// one time, the newest upload counts.
 ///
-/// The CSV can be posted as a window again and gives the same values. It holds every sample unless `max_points` is
-/// given; then a thinned channel has the columns `.min`, `.mean` and `.max` in place of its own.
+/// The CSV can be posted as a window again and gives the same values. It holds every sample unless
+/// `max_points` is given; then a thinned channel has the columns `.min`, `.mean` and `.max` in place of its
+/// own.
 #[utoipa::path(
     get,
     path = "/systems/{kind}/{id}/series",
@@ -142,7 +150,12 @@ impl ChannelSeries {
     params(("kind" = String, Path), ("id" = String, Path), SeriesQuery),
     responses(
         (status = 200, content((SeriesAnswer = "application/json"), (String = "text/csv"))),
-        (status = 406, description = "Neither of the two forms is acceptable", body = super::problem::Problem, content_type = "application/problem+json"),
+        (
+            status = 406,
+            description = "Neither of the two forms is acceptable",
+            body = super::problem::Problem,
+            content_type = "application/problem+json"
+        ),
         Problems,
     )
 )]
@@ -152,7 +165,12 @@ async fn get_series(
     Asked(query): Asked<SeriesQuery>,
     Wanted(format): Wanted,
 ) -> Result<Response, ApiError> {
-    let asked = series::Asked { from: query.from, to: query.to, channels: query.channels, max_points: query.max_points };
+    let asked = series::Asked {
+        from: query.from,
+        to: query.to,
+        channels: query.channels,
+        max_points: query.max_points,
+    };
     let body = match format {
         Format::Csv => series::view(&service, &system, &asked, None, |view| Ok(csv(&view))).await?,
         Format::Json => {
@@ -168,12 +186,25 @@ fn json(system: String, view: View) -> Result<String, serde_json::Error> {
     let (from, to) = view.span.map(|(from, to)| (rfc3339(from), rfc3339(to))).unzip();
     let thinned = view.channels.iter().any(|channel| matches!(channel.points, Thinned::Envelope { .. }));
     let channels = view.channels.into_iter().map(ChannelSeries::of).collect();
-    serde_json::to_string(&SeriesAnswer { system, from, to, channels, thinned, thinning: thinned.then_some(THINNING), gaps: GAPS })
+    serde_json::to_string(&SeriesAnswer {
+        system,
+        from,
+        to,
+        channels,
+        thinned,
+        thinning: thinned.then_some(THINNING),
+        gaps: GAPS,
+    })
 }
 
 fn csv(view: &View) -> String {
     let shown = view.channels.iter();
-    let channels: Vec<CsvChannel<'_>> =
-        shown.map(|ShownChannel { series, points }| CsvChannel { channel: series.channel(), unit: series.unit(), points }).collect();
+    let channels: Vec<CsvChannel<'_>> = shown
+        .map(|ShownChannel { series, points }| CsvChannel {
+            channel: series.channel(),
+            unit: series.unit(),
+            points,
+        })
+        .collect();
     write_csv(&channels)
 }

@@ -39,13 +39,23 @@ struct Version {
 }
 
 /// The process lives.
-#[utoipa::path(get, path = "/healthz", tag = "service", responses((status = 200, body = String, content_type = "text/plain")))]
+#[utoipa::path(
+    get,
+    path = "/healthz",
+    tag = "service",
+    responses((status = 200, body = String, content_type = "text/plain"))
+)]
 async fn healthz() -> &'static str {
     "ok\n"
 }
 
 /// The service can do its work: the database can be written, the queue is served.
-#[utoipa::path(get, path = "/readyz", tag = "service", responses((status = 200, body = Readiness), (status = 503, body = Readiness), Problems))]
+#[utoipa::path(
+    get,
+    path = "/readyz",
+    tag = "service",
+    responses((status = 200, body = Readiness), (status = 503, body = Readiness), Problems)
+)]
 async fn readyz(State(service): State<Shared>) -> Response {
     let writable = match service.store.writable().await {
         Ok(()) => true,

@@ -3,8 +3,9 @@
 use super::problem::ApiError;
 use super::shared::Shared;
 use super::{
-    access, audit, batches, comparison, decisions, description, diagnoses, diagnostics, docs, events, evidence, extract, fits, history,
-    jobs, layout, metrics, models, params, preview, problem, schedules, series, service, systems, web, windows,
+    access, audit, batches, comparison, decisions, description, diagnoses, diagnostics, docs, events,
+    evidence, extract, fits, history, jobs, layout, metrics, models, params, preview, problem, schedules,
+    series, service, systems, web, windows,
 };
 use axum::Router;
 use axum::http::{StatusCode, header};
@@ -20,7 +21,8 @@ use utoipa::OpenApi;
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
-/// How long a request may take until its answer begins, beside the time that its body may take. Long polls lie outside, event streams begin at once.
+/// How long a request may take until its answer begins, beside the time that its body may take. Long polls
+/// lie outside, event streams begin at once.
 const REQUEST_TIMEOUT: Duration = Duration::from_secs(30);
 
 /// The frame of the description; the handlers fill it.
@@ -28,7 +30,8 @@ const REQUEST_TIMEOUT: Duration = Duration::from_secs(30);
 #[openapi(
     info(
         title = "Lampyris",
-        description = "Estimation service for model predictive control: measurements in, validated grey-box parameters out. Errors are problem documents (RFC 9457) that list all faults at once."
+        description = "Estimation service for model predictive control: measurements in, validated grey-box \
+            parameters out. Errors are problem documents (RFC 9457) that list all faults at once."
     ),
     components(schemas(problem::Problem))
 )]
@@ -75,9 +78,11 @@ fn own() -> OpenApiRouter<Shared> {
 pub fn router(service: Shared) -> Router {
     let (layered, mut described) = layered().split_for_parts();
     let (lean, mut polled) = lean().split_for_parts();
-    let known: Vec<_> = description::ids(&mut described).into_iter().chain(description::ids(&mut polled)).collect();
+    let known: Vec<_> =
+        description::ids(&mut described).into_iter().chain(description::ids(&mut polled)).collect();
     let patience = REQUEST_TIMEOUT + Duration::from_secs(service.settings.limits.body_seconds);
-    let guard = axum::middleware::from_fn_with_state(access::Gate::new(service.clone(), known), access::guard);
+    let guard =
+        axum::middleware::from_fn_with_state(access::Gate::new(service.clone(), known), access::guard);
     let asking = Arc::new(description::queries(described));
     // The layer that is named last is the outermost.
     layered
@@ -103,7 +108,8 @@ pub(super) fn described() -> utoipa::openapi::OpenApi {
 /// The description of the surface, as it is served and committed.
 pub fn openapi_yaml() -> String {
     static TEXT: LazyLock<String> = LazyLock::new(|| {
-        // The description is made of texts and numbers; a failure to print it shows in the test that compares it.
+        // The description is made of texts and numbers; a failure to print it shows in the test that compares
+        // it.
         described().to_yaml().unwrap_or_default()
     });
     TEXT.clone()
@@ -116,7 +122,12 @@ pub fn openapi_json() -> String {
 }
 
 /// This description of the surface.
-#[utoipa::path(get, path = "/openapi.yaml", tag = "service", responses((status = 200, body = String, content_type = "application/yaml")))]
+#[utoipa::path(
+    get,
+    path = "/openapi.yaml",
+    tag = "service",
+    responses((status = 200, body = String, content_type = "application/yaml"))
+)]
 async fn openapi() -> Response {
     ([(header::CONTENT_TYPE, "application/yaml")], openapi_yaml()).into_response()
 }
@@ -131,7 +142,12 @@ async fn openapi_as_json() -> Response {
 pub fn described_paths() -> Vec<(String, Vec<String>)> {
     let description = serde_json::to_value(described()).unwrap_or_default();
     let paths = description.get("paths").and_then(serde_json::Value::as_object).cloned().unwrap_or_default();
-    paths.into_iter().map(|(path, item)| (path, item.as_object().map(|item| item.keys().cloned().collect()).unwrap_or_default())).collect()
+    paths
+        .into_iter()
+        .map(|(path, item)| {
+            (path, item.as_object().map(|item| item.keys().cloned().collect()).unwrap_or_default())
+        })
+        .collect()
 }
 
 /// The described documents by name, as JSON schemas, for the tests of the description.
@@ -141,6 +157,9 @@ pub fn described_documents() -> serde_json::Value {
 }
 
 fn panicked(panic: Box<dyn Any + Send + 'static>) -> Response {
-    let said = panic.downcast_ref::<&str>().map(|text| (*text).to_owned()).or_else(|| panic.downcast_ref::<String>().cloned());
+    let said = panic
+        .downcast_ref::<&str>()
+        .map(|text| (*text).to_owned())
+        .or_else(|| panic.downcast_ref::<String>().cloned());
     ApiError::Internal(format!("a handler panicked: {}", said.unwrap_or_default())).into_response()
 }

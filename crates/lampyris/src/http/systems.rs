@@ -30,7 +30,10 @@ use utoipa_axum::routes;
 
 /// The paths of this file.
 pub fn router() -> OpenApiRouter<Shared> {
-    OpenApiRouter::new().routes(routes!(get_system, put_system, delete_system)).routes(routes!(list_systems)).routes(routes!(get_state))
+    OpenApiRouter::new()
+        .routes(routes!(get_system, put_system, delete_system))
+        .routes(routes!(list_systems))
+        .routes(routes!(get_state))
 }
 
 /// A system with its name.
@@ -101,18 +104,34 @@ struct RowError {
 }
 
 impl SystemRow {
-    fn of(service: &Service, record: SystemRecord, newest: Option<JobRecord>, worst_regime: Option<String>) -> Self {
+    fn of(
+        service: &Service,
+        record: SystemRecord,
+        newest: Option<JobRecord>,
+        worst_regime: Option<String>,
+    ) -> Self {
         let system = record.system.to_string();
         let entry = service.params.entry(&system);
         let rendered = entry.as_ref().and_then(|entry| entry.validated());
         let served = rendered.and_then(Served::of);
         let (health, why) = health(served.as_ref(), newest.as_ref());
-        let (label, horizon) = document(&record.document).map(|document| (document.label, document.policy.horizon)).unwrap_or_default();
+        let (label, horizon) = document(&record.document)
+            .map(|document| (document.label, document.policy.horizon))
+            .unwrap_or_default();
         let row_error = |error: &ServedError| {
             let (horizon, ahead) = ahead(error, horizon).unzip();
-            RowError { unit: error.unit.clone(), validation_rmse: error.validation_rmse, horizon: horizon.map(str::to_owned), ahead }
+            RowError {
+                unit: error.unit.clone(),
+                validation_rmse: error.validation_rmse,
+                horizon: horizon.map(str::to_owned),
+                ahead,
+            }
         };
-        let errors = served.iter().flat_map(|served| &served.error).map(|(output, error)| (output.clone(), row_error(error))).collect();
+        let errors = served
+            .iter()
+            .flat_map(|served| &served.error)
+            .map(|(output, error)| (output.clone(), row_error(error)))
+            .collect();
         let validated_at = served.as_ref().and_then(|served| served.validated_at);
         Self {
             label,
@@ -143,8 +162,8 @@ struct StateAnswer {
     /// The instant of the sample.
     #[schema(format = DateTime)]
     at: String,
-    /// Present where the model has no filter: the states are those of a free run from the start of the fit's window, which no
-    /// measurement has corrected.
+    /// Present where the model has no filter: the states are those of a free run from the start of the fit's
+    /// window, which no measurement has corrected.
     free_run: Option<bool>,
     /// Standard deviations by state; empty for a free run, which has none.
     sd: std::collections::HashMap<String, f64>,
@@ -156,7 +175,13 @@ struct StateAnswer {
 }
 
 /// All systems, one row each: health, error, status.
-#[utoipa::path(get, path = "/systems", tag = "systems", params(PageQuery), responses((status = 200, body = Page<SystemRow>), Problems))]
+#[utoipa::path(
+    get,
+    path = "/systems",
+    tag = "systems",
+    params(PageQuery),
+    responses((status = 200, body = Page<SystemRow>), Problems)
+)]
 async fn list_systems(
     State(service): State<Shared>,
     caller: Caller,
@@ -184,7 +209,10 @@ async fn list_systems(
     params(("kind" = String, Path), ("id" = String, Path)),
     responses((status = 200, body = SystemAnswer), Problems)
 )]
-async fn get_system(State(service): State<Shared>, Named(system): Named) -> Result<axum::Json<SystemAnswer>, ApiError> {
+async fn get_system(
+    State(service): State<Shared>,
+    Named(system): Named,
+) -> Result<axum::Json<SystemAnswer>, ApiError> {
     let document = systems::require(&service, &system).await?;
     Ok(axum::Json(With { own: SystemName { system }, document }))
 }
@@ -196,13 +224,23 @@ async fn get_system(State(service): State<Shared>, Named(system): Named) -> Resu
     tag = "systems",
     params(("kind" = String, Path), ("id" = String, Path)),
     request_body = SystemDocument,
-    responses((status = 200, description = "Replaced", body = SystemAnswer), (status = 201, description = "Made", body = SystemAnswer), Problems)
+    responses(
+        (status = 200, description = "Replaced", body = SystemAnswer),
+        (status = 201, description = "Made", body = SystemAnswer),
+        Problems
+    )
 )]
-async fn put_system(State(service): State<Shared>, caller: Caller, Named(system): Named, body: Json) -> Result<Response, ApiError> {
+async fn put_system(
+    State(service): State<Shared>,
+    caller: Caller,
+    Named(system): Named,
+    body: Json,
+) -> Result<Response, ApiError> {
     let (document, is_new) = systems::put(&service, &system, body.value, caller.name()).await?;
     let status = if is_new { StatusCode::CREATED } else { StatusCode::OK };
     let location = format!("/systems/{system}");
-    Ok((status, [(header::LOCATION, location)], axum::Json(With { own: SystemName { system }, document })).into_response())
+    Ok((status, [(header::LOCATION, location)], axum::Json(With { own: SystemName { system }, document }))
+        .into_response())
 }
 
 /// Whether a deletion may take history along.
@@ -215,10 +253,11 @@ struct DeleteQuery {
     force: bool,
 }
 
-/// Deletes a system with everything that is its own: measurements, jobs, fits, revisions. `/params` then answers 404.
+/// Deletes a system with everything that is its own: measurements, jobs, fits, revisions. `/params` then
+/// answers 404.
 ///
-/// A system with fits or revisions, or on which others depend, goes only by `?force=true`; one whose jobs wait or
-/// run does not go at all. Documents of other systems that name it stay as they are.
+/// A system with fits or revisions, or on which others depend, goes only by `?force=true`; one whose jobs
+/// wait or run does not go at all. Documents of other systems that name it stay as they are.
 #[utoipa::path(
     delete,
     path = "/systems/{kind}/{id}",
@@ -226,7 +265,8 @@ struct DeleteQuery {
     params(("kind" = String, Path), ("id" = String, Path), DeleteQuery),
     responses(
         (status = 204, description = "It is gone"),
-        (status = 409, description = "`system-busy`: `jobs` need it; `system-needed`: it has a history or `dependents`, and nobody forced it", body = super::problem::Problem, content_type = "application/problem+json"),
+        (status = 409, description = "`system-busy`: `jobs` need it; `system-needed`: it has a history or \
+            `dependents`, and nobody forced it", body = super::problem::Problem, content_type = "application/problem+json"),
         Problems,
     )
 )]
@@ -240,23 +280,31 @@ async fn delete_system(
     Ok(StatusCode::NO_CONTENT)
 }
 
-/// The states at the newest sample that a job has seen: what a controller needs beside the parameters. They are filtered,
-/// or, of a model without a filter, those of a free run.
+/// The states at the newest sample that a job has seen: what a controller needs beside the parameters. They
+/// are filtered, or, of a model without a filter, those of a free run.
 #[utoipa::path(
     get,
     path = "/systems/{kind}/{id}/state",
     tag = "systems",
     params(("kind" = String, Path), ("id" = String, Path)),
-    responses((status = 200, description = "The states by name, beside these fields", body = StateAnswer), Problems)
+    responses(
+        (status = 200, description = "The states by name, beside these fields", body = StateAnswer),
+        Problems
+    )
 )]
-async fn get_state(State(service): State<Shared>, Named(system): Named) -> Result<axum::Json<Value>, ApiError> {
+async fn get_state(
+    State(service): State<Shared>,
+    Named(system): Named,
+) -> Result<axum::Json<Value>, ApiError> {
     match store::params::state(&service.store, &system).await? {
         Some((revision, Value::Object(mut state))) => {
             state.insert("revision".to_owned(), revision.into());
             Ok(axum::Json(Value::Object(state)))
         }
         Some(_) => Err(ApiError::Internal("a stored state is no object".into())),
-        None if service.params.entry(&system.to_string()).is_none() => Err(ApiError::NotFound("system", system.to_string())),
+        None if service.params.entry(&system.to_string()).is_none() => {
+            Err(ApiError::NotFound("system", system.to_string()))
+        }
         None => Err(ApiError::NoState(system.to_string())),
     }
 }

@@ -1,5 +1,5 @@
-//! `/ui/`: the page. It is part of the binary, asks this service alone, and carries what it shows in its address, so
-//! that every address under `/ui/` that names no file answers with the same document.
+//! `/ui/`: the page. It is part of the binary, asks this service alone, and carries what it shows in its
+//! address, so that every address under `/ui/` that names no file answers with the same document.
 
 use super::params::matches;
 use super::problem::ApiError;
@@ -13,9 +13,10 @@ use rust_embed::{EmbeddedFile, RustEmbed};
 use std::borrow::Cow;
 use tower_http::compression::CompressionLayer;
 
-/// Everything comes from this service, no text is ever a script or a style, and nothing may frame the page. Pictures
-/// and tables that it saves are made in the page itself (`blob:`).
-const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; img-src 'self' data: blob:; \
+/// Everything comes from this service, no text is ever a script or a style, and nothing may frame the page.
+/// Pictures and tables that it saves are made in the page itself (`blob:`).
+const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; img-src \
+    'self' data: blob:; \
                       base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
 const DOCUMENT: &str = "index.html";
 
@@ -37,7 +38,10 @@ pub fn router() -> Router<Shared> {
         .route("/", get(async || Redirect::temporary("/ui/")))
         .route("/ui", get(async || Redirect::temporary("/ui/")))
         .route("/ui/", get(async |headers: HeaderMap| answer(DOCUMENT, &headers)))
-        .route("/ui/{*path}", get(async |Path(path): Path<String>, headers: HeaderMap| answer(&path, &headers)))
+        .route(
+            "/ui/{*path}",
+            get(async |Path(path): Path<String>, headers: HeaderMap| answer(&path, &headers)),
+        )
         .layer(CompressionLayer::new())
 }
 
@@ -61,7 +65,8 @@ fn sent(name: &str, file: EmbeddedFile, headers: &HeaderMap) -> Response {
         Some((_, "svg")) => "image/svg+xml",
         _ => "text/plain; charset=utf-8",
     };
-    let hash: String = file.metadata.sha256_hash().iter().take(16).map(|byte| format!("{byte:02x}")).collect();
+    let hash: String =
+        file.metadata.sha256_hash().iter().take(16).map(|byte| format!("{byte:02x}")).collect();
     let tag = format!("\"{hash}\"");
     // Weak, because the same file may be sent compressed.
     let fixed = [

@@ -28,8 +28,8 @@ pub fn router() -> OpenApiRouter<Shared> {
     OpenApiRouter::new().routes(routes!(post_window, list_windows)).routes(routes!(get_window, delete_window))
 }
 
-/// Measurements as JSON; as CSV they are `time,T_room[degC],…`. A row that cannot be read is left out and listed; where more than a
-/// tenth of the rows cannot be read, the window is refused.
+/// Measurements as JSON; as CSV they are `time,T_room[degC],…`. A row that cannot be read is left out and
+/// listed; where more than a tenth of the rows cannot be read, the window is refused.
 #[derive(Debug, ToSchema)]
 #[serde(deny_unknown_fields)]
 #[expect(dead_code, reason = "describes what `Window::parse_json` reads")]
@@ -48,7 +48,10 @@ pub struct WindowBody {
 fn columns() -> impl Into<RefOr<Schema>> {
     let types = SchemaType::from_iter([Type::Number, Type::Null]);
     let column = ArrayBuilder::new().items(ObjectBuilder::new().schema_type(types)).min_items(Some(2));
-    let columns = ObjectBuilder::new().schema_type(Type::Object).additional_properties(Some(column)).min_properties(Some(1));
+    let columns = ObjectBuilder::new()
+        .schema_type(Type::Object)
+        .additional_properties(Some(column))
+        .min_properties(Some(1));
     columns.description(Some("One list per channel, as long as `time`.")).build()
 }
 
@@ -96,7 +99,10 @@ pub fn format(raw: &Raw) -> Result<Format, ApiError> {
 }
 
 fn shown(window: WindowRecord) -> WindowAnswer {
-    With { own: WindowName { id: window.id, system: window.system, uploaded_at: window.uploaded_at }, document: Stored::of(window.report) }
+    With {
+        own: WindowName { id: window.id, system: window.system, uploaded_at: window.uploaded_at },
+        document: Stored::of(window.report),
+    }
 }
 
 /// Takes measurements. The same content again is the same window.
@@ -106,9 +112,22 @@ fn shown(window: WindowRecord) -> WindowAnswer {
     tag = "windows",
     params(("kind" = String, Path), ("id" = String, Path), ("Idempotency-Key" = Option<String>, Header)),
     request_body(content((WindowBody = "application/json"), (String = "text/csv"))),
-    responses((status = 200, description = "It was there already", body = WindowAnswer), (status = 201, description = "Taken; `Location` leads to it", body = WindowAnswer, headers(("Location" = String))), Problems)
+    responses(
+        (status = 200, description = "It was there already", body = WindowAnswer),
+        (
+            status = 201,
+            description = "Taken; `Location` leads to it",
+            body = WindowAnswer,
+            headers(("Location" = String))
+        ),
+        Problems
+    )
 )]
-async fn post_window(State(service): State<Shared>, Named(system): Named, raw: Raw) -> Result<Response, ApiError> {
+async fn post_window(
+    State(service): State<Shared>,
+    Named(system): Named,
+    raw: Raw,
+) -> Result<Response, ApiError> {
     let format = format(&raw)?;
     let taken = windows::take(&service, &system, format, raw.body, raw.key.as_ref()).await?;
     let status = if taken.is_new { StatusCode::CREATED } else { StatusCode::OK };
@@ -136,8 +155,17 @@ async fn list_windows(
 }
 
 /// One window.
-#[utoipa::path(get, path = "/windows/{id}", tag = "windows", params(("id" = String, Path)), responses((status = 200, body = WindowAnswer), Problems))]
-async fn get_window(State(service): State<Shared>, Path(id): Path<String>) -> Result<axum::Json<WindowAnswer>, ApiError> {
+#[utoipa::path(
+    get,
+    path = "/windows/{id}",
+    tag = "windows",
+    params(("id" = String, Path)),
+    responses((status = 200, body = WindowAnswer), Problems)
+)]
+async fn get_window(
+    State(service): State<Shared>,
+    Path(id): Path<String>,
+) -> Result<axum::Json<WindowAnswer>, ApiError> {
     let window = store::windows::get(&service.store, &id).await?.ok_or(ApiError::NotFound("window", id))?;
     Ok(axum::Json(shown(window)))
 }
@@ -150,11 +178,16 @@ async fn get_window(State(service): State<Shared>, Path(id): Path<String>) -> Re
     params(("id" = String, Path)),
     responses(
         (status = 204, description = "It is gone"),
-        (status = 409, description = "`window-cited`: `fits` cite it; `window-in-use`: `jobs` may be reading it", body = super::problem::Problem, content_type = "application/problem+json"),
+        (status = 409, description = "`window-cited`: `fits` cite it; `window-in-use`: `jobs` may be reading \
+            it", body = super::problem::Problem, content_type = "application/problem+json"),
         Problems,
     )
 )]
-async fn delete_window(State(service): State<Shared>, caller: Caller, Path(id): Path<String>) -> Result<StatusCode, ApiError> {
+async fn delete_window(
+    State(service): State<Shared>,
+    caller: Caller,
+    Path(id): Path<String>,
+) -> Result<StatusCode, ApiError> {
     windows::delete(&service, &id, caller.name()).await?;
     Ok(StatusCode::NO_CONTENT)
 }

@@ -13,7 +13,9 @@ pub struct Clock {
 impl Clock {
     /// The time by this clock.
     pub fn now(&self) -> Timestamp {
-        now().saturating_add(SignedDuration::from_millis(self.ahead_ms.load(Ordering::Relaxed))).unwrap_or(Timestamp::MAX)
+        now()
+            .saturating_add(SignedDuration::from_millis(self.ahead_ms.load(Ordering::Relaxed)))
+            .unwrap_or(Timestamp::MAX)
     }
 
     /// Sets the clock; from there it goes on.

@@ -32,7 +32,8 @@ pub fn parse(body: &[u8]) -> Result<Value, Unread> {
     let mut text = serde_json::Deserializer::from_slice(body);
     let read = Document { pointer: String::new(), repeated: &mut repeated }.deserialize(&mut text);
     let value = read.and_then(|value| text.end().map(|()| value));
-    let value = value.map_err(|error| Unread::Malformed(Fault::new("", "invalid-json", shorten(&error.to_string()))))?;
+    let value = value
+        .map_err(|error| Unread::Malformed(Fault::new("", "invalid-json", shorten(&error.to_string()))))?;
     if repeated.is_empty() { Ok(value) } else { Err(Unread::Repeated(repeated)) }
 }
 
@@ -90,7 +91,9 @@ impl<'de> Visitor<'de> for Document<'_> {
     fn visit_seq<A: SeqAccess<'de>>(self, mut seq: A) -> Result<Value, A::Error> {
         let mut items = Vec::new();
         let item = |index: usize| format!("{}/{index}", self.pointer);
-        while let Some(value) = seq.next_element_seed(Document { pointer: item(items.len()), repeated: self.repeated })? {
+        while let Some(value) =
+            seq.next_element_seed(Document { pointer: item(items.len()), repeated: self.repeated })?
+        {
             items.push(value);
         }
         Ok(Value::Array(items))
@@ -101,7 +104,11 @@ impl<'de> Visitor<'de> for Document<'_> {
         while let Some(name) = map.next_key::<String>()? {
             let pointer = format!("{}/{}", self.pointer, escaped(&name));
             if fields.contains_key(&name) && self.repeated.len() < MOST_FAULTS {
-                self.repeated.push(Fault::new(&pointer, "duplicate-field", "the name is there twice, and only one can be meant"));
+                self.repeated.push(Fault::new(
+                    &pointer,
+                    "duplicate-field",
+                    "the name is there twice, and only one can be meant",
+                ));
             }
             let value = map.next_value_seed(Document { pointer, repeated: self.repeated })?;
             fields.insert(name, value);
@@ -127,10 +134,13 @@ pub struct Read<T> {
 }
 
 impl<T> Read<T> {
-    /// Adds what is wrong with the meaning of what could be read, at its places in the document as it was sent.
+    /// Adds what is wrong with the meaning of what could be read, at its places in the document as it was
+    /// sent.
     pub fn add(&mut self, faults: impl IntoIterator<Item = Fault>) {
         let items = &self.items;
-        self.faults.extend(faults.into_iter().map(|fault| Fault { pointer: as_sent(&fault.pointer, items), ..fault }));
+        self.faults.extend(
+            faults.into_iter().map(|fault| Fault { pointer: as_sent(&fault.pointer, items), ..fault }),
+        );
     }
 
     /// The document, if nothing is wrong.
@@ -150,9 +160,9 @@ pub fn decode<T: DeserializeOwned>(value: Value) -> Result<T, Vec<Fault>> {
     read(value, &Value::Null).finish()
 }
 
-/// Reads as much of a document as can be read: whatever is wrong is taken out and the reading starts again, until
-/// nothing wrong is left to be found. `stand_ins` has a value for each field of the document that must be there, so
-/// that one that is not does not hide what else is wrong.
+/// Reads as much of a document as can be read: whatever is wrong is taken out and the reading starts again,
+/// until nothing wrong is left to be found. `stand_ins` has a value for each field of the document that must
+/// be there, so that one that is not does not hide what else is wrong.
 pub fn read<T: DeserializeOwned>(mut value: Value, stand_ins: &Value) -> Read<T> {
     let mut read = Read { document: None, faults: Vec::new(), items: BTreeSet::new() };
     let mut removed = BTreeSet::new();
@@ -204,7 +214,8 @@ fn as_sent(pointer: &str, items: &BTreeSet<String>) -> String {
     if pointer.starts_with('/') { sent } else { pointer.to_owned() }
 }
 
-/// The JSON pointer of a path in the document as it was sent: items that were taken out of a list still count.
+/// The JSON pointer of a path in the document as it was sent: items that were taken out of a list still
+/// count.
 fn pointer(path: &Path, items: &BTreeSet<String>) -> String {
     let mut pointer = String::new();
     for segment in path.iter() {
@@ -302,9 +313,11 @@ mod tests {
     #[test]
     fn every_fault_is_listed_with_its_place() {
         // What is wrong in `inner` takes `inner` along, which then is not reported as missing.
-        let value = serde_json::json!({"nmae": "x", "inner": {"days": "7", "hours": 3}, "list": [1, "a", 2, null]});
+        let value =
+            serde_json::json!({"nmae": "x", "inner": {"days": "7", "hours": 3}, "list": [1, "a", 2, null]});
         let faults = decode::<Outer>(value).unwrap_err();
-        let seen: Vec<(&str, &str)> = faults.iter().map(|fault| (fault.pointer.as_str(), fault.code.as_str())).collect();
+        let seen: Vec<(&str, &str)> =
+            faults.iter().map(|fault| (fault.pointer.as_str(), fault.code.as_str())).collect();
         assert_eq!(
             seen,
             [
@@ -323,12 +336,24 @@ mod tests {
     fn what_is_missing_hides_nothing() {
         let stand_ins = serde_json::json!({"name": "x", "inner": {"days": 1}});
         let mut read = read::<Outer>(serde_json::json!({"inner": [], "list": [1, "a", 3]}), &stand_ins);
-        assert_eq!(read.document, Some(Outer { name: "x".into(), inner: Inner { days: 1 }, list: vec![1.0, 3.0] }));
+        assert_eq!(
+            read.document,
+            Some(Outer { name: "x".into(), inner: Inner { days: 1 }, list: vec![1.0, 3.0] })
+        );
         // What is second now was third.
-        read.add([Fault::new("/list/1", "odd", "three is odd"), Fault::new("path", "odd", "no place in the document")]);
-        let seen: Vec<(&str, &str)> = read.faults.iter().map(|fault| (fault.pointer.as_str(), fault.code.as_str())).collect();
-        let expected =
-            [("/inner", "wrong-type"), ("/list/1", "wrong-type"), ("/name", "missing-field"), ("/list/2", "odd"), ("path", "odd")];
+        read.add([
+            Fault::new("/list/1", "odd", "three is odd"),
+            Fault::new("path", "odd", "no place in the document"),
+        ]);
+        let seen: Vec<(&str, &str)> =
+            read.faults.iter().map(|fault| (fault.pointer.as_str(), fault.code.as_str())).collect();
+        let expected = [
+            ("/inner", "wrong-type"),
+            ("/list/1", "wrong-type"),
+            ("/name", "missing-field"),
+            ("/list/2", "odd"),
+            ("path", "odd"),
+        ];
         assert_eq!(seen, expected);
     }
 
@@ -339,17 +364,29 @@ mod tests {
             serde_json::json!({"a": [1, 2.5, 600, -3, null, true, "x"]})
         );
         for bad in [&b"{\"a\": 1e999}"[..], b"", b"{} {}", b"[NaN]", b"{\"a\":}", &[b'[', 0xff, b']']] {
-            assert!(matches!(parse(bad), Err(Unread::Malformed(fault)) if fault.code == "invalid-json"), "{bad:?}");
+            assert!(
+                matches!(parse(bad), Err(Unread::Malformed(fault)) if fault.code == "invalid-json"),
+                "{bad:?}"
+            );
         }
-        let Err(Unread::Repeated(faults)) = parse(br#"{"a": 1, "b": [{"c/d": 1, "c/d": 2}], "a": 1}"#) else { panic!() };
-        assert_eq!(faults.iter().map(|fault| fault.pointer.as_str()).collect::<Vec<_>>(), ["/b/0/c~1d", "/a"]);
+        let Err(Unread::Repeated(faults)) = parse(br#"{"a": 1, "b": [{"c/d": 1, "c/d": 2}], "a": 1}"#) else {
+            panic!()
+        };
+        assert_eq!(
+            faults.iter().map(|fault| fault.pointer.as_str()).collect::<Vec<_>>(),
+            ["/b/0/c~1d", "/a"]
+        );
     }
 
     #[test]
     fn a_good_document_is_read_and_a_long_text_is_not_repeated() {
         let value = serde_json::json!({"name": "x", "inner": {"days": 7}});
-        assert_eq!(decode::<Outer>(value).unwrap(), Outer { name: "x".into(), inner: Inner { days: 7 }, list: Vec::new() });
-        let faults = decode::<Outer>(serde_json::json!({"name": "x", "inner": "y".repeat(10_000)})).unwrap_err();
+        assert_eq!(
+            decode::<Outer>(value).unwrap(),
+            Outer { name: "x".into(), inner: Inner { days: 7 }, list: Vec::new() }
+        );
+        let faults =
+            decode::<Outer>(serde_json::json!({"name": "x", "inner": "y".repeat(10_000)})).unwrap_err();
         assert!(faults[0].detail.len() < 400);
     }
 }

@@ -68,7 +68,9 @@ impl std::fmt::Display for ServiceError {
             ServiceError::Conflict(what, which) => write!(f, "there is another {what} `{which}`"),
             ServiceError::Refused(refusal) => f.write_str(&refusal.detail),
             ServiceError::KeyReused => f.write_str("the idempotency key was used for another request"),
-            ServiceError::NotFinished(job, state) => write!(f, "the job `{job}` has not ended: it is {}", state.as_str()),
+            ServiceError::NotFinished(job, state) => {
+                write!(f, "the job `{job}` has not ended: it is {}", state.as_str())
+            }
             ServiceError::QueueFull(limit) => write!(f, "{limit} jobs wait already"),
             ServiceError::Busy => f.write_str("too many answers are being computed already"),
             ServiceError::Store(error) => error.fmt(f),

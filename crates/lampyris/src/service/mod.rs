@@ -1,7 +1,8 @@
 //! Owns the CPU pools and the clock, and stands between the surface and the store.
 //!
-//! A request becomes a row of the queue (`queue`), a worker claims it and runs it on its pool (`work`), the end is one
-//! transaction of the store, and `serving` then swaps what `/params` serves: commit first, then swap.
+//! A request becomes a row of the queue (`queue`), a worker claims it and runs it on its pool (`work`), the
+//! end is one transaction of the store, and `serving` then swaps what `/params` serves: commit first, then
+//! swap.
 //!
 //! | folder | what it does |
 //! |---|---|
@@ -14,8 +15,9 @@
 //! | `access` | who may ask |
 //! | `observe` | what is counted |
 //!
-//! Below all of them: `state` is what they share, made of parts that know nothing of the whole; `error` says why something could not be
-//! done, `threads` where work is done, `clock` what time it is, and `decode` with `strict` reads JSON with all its faults.
+//! Below all of them: `state` is what they share, made of parts that know nothing of the whole; `error` says
+//! why something could not be done, `threads` where work is done, `clock` what time it is, and `decode` with
+//! `strict` reads JSON with all its faults.
 
 pub mod access;
 pub mod catalogue;

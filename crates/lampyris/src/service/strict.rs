@@ -1,5 +1,5 @@
-//! Hands a JSON document to `serde` as it is. `serde_json` would also read an object from a list of its values or from
-//! nothing, which no description promises.
+//! Hands a JSON document to `serde` as it is. `serde_json` would also read an object from a list of its
+//! values or from nothing, which no description promises.
 
 use serde::de::value::{MapAccessDeserializer, MapDeserializer, SeqDeserializer};
 use serde::de::{Deserializer, Error as _, IntoDeserializer, Unexpected, Visitor};
@@ -25,7 +25,8 @@ impl<'de> Deserializer<'de> for Strict<'de> {
                 items.end().map(|()| value)
             }
             Value::Object(fields) => {
-                let mut fields = MapDeserializer::new(fields.iter().map(|(name, value)| (name.as_str(), Strict(value))));
+                let mut fields =
+                    MapDeserializer::new(fields.iter().map(|(name, value)| (name.as_str(), Strict(value))));
                 let value = visitor.visit_map(&mut fields)?;
                 fields.end().map(|()| value)
             }
@@ -36,24 +37,47 @@ impl<'de> Deserializer<'de> for Strict<'de> {
         if self.0.is_null() { visitor.visit_none() } else { visitor.visit_some(self) }
     }
 
-    fn deserialize_newtype_struct<V: Visitor<'de>>(self, _: &'static str, visitor: V) -> Result<V::Value, Error> {
+    fn deserialize_newtype_struct<V: Visitor<'de>>(
+        self,
+        _: &'static str,
+        visitor: V,
+    ) -> Result<V::Value, Error> {
         visitor.visit_newtype_struct(self)
     }
 
-    fn deserialize_struct<V: Visitor<'de>>(self, _: &'static str, _: &'static [&'static str], visitor: V) -> Result<V::Value, Error> {
-        if self.0.is_array() { Err(Error::invalid_type(Unexpected::Seq, &visitor)) } else { self.deserialize_any(visitor) }
+    fn deserialize_struct<V: Visitor<'de>>(
+        self,
+        _: &'static str,
+        _: &'static [&'static str],
+        visitor: V,
+    ) -> Result<V::Value, Error> {
+        if self.0.is_array() {
+            Err(Error::invalid_type(Unexpected::Seq, &visitor))
+        } else {
+            self.deserialize_any(visitor)
+        }
     }
 
     fn deserialize_map<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Error> {
         // The maps of `serde_json` would take `null` for an empty one.
-        if self.0.is_null() { Err(Error::invalid_type(Unexpected::Unit, &visitor)) } else { self.deserialize_any(visitor) }
+        if self.0.is_null() {
+            Err(Error::invalid_type(Unexpected::Unit, &visitor))
+        } else {
+            self.deserialize_any(visitor)
+        }
     }
 
-    fn deserialize_enum<V: Visitor<'de>>(self, _: &'static str, _: &'static [&'static str], visitor: V) -> Result<V::Value, Error> {
+    fn deserialize_enum<V: Visitor<'de>>(
+        self,
+        _: &'static str,
+        _: &'static [&'static str],
+        visitor: V,
+    ) -> Result<V::Value, Error> {
         match self.0 {
             Value::String(word) => visitor.visit_enum(word.as_str().into_deserializer()),
             Value::Object(fields) => {
-                let fields = MapDeserializer::new(fields.iter().map(|(name, value)| (name.as_str(), Strict(value))));
+                let fields =
+                    MapDeserializer::new(fields.iter().map(|(name, value)| (name.as_str(), Strict(value))));
                 visitor.visit_enum(MapAccessDeserializer::new(fields))
             }
             other => Strict(other).deserialize_any(visitor),
@@ -101,7 +125,10 @@ mod tests {
     #[test]
     fn objects_are_objects_and_everything_else_is_as_usual() {
         assert_eq!(read(json!("round")).unwrap(), Shape::Round);
-        assert_eq!(read(json!({"box": {"at": [1, 2.5]}})).unwrap(), Shape::Box(Corner { at: [1.0, 2.5], name: None }));
+        assert_eq!(
+            read(json!({"box": {"at": [1, 2.5]}})).unwrap(),
+            Shape::Box(Corner { at: [1.0, 2.5], name: None })
+        );
         assert_eq!(
             read(json!({"box": {"at": [1, 2], "name": "a"}})).unwrap(),
             Shape::Box(Corner { at: [1.0, 2.0], name: Some("a".into()) })

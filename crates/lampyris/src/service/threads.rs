@@ -20,22 +20,32 @@ pub fn pool(threads: usize, worker: usize) -> Result<ThreadPool, ThreadPoolBuild
 ///
 /// # Errors
 /// Where the system gives none.
-pub(super) fn nice_pool(threads: usize, name: String, niceness: i32) -> Result<ThreadPool, ThreadPoolBuildError> {
+pub(super) fn nice_pool(
+    threads: usize,
+    name: String,
+    niceness: i32,
+) -> Result<ThreadPool, ThreadPoolBuildError> {
     ThreadPoolBuilder::new()
         .num_threads(threads)
         .stack_size(STACK)
         .thread_name(move |thread| format!("{name}-{thread}"))
         .start_handler(move |_| {
-            // On Linux this is the niceness of the calling thread alone. Without the right to set it work still runs.
+            // On Linux this is the niceness of the calling thread alone. Without the right to set it work
+            // still runs.
             let _ = rustix::process::nice(niceness);
         })
         .build()
 }
 
-/// Runs something short that must not hold an async thread, such as unpacking a window. Jobs have pools of their own.
+/// Runs something short that must not hold an async thread, such as unpacking a window. Jobs have pools of
+/// their own.
 ///
 /// # Errors
 /// Where it panicked.
-pub async fn blocking<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> Result<T, ServiceError> {
-    tokio::task::spawn_blocking(work).await.map_err(|error| ServiceError::Internal(format!("a short task failed: {error}")))
+pub async fn blocking<T: Send + 'static>(
+    work: impl FnOnce() -> T + Send + 'static,
+) -> Result<T, ServiceError> {
+    tokio::task::spawn_blocking(work)
+        .await
+        .map_err(|error| ServiceError::Internal(format!("a short task failed: {error}")))
 }

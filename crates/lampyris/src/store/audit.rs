@@ -103,21 +103,27 @@ impl Row {
 }
 
 /// Notes a deed inside the transaction that does it.
-pub(super) async fn note(tx: &mut SqliteConnection, deed: &AuditEntry<'_>, now: Timestamp) -> Result<(), StoreError> {
-    sqlx::query("INSERT INTO audit (at, who, action, system, subject, reason) VALUES ($1, $2, $3, $4, $5, $6)")
-        .bind(millis(now))
-        .bind(deed.who)
-        .bind(deed.action.as_str())
-        .bind(deed.system)
-        .bind(deed.subject)
-        .bind(deed.reason)
-        .execute(tx)
-        .await?;
+pub(super) async fn note(
+    tx: &mut SqliteConnection,
+    deed: &AuditEntry<'_>,
+    now: Timestamp,
+) -> Result<(), StoreError> {
+    sqlx::query(
+        "INSERT INTO audit (at, who, action, system, subject, reason) VALUES ($1, $2, $3, $4, $5, $6)",
+    )
+    .bind(millis(now))
+    .bind(deed.who)
+    .bind(deed.action.as_str())
+    .bind(deed.system)
+    .bind(deed.subject)
+    .bind(deed.reason)
+    .execute(tx)
+    .await?;
     Ok(())
 }
 
-/// What was done before a place in the order, newest first, to one system or to all within a reach: one page of a list.
-/// What is about no system is shown to those who may see all of them.
+/// What was done before a place in the order, newest first, to one system or to all within a reach: one page
+/// of a list. What is about no system is shown to those who may see all of them.
 ///
 /// # Errors
 /// Where the database fails.
@@ -131,7 +137,8 @@ pub async fn page(
     let sql = "SELECT * FROM audit WHERE ($1 IS NULL OR system = $1)
                AND ($4 IS NULL OR EXISTS (SELECT 1 FROM json_each($4) WHERE system GLOB value))
                AND sequence < $2 ORDER BY sequence DESC LIMIT $3";
-    let query = sqlx::query_as(sql).bind(system.map(ToString::to_string)).bind(before).bind(limit).bind(reach.sql()?);
+    let query =
+        sqlx::query_as(sql).bind(system.map(ToString::to_string)).bind(before).bind(limit).bind(reach.sql()?);
     let rows: Vec<Row> = query.fetch_all(&store.reader).await?;
     rows.into_iter().map(Row::record).collect()
 }

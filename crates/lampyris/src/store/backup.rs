@@ -1,7 +1,8 @@
 //! Copies of a database that can be relied on, and their way back.
 //!
-//! A database in use is three files: a raw copy of the first lacks what still waits in the write-ahead log, and a copy
-//! of all three at different moments may be no database at all. `VACUUM INTO` copies one moment of it as one file.
+//! A database in use is three files: a raw copy of the first lacks what still waits in the write-ahead log,
+//! and a copy of all three at different moments may be no database at all. `VACUUM INTO` copies one moment of
+//! it as one file.
 
 use super::error::StoreError;
 use super::failpoint;
@@ -31,7 +32,8 @@ pub struct Restored {
     pub replaced: Option<PathBuf>,
 }
 
-/// Copies one moment of a database, also beside a service that writes to it: everything that was acknowledged before.
+/// Copies one moment of a database, also beside a service that writes to it: everything that was acknowledged
+/// before.
 ///
 /// # Errors
 /// Where there is no such database, it is damaged or not of this program, or the file is there already.
@@ -50,12 +52,12 @@ pub async fn backup(database: &Path, file: &Path) -> Result<Backup, StoreError> 
     Ok(Backup { schema, bytes })
 }
 
-/// Puts a backup in the place of a database that no service has open. The database that was there stays beside it under
-/// a name with the time.
+/// Puts a backup in the place of a database that no service has open. The database that was there stays
+/// beside it under a name with the time.
 ///
 /// # Errors
-/// Where a service has the database open, or the file is no sound backup of a schema that this program knows. Then nothing
-/// has changed.
+/// Where a service has the database open, or the file is no sound backup of a schema that this program knows.
+/// Then nothing has changed.
 pub async fn restore(database: &Path, file: &Path, now: Timestamp) -> Result<Restored, StoreError> {
     let _lock = lock(database)?;
     if !file.exists() {
@@ -80,8 +82,8 @@ pub async fn restore(database: &Path, file: &Path, now: Timestamp) -> Result<Res
     Ok(Restored { schema, replaced })
 }
 
-/// Keeps a database under another name, and leaves it in its place without a write-ahead log, which would be taken for
-/// that of the file that comes there next.
+/// Keeps a database under another name, and leaves it in its place without a write-ahead log, which would be
+/// taken for that of the file that comes there next.
 async fn set_aside(database: &Path, now: Timestamp) -> Result<PathBuf, StoreError> {
     let kept = beside(database, &format!(".replaced-{}", now.strftime("%Y%m%dT%H%M%SZ")));
     if kept.exists() {
@@ -96,7 +98,8 @@ async fn set_aside(database: &Path, now: Timestamp) -> Result<PathBuf, StoreErro
     if index.exists() {
         fs::remove_file(&index).map_err(failed(&index))?;
     }
-    // A second name and not a move: at no moment is there no database, for which a service would make an empty one.
+    // A second name and not a move: at no moment is there no database, for which a service would make an
+    // empty one.
     fs::hard_link(database, &kept).or_else(|_| fs::copy(database, &kept).map(drop)).map_err(failed(&kept))?;
     Ok(kept)
 }
@@ -108,12 +111,19 @@ async fn fold(database: &Path) -> Result<(), StoreError> {
     Ok(connection.close().await?)
 }
 
-/// Copies what a connection sees into a file, which appears under its name only when it is whole, sound and on the disk.
-pub(super) async fn copy(connection: &mut SqliteConnection, database: &Path, file: &Path) -> Result<(), StoreError> {
+/// Copies what a connection sees into a file, which appears under its name only when it is whole, sound and
+/// on the disk.
+pub(super) async fn copy(
+    connection: &mut SqliteConnection,
+    database: &Path,
+    file: &Path,
+) -> Result<(), StoreError> {
     let partial = beside(file, ".partial");
     // What is left of a copy that was killed.
     match fs::remove_file(&partial) {
-        Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(StoreError::Open(partial, error)),
+        Err(error) if error.kind() != io::ErrorKind::NotFound => {
+            return Err(StoreError::Open(partial, error));
+        }
         _ => {}
     }
     let name = partial.to_str().ok_or_else(|| failed(file)(io::Error::other("the name is not UTF-8")))?;
@@ -121,7 +131,9 @@ pub(super) async fn copy(connection: &mut SqliteConnection, database: &Path, fil
         sqlx::query("VACUUM INTO $1").bind(name).execute(connection).await?;
         failpoint::reached("in_backup");
         // Whoever may not read the database may not read its backup.
-        fs::metadata(database).and_then(|source| fs::set_permissions(&partial, source.permissions())).map_err(failed(&partial))?;
+        fs::metadata(database)
+            .and_then(|source| fs::set_permissions(&partial, source.permissions()))
+            .map_err(failed(&partial))?;
         examine(&partial).await
     };
     if let Err(error) = copied.await {
@@ -132,7 +144,8 @@ pub(super) async fn copy(connection: &mut SqliteConnection, database: &Path, fil
     sync_folder(file)
 }
 
-/// Puts a copy on the disk and gives its schema, if it is sound in every page, every index and every reference.
+/// Puts a copy on the disk and gives its schema, if it is sound in every page, every index and every
+/// reference.
 async fn examine(file: &Path) -> Result<i64, StoreError> {
     File::open(file).and_then(|file| file.sync_all()).map_err(failed(file))?;
     // Immutable: no log and no index are made beside it.
@@ -146,7 +159,9 @@ async fn examine(file: &Path) -> Result<i64, StoreError> {
 /// Asks SQLite for every page, index and reference.
 pub(super) async fn require_whole(connection: &mut SqliteConnection) -> Result<(), StoreError> {
     require_sound(connection, "PRAGMA integrity_check(3)").await?;
-    let orphans: Vec<String> = sqlx::query_scalar(r#"SELECT DISTINCT "table" FROM pragma_foreign_key_check"#).fetch_all(connection).await?;
+    let orphans: Vec<String> = sqlx::query_scalar(r#"SELECT DISTINCT "table" FROM pragma_foreign_key_check"#)
+        .fetch_all(connection)
+        .await?;
     if orphans.is_empty() {
         return Ok(());
     }
@@ -154,7 +169,10 @@ pub(super) async fn require_whole(connection: &mut SqliteConnection) -> Result<(
 }
 
 /// Runs a check of SQLite, which answers `ok` or what it found.
-pub(super) async fn require_sound(connection: &mut SqliteConnection, check: &'static str) -> Result<(), StoreError> {
+pub(super) async fn require_sound(
+    connection: &mut SqliteConnection,
+    check: &'static str,
+) -> Result<(), StoreError> {
     let found: Vec<String> = sqlx::query_scalar(check).fetch_all(connection).await?;
     if found == ["ok"] { Ok(()) } else { Err(StoreError::Damaged(found.join("; "))) }
 }

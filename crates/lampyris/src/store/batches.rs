@@ -98,8 +98,8 @@ pub struct BatchJob {
     pub fit: Option<String>,
     /// The sentence of the diagnosis where there is one, otherwise the gate's about the fit.
     pub summary: Option<String>,
-    /// Its forecast error over that of the parameters that were served before, on the same unseen data; `None`
-    /// where there were none to compare with.
+    /// Its forecast error over that of the parameters that were served before, on the same unseen data;
+    /// `None` where there were none to compare with.
     pub error_ratio: Option<f64>,
     /// Why it failed.
     pub error: Option<JobFailure>,
@@ -163,9 +163,12 @@ struct Diagnosed {
 
 impl JobRow {
     fn record(self) -> Result<BatchJob, StoreError> {
-        let diagnosed: Option<Diagnosed> = self.diagnosed.as_deref().map(|text| from_json("a diagnosis", text)).transpose()?;
+        let diagnosed: Option<Diagnosed> =
+            self.diagnosed.as_deref().map(|text| from_json("a diagnosis", text)).transpose()?;
         let (said, diagnosis) = match self.diagnosis.zip(diagnosed) {
-            Some((id, Diagnosed { verdict, summary, named })) => (Some(summary), Some(BatchDiagnosis { id, verdict, named })),
+            Some((id, Diagnosed { verdict, summary, named })) => {
+                (Some(summary), Some(BatchDiagnosis { id, verdict, named }))
+            }
             None => (self.summary, None),
         };
         Ok(BatchJob {
@@ -206,10 +209,16 @@ pub async fn submit(
 }
 
 /// Submits a batch inside a transaction.
-pub(super) async fn submit_in_batch(tx: &mut SqliteConnection, new: &NewBatch, limit: i64, now: Timestamp) -> Result<String, SubmitError> {
+pub(super) async fn submit_in_batch(
+    tx: &mut SqliteConnection,
+    new: &NewBatch,
+    limit: i64,
+    now: Timestamp,
+) -> Result<String, SubmitError> {
     let sequence = next(tx, "sequence").await?;
     let id = derive_id("bat", sequence, now);
-    let sql = "INSERT INTO batches (id, sequence, kind, schedule, request, skipped, created_at) VALUES ($1, $2, $3, $4, $5, $6, $7)";
+    let sql = "INSERT INTO batches (id, sequence, kind, schedule, request, skipped, created_at) VALUES ($1, \
+        $2, $3, $4, $5, $6, $7)";
     sqlx::query(sql)
         .bind(&id)
         .bind(sequence)
@@ -232,21 +241,30 @@ pub(super) async fn submit_in_batch(tx: &mut SqliteConnection, new: &NewBatch, l
     Ok(id)
 }
 
-/// Whether an equal job has succeeded since measurements of its system came or went, and its settings changed.
+/// Whether an equal job has succeeded since measurements of its system came or went, and its settings
+/// changed.
 ///
 /// # Errors
 /// Where the database fails.
 pub async fn is_answered(store: &Store, job: &NewJob) -> Result<bool, StoreError> {
-    let sql = "SELECT EXISTS (SELECT 1 FROM jobs WHERE system = $1 AND state = 'succeeded' AND fingerprint = $2
+    let sql =
+        "SELECT EXISTS (SELECT 1 FROM jobs WHERE system = $1 AND state = 'succeeded' AND fingerprint = \
+        $2
                    AND started_at > (SELECT MAX(uploaded_at) FROM windows WHERE system = $1)
                    AND started_at > (SELECT updated_at FROM systems WHERE system = $1)
-                   AND started_at > COALESCE((SELECT MAX(at) FROM audit WHERE system = $1 AND action = 'delete_window'), 0))";
-    Ok(sqlx::query_scalar(sql).bind(job.system.to_string()).bind(job.fingerprint()).fetch_one(&store.reader).await?)
+                   AND started_at > COALESCE((SELECT MAX(at) FROM audit WHERE system = $1 AND action = \
+        'delete_window'), 0))";
+    Ok(sqlx::query_scalar(sql)
+        .bind(job.system.to_string())
+        .bind(job.fingerprint())
+        .fetch_one(&store.reader)
+        .await?)
 }
 
 /// Whether a batch has jobs that have not ended.
 pub(super) async fn is_unfinished(tx: &mut SqliteConnection, id: &str) -> Result<bool, StoreError> {
-    let sql = "SELECT COUNT(*) FROM batch_jobs b JOIN jobs j ON j.id = b.job WHERE b.batch = $1 AND j.state IN ('queued', 'running')";
+    let sql = "SELECT COUNT(*) FROM batch_jobs b JOIN jobs j ON j.id = b.job WHERE b.batch = $1 AND j.state \
+        IN ('queued', 'running')";
     let left: i64 = sqlx::query_scalar(sql).bind(id).fetch_one(tx).await?;
     Ok(left > 0)
 }
@@ -261,12 +279,17 @@ pub async fn get(store: &Store, id: &str) -> Result<Option<BatchRecord>, StoreEr
         return Ok(None);
     };
     let sql = "SELECT j.id, j.system, j.state, j.outcome, j.fit, f.summary, j.error, j.diagnosis,
-                   (SELECT c.value ->> 'statistic' FROM json_each(f.checks) c WHERE c.value ->> 'name' = $2) AS error_ratio,
-                   CASE WHEN d.id IS NOT NULL THEN json_object('verdict', d.verdict, 'summary', d.document ->> 'summary', 'named',
-                       (SELECT json_group_array(coalesce(n.value ->> 'way_of', n.value ->> 'effect')) FROM json_each(d.document, '$.findings') n)) END AS diagnosed
-               FROM batch_jobs b JOIN jobs j ON j.id = b.job LEFT JOIN fits f ON f.id = j.fit LEFT JOIN diagnoses d ON d.id = j.diagnosis
+                   (SELECT c.value ->> 'statistic' FROM json_each(f.checks) c WHERE c.value ->> 'name' = $2) \
+        AS error_ratio,
+                   CASE WHEN d.id IS NOT NULL THEN json_object('verdict', d.verdict, 'summary', d.document \
+        ->> 'summary', 'named',
+                       (SELECT json_group_array(coalesce(n.value ->> 'way_of', n.value ->> 'effect')) FROM \
+        json_each(d.document, '$.findings') n)) END AS diagnosed
+               FROM batch_jobs b JOIN jobs j ON j.id = b.job LEFT JOIN fits f ON f.id = j.fit LEFT JOIN \
+        diagnoses d ON d.id = j.diagnosis
                WHERE b.batch = $1 ORDER BY j.sequence";
-    let jobs: Vec<JobRow> = sqlx::query_as(sql).bind(id).bind(NO_WORSE_THAN_INCUMBENT).fetch_all(&store.reader).await?;
+    let jobs: Vec<JobRow> =
+        sqlx::query_as(sql).bind(id).bind(NO_WORSE_THAN_INCUMBENT).fetch_all(&store.reader).await?;
     Ok(Some(BatchRecord {
         kind: parse("a kind", &row.kind)?,
         id: row.id,
@@ -278,19 +301,27 @@ pub async fn get(store: &Store, id: &str) -> Result<Option<BatchRecord>, StoreEr
     }))
 }
 
-/// Batches submitted before a sequence number, newest first, without their jobs, of which every system that they may
-/// select lies within a reach: one page of a list.
+/// Batches submitted before a sequence number, newest first, without their jobs, of which every system that
+/// they may select lies within a reach: one page of a list.
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn page(store: &Store, reach: &SystemScope, before: i64, limit: i64) -> Result<Vec<BatchSummary>, StoreError> {
+pub async fn page(
+    store: &Store,
+    reach: &SystemScope,
+    before: i64,
+    limit: i64,
+) -> Result<Vec<BatchSummary>, StoreError> {
     let sql = "SELECT b.id, b.sequence, b.kind, b.schedule, b.created_at, COUNT(j.id) AS jobs,
                    COALESCE(SUM(j.state IN ('queued', 'running')), 0) AS unfinished
                FROM batches b LEFT JOIN batch_jobs l ON l.batch = b.id LEFT JOIN jobs j ON j.id = l.job
-               WHERE b.sequence < $1 AND ($3 IS NULL OR NOT EXISTS (SELECT 1 FROM json_each(b.request, '$.systems') asked
-                   WHERE NOT EXISTS (SELECT 1 FROM json_each($3) pattern WHERE asked.value GLOB pattern.value)))
+               WHERE b.sequence < $1 AND ($3 IS NULL OR NOT EXISTS (SELECT 1 FROM json_each(b.request, \
+        '$.systems') asked
+                   WHERE NOT EXISTS (SELECT 1 FROM json_each($3) pattern WHERE asked.value GLOB \
+        pattern.value)))
                GROUP BY b.id ORDER BY b.sequence DESC LIMIT $2";
-    let rows: Vec<SummaryRow> = sqlx::query_as(sql).bind(before).bind(limit).bind(reach.sql()?).fetch_all(&store.reader).await?;
+    let rows: Vec<SummaryRow> =
+        sqlx::query_as(sql).bind(before).bind(limit).bind(reach.sql()?).fetch_all(&store.reader).await?;
     rows.into_iter().map(SummaryRow::record).collect()
 }
 

@@ -25,22 +25,24 @@ pub struct Store {
 }
 
 impl Store {
-    /// Opens a database, makes it if it is not there, and brings its schema up to date. A quota limits its size in bytes.
+    /// Opens a database, makes it if it is not there, and brings its schema up to date. A quota limits its
+    /// size in bytes.
     ///
     /// # Errors
-    /// Where another service has it open, the file cannot be used, it is damaged, or the schema is not one that this
-    /// program knows.
+    /// Where another service has it open, the file cannot be used, it is damaged, or the schema is not one
+    /// that this program knows.
     pub async fn open(path: &Path, quota: Option<u64>) -> Result<Self, StoreError> {
         let lock = lock(path)?;
         let migrated = migrate::bring_up_to_date(path).await?;
         if let Some(backup) = &migrated.backup {
-            tracing::warn!(from = migrated.from, to = migrated.to, backup = %backup.display(), "the database has a new schema");
+            tracing::warn!(from = migrated.from, to = migrated.to, backup = %backup.display(), "the database \
+                has a new schema");
         }
         Self::connect(path, quota, Some(lock)).await
     }
 
-    /// Opens a database as [`Store::open`] does, also where a service has it open: for short transactions that claim
-    /// no jobs. The service has brought the schema up to date.
+    /// Opens a database as [`Store::open`] does, also where a service has it open: for short transactions
+    /// that claim no jobs. The service has brought the schema up to date.
     ///
     /// # Errors
     /// Where the file cannot be used, or the schema is not one that this program knows.
@@ -64,7 +66,10 @@ impl Store {
             .after_release(|connection, _| Box::pin(is_clean(connection)))
             .connect_with(writing)
             .await?;
-        let reader = SqlitePoolOptions::new().max_connections(READERS).connect_with(options.pragma("query_only", "on")).await?;
+        let reader = SqlitePoolOptions::new()
+            .max_connections(READERS)
+            .connect_with(options.pragma("query_only", "on"))
+            .await?;
         Ok(Self { writer, reader, writing: Writing::default(), quota, lock })
     }
 
@@ -93,15 +98,19 @@ impl Store {
     }
 
     /// Refuses a window of so many bytes where the database would use most of its quota.
-    pub(super) async fn require_room(&self, tx: &mut SqliteConnection, bytes: usize) -> Result<(), StoreError> {
+    pub(super) async fn require_room(
+        &self,
+        tx: &mut SqliteConnection,
+        bytes: usize,
+    ) -> Result<(), StoreError> {
         match &self.quota {
             Some(quota) => quota.require_room(tx, bytes).await,
             None => Ok(()),
         }
     }
 
-    /// Ends all connections, which also folds the write-ahead log into the database, and lets another service have it:
-    /// a request that is still being answered may hold this store for a while.
+    /// Ends all connections, which also folds the write-ahead log into the database, and lets another service
+    /// have it: a request that is still being answered may hold this store for a while.
     pub async fn close(&self) {
         self.reader.close().await;
         self.writer.close().await;

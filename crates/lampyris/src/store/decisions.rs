@@ -70,7 +70,12 @@ row! {
 }
 
 /// Keeps what a fit would serve, until an operator decides.
-pub(super) async fn offer(tx: &mut SqliteConnection, fit: &str, offer: &Offer, state: Option<&CurrentState>) -> Result<(), StoreError> {
+pub(super) async fn offer(
+    tx: &mut SqliteConnection,
+    fit: &str,
+    offer: &Offer,
+    state: Option<&CurrentState>,
+) -> Result<(), StoreError> {
     sqlx::query("INSERT INTO offers (fit, served, state) VALUES ($1, $2, $3)")
         .bind(fit)
         .bind(to_json("an offer", offer)?)
@@ -84,9 +89,17 @@ pub(super) async fn offer(tx: &mut SqliteConnection, fit: &str, offer: &Offer, s
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn decide(store: &Store, fit: &str, decision: Decision, reason: &str, who: &str, now: Timestamp) -> Result<Decided, StoreError> {
+pub async fn decide(
+    store: &Store,
+    fit: &str,
+    decision: Decision,
+    reason: &str,
+    who: &str,
+    now: Timestamp,
+) -> Result<Decided, StoreError> {
     let mut tx = store.write().await?;
-    let sql = "SELECT f.system, f.job, f.model, s.model AS own_model, f.document, f.verdict, f.created_at, o.served, o.state, d.decision,
+    let sql = "SELECT f.system, f.job, f.model, s.model AS own_model, f.document, f.verdict, f.created_at, \
+        o.served, o.state, d.decision,
                    EXISTS (SELECT 1 FROM pins p WHERE p.system = f.system) AS pinned
                FROM fits f JOIN systems s ON s.system = f.system
                LEFT JOIN offers o ON o.fit = f.id LEFT JOIN decisions d ON d.fit = f.id WHERE f.id = $1";
@@ -114,7 +127,12 @@ pub async fn decide(store: &Store, fit: &str, decision: Decision, reason: &str, 
         Decision::Promoted => Action::PromoteFit,
         Decision::Rejected => Action::RejectFit,
     };
-    note(&mut tx, &AuditEntry { who, action, system: Some(&row.system), subject: fit, reason: Some(reason) }, now).await?;
+    note(
+        &mut tx,
+        &AuditEntry { who, action, system: Some(&row.system), subject: fit, reason: Some(reason) },
+        now,
+    )
+    .await?;
     let mut revision = None;
     if decision == Decision::Promoted {
         let found: Fit = from_json("a fit", &row.document)?;
@@ -146,13 +164,20 @@ pub async fn decide(store: &Store, fit: &str, decision: Decision, reason: &str, 
 /// # Errors
 /// Where the database fails.
 pub async fn of(store: &Store, fit: &str) -> Result<(bool, Option<DecisionRecord>), StoreError> {
-    let sql = "SELECT d.decision, d.reason, d.decided_at FROM offers o LEFT JOIN decisions d ON d.fit = o.fit WHERE o.fit = $1";
-    let row: Option<(Option<String>, Option<String>, Option<i64>)> = sqlx::query_as(sql).bind(fit).fetch_optional(&store.reader).await?;
+    let sql = "SELECT d.decision, d.reason, d.decided_at FROM offers o LEFT JOIN decisions d ON d.fit = \
+        o.fit WHERE o.fit = $1";
+    let row: Option<(Option<String>, Option<String>, Option<i64>)> =
+        sqlx::query_as(sql).bind(fit).fetch_optional(&store.reader).await?;
     Ok(match row {
         None => (false, None),
-        Some((Some(decision), Some(reason), Some(decided_at))) => {
-            (false, Some(DecisionRecord { decision: parse("a decision", &decision)?, reason, decided_at: instant(decided_at)? }))
-        }
+        Some((Some(decision), Some(reason), Some(decided_at))) => (
+            false,
+            Some(DecisionRecord {
+                decision: parse("a decision", &decision)?,
+                reason,
+                decided_at: instant(decided_at)?,
+            }),
+        ),
         Some(_) => (true, None),
     })
 }

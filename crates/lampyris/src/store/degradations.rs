@@ -9,8 +9,9 @@ use lampyris_core::data::SystemId;
 use lampyris_core::estimate::assess::degradation::Degradation;
 use lampyris_core::estimate::assess::metrics::CurrentState;
 
-/// Keeps what newer measurements say of a revision, if it is still the current one: its states, and whether it
-/// is degraded. Says whether that has turned: `Some(true)` where it became degraded, `Some(false)` where it recovered.
+/// Keeps what newer measurements say of a revision, if it is still the current one: its states, and whether
+/// it is degraded. Says whether that has turned: `Some(true)` where it became degraded, `Some(false)` where
+/// it recovered.
 ///
 /// # Errors
 /// Where the database fails.
@@ -25,7 +26,10 @@ pub async fn keep(
     let mut tx = store.write().await?;
     let system = system.to_string();
     let current: Option<i64> =
-        sqlx::query_scalar("SELECT revision FROM revisions WHERE system = $1 AND current").bind(&system).fetch_optional(&mut *tx).await?;
+        sqlx::query_scalar("SELECT revision FROM revisions WHERE system = $1 AND current")
+            .bind(&system)
+            .fetch_optional(&mut *tx)
+            .await?;
     if current != Some(revision) {
         return Ok(None);
     }
@@ -34,11 +38,23 @@ pub async fn keep(
     }
     let changed = match found {
         Some(degradation) => {
-            let sql = "INSERT INTO degradations (system, revision, description, since_at) VALUES ($1, $2, $3, $4) ON CONFLICT DO NOTHING";
-            let query = sqlx::query(sql).bind(&system).bind(revision).bind(to_json("a degradation", degradation)?).bind(millis(now));
+            let sql = "INSERT INTO degradations (system, revision, description, since_at) VALUES ($1, $2, \
+                $3, $4) ON CONFLICT DO NOTHING";
+            let query = sqlx::query(sql)
+                .bind(&system)
+                .bind(revision)
+                .bind(to_json("a degradation", degradation)?)
+                .bind(millis(now));
             query.execute(&mut *tx).await?.rows_affected() > 0
         }
-        None => sqlx::query("DELETE FROM degradations WHERE system = $1").bind(&system).execute(&mut *tx).await?.rows_affected() > 0,
+        None => {
+            sqlx::query("DELETE FROM degradations WHERE system = $1")
+                .bind(&system)
+                .execute(&mut *tx)
+                .await?
+                .rows_affected()
+                > 0
+        }
     };
     tx.commit().await?;
     Ok(changed.then_some(found.is_some()))
@@ -50,7 +66,8 @@ pub async fn keep(
 /// Where the database fails.
 pub async fn outdated(store: &Store) -> Result<Vec<SystemId>, StoreError> {
     let sql = "SELECT r.system FROM revisions r WHERE r.current AND EXISTS
-                   (SELECT 1 FROM windows w WHERE w.system = r.system AND w.uploaded_at > r.published_at) ORDER BY r.system";
+                   (SELECT 1 FROM windows w WHERE w.system = r.system AND w.uploaded_at > r.published_at) \
+        ORDER BY r.system";
     let names: Vec<String> = sqlx::query_scalar(sql).fetch_all(&store.reader).await?;
     names.iter().map(|name| parse("a system", name)).collect()
 }

@@ -86,7 +86,8 @@ pub enum Report {
     Ladder(Box<Ladder>),
 }
 
-/// Keeps what a job found out from a fit, which is named with the hash of its model; gives the id of a diagnosis.
+/// Keeps what a job found out from a fit, which is named with the hash of its model; gives the id of a
+/// diagnosis.
 pub(super) async fn keep(
     tx: &mut SqliteConnection,
     lease: &Lease,
@@ -99,7 +100,11 @@ pub(super) async fn keep(
     match report {
         Report::Diagnosis(diagnosis) => {
             let id = derive_id("dia", sequence, now);
-            let named = Diagnosis { system: Some(system.to_owned()), fit: Some(fit.to_owned()), ..Diagnosis::clone(diagnosis) };
+            let named = Diagnosis {
+                system: Some(system.to_owned()),
+                fit: Some(fit.to_owned()),
+                ..Diagnosis::clone(diagnosis)
+            };
             let sql = "INSERT INTO diagnoses (id, sequence, job, system, fit, verdict, document, created_at)
                        VALUES ($1, $2, $3, $4, $5, $6, $7, $8)";
             sqlx::query(sql)
@@ -118,7 +123,8 @@ pub(super) async fn keep(
         }
         Report::Ladder(ladder) => {
             let named = Ladder { system: Some(system.to_owned()), ..Ladder::clone(ladder) };
-            let sql = "INSERT INTO ladders (job, sequence, system, fit, document, created_at) VALUES ($1, $2, $3, $4, $5, $6)";
+            let sql = "INSERT INTO ladders (job, sequence, system, fit, document, created_at) VALUES ($1, \
+                $2, $3, $4, $5, $6)";
             sqlx::query(sql)
                 .bind(&lease.job)
                 .bind(sequence)
@@ -138,7 +144,10 @@ pub(super) async fn keep(
 /// # Errors
 /// Where the database fails.
 pub async fn get(store: &Store, id: &str) -> Result<Option<DiagnosisRecord>, StoreError> {
-    let row: Option<Row> = sqlx::query_as("SELECT * FROM diagnoses WHERE id = $1").bind(id).fetch_optional(&store.reader).await?;
+    let row: Option<Row> = sqlx::query_as("SELECT * FROM diagnoses WHERE id = $1")
+        .bind(id)
+        .fetch_optional(&store.reader)
+        .await?;
     row.map(Row::record).transpose()
 }
 
@@ -153,7 +162,9 @@ pub async fn page(
     before: i64,
     limit: i64,
 ) -> Result<Vec<DiagnosisRecord>, StoreError> {
-    let sql = "SELECT * FROM diagnoses WHERE ($1 IS NULL OR system = $1) AND ($4 IS NULL OR EXISTS (SELECT 1 FROM json_each($4) WHERE system GLOB value))
+    let sql =
+        "SELECT * FROM diagnoses WHERE ($1 IS NULL OR system = $1) AND ($4 IS NULL OR EXISTS (SELECT 1 \
+        FROM json_each($4) WHERE system GLOB value))
                      AND sequence < $2 ORDER BY sequence DESC LIMIT $3";
     let rows: Vec<Row> = sqlx::query_as(sql)
         .bind(system.map(ToString::to_string))
@@ -170,8 +181,12 @@ pub async fn page(
 /// # Errors
 /// Where the database fails.
 pub async fn newest_ladder(store: &Store, system: &SystemId) -> Result<Option<LadderRecord>, StoreError> {
-    let sql = "SELECT job, fit, document, created_at FROM ladders WHERE system = $1 ORDER BY sequence DESC LIMIT 1";
-    let row: Option<(String, String, String, i64)> = sqlx::query_as(sql).bind(system.to_string()).fetch_optional(&store.reader).await?;
-    row.map(|(job, fit, document, at)| Ok(LadderRecord { job, fit, document: from_json("a ladder", &document)?, created_at: instant(at)? }))
-        .transpose()
+    let sql =
+        "SELECT job, fit, document, created_at FROM ladders WHERE system = $1 ORDER BY sequence DESC LIMIT 1";
+    let row: Option<(String, String, String, i64)> =
+        sqlx::query_as(sql).bind(system.to_string()).fetch_optional(&store.reader).await?;
+    row.map(|(job, fit, document, at)| {
+        Ok(LadderRecord { job, fit, document: from_json("a ladder", &document)?, created_at: instant(at)? })
+    })
+    .transpose()
 }

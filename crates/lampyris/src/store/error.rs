@@ -65,38 +65,54 @@ impl std::fmt::Display for StoreError {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
             StoreError::Sql(error) => write!(f, "the database failed: {error}"),
-            StoreError::Migration(error) => write!(f, "the database schema cannot be brought up to date: {error}"),
+            StoreError::Migration(error) => {
+                write!(f, "the database schema cannot be brought up to date: {error}")
+            }
             StoreError::Newer { found, known } => write!(
                 f,
-                "the database has schema {found}, and lampyris {} knows schemas up to {known}: run the newer program, or bring back a backup from before with `lampyris restore FILE`",
+                "the database has schema {found}, and lampyris {} knows schemas up to {known}: run the newer \
+                program, or bring back a backup from before with `lampyris restore FILE`",
                 env!("CARGO_PKG_VERSION")
             ),
             StoreError::Edited(version) => write!(
                 f,
-                "migration {version} was applied to the database with another text than this program has: run the program that wrote the database; migrations do not change once they are released"
+                "migration {version} was applied to the database with another text than this program has: \
+                run the program that wrote the database; migrations do not change once they are released"
             ),
             StoreError::Foreign(path) => write!(f, "{} is a database of another program", path.display()),
             StoreError::Damaged(detail) => write!(
                 f,
-                "the database is damaged, and nothing is served from it ({detail}): bring back a file that `lampyris backup` made, with `lampyris restore FILE`; the damaged one is kept"
+                "the database is damaged, and nothing is served from it ({detail}): bring back a file that \
+                `lampyris backup` made, with `lampyris restore FILE`; the damaged one is kept"
             ),
             StoreError::Full(detail) => {
-                write!(f, "there is no room for the database ({detail}): make room on the disk, or raise its quota")
+                write!(
+                    f,
+                    "there is no room for the database ({detail}): make room on the disk, or raise its quota"
+                )
             }
             StoreError::Broken(detail) => write!(
                 f,
-                "the files of the database cannot be read or written ({detail}): nothing more is written; see to the disk, run `lampyris doctor`, and start the service again"
+                "the files of the database cannot be read or written ({detail}): nothing more is written; \
+                see to the disk, run `lampyris doctor`, and start the service again"
             ),
             StoreError::InUse(path) => write!(f, "another service has the database {} open", path.display()),
             StoreError::Open(path, error) => write!(f, "cannot open {}: {error}", path.display()),
             StoreError::NoFile(path) => write!(f, "there is no file {}", path.display()),
-            StoreError::Taken(path) => write!(f, "{} is there already, and a backup replaces nothing: name another file", path.display()),
-            StoreError::RawCopy(path) => write!(
+            StoreError::Taken(path) => write!(
                 f,
-                "{0} has a write-ahead log beside it, so it is a raw copy: make a backup of it with `lampyris backup --database {0} FILE`, and restore that",
+                "{} is there already, and a backup replaces nothing: name another file",
                 path.display()
             ),
-            StoreError::Corrupt { what, detail } => write!(f, "the database holds something unreadable in {what}: {detail}"),
+            StoreError::RawCopy(path) => write!(
+                f,
+                "{0} has a write-ahead log beside it, so it is a raw copy: make a backup of it with \
+                `lampyris backup --database {0} FILE`, and restore that",
+                path.display()
+            ),
+            StoreError::Corrupt { what, detail } => {
+                write!(f, "the database holds something unreadable in {what}: {detail}")
+            }
             StoreError::LeaseLost => f.write_str("the lease of the job is no longer held"),
         }
     }

@@ -22,7 +22,9 @@ pub struct Missed {
 /// # Errors
 /// Where the database fails.
 pub async fn newest(store: &Store) -> Result<i64, StoreError> {
-    Ok(sqlx::query_scalar("SELECT value FROM counters WHERE name = 'sequence'").fetch_one(&store.reader).await?)
+    Ok(sqlx::query_scalar("SELECT value FROM counters WHERE name = 'sequence'")
+        .fetch_one(&store.reader)
+        .await?)
 }
 
 /// Jobs that were submitted or ended after a number, as they are now.
@@ -39,10 +41,20 @@ pub async fn news(store: &Store, after: i64) -> Result<Vec<JobRecord>, StoreErro
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn ended(store: &Store, missed: Missed, system: Option<&SystemId>, limit: i64) -> Result<Vec<JobRecord>, StoreError> {
-    let sql = "SELECT * FROM jobs WHERE end_sequence > $1 AND end_sequence <= $2 AND ($3 IS NULL OR system = $3)
+pub async fn ended(
+    store: &Store,
+    missed: Missed,
+    system: Option<&SystemId>,
+    limit: i64,
+) -> Result<Vec<JobRecord>, StoreError> {
+    let sql =
+        "SELECT * FROM jobs WHERE end_sequence > $1 AND end_sequence <= $2 AND ($3 IS NULL OR system = $3)
                ORDER BY end_sequence LIMIT $4";
-    let query = sqlx::query_as(sql).bind(missed.after).bind(missed.up_to).bind(system.map(ToString::to_string)).bind(limit);
+    let query = sqlx::query_as(sql)
+        .bind(missed.after)
+        .bind(missed.up_to)
+        .bind(system.map(ToString::to_string))
+        .bind(limit);
     let rows: Vec<Row> = query.fetch_all(&store.reader).await?;
     rows.into_iter().map(Row::record).collect()
 }
@@ -59,9 +71,15 @@ pub async fn waiting(
     cursor: i64,
     limit: i64,
 ) -> Result<Vec<JobRecord>, StoreError> {
-    let sql = "SELECT * FROM jobs WHERE state = 'queued' AND sequence > $4 AND sequence <= $2 AND (sequence > $1 OR requeued)
+    let sql = "SELECT * FROM jobs WHERE state = 'queued' AND sequence > $4 AND sequence <= $2 AND (sequence \
+        > $1 OR requeued)
                AND ($3 IS NULL OR system = $3) ORDER BY sequence LIMIT $5";
-    let query = sqlx::query_as(sql).bind(missed.after).bind(missed.up_to).bind(system.map(ToString::to_string)).bind(cursor).bind(limit);
+    let query = sqlx::query_as(sql)
+        .bind(missed.after)
+        .bind(missed.up_to)
+        .bind(system.map(ToString::to_string))
+        .bind(cursor)
+        .bind(limit);
     let rows: Vec<Row> = query.fetch_all(&store.reader).await?;
     rows.into_iter().map(Row::record).collect()
 }

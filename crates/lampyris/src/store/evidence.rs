@@ -1,4 +1,5 @@
-//! What every window showed of every effect, also when its diagnosis is forgotten: the long memory of a system.
+//! What every window showed of every effect, also when its diagnosis is forgotten: the long memory of a
+//! system.
 
 use super::database::Store;
 use super::error::StoreError;
@@ -51,8 +52,14 @@ impl Row {
 }
 
 /// Keeps what the window of a diagnosis showed. `sequence` is that of the diagnosis.
-pub(super) async fn keep(tx: &mut SqliteConnection, system: &str, sequence: i64, entries: &[Entry]) -> Result<(), StoreError> {
-    let sql = "INSERT INTO evidence (diagnosis, effect, sequence, system, model, model_hash, from_s, to_s, hours, size, deviation, unit, share, t,
+pub(super) async fn keep(
+    tx: &mut SqliteConnection,
+    system: &str,
+    sequence: i64,
+    entries: &[Entry],
+) -> Result<(), StoreError> {
+    let sql = "INSERT INTO evidence (diagnosis, effect, sequence, system, model, model_hash, from_s, to_s, \
+        hours, size, deviation, unit, share, t,
                    beyond_clock, days, shift_p)
                VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $12, $13, $14, $15, $16, $17)";
     for Entry { diagnosis, model, model_hash, span, score } in entries {
@@ -80,12 +87,24 @@ pub(super) async fn keep(tx: &mut SqliteConnection, system: &str, sequence: i64,
     Ok(())
 }
 
-/// What the windows of a system showed, in the order in which they were looked at: of one effect or all, of one model or all.
+/// What the windows of a system showed, in the order in which they were looked at: of one effect or all, of
+/// one model or all.
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn of(store: &Store, system: &SystemId, effect: Option<&str>, model: Option<&str>) -> Result<Vec<Entry>, StoreError> {
-    let sql = "SELECT * FROM evidence WHERE system = $1 AND ($2 IS NULL OR effect = $2) AND ($3 IS NULL OR model = $3) ORDER BY sequence";
-    let rows: Vec<Row> = sqlx::query_as(sql).bind(system.to_string()).bind(effect).bind(model).fetch_all(&store.reader).await?;
+pub async fn of(
+    store: &Store,
+    system: &SystemId,
+    effect: Option<&str>,
+    model: Option<&str>,
+) -> Result<Vec<Entry>, StoreError> {
+    let sql = "SELECT * FROM evidence WHERE system = $1 AND ($2 IS NULL OR effect = $2) AND ($3 IS NULL OR \
+        model = $3) ORDER BY sequence";
+    let rows: Vec<Row> = sqlx::query_as(sql)
+        .bind(system.to_string())
+        .bind(effect)
+        .bind(model)
+        .fetch_all(&store.reader)
+        .await?;
     rows.into_iter().map(Row::entry).collect()
 }

@@ -1,7 +1,8 @@
-//! A hook for tests of crashes: the process ends at a named point of the code, as if it had been killed there.
+//! A hook for tests of crashes: the process ends at a named point of the code, as if it had been killed
+//! there.
 //!
-//! Nothing happens unless the variable `LAMPYRIS_ABORT_AT` of the environment was set when the process started:
-//! `after_commit` ends it the first time that the point is passed, `after_commit:3` the third time.
+//! Nothing happens unless the variable `LAMPYRIS_ABORT_AT` of the environment was set when the process
+//! started: `after_commit` ends it the first time that the point is passed, `after_commit:3` the third time.
 //!
 //! | point | where |
 //! |---|---|
@@ -30,7 +31,8 @@ impl Armed {
 /// Passes a point. Outside of tests this is one comparison.
 pub fn reached(point: &str) {
     static ARMED: OnceLock<Option<Armed>> = OnceLock::new();
-    let armed = ARMED.get_or_init(|| std::env::var("LAMPYRIS_ABORT_AT").ok().as_deref().map(Armed::from_text));
+    let armed =
+        ARMED.get_or_init(|| std::env::var("LAMPYRIS_ABORT_AT").ok().as_deref().map(Armed::from_text));
     if let Some(armed) = armed
         && armed.point == point
         && armed.passes.fetch_sub(1, Ordering::Relaxed) == 1

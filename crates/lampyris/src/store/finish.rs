@@ -1,7 +1,7 @@
 //! The end of a job: job, fit, verdict and revision in one transaction, or none of them.
 //!
-//! It publishes where it has an [`Acceptance`](lampyris_core::estimate::Acceptance), the policy is automatic and no pin is set; what
-//! passes otherwise becomes an offer to the operator.
+//! It publishes where it has an [`Acceptance`](lampyris_core::estimate::Acceptance), the policy is automatic
+//! and no pin is set; what passes otherwise becomes an offer to the operator.
 
 use super::database::Store;
 use super::diagnoses::{self, Report};
@@ -87,13 +87,23 @@ row! {
 ///
 /// # Errors
 /// [`StoreError::LeaseLost`] where somebody else has the job by now; otherwise where the database fails.
-pub async fn finish(store: &Store, lease: &Lease, ending: &JobEnd<'_>, now: Timestamp) -> Result<Finished, StoreError> {
+pub async fn finish(
+    store: &Store,
+    lease: &Lease,
+    ending: &JobEnd<'_>,
+    now: Timestamp,
+) -> Result<Finished, StoreError> {
     let mut tx = store.write().await?;
     let sql = "SELECT j.system, j.experiment, j.model = s.model AS own_model,
                    EXISTS (SELECT 1 FROM pins p WHERE p.system = j.system) AS pinned
                FROM jobs j JOIN systems s ON s.system = j.system
                WHERE j.id = $1 AND j.state = 'running' AND j.boot = $2 AND j.attempt = $3";
-    let leased: Option<Leased> = sqlx::query_as(sql).bind(&lease.job).bind(lease.boot).bind(lease.attempt).fetch_optional(&mut *tx).await?;
+    let leased: Option<Leased> = sqlx::query_as(sql)
+        .bind(&lease.job)
+        .bind(lease.boot)
+        .bind(lease.attempt)
+        .fetch_optional(&mut *tx)
+        .await?;
     let Some(leased) = leased else {
         return Err(StoreError::LeaseLost);
     };
@@ -103,12 +113,22 @@ pub async fn finish(store: &Store, lease: &Lease, ending: &JobEnd<'_>, now: Time
         JobEnd::Fitted(finding) => {
             let mut finished = keep_fit(&mut tx, lease, &leased, finding, counts, now).await?;
             if let (Some(report), Some(fit)) = (&finding.report, &finished.fit) {
-                finished.diagnosis = diagnoses::keep(&mut tx, lease, &leased.system, (fit, &finding.fit.model_hash), report, now).await?;
-                // The fit was a means: what the gate says of it is in its document, and no outcome of the job.
+                finished.diagnosis = diagnoses::keep(
+                    &mut tx,
+                    lease,
+                    &leased.system,
+                    (fit, &finding.fit.model_hash),
+                    report,
+                    now,
+                )
+                .await?;
+                // The fit was a means: what the gate says of it is in its document, and no outcome of the
+                // job.
                 finished.outcome = None;
             }
             sqlx::query(
-                "UPDATE jobs SET state = 'succeeded', boot = NULL, outcome = $2, fit = $3, revision = $4, stopped_by = $5, evaluations = $6,
+                "UPDATE jobs SET state = 'succeeded', boot = NULL, outcome = $2, fit = $3, revision = $4, \
+                stopped_by = $5, evaluations = $6,
                  ended_at = $7, diagnosis = $8 WHERE id = $1",
             )
             .bind(&lease.job)
@@ -125,12 +145,14 @@ pub async fn finish(store: &Store, lease: &Lease, ending: &JobEnd<'_>, now: Time
         }
         JobEnd::Tuned(tuned) => keep_tuning(&mut tx, lease, &leased, tuned, now).await?,
         JobEnd::Failed(failure) => {
-            sqlx::query("UPDATE jobs SET state = 'failed', boot = NULL, error = $2, ended_at = $3 WHERE id = $1")
-                .bind(&lease.job)
-                .bind(to_json("a failure", failure)?)
-                .bind(millis(now))
-                .execute(&mut *tx)
-                .await?;
+            sqlx::query(
+                "UPDATE jobs SET state = 'failed', boot = NULL, error = $2, ended_at = $3 WHERE id = $1",
+            )
+            .bind(&lease.job)
+            .bind(to_json("a failure", failure)?)
+            .bind(millis(now))
+            .execute(&mut *tx)
+            .await?;
             if counts {
                 params::fall_back(&mut tx, &leased.system, &lease.job, None, now).await?;
             }
@@ -151,7 +173,8 @@ pub async fn finish(store: &Store, lease: &Lease, ending: &JobEnd<'_>, now: Time
     Ok(finished)
 }
 
-/// Keeps what a tuning found; better settings become those of the system where its policy says so and the model is its own.
+/// Keeps what a tuning found; better settings become those of the system where its policy says so and the
+/// model is its own.
 async fn keep_tuning(
     tx: &mut SqliteConnection,
     lease: &Lease,
@@ -159,12 +182,17 @@ async fn keep_tuning(
     Tuned { tuning, automatic }: &Tuned,
     now: Timestamp,
 ) -> Result<Finished, StoreError> {
-    // Better than what the job was asked to compare with is not better than what an operator has set meanwhile.
-    let method: Option<String> = sqlx::query_scalar("SELECT json_extract(document, '$.method') FROM systems WHERE system = $1")
-        .bind(&leased.system)
-        .fetch_one(&mut *tx)
-        .await?;
-    let set = method.map(|text| serde_json::from_str::<SeededMethod>(&text)).transpose().map_err(|error| corrupt("a method", &error))?;
+    // Better than what the job was asked to compare with is not better than what an operator has set
+    // meanwhile.
+    let method: Option<String> =
+        sqlx::query_scalar("SELECT json_extract(document, '$.method') FROM systems WHERE system = $1")
+            .bind(&leased.system)
+            .fetch_one(&mut *tx)
+            .await?;
+    let set = method
+        .map(|text| serde_json::from_str::<SeededMethod>(&text))
+        .transpose()
+        .map_err(|error| corrupt("a method", &error))?;
     let compared = set.unwrap_or_default().method == tuning.before.method;
     let outcome = match (tuning.better, *automatic && leased.own_model && compared) {
         (true, true) => Outcome::Accepted,
@@ -176,7 +204,8 @@ async fn keep_tuning(
         systems::take_method(tx, &leased.system, &method, (&lease.job, &tuning.summary), now).await?;
     }
     sqlx::query(
-        "UPDATE jobs SET state = 'succeeded', boot = NULL, outcome = $2, tuning = $3, evaluations = $4, ended_at = $5 WHERE id = $1",
+        "UPDATE jobs SET state = 'succeeded', boot = NULL, outcome = $2, tuning = $3, evaluations = $4, \
+        ended_at = $5 WHERE id = $1",
     )
     .bind(&lease.job)
     .bind(outcome.as_str())
@@ -201,7 +230,8 @@ async fn keep_fit(
     let system = leased.system.as_str();
     let sequence = next(tx, "sequence").await?;
     let id = derive_id("fit", sequence, now);
-    let sql = "INSERT INTO fits (id, job, system, model, document, verdict, checks, summary, created_at) VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9)";
+    let sql = "INSERT INTO fits (id, job, system, model, document, verdict, checks, summary, created_at) \
+        VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9)";
     sqlx::query(sql)
         .bind(&id)
         .bind(&lease.job)
@@ -214,12 +244,16 @@ async fn keep_fit(
         .bind(millis(now))
         .execute(&mut *tx)
         .await?;
-    // Windows that a running job may read cannot be deleted; should one be gone nevertheless, the fit still counts.
-    sqlx::query("INSERT INTO fit_windows (fit, window) SELECT $1, id FROM windows WHERE id IN (SELECT value FROM json_each($2))")
-        .bind(&id)
-        .bind(to_json("cited windows", &finding.windows)?)
-        .execute(&mut *tx)
-        .await?;
+    // Windows that a running job may read cannot be deleted; should one be gone nevertheless, the fit still
+    // counts.
+    sqlx::query(
+        "INSERT INTO fit_windows (fit, window) SELECT $1, id FROM windows WHERE id IN (SELECT value \
+        FROM json_each($2))",
+    )
+    .bind(&id)
+    .bind(to_json("cited windows", &finding.windows)?)
+    .execute(&mut *tx)
+    .await?;
     let mut finished = Finished { fit: Some(id.clone()), ..Finished::default() };
     finished.outcome = Some(match &judgement.verdict {
         Verdict::Accepted(acceptance) if counts && finding.automatic && !leased.pinned => {

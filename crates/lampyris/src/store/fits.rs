@@ -91,7 +91,8 @@ impl Row {
 /// # Errors
 /// Where the database fails.
 pub async fn get(store: &Store, id: &str) -> Result<Option<FitRecord>, StoreError> {
-    let sql = "SELECT id, job, system, document, verdict, checks, summary, created_at FROM fits WHERE id = $1";
+    let sql =
+        "SELECT id, job, system, document, verdict, checks, summary, created_at FROM fits WHERE id = $1";
     let row: Option<Row> = sqlx::query_as(sql).bind(id).fetch_optional(&store.reader).await?;
     row.map(Row::record).transpose()
 }
@@ -112,9 +113,11 @@ pub async fn served(store: &Store, system: &SystemId) -> Result<Option<FitRecord
 /// # Errors
 /// Where the database fails.
 pub async fn worst_regimes(store: &Store, systems: &[String]) -> Result<HashMap<String, String>, StoreError> {
-    let sql = "SELECT r.system, f.document ->> '$.worst_regime' AS worst FROM revisions r JOIN fits f ON f.id = r.fit
+    let sql = "SELECT r.system, f.document ->> '$.worst_regime' AS worst FROM revisions r JOIN fits f ON \
+        f.id = r.fit
                WHERE r.current AND r.system IN (SELECT value FROM json_each($1)) AND worst IS NOT NULL";
-    let rows: Vec<(String, String)> = sqlx::query_as(sql).bind(to_json("systems", systems)?).fetch_all(&store.reader).await?;
+    let rows: Vec<(String, String)> =
+        sqlx::query_as(sql).bind(to_json("systems", systems)?).fetch_all(&store.reader).await?;
     Ok(rows.into_iter().collect())
 }
 
@@ -165,9 +168,11 @@ pub async fn page(
 ) -> Result<Vec<FitEntry>, StoreError> {
     // The documents hold whole traces; the database reads the little that a list shows.
     let sql = "SELECT f.id, f.rowid AS place, f.job, f.system, f.model, f.verdict, f.summary, f.created_at,
-                      json_extract(f.document, '$.metrics') AS metrics, json_extract(f.document, '$.parts') AS parts,
+                      json_extract(f.document, '$.metrics') AS metrics, json_extract(f.document, '$.parts') \
+        AS parts,
                       EXISTS (SELECT 1 FROM revisions r WHERE r.fit = f.id AND r.current) AS served
-               FROM fits f WHERE ($1 IS NULL OR f.system = $1) AND ($4 IS NULL OR EXISTS (SELECT 1 FROM json_each($4) WHERE f.system GLOB value))
+               FROM fits f WHERE ($1 IS NULL OR f.system = $1) AND ($4 IS NULL OR EXISTS (SELECT 1 FROM \
+        json_each($4) WHERE f.system GLOB value))
                      AND f.rowid < $2 ORDER BY f.rowid DESC LIMIT $3";
     let rows: Vec<EntryRow> = sqlx::query_as(sql)
         .bind(system.map(ToString::to_string))

@@ -44,16 +44,24 @@ pub enum KeyState {
 }
 
 /// Looks a key up inside the transaction that may create something.
-pub(super) async fn look_up(tx: &mut SqliteConnection, key: Option<&RequestKey>) -> Result<KeyState, StoreError> {
+pub(super) async fn look_up(
+    tx: &mut SqliteConnection,
+    key: Option<&RequestKey>,
+) -> Result<KeyState, StoreError> {
     let Some(key) = key else {
         return Ok(KeyState::Fresh);
     };
     let row: Option<(String, String, i64)> =
-        sqlx::query_as("SELECT fingerprint, resource, status FROM idempotency WHERE key = $1").bind(&key.key).fetch_optional(tx).await?;
+        sqlx::query_as("SELECT fingerprint, resource, status FROM idempotency WHERE key = $1")
+            .bind(&key.key)
+            .fetch_optional(tx)
+            .await?;
     Ok(match row {
         None => KeyState::Fresh,
         Some((fingerprint, _, _)) if fingerprint != key.fingerprint => KeyState::Reused,
-        Some((_, resource, status)) => KeyState::Seen(Earlier { resource, status: u16::try_from(status).unwrap_or(200) }),
+        Some((_, resource, status)) => {
+            KeyState::Seen(Earlier { resource, status: u16::try_from(status).unwrap_or(200) })
+        }
     })
 }
 
@@ -66,14 +74,17 @@ pub(super) async fn remember(
     now: Timestamp,
 ) -> Result<(), StoreError> {
     let Some(key) = key else { return Ok(()) };
-    sqlx::query("INSERT INTO idempotency (key, fingerprint, resource, status, created_at) VALUES ($1, $2, $3, $4, $5)")
-        .bind(&key.key)
-        .bind(&key.fingerprint)
-        .bind(resource)
-        .bind(i64::from(status))
-        .bind(millis(now))
-        .execute(tx)
-        .await?;
+    sqlx::query(
+        "INSERT INTO idempotency (key, fingerprint, resource, status, created_at) VALUES ($1, $2, \
+        $3, $4, $5)",
+    )
+    .bind(&key.key)
+    .bind(&key.fingerprint)
+    .bind(resource)
+    .bind(i64::from(status))
+    .bind(millis(now))
+    .execute(tx)
+    .await?;
     Ok(())
 }
 
@@ -84,7 +95,8 @@ pub(super) async fn remember(
 pub async fn forget_old(store: &Store, now: Timestamp) -> Result<u64, StoreError> {
     let before = now.saturating_sub(KEPT).map_or(0, millis);
     let mut tx = store.write().await?;
-    let gone = sqlx::query("DELETE FROM idempotency WHERE created_at < $1").bind(before).execute(&mut *tx).await?;
+    let gone =
+        sqlx::query("DELETE FROM idempotency WHERE created_at < $1").bind(before).execute(&mut *tx).await?;
     tx.commit().await?;
     Ok(gone.rows_affected())
 }

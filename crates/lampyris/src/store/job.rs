@@ -45,14 +45,16 @@ impl JobState {
 words! {
     /// What a job that succeeded led to.
     Outcome {
-        /// The gate accepted the fit; it is served if the job counts. Of a tuning: its settings are the system's now.
+        /// The gate accepted the fit; it is served if the job counts. Of a tuning: its settings are the
+        /// system's now.
         Accepted = "accepted",
         /// The fit waits for an operator.
         Held = "held",
         /// The gate refused it.
         Rejected = "rejected",
-        /// The gate accepted it, but nobody but an operator may publish it: by the policy of the system, or because the job had bounds
-        /// or fixed values of its own. Of a tuning: its settings are better, but not taken.
+        /// The gate accepted it, but nobody but an operator may publish it: by the policy of the system, or
+        /// because the job had bounds or fixed values of its own. Of a tuning: its settings are better, but
+        /// not taken.
         Suggested = "suggested",
         /// It passes, but what is served is better. Of a tuning: the settings in use stay.
         Unchanged = "unchanged",

@@ -43,7 +43,14 @@ pub struct NewJob {
 impl NewJob {
     /// Equal jobs have equal fingerprints, whoever asked.
     pub(super) fn fingerprint(&self) -> String {
-        let text = format!("{} {} {} {} {}", self.kind.as_str(), self.system, self.model, self.experiment, self.request);
+        let text = format!(
+            "{} {} {} {} {}",
+            self.kind.as_str(),
+            self.system,
+            self.model,
+            self.experiment,
+            self.request
+        );
         blake3::hash(text.as_bytes()).to_hex().to_string()
     }
 }
@@ -237,7 +244,13 @@ impl Row {
 ///
 /// # Errors
 /// Where the queue is full, the key belongs to another request, or the database fails.
-pub async fn submit(store: &Store, new: &NewJob, key: Option<&RequestKey>, limit: i64, now: Timestamp) -> Result<Submitted, SubmitError> {
+pub async fn submit(
+    store: &Store,
+    new: &NewJob,
+    key: Option<&RequestKey>,
+    limit: i64,
+    now: Timestamp,
+) -> Result<Submitted, SubmitError> {
     let mut tx = store.write().await?;
     match look_up(&mut tx, key).await? {
         KeyState::Reused => return Err(SubmitError::KeyReused),
@@ -258,21 +271,24 @@ pub(super) async fn submit_in(
     now: Timestamp,
 ) -> Result<(JobRecord, bool), SubmitError> {
     let fingerprint = new.fingerprint();
-    let waiting: Option<Row> = sqlx::query_as("SELECT * FROM jobs WHERE fingerprint = $1 AND state = 'queued' AND NOT requeued")
-        .bind(&fingerprint)
-        .fetch_optional(&mut *tx)
-        .await?;
+    let waiting: Option<Row> =
+        sqlx::query_as("SELECT * FROM jobs WHERE fingerprint = $1 AND state = 'queued' AND NOT requeued")
+            .bind(&fingerprint)
+            .fetch_optional(&mut *tx)
+            .await?;
     if let Some(row) = waiting {
         return Ok((raised(tx, row.record()?, new).await?, false));
     }
-    let queued: i64 = sqlx::query_scalar("SELECT COUNT(*) FROM jobs WHERE state = 'queued'").fetch_one(&mut *tx).await?;
+    let queued: i64 =
+        sqlx::query_scalar("SELECT COUNT(*) FROM jobs WHERE state = 'queued'").fetch_one(&mut *tx).await?;
     if queued >= limit {
         return Err(SubmitError::QueueFull(limit));
     }
     let sequence = next(tx, "sequence").await?;
     let turn = turn(tx, new).await?;
     let sql =
-        "INSERT INTO jobs (id, sequence, kind, system, model, request, fingerprint, experiment, origin, priority, turn, state, created_at)
+        "INSERT INTO jobs (id, sequence, kind, system, model, request, fingerprint, experiment, origin, \
+        priority, turn, state, created_at)
                VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, 'queued', $12) RETURNING *";
     let row: Row = sqlx::query_as(sql)
         .bind(derive_id("job", sequence, now))
@@ -293,7 +309,11 @@ pub(super) async fn submit_in(
 }
 
 /// The equal job that waits, moved up where the new one is more urgent.
-async fn raised(tx: &mut SqliteConnection, waiting: JobRecord, new: &NewJob) -> Result<JobRecord, StoreError> {
+async fn raised(
+    tx: &mut SqliteConnection,
+    waiting: JobRecord,
+    new: &NewJob,
+) -> Result<JobRecord, StoreError> {
     if new.priority.rank() >= waiting.priority.rank() {
         return Ok(waiting);
     }
@@ -306,21 +326,24 @@ async fn raised(tx: &mut SqliteConnection, waiting: JobRecord, new: &NewJob) -> 
 /// The place in a fair queue: behind the system's own jobs, but not before the round that is being served.
 /// A system with one job thus waits for one job of every other system, however many those have.
 async fn turn(tx: &mut SqliteConnection, new: &NewJob) -> Result<i64, StoreError> {
-    let own: Option<i64> = sqlx::query_scalar("SELECT MAX(turn) FROM jobs WHERE state = 'queued' AND system = $1 AND priority = $2")
-        .bind(new.system.to_string())
-        .bind(new.priority.rank())
-        .fetch_one(&mut *tx)
-        .await?;
-    let round: Option<i64> = sqlx::query_scalar("SELECT MIN(turn) FROM jobs WHERE state = 'queued' AND priority = $1")
-        .bind(new.priority.rank())
-        .fetch_one(tx)
-        .await?;
+    let own: Option<i64> = sqlx::query_scalar(
+        "SELECT MAX(turn) FROM jobs WHERE state = 'queued' AND system = $1 AND priority = $2",
+    )
+    .bind(new.system.to_string())
+    .bind(new.priority.rank())
+    .fetch_one(&mut *tx)
+    .await?;
+    let round: Option<i64> =
+        sqlx::query_scalar("SELECT MIN(turn) FROM jobs WHERE state = 'queued' AND priority = $1")
+            .bind(new.priority.rank())
+            .fetch_one(tx)
+            .await?;
     Ok(own.map_or(0, |turn| turn + 1).max(round.unwrap_or(0)))
 }
 
 /// Claims the next job, and counts the attempt. Two jobs of one system never run at once: both would be
-/// judged against the same incumbent. The last attempt of a job is made alone: the jobs that ran beside it when the
-/// process went down were charged as well, and none may fail for good because of another.
+/// judged against the same incumbent. The last attempt of a job is made alone: the jobs that ran beside it
+/// when the process went down were charged as well, and none may fail for good because of another.
 ///
 /// # Errors
 /// Where the database fails.
@@ -330,10 +353,12 @@ pub async fn claim(store: &Store, boot: i64, now: Timestamp) -> Result<Option<Jo
                    SELECT j.id FROM jobs j WHERE j.state = 'queued'
                    AND NOT EXISTS (SELECT 1 FROM jobs r WHERE r.state = 'running' AND r.system = j.system)
                    ORDER BY j.priority, j.turn, j.sequence LIMIT 1)
-               AND NOT EXISTS (SELECT 1 FROM jobs r WHERE r.state = 'running' AND (r.attempt >= $3 OR jobs.attempt + 1 >= $3))
+               AND NOT EXISTS (SELECT 1 FROM jobs r WHERE r.state = 'running' AND (r.attempt >= $3 OR \
+        jobs.attempt + 1 >= $3))
                RETURNING *";
     let mut tx = store.write().await?;
-    let row: Option<Row> = sqlx::query_as(sql).bind(boot).bind(millis(now)).bind(MAX_ATTEMPTS).fetch_optional(&mut *tx).await?;
+    let row: Option<Row> =
+        sqlx::query_as(sql).bind(boot).bind(millis(now)).bind(MAX_ATTEMPTS).fetch_optional(&mut *tx).await?;
     let Some(row) = row else {
         tx.take_back().await?;
         return Ok(None);
@@ -352,7 +377,13 @@ pub async fn requeue(store: &Store, lease: &Lease, now: Timestamp) -> Result<(),
                    ended_at = CASE WHEN cancelling THEN $4 ELSE NULL END
                WHERE id = $1 AND state = 'running' AND boot = $2 AND attempt = $3";
     let mut tx = store.write().await?;
-    let done = sqlx::query(sql).bind(&lease.job).bind(lease.boot).bind(lease.attempt).bind(millis(now)).execute(&mut *tx).await?;
+    let done = sqlx::query(sql)
+        .bind(&lease.job)
+        .bind(lease.boot)
+        .bind(lease.attempt)
+        .bind(millis(now))
+        .execute(&mut *tx)
+        .await?;
     tx.commit().await?;
     if done.rows_affected() == 1 { Ok(()) } else { Err(StoreError::LeaseLost) }
 }
@@ -368,11 +399,14 @@ pub async fn recover(store: &Store, boot: i64, now: Timestamp) -> Result<Recover
         detail: format!("the service went down {MAX_ATTEMPTS} times while this job ran"),
         errors: Vec::new(),
     };
-    sqlx::query("UPDATE jobs SET state = 'cancelled', boot = NULL, ended_at = $2 WHERE state = 'running' AND boot <> $1 AND cancelling")
-        .bind(boot)
-        .bind(millis(now))
-        .execute(&mut *tx)
-        .await?;
+    sqlx::query(
+        "UPDATE jobs SET state = 'cancelled', boot = NULL, ended_at = $2 WHERE state = 'running' AND \
+        boot <> $1 AND cancelling",
+    )
+    .bind(boot)
+    .bind(millis(now))
+    .execute(&mut *tx)
+    .await?;
     let sql = "UPDATE jobs SET state = 'failed', boot = NULL, error = $2, ended_at = $3
                WHERE state = 'running' AND boot <> $1 AND attempt >= $4 RETURNING *";
     let failed: Vec<Row> = sqlx::query_as(sql)
@@ -388,7 +422,8 @@ pub async fn recover(store: &Store, boot: i64, now: Timestamp) -> Result<Recover
         note_failed_job(&mut tx, &job, now).await?;
         recovered.failed.push(job.id);
     }
-    let sql = "UPDATE jobs SET state = 'queued', boot = NULL, requeued = TRUE WHERE state = 'running' AND boot <> $1 RETURNING id";
+    let sql = "UPDATE jobs SET state = 'queued', boot = NULL, requeued = TRUE WHERE state = 'running' AND \
+        boot <> $1 RETURNING id";
     recovered.requeued = sqlx::query_scalar(sql).bind(boot).fetch_all(&mut *tx).await?;
     failpoint::reached("in_recovery");
     tx.commit().await?;
@@ -396,17 +431,24 @@ pub async fn recover(store: &Store, boot: i64, now: Timestamp) -> Result<Recover
 }
 
 /// Notes a job that failed outside of a worker's hands, if it counts.
-async fn note_failed_job(tx: &mut SqliteConnection, job: &JobRecord, now: Timestamp) -> Result<(), StoreError> {
+async fn note_failed_job(
+    tx: &mut SqliteConnection,
+    job: &JobRecord,
+    now: Timestamp,
+) -> Result<(), StoreError> {
     let system = job.system.to_string();
-    let own: Option<String> =
-        sqlx::query_scalar("SELECT model FROM systems WHERE system = $1").bind(&system).fetch_optional(&mut *tx).await?;
+    let own: Option<String> = sqlx::query_scalar("SELECT model FROM systems WHERE system = $1")
+        .bind(&system)
+        .fetch_optional(&mut *tx)
+        .await?;
     if !job.experiment && own.is_some_and(|model| model == job.model.to_string()) {
         params::fall_back(tx, &system, &job.id, None, now).await?;
     }
     Ok(())
 }
 
-/// Calls a job off: one that waits is over at once, one that runs is marked. One that has ended stays as it is.
+/// Calls a job off: one that waits is over at once, one that runs is marked. One that has ended stays as it
+/// is.
 ///
 /// # Errors
 /// Where the database fails.
@@ -417,8 +459,12 @@ pub async fn cancel(store: &Store, id: &str, now: Timestamp) -> Result<Option<Ca
         .bind(millis(now))
         .execute(&mut *tx)
         .await?;
-    sqlx::query("UPDATE jobs SET cancelling = TRUE WHERE id = $1 AND state = 'running'").bind(id).execute(&mut *tx).await?;
-    let row: Option<Row> = sqlx::query_as("SELECT * FROM jobs WHERE id = $1").bind(id).fetch_optional(&mut *tx).await?;
+    sqlx::query("UPDATE jobs SET cancelling = TRUE WHERE id = $1 AND state = 'running'")
+        .bind(id)
+        .execute(&mut *tx)
+        .await?;
+    let row: Option<Row> =
+        sqlx::query_as("SELECT * FROM jobs WHERE id = $1").bind(id).fetch_optional(&mut *tx).await?;
     tx.commit().await?;
     let Some(row) = row else { return Ok(None) };
     let job = row.record()?;
@@ -430,7 +476,8 @@ pub async fn cancel(store: &Store, id: &str, now: Timestamp) -> Result<Option<Ca
 /// # Errors
 /// Where the database fails.
 pub async fn get(store: &Store, id: &str) -> Result<Option<JobRecord>, StoreError> {
-    let row: Option<Row> = sqlx::query_as("SELECT * FROM jobs WHERE id = $1").bind(id).fetch_optional(&store.reader).await?;
+    let row: Option<Row> =
+        sqlx::query_as("SELECT * FROM jobs WHERE id = $1").bind(id).fetch_optional(&store.reader).await?;
     row.map(Row::record).transpose()
 }
 
@@ -439,8 +486,10 @@ pub async fn get(store: &Store, id: &str) -> Result<Option<JobRecord>, StoreErro
 /// # Errors
 /// Where the database fails.
 pub async fn newest(store: &Store, systems: &[String]) -> Result<Vec<JobRecord>, StoreError> {
-    let sql = "SELECT * FROM jobs WHERE sequence IN (SELECT MAX(sequence) FROM jobs WHERE system IN (SELECT value FROM json_each($1)) GROUP BY system)";
-    let rows: Vec<Row> = sqlx::query_as(sql).bind(to_json("systems", systems)?).fetch_all(&store.reader).await?;
+    let sql = "SELECT * FROM jobs WHERE sequence IN (SELECT MAX(sequence) FROM jobs WHERE system IN (SELECT \
+        value FROM json_each($1)) GROUP BY system)";
+    let rows: Vec<Row> =
+        sqlx::query_as(sql).bind(to_json("systems", systems)?).fetch_all(&store.reader).await?;
     rows.into_iter().map(Row::record).collect()
 }
 
@@ -461,9 +510,15 @@ pub struct Filter {
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn page(store: &Store, filter: &Filter, before: i64, limit: i64) -> Result<Vec<JobRecord>, StoreError> {
-    // Only what is asked for stands in the statement, and only the first of it may choose the index (`+` hides a column):
-    // the jobs of one system are few among many, those in a state are fewer than those of a kind.
+pub async fn page(
+    store: &Store,
+    filter: &Filter,
+    before: i64,
+    limit: i64,
+) -> Result<Vec<JobRecord>, StoreError> {
+    // Only what is asked for stands in the statement, and only the first of it may choose the index (`+`
+    // hides a column): the jobs of one system are few among many, those in a state are fewer than those of a
+    // kind.
     let system = filter.system.as_ref().map(ToString::to_string);
     let wanted = [
         (system, "system"),
@@ -478,7 +533,10 @@ pub async fn page(store: &Store, filter: &Filter, before: i64, limit: i64) -> Re
         hide = "+";
     }
     if let Some(reach) = filter.reach.sql()? {
-        query.push(" AND EXISTS (SELECT 1 FROM json_each(").push_bind(reach).push(") WHERE system GLOB value)");
+        query
+            .push(" AND EXISTS (SELECT 1 FROM json_each(")
+            .push_bind(reach)
+            .push(") WHERE system GLOB value)");
     }
     query.push(" ORDER BY sequence DESC LIMIT ").push_bind(limit);
     let rows: Vec<Row> = query.build_query_as().fetch_all(&store.reader).await?;

@@ -1,7 +1,7 @@
 //! How the schema of a database becomes the one of this program.
 //!
-//! Every migration is one transaction. Before the first of them touches a database that holds something, a backup is
-//! made beside it.
+//! Every migration is one transaction. Before the first of them touches a database that holds something, a
+//! backup is made beside it.
 
 use super::backup::{copy, require_sound};
 use super::error::StoreError;

@@ -44,9 +44,11 @@ pub enum Insertion {
 /// # Errors
 /// Where the database fails.
 pub async fn models(store: &Store) -> Result<Vec<ModelDocument>, StoreError> {
-    let texts: Vec<String> = sqlx::query_scalar("SELECT document FROM models ORDER BY id").fetch_all(&store.reader).await?;
+    let texts: Vec<String> =
+        sqlx::query_scalar("SELECT document FROM models ORDER BY id").fetch_all(&store.reader).await?;
     let read = |text: &String| -> Result<ModelDocument, StoreError> {
-        ModelDocument::from_json(&from_json("a model document", text)?).map_err(|fault| corrupt("a model document", &fault))
+        ModelDocument::from_json(&from_json("a model document", text)?)
+            .map_err(|fault| corrupt("a model document", &fault))
     };
     texts.iter().map(read).collect()
 }
@@ -56,7 +58,8 @@ pub async fn models(store: &Store) -> Result<Vec<ModelDocument>, StoreError> {
 /// # Errors
 /// Where the database fails.
 pub async fn effects(store: &Store) -> Result<Vec<EffectSpec>, StoreError> {
-    let texts: Vec<String> = sqlx::query_scalar("SELECT document FROM effects ORDER BY id").fetch_all(&store.reader).await?;
+    let texts: Vec<String> =
+        sqlx::query_scalar("SELECT document FROM effects ORDER BY id").fetch_all(&store.reader).await?;
     texts.iter().map(|text| from_json("an effect document", text)).collect()
 }
 
@@ -66,7 +69,8 @@ pub async fn effects(store: &Store) -> Result<Vec<EffectSpec>, StoreError> {
 /// Where the database fails.
 pub async fn versions(store: &Store) -> Result<Vec<VersionRecord>, StoreError> {
     let sql = "SELECT id, parent, effect, document, created_at FROM model_versions ORDER BY id";
-    let rows: Vec<(String, String, String, String, i64)> = sqlx::query_as(sql).fetch_all(&store.reader).await?;
+    let rows: Vec<(String, String, String, String, i64)> =
+        sqlx::query_as(sql).fetch_all(&store.reader).await?;
     rows.into_iter()
         .map(|(id, parent, effect, document, created_at)| {
             Ok(VersionRecord {
@@ -93,12 +97,20 @@ pub async fn insert_model(
 ) -> Result<Insertion, StoreError> {
     let document = to_json("a model document", model)?;
     let mut tx = store.write().await?;
-    let earlier = sqlx::query_scalar("SELECT document FROM models WHERE id = $1").bind(model.id()).fetch_optional(&mut *tx).await?;
+    let earlier = sqlx::query_scalar("SELECT document FROM models WHERE id = $1")
+        .bind(model.id())
+        .fetch_optional(&mut *tx)
+        .await?;
     let kept = settle(&mut tx, earlier, &document, model.id(), key, now).await?;
     if kept == Insertion::New {
         let sql = "INSERT INTO models (id, document, created_at) VALUES ($1, $2, $3)";
         sqlx::query(sql).bind(model.id()).bind(&document).bind(millis(now)).execute(&mut *tx).await?;
-        note(&mut tx, &AuditEntry { who, action: Action::PostModel, system: None, subject: model.id(), reason: None }, now).await?;
+        note(
+            &mut tx,
+            &AuditEntry { who, action: Action::PostModel, system: None, subject: model.id(), reason: None },
+            now,
+        )
+        .await?;
     }
     tx.commit().await?;
     Ok(kept)
@@ -117,12 +129,20 @@ pub async fn insert_effect(
 ) -> Result<Insertion, StoreError> {
     let document = to_json("an effect document", effect)?;
     let mut tx = store.write().await?;
-    let earlier = sqlx::query_scalar("SELECT document FROM effects WHERE id = $1").bind(&effect.id).fetch_optional(&mut *tx).await?;
+    let earlier = sqlx::query_scalar("SELECT document FROM effects WHERE id = $1")
+        .bind(&effect.id)
+        .fetch_optional(&mut *tx)
+        .await?;
     let kept = settle(&mut tx, earlier, &document, &effect.id, key, now).await?;
     if kept == Insertion::New {
         let sql = "INSERT INTO effects (id, document, created_at) VALUES ($1, $2, $3)";
         sqlx::query(sql).bind(&effect.id).bind(&document).bind(millis(now)).execute(&mut *tx).await?;
-        note(&mut tx, &AuditEntry { who, action: Action::PostEffect, system: None, subject: &effect.id, reason: None }, now).await?;
+        note(
+            &mut tx,
+            &AuditEntry { who, action: Action::PostEffect, system: None, subject: &effect.id, reason: None },
+            now,
+        )
+        .await?;
     }
     tx.commit().await?;
     Ok(kept)
@@ -142,27 +162,50 @@ pub async fn insert_version(
     let document = to_json("a model version", &version.document)?;
     let (id, now) = (version.id.to_string(), version.created_at);
     let mut tx = store.write().await?;
-    let earlier = sqlx::query_scalar("SELECT document FROM model_versions WHERE id = $1").bind(&id).fetch_optional(&mut *tx).await?;
+    let earlier = sqlx::query_scalar("SELECT document FROM model_versions WHERE id = $1")
+        .bind(&id)
+        .fetch_optional(&mut *tx)
+        .await?;
     let kept = settle(&mut tx, earlier, &document, &id, key, now).await?;
     if kept == Insertion::New {
         if let Some(effect) = effect {
-            let sql = "INSERT INTO effects (id, document, created_at) VALUES ($1, $2, $3) ON CONFLICT (id) DO NOTHING";
+            let sql = "INSERT INTO effects (id, document, created_at) VALUES ($1, $2, $3) ON CONFLICT (id) \
+                DO NOTHING";
             let text = to_json("an effect document", effect)?;
-            let done = sqlx::query(sql).bind(&effect.id).bind(text).bind(millis(now)).execute(&mut *tx).await?;
+            let done =
+                sqlx::query(sql).bind(&effect.id).bind(text).bind(millis(now)).execute(&mut *tx).await?;
             if done.rows_affected() > 0 {
-                note(&mut tx, &AuditEntry { who, action: Action::PostEffect, system: None, subject: &effect.id, reason: None }, now)
-                    .await?;
+                note(
+                    &mut tx,
+                    &AuditEntry {
+                        who,
+                        action: Action::PostEffect,
+                        system: None,
+                        subject: &effect.id,
+                        reason: None,
+                    },
+                    now,
+                )
+                .await?;
             }
         }
-        sqlx::query("INSERT INTO model_versions (id, parent, effect, document, created_at) VALUES ($1, $2, $3, $4, $5)")
-            .bind(&id)
-            .bind(version.parent.to_string())
-            .bind(&version.effect)
-            .bind(&document)
-            .bind(millis(now))
-            .execute(&mut *tx)
-            .await?;
-        note(&mut tx, &AuditEntry { who, action: Action::PostModel, system: None, subject: &id, reason: None }, now).await?;
+        sqlx::query(
+            "INSERT INTO model_versions (id, parent, effect, document, created_at) VALUES ($1, $2, \
+            $3, $4, $5)",
+        )
+        .bind(&id)
+        .bind(version.parent.to_string())
+        .bind(&version.effect)
+        .bind(&document)
+        .bind(millis(now))
+        .execute(&mut *tx)
+        .await?;
+        note(
+            &mut tx,
+            &AuditEntry { who, action: Action::PostModel, system: None, subject: &id, reason: None },
+            now,
+        )
+        .await?;
     }
     tx.commit().await?;
     Ok(kept)

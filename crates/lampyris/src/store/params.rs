@@ -1,4 +1,5 @@
-//! What is served, all from one moment: the current revision, why it is not newer, what is said of it, and the states.
+//! What is served, all from one moment: the current revision, why it is not newer, what is said of it, and
+//! the states.
 
 use super::database::Store;
 use super::error::StoreError;
@@ -138,7 +139,8 @@ const STANDING: &str = "SELECT s.system, s.model, s.document,
         r.revision, r.fit, r.job, r.served, r.served_hash, r.window_from, r.window_to,
         COALESCE(r.measured_to, r.window_to) AS measured_to, r.fitted_at, r.validated_at,
         f.reason, f.job AS failed_job, f.fit AS refused_fit, f.failed_checks, f.since_at,
-        d.description AS degradation, d.since_at AS degraded_at, p.reason AS pin_reason, p.since_at AS pinned_at,
+        d.description AS degradation, d.since_at AS degraded_at, p.reason AS pin_reason, p.since_at AS \
+    pinned_at,
         j.id AS latest_job, j.state AS latest_state
     FROM systems s
     LEFT JOIN revisions r ON r.system = s.system AND r.current
@@ -150,10 +152,14 @@ const STANDING: &str = "SELECT s.system, s.model, s.document,
 
 impl Row {
     fn standing(self) -> Result<ServedState, StoreError> {
-        // A flipped bit inside of a number is no contradiction to SQLite; to a controller it would be a wrong parameter.
+        // A flipped bit inside of a number is no contradiction to SQLite; to a controller it would be a wrong
+        // parameter.
         let hash = self.served.as_ref().map(|served| blake3::hash(served.as_bytes()).to_hex().to_string());
         if hash != self.served_hash {
-            return Err(StoreError::Damaged(format!("the parameters of {} are not those that were published", self.system)));
+            return Err(StoreError::Damaged(format!(
+                "the parameters of {} are not those that were published",
+                self.system
+            )));
         }
         let window = self.window_from.zip(self.window_to).zip(self.measured_to);
         let times = self.fitted_at.zip(self.validated_at);
@@ -201,7 +207,9 @@ impl Row {
             revision,
             fallback,
             degradation: degradation.map(|(text, at)| DegradationRecord::read(&text, at)).transpose()?,
-            pin: pin.map(|(reason, at)| Ok::<_, StoreError>(PinRecord { reason, since: instant(at)? })).transpose()?,
+            pin: pin
+                .map(|(reason, at)| Ok::<_, StoreError>(PinRecord { reason, since: instant(at)? }))
+                .transpose()?,
             latest_job,
         })
     }
@@ -212,7 +220,8 @@ impl Row {
 /// # Errors
 /// Where the database fails.
 pub async fn standing(store: &Store, system: &SystemId) -> Result<Option<ServedState>, StoreError> {
-    let row: Option<Row> = sqlx::query_as(STANDING).bind(system.to_string()).fetch_optional(&store.reader).await?;
+    let row: Option<Row> =
+        sqlx::query_as(STANDING).bind(system.to_string()).fetch_optional(&store.reader).await?;
     row.map(Row::standing).transpose()
 }
 
@@ -230,10 +239,11 @@ pub async fn standings(store: &Store) -> Result<Vec<ServedState>, StoreError> {
 /// # Errors
 /// Where the database fails.
 pub async fn state(store: &Store, system: &SystemId) -> Result<Option<(i64, serde_json::Value)>, StoreError> {
-    let row: Option<(i64, String)> = sqlx::query_as("SELECT revision, document FROM states WHERE system = $1")
-        .bind(system.to_string())
-        .fetch_optional(&store.reader)
-        .await?;
+    let row: Option<(i64, String)> =
+        sqlx::query_as("SELECT revision, document FROM states WHERE system = $1")
+            .bind(system.to_string())
+            .fetch_optional(&store.reader)
+            .await?;
     row.map(|(revision, document)| Ok((revision, from_json("a state", &document)?))).transpose()
 }
 
@@ -249,9 +259,12 @@ pub(super) async fn fall_back(
         Some((fit, checks)) => (FallbackReason::ValidationFailed, Some(fit), checks),
         None => (FallbackReason::JobFailed, None, &[] as &[&str]),
     };
-    let sql = "INSERT INTO fallbacks (system, reason, job, fit, failed_checks, since_at) VALUES ($1, $2, $3, $4, $5, $6)
+    let sql =
+        "INSERT INTO fallbacks (system, reason, job, fit, failed_checks, since_at) VALUES ($1, $2, $3, \
+        $4, $5, $6)
                ON CONFLICT (system) DO UPDATE SET
-                   reason = excluded.reason, job = excluded.job, fit = excluded.fit, failed_checks = excluded.failed_checks";
+                   reason = excluded.reason, job = excluded.job, fit = excluded.fit, failed_checks = \
+        excluded.failed_checks";
     sqlx::query(sql)
         .bind(system)
         .bind(reason.as_str())
@@ -265,7 +278,11 @@ pub(super) async fn fall_back(
 }
 
 /// Keeps the states of the revision in service; a system without one has none.
-pub(super) async fn keep_state(tx: &mut SqliteConnection, system: &str, state: &CurrentState) -> Result<(), StoreError> {
+pub(super) async fn keep_state(
+    tx: &mut SqliteConnection,
+    system: &str,
+    state: &CurrentState,
+) -> Result<(), StoreError> {
     let sql = "INSERT INTO states (system, revision, document)
                SELECT system, revision, $2 FROM revisions WHERE system = $1 AND current
                ON CONFLICT (system) DO UPDATE SET revision = excluded.revision, document = excluded.document";

@@ -50,9 +50,12 @@ pub async fn put(
     let mut tx = store.write().await?;
     let system = system.to_string();
     let sql =
-        "SELECT r.revision, r.fit, r.job, r.served, r.model_hash, r.window_from, r.window_to, r.measured_to, r.fitted_at, r.validated_at,
-                   EXISTS (SELECT 1 FROM pins p WHERE p.system = r.system AND p.revision = r.revision) AS pinned
-               FROM revisions r WHERE r.system = $1 AND ($2 IS NULL AND r.current OR r.fit = $2) ORDER BY r.revision DESC LIMIT 1";
+        "SELECT r.revision, r.fit, r.job, r.served, r.model_hash, r.window_from, r.window_to, r.measured_to, \
+        r.fitted_at, r.validated_at,
+                   EXISTS (SELECT 1 FROM pins p WHERE p.system = r.system AND p.revision = r.revision) AS \
+        pinned
+               FROM revisions r WHERE r.system = $1 AND ($2 IS NULL AND r.current OR r.fit = $2) ORDER BY \
+        r.revision DESC LIMIT 1";
     let source: Option<Source> = sqlx::query_as(sql).bind(&system).bind(fit).fetch_optional(&mut *tx).await?;
     let Some(source) = source else { return Ok(Pinned::NeverServed) };
     let revision = if source.pinned {
@@ -78,7 +81,18 @@ pub async fn put(
     let sql = "INSERT INTO pins (system, revision, reason, since_at) VALUES ($1, $2, $3, $4)
                ON CONFLICT (system) DO UPDATE SET reason = excluded.reason";
     sqlx::query(sql).bind(&system).bind(revision).bind(reason).bind(millis(now)).execute(&mut *tx).await?;
-    note(&mut tx, &AuditEntry { who, action: Action::Pin, system: Some(&system), subject: &source.fit, reason: Some(reason) }, now).await?;
+    note(
+        &mut tx,
+        &AuditEntry {
+            who,
+            action: Action::Pin,
+            system: Some(&system),
+            subject: &source.fit,
+            reason: Some(reason),
+        },
+        now,
+    )
+    .await?;
     tx.commit().await?;
     Ok(Pinned::Set(revision))
 }
@@ -92,7 +106,12 @@ pub async fn delete(store: &Store, system: &SystemId, who: &str, now: Timestamp)
     let mut tx = store.write().await?;
     let gone = sqlx::query("DELETE FROM pins WHERE system = $1").bind(&system).execute(&mut *tx).await?;
     if gone.rows_affected() > 0 {
-        note(&mut tx, &AuditEntry { who, action: Action::Unpin, system: Some(&system), subject: &system, reason: None }, now).await?;
+        note(
+            &mut tx,
+            &AuditEntry { who, action: Action::Unpin, system: Some(&system), subject: &system, reason: None },
+            now,
+        )
+        .await?;
     }
     tx.commit().await
 }

@@ -1,8 +1,9 @@
-//! What is old and named by nothing that is kept: found and removed in small transactions, so that nobody waits for long.
+//! What is old and named by nothing that is kept: found and removed in small transactions, so that nobody
+//! waits for long.
 //!
-//! What was ever served stays, with the fits and jobs behind it and the windows that those fits have read. So do the newest
-//! job, diagnosis and ladder of a system, whatever waits for an operator, and the newest batch of a schedule. What diagnoses
-//! saw of every effect (`evidence`) stays as long as its system.
+//! What was ever served stays, with the fits and jobs behind it and the windows that those fits have read. So
+//! do the newest job, diagnosis and ladder of a system, whatever waits for an operator, and the newest batch
+//! of a schedule. What diagnoses saw of every effect (`evidence`) stays as long as its system.
 
 use super::audit::{Action, AuditEntry, note};
 use super::database::Store;
@@ -13,15 +14,16 @@ use jiff::Timestamp;
 /// Most rows that one transaction removes.
 const HANDFUL: i64 = 200;
 
-/// Jobs that ended before an instant, one for estimates and one for diagnoses and ladders, and that nothing names any more.
-/// `$3` limits the answer to some of them, or is null.
+/// Jobs that ended before an instant, one for estimates and one for diagnoses and ladders, and that nothing
+/// names any more. `$3` limits the answer to some of them, or is null.
 const DISPENSABLE_JOBS: &str = "SELECT j.sequence, j.id FROM jobs j
     WHERE j.ended_at < CASE j.kind WHEN 'estimate' THEN $1 ELSE $2 END
     AND ($3 IS NULL OR j.id IN (SELECT value FROM json_each($3))) AND j.sequence > $4
     AND NOT EXISTS (SELECT 1 FROM revisions r WHERE r.job = j.id)
     AND NOT EXISTS (SELECT 1 FROM revisions r WHERE r.fit = j.fit)
     AND NOT EXISTS (SELECT 1 FROM fallbacks f WHERE f.system = j.system AND (f.job = j.id OR f.fit = j.fit))
-    AND NOT EXISTS (SELECT 1 FROM offers o WHERE o.fit = j.fit AND o.fit NOT IN (SELECT d.fit FROM decisions d WHERE d.fit = o.fit))
+    AND NOT EXISTS (SELECT 1 FROM offers o WHERE o.fit = j.fit AND o.fit NOT IN (SELECT d.fit FROM decisions \
+    d WHERE d.fit = o.fit))
     AND NOT EXISTS (SELECT 1 FROM jobs again WHERE again.retry_of = j.id)
     AND NOT EXISTS (SELECT 1 FROM batch_jobs b JOIN schedules s ON s.last_batch = b.batch WHERE b.job = j.id)
     AND j.sequence < (SELECT MAX(n.sequence) FROM jobs n WHERE n.system = j.system)
@@ -43,25 +45,36 @@ const BELONGINGS: [&str; 8] = [
     "DELETE FROM jobs WHERE id IN (SELECT value FROM json_each($1))",
 ];
 
-/// Windows that came before `$1`, end before the newest sample of their system by `$2` seconds, are read by no running job
-/// and cited by no fit.
+/// Windows that came before `$1`, end before the newest sample of their system by `$2` seconds, are read by
+/// no running job and cited by no fit.
 const DISPENSABLE_WINDOWS: &str = "SELECT w.id, w.system FROM windows w
     WHERE w.uploaded_at < $1 AND w.to_s < (SELECT MAX(n.to_s) FROM windows n WHERE n.system = w.system) - $2
     AND NOT EXISTS (SELECT 1 FROM fit_windows c WHERE c.window = w.id)
     AND NOT EXISTS (SELECT 1 FROM jobs j JOIN systems s ON s.system = j.system WHERE j.state = 'running'
-                    AND (s.system = w.system OR w.system IN (SELECT value FROM json_each(s.document, '$.neighbours'))))
+                    AND (s.system = w.system OR w.system IN (SELECT value FROM json_each(s.document, \
+    '$.neighbours'))))
     ORDER BY w.sequence LIMIT $3";
 
-/// Removes jobs that ended before these instants (`None` keeps all of the kind), with their fits; says how many.
+/// Removes jobs that ended before these instants (`None` keeps all of the kind), with their fits; says how
+/// many.
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn forget_jobs(store: &Store, estimates: Option<Timestamp>, diagnoses: Option<Timestamp>) -> Result<u64, StoreError> {
+pub async fn forget_jobs(
+    store: &Store,
+    estimates: Option<Timestamp>,
+    diagnoses: Option<Timestamp>,
+) -> Result<u64, StoreError> {
     let (estimates, diagnoses) = (estimates.map_or(i64::MIN, millis), diagnoses.map_or(i64::MIN, millis));
     let (mut gone, mut cursor) = (0, 0);
     loop {
         let find = |among: Option<String>, after: i64| {
-            sqlx::query_as::<_, (i64, String)>(DISPENSABLE_JOBS).bind(estimates).bind(diagnoses).bind(among).bind(after).bind(HANDFUL)
+            sqlx::query_as::<_, (i64, String)>(DISPENSABLE_JOBS)
+                .bind(estimates)
+                .bind(diagnoses)
+                .bind(among)
+                .bind(after)
+                .bind(HANDFUL)
         };
         // They are looked for without holding up anybody who writes.
         let found = find(None, cursor).fetch_all(&store.reader).await?;
@@ -85,7 +98,8 @@ pub async fn forget_jobs(store: &Store, estimates: Option<Timestamp>, diagnoses:
 /// # Errors
 /// Where the database fails.
 pub async fn forget_batches(store: &Store, before: Timestamp) -> Result<u64, StoreError> {
-    let sql = "DELETE FROM batches WHERE created_at < $1 AND NOT EXISTS (SELECT 1 FROM batch_jobs b WHERE b.batch = batches.id)
+    let sql = "DELETE FROM batches WHERE created_at < $1 AND NOT EXISTS (SELECT 1 FROM batch_jobs b WHERE \
+        b.batch = batches.id)
                AND NOT EXISTS (SELECT 1 FROM schedules s WHERE s.last_batch = batches.id)";
     let mut tx = store.write().await?;
     let gone = sqlx::query(sql).bind(millis(before)).execute(&mut *tx).await?;
@@ -93,17 +107,26 @@ pub async fn forget_batches(store: &Store, before: Timestamp) -> Result<u64, Sto
     Ok(gone.rows_affected())
 }
 
-/// Removes windows that came before an instant and lie so many days before the newest sample of their system, each with a
-/// note of it; says how many.
+/// Removes windows that came before an instant and lie so many days before the newest sample of their system,
+/// each with a note of it; says how many.
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn forget_windows(store: &Store, before: Timestamp, days: u32, who: &str, now: Timestamp) -> Result<u64, StoreError> {
+pub async fn forget_windows(
+    store: &Store,
+    before: Timestamp,
+    days: u32,
+    who: &str,
+    now: Timestamp,
+) -> Result<u64, StoreError> {
     let reason = format!("older than {days} days, and no fit that is kept has read it");
     let mut gone = 0;
     loop {
         let mut tx = store.write().await?;
-        let find = sqlx::query_as(DISPENSABLE_WINDOWS).bind(millis(before)).bind(i64::from(days) * 86_400).bind(HANDFUL);
+        let find = sqlx::query_as(DISPENSABLE_WINDOWS)
+            .bind(millis(before))
+            .bind(i64::from(days) * 86_400)
+            .bind(HANDFUL);
         let found: Vec<(String, String)> = find.fetch_all(&mut *tx).await?;
         if found.is_empty() {
             tx.take_back().await?;
@@ -111,7 +134,13 @@ pub async fn forget_windows(store: &Store, before: Timestamp, days: u32, who: &s
         }
         for (id, system) in &found {
             sqlx::query("DELETE FROM windows WHERE id = $1").bind(id).execute(&mut *tx).await?;
-            let deed = AuditEntry { who, action: Action::DeleteWindow, system: Some(system), subject: id, reason: Some(&reason) };
+            let deed = AuditEntry {
+                who,
+                action: Action::DeleteWindow,
+                system: Some(system),
+                subject: id,
+                reason: Some(&reason),
+            };
             note(&mut tx, &deed, now).await?;
         }
         tx.commit().await?;

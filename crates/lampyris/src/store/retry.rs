@@ -21,14 +21,21 @@ pub enum Retried {
 ///
 /// # Errors
 /// Where the queue is full, the key belongs to another request, or the database fails.
-pub async fn retry(store: &Store, id: &str, key: Option<&RequestKey>, limit: i64, now: Timestamp) -> Result<Retried, SubmitError> {
+pub async fn retry(
+    store: &Store,
+    id: &str,
+    key: Option<&RequestKey>,
+    limit: i64,
+    now: Timestamp,
+) -> Result<Retried, SubmitError> {
     let mut tx = store.write().await?;
     match look_up(&mut tx, key).await? {
         KeyState::Reused => return Err(SubmitError::KeyReused),
         KeyState::Seen(earlier) => return Ok(Retried::Submitted(Box::new(Submitted::Earlier(earlier)))),
         KeyState::Fresh => {}
     }
-    let row: Option<Row> = sqlx::query_as("SELECT * FROM jobs WHERE id = $1").bind(id).fetch_optional(&mut *tx).await?;
+    let row: Option<Row> =
+        sqlx::query_as("SELECT * FROM jobs WHERE id = $1").bind(id).fetch_optional(&mut *tx).await?;
     let Some(row) = row else {
         return Ok(Retried::NoJob);
     };
@@ -47,7 +54,11 @@ pub async fn retry(store: &Store, id: &str, key: Option<&RequestKey>, limit: i64
     };
     let (job, is_new) = submit_in(&mut tx, &new, limit, now).await?;
     let job = if is_new {
-        sqlx::query("UPDATE jobs SET retry_of = $2 WHERE id = $1").bind(&job.id).bind(id).execute(&mut *tx).await?;
+        sqlx::query("UPDATE jobs SET retry_of = $2 WHERE id = $1")
+            .bind(&job.id)
+            .bind(id)
+            .execute(&mut *tx)
+            .await?;
         JobRecord { retry_of: Some(id.to_owned()), ..job }
     } else {
         job

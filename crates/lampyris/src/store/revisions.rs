@@ -32,7 +32,8 @@ pub(super) struct NewRevision<'a> {
     pub served: &'a str,
     pub model_hash: &'a str,
     pub window: (&'a str, &'a str),
-    /// The newest measurement on which a gate has found it fit to be served, where that is not the end of the window.
+    /// The newest measurement on which a gate has found it fit to be served, where that is not the end of the
+    /// window.
     pub measured_to: Option<&'a str>,
     pub fitted_at: i64,
     pub validated_at: i64,
@@ -115,9 +116,15 @@ impl Row {
 
 /// Makes a set of parameters the one that is served, under the next number. What was said of the revision
 /// before it, a fallback or a degradation, does not hold for it.
-pub(super) async fn publish(tx: &mut SqliteConnection, new: &NewRevision<'_>, now: Timestamp) -> Result<i64, StoreError> {
-    let newest: Option<i64> =
-        sqlx::query_scalar("SELECT MAX(revision) FROM revisions WHERE system = $1").bind(new.system).fetch_one(&mut *tx).await?;
+pub(super) async fn publish(
+    tx: &mut SqliteConnection,
+    new: &NewRevision<'_>,
+    now: Timestamp,
+) -> Result<i64, StoreError> {
+    let newest: Option<i64> = sqlx::query_scalar("SELECT MAX(revision) FROM revisions WHERE system = $1")
+        .bind(new.system)
+        .fetch_one(&mut *tx)
+        .await?;
     let revision = newest.unwrap_or(0) + 1;
     for sql in [
         "UPDATE revisions SET current = FALSE WHERE system = $1 AND current",
@@ -127,7 +134,8 @@ pub(super) async fn publish(tx: &mut SqliteConnection, new: &NewRevision<'_>, no
     ] {
         sqlx::query(sql).bind(new.system).execute(&mut *tx).await?;
     }
-    let sql = "INSERT INTO revisions (system, revision, fit, job, served, served_hash, model_hash, window_from, window_to, current,
+    let sql = "INSERT INTO revisions (system, revision, fit, job, served, served_hash, model_hash, \
+        window_from, window_to, current,
                    fitted_at, validated_at, published_at, cause, reason, measured_to)
                VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, TRUE, $10, $11, $12, $13, $14, $15)";
     sqlx::query(sql)
@@ -151,11 +159,17 @@ pub(super) async fn publish(tx: &mut SqliteConnection, new: &NewRevision<'_>, no
     Ok(revision)
 }
 
-/// Notes that the revision in service has held its ground against a new fit on measurements up to an instant, and ends a fallback.
-pub(super) async fn confirm(tx: &mut SqliteConnection, system: &str, measured_to: &str, now: Timestamp) -> Result<(), StoreError> {
+/// Notes that the revision in service has held its ground against a new fit on measurements up to an instant,
+/// and ends a fallback.
+pub(super) async fn confirm(
+    tx: &mut SqliteConnection,
+    system: &str,
+    measured_to: &str,
+    now: Timestamp,
+) -> Result<(), StoreError> {
     // Instants of one form are in the order of their texts; a fit of older measurements makes none younger.
-    let sql =
-        "UPDATE revisions SET validated_at = $2, measured_to = MAX(COALESCE(measured_to, window_to), $3) WHERE system = $1 AND current";
+    let sql = "UPDATE revisions SET validated_at = $2, measured_to = MAX(COALESCE(measured_to, window_to), \
+        $3) WHERE system = $1 AND current";
     sqlx::query(sql).bind(system).bind(millis(now)).bind(measured_to).execute(&mut *tx).await?;
     sqlx::query("DELETE FROM fallbacks WHERE system = $1").bind(system).execute(tx).await?;
     Ok(())
@@ -170,24 +184,35 @@ pub struct Trusted {
     pub confirmed: Option<FitRecord>,
 }
 
-/// The fits that a new one is compared with beside the one that is served now. An operator's word makes an older fit a thing of
-/// the past: whoever has promoted what is far away does not want to hear of it for a month.
+/// The fits that a new one is compared with beside the one that is served now. An operator's word makes an
+/// older fit a thing of the past: whoever has promoted what is far away does not want to hear of it for a
+/// month.
 ///
 /// # Errors
 /// Where the database fails.
 pub async fn trusted(store: &Store, system: &SystemId, then: Timestamp) -> Result<Trusted, StoreError> {
-    let sql = "SELECT (SELECT MAX(revision) FROM revisions WHERE system = $1 AND COALESCE(published_at, fitted_at) <= $2),
-                      (SELECT MAX(revision) FROM revisions WHERE system = $1 AND cause IN ('promoted', 'pinned'))";
+    let sql = "SELECT (SELECT MAX(revision) FROM revisions WHERE system = $1 AND COALESCE(published_at, \
+        fitted_at) <= $2),
+                      (SELECT MAX(revision) FROM revisions WHERE system = $1 AND cause IN ('promoted', \
+        'pinned'))";
     let (then, confirmed): (Option<i64>, Option<i64>) =
         sqlx::query_as(sql).bind(system.to_string()).bind(millis(then)).fetch_one(&store.reader).await?;
     let then = then.filter(|revision| confirmed.is_none_or(|confirmed| *revision > confirmed));
-    Ok(Trusted { served_then: fit(store, system, then).await?, confirmed: fit(store, system, confirmed).await? })
+    Ok(Trusted {
+        served_then: fit(store, system, then).await?,
+        confirmed: fit(store, system, confirmed).await?,
+    })
 }
 
 /// The fit behind a revision.
-async fn fit(store: &Store, system: &SystemId, revision: Option<i64>) -> Result<Option<FitRecord>, StoreError> {
+async fn fit(
+    store: &Store,
+    system: &SystemId,
+    revision: Option<i64>,
+) -> Result<Option<FitRecord>, StoreError> {
     let sql = "SELECT fit FROM revisions WHERE system = $1 AND revision = $2";
-    let id: Option<String> = sqlx::query_scalar(sql).bind(system.to_string()).bind(revision).fetch_optional(&store.reader).await?;
+    let id: Option<String> =
+        sqlx::query_scalar(sql).bind(system.to_string()).bind(revision).fetch_optional(&store.reader).await?;
     match id {
         Some(id) => fits::get(store, &id).await,
         None => Ok(None),
@@ -198,10 +223,22 @@ async fn fit(store: &Store, system: &SystemId, revision: Option<i64>) -> Result<
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn page(store: &Store, system: &SystemId, before: i64, limit: i64) -> Result<Vec<Revision>, StoreError> {
-    let sql = "SELECT r.revision, r.current, r.cause, r.reason, r.fit, r.job, f.verdict, f.summary, r.served, r.window_from, r.window_to,
+pub async fn page(
+    store: &Store,
+    system: &SystemId,
+    before: i64,
+    limit: i64,
+) -> Result<Vec<Revision>, StoreError> {
+    let sql = "SELECT r.revision, r.current, r.cause, r.reason, r.fit, r.job, f.verdict, f.summary, \
+        r.served, r.window_from, r.window_to,
                    r.fitted_at, r.validated_at, r.published_at
-               FROM revisions r JOIN fits f ON f.id = r.fit WHERE r.system = $1 AND r.revision < $2 ORDER BY r.revision DESC LIMIT $3";
-    let rows: Vec<Row> = sqlx::query_as(sql).bind(system.to_string()).bind(before).bind(limit).fetch_all(&store.reader).await?;
+               FROM revisions r JOIN fits f ON f.id = r.fit WHERE r.system = $1 AND r.revision < $2 ORDER BY \
+        r.revision DESC LIMIT $3";
+    let rows: Vec<Row> = sqlx::query_as(sql)
+        .bind(system.to_string())
+        .bind(before)
+        .bind(limit)
+        .fetch_all(&store.reader)
+        .await?;
     rows.into_iter().map(Row::record).collect()
 }

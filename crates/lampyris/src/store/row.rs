@@ -1,5 +1,5 @@
-//! Rows as statements name their columns. What `derive(FromRow)` writes, without the driver's macros, which would build
-//! the driver, and SQLite with it, a second time for the compiler.
+//! Rows as statements name their columns. What `derive(FromRow)` writes, without the driver's macros, which
+//! would build the driver, and SQLite with it, a second time for the compiler.
 
 /// Declares the struct of a row: every field is read from the column of its name.
 macro_rules! row {

@@ -94,12 +94,23 @@ impl Row {
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn put(store: &Store, new: &NewSchedule<'_>, who: &str, now: Timestamp) -> Result<bool, StoreError> {
+pub async fn put(
+    store: &Store,
+    new: &NewSchedule<'_>,
+    who: &str,
+    now: Timestamp,
+) -> Result<bool, StoreError> {
     let mut tx = store.write().await?;
-    let known: Option<i64> = sqlx::query_scalar("SELECT 1 FROM schedules WHERE name = $1").bind(new.name).fetch_optional(&mut *tx).await?;
-    let sql = "INSERT INTO schedules (name, cron, zone, request, enabled, last_tick_at, updated_at) VALUES ($1, $2, $3, $4, $5, $6, $6)
-               ON CONFLICT (name) DO UPDATE SET cron = excluded.cron, zone = excluded.zone, request = excluded.request,
-                   enabled = excluded.enabled, last_tick_at = excluded.last_tick_at, updated_at = excluded.updated_at";
+    let known: Option<i64> = sqlx::query_scalar("SELECT 1 FROM schedules WHERE name = $1")
+        .bind(new.name)
+        .fetch_optional(&mut *tx)
+        .await?;
+    let sql = "INSERT INTO schedules (name, cron, zone, request, enabled, last_tick_at, updated_at) VALUES \
+        ($1, $2, $3, $4, $5, $6, $6)
+               ON CONFLICT (name) DO UPDATE SET cron = excluded.cron, zone = excluded.zone, request = \
+        excluded.request,
+                   enabled = excluded.enabled, last_tick_at = excluded.last_tick_at, updated_at = \
+        excluded.updated_at";
     sqlx::query(sql)
         .bind(new.name)
         .bind(new.cron)
@@ -109,7 +120,12 @@ pub async fn put(store: &Store, new: &NewSchedule<'_>, who: &str, now: Timestamp
         .bind(millis(now))
         .execute(&mut *tx)
         .await?;
-    note(&mut tx, &AuditEntry { who, action: Action::PutSchedule, system: None, subject: new.name, reason: None }, now).await?;
+    note(
+        &mut tx,
+        &AuditEntry { who, action: Action::PutSchedule, system: None, subject: new.name, reason: None },
+        now,
+    )
+    .await?;
     tx.commit().await?;
     Ok(known.is_none())
 }
@@ -123,7 +139,12 @@ pub async fn delete(store: &Store, name: &str, who: &str, now: Timestamp) -> Res
     let done = sqlx::query("DELETE FROM schedules WHERE name = $1").bind(name).execute(&mut *tx).await?;
     let was_there = done.rows_affected() > 0;
     if was_there {
-        note(&mut tx, &AuditEntry { who, action: Action::DeleteSchedule, system: None, subject: name, reason: None }, now).await?;
+        note(
+            &mut tx,
+            &AuditEntry { who, action: Action::DeleteSchedule, system: None, subject: name, reason: None },
+            now,
+        )
+        .await?;
     }
     tx.commit().await?;
     Ok(was_there)
@@ -134,7 +155,10 @@ pub async fn delete(store: &Store, name: &str, who: &str, now: Timestamp) -> Res
 /// # Errors
 /// Where the database fails.
 pub async fn get(store: &Store, name: &str) -> Result<Option<ScheduleRecord>, StoreError> {
-    let row: Option<Row> = sqlx::query_as("SELECT * FROM schedules WHERE name = $1").bind(name).fetch_optional(&store.reader).await?;
+    let row: Option<Row> = sqlx::query_as("SELECT * FROM schedules WHERE name = $1")
+        .bind(name)
+        .fetch_optional(&store.reader)
+        .await?;
     row.map(Row::record).transpose()
 }
 
@@ -143,13 +167,14 @@ pub async fn get(store: &Store, name: &str) -> Result<Option<ScheduleRecord>, St
 /// # Errors
 /// Where the database fails.
 pub async fn all(store: &Store) -> Result<Vec<ScheduleRecord>, StoreError> {
-    let rows: Vec<Row> = sqlx::query_as("SELECT * FROM schedules ORDER BY name").fetch_all(&store.reader).await?;
+    let rows: Vec<Row> =
+        sqlx::query_as("SELECT * FROM schedules ORDER BY name").fetch_all(&store.reader).await?;
     rows.into_iter().map(Row::record).collect()
 }
 
 /// Deals with a tick: submits the batch unless the one before still runs, and notes the tick, all in one
-/// transaction, so that a crash can neither lose a tick nor run it twice. `None` where the schedule is gone, or does not
-/// wait for this tick any more.
+/// transaction, so that a crash can neither lose a tick nor run it twice. `None` where the schedule is gone,
+/// or does not wait for this tick any more.
 ///
 /// # Errors
 /// Where the queue is full or the database fails.
@@ -162,8 +187,11 @@ pub async fn tick(
     now: Timestamp,
 ) -> Result<Option<TickResult>, SubmitError> {
     let mut tx = store.write().await?;
-    let waiting = sqlx::query_scalar("SELECT last_batch FROM schedules WHERE name = $1 AND enabled AND last_tick_at < $2");
-    let waiting: Option<Option<String>> = waiting.bind(name).bind(millis(tick)).fetch_optional(&mut *tx).await?;
+    let waiting = sqlx::query_scalar(
+        "SELECT last_batch FROM schedules WHERE name = $1 AND enabled AND last_tick_at < $2",
+    );
+    let waiting: Option<Option<String>> =
+        waiting.bind(name).bind(millis(tick)).fetch_optional(&mut *tx).await?;
     let Some(last) = waiting else {
         tx.take_back().await?;
         return Ok(None);
@@ -202,8 +230,14 @@ pub async fn note_run(store: &Store, name: &str, batch: &str, now: Timestamp) ->
     Ok(())
 }
 
-async fn note_run_in(tx: &mut sqlx::SqliteConnection, name: &str, batch: &str, now: Timestamp) -> Result<(), StoreError> {
-    let sql = "UPDATE schedules SET last_batch = $2, last_run_at = $3, last_result = 'submitted' WHERE name = $1";
+async fn note_run_in(
+    tx: &mut sqlx::SqliteConnection,
+    name: &str,
+    batch: &str,
+    now: Timestamp,
+) -> Result<(), StoreError> {
+    let sql =
+        "UPDATE schedules SET last_batch = $2, last_run_at = $3, last_result = 'submitted' WHERE name = $1";
     sqlx::query(sql).bind(name).bind(batch).bind(millis(now)).execute(tx).await?;
     Ok(())
 }

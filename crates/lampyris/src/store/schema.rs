@@ -16,13 +16,19 @@ struct Files;
 pub(super) static MIGRATIONS: LazyLock<Migrator> =
     LazyLock::new(|| Migrator::with_migrations(Files::iter().filter_map(|name| migration(&name)).collect()));
 
-/// The migration in a file. What a database remembers of it, version, description and checksum, follows from name and text as
-/// it does where the driver's own macro reads them.
+/// The migration in a file. What a database remembers of it, version, description and checksum, follows from
+/// name and text as it does where the driver's own macro reads them.
 fn migration(name: &str) -> Option<Migration> {
     let (version, description) = name.strip_suffix(".sql")?.split_once('_')?;
     let text = String::from_utf8(Files::get(name)?.data.into_owned()).ok()?;
     let sql = AssertSqlSafe(text).into_sql_str();
-    Some(Migration::new(version.parse().ok()?, description.replace('_', " ").into(), MigrationType::Simple, sql, false))
+    Some(Migration::new(
+        version.parse().ok()?,
+        description.replace('_', " ").into(),
+        MigrationType::Simple,
+        sql,
+        false,
+    ))
 }
 
 /// The newest schema that this program knows.
@@ -32,7 +38,9 @@ pub(super) fn newest() -> i64 {
 
 /// The schema of a database, which must be one that this program can read; 0 where the database is empty.
 pub(super) async fn schema(connection: &mut SqliteConnection, path: &Path) -> Result<i64, StoreError> {
-    let tables: Vec<String> = sqlx::query_scalar("SELECT name FROM sqlite_schema WHERE type = 'table'").fetch_all(&mut *connection).await?;
+    let tables: Vec<String> = sqlx::query_scalar("SELECT name FROM sqlite_schema WHERE type = 'table'")
+        .fetch_all(&mut *connection)
+        .await?;
     if tables.is_empty() {
         return Ok(0);
     }
@@ -57,19 +65,27 @@ pub(super) async fn schema(connection: &mut SqliteConnection, path: &Path) -> Re
 
 /// Whether a migration that this program knows was not applied yet.
 pub(super) async fn is_behind(connection: &mut SqliteConnection) -> Result<bool, StoreError> {
-    let applied: i64 = sqlx::query_scalar("SELECT COUNT(*) FROM _sqlx_migrations").fetch_one(connection).await?;
+    let applied: i64 =
+        sqlx::query_scalar("SELECT COUNT(*) FROM _sqlx_migrations").fetch_one(connection).await?;
     Ok(applied.unsigned_abs() < MIGRATIONS.iter().count() as u64)
 }
 
-/// Tables, indexes and triggers must be those that the applied migrations make; what somebody has added is no matter.
+/// Tables, indexes and triggers must be those that the applied migrations make; what somebody has added is no
+/// matter.
 async fn require_shape(connection: &mut SqliteConnection, applied: Vec<Migration>) -> Result<(), StoreError> {
     let mut fresh = SqliteConnectOptions::new().in_memory(true).connect().await?;
-    Migrator::with_migrations(applied).run_direct(None, &mut fresh, false).await.map_err(StoreError::Migration)?;
+    Migrator::with_migrations(applied)
+        .run_direct(None, &mut fresh, false)
+        .await
+        .map_err(StoreError::Migration)?;
     let sql = "SELECT CAST(name AS BLOB), CAST(sql AS BLOB) FROM sqlite_schema WHERE sql IS NOT NULL";
     let wanted: Vec<(Vec<u8>, Vec<u8>)> = sqlx::query_as(sql).fetch_all(&mut fresh).await?;
-    let found: HashSet<(Vec<u8>, Vec<u8>)> = sqlx::query_as(sql).fetch_all(connection).await?.into_iter().collect();
+    let found: HashSet<(Vec<u8>, Vec<u8>)> =
+        sqlx::query_as(sql).fetch_all(connection).await?.into_iter().collect();
     match wanted.iter().find(|wanted| !found.contains(wanted)) {
-        Some((name, _)) => Err(StoreError::Damaged(format!("`{}` is not as it was made", String::from_utf8_lossy(name)))),
+        Some((name, _)) => {
+            Err(StoreError::Damaged(format!("`{}` is not as it was made", String::from_utf8_lossy(name))))
+        }
         None => Ok(()),
     }
 }

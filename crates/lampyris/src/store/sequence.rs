@@ -10,7 +10,8 @@ pub(super) async fn next(tx: &mut SqliteConnection, counter: &'static str) -> Re
     Ok(query.bind(counter).fetch_one(tx).await?)
 }
 
-/// An id that nobody has: a sequence number and the time, hashed so that ids neither sort nor show how many there are.
+/// An id that nobody has: a sequence number and the time, hashed so that ids neither sort nor show how many
+/// there are.
 pub(super) fn derive_id(prefix: &str, sequence: i64, now: Timestamp) -> String {
     let hash = blake3::hash(format!("{prefix} {sequence} {now}").as_bytes()).to_hex();
     format!("{prefix}_{}", &hash[..20])

@@ -102,20 +102,44 @@ impl Row {
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn put(store: &Store, system: &SystemId, model: &ModelId, document: &str, who: &str, now: Timestamp) -> Result<bool, StoreError> {
+pub async fn put(
+    store: &Store,
+    system: &SystemId,
+    model: &ModelId,
+    document: &str,
+    who: &str,
+    now: Timestamp,
+) -> Result<bool, StoreError> {
     let mut tx = store.write().await?;
-    let known: Option<i64> =
-        sqlx::query_scalar("SELECT 1 FROM systems WHERE system = $1").bind(system.to_string()).fetch_optional(&mut *tx).await?;
-    let sql = "INSERT INTO systems (system, model, document, created_at, updated_at) VALUES ($1, $2, $3, $4, $4)
-               ON CONFLICT (system) DO UPDATE SET model = excluded.model, document = excluded.document, updated_at = excluded.updated_at";
-    sqlx::query(sql).bind(system.to_string()).bind(model.to_string()).bind(document).bind(millis(now)).execute(&mut *tx).await?;
+    let known: Option<i64> = sqlx::query_scalar("SELECT 1 FROM systems WHERE system = $1")
+        .bind(system.to_string())
+        .fetch_optional(&mut *tx)
+        .await?;
+    let sql =
+        "INSERT INTO systems (system, model, document, created_at, updated_at) VALUES ($1, $2, $3, $4, \
+        $4)
+               ON CONFLICT (system) DO UPDATE SET model = excluded.model, document = excluded.document, \
+        updated_at = excluded.updated_at";
+    sqlx::query(sql)
+        .bind(system.to_string())
+        .bind(model.to_string())
+        .bind(document)
+        .bind(millis(now))
+        .execute(&mut *tx)
+        .await?;
     let name = system.to_string();
-    note(&mut tx, &AuditEntry { who, action: Action::PutSystem, system: Some(&name), subject: &name, reason: None }, now).await?;
+    note(
+        &mut tx,
+        &AuditEntry { who, action: Action::PutSystem, system: Some(&name), subject: &name, reason: None },
+        now,
+    )
+    .await?;
     tx.commit().await?;
     Ok(known.is_none())
 }
 
-/// Writes how the jobs of a system search into its document; which job found it, and why, is noted like an operator's deed.
+/// Writes how the jobs of a system search into its document; which job found it, and why, is noted like an
+/// operator's deed.
 pub(super) async fn take_method(
     tx: &mut SqliteConnection,
     system: &str,
@@ -123,19 +147,34 @@ pub(super) async fn take_method(
     (job, reason): (&str, &str),
     now: Timestamp,
 ) -> Result<(), StoreError> {
-    sqlx::query("UPDATE systems SET document = json_set(document, '$.method', json($2)), updated_at = $3 WHERE system = $1")
-        .bind(system)
-        .bind(method)
-        .bind(millis(now))
-        .execute(&mut *tx)
-        .await?;
-    note(tx, &AuditEntry { who: job, action: Action::PutSystem, system: Some(system), subject: system, reason: Some(reason) }, now).await
+    sqlx::query(
+        "UPDATE systems SET document = json_set(document, '$.method', json($2)), updated_at = $3 \
+        WHERE system = $1",
+    )
+    .bind(system)
+    .bind(method)
+    .bind(millis(now))
+    .execute(&mut *tx)
+    .await?;
+    note(
+        tx,
+        &AuditEntry {
+            who: job,
+            action: Action::PutSystem,
+            system: Some(system),
+            subject: system,
+            reason: Some(reason),
+        },
+        now,
+    )
+    .await
 }
 
-/// Everything that belongs to a system, in an order that the keys allow. Fits of other systems lose what they cite
-/// of it; batches and schedules stay.
+/// Everything that belongs to a system, in an order that the keys allow. Fits of other systems lose what they
+/// cite of it; batches and schedules stay.
 const BELONGINGS: [&str; 18] = [
-    "DELETE FROM idempotency WHERE resource IN (SELECT id FROM jobs WHERE system = $1 UNION SELECT id FROM windows WHERE system = $1)",
+    "DELETE FROM idempotency WHERE resource IN (SELECT id FROM jobs WHERE system = $1 UNION SELECT id FROM \
+    windows WHERE system = $1)",
     "DELETE FROM fallbacks WHERE system = $1",
     "DELETE FROM states WHERE system = $1",
     "DELETE FROM pins WHERE system = $1",
@@ -155,15 +194,26 @@ const BELONGINGS: [&str; 18] = [
     "DELETE FROM systems WHERE system = $1",
 ];
 
-/// Deletes a system with everything that is its own, in one transaction. Never while a job needs it; where there is
-/// history, or another system depends on it, only by force.
+/// Deletes a system with everything that is its own, in one transaction. Never while a job needs it; where
+/// there is history, or another system depends on it, only by force.
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn delete(store: &Store, system: &SystemId, force: bool, who: &str, now: Timestamp) -> Result<Deleted, StoreError> {
+pub async fn delete(
+    store: &Store,
+    system: &SystemId,
+    force: bool,
+    who: &str,
+    now: Timestamp,
+) -> Result<Deleted, StoreError> {
     let name = system.to_string();
     let mut tx = store.write().await?;
-    if sqlx::query("SELECT 1 FROM systems WHERE system = $1").bind(&name).fetch_optional(&mut *tx).await?.is_none() {
+    if sqlx::query("SELECT 1 FROM systems WHERE system = $1")
+        .bind(&name)
+        .fetch_optional(&mut *tx)
+        .await?
+        .is_none()
+    {
         return Ok(Deleted::NotThere);
     }
     let sql = "SELECT id FROM jobs WHERE system = $1 AND state IN ('queued', 'running') ORDER BY sequence";
@@ -180,17 +230,24 @@ pub async fn delete(store: &Store, system: &SystemId, force: bool, who: &str, no
     for sql in BELONGINGS {
         sqlx::query(sql).bind(&name).execute(&mut *tx).await?;
     }
-    note(&mut tx, &AuditEntry { who, action: Action::DeleteSystem, system: Some(&name), subject: &name, reason: None }, now).await?;
+    note(
+        &mut tx,
+        &AuditEntry { who, action: Action::DeleteSystem, system: Some(&name), subject: &name, reason: None },
+        now,
+    )
+    .await?;
     tx.commit().await?;
     Ok(Deleted::Gone)
 }
 
 async fn needs(tx: &mut SqliteConnection, system: &str) -> Result<Needs, StoreError> {
-    let count = "SELECT (SELECT COUNT(*) FROM fits WHERE system = $1), (SELECT COUNT(*) FROM revisions WHERE system = $1)";
+    let count = "SELECT (SELECT COUNT(*) FROM fits WHERE system = $1), (SELECT COUNT(*) FROM revisions WHERE \
+        system = $1)";
     let (fits, revisions) = sqlx::query_as(count).bind(system).fetch_one(&mut *tx).await?;
     let sql = "SELECT s.system FROM systems s WHERE s.system <> $1 AND (
                    $1 IN (SELECT value FROM json_each(s.document, '$.neighbours'))
-                   OR EXISTS (SELECT 1 FROM fits f JOIN fit_windows c ON c.fit = f.id JOIN windows w ON w.id = c.window
+                   OR EXISTS (SELECT 1 FROM fits f JOIN fit_windows c ON c.fit = f.id JOIN windows w ON w.id \
+        = c.window
                               WHERE f.system = s.system AND w.system = $1))
                ORDER BY s.system";
     let dependents = sqlx::query_scalar(sql).bind(system).fetch_all(tx).await?;
@@ -236,9 +293,16 @@ pub async fn all(store: &Store) -> Result<Vec<SystemRecord>, StoreError> {
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn page(store: &Store, reach: &SystemScope, after: &str, limit: i64) -> Result<Vec<SystemRecord>, StoreError> {
+pub async fn page(
+    store: &Store,
+    reach: &SystemScope,
+    after: &str,
+    limit: i64,
+) -> Result<Vec<SystemRecord>, StoreError> {
     let sql = "SELECT system, model, document, created_at, updated_at FROM systems WHERE system > $1
-               AND ($3 IS NULL OR EXISTS (SELECT 1 FROM json_each($3) WHERE system GLOB value)) ORDER BY system LIMIT $2";
-    let rows: Vec<Row> = sqlx::query_as(sql).bind(after).bind(limit).bind(reach.sql()?).fetch_all(&store.reader).await?;
+               AND ($3 IS NULL OR EXISTS (SELECT 1 FROM json_each($3) WHERE system GLOB value)) ORDER BY \
+        system LIMIT $2";
+    let rows: Vec<Row> =
+        sqlx::query_as(sql).bind(after).bind(limit).bind(reach.sql()?).fetch_all(&store.reader).await?;
     rows.into_iter().map(Row::record).collect()
 }

@@ -74,7 +74,8 @@ row! {
 impl Row {
     fn record(self) -> Result<TokenRecord, StoreError> {
         let what = || format!("the token `{}`", self.name);
-        let patterns = self.systems.as_deref().map(|text| from_json::<Vec<SystemPattern>>(&what(), text)).transpose()?;
+        let patterns =
+            self.systems.as_deref().map(|text| from_json::<Vec<SystemPattern>>(&what(), text)).transpose()?;
         Ok(TokenRecord {
             hash: self.hash.as_slice().try_into().map_err(|error| corrupt(what(), &error))?,
             scope: parse("a scope", &self.scope)?,
@@ -92,7 +93,8 @@ impl Row {
 /// # Errors
 /// Where the database fails.
 pub async fn insert(store: &Store, token: &TokenRecord, who: &str) -> Result<bool, StoreError> {
-    let sql = "INSERT INTO tokens (name, hash, scope, systems, created_at, expires_at) VALUES ($1, $2, $3, $4, $5, $6)
+    let sql = "INSERT INTO tokens (name, hash, scope, systems, created_at, expires_at) VALUES ($1, $2, $3, \
+        $4, $5, $6)
                ON CONFLICT (name) DO NOTHING";
     let mut tx = store.write().await?;
     let done = sqlx::query(sql)
@@ -106,7 +108,8 @@ pub async fn insert(store: &Store, token: &TokenRecord, who: &str) -> Result<boo
         .await?;
     let is_free = done.rows_affected() > 0;
     if is_free {
-        let deed = AuditEntry { who, action: Action::CreateToken, system: None, subject: &token.name, reason: None };
+        let deed =
+            AuditEntry { who, action: Action::CreateToken, system: None, subject: &token.name, reason: None };
         note(&mut tx, &deed, token.created_at).await?;
     }
     tx.commit().await?;
@@ -119,15 +122,26 @@ pub async fn insert(store: &Store, token: &TokenRecord, who: &str) -> Result<boo
 /// Where the database fails.
 pub async fn revoke(store: &Store, name: &str, who: &str, now: Timestamp) -> Result<Revoked, StoreError> {
     let mut tx = store.write().await?;
-    let known: Option<Option<i64>> =
-        sqlx::query_scalar("SELECT revoked_at FROM tokens WHERE name = $1").bind(name).fetch_optional(&mut *tx).await?;
+    let known: Option<Option<i64>> = sqlx::query_scalar("SELECT revoked_at FROM tokens WHERE name = $1")
+        .bind(name)
+        .fetch_optional(&mut *tx)
+        .await?;
     match known {
         None => return Ok(Revoked::NotThere),
         Some(Some(_)) => return Ok(Revoked::Already),
         Some(None) => {}
     }
-    sqlx::query("UPDATE tokens SET revoked_at = $2 WHERE name = $1").bind(name).bind(millis(now)).execute(&mut *tx).await?;
-    note(&mut tx, &AuditEntry { who, action: Action::RevokeToken, system: None, subject: name, reason: None }, now).await?;
+    sqlx::query("UPDATE tokens SET revoked_at = $2 WHERE name = $1")
+        .bind(name)
+        .bind(millis(now))
+        .execute(&mut *tx)
+        .await?;
+    note(
+        &mut tx,
+        &AuditEntry { who, action: Action::RevokeToken, system: None, subject: name, reason: None },
+        now,
+    )
+    .await?;
     tx.commit().await?;
     Ok(Revoked::Done)
 }
@@ -137,6 +151,7 @@ pub async fn revoke(store: &Store, name: &str, who: &str, now: Timestamp) -> Res
 /// # Errors
 /// Where the database fails.
 pub async fn all(store: &Store) -> Result<Vec<TokenRecord>, StoreError> {
-    let rows: Vec<Row> = sqlx::query_as("SELECT * FROM tokens ORDER BY name").fetch_all(&store.reader).await?;
+    let rows: Vec<Row> =
+        sqlx::query_as("SELECT * FROM tokens ORDER BY name").fetch_all(&store.reader).await?;
     rows.into_iter().map(Row::record).collect()
 }

@@ -17,7 +17,10 @@ pub(super) fn corrupt(what: impl Into<String>, detail: &dyn std::fmt::Display) -
 }
 
 /// Reads a text that this program wrote.
-pub(super) fn parse<T: std::str::FromStr<Err: std::fmt::Display>>(what: &str, text: &str) -> Result<T, StoreError> {
+pub(super) fn parse<T: std::str::FromStr<Err: std::fmt::Display>>(
+    what: &str,
+    text: &str,
+) -> Result<T, StoreError> {
     text.parse().map_err(|error| corrupt(format!("{what} `{text}`"), &error))
 }
 

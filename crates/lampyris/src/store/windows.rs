@@ -113,7 +113,9 @@ impl Blocks {
     /// # Errors
     /// Where a block is not what was written.
     pub fn decode(&self) -> Result<Vec<Series>, StoreError> {
-        let unpack = |block: &Vec<u8>| Series::decode(block).map_err(|error| corrupt(format!("a block of {}", self.window), &error));
+        let unpack = |block: &Vec<u8>| {
+            Series::decode(block).map_err(|error| corrupt(format!("a block of {}", self.window), &error))
+        };
         self.blocks.iter().map(unpack).collect()
     }
 }
@@ -122,26 +124,40 @@ impl Blocks {
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn insert(store: &Store, new: &NewWindow<'_>, key: Option<&RequestKey>, now: Timestamp) -> Result<Insertion, StoreError> {
+pub async fn insert(
+    store: &Store,
+    new: &NewWindow<'_>,
+    key: Option<&RequestKey>,
+    now: Timestamp,
+) -> Result<Insertion, StoreError> {
     let mut tx = store.write().await?;
     let seen = match look_up(&mut tx, key).await? {
         KeyState::Reused => return Ok(Insertion::KeyReused),
         KeyState::Seen(_) => true,
         KeyState::Fresh => false,
     };
-    let known: Option<i64> = sqlx::query_scalar("SELECT 1 FROM windows WHERE id = $1").bind(new.id).fetch_optional(&mut *tx).await?;
+    let known: Option<i64> = sqlx::query_scalar("SELECT 1 FROM windows WHERE id = $1")
+        .bind(new.id)
+        .fetch_optional(&mut *tx)
+        .await?;
     if !seen {
         remember(&mut tx, key, new.id, if known.is_some() { 200 } else { 201 }, now).await?;
     }
     if known.is_none() {
         // Between the first look at the system and this moment a large body was parsed.
-        if sqlx::query("SELECT 1 FROM systems WHERE system = $1").bind(new.system.to_string()).fetch_optional(&mut *tx).await?.is_none() {
+        if sqlx::query("SELECT 1 FROM systems WHERE system = $1")
+            .bind(new.system.to_string())
+            .fetch_optional(&mut *tx)
+            .await?
+            .is_none()
+        {
             return Ok(Insertion::NoSystem);
         }
         let bytes = new.blocks.iter().map(|(_, block)| block.len()).sum::<usize>() + new.report.len();
         store.require_room(&mut tx, bytes).await?;
         let sequence = next(&mut tx, "sequence").await?;
-        let sql = "INSERT INTO windows (id, system, sequence, from_s, to_s, report, uploaded_at) VALUES ($1, $2, $3, $4, $5, $6, $7)";
+        let sql = "INSERT INTO windows (id, system, sequence, from_s, to_s, report, uploaded_at) VALUES ($1, \
+            $2, $3, $4, $5, $6, $7)";
         sqlx::query(sql)
             .bind(new.id)
             .bind(new.system.to_string())
@@ -179,10 +195,20 @@ pub async fn get(store: &Store, id: &str) -> Result<Option<WindowRecord>, StoreE
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn page(store: &Store, system: &SystemId, before: i64, limit: i64) -> Result<Vec<WindowRecord>, StoreError> {
+pub async fn page(
+    store: &Store,
+    system: &SystemId,
+    before: i64,
+    limit: i64,
+) -> Result<Vec<WindowRecord>, StoreError> {
     let sql = "SELECT id, system, sequence, from_s, to_s, report, uploaded_at FROM windows
                WHERE system = $1 AND sequence < $2 ORDER BY sequence DESC LIMIT $3";
-    let rows: Vec<Row> = sqlx::query_as(sql).bind(system.to_string()).bind(before).bind(limit).fetch_all(&store.reader).await?;
+    let rows: Vec<Row> = sqlx::query_as(sql)
+        .bind(system.to_string())
+        .bind(before)
+        .bind(limit)
+        .fetch_all(&store.reader)
+        .await?;
     rows.into_iter().map(Row::record).collect()
 }
 
@@ -192,9 +218,13 @@ pub async fn page(store: &Store, system: &SystemId, before: i64, limit: i64) -> 
 /// Where the database fails.
 pub async fn delete(store: &Store, id: &str, who: &str, now: Timestamp) -> Result<Deleted, StoreError> {
     let mut tx = store.write().await?;
-    let system: Option<String> = sqlx::query_scalar("SELECT system FROM windows WHERE id = $1").bind(id).fetch_optional(&mut *tx).await?;
+    let system: Option<String> = sqlx::query_scalar("SELECT system FROM windows WHERE id = $1")
+        .bind(id)
+        .fetch_optional(&mut *tx)
+        .await?;
     let Some(system) = system else { return Ok(Deleted::NotThere) };
-    let sql = "SELECT f.id FROM fit_windows c JOIN fits f ON f.id = c.fit WHERE c.window = $1 ORDER BY f.created_at DESC";
+    let sql = "SELECT f.id FROM fit_windows c JOIN fits f ON f.id = c.fit WHERE c.window = $1 ORDER BY \
+        f.created_at DESC";
     let cited: Vec<String> = sqlx::query_scalar(sql).bind(id).fetch_all(&mut *tx).await?;
     if !cited.is_empty() {
         return Ok(Deleted::Cited(cited));
@@ -204,15 +234,22 @@ pub async fn delete(store: &Store, id: &str, who: &str, now: Timestamp) -> Resul
         return Ok(Deleted::InUse(reading));
     }
     sqlx::query("DELETE FROM windows WHERE id = $1").bind(id).execute(&mut *tx).await?;
-    note(&mut tx, &AuditEntry { who, action: Action::DeleteWindow, system: Some(&system), subject: id, reason: None }, now).await?;
+    note(
+        &mut tx,
+        &AuditEntry { who, action: Action::DeleteWindow, system: Some(&system), subject: id, reason: None },
+        now,
+    )
+    .await?;
     tx.commit().await?;
     Ok(Deleted::Gone)
 }
 
-/// The running jobs that may read the measurements of a system: its own, and those of systems that name it as a neighbour.
+/// The running jobs that may read the measurements of a system: its own, and those of systems that name it as
+/// a neighbour.
 pub(super) async fn readers(tx: &mut SqliteConnection, system: &str) -> Result<Vec<String>, StoreError> {
     let sql = "SELECT j.id FROM jobs j JOIN systems s ON s.system = j.system WHERE j.state = 'running'
-               AND (s.system = $1 OR $1 IN (SELECT value FROM json_each(s.document, '$.neighbours'))) ORDER BY j.sequence";
+               AND (s.system = $1 OR $1 IN (SELECT value FROM json_each(s.document, '$.neighbours'))) ORDER \
+        BY j.sequence";
     Ok(sqlx::query_scalar(sql).bind(system).fetch_all(tx).await?)
 }
 
@@ -221,7 +258,8 @@ pub(super) async fn readers(tx: &mut SqliteConnection, system: &str) -> Result<V
 /// # Errors
 /// Where the database fails.
 pub async fn cited(store: &Store, fit: &str) -> Result<Vec<String>, StoreError> {
-    let sql = "SELECT w.id FROM fit_windows c JOIN windows w ON w.id = c.window WHERE c.fit = $1 ORDER BY w.sequence";
+    let sql = "SELECT w.id FROM fit_windows c JOIN windows w ON w.id = c.window WHERE c.fit = $1 ORDER BY \
+        w.sequence";
     Ok(sqlx::query_scalar(sql).bind(fit).fetch_all(&store.reader).await?)
 }
 
@@ -231,7 +269,8 @@ pub async fn cited(store: &Store, fit: &str) -> Result<Vec<String>, StoreError> 
 /// Where the database fails.
 pub async fn extent(store: &Store, system: &SystemId) -> Result<Option<(i64, i64)>, StoreError> {
     let sql = "SELECT MIN(from_s), MAX(to_s) FROM windows WHERE system = $1";
-    let (from, to): (Option<i64>, Option<i64>) = sqlx::query_as(sql).bind(system.to_string()).fetch_one(&store.reader).await?;
+    let (from, to): (Option<i64>, Option<i64>) =
+        sqlx::query_as(sql).bind(system.to_string()).fetch_one(&store.reader).await?;
     Ok(from.zip(to))
 }
 
@@ -249,7 +288,8 @@ pub async fn version(store: &Store, system: &SystemId) -> Result<(i64, i64), Sto
 /// # Errors
 /// Where the database fails.
 pub async fn channels(store: &Store, system: &SystemId) -> Result<Vec<String>, StoreError> {
-    let sql = "SELECT DISTINCT b.channel FROM windows w JOIN window_blocks b ON b.window = w.id WHERE w.system = $1 ORDER BY b.channel";
+    let sql = "SELECT DISTINCT b.channel FROM windows w JOIN window_blocks b ON b.window = w.id WHERE \
+        w.system = $1 ORDER BY b.channel";
     Ok(sqlx::query_scalar(sql).bind(system.to_string()).fetch_all(&store.reader).await?)
 }
 
@@ -261,12 +301,13 @@ pub async fn unit(store: &Store, system: &SystemId, channel: &str) -> Result<Opt
     let sql = "SELECT (SELECT value ->> '$.unit' FROM json_each(w.report, '$.channels') WHERE key = $2)
                FROM windows w JOIN window_blocks b ON b.window = w.id AND b.channel = $2
                WHERE w.system = $1 ORDER BY w.sequence DESC LIMIT 1";
-    let unit: Option<Option<String>> = sqlx::query_scalar(sql).bind(system.to_string()).bind(channel).fetch_optional(&store.reader).await?;
+    let unit: Option<Option<String>> =
+        sqlx::query_scalar(sql).bind(system.to_string()).bind(channel).fetch_optional(&store.reader).await?;
     Ok(unit.flatten())
 }
 
-/// The samples of all windows of a system that touch a range of time, in the order of upload; of some channels,
-/// or of all.
+/// The samples of all windows of a system that touch a range of time, in the order of upload; of some
+/// channels, or of all.
 ///
 /// # Errors
 /// Where the database fails.
@@ -277,11 +318,17 @@ pub async fn blocks(
     channels: Option<&[String]>,
 ) -> Result<Vec<Blocks>, StoreError> {
     let sql = "SELECT w.id, b.block FROM windows w JOIN window_blocks b ON b.window = w.id
-               WHERE w.system = $1 AND w.to_s >= $2 AND w.from_s <= $3 AND ($4 IS NULL OR b.channel IN (SELECT value FROM json_each($4)))
+               WHERE w.system = $1 AND w.to_s >= $2 AND w.from_s <= $3 AND ($4 IS NULL OR b.channel IN \
+        (SELECT value FROM json_each($4)))
                ORDER BY w.sequence, b.channel";
     let channels = channels.map(|channels| to_json("channels", channels)).transpose()?;
-    let rows: Vec<(String, Vec<u8>)> =
-        sqlx::query_as(sql).bind(system.to_string()).bind(from_s).bind(to_s).bind(channels).fetch_all(&store.reader).await?;
+    let rows: Vec<(String, Vec<u8>)> = sqlx::query_as(sql)
+        .bind(system.to_string())
+        .bind(from_s)
+        .bind(to_s)
+        .bind(channels)
+        .fetch_all(&store.reader)
+        .await?;
     let mut windows: Vec<Blocks> = Vec::new();
     for (window, block) in rows {
         match windows.last_mut() {

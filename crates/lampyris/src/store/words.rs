@@ -33,7 +33,9 @@ macro_rules! words {
             fn from_str(text: &str) -> Result<Self, Self::Err> {
                 match text {
                     $($word => Ok(Self::$variant),)+
-                    _ => Err($crate::store::UnknownWord { text: text.chars().take(40).collect(), known: &[$($word),+] }),
+                    _ => Err($crate::store::UnknownWord {
+                        text: text.chars().take(40).collect(), known: &[$($word),+]
+                    }),
                 }
             }
         }

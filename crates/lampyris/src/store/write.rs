@@ -1,8 +1,8 @@
 //! Write transactions, and what their ends tell of the disk.
 //!
-//! A full disk is a state that passes: every transaction is tried, and the first that is committed ends it. A failed
-//! write is none: after one the system may have dropped pages that it calls written, and only a new start, which reads
-//! the files anew, knows what is on the disk. From then on nothing is written.
+//! A full disk is a state that passes: every transaction is tried, and the first that is committed ends it. A
+//! failed write is none: after one the system may have dropped pages that it calls written, and only a new
+//! start, which reads the files anew, knows what is on the disk. From then on nothing is written.
 
 use super::error::StoreError;
 use sqlx::sqlite::SqlitePool;
@@ -31,12 +31,19 @@ impl Quota {
     }
 
     /// Refuses a window of so many bytes where the database would use most of its quota.
-    pub(super) async fn require_room(&self, tx: &mut SqliteConnection, bytes: usize) -> Result<(), StoreError> {
+    pub(super) async fn require_room(
+        &self,
+        tx: &mut SqliteConnection,
+        bytes: usize,
+    ) -> Result<(), StoreError> {
         let sql = "SELECT page_count - freelist_count FROM pragma_page_count, pragma_freelist_count";
         let pages: i64 = sqlx::query_scalar(sql).fetch_one(tx).await?;
         let used = pages.unsigned_abs() * PAGE + bytes as u64;
         if used > self.bytes / 100 * FOR_WINDOWS {
-            return Err(StoreError::Full(format!("a window would take the database to {used} of {} bytes", self.bytes)));
+            return Err(StoreError::Full(format!(
+                "a window would take the database to {used} of {} bytes",
+                self.bytes
+            )));
         }
         Ok(())
     }
@@ -92,8 +99,10 @@ impl Writing {
         if is_well {
             return tx.take_back().await;
         }
-        // After a failure only pages that reach the disk are a proof. A row that is left behind is forgotten as an old key.
-        let sql = "INSERT OR REPLACE INTO idempotency (key, fingerprint, resource, status, created_at) VALUES ($1, hex(zeroblob(8192)), '', 0, 0)";
+        // After a failure only pages that reach the disk are a proof. A row that is left behind is forgotten
+        // as an old key.
+        let sql = "INSERT OR REPLACE INTO idempotency (key, fingerprint, resource, status, created_at) \
+            VALUES ($1, hex(zeroblob(8192)), '', 0, 0)";
         sqlx::query(sql).bind(PROBE).execute(&mut *tx).await.map_err(|error| self.noted(error))?;
         tx.commit().await?;
         let mut tx = self.begin(writer).await?;
@@ -188,8 +197,9 @@ impl Write {
     }
 }
 
-/// Whether a connection can be used for the next transaction. SQLite takes a transaction back by itself where there is no
-/// room; the driver's own ROLLBACK then fails, and it would count that transaction as open for ever.
+/// Whether a connection can be used for the next transaction. SQLite takes a transaction back by itself where
+/// there is no room; the driver's own ROLLBACK then fails, and it would count that transaction as open for
+/// ever.
 pub(super) async fn is_clean(connection: &mut SqliteConnection) -> Result<bool, sqlx::Error> {
     // An answer comes after the ROLLBACK that an abandoned transaction has left in the line.
     connection.ping().await?;

@@ -22,7 +22,8 @@ fn many_small_steps_are_one_large_one() {
     let then = "the parameters served 30 days ago";
     let confirmed = "the last parameters that an operator confirmed";
     let app = TestApp::at("2026-01-15T00:00:00Z", |_| {});
-    app.json("PUT", "/systems/room/1", &json!({"model": "rc2", "policy": {"refit_when_degraded": false}})).expect(201);
+    app.json("PUT", "/systems/room/1", &json!({"model": "rc2", "policy": {"refit_when_degraded": false}}))
+        .expect(201);
     let fitted = |alpha_a: f64| {
         app.csv("/systems/room/1/windows", &losing(alpha_a)).expect(201);
         app.ended(&app.estimate("room/1", json!({})))
@@ -32,29 +33,57 @@ fn many_small_steps_are_one_large_one() {
     // Not twice as far as the step before: each is nothing to hold.
     let second = fitted(0.36);
     assert_eq!(second["outcome"], "accepted", "{}", summary(&app, &second));
-    assert_eq!(check(&app, &second, &format!("G6 jump from {then}")), Value::Null, "nothing is as old as that");
+    assert_eq!(
+        check(&app, &second, &format!("G6 jump from {then}")),
+        Value::Null,
+        "nothing is as old as that"
+    );
     app.clock.set("2026-02-15T00:00:00Z".parse().unwrap());
     let third = fitted(0.9);
     assert_eq!(third["outcome"], "held", "{}", summary(&app, &third));
     assert_eq!(check(&app, &third, "G6 jump")["pass"], true);
     let said = summary(&app, &third);
-    assert!(said.starts_with(&format!("held by G6 jump from {then}: the free run differs from that of {then} by ")), "{said}");
+    assert!(
+        said.starts_with(&format!(
+            "held by G6 jump from {then}: the free run differs from that of {then} by "
+        )),
+        "{said}"
+    );
 
     // An operator's word ends what was before, and is what later fits are compared with.
-    app.json("POST", &format!("/fits/{}/promote", third["fit"].as_str().unwrap()), &json!({"reason": "new windows"})).expect(200);
+    app.json(
+        "POST",
+        &format!("/fits/{}/promote", third["fit"].as_str().unwrap()),
+        &json!({"reason": "new windows"}),
+    )
+    .expect(200);
     let fourth = fitted(0.4);
     assert_eq!(fourth["outcome"], "accepted", "{}", summary(&app, &fourth));
     assert_eq!(check(&app, &fourth, &format!("G6 jump from {then}")), Value::Null);
-    assert_eq!(check(&app, &fourth, &format!("G6 jump from {confirmed}")), Value::Null, "it is what is served");
+    assert_eq!(
+        check(&app, &fourth, &format!("G6 jump from {confirmed}")),
+        Value::Null,
+        "it is what is served"
+    );
     let fifth = fitted(0.17);
-    assert_eq!((&fifth["outcome"], &check(&app, &fifth, "G6 jump")["pass"]), (&json!("held"), &json!(true)), "{}", summary(&app, &fifth));
-    assert!(summary(&app, &fifth).starts_with(&format!("held by G6 jump from {confirmed}: ")), "{}", summary(&app, &fifth));
+    assert_eq!(
+        (&fifth["outcome"], &check(&app, &fifth, "G6 jump")["pass"]),
+        (&json!("held"), &json!(true)),
+        "{}",
+        summary(&app, &fifth)
+    );
+    assert!(
+        summary(&app, &fifth).starts_with(&format!("held by G6 jump from {confirmed}: ")),
+        "{}",
+        summary(&app, &fifth)
+    );
 }
 
 #[test]
 fn days_that_contradict_what_is_served_are_not_believed_alone() {
     let app = TestApp::at("2026-01-18T00:00:00Z", |_| {});
-    app.json("PUT", "/systems/room/1", &json!({"model": "rc2", "policy": {"refit_when_degraded": false}})).expect(201);
+    app.json("PUT", "/systems/room/1", &json!({"model": "rc2", "policy": {"refit_when_degraded": false}}))
+        .expect(201);
     // A window stands open from the fifteenth on.
     let samples = room_that_changes(1, 18, |day| if day < 14 { 0.15 } else { 0.5 });
     app.csv("/systems/room/1/windows", &csv_of(&samples[..14 * 48])).expect(201);
@@ -63,7 +92,12 @@ fn days_that_contradict_what_is_served_are_not_believed_alone() {
     // The night comes at once: nobody has looked at the new days before.
     let night = |split: Value| {
         let request = json!({"method": {"name": "lm_multistart", "seed": 1}, "split": split});
-        app.json("PUT", "/schedules/nightly", &json!({"cron": "30 2 * * *", "systems": ["room/*"], "request": request})).expect(200);
+        app.json(
+            "PUT",
+            "/schedules/nightly",
+            &json!({"cron": "30 2 * * *", "systems": ["room/*"], "request": request}),
+        )
+        .expect(200);
         let batch = app.post("/schedules/nightly/run").expect(202).json();
         app.ended(batch["jobs"][0]["job"].as_str().unwrap())
     };
@@ -82,5 +116,9 @@ fn days_that_contradict_what_is_served_are_not_believed_alone() {
     assert_eq!(check(&app, &posted, "G6 older days"), Value::Null);
     // A fit for which the older days speak as well is judged like any other.
     let both = night(json!({"train": "P13D", "validation": "P5D"}));
-    assert!(check(&app, &both, "G6 older days")["pass"] == true || app.get("/params/room/1").json()["degraded"].is_null(), "{both}");
+    assert!(
+        check(&app, &both, "G6 older days")["pass"] == true
+            || app.get("/params/room/1").json()["degraded"].is_null(),
+        "{both}"
+    );
 }

@@ -27,8 +27,12 @@ fn every_list_comes_page_by_page() {
     let app = TestApp::start();
     for room in ["1", "2", "3"] {
         app.room(room, 1);
-        app.json("PUT", &format!("/schedules/of_{room}"), &json!({"cron": "0 5 * * 1", "systems": ["room/*"], "enabled": false}))
-            .expect(201);
+        app.json(
+            "PUT",
+            &format!("/schedules/of_{room}"),
+            &json!({"cron": "0 5 * * 1", "systems": ["room/*"], "enabled": false}),
+        )
+        .expect(201);
     }
     app.csv("/systems/room/1/windows", &room_csv(2, 16)).expect(201);
     for part in ["P9D", "P8D", "P7D"] {
@@ -36,11 +40,15 @@ fn every_list_comes_page_by_page() {
         assert_eq!(app.ended(&app.estimate("room/1", json!({"split": split})))["state"], "succeeded");
     }
     for days in ["P2D", "P3D"] {
-        let short = json!({"kind": "diagnose", "system": "room/1", "window": {"last": days}, "method": {"name": "lm_multistart"}});
+        let short = json!({
+            "kind": "diagnose", "system": "room/1", "window": {"last": days},
+            "method": {"name": "lm_multistart"}
+        });
         app.ended(&app.post_job(&short));
     }
     for evaluations in [100, 200] {
-        let batch = json!({"kind": "recalibrate", "systems": ["room/2"], "budget": {"evaluations": evaluations}});
+        let batch =
+            json!({"kind": "recalibrate", "systems": ["room/2"], "budget": {"evaluations": evaluations}});
         let batch = app.json("POST", "/jobs", &batch).expect(202);
         app.until(batch.header("location"), |batch| batch["finished"] == true);
     }
@@ -62,7 +70,10 @@ fn every_list_comes_page_by_page() {
         assert!(items.len() >= least && whole["next_page_token"].is_null(), "{path}: {} items", items.len());
         let ids = |items: &[Value]| -> Vec<Value> {
             let names = ["id", "name", "system", "revision"];
-            items.iter().map(|item| names.iter().find_map(|name| item.get(name)).unwrap_or(item).clone()).collect()
+            items
+                .iter()
+                .map(|item| names.iter().find_map(|name| item.get(name)).unwrap_or(item).clone())
+                .collect()
         };
         for size in [1, 2] {
             assert_eq!(ids(&pages(&app, path, size)), ids(items), "{path} by {size}");
@@ -103,10 +114,16 @@ fn a_key_makes_one_thing_of_two_requests_wherever_something_is_made() {
     };
     let model = |id: &str| {
         json!({"id": id, "title": "A", "states": {"x": {"unit": "degC", "initial": "T_room"}}, "inputs": {"T_out": {"unit": "degC"}},
-               "parameters": {"a": {"unit": "1/h", "lower": 0.001, "upper": 1, "scale": "log", "nominal": 0.1}},
+               "parameters": {"a": {
+                   "unit": "1/h", "lower": 0.001, "upper": 1, "scale": "log", "nominal": 0.1
+               }},
                "equations": {"x": "a*(T_out - x)"}, "outputs": {"T_room": {"expr": "x", "unit": "degC", "noise_sd": 0.1}}})
     };
-    let batch = |evaluations: u64| json!({"kind": "recalibrate", "systems": ["room/1"], "budget": {"evaluations": evaluations}});
+    let batch = |evaluations: u64| {
+        json!({
+            "kind": "recalibrate", "systems": ["room/1"], "budget": {"evaluations": evaluations}
+        })
+    };
     let other_job = {
         let mut body = quick("room/1");
         body["method"]["seed"] = json!(9);
@@ -120,7 +137,11 @@ fn a_key_makes_one_thing_of_two_requests_wherever_something_is_made() {
         ("/jobs", as_json(batch(100)), as_json(batch(200))),
         ("/models", as_json(model("one")), as_json(model("two"))),
         ("/effects", as_json(effect("one")), as_json(effect("two"))),
-        ("/models/rc2/effects", as_json(json!({"effect": "constant_gain"})), as_json(json!({"effect": "sensor_lag"}))),
+        (
+            "/models/rc2/effects",
+            as_json(json!({"effect": "constant_gain"})),
+            as_json(json!({"effect": "sensor_lag"})),
+        ),
     ];
     for (place, (path, (media_type, body), (_, other))) in cases.into_iter().enumerate() {
         let key = format!("key {place}");
@@ -139,6 +160,10 @@ fn a_key_makes_one_thing_of_two_requests_wherever_something_is_made() {
         );
         send(&other).problem(422, "idempotency-key-reused");
     }
-    let run = || app.send("POST", "/schedules/nightly/run", &[("idempotency-key", "run")], Some(b"")).unwrap().expect(202);
+    let run = || {
+        app.send("POST", "/schedules/nightly/run", &[("idempotency-key", "run")], Some(b""))
+            .unwrap()
+            .expect(202)
+    };
     assert_eq!(run().header("location"), run().header("location"));
 }

@@ -33,19 +33,31 @@ fn an_unvalidated_set_cannot_be_served() {
     app.stop();
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
     runtime.block_on(async {
-        let mut db = SqliteConnection::connect(&format!("sqlite://{}", app.database().display())).await.unwrap();
-        let insert = "INSERT INTO revisions (system, revision, fit, job, served, served_hash, model_hash, window_from, window_to, current, fitted_at, validated_at)
-                      SELECT system, 2, id, job, '{}', '', '', '', '', FALSE, 0, 0 FROM fits WHERE verdict = 'rejected'";
+        let mut db =
+            SqliteConnection::connect(&format!("sqlite://{}", app.database().display())).await.unwrap();
+        let insert = "INSERT INTO revisions (system, revision, fit, job, served, served_hash, model_hash, \
+            window_from, window_to, current, fitted_at, validated_at)
+                      SELECT system, 2, id, job, '{}', '', '', '', '', FALSE, 0, 0 FROM fits WHERE verdict = \
+            'rejected'";
         assert!(complaint(&mut db, insert).await.contains("needs an accepted fit"));
-        let second = "INSERT INTO revisions (system, revision, fit, job, served, served_hash, model_hash, window_from, window_to, current, fitted_at, validated_at)
+        let second = "INSERT INTO revisions (system, revision, fit, job, served, served_hash, model_hash, \
+            window_from, window_to, current, fitted_at, validated_at)
                       SELECT system, 2, fit, job, served, '', '', '', '', TRUE, 0, 0 FROM revisions";
         assert!(complaint(&mut db, second).await.contains("UNIQUE"), "two current revisions");
-        let back = "INSERT INTO revisions (system, revision, fit, job, served, served_hash, model_hash, window_from, window_to, current, fitted_at, validated_at)
+        let back = "INSERT INTO revisions (system, revision, fit, job, served, served_hash, model_hash, \
+            window_from, window_to, current, fitted_at, validated_at)
                     SELECT system, 7, fit, job, served, '', '', '', '', FALSE, 0, 0 FROM revisions";
         assert!(complaint(&mut db, back).await.contains("count up by one"));
-        assert!(complaint(&mut db, "UPDATE fits SET verdict = 'accepted' WHERE verdict = 'rejected'").await.contains("do not change"));
+        assert!(
+            complaint(&mut db, "UPDATE fits SET verdict = 'accepted' WHERE verdict = 'rejected'")
+                .await
+                .contains("do not change")
+        );
         assert!(complaint(&mut db, "UPDATE revisions SET served = '{}'").await.contains("does not change"));
-        assert!(complaint(&mut db, "UPDATE jobs SET state = 'queued'").await.contains("CHECK"), "a job that has an outcome has ended");
+        assert!(
+            complaint(&mut db, "UPDATE jobs SET state = 'queued'").await.contains("CHECK"),
+            "a job that has an outcome has ended"
+        );
         assert!(complaint(&mut db, "UPDATE jobs SET state = 'lost'").await.contains("CHECK"));
         db.close().await.unwrap();
     });
@@ -56,14 +68,18 @@ fn a_database_of_a_newer_program_is_refused() {
     let mut app = TestApp::start();
     app.stop();
     let runtime = tokio::runtime::Runtime::new().unwrap();
+    let address = format!("sqlite://{}", app.database().display());
     let error = runtime.block_on(async {
-        let mut db = SqliteConnection::connect(&format!("sqlite://{}", app.database().display())).await.unwrap();
+        let mut db = SqliteConnection::connect(&address).await.unwrap();
         let newer =
-            "INSERT INTO _sqlx_migrations (version, description, success, checksum, execution_time) VALUES (9999, 'newer', TRUE, x'00', 0)";
+            "INSERT INTO _sqlx_migrations (version, description, success, checksum, execution_time) VALUES \
+            (9999, 'newer', TRUE, x'00', 0)";
         sqlx::query(newer).execute(&mut db).await.unwrap();
         db.close().await.unwrap();
         let settings =
-            lampyris::settings::Settings { bind: "127.0.0.1:0".parse().unwrap(), database: app.database(), ..Default::default() };
+            lampyris::settings::Settings {
+                bind: "127.0.0.1:0".parse().unwrap(), database: app.database(), ..Default::default()
+            };
         lampyris::app::App::start(settings).await.err().unwrap()
     });
     assert!(error.to_string().contains("9999"), "{error}");

@@ -25,7 +25,8 @@ fn a_report_groups_what_the_diagnoses_of_several_systems_came_to() {
     app.json("PUT", "/systems/room/5", &json!({"model": "rc2"})).expect(201);
     app.csv("/systems/room/5/windows", &room_csv(5, 2)).expect(201);
 
-    let body = json!({"kind": "diagnose", "systems": ["room/*"], "method": {"name": "lm_multistart", "seed": 1}});
+    let body =
+        json!({"kind": "diagnose", "systems": ["room/*"], "method": {"name": "lm_multistart", "seed": 1}});
     let answer = app.json("POST", "/jobs", &body).expect(202);
     let report = app.until(answer.header("location"), |batch| batch["finished"] == true);
     assert_eq!((report["kind"].as_str(), &report["improved"]), (Some("diagnose"), &json!([])), "{report}");
@@ -41,11 +42,21 @@ fn a_report_groups_what_the_diagnoses_of_several_systems_came_to() {
             (job["kind"].as_str(), &job["experiment"], &job["request"]["accusation_rate"]),
             (Some("diagnose"), &json!(true), &json!(0.02))
         );
-        assert_eq!(job["request"]["split"]["test"], "P7D", "a part that no decision sees: {}", job["request"]);
-        let diagnosis = app.get(&format!("/diagnoses/{}", row["diagnosis"].as_str().unwrap())).expect(200).json();
+        assert_eq!(
+            job["request"]["split"]["test"], "P7D",
+            "a part that no decision sees: {}",
+            job["request"]
+        );
+        let diagnosis =
+            app.get(&format!("/diagnoses/{}", row["diagnosis"].as_str().unwrap())).expect(200).json();
         assert_eq!((&row["verdict"], &row["why"]), (&diagnosis["verdict"], &diagnosis["summary"]));
         for finding in diagnosis["findings"].as_array().unwrap() {
-            let named = report["diagnosed"]["named"].as_array().unwrap().iter().find(|one| one["effect"] == finding["effect"]).unwrap();
+            let named = report["diagnosed"]["named"]
+                .as_array()
+                .unwrap()
+                .iter()
+                .find(|one| one["effect"] == finding["effect"])
+                .unwrap();
             assert!(named["systems"].as_array().unwrap().contains(&row["system"]), "{report}");
         }
         if row["verdict"] != "named" {
@@ -58,13 +69,15 @@ fn a_report_groups_what_the_diagnoses_of_several_systems_came_to() {
         (&json!(["room/5"]), &json!("room/3")),
         "{report}"
     );
-    let counts: u64 = report["counts"].as_object().unwrap().values().map(|count| count.as_u64().unwrap()).sum();
+    let counts: u64 =
+        report["counts"].as_object().unwrap().values().map(|count| count.as_u64().unwrap()).sum();
     assert_eq!((counts, &report["counts"]["failed"]), (4, &json!(1)), "{report}");
     let summary = report["summary"].as_str().unwrap();
     let ending = "1 have too few data to tell, 1 got no diagnosis; 1 left out";
     assert!(summary.starts_with("of 4 systems ") && summary.ends_with(ending), "{summary}");
     for named in report["diagnosed"]["named"].as_array().unwrap() {
-        let words = format!("{} {}", named["effect"].as_str().unwrap(), named["systems"].as_array().unwrap().len());
+        let words =
+            format!("{} {}", named["effect"].as_str().unwrap(), named["systems"].as_array().unwrap().len());
         assert!(summary.contains(&words), "{summary}");
     }
     assert_eq!(app.get("/batches").json()["items"][0]["kind"], "diagnose");
@@ -77,14 +90,30 @@ fn what_makes_no_sense_of_several_systems_is_refused() {
     app.room("1", 1);
     let faults = |body: Value| -> Vec<String> {
         let problem = app.json("POST", "/jobs", &body).problem(422, "invalid-request");
-        problem["errors"].as_array().unwrap().iter().map(|fault| fault["pointer"].as_str().unwrap().to_owned()).collect()
+        problem["errors"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .map(|fault| fault["pointer"].as_str().unwrap().to_owned())
+            .collect()
     };
-    assert_eq!(faults(json!({"kind": "recalibrate", "systems": ["room/*"], "accusation_rate": 0.05})), ["/accusation_rate"]);
-    assert_eq!(faults(json!({"kind": "diagnose", "systems": ["room/*"], "accusation_rate": 0.5, "criterion": "lrt"})).len(), 2);
+    assert_eq!(
+        faults(json!({"kind": "recalibrate", "systems": ["room/*"], "accusation_rate": 0.05})),
+        ["/accusation_rate"]
+    );
+    assert_eq!(
+        faults(
+            json!({"kind": "diagnose", "systems": ["room/*"], "accusation_rate": 0.5, "criterion": "lrt"})
+        )
+        .len(),
+        2
+    );
     assert_eq!(faults(json!({"kind": "diagnose", "systems": ["room/*"], "system": "room/1"})), ["/systems"]);
     assert_eq!(faults(json!({"kind": "diagnose", "systems": []})), ["/systems"]);
     let stranger = app.token("stranger", Scope::Operate, &["room/2"]);
-    stranger.json("POST", "/jobs", &json!({"kind": "diagnose", "systems": ["room/*"]})).problem(403, "out-of-reach");
+    stranger
+        .json("POST", "/jobs", &json!({"kind": "diagnose", "systems": ["room/*"]}))
+        .problem(403, "out-of-reach");
 }
 
 #[test]
@@ -93,7 +122,10 @@ fn a_schedule_diagnoses_week_by_week_where_something_new_was_measured() {
     app.room("1", 1);
     let body = json!({"cron": "0 5 * * 1", "kind": "diagnose", "systems": ["room/*"], "request": short()});
     let made = app.json("PUT", "/schedules/weekly", &body).expect(201).json();
-    assert_eq!((made["kind"].as_str(), &made["request"], &made["systems"]), (Some("diagnose"), &short(), &json!(["room/*"])));
+    assert_eq!(
+        (made["kind"].as_str(), &made["request"], &made["systems"]),
+        (Some("diagnose"), &short(), &json!(["room/*"]))
+    );
     assert_eq!(app.get("/schedules/nightly").json()["kind"], "recalibrate");
     let wrong = |change: Value| {
         let mut body = body.clone();
@@ -103,17 +135,31 @@ fn a_schedule_diagnoses_week_by_week_where_something_new_was_measured() {
     };
     assert_eq!(wrong(json!({"kind": "ladder"})), "/kind");
     assert_eq!(wrong(json!({"request": {"kind": "diagnose"}})), "/request/kind");
-    assert_eq!(wrong(json!({"kind": "recalibrate", "request": {"accusation_rate": 0.05}})), "/request/accusation_rate");
-    let rate = json!({"cron": "0 5 * * 1", "kind": "diagnose", "systems": ["room/*"], "request": {"accusation_rate": 0.05}});
+    assert_eq!(
+        wrong(json!({"kind": "recalibrate", "request": {"accusation_rate": 0.05}})),
+        "/request/accusation_rate"
+    );
+    let rate = json!({
+        "cron": "0 5 * * 1", "kind": "diagnose", "systems": ["room/*"], "request": {"accusation_rate": 0.05}
+    });
     app.json("POST", "/schedules/weekly/preview", &rate).expect(200);
 
-    let week =
-        |weeks: i64| app.clock.set("2026-01-19T05:00:30Z".parse::<jiff::Timestamp>().unwrap() + SignedDuration::from_hours(168 * weeks));
+    let week = |weeks: i64| {
+        app.clock.set(
+            "2026-01-19T05:00:30Z".parse::<jiff::Timestamp>().unwrap()
+                + SignedDuration::from_hours(168 * weeks),
+        )
+    };
     let weekly = |result: &str| {
         app.within(async |service| schedules::due(service, service.now()).await.unwrap());
         app.until("/schedules/weekly", |schedule| schedule["last_result"] == result)
     };
-    app.json("PUT", "/schedules/nightly", &json!({"cron": "30 2 * * *", "systems": ["room/*"], "enabled": false})).expect(200);
+    app.json(
+        "PUT",
+        "/schedules/nightly",
+        &json!({"cron": "30 2 * * *", "systems": ["room/*"], "enabled": false}),
+    )
+    .expect(200);
     week(0);
     let batch = format!("/batches/{}", weekly("submitted")["last_run"]["batch"].as_str().unwrap());
     let report = app.until(&batch, |batch| batch["finished"] == true);

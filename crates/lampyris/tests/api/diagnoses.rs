@@ -1,4 +1,5 @@
-//! Compare, see which effect is missing, add it, watch the error fall: over HTTP, on a room with a hidden effect.
+//! Compare, see which effect is missing, add it, watch the error fall: over HTTP, on a room with a hidden
+//! effect.
 
 use crate::support::TestApp;
 use crate::support::events::Told;
@@ -11,7 +12,8 @@ use serde_json::{Value, json};
 fn twin(app: &TestApp, id: &str, seed: u64, effects: &[&str]) {
     let world = world(&WorldRequest::new(seed, effects, Level::Matched)).unwrap();
     let neighbours: Vec<String> = world.neighbours.iter().map(|name| format!("room/{name}")).collect();
-    let document = json!({"model": "room3", "location": {"lat": 56.5, "lon": 10.0}, "neighbours": neighbours});
+    let document =
+        json!({"model": "room3", "location": {"lat": 56.5, "lon": 10.0}, "neighbours": neighbours});
     app.json("PUT", &format!("/systems/room/{id}"), &document).expect(201);
     app.csv(&format!("/systems/room/{id}/windows"), &world.csv).expect(201);
 }
@@ -34,41 +36,72 @@ fn the_hidden_effect_is_named_added_and_the_error_falls() {
     );
     app.get("/params/room/windy").problem(404, "no-validated-parameters");
 
-    // On the way it says how many effects have been tried, who leads, and how long it will take, once its model is fitted.
-    let progress: Vec<&Value> = told.iter().filter(|told| told.event == "progress").map(|told| &told.data).collect();
-    let (searching, trying): (Vec<&Value>, Vec<&Value>) = progress.iter().partition(|one| one["trials"].is_null());
-    assert!(searching.iter().all(|one| one["eta_s"].is_null()), "the budget of its fit is not its end: {searching:?}");
+    // On the way it says how many effects have been tried, who leads, and how long it will take, once its
+    // model is fitted.
+    let progress: Vec<&Value> =
+        told.iter().filter(|told| told.event == "progress").map(|told| &told.data).collect();
+    let (searching, trying): (Vec<&Value>, Vec<&Value>) =
+        progress.iter().partition(|one| one["trials"].is_null());
+    assert!(
+        searching.iter().all(|one| one["eta_s"].is_null()),
+        "the budget of its fit is not its end: {searching:?}"
+    );
     let counted = |one: &&Value| one["trials"]["tried"].as_u64() <= one["trials"]["of"].as_u64();
     assert!(!trying.is_empty() && trying.iter().all(counted), "{progress:?}");
-    assert!(trying.iter().any(|one| one["eta_s"].is_f64() && one["trials"]["of"].as_u64() > Some(10)), "{trying:?}");
-    assert!(progress.windows(2).all(|pair| pair[0]["evaluations"].as_u64() <= pair[1]["evaluations"].as_u64()), "{progress:?}");
+    assert!(
+        trying.iter().any(|one| one["eta_s"].is_f64() && one["trials"]["of"].as_u64() > Some(10)),
+        "{trying:?}"
+    );
+    assert!(
+        progress.windows(2).all(|pair| pair[0]["evaluations"].as_u64() <= pair[1]["evaluations"].as_u64()),
+        "{progress:?}"
+    );
 
     let diagnosis = app.get(job["links"]["diagnosis"].as_str().unwrap()).expect(200).json();
     assert_eq!((diagnosis["id"].as_str(), &diagnosis["fit"]), (job["diagnosis"].as_str(), &job["fit"]));
-    assert_eq!((diagnosis["verdict"].as_str(), diagnosis["system"].as_str()), (Some("named"), Some("room/windy")), "{diagnosis}");
+    assert_eq!(
+        (diagnosis["verdict"].as_str(), diagnosis["system"].as_str()),
+        (Some("named"), Some("room/windy")),
+        "{diagnosis}"
+    );
     let finding = &diagnosis["findings"][0];
     assert_eq!(finding["effect"], "wind_infiltration", "{diagnosis}");
     let [before, after] = [0, 1].map(|side| number(&finding["rmse"]["test"][side]));
     assert!(after < 0.9 * before, "{finding}");
     let shape = &finding["shape"];
-    let [points, unexplained, effect] = ["time", "unexplained", "effect"].map(|name| shape[name].as_array().unwrap());
-    assert!(points.len() <= 400 && points.len() == unexplained.len() && points.len() == effect.len(), "{} points", points.len());
-    assert!(shape["validation_from"].as_str() < shape["test_from"].as_str() && number(&shape["added"]["slope"]) > 0.5, "{shape}");
+    let [points, unexplained, effect] =
+        ["time", "unexplained", "effect"].map(|name| shape[name].as_array().unwrap());
+    assert!(
+        points.len() <= 400 && points.len() == unexplained.len() && points.len() == effect.len(),
+        "{} points",
+        points.len()
+    );
+    assert!(
+        shape["validation_from"].as_str() < shape["test_from"].as_str()
+            && number(&shape["added"]["slope"]) > 0.5,
+        "{shape}"
+    );
     assert_eq!(app.get("/diagnoses?system=room/windy").json()["items"][0]["id"], diagnosis["id"]);
 
     // What its window shows stands in the ledger, of what was named and of what was not.
     let ledger = app.get("/systems/room/windy/evidence").expect(200).json();
     let items = ledger["effects"].as_array().unwrap();
     assert!(items.len() > 5 && items[0]["effect"] == "wind_infiltration", "{ledger}");
-    assert!(number(&items[0]["pooled"]["t"]) > 5.0 && items[0]["windows"].as_array().unwrap().len() == 1, "{ledger}");
+    assert!(
+        number(&items[0]["pooled"]["t"]) > 5.0 && items[0]["windows"].as_array().unwrap().len() == 1,
+        "{ledger}"
+    );
     assert_eq!(finding["pooled"]["windows"], 1, "{finding}");
 
     // One request adds it; the rest is an ordinary job.
-    let model = app.json("POST", "/models/room3/effects", &json!({"effect": finding["effect"]})).expect(201).json();
+    let model =
+        app.json("POST", "/models/room3/effects", &json!({"effect": finding["effect"]})).expect(201).json();
     assert_eq!(model["id"], "room3+wind_infiltration");
     let split = json!({"train": "P14D", "validation": "P7D", "test": "P7D"});
     let errors = |model: &str| {
-        let body = json!({"kind": "estimate", "system": "room/windy", "model": model, "split": split, "experiment": true});
+        let body = json!({
+            "kind": "estimate", "system": "room/windy", "model": model, "split": split, "experiment": true
+        });
         let job = app.ended(&app.post_job(&body));
         let fit = app.get(&format!("/fits/{}", job["fit"].as_str().unwrap())).json();
         ["train_rmse", "validation_rmse", "test_rmse"].map(|part| number(&fit["metrics"]["T_room"][part]))
@@ -77,7 +110,8 @@ fn the_hidden_effect_is_named_added_and_the_error_falls() {
     assert!(old.iter().zip(&new).all(|(old, new)| *new < 0.9 * old), "{old:?} -> {new:?}");
 }
 
-/// Four weeks of a room whose attic fan pulls outdoor air through it whenever it runs: no catalogue knows a fan.
+/// Four weeks of a room whose attic fan pulls outdoor air through it whenever it runs: no catalogue knows a
+/// fan.
 fn fan_csv() -> String {
     let mut rows = "time,T_room[degC],T_out[degC],fan[-]\n".to_owned();
     let mut random = Xoshiro256PlusPlus::seed_from_u64(20_261);
@@ -94,7 +128,8 @@ fn fan_csv() -> String {
         let time = time + jiff::SignedDuration::from_mins(15 * i64::from(step));
         rows.push_str(&format!("{time},{:.3},{t_out:.3},{speed:.3}\n", t_r + noise));
         for _ in 0..15 {
-            let (to_r, to_e) = (0.8 * (t_e - t_r) + 0.4 * speed * (t_out - t_r), 0.2 * (t_r - t_e) + 0.15 * (t_out - t_e));
+            let (to_r, to_e) =
+                (0.8 * (t_e - t_r) + 0.4 * speed * (t_out - t_r), 0.2 * (t_r - t_e) + 0.15 * (t_out - t_e));
             (t_r, t_e) = (t_r + to_r / 60.0, t_e + to_e / 60.0);
         }
     }
@@ -108,7 +143,8 @@ fn an_effect_of_a_user_is_ranked_beside_the_others() {
     app.csv("/systems/room/attic/windows", &fan_csv()).expect(201);
     let effect = json!({
         "id": "attic_fan", "title": "Attic fan", "explain": "The fan pulls outdoor air through the room.",
-        "signature": "The room follows the outdoors while the fan runs.", "measure": "the speed of the fan", "sign": "positive",
+        "signature": "The room follows the outdoors while the fan runs.", "measure": "the speed of the fan",
+        "sign": "positive",
         "inputs": {"fan": {"unit": "-", "hold": "zero_order", "min": 0}, "T_out": {"unit": "degC"}},
         "parameters": {"c_fan": {"unit": "1/h", "lower": 0, "upper": 5, "scale": "linear", "nominal": 0.1}},
         "terms": {"T_r": "c_fan * fan * (T_out - T_r)"},
@@ -119,15 +155,27 @@ fn an_effect_of_a_user_is_ranked_beside_the_others() {
     wrong["way_of"] = json!("metered_gain");
     let problem = app.json("POST", "/effects", &wrong).problem(422, "invalid-request");
     let faults = problem["errors"].as_array().unwrap();
-    assert!(faults.len() >= 3 && faults.iter().any(|fault| fault["pointer"].as_str().unwrap().contains("T_attic")), "{problem}");
+    assert!(
+        faults.len() >= 3
+            && faults.iter().any(|fault| fault["pointer"].as_str().unwrap().contains("T_attic")),
+        "{problem}"
+    );
     // A meter's gain has a channel for its argument, a fan has none.
-    assert!(faults.iter().any(|fault| fault["pointer"] == "/way_of" && fault["code"] == "unknown-effect"), "{problem}");
+    assert!(
+        faults.iter().any(|fault| fault["pointer"] == "/way_of" && fault["code"] == "unknown-effect"),
+        "{problem}"
+    );
     app.json("POST", "/effects", &effect).expect(201);
 
-    let job = app.ended(&app.post_job(&json!({"kind": "diagnose", "system": "room/attic", "method": {"seed": 5}})));
+    let job =
+        app.ended(&app.post_job(&json!({"kind": "diagnose", "system": "room/attic", "method": {"seed": 5}})));
     let diagnosis = app.get(job["links"]["diagnosis"].as_str().unwrap()).expect(200).json();
     let finding = &diagnosis["findings"][0];
-    assert_eq!((diagnosis["verdict"].as_str(), finding["effect"].as_str()), (Some("named"), Some("attic_fan")), "{diagnosis}");
+    assert_eq!(
+        (diagnosis["verdict"].as_str(), finding["effect"].as_str()),
+        (Some("named"), Some("attic_fan")),
+        "{diagnosis}"
+    );
     let [before, after] = [0, 1].map(|side| number(&finding["rmse"]["test"][side]));
     assert!(after < 0.5 * before, "{finding}");
     let c_fan = &finding["parameters"]["c_fan"];
@@ -147,7 +195,11 @@ fn a_ladder_keeps_what_helps_on_unseen_data() {
     assert_eq!((&ladder["job"], ladder["system"].as_str()), (&job["id"], Some("room/sunny")));
     let steps = ladder["steps"].as_array().unwrap();
     assert_eq!((steps[0]["model"].as_str(), &steps[0]["added"]), (Some("room3"), &Value::Null));
-    let kept: Vec<f64> = steps.iter().filter(|step| step["kept"] == true).map(|step| number(&step["validation_rmse"])).collect();
+    let kept: Vec<f64> = steps
+        .iter()
+        .filter(|step| step["kept"] == true)
+        .map(|step| number(&step["validation_rmse"]))
+        .collect();
     assert!(kept.len() >= 2 && kept.windows(2).all(|pair| pair[1] < pair[0]), "{ladder}");
 }
 
@@ -155,7 +207,9 @@ fn a_ladder_keeps_what_helps_on_unseen_data() {
 fn a_record_that_is_too_short_is_told_so_and_deletions_take_diagnoses_along() {
     let app = TestApp::start();
     app.room("1", 1);
-    let body = json!({"kind": "diagnose", "system": "room/1", "window": {"last": "P2D"}, "method": {"name": "lm_multistart"}});
+    let body = json!({
+        "kind": "diagnose", "system": "room/1", "window": {"last": "P2D"}, "method": {"name": "lm_multistart"}
+    });
     let job = app.ended(&app.post_job(&body));
     let diagnosis = app.get(job["links"]["diagnosis"].as_str().unwrap()).expect(200).json();
     assert_eq!(diagnosis["verdict"], "not_enough_data", "{diagnosis}");
@@ -167,7 +221,9 @@ fn a_record_that_is_too_short_is_told_so_and_deletions_take_diagnoses_along() {
 fn how_often_a_diagnosis_may_accuse_is_a_setting_that_a_request_overrides() {
     let app = TestApp::with(|settings| settings.diagnose.accusation_rate = 0.05);
     app.room("1", 1);
-    let body = json!({"kind": "diagnose", "system": "room/1", "window": {"last": "P2D"}, "method": {"name": "lm_multistart"}});
+    let body = json!({
+        "kind": "diagnose", "system": "room/1", "window": {"last": "P2D"}, "method": {"name": "lm_multistart"}
+    });
     let rate = |own: Option<f64>| {
         let mut body = body.clone();
         if let Some(own) = own {

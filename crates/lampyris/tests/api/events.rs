@@ -35,14 +35,27 @@ fn a_job_is_told_from_queue_to_end() {
     let told: Vec<Told> = app.listen(&format!("/jobs/{job}/events"), "").collect();
     let seconds = start.elapsed().as_secs_f64();
     let names = names(&told);
-    assert_eq!((names.first(), names.get(1), names.last()), (Some(&"queued"), Some(&"started"), Some(&"finished")), "{names:?}");
-    let of = |name: &str| told.iter().filter(|told| told.event == name).map(|told| &told.data).collect::<Vec<_>>();
+    assert_eq!(
+        (names.first(), names.get(1), names.last()),
+        (Some(&"queued"), Some(&"started"), Some(&"finished")),
+        "{names:?}"
+    );
+    let of =
+        |name: &str| told.iter().filter(|told| told.event == name).map(|told| &told.data).collect::<Vec<_>>();
     let (progress, incumbents) = (of("progress"), of("incumbent"));
     assert!(progress.len() >= 2 && !incumbents.is_empty(), "{names:?}");
     assert!((progress.len() + incumbents.len()) as f64 <= 4.0 * seconds + 1.0, "{names:?} in {seconds} s");
-    assert!(progress.windows(2).all(|pair| pair[0]["evaluations"].as_u64() < pair[1]["evaluations"].as_u64()));
-    assert!(progress.iter().all(|progress| progress["best_train"].is_f64() && progress["eta_s"].is_f64()), "{progress:?}");
-    assert!(incumbents.windows(2).all(|pair| pair[0]["parameters"] != pair[1]["parameters"]), "{incumbents:?}");
+    assert!(
+        progress.windows(2).all(|pair| pair[0]["evaluations"].as_u64() < pair[1]["evaluations"].as_u64())
+    );
+    assert!(
+        progress.iter().all(|progress| progress["best_train"].is_f64() && progress["eta_s"].is_f64()),
+        "{progress:?}"
+    );
+    assert!(
+        incumbents.windows(2).all(|pair| pair[0]["parameters"] != pair[1]["parameters"]),
+        "{incumbents:?}"
+    );
 
     let ended = &told.last().unwrap().data;
     assert_eq!(ended["state"], "succeeded");
@@ -51,7 +64,10 @@ fn a_job_is_told_from_queue_to_end() {
     assert_eq!(keys(&incumbents[0]["parameters"]), keys(&fit["parameters"]), "every parameter by its name");
     for (name, value) in incumbents[0]["parameters"].as_object().unwrap() {
         let bounds = &fit["parameters"][name]["bounds"];
-        assert!((bounds[0].as_f64().unwrap()..=bounds[1].as_f64().unwrap()).contains(&value.as_f64().unwrap()), "{name} {value}");
+        assert!(
+            (bounds[0].as_f64().unwrap()..=bounds[1].as_f64().unwrap()).contains(&value.as_f64().unwrap()),
+            "{name} {value}"
+        );
     }
 
     // Whoever has seen the end is told to stay away, by header or by query.
@@ -66,8 +82,11 @@ fn all_listeners_hear_the_same_and_a_filter_leaves_others_out() {
     let app = TestApp::start();
     app.room("1", 1);
     app.room("2", 2);
-    let (mut all, mut one, mut other) =
-        (app.listen("/events", ""), app.listen("/events?system=room/1", ""), app.listen("/events?system=room/2", ""));
+    let (mut all, mut one, mut other) = (
+        app.listen("/events", ""),
+        app.listen("/events?system=room/1", ""),
+        app.listen("/events?system=room/2", ""),
+    );
     let job = app.post_job(&lasting("room/1", 2));
     let own = app.listen(&format!("/jobs/{job}/events"), "");
     // This one reads nothing until all is over.
@@ -130,7 +149,9 @@ fn no_end_is_lost_over_a_restart() {
     let mut stream = app.listen("/events", &last_id);
     let mut told = stream.until(is_end);
     assert_eq!(told.last().unwrap().data["id"], gone.as_str());
-    let heard = |told: &[Told], name: &str, job: &str| told.iter().filter(|told| told.event == name && told.data["id"] == job).count();
+    let heard = |told: &[Told], name: &str, job: &str| {
+        told.iter().filter(|told| told.event == name && told.data["id"] == job).count()
+    };
     assert_eq!(heard(&told, "queued", &late), 1, "{:?}", said(&told));
     for job in [&running, &late] {
         app.post(&format!("/jobs/{job}/cancel")).expect(200);
@@ -148,7 +169,10 @@ fn no_end_is_lost_over_a_restart() {
     assert_eq!(names(&own), ["finished"]);
     app.get_with(&format!("/jobs/{gone}/events"), &[("last-event-id", &own[0].last_id)]).expect(204);
     // An id that makes no sense is that of somebody new.
-    assert_eq!(names(&app.listen(&format!("/jobs/{gone}/events"), "what?").collect::<Vec<_>>()), ["finished"]);
+    assert_eq!(
+        names(&app.listen(&format!("/jobs/{gone}/events"), "what?").collect::<Vec<_>>()),
+        ["finished"]
+    );
 }
 
 #[test]

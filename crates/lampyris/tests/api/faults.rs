@@ -5,8 +5,12 @@ use serde_json::{Value, json};
 use std::io::{Read, Write};
 
 fn pointers(problem: &Value) -> Vec<String> {
-    let mut pointers: Vec<String> =
-        problem["errors"].as_array().unwrap().iter().map(|fault| fault["pointer"].as_str().unwrap().to_owned()).collect();
+    let mut pointers: Vec<String> = problem["errors"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|fault| fault["pointer"].as_str().unwrap().to_owned())
+        .collect();
     pointers.sort();
     pointers
 }
@@ -17,7 +21,8 @@ fn all_faults_of_a_job_are_listed() {
     app.room("1", 1);
     let body = json!({
         "kind": "estimate", "system": "room 1", "experiment": "no", "modle": "rc2", "method": {"seed": -1},
-        "split": {"train": "21 days", "validation": "P7D"}, "objective": "sme", "budget": {"evaluations": 10, "walls": "PT1M"},
+        "split": {"train": "21 days", "validation": "P7D"}, "objective": "sme",
+        "budget": {"evaluations": 10, "walls": "PT1M"},
         "bounds": {"alpha_e": [1.0]}, "window": {"from": "yesterday"},
     });
     let problem = app.json("POST", "/jobs", &body).problem(422, "invalid-request");
@@ -33,36 +38,62 @@ fn all_faults_of_a_job_are_listed() {
         "/window/from",
     ];
     assert_eq!(pointers(&problem), expected, "{problem}");
-    let of = |pointer: &str| problem["errors"].as_array().unwrap().iter().find(|fault| fault["pointer"] == pointer).unwrap().clone();
+    let of = |pointer: &str| {
+        problem["errors"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .find(|fault| fault["pointer"] == pointer)
+            .unwrap()
+            .clone()
+    };
     assert_eq!(of("/modle")["suggestion"], "did you mean `model`?");
     assert_eq!(of("/objective")["suggestion"], "did you mean `mse`?");
 
     let problem = app
-        .json("POST", "/jobs", &json!({"kind": "estimate", "system": "room/2", "window": {"from": "yesterday"}}))
+        .json(
+            "POST",
+            "/jobs",
+            &json!({"kind": "estimate", "system": "room/2", "window": {"from": "yesterday"}}),
+        )
         .problem(422, "invalid-request");
     assert_eq!(pointers(&problem), ["/system", "/window/from"]);
-    let problem = app.json("POST", "/jobs", &json!({"kind": "estimate", "system": "room/2"})).problem(422, "invalid-request");
+    let problem = app
+        .json("POST", "/jobs", &json!({"kind": "estimate", "system": "room/2"}))
+        .problem(422, "invalid-request");
     assert_eq!(problem["errors"][0]["suggestion"], "did you mean `room/1`?");
-    let problem =
-        app.json("POST", "/jobs", &json!({"kind": "estimate", "system": "room/1", "model": "room22"})).problem(422, "invalid-request");
+    let problem = app
+        .json("POST", "/jobs", &json!({"kind": "estimate", "system": "room/1", "model": "room22"}))
+        .problem(422, "invalid-request");
     assert_eq!(
         (problem["errors"][0]["pointer"].as_str(), problem["errors"][0]["suggestion"].as_str()),
         (Some("/model"), Some("did you mean `room2`?"))
     );
     // Methods and objectives that there are not: the fault lists those that there are.
     for (field, value, known) in [
-        ("method", json!({"name": "annealing"}), "`cfa`, `cfa_thesis`, `cfa_hierarchical`, `lm_multistart`, `ctsm`"),
+        (
+            "method",
+            json!({"name": "annealing"}),
+            "`cfa`, `cfa_thesis`, `cfa_hierarchical`, `lm_multistart`, `ctsm`",
+        ),
         ("method", json!({"name": "bfgs", "seed": 3}), "`fa`, `fa_modified`, `grid`, `lshade`, `pso`, `ga`"),
         ("objective", json!("mae"), "`mse`, `swmse`, `nmse`, `likelihood`"),
     ] {
-        let problem =
-            app.json("POST", "/jobs", &json!({"kind": "estimate", "system": "room/1", field: value})).problem(422, "invalid-request");
+        let problem = app
+            .json("POST", "/jobs", &json!({"kind": "estimate", "system": "room/1", field: value}))
+            .problem(422, "invalid-request");
         let fault = &problem["errors"][0];
         let pointer = if field == "method" { "/method/name" } else { "/objective" };
-        assert_eq!((fault["pointer"].as_str(), fault["code"].as_str()), (Some(pointer), Some("unknown-value")), "{problem}");
+        assert_eq!(
+            (fault["pointer"].as_str(), fault["code"].as_str()),
+            (Some(pointer), Some("unknown-value")),
+            "{problem}"
+        );
         assert!(fault["detail"].as_str().unwrap().contains(known), "{problem}");
     }
-    let problem = app.json("POST", "/jobs", &json!({"kind": "estimat", "system": "room/1"})).problem(422, "invalid-request");
+    let problem = app
+        .json("POST", "/jobs", &json!({"kind": "estimat", "system": "room/1"}))
+        .problem(422, "invalid-request");
     assert_eq!(problem["errors"][0]["suggestion"], "did you mean `estimate`?");
     assert_eq!(app.get("/jobs").json()["items"], json!([]), "nothing of this was taken");
 }
@@ -71,8 +102,10 @@ fn all_faults_of_a_job_are_listed() {
 fn all_faults_of_a_system_and_a_schedule_are_listed() {
     let app = TestApp::start();
     let body = json!({
-        "model": "room9", "location": {"lat": 91, "lon": 10, "zone": "Mars/Olympus"}, "neighbours": ["room/1", "room/1"],
-        "policy": {"stale_after": "P0D"}, "exclude": [{"from": "2026-02-01T00:00:00Z", "to": "2026-01-01T00:00:00Z"}],
+        "model": "room9", "location": {"lat": 91, "lon": 10, "zone": "Mars/Olympus"},
+        "neighbours": ["room/1", "room/1"],
+        "policy": {"stale_after": "P0D"},
+        "exclude": [{"from": "2026-02-01T00:00:00Z", "to": "2026-01-01T00:00:00Z"}],
     });
     let problem = app.json("PUT", "/systems/room/1", &body).problem(422, "invalid-request");
     let expected = [
@@ -89,7 +122,8 @@ fn all_faults_of_a_system_and_a_schedule_are_listed() {
     app.get("/systems/room/1").problem(404, "system-not-found");
     app.json("PUT", "/systems/Room/1", &json!({"model": "rc2"})).problem(422, "invalid-request");
 
-    let body = json!({"cron": "61 * * * *", "zone": "Mars/Olympus", "systems": ["room/*"], "request": {"sede": 1}});
+    let body =
+        json!({"cron": "61 * * * *", "zone": "Mars/Olympus", "systems": ["room/*"], "request": {"sede": 1}});
     let problem = app.json("PUT", "/schedules/odd", &body).problem(422, "invalid-request");
     assert_eq!(pointers(&problem), ["/cron", "/request/sede", "/zone"], "{problem}");
 }
@@ -98,8 +132,9 @@ fn all_faults_of_a_system_and_a_schedule_are_listed() {
 fn all_faults_of_a_window_are_listed() {
     let app = TestApp::start();
     app.json("PUT", "/systems/room/1", &json!({"model": "rc2"})).expect(201);
-    let problem =
-        app.csv("/systems/room/1/windows", "when,T_room[furlong],T_out[kW]\n2026-01-01T00:00:00Z,1,2\n").problem(422, "invalid-request");
+    let problem = app
+        .csv("/systems/room/1/windows", "when,T_room[furlong],T_out[kW]\n2026-01-01T00:00:00Z,1,2\n")
+        .problem(422, "invalid-request");
     assert!(problem["errors"].as_array().unwrap().len() >= 3, "{problem}");
     app.csv("/systems/room/9/windows", "time,T_room\n").problem(404, "system-not-found");
     assert_eq!(app.get("/systems/room/1/windows").json()["items"], json!([]));
@@ -122,19 +157,31 @@ fn paths_methods_types_and_sizes_are_refused_with_a_problem() {
     assert!(answer.header("allow").contains("GET"), "{:?}", answer.headers);
     answer.problem(405, "method-not-allowed");
     app.send("PUT", "/params/room/1", &[], Some(b"")).unwrap().problem(405, "method-not-allowed");
-    app.send("POST", "/jobs", &[("content-type", "text/plain")], Some(b"{}")).unwrap().problem(415, "unsupported-media-type");
-    app.send("POST", "/jobs", &[("content-type", "application/json")], Some(b"{")).unwrap().problem(400, "malformed-body");
-    app.send("POST", "/jobs", &[("content-type", "application/json")], Some(b"[1e999]")).unwrap().problem(400, "malformed-body");
+    app.send("POST", "/jobs", &[("content-type", "text/plain")], Some(b"{}"))
+        .unwrap()
+        .problem(415, "unsupported-media-type");
+    app.send("POST", "/jobs", &[("content-type", "application/json")], Some(b"{"))
+        .unwrap()
+        .problem(400, "malformed-body");
+    app.send("POST", "/jobs", &[("content-type", "application/json")], Some(b"[1e999]"))
+        .unwrap()
+        .problem(400, "malformed-body");
     app.json("POST", "/jobs", &json!([])).problem(422, "invalid-request");
     let large = app.json("POST", "/jobs", &json!({"kind": "x".repeat(4096)})).problem(413, "body-too-large");
     assert_eq!(large["limit"], 2048);
     app.get("/jobs?stat=queued").problem(422, "invalid-request");
-    assert_eq!(app.get("/jobs?state=queud").problem(422, "invalid-request")["errors"][0]["suggestion"], "did you mean `queued`?");
+    assert_eq!(
+        app.get("/jobs?state=queud").problem(422, "invalid-request")["errors"][0]["suggestion"],
+        "did you mean `queued`?"
+    );
     app.get("/systems?page_size=0").problem(422, "invalid-request");
     app.get("/systems?page_size=many").problem(422, "invalid-request");
-    app.json_with("POST", "/jobs", &[("idempotency-key", &"k".repeat(300))], &json!({})).problem(422, "invalid-request");
+    app.json_with("POST", "/jobs", &[("idempotency-key", &"k".repeat(300))], &json!({}))
+        .problem(422, "invalid-request");
     let deep = format!("{}1{}", "[".repeat(900), "]".repeat(900));
-    app.send("POST", "/jobs", &[("content-type", "application/json")], Some(deep.as_bytes())).unwrap().problem(400, "malformed-body");
+    app.send("POST", "/jobs", &[("content-type", "application/json")], Some(deep.as_bytes()))
+        .unwrap()
+        .problem(400, "malformed-body");
 }
 
 #[test]
@@ -143,7 +190,10 @@ fn an_endless_body_is_cut_off_at_the_limit() {
     app.json("PUT", "/systems/room/1", &json!({"model": "rc2"})).expect(201);
     let mut stream = std::net::TcpStream::connect(app.addr()).unwrap();
     stream
-        .write_all(b"POST /systems/room/1/windows HTTP/1.1\r\nhost: x\r\ncontent-type: text/csv\r\ntransfer-encoding: chunked\r\n\r\n")
+        .write_all(
+            b"POST /systems/room/1/windows HTTP/1.1\r\nhost: x\r\ncontent-type: \
+            text/csv\r\ntransfer-encoding: chunked\r\n\r\n",
+        )
         .unwrap();
     let chunk = format!("1000\r\n{}\r\n", "x".repeat(0x1000));
     for _ in 0..1000 {
@@ -181,7 +231,11 @@ fn an_address_that_others_can_reach_is_refused() {
 #[test]
 fn a_database_serves_one_service() {
     let app = TestApp::start();
-    let settings = lampyris::settings::Settings { bind: "127.0.0.1:0".parse().unwrap(), database: app.database(), ..Default::default() };
+    let settings = lampyris::settings::Settings {
+        bind: "127.0.0.1:0".parse().unwrap(),
+        database: app.database(),
+        ..Default::default()
+    };
     let runtime = tokio::runtime::Runtime::new().unwrap();
     let error = runtime.block_on(lampyris::app::App::start(settings)).err().unwrap();
     assert!(error.to_string().contains("another service"), "{error}");

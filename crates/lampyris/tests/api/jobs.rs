@@ -9,7 +9,8 @@ fn equal_jobs_wait_once() {
     let app = TestApp::with(|settings| settings.workers = 1);
     app.room("1", 1);
     app.room("2", 2);
-    let blocker = app.json("POST", "/jobs", &endless("room/1")).expect(202).json()["id"].as_str().unwrap().to_owned();
+    let blocker =
+        app.json("POST", "/jobs", &endless("room/1")).expect(202).json()["id"].as_str().unwrap().to_owned();
     app.until(&format!("/jobs/{blocker}"), |job| job["state"] == "running");
     let first = app.json("POST", "/jobs", &quick("room/2")).expect(202).json();
     let second = app.json("POST", "/jobs", &quick("room/2")).expect(200).json();
@@ -21,13 +22,25 @@ fn equal_jobs_wait_once() {
     let beside = app.json("POST", "/jobs", &endless("room/1")).expect(202).json();
     assert_ne!(beside["id"], blocker.as_str());
 
-    let list = |query: &str| app.get(&format!("/jobs?{query}")).expect(200).json()["items"].as_array().unwrap().len();
-    assert_eq!((list("state=queued"), list("state=running"), list("system=room/2"), list("kind=estimate")), (3, 1, 2, 4));
-    let both = ["state=queued&system=room/2", "state=queued&kind=estimate", "system=room/2&kind=estimate", "state=running&system=room/2"];
+    let list = |query: &str| {
+        app.get(&format!("/jobs?{query}")).expect(200).json()["items"].as_array().unwrap().len()
+    };
+    assert_eq!(
+        (list("state=queued"), list("state=running"), list("system=room/2"), list("kind=estimate")),
+        (3, 1, 2, 4)
+    );
+    let both = [
+        "state=queued&system=room/2",
+        "state=queued&kind=estimate",
+        "system=room/2&kind=estimate",
+        "state=running&system=room/2",
+    ];
     assert_eq!(both.map(list), [2, 3, 2, 0]);
     assert_eq!(list("state=queued&system=room/2&kind=diagnose"), 0);
     let page = app.get("/jobs?page_size=3").json();
-    let rest = app.get(&format!("/jobs?page_size=3&page_token={}", page["next_page_token"].as_str().unwrap())).json();
+    let rest = app
+        .get(&format!("/jobs?page_size=3&page_token={}", page["next_page_token"].as_str().unwrap()))
+        .json();
     assert_eq!((page["items"].as_array().unwrap().len(), rest["items"].as_array().unwrap().len()), (3, 1));
     assert!(rest["next_page_token"].is_null());
 
@@ -50,7 +63,10 @@ fn a_hundred_equal_posts_make_one_job() {
     });
     assert_eq!(answers.len(), 100);
     assert_eq!(answers.iter().filter(|(status, _)| *status == 202).count(), 1, "one post made it");
-    assert!(answers.iter().all(|(status, id)| (*status == 202 || *status == 200) && *id == answers[0].1), "{answers:?}");
+    assert!(
+        answers.iter().all(|(status, id)| (*status == 202 || *status == 200) && *id == answers[0].1),
+        "{answers:?}"
+    );
     let jobs = app.get("/jobs?system=room/2").expect(200).json();
     assert_eq!(jobs["items"].as_array().unwrap().len(), 1, "{jobs}");
     app.post(&format!("/jobs/{blocker}/cancel")).expect(200);
@@ -68,7 +84,10 @@ fn a_key_makes_one_job_of_two_requests() {
     app.ended(&id);
     // The job has ended, so without the key this would be another one.
     let again = post("a", &quick("room/1")).expect(202);
-    assert_eq!((again.json()["id"].as_str(), again.header("idempotency-replayed")), (Some(id.as_str()), "true"));
+    assert_eq!(
+        (again.json()["id"].as_str(), again.header("idempotency-replayed")),
+        (Some(id.as_str()), "true")
+    );
     let mut other = quick("room/1");
     other["method"]["seed"] = json!(7);
     post("a", &other).problem(422, "idempotency-key-reused");
@@ -78,7 +97,8 @@ fn a_key_makes_one_job_of_two_requests() {
     let made = post("c", &batch).expect(202).json();
     assert_eq!(post("c", &batch).expect(202).json()["id"], made["id"]);
     let model = json!({"effect": "constant_gain"});
-    let effect = |key: &str| app.json_with("POST", "/models/rc2/effects", &[("idempotency-key", key)], &model);
+    let effect =
+        |key: &str| app.json_with("POST", "/models/rc2/effects", &[("idempotency-key", key)], &model);
     effect("d").expect(201);
     effect("d").expect(200);
     effect("a").problem(422, "idempotency-key-reused");
@@ -88,14 +108,19 @@ fn a_key_makes_one_job_of_two_requests() {
 fn a_cancelled_job_stops() {
     let app = TestApp::start();
     app.room("1", 1);
-    let job = app.json("POST", "/jobs", &endless("room/1")).expect(202).json()["id"].as_str().unwrap().to_owned();
+    let job =
+        app.json("POST", "/jobs", &endless("room/1")).expect(202).json()["id"].as_str().unwrap().to_owned();
     app.until(&format!("/jobs/{job}"), |job| job["progress"]["evaluations"].as_u64().unwrap_or(0) > 0);
     let start = Instant::now();
     app.post(&format!("/jobs/{job}/cancel")).expect(200);
     let ended = app.ended(&job);
     println!("cancelled within {:?} (target 0.5 s)", start.elapsed());
     assert_eq!((ended["state"].as_str(), ended["fit"].is_null()), (Some("cancelled"), true));
-    assert_eq!(app.post(&format!("/jobs/{job}/cancel")).expect(200).json()["state"], "cancelled", "twice is harmless");
+    assert_eq!(
+        app.post(&format!("/jobs/{job}/cancel")).expect(200).json()["state"],
+        "cancelled",
+        "twice is harmless"
+    );
     app.post("/jobs/job_none/cancel").problem(404, "job-not-found");
     // The worker is free again.
     assert_eq!(app.ended(&app.estimate("room/1", json!({})))["state"], "succeeded");
@@ -109,12 +134,17 @@ fn a_deadline_ends_a_search_with_what_it_has() {
     body["budget"]["wall"] = json!("PT1S");
     let job = app.json("POST", "/jobs", &body).expect(202).json()["id"].as_str().unwrap().to_owned();
     let ended = app.ended(&job);
-    assert_eq!((ended["state"].as_str(), ended["stopped_by"].as_str()), (Some("succeeded"), Some("deadline")), "{ended}");
+    assert_eq!(
+        (ended["state"].as_str(), ended["stopped_by"].as_str()),
+        (Some("succeeded"), Some("deadline")),
+        "{ended}"
+    );
     assert!(ended["wall_s"].as_f64().unwrap() < 3.0, "{ended}");
     // What it has may be good, and nobody knows it.
     assert!(["held", "rejected"].contains(&ended["outcome"].as_str().unwrap()), "{ended}");
     let fit = app.get(&format!("/fits/{}", ended["fit"].as_str().unwrap())).json();
-    let repeat = fit["checks"].as_array().unwrap().iter().find(|check| check["name"] == "G7 repeat").cloned().unwrap();
+    let repeat =
+        fit["checks"].as_array().unwrap().iter().find(|check| check["name"] == "G7 repeat").cloned().unwrap();
     assert_eq!((&repeat["pass"], &repeat["severity"]), (&json!(false), &json!("hold")), "{repeat}");
     app.get("/params/room/1").problem(404, "no-validated-parameters");
 }
@@ -145,14 +175,21 @@ fn one_job_of_a_system_waits_for_no_crowd_of_another() {
     let app = TestApp::with(|settings| settings.workers = 1);
     app.room("1", 1);
     app.room("2", 2);
-    let blocker = app.json("POST", "/jobs", &endless("room/1")).expect(202).json()["id"].as_str().unwrap().to_owned();
+    let blocker =
+        app.json("POST", "/jobs", &endless("room/1")).expect(202).json()["id"].as_str().unwrap().to_owned();
     app.until(&format!("/jobs/{blocker}"), |job| job["state"] == "running");
     let crowd: Vec<String> = (0..6)
-        .map(|seed| app.estimate("room/1", json!({"method": {"name": "lm_multistart", "seed": seed}, "budget": {"evaluations": 50}})))
+        .map(|seed| {
+            app.estimate(
+                "room/1",
+                json!({"method": {"name": "lm_multistart", "seed": seed}, "budget": {"evaluations": 50}}),
+            )
+        })
         .collect();
     let single = app.estimate("room/2", json!({"budget": {"evaluations": 50}}));
     app.post(&format!("/jobs/{blocker}/cancel")).expect(200);
-    let started = |job: &str| app.ended(job)["started_at"].as_str().unwrap().parse::<jiff::Timestamp>().unwrap();
+    let started =
+        |job: &str| app.ended(job)["started_at"].as_str().unwrap().parse::<jiff::Timestamp>().unwrap();
     let single = started(&single);
     let before = crowd.iter().filter(|job| started(job) < single).count();
     assert!(before <= 1, "{before} jobs of the other system went first");
@@ -177,7 +214,9 @@ fn small(system: &str, more: &Value) -> Value {
 
 /// The jobs in the order in which they were started.
 fn order<'a>(app: &TestApp, mut jobs: Vec<&'a str>) -> Vec<&'a str> {
-    jobs.sort_by_key(|job| app.ended(job)["started_at"].as_str().unwrap().parse::<jiff::Timestamp>().unwrap());
+    jobs.sort_by_key(|job| {
+        app.ended(job)["started_at"].as_str().unwrap().parse::<jiff::Timestamp>().unwrap()
+    });
     jobs
 }
 
@@ -191,10 +230,16 @@ fn a_page_goes_before_an_operator_and_an_operator_before_the_night() {
     let night: Vec<&str> = night.as_array().unwrap().iter().map(|job| job["job"].as_str().unwrap()).collect();
     let operator = app.post_job(&small("room/4", &json!({})));
     let page = post("room/5", "interactive");
-    let crowd = app.post_job(&small("room/5", &json!({"priority": "interactive", "method": {"name": "lm_multistart", "seed": 2}})));
+    let crowd = app.post_job(&small(
+        "room/5",
+        &json!({"priority": "interactive", "method": {"name": "lm_multistart", "seed": 2}}),
+    ));
     let other = post("room/6", "interactive");
     let shown = |job: &str| app.get(&format!("/jobs/{job}")).json()["priority"].clone();
-    assert_eq!((shown(&page), shown(&operator), shown(night[0])), (json!("interactive"), json!("operator"), json!("nightly")));
+    assert_eq!(
+        (shown(&page), shown(&operator), shown(night[0])),
+        (json!("interactive"), json!("operator"), json!("nightly"))
+    );
     app.post(&format!("/jobs/{blocker}/cancel")).expect(200);
     let all: Vec<&str> = night.iter().copied().chain([operator.as_str(), &crowd, &other, &page]).collect();
     // Pages of two systems take turns: the second job of one waits for the first of the other.
@@ -206,17 +251,32 @@ fn an_equal_job_that_waits_is_moved_up_and_never_down() {
     let (app, blocker) = blocked(&["1", "2", "3"]);
     let night = app.post_job(&small("room/2", &json!({"priority": "nightly"})));
     let operator = app.post_job(&small("room/3", &json!({})));
-    let again = app.json("POST", "/jobs", &small("room/2", &json!({"priority": "interactive"}))).expect(200).json();
-    assert_eq!((again["id"].as_str(), again["priority"].as_str()), (Some(night.as_str()), Some("interactive")));
-    let again = app.json("POST", "/jobs", &small("room/2", &json!({"priority": "nightly"}))).expect(200).json();
-    assert_eq!((again["id"].as_str(), again["priority"].as_str()), (Some(night.as_str()), Some("interactive")));
+    let again =
+        app.json("POST", "/jobs", &small("room/2", &json!({"priority": "interactive"}))).expect(200).json();
+    assert_eq!(
+        (again["id"].as_str(), again["priority"].as_str()),
+        (Some(night.as_str()), Some("interactive"))
+    );
+    let again =
+        app.json("POST", "/jobs", &small("room/2", &json!({"priority": "nightly"}))).expect(200).json();
+    assert_eq!(
+        (again["id"].as_str(), again["priority"].as_str()),
+        (Some(night.as_str()), Some("interactive"))
+    );
     app.post(&format!("/jobs/{blocker}/cancel")).expect(200);
     assert_eq!(order(&app, vec![&operator, &night]), [&night, &operator]);
-    let problem =
-        app.json("POST", "/jobs", &small("room/2", &json!({"priority": "nightli", "experiment": 1}))).problem(422, "invalid-request");
-    let faults: Vec<&str> = problem["errors"].as_array().unwrap().iter().map(|fault| fault["pointer"].as_str().unwrap()).collect();
+    let problem = app
+        .json("POST", "/jobs", &small("room/2", &json!({"priority": "nightli", "experiment": 1})))
+        .problem(422, "invalid-request");
+    let faults: Vec<&str> = problem["errors"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|fault| fault["pointer"].as_str().unwrap())
+        .collect();
     assert_eq!(faults, ["/experiment", "/priority"], "{problem}");
-    let schedule = json!({"cron": "0 4 * * *", "systems": ["room/*"], "request": {"priority": "interactive"}});
+    let schedule =
+        json!({"cron": "0 4 * * *", "systems": ["room/*"], "request": {"priority": "interactive"}});
     app.json("PUT", "/schedules/odd", &schedule).problem(422, "invalid-request");
 }
 
@@ -236,16 +296,30 @@ fn a_job_that_has_ended_can_be_done_again() {
     for field in ["kind", "system", "model", "request", "experiment"] {
         assert_eq!(again[field], old[field], "{field}");
     }
-    assert_eq!((&again["retry_of"], &again["priority"], &old["retry_of"]), (&json!(waiting), &json!("operator"), &Value::Null));
+    assert_eq!(
+        (&again["retry_of"], &again["priority"], &old["retry_of"]),
+        (&json!(waiting), &json!("operator"), &Value::Null)
+    );
     assert_ne!(again["id"], old["id"]);
-    assert_eq!(app.post(&format!("/jobs/{waiting}/retry")).expect(200).json()["id"], again["id"], "equal jobs wait once");
+    assert_eq!(
+        app.post(&format!("/jobs/{waiting}/retry")).expect(200).json()["id"],
+        again["id"],
+        "equal jobs wait once"
+    );
 
     app.post(&format!("/jobs/{blocker}/cancel")).expect(200);
     let first = app.ended(again["id"].as_str().unwrap());
     assert_eq!(first["state"], "succeeded", "{first}");
     // A key makes one job of two requests; the retry of a retry names what it repeats.
-    let retry =
-        || app.send("POST", &format!("/jobs/{}/retry", first["id"].as_str().unwrap()), &[("idempotency-key", "r")], Some(b"")).unwrap();
+    let retry = || {
+        app.send(
+            "POST",
+            &format!("/jobs/{}/retry", first["id"].as_str().unwrap()),
+            &[("idempotency-key", "r")],
+            Some(b""),
+        )
+        .unwrap()
+    };
     let second = retry().expect(202).json();
     assert_eq!(second["retry_of"], first["id"]);
     let ended = app.ended(second["id"].as_str().unwrap());
@@ -262,16 +336,31 @@ fn early_stopping_is_asked_for_in_the_request() {
     let app = TestApp::start();
     app.room("1", 1);
     let method = json!({"name": "cfa_thesis", "seed": 1, "n": 12, "n_min": 6, "generations": 1000});
-    let more = json!({"method": method, "budget": {"evaluations": 50_000}, "early_stopping": {"patience": 8, "min_delta": 0.05}});
+    let more = json!({
+        "method": method, "budget": {"evaluations": 50_000},
+        "early_stopping": {"patience": 8, "min_delta": 0.05}
+    });
     let job = app.ended(&app.estimate("room/1", more));
-    assert_eq!((job["state"].as_str(), job["stopped_by"].as_str()), (Some("succeeded"), Some("stalled")), "{job}");
+    assert_eq!(
+        (job["state"].as_str(), job["stopped_by"].as_str()),
+        (Some("succeeded"), Some("stalled")),
+        "{job}"
+    );
     assert!(job["evaluations"].as_u64().unwrap() < 20_000, "{job}");
-    assert_eq!(job["request"]["early_stopping"], json!({"patience": 8, "min_delta": 0.05, "validation": false}));
+    assert_eq!(
+        job["request"]["early_stopping"],
+        json!({"patience": 8, "min_delta": 0.05, "validation": false})
+    );
 
     let mut bad = quick("room/1");
     bad["early_stopping"] = json!({"patience": 0, "min_delta": 2});
     let problem = app.json("POST", "/jobs", &bad).problem(422, "invalid-request");
-    let pointers: Vec<&str> = problem["errors"].as_array().unwrap().iter().map(|fault| fault["pointer"].as_str().unwrap()).collect();
+    let pointers: Vec<&str> = problem["errors"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|fault| fault["pointer"].as_str().unwrap())
+        .collect();
     assert_eq!(pointers, ["/early_stopping/patience", "/early_stopping/min_delta"]);
     bad["early_stopping"] = json!({"patients": 3});
     let problem = app.json("POST", "/jobs", &bad).problem(422, "invalid-request");

@@ -22,17 +22,24 @@ fn a_layout_is_proposed_and_nothing_is_stored() {
         .collect();
     assert_eq!(rooms, [("Lounge", 2), ("cellar", 1)], "{}", found["summary"]);
     assert!(found["summary"].as_str().unwrap().contains("Nothing is stored"));
-    assert_eq!((found["thresholds"].clone(), &found["step_s"]), (json!({"same_room": 0.96, "neighbour": 0.5}), &json!(1800)));
+    assert_eq!(
+        (found["thresholds"].clone(), &found["step_s"]),
+        (json!({"same_room": 0.96, "neighbour": 0.5}), &json!(1800))
+    );
     assert_eq!(found["correlation"][0][0], json!(1.0));
     assert_eq!(found["correlation"][0][1], found["correlation"][1][0]);
-    let left_out: Vec<&str> = found["left_out"].as_array().unwrap().iter().map(|one| one["channel"].as_str().unwrap()).collect();
+    let left_out: Vec<&str> =
+        found["left_out"].as_array().unwrap().iter().map(|one| one["channel"].as_str().unwrap()).collect();
     assert_eq!(left_out, ["P_lamp", "T_outside"]);
     assert!(found["warnings"].to_string().contains("the time cannot be read"), "{}", found["warnings"]);
     assert_eq!(app.get("/systems").json()["items"], json!([]));
 
     let body = json!({
         "time": first.iter().map(|row| row.0.clone()).collect::<Vec<_>>(),
-        "values": {"a": first.iter().map(|row| row.1).collect::<Vec<_>>(), "b": other.iter().map(|row| row.1).collect::<Vec<_>>()},
+        "values": {
+            "a": first.iter().map(|row| row.1).collect::<Vec<_>>(),
+            "b": other.iter().map(|row| row.1).collect::<Vec<_>>()
+        },
     });
     let plain = app.json("POST", "/systems/layout", &body).expect(200).json();
     assert_eq!(plain["sensors"], json!([{"channel": "a", "samples": 672}, {"channel": "b", "samples": 672}]));
@@ -44,7 +51,12 @@ fn a_layout_is_proposed_and_nothing_is_stored() {
         (Some("window-too-short"), Some("send two weeks or more"))
     );
     let problem = app.csv("/systems/layout", "time,T_a[x],T_b[y]\n").problem(422, "invalid-request");
-    assert_eq!(problem["errors"].as_array().unwrap().iter().filter(|fault| fault["code"] == "unknown-unit").count(), 2);
-    app.send("POST", "/systems/layout", &[("content-type", "text/plain")], Some(b"x")).unwrap().problem(415, "unsupported-media-type");
+    assert_eq!(
+        problem["errors"].as_array().unwrap().iter().filter(|fault| fault["code"] == "unknown-unit").count(),
+        2
+    );
+    app.send("POST", "/systems/layout", &[("content-type", "text/plain")], Some(b"x"))
+        .unwrap()
+        .problem(415, "unsupported-media-type");
     assert_eq!(app.get("/systems/layout/windows").json()["type"], Value::from("system-not-found"));
 }

@@ -40,12 +40,16 @@ fn impatient() -> TestApp {
 fn slow_clients_are_closed_while_others_are_served() {
     let app = impatient();
     let half_a_head = "GET /healthz HTTP/1.1\r\nhost: x\r\nx-slow: ";
-    let half_a_body = "POST /jobs HTTP/1.1\r\nhost: x\r\ncontent-type: application/json\r\ncontent-length: 100\r\n\r\n{\"kind\":";
-    let mut slow: Vec<TcpStream> = (0..50).map(|index| connect(&app, if index % 2 == 0 { half_a_head } else { half_a_body })).collect();
+    let half_a_body = "POST /jobs HTTP/1.1\r\nhost: x\r\ncontent-type: application/json\r\ncontent-length: \
+        100\r\n\r\n{\"kind\":";
+    let mut slow: Vec<TcpStream> =
+        (0..50).map(|index| connect(&app, if index % 2 == 0 { half_a_head } else { half_a_body })).collect();
     // One that says a byte now and then gains nothing by it.
     let dripping = slow[0].try_clone().unwrap();
     let drip = std::thread::spawn(move || {
-        (0..20).all(|_| (&dripping).write_all(b"x").map(|()| std::thread::sleep(Duration::from_millis(80))).is_ok())
+        (0..20).all(|_| {
+            (&dripping).write_all(b"x").map(|()| std::thread::sleep(Duration::from_millis(80))).is_ok()
+        })
     });
     for _ in 0..20 {
         app.get("/healthz").expect(200);
@@ -85,9 +89,14 @@ fn a_refusal_before_the_body_has_come_leaves_the_connection_open() {
         let length = stream.read(&mut bytes).unwrap();
         String::from_utf8(bytes[..length].to_vec()).unwrap()
     };
-    for (head, status) in [("POST /nothing", 404), ("DELETE /jobs", 405), ("PUT /schedules/x?y=1", 422), ("POST /jobs", 415)] {
+    for (head, status) in
+        [("POST /nothing", 404), ("DELETE /jobs", 405), ("PUT /schedules/x?y=1", 422), ("POST /jobs", 415)]
+    {
         let said = answer([&format!("{head} HTTP/1.1\r\nhost: x\r\ncontent-length: 2\r\n\r\n"), "{}"]);
-        assert!(said.starts_with(&format!("HTTP/1.1 {status} ")) && !said.contains("connection: close"), "{head}: {said}");
+        assert!(
+            said.starts_with(&format!("HTTP/1.1 {status} ")) && !said.contains("connection: close"),
+            "{head}: {said}"
+        );
     }
     let said = answer(["GET /healthz HTTP/1.1\r\nhost: x\r\n\r\n", ""]);
     assert!(said.starts_with("HTTP/1.1 200 "), "{said}");
@@ -110,7 +119,8 @@ fn more_clients_than_there_are_places_wait_their_turn() {
 #[test]
 fn a_body_without_an_end_is_refused_once_it_is_too_large() {
     let app = impatient();
-    let head = "POST /jobs HTTP/1.1\r\nhost: x\r\ncontent-type: application/json\r\ntransfer-encoding: chunked\r\n\r\n";
+    let head = "POST /jobs HTTP/1.1\r\nhost: x\r\ncontent-type: application/json\r\ntransfer-encoding: \
+        chunked\r\n\r\n";
     let mut stream = connect(&app, head);
     let chunk = format!("1000\r\n{}\r\n", "1".repeat(0x1000));
     let start = Instant::now();
@@ -122,7 +132,10 @@ fn a_body_without_an_end_is_refused_once_it_is_too_large() {
     }
     let said = rest(&mut stream);
     // Where the reset overtakes the answer, the client has seen its connection end.
-    assert!(said.is_empty() || (said.starts_with("HTTP/1.1 413 ") && said.contains("\"limit\":4096")), "{said}");
+    assert!(
+        said.is_empty() || (said.starts_with("HTTP/1.1 413 ") && said.contains("\"limit\":4096")),
+        "{said}"
+    );
     // One chunk more than the limit, and an end: this client hears why.
     let mut stream = connect(&app, &format!("{head}{chunk}{chunk}0\r\n\r\n"));
     let mut answer = [0; 4096];
@@ -134,12 +147,20 @@ fn a_body_without_an_end_is_refused_once_it_is_too_large() {
 #[test]
 fn compressed_bodies_are_refused_unread() {
     let app = impatient();
-    for (path, kind) in [("/jobs", "application/json"), ("/systems/room/1/windows", "text/csv"), ("/schedules/nightly/run", "text/plain")] {
+    for (path, kind) in [
+        ("/jobs", "application/json"),
+        ("/systems/room/1/windows", "text/csv"),
+        ("/schedules/nightly/run", "text/plain"),
+    ] {
         for encoding in ["gzip", "br", "gzip, identity"] {
             let headers = [("content-type", kind), ("content-encoding", encoding)];
-            app.send("POST", path, &headers, Some(b"\x1f\x8b")).unwrap().problem(415, "unsupported-content-encoding");
+            app.send("POST", path, &headers, Some(b"\x1f\x8b"))
+                .unwrap()
+                .problem(415, "unsupported-content-encoding");
         }
-        let plain = app.send("POST", path, &[("content-type", kind), ("content-encoding", "identity")], Some(b"")).unwrap();
+        let plain = app
+            .send("POST", path, &[("content-type", kind), ("content-encoding", "identity")], Some(b""))
+            .unwrap();
         assert_ne!(plain.status, 415, "{}", plain.text);
     }
 }

@@ -12,9 +12,15 @@ fn an_unknown_system_and_one_without_a_fit_are_different_things() {
     let problem = app.get("/params/room/1").problem(404, "no-validated-parameters");
     assert!(problem["latest_job"].is_null());
     let nominal = app.get("/params/room/1?accept=nominal").expect(200);
-    assert_eq!((nominal.header("params-status"), nominal.json()["parameters"]["alpha_e"].as_f64()), ("nominal", Some(0.2)));
+    assert_eq!(
+        (nominal.header("params-status"), nominal.json()["parameters"]["alpha_e"].as_f64()),
+        ("nominal", Some(0.2))
+    );
     assert!(nominal.json()["parameters"]["T_e0"].is_null() && nominal.json()["revision"].is_null());
-    let job = app.json("POST", "/jobs", &crate::support::endless("room/1")).expect(202).json()["id"].as_str().unwrap().to_owned();
+    let job = app.json("POST", "/jobs", &crate::support::endless("room/1")).expect(202).json()["id"]
+        .as_str()
+        .unwrap()
+        .to_owned();
     let waiting = app.get("/params/room/1");
     assert!(!waiting.header("retry-after").is_empty());
     assert_eq!(waiting.problem(404, "no-validated-parameters")["latest_job"], job.as_str());
@@ -48,7 +54,9 @@ fn a_tag_saves_the_body_and_a_long_poll_waits_for_news() {
     assert!(start.elapsed() >= Duration::from_millis(950), "{:?}", start.elapsed());
 
     let (client, tag) = (app.client.clone(), etag.clone());
-    let poll = std::thread::spawn(move || client.get_with("/params/room/1", &[("if-none-match", &tag), ("prefer", "wait=60")]));
+    let poll = std::thread::spawn(move || {
+        client.get_with("/params/room/1", &[("if-none-match", &tag), ("prefer", "wait=60")])
+    });
     std::thread::sleep(Duration::from_millis(100));
     app.csv("/systems/room/1/windows", &stuck_csv()).expect(201);
     app.ended(&app.estimate("room/1", json!({})));
@@ -71,17 +79,31 @@ fn a_rejected_fit_leaves_the_previous_set_in_service() {
     assert_eq!(app.get("/params/room/1").json(), good);
 
     let rejected = app.ended(&app.estimate("room/1", json!({})));
-    assert_eq!((rejected["state"].as_str(), rejected["outcome"].as_str()), (Some("succeeded"), Some("rejected")), "{rejected}");
+    assert_eq!(
+        (rejected["state"].as_str(), rejected["outcome"].as_str()),
+        (Some("succeeded"), Some("rejected")),
+        "{rejected}"
+    );
     let answer = app.get("/params/room/1").expect(200);
     assert_eq!(answer.header("params-status"), "fallback");
     let fallen = answer.json();
-    assert_eq!((&fallen["parameters"], &fallen["revision"], &fallen["fit"]), (&good["parameters"], &good["revision"], &good["fit"]));
-    assert_eq!((fallen["fallback"]["reason"].as_str(), &fallen["fallback"]["fit"]), (Some("validation_failed"), &rejected["fit"]));
+    assert_eq!(
+        (&fallen["parameters"], &fallen["revision"], &fallen["fit"]),
+        (&good["parameters"], &good["revision"], &good["fit"])
+    );
+    assert_eq!(
+        (fallen["fallback"]["reason"].as_str(), &fallen["fallback"]["fit"]),
+        (Some("validation_failed"), &rejected["fit"])
+    );
     assert!(!fallen["fallback"]["failed_checks"].as_array().unwrap().is_empty());
 
     // A good fit on the measurements from before the sensor hung ends the fallback. They are a week older.
-    app.json("PUT", "/systems/room/1", &json!({"model": "rc2", "policy": {"stale_after": "P30D"}})).expect(200);
-    let job = app.estimate("room/1", json!({"window": {"to": "2026-01-07T00:00:00Z"}, "split": {"train": "P4D", "validation": "P2D"}}));
+    app.json("PUT", "/systems/room/1", &json!({"model": "rc2", "policy": {"stale_after": "P30D"}}))
+        .expect(200);
+    let job = app.estimate(
+        "room/1",
+        json!({"window": {"to": "2026-01-07T00:00:00Z"}, "split": {"train": "P4D", "validation": "P2D"}}),
+    );
     let ended = app.ended(&job);
     assert!(["accepted", "unchanged"].contains(&ended["outcome"].as_str().unwrap()), "{ended}");
     let params = app.get("/params/room/1").json();
@@ -95,9 +117,16 @@ fn a_job_that_fails_says_so_beside_the_previous_set() {
     app.ended(&app.estimate("room/1", json!({})));
     let good = app.get("/params/room/1").json();
     let failed = app.ended(&app.failing("room/1", json!({})));
-    assert_eq!((failed["state"].as_str(), failed["error"]["code"].as_str()), (Some("failed"), Some("diverged")), "{failed}");
+    assert_eq!(
+        (failed["state"].as_str(), failed["error"]["code"].as_str()),
+        (Some("failed"), Some("diverged")),
+        "{failed}"
+    );
     let params = app.get("/params/room/1").json();
-    assert_eq!((params["status"].as_str(), params["fallback"]["reason"].as_str()), (Some("fallback"), Some("job_failed")));
+    assert_eq!(
+        (params["status"].as_str(), params["fallback"]["reason"].as_str()),
+        (Some("fallback"), Some("job_failed"))
+    );
     assert_eq!((&params["fallback"]["job"], &params["parameters"]), (&failed["id"], &good["parameters"]));
 }
 
@@ -106,12 +135,18 @@ fn a_set_turns_stale_when_its_time_has_come() {
     // Before the newest of the measurements, so that the age of the validation decides.
     let app = TestApp::at("2026-01-14T12:00:00Z", |_| {});
     app.room("1", 1);
-    app.json("PUT", "/systems/room/1", &json!({"model": "rc2", "policy": {"stale_after": "PT4S"}})).expect(200);
+    app.json("PUT", "/systems/room/1", &json!({"model": "rc2", "policy": {"stale_after": "PT4S"}}))
+        .expect(200);
     app.ended(&app.estimate("room/1", json!({})));
     let fresh = app.get("/params/room/1").expect(200);
     assert_eq!(fresh.json()["status"], "fresh");
-    let stale = app.get_with("/params/room/1", &[("if-none-match", fresh.header("etag")), ("prefer", "wait=20")]).expect(200);
-    assert_eq!((stale.header("params-status"), &stale.json()["parameters"]), ("stale", &fresh.json()["parameters"]));
+    let stale = app
+        .get_with("/params/room/1", &[("if-none-match", fresh.header("etag")), ("prefer", "wait=20")])
+        .expect(200);
+    assert_eq!(
+        (stale.header("params-status"), &stale.json()["parameters"]),
+        ("stale", &fresh.json()["parameters"])
+    );
     app.get("/params/room/1?accept=fresh").problem(404, "no-fresh-parameters");
 }
 
@@ -121,7 +156,11 @@ fn old_measurements_are_not_fresh_however_lately_they_were_looked_at() {
     app.room("1", 1);
     assert_eq!(app.ended(&app.estimate("room/1", json!({})))["outcome"], "accepted");
     let old = app.get("/params/room/1").expect(200).json();
-    assert_eq!((&old["status"], &old["stale_after"]), (&json!("stale"), &json!("2026-01-17T23:30:00Z")), "{old}");
+    assert_eq!(
+        (&old["status"], &old["stale_after"]),
+        (&json!("stale"), &json!("2026-01-17T23:30:00Z")),
+        "{old}"
+    );
     app.get("/params/room/1?accept=fresh").problem(404, "no-fresh-parameters");
     let row = app.get("/systems").json()["items"][0].clone();
     assert_eq!(row["health"], "attention", "{row}");
@@ -135,10 +174,16 @@ fn old_measurements_are_not_fresh_however_lately_they_were_looked_at() {
         let split = json!({"train": "P14D", "validation": "P7D"});
         app.ended(&app.estimate("room/1", json!({"split": split, "fixed": fixed})))
     };
-    let unchanged = (1..60).map(|step| tried(1.0 + 0.005 * f64::from(step))).find(|job| job["outcome"] != "suggested").unwrap();
+    let unchanged = (1..60)
+        .map(|step| tried(1.0 + 0.005 * f64::from(step)))
+        .find(|job| job["outcome"] != "suggested")
+        .unwrap();
     assert_eq!(unchanged["outcome"], "unchanged", "{unchanged}");
     let held_its_ground = app.get("/params/room/1?accept=fresh").expect(200).json();
-    assert_eq!((&held_its_ground["stale_after"], &held_its_ground["window"]), (&json!("2026-01-24T23:30:00Z"), &old["window"]));
+    assert_eq!(
+        (&held_its_ground["stale_after"], &held_its_ground["window"]),
+        (&json!("2026-01-24T23:30:00Z"), &old["window"])
+    );
 }
 
 #[test]
@@ -167,7 +212,11 @@ fn a_policy_that_suggests_publishes_nothing() {
     app.room("1", 1);
     app.json("PUT", "/systems/room/1", &json!({"model": "rc2", "policy": {"mode": "suggest"}})).expect(200);
     let ended = app.ended(&app.estimate("room/1", json!({})));
-    assert_eq!((ended["outcome"].as_str(), ended["revision"].is_null()), (Some("suggested"), true), "{ended}");
+    assert_eq!(
+        (ended["outcome"].as_str(), ended["revision"].is_null()),
+        (Some("suggested"), true),
+        "{ended}"
+    );
     app.get("/params/room/1").problem(404, "no-validated-parameters");
     let body = quick("room/1");
     assert_eq!(body["kind"], "estimate");

@@ -19,13 +19,19 @@ fn statuses(app: &TestApp, jobs: &[&str]) -> Vec<u16> {
 fn what_is_old_and_named_by_nothing_goes_and_the_rest_stays() {
     let app = TestApp::with(|settings| settings.retention.jobs_days = 30);
     app.room("1", 1);
-    let experiment =
-        |seed: u64| app.ended(&app.estimate("room/1", json!({"experiment": true, "method": {"name": "lm_multistart", "seed": seed}})));
+    let experiment = |seed: u64| {
+        app.ended(&app.estimate(
+            "room/1",
+            json!({"experiment": true, "method": {"name": "lm_multistart", "seed": seed}}),
+        ))
+    };
     let id = |job: &Value| job["id"].as_str().unwrap().to_owned();
     let served = id(&app.ended(&app.estimate("room/1", json!({}))));
     let idle = experiment(2);
     let repeated = experiment(3);
-    let again = id(&app.ended(app.post(&format!("/jobs/{}/retry", id(&repeated))).expect(202).json()["id"].as_str().unwrap()));
+    let again = id(&app.ended(
+        app.post(&format!("/jobs/{}/retry", id(&repeated))).expect(202).json()["id"].as_str().unwrap(),
+    ));
     // Refused: the fallback names it.
     app.csv("/systems/room/1/windows", &stuck_csv()).expect(201);
     let refused = app.ended(&app.estimate("room/1", json!({})));
@@ -39,11 +45,24 @@ fn what_is_old_and_named_by_nothing_goes_and_the_rest_stays() {
     let after = id(&app.ended(&app.estimate("room/2", json!({"experiment": true}))));
     let params = app.get("/params/room/1").expect(200).text;
 
-    let jobs = [served.as_str(), &id(&idle), &id(&repeated), &again, &id(&refused), &newest, &id(&suggested), &after];
+    let jobs = [
+        served.as_str(),
+        &id(&idle),
+        &id(&repeated),
+        &again,
+        &id(&refused),
+        &newest,
+        &id(&suggested),
+        &after,
+    ];
     assert_eq!(later(&app, 29), Forgotten::default(), "nothing is old yet");
     assert_eq!(statuses(&app, &jobs), [200; 8]);
     assert_eq!(later(&app, 2).jobs, 2);
-    assert_eq!(statuses(&app, &jobs), [200, 404, 200, 404, 200, 200, 200, 200], "the one that was repeated waits for its repetition");
+    assert_eq!(
+        statuses(&app, &jobs),
+        [200, 404, 200, 404, 200, 200, 200, 200],
+        "the one that was repeated waits for its repetition"
+    );
     app.get(&format!("/fits/{}", idle["fit"].as_str().unwrap())).problem(404, "fit-not-found");
     assert_eq!(later(&app, 1).jobs, 1);
     assert_eq!(later(&app, 1), Forgotten::default());
@@ -66,13 +85,16 @@ fn windows_go_only_where_that_is_asked_for_and_no_fit_has_read_them() {
     let upload = |app: &TestApp| -> Vec<String> {
         app.json("PUT", "/systems/room/1", &json!({"model": "rc2"})).expect(201);
         let parts = [(0, 14), (14, 28), (28, 42), (42, 120)];
-        let sent = parts.map(|(from, to)| app.csv("/systems/room/1/windows", &days(from, to)).expect(201).json());
+        let sent =
+            parts.map(|(from, to)| app.csv("/systems/room/1/windows", &days(from, to)).expect(201).json());
         // The fit reads the second fortnight alone.
         let window = json!({"from": "2026-01-15T00:00:00Z", "to": "2026-01-28T23:30:00Z"});
         assert_eq!(app.ended(&app.estimate("room/1", json!({"window": window})))["outcome"], "accepted");
         sent.iter().map(|window| window["id"].as_str().unwrap().to_owned()).collect()
     };
-    let there = |app: &TestApp, windows: &[String]| windows.iter().map(|id| app.get(&format!("/windows/{id}")).status).collect::<Vec<_>>();
+    let there = |app: &TestApp, windows: &[String]| {
+        windows.iter().map(|id| app.get(&format!("/windows/{id}")).status).collect::<Vec<_>>()
+    };
 
     let app = TestApp::at("2026-12-01T00:00:00Z", |_| {});
     let windows = upload(&app);
@@ -102,8 +124,16 @@ fn windows_go_only_where_that_is_asked_for_and_no_fit_has_read_them() {
 fn batches_go_with_their_jobs_and_the_newest_one_of_a_schedule_stays() {
     let app = TestApp::at("2026-12-01T00:00:00Z", |settings| settings.retention.jobs_days = 30);
     app.room("1", 1);
-    let request = json!({"method": {"name": "lm_multistart", "seed": 1}, "budget": {"evaluations": 2000}, "split": {"train": "P9D", "validation": "P5D"}});
-    app.json("PUT", "/schedules/nightly", &json!({"cron": "0 4 29 2 *", "systems": ["room/*"], "request": request})).expect(200);
+    let request = json!({
+        "method": {"name": "lm_multistart", "seed": 1}, "budget": {"evaluations": 2000},
+        "split": {"train": "P9D", "validation": "P5D"}
+    });
+    app.json(
+        "PUT",
+        "/schedules/nightly",
+        &json!({"cron": "0 4 29 2 *", "systems": ["room/*"], "request": request}),
+    )
+    .expect(200);
     let run = || -> Value {
         let answer = app.post("/schedules/nightly/run").expect(202);
         app.until(answer.header("location"), |batch| batch["finished"] == true)
@@ -112,9 +142,13 @@ fn batches_go_with_their_jobs_and_the_newest_one_of_a_schedule_stays() {
     // What is refused leaves the first one in service, and only the newest refusal is named by the fallback.
     app.csv("/systems/room/1/windows", &stuck_csv()).expect(201);
     let batches = [good, run(), run()];
-    let outcomes: Vec<&str> = batches.iter().map(|batch| batch["jobs"][0]["outcome"].as_str().unwrap()).collect();
+    let outcomes: Vec<&str> =
+        batches.iter().map(|batch| batch["jobs"][0]["outcome"].as_str().unwrap()).collect();
     assert_eq!(outcomes, ["accepted", "rejected", "rejected"], "{batches:?}");
     assert_eq!(later(&app, 31), Forgotten { jobs: 1, batches: 1, windows: 0 });
-    let statuses: Vec<u16> = batches.iter().map(|batch| app.get(&format!("/batches/{}", batch["id"].as_str().unwrap())).status).collect();
+    let statuses: Vec<u16> = batches
+        .iter()
+        .map(|batch| app.get(&format!("/batches/{}", batch["id"].as_str().unwrap())).status)
+        .collect();
     assert_eq!(statuses, [200, 404, 200]);
 }

@@ -16,8 +16,12 @@ fn figures(app: &TestApp) -> BTreeMap<String, f64> {
         } else if !line.starts_with('#') {
             let (name, value) = line.rsplit_once(' ').unwrap();
             let plain = name.split('{').next().unwrap();
-            let family = ["_bucket", "_sum", "_count"].iter().find_map(|end| plain.strip_suffix(end)).unwrap_or(plain);
-            assert!(typed.contains(&plain) || typed.last() == Some(&family), "{name} stands outside of its family");
+            let family =
+                ["_bucket", "_sum", "_count"].iter().find_map(|end| plain.strip_suffix(end)).unwrap_or(plain);
+            assert!(
+                typed.contains(&plain) || typed.last() == Some(&family),
+                "{name} stands outside of its family"
+            );
             assert!(samples.insert(name.to_owned(), value.parse().unwrap()).is_none(), "{name} twice");
         }
     }
@@ -28,9 +32,15 @@ fn figures(app: &TestApp) -> BTreeMap<String, f64> {
 fn the_figures_follow_what_happens() {
     let app = TestApp::with(|settings| settings.workers = 1);
     let before = figures(&app);
-    assert_eq!((before["lampyris_workers"], before["lampyris_database_writable"], before["lampyris_boot"]), (1.0, 1.0, 1.0));
+    assert_eq!(
+        (before["lampyris_workers"], before["lampyris_database_writable"], before["lampyris_boot"]),
+        (1.0, 1.0, 1.0)
+    );
     assert_eq!(before[&format!("lampyris_build_info{{version=\"{}\"}}", env!("CARGO_PKG_VERSION"))], 1.0);
-    assert_eq!((before["lampyris_jobs{state=\"queued\"}"], before["lampyris_job_duration_seconds_count"]), (0.0, 0.0));
+    assert_eq!(
+        (before["lampyris_jobs{state=\"queued\"}"], before["lampyris_job_duration_seconds_count"]),
+        (0.0, 0.0)
+    );
 
     app.room("1", 1);
     app.room("2", 1);
@@ -47,10 +57,16 @@ fn the_figures_follow_what_happens() {
     app.post_job(&quick("room/2"));
     let stream = app.listen("/events", "");
 
-    // The last start and the last end are counted when listeners are told, which may be a moment after the jobs say so.
-    let ended = |figures: &BTreeMap<String, f64>| figures.get("lampyris_jobs_ended_total{kind=\"estimate\",outcome=\"failed\"}").copied();
+    // The last start and the last end are counted when listeners are told, which may be a moment after the
+    // jobs say so.
+    let ended = |figures: &BTreeMap<String, f64>| {
+        figures.get("lampyris_jobs_ended_total{kind=\"estimate\",outcome=\"failed\"}").copied()
+    };
     let mut now = figures(&app);
-    while ended(&now).is_none() || now["lampyris_event_listeners"] < 1.0 || now["lampyris_queue_wait_seconds_count"] < 3.0 {
+    while ended(&now).is_none()
+        || now["lampyris_event_listeners"] < 1.0
+        || now["lampyris_queue_wait_seconds_count"] < 3.0
+    {
         now = figures(&app);
     }
     drop(stream);
@@ -86,7 +102,10 @@ fn the_figures_follow_what_happens() {
         params["error"]["T_room"]["train_rmse"].as_f64()
     );
     assert!(now["lampyris_params_age_seconds{system=\"room/1\"}"] < 120.0);
-    assert!(!now.keys().any(|name| name.contains("room/9") || name.contains("nothing")), "paths as they come are no labels");
+    assert!(
+        !now.keys().any(|name| name.contains("room/9") || name.contains("nothing")),
+        "paths as they come are no labels"
+    );
     app.post(&format!("/jobs/{running}/cancel")).expect(200);
 }
 
@@ -99,11 +118,21 @@ fn a_refused_fit_counts_the_checks_that_it_failed() {
     assert_eq!(ended["outcome"], "rejected", "{ended}");
     let fit = app.get(&format!("/fits/{}", ended["fit"].as_str().unwrap())).json();
     let failed = |check: &&Value| check["pass"] == false && check["severity"] != "flag";
-    let names: Vec<&str> = fit["checks"].as_array().unwrap().iter().filter(failed).map(|check| check["name"].as_str().unwrap()).collect();
+    let names: Vec<&str> = fit["checks"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .filter(failed)
+        .map(|check| check["name"].as_str().unwrap())
+        .collect();
     assert!(!names.is_empty());
     let now = figures(&app);
     for name in names {
-        assert_eq!(now.get(&format!("lampyris_gate_failed_total{{check=\"{name}\"}}")), Some(&1.0), "{name} in {now:#?}");
+        assert_eq!(
+            now.get(&format!("lampyris_gate_failed_total{{check=\"{name}\"}}")),
+            Some(&1.0),
+            "{name} in {now:#?}"
+        );
     }
 }
 
@@ -111,17 +140,24 @@ fn a_refused_fit_counts_the_checks_that_it_failed() {
 fn readiness_names_what_it_rests_on() {
     let app = TestApp::start();
     let ready = app.get("/readyz").expect(200).json();
-    assert_eq!(ready, json!({"ready": true, "database": "writable", "queue": "alive", "workers": 2, "parameters": "loaded"}));
+    assert_eq!(
+        ready,
+        json!({"ready": true, "database": "writable", "queue": "alive", "workers": 2, "parameters": "loaded"})
+    );
     // Another hand takes a table away: the database can no longer be written as this service writes it.
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
     runtime.block_on(async {
         use sqlx::{Connection, SqliteConnection};
-        let mut db = SqliteConnection::connect(&format!("sqlite://{}", app.database().display())).await.unwrap();
+        let mut db =
+            SqliteConnection::connect(&format!("sqlite://{}", app.database().display())).await.unwrap();
         sqlx::query("ALTER TABLE counters RENAME TO gone").execute(&mut db).await.unwrap();
         db.close().await.unwrap();
     });
     let ready = app.get("/readyz").expect(503).json();
-    assert_eq!((&ready["ready"], &ready["database"], &ready["queue"]), (&json!(false), &json!("unavailable"), &json!("alive")));
+    assert_eq!(
+        (&ready["ready"], &ready["database"], &ready["queue"]),
+        (&json!(false), &json!("unavailable"), &json!("alive"))
+    );
     assert_eq!(app.get("/healthz").expect(200).text, "ok\n", "the process lives");
     assert_eq!(figures(&app)["lampyris_database_writable"], 0.0);
 }
@@ -132,7 +168,10 @@ fn the_description_is_a_page_that_asks_nobody_else() {
     let page = app.get("/docs").expect(200);
     assert!(page.header("content-type").starts_with("text/html"));
     let policy = page.header("content-security-policy");
-    assert!(policy.contains("default-src 'none'") && !policy.contains("unsafe") && !policy.contains("http"), "{policy}");
+    assert!(
+        policy.contains("default-src 'none'") && !policy.contains("unsafe") && !policy.contains("http"),
+        "{policy}"
+    );
     let mut bytes = page.text.len();
     for (name, kind) in [("docs.js", "text/javascript"), ("docs.css", "text/css")] {
         assert!(page.text.contains(&format!("docs/{name}")));

@@ -1,4 +1,5 @@
-//! A database that is full, or whose disk has failed: nothing is acknowledged and lost, and controllers notice nothing.
+//! A database that is full, or whose disk has failed: nothing is acknowledged and lost, and controllers
+//! notice nothing.
 
 use crate::support::process::Process;
 use crate::support::{Answer, Client, PATIENCE, TestApp, quick, room_csv};
@@ -30,7 +31,8 @@ fn window(client: &Client, number: u64) -> Answer {
 /// A model document of some kilobytes.
 fn model(client: &Client, number: u64) -> Answer {
     let document = json!({
-        "id": format!("padding_{number}"), "title": "x".repeat(6000), "states": {"T_room": {"unit": "degC", "initial": "T_room"}},
+        "id": format!("padding_{number}"), "title": "x".repeat(6000),
+        "states": {"T_room": {"unit": "degC", "initial": "T_room"}},
         "equations": {"T_room": "k * (T_out - T_room)"},
         "parameters": {"k": {"unit": "1/h", "lower": 0.01, "upper": 2.0, "nominal": 0.1, "scale": "log"}},
         "inputs": {"T_out": {"unit": "degC"}},
@@ -69,7 +71,9 @@ fn a_full_database_serves_refuses_and_goes_on_when_there_is_room() {
     app.room("1", 1);
     assert_eq!(app.ended(&app.post_job(&quick("room/1")))["outcome"], "accepted");
     let served = app.get("/params/room/1").expect(200);
-    let spare: Vec<String> = (0..20).map(|number| window(&app, number).expect(201).json()["id"].as_str().unwrap().to_owned()).collect();
+    let spare: Vec<String> = (0..20)
+        .map(|number| window(&app, number).expect(201).json()["id"].as_str().unwrap().to_owned())
+        .collect();
     // A fit that ends while there is no room for its result.
     let mut long = crate::support::endless("room/1");
     // Longer than the database takes to fill, also on a machine that is busy.
@@ -88,7 +92,11 @@ fn a_full_database_serves_refuses_and_goes_on_when_there_is_room() {
     assert_eq!((now.header("etag"), &now.text), (served.header("etag"), &served.text));
     app.get("/jobs").expect(200);
     let ended = app.ended(&job);
-    assert_eq!((ended["state"].as_str(), ended["error"]["code"].as_str()), (Some("failed"), Some("storage")), "{ended}");
+    assert_eq!(
+        (ended["state"].as_str(), ended["error"]["code"].as_str()),
+        (Some("failed"), Some("storage")),
+        "{ended}"
+    );
     assert_eq!(app.get("/params/room/1").text, served.text, "controllers notice nothing");
     // Room again.
     for id in spare {
@@ -120,7 +128,10 @@ fn after_a_failed_write_nothing_is_written_until_the_next_start() {
     refused.problem(503, "storage-read-only");
     for _ in 0..3 {
         window(&service.client, MOST_WRITES).problem(503, "storage-read-only");
-        service.client.json("PUT", "/systems/room/2", &json!({"model": "rc2"})).problem(503, "storage-read-only");
+        service
+            .client
+            .json("PUT", "/systems/room/2", &json!({"model": "rc2"}))
+            .problem(503, "storage-read-only");
         service.client.get("/readyz").expect(503);
     }
     let now = service.client.get("/params/room/1").expect(200);
@@ -142,7 +153,8 @@ fn a_write_that_is_larger_than_the_memory_of_the_database_fails_as_any_other() {
     let client = &service.client;
     client.json("PUT", "/systems/room/1", &json!({"model": "rc2"})).expect(201);
     // Digits that do not compress, for the blocks of eight channels.
-    let mut csv = "time".to_owned() + &(0..8).map(|channel| format!(",P_{channel}[kW]")).collect::<String>() + "\n";
+    let mut csv =
+        "time".to_owned() + &(0..8).map(|channel| format!(",P_{channel}[kW]")).collect::<String>() + "\n";
     let start: jiff::Timestamp = "2026-01-01T00:00:00Z".parse().unwrap();
     let mut state = 1u64;
     for minute in 0..30_000 {

@@ -6,13 +6,20 @@ use serde_json::{Value, json};
 #[test]
 fn a_window_becomes_served_parameters() {
     let app = TestApp::start();
-    let made = app.json("PUT", "/systems/room/4", &json!({"label": "Living room", "model": "rc2"})).expect(201);
-    assert_eq!((made.json()["system"].as_str(), made.json()["policy"]["stale_after"].as_str()), (Some("room/4"), Some("P3D")));
+    let made =
+        app.json("PUT", "/systems/room/4", &json!({"label": "Living room", "model": "rc2"})).expect(201);
+    assert_eq!(
+        (made.json()["system"].as_str(), made.json()["policy"]["stale_after"].as_str()),
+        (Some("room/4"), Some("P3D"))
+    );
     app.json("PUT", "/systems/room/4", &json!({"label": "Room 4", "model": "rc2"})).expect(200);
 
     let csv = room_csv(1, 14);
     let taken = app.csv("/systems/room/4/windows", &csv).expect(201).json();
-    assert_eq!((taken["rows"].as_u64(), taken["channels"]["T_room"]["missing"].as_u64()), (Some(672), Some(0)));
+    assert_eq!(
+        (taken["rows"].as_u64(), taken["channels"]["T_room"]["missing"].as_u64()),
+        (Some(672), Some(0))
+    );
     let again = app.csv("/systems/room/4/windows", &csv).expect(200).json();
     assert_eq!(taken, again, "the same body twice is one window");
     let id = taken["id"].as_str().unwrap();
@@ -22,7 +29,11 @@ fn a_window_becomes_served_parameters() {
 
     let job = app.estimate("room/4", json!({}));
     let ended = app.ended(&job);
-    assert_eq!((ended["state"].as_str(), ended["outcome"].as_str()), (Some("succeeded"), Some("accepted")), "{ended}");
+    assert_eq!(
+        (ended["state"].as_str(), ended["outcome"].as_str()),
+        (Some("succeeded"), Some("accepted")),
+        "{ended}"
+    );
     assert_eq!((ended["revision"].as_i64(), ended["attempt"].as_i64()), (Some(1), Some(1)));
     assert!(ended["wall_s"].as_f64().unwrap() > 0.0 && ended["evaluations"].as_i64().unwrap() > 10);
 
@@ -39,12 +50,21 @@ fn a_window_becomes_served_parameters() {
     assert!((alpha_e * alpha_a / 0.12 - 1.0).abs() < 0.1, "{params}");
     assert!(((alpha_e * (1.0 + 1.0 / beta_e) + alpha_a) / 1.15 - 1.0).abs() < 0.1, "{params}");
     assert_eq!(fit["parameters"]["alpha_e"]["value"].as_f64().unwrap(), alpha_e);
-    assert_eq!((params["revision"].as_i64(), params["job"].as_str(), &params["fallback"]), (Some(1), Some(job.as_str()), &Value::Null));
+    assert_eq!(
+        (params["revision"].as_i64(), params["job"].as_str(), &params["fallback"]),
+        (Some(1), Some(job.as_str()), &Value::Null)
+    );
     assert_eq!(params["units"]["alpha_e"], "1/h");
     assert!(params["error"]["T_room"]["ahead"]["PT6H"].as_f64().unwrap() < 0.2, "{params}");
 
     let state = app.get("/systems/room/4/state").expect(200).json();
-    assert!(state["T_r"].is_f64() && state["T_e"].is_f64() && state["sd"]["T_r"].is_f64() && state["at"].is_string(), "{state}");
+    assert!(
+        state["T_r"].is_f64()
+            && state["T_e"].is_f64()
+            && state["sd"]["T_r"].is_f64()
+            && state["at"].is_string(),
+        "{state}"
+    );
     assert_eq!(state["revision"], 1);
 
     let rows = app.get("/systems").json()["items"].clone();
@@ -58,7 +78,10 @@ fn a_window_becomes_served_parameters() {
 #[test]
 fn json_and_bindings_lead_to_the_same_measurements() {
     let app = TestApp::at("2026-12-01T00:00:00Z", |_| {});
-    let document = json!({"model": "rc2", "channels": {"T_room": "T_indoor", "T_out": "weather"}, "location": {"lat": 56.5, "lon": 10.0, "zone": "Europe/Copenhagen"}});
+    let document = json!({
+        "model": "rc2", "channels": {"T_room": "T_indoor", "T_out": "weather"},
+        "location": {"lat": 56.5, "lon": 10.0, "zone": "Europe/Copenhagen"}
+    });
     app.json("PUT", "/systems/room/1", &document).expect(201);
     let rows = room(3, 2);
     let body = json!({
@@ -75,10 +98,20 @@ fn json_and_bindings_lead_to_the_same_measurements() {
         (Some("degC"), Some(1)),
         "{report}"
     );
-    assert!((report["channels"]["T_room"]["max"].as_f64().unwrap() - rows.iter().map(|row| row.1).fold(f64::MIN, f64::max)).abs() < 1e-6);
+    assert!(
+        (report["channels"]["T_room"]["max"].as_f64().unwrap()
+            - rows.iter().map(|row| row.1).fold(f64::MIN, f64::max))
+        .abs()
+            < 1e-6
+    );
     // A file without a bound column is taken, and says so: a slip in a binding would look the same.
-    let weather =
-        app.csv("/systems/room/1/windows", "time,weather[degC]\n2026-02-01T00:00:00Z,1\n2026-02-01T01:00:00Z,2\n").expect(201).json();
+    let weather = app
+        .csv(
+            "/systems/room/1/windows",
+            "time,weather[degC]\n2026-02-01T00:00:00Z,1\n2026-02-01T01:00:00Z,2\n",
+        )
+        .expect(201)
+        .json();
     assert!(weather["warnings"].to_string().contains("T_indoor"), "{weather}");
 }
 
@@ -89,7 +122,8 @@ fn a_restart_changes_nothing_that_is_served() {
     app.ended(&app.estimate("room/1", json!({})));
     let before = app.get("/params/room/1").expect(200);
     let state = app.get("/systems/room/1/state").expect(200).text;
-    let effect = app.json("POST", "/models/rc2/effects", &json!({"effect": "constant_gain"})).expect(201).json();
+    let effect =
+        app.json("POST", "/models/rc2/effects", &json!({"effect": "constant_gain"})).expect(201).json();
     app.restart();
     let after = app.get("/params/room/1").expect(200);
     assert_eq!((after.header("etag"), &after.text), (before.header("etag"), &before.text));
@@ -104,7 +138,10 @@ fn a_restart_changes_nothing_that_is_served() {
 fn a_job_that_a_stop_interrupts_runs_again_without_a_charge() {
     let mut app = TestApp::start();
     app.room("1", 1);
-    let job = app.json("POST", "/jobs", &crate::support::endless("room/1")).expect(202).json()["id"].as_str().unwrap().to_owned();
+    let job = app.json("POST", "/jobs", &crate::support::endless("room/1")).expect(202).json()["id"]
+        .as_str()
+        .unwrap()
+        .to_owned();
     app.until(&format!("/jobs/{job}"), |job| job["state"] == "running");
     app.restart();
     let running = app.until(&format!("/jobs/{job}"), |job| job["state"] == "running");
@@ -120,7 +157,11 @@ fn a_neighbour_that_is_a_system_lends_its_measurements() {
     app.json("PUT", "/systems/room/1", &json!({"model": "room3", "neighbours": ["room/2"]})).expect(201);
     let mut text = "time,T_room[degC],T_out[degC],T_forward[degC],irradiance[W/m2]\n".to_owned();
     for (k, (time, room, out)) in room(1, 14).into_iter().enumerate() {
-        text.push_str(&format!("{time},{room:.3},{out:.3},{:.1},{:.0}\n", 30.0 + (k % 7) as f64, (k % 48) as f64 * 10.0));
+        text.push_str(&format!(
+            "{time},{room:.3},{out:.3},{:.1},{:.0}\n",
+            30.0 + (k % 7) as f64,
+            (k % 48) as f64 * 10.0
+        ));
     }
     app.csv("/systems/room/1/windows", &text).expect(201);
     let body = {

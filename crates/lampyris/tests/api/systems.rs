@@ -8,20 +8,25 @@ fn delete(app: &TestApp, path: &str) -> Answer {
     app.send("DELETE", path, &[], None).unwrap()
 }
 
-/// What the database still knows of a system: tables with rows that name it, and broken references. That it was made and
-/// deleted, and by whom, is kept for good.
+/// What the database still knows of a system: tables with rows that name it, and broken references. That it
+/// was made and deleted, and by whom, is kept for good.
 fn remains(app: &TestApp, system: &str) -> Vec<String> {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
     runtime.block_on(async {
-        let mut db = SqliteConnection::connect(&format!("sqlite://{}", app.database().display())).await.unwrap();
-        let sql = "SELECT m.name FROM sqlite_master m JOIN pragma_table_info(m.name) c WHERE m.type = 'table' AND m.name <> 'audit' AND c.name = 'system'";
+        let mut db =
+            SqliteConnection::connect(&format!("sqlite://{}", app.database().display())).await.unwrap();
+        let sql = "SELECT m.name FROM sqlite_master m JOIN pragma_table_info(m.name) c WHERE m.type = \
+            'table' AND m.name <> 'audit' AND c.name = 'system'";
         let tables: Vec<String> = sqlx::query_scalar(sql).fetch_all(&mut db).await.unwrap();
         assert!(tables.len() >= 6, "{tables:?}");
-        let mut remains: Vec<String> =
-            sqlx::query_scalar("SELECT \"table\" FROM pragma_foreign_key_check").fetch_all(&mut db).await.unwrap();
+        let mut remains: Vec<String> = sqlx::query_scalar("SELECT \"table\" FROM pragma_foreign_key_check")
+            .fetch_all(&mut db)
+            .await
+            .unwrap();
         for table in tables {
             let sql = format!("SELECT COUNT(*) FROM {table} WHERE system = $1");
-            let rows: i64 = sqlx::query_scalar(AssertSqlSafe(sql)).bind(system).fetch_one(&mut db).await.unwrap();
+            let rows: i64 =
+                sqlx::query_scalar(AssertSqlSafe(sql)).bind(system).fetch_one(&mut db).await.unwrap();
             if rows > 0 {
                 remains.push(table);
             }
@@ -35,7 +40,8 @@ fn remains(app: &TestApp, system: &str) -> Vec<String> {
 fn a_system_without_history_goes_when_no_job_needs_it() {
     let app = TestApp::start();
     app.room("1", 1);
-    let job = app.json("POST", "/jobs", &endless("room/1")).expect(202).json()["id"].as_str().unwrap().to_owned();
+    let job =
+        app.json("POST", "/jobs", &endless("room/1")).expect(202).json()["id"].as_str().unwrap().to_owned();
     app.until(&format!("/jobs/{job}"), |job| job["state"] == "running");
     for path in ["/systems/room/1", "/systems/room/1?force=true"] {
         assert_eq!(delete(&app, path).problem(409, "system-busy")["jobs"], json!([job]));
@@ -44,11 +50,20 @@ fn a_system_without_history_goes_when_no_job_needs_it() {
     app.ended(&job);
     assert_eq!(app.get("/params/room/1?accept=nominal").expect(200).header("params-status"), "nominal");
     delete(&app, "/systems/room/1").expect(204);
-    for path in ["/systems/room/1", "/params/room/1", "/params/room/1?accept=nominal", "/systems/room/1/series", "/systems/room/1/state"] {
+    for path in [
+        "/systems/room/1",
+        "/params/room/1",
+        "/params/room/1?accept=nominal",
+        "/systems/room/1/series",
+        "/systems/room/1/state",
+    ] {
         app.get(path).problem(404, "system-not-found");
     }
     app.get(&format!("/jobs/{job}")).problem(404, "job-not-found");
-    assert_eq!((app.get("/systems").json()["items"].clone(), app.get("/jobs").json()["items"].clone()), (json!([]), json!([])));
+    assert_eq!(
+        (app.get("/systems").json()["items"].clone(), app.get("/jobs").json()["items"].clone()),
+        (json!([]), json!([]))
+    );
     delete(&app, "/systems/room/1").problem(404, "system-not-found");
     delete(&app, "/systems/room/1?forced=true").problem(422, "invalid-request");
     assert_eq!(remains(&app, "room/1"), [""; 0]);
@@ -97,23 +112,41 @@ fn every_field_of_a_document_is_kept_and_counts() {
     let app = TestApp::start();
     // The warmest hour of these measurements is 6 h UTC, a little after noon in Japan.
     let document = json!({
-        "label": "Corner office", "location": {"lat": 35.0, "lon": 130.0, "zone": "Asia/Tokyo"}, "model": "rc2",
+        "label": "Corner office", "location": {"lat": 35.0, "lon": 130.0, "zone": "Asia/Tokyo"},
+        "model": "rc2",
         "channels": {"T_room": "T_indoor"}, "neighbours": ["room/2"],
-        "policy": {"mode": "suggest", "stale_after": "P2D", "horizon": "PT12H", "refit_when_degraded": false}, "prior": "log_normal",
-        "exclude": [{"from": "2026-01-05T00:00:00Z", "to": "2026-01-07T00:00:00+01:00", "reason": "windows were cleaned"}],
+        "policy": {"mode": "suggest", "stale_after": "P2D", "horizon": "PT12H", "refit_when_degraded": false},
+        "prior": "log_normal",
+        "exclude": [{
+            "from": "2026-01-05T00:00:00Z", "to": "2026-01-07T00:00:00+01:00",
+            "reason": "windows were cleaned"
+        }],
     });
     let mut kept = app.json("PUT", "/systems/room/1", &document).expect(201).json();
     assert_eq!(kept["system"], "room/1");
     kept.as_object_mut().unwrap().shift_remove("system");
     assert_eq!(kept, document);
-    app.csv("/systems/room/1/windows", &crate::support::room_csv(1, 14).replace("T_room[degC]", "T_indoor[degC]")).expect(201);
+    app.csv(
+        "/systems/room/1/windows",
+        &crate::support::room_csv(1, 14).replace("T_room[degC]", "T_indoor[degC]"),
+    )
+    .expect(201);
     let job = app.ended(&app.estimate("room/1", json!({})));
-    assert_eq!((job["request"]["prior"].as_str(), job["outcome"].as_str()), (Some("log_normal"), Some("suggested")), "{job}");
+    assert_eq!(
+        (job["request"]["prior"].as_str(), job["outcome"].as_str()),
+        (Some("log_normal"), Some("suggested")),
+        "{job}"
+    );
 
     let bad = json!({"model": "rc2", "label": "x".repeat(201), "channels": {"T_room": " ", "": "x"}, "prior": "normal", "policy": {"mode": "manual", "horizon": "P0D"},
         "exclude": [{"from": "2026-01-05", "to": "later"}], "owner": "me"});
     let problem = app.json("PUT", "/systems/room/1", &bad).problem(422, "invalid-request");
-    let mut pointers: Vec<&str> = problem["errors"].as_array().unwrap().iter().map(|fault| fault["pointer"].as_str().unwrap()).collect();
+    let mut pointers: Vec<&str> = problem["errors"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|fault| fault["pointer"].as_str().unwrap())
+        .collect();
     pointers.sort_unstable();
     let expected = [
         "/channels/",
@@ -136,7 +169,12 @@ fn what_is_excluded_does_not_count() {
     let hanging: String = room(1, 14)
         .iter()
         .enumerate()
-        .map(|(k, (time, room, out))| format!("{time},{},{out:.3}\n", if k >= 11 * 48 { 19.0 } else { (room * 1_000.0).round() / 1_000.0 }))
+        .map(|(k, (time, room, out))| {
+            format!(
+                "{time},{},{out:.3}\n",
+                if k >= 11 * 48 { 19.0 } else { (room * 1_000.0).round() / 1_000.0 }
+            )
+        })
         .collect();
     app.json("PUT", "/systems/room/1", &json!({"model": "rc2"})).expect(201);
     app.csv("/systems/room/1/windows", &format!("time,T_room,T_out\n{hanging}")).expect(201);
@@ -144,7 +182,8 @@ fn what_is_excluded_does_not_count() {
     assert_eq!(rejected["outcome"], "rejected", "{rejected}");
     let exclude = json!([{"from": "2026-01-12T00:00:00Z", "to": "2026-01-15T00:00:00Z"}]);
     app.json("PUT", "/systems/room/1", &json!({"model": "rc2", "exclude": exclude})).expect(200);
-    let accepted = app.ended(&app.estimate("room/1", json!({"split": {"train": "P7D", "validation": "P3D"}})));
+    let accepted =
+        app.ended(&app.estimate("room/1", json!({"split": {"train": "P7D", "validation": "P3D"}})));
     assert_eq!(accepted["outcome"], "accepted", "{accepted}");
     let before = app.get(&format!("/fits/{}", rejected["fit"].as_str().unwrap())).json();
     let after = app.get(&format!("/fits/{}", accepted["fit"].as_str().unwrap())).json();
@@ -156,7 +195,12 @@ fn what_is_excluded_does_not_count() {
 fn a_row_tells_how_a_system_fares() {
     let app = TestApp::start();
     app.room("1", 1);
-    app.json("PUT", "/systems/room/1", &json!({"label": "Attic", "model": "rc2", "policy": {"horizon": "PT12H"}})).expect(200);
+    app.json(
+        "PUT",
+        "/systems/room/1",
+        &json!({"label": "Attic", "model": "rc2", "policy": {"horizon": "PT12H"}}),
+    )
+    .expect(200);
     let row = || app.get("/systems").expect(200).json()["items"][0].clone();
     let empty = row();
     assert_eq!(
@@ -178,14 +222,19 @@ fn a_row_tells_how_a_system_fares() {
         (&json!(job), Some("succeeded"), Some("accepted"))
     );
     let error = &params["error"]["T_room"];
-    let expected =
-        json!({"unit": error["unit"], "validation_rmse": error["validation_rmse"], "horizon": "PT6H", "ahead": error["ahead"]["PT6H"]});
+    let expected = json!({
+        "unit": error["unit"], "validation_rmse": error["validation_rmse"], "horizon": "PT6H",
+        "ahead": error["ahead"]["PT6H"]
+    });
     assert_eq!(good["error"]["T_room"], expected);
     for field in ["flags", "fitted_at", "validated_at", "stale_after", "revision"] {
         assert_eq!(good[field], params[field], "{field}");
     }
     assert!((0..120).contains(&good["age_s"].as_i64().unwrap()));
-    assert_eq!(good["worst_regime"], app.get(&format!("/fits/{}", params["fit"].as_str().unwrap())).json()["worst_regime"]);
+    assert_eq!(
+        good["worst_regime"],
+        app.get(&format!("/fits/{}", params["fit"].as_str().unwrap())).json()["worst_regime"]
+    );
 
     // An experiment is the newest job, and changes nothing in how the system fares.
     let experiment = app.failing("room/1", json!({"experiment": true}));

@@ -22,10 +22,16 @@ fn operations() -> Vec<Operation> {
     let mut operations = Vec::new();
     for (path, item) in description["paths"].as_object().unwrap() {
         for (method, operation) in item.as_object().unwrap() {
-            let security = operation["security"].as_array().unwrap_or_else(|| panic!("{method} {path} declares no scope"));
+            let security = operation["security"]
+                .as_array()
+                .unwrap_or_else(|| panic!("{method} {path} declares no scope"));
             let needs = security.first().map(|one| one["token"][0].as_str().unwrap().parse().unwrap());
             for status in ["401", "403", "429"] {
-                assert_eq!(operation["responses"][status].is_object(), needs.is_some(), "{method} {path} describes {status}");
+                assert_eq!(
+                    operation["responses"][status].is_object(),
+                    needs.is_some(),
+                    "{method} {path} describes {status}"
+                );
             }
             operations.push(Operation { method: method.to_uppercase(), path: path.clone(), needs });
         }
@@ -40,11 +46,18 @@ fn furnished(app: &TestApp) -> impl Fn(&str) -> String + use<> {
     let job = app.estimate("room/1", json!({}));
     let fit = app.ended(&job)["fit"].as_str().unwrap().to_owned();
     let window = app.get("/systems/room/1/windows").json()["items"][0]["id"].as_str().unwrap().to_owned();
-    let short = json!({"kind": "diagnose", "system": "room/1", "window": {"last": "P2D"}, "method": {"name": "lm_multistart"}});
+    let short = json!({
+        "kind": "diagnose", "system": "room/1", "window": {"last": "P2D"}, "method": {"name": "lm_multistart"}
+    });
     let diagnosis = app.ended(&app.post_job(&short))["diagnosis"].as_str().unwrap().to_owned();
     let batch = json!({"kind": "recalibrate", "systems": ["room/1"], "budget": {"evaluations": 100}});
     let batch = app.json("POST", "/jobs", &batch).expect(202).json()["id"].as_str().unwrap().to_owned();
-    app.json("PUT", "/schedules/weekly", &json!({"cron": "0 5 * * 1", "systems": ["room/1"], "enabled": false})).expect(201);
+    app.json(
+        "PUT",
+        "/schedules/weekly",
+        &json!({"cron": "0 5 * * 1", "systems": ["room/1"], "enabled": false}),
+    )
+    .expect(201);
     move |path: &str| {
         let id = match path.split('/').nth(1).unwrap() {
             "jobs" => &job,
@@ -63,14 +76,17 @@ fn furnished(app: &TestApp) -> impl Fn(&str) -> String + use<> {
 /// Sends what no operation takes: the guard stands before the body, and nothing is changed.
 fn try_out(client: &Client, operation: &Operation, path: &str) -> Answer {
     let body = (operation.method != "GET").then_some(b"[]".as_slice());
-    client.send(&operation.method, path, &[("content-type", "application/json"), ("connection", "close")], body).unwrap()
+    client
+        .send(&operation.method, path, &[("content-type", "application/json"), ("connection", "close")], body)
+        .unwrap()
 }
 
 #[test]
 fn every_operation_answers_those_who_may_and_nobody_else() {
     let app = TestApp::start();
     let concrete = furnished(&app);
-    let clients = [Scope::Read, Scope::Operate, Scope::Admin].map(|scope| (scope, app.token(scope.as_str(), scope, &[])));
+    let clients = [Scope::Read, Scope::Operate, Scope::Admin]
+        .map(|scope| (scope, app.token(scope.as_str(), scope, &[])));
     let stranger = app.token("stranger", Scope::Operate, &["room/2", "plant/*"]);
     let wrong = app.with_token("lampyris_0000");
     let operations = operations();
@@ -80,7 +96,11 @@ fn every_operation_answers_those_who_may_and_nobody_else() {
         let named = format!("{} {path}", operation.method);
         let without = try_out(&app, operation, &path);
         let Some(needs) = operation.needs else {
-            assert!(![401, 403, 404].contains(&without.status) || path == "/docs/weekly", "{named}: {}", without.text);
+            assert!(
+                ![401, 403, 404].contains(&without.status) || path == "/docs/weekly",
+                "{named}: {}",
+                without.text
+            );
             continue;
         };
         without.clone().problem(401, "unauthorized");
@@ -92,15 +112,26 @@ fn every_operation_answers_those_who_may_and_nobody_else() {
             if scope.includes(needs) {
                 // The room has no ladder, which is another thing than no room.
                 let is_there = answer.status != 404 || answer.text.contains("\"ladder-not-found\"");
-                assert!(is_there && ![401, 403, 500, 503].contains(&answer.status), "{named} as {}: {}", scope.as_str(), answer.text);
+                assert!(
+                    is_there && ![401, 403, 500, 503].contains(&answer.status),
+                    "{named} as {}: {}",
+                    scope.as_str(),
+                    answer.text
+                );
             } else {
                 assert!(answer.header("www-authenticate").contains("insufficient_scope"), "{named}");
-                assert_eq!(answer.problem(403, "insufficient-scope")["scope"], needs.as_str(), "{named} as {}", scope.as_str());
+                assert_eq!(
+                    answer.problem(403, "insufficient-scope")["scope"],
+                    needs.as_str(),
+                    "{named} as {}",
+                    scope.as_str()
+                );
             }
         }
         // Somebody who may operate another room.
         let foreign = try_out(&stranger, operation, &path);
-        let is_of_a_system = operation.path.contains('{') && !path.starts_with("/models") && !path.starts_with("/effects");
+        let is_of_a_system =
+            operation.path.contains('{') && !path.starts_with("/models") && !path.starts_with("/effects");
         if needs == Scope::Admin {
             foreign.problem(403, "insufficient-scope");
         } else if is_of_a_system {
@@ -127,8 +158,12 @@ fn what_a_body_names_lies_within_reach_or_is_not_there() {
     let concrete = furnished(&app);
     app.estimate("room/2", json!({}));
     let stranger = app.token("stranger", Scope::Operate, &["room/2"]);
-    let detail = |body: Value| stranger.json("POST", "/jobs", &body).problem(422, "invalid-request")["errors"].clone();
-    assert_eq!(detail(quick("room/1")).to_string(), detail(quick("room/7")).to_string().replace("room/7", "room/1"));
+    let detail =
+        |body: Value| stranger.json("POST", "/jobs", &body).problem(422, "invalid-request")["errors"].clone();
+    assert_eq!(
+        detail(quick("room/1")).to_string(),
+        detail(quick("room/7")).to_string().replace("room/7", "room/1")
+    );
     let preview = |system: &str| stranger.json("POST", "/models/preview", &json!({"system": system}));
     preview("room/1").problem(422, "invalid-request");
     preview("room/2").expect(200);
@@ -137,10 +172,13 @@ fn what_a_body_names_lies_within_reach_or_is_not_there() {
     assert_eq!(compared["errors"].as_array().unwrap().len(), 2, "{compared}");
     stranger.get("/events?system=room/1").problem(404, "system-not-found");
 
-    let recalibrate = |systems: Value| stranger.json("POST", "/jobs", &json!({"kind": "recalibrate", "systems": systems}));
+    let recalibrate =
+        |systems: Value| stranger.json("POST", "/jobs", &json!({"kind": "recalibrate", "systems": systems}));
     for systems in [json!(["room/*"]), json!(["room/2", "room/1"]), json!(["*/2"])] {
         recalibrate(systems.clone()).problem(403, "out-of-reach");
-        stranger.json("PUT", "/schedules/mine", &json!({"cron": "0 5 * * 1", "systems": systems})).problem(403, "out-of-reach");
+        stranger
+            .json("PUT", "/schedules/mine", &json!({"cron": "0 5 * * 1", "systems": systems}))
+            .problem(403, "out-of-reach");
     }
     recalibrate(json!(["room/2"])).expect(202);
     let own = json!({"cron": "0 5 * * 1", "systems": ["room/2"], "enabled": false});
@@ -148,16 +186,27 @@ fn what_a_body_names_lies_within_reach_or_is_not_there() {
     stranger.json("PUT", "/schedules/nightly", &own).problem(404, "schedule-not-found");
 
     let names = |path: &str, field: &str| -> Vec<Value> {
-        stranger.get(path).expect(200).json()["items"].as_array().unwrap().iter().map(|item| item[field].clone()).collect()
+        stranger.get(path).expect(200).json()["items"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .map(|item| item[field].clone())
+            .collect()
     };
     assert_eq!(names("/systems", "system"), ["room/2"]);
     assert_eq!(names("/schedules", "name"), ["mine"]);
     assert_eq!(names("/batches", "schedule").len(), 1);
-    assert!(!names("/jobs", "system").is_empty() && names("/jobs", "system").iter().all(|system| system == "room/2"));
+    assert!(
+        !names("/jobs", "system").is_empty()
+            && names("/jobs", "system").iter().all(|system| system == "room/2")
+    );
     // A page of a list is as full as it can be, whatever is left out.
     let page = stranger.get("/jobs?page_size=1").expect(200).json();
     assert_eq!((page["items"].as_array().unwrap().len(), page["next_page_token"].is_string()), (1, true));
-    assert!(names("/audit", "system").is_empty() || names("/audit", "system").iter().all(|system| system == "room/2"));
+    assert!(
+        names("/audit", "system").is_empty()
+            || names("/audit", "system").iter().all(|system| system == "room/2")
+    );
 }
 
 #[test]
@@ -194,7 +243,9 @@ fn a_long_poll_ends_with_its_token() {
     reader.get_with("/params/room/1", &[("if-none-match", &tag)]).expect(304);
     let waiting = {
         let reader = reader.clone();
-        std::thread::spawn(move || reader.get_with("/params/room/1", &[("if-none-match", &tag), ("prefer", "wait=60")]))
+        std::thread::spawn(move || {
+            reader.get_with("/params/room/1", &[("if-none-match", &tag), ("prefer", "wait=60")])
+        })
     };
     revoke(&app.database(), "reader");
     waiting.join().unwrap().problem(401, "unauthorized");
@@ -214,9 +265,25 @@ fn tokens_are_made_and_revoked_beside_a_running_service() {
     };
     verb(&["list"]).expect(3);
     app.get("/systems").expect(200);
-    let made = verb(&["create", "--name", "dash", "--scope", "read", "--system", "room/4", "--expires", "PT1S", "--json"]).expect(0).json();
+    let made = verb(&[
+        "create",
+        "--name",
+        "dash",
+        "--scope",
+        "read",
+        "--system",
+        "room/4",
+        "--expires",
+        "PT1S",
+        "--json",
+    ])
+    .expect(0)
+    .json();
     let secret = made["token"].as_str().unwrap();
-    assert_eq!((secret.len(), &made["scope"], &made["systems"]), ("lampyris_".len() + 64, &json!("read"), &json!(["room/4"])));
+    assert_eq!(
+        (secret.len(), &made["scope"], &made["systems"]),
+        ("lampyris_".len() + 64, &json!("read"), &json!(["room/4"]))
+    );
     // It counts, and then it has expired.
     let dash = app.with_token(secret);
     let start = Instant::now();
@@ -243,7 +310,12 @@ fn tokens_are_made_and_revoked_beside_a_running_service() {
     assert_eq!(listed.code, Some(3), "{}", listed.err);
     assert!(process::verb(&url, &["systems", "list"]).expect(1).err.contains("A token is needed"));
 
-    assert!(verb(&["create", "--name", "ops", "--scope", "read"]).expect(1).err.contains("never means another token"));
+    assert!(
+        verb(&["create", "--name", "ops", "--scope", "read"])
+            .expect(1)
+            .err
+            .contains("never means another token")
+    );
     for wrong in [
         &["--name", "a b", "--scope", "read"][..],
         &["--name", "local", "--scope", "read"],
@@ -256,7 +328,12 @@ fn tokens_are_made_and_revoked_beside_a_running_service() {
     verb(&["revoke", "ops"]).expect(0);
     verb(&["revoke", "ops"]).expect(0);
     let list = verb(&["list", "--json"]).expect(0);
-    let states: Vec<Value> = list.json()["items"].as_array().unwrap().iter().map(|item| json!([item["name"], item["state"]])).collect();
+    let states: Vec<Value> = list.json()["items"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|item| json!([item["name"], item["state"]]))
+        .collect();
     assert_eq!(states, [json!(["dash", "expired"]), json!(["ops", "revoked"])]);
     assert!(!list.out.contains(&secret[9..]) && !verb(&["list"]).expect(0).out.contains(&secret[9..]));
     // With the last token gone the door stays shut.
@@ -291,12 +368,32 @@ fn guessing_is_slowed_down_and_locks_nobody_out() {
 fn without_a_token_nobody_listens_for_other_machines() {
     let dir = tempfile::tempdir().unwrap();
     // An address for documents (RFC 5737): no machine has it, so that nothing listens in the end.
-    let settings = Settings { bind: "192.0.2.1:0".parse().unwrap(), database: dir.path().join("test.db"), ..Settings::default() };
+    let settings = Settings {
+        bind: "192.0.2.1:0".parse().unwrap(),
+        database: dir.path().join("test.db"),
+        ..Settings::default()
+    };
     let runtime = tokio::runtime::Runtime::new().unwrap();
     let start = || runtime.block_on(App::start(settings.clone())).unwrap_err();
     let refused = start();
-    assert!(matches!(refused, AppError::NotLoopback(_)) && refused.to_string().contains("lampyris token create"), "{refused}");
-    process::verb("", &["token", "create", "--name", "a", "--scope", "read", "--database", settings.database.to_str().unwrap()]).expect(0);
+    assert!(
+        matches!(refused, AppError::NotLoopback(_)) && refused.to_string().contains("lampyris token create"),
+        "{refused}"
+    );
+    process::verb(
+        "",
+        &[
+            "token",
+            "create",
+            "--name",
+            "a",
+            "--scope",
+            "read",
+            "--database",
+            settings.database.to_str().unwrap(),
+        ],
+    )
+    .expect(0);
     let refused = start();
     assert!(matches!(refused, AppError::Bind(..)), "{refused}");
 }
@@ -305,7 +402,10 @@ fn without_a_token_nobody_listens_for_other_machines() {
 fn a_visitor_needs_no_lock_and_a_second_service_does() {
     let app = TestApp::start();
     app.block_on(async {
-        assert!(matches!(Store::open(&app.database(), None).await, Err(lampyris::store::StoreError::InUse(_))));
+        assert!(matches!(
+            Store::open(&app.database(), None).await,
+            Err(lampyris::store::StoreError::InUse(_))
+        ));
         let visitor = Store::visit(&app.database()).await.unwrap();
         assert!(lampyris::store::tokens::all(&visitor).await.unwrap().is_empty());
         visitor.close().await;

@@ -7,7 +7,9 @@ use std::collections::BTreeSet;
 fn parts_of(path: &str, text: &str) -> Vec<String> {
     let folder = path.rsplit_once('/').map_or("", |(folder, _)| folder);
     let mut found = Vec::new();
-    for quoted in text.split(['"', '\'']).filter(|quoted| quoted.len() < 100 && !quoted.contains(char::is_whitespace)) {
+    for quoted in
+        text.split(['"', '\'']).filter(|quoted| quoted.len() < 100 && !quoted.contains(char::is_whitespace))
+    {
         let last = quoted.rsplit('/').next().unwrap_or_default();
         if ![".js", ".mjs", ".css", ".svg"].iter().any(|end| last.ends_with(end)) {
             continue;
@@ -57,14 +59,29 @@ fn nothing_but_files_of_this_service_may_run() {
     let app = TestApp::start();
     for path in ["/ui/", "/ui/main.js"] {
         let policy = app.get(path).expect(200).header("content-security-policy").to_owned();
-        assert!(policy.contains("default-src 'none'") && policy.contains("script-src 'self'") && policy.contains("frame-ancestors 'none'"));
+        assert!(
+            policy.contains("default-src 'none'")
+                && policy.contains("script-src 'self'")
+                && policy.contains("frame-ancestors 'none'")
+        );
         assert!(!policy.contains("unsafe") && !policy.contains("http") && !policy.contains('*'), "{policy}");
     }
     // What the policy forbids is not there either.
     let page = app.get("/ui/").expect(200).text;
-    assert!(!page.contains("<style") && !page.contains(" style=") && !page.contains(" onload=") && !page.contains("://"), "{page}");
+    assert!(
+        !page.contains("<style")
+            && !page.contains(" style=")
+            && !page.contains(" onload=")
+            && !page.contains("://"),
+        "{page}"
+    );
     let scripts = page.matches("<script").count();
-    assert!(scripts > 0 && scripts == page.matches("<script src=").count() + page.matches("<script type=\"module\" src=").count());
+    assert!(
+        scripts > 0
+            && scripts
+                == page.matches("<script src=").count()
+                    + page.matches("<script type=\"module\" src=").count()
+    );
 }
 
 #[test]

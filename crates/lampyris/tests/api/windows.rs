@@ -15,7 +15,9 @@ fn delete(app: &TestApp, path: &str) -> crate::support::Answer {
 /// Runs a quick estimate and gives what it found.
 fn fit(app: &TestApp, system: &str, more: Value) -> Value {
     let ended = app.ended(&app.estimate(system, more));
-    app.get(&format!("/fits/{}", ended["fit"].as_str().unwrap_or_else(|| panic!("{ended}")))).expect(200).json()
+    app.get(&format!("/fits/{}", ended["fit"].as_str().unwrap_or_else(|| panic!("{ended}"))))
+        .expect(200)
+        .json()
 }
 
 #[test]
@@ -23,11 +25,13 @@ fn a_fit_cites_what_it_has_seen_and_nothing_else_is_kept_by_force() {
     let app = TestApp::at("2026-12-01T00:00:00Z", |_| {});
     app.json("PUT", "/systems/room/1", &json!({"model": "rc2"})).expect(201);
     let upload = |text: &str| id(&app.csv("/systems/room/1/windows", text).expect(201).json());
-    // Wholly covered by the record; part of the record; a correction of some samples; beyond what the fit asks for.
+    // Wholly covered by the record; part of the record; a correction of some samples; beyond what the fit
+    // asks for.
     let covered = upload("time,T_room,T_out\n2026-01-03T00:00:00Z,1,1\n2026-01-03T00:30:00Z,1,1\n");
     let record = upload(&room_csv(1, 14));
     let rows = room(1, 14);
-    let correction: String = rows[100..110].iter().map(|(time, room, _)| format!("{time},{:.3}\n", room + 0.01)).collect();
+    let correction: String =
+        rows[100..110].iter().map(|(time, room, _)| format!("{time},{:.3}\n", room + 0.01)).collect();
     let correction = upload(&format!("time,T_room\n{correction}"));
     let later = upload("time,T_room,T_out\n2026-03-01T00:00:00Z,20,1\n2026-03-01T00:30:00Z,20,1\n");
     let fit = fit(&app, "room/1", json!({"window": {"to": "2026-01-15T00:00:00Z"}}));
@@ -51,7 +55,8 @@ fn a_fit_cites_what_it_has_seen_and_nothing_else_is_kept_by_force() {
 fn what_a_window_covered_shows_again_when_it_is_gone() {
     let app = TestApp::start();
     app.json("PUT", "/systems/room/1", &json!({"model": "rc2"})).expect(201);
-    app.csv("/systems/room/1/windows", "time,T_room\n2026-01-03T00:00:00Z,20\n2026-01-03T00:30:00Z,21\n").expect(201);
+    app.csv("/systems/room/1/windows", "time,T_room\n2026-01-03T00:00:00Z,20\n2026-01-03T00:30:00Z,21\n")
+        .expect(201);
     let wrong = "time,T_room\n2026-01-03T00:00:00Z,30\n2026-01-03T00:30:00Z,31\n";
     let first = id(&app.csv("/systems/room/1/windows", wrong).expect(201).json());
     let values = || app.get("/systems/room/1/series").json()["channels"]["T_room"]["values"].clone();
@@ -70,7 +75,9 @@ fn a_running_job_keeps_its_windows_and_those_of_its_neighbours() {
     app.room("2", 2);
     app.room("3", 3);
     app.json("PUT", "/systems/room/1", &json!({"model": "rc2", "neighbours": ["room/2"]})).expect(200);
-    let window = |room: &str| format!("/windows/{}", id(&app.get(&format!("/systems/room/{room}/windows")).json()["items"][0]));
+    let window = |room: &str| {
+        format!("/windows/{}", id(&app.get(&format!("/systems/room/{room}/windows")).json()["items"][0]))
+    };
     let job = id(&app.json("POST", "/jobs", &endless("room/1")).expect(202).json());
     app.until(&format!("/jobs/{job}"), |job| job["state"] == "running");
     for room in ["1", "2"] {
@@ -98,7 +105,8 @@ fn fits_of_an_earlier_schema_cite_all_that_they_may_have_seen() {
     app.stop();
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
     runtime.block_on(async {
-        let mut db = SqliteConnection::connect(&format!("sqlite://{}", app.database().display())).await.unwrap();
+        let mut db =
+            SqliteConnection::connect(&format!("sqlite://{}", app.database().display())).await.unwrap();
         for sql in ["DROP TABLE fit_windows", "DELETE FROM _sqlx_migrations WHERE version = 3"] {
             sqlx::query(sql).execute(&mut db).await.unwrap();
         }
@@ -116,7 +124,9 @@ fn fits_of_an_earlier_schema_cite_all_that_they_may_have_seen() {
 fn every_unit_rule_of_the_surface() {
     let app = TestApp::start();
     app.json("PUT", "/systems/room/1", &json!({"model": "rc2"})).expect(201);
-    let twice = |header: &str, cells: &str| format!("{header}\n2026-01-01T00:00:00Z,{cells}\n2026-01-01T00:10:00Z,{cells}\n");
+    let twice = |header: &str, cells: &str| {
+        format!("{header}\n2026-01-01T00:00:00Z,{cells}\n2026-01-01T00:10:00Z,{cells}\n")
+    };
     // Header, cell, channel, unit and value as they are kept.
     let cases = [
         ("T_room[degC]", "20.5", "T_room", "degC", 20.5),
@@ -145,21 +155,37 @@ fn every_unit_rule_of_the_surface() {
         let report = app.csv("/systems/room/1/windows", &twice(&format!("time,{header}"), cell)).json();
         let found = &report["channels"][channel];
         assert_eq!(found["unit"], unit, "{header}: {report}");
-        assert!((found["min"].as_f64().unwrap() - value).abs() < 1e-9 && found["min"] == found["max"], "{header}: {report}");
+        assert!(
+            (found["min"].as_f64().unwrap() - value).abs() < 1e-9 && found["min"] == found["max"],
+            "{header}: {report}"
+        );
         let numbers = vec![cell.parse::<f64>().unwrap(); 2];
         // The same column in JSON is the same window, whether the name or `channels` says the unit.
-        let mut body = json!({"time": ["2026-01-01T01:00:00+01:00", "2026-01-01T00:10:00Z"], "values": {header: numbers}});
-        assert_eq!(id(&app.json("POST", "/systems/room/1/windows", &body).expect(200).json()), id(&report), "{header}");
+        let mut body = json!({
+            "time": ["2026-01-01T01:00:00+01:00", "2026-01-01T00:10:00Z"], "values": {header: numbers}
+        });
+        assert_eq!(
+            id(&app.json("POST", "/systems/room/1/windows", &body).expect(200).json()),
+            id(&report),
+            "{header}"
+        );
         if let Some((name, stated)) = header.trim_end_matches(']').split_once('[') {
             body["values"] = json!({name: numbers});
             body["channels"] = json!({name: {"unit": stated}});
-            assert_eq!(id(&app.json("POST", "/systems/room/1/windows", &body).expect(200).json()), id(&report), "{header}");
+            assert_eq!(
+                id(&app.json("POST", "/systems/room/1/windows", &body).expect(200).json()),
+                id(&report),
+                "{header}"
+            );
         }
     }
     // What is not stated must be plausible.
     let refused = |header: &str, cell: &str| {
-        let problem = app.csv("/systems/room/1/windows", &twice(&format!("time,{header}"), cell)).problem(422, "invalid-request");
-        ["code", "suggestion"].map(|field| problem["errors"][0][field].as_str().unwrap_or_default().to_owned())
+        let problem = app
+            .csv("/systems/room/1/windows", &twice(&format!("time,{header}"), cell))
+            .problem(422, "invalid-request");
+        ["code", "suggestion"]
+            .map(|field| problem["errors"][0][field].as_str().unwrap_or_default().to_owned())
     };
     for (header, cell, unit) in [
         ("T_room", "68", "T_room[degF]"),
@@ -180,17 +206,23 @@ fn every_unit_rule_of_the_surface() {
 fn a_unit_that_can_never_be_stitched_is_refused() {
     let app = TestApp::start();
     app.json("PUT", "/systems/room/1", &json!({"model": "rc2"})).expect(201);
-    let window = |column: &str, day: u32| format!("time,{column}\n2026-01-{day:02}T00:00:00Z,1\n2026-01-{day:02}T00:10:00Z,2\n");
+    let window = |column: &str, day: u32| {
+        format!("time,{column}\n2026-01-{day:02}T00:00:00Z,1\n2026-01-{day:02}T00:10:00Z,2\n")
+    };
     app.csv("/systems/room/1/windows", &window("meter[kW]", 1)).expect(201);
     app.csv("/systems/room/1/windows", &window("meter[W]", 2)).expect(201);
-    let problem = app.csv("/systems/room/1/windows", &window("meter[degC]", 3)).problem(422, "invalid-request");
+    let problem =
+        app.csv("/systems/room/1/windows", &window("meter[degC]", 3)).problem(422, "invalid-request");
     assert_eq!(
         (problem["errors"][0]["code"].as_str(), problem["errors"][0]["pointer"].as_str()),
         (Some("unit-conflict"), Some("/values/meter"))
     );
     // What converts is shown in the newest unit.
     let meter = app.get("/systems/room/1/series").expect(200).json()["channels"]["meter"].clone();
-    assert_eq!((meter["unit"].as_str(), &meter["values"]), (Some("W"), &json!([1000.0, 2000.0, null, 1.0, 2.0])));
+    assert_eq!(
+        (meter["unit"].as_str(), &meter["values"]),
+        (Some("W"), &json!([1000.0, 2000.0, null, 1.0, 2.0]))
+    );
 }
 
 #[test]
@@ -208,7 +240,11 @@ fn rows_are_taken_or_named() {
         // One missing cell, one gap of two hours, and a sensor that hangs for an hour.
         let gap = if k >= 50 { 11 } else { 0 };
         let room = if (20..=26).contains(&k) { 20.0 } else { 20.0 + 0.01 * (k + 1) as f64 };
-        text += &format!("{},{room},{}\n", good(k + gap), if k == 7 { "null".to_owned() } else { format!("{}", k % 9) });
+        text += &format!(
+            "{},{room},{}\n",
+            good(k + gap),
+            if k == 7 { "null".to_owned() } else { format!("{}", k % 9) }
+        );
     }
     let last = good(110);
     for row in [
@@ -231,7 +267,10 @@ fn rows_are_taken_or_named() {
     );
     let text = text.replace("1767225600,20,5\n", "");
     let naive = text.replace("tomorrow", "2026-02-01T00:00:00");
-    assert_eq!(app.csv("/systems/room/1/windows", &naive).problem(422, "invalid-request")["errors"][0]["code"], "naive-time");
+    assert_eq!(
+        app.csv("/systems/room/1/windows", &naive).problem(422, "invalid-request")["errors"][0]["code"],
+        "naive-time"
+    );
 
     let taken = app.csv("/systems/room/1/windows", &text).expect(201).json();
     let rejected: Vec<(u64, &str)> = taken["rejected_rows"]
@@ -255,15 +294,24 @@ fn rows_are_taken_or_named() {
         (&json!(100), Some("2026-01-01T00:00:00Z"), Some("2026-01-01T18:20:00Z"))
     );
     let room = &taken["channels"]["T_room"];
-    let facts = ["missing", "median_step_s", "longest_gap_s", "stuck_s"].map(|name| room[name].as_i64().unwrap());
+    let facts =
+        ["missing", "median_step_s", "longest_gap_s", "stuck_s"].map(|name| room[name].as_i64().unwrap());
     assert_eq!(facts, [0, 600, 7_200, 3_600], "{room}");
     assert_eq!((room["min"].as_f64(), &taken["channels"]["T_out"]["missing"]), (Some(20.0), &json!(1)));
     assert_eq!(app.csv("/systems/room/1/windows", &text).expect(200).json(), taken);
     // More than a tenth of rubbish is a misunderstanding, not a slip.
-    let mostly: String = text.lines().take(40).chain(text.lines().skip(101)).map(|line| format!("{line}\n")).collect();
+    let mostly: String =
+        text.lines().take(40).chain(text.lines().skip(101)).map(|line| format!("{line}\n")).collect();
     let problem = app.csv("/systems/room/1/windows", &mostly).problem(422, "invalid-request");
-    assert!(problem["errors"].as_array().unwrap().iter().all(|fault| fault["code"] == "rejected-rows"), "{problem}");
-    assert_eq!(app.get("/systems/room/1/windows").json()["items"].as_array().unwrap().len(), 1, "nothing that was refused is there");
+    assert!(
+        problem["errors"].as_array().unwrap().iter().all(|fault| fault["code"] == "rejected-rows"),
+        "{problem}"
+    );
+    assert_eq!(
+        app.get("/systems/room/1/windows").json()["items"].as_array().unwrap().len(),
+        1,
+        "nothing that was refused is there"
+    );
 }
 
 /// The measurements of a fortnight with another start, in UTC or on the clocks of a place.
@@ -272,7 +320,9 @@ fn fortnight(start: &str, zone: Option<&str>) -> String {
     let mut text = "time,T_room,T_out\n".to_owned();
     for (k, (_, room, out)) in room(1, 14).into_iter().enumerate() {
         let instant = start + jiff::SignedDuration::from_mins(30 * k as i64);
-        let time = zone.map_or(instant.to_string(), |zone| instant.in_tz(zone).unwrap().strftime("%Y-%m-%dT%H:%M:%S%:z").to_string());
+        let time = zone.map_or(instant.to_string(), |zone| {
+            instant.in_tz(zone).unwrap().strftime("%Y-%m-%dT%H:%M:%S%:z").to_string()
+        });
         text += &format!("{time},{room:.3},{out:.3}\n");
     }
     text
@@ -296,7 +346,10 @@ fn clock_changes_do_not_touch_a_fit() {
             .collect();
         assert_eq!(found[0]["input_hash"], found[1]["input_hash"]);
         // Numbers are written so that they read back to the same bits.
-        assert_eq!((&found[0]["parameters"], &found[0]["cost"]), (&found[1]["parameters"], &found[1]["cost"]));
+        assert_eq!(
+            (&found[0]["parameters"], &found[0]["cost"]),
+            (&found[1]["parameters"], &found[1]["cost"])
+        );
         assert!(found[0]["parameters"]["alpha_e"]["value"].is_f64());
     }
 }

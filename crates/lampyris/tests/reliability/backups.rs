@@ -44,7 +44,12 @@ pub fn served(database: &Path) -> String {
 /// A service in this process on a database, or why there is none.
 fn open(database: &Path) -> Result<(tokio::runtime::Runtime, App), String> {
     let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build().unwrap();
-    let settings = Settings { bind: "127.0.0.1:0".parse().unwrap(), database: database.to_owned(), threads: 1, ..Settings::default() };
+    let settings = Settings {
+        bind: "127.0.0.1:0".parse().unwrap(),
+        database: database.to_owned(),
+        threads: 1,
+        ..Settings::default()
+    };
     let app = runtime.block_on(App::start(settings)).map_err(|error| error.to_string())?;
     Ok((runtime, app))
 }
@@ -57,7 +62,8 @@ fn a_backup_beside_a_busy_service_holds_everything_acknowledged() {
     let service = Process::start(&database);
     let client = &service.client;
     client.json("PUT", "/systems/room/2", &json!({"model": "rc2"})).expect(201);
-    let (backups, pause) = if full() { (24, Duration::from_secs(5)) } else { (4, Duration::from_millis(300)) };
+    let (backups, pause) =
+        if full() { (24, Duration::from_secs(5)) } else { (4, Duration::from_millis(300)) };
     let (taken, stop) = (Mutex::new(Vec::new()), AtomicBool::new(false));
     let (longest_write, longest_poll) = (Mutex::new(Duration::ZERO), Mutex::new(Duration::ZERO));
     let until_stopped = |longest: &Mutex<Duration>, step: &dyn Fn(u64)| {
@@ -101,7 +107,8 @@ fn a_backup_beside_a_busy_service_holds_everything_acknowledged() {
         drop(stopping);
     });
     println!(
-        "BACKUP-1: {backups} backups under {} writes held all that was acknowledged before; longest write {:?}, longest poll {:?}",
+        "BACKUP-1: {backups} backups under {} writes held all that was acknowledged before; longest write \
+        {:?}, longest poll {:?}",
         taken.into_inner().unwrap().len(),
         longest_write.into_inner().unwrap(),
         longest_poll.into_inner().unwrap()
@@ -115,7 +122,8 @@ fn a_backup_beside_a_busy_service_holds_everything_acknowledged() {
     about(&dir.path().join("none.db"), &["backup", dir.path().join("x").to_str().unwrap()]).expect(4);
     assert!(!dir.path().join("x").exists() && !dir.path().join("none.db").exists());
     // The last one, brought back in the place of what was killed.
-    about(&database, &["restore", dir.path().join(format!("{}.backup", backups - 1)).to_str().unwrap()]).expect(0);
+    about(&database, &["restore", dir.path().join(format!("{}.backup", backups - 1)).to_str().unwrap()])
+        .expect(0);
     check_database(&database);
     assert_eq!(Process::start(&database).client.get("/params/room/1").expect(200).text, body);
 }
@@ -147,7 +155,10 @@ fn a_backup_comes_back_and_what_was_there_is_kept() {
     // Later writes, of which the backup knows nothing, and a death that leaves them in the log.
     let service = Process::start(&database);
     service.client.csv("/systems/room/1/windows", &day(7)).expect(201);
-    assert!(about(&database, &["restore", &name]).expect(1).err.contains("another service"), "a server has the database open");
+    assert!(
+        about(&database, &["restore", &name]).expect(1).err.contains("another service"),
+        "a server has the database open"
+    );
     service.kill();
     assert!(database.with_extension("db-wal").metadata().unwrap().len() > 0);
 
@@ -155,7 +166,11 @@ fn a_backup_comes_back_and_what_was_there_is_kept() {
     let replaced = PathBuf::from(told["replaced"].as_str().unwrap());
     assert!(replaced.to_str().unwrap().contains("restore.db.replaced-20"), "{replaced:?}");
     let windows = "SELECT CAST(COUNT(*) AS TEXT) FROM windows";
-    assert_eq!([rows(&database, windows), rows(&replaced, windows)], [["1"], ["2"]], "neither has the rows of the other");
+    assert_eq!(
+        [rows(&database, windows), rows(&replaced, windows)],
+        [["1"], ["2"]],
+        "neither has the rows of the other"
+    );
     check_database(&database);
     let service = Process::start(&database);
     assert_eq!(service.client.get("/params/room/1").expect(200).text, body);
@@ -177,7 +192,8 @@ fn a_backup_comes_back_and_what_was_there_is_kept() {
     refused(&damaged, 1, "damaged");
     let newer = dir.path().join("newer");
     std::fs::copy(&file, &newer).unwrap();
-    let sql = "INSERT INTO _sqlx_migrations (version, description, success, checksum, execution_time) VALUES (9999, '', TRUE, x'00', 0)";
+    let sql = "INSERT INTO _sqlx_migrations (version, description, success, checksum, execution_time) VALUES \
+        (9999, '', TRUE, x'00', 0)";
     rows(&newer, sql);
     refused(&newer, 1, "schema 9999");
 }
@@ -195,7 +211,12 @@ fn what_was_migrated_is_neither_newer_nor_edited() {
     rows(&database, "UPDATE _sqlx_migrations SET version = 9999 WHERE version = 2");
     for said in [about(&database, &["migrate"]), serve(&database)] {
         let said = said.expect(1).err;
-        assert!(said.contains("schema 9999") && said.contains(env!("CARGO_PKG_VERSION")) && said.contains("up to "), "{said}");
+        assert!(
+            said.contains("schema 9999")
+                && said.contains(env!("CARGO_PKG_VERSION"))
+                && said.contains("up to "),
+            "{said}"
+        );
     }
     // A database of somebody else is left alone to the byte.
     let foreign = dir.path().join("foreign.db");
@@ -222,11 +243,17 @@ fn a_damaged_database_is_not_served_from() {
     // The kind of the second page: the built service says what to do and ends.
     std::fs::write(&damaged, flipped(&whole, 4096)).unwrap();
     let said = serve(&damaged).expect(1).err;
-    assert!(said.contains("damaged") && said.contains("lampyris restore FILE") && said.contains("lampyris backup"), "{said}");
+    assert!(
+        said.contains("damaged")
+            && said.contains("lampyris restore FILE")
+            && said.contains("lampyris backup"),
+        "{said}"
+    );
     // A digit of a parameter, which is no contradiction to SQLite.
     let digits = body["parameters"]["alpha_e"]["value"].to_string();
     let bytes = std::fs::read(&whole).unwrap();
-    let places: Vec<usize> = (0..bytes.len() - digits.len()).filter(|at| bytes[*at..].starts_with(digits.as_bytes())).collect();
+    let places: Vec<usize> =
+        (0..bytes.len() - digits.len()).filter(|at| bytes[*at..].starts_with(digits.as_bytes())).collect();
     assert!(!places.is_empty(), "{digits}");
     let mut other = bytes.clone();
     places.iter().for_each(|at| other[at + 3] = if other[at + 3] == b'1' { b'2' } else { b'1' });
@@ -241,7 +268,11 @@ fn a_damaged_database_is_not_served_from() {
         match open(&damaged) {
             Err(_) => refused += 1,
             Ok((runtime, app)) => {
-                let served = app.service().params.entry("room/1").and_then(|entry| entry.validated().map(|one| one.body.clone()));
+                let served = app
+                    .service()
+                    .params
+                    .entry("room/1")
+                    .and_then(|entry| entry.validated().map(|one| one.body.clone()));
                 if let Some(served) = served {
                     let served: serde_json::Value = serde_json::from_slice(&served).unwrap();
                     assert_eq!(served["parameters"], body["parameters"], "byte {at}");
@@ -253,7 +284,10 @@ fn a_damaged_database_is_not_served_from() {
             let _ = std::fs::remove_file(damaged.with_extension(ending));
         }
     }
-    println!("CRASH-2: {refused} of {} flipped bytes were refused, with the others what was published was served", damages());
+    println!(
+        "CRASH-2: {refused} of {} flipped bytes were refused, with the others what was published was served",
+        damages()
+    );
 }
 
 #[test]
@@ -263,10 +297,16 @@ fn a_torn_log_leaves_the_first_writes_and_nothing_else() {
     let service = Process::start(&database);
     service.client.json("PUT", "/systems/room/1", &json!({"model": "rc2"})).expect(201);
     let windows: Vec<String> = (0..30)
-        .map(|number| service.client.csv("/systems/room/1/windows", &day(number)).expect(201).json()["id"].as_str().unwrap().to_owned())
+        .map(|number| {
+            service.client.csv("/systems/room/1/windows", &day(number)).expect(201).json()["id"]
+                .as_str()
+                .unwrap()
+                .to_owned()
+        })
         .collect();
     service.kill();
-    let (file, log) = (std::fs::read(&database).unwrap(), std::fs::read(database.with_extension("db-wal")).unwrap());
+    let (file, log) =
+        (std::fs::read(&database).unwrap(), std::fs::read(database.with_extension("db-wal")).unwrap());
     let (mut seed, mut least) = (5, windows.len());
     for round in 0..damages() {
         let torn = dir.path().join(format!("torn-{round}.db"));
@@ -287,7 +327,11 @@ fn a_torn_log_leaves_the_first_writes_and_nothing_else() {
         least = least.min(kept.len());
     }
     assert!(least < windows.len(), "no log was torn");
-    println!("CRASH-2: {} torn logs, each left the first writes and nothing else, {least} of {} at least", damages(), windows.len());
+    println!(
+        "CRASH-2: {} torn logs, each left the first writes and nothing else, {least} of {} at least",
+        damages(),
+        windows.len()
+    );
 }
 
 #[test]
@@ -295,8 +339,17 @@ fn the_doctor_tells_a_sound_database_from_others() {
     let dir = tempfile::tempdir().unwrap();
     let database = dir.path().join("doctor.db");
     let status = |said: &serde_json::Value, name: &str| {
-        let check = said["checks"].as_array().unwrap().iter().find(|check| check["name"] == name).cloned().unwrap_or_default();
-        (check["status"].as_str().unwrap_or_default().to_owned(), check["detail"].as_str().unwrap_or_default().to_owned())
+        let check = said["checks"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .find(|check| check["name"] == name)
+            .cloned()
+            .unwrap_or_default();
+        (
+            check["status"].as_str().unwrap_or_default().to_owned(),
+            check["detail"].as_str().unwrap_or_default().to_owned(),
+        )
     };
     // Nothing there yet is no fault.
     assert_eq!(status(&about(&database, &["doctor", "--json"]).expect(0).json(), "database").0, "warn");
@@ -312,10 +365,18 @@ fn the_doctor_tells_a_sound_database_from_others() {
     assert!(lines.contains("ok    database") && lines.contains("no service has it open"), "{lines}");
     // A clock that was set back, a row that refers to nothing, an older schema, a setting that is none.
     rows(&database, "UPDATE windows SET uploaded_at = uploaded_at + 86400000");
-    assert!(status(&about(&database, &["doctor", "--json"]).expect(1).json(), "clock").1.contains("set the clock"));
+    assert!(
+        status(&about(&database, &["doctor", "--json"]).expect(1).json(), "clock")
+            .1
+            .contains("set the clock")
+    );
     rows(&database, "UPDATE windows SET uploaded_at = 0");
     rows(&database, "PRAGMA foreign_keys = OFF; DELETE FROM systems");
-    assert!(status(&about(&database, &["doctor", "--json"]).expect(1).json(), "database").1.contains("rows of windows"));
+    assert!(
+        status(&about(&database, &["doctor", "--json"]).expect(1).json(), "database")
+            .1
+            .contains("rows of windows")
+    );
     rows(&database, "DELETE FROM windows");
     about(&database, &["doctor"]).expect(0);
     let config = dir.path().join("lampyris.toml");
@@ -324,5 +385,9 @@ fn the_doctor_tells_a_sound_database_from_others() {
     assert!(status(&told, "configuration").1.contains("/workers"), "{told}");
     // A page that contradicts the others.
     std::fs::write(&database, flipped(&database, 4096)).unwrap();
-    assert!(status(&about(&database, &["doctor", "--json"]).expect(1).json(), "database").1.contains("lampyris restore FILE"));
+    assert!(
+        status(&about(&database, &["doctor", "--json"]).expect(1).json(), "database")
+            .1
+            .contains("lampyris restore FILE")
+    );
 }

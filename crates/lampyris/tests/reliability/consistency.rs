@@ -1,4 +1,5 @@
-//! Whatever a controller reads is one whole revision, the newest that it has seen or a newer one, under a tag of its own.
+//! Whatever a controller reads is one whole revision, the newest that it has seen or a newer one, under a tag
+//! of its own.
 
 use crate::database::rows;
 use crate::support::process::Process;
@@ -68,10 +69,19 @@ impl Seen {
             reader.read();
             mine += 1;
             reads.fetch_add(1, Ordering::Relaxed);
-            assert_eq!(reader.etag == etag, reader.body == body, "the tag changes if and only if the body does: {etag} {}", reader.etag);
+            assert_eq!(
+                reader.etag == etag,
+                reader.body == body,
+                "the tag changes if and only if the body does: {etag} {}",
+                reader.etag
+            );
             if reader.etag != etag {
                 (etag, body) = (reader.etag.clone(), reader.body.clone());
-                assert_eq!(etag, format!("\"{}\"", &blake3::hash(&body).to_hex()[..etag.len() - 2]), "the tag is the hash of the body");
+                assert_eq!(
+                    etag,
+                    format!("\"{}\"", &blake3::hash(&body).to_hex()[..etag.len() - 2]),
+                    "the tag is the hash of the body"
+                );
                 let document: Value = serde_json::from_slice(&body).unwrap();
                 let revision = document["revision"].as_i64().unwrap();
                 assert!(revision >= self.revision, "from revision {} back to {revision}", self.revision);
@@ -87,7 +97,12 @@ impl Seen {
 /// A body beside the row of its revision.
 fn check_against(rows: &BTreeMap<i64, (String, String, String)>, body: &Value) {
     let (fit, served, hash) = &rows[&body["revision"].as_i64().unwrap()];
-    assert_eq!(*hash, blake3::hash(served.as_bytes()).to_hex().to_string(), "the row of {}", body["revision"]);
+    assert_eq!(
+        *hash,
+        blake3::hash(served.as_bytes()).to_hex().to_string(),
+        "the row of {}",
+        body["revision"]
+    );
     assert_eq!(body["fit"], *fit, "{body}");
     let served: Value = serde_json::from_str(served).unwrap();
     for (field, value) in served.as_object().unwrap() {
@@ -129,7 +144,10 @@ fn every_body_that_is_read_is_one_whole_revision_and_none_goes_back() {
                     std::thread::sleep(std::time::Duration::from_micros(200));
                 }
                 let pin = json!({"fit": fits[published % 2], "reason": format!("turn {published}")});
-                assert_eq!(service.client.json("PUT", "/params/room/1/pin", &pin).expect(200).json()["fit"], fits[published % 2]);
+                assert_eq!(
+                    service.client.json("PUT", "/params/room/1/pin", &pin).expect(200).json()["fit"],
+                    fits[published % 2]
+                );
                 published += 1;
             }
             stop.store(true, Ordering::Relaxed);
@@ -145,12 +163,14 @@ fn every_body_that_is_read_is_one_whole_revision_and_none_goes_back() {
         assert_eq!(service.client.get("/params/room/1").expect(200).text, served, "leg {leg}");
     }
     service.kill();
-    let rows: BTreeMap<i64, (String, String, String)> =
-        rows(&database, "SELECT json_array(revision, fit, served, served_hash) FROM revisions WHERE system = 'room/1'")
-            .iter()
-            .map(|row| serde_json::from_str::<(i64, String, String, String)>(row).unwrap())
-            .map(|(revision, fit, served, hash)| (revision, (fit, served, hash)))
-            .collect();
+    let rows: BTreeMap<i64, (String, String, String)> = rows(
+        &database,
+        "SELECT json_array(revision, fit, served, served_hash) FROM revisions WHERE system = 'room/1'",
+    )
+    .iter()
+    .map(|row| serde_json::from_str::<(i64, String, String, String)>(row).unwrap())
+    .map(|(revision, fit, served, hash)| (revision, (fit, served, hash)))
+    .collect();
     assert_eq!(rows.len(), published + 2, "{:?}", rows.keys());
     let mut tags: HashMap<&str, &[u8]> = HashMap::new();
     for (etag, body) in seen.iter().flat_map(|seen| &seen.bodies) {
@@ -160,6 +180,9 @@ fn every_body_that_is_read_is_one_whole_revision_and_none_goes_back() {
         check_against(&rows, &serde_json::from_slice(body).unwrap());
     }
     let counted: usize = seen.iter().map(|seen| seen.reads).sum();
-    println!("CONS-1: {counted} reads of {} bodies during {published} publishes and {LEGS} restarts, 0 violations", tags.len());
+    println!(
+        "CONS-1: {counted} reads of {} bodies during {published} publishes and {LEGS} restarts, 0 violations",
+        tags.len()
+    );
     assert!(counted >= reads && tags.len() > published / 2, "{counted} {}", tags.len());
 }

@@ -1,4 +1,5 @@
-//! The built service is killed again and again on one database, at random moments and at chosen points of its code.
+//! The built service is killed again and again on one database, at random moments and at chosen points of its
+//! code.
 
 use crate::backups::{about, served};
 use crate::database::{check_database, copied, random, rows};
@@ -43,7 +44,9 @@ fn killed_at_random_moments_nothing_acknowledged_is_lost() {
                 let armed = format!("{point}:{pass}");
                 // A job of an earlier start may have ended before there was anybody to talk to.
                 if let Some(mut service) = Process::start_to_die_at(&armed, &database) {
-                    Traffic::run(&service.client.clone(), &oracle, round, || until_it_dies(&mut service, &armed));
+                    Traffic::run(&service.client.clone(), &oracle, round, || {
+                        until_it_dies(&mut service, &armed)
+                    });
                 }
             }
             _ => {
@@ -61,7 +64,10 @@ fn killed_at_random_moments_nothing_acknowledged_is_lost() {
             }
         }
         if point == "in_recovery" {
-            assert!(Process::start_to_die_at(point, &database).is_none(), "it started although it was to die before");
+            assert!(
+                Process::start_to_die_at(point, &database).is_none(),
+                "it started although it was to die before"
+            );
         }
         oracle.lock().unwrap().check_database(&copied(&database));
     }
@@ -72,11 +78,13 @@ fn killed_at_random_moments_nothing_acknowledged_is_lost() {
     all_jobs_end(&service.client, &database);
     assert_eq!(service.terminate().0, Some(0));
     oracle.check_database(&database);
-    let again: i64 = rows(&database, "SELECT CAST(COUNT(*) AS TEXT) FROM jobs WHERE attempt > 1")[0].parse().unwrap();
+    let again: i64 =
+        rows(&database, "SELECT CAST(COUNT(*) AS TEXT) FROM jobs WHERE attempt > 1")[0].parse().unwrap();
     assert!(again > 0, "no kill met a running job");
     boots.sort();
     println!(
-        "CRASH-1: {kills} kills and {aimed} at chosen points, nothing lost of {}; {again} jobs were interrupted; ready after {:?} (median), {:?} (longest); {} MB",
+        "CRASH-1: {kills} kills and {aimed} at chosen points, nothing lost of {}; {again} jobs were \
+        interrupted; ready after {:?} (median), {:?} (longest); {} MB",
         oracle.told(),
         boots[boots.len() / 2],
         boots[boots.len() - 1],
@@ -96,7 +104,9 @@ fn until_it_dies(service: &mut Process, point: &str) {
 /// A backup that is killed leaves nothing under its name, and does not stand in the way of the next one.
 fn dies_in_a_backup(database: &Path, file: &Path) {
     let mut command = program();
-    command.args(["backup", file.to_str().unwrap(), "--database", database.to_str().unwrap()]).env("LAMPYRIS_ABORT_AT", "in_backup");
+    command
+        .args(["backup", file.to_str().unwrap(), "--database", database.to_str().unwrap()])
+        .env("LAMPYRIS_ABORT_AT", "in_backup");
     let output = command.stderr(Stdio::null()).output().unwrap();
     assert_eq!((output.status.code(), file.exists()), (None, false));
     about(database, &["backup", file.to_str().unwrap()]).expect(0);
@@ -129,9 +139,16 @@ fn a_job_that_takes_the_process_down_three_times_fails_for_good() {
         service = Process::start(&database);
     }
     let failed = service.client.get(&format!("/jobs/{job}")).json();
-    assert_eq!((failed["state"].as_str(), failed["error"]["code"].as_str()), (Some("failed"), Some("interrupted")), "{failed}");
+    assert_eq!(
+        (failed["state"].as_str(), failed["error"]["code"].as_str()),
+        (Some("failed"), Some("interrupted")),
+        "{failed}"
+    );
     let params = service.client.get("/params/room/1").expect(200).json();
-    assert_eq!((params["status"].as_str(), params["fallback"]["reason"].as_str()), (Some("fallback"), Some("job_failed")));
+    assert_eq!(
+        (params["status"].as_str(), params["fallback"]["reason"].as_str()),
+        (Some("fallback"), Some("job_failed"))
+    );
     let next = service.client.estimate("room/1", json!({"method": {"name": "lm_multistart", "seed": 5}}));
     assert_eq!(service.client.ended(&next)["state"], "succeeded");
 }
@@ -143,11 +160,15 @@ fn a_killed_service_with_many_windows_starts_again() {
     let database = dir.path().join("large.db");
     let body = served(&database);
     // Blocks that do not compress, in copies of the one window that is there.
-    let windows = "INSERT INTO windows SELECT 'win_' || n, system, n, from_s, to_s, report, uploaded_at FROM windows,
+    let windows =
+        "INSERT INTO windows SELECT 'win_' || n, system, n, from_s, to_s, report, uploaded_at FROM \
+        windows,
                        (WITH RECURSIVE counted (n) AS (SELECT 1000 UNION ALL SELECT n + 1 FROM counted
-                           WHERE n < (SELECT value FROM counters WHERE name = 'sequence')) SELECT n FROM counted)";
+                           WHERE n < (SELECT value FROM counters WHERE name = 'sequence')) SELECT n FROM \
+        counted)";
     let blocks =
-        "INSERT INTO window_blocks SELECT id, channel, randomblob(5000) FROM windows, (SELECT 'T_room' AS channel UNION SELECT 'T_out')
+        "INSERT INTO window_blocks SELECT id, channel, randomblob(5000) FROM windows, (SELECT 'T_room' AS \
+        channel UNION SELECT 'T_out')
                   WHERE sequence >= 1000";
     let (count, sequence) = match full() {
         true => (100_000, "UPDATE counters SET value = 100999 WHERE name = 'sequence'"),
@@ -161,12 +182,20 @@ fn a_killed_service_with_many_windows_starts_again() {
         let (service, took) = ready(&database);
         boots.push(took);
         assert_eq!(service.client.get("/params/room/1").expect(200).text, body);
-        let put = service.client.json("PUT", &format!("/systems/room/{}", 1 + boots.len()), &json!({"model": "rc2"}));
+        let put = service.client.json(
+            "PUT",
+            &format!("/systems/room/{}", 1 + boots.len()),
+            &json!({"model": "rc2"}),
+        );
         put.expect(201);
         service.kill();
     }
-    let kept = "SELECT CAST(COUNT(*) AS TEXT) FROM windows UNION ALL SELECT CAST(COUNT(*) AS TEXT) FROM systems";
+    let kept =
+        "SELECT CAST(COUNT(*) AS TEXT) FROM windows UNION ALL SELECT CAST(COUNT(*) AS TEXT) FROM systems";
     assert_eq!(rows(&database, kept), [(count + 1).to_string(), "6".to_owned()]);
     let megabytes = database.metadata().unwrap().len() >> 20;
-    println!("CRASH-1: with {count} windows in {megabytes} MB ready after {:?} at most (target 2 s)", boots.iter().max().unwrap());
+    println!(
+        "CRASH-1: with {count} windows in {megabytes} MB ready after {:?} at most (target 2 s)",
+        boots.iter().max().unwrap()
+    );
 }

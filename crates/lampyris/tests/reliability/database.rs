@@ -10,21 +10,23 @@ pub fn check_database(path: &Path) {
     assert!(orphans.is_empty(), "{orphans:?}");
 }
 
-/// Runs a statement on a database and gives the first column as texts. Where no service has the database open, this also
-/// folds the write-ahead log into it.
+/// Runs a statement on a database and gives the first column as texts. Where no service has the database
+/// open, this also folds the write-ahead log into it.
 #[track_caller]
 pub fn rows(path: &Path, sql: &'static str) -> Vec<String> {
     use sqlx::{Connection, SqliteConnection};
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
     runtime.block_on(async {
-        let mut connection = SqliteConnection::connect(&format!("sqlite://{}?mode=rwc", path.display())).await.unwrap();
+        let mut connection =
+            SqliteConnection::connect(&format!("sqlite://{}?mode=rwc", path.display())).await.unwrap();
         let rows = sqlx::query_scalar(sql).fetch_all(&mut connection).await.unwrap();
         connection.close().await.unwrap();
         rows
     })
 }
 
-/// Copies what a dead service has left, log and all, so that a look at the copy leaves the recovery to the next start.
+/// Copies what a dead service has left, log and all, so that a look at the copy leaves the recovery to the
+/// next start.
 pub fn copied(path: &Path) -> PathBuf {
     let copy = path.with_extension("copy.db");
     std::fs::copy(path, &copy).unwrap();

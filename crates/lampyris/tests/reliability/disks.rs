@@ -26,8 +26,12 @@ impl Disk {
     fn build(folder: &Path, bar: &str) -> Option<Self> {
         // The system names files by their real paths.
         let folder = folder.canonicalize().unwrap();
-        let (library, source) = (folder.join("disk.so"), Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/reliability/shim.c"));
-        let built = Command::new("cc").args(["-O1", "-shared", "-fPIC", "-pthread", "-o"]).args([&library, &source]).status();
+        let (library, source) =
+            (folder.join("disk.so"), Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/reliability/shim.c"));
+        let built = Command::new("cc")
+            .args(["-O1", "-shared", "-fPIC", "-pthread", "-o"])
+            .args([&library, &source])
+            .status();
         match built {
             Ok(status) => assert!(status.success(), "the disk does not compile"),
             Err(error) => {
@@ -142,7 +146,10 @@ fn whatever_call_fails_nothing_is_acknowledged_that_is_not_kept() {
             write_all(&service.client, &mut kept);
             let failed = disk.failed(&database);
             let now = service.client.get("/params/room/1").expect(200).json();
-            assert!(now["revision"].as_i64() >= served["revision"].as_i64().max(Some(kept.revision)), "{now}");
+            assert!(
+                now["revision"].as_i64() >= served["revision"].as_i64().max(Some(kept.revision)),
+                "{now}"
+            );
             if kept.refused.is_some() {
                 service.client.get("/readyz").expect(503);
             }
@@ -202,7 +209,10 @@ fn when_the_power_goes_nothing_acknowledged_is_lost() {
         // Every fourth time soon, which is while the service starts or recovers.
         let longest = if round % 4 == 0 { 60 } else { 3000 };
         let call = 1 + random(&mut seed) % longest;
-        match disk.start(&database, &[("DISK_DIES_AT", &call.to_string()), ("DISK_SEED", &random(&mut seed).to_string())]) {
+        match disk.start(
+            &database,
+            &[("DISK_DIES_AT", &call.to_string()), ("DISK_SEED", &random(&mut seed).to_string())],
+        ) {
             None => at_start += 1,
             Some(mut service) => {
                 let client = service.client.clone();
@@ -229,7 +239,10 @@ fn when_the_power_goes_nothing_acknowledged_is_lost() {
     let service = Process::start(&database);
     let mut oracle = oracle.into_inner().unwrap();
     oracle.check_service(&service.client, &database);
-    println!("CRASH-3: the power went {runs} times, {at_start} of them in a start, nothing lost of {}; {met:?}", oracle.told());
+    println!(
+        "CRASH-3: the power went {runs} times, {at_start} of them in a start, nothing lost of {}; {met:?}",
+        oracle.told()
+    );
 }
 
 #[test]
@@ -286,7 +299,8 @@ fn a_full_disk_refuses_writes_until_there_is_room_and_needs_no_restart() {
     service.kill();
     check_database(&copied(&database));
     println!(
-        "IO-2: {} windows taken, {refused} refused; writes went on {:?} after there was room (target 10 s); longest poll {:?}",
+        "IO-2: {} windows taken, {refused} refused; writes went on {:?} after there was room (target 10 s); \
+        longest poll {:?}",
         taken.len(),
         resumed.iter().max().unwrap(),
         polls.iter().max().unwrap()

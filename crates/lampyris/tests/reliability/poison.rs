@@ -17,11 +17,15 @@ fn batch() -> Value {
     fields.shift_remove("system");
     fields.insert("kind".to_owned(), json!("recalibrate"));
     fields.insert("systems".to_owned(), json!(["room/*"]));
-    // The wall time is what ends the job that comes to no end by itself. Where times are compared the others take as long as
-    // they may in a night: a good part of a second.
-    fields.insert("budget".to_owned(), json!({"evaluations": if full() { 20_000 } else { 2_000 }, "wall": "PT2S"}));
+    // The wall time is what ends the job that comes to no end by itself. Where times are compared the others
+    // take as long as they may in a night: a good part of a second.
+    fields.insert(
+        "budget".to_owned(),
+        json!({"evaluations": if full() { 20_000 } else { 2_000 }, "wall": "PT2S"}),
+    );
     if full() {
-        fields.insert("method".to_owned(), json!({"name": "cfa_thesis", "seed": 1, "generations": 1_000_000}));
+        fields
+            .insert("method".to_owned(), json!({"name": "cfa_thesis", "seed": 1, "generations": 1_000_000}));
     }
     body
 }
@@ -38,9 +42,13 @@ fn night(client: &Client) -> (Value, f64) {
         assert!(begun.elapsed() < PATIENCE, "the night has no end: {}", report["summary"]);
         std::thread::sleep(Duration::from_millis(50));
     };
-    let jobs: Vec<Value> = report["jobs"].as_array().unwrap().iter().map(|row| job(client, &row["job"])).collect();
-    let instants = |field: &str| jobs.iter().map(|job| job[field].as_str().unwrap().parse::<Timestamp>().unwrap()).collect::<Vec<_>>();
-    let (first, last) = (instants("started_at").into_iter().min().unwrap(), instants("ended_at").into_iter().max().unwrap());
+    let jobs: Vec<Value> =
+        report["jobs"].as_array().unwrap().iter().map(|row| job(client, &row["job"])).collect();
+    let instants = |field: &str| {
+        jobs.iter().map(|job| job[field].as_str().unwrap().parse::<Timestamp>().unwrap()).collect::<Vec<_>>()
+    };
+    let (first, last) =
+        (instants("started_at").into_iter().min().unwrap(), instants("ended_at").into_iter().max().unwrap());
     (report, last.duration_since(first).as_secs_f64())
 }
 
@@ -55,7 +63,8 @@ fn good_rooms(client: &Client, count: u64) {
 /// A model whose only state follows the weather within a billionth of an hour.
 fn stiff() -> Value {
     json!({
-        "id": "stiff", "title": "A room without any mass", "states": {"T_room": {"unit": "degC", "initial": "T_room"}},
+        "id": "stiff", "title": "A room without any mass",
+        "states": {"T_room": {"unit": "degC", "initial": "T_room"}},
         "inputs": {"T_out": {"unit": "degC"}}, "equations": {"T_room": "k * (T_out - T_room)"},
         "parameters": {"k": {"unit": "1/h", "lower": 1e9, "upper": 1e12, "nominal": 1e11, "scale": "log"}},
         "outputs": {"T_room": {"expr": "T_room", "unit": "degC", "noise_sd": 0.05}},
@@ -65,21 +74,33 @@ fn stiff() -> Value {
 /// Makes rooms go wrong that have been well so far.
 fn spoil(client: &Client) {
     // A new sensor that has sent nothing but missing values, and an old one that is no longer trusted.
-    let times: Vec<String> =
-        (0..96).map(|half| format!("2026-01-{:02}T{:02}:{:02}:00Z", 20 + half / 48, half % 48 / 2, half % 2 * 30)).collect();
+    let times: Vec<String> = (0..96)
+        .map(|half| format!("2026-01-{:02}T{:02}:{:02}:00Z", 20 + half / 48, half % 48 / 2, half % 2 * 30))
+        .collect();
     let (none, out) = (vec![Value::Null; 96], vec![3.0; 96]);
     let window = json!({"channels": {"T_room": {"unit": "degC"}, "T_out": {"unit": "degC"}}, "time": times,
                         "values": {"T_room": none, "T_out": out}});
     client.json("POST", "/systems/room/void/windows", &window).expect(201);
-    let exclude = json!([{"from": "2026-01-01T00:00:00Z", "to": "2026-01-19T00:00:00Z", "reason": "the sensor was replaced"}]);
-    client.json("PUT", "/systems/room/void", &json!({"model": "rc2", "exclude": exclude, "policy": lasting()})).expect(200);
+    let exclude = json!([{
+        "from": "2026-01-01T00:00:00Z", "to": "2026-01-19T00:00:00Z", "reason": "the sensor was replaced"
+    }]);
+    client
+        .json("PUT", "/systems/room/void", &json!({"model": "rc2", "exclude": exclude, "policy": lasting()}))
+        .expect(200);
     // `failing` posts a job, too, which waits for nothing and tells what the night will tell.
     client.ended(&client.failing("room/divergent", json!({"experiment": true})));
     client.json("POST", "/models", &stiff()).expect(201);
     client.json("PUT", "/systems/room/stiff", &json!({"model": "stiff", "policy": lasting()})).expect(200);
-    // An hour by two seconds, and one sample months later: a grid from one to the other would have millions of points.
+    // An hour by two seconds, and one sample months later: a grid from one to the other would have millions
+    // of points.
     let start: Timestamp = "2026-01-16T00:00:00Z".parse().unwrap();
-    let sample = |place: i64| ((start + SignedDuration::from_secs(2 * place)).to_string(), 17.0 + 0.001 * (place % 1000) as f64, 4.0);
+    let sample = |place: i64| {
+        (
+            (start + SignedDuration::from_secs(2 * place)).to_string(),
+            17.0 + 0.001 * (place % 1000) as f64,
+            4.0,
+        )
+    };
     let days: Vec<(String, f64, f64)> = (0..1440).chain([2_500_000]).map(sample).collect();
     client.csv("/systems/room/huge/windows", &csv_of(&days)).expect(201);
     client.csv("/systems/room/flat/windows", &stuck_csv()).expect(201);
@@ -132,7 +153,12 @@ fn seven_rooms_that_go_wrong_cost_the_others_nothing() {
     assert_eq!(figure(&metrics, "lampyris_fallbacks_total"), Some(BAD.len() as f64));
     let mut reasons = BTreeSet::new();
     for (id, known) in BAD.into_iter().zip(known) {
-        let row = report["jobs"].as_array().unwrap().iter().find(|row| row["system"] == format!("room/{id}")).unwrap();
+        let row = report["jobs"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .find(|row| row["system"] == format!("room/{id}"))
+            .unwrap();
         let job = job(client, &row["job"]);
         let now = client.get(&format!("/params/room/{id}")).expect(200).json();
         for field in ["parameters", "revision", "fit", "validated_at"] {
@@ -147,19 +173,29 @@ fn seven_rooms_that_go_wrong_cost_the_others_nothing() {
         let counted: Vec<String> = match job["error"]["code"].as_str() {
             Some(code) => vec![format!("lampyris_jobs_failed_total{{code=\"{code}\"}}")],
             None => {
-                let checks = now["fallback"]["failed_checks"].as_array().unwrap().iter().map(|check| check.as_str().unwrap());
+                let checks = now["fallback"]["failed_checks"]
+                    .as_array()
+                    .unwrap()
+                    .iter()
+                    .map(|check| check.as_str().unwrap());
                 checks.map(|check| format!("lampyris_gate_failed_total{{check=\"{check}\"}}")).collect()
             }
         };
-        assert!(!counted.is_empty() && counted.iter().all(|sample| figure(&metrics, sample) >= Some(1.0)), "{id}: {counted:?}\n{metrics}");
+        assert!(
+            !counted.is_empty() && counted.iter().all(|sample| figure(&metrics, sample) >= Some(1.0)),
+            "{id}: {counted:?}\n{metrics}"
+        );
         println!("Q-3: {id}: {} {}", job["state"], row["why"]);
         assert!(reasons.insert(counted), "{id}: {job} gives a reason that another room gave, too");
     }
     let bad = BAD.len();
-    println!("Q-3: {good} published beside {bad} bad ones, {before:.2} s without those, {beside:.2} s with them");
+    println!(
+        "Q-3: {good} published beside {bad} bad ones, {before:.2} s without those, {beside:.2} s with them"
+    );
     if full() {
         drop(service);
-        // Before and after: what else this machine does changes the time of a night by more than seven jobs do.
+        // Before and after: what else this machine does changes the time of a night by more than seven jobs
+        // do.
         let after = alone("after.db");
         let ratio = beside / before.max(after);
         println!("Q-3: {after:.2} s without them once more, ratio {ratio:.3}");
@@ -187,7 +223,12 @@ fn a_job_that_takes_the_process_down_fails_after_three_starts_and_the_others_fin
     let long = service.client.post_job(&body);
     service.client.until(&format!("/jobs/{long}"), |job| job["state"] == "running");
     let others = [long, service.client.estimate("room/3", json!({}))];
-    let send = service.client.send("POST", "/jobs", &[("content-type", "application/json")], Some(quick("room/2").to_string().as_bytes()));
+    let send = service.client.send(
+        "POST",
+        "/jobs",
+        &[("content-type", "application/json")],
+        Some(quick("room/2").to_string().as_bytes()),
+    );
     let mut starts = 1;
     drop(send);
     while starts < 4 {
@@ -198,7 +239,11 @@ fn a_job_that_takes_the_process_down_fails_after_three_starts_and_the_others_fin
     let client = &service.client;
     let jobs = client.get("/jobs?system=room/2").expect(200).json()["items"].clone();
     let bad = client.ended(jobs[0]["id"].as_str().unwrap());
-    assert_eq!((&bad["state"], &bad["error"]["code"], &bad["attempt"]), (&json!("failed"), &json!("interrupted"), &json!(3)), "{bad}");
+    assert_eq!(
+        (&bad["state"], &bad["error"]["code"], &bad["attempt"]),
+        (&json!("failed"), &json!("interrupted"), &json!(3)),
+        "{bad}"
+    );
     let mut attempts = Vec::new();
     for other in &others {
         let ended = client.ended(other);
@@ -218,5 +263,7 @@ fn a_job_that_takes_the_process_down_fails_after_three_starts_and_the_others_fin
         }
         std::thread::sleep(Duration::from_millis(10));
     }
-    println!("Q-5: the job that aborts failed after {starts} starts, the others succeeded in {attempts:?} attempts");
+    println!(
+        "Q-5: the job that aborts failed after {starts} starts, the others succeeded in {attempts:?} attempts"
+    );
 }

@@ -1,4 +1,5 @@
-//! The queue under a crowd: nothing is dropped in silence, nobody waits for another's crowd, and nothing is done twice.
+//! The queue under a crowd: nothing is dropped in silence, nobody waits for another's crowd, and nothing is
+//! done twice.
 
 use crate::support::process::Process;
 use crate::support::{Answer, Client, PATIENCE, endless, full, quick, room_csv};
@@ -15,14 +16,18 @@ const BLOCKERS: [&str; 2] = ["blocker-1", "blocker-2"];
 /// A service whose workers are both held up, with these rooms of one parameter each.
 fn blocked(database: &Path, limit: u64, rooms: &[String]) -> (Process, Vec<String>) {
     let poison = BLOCKERS.map(|room| format!("room/{room}:stall")).join(",");
-    let service = Process::start_with(database, &[("LAMPYRIS_POISON", &poison), ("LAMPYRIS_LIMITS_QUEUE", &limit.to_string())]);
+    let service = Process::start_with(
+        database,
+        &[("LAMPYRIS_POISON", &poison), ("LAMPYRIS_LIMITS_QUEUE", &limit.to_string())],
+    );
     let client = &service.client;
     BLOCKERS.iter().for_each(|room| client.room(room, 1));
     for room in rooms {
         client.json("PUT", &format!("/systems/room/{room}"), &json!({"model": "rc1"})).expect(201);
         client.csv(&format!("/systems/room/{room}/windows"), &room_csv(1, 4)).expect(201);
     }
-    let blockers: Vec<String> = BLOCKERS.iter().map(|room| client.post_job(&quick(&format!("room/{room}")))).collect();
+    let blockers: Vec<String> =
+        BLOCKERS.iter().map(|room| client.post_job(&quick(&format!("room/{room}")))).collect();
     for blocker in &blockers {
         client.until(&format!("/jobs/{blocker}"), |job| job["state"] == "running");
     }
@@ -87,7 +92,8 @@ fn a_crowd_is_taken_up_to_the_limit_and_every_job_of_it_is_done_once_in_order() 
                 return answers;
             }
             let begun = Instant::now();
-            let answer = client.json("POST", "/jobs", &small(&rooms[(number % ROOMS) as usize], number / ROOMS));
+            let answer =
+                client.json("POST", "/jobs", &small(&rooms[(number % ROOMS) as usize], number / ROOMS));
             answers.push((answer, begun.elapsed()));
         }
     };
@@ -96,7 +102,11 @@ fn a_crowd_is_taken_up_to_the_limit_and_every_job_of_it_is_done_once_in_order() 
         posters.into_iter().flat_map(|poster| poster.join().unwrap()).collect()
     });
     let count = |status: u16| answers.iter().filter(|(answer, _)| answer.status == status).count() as u64;
-    assert_eq!((count(202), count(429), answers.len() as u64), (limit, 40, limit + 40), "every post is taken or told to wait");
+    assert_eq!(
+        (count(202), count(429), answers.len() as u64),
+        (limit, 40, limit + 40),
+        "every post is taken or told to wait"
+    );
     for (answer, _) in answers.iter().filter(|(answer, _)| answer.status == 429) {
         assert!(answer.header("retry-after").parse::<u64>().unwrap() > 0);
         answer.clone().problem(429, "queue-full");
@@ -113,7 +123,11 @@ fn a_crowd_is_taken_up_to_the_limit_and_every_job_of_it_is_done_once_in_order() 
 
     release(client, &blockers);
     let begun = Instant::now();
-    while !client.get("/jobs?state=queued&page_size=1").expect(200).json()["items"].as_array().unwrap().is_empty() {
+    while !client.get("/jobs?state=queued&page_size=1").expect(200).json()["items"]
+        .as_array()
+        .unwrap()
+        .is_empty()
+    {
         assert!(begun.elapsed() < PATIENCE, "the queue does not empty");
         std::thread::sleep(Duration::from_millis(100));
     }
@@ -123,12 +137,16 @@ fn a_crowd_is_taken_up_to_the_limit_and_every_job_of_it_is_done_once_in_order() 
     let took = begun.elapsed();
     let (mut all, _) = jobs(client, "");
     all.retain(|job| !blockers.contains(&job["id"].as_str().unwrap().to_owned()));
-    assert_eq!(all.iter().map(|job| job["id"].as_str().unwrap().to_owned()).collect::<BTreeSet<_>>(), accepted);
-    let fits: BTreeSet<&str> = all.iter().map(|job| job["fit"].as_str().unwrap_or_else(|| panic!("{job}"))).collect();
+    assert_eq!(
+        all.iter().map(|job| job["id"].as_str().unwrap().to_owned()).collect::<BTreeSet<_>>(),
+        accepted
+    );
+    let fits: BTreeSet<&str> =
+        all.iter().map(|job| job["fit"].as_str().unwrap_or_else(|| panic!("{job}"))).collect();
     assert_eq!(fits.len() as u64, limit, "one result for each job");
     assert!(all.iter().all(|job| job["state"] == "succeeded" && job["attempt"] == 1));
-    // In the order of submission: exactly so within a room, and over all rooms as far as two workers and rooms that
-    // take turns allow.
+    // In the order of submission: exactly so within a room, and over all rooms as far as two workers and
+    // rooms that take turns allow.
     let mut newest: BTreeMap<String, Timestamp> = BTreeMap::new();
     for job in &all {
         let start = started(job);
@@ -139,14 +157,20 @@ fn a_crowd_is_taken_up_to_the_limit_and_every_job_of_it_is_done_once_in_order() 
     order.sort_by_key(|index| started(&all[*index]));
     let farthest = order.iter().enumerate().map(|(rank, index)| rank.abs_diff(*index)).max().unwrap();
     assert!(farthest < 2 * ROOMS as usize, "a job started {farthest} places from its turn");
-    // The same from the other side: what was counted as ended is what was taken, and the two that were called off.
+    // The same from the other side: what was counted as ended is what was taken, and the two that were called
+    // off.
     let metrics = client.get("/metrics").expect(200).text;
-    let ended = metrics.lines().filter(|line| line.starts_with("lampyris_jobs_ended_total{")).map(|line| line.rsplit_once(' ').unwrap().1);
+    let ended = metrics
+        .lines()
+        .filter(|line| line.starts_with("lampyris_jobs_ended_total{"))
+        .map(|line| line.rsplit_once(' ').unwrap().1);
     assert_eq!(ended.map(|count| count.parse::<u64>().unwrap()).sum::<u64>(), limit + 2, "{metrics}");
     let megabytes = |bytes: u64| bytes >> 20;
     println!(
-        "Q-1: {limit} jobs taken, 40 told to wait; a post 50 % {:?}, 99 % {:?} (target 50 ms); slowest page of {limit} {slowest_page:?} (target 50 ms); \
-         done in {took:.1?}; memory {} MB, with the queue {} MB, at the end {} MB; farthest from its turn: {farthest}",
+        "Q-1: {limit} jobs taken, 40 told to wait; a post 50 % {:?}, 99 % {:?} (target 50 ms); slowest page \
+        of {limit} {slowest_page:?} (target 50 ms); \
+         done in {took:.1?}; memory {} MB, with the queue {} MB, at the end {} MB; farthest from its turn: \
+        {farthest}",
         percentile(&mut posts, 0.5),
         percentile(&mut posts, 0.99),
         megabytes(empty),
@@ -163,12 +187,19 @@ fn a_room_with_one_job_waits_for_no_crowd_of_another() {
     let client = &service.client;
     std::thread::scope(|scope| {
         for part in 0..4 {
-            scope
-                .spawn(move || (part..crowd).step_by(4).for_each(|seed| drop(client.json("POST", "/jobs", &small("a", seed)).expect(202))));
+            scope.spawn(move || {
+                (part..crowd)
+                    .step_by(4)
+                    .for_each(|seed| drop(client.json("POST", "/jobs", &small("a", seed)).expect(202)))
+            });
         }
     });
     let one = client.post_job(&small("b", 0));
-    assert_eq!(client.json("POST", "/jobs", &small("b", 0)).expect(200).json()["id"], one.as_str(), "equal jobs wait once");
+    assert_eq!(
+        client.json("POST", "/jobs", &small("b", 0)).expect(200).json()["id"],
+        one.as_str(),
+        "equal jobs wait once"
+    );
     release(client, &blockers);
     let one = started(&client.ended(&one));
     let (running, _) = jobs(client, "&system=room/a&state=running");
@@ -209,7 +240,9 @@ fn a_job_that_is_killed_half_way_ends_as_if_it_had_not_been() {
     for threads in ["1", "2"] {
         let (database, service) = begin(&format!("{threads}.db"), threads);
         let job = service.client.post_job(&body);
-        let half = service.client.until(&format!("/jobs/{job}"), |job| job["progress"]["evaluations"].as_u64() >= Some(evaluations / 2));
+        let half = service.client.until(&format!("/jobs/{job}"), |job| {
+            job["progress"]["evaluations"].as_u64() >= Some(evaluations / 2)
+        });
         assert_eq!(half["state"], "running", "{half}");
         service.kill();
         let service = Process::start_with(&database, &[("LAMPYRIS_THREADS", threads)]);
@@ -234,11 +267,16 @@ fn wall(layers: usize) -> Value {
     for layer in 0..layers {
         states.insert(state(layer), json!({"unit": "degC", "initial": "T_room"}));
         let outer = if layer + 1 == layers { "T_out".to_owned() } else { state(layer + 1) };
-        let inner = if layer == 0 { String::new() } else { format!(" + k * ({} - {})", state(layer - 1), state(layer)) };
+        let inner = if layer == 0 {
+            String::new()
+        } else {
+            format!(" + k * ({} - {})", state(layer - 1), state(layer))
+        };
         equations.insert(state(layer), json!(format!("k * ({outer} - {}){inner}", state(layer))));
     }
     json!({
-        "id": "wall", "title": "A wall of many layers", "states": states, "inputs": {"T_out": {"unit": "degC"}}, "equations": equations,
+        "id": "wall", "title": "A wall of many layers", "states": states,
+        "inputs": {"T_out": {"unit": "degC"}}, "equations": equations,
         "parameters": {"k": {"unit": "1/h", "lower": 0.1, "upper": 10.0, "nominal": 1.0, "scale": "log"}},
         "outputs": {"T_room": {"expr": "T_room", "unit": "degC", "noise_sd": 0.05}},
     })
@@ -268,7 +306,8 @@ fn a_large_model_on_a_long_record_is_called_off_in_the_middle_of_a_simulation() 
     assert_eq!(client.ended(&job)["state"], "cancelled");
     let cancelled = begun.elapsed().as_secs_f64();
     println!(
-        "Q-6: a job of the smallest budget takes {batch:.2} s ({}), one was called off within {cancelled:.3} s (target 0.5 s)",
+        "Q-6: a job of the smallest budget takes {batch:.2} s ({}), one was called off within {cancelled:.3} \
+        s (target 0.5 s)",
         single["state"]
     );
     assert!(cancelled < batch / 4.0, "{cancelled} s of {batch} s");

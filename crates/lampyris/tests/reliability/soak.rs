@@ -1,4 +1,5 @@
-//! The service under twice the load of a house for a while, through kills and a full database: what it holds stays as it is.
+//! The service under twice the load of a house for a while, through kills and a full database: what it holds
+//! stays as it is.
 
 use crate::consistency::{Reader, Seen};
 use crate::support::process::Process;
@@ -43,8 +44,13 @@ impl Soak {
                     if stop.load(Ordering::Relaxed) {
                         break;
                     }
-                    let taken = service.client.csv("/systems/room/2/windows", &room_csv(round, 3)).expect(201).json();
-                    service.client.send("DELETE", &format!("/windows/{}", taken["id"].as_str().unwrap()), &[], None).unwrap().expect(204);
+                    let taken =
+                        service.client.csv("/systems/room/2/windows", &room_csv(round, 3)).expect(201).json();
+                    service
+                        .client
+                        .send("DELETE", &format!("/windows/{}", taken["id"].as_str().unwrap()), &[], None)
+                        .unwrap()
+                        .expect(204);
                     windows.fetch_add(1, Ordering::Relaxed);
                     std::thread::sleep(Duration::from_millis(50));
                 }
@@ -63,10 +69,16 @@ impl Soak {
                         service.client.post(&format!("/jobs/{job}/cancel")).expect(200);
                     }
                     service.client.ended(&job);
-                    let (method, body) =
-                        if round.is_multiple_of(2) { ("PUT", Some(json!({"reason": "soak"}).to_string())) } else { ("DELETE", None) };
+                    let (method, body) = if round.is_multiple_of(2) {
+                        ("PUT", Some(json!({"reason": "soak"}).to_string()))
+                    } else {
+                        ("DELETE", None)
+                    };
                     let headers = [("content-type", "application/json")];
-                    let answer = service.client.send(method, "/params/room/1/pin", &headers, body.as_deref().map(str::as_bytes)).unwrap();
+                    let answer = service
+                        .client
+                        .send(method, "/params/room/1/pin", &headers, body.as_deref().map(str::as_bytes))
+                        .unwrap();
                     assert!(answer.status < 300, "{}", answer.text);
                     jobs.fetch_add(1, Ordering::Relaxed);
                 }
@@ -75,7 +87,8 @@ impl Soak {
             while begun.elapsed() < length {
                 std::thread::sleep(length / 80);
                 samples.push((service.status("VmRSS"), service.open_files()));
-                self.log = self.log.max(database.with_extension("db-wal").metadata().map_or(0, |log| log.len()));
+                self.log =
+                    self.log.max(database.with_extension("db-wal").metadata().map_or(0, |log| log.len()));
             }
             stop.store(true, Ordering::Relaxed);
         });
@@ -126,7 +139,8 @@ fn under_a_steady_load_memory_files_and_log_stay_as_they_are() {
         // Windows are refused beyond nine tenths.
         let room = ((database.metadata().unwrap().len() + ROOM_BYTES) / 9 * 10).to_string();
         let is_tight = life == lives / 2;
-        let environment: &[(&str, &str)] = if is_tight { &[("LAMPYRIS_LIMITS_DATABASE_BYTES", &room)] } else { &[] };
+        let environment: &[(&str, &str)] =
+            if is_tight { &[("LAMPYRIS_LIMITS_DATABASE_BYTES", &room)] } else { &[] };
         let service = Process::start_with(&database, environment);
         if is_tight {
             soak.load(&service, &database, SHORT_LOAD);
@@ -145,12 +159,15 @@ fn under_a_steady_load_memory_files_and_log_stay_as_they_are() {
     let service = Process::start(&database);
     let samples = soak.load(&service, &database, length / 2);
     assert_eq!(service.terminate().0, Some(0));
-    // The page caches of the database fill for about three minutes: resident 38 to 51 MB, and 53.5 MB after eight.
+    // The page caches of the database fill for about three minutes: resident 38 to 51 MB, and 53.5 MB after
+    // eight.
     let (half, rest) = (samples.len() / 2, samples.len() * 3 / 4);
-    let ((before, files_before), (after, files_after)) = (middle(&samples[half..rest]), middle(&samples[rest..]));
+    let ((before, files_before), (after, files_after)) =
+        (middle(&samples[half..rest]), middle(&samples[rest..]));
     let slope = (after as f64 - before as f64) / 1024.0 / (length.as_secs_f64() / 8.0 / 3600.0);
     println!(
-        "SOAK-1: {} s, {} kills, a full database, {} reads, {} windows, {} jobs: resident {before} to {after} KiB ({slope:.1} MB/h, target 1), \
+        "SOAK-1: {} s, {} kills, a full database, {} reads, {} windows, {} jobs: resident {before} to \
+        {after} KiB ({slope:.1} MB/h, target 1), \
          files {files_before} to {files_after}, log at most {} KiB, database {} KiB",
         length.as_secs(),
         lives - 1,
@@ -162,5 +179,8 @@ fn under_a_steady_load_memory_files_and_log_stay_as_they_are() {
     );
     assert!(files_after <= files_before + 2, "{files_before} {files_after}");
     assert!(soak.log < LOG_BYTES, "{}", soak.log);
-    assert!(!full() || after as f64 <= 1.05 * before as f64, "resident memory grew from {before} to {after} KiB");
+    assert!(
+        !full() || after as f64 <= 1.05 * before as f64,
+        "resident memory grew from {before} to {after} KiB"
+    );
 }

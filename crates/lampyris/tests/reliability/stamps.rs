@@ -22,25 +22,50 @@ fn every_kind_of_time_is_kept_in_utc_or_refused_by_name() {
         app.get(&format!("/systems/room/1/series?from={from}&to={to}")).expect(200).json()["channels"]["T_room"]["time"].clone()
     };
     // Offsets of all kinds are instants; the hour that comes twice is two hours.
-    let mixed = ["2026-01-01T00:00:00Z", "2026-01-01T01:10:00+01:00", "2026-01-01T06:05:00+05:45", "2025-12-31T16:30:00-08:00"];
+    let mixed = [
+        "2026-01-01T00:00:00Z",
+        "2026-01-01T01:10:00+01:00",
+        "2026-01-01T06:05:00+05:45",
+        "2025-12-31T16:30:00-08:00",
+    ];
     post(&app, &mixed).expect(201);
     assert_eq!(
         kept("2026-01-01T00:00:00Z", "2026-01-01T00:30:00Z"),
-        json!(["2026-01-01T00:00:00Z", "2026-01-01T00:10:00Z", "2026-01-01T00:20:00Z", "2026-01-01T00:30:00Z"])
+        json!([
+            "2026-01-01T00:00:00Z",
+            "2026-01-01T00:10:00Z",
+            "2026-01-01T00:20:00Z",
+            "2026-01-01T00:30:00Z"
+        ])
     );
-    let autumn = ["2026-10-25T02:00:00+02:00", "2026-10-25T02:30:00+02:00", "2026-10-25T02:00:00+01:00", "2026-10-25T02:30:00+01:00"];
+    let autumn = [
+        "2026-10-25T02:00:00+02:00",
+        "2026-10-25T02:30:00+02:00",
+        "2026-10-25T02:00:00+01:00",
+        "2026-10-25T02:30:00+01:00",
+    ];
     assert_eq!(post(&app, &autumn).expect(201).json()["rows"], 4);
     assert_eq!(kept("2026-10-25T00:00:00Z", "2026-10-25T01:30:00Z").as_array().unwrap().len(), 4);
     let spring = ["2026-03-29T01:30:00+01:00", "2026-03-29T03:00:00+02:00", "2026-03-29T03:30:00+02:00"];
     assert_eq!(post(&app, &spring).expect(201).json()["longest_gap_s"], Value::Null);
     assert_eq!(kept("2026-03-29T00:30:00Z", "2026-03-29T01:30:00Z")[1], "2026-03-29T01:00:00Z");
     // A leap second is the second before it.
-    assert_eq!(post(&app, &["2016-12-31T23:59:58Z", "2016-12-31T23:59:60Z", "2017-01-01T00:00:01Z"]).expect(201).json()["rows"], 3);
+    assert_eq!(
+        post(&app, &["2016-12-31T23:59:58Z", "2016-12-31T23:59:60Z", "2017-01-01T00:00:01Z"])
+            .expect(201)
+            .json()["rows"],
+        3
+    );
     assert_eq!(post(&app, &["2026-12-01T23:50:00Z", "2026-12-02T00:00:00Z"]).expect(201).json()["rows"], 2);
     // Gaps from a second to a month stay what they are.
-    let gaps = ["2026-05-01T00:00:00Z", "2026-05-01T00:00:01Z", "2026-05-01T00:10:00Z", "2026-05-31T00:10:00Z"];
+    let gaps =
+        ["2026-05-01T00:00:00Z", "2026-05-01T00:00:01Z", "2026-05-01T00:10:00Z", "2026-05-31T00:10:00Z"];
     let report = post(&app, &gaps).expect(201).json();
-    assert_eq!((&report["rows"], &report["channels"]["T_room"]["longest_gap_s"]), (&json!(4), &json!(30 * 86_400)), "{report}");
+    assert_eq!(
+        (&report["rows"], &report["channels"]["T_room"]["longest_gap_s"]),
+        (&json!(4), &json!(30 * 86_400)),
+        "{report}"
+    );
     let refused = [
         (["2026-06-01T00:00:00", "2026-06-01T00:10:00"], "naive-time"),
         (["2026-03-29T02:30:00", "2026-03-29T03:00:00"], "naive-time"),
@@ -59,7 +84,11 @@ fn every_kind_of_time_is_kept_in_utc_or_refused_by_name() {
         let problem = post(&app, times).problem(422, "invalid-request");
         assert_eq!(problem["errors"][0]["code"], *code, "{times:?}: {problem}");
     }
-    println!("TIME-1: offsets, both changes of the clock, a leap second and gaps are kept in UTC; {} kinds refused by name", refused.len());
+    println!(
+        "TIME-1: offsets, both changes of the clock, a leap second and gaps are kept in UTC; {} kinds \
+        refused by name",
+        refused.len()
+    );
 }
 
 /// The same measurements, told by the clock of Copenhagen over its change, and in UTC.
@@ -68,7 +97,8 @@ fn a_fit_over_the_change_of_the_clock_is_that_of_the_same_data_in_utc() {
     let app = TestApp::at("2026-12-01T00:00:00Z", |_| {});
     let zone = jiff::tz::TimeZone::get("Europe/Copenhagen").unwrap();
     for (system, start) in [("spring", "2026-03-22T00:00:00Z"), ("autumn", "2026-10-18T00:00:00Z")] {
-        let shift = start.parse::<jiff::Timestamp>().unwrap().duration_since("2026-01-01T00:00:00Z".parse().unwrap());
+        let shift =
+            start.parse::<jiff::Timestamp>().unwrap().duration_since("2026-01-01T00:00:00Z".parse().unwrap());
         let header = "time,T_room[degC],T_out[degC]\n";
         let (mut utc, mut local) = (header.to_owned(), header.to_owned());
         let mut offsets = std::collections::BTreeSet::new();
@@ -86,7 +116,8 @@ fn a_fit_over_the_change_of_the_clock_is_that_of_the_same_data_in_utc() {
             app.csv(&format!("/systems/{id}/windows"), &csv).expect(201);
             let ended = app.ended(&app.post_job(&quick(&id)));
             let fit = app.get(&format!("/fits/{}", ended["fit"].as_str().unwrap())).expect(200).json();
-            ["parameters", "metrics", "cost", "trace", "parts", "checks", "input_hash"].map(|field| fit[field].clone())
+            ["parameters", "metrics", "cost", "trace", "parts", "checks", "input_hash"]
+                .map(|field| fit[field].clone())
         });
         assert!(!fits[0][0].is_null() && fits[0][6].is_string());
         assert_eq!(fits[0], fits[1], "{system}");
@@ -98,7 +129,8 @@ fn a_fit_over_the_change_of_the_clock_is_that_of_the_same_data_in_utc() {
 #[test]
 fn jumps_of_the_clock_neither_end_jobs_nor_double_them() {
     let wrapped = Command::new("faketime").args(["-m", "-f", "+0", "printenv", "LD_PRELOAD"]).output();
-    let Ok(library) = wrapped.map(|output| String::from_utf8(output.stdout).unwrap().trim().to_owned()) else {
+    let Ok(library) = wrapped.map(|output| String::from_utf8(output.stdout).unwrap().trim().to_owned())
+    else {
         println!("SKIPPED: TIME-2 needs faketime");
         return;
     };
@@ -130,7 +162,9 @@ fn jumps_of_the_clock_neither_end_jobs_nor_double_them() {
         set(jump);
         std::thread::sleep(Duration::from_millis(200));
         service.client.get("/readyz").expect(200);
-        let job = service.client.estimate("room/2", json!({"method": {"name": "lm_multistart", "seed": 100 + index}}));
+        let job = service
+            .client
+            .estimate("room/2", json!({"method": {"name": "lm_multistart", "seed": 100 + index}}));
         let ended = service.client.ended(&job);
         assert_eq!((&ended["state"], &ended["attempt"]), (&json!("succeeded"), &json!(1)), "{jump}: {ended}");
         posted.push(job);
@@ -152,7 +186,15 @@ fn jumps_of_the_clock_neither_end_jobs_nor_double_them() {
     service.client.post(&format!("/jobs/{running}/cancel")).expect(200);
     assert_eq!(service.client.ended(&running)["state"], "cancelled");
     let listed = service.client.get("/jobs?page_size=100").json();
-    let ids: std::collections::BTreeSet<&str> = listed["items"].as_array().unwrap().iter().map(|job| job["id"].as_str().unwrap()).collect();
-    assert!(ids.len() == posted.len() + 1 && posted.iter().all(|job| ids.contains(job.as_str())), "{ids:?} {posted:?}");
-    println!("TIME-2: {} jumps and a start by another clock: {} jobs, none lost, none doubled", jumps.len(), ids.len());
+    let ids: std::collections::BTreeSet<&str> =
+        listed["items"].as_array().unwrap().iter().map(|job| job["id"].as_str().unwrap()).collect();
+    assert!(
+        ids.len() == posted.len() + 1 && posted.iter().all(|job| ids.contains(job.as_str())),
+        "{ids:?} {posted:?}"
+    );
+    println!(
+        "TIME-2: {} jumps and a start by another clock: {} jobs, none lost, none doubled",
+        jumps.len(),
+        ids.len()
+    );
 }

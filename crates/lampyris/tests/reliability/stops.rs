@@ -21,7 +21,9 @@ fn fifty_running_fits_are_called_off_while_they_run() {
             let mut body = endless(if round % 2 == 0 { "room/1" } else { "room/2" });
             body["method"]["seed"] = json!(round);
             let job = client.post_job(&body);
-            client.until(&format!("/jobs/{job}"), |job| job["progress"]["evaluations"].as_u64().unwrap_or(0) > 0);
+            client.until(&format!("/jobs/{job}"), |job| {
+                job["progress"]["evaluations"].as_u64().unwrap_or(0) > 0
+            });
             let begun = Instant::now();
             client.post(&format!("/jobs/{job}/cancel")).expect(200);
             assert_eq!(client.ended(&job)["state"], "cancelled");
@@ -65,7 +67,10 @@ fn a_stop_gives_running_jobs_back_and_leaves_nothing_in_the_log() {
     poll.join().unwrap().expect(404);
     assert!(!beside(&database, "-wal").exists(), "the log is folded into the database");
     check_database(&database);
-    let states = rows(&database, "SELECT state || ' ' || attempt || ' ' || COUNT(*) FROM jobs GROUP BY state, attempt");
+    let states = rows(
+        &database,
+        "SELECT state || ' ' || attempt || ' ' || COUNT(*) FROM jobs GROUP BY state, attempt",
+    );
     assert_eq!(states, [format!("queued 0 {}", queued + 2)], "the stop was charged to no job");
     let service = Process::start(&database);
     for job in &running {

@@ -69,8 +69,8 @@ pub fn prepare(client: &Client) {
 }
 
 impl<'a> Traffic<'a> {
-    /// Lets eight writers, four pollers and a canceller go on until `end` returns and the service is gone. A round has a
-    /// number of its own, so that whatever it sends is new.
+    /// Lets eight writers, four pollers and a canceller go on until `end` returns and the service is gone. A
+    /// round has a number of its own, so that whatever it sends is new.
     pub fn run(client: &'a Client, oracle: &'a Mutex<Oracle>, round: u64, end: impl FnOnce()) {
         let traffic = &Self { client, oracle, round, stop: AtomicBool::new(false) };
         thread::scope(|scope| {
@@ -114,7 +114,9 @@ impl<'a> Traffic<'a> {
 
     fn window(&self, system: &str, key: &str, body: &str) -> Result<(), Gone> {
         let path = format!("/systems/{system}/windows");
-        let answer = self.send("POST", &path, &[("content-type", "text/csv"), ("idempotency-key", key)], body)?.expect(201);
+        let answer = self
+            .send("POST", &path, &[("content-type", "text/csv"), ("idempotency-key", key)], body)?
+            .expect(201);
         self.oracle().windows.push(text(&answer.json()["id"]));
         Ok(())
     }
@@ -147,7 +149,8 @@ impl<'a> Traffic<'a> {
         Err(Gone)
     }
 
-    /// A job that alters nothing that is served; every other one is waited for, so that the queue stays short.
+    /// A job that alters nothing that is served; every other one is waited for, so that the queue stays
+    /// short.
     fn experiment(&self, number: u64, turn: u64) -> Result<(), Gone> {
         let mut body = quick(ROOMS[number as usize]);
         body["experiment"] = json!(true);
@@ -164,7 +167,8 @@ impl<'a> Traffic<'a> {
     fn commission(&self, number: u64, turn: u64) -> Result<(), Gone> {
         let system = format!("room/{}-{number}-{turn}", self.round);
         let mode = ["auto", "suggest"][number as usize];
-        self.json("PUT", &format!("/systems/{system}"), &json!({"model": "rc2", "policy": {"mode": mode}}))?.expect(201);
+        self.json("PUT", &format!("/systems/{system}"), &json!({"model": "rc2", "policy": {"mode": mode}}))?
+            .expect(201);
         self.oracle().systems.insert(system.clone());
         self.window(&system, &format!("window {system}"), &room_csv(1, 14))?;
         let job = self.submit(format!("job {system}"), quick(&system))?;
@@ -172,7 +176,8 @@ impl<'a> Traffic<'a> {
         assert_eq!(ended["outcome"], ["accepted", "suggested"][number as usize], "{ended}");
         if mode == "suggest" {
             let fit = text(&ended["fit"]);
-            self.json("POST", &format!("/fits/{fit}/promote"), &json!({"reason": "looks right"}))?.expect(200);
+            self.json("POST", &format!("/fits/{fit}/promote"), &json!({"reason": "looks right"}))?
+                .expect(200);
             self.oracle().promoted.push(fit);
         }
         self.look(&system)
@@ -221,11 +226,15 @@ impl<'a> Traffic<'a> {
 impl Oracle {
     #[track_caller]
     fn saw(&mut self, system: &str, answer: &Answer, before: Option<i64>) {
-        assert_eq!(answer.header("etag"), format!("\"{}\"", &blake3::hash(answer.text.as_bytes()).to_hex()[..32]));
+        assert_eq!(
+            answer.header("etag"),
+            format!("\"{}\"", &blake3::hash(answer.text.as_bytes()).to_hex()[..32])
+        );
         let body = answer.json();
         let revision = body["revision"].as_i64().unwrap();
         assert!(Some(revision) >= before, "{system}: revision {revision} after {before:?}");
-        let served: serde_json::Map<String, Value> = SERVED.iter().map(|field| ((*field).to_owned(), body[field].clone())).collect();
+        let served: serde_json::Map<String, Value> =
+            SERVED.iter().map(|field| ((*field).to_owned(), body[field].clone())).collect();
         let hash = blake3::hash(Value::Object(served).to_string().as_bytes()).to_hex().to_string();
         let known = self.served.entry((system.to_owned(), revision)).or_insert_with(|| hash.clone());
         assert_eq!(*known, hash, "{system}: two sets under revision {revision}");
@@ -249,10 +258,18 @@ impl Oracle {
         require("jobs", &keys, &mut self.acknowledged().map(|(key, _, job)| format!("{key} = {job}")));
         let cancelled = all("SELECT id FROM jobs WHERE state = 'cancelled'");
         require("cancellations", &cancelled, &mut self.cancelled.iter().cloned());
-        let promoted = all("SELECT fit FROM decisions JOIN revisions USING (fit) WHERE decision = 'promoted' AND cause = 'promoted'");
+        let promoted = all(
+            "SELECT fit FROM decisions JOIN revisions USING (fit) WHERE decision = 'promoted' AND cause = \
+            'promoted'",
+        );
         require("promotions", &promoted, &mut self.promoted.iter().cloned());
-        let pins = all("SELECT system || ' ' || revision || ' ' || fit FROM revisions WHERE cause = 'pinned'");
-        require("pins", &pins, &mut self.pinned.iter().map(|((system, revision), fit)| format!("{system} {revision} {fit}")));
+        let pins =
+            all("SELECT system || ' ' || revision || ' ' || fit FROM revisions WHERE cause = 'pinned'");
+        require(
+            "pins",
+            &pins,
+            &mut self.pinned.iter().map(|((system, revision), fit)| format!("{system} {revision} {fit}")),
+        );
         let served = all("SELECT system || ' ' || revision || ' ' || served_hash FROM revisions");
         require(
             "what was served",
@@ -260,23 +277,34 @@ impl Oracle {
             &mut self.served.iter().map(|((system, revision), hash)| format!("{system} {revision} {hash}")),
         );
         // Every request for a job has a seed or a room of its own, also those that were never answered.
-        let twice = rows(path, "SELECT MIN(id) FROM jobs WHERE origin = 'posted' GROUP BY system, request HAVING COUNT(*) > 1");
+        let twice = rows(
+            path,
+            "SELECT MIN(id) FROM jobs WHERE origin = 'posted' GROUP BY system, request HAVING COUNT(*) > 1",
+        );
         assert!(twice.is_empty(), "jobs that were made twice: {twice:?}");
     }
 
     /// Looks at a service that has started again on the database, and sends again what was never answered.
     #[track_caller]
     pub fn check_service(&mut self, client: &Client, path: &Path) {
-        let dead = "SELECT id FROM jobs WHERE state = 'running' AND boot <> (SELECT value FROM counters WHERE name = 'boot')";
+        let dead = "SELECT id FROM jobs WHERE state = 'running' AND boot <> (SELECT value FROM counters \
+            WHERE name = 'boot')";
         assert_eq!(rows(path, dead), Vec::<String>::new(), "jobs of a dead process still run");
         for (system, newest) in self.newest.clone() {
             let answer = client.get(&format!("/params/{system}")).expect(200);
             self.saw(&system, &answer, Some(newest));
         }
-        let recent = self.acknowledged().map(|(key, body, job)| (key.clone(), body.clone(), Some(job.clone()))).last();
-        let unanswered = self.jobs.iter().filter(|(_, (_, job))| job.is_none()).map(|(key, (body, _))| (key.clone(), body.clone(), None));
+        let recent =
+            self.acknowledged().map(|(key, body, job)| (key.clone(), body.clone(), Some(job.clone()))).last();
+        let unanswered = self
+            .jobs
+            .iter()
+            .filter(|(_, (_, job))| job.is_none())
+            .map(|(key, (body, _))| (key.clone(), body.clone(), None));
         for (key, body, job) in unanswered.chain(recent).collect::<Vec<_>>() {
-            let again = text(&client.json_with("POST", "/jobs", &[("idempotency-key", &key)], &body).expect(202).json()["id"]);
+            let again = text(
+                &client.json_with("POST", "/jobs", &[("idempotency-key", &key)], &body).expect(202).json()["id"],
+            );
             assert!(job.is_none_or(|job| job == again), "the key `{key}` made a second job");
             self.jobs.insert(key, (body, Some(again)));
         }

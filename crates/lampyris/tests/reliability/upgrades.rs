@@ -1,6 +1,8 @@
-//! Databases of every released schema, brought up to date: all or nothing, and what is served stays what it was.
+//! Databases of every released schema, brought up to date: all or nothing, and what is served stays what it
+//! was.
 //!
-//! `tests/golden/<schema>.sql` is a dump of such a database, `<schema>.json` the body that its program served.
+//! `tests/golden/<schema>.sql` is a dump of such a database, `<schema>.json` the body that its program
+//! served.
 
 use crate::database::{check_database, copied, random, rows};
 use crate::support::full;
@@ -12,11 +14,12 @@ use std::time::Duration;
 /// Released schemas, and what later programs say beyond the body that was served from them.
 const RELEASED: [(i64, &str); 2] = [(1, r#","degraded":null,"pin":null"#), (5, "")];
 
-/// When what those databases serve turns stale: a hundred years behind the validation, and behind the newest measurement.
+/// When what those databases serve turns stale: a hundred years behind the validation, and behind the newest
+/// measurement.
 const STALE_AFTER: [&str; 2] = ["2126-10-28T12:39:21.254Z", "2125-12-17T23:00:00Z"];
 
-/// Makes a database of a released schema; gives its path, and the body that was served from it. Its age counts from the measurements
-/// by now.
+/// Makes a database of a released schema; gives its path, and the body that was served from it. Its age
+/// counts from the measurements by now.
 fn golden(dir: &Path, schema: i64) -> (PathBuf, String) {
     use sqlx::{Connection, SqliteConnection};
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden");
@@ -24,7 +27,8 @@ fn golden(dir: &Path, schema: i64) -> (PathBuf, String) {
     let path = dir.join(format!("golden-{schema}.db"));
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
     runtime.block_on(async {
-        let mut connection = SqliteConnection::connect(&format!("sqlite://{}?mode=rwc", path.display())).await.unwrap();
+        let mut connection =
+            SqliteConnection::connect(&format!("sqlite://{}?mode=rwc", path.display())).await.unwrap();
         sqlx::raw_sql(sqlx::AssertSqlSafe(dump)).execute(&mut connection).await.unwrap();
         connection.close().await.unwrap();
     });
@@ -98,7 +102,10 @@ fn a_killed_upgrade_is_gone_on_with() {
             unfinished += u64::from(is_gone_on_with(&database, &golden, &body));
         }
     }
-    println!("MIGRATE-1: {} upgrades were killed, {unfinished} of them before their end", RELEASED.len() * kills);
+    println!(
+        "MIGRATE-1: {} upgrades were killed, {unfinished} of them before their end",
+        RELEASED.len() * kills
+    );
 }
 
 #[test]
@@ -108,7 +115,9 @@ fn an_upgrade_that_dies_in_any_of_its_transactions_is_gone_on_with() {
         let (golden, body) = golden(dir.path(), released);
         let mut deaths = 0;
         // In the backup before, then before each commit, until there is no further one.
-        for point in std::iter::once("in_backup".to_owned()).chain((1..).map(|pass| format!("in_migration:{pass}"))) {
+        for point in
+            std::iter::once("in_backup".to_owned()).chain((1..).map(|pass| format!("in_migration:{pass}")))
+        {
             let database = dir.path().join(format!("{released}-{deaths}.db"));
             std::fs::copy(&golden, &database).unwrap();
             if upgrade(&database, &point).status().unwrap().success() {
@@ -120,9 +129,15 @@ fn an_upgrade_that_dies_in_any_of_its_transactions_is_gone_on_with() {
         // Every migration is at least one transaction.
         let newest = migrate(&golden)["to"].as_i64().unwrap();
         let migrations = rows(&golden, "SELECT CAST(version AS TEXT) FROM _sqlx_migrations");
-        let missing = migrations.iter().filter(|version| (released + 1..=newest).contains(&version.parse().unwrap())).count();
+        let missing = migrations
+            .iter()
+            .filter(|version| (released + 1..=newest).contains(&version.parse().unwrap()))
+            .count();
         assert!(deaths > missing, "{deaths} deaths in {missing} migrations");
-        println!("MIGRATE-1: the upgrade from schema {released} died in each of {deaths} places and was gone on with");
+        println!(
+            "MIGRATE-1: the upgrade from schema {released} died in each of {deaths} places and was gone on \
+            with"
+        );
     }
 }
 
@@ -134,14 +149,20 @@ fn upgrade(database: &Path, point: &str) -> Command {
     command
 }
 
-/// Goes on with an upgrade that died, and looks for everything that was there before it. Says whether anything was left to do.
+/// Goes on with an upgrade that died, and looks for everything that was there before it. Says whether
+/// anything was left to do.
 #[track_caller]
 fn is_gone_on_with(database: &Path, golden: &Path, body: &str) -> bool {
     check_database(&copied(database));
     let reached = schema(&copied(database));
     let newest = migrate(database)["to"].as_i64().unwrap();
     check_database(database);
-    for sql in ["SELECT served FROM revisions", "SELECT id FROM windows", "SELECT id || state FROM jobs", "SELECT document FROM fits"] {
+    for sql in [
+        "SELECT served FROM revisions",
+        "SELECT id FROM windows",
+        "SELECT id || state FROM jobs",
+        "SELECT document FROM fits",
+    ] {
         assert_eq!(rows(database, sql), rows(golden, sql));
     }
     let served = Process::start(database).client.get("/params/room/1").expect(200).text;

@@ -24,7 +24,10 @@ fn the_controller_polls_and_is_never_without_an_answer() {
     let job = service.post_job(&request("room/4"));
     let first = poll.join().unwrap().expect(200);
     let (etag, set) = (first.header("etag").to_owned(), first.json());
-    assert_eq!((set["status"].as_str(), set["revision"].as_i64(), set["job"].as_str()), (Some("fresh"), Some(1), Some(job.as_str())));
+    assert_eq!(
+        (set["status"].as_str(), set["revision"].as_i64(), set["job"].as_str()),
+        (Some("fresh"), Some(1), Some(job.as_str()))
+    );
     assert!(set["parameters"]["alpha_n[1]"].is_f64() && set["units"]["alpha_h"] == "1/h", "{set}");
     // The twin's noise is 0.05 K; a day ahead the served set is not far above it.
     assert!(set["error"]["T_room"]["ahead"]["PT24H"].as_f64().unwrap() < 0.15, "{set}");
@@ -35,13 +38,19 @@ fn the_controller_polls_and_is_never_without_an_answer() {
     // A model predictive controller starts from the states behind the newest sample.
     let state = service.get("/systems/room/4/state").expect(200).json();
     for name in ["T_r", "T_h", "T_e"] {
-        assert!((5.0..50.0).contains(&state[name].as_f64().unwrap()) && state["sd"][name].as_f64().unwrap() >= 0.0, "{state}");
+        assert!(
+            (5.0..50.0).contains(&state[name].as_f64().unwrap())
+                && state["sd"][name].as_f64().unwrap() >= 0.0,
+            "{state}"
+        );
     }
 
     // A sensor hangs: the fit is refused, the old set stays, and the poll that waits is told why.
     let poll = {
         let (service, etag) = (service.clone(), etag.clone());
-        thread::spawn(move || service.get_with("/params/room/4", &[("if-none-match", &etag), ("prefer", "wait=60")]))
+        thread::spawn(move || {
+            service.get_with("/params/room/4", &[("if-none-match", &etag), ("prefer", "wait=60")])
+        })
     };
     thread::sleep(Duration::from_millis(100));
     service.csv("/systems/room/4/windows", &hanging_csv(401)).expect(201);
@@ -50,8 +59,14 @@ fn the_controller_polls_and_is_never_without_an_answer() {
     let told = poll.join().unwrap().expect(200);
     assert_eq!(told.header("params-status"), "fallback");
     let told = told.json();
-    assert_eq!((&told["parameters"], &told["revision"], &told["fit"]), (&set["parameters"], &set["revision"], &set["fit"]));
-    assert_eq!((told["fallback"]["reason"].as_str(), &told["fallback"]["fit"]), (Some("validation_failed"), &refused["fit"]));
+    assert_eq!(
+        (&told["parameters"], &told["revision"], &told["fit"]),
+        (&set["parameters"], &set["revision"], &set["fit"])
+    );
+    assert_eq!(
+        (told["fallback"]["reason"].as_str(), &told["fallback"]["fit"]),
+        (Some("validation_failed"), &refused["fit"])
+    );
 
     // All systems in one poll, for a controller that has many.
     let all = service.get("/params").expect(200);

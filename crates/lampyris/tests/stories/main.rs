@@ -59,7 +59,10 @@ fn hanging_csv(seed: u64) -> String {
 
 /// What is known of such a room. Its weeks lie in the winter of 2026, whenever the story is told.
 fn room(label: &str) -> Value {
-    json!({"label": label, "model": "room3", "neighbours": ["room/1", "room/2"], "policy": {"stale_after": "P36500D"}})
+    json!({
+        "label": label, "model": "room3", "neighbours": ["room/1", "room/2"],
+        "policy": {"stale_after": "P36500D"}
+    })
 }
 
 /// A search that is good enough for a story.

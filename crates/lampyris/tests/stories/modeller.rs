@@ -66,7 +66,11 @@ fn the_modeller_mends_a_document_adds_the_sun_and_sees_the_error_fall() {
     }
     assert!(faults.contains("did you mean `a_e`?"), "{faults}");
     let refused = verb(&format!("models post {file}")).expect(1).err;
-    assert_eq!(faults.lines().count(), refused.lines().count() - 1, "a refusal lists the same faults under its title: {refused}");
+    assert_eq!(
+        faults.lines().count(),
+        refused.lines().count() - 1,
+        "a refusal lists the same faults under its title: {refused}"
+    );
     verb("models show sunless").expect(4);
 
     // Mended, it is taken; documents never change.
@@ -78,7 +82,9 @@ fn the_modeller_mends_a_document_adds_the_sun_and_sees_the_error_fall() {
     verb(&format!("models post {other}")).expect(1);
 
     // The room is fitted with it. The sun that shines on the twin is in no term.
-    service.json("PUT", "/systems/room/4", &json!({"model": "sunless", "neighbours": ["room/1", "room/2"]})).expect(201);
+    service
+        .json("PUT", "/systems/room/4", &json!({"model": "sunless", "neighbours": ["room/1", "room/2"]}))
+        .expect(201);
     service.csv("/systems/room/4/windows", &twin_csv(423)).expect(201);
     let base = service.ended(&service.post_job(&request("room/4")));
     assert_eq!(base["state"], "succeeded", "{base}");
@@ -87,7 +93,9 @@ fn the_modeller_mends_a_document_adds_the_sun_and_sees_the_error_fall() {
     let made = verb("models add-effect sunless solar_gain --json").expect(0).json();
     assert_eq!((made["id"].as_str(), made["parent"].as_str()), (Some("sunless+solar_gain"), Some("sunless")));
     assert_eq!(made["diff"]["terms"]["T_r"], "c_solar * S");
-    assert!(verb("models add-effect sunless solar_gian").expect(1).err.contains("did you mean `solar_gain`?"));
+    assert!(
+        verb("models add-effect sunless solar_gian").expect(1).err.contains("did you mean `solar_gain`?")
+    );
     let with_sun = verb("models show sunless+solar_gain").expect(0).out;
     assert!(with_sun.contains("c_solar") && with_sun.contains("irradiance"), "{with_sun}");
 
@@ -96,14 +104,27 @@ fn the_modeller_mends_a_document_adds_the_sun_and_sees_the_error_fall() {
     body["model"] = json!("sunless+solar_gain");
     let sunny = service.ended(&service.post_job(&body));
     assert_eq!(sunny["state"], "succeeded", "{sunny}");
-    let fit = |job: &Value| service.get(&format!("/fits/{}", job["fit"].as_str().unwrap())).expect(200).json();
+    let fit =
+        |job: &Value| service.get(&format!("/fits/{}", job["fit"].as_str().unwrap())).expect(200).json();
     let (before, after) = (fit(&base), fit(&sunny));
-    assert_eq!((before["model"].as_str(), after["model"].as_str()), (Some("sunless"), Some("sunless+solar_gain")));
+    assert_eq!(
+        (before["model"].as_str(), after["model"].as_str()),
+        (Some("sunless"), Some("sunless+solar_gain"))
+    );
     assert_eq!(before["input_hash"], after["input_hash"], "both have seen the same measurements");
     for part in ["train_rmse", "validation_rmse"] {
-        assert!(error(&after, part) < 0.7 * error(&before, part), "{part}: {} to {}", error(&before, part), error(&after, part));
+        assert!(
+            error(&after, part) < 0.7 * error(&before, part),
+            "{part}: {} to {}",
+            error(&before, part),
+            error(&after, part)
+        );
     }
-    assert!(error(&after, "train_rmse") < 0.06, "the twin's noise is 0.05 K: {}", error(&after, "train_rmse"));
+    assert!(
+        error(&after, "train_rmse") < 0.06,
+        "the twin's noise is 0.05 K: {}",
+        error(&after, "train_rmse")
+    );
     assert_eq!(after["parameters"]["c_solar"]["at_bound"], false);
     // A fit of another model than the system's own serves nobody, until the system says so.
     assert_ne!(service.get("/params/room/4?accept=nominal").expect(200).json()["fit"], after["id"]);

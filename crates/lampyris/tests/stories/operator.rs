@@ -29,7 +29,11 @@ fn the_operator_keeps_two_rooms_in_order_from_the_command_line() {
     }
     let events = verb(&format!("jobs post room/5 {post} --priority interactive --wait --json")).expect(0).out;
     let last: serde_json::Value = serde_json::from_str(events.lines().last().unwrap()).unwrap();
-    assert_eq!((last["event"].as_str(), last["data"]["outcome"].as_str()), (Some("finished"), Some("accepted")), "{last}");
+    assert_eq!(
+        (last["event"].as_str(), last["data"]["outcome"].as_str()),
+        (Some("finished"), Some("accepted")),
+        "{last}"
+    );
     let served = verb("params list").expect(0).out;
     assert_eq!(served.matches("fresh").count(), 2, "{served}");
     let one = verb("params get room/4").expect(0).out;
@@ -48,18 +52,29 @@ fn the_operator_keeps_two_rooms_in_order_from_the_command_line() {
 
     // The stretch is left out, and the job done again: the room is served afresh.
     let mut document = room("Upstairs");
-    document["exclude"] = json!([{"from": "2026-01-19T00:00:00Z", "to": "2026-02-01T00:00:00Z", "reason": "the sensor hangs"}]);
+    document["exclude"] =
+        json!([{"from": "2026-01-19T00:00:00Z", "to": "2026-02-01T00:00:00Z", "reason": "the sensor hangs"}]);
     let file = scene.file("room.json", &document.to_string());
     verb(&format!("systems put room/4 {file}")).expect(0);
-    let told = verb("jobs post room/4 --to 2026-01-18T23:59:00Z --train P4D --validation P2D --method lm_multistart --wait");
+    let told = verb(
+        "jobs post room/4 --to 2026-01-18T23:59:00Z --train P4D --validation P2D --method lm_multistart \
+        --wait",
+    );
     let told = told.expect(0).out;
     assert!(told.contains("accepted") || told.contains("unchanged"), "{told}");
     assert_eq!(verb("params get room/4 --json").expect(0).json()["status"], "fresh");
 
     // A job that would never end is called off, and can be done again later.
-    let file = scene.file("long.json", r#"{"method": {"name": "cfa_thesis"}, "budget": {"evaluations": 100000000}}"#);
-    let long = verb(&format!("jobs post room/5 --file {file} --experiment --json")).expect(0).json()["id"].as_str().unwrap().to_owned();
-    scene.service.client.until(&format!("/jobs/{long}"), |job| job["progress"]["evaluations"].as_u64().unwrap_or(0) > 0);
+    let file = scene
+        .file("long.json", r#"{"method": {"name": "cfa_thesis"}, "budget": {"evaluations": 100000000}}"#);
+    let long = verb(&format!("jobs post room/5 --file {file} --experiment --json")).expect(0).json()["id"]
+        .as_str()
+        .unwrap()
+        .to_owned();
+    scene
+        .service
+        .client
+        .until(&format!("/jobs/{long}"), |job| job["progress"]["evaluations"].as_u64().unwrap_or(0) > 0);
     assert!(verb(&format!("jobs show {long}")).expect(0).out.contains("evaluations"));
     assert!(verb(&format!("jobs retry {long}")).expect(1).err.contains("has not ended"), "it runs");
     verb(&format!("jobs cancel {long}")).expect(0);
@@ -76,6 +91,9 @@ fn the_operator_keeps_two_rooms_in_order_from_the_command_line() {
     }
     // A monitor sees the same from outside.
     let figures = scene.service.client.get("/metrics").expect(200).text;
-    assert!(figures.contains("lampyris_jobs_ended_total{kind=\"estimate\",outcome=\"rejected\"} 1"), "{figures}");
+    assert!(
+        figures.contains("lampyris_jobs_ended_total{kind=\"estimate\",outcome=\"rejected\"} 1"),
+        "{figures}"
+    );
     assert_eq!(scene.service.client.get("/readyz").expect(200).json()["ready"], true);
 }

@@ -31,11 +31,21 @@ fn exit_codes_tell_what_happened() {
     // Every fault of a refused request, with its place; as a document where that is asked for.
     let line = "jobs post room/1 --method lm_multistrat --set fixd={} --wall soon";
     let refused = verb(line).expect(1).err;
-    for place in ["/method", "/fixd: ", "/budget/wall: ", "/system: there are no measurements", "did you mean `lm_multistart`?"] {
+    for place in [
+        "/method",
+        "/fixd: ",
+        "/budget/wall: ",
+        "/system: there are no measurements",
+        "did you mean `lm_multistart`?",
+    ] {
         assert!(refused.contains(place), "{place} in {refused}");
     }
     let problem = verb(&format!("{line} --json")).expect(1).json();
-    assert_eq!((problem["type"].as_str(), problem["errors"].as_array().unwrap().len()), (Some("invalid-request"), 4), "{problem}");
+    assert_eq!(
+        (problem["type"].as_str(), problem["errors"].as_array().unwrap().len()),
+        (Some("invalid-request"), 4),
+        "{problem}"
+    );
 }
 
 #[test]

@@ -51,7 +51,8 @@ impl Stream {
 impl Iterator for Stream {
     type Item = Told;
 
-    /// Reads as the standard says: an id counts even where it comes without data. A stream that is cut off panics.
+    /// Reads as the standard says: an id counts even where it comes without data. A stream that is cut off
+    /// panics.
     fn next(&mut self) -> Option<Told> {
         let (mut event, mut data) = (String::new(), String::new());
         loop {
@@ -61,7 +62,11 @@ impl Iterator for Stream {
                 ("id", id) => id.clone_into(&mut self.last_id),
                 ("data", text) => data.push_str(text),
                 ("", "") if !data.is_empty() => {
-                    return Some(Told { event, data: serde_json::from_str(&data).unwrap(), last_id: self.last_id.clone() });
+                    return Some(Told {
+                        event,
+                        data: serde_json::from_str(&data).unwrap(),
+                        last_id: self.last_id.clone(),
+                    });
                 }
                 _ => {}
             }

@@ -1,4 +1,5 @@
-//! What the tests of the service share: a service in this process, a plain client, and a small synthetic room.
+//! What the tests of the service share: a service in this process, a plain client, and a small synthetic
+//! room.
 #![allow(dead_code, reason = "each test binary uses its part")]
 
 pub mod events;
@@ -14,11 +15,12 @@ use std::path::PathBuf;
 use std::time::{Duration, Instant};
 use tokio::runtime::Runtime;
 
-/// Longest that a test waits for what must come. It only ends a wait that has no end: a machine may be many times slower
-/// than another, and no test fails because of that.
+/// Longest that a test waits for what must come. It only ends a wait that has no end: a machine may be many
+/// times slower than another, and no test fails because of that.
 pub const PATIENCE: Duration = Duration::from_secs(900);
 
-/// When a service starts whose test does not say it: a day behind two weeks of [`room`], so that what rests on them is fresh.
+/// When a service starts whose test does not say it: a day behind two weeks of [`room`], so that what rests
+/// on them is fresh.
 pub const TODAY: &str = "2026-01-16T00:00:00Z";
 
 /// Whether the full figures are asked for.
@@ -74,7 +76,8 @@ impl Answer {
 
 impl Client {
     pub fn new(base: String) -> Self {
-        let config = ureq::Agent::config_builder().http_status_as_error(false).timeout_global(Some(PATIENCE)).build();
+        let config =
+            ureq::Agent::config_builder().http_status_as_error(false).timeout_global(Some(PATIENCE)).build();
         Self { base, agent: config.into(), token: None }
     }
 
@@ -105,11 +108,18 @@ impl Client {
     }
 
     /// Sends a request; `Err` where the connection fails.
-    pub fn send(&self, method: &str, path: &str, headers: &[(&str, &str)], body: Option<&[u8]>) -> Result<Answer, ureq::Error> {
+    pub fn send(
+        &self,
+        method: &str,
+        path: &str,
+        headers: &[(&str, &str)],
+        body: Option<&[u8]>,
+    ) -> Result<Answer, ureq::Error> {
         let (parts, mut body) = self.open(method, path, headers, body)?.into_parts();
         // A stream of events does not end by itself; `listen` reads those.
         let is_stream = parts.headers.get("content-type").is_some_and(|kind| kind == "text/event-stream");
-        let text = if is_stream { String::new() } else { body.with_config().limit(1 << 28).read_to_string()? };
+        let text =
+            if is_stream { String::new() } else { body.with_config().limit(1 << 28).read_to_string()? };
         Ok(Answer { status: parts.status.as_u16(), headers: parts.headers, text })
     }
 
@@ -138,7 +148,8 @@ impl Client {
 
     #[track_caller]
     pub fn json_with(&self, method: &str, path: &str, headers: &[(&str, &str)], body: &Value) -> Answer {
-        let headers: Vec<(&str, &str)> = [("content-type", "application/json")].iter().chain(headers).copied().collect();
+        let headers: Vec<(&str, &str)> =
+            [("content-type", "application/json")].iter().chain(headers).copied().collect();
         self.send(method, path, &headers, Some(body.to_string().as_bytes())).unwrap()
     }
 
@@ -155,15 +166,26 @@ impl Client {
     /// Makes a room of this model with two weeks of measurements.
     #[track_caller]
     pub fn room(&self, id: &str, seed: u64) {
-        self.json("PUT", &format!("/systems/room/{id}"), &serde_json::json!({"label": format!("Room {id}"), "model": "rc2"})).expect(201);
+        self.json(
+            "PUT",
+            &format!("/systems/room/{id}"),
+            &serde_json::json!({"label": format!("Room {id}"), "model": "rc2"}),
+        )
+        .expect(201);
         self.csv(&format!("/systems/room/{id}/windows"), &room_csv(seed, 14)).expect(201);
     }
 
-    /// A room whose measurements are not old before their time has come, for services whose clock no test sets.
+    /// A room whose measurements are not old before their time has come, for services whose clock no test
+    /// sets.
     #[track_caller]
     pub fn lasting_room(&self, id: &str, seed: u64) {
         self.room(id, seed);
-        self.json("PUT", &format!("/systems/room/{id}"), &serde_json::json!({"model": "rc2", "policy": lasting()})).expect(200);
+        self.json(
+            "PUT",
+            &format!("/systems/room/{id}"),
+            &serde_json::json!({"model": "rc2", "policy": lasting()}),
+        )
+        .expect(200);
     }
 
     /// Posts a quick estimate and gives its id.
@@ -183,7 +205,12 @@ impl Client {
         let known = self.json("POST", "/models", &exploding());
         assert!([200, 201].contains(&known.status), "{}", known.text);
         let policy = self.get(&format!("/systems/{system}")).expect(200).json()["policy"].clone();
-        self.json("PUT", &format!("/systems/{system}"), &serde_json::json!({"model": "explosion", "policy": policy})).expect(200);
+        self.json(
+            "PUT",
+            &format!("/systems/{system}"),
+            &serde_json::json!({"model": "explosion", "policy": policy}),
+        )
+        .expect(200);
         self.estimate(system, more)
     }
 
@@ -196,7 +223,9 @@ impl Client {
     /// Waits until a job has ended.
     #[track_caller]
     pub fn ended(&self, job: &str) -> Value {
-        self.until(&format!("/jobs/{job}"), |job| ["succeeded", "failed", "cancelled"].contains(&job["state"].as_str().unwrap()))
+        self.until(&format!("/jobs/{job}"), |job| {
+            ["succeeded", "failed", "cancelled"].contains(&job["state"].as_str().unwrap())
+        })
     }
 
     /// Waits until a document says something.
@@ -214,20 +243,25 @@ impl Client {
     }
 }
 
-/// Where a document does not agree with its schema: fields that are not described or missing, and wrong types.
+/// Where a document does not agree with its schema: fields that are not described or missing, and wrong
+/// types.
 pub fn disagreements(document: &Value, schema: &Value, schemas: &Value, place: &str) -> Vec<String> {
     if let Some(name) = schema["$ref"].as_str().and_then(|path| path.rsplit('/').next()) {
         return disagreements(document, &schemas[name], schemas, place);
     }
     if let Some(one_of) = schema["oneOf"].as_array() {
-        let all: Vec<Vec<String>> = one_of.iter().map(|schema| disagreements(document, schema, schemas, place)).collect();
+        let all: Vec<Vec<String>> =
+            one_of.iter().map(|schema| disagreements(document, schema, schemas, place)).collect();
         return if all.iter().any(Vec::is_empty) { Vec::new() } else { all.concat() };
     }
     let mut properties = serde_json::Map::new();
     let mut required = Vec::new();
     let mut parts = vec![schema];
     while let Some(part) = parts.pop() {
-        let part = part["$ref"].as_str().and_then(|path| path.rsplit('/').next()).map_or(part, |name| &schemas[name]);
+        let part = part["$ref"]
+            .as_str()
+            .and_then(|path| path.rsplit('/').next())
+            .map_or(part, |name| &schemas[name]);
         parts.extend(part["allOf"].as_array().into_iter().flatten());
         properties.extend(part["properties"].as_object().cloned().unwrap_or_default());
         required.extend(part["required"].as_array().cloned().unwrap_or_default());
@@ -254,12 +288,15 @@ pub fn disagreements(document: &Value, schema: &Value, schemas: &Value, place: &
             for (name, value) in fields {
                 let place = format!("{place}/{name}");
                 match (properties.get(name), more) {
-                    (Some(schema), _) | (None, Some(schema)) => found.extend(disagreements(value, schema, schemas, &place)),
+                    (Some(schema), _) | (None, Some(schema)) => {
+                        found.extend(disagreements(value, schema, schemas, &place))
+                    }
                     (None, None) if properties.is_empty() => {}
                     (None, None) => found.push(format!("{place} is not described")),
                 }
             }
-            let missing = required.iter().filter_map(Value::as_str).filter(|name| !fields.contains_key(*name));
+            let missing =
+                required.iter().filter_map(Value::as_str).filter(|name| !fields.contains_key(*name));
             found.extend(missing.map(|name| format!("{place}/{name} is missing")));
         }
         other => found.push(format!("{place} is {other}, described as {types:?}")),
@@ -284,13 +321,16 @@ pub fn quick(system: &str) -> Value {
 /// A request that does not end by itself within the time of a test.
 pub fn endless(system: &str) -> Value {
     let method = serde_json::json!({"name": "cfa_thesis", "generations": 100_000});
-    serde_json::json!({"kind": "estimate", "system": system, "method": method, "budget": {"evaluations": 100_000_000}})
+    serde_json::json!({
+        "kind": "estimate", "system": system, "method": method, "budget": {"evaluations": 100_000_000}
+    })
 }
 
 /// A model whose every simulation explodes, so that each of its jobs fails.
 fn exploding() -> Value {
     serde_json::json!({
-        "id": "explosion", "title": "A room that explodes", "states": {"T_room": {"unit": "degC", "initial": "T_room"}},
+        "id": "explosion", "title": "A room that explodes",
+        "states": {"T_room": {"unit": "degC", "initial": "T_room"}},
         "equations": {"T_room": "k * 1[K] * exp(exp(T_room / 1[K]))"},
         "parameters": {"k": {"unit": "1/h", "lower": 1.0, "upper": 2.0, "nominal": 1.5, "scale": "log"}},
         "outputs": {"T_room": {"expr": "T_room", "unit": "degC", "noise_sd": 0.05}},
@@ -398,18 +438,35 @@ impl TestApp {
 
     fn by(clock: Clock, change: impl FnOnce(&mut Settings)) -> Self {
         let dir = tempfile::tempdir().unwrap();
-        let mut settings =
-            Settings { bind: "127.0.0.1:0".parse().unwrap(), database: dir.path().join("test.db"), threads: 1, ..Settings::default() };
+        let mut settings = Settings {
+            bind: "127.0.0.1:0".parse().unwrap(),
+            database: dir.path().join("test.db"),
+            threads: 1,
+            ..Settings::default()
+        };
         change(&mut settings);
-        let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build().unwrap();
-        let app = runtime.block_on(App::start_by(settings.clone(), clock.clone())).unwrap_or_else(|error| panic!("{error}"));
-        Self { client: Client::new(format!("http://{}", app.addr)), app: Some(app), runtime, dir, settings, clock }
+        let runtime =
+            tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build().unwrap();
+        let app = runtime
+            .block_on(App::start_by(settings.clone(), clock.clone()))
+            .unwrap_or_else(|error| panic!("{error}"));
+        Self {
+            client: Client::new(format!("http://{}", app.addr)),
+            app: Some(app),
+            runtime,
+            dir,
+            settings,
+            clock,
+        }
     }
 
     /// Stops the service and starts it again on the same database.
     pub fn restart(&mut self) {
         self.stop();
-        let app = self.runtime.block_on(App::start_by(self.settings.clone(), self.clock.clone())).unwrap_or_else(|error| panic!("{error}"));
+        let app = self
+            .runtime
+            .block_on(App::start_by(self.settings.clone(), self.clock.clone()))
+            .unwrap_or_else(|error| panic!("{error}"));
         self.client = Client::new(format!("http://{}", app.addr));
         self.app = Some(app);
     }

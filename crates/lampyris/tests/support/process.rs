@@ -37,8 +37,8 @@ impl Process {
         Self::run(command, database)
     }
 
-    /// A service that ends as if it were killed where it passes a point of its code (`store::failpoint`); none where that
-    /// is before it listens.
+    /// A service that ends as if it were killed where it passes a point of its code (`store::failpoint`);
+    /// none where that is before it listens.
     pub fn start_to_die_at(point: &str, database: &Path) -> Option<Self> {
         let mut command = program();
         command.env("LAMPYRIS_ABORT_AT", point);
@@ -48,7 +48,12 @@ impl Process {
     /// A service none of whose files may grow beyond a megabyte.
     pub fn start_with_small_files(database: &Path) -> Self {
         let mut command = Command::new("bash");
-        command.args(["-c", "trap '' XFSZ; ulimit -f 1024; exec \"$@\"", "bash", env!("CARGO_BIN_EXE_lampyris")]);
+        command.args([
+            "-c",
+            "trap '' XFSZ; ulimit -f 1024; exec \"$@\"",
+            "bash",
+            env!("CARGO_BIN_EXE_lampyris"),
+        ]);
         Self::run(command, database)
     }
 
@@ -56,7 +61,8 @@ impl Process {
         Self::attempt(command, database, Stdio::null()).expect("the service ended before it listened")
     }
 
-    /// Starts a service that may end before it listens; then there is none. What it says of itself goes to `log`.
+    /// Starts a service that may end before it listens; then there is none. What it says of itself goes to
+    /// `log`.
     pub fn attempt(mut command: Command, database: &Path, log: Stdio) -> Option<Self> {
         if command.get_envs().all(|(name, _)| name != "LAMPYRIS_THREADS") {
             command.env("LAMPYRIS_THREADS", "1");

@@ -1,4 +1,5 @@
-//! What the arms came to, as a table and in sentences: every difference within one house, then over the houses.
+//! What the arms came to, as a table and in sentences: every difference within one house, then over the
+//! houses.
 
 use super::arm::{Kind, Measures};
 use super::mpc;
@@ -19,7 +20,9 @@ pub struct Spread {
 
 impl Spread {
     pub fn of(values: &[f64]) -> Self {
-        let (low, high) = values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| (low.min(*value), high.max(*value)));
+        let (low, high) = values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| {
+            (low.min(*value), high.max(*value))
+        });
         Self { mean: values.iter().sum::<f64>() / values.len().max(1) as f64, low, high }
     }
 
@@ -69,7 +72,9 @@ impl Answer {
             .iter()
             .map(|kind| {
                 let arms = arms(measured, *kind);
-                let spread = |of: &dyn Fn(&Outcome) -> f64| Spread::of(&arms.iter().map(|outcome| of(outcome)).collect::<Vec<_>>());
+                let spread = |of: &dyn Fn(&Outcome) -> f64| {
+                    Spread::of(&arms.iter().map(|outcome| of(outcome)).collect::<Vec<_>>())
+                };
                 Line {
                     kind: *kind,
                     bill: spread(&|outcome| whole(outcome).bill),
@@ -82,10 +87,16 @@ impl Answer {
                 }
             })
             .collect();
-        let sentences = [often(measured, &lines), nights(measured), fits(measured), missing(measured, &late), errors(&lines)]
-            .into_iter()
-            .flatten()
-            .collect();
+        let sentences = [
+            often(measured, &lines),
+            nights(measured),
+            fits(measured),
+            missing(measured, &late),
+            errors(&lines),
+        ]
+        .into_iter()
+        .flatten()
+        .collect();
         Self { lines, sentences }
     }
 
@@ -94,7 +105,11 @@ impl Answer {
             "{:<22} {:>9} {:>12} {:>24} {:>10} {:>15} {:>24}\n",
             "parameters", "bill", "discomfort", "worth in all", "day ahead", "2nd half", "beside perfect"
         );
-        let _ = writeln!(text, "{:<22} {:>9} {:>12} {:>24} {:>10} {:>15} {:>24}", "", "EUR", "K h", "EUR", "K rms", "EUR, K rms", "EUR");
+        let _ = writeln!(
+            text,
+            "{:<22} {:>9} {:>12} {:>24} {:>10} {:>15} {:>24}",
+            "", "EUR", "K h", "EUR", "K rms", "EUR, K rms", "EUR"
+        );
         for line in &self.lines {
             let beside = line.beside_perfect.map_or_else(String::new, |spread| span(&spread, 2));
             let _ = writeln!(
@@ -117,7 +132,8 @@ impl Answer {
     }
 }
 
-/// Mean, smallest and largest: `1.2 (0.9 to 1.6)`; the mean alone where all houses are alike, or there is one.
+/// Mean, smallest and largest: `1.2 (0.9 to 1.6)`; the mean alone where all houses are alike, or there is
+/// one.
 pub fn span(spread: &Spread, digits: usize) -> String {
     if spread.is_one() {
         return format!("{:.digits$}", spread.mean);
@@ -126,17 +142,29 @@ pub fn span(spread: &Spread, digits: usize) -> String {
 }
 
 /// The total of an arm over that of another one in the same house.
-fn difference(measured: &Measured, kind: Kind, other: Kind, part: &dyn Fn(&Outcome) -> Measures) -> Option<Spread> {
+fn difference(
+    measured: &Measured,
+    kind: Kind,
+    other: Kind,
+    part: &dyn Fn(&Outcome) -> Measures,
+) -> Option<Spread> {
     let (ours, theirs) = (arms(measured, kind), arms(measured, other));
     if kind == other || ours.is_empty() || ours.len() != theirs.len() {
         return None;
     }
-    Some(Spread::of(&ours.iter().zip(&theirs).map(|(ours, theirs)| part(ours).total() - part(theirs).total()).collect::<Vec<_>>()))
+    Some(Spread::of(
+        &ours
+            .iter()
+            .zip(&theirs)
+            .map(|(ours, theirs)| part(ours).total() - part(theirs).total())
+            .collect::<Vec<_>>(),
+    ))
 }
 
 /// Cheaper or dearer, and whether in every house.
 fn compared(spread: &Spread, base: f64) -> String {
-    let everywhere = if spread.low > 0.0 || spread.high < 0.0 { "in every house" } else { "but not in every house" };
+    let everywhere =
+        if spread.low > 0.0 || spread.high < 0.0 { "in every house" } else { "but not in every house" };
     let share = 100.0 * spread.mean.abs() / base.max(f64::MIN_POSITIVE);
     let word = if spread.mean < 0.0 { "saves" } else { "costs" };
     let [near, far] = if spread.mean < 0.0 { [-spread.high, -spread.low] } else { [spread.low, spread.high] };
@@ -149,7 +177,8 @@ fn compared(spread: &Spread, base: f64) -> String {
 /// How often to re-estimate: the rarest of what is about as good as the best.
 fn often(measured: &Measured, lines: &[Line]) -> Option<String> {
     let frequencies = [Kind::Once, Kind::Weekly, Kind::Nightly];
-    let found: Vec<&Line> = frequencies.iter().filter_map(|kind| lines.iter().find(|line| line.kind == *kind)).collect();
+    let found: Vec<&Line> =
+        frequencies.iter().filter_map(|kind| lines.iter().find(|line| line.kind == *kind)).collect();
     let best = found.iter().map(|line| line.total.mean).fold(f64::INFINITY, f64::min);
     let enough = found.iter().find(|line| line.total.mean <= (1.0 + ALIKE) * best)?;
     let advice = match enough.kind {
@@ -161,7 +190,11 @@ fn often(measured: &Measured, lines: &[Line]) -> Option<String> {
         Kind::Nightly => format!("costs more than {:.0} %", 100.0 * ALIKE),
         _ => format!("saves less than {:.0} % of bill and discomfort together", 100.0 * ALIKE),
     };
-    Some(format!("{advice} {end} ({} over {}).", count(measured.houses.len(), "house"), count(measured.plan.weeks, "week")))
+    Some(format!(
+        "{advice} {end} ({} over {}).",
+        count(measured.houses.len(), "house"),
+        count(measured.plan.weeks, "week")
+    ))
 }
 
 fn count(n: usize, what: &str) -> String {
@@ -176,7 +209,10 @@ fn nights(measured: &Measured) -> Option<String> {
         (Kind::Weekly, Kind::Once, "A fit every week, instead of one at the start,"),
         (Kind::Nightly, Kind::Weekly, "A fit every night, instead of every week,"),
     ] {
-        let base = Spread::of(&arms(measured, rarely).iter().map(|outcome| whole(outcome).total()).collect::<Vec<_>>()).mean;
+        let base = Spread::of(
+            &arms(measured, rarely).iter().map(|outcome| whole(outcome).total()).collect::<Vec<_>>(),
+        )
+        .mean;
         if let Some(spread) = difference(measured, often, rarely, &whole) {
             parts.push(format!("{what} {}.", compared(&spread, base)));
         }
@@ -188,10 +224,12 @@ fn nights(measured: &Measured) -> Option<String> {
 fn fits(measured: &Measured) -> Option<String> {
     let nightly = arms(measured, Kind::Nightly);
     let total: usize = nightly.iter().map(|outcome| outcome.fits.len()).sum();
-    let count = |word: &str| nightly.iter().flat_map(|outcome| &outcome.fits).filter(|fit| *fit == word).count();
+    let count =
+        |word: &str| nightly.iter().flat_map(|outcome| &outcome.fits).filter(|fit| *fit == word).count();
     (total > 0).then(|| {
         format!(
-            "Of {total} nightly fits {} were accepted, {} left the served ones in place as no better, {} were held and {} rejected.",
+            "Of {total} nightly fits {} were accepted, {} left the served ones in place as no better, {} \
+            were held and {} rejected.",
             count("accepted"),
             count("unchanged"),
             count("held"),
@@ -205,17 +243,29 @@ fn missing(measured: &Measured, late: &dyn Fn(&Outcome) -> Measures) -> Option<S
     let weeks = (measured.plan.days() - measured.plan.leaks_from()) as f64 / 7.0;
     let cost = difference(measured, Kind::Nightly, Kind::Perfect, late)?;
     let saved = difference(measured, Kind::Found, Kind::Nightly, late)?;
-    let base = Spread::of(&arms(measured, Kind::Nightly).iter().map(|outcome| late(outcome).total()).collect::<Vec<_>>()).mean;
+    let base = Spread::of(
+        &arms(measured, Kind::Nightly).iter().map(|outcome| late(outcome).total()).collect::<Vec<_>>(),
+    )
+    .mean;
     let named: Vec<String> = arms(measured, Kind::Found)
         .iter()
         .enumerate()
         .map(|(house, outcome)| {
-            let added: Vec<String> = outcome.effects.iter().map(|added| format!("{} on day {}", added.effect, added.day)).collect();
-            format!("house {}: {}", house + 1, if added.is_empty() { "nothing".to_owned() } else { added.join(", ") })
+            let added: Vec<String> = outcome
+                .effects
+                .iter()
+                .map(|added| format!("{} on day {}", added.effect, added.day))
+                .collect();
+            format!(
+                "house {}: {}",
+                house + 1,
+                if added.is_empty() { "nothing".to_owned() } else { added.join(", ") }
+            )
         })
         .collect();
     Some(format!(
-        "From day {} on the wind blows through the house. Without an effect for it the nightly fits cost {} EUR a week more than perfect \
+        "From day {} on the wind blows through the house. Without an effect for it the nightly fits cost {} \
+        EUR a week more than perfect \
          knowledge; adding what the diagnosis named {}. Added were, {}.",
         measured.plan.leaks_from(),
         span(&Spread { mean: cost.mean / weeks, low: cost.low / weeks, high: cost.high / weeks }, 2),
@@ -226,7 +276,8 @@ fn missing(measured: &Measured, late: &dyn Fn(&Outcome) -> Measures) -> Option<S
 
 /// How well the days were foreseen.
 fn errors(lines: &[Line]) -> Option<String> {
-    let parts: Vec<String> = lines.iter().map(|line| format!("{:.2} K {}", line.rmse.mean, line.kind.title())).collect();
+    let parts: Vec<String> =
+        lines.iter().map(|line| format!("{:.2} K {}", line.rmse.mean, line.kind.title())).collect();
     (!parts.is_empty()).then(|| format!("The room a day ahead was missed by {}.", parts.join(", ")))
 }
 
@@ -236,7 +287,9 @@ pub fn basis(measured: &Measured) -> Vec<String> {
     let spent = &measured.spent;
     vec![
         format!(
-            "{} (seeds from {} on), {} under a thermostat, then {} under control, in steps of half an hour. Every arm has the same weather, prices and people, and a perfect forecast of weather and price; nobody \
+            "{} (seeds from {} on), {} under a thermostat, then {} under control, in steps of half an hour. \
+            Every arm has the same weather, prices and people, and a perfect forecast of weather and price; \
+            nobody \
              foresees people.",
             count(plan.houses, "synthetic house"),
             plan.seed,
@@ -244,12 +297,15 @@ pub fn basis(measured: &Measured) -> Vec<String> {
             count(plan.weeks, "week")
         ),
         format!(
-            "The truth has five thermal masses, the model three; three parameters of the truth drift by a factor of 1.2 to 1.45 in eight weeks. Comfort is 21 to \
-             24 degC by day and 18.5 to 24 at night; a kelvin-hour outside is worth {:.2} EUR to controller and table alike.",
+            "The truth has five thermal masses, the model three; three parameters of the truth drift by a \
+            factor of 1.2 to 1.45 in eight weeks. Comfort is 21 to \
+             24 degC by day and 18.5 to 24 at night; a kelvin-hour outside is worth {:.2} EUR to controller \
+            and table alike.",
             mpc::DISCOMFORT
         ),
         format!(
-            "{} estimates and {} diagnoses were ordinary jobs of one service. The run took {}: {} in rooms and controllers, {} waiting for \
+            "{} estimates and {} diagnoses were ordinary jobs of one service. The run took {}: {} in rooms \
+            and controllers, {} waiting for \
              estimates, {} for diagnoses and what they asked for.",
             spent.estimates,
             spent.diagnoses,
@@ -284,9 +340,18 @@ mod tests {
     #[test]
     fn the_rarest_that_is_as_good_as_the_best_is_advised() {
         let advice = |daily: &[(Kind, f64)]| Answer::of(&measured(daily)).sentences[0].clone();
-        assert!(advice(&[(Kind::Once, 3.0), (Kind::Weekly, 2.0), (Kind::Nightly, 1.999)]).starts_with("Re-estimate every week"));
-        assert!(advice(&[(Kind::Once, 3.0), (Kind::Weekly, 2.0), (Kind::Nightly, 1.5)]).starts_with("Re-estimate every night"));
-        assert!(advice(&[(Kind::Once, 2.0), (Kind::Weekly, 2.0), (Kind::Nightly, 2.1)]).starts_with("A fit before the first day"));
+        assert!(
+            advice(&[(Kind::Once, 3.0), (Kind::Weekly, 2.0), (Kind::Nightly, 1.999)])
+                .starts_with("Re-estimate every week")
+        );
+        assert!(
+            advice(&[(Kind::Once, 3.0), (Kind::Weekly, 2.0), (Kind::Nightly, 1.5)])
+                .starts_with("Re-estimate every night")
+        );
+        assert!(
+            advice(&[(Kind::Once, 2.0), (Kind::Weekly, 2.0), (Kind::Nightly, 2.1)])
+                .starts_with("A fit before the first day")
+        );
     }
 
     #[test]
@@ -297,6 +362,9 @@ mod tests {
         assert_eq!((line.total.low, line.total.high), (28.0, 42.0));
         let beside = line.beside_perfect.unwrap();
         assert!((beside.low - 14.0).abs() < 1e-9 && (beside.high - 14.0).abs() < 1e-9, "{beside:?}");
-        assert!(answer.sentences.iter().any(|sentence| sentence.contains("saves 3.50 EUR (20.0 %)")), "{answer:?}");
+        assert!(
+            answer.sentences.iter().any(|sentence| sentence.contains("saves 3.50 EUR (20.0 %)")),
+            "{answer:?}"
+        );
     }
 }

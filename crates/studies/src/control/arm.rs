@@ -37,7 +37,8 @@ pub enum Kind {
 }
 
 impl Kind {
-    pub const ALL: [Kind; 6] = [Kind::Nominal, Kind::Once, Kind::Weekly, Kind::Nightly, Kind::Found, Kind::Perfect];
+    pub const ALL: [Kind; 6] =
+        [Kind::Nominal, Kind::Once, Kind::Weekly, Kind::Nightly, Kind::Found, Kind::Perfect];
 
     pub fn title(self) -> &'static str {
         match self {
@@ -132,7 +133,11 @@ impl Belief {
             Belief::Truth => {
                 let linear = room.linear(sample);
                 let matrix = DMatrix::from_fn(heated::MASSES, heated::MASSES, |i, j| linear.matrix[i][j]);
-                Step::over_a_sample(&matrix, &DVector::from_row_slice(&linear.heat), &DVector::from_row_slice(&linear.constant))
+                Step::over_a_sample(
+                    &matrix,
+                    &DVector::from_row_slice(&linear.heat),
+                    &DVector::from_row_slice(&linear.constant),
+                )
             }
         }
     }
@@ -140,7 +145,9 @@ impl Belief {
     fn output(&self, about: &DVector<f64>) -> Output {
         match self {
             Belief::Grey(grey) => grey.output(about),
-            Belief::Truth => Output { row: RowDVector::from_fn(heated::MASSES, |_, i| f64::from(i == 0)), offset: 0.0 },
+            Belief::Truth => {
+                Output { row: RowDVector::from_fn(heated::MASSES, |_, i| f64::from(i == 0)), offset: 0.0 }
+            }
         }
     }
 }
@@ -183,7 +190,9 @@ impl Arm {
     pub fn live(&mut self, room: &HeatedRoom) -> Result<(), Failure> {
         let first = self.log.len();
         let about = self.states();
-        let steps: Vec<Step> = (first..first + SAMPLES_PER_DAY + HORIZON).map(|sample| self.belief.step(room, sample, &about)).collect();
+        let steps: Vec<Step> = (first..first + SAMPLES_PER_DAY + HORIZON)
+            .map(|sample| self.belief.step(room, sample, &about))
+            .collect();
         let output = self.belief.output(&about);
         let mut measures = Measures::default();
         let mut origin = DVector::zeros(0);
@@ -215,8 +224,11 @@ impl Arm {
         let mut x = origin;
         for turn in 0..SAMPLES_PER_DAY {
             x = steps[turn].advance(&x, self.log[first + turn].1);
-            let measured =
-                if turn + 1 < SAMPLES_PER_DAY { self.log[first + turn + 1].0 } else { room.measured(first + turn + 1, self.state[0]) };
+            let measured = if turn + 1 < SAMPLES_PER_DAY {
+                self.log[first + turn + 1].0
+            } else {
+                room.measured(first + turn + 1, self.state[0])
+            };
             measures.squares += (output.of(&x) - measured).powi(2);
             measures.forecasts += 1.0;
         }
@@ -233,13 +245,28 @@ impl Arm {
     }
 
     /// Electric power in kW.
-    fn decide(&mut self, room: &HeatedRoom, sample: usize, steps: &[Step], output: &Output, state: &DVector<f64>) -> f64 {
+    fn decide(
+        &mut self,
+        room: &HeatedRoom,
+        sample: usize,
+        steps: &[Step],
+        output: &Output,
+        state: &DVector<f64>,
+    ) -> f64 {
         let coming = sample..sample + HORIZON;
         let prices: Vec<f64> = coming.clone().map(|k| room.price(k)).collect();
         let cops: Vec<f64> = coming.clone().map(|k| heated::cop(room.weather(k).out)).collect();
         // The bounds hold at the end of a step.
         let bounds: Vec<(f64, f64)> = coming.map(|k| comfort(room.clock(k + 1).0)).collect();
-        let task = Task { steps, output, state, prices: &prices, cops: &cops, bounds: &bounds, largest: LARGEST_POWER };
+        let task = Task {
+            steps,
+            output,
+            state,
+            prices: &prices,
+            cops: &cops,
+            bounds: &bounds,
+            largest: LARGEST_POWER,
+        };
         let guess = DVector::from_fn(HORIZON, |i, _| self.plan[(i + 1).min(HORIZON - 1)]);
         self.plan = mpc::decide(&task, &guess);
         self.plan[0]
@@ -251,7 +278,11 @@ impl Arm {
         for (sample, (measured, heat)) in self.log.iter().enumerate().skip(since) {
             let weather = room.weather(sample);
             let time = rfc3339(room.time(sample));
-            let _ = writeln!(csv, "{time},{measured:.1},{:.2},{:.1},{:.2},{heat:.3}", weather.out, weather.irradiance, weather.wind);
+            let _ = writeln!(
+                csv,
+                "{time},{measured:.1},{:.2},{:.1},{:.2},{heat:.3}",
+                weather.out, weather.irradiance, weather.wind
+            );
         }
         csv
     }

@@ -1,5 +1,5 @@
-//! What the controller makes of served parameters: the catalogue's model, linear from sample to sample, and a filter that
-//! follows its states.
+//! What the controller makes of served parameters: the catalogue's model, linear from sample to sample, and a
+//! filter that follows its states.
 
 use super::mpc::{Output, Step};
 use lampyris::cli::{Failure, faults};
@@ -13,7 +13,8 @@ use serde_json::Value;
 const HEAT: &str = "P_heater";
 /// What the controller has a forecast of, beside the heat, on which it decides itself.
 const FORECAST: [&str; 5] = ["T_out", "irradiance", "wind_speed", "hour_of_day", "weekday"];
-/// Process noise of every state in K per square root of an hour, and the deviation of the sensor with its display in K.
+/// Process noise of every state in K per square root of an hour, and the deviation of the sensor with its
+/// display in K.
 const PROCESS: f64 = 0.1;
 const SENSOR: f64 = 0.06;
 /// Variance of what no sensor measures before anything is known, in K2.
@@ -34,10 +35,15 @@ impl Grey {
     /// # Errors
     /// Where the controller has no forecast of an input of the model, or the model looks back into one.
     pub fn new(catalogue: &Catalogue, params: &Value) -> Result<Self, Failure> {
-        let id: ModelId = params["model"].as_str().unwrap_or_default().parse().map_err(|error| Failure::Error(format!("{error}")))?;
+        let id: ModelId = params["model"]
+            .as_str()
+            .unwrap_or_default()
+            .parse()
+            .map_err(|error| Failure::Error(format!("{error}")))?;
         let channels = FORECAST.into_iter().chain([HEAT]).map(str::to_owned).collect();
         let composition = catalogue.compose(&id).map_err(|found| faults(&found))?;
-        let model = compile(&composition, &Bindings { channels: Some(channels), ..Bindings::default() }).map_err(|found| faults(&found))?;
+        let model = compile(&composition, &Bindings { channels: Some(channels), ..Bindings::default() })
+            .map_err(|found| faults(&found))?;
         if !model.delays().is_empty() {
             return Err(Failure::Error(format!("{id} looks back into its inputs")));
         }
@@ -55,7 +61,8 @@ impl Grey {
     pub fn step(&self, room: &HeatedRoom, sample: usize, about: &DVector<f64>) -> Step {
         let inputs = |heat: f64| self.inputs(room, sample, heat);
         let (idle, one) = (inputs(0.0), inputs(1.0));
-        let (rates, heated) = (self.at(self.model.rhs(), about, &idle), self.at(self.model.rhs(), about, &one));
+        let (rates, heated) =
+            (self.at(self.model.rhs(), about, &idle), self.at(self.model.rhs(), about, &one));
         let n = self.states();
         let nodes: Vec<NodeId> = self.model.jacobian().iter().flatten().copied().collect();
         let matrix = DMatrix::from_row_slice(n, n, &self.at(&nodes, about, &idle));
@@ -140,7 +147,9 @@ mod tests {
     use serde_json::json;
 
     fn served(model: &str, more: Value) -> Value {
-        let mut parameters = json!({"alpha_e": 0.5, "beta_e": 6.0, "alpha_a": 0.03, "c_P_heater": 0.4, "c_solar": 0.7, "T_e0": null});
+        let mut parameters = json!({
+            "alpha_e": 0.5, "beta_e": 6.0, "alpha_a": 0.03, "c_P_heater": 0.4, "c_solar": 0.7, "T_e0": null
+        });
         parameters.as_object_mut().unwrap().extend(more.as_object().unwrap().clone());
         json!({"model": model, "parameters": parameters})
     }
@@ -155,8 +164,11 @@ mod tests {
         for (sample, heat) in [(4, 0.0), (24, 3.0)] {
             let (now, next) = (room.weather(sample), room.weather(sample + 1));
             let middle = |from: f64, to: f64| 0.5 * (from + to);
-            let (out, sun, wind) =
-                (middle(now.out, next.out), middle(now.irradiance, next.irradiance) / 1000.0, middle(now.wind, next.wind));
+            let (out, sun, wind) = (
+                middle(now.out, next.out),
+                middle(now.irradiance, next.irradiance) / 1000.0,
+                middle(now.wind, next.wind),
+            );
             let (mut r, mut e) = (20.0, 18.0);
             let fine = 100_000;
             for _ in 0..fine {

@@ -1,9 +1,10 @@
-//! The controller: a day ahead in steps of a sample, the cheapest electric powers that keep the room comfortable by the
-//! model that it is given.
+//! The controller: a day ahead in steps of a sample, the cheapest electric powers that keep the room
+//! comfortable by the model that it is given.
 //!
-//! The model is linear in state and power, so the temperatures are too, and what is minimised is convex: the bill plus what
-//! discomfort is worth. An accelerated projected gradient with restarts (Beck and Teboulle, SIAM J. Imaging Sci. 2, 2009;
-//! O'Donoghue and Candes, Found. Comput. Math. 15, 2015) finds its minimum between the bounds of the power.
+//! The model is linear in state and power, so the temperatures are too, and what is minimised is convex: the
+//! bill plus what discomfort is worth. An accelerated projected gradient with restarts (Beck and Teboulle,
+//! SIAM J. Imaging Sci. 2, 2009; O'Donoghue and Candes, Found. Comput. Math. 15, 2015) finds its minimum
+//! between the bounds of the power.
 
 use lampyris_core::twin::heated::SAMPLE_HOURS;
 use nalgebra::{DMatrix, DVector, RowDVector};
@@ -114,13 +115,15 @@ impl<'a> Forecast<'a> {
     }
 
     fn gradient(&self, powers: &DVector<f64>) -> DVector<f64> {
-        let slopes = self.outside(powers).map(|outside| SAMPLE_HOURS * DISCOMFORT * (outside / SOFT).clamp(-1.0, 1.0));
-        let bill = DVector::from_iterator(powers.len(), self.task.prices.iter().map(|price| SAMPLE_HOURS * price));
+        let slopes =
+            self.outside(powers).map(|outside| SAMPLE_HOURS * DISCOMFORT * (outside / SOFT).clamp(-1.0, 1.0));
+        let bill =
+            DVector::from_iterator(powers.len(), self.task.prices.iter().map(|price| SAMPLE_HOURS * price));
         bill + self.response.tr_mul(&slopes)
     }
 
-    /// A bound on how fast the gradient changes: the largest singular value by power iteration, which finds it from below,
-    /// so some room is added.
+    /// A bound on how fast the gradient changes: the largest singular value by power iteration, which finds
+    /// it from below, so some room is added.
     fn steepness(&self) -> f64 {
         let mut direction = DVector::from_element(self.free.len(), 1.0);
         let mut largest = 0.0;
@@ -195,8 +198,8 @@ mod tests {
         }
     }
 
-    /// Every combination of powers on a fine grid: none is cheaper, and what is found is no better than the best by more
-    /// than the grid is wide.
+    /// Every combination of powers on a fine grid: none is cheaper, and what is found is no better than the
+    /// best by more than the grid is wide.
     #[test]
     fn the_decision_is_the_brute_force_optimum() {
         let (steps, output, state) = (steps(4), plain(), DVector::from_element(1, 20.6));
@@ -222,7 +225,8 @@ mod tests {
             let grid = 30;
             let mut best = f64::INFINITY;
             for code in 0..(grid + 1usize).pow(4) {
-                let at = |digit: u32| (code / (grid + 1usize).pow(digit) % (grid + 1)) as f64 * 2.0 / grid as f64;
+                let at =
+                    |digit: u32| (code / (grid + 1usize).pow(digit) % (grid + 1)) as f64 * 2.0 / grid as f64;
                 best = best.min(forecast.cost(&DVector::from_fn(4, |i, _| at(i as u32))));
             }
             let ours = forecast.cost(&found);
@@ -253,9 +257,15 @@ mod tests {
         let point = DVector::from_fn(8, |i, _| 0.1 + 0.05 * i as f64);
         let gradient = forecast.gradient(&point);
         for i in 0..8 {
-            let moved = |by: f64| forecast.cost(&DVector::from_fn(8, |j, _| point[j] + if i == j { by } else { 0.0 }));
+            let moved = |by: f64| {
+                forecast.cost(&DVector::from_fn(8, |j, _| point[j] + if i == j { by } else { 0.0 }))
+            };
             let difference = (moved(1e-5) - moved(-1e-5)) / 2e-5;
-            assert!((gradient[i] - difference).abs() < 1e-6 * (1.0 + difference.abs()), "{i}: {} {difference}", gradient[i]);
+            assert!(
+                (gradient[i] - difference).abs() < 1e-6 * (1.0 + difference.abs()),
+                "{i}: {} {difference}",
+                gradient[i]
+            );
         }
     }
 }

@@ -1,4 +1,5 @@
-//! The results as one HTML file: the table, the sentences, and charts that are drawn here, so that nothing needs a script.
+//! The results as one HTML file: the table, the sentences, and charts that are drawn here, so that nothing
+//! needs a script.
 
 use super::super::page::{self, escaped};
 use super::answer::{Answer, Spread, basis, span};
@@ -12,12 +13,17 @@ use std::path::Path;
 const STYLE: &str = "
 .arm { fill: none; stroke-width: 2; }
 .swatch { display: inline-block; width: 1.4em; height: 0.55em; margin-right: 0.4em; border-radius: 2px; }
-.nominal { stroke: var(--quiet); } .swatch.nominal, .dot.nominal { fill: var(--quiet); background: var(--quiet); }
-.once { stroke: var(--previous); } .swatch.once, .dot.once { fill: var(--previous); background: var(--previous); }
-.weekly { stroke: var(--heldout); } .swatch.weekly, .dot.weekly { fill: var(--heldout); background: var(--heldout); }
-.nightly { stroke: var(--model); } .swatch.nightly, .dot.nightly { fill: var(--model); background: var(--model); }
+.nominal { stroke: var(--quiet); } .swatch.nominal, .dot.nominal { fill: var(--quiet); background: \
+    var(--quiet); }
+.once { stroke: var(--previous); } .swatch.once, .dot.once { fill: var(--previous); background: \
+    var(--previous); }
+.weekly { stroke: var(--heldout); } .swatch.weekly, .dot.weekly { fill: var(--heldout); background: \
+    var(--heldout); }
+.nightly { stroke: var(--model); } .swatch.nightly, .dot.nightly { fill: var(--model); background: \
+    var(--model); }
 .found { stroke: var(--ok); } .swatch.found, .dot.found { fill: var(--ok); background: var(--ok); }
-.perfect { stroke: var(--measured); stroke-dasharray: 5 4; } .swatch.perfect, .dot.perfect { fill: var(--measured); background: var(--measured); }
+.perfect { stroke: var(--measured); stroke-dasharray: 5 4; } .swatch.perfect, .dot.perfect { fill: \
+    var(--measured); background: var(--measured); }
 .dot { stroke: none; }
 .event { stroke: var(--bad); stroke-dasharray: 2 3; }
 svg.chart .right { text-anchor: end; }
@@ -36,13 +42,15 @@ const BOTTOM: f64 = 40.0;
 /// # Errors
 /// Where the file cannot be written.
 pub fn write(file: &Path, measured: &Measured, answer: &Answer) -> Result<(), Failure> {
-    std::fs::write(file, document(measured, answer)?).map_err(|error| Failure::Error(format!("{}: {error}", file.display())))?;
+    std::fs::write(file, document(measured, answer)?)
+        .map_err(|error| Failure::Error(format!("{}: {error}", file.display())))?;
     eprintln!("page: {}", file.display());
     Ok(())
 }
 
 fn document(measured: &Measured, answer: &Answer) -> Result<String, Failure> {
-    let paragraphs = |lines: &[String]| lines.iter().map(|line| format!("<p>{}</p>\n", escaped(line))).collect::<String>();
+    let paragraphs =
+        |lines: &[String]| lines.iter().map(|line| format!("<p>{}</p>\n", escaped(line))).collect::<String>();
     let late = measured.plan.leaks_from() as f64 / 7.0;
     let weekly = |of: &dyn Fn(&Measures) -> f64| weeks(measured, of);
     let body = format!(
@@ -52,15 +60,27 @@ fn document(measured: &Measured, answer: &Answer) -> Result<String, Failure> {
         table(answer),
         totals(answer),
         lines("The room a day ahead, week by week", "K rms", &weekly(&Measures::rmse), late),
-        lines("Bill and discomfort beside perfect knowledge", "EUR a week", &beside(weekly(&Measures::total)), late),
+        lines(
+            "Bill and discomfort beside perfect knowledge",
+            "EUR a week",
+            &beside(weekly(&Measures::total)),
+            late
+        ),
         paragraphs(&basis(measured)),
     );
     page::document("What fresh parameters are worth to a controller", STYLE, &body)
 }
 
 fn table(answer: &Answer) -> String {
-    let head =
-        ["bill, EUR", "discomfort, K h", "worth in all, EUR", "a day ahead, K", "2nd half, EUR", "2nd half, K", "beside perfect, EUR"];
+    let head = [
+        "bill, EUR",
+        "discomfort, K h",
+        "worth in all, EUR",
+        "a day ahead, K",
+        "2nd half, EUR",
+        "2nd half, K",
+        "beside perfect, EUR",
+    ];
     let rows = answer.lines.iter().map(|line| {
         let cells = [
             format!("{:.2}", line.bill.mean),
@@ -74,7 +94,8 @@ fn table(answer: &Answer) -> String {
         (line.kind.title().to_owned(), cells.to_vec())
     });
     format!(
-        "<figure class=\"frame\"><div class=\"scroll\">{}</div><p class=\"note\">Means over the houses, with the smallest and the largest.</p></figure>\n",
+        "<figure class=\"frame\"><div class=\"scroll\">{}</div><p class=\"note\">Means over the houses, with \
+        the smallest and the largest.</p></figure>\n",
         cells("parameters", &head, rows)
     )
 }
@@ -98,7 +119,8 @@ fn cells(first: &str, head: &[impl AsRef<str>], rows: impl Iterator<Item = (Stri
 /// A chart with its title and, behind it, its numbers.
 fn framed(title: &str, more: &str, chart: &str, numbers: &str) -> String {
     format!(
-        "<figure class=\"frame\"><figcaption><h3>{title}</h3>{more}</figcaption>{chart}<details class=\"numbers\"><summary>The \
+        "<figure class=\"frame\"><figcaption><h3>{title}</h3>{more}</figcaption>{chart}<details \
+        class=\"numbers\"><summary>The \
          numbers</summary><div class=\"scroll\">{numbers}</div></details></figure>\n"
     )
 }
@@ -149,29 +171,42 @@ fn totals(answer: &Answer) -> String {
 /// The mean over the houses of every arm in every week.
 fn weeks(measured: &Measured, of: &dyn Fn(&Measures) -> f64) -> Vec<(Kind, Vec<f64>)> {
     let mean = |kind: &Kind, week: usize| {
-        let arms: Vec<&Outcome> = measured.houses.iter().flatten().filter(|outcome| outcome.kind == *kind).collect();
-        arms.iter().map(|outcome| of(&Measures::sum(&outcome.days[7 * week..7 * week + 7]))).sum::<f64>() / arms.len().max(1) as f64
+        let arms: Vec<&Outcome> =
+            measured.houses.iter().flatten().filter(|outcome| outcome.kind == *kind).collect();
+        arms.iter().map(|outcome| of(&Measures::sum(&outcome.days[7 * week..7 * week + 7]))).sum::<f64>()
+            / arms.len().max(1) as f64
     };
-    measured.plan.arms.iter().map(|kind| (*kind, (0..measured.plan.weeks).map(|week| mean(kind, week)).collect())).collect()
+    measured
+        .plan
+        .arms
+        .iter()
+        .map(|kind| (*kind, (0..measured.plan.weeks).map(|week| mean(kind, week)).collect()))
+        .collect()
 }
 
 /// The same less what perfect knowledge came to, where it took part.
 fn beside(series: Vec<(Kind, Vec<f64>)>) -> Vec<(Kind, Vec<f64>)> {
-    let Some((_, perfect)) = series.iter().find(|(kind, _)| *kind == Kind::Perfect).cloned() else { return series };
-    let less = |values: Vec<f64>| values.iter().zip(&perfect).map(|(value, perfect)| value - perfect).collect();
+    let Some((_, perfect)) = series.iter().find(|(kind, _)| *kind == Kind::Perfect).cloned() else {
+        return series;
+    };
+    let less =
+        |values: Vec<f64>| values.iter().zip(&perfect).map(|(value, perfect)| value - perfect).collect();
     series.into_iter().map(|(kind, values)| (kind, less(values))).collect()
 }
 
-/// A line per arm over the weeks; the moment at which the wind comes is marked. The nominal values lie so far off that they
-/// are among the numbers alone.
+/// A line per arm over the weeks; the moment at which the wind comes is marked. The nominal values lie so far
+/// off that they are among the numbers alone.
 fn lines(title: &str, unit: &str, series: &[(Kind, Vec<f64>)], event: f64) -> String {
     let weeks = series.iter().map(|(_, values)| values.len()).max().unwrap_or(1);
     let drawn = || series.iter().filter(|(kind, _)| *kind != Kind::Nominal);
-    let (least, most) =
-        drawn().flat_map(|(_, values)| values).fold((0.0f64, 0.0f64), |(least, most), value| (least.min(*value), most.max(*value)));
+    let (least, most) = drawn()
+        .flat_map(|(_, values)| values)
+        .fold((0.0f64, 0.0f64), |(least, most), value| (least.min(*value), most.max(*value)));
     let ticks = Ticks::over(least, most);
     let x = |week: f64| LEFT + (WIDTH - LEFT - RIGHT) * week / weeks as f64;
-    let y = |value: f64| HEIGHT - BOTTOM - (HEIGHT - TOP - BOTTOM) * (value - ticks.low) / (ticks.high - ticks.low);
+    let y = |value: f64| {
+        HEIGHT - BOTTOM - (HEIGHT - TOP - BOTTOM) * (value - ticks.low) / (ticks.high - ticks.low)
+    };
     let mut chart = opened(HEIGHT, &format!("{title}, {unit}"));
     for tick in ticks.all() {
         let _ = write!(
@@ -202,24 +237,43 @@ fn lines(title: &str, unit: &str, series: &[(Kind, Vec<f64>)], event: f64) -> St
         top = TOP + 10.0
     );
     for (kind, values) in drawn() {
-        let points: Vec<String> =
-            values.iter().enumerate().map(|(week, value)| format!("{:.1},{:.1}", x(week as f64 + 0.5), y(*value))).collect();
+        let points: Vec<String> = values
+            .iter()
+            .enumerate()
+            .map(|(week, value)| format!("{:.1},{:.1}", x(week as f64 + 0.5), y(*value)))
+            .collect();
         let _ = write!(chart, r#"<polyline class="arm {}" points="{}"/>"#, kind.id(), points.join(" "));
     }
     chart.push_str("</svg>");
     let legend: String = drawn()
-        .map(|(kind, _)| format!("<span class=\"nowrap\"><span class=\"swatch {}\"></span>{}</span> ", kind.id(), kind.title()))
+        .map(|(kind, _)| {
+            format!(
+                "<span class=\"nowrap\"><span class=\"swatch {}\"></span>{}</span> ",
+                kind.id(),
+                kind.title()
+            )
+        })
         .collect();
     let head: Vec<String> = (1..=weeks).map(|week| format!("week {week}")).collect();
-    let rows =
-        series.iter().map(|(kind, values)| (kind.title().to_owned(), values.iter().map(|value| format!("{value:.3}")).collect::<Vec<_>>()));
+    let rows = series.iter().map(|(kind, values)| {
+        (kind.title().to_owned(), values.iter().map(|value| format!("{value:.3}")).collect::<Vec<_>>())
+    });
     let numbers = cells("parameters", &head, rows);
-    let note = "<p class=\"note\">Means of the houses. The nominal values lie off the chart, and are among the numbers.</p>";
-    framed(&format!("{title}, {unit}"), &format!("<span>{legend}</span>"), &format!("{chart}{note}"), &numbers)
+    let note = "<p class=\"note\">Means of the houses. The nominal values lie off the chart, and are among \
+        the numbers.</p>";
+    framed(
+        &format!("{title}, {unit}"),
+        &format!("<span>{legend}</span>"),
+        &format!("{chart}{note}"),
+        &numbers,
+    )
 }
 
 fn opened(height: f64, label: &str) -> String {
-    format!(r#"<svg class="chart" viewBox="0 0 {WIDTH} {height}" role="img" aria-label="{}">"#, escaped(label))
+    format!(
+        r#"<svg class="chart" viewBox="0 0 {WIDTH} {height}" role="img" aria-label="{}">"#,
+        escaped(label)
+    )
 }
 
 /// Round numbers along an axis.
@@ -233,7 +287,11 @@ impl Ticks {
     fn over(low: f64, high: f64) -> Self {
         let wide = (high - low).max(1e-9);
         let decade = 10f64.powf((wide / 4.0).log10().floor());
-        let step = [1.0, 2.0, 5.0, 10.0].map(|part| part * decade).into_iter().find(|step| wide / step <= 6.0).unwrap_or(decade);
+        let step = [1.0, 2.0, 5.0, 10.0]
+            .map(|part| part * decade)
+            .into_iter()
+            .find(|step| wide / step <= 6.0)
+            .unwrap_or(decade);
         Self { low: step * (low / step).floor(), high: step * (high / step).ceil(), step }
     }
 

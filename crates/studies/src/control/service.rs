@@ -1,4 +1,5 @@
-//! A service on loopback whose clock the bench sets, and what the arms ask of it: plain HTTP, as any controller would.
+//! A service on loopback whose clock the bench sets, and what the arms ask of it: plain HTTP, as any
+//! controller would.
 
 use super::arm::Kind;
 use jiff::Timestamp;
@@ -49,7 +50,11 @@ impl Service {
         let app = runtime.block_on(App::start_by(settings, clock.clone())).map_err(text)?;
         let server = Server::at(format!("http://{}", app.addr));
         // The nights are those of the arms, which differ.
-        server.call("PUT", "/schedules/nightly", Call::json(&json!({"cron": "30 2 * * *", "systems": ["room/*"], "enabled": false})))?;
+        server.call(
+            "PUT",
+            "/schedules/nightly",
+            Call::json(&json!({"cron": "30 2 * * *", "systems": ["room/*"], "enabled": false})),
+        )?;
         Ok(Self { app, runtime, server, clock })
     }
 
@@ -92,27 +97,45 @@ impl Client {
     /// Tells the service about the system of an arm in a house.
     pub fn register(service: &Service, kind: Kind, house: usize) -> Result<Self, Failure> {
         let system = format!("room/{}-{house}", kind.id());
-        let client =
-            Self { system, etag: None, params: Value::Null, fits: Vec::new(), effects: Vec::new(), suspect: None, model: MODEL.to_owned() };
+        let client = Self {
+            system,
+            etag: None,
+            params: Value::Null,
+            fits: Vec::new(),
+            effects: Vec::new(),
+            suspect: None,
+            model: MODEL.to_owned(),
+        };
         client.put(service)?;
         Ok(client)
     }
 
     fn put(&self, service: &Service) -> Result<(), Failure> {
-        // The arms differ in when they re-estimate, so nothing else may start a job. An emitter holds at least a twentieth of what the
-        // room holds: without that, its capacity and its gain can only be told together, and wander off hand in hand.
+        // The arms differ in when they re-estimate, so nothing else may start a job. An emitter holds at
+        // least a twentieth of what the room holds: without that, its capacity and its gain can only be told
+        // together, and wander off hand in hand.
         let bounds = json!({"beta_h": [0.05, 2.0], "c_heater": [0.2, 20.0]});
-        let document = json!({"model": self.model, "bounds": bounds, "policy": {"refit_when_degraded": false}});
+        let document =
+            json!({"model": self.model, "bounds": bounds, "policy": {"refit_when_degraded": false}});
         service.server.call("PUT", &format!("/systems/{}", self.system), Call::json(&document)).map(drop)
     }
 
     pub fn upload(&self, service: &Service, csv: String) -> Result<(), Failure> {
         let body = Some(("text/csv", csv.into_bytes()));
-        service.server.call("POST", &format!("/systems/{}/windows", self.system), Call { body, ..Call::default() }).map(drop)
+        service
+            .server
+            .call("POST", &format!("/systems/{}/windows", self.system), Call { body, ..Call::default() })
+            .map(drop)
     }
 
     /// Submits a job over the last days; gives its id.
-    pub fn submit(&self, service: &Service, kind: &str, train: usize, validation: usize) -> Result<String, Failure> {
+    pub fn submit(
+        &self,
+        service: &Service,
+        kind: &str,
+        train: usize,
+        validation: usize,
+    ) -> Result<String, Failure> {
         let body = json!({
             "kind": kind, "system": self.system, "window": {"last": format!("P{}D", train + validation)},
             "split": {"train": format!("P{train}D"), "validation": format!("P{validation}D"), "test": "P0D"},
@@ -141,7 +164,8 @@ impl Client {
         self.fits.push(outcome.to_owned());
     }
 
-    /// Polls as a controller does: true where there is another set. Without a validated one the nominal values serve.
+    /// Polls as a controller does: true where there is another set. Without a validated one the nominal
+    /// values serve.
     pub fn poll(&mut self, service: &Service) -> Result<bool, Failure> {
         let headers = self.etag.iter().map(|etag| ("if-none-match", etag.clone())).collect();
         let path = format!("/params/{}?accept=nominal", self.system);
@@ -149,14 +173,15 @@ impl Client {
         if answer.status == 304 {
             return Ok(false);
         }
-        let is_new = ["model", "parameters"].iter().any(|field| self.params[*field] != answer.document[*field]);
+        let is_new =
+            ["model", "parameters"].iter().any(|field| self.params[*field] != answer.document[*field]);
         self.etag = answer.etag;
         self.params = answer.document;
         Ok(is_new)
     }
 
-    /// The first cause that a diagnosis names, where the one before has named it too: a window into which an effect falls
-    /// half-way looks like many things.
+    /// The first cause that a diagnosis names, where the one before has named it too: a window into which an
+    /// effect falls half-way looks like many things.
     pub fn named(&mut self, service: &Service, job: &Value) -> Result<Option<(String, String)>, Failure> {
         let Some(id) = job["diagnosis"].as_str() else { return Ok(None) };
         let diagnosis = service.server.get(&format!("/diagnoses/{id}"))?.document;

@@ -26,7 +26,10 @@ impl Case {
     /// The function, its size and its budget.
     pub fn title(&self) -> String {
         let Self { dimensions, budget, within, .. } = self;
-        format!("{} in {dimensions} dimensions, {budget} evaluations, optimum within {within:e}", name(self.function))
+        format!(
+            "{} in {dimensions} dimensions, {budget} evaluations, optimum within {within:e}",
+            name(self.function)
+        )
     }
 }
 
@@ -61,26 +64,54 @@ pub fn entries(case: &Case) -> Vec<Entry> {
     let clustered = clustered(case);
     let step = CfaThesisOptions { crowd: Crowd::Step, ..clustered.clone() };
     let endless = CfaOptions {
-        agreement: AgreementOptions { confirmations: 1000, patience: 1_000_000, ..AgreementOptions::default() },
+        agreement: AgreementOptions {
+            confirmations: 1000,
+            patience: 1_000_000,
+            ..AgreementOptions::default()
+        },
         ..CfaOptions::default()
     };
     let entry = |name, method, reading| Entry { name, method, reading };
     vec![
         entry(ORIGINAL, Method::Fa(original(case)), "Algorithm 1; distances in the function's own units"),
-        entry(MODIFIED, Method::FaModified(modified(case)), "section 4.2; normalised distance, S is the range, sequential moves"),
-        entry(THESIS, Method::CfaThesis(step.clone()), "Algorithm 2; sqrt(n_c) multiplies the step of eq 4.10, as its text says"),
-        entry(PRINTED, Method::CfaThesis(clustered), "Algorithm 2; sqrt(n_c) divides the distance, as eq 4.10 is printed"),
+        entry(
+            MODIFIED,
+            Method::FaModified(modified(case)),
+            "section 4.2; normalised distance, S is the range, sequential moves",
+        ),
+        entry(
+            THESIS,
+            Method::CfaThesis(step.clone()),
+            "Algorithm 2; sqrt(n_c) multiplies the step of eq 4.10, as its text says",
+        ),
+        entry(
+            PRINTED,
+            Method::CfaThesis(clustered),
+            "Algorithm 2; sqrt(n_c) divides the distance, as eq 4.10 is printed",
+        ),
         entry(
             "cFA, two levels",
             Method::CfaHierarchical(CfaHierarchicalOptions { levels: 2, cfa_thesis: step }),
             "section 8.1; clusters of clusters",
         ),
-        entry(GRID, Method::Grid(grid(case)), "section 5.2; ends included, two steps or half of the width are kept"),
-        entry(DEFAULT, Method::Cfa(CfaOptions::default()), "greedy clustered fireflies, then BOBYQA; ends when restarts agree"),
+        entry(
+            GRID,
+            Method::Grid(grid(case)),
+            "section 5.2; ends included, two steps or half of the width are kept",
+        ),
+        entry(
+            DEFAULT,
+            Method::Cfa(CfaOptions::default()),
+            "greedy clustered fireflies, then BOBYQA; ends when restarts agree",
+        ),
         entry(ENDLESS, Method::Cfa(endless), "the same without early stopping"),
         entry(LSHADE, Method::Lshade(LshadeOptions::default()), "Tanabe and Fukunaga 2014"),
         entry("particle swarm", Method::Pso(PsoOptions::default()), "Clerc and Kennedy 2002, on a ring"),
-        entry("genetic algorithm", Method::Ga(GaOptions::default()), "simulated binary crossover, polynomial mutation"),
+        entry(
+            "genetic algorithm",
+            Method::Ga(GaOptions::default()),
+            "simulated binary crossover, polynomial mutation",
+        ),
     ]
 }
 
@@ -94,7 +125,13 @@ pub fn original(case: &Case) -> FaOptions {
 }
 
 fn modified(case: &Case) -> FaModifiedOptions {
-    let steep = FaModifiedOptions { n: 60, decay: 0.95, gamma_min: 0.1, gamma_max: 10.0, ..FaModifiedOptions::default() };
+    let steep = FaModifiedOptions {
+        n: 60,
+        decay: 0.95,
+        gamma_min: 0.1,
+        gamma_max: 10.0,
+        ..FaModifiedOptions::default()
+    };
     match case.function {
         Function::Schwefel => FaModifiedOptions::default(),
         Function::Rosenbrock => FaModifiedOptions { generations: 150, n_min: 20, ..steep },
@@ -113,9 +150,14 @@ pub fn clustered(case: &Case) -> CfaThesisOptions {
         ..CfaThesisOptions::default()
     };
     match case.function {
-        Function::Schwefel => {
-            CfaThesisOptions { generations: 100, n_min: 30, target: 5.0, gamma_min: 1.0, gamma_max: 3.0, ..CfaThesisOptions::default() }
-        }
+        Function::Schwefel => CfaThesisOptions {
+            generations: 100,
+            n_min: 30,
+            target: 5.0,
+            gamma_min: 1.0,
+            gamma_max: 3.0,
+            ..CfaThesisOptions::default()
+        },
         Function::Rosenbrock => CfaThesisOptions { n_min: 20, ..steep },
         Function::Ackley => CfaThesisOptions { n_min: 25, ..steep },
     }

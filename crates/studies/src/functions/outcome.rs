@@ -26,9 +26,11 @@ pub struct Outcome {
 
 /// Runs a method on a function.
 pub fn one(case: &Case, method: &Method, seed: u64) -> Run {
-    let search = Search { dimensions: case.dimensions, seed, budget: case.budget, warm: Vec::new(), residuals: false };
+    let search =
+        Search { dimensions: case.dimensions, seed, budget: case.budget, warm: Vec::new(), residuals: false };
     let mut optimiser = method.optimiser(search);
-    let mut run = Run { best: f64::INFINITY, evaluations: 0, reached: None, curve: Vec::with_capacity(PLACES) };
+    let mut run =
+        Run { best: f64::INFINITY, evaluations: 0, reached: None, curve: Vec::with_capacity(PLACES) };
     while let Ask::Costs(batch) | Ask::Residuals(batch) = optimiser.ask() {
         let mut answers = Vec::with_capacity(batch.len());
         for candidate in &batch {
@@ -38,7 +40,8 @@ pub fn one(case: &Case, method: &Method, seed: u64) -> Run {
             if run.best <= case.within && run.reached.is_none() {
                 run.reached = Some(run.evaluations);
             }
-            while run.curve.len() < PLACES && run.evaluations * PLACES >= case.budget * (run.curve.len() + 1) {
+            while run.curve.len() < PLACES && run.evaluations * PLACES >= case.budget * (run.curve.len() + 1)
+            {
                 run.curve.push(run.best);
             }
             answers.push(Evaluation { cost: Cost::new(cost), residuals: Vec::new(), slope: None });
@@ -79,12 +82,23 @@ impl Outcome {
 }
 
 /// The heads of a table of methods.
-pub const HEAD: [&str; 9] =
-    ["method", "mean error", "quartile", "median", "quartile", "success", "evaluations", "to reach it", "what it is"];
+pub const HEAD: [&str; 9] = [
+    "method",
+    "mean error",
+    "quartile",
+    "median",
+    "quartile",
+    "success",
+    "evaluations",
+    "to reach it",
+    "what it is",
+];
 
 pub fn cells(outcome: &Outcome) -> Vec<String> {
     let figures = outcome.figures();
-    let error = |value: f64| if (1e-2..1e5).contains(&value) { format!("{value:.3}") } else { format!("{value:.1e}") };
+    let error = |value: f64| {
+        if (1e-2..1e5).contains(&value) { format!("{value:.3}") } else { format!("{value:.1e}") }
+    };
     vec![
         outcome.entry.name.to_owned(),
         error(figures.mean),

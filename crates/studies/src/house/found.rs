@@ -1,7 +1,9 @@
 //! What was measured of the house, what was proposed for it, and what every way found.
 
 use super::super::row::Row;
-use super::ways::{self, Asked, DEFAULT, METHODS, Measured, Room, Run, Solution, THESIS, THESIS_MSE, VALVE, Way};
+use super::ways::{
+    self, Asked, DEFAULT, METHODS, Measured, Room, Run, Solution, THESIS, THESIS_MSE, VALVE, Way,
+};
 use lampyris::cli::{Failure, faults};
 use lampyris_core::data::{Bindings, Layout, Window, propose_layout};
 use lampyris_core::twin::{HouseRequest, RoomTruth, house};
@@ -42,9 +44,14 @@ impl House {
             .rooms
             .iter()
             .take(rooms)
-            .map(|room| Room { id: room.id.clone(), sensors: room.sensors.clone(), neighbours: neighbours(&layout, &room.id) })
+            .map(|room| Room {
+                id: room.id.clone(),
+                sensors: room.sensors.clone(),
+                neighbours: neighbours(&layout, &room.id),
+            })
             .collect();
-        let measured = rooms.iter().map(|room| ways::measured(&twin.csv, room, asked)).collect::<Result<_, _>>()?;
+        let measured =
+            rooms.iter().map(|room| ways::measured(&twin.csv, room, asked)).collect::<Result<_, _>>()?;
         let mut runs = Vec::new();
         for way in ways {
             let start = Instant::now();
@@ -97,7 +104,9 @@ impl House {
 
     /// The rooms behind the walls of a room.
     pub fn walls(&self, room: &str) -> Vec<String> {
-        self.truth(room).map(|truth| truth.neighbours.iter().map(u32::to_string).collect()).unwrap_or_default()
+        self.truth(room)
+            .map(|truth| truth.neighbours.iter().map(u32::to_string).collect())
+            .unwrap_or_default()
     }
 
     /// The rooms that the layout proposes as its neighbours.
@@ -107,7 +116,9 @@ impl House {
 
     /// The rooms whose sensors, and no others, were put together.
     pub fn right_rooms(&self) -> usize {
-        let named = |truth: &RoomTruth| -> Vec<String> { truth.sensors.iter().map(|sensor| format!("T_room_{sensor}")).collect() };
+        let named = |truth: &RoomTruth| -> Vec<String> {
+            truth.sensors.iter().map(|sensor| format!("T_room_{sensor}")).collect()
+        };
         let same = |truth: &&RoomTruth| {
             let mut wanted = named(truth);
             wanted.sort();
@@ -120,11 +131,15 @@ impl House {
         self.truths.iter().filter(same).count()
     }
 
-    /// The room whose error grows most from the first week to the second after a search in the thesis's box, and that way.
+    /// The room whose error grows most from the first week to the second after a search in the thesis's box,
+    /// and that way.
     pub fn overfit(&self) -> Option<(&str, &'static Way)> {
         let wide: [&'static Way; 2] = [&THESIS, &THESIS_MSE];
-        let error = |run: &Run| run.solution.as_ref().map(|solution| solution.errors.mse[1] / solution.errors.mse[0]);
-        let all = wide.into_iter().flat_map(|way| self.of(way).filter_map(move |run| Some((run.room.as_str(), way, error(run)?))));
+        let error =
+            |run: &Run| run.solution.as_ref().map(|solution| solution.errors.mse[1] / solution.errors.mse[0]);
+        let all = wide
+            .into_iter()
+            .flat_map(|way| self.of(way).filter_map(move |run| Some((run.room.as_str(), way, error(run)?))));
         all.max_by(|a, b| a.2.total_cmp(&b.2)).map(|(room, way, _)| (room, way))
     }
 
@@ -134,13 +149,28 @@ impl House {
         let mut rows = vec![
             Row::new("sensors", self.layout.sensors.len() as f64, ""),
             Row::new("rooms that the layout proposes", self.layout.rooms.len() as f64, ""),
-            Row::new(format!("  with exactly their own sensors, of {}", self.truths.len()), self.right_rooms() as f64, ""),
+            Row::new(
+                format!("  with exactly their own sensors, of {}", self.truths.len()),
+                self.right_rooms() as f64,
+                "",
+            ),
         ];
         for way in METHODS {
-            rows.push(Row::new(format!("{}: rooms with a solution", way.name), self.solutions(way).count() as f64, "").at_least(rooms));
+            rows.push(
+                Row::new(
+                    format!("{}: rooms with a solution", way.name),
+                    self.solutions(way).count() as f64,
+                    "",
+                )
+                .at_least(rooms),
+            );
             rows.push(Row::new("  wall time of all rooms", self.of(way).map(|run| run.seconds).sum(), "s"));
             for (part, week) in ["week 1", "week 2"].into_iter().enumerate() {
-                rows.push(Row::new(format!("  median MSE, {week}"), self.median(way, part).unwrap_or(f64::NAN), "K2"));
+                rows.push(Row::new(
+                    format!("  median MSE, {week}"),
+                    self.median(way, part).unwrap_or(f64::NAN),
+                    "K2",
+                ));
             }
             let rejected = self.solutions(way).filter(|solution| solution.gate.verdict == "rejected").count();
             rows.push(Row::new("  refused by the gate", rejected as f64, ""));
@@ -152,17 +182,33 @@ impl House {
             });
             pairs.filter(|(ours, thesis)| ours <= thesis).count() as f64
         };
-        rows.push(Row::new("rooms in which cfa is no worse than cfa_thesis, week 1", better(0), "").at_least(rooms));
+        rows.push(
+            Row::new("rooms in which cfa is no worse than cfa_thesis, week 1", better(0), "").at_least(rooms),
+        );
         rows.push(Row::new("rooms in which cfa is no worse than cfa_thesis, week 2", better(1), ""));
         if let Some((room, way)) = self.overfit()
             && let (Some(wide), Some(cured)) = (self.solution(room, way), self.solution(room, &DEFAULT))
         {
-            rows.push(Row::new(format!("overfit in the wide box, room {room}: MSE, week 1"), wide.errors.mse[0], "K2"));
+            rows.push(Row::new(
+                format!("overfit in the wide box, room {room}: MSE, week 1"),
+                wide.errors.mse[0],
+                "K2",
+            ));
             rows.push(Row::new("  week 2", wide.errors.mse[1], "K2"));
-            rows.push(Row::new("  refused by the gate", f64::from(wide.gate.verdict == "rejected"), "").at_least(1.0));
-            rows.push(Row::new("  cfa in physical bounds, week 2", cured.errors.mse[1], "K2").at_most(wide.errors.mse[1]));
+            rows.push(
+                Row::new("  refused by the gate", f64::from(wide.gate.verdict == "rejected"), "")
+                    .at_least(1.0),
+            );
+            rows.push(
+                Row::new("  cfa in physical bounds, week 2", cured.errors.mse[1], "K2")
+                    .at_most(wide.errors.mse[1]),
+            );
         }
-        let lowered: Vec<&Room> = self.rooms.iter().filter(|room| self.truth(&room.id).is_some_and(|truth| truth.lowered > 0.0)).collect();
+        let lowered: Vec<&Room> = self
+            .rooms
+            .iter()
+            .filter(|room| self.truth(&room.id).is_some_and(|truth| truth.lowered > 0.0))
+            .collect();
         let by_valve = |rooms: &mut dyn Iterator<Item = &Room>| {
             let better = |room: &&Room| {
                 let error = |way: &Way| Some(self.solution(&room.id, way)?.errors.mse[1]);
@@ -170,11 +216,20 @@ impl House {
             };
             rooms.filter(better).count() as f64
         };
-        let what = format!("rooms in which the measured valve beats the sigmoid, week 2, of {}", self.rooms.len());
+        let what =
+            format!("rooms in which the measured valve beats the sigmoid, week 2, of {}", self.rooms.len());
         rows.push(Row::new(what, by_valve(&mut self.rooms.iter()), ""));
-        rows.push(Row::new(format!("  of the {} lowered at night", lowered.len()), by_valve(&mut lowered.into_iter()), ""));
+        rows.push(Row::new(
+            format!("  of the {} lowered at night", lowered.len()),
+            by_valve(&mut lowered.into_iter()),
+            "",
+        ));
         let seconds: f64 = self.seconds.iter().map(|(_, took)| took).sum();
-        rows.push(Row::new(format!("wall time of everything (target {TARGET_SECONDS} s on two quiet cores)"), seconds, "s"));
+        rows.push(Row::new(
+            format!("wall time of everything (target {TARGET_SECONDS} s on two quiet cores)"),
+            seconds,
+            "s",
+        ));
         rows
     }
 }

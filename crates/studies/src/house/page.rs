@@ -1,5 +1,5 @@
-//! The page of chapter 7: one HTML file without scripts, in the style of the service's own page. Every chart has the
-//! table of its numbers below it.
+//! The page of chapter 7: one HTML file without scripts, in the style of the service's own page. Every chart
+//! has the table of its numbers below it.
 
 use super::super::charts::{Edge, Frame, Line, dots, graph, heat, lines, mark};
 use super::super::page::{self, Table, escaped, figure, line_legend, number, section};
@@ -20,8 +20,10 @@ pub fn document(house: &House, tables: &[Table]) -> Result<String, Failure> {
 fn body(house: &House, tables: &[Table]) -> String {
     let shown = |id: &str| tables.iter().find(|table| table.id == id).map(section).unwrap_or_default();
     let mut body = format!(
-        "<p>A twin of the thesis's house with a known truth: {} rooms that warm each other, {} sensors, two weeks of March at {} minutes, {} K of sensor noise, thermostats, people. \
-         Week 1 is fitted, week 2 is unseen. The thesis's own figures stand beside ours where there are any; its house is another one and not public, so sizes can be compared, rows cannot.</p>",
+        "<p>A twin of the thesis's house with a known truth: {} rooms that warm each other, {} sensors, two \
+        weeks of March at {} minutes, {} K of sensor noise, thermostats, people. \
+         Week 1 is fitted, week 2 is unseen. The thesis's own figures stand beside ours where there are any; \
+        its house is another one and not public, so sizes can be compared, rows cannot.</p>",
         house.truths.len(),
         house.layout.sensors.len(),
         house.request.step_minutes,
@@ -59,11 +61,13 @@ fn body(house: &House, tables: &[Table]) -> String {
 fn figures(house: &House) -> String {
     let mut text = String::from(r#"<dl class="figures">"#);
     for way in METHODS {
-        let [first, second] = [0, 1].map(|part| house.median(way, part).map_or_else(|| "-".to_owned(), number));
+        let [first, second] =
+            [0, 1].map(|part| house.median(way, part).map_or_else(|| "-".to_owned(), number));
         let took: f64 = house.of(way).map(|run| run.seconds).sum();
         let _ = write!(
             text,
-            "<div><dt>{}: median MSE of week 1, week 2, time</dt><dd>{first} K², {second} K², {took:.1} s</dd></div>",
+            "<div><dt>{}: median MSE of week 1, week 2, time</dt><dd>{first} K², {second} K², {took:.1} \
+            s</dd></div>",
             escaped(way.name)
         );
     }
@@ -82,7 +86,12 @@ fn mark_legend(names: &[&str]) -> String {
 }
 
 fn layout_charts(house: &House) -> String {
-    let names: Vec<String> = house.layout.sensors.iter().map(|sensor| sensor.channel.trim_start_matches("T_room_").to_owned()).collect();
+    let names: Vec<String> = house
+        .layout
+        .sensors
+        .iter()
+        .map(|sensor| sensor.channel.trim_start_matches("T_room_").to_owned())
+        .collect();
     let head: Vec<String> = std::iter::once("sensor".to_owned()).chain(names.iter().cloned()).collect();
     let cell = |value: &Option<f64>| value.map_or_else(|| "-".to_owned(), |value| format!("{value:.2}"));
     let rows: Vec<Vec<String>> = names
@@ -91,7 +100,8 @@ fn layout_charts(house: &House) -> String {
         .map(|(name, row)| std::iter::once(name.clone()).chain(row.iter().map(cell)).collect())
         .collect();
     let matrix = heat(
-        "Correlations of the sensors: the smaller one of the temperatures and of what remains without the day's mean",
+        "Correlations of the sensors: the smaller one of the temperatures and of what remains without the \
+        day's mean",
         &names,
         &house.layout.correlation,
     );
@@ -110,32 +120,64 @@ fn layout_charts(house: &House) -> String {
             listed.push(vec![format!("{} and {}", rooms[a], rooms[b]), word.to_owned()]);
         }
     }
-    let legend: String = [("edge-right", "proposed, and a wall"), ("edge-extra", "proposed without a wall"), ("edge-missed", "a wall, not proposed")]
+    let legend: String = [
+        ("edge-right", "proposed, and a wall"),
+        ("edge-extra", "proposed without a wall"),
+        ("edge-missed", "a wall, not proposed")
+    ]
         .map(|(class, name)| format!(r#"<span><svg class="sample" viewBox="0 0 26 12" aria-hidden="true"><line class="{class}" x1="0" x2="26" y1="6" y2="6"/></svg>{name}</span>"#))
         .concat();
     let plan = graph("Rooms and their neighbours, as proposed and as they are", &rooms, &edges);
     format!(
         r#"<div class="grid">{}{}</div>"#,
-        figure("Figure 7.2: correlations of the sensors", "<span>the fuller the colour, the stronger</span>", &matrix, &head, &rows),
-        figure("Figure 7.3: rooms and neighbours", &legend, &plan, &["rooms".to_owned(), "neighbours".to_owned()], &listed)
+        figure(
+            "Figure 7.2: correlations of the sensors",
+            "<span>the fuller the colour, the stronger</span>",
+            &matrix,
+            &head,
+            &rows
+        ),
+        figure(
+            "Figure 7.3: rooms and neighbours",
+            &legend,
+            &plan,
+            &["rooms".to_owned(), "neighbours".to_owned()],
+            &listed
+        )
     )
 }
 
 /// The errors of some ways in every room.
-fn marks(house: &House, caption: &str, names: &[&str], label: &str, value: impl Fn(&str, usize) -> Option<f64>) -> String {
+fn marks(
+    house: &House,
+    caption: &str,
+    names: &[&str],
+    label: &str,
+    value: impl Fn(&str, usize) -> Option<f64>,
+) -> String {
     let rows: Vec<(String, Vec<Option<f64>>)> = house
         .rooms
         .iter()
-        .map(|room| (format!("room {}", room.id), (0..names.len()).map(|place| value(&room.id, place)).collect()))
+        .map(|room| {
+            (format!("room {}", room.id), (0..names.len()).map(|place| value(&room.id, place)).collect())
+        })
         .collect();
     dotted(caption, names, label, "room", &rows)
 }
 
-fn dotted(caption: &str, names: &[&str], label: &str, first: &str, rows: &[(String, Vec<Option<f64>>)]) -> String {
+fn dotted(
+    caption: &str,
+    names: &[&str],
+    label: &str,
+    first: &str,
+    rows: &[(String, Vec<Option<f64>>)],
+) -> String {
     let head: Vec<String> = std::iter::once(first).chain(names.iter().copied()).map(str::to_owned).collect();
     let cell = |value: &Option<f64>| value.map_or_else(|| "-".to_owned(), number);
-    let listed: Vec<Vec<String>> =
-        rows.iter().map(|(name, values)| std::iter::once(name.clone()).chain(values.iter().map(cell)).collect()).collect();
+    let listed: Vec<Vec<String>> = rows
+        .iter()
+        .map(|(name, values)| std::iter::once(name.clone()).chain(values.iter().map(cell)).collect())
+        .collect();
     figure(caption, &mark_legend(names), &dots(label, names, rows), &head, &listed)
 }
 
@@ -152,8 +194,10 @@ fn methods_chart(house: &House, part: usize, title: &str) -> String {
 }
 
 fn boxes_chart(house: &House) -> String {
-    let rows: Vec<(String, Vec<Option<f64>>)> =
-        BOXES.iter().map(|way| (way.name.to_owned(), [0, 1].map(|part| house.median(way, part)).to_vec())).collect();
+    let rows: Vec<(String, Vec<Option<f64>>)> = BOXES
+        .iter()
+        .map(|way| (way.name.to_owned(), [0, 1].map(|part| house.median(way, part)).to_vec()))
+        .collect();
     dotted(
         "Median mean square error of the rooms by search and box, K2, logarithmic",
         &["week 1", "week 2"],
@@ -176,7 +220,14 @@ fn valve_chart(house: &House) -> String {
 }
 
 /// Measured and free runs of one room.
-fn run_chart(house: &House, room: &str, measured: &Measured, caption: &str, ways: &[(&'static str, &Way)], size: (f64, f64)) -> String {
+fn run_chart(
+    house: &House,
+    room: &str,
+    measured: &Measured,
+    caption: &str,
+    ways: &[(&'static str, &Way)],
+    size: (f64, f64),
+) -> String {
     let output = |way: &Way| -> Vec<Option<f64>> {
         let solution = house.run(room, way).and_then(|run| run.solution.as_ref());
         solution.map(|solution| solution.output.iter().copied().map(Some).collect()).unwrap_or_default()
@@ -186,13 +237,21 @@ fn run_chart(house: &House, room: &str, measured: &Measured, caption: &str, ways
     let per_day = 24 * 60 / house.request.step_minutes;
     let frame = Frame { label: caption, unseen: per_day * house.asked.part_days, per_day, size };
     let entries: Vec<(&str, &str)> = all.iter().map(|line| (line.style, line.name)).collect();
-    let head: Vec<String> = ["time", "measured"].into_iter().chain(ways.iter().map(|(_, way)| way.name)).map(str::to_owned).collect();
-    let cell = |line: &Line, k: usize| line.values.get(k).copied().flatten().map_or_else(|| "-".to_owned(), |value| format!("{value:.3}"));
+    let head: Vec<String> = ["time", "measured"]
+        .into_iter()
+        .chain(ways.iter().map(|(_, way)| way.name))
+        .map(str::to_owned)
+        .collect();
+    let cell = |line: &Line, k: usize| {
+        line.values.get(k).copied().flatten().map_or_else(|| "-".to_owned(), |value| format!("{value:.3}"))
+    };
     let rows: Vec<Vec<String>> = measured
         .times
         .iter()
         .enumerate()
-        .map(|(k, time)| std::iter::once(rfc3339(*time)).chain(all.iter().map(|line| cell(line, k))).collect())
+        .map(|(k, time)| {
+            std::iter::once(rfc3339(*time)).chain(all.iter().map(|line| cell(line, k))).collect()
+        })
         .collect();
     figure(caption, &line_legend(&entries), &lines(&frame, &all), &head, &rows)
 }
@@ -210,9 +269,18 @@ fn rooms_charts(house: &House) -> String {
 
 fn overfit_chart(house: &House) -> String {
     let Some((room, wide)) = house.overfit() else { return String::new() };
-    let Some(measured) = house.rooms.iter().position(|one| one.id == room).map(|place| &house.measured[place]) else {
+    let Some(measured) =
+        house.rooms.iter().position(|one| one.id == room).map(|place| &house.measured[place])
+    else {
         return String::new();
     };
     let ways = [("previous", wide), ("heldout", &NARROWED), ("model", &DEFAULT), ("ok", &PRIOR)];
-    run_chart(house, room, measured, &format!("Figure 7.7: room {room} in wide and in physical bounds, degC"), &ways, (900.0, 300.0))
+    run_chart(
+        house,
+        room,
+        measured,
+        &format!("Figure 7.7: room {room} in wide and in physical bounds, degC"),
+        &ways,
+        (900.0, 300.0),
+    )
 }

@@ -1,5 +1,5 @@
-//! What the thesis printed: its house, its laptop with six cores, one-minute data. Signs are turned: here an error is
-//! positive, and lower is better.
+//! What the thesis printed: its house, its laptop with six cores, one-minute data. Signs are turned: here an
+//! error is positive, and lower is better.
 
 /// The rooms of the thesis's tables.
 pub const ROOMS: [&str; 11] = ["0", "1", "2", "3", "4", "5", "6", "7", "12", "15", "17"];
@@ -32,7 +32,12 @@ pub struct Compared {
     pub cfa_seconds: f64,
 }
 
-const fn compared(ctsm_r: Option<[f64; 2]>, ctsm_r_seconds: f64, cfa: [f64; 2], cfa_seconds: f64) -> Compared {
+const fn compared(
+    ctsm_r: Option<[f64; 2]>,
+    ctsm_r_seconds: f64,
+    cfa: [f64; 2],
+    cfa_seconds: f64,
+) -> Compared {
     Compared { ctsm_r, ctsm_r_seconds, cfa, cfa_seconds }
 }
 

@@ -6,7 +6,9 @@ use lampyris_core::data::{Bindings, Duration, SplitRequest, Window, rfc3339};
 use lampyris_core::estimate::problem::objective::{ShapeDelta, swmse};
 use lampyris_core::estimate::problem::request::WindowRange;
 use lampyris_core::estimate::validate;
-use lampyris_core::estimate::{Control, EstimateError, EstimateRequest, Fit, Past, Policy, Problem, Site, estimate, prepare};
+use lampyris_core::estimate::{
+    Control, EstimateError, EstimateRequest, Fit, Past, Policy, Problem, Site, estimate, prepare,
+};
 use lampyris_core::model::document::ModelDocument;
 use lampyris_core::model::spec::ParameterSpec;
 use lampyris_core::model::{Catalogue, ModelId, Nominal, Scale};
@@ -21,7 +23,8 @@ const THESIS_LOWER: f64 = 1e-4;
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Coefficients {
-    /// From 1e-4 up to this, spread evenly, without a nominal value (Table 7.5 up to 1000; up to 15 in 7.6.2).
+    /// From 1e-4 up to this, spread evenly, without a nominal value (Table 7.5 up to 1000; up to 15 in
+    /// 7.6.2).
     Linear(f64),
     /// From 1e-4 up to this, spread evenly in the logarithm.
     Log(f64),
@@ -40,8 +43,8 @@ pub struct Way {
     pub request: &'static str,
     /// Whether the valve is measured; otherwise the model has a sigmoid.
     pub valve: bool,
-    /// Whether the search is left to itself, as published. An estimation starts one candidate at the nominal values and
-    /// polishes by least squares where the result needs shorter steps.
+    /// Whether the search is left to itself, as published. An estimation starts one candidate at the nominal
+    /// values and polishes by least squares where the result needs shorter steps.
     pub bare: bool,
 }
 
@@ -108,7 +111,10 @@ impl Coefficients {
     fn catalogue(self) -> Result<Catalogue, Failure> {
         let mut catalogue = Catalogue::builtin().map_err(|found| faults(&found))?;
         if let Some(ModelDocument::Spec(mut spec)) = catalogue.model("room3").cloned() {
-            spec.parameters.values_mut().filter(|parameter| parameter.scale == Scale::Log).for_each(|parameter| self.apply(parameter));
+            spec.parameters
+                .values_mut()
+                .filter(|parameter| parameter.scale == Scale::Log)
+                .for_each(|parameter| self.apply(parameter));
             catalogue.add_model(ModelDocument::Spec(spec));
         }
         Ok(catalogue)
@@ -120,7 +126,8 @@ impl Coefficients {
             Coefficients::Log(upper) => (parameter.lower, parameter.upper) = (THESIS_LOWER, upper),
             Coefficients::Linear(upper) => {
                 (parameter.lower, parameter.upper, parameter.scale) = (THESIS_LOWER, upper, Scale::Linear);
-                // The thesis knows no nominal values: the middle of the box is as good a place as any of its own.
+                // The thesis knows no nominal values: the middle of the box is as good a place as any of its
+                // own.
                 parameter.nominal = Nominal::Value(0.5 * (THESIS_LOWER + upper));
             }
         }
@@ -229,11 +236,13 @@ impl Place {
         }
         let (window, _) = Window::parse_csv(csv, &bindings).map_err(|found| faults(&found))?;
         let model: ModelId = "room3".parse().map_err(|error| Failure::Error(format!("{error}")))?;
-        let site = Site { sets: [("neighbours".to_owned(), room.neighbours.clone())].into(), ..Site::default() };
+        let site =
+            Site { sets: [("neighbours".to_owned(), room.neighbours.clone())].into(), ..Site::default() };
         Ok(Self { catalogue: way.coefficients.catalogue()?, window, model, site, part_days: asked.part_days })
     }
 
-    /// The problem of the first part alone. It ends where the second one begins, and shares no sample with it.
+    /// The problem of the first part alone. It ends where the second one begins, and shares no sample with
+    /// it.
     fn first(&self, request: &EstimateRequest) -> Result<Problem, Failure> {
         let end = self.window.from() + 86_400 * self.part_days as i64 - 1;
         let window = Some(WindowRange { to: Some(rfc3339(end)), ..WindowRange::default() });
@@ -247,8 +256,10 @@ impl Place {
 
     fn problem(&self, mut request: EstimateRequest, unseen_days: usize) -> Result<Problem, Failure> {
         let days = |days: usize| Duration::from_days(days as i64);
-        request.split = SplitRequest { train: days(self.part_days), validation: days(unseen_days), test: None };
-        prepare(&self.catalogue, &self.model, &request, &self.window, &self.site).map_err(|found| faults(&found))
+        request.split =
+            SplitRequest { train: days(self.part_days), validation: days(unseen_days), test: None };
+        prepare(&self.catalogue, &self.model, &request, &self.window, &self.site)
+            .map_err(|found| faults(&found))
     }
 }
 
@@ -260,7 +271,10 @@ pub fn measured(csv: &str, room: &Room, asked: &Asked) -> Result<Measured, Failu
     let both = Place::new(csv, room, &DEFAULT, asked)?.both(&EstimateRequest::default())?;
     let (values, valid) = both.measured()[0];
     let times = (0..values.len()).map(|k| both.grid().time(k)).collect();
-    Ok(Measured { times, values: values.iter().zip(valid).map(|(value, valid)| valid.then_some(*value)).collect() })
+    Ok(Measured {
+        times,
+        values: values.iter().zip(valid).map(|(value, valid)| valid.then_some(*value)).collect(),
+    })
 }
 
 /// Estimates a room in one way.
@@ -269,8 +283,8 @@ pub fn measured(csv: &str, room: &Room, asked: &Asked) -> Result<Measured, Failu
 /// Where the window cannot be read; a search without a solution is a line of the table.
 pub fn run(csv: &str, room: &Room, way: &Way, asked: &Asked) -> Result<Run, Failure> {
     let place = Place::new(csv, room, way, asked)?;
-    let mut request: EstimateRequest =
-        serde_json::from_str(way.request).map_err(|error| Failure::Error(format!("{}: {error}", way.name)))?;
+    let mut request: EstimateRequest = serde_json::from_str(way.request)
+        .map_err(|error| Failure::Error(format!("{}: {error}", way.name)))?;
     request.method.seed = asked.seed;
     request.delta = asked.delta;
     let (first, both) = (place.first(&request)?, place.both(&request)?);
@@ -281,7 +295,13 @@ pub fn run(csv: &str, room: &Room, way: &Way, asked: &Asked) -> Result<Run, Fail
         spent = found.evaluations;
         if let Some(theta) = found.best {
             // A fit with nothing left to estimate says of these parameters what it says of others.
-            request.fixed = first.model().parameters().iter().map(|parameter| parameter.name.clone()).zip(theta).collect();
+            request.fixed = first
+                .model()
+                .parameters()
+                .iter()
+                .map(|parameter| parameter.name.clone())
+                .zip(theta)
+                .collect();
             fit = estimate(&place.first(&request)?, &request, None, &Control::NONE);
         }
     } else {
@@ -308,7 +328,9 @@ fn solution(both: &Problem, fit: &Fit, asked: &Asked) -> Solution {
         problem.usable(0, range.clone()).into_iter().map(|k| (run.outputs[0][k], values[k])).collect()
     };
     let parts = [pairs(&problem.split().train), pairs(&problem.split().validation)];
-    let mse = |pairs: &Vec<(f64, f64)>| pairs.iter().map(|(a, b)| (a - b).powi(2)).sum::<f64>() / pairs.len() as f64;
+    let mse = |pairs: &Vec<(f64, f64)>| {
+        pairs.iter().map(|(a, b)| (a - b).powi(2)).sum::<f64>() / pairs.len() as f64
+    };
     let errors = Errors {
         mse: [mse(&parts[0]), mse(&parts[1])],
         swmse: [0, 1].map(|part| swmse(&parts[part], asked.delta).unwrap_or(f64::INFINITY)),
@@ -318,7 +340,15 @@ fn solution(both: &Problem, fit: &Fit, asked: &Asked) -> Solution {
         failed: judgement.failed().into_iter().map(str::to_owned).collect(),
         summary: judgement.summary.clone(),
     };
-    let rates = fit.parameters.iter().filter(|(name, _)| name.starts_with("alpha_") || name.starts_with("beta_"));
+    let rates =
+        fit.parameters.iter().filter(|(name, _)| name.starts_with("alpha_") || name.starts_with("beta_"));
     let largest = rates.map(|(_, estimate)| estimate.value).fold(0.0, f64::max);
-    Solution { cost: fit.cost, evaluations: fit.evaluations, errors, gate, largest, output: run.outputs[0].clone() }
+    Solution {
+        cost: fit.cost,
+        evaluations: fit.evaluations,
+        errors,
+        gate,
+        largest,
+        output: run.outputs[0].clone(),
+    }
 }

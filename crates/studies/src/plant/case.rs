@@ -20,7 +20,8 @@ const ROW: usize = 5;
 const CANDIDATES: usize = 32;
 /// Candidates of them that are also simulated by the oracle.
 const CHECKED: usize = 4;
-/// Internal steps per five minutes of the oracle: five seconds, within the stable region of the stiffest candidates.
+/// Internal steps per five minutes of the oracle: five seconds, within the stable region of the stiffest
+/// candidates.
 const ORACLE_STEPS: usize = 60;
 /// How far from the truth, as a share of it, a parameter may be that is on no ridge.
 const NEAR: f64 = 0.02;
@@ -67,7 +68,9 @@ impl Case {
         let (window, _) = Window::parse_csv(&csv, &Bindings::none()).map_err(|found| faults(&found))?;
         // The document's own values are the truth: the search starts from the middle of its box instead.
         if let Some(ModelDocument::Spec(mut spec)) = catalogue.model(id).cloned() {
-            spec.parameters.values_mut().for_each(|one| one.nominal = Nominal::Value(0.5 * (one.lower + one.upper)));
+            spec.parameters
+                .values_mut()
+                .for_each(|one| one.nominal = Nominal::Value(0.5 * (one.lower + one.upper)));
             catalogue.add_model(ModelDocument::Spec(spec));
         }
         Ok(Self { id, seed, catalogue, window, truth: twin.truth })
@@ -81,7 +84,8 @@ impl Case {
         }))
         .map_err(|error| text(&error))?;
         let id = self.id.parse().map_err(|error| text(&error))?;
-        let problem = prepare(&self.catalogue, &id, &request, &self.window, &Site::default()).map_err(|found| faults(&found))?;
+        let problem = prepare(&self.catalogue, &id, &request, &self.window, &Site::default())
+            .map_err(|found| faults(&found))?;
         Ok((problem, request))
     }
 
@@ -91,17 +95,31 @@ impl Case {
         let dimensions = problem.space().len();
         // A sequence of low discrepancy (Kronecker's, with the square roots of primes) fills the box.
         let roots = [2.0f64, 3.0, 5.0, 7.0, 11.0, 13.0, 17.0].map(f64::sqrt);
-        let place = |n: usize| Candidate((0..dimensions).map(|d| (n as f64 * roots[d % roots.len()]).fract()).collect());
+        let place = |n: usize| {
+            Candidate((0..dimensions).map(|d| (n as f64 * roots[d % roots.len()]).fract()).collect())
+        };
         let thetas: Vec<Vec<f64>> = (1..=CANDIDATES).map(|n| problem.theta(&place(n))).collect();
         let slices: Vec<&[f64]> = thetas.iter().map(Vec::as_slice).collect();
         let until = problem.split().train.end;
-        let alone = rayon::ThreadPoolBuilder::new().num_threads(1).build().map_err(|error| Failure::Error(error.to_string()))?;
+        let alone = rayon::ThreadPoolBuilder::new()
+            .num_threads(1)
+            .build()
+            .map_err(|error| Failure::Error(error.to_string()))?;
         let begun = Instant::now();
         let ours = alone.install(|| problem.simulator().run(&slices, until));
         let seconds = begun.elapsed().as_secs_f64() / CANDIDATES as f64;
-        let oracle = Simulator::new(problem.model(), problem.inputs(), &problem.measured(), Stepper::Rk4, ORACLE_STEPS);
+        let oracle = Simulator::new(
+            problem.model(),
+            problem.inputs(),
+            &problem.measured(),
+            Stepper::Rk4,
+            ORACLE_STEPS,
+        );
         let begun = Instant::now();
-        let fine: Vec<_> = slices[..CHECKED].iter().flat_map(|theta| alone.install(|| oracle.run(&[theta], until))).collect();
+        let fine: Vec<_> = slices[..CHECKED]
+            .iter()
+            .flat_map(|theta| alone.install(|| oracle.run(&[theta], until)))
+            .collect();
         let oracle_seconds = begun.elapsed().as_secs_f64() / CHECKED as f64;
         let mut worst = 0.0f64;
         for (ours, fine) in ours.iter().zip(&fine).filter(|(ours, fine)| !ours.diverged && !fine.diverged) {
@@ -115,15 +133,21 @@ impl Case {
             Row::new(title, 1e3 * seconds, "ms"),
             Row::new("  steps of 5 s by RK4, one candidate at a time", 1e3 * oracle_seconds, "ms"),
             Row::new("  the one over the other", seconds / oracle_seconds, "x").at_most(0.5),
-            Row::new(format!("  largest error of {CHECKED} candidates, of the range"), worst, "-").at_most(OF_RANGE),
-            Row::new(format!("  diverged of {CANDIDATES}"), ours.iter().filter(|run| run.diverged).count() as f64, ""),
+            Row::new(format!("  largest error of {CHECKED} candidates, of the range"), worst, "-")
+                .at_most(OF_RANGE),
+            Row::new(
+                format!("  diverged of {CANDIDATES}"),
+                ours.iter().filter(|run| run.diverged).count() as f64,
+                "",
+            ),
         ])
     }
 
     pub fn fit(self) -> Result<Fitted, Failure> {
         let (problem, request) = self.problem()?;
         let begun = Instant::now();
-        let fit = estimate(&problem, &request, None, &Control::NONE).map_err(|error| Failure::Error(error.to_string()))?;
+        let fit = estimate(&problem, &request, None, &Control::NONE)
+            .map_err(|error| Failure::Error(error.to_string()))?;
         Ok(Fitted { seconds: begun.elapsed().as_secs_f64(), case: self, problem, fit })
     }
 }
@@ -149,7 +173,8 @@ impl Fitted {
 
     /// How many of the intervals that there are hold the truth.
     pub fn held(&self) -> (usize, usize) {
-        let intervals = self.case.truth.iter().filter_map(|(name, truth)| Some((self.fit.parameters[name].ci95?, truth)));
+        let intervals =
+            self.case.truth.iter().filter_map(|(name, truth)| Some((self.fit.parameters[name].ci95?, truth)));
         let held: Vec<bool> = intervals.map(|([low, high], truth)| (low..=high).contains(truth)).collect();
         (held.iter().filter(|held| **held).count(), held.len())
     }
@@ -158,7 +183,12 @@ impl Fitted {
     pub fn estimation(&self, each: bool) -> Vec<Row> {
         let (id, fit) = (self.case.id, &self.fit);
         let error = |name: &str, truth: f64| (fit.parameters[name].value / truth - 1.0).abs();
-        let far = self.case.truth.iter().filter(|(name, truth)| error(name, *truth) > NEAR && !self.on_a_ridge(name)).count();
+        let far = self
+            .case
+            .truth
+            .iter()
+            .filter(|(name, truth)| error(name, *truth) > NEAR && !self.on_a_ridge(name))
+            .count();
         if each {
             let [at_truth, _] = errors(&self.problem, &self.truth());
             eprintln!("{id}: error of eq. 6.6 at the truth {at_truth:.2e}; a point every {} s", fit.sample_s);
@@ -169,9 +199,14 @@ impl Fitted {
         }
         let [seen, unseen] = errors(&self.problem, &fit.theta());
         vec![
-            Row::new(format!("plant {id}: seven parameters (target 60 s; thesis 7,020 s)"), self.seconds, "s"),
+            Row::new(
+                format!("plant {id}: seven parameters (target 60 s; thesis 7,020 s)"),
+                self.seconds,
+                "s",
+            ),
             Row::new("  evaluations", fit.evaluations as f64, ""),
-            Row::new("  parameters farther than 2 % from the truth and on no ridge", far as f64, "").at_most(0.0),
+            Row::new("  parameters farther than 2 % from the truth and on no ridge", far as f64, "")
+                .at_most(0.0),
             Row::new("  pairs on a ridge", fit.correlated.len() as f64, ""),
             Row::new("  error of eq. 6.6 over the three days", seen, "-"),
             Row::new("  error of eq. 6.6 over the eleven unseen days", unseen, "-").at_most(UNSEEN),
@@ -183,17 +218,24 @@ impl Fitted {
         let (held, known) = self.held();
         for (name, truth) in self.case.truth.iter().filter(|_| each) {
             let estimate = &self.fit.parameters[name];
-            eprintln!("{} with noise, {name}: {:.4} in {:?}, truth {truth}", self.case.id, estimate.value, estimate.ci95);
+            eprintln!(
+                "{} with noise, {name}: {:.4} in {:?}, truth {truth}",
+                self.case.id, estimate.value, estimate.ci95
+            );
         }
         vec![
-            Row::new(format!("plant {}: the same, with the noise of the sensors", self.case.id), self.seconds, "s"),
+            Row::new(
+                format!("plant {}: the same, with the noise of the sensors", self.case.id),
+                self.seconds,
+                "s",
+            ),
             Row::new(format!("  intervals of {known} that hold the truth"), held as f64, ""),
         ]
     }
 }
 
-/// The record without the samples of the effluent that are not kept; the influent stays, and so does the last sample, which ends the
-/// record: a shorter one would be cut into other parts.
+/// The record without the samples of the effluent that are not kept; the influent stays, and so does the last
+/// sample, which ends the record: a shorter one would be cut into other parts.
 fn kept(csv: &str, keep: &dyn Fn(usize) -> bool) -> String {
     let effluent = |name: &str| name.ends_with("_e");
     let names: Vec<&str> = csv.lines().next().unwrap_or_default().split(',').collect();
@@ -225,6 +267,7 @@ pub fn normalised(problem: &Problem, theta: &[f64], part: std::ops::Range<usize>
 }
 
 pub fn range(values: impl Iterator<Item = f64>) -> f64 {
-    let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), x| (low.min(x), high.max(x)));
+    let (low, high) =
+        values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), x| (low.min(x), high.max(x)));
     high - low
 }

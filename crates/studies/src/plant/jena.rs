@@ -1,4 +1,5 @@
-//! The healthy plant on what really arrived: the influent of the treatment works of Jena, 13 to 27 March 2003, every quarter of an hour.
+//! The healthy plant on what really arrived: the influent of the treatment works of Jena, 13 to 27 March
+//! 2003, every quarter of an hour.
 //!
 //! The record has flow, COD and ammonium; what else ASM1 asks for is assumed, and said in [`ASSUMED`].
 
@@ -20,7 +21,8 @@ const PLANT: &str = "asm1_h";
 const STEP: f64 = 0.25;
 /// Internal steps per sample of the oracle: five seconds.
 const ORACLE_STEPS: usize = 180;
-/// Samples of the mean influent before the record: a hundred days, ten sludge ages. A document's own warm-up may not take so long.
+/// Samples of the mean influent before the record: a hundred days, ten sludge ages. A document's own warm-up
+/// may not take so long.
 const BEFORE: usize = 100 * 96;
 /// The effluents that are held against the oracle, as everywhere.
 const JUDGED: [&str; 4] = ["S_S_e", "X_S_e", "S_NH_e", "S_NO_e"];
@@ -31,17 +33,30 @@ const ASSUMED: [(&str, &str); 8] = [
     ("units", "flow in m3/d, COD and ammonium nitrogen in g/m3: inferred, the file does not say"),
     (
         "organic matter",
-        "the measured COD in the shares of the dry-weather influent of the benchmark: S_I 7.9, S_S 18.2, X_I 13.4, X_S 53.1, X_BH 7.4 %",
+        "the measured COD in the shares of the dry-weather influent of the benchmark: S_I 7.9, S_S 18.2, X_I \
+        13.4, X_S 53.1, X_BH 7.4 %",
     ),
     ("organic nitrogen", "stays with the COD as in the benchmark: S_ND 1.8, X_ND 2.8 g N per 100 g COD"),
     ("ammonium", "S_NH is the measured ammonium; no nitrate and no oxygen arrive"),
-    ("alkalinity", "7 mol/m3 at the benchmark's 31.56 g N/m3, and a mole more per 14 g of ammonium nitrogen, which comes with its charge"),
+    (
+        "alkalinity",
+        "7 mol/m3 at the benchmark's 31.56 g N/m3, and a mole more per 14 g of ammonium nitrogen, which \
+        comes with its charge",
+    ),
     ("phosphorus", "left out: ASM1 has none"),
-    ("size", "a plant larger in everything by the ratio of the mean flows is the plant itself with so much less flow"),
-    ("artefacts", "kept: seven quarters of an hour above 56,000 m3/d at the start, and a morning below 4,000 m3/d"),
+    (
+        "size",
+        "a plant larger in everything by the ratio of the mean flows is the plant itself with so much less \
+        flow",
+    ),
+    (
+        "artefacts",
+        "kept: seven quarters of an hour above 56,000 m3/d at the start, and a morning below 4,000 m3/d",
+    ),
 ];
 
-/// Components of ASM1 with what they hold of COD and of nitrogen, in g/g (i_XB and i_XP of the plant's reactions).
+/// Components of ASM1 with what they hold of COD and of nitrogen, in g/g (i_XB and i_XP of the plant's
+/// reactions).
 const HOLDS: [(&str, f64, f64); 13] = [
     ("S_I", 1.0, 0.0),
     ("S_S", 1.0, 0.0),
@@ -74,11 +89,17 @@ pub fn run(folder: &Path) -> Result<(Vec<Row>, Table), Failure> {
     let mean = mean(&record);
     let size = mean.flow / dry("Q");
     let model = model()?;
-    let theta: Vec<f64> =
-        model.parameters().iter().map(|parameter| if let Nominal::Value(value) = parameter.nominal { value } else { f64::NAN }).collect();
+    let theta: Vec<f64> = model
+        .parameters()
+        .iter()
+        .map(|parameter| if let Nominal::Value(value) = parameter.nominal { value } else { f64::NAN })
+        .collect();
     let quarters: Vec<Quarter> = std::iter::repeat_n(mean, BEFORE).chain(record.iter().copied()).collect();
-    let columns =
-        model.inputs().iter().map(|input| quarters.iter().map(|quarter| influent(&input.name, *quarter, size)).collect()).collect();
+    let columns = model
+        .inputs()
+        .iter()
+        .map(|input| quarters.iter().map(|quarter| influent(&input.name, *quarter, size)).collect())
+        .collect();
     let inputs = Inputs::from_columns(&model, columns, STEP);
     let begun = Instant::now();
     let run = simulated(&model, &inputs, &theta, Stepper::Rkc, 1)?;
@@ -87,25 +108,43 @@ pub fn run(folder: &Path) -> Result<(Vec<Row>, Table), Failure> {
     let plant = Plant { model: &model, run: &run, record: &record, size };
     let judged = model.outputs().iter().zip(run.outputs.iter().zip(&fine.outputs));
     let error = |(ours, fine): (&Vec<f64>, &Vec<f64>)| {
-        ours.iter().zip(fine).map(|(ours, fine)| (ours - fine).abs()).fold(0.0, f64::max) / range(fine.iter().copied())
+        ours.iter().zip(fine).map(|(ours, fine)| (ours - fine).abs()).fold(0.0, f64::max)
+            / range(fine.iter().copied())
     };
-    let worst = judged.filter(|(output, _)| JUDGED.contains(&output.channel.as_str())).map(|(_, pair)| error(pair)).fold(0.0, f64::max);
+    let worst = judged
+        .filter(|(output, _)| JUDGED.contains(&output.channel.as_str()))
+        .map(|(_, pair)| error(pair))
+        .fold(0.0, f64::max);
     let [cod, nitrogen] = plant.balances(mean);
     let rows = vec![
-        Row::new(format!("{PLANT}, {size:.2} times as large: 100 days of its mean influent and two weeks of Jena"), 1e3 * seconds, "ms"),
+        Row::new(
+            format!("{PLANT}, {size:.2} times as large: 100 days of its mean influent and two weeks of Jena"),
+            1e3 * seconds,
+            "ms",
+        ),
         Row::new("  largest error beside steps of 5 s by RK4, of the range", worst, "-").at_most(OF_RANGE),
-        Row::new("  lowest concentration in effluent and return sludge", plant.lowest(), "g/m3").at_least(-1e-6),
+        Row::new("  lowest concentration in effluent and return sludge", plant.lowest(), "g/m3")
+            .at_least(-1e-6),
         Row::new("  share of the COD that is removed", plant.removed(cod_of), "-").at_least(0.85),
         Row::new("  share of the nitrogen that is removed", plant.removed(nitrogen_of), "-").at_least(0.4),
-        Row::new("  steady state of the mean influent: COD unaccounted for, of what arrives", cod, "-").at_most(BALANCE),
-        Row::new("  steady state of the mean influent: nitrogen unaccounted for", nitrogen, "-").at_most(BALANCE),
+        Row::new("  steady state of the mean influent: COD unaccounted for, of what arrives", cod, "-")
+            .at_most(BALANCE),
+        Row::new("  steady state of the mean influent: nitrogen unaccounted for", nitrogen, "-")
+            .at_most(BALANCE),
     ];
     Ok((rows, plant.table()))
 }
 
 /// The outputs of the plant over the record; the samples before it are left out.
-fn simulated(model: &Model, inputs: &Inputs, theta: &[f64], stepper: Stepper, substeps: usize) -> Result<Trajectory, Failure> {
-    let mut run = Simulator::new(model, inputs, &[], stepper, substeps).run(&[theta], inputs.samples()).remove(0);
+fn simulated(
+    model: &Model,
+    inputs: &Inputs,
+    theta: &[f64],
+    stepper: Stepper,
+    substeps: usize,
+) -> Result<Trajectory, Failure> {
+    let mut run =
+        Simulator::new(model, inputs, &[], stepper, substeps).run(&[theta], inputs.samples()).remove(0);
     if run.diverged {
         return Err(Failure::Error(format!("the plant left physics, stepped by {stepper:?}")));
     }
@@ -119,13 +158,21 @@ fn read(file: &Path) -> Result<Vec<Quarter>, Failure> {
     let text = std::fs::read_to_string(file).map_err(|error| wrong(error.to_string()))?;
     let mut lines = text.lines();
     let names: Vec<&str> = lines.next().unwrap_or_default().split(',').collect();
-    let place = |name: &str| names.iter().position(|known| *known == name).ok_or_else(|| wrong(format!("there is no column `{name}`")));
+    let place = |name: &str| {
+        names
+            .iter()
+            .position(|known| *known == name)
+            .ok_or_else(|| wrong(format!("there is no column `{name}`")))
+    };
     let places = [place("Q_m3_d")?, place("COD_g_m3")?, place("NH4_N_g_m3")?];
     let quarter = |(row, line): (usize, &str)| {
         let cells: Vec<&str> = line.split(',').collect();
-        let number = |place: usize| cells.get(place).and_then(|cell| cell.parse::<f64>().ok()).filter(|value| value.is_finite());
+        let number = |place: usize| {
+            cells.get(place).and_then(|cell| cell.parse::<f64>().ok()).filter(|value| value.is_finite())
+        };
         let [flow, cod, ammonium] = places.map(number);
-        let quarter = flow.zip(cod).zip(ammonium).map(|((flow, cod), ammonium)| Quarter { flow, cod, ammonium });
+        let quarter =
+            flow.zip(cod).zip(ammonium).map(|((flow, cod), ammonium)| Quarter { flow, cod, ammonium });
         quarter.ok_or_else(|| wrong(format!("row {} has no number where one is needed", row + 2)))
     };
     lines.enumerate().map(quarter).collect()
@@ -134,8 +181,13 @@ fn read(file: &Path) -> Result<Vec<Quarter>, Failure> {
 /// Means, weighed by the flow.
 fn mean(record: &[Quarter]) -> Quarter {
     let flow: f64 = record.iter().map(|quarter| quarter.flow).sum();
-    let load = |of: fn(&Quarter) -> f64| record.iter().map(|quarter| quarter.flow * of(quarter)).sum::<f64>() / flow;
-    Quarter { flow: flow / record.len() as f64, cod: load(|quarter| quarter.cod), ammonium: load(|quarter| quarter.ammonium) }
+    let load =
+        |of: fn(&Quarter) -> f64| record.iter().map(|quarter| quarter.flow * of(quarter)).sum::<f64>() / flow;
+    Quarter {
+        flow: flow / record.len() as f64,
+        cod: load(|quarter| quarter.cod),
+        ammonium: load(|quarter| quarter.ammonium),
+    }
 }
 
 fn dry(name: &str) -> f64 {
@@ -209,7 +261,10 @@ impl Plant<'_> {
 
     /// What a stream holds at a sample, per m3: the effluent `e` or the return sludge `r`.
     fn content(&self, stream: char, k: usize, holds: Holds) -> f64 {
-        HOLDS.iter().map(|component| holds(component) * self.output(&format!("{}_{stream}", component.0))[k]).sum()
+        HOLDS
+            .iter()
+            .map(|component| holds(component) * self.output(&format!("{}_{stream}", component.0))[k])
+            .sum()
     }
 
     fn arriving(&self, quarter: Quarter, holds: Holds) -> f64 {
@@ -222,24 +277,33 @@ impl Plant<'_> {
     }
 
     fn lowest(&self) -> f64 {
-        let streams = HOLDS.iter().flat_map(|(name, ..)| ['e', 'r'].map(|stream| self.output(&format!("{name}_{stream}"))));
+        let streams = HOLDS
+            .iter()
+            .flat_map(|(name, ..)| ['e', 'r'].map(|stream| self.output(&format!("{name}_{stream}"))));
         streams.flatten().copied().fold(f64::INFINITY, f64::min)
     }
 
     /// The share of what arrives over the two weeks that the effluent does not carry.
     fn removed(&self, holds: Holds) -> f64 {
-        let arrived: f64 = self.record.iter().map(|quarter| quarter.flow / self.size * self.arriving(*quarter, holds)).sum();
-        let left: f64 = self.record.iter().enumerate().map(|(k, quarter)| self.leaving(*quarter) * self.content('e', k, holds)).sum();
+        let arrived: f64 =
+            self.record.iter().map(|quarter| quarter.flow / self.size * self.arriving(*quarter, holds)).sum();
+        let left: f64 = self
+            .record
+            .iter()
+            .enumerate()
+            .map(|(k, quarter)| self.leaving(*quarter) * self.content('e', k, holds))
+            .sum();
         1.0 - left / arrived
     }
 
-    /// COD and nitrogen that the steady state of the mean influent makes or loses, as shares of what arrives. The hundred days
-    /// end at the first sample.
+    /// COD and nitrogen that the steady state of the mean influent makes or loses, as shares of what arrives.
+    /// The hundred days end at the first sample.
     fn balances(&self, mean: Quarter) -> [f64; 2] {
         let (gas, air) = (24.0 * self.output("gas")[0], self.output("air")[0]);
         let share = |holds: Holds, gains: f64| {
             let arrived = mean.flow / self.size * self.arriving(mean, holds);
-            let left = self.leaving(mean) * self.content('e', 0, holds) + self.output("wasted")[0] * self.content('r', 0, holds);
+            let left = self.leaving(mean) * self.content('e', 0, holds)
+                + self.output("wasted")[0] * self.content('r', 0, holds);
             ((arrived + gains - left) / arrived).abs()
         };
         // Oxygen is negative demand: the air brings some, and the gas carries some away.
@@ -254,17 +318,22 @@ impl Plant<'_> {
                     |values| {
                         let mean = values.iter().sum::<f64>() / values.len() as f64;
                         let (low, high) =
-                            values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), x| (low.min(*x), high.max(*x)));
+                            values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), x| {
+                                (low.min(*x), high.max(*x))
+                            });
                         format!("{mean:.2} ({low:.2} to {high:.2})")
                     },
                 )
             });
             std::iter::once(name.to_owned()).chain(cells).collect::<Vec<_>>()
         };
-        let arrived = |holds: Holds| Some(self.record.iter().map(|quarter| self.arriving(*quarter, holds)).collect());
+        let arrived =
+            |holds: Holds| Some(self.record.iter().map(|quarter| self.arriving(*quarter, holds)).collect());
         let left = |holds: Holds| (0..self.record.len()).map(|k| self.content('e', k, holds)).collect();
-        let mut rows =
-            vec![line("COD, g/m3", arrived(cod_of), left(cod_of)), line("nitrogen, g/m3", arrived(nitrogen_of), left(nitrogen_of))];
+        let mut rows = vec![
+            line("COD, g/m3", arrived(cod_of), left(cod_of)),
+            line("nitrogen, g/m3", arrived(nitrogen_of), left(nitrogen_of)),
+        ];
         for (title, channel) in [
             ("ammonium S_NH, g/m3", "S_NH_e"),
             ("nitrate S_NO, g/m3", "S_NO_e"),
@@ -277,14 +346,18 @@ impl Plant<'_> {
         ] {
             let name = channel.trim_end_matches("_e");
             let component = HOLDS.iter().any(|(known, ..)| *known == name);
-            let arriving = component.then(|| self.record.iter().map(|quarter| influent(name, *quarter, self.size)).collect());
+            let arriving = component
+                .then(|| self.record.iter().map(|quarter| influent(name, *quarter, self.size)).collect());
             rows.push(line(title, arriving, self.output(channel).to_vec()));
         }
-        rows.extend(ASSUMED.map(|(what, how)| vec![format!("assumed: {what}"), how.to_owned(), String::new()]));
+        rows.extend(
+            ASSUMED.map(|(what, how)| vec![format!("assumed: {what}"), how.to_owned(), String::new()]),
+        );
         Table {
             id: "jena",
             title: format!("Plant {PLANT} on the influent of Jena, 13 to 27 March 2003"),
-            note: "Means over the samples, with the lowest and the highest. Before the record came 100 days of its mean influent."
+            note: "Means over the samples, with the lowest and the highest. Before the record came 100 days \
+                of its mean influent."
                 .to_owned(),
             head: ["", "arrives", "leaves"].map(str::to_owned).to_vec(),
             rows,

@@ -7,7 +7,8 @@ use lampyris::cli::{Failure, faults};
 use lampyris_core::model::Catalogue;
 use lampyris_core::model::spec::EffectSpec;
 
-/// Growth of nitrifiers that falls by a tenth over the three days that are fitted, and stays there. Its clock starts with the warm-up.
+/// Growth of nitrifiers that falls by a tenth over the three days that are fitted, and stays there. Its clock
+/// starts with the warm-up.
 const DRIFT: &str = r#"
     id = "falling_growth"
     title = "Falling growth of nitrifiers"
@@ -21,8 +22,8 @@ const DRIFT: &str = r#"
     mu_A = "mu_A * (1 - 0.1*max(0, min(1, elapsed/72[h])))"
 "#;
 
-/// Other numbers than the fixed ones of the fitted model: half saturation of nitrate and hydrolysis higher, decay of nitrifiers and
-/// nitrogen in biomass lower.
+/// Other numbers than the fixed ones of the fitted model: half saturation of nitrate and hydrolysis higher,
+/// decay of nitrifiers and nitrogen in biomass lower.
 const OTHER: &str = r#"
     id = "other_numbers"
     title = "Other fixed numbers"
@@ -44,27 +45,36 @@ struct Lack {
 }
 
 const LACKS: [Lack; 7] = [
-    Lack { name: "nothing lacks", beside: "", noise: 0.0, keep: |_| true, teaches: "The thesis's own case: the truth comes back." },
+    Lack {
+        name: "nothing lacks",
+        beside: "",
+        noise: 0.0,
+        keep: |_| true,
+        teaches: "The thesis's own case: the truth comes back.",
+    },
     Lack {
         name: "noise of 2 %",
         beside: "",
         noise: 1.0,
         keep: |_| true,
-        teaches: "Estimates slide a little along the ridges, the intervals hold the truth, and the forecast is as good as without noise.",
+        teaches: "Estimates slide a little along the ridges, the intervals hold the truth, and the forecast \
+            is as good as without noise.",
     },
     Lack {
         name: "and three outages of 6, 10 and 14 h",
         beside: "",
         noise: 1.0,
         keep: in_service,
-        teaches: "Thirty hours without the analysers cost nothing that shows: nothing is invented across them.",
+        teaches: "Thirty hours without the analysers cost nothing that shows: nothing is invented across \
+            them.",
     },
     Lack {
         name: "and a sample an hour",
         beside: "",
         noise: 1.0,
         keep: |minute| minute.is_multiple_of(60),
-        teaches: "The forecast stays good while parameters slide far along a ridge; the intervals are wide enough to say so.",
+        teaches: "The forecast stays good while parameters slide far along a ridge; the intervals are wide \
+            enough to say so.",
     },
     Lack {
         name: "and a sample every two hours",
@@ -78,14 +88,16 @@ const LACKS: [Lack; 7] = [
         beside: "+falling_growth",
         noise: 1.0,
         keep: |_| true,
-        teaches: "A constant cannot follow a drift: the forecast is thousands of times worse than with noise alone, and other parameters pay for it. Fit again on newer days.",
+        teaches: "A constant cannot follow a drift: the forecast is thousands of times worse than with noise \
+            alone, and other parameters pay for it. Fit again on newer days.",
     },
     Lack {
         name: "and wrong fixed numbers (K_NO, k_h, b_A, i_XB by 10 to 20 %)",
         beside: "+other_numbers",
         noise: 1.0,
         keep: |_| true,
-        teaches: "What is free makes up for what is wrong: the curves are near, parameters and intervals no longer mean what they say.",
+        teaches: "What is free makes up for what is wrong: the curves are near, parameters and intervals no \
+            longer mean what they say.",
     },
 ];
 
@@ -106,7 +118,8 @@ pub fn run(seed: u64) -> Result<(Vec<Row>, Table), Failure> {
         let record = Record { id: "asm1_h", beside: lack.beside, seed, noise: lack.noise, keep: &lack.keep };
         let fitted = Case::of(&catalogue, &record)?.fit()?;
         // What the plant gave off, without the noise and with every sample: what a forecast is worth.
-        let (truth, _) = Case::of(&catalogue, &Record { noise: 0.0, keep: &|_| true, ..record })?.problem()?;
+        let (truth, _) =
+            Case::of(&catalogue, &Record { noise: 0.0, keep: &|_| true, ..record })?.problem()?;
         let unseen = normalised(&truth, &fitted.fit.theta(), truth.split().validation.clone());
         names = fitted.case.truth.iter().map(|(name, _)| name.clone()).collect();
         cells.push(line(lack, &fitted, unseen));
@@ -119,12 +132,16 @@ pub fn run(seed: u64) -> Result<(Vec<Row>, Table), Failure> {
     }
     let mut head = vec!["record".to_owned()];
     head.extend(names.iter().map(|name| format!("{name}, %")));
-    head.extend(["intervals with the truth", "error of eq. 6.6, unseen days", "what it teaches"].map(str::to_owned));
+    head.extend(
+        ["intervals with the truth", "error of eq. 6.6, unseen days", "what it teaches"].map(str::to_owned),
+    );
     let table = Table {
         id: "realism",
         title: "What real records lack: deviations of the seven parameters from the truth".to_owned(),
-        note: "Plant asm1_h, one record each, fitted on three days by the default method. Noise is in all but the first; the error is taken against \
-               the effluent without noise over the eleven days after. The truth of what drifts is its value at the start; that of K_OA is the lower end of its box. What each row teaches was said of seed 1."
+        note: "Plant asm1_h, one record each, fitted on three days by the default method. Noise is in all \
+            but the first; the error is taken against \
+               the effluent without noise over the eleven days after. The truth of what drifts is its value \
+            at the start; that of K_OA is the lower end of its box. What each row teaches was said of seed 1."
             .to_owned(),
         head,
         rows: cells,
@@ -134,7 +151,9 @@ pub fn run(seed: u64) -> Result<(Vec<Row>, Table), Failure> {
 
 fn line(lack: &Lack, fitted: &Fitted, unseen: f64) -> Vec<String> {
     let (held, known) = fitted.held();
-    let deviation = |(name, truth): &(String, f64)| format!("{:+.1}", 100.0 * (fitted.fit.parameters[name].value / truth - 1.0));
+    let deviation = |(name, truth): &(String, f64)| {
+        format!("{:+.1}", 100.0 * (fitted.fit.parameters[name].value / truth - 1.0))
+    };
     let deviations = fitted.case.truth.iter().map(deviation);
     let last = [format!("{held} of {known}"), format!("{unseen:.1e}"), lack.teaches.to_owned()];
     std::iter::once(lack.name.to_owned()).chain(deviations).chain(last).collect()

@@ -28,7 +28,8 @@ pub struct Entry {
 }
 
 /// Never ends before the budget, whatever its restarts say.
-const ENDLESSLY: AgreementOptions = AgreementOptions { within: 5e-3, improvement: 1e-3, confirmations: 1000, patience: 1_000_000 };
+const ENDLESSLY: AgreementOptions =
+    AgreementOptions { within: 5e-3, improvement: 1e-3, confirmations: 1000, patience: 1_000_000 };
 
 /// Everything that runs on a room.
 pub fn entries() -> Vec<Entry> {
@@ -43,17 +44,41 @@ pub fn entries() -> Vec<Entry> {
     // One candidate at a time leaves the lanes empty, and chance has no part in a grid.
     let once = |name, method, note| Entry { seeds: 1, ..costs(name, method, note) };
     vec![
-        log(DEFAULT, Method::Cfa(cfa.clone()), "clustered fireflies, then least squares from cluster bests; ends when restarts agree"),
-        log(ENDLESS, Method::Cfa(CfaOptions { agreement: ENDLESSLY, ..cfa.clone() }), "the same without early stopping"),
+        log(
+            DEFAULT,
+            Method::Cfa(cfa.clone()),
+            "clustered fireflies, then least squares from cluster bests; ends when restarts agree",
+        ),
+        log(
+            ENDLESS,
+            Method::Cfa(CfaOptions { agreement: ENDLESSLY, ..cfa.clone() }),
+            "the same without early stopping",
+        ),
         log(
             "cfa from centroids",
             Method::Cfa(CfaOptions { local_from: LocalFrom::Centroids, ..cfa.clone() }),
             "least squares from the centroids",
         ),
-        linear(LINEAR, Method::Cfa(cfa), "the default, coefficients spread evenly instead of in the logarithm"),
-        log(MULTISTART, Method::LmMultistart(LmOptions::default()), "Levenberg-Marquardt from a Latin hypercube; ends when restarts agree"),
-        linear("lm_multistart, linear scale", Method::LmMultistart(LmOptions::default()), "the same, spread evenly"),
-        costs(COSTS, on_costs(LocalFrom::ClusterBests, LocalMethod::Bobyqa), "without residuals: BOBYQA from cluster bests"),
+        linear(
+            LINEAR,
+            Method::Cfa(cfa),
+            "the default, coefficients spread evenly instead of in the logarithm",
+        ),
+        log(
+            MULTISTART,
+            Method::LmMultistart(LmOptions::default()),
+            "Levenberg-Marquardt from a Latin hypercube; ends when restarts agree",
+        ),
+        linear(
+            "lm_multistart, linear scale",
+            Method::LmMultistart(LmOptions::default()),
+            "the same, spread evenly",
+        ),
+        costs(
+            COSTS,
+            on_costs(LocalFrom::ClusterBests, LocalMethod::Bobyqa),
+            "without residuals: BOBYQA from cluster bests",
+        ),
         costs(
             "cfa, centroids, BOBYQA",
             on_costs(LocalFrom::Centroids, LocalMethod::Bobyqa),
@@ -64,9 +89,17 @@ pub fn entries() -> Vec<Entry> {
             on_costs(LocalFrom::Centroids, LocalMethod::NelderMead),
             "the same with Nelder and Mead's simplex",
         ),
-        costs("cfa, centroids, pattern", on_costs(LocalFrom::Centroids, LocalMethod::Pattern), "the same with a pattern search"),
+        costs(
+            "cfa, centroids, pattern",
+            on_costs(LocalFrom::Centroids, LocalMethod::Pattern),
+            "the same with a pattern search",
+        ),
         once("cfa_thesis", Method::CfaThesis(Default::default()), "Algorithm 2 with Table 7.4's settings"),
-        once("cfa_hierarchical", Method::CfaHierarchical(Default::default()), "Algorithm 2 with two levels of clusters (section 8.1)"),
+        once(
+            "cfa_hierarchical",
+            Method::CfaHierarchical(Default::default()),
+            "Algorithm 2 with two levels of clusters (section 8.1)",
+        ),
         once("fa_modified", Method::FaModified(Default::default()), "section 4.2"),
         once("fa", Method::Fa(Default::default()), "Algorithm 1"),
         costs("lshade", Method::Lshade(Default::default()), "Tanabe and Fukunaga 2014"),

@@ -16,12 +16,19 @@ const LEAST: f64 = 1e-4;
 const MOST: f64 = 1e3;
 
 /// What the first plot shows, each with a colour and a dash of its own.
-const DRAWN: [(&str, &str); 6] =
-    [(DEFAULT, "default"), (MULTISTART, "multistart"), (COSTS, "costs"), ("cfa_thesis", "thesis"), ("lshade", "rival"), ("pso", "swarm")];
+const DRAWN: [(&str, &str); 6] = [
+    (DEFAULT, "default"),
+    (MULTISTART, "multistart"),
+    (COSTS, "costs"),
+    ("cfa_thesis", "thesis"),
+    ("lshade", "rival"),
+    ("pso", "swarm"),
+];
 
 const STYLE: &str = "
 .plots { display: grid; grid-template-columns: repeat(auto-fit, minmax(19rem, 1fr)); gap: 1rem; }
-svg.chart path.curve, svg.sample path { fill: none; stroke-width: 2; stroke-linejoin: round; stroke: var(--model); }
+svg.chart path.curve, svg.sample path { fill: none; stroke-width: 2; stroke-linejoin: round; stroke: \
+    var(--model); }
 path.band { fill: var(--model); fill-opacity: .2; stroke: none; }
 svg.chart path.default, svg.sample path.default { stroke: var(--ok); stroke-width: 3; }
 svg.chart path.multistart, svg.sample path.multistart { stroke: var(--measured); stroke-dasharray: 4 2; }
@@ -44,8 +51,10 @@ td, th { white-space: nowrap; font-variant-numeric: tabular-nums; }
 /// Where the page's style is not in the binary.
 pub fn document(rooms: &Rooms) -> Result<String, Failure> {
     let mut body = format!(
-        "<p>{} synthetic rooms with four neighbours and 15 parameters, from seed {} on; one to five searches of each method per room, at most {BUDGET} \
-         simulations each, one week fitted. The best known fit of a room is the best of everything here and of 64 runs of least squares. A search has \
+        "<p>{} synthetic rooms with four neighbours and 15 parameters, from seed {} on; one to five searches \
+        of each method per room, at most {BUDGET} \
+         simulations each, one week fitted. The best known fit of a room is the best of everything here and \
+        of 64 runs of least squares. A search has \
          come there when its mean square error is within 1 % of it.</p>",
         rooms.known.len(),
         rooms.first,
@@ -58,23 +67,33 @@ pub fn document(rooms: &Rooms) -> Result<String, Failure> {
             r#"<li><svg class="sample" viewBox="0 0 34 12" aria-hidden="true"><path class="{class}" d="M1 6H33"/></svg>{name}</li>"#
         );
     }
-    let all: Vec<(Curves, &str)> = DRAWN.iter().filter_map(|(name, class)| Some((curves(rooms, find(rooms, name)?), *class))).collect();
-    let drawn: Vec<(&[f64], &str)> = all.iter().map(|(curves, class)| (curves[1].as_slice(), *class)).collect();
-    let label = "Median over rooms and seeds of the best cost so far, as a share above the best known, against simulations";
+    let all: Vec<(Curves, &str)> =
+        DRAWN.iter().filter_map(|(name, class)| Some((curves(rooms, find(rooms, name)?), *class))).collect();
+    let drawn: Vec<(&[f64], &str)> =
+        all.iter().map(|(curves, class)| (curves[1].as_slice(), *class)).collect();
+    let label = "Median over rooms and seeds of the best cost so far, as a share above the best known, \
+        against simulations";
     let _ = write!(
         body,
-        "</ul><figure class=\"frame\"><figcaption>{label}; the dotted line is 1 %</figcaption>{}<details><summary>The medians in numbers</summary>{}</details></figure>",
+        "</ul><figure class=\"frame\"><figcaption>{label}; the dotted line is 1 \
+        %</figcaption>{}<details><summary>The medians in numbers</summary>{}</details></figure>",
         plot((1000.0, 380.0), label, None, &drawn),
         numbers(&all),
     );
-    body += "<h2>The table</h2><p>Medians over rooms and seeds, with the quartiles in brackets. The last but one is the free-run error in the week \
+    body += "<h2>The table</h2><p>Medians over rooms and seeds, with the quartiles in brackets. The last but \
+        one is the free-run error in the week \
              that no search saw, over that of the best known fit.</p>";
-    body += &table(&HEAD, &rooms.outcomes.iter().map(|outcome| rooms.figures(outcome).cells()).collect::<Vec<_>>());
+    body += &table(
+        &HEAD,
+        &rooms.outcomes.iter().map(|outcome| rooms.figures(outcome).cells()).collect::<Vec<_>>(),
+    );
     body += "<ul>";
     for outcome in &rooms.outcomes {
-        let _ = write!(body, "<li><b>{}</b>: {}</li>", escaped(outcome.entry.name), escaped(outcome.entry.note));
+        let _ =
+            write!(body, "<li><b>{}</b>: {}</li>", escaped(outcome.entry.name), escaped(outcome.entry.note));
     }
-    body += "</ul><h2>Each method</h2><p>The median with the band between the quartiles; the dashed line is the default's median.</p><div class=\"plots\">";
+    body += "</ul><h2>Each method</h2><p>The median with the band between the quartiles; the dashed line is \
+        the default's median.</p><div class=\"plots\">";
     let beside = find(rooms, DEFAULT).map(|outcome| curves(rooms, outcome));
     for outcome in &rooms.outcomes {
         let name = escaped(outcome.entry.name);
@@ -109,7 +128,8 @@ fn evaluations(place: usize) -> f64 {
 fn curves(rooms: &Rooms, outcome: &Outcome) -> Curves {
     let mut curves = [const { Vec::new() }; 3];
     for place in 0..PLACES {
-        let above = |run: &Run| run.path.after(evaluations(place).round() as usize) / rooms.known(run).cost - 1.0;
+        let above =
+            |run: &Run| run.path.after(evaluations(place).round() as usize) / rooms.known(run).cost - 1.0;
         let mut values: Vec<f64> = outcome.runs.iter().map(above).collect();
         values.sort_by(f64::total_cmp);
         for (curve, share) in curves.iter_mut().zip([0.25, 0.5, 0.75]) {
@@ -120,19 +140,42 @@ fn curves(rooms: &Rooms, outcome: &Outcome) -> Curves {
 }
 
 /// Lines, and the band between two of them, over the logarithm of the evaluations.
-fn plot((width, height): (f64, f64), label: &str, band: Option<[&[f64]; 2]>, lines: &[(&[f64], &str)]) -> String {
+fn plot(
+    (width, height): (f64, f64),
+    label: &str,
+    band: Option<[&[f64]; 2]>,
+    lines: &[(&[f64], &str)],
+) -> String {
     let (left, bottom, top, right) = (58.0, 34.0, 8.0, 14.0);
-    let x = |count: f64| left + (count / FIRST).log10() / (BUDGET as f64 / FIRST).log10() * (width - left - right);
-    let y = |above: f64| top + (MOST / above.clamp(LEAST, MOST)).log10() / (MOST / LEAST).log10() * (height - top - bottom);
-    let mut svg = format!(r#"<svg class="chart" role="img" viewBox="0 0 {width} {height}" aria-label="{label}">"#);
+    let x = |count: f64| {
+        left + (count / FIRST).log10() / (BUDGET as f64 / FIRST).log10() * (width - left - right)
+    };
+    let y = |above: f64| {
+        top + (MOST / above.clamp(LEAST, MOST)).log10() / (MOST / LEAST).log10() * (height - top - bottom)
+    };
+    let mut svg =
+        format!(r#"<svg class="chart" role="img" viewBox="0 0 {width} {height}" aria-label="{label}">"#);
     for (share, text) in [(1e-4, "0.01 %"), (1e-2, "1 %"), (1.0, "100 %"), (100.0, "100 x")] {
         let (at, class) = (y(share), if text == "1 %" { "target" } else { "grid-line" });
-        let _ = write!(svg, r#"<line class="{class}" x1="{left}" x2="{:.1}" y1="{at:.1}" y2="{at:.1}"/>"#, width - right);
-        let _ = write!(svg, r#"<text class="quiet" text-anchor="end" x="{:.1}" y="{:.1}">{text}</text>"#, left - 4.0, at + 4.0);
+        let _ = write!(
+            svg,
+            r#"<line class="{class}" x1="{left}" x2="{:.1}" y1="{at:.1}" y2="{at:.1}"/>"#,
+            width - right
+        );
+        let _ = write!(
+            svg,
+            r#"<text class="quiet" text-anchor="end" x="{:.1}" y="{:.1}">{text}</text>"#,
+            left - 4.0,
+            at + 4.0
+        );
     }
     for count in [50, 200, 1000, 5000, BUDGET] {
         let at = x(count as f64);
-        let _ = write!(svg, r#"<text class="quiet" text-anchor="middle" x="{at:.1}" y="{:.1}">{count}</text>"#, height - 16.0);
+        let _ = write!(
+            svg,
+            r#"<text class="quiet" text-anchor="middle" x="{at:.1}" y="{:.1}">{count}</text>"#,
+            height - 16.0
+        );
     }
     let _ = write!(
         svg,
@@ -141,7 +184,11 @@ fn plot((width, height): (f64, f64), label: &str, band: Option<[&[f64]; 2]>, lin
         height - 2.0
     );
     let points = |curve: &[f64]| -> Vec<String> {
-        curve.iter().enumerate().map(|(place, above)| format!("{:.1} {:.1}", x(evaluations(place)), y(*above))).collect()
+        curve
+            .iter()
+            .enumerate()
+            .map(|(place, above)| format!("{:.1} {:.1}", x(evaluations(place)), y(*above)))
+            .collect()
     };
     if let Some([low, high]) = band {
         let mut outline = points(low);
@@ -158,7 +205,8 @@ fn numbers(all: &[(Curves, &str)]) -> String {
     let mut head = vec!["simulations"];
     let named = |class: &str| DRAWN.iter().find(|(_, known)| *known == class).map_or("", |(name, _)| name);
     head.extend(all.iter().map(|(_, class)| named(class)));
-    let percent = |above: f64| if above.is_finite() { format!("{:.2} %", 100.0 * above) } else { "-".to_owned() };
+    let percent =
+        |above: f64| if above.is_finite() { format!("{:.2} %", 100.0 * above) } else { "-".to_owned() };
     let rows: Vec<Vec<String>> = (0..PLACES)
         .step_by(PLACES / 12)
         .chain([PLACES - 1])

@@ -57,8 +57,9 @@ fn weeks(seed: u64) -> Result<Problem, Failure> {
     let twin = twin::room(seed, 4, 14, 30).map_err(|found| faults(&found))?;
     let (window, _) = Window::parse_csv(&twin.csv, &Bindings::none()).map_err(|found| faults(&found))?;
     let model: ModelId = "room3".parse().map_err(|error| Failure::Error(format!("{error}")))?;
-    let request: EstimateRequest = serde_json::from_value(json!({ "split": { "train": "P7D", "validation": "P7D" } }))
-        .map_err(|error| Failure::Error(error.to_string()))?;
+    let request: EstimateRequest =
+        serde_json::from_value(json!({ "split": { "train": "P7D", "validation": "P7D" } }))
+            .map_err(|error| Failure::Error(error.to_string()))?;
     let site = Site { sets: [("neighbours".to_owned(), twin.neighbours)].into(), ..Site::default() };
     let catalogue = Catalogue::builtin().map_err(|found| faults(&found))?;
     prepare(&catalogue, &model, &request, &window, &site).map_err(|found| faults(&found))
@@ -66,7 +67,13 @@ fn weeks(seed: u64) -> Result<Problem, Failure> {
 
 /// The box of a problem in which every coefficient is spread evenly.
 fn linear(space: &Space) -> Space {
-    Space::new(space.dimensions().iter().map(|dimension| Dimension { scale: Scale::Linear, ..dimension.clone() }).collect())
+    Space::new(
+        space
+            .dimensions()
+            .iter()
+            .map(|dimension| Dimension { scale: Scale::Linear, ..dimension.clone() })
+            .collect(),
+    )
 }
 
 /// Mean square of the free-run error in the part that the search did not see.
@@ -75,17 +82,19 @@ fn hold_out(problem: &Problem, path: &Path) -> Option<f64> {
     path.best.as_ref().and_then(|theta| problem.mean_square_error(&problem.simulate(theta), 0, unseen))
 }
 
-/// Works on a list with all cores, one piece to a core and none divided, so that the wall time of a piece is that of one core.
+/// Works on a list with all cores, one piece to a core and none divided, so that the wall time of a piece is
+/// that of one core.
 pub fn on_every_core<T: Sync, R: Send>(list: &[T], work: impl Fn(&T) -> R + Sync) -> Result<Vec<R>, Failure> {
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
-    let pools: Result<Vec<_>, _> = (0..cores).map(|_| rayon::ThreadPoolBuilder::new().num_threads(1).build()).collect();
+    let pools: Result<Vec<_>, _> =
+        (0..cores).map(|_| rayon::ThreadPoolBuilder::new().num_threads(1).build()).collect();
     let pools = pools.map_err(|error| Failure::Error(error.to_string()))?;
     let (next, done) = (AtomicUsize::new(0), Mutex::new(Vec::new()));
     std::thread::scope(|scope| {
         for pool in &pools {
             scope.spawn(|| {
-                while let Some((index, piece)) =
-                    Some(next.fetch_add(1, Ordering::Relaxed)).and_then(|index| Some((index, list.get(index)?)))
+                while let Some((index, piece)) = Some(next.fetch_add(1, Ordering::Relaxed))
+                    .and_then(|index| Some((index, list.get(index)?)))
                 {
                     let result = pool.install(|| work(piece));
                     if let Ok(mut done) = done.lock() {
@@ -101,7 +110,13 @@ pub fn on_every_core<T: Sync, R: Send>(list: &[T], work: impl Fn(&T) -> R + Sync
 }
 
 impl Rooms {
-    pub fn measure(first: u64, rooms: u64, budget: usize, entries: Vec<Entry>, each: bool) -> Result<Self, Failure> {
+    pub fn measure(
+        first: u64,
+        rooms: u64,
+        budget: usize,
+        entries: Vec<Entry>,
+        each: bool,
+    ) -> Result<Self, Failure> {
         let problems = (first..first + rooms).map(weeks).collect::<Result<Vec<_>, _>>()?;
         let mut tasks = Vec::new();
         for (room, problem) in (first..).zip(&problems) {
@@ -122,15 +137,25 @@ impl Rooms {
             };
             if each {
                 let name = entry.map_or("the reference", |entry| entry.name);
-                eprintln!("room {room}, {name}: cost {:.6} after {} evaluations, {:.2} s", path.cost(), path.evaluations, path.seconds);
+                eprintln!(
+                    "room {room}, {name}: cost {:.6} after {} evaluations, {:.2} s",
+                    path.cost(),
+                    path.evaluations,
+                    path.seconds
+                );
             }
             Run { room: *room, seed: *seed, hold_out: hold_out(problem, &path), path }
         })?;
-        let best = |room: u64| runs.iter().filter(|run| run.room == room).min_by(|a, b| a.path.cost().total_cmp(&b.path.cost()));
-        let known = |room| best(room).and_then(|run| Some(Known { cost: run.path.cost(), hold_out: run.hold_out? }));
-        let known = (first..first + rooms).map(|room| known(room).ok_or_else(|| Failure::Error(format!("room {room} has no fit"))));
+        let best = |room: u64| {
+            runs.iter().filter(|run| run.room == room).min_by(|a, b| a.path.cost().total_cmp(&b.path.cost()))
+        };
+        let known =
+            |room| best(room).and_then(|run| Some(Known { cost: run.path.cost(), hold_out: run.hold_out? }));
+        let known = (first..first + rooms)
+            .map(|room| known(room).ok_or_else(|| Failure::Error(format!("room {room} has no fit"))));
         let known = known.collect::<Result<Vec<_>, _>>()?;
-        let names: Vec<Option<&str>> = tasks.iter().map(|(_, _, entry, _)| entry.map(|entry| entry.name)).collect();
+        let names: Vec<Option<&str>> =
+            tasks.iter().map(|(_, _, entry, _)| entry.map(|entry| entry.name)).collect();
         let mut named: Vec<(Option<&str>, Run)> = names.into_iter().zip(runs).collect();
         let mut sorted: Vec<Vec<Run>> = Vec::new();
         for entry in &entries {
@@ -180,7 +205,9 @@ impl Rooms {
             to_reach: reached.map(|value| value.is_finite().then_some(value)),
             evaluations: over(&|run| run.path.evaluations as f64),
             seconds: over(&|run| run.path.seconds),
-            hold_out: over(&|run| run.hold_out.map_or(f64::INFINITY, |error| (error / self.known(run).hold_out).sqrt())),
+            hold_out: over(&|run| {
+                run.hold_out.map_or(f64::INFINITY, |error| (error / self.known(run).hold_out).sqrt())
+            }),
         }
     }
 
@@ -195,18 +222,24 @@ impl Rooms {
         let to_reach = |figures: &Figures| figures.to_reach[1].unwrap_or(f64::INFINITY);
         let saved = 1.0 - self.spent(DEFAULT) / self.spent(ENDLESS);
         vec![
-            Row::new(format!("one room-week, {rooms} rooms x {seeds} seeds: share within 1 % of the best known"), default.within, "-")
-                .at_least(0.9),
+            Row::new(
+                format!("one room-week, {rooms} rooms x {seeds} seeds: share within 1 % of the best known"),
+                default.within,
+                "-",
+            )
+            .at_least(0.9),
             Row::new("  multi-start Levenberg-Marquardt, the same", multistart.within, "-"),
             Row::new("  linear instead of logarithmic scale, the same", linear.within, "-"),
             Row::new("  median evaluations to reach it", to_reach(&default), "").at_most(5000.0),
             Row::new("  multi-start, the same", to_reach(&multistart), ""),
-            Row::new("  over those of multi-start", to_reach(&default) / to_reach(&multistart), "x").at_most(0.75),
+            Row::new("  over those of multi-start", to_reach(&default) / to_reach(&multistart), "x")
+                .at_most(0.75),
             Row::new("  median evaluations in all", default.evaluations[1], ""),
             Row::new("  over those of multi-start", default.evaluations[1] / multistart.evaluations[1], "x"),
             Row::new("  median wall time of a whole search on one core", default.seconds[1], "s"),
             Row::new("early stopping: evaluations saved on the rooms", saved, "-").at_least(0.5),
-            Row::new("early stopping: success lost on the rooms", endless.within - default.within, "-").at_most(0.01),
+            Row::new("early stopping: success lost on the rooms", endless.within - default.within, "-")
+                .at_most(0.01),
         ]
     }
 
@@ -270,7 +303,8 @@ pub struct Figures {
     pub hold_out: [f64; 3],
 }
 
-pub const HEAD: [&str; 7] = ["method", "within 1 %", "cost / best", "to reach 1 %", "evaluations", "unseen / best", "s, one core"];
+pub const HEAD: [&str; 7] =
+    ["method", "within 1 %", "cost / best", "to reach 1 %", "evaluations", "unseen / best", "s, one core"];
 
 impl Figures {
     pub fn cells(&self) -> Vec<String> {

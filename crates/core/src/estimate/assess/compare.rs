@@ -81,32 +81,44 @@ type ByHorizon = IndexMap<String, Vec<Option<f64>>>;
 /// Those of all its outputs.
 type Lines = IndexMap<String, ByHorizon>;
 
-/// Lays fits beside each other between two instants; `horizon` says which series are shown, the free run where it
-/// is `None`, and the table has the usual horizons as well.
+/// Lays fits beside each other between two instants; `horizon` says which series are shown, the free run
+/// where it is `None`, and the table has the usual horizons as well.
 ///
-/// The axis is that of the fit with the longest step, the first of them. Where another fit has no sample at one of
-/// its times, its series is read off on the line between its neighbouring samples.
+/// The axis is that of the fit with the longest step, the first of them. Where another fit has no sample at
+/// one of its times, its series is read off on the line between its neighbouring samples.
 ///
 /// # Errors
 /// A fault where there is no fit or nothing to compare.
-pub fn compare(contenders: &[Contender<'_>], horizon: Option<Duration>, from: i64, to: i64) -> Result<Compared, Vec<Fault>> {
+pub fn compare(
+    contenders: &[Contender<'_>],
+    horizon: Option<Duration>,
+    from: i64,
+    to: i64,
+) -> Result<Compared, Vec<Fault>> {
     let longest_step = contenders.iter().map(|contender| contender.replay.problem().grid().step()).max();
-    let owner = contenders.iter().find(|contender| Some(contender.replay.problem().grid().step()) == longest_step);
+    let owner =
+        contenders.iter().find(|contender| Some(contender.replay.problem().grid().step()) == longest_step);
     let Some(owner) = owner else {
         return Err(vec![Fault::new("query fits", "empty", "no fit is named")]);
     };
     let grid = owner.replay.problem().grid();
     let range = samples(owner.replay, from, to)?;
     let axis = grid.slice(range);
-    let mut horizons: Vec<(String, i64)> = HORIZONS.iter().map(|(name, seconds)| ((*name).to_owned(), *seconds)).collect();
-    if let Some(asked) = horizon.filter(|asked| horizons.iter().all(|(_, seconds)| *seconds != asked.seconds())) {
+    let mut horizons: Vec<(String, i64)> =
+        HORIZONS.iter().map(|(name, seconds)| ((*name).to_owned(), *seconds)).collect();
+    if let Some(asked) =
+        horizon.filter(|asked| horizons.iter().all(|(_, seconds)| *seconds != asked.seconds()))
+    {
         horizons.push((asked.to_string(), asked.seconds()));
     }
-    let shown =
-        horizon.and_then(|asked| horizons.iter().find(|(_, seconds)| *seconds == asked.seconds())).map_or(FREE_RUN, |(name, _)| name);
-    let lines: Vec<Lines> = contenders.iter().map(|contender| lines(contender.replay, &axis, &horizons)).collect();
-    let unseen: Vec<bool> =
-        (0..axis.len()).map(|k| contenders.iter().all(|contender| !trained_on(contender.replay, axis.time(k)))).collect();
+    let shown = horizon
+        .and_then(|asked| horizons.iter().find(|(_, seconds)| *seconds == asked.seconds()))
+        .map_or(FREE_RUN, |(name, _)| name);
+    let lines: Vec<Lines> =
+        contenders.iter().map(|contender| lines(contender.replay, &axis, &horizons)).collect();
+    let unseen: Vec<bool> = (0..axis.len())
+        .map(|k| contenders.iter().all(|contender| !trained_on(contender.replay, axis.time(k))))
+        .collect();
     let mut outputs: IndexMap<String, ComparedOutput> = IndexMap::new();
     let mut errors = Vec::new();
     for contender in contenders {
@@ -115,27 +127,51 @@ pub fn compare(contenders: &[Contender<'_>], horizon: Option<Duration>, from: i6
             if outputs.contains_key(&output.channel) {
                 continue;
             }
-            let measured = at_axis(contender.replay.problem().grid(), &contender.replay.measured(index), &axis, nearest);
-            let mine: Vec<(&str, &ByHorizon)> =
-                contenders.iter().zip(&lines).filter_map(|(contender, lines)| Some((contender.id, lines.get(&output.channel)?))).collect();
+            let measured =
+                at_axis(contender.replay.problem().grid(), &contender.replay.measured(index), &axis, nearest);
+            let mine: Vec<(&str, &ByHorizon)> = contenders
+                .iter()
+                .zip(&lines)
+                .filter_map(|(contender, lines)| Some((contender.id, lines.get(&output.channel)?)))
+                .collect();
             for (name, _) in std::iter::once(&(FREE_RUN.to_owned(), 0)).chain(&horizons) {
-                errors.extend(rows(&output.channel, error_unit(&output.unit), name, &measured, &mine, &unseen));
+                errors.extend(rows(
+                    &output.channel,
+                    error_unit(&output.unit),
+                    name,
+                    &measured,
+                    &mine,
+                    &unseen,
+                ));
             }
-            let simulated = mine.iter().filter_map(|(id, by_horizon)| Some(((*id).to_owned(), by_horizon.get(shown)?.clone()))).collect();
-            outputs.insert(output.channel.clone(), ComparedOutput { unit: output.unit.clone(), measured, simulated });
+            let simulated = mine
+                .iter()
+                .filter_map(|(id, by_horizon)| Some(((*id).to_owned(), by_horizon.get(shown)?.clone())))
+                .collect();
+            outputs.insert(
+                output.channel.clone(),
+                ComparedOutput { unit: output.unit.clone(), measured, simulated },
+            );
         }
     }
     let parts_of = |contender: &Contender<'_>| {
         let own = samples(contender.replay, from, to).unwrap_or(0..0);
         (contender.id.to_owned(), parts(contender.replay, &own))
     };
-    Ok(Compared { start: axis.start(), step: axis.step(), outputs, parts: contenders.iter().map(parts_of).collect(), errors })
+    Ok(Compared {
+        start: axis.start(),
+        step: axis.step(),
+        outputs,
+        parts: contenders.iter().map(parts_of).collect(),
+        errors,
+    })
 }
 
 /// All series of a fit on the axis.
 fn lines(replay: &Replay, axis: &Grid, horizons: &[(String, i64)]) -> Lines {
     let grid = replay.problem().grid();
-    let mut leads: Vec<usize> = horizons.iter().filter_map(|(_, seconds)| lead(*seconds, grid.step())).collect();
+    let mut leads: Vec<usize> =
+        horizons.iter().filter_map(|(_, seconds)| lead(*seconds, grid.step())).collect();
     leads.sort_unstable();
     leads.dedup();
     // Origins before the range lead to targets inside it.
@@ -145,9 +181,11 @@ fn lines(replay: &Replay, axis: &Grid, horizons: &[(String, i64)]) -> Lines {
     let ahead = replay.ahead(origins, &leads);
     let mut found = Lines::new();
     for (index, output) in replay.problem().model().outputs().iter().enumerate() {
-        let mut by_horizon = IndexMap::from([(FREE_RUN.to_owned(), at_axis(grid, &replay.free_run(index), axis, between))]);
+        let mut by_horizon =
+            IndexMap::from([(FREE_RUN.to_owned(), at_axis(grid, &replay.free_run(index), axis, between))]);
         for (name, seconds) in horizons {
-            if let Some(place) = lead(*seconds, grid.step()).and_then(|lead| leads.binary_search(&lead).ok()) {
+            if let Some(place) = lead(*seconds, grid.step()).and_then(|lead| leads.binary_search(&lead).ok())
+            {
                 by_horizon.insert(name.clone(), at_axis(grid, &ahead[index][place], axis, between));
             }
         }
@@ -183,24 +221,51 @@ fn at_axis(grid: &Grid, values: &[Option<f64>], axis: &Grid, reading: Reading) -
         let index = usize::try_from(since.div_euclid(grid.step())).ok()?;
         let rest = since.rem_euclid(grid.step());
         let before = values.get(index).copied()?;
-        if rest == 0 { before } else { reading(before, values.get(index + 1).copied()?, rest as f64 / grid.step() as f64) }
+        if rest == 0 {
+            before
+        } else {
+            reading(before, values.get(index + 1).copied()?, rest as f64 / grid.step() as f64)
+        }
     };
     (0..axis.len()).map(read).collect()
 }
 
 /// The errors of all fits in one output at one horizon, on the samples that all of them have.
-fn rows(output: &str, unit: &str, horizon: &str, measured: &[Option<f64>], fits: &[(&str, &ByHorizon)], unseen: &[bool]) -> Vec<ErrorRow> {
-    let Some(series) = fits.iter().map(|(id, by_horizon)| Some((*id, by_horizon.get(horizon)?))).collect::<Option<Vec<_>>>() else {
+fn rows(
+    output: &str,
+    unit: &str,
+    horizon: &str,
+    measured: &[Option<f64>],
+    fits: &[(&str, &ByHorizon)],
+    unseen: &[bool],
+) -> Vec<ErrorRow> {
+    let Some(series) =
+        fits.iter().map(|(id, by_horizon)| Some((*id, by_horizon.get(horizon)?))).collect::<Option<Vec<_>>>()
+    else {
         return Vec::new();
     };
-    let common: Vec<usize> =
-        (0..measured.len()).filter(|k| measured[*k].is_some() && series.iter().all(|(_, values)| values[*k].is_some())).collect();
+    let common: Vec<usize> = (0..measured.len())
+        .filter(|k| measured[*k].is_some() && series.iter().all(|(_, values)| values[*k].is_some()))
+        .collect();
     let row = |id: &str, values: &[Option<f64>], over: Over| {
         let counts = |k: &usize| over == Over::Range || unseen[*k];
-        let pairs: Vec<(f64, f64)> = common.iter().copied().filter(counts).filter_map(|k| Some((values[k]?, measured[k]?))).collect();
+        let pairs: Vec<(f64, f64)> =
+            common.iter().copied().filter(counts).filter_map(|k| Some((values[k]?, measured[k]?))).collect();
         let skill = Skill::of(&pairs)?;
-        Some(ErrorRow { fit: id.to_owned(), output: output.to_owned(), unit: unit.to_owned(), horizon: horizon.to_owned(), over, skill })
+        Some(ErrorRow {
+            fit: id.to_owned(),
+            output: output.to_owned(),
+            unit: unit.to_owned(),
+            horizon: horizon.to_owned(),
+            over,
+            skill,
+        })
     };
     let overs = [Over::Range, Over::Unseen];
-    overs.into_iter().flat_map(|over| series.iter().filter_map(move |(id, values)| row(id, values, over)).collect::<Vec<_>>()).collect()
+    overs
+        .into_iter()
+        .flat_map(|over| {
+            series.iter().filter_map(move |(id, values)| row(id, values, over)).collect::<Vec<_>>()
+        })
+        .collect()
 }

@@ -34,7 +34,11 @@ pub struct OutputLines {
 impl OutputLines {
     /// Measured minus simulated: positive where the model is too low.
     pub fn residual(&self) -> Vec<Option<f64>> {
-        self.simulated.iter().zip(&self.measured).map(|(simulated, measured)| Some((*measured)? - (*simulated)?)).collect()
+        self.simulated
+            .iter()
+            .zip(&self.measured)
+            .map(|(simulated, measured)| Some((*measured)? - (*simulated)?))
+            .collect()
     }
 }
 
@@ -99,7 +103,11 @@ pub fn samples(replay: &Replay, from: i64, to: i64) -> Result<Range<usize>, Vec<
         return Ok(first..end);
     }
     let detail = format!("there is nothing to compare from {} to {}", rfc3339(from), rfc3339(to));
-    let there = format!("the run of the fit covers {} to {}", rfc3339(start), rfc3339(grid.time(len.saturating_sub(1))));
+    let there = format!(
+        "the run of the fit covers {} to {}",
+        rfc3339(start),
+        rfc3339(grid.time(len.saturating_sub(1)))
+    );
     Err(vec![Fault::new("query from", "no-data-in-range", detail).suggest(there)])
 }
 
@@ -116,13 +124,17 @@ pub fn comparison(replay: &Replay, mode: Mode, from: i64, to: i64) -> Result<Com
     };
     let ahead = match mode {
         Mode::FreeRun => Vec::new(),
-        Mode::Ahead(lead) => replay.ahead(range.start.saturating_sub(lead)..range.end.saturating_sub(lead), &[lead]),
+        Mode::Ahead(lead) => {
+            replay.ahead(range.start.saturating_sub(lead)..range.end.saturating_sub(lead), &[lead])
+        }
     };
     let mut outputs = IndexMap::new();
     let mut errors = IndexMap::new();
     for (index, output) in problem.model().outputs().iter().enumerate() {
-        let (measured, simulated) =
-            (replay.measured(index), ahead.get(index).map_or_else(|| replay.free_run(index), |leads| leads[0].clone()));
+        let (measured, simulated) = (
+            replay.measured(index),
+            ahead.get(index).map_or_else(|| replay.free_run(index), |leads| leads[0].clone()),
+        );
         let unit = error_unit(&output.unit).to_owned();
         let part = |part: Part| {
             let own = replay.range(part);
@@ -132,7 +144,11 @@ pub fn comparison(replay: &Replay, mode: Mode, from: i64, to: i64) -> Result<Com
         let parts = Part::ALL.into_iter().filter_map(part).collect();
         errors.insert(
             output.channel.clone(),
-            OutputErrors { unit: unit.clone(), range: Skill::over(&simulated, &measured, range.clone()), parts },
+            OutputErrors {
+                unit: unit.clone(),
+                range: Skill::over(&simulated, &measured, range.clone()),
+                parts,
+            },
         );
         let lines = OutputLines {
             unit: output.unit.clone(),
@@ -163,7 +179,11 @@ pub fn parts(replay: &Replay, range: &Range<usize>) -> Vec<PartSpan> {
     let within = |part: Part| {
         let own = replay.range(part);
         let (first, end) = (own.start.max(range.start), own.end.min(range.end));
-        (first < end).then(|| PartSpan { part, from: rfc3339(grid.time(first)), to: rfc3339(grid.time(end - 1)) })
+        (first < end).then(|| PartSpan {
+            part,
+            from: rfc3339(grid.time(first)),
+            to: rfc3339(grid.time(end - 1)),
+        })
     };
     Part::ALL.into_iter().filter_map(within).collect()
 }

@@ -62,10 +62,11 @@ impl Newer {
     }
 }
 
-/// Forecasts the measurements behind the fit's own, `horizon` ahead from re-estimated states, and compares the
-/// errors with those on the fit's validation part; both from one run of the filter over `problem`, whose window
-/// holds both. A model without a filter is left to itself from the start of the fit's window, at which `problem` must start too,
-/// and the errors of that free run are compared: all outputs together, counted in [`Problem::scale`].
+/// Forecasts the measurements behind the fit's own, `horizon` ahead from re-estimated states, and compares
+/// the errors with those on the fit's validation part; both from one run of the filter over `problem`, whose
+/// window holds both. A model without a filter is left to itself from the start of the fit's window, at which
+/// `problem` must start too, and the errors of that free run are compared: all outputs together, counted in
+/// [`Problem::scale`].
 pub fn newer(problem: &Problem, fit: &Fit, run: &FilterRun, horizon: Duration) -> Newer {
     let grid = problem.grid();
     let step = grid.step();
@@ -79,18 +80,26 @@ pub fn newer(problem: &Problem, fit: &Fit, run: &FilterRun, horizon: Duration) -
     let (name, errors, noise, unit) = if problem.filters() {
         let name = horizon_name(horizon);
         let leads = [(name.as_str(), horizon.seconds())];
-        let error =
-            |range: Range<usize>| ahead(problem, &theta, run, range, &leads).into_values().next().map(|error| (error.rmse, error.n));
+        let error = |range: Range<usize>| {
+            ahead(problem, &theta, run, range, &leads).into_values().next().map(|error| (error.rmse, error.n))
+        };
         let errors = error(part(problem, validation)).zip(error(newer.clone()));
         let unit = problem.model().outputs().first().map_or("-", |output| error_unit(&output.unit));
         (name, errors, measurement_variance(problem).first().copied().unwrap_or(0.0).sqrt(), unit)
     } else {
         let trajectory = problem.simulate(&theta);
-        let error = |range: Range<usize>| Some((problem.free_run_error(&trajectory, range.clone())?, least_samples(problem, range)));
+        let error = |range: Range<usize>| {
+            Some((problem.free_run_error(&trajectory, range.clone())?, least_samples(problem, range)))
+        };
         let then = error(part(problem, validation));
         // A document cannot hold what is no number.
         let lost = trajectory.diverged.then(|| (LOST, least_samples(problem, newer.clone())));
-        (FREE_RUN.to_owned(), then.zip(lost.or_else(|| error(newer.clone()))), problem.scaled_noise(), problem.scale_in_words())
+        (
+            FREE_RUN.to_owned(),
+            then.zip(lost.or_else(|| error(newer.clone()))),
+            problem.scaled_noise(),
+            problem.scale_in_words(),
+        )
     };
     let Some(((then, _), (now, samples))) = errors else { return Newer::Silent };
     // Forecasts need half a day of targets to say anything; gaps may have eaten the rest.
@@ -126,7 +135,8 @@ pub fn as_fitted(problem: &Problem, fit: &Fit) -> Problem {
 fn behind(problem: &Problem, instant: &str) -> usize {
     let grid = problem.grid();
     // A fit's own instants can be read; one that could not would leave nothing to compare.
-    read_time("", instant).map_or(grid.len(), |time| (0..grid.len()).find(|k| grid.time(*k) > time).unwrap_or(grid.len()))
+    read_time("", instant)
+        .map_or(grid.len(), |time| (0..grid.len()).find(|k| grid.time(*k) > time).unwrap_or(grid.len()))
 }
 
 /// The samples of a part of the fit's window.

@@ -48,8 +48,13 @@ pub fn filter(problem: &Problem, theta: &[f64], process_noise: Option<f64>) -> F
     let measured = problem.measured();
     let kalman = Kalman::new(problem.model(), problem.simulator(), problem.inputs(), &measured);
     let measurement = measurement_variance(problem);
-    let process_noise = process_noise.unwrap_or_else(|| kalman.likely_process_noise(theta, &measurement, problem.split().train.end));
-    filter_with(problem, theta, &Noise { process: vec![process_noise; problem.model().states().len()], measurement })
+    let process_noise = process_noise
+        .unwrap_or_else(|| kalman.likely_process_noise(theta, &measurement, problem.split().train.end));
+    filter_with(
+        problem,
+        theta,
+        &Noise { process: vec![process_noise; problem.model().states().len()], measurement },
+    )
 }
 
 /// Filters the window at `theta` with this noise.
@@ -59,10 +64,14 @@ pub fn filter_with(problem: &Problem, theta: &[f64], noise: &Noise) -> FilterRun
     }
     let measured = problem.measured();
     let kalman = Kalman::new(problem.model(), problem.simulator(), problem.inputs(), &measured);
-    FilterRun { filtered: kalman.filter(theta, noise, problem.grid().len()), process_noise: mean_square(&noise.process).sqrt() }
+    FilterRun {
+        filtered: kalman.filter(theta, noise, problem.grid().len()),
+        process_noise: mean_square(&noise.process).sqrt(),
+    }
 }
 
-/// The free run in the place of a filter, for models without one: no state is re-estimated and nothing is innovated.
+/// The free run in the place of a filter, for models without one: no state is re-estimated and nothing is
+/// innovated.
 fn unfiltered(problem: &Problem, theta: &[f64]) -> FilterRun {
     let trajectory = problem.simulate(theta);
     let samples = problem.grid().len();
@@ -77,7 +86,10 @@ fn unfiltered(problem: &Problem, theta: &[f64]) -> FilterRun {
 
 /// The noise that belongs to a fit: what its likelihood says, or one process noise for all states.
 pub fn noise_of(problem: &Problem, fit: &Fit) -> Noise {
-    let plain = || Noise { process: vec![fit.process_noise; problem.model().states().len()], measurement: measurement_variance(problem) };
+    let plain = || Noise {
+        process: vec![fit.process_noise; problem.model().states().len()],
+        measurement: measurement_variance(problem),
+    };
     // A model whose states have changed since has no noise of its own.
     fit.likelihood.as_ref().and_then(|likelihood| likelihood.noise(problem.model())).unwrap_or_else(plain)
 }
@@ -87,9 +99,9 @@ pub fn filter_fit(problem: &Problem, fit: &Fit) -> FilterRun {
     filter_with(problem, &fit.theta(), &noise_of(problem, fit))
 }
 
-/// Forecasts as series: `[output][lead][k]` is the value at sample `k` as it was forecast `leads[lead]` samples
-/// before, from the filtered state at an origin in `range` at which that output was measured. Leads are in
-/// samples, strictly increasing. A model without a filter forecasts nothing.
+/// Forecasts as series: `[output][lead][k]` is the value at sample `k` as it was forecast `leads[lead]`
+/// samples before, from the filtered state at an origin in `range` at which that output was measured. Leads
+/// are in samples, strictly increasing. A model without a filter forecasts nothing.
 pub fn forecast_series(
     problem: &Problem,
     theta: &[f64],
@@ -126,8 +138,10 @@ pub fn ahead(
     range: Range<usize>,
     horizons: &[(&str, i64)],
 ) -> IndexMap<String, AheadError> {
-    let mut wanted: Vec<(&str, usize)> =
-        horizons.iter().filter_map(|(name, seconds)| lead(*seconds, problem.grid().step()).map(|lead| (*name, lead))).collect();
+    let mut wanted: Vec<(&str, usize)> = horizons
+        .iter()
+        .filter_map(|(name, seconds)| lead(*seconds, problem.grid().step()).map(|lead| (*name, lead)))
+        .collect();
     wanted.sort_by_key(|(_, lead)| *lead);
     let leads: Vec<usize> = wanted.iter().map(|(_, lead)| *lead).collect();
     let series = forecast_series(problem, theta, run, range.clone(), &leads);
@@ -146,17 +160,28 @@ pub fn ahead(
         if !model.is_empty() {
             let n = model.len();
             let rmse = |errors: &[f64]| mean_square(errors).sqrt();
-            errors.insert(name.to_owned(), AheadError { rmse: rmse(&model), persistence: rmse(&persistence), n });
+            errors.insert(
+                name.to_owned(),
+                AheadError { rmse: rmse(&model), persistence: rmse(&persistence), n },
+            );
         }
     }
     errors
 }
 
-/// The errors of a free run, and of each output's last measurement at least `lead` samples ago, on the same samples of a range:
-/// all outputs together, counted in their [`Problem::scale`]. `None` where nothing is comparable or the run leaves the numbers.
-pub fn free_run_ahead(problem: &Problem, trajectory: &Trajectory, range: Range<usize>, lead: usize) -> Option<AheadError> {
+/// The errors of a free run, and of each output's last measurement at least `lead` samples ago, on the same
+/// samples of a range: all outputs together, counted in their [`Problem::scale`]. `None` where nothing is
+/// comparable or the run leaves the numbers.
+pub fn free_run_ahead(
+    problem: &Problem,
+    trajectory: &Trajectory,
+    range: Range<usize>,
+    lead: usize,
+) -> Option<AheadError> {
     let (mut model, mut persistence) = (Vec::new(), Vec::new());
-    for (output, (simulated, (values, valid))) in trajectory.outputs.iter().zip(problem.measured()).enumerate() {
+    for (output, (simulated, (values, valid))) in
+        trajectory.outputs.iter().zip(problem.measured()).enumerate()
+    {
         let scale = problem.scale(output);
         let mut last = None;
         for k in range.start + lead..range.end {
@@ -205,7 +230,9 @@ pub fn day_ahead_mse(problem: &Problem, theta: &[f64], run: &FilterRun, range: R
 pub fn metrics(problem: &Problem, theta: &[f64], run: &FilterRun) -> IndexMap<String, OutputMetrics> {
     let trajectory = problem.simulate(theta);
     let split = problem.split();
-    let part = |output: usize, range: &Range<usize>| problem.mean_square_error(&trajectory, output, range.clone()).map(f64::sqrt);
+    let part = |output: usize, range: &Range<usize>| {
+        problem.mean_square_error(&trajectory, output, range.clone()).map(f64::sqrt)
+    };
     let mut found = IndexMap::new();
     for (index, output) in problem.model().outputs().iter().enumerate() {
         let first = index == 0;
@@ -216,7 +243,11 @@ pub fn metrics(problem: &Problem, theta: &[f64], run: &FilterRun) -> IndexMap<St
             train_rmse: part(index, &split.train).unwrap_or(f64::INFINITY),
             validation_rmse: part(index, &split.validation),
             test_rmse: part(index, &split.test),
-            ahead: if first { ahead(problem, theta, run, judged.clone(), &HORIZONS) } else { IndexMap::new() },
+            ahead: if first {
+                ahead(problem, theta, run, judged.clone(), &HORIZONS)
+            } else {
+                IndexMap::new()
+            },
             day_ahead_mse: if first { day_ahead_mse(problem, theta, run, judged) } else { None },
             noise_floor: (!innovations.is_empty()).then(|| mean_square(&innovations).sqrt()),
             rho: rho(problem, &trajectory, index),
@@ -234,7 +265,9 @@ fn rho(problem: &Problem, trajectory: &Trajectory, output: usize) -> Option<f64>
     let train = problem.split().train.clone();
     let usable = problem.usable(output, train.clone());
     let rmse = problem.mean_square_error(trajectory, output, train)?.sqrt();
-    Ar::fit_samples(&usable, |k| trajectory.outputs[output][k] - values[k]).map(|ar| rmse / ar.deviation).filter(|rho| rho.is_finite())
+    Ar::fit_samples(&usable, |k| trajectory.outputs[output][k] - values[k])
+        .map(|ar| rmse / ar.deviation)
+        .filter(|rho| rho.is_finite())
 }
 
 /// The states at the newest sample: what a controller needs beside the parameters.
@@ -242,8 +275,8 @@ fn rho(problem: &Problem, trajectory: &Trajectory, output: usize) -> Option<f64>
 pub struct CurrentState {
     /// The instant, RFC 3339.
     pub at: String,
-    /// Whether they are those of a free run from the start of the fit's window, which no measurement has corrected: a model
-    /// without a filter has no other, and no deviations.
+    /// Whether they are those of a free run from the start of the fit's window, which no measurement has
+    /// corrected: a model without a filter has no other, and no deviations.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub free_run: bool,
     /// The states by name.
@@ -262,8 +295,13 @@ pub fn current_state(problem: &Problem, fit: &Fit) -> Option<CurrentState> {
 pub fn newest_state(problem: &Problem, run: &FilterRun) -> Option<CurrentState> {
     let last = problem.grid().len().checked_sub(1)?;
     let named = |values: &Vec<f64>| {
-        let pairs: IndexMap<String, f64> =
-            problem.model().states().iter().map(|state| state.name.clone()).zip(values.iter().copied()).collect();
+        let pairs: IndexMap<String, f64> = problem
+            .model()
+            .states()
+            .iter()
+            .map(|state| state.name.clone())
+            .zip(values.iter().copied())
+            .collect();
         pairs.values().all(|value| value.is_finite()).then_some(pairs)
     };
     Some(CurrentState {
@@ -276,5 +314,8 @@ pub fn newest_state(problem: &Problem, run: &FilterRun) -> Option<CurrentState> 
 
 /// The name under which a horizon is reported.
 pub fn horizon_name(horizon: Duration) -> String {
-    HORIZONS.iter().find(|(_, seconds)| *seconds == horizon.seconds()).map_or_else(|| horizon.to_string(), |(name, _)| (*name).to_owned())
+    HORIZONS
+        .iter()
+        .find(|(_, seconds)| *seconds == horizon.seconds())
+        .map_or_else(|| horizon.to_string(), |(name, _)| (*name).to_owned())
 }

@@ -1,4 +1,5 @@
-//! A short simulation for an editor: what a model does with given values, over a window or a standard weekday.
+//! A short simulation for an editor: what a model does with given values, over a window or a standard
+//! weekday.
 
 use crate::data::{CALENDAR, ChannelKind, DRY_INFLUENT, Hold, Series, Window, rfc3339};
 use crate::estimate::problem::Problem;
@@ -87,12 +88,18 @@ pub struct Preview {
 /// A fault where the model is too large for so long a window.
 pub fn preview(problem: &Problem, most: usize, synthetic: bool) -> Result<Preview, Fault> {
     let (model, grid, simulator) = (problem.model(), problem.grid(), problem.simulator());
-    // A stepper that finds its own steps takes some dozens of evaluations to a sample, and as many for each hour of its warm-up.
+    // A stepper that finds its own steps takes some dozens of evaluations to a sample, and as many for each
+    // hour of its warm-up.
     let steps = if problem.filters() { simulator.substeps() } else { OWN_STEPS };
     let hours = model.warm_up().map_or(0, |warm_up| warm_up.hours as usize);
-    let work = model.graph().nodes().len().saturating_mul(grid.len().saturating_add(hours)).saturating_mul(steps);
+    let work =
+        model.graph().nodes().len().saturating_mul(grid.len().saturating_add(hours)).saturating_mul(steps);
     if work > MOST_WORK {
-        let fault = Fault::new("/window", "too-expensive", "the model is too large to be simulated at once over so long a window");
+        let fault = Fault::new(
+            "/window",
+            "too-expensive",
+            "the model is too large to be simulated at once over so long a window",
+        );
         return Err(fault.suggest("ask for a shorter window, or submit a job"));
     }
     let run = problem.simulate(problem.nominal());
@@ -115,21 +122,28 @@ pub fn preview(problem: &Problem, most: usize, synthetic: bool) -> Result<Previe
         (output.channel.clone(), curves)
     });
     let states = model.states().iter().zip(&run.states);
-    let columns = model.inputs().iter().filter_map(|input| Some((input.channel.clone(), grid.column(&input.channel)?)));
+    let columns =
+        model.inputs().iter().filter_map(|input| Some((input.channel.clone(), grid.column(&input.channel)?)));
     let parameters = model.parameters().iter().zip(problem.nominal());
     Ok(Preview {
         model: model.id().to_string(),
         hash: model.hash().to_owned(),
         synthetic,
         parameters: parameters
-            .map(|(parameter, value)| (parameter.name.clone(), Quantity { value: *value, unit: parameter.unit.clone() }))
+            .map(|(parameter, value)| {
+                (parameter.name.clone(), Quantity { value: *value, unit: parameter.unit.clone() })
+            })
             .collect(),
         dropped: model.dropped().to_vec(),
         diverged: run.diverged,
         every,
         time: shown.iter().map(|k| rfc3339(grid.time(*k))).collect(),
         outputs: outputs.collect(),
-        states: states.map(|(state, values)| (state.name.clone(), Curve { unit: state.unit.clone(), values: simulated(values) })).collect(),
+        states: states
+            .map(|(state, values)| {
+                (state.name.clone(), Curve { unit: state.unit.clone(), values: simulated(values) })
+            })
+            .collect(),
         inputs: columns
             .map(|(channel, column)| {
                 let values = pick(&|k| column.valid()[k].then(|| column.values()[k]));
@@ -139,14 +153,15 @@ pub fn preview(problem: &Problem, most: usize, synthetic: bool) -> Result<Previe
     })
 }
 
-/// The standard days for a model: two days of weather, heating and people, or of the influent of a town, whose outputs start at 20 degrees. Every
-/// set of the model has the one member `1`.
+/// The standard days for a model: two days of weather, heating and people, or of the influent of a town,
+/// whose outputs start at 20 degrees. Every set of the model has the one member `1`.
 ///
 /// # Errors
 /// Every fault of the model.
 pub fn standard_days(catalogue: &Catalogue, id: &ModelId) -> Result<(Window, Site), Vec<Fault>> {
     let composition = catalogue.compose(id)?;
-    let sets: BTreeMap<String, Vec<String>> = composition.spec.sets.iter().map(|set| (set.clone(), vec!["1".to_owned()])).collect();
+    let sets: BTreeMap<String, Vec<String>> =
+        composition.spec.sets.iter().map(|set| (set.clone(), vec!["1".to_owned()])).collect();
     let full = compile(&composition, &Bindings { sets: sets.clone(), channels: None })?;
     let plain = without_replacements(&full);
     let sparse = compile(&composition, &Bindings { sets: sets.clone(), channels: Some(plain) });
@@ -156,16 +171,26 @@ pub fn standard_days(catalogue: &Catalogue, id: &ModelId) -> Result<(Window, Sit
     let mut all = Vec::new();
     for output in model.outputs() {
         let start = if output.unit == "degC" { 20.0 } else { 0.0 };
-        all.push(Series::new(&output.channel, &output.unit, Hold::Linear, times.clone(), vec![start; times.len()]));
+        all.push(Series::new(
+            &output.channel,
+            &output.unit,
+            Hold::Linear,
+            times.clone(),
+            vec![start; times.len()],
+        ));
     }
-    // Two inputs may read one channel: a neighbour's temperature drives the envelope, and the room where the door is open.
+    // Two inputs may read one channel: a neighbour's temperature drives the envelope, and the room where the
+    // door is open.
     let mut known: BTreeSet<&str> = model.outputs().iter().map(|output| output.channel.as_str()).collect();
     for input in model.inputs() {
         if !known.insert(&input.channel) || computed.contains(&input.channel.as_str()) {
             continue;
         }
         let kind = ChannelKind::of_name(&input.channel).unwrap_or_else(|| ChannelKind::of_unit(&input.unit));
-        let values = times.iter().map(|time| standard(&input.channel, &kind.unit, (time - START) as f64 / 3600.0)).collect();
+        let values = times
+            .iter()
+            .map(|time| standard(&input.channel, &kind.unit, (time - START) as f64 / 3600.0))
+            .collect();
         all.push(Series::new(&input.channel, &kind.unit, kind.hold, times.clone(), values));
     }
     let series: Result<Vec<Series>, Fault> = all.into_iter().collect();
@@ -175,8 +200,15 @@ pub fn standard_days(catalogue: &Catalogue, id: &ModelId) -> Result<(Window, Sit
 
 /// The channels that a model reads, and what its alternatives without a measured replacement read.
 fn without_replacements(full: &Model) -> BTreeSet<String> {
-    let read = full.inputs().iter().map(|input| input.channel.as_str()).filter(|channel| !REPLACEMENTS.contains(channel));
-    read.chain(["T_out", "T_forward", "sun_altitude", "sun_azimuth", "cloud_cover"]).chain(CALENDAR).map(str::to_owned).collect()
+    let read = full
+        .inputs()
+        .iter()
+        .map(|input| input.channel.as_str())
+        .filter(|channel| !REPLACEMENTS.contains(channel));
+    read.chain(["T_out", "T_forward", "sun_altitude", "sun_azimuth", "cloud_cover"])
+        .chain(CALENDAR)
+        .map(str::to_owned)
+        .collect()
 }
 
 /// What a channel does on the standard days, so many hours after their start.
@@ -185,7 +217,11 @@ fn standard(channel: &str, unit: &str, hours: f64) -> f64 {
     let between = |from: f64, to: f64| f64::from((from..to).contains(&clock));
     if let Some((_, average)) = DRY_INFLUENT.iter().find(|(name, _)| *name == channel) {
         // The flow follows the hours, and what it carries stays as it is.
-        return if channel == "Q" { average * (1.0 + 0.3 * ((hours - 8.0) * PI / 12.0).sin()) } else { *average };
+        return if channel == "Q" {
+            average * (1.0 + 0.3 * ((hours - 8.0) * PI / 12.0).sin())
+        } else {
+            *average
+        };
     }
     match channel {
         "temperature" => 15.0,
@@ -220,7 +256,14 @@ mod tests {
         let id: ModelId = model.parse().unwrap();
         let (window, site) = standard_days(&catalogue, &id).unwrap();
         let split = SplitRequest { validation: "P0D".parse().unwrap(), ..SplitRequest::ESTIMATE };
-        let problem = prepare(&catalogue, &id, &EstimateRequest { split, ..EstimateRequest::default() }, &window, &site).unwrap();
+        let problem = prepare(
+            &catalogue,
+            &id,
+            &EstimateRequest { split, ..EstimateRequest::default() },
+            &window,
+            &site,
+        )
+        .unwrap();
         preview(&problem, most, true).unwrap()
     }
 
@@ -228,19 +271,27 @@ mod tests {
     fn every_built_in_model_and_effect_has_standard_days() {
         let catalogue = Catalogue::builtin().unwrap();
         let models = catalogue.models().map(|document| document.id().to_owned());
-        let effects = catalogue.effects().map(|effect| match (&effect.argument, effect.choices.keys().next()) {
-            (Some(_), Some(choice)) => format!("room3+{}:{choice}", effect.id),
-            (Some(_), None) if effect.inputs["{channel}"].unit == "degC" => format!("room3+{}:T_room_1", effect.id),
-            (Some(_), None) => format!("room3+{}:P_lamp", effect.id),
-            (None, _) if !effect.replace.is_empty() || effect.outputs.contains_key("S_NH_e") => format!("asm1_h+{}", effect.id),
-            (None, _) => format!("room3+{}", effect.id),
-        });
+        let effects =
+            catalogue.effects().map(|effect| match (&effect.argument, effect.choices.keys().next()) {
+                (Some(_), Some(choice)) => format!("room3+{}:{choice}", effect.id),
+                (Some(_), None) if effect.inputs["{channel}"].unit == "degC" => {
+                    format!("room3+{}:T_room_1", effect.id)
+                }
+                (Some(_), None) => format!("room3+{}:P_lamp", effect.id),
+                (None, _) if !effect.replace.is_empty() || effect.outputs.contains_key("S_NH_e") => {
+                    format!("asm1_h+{}", effect.id)
+                }
+                (None, _) => format!("room3+{}", effect.id),
+            });
         for model in models.chain(effects) {
             let preview = on_standard_days(&model, 2000);
             assert!(!preview.diverged && preview.dropped.is_empty(), "{model}: {:?}", preview.dropped);
             assert_eq!((preview.every, preview.time.len()), (1, 193), "{model}");
             for output in preview.outputs.values() {
-                assert!(output.simulated.iter().flatten().count() > 150 && output.measured.iter().flatten().next().is_none());
+                assert!(
+                    output.simulated.iter().flatten().count() > 150
+                        && output.measured.iter().flatten().next().is_none()
+                );
             }
         }
     }
@@ -248,7 +299,11 @@ mod tests {
     #[test]
     fn the_thermostat_shows_its_own_work_and_a_long_curve_is_thinned() {
         let whole = on_standard_days("room3", 2000);
-        assert!(whole.parameters.contains_key("k") && !whole.inputs.contains_key("valve") && whole.inputs.contains_key("T_room_1"));
+        assert!(
+            whole.parameters.contains_key("k")
+                && !whole.inputs.contains_key("valve")
+                && whole.inputs.contains_key("T_room_1")
+        );
         let thin = on_standard_days("room3", 50);
         assert_eq!((thin.every, thin.time.len()), (4, 49));
         assert_eq!(thin.states["T_h"].values[7], whole.states["T_h"].values[28]);

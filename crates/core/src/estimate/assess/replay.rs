@@ -1,9 +1,9 @@
-//! A stored fit on measurements once more: the same points, the same steps and the same noise as when it was made,
-//! so that what is shown beside the measurements is what the stored errors were computed from.
+//! A stored fit on measurements once more: the same points, the same steps and the same noise as when it was
+//! made, so that what is shown beside the measurements is what the stored errors were computed from.
 //!
-//! The run always starts where the fit's window does, because the estimated initial states belong there. It may
-//! go on beyond the window, over newer measurements. Those are taken as they are now: where newer uploads have
-//! changed the window itself, [`Provenance`] says so.
+//! The run always starts where the fit's window does, because the estimated initial states belong there. It
+//! may go on beyond the window, over newer measurements. Those are taken as they are now: where newer uploads
+//! have changed the window itself, [`Provenance`] says so.
 
 use super::metrics::{FilterRun, filter_with, forecast_series, noise_of};
 use crate::data::{Grid, Split, Window, read_time, rfc3339};
@@ -76,19 +76,28 @@ pub struct Replay {
 }
 
 impl Replay {
-    /// Runs a fit again, from the start of its window through its end, and on to `until` where that is later and
-    /// measured. `window` holds what was measured from the basis of the fit on.
+    /// Runs a fit again, from the start of its window through its end, and on to `until` where that is later
+    /// and measured. `window` holds what was measured from the basis of the fit on.
     ///
     /// # Errors
-    /// Faults where the fit does not say what it was made from, its model or its channels are gone, its parameters
-    /// are no longer those of the model, or the run would be longer than [`MOST_SAMPLES`].
-    pub fn new(catalogue: &Catalogue, fit: &Fit, window: &Window, until: Option<i64>) -> Result<Self, Vec<Fault>> {
+    /// Faults where the fit does not say what it was made from, its model or its channels are gone, its
+    /// parameters are no longer those of the model, or the run would be longer than [`MOST_SAMPLES`].
+    pub fn new(
+        catalogue: &Catalogue,
+        fit: &Fit,
+        window: &Window,
+        until: Option<i64>,
+    ) -> Result<Self, Vec<Fault>> {
         let basis = basis(fit)?;
-        let id = fit.model.parse().map_err(|error: NotAModelId| one("/model", "unknown-model", error.to_string()))?;
+        let id = fit
+            .model
+            .parse()
+            .map_err(|error: NotAModelId| one("/model", "unknown-model", error.to_string()))?;
         let model = bound(catalogue, &id, basis)?;
         let names = model.parameters().iter().map(|parameter| parameter.name.as_str());
         if !names.eq(fit.parameters.keys().map(String::as_str)) {
-            let detail = format!("`{id}` no longer has the parameters of this fit: its documents have changed");
+            let detail =
+                format!("`{id}` no longer has the parameters of this fit: its documents have changed");
             return Err(one("/model", "model-changed", detail));
         }
         let model_changed = model.hash() != fit.model_hash;
@@ -99,11 +108,16 @@ impl Replay {
         let window = offered(window, basis, until)?;
         let own = split.test.end;
         let last = until.unwrap_or(i64::MIN).min(newest);
-        let samples = usize::try_from((last.saturating_sub(start)).div_euclid(fit.sample_s)).map_or(own, |steps| own.max(steps + 1));
+        let samples = usize::try_from((last.saturating_sub(start)).div_euclid(fit.sample_s))
+            .map_or(own, |steps| own.max(steps + 1));
         if samples > MOST_SAMPLES {
-            let detail = format!("the run from {} on has {samples} samples; {MOST_SAMPLES} are the most", rfc3339(start));
+            let detail = format!(
+                "the run from {} on has {samples} samples; {MOST_SAMPLES} are the most",
+                rfc3339(start)
+            );
             return Err(vec![
-                Fault::new("query to", "range-too-long", detail).suggest("ask for an earlier end, or fit newer measurements"),
+                Fault::new("query to", "range-too-long", detail)
+                    .suggest("ask for an earlier end, or fit newer measurements"),
             ]);
         }
         let frame = Grid::new(start, fit.sample_s, samples).map_err(|fault| vec![fault])?;
@@ -111,7 +125,8 @@ impl Replay {
         let grid = with_computed(window.grid_on(frame, &columns.request())?, &model, basis)?;
         // Hash and resolution of the sensors are those of the fit's own window, whatever comes after it.
         let source = source(&model, &window, &grid.slice(0..own), basis.clone())?;
-        let problem = Problem::new(model, grid, split, &Choices::default(), source)?.with_substeps(fit.substeps);
+        let problem =
+            Problem::new(model, grid, split, &Choices::default(), source)?.with_substeps(fit.substeps);
         let theta = fit.theta();
         let trajectory = problem.simulate(&theta);
         let provenance = provenance(&problem, fit, &trajectory, model_changed);
@@ -152,8 +167,8 @@ impl Replay {
         self.problem.simulator().measured_start(output)
     }
 
-    /// The free run of an output: one simulation from the start of the window. `None` behind a gap in the inputs,
-    /// where the simulation stands still, and where it has left the numbers.
+    /// The free run of an output: one simulation from the start of the window. `None` behind a gap in the
+    /// inputs, where the simulation stands still, and where it has left the numbers.
     pub fn free_run(&self, output: usize) -> Vec<Option<f64>> {
         let predicted = |k: usize| self.problem.simulator().predicted(k);
         let simulated = self.trajectory.outputs[output].iter().enumerate();
@@ -210,7 +225,9 @@ fn split(parts: &Parts, step: i64, lead: usize) -> Result<Split, Vec<Fault>> {
         return Err(one("/sample_s", "bad-step", "the fit has no step between samples"));
     }
     let start = start(parts)?;
-    let index = |text: &str| Ok::<usize, Vec<Fault>>(lead + usize::try_from((time(text)? - start) / step).unwrap_or(0));
+    let index = |text: &str| {
+        Ok::<usize, Vec<Fault>>(lead + usize::try_from((time(text)? - start) / step).unwrap_or(0))
+    };
     let range = |span: &Option<Span>, after: usize| match span {
         Some(span) => Ok::<Range<usize>, Vec<Fault>>(index(&span.from)?..index(&span.to)? + 1),
         None => Ok(after..after),
@@ -225,23 +242,39 @@ fn split(parts: &Parts, step: i64, lead: usize) -> Result<Split, Vec<Fault>> {
 fn offered(window: &Window, basis: &Basis, until: Option<i64>) -> Result<Window, Vec<Fault>> {
     let (from, to) = (time(&basis.from)?, time(&basis.to)?);
     let series = window.slice(from, until.unwrap_or(to).max(to))?;
-    Window::from_series(series.iter().filter(|series| basis.channels.iter().any(|channel| channel == series.channel())).cloned().collect())
+    Window::from_series(
+        series
+            .iter()
+            .filter(|series| basis.channels.iter().any(|channel| channel == series.channel()))
+            .cloned()
+            .collect(),
+    )
 }
 
 fn provenance(problem: &Problem, fit: &Fit, trajectory: &Trajectory, model_changed: bool) -> Provenance {
     let measurements_changed = problem.input_hash() != fit.input_hash;
     let reproduced = fit.metrics.values().enumerate().all(|(output, stored)| {
-        let again = problem.mean_square_error(trajectory, output, problem.split().train.clone()).map(f64::sqrt);
+        let again =
+            problem.mean_square_error(trajectory, output, problem.split().train.clone()).map(f64::sqrt);
         again.is_some_and(|again| (again - stored.train_rmse).abs() <= SAME * stored.train_rmse)
     });
     let comment = match (measurements_changed, model_changed, reproduced) {
         (false, false, true) => "the measurements and the model are those that the fit was made from",
         (true, false, _) => {
-            "newer uploads or exclusions have changed the measurements of the fit's window since: what is shown uses them as they are now, the stored errors belong to the older ones"
+            "newer uploads or exclusions have changed the measurements of the fit's window since: what is \
+            shown uses them as they are now, the stored errors belong to the older ones"
         }
-        (false, true, _) => "the documents of the model have changed since the fit: what is shown may differ from its stored errors",
-        (true, true, _) => "both the measurements of the fit's window and the documents of its model have changed since the fit",
-        (false, false, false) => "the stored errors do not come out again although measurements and model are the same",
+        (false, true, _) => {
+            "the documents of the model have changed since the fit: what is shown may differ from its stored \
+            errors"
+        }
+        (true, true, _) => {
+            "both the measurements of the fit's window and the documents of its model have changed since the \
+            fit"
+        }
+        (false, false, false) => {
+            "the stored errors do not come out again although measurements and model are the same"
+        }
     };
     Provenance {
         input_hash: problem.input_hash().to_owned(),

@@ -36,11 +36,14 @@ fn window(days: i64, step: i64, gap: std::ops::Range<f64>) -> Window {
         let rates = (0.8 * (t_e - t_r), 0.2 * (t_r - t_e) + 0.15 * (outdoors(time) - t_e));
         (t_r, t_e) = (t_r + rates.0 / 60.0, t_e + rates.1 / 60.0);
     }
-    let weather = (START + 300..START + days * DAY).step_by(1_800).filter(|time| !gap.contains(&((time - START) as f64 / DAY as f64)));
+    let weather = (START + 300..START + days * DAY)
+        .step_by(1_800)
+        .filter(|time| !gap.contains(&((time - START) as f64 / DAY as f64)));
     let weather: Vec<i64> = weather.collect();
     let outdoors: Vec<f64> = weather.iter().map(|time| outdoors(*time)).collect();
     let room = Series::new("T_room", "degC", Hold::Linear, times, values).unwrap();
-    Window::from_series(vec![room, Series::new("T_out", "degC", Hold::Linear, weather, outdoors).unwrap()]).unwrap()
+    Window::from_series(vec![room, Series::new("T_out", "degC", Hold::Linear, weather, outdoors).unwrap()])
+        .unwrap()
 }
 
 const NO_GAP: std::ops::Range<f64> = 0.0..0.0;
@@ -50,7 +53,11 @@ fn model() -> ModelId {
 }
 
 fn request(range: WindowRange) -> EstimateRequest {
-    let split = SplitRequest { train: Duration::from_days(5), validation: Duration::from_days(3), test: Some(Duration::from_days(2)) };
+    let split = SplitRequest {
+        train: Duration::from_days(5),
+        validation: Duration::from_days(3),
+        test: Some(Duration::from_days(2)),
+    };
     let method = serde_json::from_str(r#"{"name": "lm_multistart"}"#).unwrap();
     let budget = crate::estimate::problem::request::Budget { evaluations: 200, wall: None };
     EstimateRequest { window: Some(range), split, method, budget, ..EstimateRequest::default() }
@@ -59,7 +66,8 @@ fn request(range: WindowRange) -> EstimateRequest {
 /// A fit as it comes back from where it was stored.
 fn stored(window: &Window, range: WindowRange) -> Fit {
     let request = request(range);
-    let problem = prepare(&Catalogue::builtin().unwrap(), &model(), &request, window, &Site::default()).unwrap();
+    let problem =
+        prepare(&Catalogue::builtin().unwrap(), &model(), &request, window, &Site::default()).unwrap();
     let fit = estimate(&problem, &request, None, &Control::NONE).unwrap();
     serde_json::from_str(&serde_json::to_string(&fit).unwrap()).unwrap()
 }
@@ -70,7 +78,11 @@ fn replay(fit: &Fit, window: &Window, until: Option<i64>) -> Replay {
 
 /// The window of the fit begins in the middle of the record, where no sample lies on a grid point.
 fn middle() -> WindowRange {
-    WindowRange { last: None, from: Some(rfc3339(START + 3 * DAY + 7 * HOUR)), to: Some(rfc3339(START + 15 * DAY)) }
+    WindowRange {
+        last: None,
+        from: Some(rfc3339(START + 3 * DAY + 7 * HOUR)),
+        to: Some(rfc3339(START + 15 * DAY)),
+    }
 }
 
 fn root_mean_square(residuals: impl Iterator<Item = f64>) -> f64 {
@@ -86,12 +98,18 @@ fn the_stored_errors_come_out_of_what_is_shown() {
     // Nothing asked, and asked for more than the fit has seen: the run over its own window is the same.
     for until in [None, Some(START + 19 * DAY)] {
         let replay = replay(&fit, &record, until);
-        assert!(replay.provenance().reproduced && !replay.provenance().measurements_changed, "{:?}", replay.provenance());
+        assert!(
+            replay.provenance().reproduced && !replay.provenance().measurements_changed,
+            "{:?}",
+            replay.provenance()
+        );
         let free_run = comparison(&replay, Mode::FreeRun, i64::MIN / 2, i64::MAX / 2).unwrap();
         let residual = free_run.outputs["T_room"].residual();
-        for (part, stored) in
-            [(Part::Train, Some(metrics.train_rmse)), (Part::Validation, metrics.validation_rmse), (Part::Test, metrics.test_rmse)]
-        {
+        for (part, stored) in [
+            (Part::Train, Some(metrics.train_rmse)),
+            (Part::Validation, metrics.validation_rmse),
+            (Part::Test, metrics.test_rmse),
+        ] {
             let shown = root_mean_square(residual[replay.range(part)].iter().flatten().copied());
             assert!((shown / stored.unwrap() - 1.0).abs() < 1e-9, "{part:?}: {shown} {stored:?}");
             assert!((free_run.errors["T_room"].parts[&part].rmse / stored.unwrap() - 1.0).abs() < 1e-9);
@@ -142,7 +160,9 @@ fn what_has_changed_since_is_said() {
     let fit = stored(&record, middle());
     let mut series: Vec<Series> = record.iter().cloned().collect();
     // A new channel that the model could use is none of the fit's business.
-    let irradiance = Series::new("irradiance", "W/m2", Hold::Linear, vec![START, START + 20 * DAY], vec![0.0, 500.0]).unwrap();
+    let irradiance =
+        Series::new("irradiance", "W/m2", Hold::Linear, vec![START, START + 20 * DAY], vec![0.0, 500.0])
+            .unwrap();
     series.push(irradiance);
     let more = Window::from_series(series.clone()).unwrap();
     assert!(!replay(&fit, &more, None).provenance().measurements_changed);
@@ -153,11 +173,17 @@ fn what_has_changed_since_is_said() {
     series[0] = Series::new("T_room", "degC", Hold::Linear, room.times().to_vec(), values).unwrap();
     let corrected = Window::from_series(series.clone()).unwrap();
     let provenance = replay(&fit, &corrected, None).provenance().clone();
-    assert!(provenance.measurements_changed && !provenance.model_changed && provenance.comment.contains("newer uploads"), "{provenance:?}");
+    assert!(
+        provenance.measurements_changed
+            && !provenance.model_changed
+            && provenance.comment.contains("newer uploads"),
+        "{provenance:?}"
+    );
     assert_ne!(provenance.input_hash, provenance.fit_input_hash);
     // A channel that is gone, and a fit that does not say what it was made from.
     let catalogue = Catalogue::builtin().unwrap();
-    let gone = Replay::new(&catalogue, &fit, &Window::from_series(series[..1].to_vec()).unwrap(), None).unwrap_err();
+    let gone =
+        Replay::new(&catalogue, &fit, &Window::from_series(series[..1].to_vec()).unwrap(), None).unwrap_err();
     assert_eq!(gone[0].code, "missing-channel");
     let old = Replay::new(&catalogue, &Fit { basis: None, ..fit.clone() }, &record, None).unwrap_err();
     assert_eq!(old[0].code, "outdated-fit");
@@ -178,7 +204,13 @@ fn nothing_is_shown_behind_a_gap() {
     // Half a day of quarter hours, and the half hours around it that no line may cross.
     assert!((48..=56).contains(&missing), "{missing}");
     assert_eq!(shown.inputs["T_out"].values.iter().filter(|value| value.is_none()).count(), missing - 1);
-    assert!(lines.residual().iter().zip(&lines.simulated).all(|(residual, simulated)| residual.is_some() <= simulated.is_some()));
+    assert!(
+        lines
+            .residual()
+            .iter()
+            .zip(&lines.simulated)
+            .all(|(residual, simulated)| residual.is_some() <= simulated.is_some())
+    );
     assert!(lines.measured.iter().all(Option::is_some));
     assert!(replay.provenance().reproduced);
 }
@@ -187,7 +219,8 @@ fn nothing_is_shown_behind_a_gap() {
 fn fits_are_compared_on_the_samples_that_all_have() {
     let (fine, coarse) = (window(20, 900, NO_GAP), window(20, 1_800, 9.0..9.25));
     let first = stored(&fine, middle());
-    let later = WindowRange { last: None, from: Some(rfc3339(START + 6 * DAY)), to: Some(rfc3339(START + 18 * DAY)) };
+    let later =
+        WindowRange { last: None, from: Some(rfc3339(START + 6 * DAY)), to: Some(rfc3339(START + 18 * DAY)) };
     let second = stored(&coarse, later);
     let until = Some(START + 19 * DAY);
     let (a, b) = (replay(&first, &fine, until), replay(&second, &coarse, until));
@@ -199,7 +232,8 @@ fn fits_are_compared_on_the_samples_that_all_have() {
     assert_eq!(compared.step, 1_800);
     let output = &compared.outputs["T_room"];
     let mine = a.problem().grid();
-    let axis: Vec<i64> = (0..grid.len()).map(|k| grid.time(k)).filter(|time| (from..=to).contains(time)).collect();
+    let axis: Vec<i64> =
+        (0..grid.len()).map(|k| grid.time(k)).filter(|time| (from..=to).contains(time)).collect();
     assert_eq!((axis[0], axis.len()), (compared.start, output.measured.len()));
     let run = a.free_run(0);
     let read = |time: i64| {
@@ -221,18 +255,31 @@ fn fits_are_compared_on_the_samples_that_all_have() {
     }
     assert!(pairs[0].len() < axis.len(), "the gap of one fit is a gap of the contest");
     for (over, pairs) in [Over::Range, Over::Unseen].into_iter().zip(&pairs) {
-        let row = |fit: &str| compared.errors.iter().find(|row| row.fit == fit && row.horizon == FREE_RUN && row.over == over).unwrap();
+        let row = |fit: &str| {
+            compared
+                .errors
+                .iter()
+                .find(|row| row.fit == fit && row.horizon == FREE_RUN && row.over == over)
+                .unwrap()
+        };
         let by_hand = Skill::of(pairs).unwrap();
         assert_eq!(row("a").skill.n, by_hand.n);
         assert!((row("a").skill.rmse - by_hand.rmse).abs() < 1e-12);
         assert_eq!(row("b").skill.n, by_hand.n);
     }
     // Every horizon has a row for every fit, and the shown series follow the question.
-    let horizons: Vec<&str> =
-        compared.errors.iter().filter(|row| row.fit == "b" && row.over == Over::Range).map(|row| row.horizon.as_str()).collect();
+    let horizons: Vec<&str> = compared
+        .errors
+        .iter()
+        .filter(|row| row.fit == "b" && row.over == Over::Range)
+        .map(|row| row.horizon.as_str())
+        .collect();
     assert_eq!(horizons, ["free_run", "PT1H", "PT6H", "PT24H"]);
     let two_hours = compare(&contenders, Some(Duration::from_hours(2)), from, to).unwrap();
-    assert_eq!(two_hours.errors.iter().filter(|row| row.horizon == "PT2H" && row.over == Over::Range).count(), 2);
+    assert_eq!(
+        two_hours.errors.iter().filter(|row| row.horizon == "PT2H" && row.over == Over::Range).count(),
+        2
+    );
     let shown = &two_hours.outputs["T_room"].simulated["b"];
     let exact = b.ahead(0..grid.len(), &[4]);
     let place = (0..grid.len()).position(|k| grid.time(k) == two_hours.start).unwrap();
@@ -243,7 +290,10 @@ fn fits_are_compared_on_the_samples_that_all_have() {
 fn a_training_part_without_inputs_is_refused() {
     // Every temperature is there, but the weather of the training part is not.
     let record = window(20, 900, 3.0..9.9);
-    let range = WindowRange { last: None, from: Some(rfc3339(START + 5 * DAY)), to: Some(rfc3339(START + 15 * DAY)) };
-    let faults = prepare(&Catalogue::builtin().unwrap(), &model(), &request(range), &record, &Site::default()).unwrap_err();
+    let range =
+        WindowRange { last: None, from: Some(rfc3339(START + 5 * DAY)), to: Some(rfc3339(START + 15 * DAY)) };
+    let faults =
+        prepare(&Catalogue::builtin().unwrap(), &model(), &request(range), &record, &Site::default())
+            .unwrap_err();
     assert_eq!(faults[0].code, "too-short", "{faults:?}");
 }

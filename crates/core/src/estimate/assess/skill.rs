@@ -7,8 +7,8 @@ use indexmap::IndexMap;
 use serde::Serialize;
 use std::ops::Range;
 
-/// The skill of a simulated series y beside measurements m, with the residual e = m - y: positive where the model
-/// is too low. All but `n` and `r2` are in the unit of the error.
+/// The skill of a simulated series y beside measurements m, with the residual e = m - y: positive where the
+/// model is too low. All but `n` and `r2` are in the unit of the error.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Skill {
     /// How many pairs were compared.
@@ -21,20 +21,20 @@ pub struct Skill {
     pub urmse: f64,
     /// Mean of |e|.
     pub mae: f64,
-    /// Coefficient of determination, 1 - sum e2 / sum (m - mean m)2: 1 is perfect, 0 is as good as the mean of
-    /// the measurements, below 0 is worse. `None` where the measurements do not change.
+    /// Coefficient of determination, 1 - sum e2 / sum (m - mean m)2: 1 is perfect, 0 is as good as the mean
+    /// of the measurements, below 0 is worse. `None` where the measurements do not change.
     pub r2: Option<f64>,
 }
 
 impl Skill {
-    /// The skill over pairs of a simulated and a measured value; `None` without any pair, or where the numbers
-    /// overflow.
+    /// The skill over pairs of a simulated and a measured value; `None` without any pair, or where the
+    /// numbers overflow.
     pub fn of(pairs: &[(f64, f64)]) -> Option<Self> {
         let n = pairs.len() as f64;
         let mean = |value: &dyn Fn(&(f64, f64)) -> f64| pairs.iter().map(value).sum::<f64>() / n;
         let error = |(simulated, measured): &(f64, f64)| measured - simulated;
-        // Squares about the means, and not differences of sums of squares, which would lose all digits of a small
-        // scatter about a large mean.
+        // Squares about the means, and not differences of sums of squares, which would lose all digits of a
+        // small scatter about a large mean.
         let (bias, level) = (mean(&error), mean(&|pair| pair.1));
         let square = mean(&|pair| error(pair).powi(2));
         let scatter = mean(&|pair| (error(pair) - bias).powi(2));
@@ -78,14 +78,16 @@ pub struct HorizonSkill {
     /// The skill.
     #[serde(flatten)]
     pub skill: Skill,
-    /// The error of persistence on the same samples: the value measured at the origin, held. The origin of a free
-    /// run is the start of the window.
+    /// The error of persistence on the same samples: the value measured at the origin, held. The origin of a
+    /// free run is the start of the window.
     pub persistence_rmse: Option<f64>,
 }
 
 /// The skill of every output's free run in the parts of the fit's window.
 pub fn by_part(replay: &Replay) -> IndexMap<String, PartSkill> {
-    let over = |output: usize, part: Part| Skill::over(&replay.free_run(output), &replay.measured(output), replay.range(part));
+    let over = |output: usize, part: Part| {
+        Skill::over(&replay.free_run(output), &replay.measured(output), replay.range(part))
+    };
     let outputs = replay.problem().model().outputs().iter().enumerate();
     let skill = outputs.map(|(index, output)| {
         let skill = PartSkill {
@@ -102,7 +104,8 @@ pub fn by_part(replay: &Replay) -> IndexMap<String, PartSkill> {
 /// The skill of every output over one part: forecasts whose origin and target lie in it, and the free run.
 pub fn by_horizon(replay: &Replay, part: Part) -> IndexMap<String, Vec<HorizonSkill>> {
     let (range, step) = (replay.range(part), replay.problem().grid().step());
-    let leads: Vec<(&str, usize)> = HORIZONS.iter().filter_map(|(name, seconds)| Some((*name, lead(*seconds, step)?))).collect();
+    let leads: Vec<(&str, usize)> =
+        HORIZONS.iter().filter_map(|(name, seconds)| Some((*name, lead(*seconds, step)?))).collect();
     let samples: Vec<usize> = leads.iter().map(|(_, lead)| *lead).collect();
     let ahead = replay.ahead(range.clone(), &samples);
     let mut found = IndexMap::new();
@@ -110,19 +113,22 @@ pub fn by_horizon(replay: &Replay, part: Part) -> IndexMap<String, Vec<HorizonSk
         let measured = replay.measured(output);
         let mut skills = Vec::new();
         for ((name, lead), forecast) in leads.iter().zip(ahead) {
-            let held: Vec<Option<f64>> =
-                (0..measured.len()).map(|k| forecast[k].and(k.checked_sub(*lead)).and_then(|origin| measured[origin])).collect();
+            let held: Vec<Option<f64>> = (0..measured.len())
+                .map(|k| forecast[k].and(k.checked_sub(*lead)).and_then(|origin| measured[origin]))
+                .collect();
             skills.extend(horizon_skill(name, forecast, &held, &measured, range.start + lead..range.end));
         }
         let free_run = replay.free_run(output);
-        let held: Vec<Option<f64>> = free_run.iter().map(|value| value.and(replay.measured_start(output))).collect();
+        let held: Vec<Option<f64>> =
+            free_run.iter().map(|value| value.and(replay.measured_start(output))).collect();
         skills.extend(horizon_skill(FREE_RUN, &free_run, &held, &measured, range.clone()));
         found.insert(replay.problem().model().outputs()[output].channel.clone(), skills);
     }
     found
 }
 
-/// The skill of a series beside that of the value held since its origin; `None` where nothing can be compared.
+/// The skill of a series beside that of the value held since its origin; `None` where nothing can be
+/// compared.
 fn horizon_skill(
     name: &str,
     simulated: &[Option<f64>],
@@ -161,13 +167,18 @@ mod tests {
         assert_eq!((offset.bias, offset.rmse, offset.mae), (0.5, 0.5, 0.5));
         assert!(offset.urmse < 1e-15);
         assert_eq!(Skill::of(&[]), None);
-        assert_eq!(Skill::of(&[(2.0, 1.0), (3.0, 1.0)]).unwrap().r2, None, "constant measurements have no variance to explain");
+        assert_eq!(
+            Skill::of(&[(2.0, 1.0), (3.0, 1.0)]).unwrap().r2,
+            None,
+            "constant measurements have no variance to explain"
+        );
         assert_eq!(Skill::of(&[(f64::MAX, -f64::MAX)]), None);
     }
 
     #[test]
     fn only_pairs_count() {
-        let (simulated, measured) = ([Some(1.0), None, Some(3.0), Some(9.0)], [Some(2.0), Some(2.0), None, Some(7.0)]);
+        let (simulated, measured) =
+            ([Some(1.0), None, Some(3.0), Some(9.0)], [Some(2.0), Some(2.0), None, Some(7.0)]);
         let skill = Skill::over(&simulated, &measured, 0..4).unwrap();
         assert_eq!((skill.n, skill.bias), (2, -0.5));
         assert_eq!(Skill::over(&simulated, &measured, 1..3), None);
@@ -176,8 +187,12 @@ mod tests {
     proptest! {
         /// Textbook sums over whole numbers, which are exact.
         #[test]
-        fn brute_force_agrees(pairs in proptest::collection::vec((-1000i64..1000, -1000i64..1000), 1..60), level in -1_000_000i64..1_000_000) {
-            let skill = Skill::of(&pairs.iter().map(|(s, m)| ((s + level) as f64, (m + level) as f64)).collect::<Vec<_>>()).unwrap();
+        fn brute_force_agrees(
+            pairs in proptest::collection::vec((-1000i64..1000, -1000i64..1000), 1..60),
+            level in -1_000_000i64..1_000_000,
+        ) {
+            let raised = |(s, m): &(i64, i64)| ((s + level) as f64, (m + level) as f64);
+            let skill = Skill::of(&pairs.iter().map(raised).collect::<Vec<_>>()).unwrap();
             let n = pairs.len() as i64;
             let errors: Vec<i64> = pairs.iter().map(|(s, m)| m - s).collect();
             let (sum, squares): (i64, i64) = (errors.iter().sum(), errors.iter().map(|e| e * e).sum());
@@ -185,10 +200,18 @@ mod tests {
             prop_assert_eq!(skill.n, pairs.len());
             prop_assert!(close(skill.bias, sum as f64 / n as f64));
             prop_assert!(close(skill.rmse, (squares as f64 / n as f64).sqrt()));
-            prop_assert!(close(skill.urmse, ((n * squares - sum * sum) as f64).sqrt() / n as f64), "{} {:?}", skill.urmse, errors);
+            prop_assert!(
+                close(skill.urmse, ((n * squares - sum * sum) as f64).sqrt() / n as f64),
+                "{} {:?}",
+                skill.urmse,
+                errors
+            );
             prop_assert!(close(skill.mae, errors.iter().map(|e| e.abs()).sum::<i64>() as f64 / n as f64));
             prop_assert!(close(skill.rmse.powi(2), skill.bias.powi(2) + skill.urmse.powi(2)));
-            let (m, mm): (i64, i64) = (pairs.iter().map(|(_, m)| m).sum(), pairs.iter().map(|(_, m)| m * m).sum());
+            let (m, mm): (i64, i64) = (
+                pairs.iter().map(|(_, m)| m).sum(),
+                pairs.iter().map(|(_, m)| m * m).sum()
+            );
             let spread = n * mm - m * m;
             match skill.r2 {
                 Some(r2) => prop_assert!(close(r2, 1.0 - (n * squares) as f64 / spread as f64), "{r2}"),

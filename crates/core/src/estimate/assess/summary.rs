@@ -13,8 +13,8 @@ const OFFSET: f64 = 0.7;
 /// From this ratio on, something physical is probably missing (measured on synthetic rooms).
 const STRUCTURE: f64 = 1.6;
 
-/// Speaks of one output: forecasts, free run, offset, structure, and whether the numbers belong to the stored fit.
-/// `part` is the one that the horizons were judged on.
+/// Speaks of one output: forecasts, free run, offset, structure, and whether the numbers belong to the stored
+/// fit. `part` is the one that the horizons were judged on.
 pub fn summary(
     part: Part,
     parts: &PartSkill,
@@ -25,18 +25,25 @@ pub fn summary(
     let mut sentences = Vec::new();
     let unit = &parts.unit;
     let data = if part == Part::Train { "the data that it was fitted to" } else { "unseen data" };
-    let spoken = SPOKEN.iter().find_map(|(name, words)| Some((*words, horizons.iter().find(|skill| skill.horizon == *name)?)));
+    let spoken = SPOKEN
+        .iter()
+        .find_map(|(name, words)| Some((*words, horizons.iter().find(|skill| skill.horizon == *name)?)));
     if let Some((words, skill)) = spoken {
         let ours = skill.skill.rmse;
         sentences.push(match skill.persistence_rmse {
             Some(held) if ours < held => {
                 let less = 100.0 * (1.0 - ours / held);
                 let held = number(held);
-                format!("Forecasts {words} ahead err by {} {unit} on {data}, {less:.0} % less than holding the last measurement ({held} {unit}).", number(ours))
+                format!(
+                    "Forecasts {words} ahead err by {} {unit} on {data}, {less:.0} % less than holding \
+                    the last measurement ({held} {unit}).",
+                    number(ours)
+                )
             }
             Some(held) => {
                 format!(
-                    "Forecasts {words} ahead err by {} {unit} on {data}: holding the last measurement would do no worse ({} {unit}).",
+                    "Forecasts {words} ahead err by {} {unit} on {data}: holding the last measurement would \
+                    do no worse ({} {unit}).",
                     number(ours),
                     number(held)
                 )
@@ -48,23 +55,33 @@ pub fn summary(
         (Some(train), Some(unseen)) => {
             let (train, unseen) = (train.rmse, unseen.rmse);
             sentences.push(format!(
-                "Left to itself the model errs by {} {unit} on unseen data and by {} {unit} on the data that it was fitted to.",
+                "Left to itself the model errs by {} {unit} on unseen data and by {} {unit} on the data that \
+                it was fitted to.",
                 number(unseen),
                 number(train)
             ));
             if unseen > MUCH_WORSE * train {
-                sentences.push("That is much worse on what it has not seen: the fit follows something that does not repeat, or the conditions have changed.".to_owned());
+                sentences.push(
+                    "That is much worse on what it has not seen: the fit follows something that \
+                    does not repeat, or the conditions have changed."
+                        .to_owned(),
+                );
             }
         }
         (Some(train), None) => {
             sentences.push(format!(
-                "Left to itself the model errs by {} {unit} on the data that it was fitted to; there are no unseen data to judge it on.",
+                "Left to itself the model errs by {} {unit} on the data that it was fitted to; there are no \
+                unseen data to judge it on.",
                 number(train.rmse)
             ));
         }
         (None, _) => sentences.push("There is nothing that the model could be compared with.".to_owned()),
     }
-    if let Some(offset) = parts.validation.or(parts.train).filter(|skill| skill.bias.abs() > OFFSET * skill.rmse && skill.rmse > 0.0) {
+    if let Some(offset) = parts
+        .validation
+        .or(parts.train)
+        .filter(|skill| skill.bias.abs() > OFFSET * skill.rmse && skill.rmse > 0.0)
+    {
         sentences.push(format!(
             "Most of that is an offset: on average the model is {} {unit} too {}.",
             number(offset.bias.abs()),
@@ -73,9 +90,15 @@ pub fn summary(
     }
     if let Some(rho) = stored.and_then(|stored| stored.rho) {
         sentences.push(if rho < STRUCTURE {
-            format!("Its error is {rho:.1} times the noise that is left in it: there is little structure that physics could explain.")
+            format!(
+                "Its error is {rho:.1} times the noise that is left in it: there is little structure \
+                that physics could explain."
+            )
         } else {
-            format!("Its error is {rho:.1} times the noise that is left in it: something physical is probably missing.")
+            format!(
+                "Its error is {rho:.1} times the noise that is left in it: something physical is \
+                probably missing."
+            )
         });
     }
     if provenance.measurements_changed || provenance.model_changed || !provenance.reproduced {
@@ -114,8 +137,14 @@ mod tests {
     }
 
     fn told(train: f64, unseen: f64, bias: f64, ahead: f64, rho: f64, changed: bool) -> String {
-        let parts = PartSkill { unit: "K".into(), train: Some(skill(train, 0.0)), validation: Some(skill(unseen, bias)), test: None };
-        let horizons = [HorizonSkill { horizon: "PT6H".into(), skill: skill(ahead, 0.0), persistence_rmse: Some(0.4) }];
+        let parts = PartSkill {
+            unit: "K".into(),
+            train: Some(skill(train, 0.0)),
+            validation: Some(skill(unseen, bias)),
+            test: None,
+        };
+        let horizons =
+            [HorizonSkill { horizon: "PT6H".into(), skill: skill(ahead, 0.0), persistence_rmse: Some(0.4) }];
         let stored = OutputMetrics {
             unit: "K".into(),
             train_rmse: train,
@@ -140,15 +169,24 @@ mod tests {
     #[test]
     fn each_finding_has_its_sentence_and_no_other() {
         let good = told(0.2, 0.25, 0.01, 0.1, 1.2, false);
-        assert!(good.contains("0.10 K on unseen data, 75 % less") && good.contains("0.25 K on unseen data and by 0.20 K"), "{good}");
+        assert!(
+            good.contains("0.10 K on unseen data, 75 % less")
+                && good.contains("0.25 K on unseen data and by 0.20 K"),
+            "{good}"
+        );
         assert!(good.contains("little structure"), "{good}");
         for word in ["does not repeat", "offset", "missing", "Mind that"] {
             assert!(!good.contains(word), "{good}");
         }
         let bad = told(0.2, 0.9, 0.8, 0.5, 3.12, true);
-        for word in
-            ["would do no worse (0.40 K)", "does not repeat", "0.80 K too cold", "3.1 times", "missing", "Mind that newer uploads came."]
-        {
+        for word in [
+            "would do no worse (0.40 K)",
+            "does not repeat",
+            "0.80 K too cold",
+            "3.1 times",
+            "missing",
+            "Mind that newer uploads came.",
+        ] {
             assert!(bad.contains(word), "{word}: {bad}");
         }
     }

@@ -18,7 +18,8 @@ pub struct Level {
 
 /// The level of every channel that a problem reads, by its name.
 pub fn levels(problem: &Problem) -> IndexMap<String, Level> {
-    let levels = read(problem).map(|(name, column)| (name.to_owned(), level(&known(column, 0..column.values().len()))));
+    let levels = read(problem)
+        .map(|(name, column)| (name.to_owned(), level(&known(column, 0..column.values().len()))));
     levels.filter(|(_, level)| level.mean.is_finite()).collect()
 }
 
@@ -32,8 +33,11 @@ pub(in crate::estimate) fn level(values: &[f64]) -> Level {
 /// The columns that a problem reads and that were logged or computed for it.
 pub(in crate::estimate) fn read(problem: &Problem) -> impl Iterator<Item = (&str, &Column)> {
     let model = problem.model();
-    let names =
-        model.outputs().iter().map(|output| output.channel.as_str()).chain(model.inputs().iter().map(|input| input.channel.as_str()));
+    let names = model
+        .outputs()
+        .iter()
+        .map(|output| output.channel.as_str())
+        .chain(model.inputs().iter().map(|input| input.channel.as_str()));
     names.filter_map(|name| Some((name, problem.grid().column(name)?)))
 }
 

@@ -21,8 +21,8 @@ pub struct NoiseEstimate {
     /// The interval that was searched.
     #[schema(value_type = Interval)]
     pub bounds: [f64; 2],
-    /// Whether the value lies within one per cent of a bound, on the logarithmic scale. A diffusion on its lower bound is
-    /// one that the data do not ask for.
+    /// Whether the value lies within one per cent of a bound, on the logarithmic scale. A diffusion on its
+    /// lower bound is one that the data do not ask for.
     pub at_bound: bool,
 }
 
@@ -34,7 +34,8 @@ pub struct Profile {
     pub values: Vec<f64>,
     /// The largest log-likelihood at each.
     pub log_likelihood: Vec<f64>,
-    /// Where it falls by 1.92, half the 95 % quantile of chi-squared; `None` on a side where the profile does not reach that far.
+    /// Where it falls by 1.92, half the 95 % quantile of chi-squared; `None` on a side where the profile does
+    /// not reach that far.
     pub ci95: [Option<f64>; 2],
 }
 
@@ -42,8 +43,8 @@ pub struct Profile {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[schema(as = LikelihoodStart)]
 pub struct StartReport {
-    /// Where it came from: `warm` (the parameters in use, or the nominal ones), `cluster`, `random`, or `profile`: a point
-    /// of a profile that was better than the optimum.
+    /// Where it came from: `warm` (the parameters in use, or the nominal ones), `cluster`, `random`, or
+    /// `profile`: a point of a profile that was better than the optimum.
     pub origin: Origin,
     /// Log-likelihood at the start; `None` where it could not be computed.
     pub from: Option<f64>,
@@ -55,8 +56,8 @@ pub struct StartReport {
     pub settled: bool,
 }
 
-/// What the likelihood says of a fit. Estimated are the free parameters, a diffusion per state and a standard deviation per
-/// output.
+/// What the likelihood says of a fit. Estimated are the free parameters, a diffusion per state and a standard
+/// deviation per output.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[schema(as = Likelihood)]
 pub struct LikelihoodReport {
@@ -70,8 +71,8 @@ pub struct LikelihoodReport {
     pub aic: f64,
     /// Schwarz's criterion, `k ln n - 2 l`.
     pub bic: f64,
-    /// Whether the steps between samples are exact, as for equations that are linear in the states; otherwise the filter
-    /// is the extended one.
+    /// Whether the steps between samples are exact, as for equations that are linear in the states; otherwise
+    /// the filter is the extended one.
     pub exact: bool,
     /// The diffusion of each state.
     #[schema(value_type = HashMap<String, NoiseEstimate>)]
@@ -79,7 +80,8 @@ pub struct LikelihoodReport {
     /// The standard deviation of each measured channel.
     #[schema(value_type = HashMap<String, NoiseEstimate>)]
     pub measurement: IndexMap<String, NoiseEstimate>,
-    /// Standard errors from the curvature at the optimum, in the unit of each; `None` where the data do not determine it.
+    /// Standard errors from the curvature at the optimum, in the unit of each; `None` where the data do not
+    /// determine it.
     #[schema(value_type = HashMap<String, Option<f64>>)]
     pub standard_errors: IndexMap<String, Option<f64>>,
     /// Correlations of the estimates, in the order of `standard_errors`, by rows.
@@ -94,11 +96,15 @@ pub struct LikelihoodReport {
 }
 
 impl LikelihoodReport {
-    /// The noise for a filter of a model; `None` where it has other states or outputs than the model that was estimated.
+    /// The noise for a filter of a model; `None` where it has other states or outputs than the model that was
+    /// estimated.
     pub fn noise(&self, model: &Model) -> Option<Noise> {
         let value = |of: &IndexMap<String, NoiseEstimate>, name: &str| of.get(name).map(|sigma| sigma.value);
         let states = model.states().iter().map(|state| value(&self.diffusion, &state.name));
-        let outputs = model.outputs().iter().map(|output| value(&self.measurement, &output.channel).map(|sigma| sigma.powi(2)));
+        let outputs = model
+            .outputs()
+            .iter()
+            .map(|output| value(&self.measurement, &output.channel).map(|sigma| sigma.powi(2)));
         Some(Noise { process: states.collect::<Option<_>>()?, measurement: outputs.collect::<Option<_>>()? })
     }
 }

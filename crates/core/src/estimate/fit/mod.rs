@@ -56,8 +56,8 @@ pub struct CorrelatedPair {
     pub parameters: [String; 2],
     /// Their correlation.
     pub correlation: f64,
-    /// What lies along their ridge, in the order of the first; empty where it was not followed: it is for the closest pairs of models
-    /// that have no filter, and with it no likelihood to profile.
+    /// What lies along their ridge, in the order of the first; empty where it was not followed: it is for the
+    /// closest pairs of models that have no filter, and with it no likelihood to profile.
     #[serde(default)]
     pub ridge: Vec<RidgePoint>,
 }
@@ -166,8 +166,8 @@ pub struct Fit {
     pub sample_s: i64,
     /// Internal steps per sample.
     pub substeps: usize,
-    /// Largest difference to a run with half the step, in the output's unit, or of several outputs in the noise of their
-    /// sensors; `None` where one of the two left the numbers.
+    /// Largest difference to a run with half the step, in the output's unit, or of several outputs in the
+    /// noise of their sensors; `None` where one of the two left the numbers.
     pub discretisation_error: Option<f64>,
     /// Process noise of the filter, per square root of an hour.
     pub process_noise: f64,
@@ -178,15 +178,16 @@ pub struct Fit {
     /// What the problem was put together from; `None` in fits of versions that did not keep it.
     #[serde(default)]
     pub basis: Option<Basis>,
-    /// In which circumstances its free run fails most, in a sentence; `None` where none stand out, or in fits of versions
-    /// that did not look.
+    /// In which circumstances its free run fails most, in a sentence; `None` where none stand out, or in fits
+    /// of versions that did not look.
     #[serde(default)]
     pub worst_regime: Option<String>,
     /// What a user should know: bounds, correlations, parts dropped, weak convergence.
     pub remarks: Vec<String>,
     /// Parameters that were fixed at their nominal value because the data do not determine them.
     pub non_identifiable: Vec<String>,
-    /// Level and spread of the channels that it was fitted to, by name; none in fits of versions that did not keep them.
+    /// Level and spread of the channels that it was fitted to, by name; none in fits of versions that did not
+    /// keep them.
     #[serde(default)]
     pub levels: IndexMap<String, Level>,
     /// What the likelihood says, where it was maximised.
@@ -202,7 +203,11 @@ impl Fit {
 
     /// First and last instant of the measurements that it rests on, RFC 3339.
     pub fn window(&self) -> (&str, &str) {
-        let last = [&self.parts.test, &self.parts.validation].into_iter().flatten().next().unwrap_or(&self.parts.train);
+        let last = [&self.parts.test, &self.parts.validation]
+            .into_iter()
+            .flatten()
+            .next()
+            .unwrap_or(&self.parts.train);
         (&self.parts.train.from, &last.to)
     }
 

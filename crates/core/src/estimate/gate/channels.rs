@@ -1,4 +1,5 @@
-//! Whether the channels behind a fit can be what their names say: judged by themselves, by each other and by the months before.
+//! Whether the channels behind a fit can be what their names say: judged by themselves, by each other and by
+//! the months before.
 
 use super::evidence::Role;
 use super::past::NextDoor;
@@ -9,33 +10,38 @@ use indexmap::IndexMap;
 use std::ops::Range;
 
 const DAY: i64 = 86_400;
-/// A day of values is noise where successive ones differ as those of white noise do: half the mean square of the differences over
-/// the variance (von Neumann's ratio) is 1 for white noise and near 0 for what moves slowly.
+/// A day of values is noise where successive ones differ as those of white noise do: half the mean square of
+/// the differences over the variance (von Neumann's ratio) is 1 for white noise and near 0 for what moves
+/// slowly.
 const WHITE: f64 = 0.7;
-/// Successive days of noise after which an input is no measurement. An output may be held still by its thermostat, and whether it
-/// moves with anything is for other rules.
+/// Successive days of noise after which an input is no measurement. An output may be held still by its
+/// thermostat, and whether it moves with anything is for other rules.
 const NOISY_DAYS: usize = 2;
-/// The deviation of noise about a constant, in K: less is the resolution of a sensor, more is something that is switched, unless it is the
-/// weather.
+/// The deviation of noise about a constant, in K: less is the resolution of a sensor, more is something that
+/// is switched, unless it is the weather.
 const NOISE: [f64; 2] = [0.02, 2.0];
-/// The mean size of the jumps at one time of the day, beside that of any other time, from which on days are out of order; the same at
-/// midnight, where records are cut, beside that of the hours around it, in which hardly anything is switched; the share of it that has
-/// one sign in what is switched by a clock; and the days that it takes to tell.
+/// The mean size of the jumps at one time of the day, beside that of any other time, from which on days are
+/// out of order; the same at midnight, where records are cut, beside that of the hours around it, in which
+/// hardly anything is switched; the share of it that has one sign in what is switched by a clock; and the
+/// days that it takes to tell.
 const OUT_OF_ORDER: f64 = 2.5;
 const CUT_AT_MIDNIGHT: f64 = 1.6;
 const ABOUT_MIDNIGHT_HOURS: f64 = 2.0;
 const ONE_SIGN: f64 = 0.5;
 const ORDER_DAYS: usize = 6;
-/// Steps from one sample to the next that what nobody heats cannot make, whether they stay or not: one is a spike that goes again.
+/// Steps from one sample to the next that what nobody heats cannot make, whether they stay or not: one is a
+/// spike that goes again.
 const JUMPS: usize = 4;
-/// Hours by which the warmest time of the day follows the sun outdoors, and how many deviations it takes to doubt a clock.
+/// Hours by which the warmest time of the day follows the sun outdoors, and how many deviations it takes to
+/// doubt a clock.
 const FOLLOWS_SUN: [f64; 2] = [1.0, 5.0];
 const DOUBTED: f64 = 4.0;
 /// A step from one sample to the next that stays, in K: of an input, and of a room, which has mass.
 const STEP: [f64; 2] = [8.0, 2.0];
 /// Days on either side of a step that have to lie apart.
 const STAYS: i64 = 3;
-/// Hours for which a temperature that is not zero may show one value; thrice as many where its sensor knows half degrees only.
+/// Hours for which a temperature that is not zero may show one value; thrice as many where its sensor knows
+/// half degrees only.
 const STUCK_HOURS: f64 = 24.0;
 /// Coarse sensors show steps of at least this much, in K.
 const COARSE: f64 = 0.5;
@@ -49,12 +55,12 @@ const MILD: f64 = 18.0;
 const FREEZING: f64 = -40.0;
 /// The highest mean of water that heats.
 const WATER: f64 = 90.0;
-/// How many deviations, and how many K at least, a channel's mean may lie from that of accepted months, and how many times its deviation
-/// may have changed.
+/// How many deviations, and how many K at least, a channel's mean may lie from that of accepted months, and
+/// how many times its deviation may have changed.
 const LEVEL: (f64, f64, f64) = (3.0, 2.0, 3.0);
 
-/// How far the outdoor temperature may lie from a neighbour's: in the mean and in deviation, in K, and as a share of the deviation of the
-/// weather.
+/// How far the outdoor temperature may lie from a neighbour's: in the mean and in deviation, in K, and as a
+/// share of the deviation of the weather.
 const ELSEWHERE: [f64; 3] = [4.0, 1.5, 0.5];
 
 /// What is wrong with a channel, in a sentence.
@@ -66,7 +72,8 @@ pub struct ChannelFault {
     pub says: String,
 }
 
-/// Every fault that the temperatures of a problem show, the outputs' own hanging apart, which is another rule's.
+/// Every fault that the temperatures of a problem show, the outputs' own hanging apart, which is another
+/// rule's.
 pub fn faults(problem: &Problem) -> Vec<ChannelFault> {
     let mut faults = Vec::new();
     let mut note = |channel: &str, says: Option<String>| {
@@ -77,14 +84,26 @@ pub fn faults(problem: &Problem) -> Vec<ChannelFault> {
         let since = |k: usize| crate::data::rfc3339(problem.grid().time(k));
         let most = if Role::of(name) == Role::Weather { f64::INFINITY } else { NOISE[1] };
         if !is_output {
-            let stuck = stuck(problem, column).map(|(hours, k)| format!("{name} showed one value for {hours:.0} h from {} on", since(k)));
+            let stuck = stuck(problem, column)
+                .map(|(hours, k)| format!("{name} showed one value for {hours:.0} h from {} on", since(k)));
             note(name, stuck);
             let noisy = noisy(problem, column, most);
-            note(name, noisy.map(|k| format!("{name} is noise about a constant from {} on: its sensor measures nothing", since(k))));
+            note(
+                name,
+                noisy.map(|k| {
+                    format!(
+                        "{name} is noise about a constant from {} on: its sensor measures nothing",
+                        since(k)
+                    )
+                }),
+            );
         }
         let step = step(problem, column, *is_output);
         let says = |(k, kelvin): (usize, f64)| {
-            format!("{name} steps by {kelvin:+.1} K at {} and stays there: another unit or another sensor?", since(k))
+            format!(
+                "{name} steps by {kelvin:+.1} K at {} and stays there: another unit or another sensor?",
+                since(k)
+            )
         };
         note(name, step.map(says));
         note(name, implausible(problem, name, column));
@@ -93,7 +112,10 @@ pub fn faults(problem: &Problem) -> Vec<ChannelFault> {
             note(
                 name,
                 jump.map(|kelvin| {
-                    format!("{name} jumps by {kelvin:.2} K at one time of the day, and not around it: are its days in order?")
+                    format!(
+                        "{name} jumps by {kelvin:.2} K at one time of the day, and not around it: are \
+                        its days in order?"
+                    )
                 }),
             );
         }
@@ -101,8 +123,13 @@ pub fn faults(problem: &Problem) -> Vec<ChannelFault> {
             let jumps = jumps(column);
             note(
                 name,
-                jumps
-                    .map(|n| format!("{name} jumps {n} times by more than {:.0} K from one sample to the next: a loose contact?", STEP[0])),
+                jumps.map(|n| {
+                    format!(
+                        "{name} jumps {n} times by more than {:.0} K from one sample to the \
+                        next: a loose contact?",
+                        STEP[0]
+                    )
+                }),
             );
         }
     }
@@ -112,23 +139,39 @@ pub fn faults(problem: &Problem) -> Vec<ChannelFault> {
             if apart(column, theirs).is_some_and(|apart| apart < SAME) {
                 // The channel that is not the output is the one that was bound wrongly.
                 let (wrong, right) = if *is_output { (other, name) } else { (name, other) };
-                note(wrong, Some(format!("{wrong} and {right} are the same sensor: they differ by less than {SAME} K")));
+                note(
+                    wrong,
+                    Some(format!(
+                        "{wrong} and {right} are the same sensor: they differ by less than {SAME} K"
+                    )),
+                );
             }
         }
     }
     faults
 }
 
-/// Channels whose level or spread is another one than in a fit that was accepted before, or a reason why none is compared.
-pub fn strangers(now: &IndexMap<String, Level>, before: &IndexMap<String, Level>, when: &str) -> Vec<ChannelFault> {
+/// Channels whose level or spread is another one than in a fit that was accepted before, or a reason why none
+/// is compared.
+pub fn strangers(
+    now: &IndexMap<String, Level>,
+    before: &IndexMap<String, Level>,
+    when: &str,
+) -> Vec<ChannelFault> {
     let (deviations, least, times) = LEVEL;
     let strange = |(name, now): (&String, &Level)| {
         let before = before.get(name).filter(|_| name.starts_with("T_"))?;
         let moved = now.mean - before.mean;
         let says = if moved.abs() > (deviations * before.sd).max(least) {
-            format!("the mean of {name} is {moved:+.1} K from that of {when}: another unit, another place or another season?")
+            format!(
+                "the mean of {name} is {moved:+.1} K from that of {when}: another unit, another place or \
+                another season?"
+            )
         } else if now.sd > times * before.sd.max(NOISE[0]) || now.sd * times < before.sd {
-            format!("{name} varies by {:.2} K, in {when} it did by {:.2}: is its sensor still the same?", now.sd, before.sd)
+            format!(
+                "{name} varies by {:.2} K, in {when} it did by {:.2}: is its sensor still the same?",
+                now.sd, before.sd
+            )
         } else {
             return None;
         };
@@ -137,12 +180,16 @@ pub fn strangers(now: &IndexMap<String, Level>, before: &IndexMap<String, Level>
     now.iter().filter_map(strange).collect()
 }
 
-/// Whether the outdoor temperature is that of the neighbours: sensors of one place stand in other sun and wind, and see the same weather.
+/// Whether the outdoor temperature is that of the neighbours: sensors of one place stand in other sun and
+/// wind, and see the same weather.
 pub fn weather_elsewhere(problem: &Problem, next_door: &[NextDoor]) -> Option<ChannelFault> {
     let grid = problem.grid();
     let own = grid.column("T_out")?;
     let differs = |other: &NextDoor| {
-        let theirs = other.weather.column_on(grid, "T_out", own.hold()).filter(|theirs| theirs.unit() == own.unit())?;
+        let theirs = other
+            .weather
+            .column_on(grid, "T_out", own.hold())
+            .filter(|theirs| theirs.unit() == own.unit())?;
         let both: Vec<usize> = (0..grid.len()).filter(|k| own.valid()[*k] && theirs.valid()[*k]).collect();
         if (both.len() as i64) * grid.step() < ORDER_DAYS as i64 * DAY {
             return None;
@@ -154,7 +201,8 @@ pub fn weather_elsewhere(problem: &Problem, next_door: &[NextDoor]) -> Option<Ch
         Some(is.then(|| ChannelFault {
             channel: "T_out".to_owned(),
             says: format!(
-                "T_out does not follow that of {}, from which it lies by {:+.1} K in the mean and varies by {:.1} K: another place, another clock or another channel?",
+                "T_out does not follow that of {}, from which it lies by {:+.1} K in the mean and varies by \
+                {:.1} K: another place, another clock or another channel?",
                 other.name, apart.mean, apart.sd
             ),
         }))
@@ -176,8 +224,10 @@ fn temperatures(problem: &Problem) -> impl Iterator<Item = (&str, &Column, bool)
 /// Hours of the longest time for which one value was shown, and where that began, where it is too long.
 fn stuck(problem: &Problem, column: &Column) -> Option<(f64, usize)> {
     let (values, valid) = (column.values(), column.valid());
-    let resolution =
-        (1..values.len()).map(|k| (values[k] - values[k - 1]).abs()).filter(|change| *change > 0.0).fold(f64::INFINITY, f64::min);
+    let resolution = (1..values.len())
+        .map(|k| (values[k] - values[k - 1]).abs())
+        .filter(|change| *change > 0.0)
+        .fold(f64::INFINITY, f64::min);
     let limit = if resolution >= COARSE { 3.0 * STUCK_HOURS } else { STUCK_HOURS };
     let (mut longest, mut at, mut start) = (0, 0, 0);
     for k in 0..values.len() {
@@ -205,24 +255,30 @@ fn noisy(problem: &Problem, column: &Column, most: f64) -> Option<usize> {
             return false;
         }
         let deviation = level(&values).sd;
-        let changes = values.windows(2).map(|pair| (pair[1] - pair[0]).powi(2)).sum::<f64>() / (values.len() - 1) as f64;
+        let changes = values.windows(2).map(|pair| (pair[1] - pair[0]).powi(2)).sum::<f64>()
+            / (values.len() - 1) as f64;
         (NOISE[0]..most).contains(&deviation) && 0.5 * changes > WHITE * deviation.powi(2)
     };
     let days: Vec<bool> = (0..column.values().len() / per_day).map(white).collect();
     days.windows(NOISY_DAYS).position(|days| days.iter().all(|white| *white)).map(|day| day * per_day)
 }
 
-/// The mean jump of a channel at the time of the day at which it jumps beyond all that it does at others, to either side.
+/// The mean jump of a channel at the time of the day at which it jumps beyond all that it does at others, to
+/// either side.
 fn out_of_order(problem: &Problem, column: &Column) -> Option<f64> {
     let per_day = (DAY / problem.grid().step()) as usize;
     let days = column.values().len() / per_day.max(1);
     if per_day < 12 || days < ORDER_DAYS {
         return None;
     }
-    let change = |k: usize| (column.valid()[k] && column.valid()[k - 1]).then(|| column.values()[k] - column.values()[k - 1]);
+    let change = |k: usize| {
+        (column.valid()[k] && column.valid()[k - 1]).then(|| column.values()[k] - column.values()[k - 1])
+    };
     // Mean of the changes at a time of the day and of their sizes, and whether it changed on enough days.
     let at = |slot: usize| {
-        let changes: Vec<f64> = (0..days).filter_map(|day| (day * per_day + slot).checked_sub(1).and_then(|k| change(k + 1))).collect();
+        let changes: Vec<f64> = (0..days)
+            .filter_map(|day| (day * per_day + slot).checked_sub(1).and_then(|k| change(k + 1)))
+            .collect();
         let often = changes.iter().filter(|change| **change != 0.0).count() >= ORDER_DAYS - 1;
         let sizes: Vec<f64> = changes.iter().map(|change| change.abs()).collect();
         if sizes.is_empty() { (0.0, 0.0, false) } else { (mean(&changes), mean(&sizes), often) }
@@ -241,9 +297,11 @@ fn out_of_order(problem: &Problem, column: &Column) -> Option<f64> {
     // A file of days may be cut by either clock.
     let mut midnights = (0..per_day).filter(|slot| {
         let k = if *slot == 0 { per_day } else { *slot };
-        problem.grid().time(k) % DAY == 0 || hour_of_day(problem.grid(), k) < hour_of_day(problem.grid(), k - 1)
+        problem.grid().time(k) % DAY == 0
+            || hour_of_day(problem.grid(), k) < hour_of_day(problem.grid(), k - 1)
     });
-    beyond(largest, per_day, OUT_OF_ORDER).or_else(|| midnights.find_map(|slot| beyond(slot, about, CUT_AT_MIDNIGHT)))
+    beyond(largest, per_day, OUT_OF_ORDER)
+        .or_else(|| midnights.find_map(|slot| beyond(slot, about, CUT_AT_MIDNIGHT)))
 }
 
 /// How often a channel jumps from one sample to the next further than anything does that nobody heats.
@@ -253,8 +311,8 @@ fn jumps(column: &Column) -> Option<usize> {
     Some((1..values.len()).filter(jump).count()).filter(|count| *count >= JUMPS)
 }
 
-/// What is wrong with the clock of the outdoor temperature, which follows the sun by a few hours wherever there is weather: phases of
-/// the first harmonic of every day against that of the sun's height.
+/// What is wrong with the clock of the outdoor temperature, which follows the sun by a few hours wherever
+/// there is weather: phases of the first harmonic of every day against that of the sun's height.
 fn clock_of_the_weather(problem: &Problem) -> Option<String> {
     let grid = problem.grid();
     let out = grid.column("T_out")?;
@@ -274,7 +332,8 @@ fn clock_of_the_weather(problem: &Problem) -> Option<String> {
         }
         (re, im)
     };
-    let whole = |day: &usize| (day * per_day..=(day + 1) * per_day).all(|k| out.valid()[k] && sun[k].is_finite());
+    let whole =
+        |day: &usize| (day * per_day..=(day + 1) * per_day).all(|k| out.valid()[k] && sun[k].is_finite());
     // Turned so that the sun's own phase is zero: the angle is the delay behind the sun.
     let turned: Vec<(f64, f64)> = (0..(grid.len() - 1) / per_day)
         .filter(whole)
@@ -298,7 +357,10 @@ fn clock_of_the_weather(problem: &Problem) -> Option<String> {
     let [earliest, latest] = FOLLOWS_SUN;
     let beyond = (earliest - delay).max(delay - latest);
     (beyond > DOUBTED * deviation).then(|| {
-        format!("T_out is warmest {delay:.1} h after noon, which no weather is: is its clock late or early, does the sun shine on its sensor, or is it not outdoors?")
+        format!(
+            "T_out is warmest {delay:.1} h after noon, which no weather is: is its clock late or early, \
+            does the sun shine on its sensor, or is it not outdoors?"
+        )
     })
 }
 
@@ -320,7 +382,11 @@ fn step(problem: &Problem, column: &Column, is_output: bool) -> Option<(usize, f
             return false;
         }
         let sides = ends(k.saturating_sub(length)..*k).zip(ends(*k..(k + length).min(values.len())));
-        sides.is_some_and(|((low, high), (low_after, high_after))| if change > 0.0 { low_after > high } else { high_after < low })
+        sides.is_some_and(
+            |((low, high), (low_after, high_after))| {
+                if change > 0.0 { low_after > high } else { high_after < low }
+            },
+        )
     })?;
     Some((found, values[found] - values[found - 1]))
 }
@@ -328,7 +394,8 @@ fn step(problem: &Problem, column: &Column, is_output: bool) -> Option<(usize, f
 /// A level that the name of a channel does not allow.
 fn implausible(problem: &Problem, name: &str, column: &Column) -> Option<String> {
     let level = mean(&known(column, 0..column.values().len()));
-    let outdoors = problem.grid().column("T_out").map(|column| mean(&known(column, 0..column.values().len())));
+    let outdoors =
+        problem.grid().column("T_out").map(|column| mean(&known(column, 0..column.values().len())));
     let outside = |[low, high]: [f64; 2], of: &str| {
         let is = !(low..=high).contains(&level);
         is.then(|| format!("the mean of {name} is {level:.1} degC, {of}: another unit or another channel?"))
@@ -337,7 +404,8 @@ fn implausible(problem: &Problem, name: &str, column: &Column) -> Option<String>
         "T_out" => outside(season(problem)?, "which the height of the sun does not allow outdoors"),
         "T_forward" => outside([ROOM[0], WATER], "which heating water does not have"),
         name if name.starts_with("T_room") => {
-            let highest = if outdoors.is_some_and(|outdoors| outdoors < MILD) { HEATED_ROOM } else { ROOM[1] };
+            let highest =
+                if outdoors.is_some_and(|outdoors| outdoors < MILD) { HEATED_ROOM } else { ROOM[1] };
             // What nobody heats may freeze.
             let heated = problem.model().inputs().iter().any(|input| Role::of(&input.channel) == Role::Heat);
             outside([if heated { ROOM[0] } else { FREEZING }, highest], "which no room has for weeks")
@@ -346,19 +414,22 @@ fn implausible(problem: &Problem, name: &str, column: &Column) -> Option<String>
     }
 }
 
-/// The means of outdoor temperature that the mean height of the sun at noon allows: generous bounds about the climates of the earth,
-/// from the Siberian winter over Honolulu's to the autumn and the summer of Kuwait.
+/// The means of outdoor temperature that the mean height of the sun at noon allows: generous bounds about the
+/// climates of the earth, from the Siberian winter over Honolulu's to the autumn and the summer of Kuwait.
 fn season(problem: &Problem) -> Option<[f64; 2]> {
     let heights = sun_heights(problem)?;
     let per_day = (DAY / problem.grid().step()).max(1) as usize;
-    let highest = |day: &[f64]| day.iter().copied().filter(|height| height.is_finite()).fold(f64::NEG_INFINITY, f64::max);
-    let noons: Vec<f64> = heights.chunks_exact(per_day).map(highest).filter(|noon| noon.is_finite()).collect();
+    let highest = |day: &[f64]| {
+        day.iter().copied().filter(|height| height.is_finite()).fold(f64::NEG_INFINITY, f64::max)
+    };
+    let noons: Vec<f64> =
+        heights.chunks_exact(per_day).map(highest).filter(|noon| noon.is_finite()).collect();
     let noon = mean(&noons);
     noon.is_finite().then(|| [-55.0 + 0.6 * noon, 10.0 + 0.3 * noon + 0.0018 * noon * noon.abs()])
 }
 
-/// The height of the sun at every sample, as it was logged or computed for the place, not a number where it is missing. `None` where
-/// neither is known.
+/// The height of the sun at every sample, as it was logged or computed for the place, not a number where it
+/// is missing. `None` where neither is known.
 fn sun_heights(problem: &Problem) -> Option<Vec<f64>> {
     let grid = problem.grid();
     match (grid.column("sun_altitude"), problem.basis().location) {
@@ -367,7 +438,9 @@ fn sun_heights(problem: &Problem) -> Option<Vec<f64>> {
             Some(column.values().iter().zip(column.valid()).map(height).collect())
         }
         (None, Some((latitude, longitude))) => {
-            let height = |k: usize| sun_position(grid.time(k), latitude, longitude).map_or(f64::NAN, |sun| sun.altitude);
+            let height = |k: usize| {
+                sun_position(grid.time(k), latitude, longitude).map_or(f64::NAN, |sun| sun.altitude)
+            };
             Some((0..grid.len()).map(height).collect())
         }
         (None, None) => None,
@@ -378,5 +451,7 @@ fn sun_heights(problem: &Problem) -> Option<Vec<f64>> {
 fn apart(one: &Column, other: &Column) -> Option<f64> {
     let both = || (0..one.values().len()).filter(|k| one.valid()[*k] && other.valid()[*k]);
     let n = both().count();
-    (n > 24).then(|| (both().map(|k| (one.values()[k] - other.values()[k]).powi(2)).sum::<f64>() / n as f64).sqrt())
+    (n > 24).then(|| {
+        (both().map(|k| (one.values()[k] - other.values()[k]).powi(2)).sum::<f64>() / n as f64).sqrt()
+    })
 }

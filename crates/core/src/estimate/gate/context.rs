@@ -4,7 +4,9 @@ use super::evidence::Evidence;
 use super::limits::OutputScale;
 use super::past::{Past, Policy, Reference};
 use crate::data::Duration;
-use crate::estimate::assess::metrics::{FilterRun, ahead, filter, filter_fit, free_run_ahead, horizon_name, lead};
+use crate::estimate::assess::metrics::{
+    FilterRun, ahead, filter, filter_fit, free_run_ahead, horizon_name, lead,
+};
 use crate::estimate::fit::incumbent::Incumbent;
 use crate::estimate::fit::levels::Level;
 use crate::estimate::fit::{AheadError, Fit};
@@ -37,7 +39,12 @@ pub(super) struct ValidationContext<'a> {
 }
 
 impl<'a> ValidationContext<'a> {
-    pub fn new(problem: &Problem, fit: &'a Fit, past: &'a Past, policy: &'a Policy) -> Result<Self, &'static str> {
+    pub fn new(
+        problem: &Problem,
+        fit: &'a Fit,
+        past: &'a Past,
+        policy: &'a Policy,
+    ) -> Result<Self, &'static str> {
         // The fit may have needed shorter steps than the problem started with.
         let problem = problem.with_substeps(fit.substeps);
         let theta = reread(fit);
@@ -50,13 +57,29 @@ impl<'a> ValidationContext<'a> {
         }
         let run = problem.filters().then(|| filter_fit(&problem, fit));
         let incumbent = past.incumbent.as_ref().and_then(|incumbent| incumbent_theta(&problem, incumbent));
-        let reference = |reference: &'a Reference| Some((reference.name.as_str(), reference_theta(&problem, &reference.fit)?));
+        let reference = |reference: &'a Reference| {
+            Some((reference.name.as_str(), reference_theta(&problem, &reference.fit)?))
+        };
         let references = past.references.iter().filter_map(reference).collect();
         let served = past.incumbent.iter().map(|incumbent| ("the parameters served now", &incumbent.levels));
-        let levels = served.chain(past.references.iter().map(|reference| (reference.name.as_str(), &reference.fit.levels))).collect();
+        let levels = served
+            .chain(past.references.iter().map(|reference| (reference.name.as_str(), &reference.fit.levels)))
+            .collect();
         let evidence = OnceCell::new();
-        let mut context =
-            Self { problem, fit, theta, trajectory, forecast: None, incumbent, references, levels, policy, past, run, evidence };
+        let mut context = Self {
+            problem,
+            fit,
+            theta,
+            trajectory,
+            forecast: None,
+            incumbent,
+            references,
+            levels,
+            policy,
+            past,
+            run,
+            evidence,
+        };
         context.forecast = context.own_error(context.problem.split().validation.clone());
         Ok(context)
     }
@@ -66,7 +89,8 @@ impl<'a> ValidationContext<'a> {
         self.run.as_ref()
     }
 
-    /// What the measurements say of the inputs. A model without a filter has no states to start segments from.
+    /// What the measurements say of the inputs. A model without a filter has no states to start segments
+    /// from.
     pub fn evidence(&self) -> Option<&Evidence> {
         let run = self.run()?;
         Some(self.evidence.get_or_init(|| Evidence::of(&self.problem, &self.theta, run)))
@@ -80,8 +104,8 @@ impl<'a> ValidationContext<'a> {
         }
     }
 
-    /// What parameters of the same model err by on some samples: ahead by the policy's horizon, or in the free run of a model
-    /// without a filter.
+    /// What parameters of the same model err by on some samples: ahead by the policy's horizon, or in the
+    /// free run of a model without a filter.
     pub fn error_of(&self, theta: &[f64], samples: Range<usize>) -> Option<AheadError> {
         if self.problem.filters() {
             forecast(&self.problem, theta, &filter(&self.problem, theta, None), self.policy.horizon, samples)
@@ -90,7 +114,8 @@ impl<'a> ValidationContext<'a> {
         }
     }
 
-    /// What some parameters err by on the days before those of the fit, ahead by the policy's horizon and by a day.
+    /// What some parameters err by on the days before those of the fit, ahead by the policy's horizon and by
+    /// a day.
     pub fn errors_before(&self, theta: &[f64]) -> Option<[f64; 2]> {
         let before = self.past.days_before.as_ref()?.with_substeps(self.fit.substeps);
         let run = filter(&before, theta, None);
@@ -103,9 +128,15 @@ impl<'a> ValidationContext<'a> {
         OutputScale::of(&self.problem)
     }
 
-    /// The output that comes nearest to its limit or leaves it farthest behind, with its statistic and its limit.
-    pub fn worst(&self, kelvin: f64, statistic: impl Fn(&OutputScale) -> f64) -> Option<(OutputScale<'_>, f64, f64)> {
-        let judged = self.output_scales().into_iter().map(|scale| (scale, statistic(&scale), scale.limit(kelvin)));
+    /// The output that comes nearest to its limit or leaves it farthest behind, with its statistic and its
+    /// limit.
+    pub fn worst(
+        &self,
+        kelvin: f64,
+        statistic: impl Fn(&OutputScale) -> f64,
+    ) -> Option<(OutputScale<'_>, f64, f64)> {
+        let judged =
+            self.output_scales().into_iter().map(|scale| (scale, statistic(&scale), scale.limit(kelvin)));
         judged.max_by(|(_, one, limit), (_, other, their)| (one / limit).total_cmp(&(other / their)))
     }
 
@@ -115,21 +146,34 @@ impl<'a> ValidationContext<'a> {
     }
 }
 
-/// Forecast errors at a horizon on some samples: of the parameters, and of persistence. `None` where nothing is
-/// comparable, or a forecast that could be made left the numbers: the others do not speak for it.
-fn forecast(problem: &Problem, theta: &[f64], run: &FilterRun, horizon: Duration, samples: Range<usize>) -> Option<AheadError> {
+/// Forecast errors at a horizon on some samples: of the parameters, and of persistence. `None` where nothing
+/// is comparable, or a forecast that could be made left the numbers: the others do not speak for it.
+fn forecast(
+    problem: &Problem,
+    theta: &[f64],
+    run: &FilterRun,
+    horizon: Duration,
+    samples: Range<usize>,
+) -> Option<AheadError> {
     let name = horizon_name(horizon);
-    let error = ahead(problem, theta, run, samples.clone(), &[(name.as_str(), horizon.seconds())]).into_values().next()?;
+    let error = ahead(problem, theta, run, samples.clone(), &[(name.as_str(), horizon.seconds())])
+        .into_values()
+        .next()?;
     let lead = lead(horizon.seconds(), problem.grid().step())?;
     let (_, valid) = problem.measured()[0];
     let known = problem.known();
-    let possible =
-        (samples.start + lead..samples.end).filter(|k| valid[*k] && valid[k - lead] && known[k - lead..*k].iter().all(|known| *known));
+    let possible = (samples.start + lead..samples.end)
+        .filter(|k| valid[*k] && valid[k - lead] && known[k - lead..*k].iter().all(|known| *known));
     (error.n >= possible.count()).then_some(error)
 }
 
 /// The same for a model without a filter, which forecasts by its free run alone.
-fn free_run(problem: &Problem, trajectory: &Trajectory, horizon: Duration, samples: Range<usize>) -> Option<AheadError> {
+fn free_run(
+    problem: &Problem,
+    trajectory: &Trajectory,
+    horizon: Duration,
+    samples: Range<usize>,
+) -> Option<AheadError> {
     let lead = lead(horizon.seconds(), problem.grid().step())?;
     free_run_ahead(problem, trajectory, samples, lead).filter(|_| !trajectory.diverged)
 }
@@ -150,7 +194,11 @@ fn reference_theta(problem: &Problem, fit: &Fit) -> Option<Vec<f64>> {
 /// The incumbent's vector where it belongs to the same model.
 fn incumbent_theta(problem: &Problem, incumbent: &Incumbent) -> Option<Vec<f64>> {
     let same = incumbent.model == *problem.model().id();
-    let theta: Option<Vec<f64>> =
-        problem.model().parameters().iter().map(|parameter| incumbent.theta.get(&parameter.name).copied()).collect();
+    let theta: Option<Vec<f64>> = problem
+        .model()
+        .parameters()
+        .iter()
+        .map(|parameter| incumbent.theta.get(&parameter.name).copied())
+        .collect();
     theta.filter(|_| same)
 }

@@ -1,10 +1,11 @@
 //! Does the room notice its inputs? What the measurements say of each, beside what a fit claims.
 //!
-//! Two witnesses are heard. Along the fit, segments of hours with states of their own say whether an input moves the room as the fit
-//! says (`segments`), over lengths up to a quarter of the record, because a wall answers over days. The free regression (`regression`)
-//! knows no fit: it says whether the room follows the input at all, with which sign, and whether another clock or another channel in
-//! its place would do better. An input that is shown to be wrong is another matter than one that is merely not seen: behind a
-//! thermostat the weather of a winter hardly is.
+//! Two witnesses are heard. Along the fit, segments of hours with states of their own say whether an input
+//! moves the room as the fit says (`segments`), over lengths up to a quarter of the record, because a wall
+//! answers over days. The free regression (`regression`) knows no fit: it says whether the room follows the
+//! input at all, with which sign, and whether another clock or another channel in its place would do better.
+//! An input that is shown to be wrong is another matter than one that is merely not seen: behind a thermostat
+//! the weather of a winter hardly is.
 
 use super::opponents::{Match, with_regression};
 use super::regression::{Compared, Followed, Regression};
@@ -17,14 +18,16 @@ use rayon::prelude::*;
 pub const BELIEVED: f64 = 3.0;
 /// A t of the wrong sign from which on an input is called mirrored.
 const MIRRORED: f64 = -3.5;
-/// What is left of the squared error where the clock of a channel is late by some hours and is put right. Nothing in a room comes
-/// before its cause.
+/// What is left of the squared error where the clock of a channel is late by some hours and is put right.
+/// Nothing in a room comes before its cause.
 const LATE: f64 = 0.88;
-/// The same where the channel would have to be early: walls delay as well, up to half a day, so it takes more.
+/// The same where the channel would have to be early: walls delay as well, up to half a day, so it takes
+/// more.
 const EARLY: f64 = 0.75;
 /// What is left where two channels look exchanged.
 const EXCHANGED: f64 = 0.75;
-/// A channel that the regression needs this much, its squared error without it over that with it, cannot be silent in a good fit.
+/// A channel that the regression needs this much, its squared error without it over that with it, cannot be
+/// silent in a good fit.
 const NEEDED: f64 = 1.25;
 /// The t from which on a regression without a channel misses it.
 const MISSED: f64 = -2.0;
@@ -75,7 +78,8 @@ pub struct InputEvidence {
     pub channel: String,
     /// What it does.
     pub role: Role,
-    /// How much of what the fit claims is there, over the length of segments that shows it best, and that length in hours.
+    /// How much of what the fit claims is there, over the length of segments that shows it best, and that
+    /// length in hours.
     pub claimed: Option<(Explained, f64)>,
     /// Whether the fit lets the room rise with it.
     pub rises: bool,
@@ -92,11 +96,13 @@ pub struct InputEvidence {
 pub struct Evidence {
     /// One for each driving input of the model.
     pub inputs: Vec<InputEvidence>,
-    /// The best of other clocks for the room itself, where all inputs are shifted together: late by so many hours.
+    /// The best of other clocks for the room itself, where all inputs are shifted together: late by so many
+    /// hours.
     pub clock: Option<(i64, Compared)>,
     /// The fit beside the regression on unseen data.
     pub beside_regression: Option<Match>,
-    /// What moves the room within a day beside what the fit can explain, on a usual day, in deviations of the sensor's noise.
+    /// What moves the room within a day beside what the fit can explain, on a usual day, in deviations of the
+    /// sensor's noise.
     pub unexplained: Option<f64>,
 }
 
@@ -105,23 +111,37 @@ impl Evidence {
     pub fn of(problem: &Problem, theta: &[f64], run: &FilterRun) -> Self {
         let regression = Regression::new(problem);
         let longest = 0.25 * problem.grid().len() as f64 * problem.grid().step_hours();
-        let lengths: Vec<f64> = LENGTHS.iter().copied().filter(|hours| *hours <= longest.max(LENGTHS[0])).collect();
-        let looks: Vec<Look> = lengths.iter().filter_map(|hours| Look::new(problem, theta, run, *hours)).collect();
-        let inputs =
-            (0..problem.model().inputs().len()).into_par_iter().filter_map(|input| hear(problem, &looks, regression.as_ref(), input));
+        let lengths: Vec<f64> =
+            LENGTHS.iter().copied().filter(|hours| *hours <= longest.max(LENGTHS[0])).collect();
+        let looks: Vec<Look> =
+            lengths.iter().filter_map(|hours| Look::new(problem, theta, run, *hours)).collect();
+        let inputs = (0..problem.model().inputs().len())
+            .into_par_iter()
+            .filter_map(|input| hear(problem, &looks, regression.as_ref(), input));
         let mut inputs: Vec<InputEvidence> = inputs.collect();
-        let beside_regression = regression.as_ref().and_then(|regression| with_regression(problem, theta, run, regression));
-        // A rival shows something only where the regression with it forecasts better than the fit does without.
-        let better = |compared: &Compared| beside_regression.is_none_or(|met| compared.ratio.sqrt() < met.ratio());
-        inputs.iter_mut().for_each(|input| input.rival = input.rival.take().filter(|(_, compared)| better(compared)));
+        let beside_regression =
+            regression.as_ref().and_then(|regression| with_regression(problem, theta, run, regression));
+        // A rival shows something only where the regression with it forecasts better than the fit does
+        // without.
+        let better =
+            |compared: &Compared| beside_regression.is_none_or(|met| compared.ratio.sqrt() < met.ratio());
+        inputs
+            .iter_mut()
+            .for_each(|input| input.rival = input.rival.take().filter(|(_, compared)| better(compared)));
         let clock = regression.as_ref().and_then(clock).filter(|(_, compared)| better(compared));
         let noise = measurement_variance(problem)[0].sqrt() / problem.scale(0);
-        Self { inputs, clock, beside_regression, unexplained: looks.first().map(|look| look.unexplained() / noise) }
+        Self {
+            inputs,
+            clock,
+            beside_regression,
+            unexplained: looks.first().map(|look| look.unexplained() / noise),
+        }
     }
 
     /// The channels of some inputs, as a list.
     pub fn names(&self, which: impl Fn(&InputEvidence) -> bool) -> String {
-        let names: Vec<&str> = self.inputs.iter().filter(|input| which(input)).map(|input| input.channel.as_str()).collect();
+        let names: Vec<&str> =
+            self.inputs.iter().filter(|input| which(input)).map(|input| input.channel.as_str()).collect();
         names.join(", ")
     }
 
@@ -131,8 +151,10 @@ impl Evidence {
             Some((explained, _)) if explained.t >= BELIEVED => explained.size.max(1e-3).ln().abs(),
             _ => f64::INFINITY,
         };
-        let worth = |input: &&InputEvidence| input.followed.is_some_and(|followed| followed.without.t <= MISSED);
-        let followed = self.inputs.iter().filter(worth).max_by(|one, other| strange(one).total_cmp(&strange(other)));
+        let worth =
+            |input: &&InputEvidence| input.followed.is_some_and(|followed| followed.without.t <= MISSED);
+        let followed =
+            self.inputs.iter().filter(worth).max_by(|one, other| strange(one).total_cmp(&strange(other)));
         followed.map(|input| input.channel.as_str())
     }
 
@@ -151,21 +173,31 @@ impl InputEvidence {
     /// Whether the room is seen to follow the input.
     pub fn is_seen(&self) -> bool {
         let claimed = self.is_as_claimed();
-        let followed = self.followed.is_some_and(|followed| followed.gain_t.abs() >= BELIEVED && followed.without.t <= MISSED);
+        let followed = self
+            .followed
+            .is_some_and(|followed| followed.gain_t.abs() >= BELIEVED && followed.without.t <= MISSED);
         claimed || followed && self.shift_p.is_some_and(|p| p <= IMITATED)
     }
 
-    /// Whether the room rises where the fit lets it fall, or the other way round, and the fit's own witness does not contradict.
+    /// Whether the room rises where the fit lets it fall, or the other way round, and the fit's own witness
+    /// does not contradict.
     pub fn is_mirrored(&self) -> bool {
         let sign = if self.rises { 1.0 } else { -1.0 };
-        !self.is_as_claimed() && self.followed.is_some_and(|followed| sign * followed.gain_t <= MIRRORED && followed.without.t <= MISSED)
+        !self.is_as_claimed()
+            && self
+                .followed
+                .is_some_and(|followed| sign * followed.gain_t <= MIRRORED && followed.without.t <= MISSED)
     }
 
     /// Whether the room plainly follows the channel and the fit does not.
     pub fn is_unheard(&self) -> bool {
-        let followed =
-            |followed: Followed| followed.gain_t >= BELIEVED + 1.0 && followed.without.ratio >= NEEDED && followed.without.t <= -BELIEVED;
-        self.followed.is_some_and(followed) && self.claimed.is_some_and(|(explained, _)| explained.t < BELIEVED)
+        let followed = |followed: Followed| {
+            followed.gain_t >= BELIEVED + 1.0
+                && followed.without.ratio >= NEEDED
+                && followed.without.t <= -BELIEVED
+        };
+        self.followed.is_some_and(followed)
+            && self.claimed.is_some_and(|(explained, _)| explained.t < BELIEVED)
     }
 
     /// What would stand in its place clearly better.
@@ -173,7 +205,8 @@ impl InputEvidence {
         self.rival.as_ref().filter(|(rival, compared)| {
             let limit = match rival {
                 Rival::Late(_) if self.role == Role::Heat || self.channel == "T_out" => LATE,
-                // A facade sees its sun hours before or after noon, so only much is a clock, and neighbours lead each other.
+                // A facade sees its sun hours before or after noon, so only much is a clock, and neighbours
+                // lead each other.
                 Rival::Late(_) | Rival::Early(_) => EARLY,
                 Rival::Exchanged(_) => EXCHANGED,
             };
@@ -199,27 +232,34 @@ impl<'a> Look<'a> {
         if segments.is_empty() {
             return None;
         }
-        let starts: Vec<Vec<f64>> = segments.first_samples().map(|k| run.filtered.states[k].clone()).collect();
+        let starts: Vec<Vec<f64>> =
+            segments.first_samples().map(|k| run.filtered.states[k].clone()).collect();
         let outputs = segments.outputs(problem, problem.simulator(), &[theta], &starts).remove(0);
         Some(Self { hours, problem, theta, segments, starts, outputs })
     }
 
-    /// What neither starts nor parameters explain, root mean square on the middle one of the days: a spike is no day.
+    /// What neither starts nor parameters explain, root mean square on the middle one of the days: a spike is
+    /// no day.
     fn unexplained(&self) -> f64 {
-        let linear = self.segments.linearise(self.problem, self.problem.simulator(), self.theta, &self.starts);
+        let linear =
+            self.segments.linearise(self.problem, self.problem.simulator(), self.theta, &self.starts);
         linear.map_or(f64::INFINITY, |linear| {
             let rest = linear.without_parameters(&linear.residual);
-            let (squares, counts) = (self.segments.by_day(|row| rest[row] * rest[row]), self.segments.by_day(|_| 1.0));
-            let mut days: Vec<f64> = squares.iter().zip(counts).map(|(sum, count)| (sum / count).sqrt()).collect();
+            let (squares, counts) =
+                (self.segments.by_day(|row| rest[row] * rest[row]), self.segments.by_day(|_| 1.0));
+            let mut days: Vec<f64> =
+                squares.iter().zip(counts).map(|(sum, count)| (sum / count).sqrt()).collect();
             days.sort_by(f64::total_cmp);
             days[days.len() / 2]
         })
     }
 
-    /// How much of what the fit lets an input's changes do is there, beside the same model in which the input stands still.
+    /// How much of what the fit lets an input's changes do is there, beside the same model in which the input
+    /// stands still.
     fn claimed(&self, input: usize) -> Option<Explained> {
         let (inputs, simulator) = (self.problem.inputs(), self.problem.simulator());
-        let still = simulator.with_inputs(&inputs.with_values(input, vec![inputs.mean(input); inputs.samples()]));
+        let still =
+            simulator.with_inputs(&inputs.with_values(input, vec![inputs.mean(input); inputs.samples()]));
         let linear = self.segments.linearise(self.problem, &still, self.theta, &self.starts)?;
         let without = self.segments.outputs(self.problem, &still, &[self.theta], &self.starts).remove(0);
         let moves = self.outputs.iter().zip(without).map(|(with, without)| with - without).collect();
@@ -234,13 +274,23 @@ impl<'a> Look<'a> {
         let higher: Vec<f64> = inputs.values(input).iter().map(|value| value + 0.1 * (high - low)).collect();
         let outputs = self
             .segments
-            .outputs(self.problem, &simulator.with_inputs(&inputs.with_values(input, higher)), &[self.theta], &self.starts)
+            .outputs(
+                self.problem,
+                &simulator.with_inputs(&inputs.with_values(input, higher)),
+                &[self.theta],
+                &self.starts,
+            )
             .remove(0);
         outputs.iter().zip(&self.outputs).map(|(higher, as_logged)| higher - as_logged).sum::<f64>() >= 0.0
     }
 }
 
-fn hear(problem: &Problem, looks: &[Look], regression: Option<&Regression>, input: usize) -> Option<InputEvidence> {
+fn hear(
+    problem: &Problem,
+    looks: &[Look],
+    regression: Option<&Regression>,
+    input: usize,
+) -> Option<InputEvidence> {
     let channel = problem.model().inputs()[input].channel.clone();
     // What follows the clock or the room itself was not logged, and proves nothing.
     if !super::regression::drives(problem, input) {
@@ -258,10 +308,17 @@ fn hear(problem: &Problem, looks: &[Look], regression: Option<&Regression>, inpu
         };
         let clock = |hours: i64| if hours > 0 { Rival::Late(hours) } else { Rival::Early(-hours) };
         let unit = |input: usize| &problem.model().inputs()[input].unit;
-        let others = regression.into_iter().flat_map(Regression::inputs).filter(|other| *other != input && unit(*other) == unit(input));
+        let others = regression
+            .into_iter()
+            .flat_map(Regression::inputs)
+            .filter(|other| *other != input && unit(*other) == unit(input));
         let others = others.filter(|_| unit(input) != "-");
-        let exchanged =
-            others.filter_map(|other| Some((Rival::Exchanged(problem.model().inputs()[other].channel.clone()), beside.exchanged(other)?)));
+        let exchanged = others.filter_map(|other| {
+            Some((
+                Rival::Exchanged(problem.model().inputs()[other].channel.clone()),
+                beside.exchanged(other)?,
+            ))
+        });
         let shifted = shifts.into_iter().filter_map(|hours| Some((clock(hours), beside.shifted(hours)?)));
         shifted.chain(exchanged).collect::<Vec<(Rival, Compared)>>()
     });
@@ -269,12 +326,16 @@ fn hear(problem: &Problem, looks: &[Look], regression: Option<&Regression>, inpu
     // The sine of the sun's height takes part, and clouds with the sign of what they take away.
     let rises = channel == "cloud_cover" || looks.first().is_none_or(|look| look.rises(input));
     let followed = beside.as_ref().map(|beside| beside.followed());
-    let shift_p = beside.as_ref().filter(|_| role != Role::Weather || channel == "T_out").map(|beside| beside.shift_p());
+    let shift_p = beside
+        .as_ref()
+        .filter(|_| role != Role::Weather || channel == "T_out")
+        .map(|beside| beside.shift_p());
     Some(InputEvidence { channel, role, claimed, rises, followed, shift_p, rival })
 }
 
 /// The best other clock of the room itself.
 fn clock(regression: &Regression) -> Option<(i64, Compared)> {
-    let clocks = regression.with_all_shifted(&[-3, -6, -12, 3, 6, 12]).map(|(hours, compared)| (-hours, compared));
+    let clocks =
+        regression.with_all_shifted(&[-3, -6, -12, 3, 6, 12]).map(|(hours, compared)| (-hours, compared));
     clocks.min_by(|(_, one), (_, other)| one.ratio.total_cmp(&other.ratio))
 }

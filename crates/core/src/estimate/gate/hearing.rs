@@ -1,8 +1,9 @@
-//! The rules of the gate that ask whether what was logged moves the room: G9 of its inputs, G10 of forecasts that know less, G11 of
-//! the channels themselves, G12 of how much is determined at all.
+//! The rules of the gate that ask whether what was logged moves the room: G9 of its inputs, G10 of forecasts
+//! that know less, G11 of the channels themselves, G12 of how much is determined at all.
 //!
-//! What is shown to be wrong holds a fit, and so does a room that nothing logged is seen to move; what is merely not seen is a flag.
-//! They hold and do not reject: the measurements are at fault, and an operator can look at a sensor.
+//! What is shown to be wrong holds a fit, and so does a room that nothing logged is seen to move; what is
+//! merely not seen is a flag. They hold and do not reject: the measurements are at fault, and an operator can
+//! look at a sensor.
 
 use super::channels;
 use super::check::Severity;
@@ -14,18 +15,20 @@ use super::table::Table;
 use crate::estimate::assess::metrics::horizon_name;
 use crate::estimate::fit::levels::levels;
 
-/// What moves a room unexplained, in deviations of its sensor's noise, where its heating must be seen: what chance and the sensor
-/// add in a day stays below.
+/// What moves a room unexplained, in deviations of its sensor's noise, where its heating must be seen: what
+/// chance and the sensor add in a day stays below.
 const UNEXPLAINED: f64 = 2.5;
 /// What is left of the squared error where the clock of the room itself is put right.
 const CLOCK: f64 = 0.9;
-/// Days of unseen targets below which no forecast is compared: one day is one draw, and of two the first hours are no target.
+/// Days of unseen targets below which no forecast is compared: one day is one draw, and of two the first
+/// hours are no target.
 const LEAST_DAYS: f64 = 1.5;
-/// A fit that errs by this much more than the free regression on the same inputs, surely, lacks what the inputs say.
+/// A fit that errs by this much more than the free regression on the same inputs, surely, lacks what the
+/// inputs say.
 const REGRESSION: f64 = 1.45;
 const SURELY: f64 = -2.5;
-/// The share of the parameters that may be undetermined or on a bound: in rooms of which everything is right it was up to twelve of
-/// thirteen.
+/// The share of the parameters that may be undetermined or on a bound: in rooms of which everything is right
+/// it was up to twelve of thirteen.
 const UNDETERMINED: f64 = 0.95;
 /// Of fewer parameters than these the errors say more than the intervals.
 const HANDFUL: usize = 6;
@@ -39,7 +42,16 @@ pub(super) fn inputs(context: &ValidationContext, table: &mut Table) {
     let wrong: Vec<(&InputEvidence, String, f64)> =
         evidence.inputs.iter().filter_map(|input| Some((input, says(input)?, statistic(input)))).collect();
     for (input, comment, statistic) in &wrong {
-        table.check(&format!("G9 right {}", input.channel), Some(*statistic), "", None, "-", false, Severity::Hold, comment.clone());
+        table.check(
+            &format!("G9 right {}", input.channel),
+            Some(*statistic),
+            "",
+            None,
+            "-",
+            false,
+            Severity::Hold,
+            comment.clone(),
+        );
     }
     clock(context, evidence, !wrong.is_empty(), table);
     heating(context, evidence, table);
@@ -55,12 +67,15 @@ fn seen(input: &InputEvidence, table: &mut Table) {
     let t = input.claimed.map(|(explained, _)| explained.t);
     let comment = match (input.claimed, pass) {
         (Some((explained, hours)), true) if explained.t >= BELIEVED => format!(
-            "{channel} moves this room, {:.2} times as much as the fit says: it explains {:.0} % of what the rest leaves open over {hours:.0} h",
+            "{channel} moves this room, {:.2} times as much as the fit says: it explains {:.0} % of what the \
+            rest leaves open over {hours:.0} h",
             explained.size,
             100.0 * explained.share
         ),
         (_, true) => format!("{channel} moves this room: shifted by whole days it forecasts worse"),
-        (_, false) => format!("{channel} is not seen to drive this room: it stood still, does little here, or is another room's"),
+        (_, false) => format!(
+            "{channel} is not seen to drive this room: it stood still, does little here, or is another room's"
+        ),
     };
     if !pass {
         table.flags.push(format!("unseen:{channel}"));
@@ -77,21 +92,34 @@ fn says(input: &InputEvidence) -> Option<String> {
     }
     if let Some((rival, _)) = input.better() {
         return Some(match rival {
-            Rival::Late(hours) => format!("{channel} fits better {hours} h earlier: is the clock of this channel late?"),
-            Rival::Early(hours) => format!("{channel} fits better {hours} h later: is the clock of this channel early?"),
-            Rival::Exchanged(other) => format!("{channel} and {other} look swapped: in its place {other} forecasts better"),
+            Rival::Late(hours) => {
+                format!("{channel} fits better {hours} h earlier: is the clock of this channel late?")
+            }
+            Rival::Early(hours) => {
+                format!("{channel} fits better {hours} h later: is the clock of this channel early?")
+            }
+            Rival::Exchanged(other) => {
+                format!("{channel} and {other} look swapped: in its place {other} forecasts better")
+            }
         });
     }
     if input.is_mirrored() {
         let way = if input.rises { "falls" } else { "rises" };
-        return Some(format!("mirrored, {channel} fits better: the room {way} where it should do the opposite, so its sign is wrong"));
+        return Some(format!(
+            "mirrored, {channel} fits better: the room {way} where it should do the opposite, so its sign is \
+            wrong"
+        ));
     }
-    let unheard = format!("this room follows {channel}, and the fit does not: is its unit or its level wrong?");
+    let unheard =
+        format!("this room follows {channel}, and the fit does not: is its unit or its level wrong?");
     input.is_unheard().then_some(unheard)
 }
 
 fn statistic(input: &InputEvidence) -> f64 {
-    input.better().map_or_else(|| input.followed.map_or(f64::NAN, |followed| followed.gain_t), |(_, compared)| compared.ratio)
+    input.better().map_or_else(
+        || input.followed.map_or(f64::NAN, |followed| followed.gain_t),
+        |(_, compared)| compared.ratio,
+    )
 }
 
 /// The clock of the room itself, where no single input explains the same.
@@ -103,10 +131,17 @@ fn clock(context: &ValidationContext, evidence: &Evidence, told: bool, table: &m
     let inputs = evidence.names(|_| true);
     let comment = match (pass, late > 0) {
         (true, _) if !is_better => format!("{channel} follows its inputs by their clock"),
-        (true, _) if is_sure => format!("what another clock of {channel} would mend is told of one input already"),
+        (true, _) if is_sure => {
+            format!("what another clock of {channel} would mend is told of one input already")
+        }
         (true, _) => format!("another clock of {channel} fits better, but not on enough days to be sure"),
-        (false, true) => format!("{channel} fits its inputs better {late} h earlier: is its clock late, or that of {inputs} early?"),
-        (false, false) => format!("{channel} fits its inputs better {} h later: is its clock early, or that of {inputs} late?", -late),
+        (false, true) => format!(
+            "{channel} fits its inputs better {late} h earlier: is its clock late, or that of {inputs} early?"
+        ),
+        (false, false) => format!(
+            "{channel} fits its inputs better {} h later: is its clock early, or that of {inputs} late?",
+            -late
+        ),
     };
     table.check("G9 clock", Some(compared.ratio), ">", Some(CLOCK), "-", pass, Severity::Hold, comment);
 }
@@ -125,10 +160,20 @@ fn heating(context: &ValidationContext, evidence: &Evidence, table: &mut Table) 
         format!("something moves {room} that is not explained, but its heating is seen")
     } else {
         format!(
-            "{names} does not drive {room}, and something does: unplugged, another room's, wrong unit? Shifted by days it forecasts as well"
+            "{names} does not drive {room}, and something does: unplugged, another room's, wrong unit? \
+            Shifted by days it forecasts as well"
         )
     };
-    table.check("G9 heating", Some(unexplained), "<", Some(UNEXPLAINED), "times the noise of the sensor", pass, Severity::Hold, comment);
+    table.check(
+        "G9 heating",
+        Some(unexplained),
+        "<",
+        Some(UNEXPLAINED),
+        "times the noise of the sensor",
+        pass,
+        Severity::Hold,
+        comment,
+    );
 }
 
 /// The checks of the rule `G10`.
@@ -141,22 +186,46 @@ pub(super) fn opponents(context: &ValidationContext, table: &mut Table) {
     let name = horizon_name(context.policy.horizon);
     let met = opponents::without_inputs(problem, &context.theta, run, context.policy.horizon.seconds());
     let days = met.map_or(0.0, |met| met.days);
-    let comment = format!("{days:.1} days of unseen measurements have a forecast {name} ahead; a day is one draw");
-    table.check("G10 unseen days", Some(days), ">=", Some(LEAST_DAYS), "d", days >= LEAST_DAYS, Severity::Hold, comment);
+    let comment =
+        format!("{days:.1} days of unseen measurements have a forecast {name} ahead; a day is one draw");
+    table.check(
+        "G10 unseen days",
+        Some(days),
+        ">=",
+        Some(LEAST_DAYS),
+        "d",
+        days >= LEAST_DAYS,
+        Severity::Hold,
+        comment,
+    );
     if let Some(met) = met.filter(|_| days >= LEAST_DAYS) {
         let comment = match (met.ratio() < 1.0, evidence.anything_seen()) {
-            (true, _) => format!("forecasts {name} ahead err by {:.2}, the room's own daily profile by {:.2}", met.fit, met.opponent),
+            (true, _) => format!(
+                "forecasts {name} ahead err by {:.2}, the room's own daily profile by {:.2}",
+                met.fit, met.opponent
+            ),
             (false, false) => {
                 format!(
-                    "nothing that was logged is seen to move {room}: its own daily profile forecasts {name} as well without any input{unseen}"
+                    "nothing that was logged is seen to move {room}: its own daily profile forecasts {name} \
+                    as well without any input{unseen}"
                 )
             }
             (false, true) => format!(
-                "forecasts of {room} {name} ahead err by {:.2}, its own daily profile without any input by {:.2}: what moves it was not logged, or {room} is another room's or out of order{unseen}",
+                "forecasts of {room} {name} ahead err by {:.2}, its own daily profile without any input by \
+                {:.2}: what moves it was not logged, or {room} is another room's or out of order{unseen}",
                 met.fit, met.opponent
             ),
         };
-        table.check("G10 beats its own past", Some(met.ratio()), "<", Some(1.0), "-", met.ratio() < 1.0, Severity::Hold, comment);
+        table.check(
+            "G10 beats its own past",
+            Some(met.ratio()),
+            "<",
+            Some(1.0),
+            "-",
+            met.ratio() < 1.0,
+            Severity::Hold,
+            comment,
+        );
     }
     if let Some(met) = evidence.beside_regression.filter(|met| met.days >= LEAST_DAYS) {
         regression(met, room, evidence, table);
@@ -166,16 +235,30 @@ pub(super) fn opponents(context: &ValidationContext, table: &mut Table) {
 fn regression(met: Match, room: &str, evidence: &Evidence, table: &mut Table) {
     let pass = met.ratio() <= REGRESSION || met.t > SURELY;
     let comment = if pass {
-        format!("forecasts 6 h ahead err by {:.2}, a plain regression on the same inputs by {:.2}", met.fit, met.opponent)
+        format!(
+            "forecasts 6 h ahead err by {:.2}, a plain regression on the same inputs by {:.2}",
+            met.fit, met.opponent
+        )
     } else {
         format!(
-            "a plain regression on the same inputs errs by {:.2} 6 h ahead, this fit by {:.2}: {room} follows them in a way that the model cannot, by the level, the unit or the clock of a channel; look first at {}",
+            "a plain regression on the same inputs errs by {:.2} 6 h ahead, this fit by {:.2}: {room} \
+            follows them in a way that the model cannot, by the level, the unit or the clock of a channel; \
+            look first at {}",
             met.opponent,
             met.fit,
             evidence.least_heard().unwrap_or(room)
         )
     };
-    table.check("G10 as good as a regression", Some(met.ratio()), "<=", Some(REGRESSION), "-", pass, Severity::Hold, comment);
+    table.check(
+        "G10 as good as a regression",
+        Some(met.ratio()),
+        "<=",
+        Some(REGRESSION),
+        "-",
+        pass,
+        Severity::Hold,
+        comment,
+    );
 }
 
 /// The checks of the rule `G11`.
@@ -183,16 +266,35 @@ pub(super) fn channels(context: &ValidationContext, table: &mut Table) {
     let mut faults = channels::faults(&context.problem);
     faults.extend(channels::weather_elsewhere(&context.problem, &context.past.next_door));
     if faults.is_empty() {
-        let comment = "every temperature moves as such, at a level that its place and the season allow".to_owned();
+        let comment =
+            "every temperature moves as such, at a level that its place and the season allow".to_owned();
         table.check("G11 channels", Some(0.0), "<=", Some(0.0), "faults", true, Severity::Hold, comment);
     }
     for fault in faults {
-        table.check(&format!("G11 {}", fault.channel), None, "", None, "-", false, Severity::Hold, fault.says);
+        table.check(
+            &format!("G11 {}", fault.channel),
+            None,
+            "",
+            None,
+            "-",
+            false,
+            Severity::Hold,
+            fault.says,
+        );
     }
     let now = levels(&context.problem);
     for (when, before) in &context.levels {
         for fault in channels::strangers(&now, before, when) {
-            table.check(&format!("G11 level of {}", fault.channel), None, "", None, "-", false, Severity::Hold, fault.says);
+            table.check(
+                &format!("G11 level of {}", fault.channel),
+                None,
+                "",
+                None,
+                "-",
+                false,
+                Severity::Hold,
+                fault.says,
+            );
         }
     }
 }
@@ -205,6 +307,7 @@ pub(super) fn determined(context: &ValidationContext, table: &mut Table) {
     }
     let open = free().filter(|estimate| estimate.ci95.is_none() || estimate.at_bound).count();
     let share = open as f64 / free().count() as f64;
-    let comment = format!("{open} of {} parameters are on a bound or not determined by these data", free().count());
+    let comment =
+        format!("{open} of {} parameters are on a bound or not determined by these data", free().count());
     table.at_most("G12 determined", Some(share), UNDETERMINED, "-", Severity::Hold, comment);
 }

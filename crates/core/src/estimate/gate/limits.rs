@@ -1,8 +1,8 @@
 //! What the limits of the gate mean for each output.
 //!
-//! They were set for rooms, in kelvin, beside a day that moves a room by five of them. An output in another unit gets the same
-//! limits in the ratio of its own day to that one: so much of its day is as far for it as so many kelvin are for a room. A change
-//! of unit moves a value by far more than its own day does.
+//! They were set for rooms, in kelvin, beside a day that moves a room by five of them. An output in another
+//! unit gets the same limits in the ratio of its own day to that one: so much of its day is as far for it as
+//! so many kelvin are for a room. A change of unit moves a value by far more than its own day does.
 
 use crate::estimate::problem::Problem;
 use crate::estimate::problem::whiten::stride;
@@ -32,8 +32,17 @@ impl<'a> OutputScale<'a> {
         let outputs = problem.model().outputs();
         let scale = |(index, output): (usize, &'a crate::model::Output)| {
             let unit = error_unit(&output.unit);
-            let unit_kelvin = if unit == "K" { 1.0 } else { usual_day(problem, index).max(LEAST_DAY * output.noise_sd) / DAY_OF_A_ROOM };
-            Self { output: index, unit, unit_kelvin, channel: (outputs.len() > 1).then_some(output.channel.as_str()) }
+            let unit_kelvin = if unit == "K" {
+                1.0
+            } else {
+                usual_day(problem, index).max(LEAST_DAY * output.noise_sd) / DAY_OF_A_ROOM
+            };
+            Self {
+                output: index,
+                unit,
+                unit_kelvin,
+                channel: (outputs.len() > 1).then_some(output.channel.as_str()),
+            }
         };
         outputs.iter().enumerate().map(scale).collect()
     }
@@ -52,8 +61,8 @@ impl<'a> OutputScale<'a> {
     }
 }
 
-/// How far an output moves in a day, from its lowest to its highest measurement, on the quietest quarter of the days: not on one
-/// with a spike or a change of unit.
+/// How far an output moves in a day, from its lowest to its highest measurement, on the quietest quarter of
+/// the days: not on one with a spike or a change of unit.
 fn usual_day(problem: &Problem, output: usize) -> f64 {
     let (values, valid) = problem.measured()[output];
     let samples = (DAY / problem.grid().step()).max(1) as usize;
@@ -61,12 +70,16 @@ fn usual_day(problem: &Problem, output: usize) -> f64 {
         let known = || (start..start + samples).filter(|k| valid[*k]).map(|k| values[k]);
         known().fold(f64::NEG_INFINITY, f64::max) - known().fold(f64::INFINITY, f64::min)
     };
-    let mut days: Vec<f64> = (0..values.len() / samples).map(|day| range(day * samples)).filter(|range| range.is_finite()).collect();
+    let mut days: Vec<f64> = (0..values.len() / samples)
+        .map(|day| range(day * samples))
+        .filter(|range| range.is_finite())
+        .collect();
     days.sort_by(f64::total_cmp);
     days.get(days.len().saturating_sub(1) / 4).copied().unwrap_or(0.0)
 }
 
-/// The samples at which a sensor may have measured, one after the other: on a grid that is finer than its record not every one.
+/// The samples at which a sensor may have measured, one after the other: on a grid that is finer than its
+/// record not every one.
 pub(super) fn ticks(valid: &[bool]) -> impl Iterator<Item = usize> + Clone + use<> {
     let known: Vec<usize> = (0..valid.len()).filter(|k| valid[*k]).collect();
     (known.first().copied().unwrap_or(valid.len())..valid.len()).step_by(stride(&known))

@@ -6,8 +6,9 @@
 //!                  evidence: segments, regression, opponents; channels
 //! ```
 //!
-//! A rule looks at a context and writes `check`s into a table; it knows no other rule, and none decides. `limits` says what so many kelvin
-//! are for an output in another unit. `hearing` asks whether the inputs move the room at all. Only `validate` makes an `Acceptance`.
+//! A rule looks at a context and writes `check`s into a table; it knows no other rule, and none decides.
+//! `limits` says what so many kelvin are for an output in another unit. `hearing` asks whether the inputs
+//! move the room at all. Only `validate` makes an `Acceptance`.
 
 mod change;
 pub mod channels;

@@ -42,15 +42,17 @@ impl Match {
         if days.is_empty() {
             return None;
         }
-        let (ours, theirs): (Vec<f64>, Vec<f64>) = days.iter().map(|(_, ours, theirs)| (*ours, *theirs)).unzip();
+        let (ours, theirs): (Vec<f64>, Vec<f64>) =
+            days.iter().map(|(_, ours, theirs)| (*ours, *theirs)).unzip();
         let rms = |sums: &[f64]| (sums.iter().sum::<f64>() / errors.len() as f64).sqrt();
         let days = errors.len() as f64 * hours / HOURS as f64;
         Some(Self { fit: rms(&ours), opponent: rms(&theirs), t: Compared::of(&theirs, &ours).t, days })
     }
 }
 
-/// Forecasts of the first output by nothing but its own past, so many seconds ahead on the validation part: the hourly profile of the
-/// training days, and what is left of the deviation from it. `None` where nothing can be compared.
+/// Forecasts of the first output by nothing but its own past, so many seconds ahead on the validation part:
+/// the hourly profile of the training days, and what is left of the deviation from it. `None` where nothing
+/// can be compared.
 pub fn without_inputs(problem: &Problem, theta: &[f64], run: &FilterRun, horizon: i64) -> Option<Match> {
     let (grid, split) = (problem.grid(), problem.split());
     let lead = lead(horizon, grid.step())?;
@@ -80,12 +82,18 @@ pub fn without_inputs(problem: &Problem, theta: &[f64], run: &FilterRun, horizon
         let ours = forecast[0][0][k]? - values[k];
         Some((grid.time(k).div_euclid(DAY), ours, profile(k) + decay * deviation(k - lead) - values[k]))
     };
-    let targets = (split.validation.start + lead..split.validation.end).filter(|k| valid[*k] && valid[k - lead]);
+    let targets =
+        (split.validation.start + lead..split.validation.end).filter(|k| valid[*k] && valid[k - lead]);
     Match::of(&targets.filter_map(error).collect::<Vec<_>>(), grid.step_hours())
 }
 
 /// The same beside the free regression on the same inputs, learnt on the training part, six hours ahead.
-pub fn with_regression(problem: &Problem, theta: &[f64], run: &FilterRun, regression: &Regression) -> Option<Match> {
+pub fn with_regression(
+    problem: &Problem,
+    theta: &[f64],
+    run: &FilterRun,
+    regression: &Regression,
+) -> Option<Match> {
     let (grid, split) = (problem.grid(), problem.split());
     let lead = lead(6 * HOUR, grid.step())?;
     let (values, valid) = problem.measured()[0];
@@ -93,11 +101,18 @@ pub fn with_regression(problem: &Problem, theta: &[f64], run: &FilterRun, regres
     let series = forecast_series(problem, theta, run, split.validation.clone(), &[lead]);
     let error = |(target, theirs): (std::ops::Range<usize>, f64)| {
         // The regression forecasts means of hours, so the fit's forecasts are taken over the same samples.
-        let both: Vec<(f64, f64)> = target.clone().filter(|k| valid[*k]).filter_map(|k| Some((series[0][0][k]?, values[k]))).collect();
+        let both: Vec<(f64, f64)> = target
+            .clone()
+            .filter(|k| valid[*k])
+            .filter_map(|k| Some((series[0][0][k]?, values[k])))
+            .collect();
         let n = both.len() as f64;
-        let (ours, measured) =
-            (both.iter().map(|(ours, _)| ours).sum::<f64>() / n, both.iter().map(|(_, measured)| measured).sum::<f64>() / n);
-        (!both.is_empty()).then(|| (grid.time(target.start).div_euclid(DAY), ours - measured, theirs - measured))
+        let (ours, measured) = (
+            both.iter().map(|(ours, _)| ours).sum::<f64>() / n,
+            both.iter().map(|(_, measured)| measured).sum::<f64>() / n,
+        );
+        (!both.is_empty())
+            .then(|| (grid.time(target.start).div_euclid(DAY), ours - measured, theirs - measured))
     };
     Match::of(&forecasts.into_iter().filter_map(error).collect::<Vec<_>>(), 1.0)
 }

@@ -32,7 +32,8 @@ pub struct Past {
     pub references: Vec<Reference>,
     /// Since when newer measurements contradict the incumbent, in seconds, where they do.
     pub degraded: Option<i64>,
-    /// The same model on the days right before those that the fit has seen, where there are any ([`crate::estimate::problem::request::days_before`]).
+    /// The same model on the days right before those that the fit has seen, where there are any
+    /// ([`crate::estimate::problem::request::days_before`]).
     pub days_before: Option<Problem>,
     /// The weather of the neighbours that measure it themselves.
     pub next_door: Vec<NextDoor>,

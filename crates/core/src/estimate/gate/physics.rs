@@ -21,14 +21,21 @@ pub fn checks(problem: &Problem, theta: &[f64], trajectory: &Trajectory) -> Vec<
     let model = problem.model();
     let mut extents = extents(problem, theta, trajectory).into_iter();
     let look = |check: &Check| match check {
-        Check::Range { name, unit, lower, upper, .. } => extents.next().map(|extent| inside(name, unit, (*lower, *upper), extent)),
+        Check::Range { name, unit, lower, upper, .. } => {
+            extents.next().map(|extent| inside(name, unit, (*lower, *upper), extent))
+        }
         other => one(problem, theta, trajectory, other),
     };
     model.checks().iter().filter_map(look).collect()
 }
 
 /// Whether what an expression did stays within its limits.
-fn inside(name: &str, unit: &str, (lower, upper): (Option<f64>, Option<f64>), (low, high): (f64, f64)) -> CheckResult {
+fn inside(
+    name: &str,
+    unit: &str,
+    (lower, upper): (Option<f64>, Option<f64>),
+    (low, high): (f64, f64),
+) -> CheckResult {
     let too_low = lower.is_some_and(|lower| low.is_nan() || low < lower);
     let too_high = upper.is_some_and(|upper| high.is_nan() || high > upper);
     // The limit that is broken is told, and else the lower one.
@@ -49,7 +56,8 @@ fn inside(name: &str, unit: &str, (lower, upper): (Option<f64>, Option<f64>), (l
     }
 }
 
-/// The lowest and the highest value of the expressions of the range checks, over the samples that the free run predicts.
+/// The lowest and the highest value of the expressions of the range checks, over the samples that the free
+/// run predicts.
 fn extents(problem: &Problem, theta: &[f64], trajectory: &Trajectory) -> Vec<(f64, f64)> {
     let (model, inputs) = (problem.model(), problem.inputs());
     // A graph of their own, which is small: they are looked at as often as there are samples.
@@ -74,34 +82,71 @@ fn extents(problem: &Problem, theta: &[f64], trajectory: &Trajectory) -> Vec<(f6
 }
 
 fn one(problem: &Problem, theta: &[f64], trajectory: &Trajectory, check: &Check) -> Option<CheckResult> {
-    let result = |name: &str, statistic: f64, operator: &str, threshold: f64, unit: &str, pass: bool, comment: String| {
+    let result = |name: &str,
+                  statistic: f64,
+                  operator: &str,
+                  threshold: f64,
+                  unit: &str,
+                  pass: bool,
+                  comment: String| {
         let statistic = Some(statistic).filter(|value| value.is_finite());
         let (name, operator, unit) = (format!("G3 {name}"), operator.to_owned(), unit.to_owned());
-        Some(CheckResult { name, statistic, operator, threshold: Some(threshold), unit, pass, severity: Severity::Reject, comment })
+        Some(CheckResult {
+            name,
+            statistic,
+            operator,
+            threshold: Some(threshold),
+            unit,
+            pass,
+            severity: Severity::Reject,
+            comment,
+        })
     };
     match check {
         Check::Stable => {
-            let fastest = eigenvalues(problem, theta, trajectory).into_iter().fold(f64::NEG_INFINITY, f64::max);
-            result("stable", fastest, "<", 0.0, "1/h", fastest < 0.0, "left alone, every temperature settles".to_owned())
+            let fastest =
+                eigenvalues(problem, theta, trajectory).into_iter().fold(f64::NEG_INFINITY, f64::max);
+            result(
+                "stable",
+                fastest,
+                "<",
+                0.0,
+                "1/h",
+                fastest < 0.0,
+                "left alone, every temperature settles".to_owned(),
+            )
         }
         Check::TimeConstants { lower, upper } => {
-            let constants: Vec<f64> = eigenvalues(problem, theta, trajectory).into_iter().map(|rate| -1.0 / rate).collect();
-            let (shortest, longest) =
-                (constants.iter().copied().fold(f64::INFINITY, f64::min), constants.iter().copied().fold(0.0, f64::max));
+            let constants: Vec<f64> =
+                eigenvalues(problem, theta, trajectory).into_iter().map(|rate| -1.0 / rate).collect();
+            let (shortest, longest) = (
+                constants.iter().copied().fold(f64::INFINITY, f64::min),
+                constants.iter().copied().fold(0.0, f64::max),
+            );
             let pass = shortest >= *lower && longest <= *upper;
-            let comment = format!("time constants from {shortest:.3} h to {longest:.1} h; physics allows {lower:.4} h to {upper:.0} h");
+            let comment = format!(
+                "time constants from {shortest:.3} h to {longest:.1} h; physics allows {lower:.4} h to \
+                {upper:.0} h"
+            );
             result("time constants", longest, "<=", *upper, "h", pass, comment)
         }
         Check::SteadyGain { input, state, above, upto, with } => {
             let gain = steady_gain(problem, theta, input, state, with)?;
             let pass = gain > *above && upto.is_none_or(|upto| gain <= upto);
             let limit = upto.map_or_else(String::new, |upto| format!(" and at most {upto}"));
-            let comment = format!("one unit more of {input} moves {state} by {gain:.3} in the end; it must be above {above}{limit}");
+            let comment = format!(
+                "one unit more of {input} moves {state} by {gain:.3} in the end; it must be above \
+                {above}{limit}"
+            );
             result(&format!("gain of {input}"), gain, ">", *above, "-", pass, comment)
         }
         Check::StateRange { lower, upper } => {
             let mut worst = 0.0f64;
-            let runs = [trajectory.clone(), stress(problem, theta, -STRESS_KELVIN), stress(problem, theta, STRESS_KELVIN)];
+            let runs = [
+                trajectory.clone(),
+                stress(problem, theta, -STRESS_KELVIN),
+                stress(problem, theta, STRESS_KELVIN),
+            ];
             for run in runs {
                 for (low, high) in run.states.iter().map(|series| range(series)) {
                     // A range that is not a number is outside of everything.
@@ -109,7 +154,9 @@ fn one(problem: &Problem, theta: &[f64], trajectory: &Trajectory, check: &Check)
                     worst = worst.max(if outside.is_nan() { f64::INFINITY } else { outside });
                 }
             }
-            let comment = format!("all states stay within [{lower}, {upper}], on these data and in a fortnight of harsh weather");
+            let comment = format!(
+                "all states stay within [{lower}, {upper}], on these data and in a fortnight of harsh weather"
+            );
             result("state range", worst, "<=", 0.0, "K", worst <= 0.0, comment)
         }
         // Its expression belongs to the model (`extents`).
@@ -118,7 +165,13 @@ fn one(problem: &Problem, theta: &[f64], trajectory: &Trajectory, check: &Check)
 }
 
 /// Evaluates nodes of the model at states, parameters and inputs.
-fn at(problem: &Problem, nodes: &[crate::model::expr::NodeId], states: &[f64], theta: &[f64], inputs: &[f64]) -> Vec<f64> {
+fn at(
+    problem: &Problem,
+    nodes: &[crate::model::expr::NodeId],
+    states: &[f64],
+    theta: &[f64],
+    inputs: &[f64],
+) -> Vec<f64> {
     problem.model().graph().evaluate(nodes, |leaf| match leaf {
         Node::State(i) => states[usize::from(i)],
         Node::Param(i) => theta[usize::from(i)],
@@ -144,7 +197,8 @@ pub fn mean_inputs(problem: &Problem) -> Vec<f64> {
 /// Real parts of the eigenvalues in the middle of the trajectory. Complex pairs are normal: a thermostat
 /// feeds back.
 fn eigenvalues(problem: &Problem, theta: &[f64], trajectory: &Trajectory) -> Vec<f64> {
-    let states: Vec<f64> = trajectory.states.iter().map(|series| range(series)).map(|(low, high)| 0.5 * (low + high)).collect();
+    let states: Vec<f64> =
+        trajectory.states.iter().map(|series| range(series)).map(|(low, high)| 0.5 * (low + high)).collect();
     let matrix = jacobian(problem, &states, theta, &mean_inputs(problem));
     if matrix.iter().any(|value| !value.is_finite()) {
         return vec![f64::NAN];
@@ -154,7 +208,13 @@ fn eigenvalues(problem: &Problem, theta: &[f64], trajectory: &Trajectory) -> Vec
 
 /// The steady change of a state per unit of an input, linearised in a cold room, where a thermostat is
 /// open. `None` where the model does not use the input.
-fn steady_gain(problem: &Problem, theta: &[f64], input: &str, state: &str, with: &IndexMap<String, f64>) -> Option<f64> {
+fn steady_gain(
+    problem: &Problem,
+    theta: &[f64],
+    input: &str,
+    state: &str,
+    with: &IndexMap<String, f64>,
+) -> Option<f64> {
     let model = problem.model();
     let index = model.inputs().iter().position(|known| known.name == input)?;
     let row = model.states().iter().position(|known| known.name == state)?;
@@ -195,11 +255,15 @@ fn stress(problem: &Problem, theta: &[f64], kelvin: f64) -> Trajectory {
         })
         .collect();
     let inputs = Inputs::constant(model, &values, STRESS_HOURS, 1.0);
-    let starts: Vec<f64> = (0..model.outputs().len()).map(|output| problem.simulator().measured_start(output).unwrap_or(20.0)).collect();
+    let starts: Vec<f64> = (0..model.outputs().len())
+        .map(|output| problem.simulator().measured_start(output).unwrap_or(20.0))
+        .collect();
     let columns: Vec<(Vec<f64>, Vec<bool>)> =
         starts.iter().map(|start| (vec![*start; STRESS_HOURS + 1], vec![true; STRESS_HOURS + 1])).collect();
-    let measured: Vec<MeasuredOutput> = columns.iter().map(|(values, valid)| (values.as_slice(), valid.as_slice())).collect();
-    let simulator = Simulator::new(model, &inputs, &measured, model.stepper(), substeps(model.stepper(), 1.0));
+    let measured: Vec<MeasuredOutput> =
+        columns.iter().map(|(values, valid)| (values.as_slice(), valid.as_slice())).collect();
+    let simulator =
+        Simulator::new(model, &inputs, &measured, model.stepper(), substeps(model.stepper(), 1.0));
     simulator.run_with_states(theta)
 }
 

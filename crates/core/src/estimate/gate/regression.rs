@@ -1,9 +1,11 @@
-//! The free regression of a room on what was logged of it: which inputs it follows, with which sign and by which clock.
+//! The free regression of a room on what was logged of it: which inputs it follows, with which sign and by
+//! which clock.
 //!
-//! A grey-box model searches within bounds, so that a gain of the wrong sign shows as a small one, and a wrong channel bends all
-//! other parameters. A linear forecast six hours ahead that knows no physics has no bounds: each input enters by its means over
-//! the hours ahead and behind, and whatever is claimed of an input (another clock, another channel in its place) is fitted again
-//! at once. Errors are compared in pairs by days.
+//! A grey-box model searches within bounds, so that a gain of the wrong sign shows as a small one, and a
+//! wrong channel bends all other parameters. A linear forecast six hours ahead that knows no physics has no
+//! bounds: each input enters by its means over the hours ahead and behind, and whatever is claimed of an
+//! input (another clock, another channel in its place) is fitted again at once. Errors are compared in pairs
+//! by days.
 
 use crate::data::{CALENDAR, DROPS};
 use crate::estimate::problem::Problem;
@@ -16,7 +18,8 @@ const AHEAD: i64 = 6;
 const BEHIND: i64 = 24;
 /// The hours over whose means an input enters, counted from the origin.
 const WINDOWS: [(i64, i64); 4] = [(3, 6), (0, 3), (-6, 0), (-24, -6)];
-/// Columns that need no input: a constant, the temperature now and three hours ago, and that of the same hour a day before.
+/// Columns that need no input: a constant, the temperature now and three hours ago, and that of the same hour
+/// a day before.
 const OWN: usize = 4;
 /// Fewest rows for each column.
 const ROWS_EACH: usize = 4;
@@ -78,8 +81,8 @@ pub struct Followed {
 }
 
 impl Regression {
-    /// The regression of the first output of a problem. `None` where the record is too short for its inputs, or sampled more
-    /// rarely than every hour.
+    /// The regression of the first output of a problem. `None` where the record is too short for its inputs,
+    /// or sampled more rarely than every hour.
     pub fn new(problem: &Problem) -> Option<Self> {
         let grid = problem.grid();
         let per_hour = (HOUR / grid.step()) as usize;
@@ -90,7 +93,8 @@ impl Regression {
         let (values, valid) = problem.measured()[0];
         let room: Vec<Option<f64>> = (0..hours)
             .map(|hour| {
-                let known: Vec<f64> = samples(hour, per_hour).filter(|k| valid[*k]).map(|k| values[k]).collect();
+                let known: Vec<f64> =
+                    samples(hour, per_hour).filter(|k| valid[*k]).map(|k| values[k]).collect();
                 (!known.is_empty()).then(|| known.iter().sum::<f64>() / known.len() as f64)
             })
             .collect();
@@ -102,11 +106,21 @@ impl Regression {
         }
         let (ahead, behind) = (AHEAD as usize, BEHIND as usize);
         let origins: Vec<usize> = (behind..hours.saturating_sub(ahead))
-            .filter(|k| lost[k + ahead + 1] == lost[k + 1 - behind] && [*k, k - 3, k + ahead].iter().all(|hour| room[*hour].is_some()))
+            .filter(|k| {
+                lost[k + ahead + 1] == lost[k + 1 - behind]
+                    && [*k, k - 3, k + ahead].iter().all(|hour| room[*hour].is_some())
+            })
             .collect();
         let at = |hour: usize| room[hour].unwrap_or(f64::NAN);
-        let row = |value: &dyn Fn(usize) -> f64| DVector::from_iterator(origins.len(), origins.iter().map(|k| value(*k)));
-        let own = vec![row(&|_| 1.0), row(&at), row(&|k| at(k - 3)), row(&|k| room[k + ahead - behind].unwrap_or(at(k)))];
+        let row = |value: &dyn Fn(usize) -> f64| {
+            DVector::from_iterator(origins.len(), origins.iter().map(|k| value(*k)))
+        };
+        let own = vec![
+            row(&|_| 1.0),
+            row(&at),
+            row(&|k| at(k - 3)),
+            row(&|k| room[k + ahead - behind].unwrap_or(at(k))),
+        ];
         let day = |k: &usize| ((*k + ahead) as i64 * HOUR / DAY) as usize;
         let mut regression = Self {
             days: origins.iter().map(day).collect(),
@@ -134,30 +148,44 @@ impl Regression {
     /// An input beside all others.
     pub fn beside(&self, input: usize) -> Option<Beside<'_>> {
         let place = self.drivers.iter().position(|driver| driver.input == input)?;
-        let others = self.own.iter().chain(self.drivers.iter().enumerate().filter(|(i, _)| *i != place).flat_map(|(_, d)| &d.columns));
+        let others = self.own.iter().chain(
+            self.drivers.iter().enumerate().filter(|(i, _)| *i != place).flat_map(|(_, d)| &d.columns),
+        );
         let others = Basis::of(others.cloned().collect());
         let rest = others.without(self.target.clone());
         let logged = self.own_part(&others, &rest, &self.drivers[place].columns)?;
-        Some(Beside { regression: self, driver: &self.drivers[place], logged_by_day: self.squares(&logged.rest), others, rest, logged })
+        Some(Beside {
+            regression: self,
+            driver: &self.drivers[place],
+            logged_by_day: self.squares(&logged.rest),
+            others,
+            rest,
+            logged,
+        })
     }
 
-    /// The regression with all inputs so many hours later (negative) or earlier, beside that of what was logged: the clock of the room
-    /// itself.
+    /// The regression with all inputs so many hours later (negative) or earlier, beside that of what was
+    /// logged: the clock of the room itself.
     pub fn with_all_shifted<'a>(&'a self, hours: &'a [i64]) -> impl Iterator<Item = (i64, Compared)> + 'a {
         let error = |shift: i64| {
             let columns = self.drivers.iter().flat_map(|driver| self.columns(&rolled(&driver.hourly, shift)));
-            self.squares(&Basis::of(self.own.iter().cloned().chain(columns).collect()).without(self.target.clone()))
+            self.squares(
+                &Basis::of(self.own.iter().cloned().chain(columns).collect()).without(self.target.clone()),
+            )
         };
         let logged = error(0);
         hours.iter().map(move |hours| (*hours, Compared::of(&logged, &error(*hours))))
     }
 
-    /// Forecasts of the first output by a regression on the rows whose target lies in `train`, for the rows whose origin and target
-    /// lie in `range`: the samples of the target's hour, with the forecast of their mean.
+    /// Forecasts of the first output by a regression on the rows whose target lies in `train`, for the rows
+    /// whose origin and target lie in `range`: the samples of the target's hour, with the forecast of their
+    /// mean.
     pub fn forecasts(&self, train: &Range<usize>, range: &Range<usize>) -> Vec<(Range<usize>, f64)> {
         let target = |k: usize| samples(k + AHEAD as usize, self.per_hour);
-        let learnt: Vec<usize> = (0..self.origins.len()).filter(|row| target(self.origins[*row]).end <= train.end).collect();
-        let columns: Vec<&DVector<f64>> = self.own.iter().chain(self.drivers.iter().flat_map(|driver| &driver.columns)).collect();
+        let learnt: Vec<usize> =
+            (0..self.origins.len()).filter(|row| target(self.origins[*row]).end <= train.end).collect();
+        let columns: Vec<&DVector<f64>> =
+            self.own.iter().chain(self.drivers.iter().flat_map(|driver| &driver.columns)).collect();
         if learnt.len() < ROWS_EACH * columns.len() {
             return Vec::new();
         }
@@ -170,14 +198,16 @@ impl Regression {
         });
         judged
             .map(|row| {
-                let forecast: f64 = columns.iter().zip(coefficients.iter()).map(|(column, c)| c * column[row]).sum();
+                let forecast: f64 =
+                    columns.iter().zip(coefficients.iter()).map(|(column, c)| c * column[row]).sum();
                 (target(self.origins[row]), self.own[1][row] + forecast)
             })
             .collect()
     }
 
     fn own_part(&self, others: &Basis, rest: &DVector<f64>, columns: &[DVector<f64>]) -> Option<Part> {
-        let columns: Vec<DVector<f64>> = columns.iter().map(|column| others.without(column.clone())).collect();
+        let columns: Vec<DVector<f64>> =
+            columns.iter().map(|column| others.without(column.clone())).collect();
         let x = DMatrix::from_columns(&columns);
         let coefficients = solve(&x, rest)?;
         Some(Part { rest: rest - &x * &coefficients, coefficients, x })
@@ -202,15 +232,22 @@ impl Regression {
         values.chunks_exact(self.per_hour).map(|hour| hour.iter().sum::<f64>() / hour.len() as f64).collect()
     }
 
-    /// The means of a series over the windows of every row. The window that ends at the origin holds its hour.
+    /// The means of a series over the windows of every row. The window that ends at the origin holds its
+    /// hour.
     fn columns(&self, hourly: &[f64]) -> Vec<DVector<f64>> {
         let mut sums = vec![0.0; hourly.len() + 1];
         hourly.iter().enumerate().for_each(|(hour, value)| sums[hour + 1] = sums[hour] + value);
         let mean = |k: usize, (from, to): (i64, i64)| {
-            let (from, to) = ((k as i64 + from + 1) as usize, ((k as i64 + to + 1) as usize).min(hourly.len()));
+            let (from, to) =
+                ((k as i64 + from + 1) as usize, ((k as i64 + to + 1) as usize).min(hourly.len()));
             (sums[to] - sums[from]) / (to - from) as f64
         };
-        WINDOWS.iter().map(|window| DVector::from_iterator(self.origins.len(), self.origins.iter().map(|k| mean(*k, *window)))).collect()
+        WINDOWS
+            .iter()
+            .map(|window| {
+                DVector::from_iterator(self.origins.len(), self.origins.iter().map(|k| mean(*k, *window)))
+            })
+            .collect()
     }
 }
 
@@ -233,15 +270,17 @@ impl Beside<'_> {
         let ones = DVector::from_element(coefficients.len(), 1.0);
         let direction = ridged(x).cholesky().map(|factor| factor.solve(&ones));
         let influence = direction.map(|direction| x * direction);
-        let scores = influence.map(|influence| self.regression.by_day(|row| influence[row] * rest[row])).unwrap_or_default();
+        let scores = influence
+            .map(|influence| self.regression.by_day(|row| influence[row] * rest[row]))
+            .unwrap_or_default();
         let deviation = scores.iter().map(|score| score * score).sum::<f64>().sqrt();
         let gain_t = coefficients.sum() / deviation.max(f64::MIN_POSITIVE);
         let without = Compared::of(&self.logged_by_day, &self.regression.squares(&self.rest));
         Followed { gain_t, without }
     }
 
-    /// The regression with the input so many hours earlier: its value `hours` later takes the place of each. Circular, so that its
-    /// distribution stays.
+    /// The regression with the input so many hours earlier: its value `hours` later takes the place of each.
+    /// Circular, so that its distribution stays.
     pub fn shifted(&self, hours: i64) -> Option<Compared> {
         self.with(&rolled(&self.driver.hourly, hours))
     }
@@ -251,11 +290,13 @@ impl Beside<'_> {
         self.with(&self.regression.drivers.iter().find(|driver| driver.input == other)?.hourly)
     }
 
-    /// The share of shifts by whole days, over the whole record, with which the input explains as much as it was logged: (1 + those) /
-    /// (1 + all). Its daily rhythm stays, and what is claimed is broken.
+    /// The share of shifts by whole days, over the whole record, with which the input explains as much as it
+    /// was logged: (1 + those) / (1 + all). Its daily rhythm stays, and what is claimed is broken.
     pub fn shift_p(&self) -> f64 {
         let days = self.driver.hourly.len() as i64 * HOUR / DAY;
-        let as_good = (1..days).filter(|day| self.shifted(day * DAY / HOUR).is_some_and(|compared| compared.ratio <= 1.0)).count();
+        let as_good = (1..days)
+            .filter(|day| self.shifted(day * DAY / HOUR).is_some_and(|compared| compared.ratio <= 1.0))
+            .count();
         (1 + as_good) as f64 / days.max(1) as f64
     }
 
@@ -324,20 +365,32 @@ pub fn drives(problem: &Problem, input: usize) -> bool {
     driving(problem, input, problem.inputs().values(input)).is_some()
 }
 
-/// What drives a room where an input is `values`: itself, but for the sun, which warms with the sine of its height, and clouds,
-/// which take that away (Kasten and Czeplak). `None` for what follows the clock or the room itself.
+/// What drives a room where an input is `values`: itself, but for the sun, which warms with the sine of its
+/// height, and clouds, which take that away (Kasten and Czeplak). `None` for what follows the clock or the
+/// room itself.
 fn driving(problem: &Problem, input: usize, values: &[f64]) -> Option<Vec<f64>> {
     let inputs = problem.model().inputs();
     let channel = inputs[input].channel.as_str();
-    if CALENDAR.contains(&channel) || channel == DROPS || channel == "sun_azimuth" || channel == "wind_direction" {
+    if CALENDAR.contains(&channel)
+        || channel == DROPS
+        || channel == "sun_azimuth"
+        || channel == "wind_direction"
+    {
         return None;
     }
     let height = |degrees: f64| degrees.to_radians().sin().max(0.0);
     match channel {
         "sun_altitude" => Some(values.iter().map(|degrees| height(*degrees)).collect()),
         "cloud_cover" => {
-            let sun = problem.inputs().values(inputs.iter().position(|input| input.channel == "sun_altitude")?);
-            Some(values.iter().zip(sun).map(|(cloud, sun)| -height(*sun) * cloud.clamp(0.0, 1.0).powf(3.4)).collect())
+            let sun =
+                problem.inputs().values(inputs.iter().position(|input| input.channel == "sun_altitude")?);
+            Some(
+                values
+                    .iter()
+                    .zip(sun)
+                    .map(|(cloud, sun)| -height(*sun) * cloud.clamp(0.0, 1.0).powf(3.4))
+                    .collect(),
+            )
         }
         _ => Some(values.to_vec()),
     }

@@ -56,11 +56,15 @@ pub const ALL: &[Rule] = &[
 
 fn finite(context: &ValidationContext, table: &mut Table) {
     let of_output = |(index, output): (usize, &Output)| {
-        let again = context.problem.mean_square_error(&context.trajectory, index, context.problem.split().train.clone())?.sqrt();
+        let again = context
+            .problem
+            .mean_square_error(&context.trajectory, index, context.problem.split().train.clone())?
+            .sqrt();
         let stored = context.fit.metrics.get(&output.channel)?.train_rmse;
         Some(((again - stored) / stored.max(f64::MIN_POSITIVE)).abs())
     };
-    let differences: Option<Vec<f64>> = context.problem.model().outputs().iter().enumerate().map(of_output).collect();
+    let differences: Option<Vec<f64>> =
+        context.problem.model().outputs().iter().enumerate().map(of_output).collect();
     // A difference that is not a number is as large as can be.
     let largest = |worst: f64, d: f64| if d.is_nan() { f64::INFINITY } else { worst.max(d) };
     let difference = differences.map(|differences| differences.into_iter().fold(0.0, largest));
@@ -92,16 +96,26 @@ fn persistence(context: &ValidationContext, table: &mut Table) {
     let ratio = context.forecast.as_ref().map(|error| error.rmse / error.persistence.max(f64::MIN_POSITIVE));
     let comment = match &context.forecast {
         Some(error) if !context.problem.filters() => format!(
-            "the free run errs by {:.2} {unit} on unseen data, holding each output's last measurement for {name} by {:.2}",
+            "the free run errs by {:.2} {unit} on unseen data, holding each output's last measurement for \
+            {name} by {:.2}",
             error.rmse,
             error.persistence,
             unit = context.problem.scale_in_words()
         ),
-        Some(error) => format!("forecasts {name} ahead err by {:.2}, holding the last measurement by {:.2}", error.rmse, error.persistence),
+        Some(error) => format!(
+            "forecasts {name} ahead err by {:.2}, holding the last measurement by {:.2}",
+            error.rmse, error.persistence
+        ),
         None if !context.problem.filters() => {
-            format!("there are no unseen measurements {name} behind others to compare the free run with, or it leaves the numbers")
+            format!(
+                "there are no unseen measurements {name} behind others to compare the free run with, or it \
+                leaves the numbers"
+            )
         }
-        None => format!("there are no unseen measurements to forecast {name} ahead, or a forecast of them leaves the numbers"),
+        None => format!(
+            "there are no unseen measurements to forecast {name} ahead, or a forecast of them leaves the \
+            numbers"
+        ),
     };
     table.at_most("G4 beats persistence", ratio, 1.0, "-", Severity::Reject, comment);
     if ratio.is_some_and(|ratio| ratio > BARELY && ratio <= 1.0) {
@@ -115,9 +129,17 @@ fn persistence(context: &ValidationContext, table: &mut Table) {
 fn incumbent(context: &ValidationContext, table: &mut Table) {
     let Some(incumbent) = &context.incumbent else { return };
     let theirs = context.error_of(incumbent, context.problem.split().validation.clone());
-    let ratio = context.forecast.as_ref().zip(theirs).map(|(ours, theirs)| ours.rmse / theirs.rmse.max(f64::MIN_POSITIVE));
+    let ratio = context
+        .forecast
+        .as_ref()
+        .zip(theirs)
+        .map(|(ours, theirs)| ours.rmse / theirs.rmse.max(f64::MIN_POSITIVE));
     let name = horizon_name(context.policy.horizon);
-    let what = if context.problem.filters() { format!("the error {name} ahead") } else { "the error of the free run".to_owned() };
+    let what = if context.problem.filters() {
+        format!("the error {name} ahead")
+    } else {
+        "the error of the free run".to_owned()
+    };
     let comment = format!("{what} beside that of the parameters served now, on the same unseen data");
     table.at_most(NO_WORSE_THAN_INCUMBENT, ratio, INCUMBENT_RATIO, "-", Severity::Reject, comment);
 }
@@ -130,7 +152,8 @@ fn largest_error(context: &ValidationContext, table: &mut Table) {
         // What is not a number errs by more than any.
         errors.fold(0.0, |worst, error| if error.is_nan() { f64::INFINITY } else { worst.max(error) })
     };
-    let says = |limit: f64, unit: &str| format!("the free run never errs by more than {} {unit}", short(limit));
+    let says =
+        |limit: f64, unit: &str| format!("the free run never errs by more than {} {unit}", short(limit));
     table.worst(context, "G5 largest error", LARGEST_ERROR, error, says);
 }
 
@@ -138,7 +161,8 @@ fn excursion(context: &ValidationContext, table: &mut Table) {
     let excursion = |scale: &OutputScale| {
         let (values, valid) = context.problem.measured()[scale.output];
         let known = (0..values.len()).filter(|k| valid[*k]).map(|k| values[k]);
-        let (low, high) = known.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| (low.min(value), high.max(value)));
+        let (low, high) = known
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| (low.min(value), high.max(value)));
         let run = &context.trajectory.outputs[scale.output][context.since(FORTNIGHT)..];
         run.iter().map(|y| (low - y).max(y - high)).fold(0.0, f64::max)
     };
@@ -151,14 +175,19 @@ fn repeat(context: &ValidationContext, table: &mut Table) {
     if !pass {
         table.flags.push("low_confidence".to_owned());
     }
-    // A search that has spent what is usual and finds no agreement has told all that it can; one that was cut short has not.
+    // A search that has spent what is usual and finds no agreement has told all that it can; one that was cut
+    // short has not.
     let evaluations = context.fit.evaluations;
     let (severity, comment) = match context.fit.stopped_by {
         Stop::Converged => (Severity::Flag, "restarts of the search agree".to_owned()),
-        Stop::Deadline => (Severity::Hold, "the search was cut short by its deadline, before two restarts agreed".to_owned()),
+        Stop::Deadline => (
+            Severity::Hold,
+            "the search was cut short by its deadline, before two restarts agreed".to_owned(),
+        ),
         Stop::Budget if evaluations < USUAL_BUDGET => {
             let comment = format!(
-                "the search was cut short by its budget, after {evaluations} simulations and before two restarts agreed: {USUAL_BUDGET} are usual"
+                "the search was cut short by its budget, after {evaluations} simulations and before two \
+                restarts agreed: {USUAL_BUDGET} are usual"
             );
             (Severity::Hold, comment)
         }
@@ -170,13 +199,24 @@ fn repeat(context: &ValidationContext, table: &mut Table) {
 fn unseen(context: &ValidationContext, table: &mut Table) {
     let unseen = context.problem.split().validation.len();
     let comment = "there are measurements that the search has not seen".to_owned();
-    table.check("G8 unseen data", Some(unseen as f64), ">", Some(0.0), "samples", unseen > 0, Severity::Reject, comment);
+    table.check(
+        "G8 unseen data",
+        Some(unseen as f64),
+        ">",
+        Some(0.0),
+        "samples",
+        unseen > 0,
+        Severity::Reject,
+        comment,
+    );
 }
 
 fn complete(context: &ValidationContext, table: &mut Table) {
     let (problem, split) = (&context.problem, context.problem.split());
     let all = split.train.start..split.validation.end.max(split.train.end);
-    let excluded = |k: &usize| context.policy.excluded.iter().any(|(from, to)| (*from..=*to).contains(&problem.grid().time(*k)));
+    let excluded = |k: &usize| {
+        context.policy.excluded.iter().any(|(from, to)| (*from..=*to).contains(&problem.grid().time(*k)))
+    };
     let wanted = all.clone().filter(|k| !excluded(k)).count();
     let share = |scale: &OutputScale| {
         let usable = problem.usable(scale.output, all.clone());
@@ -185,7 +225,16 @@ fn complete(context: &ValidationContext, table: &mut Table) {
     let shares = context.output_scales().into_iter().map(|scale| (share(&scale), scale));
     let Some((good, scale)) = shares.min_by(|(one, _), (other, _)| one.total_cmp(other)) else { return };
     let comment = scale.says("share of samples at which the output and all inputs are known".to_owned());
-    table.check("G8 complete", Some(good), ">=", Some(LEAST_VALID), "-", good >= LEAST_VALID, Severity::Reject, comment);
+    table.check(
+        "G8 complete",
+        Some(good),
+        ">=",
+        Some(LEAST_VALID),
+        "-",
+        good >= LEAST_VALID,
+        Severity::Reject,
+        comment,
+    );
 }
 
 fn excited(context: &ValidationContext, table: &mut Table) {
@@ -199,8 +248,10 @@ fn excited(context: &ValidationContext, table: &mut Table) {
         table.check("G8 excited", Some(0.0), ">", Some(0.0), &input.unit, false, Severity::Reject, comment);
     }
     // Each of these may stand still, and nothing is learnt from a record in which they all do.
-    let together: Vec<(usize, &str)> =
-        inputs().filter(|(_, input)| input.may_be_constant).map(|(index, input)| (index, input.channel.as_str())).collect();
+    let together: Vec<(usize, &str)> = inputs()
+        .filter(|(_, input)| input.may_be_constant)
+        .map(|(index, input)| (index, input.channel.as_str()))
+        .collect();
     if !together.is_empty() && together.iter().all(|(index, _)| constant(*index)) {
         let names: Vec<&str> = together.iter().map(|(_, name)| *name).collect();
         let comment = format!("none of {} ever changes, so nothing excites what they feed", names.join(", "));
@@ -215,7 +266,10 @@ fn unit_jump(context: &ValidationContext, table: &mut Table) {
         let pairs = ticks.clone().zip(ticks.skip(1)).filter(|(before, k)| valid[*before] && valid[*k]);
         pairs.map(|(before, k)| (values[k] - values[before]).abs()).fold(0.0, f64::max)
     };
-    let says = |_: f64, _: &str| "largest change of the output from one sample to the next; a change of unit would be larger".to_owned();
+    let says = |_: f64, _: &str| {
+        "largest change of the output from one sample to the next; a change of unit would be larger"
+            .to_owned()
+    };
     table.worst(context, "G8 no unit jump", LARGEST_CHANGE, change, says);
 }
 
@@ -223,12 +277,20 @@ fn stuck(context: &ValidationContext, table: &mut Table) {
     let longest = |scale: &OutputScale| {
         let (values, valid) = context.problem.measured()[scale.output];
         let step = context.problem.quanta().get(scale.output).copied().flatten().unwrap_or(0.0);
-        let (hours, moved) = longest_constant(values, valid, &context.trajectory.outputs[scale.output], context.problem.grid().step());
+        let (hours, moved) = longest_constant(
+            values,
+            valid,
+            &context.trajectory.outputs[scale.output],
+            context.problem.grid().step(),
+        );
         let limit = if step > 0.0 && moved > 5.0 * step { STUCK_HOURS_MOVING } else { STUCK_HOURS };
         (hours, limit)
     };
     let judged = context.output_scales().into_iter().map(|scale| (longest(&scale), scale));
-    let Some(((hours, limit), scale)) = judged.max_by(|((a, x), _), ((b, y), _)| (a / x).total_cmp(&(b / y))) else { return };
+    let Some(((hours, limit), scale)) = judged.max_by(|((a, x), _), ((b, y), _)| (a / x).total_cmp(&(b / y)))
+    else {
+        return;
+    };
     let comment = scale.says("longest time for which the output sensor showed one value".to_owned());
     table.at_most("G8 not stuck", Some(hours), limit, "h", Severity::Reject, comment);
 }
@@ -244,7 +306,8 @@ fn longest_constant(values: &[f64], valid: &[bool], simulated: &[f64], step: i64
         if valid[k] && k - start > longest {
             longest = k - start;
             let run = &simulated[start..=k];
-            moved = run.iter().copied().fold(f64::NEG_INFINITY, f64::max) - run.iter().copied().fold(f64::INFINITY, f64::min);
+            moved = run.iter().copied().fold(f64::NEG_INFINITY, f64::max)
+                - run.iter().copied().fold(f64::INFINITY, f64::min);
         }
     }
     (longest as f64 * step as f64 / 3600.0, moved)

@@ -37,11 +37,21 @@ impl ServedParameters {
     }
 
     fn with_flags(flags: Vec<String>, fit: &Fit) -> Self {
-        let ahead = |errors: &IndexMap<String, AheadError>| errors.iter().map(|(horizon, error)| (horizon.clone(), error.rmse)).collect();
+        let ahead = |errors: &IndexMap<String, AheadError>| {
+            errors.iter().map(|(horizon, error)| (horizon.clone(), error.rmse)).collect()
+        };
         Self {
             model: fit.model.clone(),
-            parameters: fit.parameters.iter().map(|(name, estimate)| (name.clone(), estimate.value)).collect(),
-            units: fit.parameters.iter().map(|(name, estimate)| (name.clone(), estimate.unit.clone())).collect(),
+            parameters: fit
+                .parameters
+                .iter()
+                .map(|(name, estimate)| (name.clone(), estimate.value))
+                .collect(),
+            units: fit
+                .parameters
+                .iter()
+                .map(|(name, estimate)| (name.clone(), estimate.unit.clone()))
+                .collect(),
             ci95: fit.parameters.iter().map(|(name, estimate)| (name.clone(), estimate.ci95)).collect(),
             flags,
             error: fit

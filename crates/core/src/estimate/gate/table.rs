@@ -23,7 +23,9 @@ impl Table {
         match ValidationContext::new(problem, fit, past, policy) {
             Ok(context) => rules.iter().for_each(|rule| (rule.look)(&context, &mut table)),
             // There is nothing that any rule could look at.
-            Err(comment) => table.check("G1 finite", None, "", None, "-", false, Severity::Reject, comment.to_owned()),
+            Err(comment) => {
+                table.check("G1 finite", None, "", None, "-", false, Severity::Reject, comment.to_owned())
+            }
         }
         table
     }
@@ -83,8 +85,8 @@ impl Table {
 /// A rule of the gate.
 #[derive(Debug, Clone, Copy)]
 pub struct Rule {
-    /// What its checks are called; those of physics and of the inputs have names of their own behind `G3`, `G9`, `G10` and `G11`, and
-    /// `G6` looks at older days as well.
+    /// What its checks are called; those of physics and of the inputs have names of their own behind `G3`,
+    /// `G9`, `G10` and `G11`, and `G6` looks at older days as well.
     pub name: &'static str,
     pub(super) look: fn(&ValidationContext, &mut Table),
 }

@@ -1,9 +1,9 @@
 //! The gate: a table of checks between a fit and the controller.
 //!
-//! [`validate`] is the only maker of an [`Acceptance`], and only an acceptance can be served, or a [`Holding`]
-//! with an operator's word. Rules G1 to G12 (`rules`)
-//! each have a severity: a failed `reject` is final, a `hold` waits for an operator, a `flag` is published
-//! with the parameters. Incumbent and fit are judged on the same unseen data.
+//! [`validate`] is the only maker of an [`Acceptance`], and only an acceptance can be served, or a
+//! [`Holding`] with an operator's word. Rules G1 to G12 (`rules`) each have a severity: a failed `reject` is
+//! final, a `hold` waits for an operator, a `flag` is published with the parameters. Incumbent and fit are
+//! judged on the same unseen data.
 
 use super::check::{CheckResult, Severity};
 use super::past::{Past, Policy};
@@ -78,7 +78,11 @@ pub struct Judgement {
 impl Judgement {
     /// The rules that failed and are more than a flag.
     pub fn failed(&self) -> Vec<&str> {
-        self.checks.iter().filter(|check| !check.pass && check.severity != Severity::Flag).map(|check| check.name.as_str()).collect()
+        self.checks
+            .iter()
+            .filter(|check| !check.pass && check.severity != Severity::Flag)
+            .map(|check| check.name.as_str())
+            .collect()
     }
 }
 
@@ -88,12 +92,19 @@ const UNCHANGED_RATIO: f64 = 1.02;
 /// Judges a fit by every rule. A part of them gives a [`Table`], which lets nothing out.
 pub fn validate(problem: &Problem, fit: &Fit, past: &Past, policy: &Policy) -> Judgement {
     let table = Table::of(problem, fit, past, policy, ALL);
-    let ratio = table.checks.iter().find(|check| check.name == NO_WORSE_THAN_INCUMBENT).and_then(|check| check.statistic);
+    let ratio = table
+        .checks
+        .iter()
+        .find(|check| check.name == NO_WORSE_THAN_INCUMBENT)
+        .and_then(|check| check.statistic);
     let flags = &table.flags;
     let (verdict, summary) = if let Some(check) = table.failed(Severity::Reject) {
         (Verdict::Rejected, format!("rejected by {}: {}", check.name, check.comment))
     } else if let Some(check) = table.failed(Severity::Hold) {
-        (Verdict::Held(Holding { flags: flags.clone() }), format!("held by {}: {}", check.name, check.comment))
+        (
+            Verdict::Held(Holding { flags: flags.clone() }),
+            format!("held by {}: {}", check.name, check.comment),
+        )
     } else if ratio.is_some_and(|ratio| ratio > UNCHANGED_RATIO) {
         (Verdict::Unchanged, "good, but the parameters served now forecast better: they stay".to_owned())
     } else {

@@ -1,8 +1,8 @@
 //! Maximum likelihood of the stochastic model: `dx = f dt + diag(sigma) dw`, `y = h(x) + e`.
 //!
-//! The parameters, a diffusion per state and a standard deviation per output are searched together, each on its scale,
-//! by swarms on the likelihood and Fisher scoring on its slopes. The training part alone is filtered; what comes after it
-//! judges the fit as it does any other.
+//! The parameters, a diffusion per state and a standard deviation per output are searched together, each on
+//! its scale, by swarms on the likelihood and Fisher scoring on its slopes. The training part alone is
+//! filtered; what comes after it judges the fit as it does any other.
 
 use super::curvature::{Curvature, profiles};
 use super::objective::LikelihoodObjective;
@@ -57,7 +57,8 @@ pub(in crate::estimate) fn estimate(
         return Err(EstimateError::Interrupted(Interrupt::Cancelled));
     }
     let reason = reason(found.stop, &starts);
-    let mut remarks: Vec<String> = problem.model().dropped().iter().map(|what| format!("left out: {what}")).collect();
+    let mut remarks: Vec<String> =
+        problem.model().dropped().iter().map(|what| format!("left out: {what}")).collect();
     remarks.append(&mut found.remarks);
     let own = problem.space().len();
     let known = Uncertainty {
@@ -67,7 +68,8 @@ pub(in crate::estimate) fn estimate(
     };
     let point = task.point(&found.place.0);
     // The prior is no part of the likelihood that is reported.
-    let (log_likelihood, innovations) = task.log_likelihood_at(&found.place.0).ok_or(EstimateError::NothingFinite)?;
+    let (log_likelihood, innovations) =
+        task.log_likelihood_at(&found.place.0).ok_or(EstimateError::NothingFinite)?;
     let exact = task.likelihood.is_linear();
     let report_of = noise(&task, &point, &curvature);
     let names = task.space.dimensions().iter().map(|dimension| dimension.name.clone());
@@ -89,12 +91,23 @@ pub(in crate::estimate) fn estimate(
     remarks.extend(noted(&likelihood));
     let early = request.early_stopping.is_some_and(|rule| rule.validation);
     if early {
-        remarks.push("the validation part chose between candidates, so its error is not that of unseen data".to_owned());
+        remarks.push(
+            "the validation part chose between candidates, so its error is not that of unseen data"
+                .to_owned(),
+        );
     }
     let mut fit = report(&problem, request, found, &known, discretisation_error, remarks);
-    let limits: Vec<&str> = fit.parameters.iter().filter(|(_, estimate)| estimate.at_bound).map(|(name, _)| name.as_str()).collect();
+    let limits: Vec<&str> = fit
+        .parameters
+        .iter()
+        .filter(|(_, estimate)| estimate.at_bound)
+        .map(|(name, _)| name.as_str())
+        .collect();
     if !limits.is_empty() {
-        fit.remarks.push(format!("{} sits on a bound of the search: the value is a limit, not an estimate", limits.join(", ")));
+        fit.remarks.push(format!(
+            "{} sits on a bound of the search: the value is a limit, not an estimate",
+            limits.join(", ")
+        ));
     }
     fit.objective = Objective::Likelihood.as_str().to_owned();
     fit.likelihood = Some(likelihood);
@@ -105,8 +118,8 @@ pub(in crate::estimate) fn estimate(
     Ok(fit)
 }
 
-/// The curvature and the profiles of the optimum. A profile that comes to a better place shows that there is another one: the
-/// search goes on from there.
+/// The curvature and the profiles of the optimum. A profile that comes to a better place shows that there is
+/// another one: the search goes on from there.
 fn peak(
     task: &LikelihoodObjective,
     found: &mut SearchResult,
@@ -155,7 +168,9 @@ fn refine(problem: &Problem, found: &mut SearchResult, options: &CtsmOptions) ->
         }
         let task = LikelihoodObjective::new(&finer);
         let all: Vec<usize> = (0..task.space.len()).collect();
-        let Some((place, value, passes)) = task.climb(&found.place.0, &all, &options.scoring) else { return (problem, difference) };
+        let Some((place, value, passes)) = task.climb(&found.place.0, &all, &options.scoring) else {
+            return (problem, difference);
+        };
         found.evaluations += passes;
         if let Cost::Finite(cost) = task.cost(value) {
             found.cost = cost;
@@ -181,14 +196,23 @@ fn starts(task: &LikelihoodObjective, runs: &[LocalRun]) -> Vec<StartReport> {
 /// Why the search ended, in a sentence.
 fn reason(stop: Stop, starts: &[StartReport]) -> String {
     let best = starts.iter().filter_map(|start| start.to).fold(f64::NEG_INFINITY, f64::max);
-    let there = starts.iter().filter(|start| start.settled && start.to.is_some_and(|to| to > best - 0.1)).count();
-    let others =
-        starts.iter().filter(|start| start.origin != Origin::Profile).filter_map(|start| start.to).fold(f64::NEG_INFINITY, f64::max);
-    let shared = format!("{there} of {} local runs end at the largest log-likelihood, {best:.1}", starts.len());
+    let there =
+        starts.iter().filter(|start| start.settled && start.to.is_some_and(|to| to > best - 0.1)).count();
+    let others = starts
+        .iter()
+        .filter(|start| start.origin != Origin::Profile)
+        .filter_map(|start| start.to)
+        .fold(f64::NEG_INFINITY, f64::max);
+    let shared =
+        format!("{there} of {} local runs end at the largest log-likelihood, {best:.1}", starts.len());
     match stop {
-        Stop::Converged if best > others + 0.1 => format!("a profile led to a better place than the restarts had agreed on: {shared}"),
+        Stop::Converged if best > others + 0.1 => {
+            format!("a profile led to a better place than the restarts had agreed on: {shared}")
+        }
         Stop::Converged => format!("restarts agree on the optimum: {shared}"),
-        Stop::Stalled => format!("further restarts bring nothing new, although they do not all agree: {shared}"),
+        Stop::Stalled => {
+            format!("further restarts bring nothing new, although they do not all agree: {shared}")
+        }
         Stop::Budget => format!("the evaluations are used up before restarts agree: {shared}"),
         Stop::Deadline => format!("the wall time is used up before restarts agree: {shared}"),
         Stop::Cancelled | Stop::Target => format!("the search was ended from outside: {shared}"),
@@ -207,7 +231,13 @@ fn noise(
         let dimension = &task.space.dimensions()[coordinate];
         let value = point[task.places[coordinate]];
         let at_bound = !(AT_BOUND..=1.0 - AT_BOUND).contains(&dimension.unit(value));
-        NoiseEstimate { value, unit, ci95: curvature.intervals[coordinate], bounds: [dimension.lower, dimension.upper], at_bound }
+        NoiseEstimate {
+            value,
+            unit,
+            ci95: curvature.intervals[coordinate],
+            bounds: [dimension.lower, dimension.upper],
+            at_bound,
+        }
     };
     let states = model.states().iter().enumerate().map(|(i, state)| {
         let unit = format!("{}/h^0.5", error_unit(&state.unit));
@@ -224,14 +254,26 @@ fn noise(
 /// What a reader should know of the noise.
 fn noted(likelihood: &LikelihoodReport) -> Vec<String> {
     let mut remarks = Vec::new();
-    let still: Vec<&str> = likelihood.diffusion.iter().filter(|(_, sigma)| sigma.at_bound).map(|(name, _)| name.as_str()).collect();
+    let still: Vec<&str> = likelihood
+        .diffusion
+        .iter()
+        .filter(|(_, sigma)| sigma.at_bound)
+        .map(|(name, _)| name.as_str())
+        .collect();
     if !still.is_empty() {
         remarks.push(format!("the data ask for no diffusion of {}", still.join(", ")));
     }
-    let sensors: Vec<&str> = likelihood.measurement.iter().filter(|(_, sigma)| sigma.at_bound).map(|(name, _)| name.as_str()).collect();
+    let sensors: Vec<&str> = likelihood
+        .measurement
+        .iter()
+        .filter(|(_, sigma)| sigma.at_bound)
+        .map(|(name, _)| name.as_str())
+        .collect();
     if !sensors.is_empty() {
-        remarks
-            .push(format!("the diffusion explains all the noise of {}: the sensor's own is a limit, not an estimate", sensors.join(", ")));
+        remarks.push(format!(
+            "the diffusion explains all the noise of {}: the sensor's own is a limit, not an estimate",
+            sensors.join(", ")
+        ));
     }
     remarks
 }

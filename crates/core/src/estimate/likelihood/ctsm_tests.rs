@@ -1,4 +1,5 @@
-//! The largest likelihood of rooms: it is found, the same on any number of threads, and says what it rests on.
+//! The largest likelihood of rooms: it is found, the same on any number of threads, and says what it rests
+//! on.
 
 use super::objective::LikelihoodObjective;
 use crate::data::Bindings;
@@ -14,7 +15,8 @@ use serde_json::json;
 fn room(seed: u64, split: serde_json::Value) -> (Problem, EstimateRequest) {
     let twin = twin::room(seed, 0, 9, 30).unwrap();
     let (window, _) = Window::parse_csv(&twin.csv, &Bindings::none()).unwrap();
-    let request: EstimateRequest = serde_json::from_value(json!({"method": {"name": "ctsm", "seed": 3}, "split": split})).unwrap();
+    let request: EstimateRequest =
+        serde_json::from_value(json!({"method": {"name": "ctsm", "seed": 3}, "split": split})).unwrap();
     let catalogue = Catalogue::builtin().unwrap();
     (prepare(&catalogue, &"room3".parse().unwrap(), &request, &window, &Site::default()).unwrap(), request)
 }
@@ -49,7 +51,11 @@ fn slopes_in_the_cube_equal_high_order_differences() {
             let d = |k: f64| at(k) - at(-k);
             let difference = (d(1.0) * 672.0 - d(2.0) * 168.0 + d(3.0) * 32.0 - d(4.0) * 3.0) / (840.0 * h);
             let scale = slope.gradient[index].abs().max(1e-3 * largest);
-            assert!((slope.gradient[index] - difference).abs() < 1e-6 * scale, "{prior} {i}: {} {difference}", slope.gradient[index]);
+            assert!(
+                (slope.gradient[index] - difference).abs() < 1e-6 * scale,
+                "{prior} {i}: {} {difference}",
+                slope.gradient[index]
+            );
         }
     }
 }
@@ -63,7 +69,10 @@ fn a_nonlinear_room_converges_to_the_same_bits_on_any_number_of_threads() {
     };
     let fit = on(1);
     assert_eq!(serde_json::to_string(&fit).unwrap(), serde_json::to_string(&on(2)).unwrap());
-    assert_eq!((fit.stopped_by, fit.objective.as_str(), fit.method.as_str()), (Stop::Converged, "likelihood", "ctsm"));
+    assert_eq!(
+        (fit.stopped_by, fit.objective.as_str(), fit.method.as_str()),
+        (Stop::Converged, "likelihood", "ctsm")
+    );
     let found = fit.likelihood.as_ref().unwrap();
     assert!(!found.exact);
     assert_eq!(found.estimated, problem.space().len() + 3 + 1);
@@ -79,7 +88,12 @@ fn a_nonlinear_room_converges_to_the_same_bits_on_any_number_of_threads() {
     assert!(!found.profiles.is_empty());
     for (name, profile) in &found.profiles {
         let peak = profile.log_likelihood.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-        assert!(peak < found.log_likelihood + 1e-2, "{name}: {peak} {} {:?}", found.log_likelihood, found.starts);
+        assert!(
+            peak < found.log_likelihood + 1e-2,
+            "{name}: {peak} {} {:?}",
+            found.log_likelihood,
+            found.starts
+        );
         assert!(profile.values.is_sorted(), "{name}");
     }
 }
@@ -88,8 +102,10 @@ fn a_nonlinear_room_converges_to_the_same_bits_on_any_number_of_threads() {
 fn a_deadline_leaves_what_was_found() {
     let (problem, request) = room(4, json!({"train": "P3D", "validation": "P1D"}));
     let asked = std::sync::atomic::AtomicUsize::new(0);
-    let interrupt = || (asked.fetch_add(1, std::sync::atomic::Ordering::Relaxed) > 40).then_some(Interrupt::Deadline);
-    let fit = estimate(&problem, &request, None, &Control { interrupt: &interrupt, ..Control::NONE }).unwrap();
+    let interrupt =
+        || (asked.fetch_add(1, std::sync::atomic::Ordering::Relaxed) > 40).then_some(Interrupt::Deadline);
+    let fit =
+        estimate(&problem, &request, None, &Control { interrupt: &interrupt, ..Control::NONE }).unwrap();
     let found = fit.likelihood.unwrap();
     assert_eq!(fit.stopped_by, Stop::Deadline);
     assert!(found.reason.starts_with("the wall time is used up"), "{}", found.reason);

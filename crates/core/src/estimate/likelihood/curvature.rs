@@ -26,7 +26,8 @@ const FALL: f64 = 1.920_729_410_347_062;
 /// The peak of a likelihood.
 #[derive(Debug, Clone)]
 pub struct Curvature {
-    /// The 95 % interval of each coordinate, on its scale; `None` where the data do not determine it within its bounds.
+    /// The 95 % interval of each coordinate, on its scale; `None` where the data do not determine it within
+    /// its bounds.
     pub intervals: Vec<Option<[f64; 2]>>,
     /// The standard error of each, in its unit.
     pub errors: Vec<Option<f64>>,
@@ -40,11 +41,12 @@ pub struct Curvature {
 }
 
 impl Curvature {
-    /// The inverse of the Hessian at an optimum; the Hessian is a central difference of exact gradients. Coordinates on a
-    /// bound stay there.
+    /// The inverse of the Hessian at an optimum; the Hessian is a central difference of exact gradients.
+    /// Coordinates on a bound stay there.
     pub fn at(task: &LikelihoodObjective, place: &[f64]) -> Self {
         let d = place.len();
-        let inside: Vec<usize> = (0..d).filter(|i| (AT_BOUND..=1.0 - AT_BOUND).contains(&place[*i])).collect();
+        let inside: Vec<usize> =
+            (0..d).filter(|i| (AT_BOUND..=1.0 - AT_BOUND).contains(&place[*i])).collect();
         let mut curvature = Self {
             intervals: vec![None; d],
             errors: vec![None; d],
@@ -57,7 +59,8 @@ impl Curvature {
         let n = inside.len();
         let information = DMatrix::from_row_slice(n, n, &centre.information);
         let column = |index: &usize| {
-            let step = (DIFFERENCE / information[(*index, *index)].max(1e-12).sqrt()).clamp(1e-7, 0.5 * AT_BOUND);
+            let step =
+                (DIFFERENCE / information[(*index, *index)].max(1e-12).sqrt()).clamp(1e-7, 0.5 * AT_BOUND);
             let moved = |by: f64| {
                 let mut moved = place.to_vec();
                 moved[inside[*index]] += by;
@@ -68,8 +71,11 @@ impl Curvature {
         };
         let columns: Option<Vec<Vec<f64>>> = (0..n).collect::<Vec<usize>>().par_iter().map(column).collect();
         curvature.passes = 1 + 2 * n;
-        let hessian = columns.map(|columns| DMatrix::from_fn(n, n, |i, j| 0.5 * (columns[j][i] + columns[i][j])));
-        let Some(covariance) = hessian.and_then(inverse).or_else(|| inverse(information)) else { return curvature };
+        let hessian =
+            columns.map(|columns| DMatrix::from_fn(n, n, |i, j| 0.5 * (columns[j][i] + columns[i][j])));
+        let Some(covariance) = hessian.and_then(inverse).or_else(|| inverse(information)) else {
+            return curvature;
+        };
         for (a, i) in inside.iter().enumerate() {
             curvature.deviation[*i] = covariance[(a, a)].max(0.0).sqrt();
             for (b, j) in inside.iter().enumerate() {
@@ -82,10 +88,12 @@ impl Curvature {
         }
         for i in inside {
             let dimension = &task.space().dimensions()[i];
-            let (low, high) = (place[i] - WIDTH * curvature.deviation[i], place[i] + WIDTH * curvature.deviation[i]);
+            let (low, high) =
+                (place[i] - WIDTH * curvature.deviation[i], place[i] + WIDTH * curvature.deviation[i]);
             // An interval that covers the whole search says nothing about the parameter.
             if high - low < f64::INFINITY && (low > 0.0 || high < 1.0) {
-                curvature.intervals[i] = Some([dimension.value(low.max(0.0)), dimension.value(high.min(1.0))]);
+                curvature.intervals[i] =
+                    Some([dimension.value(low.max(0.0)), dimension.value(high.min(1.0))]);
                 let stretch = match dimension.scale {
                     Scale::Linear => dimension.upper - dimension.lower,
                     Scale::Log => dimension.value(place[i]) * (dimension.upper / dimension.lower).ln(),
@@ -101,20 +109,25 @@ impl Curvature {
         let name = |i: usize| task.space().dimensions()[i].name.clone();
         let pairs = (0..first).flat_map(|i| (0..i).map(move |j| (i, j)));
         pairs
-            .map(|(i, j)| CorrelatedPair { parameters: [name(j), name(i)], correlation: self.correlations[i][j], ridge: Vec::new() })
+            .map(|(i, j)| CorrelatedPair {
+                parameters: [name(j), name(i)],
+                correlation: self.correlations[i][j],
+                ridge: Vec::new(),
+            })
             .filter(|pair| pair.correlation.abs() > CORRELATED)
             .collect()
     }
 }
 
-/// The inverse of a matrix that ought to be positive: directions that the data do not see get a huge variance. `None` where
-/// it bends the wrong way.
+/// The inverse of a matrix that ought to be positive: directions that the data do not see get a huge
+/// variance. `None` where it bends the wrong way.
 fn inverse(matrix: DMatrix<f64>) -> Option<DMatrix<f64>> {
     let n = matrix.nrows();
     if n == 0 || matrix.iter().any(|value| !value.is_finite()) {
         return None;
     }
-    // On the scale of its diagonal, so that what is small is small because of the data and not because of the units.
+    // On the scale of its diagonal, so that what is small is small because of the data and not because of the
+    // units.
     let diagonal = |i: usize| matrix[(i, i)].abs().sqrt();
     let greatest = (0..n).map(diagonal).fold(0.0, f64::max);
     // What nothing depends on has a scale all the same.
@@ -143,17 +156,27 @@ pub struct Profiled {
     pub better: Option<Vec<f64>>,
 }
 
-/// Profiles a likelihood about its optimum. Each side goes outwards, the others following first the covariance and then their
-/// own slopes.
-pub fn profiles(task: &LikelihoodObjective, place: &[f64], curvature: &Curvature, options: &CtsmOptions, control: &Control) -> Profiled {
+/// Profiles a likelihood about its optimum. Each side goes outwards, the others following first the
+/// covariance and then their own slopes.
+pub fn profiles(
+    task: &LikelihoodObjective,
+    place: &[f64],
+    curvature: &Curvature,
+    options: &CtsmOptions,
+    control: &Control,
+) -> Profiled {
     let own = task.parameters();
     let mut profiled = Profiled { profiles: IndexMap::new(), passes: 0, better: None };
     let Some(best) = task.value(place) else { return profiled };
-    let sides: Vec<(usize, f64)> =
-        (0..own).filter(|i| curvature.deviation[*i] > 0.0).flat_map(|i| [(i, -1.0), (i, 1.0)]).filter(|_| options.profile > 0).collect();
+    let sides: Vec<(usize, f64)> = (0..own)
+        .filter(|i| curvature.deviation[*i] > 0.0)
+        .flat_map(|i| [(i, -1.0), (i, 1.0)])
+        .filter(|_| options.profile > 0)
+        .collect();
     let climbing = ScoringOptions { steps: 15, tolerance: 1e-2, radius: 0.1, ..options.scoring.clone() };
     let walk = |(coordinate, sign): &(usize, f64)| {
-        let others: Vec<usize> = (0..place.len()).filter(|i| i != coordinate && curvature.deviation[*i] > 0.0).collect();
+        let others: Vec<usize> =
+            (0..place.len()).filter(|i| i != coordinate && curvature.deviation[*i] > 0.0).collect();
         let step = sign * (REACH * curvature.deviation[*coordinate]).min(0.5) / options.profile as f64;
         let mut here = place.to_vec();
         let mut points: Vec<(f64, f64)> = Vec::new();
@@ -166,7 +189,8 @@ pub fn profiles(task: &LikelihoodObjective, place: &[f64], curvature: &Curvature
                 break;
             }
             for i in &others {
-                let along = curvature.covariance[(*i, *coordinate)] / curvature.covariance[(*coordinate, *coordinate)];
+                let along = curvature.covariance[(*i, *coordinate)]
+                    / curvature.covariance[(*coordinate, *coordinate)];
                 here[*i] = (here[*i] + along * by).clamp(0.0, 1.0);
             }
             here[*coordinate] = target;
@@ -192,7 +216,8 @@ pub fn profiles(task: &LikelihoodObjective, place: &[f64], curvature: &Curvature
         let centre = (place[coordinate], best);
         let crossing = |side: &[(f64, f64)]| crossing(centre, side).map(|unit| dimension.value(unit));
         let ci95 = [crossing(below), crossing(above)];
-        let points: Vec<(f64, f64)> = below.iter().rev().copied().chain([centre]).chain(above.iter().copied()).collect();
+        let points: Vec<(f64, f64)> =
+            below.iter().rev().copied().chain([centre]).chain(above.iter().copied()).collect();
         profiled.profiles.insert(
             dimension.name.clone(),
             Profile {
@@ -205,11 +230,12 @@ pub fn profiles(task: &LikelihoodObjective, place: &[f64], curvature: &Curvature
     profiled
 }
 
-/// One side of a profile: its points with their values, the filter passes, and the best place if it beats the optimum.
+/// One side of a profile: its points with their values, the filter passes, and the best place if it beats the
+/// optimum.
 type Walk = (Vec<(f64, f64)>, usize, Option<(Vec<f64>, f64)>);
 
-/// Where a profile falls by 1.92 below its peak: between two points, along a straight line of the root of the fall, which is
-/// straight where the likelihood is a parabola.
+/// Where a profile falls by 1.92 below its peak: between two points, along a straight line of the root of the
+/// fall, which is straight where the likelihood is a parabola.
 fn crossing(centre: (f64, f64), side: &[(f64, f64)]) -> Option<f64> {
     let root = |value: f64| (value - centre.1).max(0.0).sqrt();
     let mut last = centre;
@@ -233,7 +259,10 @@ mod tests {
         assert!(dead.iter().all(|value| value.is_finite()), "{dead}");
         assert!((dead[(0, 0)] - 0.25).abs() < 1e-12 && dead[(1, 1)] > 1e12, "{dead}");
         let whole = inverse(DMatrix::from_row_slice(2, 2, &[2.0, 1.0, 1.0, 2.0])).unwrap();
-        assert!((whole[(0, 0)] - 2.0 / 3.0).abs() < 1e-12 && (whole[(0, 1)] + 1.0 / 3.0).abs() < 1e-12, "{whole}");
+        assert!(
+            (whole[(0, 0)] - 2.0 / 3.0).abs() < 1e-12 && (whole[(0, 1)] + 1.0 / 3.0).abs() < 1e-12,
+            "{whole}"
+        );
         assert!(inverse(DMatrix::from_row_slice(1, 1, &[-1.0])).is_none());
     }
 }

@@ -1,4 +1,5 @@
-//! The largest likelihood near some known points: a fit without its document, for the comparison of many models.
+//! The largest likelihood near some known points: a fit without its document, for the comparison of many
+//! models.
 
 use super::objective::LikelihoodObjective;
 use super::ratio::{LikelihoodRatio, ratio};
@@ -22,12 +23,14 @@ pub struct MlEstimate {
 }
 
 impl MlEstimate {
-    /// The highest peak that is reached from any of these parameter vectors, with the noise that a search begins with, or this
-    /// one. `None` where the likelihood of all of them cannot be computed.
+    /// The highest peak that is reached from any of these parameter vectors, with the noise that a search
+    /// begins with, or this one. `None` where the likelihood of all of them cannot be computed.
     pub fn near(problem: &Problem, thetas: &[Vec<f64>], noise: Option<&[f64]>) -> Option<Self> {
         let task = LikelihoodObjective::new(problem);
         let all: Vec<usize> = (0..task.space().len()).collect();
-        let climbed = thetas.iter().filter_map(|theta| task.climb(&task.place(theta, noise), &all, &ScoringOptions::default()));
+        let climbed = thetas
+            .iter()
+            .filter_map(|theta| task.climb(&task.place(theta, noise), &all, &ScoringOptions::default()));
         let (place, ..) = climbed.min_by(|a, b| a.1.total_cmp(&b.1))?;
         let (theta, noise) = task.values(&place);
         let (log_likelihood, innovations) = task.log_likelihood_at(&place)?;
@@ -39,7 +42,12 @@ impl MlEstimate {
         if self.innovations != smaller.innovations {
             return None;
         }
-        ratio(2.0 * (self.log_likelihood - smaller.log_likelihood), self.estimated.checked_sub(smaller.estimated)?, tried, names)
+        ratio(
+            2.0 * (self.log_likelihood - smaller.log_likelihood),
+            self.estimated.checked_sub(smaller.estimated)?,
+            tried,
+            names,
+        )
     }
 
     /// The noise for a filter.

@@ -4,7 +4,8 @@
 //! Problem --objective--> LikelihoodObjective --ctsm--> optimum --curvature--> standard errors, profiles, ridges
 //! ```
 //!
-//! `ml_estimate` is the optimum of one problem from a known place, `ratio` tests nested models against each other.
+//! `ml_estimate` is the optimum of one problem from a known place, `ratio` tests nested models against each
+//! other.
 
 mod ctsm;
 #[cfg(test)]

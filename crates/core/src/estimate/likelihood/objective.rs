@@ -1,4 +1,5 @@
-//! The likelihood of a problem as what a search minimises: its parameters and its noise together, each on its scale.
+//! The likelihood of a problem as what a search minimises: its parameters and its noise together, each on its
+//! scale.
 
 use crate::estimate::problem::Problem;
 use crate::estimate::problem::objective::Prior;
@@ -9,7 +10,8 @@ use crate::simulate::likelihood::Likelihood;
 use crate::simulate::trajectory::Halt;
 use rayon::prelude::*;
 
-/// A problem with its noise: the coordinates are the free parameters, a diffusion per state, a deviation per output.
+/// A problem with its noise: the coordinates are the free parameters, a diffusion per state, a deviation per
+/// output.
 pub struct LikelihoodObjective<'a> {
     pub(in crate::estimate) problem: &'a Problem,
     pub(in crate::estimate) likelihood: Likelihood<'a>,
@@ -31,10 +33,14 @@ impl<'a> LikelihoodObjective<'a> {
             dimensions.push(Dimension { name, lower: lower * unit, upper: upper * unit, scale: Scale::Log });
         };
         model.states().iter().for_each(|state| noise(format!("sigma({})", state.name), DIFFUSION, sensor));
-        model.outputs().iter().for_each(|output| noise(format!("sd({})", output.channel), MEASUREMENT, output.noise_sd));
+        model
+            .outputs()
+            .iter()
+            .for_each(|output| noise(format!("sd({})", output.channel), MEASUREMENT, output.noise_sd));
         let noises = model.states().len() + model.outputs().len();
         let measured = problem.measured();
-        let likelihood = Likelihood::new(model, problem.simulator(), problem.inputs(), &measured, problem.free());
+        let likelihood =
+            Likelihood::new(model, problem.simulator(), problem.inputs(), &measured, problem.free());
         let mut task = Self {
             problem,
             likelihood,
@@ -50,7 +56,14 @@ impl<'a> LikelihoodObjective<'a> {
     fn count(&self) -> usize {
         let split = self.problem.split();
         let known = self.problem.known();
-        let starts: Vec<bool> = self.problem.model().outputs().iter().enumerate().map(|(output, _)| self.begins(output)).collect();
+        let starts: Vec<bool> = self
+            .problem
+            .model()
+            .outputs()
+            .iter()
+            .enumerate()
+            .map(|(output, _)| self.begins(output))
+            .collect();
         let began = |k: usize| k == 0 || !known[k - 1];
         let counted = |k: usize, output: usize, valid: &[bool]| valid[k] && !(began(k) && starts[output]);
         self.problem
@@ -62,7 +75,11 @@ impl<'a> LikelihoodObjective<'a> {
     }
 
     fn begins(&self, output: usize) -> bool {
-        self.problem.model().states().iter().any(|state| state.initial == crate::model::Initial::Measured(output))
+        self.problem
+            .model()
+            .states()
+            .iter()
+            .any(|state| state.initial == crate::model::Initial::Measured(output))
     }
 
     /// How many coordinates are parameters of the model; they come first.
@@ -79,7 +96,9 @@ impl<'a> LikelihoodObjective<'a> {
     pub fn place(&self, theta: &[f64], noise: Option<&[f64]>) -> Vec<f64> {
         let mut place = self.start(&self.problem.candidate(theta)).0;
         let own = self.problem.space().len();
-        for ((unit, dimension), value) in place[own..].iter_mut().zip(&self.space.dimensions()[own..]).zip(noise.unwrap_or_default()) {
+        for ((unit, dimension), value) in
+            place[own..].iter_mut().zip(&self.space.dimensions()[own..]).zip(noise.unwrap_or_default())
+        {
             *unit = dimension.unit(*value);
         }
         place
@@ -94,7 +113,8 @@ impl<'a> LikelihoodObjective<'a> {
 
     /// The log-likelihood at a place, without any prior, and the number of innovations.
     pub fn log_likelihood_at(&self, place: &[f64]) -> Option<(f64, usize)> {
-        let (value, innovations) = self.likelihood.value(&self.point(place), self.problem.split().train.end)?;
+        let (value, innovations) =
+            self.likelihood.value(&self.point(place), self.problem.split().train.end)?;
         Some((-value, innovations))
     }
 
@@ -102,9 +122,14 @@ impl<'a> LikelihoodObjective<'a> {
     pub(in crate::estimate) fn start(&self, warm: &Candidate) -> Candidate {
         let model = self.problem.model();
         let sensor = model.outputs()[0].noise_sd;
-        let noise = model.states().iter().map(|_| DIFFUSION[2] * sensor).chain(model.outputs().iter().map(|o| MEASUREMENT[2] * o.noise_sd));
+        let noise = model
+            .states()
+            .iter()
+            .map(|_| DIFFUSION[2] * sensor)
+            .chain(model.outputs().iter().map(|o| MEASUREMENT[2] * o.noise_sd));
         let own = self.problem.space().len();
-        let units = self.space.dimensions()[own..].iter().zip(noise).map(|(dimension, value)| dimension.unit(value));
+        let units =
+            self.space.dimensions()[own..].iter().zip(noise).map(|(dimension, value)| dimension.unit(value));
         Candidate(warm.0.iter().copied().chain(units).collect())
     }
 
@@ -123,7 +148,10 @@ impl<'a> LikelihoodObjective<'a> {
         let place = self.places[coordinate];
         let parameter = self.problem.model().parameters().get(place)?;
         let (value, nominal) = (point[place], self.problem.nominal()[place]);
-        let pulled = self.problem.prior() == Prior::LogNormal && parameter.scale == ModelScale::Log && value > 0.0 && nominal > 0.0;
+        let pulled = self.problem.prior() == Prior::LogNormal
+            && parameter.scale == ModelScale::Log
+            && value > 0.0
+            && nominal > 0.0;
         pulled.then(|| (value / nominal).ln())
     }
 
@@ -131,7 +159,8 @@ impl<'a> LikelihoodObjective<'a> {
     pub fn value(&self, candidate: &[f64]) -> Option<f64> {
         let point = self.point(candidate);
         let (value, _) = self.likelihood.value(&point, self.problem.split().train.end)?;
-        let prior: f64 = (0..self.space.len()).filter_map(|i| self.pull(&point, i)).map(|pull| 0.5 * pull * pull).sum();
+        let prior: f64 =
+            (0..self.space.len()).filter_map(|i| self.pull(&point, i)).map(|pull| 0.5 * pull * pull).sum();
         Some(value + prior)
     }
 
@@ -155,7 +184,9 @@ impl<'a> LikelihoodObjective<'a> {
         let mut slope = Slope {
             value: slopes.value,
             gradient: slopes.gradient.iter().zip(&stretch).map(|(slope, by)| slope * by).collect(),
-            information: (0..d * d).map(|place| slopes.information[place] * stretch[place / d] * stretch[place % d]).collect(),
+            information: (0..d * d)
+                .map(|place| slopes.information[place] * stretch[place / d] * stretch[place % d])
+                .collect(),
         };
         for (index, coordinate) in moving.iter().enumerate() {
             if let Some(pull) = self.pull(&point, *coordinate) {
@@ -168,7 +199,10 @@ impl<'a> LikelihoodObjective<'a> {
         }
         // What does not move is pulled all the same.
         let still = (0..self.space.len()).filter(|coordinate| !moving.contains(coordinate));
-        slope.value += still.filter_map(|coordinate| self.pull(&point, coordinate)).map(|pull| 0.5 * pull * pull).sum::<f64>();
+        slope.value += still
+            .filter_map(|coordinate| self.pull(&point, coordinate))
+            .map(|pull| 0.5 * pull * pull)
+            .sum::<f64>();
         Some(slope)
     }
 
@@ -201,17 +235,28 @@ impl<'a> LikelihoodObjective<'a> {
                     let cost = slope.as_ref().map_or(Cost::Diverged, |slope| self.cost(slope.value));
                     Evaluation { cost, slope, ..nothing() }
                 }
-                _ => Evaluation { cost: self.value(&candidate.0).map_or(Cost::Diverged, |value| self.cost(value)), ..nothing() },
+                _ => Evaluation {
+                    cost: self.value(&candidate.0).map_or(Cost::Diverged, |value| self.cost(value)),
+                    ..nothing()
+                },
             }
         };
         match ask {
-            Ask::Costs(batch) | Ask::Residuals(batch) | Ask::Slopes(batch) => batch.par_iter().map(one).collect(),
+            Ask::Costs(batch) | Ask::Residuals(batch) | Ask::Slopes(batch) => {
+                batch.par_iter().map(one).collect()
+            }
             Ask::Done(_) => Vec::new(),
         }
     }
 
-    /// Climbs from a candidate while the other coordinates than `moving` stay: the place, its value, and filter passes.
-    pub fn climb(&self, start: &[f64], moving: &[usize], options: &ScoringOptions) -> Option<(Vec<f64>, f64, usize)> {
+    /// Climbs from a candidate while the other coordinates than `moving` stay: the place, its value, and
+    /// filter passes.
+    pub fn climb(
+        &self,
+        start: &[f64],
+        moving: &[usize],
+        options: &ScoringOptions,
+    ) -> Option<(Vec<f64>, f64, usize)> {
         let whole = |part: &[f64]| {
             let mut whole = start.to_vec();
             moving.iter().zip(part).for_each(|(coordinate, unit)| whole[*coordinate] = *unit);
@@ -243,5 +288,6 @@ const DIFFUSION: [f64; 3] = [1e-3, 1e3, 6.0];
 /// Bounds and start of a measurement deviation, in multiples of the sensor's declared noise.
 const MEASUREMENT: [f64; 3] = [1e-4, 100.0, 1.0];
 
-/// The logarithm of a cost beyond which it grows along a straight line: an exponential would leave the numbers.
+/// The logarithm of a cost beyond which it grows along a straight line: an exponential would leave the
+/// numbers.
 const STEEPEST: f64 = 300.0;

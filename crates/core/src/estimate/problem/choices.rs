@@ -22,13 +22,23 @@ pub struct Choices {
 }
 
 impl Choices {
-    /// What makes no sense for this model: unknown parameters, and bounds that are no interval on their scale.
+    /// What makes no sense for this model: unknown parameters, and bounds that are no interval on their
+    /// scale.
     pub fn faults(&self, model: &Model) -> Vec<Fault> {
         let mut faults = Vec::new();
         let names = || model.parameters().iter().map(|parameter| parameter.name.as_str());
-        for (field, name) in self.bounds.keys().map(|name| ("bounds", name)).chain(self.fixed.keys().map(|name| ("fixed", name))) {
+        for (field, name) in self
+            .bounds
+            .keys()
+            .map(|name| ("bounds", name))
+            .chain(self.fixed.keys().map(|name| ("fixed", name)))
+        {
             if !names().any(|known| known == name) {
-                let fault = Fault::new(format!("/{field}/{name}"), "unknown-parameter", format!("the model has no parameter `{name}`"));
+                let fault = Fault::new(
+                    format!("/{field}/{name}"),
+                    "unknown-parameter",
+                    format!("the model has no parameter `{name}`"),
+                );
                 faults.push(match nearest(name, names()) {
                     Some(near) => fault.suggest(format!("did you mean `{near}`?")),
                     None => fault,
@@ -37,13 +47,19 @@ impl Choices {
         }
         for parameter in model.parameters() {
             if let Some([lower, upper]) = self.bounds.get(&parameter.name)
-                && (!(lower.is_finite() && upper.is_finite() && lower < upper) || (parameter.scale == ModelScale::Log && *lower <= 0.0))
+                && (!(lower.is_finite() && upper.is_finite() && lower < upper)
+                    || (parameter.scale == ModelScale::Log && *lower <= 0.0))
             {
-                let detail = format!("[{lower}, {upper}] is not an interval on the scale of `{}`", parameter.name);
+                let detail =
+                    format!("[{lower}, {upper}] is not an interval on the scale of `{}`", parameter.name);
                 faults.push(Fault::new(format!("/bounds/{}", parameter.name), "bounds", detail));
             }
             if let Some(value) = self.fixed.get(&parameter.name).filter(|value| !value.is_finite()) {
-                faults.push(Fault::new(format!("/fixed/{}", parameter.name), "not-finite", format!("{value} is not a finite number")));
+                faults.push(Fault::new(
+                    format!("/fixed/{}", parameter.name),
+                    "not-finite",
+                    format!("{value} is not a finite number"),
+                ));
             }
         }
         for delay in model.delays() {
@@ -55,7 +71,10 @@ impl Choices {
             };
             // A window brings as much past along as the model declares.
             if !(asked[0] >= 0.0 && asked[1] <= delay.longest) {
-                let detail = format!("`{}` delays an input: the model allows 0 to {} h", parameter.name, delay.longest);
+                let detail = format!(
+                    "`{}` delays an input: the model allows 0 to {} h",
+                    parameter.name, delay.longest
+                );
                 faults.push(Fault::new(format!("/{field}/{}", parameter.name), "bounds", detail));
             }
         }

@@ -52,10 +52,14 @@ impl TryFrom<Map<String, Value>> for SeededMethod {
 
     fn try_from(fields: Map<String, Value>) -> Result<Self, String> {
         let fields = MethodFields::from(fields);
-        let seed = fields.seed.as_u64().ok_or_else(|| format!("the seed is a whole number from 0 on, not {}", fields.seed))?;
+        let seed = fields
+            .seed
+            .as_u64()
+            .ok_or_else(|| format!("the seed is a whole number from 0 on, not {}", fields.seed))?;
         let method = fields.method().ok_or("the name of a method is a text")?;
         let method: Method = serde_json::from_value(method).map_err(|error| error.to_string())?;
-        let faults: Vec<String> = method.faults().iter().map(|fault| format!("{} {fault}", fault.field)).collect();
+        let faults: Vec<String> =
+            method.faults().iter().map(|fault| format!("{} {fault}", fault.field)).collect();
         if faults.is_empty() { Ok(Self { seed, method }) } else { Err(faults.join("; ")) }
     }
 }
@@ -75,8 +79,8 @@ impl From<SeededMethod> for Map<String, Value> {
 }
 
 impl SeededMethod {
-    /// The schemas that the method needs, those of its hyperparameters last. Every method is one closed object; what
-    /// may be where follows from the ranges that the method checks itself.
+    /// The schemas that the method needs, those of its hyperparameters last. Every method is one closed
+    /// object; what may be where follows from the ranges that the method checks itself.
     fn described() -> Vec<(String, RefOr<Schema>)> {
         let mut parts = Vec::new();
         Method::schemas(&mut parts);
@@ -91,7 +95,12 @@ impl SeededMethod {
             let hyperparameters = parts[place].1.clone();
             let is_default = name == Method::default().name();
             let mut own = ObjectBuilder::new()
-                .property("name", ObjectBuilder::new().schema_type(SchemaType::Type(Type::String)).enum_values(Some([name.clone()])))
+                .property(
+                    "name",
+                    ObjectBuilder::new()
+                        .schema_type(SchemaType::Type(Type::String))
+                        .enum_values(Some([name.clone()])),
+                )
                 .property(
                     "seed",
                     ObjectBuilder::new()
@@ -119,8 +128,11 @@ impl SeededMethod {
                         (found.and_then(|(_, part)| as_object(part)), field)
                     }
                 };
-                if let Some(RefOr::T(Schema::Object(number))) = object.and_then(|object| object.properties.get_mut(field)) {
-                    (number.minimum, number.maximum) = (Some(number_of(range.from)), Some(number_of(range.to)));
+                if let Some(RefOr::T(Schema::Object(number))) =
+                    object.and_then(|object| object.properties.get_mut(field))
+                {
+                    (number.minimum, number.maximum) =
+                        (Some(number_of(range.from)), Some(number_of(range.to)));
                 }
             }
         }
@@ -132,7 +144,8 @@ impl SeededMethod {
             .filter_map(|range| range.field.split_once('.').map(|(part, _)| component(part)))
             .collect();
         let variants = variants();
-        parts.retain(|(name, _)| nested.contains(name) || variants.iter().all(|(_, options)| options != name));
+        parts
+            .retain(|(name, _)| nested.contains(name) || variants.iter().all(|(_, options)| options != name));
         methods.into_iter().map(|(component, _, whole)| (component, whole.into())).chain(parts).collect()
     }
 }
@@ -145,7 +158,11 @@ fn component(part: &str) -> String {
 
 /// A number without a point where it needs none.
 fn number_of(value: f64) -> Number {
-    if value.fract() == 0.0 && value.abs() < 1e15 { Number::Int(value as isize) } else { Number::Float(value) }
+    if value.fract() == 0.0 && value.abs() < 1e15 {
+        Number::Int(value as isize)
+    } else {
+        Number::Float(value)
+    }
 }
 
 fn as_object(schema: &mut RefOr<Schema>) -> Option<&mut utoipa::openapi::Object> {
@@ -176,7 +193,8 @@ fn variants() -> Vec<(String, String)> {
 
 impl PartialSchema for SeededMethod {
     fn schema() -> RefOr<Schema> {
-        let mut one_of = OneOfBuilder::new().description(Some("A search method with its seed and hyperparameters by name."));
+        let mut one_of = OneOfBuilder::new()
+            .description(Some("A search method with its seed and hyperparameters by name."));
         for (_, options) in variants() {
             one_of = one_of.item(Ref::from_schema_name(options.replace("Options", "Method")));
         }
@@ -231,7 +249,11 @@ mod tests {
         assert_eq!(methods.items.len(), Method::NAMES.len());
         for item in &methods.items {
             let RefOr::Ref(item) = item else { panic!() };
-            assert!(described.iter().any(|(name, _)| item.ref_location.ends_with(&format!("/{name}"))), "{}", item.ref_location);
+            assert!(
+                described.iter().any(|(name, _)| item.ref_location.ends_with(&format!("/{name}"))),
+                "{}",
+                item.ref_location
+            );
         }
         // Every number has its range, so that nothing is promised that is refused later.
         for (name, schema) in &described {

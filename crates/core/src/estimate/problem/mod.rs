@@ -4,8 +4,8 @@
 //! EstimateRequest, Window, Catalogue --request--> Problem (basis, objective) --> cost of a candidate
 //! ```
 //!
-//! `method` names the search and `stop` says when it ends early; `bounds` asks whether a parameter sits on one, `whiten` has the
-//! autoregressive model of a residual.
+//! `method` names the search and `stop` says when it ends early; `bounds` asks whether a parameter sits on
+//! one, `whiten` has the autoregressive model of a residual.
 
 pub mod basis;
 pub mod bounds;
@@ -60,11 +60,19 @@ impl Problem {
     /// # Errors
     /// Every fault: missing channels, units that do not convert, unknown parameters, empty bounds, no
     /// valid measurement to train on.
-    pub fn new(model: Model, grid: Grid, split: Split, choices: &Choices, source: Source) -> Result<Self, Vec<Fault>> {
+    pub fn new(
+        model: Model,
+        grid: Grid,
+        split: Split,
+        choices: &Choices,
+        source: Source,
+    ) -> Result<Self, Vec<Fault>> {
         let mut faults = choices.faults(&model);
         if choices.objective == Objective::Likelihood && model.stepper() == Stepper::Rkc {
             let detail = "the likelihood needs a filter, and a model that is stepped by rkc has none";
-            faults.push(Fault::new("/objective", "stepper", detail).suggest("name another method and objective"));
+            faults.push(
+                Fault::new("/objective", "stepper", detail).suggest("name another method and objective"),
+            );
         }
         let mut measured = Vec::new();
         for output in model.outputs() {
@@ -106,8 +114,13 @@ impl Problem {
             source,
         };
         let train = problem.split.train.clone();
-        if (0..problem.measured.len()).any(|output| problem.usable(output, train.clone()).len() < LEAST_SAMPLES) {
-            let detail = format!("the training part has fewer than {LEAST_SAMPLES} valid measurements at which all inputs are known");
+        if (0..problem.measured.len())
+            .any(|output| problem.usable(output, train.clone()).len() < LEAST_SAMPLES)
+        {
+            let detail = format!(
+                "the training part has fewer than {LEAST_SAMPLES} valid measurements at which all inputs are \
+                known"
+            );
             return Err(vec![Fault::new("/window", "too-short", detail)]);
         }
         problem.choose(choices);
@@ -125,7 +138,9 @@ impl Problem {
                 Nominal::Value(value) => *value,
                 Nominal::Measured(channel) => {
                     let output = self.model.outputs().iter().position(|output| output.channel == *channel);
-                    output.and_then(|output| self.simulator.measured_start(output)).unwrap_or(0.5 * (lower + upper))
+                    output
+                        .and_then(|output| self.simulator.measured_start(output))
+                        .unwrap_or(0.5 * (lower + upper))
                 }
             };
             self.bounds.push([lower, upper]);
@@ -182,8 +197,8 @@ impl Problem {
         &self.simulator
     }
 
-    /// Whether the model's states are re-estimated by a filter. Large models that are stepped explicitly have free runs only: a
-    /// covariance of a hundred states costs more than a thousand simulations.
+    /// Whether the model's states are re-estimated by a filter. Large models that are stepped explicitly have
+    /// free runs only: a covariance of a hundred states costs more than a thousand simulations.
     pub fn filters(&self) -> bool {
         self.model.stepper() != Stepper::Rkc
     }
@@ -238,8 +253,8 @@ impl Problem {
         (0..self.inputs.samples().saturating_sub(1)).map(|k| self.inputs.known(k)).collect()
     }
 
-    /// The same problem with so many internal steps per sample, whose simulation also stands still over the intervals
-    /// at which `known` is false.
+    /// The same problem with so many internal steps per sample, whose simulation also stands still over the
+    /// intervals at which `known` is false.
     #[must_use]
     pub fn aligned(&self, known: &[bool], steps: usize) -> Self {
         let inputs = self.inputs.masked(known);
@@ -252,11 +267,16 @@ impl Problem {
         Self { simulator: simulator_for(&self.model, &self.inputs, &self.measured, steps), ..self.clone() }
     }
 
-    /// The same problem, whose warm-up goes over the mean of the inputs at these samples where it goes over that of the record.
+    /// The same problem, whose warm-up goes over the mean of the inputs at these samples where it goes over
+    /// that of the record.
     #[must_use]
     pub fn averaged_over(&self, samples: Range<usize>) -> Self {
         let inputs = self.inputs.clone().averaged_over(samples);
-        Self { simulator: simulator_for(&self.model, &inputs, &self.measured, self.simulator.substeps()), inputs, ..self.clone() }
+        Self {
+            simulator: simulator_for(&self.model, &inputs, &self.measured, self.simulator.substeps()),
+            inputs,
+            ..self.clone()
+        }
     }
 
     /// The same problem with some parameters fixed at values.
@@ -264,10 +284,20 @@ impl Problem {
     pub fn with_fixed(&self, parameters: &[(usize, f64)]) -> Self {
         let mut problem = self.clone();
         parameters.iter().for_each(|(index, value)| problem.nominal[*index] = *value);
-        let keep: Vec<bool> = self.free.iter().map(|index| parameters.iter().all(|(fixed, _)| fixed != index)).collect();
+        let keep: Vec<bool> =
+            self.free.iter().map(|index| parameters.iter().all(|(fixed, _)| fixed != index)).collect();
         let kept = || keep.iter().copied();
-        problem.free = self.free.iter().zip(kept()).filter_map(|(index, keep)| keep.then_some(*index)).collect();
-        problem.space = Space::new(self.space.dimensions().iter().zip(kept()).filter(|(_, keep)| *keep).map(|(d, _)| d.clone()).collect());
+        problem.free =
+            self.free.iter().zip(kept()).filter_map(|(index, keep)| keep.then_some(*index)).collect();
+        problem.space = Space::new(
+            self.space
+                .dimensions()
+                .iter()
+                .zip(kept())
+                .filter(|(_, keep)| *keep)
+                .map(|(d, _)| d.clone())
+                .collect(),
+        );
         problem
     }
 
@@ -303,7 +333,12 @@ impl Problem {
     }
 
     /// The same, cut short as soon as `halt` says so; the answers then mean nothing.
-    pub fn evaluate_unless(&self, candidates: &[Candidate], with_residuals: bool, halt: Halt) -> Vec<Evaluation> {
+    pub fn evaluate_unless(
+        &self,
+        candidates: &[Candidate],
+        with_residuals: bool,
+        halt: Halt,
+    ) -> Vec<Evaluation> {
         let thetas: Vec<Vec<f64>> = candidates.iter().map(|candidate| self.theta(candidate)).collect();
         let slices: Vec<&[f64]> = thetas.iter().map(Vec::as_slice).collect();
         self.simulator
@@ -311,15 +346,21 @@ impl Problem {
             .iter()
             .zip(&thetas)
             .map(|(trajectory, theta)| {
-                let residuals = if trajectory.diverged { Vec::new() } else { self.residuals(trajectory, theta) };
-                let cost = if residuals.is_empty() { Cost::Diverged } else { Cost::new(mean_square(&residuals)) };
-                Evaluation { cost, residuals: if with_residuals && cost != Cost::Diverged { residuals } else { Vec::new() }, slope: None }
+                let residuals =
+                    if trajectory.diverged { Vec::new() } else { self.residuals(trajectory, theta) };
+                let cost =
+                    if residuals.is_empty() { Cost::Diverged } else { Cost::new(mean_square(&residuals)) };
+                Evaluation {
+                    cost,
+                    residuals: if with_residuals && cost != Cost::Diverged { residuals } else { Vec::new() },
+                    slope: None,
+                }
             })
             .collect()
     }
 
-    /// Residuals whose mean square is the objective. The mean square errors of several outputs are each weighed
-    /// by their noise, except where the objective normalises them.
+    /// Residuals whose mean square is the objective. The mean square errors of several outputs are each
+    /// weighed by their noise, except where the objective normalises them.
     fn residuals(&self, trajectory: &Trajectory, theta: &[f64]) -> Vec<f64> {
         let used = self.used();
         let mut residuals = Vec::with_capacity(used.iter().map(Vec::len).sum());
@@ -347,8 +388,13 @@ impl Problem {
         let total: usize = used.iter().map(Vec::len).sum();
         let weight = |(output, (simulated, used)): (usize, (&Vec<f64>, &Vec<usize>))| {
             let (values, _) = &self.measured[output];
-            let share = Share { noise: self.model.outputs()[output].noise_sd.powi(2), outputs: self.measured.len(), total };
-            let divisor = divisor(self.objective, self.delta, used.iter().map(|k| (simulated[*k], values[*k])), &share);
+            let share = Share {
+                noise: self.model.outputs()[output].noise_sd.powi(2),
+                outputs: self.measured.len(),
+                total,
+            };
+            let divisor =
+                divisor(self.objective, self.delta, used.iter().map(|k| (simulated[*k], values[*k])), &share);
             // Dividing each residual by the root of the divisor makes the mean square the objective, so that
             // least squares applies to all of them.
             1.0 / divisor.sqrt()
@@ -356,7 +402,8 @@ impl Problem {
         trajectory.outputs.iter().zip(used).enumerate().map(weight).collect()
     }
 
-    /// What the errors of an output are counted in: its own unit where it is alone, and beside others the noise of its sensor.
+    /// What the errors of an output are counted in: its own unit where it is alone, and beside others the
+    /// noise of its sensor.
     pub fn scale(&self, output: usize) -> f64 {
         match self.model.outputs() {
             [_] => 1.0,
@@ -369,8 +416,8 @@ impl Problem {
         self.model.outputs().first().map_or(1.0, |first| first.noise_sd / self.scale(0))
     }
 
-    /// Length of a forward difference in the unit cube. Where a stepper finds its own steps, two neighbours differ by as much as
-    /// its tolerance allows, and a short difference would say nothing else.
+    /// Length of a forward difference in the unit cube. Where a stepper finds its own steps, two neighbours
+    /// differ by as much as its tolerance allows, and a short difference would say nothing else.
     pub fn difference(&self) -> f64 {
         if self.model.stepper() == Stepper::Rkc { 1e-3 } else { 1e-5 }
     }
@@ -405,7 +452,12 @@ impl Problem {
     }
 
     /// Mean square of the free-run error of an output over a range, `None` where nothing is comparable.
-    pub fn mean_square_error(&self, trajectory: &Trajectory, output: usize, range: Range<usize>) -> Option<f64> {
+    pub fn mean_square_error(
+        &self,
+        trajectory: &Trajectory,
+        output: usize,
+        range: Range<usize>,
+    ) -> Option<f64> {
         let used = self.usable(output, range);
         let (values, _) = &self.measured[output];
         let simulated = trajectory.outputs.get(output)?;
@@ -413,13 +465,15 @@ impl Problem {
         (!errors.is_empty()).then(|| mean_square(&errors)).filter(|value| value.is_finite())
     }
 
-    /// Root mean square of the free-run errors of all outputs over a range, counted in their [`Problem::scale`]; `None` where
-    /// nothing is comparable.
+    /// Root mean square of the free-run errors of all outputs over a range, counted in their
+    /// [`Problem::scale`]; `None` where nothing is comparable.
     pub fn free_run_error(&self, trajectory: &Trajectory, range: Range<usize>) -> Option<f64> {
         let mut errors = Vec::new();
         for (output, (simulated, (values, _))) in trajectory.outputs.iter().zip(&self.measured).enumerate() {
             let scale = self.scale(output);
-            errors.extend(self.usable(output, range.clone()).into_iter().map(|k| (simulated[k] - values[k]) / scale));
+            errors.extend(
+                self.usable(output, range.clone()).into_iter().map(|k| (simulated[k] - values[k]) / scale),
+            );
         }
         (!errors.is_empty()).then(|| mean_square(&errors).sqrt()).filter(|value| value.is_finite())
     }
@@ -433,8 +487,14 @@ impl Problem {
     }
 }
 
-fn simulator_for(model: &Model, inputs: &Inputs, measured: &[(Vec<f64>, Vec<bool>)], substeps: usize) -> Simulator {
-    let measured: Vec<MeasuredOutput> = measured.iter().map(|(values, valid)| (values.as_slice(), valid.as_slice())).collect();
+fn simulator_for(
+    model: &Model,
+    inputs: &Inputs,
+    measured: &[(Vec<f64>, Vec<bool>)],
+    substeps: usize,
+) -> Simulator {
+    let measured: Vec<MeasuredOutput> =
+        measured.iter().map(|(values, valid)| (values.as_slice(), valid.as_slice())).collect();
     Simulator::new(model, inputs, &measured, model.stepper(), substeps)
 }
 

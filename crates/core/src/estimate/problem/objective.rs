@@ -10,7 +10,8 @@ const LEAST_DIVISOR: f64 = 1e-3;
 /// An output whose variance is below this share of its noise has not moved.
 const STILL: f64 = 1e-6;
 
-/// `delta` of thesis eq. 7.6, from 0 to 1: 1 looks at the error alone, 0 divides it by the correlation of the shapes.
+/// `delta` of thesis eq. 7.6, from 0 to 1: 1 looks at the error alone, 0 divides it by the correlation of the
+/// shapes.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "f64", into = "f64")]
 pub struct ShapeDelta(f64);
@@ -37,7 +38,11 @@ impl TryFrom<f64> for ShapeDelta {
     type Error = String;
 
     fn try_from(delta: f64) -> Result<Self, String> {
-        if (0.0..=1.0).contains(&delta) { Ok(Self(delta)) } else { Err(format!("delta is a number from 0 to 1, not {delta}")) }
+        if (0.0..=1.0).contains(&delta) {
+            Ok(Self(delta))
+        } else {
+            Err(format!("delta is a number from 0 to 1, not {delta}"))
+        }
     }
 }
 
@@ -47,9 +52,11 @@ impl From<ShapeDelta> for f64 {
     }
 }
 
-/// The shape-weighted mean square error of simulated and measured values (thesis eq. 7.6); `None` for no values.
+/// The shape-weighted mean square error of simulated and measured values (thesis eq. 7.6); `None` for no
+/// values.
 pub fn swmse(pairs: &[(f64, f64)], delta: ShapeDelta) -> Option<f64> {
-    let mean = pairs.iter().map(|(simulated, measured)| (simulated - measured).powi(2)).sum::<f64>() / pairs.len() as f64;
+    let mean = pairs.iter().map(|(simulated, measured)| (simulated - measured).powi(2)).sum::<f64>()
+        / pairs.len() as f64;
     Some(mean / delta.divisor(pairs.iter().copied())).filter(|error| error.is_finite())
 }
 
@@ -66,9 +73,14 @@ pub struct Share {
 
 /// What each squared residual of an output is divided by. `pairs` are its simulated and measured values.
 ///
-/// The mean square errors of several outputs are weighed by their noise, except where the objective normalises
-/// them itself.
-pub fn divisor(objective: Objective, delta: ShapeDelta, pairs: impl Iterator<Item = (f64, f64)> + Clone, share: &Share) -> f64 {
+/// The mean square errors of several outputs are weighed by their noise, except where the objective
+/// normalises them itself.
+pub fn divisor(
+    objective: Objective,
+    delta: ShapeDelta,
+    pairs: impl Iterator<Item = (f64, f64)> + Clone,
+    share: &Share,
+) -> f64 {
     let weight = if share.outputs == 1 { 1.0 } else { share.noise };
     match objective {
         // Free runs are compared by their errors whatever is searched for.
@@ -116,11 +128,11 @@ pub enum Objective {
     /// Mean square error weighted by the correlation of the shapes (thesis eq. 7.6).
     Swmse,
     /// Mean square error of each output over the variance of its measurements, averaged over the outputs:
-    /// `1/J sum_j [mean_k (y_j(k) - ym_j(k))^2 / mean_k (ym_j(k) - mean ym_j)^2]`. It is 1 for a model that knows
-    /// nothing but the means, and outputs of any size and number of samples count alike.
+    /// `1/J sum_j [mean_k (y_j(k) - ym_j(k))^2 / mean_k (ym_j(k) - mean ym_j)^2]`. It is 1 for a model that
+    /// knows nothing but the means, and outputs of any size and number of samples count alike.
     Nmse,
-    /// The likelihood of one-step innovations under the stochastic model; it goes with the method `ctsm`, as the others
-    /// go with the other methods.
+    /// The likelihood of one-step innovations under the stochastic model; it goes with the method `ctsm`, as
+    /// the others go with the other methods.
     Likelihood,
 }
 
@@ -154,7 +166,8 @@ mod tests {
 
     #[test]
     fn the_shape_divisor_is_that_of_equation_7_6() {
-        let wave: Vec<(f64, f64)> = (0..50).map(|i| (f64::from(i).sin(), 2.0 * f64::from(i).sin() + 1.0)).collect();
+        let wave: Vec<(f64, f64)> =
+            (0..50).map(|i| (f64::from(i).sin(), 2.0 * f64::from(i).sin() + 1.0)).collect();
         let usual = ShapeDelta::default();
         assert!((usual.divisor(wave.iter().copied()) - 1.0).abs() < 1e-12);
         let mirrored: Vec<(f64, f64)> = wave.iter().map(|(x, y)| (*x, -y)).collect();
@@ -176,14 +189,21 @@ mod tests {
 
     #[test]
     fn the_normalised_error_is_the_mean_of_each_outputs_error_over_its_variance() {
-        let large: Vec<(f64, f64)> = (0..40).map(|i| (1000.0 + f64::from(i), 1000.0 + 1.5 * f64::from(i))).collect();
-        let small: Vec<(f64, f64)> = (0..13).map(|i| (0.02 * f64::from(i), 0.03 * f64::from(i % 3))).collect();
+        let large: Vec<(f64, f64)> =
+            (0..40).map(|i| (1000.0 + f64::from(i), 1000.0 + 1.5 * f64::from(i))).collect();
+        let small: Vec<(f64, f64)> =
+            (0..13).map(|i| (0.02 * f64::from(i), 0.03 * f64::from(i % 3))).collect();
         let still: Vec<(f64, f64)> = (0..7).map(|i| (5.0 + 0.1 * f64::from(i), 5.0)).collect();
         let outputs = [&large, &small, &still];
         let total = 60;
         let mut squares = 0.0;
         for pairs in outputs {
-            let divisor = divisor(Objective::Nmse, ShapeDelta::default(), pairs.iter().copied(), &Share { noise: 0.01, outputs: 3, total });
+            let divisor = divisor(
+                Objective::Nmse,
+                ShapeDelta::default(),
+                pairs.iter().copied(),
+                &Share { noise: 0.01, outputs: 3, total },
+            );
             squares += pairs.iter().map(|(x, y)| (x - y).powi(2)).sum::<f64>() / divisor;
         }
         let by_hand = |pairs: &[(f64, f64)]| {
@@ -194,7 +214,11 @@ mod tests {
         };
         let last = still.iter().map(|(x, y)| (x - y).powi(2)).sum::<f64>() / 7.0 / 0.01;
         let expected = (by_hand(&large) + by_hand(&small) + last) / 3.0;
-        assert!((squares / total as f64 - expected).abs() < 1e-12 * expected, "{} {expected}", squares / total as f64);
+        assert!(
+            (squares / total as f64 - expected).abs() < 1e-12 * expected,
+            "{} {expected}",
+            squares / total as f64
+        );
         // A model that knows the mean alone costs one.
         let mean: Vec<(f64, f64)> = large.iter().map(|(_, y)| (1029.25, *y)).collect();
         let share = Share { noise: 0.01, outputs: 1, total: 40 };

@@ -8,7 +8,8 @@ use super::objective::{Objective, Prior};
 use super::stop::EarlyStopping;
 use super::whiten::common_divisor;
 use crate::data::{
-    CALENDAR, DROPS, Duration, Grid, GridRequest, Length, Split, SplitRequest, Window, add_calendar, add_drops, add_sun, read_time, rfc3339,
+    CALENDAR, DROPS, Duration, Grid, GridRequest, Length, Split, SplitRequest, Window, add_calendar,
+    add_drops, add_sun, read_time, rfc3339,
 };
 use crate::estimate::problem::Problem;
 use crate::fault::Fault;
@@ -119,7 +120,11 @@ impl TryFrom<f64> for AccusationRate {
 
     fn try_from(rate: f64) -> Result<Self, String> {
         let serves = rate > 0.0 && rate <= 0.2;
-        if serves { Ok(Self(rate)) } else { Err(format!("an accusation rate is above 0 and at most 0.2, not {rate}")) }
+        if serves {
+            Ok(Self(rate))
+        } else {
+            Err(format!("an accusation rate is above 0 and at most 0.2, not {rate}"))
+        }
     }
 }
 
@@ -149,7 +154,8 @@ pub struct EstimateRequest {
     pub split: SplitRequest,
     /// What is minimised.
     pub objective: Objective,
-    /// What the shape counts in `swmse` (delta of thesis eq. 7.6): 1 is the mean square error alone; 0.5 by default.
+    /// What the shape counts in `swmse` (delta of thesis eq. 7.6): 1 is the mean square error alone; 0.5 by
+    /// default.
     #[serde(skip_serializing_if = "ShapeDelta::is_usual")]
     #[schema(value_type = f64, minimum = 0, maximum = 1)]
     pub delta: ShapeDelta,
@@ -168,8 +174,8 @@ pub struct EstimateRequest {
     pub fixed: IndexMap<String, f64>,
     /// Where the search starts.
     pub start_from: StartFrom,
-    /// How often a diagnosis may accuse where nothing is missing, other jobs do not: the share of such rooms in which segments of hours name an
-    /// effect that a logged channel drives.
+    /// How often a diagnosis may accuse where nothing is missing, other jobs do not: the share of such rooms
+    /// in which segments of hours name an effect that a logged channel drives.
     #[serde(skip_serializing_if = "AccusationRate::is_usual")]
     #[schema(value_type = f64, exclusive_minimum = 0, maximum = 0.2)]
     pub accusation_rate: AccusationRate,
@@ -178,8 +184,8 @@ pub struct EstimateRequest {
     pub criterion: Criterion,
 }
 
-/// The objective and the method that go with each other, as far as they were named: the likelihood is maximised by `ctsm`
-/// and by no other method, and `ctsm` maximises nothing else.
+/// The objective and the method that go with each other, as far as they were named: the likelihood is
+/// maximised by `ctsm` and by no other method, and `ctsm` maximises nothing else.
 ///
 /// # Errors
 /// A fault where they contradict each other.
@@ -187,10 +193,14 @@ pub fn agreed(objective: Option<Objective>, method: Option<Method>) -> Result<(O
     let is_ctsm = |method: &Method| matches!(method, Method::Ctsm(_));
     match (objective, method) {
         (Some(Objective::Likelihood), None) => Ok((Objective::Likelihood, Method::Ctsm(Default::default()))),
-        (None | Some(Objective::Likelihood), Some(method)) if is_ctsm(&method) => Ok((Objective::Likelihood, method)),
+        (None | Some(Objective::Likelihood), Some(method)) if is_ctsm(&method) => {
+            Ok((Objective::Likelihood, method))
+        }
         (Some(Objective::Likelihood), Some(method)) => {
-            let detail = format!("the likelihood is maximised by the method `ctsm`, not by `{}`", method.name());
-            Err(Fault::new("/objective", "contradiction", detail).suggest("name the method `ctsm`, or no method"))
+            let detail =
+                format!("the likelihood is maximised by the method `ctsm`, not by `{}`", method.name());
+            Err(Fault::new("/objective", "contradiction", detail)
+                .suggest("name the method `ctsm`, or no method"))
         }
         (Some(objective), Some(method)) if is_ctsm(&method) => {
             let detail = format!("the method `ctsm` maximises the likelihood, not `{}`", objective.as_str());
@@ -203,7 +213,13 @@ pub fn agreed(objective: Option<Objective>, method: Option<Method>) -> Result<(O
 impl EstimateRequest {
     /// What is asked different from the model's own document.
     pub fn choices(&self) -> Choices {
-        Choices { objective: self.objective, delta: self.delta, prior: self.prior, bounds: self.bounds.clone(), fixed: self.fixed.clone() }
+        Choices {
+            objective: self.objective,
+            delta: self.delta,
+            prior: self.prior,
+            bounds: self.bounds.clone(),
+            fixed: self.fixed.clone(),
+        }
     }
 }
 
@@ -245,24 +261,38 @@ pub fn prepare(
     let grid = with_computed(grid, &model, &basis)?;
     let split = Split::new(grid.len(), grid.step(), &request.split).map_err(|fault| vec![fault])?;
     if request.early_stopping.is_some_and(|rule| rule.validation) && split.validation.is_empty() {
-        return Err(vec![Fault::new("/early_stopping/validation", "no-validation", "there is no validation part to watch")]);
+        return Err(vec![Fault::new(
+            "/early_stopping/validation",
+            "no-validation",
+            "there is no validation part to watch",
+        )]);
     }
     // A longer record gives its newest part, and the simulation starts where that part does; what the model
     // delays needs as much past before it, where the record has it.
-    let past = (0..model.inputs().len()).map(|input| samples_back(model.longest_delay(input), grid.step_hours())).max().unwrap_or(0);
+    let past = (0..model.inputs().len())
+        .map(|input| samples_back(model.longest_delay(input), grid.step_hours()))
+        .max()
+        .unwrap_or(0);
     let first = split.train.start.saturating_sub(past);
     basis.lead = split.train.start - first;
     let grid = grid.slice(first..split.all().end);
     let moved = |range: std::ops::Range<usize>| range.start - first..range.end - first;
-    let split = Split { train: moved(split.train), validation: moved(split.validation), test: moved(split.test) };
+    let split =
+        Split { train: moved(split.train), validation: moved(split.validation), test: moved(split.test) };
     let choices = request.choices();
     let source = source(&model, window, &grid, basis)?;
     Problem::new(model, grid, split, &choices, source)
 }
 
-/// The same model on the measurements right before those of a problem, at most so many: what a fit to the problem has not seen, and
-/// what came before it. `None` where there is nothing to judge by.
-pub fn days_before(catalogue: &Catalogue, request: &EstimateRequest, window: &Window, site: &Site, problem: &Problem) -> Option<Problem> {
+/// The same model on the measurements right before those of a problem, at most so many: what a fit to the
+/// problem has not seen, and what came before it. `None` where there is nothing to judge by.
+pub fn days_before(
+    catalogue: &Catalogue,
+    request: &EstimateRequest,
+    window: &Window,
+    site: &Site,
+    problem: &Problem,
+) -> Option<Problem> {
     let start = problem.grid().time(problem.split().train.start);
     let window = window.slice(start - BEFORE.seconds(), start).ok()?;
     let split = SplitRequest { train: BEFORE, validation: Duration::from_seconds(0), test: None };
@@ -270,10 +300,11 @@ pub fn days_before(catalogue: &Catalogue, request: &EstimateRequest, window: &Wi
     prepare(catalogue, problem.model().id(), &asked, &window, site).ok().filter(Problem::filters)
 }
 
-/// The channels that a model can choose from: the window's, the clock's, the openings of a window, which can be read
-/// off the first output, and the sun's where the place is known.
+/// The channels that a model can choose from: the window's, the clock's, the openings of a window, which can
+/// be read off the first output, and the sun's where the place is known.
 fn channels(window: &Window, site: &Site) -> Vec<String> {
-    let mut channels: BTreeSet<String> = window.channels().chain(CALENDAR).chain([DROPS]).map(str::to_owned).collect();
+    let mut channels: BTreeSet<String> =
+        window.channels().chain(CALENDAR).chain([DROPS]).map(str::to_owned).collect();
     if site.location.is_some() {
         channels.extend(["sun_altitude".to_owned(), "sun_azimuth".to_owned()]);
     }
@@ -281,7 +312,11 @@ fn channels(window: &Window, site: &Site) -> Vec<String> {
 }
 
 /// The model, compiled for the channels and sets that there are.
-pub(in crate::estimate) fn bound(catalogue: &Catalogue, model: &ModelId, basis: &Basis) -> Result<Model, Vec<Fault>> {
+pub(in crate::estimate) fn bound(
+    catalogue: &Catalogue,
+    model: &ModelId,
+    basis: &Basis,
+) -> Result<Model, Vec<Fault>> {
     let composition = catalogue.compose(model)?;
     let sets = basis.sets.iter().filter(|(set, _)| composition.spec.sets.contains(*set));
     let sets = sets.map(|(set, members)| (set.clone(), members.clone())).collect();
@@ -305,9 +340,10 @@ impl<'a> Columns<'a> {
         };
         let inputs = model.inputs().iter().filter(|input| window.series(&input.channel).is_some());
         let outputs: Vec<&str> = model.outputs().iter().map(|output| output.channel.as_str()).collect();
-        let holds: Vec<(&str, crate::data::Hold)> = inputs.map(|input| (input.channel.as_str(), hold(input.hold))).collect();
-        // Held inputs that change between two samples of the outputs have to change there: the stepper does not know half of an
-        // interval. The step that divides all of them does.
+        let holds: Vec<(&str, crate::data::Hold)> =
+            inputs.map(|input| (input.channel.as_str(), hold(input.hold))).collect();
+        // Held inputs that change between two samples of the outputs have to change there: the stepper does
+        // not know half of an interval. The step that divides all of them does.
         let names = outputs.iter().chain(holds.iter().map(|(name, _)| name));
         let steps = names.filter_map(|name| usize::try_from(window.series(name)?.median_step()?).ok());
         let common = steps.fold(0, common_divisor) as i64;
@@ -317,13 +353,21 @@ impl<'a> Columns<'a> {
 
     /// All of them, over the whole record.
     pub(in crate::estimate) fn request(&self) -> GridRequest<'_> {
-        GridRequest { more_outputs: &self.outputs[1..], step: self.step, ..GridRequest::new(self.outputs[0], &self.holds) }
+        GridRequest {
+            more_outputs: &self.outputs[1..],
+            step: self.step,
+            ..GridRequest::new(self.outputs[0], &self.holds)
+        }
     }
 }
 
-/// The grid with what can be computed: the position of the sun where the place is known, and what else the model
-/// reads of the clock and of openings.
-pub(in crate::estimate) fn with_computed(grid: Grid, model: &Model, basis: &Basis) -> Result<Grid, Vec<Fault>> {
+/// The grid with what can be computed: the position of the sun where the place is known, and what else the
+/// model reads of the clock and of openings.
+pub(in crate::estimate) fn with_computed(
+    grid: Grid,
+    model: &Model,
+    basis: &Basis,
+) -> Result<Grid, Vec<Fault>> {
     let reads = |names: &[&str]| model.inputs().iter().any(|input| names.contains(&input.channel.as_str()));
     let computed = || {
         let mut grid = grid;
@@ -342,20 +386,31 @@ pub(in crate::estimate) fn with_computed(grid: Grid, model: &Model, basis: &Basi
 }
 
 /// Where the measurements under a grid come from.
-pub(in crate::estimate) fn source(model: &Model, window: &Window, grid: &Grid, basis: Basis) -> Result<Source, Vec<Fault>> {
+pub(in crate::estimate) fn source(
+    model: &Model,
+    window: &Window,
+    grid: &Grid,
+    basis: Basis,
+) -> Result<Source, Vec<Fault>> {
     let used = window.slice(grid.start(), grid.time(grid.len().saturating_sub(1)))?;
-    let quantum = |output: &crate::model::Output| used.series(&output.channel).and_then(crate::data::Series::quantum);
+    let quantum =
+        |output: &crate::model::Output| used.series(&output.channel).and_then(crate::data::Series::quantum);
     Ok(Source { hash: used.content_hash(), quanta: model.outputs().iter().map(quantum).collect(), basis })
 }
 
 /// The instants between which measurements are used.
-pub(in crate::estimate) fn range(asked: Option<&WindowRange>, window: &Window) -> Result<(Option<i64>, Option<i64>), Vec<Fault>> {
+pub(in crate::estimate) fn range(
+    asked: Option<&WindowRange>,
+    window: &Window,
+) -> Result<(Option<i64>, Option<i64>), Vec<Fault>> {
     let Some(asked) = asked else {
         return Ok((None, None));
     };
     let mut faults = Vec::new();
     let mut instant = |field: &str, text: &Option<String>| {
-        text.as_ref().and_then(|text| read_time(&format!("/window/{field}"), text).map_err(|fault| faults.push(fault)).ok())
+        text.as_ref().and_then(|text| {
+            read_time(&format!("/window/{field}"), text).map_err(|fault| faults.push(fault)).ok()
+        })
     };
     let (mut from, to) = (instant("from", &asked.from), instant("to", &asked.to));
     if let Some(last) = asked.last {

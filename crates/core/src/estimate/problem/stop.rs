@@ -1,7 +1,8 @@
 //! Early stopping: a search that brings nothing new for a while is over (thesis 7.6.2 asks for it).
 //!
-//! It comes on top of what the method knows itself, such as restarts that agree. With the default method it trades
-//! that confirmation for time: on six synthetic rooms it saved 28 to 65 % of the evaluations at the same cost.
+//! It comes on top of what the method knows itself, such as restarts that agree. With the default method it
+//! trades that confirmation for time: on six synthetic rooms it saved 28 to 65 % of the evaluations at the
+//! same cost.
 
 use crate::fault::Fault;
 use serde::{Deserialize, Serialize};
@@ -14,14 +15,15 @@ const MOST_PATIENCE: usize = 1_000_000;
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct EarlyStopping {
-    /// So many generations without an improvement end the search; generations as the job's progress counts them.
+    /// So many generations without an improvement end the search; generations as the job's progress counts
+    /// them.
     #[schema(minimum = 1, maximum = 1_000_000)]
     pub patience: usize,
     /// An improvement lowers the watched error by at least this share.
     #[schema(minimum = 0, exclusive_maximum = 1)]
     pub min_delta: f64,
-    /// Watches the error of the best candidate on the validation part instead of the cost, and keeps the candidate
-    /// with the lowest one. The validation part is then no longer unseen, and the fit says so.
+    /// Watches the error of the best candidate on the validation part instead of the cost, and keeps the
+    /// candidate with the lowest one. The validation part is then no longer unseen, and the fit says so.
     pub validation: bool,
 }
 
@@ -40,7 +42,11 @@ impl EarlyStopping {
             faults.push(Fault::new("/early_stopping/patience", "out-of-range", detail));
         }
         if !(0.0..1.0).contains(&self.min_delta) {
-            faults.push(Fault::new("/early_stopping/min_delta", "out-of-range", "a share is at least 0 and below 1"));
+            faults.push(Fault::new(
+                "/early_stopping/min_delta",
+                "out-of-range",
+                "a share is at least 0 and below 1",
+            ));
         }
         faults
     }

@@ -25,8 +25,8 @@ impl Ar {
         Self::fit_orders(series, &ORDERS)
     }
 
-    /// The same on the samples at which something was measured, counted in the step of those: an output that is measured at every
-    /// other point of a grid has no gap at each.
+    /// The same on the samples at which something was measured, counted in the step of those: an output that
+    /// is measured at every other point of a grid has no gap at each.
     pub fn fit_samples(samples: &[usize], value: impl Fn(usize) -> f64) -> Option<Self> {
         let (first, last) = (samples.first()?, samples.last()?);
         let stride = stride(samples);
@@ -39,7 +39,8 @@ impl Ar {
     pub fn fit_orders(series: &[Option<f64>], orders: &[usize]) -> Option<Self> {
         let longest = *orders.last()?;
         // All orders are compared on the samples that the longest one can use.
-        let rows: Vec<usize> = (longest..series.len()).filter(|t| (0..=longest).all(|lag| series[t - lag].is_some())).collect();
+        let rows: Vec<usize> =
+            (longest..series.len()).filter(|t| (0..=longest).all(|lag| series[t - lag].is_some())).collect();
         if rows.len() < 4 * longest {
             return None;
         }
@@ -101,7 +102,8 @@ mod tests {
         let mut noise = || {
             (0..12)
                 .map(|_| {
-                    state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+                    state =
+                        state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
                     (state >> 11) as f64 / (1u64 << 53) as f64
                 })
                 .sum::<f64>()
@@ -119,13 +121,15 @@ mod tests {
         let white = ar.whiten(&series);
         assert_eq!(white[2000], None);
         assert_eq!(white[2001], None);
-        let spread = white.iter().flatten().map(|w| w * w).sum::<f64>() / white.iter().flatten().count() as f64;
+        let spread =
+            white.iter().flatten().map(|w| w * w).sum::<f64>() / white.iter().flatten().count() as f64;
         assert!((spread.sqrt() - ar.deviation).abs() < 0.02);
     }
 
     #[test]
     fn every_other_point_is_a_series_of_its_own() {
-        let values: Vec<f64> = (0..400).map(|k| (f64::from(k) * 0.37).sin() + 0.1 * f64::from(k * k % 7)).collect();
+        let values: Vec<f64> =
+            (0..400).map(|k| (f64::from(k) * 0.37).sin() + 0.1 * f64::from(k * k % 7)).collect();
         let sparse: Vec<usize> = (0..400).map(|k| 3 + 2 * k).collect();
         let own = Ar::fit(&values.iter().copied().map(Some).collect::<Vec<_>>());
         assert_eq!(Ar::fit_samples(&sparse, |k| values[(k - 3) / 2]), own);

@@ -1,4 +1,5 @@
-//! The caller's hands on a running search: how far it has come, whether it is to end, and why there is no fit.
+//! The caller's hands on a running search: how far it has come, whether it is to end, and why there is no
+//! fit.
 
 use indexmap::IndexMap;
 use serde::Serialize;
@@ -41,8 +42,8 @@ pub struct Progress {
     pub evaluations: usize,
     /// Best cost so far.
     pub best_train: Option<f64>,
-    /// Free-run RMSE of the best candidate on the validation part, as of the last look at it; of several outputs in the noise of
-    /// their sensors.
+    /// Free-run RMSE of the best candidate on the validation part, as of the last look at it; of several
+    /// outputs in the noise of their sensors.
     pub best_validation: Option<f64>,
     /// The best parameters so far, by name; another one with every improvement.
     pub incumbent: Option<Arc<IndexMap<String, f64>>>,
@@ -53,7 +54,8 @@ pub struct Progress {
 /// How far the trials of a diagnosis have come.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, ToSchema)]
 pub struct Trials {
-    /// The round, from 1 on; a round looks for one more effect. 0 while the model without any is brought to its optima.
+    /// The round, from 1 on; a round looks for one more effect. 0 while the model without any is brought to
+    /// its optima.
     pub round: usize,
     /// Effects that have been tried in this round, or ruled out.
     pub tried: usize,
@@ -77,9 +79,13 @@ pub enum EstimateError {
 impl std::fmt::Display for EstimateError {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str(match self {
-            EstimateError::NothingFinite => "every candidate diverged: the model cannot follow these data inside its bounds",
+            EstimateError::NothingFinite => {
+                "every candidate diverged: the model cannot follow these data inside its bounds"
+            }
             EstimateError::Interrupted(Interrupt::Cancelled) => "the estimation was cancelled",
-            EstimateError::Interrupted(Interrupt::Deadline) => "the wall time was used up before anything was found",
+            EstimateError::Interrupted(Interrupt::Deadline) => {
+                "the wall time was used up before anything was found"
+            }
         })
     }
 }

@@ -3,14 +3,15 @@
 use crate::estimate::problem::Problem;
 use crate::model::Stepper;
 
-/// Largest discretisation error in the noise of a sensor before the step is halved: 0.02 K for a thermometer of 0.05 K.
+/// Largest discretisation error in the noise of a sensor before the step is halved: 0.02 K for a thermometer
+/// of 0.05 K.
 const DISCRETISATION_LIMIT: f64 = 0.4;
 
 /// As fine as the tolerance of a stepper gets that finds its own steps: each doubling divides it by ten.
 const FINEST_TOLERANCE: usize = 2;
 
-/// The same problem with half the step, or a tenth of the tolerance, and the largest difference that it makes, in the unit of the
-/// output; of several outputs in the noise of their sensors.
+/// The same problem with half the step, or a tenth of the tolerance, and the largest difference that it
+/// makes, in the unit of the output; of several outputs in the noise of their sensors.
 pub(in crate::estimate) fn step_error(problem: &Problem, theta: &[f64]) -> (Problem, f64) {
     let finer = problem.with_substeps(2 * problem.simulator().substeps());
     let (coarse, fine) = (problem.simulate(theta), finer.simulate(theta));

@@ -24,8 +24,8 @@ pub(in crate::estimate) struct SearchResult {
     pub remarks: Vec<String>,
 }
 
-/// Looks at the validation part that only tell how a search goes: each is one simulation up to its end, and as much as so many of those
-/// is done on the training part in between.
+/// Looks at the validation part that only tell how a search goes: each is one simulation up to its end, and
+/// as much as so many of those is done on the training part in between.
 const BETWEEN_LOOKS: usize = 100;
 
 /// Ask, simulate, tell. The first coordinates of a candidate are the free parameters of the problem.
@@ -38,13 +38,25 @@ pub(in crate::estimate) fn drive(
     control: &Control,
 ) -> Result<SearchResult, EstimateError> {
     if search.dimensions == 0 {
-        let cost = problem.evaluate(&[Candidate(Vec::new())], false).first().map_or(Cost::Diverged, |evaluation| evaluation.cost);
+        let cost = problem
+            .evaluate(&[Candidate(Vec::new())], false)
+            .first()
+            .map_or(Cost::Diverged, |evaluation| evaluation.cost);
         let Cost::Finite(cost) = cost else {
             return Err(EstimateError::NothingFinite);
         };
         let theta = problem.nominal().to_vec();
         let (place, stop) = (Candidate(Vec::new()), Stop::Converged);
-        return Ok(SearchResult { theta, place, cost, stop, evaluations: 1, trace: Vec::new(), runs: Vec::new(), remarks: Vec::new() });
+        return Ok(SearchResult {
+            theta,
+            place,
+            cost,
+            stop,
+            evaluations: 1,
+            trace: Vec::new(),
+            runs: Vec::new(),
+            remarks: Vec::new(),
+        });
     }
     let mut optimiser = method.with_least_step(problem.least_step()).optimiser(search);
     let mut watch = early.map(Watch::new);
@@ -106,7 +118,9 @@ pub(in crate::estimate) fn drive(
     let Some((best, Cost::Finite(cost))) = optimiser.best() else {
         return Err(EstimateError::NothingFinite);
     };
-    let (place, cost) = watch.and_then(Watch::kept).map_or_else(|| (best.clone(), cost), |(place, cost)| (Candidate(place), cost));
+    let (place, cost) = watch
+        .and_then(Watch::kept)
+        .map_or_else(|| (best.clone(), cost), |(place, cost)| (Candidate(place), cost));
     let (theta, runs) = (problem.theta(&place), optimiser.runs());
     Ok(SearchResult { theta, place, cost, stop, evaluations: progress.evaluations, trace, runs, remarks })
 }
@@ -120,8 +134,8 @@ pub(in crate::estimate) fn evaluate(problem: &Problem, ask: &Ask, halt: Halt) ->
     }
 }
 
-/// Least squares from a known point, with so many evaluations; `None` where it goes nowhere or the wall time is used up: what was
-/// found before then stays.
+/// Least squares from a known point, with so many evaluations; `None` where it goes nowhere or the wall time
+/// is used up: what was found before then stays.
 pub(in crate::estimate) fn polish(
     problem: &Problem,
     theta: &[f64],
@@ -129,7 +143,13 @@ pub(in crate::estimate) fn polish(
     control: &Control,
 ) -> Result<Option<SearchResult>, EstimateError> {
     let method = Method::LmMultistart(LmOptions { starts: 1, ..LmOptions::default() });
-    let search = Search { dimensions: problem.space().len(), seed: 0, budget, warm: vec![problem.candidate(theta)], residuals: true };
+    let search = Search {
+        dimensions: problem.space().len(),
+        seed: 0,
+        budget,
+        warm: vec![problem.candidate(theta)],
+        residuals: true,
+    };
     match drive(problem, &|ask, halt| evaluate(problem, ask, halt), &method, search, None, control) {
         Ok(found) => Ok(Some(found)),
         Err(EstimateError::NothingFinite | EstimateError::Interrupted(Interrupt::Deadline)) => Ok(None),

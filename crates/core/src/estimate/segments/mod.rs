@@ -1,11 +1,13 @@
 //! The residual of a fit over segments of hours with states of their own.
 //!
-//! Minutes are blurred by sensors, and a free run of weeks is drowned by heat that nobody logged. In between, over segments of
-//! hours that each start from unknown states, a model is asked what a controller asks it: where does the room go from here?
-//! Each segment's start enters the residual linearly along the fit, so its columns (the response of the outputs to each initial
-//! state) are projected out of the residual, of the model's own Jacobian and of every direction that is compared with it; no
-//! filter, no order of an autoregression and no model of the noise takes part. This is the multi-step prediction error of
-//! identification for control (Shook, Mohtadi and Shah 1991, IEE Proc. D 138, 75-84), by multiple shooting (Bock 1983).
+//! Minutes are blurred by sensors, and a free run of weeks is drowned by heat that nobody logged. In between,
+//! over segments of hours that each start from unknown states, a model is asked what a controller asks it:
+//! where does the room go from here? Each segment's start enters the residual linearly along the fit, so its
+//! columns (the response of the outputs to each initial state) are projected out of the residual, of the
+//! model's own Jacobian and of every direction that is compared with it; no filter, no order of an
+//! autoregression and no model of the noise takes part. This is the multi-step prediction error of
+//! identification for control (Shook, Mohtadi and Shah 1991, IEE Proc. D 138, 75-84), by multiple shooting
+//! (Bock 1983).
 //!
 //! Samples of a day lean on each other, days hardly do: statistics are robust by days.
 
@@ -20,13 +22,14 @@ use std::ops::Range;
 const DAY: i64 = 86_400;
 /// How far the states at a segment's start are moved to see what that does, in the unit of the states.
 const START_STEP: f64 = 0.1;
-/// A start whose response is this small beside the largest of its segment is none that the outputs could tell.
+/// A start whose response is this small beside the largest of its segment is none that the outputs could
+/// tell.
 const UNSEEN_START: f64 = 1e-6;
-/// How far a start is believed to lie from where it was expected when it is estimated, in the unit of the states: a slow state is not
-/// determined by a few hours.
+/// How far a start is believed to lie from where it was expected when it is estimated, in the unit of the
+/// states: a slow state is not determined by a few hours.
 const START_REACH: f64 = 3.0;
-/// How far a parameter is believed to lie from the fit when the linear problem is solved, as a share of what is searched. It
-/// keeps what the data do not determine from leaving the reach of the linearisation.
+/// How far a parameter is believed to lie from the fit when the linear problem is solved, as a share of what
+/// is searched. It keeps what the data do not determine from leaving the reach of the linearisation.
 pub const REACH: f64 = 0.3;
 
 /// A record cut into segments: ranges of samples within which all inputs are known.
@@ -41,8 +44,8 @@ pub struct Segments {
 }
 
 impl Segments {
-    /// Cuts these samples of a problem into segments of so many hours, each with at least half of them. Segments with fewer
-    /// measurements than twice the states are left out.
+    /// Cuts these samples of a problem into segments of so many hours, each with at least half of them.
+    /// Segments with fewer measurements than twice the states are left out.
     pub fn new(problem: &Problem, samples: Range<usize>, hours: f64) -> Self {
         let grid = problem.grid();
         let length = ((hours / grid.step_hours()).round() as usize).max(2);
@@ -97,17 +100,26 @@ impl Segments {
         sums.into_iter().zip(seen).filter_map(|(sum, seen)| seen.then_some(sum)).collect()
     }
 
-    /// The model along the segments: one run of each with a lane for the parameters, one for each initial state and one for each
-    /// free parameter. `starts` has the states at each segment's first sample. `None` where a lane leaves the numbers.
-    pub fn linearise(&self, problem: &Problem, simulator: &Simulator, theta: &[f64], starts: &[Vec<f64>]) -> Option<Linear> {
+    /// The model along the segments: one run of each with a lane for the parameters, one for each initial
+    /// state and one for each free parameter. `starts` has the states at each segment's first sample. `None`
+    /// where a lane leaves the numbers.
+    pub fn linearise(
+        &self,
+        problem: &Problem,
+        simulator: &Simulator,
+        theta: &[f64],
+        starts: &[Vec<f64>],
+    ) -> Option<Linear> {
         let states = problem.model().states().len();
         let Moved { along, steps, slopes, thetas: moved } = moved(problem, theta);
-        let measured_state = problem.model().states().iter().position(|state| state.initial == Initial::Measured(0));
+        let measured_state =
+            problem.model().states().iter().position(|state| state.initial == Initial::Measured(0));
         let n = self.rows.len();
         let measured = problem.measured();
         let mut residual = vec![0.0; n];
         let mut columns = vec![vec![0.0; n]; steps.len()];
-        let (mut bases, mut pulses, mut nearer) = (Vec::with_capacity(self.pieces.len()), Vec::new(), Vec::new());
+        let (mut bases, mut pulses, mut nearer) =
+            (Vec::with_capacity(self.pieces.len()), Vec::new(), Vec::new());
         for ((piece, rows), start) in self.pieces.iter().zip(&self.of_piece).zip(starts) {
             let bumped: Vec<Vec<f64>> = (0..states)
                 .map(|state| {
@@ -126,8 +138,9 @@ impl Segments {
                 let (output, k, _) = self.rows[row];
                 runs[run][output][k - piece.start] / problem.scale(output)
             };
-            let responses =
-                DMatrix::from_fn(rows.len(), states, |i, state| (at(1 + state, rows.start + i) - at(0, rows.start + i)) / START_STEP);
+            let responses = DMatrix::from_fn(rows.len(), states, |i, state| {
+                (at(1 + state, rows.start + i) - at(0, rows.start + i)) / START_STEP
+            });
             for row in rows.clone() {
                 let (output, k, _) = self.rows[row];
                 residual[row] = measured[output].0[k] / problem.scale(output) - at(0, row);
@@ -135,8 +148,13 @@ impl Segments {
                     columns[column][row] = (at(1 + states + column, row) - at(0, row)) / step;
                 }
             }
-            let pulse =
-                |state: usize| runs[1 + state][0].iter().zip(&runs[0][0]).map(|(bumped, kept)| (bumped - kept) / START_STEP).collect();
+            let pulse = |state: usize| {
+                runs[1 + state][0]
+                    .iter()
+                    .zip(&runs[0][0])
+                    .map(|(bumped, kept)| (bumped - kept) / START_STEP)
+                    .collect()
+            };
             pulses.push(measured_state.map_or_else(Vec::new, pulse));
             nearer.push(self.nearer(problem, start, &responses, &residual[rows.clone()]));
             bases.push(basis(responses)?);
@@ -144,7 +162,16 @@ impl Segments {
         if residual.iter().chain(columns.iter().flatten()).any(|value| !value.is_finite()) {
             return None;
         }
-        let mut linear = Linear { bases, residual: Vec::new(), columns: Vec::new(), along, slopes, pulses, starts: nearer, factor: None };
+        let mut linear = Linear {
+            bases,
+            residual: Vec::new(),
+            columns: Vec::new(),
+            along,
+            slopes,
+            pulses,
+            starts: nearer,
+            factor: None,
+        };
         linear.residual = self.without_starts(&linear, residual);
         linear.columns = columns.into_iter().map(|column| self.without_starts(&linear, column)).collect();
         linear.factor = linear.normal();
@@ -152,7 +179,13 @@ impl Segments {
     }
 
     /// A start of a segment, moved to where the outputs ask for it.
-    fn nearer(&self, problem: &Problem, start: &[f64], responses: &DMatrix<f64>, residual: &[f64]) -> Vec<f64> {
+    fn nearer(
+        &self,
+        problem: &Problem,
+        start: &[f64],
+        responses: &DMatrix<f64>,
+        residual: &[f64],
+    ) -> Vec<f64> {
         let mut normal = responses.tr_mul(responses);
         (0..start.len()).for_each(|i| normal[(i, i)] += (problem.scaled_noise() / START_REACH).powi(2));
         let right = responses.tr_mul(&DVector::from_column_slice(residual));
@@ -160,8 +193,9 @@ impl Segments {
         start.iter().enumerate().map(|(i, start)| start + step.as_ref().map_or(0.0, |step| step[i])).collect()
     }
 
-    /// What heat into the first measured state does to the first output, for every `hour` of the day, 0 to 23: a column each, without
-    /// starts. All that follows the clock is made of them, in a model that is nearly linear.
+    /// What heat into the first measured state does to the first output, for every `hour` of the day, 0 to
+    /// 23: a column each, without starts. All that follows the clock is made of them, in a model that is
+    /// nearly linear.
     pub fn by_clock(&self, linear: &Linear, step_hours: f64, hour: impl Fn(usize) -> usize) -> Vec<Vec<f64>> {
         let mut columns = vec![vec![0.0; self.rows.len()]; 24];
         for ((piece, rows), pulse) in self.pieces.iter().zip(&self.of_piece).zip(&linear.pulses) {
@@ -169,12 +203,16 @@ impl Segments {
             let mut answers = vec![vec![0.0; length]; 24];
             for k in 0..length {
                 let answer = &mut answers[hour(piece.start + k)];
-                // Heat over a step is a pulse somewhere within it: the mean of one at its start and one at its end.
+                // Heat over a step is a pulse somewhere within it: the mean of one at its start and one at
+                // its end.
                 let means = pulse.windows(2).map(|pair| 0.5 * (pair[0] + pair[1]));
                 answer[k + 1..].iter_mut().zip(means).for_each(|(answer, mean)| *answer += step_hours * mean);
             }
             for row in rows.clone().filter(|row| length > 0 && self.rows[*row].0 == 0) {
-                columns.iter_mut().zip(&answers).for_each(|(column, answer)| column[row] = answer[self.rows[row].1 - piece.start]);
+                columns
+                    .iter_mut()
+                    .zip(&answers)
+                    .for_each(|(column, answer)| column[row] = answer[self.rows[row].1 - piece.start]);
             }
         }
         columns.into_iter().map(|column| self.without_starts(linear, column)).collect()
@@ -186,7 +224,13 @@ impl Segments {
     }
 
     /// The outputs along the segments for some parameter vectors, row by row, from the same starts.
-    pub fn outputs(&self, problem: &Problem, simulator: &Simulator, thetas: &[&[f64]], starts: &[Vec<f64>]) -> Vec<Vec<f64>> {
+    pub fn outputs(
+        &self,
+        problem: &Problem,
+        simulator: &Simulator,
+        thetas: &[&[f64]],
+        starts: &[Vec<f64>],
+    ) -> Vec<Vec<f64>> {
         let mut values = vec![vec![0.0; self.rows.len()]; thetas.len()];
         for ((piece, rows), start) in self.pieces.iter().zip(&self.of_piece).zip(starts) {
             let runs = simulator.run_from(piece.clone(), thetas, &vec![start.as_slice(); thetas.len()]);
@@ -210,7 +254,8 @@ impl Segments {
         series
     }
 
-    /// Where the segments start in the free run of a parameter vector: near enough for starts that are estimated.
+    /// Where the segments start in the free run of a parameter vector: near enough for starts that are
+    /// estimated.
     pub fn starts(&self, problem: &Problem, theta: &[f64]) -> Vec<Vec<f64>> {
         let states = problem.simulate(theta).states;
         self.first_samples().map(|k| states.iter().map(|series| series[k]).collect()).collect()
@@ -235,7 +280,8 @@ pub struct Linear {
     pub along: Vec<usize>,
     /// What a unit of the cube is in the parameter's own unit, here.
     pub slopes: Vec<f64>,
-    /// What a unit more of the first measured state at a segment's start does to the first output, sample by sample.
+    /// What a unit more of the first measured state at a segment's start does to the first output, sample by
+    /// sample.
     pulses: Vec<Vec<f64>>,
     /// The states at the segments' starts, moved to where the outputs ask for them.
     pub starts: Vec<Vec<f64>>,
@@ -243,10 +289,12 @@ pub struct Linear {
 }
 
 impl Linear {
-    /// What is left of a series when the model's own parameters have explained what they can, each within its reach.
+    /// What is left of a series when the model's own parameters have explained what they can, each within its
+    /// reach.
     pub fn without_parameters(&self, series: &[f64]) -> Vec<f64> {
         let Some(factor) = &self.factor else { return series.to_vec() };
-        let right = DVector::from_iterator(self.columns.len(), self.columns.iter().map(|column| dot(column, series)));
+        let right =
+            DVector::from_iterator(self.columns.len(), self.columns.iter().map(|column| dot(column, series)));
         let step = factor.solve(&right);
         let mut rest = series.to_vec();
         for (column, size) in self.columns.iter().zip(step.iter()) {
@@ -260,7 +308,8 @@ impl Linear {
         if n == 0 {
             return None;
         }
-        let mut normal = DMatrix::from_fn(n, n, |i, j| if j <= i { dot(&self.columns[i], &self.columns[j]) } else { 0.0 });
+        let mut normal =
+            DMatrix::from_fn(n, n, |i, j| if j <= i { dot(&self.columns[i], &self.columns[j]) } else { 0.0 });
         normal.fill_upper_triangle_with_lower_triangle();
         let variance = dot(&self.residual, &self.residual) / self.residual.len().max(1) as f64;
         (0..n).for_each(|i| normal[(i, i)] += (variance / REACH.powi(2)).max(1e-12));
@@ -280,9 +329,9 @@ pub struct Explained {
 }
 
 impl Segments {
-    /// Regresses a residual on a direction: `c = g.r / g.g`, `R2 = (g.r)^2 / (g.g r.r)`, and with `s_d` the sum of
-    /// `g (r - c g)` over the day d, `t = c g.g / sqrt(D/(D-1) sum s_d^2)`. `None` where the direction is nothing or there are
-    /// fewer than three days.
+    /// Regresses a residual on a direction: `c = g.r / g.g`, `R2 = (g.r)^2 / (g.g r.r)`, and with `s_d` the
+    /// sum of `g (r - c g)` over the day d, `t = c g.g / sqrt(D/(D-1) sum s_d^2)`. `None` where the direction
+    /// is nothing or there are fewer than three days.
     pub fn explained(&self, residual: &[f64], direction: &[f64]) -> Option<Explained> {
         let (gg, gr, rr) = (dot(direction, direction), dot(direction, residual), dot(residual, residual));
         if !(gg > 0.0 && rr > 0.0) {
@@ -299,8 +348,8 @@ impl Segments {
     }
 }
 
-/// Forward differences along the free parameters. Those that are a start of the record and nothing else are left out: segments have
-/// starts of their own.
+/// Forward differences along the free parameters. Those that are a start of the record and nothing else are
+/// left out: segments have starts of their own.
 pub struct Moved {
     /// The parameter of each, by its place in the full vector.
     pub along: Vec<usize>,
@@ -316,7 +365,9 @@ pub struct Moved {
 pub fn moved(problem: &Problem, theta: &[f64]) -> Moved {
     let centre = problem.candidate(theta);
     let difference = problem.difference();
-    let is_start = |index: usize| problem.model().states().iter().any(|state| state.initial == Initial::Parameter(index));
+    let is_start = |index: usize| {
+        problem.model().states().iter().any(|state| state.initial == Initial::Parameter(index))
+    };
     let mut moved = Moved { along: Vec::new(), steps: Vec::new(), slopes: Vec::new(), thetas: Vec::new() };
     for (i, index) in problem.free().iter().enumerate().filter(|(_, index)| !is_start(**index)) {
         let mut there = centre.clone();

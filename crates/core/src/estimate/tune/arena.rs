@@ -48,7 +48,8 @@ impl<'a> Arena<'a> {
         let best = vec![f64::INFINITY; problems.len()];
         let (budget, seed) = (request.budget.evaluations, request.method.seed);
         let mut arena = Self { problems, best, budget, seed, control, spent, searches: 0 };
-        let reference = Method::LmMultistart(LmOptions { starts: STARTS, converge: false, ..LmOptions::default() });
+        let reference =
+            Method::LmMultistart(LmOptions { starts: STARTS, converge: false, ..LmOptions::default() });
         for window in 0..problems.len() {
             arena.search(window, &reference, seed, usize::MAX)?;
         }
@@ -58,12 +59,24 @@ impl<'a> Arena<'a> {
     /// The numbered search with these settings: the windows take turns, then the seeds.
     pub(super) fn run(&mut self, options: &CfaOptions, number: usize) -> Result<Run, EstimateError> {
         let (window, turn) = (number % self.problems.len(), number / self.problems.len());
-        self.search(window, &Method::Cfa(options.clone()), self.seed.wrapping_add(1 + turn as u64), self.budget)
+        self.search(
+            window,
+            &Method::Cfa(options.clone()),
+            self.seed.wrapping_add(1 + turn as u64),
+            self.budget,
+        )
     }
 
-    fn search(&mut self, window: usize, method: &Method, seed: u64, budget: usize) -> Result<Run, EstimateError> {
+    fn search(
+        &mut self,
+        window: usize,
+        method: &Method,
+        seed: u64,
+        budget: usize,
+    ) -> Result<Run, EstimateError> {
         let problem = &self.problems[window].1;
-        let search = Search { dimensions: problem.space().len(), seed, budget, warm: Vec::new(), residuals: true };
+        let search =
+            Search { dimensions: problem.space().len(), seed, budget, warm: Vec::new(), residuals: true };
         let (spent, generation) = (self.spent, self.searches);
         let progress = |progress: &Progress| {
             let evaluations = spent + progress.evaluations;
@@ -77,10 +90,13 @@ impl<'a> Arena<'a> {
         }
         let run = match found {
             Ok(found) => Run { window, trace: found.trace, evaluations: found.evaluations },
-            Err(EstimateError::NothingFinite) => Run { window, trace: Vec::new(), evaluations: budget.min(self.budget) },
+            Err(EstimateError::NothingFinite) => {
+                Run { window, trace: Vec::new(), evaluations: budget.min(self.budget) }
+            }
             Err(stopped) => return Err(stopped),
         };
-        self.best[window] = run.trace.last().map_or(self.best[window], |last| last.best.min(self.best[window]));
+        self.best[window] =
+            run.trace.last().map_or(self.best[window], |last| last.best.min(self.best[window]));
         (self.spent, self.searches) = (self.spent + run.evaluations, self.searches + 1);
         Ok(run)
     }
@@ -107,14 +123,19 @@ impl<'a> Arena<'a> {
     }
 
     /// Both on every window, in pairs of the same window and seed.
-    pub(super) fn judge(&mut self, before: &CfaOptions, tuned: &CfaOptions) -> Result<TuningJudgement, EstimateError> {
+    pub(super) fn judge(
+        &mut self,
+        before: &CfaOptions,
+        tuned: &CfaOptions,
+    ) -> Result<TuningJudgement, EstimateError> {
         let searches = UNSEEN.next_multiple_of(self.problems.len());
         let (mut old, mut new) = (Vec::new(), Vec::new());
         for number in 0..searches {
             old.push(self.run(before, number)?);
             new.push(self.run(tuned, number)?);
         }
-        let pairs: Vec<f64> = old.iter().zip(&new).map(|(old, new)| self.score(new) - self.score(old)).collect();
+        let pairs: Vec<f64> =
+            old.iter().zip(&new).map(|(old, new)| self.score(new) - self.score(old)).collect();
         Ok(TuningJudgement {
             searches,
             before: self.performance(&old),

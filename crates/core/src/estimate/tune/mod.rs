@@ -1,8 +1,8 @@
 //! Tuning: settings of the default search that suit a system, chosen on its own past (thesis chapter 8).
 //!
-//! The record is cut into windows. On the older ones, candidates are compared by successive halving; the newer ones, which
-//! the choice never saw, say whether the winner is better than what the system has. Every search starts from nothing: where
-//! the parameters in use still hold, any settings do.
+//! The record is cut into windows. On the older ones, candidates are compared by successive halving; the
+//! newer ones, which the choice never saw, say whether the winner is better than what the system has. Every
+//! search starts from nothing: where the parameters in use still hold, any settings do.
 
 mod arena;
 mod performance;
@@ -28,7 +28,8 @@ use std::ops::Range;
 use utoipa::ToSchema;
 
 /// The parts of a record that a tuning asks for by default: windows of a week, all of it training.
-pub const SPLIT: SplitRequest = SplitRequest { train: Duration::from_days(7), validation: Duration::from_days(0), test: None };
+pub const SPLIT: SplitRequest =
+    SplitRequest { train: Duration::from_days(7), validation: Duration::from_days(0), test: None };
 /// Fewest windows; a shorter record has shorter ones.
 const LEAST_WINDOWS: usize = 4;
 /// Most windows, the newest.
@@ -74,8 +75,8 @@ pub struct Round {
     pub candidates: usize,
     /// Searches of each so far.
     pub searches: usize,
-    /// Evaluations to come within 1 % of the best known cost, as a geometric mean in which a search that does not come
-    /// there counts as three budgets: of the best candidate.
+    /// Evaluations to come within 1 % of the best known cost, as a geometric mean in which a search that does
+    /// not come there counts as three budgets: of the best candidate.
     pub best: f64,
     /// The same of the settings in use, while they were left.
     pub before: Option<f64>,
@@ -100,8 +101,8 @@ pub fn faults(request: &EstimateRequest) -> Vec<Fault> {
     vec![Fault::new("/method/name", "contradiction", detail).suggest("leave the method out")]
 }
 
-/// Chooses settings on the older windows of a record and judges them on the newer ones. `split.train` is the length of a
-/// window, `budget.evaluations` what one search may spend.
+/// Chooses settings on the older windows of a record and judges them on the newer ones. `split.train` is the
+/// length of a window, `budget.evaluations` what one search may spend.
 ///
 /// # Errors
 /// Faults of the request and the record, nothing finite, or somebody stopped it.
@@ -117,9 +118,12 @@ pub fn tune(
     let mut problems = Vec::new();
     let mut found = Vec::new();
     for (from, to) in windows(request, window).map_err(TuneError::Faults)? {
-        let (span, split) =
-            (Span { from: rfc3339(from), to: rfc3339(to) }, SplitRequest { train: Duration::from_seconds(to - from), ..SPLIT });
-        let range = Some(WindowRange { last: None, from: Some(span.from.clone()), to: Some(span.to.clone()) });
+        let (span, split) = (
+            Span { from: rfc3339(from), to: rfc3339(to) },
+            SplitRequest { train: Duration::from_seconds(to - from), ..SPLIT },
+        );
+        let range =
+            Some(WindowRange { last: None, from: Some(span.from.clone()), to: Some(span.to.clone()) });
         let request = EstimateRequest { window: range, split, early_stopping: None, ..request.clone() };
         match prepare(catalogue, model, &request, window, site) {
             Ok(problem) => problems.push((span, problem.without_prior())),
@@ -139,9 +143,11 @@ pub fn tune(
     let (seen, unseen) = problems.split_at(problems.len() / 2);
     choose(before, request, seen, unseen, control)
         .map(|(tuned, rounds, judged, evaluations)| {
-            let method = |options: &CfaOptions| SeededMethod { seed: 0, method: Method::Cfa(options.clone()) };
+            let method =
+                |options: &CfaOptions| SeededMethod { seed: 0, method: Method::Cfa(options.clone()) };
             let (before, tuned) = (method(before), method(&tuned));
-            let spans = |problems: &[(Span, Problem)]| problems.iter().map(|(span, _)| span.clone()).collect();
+            let spans =
+                |problems: &[(Span, Problem)]| problems.iter().map(|(span, _)| span.clone()).collect();
             let better = judged.as_ref().is_some_and(TuningJudgement::is_better);
             Tuning {
                 model: model.to_string(),
@@ -163,12 +169,17 @@ pub fn tune(
 /// The first and last instants of the windows, the oldest first.
 fn windows(request: &EstimateRequest, window: &Window) -> Result<Vec<(i64, i64)>, Vec<Fault>> {
     let (from, to) = range(request.window.as_ref(), window)?;
-    let (from, to) = (from.unwrap_or(window.from()).max(window.from()), to.unwrap_or(window.to()).min(window.to()));
+    let (from, to) =
+        (from.unwrap_or(window.from()).max(window.from()), to.unwrap_or(window.to()).min(window.to()));
     let (record, least) = (to - from, LEAST_WINDOWS as i64);
     let asked = request.split.train.seconds();
     let length = if asked <= 0 || record / asked < least { record / least } else { asked };
     if length <= 0 {
-        return Err(vec![Fault::new("/window", "no-data-in-range", "the record has too few measurements in that range")]);
+        return Err(vec![Fault::new(
+            "/window",
+            "no-data-in-range",
+            "the record has too few measurements in that range",
+        )]);
     }
     let count = (record / length).min(MOST_WINDOWS as i64);
     // Neighbours share no sample.
@@ -192,7 +203,11 @@ fn candidates(before: &CfaOptions, seed: u64) -> Vec<CfaOptions> {
         draw(&mut stream, &mut other.stall, &[5, 10, 20]);
         draw(&mut stream, &mut other.starts, &[1, 2, 3, 4]);
         draw(&mut stream, &mut other.scouts, &[0, 1, 2]);
-        draw(&mut stream, &mut other.local_from, &[LocalFrom::ClusterBests, LocalFrom::Centroids, LocalFrom::Fireflies]);
+        draw(
+            &mut stream,
+            &mut other.local_from,
+            &[LocalFrom::ClusterBests, LocalFrom::Centroids, LocalFrom::Fireflies],
+        );
         draw(&mut stream, &mut other.local.trials, &[2, 4, 8]);
         other.n_min = other.n_min.min(other.n);
         // A system may start from scouts alone.
@@ -203,9 +218,14 @@ fn candidates(before: &CfaOptions, seed: u64) -> Vec<CfaOptions> {
     candidates
 }
 
-/// Successive halving: all are scored by a few searches, the better half by twice as many in all, until one is left.
-/// `score` takes who is left and the searches to add, and gives a score to each, the lower the better; of equals the first stays.
-fn halve<E>(count: usize, first: usize, mut score: impl FnMut(&[usize], Range<usize>) -> Result<Vec<f64>, E>) -> Result<usize, E> {
+/// Successive halving: all are scored by a few searches, the better half by twice as many in all, until one
+/// is left. `score` takes who is left and the searches to add, and gives a score to each, the lower the
+/// better; of equals the first stays.
+fn halve<E>(
+    count: usize,
+    first: usize,
+    mut score: impl FnMut(&[usize], Range<usize>) -> Result<Vec<f64>, E>,
+) -> Result<usize, E> {
     let mut left: Vec<usize> = (0..count).collect();
     let mut searches = 0..first;
     while left.len() > 1 {
@@ -240,7 +260,9 @@ fn choose(
                 runs[*candidate].push(arena.run(&candidates[*candidate], number)?);
             }
         }
-        let score = |candidate: &usize| mean(&runs[*candidate].iter().map(|run| arena.score(run)).collect::<Vec<_>>());
+        let score = |candidate: &usize| {
+            mean(&runs[*candidate].iter().map(|run| arena.score(run)).collect::<Vec<_>>())
+        };
         let scores: Vec<f64> = left.iter().map(score).collect();
         rounds.push(Round {
             candidates: left.len(),
@@ -268,8 +290,10 @@ fn summary(judged: Option<&TuningJudgement>, unseen: usize) -> String {
     let percent = |share: f64| 100.0 * share;
     let word = if *ratio <= 1.0 { "fewer" } else { "more" };
     let figures = format!(
-        "On {unseen} windows that the choice did not see, the tuned settings need {:.0} % {word} evaluations to come within 1 % of the best known \
-         fit (fewer in {fewer} of {searches} searches). They come there in {:.0} % of the searches, those in use in {:.0} %; a search takes \
+        "On {unseen} windows that the choice did not see, the tuned settings need {:.0} % {word} evaluations \
+        to come within 1 % of the best known \
+         fit (fewer in {fewer} of {searches} searches). They come there in {:.0} % of the searches, those in \
+        use in {:.0} %; a search takes \
          {:.0} evaluations instead of {:.0}.",
         percent((ratio - 1.0).abs()),
         percent(tuned.within),
@@ -277,7 +301,11 @@ fn summary(judged: Option<&TuningJudgement>, unseen: usize) -> String {
         tuned.evaluations,
         before.evaluations,
     );
-    let end = if judged.is_better() { "They are better." } else { "That is not better, and the settings in use stay." };
+    let end = if judged.is_better() {
+        "They are better."
+    } else {
+        "That is not better, and the settings in use stay."
+    };
     format!("{figures} {end}")
 }
 
@@ -287,14 +315,18 @@ fn changes(before: &SeededMethod, tuned: &SeededMethod) -> Map<String, Value> {
         let mut flat = Map::new();
         for (name, value) in Map::from(method.clone()) {
             match value {
-                Value::Object(part) => flat.extend(part.into_iter().map(|(field, value)| (format!("{name}.{field}"), value))),
+                Value::Object(part) => {
+                    flat.extend(part.into_iter().map(|(field, value)| (format!("{name}.{field}"), value)))
+                }
                 value => drop(flat.insert(name, value)),
             }
         }
         flat
     };
     let old = flat(before);
-    let differs = |(name, new): (String, Value)| old.get(&name).filter(|old| **old != new).map(|old| (name, json!([old, new])));
+    let differs = |(name, new): (String, Value)| {
+        old.get(&name).filter(|old| **old != new).map(|old| (name, json!([old, new])))
+    };
     flat(tuned).into_iter().filter_map(differs).collect()
 }
 
@@ -306,12 +338,15 @@ mod tests {
 
     #[test]
     fn halving_spends_little_on_the_bad_and_keeps_the_best() {
-        // The score of a candidate is its distance from 11, told in ever finer steps the more searches there are.
+        // The score of a candidate is its distance from 11, told in ever finer steps the more searches there
+        // are.
         let mut asked = Vec::new();
         let best = halve(16, 2, |left: &[usize], searches: Range<usize>| {
             asked.push((left.len(), searches.clone()));
             let blur = 16.0 / searches.end as f64;
-            Ok::<_, ()>(left.iter().map(|candidate| ((*candidate as f64 - 11.0).abs() / blur).floor()).collect())
+            Ok::<_, ()>(
+                left.iter().map(|candidate| ((*candidate as f64 - 11.0).abs() / blur).floor()).collect(),
+            )
         });
         assert_eq!(asked, [(16, 0..2), (8, 2..4), (4, 4..8), (2, 8..16)]);
         assert_eq!(best, Ok(11));
@@ -333,7 +368,14 @@ mod tests {
     #[test]
     fn success_and_the_end_of_a_search_count_beside_the_evaluations() {
         let side = |within, evaluations| Performance { within, to_reach: Some(1000.0), evaluations };
-        let judged = |ratio, tuned| TuningJudgement { searches: 20, before: side(0.95, 5000.0), tuned, ratio, fewer: 15, more: 5 };
+        let judged = |ratio, tuned| TuningJudgement {
+            searches: 20,
+            before: side(0.95, 5000.0),
+            tuned,
+            ratio,
+            fewer: 15,
+            more: 5,
+        };
         assert!(judged(0.8, side(0.95, 5200.0)).is_better());
         assert!(!TuningJudgement { fewer: 1, more: 0, ..judged(0.8, side(0.95, 5000.0)) }.is_better());
         assert!(!judged(0.97, side(0.95, 4000.0)).is_better());
@@ -347,8 +389,10 @@ mod tests {
         let twin = twin::room(5, 2, 4, 60).unwrap();
         let (window, _) = Window::parse_csv(&twin.csv, &Bindings::none()).unwrap();
         let site = Site { sets: [("neighbours".to_owned(), twin.neighbours)].into(), ..Site::default() };
-        let request: EstimateRequest =
-            serde_json::from_value(json!({"method": {"seed": 3}, "budget": {"evaluations": 400}, "split": {"train": "P1D"}})).unwrap();
+        let request: EstimateRequest = serde_json::from_value(
+            json!({"method": {"seed": 3}, "budget": {"evaluations": 400}, "split": {"train": "P1D"}}),
+        )
+        .unwrap();
         let (catalogue, model) = (Catalogue::builtin().unwrap(), "room3".parse().unwrap());
         let tuned = |threads| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
@@ -360,8 +404,14 @@ mod tests {
         assert!(tuning.windows[1].to < tuning.unseen[0].from, "{tuning:?}");
         assert_eq!(tuning.judged.is_none(), tuning.changes.is_empty());
         // Only the default method has settings to choose.
-        let other = EstimateRequest { method: serde_json::from_value(json!({"name": "pso"})).unwrap(), ..request.clone() };
+        let other = EstimateRequest {
+            method: serde_json::from_value(json!({"name": "pso"})).unwrap(),
+            ..request.clone()
+        };
         assert_eq!(faults(&other).len(), 1);
-        assert!(matches!(tune(&catalogue, &model, &other, &window, &site, &Control::NONE), Err(TuneError::Faults(_))));
+        assert!(matches!(
+            tune(&catalogue, &model, &other, &window, &site, &Control::NONE),
+            Err(TuneError::Faults(_))
+        ));
     }
 }

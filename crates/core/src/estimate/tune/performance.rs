@@ -3,10 +3,11 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// The tuned settings have to need at most this share of the evaluations of those in use, by the geometric mean of the pairs.
+/// The tuned settings have to need at most this share of the evaluations of those in use, by the geometric
+/// mean of the pairs.
 const BETTER: f64 = 0.95;
-/// They have to need fewer in more pairs than chance would give in one comparison of forty (the sign test, by the normal
-/// distribution).
+/// They have to need fewer in more pairs than chance would give in one comparison of forty (the sign test, by
+/// the normal distribution).
 const BY_CHANCE: f64 = 1.96;
 /// They may spend so much more in all, until the search ends by itself.
 const MAY_SPEND: f64 = 1.05;
@@ -29,8 +30,8 @@ pub struct TuningJudgement {
 }
 
 impl TuningJudgement {
-    /// Whether the tuned settings take the place of those in use: they come to the best known cost as often, need clearly fewer
-    /// evaluations for it and not by chance, and their searches do not take longer to end.
+    /// Whether the tuned settings take the place of those in use: they come to the best known cost as often,
+    /// need clearly fewer evaluations for it and not by chance, and their searches do not take longer to end.
     pub(super) fn is_better(&self) -> bool {
         let (fewer, more) = (self.fewer as f64, self.more as f64);
         self.ratio <= BETTER

@@ -1,9 +1,9 @@
 //! How well the data determine the parameters.
 //!
-//! The residuals e of a free run are autocorrelated, and their plain least squares are no likelihood: the covariance
-//! of the estimates is `(J'J)^-1 J' S J (J'J)^-1` with S the covariance of the residuals, here that of their AR model
-//! (the "sandwich"; White 1982, Econometrica 50, 1-25). The inverse of `J' S^-1 J`, which is that of whitened least
-//! squares, would be too small.
+//! The residuals e of a free run are autocorrelated, and their plain least squares are no likelihood: the
+//! covariance of the estimates is `(J'J)^-1 J' S J (J'J)^-1` with S the covariance of the residuals, here
+//! that of their AR model (the "sandwich"; White 1982, Econometrica 50, 1-25). The inverse of `J' S^-1 J`,
+//! which is that of whitened least squares, would be too small.
 
 pub mod ridge;
 
@@ -30,7 +30,8 @@ pub struct Uncertainty {
     pub evaluations: usize,
 }
 
-/// Uncertainty at a full parameter vector, from all outputs on the training part, which are taken to err independently.
+/// Uncertainty at a full parameter vector, from all outputs on the training part, which are taken to err
+/// independently.
 pub fn uncertainty(problem: &Problem, theta: &[f64]) -> Uncertainty {
     let space = problem.space();
     let none = Uncertainty { ci95: vec![None; space.len()], ..Uncertainty::default() };
@@ -64,10 +65,14 @@ pub fn uncertainty(problem: &Problem, theta: &[f64]) -> Uncertainty {
         return none;
     }
     let mut jacobian = DMatrix::zeros(rows, space.len());
-    let places = blocks.iter().enumerate().flat_map(|(output, block)| block.samples.iter().map(move |k| (output, *k, block.weight)));
+    let places = blocks
+        .iter()
+        .enumerate()
+        .flat_map(|(output, block)| block.samples.iter().map(move |k| (output, *k, block.weight)));
     for (row, (output, k, weight)) in places.enumerate() {
         for (i, step) in steps.iter().enumerate() {
-            jacobian[(row, i)] = (runs[i + 1].outputs[output][k] - runs[0].outputs[output][k]) / step * weight;
+            jacobian[(row, i)] =
+                (runs[i + 1].outputs[output][k] - runs[0].outputs[output][k]) / step * weight;
         }
     }
     let freedom = (rows - space.len()) as f64;
@@ -94,15 +99,19 @@ pub fn uncertainty(problem: &Problem, theta: &[f64]) -> Uncertainty {
             let correlation = covariance[(i, j)] / (deviation(i) * deviation(j));
             if correlation.abs() > CORRELATED {
                 let name = |i: usize| space.dimensions()[i].name.clone();
-                correlated.push(CorrelatedPair { parameters: [name(j), name(i)], correlation, ridge: Vec::new() });
+                correlated.push(CorrelatedPair {
+                    parameters: [name(j), name(i)],
+                    correlation,
+                    ridge: Vec::new(),
+                });
             }
         }
     }
     Uncertainty { ci95, correlated, evaluations }
 }
 
-/// The rows of one output: its usable samples, whose gaps interrupt the correlation of its errors, its weight in the cost and
-/// the autoregressive model of its weighted errors.
+/// The rows of one output: its usable samples, whose gaps interrupt the correlation of its errors, its weight
+/// in the cost and the autoregressive model of its weighted errors.
 struct Block {
     samples: Vec<usize>,
     weight: f64,
@@ -121,8 +130,8 @@ fn blocks(problem: &Problem, run: &Trajectory) -> Option<Vec<Block>> {
     weights.into_iter().enumerate().map(block).collect()
 }
 
-/// The sandwich by singular values, J = U D V': `V D^-1 (U' S U) D^-1 V'`. Directions that the data do not see get a huge
-/// variance instead of none.
+/// The sandwich by singular values, J = U D V': `V D^-1 (U' S U) D^-1 V'`. Directions that the data do not
+/// see get a huge variance instead of none.
 fn covariance(jacobian: DMatrix<f64>, blocks: &[Block]) -> Option<DMatrix<f64>> {
     let d = jacobian.ncols();
     let svd = jacobian.svd(true, true);
@@ -131,8 +140,8 @@ fn covariance(jacobian: DMatrix<f64>, blocks: &[Block]) -> Option<DMatrix<f64>> 
     if largest <= 0.0 || !largest.is_finite() {
         return None;
     }
-    // The residuals are A^-1 w, with w white and A the filter that whitens them, so U' S U is the square of A^-T U: a
-    // recursion backwards in time.
+    // The residuals are A^-1 w, with w white and A the filter that whitens them, so U' S U is the square of
+    // A^-T U: a recursion backwards in time.
     let mut middle = DMatrix::zeros(d, d);
     let mut first = 0;
     for Block { samples, ar, .. } in blocks {
@@ -152,7 +161,8 @@ fn covariance(jacobian: DMatrix<f64>, blocks: &[Block]) -> Option<DMatrix<f64>> 
         middle += part.tr_mul(&part) * ar.deviation.powi(2);
         first += samples.len();
     }
-    let scale: Vec<f64> = svd.singular_values.iter().map(|singular| 1.0 / singular.max(1e-9 * largest)).collect();
+    let scale: Vec<f64> =
+        svd.singular_values.iter().map(|singular| 1.0 / singular.max(1e-9 * largest)).collect();
     for (i, a) in scale.iter().enumerate() {
         for (j, b) in scale.iter().enumerate() {
             middle[(i, j)] *= a * b;
@@ -227,7 +237,8 @@ mod tests {
             let estimate = &bread * jacobian.tr_mul(&noise);
             let residual = noise - &jacobian * &estimate;
             let ar = Ar::fit(&residual.iter().copied().map(Some).collect::<Vec<_>>()).unwrap();
-            let covariance = covariance(jacobian.clone(), &[Block { samples: samples.clone(), weight: 1.0, ar }]).unwrap();
+            let covariance =
+                covariance(jacobian.clone(), &[Block { samples: samples.clone(), weight: 1.0, ar }]).unwrap();
             let white = &bread * (residual.norm_squared() / rows as f64);
             for i in 0..3 {
                 all += 1;

@@ -1,5 +1,6 @@
-//! What lies along a ridge: one parameter of a pair that the data can hardly tell apart is held at values about its estimate and
-//! all others are estimated again (a profile; Raue et al. 2009, Bioinformatics 25, 1923-1929).
+//! What lies along a ridge: one parameter of a pair that the data can hardly tell apart is held at values
+//! about its estimate and all others are estimated again (a profile; Raue et al. 2009, Bioinformatics 25,
+//! 1923-1929).
 
 use crate::estimate::assess::summary::digits;
 use crate::estimate::fit::{CorrelatedPair, RidgePoint};
@@ -23,7 +24,8 @@ const AS_GOOD: f64 = 1.01;
 /// Follows the ridges of the closest pairs, and tells how many simulations that has taken.
 ///
 /// # Errors
-/// [`EstimateError::Interrupted`] where the estimation was cancelled. A deadline leaves out what it left no time for.
+/// [`EstimateError::Interrupted`] where the estimation was cancelled. A deadline leaves out what it left no
+/// time for.
 pub(in crate::estimate) fn follow(
     problem: &Problem,
     theta: &[f64],
@@ -40,8 +42,10 @@ pub(in crate::estimate) fn follow(
         let place = |name: &String| dimensions.iter().position(|dimension| dimension.name == *name);
         let [Some(held), Some(other)] = pair.parameters.each_ref().map(place) else { continue };
         // How well each is determined, as a share of its box.
-        let [width, follows] = [held, other]
-            .map(|place| ci95[place].map_or(FARTHEST, |[low, high]| dimensions[place].unit(high) - dimensions[place].unit(low)));
+        let [width, follows] = [held, other].map(|place| {
+            ci95[place]
+                .map_or(FARTHEST, |[low, high]| dimensions[place].unit(high) - dimensions[place].unit(low))
+        });
         let slope = if width > 0.0 { pair.correlation * follows / width } else { 0.0 };
         let step = width.min(FARTHEST) / POINTS as f64;
         let walk = |step: f64| side(problem, theta, [held, other], [step, slope * step], control);
@@ -54,8 +58,8 @@ pub(in crate::estimate) fn follow(
     Ok(evaluations)
 }
 
-/// One side of a ridge, from the estimate outwards, and the simulations that it has taken. The other parameter starts from where
-/// the ridge leads; steps are shares of the boxes.
+/// One side of a ridge, from the estimate outwards, and the simulations that it has taken. The other
+/// parameter starts from where the ridge leads; steps are shares of the boxes.
 fn side(
     problem: &Problem,
     theta: &[f64],
@@ -77,7 +81,10 @@ fn side(
         if here[held] == before {
             break;
         }
-        let Some(found) = polish(&problem.with_fixed(&[(held, here[held])]), &here, EVALUATIONS, &control)? else { break };
+        let Some(found) = polish(&problem.with_fixed(&[(held, here[held])]), &here, EVALUATIONS, &control)?
+        else {
+            break;
+        };
         evaluations += found.evaluations;
         here = found.theta;
         points.push(RidgePoint { values: [here[held], here[other]], cost: found.cost });
@@ -85,30 +92,44 @@ fn side(
     Ok((points, evaluations))
 }
 
-/// What a pair means for an operator: how far its ridge goes, and what would tell the two apart where their documents say it.
+/// What a pair means for an operator: how far its ridge goes, and what would tell the two apart where their
+/// documents say it.
 pub fn sentence(pair: &CorrelatedPair, model: &Model) -> String {
     let [a, b] = &pair.parameters;
     let correlation = pair.correlation;
-    let excite = |name: &String| model.parameters().iter().find(|parameter| parameter.name == *name)?.excite.as_deref();
+    let excite = |name: &String| {
+        model.parameters().iter().find(|parameter| parameter.name == *name)?.excite.as_deref()
+    };
     let mut ways: Vec<&str> = pair.parameters.iter().filter_map(excite).collect();
     ways.dedup();
     let along = along(pair);
     if ways.is_empty() {
-        return format!("{a} and {b} move together (correlation {correlation:.2}){along}: trust their effect, not their separate values");
+        return format!(
+            "{a} and {b} move together (correlation {correlation:.2}){along}: trust their effect, not their \
+            separate values"
+        );
     }
     let ways = ways.join(" or ");
-    format!("{a} and {b} can hardly be told apart with these data (correlation {correlation:.3}){along}: {ways} would separate them")
+    format!(
+        "{a} and {b} can hardly be told apart with these data (correlation {correlation:.3}){along}: {ways} \
+        would separate them"
+    )
 }
 
-/// How far the error hardly changes along a ridge; nothing where it was not followed, or has sides that are steep.
+/// How far the error hardly changes along a ridge; nothing where it was not followed, or has sides that are
+/// steep.
 fn along(pair: &CorrelatedPair) -> String {
     let least = pair.ridge.iter().map(|point| point.cost).fold(f64::INFINITY, f64::min);
-    let flat: Vec<&RidgePoint> = pair.ridge.iter().filter(|point| point.cost <= AS_GOOD * AS_GOOD * least).collect();
+    let flat: Vec<&RidgePoint> =
+        pair.ridge.iter().filter(|point| point.cost <= AS_GOOD * AS_GOOD * least).collect();
     let (Some(first), Some(last)) = (flat.first(), flat.last()) else { return String::new() };
     if flat.len() < 2 {
         return String::new();
     }
     let ([a, b], percent) = (&pair.parameters, 100.0 * (AS_GOOD - 1.0));
     let [from, to] = [first, last].map(|point| point.values.map(|value| digits(value, 3.0)));
-    format!("; with {a} from {} to {} and {b} from {} to {} the error rises by less than {percent:.0} %", from[0], to[0], from[1], to[1])
+    format!(
+        "; with {a} from {} to {} and {b} from {} to {} the error rises by less than {percent:.0} %",
+        from[0], to[0], from[1], to[1]
+    )
 }

@@ -99,12 +99,18 @@ pub fn apply(
         let place = table.place(name)?;
         let column = &table.columns[place][from..];
         let spoilt = match (change.does.as_str(), other) {
-            ("swap" | "equal", Some(other)) if !(name_of_temperature(name) && name_of_temperature(&table.names[other])) => return None,
+            ("swap" | "equal", Some(other))
+                if !(name_of_temperature(name) && name_of_temperature(&table.names[other])) =>
+            {
+                return None;
+            }
             ("swap", Some(other)) => {
                 changed.columns[other][from..].copy_from_slice(column);
                 table.columns[other][from..].to_vec()
             }
-            ("equal", Some(other)) => table.columns[other][from..].iter().map(|v| v.map(|v| v + 0.02 * normal(&mut dice))).collect(),
+            ("equal", Some(other)) => {
+                table.columns[other][from..].iter().map(|v| v.map(|v| v + 0.02 * normal(&mut dice))).collect()
+            }
             ("other_house", _) => {
                 let theirs = other_house?;
                 let theirs = &theirs.columns[theirs.place(name)?];
@@ -121,10 +127,12 @@ pub fn apply(
             ("sun", _) => {
                 let sun = &table.columns[table.place("sun_altitude")?][from..];
                 let cloud = &table.columns[table.place("cloud_cover")?][from..];
-                let shine = |k: usize| Some(sun[k]?.to_radians().sin().max(0.0) * (1.0 - 0.75 * cloud[k]?.powf(3.4)));
+                let shine =
+                    |k: usize| Some(sun[k]?.to_radians().sin().max(0.0) * (1.0 - 0.75 * cloud[k]?.powf(3.4)));
                 (0..column.len()).map(|k| Some(column[k]? + change.kelvin * shine(k)?)).collect()
             }
-            // What a power is multiplied by, its gain takes up: that is no fault to a controller which reads the same meter.
+            // What a power is multiplied by, its gain takes up: that is no fault to a controller which reads
+            // the same meter.
             ("fahrenheit" | "offset" | "scale", _) if !name_of_temperature(name) => return None,
             _ => one(change, column, table.per_day(), &mut dice),
         };
@@ -138,7 +146,8 @@ pub fn weather_next_door(table: &Table, seed: u64) -> lampyris_core::data::Windo
     let mut dice = Xoshiro256PlusPlus::seed_from_u64(seed);
     let place = table.place("T_out").unwrap();
     let theirs = table.columns[place].iter().map(|v| v.map(|v| v + 0.5 + 0.4 * normal(&mut dice))).collect();
-    let only = Table { names: vec![table.names[place].clone()], times: table.times.clone(), columns: vec![theirs] };
+    let only =
+        Table { names: vec![table.names[place].clone()], times: table.times.clone(), columns: vec![theirs] };
     lampyris_core::data::Window::parse_csv(&only.csv(), &lampyris_core::data::Bindings::none()).unwrap().0
 }
 
@@ -151,7 +160,9 @@ fn one(change: &Change, column: &[Option<f64>], per_day: usize, dice: &mut Xoshi
     let known = || column.iter().flatten();
     let mean = known().sum::<f64>() / known().count() as f64;
     let first = known().next().copied().unwrap_or(mean);
-    let map = |f: &dyn Fn(usize, f64) -> f64| column.iter().enumerate().map(|(k, value)| value.map(|value| f(k, value))).collect();
+    let map = |f: &dyn Fn(usize, f64) -> f64| {
+        column.iter().enumerate().map(|(k, value)| value.map(|value| f(k, value))).collect()
+    };
     match change.does.as_str() {
         "nothing" => column.to_vec(),
         "mirror" => map(&|_, v| 2.0 * mean - v),
@@ -177,7 +188,10 @@ fn one(change: &Change, column: &[Option<f64>], per_day: usize, dice: &mut Xoshi
         "flatten" => map(&|_, v| mean + change.factor * (v - mean)),
         "constant" => map(&|_, _| change.kelvin),
         "hang" => map(&|_, _| first),
-        "noise" => column.iter().map(|v| v.map(|_| if change.half { first } else { mean } + 0.1 * normal(dice))).collect(),
+        "noise" => column
+            .iter()
+            .map(|v| v.map(|_| if change.half { first } else { mean } + 0.1 * normal(dice)))
+            .collect(),
         "walk" => {
             let mut place = mean;
             column

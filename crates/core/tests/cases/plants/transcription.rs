@@ -1,5 +1,5 @@
-//! A second transcription of the two-tank plant, with the Gujer matrix as numbers and time in days. It shares no code
-//! with the program.
+//! A second transcription of the two-tank plant, with the Gujer matrix as numbers and time in days. It shares
+//! no code with the program.
 
 /// A generator of numbers that need not be good (Knuth's constants).
 pub struct Random(pub u64);
@@ -33,7 +33,12 @@ impl Sum {
 }
 
 /// The equations of plant H per day, the size of what each is made of, and the rates in its aerobic tank.
-pub fn plant_h(x: &[f64], q: f64, influent: &[f64], free: &dyn Fn(&str) -> Option<f64>) -> (Vec<f64>, Vec<f64>, [f64; 8]) {
+pub fn plant_h(
+    x: &[f64],
+    q: f64,
+    influent: &[f64],
+    free: &dyn Fn(&str) -> Option<f64>,
+) -> (Vec<f64>, Vec<f64>, [f64; 8]) {
     let k = |name: &str, fixed: f64| free(name).unwrap_or(fixed);
     let (mu_h, k_s, k_oh, k_no, b_h) = (k("mu_H", 6.0), k("K_S", 20.0), 0.2, 0.5, k("b_H", 0.62));
     let (mu_a, k_nh, k_oa, b_a, eta_g) = (k("mu_A", 0.6), k("K_NH", 1.0), k("K_OA", 0.5), 0.15, 0.8);
@@ -42,8 +47,11 @@ pub fn plant_h(x: &[f64], q: f64, influent: &[f64], free: &dyn Fn(&str) -> Optio
     let (anoxic, aerobic, settler, integral) = (&x[..13], &x[13..26], &x[26..106], x[106]);
     let monod = |s: f64, half: f64| s / (half + s);
     let rates = |c: &[f64]| -> [f64; 8] {
-        let (s_s, x_s, x_bh, x_ba, s_o, s_no, s_nh, s_nd, x_nd) = (c[1], c[3], c[4], c[5], c[7], c[8], c[9], c[10], c[11]);
-        let p7 = k_h * (x_s / x_bh) / (k_x + x_s / x_bh) * (monod(s_o, k_oh) + eta_h * (1.0 - monod(s_o, k_oh)) * monod(s_no, k_no)) * x_bh;
+        let (s_s, x_s, x_bh, x_ba, s_o, s_no, s_nh, s_nd, x_nd) =
+            (c[1], c[3], c[4], c[5], c[7], c[8], c[9], c[10], c[11]);
+        let p7 = k_h * (x_s / x_bh) / (k_x + x_s / x_bh)
+            * (monod(s_o, k_oh) + eta_h * (1.0 - monod(s_o, k_oh)) * monod(s_no, k_no))
+            * x_bh;
         [
             mu_h * monod(s_s, k_s) * monod(s_o, k_oh) * x_bh,
             mu_h * monod(s_s, k_s) * k_oh / (k_oh + s_o) * monod(s_no, k_no) * eta_g * x_bh,
@@ -60,8 +68,36 @@ pub fn plant_h(x: &[f64], q: f64, influent: &[f64], free: &dyn Fn(&str) -> Optio
     #[rustfmt::skip]
     let gujer: [[f64; 13]; 8] = [
         [0.0, -1.0 / y_h, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0 - 1.0 / y_h, 0.0, -i_xb, 0.0, 0.0, -i_xb / 14.0],
-        [0.0, -1.0 / y_h, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, (1.0 - 1.0 / y_h) / 2.86, -i_xb, 0.0, 0.0, ((1.0 / y_h - 1.0) / 2.86 - i_xb) / 14.0],
-        [0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 1.0 - 4.57 / y_a, 1.0 / y_a, -i_xb - 1.0 / y_a, 0.0, 0.0, -(i_xb + 2.0 / y_a) / 14.0],
+        [
+            0.0,
+            -1.0 / y_h,
+            0.0,
+            0.0,
+            1.0,
+            0.0,
+            0.0,
+            0.0,
+            (1.0 - 1.0 / y_h) / 2.86,
+            -i_xb,
+            0.0,
+            0.0,
+            ((1.0 / y_h - 1.0) / 2.86 - i_xb) / 14.0
+        ],
+        [
+            0.0,
+            0.0,
+            0.0,
+            0.0,
+            0.0,
+            1.0,
+            0.0,
+            1.0 - 4.57 / y_a,
+            1.0 / y_a,
+            -i_xb - 1.0 / y_a,
+            0.0,
+            0.0,
+            -(i_xb + 2.0 / y_a) / 14.0
+        ],
         [0.0, 0.0, 0.0, 1.0 - f_p, -1.0, 0.0, f_p, 0.0, 0.0, 0.0, 0.0, n, 0.0],
         [0.0, 0.0, 0.0, 1.0 - f_p, 0.0, -1.0, f_p, 0.0, 0.0, 0.0, 0.0, n, 0.0],
         [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, -1.0, 0.0, 1.0 / 14.0],
@@ -107,16 +143,23 @@ pub fn plant_h(x: &[f64], q: f64, influent: &[f64], free: &dyn Fn(&str) -> Optio
         (474.0 * ((-0.000576 * above).exp() - (-0.00286 * above).exp())).clamp(0.0, 250.0)
     };
     let flux: Vec<f64> = (0..10).map(|i| velocity(layer(7, i)) * layer(7, i)).collect();
-    let sinking = |i: usize| if i < 4 && layer(7, i + 1) <= 3000.0 { flux[i] } else { flux[i].min(flux[i + 1]) };
+    let sinking =
+        |i: usize| if i < 4 && layer(7, i + 1) <= 3000.0 { flux[i] } else { flux[i].min(flux[i + 1]) };
     for block in 0..8 {
         let entering = if block == 7 { feed } else { aerobic[dissolved[block]] };
         for i in 0..10 {
             let sum = &mut sums[26 + 10 * block + i];
             let here = layer(block, i);
             match i {
-                0..4 => [up * layer(block, i + 1), -up * here].into_iter().for_each(|term| sum.add(term / height)),
-                4 => [q_f / 1500.0 * entering, -(up + down) * here].into_iter().for_each(|term| sum.add(term / height)),
-                _ => [down * layer(block, i - 1), -down * here].into_iter().for_each(|term| sum.add(term / height)),
+                0..4 => {
+                    [up * layer(block, i + 1), -up * here].into_iter().for_each(|term| sum.add(term / height))
+                }
+                4 => [q_f / 1500.0 * entering, -(up + down) * here]
+                    .into_iter()
+                    .for_each(|term| sum.add(term / height)),
+                _ => [down * layer(block, i - 1), -down * here]
+                    .into_iter()
+                    .for_each(|term| sum.add(term / height)),
             }
             if block == 7 && i > 0 {
                 sum.add(sinking(i - 1) / height);

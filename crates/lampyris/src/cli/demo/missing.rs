@@ -1,6 +1,6 @@
-//! What the models of the demo are missing: the Belgian laundry whose meter its model does not use, a synthetic house
-//! that hides two effects, and a synthetic room that hides none. The service names the effects, adds them, and the
-//! error falls step by step.
+//! What the models of the demo are missing: the Belgian laundry whose meter its model does not use, a
+//! synthetic house that hides two effects, and a synthetic room that hides none. The service names the
+//! effects, adds them, and the error falls step by step.
 
 use super::houses::BELGIAN_HOUSE;
 use super::wait::{failed, wait};
@@ -46,13 +46,17 @@ pub struct DiagnosedRoom {
 
 fn rooms() -> Result<Vec<Room>, Failure> {
     let twin = |seed: u64, effects: &[&str]| {
-        world(&WorldRequest::new(seed, effects, Level::Matched)).map(|made| made.csv).map_err(|fault| Failure::Error(fault.to_string()))
+        world(&WorldRequest::new(seed, effects, Level::Matched))
+            .map(|made| made.csv)
+            .map_err(|fault| Failure::Error(fault.to_string()))
     };
     // The columns of the neighbours of a twin stand for rooms that are no systems of the demo.
     let house = json!({
-        "model": "room3", "neighbours": ["room/81", "room/82"], "channels": { "T_room_81": "T_room_1", "T_room_82": "T_room_2" },
+        "model": "room3", "neighbours": ["room/81", "room/82"],
+        "channels": { "T_room_81": "T_room_1", "T_room_82": "T_room_2" },
     });
-    let with_test = json!({ "split": { "train": "P14D", "validation": "P7D", "test": "P7D" }, "method": { "seed": 1 } });
+    let with_test =
+        json!({ "split": { "train": "P14D", "validation": "P7D", "test": "P7D" }, "method": { "seed": 1 } });
     Ok(vec![
         Room {
             system: "room/6",
@@ -100,7 +104,10 @@ pub async fn find(service: &Service, hidden: bool) -> Result<Vec<DiagnosedRoom>,
         windows::take(service, &system, Format::Csv, room.csv.clone(), None).await.map_err(failed)?;
         let request = room.request.as_object().cloned().unwrap_or_default();
         for kind in [JobKind::Diagnose, JobKind::Ladder].into_iter().take(1 + usize::from(room.climbs)) {
-            match submit::one(service, kind, &system, false, Priority::Operator, &request, None).await.map_err(failed)? {
+            match submit::one(service, kind, &system, false, Priority::Operator, &request, None)
+                .await
+                .map_err(failed)?
+            {
                 Submitted::New(job) | Submitted::Waiting(job) => submitted.push(job.id),
                 // Only a repeated request with a key comes earlier, and these have none.
                 Submitted::Earlier(_) => {}
@@ -118,7 +125,9 @@ pub async fn find(service: &Service, hidden: bool) -> Result<Vec<DiagnosedRoom>,
         let newest = diagnoses::page(&service.store, &SystemScope::ALL, Some(&system), i64::MAX, 1)
             .await
             .map_err(|error| Failure::Error(error.to_string()))?;
-        let ladder = diagnoses::newest_ladder(&service.store, &system).await.map_err(|error| Failure::Error(error.to_string()))?;
+        let ladder = diagnoses::newest_ladder(&service.store, &system)
+            .await
+            .map_err(|error| Failure::Error(error.to_string()))?;
         let ladder = ladder.map(|record| record.document);
         if let Some(ladder) = &ladder {
             add(service, ladder).await?;
@@ -137,8 +146,14 @@ fn id(room: &Room) -> Result<SystemId, Failure> {
 async fn add(service: &Service, ladder: &Value) -> Result<(), Failure> {
     let steps = ladder["steps"].as_array().map_or(&[][..], Vec::as_slice);
     for pair in steps.windows(2).filter(|pair| pair[1]["kept"] == json!(true)) {
-        let parent: ModelId = pair[0]["model"].as_str().unwrap_or_default().parse().map_err(|error| Failure::Error(format!("{error}")))?;
-        models::add_effect(service, &parent, json!({ "effect": pair[1]["added"] }), LOCAL, None).await.map_err(failed)?;
+        let parent: ModelId = pair[0]["model"]
+            .as_str()
+            .unwrap_or_default()
+            .parse()
+            .map_err(|error| Failure::Error(format!("{error}")))?;
+        models::add_effect(service, &parent, json!({ "effect": pair[1]["added"] }), LOCAL, None)
+            .await
+            .map_err(failed)?;
     }
     Ok(())
 }
@@ -146,16 +161,23 @@ async fn add(service: &Service, ladder: &Value) -> Result<(), Failure> {
 /// What was found, for people.
 pub fn present(found: &[DiagnosedRoom]) -> Result<(), Failure> {
     print(
-        "\nWhat is missing? Each model was asked against every effect of the catalogue. Free-run errors in K; `test` is data that no decision saw.",
+        "\nWhat is missing? Each model was asked against every effect of the catalogue. Free-run errors in \
+        K; `test` is data that no decision saw.",
     );
     for room in found {
         let text = |value: &Value| value.as_str().unwrap_or_default().to_owned();
         print(&format!("\n{} {}\n  {}", room.system, room.label, text(&room.diagnosis["summary"])));
         for finding in room.diagnosis["findings"].as_array().map_or(&[][..], Vec::as_slice) {
-            print(&format!("  {} ({}): {}", text(&finding["title"]), text(&finding["effect"]), text(&finding["explain"])));
+            print(&format!(
+                "  {} ({}): {}",
+                text(&finding["title"]),
+                text(&finding["effect"]),
+                text(&finding["explain"])
+            ));
         }
         if let Some(document) = &room.ladder {
-            let ladder = serde_json::from_value(document.clone()).map_err(|error| Failure::Error(error.to_string()))?;
+            let ladder = serde_json::from_value(document.clone())
+                .map_err(|error| Failure::Error(error.to_string()))?;
             ladder::text(&ladder).lines().for_each(|line| print(&format!("  {line}")));
         }
     }

@@ -15,16 +15,24 @@ pub fn failed(error: ServiceError) -> Failure {
 }
 
 /// Waits until all jobs have ended.
-pub async fn wait(service: &Service, ids: &[String], hidden: bool, what: &'static str) -> Result<Vec<JobRecord>, Failure> {
+pub async fn wait(
+    service: &Service,
+    ids: &[String],
+    hidden: bool,
+    what: &'static str,
+) -> Result<Vec<JobRecord>, Failure> {
     let bar = if hidden { ProgressBar::hidden() } else { ProgressBar::new(ids.len() as u64) };
-    if let Ok(style) = ProgressStyle::with_template(&format!("{{bar:30}} {{pos}} of {{len}} {what}  {{elapsed}}")) {
+    if let Ok(style) =
+        ProgressStyle::with_template(&format!("{{bar:30}} {{pos}} of {{len}} {what}  {{elapsed}}"))
+    {
         bar.set_style(style);
     }
     let start = Instant::now();
     loop {
         let mut records = Vec::new();
         for id in ids {
-            let record = jobs::get(&service.store, id).await.map_err(|error| Failure::Error(error.to_string()))?;
+            let record =
+                jobs::get(&service.store, id).await.map_err(|error| Failure::Error(error.to_string()))?;
             records.extend(record);
         }
         let done = records.iter().filter(|record| record.state.is_final()).count();

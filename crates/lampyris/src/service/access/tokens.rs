@@ -1,7 +1,7 @@
 //! Tokens: how they are made, and what the running service knows of them.
 //!
-//! Every request is judged from memory, which follows the database four times a second: a token that another process
-//! has made or revoked counts within a moment. Where the database is gone, what was known last holds.
+//! Every request is judged from memory, which follows the database four times a second: a token that another
+//! process has made or revoked counts within a moment. Where the database is gone, what was known last holds.
 
 use crate::service::clock::now;
 use crate::service::error::{Refusal, ServiceError};
@@ -66,7 +66,8 @@ pub enum TokenCheck {
     Missing,
     /// Nothing: nobody knows the token.
     Unknown,
-    /// Nothing: nobody knows the token, and so many wrong ones came from this address that it is not told any more.
+    /// Nothing: nobody knows the token, and so many wrong ones came from this address that it is not told any
+    /// more.
     TooMany,
     /// Nothing: the token has expired, or was revoked.
     Ended(&'static str),
@@ -107,7 +108,8 @@ impl Tokens {
         self.refused.load(Ordering::Relaxed)
     }
 
-    /// Judges what a request shows. A token that is good is never refused for what others at its address have tried.
+    /// Judges what a request shows. A token that is good is never refused for what others at its address have
+    /// tried.
     pub fn judge(&self, secret: Option<&str>, peer: IpAddr) -> TokenCheck {
         let known = self.by_hash.load();
         if known.is_empty() {
@@ -135,7 +137,9 @@ impl Tokens {
             if standing.is_none_or(|token| ended(&token, now()).is_some()) {
                 return;
             }
-            let left = token.expires_at.map_or(MINUTE, |end| Duration::try_from(end.duration_since(now())).unwrap_or_default());
+            let left = token
+                .expires_at
+                .map_or(MINUTE, |end| Duration::try_from(end.duration_since(now())).unwrap_or_default());
             tokio::select! {
                 _ = changed.changed() => {}
                 // A little late rather than too early; a clock that jumps is seen within a minute.
@@ -196,12 +200,14 @@ pub async fn create(store: &Store, new: NewToken, who: &str) -> Result<Made, Ser
         return Err(ServiceError::Faults(faults));
     }
     let mut random = [0; 32];
-    getrandom::fill(&mut random).map_err(|error| ServiceError::Internal(format!("the system gives no random numbers: {error}")))?;
+    getrandom::fill(&mut random)
+        .map_err(|error| ServiceError::Internal(format!("the system gives no random numbers: {error}")))?;
     let digits: String = random.iter().map(|byte| format!("{byte:02x}")).collect();
     let secret = format!("{PREFIX}{digits}");
     let created_at = now();
     let end = |length: Length| created_at.checked_add(SignedDuration::from_secs(length.seconds()));
-    let expires_at = new.expires.map(end).transpose().map_err(|error| ServiceError::Faults(vec![too_long(&error)]))?;
+    let expires_at =
+        new.expires.map(end).transpose().map_err(|error| ServiceError::Faults(vec![too_long(&error)]))?;
     let record = TokenRecord {
         name: new.name,
         hash: *blake3::hash(secret.as_bytes()).as_bytes(),
@@ -240,10 +246,13 @@ pub fn ended(token: &TokenRecord, now: Timestamp) -> Option<&'static str> {
 
 fn faults(new: &NewToken) -> Vec<Fault> {
     let mut faults = Vec::new();
-    let is_name =
-        !new.name.is_empty() && new.name.len() <= 64 && new.name.bytes().all(|b| b.is_ascii_alphanumeric() || b"_-.".contains(&b));
+    let is_name = !new.name.is_empty()
+        && new.name.len() <= 64
+        && new.name.bytes().all(|b| b.is_ascii_alphanumeric() || b"_-.".contains(&b));
     if !is_name || [LOCAL, SERVICE].contains(&new.name.as_str()) {
-        let detail = format!("a name has 1 to 64 letters, digits, `_`, `-` and `.`, and is neither `{LOCAL}` nor `{SERVICE}`");
+        let detail = format!(
+            "a name has 1 to 64 letters, digits, `_`, `-` and `.`, and is neither `{LOCAL}` nor `{SERVICE}`"
+        );
         faults.push(Fault::new("name", "invalid-name", detail));
     }
     if new.scope == Scope::Admin && !new.systems.is_empty() {
@@ -251,7 +260,10 @@ fn faults(new: &NewToken) -> Vec<Fault> {
         faults.push(Fault::new("system", "contradiction", detail).suggest("scope operate"));
     }
     if new.expires.is_some_and(Length::is_zero) {
-        faults.push(Fault::new("expires", "out-of-range", "a token is good for more than nothing").suggest("such as P90D"));
+        faults.push(
+            Fault::new("expires", "out-of-range", "a token is good for more than nothing")
+                .suggest("such as P90D"),
+        );
     }
     faults
 }

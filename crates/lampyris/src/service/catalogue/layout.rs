@@ -18,12 +18,20 @@ pub struct Proposal {
 ///
 /// # Errors
 /// Every fault of the body, or too few sensors, or too little of them in common.
-pub async fn propose(format: Format, body: impl AsRef<[u8]> + Send + 'static) -> Result<Proposal, ServiceError> {
+pub async fn propose(
+    format: Format,
+    body: impl AsRef<[u8]> + Send + 'static,
+) -> Result<Proposal, ServiceError> {
     let work = move || {
         let (window, report) = read(format, body.as_ref(), &Bindings::none())?;
         let mut warnings = report.warnings;
         if let Some(first) = report.rejected_rows.first() {
-            warnings.push(format!("{} rows were left out, the first in line {}: {}", report.rejected_rows.len(), first.line, first.reason));
+            warnings.push(format!(
+                "{} rows were left out, the first in line {}: {}",
+                report.rejected_rows.len(),
+                first.line,
+                first.reason
+            ));
         }
         Ok(Proposal { layout: propose_layout(&window).map_err(ServiceError::Faults)?, warnings })
     };

@@ -1,7 +1,8 @@
 //! What users tell the service: documents and measurements, checked here and kept by the store.
 //!
-//! `models` takes models and effects into the `shared` catalogue that everybody reads. `system` is the document of a room or a plant,
-//! `systems` keeps it. `windows` parses and packs measurements; `layout` proposes rooms and neighbours from one window of many sensors.
+//! `models` takes models and effects into the `shared` catalogue that everybody reads. `system` is the
+//! document of a room or a plant, `systems` keeps it. `windows` parses and packs measurements; `layout`
+//! proposes rooms and neighbours from one window of many sensors.
 
 pub mod layout;
 pub mod models;

@@ -28,7 +28,8 @@ pub struct Taken<T> {
 /// Reads and compiles a model document against a catalogue.
 ///
 /// # Errors
-/// Every fault of its form, and every fault of its meaning unless something that others may refer to could not be read.
+/// Every fault of its form, and every fault of its meaning unless something that others may refer to could
+/// not be read.
 pub fn check_model(catalogue: &Catalogue, body: Value) -> Result<(ModelDocument, Model), Vec<Fault>> {
     if body.get("base").is_some() {
         return check_composition(catalogue, body);
@@ -58,7 +59,8 @@ fn check_plant(catalogue: &Catalogue, body: Value) -> Result<(ModelDocument, Mod
     let document = ModelDocument::Plant(Box::new(plant));
     let mut extended = catalogue.clone();
     extended.add_model(document.clone());
-    let compiled = compiled(&extended, &id).map_err(|found| found.into_iter().map(PlantSpec::place).collect());
+    let compiled =
+        compiled(&extended, &id).map_err(|found| found.into_iter().map(PlantSpec::place).collect());
     judged(compiled, faults).map(|model| (document, model))
 }
 
@@ -70,7 +72,11 @@ fn check_composition(catalogue: &Catalogue, body: Value) -> Result<(ModelDocumen
     let id = plain_id(&composition.id, &mut faults);
     composition.id = id.to_string();
     if catalogue.model(&composition.base).is_none() || composition.base == composition.id {
-        let fault = Fault::new("/base", "unknown-model", format!("there is no model `{}` to start from", composition.base));
+        let fault = Fault::new(
+            "/base",
+            "unknown-model",
+            format!("there is no model `{}` to start from", composition.base),
+        );
         let known = catalogue.models().map(ModelDocument::id);
         faults.push(match nearest(&composition.base, known) {
             Some(near) => fault.suggest(format!("did you mean `{near}`?")),
@@ -78,22 +84,35 @@ fn check_composition(catalogue: &Catalogue, body: Value) -> Result<(ModelDocumen
         });
     }
     for (index, effect) in composition.effects.iter().enumerate() {
-        faults.extend(catalogue.effect(effect).err().map(|fault| Fault { pointer: format!("/effects/{index}"), ..fault }));
+        faults.extend(
+            catalogue
+                .effect(effect)
+                .err()
+                .map(|fault| Fault { pointer: format!("/effects/{index}"), ..fault }),
+        );
     }
     if !faults.is_empty() {
         return Err(faults);
     }
     let place = |fault: Fault| {
-        let index = composition.effects.iter().position(|effect| fault.pointer.starts_with(&format!("/effects/{effect}/")));
+        let index = composition
+            .effects
+            .iter()
+            .position(|effect| fault.pointer.starts_with(&format!("/effects/{effect}/")));
         match index {
-            Some(index) => Fault { detail: format!("{}: {}", fault.pointer, fault.detail), pointer: format!("/effects/{index}"), ..fault },
+            Some(index) => Fault {
+                detail: format!("{}: {}", fault.pointer, fault.detail),
+                pointer: format!("/effects/{index}"),
+                ..fault
+            },
             None => fault,
         }
     };
     let document = ModelDocument::Composition(composition.clone());
     let mut extended = catalogue.clone();
     extended.add_model(document.clone());
-    let model = compiled(&extended, &id).map_err(|faults| faults.into_iter().map(place).collect::<Vec<_>>())?;
+    let model =
+        compiled(&extended, &id).map_err(|faults| faults.into_iter().map(place).collect::<Vec<_>>())?;
     Ok((document, model))
 }
 
@@ -139,15 +158,25 @@ pub fn compiled(catalogue: &Catalogue, id: &ModelId) -> Result<Model, Vec<Fault>
 ///
 /// # Errors
 /// Its faults, another document with the same id, or where the database fails.
-pub async fn create(service: &Service, body: Value, who: &str, key: Option<&RequestKey>) -> Result<Taken<ModelDocument>, ServiceError> {
+pub async fn create(
+    service: &Service,
+    body: Value,
+    who: &str,
+    key: Option<&RequestKey>,
+) -> Result<Taken<ModelDocument>, ServiceError> {
     let catalogue = service.catalogue.current();
     let reading = catalogue.clone();
     let (document, _) = blocking(move || check_model(&reading, body)).await?.map_err(ServiceError::Faults)?;
     let stored = models::models(&service.store).await?.iter().any(|known| known.id() == document.id());
     if let Some(builtin) = catalogue.model(document.id()).filter(|_| !stored) {
-        return same_or_conflict(builtin == &document, "model", document.id()).map(|()| Taken { thing: document, is_new: false });
+        return same_or_conflict(builtin == &document, "model", document.id())
+            .map(|()| Taken { thing: document, is_new: false });
     }
-    let is_new = settled(models::insert_model(&service.store, &document, who, key, service.now()).await?, "model", document.id())?;
+    let is_new = settled(
+        models::insert_model(&service.store, &document, who, key, service.now()).await?,
+        "model",
+        document.id(),
+    )?;
     service.catalogue.change(|catalogue| catalogue.add_model(document.clone()));
     Ok(Taken { thing: document, is_new })
 }
@@ -156,18 +185,31 @@ pub async fn create(service: &Service, body: Value, who: &str, key: Option<&Requ
 ///
 /// # Errors
 /// Every fault of its form and, against `parent`, of its meaning.
-pub(in crate::service) fn check_effect(catalogue: &Catalogue, parent: Option<&ModelId>, body: Value) -> Result<EffectSpec, Vec<Fault>> {
+pub(in crate::service) fn check_effect(
+    catalogue: &Catalogue,
+    parent: Option<&ModelId>,
+    body: Value,
+) -> Result<EffectSpec, Vec<Fault>> {
     let Read { document: effect, mut faults, .. } = decode::read::<EffectSpec>(body, &Value::Null);
     let Some(mut effect) = effect.filter(|_| is_whole(&faults)) else {
         return Err(faults);
     };
     effect.id = plain_id(&effect.id, &mut faults).to_string();
     if effect.terms.is_empty() && effect.outputs.is_empty() && effect.replace.is_empty() {
-        faults.push(Fault::new("/terms", "no-terms", "an effect adds a term to an equation or to an output, or replaces a name"));
+        faults.push(Fault::new(
+            "/terms",
+            "no-terms",
+            "an effect adds a term to an equation or to an output, or replaces a name",
+        ));
     }
-    let is_head = |known: &EffectSpec, of: &str| known.id == of && known.argument == effect.argument && known.way_of.is_none();
-    if let Some(of) = effect.way_of.as_deref().filter(|of| !catalogue.effects().any(|known| is_head(known, of))) {
-        let detail = format!("there is no effect `{of}` with the same argument that is no way of another itself");
+    let is_head = |known: &EffectSpec, of: &str| {
+        known.id == of && known.argument == effect.argument && known.way_of.is_none()
+    };
+    if let Some(of) =
+        effect.way_of.as_deref().filter(|of| !catalogue.effects().any(|known| is_head(known, of)))
+    {
+        let detail =
+            format!("there is no effect `{of}` with the same argument that is no way of another itself");
         faults.push(Fault::new("/way_of", "unknown-effect", detail));
     }
     let mut extended = catalogue.clone();
@@ -179,12 +221,15 @@ pub(in crate::service) fn check_effect(catalogue: &Catalogue, parent: Option<&Mo
     };
     // The compiler knows where the effect is in the model; the sender knows the document.
     let own = format!("/effects/{name}");
-    let place = |fault: Fault| Fault { pointer: fault.pointer.strip_prefix(&own).unwrap_or(&fault.pointer).to_owned(), ..fault };
+    let place = |fault: Fault| Fault {
+        pointer: fault.pointer.strip_prefix(&own).unwrap_or(&fault.pointer).to_owned(),
+        ..fault
+    };
     judged(tried.map_err(|faults| faults.into_iter().map(place).collect()), faults).map(|()| effect)
 }
 
-/// An effect is at home in any model that has the states and the other names that it acts on. Where none has them all, the model that has most
-/// of them tells what is wrong.
+/// An effect is at home in any model that has the states and the other names that it acts on. Where none has
+/// them all, the model that has most of them tells what is wrong.
 fn try_on_any(catalogue: &Catalogue, effect: &EffectSpec, name: &str) -> Result<(), Vec<Fault>> {
     let specs = catalogue.models().filter_map(|document| match document {
         ModelDocument::Spec(spec) => Some(Cow::Borrowed(&**spec)),
@@ -192,9 +237,13 @@ fn try_on_any(catalogue: &Catalogue, effect: &EffectSpec, name: &str) -> Result<
         ModelDocument::Composition(_) => None,
     });
     let known = |spec: &ModelSpec| {
-        let named =
-            |name: &&String| spec.define.contains_key(*name) || spec.parameters.contains_key(*name) || spec.inputs.contains_key(*name);
-        effect.terms.keys().filter(|state| spec.states.contains_key(*state)).count() + effect.replace.keys().filter(named).count()
+        let named = |name: &&String| {
+            spec.define.contains_key(*name)
+                || spec.parameters.contains_key(*name)
+                || spec.inputs.contains_key(*name)
+        };
+        effect.terms.keys().filter(|state| spec.states.contains_key(*state)).count()
+            + effect.replace.keys().filter(named).count()
     };
     let mut by_names: Vec<_> = specs.map(|spec: Cow<ModelSpec>| (known(&spec), spec)).collect();
     by_names.sort_by_key(|(count, _)| Reverse(*count));
@@ -214,20 +263,31 @@ fn try_on_any(catalogue: &Catalogue, effect: &EffectSpec, name: &str) -> Result<
 ///
 /// # Errors
 /// Its faults, another document with the same id, or where the database fails.
-pub async fn create_effect(service: &Service, body: Value, who: &str, key: Option<&RequestKey>) -> Result<Taken<EffectSpec>, ServiceError> {
+pub async fn create_effect(
+    service: &Service,
+    body: Value,
+    who: &str,
+    key: Option<&RequestKey>,
+) -> Result<Taken<EffectSpec>, ServiceError> {
     let catalogue = service.catalogue.current();
     let reading = catalogue.clone();
     let effect = blocking(move || check_effect(&reading, None, body)).await?.map_err(ServiceError::Faults)?;
     let stored = models::effects(&service.store).await?.iter().any(|known| known.id == effect.id);
     if let Some(builtin) = catalogue.effects().find(|known| known.id == effect.id).filter(|_| !stored) {
-        return same_or_conflict(builtin == &effect, "effect", &effect.id).map(|()| Taken { thing: effect, is_new: false });
+        return same_or_conflict(builtin == &effect, "effect", &effect.id)
+            .map(|()| Taken { thing: effect, is_new: false });
     }
-    let is_new = settled(models::insert_effect(&service.store, &effect, who, key, service.now()).await?, "effect", &effect.id)?;
+    let is_new = settled(
+        models::insert_effect(&service.store, &effect, who, key, service.now()).await?,
+        "effect",
+        &effect.id,
+    )?;
     service.catalogue.change(|catalogue| catalogue.add_effect(effect.clone()));
     Ok(Taken { thing: effect, is_new })
 }
 
-/// Makes a model from another one by adding an effect, by name (`{"effect": "wind_infiltration"}`) or as a whole document.
+/// Makes a model from another one by adding an effect, by name (`{"effect": "wind_infiltration"}`) or as a
+/// whole document.
 ///
 /// # Errors
 /// Its faults, another document with the same id, or where the database fails.
@@ -247,7 +307,8 @@ pub async fn add_effect(
         });
     }
     let (base, now) = (parent.clone(), service.now());
-    let made = blocking(move || make_version(&catalogue, &base, body, now)).await?.map_err(ServiceError::Faults)?;
+    let made =
+        blocking(move || make_version(&catalogue, &base, body, now)).await?.map_err(ServiceError::Faults)?;
     let (version, effect) = made;
     if let Some(effect) = &effect
         && let Some(known) = service.catalogue.current().effects().find(|known| known.id == effect.id)
@@ -289,7 +350,8 @@ fn make_version(
     } else {
         let effect = check_effect(catalogue, Some(parent), body)?;
         if let Some(word) = &effect.argument {
-            let detail = format!("`{}` needs a {word}: post it to /effects, then add it here by name", effect.id);
+            let detail =
+                format!("`{}` needs a {word}: post it to /effects, then add it here by name", effect.id);
             return Err(vec![Fault::new("/argument", "argument-missing", detail)]);
         }
         (effect.id.clone(), Some(effect))
@@ -299,9 +361,14 @@ fn make_version(
     let spec = extended.effect(&name).map_err(|fault| vec![at_effect(fault)])?;
     let id = parent.plus(&name);
     if id == *parent {
-        return Err(vec![Fault::new("/effect", "already-there", format!("`{parent}` has the effect `{name}` already"))]);
+        return Err(vec![Fault::new(
+            "/effect",
+            "already-there",
+            format!("`{parent}` has the effect `{name}` already"),
+        )]);
     }
-    let model = compiled(&extended, &id).map_err(|faults| faults.into_iter().map(at_effect).collect::<Vec<_>>())?;
+    let model =
+        compiled(&extended, &id).map_err(|faults| faults.into_iter().map(at_effect).collect::<Vec<_>>())?;
     let mut document = json!({
         "id": id,
         "parent": parent,

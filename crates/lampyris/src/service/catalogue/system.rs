@@ -43,7 +43,11 @@ pub struct SystemDocument {
     pub neighbours: Vec<SystemId>,
     /// The members of the other sets of its model; a set that is not named is empty.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
-    #[schema(value_type = std::collections::HashMap<String, Vec<String>>, example = json!({"zones": ["north", "south"]}))]
+    #[schema(
+        value_type = std::collections::HashMap<String,
+        Vec<String>>,
+        example = json!({"zones": ["north", "south"]})
+    )]
     pub sets: BTreeMap<String, Vec<String>>,
     /// What happens to an accepted fit, and how long it is fresh.
     #[serde(default)]
@@ -58,7 +62,8 @@ pub struct SystemDocument {
     /// Parameters that are known and not estimated, for jobs that name none.
     #[serde(default, skip_serializing_if = "IndexMap::is_empty")]
     pub fixed: IndexMap<String, f64>,
-    /// How its jobs search where they do not say it; `cfa` with its defaults where there is none. A tuning writes it.
+    /// How its jobs search where they do not say it; `cfa` with its defaults where there is none. A tuning
+    /// writes it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub method: Option<SeededMethod>,
     /// Stretches of time whose measurements are not to be trusted.
@@ -99,7 +104,12 @@ pub struct Policy {
 
 impl Default for Policy {
     fn default() -> Self {
-        Self { mode: Mode::Auto, stale_after: Duration::from_days(3), horizon: Duration::from_hours(6), refit_when_degraded: true }
+        Self {
+            mode: Mode::Auto,
+            stale_after: Duration::from_days(3),
+            horizon: Duration::from_hours(6),
+            refit_when_degraded: true,
+        }
     }
 }
 
@@ -144,20 +154,30 @@ impl SystemDocument {
 
     /// The stretches of time that are left out, in seconds, both ends included.
     pub fn excluded(&self) -> Vec<(i64, i64)> {
-        self.exclude.iter().filter_map(|span| Some((read_time("", &span.from).ok()?, read_time("", &span.to).ok()?))).collect()
+        self.exclude
+            .iter()
+            .filter_map(|span| Some((read_time("", &span.from).ok()?, read_time("", &span.to).ok()?)))
+            .collect()
     }
 
     /// The members of the model's sets.
     pub fn sets(&self) -> BTreeMap<String, Vec<String>> {
         let mut sets = self.sets.clone();
         if !self.neighbours.is_empty() {
-            sets.insert(NEIGHBOURS.to_owned(), self.neighbours.iter().map(|neighbour| neighbour.id().to_owned()).collect());
+            sets.insert(
+                NEIGHBOURS.to_owned(),
+                self.neighbours.iter().map(|neighbour| neighbour.id().to_owned()).collect(),
+            );
         }
         sets
     }
 
     /// What this model would be bound to here; channels are left open, as windows may bring them later.
-    pub fn bindings(&self, catalogue: &Catalogue, model: &ModelId) -> Result<lampyris_core::model::Model, Vec<Fault>> {
+    pub fn bindings(
+        &self,
+        catalogue: &Catalogue,
+        model: &ModelId,
+    ) -> Result<lampyris_core::model::Model, Vec<Fault>> {
         let composition = catalogue.compose(model)?;
         let sets = self.sets().into_iter().filter(|(set, _)| composition.spec.sets.contains(set)).collect();
         compile(&composition, &Bindings { sets, channels: None })
@@ -168,10 +188,17 @@ impl SystemDocument {
         let mut faults = Vec::new();
         match self.bindings(catalogue, &self.model) {
             Ok(model) => {
-                let choices = Choices { bounds: self.bounds.clone(), fixed: self.fixed.clone(), ..EstimateRequest::default().choices() };
+                let choices = Choices {
+                    bounds: self.bounds.clone(),
+                    fixed: self.fixed.clone(),
+                    ..EstimateRequest::default().choices()
+                };
                 faults.extend(choices.faults(&model));
             }
-            Err(more) => faults.extend(more.into_iter().map(|fault| if fault.pointer == "/model" { fault } else { at("/model", fault) })),
+            Err(more) => faults.extend(
+                more.into_iter()
+                    .map(|fault| if fault.pointer == "/model" { fault } else { at("/model", fault) }),
+            ),
         }
         if let Some(place) = &self.location {
             let inside = |value: f64, limit: f64| value.is_finite() && value.abs() <= limit;
@@ -192,18 +219,33 @@ impl SystemDocument {
             if let Some(zone) = place.zone.as_ref().filter(|zone| jiff::tz::TimeZone::get(zone).is_err()) {
                 let shown: String = zone.chars().take(40).collect();
                 faults.push(
-                    Fault::new("/location/zone", "unknown-zone", format!("`{}` is no IANA time zone", shown.escape_debug()))
-                        .suggest("such as `Europe/Copenhagen`"),
+                    Fault::new(
+                        "/location/zone",
+                        "unknown-zone",
+                        format!("`{}` is no IANA time zone", shown.escape_debug()),
+                    )
+                    .suggest("such as `Europe/Copenhagen`"),
                 );
             }
         }
         if self.label.chars().count() > LONGEST_LABEL {
-            faults.push(Fault::new("/label", "too-long", format!("a label has at most {LONGEST_LABEL} characters")));
+            faults.push(Fault::new(
+                "/label",
+                "too-long",
+                format!("a label has at most {LONGEST_LABEL} characters"),
+            ));
         }
-        for (channel, column) in self.channels.iter().filter(|(channel, column)| channel.trim().is_empty() || column.trim().is_empty()) {
+        for (channel, column) in self
+            .channels
+            .iter()
+            .filter(|(channel, column)| channel.trim().is_empty() || column.trim().is_empty())
+        {
             let shown: String = channel.chars().take(60).collect();
-            let fault =
-                Fault::new(format!("/channels/{}", shown.escape_debug()), "bad-binding", "a channel is bound to the name of a column");
+            let fault = Fault::new(
+                format!("/channels/{}", shown.escape_debug()),
+                "bad-binding",
+                "a channel is bound to the name of a column",
+            );
             faults.push(if column.trim().is_empty() {
                 fault.suggest("leave the channel out: it then takes the column of its own name")
             } else {
@@ -216,7 +258,11 @@ impl SystemDocument {
                 faults.push(Fault::new(&pointer, "own-neighbour", "a system is not its own neighbour"));
             }
             if self.neighbours[..index].iter().any(|earlier| earlier.id() == neighbour.id()) {
-                faults.push(Fault::new(pointer, "named-twice", format!("the neighbour `{}` is named twice", neighbour.id())));
+                faults.push(Fault::new(
+                    pointer,
+                    "named-twice",
+                    format!("the neighbour `{}` is named twice", neighbour.id()),
+                ));
             }
         }
         faults.extend(self.set_faults(catalogue));
@@ -224,9 +270,14 @@ impl SystemDocument {
             let detail = "`ctsm` goes with the likelihood, which a job asks for by itself";
             faults.push(Fault::new("/method/name", "contradiction", detail));
         }
-        for (field, duration) in [("stale_after", self.policy.stale_after), ("horizon", self.policy.horizon)] {
+        for (field, duration) in [("stale_after", self.policy.stale_after), ("horizon", self.policy.horizon)]
+        {
             if duration.is_zero() {
-                faults.push(Fault::new(format!("/policy/{field}"), "out-of-range", "it must be longer than nothing"));
+                faults.push(Fault::new(
+                    format!("/policy/{field}"),
+                    "out-of-range",
+                    "it must be longer than nothing",
+                ));
             }
         }
         for (index, exclusion) in self.exclude.iter().enumerate() {
@@ -235,7 +286,11 @@ impl SystemDocument {
             if let (Ok(from), Ok(to)) = (&from, &to)
                 && from > to
             {
-                faults.push(Fault::new(format!("/exclude/{index}"), "out-of-order", "it ends before it starts"));
+                faults.push(Fault::new(
+                    format!("/exclude/{index}"),
+                    "out-of-order",
+                    "it ends before it starts",
+                ));
             }
             faults.extend([from.err(), to.err()].into_iter().flatten());
         }
@@ -247,15 +302,26 @@ impl SystemDocument {
     /// Sets that its model does not have, and members that cannot be part of a name.
     fn set_faults(&self, catalogue: &Catalogue) -> Vec<Fault> {
         let mut faults = Vec::new();
-        let declared = catalogue.compose(&self.model).map_or_else(|_| Vec::new(), |composition| composition.spec.sets);
+        let declared =
+            catalogue.compose(&self.model).map_or_else(|_| Vec::new(), |composition| composition.spec.sets);
         for (set, members) in &self.sets {
             let pointer = format!("/sets/{set}");
-            let word = |text: &str| !text.is_empty() && text.len() <= 64 && text.bytes().all(|b| b.is_ascii_alphanumeric() || b == b'_');
+            let word = |text: &str| {
+                !text.is_empty()
+                    && text.len() <= 64
+                    && text.bytes().all(|b| b.is_ascii_alphanumeric() || b == b'_')
+            };
             if set == NEIGHBOURS {
-                faults
-                    .push(Fault::new(&pointer, "contradiction", "the neighbours have a field of their own").suggest("write `neighbours`"));
+                faults.push(
+                    Fault::new(&pointer, "contradiction", "the neighbours have a field of their own")
+                        .suggest("write `neighbours`"),
+                );
             } else if !declared.contains(set) {
-                let fault = Fault::new(&pointer, "unknown-set", format!("the model `{}` has no set `{set}`", self.model));
+                let fault = Fault::new(
+                    &pointer,
+                    "unknown-set",
+                    format!("the model `{}` has no set `{set}`", self.model),
+                );
                 faults.push(match nearest(set, declared.iter().map(String::as_str)) {
                     Some(near) => fault.suggest(format!("did you mean `{near}`?")),
                     None => fault,
@@ -266,7 +332,11 @@ impl SystemDocument {
                     let detail = "a member is made of 1 to 64 letters, digits and underscores";
                     faults.push(Fault::new(format!("{pointer}/{index}"), "invalid-member", detail));
                 } else if members[..index].contains(member) {
-                    faults.push(Fault::new(format!("{pointer}/{index}"), "named-twice", format!("the member `{member}` is named twice")));
+                    faults.push(Fault::new(
+                        format!("{pointer}/{index}"),
+                        "named-twice",
+                        format!("the member `{member}` is named twice"),
+                    ));
                 }
             }
         }
@@ -284,5 +354,6 @@ pub(in crate::service) fn at(pointer: &str, fault: Fault) -> Fault {
 /// # Errors
 /// Where the row holds something else.
 pub fn document(text: &str) -> Result<SystemDocument, ServiceError> {
-    serde_json::from_str(text).map_err(|error| ServiceError::Internal(format!("a stored system document cannot be read: {error}")))
+    serde_json::from_str(text)
+        .map_err(|error| ServiceError::Internal(format!("a stored system document cannot be read: {error}")))
 }

@@ -15,7 +15,12 @@ use serde_json::json;
 ///
 /// # Errors
 /// Every fault of the document, or where the database fails.
-pub async fn put(service: &Service, system: &SystemId, body: serde_json::Value, who: &str) -> Result<(SystemDocument, bool), ServiceError> {
+pub async fn put(
+    service: &Service,
+    system: &SystemId,
+    body: serde_json::Value,
+    who: &str,
+) -> Result<(SystemDocument, bool), ServiceError> {
     let catalogue = service.catalogue.current();
     let name = system.clone();
     // Compiling a model of the largest size takes longer than an async thread may be held.
@@ -28,25 +33,38 @@ pub async fn put(service: &Service, system: &SystemId, body: serde_json::Value, 
     });
     let document = checked.await?.map_err(ServiceError::Faults)?;
     let text = serde_json::to_string(&document).map_err(|error| ServiceError::Internal(error.to_string()))?;
-    let is_new = store::systems::put(&service.store, system, &document.model, &text, who, service.now()).await?;
+    let is_new =
+        store::systems::put(&service.store, system, &document.model, &text, who, service.now()).await?;
     params::refresh(service, system).await?;
     Ok((document, is_new))
 }
 
-/// Deletes a system with its measurements, jobs, fits and revisions; `/params` then does not know it any more.
+/// Deletes a system with its measurements, jobs, fits and revisions; `/params` then does not know it any
+/// more.
 ///
 /// # Errors
-/// Where there is none, a job needs it, it has a history or dependents and nobody forces it, or the database fails.
-pub async fn delete(service: &Service, system: &SystemId, force: bool, who: &str) -> Result<(), ServiceError> {
-    let refused = |slug, detail, because| Err(ServiceError::Refused(Refusal { slug, detail, because: Some(because) }));
+/// Where there is none, a job needs it, it has a history or dependents and nobody forces it, or the database
+/// fails.
+pub async fn delete(
+    service: &Service,
+    system: &SystemId,
+    force: bool,
+    who: &str,
+) -> Result<(), ServiceError> {
+    let refused =
+        |slug, detail, because| Err(ServiceError::Refused(Refusal { slug, detail, because: Some(because) }));
     match store::systems::delete(&service.store, system, force, who, service.now()).await? {
         Deleted::Busy(jobs) => {
-            let detail = format!("{} jobs of {system} or of its neighbours wait or run: wait for their end, or cancel them", jobs.len());
+            let detail = format!(
+                "{} jobs of {system} or of its neighbours wait or run: wait for their end, or cancel them",
+                jobs.len()
+            );
             refused("system-busy", detail, ("jobs", jobs))
         }
         Deleted::Needed(Needs { fits, revisions, dependents }) => {
             let detail = format!(
-                "{system} has {fits} fits, {revisions} revisions and {} dependents: `?force=true` deletes its history",
+                "{system} has {fits} fits, {revisions} revisions and {} dependents: `?force=true` deletes \
+                its history",
                 dependents.len()
             );
             refused("system-needed", detail, ("dependents", dependents))
@@ -65,6 +83,8 @@ pub async fn delete(service: &Service, system: &SystemId, force: bool, who: &str
 /// # Errors
 /// Where there is no such system, or the database fails.
 pub async fn require(service: &Service, system: &SystemId) -> Result<SystemDocument, ServiceError> {
-    let record = store::systems::get(&service.store, system).await?.ok_or_else(|| ServiceError::NoSystem(system.clone()))?;
+    let record = store::systems::get(&service.store, system)
+        .await?
+        .ok_or_else(|| ServiceError::NoSystem(system.clone()))?;
     document(&record.document)
 }

@@ -8,7 +8,9 @@ use crate::service::threads::blocking;
 use crate::store::idempotency::RequestKey;
 use crate::store::windows::{self, Blocks, Deleted, Insertion, NewWindow, WindowRecord};
 use jiff::Timestamp;
-use lampyris_core::data::{Bindings, ChannelKind, ColumnHeader, SystemId, Window, WindowDocument, WindowReport};
+use lampyris_core::data::{
+    Bindings, ChannelKind, ColumnHeader, SystemId, Window, WindowDocument, WindowReport,
+};
 use lampyris_core::fault::Fault;
 use lampyris_core::units::Unit;
 use serde_json::Value;
@@ -67,8 +69,14 @@ pub async fn take(
     if !faults.is_empty() {
         return Err(ServiceError::Faults(faults));
     }
-    let new =
-        NewWindow { id: &packed.id, system, from_s: packed.from_s, to_s: packed.to_s, report: &packed.report, blocks: &packed.blocks };
+    let new = NewWindow {
+        id: &packed.id,
+        system,
+        from_s: packed.from_s,
+        to_s: packed.to_s,
+        report: &packed.report,
+        blocks: &packed.blocks,
+    };
     let is_new = match windows::insert(&service.store, &new, key, service.now()).await? {
         Insertion::New => {
             service.arrivals.note(system);
@@ -82,31 +90,43 @@ pub async fn take(
     window.map(|window| Taken { window, is_new }).ok_or_else(|| ServiceError::NotFound("window", packed.id))
 }
 
-/// Channels in a unit that does not convert to the one that they have in earlier windows: the two could never be
-/// stitched, and every later job of the system would fail.
-async fn conflicts(service: &Service, system: &SystemId, packed: &Packed) -> Result<Vec<Fault>, ServiceError> {
+/// Channels in a unit that does not convert to the one that they have in earlier windows: the two could never
+/// be stitched, and every later job of the system would fail.
+async fn conflicts(
+    service: &Service,
+    system: &SystemId,
+    packed: &Packed,
+) -> Result<Vec<Fault>, ServiceError> {
     let mut faults = Vec::new();
     for (channel, unit) in &packed.free_units {
         let Some(earlier) = windows::unit(&service.store, system, channel).await? else { continue };
-        let converts = Unit::parse(unit).ok().zip(Unit::parse(&earlier).ok()).is_some_and(|(unit, earlier)| unit.same_dimension(&earlier));
+        let converts = Unit::parse(unit)
+            .ok()
+            .zip(Unit::parse(&earlier).ok())
+            .is_some_and(|(unit, earlier)| unit.same_dimension(&earlier));
         if !converts {
             let detail = format!("`{channel}` is in {unit} here and in {earlier} in earlier windows");
             let fault = Fault::new(format!("/values/{channel}"), "unit-conflict", detail);
-            faults.push(
-                fault.suggest(format!("rename the column, state the unit, such as {channel}[{earlier}], or delete the earlier windows")),
-            );
+            faults.push(fault.suggest(format!(
+                "rename the column, state the unit, such as {channel}[{earlier}], or \
+                    delete the earlier windows"
+            )));
         }
     }
     Ok(faults)
 }
 
-/// Measurements of tomorrow are stamped by a clock that is wrong, or were never measured. They would be the newest for as long
-/// as it takes, and every default window would end with them.
+/// Measurements of tomorrow are stamped by a clock that is wrong, or were never measured. They would be the
+/// newest for as long as it takes, and every default window would end with them.
 fn ahead_of_clock(newest_s: i64, now: Timestamp) -> Option<Fault> {
     (newest_s > now.as_second().saturating_add(MOST_AHEAD_S)).then(|| {
-        let newest = Timestamp::from_second(newest_s).map_or_else(|_| newest_s.to_string(), |time| time.to_string());
-        let detail = format!("the newest time is {newest}, more than a day ahead of the clock of this service, {now:.0}");
-        Fault::new("rows", "future-time", detail).suggest("check the clock that wrote the times, and that of the service")
+        let newest =
+            Timestamp::from_second(newest_s).map_or_else(|_| newest_s.to_string(), |time| time.to_string());
+        let detail = format!(
+            "the newest time is {newest}, more than a day ahead of the clock of this service, {now:.0}"
+        );
+        Fault::new("rows", "future-time", detail)
+            .suggest("check the clock that wrote the times, and that of the service")
     })
 }
 
@@ -115,7 +135,8 @@ fn ahead_of_clock(newest_s: i64, now: Timestamp) -> Option<Fault> {
 /// # Errors
 /// Where there is none, a fit cites it, a running job may be reading it, or the database fails.
 pub async fn delete(service: &Service, id: &str, who: &str) -> Result<(), ServiceError> {
-    let refused = |slug, detail, because| Err(ServiceError::Refused(Refusal { slug, detail, because: Some(because) }));
+    let refused =
+        |slug, detail, because| Err(ServiceError::Refused(Refusal { slug, detail, because: Some(because) }));
     match windows::delete(&service.store, id, who, service.now()).await? {
         Deleted::Gone => Ok(()),
         Deleted::NotThere => Err(ServiceError::NotFound("window", id.to_owned())),
@@ -125,7 +146,8 @@ pub async fn delete(service: &Service, id: &str, who: &str) -> Result<(), Servic
             refused("window-cited", detail, ("fits", fits))
         }
         Deleted::InUse(jobs) => {
-            let detail = "a job that may be reading the window runs: wait for its end, or cancel it".to_owned();
+            let detail =
+                "a job that may be reading the window runs: wait for its end, or cancel it".to_owned();
             refused("window-in-use", detail, ("jobs", jobs))
         }
     }
@@ -149,8 +171,8 @@ fn pack(system: &SystemId, format: Format, body: &[u8], bindings: &Bindings) -> 
     })
 }
 
-/// Unpacks the samples of windows, in their order; [`Window::stitch`] then makes one of them. This is work for a
-/// blocking thread or the CPU pool.
+/// Unpacks the samples of windows, in their order; [`Window::stitch`] then makes one of them. This is work
+/// for a blocking thread or the CPU pool.
 ///
 /// # Errors
 /// Where a block is not what was written.
@@ -160,32 +182,46 @@ pub fn unpack(windows: &[Blocks]) -> Result<Vec<Window>, ServiceError> {
 
 /// Parses a body. A column that the system binds may be absent: not every file has every channel. The report
 /// says so, because a slip in a binding looks the same.
-pub(super) fn read(format: Format, body: &[u8], bindings: &Bindings) -> Result<(Window, WindowReport), ServiceError> {
+pub(super) fn read(
+    format: Format,
+    body: &[u8],
+    bindings: &Bindings,
+) -> Result<(Window, WindowReport), ServiceError> {
     let faults = match parse(format, body, bindings) {
-        Err(ServiceError::Faults(faults)) if faults.iter().any(|fault| fault.code == "unknown-column") => faults,
+        Err(ServiceError::Faults(faults)) if faults.iter().any(|fault| fault.code == "unknown-column") => {
+            faults
+        }
         other => return other,
     };
     let columns = columns(format, body);
-    let (there, absent): (Vec<_>, Vec<_>) =
-        bindings.iter().partition(|(_, column)| columns.iter().any(|header| header.column == *column || header.channel == *column));
+    let (there, absent): (Vec<_>, Vec<_>) = bindings.iter().partition(|(_, column)| {
+        columns.iter().any(|header| header.column == *column || header.channel == *column)
+    });
     if absent.is_empty() {
         return Err(ServiceError::Faults(faults));
     }
     let mut present = Bindings::none();
     there.into_iter().for_each(|(channel, column)| present.bind(channel, column));
     let (window, mut report) = parse(format, body, &present)?;
-    report.warnings.extend(
-        absent.into_iter().map(|(channel, column)| format!("`{channel}` is bound to a column `{column}` that this window does not have")),
-    );
+    report.warnings.extend(absent.into_iter().map(|(channel, column)| {
+        format!("`{channel}` is bound to a column `{column}` that this window does not have")
+    }));
     Ok((window, report))
 }
 
 fn parse(format: Format, body: &[u8], bindings: &Bindings) -> Result<(Window, WindowReport), ServiceError> {
     match format {
-        Format::Json => Window::parse_json(body, bindings).map_err(|faults| unreadable(body, bindings, faults)),
+        Format::Json => {
+            Window::parse_json(body, bindings).map_err(|faults| unreadable(body, bindings, faults))
+        }
         Format::Csv => {
-            let not_text = |error: Utf8Error| vec![Fault::new("csv", "not-utf8", format!("byte {} is no UTF-8", error.valid_up_to()))];
-            std::str::from_utf8(body).map_err(not_text).and_then(|text| Window::parse_csv(text, bindings)).map_err(ServiceError::Faults)
+            let not_text = |error: Utf8Error| {
+                vec![Fault::new("csv", "not-utf8", format!("byte {} is no UTF-8", error.valid_up_to()))]
+            };
+            std::str::from_utf8(body)
+                .map_err(not_text)
+                .and_then(|text| Window::parse_csv(text, bindings))
+                .map_err(ServiceError::Faults)
         }
     }
 }
@@ -199,8 +235,11 @@ fn unreadable(body: &[u8], bindings: &Bindings, faults: Vec<Fault>) -> ServiceEr
         Err(Unread::Malformed(fault)) => ServiceError::Malformed(fault),
         Err(Unread::Repeated(faults)) => ServiceError::Faults(faults),
         Ok(value) => {
-            let Read { document, faults: mut found, .. } = decode::read::<WindowDocument>(value, &Value::Null);
-            found.extend(document.and_then(|document| Window::read(document, bindings).err()).into_iter().flatten());
+            let Read { document, faults: mut found, .. } =
+                decode::read::<WindowDocument>(value, &Value::Null);
+            found.extend(
+                document.and_then(|document| Window::read(document, bindings).err()).into_iter().flatten(),
+            );
             ServiceError::Faults(if found.is_empty() { faults } else { found })
         }
     }
@@ -211,13 +250,22 @@ fn columns(format: Format, body: &[u8]) -> Vec<ColumnHeader> {
     match format {
         Format::Csv => {
             let text = String::from_utf8_lossy(body);
-            let line = text.lines().find(|line| !line.trim().is_empty() && !line.starts_with('#')).unwrap_or_default();
-            line.split([',', ';', '\t']).map(|cell| ColumnHeader::parse(cell.trim().trim_matches('"'))).collect()
+            let line = text
+                .lines()
+                .find(|line| !line.trim().is_empty() && !line.starts_with('#'))
+                .unwrap_or_default();
+            line.split([',', ';', '\t'])
+                .map(|cell| ColumnHeader::parse(cell.trim().trim_matches('"')))
+                .collect()
         }
         Format::Json => {
             let document: Value = serde_json::from_slice(body).unwrap_or_default();
             let values = document.get("values").and_then(Value::as_object);
-            values.into_iter().flat_map(|values| values.keys()).map(|name| ColumnHeader::parse(name)).collect()
+            values
+                .into_iter()
+                .flat_map(|values| values.keys())
+                .map(|name| ColumnHeader::parse(name))
+                .collect()
         }
     }
 }

@@ -1,9 +1,10 @@
 //! What happens to jobs, as a numbered log that any number of listeners follow, each at its own pace.
 //!
-//! Submissions and ends are read from the database in the order of their commits ([`catch_up`](super::follow::catch_up)), so none is lost
-//! and none is told twice, whoever caused it. Starts and progress live in memory alone. The log keeps the newest
-//! events; a listener that has fallen behind it, or comes from an earlier start of the service, is told how things
-//! stand now: its [`Position`] says which submissions and ends it has missed.
+//! Submissions and ends are read from the database in the order of their commits
+//! ([`catch_up`](super::follow::catch_up)), so none is lost and none is told twice, whoever caused it. Starts
+//! and progress live in memory alone. The log keeps the newest events; a listener that has fallen behind it,
+//! or comes from an earlier start of the service, is told how things stand now: its [`Position`] says which
+//! submissions and ends it has missed.
 
 use crate::service::work::progress::Report;
 use crate::store::jobs::JobRecord;
@@ -113,8 +114,11 @@ impl Position {
     /// Reads a place. Whatever this service did not write is none.
     pub fn read(text: &str) -> Option<Self> {
         let mut parts = text.trim().splitn(3, '.');
-        let position =
-            Self { boot: parts.next()?.parse().ok()?, number: parts.next()?.parse().ok()?, sequence: parts.next()?.parse().ok()? };
+        let position = Self {
+            boot: parts.next()?.parse().ok()?,
+            number: parts.next()?.parse().ok()?,
+            sequence: parts.next()?.parse().ok()?,
+        };
         Some(position)
     }
 
@@ -128,7 +132,13 @@ impl Events {
     /// An empty log of a start of the service that begins after a number of the database.
     pub fn new(boot: i64, sequence: i64) -> Self {
         let log = Log { kept: VecDeque::new(), number: 0, sequence, running: HashMap::new() };
-        Self { boot, log: Mutex::new(log), newest: watch::Sender::new(0), hint: Notify::new(), reading: AsyncMutex::new(()) }
+        Self {
+            boot,
+            log: Mutex::new(log),
+            newest: watch::Sender::new(0),
+            hint: Notify::new(),
+            reading: AsyncMutex::new(()),
+        }
     }
 
     fn log(&self) -> MutexGuard<'_, Log> {
@@ -221,8 +231,13 @@ impl Events {
     /// The place before a job entered the queue, as far as the log reaches back.
     pub fn before(&self, job: &str) -> Option<Position> {
         let log = self.log();
-        let entry = log.kept.iter().find(|event| event.job == job && matches!(event.what, JobChange::Queued(_)))?;
-        Some(Position { number: entry.position.number - 1, sequence: entry.position.sequence - 1, ..entry.position })
+        let entry =
+            log.kept.iter().find(|event| event.job == job && matches!(event.what, JobChange::Queued(_)))?;
+        Some(Position {
+            number: entry.position.number - 1,
+            sequence: entry.position.sequence - 1,
+            ..entry.position
+        })
     }
 }
 
@@ -233,7 +248,12 @@ impl Log {
 
     fn push(&mut self, boot: i64, job: &str, system: &SystemId, what: JobChange) -> u64 {
         self.number += 1;
-        let event = Arc::new(Event { position: self.position(boot), job: job.to_owned(), system: system.clone(), what });
+        let event = Arc::new(Event {
+            position: self.position(boot),
+            job: job.to_owned(),
+            system: system.clone(),
+            what,
+        });
         match &event.what {
             JobChange::Queued(_) => {}
             JobChange::Started(_) => {
@@ -303,7 +323,10 @@ mod tests {
         let start = events.snapshot().0;
         events.publish_news(vec![job(12, None), job(5, Some(11)), job(13, Some(14)), job(9, Some(10))]);
         let handful = events.after(start, |_| true).unwrap();
-        assert_eq!(told(&handful), [("finished", "job_5"), ("queued", "job_12"), ("queued", "job_13"), ("finished", "job_13")]);
+        assert_eq!(
+            told(&handful),
+            [("finished", "job_5"), ("queued", "job_12"), ("queued", "job_13"), ("finished", "job_13")]
+        );
         assert_eq!(handful.position, Position { boot: 7, number: 4, sequence: 14 });
         // The rows are read again with the next news; what was told stays told.
         events.publish_news(vec![job(12, Some(15)), job(13, Some(14))]);
@@ -321,7 +344,10 @@ mod tests {
         assert_eq!(events.after(start, |_| true), None);
         let oldest = Position { number: 3, ..start };
         let mut handful = events.after(oldest, |_| true).unwrap();
-        assert_eq!((handful.events[0].job.as_str(), handful.events.len(), handful.is_all), ("job_4", HANDFUL, false));
+        assert_eq!(
+            (handful.events[0].job.as_str(), handful.events.len(), handful.is_all),
+            ("job_4", HANDFUL, false)
+        );
         let mut heard = handful.events.len();
         while !handful.is_all {
             handful = events.after(handful.position, |_| true).unwrap();
@@ -330,8 +356,15 @@ mod tests {
         assert_eq!((heard, handful.events.last().unwrap().job.clone()), (KEPT, format!("job_{count}")));
         // Whoever wants one job only looks at all others, too.
         let one = events.after(oldest, |event| event.job == "job_9").unwrap();
-        assert_eq!((told(&one), one.position.number, one.is_all), (vec![("queued", "job_9")], KEPT as u64 + 3, true));
-        for other in [Position { boot: 1, ..oldest }, Position { number: u64::MAX, ..oldest }, Position::of_sequence(4)] {
+        assert_eq!(
+            (told(&one), one.position.number, one.is_all),
+            (vec![("queued", "job_9")], KEPT as u64 + 3, true)
+        );
+        for other in [
+            Position { boot: 1, ..oldest },
+            Position { number: u64::MAX, ..oldest },
+            Position::of_sequence(4),
+        ] {
             assert_eq!(events.after(other, |_| true), None, "{other}");
         }
     }
@@ -340,8 +373,14 @@ mod tests {
     fn a_newcomer_is_told_the_newest_of_each_kind() {
         let events = Events::new(1, 0);
         let system: SystemId = "room/1".parse().unwrap();
-        let report =
-            |evaluations| Report { generation: 1, evaluations, best_train: None, best_validation: None, eta_s: None, trials: None };
+        let report = |evaluations| Report {
+            generation: 1,
+            evaluations,
+            best_train: None,
+            best_validation: None,
+            eta_s: None,
+            trials: None,
+        };
         events.publish("job_1", &system, JobChange::Progress(report(1)));
         assert!(events.snapshot().1.is_empty(), "progress of a job that does not run is none");
         events.publish("job_1", &system, JobChange::Started(Box::new(job(1, None))));

@@ -22,7 +22,9 @@ pub async fn catch_up(service: &Service) -> Result<(), ServiceError> {
         for job in news.iter().filter(|job| job.state.is_final()) {
             service.board.settled(&job.id).await;
         }
-        news.iter().filter(|job| job.end_sequence.is_some_and(|end| end > seen)).for_each(|job| service.metrics.job_ended(job));
+        news.iter()
+            .filter(|job| job.end_sequence.is_some_and(|end| end > seen))
+            .for_each(|job| service.metrics.job_ended(job));
         service.events.publish_news(news);
     }
     Ok(())
@@ -32,7 +34,8 @@ pub async fn catch_up(service: &Service) -> Result<(), ServiceError> {
 pub async fn follow(service: Arc<Service>) {
     let mut stopping = service.stopping.subscribe();
     while !*stopping.borrow_and_update() {
-        // Interest is registered before the database is asked, so that a job that comes in between is not missed.
+        // Interest is registered before the database is asked, so that a job that comes in between is not
+        // missed.
         let mut hinted = pin!(service.events.hint.notified());
         hinted.as_mut().enable();
         if let Err(error) = catch_up(&service).await {

@@ -1,6 +1,7 @@
 //! What happens to jobs, for those who listen.
 //!
-//! `events` is the numbered log that any number of listeners follow; `follow` brings the submissions and ends of the database into it.
+//! `events` is the numbered log that any number of listeners follow; `follow` brings the submissions and ends
+//! of the database into it.
 
 pub mod events;
 pub mod follow;

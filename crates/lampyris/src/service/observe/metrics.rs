@@ -44,7 +44,8 @@ pub struct Tallies {
     pub checks_failed: BTreeMap<String, u64>,
     /// How often the parameters of a system turned to be those of before a failure.
     pub fallbacks: u64,
-    /// The error of the newest comparison with newer measurements, by system, with the horizon of the forecasts, or `free_run`.
+    /// The error of the newest comparison with newer measurements, by system, with the horizon of the
+    /// forecasts, or `free_run`.
     pub live_rmse: BTreeMap<String, (String, f64)>,
     /// Requests, by method, path template and status.
     pub requests: BTreeMap<(&'static str, String, u16), u64>,
@@ -115,7 +116,12 @@ impl Metrics {
             requests: BTreeMap::new(),
             answer_seconds: BTreeMap::new(),
         };
-        Self { started_at, polls: Polls::default(), all_polls: Polls::default(), tallies: Mutex::new(tallies) }
+        Self {
+            started_at,
+            polls: Polls::default(),
+            all_polls: Polls::default(),
+            tallies: Mutex::new(tallies),
+        }
     }
 
     fn tallies(&self) -> MutexGuard<'_, Tallies> {
@@ -146,7 +152,8 @@ impl Metrics {
         if let (Some(started_at), Some(ended_at)) = (job.started_at, job.ended_at) {
             tallies.job_seconds.add(seconds(started_at, ended_at));
         }
-        tallies.evaluations += job.evaluations.and_then(|evaluations| u64::try_from(evaluations).ok()).unwrap_or(0);
+        tallies.evaluations +=
+            job.evaluations.and_then(|evaluations| u64::try_from(evaluations).ok()).unwrap_or(0);
     }
 
     /// Counts the checks that a fit has failed.
@@ -171,7 +178,11 @@ impl Metrics {
     pub fn answered(&self, method: &'static str, route: &str, status: u16, took: Duration) {
         let mut tallies = self.tallies();
         *tallies.requests.entry((method, route.to_owned(), status)).or_default() += 1;
-        tallies.answer_seconds.entry((route.to_owned(), status)).or_insert_with(|| Histogram::new(ANSWER_BOUNDS)).add(took.as_secs_f64());
+        tallies
+            .answer_seconds
+            .entry((route.to_owned(), status))
+            .or_insert_with(|| Histogram::new(ANSWER_BOUNDS))
+            .add(took.as_secs_f64());
     }
 }
 

@@ -1,5 +1,5 @@
-//! Comparisons as documents: JSON for the page, CSV for a spreadsheet. Both hold the same numbers, with all their
-//! digits.
+//! Comparisons as documents: JSON for the page, CSV for a spreadsheet. Both hold the same numbers, with all
+//! their digits.
 
 use super::subject::{Asked, Named, Subject};
 use crate::service::error::ServiceError;
@@ -113,7 +113,8 @@ impl Points {
         let per_point = self.thinning.per_point();
         let comment = || {
             format!(
-                "each point stands for up to {per_point} samples from its time on, with their lowest and highest value; a shorter gap does not show"
+                "each point stands for up to {per_point} samples from its time on, with their lowest and \
+                highest value; a shorter gap does not show"
             )
         };
         Frame {
@@ -123,7 +124,11 @@ impl Points {
             to: rfc3339(self.start + self.step * self.samples.saturating_sub(1) as i64),
             step_s: self.step,
             samples: self.samples,
-            thinning: (per_point > 1).then(|| ThinningNote { method: "min_max", samples_per_point: per_point, comment: comment() }),
+            thinning: (per_point > 1).then(|| ThinningNote {
+                method: "min_max",
+                samples_per_point: per_point,
+                comment: comment(),
+            }),
         }
     }
 
@@ -132,12 +137,21 @@ impl Points {
     }
 
     fn line(&self, values: &[Option<f64>]) -> Line {
-        if self.thinning.per_point() == 1 { Line::All { values: values.to_vec() } } else { Line::Thinned(self.thinning.envelope(values)) }
+        if self.thinning.per_point() == 1 {
+            Line::All { values: values.to_vec() }
+        } else {
+            Line::Thinned(self.thinning.envelope(values))
+        }
     }
 }
 
 /// One fit beside the measurements.
-pub(super) fn comparison_json(named: &Named<'_>, asked: &Asked, replay: &Replay, comparison: &Comparison) -> Result<Vec<u8>, ServiceError> {
+pub(super) fn comparison_json(
+    named: &Named<'_>,
+    asked: &Asked,
+    replay: &Replay,
+    comparison: &Comparison,
+) -> Result<Vec<u8>, ServiceError> {
     let points = points_of(asked, comparison);
     let outputs = comparison.outputs.iter().map(|(channel, lines)| {
         let body = OutputBody {
@@ -183,12 +197,19 @@ pub(super) fn comparison_csv(asked: &Asked, comparison: &Comparison) -> Result<V
     }
     // An output that is an input as well has its column already.
     let inputs = comparison.inputs.iter().filter(|(channel, _)| !comparison.outputs.contains_key(*channel));
-    columns.extend(inputs.map(|(channel, input)| (channel.clone(), input.unit.as_str(), points.line(&input.values))));
+    columns.extend(
+        inputs.map(|(channel, input)| (channel.clone(), input.unit.as_str(), points.line(&input.values))),
+    );
     csv(&points, &columns)
 }
 
 /// Several fits beside each other.
-pub(super) fn compared_json(subjects: &[Subject], asked: &Asked, replays: &[Replay], compared: &Compared) -> Result<Vec<u8>, ServiceError> {
+pub(super) fn compared_json(
+    subjects: &[Subject],
+    asked: &Asked,
+    replays: &[Replay],
+    compared: &Compared,
+) -> Result<Vec<u8>, ServiceError> {
     let points = points_of_compared(asked, compared);
     let fits = subjects.iter().zip(replays).map(|(subject, replay)| ComparedFit {
         fit: &subject.record().id,
@@ -197,8 +218,12 @@ pub(super) fn compared_json(subjects: &[Subject], asked: &Asked, replays: &[Repl
         parts: &compared.parts[&subject.record().id],
     });
     let outputs = compared.outputs.iter().map(|(channel, output)| {
-        let simulated = output.simulated.iter().map(|(fit, values)| (fit.as_str(), points.line(values))).collect();
-        (channel.as_str(), ComparedBody { unit: &output.unit, measured: points.line(&output.measured), simulated })
+        let simulated =
+            output.simulated.iter().map(|(fit, values)| (fit.as_str(), points.line(values))).collect();
+        (
+            channel.as_str(),
+            ComparedBody { unit: &output.unit, measured: points.line(&output.measured), simulated },
+        )
     });
     json(&ComparedDocument {
         system: subjects.first().map(|subject| subject.record().system.to_string()).unwrap_or_default(),
@@ -222,7 +247,9 @@ pub(super) fn compared_csv(asked: &Asked, compared: &Compared) -> Result<Vec<u8>
     for (channel, output) in &compared.outputs {
         columns.push((channel.clone(), output.unit.as_str(), points.line(&output.measured)));
         let simulated = output.simulated.iter();
-        columns.extend(simulated.map(|(fit, values)| (format!("simulated_{channel}_{fit}"), output.unit.as_str(), points.line(values))));
+        columns.extend(simulated.map(|(fit, values)| {
+            (format!("simulated_{channel}_{fit}"), output.unit.as_str(), points.line(values))
+        }));
     }
     csv(&points, &columns)
 }
@@ -232,8 +259,8 @@ pub(super) fn json<T: Serialize>(document: &T) -> Result<Vec<u8>, ServiceError> 
     serde_json::to_vec(document).map_err(|error| ServiceError::Internal(error.to_string()))
 }
 
-/// Writes columns with their units as `POST …/windows` reads them; of thinned lines both edges. What a name is comes
-/// first, because `T_room_<something>` is the room next door.
+/// Writes columns with their units as `POST …/windows` reads them; of thinned lines both edges. What a name
+/// is comes first, because `T_room_<something>` is the room next door.
 fn csv(points: &Points, columns: &[(String, &str, Line)]) -> Result<Vec<u8>, ServiceError> {
     let mut headers = vec!["time".to_owned()];
     let mut series: Vec<&[Option<f64>]> = Vec::new();
@@ -253,7 +280,8 @@ fn csv(points: &Points, columns: &[(String, &str, Line)]) -> Result<Vec<u8>, Ser
     let mut table = csv::Writer::from_writer(Vec::new());
     table.write_record(&headers).map_err(failed)?;
     for (row, time) in points.times().into_iter().enumerate() {
-        let cells = series.iter().map(|values| values[row].map_or_else(String::new, |value| value.to_string()));
+        let cells =
+            series.iter().map(|values| values[row].map_or_else(String::new, |value| value.to_string()));
         table.write_record(std::iter::once(time).chain(cells)).map_err(failed)?;
     }
     table.into_inner().map_err(|error| ServiceError::Internal(error.to_string()))

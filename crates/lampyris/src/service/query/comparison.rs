@@ -1,5 +1,5 @@
-//! Fits beside the measurements: what is asked, what it depends on, and what is read for it. The work is done on the
-//! interactive threads.
+//! Fits beside the measurements: what is asked, what it depends on, and what is read for it. The work is done
+//! on the interactive threads.
 
 use super::chart;
 use super::subject::{Asked, Named, key, load, require};
@@ -43,7 +43,8 @@ pub async fn one(service: &Service, id: &str, asked: &Asked) -> Result<Answer, S
     service.interactive.answer(&key, work).await
 }
 
-/// A fit that was run again beside the measurements, over all of the run where no range is asked for. This is work for the CPU pool.
+/// A fit that was run again beside the measurements, over all of the run where no range is asked for. This is
+/// work for the CPU pool.
 ///
 /// # Errors
 /// Where there is nothing in the range.
@@ -53,7 +54,8 @@ pub fn document(named: &Named<'_>, replay: &Replay, asked: &Asked) -> Result<Vec
         Some(lead) => Mode::Ahead(lead),
         None => Mode::FreeRun,
     };
-    let comparison = comparison(replay, mode, asked.from.unwrap_or(start), asked.to.unwrap_or(end)).map_err(ServiceError::Faults)?;
+    let comparison = comparison(replay, mode, asked.from.unwrap_or(start), asked.to.unwrap_or(end))
+        .map_err(ServiceError::Faults)?;
     match asked.format {
         Format::Json => chart::comparison_json(named, asked, replay, &comparison),
         Format::Csv => chart::comparison_csv(asked, &comparison),
@@ -64,19 +66,33 @@ pub fn document(named: &Named<'_>, replay: &Replay, asked: &Asked) -> Result<Vec
 ///
 /// # Errors
 /// All unknown fits at once, fits of different systems, and as [`one`].
-pub async fn several(service: &Service, reach: &SystemScope, ids: &[String], asked: &Asked) -> Result<Answer, ServiceError> {
+pub async fn several(
+    service: &Service,
+    reach: &SystemScope,
+    ids: &[String],
+    asked: &Asked,
+) -> Result<Answer, ServiceError> {
     let mut records = Vec::new();
     let mut faults = Vec::new();
     for id in ids {
         match store::fits::get(&service.store, id).await? {
             Some(record) if reach.covers(&record.system) => records.push(record),
-            _ => faults.push(Fault::new("query fits", "fit-not-found", format!("there is no fit `{}`", short(id)))),
+            _ => faults.push(Fault::new(
+                "query fits",
+                "fit-not-found",
+                format!("there is no fit `{}`", short(id)),
+            )),
         }
     }
     if let Some((first, others)) = records.split_first() {
         for other in others.iter().filter(|other| other.system != first.system) {
-            let detail = format!("{} is a fit of {}, but {} is one of {}", other.id, other.system, first.id, first.system);
-            faults.push(Fault::new("query fits", "different-systems", detail).suggest("compare fits of one system"));
+            let detail = format!(
+                "{} is a fit of {}, but {} is one of {}",
+                other.id, other.system, first.id, first.system
+            );
+            faults.push(
+                Fault::new("query fits", "different-systems", detail).suggest("compare fits of one system"),
+            );
         }
     }
     if !faults.is_empty() {
@@ -95,9 +111,15 @@ pub async fn several(service: &Service, reach: &SystemScope, ids: &[String], ask
         subjects.push(load(service, record, to).await?);
     }
     let work = move || {
-        let replays = subjects.iter().map(|subject| subject.replay(&subject.window()?, Some(to))).collect::<Result<Vec<_>, _>>()?;
-        let contenders: Vec<Contender<'_>> =
-            subjects.iter().zip(&replays).map(|(subject, replay)| Contender { id: &subject.record().id, replay }).collect();
+        let replays = subjects
+            .iter()
+            .map(|subject| subject.replay(&subject.window()?, Some(to)))
+            .collect::<Result<Vec<_>, _>>()?;
+        let contenders: Vec<Contender<'_>> = subjects
+            .iter()
+            .zip(&replays)
+            .map(|(subject, replay)| Contender { id: &subject.record().id, replay })
+            .collect();
         let compared = compare(&contenders, asked.horizon, from, to).map_err(ServiceError::Faults)?;
         match asked.format {
             Format::Json => chart::compared_json(&subjects, &asked, &replays, &compared),
@@ -107,8 +129,8 @@ pub async fn several(service: &Service, reach: &SystemScope, ids: &[String], ask
     service.interactive.answer(&key, work).await
 }
 
-/// The range that is shown: by default from the latest start of a fit's window to the latest end of one, so that
-/// all fits have something to say about all of it.
+/// The range that is shown: by default from the latest start of a fit's window to the latest end of one, so
+/// that all fits have something to say about all of it.
 fn range(asked: &Asked, fits: &[&Fit]) -> Result<(i64, i64), ServiceError> {
     let (mut start, mut end) = (i64::MIN, i64::MIN);
     for fit in fits {
@@ -125,7 +147,10 @@ fn checked(asked: &Asked, fits: &[&Fit]) -> Result<(), ServiceError> {
     let (start, _) = range(asked, fits)?;
     if let Some(to) = asked.to.filter(|to| *to < start) {
         let detail = format!("the runs begin at {}, after {}", rfc3339(start), rfc3339(to));
-        faults.push(Fault::new("query to", "before-the-fit", detail).suggest("a fit says nothing about the time before its window"));
+        faults.push(
+            Fault::new("query to", "before-the-fit", detail)
+                .suggest("a fit says nothing about the time before its window"),
+        );
     }
     if let Some(horizon) = asked.horizon {
         let steps: BTreeSet<i64> = fits.iter().map(|fit| fit.sample_s).collect();

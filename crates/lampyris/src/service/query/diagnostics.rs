@@ -32,11 +32,16 @@ struct Document<'a> {
     failures: Failures,
 }
 
-/// The diagnostics of a fit, JSON: where and when is told of one output, of the first one where none is named.
+/// The diagnostics of a fit, JSON: where and when is told of one output, of the first one where none is
+/// named.
 ///
 /// # Errors
 /// Where there is no such fit or no such output, or the fit cannot be run again.
-pub async fn diagnostics(service: &Service, id: &str, output: Option<String>) -> Result<Answer, ServiceError> {
+pub async fn diagnostics(
+    service: &Service,
+    id: &str,
+    output: Option<String>,
+) -> Result<Answer, ServiceError> {
     let record = subject::require(service, id).await?;
     if let Some(wanted) = output.as_deref().filter(|wanted| !record.fit.metrics.contains_key(*wanted)) {
         return Err(ServiceError::Faults(vec![unknown(&record.fit, wanted)]));
@@ -57,29 +62,42 @@ pub async fn diagnostics(service: &Service, id: &str, output: Option<String>) ->
 
 fn unknown(fit: &Fit, wanted: &str) -> Fault {
     let known: Vec<&str> = fit.metrics.keys().map(String::as_str).collect();
-    let fault = Fault::new("query output", "unknown-output", format!("`{wanted}` is none of the outputs {}", known.join(", ")));
+    let fault = Fault::new(
+        "query output",
+        "unknown-output",
+        format!("`{wanted}` is none of the outputs {}", known.join(", ")),
+    );
     match nearest(wanted, known) {
         Some(near) => fault.suggest(format!("did you mean `{near}`?")),
         None => fault,
     }
 }
 
-/// The diagnostics of a fit that was run again, in the light of all that was measured: the skill of every output, and
-/// where and when `output` fails, or the first one. This is work for the CPU pool.
+/// The diagnostics of a fit that was run again, in the light of all that was measured: the skill of every
+/// output, and where and when `output` fails, or the first one. This is work for the CPU pool.
 ///
 /// # Errors
 /// Where the measurements do not serve.
-pub fn document(named: &Named<'_>, replay: &Replay, window: &Window, output: Option<&str>) -> Result<Vec<u8>, ServiceError> {
+pub fn document(
+    named: &Named<'_>,
+    replay: &Replay,
+    window: &Window,
+    output: Option<&str>,
+) -> Result<Vec<u8>, ServiceError> {
     let (fit, problem) = (named.fit, replay.problem());
     let outputs = problem.model().outputs();
-    let at = output.and_then(|wanted| outputs.iter().position(|output| output.channel == wanted)).unwrap_or(0);
+    let at =
+        output.and_then(|wanted| outputs.iter().position(|output| output.channel == wanted)).unwrap_or(0);
     let output = outputs.get(at).map_or("", |output| output.channel.as_str());
     // Without unseen data the horizons are judged on what there is, and the answer says so.
     let judged_on = if replay.range(Part::Validation).is_empty() { Part::Train } else { Part::Validation };
     let (skill, by_horizon) = (by_part(replay), by_horizon(replay, judged_on));
     let of_output = skill.get(output).zip(by_horizon.get(output));
-    let told = of_output.map(|(parts, horizons)| summary(judged_on, parts, horizons, fit.metrics.get(output), replay.provenance()));
-    let failures = failures(problem, fit, at, replay.filtered(), window).map_err(|fault| ServiceError::Faults(vec![fault]))?;
+    let told = of_output.map(|(parts, horizons)| {
+        summary(judged_on, parts, horizons, fit.metrics.get(output), replay.provenance())
+    });
+    let failures = failures(problem, fit, at, replay.filtered(), window)
+        .map_err(|fault| ServiceError::Faults(vec![fault]))?;
     let mut told: Vec<String> = told.into_iter().collect();
     told.extend(sentences(problem, at, &failures));
     chart::json(&Document {
@@ -93,7 +111,11 @@ pub fn document(named: &Named<'_>, replay: &Replay, window: &Window, output: Opt
         by_horizon,
         output,
         rho: fit.metrics.iter().map(|(output, metrics)| (output.as_str(), metrics.rho)).collect(),
-        noise_floor: fit.metrics.iter().map(|(output, metrics)| (output.as_str(), metrics.noise_floor)).collect(),
+        noise_floor: fit
+            .metrics
+            .iter()
+            .map(|(output, metrics)| (output.as_str(), metrics.noise_floor))
+            .collect(),
         failures,
     })
 }

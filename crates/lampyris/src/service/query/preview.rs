@@ -65,13 +65,14 @@ pub async fn run(service: &Service, body: Value) -> Result<Preview, ServiceError
     };
     // Everything that takes time happens here: compiling, stitching, simulating.
     blocking(move || {
-        let (catalogue, model) = assemble(&catalogue, &request, record.as_ref()).map_err(ServiceError::Faults)?;
+        let (catalogue, model) =
+            assemble(&catalogue, &request, record.as_ref()).map_err(ServiceError::Faults)?;
         let (window, site) = match &input {
             Some(input) => (input.window()?, input.system.site()),
             None => standard_days(&catalogue, &model).map_err(ServiceError::Faults)?,
         };
-        let problem =
-            prepare(&catalogue, &model, &asked(&request), &window, &site).map_err(|faults| ServiceError::Faults(named(faults)))?;
+        let problem = prepare(&catalogue, &model, &asked(&request), &window, &site)
+            .map_err(|faults| ServiceError::Faults(named(faults)))?;
         let most = request.max_points.unwrap_or(MOST_POINTS);
         preview(&problem, most, input.is_none()).map_err(|fault| ServiceError::Faults(vec![fault]))
     })
@@ -81,25 +82,47 @@ pub async fn run(service: &Service, body: Value) -> Result<Preview, ServiceError
 fn faults(request: &Request) -> Vec<Fault> {
     let mut faults = Vec::new();
     if request.model.is_none() && request.system.is_none() {
-        faults.push(Fault::new("/model", "nothing-to-simulate", "name a model, post one as a document, or name a system that has one"));
+        faults.push(Fault::new(
+            "/model",
+            "nothing-to-simulate",
+            "name a model, post one as a document, or name a system that has one",
+        ));
     }
     if request.window.is_some() && request.system.is_none() {
-        faults.push(Fault::new("/window", "contradiction", "a window is that of a system, and none is named"));
+        faults.push(Fault::new(
+            "/window",
+            "contradiction",
+            "a window is that of a system, and none is named",
+        ));
     }
     if request.max_points.is_some_and(|points| !(2..=MOST_POINTS).contains(&points)) {
-        faults.push(Fault::new("/max_points", "out-of-range", format!("between 2 and {MOST_POINTS} points are shown")));
+        faults.push(Fault::new(
+            "/max_points",
+            "out-of-range",
+            format!("between 2 and {MOST_POINTS} points are shown"),
+        ));
     }
     let Some(window) = &request.window else { return faults };
     if window.last.is_some_and(|last| last > LONGEST || last.is_zero()) {
-        faults.push(Fault::new("/window/last", "invalid-range", format!("a preview spans more than nothing and at most {LONGEST}")));
+        faults.push(Fault::new(
+            "/window/last",
+            "invalid-range",
+            format!("a preview spans more than nothing and at most {LONGEST}"),
+        ));
     }
     let mut instant = |field: &str, text: &Option<String>| {
-        text.as_ref().and_then(|text| read_time(&format!("/window/{field}"), text).map_err(|fault| faults.push(fault)).ok())
+        text.as_ref().and_then(|text| {
+            read_time(&format!("/window/{field}"), text).map_err(|fault| faults.push(fault)).ok()
+        })
     };
     if let (Some(from), Some(to)) = (instant("from", &window.from), instant("to", &window.to))
         && !(0..=LONGEST.seconds()).contains(&to.saturating_sub(from))
     {
-        faults.push(Fault::new("/window", "invalid-range", format!("a preview spans more than nothing and at most {LONGEST}")));
+        faults.push(Fault::new(
+            "/window",
+            "invalid-range",
+            format!("a preview spans more than nothing and at most {LONGEST}"),
+        ));
     }
     faults
 }
@@ -112,7 +135,9 @@ fn asked(request: &Request) -> EstimateRequest {
             let until = read_time("", from).ok().map(|from| rfc3339(from.saturating_add(LONGEST.seconds())));
             WindowRange { to: until, ..window.clone() }
         }
-        Some(window) if window.last.is_none() && window.from.is_none() => WindowRange { last: Some(USUAL), ..window.clone() },
+        Some(window) if window.last.is_none() && window.from.is_none() => {
+            WindowRange { last: Some(USUAL), ..window.clone() }
+        }
         Some(window) => window.clone(),
         None => WindowRange { last: Some(USUAL), ..WindowRange::default() },
     };
@@ -125,15 +150,21 @@ fn asked(request: &Request) -> EstimateRequest {
 }
 
 /// The model with its effects, and the catalogue that knows the posted documents beside its own.
-fn assemble(catalogue: &Catalogue, request: &Request, system: Option<&SystemDocument>) -> Result<(Catalogue, ModelId), Vec<Fault>> {
+fn assemble(
+    catalogue: &Catalogue,
+    request: &Request,
+    system: Option<&SystemDocument>,
+) -> Result<(Catalogue, ModelId), Vec<Fault>> {
     let mut catalogue = catalogue.clone();
     let mut model = match &request.model {
         None => system.map(|system| system.model.clone()).ok_or_else(Vec::new)?,
-        Some(Value::String(id)) => id.parse().map_err(|error| vec![Fault::new("/model", "invalid-id", format!("{error}"))])?,
+        Some(Value::String(id)) => {
+            id.parse().map_err(|error| vec![Fault::new("/model", "invalid-id", format!("{error}"))])?
+        }
         Some(document) => {
             let at = |fault: Fault| Fault { pointer: format!("/model{}", fault.pointer), ..fault };
-            let (document, model) =
-                check_model(&catalogue, document.clone()).map_err(|faults| faults.into_iter().map(at).collect::<Vec<_>>())?;
+            let (document, model) = check_model(&catalogue, document.clone())
+                .map_err(|faults| faults.into_iter().map(at).collect::<Vec<_>>())?;
             catalogue.add_model(document);
             model.id().clone()
         }
@@ -157,7 +188,10 @@ fn assemble(catalogue: &Catalogue, request: &Request, system: Option<&SystemDocu
                     id
                 }
                 Err(more) => {
-                    faults.extend(more.into_iter().map(|fault| Fault { pointer: format!("/effects/{index}{}", fault.pointer), ..fault }));
+                    faults.extend(more.into_iter().map(|fault| Fault {
+                        pointer: format!("/effects/{index}{}", fault.pointer),
+                        ..fault
+                    }));
                     continue;
                 }
             },
@@ -170,13 +204,16 @@ fn assemble(catalogue: &Catalogue, request: &Request, system: Option<&SystemDocu
     // The faults of a posted effect name their places inside it as well.
     let composition = catalogue.compose(&model)?;
     let numbered = |fault: Fault| {
-        let inside = own.iter().find_map(|(id, index)| Some((index, fault.pointer.strip_prefix(&format!("/effects/{id}"))?.to_owned())));
+        let inside = own.iter().find_map(|(id, index)| {
+            Some((index, fault.pointer.strip_prefix(&format!("/effects/{id}"))?.to_owned()))
+        });
         match inside {
             Some((index, rest)) => Fault { pointer: format!("/effects/{index}{rest}"), ..fault },
             None => fault,
         }
     };
-    compile(&composition, &Bindings::default()).map_err(|faults| faults.into_iter().map(numbered).collect::<Vec<_>>())?;
+    compile(&composition, &Bindings::default())
+        .map_err(|faults| faults.into_iter().map(numbered).collect::<Vec<_>>())?;
     Ok((catalogue, model))
 }
 

@@ -56,11 +56,12 @@ struct Wanted {
     max_points: usize,
 }
 
-/// Stitches what is asked for and renders it, both off the async threads. A request that does not say how many
-/// points it wants gets the default, or every sample where there is none.
+/// Stitches what is asked for and renders it, both off the async threads. A request that does not say how
+/// many points it wants gets the default, or every sample where there is none.
 ///
 /// # Errors
-/// Every fault of what is asked, an unknown system, windows that do not fit together, or where the database fails.
+/// Every fault of what is asked, an unknown system, windows that do not fit together, or where the database
+/// fails.
 pub async fn view<T: Send + 'static>(
     service: &Service,
     system: &SystemId,
@@ -78,7 +79,11 @@ pub async fn view<T: Send + 'static>(
     let blocks = store::windows::blocks(&service.store, system, span, Some(&wanted.channels)).await?;
     let work = move || -> Result<T, ServiceError> {
         let windows = unpack(&blocks)?;
-        let stitched = if windows.is_empty() { None } else { Some(Window::stitch(&windows).map_err(ServiceError::Faults)?) };
+        let stitched = if windows.is_empty() {
+            None
+        } else {
+            Some(Window::stitch(&windows).map_err(ServiceError::Faults)?)
+        };
         let slice = |name: &String| stitched.as_ref()?.series(name)?.slice(span.0, span.1);
         let channels: Vec<Series> = wanted.channels.iter().filter_map(slice).collect();
         Ok(render(View { span: Some(span), channels: shown(channels, wanted.max_points)? }))
@@ -92,19 +97,23 @@ fn shown(channels: Vec<Series>, max_points: usize) -> Result<Vec<ShownChannel>, 
     if points > MOST_POINTS {
         let detail = format!("{points} points of {} channels; {MOST_POINTS} are the most", channels.len());
         let fault = Fault::new("query max_points", "too-many-points", detail);
-        return Err(ServiceError::Faults(vec![fault.suggest("ask for fewer points, fewer channels or a shorter range")]));
+        return Err(ServiceError::Faults(vec![
+            fault.suggest("ask for fewer points, fewer channels or a shorter range"),
+        ]));
     }
     let from = channels.iter().map(Series::from).min().unwrap_or_default();
     let to = channels.iter().map(Series::to).max().unwrap_or_default();
-    let show = |series: Series| ShownChannel { points: Thinned::new(&series, (from, to), max_points), series };
+    let show =
+        |series: Series| ShownChannel { points: Thinned::new(&series, (from, to), max_points), series };
     Ok(channels.into_iter().map(show).collect())
 }
 
 /// Understands what is asked, and names every fault of it.
 fn read(asked: &Asked, known: &[String], default_points: Option<usize>) -> Result<Wanted, Vec<Fault>> {
     let mut faults = Vec::new();
-    let mut instant =
-        |place: &str, text: &Option<String>| text.as_ref().and_then(|text| read_time(place, text).map_err(|fault| faults.push(fault)).ok());
+    let mut instant = |place: &str, text: &Option<String>| {
+        text.as_ref().and_then(|text| read_time(place, text).map_err(|fault| faults.push(fault)).ok())
+    };
     let (from, to) = (instant("query from", &asked.from), instant("query to", &asked.to));
     if from.zip(to).is_some_and(|(from, to)| from >= to) {
         faults.push(Fault::new("query to", "out-of-order", "`to` must lie after `from`"));
@@ -127,7 +136,8 @@ fn read(asked: &Asked, known: &[String], default_points: Option<usize>) -> Resul
         None => default_points.unwrap_or(usize::MAX),
         Some(Ok(points)) if POINTS.contains(&points) => points,
         Some(_) => {
-            let detail = format!("`max_points` is a whole number between {} and {}", POINTS.start(), POINTS.end());
+            let detail =
+                format!("`max_points` is a whole number between {} and {}", POINTS.start(), POINTS.end());
             faults.push(Fault::new("query max_points", "out-of-range", detail));
             0
         }
@@ -137,10 +147,15 @@ fn read(asked: &Asked, known: &[String], default_points: Option<usize>) -> Resul
 
 fn unknown_channel(name: &str, known: &[String]) -> Fault {
     let shown: String = name.chars().take(60).collect();
-    let fault = Fault::new("query channels", "unknown-channel", format!("there is no channel `{}`", shown.escape_debug()));
+    let fault = Fault::new(
+        "query channels",
+        "unknown-channel",
+        format!("there is no channel `{}`", shown.escape_debug()),
+    );
     match nearest(name, known.iter().map(String::as_str)) {
         Some(near) => fault.suggest(format!("did you mean `{near}`?")),
         None if known.is_empty() => fault.suggest("there are no measurements yet"),
-        None => fault.suggest(format!("there are {}", known.iter().take(50).cloned().collect::<Vec<_>>().join(", "))),
+        None => fault
+            .suggest(format!("there are {}", known.iter().take(50).cloned().collect::<Vec<_>>().join(", "))),
     }
 }

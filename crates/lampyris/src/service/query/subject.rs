@@ -54,13 +54,19 @@ pub(super) async fn require(service: &Service, id: &str) -> Result<FitRecord, Se
 
 /// A name for everything that an answer about fits depends on: they and the models do not change, but the
 /// measurements and the system do.
-pub(super) async fn key(service: &Service, what: &str, records: &[&FitRecord], asked: &str) -> Result<String, ServiceError> {
+pub(super) async fn key(
+    service: &Service,
+    what: &str,
+    records: &[&FitRecord],
+    asked: &str,
+) -> Result<String, ServiceError> {
     let mut hasher = blake3::Hasher::new();
     hasher.update(what.as_bytes()).update(b"\n").update(asked.as_bytes());
     for record in records {
         hasher.update(b"\n").update(record.id.as_bytes());
-        let system =
-            store::systems::get(&service.store, &record.system).await?.ok_or_else(|| ServiceError::NoSystem(record.system.clone()))?;
+        let system = store::systems::get(&service.store, &record.system)
+            .await?
+            .ok_or_else(|| ServiceError::NoSystem(record.system.clone()))?;
         hasher.update(b"\n").update(system.document.as_bytes());
         let document = system::document(&system.document)?;
         for system in std::iter::once(record.system.clone()).chain(next_door(record, &document)) {
@@ -75,10 +81,12 @@ pub(super) async fn key(service: &Service, what: &str, records: &[&FitRecord], a
 pub(super) async fn load(service: &Service, record: FitRecord, until: i64) -> Result<Subject, ServiceError> {
     let document = systems::require(service, &record.system).await?;
     let basis = basis(&record.fit).map_err(ServiceError::Faults)?;
-    let instant = |text: &str| read_time("/basis", text).map_err(|fault| ServiceError::Internal(fault.to_string()));
+    let instant =
+        |text: &str| read_time("/basis", text).map_err(|fault| ServiceError::Internal(fault.to_string()));
     let range = (instant(&basis.from)?, instant(&basis.to)?.max(until));
     let next_door = next_door(&record, &document);
-    let measurements = input::measurements(service, &record.system, &next_door, &document.exclude, range).await?;
+    let measurements =
+        input::measurements(service, &record.system, &next_door, &document.exclude, range).await?;
     Ok(Subject { record, measurements, catalogue: service.catalogue.current() })
 }
 
@@ -110,7 +118,8 @@ impl Subject {
 
     /// All that was measured. This is work for the CPU pool.
     pub(super) fn window(&self) -> Result<Window, ServiceError> {
-        let model: ModelId = self.fit().model.parse().map_err(|error| ServiceError::Internal(format!("{error}")))?;
+        let model: ModelId =
+            self.fit().model.parse().map_err(|error| ServiceError::Internal(format!("{error}")))?;
         self.measurements.window(&self.catalogue, &model)
     }
 

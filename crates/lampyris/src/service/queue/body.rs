@@ -9,8 +9,9 @@ use utoipa::openapi::schema::{Object, OneOfBuilder};
 use utoipa::openapi::{Ref, RefOr, Schema};
 use utoipa::{PartialSchema, ToSchema};
 
-/// A job for one system: an estimate, a diagnosis of what its model is missing, a ladder of effects, or a tuning: settings of the search that suit it,
-/// chosen on the older windows of its record (`split.train` long) and judged on the newer ones. Everything but `kind` and `system` has a default that serves.
+/// A job for one system: an estimate, a diagnosis of what its model is missing, a ladder of effects, or a
+/// tuning: settings of the search that suit it, chosen on the older windows of its record (`split.train`
+/// long) and judged on the newer ones. Everything but `kind` and `system` has a default that serves.
 #[derive(ToSchema)]
 #[expect(dead_code, reason = "describes what `queue::request` reads")]
 struct OneFields {
@@ -89,8 +90,8 @@ pub struct JobBody;
 #[derive(Debug)]
 pub struct BatchSettings;
 
-/// The settings of an estimate. What is absent is filled in by the system or has a value that serves; a description
-/// that named the value would lead clients to send it.
+/// The settings of an estimate. What is absent is filled in by the system or has a value that serves; a
+/// description that named the value would lead clients to send it.
 fn settings() -> Object {
     let mut settings = joined([EstimateRequest::schema()], true);
     for property in settings.properties.values_mut() {
@@ -145,7 +146,10 @@ impl PartialSchema for JobBody {
     fn schema() -> RefOr<Schema> {
         // No discriminator: a diagnosis is of one system or of several, whatever its kind says.
         OneOfBuilder::new()
-            .description(Some("What a job is asked to do. Everything but `kind` and `system` (or `systems`) has a default that serves."))
+            .description(Some(
+                "What a job is asked to do. Everything but `kind` and `system` (or `systems`) \
+                has a default that serves.",
+            ))
             .item(Ref::from_schema_name("SystemJob"))
             .item(Ref::from_schema_name("RecalibrateJob"))
             .item(Ref::from_schema_name("DiagnoseJobs"))
@@ -160,8 +164,14 @@ impl ToSchema for JobBody {
 
     fn schemas(schemas: &mut Vec<(String, RefOr<Schema>)>) {
         schemas.push(("SystemJob".to_owned(), joined([OneFields::schema(), settings().into()], true).into()));
-        schemas.push(("RecalibrateJob".to_owned(), joined([RecalibrateFields::schema(), recalibration_settings().into()], true).into()));
-        schemas.push(("DiagnoseJobs".to_owned(), joined([DiagnoseFields::schema(), BatchSettings::schema()], true).into()));
+        schemas.push((
+            "RecalibrateJob".to_owned(),
+            joined([RecalibrateFields::schema(), recalibration_settings().into()], true).into(),
+        ));
+        schemas.push((
+            "DiagnoseJobs".to_owned(),
+            joined([DiagnoseFields::schema(), BatchSettings::schema()], true).into(),
+        ));
         OneFields::schemas(schemas);
         RecalibrateFields::schemas(schemas);
         DiagnoseFields::schemas(schemas);
@@ -180,7 +190,12 @@ mod tests {
         let documented: BTreeSet<String> = settings().properties.keys().cloned().collect();
         // What is usual is not written into documents.
         let (delta, accusation_rate) = (0.3.try_into().unwrap(), 0.05.try_into().unwrap());
-        let unusual = EstimateRequest { delta, accusation_rate, criterion: Criterion::Lrt, ..EstimateRequest::default() };
+        let unusual = EstimateRequest {
+            delta,
+            accusation_rate,
+            criterion: Criterion::Lrt,
+            ..EstimateRequest::default()
+        };
         let read = serde_json::to_value(unusual).unwrap();
         assert_eq!(documented, read.as_object().unwrap().keys().cloned().collect());
     }

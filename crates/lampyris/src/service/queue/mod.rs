@@ -1,7 +1,8 @@
 //! How requests become jobs, and how jobs are forgotten.
 //!
-//! `request` reads what is asked and fills the defaults of the system in, `body` describes that, `submit` checks it against the system and
-//! its model and lets it in. `schedules` submits ordinary batches when a row says so, and `retention` then forgets what is old.
+//! `request` reads what is asked and fills the defaults of the system in, `body` describes that, `submit`
+//! checks it against the system and its model and lets it in. `schedules` submits ordinary batches when a row
+//! says so, and `retention` then forgets what is old.
 
 pub mod body;
 pub mod request;

@@ -69,26 +69,39 @@ pub fn read(body: Value) -> Result<JobRequest, Vec<Fault>> {
     let mut faults = Vec::new();
     let kind = match named.as_ref().map(Value::as_str) {
         Some(Some(kind)) if KINDS.contains(&kind) => kind,
-        // What else is wrong can be said all the same: several systems are recalibrated where nothing else is said.
+        // What else is wrong can be said all the same: several systems are recalibrated where nothing else is
+        // said.
         other => {
             faults.push(match other {
-                None => Fault::new("/kind", "missing-field", format!("`kind` is missing: {}", KINDS.join(" or "))),
+                None => {
+                    Fault::new("/kind", "missing-field", format!("`kind` is missing: {}", KINDS.join(" or ")))
+                }
                 Some(None) => Fault::new("/kind", "wrong-type", "the kind is a word"),
                 Some(Some(kind)) => {
                     let shown: String = kind.chars().take(40).collect();
-                    let fault = Fault::new("/kind", "unknown-value", format!("`{}` is none of {}", shown.escape_debug(), KINDS.join(", ")));
+                    let fault = Fault::new(
+                        "/kind",
+                        "unknown-value",
+                        format!("`{}` is none of {}", shown.escape_debug(), KINDS.join(", ")),
+                    );
                     match nearest(kind, KINDS) {
                         Some(near) => fault.suggest(format!("did you mean `{near}`?")),
                         None => fault,
                     }
                 }
             });
-            if fields.contains_key("systems") && !fields.contains_key("system") { "recalibrate" } else { "estimate" }
+            if fields.contains_key("systems") && !fields.contains_key("system") {
+                "recalibrate"
+            } else {
+                "estimate"
+            }
         }
     };
     let asked = match kind {
         "recalibrate" => read_several(BatchKind::Recalibrate, fields),
-        "diagnose" if fields.contains_key("systems") && !fields.contains_key("system") => read_several(BatchKind::Diagnose, fields),
+        "diagnose" if fields.contains_key("systems") && !fields.contains_key("system") => {
+            read_several(BatchKind::Diagnose, fields)
+        }
         "diagnose" => read_one(JobKind::Diagnose, fields),
         "ladder" => read_one(JobKind::Ladder, fields),
         "tune" => read_one(JobKind::Tune, fields),
@@ -115,9 +128,14 @@ fn read_one(kind: JobKind, mut fields: Map<String, Value>) -> Result<JobRequest,
         faults.push(Fault::new("/criterion", "contradiction", "only a ladder has a criterion"));
     }
     if kind != JobKind::Diagnose && fields.contains_key("accusation_rate") {
-        faults.push(Fault::new("/accusation_rate", "contradiction", "only a diagnosis has an accusation rate"));
+        faults.push(Fault::new(
+            "/accusation_rate",
+            "contradiction",
+            "only a diagnosis has an accusation rate",
+        ));
     }
-    // Only an estimate alters what is served. A diagnosis needs a part that no decision sees, a tuning windows of equal length.
+    // Only an estimate alters what is served. A diagnosis needs a part that no decision sees, a tuning
+    // windows of equal length.
     let experiment = experiment || kind != JobKind::Estimate;
     let split = match kind {
         JobKind::Estimate => None,
@@ -128,7 +146,9 @@ fn read_one(kind: JobKind, mut fields: Map<String, Value>) -> Result<JobRequest,
         fields.insert("split".to_owned(), serde_json::to_value(split).unwrap_or_default());
     }
     match system {
-        Some(system) if faults.is_empty() => Ok(JobRequest::One { kind, system, experiment, priority, settings: fields }),
+        Some(system) if faults.is_empty() => {
+            Ok(JobRequest::One { kind, system, experiment, priority, settings: fields })
+        }
         _ => Err(faults),
     }
 }
@@ -159,7 +179,11 @@ pub fn read_batch(kind: BatchKind, mut fields: Map<String, Value>) -> Result<Bat
         faults.push(Fault::new("/criterion", "unknown-field", "only a ladder has a criterion"));
     }
     if kind != BatchKind::Diagnose && fields.contains_key("accusation_rate") {
-        faults.push(Fault::new("/accusation_rate", "contradiction", "only a diagnosis has an accusation rate"));
+        faults.push(Fault::new(
+            "/accusation_rate",
+            "contradiction",
+            "only a diagnosis has an accusation rate",
+        ));
     }
     if fields.contains_key("model") {
         faults.push(Fault::new("/model", "unknown-field", "a batch takes the model of each system"));
@@ -175,12 +199,21 @@ pub fn read_batch(kind: BatchKind, mut fields: Map<String, Value>) -> Result<Bat
 }
 
 /// Takes a field that may be there out of an object.
-fn take_or<T: serde::de::DeserializeOwned>(fields: &mut Map<String, Value>, name: &str, default: T, faults: &mut Vec<Fault>) -> T {
+fn take_or<T: serde::de::DeserializeOwned>(
+    fields: &mut Map<String, Value>,
+    name: &str,
+    default: T,
+    faults: &mut Vec<Fault>,
+) -> T {
     if fields.contains_key(name) { take(fields, name, faults).unwrap_or(default) } else { default }
 }
 
 /// Takes a field that must be there out of an object.
-fn take<T: serde::de::DeserializeOwned>(fields: &mut Map<String, Value>, name: &str, faults: &mut Vec<Fault>) -> Option<T> {
+fn take<T: serde::de::DeserializeOwned>(
+    fields: &mut Map<String, Value>,
+    name: &str,
+    faults: &mut Vec<Fault>,
+) -> Option<T> {
     let Some(value) = fields.shift_remove(name) else {
         faults.push(Fault::new(format!("/{name}"), "missing-field", format!("`{name}` is missing")));
         return None;
@@ -198,7 +231,10 @@ fn take<T: serde::de::DeserializeOwned>(fields: &mut Map<String, Value>, name: &
 ///
 /// # Errors
 /// Every fault of the fields.
-pub fn complete(settings: &Map<String, Value>, system: Option<&SystemDocument>) -> Result<EstimateRequest, Vec<Fault>> {
+pub fn complete(
+    settings: &Map<String, Value>,
+    system: Option<&SystemDocument>,
+) -> Result<EstimateRequest, Vec<Fault>> {
     match read_settings(settings, system) {
         (request, faults) if faults.is_empty() => Ok(request),
         (_, faults) => Err(faults),
@@ -206,10 +242,14 @@ pub fn complete(settings: &Map<String, Value>, system: Option<&SystemDocument>) 
 }
 
 /// As much of a request as can be read, with every fault of the rest.
-pub fn read_settings(settings: &Map<String, Value>, system: Option<&SystemDocument>) -> (EstimateRequest, Vec<Fault>) {
+pub fn read_settings(
+    settings: &Map<String, Value>,
+    system: Option<&SystemDocument>,
+) -> (EstimateRequest, Vec<Fault>) {
     let mut fields = settings.clone();
     let method = fields.shift_remove("method").map(read_method);
-    let Read { document: request, mut faults, .. } = decode::read::<EstimateRequest>(Value::Object(fields), &Value::Null);
+    let Read { document: request, mut faults, .. } =
+        decode::read::<EstimateRequest>(Value::Object(fields), &Value::Null);
     let mut request = request.unwrap_or_default();
     if let Some((method, more)) = method {
         request.method = method.unwrap_or_default();
@@ -232,8 +272,13 @@ pub fn read_settings(settings: &Map<String, Value>, system: Option<&SystemDocume
             request.prior = system.prior;
         }
         // A seed alone is no method.
-        let asked = settings.get("method").and_then(Value::as_object).is_some_and(|method| method.keys().any(|field| field != "seed"));
-        if let Some(method) = system.method.as_ref().filter(|_| !asked && request.objective != Objective::Likelihood) {
+        let asked = settings
+            .get("method")
+            .and_then(Value::as_object)
+            .is_some_and(|method| method.keys().any(|field| field != "seed"));
+        if let Some(method) =
+            system.method.as_ref().filter(|_| !asked && request.objective != Objective::Likelihood)
+        {
             let seed = if settings.contains_key("method") { request.method.seed } else { method.seed };
             request.method = SeededMethod { seed, method: method.method.clone() };
         }
@@ -276,7 +321,10 @@ fn read_method(value: Value) -> (Option<SeededMethod>, Vec<Fault>) {
 
 /// Faults that were found inside something that the pointer names.
 fn inside(pointer: &str, faults: Vec<Fault>) -> Vec<Fault> {
-    faults.into_iter().map(|fault| Fault { pointer: format!("{pointer}{}", fault.pointer), ..fault }).collect()
+    faults
+        .into_iter()
+        .map(|fault| Fault { pointer: format!("{pointer}{}", fault.pointer), ..fault })
+        .collect()
 }
 
 /// Values that make no sense, as far as they can be judged without a model.
@@ -303,7 +351,11 @@ fn senseless(request: &EstimateRequest) -> Vec<Fault> {
         faults.push(Fault::new("/split/train", "out-of-range", "it must be longer than nothing"));
     }
     if !(1..=MOST_EVALUATIONS).contains(&request.budget.evaluations) {
-        faults.push(Fault::new("/budget/evaluations", "out-of-range", format!("there are between 1 and {MOST_EVALUATIONS} evaluations")));
+        faults.push(Fault::new(
+            "/budget/evaluations",
+            "out-of-range",
+            format!("there are between 1 and {MOST_EVALUATIONS} evaluations"),
+        ));
     }
     if request.budget.wall.is_some_and(|wall| wall.is_zero()) {
         faults.push(Fault::new("/budget/wall", "out-of-range", "it must be longer than nothing"));
@@ -311,7 +363,11 @@ fn senseless(request: &EstimateRequest) -> Vec<Fault> {
     faults.extend(request.early_stopping.iter().flat_map(EarlyStopping::faults));
     for (name, [lower, upper]) in &request.bounds {
         if lower >= upper {
-            faults.push(Fault::new(format!("/bounds/{name}"), "out-of-order", format!("[{lower}, {upper}] is no interval")));
+            faults.push(Fault::new(
+                format!("/bounds/{name}"),
+                "out-of-order",
+                format!("[{lower}, {upper}] is no interval"),
+            ));
         }
     }
     faults

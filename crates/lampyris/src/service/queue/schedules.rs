@@ -78,10 +78,12 @@ impl Ticks {
     pub fn read(cron: &str, zone: &str) -> Result<Self, Vec<Fault>> {
         let shown = |text: &str| text.chars().take(60).collect::<String>().escape_debug().to_string();
         let parsed = Cron::from_str(cron).map_err(|error| {
-            Fault::new("/cron", "invalid-cron", format!("`{}` is no cron pattern: {error}", shown(cron))).suggest("such as `30 2 * * *`")
+            Fault::new("/cron", "invalid-cron", format!("`{}` is no cron pattern: {error}", shown(cron)))
+                .suggest("such as `30 2 * * *`")
         });
         let zone = TimeZone::get(zone).map_err(|_| {
-            Fault::new("/zone", "unknown-zone", format!("`{}` is no IANA time zone", shown(zone))).suggest("such as `Europe/Copenhagen`")
+            Fault::new("/zone", "unknown-zone", format!("`{}` is no IANA time zone", shown(zone)))
+                .suggest("such as `Europe/Copenhagen`")
         });
         match (parsed, zone) {
             (Ok(cron), Ok(zone)) => Ok(Self { cron, zone }),
@@ -94,8 +96,8 @@ impl Ticks {
         self.cron.describe()
     }
 
-    /// The first tick after an instant. A local time that a clock change leaves out comes with the change; one
-    /// that it repeats comes once.
+    /// The first tick after an instant. A local time that a clock change leaves out comes with the change;
+    /// one that it repeats comes once.
     pub fn after(&self, instant: Timestamp) -> Option<Timestamp> {
         let local: Zoned = instant.to_zoned(self.zone.clone());
         self.cron.find_next_occurrence(&local, false).ok().map(|tick| tick.timestamp())
@@ -120,14 +122,27 @@ impl Ticks {
 /// # Errors
 /// Every fault of the name, the document and the request.
 fn read(service: &Service, name: &str, body: Value) -> Result<(ScheduleDocument, BatchRequest), Vec<Fault>> {
-    let Read { document, mut faults, .. } = decode::read::<ScheduleDocument>(body, &json!({ "cron": NIGHTLY_CRON, "systems": ["room/*"] }));
-    if name.is_empty() || name.len() > 64 || !name.bytes().all(|b| b.is_ascii_alphanumeric() || b == b'_' || b == b'-') {
-        faults.push(Fault::new("path", "invalid-name", "the name of a schedule is 1 to 64 letters, digits, `_` and `-`"));
+    let Read { document, mut faults, .. } =
+        decode::read::<ScheduleDocument>(body, &json!({ "cron": NIGHTLY_CRON, "systems": ["room/*"] }));
+    if name.is_empty()
+        || name.len() > 64
+        || !name.bytes().all(|b| b.is_ascii_alphanumeric() || b == b'_' || b == b'-')
+    {
+        faults.push(Fault::new(
+            "path",
+            "invalid-name",
+            "the name of a schedule is 1 to 64 letters, digits, `_` and `-`",
+        ));
     }
     let Some(document) = document else {
         return Err(faults);
     };
-    faults.extend(Ticks::read(&document.cron, document.zone.as_deref().unwrap_or(&service.settings.zone)).err().into_iter().flatten());
+    faults.extend(
+        Ticks::read(&document.cron, document.zone.as_deref().unwrap_or(&service.settings.zone))
+            .err()
+            .into_iter()
+            .flatten(),
+    );
     let mut fields = document.request.clone();
     if fields.contains_key("systems") {
         faults.push(Fault::new("/request/systems", "unknown-field", "the systems stand beside the request"));
@@ -137,14 +152,22 @@ fn read(service: &Service, name: &str, body: Value) -> Result<(ScheduleDocument,
     }
     fields.insert("systems".to_owned(), json!(document.systems));
     let within = |fault: Fault| {
-        if fault.pointer.starts_with("/systems") { fault } else { Fault { pointer: format!("/request{}", fault.pointer), ..fault } }
+        if fault.pointer.starts_with("/systems") {
+            fault
+        } else {
+            Fault { pointer: format!("/request{}", fault.pointer), ..fault }
+        }
     };
     match read_batch(document.kind, fields) {
         Ok(request) if faults.is_empty() => Ok((document, request)),
         other => {
             // A list of which every pattern was wrong is empty by now.
-            let is_known = |fault: &Fault| fault.pointer == "/systems" && faults.iter().any(|known| known.pointer.starts_with("/systems"));
-            let more: Vec<Fault> = other.err().into_iter().flatten().filter(|fault| !is_known(fault)).map(within).collect();
+            let is_known = |fault: &Fault| {
+                fault.pointer == "/systems"
+                    && faults.iter().any(|known| known.pointer.starts_with("/systems"))
+            };
+            let more: Vec<Fault> =
+                other.err().into_iter().flatten().filter(|fault| !is_known(fault)).map(within).collect();
             faults.extend(more);
             Err(faults)
         }
@@ -175,7 +198,8 @@ pub fn selected(body: &Value) -> Vec<SystemPattern> {
 pub async fn put(service: &Service, name: &str, body: Value, who: &str) -> Result<bool, ServiceError> {
     let (document, request) = read(service, name, body).map_err(ServiceError::Faults)?;
     let zone = document.zone.as_deref().unwrap_or(&service.settings.zone);
-    let request = serde_json::to_string(&request).map_err(|error| ServiceError::Internal(error.to_string()))?;
+    let request =
+        serde_json::to_string(&request).map_err(|error| ServiceError::Internal(error.to_string()))?;
     let new = NewSchedule { name, cron: &document.cron, zone, request: &request, enabled: document.enabled };
     let is_new = store::schedules::put(&service.store, &new, who, service.now()).await?;
     service.wake_schedule.notify_one();
@@ -214,7 +238,8 @@ pub async fn ensure_nightly(service: &Service) -> Result<(), ServiceError> {
 /// # Errors
 /// Where the row holds something else.
 pub fn request(schedule: &ScheduleRecord) -> Result<BatchRequest, ServiceError> {
-    serde_json::from_value(schedule.request.clone()).map_err(|error| ServiceError::Internal(format!("schedule {}: {error}", schedule.name)))
+    serde_json::from_value(schedule.request.clone())
+        .map_err(|error| ServiceError::Internal(format!("schedule {}: {error}", schedule.name)))
 }
 
 /// Deals with ticks until the service stops.
@@ -244,9 +269,14 @@ pub async fn run(service: Arc<Service>) {
 /// Where the database fails.
 pub async fn due(service: &Service, now: Timestamp) -> Result<Duration, ServiceError> {
     let mut pause = LONGEST_SLEEP;
-    for schedule in store::schedules::all(&service.store).await?.into_iter().filter(|schedule| schedule.enabled) {
+    for schedule in
+        store::schedules::all(&service.store).await?.into_iter().filter(|schedule| schedule.enabled)
+    {
         let Ok(ticks) = Ticks::read(&schedule.cron, &schedule.zone) else {
-            tracing::error!(schedule = schedule.name, "the pattern or the zone of a stored schedule cannot be read");
+            tracing::error!(
+                schedule = schedule.name,
+                "the pattern or the zone of a stored schedule cannot be read"
+            );
             continue;
         };
         if let Some(tick) = ticks.newest_due(schedule.last_tick_at, now)
@@ -262,15 +292,29 @@ pub async fn due(service: &Service, now: Timestamp) -> Result<Duration, ServiceE
     Ok(pause.max(Duration::from_millis(10)))
 }
 
-async fn run_tick(service: &Service, schedule: &ScheduleRecord, tick: Timestamp, now: Timestamp) -> Result<(), ServiceError> {
+async fn run_tick(
+    service: &Service,
+    schedule: &ScheduleRecord,
+    tick: Timestamp,
+    now: Timestamp,
+) -> Result<(), ServiceError> {
     let request = request(schedule)?;
     let mut batch = submit::batch(service, &request, Some(&schedule.name), Priority::Nightly).await?;
     submit::leave_out_answered(service, &mut batch).await?;
     let limit = service.queue_limit();
-    let Some(result) = store::schedules::tick(&service.store, &schedule.name, tick, &batch, limit, now).await? else {
+    let Some(result) =
+        store::schedules::tick(&service.store, &schedule.name, tick, &batch, limit, now).await?
+    else {
         return Ok(());
     };
-    tracing::info!(schedule = schedule.name, %tick, jobs = batch.jobs.len(), skipped = batch.skipped.len(), "tick: {}", result.as_str());
+    tracing::info!(
+        schedule = schedule.name,
+        %tick,
+        jobs = batch.jobs.len(),
+        skipped = batch.skipped.len(),
+        "tick: {}",
+        result.as_str()
+    );
     if result == TickResult::Submitted {
         submit::entered(service, &batch).await?;
     }
@@ -304,14 +348,25 @@ mod tests {
         let (before, now) = (instant("2026-01-01T00:00:00Z"), instant("2026-01-03T12:02:00Z"));
         assert_eq!(ticks.newest_due(before, now), Some(instant("2026-01-03T12:00:00Z")));
         assert_eq!(ticks.newest_due(instant("2026-01-03T12:00:00Z"), now), None);
-        assert_eq!(ticks.newest_due(before, instant("2026-01-01T00:05:00Z")), Some(instant("2026-01-01T00:05:00Z")));
+        assert_eq!(
+            ticks.newest_due(before, instant("2026-01-01T00:05:00Z")),
+            Some(instant("2026-01-01T00:05:00Z"))
+        );
     }
 
     #[test]
     fn patterns_are_said_in_words() {
         let words = |cron: &str| Ticks::read(cron, "UTC").unwrap().in_words();
         let said = ["30 2 * * *", "0 5 * * 1", "*/15 6-20 * * *", "0 4 1 * *"].map(words);
-        assert_eq!(said, ["At 02:30.", "At 05:00, on Monday.", "At every 15 minutes, of hour 6-20.", "At 04:00, on day 1."]);
+        assert_eq!(
+            said,
+            [
+                "At 02:30.",
+                "At 05:00, on Monday.",
+                "At every 15 minutes, of hour 6-20.",
+                "At 04:00, on day 1."
+            ]
+        );
     }
 
     #[test]

@@ -45,11 +45,14 @@ pub async fn one(
     let input = input::collect(service, system, document, model.clone(), request.clone(), 0).await?;
     match blocking(move || input.window().and_then(|window| input.problem(&window))).await? {
         Ok(_) => {}
-        Err(ServiceError::Faults(faults)) => return Err(ServiceError::Faults(faults.into_iter().map(at_request).collect())),
+        Err(ServiceError::Faults(faults)) => {
+            return Err(ServiceError::Faults(faults.into_iter().map(at_request).collect()));
+        }
         Err(error) => return Err(error),
     }
     let new = new_job(kind, system, model, experiment, &request, Origin::Posted, priority)?;
-    let submitted = store::jobs::submit(&service.store, &new, key, service.queue_limit(), service.now()).await?;
+    let submitted =
+        store::jobs::submit(&service.store, &new, key, service.queue_limit(), service.now()).await?;
     told(service, submitted).await
 }
 
@@ -57,7 +60,9 @@ pub async fn one(
 fn with_defaults(service: &Service, kind: JobKind, settings: &Map<String, Value>) -> Map<String, Value> {
     let mut settings = settings.clone();
     if kind == JobKind::Diagnose {
-        settings.entry("split").or_insert_with(|| serde_json::to_value(SplitRequest::DIAGNOSE).unwrap_or_default());
+        settings
+            .entry("split")
+            .or_insert_with(|| serde_json::to_value(SplitRequest::DIAGNOSE).unwrap_or_default());
         settings.entry("accusation_rate").or_insert_with(|| service.settings.diagnose.accusation_rate.into());
     }
     settings
@@ -89,9 +94,21 @@ async fn told(service: &Service, submitted: Submitted) -> Result<Submitted, Serv
 ///
 /// # Errors
 /// Where the system's defaults give no request, the queue is full, or the database fails.
-pub async fn refit(service: &Service, system: &SystemId, document: &SystemDocument) -> Result<(), ServiceError> {
+pub async fn refit(
+    service: &Service,
+    system: &SystemId,
+    document: &SystemDocument,
+) -> Result<(), ServiceError> {
     let request = request::complete(&Map::new(), Some(document)).map_err(ServiceError::Faults)?;
-    let new = new_job(JobKind::Estimate, system, document.model.clone(), false, &request, Origin::Scheduled, Priority::Nightly)?;
+    let new = new_job(
+        JobKind::Estimate,
+        system,
+        document.model.clone(),
+        false,
+        &request,
+        Origin::Scheduled,
+        Priority::Nightly,
+    )?;
     store::jobs::submit(&service.store, &new, None, service.queue_limit(), service.now()).await?;
     service.wake.notify_one();
     params::refresh(service, system).await
@@ -101,8 +118,14 @@ pub async fn refit(service: &Service, system: &SystemId, document: &SystemDocume
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn further_faults(service: &Service, body: &Value, known: &[Fault]) -> Result<Vec<Fault>, ServiceError> {
-    let (Some(system), Some(mut settings)) = (body.get("system").and_then(Value::as_str).map(str::parse), body.as_object().cloned()) else {
+pub async fn further_faults(
+    service: &Service,
+    body: &Value,
+    known: &[Fault],
+) -> Result<Vec<Fault>, ServiceError> {
+    let (Some(system), Some(mut settings)) =
+        (body.get("system").and_then(Value::as_str).map(str::parse), body.as_object().cloned())
+    else {
         return Ok(Vec::new());
     };
     let Ok(system) = system else {
@@ -117,8 +140,8 @@ pub async fn further_faults(service: &Service, body: &Value, known: &[Fault]) ->
     Ok(faults)
 }
 
-/// The system, if there is one, and as much of a request as can be read, with every fault that the request, its system
-/// and its model show.
+/// The system, if there is one, and as much of a request as can be read, with every fault that the request,
+/// its system and its model show.
 async fn judge(
     service: &Service,
     system: &SystemId,
@@ -150,7 +173,9 @@ async fn judge(
 
 /// A fault of the model or the measurements, as a fault of the request that names the model.
 fn at_request(fault: Fault) -> Fault {
-    let is_of_request = ["/model", "/window", "/split", "/bounds", "/fixed"].iter().any(|field| fault.pointer.starts_with(field));
+    let is_of_request = ["/model", "/window", "/split", "/bounds", "/fixed"]
+        .iter()
+        .any(|field| fault.pointer.starts_with(field));
     if is_of_request { fault } else { system::at("/model", fault) }
 }
 
@@ -166,7 +191,8 @@ pub async fn several(
     key: Option<&RequestKey>,
 ) -> Result<SubmittedBatch, ServiceError> {
     let batch = batch(service, request, schedule, priority).await?;
-    let submitted = store::batches::submit(&service.store, &batch, key, service.queue_limit(), service.now()).await?;
+    let submitted =
+        store::batches::submit(&service.store, &batch, key, service.queue_limit(), service.now()).await?;
     if let (SubmittedBatch::New(id), Some(schedule)) = (&submitted, schedule) {
         store::schedules::note_run(&service.store, schedule, id, service.now()).await?;
     }
@@ -174,7 +200,8 @@ pub async fn several(
     Ok(submitted)
 }
 
-/// The jobs of a batch: one for every selected system that has measurements and, where what is served may change, wants that.
+/// The jobs of a batch: one for every selected system that has measurements and, where what is served may
+/// change, wants that.
 ///
 /// # Errors
 /// Where the database fails.
@@ -212,7 +239,15 @@ pub async fn batch(
             match request::complete(&settings, Some(&document)) {
                 // Only an estimate alters what is served.
                 Ok(request) => {
-                    batch.jobs.push(new_job(kind, system, document.model, kind != JobKind::Estimate, &request, origin, priority)?);
+                    batch.jobs.push(new_job(
+                        kind,
+                        system,
+                        document.model,
+                        kind != JobKind::Estimate,
+                        &request,
+                        origin,
+                        priority,
+                    )?);
                 }
                 Err(faults) => skip(faults.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ")),
             }
@@ -221,8 +256,8 @@ pub async fn batch(
     Ok(batch)
 }
 
-/// Leaves out the systems of which nothing has been measured since the same question was answered: the same numbers would
-/// confirm what is served, night after night, and it would never turn stale.
+/// Leaves out the systems of which nothing has been measured since the same question was answered: the same
+/// numbers would confirm what is served, night after night, and it would never turn stale.
 ///
 /// # Errors
 /// Where the database fails.
@@ -230,7 +265,10 @@ pub async fn leave_out_answered(service: &Service, batch: &mut NewBatch) -> Resu
     for job in std::mem::take(&mut batch.jobs) {
         if store::batches::is_answered(&service.store, &job).await? {
             let what = if job.kind == JobKind::Diagnose { "diagnosis" } else { "estimate" };
-            batch.skipped.push(Skipped { system: job.system, why: format!("no measurements have arrived since its last {what}") });
+            batch.skipped.push(Skipped {
+                system: job.system,
+                why: format!("no measurements have arrived since its last {what}"),
+            });
         } else {
             batch.jobs.push(job);
         }
@@ -281,12 +319,20 @@ fn new_job(
     origin: Origin,
     priority: Priority,
 ) -> Result<NewJob, ServiceError> {
-    let request = serde_json::to_string(request).map_err(|error| ServiceError::Internal(error.to_string()))?;
+    let request =
+        serde_json::to_string(request).map_err(|error| ServiceError::Internal(error.to_string()))?;
     Ok(NewJob { kind, system: system.clone(), model, request, experiment, origin, priority })
 }
 
-pub(in crate::service) async fn unknown_system(service: &Service, system: &SystemId) -> Result<Fault, ServiceError> {
-    let known: Vec<String> = store::systems::all(&service.store).await?.into_iter().map(|record| record.system.to_string()).collect();
+pub(in crate::service) async fn unknown_system(
+    service: &Service,
+    system: &SystemId,
+) -> Result<Fault, ServiceError> {
+    let known: Vec<String> = store::systems::all(&service.store)
+        .await?
+        .into_iter()
+        .map(|record| record.system.to_string())
+        .collect();
     let fault = Fault::new("/system", "system-not-found", format!("there is no system `{system}`"));
     Ok(match nearest(&system.to_string(), known.iter().map(String::as_str)) {
         Some(near) => fault.suggest(format!("did you mean `{near}`?")),

@@ -52,7 +52,8 @@ pub enum Status {
 
 impl Status {
     /// What a system may have that serves validated parameters.
-    pub const VALIDATED: [Status; 5] = [Status::Fresh, Status::Stale, Status::Fallback, Status::Degraded, Status::Pinned];
+    pub const VALIDATED: [Status; 5] =
+        [Status::Fresh, Status::Stale, Status::Fallback, Status::Degraded, Status::Pinned];
 
     /// The word in the body and in the header `Params-Status`.
     pub const fn as_str(self) -> &'static str {
@@ -175,10 +176,11 @@ pub struct Pin {
     since: Timestamp,
 }
 
-/// When a revision turns stale: it is as old as its newest measurement, or as the gate's last look at it where that is older.
+/// When a revision turns stale: it is as old as its newest measurement, or as the gate's last look at it
+/// where that is older.
 ///
-/// What lies in the future was written by a clock that is wrong, or was right when that of the service is wrong now. It says
-/// nothing of the age, and what may be old is not called fresh.
+/// What lies in the future was written by a clock that is wrong, or was right when that of the service is
+/// wrong now. It says nothing of the age, and what may be old is not called fresh.
 pub(super) fn stale_after(revision: &RevisionRecord, document: &SystemDocument, now: Timestamp) -> Timestamp {
     let fresh_for = SignedDuration::from_secs(document.policy.stale_after.seconds());
     let born = revision.measured_to.min(revision.validated_at);
@@ -190,9 +192,9 @@ pub(super) fn stale_after(revision: &RevisionRecord, document: &SystemDocument, 
     born.checked_add(fresh_for).unwrap_or(Timestamp::MAX)
 }
 
-/// The body of a revision. Of several statuses the one that matters most to a controller is told: an operator's
-/// word first, then what newer measurements say, then age, then the fate of the newest attempt; the objects
-/// beside it tell of the others.
+/// The body of a revision. Of several statuses the one that matters most to a controller is told: an
+/// operator's word first, then what newer measurements say, then age, then the fate of the newest attempt;
+/// the objects beside it tell of the others.
 pub(super) fn validated(
     standing: &ServedState,
     revision: &RevisionRecord,
@@ -253,7 +255,11 @@ fn degraded(found: &Degradation, since: Timestamp) -> Degraded {
 
 /// The nominal values of the system's model, with `null` where only measurements give one; nothing where the
 /// model no longer compiles.
-pub(super) fn nominal(system: SystemId, document: &SystemDocument, catalogue: &Catalogue) -> Result<Option<Rendered>, ServiceError> {
+pub(super) fn nominal(
+    system: SystemId,
+    document: &SystemDocument,
+    catalogue: &Catalogue,
+) -> Result<Option<Rendered>, ServiceError> {
     let Ok(model) = document.bindings(catalogue, &document.model) else {
         return Ok(None);
     };
@@ -262,7 +268,9 @@ pub(super) fn nominal(system: SystemId, document: &SystemDocument, catalogue: &C
         Nominal::Measured(_) => Value::Null,
     };
     let named = |of: &dyn Fn(&lampyris_core::model::Parameter) -> Value| -> Value {
-        Value::Object(model.parameters().iter().map(|parameter| (parameter.name.clone(), of(parameter))).collect())
+        Value::Object(
+            model.parameters().iter().map(|parameter| (parameter.name.clone(), of(parameter))).collect(),
+        )
     };
     let body = Body {
         system,

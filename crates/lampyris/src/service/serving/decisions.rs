@@ -41,13 +41,21 @@ pub struct PinBody {
 ///
 /// # Errors
 /// Where the body has faults, there is no such fit, or it does not wait for this word.
-pub async fn decide(service: &Service, fit: &str, decision: Decision, body: Value, who: &str) -> Result<(), ServiceError> {
+pub async fn decide(
+    service: &Service,
+    fit: &str,
+    decision: Decision,
+    body: Value,
+    who: &str,
+) -> Result<(), ServiceError> {
     let Reason { reason } = decode::decode(body).map_err(ServiceError::Faults)?;
     check_reason(&reason)?;
     match store::decisions::decide(&service.store, fit, decision, &reason, who, service.now()).await? {
         Decided::Done(system, revision) => {
             tracing::info!(fit, system, revision, reason, who, "{} by an operator", decision.as_str());
-            let system = system.parse().map_err(|error: lampyris_core::data::BadSystemId| ServiceError::Internal(error.to_string()))?;
+            let system = system.parse().map_err(|error: lampyris_core::data::BadSystemId| {
+                ServiceError::Internal(error.to_string())
+            })?;
             changed(service, &system).await
         }
         Decided::Already => Ok(()),
@@ -60,13 +68,19 @@ pub async fn decide(service: &Service, fit: &str, decision: Decision, body: Valu
             };
             Err(Refusal::new("not-offered", detail).into())
         }
-        Decided::Final(earlier) => {
-            Err(Refusal::new("already-decided", format!("an operator has {} this fit, which is final", earlier.as_str())).into())
+        Decided::Final(earlier) => Err(Refusal::new(
+            "already-decided",
+            format!("an operator has {} this fit, which is final", earlier.as_str()),
+        )
+        .into()),
+        Decided::Pinned => {
+            Err(Refusal::new("pinned", "the system is pinned: take the pin away first".to_owned()).into())
         }
-        Decided::Pinned => Err(Refusal::new("pinned", "the system is pinned: take the pin away first".to_owned()).into()),
-        Decided::OtherModel(model) => {
-            Err(Refusal::new("other-model", format!("the system has the model `{model}` by now: the fit is of another one")).into())
-        }
+        Decided::OtherModel(model) => Err(Refusal::new(
+            "other-model",
+            format!("the system has the model `{model}` by now: the fit is of another one"),
+        )
+        .into()),
     }
 }
 
@@ -86,7 +100,10 @@ pub async fn pin(service: &Service, system: &SystemId, body: Value, who: &str) -
         Pinned::NeverServed => {
             let detail = match fit {
                 Some(fit) => {
-                    format!("no revision of {system} came from the fit `{}`", fit.chars().take(80).collect::<String>().escape_debug())
+                    format!(
+                        "no revision of {system} came from the fit `{}`",
+                        fit.chars().take(80).collect::<String>().escape_debug()
+                    )
                 }
                 None => format!("no parameters of {system} were ever served"),
             };

@@ -24,7 +24,8 @@ use tokio::sync::oneshot;
 /// A record is looked at over at most this long, so that a look stays short however old the fit is.
 const LONGEST: Duration = Duration::from_days(60);
 
-/// Looks at one system after the other until the service stops. What arrived before the start is looked at first.
+/// Looks at one system after the other until the service stops. What arrived before the start is looked at
+/// first.
 pub async fn run(service: Arc<Service>, pool: ThreadPool) {
     match store::degradations::outdated(&service.store).await {
         Ok(systems) => systems.iter().for_each(|system| service.arrivals.note(system)),
@@ -40,7 +41,8 @@ pub async fn run(service: Arc<Service>, pool: ThreadPool) {
                 Ok(false) => {}
                 Ok(true) => {
                     if let Err(error) = refit(&service, &system).await {
-                        tracing::warn!(%error, %system, "what newer measurements contradict could not be fitted again");
+                        tracing::warn!(%error, %system, "what newer measurements contradict could not be \
+                            fitted again");
                     }
                 }
                 Err(error) => not_compared(&system, &error),
@@ -54,8 +56,8 @@ pub async fn run(service: Arc<Service>, pool: ThreadPool) {
     }
 }
 
-/// Looks at one system before a job that nobody has asked for replaces what it serves: measurements that came a moment ago may
-/// not have been looked at yet.
+/// Looks at one system before a job that nobody has asked for replaces what it serves: measurements that came
+/// a moment ago may not have been looked at yet.
 pub(in crate::service) async fn look_first(service: &Service, pool: &ThreadPool, system: &SystemId) {
     if let Err(error) = look(service, pool, system).await {
         not_compared(system, &error);
@@ -75,10 +77,14 @@ async fn refit(service: &Service, system: &SystemId) -> Result<(), ServiceError>
     Ok(())
 }
 
-/// Compares what is served with the newest measurements, and keeps what that says. Says whether it has become degraded by that.
+/// Compares what is served with the newest measurements, and keeps what that says. Says whether it has become
+/// degraded by that.
 async fn look(service: &Service, pool: &ThreadPool, system: &SystemId) -> Result<bool, ServiceError> {
     let Some(standing) = store::params::standing(&service.store, system).await? else { return Ok(false) };
-    let Some((revision, served)) = standing.revision.zip(store::fits::served(&service.store, system).await?) else { return Ok(false) };
+    let Some((revision, served)) = standing.revision.zip(store::fits::served(&service.store, system).await?)
+    else {
+        return Ok(false);
+    };
     if revision.fit != served.id {
         // Something was published in between, and its job has looked at the newest measurements itself.
         return Ok(false);
@@ -102,17 +108,47 @@ async fn look(service: &Service, pool: &ThreadPool, system: &SystemId) -> Result
         // Too little to tell leaves things as they are; only the states are newer.
         Newer::Silent => {
             let standing = standing.degradation.map(|record| record.degradation);
-            store::degradations::keep(&service.store, system, revision.revision, standing.as_ref(), state.as_ref(), service.now()).await?
+            store::degradations::keep(
+                &service.store,
+                system,
+                revision.revision,
+                standing.as_ref(),
+                state.as_ref(),
+                service.now(),
+            )
+            .await?
         }
         Newer::Agree { .. } => {
-            store::degradations::keep(&service.store, system, revision.revision, None, state.as_ref(), service.now()).await?
+            store::degradations::keep(
+                &service.store,
+                system,
+                revision.revision,
+                None,
+                state.as_ref(),
+                service.now(),
+            )
+            .await?
         }
         Newer::Contradict(found) => {
-            store::degradations::keep(&service.store, system, revision.revision, Some(found), state.as_ref(), service.now()).await?
+            store::degradations::keep(
+                &service.store,
+                system,
+                revision.revision,
+                Some(found),
+                state.as_ref(),
+                service.now(),
+            )
+            .await?
         }
     };
     if let Some(degraded) = turned {
-        tracing::warn!(%system, revision = revision.revision, degraded, "newer measurements {}", if degraded { "contradict what is served" } else { "agree again" });
+        tracing::warn!(
+            %system,
+            revision = revision.revision,
+            degraded,
+            "newer measurements {}",
+            if degraded { "contradict what is served" } else { "agree again" }
+        );
         params::refresh(service, system).await?;
     }
     Ok(turned == Some(true))

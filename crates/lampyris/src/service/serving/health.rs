@@ -63,7 +63,12 @@ impl Served {
 
 /// The forecast error at a horizon, or at the longest one below it that is known; else at the shortest.
 pub fn ahead(error: &ServedError, horizon: Duration) -> Option<(&str, f64)> {
-    let known = || error.ahead.iter().filter_map(|(name, rmse)| Some((name.parse::<Duration>().ok()?, name.as_str(), *rmse)));
+    let known = || {
+        error
+            .ahead
+            .iter()
+            .filter_map(|(name, rmse)| Some((name.parse::<Duration>().ok()?, name.as_str(), *rmse)))
+    };
     let below = known().filter(|(length, ..)| *length <= horizon).max_by_key(|(length, ..)| *length);
     below.or_else(|| known().min_by_key(|(length, ..)| *length)).map(|(_, name, rmse)| (name, rmse))
 }
@@ -82,15 +87,20 @@ pub fn health(served: Option<&Served>, newest: Option<&JobRecord>) -> (Health, S
         "validation_failed" => "the newest fit was rejected",
         _ => "the newest job failed",
     });
-    let flags: Vec<&str> = served.flags.iter().map(String::as_str).filter(|flag| !flag.starts_with(HARMLESS)).collect();
+    let flags: Vec<&str> =
+        served.flags.iter().map(String::as_str).filter(|flag| !flag.starts_with(HARMLESS)).collect();
     match (served.status.as_str(), failure) {
-        ("degraded", _) => (Health::Bad, "The error on new measurements is far above that of the validation.".to_owned()),
+        ("degraded", _) => {
+            (Health::Bad, "The error on new measurements is far above that of the validation.".to_owned())
+        }
         ("stale", Some(failure)) => (Health::Bad, format!("{OLD}, and {failure}.")),
         ("stale", None) => (Health::Attention, format!("{OLD}.")),
         ("pinned", _) => (Health::Attention, "An operator holds the parameters.".to_owned()),
         (_, Some(failure)) => (Health::Attention, format!("The previous parameters are served: {failure}.")),
         (_, None) if waits => (Health::Attention, "A fit waits for an operator.".to_owned()),
-        (_, None) if !flags.is_empty() => (Health::Attention, format!("The gate has flagged the parameters: {}.", flags.join(", "))),
+        (_, None) if !flags.is_empty() => {
+            (Health::Attention, format!("The gate has flagged the parameters: {}.", flags.join(", ")))
+        }
         (_, None) => (Health::Ok, "The parameters are fresh.".to_owned()),
     }
 }
@@ -103,7 +113,9 @@ fn never_validated(newest: Option<&JobRecord>) -> (Health, String) {
         (JobState::Queued | JobState::Running, _) => (Health::Unknown, "the newest job has not ended"),
         (JobState::Cancelled, _) => (Health::Unknown, "the newest job was cancelled"),
         (JobState::Failed, _) => (Health::Bad, "the newest job failed"),
-        (JobState::Succeeded, Some(Outcome::Held | Outcome::Suggested)) => (Health::Attention, "a fit waits for an operator"),
+        (JobState::Succeeded, Some(Outcome::Held | Outcome::Suggested)) => {
+            (Health::Attention, "a fit waits for an operator")
+        }
         (JobState::Succeeded, Some(Outcome::Rejected)) => (Health::Bad, "the newest fit was rejected"),
         (JobState::Succeeded, _) => (Health::Unknown, "the newest fit does not count for what is served"),
     };
@@ -117,9 +129,13 @@ mod tests {
 
     fn served(change: serde_json::Value) -> Served {
         let mut body = serde_json::json!({
-            "system": "room/4", "status": "fresh", "job": "job_1", "fallback": null, "flags": [], "fitted_at": "2026-01-01T00:00:00Z",
+            "system": "room/4", "status": "fresh", "job": "job_1", "fallback": null, "flags": [],
+            "fitted_at": "2026-01-01T00:00:00Z",
             "validated_at": "2026-01-02T00:00:00Z", "stale_after": null,
-            "error": {"T_room": {"unit": "K", "train_rmse": 0.2, "validation_rmse": 0.3, "ahead": {"PT1H": 0.1, "PT6H": 0.2, "PT24H": 0.3}}},
+            "error": {"T_room": {
+                "unit": "K", "train_rmse": 0.2, "validation_rmse": 0.3,
+                "ahead": {"PT1H": 0.1, "PT6H": 0.2, "PT24H": 0.3}
+            }},
         });
         body.as_object_mut().unwrap().extend(change.as_object().unwrap().clone());
         serde_json::from_value(body).unwrap()
@@ -167,9 +183,18 @@ mod tests {
         assert_eq!(word(serde_json::json!({"status": "stale"})), Health::Attention);
         assert_eq!(word(serde_json::json!({"status": "pinned"})), Health::Attention);
         assert_eq!(word(serde_json::json!({"status": "degraded"})), Health::Bad);
-        assert_eq!(word(serde_json::json!({"status": "stale", "fallback": reason("job_failed")})), Health::Bad);
-        let (word, why) = health(Some(&served(serde_json::json!({"status": "fallback", "fallback": reason("validation_failed")}))), None);
-        assert_eq!((word, why.as_str()), (Health::Attention, "The previous parameters are served: the newest fit was rejected."));
+        assert_eq!(
+            word(serde_json::json!({"status": "stale", "fallback": reason("job_failed")})),
+            Health::Bad
+        );
+        let (word, why) = health(
+            Some(&served(serde_json::json!({"status": "fallback", "fallback": reason("validation_failed")}))),
+            None,
+        );
+        assert_eq!(
+            (word, why.as_str()),
+            (Health::Attention, "The previous parameters are served: the newest fit was rejected.")
+        );
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! Keeps the snapshot behind `/params` true to the database.
 //!
-//! One function, [`refresh`], makes an entry from the database, whatever the reason; bodies therefore change at
-//! events only, and the turn to `stale` is an event that [`keep_fresh`] makes.
+//! One function, [`refresh`], makes an entry from the database, whatever the reason; bodies therefore change
+//! at events only, and the turn to `stale` is an event that [`keep_fresh`] makes.
 
 use super::body::{self, Status};
 use super::snapshot::{Answer, Entry};
@@ -19,7 +19,8 @@ use std::time::{Duration, Instant};
 
 /// The longest sleep of the timer: after a jump of the clock nothing is later than this.
 const LONGEST_SLEEP: Duration = Duration::from_secs(30);
-/// By how much a clock may go another way than time itself between two looks; one that is further off was set.
+/// By how much a clock may go another way than time itself between two looks; one that is further off was
+/// set.
 const LARGEST_SLIP: SignedDuration = SignedDuration::from_mins(1);
 
 /// Makes the entry of a system anew. To be called after every commit that may change it.
@@ -31,8 +32,11 @@ pub async fn refresh(service: &Service, system: &SystemId) -> Result<(), Service
     match standing(&service.store, system).await? {
         Some(standing) => {
             let entry = entry(service, standing).await?;
-            let has_fallen = |entry: &Entry| entry.validated().is_some_and(|served| served.status == Status::Fallback);
-            if has_fallen(&entry) && service.params.entry(&system.to_string()).is_some_and(|before| !has_fallen(&before)) {
+            let has_fallen =
+                |entry: &Entry| entry.validated().is_some_and(|served| served.status == Status::Fallback);
+            if has_fallen(&entry)
+                && service.params.entry(&system.to_string()).is_some_and(|before| !has_fallen(&before))
+            {
                 service.metrics.fell_back();
             }
             failpoint::reached("before_swap");
@@ -57,7 +61,8 @@ pub async fn load_all(service: &Service) -> Result<(), ServiceError> {
     Ok(())
 }
 
-/// Publishes the turn to `stale` when its time has come, until the service stops. A clock that was set makes every age another one.
+/// Publishes the turn to `stale` when its time has come, until the service stops. A clock that was set makes
+/// every age another one.
 pub async fn keep_fresh(service: Arc<Service>) {
     let mut stopping = service.stopping.subscribe();
     let mut known = (service.now(), Instant::now());
@@ -69,7 +74,10 @@ pub async fn keep_fresh(service: Arc<Service>) {
         let jump = now.duration_since(known.0) - passed;
         known = (now, Instant::now());
         if jump.abs() > LARGEST_SLIP {
-            tracing::warn!("the clock was set by {jump:#}, to {now}: the age of everything that is served is counted anew");
+            tracing::warn!(
+                "the clock was set by {jump:#}, to {now}: the age of everything that is served is counted \
+                anew"
+            );
             if let Err(error) = load_all(&service).await {
                 tracing::error!(%error, "the age of what is served could not be counted anew");
             }
@@ -112,7 +120,10 @@ async fn entry(service: &Service, standing: ServedState) -> Result<Entry, Servic
             let catalogue = service.catalogue.current();
             let system = standing.system;
             let nominal = blocking(move || body::nominal(system, &document, &catalogue)).await??;
-            Ok(Entry { answer: Answer::NeverValidated { latest_job: standing.latest_job, nominal }, turns_stale: None })
+            Ok(Entry {
+                answer: Answer::NeverValidated { latest_job: standing.latest_job, nominal },
+                turns_stale: None,
+            })
         }
     }
 }

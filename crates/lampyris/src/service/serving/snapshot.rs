@@ -15,7 +15,8 @@ use tokio::sync::{Mutex, Notify, watch};
 #[derive(Debug, Default)]
 pub struct Snapshot {
     slots: ArcSwap<HashMap<String, Arc<Slot>>>,
-    /// Entries are read from the database and swapped in by one at a time, so that an older one never comes last.
+    /// Entries are read from the database and swapped in by one at a time, so that an older one never comes
+    /// last.
     pub(super) refreshing: Mutex<()>,
     /// Told when an entry may turn stale earlier than the timer expects.
     pub(super) retime: Notify,
@@ -64,7 +65,8 @@ impl Snapshot {
 
     /// All systems with their entries, by name.
     pub fn all(&self) -> Vec<(String, Arc<Entry>)> {
-        let mut all: Vec<_> = self.slots.load().iter().map(|(system, slot)| (system.clone(), slot.entry.load_full())).collect();
+        let mut all: Vec<_> =
+            self.slots.load().iter().map(|(system, slot)| (system.clone(), slot.entry.load_full())).collect();
         all.sort_by(|a, b| a.0.cmp(&b.0));
         all
     }
@@ -82,7 +84,8 @@ impl Snapshot {
                 }
             }
             None => {
-                let slot = Arc::new(Slot { entry: ArcSwap::from_pointee(entry), changed: watch::Sender::new(()) });
+                let slot =
+                    Arc::new(Slot { entry: ArcSwap::from_pointee(entry), changed: watch::Sender::new(()) });
                 self.slots.rcu(|slots| {
                     let mut more = HashMap::clone(slots);
                     more.insert(name.clone(), slot.clone());
@@ -124,7 +127,10 @@ impl Entry {
     fn says_the_same(&self, other: &Entry) -> bool {
         match (&self.answer, &other.answer) {
             (Answer::Validated(mine), Answer::Validated(theirs)) => mine.etag == theirs.etag,
-            (Answer::NeverValidated { latest_job: mine, .. }, Answer::NeverValidated { latest_job: theirs, .. }) => mine == theirs,
+            (
+                Answer::NeverValidated { latest_job: mine, .. },
+                Answer::NeverValidated { latest_job: theirs, .. },
+            ) => mine == theirs,
             _ => false,
         }
     }

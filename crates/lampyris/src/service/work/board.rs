@@ -58,7 +58,8 @@ struct Running {
     told_incumbent_last: bool,
 }
 
-/// A panic while a lock was held cannot have left what it guards half-changed: every use is one assignment or call.
+/// A panic while a lock was held cannot have left what it guards half-changed: every use is one assignment or
+/// call.
 fn held<T>(lock: &Mutex<T>) -> MutexGuard<'_, T> {
     lock.lock().unwrap_or_else(PoisonError::into_inner)
 }
@@ -121,7 +122,11 @@ impl Live {
             since: now,
             // The budget of a tuning is that of each of its searches.
             // Nor does the budget of its fit say when a diagnosis ends.
-            budget: job.request.pointer("/budget/evaluations").and_then(Value::as_u64).filter(|_| job.kind == JobKind::Estimate),
+            budget: job
+                .request
+                .pointer("/budget/evaluations")
+                .and_then(Value::as_u64)
+                .filter(|_| job.kind == JobKind::Estimate),
             earlier: 0,
             progress: None,
             trials_since: None,
@@ -136,7 +141,9 @@ impl Live {
         let mut running = held(&self.running);
         let running = running.as_mut()?;
         // A job may search several times, each time counting from nought.
-        let begins = |last: &&Progress| news.evaluations < last.evaluations || news.trials.is_some() != last.trials.is_some();
+        let begins = |last: &&Progress| {
+            news.evaluations < last.evaluations || news.trials.is_some() != last.trials.is_some()
+        };
         if let Some(last) = running.progress.as_ref().filter(begins) {
             running.earlier += last.evaluations;
         }
@@ -165,7 +172,9 @@ impl Running {
         let pace = self.since.elapsed().as_secs_f64() / (evaluations.max(1) as f64);
         let trials = progress.trials.as_ref();
         let share = trials.and_then(|trials| trials.share).filter(|share| *share > 0.0);
-        let of_trials = share.zip(self.trials_since).map(|(share, since)| since.elapsed().as_secs_f64() * (1.0 - share) / share);
+        let of_trials = share
+            .zip(self.trials_since)
+            .map(|(share, since)| since.elapsed().as_secs_f64() * (1.0 - share) / share);
         let eta = of_trials.or(left.map(|left| left as f64 * pace));
         Some(Report {
             generation: progress.generation,
@@ -180,7 +189,8 @@ impl Running {
     /// Progress and new best parameters take turns, so that neither keeps the other from being told.
     fn news(&mut self) -> Option<JobChange> {
         let incumbent = self.progress.as_ref().and_then(|progress| progress.incumbent.clone());
-        let is_new = incumbent.as_ref().is_some_and(|new| self.told.as_ref().is_none_or(|old| !Arc::ptr_eq(old, new)));
+        let is_new =
+            incumbent.as_ref().is_some_and(|new| self.told.as_ref().is_none_or(|old| !Arc::ptr_eq(old, new)));
         self.told_incumbent_last = is_new && !self.told_incumbent_last;
         if self.told_incumbent_last {
             self.told.clone_from(&incumbent);
@@ -219,7 +229,12 @@ mod tests {
     }
 
     fn news(evaluations: usize, incumbent: &Arc<IndexMap<String, f64>>) -> Progress {
-        Progress { evaluations, best_train: Some(1.0), incumbent: Some(incumbent.clone()), ..Progress::default() }
+        Progress {
+            evaluations,
+            best_train: Some(1.0),
+            incumbent: Some(incumbent.clone()),
+            ..Progress::default()
+        }
     }
 
     #[test]
@@ -233,7 +248,10 @@ mod tests {
         later(&live);
         assert!(matches!(live.report(&news(40, &best)), Some(JobChange::Progress(_))));
         later(&live);
-        assert!(matches!(live.report(&news(50, &best)), Some(JobChange::Progress(_))), "the same parameters are no news");
+        assert!(
+            matches!(live.report(&news(50, &best)), Some(JobChange::Progress(_))),
+            "the same parameters are no news"
+        );
         let better = Arc::new(IndexMap::from([("a".to_owned(), 2.0)]));
         later(&live);
         assert_eq!(live.report(&news(60, &better)), Some(JobChange::Incumbent(better)));
@@ -247,7 +265,9 @@ mod tests {
         let report = || held(&live.running).as_ref().unwrap().report().unwrap();
         live.report(&news(100, &best));
         assert_eq!((report().eta_s, report().trials), (None, None), "nobody knows yet");
-        let trials = |share| Some(Trials { round: 1, tried: 3, of: 12, leader: Some("wind_infiltration".to_owned()), share });
+        let trials = |share| {
+            Some(Trials { round: 1, tried: 3, of: 12, leader: Some("wind_infiltration".to_owned()), share })
+        };
         live.report(&Progress { evaluations: 120, trials: trials(None), ..Progress::default() });
         assert_eq!((report().eta_s, report().evaluations), (None, 220));
         let began = Instant::now().checked_sub(Duration::from_secs(30)).unwrap();

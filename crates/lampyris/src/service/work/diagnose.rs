@@ -21,7 +21,9 @@ pub fn run(input: &Input, control: &Control<'_>) -> Result<JudgedFit, Stopped> {
     let site = input.system.site();
     let rate = input.request.accusation_rate;
     let (theta, earlier) = (finding.fit.theta(), &input.evidence);
-    let diagnosis = diagnose::diagnose(&input.catalogue, &problem, &theta, &window, &site, rate, earlier, control).map_err(halted)?;
+    let diagnosis =
+        diagnose::diagnose(&input.catalogue, &problem, &theta, &window, &site, rate, earlier, control)
+            .map_err(halted)?;
     Ok(JudgedFit { report: Some(Report::Diagnosis(Box::new(diagnosis))), ..finding })
 }
 
@@ -36,7 +38,8 @@ pub fn ladder(input: &Input, control: &Control<'_>) -> Result<JudgedFit, Stopped
         Criterion::HeldOut => diagnose::ladder::ladder,
         Criterion::Lrt => diagnose::nested::ladder_by_likelihood,
     };
-    let ladder = ladder(&input.catalogue, &problem, &finding.fit.theta(), &window, &site, STEPS, control).map_err(halted)?;
+    let ladder = ladder(&input.catalogue, &problem, &finding.fit.theta(), &window, &site, STEPS, control)
+        .map_err(halted)?;
     Ok(JudgedFit { report: Some(Report::Ladder(Box::new(ladder))), ..finding })
 }
 

@@ -52,23 +52,27 @@ pub fn fitted(input: &Input, control: &Control<'_>) -> Result<FirstFit, Stopped>
     let problem = input.problem(&window).map_err(failed)?;
     let past = Past {
         // They are for comparing with what is served.
-        days_before: input
-            .served
-            .as_ref()
-            .and_then(|_| days_before(&input.catalogue, &input.request, &window, &input.system.site(), &problem)),
+        days_before: input.served.as_ref().and_then(|_| {
+            days_before(&input.catalogue, &input.request, &window, &input.system.site(), &problem)
+        }),
         next_door: input.weather_next_door().map_err(failed)?,
         ..input.past()
     };
-    let mut fit = estimate(&problem, &input.request, past.incumbent.as_ref(), control).map_err(|error| stopped(&error))?;
-    fit.worst_regime = worst_regime(&problem, &fit, &window, fit.seed).map_err(|fault| Stopped::Failed(invalid(vec![fault])))?;
+    let mut fit = estimate(&problem, &input.request, past.incumbent.as_ref(), control)
+        .map_err(|error| stopped(&error))?;
+    fit.worst_regime = worst_regime(&problem, &fit, &window, fit.seed)
+        .map_err(|fault| Stopped::Failed(invalid(vec![fault])))?;
     let policy = Policy { horizon: input.system.policy.horizon, excluded: input.system.excluded() };
     let mut judgement = validate(&problem, &fit, &past, &policy);
     if let (Verdict::Accepted(_), true) = (&judgement.verdict, input.is_narrowed()) {
-        judgement.summary += "; fitted with bounds or fixed values of its own: it waits for an operator's word";
+        judgement.summary +=
+            "; fitted with bounds or fixed values of its own: it waits for an operator's word";
     }
     let grid = problem.grid();
     let finding = JudgedFit {
-        windows: input.cited(&window, grid.start(), grid.time(grid.len().saturating_sub(1))).map_err(failed)?,
+        windows: input
+            .cited(&window, grid.start(), grid.time(grid.len().saturating_sub(1)))
+            .map_err(failed)?,
         state: current_state(&problem, &fit),
         incumbent_state: incumbent_state(input, &problem),
         automatic: input.system.policy.mode == Mode::Auto && !input.is_narrowed(),
@@ -80,7 +84,10 @@ pub fn fitted(input: &Input, control: &Control<'_>) -> Result<FirstFit, Stopped>
 }
 
 /// The states by the parameters that are served now, where they are parameters of this model.
-fn incumbent_state(input: &Input, problem: &Problem) -> Option<lampyris_core::estimate::assess::metrics::CurrentState> {
+fn incumbent_state(
+    input: &Input,
+    problem: &Problem,
+) -> Option<lampyris_core::estimate::assess::metrics::CurrentState> {
     let served = &input.served.as_ref()?.fit;
     let names = problem.model().parameters().iter().map(|parameter| &parameter.name);
     let same = served.model == problem.model().id().to_string() && names.eq(served.parameters.keys());
@@ -113,7 +120,11 @@ pub fn describe(error: ServiceError) -> JobFailure {
         ServiceError::Faults(faults) => invalid(faults),
         ServiceError::Store(error) => {
             tracing::error!(%error, "a job could not read its input");
-            JobFailure { code: "storage".to_owned(), detail: "the stored measurements could not be read".to_owned(), errors: Vec::new() }
+            JobFailure {
+                code: "storage".to_owned(),
+                detail: "the stored measurements could not be read".to_owned(),
+                errors: Vec::new(),
+            }
         }
         other => JobFailure { code: "internal".to_owned(), detail: other.to_string(), errors: Vec::new() },
     }

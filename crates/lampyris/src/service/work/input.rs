@@ -43,7 +43,8 @@ pub struct Input {
     pub posted: bool,
     /// What a fit is judged beside, apart from what is served now.
     pub past: Past,
-    /// What earlier diagnoses of the system saw, beside any model; of jobs that do not diagnose nothing is collected.
+    /// What earlier diagnoses of the system saw, beside any model; of jobs that do not diagnose nothing is
+    /// collected.
     pub evidence: Vec<Entry>,
     measurements: Measurements,
 }
@@ -85,11 +86,16 @@ async fn past(service: &Service, job: &JobRecord, served: Option<&FitRecord>) ->
     };
     let served_then = reference("the parameters served 30 days ago", trusted.served_then);
     let confirmed = reference("the last parameters that an operator confirmed", trusted.confirmed);
-    Ok(Past { references: served_then.into_iter().chain(confirmed).collect(), degraded: degraded(service, job).await?, ..Past::default() })
+    Ok(Past {
+        references: served_then.into_iter().chain(confirmed).collect(),
+        degraded: degraded(service, job).await?,
+        ..Past::default()
+    })
 }
 
-/// Since when newer measurements contradict what is served, where a job is nobody's wish: whoever posts one may know why the room
-/// has changed. While that stands every night has to answer for itself, not only the job that is submitted at once.
+/// Since when newer measurements contradict what is served, where a job is nobody's wish: whoever posts one
+/// may know why the room has changed. While that stands every night has to answer for itself, not only the
+/// job that is submitted at once.
 async fn degraded(service: &Service, job: &JobRecord) -> Result<Option<i64>, ServiceError> {
     if job.origin == Origin::Posted {
         return Ok(None);
@@ -99,7 +105,8 @@ async fn degraded(service: &Service, job: &JobRecord) -> Result<Option<i64>, Ser
     Ok(found.and_then(|found| read_time("", &found.from).ok()))
 }
 
-/// Collects the input of one computation on a system, with so many seconds of measurements before those that are asked for.
+/// Collects the input of one computation on a system, with so many seconds of measurements before those that
+/// are asked for.
 ///
 /// # Errors
 /// Where there are no measurements or the database fails.
@@ -113,13 +120,24 @@ pub async fn collect(
 ) -> Result<Input, ServiceError> {
     let extent = store::windows::extent(&service.store, name).await?;
     let Some((first, newest)) = extent else {
-        return Err(ServiceError::Faults(vec![Fault::new("/window", "no-data", format!("there are no measurements of {name}"))]));
+        return Err(ServiceError::Faults(vec![Fault::new(
+            "/window",
+            "no-data",
+            format!("there are no measurements of {name}"),
+        )]));
     };
     let (from, to) = range(request.window.as_ref(), first, newest).map_err(ServiceError::Faults)?;
     Ok(Input {
         catalogue: service.catalogue.current(),
         model,
-        measurements: measurements(service, name, &system.neighbours, &system.exclude, (from.saturating_sub(before), to)).await?,
+        measurements: measurements(
+            service,
+            name,
+            &system.neighbours,
+            &system.exclude,
+            (from.saturating_sub(before), to),
+        )
+        .await?,
         served: store::fits::served(&service.store, name).await?,
         posted: false,
         past: Past::default(),
@@ -142,7 +160,10 @@ pub async fn measurements(
 ) -> Result<Measurements, ServiceError> {
     let mut neighbours = Vec::new();
     for neighbour in next_door {
-        neighbours.push((neighbour.clone(), store::windows::blocks(&service.store, neighbour, (from, to), None).await?));
+        neighbours.push((
+            neighbour.clone(),
+            store::windows::blocks(&service.store, neighbour, (from, to), None).await?,
+        ));
     }
     Ok(Measurements {
         windows: store::windows::blocks(&service.store, system, (from, to), None).await?,
@@ -156,10 +177,12 @@ fn range(asked: Option<&WindowRange>, first: i64, newest: i64) -> Result<(i64, i
     let Some(asked) = asked else {
         return Ok((first, newest));
     };
-    let time =
-        |field: &str, text: &Option<String>| text.as_ref().map(|text| read_time(field, text)).transpose().map_err(|fault| vec![fault]);
+    let time = |field: &str, text: &Option<String>| {
+        text.as_ref().map(|text| read_time(field, text)).transpose().map_err(|fault| vec![fault])
+    };
     let to = time("/window/to", &asked.to)?.unwrap_or(newest);
-    let from = time("/window/from", &asked.from)?.or(asked.last.map(|last| to - last.seconds())).unwrap_or(first);
+    let from =
+        time("/window/from", &asked.from)?.or(asked.last.map(|last| to - last.seconds())).unwrap_or(first);
     Ok((from, to))
 }
 
@@ -173,7 +196,8 @@ impl Measurements {
         self.without_exclusions(Window::stitch(&windows).map_err(ServiceError::Faults)?, catalogue, model)
     }
 
-    /// The ids of the uploaded windows that gave a sample to `joined`, which is [`Measurements::window`], between two instants.
+    /// The ids of the uploaded windows that gave a sample to `joined`, which is [`Measurements::window`],
+    /// between two instants.
     fn cited(&self, joined: &Window, from: i64, to: i64) -> Result<Vec<String>, ServiceError> {
         let (ids, windows) = self.sources()?;
         let used = joined.slice(from, to).map_err(ServiceError::Faults)?;
@@ -202,11 +226,16 @@ impl Measurements {
     fn weather_next_door(&self) -> Result<Vec<NextDoor>, ServiceError> {
         let mut all = Vec::new();
         for (neighbour, blocks) in &self.neighbours {
-            let with_weather = unpack(blocks)?.into_iter().filter_map(|window| window.series(OUTDOOR_TEMPERATURE).cloned());
-            let windows: Result<Vec<Window>, _> = with_weather.map(|series| Window::from_series(vec![series])).collect();
+            let with_weather =
+                unpack(blocks)?.into_iter().filter_map(|window| window.series(OUTDOOR_TEMPERATURE).cloned());
+            let windows: Result<Vec<Window>, _> =
+                with_weather.map(|series| Window::from_series(vec![series])).collect();
             let windows = windows.map_err(ServiceError::Faults)?;
             if !windows.is_empty() {
-                all.push(NextDoor { name: neighbour.to_string(), weather: Window::stitch(&windows).map_err(ServiceError::Faults)? });
+                all.push(NextDoor {
+                    name: neighbour.to_string(),
+                    weather: Window::stitch(&windows).map_err(ServiceError::Faults)?,
+                });
             }
         }
         Ok(all)
@@ -214,12 +243,20 @@ impl Measurements {
 
     /// Takes the measured outputs out of the stretches that are not to be trusted; inputs stay, so that the
     /// simulation runs through.
-    fn without_exclusions(&self, window: Window, catalogue: &Catalogue, model: &ModelId) -> Result<Window, ServiceError> {
+    fn without_exclusions(
+        &self,
+        window: Window,
+        catalogue: &Catalogue,
+        model: &ModelId,
+    ) -> Result<Window, ServiceError> {
         if self.exclude.is_empty() {
             return Ok(window);
         }
-        let spans: Vec<(i64, i64)> =
-            self.exclude.iter().filter_map(|span| Some((read_time("", &span.from).ok()?, read_time("", &span.to).ok()?))).collect();
+        let spans: Vec<(i64, i64)> = self
+            .exclude
+            .iter()
+            .filter_map(|span| Some((read_time("", &span.from).ok()?, read_time("", &span.to).ok()?)))
+            .collect();
         let outputs = catalogue.compose(model).map_err(ServiceError::Faults)?.spec.outputs;
         let trusted = |time: i64| !spans.iter().any(|(from, to)| (*from..=*to).contains(&time));
         let mut all = Vec::new();
@@ -228,8 +265,13 @@ impl Measurements {
                 all.push(series.clone());
                 continue;
             }
-            let kept: Vec<(i64, f64)> =
-                series.times().iter().copied().zip(series.values().iter().copied()).filter(|(time, _)| trusted(*time)).collect();
+            let kept: Vec<(i64, f64)> = series
+                .times()
+                .iter()
+                .copied()
+                .zip(series.values().iter().copied())
+                .filter(|(time, _)| trusted(*time))
+                .collect();
             if !kept.is_empty() {
                 let (times, values) = kept.into_iter().unzip();
                 let one = Series::new(series.channel(), series.unit(), series.hold(), times, values);
@@ -249,7 +291,8 @@ impl Input {
         self.measurements.window(&self.catalogue, &self.model)
     }
 
-    /// The ids of the uploaded windows that gave a sample to `joined`, which is [`Input::window`], between two instants.
+    /// The ids of the uploaded windows that gave a sample to `joined`, which is [`Input::window`], between
+    /// two instants.
     ///
     /// # Errors
     /// As [`Input::window`].
@@ -270,11 +313,12 @@ impl Input {
     /// # Errors
     /// Faults of the model, the request and the measurements.
     pub fn problem(&self, window: &Window) -> Result<Problem, ServiceError> {
-        prepare(&self.catalogue, &self.model, &self.request, window, &self.system.site()).map_err(ServiceError::Faults)
+        prepare(&self.catalogue, &self.model, &self.request, window, &self.system.site())
+            .map_err(ServiceError::Faults)
     }
 
-    /// Whether somebody has narrowed this one search: such a fit may be served, but the nights to come are not to be measured by it
-    /// unless an operator wants that.
+    /// Whether somebody has narrowed this one search: such a fit may be served, but the nights to come are
+    /// not to be measured by it unless an operator wants that.
     pub fn is_narrowed(&self) -> bool {
         self.posted && (self.request.bounds != self.system.bounds || self.request.fixed != self.system.fixed)
     }
@@ -289,7 +333,12 @@ impl Input {
         let served = self.served.as_ref()?;
         Some(Incumbent {
             model: served.fit.model.parse().ok()?,
-            theta: served.fit.parameters.iter().map(|(name, estimate)| (name.clone(), estimate.value)).collect(),
+            theta: served
+                .fit
+                .parameters
+                .iter()
+                .map(|(name, estimate)| (name.clone(), estimate.value))
+                .collect(),
             levels: served.fit.levels.clone(),
         })
     }
@@ -301,6 +350,7 @@ fn room_temperature(neighbour: &SystemId, window: &Window) -> Result<Option<Seri
         return Ok(None);
     };
     let name = format!("{ROOM_TEMPERATURE}_{}", neighbour.id());
-    let renamed = Series::new(&name, series.unit(), series.hold(), series.times().to_vec(), series.values().to_vec());
+    let renamed =
+        Series::new(&name, series.unit(), series.hold(), series.times().to_vec(), series.values().to_vec());
     renamed.map(Some).map_err(|fault| ServiceError::Faults(vec![fault]))
 }

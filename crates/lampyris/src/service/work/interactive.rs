@@ -1,8 +1,8 @@
 //! Short CPU work that somebody waits for: comparisons, diagnostics, previews.
 //!
-//! It has threads of its own that are less nice than those of the jobs. A job holds its pool until it ends, so a
-//! place at the head of the same pool would still mean waiting for a whole search; this way the work starts at
-//! once, and the system gives it the CPU before any job and after any handler.
+//! It has threads of its own that are less nice than those of the jobs. A job holds its pool until it ends,
+//! so a place at the head of the same pool would still mean waiting for a whole search; this way the work
+//! starts at once, and the system gives it the CPU before any job and after any handler.
 //!
 //! Answers are kept by a key that names everything they depend on. Equal requests at the same time are
 //! computed once, and more of them than [`MOST_PENDING`] are refused instead of piled up.
@@ -76,7 +76,10 @@ impl Interactive {
     pub fn new(threads: usize) -> Result<Self, ThreadPoolBuildError> {
         let kept = CachedAnswers { answers: IndexMap::new(), bytes: 0, most: KEPT_BYTES };
         let desk = Desk { pending: HashMap::new(), kept, computed: 0 };
-        Ok(Self { pool: nice_pool(threads, "interactive".to_owned(), NICENESS)?, desk: Arc::new(Mutex::new(desk)) })
+        Ok(Self {
+            pool: nice_pool(threads, "interactive".to_owned(), NICENESS)?,
+            desk: Arc::new(Mutex::new(desk)),
+        })
     }
 
     /// The answer to a request that was answered before.
@@ -94,8 +97,8 @@ impl Interactive {
         self.desk().pending.len()
     }
 
-    /// The answer to a request: kept, being computed for somebody else, or computed now while this task sleeps.
-    /// The key must name everything that the answer depends on.
+    /// The answer to a request: kept, being computed for somebody else, or computed now while this task
+    /// sleeps. The key must name everything that the answer depends on.
     ///
     /// # Errors
     /// Those of the work, and where too much is asked at once.
@@ -135,10 +138,16 @@ fn lock(desk: &Mutex<Desk>) -> MutexGuard<'_, Desk> {
 }
 
 /// Does the work on a thread of the pool and tells everybody who waits.
-fn compute(desk: &Mutex<Desk>, key: &str, sender: &watch::Sender<Option<Outcome>>, work: impl FnOnce() -> Result<Vec<u8>, ServiceError>) {
+fn compute(
+    desk: &Mutex<Desk>,
+    key: &str,
+    sender: &watch::Sender<Option<Outcome>>,
+    work: impl FnOnce() -> Result<Vec<u8>, ServiceError>,
+) {
     {
         let mut desk = lock(desk);
-        // Who asked may have gone while the work waited for its thread; joining needs the desk, so nobody comes now.
+        // Who asked may have gone while the work waited for its thread; joining needs the desk, so nobody
+        // comes now.
         if sender.receiver_count() == 0 {
             desk.pending.remove(key);
             return;
@@ -239,7 +248,10 @@ mod tests {
             assert_eq!(&*one.await.unwrap(), b"one");
         }
         assert_eq!(&*interactive.answer("a", || bytes("never")).await.unwrap(), b"one");
-        assert_eq!((interactive.computed(), interactive.known("a").is_some(), interactive.known("b").is_some()), (1, true, false));
+        assert_eq!(
+            (interactive.computed(), interactive.known("a").is_some(), interactive.known("b").is_some()),
+            (1, true, false)
+        );
     }
 
     #[tokio::test]
@@ -279,7 +291,10 @@ mod tests {
     async fn failures_are_told_and_not_kept() {
         let interactive = Interactive::new(1).unwrap();
         let fault = || Err(ServiceError::Faults(vec![Fault::new("/x", "x", "x")]));
-        assert!(matches!(interactive.answer("a", fault).await, Err(ServiceError::Faults(faults)) if faults.len() == 1));
+        assert!(matches!(
+            interactive.answer("a", fault).await,
+            Err(ServiceError::Faults(faults)) if faults.len() == 1
+        ));
         assert!(matches!(
             interactive.answer("a", || std::panic::resume_unwind(Box::new("expected by this test"))).await,
             Err(ServiceError::Internal(_))
@@ -290,7 +305,8 @@ mod tests {
     #[test]
     fn the_answers_that_were_used_last_are_kept() {
         let mut kept = CachedAnswers { answers: IndexMap::new(), bytes: 0, most: 10 };
-        let put = |kept: &mut CachedAnswers, key: &str, length: usize| kept.put(key, Answer::from(vec![0; length]));
+        let put =
+            |kept: &mut CachedAnswers, key: &str, length: usize| kept.put(key, Answer::from(vec![0; length]));
         put(&mut kept, "a", 4);
         put(&mut kept, "b", 4);
         assert!(kept.get("a").is_some());

@@ -1,10 +1,11 @@
 //! From the claim to the verdict, on the CPU pools.
 //!
-//! `worker` claims a job, `input` collects what it needs, and `estimate`, `diagnose` or `tune` does it; the worker writes its end. `board`
-//! knows who runs now, with the `progress` that watchers are told and the switch that calls a job off.
+//! `worker` claims a job, `input` collects what it needs, and `estimate`, `diagnose` or `tune` does it; the
+//! worker writes its end. `board` knows who runs now, with the `progress` that watchers are told and the
+//! switch that calls a job off.
 //!
-//! `interactive` is short work that somebody waits for: first in line, bounded, kept. `poison` is a hook for tests: jobs that go wrong on
-//! purpose.
+//! `interactive` is short work that somebody waits for: first in line, bounded, kept. `poison` is a hook for
+//! tests: jobs that go wrong on purpose.
 
 pub mod board;
 pub mod diagnose;

@@ -1,7 +1,8 @@
-//! A hook for tests of what a bad job does to the others: jobs of some systems go wrong in the middle of their search.
+//! A hook for tests of what a bad job does to the others: jobs of some systems go wrong in the middle of
+//! their search.
 //!
-//! Nothing happens unless the variable `LAMPYRIS_POISON` of the environment was set when the first job started, such as
-//! `room/7:panic,room/8:stall,room/9:abort`.
+//! Nothing happens unless the variable `LAMPYRIS_POISON` of the environment was set when the first job
+//! started, such as `room/7:panic,room/8:stall,room/9:abort`.
 //!
 //! | word | what the job does |
 //! |---|---|
@@ -16,7 +17,10 @@ use std::time::Duration;
 
 static POISONED: LazyLock<HashMap<String, String>> = LazyLock::new(|| {
     let text = std::env::var("LAMPYRIS_POISON").unwrap_or_default();
-    text.split(',').filter_map(|pair| pair.split_once(':')).map(|(system, word)| (system.to_owned(), word.to_owned())).collect()
+    text.split(',')
+        .filter_map(|pair| pair.split_once(':'))
+        .map(|(system, word)| (system.to_owned(), word.to_owned()))
+        .collect()
 });
 
 /// Does to a job of this system what the environment says. Outside of tests this is a look into an empty map.

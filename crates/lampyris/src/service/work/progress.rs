@@ -16,8 +16,8 @@ pub struct Report {
     pub best_train: Option<f64>,
     /// Free-run error of the best candidate on the validation part, as of the last look at it.
     pub best_validation: Option<f64>,
-    /// Seconds until the budget is used up at this pace; it may end sooner. Of a diagnosis the seconds that its trials will take, once
-    /// its model is fitted.
+    /// Seconds until the budget is used up at this pace; it may end sooner. Of a diagnosis the seconds that
+    /// its trials will take, once its model is fitted.
     pub eta_s: Option<f64>,
     /// Of a diagnosis, once its model is fitted.
     pub trials: Option<Trials>,

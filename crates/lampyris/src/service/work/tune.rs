@@ -1,4 +1,5 @@
-//! The work of a `tune` job: settings of the search, chosen on the system's own past. It runs on the CPU pool.
+//! The work of a `tune` job: settings of the search, chosen on the system's own past. It runs on the CPU
+//! pool.
 
 use super::estimate::{Stopped, describe, invalid, stopped};
 use super::input::Input;

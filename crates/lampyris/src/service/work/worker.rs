@@ -36,7 +36,8 @@ pub async fn run(service: Arc<Service>, pool: ThreadPool) {
     let _alive = Alive::new(&service.workers_alive);
     let mut stopping = service.stopping.subscribe();
     while !*stopping.borrow_and_update() {
-        // Interest is registered before the queue is asked, so that a job that comes in between is not missed.
+        // Interest is registered before the queue is asked, so that a job that comes in between is not
+        // missed.
         let mut woken = pin!(service.wake.notified());
         woken.as_mut().enable();
         let pause = match jobs::claim(&service.store, service.boot, service.now()).await {
@@ -93,7 +94,14 @@ async fn process(service: &Arc<Service>, pool: &ThreadPool, job: JobRecord) {
     followed(service).await;
     service.metrics.job_started(&job);
     service.events.publish(&job.id, &job.system, JobChange::Started(Box::new(job.clone())));
-    tracing::info!(job = %job.id, system = %job.system, attempt = job.attempt, "started {} for {}", job.kind.as_str(), job.system);
+    tracing::info!(
+        job = %job.id,
+        system = %job.system,
+        attempt = job.attempt,
+        "started {} for {}",
+        job.kind.as_str(),
+        job.system
+    );
     refreshed(service, &job).await;
     if job.kind == JobKind::Estimate && job.origin == Origin::Scheduled {
         degradations::look_first(service, pool, &job.system).await;
@@ -106,7 +114,13 @@ async fn process(service: &Arc<Service>, pool: &ThreadPool, job: JobRecord) {
 }
 
 /// Computes on the pool while this task sleeps.
-async fn compute(service: &Arc<Service>, pool: &ThreadPool, live: &Arc<Live>, job: &JobRecord, input: Input) -> End {
+async fn compute(
+    service: &Arc<Service>,
+    pool: &ThreadPool,
+    live: &Arc<Live>,
+    job: &JobRecord,
+    input: Input,
+) -> End {
     let (sender, receiver) = oneshot::channel();
     let (shared, place, job) = (service.clone(), live.clone(), job.clone());
     pool.spawn(move || {
@@ -120,7 +134,11 @@ async fn compute(service: &Arc<Service>, pool: &ThreadPool, live: &Arc<Live>, jo
         Ok(Ok(Err(Stopped::Interrupted))) if live.is_cancelled() => End::Cancelled,
         Ok(Ok(Err(Stopped::Interrupted))) => End::GivenBack,
         Ok(Err(panic)) => End::Failed(panicked(&*panic)),
-        Err(_) => End::Failed(JobFailure { code: "panic".into(), detail: "the job's thread is gone".into(), errors: Vec::new() }),
+        Err(_) => End::Failed(JobFailure {
+            code: "panic".into(),
+            detail: "the job's thread is gone".into(),
+            errors: Vec::new(),
+        }),
     }
 }
 
@@ -163,10 +181,18 @@ async fn record(service: &Arc<Service>, job: &JobRecord, lease: &Lease, mut end:
     loop {
         let written = match &end {
             End::GivenBack => jobs::requeue(&service.store, lease, service.now()).await.map(|()| None),
-            End::Found(finding) => finish(&service.store, lease, &JobEnd::Fitted(finding), service.now()).await.map(Some),
-            End::Tuned(tuned) => finish(&service.store, lease, &JobEnd::Tuned(tuned), service.now()).await.map(Some),
-            End::Failed(failure) => finish(&service.store, lease, &JobEnd::Failed(failure), service.now()).await.map(Some),
-            End::Cancelled => finish(&service.store, lease, &JobEnd::Cancelled, service.now()).await.map(Some),
+            End::Found(finding) => {
+                finish(&service.store, lease, &JobEnd::Fitted(finding), service.now()).await.map(Some)
+            }
+            End::Tuned(tuned) => {
+                finish(&service.store, lease, &JobEnd::Tuned(tuned), service.now()).await.map(Some)
+            }
+            End::Failed(failure) => {
+                finish(&service.store, lease, &JobEnd::Failed(failure), service.now()).await.map(Some)
+            }
+            End::Cancelled => {
+                finish(&service.store, lease, &JobEnd::Cancelled, service.now()).await.map(Some)
+            }
         };
         match written {
             Ok(finished) => {
@@ -176,13 +202,21 @@ async fn record(service: &Arc<Service>, job: &JobRecord, lease: &Lease, mut end:
                 match (&end, finished) {
                     (End::Found(finding), Some(finished)) => tracing::info!(
                         job = %job.id, system = %job.system, fit = finished.fit, revision = finished.revision,
-                        "{}: {}", finished.outcome.map_or("ended", |outcome| outcome.as_str()), finding.judgement.summary
+                        "{}: {}", finished.outcome.map_or("ended", |outcome| outcome.as_str()),
+                        finding.judgement.summary
                     ),
                     (End::Tuned(tuned), Some(finished)) => tracing::info!(
-                        job = %job.id, system = %job.system, outcome = ?finished.outcome, "{}", tuned.tuning.summary
+                        job = %job.id, system = %job.system, outcome = ?finished.outcome, "{}",
+                        tuned.tuning.summary
                     ),
                     (End::Failed(failure), _) => {
-                        tracing::warn!(job = %job.id, system = %job.system, code = failure.code, "failed: {}", failure.detail)
+                        tracing::warn!(
+                            job = %job.id,
+                            system = %job.system,
+                            code = failure.code,
+                            "failed: {}",
+                            failure.detail
+                        )
                     }
                     (End::GivenBack, _) => tracing::info!(job = %job.id, "given back to the queue"),
                     _ => tracing::info!(job = %job.id, "cancelled"),
@@ -202,10 +236,13 @@ async fn record(service: &Arc<Service>, job: &JobRecord, lease: &Lease, mut end:
             Err(error) => {
                 tracing::error!(%error, job = %job.id, "the end of a job could not be written, trying again");
                 tries += 1;
-                if tries == TRIES && matches!((&end, &error), (End::Found(_) | End::Tuned(_), StoreError::Full(_))) {
-                    // A running job keeps its windows from being deleted, which may be the only way to make room. A failure
-                    // takes less of it than a result.
-                    let detail = "the database had no room for the result: make room, and do the job again".to_owned();
+                if tries == TRIES
+                    && matches!((&end, &error), (End::Found(_) | End::Tuned(_), StoreError::Full(_)))
+                {
+                    // A running job keeps its windows from being deleted, which may be the only way to make
+                    // room. A failure takes less of it than a result.
+                    let detail =
+                        "the database had no room for the result: make room, and do the job again".to_owned();
                     end = End::Failed(JobFailure { code: "storage".into(), detail, errors: Vec::new() });
                 }
                 tokio::time::sleep(AFTER_FAILURE).await;
@@ -233,7 +270,14 @@ async fn followed(service: &Service) {
 }
 
 fn panicked(panic: &(dyn Any + Send)) -> JobFailure {
-    let said = panic.downcast_ref::<&str>().map(|text| (*text).to_owned()).or_else(|| panic.downcast_ref::<String>().cloned());
+    let said = panic
+        .downcast_ref::<&str>()
+        .map(|text| (*text).to_owned())
+        .or_else(|| panic.downcast_ref::<String>().cloned());
     tracing::error!("a job panicked: {}", said.as_deref().unwrap_or("without a message"));
-    JobFailure { code: "panic".into(), detail: "the job ran into a fault of the program".into(), errors: Vec::new() }
+    JobFailure {
+        code: "panic".into(),
+        detail: "the job ran into a fault of the program".into(),
+        errors: Vec::new(),
+    }
 }

@@ -1,5 +1,5 @@
-//! Hundreds of bad inputs, each made from a good one by one to three known mutations: every fault is named with its
-//! place, nothing else is, and nothing of it reaches the database.
+//! Hundreds of bad inputs, each made from a good one by one to three known mutations: every fault is named
+//! with its place, nothing else is, and nothing of it reaches the database.
 
 mod documents;
 mod jobs;
@@ -33,12 +33,18 @@ impl<D> Mutation<D> {
 }
 
 /// Draws one to three mutations that can be told apart.
-fn draw<'a, D>(all: &'a [Mutation<D>], wanted: usize, random: &mut Xoshiro256PlusPlus) -> Vec<&'a Mutation<D>> {
+fn draw<'a, D>(
+    all: &'a [Mutation<D>],
+    wanted: usize,
+    random: &mut Xoshiro256PlusPlus,
+) -> Vec<&'a Mutation<D>> {
     let mut order: Vec<&Mutation<D>> = all.iter().collect();
     order.shuffle(random);
     let mut drawn: Vec<&Mutation<D>> = Vec::new();
     for mutation in order {
-        let fits = |other: &&Mutation<D>| other.area != mutation.area && !other.hides(mutation.area) && !mutation.hides(other.area);
+        let fits = |other: &&Mutation<D>| {
+            other.area != mutation.area && !other.hides(mutation.area) && !mutation.hides(other.area)
+        };
         if drawn.iter().all(fits) && drawn.len() < wanted {
             drawn.push(mutation);
         }
@@ -77,15 +83,25 @@ fn cases<D: Clone>(
         ordered.sort_by_key(|mutation| std::cmp::Reverse(mutation.area));
         ordered.iter().for_each(|mutation| (mutation.apply)(&mut document));
         let (method, path, media_type, body) = send(&document);
-        let faults = drawn.iter().flat_map(|mutation| mutation.faults).map(|(pointer, code)| ((*pointer).to_owned(), (*code).to_owned()));
-        let what = drawn.iter().map(|mutation| format!("{} {:?}", mutation.area, mutation.faults)).collect::<Vec<_>>().join(" + ");
+        let faults = drawn
+            .iter()
+            .flat_map(|mutation| mutation.faults)
+            .map(|(pointer, code)| ((*pointer).to_owned(), (*code).to_owned()));
+        let what = drawn
+            .iter()
+            .map(|mutation| format!("{} {:?}", mutation.area, mutation.faults))
+            .collect::<Vec<_>>()
+            .join(" + ");
         Case { what, method, path, media_type, body, faults: faults.collect() }
     };
     drawn.into_iter().map(case).collect()
 }
 
 /// Sends a document as JSON.
-fn as_json(method: &'static str, path: &'static str) -> impl Fn(&Value) -> (&'static str, String, &'static str, Vec<u8>) {
+fn as_json(
+    method: &'static str,
+    path: &'static str,
+) -> impl Fn(&Value) -> (&'static str, String, &'static str, Vec<u8>) {
     move |document| (method, path.to_owned(), "application/json", document.to_string().into_bytes())
 }
 
@@ -109,15 +125,21 @@ fn named(errors: &Value) -> BTreeSet<(String, String)> {
 fn contents(app: &TestApp) -> String {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
     runtime.block_on(async {
-        let mut db = SqliteConnection::connect(&format!("sqlite://{}?mode=ro", app.database().display())).await.unwrap();
+        let mut db = SqliteConnection::connect(&format!("sqlite://{}?mode=ro", app.database().display()))
+            .await
+            .unwrap();
         let tables = "SELECT name FROM sqlite_master WHERE type = 'table' ORDER BY name";
         let tables: Vec<String> = sqlx::query_scalar(tables).fetch_all(&mut db).await.unwrap();
         assert!(tables.len() > 8, "{tables:?}");
         let mut hasher = blake3::Hasher::new();
         for table in tables {
-            let columns: Vec<String> =
-                sqlx::query_scalar("SELECT quote(name) FROM pragma_table_info(?)").bind(&table).fetch_all(&mut db).await.unwrap();
-            let cells: Vec<String> = columns.iter().map(|name| format!("quote(\"{}\")", name.trim_matches('\''))).collect();
+            let columns: Vec<String> = sqlx::query_scalar("SELECT quote(name) FROM pragma_table_info(?)")
+                .bind(&table)
+                .fetch_all(&mut db)
+                .await
+                .unwrap();
+            let cells: Vec<String> =
+                columns.iter().map(|name| format!("quote(\"{}\")", name.trim_matches('\''))).collect();
             let rows = format!("SELECT {} AS cells FROM \"{table}\" ORDER BY 1", cells.join(" || ',' || "));
             hasher.update(table.as_bytes());
             for row in sqlx::query(sqlx::AssertSqlSafe(rows)).fetch_all(&mut db).await.unwrap() {
@@ -133,13 +155,19 @@ fn contents(app: &TestApp) -> String {
 fn prepared() -> TestApp {
     let app = TestApp::with(|settings| settings.limits.window_bytes = 200_000);
     // No tick may come in between.
-    app.json("PUT", "/schedules/nightly", &json!({"cron": "0 0 1 1 *", "enabled": false, "systems": ["room/*"]})).expect(200);
+    app.json(
+        "PUT",
+        "/schedules/nightly",
+        &json!({"cron": "0 0 1 1 *", "enabled": false, "systems": ["room/*"]}),
+    )
+    .expect(200);
     app.room("1", 1);
     app.ended(&app.estimate("room/1", json!({})));
     for id in ["2", "3"] {
         app.json("PUT", &format!("/systems/room/{id}"), &json!({"model": "rc2"})).expect(201);
     }
-    let short: String = crate::support::room_csv(2, 1).lines().take(4).map(|line| format!("{line}\n")).collect();
+    let short: String =
+        crate::support::room_csv(2, 1).lines().take(4).map(|line| format!("{line}\n")).collect();
     app.csv("/systems/room/2/windows", &short).expect(201);
     app
 }
@@ -147,9 +175,13 @@ fn prepared() -> TestApp {
 /// Sends all cases, and says where something else came back than what must.
 fn complaints(app: &TestApp, cases: &[Case]) -> Vec<String> {
     let complaint = |case: &Case| {
-        let answer = app.send(case.method, &case.path, &[("content-type", case.media_type)], Some(&case.body)).unwrap();
+        let answer = app
+            .send(case.method, &case.path, &[("content-type", case.media_type)], Some(&case.body))
+            .unwrap();
         let body: String = String::from_utf8_lossy(&case.body).chars().take(600).collect();
-        judge(case, &answer).err().map(|complaint| format!("{} {}: {}\n  {complaint}\n  sent: {body}", case.method, case.path, case.what))
+        judge(case, &answer).err().map(|complaint| {
+            format!("{} {}: {}\n  {complaint}\n  sent: {body}", case.method, case.path, case.what)
+        })
     };
     cases.iter().filter_map(complaint).collect()
 }
@@ -163,7 +195,11 @@ fn judge(case: &Case, answer: &Answer) -> Result<(), String> {
     }
     let problem = if is_dry_run { answer.json() } else { answer.clone().problem(422, "invalid-request") };
     let found = named(&problem["errors"]);
-    if found == case.faults { Ok(()) } else { Err(format!("expected {:?}\n  found {found:?}\n  in {problem}", case.faults)) }
+    if found == case.faults {
+        Ok(())
+    } else {
+        Err(format!("expected {:?}\n  found {found:?}\n  in {problem}", case.faults))
+    }
 }
 
 #[test]

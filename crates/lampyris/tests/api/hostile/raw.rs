@@ -17,7 +17,9 @@ const JSON_PATHS: [(&str, &str); 8] = [
 
 /// Sends every text to every path; gives how many there were.
 pub fn check(app: &TestApp) -> usize {
-    let deep = |open: &str, close: &str, depth: usize| format!("{}1{}", open.repeat(depth), close.repeat(depth)).into_bytes();
+    let deep = |open: &str, close: &str, depth: usize| {
+        format!("{}1{}", open.repeat(depth), close.repeat(depth)).into_bytes()
+    };
     let malformed: Vec<Vec<u8>> = vec![
         b"".to_vec(),
         b"{".to_vec(),
@@ -35,18 +37,28 @@ pub fn check(app: &TestApp) -> usize {
     ];
     let mut count = 0;
     for (method, path) in JSON_PATHS {
-        let send = |media_type: &str, body: &[u8]| app.send(method, path, &[("content-type", media_type)], Some(body)).unwrap();
+        let send = |media_type: &str, body: &[u8]| {
+            app.send(method, path, &[("content-type", media_type)], Some(body)).unwrap()
+        };
         for body in &malformed {
             let problem = send("application/json", body).problem(400, "malformed-body");
-            assert!(problem["errors"][0]["detail"].as_str().unwrap().contains("line"), "{method} {path}: {problem}");
+            assert!(
+                problem["errors"][0]["detail"].as_str().unwrap().contains("line"),
+                "{method} {path}: {problem}"
+            );
             count += 1;
         }
-        let twice = send("application/json", b"{\"model\": \"rc2\", \"time\": [1], \"time\": [2], \"model\": \"rc3\"}")
-            .problem(422, "invalid-request");
-        let pointers: Vec<&Value> = twice["errors"].as_array().unwrap().iter().map(|fault| &fault["pointer"]).collect();
+        let twice = send(
+            "application/json",
+            b"{\"model\": \"rc2\", \"time\": [1], \"time\": [2], \"model\": \"rc3\"}",
+        )
+        .problem(422, "invalid-request");
+        let pointers: Vec<&Value> =
+            twice["errors"].as_array().unwrap().iter().map(|fault| &fault["pointer"]).collect();
         assert_eq!(pointers, ["/time", "/model"], "{method} {path}");
         for value in [json!([]), json!(null), json!("rc2"), json!(7)] {
-            let problem = send("application/json", value.to_string().as_bytes()).problem(422, "invalid-request");
+            let problem =
+                send("application/json", value.to_string().as_bytes()).problem(422, "invalid-request");
             assert_eq!(problem["errors"][0]["pointer"], "", "{method} {path} {value}: {problem}");
             count += 1;
         }
@@ -67,15 +79,25 @@ pub fn check(app: &TestApp) -> usize {
         app.send(method, path, &headers, Some(b"{}")).unwrap().problem(422, "invalid-request");
         count += 4;
     }
-    let csv = |body: &[u8]| app.send("POST", "/systems/room/3/windows", &[("content-type", "text/csv")], Some(body)).unwrap();
-    for body in [&b"time,T_room\n\xff\xfe"[..], b"", b"\0\0\0", b"time,T_room\n\"2026", b"time\n2026-01-01T00:00:00Z\n", b",,,\n,,,\n"] {
+    let csv = |body: &[u8]| {
+        app.send("POST", "/systems/room/3/windows", &[("content-type", "text/csv")], Some(body)).unwrap()
+    };
+    for body in [
+        &b"time,T_room\n\xff\xfe"[..],
+        b"",
+        b"\0\0\0",
+        b"time,T_room\n\"2026",
+        b"time\n2026-01-01T00:00:00Z\n",
+        b",,,\n,,,\n",
+    ] {
         csv(body).problem(422, "invalid-request");
         count += 1;
     }
     csv(&vec![b'x'; 200_001]).problem(413, "body-too-large");
     // A pipe at the end of an import, not a body of measurements.
     for path in ["/jobs/job_none/cancel", "/schedules/none/run"] {
-        let answer = app.send("POST", path, &[("content-type", "application/json")], Some(b"{\"a\": 1}")).unwrap();
+        let answer =
+            app.send("POST", path, &[("content-type", "application/json")], Some(b"{\"a\": 1}")).unwrap();
         assert_eq!(answer.problem(422, "invalid-request")["errors"][0]["code"], "unexpected-body");
         count += 1;
     }

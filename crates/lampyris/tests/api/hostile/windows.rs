@@ -54,7 +54,8 @@ const C: std::ops::Range<usize> = 42..58;
 fn csv_mutations() -> Vec<Mutation<Csv>> {
     let one = |area, faults, apply: fn(&mut Csv)| Mutation { area, hides: &[], faults, apply };
     // Without one column of times no row can be judged.
-    let blind = |area, faults, apply: fn(&mut Csv)| Mutation { area, hides: &["rows", "values"], faults, apply };
+    let blind =
+        |area, faults, apply: fn(&mut Csv)| Mutation { area, hides: &["rows", "values"], faults, apply };
     vec![
         blind("head time", &[("line 1", "no-time-column")], |csv| csv.header[0] = "when".into()),
         blind("head time", &[("line 1", "duplicate-column")], |csv| {
@@ -82,15 +83,29 @@ fn csv_mutations() -> Vec<Mutation<Csv>> {
             csv.header.push(String::new());
             csv.rows.iter_mut().for_each(|row| row.push(String::new()));
         }),
-        one("values room", &[("column T_room[degC]", "implausible-values")], |csv| csv.convert(1, |celsius| celsius * 1.8 + 32.0)),
-        one("values room", &[("column T_room[degC]", "implausible-values")], |csv| csv.convert(1, |celsius| celsius + 273.15)),
-        one("values out", &[("column T_out[degC]", "implausible-values")], |csv| csv.convert(2, |celsius| celsius + 273.15)),
-        one("values heater", &[("column P_heater", "implausible-values")], |csv| csv.convert(3, |kilowatts| kilowatts * 1000.0)),
-        one("rows a", &[("line 4", "naive-time")], |csv| csv.spoil(A, 0, |time| time.trim_end_matches('Z').to_owned())),
-        one("rows a", &[("line 4", "naive-time")], |csv| csv.spoil(A.start..A.start + 1, 0, |_| "2026-10-25T02:30:00".into())),
+        one("values room", &[("column T_room[degC]", "implausible-values")], |csv| {
+            csv.convert(1, |celsius| celsius * 1.8 + 32.0)
+        }),
+        one("values room", &[("column T_room[degC]", "implausible-values")], |csv| {
+            csv.convert(1, |celsius| celsius + 273.15)
+        }),
+        one("values out", &[("column T_out[degC]", "implausible-values")], |csv| {
+            csv.convert(2, |celsius| celsius + 273.15)
+        }),
+        one("values heater", &[("column P_heater", "implausible-values")], |csv| {
+            csv.convert(3, |kilowatts| kilowatts * 1000.0)
+        }),
+        one("rows a", &[("line 4", "naive-time")], |csv| {
+            csv.spoil(A, 0, |time| time.trim_end_matches('Z').to_owned())
+        }),
+        one("rows a", &[("line 4", "naive-time")], |csv| {
+            csv.spoil(A.start..A.start + 1, 0, |_| "2026-10-25T02:30:00".into())
+        }),
         one("rows b", &[("line 24", "numeric-time")], |csv| csv.spoil(B, 0, |_| "1767225600".into())),
         one("rows b", &[("line 24", "rejected-rows")], |csv| csv.spoil(B, 0, |_| "yesterday".into())),
-        one("rows b", &[("line 24", "rejected-rows")], |csv| csv.spoil(B, 0, |_| "1850-01-01T00:00:00Z".into())),
+        one("rows b", &[("line 24", "rejected-rows")], |csv| {
+            csv.spoil(B, 0, |_| "1850-01-01T00:00:00Z".into())
+        }),
         // The last of a reversed block comes first, and all others go backwards.
         one("rows c", &[("line 45", "rejected-rows")], |csv| csv.rows[C].reverse()),
         one("rows c", &[("line 45", "rejected-rows")], |csv| {
@@ -137,33 +152,61 @@ fn json_mutations() -> Vec<Mutation<Value>> {
     let blind = |area, hides, faults, apply: fn(&mut Value)| Mutation { area, hides, faults, apply };
     vec![
         one("field", &[("/timezone", "unknown-field")], |window| window["timezone"] = json!("UTC")),
-        one("channel room", &[("/channels/T_room/sensor", "unknown-field")], |window| window["channels"]["T_room"]["sensor"] = json!("a")),
-        one("channel out", &[("/channels/T_out/unit", "wrong-type")], |window| window["channels"]["T_out"]["unit"] = json!(5)),
+        one("channel room", &[("/channels/T_room/sensor", "unknown-field")], |window| {
+            window["channels"]["T_room"]["sensor"] = json!("a")
+        }),
+        one("channel out", &[("/channels/T_out/unit", "wrong-type")], |window| {
+            window["channels"]["T_out"]["unit"] = json!(5)
+        }),
         blind("channel room", &["values room"], &[("/channels/T_room/unit", "unknown-unit")], |window| {
             window["channels"]["T_room"]["unit"] = json!("furlong");
         }),
         blind("channel out", &["values out"], &[("/channels/T_out/unit", "inconvertible-unit")], |window| {
             window["channels"]["T_out"]["unit"] = json!("kW");
         }),
-        one("channel more", &[("/channels/T_forward", "no-values")], |window| window["channels"]["T_forward"] = json!({"unit": "degC"})),
-        blind("values heater", &["rows b"], &[("/values/P_heater", "wrong-type")], |window| window["values"]["P_heater"] = json!("none")),
+        one("channel more", &[("/channels/T_forward", "no-values")], |window| {
+            window["channels"]["T_forward"] = json!({"unit": "degC"})
+        }),
+        blind("values heater", &["rows b"], &[("/values/P_heater", "wrong-type")], |window| {
+            window["values"]["P_heater"] = json!("none")
+        }),
         blind("values heater", &["rows b"], &[("/values/P_heater", "length-mismatch")], |window| {
             window["values"]["P_heater"] = json!([1, 2])
         }),
-        one("values heater", &[("/values/P_heater", "implausible-values")], |window| convert(window, "/values/P_heater", |kw| kw * 1000.0)),
-        one("values room", &[("/values/T_room", "implausible-values")], |window| convert(window, "/values/T_room", |c| c * 1.8 + 32.0)),
-        one("values out", &[("/values/T_out", "implausible-values")], |window| convert(window, "/values/T_out", |c| c + 273.15)),
-        one("rows a", &[("/time/2", "naive-time")], |window| spoil(window, "/time", A.start..A.start + 1, &json!("2026-10-25T02:30:00"))),
-        one("rows a", &[("/time/2", "numeric-time")], |window| spoil(window, "/time", A, &json!(1_767_225_600))),
+        one("values heater", &[("/values/P_heater", "implausible-values")], |window| {
+            convert(window, "/values/P_heater", |kw| kw * 1000.0)
+        }),
+        one("values room", &[("/values/T_room", "implausible-values")], |window| {
+            convert(window, "/values/T_room", |c| c * 1.8 + 32.0)
+        }),
+        one("values out", &[("/values/T_out", "implausible-values")], |window| {
+            convert(window, "/values/T_out", |c| c + 273.15)
+        }),
+        one("rows a", &[("/time/2", "naive-time")], |window| {
+            spoil(window, "/time", A.start..A.start + 1, &json!("2026-10-25T02:30:00"))
+        }),
+        one("rows a", &[("/time/2", "numeric-time")], |window| {
+            spoil(window, "/time", A, &json!(1_767_225_600))
+        }),
         one("rows a", &[("/time/2", "rejected-rows")], |window| spoil(window, "/time", A, &json!(null))),
-        one("rows b", &[("/values/P_heater/22", "rejected-rows")], |window| spoil(window, "/values/P_heater", B, &json!("off"))),
-        one("rows b", &[("/values/P_heater/22", "rejected-rows")], |window| spoil(window, "/values/P_heater", B, &json!({"kW": 1}))),
+        one("rows b", &[("/values/P_heater/22", "rejected-rows")], |window| {
+            spoil(window, "/values/P_heater", B, &json!("off"))
+        }),
+        one("rows b", &[("/values/P_heater/22", "rejected-rows")], |window| {
+            spoil(window, "/values/P_heater", B, &json!({"kW": 1}))
+        }),
         one("rows c", &[("/time/43", "rejected-rows")], |window| {
             window["time"].as_array_mut().unwrap()[C].reverse();
         }),
-        one("rows c", &[("/time/42", "rejected-rows")], |window| spoil(window, "/time", C, &json!("2200-01-01T00:00:00Z"))),
-        blind("time", &["*"], &[("/time", "missing-field")], |window| drop(window.as_object_mut().unwrap().shift_remove("time"))),
-        blind("time", &["*"], &[("/time", "wrong-type")], |window| window["time"] = json!("2026-01-01T00:00:00Z")),
+        one("rows c", &[("/time/42", "rejected-rows")], |window| {
+            spoil(window, "/time", C, &json!("2200-01-01T00:00:00Z"))
+        }),
+        blind("time", &["*"], &[("/time", "missing-field")], |window| {
+            drop(window.as_object_mut().unwrap().shift_remove("time"))
+        }),
+        blind("time", &["*"], &[("/time", "wrong-type")], |window| {
+            window["time"] = json!("2026-01-01T00:00:00Z")
+        }),
         blind("values", &["*"], &[("/values", "wrong-type")], |window| window["values"] = json!([1, 2])),
     ]
 }
@@ -175,12 +218,16 @@ pub fn cases() -> Vec<Case> {
     cases
 }
 
-/// What is only said, and not refused, because it costs a row or a cell and not the window: a tenth of bad rows, a single
-/// value that no sensor gives, offsets that change from row to row.
+/// What is only said, and not refused, because it costs a row or a cell and not the window: a tenth of bad
+/// rows, a single value that no sensor gives, offsets that change from row to row.
 pub fn check_good(app: &TestApp) {
     let mut csv = Csv::good();
     let taken = app.csv(PATH, &csv.text()).expect(201).json();
-    assert_eq!((&taken["rows"], &taken["rejected_rows"], &taken["warnings"]), (&json!(ROWS), &json!([]), &json!([])), "{taken}");
+    assert_eq!(
+        (&taken["rows"], &taken["rejected_rows"], &taken["warnings"]),
+        (&json!(ROWS), &json!([]), &json!([])),
+        "{taken}"
+    );
     csv.rows[5][1] = "warm".into();
     csv.rows[9][0] = csv.rows[8][0].clone();
     csv.rows[20][1] = "85".into();
@@ -188,7 +235,11 @@ pub fn check_good(app: &TestApp) {
     csv.rows[30][0] = "2026-01-01T20:45:00+05:45".into();
     let taken = app.csv(PATH, &csv.text()).expect(201).json();
     assert_eq!(taken["rows"], ROWS - 2, "{taken}");
-    assert_eq!(taken["rejected_rows"][0], json!({"line": 7, "reason": "column `T_room[degC]`: not a number: `warm`"}), "{taken}");
+    assert_eq!(
+        taken["rejected_rows"][0],
+        json!({"line": 7, "reason": "column `T_room[degC]`: not a number: `warm`"}),
+        "{taken}"
+    );
     assert_eq!(taken["rejected_rows"][1]["line"], 11, "{taken}");
     assert!(taken["warnings"][0].as_str().unwrap().contains("line 22"), "{taken}");
     app.json("POST", PATH, &good_json()).expect(201);

@@ -21,8 +21,8 @@ pub struct Kind {
     pub make: fn(u64) -> Made,
 }
 
-/// Rules whose failure another one always notices too: no forecast can be judged where nothing is unseen. The two flags
-/// refuse nothing.
+/// Rules whose failure another one always notices too: no forecast can be judged where nothing is unseen. The
+/// two flags refuse nothing.
 pub const SECOND: [&str; 2] = ["G7 repeat", "G8 unseen data"];
 
 const STEP_MINUTES: usize = 30;
@@ -39,9 +39,17 @@ pub const KINDS: &[Kind] = &[
     Kind { name: "a capacity of a thousand times", refused_by: &["G2 bounds"], make: thousandfold },
     Kind { name: "heat that cools", refused_by: &["G3", "no fit"], make: cooling_heat },
     Kind { name: "fitted to hours of data", refused_by: &["G4", "G5"], make: overfitted },
-    Kind { name: "forecasts worse than holding the last value", refused_by: &["G4 beats persistence"], make: worse_than_persistence },
+    Kind {
+        name: "forecasts worse than holding the last value",
+        refused_by: &["G4 beats persistence"],
+        make: worse_than_persistence,
+    },
     Kind { name: "forecasts that leave the numbers", refused_by: &["G4 beats persistence"], make: exploding },
-    Kind { name: "worse than the incumbent", refused_by: &["G4 no worse than incumbent"], make: worse_than_incumbent },
+    Kind {
+        name: "worse than the incumbent",
+        refused_by: &["G4 no worse than incumbent"],
+        make: worse_than_incumbent,
+    },
     Kind { name: "the parameters of another room", refused_by: &["G4", "G5"], make: swapped },
     Kind { name: "a sensor that spikes", refused_by: &["G5 largest error"], make: spike },
     Kind { name: "a free run that is far away", refused_by: &["G5 excursion"], make: leaves_the_range },
@@ -53,10 +61,18 @@ pub const KINDS: &[Kind] = &[
     Kind { name: "a sensor that jumps", refused_by: &["G8 no unit jump"], make: breathed_upon },
     Kind { name: "a sensor that hangs", refused_by: &["G8 not stuck"], make: stuck },
     Kind { name: "a sensor that drifts", refused_by: &["G"], make: drifting },
-    Kind { name: "a neighbour that is mirrored", refused_by: &["G9 right T_room_1"], make: mirrored_neighbour },
+    Kind {
+        name: "a neighbour that is mirrored",
+        refused_by: &["G9 right T_room_1"],
+        make: mirrored_neighbour,
+    },
     Kind { name: "a room whose days are shuffled", refused_by: &["G10", "G11 T_room"], make: shuffled_days },
     Kind { name: "two neighbours of one sensor", refused_by: &["G11"], make: one_sensor },
-    Kind { name: "against the physics of its model", refused_by: &["G3 time constants"], make: against_its_model },
+    Kind {
+        name: "against the physics of its model",
+        refused_by: &["G3 time constants"],
+        make: against_its_model,
+    },
     Kind { name: "parameters that nothing determines", refused_by: &["G12 determined"], make: undetermined },
 ];
 
@@ -116,7 +132,9 @@ impl Base {
     }
 
     fn scaled(&self, factors: &[(&str, f64)]) -> Vec<f64> {
-        let factor = |name: &str| factors.iter().find(|(scaled, _)| *scaled == name).map_or(1.0, |(_, factor)| *factor);
+        let factor = |name: &str| {
+            factors.iter().find(|(scaled, _)| *scaled == name).map_or(1.0, |(_, factor)| *factor)
+        };
         self.changed(|name, value| value * factor(name))
     }
 }
@@ -156,7 +174,12 @@ fn astray(problem: &Problem, theta: &[f64]) -> (f64, f64) {
     let known = || values.iter().zip(valid).filter(|(_, valid)| **valid).map(|(value, _)| *value);
     let (low, high) = (known().fold(f64::INFINITY, f64::min), known().fold(f64::NEG_INFINITY, f64::max));
     let leaves = simulated.iter().map(|y| (low - y).max(y - high)).fold(0.0, f64::max);
-    let errs = simulated.iter().zip(values).zip(valid).filter(|(_, valid)| **valid).map(|((y, value), _)| (y - value).abs());
+    let errs = simulated
+        .iter()
+        .zip(values)
+        .zip(valid)
+        .filter(|(_, valid)| **valid)
+        .map(|((y, value), _)| (y - value).abs());
     (leaves, errs.fold(0.0, f64::max))
 }
 
@@ -222,14 +245,16 @@ fn worse_than_persistence(seed: u64) -> Made {
     base.of(&base.scaled(&[("alpha_e", 8.0), ("alpha_h", 4.0)]), None)
 }
 
-/// A room that is fine as far as its free run goes, and explodes wherever a forecast starts from more than 24 degrees.
+/// A room that is fine as far as its free run goes, and explodes wherever a forecast starts from more than 24
+/// degrees.
 fn exploding(seed: u64) -> Made {
     let mut catalogue = CATALOGUE.clone();
     let document = serde_json::json!({
         "id": "exploding", "title": "A room that explodes when it is warm",
         "states": {"T_room": {"unit": "degC", "initial": "T_room"}}, "inputs": {"T_out": {"unit": "degC"}},
         "parameters": {"k": {"unit": "1/h", "lower": 0.001, "upper": 10.0, "nominal": 0.1, "scale": "log"}},
-        "equations": {"T_room": "k*(T_out - T_room) + if(T_room > 24[degC], exp(700)*exp(700)*1[K/h], 0[K/h])"},
+        "equations": {"T_room": "k*(T_out - T_room) + if(T_room > 24[degC], exp(700)*exp(700)*1[K/h], \
+            0[K/h])"},
         "outputs": {"T_room": {"expr": "T_room", "unit": "degC", "noise_sd": 0.05}},
     });
     catalogue.add_model(ModelDocument::from_json(&document).unwrap());
@@ -279,9 +304,13 @@ fn spike(seed: u64) -> Made {
 
 fn leaves_the_range(seed: u64) -> Made {
     let base = Base::new(seed);
-    let hotter = |kelvin: f64| base.changed(|name, value| if name == "T_h0" || name == "T_e0" { value + kelvin } else { value });
-    // Floor and envelope start so hot that the free run is far away for hours; forecasts start from measurements.
-    let kelvin = (0..200).map(f64::from).find(|kelvin| astray(&base.problem, &hotter(*kelvin)).0 > 5.5).unwrap();
+    let hotter = |kelvin: f64| {
+        base.changed(|name, value| if name == "T_h0" || name == "T_e0" { value + kelvin } else { value })
+    };
+    // Floor and envelope start so hot that the free run is far away for hours; forecasts start from
+    // measurements.
+    let kelvin =
+        (0..200).map(f64::from).find(|kelvin| astray(&base.problem, &hotter(*kelvin)).0 > 5.5).unwrap();
     base.of(&hotter(kelvin), None)
 }
 
@@ -289,11 +318,16 @@ fn jumped(seed: u64) -> Made {
     let base = Base::new(seed);
     let before = base.problem.simulate(&base.good.theta());
     let from = before.outputs[0].len() - 7 * PER_DAY;
-    // What was served lost more heat than the room does and gave it less, so much that its free run was another one.
+    // What was served lost more heat than the room does and gave it less, so much that its free run was
+    // another one.
     let served = |factor: f64| base.scaled(&[("alpha_a", factor), ("alpha_w", 1.0 / factor)]);
     let apart = |factor: f64| {
         let run = base.problem.simulate(&served(factor));
-        let squares = run.outputs[0].iter().zip(&before.outputs[0]).skip(from).map(|(one, other)| (one - other).powi(2));
+        let squares = run.outputs[0]
+            .iter()
+            .zip(&before.outputs[0])
+            .skip(from)
+            .map(|(one, other)| (one - other).powi(2));
         (squares.sum::<f64>() / (7 * PER_DAY) as f64).sqrt()
     };
     let factor = (0..60).map(|power| 4.0 * 1.2f64.powi(power)).find(|factor| apart(*factor) > 1.2).unwrap();
@@ -404,7 +438,8 @@ fn mirrored_neighbour(seed: u64) -> Made {
     let follows = |seed: &u64| {
         let twin = room(*seed, 2, DAYS, STEP_MINUTES).unwrap();
         let problem = problem(&twin.csv, &twin.neighbours, &asked()).unwrap();
-        let neighbour = problem.model().inputs().iter().position(|input| input.channel == "T_room_1").unwrap();
+        let neighbour =
+            problem.model().inputs().iter().position(|input| input.channel == "T_room_1").unwrap();
         let regression = Regression::new(&problem).unwrap();
         regression.beside(neighbour).is_some_and(|beside| beside.followed().gain_t > 4.0)
     };
@@ -415,9 +450,12 @@ fn mirrored_neighbour(seed: u64) -> Made {
     })
 }
 
-/// Every fifth day takes the place of the next one, first in a room whose midnights are so lively that the cuts do not show.
+/// Every fifth day takes the place of the next one, first in a room whose midnights are so lively that the
+/// cuts do not show.
 fn shuffled_days(seed: u64) -> Made {
-    replaced(seed + 1, "T_room", |values| (0..values.len()).map(|k| values[(k / PER_DAY * 5 + 3) % DAYS * PER_DAY + k % PER_DAY]).collect())
+    replaced(seed + 1, "T_room", |values| {
+        (0..values.len()).map(|k| values[(k / PER_DAY * 5 + 3) % DAYS * PER_DAY + k % PER_DAY]).collect()
+    })
 }
 
 fn one_sensor(seed: u64) -> Made {

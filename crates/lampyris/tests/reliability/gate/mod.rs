@@ -1,5 +1,5 @@
-//! The gate between fits and the controller: bad candidates of every kind are refused by name, good ones pass, and no rule
-//! can be done without.
+//! The gate between fits and the controller: bad candidates of every kind are refused by name, good ones
+//! pass, and no rule can be done without.
 
 mod bad;
 mod plants;
@@ -11,7 +11,9 @@ use lampyris_core::estimate::gate::check::Severity;
 use lampyris_core::estimate::gate::rules::ALL;
 use lampyris_core::estimate::gate::table::{Rule, Table};
 use lampyris_core::estimate::validate;
-use lampyris_core::estimate::{Control, EstimateRequest, Fit, Incumbent, Past, Policy, Problem, Site, Verdict, estimate, prepare};
+use lampyris_core::estimate::{
+    Control, EstimateRequest, Fit, Incumbent, Past, Policy, Problem, Site, Verdict, estimate, prepare,
+};
 use lampyris_core::fault::Fault;
 use lampyris_core::model::Catalogue;
 use lampyris_core::twin::{Level, WorldRequest, room, world};
@@ -35,10 +37,15 @@ impl Candidate {
 
     /// The checks that keep it from the controller.
     fn failed(&self) -> Vec<String> {
-        let judgement = validate(&self.problem, &self.fit, &Past::of(self.incumbent.clone()), &Policy::default());
+        let judgement =
+            validate(&self.problem, &self.fit, &Past::of(self.incumbent.clone()), &Policy::default());
         let published = matches!(judgement.verdict, Verdict::Accepted(_));
         let failed: Vec<String> = judgement.failed().into_iter().map(str::to_owned).collect();
-        assert!(published == failed.is_empty() || judgement.verdict == Verdict::Unchanged, "{}", judgement.summary);
+        assert!(
+            published == failed.is_empty() || judgement.verdict == Verdict::Unchanged,
+            "{}",
+            judgement.summary
+        );
         failed
     }
 }
@@ -51,7 +58,13 @@ fn problem(csv: &str, neighbours: &[String], asked: &EstimateRequest) -> Result<
     problem_of(&CATALOGUE, "room3", csv, neighbours, asked)
 }
 
-fn problem_of(catalogue: &Catalogue, model: &str, csv: &str, neighbours: &[String], asked: &EstimateRequest) -> Result<Problem, Refused> {
+fn problem_of(
+    catalogue: &Catalogue,
+    model: &str,
+    csv: &str,
+    neighbours: &[String],
+    asked: &EstimateRequest,
+) -> Result<Problem, Refused> {
     let code = |faults: Vec<Fault>| faults[0].code.clone();
     let (window, _) = Window::parse_csv(csv, &Bindings::none()).map_err(code)?;
     let site = Site { sets: [("neighbours".to_owned(), neighbours.to_vec())].into(), ..Site::default() };
@@ -62,9 +75,11 @@ fn fit(problem: &Problem, asked: &EstimateRequest) -> Result<Fit, Refused> {
     estimate(problem, asked, None, &Control::NONE).map_err(|error| format!("no fit: {error}"))
 }
 
-/// Puts so many candidates of every kind to the gate: all are refused by name. Says what gets through where one rule is left out.
+/// Puts so many candidates of every kind to the gate: all are refused by name. Says what gets through where
+/// one rule is left out.
 fn refused(what: &str, kinds: &[bad::Kind], each: usize) -> BTreeSet<&'static str> {
-    let cases: Vec<(&bad::Kind, u64)> = kinds.iter().flat_map(|kind| (0..each as u64).map(move |seed| (kind, seed))).collect();
+    let cases: Vec<(&bad::Kind, u64)> =
+        kinds.iter().flat_map(|kind| (0..each as u64).map(move |seed| (kind, seed))).collect();
     let looked: Vec<(String, Option<String>, BTreeSet<&'static str>)> = cases
         .par_iter()
         .map(|(kind, seed)| {
@@ -80,7 +95,9 @@ fn refused(what: &str, kinds: &[bad::Kind], each: usize) -> BTreeSet<&'static st
             // The rules without which this one would have got through.
             let mut alone = BTreeSet::new();
             let rules = candidate.iter().flat_map(|candidate| ALL.iter().map(move |rule| (candidate, rule)));
-            for (candidate, left_out) in rules.filter(|(_, rule)| failed.iter().any(|name| name.starts_with(rule.name))) {
+            for (candidate, left_out) in
+                rules.filter(|(_, rule)| failed.iter().any(|name| name.starts_with(rule.name)))
+            {
                 let rest: Vec<Rule> = ALL.iter().filter(|rule| rule.name != left_out.name).copied().collect();
                 let table = candidate.table(&rest);
                 if table.failed(Severity::Reject).or(table.failed(Severity::Hold)).is_none() {
@@ -110,7 +127,11 @@ fn refused(what: &str, kinds: &[bad::Kind], each: usize) -> BTreeSet<&'static st
 fn bad_candidates_are_refused_by_name_and_every_rule_is_needed() {
     let each = if full() { 200usize.div_ceil(bad::KINDS.len()) } else { 1 };
     let alone = refused("candidates", bad::KINDS, each);
-    let spared: Vec<&str> = ALL.iter().map(|rule| rule.name).filter(|rule| !alone.contains(rule) && !bad::SECOND.contains(rule)).collect();
+    let spared: Vec<&str> = ALL
+        .iter()
+        .map(|rule| rule.name)
+        .filter(|rule| !alone.contains(rule) && !bad::SECOND.contains(rule))
+        .collect();
     assert!(spared.is_empty(), "nothing gets through without {spared:?}");
 }
 
@@ -120,10 +141,19 @@ fn doubts_are_published_with_their_flag() {
     let found = bad::doubtful();
     for (flags, candidate) in &found {
         let judgement = validate(&candidate.problem, &candidate.fit, &Past::default(), &Policy::default());
-        let Verdict::Accepted(acceptance) = &judgement.verdict else { panic!("{flags:?}: {}", judgement.summary) };
-        assert!(acceptance.flags().iter().any(|said| flags.contains(&said.as_str())), "{flags:?}: {:?}", acceptance.flags());
-        let silent: Vec<Rule> =
-            ALL.iter().filter(|rule| !["G2 bounds", "G4 beats persistence", "G7 repeat"].contains(&rule.name)).copied().collect();
+        let Verdict::Accepted(acceptance) = &judgement.verdict else {
+            panic!("{flags:?}: {}", judgement.summary)
+        };
+        assert!(
+            acceptance.flags().iter().any(|said| flags.contains(&said.as_str())),
+            "{flags:?}: {:?}",
+            acceptance.flags()
+        );
+        let silent: Vec<Rule> = ALL
+            .iter()
+            .filter(|rule| !["G2 bounds", "G4 beats persistence", "G7 repeat"].contains(&rule.name))
+            .copied()
+            .collect();
         assert!(candidate.table(&silent).flags.is_empty(), "{flags:?}");
     }
     println!("GATE-1: {} doubtful candidates carry their flags", found.len());
@@ -135,7 +165,11 @@ fn a_search_that_was_cut_short_is_held() {
     let hurried = bad::hurried();
     assert_eq!(hurried.failed(), ["G7 repeat"]);
     let judgement = validate(&hurried.problem, &hurried.fit, &Past::default(), &Policy::default());
-    assert!(judgement.summary.starts_with("held by G7 repeat: the search was cut short by its budget, after 6"), "{}", judgement.summary);
+    assert!(
+        judgement.summary.starts_with("held by G7 repeat: the search was cut short by its budget, after 6"),
+        "{}",
+        judgement.summary
+    );
     let Verdict::Held(holding) = &judgement.verdict else { panic!("{}", judgement.summary) };
     assert_eq!(holding.flags(), ["low_confidence"]);
 }
@@ -155,14 +189,17 @@ fn good_fits_are_published() {
                     ("room", twin.csv, twin.neighbours)
                 }
                 _ => {
-                    let request = WorldRequest { step_minutes: 30, ..WorldRequest::new(seed, &[], Level::Matched) };
+                    let request =
+                        WorldRequest { step_minutes: 30, ..WorldRequest::new(seed, &[], Level::Matched) };
                     let world = world(&request).unwrap();
                     ("world", world.csv, world.neighbours)
                 }
             };
             let problem = problem(&csv, &neighbours, &asked).unwrap();
-            let judgement = validate(&problem, &fit(&problem, &asked).unwrap(), &Past::default(), &Policy::default());
-            (!matches!(judgement.verdict, Verdict::Accepted(_))).then(|| format!("{what} {seed}: {}", judgement.summary))
+            let judgement =
+                validate(&problem, &fit(&problem, &asked).unwrap(), &Past::default(), &Policy::default());
+            (!matches!(judgement.verdict, Verdict::Accepted(_)))
+                .then(|| format!("{what} {seed}: {}", judgement.summary))
         })
         .collect();
     refused.iter().for_each(|line| println!("  {line}"));

@@ -31,7 +31,11 @@ fn a_refused_fit_moves_nothing_and_is_explained_to_the_controller() {
         let mut body = quick("room/1");
         body.as_object_mut().unwrap().extend(change.as_object().unwrap().clone());
         let ended = app.ended(&app.post_job(&body));
-        assert_eq!((&ended["state"], &ended["outcome"]), (&json!("succeeded"), &json!("rejected")), "{change}: {ended}");
+        assert_eq!(
+            (&ended["state"], &ended["outcome"]),
+            (&json!("succeeded"), &json!("rejected")),
+            "{change}: {ended}"
+        );
         let params = app.get("/params/room/1").expect(200).json();
         assert_eq!(params["status"], "fallback", "{change}");
         assert_eq!(params["fallback"]["reason"], "validation_failed", "{change}");
@@ -42,14 +46,18 @@ fn a_refused_fit_moves_nothing_and_is_explained_to_the_controller() {
         app.json("POST", &format!("{fit}/promote"), &json!({"reason": "it looks fine"})).expect(409);
     }
     // Measurements in Fahrenheit do not get as far as a fit.
-    let fahrenheit: Vec<_> = room(3, 2).into_iter().map(|(time, room, out)| (time, room * 1.8 + 60.0, out)).collect();
+    let fahrenheit: Vec<_> =
+        room(3, 2).into_iter().map(|(time, room, out)| (time, room * 1.8 + 60.0, out)).collect();
     let csv = csv_of(&fahrenheit).replace("2026-01", "2026-02");
     app.csv("/systems/room/1/windows", &csv).problem(422, "invalid-request");
     // A sensor that hangs gets as far as the gate.
     app.csv("/systems/room/1/windows", &stuck_csv()).expect(201);
     assert_eq!(app.ended(&app.post_job(&quick("room/1")))["outcome"], "rejected");
     let params = app.get("/params/room/1").expect(200).json();
-    assert!(params["fallback"]["failed_checks"].as_array().unwrap().contains(&json!("G8 not stuck")), "{params}");
+    assert!(
+        params["fallback"]["failed_checks"].as_array().unwrap().contains(&json!("G8 not stuck")),
+        "{params}"
+    );
     assert_eq!(served(&app), before);
     println!("GATE-1: {} bad fits over HTTP, none served", requests.len() + 1);
 }

@@ -1,4 +1,5 @@
-//! Bodies without an end, clients without haste, and equations without bottom: the controller is served meanwhile.
+//! Bodies without an end, clients without haste, and equations without bottom: the controller is served
+//! meanwhile.
 
 use crate::support::process::Process;
 use crate::support::{Client, PATIENCE, csv_of, full, room};
@@ -60,11 +61,18 @@ fn bodies_that_lie_about_their_length_cost_no_memory() {
     stream.read_exact(&mut answer).unwrap();
     assert_eq!(&answer, b"HTTP/1.1 413");
     // A length that is too small leaves a rest that is no request.
-    let said = rest(&mut connect(&service, &format!("{post}content-length: 2\r\n\r\n{{}}{}", "x".repeat(100))));
-    assert!(said.starts_with("HTTP/1.1 422") && said.matches("HTTP/1.1 ").count() <= 2 && !said.contains(" 200 "), "{said}");
-    for lie in
-        ["content-length: -1", "content-length: 1e3", "content-length: 2\r\ncontent-length: 3", "content-length: 99999999999999999999999"]
-    {
+    let said =
+        rest(&mut connect(&service, &format!("{post}content-length: 2\r\n\r\n{{}}{}", "x".repeat(100))));
+    assert!(
+        said.starts_with("HTTP/1.1 422") && said.matches("HTTP/1.1 ").count() <= 2 && !said.contains(" 200 "),
+        "{said}"
+    );
+    for lie in [
+        "content-length: -1",
+        "content-length: 1e3",
+        "content-length: 2\r\ncontent-length: 3",
+        "content-length: 99999999999999999999999",
+    ] {
         let said = rest(&mut connect(&service, &format!("{post}{lie}\r\n\r\n{{}}")));
         assert!(said.starts_with("HTTP/1.1 4"), "{lie}: {said}");
     }
@@ -86,11 +94,18 @@ fn bodies_that_lie_about_their_length_cost_no_memory() {
         clients.into_iter().map(|client| client.join().unwrap()).sum()
     });
     let after = service.status("VmHWM");
-    println!("DOS-1: {clients} endless bodies, {} KiB of each went out, resident {before} to at most {after} KiB", sent / clients / 1024);
+    println!(
+        "DOS-1: {clients} endless bodies, {} KiB of each went out, resident {before} to at most {after} KiB",
+        sent / clients / 1024
+    );
     assert!(after < before + (32 << 10) + clients as u64 * 2048, "{before} {after}");
     // A bomb is refused unread.
     let headers = [("content-type", "application/json"), ("content-encoding", "gzip")];
-    service.client.send("POST", "/jobs", &headers, Some(&[0; 100_000])).unwrap().problem(415, "unsupported-content-encoding");
+    service
+        .client
+        .send("POST", "/jobs", &headers, Some(&[0; 100_000]))
+        .unwrap()
+        .problem(415, "unsupported-content-encoding");
 }
 
 #[test]
@@ -107,8 +122,9 @@ fn thousands_of_slow_clients_are_closed_while_the_controller_is_served() {
     let (closed, (polls, longest)) = std::thread::scope(|scope| {
         let poller = scope.spawn(|| poll(&service.client, &stop));
         let begun = Instant::now();
-        let mut slow: Vec<TcpStream> =
-            (0..count).map(|_| connect(&service, "GET /params/room/1 HTTP/1.1\r\nhost: x\r\nx-slow: ")).collect();
+        let mut slow: Vec<TcpStream> = (0..count)
+            .map(|_| connect(&service, "GET /params/room/1 HTTP/1.1\r\nhost: x\r\nx-slow: "))
+            .collect();
         // A byte now and then gains nothing.
         while begun.elapsed() < Duration::from_secs(9) {
             slow.iter_mut().for_each(|stream| drop(stream.write_all(b"x")));
@@ -121,7 +137,8 @@ fn thousands_of_slow_clients_are_closed_while_the_controller_is_served() {
         (closed, poller.join().unwrap())
     });
     println!(
-        "DOS-2: {count} slow clients closed after {closed:?} (target 10 s), {polls} polls meanwhile, longest {longest:?} (target 10 ms)"
+        "DOS-2: {count} slow clients closed after {closed:?} (target 10 s), {polls} polls meanwhile, longest \
+        {longest:?} (target 10 ms)"
     );
     assert!(polls > 100, "the controller was kept waiting: {polls} polls");
     let begun = Instant::now();
@@ -134,12 +151,14 @@ fn thousands_of_slow_clients_are_closed_while_the_controller_is_served() {
 /// A model with this equation for the room and `k` and `tau` as parameters.
 fn model(id: &str, equation: &str) -> Value {
     json!({
-        "id": id, "title": "A trap", "states": {"T_room": {"unit": "degC", "initial": "T_room"}}, "inputs": {"T_out": {"unit": "degC"}},
+        "id": id, "title": "A trap", "states": {"T_room": {"unit": "degC", "initial": "T_room"}},
+        "inputs": {"T_out": {"unit": "degC"}},
         "parameters": {
             "k": {"unit": "1/h", "lower": 0.001, "upper": 1.0, "nominal": 0.1, "scale": "log"},
             "tau": {"unit": "K", "lower": 0.001, "upper": 10.0, "nominal": 1.0, "scale": "log"},
         },
-        "equations": {"T_room": equation}, "outputs": {"T_room": {"expr": "T_room", "unit": "degC", "noise_sd": 0.05}},
+        "equations": {"T_room": equation},
+        "outputs": {"T_room": {"expr": "T_room", "unit": "degC", "noise_sd": 0.05}},
     })
 }
 
@@ -148,7 +167,9 @@ fn equations_without_bottom_are_refused_at_once() {
     let dir = tempfile::tempdir().unwrap();
     let service = serving(&dir);
     let pure = "k*(T_out - T_room)";
-    let deep = |open: &str, close: &str, depth: usize| format!("{pure} + k*{}tau{}", open.repeat(depth), close.repeat(depth));
+    let deep = |open: &str, close: &str, depth: usize| {
+        format!("{pure} + k*{}tau{}", open.repeat(depth), close.repeat(depth))
+    };
     let mut traps = vec![
         ("parentheses", model("trap", &deep("(", ")", 100_000))),
         ("signs", model("trap", &deep("-", "", 7000))),
@@ -190,7 +211,8 @@ fn equations_without_bottom_are_refused_at_once() {
             document
         }),
     ];
-    let many = |count: usize| (0..count).map(|n| format!("sin({n} * k * 1[h])")).collect::<Vec<_>>().join("+");
+    let many =
+        |count: usize| (0..count).map(|n| format!("sin({n} * k * 1[h])")).collect::<Vec<_>>().join("+");
     traps.push(("many nodes", {
         let mut document = model("trap", pure);
         for n in 0..40 {
@@ -216,12 +238,17 @@ fn equations_without_bottom_are_refused_at_once() {
         );
         let harmless = ["names that double", "many nodes"].contains(&*what);
         assert!(harmless || answer.status != 201, "{what} was taken");
-        assert!(answer.status == 201 || answer.text.len() < 64 << 10, "{what}: {} bytes come back", answer.text.len());
+        assert!(
+            answer.status == 201 || answer.text.len() < 64 << 10,
+            "{what}: {} bytes come back",
+            answer.text.len()
+        );
     }
     println!("DOS-4: {} traps, the longest took {:?}: {} (target 100 ms)", traps.len(), longest.0, longest.1);
 }
 
-/// Equations that are well formed, and whose numbers are not: each ends by itself, and nothing of it is served.
+/// Equations that are well formed, and whose numbers are not: each ends by itself, and nothing of it is
+/// served.
 #[test]
 fn equations_that_explode_end_as_failed_or_refused_jobs() {
     let dir = tempfile::tempdir().unwrap();
@@ -249,7 +276,8 @@ fn equations_that_explode_end_as_failed_or_refused_jobs() {
         body["budget"] = json!({"evaluations": 2000, "wall": "PT5S"});
         let begun = Instant::now();
         let ended = service.client.ended(&service.client.post_job(&body));
-        let end = ended["error"]["code"].as_str().or(ended["outcome"].as_str()).unwrap_or_default().to_owned();
+        let end =
+            ended["error"]["code"].as_str().or(ended["outcome"].as_str()).unwrap_or_default().to_owned();
         assert!(["diverged", "deadline", "rejected", "held"].contains(&end.as_str()), "{what}: {ended}");
         ends.push(format!("{what}: {end} after {:.1?}", begun.elapsed()));
     }
@@ -259,5 +287,9 @@ fn equations_that_explode_end_as_failed_or_refused_jobs() {
     service.client.json("PUT", "/systems/room/2", &json!({"model": "rc2"})).expect(201);
     service.client.csv("/systems/room/2/windows", &other).expect(201);
     assert_eq!(service.client.ended(&service.client.estimate("room/2", json!({})))["outcome"], "accepted");
-    assert_eq!(service.client.get("/params/room/1").expect(200).text, before, "jobs on other models than the system's say nothing of it");
+    assert_eq!(
+        service.client.get("/params/room/1").expect(200).text,
+        before,
+        "jobs on other models than the system's say nothing of it"
+    );
 }

@@ -44,13 +44,20 @@ fn good() -> Vec<Good> {
             path => path.replace("{kind}", "room").replace("{id}", "1").replace("{name}", "odd"),
         };
         for (method, operation) in item.as_object().unwrap() {
-            let one =
-                |media_type: &str, body| Good { method: method.to_uppercase(), path: path.clone(), media_type: media_type.into(), body };
+            let one = |media_type: &str, body| Good {
+                method: method.to_uppercase(),
+                path: path.clone(),
+                media_type: media_type.into(),
+                body,
+            };
             let content = operation["requestBody"]["content"].as_object();
             for (media_type, content) in content.into_iter().flatten() {
-                let examples = content["examples"].as_object().into_iter().flat_map(|examples| examples.values());
+                let examples =
+                    content["examples"].as_object().into_iter().flat_map(|examples| examples.values());
                 for example in examples.map(|example| &example["value"]).chain(content.get("example")) {
-                    let body = example.as_str().map_or_else(|| Body::Json(example.clone()), |text| Body::Text(text.to_owned()));
+                    let body = example
+                        .as_str()
+                        .map_or_else(|| Body::Json(example.clone()), |text| Body::Text(text.to_owned()));
                     all.push(one(media_type, body));
                 }
             }
@@ -91,8 +98,20 @@ fn mutated(good: &Good, random: &mut Random) -> Vec<u8> {
         Body::Text(_) => {
             let value = super::nasty(random);
             let value = value.as_str().map_or_else(|| value.to_string(), str::to_owned);
-            let names =
-                ["page_size", "page_token", "from", "to", "channels", "max_points", "fits", "state", "system", "accept", "mode", "x"];
+            let names = [
+                "page_size",
+                "page_token",
+                "from",
+                "to",
+                "channels",
+                "max_points",
+                "fits",
+                "state",
+                "system",
+                "accept",
+                "mode",
+                "x",
+            ];
             let text = format!("?{}={value}", names[random.random_range(0..names.len())]);
             path += &text
                 .bytes()
@@ -138,7 +157,11 @@ impl Line {
         stream.get_mut().write_all(request)?;
         let (mut line, mut length, mut chunked, mut close) = (String::new(), 0, false, false);
         stream.read_line(&mut line)?;
-        let status = line.split(' ').nth(1).and_then(|status| status.parse().ok()).ok_or(std::io::ErrorKind::UnexpectedEof)?;
+        let status = line
+            .split(' ')
+            .nth(1)
+            .and_then(|status| status.parse().ok())
+            .ok_or(std::io::ErrorKind::UnexpectedEof)?;
         while line != "\r\n" {
             line.clear();
             stream.read_line(&mut line)?;
@@ -208,17 +231,24 @@ fn mutated_requests_are_answered_without_a_fault_of_the_service() {
                             }
                             let request = mutated(&good[random.random_range(0..good.len())], &mut random);
                             let asked = Instant::now();
-                            let (status, body) =
-                                line.ask(&request).unwrap_or_else(|error| panic!("{error}: {}", String::from_utf8_lossy(&request)));
+                            let (status, body) = line.ask(&request).unwrap_or_else(|error| {
+                                panic!("{error}: {}", String::from_utf8_lossy(&request))
+                            });
                             answers.push((asked.elapsed(), status));
-                            let shown = || format!("{}\n{}", String::from_utf8_lossy(&request), String::from_utf8_lossy(&body));
+                            let shown = || {
+                                format!(
+                                    "{}\n{}",
+                                    String::from_utf8_lossy(&request),
+                                    String::from_utf8_lossy(&body)
+                                )
+                            };
                             assert!(status < 500, "{status}: {}", shown());
                             assert!(!echoes(&request, &body), "{}", shown());
                             let said = String::from_utf8_lossy(&body);
                             assert!(
-                                !["SELECT ", "src/", "panicked", "sqlite"]
-                                    .iter()
-                                    .any(|leak| status >= 400 && said.contains(leak) && !String::from_utf8_lossy(&request).contains(leak)),
+                                !["SELECT ", "src/", "panicked", "sqlite"].iter().any(|leak| status >= 400
+                                    && said.contains(leak)
+                                    && !String::from_utf8_lossy(&request).contains(leak)),
                                 "{}",
                                 shown()
                             );
@@ -235,17 +265,22 @@ fn mutated_requests_are_answered_without_a_fault_of_the_service() {
     answers.extend(part(2, bodies - bodies / 10));
     let after = service.status("VmRSS");
     let count = |wanted: fn(u16) -> bool| answers.iter().filter(|(_, status)| wanted(*status)).count();
-    let (fine, malformed, refused) = (count(|status| status < 400), count(|status| status == 400), count(|status| status == 422));
+    let (fine, malformed, refused) =
+        (count(|status| status < 400), count(|status| status == 400), count(|status| status == 422));
     let mut took: Vec<Duration> = answers.iter().map(|(took, _)| *took).collect();
     took.sort();
     let (p99, longest) = (took[took.len() * 99 / 100], took[took.len() - 1]);
     println!(
-        "FUZZ-1: {} bodies for {} good requests: {fine} fine, {malformed} malformed, {refused} refused, no fault of the service; \
+        "FUZZ-1: {} bodies for {} good requests: {fine} fine, {malformed} malformed, {refused} refused, no \
+        fault of the service; \
          p99 {p99:?} (target 5 ms), longest {longest:?}, resident {before} to {after} KiB",
         answers.len(),
         good.len()
     );
-    assert!(refused > answers.len() / 10 && malformed > answers.len() / 50, "the mutations reach the documents");
+    assert!(
+        refused > answers.len() / 10 && malformed > answers.len() / 50,
+        "the mutations reach the documents"
+    );
     assert!(after < before + GROWTH, "resident memory grew from {before} to {after} KiB");
     service.client.get("/readyz").expect(200);
 }

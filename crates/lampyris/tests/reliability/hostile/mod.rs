@@ -12,7 +12,20 @@ use serde_json::{Map, Value, json};
 type Random = Xoshiro256PlusPlus;
 
 /// Stands for a text that no JSON writer makes; [`written`] puts it in.
-const RAW: [&str; 12] = ["1e400", "-1e400", "1e-400", "-0", "00", "1.", ".5", "NaN", "-Infinity", "\"\\ud800\"", "\"\\u0000\"", "'single'"];
+const RAW: [&str; 12] = [
+    "1e400",
+    "-1e400",
+    "1e-400",
+    "-0",
+    "00",
+    "1.",
+    ".5",
+    "NaN",
+    "-Infinity",
+    "\"\\ud800\"",
+    "\"\\u0000\"",
+    "'single'",
+];
 const PLACEHOLDER: &str = "raw text ";
 
 /// A value where nobody expects it.
@@ -91,7 +104,9 @@ fn mutate(document: &mut Value, random: &mut Random) {
             items.extend(std::iter::repeat_n(item, random.random_range(1..40)));
         }
         (3, place) => *place = other,
-        (4, Value::Number(number)) => *number = serde_json::Number::from_f64(number.as_f64().unwrap_or(1.0) * -1e9).unwrap_or(0.into()),
+        (4, Value::Number(number)) => {
+            *number = serde_json::Number::from_f64(number.as_f64().unwrap_or(1.0) * -1e9).unwrap_or(0.into())
+        }
         (4, Value::String(text)) => *text = bent(text.clone().into_bytes(), random),
         (_, place) => *place = nasty(random),
     }

@@ -1,4 +1,5 @@
-//! Numbers that are none, and numbers in the wrong unit: a refusal with its place, or a gap, and never a parameter.
+//! Numbers that are none, and numbers in the wrong unit: a refusal with its place, or a gap, and never a
+//! parameter.
 
 use crate::support::{TestApp, csv_of, quick, room, room_csv};
 use serde_json::{Value, json};
@@ -8,7 +9,8 @@ type Change = dyn Fn(f64, f64) -> (f64, f64);
 
 /// Every number of a document is one; `null` stands where there is none.
 fn numbers_are_finite(text: &str) -> bool {
-    !["NaN", "Infinity", "inf,", "-inf", "nan"].iter().any(|word| text.contains(word)) && serde_json::from_str::<Value>(text).is_ok()
+    !["NaN", "Infinity", "inf,", "-inf", "nan"].iter().any(|word| text.contains(word))
+        && serde_json::from_str::<Value>(text).is_ok()
 }
 
 #[test]
@@ -19,7 +21,8 @@ fn texts_at_the_edge_of_json_are_refused_with_their_place() {
         format!("{{\"channels\":{{}},\"time\":[\"2026-01-01T00:00:00Z\",\"2026-01-01T01:00:00Z\"],\"values\":{{\"x\":[1,{value}]}}}}")
             .into_bytes()
     };
-    let nested = |open: &str, close: &str| format!("{}1{}", open.repeat(100_000), close.repeat(100_000)).into_bytes();
+    let nested =
+        |open: &str, close: &str| format!("{}1{}", open.repeat(100_000), close.repeat(100_000)).into_bytes();
     let repeated = format!("{{{}\"b\":1}}", "\"a\":1,".repeat(1_000_000)).into_bytes();
     let cases: Vec<(&str, Vec<u8>, &[u16])> = vec![
         ("arrays in arrays", nested("[", "]"), &[400]),
@@ -40,9 +43,20 @@ fn texts_at_the_edge_of_json_are_refused_with_their_place() {
     ];
     let mut said = Vec::new();
     for (what, body, statuses) in &cases {
-        let answer = app.send("POST", "/systems/room/1/windows", &[("content-type", "application/json")], Some(body)).unwrap();
-        assert!(statuses.contains(&answer.status), "{what}: {} {}", answer.status, answer.text.chars().take(300).collect::<String>());
-        assert!(answer.text.len() < 64 << 10 && numbers_are_finite(&answer.text.replace("NaN", "")), "{what}: {}", answer.text);
+        let answer = app
+            .send("POST", "/systems/room/1/windows", &[("content-type", "application/json")], Some(body))
+            .unwrap();
+        assert!(
+            statuses.contains(&answer.status),
+            "{what}: {} {}",
+            answer.status,
+            answer.text.chars().take(300).collect::<String>()
+        );
+        assert!(
+            answer.text.len() < 64 << 10 && numbers_are_finite(&answer.text.replace("NaN", "")),
+            "{what}: {}",
+            answer.text
+        );
         if answer.status >= 400 {
             let errors = answer.json()["errors"].clone();
             assert!(errors[0]["pointer"].is_string() && errors[0]["detail"].is_string(), "{what}: {errors}");
@@ -79,8 +93,14 @@ fn storms_of_numbers_that_are_none_never_reach_the_parameters() {
                 }
                 app.json("PUT", &format!("/systems/room/{system}"), &json!({"model": "rc2"})).expect(201);
                 let answer = app.csv(&format!("/systems/room/{system}/windows"), &csv);
-                assert!([201, 422].contains(&answer.status), "{column} {token:?} {share}: {} {}", answer.status, answer.text);
-                // An empty cell is a gap; a text that is no number costs its row, and the window where a tenth of it is lost.
+                assert!(
+                    [201, 422].contains(&answer.status),
+                    "{column} {token:?} {share}: {} {}",
+                    answer.status,
+                    answer.text
+                );
+                // An empty cell is a gap; a text that is no number costs its row, and the window where a
+                // tenth of it is lost.
                 if share <= 0.01 {
                     assert_eq!(answer.status, 201, "{column} {token:?} {share}: {}", answer.text);
                 }
@@ -95,7 +115,10 @@ fn storms_of_numbers_that_are_none_never_reach_the_parameters() {
                     let ended = app.ended(posted.json()["id"].as_str().unwrap());
                     accepted += usize::from(ended["outcome"] == "accepted");
                     // Where every other sample is there, the sensor is one that measures half as often.
-                    assert!(ended["outcome"] != "accepted" || share <= 0.5, "{column} {token:?} {share}: {ended}");
+                    assert!(
+                        ended["outcome"] != "accepted" || share <= 0.5,
+                        "{column} {token:?} {share}: {ended}"
+                    );
                 } else {
                     posted.problem(422, "invalid-request");
                 }
@@ -108,13 +131,20 @@ fn storms_of_numbers_that_are_none_never_reach_the_parameters() {
         assert!(set["parameters"].as_object().unwrap().values().all(Value::is_f64), "{set}");
     }
     // The same as documents: `null` is a gap, and there is no other way to say that there is no number.
-    let nulls: Vec<Value> = rows.iter().enumerate().map(|(row, sample)| if row % 3 == 0 { json!(null) } else { json!(sample.1) }).collect();
+    let nulls: Vec<Value> = rows
+        .iter()
+        .enumerate()
+        .map(|(row, sample)| if row % 3 == 0 { json!(null) } else { json!(sample.1) })
+        .collect();
     let times: Vec<&String> = rows.iter().map(|row| &row.0).collect();
     let out: Vec<f64> = rows.iter().map(|row| row.2).collect();
     let body = json!({"time": times, "values": {"T_room": nulls, "T_out": out}});
     app.json("PUT", "/systems/room/nulls", &json!({"model": "rc2"})).expect(201);
     app.json("POST", "/systems/room/nulls/windows", &body).expect(201);
-    println!("NAN-1: {count} storms, {taken} windows taken, {refused} refused, {accepted} fits accepted, every served number is one");
+    println!(
+        "NAN-1: {count} storms, {taken} windows taken, {refused} refused, {accepted} fits accepted, every \
+        served number is one"
+    );
     assert!(taken >= 18 && refused >= 6 && accepted >= 9, "{taken} {refused} {accepted}");
 }
 
@@ -123,7 +153,8 @@ fn storms_of_numbers_that_are_none_never_reach_the_parameters() {
 fn records_in_the_wrong_unit_are_refused_or_converted() {
     let app = TestApp::start();
     app.json("PUT", "/systems/room/1", &json!({"model": "rc2"})).expect(201);
-    let rows: Vec<_> = room(3, 3).into_iter().map(|(time, inside, outside)| (time, inside + 6.0, outside)).collect();
+    let rows: Vec<_> =
+        room(3, 3).into_iter().map(|(time, inside, outside)| (time, inside + 6.0, outside)).collect();
     let csv = |header: &str, change: &Change| {
         let mut text = format!("time,{header}\n");
         for (time, inside, outside) in &rows {
@@ -142,8 +173,14 @@ fn records_in_the_wrong_unit_are_refused_or_converted() {
         ("T_room,irradiance", &|inside, _| (inside, 40_000.0)),
     ];
     for (header, change) in wrong {
-        let problem = app.csv("/systems/room/1/windows", &csv(header, change)).problem(422, "invalid-request");
-        let codes: Vec<&str> = problem["errors"].as_array().unwrap().iter().map(|fault| fault["code"].as_str().unwrap()).collect();
+        let problem =
+            app.csv("/systems/room/1/windows", &csv(header, change)).problem(422, "invalid-request");
+        let codes: Vec<&str> = problem["errors"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .map(|fault| fault["code"].as_str().unwrap())
+            .collect();
         assert_eq!(codes, ["implausible-values"], "{header}: {problem}");
     }
     // The same with the unit said: what is kept is the channel's own.
@@ -157,25 +194,42 @@ fn records_in_the_wrong_unit_are_refused_or_converted() {
         app.csv("/systems/room/1/windows", &csv(header, change)).expect(201);
         let series = app.get("/systems/room/1/series?channels=T_room").expect(200).json();
         let values = series["channels"]["T_room"]["values"].as_array().unwrap();
-        let worst = values.iter().zip(&rows).map(|(value, row)| (value.as_f64().unwrap() - row.1).abs()).fold(0.0, f64::max);
+        let worst = values
+            .iter()
+            .zip(&rows)
+            .map(|(value, row)| (value.as_f64().unwrap() - row.1).abs())
+            .fold(0.0, f64::max);
         assert!(worst < 1e-3, "{header}: {worst}");
     }
     let heater = app.get("/systems/room/1/series?channels=P_heater").expect(200).json();
-    assert!((heater["channels"]["P_heater"]["values"][0].as_f64().unwrap() - (2.0 + rows[0].2 / 100.0)).abs() < 1e-6, "{heater}");
+    assert!(
+        (heater["channels"]["P_heater"]["values"][0].as_f64().unwrap() - (2.0 + rows[0].2 / 100.0)).abs()
+            < 1e-6,
+        "{heater}"
+    );
     // Rates per second and per hour: the units of an equation are checked, and a scale is never guessed.
     let model = |unit: &str| {
         json!({
-            "id": "rates", "title": "A rate", "states": {"T_room": {"unit": "degC", "initial": "T_room"}}, "inputs": {"T_out": {"unit": "degC"}},
-            "parameters": {"k": {"unit": unit, "lower": 1e-6, "upper": 1.0, "nominal": 0.001, "scale": "log"}},
-            "equations": {"T_room": "k*(T_out - T_room)"}, "outputs": {"T_room": {"expr": "T_room", "unit": "degC", "noise_sd": 0.05}},
+            "id": "rates", "title": "A rate", "states": {"T_room": {"unit": "degC", "initial": "T_room"}},
+            "inputs": {"T_out": {"unit": "degC"}},
+            "parameters": {"k": {
+                "unit": unit, "lower": 1e-6, "upper": 1.0, "nominal": 0.001, "scale": "log"
+            }},
+            "equations": {"T_room": "k*(T_out - T_room)"},
+            "outputs": {"T_room": {"expr": "T_room", "unit": "degC", "noise_sd": 0.05}},
         })
     };
-    let faults = |unit: &str| app.json("POST", "/models/validate", &model(unit)).expect(200).json()["errors"].clone();
+    let faults =
+        |unit: &str| app.json("POST", "/models/validate", &model(unit)).expect(200).json()["errors"].clone();
     assert_eq!(faults("1/h"), json!([]));
     for unit in ["1/s", "1/d", "1", "K/h"] {
         assert_eq!(faults(unit)[0]["code"], "unit", "{unit}: {}", faults(unit));
     }
-    println!("UNIT-1: {} wrong units refused, {} stated ones converted, 4 rates refused", wrong.len(), said.len());
+    println!(
+        "UNIT-1: {} wrong units refused, {} stated ones converted, 4 rates refused",
+        wrong.len(),
+        said.len()
+    );
     // The good record is good.
     app.json("PUT", "/systems/room/2", &json!({"model": "rc2"})).expect(201);
     assert_eq!(app.csv("/systems/room/2/windows", &csv_of(&rows)).expect(201).json()["warnings"], json!([]));

@@ -1,5 +1,5 @@
-//! Expressions, windows and model documents from random trees and texts: nothing panics, what is printed is read back as it
-//! was, and a compiled model gives the bits of its equations.
+//! Expressions, windows and model documents from random trees and texts: nothing panics, what is printed is
+//! read back as it was, and a compiled model gives the bits of its equations.
 
 use super::{Random, bent, mutate};
 use crate::support::{csv_of, full, room};
@@ -15,7 +15,8 @@ use serde_json::{Value, json};
 use std::fmt::Write;
 use std::time::{Duration, Instant};
 
-/// Runs a case again and again, each from a number of its own: so many times, or in the full figure for two minutes.
+/// Runs a case again and again, each from a number of its own: so many times, or in the full figure for two
+/// minutes.
 fn many(what: &str, times: u64, mut case: impl FnMut(&mut Random) -> bool) {
     let begun = Instant::now();
     let (mut cases, mut taken, mut longest) = (0, 0, Duration::ZERO);
@@ -30,8 +31,18 @@ fn many(what: &str, times: u64, mut case: impl FnMut(&mut Random) -> bool) {
 }
 
 const NAMES: [&str; 4] = ["s", "a", "b", "u"];
-const FUNCTIONS: [(&str, usize); 10] =
-    [("if", 3), ("min", 2), ("max", 2), ("abs", 1), ("sqrt", 1), ("exp", 1), ("log", 1), ("sin", 1), ("cos", 1), ("tanh", 1)];
+const FUNCTIONS: [(&str, usize); 10] = [
+    ("if", 3),
+    ("min", 2),
+    ("max", 2),
+    ("abs", 1),
+    ("sqrt", 1),
+    ("exp", 1),
+    ("log", 1),
+    ("sin", 1),
+    ("cos", 1),
+    ("tanh", 1),
+];
 const OPERATORS: [&str; 10] = ["+", "-", "*", "/", "^", "<", "<=", "==", ">", ">="];
 
 /// A random expression as text, without a parenthesis more than by chance.
@@ -86,7 +97,9 @@ fn printed(expr: &Expr) -> String {
             };
             format!("({}{symbol}{})", printed(a), printed(b))
         }
-        Kind::Call(name, arguments) => format!("{name}({})", arguments.iter().map(printed).collect::<Vec<_>>().join(",")),
+        Kind::Call(name, arguments) => {
+            format!("{name}({})", arguments.iter().map(printed).collect::<Vec<_>>().join(","))
+        }
         Kind::Sum { variable, set, body } => format!("sum({variable} in {set}: {})", printed(body)),
     }
 }
@@ -104,13 +117,17 @@ fn a_printed_expression_is_the_same_expression() {
         match parse(&once) {
             Ok(again) => assert_eq!(printed(&again), once, "{text}"),
             // Parentheses around everything may nest deeper than is allowed, and be longer.
-            Err(error) => assert!(error.message.contains("deep") || error.message.contains("limit"), "{text}: {error:?}"),
+            Err(error) => assert!(
+                error.message.contains("deep") || error.message.contains("limit"),
+                "{text}: {error:?}"
+            ),
         }
         true
     });
 }
 
-/// The meaning of a tree, by the canonical operations and nothing else; `None` where something on the way is no number.
+/// The meaning of a tree, by the canonical operations and nothing else; `None` where something on the way is
+/// no number.
 fn meaning(expr: &Expr, value: &dyn Fn(&str) -> f64) -> Option<f64> {
     let of = |expr: &Expr| meaning(expr, value);
     let found = match &expr.kind {
@@ -121,7 +138,8 @@ fn meaning(expr: &Expr, value: &dyn Fn(&str) -> f64) -> Option<f64> {
             let (base, n) = (of(base)?, of(exponent)?);
             // A whole number that stands in the text means a product.
             if is_constant(exponent, value) && n == n.trunc() && n.abs() <= 16.0 {
-                let product = (1..n.abs() as i32).fold(if n == 0.0 { 1.0 } else { base }, |product, _| product * base);
+                let product =
+                    (1..n.abs() as i32).fold(if n == 0.0 { 1.0 } else { base }, |product, _| product * base);
                 if n < 0.0 { 1.0 / product } else { product }
             } else {
                 Binary::Pow.apply(base, n)
@@ -161,7 +179,9 @@ fn is_constant(expr: &Expr, value: &dyn Fn(&str) -> f64) -> bool {
         Kind::Binary(Binary::Pow, _, exponent) if zero(exponent) => true,
         Kind::Binary(Binary::Sub, a, b) if printed(a) == printed(b) => true,
         Kind::Binary(_, a, b) => of(a) && of(b),
-        Kind::Call(name, arguments) if name == "if" && of(&arguments[0]) => of(&arguments[if zero(&arguments[0]) { 2 } else { 1 }]),
+        Kind::Call(name, arguments) if name == "if" && of(&arguments[0]) => {
+            of(&arguments[if zero(&arguments[0]) { 2 } else { 1 }])
+        }
         Kind::Call(_, arguments) => arguments.iter().all(of),
         _ => false,
     }
@@ -171,9 +191,11 @@ fn is_constant(expr: &Expr, value: &dyn Fn(&str) -> f64) -> bool {
 fn model(output: &str) -> Value {
     let parameter = |lower: f64, upper: f64| json!({"unit": "-", "lower": lower, "upper": upper, "nominal": 1.1, "scale": "linear"});
     json!({
-        "id": "drawn", "title": "Drawn", "states": {"s": {"unit": "-", "initial": "s0"}}, "inputs": {"u": {"unit": "-"}},
+        "id": "drawn", "title": "Drawn", "states": {"s": {"unit": "-", "initial": "s0"}},
+        "inputs": {"u": {"unit": "-"}},
         "parameters": {"a": parameter(-3.0, 3.0), "b": parameter(0.1, 3.0), "s0": parameter(-2.0, 2.0)},
-        "equations": {"s": "0.1[1/h] * (u - s)"}, "outputs": {"y": {"expr": output, "unit": "-", "noise_sd": 0.1}},
+        "equations": {"s": "0.1[1/h] * (u - s)"},
+        "outputs": {"y": {"expr": output, "unit": "-", "noise_sd": 0.1}},
     })
 }
 
@@ -186,7 +208,8 @@ fn drawn(output: &str) -> Option<Problem> {
         writeln!(csv, "2026-01-01T{hour:02}:00:00Z,1.5,{:.3}", 2.0 * f64::from(hour).sin()).unwrap();
     }
     let (window, _) = Window::parse_csv(&csv, &Bindings::none()).unwrap();
-    let split = SplitRequest { train: "P1D".parse().unwrap(), validation: "P0D".parse().unwrap(), test: None };
+    let split =
+        SplitRequest { train: "P1D".parse().unwrap(), validation: "P0D".parse().unwrap(), test: None };
     let asked = EstimateRequest { split, ..EstimateRequest::default() };
     prepare(&catalogue, &"drawn".parse().unwrap(), &asked, &window, &Site::default()).ok()
 }
@@ -199,7 +222,8 @@ fn the_tape_gives_the_bits_of_the_tree() {
         let text = expression(random, depth);
         let Some(problem) = drawn(&text) else { return false };
         let tree = parse(&text).unwrap();
-        let names: Vec<&str> = problem.model().parameters().iter().map(|parameter| parameter.name.as_str()).collect();
+        let names: Vec<&str> =
+            problem.model().parameters().iter().map(|parameter| parameter.name.as_str()).collect();
         let theta: Vec<f64> = names.iter().map(|_| random.random_range(0.1..2.0)).collect();
         let run = problem.simulate(&theta);
         let input = problem.grid().column("u").map(|column| column.values().to_vec());
@@ -211,7 +235,11 @@ fn the_tape_gives_the_bits_of_the_tree() {
             };
             if let Some(expected) = meaning(&tree, &value) {
                 // Zeros of either sign are one number: the graph does not tell them apart.
-                assert_eq!((run.outputs[0][k] + 0.0).to_bits(), (expected + 0.0).to_bits(), "{text} at sample {k}: {expected}");
+                assert_eq!(
+                    (run.outputs[0][k] + 0.0).to_bits(),
+                    (expected + 0.0).to_bits(),
+                    "{text} at sample {k}: {expected}"
+                );
                 compared += 1;
             }
         }
@@ -234,16 +262,26 @@ fn a_written_window_is_the_same_window() {
             .channels()
             .map(|channel| {
                 let series = window.series(channel).unwrap();
-                assert!(series.times().windows(2).all(|pair| pair[0] < pair[1]) && series.values().iter().all(|value| value.is_finite()));
+                assert!(
+                    series.times().windows(2).all(|pair| pair[0] < pair[1])
+                        && series.values().iter().all(|value| value.is_finite())
+                );
                 let values = series.values().iter().copied().map(Some).collect();
-                (channel, series.unit().to_owned(), Thinned::Samples { times: series.times().to_vec(), values })
+                (
+                    channel,
+                    series.unit().to_owned(),
+                    Thinned::Samples { times: series.times().to_vec(), values },
+                )
             })
             .collect();
-        let channels: Vec<CsvChannel> = points.iter().map(|(channel, unit, points)| CsvChannel { channel, unit, points }).collect();
+        let channels: Vec<CsvChannel> =
+            points.iter().map(|(channel, unit, points)| CsvChannel { channel, unit, points }).collect();
         let written = write_csv(&channels);
-        let (again, _) = Window::parse_csv(&written, &Bindings::none()).unwrap_or_else(|faults| panic!("{faults:?}\n{text}\n{written}"));
+        let (again, _) = Window::parse_csv(&written, &Bindings::none())
+            .unwrap_or_else(|faults| panic!("{faults:?}\n{text}\n{written}"));
         for channel in window.channels() {
-            let [one, other] = [&window, &again].map(|window| window.series(channel).map(|series| (series.times(), series.values())));
+            let [one, other] = [&window, &again]
+                .map(|window| window.series(channel).map(|series| (series.times(), series.values())));
             assert_eq!(one, other, "{channel}\n{text}\n{written}");
         }
         true
@@ -254,7 +292,10 @@ fn a_written_window_is_the_same_window() {
 fn a_printed_model_is_the_same_model() {
     let catalogue = Catalogue::builtin().unwrap();
     let mut good: Vec<Value> = catalogue.models().map(|model| serde_json::to_value(model).unwrap()).collect();
-    let plants = [include_str!("../../../../../config/plants/asm1_h.toml"), include_str!("../../../../../config/plants/bsm1.toml")];
+    let plants = [
+        include_str!("../../../../../config/plants/asm1_h.toml"),
+        include_str!("../../../../../config/plants/bsm1.toml"),
+    ];
     good.extend(plants.map(|text| serde_json::to_value(ModelDocument::from_toml(text).unwrap()).unwrap()));
     many("models, read, printed and read", 3000, |random| {
         let mut document = good[random.random_range(0..good.len())].clone();
