@@ -10,6 +10,7 @@ use super::report::Gate;
 use super::screen::{Score, correlation};
 use super::surrogates::Heard;
 use crate::estimate::problem::bounds::at_bound;
+use crate::estimate::problem::predictor::Predictor;
 
 /// Least gain of the BIC.
 pub const LEAST_BIC: f64 = 10.0;
@@ -228,13 +229,9 @@ pub(super) fn gate(
     }
     let endogenous = candidate.endogenous;
     let least = least_gain(candidate, refitted, gain);
-    // Of whom no more is asked than of everybody, slower measures may speak. Where nothing moves the states
-    // by chance, the likelihood sees the slow as well.
-    let slow = candidate.problem.filters()
-        && least <= LEAST_BIC
-        && worst_rho >= CRUDE_RHO
-        && !endogenous
-        && explains_slowly(gain);
+    // Of whom no more is asked than of everybody, slower measures may speak. More is asked of large models:
+    // where nothing moves the states by chance, the likelihood sees the slow as well.
+    let slow = least <= LEAST_BIC && worst_rho >= CRUDE_RHO && !endogenous && explains_slowly(gain);
     if !slow && !reaches(Some(gain.delta_bic), least) {
         return Some((Gate::Bic, format!("it gains {:.1} in BIC, and {least} is asked for", gain.delta_bic)));
     }
@@ -302,16 +299,13 @@ pub(super) fn gate(
 
 /// Least gain of the BIC that is asked of a candidate.
 pub fn least_gain(candidate: &CandidateEffect, refitted: &Refitted, gain: &Gain) -> f64 {
-    if candidate.by_clock {
-        least_by_clock(candidate, &refitted.fitted)
-    } else if !candidate.problem.filters() {
-        LEAST_LARGE_BIC
-    } else if candidate.conducts {
-        LEAST_CONDUCTANCE_BIC
-    } else if refitted.score.imitated && !gain.share.is_some_and(|share| share >= STRICT_SHARE) {
-        LEAST_IMITATED_BIC
-    } else {
-        LEAST_BIC
+    let confirmed = gain.share.is_some_and(|share| share >= STRICT_SHARE);
+    match candidate.problem.predictor() {
+        _ if candidate.by_clock => least_by_clock(candidate, &refitted.fitted),
+        Predictor::FreeRun => LEAST_LARGE_BIC,
+        Predictor::Filtered if candidate.conducts => LEAST_CONDUCTANCE_BIC,
+        Predictor::Filtered if refitted.score.imitated && !confirmed => LEAST_IMITATED_BIC,
+        Predictor::Filtered => LEAST_BIC,
     }
 }
 

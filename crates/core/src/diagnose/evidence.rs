@@ -8,6 +8,7 @@ use super::score_test::{Look, RANKING_HOURS};
 use super::screen::Screen;
 use crate::data::rfc3339;
 use crate::estimate::Problem;
+use crate::estimate::problem::predictor::Predictor;
 use crate::estimate::problem::whiten::stride;
 use crate::schema::Interval;
 use crate::units::error_unit;
@@ -105,19 +106,22 @@ pub fn shape(null: &NullModel, next: &NullModel, candidate: &CandidateEffect, si
 /// none, in the free run.
 fn added(null: &NullModel, candidate: &CandidateEffect, with: &[f64]) -> Option<Added> {
     let point = |(row, x, y): (usize, f64, f64)| Point { row, x, y };
-    let points: Vec<Point> = if null.problem.filters() {
-        let samples = null.problem.split().train.start..null.problem.split().validation.end;
-        let look = Look::new(&null.problem, &null.fitted.plain, samples, RANKING_HOURS, &|| false)?;
-        look.added(candidate, with)?.into_iter().map(point).collect()
-    } else {
-        let plain = &null.filters.plain;
-        let (effect, unexplained) =
-            Screen::new(&null.problem, &null.fitted.plain, plain, &|| false)?.added(candidate, with)?;
-        plain
-            .rows_of_first()
-            .zip(effect.into_iter().zip(unexplained))
-            .map(|(row, (x, y))| point((row, x, y)))
-            .collect()
+    let points: Vec<Point> = match null.problem.predictor() {
+        Predictor::Filtered => {
+            let samples = null.problem.split().train.start..null.problem.split().validation.end;
+            let look = Look::new(&null.problem, &null.fitted.plain, samples, RANKING_HOURS, &|| false)?;
+            look.added(candidate, with)?.into_iter().map(point).collect()
+        }
+        Predictor::FreeRun => {
+            let plain = &null.filters.plain;
+            let (effect, unexplained) =
+                Screen::new(&null.problem, &null.fitted.plain, plain, &|| false)?.added(candidate, with)?;
+            plain
+                .rows_of_first()
+                .zip(effect.into_iter().zip(unexplained))
+                .map(|(row, (x, y))| point((row, x, y)))
+                .collect()
+        }
     };
     let [slope, intercept] = straight_line(&points)?;
     let bins = bins(&null.problem, points);

@@ -32,8 +32,7 @@ pub fn ladder_by_likelihood(
     control: &Control,
 ) -> Result<Ladder, DiagnoseError> {
     let nothing = || DiagnoseError::nothing(control);
-    if !problem.filters() {
-        let detail = "the ladder by likelihood needs a filter, and a model that is stepped by rkc has none";
+    if let Some(detail) = problem.predictor().lacks_filter_for("the ladder by likelihood") {
         return Err(DiagnoseError::Faults(vec![Fault::new("/model", "stepper", detail)]));
     }
     let (grid, holes) = widen(problem, window, site).map_err(|fault| DiagnoseError::Faults(vec![fault]))?;

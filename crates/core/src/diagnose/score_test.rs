@@ -80,7 +80,7 @@ impl<'a> Look<'a> {
         hours: f64,
         halt: Halt,
     ) -> Option<Self> {
-        let segments = Segments::new(base, samples.clone(), hours);
+        let segments = Segments::new(base, samples.clone(), hours)?;
         if segments.is_empty() || halt() {
             return None;
         }

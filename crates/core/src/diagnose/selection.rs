@@ -15,6 +15,7 @@ use super::screen::{Blind, Score, Screen};
 use super::surrogates::{Heard, Tests};
 use crate::estimate::Problem;
 use crate::estimate::assess::metrics::{day_ahead_mse, filter};
+use crate::estimate::problem::predictor::Predictor;
 use crate::simulate::trajectory::Halt;
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -28,16 +29,8 @@ const CHOICES: usize = 3;
 const LEAST_SCORE: f64 = 1.0;
 /// From how many of the best candidates the null model is restarted.
 const RESTARTS: usize = 3;
-/// The largest cost of the free run to which a restart from the nominal values has come, over the null
-/// model's, at which it goes on for as many iterations again: the way from the nominal values is long. One of
-/// a large model has to have come to the null model's.
-const GOES_ON: f64 = 2.0;
 /// The largest cost in the end, over the null model's, at which the refit goes on from it.
 const PROMISING: f64 = 0.95;
-/// Parts of the linearised step of a large model, of which the one that costs least is the start: a whole
-/// step of what is far from linear can lead so far astray that the few iterations such a model can afford do
-/// not find back.
-const PARTS: [f64; 3] = [1.0, 0.3, 0.1];
 /// A candidate leads clearly whose free run's squared error is this much of the null model's after the first
 /// part of its way.
 const CLEAR: f64 = 0.5;
@@ -79,6 +72,29 @@ pub enum Skip {
     Choice,
 }
 
+/// When all candidates are searched from the nominal values, and not only those that the model's own
+/// parameters imitate.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Wider {
+    /// With a finding the model is near the room, where a score is nearly what the likelihood would gain: its
+    /// price is asked at once. A large model may be so right that its simulations are too dear for more.
+    Never,
+    /// Where nobody of a large model leads clearly after the first part of the way: refits are dear.
+    BeforeTheRest,
+    /// Where a round ends with nothing although much is left to explain.
+    AfterNothing,
+}
+
+impl Wider {
+    fn of(predictor: Predictor, first: bool, rho: f64) -> Self {
+        match predictor {
+            Predictor::Filtered if first => Self::AfterNothing,
+            Predictor::FreeRun if rho >= RIGHT_RHO => Self::BeforeTheRest,
+            Predictor::Filtered | Predictor::FreeRun => Self::Never,
+        }
+    }
+}
+
 /// Tries every candidate on the null model, which is restarted on the way. `strict` asks for more of
 /// everybody, and `rate` is how often segments of hours may accuse where nothing is missing, alone or
 /// together with what `earlier` windows showed of the same model. What comes of a round that `halt` has cut
@@ -107,9 +123,8 @@ pub fn round(
         |candidate: &CandidateEffect| tests.as_ref().map(|tests| tests.hear(candidate)).unwrap_or_default();
     let heard: Vec<Heard> = candidates.par_iter().map(hear).collect();
     let scores = heard.iter().filter_map(|heard| heard.ranked.clone()).collect();
-    // With a finding the model is near the room, where a score is nearly what the likelihood would gain: the
-    // price is asked at once.
-    let far = if base.filters() { first } else { rho >= RIGHT_RHO };
+    let wider = Wider::of(base.predictor(), first, rho);
+    let far = wider != Wider::Never;
     let asks = |score: &Score| {
         score.imitated || (score.sign && if far { score.statistic >= LEAST_SCORE } else { score.net >= 0.0 })
     };
@@ -120,9 +135,7 @@ pub fn round(
     let (mut chosen, mut skipped, mut restarting) =
         search_from_nominal(null, candidates, chosen, skipped, &imitated, course);
     let mut begun = begin_all(null, candidates, &chosen, &[], course);
-    // Where nobody of a large model leads clearly, the others are searched for before the rest of the way:
-    // refits are dear.
-    if far && !base.filters() && !leads_clearly(null, &begun) && !halt() {
+    if wider == Wider::BeforeTheRest && !leads_clearly(null, &begun) && !halt() {
         let known: Vec<(usize, Optima)> = chosen.iter().map(|one| one.place).zip(begun).collect();
         let more;
         (chosen, skipped, more) =
@@ -138,9 +151,8 @@ pub fn round(
         judged
     };
     let mut judged = judge(null, refitted);
-    if first
+    if wider == Wider::AfterNothing
         && judged.winner.is_none()
-        && base.filters()
         && null.worst_rho().is_some_and(|rho| rho >= FAR_RHO)
         && !halt()
     {
@@ -348,9 +360,8 @@ fn search_from_nominal(
         .filter_map(|(place, _)| {
             let problem = &candidates[place].problem;
             let [task, _] = null.filters.tasks(problem, halt);
-            let iterations = Effort::of(problem).restart;
+            let Effort { restart: iterations, goes_on, .. } = Effort::of(problem);
             let (mut theta, mut cost, mut spent) = task.polish(&[problem.nominal().to_vec()], iterations);
-            let goes_on = if problem.filters() { GOES_ON } else { 1.0 };
             if (most..goes_on * null.fitted.plain_cost).contains(&cost) {
                 let more;
                 (theta, cost, more) = task.polish(&[theta], iterations);
@@ -412,9 +423,7 @@ fn go_on_all(
     let clear = leads_clearly(null, &begun);
     let one = |(one, begun): (&Chosen, Optima)| {
         let candidate = &candidates[one.place];
-        // The few iterations that a large model can afford show little after a fifth of them, unless somebody
-        // leads clearly.
-        let goes_on = null.is_promising(&begun) || (!candidate.problem.filters() && !clear);
+        let goes_on = null.is_promising(&begun) || (Effort::of(&candidate.problem).patient && !clear);
         let before = begun.evaluations;
         let refitted = refit(null, candidate, one, begun, goes_on, &|| course.halts())?;
         course.tried(&candidate.id, refitted.delta_bic(null), refitted.fitted.evaluations - before);
@@ -439,7 +448,7 @@ fn begin(null: &NullModel, candidate: &CandidateEffect, chosen: &Chosen, halt: H
         }
         start
     };
-    let parts: &[f64] = if candidate.problem.filters() { &[1.0] } else { &PARTS };
+    let Effort { parts, refit: iterations, .. } = Effort::of(&candidate.problem);
     let along = |task: &Refit, theta: &[f64], steps: &[f64]| {
         let mut starts: Vec<Vec<f64>> = parts.iter().map(|part| start(theta, steps, *part)).collect();
         let cheapest = task.cheapest(&starts);
@@ -456,7 +465,7 @@ fn begin(null: &NullModel, candidate: &CandidateEffect, chosen: &Chosen, halt: H
         plain.push(far.clone());
         white.push(far.clone());
     }
-    null.filters.begin(&candidate.problem, [&plain, &white], Effort::of(&candidate.problem).refit, halt)
+    null.filters.begin(&candidate.problem, [&plain, &white], iterations, halt)
 }
 
 /// The candidate where its way ends, whether or not it goes on.

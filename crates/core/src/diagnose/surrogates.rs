@@ -153,9 +153,6 @@ impl<'a> Tests<'a> {
         earlier: &'a [Entry],
         halt: Halt<'a>,
     ) -> Option<Self> {
-        if !base.filters() {
-            return None;
-        }
         let samples = base.split().train.start..base.split().validation.end;
         let look = |hours: &f64| Look::new(base, theta, samples.clone(), *hours, halt);
         let looks: Vec<Look> = lengths.par_iter().filter_map(look).collect();
@@ -373,7 +370,7 @@ mod tests {
         let (library, _) = candidates(&catalogue, &problem, &grid, &holes, &site());
         let gain = library.iter().find(|candidate| candidate.id == "constant_gain").unwrap();
         let theta = problem.nominal().to_vec();
-        let segments = Segments::new(&problem, 0..problem.grid().len(), 12.0);
+        let segments = Segments::new(&problem, 0..problem.grid().len(), 12.0).unwrap();
         let starts = segments.starts(&problem, &theta);
         let linear = segments.linearise(&problem, problem.simulator(), &theta, &starts).unwrap();
         let hours = segments

@@ -7,6 +7,7 @@ use super::limits::OutputScale;
 use super::table::Table;
 use crate::data::rfc3339;
 use crate::estimate::problem::mean_square;
+use crate::estimate::problem::predictor::Predictor;
 use crate::model::Scale;
 
 /// In K; `limits` says what it is for other outputs.
@@ -140,7 +141,10 @@ fn most_changed(context: &ValidationContext, from: &[f64]) -> (bool, String) {
         .map(|((new, old), _)| (new / old).max(old / new))
         .fold(1.0, f64::max);
     let share = changes()
-        .filter(|(_, (parameter, _))| parameter.scale == Scale::Linear && !context.problem.filters())
+        .filter(|(_, (parameter, _))| match context.problem.predictor() {
+            Predictor::Filtered => false,
+            Predictor::FreeRun => parameter.scale == Scale::Linear,
+        })
         .map(|((new, old), (_, [lower, upper]))| ((new - old) / (upper - lower)).abs())
         .fold(0.0, f64::max);
     let how = if share / JUMP_SHARE > factor / JUMP_FACTOR {

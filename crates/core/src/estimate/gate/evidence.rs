@@ -228,7 +228,7 @@ struct Look<'a> {
 
 impl<'a> Look<'a> {
     fn new(problem: &'a Problem, theta: &'a [f64], run: &FilterRun, hours: f64) -> Option<Self> {
-        let segments = Segments::new(problem, 0..problem.grid().len(), hours);
+        let segments = Segments::new(problem, 0..problem.grid().len(), hours)?;
         if segments.is_empty() {
             return None;
         }

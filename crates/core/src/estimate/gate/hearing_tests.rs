@@ -85,7 +85,7 @@ fn starts_take_no_part_and_a_direction_is_found_at_its_size() {
     let (_, problem, fit) = &*ROOM;
     let theta = fit.theta();
     let run = filter(problem, &theta, None);
-    let segments = Segments::new(problem, 0..problem.grid().len(), 24.0);
+    let segments = Segments::new(problem, 0..problem.grid().len(), 24.0).unwrap();
     assert_eq!(segments.first_samples().count(), DAYS);
     let starts: Vec<Vec<f64>> = segments.first_samples().map(|k| run.filtered.states[k].clone()).collect();
     let linear = segments.linearise(problem, problem.simulator(), &theta, &starts).unwrap();

@@ -11,6 +11,7 @@ use super::physics;
 use super::table::{Rule, Table};
 use crate::estimate::assess::metrics::horizon_name;
 use crate::estimate::fit::Stop;
+use crate::estimate::problem::predictor::Predictor;
 use crate::estimate::problem::request::Budget;
 use crate::estimate::problem::whiten::stride;
 use crate::model::Output;
@@ -94,35 +95,38 @@ fn physical(context: &ValidationContext, table: &mut Table) {
 fn persistence(context: &ValidationContext, table: &mut Table) {
     let name = horizon_name(context.policy.horizon);
     let ratio = context.forecast.as_ref().map(|error| error.rmse / error.persistence.max(f64::MIN_POSITIVE));
-    let comment = match &context.forecast {
-        Some(error) if !context.problem.filters() => format!(
+    let comment = beside_persistence(context, &name);
+    table.at_most("G4 beats persistence", ratio, 1.0, "-", Severity::Reject, comment);
+    if ratio.is_some_and(|ratio| ratio > BARELY && ratio <= 1.0) {
+        table.flags.push("barely_better_than_persistence".to_owned());
+        let are = context.problem.predictor().subject();
+        let comment = format!("{are} hardly better than holding the last measurement");
+        table.at_most("G4 clearly beats persistence", ratio, BARELY, "-", Severity::Flag, comment);
+    }
+}
+
+/// What the fit and persistence err by at a horizon, in words.
+fn beside_persistence(context: &ValidationContext, horizon: &str) -> String {
+    match (context.problem.predictor(), &context.forecast) {
+        (Predictor::Filtered, Some(error)) => format!(
+            "forecasts {horizon} ahead err by {:.2}, holding the last measurement by {:.2}",
+            error.rmse, error.persistence
+        ),
+        (Predictor::Filtered, None) => format!(
+            "there are no unseen measurements to forecast {horizon} ahead, or a forecast of them leaves the \
+            numbers"
+        ),
+        (Predictor::FreeRun, Some(error)) => format!(
             "the free run errs by {:.2} {unit} on unseen data, holding each output's last measurement for \
-            {name} by {:.2}",
+            {horizon} by {:.2}",
             error.rmse,
             error.persistence,
             unit = context.problem.scale_in_words()
         ),
-        Some(error) => format!(
-            "forecasts {name} ahead err by {:.2}, holding the last measurement by {:.2}",
-            error.rmse, error.persistence
+        (Predictor::FreeRun, None) => format!(
+            "there are no unseen measurements {horizon} behind others to compare the free run with, or it \
+            leaves the numbers"
         ),
-        None if !context.problem.filters() => {
-            format!(
-                "there are no unseen measurements {name} behind others to compare the free run with, or it \
-                leaves the numbers"
-            )
-        }
-        None => format!(
-            "there are no unseen measurements to forecast {name} ahead, or a forecast of them leaves the \
-            numbers"
-        ),
-    };
-    table.at_most("G4 beats persistence", ratio, 1.0, "-", Severity::Reject, comment);
-    if ratio.is_some_and(|ratio| ratio > BARELY && ratio <= 1.0) {
-        table.flags.push("barely_better_than_persistence".to_owned());
-        let what = if context.problem.filters() { "forecasts are" } else { "free run is" };
-        let comment = format!("the {what} hardly better than holding the last measurement");
-        table.at_most("G4 clearly beats persistence", ratio, BARELY, "-", Severity::Flag, comment);
     }
 }
 
@@ -135,11 +139,7 @@ fn incumbent(context: &ValidationContext, table: &mut Table) {
         .zip(theirs)
         .map(|(ours, theirs)| ours.rmse / theirs.rmse.max(f64::MIN_POSITIVE));
     let name = horizon_name(context.policy.horizon);
-    let what = if context.problem.filters() {
-        format!("the error {name} ahead")
-    } else {
-        "the error of the free run".to_owned()
-    };
+    let what = context.problem.predictor().error_at(&name);
     let comment = format!("{what} beside that of the parameters served now, on the same unseen data");
     table.at_most(NO_WORSE_THAN_INCUMBENT, ratio, INCUMBENT_RATIO, "-", Severity::Reject, comment);
 }

@@ -4,7 +4,7 @@
 //! EstimateRequest, Window, Catalogue --request--> Problem (basis, objective) --> cost of a candidate
 //! ```
 //!
-//! `method` names the search and `stop` says when it ends early; `bounds` asks whether a parameter sits on
+//! `predictor` says from which states the model predicts, `method` names the search and `stop` says when it ends early; `bounds` asks whether a parameter sits on
 //! one, `whiten` has the autoregressive model of a residual.
 
 pub mod basis;
@@ -12,6 +12,7 @@ pub mod bounds;
 pub mod choices;
 pub mod method;
 pub mod objective;
+pub mod predictor;
 pub mod request;
 pub mod stop;
 pub mod whiten;
@@ -20,12 +21,14 @@ use crate::data::{Grid, Split};
 use crate::fault::Fault;
 use crate::model::{Model, Nominal, Scale as ModelScale};
 use crate::optimise::{Candidate, Cost, Dimension, Evaluation, Scale, Space, Theta};
+use crate::simulate::kalman::Kalman;
 use crate::simulate::trajectory::{Halt, MeasuredOutput};
 use crate::simulate::{Inputs, Simulator, Stepper, Trajectory, substeps};
 use crate::units::error_unit;
 use basis::Basis;
 use choices::{Choices, Source};
 use objective::{Objective, Prior, ShapeDelta, Share, divisor};
+use predictor::Predictor;
 use std::ops::Range;
 
 /// Fewest samples to train on, of every output.
@@ -68,8 +71,9 @@ impl Problem {
         source: Source,
     ) -> Result<Self, Vec<Fault>> {
         let mut faults = choices.faults(&model);
-        if choices.objective == Objective::Likelihood && model.stepper() == Stepper::Rkc {
-            let detail = "the likelihood needs a filter, and a model that is stepped by rkc has none";
+        if choices.objective == Objective::Likelihood
+            && let Some(detail) = Predictor::of(&model).lacks_filter_for("the likelihood")
+        {
             faults.push(
                 Fault::new("/objective", "stepper", detail).suggest("name another method and objective"),
             );
@@ -197,10 +201,19 @@ impl Problem {
         &self.simulator
     }
 
-    /// Whether the model's states are re-estimated by a filter. Large models that are stepped explicitly have
-    /// free runs only: a covariance of a hundred states costs more than a thousand simulations.
-    pub fn filters(&self) -> bool {
-        self.model.stepper() != Stepper::Rkc
+    /// From which states the model predicts.
+    pub fn predictor(&self) -> Predictor {
+        Predictor::of(&self.model)
+    }
+
+    /// The filter over the window; `None` where the model predicts by its free run.
+    pub fn filter(&self) -> Option<Kalman<'_>> {
+        match self.predictor() {
+            Predictor::Filtered => {
+                Some(Kalman::new(&self.model, &self.simulator, &self.inputs, &self.measured()))
+            }
+            Predictor::FreeRun => None,
+        }
     }
 
     /// Training, validation and test parts.

@@ -5,6 +5,7 @@ use super::choices::{Choices, Source};
 pub use super::method::SeededMethod;
 use super::objective::ShapeDelta;
 use super::objective::{Objective, Prior};
+use super::predictor::Predictor;
 use super::stop::EarlyStopping;
 use super::whiten::common_divisor;
 use crate::data::{
@@ -297,7 +298,11 @@ pub fn days_before(
     let window = window.slice(start - BEFORE.seconds(), start).ok()?;
     let split = SplitRequest { train: BEFORE, validation: Duration::from_seconds(0), test: None };
     let asked = EstimateRequest { window: None, split, early_stopping: None, ..request.clone() };
-    prepare(catalogue, problem.model().id(), &asked, &window, site).ok().filter(Problem::filters)
+    match problem.predictor() {
+        Predictor::Filtered => prepare(catalogue, problem.model().id(), &asked, &window, site).ok(),
+        // A free run of other days says nothing of this one.
+        Predictor::FreeRun => None,
+    }
 }
 
 /// The channels that a model can choose from: the window's, the clock's, the openings of a window, which can

@@ -12,7 +12,7 @@ use crate::store;
 use crate::store::fits::FitRecord;
 use lampyris_core::data::{Duration, SplitRequest, SystemId, rfc3339};
 use lampyris_core::estimate::EstimateRequest;
-use lampyris_core::estimate::assess::degradation::{Newer, as_fitted, newer};
+use lampyris_core::estimate::assess::degradation::{Newer, as_fitted, goes_on, newer};
 use lampyris_core::estimate::assess::metrics::{CurrentState, filter_fit, newest_state};
 use lampyris_core::estimate::problem::request::WindowRange;
 use rayon::ThreadPool;
@@ -174,8 +174,7 @@ fn compare(input: &Input, served: &FitRecord) -> Result<Option<(Newer, Option<Cu
         // Channels have come or gone, so that the model is another one here.
         return Ok(None);
     }
-    if !problem.filters() && rfc3339(problem.grid().start()) != served.fit.window().0 {
-        // A free run that starts elsewhere says nothing of the one that was judged, nor of the states now.
+    if !goes_on(&problem, &served.fit) {
         return Ok(None);
     }
     let problem = as_fitted(&problem, &served.fit);

@@ -6,10 +6,10 @@ use crate::service::error::ServiceError;
 use crate::store::finish::JudgedFit;
 use crate::store::jobs::JobFailure;
 use lampyris_core::data::Window;
-use lampyris_core::data::rfc3339;
 use lampyris_core::diagnose::failures::worst_regime;
-use lampyris_core::estimate::assess::degradation::as_fitted;
+use lampyris_core::estimate::assess::degradation::{as_fitted, goes_on};
 use lampyris_core::estimate::assess::metrics::current_state;
+use lampyris_core::estimate::problem::predictor::Predictor;
 use lampyris_core::estimate::problem::request::days_before;
 use lampyris_core::estimate::validate;
 use lampyris_core::estimate::{Control, EstimateError, Interrupt, Past, Policy, Problem, Verdict, estimate};
@@ -94,12 +94,11 @@ fn incumbent_state(
     if !same {
         return None;
     }
-    if problem.filters() {
-        return current_state(problem, served);
+    match problem.predictor() {
+        Predictor::Filtered => current_state(problem, served),
+        Predictor::FreeRun if goes_on(problem, served) => current_state(&as_fitted(problem, served), served),
+        Predictor::FreeRun => None,
     }
-    // A free run that starts elsewhere says nothing of the states now.
-    let begins = rfc3339(problem.grid().start()) == served.window().0;
-    if begins { current_state(&as_fitted(problem, served), served) } else { None }
 }
 
 /// A failure with all faults of what the job was given.
