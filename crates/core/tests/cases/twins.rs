@@ -1,7 +1,8 @@
 //! Synthetic rooms with a known truth: what a fit finds, what the gate says, and that threads change nothing.
 
 use super::{fit, problem, request};
-use lampyris_core::estimate::problem::objective::{Objective, Prior};
+use lampyris_core::estimate::problem::objective::Objective;
+use lampyris_core::estimate::problem::prior::Prior;
 use lampyris_core::estimate::problem::request::EstimateRequest;
 use lampyris_core::estimate::validate;
 use lampyris_core::estimate::{

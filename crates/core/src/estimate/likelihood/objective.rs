@@ -2,8 +2,6 @@
 //! scale.
 
 use crate::estimate::problem::Problem;
-use crate::estimate::problem::objective::Prior;
-use crate::model::Scale as ModelScale;
 use crate::optimise::scoring::{Scoring, ScoringOptions};
 use crate::optimise::{Ask, Candidate, Cost, Dimension, Evaluation, Scale, Slope, Space};
 use crate::simulate::likelihood::Likelihood;
@@ -143,16 +141,9 @@ impl<'a> LikelihoodObjective<'a> {
         point
     }
 
-    /// The pull of the prior at each coordinate: the deviation of a logarithm from its nominal value.
+    /// The pull of the prior at a coordinate.
     fn pull(&self, point: &[f64], coordinate: usize) -> Option<f64> {
-        let place = self.places[coordinate];
-        let parameter = self.problem.model().parameters().get(place)?;
-        let (value, nominal) = (point[place], self.problem.nominal()[place]);
-        let pulled = self.problem.prior() == Prior::LogNormal
-            && parameter.scale == ModelScale::Log
-            && value > 0.0
-            && nominal > 0.0;
-        pulled.then(|| (value / nominal).ln())
+        self.problem.pull(self.places[coordinate], point, self.problem.prior().deviation()?)
     }
 
     /// Minus the log-likelihood, and minus the logarithm of the prior where there is one.

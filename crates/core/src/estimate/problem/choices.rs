@@ -1,7 +1,8 @@
 //! What a caller wants different from a model's own document, and where the measurements come from.
 
 use super::basis::Basis;
-use super::objective::{Objective, Prior, ShapeDelta};
+use super::objective::{Objective, ShapeDelta};
+use super::prior::Prior;
 use crate::fault::{Fault, nearest};
 use crate::model::{Model, Scale as ModelScale};
 use indexmap::IndexMap;

@@ -3,9 +3,9 @@
 use super::basis::Basis;
 use super::choices::{Choices, Source};
 pub use super::method::SeededMethod;
-use super::objective::ShapeDelta;
-use super::objective::{Objective, Prior};
+use super::objective::{Objective, ShapeDelta};
 use super::predictor::Predictor;
+use super::prior::Prior;
 use super::stop::EarlyStopping;
 use super::whiten::common_divisor;
 use crate::data::{
@@ -233,6 +233,13 @@ pub struct Site {
     pub zone: Option<String>,
     /// The members of the model's sets.
     pub sets: BTreeMap<String, Vec<String>>,
+}
+
+impl Site {
+    /// The place that a problem was put together for.
+    pub fn of(basis: &Basis) -> Self {
+        Self { location: basis.location, zone: basis.zone.clone(), sets: basis.sets.clone() }
+    }
 }
 
 /// Compiles the model for this window and place and puts the problem together.
