@@ -2,12 +2,11 @@
 
 use super::library::CandidateEffect;
 use super::null_model::NullModel;
-use super::regimes::interval;
-use super::residual::residual;
 use super::score_test::{Look, RANKING_HOURS};
 use super::screen::Screen;
 use crate::data::rfc3339;
 use crate::estimate::Problem;
+use crate::estimate::assess::regimes::interval;
 use crate::estimate::problem::predictor::Predictor;
 use crate::estimate::problem::whiten::stride;
 use crate::schema::Interval;
@@ -84,7 +83,7 @@ pub struct AddedBin {
 pub fn shape(null: &NullModel, next: &NullModel, candidate: &CandidateEffect, sized: &[f64]) -> Shape {
     let (problem, grid) = (&null.problem, null.problem.grid());
     let [without, with] = [null, next].map(|one| one.problem.simulate(&one.fitted.plain));
-    let error = residual(problem, 0, &without.outputs[0]);
+    let error = problem.residual(0, &without.outputs[0]);
     let change: Vec<f64> =
         with.outputs[0].iter().zip(&without.outputs[0]).map(|(with, without)| with - without).collect();
     let usable = problem.usable(0, 0..grid.len());

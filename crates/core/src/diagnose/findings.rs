@@ -5,14 +5,13 @@ use super::course::Course;
 use super::evidence::shape;
 use super::failures::episodes;
 use super::ledger::{EffectScore, Entry, Looked, beside, pooled_with};
-use super::library::{CandidateEffect, NotTestable, align, candidates, widen};
+use super::library::{CandidateEffect, NotTestable, align, candidates};
 use super::null_model::{NullModel, whitening_at};
 use super::present::present;
 use super::report::{
     Adequacy, Coefficient, Considered, Diagnosis, EffectSize, Finding, FindingKind, Gate, Measures,
     PresentEffect, Preview, RmsePairs, Unexplained,
 };
-use super::residual::residual;
 use super::screen::{Blind, Screen};
 use super::selection::{Round, Skip, round};
 use super::size::{AHEAD_HOURS, Size, Sizes, sizes};
@@ -24,6 +23,7 @@ use crate::estimate::assess::metrics::{HORIZONS, ahead, filter};
 use crate::estimate::problem::bounds::at_bound;
 use crate::estimate::problem::request::AccusationRate;
 use crate::estimate::problem::whiten::stride;
+use crate::estimate::problem::widen::widen;
 use crate::estimate::{Control, EstimateError, Problem, Site};
 use crate::fault::Fault;
 use crate::model::Catalogue;
@@ -511,7 +511,7 @@ fn conclude(report: &mut Diagnosis, before: &NullModel, after: &NullModel) {
         .map(|(left, all)| left / all.max(f64::MIN_POSITIVE));
     let more = report.rho.is_some_and(|rho| rho >= ADEQUATE_RHO);
     let run = after.problem.simulate(&after.fitted.plain);
-    let error = residual(&after.problem, 0, &run.outputs[0]);
+    let error = after.problem.residual(0, &run.outputs[0]);
     let (profile_by_hour, evenings) = profile(after, &run.states, &error);
     let diary = if profile_by_hour.iter().any(Option::is_some) {
         "keep a diary of what happens in the room in the hours listed"

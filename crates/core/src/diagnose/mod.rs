@@ -31,7 +31,6 @@ pub mod nested;
 pub mod null_model;
 mod present;
 mod refit;
-pub mod regimes;
 pub mod report;
 pub mod residual;
 mod score_test;

@@ -3,11 +3,12 @@
 
 use super::findings::{DiagnoseError, interrupted};
 use super::ladder::{Ladder, Step};
-use super::library::{CandidateEffect, align, candidates, widen};
+use super::library::{CandidateEffect, align, candidates};
 use crate::data::Window;
 use crate::estimate::assess::metrics::{HORIZONS, ahead, filter_with};
 use crate::estimate::likelihood::ml_estimate::MlEstimate;
 use crate::estimate::likelihood::ratio::{LikelihoodRatio, SIGNIFICANT};
+use crate::estimate::problem::widen::widen;
 use crate::estimate::{Control, Problem, Site};
 use crate::fault::Fault;
 use crate::model::Catalogue;

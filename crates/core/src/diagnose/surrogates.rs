@@ -337,9 +337,10 @@ fn combined(chances: &[f64]) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::library::{candidates, widen};
+    use super::super::library::candidates;
     use super::super::tests::{fitted, site, small_world};
     use super::*;
+    use crate::estimate::problem::widen::widen;
     use crate::estimate::segments::Segments;
     use crate::estimate::{EstimateRequest, prepare};
     use crate::model::Catalogue;

@@ -6,9 +6,9 @@ use crate::service::error::ServiceError;
 use crate::store::finish::JudgedFit;
 use crate::store::jobs::JobFailure;
 use lampyris_core::data::Window;
-use lampyris_core::diagnose::failures::worst_regime;
 use lampyris_core::estimate::assess::degradation::{as_fitted, goes_on};
 use lampyris_core::estimate::assess::metrics::current_state;
+use lampyris_core::estimate::assess::regimes::with_worst_regime;
 use lampyris_core::estimate::problem::predictor::Predictor;
 use lampyris_core::estimate::problem::request::days_before;
 use lampyris_core::estimate::validate;
@@ -58,10 +58,10 @@ pub fn fitted(input: &Input, control: &Control<'_>) -> Result<FirstFit, Stopped>
         next_door: input.weather_next_door().map_err(failed)?,
         ..input.past()
     };
-    let mut fit = estimate(&problem, &input.request, past.incumbent.as_ref(), control)
+    let fit = estimate(&problem, &input.request, past.incumbent.as_ref(), control)
         .map_err(|error| stopped(&error))?;
-    fit.worst_regime = worst_regime(&problem, &fit, &window, fit.seed)
-        .map_err(|fault| Stopped::Failed(invalid(vec![fault])))?;
+    let fit =
+        with_worst_regime(fit, &problem, &window).map_err(|fault| Stopped::Failed(invalid(vec![fault])))?;
     let policy = Policy { horizon: input.system.policy.horizon, excluded: input.system.excluded() };
     let mut judgement = validate(&problem, &fit, &past, &policy);
     if let (Verdict::Accepted(_), true) = (&judgement.verdict, input.is_narrowed()) {
