@@ -2,7 +2,7 @@
 
 use super::acceptance::LEAST_BIC;
 use super::course::Course;
-use super::findings::{DiagnoseError, interrupted};
+use super::error::{DiagnoseError, interrupted};
 use super::library::{align, candidates};
 use super::null_model::NullModel;
 use super::selection::round;

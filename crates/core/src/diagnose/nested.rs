@@ -1,7 +1,7 @@
 //! The ladder by likelihood: effects are added one after another while a likelihood-ratio test speaks for
 //! them, as Bacher and Madsen (Energy and Buildings 43, 2011) select a model.
 
-use super::findings::{DiagnoseError, interrupted};
+use super::error::{DiagnoseError, interrupted};
 use super::ladder::{Ladder, Step};
 use super::library::{CandidateEffect, align, candidates};
 use crate::data::Window;

@@ -2,7 +2,8 @@
 
 use super::expr::{Binary, Graph, Node, NodeId, Unary};
 use super::lower::{Lowering, Value};
-use super::parse::{Expr, Position};
+use super::parse::Expr;
+use super::token::Position;
 use super::{Delay, Parameter};
 use crate::fault::nearest;
 use crate::units::Unit;

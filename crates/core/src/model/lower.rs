@@ -1,8 +1,9 @@
 //! Syntax tree to graph: names are resolved, families expanded, units checked, every fault collected.
 
 use super::expr::{Binary, Graph, Node, NodeId, Unary};
-use super::parse::{Expr, Kind, Position, SyntaxError, parse};
+use super::parse::{Expr, Kind, parse};
 use super::spec::Definition;
+use super::token::{Position, SyntaxError};
 use crate::fault::{Fault, nearest};
 use crate::units::Unit;
 use indexmap::IndexMap;

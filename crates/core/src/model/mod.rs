@@ -10,6 +10,8 @@
 //!
 //! Nothing here knows measurements or parameter values. Time is counted in hours.
 
+mod bindings;
+mod builder;
 pub mod catalogue;
 mod check;
 pub mod compile;
@@ -29,10 +31,12 @@ mod quantity;
 mod settler;
 pub mod spec;
 pub mod tape;
+pub mod token;
 mod warm_up;
 
+pub use bindings::Bindings;
 pub use catalogue::{Catalogue, Composition};
-pub use compile::{Bindings, compile};
+pub use compile::compile;
 pub use id::ModelId;
 pub use spec::{Check, Hold, Nominal, Scale, Stepper};
 

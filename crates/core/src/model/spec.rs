@@ -56,6 +56,9 @@ pub struct ModelSpec {
     pub warm_up: Option<WarmUpSpec>,
 }
 
+/// The unit of an input whose channel may have any.
+pub const AS_IT_COMES: &str = "*";
+
 /// How a model is stepped.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "lowercase")]

@@ -8,7 +8,7 @@ use super::Optimiser;
 use super::agreement::AgreementOptions;
 use super::budget::{Budgeted, Strategy};
 use super::cfa_options::CfaOptions;
-use super::clustered::{CfaHierarchicalOptions, CfaThesis, CfaThesisOptions};
+use super::clustered::CfaThesis;
 use super::ctsm::{CtsmOptions, likely};
 use super::fa::{FaModifiedOptions, FaOptions};
 use super::ga::{Ga, GaOptions};
@@ -18,6 +18,7 @@ use super::local_options::LocalOptions;
 use super::lshade::{Lshade, LshadeOptions};
 use super::multistart::{LmMultistart, LmOptions};
 use super::pso::{Pso, PsoOptions};
+use super::thesis_options::{CfaHierarchicalOptions, CfaThesisOptions};
 
 /// A search method with its hyperparameters: `{"cfa": {"n": 60}}`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]

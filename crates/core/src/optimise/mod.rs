@@ -27,6 +27,7 @@ pub mod scoring;
 mod search;
 pub mod space;
 mod swarm;
+pub mod thesis_options;
 mod trust_region;
 
 pub use firefly::{Crowd, Edges};

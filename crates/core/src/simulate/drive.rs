@@ -2,8 +2,8 @@
 
 use crate::data::Grid;
 use crate::fault::Fault;
-use crate::model::compile::AS_IT_COMES;
 use crate::model::expr::Point;
+use crate::model::spec::AS_IT_COMES;
 use crate::model::tape::{DelayedInput, SharedStage, Source, Tape};
 use crate::model::{Held, Hold, Model, WarmUp};
 use crate::simulate::dual::Scalar;
