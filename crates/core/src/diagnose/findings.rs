@@ -4,12 +4,14 @@ use super::chosen::Skip;
 use super::course::Course;
 use super::error::{DiagnoseError, interrupted};
 use super::failures::episodes;
-use super::ledger::{EffectScore, Entry, Looked, beside, pooled_with};
+use super::ledger::{EffectScore, LedgerEntry, Looked, beside, pooled_with};
 use super::library::{CandidateEffect, NotTestable, align, candidates};
 use super::naming::finding;
 use super::null_model::{NullModel, whitening_at};
 use super::present::present;
-use super::report::{Adequacy, Considered, Diagnosis, Gate, Measures, PresentEffect, Preview, Unexplained};
+use super::report::{
+    Adequacy, Considered, Diagnosis, EffectGate, EffectPreview, Measures, PresentEffect, Unexplained,
+};
 use super::screen::{Blind, Screen};
 use super::selection::{Round, round};
 use super::surrogates::span;
@@ -47,7 +49,7 @@ pub fn diagnose(
     window: &Window,
     site: &Site,
     rate: AccusationRate,
-    earlier: &[Entry],
+    earlier: &[LedgerEntry],
     control: &Control,
 ) -> Result<Diagnosis, DiagnoseError> {
     let days = |range: &std::ops::Range<usize>| {
@@ -146,19 +148,19 @@ pub fn preview(
     theta: &[f64],
     window: &Window,
     site: &Site,
-) -> Result<Vec<Preview>, DiagnoseError> {
+) -> Result<Vec<EffectPreview>, DiagnoseError> {
     let diverged = DiagnoseError::Estimate(EstimateError::NothingFinite);
     let (grid, holes) = widen(problem, window, site).map_err(|fault| DiagnoseError::Faults(vec![fault]))?;
     let (mut library, _) = candidates(catalogue, problem, &grid, &holes, site);
     let problem = &align(problem, &mut library);
     let whitening = whitening_at(problem, theta).ok_or(diverged.clone())?;
     let screen = Screen::new(problem, theta, &whitening, &|| false).ok_or(diverged)?;
-    let mut previews: Vec<Preview> = library
+    let mut previews: Vec<EffectPreview> = library
         .par_iter()
         .filter_map(|candidate| {
             let score = screen.score(candidate).ok().filter(|score| score.sign && !score.imitated)?;
             let (title, explain) = (candidate.spec.title.clone(), candidate.spec.explain.clone());
-            Some(Preview { effect: candidate.id.clone(), title, explain, score: score.net })
+            Some(EffectPreview { effect: candidate.id.clone(), title, explain, score: score.net })
         })
         .collect();
     previews.sort_by(|a, b| b.score.total_cmp(&a.score).then_with(|| a.effect.cmp(&b.effect)));
@@ -193,7 +195,7 @@ fn looked(problem: &Problem, effects: Vec<EffectScore>) -> Option<Looked> {
 
 /// Tells every finding of a diagnosis what its window shows of it together with earlier ones of the same base
 /// model, and takes back, with a warning, what those have shown clearly and this one contradicts.
-pub(super) fn pool_findings(report: &mut Diagnosis, earlier: &[Entry]) {
+pub(super) fn pool_findings(report: &mut Diagnosis, earlier: &[LedgerEntry]) {
     let Some(span) = report.looked.as_ref().and_then(Looked::span) else { return };
     for score in report.looked.iter().flat_map(|looked| &looked.effects) {
         let Some(pooled) = pooled_with(earlier, score, span) else { continue };
@@ -212,7 +214,7 @@ pub(super) fn pool_findings(report: &mut Diagnosis, earlier: &[Entry]) {
 /// The first round into the report: what was tried, and what cannot be tested.
 fn tell_round(report: &mut Diagnosis, library: &[CandidateEffect], outcome: &Round) {
     for one in &outcome.tried {
-        if one.refitted.score.imitated && matches!(one.gate, Some((Gate::Bic | Gate::Bound, _))) {
+        if one.refitted.score.imitated && matches!(one.gate, Some((EffectGate::Bic | EffectGate::Bound, _))) {
             report.not_testable.push(NotTestable {
                 effect: library[one.refitted.candidate].id.clone(),
                 reason: IMITATED.to_owned(),
@@ -254,8 +256,10 @@ fn tell_round(report: &mut Diagnosis, library: &[CandidateEffect], outcome: &Rou
         match skip {
             Skip::Sign(score) | Skip::Faint(score) => {
                 let (gate, why) = match skip {
-                    Skip::Sign(_) => (Gate::Sign, "the data ask for a sign that physics does not allow"),
-                    _ => (Gate::Bic, "the data hardly ask for it"),
+                    Skip::Sign(_) => {
+                        (EffectGate::Sign, "the data ask for a sign that physics does not allow")
+                    }
+                    _ => (EffectGate::Bic, "the data hardly ask for it"),
                 };
                 report.considered.push(Considered {
                     effect,

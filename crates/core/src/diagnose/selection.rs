@@ -8,7 +8,7 @@ use super::acceptance::{Ahead, LEAST_BIC, LEAST_FALL, Refitted, Tried, gate, tie
 use super::chosen::{Chosen, Skip, choose, search_from_nominal};
 use super::course::Course;
 use super::effort::Effort;
-use super::ledger::{EffectScore, Entry};
+use super::ledger::{EffectScore, LedgerEntry};
 use super::library::CandidateEffect;
 use super::null_model::{NullModel, Optima};
 use super::refit::Refit;
@@ -87,7 +87,7 @@ pub fn round(
     candidates: &[CandidateEffect],
     strict: bool,
     rate: f64,
-    earlier: &[Entry],
+    earlier: &[LedgerEntry],
     first: bool,
     course: &Course,
 ) -> Option<Round> {

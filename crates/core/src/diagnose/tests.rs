@@ -3,9 +3,9 @@
 use super::failures::{failures, sentences};
 use super::ladder::ladder;
 use super::library;
-use super::report::Gate;
+use super::report::EffectGate;
 use super::{Adequacy, DiagnoseError, Diagnosis, diagnose, preview};
-use crate::data::{Bindings, SplitRequest, Window};
+use crate::data::{ColumnBindings, SplitRequest, Window};
 use crate::estimate::assess::metrics::filter;
 use crate::estimate::assess::regimes::{regimes, with_worst_regime};
 use crate::estimate::problem::request::{AccusationRate, SeededMethod};
@@ -23,7 +23,7 @@ fn small_twin(effects: &[&str]) -> World {
 /// It as a window, and its problem for room3.
 pub(super) fn small_world(effects: &[&str]) -> (Problem, Window) {
     let made = small_twin(effects);
-    let (window, _) = Window::parse_csv(&made.csv, &Bindings::none()).unwrap();
+    let (window, _) = Window::parse_csv(&made.csv, &ColumnBindings::none()).unwrap();
     let request = EstimateRequest { split: SplitRequest::DIAGNOSE, ..EstimateRequest::default() };
     let id = "room3".parse().unwrap();
     (prepare(&Catalogue::builtin().unwrap(), &id, &request, &window, &site()).unwrap(), window)
@@ -236,7 +236,9 @@ fn a_withheld_channel_is_named_as_not_testable_and_short_records_as_too_short() 
             .iter()
             .any(|one| one.effect == "wind_infiltration" && one.reason == "needs channel wind_speed")
     );
-    assert!(found.considered.iter().all(|one| one.effect != "sensor_lag" || one.gate != Some(Gate::Tie)));
+    assert!(
+        found.considered.iter().all(|one| one.effect != "sensor_lag" || one.gate != Some(EffectGate::Tie))
+    );
 }
 
 /// Wherever it is called off, it says so, and hardly anything is simulated any more.

@@ -5,7 +5,7 @@ use super::catalogue::{AppliedEffect, Composition};
 use super::expr::{Node, Point};
 use super::lower::{Lowering, Symbol, Value};
 use super::parse::{declaration, is_quantity};
-use super::spec::{AS_IT_COMES, Hold, InputSpec, Nominal, ParameterSpec, Scale, StateSpec};
+use super::spec::{AS_IT_COMES, InputHold, InputSpec, Nominal, ParameterSpec, Scale, StateSpec};
 use super::{Initial, Input, Parameter};
 use crate::fault::Fault;
 use crate::units::Unit;
@@ -143,7 +143,7 @@ impl Builder {
                 }
                 continue;
             }
-            if CLOCK.contains(&channel.as_str()) && spec.hold != Hold::ZeroOrder {
+            if CLOCK.contains(&channel.as_str()) && spec.hold != InputHold::ZeroOrder {
                 let detail = format!(
                     "between two samples `{channel}` is no straight line: it begins again at midnight"
                 );

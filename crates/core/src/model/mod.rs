@@ -38,7 +38,7 @@ pub use bindings::Bindings;
 pub use catalogue::{Catalogue, Composition};
 pub use compile::compile;
 pub use id::ModelId;
-pub use spec::{Check, Hold, Nominal, Scale, Stepper};
+pub use spec::{Check, InputHold, Nominal, Scale, Stepper};
 
 use expr::{Graph, NodeId};
 
@@ -128,7 +128,7 @@ pub struct Input {
     /// Its unit in the equations.
     pub unit: String,
     /// Between samples.
-    pub hold: Hold,
+    pub hold: InputHold,
     /// Whether it may stay constant in a record, as long as not all such inputs do.
     pub may_be_constant: bool,
 }

@@ -5,7 +5,7 @@ const SYMBOLS: [&str; 17] =
 
 /// A place in a text, from 1.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Position {
+pub struct TextPosition {
     /// Line.
     pub line: usize,
     /// Column in characters.
@@ -16,7 +16,7 @@ pub struct Position {
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct SyntaxError {
     /// Where.
-    pub at: Position,
+    pub at: TextPosition,
     /// What is wrong.
     pub message: String,
 }
@@ -31,7 +31,7 @@ pub(super) enum Token {
 }
 
 /// A token, where it begins, and the byte behind it.
-pub(super) type Placed = (Token, Position, usize);
+pub(super) type Placed = (Token, TextPosition, usize);
 
 /// The tokens of a text, `End` the last one.
 pub(super) fn tokens(text: &str) -> Result<Vec<Placed>, SyntaxError> {
@@ -43,7 +43,7 @@ pub(super) fn tokens(text: &str) -> Result<Vec<Placed>, SyntaxError> {
         // quadratic.
         column += text[counted..i].chars().count();
         counted = i;
-        let at = Position { line, column };
+        let at = TextPosition { line, column };
         let c = bytes[i];
         if c == b'\n' {
             line += 1;
@@ -84,7 +84,7 @@ pub(super) fn tokens(text: &str) -> Result<Vec<Placed>, SyntaxError> {
             });
         }
     }
-    let at = Position { line, column: column + text[counted..].chars().count() };
+    let at = TextPosition { line, column: column + text[counted..].chars().count() };
     tokens.push((Token::End, at, bytes.len()));
     Ok(tokens)
 }

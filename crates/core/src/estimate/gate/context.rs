@@ -2,13 +2,13 @@
 
 use super::evidence::Evidence;
 use super::limits::OutputScale;
-use super::past::{Past, Policy, Reference};
+use super::past::{GatePolicy, Past, Reference};
 use crate::data::Duration;
 use crate::estimate::assess::metrics::{
     FilterRun, ahead, filter, filter_fit, free_run_ahead, horizon_name, lead,
 };
 use crate::estimate::fit::incumbent::Incumbent;
-use crate::estimate::fit::levels::Level;
+use crate::estimate::fit::levels::ChannelLevel;
 use crate::estimate::fit::{AheadError, Fit};
 use crate::estimate::problem::Problem;
 use crate::estimate::problem::predictor::Predictor;
@@ -30,8 +30,8 @@ pub(super) struct ValidationContext<'a> {
     /// Older parameters of the same model, with what they are.
     pub references: Vec<(&'a str, Vec<f64>)>,
     /// The levels of the channels in windows of fits that were trusted, with what those are.
-    pub levels: Vec<(&'a str, &'a IndexMap<String, Level>)>,
-    pub policy: &'a Policy,
+    pub levels: Vec<(&'a str, &'a IndexMap<String, ChannelLevel>)>,
+    pub policy: &'a GatePolicy,
     /// What else is known.
     pub past: &'a Past,
     /// The filter over the window with the noise of the fit; a model without one has none.
@@ -44,7 +44,7 @@ impl<'a> ValidationContext<'a> {
         problem: &Problem,
         fit: &'a Fit,
         past: &'a Past,
-        policy: &'a Policy,
+        policy: &'a GatePolicy,
     ) -> Result<Self, &'static str> {
         // The fit may have needed shorter steps than the problem started with.
         let problem = problem.with_substeps(fit.substeps);

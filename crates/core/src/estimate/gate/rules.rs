@@ -8,7 +8,7 @@ use super::context::ValidationContext;
 use super::hearing;
 use super::limits::{OutputScale, ticks};
 use super::physics;
-use super::table::{Rule, Table};
+use super::table::{CheckTable, Rule};
 use crate::estimate::assess::metrics::horizon_name;
 use crate::estimate::fit::Stop;
 use crate::estimate::problem::predictor::Predictor;
@@ -55,7 +55,7 @@ pub const ALL: &[Rule] = &[
     Rule { name: "G12 determined", look: hearing::determined },
 ];
 
-fn finite(context: &ValidationContext, table: &mut Table) {
+fn finite(context: &ValidationContext, table: &mut CheckTable) {
     let of_output = |(index, output): (usize, &Output)| {
         let again = context
             .problem
@@ -73,7 +73,7 @@ fn finite(context: &ValidationContext, table: &mut Table) {
     table.at_most("G1 finite", difference, 1e-9, "-", Severity::Reject, comment);
 }
 
-fn bounds(context: &ValidationContext, table: &mut Table) {
+fn bounds(context: &ValidationContext, table: &mut CheckTable) {
     let estimates = &context.fit.parameters;
     let outside = estimates.values().filter(|e| !(e.bounds[0]..=e.bounds[1]).contains(&e.value)).count();
     let comment = "every parameter, estimated or fixed, lies inside its bounds".to_owned();
@@ -88,11 +88,11 @@ fn bounds(context: &ValidationContext, table: &mut Table) {
     }
 }
 
-fn physical(context: &ValidationContext, table: &mut Table) {
+fn physical(context: &ValidationContext, table: &mut CheckTable) {
     table.checks.extend(physics::checks(&context.problem, &context.theta, &context.trajectory));
 }
 
-fn persistence(context: &ValidationContext, table: &mut Table) {
+fn persistence(context: &ValidationContext, table: &mut CheckTable) {
     let name = horizon_name(context.policy.horizon);
     let ratio = context.forecast.as_ref().map(|error| error.rmse / error.persistence.max(f64::MIN_POSITIVE));
     let comment = beside_persistence(context, &name);
@@ -130,7 +130,7 @@ fn beside_persistence(context: &ValidationContext, horizon: &str) -> String {
     }
 }
 
-fn incumbent(context: &ValidationContext, table: &mut Table) {
+fn incumbent(context: &ValidationContext, table: &mut CheckTable) {
     let Some(incumbent) = &context.incumbent else { return };
     let theirs = context.error_of(incumbent, context.problem.split().validation.clone());
     let ratio = context
@@ -144,7 +144,7 @@ fn incumbent(context: &ValidationContext, table: &mut Table) {
     table.at_most(NO_WORSE_THAN_INCUMBENT, ratio, INCUMBENT_RATIO, "-", Severity::Reject, comment);
 }
 
-fn largest_error(context: &ValidationContext, table: &mut Table) {
+fn largest_error(context: &ValidationContext, table: &mut CheckTable) {
     let error = |scale: &OutputScale| {
         let (values, _) = context.problem.measured()[scale.output];
         let used = context.problem.usable(scale.output, context.since(FORTNIGHT)..values.len());
@@ -157,7 +157,7 @@ fn largest_error(context: &ValidationContext, table: &mut Table) {
     table.worst(context, "G5 largest error", LARGEST_ERROR, error, says);
 }
 
-fn excursion(context: &ValidationContext, table: &mut Table) {
+fn excursion(context: &ValidationContext, table: &mut CheckTable) {
     let excursion = |scale: &OutputScale| {
         let (values, valid) = context.problem.measured()[scale.output];
         let known = (0..values.len()).filter(|k| valid[*k]).map(|k| values[k]);
@@ -170,7 +170,7 @@ fn excursion(context: &ValidationContext, table: &mut Table) {
     table.worst(context, "G5 excursion", LARGEST_EXCURSION, excursion, says);
 }
 
-fn repeat(context: &ValidationContext, table: &mut Table) {
+fn repeat(context: &ValidationContext, table: &mut CheckTable) {
     let pass = context.fit.stopped_by == Stop::Converged;
     if !pass {
         table.flags.push("low_confidence".to_owned());
@@ -196,7 +196,7 @@ fn repeat(context: &ValidationContext, table: &mut Table) {
     table.check("G7 repeat", None, "", None, "-", pass, severity, comment);
 }
 
-fn unseen(context: &ValidationContext, table: &mut Table) {
+fn unseen(context: &ValidationContext, table: &mut CheckTable) {
     let unseen = context.problem.split().validation.len();
     let comment = "there are measurements that the search has not seen".to_owned();
     table.check(
@@ -211,7 +211,7 @@ fn unseen(context: &ValidationContext, table: &mut Table) {
     );
 }
 
-fn complete(context: &ValidationContext, table: &mut Table) {
+fn complete(context: &ValidationContext, table: &mut CheckTable) {
     let (problem, split) = (&context.problem, context.problem.split());
     let all = split.train.start..split.validation.end.max(split.train.end);
     let excluded = |k: &usize| {
@@ -237,7 +237,7 @@ fn complete(context: &ValidationContext, table: &mut Table) {
     );
 }
 
-fn excited(context: &ValidationContext, table: &mut Table) {
+fn excited(context: &ValidationContext, table: &mut CheckTable) {
     let inputs = || context.problem.model().inputs().iter().enumerate();
     let constant = |index: usize| {
         let (low, high) = context.problem.inputs().range(index);
@@ -259,7 +259,7 @@ fn excited(context: &ValidationContext, table: &mut Table) {
     }
 }
 
-fn unit_jump(context: &ValidationContext, table: &mut Table) {
+fn unit_jump(context: &ValidationContext, table: &mut CheckTable) {
     let change = |scale: &OutputScale| {
         let (values, valid) = context.problem.measured()[scale.output];
         let ticks = ticks(valid);
@@ -273,7 +273,7 @@ fn unit_jump(context: &ValidationContext, table: &mut Table) {
     table.worst(context, "G8 no unit jump", LARGEST_CHANGE, change, says);
 }
 
-fn stuck(context: &ValidationContext, table: &mut Table) {
+fn stuck(context: &ValidationContext, table: &mut CheckTable) {
     let longest = |scale: &OutputScale| {
         let (values, valid) = context.problem.measured()[scale.output];
         let step = context.problem.quanta().get(scale.output).copied().flatten().unwrap_or(0.0);

@@ -3,7 +3,7 @@
 
 use crate::estimate::problem::Problem;
 use crate::optimise::scoring::{Scoring, ScoringOptions};
-use crate::optimise::{Ask, Candidate, Cost, Dimension, Evaluation, Scale, Slope, Space};
+use crate::optimise::{Ask, Candidate, Cost, Dimension, DimensionScale, Evaluation, Slope, Space};
 use crate::simulate::likelihood::Likelihood;
 use crate::simulate::trajectory::Halt;
 use rayon::prelude::*;
@@ -28,7 +28,12 @@ impl<'a> LikelihoodObjective<'a> {
         let sensor = model.outputs()[0].noise_sd;
         let mut dimensions = problem.space().dimensions().to_vec();
         let mut noise = |name: String, [lower, upper, _]: [f64; 3], unit: f64| {
-            dimensions.push(Dimension { name, lower: lower * unit, upper: upper * unit, scale: Scale::Log });
+            dimensions.push(Dimension {
+                name,
+                lower: lower * unit,
+                upper: upper * unit,
+                scale: DimensionScale::Log,
+            });
         };
         model.states().iter().for_each(|state| noise(format!("sigma({})", state.name), DIFFUSION, sensor));
         model
@@ -166,8 +171,10 @@ impl<'a> LikelihoodObjective<'a> {
             .map(|coordinate| {
                 let dimension = &self.space.dimensions()[*coordinate];
                 match dimension.scale {
-                    Scale::Linear => dimension.upper - dimension.lower,
-                    Scale::Log => point[self.places[*coordinate]] * (dimension.upper / dimension.lower).ln(),
+                    DimensionScale::Linear => dimension.upper - dimension.lower,
+                    DimensionScale::Log => {
+                        point[self.places[*coordinate]] * (dimension.upper / dimension.lower).ln()
+                    }
                 }
             })
             .collect();

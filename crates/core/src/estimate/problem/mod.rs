@@ -24,8 +24,8 @@ pub mod widen;
 
 use crate::data::{Grid, Split};
 use crate::fault::Fault;
-use crate::model::{Model, Nominal, Scale as ModelScale};
-use crate::optimise::{Candidate, Cost, Dimension, Evaluation, Scale, Space, Theta};
+use crate::model::{Model, Nominal, Scale};
+use crate::optimise::{Candidate, Cost, Dimension, DimensionScale, Evaluation, Space, Theta};
 use crate::simulate::kalman::Kalman;
 use crate::simulate::trajectory::{Halt, MeasuredOutput};
 use crate::simulate::{Inputs, Simulator, Stepper, Trajectory, substeps};
@@ -143,7 +143,7 @@ impl Problem {
         for (index, parameter) in self.model.parameters().iter().enumerate() {
             let asked = choices.bounds.get(&parameter.name).copied();
             let [lower, upper] = asked.unwrap_or([parameter.lower, parameter.upper]);
-            let log = parameter.scale == ModelScale::Log;
+            let log = parameter.scale == Scale::Log;
             let nominal = match &parameter.nominal {
                 Nominal::Value(value) => *value,
                 Nominal::Measured(channel) => {
@@ -159,7 +159,7 @@ impl Problem {
                 None => {
                     self.nominal.push(nominal.clamp(lower, upper));
                     self.free.push(index);
-                    let scale = if log { Scale::Log } else { Scale::Linear };
+                    let scale = if log { DimensionScale::Log } else { DimensionScale::Linear };
                     dimensions.push(Dimension { name: parameter.name.clone(), lower, upper, scale });
                 }
             }

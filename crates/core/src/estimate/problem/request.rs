@@ -14,7 +14,7 @@ use crate::data::{
 };
 use crate::estimate::problem::Problem;
 use crate::fault::Fault;
-use crate::model::{Bindings, Catalogue, Hold, Model, ModelId, compile};
+use crate::model::{Bindings, Catalogue, InputHold, Model, ModelId, compile};
 use crate::optimise::Method;
 use crate::schema::Interval;
 use crate::simulate::Stepper;
@@ -346,9 +346,9 @@ pub(in crate::estimate) struct Columns<'a> {
 impl<'a> Columns<'a> {
     /// The outputs of a model, and those of its inputs that the window has.
     pub(in crate::estimate) fn of(model: &'a Model, window: &Window) -> Self {
-        let hold = |hold: Hold| match hold {
-            Hold::Linear => crate::data::Hold::Linear,
-            Hold::ZeroOrder => crate::data::Hold::ZeroOrder,
+        let hold = |hold: InputHold| match hold {
+            InputHold::Linear => crate::data::Hold::Linear,
+            InputHold::ZeroOrder => crate::data::Hold::ZeroOrder,
         };
         let inputs = model.inputs().iter().filter(|input| window.series(&input.channel).is_some());
         let outputs: Vec<&str> = model.outputs().iter().map(|output| output.channel.as_str()).collect();

@@ -2,7 +2,7 @@
 
 use crate::service::error::ServiceError;
 use indexmap::IndexMap;
-use lampyris_core::data::{Bindings as ColumnBindings, Duration, Length, SystemId, read_time};
+use lampyris_core::data::{ColumnBindings, Duration, Length, SystemId, read_time};
 use lampyris_core::estimate::EstimateRequest;
 use lampyris_core::estimate::problem::choices::Choices;
 use lampyris_core::estimate::problem::prior::Prior;

@@ -7,7 +7,7 @@ use crate::service::catalogue::systems;
 use crate::service::error::ServiceError;
 use crate::service::queue::submit;
 use crate::service::state::Service;
-use crate::service::work::input::{self, Input};
+use crate::service::work::input::{self, JobInput};
 use crate::store;
 use crate::store::fits::FitRecord;
 use lampyris_core::data::{Duration, SplitRequest, SystemId, rfc3339};
@@ -166,7 +166,10 @@ fn request(served: &FitRecord, newest: i64) -> EstimateRequest {
 }
 
 /// This is work for a CPU pool.
-fn compare(input: &Input, served: &FitRecord) -> Result<Option<(Newer, Option<CurrentState>)>, ServiceError> {
+fn compare(
+    input: &JobInput,
+    served: &FitRecord,
+) -> Result<Option<(Newer, Option<CurrentState>)>, ServiceError> {
     let window = input.window()?;
     let problem = input.problem(&window)?;
     let names = problem.model().parameters().iter().map(|parameter| &parameter.name);
