@@ -26,22 +26,22 @@
 //! A room whose truth is known, with a leak that its model does not know: fitted, judged, and asked what is
 //! missing.
 //! ```
-//! use lampyris_core::data::{Bindings, SplitRequest, Window};
+//! use lampyris_core::data::{ColumnBindings, SplitRequest, Window};
 //! use lampyris_core::diagnose::diagnose;
 //! use lampyris_core::estimate::problem::request::{AccusationRate, EstimateRequest, Site, prepare};
-//! use lampyris_core::estimate::{Control, Past, Policy, estimate, validate};
+//! use lampyris_core::estimate::{Control, GatePolicy, Past, estimate, validate};
 //! use lampyris_core::model::Catalogue;
 //! use lampyris_core::twin::{Level, WorldRequest, world};
 //!
 //! let world = world(&WorldRequest::new(3, &["wind_infiltration"], Level::Matched)).unwrap();
-//! let (window, _) = Window::parse_csv(&world.csv, &Bindings::none()).unwrap();
+//! let (window, _) = Window::parse_csv(&world.csv, &ColumnBindings::none()).unwrap();
 //! let site = Site { sets: [("neighbours".to_owned(), world.neighbours)].into(), ..Site::default() };
 //! let request = EstimateRequest { split: SplitRequest::DIAGNOSE, ..EstimateRequest::default() };
 //!
 //! let catalogue = Catalogue::builtin().unwrap();
 //! let problem = prepare(&catalogue, &"room3".parse().unwrap(), &request, &window, &site).unwrap();
 //! let fit = estimate(&problem, &request, None, &Control::NONE).unwrap();
-//! let judgement = validate(&problem, &fit, &Past::default(), &Policy::default());
+//! let judgement = validate(&problem, &fit, &Past::default(), &GatePolicy::default());
 //! println!("{}", judgement.summary);
 //!
 //! let rate = AccusationRate::default();

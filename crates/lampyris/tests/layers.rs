@@ -46,6 +46,8 @@ const IMPURE: [&str; 10] = [
     "Timestamp::now",
 ];
 const LONGEST_FILE: usize = 500;
+/// `Problem` is what is estimated, and by RFC 9457 also an answer that says what went wrong.
+const NAMED_TWICE: [&str; 1] = ["Problem"];
 /// What a public name may be of.
 const KINDS: [&str; 5] = ["struct", "enum", "trait", "type", "fn"];
 
@@ -222,21 +224,44 @@ fn refused_names() -> BTreeSet<String> {
     table.lines().filter_map(row).collect()
 }
 
+/// The public names of a text, each with what it is of.
+fn public_names(code: &str) -> Vec<(&str, &str)> {
+    let name = |line| {
+        let mut words = str::split(line, |c: char| !c.is_alphanumeric() && c != '_')
+            .skip_while(|word| !KINDS.contains(word));
+        words.next().zip(words.next())
+    };
+    code.lines().map(str::trim_start).filter(|line| line.starts_with("pub")).filter_map(name).collect()
+}
+
 #[test]
 fn public_names_are_words_of_the_field() {
     let refused = refused_names();
     assert!(refused.len() > 10, "the table was found: {refused:?}");
     let mut wrong = Vec::new();
     for (path, text) in sources(IN_CORE).into_iter().chain(sources(IN_SERVICE)) {
-        for line in code(&text).lines().map(str::trim_start).filter(|line| line.starts_with("pub")) {
-            let mut words = line
-                .split(|c: char| !c.is_alphanumeric() && c != '_')
-                .skip_while(|word| !KINDS.contains(word));
-            let name = words.nth(1).unwrap_or_default();
+        for (_, name) in public_names(&code(&text)) {
             if refused.contains(name) {
                 wrong.push(format!("{}: {name}", path.display()));
             }
         }
     }
     assert!(wrong.is_empty(), "{wrong:#?}");
+}
+
+#[test]
+fn a_name_stands_for_one_public_type() {
+    let mut places: BTreeMap<String, Vec<String>> = BTreeMap::new();
+    // Each verb of the command line is a program of its own: all of them have `Arguments`.
+    let verbs = Path::new(IN_SERVICE).join("cli");
+    for (path, text) in sources(IN_CORE).into_iter().chain(sources(IN_SERVICE)) {
+        if path.starts_with(&verbs) {
+            continue;
+        }
+        for (_, name) in public_names(&code(&text)).into_iter().filter(|(kind, _)| *kind != "fn") {
+            places.entry(name.to_owned()).or_default().push(path.display().to_string());
+        }
+    }
+    places.retain(|name, places| places.len() > 1 && !NAMED_TWICE.contains(&name.as_str()));
+    assert!(places.is_empty(), "{places:#?}");
 }

@@ -6,7 +6,7 @@ use super::functions::outcome::one;
 use super::options::Seeds;
 use super::quantile::quantile;
 use super::row::Row;
-use lampyris_core::optimise::clustered::CfaThesisOptions;
+use lampyris_core::optimise::thesis_options::CfaThesisOptions;
 use lampyris_core::optimise::{Crowd, Edges, Method};
 use rayon::prelude::*;
 use statrs::distribution::{Binomial, DiscreteCDF};

@@ -3,8 +3,8 @@
 
 use super::options::Seeds;
 use super::row::Row;
-use lampyris_core::optimise::clustered::CfaThesisOptions;
 use lampyris_core::optimise::functions::Function;
+use lampyris_core::optimise::thesis_options::CfaThesisOptions;
 use lampyris_core::optimise::{Ask, Cost, Crowd, Evaluation, Method, Search};
 use rayon::prelude::*;
 use std::time::Instant;

@@ -5,7 +5,7 @@ use super::options::Worlds;
 use super::row::Row;
 use super::verdicts::{judge_all, rows, spread};
 use lampyris::cli::{Failure, faults};
-use lampyris_core::data::{Bindings, SplitRequest, Window};
+use lampyris_core::data::{ColumnBindings, SplitRequest, Window};
 use lampyris_core::diagnose::library::carried;
 use lampyris_core::diagnose::null_model::NullModel;
 use lampyris_core::diagnose::report::Considered;
@@ -80,7 +80,8 @@ struct Fitted {
 impl Fitted {
     fn new(request: &WorldRequest) -> Result<Self, Failure> {
         let world = world(request).map_err(|fault| Failure::Error(fault.to_string()))?;
-        let (window, _) = Window::parse_csv(&world.csv, &Bindings::none()).map_err(|found| faults(&found))?;
+        let (window, _) =
+            Window::parse_csv(&world.csv, &ColumnBindings::none()).map_err(|found| faults(&found))?;
         let catalogue = Catalogue::builtin().map_err(|found| faults(&found))?;
         let (problem, site, asked) = ask(&catalogue, &world, &window, "room3")?;
         let fit = estimate(&problem, &asked, None, &Control::NONE)

@@ -3,7 +3,7 @@
 use super::hand::{HandRoom, half_steps, scalar_rk4};
 use super::row::Row;
 use lampyris::cli::{Failure, faults};
-use lampyris_core::data::{Bindings, Window};
+use lampyris_core::data::{ColumnBindings, Window};
 use lampyris_core::estimate::{EstimateRequest, Problem, Site, prepare};
 use lampyris_core::model::{Catalogue, ModelId};
 use lampyris_core::simulate::{LANES, Simulator, Stepper};
@@ -20,7 +20,8 @@ const ROUNDS: usize = 25;
 /// A week of a synthetic room with four neighbours, as a problem whose training part is all of it.
 pub fn week(seed: u64, step_minutes: usize) -> Result<(twin::RoomTwin, Problem), Failure> {
     let twin = twin::room(seed, 4, 7, step_minutes).map_err(|found| faults(&found))?;
-    let (window, _) = Window::parse_csv(&twin.csv, &Bindings::none()).map_err(|found| faults(&found))?;
+    let (window, _) =
+        Window::parse_csv(&twin.csv, &ColumnBindings::none()).map_err(|found| faults(&found))?;
     let model: ModelId = "room3".parse().map_err(|error| Failure::Error(format!("{error}")))?;
     let request: EstimateRequest =
         serde_json::from_value(serde_json::json!({ "split": { "train": "P7D", "validation": "P0D" } }))

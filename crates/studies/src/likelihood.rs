@@ -5,7 +5,7 @@ use super::options::{Each, First, RoomCount};
 use super::row::Row;
 use indexmap::IndexMap;
 use lampyris::cli::{Failure, faults};
-use lampyris_core::data::{Bindings, Window};
+use lampyris_core::data::{ColumnBindings, Window};
 use lampyris_core::estimate::assess::metrics;
 use lampyris_core::estimate::fit::Stop;
 use lampyris_core::estimate::{Control, EstimateRequest, Fit, Problem, Site, estimate, prepare};
@@ -27,7 +27,7 @@ fn problem(
     site: &Site,
 ) -> Result<(Problem, EstimateRequest), Failure> {
     let error = |error: &dyn std::fmt::Display| Failure::Error(error.to_string());
-    let (window, _) = Window::parse_csv(csv, &Bindings::none()).map_err(|found| faults(&found))?;
+    let (window, _) = Window::parse_csv(csv, &ColumnBindings::none()).map_err(|found| faults(&found))?;
     let request: EstimateRequest =
         serde_json::from_value(serde_json::json!({ "method": method, "split": split }))
             .map_err(|found| error(&found))?;

@@ -5,7 +5,7 @@ use super::options::Worlds;
 use super::row::Row;
 use super::verdicts::{judge_all, share, spread};
 use lampyris::cli::{Failure, faults};
-use lampyris_core::data::{Bindings, Window};
+use lampyris_core::data::{ColumnBindings, Window};
 use lampyris_core::diagnose::null_model::NullModel;
 use lampyris_core::diagnose::{Adequacy, Diagnosis, diagnose};
 use lampyris_core::estimate::problem::request::AccusationRate;
@@ -96,7 +96,8 @@ fn problem(catalogue: &Catalogue, window: &Window, model: &str) -> Result<Proble
 fn judge(request: &PlantWorldRequest) -> Result<Judged, Failure> {
     let catalogue = Catalogue::builtin().map_err(|found| faults(&found))?;
     let world = plant_world(&catalogue, request).map_err(|found| faults(&found))?;
-    let (window, _) = Window::parse_csv(&world.csv, &Bindings::none()).map_err(|found| faults(&found))?;
+    let (window, _) =
+        Window::parse_csv(&world.csv, &ColumnBindings::none()).map_err(|found| faults(&found))?;
     let base = problem(&catalogue, &window, PLANT)?;
     let theta = base.nominal().to_vec();
     let (diagnosis, seconds, told) = diagnosed(&catalogue, &base, &theta, &window)?;

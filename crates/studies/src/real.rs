@@ -7,14 +7,15 @@ use super::page::{self, NONE, STYLE, Table, section};
 use super::row::Row;
 use super::verdicts::share;
 use lampyris::cli::{Failure, faults};
-use lampyris_core::data::{Bindings, CALENDAR, Column, Grid, Window, rfc3339};
+use lampyris_core::data::{CALENDAR, Column, ColumnBindings, Grid, Window, rfc3339};
 use lampyris_core::diagnose::diagnose;
-use lampyris_core::diagnose::library::{COMPUTED, align, candidates, widen};
+use lampyris_core::diagnose::library::{COMPUTED, align, candidates};
 use lampyris_core::diagnose::null_model::NullModel;
 use lampyris_core::diagnose::report::Finding;
 use lampyris_core::diagnose::surrogates::{Heard, Tests, is_driven};
 use lampyris_core::estimate::assess::metrics::{ahead, filter};
 use lampyris_core::estimate::problem::request::{AccusationRate, WindowRange};
+use lampyris_core::estimate::problem::widen::widen;
 use lampyris_core::estimate::{Control, EstimateRequest, Problem, Site, estimate, prepare};
 use lampyris_core::model::{Catalogue, ModelId};
 use rayon::prelude::*;
@@ -264,7 +265,7 @@ pub fn run(asked: &Arguments) -> Result<(Vec<Row>, Table), Failure> {
         (&asked.data, asked.only.only.as_deref(), asked.each.each, asked.html.html.as_deref());
     let mut judged = Vec::new();
     for room in ROOMS.iter().filter(|room| only.is_none_or(|only| room.name.contains(only))) {
-        let bindings = Bindings::parse(room.binds.iter().copied()).map_err(|found| faults(&found))?;
+        let bindings = ColumnBindings::parse(room.binds.iter().copied()).map_err(|found| faults(&found))?;
         let (window, _) =
             Window::parse_csv(&read(&folder.join(room.file))?, &bindings).map_err(|found| faults(&found))?;
         // The windows of the Belgian house are those of the reference figures, from a Monday on.

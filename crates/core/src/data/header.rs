@@ -109,9 +109,10 @@ fn split_suffix(column: &str) -> Option<(&str, &'static str)> {
 /// Which column feeds which channel, where the names alone do not say it.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize, ToSchema)]
 #[serde(transparent)]
-pub struct Bindings(IndexMap<String, String>);
+#[schema(as = Bindings)]
+pub struct ColumnBindings(IndexMap<String, String>);
 
-impl Bindings {
+impl ColumnBindings {
     /// No bindings: every column is taken for the channel of its name.
     pub fn none() -> Self {
         Self::default()
@@ -192,7 +193,7 @@ pub(super) struct Target {
 /// `pointer` turns a column's name into the place that a fault names: `column T_room` or `/values/T_room`.
 pub(super) fn resolve(
     headers: &[ColumnHeader],
-    bindings: &Bindings,
+    bindings: &ColumnBindings,
     pointer: &dyn Fn(&str) -> String,
     warnings: &mut Vec<String>,
 ) -> (Vec<Target>, Vec<Fault>) {
@@ -344,14 +345,14 @@ pub(super) fn shown(name: &str) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::{Bindings, ColumnHeader, ColumnUnit, SUFFIXES, Target, resolve};
+    use super::{ColumnBindings, ColumnHeader, ColumnUnit, SUFFIXES, Target, resolve};
     use crate::fault::Fault;
     use crate::units::Unit;
     use proptest::prelude::{any, proptest};
 
     fn channels(headers: &[&str], binds: &[&str]) -> Result<Vec<Target>, Vec<Fault>> {
         let headers: Vec<ColumnHeader> = headers.iter().map(|header| ColumnHeader::parse(header)).collect();
-        let bindings = Bindings::parse(binds.iter().copied())?;
+        let bindings = ColumnBindings::parse(binds.iter().copied())?;
         let (targets, faults) =
             resolve(&headers, &bindings, &|name| format!("column {name}"), &mut Vec::new());
         if faults.is_empty() { Ok(targets) } else { Err(faults) }

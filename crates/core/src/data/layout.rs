@@ -52,7 +52,7 @@ pub struct Layout {
     /// The rooms, in the order of their first sensor.
     pub rooms: Vec<Room>,
     /// Pairs of rooms, the most alike first.
-    pub neighbours: Vec<Pair>,
+    pub neighbours: Vec<LayoutPair>,
     /// The sensors, in the order of the rows and columns of the matrices.
     pub sensors: Vec<Sensor>,
     /// What counts: the smaller of `levels` and `daily`. `None` where two sensors have too little in common.
@@ -89,8 +89,7 @@ pub struct Room {
 
 /// Two rooms that are probably neighbours.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
-#[schema(as = LayoutPair)]
-pub struct Pair {
+pub struct LayoutPair {
     /// The ids of the rooms.
     pub rooms: [String; 2],
     /// The correlation of their representatives.
@@ -190,7 +189,11 @@ pub fn propose_layout(window: &Window) -> Result<Layout, Vec<Fault>> {
                     .zip(&levels[heads[b]])
                     .filter(|(a, b)| a.is_some() && b.is_some())
                     .count();
-                neighbours.push(Pair { rooms: [ids[a].clone(), ids[b].clone()], correlation, samples: both });
+                neighbours.push(LayoutPair {
+                    rooms: [ids[a].clone(), ids[b].clone()],
+                    correlation,
+                    samples: both,
+                });
             }
         }
     }

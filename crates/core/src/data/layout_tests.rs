@@ -1,7 +1,7 @@
 //! Layouts with a known answer: in closed form, counted the slow way, and of measured buildings.
 
 use super::window_tests::real_file;
-use super::{Bindings, Hold, Layout, Series, Window, propose_layout};
+use super::{ColumnBindings, Hold, Layout, Series, Window, propose_layout};
 use crate::fault::Fault;
 use std::f64::consts::TAU;
 
@@ -160,7 +160,7 @@ fn slow_pearson(a: &[f64], b: &[f64]) -> f64 {
 #[test]
 fn a_measured_house_has_four_rooms() {
     let Some(text) = real_file("belgian_house/belgian_house_10min.csv.gz") else { return };
-    let (window, _) = Window::parse_csv(&text, &Bindings::none()).unwrap();
+    let (window, _) = Window::parse_csv(&text, &ColumnBindings::none()).unwrap();
     let first = window.from();
     let window = window.slice(first, first + 14 * 86_400 - 600).unwrap();
     let found = propose_layout(&window).unwrap();
@@ -213,7 +213,7 @@ fn two_sensors_of_a_measured_office_are_not_recognised() {
         let Some(text) = real_file(&format!("brains4buildings_windesheim/room_{room}_15min.csv")) else {
             return;
         };
-        let (window, _) = Window::parse_csv(&text, &Bindings::none()).unwrap();
+        let (window, _) = Window::parse_csv(&text, &ColumnBindings::none()).unwrap();
         for sensor in ["T_room_bms", "T_room_sensor"] {
             let series = window.series(sensor).unwrap();
             let name = format!("{sensor}_{room}");

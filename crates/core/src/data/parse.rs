@@ -5,7 +5,7 @@ use std::marker::PhantomData;
 
 use serde::de::{Deserialize, Deserializer, Error, IgnoredAny, MapAccess, SeqAccess, Visitor};
 
-use super::header::{Bindings, ColumnHeader, MAX_COLUMNS, resolve, shown};
+use super::header::{ColumnBindings, ColumnHeader, MAX_COLUMNS, resolve, shown};
 use super::table::{Cell, Place, Stamp, Table};
 use super::window::{Window, WindowReport};
 use crate::fault::Fault;
@@ -36,7 +36,7 @@ impl Window {
     /// All kinds of faults at once, at most 100: no or several columns of times, unknown or inconvertible
     /// units, duplicate columns, bindings to missing columns, no data, times without offset, more than a
     /// tenth of the rows rejected, values that only another unit explains, fewer than two rows.
-    pub fn parse_csv(text: &str, bindings: &Bindings) -> Result<(Window, WindowReport), Vec<Fault>> {
+    pub fn parse_csv(text: &str, bindings: &ColumnBindings) -> Result<(Window, WindowReport), Vec<Fault>> {
         csv(text, bindings)
     }
 
@@ -48,7 +48,7 @@ impl Window {
     ///
     /// # Errors
     /// As for CSV, and where the body is no such document or lists have different lengths.
-    pub fn parse_json(body: &[u8], bindings: &Bindings) -> Result<(Window, WindowReport), Vec<Fault>> {
+    pub fn parse_json(body: &[u8], bindings: &ColumnBindings) -> Result<(Window, WindowReport), Vec<Fault>> {
         json(body, bindings)
     }
 
@@ -56,7 +56,10 @@ impl Window {
     ///
     /// # Errors
     /// As for CSV, and where lists have different lengths.
-    pub fn read(document: WindowDocument, bindings: &Bindings) -> Result<(Window, WindowReport), Vec<Fault>> {
+    pub fn read(
+        document: WindowDocument,
+        bindings: &ColumnBindings,
+    ) -> Result<(Window, WindowReport), Vec<Fault>> {
         self::document(document, bindings)
     }
 }
@@ -64,7 +67,7 @@ impl Window {
 /// Reads `time,T_room,…`: a header, then one row per time. Lines that start with `#` are comments.
 ///
 /// Commas separate; a header without any comma may use semicolons or tabs.
-fn csv(text: &str, bindings: &Bindings) -> Result<(Window, WindowReport), Vec<Fault>> {
+fn csv(text: &str, bindings: &ColumnBindings) -> Result<(Window, WindowReport), Vec<Fault>> {
     let text = text.strip_prefix('\u{feff}').unwrap_or(text);
     let header_line =
         text.lines().find(|line| !line.trim().is_empty() && !line.starts_with('#')).unwrap_or_default();
@@ -133,7 +136,7 @@ fn csv(text: &str, bindings: &Bindings) -> Result<(Window, WindowReport), Vec<Fa
 }
 
 /// Reads `{"channels":{"T_room":{"unit":"degC"}},"time":[…],"values":{"T_room":[21.1,null]}}`.
-fn json(body: &[u8], bindings: &Bindings) -> Result<(Window, WindowReport), Vec<Fault>> {
+fn json(body: &[u8], bindings: &ColumnBindings) -> Result<(Window, WindowReport), Vec<Fault>> {
     let document = serde_json::from_slice(body).map_err(|error| {
         // The parser's message may quote a name of the document, which may be of any length.
         let message: String = error.to_string().chars().take(200).collect();
@@ -143,7 +146,10 @@ fn json(body: &[u8], bindings: &Bindings) -> Result<(Window, WindowReport), Vec<
 }
 
 /// The window of a document whose form is right.
-fn document(document: WindowDocument, bindings: &Bindings) -> Result<(Window, WindowReport), Vec<Fault>> {
+fn document(
+    document: WindowDocument,
+    bindings: &ColumnBindings,
+) -> Result<(Window, WindowReport), Vec<Fault>> {
     let WindowDocument { channels, time: Times(time), values } = document;
     let (channels, values) = (channels.0, values.0);
 

@@ -82,7 +82,7 @@ fn position(
 mod tests {
     use super::{RefractionCorrection, add_sun, position, sun_position};
     use crate::data::window_tests::real_file;
-    use crate::data::{Bindings, Column, Grid, Hold, Window, read_time};
+    use crate::data::{Column, ColumnBindings, Grid, Hold, Window, read_time};
 
     #[test]
     fn the_published_example_of_the_algorithm() {
@@ -100,7 +100,7 @@ mod tests {
         let Some(text) = real_file("belgian_house/belgian_house_10min.csv.gz") else {
             return;
         };
-        let (window, _) = Window::parse_csv(&text, &Bindings::none()).unwrap();
+        let (window, _) = Window::parse_csv(&text, &ColumnBindings::none()).unwrap();
         let (altitude, azimuth) =
             (window.series("sun_altitude").unwrap(), window.series("sun_azimuth").unwrap());
         let (mut worst_altitude, mut worst_azimuth) = (0.0f64, 0.0f64);

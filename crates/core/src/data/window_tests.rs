@@ -3,7 +3,7 @@
 use std::io::Read;
 use std::path::Path;
 
-use super::{Bindings, GridRequest, Hold, Window, WindowReport};
+use super::{ColumnBindings, GridRequest, Hold, Window, WindowReport};
 use crate::fault::Fault;
 use proptest::prelude::{any, prop_assert, prop_assert_eq, proptest};
 
@@ -25,7 +25,7 @@ pub(super) fn real_file(name: &str) -> Option<String> {
 }
 
 fn parse(text: &str) -> Result<(Window, WindowReport), Vec<Fault>> {
-    Window::parse_csv(text, &Bindings::none())
+    Window::parse_csv(text, &ColumnBindings::none())
 }
 
 fn codes(result: Result<(Window, WindowReport), Vec<Fault>>) -> Vec<String> {
@@ -187,15 +187,16 @@ fn json_says_the_same_as_csv() {
         "time,T_room[degF],x\n2016-01-11T16:00:00Z,68,1\n2016-01-11T16:10:00Z,,2\n2016-01-11T16:20:00Z,77,\n";
     let json = r#"{"channels":{"T_room":{"unit":"degF"}},"time":["2016-01-11T16:00:00Z","2016-01-11T16:10:00Z","2016-01-11T16:20:00Z"],
         "values":{"T_room":[68,null,77.0],"x":[1,2,null]}}"#;
-    let from_json = Window::parse_json(json.as_bytes(), &Bindings::none()).unwrap();
+    let from_json = Window::parse_json(json.as_bytes(), &ColumnBindings::none()).unwrap();
     assert_eq!(parse(csv).unwrap(), from_json);
-    let bound = Window::parse_json(json.as_bytes(), &Bindings::parse(["T_out=T_room"]).unwrap()).unwrap().0;
+    let bound =
+        Window::parse_json(json.as_bytes(), &ColumnBindings::parse(["T_out=T_room"]).unwrap()).unwrap().0;
     assert_eq!(bound.channels().collect::<Vec<_>>(), ["T_out", "x"]);
 }
 
 #[test]
 fn json_faults_are_listed() {
-    let codes = |json: &str| codes(Window::parse_json(json.as_bytes(), &Bindings::none()));
+    let codes = |json: &str| codes(Window::parse_json(json.as_bytes(), &ColumnBindings::none()));
     for unreadable in [
         "",
         "[]",
@@ -312,7 +313,7 @@ fn the_measured_files() {
             continue;
         };
         let (window, report) =
-            Window::parse_csv(&text, &Bindings::parse(binds.iter().copied()).unwrap()).unwrap();
+            Window::parse_csv(&text, &ColumnBindings::parse(binds.iter().copied()).unwrap()).unwrap();
         assert_eq!((report.rows, report.rejected_rows.len()), (count, 0), "{name}");
         for channel in expected {
             assert!(
@@ -342,7 +343,7 @@ proptest! {
     ) {
         let _ = parse(&text);
         let _ = parse(&format!("time,T_room\n{text}"));
-        let _ = Window::parse_json(&bytes, &Bindings::none());
+        let _ = Window::parse_json(&bytes, &ColumnBindings::none());
     }
 
     #[test]
@@ -371,7 +372,7 @@ proptest! {
         let time: Vec<String> = (0..cells.len()).map(|i| super::rfc3339(600 * i as i64)).collect();
         let values: Vec<serde_json::Value> = cells.iter().map(|(value, odd)| if *odd { "?".into() } else { serde_json::json!(value) }).collect();
         let json = serde_json::json!({"time": time, "values": {"x": values}}).to_string();
-        if let Ok((window, report)) = Window::parse_json(json.as_bytes(), &Bindings::none()) {
+        if let Ok((window, report)) = Window::parse_json(json.as_bytes(), &ColumnBindings::none()) {
             prop_assert_eq!(report.channels["x"].samples, window.series("x").unwrap().len());
         }
     }

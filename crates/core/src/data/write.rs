@@ -88,7 +88,7 @@ fn push_header(text: &mut String, header: &str) {
 #[cfg(test)]
 mod tests {
     use super::{CsvChannel, Thinned, write_csv};
-    use crate::data::{Bindings, Hold, Series, Window};
+    use crate::data::{ColumnBindings, Hold, Series, Window};
     use proptest::prelude::{any, prop_assert_eq, proptest};
 
     fn csv(series: &[Series], max_points: usize) -> String {
@@ -148,7 +148,7 @@ mod tests {
                 let window = Window::from_series(vec![all.clone(), odd.clone()]).unwrap();
                 let (read, report) = Window::parse_csv(
                     &csv(&[all, odd], usize::MAX),
-                    &Bindings::none()
+                    &ColumnBindings::none()
                 ).unwrap();
                 prop_assert_eq!(&report.rejected_rows, &[]);
                 prop_assert_eq!(read.content_hash(), window.content_hash());

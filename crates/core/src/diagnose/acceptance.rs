@@ -6,10 +6,11 @@
 
 use super::library::{CandidateEffect, sign_allows};
 use super::null_model::{NullModel, Optima, OptimaMeasures};
-use super::report::Gate;
+use super::report::EffectGate;
 use super::screen::{Score, correlation};
 use super::surrogates::Heard;
 use crate::estimate::problem::bounds::at_bound;
+use crate::estimate::problem::predictor::Predictor;
 
 /// Least gain of the BIC.
 pub const LEAST_BIC: f64 = 10.0;
@@ -124,7 +125,7 @@ pub struct Tried {
     /// What segments of hours show of it.
     pub heard: Heard,
     /// What stopped it, and why.
-    pub gate: Option<(Gate, String)>,
+    pub gate: Option<(EffectGate, String)>,
 }
 
 impl Refitted {
@@ -187,19 +188,19 @@ pub(super) fn gate(
     strict: bool,
     [rho, worst_rho]: [f64; 2],
     usual_gain: f64,
-) -> Option<(Gate, String)> {
+) -> Option<(EffectGate, String)> {
     let percent = |share: Option<f64>| {
         share.map_or_else(|| "no unseen data".to_owned(), |share| format!("{:.0} %", 100.0 * share))
     };
     if refitted.active == 0 {
-        return Some((Gate::Bound, "it fits best where it does nothing".to_owned()));
+        return Some((EffectGate::Bound, "it fits best where it does nothing".to_owned()));
     }
     let allowed = candidate
         .own
         .iter()
         .any(|(index, off)| sign_allows(candidate.spec.sign, refitted.fitted.white[*index] - off));
     if !allowed {
-        return Some((Gate::Sign, "the data ask for a sign that physics does not allow".to_owned()));
+        return Some((EffectGate::Sign, "the data ask for a sign that physics does not allow".to_owned()));
     }
     // Two places that exchange heat as fast as physics allows are one place, but for what is much warmer, as
     // a radiator's water.
@@ -211,7 +212,7 @@ pub(super) fn gate(
     {
         let why = "the room follows it as closely as physics allows, as a second thermometer of the same \
             room would";
-        return Some((Gate::Bound, why.to_owned()));
+        return Some((EffectGate::Bound, why.to_owned()));
     }
     // Days are the judges of what a logged channel drives, whatever the minutes say.
     if heard.shown.is_some() {
@@ -222,25 +223,24 @@ pub(super) fn gate(
     // A cause stands out from what everybody gains.
     if usual_gain > LEAST_BIC && !reaches(Some(gain.delta_bic), STAND_OUT * usual_gain) {
         return Some((
-            Gate::Bic,
+            EffectGate::Bic,
             "most candidates gain alike: the fit without them is not at its optimum".to_owned(),
         ));
     }
     let endogenous = candidate.endogenous;
     let least = least_gain(candidate, refitted, gain);
-    // Of whom no more is asked than of everybody, slower measures may speak. Where nothing moves the states
-    // by chance, the likelihood sees the slow as well.
-    let slow = candidate.problem.filters()
-        && least <= LEAST_BIC
-        && worst_rho >= CRUDE_RHO
-        && !endogenous
-        && explains_slowly(gain);
+    // Of whom no more is asked than of everybody, slower measures may speak. More is asked of large models:
+    // where nothing moves the states by chance, the likelihood sees the slow as well.
+    let slow = least <= LEAST_BIC && worst_rho >= CRUDE_RHO && !endogenous && explains_slowly(gain);
     if !slow && !reaches(Some(gain.delta_bic), least) {
-        return Some((Gate::Bic, format!("it gains {:.1} in BIC, and {least} is asked for", gain.delta_bic)));
+        return Some((
+            EffectGate::Bic,
+            format!("it gains {:.1} in BIC, and {least} is asked for", gain.delta_bic),
+        ));
     }
     if candidate.by_clock && gain.better_days.iter().any(|share| *share < HABIT_DAYS) {
         return Some((
-            Gate::HeldOut,
+            EffectGate::HeldOut,
             "it follows the clock, and helps on fewer than half of the days".to_owned(),
         ));
     }
@@ -255,14 +255,14 @@ pub(super) fn gate(
     if !falls && !plain {
         let why = "neither the free run nor forecasts a step or a day ahead err a tenth less with it on \
             unseen data";
-        return Some((Gate::HeldOut, why.to_owned()));
+        return Some((EffectGate::HeldOut, why.to_owned()));
     }
     let both = reaches(gain.share, LEAST_SHARE) && reaches(gain.white_share, LEAST_WHITE_SHARE);
     let nearly_all = reaches(gain.share, NEARLY_ALL) || (slow && free_run_confirms(gain));
     if rho < NEAR_RHO && gain.delta_bic < MODEST_BIC && !both && !nearly_all {
         let why =
             "it gains little, and the free run and the innovations on unseen data do not both confirm it";
-        return Some((Gate::HeldOut, why.to_owned()));
+        return Some((EffectGate::HeldOut, why.to_owned()));
     }
     if slow {
         return None;
@@ -280,7 +280,7 @@ pub(super) fn gate(
             100.0 * STRICT_SHARE,
             100.0 * STRICT_INNOVATIONS
         );
-        return Some((Gate::HeldOut, why));
+        return Some((EffectGate::HeldOut, why));
     }
     let least = if strict { STRICT_SHARE } else { LEAST_SHARE };
     // States that are re-estimated show what a free run hides behind the chance of one week.
@@ -296,22 +296,19 @@ pub(super) fn gate(
             percent(gain.share),
             100.0 * least
         );
-        (Gate::HeldOut, why)
+        (EffectGate::HeldOut, why)
     })
 }
 
 /// Least gain of the BIC that is asked of a candidate.
 pub fn least_gain(candidate: &CandidateEffect, refitted: &Refitted, gain: &Gain) -> f64 {
-    if candidate.by_clock {
-        least_by_clock(candidate, &refitted.fitted)
-    } else if !candidate.problem.filters() {
-        LEAST_LARGE_BIC
-    } else if candidate.conducts {
-        LEAST_CONDUCTANCE_BIC
-    } else if refitted.score.imitated && !gain.share.is_some_and(|share| share >= STRICT_SHARE) {
-        LEAST_IMITATED_BIC
-    } else {
-        LEAST_BIC
+    let confirmed = gain.share.is_some_and(|share| share >= STRICT_SHARE);
+    match candidate.problem.predictor() {
+        _ if candidate.by_clock => least_by_clock(candidate, &refitted.fitted),
+        Predictor::FreeRun => LEAST_LARGE_BIC,
+        Predictor::Filtered if candidate.conducts => LEAST_CONDUCTANCE_BIC,
+        Predictor::Filtered if refitted.score.imitated && !confirmed => LEAST_IMITATED_BIC,
+        Predictor::Filtered => LEAST_BIC,
     }
 }
 
@@ -369,7 +366,7 @@ pub(super) fn ties(tried: &mut [Tried], candidates: &[CandidateEffect], winner: 
                         > TIE_CORRELATION
             }
         };
-        let held_out = matches!(one.gate, Some((Gate::HeldOut, _))) && !candidate.endogenous;
+        let held_out = matches!(one.gate, Some((EffectGate::HeldOut, _))) && !candidate.endogenous;
         let likely = best.heard.shown.is_none()
             && held_out
             && gain(one) >= least
@@ -380,7 +377,7 @@ pub(super) fn ties(tried: &mut [Tried], candidates: &[CandidateEffect], winner: 
         let known = named(best.refitted.candidate)
             || tied.iter().any(|other| named(tried[*other].refitted.candidate));
         let why = format!("these data cannot tell it from {}", candidates[best.refitted.candidate].id);
-        tried[place].gate = Some((Gate::Tie, why));
+        tried[place].gate = Some((EffectGate::Tie, why));
         if !known {
             tied.push(place);
         }

@@ -2,12 +2,12 @@
 
 use super::library::CandidateEffect;
 use super::null_model::NullModel;
-use super::regimes::interval;
-use super::residual::residual;
 use super::score_test::{Look, RANKING_HOURS};
 use super::screen::Screen;
 use crate::data::rfc3339;
 use crate::estimate::Problem;
+use crate::estimate::assess::regimes::interval;
+use crate::estimate::problem::predictor::Predictor;
 use crate::estimate::problem::whiten::stride;
 use crate::schema::Interval;
 use crate::units::error_unit;
@@ -83,7 +83,7 @@ pub struct AddedBin {
 pub fn shape(null: &NullModel, next: &NullModel, candidate: &CandidateEffect, sized: &[f64]) -> Shape {
     let (problem, grid) = (&null.problem, null.problem.grid());
     let [without, with] = [null, next].map(|one| one.problem.simulate(&one.fitted.plain));
-    let error = residual(problem, 0, &without.outputs[0]);
+    let error = problem.residual(0, &without.outputs[0]);
     let change: Vec<f64> =
         with.outputs[0].iter().zip(&without.outputs[0]).map(|(with, without)| with - without).collect();
     let usable = problem.usable(0, 0..grid.len());
@@ -105,19 +105,22 @@ pub fn shape(null: &NullModel, next: &NullModel, candidate: &CandidateEffect, si
 /// none, in the free run.
 fn added(null: &NullModel, candidate: &CandidateEffect, with: &[f64]) -> Option<Added> {
     let point = |(row, x, y): (usize, f64, f64)| Point { row, x, y };
-    let points: Vec<Point> = if null.problem.filters() {
-        let samples = null.problem.split().train.start..null.problem.split().validation.end;
-        let look = Look::new(&null.problem, &null.fitted.plain, samples, RANKING_HOURS, &|| false)?;
-        look.added(candidate, with)?.into_iter().map(point).collect()
-    } else {
-        let plain = &null.filters.plain;
-        let (effect, unexplained) =
-            Screen::new(&null.problem, &null.fitted.plain, plain, &|| false)?.added(candidate, with)?;
-        plain
-            .rows_of_first()
-            .zip(effect.into_iter().zip(unexplained))
-            .map(|(row, (x, y))| point((row, x, y)))
-            .collect()
+    let points: Vec<Point> = match null.problem.predictor() {
+        Predictor::Filtered => {
+            let samples = null.problem.split().train.start..null.problem.split().validation.end;
+            let look = Look::new(&null.problem, &null.fitted.plain, samples, RANKING_HOURS, &|| false)?;
+            look.added(candidate, with)?.into_iter().map(point).collect()
+        }
+        Predictor::FreeRun => {
+            let plain = &null.filters.plain;
+            let (effect, unexplained) =
+                Screen::new(&null.problem, &null.fitted.plain, plain, &|| false)?.added(candidate, with)?;
+            plain
+                .rows_of_first()
+                .zip(effect.into_iter().zip(unexplained))
+                .map(|(row, (x, y))| point((row, x, y)))
+                .collect()
+        }
     };
     let [slope, intercept] = straight_line(&points)?;
     let bins = bins(&null.problem, points);

@@ -3,13 +3,14 @@
 //! Free runs show where; only innovations show whether anything is left to explain (reference:
 //! missing-effects 6).
 
-use super::library::widen;
-use super::regimes::{Regime, circumstances, regimes};
-use super::residual::residual;
 use super::spectrum::{InputLag, Spectrum, input_lags, spectrum};
 use crate::data::{Grid, Window, is_compass, local_zone, rfc3339};
 use crate::estimate::assess::metrics::FilterRun;
+use crate::estimate::assess::regimes::{
+    Regime, circumstances, free_run_errors, regimes, sentence, small, telling,
+};
 use crate::estimate::problem::mean_square;
+use crate::estimate::problem::widen::widen;
 use crate::estimate::{Fit, Problem, Site};
 use crate::fault::Fault;
 use crate::units::error_unit;
@@ -83,7 +84,7 @@ pub fn failures(
     run: &FilterRun,
     window: &Window,
 ) -> Result<Failures, Fault> {
-    let (grid, _) = widen(problem, window, &site(problem))?;
+    let (grid, _) = widen(problem, window, &Site::of(problem.basis()))?;
     let (error, usable) = free_run_errors(problem, output, &fit.theta());
     Ok(Failures {
         by_regime: regimes(problem, &grid, &error, &usable, fit.seed),
@@ -97,61 +98,6 @@ pub fn failures(
             .map(|series| spectrum(series, grid.step_hours()))
             .unwrap_or_default(),
     })
-}
-
-/// The circumstances that tell most of the error of a fit, in a sentence; `None` where none are sure to.
-///
-/// # Errors
-/// As [`failures`].
-pub fn worst_regime(
-    problem: &Problem,
-    fit: &Fit,
-    window: &Window,
-    seed: u64,
-) -> Result<Option<String>, Fault> {
-    let (grid, _) = widen(problem, window, &site(problem))?;
-    let (error, usable) = free_run_errors(problem, 0, &fit.theta());
-    let found = regimes(problem, &grid, &error, &usable, seed);
-    Ok(telling(&found).next().map(|regime| sentence(problem, 0, regime)))
-}
-
-fn site(problem: &Problem) -> Site {
-    let basis = problem.basis();
-    Site { location: basis.location, zone: basis.zone.clone(), sets: basis.sets.clone() }
-}
-
-/// The residual of an output at every sample, and the samples at which it means something.
-fn free_run_errors(problem: &Problem, output: usize, theta: &[f64]) -> (Vec<f64>, Vec<usize>) {
-    let simulated = problem.simulate(theta);
-    (residual(problem, output, &simulated.outputs[output]), problem.usable(output, 0..problem.grid().len()))
-}
-
-/// Regimes whose bias is sure to be one, and that hold more of the error than of the time, the most telling
-/// first.
-fn telling(regimes: &[Regime]) -> impl Iterator<Item = &Regime> {
-    let sure = |regime: &&Regime| regime.bias_ci95.is_some_and(|[low, high]| low > 0.0 || high < 0.0);
-    regimes.iter().filter(sure).filter(|regime| regime.error_share > regime.time_share)
-}
-
-/// A number with two decimals, or two digits that count where it is small.
-fn small(value: f64) -> String {
-    let digits = if value.abs() > 0.0 { (1.0 - value.abs().log10().floor()).clamp(2.0, 9.0) } else { 2.0 };
-    format!("{value:.*}", digits as usize)
-}
-
-fn sentence(problem: &Problem, output: usize, regime: &Regime) -> String {
-    let output = problem.model().outputs().get(output);
-    let (channel, unit) =
-        output.map_or(("", ""), |output| (output.channel.as_str(), error_unit(&output.unit)));
-    format!(
-        "{}: {channel} is {} {unit} {} than the model says, {:.0} % of the time, {:.0} % of the squared \
-        error.",
-        regime.regime,
-        small(regime.bias.abs()),
-        if regime.bias > 0.0 { "higher" } else { "lower" },
-        100.0 * regime.time_share,
-        100.0 * regime.error_share
-    )
 }
 
 /// What a user should read first of the failures of an output.

@@ -2,8 +2,8 @@
 
 use super::acceptance::LEAST_BIC;
 use super::course::Course;
-use super::findings::{DiagnoseError, interrupted};
-use super::library::{align, candidates, widen};
+use super::error::{DiagnoseError, interrupted};
+use super::library::{align, candidates};
 use super::null_model::NullModel;
 use super::selection::round;
 use super::ways::other_way;
@@ -11,6 +11,7 @@ use crate::data::Window;
 use crate::estimate::assess::metrics::{HORIZONS, ahead, filter};
 use crate::estimate::likelihood::ratio::LikelihoodRatio;
 use crate::estimate::problem::request::AccusationRate;
+use crate::estimate::problem::widen::widen;
 use crate::estimate::{Control, Problem, Site};
 use crate::model::Catalogue;
 use indexmap::IndexMap;

@@ -64,7 +64,7 @@ pub struct EffectScore {
 
 /// The stretch of time that a window looked at.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Span {
+pub struct LookedSpan {
     /// Its first sample, seconds since 1970.
     pub from: i64,
     /// The end of its last sample.
@@ -73,7 +73,7 @@ pub struct Span {
     pub hours: f64,
 }
 
-impl Span {
+impl LookedSpan {
     fn overlaps(&self, other: &Self) -> bool {
         self.from < other.to && other.from < self.to
     }
@@ -81,7 +81,7 @@ impl Span {
 
 /// What one window shows of one effect.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Entry {
+pub struct LedgerEntry {
     /// The diagnosis that looked.
     pub diagnosis: String,
     /// The model that was diagnosed.
@@ -89,7 +89,7 @@ pub struct Entry {
     /// Its content hash; where two differ, the windows speak of different models.
     pub model_hash: Option<String>,
     /// When it looked.
-    pub span: Span,
+    pub span: LookedSpan,
     /// What it saw.
     pub score: EffectScore,
 }
@@ -114,7 +114,7 @@ pub enum Apart {
 #[derive(Debug, Clone, PartialEq)]
 pub struct LedgerWindow {
     /// What it shows.
-    pub entry: Entry,
+    pub entry: LedgerEntry,
     /// Why it is not added up; nothing where it is.
     pub apart: Option<Apart>,
 }
@@ -185,8 +185,8 @@ pub struct TakenBack {
 
 impl Looked {
     /// When it looked; `None` where it is at no time, which could not be told from other windows.
-    pub fn span(&self) -> Option<Span> {
-        Some(Span {
+    pub fn span(&self) -> Option<LookedSpan> {
+        Some(LookedSpan {
             from: read_time("", &self.from).ok()?,
             to: read_time("", &self.to).ok()?,
             hours: self.hours,
@@ -197,12 +197,12 @@ impl Looked {
 /// What a window adds to the ledger of its system beside one model; effects without finite figures are left
 /// out.
 pub fn entries<'a>(
-    span: Span,
+    span: LookedSpan,
     diagnosis: &str,
     (model, model_hash): (&str, Option<&str>),
     scores: impl Iterator<Item = &'a EffectScore>,
-) -> Vec<Entry> {
-    let entry = |score: &EffectScore| Entry {
+) -> Vec<LedgerEntry> {
+    let entry = |score: &EffectScore| LedgerEntry {
         diagnosis: diagnosis.to_owned(),
         model: model.to_owned(),
         model_hash: model_hash.map(str::to_owned),
@@ -222,15 +222,16 @@ fn is_finite(score: &EffectScore) -> bool {
 
 /// Those of some entries that speak of a model with this content. Windows that were judged beside another
 /// content speak of something else.
-pub fn beside(entries: &[Entry], model: &str, hash: &str) -> Vec<Entry> {
-    let is_same =
-        |entry: &&Entry| entry.model == model && entry.model_hash.as_ref().is_none_or(|known| known == hash);
+pub fn beside(entries: &[LedgerEntry], model: &str, hash: &str) -> Vec<LedgerEntry> {
+    let is_same = |entry: &&LedgerEntry| {
+        entry.model == model && entry.model_hash.as_ref().is_none_or(|known| known == hash)
+    };
     entries.iter().filter(is_same).cloned().collect()
 }
 
 /// The ledgers of a system, by effect and base model, the most telling first. Entries stand in the order in
 /// which they were made.
-pub fn ledgers(entries: &[Entry]) -> Vec<Ledger> {
+pub fn ledgers(entries: &[LedgerEntry]) -> Vec<Ledger> {
     let mut names: Vec<(&str, &str)> =
         entries.iter().map(|entry| (entry.score.effect.as_str(), entry.model.as_str())).collect();
     names.sort_unstable();
@@ -258,9 +259,14 @@ pub fn ledgers(entries: &[Entry]) -> Vec<Ledger> {
 
 /// What a window shows together with earlier ones of the same base model, whatever else they tell of; nothing
 /// where it has no size. Earlier windows that overlap it are not added.
-pub fn pooled_with(earlier: &[Entry], now: &EffectScore, span: Span) -> Option<Pooled> {
-    let own =
-        Entry { diagnosis: String::new(), model: String::new(), model_hash: None, span, score: now.clone() };
+pub fn pooled_with(earlier: &[LedgerEntry], now: &EffectScore, span: LookedSpan) -> Option<Pooled> {
+    let own = LedgerEntry {
+        diagnosis: String::new(),
+        model: String::new(),
+        model_hash: None,
+        span,
+        score: now.clone(),
+    };
     let mut windows = newest_first(earlier.iter().filter(|entry| entry.score.effect == now.effect));
     windows.insert(0, &own);
     let apart = chosen(&windows);
@@ -268,16 +274,16 @@ pub fn pooled_with(earlier: &[Entry], now: &EffectScore, span: Span) -> Option<P
 }
 
 /// Those that end last come first; of equal windows those that were looked at last.
-fn newest_first<'a>(entries: impl DoubleEndedIterator<Item = &'a Entry>) -> Vec<&'a Entry> {
-    let mut windows: Vec<&Entry> = entries.rev().collect();
+fn newest_first<'a>(entries: impl DoubleEndedIterator<Item = &'a LedgerEntry>) -> Vec<&'a LedgerEntry> {
+    let mut windows: Vec<&LedgerEntry> = entries.rev().collect();
     windows.sort_by_key(|entry| Reverse(entry.span.to));
     windows
 }
 
 /// Which windows can be added to the first, in this order, and why the others cannot.
-fn chosen<'a>(windows: &[&'a Entry]) -> Vec<Option<Apart>> {
-    let mut taken: Vec<&Entry> = Vec::new();
-    let judge = |entry: &&'a Entry| {
+fn chosen<'a>(windows: &[&'a LedgerEntry]) -> Vec<Option<Apart>> {
+    let mut taken: Vec<&LedgerEntry> = Vec::new();
+    let judge = |entry: &&'a LedgerEntry| {
         let first = windows[0];
         let hashes = entry.model_hash.as_ref().zip(first.model_hash.as_ref());
         if !is_finite(&entry.score) || entry.score.deviation <= 0.0 {
@@ -298,7 +304,7 @@ fn chosen<'a>(windows: &[&'a Entry]) -> Vec<Option<Apart>> {
     windows.iter().map(judge).collect()
 }
 
-fn added<'a>(windows: &[&'a Entry], apart: &[Option<Apart>]) -> Vec<&'a Entry> {
+fn added<'a>(windows: &[&'a LedgerEntry], apart: &[Option<Apart>]) -> Vec<&'a LedgerEntry> {
     windows.iter().zip(apart).filter(|(_, apart)| apart.is_none()).map(|(entry, _)| *entry).collect()
 }
 
@@ -310,8 +316,8 @@ struct Mean {
 }
 
 impl Mean {
-    fn of(windows: &[&Entry]) -> Self {
-        let weight = |entry: &&Entry| entry.score.deviation.powi(-2);
+    fn of(windows: &[&LedgerEntry]) -> Self {
+        let weight = |entry: &&LedgerEntry| entry.score.deviation.powi(-2);
         let total: f64 = windows.iter().map(weight).sum();
         let size = windows.iter().map(|entry| weight(entry) * entry.score.size).sum::<f64>() / total;
         Self { size, deviation: total.sqrt().recip() }
@@ -326,12 +332,12 @@ impl Mean {
 }
 
 /// Stouffer's sum.
-fn stouffer(windows: &[&Entry], t: impl Fn(&EffectScore) -> f64) -> f64 {
+fn stouffer(windows: &[&LedgerEntry], t: impl Fn(&EffectScore) -> f64) -> f64 {
     windows.iter().map(|entry| t(&entry.score)).sum::<f64>() / (windows.len() as f64).sqrt()
 }
 
 /// What windows show together; nothing of none.
-fn pooled(windows: &[&Entry]) -> Option<Pooled> {
+fn pooled(windows: &[&LedgerEntry]) -> Option<Pooled> {
     let from = windows.iter().map(|entry| entry.span.from).min().and_then(instant)?;
     let to = windows.iter().map(|entry| entry.span.to).max().and_then(instant)?;
     let mean = Mean::of(windows);
@@ -371,9 +377,10 @@ fn fisher(chances: impl Iterator<Item = f64>) -> Option<f64> {
 
 /// Whether the newest window contradicts the others: they are clear, it shows nothing or the opposite, and
 /// that is no chance.
-fn taken_back(windows: &[&Entry]) -> Option<TakenBack> {
+fn taken_back(windows: &[&LedgerEntry]) -> Option<TakenBack> {
     let newest = windows.iter().max_by_key(|entry| entry.span.to)?;
-    let others: Vec<&Entry> = windows.iter().copied().filter(|entry| entry.span != newest.span).collect();
+    let others: Vec<&LedgerEntry> =
+        windows.iter().copied().filter(|entry| entry.span != newest.span).collect();
     if others.is_empty() || stouffer(&others, |score| score.t) < STANDS_OUT {
         return None;
     }
@@ -397,7 +404,7 @@ fn taken_back(windows: &[&Entry]) -> Option<TakenBack> {
 }
 
 /// What windows show together, for people.
-fn sentence(pooled: &Pooled, windows: &[&Entry]) -> String {
+fn sentence(pooled: &Pooled, windows: &[&LedgerEntry]) -> String {
     let since = windows.iter().map(|entry| entry.span.from).min().map(day).unwrap_or_default();
     let same = windows.iter().filter(|entry| entry.score.size * pooled.size > 0.0).count();
     let signs = match (same, pooled.windows) {

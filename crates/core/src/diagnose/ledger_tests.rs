@@ -1,7 +1,9 @@
 //! The ledger against closed forms, a published analysis, and the windows of a real room.
 
 use super::findings::pool_findings;
-use super::ledger::{Apart, EffectScore, Entry, Looked, Pooled, Span, beside, entries, ledgers, pooled_with};
+use super::ledger::{
+    Apart, EffectScore, LedgerEntry, Looked, LookedSpan, Pooled, beside, entries, ledgers, pooled_with,
+};
 use super::report::Diagnosis;
 
 const DAY: i64 = 86_400;
@@ -9,13 +11,13 @@ const DAY: i64 = 86_400;
 const START: i64 = 1_452_556_800;
 
 /// Fourteen days beginning this many days after the start.
-fn entry(after: i64, size: f64, deviation: f64) -> Entry {
+fn entry(after: i64, size: f64, deviation: f64) -> LedgerEntry {
     let from = START + after * DAY;
-    Entry {
+    LedgerEntry {
         diagnosis: format!("dia_{after}"),
         model: "rc2".to_owned(),
         model_hash: Some("a".to_owned()),
-        span: Span { from, to: from + 14 * DAY, hours: 12.0 },
+        span: LookedSpan { from, to: from + 14 * DAY, hours: 12.0 },
         score: EffectScore {
             effect: "metered_gain:P".to_owned(),
             size,
@@ -30,7 +32,7 @@ fn entry(after: i64, size: f64, deviation: f64) -> Entry {
     }
 }
 
-fn pooled(entries: &[Entry]) -> Pooled {
+fn pooled(entries: &[LedgerEntry]) -> Pooled {
     ledgers(entries)[0].pooled.clone().unwrap()
 }
 
@@ -59,7 +61,7 @@ fn a_published_analysis_comes_out_again() {
         [5.0, 2_493.0, 3.0, 2_338.0],
         [27.0, 16_886.0, 29.0, 17_825.0],
     ];
-    let entries: Vec<Entry> = trials
+    let entries: Vec<LedgerEntry> = trials
         .iter()
         .zip(0..)
         .map(|([ill, well, others_ill, others_well], place)| {
@@ -84,7 +86,7 @@ fn a_published_analysis_comes_out_again() {
 fn the_windows_of_a_room_add_up() {
     let t = [6.4, 4.4, 8.3, 6.1, 10.1, 4.5, 3.4, 3.7, 2.4];
     let size = [0.23, 0.28, 0.36, 0.34, 0.35, 0.20, 0.28, 0.23, 0.21];
-    let mut entries: Vec<Entry> =
+    let mut entries: Vec<LedgerEntry> =
         t.iter().zip(size).zip(0..).map(|((t, size), place)| entry(14 * place, size, size / t)).collect();
     entries[0].score.share = 0.5;
     entries[0].score.days = 7;
@@ -100,7 +102,7 @@ fn the_windows_of_a_room_add_up() {
 
 #[test]
 fn equal_windows_have_closed_forms() {
-    let mut entries: Vec<Entry> = (0..4).map(|place| entry(14 * place, 0.3, 0.1)).collect();
+    let mut entries: Vec<LedgerEntry> = (0..4).map(|place| entry(14 * place, 0.3, 0.1)).collect();
     for entry in &mut entries {
         entry.score.shift_p = Some(0.1);
     }
@@ -174,7 +176,7 @@ fn windows_that_overlap_or_tell_of_something_else_stand_apart() {
 
 #[test]
 fn evidence_is_taken_back_where_the_newest_window_contradicts_it() {
-    let clear: Vec<Entry> = (0..5).map(|place| entry(14 * place, 0.3, 0.05)).collect();
+    let clear: Vec<LedgerEntry> = (0..5).map(|place| entry(14 * place, 0.3, 0.05)).collect();
     let with = |size: f64, deviation: f64| {
         pooled(&[clear.clone(), vec![entry(70, size, deviation)]].concat()).taken_back
     };
@@ -189,7 +191,7 @@ fn evidence_is_taken_back_where_the_newest_window_contradicts_it() {
     assert!(with(-0.3, 0.05).is_some(), "the other sign");
     assert!(with(0.12, 0.05).is_none(), "smaller, but still there");
     assert!(with(0.0, 0.2).is_none(), "a window that shows nothing of anything contradicts nothing");
-    let faint: Vec<Entry> =
+    let faint: Vec<LedgerEntry> =
         (0..5).map(|place| entry(14 * place, 0.3, 0.3)).chain([entry(70, -0.9, 0.05)]).collect();
     assert!(pooled(&faint).taken_back.is_none(), "nothing clear was there to be taken back");
     let once = |t: f64| pooled(&[entry(0, 0.05 * t, 0.05), entry(14, -0.2, 0.05)]).taken_back;

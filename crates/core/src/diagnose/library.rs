@@ -1,21 +1,18 @@
 //! The library of what may be missing: every effect of the catalogue, compiled into the model and put on the
 //! data.
 
-use crate::data::{CALENDAR, ChannelKind, Column, Grid, Window, add_calendar, add_drops};
+use crate::data::{CALENDAR, ChannelKind, Column, Grid};
 use crate::estimate::problem::choices::Choices;
 use crate::estimate::{Problem, Site};
 use crate::fault::Fault;
 use crate::model::catalogue::Catalogue;
-use crate::model::compile::AS_IT_COMES;
-use crate::model::spec::{EffectSpec, ModelSpec, Sign};
+use crate::model::spec::{AS_IT_COMES, EffectSpec, ModelSpec, Sign};
 use crate::model::{Bindings, Model, ModelId, Scale, compile};
 use crate::units::Unit;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// A channel of which more than a tenth is missing tells too little.
-const LEAST_VALID: f64 = 0.9;
 /// Largest rate that one channel may explain on its own, in K/h.
 const LARGEST_RATE: f64 = 3.0;
 /// Water that heats a room is at times this much warmer than the room ever was, in K.
@@ -86,34 +83,6 @@ pub fn carried(from: &Problem, theta: &[f64], to: &Problem) -> Vec<f64> {
     parameters
         .map(|(parameter, nominal)| place(&parameter.name).map_or(*nominal, |place| theta[place]))
         .collect()
-}
-
-/// Every channel of the window on the grid of a problem, so that any effect finds its inputs there. A channel
-/// with holes too large to bridge is named instead.
-pub fn widen(problem: &Problem, window: &Window, site: &Site) -> Result<(Grid, Vec<String>), Fault> {
-    let output = problem.model().outputs().first().map(|output| output.channel.clone()).unwrap_or_default();
-    let mut grid = problem.grid().clone();
-    let mut holes = Vec::new();
-    for series in window.iter() {
-        let channel = series.channel();
-        if grid.column(channel).is_some() {
-            continue;
-        }
-        let hold = ChannelKind::of_name(channel).map_or(series.hold(), |kind| kind.hold);
-        match window.column_on(&grid, channel, hold) {
-            // Small holes hold the last value, so that every effect is judged on the same samples.
-            Some(column) if column.valid_share() >= LEAST_VALID => {
-                grid = grid.with_column(
-                    channel,
-                    Column::complete(column.unit(), column.hold(), column.values().to_vec())?,
-                )?;
-            }
-            _ => holes.push(channel.to_owned()),
-        }
-    }
-    let grid = if grid.column(crate::data::DROPS).is_none() { add_drops(grid, &output)? } else { grid };
-    let grid = add_calendar(grid, site.zone.as_deref().unwrap_or("UTC"))?;
-    Ok((grid, holes))
 }
 
 /// All candidates that can be tested, and those that cannot, with the reason.

@@ -8,8 +8,9 @@
 //!
 //! `library` compiles the catalogue into the model. `screen` scores a candidate by one linearised simulation,
 //! `score_test` along segments of hours and `surrogates` with its channels shifted by days. `refit` and
-//! `null_model` bring null model and candidates to their optima, `selection` tries them all and `acceptance`
-//! decides, `ways` says by which way heat comes that is missing; `course` tells how far that has come, `size`
+//! `null_model` bring null model and candidates to their optima, `chosen` says who is refitted, `selection`
+//! tries them all and `acceptance` decides, `ways` says by which way heat comes that is missing and `naming`
+//! writes the finding; `course` tells how far that has come, `size`
 //! how large a finding is. `present` asks whether a window still shows what the model has already, `ledger`
 //! adds up what the windows of a system show, `failures` says where a model fails, `unexplained` what is left
 //! by hour of the day, `evidence` lays the error beside an effect's shape, `ladder` adds effects one after
@@ -17,8 +18,10 @@
 //! all of it, on synthetic rooms and on real ones.
 
 mod acceptance;
+mod chosen;
 pub mod course;
 mod effort;
+mod error;
 pub mod evidence;
 pub mod failures;
 mod findings;
@@ -27,11 +30,11 @@ pub mod ledger;
 #[cfg(test)]
 mod ledger_tests;
 pub mod library;
+mod naming;
 pub mod nested;
 pub mod null_model;
 mod present;
 mod refit;
-pub mod regimes;
 pub mod report;
 pub mod residual;
 mod score_test;
@@ -45,5 +48,6 @@ mod tests;
 mod unexplained;
 mod ways;
 
-pub use findings::{DiagnoseError, diagnose, preview};
+pub use error::DiagnoseError;
+pub use findings::{diagnose, preview};
 pub use report::{Adequacy, Diagnosis, Finding};

@@ -1,13 +1,14 @@
 //! The ladder by likelihood: effects are added one after another while a likelihood-ratio test speaks for
 //! them, as Bacher and Madsen (Energy and Buildings 43, 2011) select a model.
 
-use super::findings::{DiagnoseError, interrupted};
+use super::error::{DiagnoseError, interrupted};
 use super::ladder::{Ladder, Step};
-use super::library::{CandidateEffect, align, candidates, widen};
+use super::library::{CandidateEffect, align, candidates};
 use crate::data::Window;
 use crate::estimate::assess::metrics::{HORIZONS, ahead, filter_with};
 use crate::estimate::likelihood::ml_estimate::MlEstimate;
 use crate::estimate::likelihood::ratio::{LikelihoodRatio, SIGNIFICANT};
+use crate::estimate::problem::widen::widen;
 use crate::estimate::{Control, Problem, Site};
 use crate::fault::Fault;
 use crate::model::Catalogue;
@@ -32,8 +33,7 @@ pub fn ladder_by_likelihood(
     control: &Control,
 ) -> Result<Ladder, DiagnoseError> {
     let nothing = || DiagnoseError::nothing(control);
-    if !problem.filters() {
-        let detail = "the ladder by likelihood needs a filter, and a model that is stepped by rkc has none";
+    if let Some(detail) = problem.predictor().lacks_filter_for("the ladder by likelihood") {
         return Err(DiagnoseError::Faults(vec![Fault::new("/model", "stepper", detail)]));
     }
     let (grid, holes) = widen(problem, window, site).map_err(|fault| DiagnoseError::Faults(vec![fault]))?;

@@ -136,9 +136,7 @@ impl Filters {
         let [plain_task, white_task] = self.tasks(problem, halt);
         let rest = iterations - iterations.div_ceil(FIRST_PART);
         let Optima { plain, plain_cost, white, evaluations, .. } = begun;
-        // The free run has more local optima than the innovations, whose way to theirs shows it a way out of
-        // its own. The simulations of a large model are too dear for two ways: the better start goes.
-        let starts = match problem.filters() {
+        let starts = match Effort::of(problem).two_ways {
             true => vec![plain, white.clone()],
             false if plain_task.cost(&white) < plain_cost => vec![white.clone()],
             false => vec![plain],

@@ -5,7 +5,7 @@
 //! without it on segments of hours. Its windows go on in the ledger of the model that lacks it, where a
 //! newest one that contradicts the others takes the effect back.
 
-use super::ledger::{CLEAR_T, EffectScore, Entry, Span, beside, pooled_with};
+use super::ledger::{CLEAR_T, EffectScore, LedgerEntry, LookedSpan, beside, pooled_with};
 use super::library::{align, candidate, carried, lacking};
 use super::report::PresentEffect;
 use super::score_test::RANKING_HOURS;
@@ -23,8 +23,8 @@ pub(super) fn present(
     problem: &Problem,
     theta: &[f64],
     (grid, site): (&Grid, &Site),
-    earlier: &[Entry],
-    span: Span,
+    earlier: &[LedgerEntry],
+    span: LookedSpan,
     halt: Halt,
 ) -> Vec<PresentEffect> {
     let effects = problem.model().effects().iter();
@@ -40,8 +40,8 @@ fn shown(
     theta: &[f64],
     (grid, site): (&Grid, &Site),
     effect: &str,
-    earlier: &[Entry],
-    span: Span,
+    earlier: &[LedgerEntry],
+    span: LookedSpan,
     halt: Halt,
 ) -> Option<PresentEffect> {
     let without = lacking(catalogue, problem, grid, site, effect).ok()?;
@@ -64,7 +64,7 @@ fn shown(
 }
 
 /// What one window shows of an effect of the model, for people.
-fn sentence(title: &str, score: &EffectScore, span: Span) -> String {
+fn sentence(title: &str, score: &EffectScore, span: LookedSpan) -> String {
     let t = score.t;
     if t >= CLEAR_T {
         format!(
@@ -98,7 +98,7 @@ mod tests {
     use crate::estimate::{Control, EstimateRequest, prepare};
 
     /// A diagnosis of room3 with the appliances' heat, of a room that these effects warm.
-    fn diagnosis(hidden: &[&str], earlier: &[Entry]) -> (Diagnosis, Problem) {
+    fn diagnosis(hidden: &[&str], earlier: &[LedgerEntry]) -> (Diagnosis, Problem) {
         let (_, window) = small_world(hidden);
         let catalogue = Catalogue::builtin().unwrap();
         let request = EstimateRequest { split: SplitRequest::DIAGNOSE, ..EstimateRequest::default() };
@@ -131,7 +131,8 @@ mod tests {
         assert!(there.warnings.is_empty(), "{:?}", there.warnings);
         // Its entries stand beside the model that lacks it, as those of a diagnosis of that model do.
         let entries = there.entries("dia_1", Some("with"));
-        let own: Vec<&Entry> = entries.iter().filter(|entry| entry.score.effect == shown.effect).collect();
+        let own: Vec<&LedgerEntry> =
+            entries.iter().filter(|entry| entry.score.effect == shown.effect).collect();
         assert_eq!(own.iter().map(|entry| entry.model.as_str()).collect::<Vec<_>>(), ["room3"]);
         assert!(
             entries
@@ -142,12 +143,13 @@ mod tests {
         // Weeks before the appliances were carried away. The room is the same otherwise, so the weeks are
         // those of the other twin.
         let now = span(&problem).unwrap();
-        let weeks = |number: i64| Span {
+        let weeks = |number: i64| LookedSpan {
             from: now.from - number * 3_000_000,
             to: now.to - number * 3_000_000,
             hours: now.hours,
         };
-        let before: Vec<Entry> = [1, 2].map(|number| Entry { span: weeks(number), ..own[0].clone() }).into();
+        let before: Vec<LedgerEntry> =
+            [1, 2].map(|number| LedgerEntry { span: weeks(number), ..own[0].clone() }).into();
         let (gone, _) = diagnosis(&[], &before);
         let [shown] = gone.present.as_slice() else { panic!("{:?}", gone.present) };
         let pooled = shown.pooled.as_ref().unwrap();

@@ -4,7 +4,6 @@ use super::effort::Effort;
 use super::residual::{Whitening, residuals};
 use crate::estimate::Problem;
 use crate::estimate::problem::mean_square;
-use crate::model::Scale;
 use crate::optimise::local::{LocalStage, LocalWay};
 use crate::optimise::local_options::LocalOptions;
 use crate::optimise::{Ask, Candidate, Cost, Evaluation};
@@ -85,7 +84,7 @@ impl Refit<'_> {
             .zip(&thetas)
             .map(|(series, theta)| {
                 let residuals: Vec<f64> = series
-                    .map_or_else(Vec::new, |series| series.into_iter().chain(self.prior(theta)).collect());
+                    .map_or_else(Vec::new, |series| series.into_iter().chain(self.pulls(theta)).collect());
                 let cost =
                     if residuals.is_empty() { Cost::Diverged } else { Cost::new(mean_square(&residuals)) };
                 Evaluation {
@@ -98,11 +97,8 @@ impl Refit<'_> {
     }
 
     /// The pulls of the prior: a deviation of the residual for every deviation of a logarithm.
-    fn prior(&self, theta: &[f64]) -> impl Iterator<Item = f64> {
-        let (nominal, parameters) = (self.problem.nominal(), self.problem.model().parameters());
-        let logarithmic = self.problem.free().iter().filter(|index| parameters[**index].scale == Scale::Log);
-        logarithmic
-            .map(move |index| self.deviation * (theta[*index] / nominal[*index]).ln() / PRIOR_DEVIATION)
+    fn pulls(&self, theta: &[f64]) -> impl Iterator<Item = f64> {
+        self.problem.pulls(theta, PRIOR_DEVIATION).map(|pull| self.deviation * pull)
     }
 
     /// The derivatives of the filtered simulation with respect to the free coordinates of the unit cube, one

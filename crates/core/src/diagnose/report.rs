@@ -1,7 +1,7 @@
 //! The documents of a diagnosis, as they are stored, printed and served.
 
 use super::evidence::Shape;
-use super::ledger::{EffectScore, Entry, Looked, Pooled, entries};
+use super::ledger::{EffectScore, LedgerEntry, Looked, Pooled, entries};
 use super::library::NotTestable;
 use indexmap::IndexMap;
 use serde::{Deserialize, Serialize};
@@ -77,7 +77,7 @@ pub struct Diagnosis {
 impl Diagnosis {
     /// What its window adds to the ledger of the system, beside the model that was diagnosed and beside those
     /// that lack one of its effects.
-    pub fn entries(&self, id: &str, model_hash: Option<&str>) -> Vec<Entry> {
+    pub fn entries(&self, id: &str, model_hash: Option<&str>) -> Vec<LedgerEntry> {
         let Some((looked, span)) = self.looked.as_ref().and_then(|looked| Some((looked, looked.span()?)))
         else {
             return Vec::new();
@@ -267,7 +267,8 @@ pub struct Coefficient {
 /// What stopped a candidate.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
-pub enum Gate {
+#[schema(as = Gate)]
+pub enum EffectGate {
     /// The likelihood gains too little.
     Bic,
     /// The error on unseen data does not really fall.
@@ -292,7 +293,7 @@ pub struct Considered {
     /// Share of the unseen squared error beyond the noise that it explains.
     pub explained_share: Option<f64>,
     /// What stopped it; nothing for a finding.
-    pub gate: Option<Gate>,
+    pub gate: Option<EffectGate>,
     /// In a sentence.
     pub why: String,
     /// The measures that the gates looked at, for benches.
@@ -334,7 +335,7 @@ pub struct Unexplained {
 
 /// An instant preview of what may be missing, by the score test alone.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Preview {
+pub struct EffectPreview {
     /// The effect's id.
     pub effect: String,
     /// A short title for people.

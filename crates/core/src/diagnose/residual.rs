@@ -9,15 +9,8 @@ use crate::estimate::problem::whiten::{Ar, stride};
 use crate::simulate::Trajectory;
 use std::ops::Range;
 
-/// Measured minus simulated of an output at every sample, in its unit; only the usable samples mean anything.
-pub fn residual(problem: &Problem, output: usize, simulated: &[f64]) -> Vec<f64> {
-    problem
-        .measured()
-        .get(output)
-        .map_or_else(Vec::new, |(values, _)| values.iter().zip(simulated).map(|(y, x)| y - x).collect())
-}
-
-/// The same of every output, each in its weight.
+/// Measured minus simulated of every output at every sample, each in its weight; only the usable samples mean
+/// anything.
 pub fn residuals(problem: &Problem, run: &Trajectory) -> Vec<Vec<f64>> {
     let weight = |output: usize| 1.0 / problem.scale(output);
     let measured = problem.measured();

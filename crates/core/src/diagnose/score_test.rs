@@ -1,7 +1,7 @@
 //! The segment test: how much of what a model errs by over hours a candidate effect explains.
 //!
 //! ```text
-//! null model --settle, for each length--> Look --score--> Score      the direction of a candidate beside the residual
+//! null model --settle, for each length--> Look --score--> SegmentScore      the direction of a candidate beside the residual
 //!                                           |
 //!                                           +--surrogates--> p       its channels shifted by whole days
 //! ```
@@ -52,7 +52,7 @@ pub struct Look<'a> {
 
 /// What a candidate explains of the residual of one length of segments.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Score {
+pub struct SegmentScore {
     /// Changes of the candidate's own parameters from where it does nothing.
     pub size: Vec<f64>,
     /// The share of the squared residual that it explains.
@@ -80,7 +80,7 @@ impl<'a> Look<'a> {
         hours: f64,
         halt: Halt,
     ) -> Option<Self> {
-        let segments = Segments::new(base, samples.clone(), hours);
+        let segments = Segments::new(base, samples.clone(), hours)?;
         if segments.is_empty() || halt() {
             return None;
         }
@@ -133,7 +133,7 @@ impl<'a> Look<'a> {
     /// Scores a candidate that has no states of its own, with the inputs of its problem or those of another
     /// simulator. `None` where it leaves the numbers, where the model's own parameters imitate it, or where
     /// the days are too few.
-    pub fn score(&self, candidate: &CandidateEffect, simulator: &Simulator) -> Option<Score> {
+    pub fn score(&self, candidate: &CandidateEffect, simulator: &Simulator) -> Option<SegmentScore> {
         let problem = &candidate.problem;
         if problem.model().states().len() != self.base.model().states().len() {
             return None;
@@ -190,7 +190,7 @@ impl<'a> Look<'a> {
                 with += (half.residual[row] - direction[row]).powi(2);
             }
         }
-        Some(Score {
+        Some(SegmentScore {
             share: explained.share,
             t: signed(&size, explained.t),
             beyond_clock: beyond.unwrap_or(0.0),

@@ -5,9 +5,10 @@
 //! search alone.
 
 use super::acceptance::{Ahead, LEAST_BIC, LEAST_FALL, Refitted, Tried, gate, ties};
+use super::chosen::{Chosen, Skip, choose, search_from_nominal};
 use super::course::Course;
 use super::effort::Effort;
-use super::ledger::{EffectScore, Entry};
+use super::ledger::{EffectScore, LedgerEntry};
 use super::library::CandidateEffect;
 use super::null_model::{NullModel, Optima};
 use super::refit::Refit;
@@ -15,29 +16,17 @@ use super::screen::{Blind, Score, Screen};
 use super::surrogates::{Heard, Tests};
 use crate::estimate::Problem;
 use crate::estimate::assess::metrics::{day_ahead_mse, filter};
+use crate::estimate::problem::predictor::Predictor;
 use crate::simulate::trajectory::Halt;
 use rayon::prelude::*;
-use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Fewest families of which a median means anything.
 const LEAST_FAMILIES: usize = 5;
-/// Members of a family of choices that are refitted.
-const CHOICES: usize = 3;
 /// Least score of a candidate that is refitted: chi-squared with one degree of freedom exceeds it by chance
 /// in a third of all cases. What the linearised model gives no gain at all the refit gives none either.
 const LEAST_SCORE: f64 = 1.0;
 /// From how many of the best candidates the null model is restarted.
 const RESTARTS: usize = 3;
-/// The largest cost of the free run to which a restart from the nominal values has come, over the null
-/// model's, at which it goes on for as many iterations again: the way from the nominal values is long. One of
-/// a large model has to have come to the null model's.
-const GOES_ON: f64 = 2.0;
-/// The largest cost in the end, over the null model's, at which the refit goes on from it.
-const PROMISING: f64 = 0.95;
-/// Parts of the linearised step of a large model, of which the one that costs least is the start: a whole
-/// step of what is far from linear can lead so far astray that the few iterations such a model can afford do
-/// not find back.
-const PARTS: [f64; 3] = [1.0, 0.3, 0.1];
 /// A candidate leads clearly whose free run's squared error is this much of the null model's after the first
 /// part of its way.
 const CLEAR: f64 = 0.5;
@@ -66,17 +55,27 @@ pub struct Round {
     pub scores: Vec<EffectScore>,
 }
 
-/// Why a candidate was not refitted.
-#[derive(Debug, Clone, PartialEq)]
-pub enum Skip {
-    /// These data cannot show it.
-    Blind(Blind),
-    /// Physics does not allow the sign that the data ask for.
-    Sign(Score),
-    /// The data hardly ask for it.
-    Faint(Score),
-    /// A better member of its family stands for it.
-    Choice,
+/// When all candidates are searched from the nominal values, and not only those that the model's own
+/// parameters imitate.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Wider {
+    /// With a finding the model is near the room, where a score is nearly what the likelihood would gain: its
+    /// price is asked at once. A large model may be so right that its simulations are too dear for more.
+    Never,
+    /// Where nobody of a large model leads clearly after the first part of the way: refits are dear.
+    BeforeTheRest,
+    /// Where a round ends with nothing although much is left to explain.
+    AfterNothing,
+}
+
+impl Wider {
+    fn of(predictor: Predictor, first: bool, rho: f64) -> Self {
+        match predictor {
+            Predictor::Filtered if first => Self::AfterNothing,
+            Predictor::FreeRun if rho >= RIGHT_RHO => Self::BeforeTheRest,
+            Predictor::Filtered | Predictor::FreeRun => Self::Never,
+        }
+    }
 }
 
 /// Tries every candidate on the null model, which is restarted on the way. `strict` asks for more of
@@ -88,7 +87,7 @@ pub fn round(
     candidates: &[CandidateEffect],
     strict: bool,
     rate: f64,
-    earlier: &[Entry],
+    earlier: &[LedgerEntry],
     first: bool,
     course: &Course,
 ) -> Option<Round> {
@@ -107,9 +106,8 @@ pub fn round(
         |candidate: &CandidateEffect| tests.as_ref().map(|tests| tests.hear(candidate)).unwrap_or_default();
     let heard: Vec<Heard> = candidates.par_iter().map(hear).collect();
     let scores = heard.iter().filter_map(|heard| heard.ranked.clone()).collect();
-    // With a finding the model is near the room, where a score is nearly what the likelihood would gain: the
-    // price is asked at once.
-    let far = if base.filters() { first } else { rho >= RIGHT_RHO };
+    let wider = Wider::of(base.predictor(), first, rho);
+    let far = wider != Wider::Never;
     let asks = |score: &Score| {
         score.imitated || (score.sign && if far { score.statistic >= LEAST_SCORE } else { score.net >= 0.0 })
     };
@@ -120,9 +118,7 @@ pub fn round(
     let (mut chosen, mut skipped, mut restarting) =
         search_from_nominal(null, candidates, chosen, skipped, &imitated, course);
     let mut begun = begin_all(null, candidates, &chosen, &[], course);
-    // Where nobody of a large model leads clearly, the others are searched for before the rest of the way:
-    // refits are dear.
-    if far && !base.filters() && !leads_clearly(null, &begun) && !halt() {
+    if wider == Wider::BeforeTheRest && !leads_clearly(null, &begun) && !halt() {
         let known: Vec<(usize, Optima)> = chosen.iter().map(|one| one.place).zip(begun).collect();
         let more;
         (chosen, skipped, more) =
@@ -138,9 +134,8 @@ pub fn round(
         judged
     };
     let mut judged = judge(null, refitted);
-    if first
+    if wider == Wider::AfterNothing
         && judged.winner.is_none()
-        && base.filters()
         && null.worst_rho().is_some_and(|rho| rho >= FAR_RHO)
         && !halt()
     {
@@ -254,128 +249,6 @@ fn median_gain(null: &NullModel, refitted: &[Refitted], candidates: &[CandidateE
     if gains.len() < LEAST_FAMILIES { f64::NEG_INFINITY } else { gains[gains.len() / 2] }
 }
 
-/// A candidate that is refitted.
-#[derive(Clone)]
-struct Chosen {
-    place: usize,
-    score: Score,
-    /// The step from the other optimum of the null model, where there is one.
-    other: Option<Vec<f64>>,
-    /// Where the restart from the nominal values has come to, where it promises something.
-    far: Option<Vec<f64>>,
-}
-
-/// Who is refitted: whom the data can show with a sign that physics allows, from either optimum of the null
-/// model, and of a shape the best choices.
-fn choose(
-    candidates: &[CandidateEffect],
-    here: Vec<Result<Score, Blind>>,
-    there: Option<Vec<Result<Score, Blind>>>,
-    heard: &[Heard],
-    asks: &dyn Fn(&Score) -> bool,
-) -> (Vec<Chosen>, Vec<(usize, Skip)>) {
-    let mut there = there.unwrap_or_default().into_iter();
-    let mut chosen: Vec<Chosen> = Vec::new();
-    let mut skipped = Vec::new();
-    for (place, here) in here.into_iter().enumerate() {
-        let there = there.next().and_then(Result::ok).filter(asks);
-        match (here, there) {
-            (Ok(score), there) if asks(&score) => {
-                chosen.push(Chosen { place, score, other: there.map(|score| score.step), far: None })
-            }
-            (_, Some(score)) => {
-                chosen.push(Chosen { place, other: Some(score.step.clone()), score, far: None })
-            }
-            (here, None) if let Some(shown) = &heard[place].shown => {
-                let score = Score { step: shown.step.clone(), ..here.unwrap_or_else(|_| Score::nothing()) };
-                chosen.push(Chosen { place, score, other: None, far: None });
-            }
-            (Err(blind), None) => skipped.push((place, Skip::Blind(blind))),
-            (Ok(score), None) if !score.sign => skipped.push((place, Skip::Sign(score))),
-            (Ok(score), None) => skipped.push((place, Skip::Faint(score))),
-        }
-    }
-    let better = |one: &Chosen| {
-        let alike = |other: &&Chosen| candidates[other.place].family() == candidates[one.place].family();
-        chosen.iter().filter(alike).filter(|other| other.score.statistic > one.score.statistic).count()
-    };
-    let keep: Vec<bool> =
-        chosen.iter().map(|one| !candidates[one.place].is_choice() || better(one) < CHOICES).collect();
-    let (kept, left): (Vec<_>, Vec<_>) = chosen.into_iter().zip(keep).partition(|(_, keep)| *keep);
-    skipped.extend(left.into_iter().map(|(one, _)| (one.place, Skip::Choice)));
-    (kept.into_iter().map(|(one, _)| one).collect(), skipped)
-}
-
-/// Searches from the nominal values with every candidate that `goes`: without its missing effect a model may
-/// err least where it is none of its kind any more, and nothing that is added there helps. Of a family of
-/// choices the best by score goes for all. Who is refitted now, who is not, and the simulations of all
-/// restarts. First go those that the model's own parameters imitate at the null model's optimum; the others
-/// where too little is found without them.
-fn search_from_nominal(
-    null: &NullModel,
-    candidates: &[CandidateEffect],
-    chosen: Vec<Chosen>,
-    skipped: Vec<(usize, Skip)>,
-    goes: &dyn Fn(&Score) -> bool,
-    course: &Course,
-) -> (Vec<Chosen>, Vec<(usize, Skip)>, usize) {
-    let score = |skip: &Skip| match skip {
-        Skip::Sign(score) | Skip::Faint(score) => Some(score.clone()),
-        Skip::Blind(Blind::TooSmall) => Some(Score::nothing()),
-        // Where a rate lies on its bound, one state imitates another; from there on it need not.
-        Skip::Blind(Blind::Imitated) => Some(Score { imitated: true, ..Score::nothing() }),
-        Skip::Blind(Blind::Diverged) | Skip::Choice => None,
-    };
-    let asked = |place: usize, score: &Score| goes(score).then_some((place, score.statistic));
-    let mut waiting: Vec<(usize, f64)> =
-        chosen.iter().filter_map(|one| asked(one.place, &one.score)).collect();
-    waiting.extend(skipped.iter().filter_map(|(place, skip)| asked(*place, &score(skip)?)));
-    waiting.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
-    let mut families: Vec<&str> = Vec::new();
-    waiting.retain(|(place, _)| {
-        let candidate = &candidates[*place];
-        let first = !candidate.is_choice() || !families.contains(&candidate.family());
-        families.push(candidate.family());
-        first
-    });
-    let halt: Halt = &|| course.halts();
-    let alone = waiting.iter().filter(|(place, _)| !chosen.iter().any(|one| one.place == *place)).count();
-    course.open(chosen.len() + alone, waiting.len(), chosen.len());
-    let most = PROMISING * null.fitted.plain_cost;
-    let evaluations = AtomicUsize::new(0);
-    let mut far: Vec<(usize, Vec<f64>)> = waiting
-        .into_par_iter()
-        .filter_map(|(place, _)| {
-            let problem = &candidates[place].problem;
-            let [task, _] = null.filters.tasks(problem, halt);
-            let iterations = Effort::of(problem).restart;
-            let (mut theta, mut cost, mut spent) = task.polish(&[problem.nominal().to_vec()], iterations);
-            let goes_on = if problem.filters() { GOES_ON } else { 1.0 };
-            if (most..goes_on * null.fitted.plain_cost).contains(&cost) {
-                let more;
-                (theta, cost, more) = task.polish(&[theta], iterations);
-                spent += more;
-            }
-            evaluations.fetch_add(spent, Ordering::Relaxed);
-            course.restarted(spent);
-            (cost < most).then_some((place, theta))
-        })
-        .collect();
-    let mut promising = |place: usize| {
-        far.iter().position(|(other, _)| *other == place).map(|found| far.swap_remove(found).1)
-    };
-    let mut chosen: Vec<Chosen> =
-        chosen.into_iter().map(|one| Chosen { far: promising(one.place), ..one }).collect();
-    let mut left = Vec::new();
-    for (place, skip) in skipped {
-        match score(&skip).zip(promising(place)) {
-            Some((score, far)) => chosen.push(Chosen { place, score, other: None, far: Some(far) }),
-            None => left.push((place, skip)),
-        }
-    }
-    (chosen, left, evaluations.into_inner())
-}
-
 /// The first part of everybody's way, but of those that are known and have no new start.
 fn begin_all(
     null: &NullModel,
@@ -412,9 +285,7 @@ fn go_on_all(
     let clear = leads_clearly(null, &begun);
     let one = |(one, begun): (&Chosen, Optima)| {
         let candidate = &candidates[one.place];
-        // The few iterations that a large model can afford show little after a fifth of them, unless somebody
-        // leads clearly.
-        let goes_on = null.is_promising(&begun) || (!candidate.problem.filters() && !clear);
+        let goes_on = null.is_promising(&begun) || (Effort::of(&candidate.problem).patient && !clear);
         let before = begun.evaluations;
         let refitted = refit(null, candidate, one, begun, goes_on, &|| course.halts())?;
         course.tried(&candidate.id, refitted.delta_bic(null), refitted.fitted.evaluations - before);
@@ -439,7 +310,7 @@ fn begin(null: &NullModel, candidate: &CandidateEffect, chosen: &Chosen, halt: H
         }
         start
     };
-    let parts: &[f64] = if candidate.problem.filters() { &[1.0] } else { &PARTS };
+    let Effort { parts, refit: iterations, .. } = Effort::of(&candidate.problem);
     let along = |task: &Refit, theta: &[f64], steps: &[f64]| {
         let mut starts: Vec<Vec<f64>> = parts.iter().map(|part| start(theta, steps, *part)).collect();
         let cheapest = task.cheapest(&starts);
@@ -456,7 +327,7 @@ fn begin(null: &NullModel, candidate: &CandidateEffect, chosen: &Chosen, halt: H
         plain.push(far.clone());
         white.push(far.clone());
     }
-    null.filters.begin(&candidate.problem, [&plain, &white], Effort::of(&candidate.problem).refit, halt)
+    null.filters.begin(&candidate.problem, [&plain, &white], iterations, halt)
 }
 
 /// The candidate where its way ends, whether or not it goes on.

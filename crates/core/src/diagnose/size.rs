@@ -45,13 +45,14 @@ pub struct Sizes {
 /// else from the likelihood that did. What is read off the output itself has no interval, because its error
 /// goes with what it explains; large models have no segments, and take the free run.
 pub fn sizes(model: &NullModel, candidate: &CandidateEffect, shown: bool, halt: Halt) -> Sizes {
-    let by_days = if model.problem.filters() { by_days(model, candidate, shown, halt) } else { None };
-    by_days.unwrap_or_else(|| Sizes { coefficients: of_free_run(model, candidate), ahead: None })
+    by_days(model, candidate, shown, halt)
+        .unwrap_or_else(|| Sizes { coefficients: of_free_run(model, candidate), ahead: None })
 }
 
 fn by_days(model: &NullModel, candidate: &CandidateEffect, shown: bool, halt: Halt) -> Option<Sizes> {
     let (problem, white, plain) = (&model.problem, &model.fitted.white, &model.fitted.plain);
-    let segments = Segments::new(problem, problem.split().train.start..problem.split().validation.end, HOURS);
+    let samples = problem.split().train.start..problem.split().validation.end;
+    let segments = Segments::new(problem, samples, HOURS)?;
     let settled = settle(problem, &segments, white, &segments.starts(problem, white), halt)?;
     let spread = settled.spread(problem, &segments)?;
     let days = segments.by_day(|_| 0.0).len();
@@ -77,7 +78,7 @@ fn by_days(model: &NullModel, candidate: &CandidateEffect, shown: bool, halt: Ha
         Some(size(value, nearer, &gradient, problem.bounds()[*index]))
     };
     let coefficients = candidate.own.iter().map(coefficient).collect::<Option<_>>()?;
-    let stretches = Segments::new(problem, first_stretch(problem)..problem.grid().len(), AHEAD_HOURS);
+    let stretches = Segments::new(problem, first_stretch(problem)..problem.grid().len(), AHEAD_HOURS)?;
     let Moved { steps, thetas, .. } = moved(problem, optima[0]);
     let around: Vec<&[f64]> = std::iter::once(optima[0]).chain(&thetas).map(Vec::as_slice).collect();
     let moved = ahead(problem, candidate, &stretches, &around);
@@ -169,7 +170,7 @@ mod tests {
             whole.model().parameters().iter().position(|parameter| parameter.name == "c_wind").unwrap();
         let settled = |problem: &Problem, from: &[f64]| {
             let samples = whole.split().train.start..whole.split().validation.end;
-            let segments = Segments::new(problem, samples, HOURS);
+            let segments = Segments::new(problem, samples, HOURS).unwrap();
             (settle(problem, &segments, from, &segments.starts(problem, from), &|| false).unwrap(), segments)
         };
         let (all, segments) = settled(&whole, &model.fitted.white);

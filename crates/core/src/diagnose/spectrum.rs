@@ -1,9 +1,9 @@
 //! What is left in series that should be noise: correlation with inputs, with their own past, and by
 //! frequency.
 
-use super::regimes::circumstances;
 use crate::data::{CALENDAR, Grid, is_compass};
 use crate::estimate::Problem;
+use crate::estimate::assess::regimes::circumstances;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 

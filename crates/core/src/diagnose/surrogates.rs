@@ -3,10 +3,10 @@
 //! and only what is claimed is broken (Theiler et al. 1992, Physica D 58, 77-94). Every room has its own true
 //! negatives this way.
 
-use super::ledger::{EffectScore, Entry, Span, pooled_with};
+use super::ledger::{EffectScore, LedgerEntry, LookedSpan, pooled_with};
 use super::library::CandidateEffect;
 use super::report::SegmentEvidence;
-use super::score_test::{LENGTHS, Look, RANKING_HOURS, Score, logged};
+use super::score_test::{LENGTHS, Look, RANKING_HOURS, SegmentScore, logged};
 use crate::estimate::Problem;
 use crate::estimate::segments::dot;
 use crate::model::spec::Sign;
@@ -124,7 +124,7 @@ pub struct Tests<'a> {
     /// How often they may accuse where nothing is missing.
     rate: f64,
     /// What other windows showed of the same model.
-    earlier: &'a [Entry],
+    earlier: &'a [LedgerEntry],
     halt: Halt<'a>,
 }
 
@@ -137,7 +137,7 @@ impl<'a> Tests<'a> {
         theta: &[f64],
         candidates: &[CandidateEffect],
         rate: f64,
-        earlier: &'a [Entry],
+        earlier: &'a [LedgerEntry],
         halt: Halt<'a>,
     ) -> Option<Self> {
         Self::over(&LENGTHS, base, theta, candidates, rate, earlier, halt)
@@ -150,12 +150,9 @@ impl<'a> Tests<'a> {
         theta: &[f64],
         candidates: &[CandidateEffect],
         rate: f64,
-        earlier: &'a [Entry],
+        earlier: &'a [LedgerEntry],
         halt: Halt<'a>,
     ) -> Option<Self> {
-        if !base.filters() {
-            return None;
-        }
         let samples = base.split().train.start..base.split().validation.end;
         let look = |hours: &f64| Look::new(base, theta, samples.clone(), *hours, halt);
         let looks: Vec<Look> = lengths.par_iter().filter_map(look).collect();
@@ -208,15 +205,15 @@ impl<'a> Tests<'a> {
         &self,
         candidate: &CandidateEffect,
         channels: &[usize],
-        ranked: &Score,
-        ranked_shifts: Option<&[Option<Score>]>,
+        ranked: &SegmentScore,
+        ranked_shifts: Option<&[Option<SegmentScore>]>,
     ) -> Option<Shown> {
         let score = |place: usize| match place == self.ranking {
             true => Some((place, ranked.clone())),
             false => Some((place, self.looks[place].score(candidate, candidate.problem.simulator())?)),
         };
-        let mut scores: Vec<(usize, Score)> = (0..self.looks.len()).filter_map(score).collect();
-        let chance = |score: &Score| chance(candidate, score.t.min(score.beyond_clock), score.days);
+        let mut scores: Vec<(usize, SegmentScore)> = (0..self.looks.len()).filter_map(score).collect();
+        let chance = |score: &SegmentScore| chance(candidate, score.t.min(score.beyond_clock), score.days);
         let p = (self.candidates
             * combined(&scores.iter().map(|(_, score)| chance(score)).collect::<Vec<_>>()))
         .min(1.0);
@@ -253,7 +250,12 @@ impl<'a> Tests<'a> {
 
     /// What it shows together with the windows before, where it does not speak against them. Each of them
     /// confirms the others.
-    fn together(&self, candidate: &CandidateEffect, ranked: &EffectScore, score: &Score) -> Option<Shown> {
+    fn together(
+        &self,
+        candidate: &CandidateEffect,
+        ranked: &EffectScore,
+        score: &SegmentScore,
+    ) -> Option<Shown> {
         let pooled = pooled_with(self.earlier, ranked, span(self.base)?)
             .filter(|pooled| pooled.windows > 1 && pooled.taken_back.is_none())?;
         let p = (self.candidates
@@ -280,7 +282,12 @@ impl<'a> Tests<'a> {
 
     /// The scores of a candidate with its channels shifted by whole days, circularly over the samples that
     /// are looked at.
-    fn shifted(&self, look: &Look, candidate: &CandidateEffect, channels: &[usize]) -> Vec<Option<Score>> {
+    fn shifted(
+        &self,
+        look: &Look,
+        candidate: &CandidateEffect,
+        channels: &[usize],
+    ) -> Vec<Option<SegmentScore>> {
         let inputs = candidate.problem.inputs();
         let per_day = (86_400 / candidate.problem.grid().step()) as usize;
         let days = self.base.split().validation.end / per_day.max(1);
@@ -304,16 +311,21 @@ impl<'a> Tests<'a> {
 }
 
 /// The stretch of time that segments look at: training and validation part. `None` where both are empty.
-pub fn span(problem: &Problem) -> Option<Span> {
+pub fn span(problem: &Problem) -> Option<LookedSpan> {
     let (grid, split) = (problem.grid(), problem.split());
     let last = split.validation.end.checked_sub(1)?;
-    Some(Span { from: grid.time(split.train.start), to: grid.time(last) + grid.step(), hours: RANKING_HOURS })
+    Some(LookedSpan {
+        from: grid.time(split.train.start),
+        to: grid.time(last) + grid.step(),
+        hours: RANKING_HOURS,
+    })
 }
 
 /// The share of shifted candidates, the true one counted, that do as well as that, and how many they are.
-fn as_well(score: &Score, shifts: &[Option<Score>]) -> (f64, usize) {
-    let does =
-        |one: &&Score| one.t > 0.0 && (one.share >= score.share || one.beyond_clock >= score.beyond_clock);
+fn as_well(score: &SegmentScore, shifts: &[Option<SegmentScore>]) -> (f64, usize) {
+    let does = |one: &&SegmentScore| {
+        one.t > 0.0 && (one.share >= score.share || one.beyond_clock >= score.beyond_clock)
+    };
     let count = shifts.iter().flatten().filter(does).count();
     ((1 + count) as f64 / (1 + shifts.len()) as f64, count)
 }
@@ -340,9 +352,10 @@ fn combined(chances: &[f64]) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::library::{candidates, widen};
+    use super::super::library::candidates;
     use super::super::tests::{fitted, site, small_world};
     use super::*;
+    use crate::estimate::problem::widen::widen;
     use crate::estimate::segments::Segments;
     use crate::estimate::{EstimateRequest, prepare};
     use crate::model::Catalogue;
@@ -373,7 +386,7 @@ mod tests {
         let (library, _) = candidates(&catalogue, &problem, &grid, &holes, &site());
         let gain = library.iter().find(|candidate| candidate.id == "constant_gain").unwrap();
         let theta = problem.nominal().to_vec();
-        let segments = Segments::new(&problem, 0..problem.grid().len(), 12.0);
+        let segments = Segments::new(&problem, 0..problem.grid().len(), 12.0).unwrap();
         let starts = segments.starts(&problem, &theta);
         let linear = segments.linearise(&problem, problem.simulator(), &theta, &starts).unwrap();
         let hours = segments
@@ -395,7 +408,7 @@ mod tests {
         theta: &[f64],
         library: &[CandidateEffect],
         rate: f64,
-        earlier: &[Entry],
+        earlier: &[LedgerEntry],
     ) -> Vec<Heard> {
         let tests = Tests::new(base, theta, library, rate, earlier, &|| false).unwrap();
         library.iter().map(|candidate| tests.hear(candidate)).collect()
@@ -441,9 +454,9 @@ mod tests {
             .filter_map(|heard| heard.ranked.clone())
             .find(|score| score.effect == "metered_gain:P_appliances")
             .unwrap();
-        let before = |factor: f64| -> Vec<Entry> {
+        let before = |factor: f64| -> Vec<LedgerEntry> {
             let start = problem.grid().start();
-            let span = |weeks: i64| Span {
+            let span = |weeks: i64| LookedSpan {
                 from: start - (weeks + 3) * 604_800,
                 to: start - weeks * 604_800,
                 hours: RANKING_HOURS,
@@ -454,7 +467,7 @@ mod tests {
                 beyond_clock: factor * now.beyond_clock,
                 ..now.clone()
             };
-            let entry = |weeks: i64| Entry {
+            let entry = |weeks: i64| LedgerEntry {
                 diagnosis: String::new(),
                 model: problem.model().id().to_string(),
                 model_hash: None,
@@ -463,7 +476,7 @@ mod tests {
             };
             [0, 3, 6, 9].map(entry).to_vec()
         };
-        let named = |earlier: &[Entry]| {
+        let named = |earlier: &[LedgerEntry]| {
             let found = heard(&problem, &theta, &library, rate, earlier);
             let shown = library
                 .iter()

@@ -1,13 +1,15 @@
 //! The diagnosis of small worlds, end to end.
 
-use super::failures::{failures, sentences, worst_regime};
+use super::failures::{failures, sentences};
 use super::ladder::ladder;
 use super::library;
-use super::report::Gate;
+use super::report::EffectGate;
 use super::{Adequacy, DiagnoseError, Diagnosis, diagnose, preview};
-use crate::data::{Bindings, SplitRequest, Window};
+use crate::data::{ColumnBindings, SplitRequest, Window};
 use crate::estimate::assess::metrics::filter;
+use crate::estimate::assess::regimes::{regimes, with_worst_regime};
 use crate::estimate::problem::request::{AccusationRate, SeededMethod};
+use crate::estimate::problem::widen::widen;
 use crate::estimate::{Control, EstimateError, EstimateRequest, Interrupt, Problem, Site, estimate, prepare};
 use crate::model::Catalogue;
 use crate::twin::{Level, World, WorldRequest, world};
@@ -21,7 +23,7 @@ fn small_twin(effects: &[&str]) -> World {
 /// It as a window, and its problem for room3.
 pub(super) fn small_world(effects: &[&str]) -> (Problem, Window) {
     let made = small_twin(effects);
-    let (window, _) = Window::parse_csv(&made.csv, &Bindings::none()).unwrap();
+    let (window, _) = Window::parse_csv(&made.csv, &ColumnBindings::none()).unwrap();
     let request = EstimateRequest { split: SplitRequest::DIAGNOSE, ..EstimateRequest::default() };
     let id = "room3".parse().unwrap();
     (prepare(&Catalogue::builtin().unwrap(), &id, &request, &window, &site()).unwrap(), window)
@@ -129,7 +131,7 @@ fn the_shape_of_the_wind_is_that_of_the_error() {
 #[test]
 fn all_candidates_are_judged_on_the_same_samples() {
     let (problem, window) = small_world(&[]);
-    let (grid, holes) = library::widen(&problem, &window, &site()).unwrap();
+    let (grid, holes) = widen(&problem, &window, &site()).unwrap();
     let (mut library, _) =
         library::candidates(&Catalogue::builtin().unwrap(), &problem, &grid, &holes, &site());
     let all = 0..problem.grid().len();
@@ -234,7 +236,9 @@ fn a_withheld_channel_is_named_as_not_testable_and_short_records_as_too_short() 
             .iter()
             .any(|one| one.effect == "wind_infiltration" && one.reason == "needs channel wind_speed")
     );
-    assert!(found.considered.iter().all(|one| one.effect != "sensor_lag" || one.gate != Some(Gate::Tie)));
+    assert!(
+        found.considered.iter().all(|one| one.effect != "sensor_lag" || one.gate != Some(EffectGate::Tie))
+    );
 }
 
 /// Wherever it is called off, it says so, and hardly anything is simulated any more.
@@ -297,9 +301,30 @@ fn failures_say_where_the_wind_is_missing() {
     }
     let told = sentences(&problem, 0, &found);
     assert!(told.iter().any(|sentence| sentence.starts_with("wind_speed high: T_room is ")), "{told:?}");
-    assert_eq!(worst_regime(&problem, &fit, &window, fit.seed).unwrap().as_ref(), told.first());
+    assert_eq!(with_worst_regime(fit, &problem, &window).unwrap().worst_regime.as_ref(), told.first());
     assert_eq!(found.episodes.len(), 5);
     assert!(found.hour_by_date.len() >= 28 && found.hour_by_date.iter().all(|day| day.hours.len() == 24));
     let worst: f64 = found.episodes.iter().map(|episode| episode.share).sum();
     assert!(worst > 0.0 && worst <= 1.0);
+}
+
+#[test]
+fn the_share_of_the_error_in_a_regime_is_that_of_the_closed_form() {
+    let (problem, _) = small_world(&[]);
+    let grid = problem.grid();
+    let out = grid.column("T_out").unwrap().values();
+    let usable: Vec<usize> = (0..grid.len()).collect();
+    // The error changes where the upper third of the outdoor temperatures begins, whatever the weather.
+    let mut sorted = out.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let limit = sorted[2 * sorted.len() / 3];
+    let error: Vec<f64> = out.iter().map(|t| if *t > limit { 0.5 } else { -0.1 }).collect();
+    let found = regimes(&problem, grid, &error, &usable, 1);
+    let warm = found.iter().find(|one| one.regime == "T_out high").unwrap();
+    assert_eq!(warm.bias, 0.5);
+    assert!((warm.time_share - 1.0 / 3.0).abs() < 0.01, "{}", warm.time_share);
+    let (high, low) = (0.25 * warm.time_share, 0.01 * (1.0 - warm.time_share));
+    assert!((warm.error_share - high / (high + low)).abs() < 1e-9, "{}", warm.error_share);
+    assert!(warm.bias_ci95.is_some_and(|[low, high]| low <= 0.5 && 0.5 <= high));
+    assert_eq!(found, regimes(&problem, grid, &error, &usable, 1), "the same seed resamples the same days");
 }

@@ -38,7 +38,7 @@ pub mod tune;
 pub use assess::replay::Replay;
 pub use fit::incumbent::Incumbent;
 pub use fit::{Fit, Stop};
-pub use gate::past::{Past, Policy, Reference};
+pub use gate::past::{GatePolicy, Past, Reference};
 pub use gate::served::{Offer, ServedParameters};
 pub use gate::validate::{Acceptance, Holding, Judgement, Verdict, validate};
 pub use problem::Problem;

@@ -40,13 +40,7 @@ pub(super) fn report(
     }
     remarks.extend(problem.split().shortfall(problem.grid().step(), &request.split));
     remarks.extend(uncertainty.correlated.iter().map(|pair| sentence(pair, problem.model())));
-    if !problem.filters() {
-        remarks.push(
-            "the model is stepped explicitly and has no filter: errors are those of free runs, none \
-            is of a forecast"
-                .to_owned(),
-        );
-    }
+    remarks.extend(problem.predictor().remark());
     if found.stop != Stop::Converged {
         remarks.push("the search ended before two of its restarts agreed".to_owned());
     }

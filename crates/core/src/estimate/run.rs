@@ -7,7 +7,8 @@ use super::report::report;
 use super::uncertainty::uncertainty;
 use crate::estimate::fit::incumbent::Incumbent;
 use crate::estimate::problem::bounds::at_bound;
-use crate::estimate::problem::objective::Prior;
+use crate::estimate::problem::predictor::Predictor;
+use crate::estimate::problem::prior::Prior;
 use crate::estimate::problem::request::{EstimateRequest, StartFrom};
 use crate::estimate::search::control::{Control, EstimateError};
 use crate::estimate::search::discretisation::{fine_enough, step_error};
@@ -61,9 +62,12 @@ pub fn estimate(
     let (problem, non_identifiable) = fix_unidentifiable(problem, &mut found, &mut remarks, control)?;
     let mut known = uncertainty(&problem, &found.theta);
     found.evaluations += known.evaluations;
-    // A model with a filter has a likelihood, whose profiles `ctsm` gives.
-    if !problem.filters() {
-        found.evaluations += follow(&problem, &found.theta, found.cost, &mut known, control)?;
+    match problem.predictor() {
+        // A likelihood has profiles, which `ctsm` gives.
+        Predictor::Filtered => {}
+        Predictor::FreeRun => {
+            found.evaluations += follow(&problem, &found.theta, found.cost, &mut known, control)?;
+        }
     }
     let mut fit = report(&problem, request, found, &known, discretisation_error, remarks);
     fit.non_identifiable = non_identifiable;

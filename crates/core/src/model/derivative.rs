@@ -2,7 +2,7 @@
 
 use super::Input;
 use super::expr::{Binary, Graph, Node, NodeId, Point, Unary};
-use super::spec::Hold;
+use super::spec::InputHold;
 use std::collections::HashMap;
 
 /// The derivative of `root` with respect to the leaf `variable`, as a node of the same graph.
@@ -32,7 +32,8 @@ pub fn derivatives(graph: &mut Graph, roots: &[NodeId], variable: Node) -> Vec<N
 /// The explicit time derivative of an equation: its linear-hold inputs move along their slopes, delayed ones
 /// along the line between their values at both ends of the step.
 pub(super) fn time_derivative(graph: &mut Graph, f: NodeId, inputs: &[Input]) -> NodeId {
-    let linear = |input: u16| inputs.get(usize::from(input)).is_some_and(|input| input.hold == Hold::Linear);
+    let linear =
+        |input: u16| inputs.get(usize::from(input)).is_some_and(|input| input.hold == InputHold::Linear);
     let mut moving: Vec<(Node, NodeId)> = Vec::new();
     for i in (0..inputs.len() as u16).filter(|i| linear(*i)) {
         moving.push((Node::Input(i, Point::Start), graph.intern(Node::Slope(i))));

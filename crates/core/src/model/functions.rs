@@ -2,7 +2,8 @@
 
 use super::expr::{Binary, Graph, Node, NodeId, Unary};
 use super::lower::{Lowering, Value};
-use super::parse::{Expr, Position};
+use super::parse::Expr;
+use super::token::TextPosition;
 use super::{Delay, Parameter};
 use crate::fault::nearest;
 use crate::units::Unit;
@@ -31,7 +32,7 @@ impl Lowering {
     pub(super) fn delay(
         &mut self,
         pointer: &str,
-        at: Position,
+        at: TextPosition,
         arguments: &[Expr],
         indices: &mut Vec<(String, String)>,
     ) -> Value {
@@ -96,7 +97,7 @@ impl Lowering {
         Value { node, ..delayed }
     }
 
-    pub(super) fn call(&mut self, pointer: &str, at: Position, name: &str, x: &[Value]) -> Value {
+    pub(super) fn call(&mut self, pointer: &str, at: TextPosition, name: &str, x: &[Value]) -> Value {
         let Some((_, wanted)) = FUNCTIONS.iter().find(|(known, _)| *known == name) else {
             self.fault(pointer, at, "unknown-function", format!("there is no function `{name}`"));
             let known = FUNCTIONS.iter().map(|(known, _)| *known).chain(["delay", "sum"]);
@@ -149,7 +150,7 @@ impl Lowering {
     }
 
     /// `convert(Q, 1[m3/h])`: the same quantity counted in another unit, which a one with that unit names.
-    fn convert(&mut self, pointer: &str, at: Position, x: Value, target: Value) -> Value {
+    fn convert(&mut self, pointer: &str, at: TextPosition, x: Value, target: Value) -> Value {
         let Some(wanted) = target.unit.filter(|_| self.graph.constant_value(target.node) == Some(1.0)) else {
             self.fault(
                 pointer,
@@ -169,7 +170,7 @@ impl Lowering {
     }
 
     /// Functions of a pure number. Angles in degrees and fractions in percent are scaled first.
-    fn transcendental(&mut self, pointer: &str, at: Position, name: &str, x: Value) -> Value {
+    fn transcendental(&mut self, pointer: &str, at: TextPosition, name: &str, x: Value) -> Value {
         let scale = x.unit.map_or(Some(1.0), |unit| unit.number_scale());
         let Some(scale) = scale else {
             self.fault(pointer, at, "unit", format!("`{name}` needs a pure number"));

@@ -1,8 +1,9 @@
 //! Syntax tree to graph: names are resolved, families expanded, units checked, every fault collected.
 
 use super::expr::{Binary, Graph, Node, NodeId, Unary};
-use super::parse::{Expr, Kind, Position, SyntaxError, parse};
+use super::parse::{Expr, ExprKind, parse};
 use super::spec::Definition;
+use super::token::{SyntaxError, TextPosition};
 use crate::fault::{Fault, nearest};
 use crate::units::Unit;
 use indexmap::IndexMap;
@@ -148,7 +149,7 @@ impl Lowering {
             }
         };
         if self.graph.nodes().len() > MAX_NODES || self.expanded > MAX_NODES {
-            let at = Position { line: 1, column: 1 };
+            let at = TextPosition { line: 1, column: 1 };
             self.fault(
                 pointer,
                 at,
@@ -167,7 +168,7 @@ impl Lowering {
         let names: Vec<String> = self.defines.iter().filter_map(unused).collect();
         let (missing, dropped) = (self.missing.clone(), self.dropped.clone());
         for name in names {
-            self.name(&format!("/define/{name}"), Position { line: 1, column: 1 }, &name);
+            self.name(&format!("/define/{name}"), TextPosition { line: 1, column: 1 }, &name);
         }
         (self.missing, self.dropped) = (missing, dropped);
     }
@@ -175,7 +176,7 @@ impl Lowering {
     /// Demands a unit of a value.
     pub fn demand(&mut self, pointer: &str, value: Value, unit: Unit, what: &str) {
         if let Some(found) = value.unit.filter(|found| !found.addable(&unit)) {
-            let at = Position { line: 1, column: 1 };
+            let at = TextPosition { line: 1, column: 1 };
             self.fault(pointer, at, "unit", format!("{what} must have the unit {unit}, this has {found}"));
         }
     }
@@ -185,7 +186,13 @@ impl Lowering {
         Value { node: self.graph.constant(0.0), unit: None, nonnegative: true }
     }
 
-    pub(super) fn fault(&mut self, pointer: &str, at: Position, code: &str, detail: impl std::fmt::Display) {
+    pub(super) fn fault(
+        &mut self,
+        pointer: &str,
+        at: TextPosition,
+        code: &str,
+        detail: impl std::fmt::Display,
+    ) {
         self.faults.push(Fault::new(
             pointer,
             code,
@@ -214,30 +221,32 @@ impl Lowering {
             return self.zero();
         }
         match &expr.kind {
-            Kind::Number(value, unit) => self.number(pointer, expr.at, *value, unit.as_deref()),
-            Kind::Name(name) => self.name(pointer, expr.at, name),
-            Kind::Member(family, index) => match self.member_name(pointer, expr.at, family, index, indices) {
-                Some(name) => self.name(pointer, expr.at, &name),
-                None => self.zero(),
-            },
-            Kind::Negate(inner) => {
+            ExprKind::Number(value, unit) => self.number(pointer, expr.at, *value, unit.as_deref()),
+            ExprKind::Name(name) => self.name(pointer, expr.at, name),
+            ExprKind::Member(family, index) => {
+                match self.member_name(pointer, expr.at, family, index, indices) {
+                    Some(name) => self.name(pointer, expr.at, &name),
+                    None => self.zero(),
+                }
+            }
+            ExprKind::Negate(inner) => {
                 let x = self.expr(pointer, inner, indices);
                 Value { node: self.graph.unary(Unary::Neg, x.node), unit: x.unit, nonnegative: false }
             }
-            Kind::Binary(op, a, b) => {
+            ExprKind::Binary(op, a, b) => {
                 let left = self.expr(pointer, a, indices);
                 let right = self.expr(pointer, b, indices);
                 self.binary(pointer, expr.at, *op, left, right, a == b)
             }
-            Kind::Call(name, arguments) if name == "delay" => {
+            ExprKind::Call(name, arguments) if name == "delay" => {
                 self.delay(pointer, expr.at, arguments, indices)
             }
-            Kind::Call(name, arguments) => {
+            ExprKind::Call(name, arguments) => {
                 let values: Vec<Value> =
                     arguments.iter().map(|argument| self.expr(pointer, argument, indices)).collect();
                 self.call(pointer, expr.at, name, &values)
             }
-            Kind::Sum { variable, set, body } => {
+            ExprKind::Sum { variable, set, body } => {
                 let Some(members) = self.sets.get(set).cloned() else {
                     self.fault(pointer, expr.at, "unknown-set", format!("there is no set `{set}`"));
                     return self.zero();
@@ -258,7 +267,7 @@ impl Lowering {
         }
     }
 
-    fn number(&mut self, pointer: &str, at: Position, value: f64, unit: Option<&str>) -> Value {
+    fn number(&mut self, pointer: &str, at: TextPosition, value: f64, unit: Option<&str>) -> Value {
         let node = self.graph.constant(value);
         let unit = match unit.map(Unit::parse) {
             None if value == 0.0 => None,
@@ -275,7 +284,7 @@ impl Lowering {
     fn member_name(
         &mut self,
         pointer: &str,
-        at: Position,
+        at: TextPosition,
         family: &str,
         index: &str,
         indices: &[(String, String)],
@@ -310,7 +319,7 @@ impl Lowering {
         None
     }
 
-    fn name(&mut self, pointer: &str, at: Position, name: &str) -> Value {
+    fn name(&mut self, pointer: &str, at: TextPosition, name: &str) -> Value {
         // What an effect has put in the place of a parameter or an input comes first.
         let symbol = if self.defines.contains_key(name) {
             None
@@ -388,7 +397,7 @@ impl Lowering {
     pub(super) fn binary(
         &mut self,
         pointer: &str,
-        at: Position,
+        at: TextPosition,
         op: Binary,
         a: Value,
         b: Value,
@@ -417,7 +426,7 @@ impl Lowering {
     pub(super) fn alike(
         &mut self,
         pointer: &str,
-        at: Position,
+        at: TextPosition,
         op: Binary,
         a: Value,
         b: Value,
@@ -428,7 +437,7 @@ impl Lowering {
         a.unit.or(b.unit)
     }
 
-    fn power(&mut self, pointer: &str, at: Position, base: Value, exponent: Value) -> Value {
+    fn power(&mut self, pointer: &str, at: TextPosition, base: Value, exponent: Value) -> Value {
         if exponent.unit.is_some_and(|unit| !unit.is_number()) {
             self.fault(pointer, at, "unit", "an exponent must be a pure number");
         }

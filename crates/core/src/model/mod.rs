@@ -10,6 +10,8 @@
 //!
 //! Nothing here knows measurements or parameter values. Time is counted in hours.
 
+mod bindings;
+mod builder;
 pub mod catalogue;
 mod check;
 pub mod compile;
@@ -29,12 +31,14 @@ mod quantity;
 mod settler;
 pub mod spec;
 pub mod tape;
+pub mod token;
 mod warm_up;
 
+pub use bindings::Bindings;
 pub use catalogue::{Catalogue, Composition};
-pub use compile::{Bindings, compile};
+pub use compile::compile;
 pub use id::ModelId;
-pub use spec::{Check, Hold, Nominal, Scale, Stepper};
+pub use spec::{Check, InputHold, Nominal, Scale, Stepper};
 
 use expr::{Graph, NodeId};
 
@@ -124,7 +128,7 @@ pub struct Input {
     /// Its unit in the equations.
     pub unit: String,
     /// Between samples.
-    pub hold: Hold,
+    pub hold: InputHold,
     /// Whether it may stay constant in a record, as long as not all such inputs do.
     pub may_be_constant: bool,
 }

@@ -109,7 +109,7 @@ fn room3_means_the_equations_of_the_thesis() {
 fn a_measured_valve_replaces_the_thermostat_and_its_parameters() {
     let model = build("room3", &["T_out", "T_forward", "irradiance", "valve"], &[]).unwrap();
     assert!(model.parameters().iter().all(|parameter| parameter.name != "k" && parameter.name != "T_set"));
-    assert_eq!(model.inputs().iter().filter(|input| input.hold == Hold::ZeroOrder).count(), 1);
+    assert_eq!(model.inputs().iter().filter(|input| input.hold == InputHold::ZeroOrder).count(), 1);
     assert!(model.dropped().is_empty());
 }
 

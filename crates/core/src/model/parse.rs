@@ -6,23 +6,15 @@
 //! ```
 
 use super::expr::Binary;
-
-/// A place in a text, from 1.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Position {
-    /// Line.
-    pub line: usize,
-    /// Column in characters.
-    pub column: usize,
-}
+use super::token::{Placed, SyntaxError, TextPosition, Token, describe, is_name, tokens};
 
 /// A syntax tree with the place where each part stands.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Expr {
     /// Where it begins, or where its operator stands.
-    pub at: Position,
+    pub at: TextPosition,
     /// What it is.
-    pub kind: Kind,
+    pub kind: ExprKind,
     /// How many levels it nests, chains of operators included.
     height: usize,
 }
@@ -33,26 +25,28 @@ impl Expr {
     pub fn renamed(self, from: &str, to: &str) -> Self {
         let inner = |x: Box<Expr>| Box::new(x.renamed(from, to));
         let kind = match self.kind {
-            Kind::Name(name) if name == from => Kind::Name(to.to_owned()),
-            Kind::Member(family, index) if format!("{family}[{index}]") == from => Kind::Name(to.to_owned()),
-            Kind::Negate(x) => Kind::Negate(inner(x)),
-            Kind::Binary(op, a, b) => Kind::Binary(op, inner(a), inner(b)),
-            Kind::Call(name, arguments) => {
-                Kind::Call(name, arguments.into_iter().map(|x| x.renamed(from, to)).collect())
+            ExprKind::Name(name) if name == from => ExprKind::Name(to.to_owned()),
+            ExprKind::Member(family, index) if format!("{family}[{index}]") == from => {
+                ExprKind::Name(to.to_owned())
             }
-            Kind::Sum { variable, set, body } => Kind::Sum { variable, set, body: inner(body) },
+            ExprKind::Negate(x) => ExprKind::Negate(inner(x)),
+            ExprKind::Binary(op, a, b) => ExprKind::Binary(op, inner(a), inner(b)),
+            ExprKind::Call(name, arguments) => {
+                ExprKind::Call(name, arguments.into_iter().map(|x| x.renamed(from, to)).collect())
+            }
+            ExprKind::Sum { variable, set, body } => ExprKind::Sum { variable, set, body: inner(body) },
             other => other,
         };
         Self { kind, ..self }
     }
 
-    fn new(at: Position, kind: Kind) -> Self {
+    fn new(at: TextPosition, kind: ExprKind) -> Self {
         let below = match &kind {
-            Kind::Number(..) | Kind::Name(_) | Kind::Member(..) => 0,
-            Kind::Negate(x) => x.height,
-            Kind::Binary(_, a, b) => a.height.max(b.height),
-            Kind::Call(_, arguments) => arguments.iter().map(|x| x.height).max().unwrap_or(0),
-            Kind::Sum { body, .. } => body.height,
+            ExprKind::Number(..) | ExprKind::Name(_) | ExprKind::Member(..) => 0,
+            ExprKind::Negate(x) => x.height,
+            ExprKind::Binary(_, a, b) => a.height.max(b.height),
+            ExprKind::Call(_, arguments) => arguments.iter().map(|x| x.height).max().unwrap_or(0),
+            ExprKind::Sum { body, .. } => body.height,
         };
         Self { at, kind, height: below + 1 }
     }
@@ -60,7 +54,7 @@ impl Expr {
 
 /// The kinds of expressions.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Kind {
+pub enum ExprKind {
     /// A number with the unit behind it, if any.
     Number(f64, Option<String>),
     /// A name.
@@ -84,15 +78,6 @@ pub enum Kind {
     },
 }
 
-/// Why a text is no expression.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct SyntaxError {
-    /// Where.
-    pub at: Position,
-    /// What is wrong.
-    pub message: String,
-}
-
 /// Longest text of one expression in bytes.
 pub const MAX_LENGTH: usize = 16 * 1024;
 /// Deepest nesting of parentheses, calls and signs.
@@ -100,21 +85,13 @@ pub const MAX_DEPTH: usize = 64;
 /// Deepest tree: a chain of sums nests to the left without parentheses.
 const MAX_HEIGHT: usize = 512;
 
-#[derive(Debug, Clone, PartialEq)]
-enum Token {
-    Number(f64),
-    Name(String),
-    Symbol(&'static str),
-    End,
-}
-
 /// Parses one expression.
 ///
 /// # Errors
 /// [`SyntaxError`] at the first place where the text cannot go on.
 pub fn parse(text: &str) -> Result<Expr, SyntaxError> {
     if text.len() > MAX_LENGTH {
-        let at = Position { line: 1, column: 1 };
+        let at = TextPosition { line: 1, column: 1 };
         return Err(SyntaxError {
             at,
             message: format!("the expression has {} bytes, the limit is {MAX_LENGTH}", text.len()),
@@ -150,109 +127,6 @@ pub fn is_quantity(text: &str) -> bool {
     }
 }
 
-/// Whether a text is a name: a letter or underscore, then letters, digits and underscores; at most 64 bytes.
-pub fn is_name(text: &str) -> bool {
-    let mut chars = text.chars();
-    text.len() <= 64
-        && chars.next().is_some_and(|c| c.is_ascii_alphabetic() || c == '_')
-        && chars.all(|c| c.is_ascii_alphanumeric() || c == '_')
-}
-
-const SYMBOLS: [&str; 17] =
-    ["<=", ">=", "==", "+", "-", "*", "/", "^", "(", ")", "[", "]", ",", ":", "<", ">", "%"];
-
-/// A token, where it begins, and the byte behind it.
-type Placed = (Token, Position, usize);
-
-fn tokens(text: &str) -> Result<Vec<Placed>, SyntaxError> {
-    let mut tokens = Vec::new();
-    let (mut line, mut column, mut counted, mut i) = (1, 1, 0, 0);
-    let bytes = text.as_bytes();
-    while i < bytes.len() {
-        // Counted on from the token before: a count from the start of the line would make long lines
-        // quadratic.
-        column += text[counted..i].chars().count();
-        counted = i;
-        let at = Position { line, column };
-        let c = bytes[i];
-        if c == b'\n' {
-            line += 1;
-            i += 1;
-            (column, counted) = (1, i);
-        } else if c.is_ascii_whitespace() {
-            i += 1;
-        } else if c.is_ascii_digit() || (c == b'.' && bytes.get(i + 1).is_some_and(u8::is_ascii_digit)) {
-            let end = number_end(bytes, i);
-            let value = text[i..end].parse::<f64>().ok().filter(|value| value.is_finite());
-            let value = value.ok_or_else(|| SyntaxError {
-                at,
-                message: format!("`{}` is not a finite number", clip(&text[i..end])),
-            })?;
-            tokens.push((Token::Number(value), at, end));
-            i = end;
-        } else if c.is_ascii_alphabetic() || c == b'_' {
-            let end = bytes[i..]
-                .iter()
-                .position(|b| !(b.is_ascii_alphanumeric() || *b == b'_'))
-                .map_or(bytes.len(), |n| i + n);
-            if !is_name(&text[i..end]) {
-                return Err(SyntaxError {
-                    at,
-                    message: format!("the name `{}…` is longer than 64 characters", clip(&text[i..end])),
-                });
-            }
-            tokens.push((Token::Name(text[i..end].to_owned()), at, end));
-            i = end;
-        } else if let Some(symbol) = SYMBOLS.iter().find(|symbol| bytes[i..].starts_with(symbol.as_bytes())) {
-            i += symbol.len();
-            tokens.push((Token::Symbol(symbol), at, i));
-        } else {
-            let c = text[i..].chars().next().unwrap_or(' ');
-            return Err(SyntaxError {
-                at,
-                message: format!("`{}` has no meaning in an expression", c.escape_default()),
-            });
-        }
-    }
-    let at = Position { line, column: column + text[counted..].chars().count() };
-    tokens.push((Token::End, at, bytes.len()));
-    Ok(tokens)
-}
-
-/// The byte behind a number that starts at `i`.
-fn number_end(bytes: &[u8], mut i: usize) -> usize {
-    let digits = |mut i: usize| {
-        while bytes.get(i).is_some_and(u8::is_ascii_digit) {
-            i += 1;
-        }
-        i
-    };
-    i = digits(i);
-    if bytes.get(i) == Some(&b'.') {
-        i = digits(i + 1);
-    }
-    if matches!(bytes.get(i), Some(b'e' | b'E')) {
-        let sign = usize::from(matches!(bytes.get(i + 1), Some(b'+' | b'-')));
-        if bytes.get(i + 1 + sign).is_some_and(u8::is_ascii_digit) {
-            i = digits(i + 1 + sign);
-        }
-    }
-    i
-}
-
-fn clip(text: &str) -> String {
-    text.chars().take(24).collect()
-}
-
-fn describe(token: &Token) -> String {
-    match token {
-        Token::Number(value) => format!("the number {value}"),
-        Token::Name(name) => format!("the name `{name}`"),
-        Token::Symbol(symbol) => format!("`{symbol}`"),
-        Token::End => "the end of the expression".to_owned(),
-    }
-}
-
 struct Parser<'a> {
     tokens: Vec<Placed>,
     next: usize,
@@ -275,12 +149,12 @@ fn infix(symbol: &str) -> Option<(u8, Binary)> {
 }
 
 impl Parser<'_> {
-    fn peek(&self) -> (Token, Position) {
+    fn peek(&self) -> (Token, TextPosition) {
         let (token, at, _) = &self.tokens[self.next];
         (token.clone(), *at)
     }
 
-    fn advance(&mut self) -> (Token, Position) {
+    fn advance(&mut self) -> (Token, TextPosition) {
         let current = self.peek();
         // The end token stays: there is nothing behind it.
         self.next = (self.next + 1).min(self.tokens.len() - 1);
@@ -331,7 +205,7 @@ impl Parser<'_> {
                 .expression(if op == Binary::Pow { left_strength - 1 } else { left_strength }, depth + 1)?;
             let swapped = matches!(symbol, ">" | ">=");
             let (a, b) = if swapped { (right, left) } else { (left, right) };
-            left = Expr::new(at, Kind::Binary(op, Box::new(a), Box::new(b)));
+            left = Expr::new(at, ExprKind::Binary(op, Box::new(a), Box::new(b)));
         }
         Ok(left)
     }
@@ -342,8 +216,8 @@ impl Parser<'_> {
             return Err(too_deep(at));
         }
         let kind = match token {
-            Token::Number(value) => Kind::Number(value, self.unit_behind_number()?),
-            Token::Symbol("-") => Kind::Negate(Box::new(self.expression(6, depth + 1)?)),
+            Token::Number(value) => ExprKind::Number(value, self.unit_behind_number()?),
+            Token::Symbol("-") => ExprKind::Negate(Box::new(self.expression(6, depth + 1)?)),
             Token::Symbol("+") => return self.expression(6, depth + 1),
             Token::Symbol("(") => {
                 let inner = self.expression(0, depth + 1)?;
@@ -363,9 +237,9 @@ impl Parser<'_> {
                     }
                 };
                 self.expect("]")?;
-                Kind::Member(name, index)
+                ExprKind::Member(name, index)
             }
-            Token::Name(name) => Kind::Name(name),
+            Token::Name(name) => ExprKind::Name(name),
             other => {
                 return Err(SyntaxError {
                     at,
@@ -390,7 +264,7 @@ impl Parser<'_> {
         Ok(Some(self.text[start..end].to_owned()))
     }
 
-    fn call(&mut self, name: String, depth: usize) -> Result<Kind, SyntaxError> {
+    fn call(&mut self, name: String, depth: usize) -> Result<ExprKind, SyntaxError> {
         if name == "sum" {
             let variable = self.name("an index variable")?;
             let (word, at) = self.advance();
@@ -404,7 +278,7 @@ impl Parser<'_> {
             self.expect(":")?;
             let body = Box::new(self.expression(0, depth + 1)?);
             self.expect(")")?;
-            return Ok(Kind::Sum { variable, set, body });
+            return Ok(ExprKind::Sum { variable, set, body });
         }
         let mut arguments = Vec::new();
         if !self.accept(")") {
@@ -416,11 +290,11 @@ impl Parser<'_> {
             }
             self.expect(")")?;
         }
-        Ok(Kind::Call(name, arguments))
+        Ok(ExprKind::Call(name, arguments))
     }
 }
 
-fn too_deep(at: Position) -> SyntaxError {
+fn too_deep(at: TextPosition) -> SyntaxError {
     SyntaxError {
         at,
         message: format!(
@@ -438,16 +312,16 @@ mod tests {
     /// Fully parenthesised, for comparing shapes.
     fn shape(expr: &Expr) -> String {
         match &expr.kind {
-            Kind::Number(value, None) => format!("{value}"),
-            Kind::Number(value, Some(unit)) => format!("{value}[{unit}]"),
-            Kind::Name(name) => name.clone(),
-            Kind::Member(name, index) => format!("{name}[{index}]"),
-            Kind::Negate(x) => format!("(-{})", shape(x)),
-            Kind::Binary(op, a, b) => format!("({} {op:?} {})", shape(a), shape(b)),
-            Kind::Call(name, arguments) => {
+            ExprKind::Number(value, None) => format!("{value}"),
+            ExprKind::Number(value, Some(unit)) => format!("{value}[{unit}]"),
+            ExprKind::Name(name) => name.clone(),
+            ExprKind::Member(name, index) => format!("{name}[{index}]"),
+            ExprKind::Negate(x) => format!("(-{})", shape(x)),
+            ExprKind::Binary(op, a, b) => format!("({} {op:?} {})", shape(a), shape(b)),
+            ExprKind::Call(name, arguments) => {
                 format!("{name}({})", arguments.iter().map(shape).collect::<Vec<_>>().join(","))
             }
-            Kind::Sum { variable, set, body } => format!("sum({variable} in {set}: {})", shape(body)),
+            ExprKind::Sum { variable, set, body } => format!("sum({variable} in {set}: {})", shape(body)),
         }
     }
 
@@ -473,7 +347,7 @@ mod tests {
     #[test]
     fn errors_say_where() {
         let error = parse("a +\n  * b").unwrap_err();
-        assert_eq!(error.at, Position { line: 2, column: 3 });
+        assert_eq!(error.at, TextPosition { line: 2, column: 3 });
         for bad in
             ["", "(", "a b", "1..2", "a[", "f(,)", "sum(n: a)", "é", "1e999", "a[n", "a[1.5]", "a[-1]", "2[K"]
         {

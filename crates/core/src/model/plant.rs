@@ -10,7 +10,7 @@ use super::settler::state;
 
 use super::settler::Settler;
 use super::spec::{
-    Check, Definition, Hold, InputSpec, ModelSpec, Nominal, OutputSpec, ParameterSpec, Scale, Stepper,
+    Check, Definition, InputHold, InputSpec, ModelSpec, Nominal, OutputSpec, ParameterSpec, Scale, Stepper,
     WarmUpSpec, from_toml,
 };
 use crate::fault::{Fault, nearest};
@@ -271,7 +271,7 @@ impl PlantSpec {
     fn influent(&self, spec: &mut ModelSpec, reactions: &ReactionsSpec) {
         let input = |unit: &str, may_be_constant: bool| InputSpec {
             unit: unit.to_owned(),
-            hold: Hold::ZeroOrder,
+            hold: InputHold::ZeroOrder,
             channel: None,
             min: Some(0.0),
             may_be_constant,

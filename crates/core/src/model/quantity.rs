@@ -2,8 +2,8 @@
 //! numbers go into would say it at places that its author never wrote.
 
 use super::lower::{Lowering, Value};
-use super::parse::is_name;
 use super::plant::PlantSpec;
+use super::token::is_name;
 use crate::fault::Fault;
 use crate::units::Unit;
 use std::collections::BTreeMap;

@@ -56,6 +56,9 @@ pub struct ModelSpec {
     pub warm_up: Option<WarmUpSpec>,
 }
 
+/// The unit of an input whose channel may have any.
+pub const AS_IT_COMES: &str = "*";
+
 /// How a model is stepped.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "lowercase")]
@@ -150,7 +153,8 @@ pub enum Scale {
 /// How an input behaves between its samples.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
-pub enum Hold {
+#[schema(as = Hold)]
+pub enum InputHold {
     /// A straight line between samples.
     Linear,
     /// Constant from the start of each interval to its end.
@@ -165,7 +169,7 @@ pub struct InputSpec {
     pub unit: String,
     /// Between samples.
     #[serde(default = "linear")]
-    pub hold: Hold,
+    pub hold: InputHold,
     /// The channel that it is read from, its own name by default. In a family `T_n[n in neighbours]` the
     /// index in braces stands for the member, `T_room_{n}`; the default is `T_n_<member>`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -179,8 +183,8 @@ pub struct InputSpec {
     pub may_be_constant: bool,
 }
 
-fn linear() -> Hold {
-    Hold::Linear
+fn linear() -> InputHold {
+    InputHold::Linear
 }
 
 /// A starting value that a document gives as a number or as the channel whose first samples give it.

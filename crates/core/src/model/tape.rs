@@ -113,7 +113,7 @@ impl Instruction {
 
 /// A leaf of the shared stage: an input at a point of the step, or its slope.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Source {
+pub enum SharedLeaf {
     /// An input at a point of the step.
     Input(usize, Point),
     /// The slope of an input, per hour.
@@ -135,7 +135,7 @@ pub struct DelayedInput {
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct SharedStage {
     /// The first registers, one per leaf.
-    pub sources: Vec<Source>,
+    pub sources: Vec<SharedLeaf>,
     /// The next registers.
     pub constants: Vec<f64>,
     /// What computes the rest.
@@ -397,8 +397,8 @@ fn shared_stage(nodes: &[Node], members: &[usize], for_lanes: &[bool]) -> Shared
     };
     for i in members {
         let source = match nodes[*i] {
-            Node::Input(input, point) => Source::Input(usize::from(input), point),
-            Node::Slope(input) => Source::Slope(usize::from(input)),
+            Node::Input(input, point) => SharedLeaf::Input(usize::from(input), point),
+            Node::Slope(input) => SharedLeaf::Slope(usize::from(input)),
             _ => continue,
         };
         stage.sources.push(source);

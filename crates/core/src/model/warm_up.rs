@@ -1,6 +1,6 @@
 //! What a document says about how it is stepped, and from where: the stepper's demands and the warm-up.
 
-use super::spec::{Hold, ModelSpec, Stepper, WarmUpInputs};
+use super::spec::{InputHold, ModelSpec, Stepper, WarmUpInputs};
 use super::{Delay, Held, Input, WarmUp};
 use crate::fault::{Fault, nearest};
 
@@ -13,7 +13,7 @@ pub(super) fn warm_up(spec: &ModelSpec, inputs: &[Input], delays: &[Delay]) -> (
     if spec.stepper == Stepper::Rkc {
         // Between two samples the equations must not depend on time: each candidate steps at times of its
         // own.
-        for input in inputs.iter().filter(|input| input.hold == Hold::Linear) {
+        for input in inputs.iter().filter(|input| input.hold == InputHold::Linear) {
             let detail = format!(
                 "the stepper rkc needs inputs that are held between samples, `{}` is not",
                 input.name

@@ -5,7 +5,7 @@
 
 /// When a local search ends.
 #[derive(Debug, Clone, Copy)]
-pub struct Limits {
+pub struct DescentLimits {
     /// Length of the first steps.
     pub radius: f64,
     /// Length of the last ones, which is the accuracy of the optimum.
@@ -32,7 +32,7 @@ impl<F: FnMut(&[f64]) -> f64> Counted<F> {
 /// Nelder and Mead's simplex with coefficients that suit the dimension (F. Gao, L. Han, Computational
 /// Optimization and Applications 51 (2012) 259-277), clamped to the cube; it starts again from its best point
 /// where it has shrunk.
-pub fn nelder_mead<F: FnMut(&[f64]) -> f64>(objective: F, start: &[f64], limits: Limits) {
+pub fn nelder_mead<F: FnMut(&[f64]) -> f64>(objective: F, start: &[f64], limits: DescentLimits) {
     let mut counted = Counted { objective, left: limits.evaluations };
     let (mut best, mut radius) = (start.to_vec(), limits.radius);
     let Some(mut value) = counted.at(start) else { return };
@@ -109,7 +109,7 @@ fn simplex<F: FnMut(&[f64]) -> f64>(
 
 /// A pattern search (R. Hooke, T. A. Jeeves, J. ACM 8 (1961) 212-229): along each coordinate to and fro, on
 /// in the direction that has helped, and with half of the step where nothing does.
-pub fn pattern<F: FnMut(&[f64]) -> f64>(objective: F, start: &[f64], limits: Limits) {
+pub fn pattern<F: FnMut(&[f64]) -> f64>(objective: F, start: &[f64], limits: DescentLimits) {
     let mut counted = Counted { objective, left: limits.evaluations };
     let (mut base, mut radius) = (start.to_vec(), limits.radius);
     let Some(mut value) = counted.at(start) else { return };
@@ -157,9 +157,9 @@ mod tests {
     use super::*;
     use crate::optimise::functions::Function;
 
-    const LIMITS: Limits = Limits { radius: 0.05, radius_end: 1e-9, evaluations: 20_000 };
+    const LIMITS: DescentLimits = DescentLimits { radius: 0.05, radius_end: 1e-9, evaluations: 20_000 };
 
-    type Search<'a> = fn(&mut dyn FnMut(&[f64]) -> f64, &[f64], Limits);
+    type Search<'a> = fn(&mut dyn FnMut(&[f64]) -> f64, &[f64], DescentLimits);
 
     fn lowest(search: Search, start: &[f64], cost: impl Fn(&[f64]) -> f64) -> (f64, usize) {
         let (mut lowest, mut count) = (f64::INFINITY, 0);

@@ -5,8 +5,8 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::clustered::CfaThesisOptions;
 use super::firefly::{Crowd, Edges};
+use super::thesis_options::CfaThesisOptions;
 
 /// No population is as large.
 const EVERYONE: f64 = 1e6;

@@ -55,7 +55,7 @@ pub fn rosenbrock_residuals(unit: &[f64]) -> Vec<f64> {
 /// What a whole run came to.
 #[cfg(test)]
 #[derive(Debug, PartialEq)]
-pub struct Run {
+pub struct DrivenRun {
     /// The best cost.
     pub best: super::Cost,
     /// Where it is.
@@ -70,13 +70,16 @@ pub struct Run {
 
 /// Answers every question of an optimiser from a cost function.
 #[cfg(test)]
-pub fn drive(optimiser: &mut dyn super::Optimiser, cost: impl Fn(&[f64]) -> f64) -> Run {
+pub fn drive(optimiser: &mut dyn super::Optimiser, cost: impl Fn(&[f64]) -> f64) -> DrivenRun {
     drive_with(optimiser, |x| (cost(x), Vec::new()))
 }
 
 /// Answers every question of an optimiser from a residual function; the cost is the mean square.
 #[cfg(test)]
-pub fn drive_residuals(optimiser: &mut dyn super::Optimiser, residuals: impl Fn(&[f64]) -> Vec<f64>) -> Run {
+pub fn drive_residuals(
+    optimiser: &mut dyn super::Optimiser,
+    residuals: impl Fn(&[f64]) -> Vec<f64>,
+) -> DrivenRun {
     drive_with(optimiser, |x| {
         let residuals = residuals(x);
         (residuals.iter().map(|r| r * r).sum::<f64>() / residuals.len() as f64, residuals)
@@ -84,7 +87,10 @@ pub fn drive_residuals(optimiser: &mut dyn super::Optimiser, residuals: impl Fn(
 }
 
 #[cfg(test)]
-fn drive_with(optimiser: &mut dyn super::Optimiser, evaluate: impl Fn(&[f64]) -> (f64, Vec<f64>)) -> Run {
+fn drive_with(
+    optimiser: &mut dyn super::Optimiser,
+    evaluate: impl Fn(&[f64]) -> (f64, Vec<f64>),
+) -> DrivenRun {
     use super::{Ask, Cost, Evaluation};
     let (mut evaluations, mut batches) = (0, 0);
     loop {
@@ -95,7 +101,7 @@ fn drive_with(optimiser: &mut dyn super::Optimiser, evaluate: impl Fn(&[f64]) ->
             Ask::Done(ended) => {
                 let (at, best) =
                     optimiser.best().map_or((Vec::new(), Cost::Diverged), |(at, best)| (at.0.clone(), best));
-                return Run { best, at, evaluations, batches, ended };
+                return DrivenRun { best, at, evaluations, batches, ended };
             }
         };
         assert!(!batch.is_empty(), "an empty batch asks nothing");

@@ -31,7 +31,7 @@ impl Default for GridOptions {
 
 /// The grid between two batches.
 #[derive(Debug)]
-pub struct Grid {
+pub struct GridSearch {
     options: GridOptions,
     /// The lowest corner of the grid, and its width.
     corner: Vec<f64>,
@@ -44,7 +44,7 @@ pub struct Grid {
     warm: Vec<Candidate>,
 }
 
-impl Grid {
+impl GridSearch {
     /// The first grid spans the cube.
     pub fn new(options: GridOptions, search: &Search) -> Self {
         Self {
@@ -94,7 +94,7 @@ impl Grid {
     }
 }
 
-impl Strategy for Grid {
+impl Strategy for GridSearch {
     fn propose(&mut self) -> Ask {
         if !self.warm.is_empty() {
             return Ask::Costs(std::mem::take(&mut self.warm));
@@ -146,7 +146,7 @@ mod tests {
         let options = GridOptions { points: 3, iterations: 1, shrink: 0.5 };
         let search = Search { dimensions: 2, seed: 1, budget: 100, warm: Vec::new(), residuals: false };
         let mut seen = Vec::new();
-        let mut grid = Grid::new(options, &search);
+        let mut grid = GridSearch::new(options, &search);
         if let Ask::Costs(batch) = grid.propose() {
             seen = batch.into_iter().map(|candidate| candidate.0).collect();
         }

@@ -191,18 +191,18 @@ impl Strategy for Cfa {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::optimise::functions::{Function, Run, drive, drive_residuals, rosenbrock_residuals};
+    use crate::optimise::functions::{DrivenRun, Function, drive, drive_residuals, rosenbrock_residuals};
     use crate::optimise::method::Method;
 
     fn search(dimensions: usize, seed: u64, budget: usize, residuals: bool) -> Search {
         Search { dimensions, seed, budget, warm: Vec::new(), residuals }
     }
 
-    fn on_costs(function: Function, search: Search) -> Run {
+    fn on_costs(function: Function, search: Search) -> DrivenRun {
         drive(Method::default().optimiser(search).as_mut(), |x| function.cost(x))
     }
 
-    fn on_residuals(search: Search) -> Run {
+    fn on_residuals(search: Search) -> DrivenRun {
         drive_residuals(Method::default().optimiser(search).as_mut(), rosenbrock_residuals)
     }
 

@@ -8,16 +8,17 @@ use super::Optimiser;
 use super::agreement::AgreementOptions;
 use super::budget::{Budgeted, Strategy};
 use super::cfa_options::CfaOptions;
-use super::clustered::{CfaHierarchicalOptions, CfaThesis, CfaThesisOptions};
+use super::clustered::CfaThesis;
 use super::ctsm::{CtsmOptions, likely};
 use super::fa::{FaModifiedOptions, FaOptions};
 use super::ga::{Ga, GaOptions};
-use super::grid::{Grid, GridOptions};
+use super::grid::{GridOptions, GridSearch};
 use super::hybrid::Cfa;
 use super::local_options::LocalOptions;
 use super::lshade::{Lshade, LshadeOptions};
 use super::multistart::{LmMultistart, LmOptions};
 use super::pso::{Pso, PsoOptions};
+use super::thesis_options::{CfaHierarchicalOptions, CfaThesisOptions};
 
 /// A search method with its hyperparameters: `{"cfa": {"n": 60}}`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -286,7 +287,7 @@ impl Method {
             Method::Ctsm(options) => within(likely(options, &search), budget),
             Method::Fa(options) => within(CfaThesis::new(options.as_one_cluster(), &search), budget),
             Method::FaModified(options) => within(CfaThesis::new(options.as_one_cluster(), &search), budget),
-            Method::Grid(options) => within(Grid::new(options.clone(), &search), budget),
+            Method::Grid(options) => within(GridSearch::new(options.clone(), &search), budget),
             Method::Lshade(options) => within(Lshade::new(options.clone(), &search), budget),
             Method::Pso(options) => within(Pso::new(options.clone(), &search), budget),
             Method::Ga(options) => within(Ga::new(options.clone(), &search), budget),

@@ -27,12 +27,13 @@ pub mod scoring;
 mod search;
 pub mod space;
 mod swarm;
+pub mod thesis_options;
 mod trust_region;
 
 pub use firefly::{Crowd, Edges};
 pub use method::{Method, Range};
 pub use search::Search;
-pub use space::{Candidate, Dimension, Scale, Space, Theta};
+pub use space::{Candidate, Dimension, DimensionScale, Space, Theta};
 
 use serde::{Deserialize, Serialize};
 use std::cmp::Ordering;

@@ -139,10 +139,10 @@ pub fn latin_hypercube(count: usize, dimensions: usize, seed: u64) -> Vec<Candid
 mod tests {
     use super::*;
     use crate::optimise::Cost;
-    use crate::optimise::functions::{Run, drive, drive_residuals, rosenbrock_residuals};
+    use crate::optimise::functions::{DrivenRun, drive, drive_residuals, rosenbrock_residuals};
     use crate::optimise::method::Method;
 
-    fn run(options: &LmOptions, search: Search) -> Run {
+    fn run(options: &LmOptions, search: Search) -> DrivenRun {
         drive_residuals(
             Method::LmMultistart(options.clone()).optimiser(search).as_mut(),
             rosenbrock_residuals,

@@ -14,7 +14,7 @@ pub struct Theta(pub Vec<f64>);
 /// How a coordinate of the cube spreads over its interval.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Scale {
+pub enum DimensionScale {
     /// Evenly.
     Linear,
     /// Evenly in the logarithm: each decade gets the same share.
@@ -31,15 +31,15 @@ pub struct Dimension {
     /// Upper bound, above the lower one.
     pub upper: f64,
     /// Linear or logarithmic.
-    pub scale: Scale,
+    pub scale: DimensionScale,
 }
 
 impl Dimension {
     /// The physical value at `unit` in \[0, 1\].
     pub fn value(&self, unit: f64) -> f64 {
         let value = match self.scale {
-            Scale::Linear => self.lower + unit * (self.upper - self.lower),
-            Scale::Log => (self.lower.ln() + unit * (self.upper.ln() - self.lower.ln())).exp(),
+            DimensionScale::Linear => self.lower + unit * (self.upper - self.lower),
+            DimensionScale::Log => (self.lower.ln() + unit * (self.upper.ln() - self.lower.ln())).exp(),
         };
         // The exponential may round past the bound by one bit; a bound is a promise.
         value.clamp(self.lower, self.upper)
@@ -49,8 +49,8 @@ impl Dimension {
     pub fn unit(&self, value: f64) -> f64 {
         let value = value.clamp(self.lower, self.upper);
         let unit = match self.scale {
-            Scale::Linear => (value - self.lower) / (self.upper - self.lower),
-            Scale::Log => (value.ln() - self.lower.ln()) / (self.upper.ln() - self.lower.ln()),
+            DimensionScale::Linear => (value - self.lower) / (self.upper - self.lower),
+            DimensionScale::Log => (value.ln() - self.lower.ln()) / (self.upper.ln() - self.lower.ln()),
         };
         unit.clamp(0.0, 1.0)
     }
@@ -109,8 +109,8 @@ mod tests {
     #[test]
     fn the_bridge_goes_both_ways_and_keeps_to_the_bounds() {
         let space = Space::new(vec![
-            Dimension { name: "a".into(), lower: 1e-3, upper: 15.0, scale: Scale::Log },
-            Dimension { name: "t".into(), lower: 10.0, upper: 40.0, scale: Scale::Linear },
+            Dimension { name: "a".into(), lower: 1e-3, upper: 15.0, scale: DimensionScale::Log },
+            Dimension { name: "t".into(), lower: 10.0, upper: 40.0, scale: DimensionScale::Linear },
         ]);
         for unit in [0.0, 0.1, 0.5, 0.999, 1.0] {
             let theta = space.theta(&Candidate(vec![unit, unit]));

@@ -10,7 +10,7 @@ use std::thread::JoinHandle;
 
 use bobyqa::{Bobyqa, Config};
 
-use super::descent::{self, Limits};
+use super::descent::{self, DescentLimits};
 use super::local_options::{LocalMethod, LocalOptions};
 use super::{Candidate, Cost};
 
@@ -120,7 +120,7 @@ impl Solver {
         let d = x.len();
         // The cube is one wide and the solver needs two radii of room.
         let radius = options.radius.clamp(1e-12, 0.5);
-        let limits = Limits {
+        let limits = DescentLimits {
             radius,
             radius_end: options.radius_end.clamp(1e-14, radius),
             evaluations: options.evaluations,
@@ -154,7 +154,7 @@ impl Solver {
     }
 }
 
-fn bobyqa(d: usize, limits: Limits) -> Option<Bobyqa> {
+fn bobyqa(d: usize, limits: DescentLimits) -> Option<Bobyqa> {
     let mut config = Config::new(d);
     config.rho_begin = limits.radius;
     config.rho_end = limits.radius_end;

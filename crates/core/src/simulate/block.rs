@@ -7,7 +7,7 @@
 //! know the time.
 
 use super::lanes::LaneFile;
-use super::rkc::{Clock, Event, FLOOR, TOLERANCE};
+use super::rkc::{FLOOR, LaneClock, LaneEvent, TOLERANCE};
 use super::trajectory::{Halt, Simulator, Trajectory, diverged};
 use super::vectors::{Moves, Vectors};
 use rayon::prelude::*;
@@ -84,7 +84,7 @@ struct Block<'a, const W: usize> {
     out: LaneFile<'a, 1>,
     vectors: Vectors<W>,
     theta: [&'a [f64]; W],
-    clocks: [Clock; W],
+    clocks: [LaneClock; W],
     runs: [Option<Run>; W],
     done: Vec<Run>,
 }
@@ -107,7 +107,7 @@ impl<'a, const W: usize> Block<'a, W> {
             out: LaneFile::new(&simulator.output),
             vectors: Vectors::new(simulator.initial.len()),
             theta: [thetas[0]; W],
-            clocks: [Clock::IDLE; W],
+            clocks: [LaneClock::IDLE; W],
             runs: std::array::from_fn(|_| None),
             done: Vec::new(),
         };
@@ -129,22 +129,22 @@ impl<'a, const W: usize> Block<'a, W> {
             self.file.step();
             let sums = self.vectors.measure(&self.file, &self.clocks.map(|clock| clock.step), FLOOR);
             let mut moves = Moves::to_start();
-            let mut events = [Event::Nothing; W];
+            let mut events = [LaneEvent::Nothing; W];
             for (lane, (clock, event)) in self.clocks.iter_mut().zip(&mut events).enumerate() {
                 *event = clock.turn(lane, &sums, states, tolerance, &mut moves);
             }
             self.runs.iter_mut().flatten().for_each(|run| run.evaluations += 1);
             self.vectors.update(&mut self.file, &moves);
-            if events.iter().all(|event| *event == Event::Nothing) {
+            if events.iter().all(|event| *event == LaneEvent::Nothing) {
                 continue;
             }
             for (lane, event) in events.into_iter().enumerate() {
                 match event {
-                    Event::Nothing => {}
-                    Event::Arrived => {
+                    LaneEvent::Nothing => {}
+                    LaneEvent::Arrived => {
                         self.arrive(lane, self.clocks[lane].sample.map_or(0, |sample| sample + 1))
                     }
-                    Event::Lost => self.leave(lane, true),
+                    LaneEvent::Lost => self.leave(lane, true),
                 }
             }
             self.board(next);
@@ -163,7 +163,7 @@ impl<'a, const W: usize> Block<'a, W> {
                 for (state, initial) in self.simulator.initial.iter().enumerate() {
                     self.vectors.place(lane, state, self.simulator.start(*initial, theta));
                 }
-                self.clocks[lane] = Clock::IDLE;
+                self.clocks[lane] = LaneClock::IDLE;
                 match &self.simulator.warm_up {
                     Some(warm_up) => {
                         warm_up.drive.load_lane(&mut self.file, lane, 0);
@@ -220,7 +220,7 @@ impl<'a, const W: usize> Block<'a, W> {
     }
 
     fn leave(&mut self, lane: usize, diverged: bool) {
-        self.clocks[lane] = Clock::IDLE;
+        self.clocks[lane] = LaneClock::IDLE;
         self.done.extend(self.runs[lane].take().map(|run| Run { diverged, ..run }));
     }
 

@@ -8,7 +8,7 @@ use crate::data::{Column, Grid};
 use crate::model::Stepper;
 use crate::model::document::ModelDocument;
 use crate::model::expr::{Graph, Node, Point};
-use crate::model::{Bindings, Catalogue, Hold, Model, compile};
+use crate::model::{Bindings, Catalogue, InputHold, Model, compile};
 
 /// x' = a (u(t - tau) - x).
 fn delayed(hold: &str, term: &str) -> Model {
@@ -199,6 +199,6 @@ fn the_filter_and_its_forecasts_follow_delayed_inputs() {
             assert!((value.unwrap() - truth[origin + lead]).abs() < 1e-6, "{origin} {lead}");
         }
     }
-    assert_eq!(model.inputs()[0].hold, Hold::Linear);
+    assert_eq!(model.inputs()[0].hold, InputHold::Linear);
     assert_eq!((model.delays()[0].parameter, model.longest_delay(0)), (Some(1), 6.0));
 }

@@ -2,10 +2,10 @@
 
 use crate::data::Grid;
 use crate::fault::Fault;
-use crate::model::compile::AS_IT_COMES;
 use crate::model::expr::Point;
-use crate::model::tape::{DelayedInput, SharedStage, Source, Tape};
-use crate::model::{Held, Hold, Model, WarmUp};
+use crate::model::spec::AS_IT_COMES;
+use crate::model::tape::{DelayedInput, SharedLeaf, SharedStage, Tape};
+use crate::model::{Held, InputHold, Model, WarmUp};
 use crate::simulate::dual::Scalar;
 use crate::simulate::lanes::{LANES, LaneFile};
 use crate::simulate::registers::Registers;
@@ -19,7 +19,7 @@ use std::sync::Arc;
 /// delay that the model declares. At the start of a window that past is missing, as it is behind a gap.
 #[derive(Debug, Clone)]
 pub struct Inputs {
-    columns: Vec<(Hold, Vec<f64>)>,
+    columns: Vec<(InputHold, Vec<f64>)>,
     /// Whether all inputs are known from sample `k` to sample `k + 1`.
     known: Vec<bool>,
     hours: f64,
@@ -63,7 +63,8 @@ impl Inputs {
             let reach = samples_back(model.longest_delay(index), grid.step_hours());
             let mut run = 0;
             for (k, known) in known.iter_mut().enumerate() {
-                let measured = column.valid()[k] && (input.hold == Hold::ZeroOrder || column.valid()[k + 1]);
+                let measured =
+                    column.valid()[k] && (input.hold == InputHold::ZeroOrder || column.valid()[k + 1]);
                 run = if measured { run + 1 } else { 0 };
                 *known &= run > reach;
             }
@@ -88,7 +89,7 @@ impl Inputs {
     /// The constant inputs of a model's warm-up, over one interval of so many hours.
     pub fn of_warm_up(&self, warm_up: &WarmUp, hours: f64) -> Self {
         let samples: Vec<usize> = self.averaged.clone().filter(|k| self.known(*k)).collect();
-        let constant = |((hold, values), held): (&(Hold, Vec<f64>), &Held)| {
+        let constant = |((hold, values), held): (&(InputHold, Vec<f64>), &Held)| {
             let value = match held {
                 Held::Value(value) => *value,
                 Held::First => values.first().copied().unwrap_or(f64::NAN),
@@ -194,7 +195,7 @@ impl Inputs {
     fn slope(&self, input: usize, k: usize) -> f64 {
         let (hold, values) = &self.columns[input];
         match hold {
-            Hold::Linear if k + 1 < values.len() => (values[k + 1] - values[k]) / self.hours,
+            InputHold::Linear if k + 1 < values.len() => (values[k + 1] - values[k]) / self.hours,
             _ => 0.0,
         }
     }
@@ -203,7 +204,7 @@ impl Inputs {
     fn value(&self, input: usize, k: usize, fraction: f64) -> f64 {
         let (hold, values) = &self.columns[input];
         match hold {
-            Hold::Linear if k + 1 < values.len() => values[k] + (values[k + 1] - values[k]) * fraction,
+            InputHold::Linear if k + 1 < values.len() => values[k] + (values[k + 1] - values[k]) * fraction,
             _ => values[k],
         }
     }
@@ -228,7 +229,7 @@ pub struct Drive {
 /// A delayed input of a tape.
 #[derive(Debug, Clone)]
 struct Past {
-    hold: Hold,
+    hold: InputHold,
     values: Vec<f64>,
     /// How far into the step the delay is counted back from.
     offset: f64,
@@ -241,7 +242,7 @@ impl Past {
     fn at(&self, position: f64) -> f64 {
         let last = self.values.len().saturating_sub(1);
         match self.hold {
-            Hold::Linear => {
+            InputHold::Linear => {
                 let position = position.clamp(0.0, last as f64);
                 let k = (position as usize).min(last.saturating_sub(1));
                 let next = self.values[(k + 1).min(last)];
@@ -249,14 +250,14 @@ impl Past {
             }
             // A delay of whole samples must not fall into the interval before by a rounding error. The cast
             // ends at zero for whatever lies before the window.
-            Hold::ZeroOrder => self.values[((position + 1e-9) as usize).min(last)],
+            InputHold::ZeroOrder => self.values[((position + 1e-9) as usize).min(last)],
         }
     }
 
     /// How the value changes with the position; a held one does not.
     fn slope(&self, position: f64) -> f64 {
         let last = self.values.len().saturating_sub(1);
-        if self.hold == Hold::ZeroOrder || last == 0 || !(0.0..=last as f64).contains(&position) {
+        if self.hold == InputHold::ZeroOrder || last == 0 || !(0.0..=last as f64).contains(&position) {
             return 0.0;
         }
         let k = (position as usize).min(last - 1);
@@ -282,8 +283,8 @@ impl Drive {
                 for (lane, value) in values.iter_mut().enumerate().take(lanes) {
                     let (k, step) = ((first + lane) / steps, (first + lane) % steps);
                     *value = match *source {
-                        Source::Slope(input) => inputs.slope(input, k),
-                        Source::Input(input, point) => {
+                        SharedLeaf::Slope(input) => inputs.slope(input, k),
+                        SharedLeaf::Input(input, point) => {
                             inputs.value(input, k, (step as f64 + offset(point)) / steps as f64)
                         }
                     };

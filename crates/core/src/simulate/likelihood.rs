@@ -21,7 +21,7 @@ use super::trajectory::{MeasuredOutput, Simulator, diverged};
 use super::transition::{Transition, propagate};
 use crate::model::expr::{Node, NodeId};
 use crate::model::tape::Tape;
-use crate::model::{Hold, Initial, Model};
+use crate::model::{Initial, InputHold, Model};
 
 /// Steps of a linear model that are kept: as many settings as its switches may have.
 const KEPT: usize = 8;
@@ -71,7 +71,7 @@ impl<'a> Likelihood<'a> {
         estimated: &[usize],
     ) -> Self {
         let flat: Vec<NodeId> = model.jacobian().iter().flatten().copied().collect();
-        let moves = |input: &u16| model.inputs()[usize::from(*input)].hold == Hold::Linear;
+        let moves = |input: &u16| model.inputs()[usize::from(*input)].hold == InputHold::Linear;
         let depends = |nodes: &[NodeId], on: &dyn Fn(&Node) -> bool| {
             let used = model.graph().reachable(nodes);
             model.graph().nodes().iter().zip(used).any(|(node, used)| used && on(node))
@@ -82,7 +82,8 @@ impl<'a> Likelihood<'a> {
         // Between two samples a linear input is a straight line, but what an equation makes of it need not be
         // one.
         let straight = linear && !depends(model.rate(), &varies);
-        let delayed = model.delays().iter().any(|delay| model.inputs()[delay.input].hold == Hold::Linear);
+        let delayed =
+            model.delays().iter().any(|delay| model.inputs()[delay.input].hold == InputHold::Linear);
         let (_, _, substeps, _) = simulator.step_parts();
         let steps = if straight && !delayed { 1 } else { substeps };
         let (field, observation) = (field_tape(model), observation_tape(model));

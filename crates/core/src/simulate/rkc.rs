@@ -43,7 +43,7 @@ enum Phase {
 
 /// What becomes of a lane.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Event {
+pub enum LaneEvent {
     /// It goes on.
     Nothing,
     /// It is at the end of its interval.
@@ -54,7 +54,7 @@ pub enum Event {
 
 /// The clockwork of one lane. Times are in hours.
 #[derive(Debug, Clone, Copy)]
-pub struct Clock {
+pub struct LaneClock {
     phase: Phase,
     /// The last sample; `None` in the warm-up.
     pub sample: Option<usize>,
@@ -81,9 +81,9 @@ pub struct Clock {
     evaluations: usize,
 }
 
-impl Clock {
+impl LaneClock {
     /// A lane without a candidate.
-    pub const IDLE: Clock = Clock {
+    pub const IDLE: LaneClock = LaneClock {
         phase: Phase::Idle,
         sample: None,
         time: 0.0,
@@ -106,8 +106,16 @@ impl Clock {
     /// before.
     pub fn begin(&mut self, sample: Option<usize>, length: f64, changed: bool) {
         let (before, age) = if changed { (None, STEPS_PER_ESTIMATE) } else { (self.before, self.age) };
-        *self =
-            Clock { phase: Phase::Slope, sample, time: 0.0, length, before, age, evaluations: 0, ..*self };
+        *self = LaneClock {
+            phase: Phase::Slope,
+            sample,
+            time: 0.0,
+            length,
+            before,
+            age,
+            evaluations: 0,
+            ..*self
+        };
     }
 
     /// Reads an evaluation and says what follows from it.
@@ -118,14 +126,14 @@ impl Clock {
         states: usize,
         tolerance: f64,
         moves: &mut Moves<W>,
-    ) -> Event {
+    ) -> LaneEvent {
         self.evaluations += 1;
         let allowance = if self.sample.is_none() { WARM_UP_ALLOWANCE } else { 1 };
         if self.evaluations > allowance * MOST_EVALUATIONS {
-            return Event::Lost;
+            return LaneEvent::Lost;
         }
         match self.phase {
-            Phase::Idle => Event::Nothing,
+            Phase::Idle => LaneEvent::Nothing,
             Phase::Slope => {
                 moves.take[lane] = YES;
                 self.go_on(lane, sums, moves)
@@ -134,7 +142,7 @@ impl Clock {
                 let change = sums.change[lane].sqrt();
                 let sigma = change / self.nudge;
                 if !sigma.is_finite() {
-                    return Event::Lost;
+                    return LaneEvent::Lost;
                 }
                 self.turns += 1;
                 let settled = (sigma - self.sigma).abs() <= SETTLED * sigma;
@@ -146,7 +154,7 @@ impl Clock {
                 } else {
                     moves.set(lane, [1.0, 0.0, 0.0, 0.0, 0.0, self.nudge / change]);
                 }
-                Event::Nothing
+                LaneEvent::Nothing
             }
             Phase::Stage(number) => {
                 let stage = self.stages[number - 1];
@@ -158,7 +166,7 @@ impl Clock {
                 );
                 self.phase =
                     if number == self.stages.len() { Phase::Judge } else { Phase::Stage(number + 1) };
-                Event::Nothing
+                LaneEvent::Nothing
             }
             Phase::Judge => {
                 self.judge(lane, (sums.error[lane] / states as f64).sqrt() / tolerance, sums, moves)
@@ -167,9 +175,15 @@ impl Clock {
     }
 
     /// Begins the power method, from the mode that it found last.
-    fn search<const W: usize>(&mut self, lane: usize, start: f64, now: f64, moves: &mut Moves<W>) -> Event {
+    fn search<const W: usize>(
+        &mut self,
+        lane: usize,
+        start: f64,
+        now: f64,
+        moves: &mut Moves<W>,
+    ) -> LaneEvent {
         if !(start.is_finite() && now.is_finite()) {
-            return Event::Lost;
+            return LaneEvent::Lost;
         }
         let size = start.sqrt();
         self.nudge = f64::EPSILON.sqrt() * if size > 0.0 { size } else { 1.0 };
@@ -182,7 +196,7 @@ impl Clock {
         } else {
             moves.set(lane, [1.0 + f64::EPSILON.sqrt(), 0.0, 0.0, 0.0, 0.0, 0.0]);
         }
-        Event::Nothing
+        LaneEvent::Nothing
     }
 
     /// Begins a step with as many stages as keep it stable.
@@ -211,18 +225,18 @@ impl Clock {
         error: f64,
         sums: &Sums<W>,
         moves: &mut Moves<W>,
-    ) -> Event {
+    ) -> LaneEvent {
         let root = math::pow(error.max(1e-12), 1.0 / 3.0);
         // What is no number is no small error either.
         if error > 1.0 || error.is_nan() {
             self.proposed = self.step * if root.is_finite() { (0.8 / root).max(0.1) } else { 0.1 };
             self.before = None;
             if self.proposed < LEAST_STEP * self.length {
-                return Event::Lost;
+                return LaneEvent::Lost;
             }
             if self.age == 0 {
                 self.launch(lane, moves);
-                return Event::Nothing;
+                return LaneEvent::Nothing;
             }
             return self.search(lane, sums.start[lane], 0.0, moves);
         }
@@ -241,17 +255,17 @@ impl Clock {
         self.age += 1;
         self.time += self.step;
         if self.last {
-            return Event::Arrived;
+            return LaneEvent::Arrived;
         }
         self.go_on(lane, sums, moves)
     }
 
     /// Begins a step, behind a look at the spectral radius where that is old.
-    fn go_on<const W: usize>(&mut self, lane: usize, sums: &Sums<W>, moves: &mut Moves<W>) -> Event {
+    fn go_on<const W: usize>(&mut self, lane: usize, sums: &Sums<W>, moves: &mut Moves<W>) -> LaneEvent {
         if self.age >= STEPS_PER_ESTIMATE {
             return self.search(lane, sums.start[lane], sums.now[lane], moves);
         }
         self.launch(lane, moves);
-        Event::Nothing
+        LaneEvent::Nothing
     }
 }

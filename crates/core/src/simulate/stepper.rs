@@ -3,7 +3,7 @@
 
 use crate::model::expr::{Graph, Node, NodeId, Point};
 use crate::model::tape::{Tape, schedule};
-use crate::model::{Hold, Model, Stepper};
+use crate::model::{InputHold, Model, Stepper};
 
 /// The tape of one step: its first roots are the states at the end of the step, or their rates where the
 /// stages are loops over lanes.
@@ -59,11 +59,11 @@ fn at(graph: &mut Graph, model: &Model, nodes: &[NodeId], states: &[NodeId], poi
     graph.import(model.graph(), nodes, |graph, leaf| match leaf {
         Node::State(i) => states[usize::from(i)],
         // A held input is the same throughout the step.
-        Node::Input(i, _) if model.inputs()[usize::from(i)].hold == Hold::Linear => {
+        Node::Input(i, _) if model.inputs()[usize::from(i)].hold == InputHold::Linear => {
             graph.intern(Node::Input(i, point))
         }
         // The slope of a delayed input speaks of both ends already.
-        Node::Delayed(i, Point::Start, hours) if model.inputs()[usize::from(i)].hold == Hold::Linear => {
+        Node::Delayed(i, Point::Start, hours) if model.inputs()[usize::from(i)].hold == InputHold::Linear => {
             graph.intern(Node::Delayed(i, point, hours))
         }
         other => graph.intern(other),

@@ -29,12 +29,12 @@ pub struct Simulator {
     substeps: usize,
     /// Hours of a step; of a whole interval where every candidate finds its own steps.
     pub(super) step_hours: f64,
-    pub(super) warm_up: Option<WarmUp>,
+    pub(super) warm_up: Option<WarmUpDrive>,
 }
 
 /// What comes before the first sample.
 #[derive(Debug, Clone)]
-pub(super) struct WarmUp {
+pub(super) struct WarmUpDrive {
     /// Its constant inputs.
     pub drive: Drive,
     /// How long it takes.
@@ -75,7 +75,7 @@ impl Simulator {
         let steps = if stepper == Stepper::Rkc { 1 } else { substeps };
         let warm_up = model.warm_up().map(|warm_up| {
             let inputs = inputs.of_warm_up(warm_up, warm_up.hours);
-            WarmUp { drive: Drive::new(&step, &inputs, 1), hours: warm_up.hours }
+            WarmUpDrive { drive: Drive::new(&step, &inputs, 1), hours: warm_up.hours }
         });
         Self {
             stepper,

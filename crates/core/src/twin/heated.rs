@@ -34,16 +34,16 @@ const DRIFT_DAYS: f64 = 56.0;
 /// Masses of the truth: room air, emitter, envelope, furniture, outer wall.
 pub const MASSES: usize = 5;
 /// Their temperatures in degC.
-pub type State = [f64; MASSES];
+pub type MassTemperatures = [f64; MASSES];
 /// `dx/dt = matrix x + heat * kW + constant`, per hour.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Linear {
+pub struct LinearDynamics {
     /// 1/h, a row per mass.
-    pub matrix: [State; MASSES],
+    pub matrix: [MassTemperatures; MASSES],
     /// K/h per kW of heat.
-    pub heat: State,
+    pub heat: MassTemperatures,
     /// K/h: weather and sun.
-    pub constant: State,
+    pub constant: MassTemperatures,
 }
 
 /// What a forecast tells.
@@ -165,17 +165,17 @@ impl HeatedRoom {
     }
 
     /// Where the masses start.
-    pub const fn start() -> State {
+    pub const fn start() -> MassTemperatures {
         [20.5, 28.0, 18.0, 20.5, 8.0]
     }
 
     /// Moves the masses from a sample to the next under so many kW of heat; the room's temperature after each
     /// step of three minutes.
-    pub fn advance(&self, state: &mut State, sample: usize, heat: f64) -> [f64; STEPS] {
+    pub fn advance(&self, state: &mut MassTemperatures, sample: usize, heat: f64) -> [f64; STEPS] {
         std::array::from_fn(|step| {
             let k = sample * STEPS + step;
-            let at = |x: &State, part: f64| self.slope(x, k, part, heat);
-            let moved = |x: &State, slope: &State, part: f64| -> State {
+            let at = |x: &MassTemperatures, part: f64| self.slope(x, k, part, heat);
+            let moved = |x: &MassTemperatures, slope: &MassTemperatures, part: f64| -> MassTemperatures {
                 std::array::from_fn(|i| x[i] + part * HOURS * slope[i])
             };
             let k1 = at(state, 0.0);
@@ -190,11 +190,11 @@ impl HeatedRoom {
 
     /// The equations in the middle between a sample and the next, without the household heat: what a model
     /// that knows everything knows.
-    pub fn linear(&self, sample: usize) -> Linear {
+    pub fn linear(&self, sample: usize) -> LinearDynamics {
         self.equations(sample * STEPS + STEPS / 2, 0.0)
     }
 
-    fn slope(&self, x: &State, k: usize, part: f64, heat: f64) -> State {
+    fn slope(&self, x: &MassTemperatures, k: usize, part: f64, heat: f64) -> MassTemperatures {
         let linear = self.equations(k, part);
         std::array::from_fn(|i| {
             let household = if i == 0 { self.household[k] } else { 0.0 };
@@ -203,7 +203,7 @@ impl HeatedRoom {
         })
     }
 
-    fn equations(&self, k: usize, part: f64) -> Linear {
+    fn equations(&self, k: usize, part: f64) -> LinearDynamics {
         let (rates, climate) = (&self.rates, &self.climate);
         let line = |series: &[f64]| series[k] + part * (series[k + 1] - series[k]);
         let (out, sun) = (line(&climate.out), climate.sun(k) + part * (climate.sun(k + 1) - climate.sun(k)));
@@ -211,7 +211,7 @@ impl HeatedRoom {
         let [through, shine, warmth] = rates.drift.map(|rate| (rate * days).exp());
         let leak = if k >= self.leak.from { self.leak.strength * line(&climate.wind) } else { 0.0 };
         let mut linear =
-            Linear { matrix: [[0.0; MASSES]; MASSES], heat: [0.0; MASSES], constant: [0.0; MASSES] };
+            LinearDynamics { matrix: [[0.0; MASSES]; MASSES], heat: [0.0; MASSES], constant: [0.0; MASSES] };
         let mut joined = |i: usize, j: usize, conductance: f64, capacities: [f64; 2]| {
             for (from, to, capacity) in [(i, j, capacities[0]), (j, i, capacities[1])] {
                 linear.matrix[from][from] -= conductance / capacity;

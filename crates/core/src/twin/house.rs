@@ -295,7 +295,7 @@ fn write(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::data::{Bindings, Window, propose_layout};
+    use crate::data::{ColumnBindings, Window, propose_layout};
 
     #[test]
     fn a_house_is_warm_and_the_same_for_the_same_seed() {
@@ -303,7 +303,7 @@ mod tests {
         let twin = house(&request).unwrap();
         assert_eq!(twin.csv, house(&request).unwrap().csv);
         assert_ne!(twin.csv, house(&HouseRequest { seed: 4, ..request }).unwrap().csv);
-        let (window, report) = Window::parse_csv(&twin.csv, &Bindings::none()).unwrap();
+        let (window, report) = Window::parse_csv(&twin.csv, &ColumnBindings::none()).unwrap();
         assert!(report.rejected_rows.is_empty() && report.warnings.is_empty(), "{:?}", report.warnings);
         assert_eq!(window.channels().filter(|channel| channel.starts_with("T_room_")).count(), 17);
         for truth in &twin.rooms {
@@ -328,7 +328,7 @@ mod tests {
     #[test]
     fn the_layout_puts_seventeen_sensors_into_eleven_rooms() {
         let twin = house(&HouseRequest { seed: 1, days: 14, step_minutes: 30, lived_in: true }).unwrap();
-        let (window, _) = Window::parse_csv(&twin.csv, &Bindings::none()).unwrap();
+        let (window, _) = Window::parse_csv(&twin.csv, &ColumnBindings::none()).unwrap();
         let found = propose_layout(&window).unwrap();
         let mut rooms: Vec<Vec<String>> = found.rooms.iter().map(|room| room.sensors.clone()).collect();
         let mut wanted: Vec<Vec<String>> = twin

@@ -1,7 +1,7 @@
 //! People who follow the clock on the wall, in a fortnight in which summer time begins.
 
 use super::{fit, request};
-use lampyris_core::data::{Bindings, Window};
+use lampyris_core::data::{ColumnBindings, Window};
 use lampyris_core::estimate::{Site, prepare};
 use lampyris_core::model::Catalogue;
 use lampyris_core::model::spec::EffectSpec;
@@ -69,7 +69,7 @@ fn people_are_found_by_the_local_clock() {
     let asked = request("P11D", "P5D", "P0D", 41);
     let mut catalogue = Catalogue::builtin().unwrap();
     catalogue.add_effect(EffectSpec::from_toml(OFFICE).unwrap());
-    let (window, _) = Window::parse_csv(&office(0.9), &Bindings::none()).unwrap();
+    let (window, _) = Window::parse_csv(&office(0.9), &ColumnBindings::none()).unwrap();
     let model = "rc2+office_hours".parse().unwrap();
     let fitted = |zone: &str| {
         let site = Site { zone: Some(zone.to_owned()), ..Site::default() };

@@ -1,7 +1,7 @@
 //! Warm water that arrives late: an effect document with `delay`, withheld from a twin and given back.
 
 use super::{fit, request};
-use lampyris_core::data::{Bindings, Window};
+use lampyris_core::data::{ColumnBindings, Window};
 use lampyris_core::estimate::{EstimateRequest, Problem, Site, prepare};
 use lampyris_core::model::spec::EffectSpec;
 use lampyris_core::model::{Catalogue, ModelId};
@@ -23,7 +23,7 @@ const LATE_WATER: &str = r#"
 fn built(csv: &str, model: &str, site: &Site, asked: &EstimateRequest) -> Problem {
     let mut catalogue = Catalogue::builtin().unwrap();
     catalogue.add_effect(EffectSpec::from_toml(LATE_WATER).unwrap());
-    let (window, _) = Window::parse_csv(csv, &Bindings::none()).unwrap();
+    let (window, _) = Window::parse_csv(csv, &ColumnBindings::none()).unwrap();
     prepare(&catalogue, &model.parse::<ModelId>().unwrap(), asked, &window, site).unwrap()
 }
 
@@ -126,7 +126,7 @@ fn the_past_comes_from_before_the_training_part_where_there_is_any() {
     asked.bounds.insert("tau_late".into(), [0.0, 12.0]);
     let mut catalogue = Catalogue::builtin().unwrap();
     catalogue.add_effect(EffectSpec::from_toml(LATE_WATER).unwrap());
-    let (window, _) = Window::parse_csv(&csv, &Bindings::none()).unwrap();
+    let (window, _) = Window::parse_csv(&csv, &ColumnBindings::none()).unwrap();
     let faults =
         prepare(&catalogue, &"room3+late_water".parse().unwrap(), &asked, &window, &site).unwrap_err();
     assert_eq!((faults[0].pointer.as_str(), faults[0].code.as_str()), ("/bounds/tau_late", "bounds"));

@@ -1,7 +1,7 @@
 //! Measured houses from which an effect is withheld: the diagnosis names it, and given back the error falls.
 
 use super::{fit, request};
-use lampyris_core::data::{Bindings, Window};
+use lampyris_core::data::{ColumnBindings, Window};
 use lampyris_core::diagnose::ladder::{Step, ladder};
 use lampyris_core::diagnose::{Diagnosis, diagnose};
 use lampyris_core::estimate::assess::metrics::{day_ahead_mse, filter};
@@ -11,7 +11,7 @@ use lampyris_core::model::{Catalogue, ModelId};
 
 /// The diagnosis of a model on a house.
 fn diagnosis(csv: &str, model: &str, binds: &[&str], site: &Site, asked: &EstimateRequest) -> Diagnosis {
-    let (window, _) = Window::parse_csv(csv, &Bindings::parse(binds.iter().copied()).unwrap()).unwrap();
+    let (window, _) = Window::parse_csv(csv, &ColumnBindings::parse(binds.iter().copied()).unwrap()).unwrap();
     let (catalogue, id): (Catalogue, ModelId) = (Catalogue::builtin().unwrap(), model.parse().unwrap());
     let problem = prepare(&catalogue, &id, asked, &window, site).unwrap();
     let found = fit(&problem, asked);
@@ -56,7 +56,7 @@ fn the_laundry_is_missing_its_appliances() {
 /// The squared error of the days of the validation part, each forecast from the states of its midnight: of
 /// the model and of the first step of its ladder.
 fn day_ahead(csv: &str, model: &str, binds: &[&str], asked: &EstimateRequest) -> [f64; 2] {
-    let (window, _) = Window::parse_csv(csv, &Bindings::parse(binds.iter().copied()).unwrap()).unwrap();
+    let (window, _) = Window::parse_csv(csv, &ColumnBindings::parse(binds.iter().copied()).unwrap()).unwrap();
     let (catalogue, site) = (Catalogue::builtin().unwrap(), Site::default());
     let problem = |id: &str| prepare(&catalogue, &id.parse().unwrap(), asked, &window, &site).unwrap();
     let base = problem(model);

@@ -15,7 +15,7 @@ use lampyris_core::estimate::gate::past::NextDoor;
 use lampyris_core::estimate::problem::request::days_before;
 use lampyris_core::estimate::validate;
 use lampyris_core::estimate::{
-    Control, EstimateRequest, Fit, Incumbent, Judgement, Past, Policy, Problem, Site, Verdict, estimate,
+    Control, EstimateRequest, Fit, GatePolicy, Incumbent, Judgement, Past, Problem, Site, Verdict, estimate,
 };
 use lampyris_core::fault::Fault;
 use lampyris_core::twin::{Level, WorldRequest, world};
@@ -152,7 +152,7 @@ impl Room {
     /// The problem of measurements and the days before it, or the code of the first fault.
     fn problems(&self, table: &Table) -> Result<(Problem, Option<Problem>), String> {
         let code = |faults: Vec<Fault>| faults[0].code.clone();
-        let bindings = lampyris_core::data::Bindings::parse(self.binds.iter().copied()).unwrap();
+        let bindings = lampyris_core::data::ColumnBindings::parse(self.binds.iter().copied()).unwrap();
         let (window, _) = lampyris_core::data::Window::parse_csv(&table.csv(), &bindings).map_err(code)?;
         let catalogue = lampyris_core::model::Catalogue::builtin().unwrap();
         let problem = lampyris_core::estimate::prepare(
@@ -265,7 +265,7 @@ fn spoil(
             // What came before was measured while all was well, and there was somebody to serve.
             let days_before = before.clone().filter(|_| past.incumbent.is_some());
             let past = Past { days_before, next_door: room.next_door.clone(), ..past.clone() };
-            ended(room, case, harm, &validate(&problem, &fit, &past, &Policy::default()))
+            ended(room, case, harm, &validate(&problem, &fit, &past, &GatePolicy::default()))
         };
         Some(past.iter().map(judged).collect())
     };
@@ -387,7 +387,7 @@ fn rooms_with_nothing_hidden_are_served() {
                 let asked = EstimateRequest { split: SplitRequest::default(), ..EstimateRequest::default() };
                 let problem = problem(&made.csv, "room3", &[], &site, &asked);
                 let fit = estimate(&problem, &asked, None, &Control::NONE).unwrap();
-                (seed, validate(&problem, &fit, &Past::default(), &Policy::default()))
+                (seed, validate(&problem, &fit, &Past::default(), &GatePolicy::default()))
             })
             .collect();
         let held: Vec<&(u64, Judgement)> = verdicts
@@ -422,7 +422,7 @@ fn a_later_fit_of_the_same_room_is_served() {
                 let past = Past { days_before, next_door: room.next_door.clone(), ..Past::of(Some(served)) };
                 (
                     82_000 + index,
-                    validate(&problem, &fitted(&room, &problem).unwrap(), &past, &Policy::default()),
+                    validate(&problem, &fitted(&room, &problem).unwrap(), &past, &GatePolicy::default()),
                 )
             })
             .collect();

@@ -1,7 +1,7 @@
 //! Worlds with hidden effects, one folder each under `hidden/`: what is hidden, and what a diagnosis says of
 //! it.
 
-use lampyris_core::data::{Bindings, SplitRequest, Window};
+use lampyris_core::data::{ColumnBindings, SplitRequest, Window};
 use lampyris_core::diagnose::{Adequacy, Diagnosis, diagnose};
 use lampyris_core::estimate::problem::request::AccusationRate;
 use lampyris_core::estimate::{Control, EstimateRequest, Site, estimate, prepare};
@@ -79,7 +79,7 @@ fn run(folder: &Path, case: &Case) -> (Diagnosis, Option<[f64; 2]>) {
     let (head, rows) = made.csv.split_once('\n').unwrap();
     let names = head.split(',').map(|name| case.rename.get(name).map_or(name, String::as_str));
     let csv = format!("{}\n{rows}", names.collect::<Vec<_>>().join(","));
-    let (window, _) = Window::parse_csv(&csv, &Bindings::none()).unwrap();
+    let (window, _) = Window::parse_csv(&csv, &ColumnBindings::none()).unwrap();
     let mut catalogue = Catalogue::builtin().unwrap();
     let mut model: ModelId = "room3".parse().unwrap();
     if let Ok(text) = std::fs::read_to_string(folder.join("model.toml")) {

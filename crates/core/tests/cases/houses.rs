@@ -2,7 +2,7 @@
 
 use super::{fit, problem, request, squares};
 use lampyris_core::estimate::validate;
-use lampyris_core::estimate::{EstimateRequest, Judgement, Past, Policy, Site, Verdict};
+use lampyris_core::estimate::{EstimateRequest, GatePolicy, Judgement, Past, Site, Verdict};
 use std::io::Read;
 
 const MODEL: &str = "tite+constant_gain+direct_outdoor_loss";
@@ -61,7 +61,7 @@ fn heating_power_explains_the_hourly_house() {
 /// What the gate says of a fit of the newest part of a record.
 fn judged(csv: &str, model: &str, binds: &[&str], asked: &EstimateRequest) -> Judgement {
     let problem = problem(csv, model, binds, &Site::default(), asked);
-    validate(&problem, &fit(&problem, asked), &Past::default(), &Policy::default())
+    validate(&problem, &fit(&problem, asked), &Past::default(), &GatePolicy::default())
 }
 
 /// A room of the data that lie beside the project, packed or not.

@@ -1,6 +1,6 @@
 //! Maximum likelihood on the data of the CTSM literature, beside ctsmTMB under the same conventions.
 
-use lampyris_core::data::{Bindings, Window};
+use lampyris_core::data::{ColumnBindings, Window};
 use lampyris_core::estimate::likelihood::ratio::likelihood_ratio;
 use lampyris_core::estimate::{Control, EstimateRequest, Fit, Site, estimate, prepare};
 use lampyris_core::model::Catalogue;
@@ -51,7 +51,7 @@ fn flexhouse_is_as_likely_as_by_ctsm() {
     };
     let binds =
         ["T_room=T_indoor_degC", "T_out=T_outdoor_degC", "P_heater=P_heater_W", "irradiance=ghi_W_m2"];
-    let (window, _) = Window::parse_csv(&csv, &Bindings::parse(binds).unwrap()).unwrap();
+    let (window, _) = Window::parse_csv(&csv, &ColumnBindings::parse(binds).unwrap()).unwrap();
     let request: EstimateRequest = serde_json::from_value(json!({
         "method": {"name": "ctsm", "seed": 1}, "objective": "likelihood",
         "split": {"train": "P6D", "validation": "P0D", "test": "P0D"},

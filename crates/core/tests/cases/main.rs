@@ -19,14 +19,14 @@ mod twins;
 mod warm_up;
 mod withheld;
 
-use lampyris_core::data::{Bindings, SplitRequest, Window};
+use lampyris_core::data::{ColumnBindings, SplitRequest, Window};
 use lampyris_core::estimate::problem::request::SeededMethod;
 use lampyris_core::estimate::{Control, EstimateRequest, Fit, Problem, Site, estimate, prepare};
 use lampyris_core::model::{Catalogue, ModelId};
 
 /// A problem from CSV text; `binds` are texts such as `T_room=T_indoor_degC`.
 fn problem(csv: &str, model: &str, binds: &[&str], site: &Site, request: &EstimateRequest) -> Problem {
-    let bindings = Bindings::parse(binds.iter().copied()).unwrap();
+    let bindings = ColumnBindings::parse(binds.iter().copied()).unwrap();
     let (window, _) = Window::parse_csv(csv, &bindings).unwrap();
     let id: ModelId = model.parse().unwrap();
     prepare(&Catalogue::builtin().unwrap(), &id, request, &window, site).unwrap()

@@ -63,7 +63,7 @@ fn what_a_plant_hides_is_named() {
     for effect in if full() { &hidden[..] } else { &hidden[..1] } {
         let request = PlantWorldRequest { seed: 5, effect: Some(effect), days: 6 };
         let (window, _) =
-            Window::parse_csv(&plant_world(&catalogue, &request).unwrap().csv, &data::Bindings::none())
+            Window::parse_csv(&plant_world(&catalogue, &request).unwrap().csv, &data::ColumnBindings::none())
                 .unwrap();
         let asked = serde_json::json!({"split": {"train": "P4D", "validation": "P2D", "test": "P0D"}});
         let problem = prepare(

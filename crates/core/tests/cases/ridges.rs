@@ -33,7 +33,7 @@ fn told(experiment: &str) -> (Problem, Uncertainty) {
         &PlantRequest { seed: 3, model: &id, values: &[], days: 3, noise: 1.0, warm_up: false },
     )
     .unwrap();
-    let (window, _) = Window::parse_csv(&twin.csv, &data::Bindings::none()).unwrap();
+    let (window, _) = Window::parse_csv(&twin.csv, &data::ColumnBindings::none()).unwrap();
     let asked = serde_json::json!({
         "objective": "nmse", "split": {"train": "P3D", "validation": "P0D", "test": "P0D"}
     });
@@ -100,7 +100,7 @@ fn along_a_ridge_the_product_stays_where_only_the_product_counts() {
         let end = inflow + 0.01 / a;
         c = end + (c - end) * (-a * s * step).exp();
     }
-    let (window, _) = Window::parse_csv(&csv, &data::Bindings::none()).unwrap();
+    let (window, _) = Window::parse_csv(&csv, &data::ColumnBindings::none()).unwrap();
     let mut catalogue = Catalogue::builtin().unwrap();
     catalogue.add_model(ModelDocument::from_toml(BASIN).unwrap());
     let asked = serde_json::json!({

@@ -1,11 +1,12 @@
 //! Synthetic rooms with a known truth: what a fit finds, what the gate says, and that threads change nothing.
 
 use super::{fit, problem, request};
-use lampyris_core::estimate::problem::objective::{Objective, Prior};
+use lampyris_core::estimate::problem::objective::Objective;
+use lampyris_core::estimate::problem::prior::Prior;
 use lampyris_core::estimate::problem::request::EstimateRequest;
 use lampyris_core::estimate::validate;
 use lampyris_core::estimate::{
-    Control, EarlyStopping, Incumbent, Past, Policy, Problem, Progress, Site, Stop, Verdict, estimate,
+    Control, EarlyStopping, GatePolicy, Incumbent, Past, Problem, Progress, Site, Stop, Verdict, estimate,
 };
 use lampyris_core::twin::{self, RoomTwin};
 
@@ -29,7 +30,7 @@ fn a_well_specified_room_is_fitted_to_its_noise_and_accepted() {
         );
         assert!(metrics.train_rmse < 0.055, "{}", metrics.train_rmse);
         assert!(metrics.validation_rmse.unwrap() < 0.08);
-        let judgement = validate(&problem, &fit, &Past::default(), &Policy::default());
+        let judgement = validate(&problem, &fit, &Past::default(), &GatePolicy::default());
         assert!(matches!(judgement.verdict, Verdict::Accepted(_)), "{}", judgement.summary);
     }
 }
@@ -52,13 +53,17 @@ fn a_worse_fit_loses_to_the_incumbent_and_a_jump_waits_for_an_operator() {
     let good = fit(&problem, &asked);
     let theta = good.parameters.iter().map(|(name, estimate)| (name.clone(), estimate.value)).collect();
     let incumbent = Incumbent { model: problem.model().id().clone(), theta, levels: Default::default() };
-    let again = validate(&problem, &good, &Past::of(Some(incumbent.clone())), &Policy::default());
+    let again = validate(&problem, &good, &Past::of(Some(incumbent.clone())), &GatePolicy::default());
     assert!(matches!(again.verdict, Verdict::Accepted(_)), "{}", again.summary);
     let mut worse = asked.clone();
     worse.fixed.insert("alpha_a".into(), 2.0);
     let (_, crippled) = room(421, 14, &worse);
-    let judgement =
-        validate(&crippled, &fit(&crippled, &worse), &Past::of(Some(incumbent.clone())), &Policy::default());
+    let judgement = validate(
+        &crippled,
+        &fit(&crippled, &worse),
+        &Past::of(Some(incumbent.clone())),
+        &GatePolicy::default(),
+    );
     assert!(
         matches!(judgement.verdict, Verdict::Rejected | Verdict::Held(_) | Verdict::Unchanged),
         "{}",
@@ -75,7 +80,7 @@ fn a_tampered_fit_is_refused() {
     for (name, factor) in [("alpha_e", f64::NAN), ("alpha_h", 1.01), ("alpha_a", 0.99)] {
         let mut tampered = good.clone();
         tampered.parameters[name].value *= factor;
-        let judgement = validate(&problem, &tampered, &Past::default(), &Policy::default());
+        let judgement = validate(&problem, &tampered, &Past::default(), &GatePolicy::default());
         assert_eq!(judgement.verdict, Verdict::Rejected, "{name}");
         assert!(judgement.failed().contains(&"G1 finite"), "{name}");
     }

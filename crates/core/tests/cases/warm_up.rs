@@ -42,7 +42,7 @@ fn a_warm_up_by_the_mean_influent_leads_to_a_record_that_begins_late() {
     let twin = plant(&builtin, &request).unwrap();
     let lines: Vec<&str> = twin.csv.lines().collect();
     let csv = [&lines[..1], &lines[1 + BEFORE * PER_DAY..]].concat().join("\n");
-    let (window, _) = Window::parse_csv(&csv, &data::Bindings::none()).unwrap();
+    let (window, _) = Window::parse_csv(&csv, &data::ColumnBindings::none()).unwrap();
     let fixed: serde_json::Map<String, serde_json::Value> = twin
         .truth
         .iter()

@@ -2,7 +2,7 @@
 //! channel of other days.
 
 use super::{fit, problem, request};
-use lampyris_core::data::{Bindings, Window};
+use lampyris_core::data::{ColumnBindings, Window};
 use lampyris_core::diagnose::{Diagnosis, diagnose};
 use lampyris_core::estimate::problem::request::{AccusationRate, WindowRange};
 use lampyris_core::estimate::{Control, EstimateRequest, Site};
@@ -35,7 +35,7 @@ fn diagnosed(room: &Room, from: &str, to: &str) -> Diagnosis {
     let problem = problem(&room.csv, room.model, room.binds, &Site::default(), &asked);
     let theta = fit(&problem, &asked).theta();
     let (window, _) =
-        Window::parse_csv(&room.csv, &Bindings::parse(room.binds.iter().copied()).unwrap()).unwrap();
+        Window::parse_csv(&room.csv, &ColumnBindings::parse(room.binds.iter().copied()).unwrap()).unwrap();
     let catalogue = Catalogue::builtin().unwrap();
     diagnose(
         &catalogue,

@@ -7,10 +7,11 @@ use indicatif::{ProgressBar, ProgressStyle};
 use lampyris_core::data::SplitRequest;
 use lampyris_core::estimate::fit::likelihood::LikelihoodReport;
 use lampyris_core::estimate::gate::check::{CheckResult, Severity};
-use lampyris_core::estimate::problem::objective::{Objective, Prior};
+use lampyris_core::estimate::problem::objective::Objective;
+use lampyris_core::estimate::problem::prior::Prior;
 use lampyris_core::estimate::problem::request::{Budget, SeededMethod, agreed};
 use lampyris_core::estimate::validate;
-use lampyris_core::estimate::{Control, EstimateRequest, Fit, Past, Policy, Progress, estimate, prepare};
+use lampyris_core::estimate::{Control, EstimateRequest, Fit, GatePolicy, Past, Progress, estimate, prepare};
 use lampyris_core::model::Catalogue;
 use lampyris_core::optimise::Method;
 
@@ -84,7 +85,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let fit = estimate(&problem, &request, None, &Control { progress: &progress, ..Control::NONE });
     bar.finish_and_clear();
     let fit = fit.map_err(|error| Failure::Error(error.to_string()))?;
-    let judgement = validate(&problem, &fit, &Past::default(), &Policy::default());
+    let judgement = validate(&problem, &fit, &Past::default(), &GatePolicy::default());
     if arguments.json {
         let document =
             report::fit_document(report::ID, &fit, &judgement, &jiff::Timestamp::now().to_string())?;

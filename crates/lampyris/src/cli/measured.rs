@@ -2,7 +2,7 @@
 
 use super::output::{Failure, faults};
 use jiff::civil::Date;
-use lampyris_core::data::{Bindings, Duration, SplitRequest, Window};
+use lampyris_core::data::{ColumnBindings, Duration, SplitRequest, Window};
 use lampyris_core::estimate::problem::request::WindowRange;
 use lampyris_core::estimate::{EstimateRequest, Site};
 use lampyris_core::model::ModelId;
@@ -69,7 +69,7 @@ impl MeasuredArguments {
         let text = std::fs::read_to_string(&self.window)
             .map_err(|error| Failure::NotFound(format!("{path}: {error}")))?;
         let bindings =
-            Bindings::parse(self.bind.iter().map(String::as_str)).map_err(|found| faults(&found))?;
+            ColumnBindings::parse(self.bind.iter().map(String::as_str)).map_err(|found| faults(&found))?;
         let (window, report) = Window::parse_csv(&text, &bindings).map_err(|found| faults(&found))?;
         for warning in &report.warnings {
             eprintln!("warning: {warning}");

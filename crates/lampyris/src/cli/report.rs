@@ -6,7 +6,7 @@ use super::output::{Failure, faults};
 use crate::http::{model_document, page_part};
 use crate::service::ServiceError;
 use crate::service::catalogue::windows::Format;
-use crate::service::query::subject::{Asked, Named};
+use crate::service::query::subject::{ComparisonAsked, NamedFit};
 use crate::service::query::{comparison, diagnostics};
 use jiff::Timestamp;
 use lampyris_core::data::{Duration, Window};
@@ -54,12 +54,17 @@ pub fn write(file: &Path, found: &ReportSubject<'_>) -> Result<(), Failure> {
 fn data(found: &ReportSubject<'_>) -> Result<Value, Failure> {
     let fit = found.fit;
     let replay = Replay::new(found.catalogue, fit, found.window, None).map_err(|found| faults(&found))?;
-    let named = Named { id: ID, system: ID, fit };
+    let named = NamedFit { id: ID, system: ID, fit };
     let made_at = Timestamp::now().to_string();
     let mut answers = Map::new();
     answers.insert(format!("/fits/{ID}"), fit_document(ID, fit, found.judgement, &made_at)?);
-    let asked =
-        |horizon, max_points| Asked { horizon, from: None, to: None, max_points, format: Format::Json };
+    let asked = |horizon, max_points| ComparisonAsked {
+        horizon,
+        from: None,
+        to: None,
+        max_points,
+        format: Format::Json,
+    };
     answers.insert(
         format!("/fits/{ID}/comparison?mode=free_run"),
         read(comparison::document(&named, &replay, &asked(None, POINTS[0])))?,

@@ -8,7 +8,7 @@ use super::problem::{ApiError, PROBLEM_JSON, Problem, Problems};
 use super::shared::{Shared, shared_body};
 use crate::service::catalogue::windows::Format;
 use crate::service::query::comparison::{self, MOST_FITS};
-use crate::service::query::subject::Asked;
+use crate::service::query::subject::ComparisonAsked;
 use axum::extract::{Path, State};
 use axum::response::Response;
 use lampyris_core::data::{Duration, Length, read_time};
@@ -96,7 +96,7 @@ enum ComparisonMode {
 
 impl ComparisonQuery {
     /// The question, or every fault in it.
-    fn read(&self, format: Format, faults: &mut Vec<Fault>) -> Asked {
+    fn read(&self, format: Format, faults: &mut Vec<Fault>) -> ComparisonAsked {
         let ahead = match self.mode.as_deref() {
             None | Some("free_run") => false,
             Some("ahead") => true,
@@ -155,7 +155,7 @@ impl ComparisonQuery {
                 DEFAULT_POINTS
             }
         };
-        Asked { horizon: ahead.then_some(horizon), from, to, max_points, format }
+        ComparisonAsked { horizon: ahead.then_some(horizon), from, to, max_points, format }
     }
 }
 

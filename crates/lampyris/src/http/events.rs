@@ -10,7 +10,7 @@ use super::jobs::{JobAnswer, require};
 use super::problem::{ApiError, PROBLEM_JSON, Problem, Problems};
 use super::shared::Shared;
 use crate::service::changes::events::{Event as Happening, JobChange, Position};
-use crate::service::work::progress::Report;
+use crate::service::work::progress::ProgressReport;
 use crate::store;
 use crate::store::events::Missed;
 use crate::store::jobs::{JobRecord, JobState};
@@ -90,7 +90,7 @@ struct ProgressData<'a> {
     job: &'a str,
     system: &'a SystemId,
     #[serde(flatten)]
-    report: &'a Report,
+    report: &'a ProgressReport,
 }
 
 /// The data of `incumbent`.

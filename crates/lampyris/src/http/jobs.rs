@@ -10,7 +10,7 @@ use crate::service::Service;
 use crate::service::queue::body::JobBody;
 use crate::service::queue::request::{self, JobRequest};
 use crate::service::queue::submit;
-use crate::service::work::progress::Report;
+use crate::service::work::progress::ProgressReport;
 use crate::store;
 use crate::store::batches::SubmittedBatch;
 use crate::store::jobs::{Filter, JobKind, JobRecord, JobState, Origin, Outcome, Priority, Submitted};
@@ -55,7 +55,7 @@ pub struct JobAnswer {
     #[schema(value_type = Object)]
     request: Value,
     /// How far it has come, while it runs.
-    progress: Option<Report>,
+    progress: Option<ProgressReport>,
     /// Why the search ended.
     stopped_by: Option<String>,
     /// What the search cost.

@@ -14,7 +14,7 @@ use axum::response::{IntoResponse, Response};
 use lampyris_core::fault::Fault;
 use lampyris_core::model::document::ModelDocument;
 use lampyris_core::model::spec::{EffectSpec, InputSpec, ModelSpec, ParameterSpec};
-use lampyris_core::model::{Hold, Input, Model, ModelId, Nominal, Output, Parameter, Scale};
+use lampyris_core::model::{Input, InputHold, Model, ModelId, Nominal, Output, Parameter, Scale};
 use lampyris_core::schema::Interval;
 use serde::Serialize;
 use serde_json::Value;
@@ -93,7 +93,7 @@ struct ModelInput {
     /// The channel that it is read from.
     channel: String,
     unit: String,
-    hold: Hold,
+    hold: InputHold,
 }
 
 /// A parameter of a compiled model.

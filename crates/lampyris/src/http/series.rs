@@ -165,7 +165,7 @@ async fn get_series(
     Asked(query): Asked<SeriesQuery>,
     Wanted(format): Wanted,
 ) -> Result<Response, ApiError> {
-    let asked = series::Asked {
+    let asked = series::SeriesAsked {
         from: query.from,
         to: query.to,
         channels: query.channels,

@@ -6,7 +6,7 @@ use super::error::StoreError;
 use super::row::row;
 use super::value::corrupt;
 use lampyris_core::data::SystemId;
-use lampyris_core::diagnose::ledger::{EffectScore, Entry, Span};
+use lampyris_core::diagnose::ledger::{EffectScore, LedgerEntry, LookedSpan};
 use sqlx::SqliteConnection;
 
 row! {
@@ -30,12 +30,12 @@ row! {
 }
 
 impl Row {
-    fn entry(self) -> Result<Entry, StoreError> {
-        Ok(Entry {
+    fn entry(self) -> Result<LedgerEntry, StoreError> {
+        Ok(LedgerEntry {
             diagnosis: self.diagnosis,
             model: self.model,
             model_hash: self.model_hash,
-            span: Span { from: self.from_s, to: self.to_s, hours: self.hours },
+            span: LookedSpan { from: self.from_s, to: self.to_s, hours: self.hours },
             score: EffectScore {
                 effect: self.effect,
                 size: self.size,
@@ -56,13 +56,13 @@ pub(super) async fn keep(
     tx: &mut SqliteConnection,
     system: &str,
     sequence: i64,
-    entries: &[Entry],
+    entries: &[LedgerEntry],
 ) -> Result<(), StoreError> {
     let sql = "INSERT INTO evidence (diagnosis, effect, sequence, system, model, model_hash, from_s, to_s, \
         hours, size, deviation, unit, share, t,
                    beyond_clock, days, shift_p)
                VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $12, $13, $14, $15, $16, $17)";
-    for Entry { diagnosis, model, model_hash, span, score } in entries {
+    for LedgerEntry { diagnosis, model, model_hash, span, score } in entries {
         sqlx::query(sql)
             .bind(diagnosis)
             .bind(&score.effect)
@@ -97,7 +97,7 @@ pub async fn of(
     system: &SystemId,
     effect: Option<&str>,
     model: Option<&str>,
-) -> Result<Vec<Entry>, StoreError> {
+) -> Result<Vec<LedgerEntry>, StoreError> {
     let sql = "SELECT * FROM evidence WHERE system = $1 AND ($2 IS NULL OR effect = $2) AND ($3 IS NULL OR \
         model = $3) ORDER BY sequence";
     let rows: Vec<Row> = sqlx::query_as(sql)

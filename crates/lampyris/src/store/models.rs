@@ -28,7 +28,7 @@ pub struct VersionRecord {
 
 /// What became of a document that was to be kept.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Insertion {
+pub enum DocumentInsertion {
     /// It is new.
     New,
     /// The same document was there.
@@ -94,7 +94,7 @@ pub async fn insert_model(
     who: &str,
     key: Option<&RequestKey>,
     now: Timestamp,
-) -> Result<Insertion, StoreError> {
+) -> Result<DocumentInsertion, StoreError> {
     let document = to_json("a model document", model)?;
     let mut tx = store.write().await?;
     let earlier = sqlx::query_scalar("SELECT document FROM models WHERE id = $1")
@@ -102,7 +102,7 @@ pub async fn insert_model(
         .fetch_optional(&mut *tx)
         .await?;
     let kept = settle(&mut tx, earlier, &document, model.id(), key, now).await?;
-    if kept == Insertion::New {
+    if kept == DocumentInsertion::New {
         let sql = "INSERT INTO models (id, document, created_at) VALUES ($1, $2, $3)";
         sqlx::query(sql).bind(model.id()).bind(&document).bind(millis(now)).execute(&mut *tx).await?;
         note(
@@ -126,7 +126,7 @@ pub async fn insert_effect(
     who: &str,
     key: Option<&RequestKey>,
     now: Timestamp,
-) -> Result<Insertion, StoreError> {
+) -> Result<DocumentInsertion, StoreError> {
     let document = to_json("an effect document", effect)?;
     let mut tx = store.write().await?;
     let earlier = sqlx::query_scalar("SELECT document FROM effects WHERE id = $1")
@@ -134,7 +134,7 @@ pub async fn insert_effect(
         .fetch_optional(&mut *tx)
         .await?;
     let kept = settle(&mut tx, earlier, &document, &effect.id, key, now).await?;
-    if kept == Insertion::New {
+    if kept == DocumentInsertion::New {
         let sql = "INSERT INTO effects (id, document, created_at) VALUES ($1, $2, $3)";
         sqlx::query(sql).bind(&effect.id).bind(&document).bind(millis(now)).execute(&mut *tx).await?;
         note(
@@ -158,7 +158,7 @@ pub async fn insert_version(
     effect: Option<&EffectSpec>,
     who: &str,
     key: Option<&RequestKey>,
-) -> Result<Insertion, StoreError> {
+) -> Result<DocumentInsertion, StoreError> {
     let document = to_json("a model version", &version.document)?;
     let (id, now) = (version.id.to_string(), version.created_at);
     let mut tx = store.write().await?;
@@ -167,7 +167,7 @@ pub async fn insert_version(
         .fetch_optional(&mut *tx)
         .await?;
     let kept = settle(&mut tx, earlier, &document, &id, key, now).await?;
-    if kept == Insertion::New {
+    if kept == DocumentInsertion::New {
         if let Some(effect) = effect {
             let sql = "INSERT INTO effects (id, document, created_at) VALUES ($1, $2, $3) ON CONFLICT (id) \
                 DO NOTHING";
@@ -219,16 +219,16 @@ async fn settle(
     id: &str,
     key: Option<&RequestKey>,
     now: Timestamp,
-) -> Result<Insertion, StoreError> {
+) -> Result<DocumentInsertion, StoreError> {
     let kept = match &earlier {
-        None => Insertion::New,
-        Some(earlier) if earlier == document => Insertion::Known,
-        Some(_) => Insertion::Conflict,
+        None => DocumentInsertion::New,
+        Some(earlier) if earlier == document => DocumentInsertion::Known,
+        Some(_) => DocumentInsertion::Conflict,
     };
     match look_up(tx, key).await? {
-        KeyState::Reused => return Ok(Insertion::KeyReused),
-        KeyState::Fresh if kept != Insertion::Conflict => {
-            remember(tx, key, id, if kept == Insertion::New { 201 } else { 200 }, now).await?;
+        KeyState::Reused => return Ok(DocumentInsertion::KeyReused),
+        KeyState::Fresh if kept != DocumentInsertion::Conflict => {
+            remember(tx, key, id, if kept == DocumentInsertion::New { 201 } else { 200 }, now).await?;
         }
         KeyState::Fresh | KeyState::Seen(_) => {}
     }

@@ -29,7 +29,7 @@ pub struct SystemRecord {
 
 /// What became of a system that was to be deleted.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Deleted {
+pub enum SystemDeletion {
     /// It is gone, with everything that was its own.
     Gone,
     /// There was none.
@@ -205,7 +205,7 @@ pub async fn delete(
     force: bool,
     who: &str,
     now: Timestamp,
-) -> Result<Deleted, StoreError> {
+) -> Result<SystemDeletion, StoreError> {
     let name = system.to_string();
     let mut tx = store.write().await?;
     if sqlx::query("SELECT 1 FROM systems WHERE system = $1")
@@ -214,18 +214,18 @@ pub async fn delete(
         .await?
         .is_none()
     {
-        return Ok(Deleted::NotThere);
+        return Ok(SystemDeletion::NotThere);
     }
     let sql = "SELECT id FROM jobs WHERE system = $1 AND state IN ('queued', 'running') ORDER BY sequence";
     let mut busy: Vec<String> = sqlx::query_scalar(sql).bind(&name).fetch_all(&mut *tx).await?;
     busy.extend(readers(&mut tx, &name).await?);
     busy.dedup();
     if !busy.is_empty() {
-        return Ok(Deleted::Busy(busy));
+        return Ok(SystemDeletion::Busy(busy));
     }
     let needs = needs(&mut tx, &name).await?;
     if !force && needs != Needs::default() {
-        return Ok(Deleted::Needed(needs));
+        return Ok(SystemDeletion::Needed(needs));
     }
     for sql in BELONGINGS {
         sqlx::query(sql).bind(&name).execute(&mut *tx).await?;
@@ -237,7 +237,7 @@ pub async fn delete(
     )
     .await?;
     tx.commit().await?;
-    Ok(Deleted::Gone)
+    Ok(SystemDeletion::Gone)
 }
 
 async fn needs(tx: &mut SqliteConnection, system: &str) -> Result<Needs, StoreError> {

@@ -57,7 +57,7 @@ pub struct Blocks {
 
 /// What became of a window that was to be kept.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Insertion {
+pub enum WindowInsertion {
     /// It is new.
     New,
     /// The same content was there.
@@ -70,7 +70,7 @@ pub enum Insertion {
 
 /// What became of a window that was to be deleted.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Deleted {
+pub enum WindowDeletion {
     /// It is gone.
     Gone,
     /// There was none.
@@ -129,10 +129,10 @@ pub async fn insert(
     new: &NewWindow<'_>,
     key: Option<&RequestKey>,
     now: Timestamp,
-) -> Result<Insertion, StoreError> {
+) -> Result<WindowInsertion, StoreError> {
     let mut tx = store.write().await?;
     let seen = match look_up(&mut tx, key).await? {
-        KeyState::Reused => return Ok(Insertion::KeyReused),
+        KeyState::Reused => return Ok(WindowInsertion::KeyReused),
         KeyState::Seen(_) => true,
         KeyState::Fresh => false,
     };
@@ -151,7 +151,7 @@ pub async fn insert(
             .await?
             .is_none()
         {
-            return Ok(Insertion::NoSystem);
+            return Ok(WindowInsertion::NoSystem);
         }
         let bytes = new.blocks.iter().map(|(_, block)| block.len()).sum::<usize>() + new.report.len();
         store.require_room(&mut tx, bytes).await?;
@@ -178,7 +178,7 @@ pub async fn insert(
         }
     }
     tx.commit().await?;
-    Ok(if known.is_some() { Insertion::Known } else { Insertion::New })
+    Ok(if known.is_some() { WindowInsertion::Known } else { WindowInsertion::New })
 }
 
 /// One window.
@@ -216,22 +216,27 @@ pub async fn page(
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn delete(store: &Store, id: &str, who: &str, now: Timestamp) -> Result<Deleted, StoreError> {
+pub async fn delete(
+    store: &Store,
+    id: &str,
+    who: &str,
+    now: Timestamp,
+) -> Result<WindowDeletion, StoreError> {
     let mut tx = store.write().await?;
     let system: Option<String> = sqlx::query_scalar("SELECT system FROM windows WHERE id = $1")
         .bind(id)
         .fetch_optional(&mut *tx)
         .await?;
-    let Some(system) = system else { return Ok(Deleted::NotThere) };
+    let Some(system) = system else { return Ok(WindowDeletion::NotThere) };
     let sql = "SELECT f.id FROM fit_windows c JOIN fits f ON f.id = c.fit WHERE c.window = $1 ORDER BY \
         f.created_at DESC";
     let cited: Vec<String> = sqlx::query_scalar(sql).bind(id).fetch_all(&mut *tx).await?;
     if !cited.is_empty() {
-        return Ok(Deleted::Cited(cited));
+        return Ok(WindowDeletion::Cited(cited));
     }
     let reading = readers(&mut tx, &system).await?;
     if !reading.is_empty() {
-        return Ok(Deleted::InUse(reading));
+        return Ok(WindowDeletion::InUse(reading));
     }
     sqlx::query("DELETE FROM windows WHERE id = $1").bind(id).execute(&mut *tx).await?;
     note(
@@ -241,7 +246,7 @@ pub async fn delete(store: &Store, id: &str, who: &str, now: Timestamp) -> Resul
     )
     .await?;
     tx.commit().await?;
-    Ok(Deleted::Gone)
+    Ok(WindowDeletion::Gone)
 }
 
 /// The running jobs that may read the measurements of a system: its own, and those of systems that name it as

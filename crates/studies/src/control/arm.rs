@@ -158,7 +158,7 @@ pub struct Arm {
     pub kind: Kind,
     belief: Belief,
     observer: Observer,
-    state: heated::State,
+    state: heated::MassTemperatures,
     plan: DVector<f64>,
     /// Measured temperature, heat, and the true one, per sample from the first on.
     log: Vec<(f64, f64)>,
@@ -296,7 +296,7 @@ impl Arm {
 /// The weeks before: a thermostat that is set back at night, and turned a little up or down every day.
 #[derive(Debug)]
 pub struct Before {
-    state: heated::State,
+    state: heated::MassTemperatures,
     log: Vec<(f64, f64)>,
 }
 

@@ -4,7 +4,7 @@
 use super::mpc::{Output, Step};
 use lampyris::cli::{Failure, faults};
 use lampyris_core::model::expr::{Node, NodeId};
-use lampyris_core::model::{Bindings, Catalogue, Hold, Model, ModelId, compile};
+use lampyris_core::model::{Bindings, Catalogue, InputHold, Model, ModelId, compile};
 use lampyris_core::twin::heated::{HeatedRoom, SAMPLE_HOURS};
 use nalgebra::{DMatrix, DVector, RowDVector};
 use serde_json::Value;
@@ -98,7 +98,7 @@ impl Grey {
         let (now, next) = (room.weather(sample), room.weather(sample + 1));
         let (hour, weekday) = room.clock(sample);
         let input = |input: &lampyris_core::model::Input| {
-            let part = if input.hold == Hold::Linear { 0.5 } else { 0.0 };
+            let part = if input.hold == InputHold::Linear { 0.5 } else { 0.0 };
             let between = |from: f64, to: f64| from + part * (to - from);
             match input.channel.as_str() {
                 HEAT => heat,

@@ -2,13 +2,13 @@
 
 use lampyris_core::optimise::agreement::AgreementOptions;
 use lampyris_core::optimise::cfa_options::CfaOptions;
-use lampyris_core::optimise::clustered::{CfaHierarchicalOptions, CfaThesisOptions};
 use lampyris_core::optimise::fa::{FaModifiedOptions, FaOptions};
 use lampyris_core::optimise::functions::Function;
 use lampyris_core::optimise::ga::GaOptions;
 use lampyris_core::optimise::grid::GridOptions;
 use lampyris_core::optimise::lshade::LshadeOptions;
 use lampyris_core::optimise::pso::PsoOptions;
+use lampyris_core::optimise::thesis_options::{CfaHierarchicalOptions, CfaThesisOptions};
 use lampyris_core::optimise::{Crowd, Method};
 
 /// A function in one of its sizes.

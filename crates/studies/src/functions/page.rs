@@ -5,8 +5,9 @@ use super::figures::Claim;
 use super::methods::{CASES, Case, DEFAULT, GRID, LSHADE, MODIFIED, ORIGINAL, THESIS};
 use super::outcome::{HEAD, Outcome, PLACES, cells};
 use lampyris::cli::Failure;
-use lampyris_core::optimise::clustered::{CfaThesisOptions, Seen, watch};
+use lampyris_core::optimise::clustered::{Seen, watch};
 use lampyris_core::optimise::functions::Function;
+use lampyris_core::optimise::thesis_options::CfaThesisOptions;
 use lampyris_core::optimise::{Crowd, Search};
 use std::fmt::Write;
 

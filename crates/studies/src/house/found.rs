@@ -5,7 +5,7 @@ use super::ways::{
     self, Asked, DEFAULT, METHODS, Measured, Room, Run, Solution, THESIS, THESIS_MSE, VALVE, Way,
 };
 use lampyris::cli::{Failure, faults};
-use lampyris_core::data::{Bindings, Layout, Window, propose_layout};
+use lampyris_core::data::{ColumnBindings, Layout, Window, propose_layout};
 use lampyris_core::twin::{HouseRequest, RoomTruth, house};
 use std::time::Instant;
 
@@ -37,7 +37,8 @@ impl House {
         let twin = house(request).map_err(|fault| faults(&[fault]))?;
         seconds.push(("the house".to_owned(), start.elapsed().as_secs_f64()));
         let start = Instant::now();
-        let (window, _) = Window::parse_csv(&twin.csv, &Bindings::none()).map_err(|found| faults(&found))?;
+        let (window, _) =
+            Window::parse_csv(&twin.csv, &ColumnBindings::none()).map_err(|found| faults(&found))?;
         let layout = propose_layout(&window).map_err(|found| faults(&found))?;
         seconds.push(("layout from correlations".to_owned(), start.elapsed().as_secs_f64()));
         let rooms: Vec<Room> = layout

@@ -2,12 +2,12 @@
 
 use super::super::search::path;
 use lampyris::cli::{Failure, faults};
-use lampyris_core::data::{Bindings, Duration, SplitRequest, Window, rfc3339};
+use lampyris_core::data::{ColumnBindings, Duration, SplitRequest, Window, rfc3339};
 use lampyris_core::estimate::problem::objective::{ShapeDelta, swmse};
 use lampyris_core::estimate::problem::request::WindowRange;
 use lampyris_core::estimate::validate;
 use lampyris_core::estimate::{
-    Control, EstimateError, EstimateRequest, Fit, Past, Policy, Problem, Site, estimate, prepare,
+    Control, EstimateError, EstimateRequest, Fit, GatePolicy, Past, Problem, Site, estimate, prepare,
 };
 use lampyris_core::model::document::ModelDocument;
 use lampyris_core::model::spec::ParameterSpec;
@@ -229,7 +229,7 @@ struct Place {
 
 impl Place {
     fn new(csv: &str, room: &Room, way: &Way, asked: &Asked) -> Result<Self, Failure> {
-        let mut bindings = Bindings::none();
+        let mut bindings = ColumnBindings::none();
         bindings.bind("T_room", format!("T_room_{}", room.id));
         if way.valve {
             bindings.bind("valve", format!("valve_{}", room.id));
@@ -319,7 +319,7 @@ pub fn run(csv: &str, room: &Room, way: &Way, asked: &Asked) -> Result<Run, Fail
 }
 
 fn solution(both: &Problem, fit: &Fit, asked: &Asked) -> Solution {
-    let judgement = validate(both, fit, &Past::default(), &Policy::default());
+    let judgement = validate(both, fit, &Past::default(), &GatePolicy::default());
     // The fit may have needed shorter steps than the problem starts with.
     let problem = both.with_substeps(fit.substeps);
     let run = problem.simulate(&fit.theta());

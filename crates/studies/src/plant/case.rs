@@ -2,7 +2,7 @@
 
 use super::super::row::Row;
 use lampyris::cli::{Failure, faults};
-use lampyris_core::data::{Bindings, Window};
+use lampyris_core::data::{ColumnBindings, Window};
 use lampyris_core::estimate::{Control, EstimateRequest, Fit, Problem, Site, estimate, prepare};
 use lampyris_core::model::document::ModelDocument;
 use lampyris_core::model::{Catalogue, Nominal};
@@ -65,7 +65,7 @@ impl Case {
         let request = PlantRequest { seed, model: &model, values: &[], days: DAYS, noise, warm_up: true };
         let twin = plant(&catalogue, &request).map_err(|found| faults(&found))?;
         let csv = kept(&twin.csv, record.keep);
-        let (window, _) = Window::parse_csv(&csv, &Bindings::none()).map_err(|found| faults(&found))?;
+        let (window, _) = Window::parse_csv(&csv, &ColumnBindings::none()).map_err(|found| faults(&found))?;
         // The document's own values are the truth: the search starts from the middle of its box instead.
         if let Some(ModelDocument::Spec(mut spec)) = catalogue.model(id).cloned() {
             spec.parameters

@@ -5,7 +5,7 @@ use lampyris_core::optimise::cfa_options::{CfaOptions, LocalFrom};
 use lampyris_core::optimise::grid::GridOptions;
 use lampyris_core::optimise::local_options::{LocalMethod, LocalOptions};
 use lampyris_core::optimise::multistart::LmOptions;
-use lampyris_core::optimise::{Method, Scale};
+use lampyris_core::optimise::{DimensionScale, Method};
 
 pub const DEFAULT: &str = "cfa (default)";
 pub const ENDLESS: &str = "cfa to the budget";
@@ -21,7 +21,7 @@ pub struct Entry {
     /// Whether it may see residuals; otherwise it has costs alone.
     pub residuals: bool,
     /// How the coefficients are spread over the cube of the search.
-    pub scale: Scale,
+    pub scale: DimensionScale,
     /// Searches per room.
     pub seeds: u64,
     pub note: &'static str,
@@ -38,8 +38,15 @@ pub fn entries() -> Vec<Entry> {
         let local = LocalOptions { on_costs: method, ..LocalOptions::default() };
         Method::Cfa(CfaOptions { local_from, local, ..CfaOptions::default() })
     };
-    let log = |name, method, note| Entry { name, method, residuals: true, scale: Scale::Log, seeds: 5, note };
-    let linear = |name, method, note| Entry { scale: Scale::Linear, ..log(name, method, note) };
+    let log = |name, method, note| Entry {
+        name,
+        method,
+        residuals: true,
+        scale: DimensionScale::Log,
+        seeds: 5,
+        note,
+    };
+    let linear = |name, method, note| Entry { scale: DimensionScale::Linear, ..log(name, method, note) };
     let costs = |name, method, note| Entry { residuals: false, seeds: 3, ..log(name, method, note) };
     // One candidate at a time leaves the lanes empty, and chance has no part in a grid.
     let once = |name, method, note| Entry { seeds: 1, ..costs(name, method, note) };

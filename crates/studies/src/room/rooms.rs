@@ -5,10 +5,10 @@ use super::super::row::Row;
 use super::super::search::{Path, path, path_in};
 use super::methods::{DEFAULT, ENDLESS, Entry, LINEAR, MULTISTART, reference};
 use lampyris::cli::{Failure, faults};
-use lampyris_core::data::{Bindings, Window};
+use lampyris_core::data::{ColumnBindings, Window};
 use lampyris_core::estimate::{EstimateRequest, Problem, Site, prepare};
 use lampyris_core::model::{Catalogue, ModelId};
-use lampyris_core::optimise::{Dimension, Scale, Space};
+use lampyris_core::optimise::{Dimension, DimensionScale, Space};
 use lampyris_core::twin;
 use serde::Serialize;
 use serde_json::json;
@@ -55,7 +55,8 @@ pub struct Rooms {
 /// A synthetic room with four neighbours: the first week is fitted, the second one only judges.
 fn weeks(seed: u64) -> Result<Problem, Failure> {
     let twin = twin::room(seed, 4, 14, 30).map_err(|found| faults(&found))?;
-    let (window, _) = Window::parse_csv(&twin.csv, &Bindings::none()).map_err(|found| faults(&found))?;
+    let (window, _) =
+        Window::parse_csv(&twin.csv, &ColumnBindings::none()).map_err(|found| faults(&found))?;
     let model: ModelId = "room3".parse().map_err(|error| Failure::Error(format!("{error}")))?;
     let request: EstimateRequest =
         serde_json::from_value(json!({ "split": { "train": "P7D", "validation": "P7D" } }))
@@ -71,7 +72,7 @@ fn linear(space: &Space) -> Space {
         space
             .dimensions()
             .iter()
-            .map(|dimension| Dimension { scale: Scale::Linear, ..dimension.clone() })
+            .map(|dimension| Dimension { scale: DimensionScale::Linear, ..dimension.clone() })
             .collect(),
     )
 }
@@ -130,7 +131,7 @@ impl Rooms {
             let linear = linear(problem.space());
             let path = match entry {
                 Some(Entry { method, residuals, scale, .. }) => {
-                    let space = if *scale == Scale::Linear { &linear } else { problem.space() };
+                    let space = if *scale == DimensionScale::Linear { &linear } else { problem.space() };
                     path_in(problem, space, method, *residuals, *seed, budget)
                 }
                 None => path(problem, &reference, *seed, usize::MAX),

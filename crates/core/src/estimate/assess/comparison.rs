@@ -11,7 +11,7 @@ use std::ops::Range;
 
 /// How the model is run beside the measurements.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Mode {
+pub enum ComparisonMode {
     /// One simulation from the start of the fit's window.
     FreeRun,
     /// At each sample the forecast made so many samples before, from re-estimated states.
@@ -115,16 +115,21 @@ pub fn samples(replay: &Replay, from: i64, to: i64) -> Result<Range<usize>, Vec<
 ///
 /// # Errors
 /// A fault where there is nothing between them.
-pub fn comparison(replay: &Replay, mode: Mode, from: i64, to: i64) -> Result<Comparison, Vec<Fault>> {
+pub fn comparison(
+    replay: &Replay,
+    mode: ComparisonMode,
+    from: i64,
+    to: i64,
+) -> Result<Comparison, Vec<Fault>> {
     let range = samples(replay, from, to)?;
     let (problem, grid) = (replay.problem(), replay.problem().grid());
     let lead = match mode {
-        Mode::FreeRun => 0,
-        Mode::Ahead(lead) => lead,
+        ComparisonMode::FreeRun => 0,
+        ComparisonMode::Ahead(lead) => lead,
     };
     let ahead = match mode {
-        Mode::FreeRun => Vec::new(),
-        Mode::Ahead(lead) => {
+        ComparisonMode::FreeRun => Vec::new(),
+        ComparisonMode::Ahead(lead) => {
             replay.ahead(range.start.saturating_sub(lead)..range.end.saturating_sub(lead), &[lead])
         }
     };

@@ -4,6 +4,7 @@ use super::metrics::{FREE_RUN, FilterRun, ahead, horizon_name, measurement_varia
 use crate::data::{Duration, read_time, rfc3339};
 use crate::estimate::fit::{Fit, Span};
 use crate::estimate::problem::Problem;
+use crate::estimate::problem::predictor::Predictor;
 use crate::estimate::problem::whiten::stride;
 use crate::units::error_unit;
 use serde::{Deserialize, Serialize};
@@ -77,29 +78,35 @@ pub fn newer(problem: &Problem, fit: &Fit, run: &FilterRun, horizon: Duration) -
     }
     let Some(validation) = &fit.parts.validation else { return Newer::Silent };
     let theta = fit.theta();
-    let (name, errors, noise, unit) = if problem.filters() {
-        let name = horizon_name(horizon);
-        let leads = [(name.as_str(), horizon.seconds())];
-        let error = |range: Range<usize>| {
-            ahead(problem, &theta, run, range, &leads).into_values().next().map(|error| (error.rmse, error.n))
-        };
-        let errors = error(part(problem, validation)).zip(error(newer.clone()));
-        let unit = problem.model().outputs().first().map_or("-", |output| error_unit(&output.unit));
-        (name, errors, measurement_variance(problem).first().copied().unwrap_or(0.0).sqrt(), unit)
-    } else {
-        let trajectory = problem.simulate(&theta);
-        let error = |range: Range<usize>| {
-            Some((problem.free_run_error(&trajectory, range.clone())?, least_samples(problem, range)))
-        };
-        let then = error(part(problem, validation));
-        // A document cannot hold what is no number.
-        let lost = trajectory.diverged.then(|| (LOST, least_samples(problem, newer.clone())));
-        (
-            FREE_RUN.to_owned(),
-            then.zip(lost.or_else(|| error(newer.clone()))),
-            problem.scaled_noise(),
-            problem.scale_in_words(),
-        )
+    let (name, errors, noise, unit) = match problem.predictor() {
+        Predictor::Filtered => {
+            let name = horizon_name(horizon);
+            let leads = [(name.as_str(), horizon.seconds())];
+            let error = |range: Range<usize>| {
+                ahead(problem, &theta, run, range, &leads)
+                    .into_values()
+                    .next()
+                    .map(|error| (error.rmse, error.n))
+            };
+            let errors = error(part(problem, validation)).zip(error(newer.clone()));
+            let unit = problem.model().outputs().first().map_or("-", |output| error_unit(&output.unit));
+            (name, errors, measurement_variance(problem).first().copied().unwrap_or(0.0).sqrt(), unit)
+        }
+        Predictor::FreeRun => {
+            let trajectory = problem.simulate(&theta);
+            let error = |range: Range<usize>| {
+                Some((problem.free_run_error(&trajectory, range.clone())?, least_samples(problem, range)))
+            };
+            let then = error(part(problem, validation));
+            // A document cannot hold what is no number.
+            let lost = trajectory.diverged.then(|| (LOST, least_samples(problem, newer.clone())));
+            (
+                FREE_RUN.to_owned(),
+                then.zip(lost.or_else(|| error(newer.clone()))),
+                problem.scaled_noise(),
+                problem.scale_in_words(),
+            )
+        }
     };
     let Some(((then, _), (now, samples))) = errors else { return Newer::Silent };
     // Forecasts need half a day of targets to say anything; gaps may have eaten the rest.
@@ -124,6 +131,15 @@ pub fn newer(problem: &Problem, fit: &Fit, run: &FilterRun, horizon: Duration) -
 fn least_samples(problem: &Problem, range: Range<usize>) -> usize {
     let known = |output: usize| problem.usable(output, range.clone());
     (0..problem.model().outputs().len()).map(known).map(|used| used.len() * stride(&used)).min().unwrap_or(0)
+}
+
+/// Whether what a fit says of its own window goes on over the longer one of a problem. A filter forgets where
+/// it has begun; a free run that starts elsewhere says nothing of the one that was judged.
+pub fn goes_on(problem: &Problem, fit: &Fit) -> bool {
+    match problem.predictor() {
+        Predictor::Filtered => true,
+        Predictor::FreeRun => rfc3339(problem.grid().start()) == fit.window().0,
+    }
 }
 
 /// The problem of a longer window, stepped and led to its first sample as that of the fit was.

@@ -2,10 +2,11 @@
 
 use crate::data::{Duration, rfc3339};
 use crate::estimate::fit::{AheadError, Fit, OutputMetrics};
+use crate::estimate::problem::predictor::Predictor;
 use crate::estimate::problem::whiten::Ar;
 use crate::estimate::problem::{Problem, mean_square};
 use crate::simulate::Trajectory;
-use crate::simulate::kalman::{Filtered, Kalman, Noise};
+use crate::simulate::kalman::{Filtered, Noise};
 use crate::units::error_unit;
 use indexmap::IndexMap;
 use serde::{Deserialize, Serialize};
@@ -42,11 +43,7 @@ pub fn measurement_variance(problem: &Problem) -> Vec<f64> {
 
 /// Filters the window at `theta`; the process noise is the likeliest one on the training part.
 pub fn filter(problem: &Problem, theta: &[f64], process_noise: Option<f64>) -> FilterRun {
-    if !problem.filters() {
-        return unfiltered(problem, theta);
-    }
-    let measured = problem.measured();
-    let kalman = Kalman::new(problem.model(), problem.simulator(), problem.inputs(), &measured);
+    let Some(kalman) = problem.filter() else { return unfiltered(problem, theta) };
     let measurement = measurement_variance(problem);
     let process_noise = process_noise
         .unwrap_or_else(|| kalman.likely_process_noise(theta, &measurement, problem.split().train.end));
@@ -59,11 +56,7 @@ pub fn filter(problem: &Problem, theta: &[f64], process_noise: Option<f64>) -> F
 
 /// Filters the window at `theta` with this noise.
 pub fn filter_with(problem: &Problem, theta: &[f64], noise: &Noise) -> FilterRun {
-    if !problem.filters() {
-        return unfiltered(problem, theta);
-    }
-    let measured = problem.measured();
-    let kalman = Kalman::new(problem.model(), problem.simulator(), problem.inputs(), &measured);
+    let Some(kalman) = problem.filter() else { return unfiltered(problem, theta) };
     FilterRun {
         filtered: kalman.filter(theta, noise, problem.grid().len()),
         process_noise: mean_square(&noise.process).sqrt(),
@@ -111,13 +104,10 @@ pub fn forecast_series(
 ) -> Vec<Vec<Vec<Option<f64>>>> {
     let measured = problem.measured();
     let samples = problem.grid().len();
-    if !problem.filters() {
-        return vec![vec![vec![None; samples]; leads.len()]; measured.len()];
-    }
-    let origins: Vec<usize> = range.filter(|k| measured.iter().any(|(_, valid)| valid[*k])).collect();
-    let kalman = Kalman::new(problem.model(), problem.simulator(), problem.inputs(), &measured);
-    let forecasts = kalman.forecasts_at(theta, &run.filtered, &origins, leads);
     let mut series = vec![vec![vec![None; samples]; leads.len()]; measured.len()];
+    let Some(kalman) = problem.filter() else { return series };
+    let origins: Vec<usize> = range.filter(|k| measured.iter().any(|(_, valid)| valid[*k])).collect();
+    let forecasts = kalman.forecasts_at(theta, &run.filtered, &origins, leads);
     for (output, (_, valid)) in measured.iter().enumerate() {
         for (index, lead) in leads.iter().enumerate() {
             for (origin, value) in origins.iter().zip(&forecasts[output][index]) {
@@ -205,13 +195,9 @@ pub fn lead(horizon_s: i64, step_s: i64) -> Option<usize> {
 
 /// Mean square of all 24-hour forecasts from the midnights (UTC) of `range`, pooled.
 pub fn day_ahead_mse(problem: &Problem, theta: &[f64], run: &FilterRun, range: Range<usize>) -> Option<f64> {
-    if !problem.filters() {
-        return None;
-    }
+    let kalman = problem.filter()?;
     let grid = problem.grid();
-    let measured = problem.measured();
-    let (values, valid) = measured[0];
-    let kalman = Kalman::new(problem.model(), problem.simulator(), problem.inputs(), &measured);
+    let (values, valid) = problem.measured()[0];
     let leads = (DAY / grid.step()) as usize;
     let origins: Vec<usize> = range.clone().filter(|k| grid.time(*k).rem_euclid(DAY) < grid.step()).collect();
     let mut errors = Vec::new();
@@ -306,7 +292,7 @@ pub fn newest_state(problem: &Problem, run: &FilterRun) -> Option<CurrentState> 
     };
     Some(CurrentState {
         at: rfc3339(problem.grid().time(last)),
-        free_run: !problem.filters(),
+        free_run: problem.predictor() == Predictor::FreeRun,
         states: named(run.filtered.states.get(last)?)?,
         sd: named(run.filtered.deviations.get(last)?)?,
     })

@@ -4,6 +4,7 @@
 //! Fit --metrics--> errors of a free run, ahead, noise floor          (what every fit reports)
 //! Fit --replay--> Replay --comparison, compare--> series              (beside the measurements, beside other fits)
 //!                    +-----skill, summary--> numbers and sentences
+//! Fit, Window --regimes--> in which circumstances it fails most
 //! served, newer measurements --degradation--> still true?
 //! ```
 //!
@@ -14,6 +15,7 @@ pub mod comparison;
 pub mod degradation;
 pub mod metrics;
 pub mod preview;
+pub mod regimes;
 pub mod replay;
 #[cfg(test)]
 mod replay_tests;

@@ -5,7 +5,7 @@ use crate::data::{CALENDAR, ChannelKind, DRY_INFLUENT, Hold, Series, Window, rfc
 use crate::estimate::problem::Problem;
 use crate::estimate::problem::request::Site;
 use crate::fault::Fault;
-use crate::model::{Bindings, Catalogue, Model, ModelId, compile};
+use crate::model::{Bindings, Catalogue, Model, ModelId, Stepper, compile};
 use indexmap::IndexMap;
 use serde::Serialize;
 use std::collections::{BTreeMap, BTreeSet};
@@ -90,7 +90,10 @@ pub fn preview(problem: &Problem, most: usize, synthetic: bool) -> Result<Previe
     let (model, grid, simulator) = (problem.model(), problem.grid(), problem.simulator());
     // A stepper that finds its own steps takes some dozens of evaluations to a sample, and as many for each
     // hour of its warm-up.
-    let steps = if problem.filters() { simulator.substeps() } else { OWN_STEPS };
+    let steps = match model.stepper() {
+        Stepper::Ros2 | Stepper::Rk4 => simulator.substeps(),
+        Stepper::Rkc => OWN_STEPS,
+    };
     let hours = model.warm_up().map_or(0, |warm_up| warm_up.hours as usize);
     let work =
         model.graph().nodes().len().saturating_mul(grid.len().saturating_add(hours)).saturating_mul(steps);

@@ -1,7 +1,7 @@
 //! Stored fits that are run again: against what was stored, and against plain sums.
 
 use super::compare::{Contender, FREE_RUN, Over, compare};
-use super::comparison::{Mode, comparison};
+use super::comparison::{ComparisonMode, comparison};
 use super::metrics::lead;
 use super::replay::{Part, Replay};
 use super::skill::{Skill, by_horizon, by_part};
@@ -103,7 +103,7 @@ fn the_stored_errors_come_out_of_what_is_shown() {
             "{:?}",
             replay.provenance()
         );
-        let free_run = comparison(&replay, Mode::FreeRun, i64::MIN / 2, i64::MAX / 2).unwrap();
+        let free_run = comparison(&replay, ComparisonMode::FreeRun, i64::MIN / 2, i64::MAX / 2).unwrap();
         let residual = free_run.outputs["T_room"].residual();
         for (part, stored) in [
             (Part::Train, Some(metrics.train_rmse)),
@@ -117,7 +117,8 @@ fn the_stored_errors_come_out_of_what_is_shown() {
         for (name, stored) in &metrics.ahead {
             let seconds = name.parse::<Duration>().unwrap().seconds();
             let samples = lead(seconds, fit.sample_s).unwrap();
-            let ahead = comparison(&replay, Mode::Ahead(samples), i64::MIN / 2, i64::MAX / 2).unwrap();
+            let ahead =
+                comparison(&replay, ComparisonMode::Ahead(samples), i64::MIN / 2, i64::MAX / 2).unwrap();
             let residual = ahead.outputs["T_room"].residual();
             let part = replay.range(Part::Validation);
             let shown = root_mean_square(residual[part.start + samples..part.end].iter().flatten().copied());
@@ -144,13 +145,13 @@ fn a_run_goes_on_over_newer_measurements_from_where_it_was() {
     assert!(all.len() > first.len() + 250 && all.last().unwrap().is_some());
     // A piece of the middle shows the same numbers at the same times.
     let (from, to) = (START + 10 * DAY, START + 11 * DAY);
-    let piece = comparison(&longer, Mode::FreeRun, from, to).unwrap();
+    let piece = comparison(&longer, ComparisonMode::FreeRun, from, to).unwrap();
     let grid = longer.problem().grid();
     let place = (0..grid.len()).position(|k| grid.time(k) == piece.start).unwrap();
     assert!(piece.start >= from && piece.start < from + 900);
     assert_eq!(piece.outputs["T_room"].simulated[..], all[place..place + 96]);
     assert_eq!(piece.parts.iter().map(|span| span.part).collect::<Vec<_>>(), [Part::Validation]);
-    let nothing = comparison(&longer, Mode::FreeRun, START, START + DAY).unwrap_err();
+    let nothing = comparison(&longer, ComparisonMode::FreeRun, START, START + DAY).unwrap_err();
     assert_eq!(nothing[0].code, "no-data-in-range");
 }
 
@@ -198,7 +199,7 @@ fn nothing_is_shown_behind_a_gap() {
     let record = window(20, 900, 8.0..8.5);
     let fit = stored(&record, middle());
     let replay = replay(&fit, &record, None);
-    let shown = comparison(&replay, Mode::FreeRun, i64::MIN / 2, i64::MAX / 2).unwrap();
+    let shown = comparison(&replay, ComparisonMode::FreeRun, i64::MIN / 2, i64::MAX / 2).unwrap();
     let lines = &shown.outputs["T_room"];
     let missing = lines.simulated.iter().filter(|value| value.is_none()).count();
     // Half a day of quarter hours, and the half hours around it that no line may cross.

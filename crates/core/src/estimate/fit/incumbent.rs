@@ -1,6 +1,6 @@
 //! What a controller uses now.
 
-use super::levels::Level;
+use super::levels::ChannelLevel;
 use crate::model::ModelId;
 use indexmap::IndexMap;
 
@@ -12,5 +12,5 @@ pub struct Incumbent {
     /// Values by name.
     pub theta: IndexMap<String, f64>,
     /// The levels of the channels that they were fitted to; none where they are not known.
-    pub levels: IndexMap<String, Level>,
+    pub levels: IndexMap<String, ChannelLevel>,
 }

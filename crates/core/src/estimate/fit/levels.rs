@@ -9,7 +9,8 @@ use utoipa::ToSchema;
 
 /// The level and the spread of a channel in a fit's window.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct Level {
+#[schema(as = Level)]
+pub struct ChannelLevel {
     /// Mean of its valid samples.
     pub mean: f64,
     /// Their standard deviation.
@@ -17,17 +18,17 @@ pub struct Level {
 }
 
 /// The level of every channel that a problem reads, by its name.
-pub fn levels(problem: &Problem) -> IndexMap<String, Level> {
+pub fn levels(problem: &Problem) -> IndexMap<String, ChannelLevel> {
     let levels = read(problem)
         .map(|(name, column)| (name.to_owned(), level(&known(column, 0..column.values().len()))));
     levels.filter(|(_, level)| level.mean.is_finite()).collect()
 }
 
 /// No numbers where there are no values.
-pub(in crate::estimate) fn level(values: &[f64]) -> Level {
+pub(in crate::estimate) fn level(values: &[f64]) -> ChannelLevel {
     let mean = mean(values);
     let sd = (values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / values.len() as f64).sqrt();
-    Level { mean, sd }
+    ChannelLevel { mean, sd }
 }
 
 /// The columns that a problem reads and that were logged or computed for it.

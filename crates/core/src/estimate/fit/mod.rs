@@ -4,7 +4,7 @@ pub mod incumbent;
 pub mod levels;
 pub mod likelihood;
 
-use crate::estimate::fit::levels::Level;
+use crate::estimate::fit::levels::ChannelLevel;
 use crate::estimate::fit::likelihood::LikelihoodReport;
 use crate::estimate::problem::basis::Basis;
 use crate::schema::Interval;
@@ -189,7 +189,7 @@ pub struct Fit {
     /// Level and spread of the channels that it was fitted to, by name; none in fits of versions that did not
     /// keep them.
     #[serde(default)]
-    pub levels: IndexMap<String, Level>,
+    pub levels: IndexMap<String, ChannelLevel>,
     /// What the likelihood says, where it was maximised.
     #[serde(default)]
     pub likelihood: Option<LikelihoodReport>,

@@ -4,9 +4,10 @@
 use super::check::Severity;
 use super::context::ValidationContext;
 use super::limits::OutputScale;
-use super::table::Table;
+use super::table::CheckTable;
 use crate::data::rfc3339;
 use crate::estimate::problem::mean_square;
+use crate::estimate::problem::predictor::Predictor;
 use crate::model::Scale;
 
 /// In K; `limits` says what it is for other outputs.
@@ -28,7 +29,7 @@ const BEFORE_RATIO: f64 = 1.25;
 const LEAST_BEFORE: i64 = 4 * 86_400;
 
 /// The checks of the rule `G6 jump`, and of older days where newer ones contradict them.
-pub(super) fn look(context: &ValidationContext, table: &mut Table) {
+pub(super) fn look(context: &ValidationContext, table: &mut CheckTable) {
     if let Some(incumbent) = &context.incumbent {
         if let Some(since) = context.past.degraded {
             older_days(context, table, incumbent, since);
@@ -43,7 +44,7 @@ pub(super) fn look(context: &ValidationContext, table: &mut Table) {
 
 /// Newer measurements contradict what is served: the room has changed, or its sensors lie. A fit for which
 /// only those measurements speak cannot tell one from the other, and an operator can.
-fn older_days(context: &ValidationContext, table: &mut Table, incumbent: &[f64], since: i64) {
+fn older_days(context: &ValidationContext, table: &mut CheckTable, incumbent: &[f64], since: i64) {
     let (grid, first) = (context.problem.grid(), context.problem.split().train.start);
     let older = first..(first..grid.len()).find(|k| grid.time(*k) >= since).unwrap_or(grid.len());
     let began = rfc3339(since);
@@ -72,7 +73,7 @@ fn older_days(context: &ValidationContext, table: &mut Table, incumbent: &[f64],
 
 /// What a fit has learnt of the building it knows of last month as well: one for which only its own days
 /// speak has learnt from them what was not there before.
-fn days_before(context: &ValidationContext, table: &mut Table, incumbent: &[f64]) {
+fn days_before(context: &ValidationContext, table: &mut CheckTable, incumbent: &[f64]) {
     let Some(before) = context
         .past
         .days_before
@@ -106,7 +107,7 @@ fn days_before(context: &ValidationContext, table: &mut Table, incumbent: &[f64]
 
 /// Many small steps go as far as a large one: each night's fit may stay near its incumbent, and still be far
 /// from what was trusted a month ago. So the same distance has the same limits, whatever it is taken from.
-fn jump(context: &ValidationContext, table: &mut Table, check: &str, from: &[f64], whose: &str) {
+fn jump(context: &ValidationContext, table: &mut CheckTable, check: &str, from: &[f64], whose: &str) {
     let before = context.problem.simulate(from);
     let week = context.since(WEEK)..context.problem.grid().len();
     let apart = |scale: &OutputScale| {
@@ -140,7 +141,10 @@ fn most_changed(context: &ValidationContext, from: &[f64]) -> (bool, String) {
         .map(|((new, old), _)| (new / old).max(old / new))
         .fold(1.0, f64::max);
     let share = changes()
-        .filter(|(_, (parameter, _))| parameter.scale == Scale::Linear && !context.problem.filters())
+        .filter(|(_, (parameter, _))| match context.problem.predictor() {
+            Predictor::Filtered => false,
+            Predictor::FreeRun => parameter.scale == Scale::Linear,
+        })
         .map(|((new, old), (_, [lower, upper]))| ((new - old) / (upper - lower)).abs())
         .fold(0.0, f64::max);
     let how = if share / JUMP_SHARE > factor / JUMP_FACTOR {

@@ -4,7 +4,7 @@
 use super::evidence::Role;
 use super::past::NextDoor;
 use crate::data::{Column, hour_of_day, sun_position};
-use crate::estimate::fit::levels::{Level, known, level, mean, read};
+use crate::estimate::fit::levels::{ChannelLevel, known, level, mean, read};
 use crate::estimate::problem::Problem;
 use indexmap::IndexMap;
 use std::ops::Range;
@@ -154,12 +154,12 @@ pub fn faults(problem: &Problem) -> Vec<ChannelFault> {
 /// Channels whose level or spread is another one than in a fit that was accepted before, or a reason why none
 /// is compared.
 pub fn strangers(
-    now: &IndexMap<String, Level>,
-    before: &IndexMap<String, Level>,
+    now: &IndexMap<String, ChannelLevel>,
+    before: &IndexMap<String, ChannelLevel>,
     when: &str,
 ) -> Vec<ChannelFault> {
     let (deviations, least, times) = LEVEL;
-    let strange = |(name, now): (&String, &Level)| {
+    let strange = |(name, now): (&String, &ChannelLevel)| {
         let before = before.get(name).filter(|_| name.starts_with("T_"))?;
         let moved = now.mean - before.mean;
         let says = if moved.abs() > (deviations * before.sd).max(least) {

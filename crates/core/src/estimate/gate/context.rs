@@ -2,15 +2,16 @@
 
 use super::evidence::Evidence;
 use super::limits::OutputScale;
-use super::past::{Past, Policy, Reference};
+use super::past::{GatePolicy, Past, Reference};
 use crate::data::Duration;
 use crate::estimate::assess::metrics::{
     FilterRun, ahead, filter, filter_fit, free_run_ahead, horizon_name, lead,
 };
 use crate::estimate::fit::incumbent::Incumbent;
-use crate::estimate::fit::levels::Level;
+use crate::estimate::fit::levels::ChannelLevel;
 use crate::estimate::fit::{AheadError, Fit};
 use crate::estimate::problem::Problem;
+use crate::estimate::problem::predictor::Predictor;
 use crate::simulate::Trajectory;
 use indexmap::IndexMap;
 use std::cell::OnceCell;
@@ -29,8 +30,8 @@ pub(super) struct ValidationContext<'a> {
     /// Older parameters of the same model, with what they are.
     pub references: Vec<(&'a str, Vec<f64>)>,
     /// The levels of the channels in windows of fits that were trusted, with what those are.
-    pub levels: Vec<(&'a str, &'a IndexMap<String, Level>)>,
-    pub policy: &'a Policy,
+    pub levels: Vec<(&'a str, &'a IndexMap<String, ChannelLevel>)>,
+    pub policy: &'a GatePolicy,
     /// What else is known.
     pub past: &'a Past,
     /// The filter over the window with the noise of the fit; a model without one has none.
@@ -43,7 +44,7 @@ impl<'a> ValidationContext<'a> {
         problem: &Problem,
         fit: &'a Fit,
         past: &'a Past,
-        policy: &'a Policy,
+        policy: &'a GatePolicy,
     ) -> Result<Self, &'static str> {
         // The fit may have needed shorter steps than the problem started with.
         let problem = problem.with_substeps(fit.substeps);
@@ -55,7 +56,10 @@ impl<'a> ValidationContext<'a> {
         if trajectory.diverged {
             return Err("the simulation of the stored parameters leaves the numbers");
         }
-        let run = problem.filters().then(|| filter_fit(&problem, fit));
+        let run = match problem.predictor() {
+            Predictor::Filtered => Some(filter_fit(&problem, fit)),
+            Predictor::FreeRun => None,
+        };
         let incumbent = past.incumbent.as_ref().and_then(|incumbent| incumbent_theta(&problem, incumbent));
         let reference = |reference: &'a Reference| {
             Some((reference.name.as_str(), reference_theta(&problem, &reference.fit)?))
@@ -107,10 +111,12 @@ impl<'a> ValidationContext<'a> {
     /// What parameters of the same model err by on some samples: ahead by the policy's horizon, or in the
     /// free run of a model without a filter.
     pub fn error_of(&self, theta: &[f64], samples: Range<usize>) -> Option<AheadError> {
-        if self.problem.filters() {
-            forecast(&self.problem, theta, &filter(&self.problem, theta, None), self.policy.horizon, samples)
-        } else {
-            free_run(&self.problem, &self.problem.simulate(theta), self.policy.horizon, samples)
+        match &self.run {
+            Some(_) => {
+                let run = filter(&self.problem, theta, None);
+                forecast(&self.problem, theta, &run, self.policy.horizon, samples)
+            }
+            None => free_run(&self.problem, &self.problem.simulate(theta), self.policy.horizon, samples),
         }
     }
 

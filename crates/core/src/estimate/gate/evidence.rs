@@ -8,7 +8,7 @@
 //! the weather of a winter hardly is.
 
 use super::opponents::{Match, with_regression};
-use super::regression::{Compared, Followed, Regression};
+use super::regression::{Followed, PairedComparison, Regression};
 use crate::estimate::assess::metrics::{FilterRun, measurement_variance};
 use crate::estimate::problem::Problem;
 use crate::estimate::segments::{Explained, Segments};
@@ -88,7 +88,7 @@ pub struct InputEvidence {
     /// The share of shifts by whole days that do as well in the regression.
     pub shift_p: Option<f64>,
     /// The best of what may stand in its place.
-    pub rival: Option<(Rival, Compared)>,
+    pub rival: Option<(Rival, PairedComparison)>,
 }
 
 /// What the measurements say of all inputs.
@@ -98,7 +98,7 @@ pub struct Evidence {
     pub inputs: Vec<InputEvidence>,
     /// The best of other clocks for the room itself, where all inputs are shifted together: late by so many
     /// hours.
-    pub clock: Option<(i64, Compared)>,
+    pub clock: Option<(i64, PairedComparison)>,
     /// The fit beside the regression on unseen data.
     pub beside_regression: Option<Match>,
     /// What moves the room within a day beside what the fit can explain, on a usual day, in deviations of the
@@ -123,8 +123,9 @@ impl Evidence {
             regression.as_ref().and_then(|regression| with_regression(problem, theta, run, regression));
         // A rival shows something only where the regression with it forecasts better than the fit does
         // without.
-        let better =
-            |compared: &Compared| beside_regression.is_none_or(|met| compared.ratio.sqrt() < met.ratio());
+        let better = |compared: &PairedComparison| {
+            beside_regression.is_none_or(|met| compared.ratio.sqrt() < met.ratio())
+        };
         inputs
             .iter_mut()
             .for_each(|input| input.rival = input.rival.take().filter(|(_, compared)| better(compared)));
@@ -201,7 +202,7 @@ impl InputEvidence {
     }
 
     /// What would stand in its place clearly better.
-    pub fn better(&self) -> Option<&(Rival, Compared)> {
+    pub fn better(&self) -> Option<&(Rival, PairedComparison)> {
         self.rival.as_ref().filter(|(rival, compared)| {
             let limit = match rival {
                 Rival::Late(_) if self.role == Role::Heat || self.channel == "T_out" => LATE,
@@ -228,7 +229,7 @@ struct Look<'a> {
 
 impl<'a> Look<'a> {
     fn new(problem: &'a Problem, theta: &'a [f64], run: &FilterRun, hours: f64) -> Option<Self> {
-        let segments = Segments::new(problem, 0..problem.grid().len(), hours);
+        let segments = Segments::new(problem, 0..problem.grid().len(), hours)?;
         if segments.is_empty() {
             return None;
         }
@@ -320,7 +321,7 @@ fn hear(
             ))
         });
         let shifted = shifts.into_iter().filter_map(|hours| Some((clock(hours), beside.shifted(hours)?)));
-        shifted.chain(exchanged).collect::<Vec<(Rival, Compared)>>()
+        shifted.chain(exchanged).collect::<Vec<(Rival, PairedComparison)>>()
     });
     let rival = rivals.into_iter().flatten().min_by(|(_, one), (_, other)| one.ratio.total_cmp(&other.ratio));
     // The sine of the sun's height takes part, and clouds with the sign of what they take away.
@@ -334,7 +335,7 @@ fn hear(
 }
 
 /// The best other clock of the room itself.
-fn clock(regression: &Regression) -> Option<(i64, Compared)> {
+fn clock(regression: &Regression) -> Option<(i64, PairedComparison)> {
     let clocks =
         regression.with_all_shifted(&[-3, -6, -12, 3, 6, 12]).map(|(hours, compared)| (-hours, compared));
     clocks.min_by(|(_, one), (_, other)| one.ratio.total_cmp(&other.ratio))

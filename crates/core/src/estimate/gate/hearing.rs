@@ -11,7 +11,7 @@ use super::context::ValidationContext;
 use super::evidence::{BELIEVED, Evidence, InputEvidence, Rival, Role};
 use super::opponents;
 use super::opponents::Match;
-use super::table::Table;
+use super::table::CheckTable;
 use crate::estimate::assess::metrics::horizon_name;
 use crate::estimate::fit::levels::levels;
 
@@ -34,7 +34,7 @@ const UNDETERMINED: f64 = 0.95;
 const HANDFUL: usize = 6;
 
 /// The checks of the rule `G9`.
-pub(super) fn inputs(context: &ValidationContext, table: &mut Table) {
+pub(super) fn inputs(context: &ValidationContext, table: &mut CheckTable) {
     let Some(evidence) = context.evidence() else { return };
     for input in &evidence.inputs {
         seen(input, table);
@@ -62,7 +62,7 @@ fn room<'a>(context: &'a ValidationContext) -> &'a str {
     context.problem.model().outputs().first().map_or("the room", |output| output.channel.as_str())
 }
 
-fn seen(input: &InputEvidence, table: &mut Table) {
+fn seen(input: &InputEvidence, table: &mut CheckTable) {
     let (channel, pass) = (&input.channel, input.is_seen());
     let t = input.claimed.map(|(explained, _)| explained.t);
     let comment = match (input.claimed, pass) {
@@ -123,7 +123,7 @@ fn statistic(input: &InputEvidence) -> f64 {
 }
 
 /// The clock of the room itself, where no single input explains the same.
-fn clock(context: &ValidationContext, evidence: &Evidence, told: bool, table: &mut Table) {
+fn clock(context: &ValidationContext, evidence: &Evidence, told: bool, table: &mut CheckTable) {
     let Some((late, compared)) = evidence.clock else { return };
     let (is_better, is_sure) = (compared.ratio <= CLOCK, compared.t >= BELIEVED);
     let pass = told || !(is_better && is_sure);
@@ -147,7 +147,7 @@ fn clock(context: &ValidationContext, evidence: &Evidence, told: bool, table: &m
 }
 
 /// A room that something moves must be seen to follow its heating, where that is among the inputs.
-fn heating(context: &ValidationContext, evidence: &Evidence, table: &mut Table) {
+fn heating(context: &ValidationContext, evidence: &Evidence, table: &mut CheckTable) {
     let heat: Vec<&InputEvidence> = evidence.inputs.iter().filter(|input| input.role == Role::Heat).collect();
     let Some(unexplained) = evidence.unexplained.filter(|_| !heat.is_empty()) else { return };
     let is_quiet = unexplained < UNEXPLAINED;
@@ -177,7 +177,7 @@ fn heating(context: &ValidationContext, evidence: &Evidence, table: &mut Table) 
 }
 
 /// The checks of the rule `G10`.
-pub(super) fn opponents(context: &ValidationContext, table: &mut Table) {
+pub(super) fn opponents(context: &ValidationContext, table: &mut CheckTable) {
     let (Some(run), Some(evidence)) = (context.run(), context.evidence()) else { return };
     let problem = &context.problem;
     let room = room(context);
@@ -232,7 +232,7 @@ pub(super) fn opponents(context: &ValidationContext, table: &mut Table) {
     }
 }
 
-fn regression(met: Match, room: &str, evidence: &Evidence, table: &mut Table) {
+fn regression(met: Match, room: &str, evidence: &Evidence, table: &mut CheckTable) {
     let pass = met.ratio() <= REGRESSION || met.t > SURELY;
     let comment = if pass {
         format!(
@@ -262,7 +262,7 @@ fn regression(met: Match, room: &str, evidence: &Evidence, table: &mut Table) {
 }
 
 /// The checks of the rule `G11`.
-pub(super) fn channels(context: &ValidationContext, table: &mut Table) {
+pub(super) fn channels(context: &ValidationContext, table: &mut CheckTable) {
     let mut faults = channels::faults(&context.problem);
     faults.extend(channels::weather_elsewhere(&context.problem, &context.past.next_door));
     if faults.is_empty() {
@@ -300,7 +300,7 @@ pub(super) fn channels(context: &ValidationContext, table: &mut Table) {
 }
 
 /// The check of the rule `G12`: models of a handful of parameters are judged by their errors alone.
-pub(super) fn determined(context: &ValidationContext, table: &mut Table) {
+pub(super) fn determined(context: &ValidationContext, table: &mut CheckTable) {
     let free = || context.fit.parameters.values().filter(|estimate| !estimate.fixed);
     if free().count() < HANDFUL {
         return;

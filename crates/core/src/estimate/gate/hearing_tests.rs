@@ -4,10 +4,10 @@
 use super::channels::{faults, strangers};
 use super::evidence::{Evidence, Rival};
 use super::opponents;
-use super::regression::{Compared, Regression};
-use crate::data::{Bindings, Window};
+use super::regression::{PairedComparison, Regression};
+use crate::data::{ColumnBindings, Window};
 use crate::estimate::assess::metrics::{filter, filter_fit};
-use crate::estimate::fit::levels::{Level, levels};
+use crate::estimate::fit::levels::{ChannelLevel, levels};
 use crate::estimate::problem::Problem;
 use crate::estimate::problem::request::{EstimateRequest, Site, prepare};
 use crate::estimate::run::estimate;
@@ -36,7 +36,7 @@ fn asked() -> EstimateRequest {
 }
 
 fn problem(csv: &str) -> Problem {
-    let (window, _) = Window::parse_csv(csv, &Bindings::none()).unwrap();
+    let (window, _) = Window::parse_csv(csv, &ColumnBindings::none()).unwrap();
     let site = Site { sets: [("neighbours".to_owned(), vec!["1".to_owned()])].into(), ..Site::default() };
     prepare(&Catalogue::builtin().unwrap(), &"room3".parse().unwrap(), &asked(), &window, &site).unwrap()
 }
@@ -85,7 +85,7 @@ fn starts_take_no_part_and_a_direction_is_found_at_its_size() {
     let (_, problem, fit) = &*ROOM;
     let theta = fit.theta();
     let run = filter(problem, &theta, None);
-    let segments = Segments::new(problem, 0..problem.grid().len(), 24.0);
+    let segments = Segments::new(problem, 0..problem.grid().len(), 24.0).unwrap();
     assert_eq!(segments.first_samples().count(), DAYS);
     let starts: Vec<Vec<f64>> = segments.first_samples().map(|k| run.filtered.states[k].clone()).collect();
     let linear = segments.linearise(problem, problem.simulator(), &theta, &starts).unwrap();
@@ -195,7 +195,7 @@ fn a_regression_loses_by_what_it_is_denied() {
     let (_, all) = regression.with_all_shifted(&[0]).next().unwrap();
     assert!((all.ratio - 1.0).abs() < 1e-12 && all.t == 0.0, "{all:?}");
     // Two days of 4 and 9 beside 1 and 3: ratio 13 / 4, differences -3 and -6.
-    let compared = Compared::of(&[1.0, 3.0], &[4.0, 9.0]);
+    let compared = PairedComparison::of(&[1.0, 3.0], &[4.0, 9.0]);
     assert!(
         (compared.ratio - 13.0 / 4.0).abs() < 1e-15
             && (compared.t + 4.5 / (4.5f64 / 2.0).sqrt()).abs() < 1e-12,
@@ -259,8 +259,8 @@ fn a_level_that_stepped_since_the_last_accepted_month_is_seen() {
     assert_eq!(strangers(&now, &now, "then"), []);
     let mut before = now.clone();
     let room = before["T_room"];
-    before["T_room"] = Level { mean: room.mean - 3.5, sd: room.sd };
-    before["T_out"] = Level { sd: 10.0 * before["T_out"].sd, ..before["T_out"] };
+    before["T_room"] = ChannelLevel { mean: room.mean - 3.5, sd: room.sd };
+    before["T_out"] = ChannelLevel { sd: 10.0 * before["T_out"].sd, ..before["T_out"] };
     let found = strangers(&now, &before, "the parameters served now");
     assert_eq!(found.iter().map(|fault| fault.channel.as_str()).collect::<Vec<_>>(), ["T_room", "T_out"]);
     assert!(found[0].says.contains("+3.5 K"), "{}", found[0].says);

@@ -1,6 +1,6 @@
 //! What a fit has to beat beside the last measurement held: forecasters that know less, or no physics.
 
-use super::regression::{Compared, Regression};
+use super::regression::{PairedComparison, Regression};
 use crate::estimate::assess::metrics::{FilterRun, forecast_series, lead};
 use crate::estimate::problem::Problem;
 
@@ -46,7 +46,12 @@ impl Match {
             days.iter().map(|(_, ours, theirs)| (*ours, *theirs)).unzip();
         let rms = |sums: &[f64]| (sums.iter().sum::<f64>() / errors.len() as f64).sqrt();
         let days = errors.len() as f64 * hours / HOURS as f64;
-        Some(Self { fit: rms(&ours), opponent: rms(&theirs), t: Compared::of(&theirs, &ours).t, days })
+        Some(Self {
+            fit: rms(&ours),
+            opponent: rms(&theirs),
+            t: PairedComparison::of(&theirs, &ours).t,
+            days,
+        })
     }
 }
 

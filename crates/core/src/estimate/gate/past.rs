@@ -48,14 +48,14 @@ impl Past {
 
 /// What a system demands of its parameters.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Policy {
+pub struct GatePolicy {
     /// The forecast horizon that the controller lives on.
     pub horizon: Duration,
     /// Stretches of time, both ends included, that an operator has taken out: they are not missing.
     pub excluded: Vec<(i64, i64)>,
 }
 
-impl Default for Policy {
+impl Default for GatePolicy {
     fn default() -> Self {
         Self { horizon: Duration::from_seconds(21_600), excluded: Vec::new() }
     }

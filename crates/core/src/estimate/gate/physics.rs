@@ -3,7 +3,7 @@
 use super::check::{CheckResult, Severity};
 use crate::estimate::problem::Problem;
 use crate::model::expr::{Graph, Node};
-use crate::model::{Check, Hold};
+use crate::model::{Check, InputHold};
 use crate::simulate::trajectory::MeasuredOutput;
 use crate::simulate::{Inputs, Simulator, Trajectory, substeps};
 use indexmap::IndexMap;
@@ -247,8 +247,8 @@ fn stress(problem: &Problem, theta: &[f64], kelvin: f64) -> Trajectory {
         .map(|(index, input)| {
             let (low, high) = problem.inputs().range(index);
             match (input.unit.as_str(), input.hold) {
-                ("degC", Hold::Linear) if kelvin < 0.0 => low + kelvin,
-                ("degC", Hold::Linear) => high + kelvin,
+                ("degC", InputHold::Linear) if kelvin < 0.0 => low + kelvin,
+                ("degC", InputHold::Linear) => high + kelvin,
                 // The sun does not shine for a fortnight, so everything else stays at its mean.
                 _ => problem.inputs().mean(index),
             }

@@ -30,14 +30,14 @@ const RIDGE: f64 = 1e-7;
 
 /// A change of the squared error, compared in pairs by days.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Compared {
+pub struct PairedComparison {
     /// Mean square error over that of what was logged: below one it is better.
     pub ratio: f64,
     /// How sure that is, as a t over days: positive where it is better.
     pub t: f64,
 }
 
-impl Compared {
+impl PairedComparison {
     /// Sums of squares by days, of what was logged and of a rival.
     pub fn of(logged: &[f64], rival: &[f64]) -> Self {
         let differences: Vec<f64> = logged.iter().zip(rival).map(|(logged, rival)| logged - rival).collect();
@@ -77,7 +77,7 @@ pub struct Followed {
     /// What one unit more, for good, does to the room within six hours, over its deviation robust by days.
     pub gain_t: f64,
     /// The regression without the input.
-    pub without: Compared,
+    pub without: PairedComparison,
 }
 
 impl Regression {
@@ -166,7 +166,10 @@ impl Regression {
 
     /// The regression with all inputs so many hours later (negative) or earlier, beside that of what was
     /// logged: the clock of the room itself.
-    pub fn with_all_shifted<'a>(&'a self, hours: &'a [i64]) -> impl Iterator<Item = (i64, Compared)> + 'a {
+    pub fn with_all_shifted<'a>(
+        &'a self,
+        hours: &'a [i64],
+    ) -> impl Iterator<Item = (i64, PairedComparison)> + 'a {
         let error = |shift: i64| {
             let columns = self.drivers.iter().flat_map(|driver| self.columns(&rolled(&driver.hourly, shift)));
             self.squares(
@@ -174,7 +177,7 @@ impl Regression {
             )
         };
         let logged = error(0);
-        hours.iter().map(move |hours| (*hours, Compared::of(&logged, &error(*hours))))
+        hours.iter().map(move |hours| (*hours, PairedComparison::of(&logged, &error(*hours))))
     }
 
     /// Forecasts of the first output by a regression on the rows whose target lies in `train`, for the rows
@@ -275,18 +278,18 @@ impl Beside<'_> {
             .unwrap_or_default();
         let deviation = scores.iter().map(|score| score * score).sum::<f64>().sqrt();
         let gain_t = coefficients.sum() / deviation.max(f64::MIN_POSITIVE);
-        let without = Compared::of(&self.logged_by_day, &self.regression.squares(&self.rest));
+        let without = PairedComparison::of(&self.logged_by_day, &self.regression.squares(&self.rest));
         Followed { gain_t, without }
     }
 
     /// The regression with the input so many hours earlier: its value `hours` later takes the place of each.
     /// Circular, so that its distribution stays.
-    pub fn shifted(&self, hours: i64) -> Option<Compared> {
+    pub fn shifted(&self, hours: i64) -> Option<PairedComparison> {
         self.with(&rolled(&self.driver.hourly, hours))
     }
 
     /// The regression with another input of it in the place of this one, which is left out.
-    pub fn exchanged(&self, other: usize) -> Option<Compared> {
+    pub fn exchanged(&self, other: usize) -> Option<PairedComparison> {
         self.with(&self.regression.drivers.iter().find(|driver| driver.input == other)?.hourly)
     }
 
@@ -300,9 +303,9 @@ impl Beside<'_> {
         (1 + as_good) as f64 / days.max(1) as f64
     }
 
-    fn with(&self, hourly: &[f64]) -> Option<Compared> {
+    fn with(&self, hourly: &[f64]) -> Option<PairedComparison> {
         let part = self.regression.own_part(&self.others, &self.rest, &self.regression.columns(hourly))?;
-        Some(Compared::of(&self.logged_by_day, &self.regression.squares(&part.rest)))
+        Some(PairedComparison::of(&self.logged_by_day, &self.regression.squares(&part.rest)))
     }
 }
 

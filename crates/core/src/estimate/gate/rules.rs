@@ -8,9 +8,10 @@ use super::context::ValidationContext;
 use super::hearing;
 use super::limits::{OutputScale, ticks};
 use super::physics;
-use super::table::{Rule, Table};
+use super::table::{CheckTable, Rule};
 use crate::estimate::assess::metrics::horizon_name;
 use crate::estimate::fit::Stop;
+use crate::estimate::problem::predictor::Predictor;
 use crate::estimate::problem::request::Budget;
 use crate::estimate::problem::whiten::stride;
 use crate::model::Output;
@@ -54,7 +55,7 @@ pub const ALL: &[Rule] = &[
     Rule { name: "G12 determined", look: hearing::determined },
 ];
 
-fn finite(context: &ValidationContext, table: &mut Table) {
+fn finite(context: &ValidationContext, table: &mut CheckTable) {
     let of_output = |(index, output): (usize, &Output)| {
         let again = context
             .problem
@@ -72,7 +73,7 @@ fn finite(context: &ValidationContext, table: &mut Table) {
     table.at_most("G1 finite", difference, 1e-9, "-", Severity::Reject, comment);
 }
 
-fn bounds(context: &ValidationContext, table: &mut Table) {
+fn bounds(context: &ValidationContext, table: &mut CheckTable) {
     let estimates = &context.fit.parameters;
     let outside = estimates.values().filter(|e| !(e.bounds[0]..=e.bounds[1]).contains(&e.value)).count();
     let comment = "every parameter, estimated or fixed, lies inside its bounds".to_owned();
@@ -87,46 +88,49 @@ fn bounds(context: &ValidationContext, table: &mut Table) {
     }
 }
 
-fn physical(context: &ValidationContext, table: &mut Table) {
+fn physical(context: &ValidationContext, table: &mut CheckTable) {
     table.checks.extend(physics::checks(&context.problem, &context.theta, &context.trajectory));
 }
 
-fn persistence(context: &ValidationContext, table: &mut Table) {
+fn persistence(context: &ValidationContext, table: &mut CheckTable) {
     let name = horizon_name(context.policy.horizon);
     let ratio = context.forecast.as_ref().map(|error| error.rmse / error.persistence.max(f64::MIN_POSITIVE));
-    let comment = match &context.forecast {
-        Some(error) if !context.problem.filters() => format!(
-            "the free run errs by {:.2} {unit} on unseen data, holding each output's last measurement for \
-            {name} by {:.2}",
-            error.rmse,
-            error.persistence,
-            unit = context.problem.scale_in_words()
-        ),
-        Some(error) => format!(
-            "forecasts {name} ahead err by {:.2}, holding the last measurement by {:.2}",
-            error.rmse, error.persistence
-        ),
-        None if !context.problem.filters() => {
-            format!(
-                "there are no unseen measurements {name} behind others to compare the free run with, or it \
-                leaves the numbers"
-            )
-        }
-        None => format!(
-            "there are no unseen measurements to forecast {name} ahead, or a forecast of them leaves the \
-            numbers"
-        ),
-    };
+    let comment = beside_persistence(context, &name);
     table.at_most("G4 beats persistence", ratio, 1.0, "-", Severity::Reject, comment);
     if ratio.is_some_and(|ratio| ratio > BARELY && ratio <= 1.0) {
         table.flags.push("barely_better_than_persistence".to_owned());
-        let what = if context.problem.filters() { "forecasts are" } else { "free run is" };
-        let comment = format!("the {what} hardly better than holding the last measurement");
+        let are = context.problem.predictor().subject();
+        let comment = format!("{are} hardly better than holding the last measurement");
         table.at_most("G4 clearly beats persistence", ratio, BARELY, "-", Severity::Flag, comment);
     }
 }
 
-fn incumbent(context: &ValidationContext, table: &mut Table) {
+/// What the fit and persistence err by at a horizon, in words.
+fn beside_persistence(context: &ValidationContext, horizon: &str) -> String {
+    match (context.problem.predictor(), &context.forecast) {
+        (Predictor::Filtered, Some(error)) => format!(
+            "forecasts {horizon} ahead err by {:.2}, holding the last measurement by {:.2}",
+            error.rmse, error.persistence
+        ),
+        (Predictor::Filtered, None) => format!(
+            "there are no unseen measurements to forecast {horizon} ahead, or a forecast of them leaves the \
+            numbers"
+        ),
+        (Predictor::FreeRun, Some(error)) => format!(
+            "the free run errs by {:.2} {unit} on unseen data, holding each output's last measurement for \
+            {horizon} by {:.2}",
+            error.rmse,
+            error.persistence,
+            unit = context.problem.scale_in_words()
+        ),
+        (Predictor::FreeRun, None) => format!(
+            "there are no unseen measurements {horizon} behind others to compare the free run with, or it \
+            leaves the numbers"
+        ),
+    }
+}
+
+fn incumbent(context: &ValidationContext, table: &mut CheckTable) {
     let Some(incumbent) = &context.incumbent else { return };
     let theirs = context.error_of(incumbent, context.problem.split().validation.clone());
     let ratio = context
@@ -135,16 +139,12 @@ fn incumbent(context: &ValidationContext, table: &mut Table) {
         .zip(theirs)
         .map(|(ours, theirs)| ours.rmse / theirs.rmse.max(f64::MIN_POSITIVE));
     let name = horizon_name(context.policy.horizon);
-    let what = if context.problem.filters() {
-        format!("the error {name} ahead")
-    } else {
-        "the error of the free run".to_owned()
-    };
+    let what = context.problem.predictor().error_at(&name);
     let comment = format!("{what} beside that of the parameters served now, on the same unseen data");
     table.at_most(NO_WORSE_THAN_INCUMBENT, ratio, INCUMBENT_RATIO, "-", Severity::Reject, comment);
 }
 
-fn largest_error(context: &ValidationContext, table: &mut Table) {
+fn largest_error(context: &ValidationContext, table: &mut CheckTable) {
     let error = |scale: &OutputScale| {
         let (values, _) = context.problem.measured()[scale.output];
         let used = context.problem.usable(scale.output, context.since(FORTNIGHT)..values.len());
@@ -157,7 +157,7 @@ fn largest_error(context: &ValidationContext, table: &mut Table) {
     table.worst(context, "G5 largest error", LARGEST_ERROR, error, says);
 }
 
-fn excursion(context: &ValidationContext, table: &mut Table) {
+fn excursion(context: &ValidationContext, table: &mut CheckTable) {
     let excursion = |scale: &OutputScale| {
         let (values, valid) = context.problem.measured()[scale.output];
         let known = (0..values.len()).filter(|k| valid[*k]).map(|k| values[k]);
@@ -170,7 +170,7 @@ fn excursion(context: &ValidationContext, table: &mut Table) {
     table.worst(context, "G5 excursion", LARGEST_EXCURSION, excursion, says);
 }
 
-fn repeat(context: &ValidationContext, table: &mut Table) {
+fn repeat(context: &ValidationContext, table: &mut CheckTable) {
     let pass = context.fit.stopped_by == Stop::Converged;
     if !pass {
         table.flags.push("low_confidence".to_owned());
@@ -196,7 +196,7 @@ fn repeat(context: &ValidationContext, table: &mut Table) {
     table.check("G7 repeat", None, "", None, "-", pass, severity, comment);
 }
 
-fn unseen(context: &ValidationContext, table: &mut Table) {
+fn unseen(context: &ValidationContext, table: &mut CheckTable) {
     let unseen = context.problem.split().validation.len();
     let comment = "there are measurements that the search has not seen".to_owned();
     table.check(
@@ -211,7 +211,7 @@ fn unseen(context: &ValidationContext, table: &mut Table) {
     );
 }
 
-fn complete(context: &ValidationContext, table: &mut Table) {
+fn complete(context: &ValidationContext, table: &mut CheckTable) {
     let (problem, split) = (&context.problem, context.problem.split());
     let all = split.train.start..split.validation.end.max(split.train.end);
     let excluded = |k: &usize| {
@@ -237,7 +237,7 @@ fn complete(context: &ValidationContext, table: &mut Table) {
     );
 }
 
-fn excited(context: &ValidationContext, table: &mut Table) {
+fn excited(context: &ValidationContext, table: &mut CheckTable) {
     let inputs = || context.problem.model().inputs().iter().enumerate();
     let constant = |index: usize| {
         let (low, high) = context.problem.inputs().range(index);
@@ -259,7 +259,7 @@ fn excited(context: &ValidationContext, table: &mut Table) {
     }
 }
 
-fn unit_jump(context: &ValidationContext, table: &mut Table) {
+fn unit_jump(context: &ValidationContext, table: &mut CheckTable) {
     let change = |scale: &OutputScale| {
         let (values, valid) = context.problem.measured()[scale.output];
         let ticks = ticks(valid);
@@ -273,7 +273,7 @@ fn unit_jump(context: &ValidationContext, table: &mut Table) {
     table.worst(context, "G8 no unit jump", LARGEST_CHANGE, change, says);
 }
 
-fn stuck(context: &ValidationContext, table: &mut Table) {
+fn stuck(context: &ValidationContext, table: &mut CheckTable) {
     let longest = |scale: &OutputScale| {
         let (values, valid) = context.problem.measured()[scale.output];
         let step = context.problem.quanta().get(scale.output).copied().flatten().unwrap_or(0.0);

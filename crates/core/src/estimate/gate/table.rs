@@ -3,22 +3,22 @@
 use super::check::{CheckResult, Severity};
 use super::context::ValidationContext;
 use super::limits::OutputScale;
-use super::past::{Past, Policy};
+use super::past::{GatePolicy, Past};
 use crate::estimate::fit::Fit;
 use crate::estimate::problem::Problem;
 
 /// What the rules wrote down. It says what is wrong and lets nothing out.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct Table {
+pub struct CheckTable {
     /// Every check, in the order of the rules.
     pub checks: Vec<CheckResult>,
     /// What the controller should know about the parameters.
     pub flags: Vec<String>,
 }
 
-impl Table {
+impl CheckTable {
     /// Puts a fit to some rules.
-    pub fn of(problem: &Problem, fit: &Fit, past: &Past, policy: &Policy, rules: &[Rule]) -> Self {
+    pub fn of(problem: &Problem, fit: &Fit, past: &Past, policy: &GatePolicy, rules: &[Rule]) -> Self {
         let mut table = Self::default();
         match ValidationContext::new(problem, fit, past, policy) {
             Ok(context) => rules.iter().for_each(|rule| (rule.look)(&context, &mut table)),
@@ -88,5 +88,5 @@ pub struct Rule {
     /// What its checks are called; those of physics and of the inputs have names of their own behind `G3`,
     /// `G9`, `G10` and `G11`, and `G6` looks at older days as well.
     pub name: &'static str,
-    pub(super) look: fn(&ValidationContext, &mut Table),
+    pub(super) look: fn(&ValidationContext, &mut CheckTable),
 }

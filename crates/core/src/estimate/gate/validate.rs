@@ -6,10 +6,10 @@
 //! judged on the same unseen data.
 
 use super::check::{CheckResult, Severity};
-use super::past::{Past, Policy};
+use super::past::{GatePolicy, Past};
 use super::rules::ALL;
 pub use super::rules::NO_WORSE_THAN_INCUMBENT;
-use super::table::Table;
+use super::table::CheckTable;
 use crate::estimate::fit::Fit;
 use crate::estimate::problem::Problem;
 
@@ -89,9 +89,9 @@ impl Judgement {
 /// A fit that forecasts worse than the incumbent by more than this share is good for nothing new.
 const UNCHANGED_RATIO: f64 = 1.02;
 
-/// Judges a fit by every rule. A part of them gives a [`Table`], which lets nothing out.
-pub fn validate(problem: &Problem, fit: &Fit, past: &Past, policy: &Policy) -> Judgement {
-    let table = Table::of(problem, fit, past, policy, ALL);
+/// Judges a fit by every rule. A part of them gives a [`CheckTable`], which lets nothing out.
+pub fn validate(problem: &Problem, fit: &Fit, past: &Past, policy: &GatePolicy) -> Judgement {
+    let table = CheckTable::of(problem, fit, past, policy, ALL);
     let ratio = table
         .checks
         .iter()

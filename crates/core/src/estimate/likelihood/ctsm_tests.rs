@@ -2,7 +2,7 @@
 //! on.
 
 use super::objective::LikelihoodObjective;
-use crate::data::Bindings;
+use crate::data::ColumnBindings;
 use crate::data::Window;
 use crate::estimate::problem::request::{EstimateRequest, Site, prepare};
 use crate::estimate::run::estimate;
@@ -14,7 +14,7 @@ use serde_json::json;
 /// A room of the thesis's kind without neighbours, as a problem.
 fn room(seed: u64, split: serde_json::Value) -> (Problem, EstimateRequest) {
     let twin = twin::room(seed, 0, 9, 30).unwrap();
-    let (window, _) = Window::parse_csv(&twin.csv, &Bindings::none()).unwrap();
+    let (window, _) = Window::parse_csv(&twin.csv, &ColumnBindings::none()).unwrap();
     let request: EstimateRequest =
         serde_json::from_value(json!({"method": {"name": "ctsm", "seed": 3}, "split": split})).unwrap();
     let catalogue = Catalogue::builtin().unwrap();

@@ -5,7 +5,7 @@ use crate::estimate::fit::CorrelatedPair;
 use crate::estimate::fit::likelihood::Profile;
 use crate::estimate::problem::bounds::AT_BOUND;
 use crate::estimate::search::control::Control;
-use crate::optimise::Scale;
+use crate::optimise::DimensionScale;
 use crate::optimise::ctsm::CtsmOptions;
 use crate::optimise::scoring::ScoringOptions;
 use indexmap::IndexMap;
@@ -95,8 +95,10 @@ impl Curvature {
                 curvature.intervals[i] =
                     Some([dimension.value(low.max(0.0)), dimension.value(high.min(1.0))]);
                 let stretch = match dimension.scale {
-                    Scale::Linear => dimension.upper - dimension.lower,
-                    Scale::Log => dimension.value(place[i]) * (dimension.upper / dimension.lower).ln(),
+                    DimensionScale::Linear => dimension.upper - dimension.lower,
+                    DimensionScale::Log => {
+                        dimension.value(place[i]) * (dimension.upper / dimension.lower).ln()
+                    }
                 };
                 curvature.errors[i] = Some(curvature.deviation[i] * stretch);
             }

@@ -2,10 +2,8 @@
 //! scale.
 
 use crate::estimate::problem::Problem;
-use crate::estimate::problem::objective::Prior;
-use crate::model::Scale as ModelScale;
 use crate::optimise::scoring::{Scoring, ScoringOptions};
-use crate::optimise::{Ask, Candidate, Cost, Dimension, Evaluation, Scale, Slope, Space};
+use crate::optimise::{Ask, Candidate, Cost, Dimension, DimensionScale, Evaluation, Slope, Space};
 use crate::simulate::likelihood::Likelihood;
 use crate::simulate::trajectory::Halt;
 use rayon::prelude::*;
@@ -30,7 +28,12 @@ impl<'a> LikelihoodObjective<'a> {
         let sensor = model.outputs()[0].noise_sd;
         let mut dimensions = problem.space().dimensions().to_vec();
         let mut noise = |name: String, [lower, upper, _]: [f64; 3], unit: f64| {
-            dimensions.push(Dimension { name, lower: lower * unit, upper: upper * unit, scale: Scale::Log });
+            dimensions.push(Dimension {
+                name,
+                lower: lower * unit,
+                upper: upper * unit,
+                scale: DimensionScale::Log,
+            });
         };
         model.states().iter().for_each(|state| noise(format!("sigma({})", state.name), DIFFUSION, sensor));
         model
@@ -143,16 +146,9 @@ impl<'a> LikelihoodObjective<'a> {
         point
     }
 
-    /// The pull of the prior at each coordinate: the deviation of a logarithm from its nominal value.
+    /// The pull of the prior at a coordinate.
     fn pull(&self, point: &[f64], coordinate: usize) -> Option<f64> {
-        let place = self.places[coordinate];
-        let parameter = self.problem.model().parameters().get(place)?;
-        let (value, nominal) = (point[place], self.problem.nominal()[place]);
-        let pulled = self.problem.prior() == Prior::LogNormal
-            && parameter.scale == ModelScale::Log
-            && value > 0.0
-            && nominal > 0.0;
-        pulled.then(|| (value / nominal).ln())
+        self.problem.pull(self.places[coordinate], point, self.problem.prior().deviation()?)
     }
 
     /// Minus the log-likelihood, and minus the logarithm of the prior where there is one.
@@ -175,8 +171,10 @@ impl<'a> LikelihoodObjective<'a> {
             .map(|coordinate| {
                 let dimension = &self.space.dimensions()[*coordinate];
                 match dimension.scale {
-                    Scale::Linear => dimension.upper - dimension.lower,
-                    Scale::Log => point[self.places[*coordinate]] * (dimension.upper / dimension.lower).ln(),
+                    DimensionScale::Linear => dimension.upper - dimension.lower,
+                    DimensionScale::Log => {
+                        point[self.places[*coordinate]] * (dimension.upper / dimension.lower).ln()
+                    }
                 }
             })
             .collect();

@@ -1,9 +1,10 @@
 //! What a caller wants different from a model's own document, and where the measurements come from.
 
 use super::basis::Basis;
-use super::objective::{Objective, Prior, ShapeDelta};
+use super::objective::{Objective, ShapeDelta};
+use super::prior::Prior;
 use crate::fault::{Fault, nearest};
-use crate::model::{Model, Scale as ModelScale};
+use crate::model::{Model, Scale};
 use indexmap::IndexMap;
 
 /// What the caller wants different from the model's own document.
@@ -48,7 +49,7 @@ impl Choices {
         for parameter in model.parameters() {
             if let Some([lower, upper]) = self.bounds.get(&parameter.name)
                 && (!(lower.is_finite() && upper.is_finite() && lower < upper)
-                    || (parameter.scale == ModelScale::Log && *lower <= 0.0))
+                    || (parameter.scale == Scale::Log && *lower <= 0.0))
             {
                 let detail =
                     format!("[{lower}, {upper}] is not an interval on the scale of `{}`", parameter.name);

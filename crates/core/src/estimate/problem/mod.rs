@@ -4,6 +4,8 @@
 //! EstimateRequest, Window, Catalogue --request--> Problem (basis, objective) --> cost of a candidate
 //! ```
 //!
+//! `predictor` says from which states the model predicts, `prior` what is known before any data, `variants`
+//! makes the same problem with one thing changed, and `widen` gives its grid whatever else was measured.
 //! `method` names the search and `stop` says when it ends early; `bounds` asks whether a parameter sits on
 //! one, `whiten` has the autoregressive model of a residual.
 
@@ -12,20 +14,27 @@ pub mod bounds;
 pub mod choices;
 pub mod method;
 pub mod objective;
+pub mod predictor;
+pub mod prior;
 pub mod request;
 pub mod stop;
+mod variants;
 pub mod whiten;
+pub mod widen;
 
 use crate::data::{Grid, Split};
 use crate::fault::Fault;
-use crate::model::{Model, Nominal, Scale as ModelScale};
-use crate::optimise::{Candidate, Cost, Dimension, Evaluation, Scale, Space, Theta};
+use crate::model::{Model, Nominal, Scale};
+use crate::optimise::{Candidate, Cost, Dimension, DimensionScale, Evaluation, Space, Theta};
+use crate::simulate::kalman::Kalman;
 use crate::simulate::trajectory::{Halt, MeasuredOutput};
 use crate::simulate::{Inputs, Simulator, Stepper, Trajectory, substeps};
 use crate::units::error_unit;
 use basis::Basis;
 use choices::{Choices, Source};
-use objective::{Objective, Prior, ShapeDelta, Share, divisor};
+use objective::{Objective, ShapeDelta, Share, divisor};
+use predictor::Predictor;
+use prior::Prior;
 use std::ops::Range;
 
 /// Fewest samples to train on, of every output.
@@ -68,8 +77,9 @@ impl Problem {
         source: Source,
     ) -> Result<Self, Vec<Fault>> {
         let mut faults = choices.faults(&model);
-        if choices.objective == Objective::Likelihood && model.stepper() == Stepper::Rkc {
-            let detail = "the likelihood needs a filter, and a model that is stepped by rkc has none";
+        if choices.objective == Objective::Likelihood
+            && let Some(detail) = Predictor::of(&model).lacks_filter_for("the likelihood")
+        {
             faults.push(
                 Fault::new("/objective", "stepper", detail).suggest("name another method and objective"),
             );
@@ -133,7 +143,7 @@ impl Problem {
         for (index, parameter) in self.model.parameters().iter().enumerate() {
             let asked = choices.bounds.get(&parameter.name).copied();
             let [lower, upper] = asked.unwrap_or([parameter.lower, parameter.upper]);
-            let log = parameter.scale == ModelScale::Log;
+            let log = parameter.scale == Scale::Log;
             let nominal = match &parameter.nominal {
                 Nominal::Value(value) => *value,
                 Nominal::Measured(channel) => {
@@ -149,7 +159,7 @@ impl Problem {
                 None => {
                     self.nominal.push(nominal.clamp(lower, upper));
                     self.free.push(index);
-                    let scale = if log { Scale::Log } else { Scale::Linear };
+                    let scale = if log { DimensionScale::Log } else { DimensionScale::Linear };
                     dimensions.push(Dimension { name: parameter.name.clone(), lower, upper, scale });
                 }
             }
@@ -197,10 +207,19 @@ impl Problem {
         &self.simulator
     }
 
-    /// Whether the model's states are re-estimated by a filter. Large models that are stepped explicitly have
-    /// free runs only: a covariance of a hundred states costs more than a thousand simulations.
-    pub fn filters(&self) -> bool {
-        self.model.stepper() != Stepper::Rkc
+    /// From which states the model predicts.
+    pub fn predictor(&self) -> Predictor {
+        Predictor::of(&self.model)
+    }
+
+    /// The filter over the window; `None` where the model predicts by its free run.
+    pub fn filter(&self) -> Option<Kalman<'_>> {
+        match self.predictor() {
+            Predictor::Filtered => {
+                Some(Kalman::new(&self.model, &self.simulator, &self.inputs, &self.measured()))
+            }
+            Predictor::FreeRun => None,
+        }
     }
 
     /// Training, validation and test parts.
@@ -251,66 +270,6 @@ impl Problem {
     /// Over which intervals from one sample to the next all inputs are known.
     pub fn known(&self) -> Vec<bool> {
         (0..self.inputs.samples().saturating_sub(1)).map(|k| self.inputs.known(k)).collect()
-    }
-
-    /// The same problem with so many internal steps per sample, whose simulation also stands still over the
-    /// intervals at which `known` is false.
-    #[must_use]
-    pub fn aligned(&self, known: &[bool], steps: usize) -> Self {
-        let inputs = self.inputs.masked(known);
-        Self { simulator: simulator_for(&self.model, &inputs, &self.measured, steps), inputs, ..self.clone() }
-    }
-
-    /// The same problem with so many internal steps per sample.
-    #[must_use]
-    pub fn with_substeps(&self, steps: usize) -> Self {
-        Self { simulator: simulator_for(&self.model, &self.inputs, &self.measured, steps), ..self.clone() }
-    }
-
-    /// The same problem, whose warm-up goes over the mean of the inputs at these samples where it goes over
-    /// that of the record.
-    #[must_use]
-    pub fn averaged_over(&self, samples: Range<usize>) -> Self {
-        let inputs = self.inputs.clone().averaged_over(samples);
-        Self {
-            simulator: simulator_for(&self.model, &inputs, &self.measured, self.simulator.substeps()),
-            inputs,
-            ..self.clone()
-        }
-    }
-
-    /// The same problem with some parameters fixed at values.
-    #[must_use]
-    pub fn with_fixed(&self, parameters: &[(usize, f64)]) -> Self {
-        let mut problem = self.clone();
-        parameters.iter().for_each(|(index, value)| problem.nominal[*index] = *value);
-        let keep: Vec<bool> =
-            self.free.iter().map(|index| parameters.iter().all(|(fixed, _)| fixed != index)).collect();
-        let kept = || keep.iter().copied();
-        problem.free =
-            self.free.iter().zip(kept()).filter_map(|(index, keep)| keep.then_some(*index)).collect();
-        problem.space = Space::new(
-            self.space
-                .dimensions()
-                .iter()
-                .zip(kept())
-                .filter(|(_, keep)| *keep)
-                .map(|(d, _)| d.clone())
-                .collect(),
-        );
-        problem
-    }
-
-    /// The same problem with its prior weighted by this residual variance.
-    #[must_use]
-    pub fn with_prior_variance(&self, variance: f64) -> Self {
-        Self { prior_variance: Some(variance), ..self.clone() }
-    }
-
-    /// The same problem without its prior.
-    #[must_use]
-    pub fn without_prior(&self) -> Self {
-        Self { prior: Prior::None, ..self.clone() }
     }
 
     /// The full vector of a candidate.
@@ -368,8 +327,8 @@ impl Problem {
             let (simulated, (values, _)) = (&trajectory.outputs[output], &self.measured[output]);
             residuals.extend(used.iter().map(|k| (simulated[*k] - values[*k]) * weight));
         }
-        if let (Prior::LogNormal, Some(variance)) = (self.prior, self.prior_variance) {
-            self.add_prior(&mut residuals, theta, variance);
+        if let (Some(deviation), Some(variance)) = (self.prior.deviation(), self.prior_variance) {
+            self.add_prior(&mut residuals, theta, deviation, variance);
         }
         residuals
     }
@@ -427,15 +386,10 @@ impl Problem {
         if self.model.stepper() == Stepper::Rkc { self.difference() } else { 0.0 }
     }
 
-    /// Appends the pulls of the log-normal prior, so that the cost becomes MSE + s2/n sum z2.
-    fn add_prior(&self, residuals: &mut Vec<f64>, theta: &[f64], variance: f64) {
+    /// Appends the pulls of the prior, so that the cost becomes MSE + s2/n sum z2.
+    fn add_prior(&self, residuals: &mut Vec<f64>, theta: &[f64], deviation: f64, variance: f64) {
         let n = residuals.len();
-        for index in &self.free {
-            let (value, nominal) = (theta[*index], self.nominal[*index]);
-            if self.model.parameters()[*index].scale == ModelScale::Log && value > 0.0 && nominal > 0.0 {
-                residuals.push(variance.sqrt() * (value / nominal).ln());
-            }
-        }
+        residuals.extend(self.pulls(theta, deviation).map(|pull| variance.sqrt() * pull));
         let stretch = (residuals.len() as f64 / n.max(1) as f64).sqrt();
         residuals.iter_mut().for_each(|residual| *residual *= stretch);
     }
@@ -444,6 +398,14 @@ impl Problem {
     pub fn usable(&self, output: usize, range: Range<usize>) -> Vec<usize> {
         let (_, valid) = &self.measured[output];
         range.filter(|k| valid[*k] && self.simulator.predicted(*k)).collect()
+    }
+
+    /// Measured minus simulated of an output at every sample, in its unit; only the usable samples mean
+    /// anything.
+    pub fn residual(&self, output: usize, simulated: &[f64]) -> Vec<f64> {
+        self.measured
+            .get(output)
+            .map_or_else(Vec::new, |(values, _)| values.iter().zip(simulated).map(|(y, x)| y - x).collect())
     }
 
     /// Simulates one full vector over the whole window.

@@ -148,18 +148,6 @@ impl Objective {
     }
 }
 
-/// What is known about the parameters before any data.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, ToSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum Prior {
-    /// Nothing but the bounds.
-    #[default]
-    None,
-    /// ln(theta) is normal about the nominal value with deviation 1: the regularisation that the thesis asks
-    /// for in 7.6.2.
-    LogNormal,
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -3,8 +3,9 @@
 use super::basis::Basis;
 use super::choices::{Choices, Source};
 pub use super::method::SeededMethod;
-use super::objective::ShapeDelta;
-use super::objective::{Objective, Prior};
+use super::objective::{Objective, ShapeDelta};
+use super::predictor::Predictor;
+use super::prior::Prior;
 use super::stop::EarlyStopping;
 use super::whiten::common_divisor;
 use crate::data::{
@@ -13,7 +14,7 @@ use crate::data::{
 };
 use crate::estimate::problem::Problem;
 use crate::fault::Fault;
-use crate::model::{Bindings, Catalogue, Hold, Model, ModelId, compile};
+use crate::model::{Bindings, Catalogue, InputHold, Model, ModelId, compile};
 use crate::optimise::Method;
 use crate::schema::Interval;
 use crate::simulate::Stepper;
@@ -234,6 +235,13 @@ pub struct Site {
     pub sets: BTreeMap<String, Vec<String>>,
 }
 
+impl Site {
+    /// The place that a problem was put together for.
+    pub fn of(basis: &Basis) -> Self {
+        Self { location: basis.location, zone: basis.zone.clone(), sets: basis.sets.clone() }
+    }
+}
+
 /// Compiles the model for this window and place and puts the problem together.
 ///
 /// # Errors
@@ -297,7 +305,11 @@ pub fn days_before(
     let window = window.slice(start - BEFORE.seconds(), start).ok()?;
     let split = SplitRequest { train: BEFORE, validation: Duration::from_seconds(0), test: None };
     let asked = EstimateRequest { window: None, split, early_stopping: None, ..request.clone() };
-    prepare(catalogue, problem.model().id(), &asked, &window, site).ok().filter(Problem::filters)
+    match problem.predictor() {
+        Predictor::Filtered => prepare(catalogue, problem.model().id(), &asked, &window, site).ok(),
+        // A free run of other days says nothing of this one.
+        Predictor::FreeRun => None,
+    }
 }
 
 /// The channels that a model can choose from: the window's, the clock's, the openings of a window, which can
@@ -334,9 +346,9 @@ pub(in crate::estimate) struct Columns<'a> {
 impl<'a> Columns<'a> {
     /// The outputs of a model, and those of its inputs that the window has.
     pub(in crate::estimate) fn of(model: &'a Model, window: &Window) -> Self {
-        let hold = |hold: Hold| match hold {
-            Hold::Linear => crate::data::Hold::Linear,
-            Hold::ZeroOrder => crate::data::Hold::ZeroOrder,
+        let hold = |hold: InputHold| match hold {
+            InputHold::Linear => crate::data::Hold::Linear,
+            InputHold::ZeroOrder => crate::data::Hold::ZeroOrder,
         };
         let inputs = model.inputs().iter().filter(|input| window.series(&input.channel).is_some());
         let outputs: Vec<&str> = model.outputs().iter().map(|output| output.channel.as_str()).collect();

@@ -14,6 +14,7 @@
 pub mod shooting;
 
 use super::problem::Problem;
+use super::problem::predictor::Predictor;
 use crate::model::Initial;
 use crate::simulate::Simulator;
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
@@ -45,8 +46,16 @@ pub struct Segments {
 
 impl Segments {
     /// Cuts these samples of a problem into segments of so many hours, each with at least half of them.
-    /// Segments with fewer measurements than twice the states are left out.
-    pub fn new(problem: &Problem, samples: Range<usize>, hours: f64) -> Self {
+    /// Segments with fewer measurements than twice the states are left out. `None` of a large model, whose
+    /// states at their starts nobody knows.
+    pub fn new(problem: &Problem, samples: Range<usize>, hours: f64) -> Option<Self> {
+        match problem.predictor() {
+            Predictor::Filtered => Some(Self::cut(problem, samples, hours)),
+            Predictor::FreeRun => None,
+        }
+    }
+
+    fn cut(problem: &Problem, samples: Range<usize>, hours: f64) -> Self {
         let grid = problem.grid();
         let length = ((hours / grid.step_hours()).round() as usize).max(2);
         let mut pieces = Vec::new();

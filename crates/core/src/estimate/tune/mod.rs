@@ -62,15 +62,14 @@ pub struct Tuning {
     /// The newer windows, which only judge.
     pub unseen: Vec<Span>,
     /// The rounds of the comparison: each keeps the better half.
-    pub rounds: Vec<Round>,
+    pub rounds: Vec<TuningRound>,
     /// Simulations of the whole tuning.
     pub evaluations: usize,
 }
 
 /// A round of the comparison.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
-#[schema(as = TuningRound)]
-pub struct Round {
+pub struct TuningRound {
     /// Settings that were left.
     pub candidates: usize,
     /// Searches of each so far.
@@ -240,7 +239,7 @@ fn halve<E>(
     Ok(left.first().copied().unwrap_or(0))
 }
 
-type Chosen = (CfaOptions, Vec<Round>, Option<TuningJudgement>, usize);
+type Chosen = (CfaOptions, Vec<TuningRound>, Option<TuningJudgement>, usize);
 
 /// The settings that are left, the rounds, both on the unseen windows, and what all of it cost.
 fn choose(
@@ -264,7 +263,7 @@ fn choose(
             mean(&runs[*candidate].iter().map(|run| arena.score(run)).collect::<Vec<_>>())
         };
         let scores: Vec<f64> = left.iter().map(score).collect();
-        rounds.push(Round {
+        rounds.push(TuningRound {
             candidates: left.len(),
             searches: searches.end,
             best: scores.iter().copied().fold(f64::INFINITY, f64::min).exp(),
@@ -333,7 +332,7 @@ fn changes(before: &SeededMethod, tuned: &SeededMethod) -> Map<String, Value> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::data::Bindings;
+    use crate::data::ColumnBindings;
     use crate::twin;
 
     #[test]
@@ -387,7 +386,7 @@ mod tests {
     #[test]
     fn a_seed_fixes_a_tuning_on_any_number_of_threads() {
         let twin = twin::room(5, 2, 4, 60).unwrap();
-        let (window, _) = Window::parse_csv(&twin.csv, &Bindings::none()).unwrap();
+        let (window, _) = Window::parse_csv(&twin.csv, &ColumnBindings::none()).unwrap();
         let site = Site { sets: [("neighbours".to_owned(), twin.neighbours)].into(), ..Site::default() };
         let request: EstimateRequest = serde_json::from_value(
             json!({"method": {"seed": 3}, "budget": {"evaluations": 400}, "split": {"train": "P1D"}}),

@@ -148,7 +148,9 @@ pub fn weather_next_door(table: &Table, seed: u64) -> lampyris_core::data::Windo
     let theirs = table.columns[place].iter().map(|v| v.map(|v| v + 0.5 + 0.4 * normal(&mut dice))).collect();
     let only =
         Table { names: vec![table.names[place].clone()], times: table.times.clone(), columns: vec![theirs] };
-    lampyris_core::data::Window::parse_csv(&only.csv(), &lampyris_core::data::Bindings::none()).unwrap().0
+    lampyris_core::data::Window::parse_csv(&only.csv(), &lampyris_core::data::ColumnBindings::none())
+        .unwrap()
+        .0
 }
 
 fn name_of_temperature(name: &str) -> bool {

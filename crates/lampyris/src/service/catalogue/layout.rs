@@ -3,7 +3,7 @@
 use super::windows::{Format, read};
 use crate::service::error::ServiceError;
 use crate::service::threads::blocking;
-use lampyris_core::data::{Bindings, Layout, propose_layout};
+use lampyris_core::data::{ColumnBindings, Layout, propose_layout};
 
 /// A proposal, and what was found while reading its measurements.
 #[derive(Debug)]
@@ -23,7 +23,7 @@ pub async fn propose(
     body: impl AsRef<[u8]> + Send + 'static,
 ) -> Result<Proposal, ServiceError> {
     let work = move || {
-        let (window, report) = read(format, body.as_ref(), &Bindings::none())?;
+        let (window, report) = read(format, body.as_ref(), &ColumnBindings::none())?;
         let mut warnings = report.warnings;
         if let Some(first) = report.rejected_rows.first() {
             warnings.push(format!(

@@ -5,7 +5,7 @@ use crate::service::error::ServiceError;
 use crate::service::state::Service;
 use crate::service::threads::blocking;
 use crate::store::idempotency::RequestKey;
-use crate::store::models::{self, Insertion, VersionRecord};
+use crate::store::models::{self, DocumentInsertion, VersionRecord};
 use jiff::Timestamp;
 use lampyris_core::fault::{Fault, nearest};
 use lampyris_core::model::document::ModelDocument;
@@ -396,11 +396,11 @@ fn same_or_conflict(same: bool, what: &'static str, id: &str) -> Result<(), Serv
 }
 
 /// Whether a document that was kept is new.
-fn settled(kept: Insertion, what: &'static str, id: &str) -> Result<bool, ServiceError> {
+fn settled(kept: DocumentInsertion, what: &'static str, id: &str) -> Result<bool, ServiceError> {
     match kept {
-        Insertion::New => Ok(true),
-        Insertion::Known => Ok(false),
-        Insertion::Conflict => Err(ServiceError::Conflict(what, id.to_owned())),
-        Insertion::KeyReused => Err(ServiceError::KeyReused),
+        DocumentInsertion::New => Ok(true),
+        DocumentInsertion::Known => Ok(false),
+        DocumentInsertion::Conflict => Err(ServiceError::Conflict(what, id.to_owned())),
+        DocumentInsertion::KeyReused => Err(ServiceError::KeyReused),
     }
 }

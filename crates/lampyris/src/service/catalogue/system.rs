@@ -2,10 +2,10 @@
 
 use crate::service::error::ServiceError;
 use indexmap::IndexMap;
-use lampyris_core::data::{Bindings as ColumnBindings, Duration, Length, SystemId, read_time};
+use lampyris_core::data::{ColumnBindings, Duration, Length, SystemId, read_time};
 use lampyris_core::estimate::EstimateRequest;
 use lampyris_core::estimate::problem::choices::Choices;
-use lampyris_core::estimate::problem::objective::Prior;
+use lampyris_core::estimate::problem::prior::Prior;
 use lampyris_core::estimate::problem::request::{SeededMethod, Site};
 use lampyris_core::fault::{Fault, nearest};
 use lampyris_core::model::{Bindings, Catalogue, ModelId, compile};

@@ -7,7 +7,7 @@ use crate::service::serving::params;
 use crate::service::state::Service;
 use crate::service::threads::blocking;
 use crate::store;
-use crate::store::systems::{Deleted, Needs};
+use crate::store::systems::{Needs, SystemDeletion};
 use lampyris_core::data::SystemId;
 use serde_json::json;
 
@@ -54,14 +54,14 @@ pub async fn delete(
     let refused =
         |slug, detail, because| Err(ServiceError::Refused(Refusal { slug, detail, because: Some(because) }));
     match store::systems::delete(&service.store, system, force, who, service.now()).await? {
-        Deleted::Busy(jobs) => {
+        SystemDeletion::Busy(jobs) => {
             let detail = format!(
                 "{} jobs of {system} or of its neighbours wait or run: wait for their end, or cancel them",
                 jobs.len()
             );
             refused("system-busy", detail, ("jobs", jobs))
         }
-        Deleted::Needed(Needs { fits, revisions, dependents }) => {
+        SystemDeletion::Needed(Needs { fits, revisions, dependents }) => {
             let detail = format!(
                 "{system} has {fits} fits, {revisions} revisions and {} dependents: `?force=true` deletes \
                 its history",
@@ -70,11 +70,11 @@ pub async fn delete(
             refused("system-needed", detail, ("dependents", dependents))
         }
         // A deletion whose answer was lost comes again: what is served is made to agree all the same.
-        Deleted::NotThere => {
+        SystemDeletion::NotThere => {
             params::refresh(service, system).await?;
             Err(ServiceError::NoSystem(system.clone()))
         }
-        Deleted::Gone => params::refresh(service, system).await,
+        SystemDeletion::Gone => params::refresh(service, system).await,
     }
 }
 

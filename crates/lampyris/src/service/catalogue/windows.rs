@@ -6,10 +6,10 @@ use crate::service::error::{Refusal, ServiceError};
 use crate::service::state::Service;
 use crate::service::threads::blocking;
 use crate::store::idempotency::RequestKey;
-use crate::store::windows::{self, Blocks, Deleted, Insertion, NewWindow, WindowRecord};
+use crate::store::windows::{self, Blocks, NewWindow, WindowDeletion, WindowInsertion, WindowRecord};
 use jiff::Timestamp;
 use lampyris_core::data::{
-    Bindings, ChannelKind, ColumnHeader, SystemId, Window, WindowDocument, WindowReport,
+    ChannelKind, ColumnBindings, ColumnHeader, SystemId, Window, WindowDocument, WindowReport,
 };
 use lampyris_core::fault::Fault;
 use lampyris_core::units::Unit;
@@ -32,7 +32,7 @@ pub enum Format {
 
 /// A window that was taken.
 #[derive(Debug, Clone)]
-pub struct Taken {
+pub struct TakenWindow {
     /// The window as it is kept.
     pub window: WindowRecord,
     /// Whether it is new.
@@ -60,7 +60,7 @@ pub async fn take(
     format: Format,
     body: impl AsRef<[u8]> + Send + 'static,
     key: Option<&RequestKey>,
-) -> Result<Taken, ServiceError> {
+) -> Result<TakenWindow, ServiceError> {
     let bindings = systems::require(service, system).await?.channels;
     let name = system.clone();
     let packed = blocking(move || pack(&name, format, body.as_ref(), &bindings)).await??;
@@ -78,16 +78,18 @@ pub async fn take(
         blocks: &packed.blocks,
     };
     let is_new = match windows::insert(&service.store, &new, key, service.now()).await? {
-        Insertion::New => {
+        WindowInsertion::New => {
             service.arrivals.note(system);
             true
         }
-        Insertion::Known => false,
-        Insertion::KeyReused => return Err(ServiceError::KeyReused),
-        Insertion::NoSystem => return Err(ServiceError::NoSystem(system.clone())),
+        WindowInsertion::Known => false,
+        WindowInsertion::KeyReused => return Err(ServiceError::KeyReused),
+        WindowInsertion::NoSystem => return Err(ServiceError::NoSystem(system.clone())),
     };
     let window = windows::get(&service.store, &packed.id).await?;
-    window.map(|window| Taken { window, is_new }).ok_or_else(|| ServiceError::NotFound("window", packed.id))
+    window
+        .map(|window| TakenWindow { window, is_new })
+        .ok_or_else(|| ServiceError::NotFound("window", packed.id))
 }
 
 /// Channels in a unit that does not convert to the one that they have in earlier windows: the two could never
@@ -138,14 +140,14 @@ pub async fn delete(service: &Service, id: &str, who: &str) -> Result<(), Servic
     let refused =
         |slug, detail, because| Err(ServiceError::Refused(Refusal { slug, detail, because: Some(because) }));
     match windows::delete(&service.store, id, who, service.now()).await? {
-        Deleted::Gone => Ok(()),
-        Deleted::NotThere => Err(ServiceError::NotFound("window", id.to_owned())),
-        Deleted::Cited(mut fits) => {
+        WindowDeletion::Gone => Ok(()),
+        WindowDeletion::NotThere => Err(ServiceError::NotFound("window", id.to_owned())),
+        WindowDeletion::Cited(mut fits) => {
             let detail = format!("{} fits cite `{id}` and could not be explained without it", fits.len());
             fits.truncate(MOST_NAMED);
             refused("window-cited", detail, ("fits", fits))
         }
-        Deleted::InUse(jobs) => {
+        WindowDeletion::InUse(jobs) => {
             let detail =
                 "a job that may be reading the window runs: wait for its end, or cancel it".to_owned();
             refused("window-in-use", detail, ("jobs", jobs))
@@ -154,7 +156,12 @@ pub async fn delete(service: &Service, id: &str, who: &str) -> Result<(), Servic
 }
 
 /// Parses and packs a body.
-fn pack(system: &SystemId, format: Format, body: &[u8], bindings: &Bindings) -> Result<Packed, ServiceError> {
+fn pack(
+    system: &SystemId,
+    format: Format,
+    body: &[u8],
+    bindings: &ColumnBindings,
+) -> Result<Packed, ServiceError> {
     let (window, report) = read(format, body, bindings)?;
     let identity = format!("{system} {}", window.content_hash());
     Ok(Packed {
@@ -185,7 +192,7 @@ pub fn unpack(windows: &[Blocks]) -> Result<Vec<Window>, ServiceError> {
 pub(super) fn read(
     format: Format,
     body: &[u8],
-    bindings: &Bindings,
+    bindings: &ColumnBindings,
 ) -> Result<(Window, WindowReport), ServiceError> {
     let faults = match parse(format, body, bindings) {
         Err(ServiceError::Faults(faults)) if faults.iter().any(|fault| fault.code == "unknown-column") => {
@@ -200,7 +207,7 @@ pub(super) fn read(
     if absent.is_empty() {
         return Err(ServiceError::Faults(faults));
     }
-    let mut present = Bindings::none();
+    let mut present = ColumnBindings::none();
     there.into_iter().for_each(|(channel, column)| present.bind(channel, column));
     let (window, mut report) = parse(format, body, &present)?;
     report.warnings.extend(absent.into_iter().map(|(channel, column)| {
@@ -209,7 +216,11 @@ pub(super) fn read(
     Ok((window, report))
 }
 
-fn parse(format: Format, body: &[u8], bindings: &Bindings) -> Result<(Window, WindowReport), ServiceError> {
+fn parse(
+    format: Format,
+    body: &[u8],
+    bindings: &ColumnBindings,
+) -> Result<(Window, WindowReport), ServiceError> {
     match format {
         Format::Json => {
             Window::parse_json(body, bindings).map_err(|faults| unreadable(body, bindings, faults))
@@ -227,7 +238,7 @@ fn parse(format: Format, body: &[u8], bindings: &Bindings) -> Result<(Window, Wi
 }
 
 /// All that is wrong with a JSON window whose form is wrong: the parser of large bodies stops at the first.
-fn unreadable(body: &[u8], bindings: &Bindings, faults: Vec<Fault>) -> ServiceError {
+fn unreadable(body: &[u8], bindings: &ColumnBindings, faults: Vec<Fault>) -> ServiceError {
     if faults.iter().all(|fault| fault.code != "unreadable") {
         return ServiceError::Faults(faults);
     }

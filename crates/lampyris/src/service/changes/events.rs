@@ -6,7 +6,7 @@
 //! or comes from an earlier start of the service, is told how things stand now: its [`Position`] says which
 //! submissions and ends it has missed.
 
-use crate::service::work::progress::Report;
+use crate::service::work::progress::ProgressReport;
 use crate::store::jobs::JobRecord;
 use indexmap::IndexMap;
 use lampyris_core::data::SystemId;
@@ -73,7 +73,7 @@ pub enum JobChange {
     /// A worker has it.
     Started(Box<JobRecord>),
     /// It has come so far.
-    Progress(Report),
+    Progress(ProgressReport),
     /// The best parameters so far, by name.
     Incumbent(Arc<IndexMap<String, f64>>),
     /// Nothing more will happen.
@@ -373,7 +373,7 @@ mod tests {
     fn a_newcomer_is_told_the_newest_of_each_kind() {
         let events = Events::new(1, 0);
         let system: SystemId = "room/1".parse().unwrap();
-        let report = |evaluations| Report {
+        let report = |evaluations| ProgressReport {
             generation: 1,
             evaluations,
             best_train: None,

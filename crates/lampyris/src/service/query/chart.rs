@@ -1,7 +1,7 @@
 //! Comparisons as documents: JSON for the page, CSV for a spreadsheet. Both hold the same numbers, with all
 //! their digits.
 
-use super::subject::{Asked, Named, Subject};
+use super::subject::{ComparisonAsked, NamedFit, Subject};
 use crate::service::error::ServiceError;
 use indexmap::IndexMap;
 use lampyris_core::data::{Duration, Envelope, Thinning, rfc3339};
@@ -105,11 +105,11 @@ struct Points {
 }
 
 impl Points {
-    fn new(start: i64, step: i64, samples: usize, asked: &Asked) -> Self {
+    fn new(start: i64, step: i64, samples: usize, asked: &ComparisonAsked) -> Self {
         Self { start, step, samples, thinning: Thinning::new(samples, asked.max_points) }
     }
 
-    fn frame(&self, asked: &Asked) -> Frame {
+    fn frame(&self, asked: &ComparisonAsked) -> Frame {
         let per_point = self.thinning.per_point();
         let comment = || {
             format!(
@@ -147,8 +147,8 @@ impl Points {
 
 /// One fit beside the measurements.
 pub(super) fn comparison_json(
-    named: &Named<'_>,
-    asked: &Asked,
+    named: &NamedFit<'_>,
+    asked: &ComparisonAsked,
     replay: &Replay,
     comparison: &Comparison,
 ) -> Result<Vec<u8>, ServiceError> {
@@ -181,13 +181,16 @@ pub(super) fn comparison_json(
     })
 }
 
-fn points_of(asked: &Asked, comparison: &Comparison) -> Points {
+fn points_of(asked: &ComparisonAsked, comparison: &Comparison) -> Points {
     let samples = comparison.outputs.values().next().map_or(0, |lines| lines.measured.len());
     Points::new(comparison.start, comparison.step, samples, asked)
 }
 
 /// The same as a table.
-pub(super) fn comparison_csv(asked: &Asked, comparison: &Comparison) -> Result<Vec<u8>, ServiceError> {
+pub(super) fn comparison_csv(
+    asked: &ComparisonAsked,
+    comparison: &Comparison,
+) -> Result<Vec<u8>, ServiceError> {
     let points = points_of(asked, comparison);
     let mut columns = Vec::new();
     for (channel, lines) in &comparison.outputs {
@@ -206,7 +209,7 @@ pub(super) fn comparison_csv(asked: &Asked, comparison: &Comparison) -> Result<V
 /// Several fits beside each other.
 pub(super) fn compared_json(
     subjects: &[Subject],
-    asked: &Asked,
+    asked: &ComparisonAsked,
     replays: &[Replay],
     compared: &Compared,
 ) -> Result<Vec<u8>, ServiceError> {
@@ -235,13 +238,13 @@ pub(super) fn compared_json(
     })
 }
 
-fn points_of_compared(asked: &Asked, compared: &Compared) -> Points {
+fn points_of_compared(asked: &ComparisonAsked, compared: &Compared) -> Points {
     let samples = compared.outputs.values().next().map_or(0, |output| output.measured.len());
     Points::new(compared.start, compared.step, samples, asked)
 }
 
 /// The same as a table.
-pub(super) fn compared_csv(asked: &Asked, compared: &Compared) -> Result<Vec<u8>, ServiceError> {
+pub(super) fn compared_csv(asked: &ComparisonAsked, compared: &Compared) -> Result<Vec<u8>, ServiceError> {
     let points = points_of_compared(asked, compared);
     let mut columns = Vec::new();
     for (channel, output) in &compared.outputs {

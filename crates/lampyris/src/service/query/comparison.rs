@@ -2,16 +2,16 @@
 //! on the interactive threads.
 
 use super::chart;
-use super::subject::{Asked, Named, key, load, require};
+use super::subject::{ComparisonAsked, NamedFit, key, load, require};
 use crate::service::catalogue::windows::Format;
 use crate::service::error::ServiceError;
 use crate::service::state::Service;
-use crate::service::work::interactive::Answer;
+use crate::service::work::interactive::RenderedAnswer;
 use crate::store;
 use crate::store::reach::SystemScope;
 use lampyris_core::data::rfc3339;
 use lampyris_core::estimate::assess::compare::{Contender, compare};
-use lampyris_core::estimate::assess::comparison::{Mode, comparison};
+use lampyris_core::estimate::assess::comparison::{ComparisonMode, comparison};
 use lampyris_core::estimate::assess::metrics::lead;
 use lampyris_core::estimate::assess::replay::window_of;
 use lampyris_core::estimate::{Fit, Replay};
@@ -25,7 +25,11 @@ pub const MOST_FITS: usize = 8;
 ///
 /// # Errors
 /// Where there is no such fit, it cannot be run again, or there is nothing in the range.
-pub async fn one(service: &Service, id: &str, asked: &Asked) -> Result<Answer, ServiceError> {
+pub async fn one(
+    service: &Service,
+    id: &str,
+    asked: &ComparisonAsked,
+) -> Result<RenderedAnswer, ServiceError> {
     let record = require(service, id).await?;
     let (from, to) = range(asked, &[&record.fit])?;
     checked(asked, &[&record.fit])?;
@@ -38,7 +42,11 @@ pub async fn one(service: &Service, id: &str, asked: &Asked) -> Result<Answer, S
     let work = move || {
         let replay = subject.replay(&subject.window()?, Some(to))?;
         let system = subject.record().system.to_string();
-        document(&subject.named(&system), &replay, &Asked { from: Some(from), to: Some(to), ..asked })
+        document(
+            &subject.named(&system),
+            &replay,
+            &ComparisonAsked { from: Some(from), to: Some(to), ..asked },
+        )
     };
     service.interactive.answer(&key, work).await
 }
@@ -48,11 +56,15 @@ pub async fn one(service: &Service, id: &str, asked: &Asked) -> Result<Answer, S
 ///
 /// # Errors
 /// Where there is nothing in the range.
-pub fn document(named: &Named<'_>, replay: &Replay, asked: &Asked) -> Result<Vec<u8>, ServiceError> {
+pub fn document(
+    named: &NamedFit<'_>,
+    replay: &Replay,
+    asked: &ComparisonAsked,
+) -> Result<Vec<u8>, ServiceError> {
     let (start, end) = window_of(named.fit).map_err(ServiceError::Faults)?;
     let mode = match asked.horizon.and_then(|horizon| lead(horizon.seconds(), named.fit.sample_s)) {
-        Some(lead) => Mode::Ahead(lead),
-        None => Mode::FreeRun,
+        Some(lead) => ComparisonMode::Ahead(lead),
+        None => ComparisonMode::FreeRun,
     };
     let comparison = comparison(replay, mode, asked.from.unwrap_or(start), asked.to.unwrap_or(end))
         .map_err(ServiceError::Faults)?;
@@ -70,8 +82,8 @@ pub async fn several(
     service: &Service,
     reach: &SystemScope,
     ids: &[String],
-    asked: &Asked,
-) -> Result<Answer, ServiceError> {
+    asked: &ComparisonAsked,
+) -> Result<RenderedAnswer, ServiceError> {
     let mut records = Vec::new();
     let mut faults = Vec::new();
     for id in ids {
@@ -131,7 +143,7 @@ pub async fn several(
 
 /// The range that is shown: by default from the latest start of a fit's window to the latest end of one, so
 /// that all fits have something to say about all of it.
-fn range(asked: &Asked, fits: &[&Fit]) -> Result<(i64, i64), ServiceError> {
+fn range(asked: &ComparisonAsked, fits: &[&Fit]) -> Result<(i64, i64), ServiceError> {
     let (mut start, mut end) = (i64::MIN, i64::MIN);
     for fit in fits {
         let (first, last) = window_of(fit).map_err(ServiceError::Faults)?;
@@ -142,7 +154,7 @@ fn range(asked: &Asked, fits: &[&Fit]) -> Result<(i64, i64), ServiceError> {
 }
 
 /// What only the fits can say about a question.
-fn checked(asked: &Asked, fits: &[&Fit]) -> Result<(), ServiceError> {
+fn checked(asked: &ComparisonAsked, fits: &[&Fit]) -> Result<(), ServiceError> {
     let mut faults = Vec::new();
     let (start, _) = range(asked, fits)?;
     if let Some(to) = asked.to.filter(|to| *to < start) {

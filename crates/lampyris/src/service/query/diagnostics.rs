@@ -1,10 +1,10 @@
 //! How well a fit follows its measurements, as numbers and in plain sentences.
 
 use super::chart;
-use super::subject::{self, Named};
+use super::subject::{self, NamedFit};
 use crate::service::error::ServiceError;
 use crate::service::state::Service;
-use crate::service::work::interactive::Answer;
+use crate::service::work::interactive::RenderedAnswer;
 use indexmap::IndexMap;
 use lampyris_core::data::Window;
 use lampyris_core::diagnose::failures::{Failures, failures, sentences};
@@ -41,7 +41,7 @@ pub async fn diagnostics(
     service: &Service,
     id: &str,
     output: Option<String>,
-) -> Result<Answer, ServiceError> {
+) -> Result<RenderedAnswer, ServiceError> {
     let record = subject::require(service, id).await?;
     if let Some(wanted) = output.as_deref().filter(|wanted| !record.fit.metrics.contains_key(*wanted)) {
         return Err(ServiceError::Faults(vec![unknown(&record.fit, wanted)]));
@@ -79,7 +79,7 @@ fn unknown(fit: &Fit, wanted: &str) -> Fault {
 /// # Errors
 /// Where the measurements do not serve.
 pub fn document(
-    named: &Named<'_>,
+    named: &NamedFit<'_>,
     replay: &Replay,
     window: &Window,
     output: Option<&str>,

@@ -19,7 +19,7 @@ const MOST_POINTS: usize = 4_000_000;
 
 /// What is asked for, as it was written.
 #[derive(Debug, Clone, Default)]
-pub struct Asked {
+pub struct SeriesAsked {
     /// The first instant, itself included; that of the first sample by default.
     pub from: Option<String>,
     /// The last instant, itself included; that of the newest sample by default.
@@ -65,7 +65,7 @@ struct Wanted {
 pub async fn view<T: Send + 'static>(
     service: &Service,
     system: &SystemId,
-    asked: &Asked,
+    asked: &SeriesAsked,
     default_points: Option<usize>,
     render: impl FnOnce(View) -> T + Send + 'static,
 ) -> Result<T, ServiceError> {
@@ -109,7 +109,7 @@ fn shown(channels: Vec<Series>, max_points: usize) -> Result<Vec<ShownChannel>, 
 }
 
 /// Understands what is asked, and names every fault of it.
-fn read(asked: &Asked, known: &[String], default_points: Option<usize>) -> Result<Wanted, Vec<Fault>> {
+fn read(asked: &SeriesAsked, known: &[String], default_points: Option<usize>) -> Result<Wanted, Vec<Fault>> {
     let mut faults = Vec::new();
     let mut instant = |place: &str, text: &Option<String>| {
         text.as_ref().and_then(|text| read_time(place, text).map_err(|fault| faults.push(fault)).ok())

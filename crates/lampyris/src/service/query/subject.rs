@@ -16,7 +16,7 @@ use std::sync::Arc;
 
 /// What is to be shown.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Asked {
+pub struct ComparisonAsked {
     /// How far ahead the model forecasts; `None` is the free run.
     pub horizon: Option<Duration>,
     /// From this instant on, in seconds; by default from the start of the fit's window.
@@ -31,7 +31,7 @@ pub struct Asked {
 
 /// A fit with the names under which it is shown.
 #[derive(Debug, Clone, Copy)]
-pub struct Named<'a> {
+pub struct NamedFit<'a> {
     /// Its id.
     pub id: &'a str,
     /// The system, or what stands for it where there is none.
@@ -112,8 +112,8 @@ impl Subject {
     }
 
     /// The fit as it is shown; its system as a text.
-    pub(super) fn named<'a>(&'a self, system: &'a str) -> Named<'a> {
-        Named { id: &self.record.id, system, fit: &self.record.fit }
+    pub(super) fn named<'a>(&'a self, system: &'a str) -> NamedFit<'a> {
+        NamedFit { id: &self.record.id, system, fit: &self.record.fit }
     }
 
     /// All that was measured. This is work for the CPU pool.

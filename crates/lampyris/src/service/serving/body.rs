@@ -105,7 +105,7 @@ pub struct Body {
     #[schema(value_type = Option<String>, format = DateTime)]
     validated_at: Option<Timestamp>,
     /// The measurements behind it.
-    window: Option<Span>,
+    window: Option<ParamsWindow>,
     /// The job that found it.
     job: Option<String>,
     /// When the status turns to `stale`.
@@ -121,8 +121,7 @@ pub struct Body {
 
 /// A stretch of time.
 #[derive(Debug, Serialize, ToSchema)]
-#[schema(as = ParamsWindow)]
-pub struct Span {
+pub struct ParamsWindow {
     /// First instant.
     #[schema(format = DateTime)]
     from: String,
@@ -160,7 +159,7 @@ pub struct Degraded {
     #[schema(example = "PT6H")]
     horizon: String,
     /// The newer measurements.
-    window: Span,
+    window: ParamsWindow,
     /// Since when.
     #[schema(value_type = String, format = DateTime)]
     since: Timestamp,
@@ -226,7 +225,7 @@ pub(super) fn validated(
         error: served("error"),
         fitted_at: Some(revision.fitted_at),
         validated_at: Some(revision.validated_at),
-        window: Some(Span { from: revision.window_from.clone(), to: revision.window_to.clone() }),
+        window: Some(ParamsWindow { from: revision.window_from.clone(), to: revision.window_to.clone() }),
         job: Some(revision.job.clone()),
         stale_after: Some(stale_after),
         fallback: standing.fallback.as_ref().map(|fallback| Fallback {
@@ -248,7 +247,7 @@ fn degraded(found: &Degradation, since: Timestamp) -> Degraded {
         limit: found.limit,
         unit: found.unit.clone(),
         horizon: found.horizon.clone(),
-        window: Span { from: found.from.clone(), to: found.to.clone() },
+        window: ParamsWindow { from: found.from.clone(), to: found.to.clone() },
         since,
     }
 }

@@ -7,12 +7,12 @@ use crate::service::catalogue::systems;
 use crate::service::error::ServiceError;
 use crate::service::queue::submit;
 use crate::service::state::Service;
-use crate::service::work::input::{self, Input};
+use crate::service::work::input::{self, JobInput};
 use crate::store;
 use crate::store::fits::FitRecord;
 use lampyris_core::data::{Duration, SplitRequest, SystemId, rfc3339};
 use lampyris_core::estimate::EstimateRequest;
-use lampyris_core::estimate::assess::degradation::{Newer, as_fitted, newer};
+use lampyris_core::estimate::assess::degradation::{Newer, as_fitted, goes_on, newer};
 use lampyris_core::estimate::assess::metrics::{CurrentState, filter_fit, newest_state};
 use lampyris_core::estimate::problem::request::WindowRange;
 use rayon::ThreadPool;
@@ -166,7 +166,10 @@ fn request(served: &FitRecord, newest: i64) -> EstimateRequest {
 }
 
 /// This is work for a CPU pool.
-fn compare(input: &Input, served: &FitRecord) -> Result<Option<(Newer, Option<CurrentState>)>, ServiceError> {
+fn compare(
+    input: &JobInput,
+    served: &FitRecord,
+) -> Result<Option<(Newer, Option<CurrentState>)>, ServiceError> {
     let window = input.window()?;
     let problem = input.problem(&window)?;
     let names = problem.model().parameters().iter().map(|parameter| &parameter.name);
@@ -174,8 +177,7 @@ fn compare(input: &Input, served: &FitRecord) -> Result<Option<(Newer, Option<Cu
         // Channels have come or gone, so that the model is another one here.
         return Ok(None);
     }
-    if !problem.filters() && rfc3339(problem.grid().start()) != served.fit.window().0 {
-        // A free run that starts elsewhere says nothing of the one that was judged, nor of the states now.
+    if !goes_on(&problem, &served.fit) {
         return Ok(None);
     }
     let problem = as_fitted(&problem, &served.fit);

@@ -2,7 +2,7 @@
 //!
 //! Progress lives here and never in the database: a watcher wants the newest value, not all of them.
 
-use super::progress::Report;
+use super::progress::ProgressReport;
 use crate::service::changes::events::JobChange;
 use crate::store::jobs::{JobKind, JobRecord, Lease};
 use indexmap::IndexMap;
@@ -71,7 +71,7 @@ impl ProgressBoard {
     }
 
     /// How far a running job has come, as far as this process knows.
-    pub fn report(&self, job: &str) -> Option<Report> {
+    pub fn report(&self, job: &str) -> Option<ProgressReport> {
         let live = held(&self.live).get(job).cloned()?;
         let running = held(&live.running);
         running.as_ref()?.report()
@@ -165,7 +165,7 @@ impl Live {
 }
 
 impl Running {
-    fn report(&self) -> Option<Report> {
+    fn report(&self) -> Option<ProgressReport> {
         let progress = self.progress.as_ref()?;
         let evaluations = self.earlier + progress.evaluations;
         let left = self.budget.map(|budget| budget.saturating_sub(evaluations as u64));
@@ -176,7 +176,7 @@ impl Running {
             .zip(self.trials_since)
             .map(|(share, since)| since.elapsed().as_secs_f64() * (1.0 - share) / share);
         let eta = of_trials.or(left.map(|left| left as f64 * pace));
-        Some(Report {
+        Some(ProgressReport {
             generation: progress.generation,
             evaluations,
             best_train: progress.best_train.filter(|value| value.is_finite()),

@@ -2,7 +2,7 @@
 //! runs on the CPU pool.
 
 use super::estimate::{FirstFit, Stopped, fitted, invalid, stopped};
-use super::input::Input;
+use super::input::JobInput;
 use crate::store::diagnoses::Report;
 use crate::store::finish::JudgedFit;
 use lampyris_core::diagnose::{self, DiagnoseError};
@@ -16,7 +16,7 @@ const STEPS: usize = 3;
 ///
 /// # Errors
 /// Where there is no fit to start from, the window does not serve, or somebody stopped it.
-pub fn run(input: &Input, control: &Control<'_>) -> Result<JudgedFit, Stopped> {
+pub fn run(input: &JobInput, control: &Control<'_>) -> Result<JudgedFit, Stopped> {
     let FirstFit { window, problem, finding } = fitted(input, control)?;
     let site = input.system.site();
     let rate = input.request.accusation_rate;
@@ -31,7 +31,7 @@ pub fn run(input: &Input, control: &Control<'_>) -> Result<JudgedFit, Stopped> {
 ///
 /// # Errors
 /// Where there is no fit to start from, the window does not serve, or somebody stopped it.
-pub fn ladder(input: &Input, control: &Control<'_>) -> Result<JudgedFit, Stopped> {
+pub fn ladder(input: &JobInput, control: &Control<'_>) -> Result<JudgedFit, Stopped> {
     let FirstFit { window, problem, finding } = fitted(input, control)?;
     let site = input.system.site();
     let ladder = match input.request.criterion {

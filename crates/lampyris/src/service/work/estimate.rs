@@ -1,18 +1,20 @@
 //! The work of an `estimate` job: from stored blocks to a judged fit. It runs on the CPU pool.
 
-use super::input::Input;
+use super::input::JobInput;
 use crate::service::catalogue::system::Mode;
 use crate::service::error::ServiceError;
 use crate::store::finish::JudgedFit;
 use crate::store::jobs::JobFailure;
 use lampyris_core::data::Window;
-use lampyris_core::data::rfc3339;
-use lampyris_core::diagnose::failures::worst_regime;
-use lampyris_core::estimate::assess::degradation::as_fitted;
+use lampyris_core::estimate::assess::degradation::{as_fitted, goes_on};
 use lampyris_core::estimate::assess::metrics::current_state;
+use lampyris_core::estimate::assess::regimes::with_worst_regime;
+use lampyris_core::estimate::problem::predictor::Predictor;
 use lampyris_core::estimate::problem::request::days_before;
 use lampyris_core::estimate::validate;
-use lampyris_core::estimate::{Control, EstimateError, Interrupt, Past, Policy, Problem, Verdict, estimate};
+use lampyris_core::estimate::{
+    Control, EstimateError, GatePolicy, Interrupt, Past, Problem, Verdict, estimate,
+};
 use lampyris_core::fault::Fault;
 
 /// Why there is no finding.
@@ -28,7 +30,7 @@ pub enum Stopped {
 ///
 /// # Errors
 /// Where the data, the model or the search give no fit, or somebody stopped it.
-pub fn run(input: &Input, control: &Control<'_>) -> Result<JudgedFit, Stopped> {
+pub fn run(input: &JobInput, control: &Control<'_>) -> Result<JudgedFit, Stopped> {
     fitted(input, control).map(|fitted| fitted.finding)
 }
 
@@ -46,7 +48,7 @@ pub struct FirstFit {
 ///
 /// # Errors
 /// Where the data, the model or the search give no fit, or somebody stopped it.
-pub fn fitted(input: &Input, control: &Control<'_>) -> Result<FirstFit, Stopped> {
+pub fn fitted(input: &JobInput, control: &Control<'_>) -> Result<FirstFit, Stopped> {
     let failed = |error| Stopped::Failed(describe(error));
     let window = input.window().map_err(failed)?;
     let problem = input.problem(&window).map_err(failed)?;
@@ -58,11 +60,11 @@ pub fn fitted(input: &Input, control: &Control<'_>) -> Result<FirstFit, Stopped>
         next_door: input.weather_next_door().map_err(failed)?,
         ..input.past()
     };
-    let mut fit = estimate(&problem, &input.request, past.incumbent.as_ref(), control)
+    let fit = estimate(&problem, &input.request, past.incumbent.as_ref(), control)
         .map_err(|error| stopped(&error))?;
-    fit.worst_regime = worst_regime(&problem, &fit, &window, fit.seed)
-        .map_err(|fault| Stopped::Failed(invalid(vec![fault])))?;
-    let policy = Policy { horizon: input.system.policy.horizon, excluded: input.system.excluded() };
+    let fit =
+        with_worst_regime(fit, &problem, &window).map_err(|fault| Stopped::Failed(invalid(vec![fault])))?;
+    let policy = GatePolicy { horizon: input.system.policy.horizon, excluded: input.system.excluded() };
     let mut judgement = validate(&problem, &fit, &past, &policy);
     if let (Verdict::Accepted(_), true) = (&judgement.verdict, input.is_narrowed()) {
         judgement.summary +=
@@ -85,7 +87,7 @@ pub fn fitted(input: &Input, control: &Control<'_>) -> Result<FirstFit, Stopped>
 
 /// The states by the parameters that are served now, where they are parameters of this model.
 fn incumbent_state(
-    input: &Input,
+    input: &JobInput,
     problem: &Problem,
 ) -> Option<lampyris_core::estimate::assess::metrics::CurrentState> {
     let served = &input.served.as_ref()?.fit;
@@ -94,12 +96,11 @@ fn incumbent_state(
     if !same {
         return None;
     }
-    if problem.filters() {
-        return current_state(problem, served);
+    match problem.predictor() {
+        Predictor::Filtered => current_state(problem, served),
+        Predictor::FreeRun if goes_on(problem, served) => current_state(&as_fitted(problem, served), served),
+        Predictor::FreeRun => None,
     }
-    // A free run that starts elsewhere says nothing of the states now.
-    let begins = rfc3339(problem.grid().start()) == served.window().0;
-    if begins { current_state(&as_fitted(problem, served), served) } else { None }
 }
 
 /// A failure with all faults of what the job was given.

@@ -11,7 +11,7 @@ use crate::store::jobs::{JobKind, JobRecord, Origin};
 use crate::store::windows::Blocks;
 use jiff::{SignedDuration, Timestamp};
 use lampyris_core::data::{Series, SystemId, Window, read_time};
-use lampyris_core::diagnose::ledger::Entry;
+use lampyris_core::diagnose::ledger::LedgerEntry;
 use lampyris_core::estimate::gate::past::NextDoor;
 use lampyris_core::estimate::problem::request::{BEFORE, WindowRange};
 use lampyris_core::estimate::{EstimateRequest, Incumbent, Past, Problem, Reference, prepare};
@@ -28,7 +28,7 @@ const OUTDOOR_TEMPERATURE: &str = "T_out";
 
 /// Everything that an estimate reads, taken from the database before the work begins.
 #[derive(Debug)]
-pub struct Input {
+pub struct JobInput {
     /// Models and effects.
     pub catalogue: Arc<Catalogue>,
     /// The model to estimate.
@@ -45,7 +45,7 @@ pub struct Input {
     pub past: Past,
     /// What earlier diagnoses of the system saw, beside any model; of jobs that do not diagnose nothing is
     /// collected.
-    pub evidence: Vec<Entry>,
+    pub evidence: Vec<LedgerEntry>,
     measurements: Measurements,
 }
 
@@ -61,7 +61,7 @@ pub struct Measurements {
 ///
 /// # Errors
 /// Where the system is gone or the database fails.
-pub async fn load(service: &Service, job: &JobRecord) -> Result<Input, ServiceError> {
+pub async fn load(service: &Service, job: &JobRecord) -> Result<JobInput, ServiceError> {
     let document = systems::require(service, &job.system).await?;
     let request: EstimateRequest = serde_json::from_value(job.request.clone())
         .map_err(|error| ServiceError::Faults(vec![Fault::new("", "outdated-request", error.to_string())]))?;
@@ -72,7 +72,7 @@ pub async fn load(service: &Service, job: &JobRecord) -> Result<Input, ServiceEr
         JobKind::Diagnose => store::evidence::of(&service.store, &job.system, None, None).await?,
         _ => Vec::new(),
     };
-    Ok(Input { past, evidence, posted: job.origin == Origin::Posted, ..input })
+    Ok(JobInput { past, evidence, posted: job.origin == Origin::Posted, ..input })
 }
 
 /// What is known of older parameters, and of newer measurements.
@@ -117,7 +117,7 @@ pub async fn collect(
     model: ModelId,
     request: EstimateRequest,
     before: i64,
-) -> Result<Input, ServiceError> {
+) -> Result<JobInput, ServiceError> {
     let extent = store::windows::extent(&service.store, name).await?;
     let Some((first, newest)) = extent else {
         return Err(ServiceError::Faults(vec![Fault::new(
@@ -127,7 +127,7 @@ pub async fn collect(
         )]));
     };
     let (from, to) = range(request.window.as_ref(), first, newest).map_err(ServiceError::Faults)?;
-    Ok(Input {
+    Ok(JobInput {
         catalogue: service.catalogue.current(),
         model,
         measurements: measurements(
@@ -282,7 +282,7 @@ impl Measurements {
     }
 }
 
-impl Input {
+impl JobInput {
     /// The measurements as one window. This is work for the CPU pool.
     ///
     /// # Errors
@@ -291,11 +291,11 @@ impl Input {
         self.measurements.window(&self.catalogue, &self.model)
     }
 
-    /// The ids of the uploaded windows that gave a sample to `joined`, which is [`Input::window`], between
+    /// The ids of the uploaded windows that gave a sample to `joined`, which is [`JobInput::window`], between
     /// two instants.
     ///
     /// # Errors
-    /// As [`Input::window`].
+    /// As [`JobInput::window`].
     pub fn cited(&self, joined: &Window, from: i64, to: i64) -> Result<Vec<String>, ServiceError> {
         self.measurements.cited(joined, from, to)
     }

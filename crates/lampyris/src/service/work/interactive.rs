@@ -25,7 +25,7 @@ const KEPT_BYTES: usize = 32 << 20;
 const NICENESS: i32 = 10;
 
 /// A rendered answer, shared by all who asked for it.
-pub type Answer = Arc<[u8]>;
+pub type RenderedAnswer = Arc<[u8]>;
 
 /// The threads for short work, and the answers that were given.
 #[derive(Debug)]
@@ -43,7 +43,7 @@ struct Desk {
 }
 
 /// What came of a piece of work, for everybody who waits for it.
-type Outcome = Result<Answer, Failure>;
+type Outcome = Result<RenderedAnswer, Failure>;
 
 /// Why there is no answer: an error that several can be given.
 #[derive(Debug, Clone)]
@@ -55,14 +55,14 @@ enum Failure {
 /// The answers that were used last, oldest first.
 #[derive(Debug)]
 struct CachedAnswers {
-    answers: IndexMap<String, Answer>,
+    answers: IndexMap<String, RenderedAnswer>,
     bytes: usize,
     most: usize,
 }
 
 /// Where a request finds its answer.
 enum Place {
-    Kept(Answer),
+    Kept(RenderedAnswer),
     Joined(watch::Receiver<Option<Outcome>>),
     New(Arc<watch::Sender<Option<Outcome>>>, watch::Receiver<Option<Outcome>>),
     Busy,
@@ -83,7 +83,7 @@ impl Interactive {
     }
 
     /// The answer to a request that was answered before.
-    pub fn known(&self, key: &str) -> Option<Answer> {
+    pub fn known(&self, key: &str) -> Option<RenderedAnswer> {
         self.desk().kept.get(key)
     }
 
@@ -106,7 +106,7 @@ impl Interactive {
         &self,
         key: &str,
         work: impl FnOnce() -> Result<Vec<u8>, ServiceError> + Send + 'static,
-    ) -> Result<Answer, ServiceError> {
+    ) -> Result<RenderedAnswer, ServiceError> {
         let place = self.desk().place(key);
         let mut outcome = match place {
             Place::Kept(answer) => return Ok(answer),
@@ -155,7 +155,7 @@ fn compute(
         desk.computed += 1;
     }
     let outcome = match catch_unwind(AssertUnwindSafe(work)) {
-        Ok(Ok(bytes)) => Ok(Answer::from(bytes)),
+        Ok(Ok(bytes)) => Ok(RenderedAnswer::from(bytes)),
         Ok(Err(ServiceError::Faults(faults))) => Err(Failure::Faults(faults)),
         Ok(Err(error)) => Err(Failure::Internal(error.to_string())),
         Err(_) => Err(Failure::Internal("a short task panicked".into())),
@@ -189,14 +189,14 @@ impl Desk {
 
 impl CachedAnswers {
     /// An answer, which then is the newest.
-    fn get(&mut self, key: &str) -> Option<Answer> {
+    fn get(&mut self, key: &str) -> Option<RenderedAnswer> {
         let place = self.answers.get_index_of(key)?;
         self.answers.move_index(place, self.answers.len() - 1);
         self.answers.get(key).cloned()
     }
 
     /// Keeps an answer and lets the oldest go until all fit.
-    fn put(&mut self, key: &str, answer: Answer) {
+    fn put(&mut self, key: &str, answer: RenderedAnswer) {
         self.bytes += answer.len();
         let replaced = self.answers.insert(key.to_owned(), answer);
         self.bytes -= replaced.map_or(0, |answer| answer.len());
@@ -305,8 +305,9 @@ mod tests {
     #[test]
     fn the_answers_that_were_used_last_are_kept() {
         let mut kept = CachedAnswers { answers: IndexMap::new(), bytes: 0, most: 10 };
-        let put =
-            |kept: &mut CachedAnswers, key: &str, length: usize| kept.put(key, Answer::from(vec![0; length]));
+        let put = |kept: &mut CachedAnswers, key: &str, length: usize| {
+            kept.put(key, RenderedAnswer::from(vec![0; length]))
+        };
         put(&mut kept, "a", 4);
         put(&mut kept, "b", 4);
         assert!(kept.get("a").is_some());

@@ -7,7 +7,7 @@ use utoipa::ToSchema;
 /// How far a job has come.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 #[schema(as = Progress)]
-pub struct Report {
+pub struct ProgressReport {
     /// Generations or restarts completed.
     pub generation: usize,
     /// Simulations so far.

@@ -2,7 +2,7 @@
 //! pool.
 
 use super::estimate::{Stopped, describe, invalid, stopped};
-use super::input::Input;
+use super::input::JobInput;
 use crate::service::catalogue::system::Mode;
 use crate::store::finish::Tuned;
 use lampyris_core::estimate::Control;
@@ -12,7 +12,7 @@ use lampyris_core::estimate::tune::{TuneError, tune};
 ///
 /// # Errors
 /// Where the record does not serve, nothing finite is found, or somebody stopped it.
-pub fn run(input: &Input, control: &Control<'_>) -> Result<Tuned, Stopped> {
+pub fn run(input: &JobInput, control: &Control<'_>) -> Result<Tuned, Stopped> {
     let window = input.window().map_err(|error| Stopped::Failed(describe(error)))?;
     let tuning = tune(&input.catalogue, &input.model, &input.request, &window, &input.system.site(), control);
     match tuning {

@@ -6,7 +6,7 @@
 
 use super::board::Live;
 use super::estimate::{self, Stopped, describe};
-use super::input::{self, Input};
+use super::input::{self, JobInput};
 use super::{diagnose, poison, tune};
 use crate::service::changes::events::JobChange;
 use crate::service::changes::follow;
@@ -119,7 +119,7 @@ async fn compute(
     pool: &ThreadPool,
     live: &Arc<Live>,
     job: &JobRecord,
-    input: Input,
+    input: JobInput,
 ) -> End {
     let (sender, receiver) = oneshot::channel();
     let (shared, place, job) = (service.clone(), live.clone(), job.clone());
@@ -143,7 +143,7 @@ async fn compute(
 }
 
 /// The work with the caller's hands on it: cancellation, shutdown, deadline, progress.
-fn guarded(service: &Service, live: &Live, job: &JobRecord, input: &Input) -> Result<End, Stopped> {
+fn guarded(service: &Service, live: &Live, job: &JobRecord, input: &JobInput) -> Result<End, Stopped> {
     let limit = Duration::from_secs(service.settings.limits.job_seconds);
     let asked = input.request.budget.wall.map(|wall| Duration::from_secs(wall.seconds().unsigned_abs()));
     let deadline = Instant::now() + asked.map_or(limit, |asked| asked.min(limit));

@@ -6,13 +6,13 @@ mod plants;
 mod served;
 
 use crate::support::full;
-use lampyris_core::data::{Bindings, Window};
+use lampyris_core::data::{ColumnBindings, Window};
 use lampyris_core::estimate::gate::check::Severity;
 use lampyris_core::estimate::gate::rules::ALL;
-use lampyris_core::estimate::gate::table::{Rule, Table};
+use lampyris_core::estimate::gate::table::{CheckTable, Rule};
 use lampyris_core::estimate::validate;
 use lampyris_core::estimate::{
-    Control, EstimateRequest, Fit, Incumbent, Past, Policy, Problem, Site, Verdict, estimate, prepare,
+    Control, EstimateRequest, Fit, GatePolicy, Incumbent, Past, Problem, Site, Verdict, estimate, prepare,
 };
 use lampyris_core::fault::Fault;
 use lampyris_core::model::Catalogue;
@@ -31,14 +31,20 @@ struct Candidate {
 }
 
 impl Candidate {
-    fn table(&self, rules: &[Rule]) -> Table {
-        Table::of(&self.problem, &self.fit, &Past::of(self.incumbent.clone()), &Policy::default(), rules)
+    fn table(&self, rules: &[Rule]) -> CheckTable {
+        CheckTable::of(
+            &self.problem,
+            &self.fit,
+            &Past::of(self.incumbent.clone()),
+            &GatePolicy::default(),
+            rules,
+        )
     }
 
     /// The checks that keep it from the controller.
     fn failed(&self) -> Vec<String> {
         let judgement =
-            validate(&self.problem, &self.fit, &Past::of(self.incumbent.clone()), &Policy::default());
+            validate(&self.problem, &self.fit, &Past::of(self.incumbent.clone()), &GatePolicy::default());
         let published = matches!(judgement.verdict, Verdict::Accepted(_));
         let failed: Vec<String> = judgement.failed().into_iter().map(str::to_owned).collect();
         assert!(
@@ -66,7 +72,7 @@ fn problem_of(
     asked: &EstimateRequest,
 ) -> Result<Problem, Refused> {
     let code = |faults: Vec<Fault>| faults[0].code.clone();
-    let (window, _) = Window::parse_csv(csv, &Bindings::none()).map_err(code)?;
+    let (window, _) = Window::parse_csv(csv, &ColumnBindings::none()).map_err(code)?;
     let site = Site { sets: [("neighbours".to_owned(), neighbours.to_vec())].into(), ..Site::default() };
     prepare(catalogue, &model.parse().unwrap(), asked, &window, &site).map_err(code)
 }
@@ -140,7 +146,8 @@ fn bad_candidates_are_refused_by_name_and_every_rule_is_needed() {
 fn doubts_are_published_with_their_flag() {
     let found = bad::doubtful();
     for (flags, candidate) in &found {
-        let judgement = validate(&candidate.problem, &candidate.fit, &Past::default(), &Policy::default());
+        let judgement =
+            validate(&candidate.problem, &candidate.fit, &Past::default(), &GatePolicy::default());
         let Verdict::Accepted(acceptance) = &judgement.verdict else {
             panic!("{flags:?}: {}", judgement.summary)
         };
@@ -164,7 +171,7 @@ fn doubts_are_published_with_their_flag() {
 fn a_search_that_was_cut_short_is_held() {
     let hurried = bad::hurried();
     assert_eq!(hurried.failed(), ["G7 repeat"]);
-    let judgement = validate(&hurried.problem, &hurried.fit, &Past::default(), &Policy::default());
+    let judgement = validate(&hurried.problem, &hurried.fit, &Past::default(), &GatePolicy::default());
     assert!(
         judgement.summary.starts_with("held by G7 repeat: the search was cut short by its budget, after 6"),
         "{}",
@@ -197,7 +204,7 @@ fn good_fits_are_published() {
             };
             let problem = problem(&csv, &neighbours, &asked).unwrap();
             let judgement =
-                validate(&problem, &fit(&problem, &asked).unwrap(), &Past::default(), &Policy::default());
+                validate(&problem, &fit(&problem, &asked).unwrap(), &Past::default(), &GatePolicy::default());
             (!matches!(judgement.verdict, Verdict::Accepted(_)))
                 .then(|| format!("{what} {seed}: {}", judgement.summary))
         })

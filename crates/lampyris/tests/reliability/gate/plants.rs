@@ -7,7 +7,7 @@ use lampyris_core::estimate::gate::rules::ALL;
 use lampyris_core::estimate::gate::table::Rule;
 use lampyris_core::estimate::problem::request::{Budget, SeededMethod};
 use lampyris_core::estimate::validate;
-use lampyris_core::estimate::{EstimateRequest, Fit, Incumbent, Past, Policy, Problem, Verdict};
+use lampyris_core::estimate::{EstimateRequest, Fit, GatePolicy, Incumbent, Past, Problem, Verdict};
 use lampyris_core::optimise::Method;
 use lampyris_core::optimise::multistart::LmOptions;
 use lampyris_core::twin::{PlantRequest, plant};
@@ -350,7 +350,7 @@ fn good_plants_are_published_with_their_doubts() {
         asked.fixed = truth.into_iter().filter(|(name, _)| name != "mu_A" && name != "Y_H").collect();
         let problem = problem_of(&CATALOGUE, MODEL, &lines.join("\n"), &[], &asked).unwrap();
         let fit = fit(&problem, &asked).unwrap();
-        let judgement = validate(&problem, &fit, &Past::default(), &Policy::default());
+        let judgement = validate(&problem, &fit, &Past::default(), &GatePolicy::default());
         let found = |name: &str| fit.parameters[name].value;
         println!(
             "GATE-1: plant {seed}: mu_A {:.4} of {mu_a}, Y_H {:.4} of {y_h}: {}",
@@ -380,7 +380,7 @@ fn the_true_parameters_of_every_plant_are_published() {
         let asked = EstimateRequest { fixed: twin.truth.iter().cloned().collect(), ..asked() };
         let problem = problem_of(&CATALOGUE, model, &twin.csv, &[], &asked).unwrap();
         let judgement =
-            validate(&problem, &fit(&problem, &asked).unwrap(), &Past::default(), &Policy::default());
+            validate(&problem, &fit(&problem, &asked).unwrap(), &Past::default(), &GatePolicy::default());
         assert!(
             matches!(judgement.verdict, Verdict::Accepted(_)),
             "{model}: {} {:#?}",

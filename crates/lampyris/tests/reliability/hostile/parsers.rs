@@ -4,11 +4,11 @@
 use super::{Random, bent, mutate};
 use crate::support::{csv_of, full, room};
 
-use lampyris_core::data::{Bindings, CsvChannel, SplitRequest, Thinned, Window, write_csv};
+use lampyris_core::data::{ColumnBindings, CsvChannel, SplitRequest, Thinned, Window, write_csv};
 use lampyris_core::estimate::{EstimateRequest, Problem, Site, prepare};
 use lampyris_core::model::document::ModelDocument;
 use lampyris_core::model::expr::{Binary, Unary, select};
-use lampyris_core::model::parse::{Expr, Kind, parse};
+use lampyris_core::model::parse::{Expr, ExprKind, parse};
 use lampyris_core::model::{Catalogue, compile};
 use rand::{RngExt, SeedableRng};
 use serde_json::{Value, json};
@@ -78,12 +78,12 @@ fn expression(random: &mut Random, depth: usize) -> String {
 /// A tree as text, every operation in parentheses.
 fn printed(expr: &Expr) -> String {
     match &expr.kind {
-        Kind::Number(value, None) => format!("{value:?}"),
-        Kind::Number(value, Some(unit)) => format!("{value:?}[{unit}]"),
-        Kind::Name(name) => name.clone(),
-        Kind::Member(family, index) => format!("{family}[{index}]"),
-        Kind::Negate(inner) => format!("(-{})", printed(inner)),
-        Kind::Binary(op, a, b) => {
+        ExprKind::Number(value, None) => format!("{value:?}"),
+        ExprKind::Number(value, Some(unit)) => format!("{value:?}[{unit}]"),
+        ExprKind::Name(name) => name.clone(),
+        ExprKind::Member(family, index) => format!("{family}[{index}]"),
+        ExprKind::Negate(inner) => format!("(-{})", printed(inner)),
+        ExprKind::Binary(op, a, b) => {
             let symbol = match op {
                 Binary::Add => "+",
                 Binary::Sub => "-",
@@ -97,10 +97,10 @@ fn printed(expr: &Expr) -> String {
             };
             format!("({}{symbol}{})", printed(a), printed(b))
         }
-        Kind::Call(name, arguments) => {
+        ExprKind::Call(name, arguments) => {
             format!("{name}({})", arguments.iter().map(printed).collect::<Vec<_>>().join(","))
         }
-        Kind::Sum { variable, set, body } => format!("sum({variable} in {set}: {})", printed(body)),
+        ExprKind::Sum { variable, set, body } => format!("sum({variable} in {set}: {})", printed(body)),
     }
 }
 
@@ -131,10 +131,10 @@ fn a_printed_expression_is_the_same_expression() {
 fn meaning(expr: &Expr, value: &dyn Fn(&str) -> f64) -> Option<f64> {
     let of = |expr: &Expr| meaning(expr, value);
     let found = match &expr.kind {
-        Kind::Number(number, _) => *number,
-        Kind::Name(name) => value(name),
-        Kind::Negate(inner) => Unary::Neg.apply(of(inner)?),
-        Kind::Binary(Binary::Pow, base, exponent) => {
+        ExprKind::Number(number, _) => *number,
+        ExprKind::Name(name) => value(name),
+        ExprKind::Negate(inner) => Unary::Neg.apply(of(inner)?),
+        ExprKind::Binary(Binary::Pow, base, exponent) => {
             let (base, n) = (of(base)?, of(exponent)?);
             // A whole number that stands in the text means a product.
             if is_constant(exponent, value) && n == n.trunc() && n.abs() <= 16.0 {
@@ -145,8 +145,8 @@ fn meaning(expr: &Expr, value: &dyn Fn(&str) -> f64) -> Option<f64> {
                 Binary::Pow.apply(base, n)
             }
         }
-        Kind::Binary(op, a, b) => op.apply(of(a)?, of(b)?),
-        Kind::Call(name, arguments) => {
+        ExprKind::Binary(op, a, b) => op.apply(of(a)?, of(b)?),
+        ExprKind::Call(name, arguments) => {
             let x: Vec<f64> = arguments.iter().map(of).collect::<Option<_>>()?;
             match name.as_str() {
                 "if" => select(x[0], x[1], x[2]),
@@ -162,7 +162,7 @@ fn meaning(expr: &Expr, value: &dyn Fn(&str) -> f64) -> Option<f64> {
                 other => unreachable!("{other}"),
             }
         }
-        Kind::Member(..) | Kind::Sum { .. } => unreachable!("not drawn"),
+        ExprKind::Member(..) | ExprKind::Sum { .. } => unreachable!("not drawn"),
     };
     found.is_finite().then_some(found)
 }
@@ -172,17 +172,17 @@ fn is_constant(expr: &Expr, value: &dyn Fn(&str) -> f64) -> bool {
     let of = |expr: &Expr| is_constant(expr, value);
     let zero = |expr: &Expr| of(expr) && meaning(expr, value) == Some(0.0);
     match &expr.kind {
-        Kind::Number(..) => true,
-        Kind::Negate(inner) => of(inner),
-        Kind::Binary(Binary::Mul, a, b) if zero(a) || zero(b) => true,
-        Kind::Binary(Binary::Div, a, _) if zero(a) => true,
-        Kind::Binary(Binary::Pow, _, exponent) if zero(exponent) => true,
-        Kind::Binary(Binary::Sub, a, b) if printed(a) == printed(b) => true,
-        Kind::Binary(_, a, b) => of(a) && of(b),
-        Kind::Call(name, arguments) if name == "if" && of(&arguments[0]) => {
+        ExprKind::Number(..) => true,
+        ExprKind::Negate(inner) => of(inner),
+        ExprKind::Binary(Binary::Mul, a, b) if zero(a) || zero(b) => true,
+        ExprKind::Binary(Binary::Div, a, _) if zero(a) => true,
+        ExprKind::Binary(Binary::Pow, _, exponent) if zero(exponent) => true,
+        ExprKind::Binary(Binary::Sub, a, b) if printed(a) == printed(b) => true,
+        ExprKind::Binary(_, a, b) => of(a) && of(b),
+        ExprKind::Call(name, arguments) if name == "if" && of(&arguments[0]) => {
             of(&arguments[if zero(&arguments[0]) { 2 } else { 1 }])
         }
-        Kind::Call(_, arguments) => arguments.iter().all(of),
+        ExprKind::Call(_, arguments) => arguments.iter().all(of),
         _ => false,
     }
 }
@@ -207,7 +207,7 @@ fn drawn(output: &str) -> Option<Problem> {
     for hour in 0..24 {
         writeln!(csv, "2026-01-01T{hour:02}:00:00Z,1.5,{:.3}", 2.0 * f64::from(hour).sin()).unwrap();
     }
-    let (window, _) = Window::parse_csv(&csv, &Bindings::none()).unwrap();
+    let (window, _) = Window::parse_csv(&csv, &ColumnBindings::none()).unwrap();
     let split =
         SplitRequest { train: "P1D".parse().unwrap(), validation: "P0D".parse().unwrap(), test: None };
     let asked = EstimateRequest { split, ..EstimateRequest::default() };
@@ -257,7 +257,7 @@ fn a_written_window_is_the_same_window() {
         for _ in 0..random.random_range(0..4) {
             text = bent(text.into_bytes(), random);
         }
-        let Ok((window, _)) = Window::parse_csv(&text, &Bindings::none()) else { return false };
+        let Ok((window, _)) = Window::parse_csv(&text, &ColumnBindings::none()) else { return false };
         let points: Vec<(&str, String, Thinned)> = window
             .channels()
             .map(|channel| {
@@ -277,7 +277,7 @@ fn a_written_window_is_the_same_window() {
         let channels: Vec<CsvChannel> =
             points.iter().map(|(channel, unit, points)| CsvChannel { channel, unit, points }).collect();
         let written = write_csv(&channels);
-        let (again, _) = Window::parse_csv(&written, &Bindings::none())
+        let (again, _) = Window::parse_csv(&written, &ColumnBindings::none())
             .unwrap_or_else(|faults| panic!("{faults:?}\n{text}\n{written}"));
         for channel in window.channels() {
             let [one, other] = [&window, &again]

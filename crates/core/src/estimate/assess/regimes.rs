@@ -1,8 +1,13 @@
 //! In which circumstances a model errs: means over regimes with intervals that resample whole days.
 
-use crate::data::{Column, DROPS, Grid, is_compass};
-use crate::estimate::Problem;
+use crate::data::{Column, DROPS, Grid, Window, is_compass};
+use crate::estimate::fit::Fit;
+use crate::estimate::problem::Problem;
+use crate::estimate::problem::request::Site;
+use crate::estimate::problem::widen::widen;
+use crate::fault::Fault;
 use crate::schema::Interval;
+use crate::units::error_unit;
 use rand::{RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use serde::{Deserialize, Serialize};
@@ -127,33 +132,50 @@ pub fn interval(problem: &Problem, error: &[f64], samples: &[usize], seed: u64) 
     Some([means[RESAMPLES / 40], means[RESAMPLES - 1 - RESAMPLES / 40]])
 }
 
-#[cfg(test)]
-mod tests {
-    use super::super::tests::small_world;
-    use super::*;
+/// The fit with the circumstances that tell most of its error, in the light of everything that was measured;
+/// its seed fixes the resampling of the intervals.
+///
+/// # Errors
+/// A fault where the window does not fit the problem, or its time zone is unknown.
+pub fn with_worst_regime(fit: Fit, problem: &Problem, window: &Window) -> Result<Fit, Fault> {
+    let (grid, _) = widen(problem, window, &Site::of(problem.basis()))?;
+    let (error, usable) = free_run_errors(problem, 0, &fit.theta());
+    let found = regimes(problem, &grid, &error, &usable, fit.seed);
+    let worst_regime = telling(&found).next().map(|regime| sentence(problem, 0, regime));
+    Ok(Fit { worst_regime, ..fit })
+}
 
-    #[test]
-    fn the_share_of_the_error_in_a_regime_is_that_of_the_closed_form() {
-        let (problem, _) = small_world(&[]);
-        let grid = problem.grid();
-        let out = grid.column("T_out").unwrap().values();
-        let usable: Vec<usize> = (0..grid.len()).collect();
-        // The error changes where the upper third of the outdoor temperatures begins, whatever the weather.
-        let mut sorted = out.to_vec();
-        sorted.sort_by(f64::total_cmp);
-        let limit = sorted[2 * sorted.len() / 3];
-        let error: Vec<f64> = out.iter().map(|t| if *t > limit { 0.5 } else { -0.1 }).collect();
-        let found = regimes(&problem, grid, &error, &usable, 1);
-        let warm = found.iter().find(|one| one.regime == "T_out high").unwrap();
-        assert_eq!(warm.bias, 0.5);
-        assert!((warm.time_share - 1.0 / 3.0).abs() < 0.01, "{}", warm.time_share);
-        let (high, low) = (0.25 * warm.time_share, 0.01 * (1.0 - warm.time_share));
-        assert!((warm.error_share - high / (high + low)).abs() < 1e-9, "{}", warm.error_share);
-        assert!(warm.bias_ci95.is_some_and(|[low, high]| low <= 0.5 && 0.5 <= high));
-        assert_eq!(
-            found,
-            regimes(&problem, grid, &error, &usable, 1),
-            "the same seed resamples the same days"
-        );
-    }
+/// The residual of an output at every sample, and the samples at which it means something.
+pub fn free_run_errors(problem: &Problem, output: usize, theta: &[f64]) -> (Vec<f64>, Vec<usize>) {
+    let simulated = problem.simulate(theta);
+    (problem.residual(output, &simulated.outputs[output]), problem.usable(output, 0..problem.grid().len()))
+}
+
+/// Regimes whose bias is sure to be one, and that hold more of the error than of the time, the most telling
+/// first.
+pub fn telling(regimes: &[Regime]) -> impl Iterator<Item = &Regime> {
+    let sure = |regime: &&Regime| regime.bias_ci95.is_some_and(|[low, high]| low > 0.0 || high < 0.0);
+    regimes.iter().filter(sure).filter(|regime| regime.error_share > regime.time_share)
+}
+
+/// A number with two decimals, or two digits that count where it is small.
+pub fn small(value: f64) -> String {
+    let digits = if value.abs() > 0.0 { (1.0 - value.abs().log10().floor()).clamp(2.0, 9.0) } else { 2.0 };
+    format!("{value:.*}", digits as usize)
+}
+
+/// How a model errs in some circumstances, in a sentence.
+pub fn sentence(problem: &Problem, output: usize, regime: &Regime) -> String {
+    let output = problem.model().outputs().get(output);
+    let (channel, unit) =
+        output.map_or(("", ""), |output| (output.channel.as_str(), error_unit(&output.unit)));
+    format!(
+        "{}: {channel} is {} {unit} {} than the model says, {:.0} % of the time, {:.0} % of the squared \
+        error.",
+        regime.regime,
+        small(regime.bias.abs()),
+        if regime.bias > 0.0 { "higher" } else { "lower" },
+        100.0 * regime.time_share,
+        100.0 * regime.error_share
+    )
 }

@@ -1,0 +1,68 @@
+//! The same problem, with one thing changed.
+
+use super::{Problem, simulator_for};
+use crate::estimate::problem::prior::Prior;
+use crate::optimise::Space;
+use std::ops::Range;
+
+impl Problem {
+    /// The same problem with so many internal steps per sample, whose simulation also stands still over the
+    /// intervals at which `known` is false.
+    #[must_use]
+    pub fn aligned(&self, known: &[bool], steps: usize) -> Self {
+        let inputs = self.inputs.masked(known);
+        Self { simulator: simulator_for(&self.model, &inputs, &self.measured, steps), inputs, ..self.clone() }
+    }
+
+    /// The same problem with so many internal steps per sample.
+    #[must_use]
+    pub fn with_substeps(&self, steps: usize) -> Self {
+        Self { simulator: simulator_for(&self.model, &self.inputs, &self.measured, steps), ..self.clone() }
+    }
+
+    /// The same problem, whose warm-up goes over the mean of the inputs at these samples where it goes over
+    /// that of the record.
+    #[must_use]
+    pub fn averaged_over(&self, samples: Range<usize>) -> Self {
+        let inputs = self.inputs.clone().averaged_over(samples);
+        Self {
+            simulator: simulator_for(&self.model, &inputs, &self.measured, self.simulator.substeps()),
+            inputs,
+            ..self.clone()
+        }
+    }
+
+    /// The same problem with some parameters fixed at values.
+    #[must_use]
+    pub fn with_fixed(&self, parameters: &[(usize, f64)]) -> Self {
+        let mut problem = self.clone();
+        parameters.iter().for_each(|(index, value)| problem.nominal[*index] = *value);
+        let keep: Vec<bool> =
+            self.free.iter().map(|index| parameters.iter().all(|(fixed, _)| fixed != index)).collect();
+        let kept = || keep.iter().copied();
+        problem.free =
+            self.free.iter().zip(kept()).filter_map(|(index, keep)| keep.then_some(*index)).collect();
+        problem.space = Space::new(
+            self.space
+                .dimensions()
+                .iter()
+                .zip(kept())
+                .filter(|(_, keep)| *keep)
+                .map(|(d, _)| d.clone())
+                .collect(),
+        );
+        problem
+    }
+
+    /// The same problem with its prior weighted by this residual variance.
+    #[must_use]
+    pub fn with_prior_variance(&self, variance: f64) -> Self {
+        Self { prior_variance: Some(variance), ..self.clone() }
+    }
+
+    /// The same problem without its prior.
+    #[must_use]
+    pub fn without_prior(&self) -> Self {
+        Self { prior: Prior::None, ..self.clone() }
+    }
+}
