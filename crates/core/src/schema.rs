@@ -2,7 +2,8 @@
 //! of them, so that the description cannot say anything else than what is read and written.
 
 use utoipa::openapi::schema::{
-    AdditionalProperties, ArrayBuilder, KnownFormat, Object, ObjectBuilder, SchemaFormat, SchemaType, Type,
+    AdditionalProperties, AllOf, ArrayBuilder, KnownFormat, Object, ObjectBuilder, SchemaFormat, SchemaType,
+    Type,
 };
 use utoipa::openapi::{RefOr, Schema};
 use utoipa::{PartialSchema, ToSchema};
@@ -57,12 +58,24 @@ impl ToSchema for Interval {}
 pub fn joined(parts: impl IntoIterator<Item = RefOr<Schema>>, closed: bool) -> Object {
     let mut whole = Object::with_type(Type::Object);
     for part in parts {
-        if let RefOr::T(Schema::Object(object)) = part {
-            whole.description = whole.description.or(object.description);
-            whole.properties.extend(object.properties);
-            whole.required.extend(object.required);
-        }
+        let object = match part {
+            RefOr::T(Schema::Object(object)) => object,
+            RefOr::T(Schema::AllOf(all_of)) => flattened(all_of),
+            _ => continue,
+        };
+        whole.description = whole.description.or(object.description);
+        whole.properties.extend(object.properties);
+        whole.required.extend(object.required);
     }
     whole.additional_properties = closed.then(|| Box::new(AdditionalProperties::FreeForm(false)));
+    whole
+}
+
+/// A struct with flattened fields as the one object that is written: `allOf` lists those fields first, and
+/// what the struct has by itself last.
+pub fn flattened(mut all_of: AllOf) -> Object {
+    let own = all_of.items.pop();
+    let mut whole = joined(own.into_iter().chain(all_of.items), false);
+    whole.description = all_of.description.or(whole.description);
     whole
 }

@@ -3,7 +3,7 @@
 use super::access::declared;
 use super::examples;
 use super::problem::{PROBLEM_JSON, Problem};
-use lampyris_core::schema::{joined, text};
+use lampyris_core::schema::{flattened, joined, text};
 use serde::Serialize;
 use serde_json::Value;
 use std::borrow::Cow;
@@ -125,8 +125,11 @@ pub fn completed(mut description: OpenApi) -> OpenApi {
     description
 }
 
-/// What a page lists is named, not repeated; alternatives that are told apart by a word know no other fields.
+/// Flattened fields stand beside the others; what a page lists is named, not repeated; alternatives that are told apart by a word know no other fields.
 fn complete_schema(name: &str, schema: &mut RefOr<Schema>, names: &BTreeSet<String>) {
+    if let RefOr::T(Schema::AllOf(all_of)) = schema {
+        *schema = flattened(std::mem::take(all_of)).into();
+    }
     match (schema, name.strip_prefix("Page_")) {
         (RefOr::T(Schema::Object(page)), Some(item)) if names.contains(item) => {
             let items =
