@@ -53,6 +53,21 @@ impl PartialSchema for Interval {
 
 impl ToSchema for Interval {}
 
+/// What the description calls a point in time.
+#[derive(Debug, Clone, Copy)]
+pub struct Instant;
+
+impl PartialSchema for Instant {
+    fn schema() -> RefOr<Schema> {
+        let text = ObjectBuilder::new()
+            .schema_type(SchemaType::Type(Type::String))
+            .format(Some(SchemaFormat::KnownFormat(KnownFormat::DateTime)));
+        text.description(Some("An instant, RFC 3339 with offset.")).into()
+    }
+}
+
+impl ToSchema for Instant {}
+
 /// One object that has the fields of all of these, and no others if `closed`. `allOf` says the same of open
 /// objects only: each closed one forbids the fields of the others.
 pub fn joined(parts: impl IntoIterator<Item = RefOr<Schema>>, closed: bool) -> Object {
