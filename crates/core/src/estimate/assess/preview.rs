@@ -59,7 +59,7 @@ pub struct OutputCurves {
     pub rmse: Option<f64>,
 }
 
-/// What a model does.
+/// What the model does.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct Preview {
     /// The model with its effects.
