@@ -72,6 +72,7 @@ impl ToSchema for Instant {}
 /// objects only: each closed one forbids the fields of the others.
 pub fn joined(parts: impl IntoIterator<Item = RefOr<Schema>>, closed: bool) -> Object {
     let mut whole = Object::with_type(Type::Object);
+    let mut others = None;
     for part in parts {
         let object = match part {
             RefOr::T(Schema::Object(object)) => object,
@@ -81,8 +82,13 @@ pub fn joined(parts: impl IntoIterator<Item = RefOr<Schema>>, closed: bool) -> O
         whole.description = whole.description.or(object.description);
         whole.properties.extend(object.properties);
         whole.required.extend(object.required);
+        // What a part says of fields that it does not name holds for the whole; that it has none does not.
+        if let Some(AdditionalProperties::RefOr(_)) = object.additional_properties.as_deref() {
+            others = object.additional_properties;
+        }
     }
-    whole.additional_properties = closed.then(|| Box::new(AdditionalProperties::FreeForm(false)));
+    let none = || Box::new(AdditionalProperties::FreeForm(false));
+    whole.additional_properties = if closed { Some(none()) } else { others };
     whole
 }
 

@@ -36,13 +36,13 @@ const REFUSALS: [(&str, &str, &str); 10] = [
 /// What the description calls the tokens.
 const TOKEN: &str = "token";
 
-/// What an answer says beside a document that it repeats: one object.
+/// What an answer adds and a document that it repeats: one object.
 #[derive(Debug, Serialize)]
 pub struct With<A, B> {
-    /// What the answer adds. It gives the object its name.
+    /// What comes first. It gives the object its name.
     #[serde(flatten)]
     pub own: A,
-    /// The document.
+    /// What follows.
     #[serde(flatten)]
     pub document: B,
 }
@@ -86,6 +86,10 @@ impl<T: ToSchema> PartialSchema for Stored<T> {
 }
 
 impl<T: ToSchema> ToSchema for Stored<T> {
+    fn name() -> Cow<'static, str> {
+        T::name()
+    }
+
     fn schemas(schemas: &mut Vec<(String, RefOr<Schema>)>) {
         T::schemas(schemas);
     }
