@@ -2,7 +2,8 @@
 //! of them, so that the description cannot say anything else than what is read and written.
 
 use utoipa::openapi::schema::{
-    AdditionalProperties, ArrayBuilder, KnownFormat, Object, ObjectBuilder, SchemaFormat, SchemaType, Type,
+    AdditionalProperties, AllOf, ArrayBuilder, KnownFormat, Object, ObjectBuilder, SchemaFormat, SchemaType,
+    Type,
 };
 use utoipa::openapi::{RefOr, Schema};
 use utoipa::{PartialSchema, ToSchema};
@@ -52,17 +53,50 @@ impl PartialSchema for Interval {
 
 impl ToSchema for Interval {}
 
+/// What the description calls a point in time.
+#[derive(Debug, Clone, Copy)]
+pub struct Instant;
+
+impl PartialSchema for Instant {
+    fn schema() -> RefOr<Schema> {
+        let text = ObjectBuilder::new()
+            .schema_type(SchemaType::Type(Type::String))
+            .format(Some(SchemaFormat::KnownFormat(KnownFormat::DateTime)));
+        text.description(Some("An instant, RFC 3339 with offset.")).into()
+    }
+}
+
+impl ToSchema for Instant {}
+
 /// One object that has the fields of all of these, and no others if `closed`. `allOf` says the same of open
 /// objects only: each closed one forbids the fields of the others.
 pub fn joined(parts: impl IntoIterator<Item = RefOr<Schema>>, closed: bool) -> Object {
     let mut whole = Object::with_type(Type::Object);
+    let mut others = None;
     for part in parts {
-        if let RefOr::T(Schema::Object(object)) = part {
-            whole.description = whole.description.or(object.description);
-            whole.properties.extend(object.properties);
-            whole.required.extend(object.required);
+        let object = match part {
+            RefOr::T(Schema::Object(object)) => object,
+            RefOr::T(Schema::AllOf(all_of)) => flattened(all_of),
+            _ => continue,
+        };
+        whole.description = whole.description.or(object.description);
+        whole.properties.extend(object.properties);
+        whole.required.extend(object.required);
+        // What a part says of fields that it does not name holds for the whole; that it has none does not.
+        if let Some(AdditionalProperties::RefOr(_)) = object.additional_properties.as_deref() {
+            others = object.additional_properties;
         }
     }
-    whole.additional_properties = closed.then(|| Box::new(AdditionalProperties::FreeForm(false)));
+    let none = || Box::new(AdditionalProperties::FreeForm(false));
+    whole.additional_properties = if closed { Some(none()) } else { others };
+    whole
+}
+
+/// A struct with flattened fields as the one object that is written: `allOf` lists those fields first, and
+/// what the struct has by itself last.
+pub fn flattened(mut all_of: AllOf) -> Object {
+    let own = all_of.items.pop();
+    let mut whole = joined(own.into_iter().chain(all_of.items), false);
+    whole.description = all_of.description.or(whole.description);
     whole
 }

@@ -9,6 +9,9 @@ use super::header::{ColumnBindings, ColumnHeader, MAX_COLUMNS, resolve, shown};
 use super::table::{Cell, Place, Stamp, Table};
 use super::window::{Window, WindowReport};
 use crate::fault::Fault;
+use crate::schema::Instant;
+use utoipa::ToSchema;
+use utoipa::openapi::schema::{ArrayBuilder, Object, ObjectBuilder, SchemaType, Type};
 
 /// The names that the column of times may have, in any case.
 const TIME_NAMES: [&str; 2] = ["time", "timestamp"];
@@ -216,19 +219,40 @@ fn limited(mut faults: Vec<Fault>) -> Vec<Fault> {
     faults
 }
 
-/// A window as a JSON document whose form is right; what its cells hold is judged by [`Window::read`].
-#[derive(serde::Deserialize)]
+/// Measurements as JSON; as CSV they are `time,T_room[degC],…`. A row that cannot be read is left out and
+/// listed; where more than a tenth of the rows cannot be read, the window is refused.
+// The form is right as soon as there is such a document; what its cells hold is judged by `Window::read`.
+#[derive(serde::Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
+#[schema(as = WindowBody)]
 pub struct WindowDocument {
+    /// Units by channel; a channel that is not named has its own.
     #[serde(default)]
+    #[schema(value_type = HashMap<String, ChannelEntry>)]
     channels: Pairs<ChannelEntry>,
+    /// Increasing times with offset.
+    #[schema(value_type = Vec<Instant>, min_items = 2)]
     time: Times,
+    #[schema(schema_with = columns)]
     values: Pairs<JsonColumn>,
 }
 
-#[derive(serde::Deserialize)]
+fn columns() -> Object {
+    let types = SchemaType::from_iter([Type::Number, Type::Null]);
+    let column = ArrayBuilder::new().items(ObjectBuilder::new().schema_type(types)).min_items(Some(2));
+    let columns = ObjectBuilder::new()
+        .schema_type(Type::Object)
+        .additional_properties(Some(column))
+        .min_properties(Some(1));
+    columns.description(Some("One list per channel, as long as `time`.")).build()
+}
+
+/// The unit of a channel.
+#[derive(serde::Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
+#[schema(as = ChannelUnit)]
 struct ChannelEntry {
+    /// Such as `degC`.
     unit: Option<String>,
 }
 

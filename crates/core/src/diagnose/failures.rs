@@ -50,13 +50,14 @@ pub struct Episode {
 /// simulated, in its unit.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Failures {
-    /// Errors by circumstances.
+    /// The free run of the output by circumstances, over the fit's window and in the light of all channels,
+    /// the most telling first. All errors are measured minus simulated.
     pub by_regime: Vec<Regime>,
-    /// Mean error by day and hour of the clock on the wall.
+    /// Its mean error by day and hour of the local clock.
     pub hour_by_date: Vec<DayOfErrors>,
-    /// The worst six hours, several times.
+    /// Its worst six hours, several times, with the channels that are unusual then.
     pub episodes: Vec<Episode>,
-    /// The residual against each measured channel, with the lag at which they go together most.
+    /// Its residual against each measured channel, with the lag at which they go together most.
     pub residual_by_input: Vec<InputLag>,
     /// Autocorrelation and cumulated periodogram of the one-step innovations.
     pub innovations: Spectrum,

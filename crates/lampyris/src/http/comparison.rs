@@ -1,12 +1,12 @@
 //! Fits beside the measurements, for charts and spreadsheets.
 
 use super::access::Caller;
-use super::chart::{CompareBody, ComparisonBody};
 use super::extract::Asked as Query;
 use super::negotiate::{Wanted, rendered};
 use super::problem::{ApiError, PROBLEM_JSON, Problem, Problems};
 use super::shared::{Shared, shared_body};
 use crate::service::catalogue::windows::Format;
+use crate::service::query::chart::{ComparedDocument, ComparisonDocument};
 use crate::service::query::comparison::{self, MOST_FITS};
 use crate::service::query::subject::ComparisonAsked;
 use axum::extract::{Path, State};
@@ -86,9 +86,8 @@ struct CompareQuery {
 }
 
 /// Which simulation is shown.
-#[derive(ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ToSchema)]
 #[serde(rename_all = "snake_case")]
-#[expect(dead_code, reason = "describes the words of `mode`")]
 enum ComparisonMode {
     FreeRun,
     Ahead,
@@ -97,9 +96,9 @@ enum ComparisonMode {
 impl ComparisonQuery {
     /// The question, or every fault in it.
     fn read(&self, format: Format, faults: &mut Vec<Fault>) -> ComparisonAsked {
-        let ahead = match self.mode.as_deref() {
-            None | Some("free_run") => false,
-            Some("ahead") => true,
+        let mode = match self.mode.as_deref() {
+            None | Some("free_run") => ComparisonMode::FreeRun,
+            Some("ahead") => ComparisonMode::Ahead,
             Some(other) => {
                 let detail = format!("`{}` is none of {}", shown(other), MODES.join(", "));
                 let fault = Fault::new("query mode", "unknown-value", detail);
@@ -108,9 +107,10 @@ impl ComparisonQuery {
                     None => fault,
                 });
                 // Whatever was meant, a horizon is judged for itself.
-                true
+                ComparisonMode::Ahead
             }
         };
+        let ahead = mode == ComparisonMode::Ahead;
         let horizon = match self.horizon.as_deref().map(str::parse::<Duration>) {
             None => Duration::from_hours(24),
             Some(Ok(horizon)) => horizon,
@@ -197,7 +197,7 @@ fn shown(text: &str) -> String {
     tag = "fits",
     params(("id" = String, Path), ComparisonQuery),
     responses(
-        (status = 200, content((ComparisonBody = "application/json"), (String = "text/csv"))),
+        (status = 200, content((ComparisonDocument<'static> = "application/json"), (String = "text/csv"))),
         (
             status = 406,
             description = "Neither of the two forms is acceptable",
@@ -229,7 +229,7 @@ async fn get_comparison(
     tag = "fits",
     params(CompareQuery),
     responses(
-        (status = 200, content((CompareBody = "application/json"), (String = "text/csv"))),
+        (status = 200, content((ComparedDocument<'static> = "application/json"), (String = "text/csv"))),
         (
             status = 406,
             description = "Neither of the two forms is acceptable",

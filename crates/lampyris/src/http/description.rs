@@ -3,7 +3,7 @@
 use super::access::declared;
 use super::examples;
 use super::problem::{PROBLEM_JSON, Problem};
-use lampyris_core::schema::{joined, text};
+use lampyris_core::schema::{flattened, joined, text};
 use serde::Serialize;
 use serde_json::Value;
 use std::borrow::Cow;
@@ -36,13 +36,13 @@ const REFUSALS: [(&str, &str, &str); 10] = [
 /// What the description calls the tokens.
 const TOKEN: &str = "token";
 
-/// What an answer says beside a document that it repeats: one object.
+/// What an answer adds and a document that it repeats: one object.
 #[derive(Debug, Serialize)]
 pub struct With<A, B> {
-    /// What the answer adds. It gives the object its name.
+    /// What comes first. It gives the object its name.
     #[serde(flatten)]
     pub own: A,
-    /// The document.
+    /// What follows.
     #[serde(flatten)]
     pub document: B,
 }
@@ -86,6 +86,10 @@ impl<T: ToSchema> PartialSchema for Stored<T> {
 }
 
 impl<T: ToSchema> ToSchema for Stored<T> {
+    fn name() -> Cow<'static, str> {
+        T::name()
+    }
+
     fn schemas(schemas: &mut Vec<(String, RefOr<Schema>)>) {
         T::schemas(schemas);
     }
@@ -125,8 +129,11 @@ pub fn completed(mut description: OpenApi) -> OpenApi {
     description
 }
 
-/// What a page lists is named, not repeated; alternatives that are told apart by a word know no other fields.
+/// Flattened fields stand beside the others; what a page lists is named, not repeated; alternatives that are told apart by a word know no other fields.
 fn complete_schema(name: &str, schema: &mut RefOr<Schema>, names: &BTreeSet<String>) {
+    if let RefOr::T(Schema::AllOf(all_of)) = schema {
+        *schema = flattened(std::mem::take(all_of)).into();
+    }
     match (schema, name.strip_prefix("Page_")) {
         (RefOr::T(Schema::Object(page)), Some(item)) if names.contains(item) => {
             let items =

@@ -9,7 +9,7 @@ use super::extract::Asked;
 use super::jobs::{JobAnswer, require};
 use super::problem::{ApiError, PROBLEM_JSON, Problem, Problems};
 use super::shared::Shared;
-use crate::service::changes::events::{Event as Happening, JobChange, Position};
+use crate::service::changes::events::{Event as Happening, EventName, JobChange, Position};
 use crate::service::work::progress::ProgressReport;
 use crate::store;
 use crate::store::events::Missed;
@@ -102,26 +102,39 @@ struct IncumbentData<'a> {
 }
 
 /// One event of a job.
-#[derive(ToSchema)]
-#[expect(dead_code, reason = "describes the lines of the stream")]
+#[derive(Debug, ToSchema)]
 struct JobEvent {
     #[schema(inline)]
-    event: JobEventName,
+    event: EventName,
     /// `Last-Event-ID` with it leads on from there. What had happened before the stream began has none.
     id: Option<String>,
     /// JSON: a `Progress` of `progress`, the best parameters of `incumbent`, a `Job` of all others.
     data: String,
 }
 
-#[derive(ToSchema)]
-#[serde(rename_all = "lowercase")]
-#[expect(dead_code, reason = "describes the lines of the stream")]
-enum JobEventName {
-    Queued,
-    Started,
-    Progress,
-    Incumbent,
-    Finished,
+impl JobEvent {
+    /// A document that cannot be written ends the stream; the client comes back.
+    fn of(event: EventName, data: &impl Serialize) -> Result<Self, Over> {
+        Ok(Self { event, id: None, data: serde_json::to_string(data).map_err(|_| Over)? })
+    }
+
+    fn of_job(event: EventName, job: JobRecord) -> Result<Self, Over> {
+        Self::of(event, &JobAnswer::without_progress(job))
+    }
+
+    fn at(self, position: Position) -> Self {
+        Self { id: Some(position.to_string()), ..self }
+    }
+}
+
+impl From<JobEvent> for Event {
+    fn from(JobEvent { event, id, data }: JobEvent) -> Self {
+        let told = Event::default().event(event.as_str()).data(data);
+        match id {
+            Some(id) => told.id(id),
+            None => told,
+        }
+    }
 }
 
 /// The events of a job until its end; then the stream ends.
@@ -271,19 +284,19 @@ impl Listener {
         if let Whose::Job(id) = &self.whose {
             let job = require(&self.service, id).await.map_err(|_| Over)?;
             if let Some(end) = job.end_sequence.filter(|_| job.state.is_final()) {
-                self.tell_job("finished", job, Some(Position::of_sequence(end))).await?;
+                self.tell_job(EventName::Finished, job, Some(Position::of_sequence(end))).await?;
                 return Err(Over);
             }
             // What the log has not told yet, it will.
             if job.state == JobState::Queued && job.sequence <= position.sequence {
-                self.tell_job("queued", job, None).await?;
+                self.tell_job(EventName::Queued, job, None).await?;
             }
         } else if let Some(last) = last {
             self.tell_waiting(Missed { after: last.sequence, up_to: position.sequence }).await?;
         }
         for event in running {
             if self.wants(&event) {
-                self.send(self.event(&event)?).await?;
+                self.send(told(&event)?.into()).await?;
             }
         }
         if let (Some(last), Whose::All | Whose::System(_)) = (last, &self.whose) {
@@ -303,7 +316,7 @@ impl Listener {
             cursor = newest.sequence;
             for job in waiting {
                 if self.reach.covers(&job.system) {
-                    self.tell_job("queued", job, None).await?;
+                    self.tell_job(EventName::Queued, job, None).await?;
                 }
             }
         }
@@ -319,7 +332,7 @@ impl Listener {
             for job in ended {
                 let position = job.end_sequence.map(Position::of_sequence);
                 if self.reach.covers(&job.system) {
-                    self.tell_job("finished", job, position).await?;
+                    self.tell_job(EventName::Finished, job, position).await?;
                 }
             }
         }
@@ -334,35 +347,25 @@ impl Listener {
 
     /// Tells an event of the log. The end of its job is the end of the stream of a job.
     async fn tell(&mut self, event: &Happening) -> Result<(), Over> {
-        self.send(self.event(event)?.id(event.position.to_string())).await?;
+        self.send(told(event)?.at(event.position).into()).await?;
         match (&self.whose, &event.what) {
             (Whose::Job(_), JobChange::Finished(_)) => Err(Over),
             _ => Ok(()),
         }
     }
 
-    async fn tell_job(&mut self, name: &str, job: JobRecord, position: Option<Position>) -> Result<(), Over> {
-        let event = self.job_event(name, job)?;
+    async fn tell_job(
+        &mut self,
+        name: EventName,
+        job: JobRecord,
+        position: Option<Position>,
+    ) -> Result<(), Over> {
+        let event = JobEvent::of_job(name, job)?;
         let event = match position {
-            Some(position) => event.id(position.to_string()),
+            Some(position) => event.at(position),
             None => event,
         };
-        self.send(event).await
-    }
-
-    fn event(&self, event: &Happening) -> Result<Event, Over> {
-        let (name, job, system) = (event.what.as_str(), event.job.as_str(), &event.system);
-        match &event.what {
-            JobChange::Queued(record) | JobChange::Started(record) | JobChange::Finished(record) => {
-                self.job_event(name, JobRecord::clone(record))
-            }
-            JobChange::Progress(report) => written(name, &ProgressData { job, system, report }),
-            JobChange::Incumbent(parameters) => written(name, &IncumbentData { job, system, parameters }),
-        }
-    }
-
-    fn job_event(&self, name: &str, job: JobRecord) -> Result<Event, Over> {
-        written(name, &JobAnswer::without_progress(job))
+        self.send(event.into()).await
     }
 
     /// Hands an event to the client, however slow it is, unless the service stops.
@@ -374,7 +377,14 @@ impl Listener {
     }
 }
 
-/// A document that cannot be written ends the stream; the client comes back.
-fn written(name: &str, data: &impl Serialize) -> Result<Event, Over> {
-    Event::default().event(name).json_data(data).map_err(|_| Over)
+/// An event of the log as it is told.
+fn told(event: &Happening) -> Result<JobEvent, Over> {
+    let (name, job, system) = (event.what.name(), event.job.as_str(), &event.system);
+    match &event.what {
+        JobChange::Queued(record) | JobChange::Started(record) | JobChange::Finished(record) => {
+            JobEvent::of_job(name, JobRecord::clone(record))
+        }
+        JobChange::Progress(report) => JobEvent::of(name, &ProgressData { job, system, report }),
+        JobChange::Incumbent(parameters) => JobEvent::of(name, &IncumbentData { job, system, parameters }),
+    }
 }

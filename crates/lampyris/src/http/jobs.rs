@@ -8,7 +8,7 @@ use super::problem::{ApiError, PROBLEM_JSON, Problem, Problems};
 use super::shared::Shared;
 use crate::service::Service;
 use crate::service::queue::body::JobBody;
-use crate::service::queue::request::{self, JobRequest};
+use crate::service::queue::request::{self, BatchJob, JobRequest, SystemJob};
 use crate::service::queue::submit;
 use crate::service::work::progress::ProgressReport;
 use crate::store;
@@ -90,10 +90,9 @@ pub struct JobAnswer {
 }
 
 /// What a request became: a job, or a batch of them.
-#[derive(ToSchema)]
+#[derive(Serialize, ToSchema)]
 #[schema(as = Submitted)]
 #[serde(untagged)]
-#[expect(dead_code, reason = "describes the two answers of `post_job`")]
 enum SubmittedAnswer {
     Job(Box<JobAnswer>),
     Batch(Box<BatchAnswer>),
@@ -213,13 +212,13 @@ async fn post_job(State(service): State<Shared>, caller: Caller, body: Json) -> 
         }
     };
     match asked {
-        JobRequest::One { kind, system, experiment, priority, settings } => {
+        JobRequest::One(SystemJob { kind, system, experiment, priority, settings }) => {
             let submitted =
                 submit::one(&service, kind, &system, experiment, priority, &settings, body.key.as_ref())
                     .await?;
             job_answer(&service, submitted).await
         }
-        JobRequest::Several { priority, batch } => {
+        JobRequest::Several(BatchJob { priority, batch }) => {
             caller.may_select(&batch.systems)?;
             let submitted = submit::several(&service, &batch, None, priority, body.key.as_ref()).await?;
             batch_answer(&service, submitted).await
@@ -237,7 +236,8 @@ async fn job_answer(service: &Service, submitted: Submitted) -> Result<Response,
         }
     };
     let location = format!("/jobs/{}", job.id);
-    Ok(answer(status, location, replayed, axum::Json(JobAnswer::of(service, job))))
+    let job = SubmittedAnswer::Job(Box::new(JobAnswer::of(service, job)));
+    Ok(answer(status, location, replayed, job))
 }
 
 /// The answer to a batch that was submitted.
@@ -248,11 +248,12 @@ pub async fn batch_answer(service: &Service, submitted: SubmittedBatch) -> Resul
     };
     let batch = store::batches::get(&service.store, &id).await?.ok_or(ApiError::NotFound("batch", id))?;
     let location = format!("/batches/{}", batch.id);
-    Ok(answer(status, location, replayed, axum::Json(BatchAnswer::of(service, batch))))
+    let batch = SubmittedAnswer::Batch(Box::new(BatchAnswer::of(service, batch)));
+    Ok(answer(status, location, replayed, batch))
 }
 
-fn answer(status: StatusCode, location: String, replayed: bool, body: impl IntoResponse) -> Response {
-    let mut response = (status, [(header::LOCATION, location)], body).into_response();
+fn answer(status: StatusCode, location: String, replayed: bool, submitted: SubmittedAnswer) -> Response {
+    let mut response = (status, [(header::LOCATION, location)], axum::Json(submitted)).into_response();
     if replayed {
         response.headers_mut().insert(
             HeaderName::from_static("idempotency-replayed"),

@@ -4,10 +4,10 @@ use super::description::With;
 use super::extract::Raw;
 use super::problem::{ApiError, Problems};
 use super::shared::Shared;
-use super::windows::{WindowBody, format};
+use super::windows::format;
 use crate::service::catalogue::layout;
 use axum::extract::State;
-use lampyris_core::data::{Layout, NEIGHBOUR, SAME_ROOM};
+use lampyris_core::data::{Layout, NEIGHBOUR, SAME_ROOM, WindowDocument};
 use serde::Serialize;
 use utoipa::ToSchema;
 use utoipa_axum::router::OpenApiRouter;
@@ -53,7 +53,7 @@ const SIGNAL: &str = "Each pair is judged twice, over the samples that both have
     post,
     path = "/systems/layout",
     tag = "systems",
-    request_body(content((WindowBody = "application/json"), (String = "text/csv"))),
+    request_body(content((WindowDocument = "application/json"), (String = "text/csv"))),
     responses(
         (status = 200, description = "A proposal; nothing is stored or bound", body = LayoutAnswer),
         Problems

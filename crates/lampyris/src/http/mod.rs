@@ -7,7 +7,6 @@
 mod access;
 mod audit;
 mod batches;
-mod chart;
 mod comparison;
 mod decisions;
 mod description;

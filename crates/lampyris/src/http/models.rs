@@ -6,19 +6,18 @@ use super::page::{Page, PageQuery};
 use super::problem::{ApiError, PROBLEM_JSON, Problem, Problems};
 use super::shared::Shared;
 use crate::service::blocking;
-use crate::service::catalogue::models;
+use crate::service::catalogue::models::{self, AddedEffect, ModelDiff, ModelVersion};
 use crate::store;
 use axum::extract::{Path, State};
 use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use lampyris_core::fault::Fault;
 use lampyris_core::model::document::ModelDocument;
-use lampyris_core::model::spec::{EffectSpec, InputSpec, ModelSpec, ParameterSpec};
+use lampyris_core::model::spec::{EffectSpec, ModelSpec};
 use lampyris_core::model::{Input, InputHold, Model, ModelId, Nominal, Output, Parameter, Scale};
 use lampyris_core::schema::Interval;
 use serde::Serialize;
 use serde_json::Value;
-use std::collections::HashMap;
 use utoipa::ToSchema;
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
@@ -118,42 +117,6 @@ struct ModelOutput {
     noise_sd: f64,
 }
 
-/// What an effect added to a model.
-#[derive(Debug, ToSchema)]
-#[expect(dead_code, reason = "describes the document that `catalogue::models` makes")]
-struct ModelDiff {
-    /// The effect, with its argument.
-    effect: String,
-    title: String,
-    inputs: HashMap<String, InputSpec>,
-    parameters: HashMap<String, ParameterSpec>,
-    /// New meanings of names, where it has any.
-    #[schema(required = false)]
-    replace: HashMap<String, String>,
-    /// Terms by state.
-    terms: HashMap<String, String>,
-    /// Terms by output.
-    outputs: HashMap<String, String>,
-}
-
-/// An effect of the catalogue by name, or a whole effect document.
-#[derive(Debug, ToSchema)]
-#[serde(untagged)]
-#[expect(dead_code, reason = "describes what `catalogue::models` reads")]
-enum AddedEffect {
-    Named(NamedEffect),
-    Document(Box<EffectSpec>),
-}
-
-/// An effect of the catalogue, with its argument where it takes one.
-#[derive(Debug, ToSchema)]
-#[serde(deny_unknown_fields)]
-#[expect(dead_code, reason = "describes what `catalogue::models` reads")]
-struct NamedEffect {
-    #[schema(pattern = "^[A-Za-z0-9_]{1,64}(:[A-Za-z0-9_]{1,64})?$", example = "wind_infiltration")]
-    effect: String,
-}
-
 /// What a dry run found.
 #[derive(Debug, Serialize, ToSchema)]
 struct ModelCheck {
@@ -161,21 +124,6 @@ struct ModelCheck {
     valid: bool,
     /// Every fault.
     errors: Vec<Fault>,
-}
-
-/// A model made by adding an effect.
-#[derive(Debug, ToSchema)]
-#[expect(dead_code, reason = "describes the document that `catalogue::models` makes")]
-#[schema(as = ModelVersion)]
-struct VersionAnswer {
-    /// Its id.
-    id: ModelId,
-    /// The model that it was made from.
-    parent: ModelId,
-    /// What was added.
-    diff: ModelDiff,
-    /// Hash of its content.
-    hash: String,
 }
 
 /// All models: the built-in ones, those of users, and those made by adding effects.
@@ -304,11 +252,11 @@ async fn get_model(
     params(("id" = String, Path, example = "room3"), ("Idempotency-Key" = Option<String>, Header)),
     request_body = AddedEffect,
     responses(
-        (status = 200, description = "It was there already", body = VersionAnswer),
+        (status = 200, description = "It was there already", body = ModelVersion),
         (
             status = 201,
             description = "Made; `Location` leads to it",
-            body = VersionAnswer,
+            body = ModelVersion,
             headers(("Location" = String))
         ),
         (
@@ -328,7 +276,7 @@ async fn post_model_effect(
 ) -> Result<Response, ApiError> {
     let parent = parse_id(&id)?;
     let taken = models::add_effect(&service, &parent, body.value, caller.name(), body.key.as_ref()).await?;
-    let location = format!("/models/{}", taken.thing.get("id").and_then(Value::as_str).unwrap_or_default());
+    let location = format!("/models/{}", taken.thing.id);
     Ok((created(taken.is_new), [(header::LOCATION, location)], axum::Json(taken.thing)).into_response())
 }
 

@@ -1,7 +1,7 @@
 //! Rooms and plants.
 
 use super::access::Caller;
-use super::description::With;
+use super::description::{Stored, With};
 use super::extract::{Asked, Json, Named};
 use super::page::{Page, PageQuery};
 use super::problem::{ApiError, Problems};
@@ -20,10 +20,10 @@ use axum::response::{IntoResponse, Response};
 use indexmap::IndexMap;
 use jiff::Timestamp;
 use lampyris_core::data::SystemId;
+use lampyris_core::estimate::assess::metrics::CurrentState;
 use lampyris_core::estimate::gate::served::ServedError;
 use lampyris_core::model::ModelId;
 use serde::{Deserialize, Serialize};
-use serde_json::Value;
 use utoipa::{IntoParams, ToSchema};
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
@@ -155,24 +155,14 @@ impl SystemRow {
     }
 }
 
-/// The states at the newest sample that a job has seen.
-#[derive(Debug, ToSchema)]
-#[expect(dead_code, reason = "describes a document whose fields are named by the model")]
-struct StateAnswer {
-    /// The instant of the sample.
-    #[schema(format = DateTime)]
-    at: String,
-    /// Present where the model has no filter: the states are those of a free run from the start of the fit's
-    /// window, which no measurement has corrected.
-    free_run: Option<bool>,
-    /// Standard deviations by state; empty for a free run, which has none.
-    sd: std::collections::HashMap<String, f64>,
+/// By what the states were found.
+#[derive(Debug, Serialize, ToSchema)]
+struct StateRevision {
     /// The revision by whose parameters they were found.
     revision: i64,
-    /// The states by name, in the units of the model.
-    #[serde(flatten)]
-    states: std::collections::HashMap<String, f64>,
 }
+
+type StateAnswer = With<Stored<CurrentState>, StateRevision>;
 
 /// All systems, one row each: health, error, status.
 #[utoipa::path(
@@ -295,11 +285,10 @@ async fn delete_system(
 async fn get_state(
     State(service): State<Shared>,
     Named(system): Named,
-) -> Result<axum::Json<Value>, ApiError> {
+) -> Result<axum::Json<StateAnswer>, ApiError> {
     match store::params::state(&service.store, &system).await? {
-        Some((revision, Value::Object(mut state))) => {
-            state.insert("revision".to_owned(), revision.into());
-            Ok(axum::Json(Value::Object(state)))
+        Some((revision, state)) if state.is_object() => {
+            Ok(axum::Json(With { own: Stored::of(state), document: StateRevision { revision } }))
         }
         Some(_) => Err(ApiError::Internal("a stored state is no object".into())),
         None if service.params.entry(&system.to_string()).is_none() => {

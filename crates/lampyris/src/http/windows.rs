@@ -14,60 +14,15 @@ use axum::extract::{Path, State};
 use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use jiff::Timestamp;
-use lampyris_core::data::{SystemId, WindowReport};
+use lampyris_core::data::{SystemId, WindowDocument, WindowReport};
 use serde::Serialize;
-use std::collections::HashMap;
 use utoipa::ToSchema;
-use utoipa::openapi::schema::{ArrayBuilder, ObjectBuilder, SchemaType, Type};
-use utoipa::openapi::{RefOr, Schema};
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
 /// The paths of this file.
 pub fn router() -> OpenApiRouter<Shared> {
     OpenApiRouter::new().routes(routes!(post_window, list_windows)).routes(routes!(get_window, delete_window))
-}
-
-/// Measurements as JSON; as CSV they are `time,T_room[degC],…`. A row that cannot be read is left out and
-/// listed; where more than a tenth of the rows cannot be read, the window is refused.
-#[derive(Debug, ToSchema)]
-#[serde(deny_unknown_fields)]
-#[expect(dead_code, reason = "describes what `Window::parse_json` reads")]
-pub struct WindowBody {
-    /// Units by channel; a channel that is not named has its own.
-    #[serde(default)]
-    channels: HashMap<String, ChannelUnit>,
-    /// Increasing times with offset.
-    #[schema(min_items = 2)]
-    time: Vec<Instant>,
-    /// One list per channel, as long as `time`.
-    #[schema(schema_with = columns)]
-    values: HashMap<String, Vec<Option<f64>>>,
-}
-
-fn columns() -> impl Into<RefOr<Schema>> {
-    let types = SchemaType::from_iter([Type::Number, Type::Null]);
-    let column = ArrayBuilder::new().items(ObjectBuilder::new().schema_type(types)).min_items(Some(2));
-    let columns = ObjectBuilder::new()
-        .schema_type(Type::Object)
-        .additional_properties(Some(column))
-        .min_properties(Some(1));
-    columns.description(Some("One list per channel, as long as `time`.")).build()
-}
-
-/// An instant, RFC 3339 with offset.
-#[derive(Debug, ToSchema)]
-#[schema(format = DateTime)]
-#[expect(dead_code, reason = "describes a text")]
-struct Instant(String);
-
-/// The unit of a channel.
-#[derive(Debug, ToSchema)]
-#[serde(deny_unknown_fields)]
-#[expect(dead_code, reason = "describes what `Window::parse_json` reads")]
-struct ChannelUnit {
-    /// Such as `degC`.
-    unit: Option<String>,
 }
 
 /// A window: not its samples, but what was found in them.
@@ -111,7 +66,7 @@ fn shown(window: WindowRecord) -> WindowAnswer {
     path = "/systems/{kind}/{id}/windows",
     tag = "windows",
     params(("kind" = String, Path), ("id" = String, Path), ("Idempotency-Key" = Option<String>, Header)),
-    request_body(content((WindowBody = "application/json"), (String = "text/csv"))),
+    request_body(content((WindowDocument = "application/json"), (String = "text/csv"))),
     responses(
         (status = 200, description = "It was there already", body = WindowAnswer),
         (

@@ -2,6 +2,7 @@
 
 use super::database::Store;
 use super::error::StoreError;
+use super::page;
 use super::reach::SystemScope;
 use super::row::row;
 use super::value::{instant, millis, parse};
@@ -137,8 +138,6 @@ pub async fn page(
     let sql = "SELECT * FROM audit WHERE ($1 IS NULL OR system = $1)
                AND ($4 IS NULL OR EXISTS (SELECT 1 FROM json_each($4) WHERE system GLOB value))
                AND sequence < $2 ORDER BY sequence DESC LIMIT $3";
-    let query =
-        sqlx::query_as(sql).bind(system.map(ToString::to_string)).bind(before).bind(limit).bind(reach.sql()?);
-    let rows: Vec<Row> = query.fetch_all(&store.reader).await?;
+    let rows: Vec<Row> = page::rows(store, sql, reach, system, before, limit).await?;
     rows.into_iter().map(Row::record).collect()
 }

@@ -4,6 +4,7 @@ use super::database::Store;
 use super::error::StoreError;
 use super::evidence;
 use super::jobs::Lease;
+use super::page;
 use super::reach::SystemScope;
 use super::row::row;
 use super::sequence::{derive_id, next};
@@ -166,13 +167,7 @@ pub async fn page(
         "SELECT * FROM diagnoses WHERE ($1 IS NULL OR system = $1) AND ($4 IS NULL OR EXISTS (SELECT 1 \
         FROM json_each($4) WHERE system GLOB value))
                      AND sequence < $2 ORDER BY sequence DESC LIMIT $3";
-    let rows: Vec<Row> = sqlx::query_as(sql)
-        .bind(system.map(ToString::to_string))
-        .bind(before)
-        .bind(limit)
-        .bind(reach.sql()?)
-        .fetch_all(&store.reader)
-        .await?;
+    let rows: Vec<Row> = page::rows(store, sql, reach, system, before, limit).await?;
     rows.into_iter().map(Row::record).collect()
 }
 

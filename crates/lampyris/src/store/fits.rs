@@ -2,6 +2,7 @@
 
 use super::database::Store;
 use super::error::StoreError;
+use super::page;
 use super::reach::SystemScope;
 use super::row::row;
 use super::value::{from_json, instant, parse, to_json};
@@ -174,12 +175,6 @@ pub async fn page(
                FROM fits f WHERE ($1 IS NULL OR f.system = $1) AND ($4 IS NULL OR EXISTS (SELECT 1 FROM \
         json_each($4) WHERE f.system GLOB value))
                      AND f.rowid < $2 ORDER BY f.rowid DESC LIMIT $3";
-    let rows: Vec<EntryRow> = sqlx::query_as(sql)
-        .bind(system.map(ToString::to_string))
-        .bind(before)
-        .bind(limit)
-        .bind(reach.sql()?)
-        .fetch_all(&store.reader)
-        .await?;
+    let rows: Vec<EntryRow> = page::rows(store, sql, reach, system, before, limit).await?;
     rows.into_iter().map(EntryRow::entry).collect()
 }

@@ -29,6 +29,7 @@
 //! | `idempotency` | keys of requests that created something |
 //! | `database`, `file` | the writer and the readers of one service; how the file is opened, and who holds it |
 //! | `schema`, `migrate` | which schema a database has, and how it is brought up to date |
+//! | `page` | pages of the lists that are cut by what a caller may see |
 //! | `sequence`, `value`, `words`, `row` | how ids are made, and how values stand in columns |
 //! | `write` | write transactions, and what they tell of the disk |
 //! | `backup` | copies of a database, and their way back |
@@ -56,6 +57,7 @@ pub mod jobs;
 pub mod metrics;
 pub mod migrate;
 pub mod models;
+mod page;
 pub mod params;
 pub mod pins;
 pub mod reach;

@@ -9,6 +9,7 @@ use crate::fault::Fault;
 use crate::units::error_unit;
 use indexmap::IndexMap;
 use serde::Serialize;
+use utoipa::ToSchema;
 
 /// The name of the free run among the horizons.
 pub const FREE_RUN: &str = "free_run";
@@ -32,8 +33,8 @@ pub enum Over {
     Unseen,
 }
 
-/// The errors of one fit in one output at one horizon.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+/// The errors of one fit in one output at one horizon, beside those of a skill.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct ErrorRow {
     /// The fit.
     pub fit: String,
@@ -43,10 +44,12 @@ pub struct ErrorRow {
     pub unit: String,
     /// `free_run`, or how far ahead.
     pub horizon: String,
-    /// Over which samples.
+    /// `range`: all samples that all fits have; `unseen`: those of them in no fit's training part.
+    #[schema(value_type = String)]
     pub over: Over,
     /// The errors.
     #[serde(flatten)]
+    #[schema(inline)]
     pub skill: Skill,
 }
 

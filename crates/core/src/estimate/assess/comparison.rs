@@ -8,6 +8,7 @@ use crate::units::error_unit;
 use indexmap::IndexMap;
 use serde::Serialize;
 use std::ops::Range;
+use utoipa::ToSchema;
 
 /// How the model is run beside the measurements.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -51,25 +52,29 @@ pub struct InputLine {
     pub values: Vec<Option<f64>>,
 }
 
-/// A stretch of time that lies in one part of a fit's window.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+/// A stretch of a fit's window.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, ToSchema)]
 pub struct PartSpan {
     /// Which part.
+    #[schema(value_type = String)]
     pub part: Part,
     /// Its first sample in the range, RFC 3339.
+    #[schema(format = DateTime)]
     pub from: String,
     /// Its last one.
+    #[schema(format = DateTime)]
     pub to: String,
 }
 
-/// The errors of one output over the range and over the parts of it.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+/// Errors of one output.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct OutputErrors {
     /// Unit of the errors.
     pub unit: String,
     /// Over the whole range.
     pub range: Option<Skill>,
     /// By part; forecasts count where origin and target lie in the same part, as for the stored errors.
+    #[schema(value_type = IndexMap<String, Skill>)]
     pub parts: IndexMap<Part, Skill>,
 }
 

@@ -11,6 +11,7 @@ use crate::units::error_unit;
 use indexmap::IndexMap;
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
+use utoipa::ToSchema;
 
 /// The horizons that every fit reports.
 pub const HORIZONS: [(&str, i64); 3] = [("PT1H", 3600), ("PT6H", 21_600), ("PT24H", 86_400)];
@@ -256,19 +257,22 @@ fn rho(problem: &Problem, trajectory: &Trajectory, output: usize) -> Option<f64>
         .filter(|rho| rho.is_finite())
 }
 
-/// The states at the newest sample: what a controller needs beside the parameters.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+/// The states at the newest sample that a job has seen.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[schema(as = StateAnswer)]
 pub struct CurrentState {
-    /// The instant, RFC 3339.
+    /// The instant of the sample.
+    #[schema(format = DateTime)]
     pub at: String,
-    /// Whether they are those of a free run from the start of the fit's window, which no measurement has
-    /// corrected: a model without a filter has no other, and no deviations.
+    /// Present where the model has no filter: the states are those of a free run from the start of the fit's
+    /// window, which no measurement has corrected.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    #[schema(value_type = Option<bool>)]
     pub free_run: bool,
-    /// The states by name.
+    /// The states by name, in the units of the model.
     #[serde(flatten)]
     pub states: IndexMap<String, f64>,
-    /// Their standard deviations.
+    /// Standard deviations by state; empty for a free run, which has none.
     pub sd: IndexMap<String, f64>,
 }
 

@@ -10,6 +10,7 @@ use indexmap::IndexMap;
 use serde::Serialize;
 use std::collections::{BTreeMap, BTreeSet};
 use std::f64::consts::PI;
+use utoipa::ToSchema;
 
 /// Most graph nodes times steps of a preview; on one core this is well below two seconds.
 const MOST_WORK: usize = 100_000_000;
@@ -25,7 +26,8 @@ const PLACE: (f64, f64) = (56.0, 10.0);
 const REPLACEMENTS: [&str; 3] = ["flow", "valve", "irradiance"];
 
 /// A value with its unit.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+#[schema(as = PreviewQuantity)]
 pub struct Quantity {
     /// The value.
     pub value: f64,
@@ -33,38 +35,41 @@ pub struct Quantity {
     pub unit: String,
 }
 
-/// Values over time; `null` where there is none.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+/// A curve with its unit.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+#[schema(as = PreviewCurve)]
 pub struct Curve {
     /// The unit of the values.
     pub unit: String,
-    /// One per time.
+    /// One per time; `null` where there is none.
     pub values: Vec<Option<f64>>,
 }
 
 /// An output, measured and simulated.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+#[schema(as = PreviewOutput)]
 pub struct OutputCurves {
     /// The unit of both.
     pub unit: String,
     /// What was measured; nothing on the standard days.
     pub measured: Vec<Option<f64>>,
-    /// The free run; nothing where an input is unknown.
+    /// The free run; `null` where an input is unknown.
     pub simulated: Vec<Option<f64>>,
-    /// Root mean square of their difference over the whole window, where there is one.
+    /// Root mean square of their difference over the whole window.
     pub rmse: Option<f64>,
 }
 
-/// What a model does.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+/// What the model does.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct Preview {
-    /// The model.
+    /// The model with its effects.
+    #[schema(example = "room3+wind_infiltration")]
     pub model: String,
-    /// Its content hash with these channels.
+    /// Hash of its content with these channels.
     pub hash: String,
     /// Whether the inputs are those of the standard days.
     pub synthetic: bool,
-    /// The parameters that were used.
+    /// The values that were used.
     pub parameters: IndexMap<String, Quantity>,
     /// What was left out because its channels are not there.
     pub dropped: Vec<String>,
@@ -72,7 +77,7 @@ pub struct Preview {
     pub diverged: bool,
     /// Every how many samples one is shown.
     pub every: usize,
-    /// The instants, RFC 3339.
+    /// The instants.
     pub time: Vec<String>,
     /// By channel.
     pub outputs: IndexMap<String, OutputCurves>,

@@ -20,6 +20,7 @@ use crate::simulate::kalman::Noise;
 use serde::Serialize;
 use std::ops::Range;
 use std::sync::OnceLock;
+use utoipa::ToSchema;
 
 /// Most samples of a run: half a year of one-minute data.
 pub const MOST_SAMPLES: usize = 300_000;
@@ -46,15 +47,15 @@ impl Part {
 }
 
 /// Whether a stored fit and what is shown of it belong together.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, ToSchema)]
 pub struct Provenance {
     /// Hash of the measurements of the fit's window as they are now.
     pub input_hash: String,
     /// Hash of those that the fit was made from.
     pub fit_input_hash: String,
-    /// Whether the two differ.
+    /// Whether newer uploads or exclusions have changed them.
     pub measurements_changed: bool,
-    /// Whether the documents of the model say something else than when the fit was made.
+    /// Whether the documents of the model say something else by now.
     pub model_changed: bool,
     /// Whether the stored error on the training part comes out again.
     pub reproduced: bool,

@@ -6,12 +6,14 @@ use crate::units::error_unit;
 use indexmap::IndexMap;
 use serde::Serialize;
 use std::ops::Range;
+use utoipa::ToSchema;
 
 /// The skill of a simulated series y beside measurements m, with the residual e = m - y: positive where the
 /// model is too low. All but `n` and `r2` are in the unit of the error.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, ToSchema)]
 pub struct Skill {
-    /// How many pairs were compared.
+    /// Pairs that were compared.
+    #[schema(value_type = u64)]
     pub n: usize,
     /// Mean of e.
     pub bias: f64,
@@ -22,7 +24,7 @@ pub struct Skill {
     /// Mean of |e|.
     pub mae: f64,
     /// Coefficient of determination, 1 - sum e2 / sum (m - mean m)2: 1 is perfect, 0 is as good as the mean
-    /// of the measurements, below 0 is worse. `None` where the measurements do not change.
+    /// of the measurements, below 0 is worse. `null` where the measurements do not change.
     pub r2: Option<f64>,
 }
 
@@ -57,8 +59,8 @@ impl Skill {
     }
 }
 
-/// The skill of one output's free run in each part of a fit's window.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+/// The free run of one output by part.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct PartSkill {
     /// Unit of the errors.
     pub unit: String,
@@ -70,16 +72,17 @@ pub struct PartSkill {
     pub test: Option<Skill>,
 }
 
-/// The skill of one output at one horizon.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+/// The skill at one horizon.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct HorizonSkill {
-    /// How far ahead: `PT1H`, `PT6H`, `PT24H`, or `free_run`.
+    /// `PT1H`, `PT6H`, `PT24H` or `free_run`.
     pub horizon: String,
     /// The skill.
     #[serde(flatten)]
+    #[schema(inline)]
     pub skill: Skill,
-    /// The error of persistence on the same samples: the value measured at the origin, held. The origin of a
-    /// free run is the start of the window.
+    // The origin of a free run is the start of the window.
+    /// The error of the value measured at the origin, held, on the same samples.
     pub persistence_rmse: Option<f64>,
 }
 

@@ -6,15 +6,19 @@ use crate::service::state::Service;
 use crate::service::threads::blocking;
 use crate::store::idempotency::RequestKey;
 use crate::store::models::{self, DocumentInsertion, VersionRecord};
-use jiff::Timestamp;
+use indexmap::IndexMap;
 use lampyris_core::fault::{Fault, nearest};
 use lampyris_core::model::document::ModelDocument;
 use lampyris_core::model::plant::PlantSpec;
-use lampyris_core::model::spec::{CompositionSpec, EffectSpec, ModelSpec};
+use lampyris_core::model::spec::{
+    CompositionSpec, Definition, EffectSpec, InputSpec, ModelSpec, ParameterSpec,
+};
 use lampyris_core::model::{Bindings, Catalogue, Model, ModelId, compile};
+use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use std::borrow::Cow;
 use std::cmp::Reverse;
+use utoipa::ToSchema;
 
 /// A document that was taken, and whether it is new.
 #[derive(Debug, Clone)]
@@ -23,6 +27,56 @@ pub struct Taken<T> {
     pub thing: T,
     /// Whether it is new.
     pub is_new: bool,
+}
+
+/// A model made by adding an effect.
+#[derive(Debug, Clone, Serialize, ToSchema)]
+pub struct ModelVersion {
+    /// Its id.
+    pub id: ModelId,
+    /// The model that it was made from.
+    pub parent: ModelId,
+    /// What was added.
+    pub diff: ModelDiff,
+    /// Hash of its content.
+    pub hash: String,
+}
+
+/// What an effect added to a model.
+#[derive(Debug, Clone, Serialize, ToSchema)]
+pub struct ModelDiff {
+    /// The effect, with its argument.
+    effect: String,
+    title: String,
+    inputs: IndexMap<String, InputSpec>,
+    parameters: IndexMap<String, ParameterSpec>,
+    /// Terms by state.
+    terms: IndexMap<String, String>,
+    /// Terms by output.
+    outputs: IndexMap<String, String>,
+    // Subexpressions are named inside the terms alone, so the description leaves them out.
+    #[serde(skip_serializing_if = "IndexMap::is_empty")]
+    #[schema(ignore)]
+    define: IndexMap<String, Definition>,
+    /// New meanings of names, where it has any.
+    #[serde(skip_serializing_if = "IndexMap::is_empty")]
+    replace: IndexMap<String, String>,
+}
+
+/// An effect of the catalogue by name, or a whole effect document.
+#[derive(Debug, ToSchema)]
+#[serde(untagged)]
+pub(crate) enum AddedEffect {
+    Named(NamedEffect),
+    Document(Box<EffectSpec>),
+}
+
+/// An effect of the catalogue, with its argument where it takes one.
+#[derive(Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct NamedEffect {
+    #[schema(pattern = "^[A-Za-z0-9_]{1,64}(:[A-Za-z0-9_]{1,64})?$", example = "wind_infiltration")]
+    effect: String,
 }
 
 /// Reads and compiles a model document against a catalogue.
@@ -297,7 +351,7 @@ pub async fn add_effect(
     body: Value,
     who: &str,
     key: Option<&RequestKey>,
-) -> Result<Taken<Value>, ServiceError> {
+) -> Result<Taken<ModelVersion>, ServiceError> {
     let catalogue = service.catalogue.current();
     if let Err(faults) = catalogue.compose(parent) {
         return Err(if faults.iter().all(|fault| fault.code == "unknown-model") {
@@ -306,21 +360,28 @@ pub async fn add_effect(
             ServiceError::Faults(faults)
         });
     }
-    let (base, now) = (parent.clone(), service.now());
+    let base = parent.clone();
     let made =
-        blocking(move || make_version(&catalogue, &base, body, now)).await?.map_err(ServiceError::Faults)?;
+        blocking(move || make_version(&catalogue, &base, body)).await?.map_err(ServiceError::Faults)?;
     let (version, effect) = made;
     if let Some(effect) = &effect
         && let Some(known) = service.catalogue.current().effects().find(|known| known.id == effect.id)
     {
         same_or_conflict(known == effect, "effect", &effect.id)?;
     }
-    let kept = models::insert_version(&service.store, &version, effect.as_ref(), who, key).await?;
+    let record = VersionRecord {
+        id: version.id.clone(),
+        parent: version.parent.clone(),
+        effect: version.diff.effect.clone(),
+        document: json!(version),
+        created_at: service.now(),
+    };
+    let kept = models::insert_version(&service.store, &record, effect.as_ref(), who, key).await?;
     let is_new = settled(kept, "model", &version.id.to_string())?;
     if let Some(effect) = effect {
         service.catalogue.change(|catalogue| catalogue.add_effect(effect.clone()));
     }
-    Ok(Taken { thing: version.document, is_new })
+    Ok(Taken { thing: version, is_new })
 }
 
 /// The catalogue knows the effect as a part of a model's id; the sender knows it by its own field.
@@ -328,33 +389,32 @@ fn at_effect(fault: Fault) -> Fault {
     if fault.pointer == "/model" { Fault { pointer: "/effect".into(), ..fault } } else { fault }
 }
 
+/// Reads the effect that is to be added. Which of the two forms is meant shows before it is read, so that
+/// every fault of that form is listed.
+fn read_added(catalogue: &Catalogue, parent: &ModelId, body: Value) -> Result<AddedEffect, Vec<Fault>> {
+    if body.get("effect").is_some() {
+        let mut named = decode::read::<NamedEffect>(body, &Value::Null);
+        let unknown = named.document.as_ref().and_then(|named| catalogue.effect(&named.effect).err());
+        named.add(unknown.map(at_effect));
+        return named.finish().map(AddedEffect::Named);
+    }
+    let effect = check_effect(catalogue, Some(parent), body)?;
+    if let Some(word) = &effect.argument {
+        let detail = format!("`{}` needs a {word}: post it to /effects, then add it here by name", effect.id);
+        return Err(vec![Fault::new("/argument", "argument-missing", detail)]);
+    }
+    Ok(AddedEffect::Document(Box::new(effect)))
+}
+
 /// The new version, and its effect where that came as a document.
 fn make_version(
     catalogue: &Catalogue,
     parent: &ModelId,
     body: Value,
-    created_at: Timestamp,
-) -> Result<(VersionRecord, Option<EffectSpec>), Vec<Fault>> {
-    #[derive(serde::Deserialize)]
-    #[serde(deny_unknown_fields)]
-    struct ByName {
-        effect: String,
-    }
-    let (name, own) = if body.get("effect").is_some() {
-        let mut named = decode::read::<ByName>(body, &Value::Null);
-        let name = named.document.as_ref().map(|document| document.effect.clone()).unwrap_or_default();
-        if named.document.is_some() {
-            named.add(catalogue.effect(&name).err().map(at_effect));
-        }
-        (named.finish()?.effect, None)
-    } else {
-        let effect = check_effect(catalogue, Some(parent), body)?;
-        if let Some(word) = &effect.argument {
-            let detail =
-                format!("`{}` needs a {word}: post it to /effects, then add it here by name", effect.id);
-            return Err(vec![Fault::new("/argument", "argument-missing", detail)]);
-        }
-        (effect.id.clone(), Some(effect))
+) -> Result<(ModelVersion, Option<EffectSpec>), Vec<Fault>> {
+    let (name, own) = match read_added(catalogue, parent, body)? {
+        AddedEffect::Named(named) => (named.effect, None),
+        AddedEffect::Document(effect) => (effect.id.clone(), Some(*effect)),
     };
     let mut extended = catalogue.clone();
     own.iter().for_each(|effect| extended.add_effect(effect.clone()));
@@ -369,26 +429,17 @@ fn make_version(
     }
     let model =
         compiled(&extended, &id).map_err(|faults| faults.into_iter().map(at_effect).collect::<Vec<_>>())?;
-    let mut document = json!({
-        "id": id,
-        "parent": parent,
-        "diff": {
-            "effect": name,
-            "title": spec.title,
-            "inputs": spec.inputs,
-            "parameters": spec.parameters,
-            "terms": spec.terms,
-            "outputs": spec.outputs,
-        },
-        "hash": model.hash(),
-    });
-    if !spec.define.is_empty() {
-        document["diff"]["define"] = json!(spec.define);
-    }
-    if !spec.replace.is_empty() {
-        document["diff"]["replace"] = json!(spec.replace);
-    }
-    Ok((VersionRecord { id, parent: parent.clone(), effect: name, document, created_at }, own))
+    let diff = ModelDiff {
+        effect: name,
+        title: spec.title,
+        inputs: spec.inputs,
+        parameters: spec.parameters,
+        terms: spec.terms,
+        outputs: spec.outputs,
+        define: spec.define,
+        replace: spec.replace,
+    };
+    Ok((ModelVersion { id, parent: parent.clone(), diff, hash: model.hash().to_owned() }, own))
 }
 
 fn same_or_conflict(same: bool, what: &'static str, id: &str) -> Result<(), ServiceError> {

@@ -13,6 +13,7 @@ use lampyris_core::data::SystemId;
 use std::collections::{HashMap, VecDeque};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use tokio::sync::{Mutex as AsyncMutex, Notify, watch};
+use utoipa::ToSchema;
 
 /// Events that are kept for listeners that come back.
 const KEPT: usize = 2048;
@@ -91,15 +92,44 @@ pub struct EventBatch {
     pub is_all: bool,
 }
 
+/// What an event is called.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ToSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum EventName {
+    /// A job entered the queue.
+    Queued,
+    /// A worker has it.
+    Started,
+    /// It has come so far.
+    Progress,
+    /// The best parameters so far.
+    Incumbent,
+    /// Nothing more will happen.
+    Finished,
+}
+
+impl EventName {
+    /// The word in the stream.
+    pub const fn as_str(self) -> &'static str {
+        match self {
+            EventName::Queued => "queued",
+            EventName::Started => "started",
+            EventName::Progress => "progress",
+            EventName::Incumbent => "incumbent",
+            EventName::Finished => "finished",
+        }
+    }
+}
+
 impl JobChange {
     /// The name of the event.
-    pub const fn as_str(&self) -> &'static str {
+    pub const fn name(&self) -> EventName {
         match self {
-            JobChange::Queued(_) => "queued",
-            JobChange::Started(_) => "started",
-            JobChange::Progress(_) => "progress",
-            JobChange::Incumbent(_) => "incumbent",
-            JobChange::Finished(_) => "finished",
+            JobChange::Queued(_) => EventName::Queued,
+            JobChange::Started(_) => EventName::Started,
+            JobChange::Progress(_) => EventName::Progress,
+            JobChange::Incumbent(_) => EventName::Incumbent,
+            JobChange::Finished(_) => EventName::Finished,
         }
     }
 }
@@ -261,7 +291,7 @@ impl Log {
             }
             JobChange::Progress(_) | JobChange::Incumbent(_) => {
                 if let Some(told) = self.running.get_mut(job) {
-                    told.retain(|earlier| earlier.what.as_str() != event.what.as_str());
+                    told.retain(|earlier| earlier.what.name() != event.what.name());
                     told.push(event.clone());
                 }
             }
@@ -314,7 +344,7 @@ mod tests {
     }
 
     fn told(handful: &EventBatch) -> Vec<(&str, &str)> {
-        handful.events.iter().map(|event| (event.what.as_str(), event.job.as_str())).collect()
+        handful.events.iter().map(|event| (event.what.name().as_str(), event.job.as_str())).collect()
     }
 
     #[test]
@@ -389,7 +419,7 @@ mod tests {
             events.publish("job_1", &system, JobChange::Incumbent(Arc::default()));
         }
         let (_, running) = events.snapshot();
-        let words: Vec<&str> = running.iter().map(|event| event.what.as_str()).collect();
+        let words: Vec<&str> = running.iter().map(|event| event.what.name().as_str()).collect();
         assert_eq!(words, ["started", "progress", "incumbent"]);
         assert_eq!(running[1].what, JobChange::Progress(report(20)));
         events.publish("job_1", &system, JobChange::Finished(Box::new(job(1, Some(2)))));

@@ -10,78 +10,130 @@ use lampyris_core::estimate::assess::compare::{Compared, ErrorRow};
 use lampyris_core::estimate::assess::comparison::{Comparison, OutputErrors, PartSpan};
 use lampyris_core::estimate::assess::replay::Provenance;
 use serde::Serialize;
+use utoipa::ToSchema;
 
-/// A line of a chart: every sample, or the extremes of stretches of them.
-#[derive(Debug, Serialize)]
-#[serde(untagged)]
-enum Line {
-    All { values: Vec<Option<f64>> },
-    Thinned(Envelope),
+/// A line: `values`, or `min` and `max` where it is thinned. `null` is a gap.
+#[derive(Debug, Default, Serialize, ToSchema)]
+struct Line {
+    #[serde(skip_serializing_if = "Option::is_none")]
+    values: Option<Vec<Option<f64>>>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    min: Option<Vec<Option<f64>>>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    max: Option<Vec<Option<f64>>>,
 }
 
-/// Says that lines were thinned, and how.
-#[derive(Debug, Serialize)]
+/// How lines were thinned.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = Thinning)]
 struct ThinningNote {
+    /// `min_max`: the lowest and the highest value of each stretch.
     method: &'static str,
+    /// Samples to a point.
+    #[schema(value_type = u64)]
     samples_per_point: usize,
+    /// The same in a sentence.
     comment: String,
 }
 
-/// What every comparison says about itself.
-#[derive(Debug, Serialize)]
-struct Frame {
-    mode: &'static str,
-    horizon: Option<Duration>,
-    from: String,
-    to: String,
-    step_s: i64,
-    samples: usize,
-    thinning: Option<ThinningNote>,
-}
-
-#[derive(Debug, Serialize)]
-struct ComparisonDocument<'a> {
+/// A fit beside the measurements.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = Comparison)]
+pub struct ComparisonDocument<'a> {
     fit: &'a str,
     system: &'a str,
     model: &'a str,
-    #[serde(flatten)]
-    frame: Frame,
+    /// `free_run` or `ahead`.
+    mode: &'static str,
+    /// How far ahead; `null` for a free run.
+    #[schema(value_type = Option<String>)]
+    horizon: Option<Duration>,
+    /// The first sample that is shown.
+    #[schema(format = DateTime)]
+    from: String,
+    /// The last one.
+    #[schema(format = DateTime)]
+    to: String,
+    /// Seconds between samples.
+    step_s: i64,
+    /// Samples in the range.
+    #[schema(value_type = u64)]
+    samples: usize,
+    /// How lines were thinned; `null` where every sample is there.
+    thinning: Option<ThinningNote>,
     provenance: &'a Provenance,
+    /// Which part of the fit's window each stretch belongs to: `train`, `validation`, `test`, or `after` it.
     parts: &'a [PartSpan],
+    /// Errors by output: `unit`, over the whole `range`, and over its `parts`. Forecasts count in a part
+    /// where origin and target lie in it.
     errors: &'a IndexMap<String, OutputErrors>,
+    /// The times of the points.
     time: Vec<String>,
+    /// By channel.
     outputs: IndexMap<&'a str, OutputBody<'a>>,
+    /// The model's inputs by channel: a unit beside a line.
     inputs: IndexMap<&'a str, InputBody<'a>>,
 }
 
-#[derive(Debug, Serialize)]
+/// One output.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = OutputLines)]
 struct OutputBody<'a> {
+    /// Unit of `measured` and `simulated`.
     unit: &'a str,
+    /// Unit of `residual`.
     error_unit: &'a str,
     measured: Line,
     simulated: Line,
+    /// Measured minus simulated: positive where the model is too low.
     residual: Line,
 }
 
-#[derive(Debug, Serialize)]
+/// One input.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = InputLine)]
 struct InputBody<'a> {
     unit: &'a str,
     #[serde(flatten)]
+    #[schema(inline)]
     line: Line,
 }
 
-#[derive(Debug, Serialize)]
-struct ComparedDocument<'a> {
+/// Several fits beside the measurements.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = Compare)]
+pub struct ComparedDocument<'a> {
     system: String,
-    #[serde(flatten)]
-    frame: Frame,
+    /// `free_run` or `ahead`.
+    mode: &'static str,
+    /// How far ahead; `null` for free runs.
+    #[schema(value_type = Option<String>)]
+    horizon: Option<Duration>,
+    /// The first sample that is shown.
+    #[schema(format = DateTime)]
+    from: String,
+    /// The last one.
+    #[schema(format = DateTime)]
+    to: String,
+    /// Seconds between samples: the longest step of a fit.
+    step_s: i64,
+    /// Samples in the range.
+    #[schema(value_type = u64)]
+    samples: usize,
+    /// How lines were thinned; `null` where every sample is there.
+    thinning: Option<ThinningNote>,
+    /// The fits, with what each stretch was to them.
     fits: Vec<ComparedFit<'a>>,
+    /// Errors by fit, output and horizon, on the samples that all fits have.
     errors: &'a [ErrorRow],
+    /// The times of the points.
     time: Vec<String>,
+    /// By channel.
     outputs: IndexMap<&'a str, ComparedBody<'a>>,
 }
 
-#[derive(Debug, Serialize)]
+/// One fit of several.
+#[derive(Debug, Serialize, ToSchema)]
 struct ComparedFit<'a> {
     fit: &'a str,
     model: &'a str,
@@ -89,10 +141,13 @@ struct ComparedFit<'a> {
     parts: &'a [PartSpan],
 }
 
-#[derive(Debug, Serialize)]
+/// One output of several fits.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = ComparedOutput)]
 struct ComparedBody<'a> {
     unit: &'a str,
     measured: Line,
+    /// By fit.
     simulated: IndexMap<&'a str, Line>,
 }
 
@@ -109,27 +164,25 @@ impl Points {
         Self { start, step, samples, thinning: Thinning::new(samples, asked.max_points) }
     }
 
-    fn frame(&self, asked: &ComparisonAsked) -> Frame {
+    fn from(&self) -> String {
+        rfc3339(self.start)
+    }
+
+    fn to(&self) -> String {
+        rfc3339(self.start + self.step * self.samples.saturating_sub(1) as i64)
+    }
+
+    /// That lines were thinned, and how.
+    fn note(&self) -> Option<ThinningNote> {
         let per_point = self.thinning.per_point();
-        let comment = || {
-            format!(
+        (per_point > 1).then(|| ThinningNote {
+            method: "min_max",
+            samples_per_point: per_point,
+            comment: format!(
                 "each point stands for up to {per_point} samples from its time on, with their lowest and \
                 highest value; a shorter gap does not show"
-            )
-        };
-        Frame {
-            mode: if asked.horizon.is_some() { "ahead" } else { "free_run" },
-            horizon: asked.horizon,
-            from: rfc3339(self.start),
-            to: rfc3339(self.start + self.step * self.samples.saturating_sub(1) as i64),
-            step_s: self.step,
-            samples: self.samples,
-            thinning: (per_point > 1).then(|| ThinningNote {
-                method: "min_max",
-                samples_per_point: per_point,
-                comment: comment(),
-            }),
-        }
+            ),
+        })
     }
 
     fn times(&self) -> Vec<String> {
@@ -138,11 +191,17 @@ impl Points {
 
     fn line(&self, values: &[Option<f64>]) -> Line {
         if self.thinning.per_point() == 1 {
-            Line::All { values: values.to_vec() }
+            Line { values: Some(values.to_vec()), ..Line::default() }
         } else {
-            Line::Thinned(self.thinning.envelope(values))
+            let Envelope { min, max } = self.thinning.envelope(values);
+            Line { min: Some(min), max: Some(max), ..Line::default() }
         }
     }
+}
+
+/// Which series are shown, in a word.
+fn mode(asked: &ComparisonAsked) -> &'static str {
+    if asked.horizon.is_some() { "ahead" } else { "free_run" }
 }
 
 /// One fit beside the measurements.
@@ -171,7 +230,13 @@ pub(super) fn comparison_json(
         fit: named.id,
         system: named.system,
         model: &named.fit.model,
-        frame: points.frame(asked),
+        mode: mode(asked),
+        horizon: asked.horizon,
+        from: points.from(),
+        to: points.to(),
+        step_s: points.step,
+        samples: points.samples,
+        thinning: points.note(),
         provenance: replay.provenance(),
         parts: &comparison.parts,
         errors: &comparison.errors,
@@ -230,7 +295,13 @@ pub(super) fn compared_json(
     });
     json(&ComparedDocument {
         system: subjects.first().map(|subject| subject.record().system.to_string()).unwrap_or_default(),
-        frame: points.frame(asked),
+        mode: mode(asked),
+        horizon: asked.horizon,
+        from: points.from(),
+        to: points.to(),
+        step_s: points.step,
+        samples: points.samples,
+        thinning: points.note(),
         fits: fits.collect(),
         errors: &compared.errors,
         time: points.times(),
@@ -268,14 +339,10 @@ fn csv(points: &Points, columns: &[(String, &str, Line)]) -> Result<Vec<u8>, Ser
     let mut headers = vec!["time".to_owned()];
     let mut series: Vec<&[Option<f64>]> = Vec::new();
     for (name, unit, line) in columns {
-        match line {
-            Line::All { values } => {
-                headers.push(format!("{name}[{unit}]"));
+        for (edge, values) in [("", &line.values), ("min_", &line.min), ("max_", &line.max)] {
+            if let Some(values) = values {
+                headers.push(format!("{edge}{name}[{unit}]"));
                 series.push(values);
-            }
-            Line::Thinned(envelope) => {
-                headers.extend([format!("min_{name}[{unit}]"), format!("max_{name}[{unit}]")]);
-                series.extend([envelope.min.as_slice(), envelope.max.as_slice()]);
             }
         }
     }

@@ -14,21 +14,34 @@ use lampyris_core::estimate::assess::summary::summary;
 use lampyris_core::estimate::{Fit, Replay};
 use lampyris_core::fault::{Fault, nearest};
 use serde::Serialize;
+use utoipa::ToSchema;
 
-#[derive(Debug, Serialize)]
-struct Document<'a> {
+/// How well a fit follows its measurements.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = Diagnostics)]
+pub struct DiagnosticsDocument<'a> {
     fit: &'a str,
     system: &'a str,
     model: &'a str,
+    /// What the numbers say, in plain sentences.
     summary: String,
     provenance: &'a Provenance,
+    /// The free run of each output in the parts of the fit's window.
     skill: IndexMap<String, PartSkill>,
+    /// The part that `by_horizon` was judged on: `validation`, or `train` where nothing else is there.
+    #[schema(value_type = String)]
     judged_on: Part,
+    /// The skill of each output 1, 6 and 24 hours ahead and of its free run, beside persistence.
     by_horizon: IndexMap<String, Vec<HorizonSkill>>,
+    /// The output that the summary and all that follows is about, as asked for; the first one where none was.
     output: &'a str,
+    /// Free-run error over the deviation of the noise that is left in it, by output; above 1.6 something
+    /// physical is probably missing.
     rho: IndexMap<&'a str, Option<f64>>,
+    /// Root mean square of the one-step innovations, by output.
     noise_floor: IndexMap<&'a str, Option<f64>>,
     #[serde(flatten)]
+    #[schema(inline)]
     failures: Failures,
 }
 
@@ -100,7 +113,7 @@ pub fn document(
         .map_err(|fault| ServiceError::Faults(vec![fault]))?;
     let mut told: Vec<String> = told.into_iter().collect();
     told.extend(sentences(problem, at, &failures));
-    chart::json(&Document {
+    chart::json(&DiagnosticsDocument {
         fit: named.id,
         system: named.system,
         model: &fit.model,

@@ -5,7 +5,7 @@
 //! `series` is the stitched view of all windows of a system, and `preview` one simulation for whoever edits a
 //! model.
 
-mod chart;
+pub mod chart;
 pub mod comparison;
 pub mod diagnostics;
 pub mod preview;

@@ -15,9 +15,12 @@ use lampyris_core::estimate::assess::preview::{Preview, preview, standard_days};
 use lampyris_core::estimate::problem::request::WindowRange;
 use lampyris_core::estimate::{EstimateRequest, prepare};
 use lampyris_core::fault::Fault;
+use lampyris_core::model::document::ModelDocument;
+use lampyris_core::model::spec::EffectSpec;
 use lampyris_core::model::{Bindings, Catalogue, ModelId, compile};
 use serde::Deserialize;
 use serde_json::Value;
+use utoipa::ToSchema;
 
 /// Longest window of a preview.
 const LONGEST: Duration = Duration::from_days(28);
@@ -26,16 +29,50 @@ const USUAL: Duration = Duration::from_days(7);
 /// Most samples that are shown.
 const MOST_POINTS: usize = 2000;
 
-/// What is asked.
-#[derive(Debug, Clone, Default, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-struct Request {
-    model: Option<Value>,
-    effects: Vec<Value>,
+/// What is simulated. Every field has a default, but a model or a system must be named.
+#[derive(Debug, Clone, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+#[schema(as = PreviewBody)]
+pub struct Request {
+    /// The id of a model, or a whole model document; the system's own model by default.
+    model: Option<PreviewModel>,
+    /// Effects to add: ids, or whole effect documents.
+    #[serde(default)]
+    effects: Vec<PreviewEffect>,
+    /// Values of parameters in their units; the nominal ones for the others.
+    #[serde(default)]
+    #[schema(example = json!({"alpha_h": 0.4}))]
     parameters: IndexMap<String, f64>,
+    /// The system whose measurements drive the model. Without one the inputs are those of two standard days:
+    /// a cool March with sun, heating by day, and people in the evening; channels that nobody knows step from
+    /// 0 to 1 at noon.
     system: Option<SystemId>,
+    /// Which of its measurements, at most 28 days: `last`, or `from` and `to`; the last seven by default.
     window: Option<WindowRange>,
+    /// Most points of a curve, from 2 to 2000; 2000 by default. A longer one shows every so many samples.
+    #[schema(minimum = 2, maximum = 2000)]
     max_points: Option<usize>,
+}
+
+/// A model by its id, or a whole model document.
+// The document is read on its own, so that all of its faults are listed.
+#[derive(Debug, Clone, Deserialize, ToSchema)]
+#[serde(untagged)]
+enum PreviewModel {
+    #[schema(value_type = ModelId)]
+    Named(String),
+    #[schema(value_type = ModelDocument)]
+    Document(Value),
+}
+
+/// An effect by its id, with its argument where it takes one, or a whole effect document.
+// The document is read on its own, so that all of its faults are listed.
+#[derive(Debug, Clone, Deserialize, ToSchema)]
+#[serde(untagged)]
+enum PreviewEffect {
+    Named(String),
+    #[schema(value_type = EffectSpec)]
+    Document(Value),
 }
 
 /// Simulates a model with nominal or given values.
@@ -158,10 +195,10 @@ fn assemble(
     let mut catalogue = catalogue.clone();
     let mut model = match &request.model {
         None => system.map(|system| system.model.clone()).ok_or_else(Vec::new)?,
-        Some(Value::String(id)) => {
+        Some(PreviewModel::Named(id)) => {
             id.parse().map_err(|error| vec![Fault::new("/model", "invalid-id", format!("{error}"))])?
         }
-        Some(document) => {
+        Some(PreviewModel::Document(document)) => {
             let at = |fault: Fault| Fault { pointer: format!("/model{}", fault.pointer), ..fault };
             let (document, model) = check_model(&catalogue, document.clone())
                 .map_err(|faults| faults.into_iter().map(at).collect::<Vec<_>>())?;
@@ -173,28 +210,30 @@ fn assemble(
     let mut own = Vec::new();
     for (index, effect) in request.effects.iter().enumerate() {
         let name = match effect {
-            Value::String(name) => match catalogue.effect(name) {
+            PreviewEffect::Named(name) => match catalogue.effect(name) {
                 Ok(_) => name.clone(),
                 Err(fault) => {
                     faults.push(Fault { pointer: format!("/effects/{index}"), ..fault });
                     continue;
                 }
             },
-            document => match check_effect(&catalogue, Some(&model), document.clone()) {
-                Ok(effect) => {
-                    let id = effect.id.clone();
-                    own.push((id.clone(), index));
-                    catalogue.add_effect(effect);
-                    id
+            PreviewEffect::Document(document) => {
+                match check_effect(&catalogue, Some(&model), document.clone()) {
+                    Ok(effect) => {
+                        let id = effect.id.clone();
+                        own.push((id.clone(), index));
+                        catalogue.add_effect(effect);
+                        id
+                    }
+                    Err(more) => {
+                        faults.extend(more.into_iter().map(|fault| Fault {
+                            pointer: format!("/effects/{index}{}", fault.pointer),
+                            ..fault
+                        }));
+                        continue;
+                    }
                 }
-                Err(more) => {
-                    faults.extend(more.into_iter().map(|fault| Fault {
-                        pointer: format!("/effects/{index}{}", fault.pointer),
-                        ..fault
-                    }));
-                    continue;
-                }
-            },
+            }
         };
         model = model.plus(&name);
     }

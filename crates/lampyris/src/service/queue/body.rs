@@ -1,86 +1,13 @@
 //! What openapi.yaml says of the bodies of jobs and schedules.
 
-use crate::store::jobs::Priority;
-use lampyris_core::data::{SystemId, SystemPattern};
+use super::request::{BatchJob, SystemJob};
+use crate::store::batches::BatchKind;
 use lampyris_core::estimate::EstimateRequest;
-use lampyris_core::schema::joined;
+use lampyris_core::schema::{joined, word};
 use std::borrow::Cow;
-use utoipa::openapi::schema::{Object, OneOfBuilder};
+use utoipa::openapi::schema::{Object, ObjectBuilder, OneOfBuilder};
 use utoipa::openapi::{Ref, RefOr, Schema};
 use utoipa::{PartialSchema, ToSchema};
-
-/// A job for one system: an estimate, a diagnosis of what its model is missing, a ladder of effects, or a
-/// tuning: settings of the search that suit it, chosen on the older windows of its record (`split.train`
-/// long) and judged on the newer ones. Everything but `kind` and `system` has a default that serves.
-#[derive(ToSchema)]
-#[expect(dead_code, reason = "describes what `queue::request` reads")]
-struct OneFields {
-    #[schema(inline)]
-    kind: OneWord,
-    /// The system.
-    system: SystemId,
-    /// Never alters what is served.
-    #[serde(default)]
-    experiment: bool,
-    /// Who goes first.
-    #[serde(default)]
-    priority: Priority,
-}
-
-/// The kind of a job for one system.
-#[derive(ToSchema)]
-#[serde(rename_all = "lowercase")]
-#[expect(dead_code, reason = "describes what `queue::request` reads")]
-enum OneWord {
-    Estimate,
-    Diagnose,
-    Ladder,
-    Tune,
-}
-
-/// Estimates for several systems, as a batch. Everything but `kind` and `systems` has a default that serves.
-#[derive(ToSchema)]
-#[expect(dead_code, reason = "describes what `queue::request` reads")]
-struct RecalibrateFields {
-    #[schema(inline)]
-    kind: RecalibrateWord,
-    /// Which systems.
-    #[schema(min_items = 1)]
-    systems: Vec<SystemPattern>,
-    /// Who goes first.
-    #[serde(default)]
-    priority: Priority,
-}
-
-/// Diagnoses of several systems, as a batch. Everything but `kind` and `systems` has a default that serves.
-#[derive(ToSchema)]
-#[expect(dead_code, reason = "describes what `queue::request` reads")]
-struct DiagnoseFields {
-    #[schema(inline)]
-    kind: DiagnoseWord,
-    /// Which systems.
-    #[schema(min_items = 1)]
-    systems: Vec<SystemPattern>,
-    /// Who goes first.
-    #[serde(default)]
-    priority: Priority,
-}
-
-/// The kind of a batch of diagnoses.
-#[derive(ToSchema)]
-#[serde(rename_all = "lowercase")]
-#[expect(dead_code, reason = "describes what `queue::request` reads")]
-enum DiagnoseWord {
-    Diagnose,
-}
-
-/// The kind of a batch of estimates.
-#[derive(ToSchema)]
-#[serde(rename_all = "lowercase")]
-#[expect(dead_code, reason = "describes what `queue::request` reads")]
-enum RecalibrateWord {
-    Recalibrate,
-}
 
 /// What a job is asked to do. Everything but `kind` and `system` (or `systems`) has a default that serves.
 #[derive(Debug)]
@@ -126,6 +53,13 @@ fn recalibration_settings() -> Object {
     settings
 }
 
+/// A batch of one kind.
+fn batch_job(kind: BatchKind, kind_is: &str, is: &str, settings: Object) -> RefOr<Schema> {
+    let kind = ObjectBuilder::new().property("kind", word([kind.as_str()], kind_is)).required("kind");
+    let kind = kind.description(Some(is)).into();
+    joined([kind, BatchJob::schema(), settings.into()], true).into()
+}
+
 impl PartialSchema for BatchSettings {
     fn schema() -> RefOr<Schema> {
         batch_settings().into()
@@ -163,18 +97,26 @@ impl ToSchema for JobBody {
     }
 
     fn schemas(schemas: &mut Vec<(String, RefOr<Schema>)>) {
-        schemas.push(("SystemJob".to_owned(), joined([OneFields::schema(), settings().into()], true).into()));
-        schemas.push((
-            "RecalibrateJob".to_owned(),
-            joined([RecalibrateFields::schema(), recalibration_settings().into()], true).into(),
-        ));
-        schemas.push((
-            "DiagnoseJobs".to_owned(),
-            joined([DiagnoseFields::schema(), BatchSettings::schema()], true).into(),
-        ));
-        OneFields::schemas(schemas);
-        RecalibrateFields::schemas(schemas);
-        DiagnoseFields::schemas(schemas);
+        let one = joined([SystemJob::schema(), settings().into()], true);
+        schemas.push(("SystemJob".to_owned(), one.into()));
+        let recalibrate = batch_job(
+            BatchKind::Recalibrate,
+            "The kind of a batch of estimates.",
+            "Estimates for several systems, as a batch. Everything but `kind` and `systems` has a default \
+            that serves.",
+            recalibration_settings(),
+        );
+        schemas.push(("RecalibrateJob".to_owned(), recalibrate));
+        let diagnose = batch_job(
+            BatchKind::Diagnose,
+            "The kind of a batch of diagnoses.",
+            "Diagnoses of several systems, as a batch. Everything but `kind` and `systems` has a default \
+            that serves.",
+            batch_settings(),
+        );
+        schemas.push(("DiagnoseJobs".to_owned(), diagnose));
+        SystemJob::schemas(schemas);
+        BatchJob::schemas(schemas);
         EstimateRequest::schemas(schemas);
     }
 }

@@ -11,8 +11,11 @@ use lampyris_core::estimate::problem::request::agreed;
 use lampyris_core::estimate::{EarlyStopping, EstimateRequest, tune};
 use lampyris_core::fault::{Fault, nearest};
 use lampyris_core::optimise::Method;
+use lampyris_core::schema::word;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
+use utoipa::ToSchema;
+use utoipa::openapi::{RefOr, Schema};
 
 /// The kinds that a request may name.
 const KINDS: [&str; 5] = ["estimate", "diagnose", "ladder", "recalibrate", "tune"];
@@ -23,41 +26,66 @@ const MOST_EVALUATIONS: usize = 100_000_000;
 #[derive(Debug, Clone, PartialEq)]
 pub enum JobRequest {
     /// One system.
-    One {
-        /// What is to be done.
-        kind: JobKind,
-        /// The system.
-        system: SystemId,
-        /// Whether it never alters what is served.
-        experiment: bool,
-        /// Who goes first.
-        priority: Priority,
-        /// What is asked, apart from what the system will fill in.
-        settings: Map<String, Value>,
-    },
+    One(SystemJob),
     /// Several.
-    Several {
-        /// Who goes first.
-        priority: Priority,
-        /// Which systems, and what is asked of them.
-        batch: BatchRequest,
-    },
+    Several(BatchJob),
 }
 
-/// A request to recalibrate or to diagnose several systems; also what a schedule submits.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct BatchRequest {
-    /// What is done.
-    #[serde(default = "BatchKind::usual", skip_serializing_if = "BatchKind::is_usual")]
-    pub kind: BatchKind,
-    /// Which systems.
-    pub systems: Vec<SystemPattern>,
-    /// What is asked of each, apart from what the system will fill in.
-    #[serde(flatten)]
+/// A job for one system: an estimate, a diagnosis of what its model is missing, a ladder of effects, or a
+/// tuning: settings of the search that suit it, chosen on the older windows of its record (`split.train`
+/// long) and judged on the newer ones. Everything but `kind` and `system` has a default that serves.
+#[derive(Debug, Clone, PartialEq, ToSchema)]
+pub struct SystemJob {
+    /// What is to be done.
+    #[schema(schema_with = kinds)]
+    pub kind: JobKind,
+    /// The system.
+    pub system: SystemId,
+    /// Never alters what is served.
+    #[schema(required = false)]
+    pub experiment: bool,
+    /// Who goes first.
+    #[schema(required = false)]
+    pub priority: Priority,
+    /// What is asked, apart from what the system will fill in; `body` describes it as it is completed.
+    #[schema(ignore)]
     pub settings: Map<String, Value>,
 }
 
-/// Reads the body of `POST /jobs`.
+fn kinds() -> RefOr<Schema> {
+    word(JobKind::ALL.iter().map(|kind| kind.as_str()), "The kind of a job for one system.")
+}
+
+/// The same for several systems.
+#[derive(Debug, Clone, PartialEq, ToSchema)]
+pub struct BatchJob {
+    /// Who goes first.
+    #[schema(required = false)]
+    pub priority: Priority,
+    /// Which systems, and what is asked of them.
+    #[serde(flatten)]
+    #[schema(inline)]
+    pub batch: BatchRequest,
+}
+
+/// A request to recalibrate or to diagnose several systems; also what a schedule submits.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct BatchRequest {
+    /// What is done; each kind has a description of its own.
+    #[serde(default = "BatchKind::usual", skip_serializing_if = "BatchKind::is_usual")]
+    #[schema(ignore)]
+    pub kind: BatchKind,
+    /// Which systems.
+    #[schema(min_items = 1)]
+    pub systems: Vec<SystemPattern>,
+    /// What is asked of each, apart from what the system will fill in; `body` describes it as it is
+    /// completed.
+    #[serde(flatten)]
+    #[schema(ignore)]
+    pub settings: Map<String, Value>,
+}
+
+/// Reads the body of `POST /jobs`, field by field, so that every fault is listed at once.
 ///
 /// # Errors
 /// Every fault.
@@ -147,7 +175,7 @@ fn read_one(kind: JobKind, mut fields: Map<String, Value>) -> Result<JobRequest,
     }
     match system {
         Some(system) if faults.is_empty() => {
-            Ok(JobRequest::One { kind, system, experiment, priority, settings: fields })
+            Ok(JobRequest::One(SystemJob { kind, system, experiment, priority, settings: fields }))
         }
         _ => Err(faults),
     }
@@ -157,7 +185,7 @@ fn read_several(kind: BatchKind, mut fields: Map<String, Value>) -> Result<JobRe
     let mut faults = Vec::new();
     let priority = take_or(&mut fields, "priority", Priority::Operator, &mut faults);
     match read_batch(kind, fields) {
-        Ok(batch) if faults.is_empty() => Ok(JobRequest::Several { priority, batch }),
+        Ok(batch) if faults.is_empty() => Ok(JobRequest::Several(BatchJob { priority, batch })),
         other => {
             faults.extend(other.err().into_iter().flatten());
             Err(faults)
