@@ -138,7 +138,7 @@ impl App {
         // Taken before anything ends, so that the jobs that fail right now are told and counted like all
         // others.
         let newest = store::events::newest(&store).await?;
-        let recovered = store::jobs::recover(&store, boot, clock.now()).await?;
+        let recovered = store::queue::recover(&store, boot, clock.now()).await?;
         if !recovered.requeued.is_empty() || !recovered.failed.is_empty() {
             tracing::warn!(
                 requeued = recovered.requeued.len(),
@@ -211,7 +211,7 @@ impl App {
             // gone.
             for lease in self.service.board.leases() {
                 if let Err(error) =
-                    store::jobs::requeue(&self.service.store, &lease, self.service.now()).await
+                    store::queue::requeue(&self.service.store, &lease, self.service.now()).await
                 {
                     tracing::error!(%error, job = lease.job, "a job could not be given back");
                 }

@@ -9,7 +9,9 @@
 //! | `systems` | documents of rooms and plants |
 //! | `windows` | uploaded measurements, one block per channel |
 //! | `models` | model and effect documents of users, versions made by adding effects |
-//! | `jobs` | the queue: submit, claim with a lease, cancel, recover |
+//! | `job`, `job_record` | what a job is: its words, and what its state implies |
+//! | `jobs` | jobs as they are listed |
+//! | `queue` | how jobs wait: submit, claim with a lease, cancel, recover |
 //! | `events` | jobs that came or ended after a number |
 //! | `finish` | the end of a job: job, fit, verdict and revision in one transaction |
 //! | `batches` | recalibrations and diagnoses of several systems |
@@ -52,12 +54,14 @@ pub mod finish;
 pub mod fits;
 pub mod idempotency;
 mod job;
+mod job_record;
 pub mod jobs;
 pub mod metrics;
 pub mod migrate;
 pub mod models;
 pub mod params;
 pub mod pins;
+pub mod queue;
 pub mod reach;
 pub mod retention;
 pub mod retry;

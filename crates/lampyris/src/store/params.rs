@@ -3,7 +3,7 @@
 
 use super::database::Store;
 use super::error::StoreError;
-use super::job::JobState;
+use super::job::JobStatus;
 use super::row::row;
 use super::value::{from_json, instant, millis, parse, to_json};
 use super::words::words;
@@ -41,7 +41,7 @@ pub struct ServedState {
     /// Whether an operator holds it.
     pub pin: Option<PinRecord>,
     /// The newest job of any kind.
-    pub latest_job: Option<(String, JobState)>,
+    pub latest_job: Option<(String, JobStatus)>,
 }
 
 /// A revision.

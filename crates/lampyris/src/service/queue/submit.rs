@@ -11,7 +11,8 @@ use crate::service::work::input;
 use crate::store;
 use crate::store::batches::{BatchKind, NewBatch, Skipped, SubmittedBatch};
 use crate::store::idempotency::RequestKey;
-use crate::store::jobs::{Cancelled, JobKind, NewJob, Origin, Priority, Submitted};
+use crate::store::jobs::{JobKind, Origin, Priority};
+use crate::store::queue::{Cancelled, NewJob, Submitted};
 use crate::store::retry::Retried;
 use lampyris_core::data::{SplitRequest, SystemId};
 use lampyris_core::estimate::{EstimateRequest, tune};
@@ -52,7 +53,7 @@ pub async fn one(
     }
     let new = new_job(kind, system, model, experiment, &request, Origin::Posted, priority)?;
     let submitted =
-        store::jobs::submit(&service.store, &new, key, service.queue_limit(), service.now()).await?;
+        store::queue::submit(&service.store, &new, key, service.queue_limit(), service.now()).await?;
     told(service, submitted).await
 }
 
@@ -109,7 +110,7 @@ pub async fn refit(
         Origin::Scheduled,
         Priority::Nightly,
     )?;
-    store::jobs::submit(&service.store, &new, None, service.queue_limit(), service.now()).await?;
+    store::queue::submit(&service.store, &new, None, service.queue_limit(), service.now()).await?;
     service.wake.notify_one();
     params::refresh(service, system).await
 }
@@ -294,7 +295,7 @@ pub async fn entered(service: &Service, batch: &NewBatch) -> Result<(), ServiceE
 /// # Errors
 /// Where the database fails.
 pub async fn cancel(service: &Service, id: &str) -> Result<Option<Cancelled>, ServiceError> {
-    let Some(cancelled) = store::jobs::cancel(&service.store, id, service.now()).await? else {
+    let Some(cancelled) = store::queue::cancel(&service.store, id, service.now()).await? else {
         return Ok(None);
     };
     if cancelled.running {

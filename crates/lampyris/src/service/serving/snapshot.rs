@@ -3,7 +3,7 @@
 //! A handler takes the body that is there: no SQL, no lock, no encoding.
 
 use super::body::Rendered;
-use crate::store::jobs::JobState;
+use crate::store::jobs::JobStatus;
 use arc_swap::ArcSwap;
 use jiff::Timestamp;
 use lampyris_core::data::SystemId;
@@ -46,7 +46,7 @@ pub enum Answer {
     /// No fit was ever accepted.
     NeverValidated {
         /// The newest job.
-        latest_job: Option<(String, JobState)>,
+        latest_job: Option<(String, JobStatus)>,
         /// The nominal values of the model, for those who accept them.
         nominal: Option<Rendered>,
     },

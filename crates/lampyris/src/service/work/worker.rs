@@ -14,7 +14,8 @@ use crate::service::serving::{degradations, params};
 use crate::service::state::Service;
 use crate::store::StoreError;
 use crate::store::finish::{JobEnd, JudgedFit, Tuned, finish};
-use crate::store::jobs::{self, JobFailure, JobKind, JobRecord, Lease, Origin};
+use crate::store::jobs::{JobFailure, JobKind, JobRecord, Lease, Origin};
+use crate::store::queue;
 use lampyris_core::estimate::{Control, Interrupt, Progress};
 use rayon::ThreadPool;
 use std::any::Any;
@@ -40,7 +41,7 @@ pub async fn run(service: Arc<Service>, pool: ThreadPool) {
         // missed.
         let mut woken = pin!(service.wake.notified());
         woken.as_mut().enable();
-        let pause = match jobs::claim(&service.store, service.boot, service.now()).await {
+        let pause = match queue::claim(&service.store, service.boot, service.now()).await {
             Ok(Some(job)) => {
                 // There may be more: the next idle worker looks, and wakes the one after it.
                 service.wake.notify_one();
@@ -180,7 +181,7 @@ async fn record(service: &Arc<Service>, job: &JobRecord, lease: &Lease, mut end:
     let mut tries = 0;
     loop {
         let written = match &end {
-            End::GivenBack => jobs::requeue(&service.store, lease, service.now()).await.map(|()| None),
+            End::GivenBack => queue::requeue(&service.store, lease, service.now()).await.map(|()| None),
             End::Found(finding) => {
                 finish(&service.store, lease, &JobEnd::Fitted(finding), service.now()).await.map(Some)
             }
