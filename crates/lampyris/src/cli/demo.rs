@@ -196,8 +196,8 @@ async fn stop_signal() {
 fn document(job: &JobRecord, fit: Option<&FitRecord>) -> Value {
     json!({
         "system": job.system.to_string(), "model": job.model.to_string(),
-        "state": job.state.status().as_str(), "verdict": fit.map(|fit| &fit.verdict), "summary": fit.map(|fit| &fit.summary),
-        "fit": fit.map(|fit| &fit.fit),
+        "state": job.state.status().as_str(), "verdict": fit.map(|fit| &fit.verdict),
+        "summary": fit.map(|fit| &fit.summary), "fit": fit.map(|fit| &fit.fit),
     })
 }
 

@@ -33,6 +33,7 @@
 //! | `schema`, `migrate` | which schema a database has, and how it is brought up to date |
 //! | `sequence`, `value`, `words`, `row` | how ids are made, and how values stand in columns |
 //! | `write` | write transactions, and what they tell of the disk |
+//! | `changes` | which systems a commit was about, for the one who follows what is served |
 //! | `backup` | copies of a database, and their way back |
 //! | `doctor` | how a database fares |
 //! | `failpoint` | where tests let the process die |
@@ -40,6 +41,7 @@
 pub mod audit;
 pub mod backup;
 pub mod batches;
+mod changes;
 mod database;
 pub mod decisions;
 pub mod degradations;
@@ -77,6 +79,7 @@ pub mod windows;
 mod words;
 mod write;
 
+pub use changes::Change;
 pub use database::Store;
 pub use error::{StoreError, busy};
 pub use words::UnknownWord;

@@ -289,3 +289,19 @@ pub(super) async fn keep_state(
     sqlx::query(sql).bind(system).bind(to_json("a state", state)?).execute(tx).await?;
     Ok(())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::STANDING;
+    use crate::store::changes::NOTES;
+
+    #[test]
+    fn whatever_is_read_is_noted_when_it_changes() {
+        let tables = STANDING.split("JOIN ").flat_map(|part| part.split("FROM ")).skip(1);
+        let tables: Vec<&str> = tables.filter_map(|part| part.split_whitespace().next()).collect();
+        assert!(tables.contains(&"systems") && tables.contains(&"pins"), "{tables:?}");
+        for table in tables {
+            assert!(NOTES.contains(&format!(" ON main.{table}\n")), "{table}");
+        }
+    }
+}

@@ -3,7 +3,9 @@
 /// The text of an enum whose variants are words, as `serde` spells it. `as` is its name in the description of
 /// the service, where that is another one.
 macro_rules! words {
-    ($(#[doc = $doc:literal])+ $name:ident $(as $schema:literal)? { $($(#[$variant_doc:meta])* $variant:ident = $word:literal),+ $(,)? }) => {
+    ($(#[doc = $doc:literal])+ $name:ident $(as $schema:literal)? {
+        $($(#[$variant_doc:meta])* $variant:ident = $word:literal),+ $(,)?
+    }) => {
         $(#[doc = $doc])+
         #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
         pub enum $name {

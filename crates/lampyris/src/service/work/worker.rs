@@ -10,7 +10,7 @@ use super::input::{self, Input};
 use super::{diagnose, poison, tune};
 use crate::service::changes::events::JobChange;
 use crate::service::changes::follow;
-use crate::service::serving::{degradations, params};
+use crate::service::serving::degradations;
 use crate::service::state::Service;
 use crate::store::StoreError;
 use crate::store::finish::{JobEnd, JudgedFit, Tuned, finish};
@@ -103,7 +103,6 @@ async fn process(service: &Arc<Service>, pool: &ThreadPool, job: JobRecord) {
         job.kind.as_str(),
         job.system
     );
-    refreshed(service, &job).await;
     if job.kind == JobKind::Estimate && job.origin == Origin::Scheduled {
         degradations::look_first(service, pool, &job.system).await;
     }
@@ -250,17 +249,10 @@ async fn record(service: &Arc<Service>, job: &JobRecord, lease: &Lease, mut end:
             }
         }
     }
-    refreshed(service, job).await;
     service.board.end(&job.id);
     followed(service).await;
     // The system is free again, so a job of it that waited may be claimed by anybody.
     service.wake.notify_one();
-}
-
-async fn refreshed(service: &Service, job: &JobRecord) {
-    if let Err(error) = params::refresh(service, &job.system).await {
-        tracing::error!(%error, system = %job.system, "what is served could not be read again");
-    }
 }
 
 /// Brings the log of events up to date, so that what comes next stands behind what came before.
