@@ -138,7 +138,7 @@ impl App {
         // Taken before anything ends, so that the jobs that fail right now are told and counted like all
         // others.
         let newest = store::events::newest(&store).await?;
-        let recovered = store::jobs::recover(&store, boot, clock.now()).await?;
+        let recovered = store::queue::recover(&store, boot, clock.now()).await?;
         if !recovered.requeued.is_empty() || !recovered.failed.is_empty() {
             tracing::warn!(
                 requeued = recovered.requeued.len(),
@@ -165,14 +165,17 @@ impl App {
             clock,
             boot,
         });
-        // Nobody may ask before what is served is in memory.
+        // Nobody may ask before what is served is in memory, and nothing that is committed after it was read
+        // may be missed.
+        let mut tasks = JoinSet::new();
+        let changes = service.store.follow();
         params::load_all(&service).await?;
+        tasks.spawn(params::follow(service.clone(), changes));
         schedules::ensure_nightly(&service).await?;
         let bind = service.settings.bind;
         let listener =
             bound(bind, service.settings.limits.connections).map_err(|error| AppError::Bind(bind, error))?;
         let addr = listener.local_addr().map_err(AppError::Io)?;
-        let mut tasks = JoinSet::new();
         for index in 0..service.settings.workers {
             let pool = pool(threads(&service.settings), index).map_err(AppError::Threads)?;
             tasks.spawn(worker::run(service.clone(), pool));
@@ -180,7 +183,6 @@ impl App {
         let spare = pool(1, service.settings.workers).map_err(AppError::Threads)?;
         tasks.spawn(degradations::run(service.clone(), spare));
         tasks.spawn(follow::follow(service.clone()));
-        tasks.spawn(params::keep_fresh(service.clone()));
         tasks.spawn(schedules::run(service.clone()));
         let following = service.clone();
         tasks.spawn(async move {
@@ -211,7 +213,7 @@ impl App {
             // gone.
             for lease in self.service.board.leases() {
                 if let Err(error) =
-                    store::jobs::requeue(&self.service.store, &lease, self.service.now()).await
+                    store::queue::requeue(&self.service.store, &lease, self.service.now()).await
                 {
                     tracing::error!(%error, job = lease.job, "a job could not be given back");
                 }

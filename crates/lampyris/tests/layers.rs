@@ -177,6 +177,29 @@ fn the_surface_writes_nothing_by_itself() {
 }
 
 #[test]
+fn one_follower_shows_what_was_committed() {
+    let mut callers = Vec::new();
+    for (path, text) in sources(IN_SERVICE) {
+        let code = code(&text);
+        for call in [".store.follow()", "params::follow(", "params.swap(", "params.forget(", "refresh("] {
+            let calls = code.matches(call).count() - code.matches(&format!("fn {call}")).count();
+            callers.extend((0..calls).map(|_| (call, path.file_name().unwrap().to_owned())));
+        }
+    }
+    callers.sort();
+    let expected = [
+        (".store.follow()", "app.rs"),
+        ("params.forget(", "params.rs"),
+        // At start and after the clock was set, and after a change.
+        ("params.swap(", "params.rs"),
+        ("params.swap(", "params.rs"),
+        ("params::follow(", "app.rs"),
+        ("refresh(", "params.rs"),
+    ];
+    assert_eq!(callers, expected.map(|(call, file)| (call, file.into())));
+}
+
+#[test]
 fn the_house_is_tidy() {
     let ours = sources("crates");
     let mut wrong: Vec<String> = ours

@@ -15,7 +15,8 @@ use crate::service::catalogue::windows::{self, Format};
 use crate::service::queue::submit;
 use crate::settings::Settings;
 use crate::store::fits::{self, FitRecord};
-use crate::store::jobs::{JobKind, JobRecord, Priority, Submitted};
+use crate::store::jobs::{JobKind, JobRecord, JobResult, Priority};
+use crate::store::queue::Submitted;
 use houses::{BELGIAN_HOUSE, HOURLY_HOUSE};
 use lampyris_core::data::SystemId;
 use lampyris_core::estimate::fit::AheadError;
@@ -148,10 +149,10 @@ async fn demonstrate(arguments: &Arguments, folder: PathBuf) -> Result<(), Failu
     let found = missing::find(service, arguments.json).await?;
     let mut lines = Vec::new();
     for job in &finished {
-        let fit = match &job.fit {
-            Some(id) => {
-                fits::get(&service.store, id).await.map_err(|error| Failure::Error(error.to_string()))?
-            }
+        let fit = match job.state.result().and_then(JobResult::found) {
+            Some(found) => fits::get(&service.store, &found.id)
+                .await
+                .map_err(|error| Failure::Error(error.to_string()))?,
             None => None,
         };
         lines.push((job, fit));
@@ -194,9 +195,9 @@ async fn stop_signal() {
 
 fn document(job: &JobRecord, fit: Option<&FitRecord>) -> Value {
     json!({
-        "system": job.system.to_string(), "model": job.model.to_string(), "state": job.state.as_str(),
-        "verdict": fit.map(|fit| &fit.verdict), "summary": fit.map(|fit| &fit.summary),
-        "fit": fit.map(|fit| &fit.fit),
+        "system": job.system.to_string(), "model": job.model.to_string(),
+        "state": job.state.status().as_str(), "verdict": fit.map(|fit| &fit.verdict),
+        "summary": fit.map(|fit| &fit.summary), "fit": fit.map(|fit| &fit.fit),
     })
 }
 
@@ -216,9 +217,9 @@ fn present(folder: &std::path::Path, seconds: f64, lines: &[(&JobRecord, Option<
     for ((job, fit), label) in lines.iter().zip(labels) {
         let Some(record) = fit else {
             let why = job
-                .error
-                .as_ref()
-                .map_or_else(|| job.state.as_str().to_owned(), |error| error.detail.clone());
+                .state
+                .failure()
+                .map_or_else(|| job.state.status().as_str().to_owned(), |error| error.detail.clone());
             print(&format!(
                 "{:<8} {label:<24} {:<7} failed: {why}",
                 job.system.to_string(),

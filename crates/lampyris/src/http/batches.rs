@@ -9,7 +9,7 @@ use crate::service::Service;
 use crate::service::serving::body::Status;
 use crate::store;
 use crate::store::batches::{BatchJob, BatchKind, BatchRecord, BatchSummary};
-use crate::store::jobs::{JobState, Outcome};
+use crate::store::jobs::{JobStatus, Outcome};
 use axum::extract::{Path, State};
 use jiff::Timestamp;
 use lampyris_core::diagnose::Adequacy;
@@ -111,7 +111,7 @@ struct Refusal {
 struct BatchRow {
     job: String,
     system: String,
-    state: JobState,
+    state: JobStatus,
     outcome: Option<Outcome>,
     fit: Option<String>,
     /// What it diagnosed.
@@ -144,7 +144,7 @@ impl BatchAnswer {
         let improved = systems(&|job| job.outcome == Some(Outcome::Accepted));
         let degraded = systems(&is_degraded);
         let refused =
-            |job: &&BatchJob| job.outcome == Some(Outcome::Rejected) || job.state == JobState::Failed;
+            |job: &&BatchJob| job.outcome == Some(Outcome::Rejected) || job.state == JobStatus::Failed;
         let why =
             |job: &BatchJob| job.summary.clone().or(job.error.as_ref().map(|error| error.detail.clone()));
         let refusal =
@@ -245,10 +245,10 @@ fn sentence(
         (Outcome::Suggested.as_str(), "have a fit that waits for an operator's word"),
         (Outcome::Held.as_str(), "have a fit that the gate holds"),
         (Outcome::Rejected.as_str(), "had their fit refused"),
-        (JobState::Failed.as_str(), failed),
-        (JobState::Cancelled.as_str(), "were called off"),
-        (JobState::Running.as_str(), running),
-        (JobState::Queued.as_str(), "wait"),
+        (JobStatus::Failed.as_str(), failed),
+        (JobStatus::Cancelled.as_str(), "were called off"),
+        (JobStatus::Running.as_str(), running),
+        (JobStatus::Queued.as_str(), "wait"),
     ];
     let parts: Vec<String> = known
         .iter()

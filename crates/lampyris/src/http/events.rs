@@ -13,7 +13,7 @@ use crate::service::changes::events::{Event as Happening, EventName, JobChange, 
 use crate::service::work::progress::ProgressReport;
 use crate::store;
 use crate::store::events::Missed;
-use crate::store::jobs::{JobRecord, JobState};
+use crate::store::jobs::{JobRecord, JobStatus};
 use crate::store::reach::SystemScope;
 use axum::extract::{Path, State};
 use axum::http::{HeaderMap, StatusCode};
@@ -170,7 +170,7 @@ async fn get_job_events(
 ) -> Result<Response, ApiError> {
     let job = require(&service, &id).await?;
     let last = last_event(&headers, query.last_event_id.as_deref());
-    if last.is_some_and(|last| job.state.is_final() && last.sequence >= job.end_sequence.unwrap_or(0)) {
+    if last.zip(job.state.ended()).is_some_and(|(last, end)| last.sequence >= end.sequence.unwrap_or(0)) {
         return Ok(StatusCode::NO_CONTENT.into_response());
     }
     Ok(stream(service, Whose::Job(id), &caller, last))
@@ -283,12 +283,12 @@ impl Listener {
         let (position, running) = self.service.events.snapshot();
         if let Whose::Job(id) = &self.whose {
             let job = require(&self.service, id).await.map_err(|_| Over)?;
-            if let Some(end) = job.end_sequence.filter(|_| job.state.is_final()) {
+            if let Some(end) = job.state.end_sequence() {
                 self.tell_job(EventName::Finished, job, Some(Position::of_sequence(end))).await?;
                 return Err(Over);
             }
             // What the log has not told yet, it will.
-            if job.state == JobState::Queued && job.sequence <= position.sequence {
+            if job.state.status() == JobStatus::Queued && job.sequence <= position.sequence {
                 self.tell_job(EventName::Queued, job, None).await?;
             }
         } else if let Some(last) = last {
@@ -327,10 +327,10 @@ impl Listener {
             let ended = store::events::ended(&self.service.store, missed, self.system(), CHUNK)
                 .await
                 .map_err(|_| Over)?;
-            let Some(newest) = ended.last().and_then(|job| job.end_sequence) else { return Ok(()) };
+            let Some(newest) = ended.last().and_then(|job| job.state.end_sequence()) else { return Ok(()) };
             missed.after = newest;
             for job in ended {
-                let position = job.end_sequence.map(Position::of_sequence);
+                let position = job.state.end_sequence().map(Position::of_sequence);
                 if self.reach.covers(&job.system) {
                     self.tell_job(EventName::Finished, job, position).await?;
                 }

@@ -13,7 +13,10 @@ use crate::service::queue::submit;
 use crate::service::work::progress::ProgressReport;
 use crate::store;
 use crate::store::batches::SubmittedBatch;
-use crate::store::jobs::{Filter, JobKind, JobRecord, JobState, Origin, Outcome, Priority, Submitted};
+use crate::store::jobs::{
+    Filter, JobKind, JobRecord, JobResult, JobState, JobStatus, Origin, Outcome, Priority,
+};
+use crate::store::queue::Submitted;
 use axum::extract::{Path, State};
 use axum::http::{HeaderName, StatusCode, header};
 use axum::response::{IntoResponse, Response};
@@ -45,7 +48,7 @@ pub struct JobAnswer {
     kind: JobKind,
     system: SystemId,
     model: ModelId,
-    state: JobState,
+    state: JobStatus,
     /// What it led to; `null` unless an estimate or a tuning succeeded.
     outcome: Option<Outcome>,
     experiment: bool,
@@ -104,7 +107,7 @@ enum SubmittedAnswer {
 #[into_params(parameter_in = Query)]
 struct JobQuery {
     /// Only those that stand so.
-    state: Option<JobState>,
+    state: Option<JobStatus>,
     /// Only those of this system.
     system: Option<SystemId>,
     /// Only those of this kind.
@@ -120,7 +123,7 @@ impl JobAnswer {
     /// A job as it is shown.
     pub fn of(service: &Service, job: JobRecord) -> Self {
         let progress = match job.state {
-            JobState::Running => service.board.report(&job.id),
+            JobState::Running { .. } => service.board.report(&job.id),
             _ => None,
         };
         Self { progress, ..Self::without_progress(job) }
@@ -134,45 +137,64 @@ impl JobAnswer {
             ("events", format!("/jobs/{}/events", job.id)),
         ]);
         links.insert("params", format!("/params/{}", job.system));
-        if let Some(fit) = &job.fit {
-            links.insert("fit", format!("/fits/{fit}"));
-        }
-        if let Some(diagnosis) = &job.diagnosis {
-            links.insert("diagnosis", format!("/diagnoses/{diagnosis}"));
-        }
         if job.kind == JobKind::Ladder {
             links.insert("ladder", format!("/systems/{}/ladder", job.system));
         }
-        let wall = job
-            .started_at
-            .zip(job.ended_at)
-            .map(|(start, end)| end.duration_since(start).as_secs_f64().max(0.0));
-        Self {
+        let started_at = job.state.started_at();
+        let ended_at = job.state.ended().map(|ended| ended.at);
+        let wall =
+            started_at.zip(ended_at).map(|(start, end)| end.duration_since(start).as_secs_f64().max(0.0));
+        let mut answer = Self {
             kind: job.kind,
             model: job.model,
-            state: job.state,
-            outcome: job.outcome,
+            state: job.state.status(),
+            outcome: job.state.outcome(),
             experiment: job.experiment,
             origin: job.origin,
             priority: job.priority,
             request: job.request,
             progress: None,
-            stopped_by: job.stopped_by,
-            evaluations: job.evaluations,
+            stopped_by: None,
+            evaluations: None,
             wall_s: wall,
-            fit: job.fit,
-            revision: job.revision,
-            error: job.error,
+            fit: None,
+            revision: None,
+            error: None,
             attempt: job.attempt,
             created_at: job.created_at,
-            started_at: job.started_at,
-            ended_at: job.ended_at,
+            started_at,
+            ended_at,
             retry_of: job.retry_of,
-            diagnosis: job.diagnosis,
-            tuning: job.tuning,
+            diagnosis: None,
+            tuning: None,
             links,
             system: job.system,
             id: job.id,
+        };
+        match job.state {
+            JobState::Queued { .. } | JobState::Running { .. } | JobState::Cancelled { .. } => {}
+            JobState::Succeeded { result, .. } => answer.add(result),
+            JobState::Failed { failure, .. } => answer.error = Some(failure),
+        }
+        answer
+    }
+
+    /// Shows what the job came to, and where that is.
+    fn add(&mut self, result: JobResult) {
+        self.evaluations = Some(result.evaluations());
+        if let Some(found) = result.found() {
+            self.links.insert("fit", format!("/fits/{}", found.id));
+            self.fit = Some(found.id.clone());
+            self.revision = found.revision;
+            self.stopped_by = Some(found.stopped_by.clone());
+        }
+        match result {
+            JobResult::Estimated { .. } | JobResult::Climbed { .. } => {}
+            JobResult::Diagnosed { diagnosis, .. } => {
+                self.links.insert("diagnosis", format!("/diagnoses/{diagnosis}"));
+                self.diagnosis = Some(diagnosis);
+            }
+            JobResult::Tuned { tuning, .. } => self.tuning = Some(tuning),
         }
     }
 }

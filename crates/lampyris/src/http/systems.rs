@@ -12,7 +12,7 @@ use crate::service::catalogue::systems;
 use crate::service::serving::body::Status;
 use crate::service::serving::health::{Health, Served, ahead, health};
 use crate::store;
-use crate::store::jobs::{JobRecord, JobState, Outcome};
+use crate::store::jobs::{JobRecord, JobStatus, Outcome};
 use crate::store::systems::SystemRecord;
 use axum::extract::State;
 use axum::http::{StatusCode, header};
@@ -82,7 +82,7 @@ struct SystemRow {
     /// The newest job of any kind.
     latest_job: Option<String>,
     /// Where that job stands.
-    latest_state: Option<JobState>,
+    latest_state: Option<JobStatus>,
     /// What it led to.
     latest_outcome: Option<Outcome>,
     /// In which circumstances the served fit fails most, in a sentence; `null` where none stand out.
@@ -146,8 +146,8 @@ impl SystemRow {
             age_s: validated_at.map(|instant| service.now().duration_since(instant).as_secs().max(0)),
             stale_after: served.as_ref().and_then(|served| served.stale_after),
             flags: served.map(|served| served.flags).unwrap_or_default(),
-            latest_state: newest.as_ref().map(|job| job.state),
-            latest_outcome: newest.as_ref().and_then(|job| job.outcome),
+            latest_state: newest.as_ref().map(|job| job.state.status()),
+            latest_outcome: newest.as_ref().and_then(|job| job.state.outcome()),
             latest_job: newest.map(|job| job.id),
             worst_regime,
             system: record.system,

@@ -1,7 +1,8 @@
 //! Why something could not be done, in words that every surface can tell.
 
 use crate::store::StoreError;
-use crate::store::jobs::{JobState, SubmitError};
+use crate::store::jobs::JobStatus;
+use crate::store::queue::SubmitError;
 use lampyris_core::data::SystemId;
 use lampyris_core::fault::Fault;
 
@@ -23,7 +24,7 @@ pub enum ServiceError {
     /// The idempotency key belongs to another request.
     KeyReused,
     /// The job waits or runs.
-    NotFinished(String, JobState),
+    NotFinished(String, JobStatus),
     /// So many jobs wait already.
     QueueFull(i64),
     /// Too many answers are being computed already.

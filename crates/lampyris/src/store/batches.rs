@@ -3,7 +3,8 @@
 use super::database::Store;
 use super::error::StoreError;
 use super::idempotency::{Earlier, KeyState, RequestKey, look_up, remember};
-use super::jobs::{JobFailure, JobState, NewJob, Outcome, SubmitError, submit_in};
+use super::job::{JobFailure, JobStatus, Outcome};
+use super::queue::{NewJob, SubmitError, submit_in};
 use super::reach::SystemScope;
 use super::row::row;
 use super::sequence::{derive_id, next};
@@ -91,7 +92,7 @@ pub struct BatchJob {
     /// The system.
     pub system: SystemId,
     /// Where it stands.
-    pub state: JobState,
+    pub state: JobStatus,
     /// What it led to.
     pub outcome: Option<Outcome>,
     /// What it found.

@@ -1,5 +1,6 @@
 //! The database of one service: its lock, its writer and its readers.
 
+use super::changes::{Change, Changes, NOTES};
 use super::error::StoreError;
 use super::file::{lock, options};
 use super::migrate;
@@ -9,6 +10,7 @@ use sqlx::SqliteConnection;
 use sqlx::sqlite::{SqliteJournalMode, SqlitePool, SqlitePoolOptions, SqliteSynchronous};
 use std::fs::File;
 use std::path::Path;
+use tokio::sync::mpsc::UnboundedReceiver;
 
 /// Enough for the short reads of the handlers; SQLite readers do not wait for each other.
 const READERS: u32 = 4;
@@ -19,6 +21,7 @@ pub struct Store {
     writer: SqlitePool,
     pub(super) reader: SqlitePool,
     writing: Writing,
+    changes: Changes,
     quota: Option<Quota>,
     /// Held as long as the store lives, so that no second service claims the same jobs. A visitor has none.
     lock: Option<File>,
@@ -57,12 +60,15 @@ impl Store {
         let options = options(path).journal_mode(SqliteJournalMode::Wal).synchronous(SqliteSynchronous::Full);
         let quota = quota.map(Quota::of_bytes);
         // Whatever a transaction writes is written by its commit, so that the commit is what fails (`write`).
-        let mut writing = options.clone().pragma("cache_spill", "off");
+        let mut writing = options.clone().pragma("cache_spill", "off").pragma("temp_store", "memory");
         if let Some(quota) = &quota {
             writing = writing.pragma("max_page_count", quota.pages.to_string());
         }
         let writer = SqlitePoolOptions::new()
             .max_connections(1)
+            .after_connect(|connection, _| {
+                Box::pin(async { sqlx::raw_sql(NOTES).execute(connection).await.map(|_| ()) })
+            })
             .after_release(|connection, _| Box::pin(is_clean(connection)))
             .connect_with(writing)
             .await?;
@@ -70,7 +76,7 @@ impl Store {
             .max_connections(READERS)
             .connect_with(options.pragma("query_only", "on"))
             .await?;
-        Ok(Self { writer, reader, writing: Writing::default(), quota, lock })
+        Ok(Self { writer, reader, writing: Writing::default(), changes: Changes::default(), quota, lock })
     }
 
     /// The number of this start of the service, which its leases carry. No clock and no chance is involved.
@@ -84,9 +90,15 @@ impl Store {
         Ok(boot)
     }
 
+    /// The commits that change what is served, or what is said of it, from now on. Whoever writes one waits
+    /// until it was followed, so the follower itself writes nothing.
+    pub fn follow(&self) -> UnboundedReceiver<Change> {
+        self.changes.follow()
+    }
+
     /// A transaction that holds the write lock from its first statement.
     pub(super) async fn write(&self) -> Result<Write, StoreError> {
-        self.writing.begin(&self.writer).await
+        self.writing.begin(&self.writer, &self.changes).await
     }
 
     /// Whether the database can be written now.
@@ -94,7 +106,7 @@ impl Store {
     /// # Errors
     /// Where it cannot.
     pub async fn writable(&self) -> Result<(), StoreError> {
-        self.writing.prove(&self.writer).await
+        self.writing.prove(&self.writer, &self.changes).await
     }
 
     /// Refuses a window of so many bytes where the database would use most of its quota.

@@ -3,7 +3,7 @@
 use super::database::Store;
 use super::error::StoreError;
 use super::evidence;
-use super::jobs::Lease;
+use super::job_record::Lease;
 use super::page;
 use super::reach::SystemScope;
 use super::row::row;

@@ -5,7 +5,7 @@
 
 use super::database::Store;
 use super::error::StoreError;
-use super::jobs::{JobRecord, Row};
+use super::job_record::{JobRecord, Row};
 use lampyris_core::data::SystemId;
 
 /// Numbers between which listeners have missed something.

@@ -6,7 +6,8 @@
 use super::database::Store;
 use super::diagnoses::{self, Report};
 use super::error::StoreError;
-use super::jobs::{JobFailure, Lease, Outcome};
+use super::job::{JobFailure, Outcome};
+use super::job_record::Lease;
 use super::revisions::{self, Cause, NewRevision};
 use super::row::row;
 use super::sequence::{derive_id, next};

@@ -92,8 +92,7 @@ impl Row {
 /// # Errors
 /// Where the database fails.
 pub async fn get(store: &Store, id: &str) -> Result<Option<FitRecord>, StoreError> {
-    let sql =
-        "SELECT id, job, system, document, verdict, checks, summary, created_at FROM fits WHERE id = $1";
+    let sql = "SELECT * FROM fits WHERE id = $1";
     let row: Option<Row> = sqlx::query_as(sql).bind(id).fetch_optional(&store.reader).await?;
     row.map(Row::record).transpose()
 }
@@ -103,8 +102,7 @@ pub async fn get(store: &Store, id: &str) -> Result<Option<FitRecord>, StoreErro
 /// # Errors
 /// Where the database fails.
 pub async fn served(store: &Store, system: &SystemId) -> Result<Option<FitRecord>, StoreError> {
-    let sql = "SELECT f.id, f.job, f.system, f.document, f.verdict, f.checks, f.summary, f.created_at
-               FROM fits f JOIN revisions r ON r.fit = f.id WHERE r.system = $1 AND r.current";
+    let sql = "SELECT f.* FROM fits f JOIN revisions r ON r.fit = f.id WHERE r.system = $1 AND r.current";
     let row: Option<Row> = sqlx::query_as(sql).bind(system.to_string()).fetch_optional(&store.reader).await?;
     row.map(Row::record).transpose()
 }

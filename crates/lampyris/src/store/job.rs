@@ -21,7 +21,7 @@ words! {
 
 words! {
     /// Where a job stands.
-    JobState {
+    JobStatus as "JobState" {
         /// It waits for a worker.
         Queued = "queued",
         /// A worker has it.
@@ -35,10 +35,10 @@ words! {
     }
 }
 
-impl JobState {
+impl JobStatus {
     /// Whether nothing more will happen.
     pub const fn is_final(self) -> bool {
-        matches!(self, JobState::Succeeded | JobState::Failed | JobState::Cancelled)
+        matches!(self, JobStatus::Succeeded | JobStatus::Failed | JobStatus::Cancelled)
     }
 }
 

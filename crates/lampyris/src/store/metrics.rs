@@ -2,7 +2,7 @@
 
 use super::database::Store;
 use super::error::StoreError;
-use super::jobs::JobState;
+use super::job::JobStatus;
 use super::value::{instant, parse};
 use jiff::Timestamp;
 
@@ -10,7 +10,7 @@ use jiff::Timestamp;
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct QueueCounts {
     /// Where they stand.
-    pub state: JobState,
+    pub state: JobStatus,
     /// How many there are.
     pub count: i64,
     /// Since when the one that has stood so longest has.

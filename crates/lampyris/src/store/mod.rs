@@ -9,7 +9,9 @@
 //! | `systems` | documents of rooms and plants |
 //! | `windows` | uploaded measurements, one block per channel |
 //! | `models` | model and effect documents of users, versions made by adding effects |
-//! | `jobs` | the queue: submit, claim with a lease, cancel, recover |
+//! | `job`, `job_record` | what a job is: its words, and what its state implies |
+//! | `jobs` | jobs as they are listed |
+//! | `queue` | how jobs wait: submit, claim with a lease, cancel, recover |
 //! | `events` | jobs that came or ended after a number |
 //! | `finish` | the end of a job: job, fit, verdict and revision in one transaction |
 //! | `batches` | recalibrations and diagnoses of several systems |
@@ -32,6 +34,7 @@
 //! | `page` | pages of the lists that are cut by what a caller may see |
 //! | `sequence`, `value`, `words`, `row` | how ids are made, and how values stand in columns |
 //! | `write` | write transactions, and what they tell of the disk |
+//! | `changes` | which systems a commit was about, for the one who follows what is served |
 //! | `backup` | copies of a database, and their way back |
 //! | `doctor` | how a database fares |
 //! | `failpoint` | where tests let the process die |
@@ -39,6 +42,7 @@
 pub mod audit;
 pub mod backup;
 pub mod batches;
+mod changes;
 mod database;
 pub mod decisions;
 pub mod degradations;
@@ -53,6 +57,7 @@ pub mod finish;
 pub mod fits;
 pub mod idempotency;
 mod job;
+mod job_record;
 pub mod jobs;
 pub mod metrics;
 pub mod migrate;
@@ -60,6 +65,7 @@ pub mod models;
 mod page;
 pub mod params;
 pub mod pins;
+pub mod queue;
 pub mod reach;
 pub mod retention;
 pub mod retry;
@@ -75,6 +81,7 @@ pub mod windows;
 mod words;
 mod write;
 
+pub use changes::Change;
 pub use database::Store;
 pub use error::{StoreError, busy};
 pub use words::UnknownWord;

@@ -3,7 +3,7 @@
 
 use super::database::Store;
 use super::error::StoreError;
-use super::job::JobState;
+use super::job::JobStatus;
 use super::row::row;
 use super::value::{from_json, instant, millis, parse, to_json};
 use super::words::words;
@@ -41,7 +41,7 @@ pub struct ServedState {
     /// Whether an operator holds it.
     pub pin: Option<PinRecord>,
     /// The newest job of any kind.
-    pub latest_job: Option<(String, JobState)>,
+    pub latest_job: Option<(String, JobStatus)>,
 }
 
 /// A revision.
@@ -288,4 +288,20 @@ pub(super) async fn keep_state(
                ON CONFLICT (system) DO UPDATE SET revision = excluded.revision, document = excluded.document";
     sqlx::query(sql).bind(system).bind(to_json("a state", state)?).execute(tx).await?;
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::STANDING;
+    use crate::store::changes::NOTES;
+
+    #[test]
+    fn whatever_is_read_is_noted_when_it_changes() {
+        let tables = STANDING.split("JOIN ").flat_map(|part| part.split("FROM ")).skip(1);
+        let tables: Vec<&str> = tables.filter_map(|part| part.split_whitespace().next()).collect();
+        assert!(tables.contains(&"systems") && tables.contains(&"pins"), "{tables:?}");
+        for table in tables {
+            assert!(NOTES.contains(&format!(" ON main.{table}\n")), "{table}");
+        }
+    }
 }

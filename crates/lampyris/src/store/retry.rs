@@ -2,7 +2,9 @@
 
 use super::database::Store;
 use super::idempotency::{KeyState, RequestKey, look_up, remember};
-use super::jobs::{JobRecord, JobState, NewJob, Origin, Priority, Row, SubmitError, Submitted, submit_in};
+use super::job::{JobStatus, Origin, Priority};
+use super::job_record::{JobRecord, Row};
+use super::queue::{NewJob, SubmitError, Submitted, submit_in};
 use super::value::to_json;
 use jiff::Timestamp;
 
@@ -12,7 +14,7 @@ pub enum Retried {
     /// There is no such job.
     NoJob,
     /// It has not ended yet.
-    NotFinished(JobState),
+    NotFinished(JobStatus),
     /// A new job with the same request entered the queue, or an equal one waits.
     Submitted(Box<Submitted>),
 }
@@ -41,7 +43,7 @@ pub async fn retry(
     };
     let ended = row.record()?;
     if !ended.state.is_final() {
-        return Ok(Retried::NotFinished(ended.state));
+        return Ok(Retried::NotFinished(ended.state.status()));
     }
     let new = NewJob {
         kind: ended.kind,

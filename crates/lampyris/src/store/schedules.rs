@@ -4,7 +4,7 @@ use super::audit::{Action, AuditEntry, note};
 use super::batches::{NewBatch, is_unfinished, submit_in_batch};
 use super::database::Store;
 use super::error::StoreError;
-use super::jobs::SubmitError;
+use super::queue::SubmitError;
 use super::row::row;
 use super::value::{from_json, instant, millis, parse};
 use super::words::words;

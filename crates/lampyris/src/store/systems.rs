@@ -259,7 +259,7 @@ async fn needs(tx: &mut SqliteConnection, system: &str) -> Result<Needs, StoreEr
 /// # Errors
 /// Where the database fails.
 pub async fn get(store: &Store, system: &SystemId) -> Result<Option<SystemRecord>, StoreError> {
-    let sql = "SELECT system, model, document, created_at, updated_at FROM systems WHERE system = $1";
+    let sql = "SELECT * FROM systems WHERE system = $1";
     let row: Option<Row> = sqlx::query_as(sql).bind(system.to_string()).fetch_optional(&store.reader).await?;
     row.map(Row::record).transpose()
 }
@@ -284,7 +284,7 @@ pub async fn of(store: &Store, thing: Thing, id: &str) -> Result<Option<SystemId
 /// # Errors
 /// Where the database fails.
 pub async fn all(store: &Store) -> Result<Vec<SystemRecord>, StoreError> {
-    let sql = "SELECT system, model, document, created_at, updated_at FROM systems ORDER BY system";
+    let sql = "SELECT * FROM systems ORDER BY system";
     let rows: Vec<Row> = sqlx::query_as(sql).fetch_all(&store.reader).await?;
     rows.into_iter().map(Row::record).collect()
 }
@@ -299,7 +299,7 @@ pub async fn page(
     after: &str,
     limit: i64,
 ) -> Result<Vec<SystemRecord>, StoreError> {
-    let sql = "SELECT system, model, document, created_at, updated_at FROM systems WHERE system > $1
+    let sql = "SELECT * FROM systems WHERE system > $1
                AND ($3 IS NULL OR EXISTS (SELECT 1 FROM json_each($3) WHERE system GLOB value)) ORDER BY \
         system LIMIT $2";
     let rows: Vec<Row> =

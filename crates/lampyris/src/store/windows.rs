@@ -186,7 +186,7 @@ pub async fn insert(
 /// # Errors
 /// Where the database fails.
 pub async fn get(store: &Store, id: &str) -> Result<Option<WindowRecord>, StoreError> {
-    let sql = "SELECT id, system, sequence, from_s, to_s, report, uploaded_at FROM windows WHERE id = $1";
+    let sql = "SELECT * FROM windows WHERE id = $1";
     let row: Option<Row> = sqlx::query_as(sql).bind(id).fetch_optional(&store.reader).await?;
     row.map(Row::record).transpose()
 }
@@ -201,7 +201,7 @@ pub async fn page(
     before: i64,
     limit: i64,
 ) -> Result<Vec<WindowRecord>, StoreError> {
-    let sql = "SELECT id, system, sequence, from_s, to_s, report, uploaded_at FROM windows
+    let sql = "SELECT * FROM windows
                WHERE system = $1 AND sequence < $2 ORDER BY sequence DESC LIMIT $3";
     let rows: Vec<Row> = sqlx::query_as(sql)
         .bind(system.to_string())

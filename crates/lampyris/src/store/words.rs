@@ -1,8 +1,11 @@
 //! Enums whose variants are words, in the database as in documents.
 
-/// The text of an enum whose variants are words, as `serde` spells it.
+/// The text of an enum whose variants are words, as `serde` spells it. `as` is its name in the description of
+/// the service, where that is another one.
 macro_rules! words {
-    ($(#[doc = $doc:literal])+ $name:ident { $($(#[$variant_doc:meta])* $variant:ident = $word:literal),+ $(,)? }) => {
+    ($(#[doc = $doc:literal])+ $name:ident $(as $schema:literal)? {
+        $($(#[$variant_doc:meta])* $variant:ident = $word:literal),+ $(,)?
+    }) => {
         $(#[doc = $doc])+
         #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
         pub enum $name {
@@ -25,7 +28,11 @@ macro_rules! words {
             }
         }
 
-        impl utoipa::ToSchema for $name {}
+        impl utoipa::ToSchema for $name {
+            $(fn name() -> std::borrow::Cow<'static, str> {
+                std::borrow::Cow::Borrowed($schema)
+            })?
+        }
 
         impl std::str::FromStr for $name {
             type Err = $crate::store::UnknownWord;

@@ -4,11 +4,13 @@
 //! failed write is none: after one the system may have dropped pages that it calls written, and only a new
 //! start, which reads the files anew, knows what is on the disk. From then on nothing is written.
 
+use super::changes::{Changes, touched};
 use super::error::StoreError;
 use sqlx::sqlite::SqlitePool;
 use sqlx::{Connection, Sqlite, SqliteConnection, Transaction};
 use std::ops::{Deref, DerefMut};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use tokio::sync::oneshot;
 
 /// A row that no request can make: keys of requests have no tabs.
 const PROBE: &str = "\tprobe";
@@ -71,6 +73,7 @@ pub(super) struct Writing(Arc<Mutex<Health>>);
 pub(super) struct Write {
     tx: Transaction<'static, Sqlite>,
     open: Open,
+    changes: Changes,
 }
 
 /// A transaction whose end is not known yet.
@@ -81,18 +84,19 @@ struct Open {
 
 impl Writing {
     /// A transaction that holds the write lock from its first statement.
-    pub(super) async fn begin(&self, writer: &SqlitePool) -> Result<Write, StoreError> {
+    pub(super) async fn begin(&self, writer: &SqlitePool, changes: &Changes) -> Result<Write, StoreError> {
         self.require_unbroken()?;
         let begun = writer.begin_with("BEGIN IMMEDIATE").await.map_err(StoreError::from);
         let tx = begun.inspect_err(|error| self.note_error(error))?;
         // The transaction that this one has waited for may have been the one that failed.
         self.require_unbroken()?;
-        Ok(Write { tx, open: Open { writing: self.clone(), is_known: false } })
+        let open = Open { writing: self.clone(), is_known: false };
+        Ok(Write { tx, open, changes: changes.clone() })
     }
 
     /// Finds out whether the database can be written now.
-    pub(super) async fn prove(&self, writer: &SqlitePool) -> Result<(), StoreError> {
-        let mut tx = self.begin(writer).await?;
+    pub(super) async fn prove(&self, writer: &SqlitePool, changes: &Changes) -> Result<(), StoreError> {
+        let mut tx = self.begin(writer, changes).await?;
         // Rewrites a row as it is: a file that has become read-only shows here and not in a user's request.
         sqlx::query("UPDATE counters SET value = value WHERE name = 'boot'").execute(&mut *tx).await?;
         let is_well = *self.health() == Health::Well;
@@ -105,7 +109,7 @@ impl Writing {
             VALUES ($1, hex(zeroblob(8192)), '', 0, 0)";
         sqlx::query(sql).bind(PROBE).execute(&mut *tx).await.map_err(|error| self.noted(error))?;
         tx.commit().await?;
-        let mut tx = self.begin(writer).await?;
+        let mut tx = self.begin(writer, changes).await?;
         sqlx::query("DELETE FROM idempotency WHERE key = $1").bind(PROBE).execute(&mut *tx).await?;
         tx.commit().await
     }
@@ -174,13 +178,27 @@ impl DerefMut for Write {
 }
 
 impl Write {
-    /// Makes it durable: what is acknowledged after this survives the power cord.
-    pub async fn commit(mut self) -> Result<(), StoreError> {
+    /// Makes it durable: what is acknowledged after this survives the power cord. Where it has changed what
+    /// is served, that is served as soon as this returns.
+    pub async fn commit(self) -> Result<(), StoreError> {
+        // Whoever waits for this may leave at any moment; what was committed is told all the same.
+        let ended = tokio::spawn(self.end()).await;
+        let wait = ended.map_err(|error| StoreError::Sql(sqlx::Error::Io(error.into())))??;
+        if let Some(wait) = wait {
+            // A follower that is gone has nothing to show any more.
+            let _ = wait.await;
+        }
+        Ok(())
+    }
+
+    /// Commits, and tells of which systems. What comes back ends when that was followed.
+    async fn end(mut self) -> Result<Option<oneshot::Receiver<()>>, StoreError> {
+        let touched = touched(&mut self.tx).await.inspect_err(|error| self.open.writing.note_error(error))?;
         self.open.is_known = true;
         match self.tx.commit().await {
             Ok(()) => {
                 self.open.writing.note_success();
-                Ok(())
+                Ok(self.changes.tell(touched))
             }
             Err(error) => {
                 let error = StoreError::from(error);

@@ -5,7 +5,8 @@ use jiff::SignedDuration;
 use lampyris::service::queue::retention;
 use lampyris::store::diagnoses::Report;
 use lampyris::store::finish::{JobEnd, JudgedFit, finish};
-use lampyris::store::jobs::{self, JobKind, NewJob, Origin, Priority};
+use lampyris::store::jobs::{JobKind, Origin, Priority};
+use lampyris::store::queue::{self, NewJob};
 use lampyris::store::{Store, fits};
 use lampyris_core::diagnose::ledger::{EffectScore, Looked};
 use lampyris_core::diagnose::report::Diagnosis;
@@ -35,8 +36,8 @@ fn look(app: &mut TestApp, template: &Value, windows: &[(&str, &str, [f64; 2])])
                 origin: Origin::Posted,
                 priority: Priority::Operator,
             };
-            jobs::submit(&store, &new, None, 100, now).await.unwrap();
-            let lease = jobs::claim(&store, boot, now).await.unwrap().unwrap().lease().unwrap();
+            queue::submit(&store, &new, None, 100, now).await.unwrap();
+            let lease = queue::claim(&store, boot, now).await.unwrap().unwrap().lease().unwrap();
             let score = |effect: &str, size: f64| EffectScore {
                 effect: effect.to_owned(),
                 size,

@@ -12,7 +12,8 @@ use crate::service::catalogue::windows::{self, Format};
 use crate::service::catalogue::{models, systems};
 use crate::service::queue::submit;
 use crate::store::diagnoses;
-use crate::store::jobs::{JobKind, Priority, Submitted};
+use crate::store::jobs::{JobKind, Priority};
+use crate::store::queue::Submitted;
 use crate::store::reach::SystemScope;
 use lampyris_core::data::SystemId;
 use lampyris_core::model::ModelId;
@@ -115,7 +116,7 @@ pub async fn find(service: &Service, hidden: bool) -> Result<Vec<DiagnosedRoom>,
         }
     }
     for job in wait(service, &submitted, hidden, "questions answered").await? {
-        if let Some(error) = &job.error {
+        if let Some(error) = job.state.failure() {
             return Err(Failure::Error(format!("{}: {}", job.system, error.detail)));
         }
     }

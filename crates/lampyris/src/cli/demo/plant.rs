@@ -9,7 +9,8 @@ use crate::service::catalogue::systems;
 use crate::service::catalogue::windows::{self, Format};
 use crate::service::queue::submit;
 use crate::store::fits::{self, FitRecord};
-use crate::store::jobs::{JobKind, Priority, Submitted};
+use crate::store::jobs::{JobKind, Priority};
+use crate::store::queue::Submitted;
 use lampyris_core::data::SystemId;
 use lampyris_core::twin::{PlantRequest, plant};
 use serde_json::{Value, json};
@@ -79,11 +80,11 @@ pub async fn fit(service: &Service, hidden: bool) -> Result<PlantFit, Failure> {
             Submitted::Earlier(_) => Vec::new(),
         };
     let finished = wait(service, &submitted, hidden, "plants fitted").await?;
-    let fit = finished.iter().find_map(|job| job.fit.clone());
+    let fit = finished.iter().find_map(|job| Some(job.state.result()?.found()?.id.clone()));
     let why = || {
         finished
             .iter()
-            .find_map(|job| job.error.as_ref())
+            .find_map(|job| job.state.failure())
             .map_or_else(String::new, |error| error.detail.clone())
     };
     let record = match &fit {

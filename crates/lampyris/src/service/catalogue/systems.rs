@@ -3,7 +3,6 @@
 use super::system::{SystemDocument, document};
 use crate::service::decode;
 use crate::service::error::{Refusal, ServiceError};
-use crate::service::serving::params;
 use crate::service::state::Service;
 use crate::service::threads::blocking;
 use crate::store;
@@ -35,7 +34,6 @@ pub async fn put(
     let text = serde_json::to_string(&document).map_err(|error| ServiceError::Internal(error.to_string()))?;
     let is_new =
         store::systems::put(&service.store, system, &document.model, &text, who, service.now()).await?;
-    params::refresh(service, system).await?;
     Ok((document, is_new))
 }
 
@@ -69,12 +67,8 @@ pub async fn delete(
             );
             refused("system-needed", detail, ("dependents", dependents))
         }
-        // A deletion whose answer was lost comes again: what is served is made to agree all the same.
-        SystemDeletion::NotThere => {
-            params::refresh(service, system).await?;
-            Err(ServiceError::NoSystem(system.clone()))
-        }
-        SystemDeletion::Gone => params::refresh(service, system).await,
+        SystemDeletion::NotThere => Err(ServiceError::NoSystem(system.clone())),
+        SystemDeletion::Gone => Ok(()),
     }
 }
 

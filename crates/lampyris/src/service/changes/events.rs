@@ -211,7 +211,7 @@ impl Events {
             if job.sequence > seen {
                 news.push((job.sequence, JobChange::Queued(Box::new(job.clone()))));
             }
-            if let Some(end) = job.end_sequence.filter(|end| *end > seen) {
+            if let Some(end) = job.state.end_sequence().filter(|end| *end > seen) {
                 news.push((end, JobChange::Finished(Box::new(job))));
             }
         }
@@ -310,9 +310,10 @@ impl Log {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::store::jobs::{JobKind, JobState, Origin, Priority};
+    use crate::store::jobs::{Ended, JobKind, JobState, Origin, Priority};
 
     fn job(sequence: i64, end_sequence: Option<i64>) -> JobRecord {
+        let at = jiff::Timestamp::UNIX_EPOCH;
         JobRecord {
             id: format!("job_{sequence}"),
             sequence,
@@ -323,23 +324,13 @@ mod tests {
             experiment: false,
             origin: Origin::Posted,
             priority: Priority::Operator,
-            state: JobState::Queued,
-            outcome: None,
-            boot: None,
+            created_at: at,
             attempt: 0,
-            cancelling: false,
-            fit: None,
-            revision: None,
-            error: None,
-            stopped_by: None,
-            evaluations: None,
-            created_at: jiff::Timestamp::UNIX_EPOCH,
-            started_at: None,
-            ended_at: None,
-            end_sequence,
             retry_of: None,
-            diagnosis: None,
-            tuning: None,
+            state: match end_sequence {
+                None => JobState::Queued { started_at: None },
+                sequence => JobState::Cancelled { ended: Ended { started_at: None, at, sequence } },
+            },
         }
     }
 

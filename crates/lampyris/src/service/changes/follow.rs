@@ -23,7 +23,7 @@ pub async fn catch_up(service: &Service) -> Result<(), ServiceError> {
             service.board.settled(&job.id).await;
         }
         news.iter()
-            .filter(|job| job.end_sequence.is_some_and(|end| end > seen))
+            .filter(|job| job.state.end_sequence().is_some_and(|end| end > seen))
             .for_each(|job| service.metrics.job_ended(job));
         service.events.publish_news(news);
     }

@@ -1,6 +1,6 @@
 //! What has been counted since the service started. `/metrics` prints it; nothing else reads it.
 
-use crate::store::jobs::JobRecord;
+use crate::store::jobs::{JobRecord, JobResult, Outcome};
 use jiff::Timestamp;
 use lampyris_core::data::SystemId;
 use std::collections::BTreeMap;
@@ -136,7 +136,7 @@ impl Metrics {
 
     /// Counts a job that a worker has taken.
     pub fn job_started(&self, job: &JobRecord) {
-        if let Some(started_at) = job.started_at {
+        if let Some(started_at) = job.state.started_at() {
             self.tallies().wait_seconds.add(seconds(job.created_at, started_at));
         }
     }
@@ -144,16 +144,16 @@ impl Metrics {
     /// Counts a job that has ended.
     pub fn job_ended(&self, job: &JobRecord) {
         let mut tallies = self.tallies();
-        let word = job.outcome.map_or(job.state.as_str(), |outcome| outcome.as_str());
+        let word = job.state.outcome().map_or(job.state.status().as_str(), Outcome::as_str);
         *tallies.jobs_ended.entry([job.kind.as_str(), word]).or_default() += 1;
-        if let Some(failure) = &job.error {
+        if let Some(failure) = job.state.failure() {
             *tallies.jobs_failed.entry(failure.code.clone()).or_default() += 1;
         }
-        if let (Some(started_at), Some(ended_at)) = (job.started_at, job.ended_at) {
-            tallies.job_seconds.add(seconds(started_at, ended_at));
+        if let Some((started_at, ended)) = job.state.started_at().zip(job.state.ended()) {
+            tallies.job_seconds.add(seconds(started_at, ended.at));
         }
-        tallies.evaluations +=
-            job.evaluations.and_then(|evaluations| u64::try_from(evaluations).ok()).unwrap_or(0);
+        let evaluations = job.state.result().map_or(0, JobResult::evaluations);
+        tallies.evaluations += u64::try_from(evaluations).unwrap_or(0);
     }
 
     /// Counts the checks that a fit has failed.

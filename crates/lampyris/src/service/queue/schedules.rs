@@ -316,7 +316,7 @@ async fn run_tick(
         result.as_str()
     );
     if result == TickResult::Submitted {
-        submit::entered(service, &batch).await?;
+        submit::entered(service);
     }
     if schedule.name == NIGHTLY {
         retention::forget(service, now).await?;

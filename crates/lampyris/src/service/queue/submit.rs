@@ -4,14 +4,14 @@
 use super::request::{self, BatchRequest};
 use crate::service::catalogue::system::{self, Mode, SystemDocument};
 use crate::service::error::ServiceError;
-use crate::service::serving::params;
 use crate::service::state::Service;
 use crate::service::threads::blocking;
 use crate::service::work::input;
 use crate::store;
 use crate::store::batches::{BatchKind, NewBatch, Skipped, SubmittedBatch};
 use crate::store::idempotency::RequestKey;
-use crate::store::jobs::{Cancelled, JobKind, NewJob, Origin, Priority, Submitted};
+use crate::store::jobs::{JobKind, Origin, Priority};
+use crate::store::queue::{Cancelled, NewJob, Submitted};
 use crate::store::retry::Retried;
 use lampyris_core::data::{SplitRequest, SystemId};
 use lampyris_core::estimate::{EstimateRequest, tune};
@@ -52,8 +52,8 @@ pub async fn one(
     }
     let new = new_job(kind, system, model, experiment, &request, Origin::Posted, priority)?;
     let submitted =
-        store::jobs::submit(&service.store, &new, key, service.queue_limit(), service.now()).await?;
-    told(service, submitted).await
+        store::queue::submit(&service.store, &new, key, service.queue_limit(), service.now()).await?;
+    Ok(told(service, submitted))
 }
 
 /// What is asked of a job, with what its kind and the settings of the service say to it.
@@ -74,20 +74,18 @@ fn with_defaults(service: &Service, kind: JobKind, settings: &Map<String, Value>
 /// Where there is no such job or it has not ended, a full queue, a reused key, or where the database fails.
 pub async fn retry(service: &Service, id: &str, key: Option<&RequestKey>) -> Result<Submitted, ServiceError> {
     match store::retry::retry(&service.store, id, key, service.queue_limit(), service.now()).await? {
-        Retried::Submitted(submitted) => told(service, *submitted).await,
+        Retried::Submitted(submitted) => Ok(told(service, *submitted)),
         Retried::NotFinished(state) => Err(ServiceError::NotFinished(id.to_owned(), state)),
         Retried::NoJob => Err(ServiceError::NotFound("job", id.to_owned())),
     }
 }
 
-/// Wakes a worker for a new job, and tells those who listen and those who wait for parameters.
-async fn told(service: &Service, submitted: Submitted) -> Result<Submitted, ServiceError> {
-    if let Submitted::New(job) = &submitted {
-        service.wake.notify_one();
-        service.events.hint();
-        params::refresh(service, &job.system).await?;
+/// What a submission became; of a new job, workers and listeners are told.
+fn told(service: &Service, submitted: Submitted) -> Submitted {
+    if matches!(submitted, Submitted::New(_)) {
+        entered(service);
     }
-    Ok(submitted)
+    submitted
 }
 
 /// Submits an ordinary recalibration of one system, because newer measurements contradict what it serves.
@@ -109,9 +107,9 @@ pub async fn refit(
         Origin::Scheduled,
         Priority::Nightly,
     )?;
-    store::jobs::submit(&service.store, &new, None, service.queue_limit(), service.now()).await?;
-    service.wake.notify_one();
-    params::refresh(service, system).await
+    store::queue::submit(&service.store, &new, None, service.queue_limit(), service.now()).await?;
+    entered(service);
+    Ok(())
 }
 
 /// What the faults of a request hide: those that only its system and its model can tell.
@@ -196,7 +194,7 @@ pub async fn several(
     if let (SubmittedBatch::New(id), Some(schedule)) = (&submitted, schedule) {
         store::schedules::note_run(&service.store, schedule, id, service.now()).await?;
     }
-    entered(service, &batch).await?;
+    entered(service);
     Ok(submitted)
 }
 
@@ -276,17 +274,10 @@ pub async fn leave_out_answered(service: &Service, batch: &mut NewBatch) -> Resu
     Ok(())
 }
 
-/// Wakes the workers after a batch has entered the queue, and tells those who wait for parameters.
-///
-/// # Errors
-/// Where the database fails.
-pub async fn entered(service: &Service, batch: &NewBatch) -> Result<(), ServiceError> {
+/// Wakes a worker after jobs have entered the queue, and tells those who listen.
+pub fn entered(service: &Service) {
     service.wake.notify_one();
     service.events.hint();
-    for job in &batch.jobs {
-        params::refresh(service, &job.system).await?;
-    }
-    Ok(())
 }
 
 /// Calls a job off.
@@ -294,7 +285,7 @@ pub async fn entered(service: &Service, batch: &NewBatch) -> Result<(), ServiceE
 /// # Errors
 /// Where the database fails.
 pub async fn cancel(service: &Service, id: &str) -> Result<Option<Cancelled>, ServiceError> {
-    let Some(cancelled) = store::jobs::cancel(&service.store, id, service.now()).await? else {
+    let Some(cancelled) = store::queue::cancel(&service.store, id, service.now()).await? else {
         return Ok(None);
     };
     if cancelled.running {
@@ -305,7 +296,6 @@ pub async fn cancel(service: &Service, id: &str) -> Result<Option<Cancelled>, Se
         }
     } else {
         service.events.hint();
-        params::refresh(service, &cancelled.job.system).await?;
     }
     Ok(Some(cancelled))
 }

@@ -1,6 +1,6 @@
-//! An operator's word: promote or reject a fit that waits, pin what is served or roll it back.
+//! An operator's word: promote or reject a fit that waits, pin what is served or roll it back. Each is noted
+//! as an arrival, so that the states of the revision in service are read off.
 
-use super::params;
 use crate::service::catalogue::systems;
 use crate::service::decode;
 use crate::service::error::{Refusal, ServiceError};
@@ -56,7 +56,8 @@ pub async fn decide(
             let system = system.parse().map_err(|error: lampyris_core::data::BadSystemId| {
                 ServiceError::Internal(error.to_string())
             })?;
-            changed(service, &system).await
+            service.arrivals.note(&system);
+            Ok(())
         }
         Decided::Already => Ok(()),
         Decided::NoFit => Err(ServiceError::NotFound("fit", fit.to_owned())),
@@ -95,7 +96,8 @@ pub async fn pin(service: &Service, system: &SystemId, body: Value, who: &str) -
     match store::pins::put(&service.store, system, fit.as_deref(), &reason, who, service.now()).await? {
         Pinned::Set(revision) => {
             tracing::info!(%system, revision, reason, who, "pinned by an operator");
-            changed(service, system).await
+            service.arrivals.note(system);
+            Ok(())
         }
         Pinned::NeverServed => {
             let detail = match fit {
@@ -120,12 +122,6 @@ pub async fn unpin(service: &Service, system: &SystemId, who: &str) -> Result<()
     systems::require(service, system).await?;
     store::pins::delete(&service.store, system, who, service.now()).await?;
     tracing::info!(%system, who, "unpinned by an operator");
-    changed(service, system).await
-}
-
-/// Shows what was decided, and has the states of the new revision read off.
-async fn changed(service: &Service, system: &SystemId) -> Result<(), ServiceError> {
-    params::refresh(service, system).await?;
     service.arrivals.note(system);
     Ok(())
 }

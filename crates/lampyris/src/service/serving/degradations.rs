@@ -1,7 +1,6 @@
 //! Looks at what is served whenever measurements arrive: where the states are now, and whether the newer
 //! measurements contradict the parameters.
 
-use super::params;
 use crate::service::catalogue::system::Mode;
 use crate::service::catalogue::systems;
 use crate::service::error::ServiceError;
@@ -149,7 +148,6 @@ async fn look(service: &Service, pool: &ThreadPool, system: &SystemId) -> Result
             "newer measurements {}",
             if degraded { "contradict what is served" } else { "agree again" }
         );
-        params::refresh(service, system).await?;
     }
     Ok(turned == Some(true))
 }

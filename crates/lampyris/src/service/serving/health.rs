@@ -82,7 +82,7 @@ pub fn health(served: Option<&Served>, newest: Option<&JobRecord>) -> (Health, S
     };
     let waits = newest
         .filter(|job| served.job.as_ref() != Some(&job.id))
-        .is_some_and(|job| matches!(job.outcome, Some(Outcome::Held | Outcome::Suggested)));
+        .is_some_and(|job| matches!(job.state.outcome(), Some(Outcome::Held | Outcome::Suggested)));
     let failure = served.fallback.as_ref().map(|fallback| match fallback.reason.as_str() {
         "validation_failed" => "the newest fit was rejected",
         _ => "the newest job failed",
@@ -109,15 +109,17 @@ fn never_validated(newest: Option<&JobRecord>) -> (Health, String) {
     let Some(job) = newest else {
         return (Health::Unknown, "Nothing was estimated yet.".to_owned());
     };
-    let (health, why) = match (job.state, job.outcome) {
-        (JobState::Queued | JobState::Running, _) => (Health::Unknown, "the newest job has not ended"),
-        (JobState::Cancelled, _) => (Health::Unknown, "the newest job was cancelled"),
-        (JobState::Failed, _) => (Health::Bad, "the newest job failed"),
-        (JobState::Succeeded, Some(Outcome::Held | Outcome::Suggested)) => {
-            (Health::Attention, "a fit waits for an operator")
+    let (health, why) = match &job.state {
+        JobState::Queued { .. } | JobState::Running { .. } => {
+            (Health::Unknown, "the newest job has not ended")
         }
-        (JobState::Succeeded, Some(Outcome::Rejected)) => (Health::Bad, "the newest fit was rejected"),
-        (JobState::Succeeded, _) => (Health::Unknown, "the newest fit does not count for what is served"),
+        JobState::Cancelled { .. } => (Health::Unknown, "the newest job was cancelled"),
+        JobState::Failed { .. } => (Health::Bad, "the newest job failed"),
+        JobState::Succeeded { result, .. } => match result.outcome() {
+            Some(Outcome::Held | Outcome::Suggested) => (Health::Attention, "a fit waits for an operator"),
+            Some(Outcome::Rejected) => (Health::Bad, "the newest fit was rejected"),
+            _ => (Health::Unknown, "the newest fit does not count for what is served"),
+        },
     };
     (health, format!("No fit was ever accepted, and {why}."))
 }
@@ -125,7 +127,7 @@ fn never_validated(newest: Option<&JobRecord>) -> (Health, String) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::store::jobs::{JobKind, Origin, Priority};
+    use crate::store::jobs::{Ended, FoundFit, JobFailure, JobKind, JobResult, Origin, Priority};
 
     fn served(change: serde_json::Value) -> Served {
         let mut body = serde_json::json!({
@@ -141,8 +143,20 @@ mod tests {
         serde_json::from_value(body).unwrap()
     }
 
-    fn job(state: JobState, outcome: Option<Outcome>) -> JobRecord {
-        let at = Timestamp::UNIX_EPOCH;
+    const ENDED: Ended = Ended { started_at: None, at: Timestamp::UNIX_EPOCH, sequence: None };
+
+    fn failed() -> JobState {
+        let failure = JobFailure { code: "panic".into(), detail: String::new(), errors: Vec::new() };
+        JobState::Failed { failure, ended: ENDED }
+    }
+
+    fn succeeded(outcome: Outcome) -> JobState {
+        let (id, stopped_by) = ("fit_2".into(), "budget".into());
+        let found = FoundFit { id, revision: None, stopped_by, evaluations: 600 };
+        JobState::Succeeded { result: JobResult::Estimated { outcome, found }, ended: ENDED }
+    }
+
+    fn job(state: JobState) -> JobRecord {
         JobRecord {
             id: "job_2".into(),
             sequence: 2,
@@ -153,23 +167,10 @@ mod tests {
             experiment: false,
             origin: Origin::Posted,
             priority: Priority::Operator,
-            state,
-            outcome,
-            boot: None,
+            created_at: Timestamp::UNIX_EPOCH,
             attempt: 1,
-            cancelling: false,
-            fit: None,
-            revision: None,
-            error: None,
-            stopped_by: None,
-            evaluations: None,
-            created_at: at,
-            started_at: None,
-            ended_at: None,
-            end_sequence: None,
             retry_of: None,
-            diagnosis: None,
-            tuning: None,
+            state,
         }
     }
 
@@ -199,16 +200,17 @@ mod tests {
 
     #[test]
     fn the_newest_job_decides_where_nothing_is_served() {
-        let word = |state, outcome| health(None, Some(&job(state, outcome))).0;
+        let running = JobState::Running { boot: 1, started_at: Timestamp::UNIX_EPOCH, cancelling: false };
+        let word = |state| health(None, Some(&job(state))).0;
         assert_eq!(health(None, None).0, Health::Unknown);
-        assert_eq!(word(JobState::Running, None), Health::Unknown);
-        assert_eq!(word(JobState::Failed, None), Health::Bad);
-        assert_eq!(word(JobState::Succeeded, Some(Outcome::Rejected)), Health::Bad);
-        assert_eq!(word(JobState::Succeeded, Some(Outcome::Held)), Health::Attention);
-        let experiment = JobRecord { experiment: true, ..job(JobState::Failed, None) };
+        assert_eq!(word(running), Health::Unknown);
+        assert_eq!(word(failed()), Health::Bad);
+        assert_eq!(word(succeeded(Outcome::Rejected)), Health::Bad);
+        assert_eq!(word(succeeded(Outcome::Held)), Health::Attention);
+        let experiment = JobRecord { experiment: true, ..job(failed()) };
         assert_eq!(health(None, Some(&experiment)).0, Health::Unknown);
         // A fit that waits shows beside a fresh set, unless it is the very one that is served.
-        let waiting = job(JobState::Succeeded, Some(Outcome::Suggested));
+        let waiting = job(succeeded(Outcome::Suggested));
         assert_eq!(health(Some(&served(serde_json::json!({}))), Some(&waiting)).0, Health::Attention);
         assert_eq!(health(Some(&served(serde_json::json!({"job": "job_2"}))), Some(&waiting)).0, Health::Ok);
     }

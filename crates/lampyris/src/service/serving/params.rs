@@ -1,7 +1,8 @@
 //! Keeps the snapshot behind `/params` true to the database.
 //!
-//! One function, [`refresh`], makes an entry from the database, whatever the reason; bodies therefore change
-//! at events only, and the turn to `stale` is an event that [`keep_fresh`] makes.
+//! One task, [`follow`], hears of every commit that changes what is served, or what is said of it, and makes
+//! the entries of its systems from the database, whatever the reason; whoever has written waits for it.
+//! Bodies therefore change at events only, and the turn to `stale` is an event of the same task.
 
 use super::body::{self, Status};
 use super::snapshot::{Answer, Entry};
@@ -9,26 +10,96 @@ use crate::service::catalogue::system::document;
 use crate::service::error::ServiceError;
 use crate::service::state::Service;
 use crate::service::threads::blocking;
-use crate::store::failpoint;
 use crate::store::params::{ServedState, standing, standings};
-use jiff::SignedDuration;
+use crate::store::{Change, failpoint};
+use jiff::{SignedDuration, Timestamp};
 use lampyris_core::data::SystemId;
-use std::pin::pin;
+use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
+use tokio::sync::mpsc::UnboundedReceiver;
 
-/// The longest sleep of the timer: after a jump of the clock nothing is later than this.
+/// The longest sleep of the follower: after a jump of the clock, or where the database could not be read,
+/// nothing is later than this.
 const LONGEST_SLEEP: Duration = Duration::from_secs(30);
 /// By how much a clock may go another way than time itself between two looks; one that is further off was
 /// set.
 const LARGEST_SLIP: SignedDuration = SignedDuration::from_mins(1);
 
-/// Makes the entry of a system anew. To be called after every commit that may change it.
+/// Makes all entries: at start, before anybody can ask, and where a clock was set.
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn refresh(service: &Service, system: &SystemId) -> Result<(), ServiceError> {
-    let _one_at_a_time = service.params.refreshing.lock().await;
+pub async fn load_all(service: &Service) -> Result<(), ServiceError> {
+    for standing in standings(&service.store).await? {
+        let system = standing.system.clone();
+        let entry = entry(service, standing).await?;
+        service.params.swap(&system, entry);
+    }
+    Ok(())
+}
+
+/// Shows what was committed, and publishes the turn to `stale` when its time has come, until the service
+/// stops. What cannot be read stays as it is and is tried again. A clock that was set makes every age another
+/// one.
+pub async fn follow(service: Arc<Service>, mut changes: UnboundedReceiver<Change>) {
+    let mut stopping = service.stopping.subscribe();
+    let mut known = (service.now(), Instant::now());
+    let mut due = BTreeSet::new();
+    while !*stopping.borrow_and_update() {
+        let now = service.now();
+        let passed = SignedDuration::try_from(known.1.elapsed()).unwrap_or(SignedDuration::MAX);
+        let jump = now.duration_since(known.0) - passed;
+        known = (now, Instant::now());
+        if jump.abs() > LARGEST_SLIP {
+            tracing::warn!(
+                "the clock was set by {jump:#}, to {now}: the age of everything that is served is counted \
+                anew"
+            );
+            if let Err(error) = load_all(&service).await {
+                tracing::error!(%error, "the age of what is served could not be counted anew");
+            }
+        }
+        let next = turning(&service, now, &mut due);
+        read(&service, &mut due).await;
+        tokio::select! {
+            change = changes.recv() => {
+                let Some(change) = change else { return };
+                due.extend(change.systems.iter().cloned());
+                read(&service, &mut due).await;
+                change.followed();
+            }
+            () = tokio::time::sleep(next) => {}
+            _ = stopping.changed() => {}
+        }
+    }
+}
+
+/// Adds the systems whose turn to `stale` has come, and says how long it is to the next one.
+fn turning(service: &Service, now: Timestamp, due: &mut BTreeSet<SystemId>) -> Duration {
+    let mut next = LONGEST_SLEEP;
+    for (system, entry) in service.params.all() {
+        match entry.turns_stale.map(|turn| turn.duration_since(now)) {
+            Some(left) if left <= SignedDuration::ZERO => due.extend(system.parse::<SystemId>()),
+            Some(left) => next = next.min(left.unsigned_abs().max(Duration::from_millis(10))),
+            None => {}
+        }
+    }
+    next
+}
+
+/// Reads systems again; those that could not be read stay due.
+async fn read(service: &Service, due: &mut BTreeSet<SystemId>) {
+    for system in std::mem::take(due) {
+        if let Err(error) = refresh(service, &system).await {
+            tracing::error!(%error, %system, "what is served could not be read again");
+            due.insert(system);
+        }
+    }
+}
+
+/// Makes the entry of a system anew.
+async fn refresh(service: &Service, system: &SystemId) -> Result<(), ServiceError> {
     match standing(&service.store, system).await? {
         Some(standing) => {
             let entry = entry(service, standing).await?;
@@ -45,65 +116,6 @@ pub async fn refresh(service: &Service, system: &SystemId) -> Result<(), Service
         None => service.params.forget(system),
     }
     Ok(())
-}
-
-/// Makes all entries: at start, before anybody can ask.
-///
-/// # Errors
-/// Where the database fails.
-pub async fn load_all(service: &Service) -> Result<(), ServiceError> {
-    let _one_at_a_time = service.params.refreshing.lock().await;
-    for standing in standings(&service.store).await? {
-        let system = standing.system.clone();
-        let entry = entry(service, standing).await?;
-        service.params.swap(&system, entry);
-    }
-    Ok(())
-}
-
-/// Publishes the turn to `stale` when its time has come, until the service stops. A clock that was set makes
-/// every age another one.
-pub async fn keep_fresh(service: Arc<Service>) {
-    let mut stopping = service.stopping.subscribe();
-    let mut known = (service.now(), Instant::now());
-    while !*stopping.borrow_and_update() {
-        let mut retimed = pin!(service.params.retime.notified());
-        retimed.as_mut().enable();
-        let now = service.now();
-        let passed = SignedDuration::try_from(known.1.elapsed()).unwrap_or(SignedDuration::MAX);
-        let jump = now.duration_since(known.0) - passed;
-        known = (now, Instant::now());
-        if jump.abs() > LARGEST_SLIP {
-            tracing::warn!(
-                "the clock was set by {jump:#}, to {now}: the age of everything that is served is counted \
-                anew"
-            );
-            if let Err(error) = load_all(&service).await {
-                tracing::error!(%error, "the age of what is served could not be counted anew");
-            }
-        }
-        let mut next = LONGEST_SLEEP;
-        for (system, entry) in service.params.all() {
-            match entry.turns_stale.map(|turn| turn.duration_since(now)) {
-                Some(left) if left <= SignedDuration::ZERO => {
-                    let turned = match system.parse() {
-                        Ok(system) => refresh(&service, &system).await.map_err(|error| error.to_string()),
-                        Err(error) => Err(error.to_string()),
-                    };
-                    if let Err(error) = turned {
-                        tracing::error!(error, system, "the turn to stale could not be published");
-                    }
-                }
-                Some(left) => next = next.min(left.unsigned_abs().max(Duration::from_millis(10))),
-                None => {}
-            }
-        }
-        tokio::select! {
-            () = retimed => {}
-            () = tokio::time::sleep(next) => {}
-            _ = stopping.changed() => {}
-        }
-    }
 }
 
 async fn entry(service: &Service, standing: ServedState) -> Result<Entry, ServiceError> {

@@ -1,25 +1,21 @@
 //! The snapshot behind `/params`: finished bodies with their tags, swapped in after the commit.
+//! One task alone makes entries (`params`), so that an older one never comes last.
 //!
 //! A handler takes the body that is there: no SQL, no lock, no encoding.
 
 use super::body::Rendered;
-use crate::store::jobs::JobState;
+use crate::store::jobs::JobStatus;
 use arc_swap::ArcSwap;
 use jiff::Timestamp;
 use lampyris_core::data::SystemId;
 use std::collections::HashMap;
 use std::sync::Arc;
-use tokio::sync::{Mutex, Notify, watch};
+use tokio::sync::watch;
 
 /// What `/params` serves, by the name of the system (`room/4`).
 #[derive(Debug, Default)]
 pub struct Snapshot {
     slots: ArcSwap<HashMap<String, Arc<Slot>>>,
-    /// Entries are read from the database and swapped in by one at a time, so that an older one never comes
-    /// last.
-    pub(super) refreshing: Mutex<()>,
-    /// Told when an entry may turn stale earlier than the timer expects.
-    pub(super) retime: Notify,
 }
 
 /// The place of one system. It stays; its entry is swapped.
@@ -46,7 +42,7 @@ pub enum Answer {
     /// No fit was ever accepted.
     NeverValidated {
         /// The newest job.
-        latest_job: Option<(String, JobState)>,
+        latest_job: Option<(String, JobStatus)>,
         /// The nominal values of the model, for those who accept them.
         nominal: Option<Rendered>,
     },
@@ -74,7 +70,6 @@ impl Snapshot {
     /// Swaps an entry in, and wakes those who wait for it if it is another one.
     pub(super) fn swap(&self, system: &SystemId, entry: Entry) {
         let name = system.to_string();
-        self.retime.notify_one();
         match self.slot(&name) {
             Some(slot) => {
                 let is_news = !slot.entry.load().says_the_same(&entry);

@@ -10,11 +10,12 @@ use super::input::{self, JobInput};
 use super::{diagnose, poison, tune};
 use crate::service::changes::events::JobChange;
 use crate::service::changes::follow;
-use crate::service::serving::{degradations, params};
+use crate::service::serving::degradations;
 use crate::service::state::Service;
 use crate::store::StoreError;
 use crate::store::finish::{JobEnd, JudgedFit, Tuned, finish};
-use crate::store::jobs::{self, JobFailure, JobKind, JobRecord, Lease, Origin};
+use crate::store::jobs::{JobFailure, JobKind, JobRecord, Lease, Origin};
+use crate::store::queue;
 use lampyris_core::estimate::{Control, Interrupt, Progress};
 use rayon::ThreadPool;
 use std::any::Any;
@@ -40,7 +41,7 @@ pub async fn run(service: Arc<Service>, pool: ThreadPool) {
         // missed.
         let mut woken = pin!(service.wake.notified());
         woken.as_mut().enable();
-        let pause = match jobs::claim(&service.store, service.boot, service.now()).await {
+        let pause = match queue::claim(&service.store, service.boot, service.now()).await {
             Ok(Some(job)) => {
                 // There may be more: the next idle worker looks, and wakes the one after it.
                 service.wake.notify_one();
@@ -102,7 +103,6 @@ async fn process(service: &Arc<Service>, pool: &ThreadPool, job: JobRecord) {
         job.kind.as_str(),
         job.system
     );
-    refreshed(service, &job).await;
     if job.kind == JobKind::Estimate && job.origin == Origin::Scheduled {
         degradations::look_first(service, pool, &job.system).await;
     }
@@ -180,7 +180,7 @@ async fn record(service: &Arc<Service>, job: &JobRecord, lease: &Lease, mut end:
     let mut tries = 0;
     loop {
         let written = match &end {
-            End::GivenBack => jobs::requeue(&service.store, lease, service.now()).await.map(|()| None),
+            End::GivenBack => queue::requeue(&service.store, lease, service.now()).await.map(|()| None),
             End::Found(finding) => {
                 finish(&service.store, lease, &JobEnd::Fitted(finding), service.now()).await.map(Some)
             }
@@ -249,17 +249,10 @@ async fn record(service: &Arc<Service>, job: &JobRecord, lease: &Lease, mut end:
             }
         }
     }
-    refreshed(service, job).await;
     service.board.end(&job.id);
     followed(service).await;
     // The system is free again, so a job of it that waited may be claimed by anybody.
     service.wake.notify_one();
-}
-
-async fn refreshed(service: &Service, job: &JobRecord) {
-    if let Err(error) = params::refresh(service, &job.system).await {
-        tracing::error!(%error, system = %job.system, "what is served could not be read again");
-    }
 }
 
 /// Brings the log of events up to date, so that what comes next stands behind what came before.
