@@ -9,13 +9,12 @@ use super::verdicts::share;
 use lampyris::cli::{Failure, faults};
 use lampyris_core::data::{CALENDAR, Column, ColumnBindings, Grid, Window, rfc3339};
 use lampyris_core::diagnose::diagnose;
-use lampyris_core::diagnose::library::{COMPUTED, align, candidates};
+use lampyris_core::diagnose::library::{COMPUTED, EffectSource, align};
 use lampyris_core::diagnose::null_model::NullModel;
 use lampyris_core::diagnose::report::Finding;
 use lampyris_core::diagnose::surrogates::{Heard, Tests, is_driven};
 use lampyris_core::estimate::assess::metrics::{ahead, filter};
 use lampyris_core::estimate::problem::request::{AccusationRate, WindowRange};
-use lampyris_core::estimate::problem::widen::widen;
 use lampyris_core::estimate::{Control, EstimateRequest, Problem, Site, estimate, prepare};
 use lampyris_core::model::{Catalogue, ModelId};
 use rayon::prelude::*;
@@ -445,17 +444,17 @@ fn negatives(
     window: &Window,
     site: &Site,
 ) -> Result<(usize, [usize; 3]), Failure> {
-    let (grid, holes) = widen(problem, window, site).map_err(|fault| faults(&[fault]))?;
-    let (mut library, _) = candidates(catalogue, problem, &grid, &holes, site);
+    let source = EffectSource::new(catalogue, problem, window, site).map_err(|fault| faults(&[fault]))?;
+    let (mut library, _) = source.candidates(problem);
     let Some(null) = NullModel::settle(align(problem, &mut library), theta, None, &|| false) else {
         return Ok((0, [0; 3]));
     };
-    let days = grid.len() as i64 * grid.step() / DAY;
+    let days = source.grid.len() as i64 * source.grid.step() / DAY;
     let (mut count, mut accused) = (0, [0; 3]);
     for shift in 1..=SHIFTS {
-        let grid = of_other_days(problem, &grid, (shift * days / (SHIFTS + 1)).max(1))
+        let grid = of_other_days(problem, &source.grid, (shift * days / (SHIFTS + 1)).max(1))
             .map_err(|fault| faults(&[fault]))?;
-        let (mut library, _) = candidates(catalogue, problem, &grid, &holes, site);
+        let (mut library, _) = EffectSource { grid, ..source.clone() }.candidates(problem);
         let base = align(&null.problem, &mut library);
         let most = RATES.iter().copied().fold(0.0, f64::max);
         let Some(tests) = Tests::new(&base, &null.fitted.plain, &library, most, &[], &|| false) else {

@@ -5,7 +5,7 @@ use super::course::Course;
 use super::error::{DiagnoseError, interrupted};
 use super::failures::episodes;
 use super::ledger::{EffectScore, LedgerEntry, Looked, beside, pooled_with};
-use super::library::{CandidateEffect, NotTestable, align, candidates};
+use super::library::{CandidateEffect, EffectSource, NotTestable, align};
 use super::naming::finding;
 use super::null_model::{NullModel, whitening_at};
 use super::present::present;
@@ -20,7 +20,6 @@ use super::ways::other_way;
 use crate::data::{Window, rfc3339};
 use crate::estimate::problem::request::AccusationRate;
 use crate::estimate::problem::whiten::stride;
-use crate::estimate::problem::widen::widen;
 use crate::estimate::{Control, EstimateError, Problem, Site};
 use crate::model::Catalogue;
 use rayon::prelude::*;
@@ -70,11 +69,12 @@ pub fn diagnose(
             "only {train:.1} days of training and {unseen:.1} unseen days: more is asked of every effect"
         ));
     }
-    let (grid, holes) = widen(problem, window, site).map_err(|fault| DiagnoseError::Faults(vec![fault]))?;
+    let source = EffectSource::new(catalogue, problem, window, site)
+        .map_err(|fault| DiagnoseError::Faults(vec![fault]))?;
     let nothing = || DiagnoseError::nothing(control);
     let course = Course::new(control);
     let halt = || course.halts();
-    let (mut library, not_testable) = candidates(catalogue, problem, &grid, &holes, site);
+    let (mut library, not_testable) = source.candidates(problem);
     let mut null = NullModel::settle(align(problem, &mut library), theta, None, &halt).ok_or_else(nothing)?;
     course.settled(null.fitted.evaluations);
     report.not_testable = not_testable;
@@ -83,7 +83,7 @@ pub fn diagnose(
     let mut before = None;
     for number in 1..=ROUNDS {
         if number > 1 {
-            (library, _) = candidates(catalogue, &null.problem, &grid, &holes, site);
+            (library, _) = source.candidates(&null.problem);
             null.problem = align(&null.problem, &mut library);
         }
         // The openings that a drop detector marks are off by up to half an hour, which a lag then repairs.
@@ -103,15 +103,7 @@ pub fn diagnose(
             tell_round(&mut report, &library, &outcome);
             report.looked = looked(problem, outcome.scores.clone());
             if let Some(span) = span(problem) {
-                report.present = present(
-                    catalogue,
-                    &null.problem,
-                    &null.fitted.plain,
-                    (&grid, site),
-                    earlier,
-                    span,
-                    &halt,
-                );
+                report.present = present(&source, &null.problem, &null.fitted.plain, earlier, span, &halt);
             }
             interrupted(control)?;
         }
@@ -124,7 +116,7 @@ pub fn diagnose(
             &halt,
         )
         .ok_or_else(nothing)?;
-        let (way, evaluations) = other_way(catalogue, &null, &next, candidate, &grid, site, &halt);
+        let (way, evaluations) = other_way(&source, &null, &next, candidate, &halt);
         course.settled(next.fitted.evaluations + evaluations);
         interrupted(control)?;
         let finding = finding(&null, &next, way.as_ref(), &library, &outcome, winner, number, &halt);
@@ -150,8 +142,9 @@ pub fn preview(
     site: &Site,
 ) -> Result<Vec<EffectPreview>, DiagnoseError> {
     let diverged = DiagnoseError::Estimate(EstimateError::NothingFinite);
-    let (grid, holes) = widen(problem, window, site).map_err(|fault| DiagnoseError::Faults(vec![fault]))?;
-    let (mut library, _) = candidates(catalogue, problem, &grid, &holes, site);
+    let source = EffectSource::new(catalogue, problem, window, site)
+        .map_err(|fault| DiagnoseError::Faults(vec![fault]))?;
+    let (mut library, _) = source.candidates(problem);
     let problem = &align(problem, &mut library);
     let whitening = whitening_at(problem, theta).ok_or(diverged.clone())?;
     let screen = Screen::new(problem, theta, &whitening, &|| false).ok_or(diverged)?;

@@ -3,7 +3,7 @@
 use super::acceptance::LEAST_BIC;
 use super::course::Course;
 use super::error::{DiagnoseError, interrupted};
-use super::library::{align, candidates};
+use super::library::{EffectSource, align};
 use super::null_model::NullModel;
 use super::selection::round;
 use super::ways::other_way;
@@ -11,7 +11,6 @@ use crate::data::Window;
 use crate::estimate::assess::metrics::{HORIZONS, ahead, filter};
 use crate::estimate::likelihood::ratio::LikelihoodRatio;
 use crate::estimate::problem::request::AccusationRate;
-use crate::estimate::problem::widen::widen;
 use crate::estimate::{Control, Problem, Site};
 use crate::model::Catalogue;
 use indexmap::IndexMap;
@@ -81,8 +80,9 @@ pub fn ladder(
     let nothing = || DiagnoseError::nothing(control);
     let course = Course::new(control);
     let halt = || course.halts();
-    let (grid, holes) = widen(problem, window, site).map_err(|fault| DiagnoseError::Faults(vec![fault]))?;
-    let (mut library, _) = candidates(catalogue, problem, &grid, &holes, site);
+    let source = EffectSource::new(catalogue, problem, window, site)
+        .map_err(|fault| DiagnoseError::Faults(vec![fault]))?;
+    let (mut library, _) = source.candidates(problem);
     let mut null = NullModel::settle(align(problem, &mut library), theta, None, &halt).ok_or_else(nothing)?;
     course.settled(null.fitted.evaluations);
     let noise = filter(problem, &null.fitted.plain, None).process_noise;
@@ -90,7 +90,7 @@ pub fn ladder(
     let mut price = 0.0;
     for _ in 0..max_steps {
         if !steps.is_empty() {
-            (library, _) = candidates(catalogue, &null.problem, &grid, &holes, site);
+            (library, _) = source.candidates(&null.problem);
             null.problem = align(&null.problem, &mut library);
         }
         let outcome = round(
@@ -123,11 +123,8 @@ pub fn ladder(
             &halt,
         )
         .ok_or_else(nothing)?;
-        let (way, evaluations) = if best.gate.is_none() {
-            other_way(catalogue, &null, &next, candidate, &grid, site, &halt)
-        } else {
-            (None, 0)
-        };
+        let (way, evaluations) =
+            if best.gate.is_none() { other_way(&source, &null, &next, candidate, &halt) } else { (None, 0) };
         course.settled(next.fitted.evaluations + evaluations);
         let (added, active, next) = match way {
             Some(way) => (way.candidate.id, way.candidate.own.len(), way.model),

@@ -1,8 +1,9 @@
 //! The library of what may be missing: every effect of the catalogue, compiled into the model and put on the
 //! data.
 
-use crate::data::{CALENDAR, ChannelKind, Column, Grid};
+use crate::data::{CALENDAR, ChannelKind, Column, Grid, Window};
 use crate::estimate::problem::choices::Choices;
+use crate::estimate::problem::widen::widen;
 use crate::estimate::{Problem, Site};
 use crate::fault::Fault;
 use crate::model::catalogue::Catalogue;
@@ -85,38 +86,206 @@ pub fn carried(from: &Problem, theta: &[f64], to: &Problem) -> Vec<f64> {
         .collect()
 }
 
-/// All candidates that can be tested, and those that cannot, with the reason.
-pub fn candidates(
-    catalogue: &Catalogue,
-    base: &Problem,
-    grid: &Grid,
-    holes: &[String],
-    site: &Site,
-) -> (Vec<CandidateEffect>, Vec<NotTestable>) {
-    let found: Vec<Result<CandidateEffect, NotTestable>> = names(catalogue, base, grid)
-        .into_par_iter()
-        .map(|name| {
-            candidate(catalogue, base, grid, site, &name)
-                .map_err(|reason| NotTestable { effect: name, reason: why(reason, holes) })
-        })
-        .collect();
-    let (mut candidates, mut not_testable) = (Vec::new(), Vec::<NotTestable>::new());
-    for one in found {
-        match one {
-            Ok(candidate) => candidates.push(candidate),
-            // The choices of one shape lack the same thing: one line says so.
-            Err(reason) => {
-                let family = reason.effect.split(':').next().unwrap_or_default().to_owned();
-                let choice =
-                    catalogue.effects().any(|effect| effect.id == family && !effect.choices.is_empty());
-                let reason = if choice { NotTestable { effect: family, ..reason } } else { reason };
-                if !not_testable.contains(&reason) {
-                    not_testable.push(reason);
+/// What candidate effects are made from: their documents, and everything that was measured at a place.
+#[derive(Debug, Clone)]
+pub struct EffectSource<'a> {
+    /// The effects.
+    pub catalogue: &'a Catalogue,
+    /// It gives the members of sets.
+    pub site: &'a Site,
+    /// Every channel of a window, so that any effect finds its inputs there.
+    pub grid: Grid,
+    /// The channels with holes too large to bridge: they are left out.
+    pub holes: Vec<String>,
+}
+
+impl<'a> EffectSource<'a> {
+    /// What effects of a catalogue find in a window, on the grid of a problem.
+    ///
+    /// # Errors
+    /// A fault where the window does not fit the problem, or the time zone is unknown.
+    pub fn new(
+        catalogue: &'a Catalogue,
+        problem: &Problem,
+        window: &Window,
+        site: &'a Site,
+    ) -> Result<Self, Fault> {
+        let (grid, holes) = widen(problem, window, site)?;
+        Ok(Self { catalogue, site, grid, holes })
+    }
+
+    /// All candidates that can be tested, and those that cannot, with the reason.
+    pub fn candidates(&self, base: &Problem) -> (Vec<CandidateEffect>, Vec<NotTestable>) {
+        let found: Vec<Result<CandidateEffect, NotTestable>> = self
+            .names(base)
+            .into_par_iter()
+            .map(|name| {
+                self.candidate(base, &name)
+                    .map_err(|reason| NotTestable { effect: name, reason: why(reason, &self.holes) })
+            })
+            .collect();
+        let (mut candidates, mut not_testable) = (Vec::new(), Vec::<NotTestable>::new());
+        for one in found {
+            match one {
+                Ok(candidate) => candidates.push(candidate),
+                // The choices of one shape lack the same thing: one line says so.
+                Err(reason) => {
+                    let family = reason.effect.split(':').next().unwrap_or_default().to_owned();
+                    let choice = self
+                        .catalogue
+                        .effects()
+                        .any(|effect| effect.id == family && !effect.choices.is_empty());
+                    let reason = if choice { NotTestable { effect: family, ..reason } } else { reason };
+                    if !not_testable.contains(&reason) {
+                        not_testable.push(reason);
+                    }
                 }
             }
         }
+        (candidates, not_testable)
     }
-    (candidates, not_testable)
+
+    /// A problem whose model lacks one of its effects, on the same data.
+    pub(super) fn lacking(&self, with: &Problem, name: &str) -> Result<Problem, Vec<Fault>> {
+        let model = self.relative(&with.model().id().minus(name))?;
+        let choices = choices_of(with, &model);
+        Problem::new(model, self.grid.clone(), with.split().clone(), &choices, with.source().clone())
+    }
+
+    /// One candidate.
+    pub(super) fn candidate(&self, base: &Problem, name: &str) -> Result<CandidateEffect, Vec<Fault>> {
+        let spec = self.catalogue.effect(name).map_err(|fault| vec![fault])?;
+        let model = self.relative(&base.model().id().plus(name))?;
+        let mut choices = choices_of(base, &model);
+        let own: Vec<usize> = (0..model.parameters().len())
+            .filter(|index| {
+                base.model().parameters().iter().all(|known| known.name != model.parameters()[*index].name)
+            })
+            .collect();
+        if own.is_empty() {
+            return Err(vec![Fault::new(
+                "/effect",
+                "nothing-new",
+                "it adds nothing to this model with these channels",
+            )]);
+        }
+        let train = base.split().train.clone();
+        for input in model
+            .inputs()
+            .iter()
+            .filter(|input| base.model().inputs().iter().all(|known| known.channel != input.channel))
+        {
+            let Some(column) = self.grid.column(&input.channel) else { continue };
+            let values = &column.values()[train.clone()];
+            let (low, high) = values
+                .iter()
+                .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), x| (low.min(*x), high.max(*x)));
+            if high - low <= 0.0 && !COMPUTED.contains(&input.channel.as_str()) {
+                return Err(vec![Fault::new(
+                    "/effect",
+                    "constant",
+                    format!("`{}` never changes in these data", input.channel),
+                )]);
+            }
+            if high - low <= 0.0 {
+                return Err(vec![Fault::new(
+                    "/effect",
+                    "constant",
+                    "nothing of the kind is in these data".to_owned(),
+                )]);
+            }
+            if input.unit == AS_IT_COMES {
+                let largest = high.abs().max(low.abs());
+                own.iter().for_each(|index| {
+                    let bound = LARGEST_RATE / largest;
+                    choices.bounds.insert(model.parameters()[*index].name.clone(), [-bound, bound]);
+                });
+            }
+        }
+        // A second sensor of what follows from the room follows from it as well.
+        let endogenous = model
+            .inputs()
+            .iter()
+            .any(|input| spec.endogenous.iter().any(|name| input.channel.starts_with(name.as_str())));
+        let calendar = |channel: &str| CALENDAR.contains(&channel);
+        let reads = |channel: &str| {
+            spec.inputs.iter().any(|(name, input)| input.channel.as_deref().unwrap_or(name) == channel)
+        };
+        let known = |channel: &str| base.model().inputs().iter().any(|input| input.channel == channel);
+        let mut own_inputs =
+            model.inputs().iter().map(|input| input.channel.as_str()).filter(|channel| reads(channel));
+        let by_clock =
+            own_inputs.clone().any(calendar) && own_inputs.all(|channel| calendar(channel) || known(channel));
+        let rates = own.iter().all(|index| model.parameters()[*index].unit == "1/h");
+        let conducts =
+            rates && !spec.inputs.is_empty() && spec.inputs.values().all(|input| input.unit == "degC");
+        let problem =
+            Problem::new(model, self.grid.clone(), base.split().clone(), &choices, base.source().clone())?;
+        let off = |index: usize| {
+            let [lower, upper] = problem.bounds()[index];
+            match problem.model().parameters()[index].scale {
+                Scale::Linear => 0f64.clamp(lower, upper),
+                Scale::Log => lower,
+            }
+        };
+        let own = own.into_iter().map(|index| (index, off(index))).collect();
+        Ok(CandidateEffect { id: name.to_owned(), spec, problem, own, endogenous, by_clock, conducts })
+    }
+
+    /// The ids of all effects that could concern this window and are no part of the model.
+    fn names(&self, base: &Problem) -> Vec<String> {
+        let mut names = Vec::new();
+        for effect in self.catalogue.effects().filter(|effect| effect.way_of.is_none()) {
+            match &effect.argument {
+                None => names.push(effect.id.clone()),
+                Some(_) if !effect.choices.is_empty() => {
+                    names.extend(effect.choices.keys().map(|choice| format!("{}:{choice}", effect.id)))
+                }
+                Some(_) => {
+                    let members = self.grid.columns().filter(|(channel, column)| {
+                        is_member(effect, channel, column.unit(), base)
+                            && (!effect.heats() || is_warm(column, &self.grid, base))
+                    });
+                    names.extend(members.map(|(channel, _)| format!("{}:{channel}", effect.id)));
+                }
+            }
+        }
+        let family = |name: &str| name.split(':').next().unwrap_or_default().to_owned();
+        let has = |name: &String| {
+            let choice = self
+                .catalogue
+                .effects()
+                .any(|effect| effect.id == family(name) && !effect.choices.is_empty());
+            let by_way = |known: &str| {
+                self.catalogue.effect(known).is_ok_and(|effect| effect.way_of.as_ref() == Some(name))
+            };
+            base.model()
+                .effects()
+                .iter()
+                .any(|known| known == name || by_way(known) || (choice && family(known) == family(name)))
+        };
+        let composition = self.catalogue.compose(base.model().id()).ok();
+        let at_home = |name: &String| {
+            let spec = self.catalogue.effect(name).ok();
+            spec.zip(composition.as_ref())
+                .is_none_or(|(effect, composition)| is_at_home(&effect, &composition.spec))
+        };
+        names.retain(|name| !has(name) && at_home(name));
+        names
+    }
+
+    /// Another model on the channels of a grid, with the members that the site gives to its sets.
+    fn relative(&self, id: &ModelId) -> Result<Model, Vec<Fault>> {
+        let composition = self.catalogue.compose(id)?;
+        let sets = composition
+            .spec
+            .sets
+            .iter()
+            .filter_map(|set| self.site.sets.get(set).map(|members| (set.clone(), members.clone())))
+            .collect();
+        let channels = self.grid.columns().map(|(channel, _)| channel.to_owned()).collect();
+        compile(&composition, &Bindings { sets, channels: Some(channels) })
+    }
 }
 
 /// Puts the model and all candidates on the same footing: the same steps, and the same samples. An effect
@@ -136,45 +305,6 @@ pub fn align(base: &Problem, library: &mut [CandidateEffect]) -> Problem {
         })
         .for_each(|candidate| candidate.problem = candidate.problem.aligned(&known, steps));
     if known == whole { base.clone() } else { base.aligned(&known, steps) }
-}
-
-/// The ids of all effects that could concern this window and are no part of the model.
-fn names(catalogue: &Catalogue, base: &Problem, grid: &Grid) -> Vec<String> {
-    let mut names = Vec::new();
-    for effect in catalogue.effects().filter(|effect| effect.way_of.is_none()) {
-        match &effect.argument {
-            None => names.push(effect.id.clone()),
-            Some(_) if !effect.choices.is_empty() => {
-                names.extend(effect.choices.keys().map(|choice| format!("{}:{choice}", effect.id)))
-            }
-            Some(_) => {
-                let members = grid.columns().filter(|(channel, column)| {
-                    is_member(effect, channel, column.unit(), base)
-                        && (!effect.heats() || is_warm(column, grid, base))
-                });
-                names.extend(members.map(|(channel, _)| format!("{}:{channel}", effect.id)));
-            }
-        }
-    }
-    let family = |name: &str| name.split(':').next().unwrap_or_default().to_owned();
-    let has = |name: &String| {
-        let choice =
-            catalogue.effects().any(|effect| effect.id == family(name) && !effect.choices.is_empty());
-        let by_way =
-            |known: &str| catalogue.effect(known).is_ok_and(|effect| effect.way_of.as_ref() == Some(name));
-        base.model()
-            .effects()
-            .iter()
-            .any(|known| known == name || by_way(known) || (choice && family(known) == family(name)))
-    };
-    let composition = catalogue.compose(base.model().id()).ok();
-    let at_home = |name: &String| {
-        let spec = catalogue.effect(name).ok();
-        spec.zip(composition.as_ref())
-            .is_none_or(|(effect, composition)| is_at_home(&effect, &composition.spec))
-    };
-    names.retain(|name| !has(name) && at_home(name));
-    names
 }
 
 /// Whether a temperature is at times so much warmer than the first output that it could heat it.
@@ -237,19 +367,6 @@ fn is_member(effect: &EffectSpec, channel: &str, unit: &str, base: &Problem) -> 
     }
 }
 
-/// Another model on the channels of a grid, with the members that a site gives to its sets.
-fn relative(catalogue: &Catalogue, id: &ModelId, grid: &Grid, site: &Site) -> Result<Model, Vec<Fault>> {
-    let composition = catalogue.compose(id)?;
-    let sets = composition
-        .spec
-        .sets
-        .iter()
-        .filter_map(|set| site.sets.get(set).map(|members| (set.clone(), members.clone())))
-        .collect();
-    let channels = grid.columns().map(|(channel, _)| channel.to_owned()).collect();
-    compile(&composition, &Bindings { sets, channels: Some(channels) })
-}
-
 /// The boxes and the prior of a fit, which may have asked for others than the document has, for what it
 /// shares with another model.
 fn choices_of(base: &Problem, model: &Model) -> Choices {
@@ -270,103 +387,6 @@ fn choices_of(base: &Problem, model: &Model) -> Choices {
         }
     }
     choices
-}
-
-/// A problem whose model lacks one of its effects, on the same data.
-pub(super) fn lacking(
-    catalogue: &Catalogue,
-    with: &Problem,
-    grid: &Grid,
-    site: &Site,
-    name: &str,
-) -> Result<Problem, Vec<Fault>> {
-    let model = relative(catalogue, &with.model().id().minus(name), grid, site)?;
-    let choices = choices_of(with, &model);
-    Problem::new(model, grid.clone(), with.split().clone(), &choices, with.source().clone())
-}
-
-/// One candidate.
-pub(super) fn candidate(
-    catalogue: &Catalogue,
-    base: &Problem,
-    grid: &Grid,
-    site: &Site,
-    name: &str,
-) -> Result<CandidateEffect, Vec<Fault>> {
-    let spec = catalogue.effect(name).map_err(|fault| vec![fault])?;
-    let model = relative(catalogue, &base.model().id().plus(name), grid, site)?;
-    let mut choices = choices_of(base, &model);
-    let own: Vec<usize> = (0..model.parameters().len())
-        .filter(|index| {
-            base.model().parameters().iter().all(|known| known.name != model.parameters()[*index].name)
-        })
-        .collect();
-    if own.is_empty() {
-        return Err(vec![Fault::new(
-            "/effect",
-            "nothing-new",
-            "it adds nothing to this model with these channels",
-        )]);
-    }
-    let train = base.split().train.clone();
-    for input in model
-        .inputs()
-        .iter()
-        .filter(|input| base.model().inputs().iter().all(|known| known.channel != input.channel))
-    {
-        let Some(column) = grid.column(&input.channel) else { continue };
-        let values = &column.values()[train.clone()];
-        let (low, high) = values
-            .iter()
-            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), x| (low.min(*x), high.max(*x)));
-        if high - low <= 0.0 && !COMPUTED.contains(&input.channel.as_str()) {
-            return Err(vec![Fault::new(
-                "/effect",
-                "constant",
-                format!("`{}` never changes in these data", input.channel),
-            )]);
-        }
-        if high - low <= 0.0 {
-            return Err(vec![Fault::new(
-                "/effect",
-                "constant",
-                "nothing of the kind is in these data".to_owned(),
-            )]);
-        }
-        if input.unit == AS_IT_COMES {
-            let largest = high.abs().max(low.abs());
-            own.iter().for_each(|index| {
-                let bound = LARGEST_RATE / largest;
-                choices.bounds.insert(model.parameters()[*index].name.clone(), [-bound, bound]);
-            });
-        }
-    }
-    // A second sensor of what follows from the room follows from it as well.
-    let endogenous = model
-        .inputs()
-        .iter()
-        .any(|input| spec.endogenous.iter().any(|name| input.channel.starts_with(name.as_str())));
-    let calendar = |channel: &str| CALENDAR.contains(&channel);
-    let reads = |channel: &str| {
-        spec.inputs.iter().any(|(name, input)| input.channel.as_deref().unwrap_or(name) == channel)
-    };
-    let known = |channel: &str| base.model().inputs().iter().any(|input| input.channel == channel);
-    let mut own_inputs =
-        model.inputs().iter().map(|input| input.channel.as_str()).filter(|channel| reads(channel));
-    let by_clock =
-        own_inputs.clone().any(calendar) && own_inputs.all(|channel| calendar(channel) || known(channel));
-    let rates = own.iter().all(|index| model.parameters()[*index].unit == "1/h");
-    let conducts = rates && !spec.inputs.is_empty() && spec.inputs.values().all(|input| input.unit == "degC");
-    let problem = Problem::new(model, grid.clone(), base.split().clone(), &choices, base.source().clone())?;
-    let off = |index: usize| {
-        let [lower, upper] = problem.bounds()[index];
-        match problem.model().parameters()[index].scale {
-            Scale::Linear => 0f64.clamp(lower, upper),
-            Scale::Log => lower,
-        }
-    };
-    let own = own.into_iter().map(|index| (index, off(index))).collect();
-    Ok(CandidateEffect { id: name.to_owned(), spec, problem, own, endogenous, by_clock, conducts })
 }
 
 /// The reason in words, the most telling fault first.

@@ -3,12 +3,11 @@
 
 use super::error::{DiagnoseError, interrupted};
 use super::ladder::{Ladder, Step};
-use super::library::{CandidateEffect, align, candidates};
+use super::library::{CandidateEffect, EffectSource, align};
 use crate::data::Window;
 use crate::estimate::assess::metrics::{HORIZONS, ahead, filter_with};
 use crate::estimate::likelihood::ml_estimate::MlEstimate;
 use crate::estimate::likelihood::ratio::{LikelihoodRatio, SIGNIFICANT};
-use crate::estimate::problem::widen::widen;
 use crate::estimate::{Control, Problem, Site};
 use crate::fault::Fault;
 use crate::model::Catalogue;
@@ -36,12 +35,13 @@ pub fn ladder_by_likelihood(
     if let Some(detail) = problem.predictor().lacks_filter_for("the ladder by likelihood") {
         return Err(DiagnoseError::Faults(vec![Fault::new("/model", "stepper", detail)]));
     }
-    let (grid, holes) = widen(problem, window, site).map_err(|fault| DiagnoseError::Faults(vec![fault]))?;
+    let source = EffectSource::new(catalogue, problem, window, site)
+        .map_err(|fault| DiagnoseError::Faults(vec![fault]))?;
     let mut base = problem.clone();
     let mut optimum: Option<MlEstimate> = None;
     let mut steps: Vec<Step> = Vec::new();
     for _ in 0..max_steps {
-        let (mut library, _) = candidates(catalogue, &base, &grid, &holes, site);
+        let (mut library, _) = source.candidates(&base);
         base = align(&base, &mut library);
         // The samples may have changed, so the smaller model is fitted to them again.
         let (from, noise) = optimum

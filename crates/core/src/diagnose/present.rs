@@ -6,46 +6,39 @@
 //! newest one that contradicts the others takes the effect back.
 
 use super::ledger::{CLEAR_T, EffectScore, LedgerEntry, LookedSpan, beside, pooled_with};
-use super::library::{align, candidate, carried, lacking};
+use super::library::{EffectSource, align, carried};
 use super::report::PresentEffect;
 use super::score_test::RANKING_HOURS;
 use super::surrogates::Tests;
-use crate::data::Grid;
-use crate::estimate::{Problem, Site};
-use crate::model::Catalogue;
+use crate::estimate::Problem;
 use crate::simulate::trajectory::Halt;
 
 /// What this window shows of every effect of a model; effects that it cannot be asked about are left out:
 /// those with states of their own, and those without which the model is none. `earlier` are all entries of
 /// the system.
 pub(super) fn present(
-    catalogue: &Catalogue,
+    source: &EffectSource,
     problem: &Problem,
     theta: &[f64],
-    (grid, site): (&Grid, &Site),
     earlier: &[LedgerEntry],
     span: LookedSpan,
     halt: Halt,
 ) -> Vec<PresentEffect> {
     let effects = problem.model().effects().iter();
-    effects
-        .filter_map(|effect| shown(catalogue, problem, theta, (grid, site), effect, earlier, span, halt))
-        .collect()
+    effects.filter_map(|effect| shown(source, problem, theta, effect, earlier, span, halt)).collect()
 }
 
-#[allow(clippy::too_many_arguments)]
 fn shown(
-    catalogue: &Catalogue,
+    source: &EffectSource,
     problem: &Problem,
     theta: &[f64],
-    (grid, site): (&Grid, &Site),
     effect: &str,
     earlier: &[LedgerEntry],
     span: LookedSpan,
     halt: Halt,
 ) -> Option<PresentEffect> {
-    let without = lacking(catalogue, problem, grid, site, effect).ok()?;
-    let mut library = [candidate(catalogue, &without, grid, site, effect).ok()?];
+    let without = source.lacking(problem, effect).ok()?;
+    let mut library = [source.candidate(&without, effect).ok()?];
     let without = align(&without, &mut library);
     let theta = carried(problem, theta, &without);
     // What this window shows by itself and what several show together is told below; nothing is named here.
@@ -96,6 +89,7 @@ mod tests {
     use crate::data::SplitRequest;
     use crate::estimate::problem::request::AccusationRate;
     use crate::estimate::{Control, EstimateRequest, prepare};
+    use crate::model::Catalogue;
 
     /// A diagnosis of room3 with the appliances' heat, of a room that these effects warm.
     fn diagnosis(hidden: &[&str], earlier: &[LedgerEntry]) -> (Diagnosis, Problem) {

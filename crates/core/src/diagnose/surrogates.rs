@@ -352,10 +352,10 @@ fn combined(chances: &[f64]) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::library::candidates;
+    use super::super::library::EffectSource;
     use super::super::tests::{fitted, site, small_world};
     use super::*;
-    use crate::estimate::problem::widen::widen;
+    use crate::data::Window;
     use crate::estimate::segments::Segments;
     use crate::estimate::{EstimateRequest, prepare};
     use crate::model::Catalogue;
@@ -382,8 +382,7 @@ mod tests {
         let problem =
             prepare(&catalogue, &"rc2".parse().unwrap(), &EstimateRequest::default(), &window, &site())
                 .unwrap();
-        let (grid, holes) = widen(&problem, &window, &site()).unwrap();
-        let (library, _) = candidates(&catalogue, &problem, &grid, &holes, &site());
+        let library = library(&problem, &window);
         let gain = library.iter().find(|candidate| candidate.id == "constant_gain").unwrap();
         let theta = problem.nominal().to_vec();
         let segments = Segments::new(&problem, 0..problem.grid().len(), 12.0).unwrap();
@@ -403,6 +402,11 @@ mod tests {
         assert!(apart < 1e-4 * dot(&warmed, &warmed), "{apart} of {}", dot(&warmed, &warmed));
     }
 
+    fn library(problem: &Problem, window: &Window) -> Vec<CandidateEffect> {
+        let (catalogue, site) = (Catalogue::builtin().unwrap(), site());
+        EffectSource::new(&catalogue, problem, window, &site).unwrap().candidates(problem).0
+    }
+
     fn heard(
         base: &Problem,
         theta: &[f64],
@@ -417,8 +421,7 @@ mod tests {
     #[test]
     fn a_meter_is_shown_and_the_wind_that_does_nothing_is_not() {
         let (problem, window) = small_world(&["metered_gain"]);
-        let (grid, holes) = widen(&problem, &window, &site()).unwrap();
-        let (library, _) = candidates(&Catalogue::builtin().unwrap(), &problem, &grid, &holes, &site());
+        let library = library(&problem, &window);
         let theta = fitted(&problem).theta();
         let found = heard(&problem, &theta, &library, 0.01, &[]);
         let named: Vec<&str> = library
@@ -444,8 +447,7 @@ mod tests {
     #[test]
     fn windows_before_add_up_to_what_one_cannot_show() {
         let (problem, window) = small_world(&["metered_gain"]);
-        let (grid, holes) = widen(&problem, &window, &site()).unwrap();
-        let (library, _) = candidates(&Catalogue::builtin().unwrap(), &problem, &grid, &holes, &site());
+        let library = library(&problem, &window);
         let theta = fitted(&problem).theta();
         let rate = 1e-30;
         let alone = heard(&problem, &theta, &library, rate, &[]);

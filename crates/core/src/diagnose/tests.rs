@@ -9,7 +9,6 @@ use crate::data::{ColumnBindings, SplitRequest, Window};
 use crate::estimate::assess::metrics::filter;
 use crate::estimate::assess::regimes::{regimes, with_worst_regime};
 use crate::estimate::problem::request::{AccusationRate, SeededMethod};
-use crate::estimate::problem::widen::widen;
 use crate::estimate::{Control, EstimateError, EstimateRequest, Interrupt, Problem, Site, estimate, prepare};
 use crate::model::Catalogue;
 use crate::twin::{Level, World, WorldRequest, world};
@@ -131,9 +130,9 @@ fn the_shape_of_the_wind_is_that_of_the_error() {
 #[test]
 fn all_candidates_are_judged_on_the_same_samples() {
     let (problem, window) = small_world(&[]);
-    let (grid, holes) = widen(&problem, &window, &site()).unwrap();
+    let (catalogue, site) = (Catalogue::builtin().unwrap(), site());
     let (mut library, _) =
-        library::candidates(&Catalogue::builtin().unwrap(), &problem, &grid, &holes, &site());
+        library::EffectSource::new(&catalogue, &problem, &window, &site).unwrap().candidates(&problem);
     let all = 0..problem.grid().len();
     let delayed = |library: &[library::CandidateEffect]| {
         library.iter().find(|candidate| candidate.id == "pipe_delay").unwrap().problem.clone()

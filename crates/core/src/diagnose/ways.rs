@@ -6,11 +6,8 @@
 //! gains by more than their own parameters cost and unseen data agree.
 
 use super::acceptance::LEAST_BIC;
-use super::library::{CandidateEffect, align, candidate, carried};
+use super::library::{CandidateEffect, EffectSource, align, carried};
 use super::null_model::NullModel;
-use crate::data::Grid;
-use crate::estimate::Site;
-use crate::model::Catalogue;
 use crate::simulate::trajectory::Halt;
 use rayon::prelude::*;
 
@@ -43,27 +40,25 @@ impl Way {
 /// The best other way of a winner, whose model is `direct`; `None` where none is better. The second number is
 /// how many simulations it took to know.
 pub(super) fn other_way(
-    catalogue: &Catalogue,
+    source: &EffectSource,
     null: &NullModel,
     direct: &NullModel,
     winner: &CandidateEffect,
-    grid: &Grid,
-    site: &Site,
     halt: Halt,
 ) -> (Option<Way>, usize) {
     let argument = winner.id.split_once(':').map(|(_, argument)| argument);
-    let names = catalogue.effects().filter(|effect| effect.way_of.as_deref() == Some(winner.family()));
+    let names = source.catalogue.effects().filter(|effect| effect.way_of.as_deref() == Some(winner.family()));
     let names: Vec<String> = names
         .map(|effect| argument.map_or_else(|| effect.id.clone(), |it| format!("{}:{it}", effect.id)))
         .collect();
     let settled: Vec<Way> =
-        names.par_iter().filter_map(|name| settle(catalogue, null, direct, name, grid, site, halt)).collect();
+        names.par_iter().filter_map(|name| settle(source, null, direct, name, halt)).collect();
     let mut evaluations = settled.iter().map(|way| way.model.fitted.evaluations).sum();
     let better = settled.into_iter().filter(|way| way.delta_bic >= LEAST_BIC && falls(direct, &way.model));
     let mut best = better.max_by(|one, other| one.delta_bic.total_cmp(&other.delta_bic));
     // A slow sensor rounds every heat alike: who is no better than it says nothing of this one's way.
     if best.is_some()
-        && let Some(slow) = settle(catalogue, direct, direct, SLOW_SENSOR, grid, site, halt)
+        && let Some(slow) = settle(source, direct, direct, SLOW_SENSOR, halt)
     {
         evaluations += slow.model.fitted.evaluations;
         best = best.filter(|best| best.delta_bic >= slow.delta_bic);
@@ -73,15 +68,13 @@ pub(super) fn other_way(
 
 /// A model with an effect beside those of `null`, from where `direct` has come to.
 fn settle(
-    catalogue: &Catalogue,
+    source: &EffectSource,
     null: &NullModel,
     direct: &NullModel,
     name: &str,
-    grid: &Grid,
-    site: &Site,
     halt: Halt,
 ) -> Option<Way> {
-    let mut one = [candidate(catalogue, &null.problem, grid, site, name).ok()?];
+    let mut one = [source.candidate(&null.problem, name).ok()?];
     align(&null.problem, &mut one);
     let [candidate] = one;
     // What both have in common starts where the direct way has it.
@@ -111,10 +104,10 @@ fn falls(direct: &NullModel, way: &NullModel) -> bool {
 mod tests {
     use super::super::report::Diagnosis;
     use super::super::tests::{fitted, site, small_world};
-    use super::*;
     use crate::data::{Hold, Series, SplitRequest, Window};
     use crate::estimate::problem::request::AccusationRate;
     use crate::estimate::{Control, EstimateRequest, Problem, prepare};
+    use crate::model::Catalogue;
     use rand::{RngExt, SeedableRng};
     use rand_xoshiro::Xoshiro256PlusPlus;
 
