@@ -80,7 +80,7 @@ impl std::fmt::Display for AppError {
                     f,
                     "{addr} can be reached from other machines, and there are no tokens: make one first, \
                     with\n  \
-                     lampyris token create --name NAME --scope admin --database FILE\nor bind to 127.0.0.1"
+                    lampyris token create --name NAME --scope admin --database FILE\nor bind to 127.0.0.1"
                 )
             }
             AppError::Bind(addr, error) => write!(f, "cannot listen on {addr}: {error}"),

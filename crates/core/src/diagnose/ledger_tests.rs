@@ -185,8 +185,7 @@ fn evidence_is_taken_back_where_the_newest_window_contradicts_it() {
     assert_eq!(
         taken.sentence,
         "The newest window, 22 March 2016 to 5 April 2016, speaks against it: its size is 0.000 ± 0.098 \
-        K/(h*kW) there and 0.300 ± 0.044 \
-         K/(h*kW) in 5 windows before (z -5.5)."
+        K/(h*kW) there and 0.300 ± 0.044 K/(h*kW) in 5 windows before (z -5.5)."
     );
     assert!(with(-0.3, 0.05).is_some(), "the other sign");
     assert!(with(0.12, 0.05).is_none(), "smaller, but still there");

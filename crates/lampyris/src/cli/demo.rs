@@ -205,7 +205,7 @@ fn present(folder: &std::path::Path, seconds: f64, lines: &[(&JobRecord, Option<
     print(&format!(
         "Two real houses, fitted in {seconds:.1} s. Errors in K, on data that the search has not seen, \
         beside holding the last measurement.\n\
-         Belgian house: Candanedo, Feldheim, Deramaix 2017 (UCI 374, CC BY 4.0). Hourly house: DarkGreyBox \
+        Belgian house: Candanedo, Feldheim, Deramaix 2017 (UCI 374, CC BY 4.0). Hourly house: DarkGreyBox \
         demo data (MIT).\n"
     ));
     print(&format!(
@@ -271,9 +271,9 @@ fn invite(app: &App, lines: &[(&JobRecord, Option<FitRecord>)]) {
         print(&format!(
             "\nWhat a controller gets:\n  curl -s http://{address}/params/{system}\n\nTry a fit that is \
             worse; the old parameters stay served, and the answer says why:\n  \
-             curl -s -X POST http://{address}/jobs -H 'content-type: application/json' -d \
+            curl -s -X POST http://{address}/jobs -H 'content-type: application/json' -d \
             '{{\"kind\":\"estimate\",\"system\":\"{system}\",\"fixed\":{{\"alpha_a\":5}}}}'\n  \
-             curl -s http://{address}/params/{system}",
+            curl -s http://{address}/params/{system}",
             address = app.addr
         ));
     }

@@ -111,8 +111,7 @@ pub fn completed(mut description: OpenApi) -> OpenApi {
     }
     if let Some(components) = &mut description.components {
         let text = "A token of `lampyris token create`. A service without any token answers its own machine \
-            without one. \
-                    The names after `token` are the scopes `read`, `operate` and `admin`; each includes \
+            without one. The names after `token` are the scopes `read`, `operate` and `admin`; each includes \
             those before it.";
         let bearer = HttpBuilder::new().scheme(HttpAuthScheme::Bearer).description(Some(text)).build();
         components.add_security_scheme(TOKEN, SecurityScheme::Http(bearer));

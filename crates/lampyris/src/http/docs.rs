@@ -12,8 +12,7 @@ use utoipa_axum::routes;
 
 /// Everything comes from this service, and nothing may frame the page.
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; img-src \
-    data:; base-uri 'none'; \
-                      form-action 'self'; frame-ancestors 'none'";
+    data:; base-uri 'none'; form-action 'self'; frame-ancestors 'none'";
 
 #[derive(RustEmbed)]
 #[folder = "../../web/docs"]

@@ -16,8 +16,7 @@ use tower_http::compression::CompressionLayer;
 /// Everything comes from this service, no text is ever a script or a style, and nothing may frame the page.
 /// Pictures and tables that it saves are made in the page itself (`blob:`).
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; img-src \
-    'self' data: blob:; \
-                      base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
+    'self' data: blob:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
 const DOCUMENT: &str = "index.html";
 
 #[derive(RustEmbed)]

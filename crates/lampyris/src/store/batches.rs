@@ -249,8 +249,7 @@ pub(super) async fn submit_in_batch(
 /// Where the database fails.
 pub async fn is_answered(store: &Store, job: &NewJob) -> Result<bool, StoreError> {
     let sql =
-        "SELECT EXISTS (SELECT 1 FROM jobs WHERE system = $1 AND state = 'succeeded' AND fingerprint = \
-        $2
+        "SELECT EXISTS (SELECT 1 FROM jobs WHERE system = $1 AND state = 'succeeded' AND fingerprint = $2
                    AND started_at > (SELECT MAX(uploaded_at) FROM windows WHERE system = $1)
                    AND started_at > (SELECT updated_at FROM systems WHERE system = $1)
                    AND started_at > COALESCE((SELECT MAX(at) FROM audit WHERE system = $1 AND action = \

@@ -260,8 +260,8 @@ pub(super) async fn fall_back(
         None => (FallbackReason::JobFailed, None, &[] as &[&str]),
     };
     let sql =
-        "INSERT INTO fallbacks (system, reason, job, fit, failed_checks, since_at) VALUES ($1, $2, $3, \
-        $4, $5, $6)
+        "INSERT INTO fallbacks (system, reason, job, fit, failed_checks, since_at) VALUES ($1, $2, $3, $4, \
+        $5, $6)
                ON CONFLICT (system) DO UPDATE SET
                    reason = excluded.reason, job = excluded.job, fit = excluded.fit, failed_checks = \
         excluded.failed_checks";

@@ -116,8 +116,7 @@ pub async fn put(
         .fetch_optional(&mut *tx)
         .await?;
     let sql =
-        "INSERT INTO systems (system, model, document, created_at, updated_at) VALUES ($1, $2, $3, $4, \
-        $4)
+        "INSERT INTO systems (system, model, document, created_at, updated_at) VALUES ($1, $2, $3, $4, $4)
                ON CONFLICT (system) DO UPDATE SET model = excluded.model, document = excluded.document, \
         updated_at = excluded.updated_at";
     sqlx::query(sql)

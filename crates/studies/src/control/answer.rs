@@ -265,8 +265,7 @@ fn missing(measured: &Measured, late: &dyn Fn(&Outcome) -> Measures) -> Option<S
         .collect();
     Some(format!(
         "From day {} on the wind blows through the house. Without an effect for it the nightly fits cost {} \
-        EUR a week more than perfect \
-         knowledge; adding what the diagnosis named {}. Added were, {}.",
+        EUR a week more than perfect knowledge; adding what the diagnosis named {}. Added were, {}.",
         measured.plan.leaks_from(),
         span(&Spread { mean: cost.mean / weeks, low: cost.low / weeks, high: cost.high / weeks }, 2),
         compared(&saved, base),
@@ -289,8 +288,7 @@ pub fn basis(measured: &Measured) -> Vec<String> {
         format!(
             "{} (seeds from {} on), {} under a thermostat, then {} under control, in steps of half an hour. \
             Every arm has the same weather, prices and people, and a perfect forecast of weather and price; \
-            nobody \
-             foresees people.",
+            nobody foresees people.",
             count(plan.houses, "synthetic house"),
             plan.seed,
             count(BEFORE_DAYS, "day"),
@@ -298,15 +296,13 @@ pub fn basis(measured: &Measured) -> Vec<String> {
         ),
         format!(
             "The truth has five thermal masses, the model three; three parameters of the truth drift by a \
-            factor of 1.2 to 1.45 in eight weeks. Comfort is 21 to \
-             24 degC by day and 18.5 to 24 at night; a kelvin-hour outside is worth {:.2} EUR to controller \
-            and table alike.",
+            factor of 1.2 to 1.45 in eight weeks. Comfort is 21 to 24 degC by day and 18.5 to 24 at night; a \
+            kelvin-hour outside is worth {:.2} EUR to controller and table alike.",
             mpc::DISCOMFORT
         ),
         format!(
             "{} estimates and {} diagnoses were ordinary jobs of one service. The run took {}: {} in rooms \
-            and controllers, {} waiting for \
-             estimates, {} for diagnoses and what they asked for.",
+            and controllers, {} waiting for estimates, {} for diagnoses and what they asked for.",
             spent.estimates,
             spent.diagnoses,
             shown(spent.seconds),

@@ -120,8 +120,8 @@ fn cells(first: &str, head: &[impl AsRef<str>], rows: impl Iterator<Item = (Stri
 fn framed(title: &str, more: &str, chart: &str, numbers: &str) -> String {
     format!(
         "<figure class=\"frame\"><figcaption><h3>{title}</h3>{more}</figcaption>{chart}<details \
-        class=\"numbers\"><summary>The \
-         numbers</summary><div class=\"scroll\">{numbers}</div></details></figure>\n"
+        class=\"numbers\"><summary>The numbers</summary><div \
+        class=\"scroll\">{numbers}</div></details></figure>\n"
     )
 }
 

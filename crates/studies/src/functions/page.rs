@@ -58,9 +58,8 @@ pub fn document(seed: u64, outcomes: &[Outcome], claims: &[Claim]) -> Result<Str
     let seeds = outcomes.iter().map(|outcome| outcome.runs.len()).max().unwrap_or(0);
     let mut body = format!(
         "<p>Three functions in two sizes at the thesis's budgets, {seeds} seeds from {seed} on. The error is \
-        what a function is above its optimum. \
-         Curves are means over the seeds of the logarithm of the best error so far (eq 5.1 and 5.2, with \
-        1e-8 added); lower is better.</p>"
+        what a function is above its optimum. Curves are means over the seeds of the logarithm of the best \
+        error so far (eq 5.1 and 5.2, with 1e-8 added); lower is better.</p>"
     );
     body += &legend();
     body += "<div class=\"plots\">";
@@ -90,8 +89,8 @@ pub fn document(seed: u64, outcomes: &[Outcome], claims: &[Claim]) -> Result<Str
         );
     }
     body += "<h2>The swarm (Figure 4.2)</h2><p>Algorithm 2 on Schwefel's function in 2 dimensions: a colour \
-        and a shape for each cluster at the start of a generation, \
-             a ring around the best firefly, a cross at the optimum.</p><div class=\"plots small\">";
+        and a shape for each cluster at the start of a generation, a ring around the best firefly, a cross \
+        at the optimum.</p><div class=\"plots small\">";
     for (generation, seen) in SHOWN.iter().zip(swarm(seed)) {
         let _ = write!(
             body,

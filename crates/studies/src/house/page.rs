@@ -21,9 +21,9 @@ fn body(house: &House, tables: &[Table]) -> String {
     let shown = |id: &str| tables.iter().find(|table| table.id == id).map(section).unwrap_or_default();
     let mut body = format!(
         "<p>A twin of the thesis's house with a known truth: {} rooms that warm each other, {} sensors, two \
-        weeks of March at {} minutes, {} K of sensor noise, thermostats, people. \
-         Week 1 is fitted, week 2 is unseen. The thesis's own figures stand beside ours where there are any; \
-        its house is another one and not public, so sizes can be compared, rows cannot.</p>",
+        weeks of March at {} minutes, {} K of sensor noise, thermostats, people. Week 1 is fitted, week 2 is \
+        unseen. The thesis's own figures stand beside ours where there are any; its house is another one and \
+        not public, so sizes can be compared, rows cannot.</p>",
         house.truths.len(),
         house.layout.sensors.len(),
         house.request.step_minutes,

@@ -25,10 +25,9 @@ pub fn document(
 
 fn body(plants: &[(Table, Fitted, Fitted)], listed: &[Table], rows: &[Row]) -> String {
     let mut body = "<p>Twins of treatment plants with a known truth: an anoxic and an aerobic tank, a \
-        settler, recycles, ASM1. Three days of the \
-                    effluent are fitted, the eleven days after are unseen. The thesis gives neither the \
-        volumes nor the influent of its plant; plant L has the truth of \
-                    its Table 6.6, plant H is a healthy one.</p>"
+        settler, recycles, ASM1. Three days of the effluent are fitted, the eleven days after are unseen. \
+        The thesis gives neither the volumes nor the influent of its plant; plant L has the truth of its \
+        Table 6.6, plant H is a healthy one.</p>"
         .to_owned();
     for (table, clean, noisy) in plants {
         body += &format!("<h2>Plant {}</h2>", escaped(clean.case.id));

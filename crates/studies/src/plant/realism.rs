@@ -139,9 +139,9 @@ pub fn run(seed: u64) -> Result<(Vec<Row>, Table), Failure> {
         id: "realism",
         title: "What real records lack: deviations of the seven parameters from the truth".to_owned(),
         note: "Plant asm1_h, one record each, fitted on three days by the default method. Noise is in all \
-            but the first; the error is taken against \
-               the effluent without noise over the eleven days after. The truth of what drifts is its value \
-            at the start; that of K_OA is the lower end of its box. What each row teaches was said of seed 1."
+            but the first; the error is taken against the effluent without noise over the eleven days after. \
+            The truth of what drifts is its value at the start; that of K_OA is the lower end of its box. \
+            What each row teaches was said of seed 1."
             .to_owned(),
         head,
         rows: cells,

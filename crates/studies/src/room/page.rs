@@ -52,10 +52,9 @@ td, th { white-space: nowrap; font-variant-numeric: tabular-nums; }
 pub fn document(rooms: &Rooms) -> Result<String, Failure> {
     let mut body = format!(
         "<p>{} synthetic rooms with four neighbours and 15 parameters, from seed {} on; one to five searches \
-        of each method per room, at most {BUDGET} \
-         simulations each, one week fitted. The best known fit of a room is the best of everything here and \
-        of 64 runs of least squares. A search has \
-         come there when its mean square error is within 1 % of it.</p>",
+        of each method per room, at most {BUDGET} simulations each, one week fitted. The best known fit of a \
+        room is the best of everything here and of 64 runs of least squares. A search has come there when \
+        its mean square error is within 1 % of it.</p>",
         rooms.known.len(),
         rooms.first,
     );
@@ -81,8 +80,7 @@ pub fn document(rooms: &Rooms) -> Result<String, Failure> {
         numbers(&all),
     );
     body += "<h2>The table</h2><p>Medians over rooms and seeds, with the quartiles in brackets. The last but \
-        one is the free-run error in the week \
-             that no search saw, over that of the best known fit.</p>";
+        one is the free-run error in the week that no search saw, over that of the best known fit.</p>";
     body += &table(
         &HEAD,
         &rooms.outcomes.iter().map(|outcome| rooms.figures(outcome).cells()).collect::<Vec<_>>(),

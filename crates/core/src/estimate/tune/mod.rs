@@ -290,10 +290,9 @@ fn summary(judged: Option<&TuningJudgement>, unseen: usize) -> String {
     let word = if *ratio <= 1.0 { "fewer" } else { "more" };
     let figures = format!(
         "On {unseen} windows that the choice did not see, the tuned settings need {:.0} % {word} evaluations \
-        to come within 1 % of the best known \
-         fit (fewer in {fewer} of {searches} searches). They come there in {:.0} % of the searches, those in \
-        use in {:.0} %; a search takes \
-         {:.0} evaluations instead of {:.0}.",
+        to come within 1 % of the best known fit (fewer in {fewer} of {searches} searches). They come there \
+        in {:.0} % of the searches, those in use in {:.0} %; a search takes {:.0} evaluations instead of \
+        {:.0}.",
         percent((ratio - 1.0).abs()),
         percent(tuned.within),
         percent(before.within),

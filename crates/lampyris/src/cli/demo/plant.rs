@@ -115,8 +115,8 @@ pub fn present(fitted: &PlantFit, address: SocketAddr) {
     print(&format!(
         "{}\nIt hides one effect. To see what this plant lacks (it takes minutes), press \"Find what is \
         missing\" on\n  \
-         http://{address}/ui/systems/{SYSTEM}/missing\nor\n  \
-         curl -s -X POST http://{address}/jobs -H 'content-type: application/json' -d \
+        http://{address}/ui/systems/{SYSTEM}/missing\nor\n  \
+        curl -s -X POST http://{address}/jobs -H 'content-type: application/json' -d \
         '{{\"kind\":\"diagnose\",\"system\":\"{SYSTEM}\"}}'",
         record.summary
     ));
