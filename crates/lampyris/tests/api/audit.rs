@@ -1,6 +1,7 @@
 //! What operators did, and who they were.
 
-use crate::support::{TestApp, room_csv};
+use crate::support::TestApp;
+use crate::support::rooms::room_csv;
 use lampyris::store::tokens::Scope;
 use serde_json::{Value, json};
 use sqlx::{Connection, SqliteConnection};

@@ -1,6 +1,7 @@
 //! What is trusted only so far: steps that go far together, and measurements for which nothing older speaks.
 
-use crate::support::{TestApp, csv_of, room_that_changes};
+use crate::support::TestApp;
+use crate::support::rooms::{csv_of, room_that_changes};
 use serde_json::{Value, json};
 
 /// Two weeks of the same weather in a room that loses so much to the outdoors in 1/h.

@@ -1,7 +1,8 @@
 //! Several fits beside each other, and the numbers behind one.
 
-use crate::comparison::{csv, fitted, near, part, root_mean_square, values};
-use crate::support::{TestApp, disagreements};
+use crate::lines::{csv, fitted, near, part, root_mean_square, values};
+use crate::support::TestApp;
+use crate::support::schema::disagreements;
 use serde_json::{Value, json};
 
 #[test]

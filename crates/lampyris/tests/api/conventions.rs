@@ -1,6 +1,7 @@
 //! What holds for every path: pages, compression, keys.
 
-use crate::support::{TestApp, quick, room_csv, stuck_csv};
+use crate::support::rooms::{room_csv, stuck_csv};
+use crate::support::{TestApp, quick};
 use serde_json::{Value, json};
 
 /// All items of a list, in pages of this size.

@@ -17,7 +17,7 @@ fn an_unvalidated_set_cannot_be_served() {
     let mut app = TestApp::start();
     app.room("1", 1);
     app.ended(&app.estimate("room/1", json!({})));
-    let stuck: String = crate::support::room_csv(1, 14)
+    let stuck: String = crate::support::rooms::room_csv(1, 14)
         .lines()
         .map(|line| {
             let mut cells: Vec<&str> = line.split(',').collect();

@@ -1,6 +1,7 @@
 //! Diagnoses of several systems: asked for at once, by a schedule, and reported together.
 
-use crate::support::{TestApp, room_csv};
+use crate::support::TestApp;
+use crate::support::rooms::room_csv;
 use jiff::SignedDuration;
 use lampyris::service::queue::schedules;
 use lampyris::store::tokens::Scope;

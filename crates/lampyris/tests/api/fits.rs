@@ -1,6 +1,7 @@
 //! Fits as documents and as a list.
 
-use crate::support::{TestApp, disagreements};
+use crate::support::TestApp;
+use crate::support::schema::disagreements;
 use serde_json::{Value, json};
 
 #[test]

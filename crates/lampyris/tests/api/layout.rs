@@ -1,6 +1,7 @@
 //! A layout is proposed, and nothing follows from it.
 
-use crate::support::{TestApp, room};
+use crate::support::TestApp;
+use crate::support::rooms::room;
 use serde_json::{Value, json};
 
 #[test]

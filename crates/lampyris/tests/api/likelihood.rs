@@ -1,6 +1,7 @@
 //! Maximum likelihood over HTTP: a job with `ctsm`, what its fit says, and what is refused.
 
-use crate::support::{TestApp, quick, room_csv};
+use crate::support::rooms::room_csv;
+use crate::support::{TestApp, quick};
 use serde_json::json;
 
 #[test]

@@ -18,6 +18,7 @@ mod jobs;
 mod layout;
 mod likelihood;
 mod limits;
+mod lines;
 mod models;
 mod operators;
 mod params;

@@ -1,6 +1,7 @@
 //! Models and effects as documents.
 
-use crate::support::{TestApp, disagreements};
+use crate::support::TestApp;
+use crate::support::schema::disagreements;
 use lampyris_core::model::plant::PlantSpec;
 use serde_json::json;
 

@@ -1,6 +1,7 @@
 //! What operators decide, and what newer measurements say of what is served.
 
-use crate::support::{TestApp, csv_of, room, room_that_changes};
+use crate::support::TestApp;
+use crate::support::rooms::{csv_of, room, room_that_changes};
 use serde_json::{Value, json};
 
 fn params(app: &TestApp) -> Value {

@@ -1,6 +1,7 @@
 //! What the controller sees: tags, long polls, statuses.
 
-use crate::support::{TestApp, quick, room_csv, stuck_csv};
+use crate::support::rooms::{room_csv, stuck_csv};
+use crate::support::{TestApp, quick};
 use serde_json::json;
 use std::time::{Duration, Instant};
 

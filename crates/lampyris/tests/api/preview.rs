@@ -1,6 +1,7 @@
 //! Short simulations for whoever edits a model.
 
-use crate::support::{TestApp, room, room_csv};
+use crate::support::TestApp;
+use crate::support::rooms::{room, room_csv};
 use serde_json::{Value, json};
 
 fn numbers(value: &Value) -> Vec<Option<f64>> {

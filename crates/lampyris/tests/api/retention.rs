@@ -1,6 +1,7 @@
 //! What is old goes, and what anybody may still ask for stays.
 
-use crate::support::{TestApp, csv_of, room, stuck_csv};
+use crate::support::TestApp;
+use crate::support::rooms::{csv_of, room, stuck_csv};
 use jiff::SignedDuration;
 use lampyris::service::queue::retention::{self, Forgotten};
 use serde_json::{Value, json};

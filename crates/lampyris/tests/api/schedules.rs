@@ -1,6 +1,7 @@
 //! Schedules submit ordinary jobs.
 
-use crate::support::{TestApp, endless, quick, room_csv, stuck_csv};
+use crate::support::rooms::{room_csv, stuck_csv};
+use crate::support::{TestApp, endless, quick};
 use jiff::{SignedDuration, Timestamp};
 use lampyris::service::queue::schedules;
 use lampyris::store;

@@ -1,6 +1,7 @@
 //! The stitched view: what a chart draws, and what a file holds.
 
-use crate::support::{TestApp, room, room_csv};
+use crate::support::TestApp;
+use crate::support::rooms::{room, room_csv};
 use serde_json::{Value, json};
 
 /// A room of the model `rc2` without measurements.

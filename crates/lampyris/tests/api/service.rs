@@ -1,6 +1,7 @@
 //! The service about itself: health, figures, description.
 
-use crate::support::{TestApp, endless, quick, stuck_csv};
+use crate::support::rooms::stuck_csv;
+use crate::support::{TestApp, endless, quick};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 

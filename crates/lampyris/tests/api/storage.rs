@@ -2,7 +2,8 @@
 //! notice nothing.
 
 use crate::support::process::Process;
-use crate::support::{Answer, Client, PATIENCE, TestApp, quick, room_csv};
+use crate::support::rooms::room_csv;
+use crate::support::{Answer, Client, PATIENCE, TestApp, quick};
 use serde_json::json;
 use std::time::{Duration, Instant};
 

@@ -1,6 +1,7 @@
 //! From a file to served parameters, and what stays after a restart.
 
-use crate::support::{TestApp, quick, room, room_csv};
+use crate::support::rooms::{room, room_csv};
+use crate::support::{TestApp, quick};
 use serde_json::{Value, json};
 
 #[test]

@@ -1,6 +1,7 @@
 //! Rooms and plants: their documents, their rows in the list, and their end.
 
-use crate::support::{Answer, TestApp, endless, room};
+use crate::support::rooms::room;
+use crate::support::{Answer, TestApp, endless};
 use serde_json::{Value, json};
 use sqlx::{AssertSqlSafe, Connection, SqliteConnection};
 
@@ -128,7 +129,7 @@ fn every_field_of_a_document_is_kept_and_counts() {
     assert_eq!(kept, document);
     app.csv(
         "/systems/room/1/windows",
-        &crate::support::room_csv(1, 14).replace("T_room[degC]", "T_indoor[degC]"),
+        &crate::support::rooms::room_csv(1, 14).replace("T_room[degC]", "T_indoor[degC]"),
     )
     .expect(201);
     let job = app.ended(&app.estimate("room/1", json!({})));

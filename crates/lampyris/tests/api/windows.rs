@@ -1,6 +1,7 @@
 //! Uploaded windows: what a fit cites, and what can be deleted.
 
-use crate::support::{TestApp, endless, room, room_csv};
+use crate::support::rooms::{room, room_csv};
+use crate::support::{TestApp, endless};
 use serde_json::{Value, json};
 use sqlx::{Connection, SqliteConnection};
 

@@ -2,7 +2,8 @@
 
 use crate::database::{check_database, random, rows};
 use crate::support::process::{Process, Said, serve, verb};
-use crate::support::{full, quick, room_csv};
+use crate::support::rooms::room_csv;
+use crate::support::{full, quick};
 use crate::traffic::StopOnDrop;
 use lampyris::app::App;
 use lampyris::settings::Settings;

@@ -4,7 +4,8 @@
 
 use crate::database::{check_database, copied, random, rows};
 use crate::support::process::{Process, program};
-use crate::support::{Answer, Client, PATIENCE, endless, full, quick, room_csv};
+use crate::support::rooms::room_csv;
+use crate::support::{Answer, Client, PATIENCE, endless, full, quick};
 use crate::traffic::{Oracle, Traffic, prepare};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;

@@ -1,7 +1,8 @@
 //! Many nights in a row, by a clock that the test sets: none is missed, none is run twice, and the database
 //! keeps to what its settings say.
 
-use crate::support::{TestApp, csv_of, full, room};
+use crate::support::rooms::{csv_of, room};
+use crate::support::{TestApp, full};
 use jiff::civil::{Date, date};
 use jiff::tz::TimeZone;
 use jiff::{SignedDuration, Timestamp, ToSpan};

@@ -1,7 +1,8 @@
 //! Jobs that go wrong, in all the ways that a night may bring: they harm nobody but themselves.
 
 use crate::support::process::Process;
-use crate::support::{Client, PATIENCE, csv_of, endless, full, lasting, quick, stuck_csv};
+use crate::support::rooms::{csv_of, stuck_csv};
+use crate::support::{Client, PATIENCE, endless, full, lasting, quick};
 use jiff::{SignedDuration, Timestamp};
 use serde_json::{Value, json};
 use std::collections::BTreeSet;

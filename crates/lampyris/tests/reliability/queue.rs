@@ -2,7 +2,8 @@
 //! done twice.
 
 use crate::support::process::Process;
-use crate::support::{Answer, Client, PATIENCE, endless, full, quick, room_csv};
+use crate::support::rooms::room_csv;
+use crate::support::{Answer, Client, PATIENCE, endless, full, quick};
 use jiff::Timestamp;
 use serde_json::{Value, json};
 use std::collections::{BTreeMap, BTreeSet};

@@ -3,7 +3,8 @@
 
 use crate::consistency::{Reader, Seen};
 use crate::support::process::Process;
-use crate::support::{endless, full, quick, room_csv};
+use crate::support::rooms::room_csv;
+use crate::support::{endless, full, quick};
 use serde_json::json;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};

@@ -1,7 +1,8 @@
 //! Times as they come: clocks that change twice a year, run backwards, count in milliseconds, or jump.
 
 use crate::support::process::Process;
-use crate::support::{TestApp, endless, quick, room};
+use crate::support::rooms::room;
+use crate::support::{TestApp, endless, quick};
 use serde_json::{Value, json};
 use std::fmt::Write;
 use std::process::Command;

@@ -2,7 +2,8 @@
 
 use crate::database::{beside, check_database, rows};
 use crate::support::process::Process;
-use crate::support::{endless, full, room_csv};
+use crate::support::rooms::room_csv;
+use crate::support::{endless, full};
 use serde_json::json;
 use std::thread;
 use std::time::{Duration, Instant};

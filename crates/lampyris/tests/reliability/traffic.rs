@@ -1,7 +1,8 @@
 //! Clients that ask for everything at once until the service is gone, and what was acknowledged to them.
 
 use crate::database::{check_database, random, rows};
-use crate::support::{Answer, Client, quick, room_csv};
+use crate::support::rooms::room_csv;
+use crate::support::{Answer, Client, quick};
 use serde_json::{Value, json};
 use std::collections::{BTreeMap, BTreeSet, HashSet};
 use std::path::Path;

@@ -4,12 +4,15 @@
 
 pub mod events;
 pub mod process;
+pub mod rooms;
+pub mod schema;
 
 use lampyris::app::App;
 use lampyris::service::Clock;
 use lampyris::service::access::tokens::{self, LOCAL, NewToken};
 use lampyris::settings::Settings;
 use lampyris::store::tokens::Scope;
+use rooms::room_csv;
 use serde_json::Value;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
@@ -19,7 +22,7 @@ use tokio::runtime::Runtime;
 /// times slower than another, and no test fails because of that.
 pub const PATIENCE: Duration = Duration::from_secs(900);
 
-/// When a service starts whose test does not say it: a day behind two weeks of [`room`], so that what rests
+/// When a service starts whose test does not say it: a day behind two weeks of [`rooms::room`], so that what rests
 /// on them is fresh.
 pub const TODAY: &str = "2026-01-16T00:00:00Z";
 
@@ -243,67 +246,6 @@ impl Client {
     }
 }
 
-/// Where a document does not agree with its schema: fields that are not described or missing, and wrong
-/// types.
-pub fn disagreements(document: &Value, schema: &Value, schemas: &Value, place: &str) -> Vec<String> {
-    if let Some(name) = schema["$ref"].as_str().and_then(|path| path.rsplit('/').next()) {
-        return disagreements(document, &schemas[name], schemas, place);
-    }
-    if let Some(one_of) = schema["oneOf"].as_array() {
-        let all: Vec<Vec<String>> =
-            one_of.iter().map(|schema| disagreements(document, schema, schemas, place)).collect();
-        return if all.iter().any(Vec::is_empty) { Vec::new() } else { all.concat() };
-    }
-    let mut properties = serde_json::Map::new();
-    let mut required = Vec::new();
-    let mut parts = vec![schema];
-    while let Some(part) = parts.pop() {
-        let part = part["$ref"]
-            .as_str()
-            .and_then(|path| path.rsplit('/').next())
-            .map_or(part, |name| &schemas[name]);
-        parts.extend(part["allOf"].as_array().into_iter().flatten());
-        properties.extend(part["properties"].as_object().cloned().unwrap_or_default());
-        required.extend(part["required"].as_array().cloned().unwrap_or_default());
-    }
-    let types: Vec<&str> = match &schema["type"] {
-        Value::String(one) => vec![one],
-        Value::Array(several) => several.iter().filter_map(Value::as_str).collect(),
-        _ => Vec::new(),
-    };
-    let is = |name: &str| types.is_empty() || types.contains(&name);
-    let mut found = Vec::new();
-    match document {
-        Value::Null if is("null") => {}
-        Value::Bool(_) if is("boolean") => {}
-        Value::Number(_) if is("number") || is("integer") => {}
-        Value::String(_) if is("string") => {}
-        Value::Array(items) if is("array") => {
-            for (index, item) in items.iter().enumerate() {
-                found.extend(disagreements(item, &schema["items"], schemas, &format!("{place}/{index}")));
-            }
-        }
-        Value::Object(fields) if is("object") => {
-            let more = schema.get("additionalProperties").filter(|more| more.is_object());
-            for (name, value) in fields {
-                let place = format!("{place}/{name}");
-                match (properties.get(name), more) {
-                    (Some(schema), _) | (None, Some(schema)) => {
-                        found.extend(disagreements(value, schema, schemas, &place))
-                    }
-                    (None, None) if properties.is_empty() => {}
-                    (None, None) => found.push(format!("{place} is not described")),
-                }
-            }
-            let missing =
-                required.iter().filter_map(Value::as_str).filter(|name| !fields.contains_key(*name));
-            found.extend(missing.map(|name| format!("{place}/{name} is missing")));
-        }
-        other => found.push(format!("{place} is {other}, described as {types:?}")),
-    }
-    found
-}
-
 /// A policy by which nothing turns stale.
 pub fn lasting() -> Value {
     serde_json::json!({"stale_after": "P36500D"})
@@ -335,73 +277,6 @@ fn exploding() -> Value {
         "parameters": {"k": {"unit": "1/h", "lower": 1.0, "upper": 2.0, "nominal": 1.5, "scale": "log"}},
         "outputs": {"T_room": {"expr": "T_room", "unit": "degC", "noise_sd": 0.05}},
     })
-}
-
-/// Half-hourly measurements of a room that follows the model `rc2`, with a little noise.
-pub fn room_csv(seed: u64, days: usize) -> String {
-    csv_of(&room(seed, days))
-}
-
-/// Samples as an upload.
-pub fn csv_of(samples: &[(String, f64, f64)]) -> String {
-    let mut text = "time,T_room[degC],T_out[degC]\n".to_owned();
-    for (time, room, out) in samples {
-        text.push_str(&format!("{time},{room:.3},{out:.3}\n"));
-    }
-    text
-}
-
-/// Half of that record again, with a sensor that hangs: no verdict can be given on such data.
-pub fn stuck_csv() -> String {
-    let mut text = "time,T_room[degC],T_out[degC]\n".to_owned();
-    for (time, _, out) in room(1, 14).into_iter().skip(300) {
-        text.push_str(&format!("{time},19.0,{out:.3}\n"));
-    }
-    text
-}
-
-/// The same samples as numbers: time, room, outdoors.
-pub fn room(seed: u64, days: usize) -> Vec<(String, f64, f64)> {
-    room_that_changes(seed, days, |_| 0.15)
-}
-
-/// The same room, whose loss to the outdoors in 1/h changes from day to day.
-pub fn room_that_changes(seed: u64, days: usize, alpha_a: impl Fn(usize) -> f64) -> Vec<(String, f64, f64)> {
-    let (alpha_e, beta_e) = (0.8, 4.0);
-    let start: jiff::Timestamp = "2026-01-01T00:00:00Z".parse().unwrap();
-    let mut state = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) | 1;
-    let mut noise = || {
-        // A sum of uniform numbers of a small generator is normal enough.
-        let mut sum = 0.0;
-        for _ in 0..4 {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            sum += (state >> 33) as f64 / (1u64 << 31) as f64 - 0.5;
-        }
-        sum
-    };
-    let mut front = 0.0;
-    let outdoors: Vec<f64> = (0..=days * 48)
-        .map(|step| {
-            let hour = step as f64 / 2.0;
-            front += 0.4 * noise() - 0.01 * front;
-            5.0 + 6.0 * (hour * std::f64::consts::TAU / 24.0).sin() + 3.0 * (hour / 37.0).sin() + 2.0 * front
-        })
-        .collect();
-    let (mut t_r, mut t_e) = (15.0, 14.0);
-    let mut rows = Vec::new();
-    for (step, pair) in outdoors.windows(2).enumerate() {
-        let time = start + jiff::SignedDuration::from_mins(30 * step as i64);
-        rows.push((time.to_string(), t_r + 0.03 * noise(), pair[0]));
-        // Small steps of Euler's method, with the weather on a straight line between its samples.
-        for part in 0..60 {
-            let out = pair[0] + (pair[1] - pair[0]) * f64::from(part) / 60.0;
-            let dt = 0.5 / 60.0;
-            let rate_r = alpha_e * (t_e - t_r);
-            let rate_e = alpha_e / beta_e * (t_r - t_e) + alpha_a(step / 48) * (out - t_e);
-            (t_r, t_e) = (t_r + dt * rate_r, t_e + dt * rate_e);
-        }
-    }
-    rows
 }
 
 /// A service in this process, with a database of its own.

@@ -167,7 +167,7 @@ fn prepared() -> TestApp {
         app.json("PUT", &format!("/systems/room/{id}"), &json!({"model": "rc2"})).expect(201);
     }
     let short: String =
-        crate::support::room_csv(2, 1).lines().take(4).map(|line| format!("{line}\n")).collect();
+        crate::support::rooms::room_csv(2, 1).lines().take(4).map(|line| format!("{line}\n")).collect();
     app.csv("/systems/room/2/windows", &short).expect(201);
     app
 }

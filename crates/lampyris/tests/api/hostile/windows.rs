@@ -1,7 +1,8 @@
 //! Bad measurements, as CSV and as JSON.
 
 use super::{Case, Mutation, as_json};
-use crate::support::{TestApp, room};
+use crate::support::TestApp;
+use crate::support::rooms::room;
 use serde_json::{Value, json};
 
 const ROWS: usize = 60;

@@ -1,6 +1,7 @@
 //! The same over HTTP: a bad fit leaves what the controller reads as it was, and says why.
 
-use crate::support::{TestApp, csv_of, quick, room, stuck_csv};
+use crate::support::rooms::{csv_of, room, stuck_csv};
+use crate::support::{TestApp, quick};
 use serde_json::{Value, json};
 
 /// What is served, without what says that a newer fit was refused.

@@ -2,7 +2,8 @@
 //! meanwhile.
 
 use crate::support::process::Process;
-use crate::support::{Client, PATIENCE, csv_of, full, room};
+use crate::support::rooms::{csv_of, room};
+use crate::support::{Client, PATIENCE, full};
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 use serde_json::{Value, json};
 use std::io::{ErrorKind, Read, Write};

@@ -1,7 +1,8 @@
 //! Numbers that are none, and numbers in the wrong unit: a refusal with its place, or a gap, and never a
 //! parameter.
 
-use crate::support::{TestApp, csv_of, quick, room, room_csv};
+use crate::support::rooms::{csv_of, room, room_csv};
+use crate::support::{TestApp, quick};
 use serde_json::{Value, json};
 
 /// What becomes of the room's and the other column's value.

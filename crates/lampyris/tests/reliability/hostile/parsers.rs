@@ -2,7 +2,8 @@
 //! read back as it was, and a compiled model gives the bits of its equations.
 
 use super::{Random, bent, mutate};
-use crate::support::{csv_of, full, room};
+use crate::support::full;
+use crate::support::rooms::{csv_of, room};
 
 use lampyris_core::data::{ColumnBindings, CsvChannel, SplitRequest, Thinned, Window, write_csv};
 use lampyris_core::estimate::{EstimateRequest, Problem, Site, prepare};
