@@ -34,7 +34,7 @@ use basis::Basis;
 use choices::{Choices, Source};
 use objective::{Objective, ShapeDelta, Share, divisor};
 use predictor::Predictor;
-use prior::Prior;
+use prior::{Prior, pull};
 use std::ops::Range;
 
 /// Fewest samples to train on, of every output.
@@ -240,6 +240,16 @@ impl Problem {
     /// The prior.
     pub fn prior(&self) -> Prior {
         self.prior
+    }
+
+    /// The [`pull`] of a parameter at a full vector.
+    pub fn pull(&self, index: usize, theta: &[f64], deviation: f64) -> Option<f64> {
+        pull(self.model.parameters().get(index)?, theta[index], self.nominal[index], deviation)
+    }
+
+    /// Those of all free parameters that a prior draws.
+    pub fn pulls(&self, theta: &[f64], deviation: f64) -> impl Iterator<Item = f64> {
+        self.free.iter().filter_map(move |index| self.pull(*index, theta, deviation))
     }
 
     /// The box of the free parameters.

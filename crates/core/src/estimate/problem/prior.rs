@@ -1,7 +1,6 @@
 //! What is known of the parameters before any data: their logarithms are normal about the nominal values.
 
-use super::Problem;
-use crate::model::Scale;
+use crate::model::{Parameter, Scale};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
@@ -27,18 +26,9 @@ impl Prior {
     }
 }
 
-impl Problem {
-    /// How many of its deviations the logarithm of a parameter lies from that of the nominal value; `None` of
-    /// a parameter on a linear scale, of which no prior is known.
-    pub fn pull(&self, index: usize, theta: &[f64], deviation: f64) -> Option<f64> {
-        let parameter = self.model.parameters().get(index)?;
-        let (value, nominal) = (theta[index], self.nominal[index]);
-        let pulled = parameter.scale == Scale::Log && value > 0.0 && nominal > 0.0;
-        pulled.then(|| (value / nominal).ln() / deviation)
-    }
-
-    /// The pulls of all free parameters.
-    pub fn pulls(&self, theta: &[f64], deviation: f64) -> impl Iterator<Item = f64> {
-        self.free.iter().filter_map(move |index| self.pull(*index, theta, deviation))
-    }
+/// How many deviations the logarithm of a parameter lies from that of its nominal value; `None` of a parameter
+/// on a linear scale, of which no prior is known.
+pub fn pull(parameter: &Parameter, value: f64, nominal: f64, deviation: f64) -> Option<f64> {
+    let pulled = parameter.scale == Scale::Log && value > 0.0 && nominal > 0.0;
+    pulled.then(|| (value / nominal).ln() / deviation)
 }
