@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{Candidate, Cost, Ended};
+use super::{Candidate, Cost, Termination};
 use utoipa::ToSchema;
 
 /// Costs closer than this count as equal whatever their ratio: a noise-free fit ends at rounding errors.
@@ -53,7 +53,7 @@ impl Agreement {
     /// Converged: this restart and the one before reached the same cost or the same place, that is the best
     /// known, and this one improved on it by next to nothing. Two restarts that share a worse optimum prove
     /// nothing.
-    pub fn restart(&mut self, optimum: Option<(Candidate, Cost)>) -> Option<Ended> {
+    pub fn restart(&mut self, optimum: Option<(Candidate, Cost)>) -> Option<Termination> {
         let found = optimum.filter(|(_, cost)| *cost != Cost::Diverged);
         let improved = match (&found, &self.best) {
             (Some(found), Some(best)) => found.1 < best.1 && !same(found, best, self.options.improvement),
@@ -70,9 +70,9 @@ impl Agreement {
         self.last = found;
         self.confirmed = if agree && !improved { self.confirmed + 1 } else { 0 };
         if self.confirmed >= self.options.confirmations.max(1) {
-            Some(Ended::Converged)
+            Some(Termination::Converged)
         } else if self.fruitless >= self.options.patience.max(1) {
-            Some(Ended::Stalled)
+            Some(Termination::Stalled)
         } else {
             None
         }
@@ -90,7 +90,7 @@ fn same(a: &(Candidate, Cost), b: &(Candidate, Cost), within: f64) -> bool {
 mod tests {
     use super::*;
 
-    fn verdicts(optima: &[f64]) -> Vec<Option<Ended>> {
+    fn verdicts(optima: &[f64]) -> Vec<Option<Termination>> {
         let mut agreement = Agreement::new(AgreementOptions { patience: 3, ..AgreementOptions::default() });
         optima
             .iter()
@@ -107,7 +107,7 @@ mod tests {
     fn one_place_is_one_optimum_whatever_its_last_digits_cost() {
         let mut agreement = Agreement::new(AgreementOptions::default());
         assert_eq!(agreement.restart(Some(at(0.5, 9e-8))), None);
-        assert_eq!(agreement.restart(Some(at(0.5 + 1e-9, 5e-8))), Some(Ended::Converged));
+        assert_eq!(agreement.restart(Some(at(0.5 + 1e-9, 5e-8))), Some(Termination::Converged));
         let mut agreement = Agreement::new(AgreementOptions::default());
         assert_eq!(agreement.restart(Some(at(0.5, 9e-8))), None);
         assert_eq!(agreement.restart(Some(at(0.5 + 1e-5, 5e-8))), None);
@@ -116,9 +116,9 @@ mod tests {
 
     #[test]
     fn two_successive_restarts_at_the_best_cost_converge() {
-        assert_eq!(verdicts(&[2.0, 1.0, 1.004]), [None, None, Some(Ended::Converged)]);
-        assert_eq!(verdicts(&[1.0, 0.9995]), [None, Some(Ended::Converged)]);
-        assert_eq!(verdicts(&[0.0, 1e-12]), [None, Some(Ended::Converged)]);
+        assert_eq!(verdicts(&[2.0, 1.0, 1.004]), [None, None, Some(Termination::Converged)]);
+        assert_eq!(verdicts(&[1.0, 0.9995]), [None, Some(Termination::Converged)]);
+        assert_eq!(verdicts(&[0.0, 1e-12]), [None, Some(Termination::Converged)]);
     }
 
     #[test]
@@ -132,12 +132,12 @@ mod tests {
         let mut agreement =
             Agreement::new(AgreementOptions { confirmations: 2, ..AgreementOptions::default() });
         let verdicts = [1.0, 1.0, 1.5, 1.0, 1.0, 1.0].map(|cost| agreement.restart(Some(at(cost, cost))));
-        assert_eq!(verdicts, [None, None, None, None, None, Some(Ended::Converged)]);
+        assert_eq!(verdicts, [None, None, None, None, None, Some(Termination::Converged)]);
     }
 
     #[test]
     fn restarts_that_bring_nothing_stall() {
-        assert_eq!(verdicts(&[1.0, 2.0, 3.0, 4.0]), [None, None, None, Some(Ended::Stalled)]);
-        assert_eq!(verdicts(&[f64::NAN, f64::NAN, f64::NAN]), [None, None, Some(Ended::Stalled)]);
+        assert_eq!(verdicts(&[1.0, 2.0, 3.0, 4.0]), [None, None, None, Some(Termination::Stalled)]);
+        assert_eq!(verdicts(&[f64::NAN, f64::NAN, f64::NAN]), [None, None, Some(Termination::Stalled)]);
     }
 }

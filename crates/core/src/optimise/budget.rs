@@ -5,7 +5,7 @@
 
 use std::borrow::Cow;
 
-use super::{Ask, Candidate, Cost, Ended, Evaluation, LocalRun, Optimiser};
+use super::{Ask, Candidate, Cost, Termination, Evaluation, LocalRun, Optimiser};
 
 /// A search without bookkeeping.
 pub trait Strategy: Send {
@@ -44,7 +44,7 @@ impl<S: Strategy> Optimiser for Budgeted<S> {
         if let Some(ask) = &self.pending {
             return ask.clone();
         }
-        let mut ask = if self.left == 0 { Ask::Done(Ended::Budget) } else { self.strategy.propose() };
+        let mut ask = if self.left == 0 { Ask::Done(Termination::Budget) } else { self.strategy.propose() };
         if let Ask::Costs(batch) | Ask::Residuals(batch) | Ask::Slopes(batch) = &mut ask {
             self.cut = batch.len() > self.left;
             batch.truncate(self.left);

@@ -10,7 +10,7 @@ use super::firefly::{self, Firefly, Flight};
 use super::kmeans::{Seeding, cluster_count, kmeans};
 use super::search::Search;
 use super::thesis_options::{CfaHierarchicalOptions, CfaThesisOptions};
-use super::{Ask, Candidate, Cost, Ended, Evaluation};
+use super::{Ask, Candidate, Cost, Termination, Evaluation};
 use rand_xoshiro::Xoshiro256PlusPlus;
 
 /// A cluster as the others see it, fixed at the start of the generation.
@@ -267,7 +267,7 @@ impl Strategy for CfaThesis {
             self.begin_generation();
         }
         // The schedule is what Algorithm 2 has for a budget.
-        Ask::Done(Ended::Budget)
+        Ask::Done(Termination::Budget)
     }
 
     fn digest(&mut self, _candidates: &[Candidate], answers: &[Evaluation]) {
@@ -416,7 +416,7 @@ mod tests {
         }
         let mut optimiser = Method::CfaThesis(CfaThesisOptions::default()).optimiser(search(3, 1, 1000));
         let run = drive(optimiser.as_mut(), |_| f64::NAN);
-        assert_eq!((run.best, run.evaluations, run.ended), (Cost::Diverged, 70, Ended::Budget));
+        assert_eq!((run.best, run.evaluations, run.ended), (Cost::Diverged, 70, Termination::Budget));
     }
 
     #[test]

@@ -65,7 +65,7 @@ pub struct DrivenRun {
     /// Batches asked for.
     pub batches: usize,
     /// Why it ended.
-    pub ended: super::Ended,
+    pub ended: super::Termination,
 }
 
 /// Answers every question of an optimiser from a cost function.

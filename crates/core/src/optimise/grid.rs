@@ -5,7 +5,7 @@ use utoipa::ToSchema;
 
 use super::budget::Strategy;
 use super::search::Search;
-use super::{Ask, Candidate, Cost, Ended, Evaluation};
+use super::{Ask, Candidate, Cost, Termination, Evaluation};
 
 /// Points that are asked for together: a grid in many dimensions does not fit into memory.
 const BATCH: usize = 512;
@@ -103,7 +103,7 @@ impl Strategy for GridSearch {
             self.zoom();
         }
         if self.iteration >= self.options.iterations.max(1) {
-            return Ask::Done(Ended::Budget);
+            return Ask::Done(Termination::Budget);
         }
         let mut batch = Vec::new();
         while let Some(places) = self.next.take() {

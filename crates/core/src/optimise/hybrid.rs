@@ -16,14 +16,14 @@ use super::firefly::{random_point, stream};
 use super::local::{LocalStage, LocalWay};
 use super::search::Search;
 use super::swarm::Swarm;
-use super::{Ask, Candidate, Cost, Ended, Evaluation, LocalRun, Origin};
+use super::{Ask, Candidate, Cost, Termination, Evaluation, LocalRun, Origin};
 
 /// What the search is doing.
 #[derive(Debug)]
 enum Stage {
     Swarm(Box<Swarm>),
     Local(LocalStage),
-    Ended(Ended),
+    Termination(Termination),
 }
 
 /// The hybrid between two batches.
@@ -125,7 +125,7 @@ impl Cfa {
     fn restart(&mut self, places: Vec<(Candidate, Cost)>) -> Stage {
         let optimum = places.iter().min_by_key(|(_, cost)| *cost).cloned();
         if let Some(ended) = self.agreement.restart(optimum) {
-            return Stage::Ended(ended);
+            return Stage::Termination(ended);
         }
         if self.swarms == 0 {
             self.warm = places.into_iter().map(|(place, _)| place).collect();
@@ -155,7 +155,7 @@ impl Strategy for Cfa {
                         self.restart(places)
                     }
                 },
-                Stage::Ended(ended) => return Ask::Done(*ended),
+                Stage::Termination(ended) => return Ask::Done(*ended),
             };
         }
     }
@@ -171,7 +171,7 @@ impl Strategy for Cfa {
                 local.digest(answers);
                 self.generation += 1;
             }
-            Stage::Ended(_) => {}
+            Stage::Termination(_) => {}
         }
     }
 
@@ -220,7 +220,7 @@ mod tests {
             for seed in 0..10 {
                 let run = on_costs(function, search(dimensions, seed, budget, false));
                 assert!(
-                    run.best.value() < within && run.ended == Ended::Converged,
+                    run.best.value() < within && run.ended == Termination::Converged,
                     "{function:?} {dimensions}, {seed}: {run:?}"
                 );
             }
@@ -231,7 +231,7 @@ mod tests {
     fn rosenbrock_15_is_solved_from_residuals_and_confirmed() {
         for seed in 0..10 {
             let run = on_residuals(search(15, seed, 100_000, true));
-            assert!(run.best.value() < 1e-12 && run.ended == Ended::Converged, "{seed}: {run:?}");
+            assert!(run.best.value() < 1e-12 && run.ended == Termination::Converged, "{seed}: {run:?}");
         }
     }
 
@@ -256,7 +256,7 @@ mod tests {
                     Method::default().optimiser(search(15, 3, budget, residuals)).as_mut(),
                     rosenbrock_residuals,
                 );
-                assert_eq!((run.evaluations, run.ended), (budget, Ended::Budget));
+                assert_eq!((run.evaluations, run.ended), (budget, Termination::Budget));
             }
         }
     }
@@ -266,7 +266,7 @@ mod tests {
         let optimum = Candidate(vec![0.51; 8]);
         let warm = Search { warm: vec![optimum], ..search(8, 5, 100_000, true) };
         let run = on_residuals(warm);
-        assert_eq!(run.ended, Ended::Converged);
+        assert_eq!(run.ended, Termination::Converged);
         assert!(run.best.value() < 1e-18, "{run:?}");
         let cold = on_residuals(search(8, 5, 100_000, true));
         assert!(run.evaluations < cold.evaluations, "{} {}", run.evaluations, cold.evaluations);
@@ -277,14 +277,14 @@ mod tests {
         for residuals in [true, false] {
             let mut optimiser = Method::default().optimiser(search(4, 1, 1_000_000, residuals));
             let run = drive(optimiser.as_mut(), |_| f64::NAN);
-            assert_eq!((run.best, run.ended), (Cost::Diverged, Ended::Stalled));
+            assert_eq!((run.best, run.ended), (Cost::Diverged, Termination::Stalled));
         }
         // Half of the cube cannot be computed.
         let mut optimiser = Method::default().optimiser(search(4, 1, 50_000, true));
         let run = drive_residuals(optimiser.as_mut(), |x| {
             if x[0] > 0.5 { vec![f64::NAN; 4] } else { x.iter().map(|x| x - 0.4).collect() }
         });
-        assert!(run.best.value() < 1e-16 && run.ended == Ended::Converged, "{run:?}");
+        assert!(run.best.value() < 1e-16 && run.ended == Termination::Converged, "{run:?}");
     }
 
     #[test]

@@ -111,12 +111,12 @@ pub enum Ask {
     /// The costs and the slopes of the likelihood at these candidates.
     Slopes(Vec<Candidate>),
     /// Nothing: the search has ended by itself.
-    Done(Ended),
+    Done(Termination),
 }
 
 /// Why an optimiser ended by itself.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Ended {
+pub enum Termination {
     /// Successive restarts agree on the optimum.
     Converged,
     /// Restarts bring nothing new although they disagree.

@@ -9,7 +9,7 @@ use super::firefly::stream;
 use super::local::{LocalStage, LocalWay};
 use super::local_options::LocalOptions;
 use super::search::Search;
-use super::{Ask, Candidate, Ended, Evaluation};
+use super::{Ask, Candidate, Termination, Evaluation};
 use utoipa::ToSchema;
 
 /// The hyperparameters of the multi-start search.
@@ -50,7 +50,7 @@ pub struct LmMultistart {
     stage: LocalStage,
     agreement: Agreement,
     restarts: usize,
-    ended: Option<Ended>,
+    ended: Option<Termination>,
 }
 
 impl LmMultistart {
@@ -82,14 +82,14 @@ impl LmMultistart {
     }
 
     /// A group is at its optima.
-    fn restart(&mut self) -> Option<Ended> {
+    fn restart(&mut self) -> Option<Termination> {
         self.restarts += 1;
         let verdict = self.agreement.restart(self.stage.optimum());
         if self.options.converge && verdict.is_some() {
             verdict
         } else if self.starts.is_empty() {
             // Every start is used up, and the restarts never came to agree.
-            Some(Ended::Stalled)
+            Some(Termination::Stalled)
         } else {
             None
         }
@@ -167,7 +167,7 @@ mod tests {
     #[test]
     fn restarts_agree_on_rosenbrock_and_the_seed_fixes_the_run() {
         let first = run(&LmOptions::default(), search(4, 50_000));
-        assert_eq!(first.ended, Ended::Converged);
+        assert_eq!(first.ended, Termination::Converged);
         assert!(first.best.value() < 1e-12, "{first:?}");
         assert_eq!(first, run(&LmOptions::default(), search(4, 50_000)));
         assert_eq!((first.evaluations, first.batches), GOLDEN);
@@ -180,7 +180,7 @@ mod tests {
     fn without_convergence_every_start_is_used() {
         let all =
             run(&LmOptions { converge: false, starts: 10, ..LmOptions::default() }, search(4, 1_000_000));
-        assert_eq!(all.ended, Ended::Stalled);
+        assert_eq!(all.ended, Termination::Stalled);
     }
 
     #[test]
@@ -190,6 +190,6 @@ mod tests {
         }
         let mut optimiser = Method::LmMultistart(LmOptions::default()).optimiser(search(4, 1_000_000));
         let run = drive(optimiser.as_mut(), |_| f64::NAN);
-        assert_eq!((run.best, run.ended), (Cost::Diverged, Ended::Stalled));
+        assert_eq!((run.best, run.ended), (Cost::Diverged, Termination::Stalled));
     }
 }

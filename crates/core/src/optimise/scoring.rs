@@ -40,7 +40,7 @@ enum State {
     /// The next step promises nothing.
     Settled,
     /// Out of steps, into a corner without slopes, or to the place of a better run.
-    Ended,
+    Termination,
 }
 
 /// One run from one start.
@@ -104,14 +104,14 @@ impl Scoring {
 
     /// Ends the run.
     pub fn end(&mut self) {
-        self.state = State::Ended;
+        self.state = State::Termination;
     }
 
     /// Answers it.
     pub fn digest(&mut self, answer: &Evaluation) {
         self.steps += 1;
         match (&self.slope, &answer.slope) {
-            (None, None) => self.state = State::Ended,
+            (None, None) => self.state = State::Termination,
             (None, Some(first)) => {
                 self.slope = Some(first.clone());
                 (self.cost, self.first) = (answer.cost, answer.cost);
@@ -135,7 +135,7 @@ impl Scoring {
             }
         }
         if self.steps >= self.options.steps {
-            self.state = State::Ended;
+            self.state = State::Termination;
         }
         self.next_trial();
     }
@@ -177,7 +177,7 @@ impl Scoring {
             None => match minimise(&information, &gradient, &limits) {
                 Some(step) => (information, step),
                 None => {
-                    self.state = State::Ended;
+                    self.state = State::Termination;
                     return;
                 }
             },
@@ -191,7 +191,7 @@ impl Scoring {
         } else if self.radius < SMALLEST {
             // No step keeps what the slope promises: whatever this place is, it was not shown to be an
             // optimum.
-            self.state = State::Ended;
+            self.state = State::Termination;
         }
     }
 }

@@ -8,7 +8,7 @@ use super::shared::Shared;
 use crate::service::Service;
 use crate::service::serving::body::Status;
 use crate::store;
-use crate::store::batches::{BatchJob, BatchKind, BatchRecord, BatchSummary};
+use crate::store::batches::{BatchMember, BatchKind, BatchRecord, BatchSummary};
 use crate::store::jobs::{JobStatus, Outcome};
 use axum::extract::{Path, State};
 use jiff::Timestamp;
@@ -132,10 +132,10 @@ impl BatchAnswer {
         for job in &batch.jobs {
             *counts.entry(standing(job)).or_insert(0) += 1;
         }
-        let systems = |wanted: &dyn Fn(&BatchJob) -> bool| -> Vec<String> {
+        let systems = |wanted: &dyn Fn(&BatchMember) -> bool| -> Vec<String> {
             batch.jobs.iter().filter(|job| wanted(job)).map(|job| job.system.to_string()).collect()
         };
-        let is_degraded = |job: &BatchJob| {
+        let is_degraded = |job: &BatchMember| {
             let entry = service.params.entry(&job.system.to_string());
             entry.is_some_and(|entry| {
                 entry.validated().is_some_and(|served| served.status == Status::Degraded)
@@ -144,16 +144,16 @@ impl BatchAnswer {
         let improved = systems(&|job| job.outcome == Some(Outcome::Accepted));
         let degraded = systems(&is_degraded);
         let refused =
-            |job: &&BatchJob| job.outcome == Some(Outcome::Rejected) || job.state == JobStatus::Failed;
+            |job: &&BatchMember| job.outcome == Some(Outcome::Rejected) || job.state == JobStatus::Failed;
         let why =
-            |job: &BatchJob| job.summary.clone().or(job.error.as_ref().map(|error| error.detail.clone()));
+            |job: &BatchMember| job.summary.clone().or(job.error.as_ref().map(|error| error.detail.clone()));
         let refusal =
-            |job: &BatchJob| Refusal { system: job.system.to_string(), why: why(job).unwrap_or_default() };
+            |job: &BatchMember| Refusal { system: job.system.to_string(), why: why(job).unwrap_or_default() };
         let rejected: Vec<Refusal> = batch.jobs.iter().filter(refused).map(refusal).collect();
         let diagnosed = (batch.kind == BatchKind::Diagnose).then(|| Diagnosed::of(&batch.jobs));
         let named = diagnosed.as_ref().map(Diagnosed::names).unwrap_or_default();
         let summary = sentence(batch.kind, &counts, &named, batch.jobs.len(), batch.skipped.len());
-        let row = |job: BatchJob| BatchRow {
+        let row = |job: BatchMember| BatchRow {
             system: job.system.to_string(),
             why: why(&job),
             error_ratio: job.error_ratio,
@@ -184,7 +184,7 @@ impl BatchAnswer {
 }
 
 impl Diagnosed {
-    fn of(jobs: &[BatchJob]) -> Self {
+    fn of(jobs: &[BatchMember]) -> Self {
         let found = || jobs.iter().filter_map(|job| Some((job.system.to_string(), job.diagnosis.as_ref()?)));
         let with = |verdict: Adequacy| {
             found().filter(|(_, one)| one.verdict == verdict).map(|(system, _)| system).collect()
@@ -217,7 +217,7 @@ impl Diagnosed {
 }
 
 /// Where a job stands, in a word: a diagnosis by what it comes to.
-fn standing(job: &BatchJob) -> &'static str {
+fn standing(job: &BatchMember) -> &'static str {
     let found = job.diagnosis.as_ref().map(|found| found.verdict.as_str());
     found.unwrap_or_else(|| job.outcome.map_or(job.state.as_str(), Outcome::as_str))
 }

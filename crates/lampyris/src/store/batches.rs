@@ -81,12 +81,12 @@ pub struct BatchRecord {
     /// When.
     pub created_at: Timestamp,
     /// Its jobs, in the order of submission.
-    pub jobs: Vec<BatchJob>,
+    pub jobs: Vec<BatchMember>,
 }
 
 /// A job of a batch.
 #[derive(Debug, Clone, PartialEq)]
-pub struct BatchJob {
+pub struct BatchMember {
     /// Its id.
     pub job: String,
     /// The system.
@@ -163,7 +163,7 @@ struct Diagnosed {
 }
 
 impl JobRow {
-    fn record(self) -> Result<BatchJob, StoreError> {
+    fn record(self) -> Result<BatchMember, StoreError> {
         let diagnosed: Option<Diagnosed> =
             self.diagnosed.as_deref().map(|text| from_json("a diagnosis", text)).transpose()?;
         let (said, diagnosis) = match self.diagnosis.zip(diagnosed) {
@@ -172,7 +172,7 @@ impl JobRow {
             }
             None => (self.summary, None),
         };
-        Ok(BatchJob {
+        Ok(BatchMember {
             system: parse("a system", &self.system)?,
             state: parse("a state", &self.state)?,
             outcome: self.outcome.as_deref().map(|word| parse("an outcome", word)).transpose()?,

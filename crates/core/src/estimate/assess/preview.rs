@@ -59,7 +59,7 @@ pub struct OutputCurves {
     pub rmse: Option<f64>,
 }
 
-/// What the model does.
+/// What a model does.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct Preview {
     /// The model with its effects.

@@ -5,7 +5,7 @@ use crate::estimate::fit::{Stop, TracePoint};
 use crate::estimate::problem::Problem;
 use crate::estimate::problem::stop::{EarlyStopping, Watch};
 use crate::optimise::multistart::LmOptions;
-use crate::optimise::{Ask, Candidate, Cost, Ended, Evaluation, LocalRun, Method, Search};
+use crate::optimise::{Ask, Candidate, Cost, Termination, Evaluation, LocalRun, Method, Search};
 use crate::simulate::trajectory::Halt;
 use std::sync::Arc;
 
@@ -78,9 +78,9 @@ pub(in crate::estimate) fn drive(
         let answers: Vec<Evaluation> = match optimiser.ask() {
             Ask::Done(ended) => {
                 break match ended {
-                    Ended::Converged => Stop::Converged,
-                    Ended::Stalled => Stop::Stalled,
-                    Ended::Budget => Stop::Budget,
+                    Termination::Converged => Stop::Converged,
+                    Termination::Stalled => Stop::Stalled,
+                    Termination::Budget => Stop::Budget,
                 };
             }
             ask => answer(&ask, &halt),
