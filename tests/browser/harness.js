@@ -127,15 +127,17 @@ export async function open(chrome, { width = 1366, height = 768, scheme = 'light
 
 /** Runs a test on a page of its own. */
 export async function test(chrome, name, options, body) {
+  const begun = Date.now();
+  const took = () => `<${((Date.now() - begun) / 1000).toFixed(3)}s>`;
   const place = await open(chrome, options);
   try {
     await body(place.page);
     if (place.faults.length) throw new Error(place.faults.join('\n'));
     counted.passed += 1;
-    console.log(`test ${name} ... ok`);
+    console.log(`test ${name} ... ok ${took()}`);
   } catch (error) {
     counted.failed += 1;
-    console.log(`test ${name} ... FAILED\n${error.stack ?? error}\n  at ${place.page.url()}`);
+    console.log(`test ${name} ... FAILED ${took()}\n${error.stack ?? error}\n  at ${place.page.url()}`);
     if (process.env.LAMPYRIS_SHOTS)
       await place.page.screenshot({ path: join(process.env.LAMPYRIS_SHOTS, `FAILED ${name}.png`), fullPage: true }).catch(() => {});
   } finally {

@@ -4,6 +4,7 @@ Nothing but the standard library, so that it can be used before anything is inst
 """
 
 import contextlib
+import hashlib
 import json
 import os
 import signal
@@ -16,6 +17,7 @@ import venv
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
+TARGET = ROOT / os.environ.get("CARGO_TARGET_DIR", "target")
 # The system that exists while the contract is checked, and of which the examples speak: a real house, with
 # measurements, a fit and parameters.
 SYSTEM = "room/4"
@@ -28,15 +30,18 @@ PATIENCE_S = 600
 
 def binary():
     """The program that is checked: the one that LAMPYRIS_BINARY names, or the release build."""
-    target = Path(os.environ.get("CARGO_TARGET_DIR", "target"))
-    return Path(os.environ.get("LAMPYRIS_BINARY", ROOT / target / "release/lampyris"))
+    return Path(os.environ.get("LAMPYRIS_BINARY", TARGET / "release/lampyris"))
 
 
-def environment(folder, *packages):
-    """A Python of its own with these packages; gives the folder of its programs."""
-    venv.create(folder, with_pip=True)
-    programs = Path(folder) / "bin"
-    subprocess.run([programs / "python", "-m", "pip", "install", "--quiet", "--disable-pip-version-check", *packages], check=True)
+def environment(*packages):
+    """A Python of its own with these packages, kept beside what is built; gives the folder of its programs."""
+    name = hashlib.sha256(" ".join([sys.version, *packages]).encode()).hexdigest()[:16]
+    programs = TARGET.resolve() / "python" / name / "bin"
+    whole = programs.parent / "whole"
+    if not whole.exists():
+        venv.create(programs.parent, clear=True, with_pip=True)
+        subprocess.run([programs / "python", "-m", "pip", "install", "--quiet", "--disable-pip-version-check", *packages], check=True)
+        whole.touch()
     return programs
 
 

@@ -5,7 +5,7 @@
 
 use std::borrow::Cow;
 
-use super::{Ask, Candidate, Cost, Termination, Evaluation, LocalRun, Optimiser};
+use super::{Ask, Candidate, Cost, Evaluation, LocalRun, Optimiser, Termination};
 
 /// A search without bookkeeping.
 pub trait Strategy: Send {

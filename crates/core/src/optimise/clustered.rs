@@ -10,7 +10,7 @@ use super::firefly::{self, Firefly, Flight};
 use super::kmeans::{Seeding, cluster_count, kmeans};
 use super::search::Search;
 use super::thesis_options::{CfaHierarchicalOptions, CfaThesisOptions};
-use super::{Ask, Candidate, Cost, Termination, Evaluation};
+use super::{Ask, Candidate, Cost, Evaluation, Termination};
 use rand_xoshiro::Xoshiro256PlusPlus;
 
 /// A cluster as the others see it, fixed at the start of the generation.

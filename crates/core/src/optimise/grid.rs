@@ -5,7 +5,7 @@ use utoipa::ToSchema;
 
 use super::budget::Strategy;
 use super::search::Search;
-use super::{Ask, Candidate, Cost, Termination, Evaluation};
+use super::{Ask, Candidate, Cost, Evaluation, Termination};
 
 /// Points that are asked for together: a grid in many dimensions does not fit into memory.
 const BATCH: usize = 512;

@@ -16,7 +16,7 @@ use super::firefly::{random_point, stream};
 use super::local::{LocalStage, LocalWay};
 use super::search::Search;
 use super::swarm::Swarm;
-use super::{Ask, Candidate, Cost, Termination, Evaluation, LocalRun, Origin};
+use super::{Ask, Candidate, Cost, Evaluation, LocalRun, Origin, Termination};
 
 /// What the search is doing.
 #[derive(Debug)]

@@ -9,7 +9,7 @@ use super::firefly::stream;
 use super::local::{LocalStage, LocalWay};
 use super::local_options::LocalOptions;
 use super::search::Search;
-use super::{Ask, Candidate, Termination, Evaluation};
+use super::{Ask, Candidate, Evaluation, Termination};
 use utoipa::ToSchema;
 
 /// The hyperparameters of the multi-start search.

@@ -1,6 +1,7 @@
 //! The models of Bacher and Madsen (2011) beside their equations, written out by hand, and on the house of
 //! the paper.
 
+use super::houses::beside;
 use super::{fit, problem, request, squares};
 use lampyris_core::estimate::Site;
 use std::collections::BTreeMap;
@@ -116,14 +117,7 @@ fn the_family_means_the_equations_of_the_paper() {
 /// The house of the paper: every state that is added lowers the error on the training part.
 #[test]
 fn flexhouse_gains_from_every_state_of_the_family() {
-    let path = concat!(
-        env!("CARGO_MANIFEST_DIR"),
-        "/../../../shared/data/rooms/dtu_flexhouse_prbs/flexhouse_5min.csv"
-    );
-    let Ok(csv) = std::fs::read_to_string(path) else {
-        println!("SKIPPED: the FlexHouse data may not be copied into the project and are not beside it");
-        return;
-    };
+    let Some(csv) = beside("dtu_flexhouse_prbs/flexhouse_5min.csv") else { return };
     let asked = request("P4D", "P0D", "PT44H55M", 11);
     let binds =
         ["T_room=T_indoor_degC", "T_out=T_outdoor_degC", "P_heater=P_heater_W", "irradiance=ghi_W_m2"];

@@ -1,5 +1,6 @@
 //! Maximum likelihood on the data of the CTSM literature, beside ctsmTMB under the same conventions.
 
+use super::houses::beside;
 use lampyris_core::data::{ColumnBindings, Window};
 use lampyris_core::estimate::likelihood::ratio::likelihood_ratio;
 use lampyris_core::estimate::{Control, EstimateRequest, Fit, Site, estimate, prepare};
@@ -41,14 +42,7 @@ fn held() -> Catalogue {
 
 #[test]
 fn flexhouse_is_as_likely_as_by_ctsm() {
-    let path = concat!(
-        env!("CARGO_MANIFEST_DIR"),
-        "/../../../shared/data/rooms/dtu_flexhouse_prbs/flexhouse_5min.csv"
-    );
-    let Ok(csv) = std::fs::read_to_string(path) else {
-        println!("SKIPPED: the FlexHouse data may not be copied into the project and are not beside it");
-        return;
-    };
+    let Some(csv) = beside("dtu_flexhouse_prbs/flexhouse_5min.csv") else { return };
     let binds =
         ["T_room=T_indoor_degC", "T_out=T_outdoor_degC", "P_heater=P_heater_W", "irradiance=ghi_W_m2"];
     let (window, _) = Window::parse_csv(&csv, &ColumnBindings::parse(binds).unwrap()).unwrap();

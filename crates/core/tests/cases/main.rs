@@ -6,23 +6,28 @@ mod clock;
 mod delays;
 mod diagnoses;
 mod family;
+mod fits;
+mod folders;
 mod gate;
-mod hidden;
 mod houses;
 mod likelihood;
+mod measured;
 mod oracles;
-mod plant_effects;
 mod plants;
 mod posted;
 mod ridges;
 mod twins;
 mod warm_up;
-mod withheld;
 
 use lampyris_core::data::{ColumnBindings, SplitRequest, Window};
 use lampyris_core::estimate::problem::request::SeededMethod;
 use lampyris_core::estimate::{Control, EstimateRequest, Fit, Problem, Site, estimate, prepare};
 use lampyris_core::model::{Catalogue, ModelId};
+
+/// Whether the full figures are asked for.
+fn full() -> bool {
+    std::env::var("LAMPYRIS_TESTS").is_ok_and(|figures| figures == "full")
+}
 
 /// A problem from CSV text; `binds` are texts such as `T_room=T_indoor_degC`.
 fn problem(csv: &str, model: &str, binds: &[&str], site: &Site, request: &EstimateRequest) -> Problem {

@@ -1,15 +1,19 @@
-//! Plants against reference series that another implementation computed, and against a second transcription
-//! of the equations. The steps are those of the classical Runge-Kutta method, ten seconds long.
+//! Plants against reference series that another implementation computed, one folder each under `plants/`, and
+//! against a second transcription of the equations. The steps are those of the classical Runge-Kutta method,
+//! ten seconds long.
 
+mod documents;
 mod transcription;
 
+use super::folders::{case, cases};
+use super::full;
+use indexmap::IndexMap;
 use lampyris_core::model::document::ModelDocument;
 use lampyris_core::model::expr::Node;
-use lampyris_core::model::plant::PlantSpec;
-use lampyris_core::model::process::ReactionsSpec;
 use lampyris_core::model::spec::{EffectSpec, ModelSpec, OutputSpec, WarmUpSpec};
-use lampyris_core::model::{Bindings, Catalogue, Check, Model, compile};
+use lampyris_core::model::{Catalogue, Bindings, Model, compile};
 use lampyris_core::simulate::{Inputs, Simulator, Stepper};
+use serde::Deserialize;
 use std::collections::HashMap;
 use std::path::Path;
 
@@ -18,10 +22,33 @@ const COMPONENTS: [&str; 13] =
 /// The constant influent of the benchmark.
 const CONSTANT: [f64; 13] = [30.0, 69.5, 51.2, 202.32, 28.17, 0.0, 0.0, 0.0, 0.0, 31.56, 6.95, 10.59, 7.0];
 
-/// Whether the full figures are asked for.
-pub fn full() -> bool {
-    std::env::var("LAMPYRIS_TESTS").is_ok_and(|figures| figures == "full")
+/// A folder's `case.toml`.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Case {
+    model: String,
+    /// Tables of `data/asm1` beside the project: what flows in every fifteen minutes, and what comes out.
+    influent: String,
+    reference: String,
+    /// Length of an interval of the simulation.
+    minutes: f64,
+    /// Columns of the reference that are not of the effluent.
+    #[serde(default)]
+    outputs: IndexMap<String, Output>,
 }
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Output {
+    expr: String,
+    unit: String,
+}
+
+cases!("plants", simulated, {
+    benchmark
+    healthy
+    of_the_thesis
+}, full {});
 
 /// A table of the reference data by columns; says so where it is not there.
 fn table(name: &str) -> Option<HashMap<String, Vec<f64>>> {
@@ -77,7 +104,7 @@ fn effluent() -> Vec<(&'static str, String, &'static str)> {
     components.chain([("TSS", "TSS[1]".to_owned(), "g/m3")]).collect()
 }
 
-pub fn nominal(model: &Model) -> Vec<f64> {
+fn nominal(model: &Model) -> Vec<f64> {
     let value = |parameter: &lampyris_core::model::Parameter| match parameter.nominal {
         lampyris_core::model::Nominal::Value(value) => value,
         lampyris_core::model::Nominal::Measured(_) => f64::NAN,
@@ -173,14 +200,19 @@ fn the_stated_steady_state_of_the_benchmark_is_the_published_one() {
     }
 }
 
-/// Simulates dry weather from the stated state and compares every column at every sample.
-fn dry_weather(id: &str, reference: &str, minutes: f64, more: &[(&'static str, &str, &'static str)]) {
-    let (Some(influent), Some(reference)) = (table("influent_dry.csv"), table(reference)) else { return };
-    let mut outputs = effluent();
-    outputs.extend(more.iter().map(|(channel, expr, unit)| (*channel, (*expr).to_owned(), *unit)));
+/// Simulates the weather from the stated state and compares every column at every sample.
+fn simulated(name: &str) {
+    let Case { model: id, influent, reference, minutes, outputs } = case("plants", name);
+    let (Some(influent), Some(reference)) = (table(&influent), table(&reference)) else { return };
+    let inside = outputs.iter().map(|(channel, output)| (channel.as_str(), &output.expr, &output.unit));
+    let effluent = effluent();
     let model = measuring(
-        id,
-        &outputs.iter().map(|(channel, expr, unit)| (*channel, expr.as_str(), *unit)).collect::<Vec<_>>(),
+        &id,
+        &effluent
+            .iter()
+            .map(|(channel, expr, unit)| (*channel, expr.as_str(), *unit))
+            .chain(inside.map(|(channel, expr, unit)| (channel, expr.as_str(), unit.as_str())))
+            .collect::<Vec<_>>(),
     );
     let days = if full() { 14.0 } else { 3.0 };
     let samples = (days * 1440.0 / minutes) as usize;
@@ -212,29 +244,6 @@ fn dry_weather(id: &str, reference: &str, minutes: f64, more: &[(&'static str, &
     }
     println!("{id}, {days} days: largest error {:.2e} of the range ({})", worst.0, worst.1);
     assert!(worst.0 <= 1e-3, "{worst:?}");
-}
-
-#[test]
-fn the_benchmark_plant_in_dry_weather_gives_the_reference_effluent() {
-    dry_weather("bsm1", "bsm1_openloop_dry_effluent_15min.csv", 15.0, &[]);
-}
-
-const IN_THE_PLANT: [(&str, &str, &str); 5] = [
-    ("kLa_aer_1_d", "kLa[aerobic]", "1/d"),
-    ("S_O_aer", "S_O[aerobic]", "g/m3"),
-    ("S_NO_anox", "S_NO[anoxic]", "g/m3"),
-    ("S_NH_anox", "S_NH[anoxic]", "g/m3"),
-    ("TSS_aer", "TSS[aerobic]", "g/m3"),
-];
-
-#[test]
-fn the_healthy_plant_in_dry_weather_gives_the_reference_effluent() {
-    dry_weather("asm1_h", "thesis_H_2000_6000_healthy_14d_10min.csv", 5.0, &IN_THE_PLANT);
-}
-
-#[test]
-fn the_plant_of_the_thesis_in_dry_weather_gives_the_reference_effluent() {
-    dry_weather("asm1_l", "thesis_L_2000_4000_truth66_14d_10min.csv", 5.0, &IN_THE_PLANT);
 }
 
 /// Every rate and every equation at random states and parameters, against the second transcription.
@@ -331,163 +340,6 @@ fn an_effect_that_replaces_a_name_acts_on_the_plant_as_another_program_says() {
     let (ammonium, nitrate) = (weak[0] - plain[0], weak[1] - plain[1]);
     println!("blowers that end at 150 per day: ammonium {ammonium:+.2}, nitrate {nitrate:+.2} g/m3");
     assert!((ammonium - 1.3).abs() < 0.15 && (nitrate + 3.0).abs() < 0.15, "{ammonium} {nitrate}");
-}
-
-/// The value of an output of the model where all states, inputs and parameters are one.
-fn at_one(model: &Model, channel: &str) -> f64 {
-    let output = model.outputs().iter().find(|output| output.channel == channel).unwrap();
-    model.graph().evaluate(&[output.node], |_| 1.0)[0]
-}
-
-#[test]
-fn what_is_replaced_means_in_its_own_text_what_it_meant_before() {
-    let effect = |id: &str, replace: &str| {
-        format!("id = \"{id}\"\ntitle = \"{id}\"\nexplain = \"test\"\n[replace]\n{replace}\n")
-    };
-    let rate = |effects: &[String]| {
-        let mut catalogue = Catalogue::builtin().unwrap();
-        let mut spec = spec("asm1_h");
-        spec.outputs.clear();
-        for (channel, expr, unit) in [
-            ("decay", "decay_A[aerobic]", "g/m3/h"),
-            ("flow", "Q_through", "m3/d"),
-            ("growth", "growth_A[aerobic]", "g/m3/h"),
-        ] {
-            spec.outputs.insert(
-                channel.to_owned(),
-                OutputSpec { expr: expr.to_owned(), unit: unit.to_owned(), noise_sd: 1.0 },
-            );
-        }
-        catalogue.add_model(ModelDocument::Spec(Box::new(spec)));
-        let mut id = "asm1_h".to_owned();
-        for effect in effects {
-            let effect = EffectSpec::from_toml(effect).unwrap();
-            id.push_str(&format!("+{}", effect.id));
-            catalogue.add_effect(effect);
-        }
-        compile(&catalogue.compose(&id.parse().unwrap()).unwrap(), &Bindings::default())
-    };
-    let plain = rate(&[]).unwrap();
-    // A fixed number, by two effects one after the other; an input; a free parameter.
-    let twice = rate(&[
-        effect("a", "b_A = \"2*b_A\""),
-        effect("b", "b_A = \"b_A + 1[1/d]\"\nQ = \"3*Q\"\nmu_A = \"mu_A/2\""),
-    ])
-    .unwrap();
-    let close = |a: f64, b: f64| assert!((a / b - 1.0).abs() < 1e-14, "{a} {b}");
-    close(at_one(&plain, "decay"), 0.15 / 24.0);
-    close(at_one(&twice, "decay"), 1.3 / 24.0);
-    close(at_one(&twice, "flow") - at_one(&plain, "flow"), 2.0);
-    close(at_one(&twice, "growth"), at_one(&plain, "growth") / 2.0);
-    assert_ne!(plain.hash(), twice.hash());
-    for (replace, code) in [
-        ("b_A = \"2\"", "unit"),
-        ("b_a = \"b_A\"", "unknown-name"),
-        ("\"S_NH[aerobic]\" = \"0\"", "unknown-name"),
-        ("b_A = \"b_B\"", "unknown-name"),
-    ] {
-        let faults = rate(&[effect("c", replace)]).unwrap_err();
-        assert_eq!((faults.len(), faults[0].code.as_ref()), (1, code), "{replace}: {faults:?}");
-        assert!(faults[0].pointer.starts_with("/effects/c/replace/"), "{faults:?}");
-    }
-    let ring = rate(&[effect("d", "b_A = \"b_A*Q_e/Q_e\"\nQ_e = \"Q_e*b_A/b_A\"")]).unwrap_err();
-    assert!(ring.iter().any(|fault| fault.code == "cycle"), "{ring:?}");
-}
-
-#[test]
-fn a_process_that_makes_something_out_of_nothing_is_refused() {
-    let asm1 = include_str!("../../../../config/models/asm1.toml");
-    let plant = PlantSpec::from_toml(include_str!("../../../../config/plants/asm1_h.toml")).unwrap();
-    let faults = |asm1: &str| {
-        let reactions = ReactionsSpec::from_toml(asm1).unwrap();
-        plant.expand(&[(reactions.id.clone(), reactions)].into()).map(drop)
-    };
-    assert_eq!(faults(asm1), Ok(()));
-    for (from, to, process, quantity, residual) in [
-        // Yield and oxygen demand: 1 - Y_H is 0.33 at the plant's own value, and most at the least yield.
-        ("S_O = \"-(1 - Y_H)/Y_H\"", "S_O = \"-1/Y_H\"", "growth_H_aerobic", "COD", 1.0),
-        ("S_N2 = \"(1 - Y_H)/(2.86*Y_H)\"", "S_N2 = \"0\"", "growth_H_anoxic", "COD", f64::NAN),
-        (
-            "X_ND = \"i_XB - f_P*i_XP\"\n\n[[process]]\nname = \"decay_A\"",
-            "\n[[process]]\nname = \"decay_A\"",
-            "decay_H",
-            "N",
-            -0.086 + 0.08 * 0.06,
-        ),
-        (
-            "S_ALK = \"1/14[g/mol]\"",
-            "S_ALK = \"1/15[g/mol]\"",
-            "ammonification",
-            "charge",
-            1.0 / 14.0 - 1.0 / 15.0,
-        ),
-    ] {
-        assert!(asm1.contains(from), "{from}");
-        let found = faults(&asm1.replacen(from, to, 1)).unwrap_err();
-        assert_eq!(
-            (found[0].code.as_ref(), found[0].pointer.as_str()),
-            ("continuity", format!("/process/{process}").as_str()),
-            "{found:?}"
-        );
-        assert!(found[0].detail.contains(quantity), "{found:?}");
-        if residual.is_finite() {
-            assert!(found[0].detail.contains(&format!("{residual:.3e}")), "{residual:.3e}: {found:?}");
-        }
-    }
-    let unit = faults(&asm1.replacen("S_ALK = \"1/14[g/mol]\"", "S_ALK = \"1/14\"", 1)).unwrap_err();
-    assert_eq!(unit[0].code, "unit", "{unit:?}");
-    let slip = faults(&asm1.replacen("S_ND = \"-1\"", "S_MD = \"-1\"", 1)).unwrap_err();
-    assert_eq!(slip[0].suggestion.as_deref(), Some("did you mean `S_ND`?"), "{slip:?}");
-}
-
-#[test]
-fn a_plant_with_a_slip_says_all_that_is_wrong() {
-    let good = include_str!("../../../../config/plants/asm1_h.toml");
-    let asm1 = ReactionsSpec::from_toml(include_str!("../../../../config/models/asm1.toml")).unwrap();
-    let bad = good
-        .replacen("tank = \"aerobic\"", "tank = \"oxic\"", 1)
-        .replacen("free = [", "free = [\"b_A\", \"mu_X\", ", 1)
-        .replacen("mu_A = {", "mu_B = {", 1)
-        .replacen("layers = 10", "layers = 9", 1);
-    let faults = PlantSpec::from_toml(&bad).unwrap().expand(&[("asm1".to_owned(), asm1)].into()).unwrap_err();
-    let pointers: Vec<&str> = faults.iter().map(|fault| fault.pointer.as_str()).collect();
-    let layers = ["S_I", "S_S", "S_O", "S_NO", "S_NH", "S_ND", "S_ALK", "TSS"]
-        .map(|name| format!("/settler/initial/{name}"));
-    let mut expected = vec!["/parameters/mu_B", "/free/0", "/free/1"];
-    expected.extend(layers.iter().map(String::as_str));
-    expected.push("/controller/tank");
-    assert_eq!(pointers, expected);
-}
-
-#[test]
-fn a_check_of_a_plant_is_an_expression_in_its_names_and_units() {
-    let codes = |expr: &str, unit: &str, lower: f64, upper: f64| {
-        let range = |limit: f64| Some(limit).filter(|limit| limit.is_finite());
-        let (name, expr, unit) = ("a check".to_owned(), expr.to_owned(), unit.to_owned());
-        let checks = vec![Check::Range { name, expr, unit, lower: range(lower), upper: range(upper) }];
-        let mut catalogue = Catalogue::builtin().unwrap();
-        catalogue.add_model(ModelDocument::Spec(Box::new(ModelSpec { checks, ..spec("asm1_h") })));
-        let faults = compile(&catalogue.compose(&"asm1_h".parse().unwrap()).unwrap(), &Bindings::default())
-            .err()
-            .unwrap_or_default();
-        faults.into_iter().map(|fault| (fault.pointer, fault.code.to_string())).collect::<Vec<_>>()
-    };
-    let fault = |pointer: &str, code: &str| vec![(pointer.to_owned(), code.to_owned())];
-    assert_eq!(codes("mu_H - b_H", "1/d", 0.0, f64::INFINITY), []);
-    assert_eq!(codes("S_NH[aerobic] + S_NH", "g/m3", f64::NEG_INFINITY, 100.0), []);
-    assert_eq!(codes("mu_H - b_X", "1/d", 0.0, 1.0), fault("/check/0/expr", "unknown-name"));
-    assert_eq!(codes("mu_H", "g/m3", 0.0, 1.0), fault("/check/0/expr", "unit"));
-    assert_eq!(codes("mu_H", "1/d", 1.0, 0.0), fault("/check/0/upper", "bounds"));
-    assert_eq!(
-        codes("mu_H", "1/d", f64::NEG_INFINITY, f64::INFINITY),
-        fault("/check/0/lower", "missing-value")
-    );
-    for text in
-        ["kind = \"range\"\nname = \"a\"\nexpr = \"mu_H\"\nlower = 0", "kind = \"stable\"\nexpr = \"mu_H\""]
-    {
-        let bad = include_str!("../../../../config/plants/asm1_h.toml").to_owned() + "\n[[check]]\n" + text;
-        assert_eq!(PlantSpec::from_toml(&bad).unwrap_err().code, "invalid-document", "{text}");
-    }
 }
 
 /// Random candidates of the box, each from a warm-up of 10,000 minutes on, by the stabilised stepper and by

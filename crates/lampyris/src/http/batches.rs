@@ -8,7 +8,7 @@ use super::shared::Shared;
 use crate::service::Service;
 use crate::service::serving::body::Status;
 use crate::store;
-use crate::store::batches::{BatchMember, BatchKind, BatchRecord, BatchSummary};
+use crate::store::batches::{BatchKind, BatchMember, BatchRecord, BatchSummary};
 use crate::store::jobs::{JobStatus, Outcome};
 use axum::extract::{Path, State};
 use jiff::Timestamp;

@@ -5,7 +5,7 @@ use crate::estimate::fit::{Stop, TracePoint};
 use crate::estimate::problem::Problem;
 use crate::estimate::problem::stop::{EarlyStopping, Watch};
 use crate::optimise::multistart::LmOptions;
-use crate::optimise::{Ask, Candidate, Cost, Termination, Evaluation, LocalRun, Method, Search};
+use crate::optimise::{Ask, Candidate, Cost, Evaluation, LocalRun, Method, Search, Termination};
 use crate::simulate::trajectory::Halt;
 use std::sync::Arc;
 
