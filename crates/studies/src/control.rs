@@ -15,6 +15,7 @@ mod page;
 mod service;
 
 use super::options::{First, Html};
+use super::row::Row;
 use answer::Answer;
 use arm::{Arm, Before, Belief, Kind};
 use grey::Grey;
@@ -50,7 +51,7 @@ struct Controlled {
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
     #[command(flatten)]
-    first: First,
+    pub first: First,
     /// How many weeks each house is controlled.
     #[arg(long, default_value_t = 8, value_parser = clap::value_parser!(u16).range(1..=26))]
     weeks: u16,
@@ -61,7 +62,8 @@ pub struct Arguments {
     html: Html,
 }
 
-pub fn run(asked: &Arguments, as_json: bool) -> Result<(), Failure> {
+/// Runs all arms in all houses and prints what came of it; gives the lines of its table.
+pub fn run(asked: &Arguments, as_json: bool) -> Result<Vec<Row>, Failure> {
     let measured = measure(&Plan::new(asked.first.seed, asked.houses.into(), asked.weeks.into()))?;
     let answer = Answer::of(&measured);
     if as_json {
@@ -73,7 +75,7 @@ pub fn run(asked: &Arguments, as_json: bool) -> Result<(), Failure> {
     if let Some(file) = &asked.html.html {
         page::write(file, &measured, &answer)?;
     }
-    Ok(())
+    Ok(answer.rows())
 }
 
 fn text(error: impl std::fmt::Display) -> Failure {

@@ -19,7 +19,7 @@ use std::fmt::Write;
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
     #[command(flatten)]
-    seeds: Seeds,
+    pub seeds: Seeds,
     #[command(flatten)]
     html: Html,
     #[command(flatten)]

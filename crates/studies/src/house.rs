@@ -23,7 +23,7 @@ const PART_DAYS: usize = 7;
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
     #[command(flatten)]
-    first: First,
+    pub first: First,
     #[command(flatten)]
     rooms: RoomCount,
     /// What the shape counts in the shape-weighted error (delta of thesis eq. 7.6).

@@ -48,7 +48,7 @@ fn fitted(problem: &Problem, request: &EstimateRequest) -> Result<(Fit, f64), Fa
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
     #[command(flatten)]
-    first: First,
+    pub first: First,
     #[command(flatten)]
     rooms: RoomCount,
     /// In how many worlds the intervals are looked at.

@@ -20,6 +20,8 @@ mod plant;
 mod plant_worlds;
 mod quantile;
 mod real;
+mod record;
+mod results;
 mod room;
 mod row;
 mod search;
@@ -28,8 +30,11 @@ mod verdicts;
 use clap::{Parser, Subcommand};
 use lampyris::cli::{Failure, exit_code, print};
 use options::{First, Seeds, Worlds};
+use record::Recording;
+use row::Row;
 use serde_json::{Value, json};
 use std::process::ExitCode;
+use std::time::Instant;
 
 /// Measures this build on this machine.
 #[derive(Debug, Parser)]
@@ -41,6 +46,8 @@ struct Cli {
     /// Print JSON.
     #[arg(long, global = true)]
     json: bool,
+    #[command(flatten)]
+    recording: Recording,
 }
 
 #[derive(Debug, Subcommand)]
@@ -74,15 +81,51 @@ enum Study {
     Plant(plant::Arguments),
     /// Chapter 7 of the thesis on a twin house: layout, methods, two weeks, bounds, valve.
     House(house::Arguments),
+    /// The page of the book with all figures, made of the documents that `--record` keeps.
+    Results(results::Arguments),
+}
+
+impl Study {
+    /// What the study is called on the command line, and its first seed; nothing where nothing is measured.
+    fn name_and_seed(&self) -> Option<(&'static str, Option<u64>)> {
+        let found = match self {
+            Self::Engine(asked) => ("engine", Some(asked.seed)),
+            Self::Room(asked) => ("room", Some(asked.first.seed)),
+            Self::Diagnose(asked) => ("diagnose", Some(asked.first.seed)),
+            Self::Real(_) => ("real", None),
+            Self::DiagnosePlant(asked) => ("diagnose-plant", Some(asked.first.seed)),
+            Self::Functions(asked) => ("functions", Some(asked.seeds.first.seed)),
+            Self::Ablation(asked) => ("ablation", Some(asked.first.seed)),
+            Self::Complexity(asked) => ("complexity", Some(asked.first.seed)),
+            Self::Likelihood(asked) => ("likelihood", Some(asked.first.seed)),
+            Self::Load(_) => ("load", None),
+            Self::Loop(asked) => ("loop", Some(asked.first.seed)),
+            Self::Plant(asked) => ("plant", Some(asked.first.seed)),
+            Self::House(asked) => ("house", Some(asked.first.seed)),
+            Self::Results(_) => return None,
+        };
+        Some(found)
+    }
 }
 
 fn main() -> ExitCode {
     let cli = Cli::parse();
     let study = cli.study.unwrap_or(Study::Engine(First { seed: 1 }));
-    exit_code(run(&study, cli.json))
+    exit_code(run(&study, cli.json, &cli.recording))
 }
 
-fn run(study: &Study, as_json: bool) -> Result<(), Failure> {
+fn run(study: &Study, as_json: bool, recording: &Recording) -> Result<(), Failure> {
+    let begun = Instant::now();
+    let rows = measured(study, as_json)?;
+    let broken = rows.iter().filter(|row| !row.holds()).count();
+    if let Some((name, seed)) = study.name_and_seed() {
+        record::keep(recording, name, seed, begun.elapsed(), rows)?;
+    }
+    if broken == 0 { Ok(()) } else { Err(Failure::Error(format!("{broken} limits do not hold"))) }
+}
+
+/// Runs a study and prints what it says.
+fn measured(study: &Study, as_json: bool) -> Result<Vec<Row>, Failure> {
     let mut more = Value::Null;
     let rows = match study {
         Study::Engine(asked) => {
@@ -124,6 +167,7 @@ fn run(study: &Study, as_json: bool) -> Result<(), Failure> {
             rows
         }
         Study::Diagnose(asked) => diagnose::run(asked)?,
+        Study::Results(asked) => return results::run(asked).map(|()| Vec::new()),
     };
     if as_json {
         let mut document = json!({ "rows": rows });
@@ -134,6 +178,5 @@ fn run(study: &Study, as_json: bool) -> Result<(), Failure> {
     } else {
         rows.iter().for_each(|row| print(&row.line()));
     }
-    let broken = rows.iter().filter(|row| !row.holds()).count();
-    if broken == 0 { Ok(()) } else { Err(Failure::Error(format!("{broken} limits do not hold"))) }
+    Ok(rows)
 }

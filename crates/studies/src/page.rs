@@ -83,6 +83,24 @@ pub fn escaped(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 
+/// The command line of this run. The folders of this machine are nobody else's business, nor is what is kept of
+/// the run.
+pub fn command() -> String {
+    let mut words = vec!["lampyris bench".to_owned()];
+    let mut given = std::env::args().skip(1);
+    while let Some(word) = given.next() {
+        let is_kept = |option: &str| {
+            word.strip_prefix(option).is_some_and(|rest| rest.is_empty() || rest.starts_with('='))
+        };
+        if !["--record", "--note"].into_iter().any(is_kept) {
+            words.push(word.rsplit('/').next().unwrap_or_default().to_owned());
+        } else if !word.contains('=') {
+            given.next();
+        }
+    }
+    words.join(" ")
+}
+
 /// The document around a body; `style` is what its charts need beside the style of the page.
 ///
 /// # Errors
@@ -91,9 +109,6 @@ pub fn document(title: &str, style: &str, body: &str) -> Result<String, Failure>
     let part =
         |path: &str| page_part(path).ok_or_else(|| Failure::Error(format!("the page has no part `{path}`")));
     let styles = format!("{}\n{}\n{style}", part("style.css")?, part("parts.css")?);
-    // The folders of this machine are nobody else's business.
-    let command: Vec<String> =
-        std::env::args().skip(1).map(|word| word.rsplit('/').next().unwrap_or_default().to_owned()).collect();
     // Only what is written here may style the page: nobody can know the number before the figures are there.
     let nonce = blake3::hash(body.as_bytes()).to_hex();
     let title = escaped(title);
@@ -115,7 +130,7 @@ pub fn document(title: &str, style: &str, body: &str) -> Result<String, Failure>
 <main>
 <h1>{title}</h1>
 <p class="quiet">Made {} UTC by Lampyris {} with</p>
-<div class="command"><code>lampyris {}</code></div>
+<div class="command"><code>{}</code></div>
 {body}
 </main>
 </body>
@@ -123,7 +138,7 @@ pub fn document(title: &str, style: &str, body: &str) -> Result<String, Failure>
 "#,
         Timestamp::now().strftime("%Y-%m-%d %H:%M"),
         env!("CARGO_PKG_VERSION"),
-        escaped(&command.join(" ")),
+        escaped(&command()),
     ))
 }
 

@@ -21,7 +21,7 @@ const PLANTS: [&str; 2] = ["asm1_h", "asm1_l"];
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
     #[command(flatten)]
-    first: First,
+    pub first: First,
     #[command(flatten)]
     only: Only,
     #[command(flatten)]

@@ -1,6 +1,8 @@
 //! Real rooms with a known driver withheld: is it named, do forecasts of the two weeks after fall, and are
 //! the channels of other days accused?
 
+mod rooms;
+
 use super::file::write;
 use super::options::{Each, Html, Only};
 use super::page::{self, NONE, STYLE, Table, section};
@@ -18,6 +20,7 @@ use lampyris_core::estimate::problem::request::{AccusationRate, WindowRange};
 use lampyris_core::estimate::{Control, EstimateRequest, Problem, Site, estimate, prepare};
 use lampyris_core::model::{Catalogue, ModelId};
 use rayon::prelude::*;
+use rooms::{BELGIAN, ROOMS, Room};
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
@@ -33,160 +36,6 @@ const AHEAD: [(&str, i64); 2] = [("PT6H", 6 * 3600), ("PT12H", 12 * 3600)];
 const SHIFTS: i64 = 6;
 /// Accusation rates at which the negatives are counted.
 const RATES: [f64; 3] = [0.001, 0.01, 0.05];
-
-/// A room, and what is known to drive it.
-struct Room {
-    name: &'static str,
-    file: &'static str,
-    binds: &'static [&'static str],
-    model: &'static str,
-    /// The effects of which one must be named first; none where no window is known to show one.
-    drivers: &'static [&'static str],
-    /// Effects that never act there.
-    decoys: &'static [&'static str],
-    place: (f64, f64),
-}
-
-const BELGIAN: &str = "belgian_house/belgian_house_10min.csv.gz";
-const BLOCH: &str = "bloch_school/bloch_school.csv.gz";
-const BASE: &str = "rc2+constant_gain+solar_gain";
-const SOUTH: &[&str] = &["heat_emitter:T_supply_south_circuit", "heat_emitter:T_return_south_circuit"];
-const WATER: &[&str] = &["heat_emitter:T_heating_water_0off"];
-const PUMPS: &[&str] = &["metered_gain:P_pump_south", "metered_gain:P_pump_north"];
-
-const ROOMS: [Room; 14] = [
-    Room {
-        name: "laundry",
-        file: BELGIAN,
-        binds: &["T_room=T_laundry", "irradiance=irradiance_clear_sky"],
-        model: BASE,
-        drivers: &["metered_gain:P_appliances"],
-        decoys: &["wind_infiltration"],
-        place: (50.51, 3.71),
-    },
-    Room {
-        name: "living room",
-        file: BELGIAN,
-        binds: &["T_room=T_living_room", "irradiance=irradiance_clear_sky"],
-        model: BASE,
-        drivers: &[],
-        decoys: &["wind_infiltration"],
-        place: (50.51, 3.71),
-    },
-    Room {
-        name: "teen room",
-        file: BELGIAN,
-        binds: &["T_room=T_teen_room", "irradiance=irradiance_clear_sky"],
-        model: BASE,
-        drivers: &[],
-        decoys: &["wind_infiltration"],
-        place: (50.51, 3.71),
-    },
-    Room {
-        name: "bathroom",
-        file: BELGIAN,
-        binds: &["T_room=T_bathroom", "irradiance=irradiance_clear_sky"],
-        model: BASE,
-        drivers: &[],
-        decoys: &["wind_infiltration"],
-        place: (50.51, 3.71),
-    },
-    Room {
-        name: "nl_home1",
-        file: "nl_home1/nl_home1.csv.gz",
-        binds: &[],
-        model: BASE,
-        drivers: WATER,
-        decoys: &[],
-        place: (52.0, 5.0),
-    },
-    Room {
-        name: "nl_home3",
-        file: "nl_home3/nl_home3.csv.gz",
-        binds: &[],
-        model: BASE,
-        drivers: WATER,
-        decoys: &[],
-        place: (52.0, 5.0),
-    },
-    Room {
-        name: "radiator room",
-        file: "dk_radiator_room/dk_radiator_room.csv.gz",
-        binds: &[],
-        model: BASE,
-        drivers: &[
-            "heat_emitter:T_radiator_supply_pipe",
-            "heat_emitter:T_radiator_return_pipe",
-            "heat_emitter:T_radiator_supply_pipe2",
-            "heat_emitter:T_radiator_return_pipe2",
-        ],
-        decoys: &[],
-        place: (56.0, 10.0),
-    },
-    Room {
-        name: "hourly house",
-        file: "darkgreybox_demo_house/darkgreybox_1h.csv",
-        binds: &["T_room=T_indoor", "T_out=T_outdoor"],
-        model: "rc2+constant_gain",
-        drivers: &["companion:heat_input_raw", "heat_emitter:T_heating_supply"],
-        decoys: &[],
-        place: (51.5, 0.0),
-    },
-    Room {
-        name: "office 999169",
-        file: "brains4buildings_windesheim/room_999169_15min.csv",
-        binds: &["T_room=T_room_bms", "T_out=T_outdoor", "irradiance=ghi"],
-        model: "rc2+constant_gain",
-        drivers: &["solar_gain", "envelope_solar_gain", "oriented_solar_gain:south"],
-        decoys: &[],
-        place: (52.5, 6.1),
-    },
-    Room {
-        name: "office 917810",
-        file: "brains4buildings_windesheim/room_917810_15min.csv",
-        binds: &["T_room=T_room_bms", "T_out=T_outdoor", "irradiance=ghi"],
-        model: "rc2+constant_gain",
-        drivers: &[],
-        decoys: &[],
-        place: (52.5, 6.1),
-    },
-    Room {
-        name: "FlexHouse",
-        file: "dtu_flexhouse_prbs/flexhouse_5min.csv",
-        binds: &["T_room=T_indoor", "T_out=T_outdoor", "irradiance=ghi"],
-        model: "rc2+constant_gain+metered_gain:P_heater",
-        drivers: &["solar_gain", "envelope_solar_gain", "oriented_solar_gain:south"],
-        decoys: &[],
-        place: (55.69, 12.1),
-    },
-    Room {
-        name: "ou44 room 511",
-        file: "ou44_room511/ou44_room511.csv.gz",
-        binds: &[],
-        model: BASE,
-        drivers: &["companion:occupants_count", "companion:CO2", "companion:PIR"],
-        decoys: &["wind_infiltration"],
-        place: (55.37, 10.43),
-    },
-    Room {
-        name: "bloch B140",
-        file: BLOCH,
-        binds: &["T_room=T_room_B140_south"],
-        model: "rc2+constant_gain",
-        drivers: SOUTH,
-        decoys: PUMPS,
-        place: (45.74, 3.19),
-    },
-    Room {
-        name: "bloch B216",
-        file: BLOCH,
-        binds: &["T_room=T_room_B216_south"],
-        model: "rc2+constant_gain",
-        drivers: SOUTH,
-        decoys: PUMPS,
-        place: (45.74, 3.19),
-    },
-];
 
 /// A part of a room's record, in seconds since 1970 and hours.
 #[derive(Clone, Copy)]

@@ -17,7 +17,7 @@ use std::time::Instant;
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
     #[command(flatten)]
-    first: First,
+    pub first: First,
     #[command(flatten)]
     rooms: RoomCount,
     #[command(flatten)]

@@ -1,18 +1,22 @@
 //! The lines of the table that a study ends with, and the limits that some of them have.
 
+use serde::{Deserialize, Deserializer, Serialize};
+use std::borrow::Cow;
+
 /// One line of the table.
-#[derive(Debug, serde::Serialize)]
+#[derive(Debug, Serialize, Deserialize)]
 pub struct Row {
     pub what: String,
+    #[serde(deserialize_with = "number")]
     pub value: f64,
-    pub unit: &'static str,
+    pub unit: Cow<'static, str>,
     /// The limit of a ratio or count that binds.
-    #[serde(skip_serializing_if = "Option::is_none")]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub limit: Option<Limit>,
 }
 
 /// A limit on a ratio, a share or a count.
-#[derive(Debug, Clone, Copy, serde::Serialize)]
+#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Limit {
     AtMost(f64),
@@ -21,7 +25,7 @@ pub enum Limit {
 
 impl Row {
     pub fn new(what: impl Into<String>, value: f64, unit: &'static str) -> Self {
-        Self { what: what.into(), value, unit, limit: None }
+        Self { what: what.into(), value, unit: Cow::Borrowed(unit), limit: None }
     }
 
     pub fn at_most(self, limit: f64) -> Self {
@@ -57,7 +61,7 @@ impl Row {
             (true, true) => "holds",
             (true, false) => "FAILS",
         };
-        [self.what.clone(), self.number(), self.unit.to_owned(), limit, mark.to_owned()]
+        [self.what.clone(), self.number(), self.unit.to_string(), limit, mark.to_owned()]
     }
 
     pub fn number(&self) -> String {
@@ -67,4 +71,9 @@ impl Row {
             format!("{:.4}", self.value)
         }
     }
+}
+
+/// A value that is no number is written as null.
+fn number<'de, D: Deserializer<'de>>(document: D) -> Result<f64, D::Error> {
+    Ok(Option::deserialize(document)?.unwrap_or(f64::NAN))
 }

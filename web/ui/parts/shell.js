@@ -50,7 +50,7 @@ export function Shell({ place, children }) {
         ([name, parts]) => html`
         <a href=${address(parts)} aria-current=${(parts[0] ?? 'systems') === (place ?? 'systems') ? 'page' : null}>${name}</a>`,
       )}
-        ${!REPORT && html`<a href="/docs">API</a>`}
+        ${!REPORT && html`<a href="/docs">API</a><a href="/docs/book/">Book</a>`}
       </nav>
       <span class="row">
         ${live === false && html`<span class="status bad"><span class="shape" aria-hidden="true">■</span> connection lost, trying again</span>`}

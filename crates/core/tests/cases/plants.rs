@@ -11,7 +11,7 @@ use indexmap::IndexMap;
 use lampyris_core::model::document::ModelDocument;
 use lampyris_core::model::expr::Node;
 use lampyris_core::model::spec::{EffectSpec, ModelSpec, OutputSpec, WarmUpSpec};
-use lampyris_core::model::{Catalogue, Bindings, Model, compile};
+use lampyris_core::model::{Bindings, Catalogue, Model, compile};
 use lampyris_core::simulate::{Inputs, Simulator, Stepper};
 use serde::Deserialize;
 use std::collections::HashMap;

@@ -3,12 +3,12 @@
 
 use super::clock::house;
 use super::request;
-use lampyris_core::data::{Bindings, Window};
+use lampyris_core::data::{ColumnBindings, Window};
 use lampyris_core::diagnose::{Adequacy, diagnose, preview};
 use lampyris_core::estimate::problem::request::AccusationRate;
 use lampyris_core::estimate::{Control, Site, prepare};
 use lampyris_core::model::spec::EffectSpec;
-use lampyris_core::model::{Catalogue, Bindings, compile};
+use lampyris_core::model::{Bindings, Catalogue, compile};
 use std::collections::BTreeSet;
 
 const VENTILATION: &str = r#"
@@ -47,7 +47,7 @@ fn shop() -> Window {
         let open = weekday % 2 == 1 && (12..20).contains(&local.hour());
         if open { 0.08 * (out - room) } else { 0.0 }
     });
-    Window::parse_csv(&csv, &lampyris_core::data::ColumnBindings::none()).unwrap().0
+    Window::parse_csv(&csv, &ColumnBindings::none()).unwrap().0
 }
 
 #[test]
@@ -84,8 +84,7 @@ fn an_impossible_effect_is_told_all_its_faults_and_stops_no_diagnosis() {
     let composition = catalogue.compose(&"rc2+impossible".parse().unwrap()).unwrap();
     let channels: BTreeSet<String> = window.iter().map(|series| series.channel().to_owned()).collect();
     let faults =
-        compile(&composition, &Bindings { channels: Some(channels), ..Bindings::default() })
-            .unwrap_err();
+        compile(&composition, &Bindings { channels: Some(channels), ..Bindings::default() }).unwrap_err();
     let codes: Vec<&str> = faults.iter().map(|fault| fault.code.as_ref()).collect();
     println!("{faults:#?}");
     assert!(

@@ -3,7 +3,7 @@
 use super::problem::ApiError;
 use super::shared::Shared;
 use super::{
-    access, audit, batches, comparison, decisions, description, diagnoses, diagnostics, docs, events,
+    access, audit, batches, book, comparison, decisions, description, diagnoses, diagnostics, docs, events,
     evidence, extract, fits, history, jobs, layout, metrics, models, params, preview, problem, schedules,
     series, service, systems, web, windows,
 };
@@ -96,6 +96,7 @@ pub fn router(service: Shared) -> Router {
         .layer(axum::middleware::from_fn_with_state(service.clone(), metrics::measure))
         .merge(lean.layer(guard))
         .merge(web::router())
+        .merge(book::router())
         .fallback(async || ApiError::NoSuchPath)
         .method_not_allowed_fallback(async || ApiError::NoSuchMethod)
         .with_state(service)

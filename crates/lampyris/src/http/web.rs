@@ -47,25 +47,33 @@ pub fn router() -> Router<Shared> {
 /// A file, or the document where the last part of the path is no name of a file.
 fn answer(path: &str, headers: &HeaderMap) -> Response {
     if let Some(file) = Files::get(path) {
-        return sent(path, file, headers);
+        return embedded(path, file, headers);
     }
     let named = path.rsplit('/').next().is_some_and(|last| last.contains('.'));
     match Files::get(DOCUMENT) {
-        Some(document) if !named => sent(DOCUMENT, document, headers),
+        Some(document) if !named => embedded(DOCUMENT, document, headers),
         _ => ApiError::NotFound("file", path.to_owned()).into_response(),
     }
 }
 
-fn sent(name: &str, file: EmbeddedFile, headers: &HeaderMap) -> Response {
+fn embedded(name: &str, file: EmbeddedFile, headers: &HeaderMap) -> Response {
+    let hash = file.metadata.sha256_hash();
+    sent(name, file.data, &hash, headers)
+}
+
+/// A part of a page under the policy of all pages; one that the browser has already is not sent again. The
+/// name says what it is, the hash which one.
+pub(super) fn sent(name: &str, bytes: Cow<'static, [u8]>, hash: &[u8], headers: &HeaderMap) -> Response {
     let media_type = match name.rsplit_once('.') {
         Some((_, "html")) => "text/html; charset=utf-8",
         Some((_, "css")) => "text/css; charset=utf-8",
         Some((_, "js" | "mjs")) => "text/javascript; charset=utf-8",
         Some((_, "svg")) => "image/svg+xml",
+        Some((_, "png")) => "image/png",
+        Some((_, "json")) => "application/json",
         _ => "text/plain; charset=utf-8",
     };
-    let hash: String =
-        file.metadata.sha256_hash().iter().take(16).map(|byte| format!("{byte:02x}")).collect();
+    let hash: String = hash.iter().take(16).map(|byte| format!("{byte:02x}")).collect();
     let tag = format!("\"{hash}\"");
     // Weak, because the same file may be sent compressed.
     let fixed = [
@@ -78,5 +86,5 @@ fn sent(name: &str, file: EmbeddedFile, headers: &HeaderMap) -> Response {
     if matches(headers, &tag) {
         return (StatusCode::NOT_MODIFIED, fixed).into_response();
     }
-    (fixed, [(header::CONTENT_TYPE, media_type)], file.data).into_response()
+    (fixed, [(header::CONTENT_TYPE, media_type)], bytes).into_response()
 }

@@ -1,6 +1,7 @@
 //! What the arms came to, as a table and in sentences: every difference within one house, then over the
 //! houses.
 
+use super::super::row::Row;
 use super::arm::{Kind, Measures};
 use super::mpc;
 use super::outcome::{BEFORE_DAYS, Measured, Outcome, shown};
@@ -98,6 +99,26 @@ impl Answer {
         .flatten()
         .collect();
         Self { lines, sentences }
+    }
+
+    /// Means over the houses, of each arm.
+    pub fn rows(&self) -> Vec<Row> {
+        let rows = |line: &Line| {
+            let mut rows = vec![
+                Row::new(
+                    format!("{}: bill and discomfort together", line.kind.title()),
+                    line.total.mean,
+                    "EUR",
+                ),
+                Row::new("  bill", line.bill.mean, "EUR"),
+                Row::new("  discomfort", line.discomfort.mean, "K h"),
+                Row::new("  error a day ahead", line.rmse.mean, "K"),
+            ];
+            let beside = line.beside_perfect.map(|spread| spread.mean);
+            rows.extend(beside.map(|more| Row::new("  more than with perfect knowledge", more, "EUR")));
+            rows
+        };
+        self.lines.iter().flat_map(rows).collect()
     }
 
     pub fn text(&self) -> String {

@@ -41,7 +41,7 @@ fn body(plants: &[(Table, Fitted, Fitted)], listed: &[Table], rows: &[Row]) -> S
     }
     body.extend(listed.iter().map(section));
     let cells: Vec<Vec<String>> =
-        rows.iter().map(|row| vec![row.what.clone(), row.number(), row.unit.to_owned()]).collect();
+        rows.iter().map(|row| vec![row.what.clone(), row.number(), row.unit.to_string()]).collect();
     body + "<h2>All figures</h2>" + &page::table(&["what", "value", "unit"], &cells)
 }
 

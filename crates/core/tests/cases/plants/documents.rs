@@ -6,7 +6,7 @@ use lampyris_core::model::expr::Node;
 use lampyris_core::model::plant::PlantSpec;
 use lampyris_core::model::process::ReactionsSpec;
 use lampyris_core::model::spec::{EffectSpec, ModelSpec, OutputSpec};
-use lampyris_core::model::{Catalogue, Check, Bindings, Model, compile};
+use lampyris_core::model::{Bindings, Catalogue, Check, Model, compile};
 use std::collections::HashMap;
 
 /// The value of an output of the model where all states, inputs and parameters are one.
@@ -143,10 +143,9 @@ fn a_check_of_a_plant_is_an_expression_in_its_names_and_units() {
         let checks = vec![Check::Range { name, expr, unit, lower: range(lower), upper: range(upper) }];
         let mut catalogue = Catalogue::builtin().unwrap();
         catalogue.add_model(ModelDocument::Spec(Box::new(ModelSpec { checks, ..spec("asm1_h") })));
-        let faults =
-            compile(&catalogue.compose(&"asm1_h".parse().unwrap()).unwrap(), &Bindings::default())
-                .err()
-                .unwrap_or_default();
+        let faults = compile(&catalogue.compose(&"asm1_h".parse().unwrap()).unwrap(), &Bindings::default())
+            .err()
+            .unwrap_or_default();
         faults.into_iter().map(|fault| (fault.pointer, fault.code.to_string())).collect::<Vec<_>>()
     };
     let fault = |pointer: &str, code: &str| vec![(pointer.to_owned(), code.to_owned())];
