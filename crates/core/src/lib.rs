@@ -45,7 +45,8 @@
 //! println!("{}", judgement.summary);
 //!
 //! let rate = AccusationRate::default();
-//! let missing = diagnose(&catalogue, &problem, &fit.theta(), &window, &site, rate, &[], &Control::NONE).unwrap();
+//! let theta = fit.theta();
+//! let missing = diagnose(&catalogue, &problem, &theta, &window, &site, rate, &[], &Control::NONE).unwrap();
 //! assert_eq!(missing.findings[0].named(), "wind_infiltration");
 //! ```
 

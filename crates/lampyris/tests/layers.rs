@@ -46,6 +46,8 @@ const IMPURE: [&str; 10] = [
     "Timestamp::now",
 ];
 const LONGEST_FILE: usize = 500;
+/// `rustfmt.toml` keeps code within it; comments are for their writers to break.
+const WIDEST_LINE: usize = 110;
 /// `Problem` is what is estimated, and by RFC 9457 also an answer that says what went wrong.
 const NAMED_TWICE: [&str; 1] = ["Problem"];
 /// What a public name may be of.
@@ -199,6 +201,12 @@ fn one_follower_shows_what_was_committed() {
     assert_eq!(callers, expected.map(|(call, file)| (call, file.into())));
 }
 
+/// Whether a line is a comment, and no row of a table, grammar or drawing.
+fn is_prose(line: &str) -> bool {
+    let line = line.trim_start();
+    line.starts_with("//") && !line.contains('|') && !line.contains("-->")
+}
+
 #[test]
 fn the_house_is_tidy() {
     let ours = sources("crates");
@@ -218,6 +226,14 @@ fn the_house_is_tidy() {
             && !is_this
         {
             wrong.push(format!("{at} names a place of one machine"));
+        }
+        if is_source(&path) && !is_test(&path) {
+            for line in code(&text).lines().chain(text.lines().filter(|line| is_prose(line))) {
+                // A string of data or markup is not broken.
+                if line.chars().count() > WIDEST_LINE && !line.contains('"') {
+                    wrong.push(format!("{at} has a line of more than {WIDEST_LINE} columns: {line}"));
+                }
+            }
         }
         if is_source(&path) {
             let code = code(&text);

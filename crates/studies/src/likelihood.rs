@@ -8,6 +8,7 @@ use lampyris::cli::{Failure, faults};
 use lampyris_core::data::{ColumnBindings, Window};
 use lampyris_core::estimate::assess::metrics;
 use lampyris_core::estimate::fit::Stop;
+use lampyris_core::estimate::fit::likelihood::NoiseEstimate;
 use lampyris_core::estimate::{Control, EstimateRequest, Fit, Problem, Site, estimate, prepare};
 use lampyris_core::model::Catalogue;
 use lampyris_core::twin;
@@ -194,7 +195,7 @@ fn coverage(first: u64, worlds: u64, each: bool) -> Result<Vec<Row>, Failure> {
         let (fit, seconds) = fitted(&task, &request)?;
         let Some(found) = &fit.likelihood else { continue };
         for (name, truth) in &twin.truth {
-            let noise = |prefix: &str, of: &IndexMap<String, lampyris_core::estimate::fit::likelihood::NoiseEstimate>| {
+            let noise = |prefix: &str, of: &IndexMap<String, NoiseEstimate>| {
                 let key = name.strip_prefix(prefix)?.strip_suffix(')')?;
                 of.get(key).filter(|noise| !noise.at_bound).and_then(|noise| noise.ci95)
             };

@@ -83,8 +83,8 @@ pub fn escaped(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 
-/// The command line of this run. The folders of this machine are nobody else's business, nor is what is kept of
-/// the run.
+/// The command line of this run. The folders of this machine are nobody else's business, nor is what is kept
+/// of the run.
 pub fn command() -> String {
     let mut words = vec!["lampyris bench".to_owned()];
     let mut given = std::env::args().skip(1);

@@ -59,8 +59,8 @@ impl Machine {
     }
 }
 
-/// Writes `<study>.json` into the folder, where one is named. The document has a line for each value, so that a
-/// comparison of versions shows what a new run has changed.
+/// Writes `<study>.json` into the folder, where one is named. The document has a line for each value, so that
+/// a comparison of versions shows what a new run has changed.
 pub fn keep(
     asked: &Recording,
     study: &str,

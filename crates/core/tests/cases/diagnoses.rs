@@ -1,5 +1,5 @@
-//! Twins, plants and measured houses that lack something, one folder each under `diagnoses/`: what a diagnosis
-//! says of them.
+//! Twins, plants and measured houses that lack something, one folder each under `diagnoses/`: what a
+//! diagnosis says of them.
 
 use super::folders::{case, cases, folder, names};
 use super::houses::House;

@@ -1,5 +1,5 @@
-//! Measured rooms with a story of their own: a known driver that is withheld must be named, the same channel of
-//! other days must not, and given back the error falls.
+//! Measured rooms with a story of their own: a known driver that is withheld must be named, the same channel
+//! of other days must not, and given back the error falls.
 
 use super::houses::beside;
 use super::{fit, request};

@@ -128,7 +128,8 @@ pub fn completed(mut description: OpenApi) -> OpenApi {
     description
 }
 
-/// Flattened fields stand beside the others; what a page lists is named, not repeated; alternatives that are told apart by a word know no other fields.
+/// Flattened fields stand beside the others; what a page lists is named, not repeated; alternatives that are
+/// told apart by a word know no other fields.
 fn complete_schema(name: &str, schema: &mut RefOr<Schema>, names: &BTreeSet<String>) {
     if let RefOr::T(Schema::AllOf(all_of)) = schema {
         *schema = flattened(std::mem::take(all_of)).into();

@@ -2,7 +2,8 @@
 //!
 //! A handler checks, asks `service` or `store`, and answers; long work is for the CPU pools. The guard
 //! (`access`) lies around every operation. The controller's paths (`params`) lie outside of all other layers,
-//! so that a poll costs no more than its body; the page (`web`) and the book hold no data and lie outside of all.
+//! so that a poll costs no more than its body; the page (`web`) and the book hold no data and lie outside of
+//! all.
 
 mod access;
 mod audit;

@@ -1,8 +1,8 @@
 //! What a commit tells of: the systems of which something has changed that is served, or is said of what is
 //! served.
 //!
-//! Triggers of the writer note these systems, so no function that writes has to say so and none can forget it.
-//! The commit tells one follower, and whoever has written waits until that has followed.
+//! Triggers of the writer note these systems, so no function that writes has to say so and none can forget
+//! it. The commit tells one follower, and whoever has written waits until that has followed.
 
 use super::error::StoreError;
 use super::value::parse;

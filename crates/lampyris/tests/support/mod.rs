@@ -22,8 +22,8 @@ use tokio::runtime::Runtime;
 /// times slower than another, and no test fails because of that.
 pub const PATIENCE: Duration = Duration::from_secs(900);
 
-/// When a service starts whose test does not say it: a day behind two weeks of [`rooms::room`], so that what rests
-/// on them is fresh.
+/// When a service starts whose test does not say it: a day behind two weeks of [`rooms::room`], so that what
+/// rests on them is fresh.
 pub const TODAY: &str = "2026-01-16T00:00:00Z";
 
 /// Whether the full figures are asked for.

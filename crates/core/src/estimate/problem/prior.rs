@@ -26,8 +26,8 @@ impl Prior {
     }
 }
 
-/// How many deviations the logarithm of a parameter lies from that of its nominal value; `None` of a parameter
-/// on a linear scale, of which no prior is known.
+/// How many deviations the logarithm of a parameter lies from that of its nominal value; `None` of a
+/// parameter on a linear scale, of which no prior is known.
 pub fn pull(parameter: &Parameter, value: f64, nominal: f64, deviation: f64) -> Option<f64> {
     let pulled = parameter.scale == Scale::Log && value > 0.0 && nominal > 0.0;
     pulled.then(|| (value / nominal).ln() / deviation)
