@@ -20,7 +20,7 @@ export async function freePort() {
   return port;
 }
 
-/** The demo, once it answers: `{base, port, stop}`. */
+/** The demo: `{base, port, ready, stop}`. It answers once `ready()` has come back. */
 export async function demo(binary) {
   const folder = mkdtempSync(join(tmpdir(), 'lampyris-browser-'));
   const port = await freePort();
@@ -45,14 +45,13 @@ export async function demo(binary) {
   };
   const base = `http://127.0.0.1:${port}`;
   const until = Date.now() + START_MS;
-  while (!said.includes('What a controller gets')) {
-    if (child.exitCode !== null || Date.now() > until) {
-      await stop();
-      throw new Error(`the demo did not start:\n${said}`);
+  const ready = async () => {
+    while (!said.includes('What a controller gets')) {
+      if (child.exitCode !== null || Date.now() > until) throw new Error(`the demo did not start:\n${said}`);
+      await new Promise(done => setTimeout(done, 100));
     }
-    await new Promise(done => setTimeout(done, 100));
-  }
-  return { base, port, stop };
+  };
+  return { base, port, ready, stop };
 }
 
 /** A line to the service that can be cut: `cut()` ends every connection and refuses new ones, `mend()` lets them in again. */

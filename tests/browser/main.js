@@ -1,4 +1,4 @@
-// All browser tests, one after another, against one demo.
+// All browser tests, one after another, against one demo; those that need none while it fits and diagnoses its rooms.
 import { browser, demo, result } from './harness.js';
 import { evidence } from './evidence.js';
 import { ledger } from './ledger.js';
@@ -21,8 +21,14 @@ for (const signal of ['SIGINT', 'SIGTERM', 'SIGHUP']) process.once(signal, () =>
 try {
   chrome = await browser();
   if (process.env.LAMPYRIS_PICTURES) {
+    await service.ready();
     await pictures(chrome, service, process.env.LAMPYRIS_PICTURES);
   } else {
+    await reports(chrome, process.env.LAMPYRIS_BINARY);
+    await tokens(chrome, process.env.LAMPYRIS_BINARY);
+    const begun = Date.now();
+    await service.ready();
+    console.log(`  the demo was waited for ${((Date.now() - begun) / 1000).toFixed(1)} s`);
     await plants(chrome, service);
     await evidence(chrome, service);
     await ledger(chrome, service);
@@ -30,8 +36,6 @@ try {
     await edges(chrome, service);
     await schedules(chrome, service);
     await pages(chrome, service);
-    await reports(chrome, process.env.LAMPYRIS_BINARY);
-    await tokens(chrome, process.env.LAMPYRIS_BINARY);
   }
 } finally {
   await stop();
