@@ -158,8 +158,8 @@ fn page(folder: &Path) -> Result<String, Failure> {
             Some(record) => write!(page, "\n{}", recorded(study, &record)),
             None => writeln!(
                 page,
-                "\nNot recorded yet: `lampyris bench {study}{options} --record docs/results`; what is known from \
-                before stands under [earlier figures](#earlier-figures)."
+                "\nNot recorded yet: `lampyris bench {study}{options} --record docs/results`. Older figures, \
+                where\nthere are some, stand at [the end](#earlier-figures)."
             ),
         };
     }
