@@ -248,11 +248,10 @@ pub(super) async fn submit_in_batch(
 /// # Errors
 /// Where the database fails.
 pub async fn is_answered(store: &Store, job: &NewJob) -> Result<bool, StoreError> {
-    let sql =
-        "SELECT EXISTS (SELECT 1 FROM jobs WHERE system = $1 AND state = 'succeeded' AND fingerprint = $2
-                   AND started_at > (SELECT MAX(uploaded_at) FROM windows WHERE system = $1)
-                   AND started_at > (SELECT updated_at FROM systems WHERE system = $1)
-                   AND started_at > COALESCE((SELECT MAX(at) FROM audit WHERE system = $1 AND action = \
+    let sql = "SELECT EXISTS (SELECT 1 FROM jobs WHERE system = $1 AND state = 'succeeded' AND fingerprint = $2 \
+        AND started_at > (SELECT MAX(uploaded_at) FROM windows WHERE system = $1) \
+        AND started_at > (SELECT updated_at FROM systems WHERE system = $1) \
+        AND started_at > COALESCE((SELECT MAX(at) FROM audit WHERE system = $1 AND action = \
         'delete_window'), 0))";
     Ok(sqlx::query_scalar(sql)
         .bind(job.system.to_string())
@@ -278,16 +277,16 @@ pub async fn get(store: &Store, id: &str) -> Result<Option<BatchRecord>, StoreEr
     let Some(row) = sqlx::query_as::<_, Row>(sql).bind(id).fetch_optional(&store.reader).await? else {
         return Ok(None);
     };
-    let sql = "SELECT j.id, j.system, j.state, j.outcome, j.fit, f.summary, j.error, j.diagnosis,
-                   (SELECT c.value ->> 'statistic' FROM json_each(f.checks) c WHERE c.value ->> 'name' = $2) \
-        AS error_ratio,
-                   CASE WHEN d.id IS NOT NULL THEN json_object('verdict', d.verdict, 'summary', d.document \
-        ->> 'summary', 'named',
-                       (SELECT json_group_array(coalesce(n.value ->> 'way_of', n.value ->> 'effect')) FROM \
-        json_each(d.document, '$.findings') n)) END AS diagnosed
-               FROM batch_jobs b JOIN jobs j ON j.id = b.job LEFT JOIN fits f ON f.id = j.fit LEFT JOIN \
-        diagnoses d ON d.id = j.diagnosis
-               WHERE b.batch = $1 ORDER BY j.sequence";
+    let sql = "SELECT j.id, j.system, j.state, j.outcome, j.fit, f.summary, j.error, j.diagnosis, \
+        (SELECT c.value ->> 'statistic' FROM json_each(f.checks) c WHERE c.value ->> 'name' = $2) AS \
+        error_ratio, \
+        CASE WHEN d.id IS NOT NULL THEN json_object('verdict', d.verdict, 'summary', d.document ->> \
+        'summary', 'named', \
+        (SELECT json_group_array(coalesce(n.value ->> 'way_of', n.value ->> 'effect')) FROM \
+        json_each(d.document, '$.findings') n)) END AS diagnosed \
+        FROM batch_jobs b JOIN jobs j ON j.id = b.job LEFT JOIN fits f ON f.id = j.fit LEFT JOIN diagnoses d \
+        ON d.id = j.diagnosis \
+        WHERE b.batch = $1 ORDER BY j.sequence";
     let jobs: Vec<JobRow> =
         sqlx::query_as(sql).bind(id).bind(NO_WORSE_THAN_INCUMBENT).fetch_all(&store.reader).await?;
     Ok(Some(BatchRecord {
@@ -312,14 +311,13 @@ pub async fn page(
     before: i64,
     limit: i64,
 ) -> Result<Vec<BatchSummary>, StoreError> {
-    let sql = "SELECT b.id, b.sequence, b.kind, b.schedule, b.created_at, COUNT(j.id) AS jobs,
-                   COALESCE(SUM(j.state IN ('queued', 'running')), 0) AS unfinished
-               FROM batches b LEFT JOIN batch_jobs l ON l.batch = b.id LEFT JOIN jobs j ON j.id = l.job
-               WHERE b.sequence < $1 AND ($3 IS NULL OR NOT EXISTS (SELECT 1 FROM json_each(b.request, \
-        '$.systems') asked
-                   WHERE NOT EXISTS (SELECT 1 FROM json_each($3) pattern WHERE asked.value GLOB \
-        pattern.value)))
-               GROUP BY b.id ORDER BY b.sequence DESC LIMIT $2";
+    let sql = "SELECT b.id, b.sequence, b.kind, b.schedule, b.created_at, COUNT(j.id) AS jobs, \
+        COALESCE(SUM(j.state IN ('queued', 'running')), 0) AS unfinished \
+        FROM batches b LEFT JOIN batch_jobs l ON l.batch = b.id LEFT JOIN jobs j ON j.id = l.job \
+        WHERE b.sequence < $1 AND ($3 IS NULL OR NOT EXISTS (SELECT 1 FROM json_each(b.request, '$.systems') \
+        asked \
+        WHERE NOT EXISTS (SELECT 1 FROM json_each($3) pattern WHERE asked.value GLOB pattern.value))) \
+        GROUP BY b.id ORDER BY b.sequence DESC LIMIT $2";
     let rows: Vec<SummaryRow> =
         sqlx::query_as(sql).bind(before).bind(limit).bind(reach.sql()?).fetch_all(&store.reader).await?;
     rows.into_iter().map(SummaryRow::record).collect()

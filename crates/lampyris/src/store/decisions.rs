@@ -99,10 +99,10 @@ pub async fn decide(
 ) -> Result<Decided, StoreError> {
     let mut tx = store.write().await?;
     let sql = "SELECT f.system, f.job, f.model, s.model AS own_model, f.document, f.verdict, f.created_at, \
-        o.served, o.state, d.decision,
-                   EXISTS (SELECT 1 FROM pins p WHERE p.system = f.system) AS pinned
-               FROM fits f JOIN systems s ON s.system = f.system
-               LEFT JOIN offers o ON o.fit = f.id LEFT JOIN decisions d ON d.fit = f.id WHERE f.id = $1";
+        o.served, o.state, d.decision, \
+        EXISTS (SELECT 1 FROM pins p WHERE p.system = f.system) AS pinned \
+        FROM fits f JOIN systems s ON s.system = f.system \
+        LEFT JOIN offers o ON o.fit = f.id LEFT JOIN decisions d ON d.fit = f.id WHERE f.id = $1";
     let row: Option<OfferRow> = sqlx::query_as(sql).bind(fit).fetch_optional(&mut *tx).await?;
     let Some(row) = row else { return Ok(Decided::NoFit) };
     let Some(served) = &row.served else { return Ok(Decided::NotOffered(row.verdict)) };

@@ -65,9 +65,9 @@ pub async fn keep(
 /// # Errors
 /// Where the database fails.
 pub async fn outdated(store: &Store) -> Result<Vec<SystemId>, StoreError> {
-    let sql = "SELECT r.system FROM revisions r WHERE r.current AND EXISTS
-                   (SELECT 1 FROM windows w WHERE w.system = r.system AND w.uploaded_at > r.published_at) \
-        ORDER BY r.system";
+    let sql = "SELECT r.system FROM revisions r WHERE r.current AND EXISTS \
+        (SELECT 1 FROM windows w WHERE w.system = r.system AND w.uploaded_at > r.published_at) ORDER BY \
+        r.system";
     let names: Vec<String> = sqlx::query_scalar(sql).fetch_all(&store.reader).await?;
     names.iter().map(|name| parse("a system", name)).collect()
 }

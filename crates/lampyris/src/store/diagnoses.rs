@@ -163,10 +163,9 @@ pub async fn page(
     before: i64,
     limit: i64,
 ) -> Result<Vec<DiagnosisRecord>, StoreError> {
-    let sql =
-        "SELECT * FROM diagnoses WHERE ($1 IS NULL OR system = $1) AND ($4 IS NULL OR EXISTS (SELECT 1 FROM \
-        json_each($4) WHERE system GLOB value))
-                     AND sequence < $2 ORDER BY sequence DESC LIMIT $3";
+    let sql = "SELECT * FROM diagnoses WHERE ($1 IS NULL OR system = $1) AND ($4 IS NULL OR EXISTS (SELECT 1 FROM \
+        json_each($4) WHERE system GLOB value)) \
+        AND sequence < $2 ORDER BY sequence DESC LIMIT $3";
     let rows: Vec<Row> = page::rows(store, sql, reach, system, before, limit).await?;
     rows.into_iter().map(Row::record).collect()
 }

@@ -52,8 +52,8 @@ pub async fn look(path: &Path) -> Result<DatabaseState, StoreError> {
 
 async fn newest_row(connection: &mut SqliteConnection) -> Result<Option<Timestamp>, StoreError> {
     let sql = "SELECT MAX(at) FROM (SELECT MAX(uploaded_at) AS at FROM windows UNION ALL SELECT \
-        MAX(created_at) FROM jobs
-               UNION ALL SELECT MAX(ended_at) FROM jobs)";
+        MAX(created_at) FROM jobs \
+        UNION ALL SELECT MAX(ended_at) FROM jobs)";
     let newest: Option<i64> = sqlx::query_scalar(sql).fetch_one(connection).await?;
     newest.map(instant).transpose()
 }

@@ -72,8 +72,8 @@ pub async fn waiting(
     limit: i64,
 ) -> Result<Vec<JobRecord>, StoreError> {
     let sql = "SELECT * FROM jobs WHERE state = 'queued' AND sequence > $4 AND sequence <= $2 AND (sequence \
-        > $1 OR requeued)
-               AND ($3 IS NULL OR system = $3) ORDER BY sequence LIMIT $5";
+        > $1 OR requeued) \
+        AND ($3 IS NULL OR system = $3) ORDER BY sequence LIMIT $5";
     let query = sqlx::query_as(sql)
         .bind(missed.after)
         .bind(missed.up_to)

@@ -59,9 +59,9 @@ pub(super) async fn keep(
     entries: &[LedgerEntry],
 ) -> Result<(), StoreError> {
     let sql = "INSERT INTO evidence (diagnosis, effect, sequence, system, model, model_hash, from_s, to_s, \
-        hours, size, deviation, unit, share, t,
-                   beyond_clock, days, shift_p)
-               VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $12, $13, $14, $15, $16, $17)";
+        hours, size, deviation, unit, share, t, \
+        beyond_clock, days, shift_p) \
+        VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $12, $13, $14, $15, $16, $17)";
     for LedgerEntry { diagnosis, model, model_hash, span, score } in entries {
         sqlx::query(sql)
             .bind(diagnosis)

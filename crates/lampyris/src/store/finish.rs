@@ -129,8 +129,8 @@ pub async fn finish(
             }
             sqlx::query(
                 "UPDATE jobs SET state = 'succeeded', boot = NULL, outcome = $2, fit = $3, revision = $4, \
-                stopped_by = $5, evaluations = $6,
-                 ended_at = $7, diagnosis = $8 WHERE id = $1",
+                stopped_by = $5, evaluations = $6, \
+                ended_at = $7, diagnosis = $8 WHERE id = $1",
             )
             .bind(&lease.job)
             .bind(finished.outcome.map(Outcome::as_str))

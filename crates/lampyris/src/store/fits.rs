@@ -113,8 +113,8 @@ pub async fn served(store: &Store, system: &SystemId) -> Result<Option<FitRecord
 /// Where the database fails.
 pub async fn worst_regimes(store: &Store, systems: &[String]) -> Result<HashMap<String, String>, StoreError> {
     let sql = "SELECT r.system, f.document ->> '$.worst_regime' AS worst FROM revisions r JOIN fits f ON \
-        f.id = r.fit
-               WHERE r.current AND r.system IN (SELECT value FROM json_each($1)) AND worst IS NOT NULL";
+        f.id = r.fit \
+        WHERE r.current AND r.system IN (SELECT value FROM json_each($1)) AND worst IS NOT NULL";
     let rows: Vec<(String, String)> =
         sqlx::query_as(sql).bind(to_json("systems", systems)?).fetch_all(&store.reader).await?;
     Ok(rows.into_iter().collect())
@@ -166,13 +166,12 @@ pub async fn page(
     limit: i64,
 ) -> Result<Vec<FitEntry>, StoreError> {
     // The documents hold whole traces; the database reads the little that a list shows.
-    let sql = "SELECT f.id, f.rowid AS place, f.job, f.system, f.model, f.verdict, f.summary, f.created_at,
-                      json_extract(f.document, '$.metrics') AS metrics, json_extract(f.document, '$.parts') \
-        AS parts,
-                      EXISTS (SELECT 1 FROM revisions r WHERE r.fit = f.id AND r.current) AS served
-               FROM fits f WHERE ($1 IS NULL OR f.system = $1) AND ($4 IS NULL OR EXISTS (SELECT 1 FROM \
-        json_each($4) WHERE f.system GLOB value))
-                     AND f.rowid < $2 ORDER BY f.rowid DESC LIMIT $3";
+    let sql = "SELECT f.id, f.rowid AS place, f.job, f.system, f.model, f.verdict, f.summary, f.created_at, \
+        json_extract(f.document, '$.metrics') AS metrics, json_extract(f.document, '$.parts') AS parts, \
+        EXISTS (SELECT 1 FROM revisions r WHERE r.fit = f.id AND r.current) AS served \
+        FROM fits f WHERE ($1 IS NULL OR f.system = $1) AND ($4 IS NULL OR EXISTS (SELECT 1 FROM \
+        json_each($4) WHERE f.system GLOB value)) \
+        AND f.rowid < $2 ORDER BY f.rowid DESC LIMIT $3";
     let rows: Vec<EntryRow> = page::rows(store, sql, reach, system, before, limit).await?;
     rows.into_iter().map(EntryRow::entry).collect()
 }

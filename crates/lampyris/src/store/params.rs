@@ -135,19 +135,19 @@ row! {
     }
 }
 
-const STANDING: &str = "SELECT s.system, s.model, s.document,
-        r.revision, r.fit, r.job, r.served, r.served_hash, r.window_from, r.window_to,
-        COALESCE(r.measured_to, r.window_to) AS measured_to, r.fitted_at, r.validated_at,
-        f.reason, f.job AS failed_job, f.fit AS refused_fit, f.failed_checks, f.since_at,
-        d.description AS degradation, d.since_at AS degraded_at, p.reason AS pin_reason, p.since_at AS \
-    pinned_at,
-        j.id AS latest_job, j.state AS latest_state
-    FROM systems s
-    LEFT JOIN revisions r ON r.system = s.system AND r.current
-    LEFT JOIN fallbacks f ON f.system = s.system
-    LEFT JOIN degradations d ON d.system = s.system AND d.revision = r.revision
-    LEFT JOIN pins p ON p.system = s.system
-    LEFT JOIN jobs j ON j.sequence = (SELECT MAX(sequence) FROM jobs WHERE jobs.system = s.system)
+const STANDING: &str = "SELECT s.system, s.model, s.document, \
+    r.revision, r.fit, r.job, r.served, r.served_hash, r.window_from, r.window_to, \
+    COALESCE(r.measured_to, r.window_to) AS measured_to, r.fitted_at, r.validated_at, \
+    f.reason, f.job AS failed_job, f.fit AS refused_fit, f.failed_checks, f.since_at, \
+    d.description AS degradation, d.since_at AS degraded_at, p.reason AS pin_reason, p.since_at AS \
+    pinned_at, \
+    j.id AS latest_job, j.state AS latest_state \
+    FROM systems s \
+    LEFT JOIN revisions r ON r.system = s.system AND r.current \
+    LEFT JOIN fallbacks f ON f.system = s.system \
+    LEFT JOIN degradations d ON d.system = s.system AND d.revision = r.revision \
+    LEFT JOIN pins p ON p.system = s.system \
+    LEFT JOIN jobs j ON j.sequence = (SELECT MAX(sequence) FROM jobs WHERE jobs.system = s.system) \
     WHERE $1 IS NULL OR s.system = $1";
 
 impl Row {
@@ -259,11 +259,10 @@ pub(super) async fn fall_back(
         Some((fit, checks)) => (FallbackReason::ValidationFailed, Some(fit), checks),
         None => (FallbackReason::JobFailed, None, &[] as &[&str]),
     };
-    let sql =
-        "INSERT INTO fallbacks (system, reason, job, fit, failed_checks, since_at) VALUES ($1, $2, $3, $4, \
-        $5, $6)
-               ON CONFLICT (system) DO UPDATE SET
-                   reason = excluded.reason, job = excluded.job, fit = excluded.fit, failed_checks = \
+    let sql = "INSERT INTO fallbacks (system, reason, job, fit, failed_checks, since_at) VALUES ($1, $2, $3, $4, \
+        $5, $6) \
+        ON CONFLICT (system) DO UPDATE SET \
+        reason = excluded.reason, job = excluded.job, fit = excluded.fit, failed_checks = \
         excluded.failed_checks";
     sqlx::query(sql)
         .bind(system)

@@ -49,12 +49,10 @@ pub async fn put(
 ) -> Result<Pinned, StoreError> {
     let mut tx = store.write().await?;
     let system = system.to_string();
-    let sql =
-        "SELECT r.revision, r.fit, r.job, r.served, r.model_hash, r.window_from, r.window_to, r.measured_to, \
-        r.fitted_at, r.validated_at,
-                   EXISTS (SELECT 1 FROM pins p WHERE p.system = r.system AND p.revision = r.revision) AS \
-        pinned
-               FROM revisions r WHERE r.system = $1 AND ($2 IS NULL AND r.current OR r.fit = $2) ORDER BY \
+    let sql = "SELECT r.revision, r.fit, r.job, r.served, r.model_hash, r.window_from, r.window_to, r.measured_to, \
+        r.fitted_at, r.validated_at, \
+        EXISTS (SELECT 1 FROM pins p WHERE p.system = r.system AND p.revision = r.revision) AS pinned \
+        FROM revisions r WHERE r.system = $1 AND ($2 IS NULL AND r.current OR r.fit = $2) ORDER BY \
         r.revision DESC LIMIT 1";
     let source: Option<Source> = sqlx::query_as(sql).bind(&system).bind(fit).fetch_optional(&mut *tx).await?;
     let Some(source) = source else { return Ok(Pinned::NeverServed) };

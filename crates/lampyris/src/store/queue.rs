@@ -145,10 +145,9 @@ pub(super) async fn submit_in(
     }
     let sequence = next(tx, "sequence").await?;
     let turn = turn(tx, new).await?;
-    let sql =
-        "INSERT INTO jobs (id, sequence, kind, system, model, request, fingerprint, experiment, origin, \
-        priority, turn, state, created_at)
-               VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, 'queued', $12) RETURNING *";
+    let sql = "INSERT INTO jobs (id, sequence, kind, system, model, request, fingerprint, experiment, origin, \
+        priority, turn, state, created_at) \
+        VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, 'queued', $12) RETURNING *";
     let row: Row = sqlx::query_as(sql)
         .bind(derive_id("job", sequence, now))
         .bind(sequence)
@@ -207,14 +206,14 @@ async fn turn(tx: &mut SqliteConnection, new: &NewJob) -> Result<i64, StoreError
 /// # Errors
 /// Where the database fails.
 pub async fn claim(store: &Store, boot: i64, now: Timestamp) -> Result<Option<JobRecord>, StoreError> {
-    let sql = "UPDATE jobs SET state = 'running', boot = $1, attempt = attempt + 1, started_at = $2
-               WHERE id = (
-                   SELECT j.id FROM jobs j WHERE j.state = 'queued'
-                   AND NOT EXISTS (SELECT 1 FROM jobs r WHERE r.state = 'running' AND r.system = j.system)
-                   ORDER BY j.priority, j.turn, j.sequence LIMIT 1)
-               AND NOT EXISTS (SELECT 1 FROM jobs r WHERE r.state = 'running' AND (r.attempt >= $3 OR \
-        jobs.attempt + 1 >= $3))
-               RETURNING *";
+    let sql = "UPDATE jobs SET state = 'running', boot = $1, attempt = attempt + 1, started_at = $2 \
+        WHERE id = ( \
+        SELECT j.id FROM jobs j WHERE j.state = 'queued' \
+        AND NOT EXISTS (SELECT 1 FROM jobs r WHERE r.state = 'running' AND r.system = j.system) \
+        ORDER BY j.priority, j.turn, j.sequence LIMIT 1) \
+        AND NOT EXISTS (SELECT 1 FROM jobs r WHERE r.state = 'running' AND (r.attempt >= $3 OR jobs.attempt \
+        + 1 >= $3)) \
+        RETURNING *";
     let mut tx = store.write().await?;
     let row: Option<Row> =
         sqlx::query_as(sql).bind(boot).bind(millis(now)).bind(MAX_ATTEMPTS).fetch_optional(&mut *tx).await?;

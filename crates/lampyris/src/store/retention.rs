@@ -16,21 +16,22 @@ const HANDFUL: i64 = 200;
 
 /// Jobs that ended before an instant, one for estimates and one for diagnoses and ladders, and that nothing
 /// names any more. `$3` limits the answer to some of them, or is null.
-const DISPENSABLE_JOBS: &str = "SELECT j.sequence, j.id FROM jobs j
-    WHERE j.ended_at < CASE j.kind WHEN 'estimate' THEN $1 ELSE $2 END
-    AND ($3 IS NULL OR j.id IN (SELECT value FROM json_each($3))) AND j.sequence > $4
-    AND NOT EXISTS (SELECT 1 FROM revisions r WHERE r.job = j.id)
-    AND NOT EXISTS (SELECT 1 FROM revisions r WHERE r.fit = j.fit)
-    AND NOT EXISTS (SELECT 1 FROM fallbacks f WHERE f.system = j.system AND (f.job = j.id OR f.fit = j.fit))
+const DISPENSABLE_JOBS: &str = "SELECT j.sequence, j.id FROM jobs j \
+    WHERE j.ended_at < CASE j.kind WHEN 'estimate' THEN $1 ELSE $2 END \
+    AND ($3 IS NULL OR j.id IN (SELECT value FROM json_each($3))) AND j.sequence > $4 \
+    AND NOT EXISTS (SELECT 1 FROM revisions r WHERE r.job = j.id) \
+    AND NOT EXISTS (SELECT 1 FROM revisions r WHERE r.fit = j.fit) \
+    AND NOT EXISTS (SELECT 1 FROM fallbacks f WHERE f.system = j.system AND (f.job = j.id OR f.fit = j.fit)) \
     AND NOT EXISTS (SELECT 1 FROM offers o WHERE o.fit = j.fit AND o.fit NOT IN (SELECT d.fit FROM decisions \
-    d WHERE d.fit = o.fit))
-    AND NOT EXISTS (SELECT 1 FROM jobs again WHERE again.retry_of = j.id)
-    AND NOT EXISTS (SELECT 1 FROM batch_jobs b JOIN schedules s ON s.last_batch = b.batch WHERE b.job = j.id)
-    AND j.sequence < (SELECT MAX(n.sequence) FROM jobs n WHERE n.system = j.system)
-    AND NOT EXISTS (SELECT 1 FROM diagnoses d WHERE d.job = j.id
-                    AND d.sequence = (SELECT MAX(n.sequence) FROM diagnoses n WHERE n.system = d.system))
-    AND NOT EXISTS (SELECT 1 FROM ladders l WHERE l.job = j.id
-                    AND l.sequence = (SELECT MAX(n.sequence) FROM ladders n WHERE n.system = l.system))
+    d WHERE d.fit = o.fit)) \
+    AND NOT EXISTS (SELECT 1 FROM jobs again WHERE again.retry_of = j.id) \
+    AND NOT EXISTS (SELECT 1 FROM batch_jobs b JOIN schedules s ON s.last_batch = b.batch WHERE b.job = \
+    j.id) \
+    AND j.sequence < (SELECT MAX(n.sequence) FROM jobs n WHERE n.system = j.system) \
+    AND NOT EXISTS (SELECT 1 FROM diagnoses d WHERE d.job = j.id \
+    AND d.sequence = (SELECT MAX(n.sequence) FROM diagnoses n WHERE n.system = d.system)) \
+    AND NOT EXISTS (SELECT 1 FROM ladders l WHERE l.job = j.id \
+    AND l.sequence = (SELECT MAX(n.sequence) FROM ladders n WHERE n.system = l.system)) \
     ORDER BY j.sequence LIMIT $5";
 
 /// What goes with a job, in an order that the keys allow.
@@ -47,12 +48,11 @@ const BELONGINGS: [&str; 8] = [
 
 /// Windows that came before `$1`, end before the newest sample of their system by `$2` seconds, are read by
 /// no running job and cited by no fit.
-const DISPENSABLE_WINDOWS: &str = "SELECT w.id, w.system FROM windows w
-    WHERE w.uploaded_at < $1 AND w.to_s < (SELECT MAX(n.to_s) FROM windows n WHERE n.system = w.system) - $2
-    AND NOT EXISTS (SELECT 1 FROM fit_windows c WHERE c.window = w.id)
-    AND NOT EXISTS (SELECT 1 FROM jobs j JOIN systems s ON s.system = j.system WHERE j.state = 'running'
-                    AND (s.system = w.system OR w.system IN (SELECT value FROM json_each(s.document, \
-    '$.neighbours'))))
+const DISPENSABLE_WINDOWS: &str = "SELECT w.id, w.system FROM windows w \
+    WHERE w.uploaded_at < $1 AND w.to_s < (SELECT MAX(n.to_s) FROM windows n WHERE n.system = w.system) - $2 \
+    AND NOT EXISTS (SELECT 1 FROM fit_windows c WHERE c.window = w.id) \
+    AND NOT EXISTS (SELECT 1 FROM jobs j JOIN systems s ON s.system = j.system WHERE j.state = 'running' \
+    AND (s.system = w.system OR w.system IN (SELECT value FROM json_each(s.document, '$.neighbours')))) \
     ORDER BY w.sequence LIMIT $3";
 
 /// Removes jobs that ended before these instants (`None` keeps all of the kind), with their fits; says how
@@ -99,8 +99,8 @@ pub async fn forget_jobs(
 /// Where the database fails.
 pub async fn forget_batches(store: &Store, before: Timestamp) -> Result<u64, StoreError> {
     let sql = "DELETE FROM batches WHERE created_at < $1 AND NOT EXISTS (SELECT 1 FROM batch_jobs b WHERE \
-        b.batch = batches.id)
-               AND NOT EXISTS (SELECT 1 FROM schedules s WHERE s.last_batch = batches.id)";
+        b.batch = batches.id) \
+        AND NOT EXISTS (SELECT 1 FROM schedules s WHERE s.last_batch = batches.id)";
     let mut tx = store.write().await?;
     let gone = sqlx::query(sql).bind(millis(before)).execute(&mut *tx).await?;
     tx.commit().await?;

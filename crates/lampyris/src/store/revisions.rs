@@ -135,9 +135,9 @@ pub(super) async fn publish(
         sqlx::query(sql).bind(new.system).execute(&mut *tx).await?;
     }
     let sql = "INSERT INTO revisions (system, revision, fit, job, served, served_hash, model_hash, \
-        window_from, window_to, current,
-                   fitted_at, validated_at, published_at, cause, reason, measured_to)
-               VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, TRUE, $10, $11, $12, $13, $14, $15)";
+        window_from, window_to, current, \
+        fitted_at, validated_at, published_at, cause, reason, measured_to) \
+        VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, TRUE, $10, $11, $12, $13, $14, $15)";
     sqlx::query(sql)
         .bind(new.system)
         .bind(revision)
@@ -192,9 +192,8 @@ pub struct Trusted {
 /// Where the database fails.
 pub async fn trusted(store: &Store, system: &SystemId, then: Timestamp) -> Result<Trusted, StoreError> {
     let sql = "SELECT (SELECT MAX(revision) FROM revisions WHERE system = $1 AND COALESCE(published_at, \
-        fitted_at) <= $2),
-                      (SELECT MAX(revision) FROM revisions WHERE system = $1 AND cause IN ('promoted', \
-        'pinned'))";
+        fitted_at) <= $2), \
+        (SELECT MAX(revision) FROM revisions WHERE system = $1 AND cause IN ('promoted', 'pinned'))";
     let (then, confirmed): (Option<i64>, Option<i64>) =
         sqlx::query_as(sql).bind(system.to_string()).bind(millis(then)).fetch_one(&store.reader).await?;
     let then = then.filter(|revision| confirmed.is_none_or(|confirmed| *revision > confirmed));
@@ -230,9 +229,9 @@ pub async fn page(
     limit: i64,
 ) -> Result<Vec<Revision>, StoreError> {
     let sql = "SELECT r.revision, r.current, r.cause, r.reason, r.fit, r.job, f.verdict, f.summary, \
-        r.served, r.window_from, r.window_to,
-                   r.fitted_at, r.validated_at, r.published_at
-               FROM revisions r JOIN fits f ON f.id = r.fit WHERE r.system = $1 AND r.revision < $2 ORDER BY \
+        r.served, r.window_from, r.window_to, \
+        r.fitted_at, r.validated_at, r.published_at \
+        FROM revisions r JOIN fits f ON f.id = r.fit WHERE r.system = $1 AND r.revision < $2 ORDER BY \
         r.revision DESC LIMIT $3";
     let rows: Vec<Row> = sqlx::query_as(sql)
         .bind(system.to_string())

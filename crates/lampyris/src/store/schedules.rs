@@ -106,11 +106,10 @@ pub async fn put(
         .fetch_optional(&mut *tx)
         .await?;
     let sql = "INSERT INTO schedules (name, cron, zone, request, enabled, last_tick_at, updated_at) VALUES \
-        ($1, $2, $3, $4, $5, $6, $6)
-               ON CONFLICT (name) DO UPDATE SET cron = excluded.cron, zone = excluded.zone, request = \
-        excluded.request,
-                   enabled = excluded.enabled, last_tick_at = excluded.last_tick_at, updated_at = \
-        excluded.updated_at";
+        ($1, $2, $3, $4, $5, $6, $6) \
+        ON CONFLICT (name) DO UPDATE SET cron = excluded.cron, zone = excluded.zone, request = \
+        excluded.request, \
+        enabled = excluded.enabled, last_tick_at = excluded.last_tick_at, updated_at = excluded.updated_at";
     sqlx::query(sql)
         .bind(new.name)
         .bind(new.cron)

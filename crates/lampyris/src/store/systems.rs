@@ -115,10 +115,9 @@ pub async fn put(
         .bind(system.to_string())
         .fetch_optional(&mut *tx)
         .await?;
-    let sql =
-        "INSERT INTO systems (system, model, document, created_at, updated_at) VALUES ($1, $2, $3, $4, $4)
-               ON CONFLICT (system) DO UPDATE SET model = excluded.model, document = excluded.document, \
-        updated_at = excluded.updated_at";
+    let sql = "INSERT INTO systems (system, model, document, created_at, updated_at) VALUES ($1, $2, $3, $4, $4) \
+        ON CONFLICT (system) DO UPDATE SET model = excluded.model, document = excluded.document, updated_at \
+        = excluded.updated_at";
     sqlx::query(sql)
         .bind(system.to_string())
         .bind(model.to_string())
@@ -243,12 +242,11 @@ async fn needs(tx: &mut SqliteConnection, system: &str) -> Result<Needs, StoreEr
     let count = "SELECT (SELECT COUNT(*) FROM fits WHERE system = $1), (SELECT COUNT(*) FROM revisions WHERE \
         system = $1)";
     let (fits, revisions) = sqlx::query_as(count).bind(system).fetch_one(&mut *tx).await?;
-    let sql = "SELECT s.system FROM systems s WHERE s.system <> $1 AND (
-                   $1 IN (SELECT value FROM json_each(s.document, '$.neighbours'))
-                   OR EXISTS (SELECT 1 FROM fits f JOIN fit_windows c ON c.fit = f.id JOIN windows w ON w.id \
-        = c.window
-                              WHERE f.system = s.system AND w.system = $1))
-               ORDER BY s.system";
+    let sql = "SELECT s.system FROM systems s WHERE s.system <> $1 AND ( \
+        $1 IN (SELECT value FROM json_each(s.document, '$.neighbours')) \
+        OR EXISTS (SELECT 1 FROM fits f JOIN fit_windows c ON c.fit = f.id JOIN windows w ON w.id = c.window \
+        WHERE f.system = s.system AND w.system = $1)) \
+        ORDER BY s.system";
     let dependents = sqlx::query_scalar(sql).bind(system).fetch_all(tx).await?;
     Ok(Needs { fits, revisions, dependents })
 }
@@ -298,9 +296,9 @@ pub async fn page(
     after: &str,
     limit: i64,
 ) -> Result<Vec<SystemRecord>, StoreError> {
-    let sql = "SELECT * FROM systems WHERE system > $1
-               AND ($3 IS NULL OR EXISTS (SELECT 1 FROM json_each($3) WHERE system GLOB value)) ORDER BY \
-        system LIMIT $2";
+    let sql = "SELECT * FROM systems WHERE system > $1 \
+        AND ($3 IS NULL OR EXISTS (SELECT 1 FROM json_each($3) WHERE system GLOB value)) ORDER BY system \
+        LIMIT $2";
     let rows: Vec<Row> =
         sqlx::query_as(sql).bind(after).bind(limit).bind(reach.sql()?).fetch_all(&store.reader).await?;
     rows.into_iter().map(Row::record).collect()

@@ -94,8 +94,8 @@ impl Row {
 /// Where the database fails.
 pub async fn insert(store: &Store, token: &TokenRecord, who: &str) -> Result<bool, StoreError> {
     let sql = "INSERT INTO tokens (name, hash, scope, systems, created_at, expires_at) VALUES ($1, $2, $3, \
-        $4, $5, $6)
-               ON CONFLICT (name) DO NOTHING";
+        $4, $5, $6) \
+        ON CONFLICT (name) DO NOTHING";
     let mut tx = store.write().await?;
     let done = sqlx::query(sql)
         .bind(&token.name)

@@ -252,9 +252,9 @@ pub async fn delete(
 /// The running jobs that may read the measurements of a system: its own, and those of systems that name it as
 /// a neighbour.
 pub(super) async fn readers(tx: &mut SqliteConnection, system: &str) -> Result<Vec<String>, StoreError> {
-    let sql = "SELECT j.id FROM jobs j JOIN systems s ON s.system = j.system WHERE j.state = 'running'
-               AND (s.system = $1 OR $1 IN (SELECT value FROM json_each(s.document, '$.neighbours'))) ORDER \
-        BY j.sequence";
+    let sql = "SELECT j.id FROM jobs j JOIN systems s ON s.system = j.system WHERE j.state = 'running' \
+        AND (s.system = $1 OR $1 IN (SELECT value FROM json_each(s.document, '$.neighbours'))) ORDER BY \
+        j.sequence";
     Ok(sqlx::query_scalar(sql).bind(system).fetch_all(tx).await?)
 }
 
@@ -322,10 +322,10 @@ pub async fn blocks(
     (from_s, to_s): (i64, i64),
     channels: Option<&[String]>,
 ) -> Result<Vec<Blocks>, StoreError> {
-    let sql = "SELECT w.id, b.block FROM windows w JOIN window_blocks b ON b.window = w.id
-               WHERE w.system = $1 AND w.to_s >= $2 AND w.from_s <= $3 AND ($4 IS NULL OR b.channel IN \
-        (SELECT value FROM json_each($4)))
-               ORDER BY w.sequence, b.channel";
+    let sql = "SELECT w.id, b.block FROM windows w JOIN window_blocks b ON b.window = w.id \
+        WHERE w.system = $1 AND w.to_s >= $2 AND w.from_s <= $3 AND ($4 IS NULL OR b.channel IN (SELECT \
+        value FROM json_each($4))) \
+        ORDER BY w.sequence, b.channel";
     let channels = channels.map(|channels| to_json("channels", channels)).transpose()?;
     let rows: Vec<(String, Vec<u8>)> = sqlx::query_as(sql)
         .bind(system.to_string())
