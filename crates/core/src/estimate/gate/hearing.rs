@@ -271,30 +271,12 @@ pub(super) fn channels(context: &ValidationContext, table: &mut CheckTable) {
         table.check("G11 channels", Some(0.0), "<=", Some(0.0), "faults", true, Severity::Hold, comment);
     }
     for fault in faults {
-        table.check(
-            &format!("G11 {}", fault.channel),
-            None,
-            "",
-            None,
-            "-",
-            false,
-            Severity::Hold,
-            fault.says,
-        );
+        table.plain(&format!("G11 {}", fault.channel), false, Severity::Hold, fault.says);
     }
     let now = levels(&context.problem);
     for (when, before) in &context.levels {
         for fault in channels::strangers(&now, before, when) {
-            table.check(
-                &format!("G11 level of {}", fault.channel),
-                None,
-                "",
-                None,
-                "-",
-                false,
-                Severity::Hold,
-                fault.says,
-            );
+            table.plain(&format!("G11 level of {}", fault.channel), false, Severity::Hold, fault.says);
         }
     }
 }

@@ -84,7 +84,7 @@ fn bounds(context: &ValidationContext, table: &mut CheckTable) {
     for (name, _) in estimates.iter().filter(|(_, estimate)| estimate.at_bound) {
         table.flags.push(format!("at_bound:{name}"));
         let comment = format!("{name} sits on a bound of the search: its value is a limit, not an estimate");
-        table.check("G2 at bound", None, "", None, "-", false, Severity::Flag, comment);
+        table.plain("G2 at bound", false, Severity::Flag, comment);
     }
 }
 
@@ -193,7 +193,7 @@ fn repeat(context: &ValidationContext, table: &mut CheckTable) {
         }
         _ => (Severity::Flag, "the search ended before two restarts agreed".to_owned()),
     };
-    table.check("G7 repeat", None, "", None, "-", pass, severity, comment);
+    table.plain("G7 repeat", pass, severity, comment);
 }
 
 fn unseen(context: &ValidationContext, table: &mut CheckTable) {

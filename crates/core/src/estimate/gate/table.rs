@@ -23,9 +23,7 @@ impl CheckTable {
         match ValidationContext::new(problem, fit, past, policy) {
             Ok(context) => rules.iter().for_each(|rule| (rule.look)(&context, &mut table)),
             // There is nothing that any rule could look at.
-            Err(comment) => {
-                table.check("G1 finite", None, "", None, "-", false, Severity::Reject, comment.to_owned())
-            }
+            Err(comment) => table.plain("G1 finite", false, Severity::Reject, comment.to_owned()),
         }
         table
     }
@@ -50,6 +48,11 @@ impl CheckTable {
         let (name, operator, unit) = (name.to_owned(), operator.to_owned(), unit.to_owned());
         let statistic = statistic.filter(|value| value.is_finite());
         self.checks.push(CheckResult { name, statistic, operator, threshold, unit, pass, severity, comment });
+    }
+
+    /// A check of something that has no number.
+    pub(super) fn plain(&mut self, name: &str, pass: bool, severity: Severity, comment: String) {
+        self.check(name, None, "", None, "-", pass, severity, comment);
     }
 
     /// A check of every output, of which the worst is told. The limit is that of rooms.
