@@ -77,15 +77,10 @@ pub async fn follow(service: Arc<Service>, mut changes: UnboundedReceiver<Change
 
 /// Adds the systems whose turn to `stale` has come, and says how long it is to the next one.
 fn turning(service: &Service, now: Timestamp, due: &mut BTreeSet<SystemId>) -> Duration {
-    let mut next = LONGEST_SLEEP;
-    for (system, entry) in service.params.all() {
-        match entry.turns_stale.map(|turn| turn.duration_since(now)) {
-            Some(left) if left <= SignedDuration::ZERO => due.extend(system.parse::<SystemId>()),
-            Some(left) => next = next.min(left.unsigned_abs().max(Duration::from_millis(10))),
-            None => {}
-        }
-    }
-    next
+    let (turned, next) = service.params.turning(now);
+    due.extend(turned.iter().flat_map(|system| system.parse::<SystemId>()));
+    let left = next.map_or(LONGEST_SLEEP, |turn| turn.duration_since(now).unsigned_abs());
+    left.clamp(Duration::from_millis(10), LONGEST_SLEEP)
 }
 
 /// Reads systems again; those that could not be read stay due.

@@ -67,6 +67,19 @@ impl Snapshot {
         all
     }
 
+    /// The systems whose turn to `stale` has come, and when the next of the others comes.
+    pub(super) fn turning(&self, now: Timestamp) -> (Vec<String>, Option<Timestamp>) {
+        let (mut turned, mut next) = (Vec::new(), None::<Timestamp>);
+        for (system, slot) in self.slots.load().iter() {
+            match slot.entry.load().turns_stale {
+                Some(turn) if turn <= now => turned.push(system.clone()),
+                Some(turn) => next = Some(next.map_or(turn, |next| next.min(turn))),
+                None => {}
+            }
+        }
+        (turned, next)
+    }
+
     /// Swaps an entry in, and wakes those who wait for it if it is another one.
     pub(super) fn swap(&self, system: &SystemId, entry: Entry) {
         let name = system.to_string();
