@@ -44,9 +44,12 @@ pub(super) fn fitted(problem: &Problem) -> crate::estimate::Fit {
 
 fn diagnosis(effects: &[&str]) -> Diagnosis {
     let (problem, window) = small_world(effects);
-    let theta = fitted(&problem).theta();
-    diagnose(&Catalogue::builtin().unwrap(), &problem, &theta, &window, &site(), RATE, &[], &Control::NONE)
-        .unwrap()
+    diagnosed(&problem, &fitted(&problem).theta(), &window)
+}
+
+fn diagnosed(problem: &Problem, theta: &[f64], window: &Window) -> Diagnosis {
+    let catalogue = Catalogue::builtin().unwrap();
+    diagnose(&catalogue, problem, theta, window, &site(), RATE, &[], &Control::NONE).unwrap()
 }
 
 #[test]
@@ -76,17 +79,7 @@ fn the_hidden_wind_is_named_first_and_the_unseen_error_falls() {
 fn the_shape_of_the_wind_is_that_of_the_error() {
     let (problem, window) = small_world(&["wind_infiltration"]);
     let theta = fitted(&problem).theta();
-    let found = diagnose(
-        &Catalogue::builtin().unwrap(),
-        &problem,
-        &theta,
-        &window,
-        &site(),
-        RATE,
-        &[],
-        &Control::NONE,
-    )
-    .unwrap();
+    let found = diagnosed(&problem, &theta, &window);
     let (first, shape) = (&found.findings[0], found.findings[0].shape.as_ref().unwrap());
     assert_eq!((shape.unit.as_str(), shape.time.len()), ("K", shape.unexplained.len()));
     assert!(
@@ -167,19 +160,7 @@ fn a_diagnosis_is_the_same_on_one_thread_and_on_two() {
     let theta = fitted(&problem).theta();
     let on = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        let found = pool.install(|| {
-            diagnose(
-                &Catalogue::builtin().unwrap(),
-                &problem,
-                &theta,
-                &window,
-                &site(),
-                RATE,
-                &[],
-                &Control::NONE,
-            )
-            .unwrap()
-        });
+        let found = pool.install(|| diagnosed(&problem, &theta, &window));
         serde_json::to_string(&found).unwrap()
     };
     let one = on(1);
@@ -224,11 +205,11 @@ fn a_withheld_channel_is_named_as_not_testable_and_short_records_as_too_short() 
     };
     let catalogue = Catalogue::builtin().unwrap();
     let short = prepare(&catalogue, problem.model().id(), &request, &window, &site()).unwrap();
-    let found = diagnose(&catalogue, &short, &theta, &window, &site(), RATE, &[], &Control::NONE).unwrap();
+    let found = diagnosed(&short, &theta, &window);
     assert_eq!(found.verdict, Adequacy::NotEnoughData);
     let series = window.iter().filter(|series| series.channel() != "wind_speed").cloned().collect();
     let calm = Window::from_series(series).unwrap();
-    let found = diagnose(&catalogue, &problem, &theta, &calm, &site(), RATE, &[], &Control::NONE).unwrap();
+    let found = diagnosed(&problem, &theta, &calm);
     assert!(
         found
             .not_testable

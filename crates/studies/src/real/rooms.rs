@@ -21,43 +21,39 @@ const SOUTH: &[&str] = &["heat_emitter:T_supply_south_circuit", "heat_emitter:T_
 const WATER: &[&str] = &["heat_emitter:T_heating_water_0off"];
 const PUMPS: &[&str] = &["metered_gain:P_pump_south", "metered_gain:P_pump_north"];
 
+/// A room of the Belgian house.
+const BELGIAN_ROOM: Room = Room {
+    name: "",
+    file: BELGIAN,
+    binds: &[],
+    model: BASE,
+    drivers: &[],
+    decoys: &["wind_infiltration"],
+    place: (50.51, 3.71),
+};
+
 /// The rooms.
 pub const ROOMS: [Room; 14] = [
     Room {
         name: "laundry",
-        file: BELGIAN,
         binds: &["T_room=T_laundry", "irradiance=irradiance_clear_sky"],
-        model: BASE,
         drivers: &["metered_gain:P_appliances"],
-        decoys: &["wind_infiltration"],
-        place: (50.51, 3.71),
+        ..BELGIAN_ROOM
     },
     Room {
         name: "living room",
-        file: BELGIAN,
         binds: &["T_room=T_living_room", "irradiance=irradiance_clear_sky"],
-        model: BASE,
-        drivers: &[],
-        decoys: &["wind_infiltration"],
-        place: (50.51, 3.71),
+        ..BELGIAN_ROOM
     },
     Room {
         name: "teen room",
-        file: BELGIAN,
         binds: &["T_room=T_teen_room", "irradiance=irradiance_clear_sky"],
-        model: BASE,
-        drivers: &[],
-        decoys: &["wind_infiltration"],
-        place: (50.51, 3.71),
+        ..BELGIAN_ROOM
     },
     Room {
         name: "bathroom",
-        file: BELGIAN,
         binds: &["T_room=T_bathroom", "irradiance=irradiance_clear_sky"],
-        model: BASE,
-        drivers: &[],
-        decoys: &["wind_infiltration"],
-        place: (50.51, 3.71),
+        ..BELGIAN_ROOM
     },
     Room {
         name: "nl_home1",
