@@ -1,5 +1,6 @@
 //! What strangers send: mutated bodies, texts for the parsers, floods, and numbers that are none.
 
+mod corpus;
 mod floods;
 mod fuzz;
 mod numbers;
