@@ -39,6 +39,7 @@ pub struct App {
     /// Where it listens.
     pub addr: SocketAddr,
     service: Arc<Service>,
+    tls: Option<Arc<http::Tls>>,
     server: JoinHandle<std::io::Result<()>>,
     tasks: JoinSet<()>,
 }
@@ -51,6 +52,8 @@ pub enum AppError {
     /// Where there are no tokens, whoever can reach the address can do everything: that may be this machine
     /// alone.
     NotLoopback(SocketAddr),
+    /// The certificate cannot be used.
+    Tls(String),
     /// The address cannot be listened on.
     Bind(SocketAddr, std::io::Error),
     /// The built-in documents cannot be read.
@@ -83,6 +86,7 @@ impl std::fmt::Display for AppError {
                     lampyris token create --name NAME --scope admin --database FILE\nor bind to 127.0.0.1"
                 )
             }
+            AppError::Tls(error) => write!(f, "the certificate cannot be used: {error}"),
             AppError::Bind(addr, error) => write!(f, "cannot listen on {addr}: {error}"),
             AppError::Catalogue(faults) => {
                 f.write_str("the built-in documents have faults:")?;
@@ -128,6 +132,7 @@ impl App {
         if !faults.is_empty() {
             return Err(AppError::Settings(faults));
         }
+        let tls = settings.tls.clone().map(http::Tls::load).transpose().map_err(AppError::Tls)?;
         let builtin = Catalogue::builtin().map_err(AppError::Catalogue)?;
         let store = Store::open(&settings.database, settings.limits.quota()).await?;
         let tokens = Tokens::load(&store).await?;
@@ -188,9 +193,19 @@ impl App {
         tasks.spawn(async move {
             tokens::follow(&following.tokens, &following.store, following.stopping.subscribe()).await
         });
-        let server = tokio::spawn(http::listen(listener, service.clone()));
-        tracing::info!(%addr, boot, "listening on http://{addr}");
-        Ok(App { addr, service, server, tasks })
+        if let Some(tls) = &tls {
+            tasks.spawn(tls.clone().follow(service.stopping.subscribe()));
+        }
+        let server = tokio::spawn(http::listen(listener, service.clone(), tls.clone()));
+        let app = App { addr, service, tls, server, tasks };
+        tracing::info!(%addr, boot, "listening on {}", app.url());
+        Ok(app)
+    }
+
+    /// Where it can be asked.
+    pub fn url(&self) -> String {
+        let scheme = if self.tls.is_some() { "https" } else { "http" };
+        format!("{scheme}://{}", self.addr)
     }
 
     /// What handlers and workers share, for callers in the same process.
@@ -232,19 +247,28 @@ impl App {
     }
 }
 
-/// Runs a service until SIGTERM or SIGINT.
+/// Runs a service until SIGTERM or SIGINT. SIGHUP makes it look at its certificate; settings are read at a start
+/// alone.
 ///
 /// # Errors
 /// Where it cannot start, or its listener fails.
-pub async fn serve(settings: Settings, ready: impl FnOnce(SocketAddr)) -> Result<(), AppError> {
+pub async fn serve(settings: Settings, ready: impl FnOnce(&str)) -> Result<(), AppError> {
     let mut terminate = signal(SignalKind::terminate()).map_err(AppError::Io)?;
     let mut interrupt = signal(SignalKind::interrupt()).map_err(AppError::Io)?;
+    let mut hangup = signal(SignalKind::hangup()).map_err(AppError::Io)?;
     allow_files(settings.limits.connections);
     let app = App::start(settings).await?;
-    ready(app.addr);
-    tokio::select! {
-        _ = terminate.recv() => {}
-        _ = interrupt.recv() => {}
+    ready(&app.url());
+    loop {
+        tokio::select! {
+            _ = terminate.recv() => break,
+            _ = interrupt.recv() => break,
+            _ = hangup.recv() => {
+                if let Some(tls) = &app.tls {
+                    tls.renew();
+                }
+            }
+        }
     }
     tracing::info!("asked to stop");
     app.shutdown().await

@@ -19,12 +19,27 @@ pub struct Settings {
     pub threads: usize,
     /// The IANA time zone of schedules that name none.
     pub zone: String,
+    /// Names by which the service may be asked, beside addresses and `localhost`: those that its proxy passes
+    /// on.
+    pub hosts: Vec<String>,
+    /// The certificate, where the service speaks TLS itself.
+    pub tls: Option<TlsFiles>,
     /// What a single user may ask for.
     pub limits: Limits,
     /// How long what is old is kept.
     pub retention: Retention,
     /// What diagnoses go by that are not asked for otherwise.
     pub diagnose: Diagnose,
+}
+
+/// The files of a certificate, PEM each. They are read again when they change.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TlsFiles {
+    /// The certificate, and behind it those that it rests on.
+    pub certificate: PathBuf,
+    /// Its private key.
+    pub key: PathBuf,
 }
 
 /// What diagnoses go by that are not asked for otherwise.
@@ -60,12 +75,23 @@ pub struct Limits {
     pub queue: usize,
     /// Longest a job may run, in seconds, whatever it asks for.
     pub job_seconds: u64,
-    /// Most connections at a time; more wait in the system.
+    /// Most connections at a time, half of them for those that have shown no token. Whoever comes when all are
+    /// taken gets the place of one that has been quiet for long.
     pub connections: usize,
+    /// Most of those connections from one address.
+    pub connections_per_peer: usize,
+    /// Most connections of one token.
+    pub connections_per_token: usize,
+    /// Most streams of events at a time.
+    pub streams: usize,
+    /// Most streams of events of one token.
+    pub streams_per_token: usize,
     /// Seconds that a client may take for the head of a request, or leave a connection idle.
     pub header_seconds: u64,
     /// Seconds that a client may take to send a body.
     pub body_seconds: u64,
+    /// Seconds that a client may leave an answer untaken.
+    pub write_seconds: u64,
     /// Largest database in bytes; 0 leaves it to the disk. Windows are refused from nine tenths of it.
     pub database_bytes: u64,
 }
@@ -85,6 +111,8 @@ impl Default for Settings {
             workers: 2,
             threads: 0,
             zone: "UTC".to_owned(),
+            hosts: Vec::new(),
+            tls: None,
             limits: Limits::default(),
             retention: Retention::default(),
             diagnose: Diagnose::default(),
@@ -100,8 +128,13 @@ impl Default for Limits {
             queue: 10_000,
             job_seconds: 3_600,
             connections: 4_096,
+            connections_per_peer: 64,
+            connections_per_token: 1_024,
+            streams: 512,
+            streams_per_token: 64,
             header_seconds: 10,
             body_seconds: 30,
+            write_seconds: 10,
             database_bytes: 0,
         }
     }
@@ -120,19 +153,27 @@ impl Default for Retention {
 }
 
 /// The variables of the environment and the fields that they stand for.
-const VARIABLES: [(&str, &str); 17] = [
+const VARIABLES: [(&str, &str); 25] = [
     ("LAMPYRIS_BIND", "/bind"),
     ("LAMPYRIS_DATABASE", "/database"),
     ("LAMPYRIS_WORKERS", "/workers"),
     ("LAMPYRIS_THREADS", "/threads"),
     ("LAMPYRIS_ZONE", "/zone"),
+    ("LAMPYRIS_HOSTS", "/hosts"),
+    ("LAMPYRIS_TLS_CERTIFICATE", "/tls/certificate"),
+    ("LAMPYRIS_TLS_KEY", "/tls/key"),
     ("LAMPYRIS_LIMITS_WINDOW_BYTES", "/limits/window_bytes"),
     ("LAMPYRIS_LIMITS_BODY_BYTES", "/limits/body_bytes"),
     ("LAMPYRIS_LIMITS_QUEUE", "/limits/queue"),
     ("LAMPYRIS_LIMITS_JOB_SECONDS", "/limits/job_seconds"),
     ("LAMPYRIS_LIMITS_CONNECTIONS", "/limits/connections"),
+    ("LAMPYRIS_LIMITS_CONNECTIONS_PER_PEER", "/limits/connections_per_peer"),
+    ("LAMPYRIS_LIMITS_CONNECTIONS_PER_TOKEN", "/limits/connections_per_token"),
+    ("LAMPYRIS_LIMITS_STREAMS", "/limits/streams"),
+    ("LAMPYRIS_LIMITS_STREAMS_PER_TOKEN", "/limits/streams_per_token"),
     ("LAMPYRIS_LIMITS_HEADER_SECONDS", "/limits/header_seconds"),
     ("LAMPYRIS_LIMITS_BODY_SECONDS", "/limits/body_seconds"),
+    ("LAMPYRIS_LIMITS_WRITE_SECONDS", "/limits/write_seconds"),
     ("LAMPYRIS_LIMITS_DATABASE_BYTES", "/limits/database_bytes"),
     ("LAMPYRIS_RETENTION_JOBS_DAYS", "/retention/jobs_days"),
     ("LAMPYRIS_RETENTION_DIAGNOSES_DAYS", "/retention/diagnoses_days"),
@@ -209,13 +250,24 @@ impl Settings {
             "/workers" => read(&mut self.workers, text),
             "/threads" => read(&mut self.threads, text),
             "/zone" => read(&mut self.zone, text),
+            "/hosts" => {
+                self.hosts = text.split(',').map(|host| host.trim().to_owned()).collect();
+                Ok(())
+            }
+            "/tls/certificate" => read(&mut self.tls.get_or_insert_default().certificate, text),
+            "/tls/key" => read(&mut self.tls.get_or_insert_default().key, text),
             "/limits/window_bytes" => read(&mut self.limits.window_bytes, text),
             "/limits/body_bytes" => read(&mut self.limits.body_bytes, text),
             "/limits/queue" => read(&mut self.limits.queue, text),
             "/limits/job_seconds" => read(&mut self.limits.job_seconds, text),
             "/limits/connections" => read(&mut self.limits.connections, text),
+            "/limits/connections_per_peer" => read(&mut self.limits.connections_per_peer, text),
+            "/limits/connections_per_token" => read(&mut self.limits.connections_per_token, text),
+            "/limits/streams" => read(&mut self.limits.streams, text),
+            "/limits/streams_per_token" => read(&mut self.limits.streams_per_token, text),
             "/limits/header_seconds" => read(&mut self.limits.header_seconds, text),
             "/limits/body_seconds" => read(&mut self.limits.body_seconds, text),
+            "/limits/write_seconds" => read(&mut self.limits.write_seconds, text),
             "/limits/database_bytes" => read(&mut self.limits.database_bytes, text),
             "/retention/jobs_days" => read(&mut self.retention.jobs_days, text),
             "/retention/diagnoses_days" => read(&mut self.retention.diagnoses_days, text),
@@ -239,6 +291,18 @@ impl Settings {
             "/zone",
             "this is no IANA time zone, such as `Europe/Copenhagen`",
         );
+        for host in &self.hosts {
+            let is_host = !host.is_empty()
+                && host.bytes().all(|byte| byte.is_ascii_alphanumeric() || b"-_.".contains(&byte));
+            let detail =
+                format!("`{host}` is no name of a host, such as `lampyris.example.org`, without a port");
+            demand(is_host, "/hosts", &detail);
+        }
+        if let Some(tls) = &self.tls {
+            for (field, file) in [("/tls/certificate", &tls.certificate), ("/tls/key", &tls.key)] {
+                demand(!file.as_os_str().is_empty(), field, "certificate and key go together");
+            }
+        }
         demand(
             self.limits.window_bytes >= 1024,
             "/limits/window_bytes",
@@ -258,16 +322,24 @@ impl Settings {
             "/limits/connections",
             "there are between 16 and 1000000 connections",
         );
-        demand(
-            (1..=3_600).contains(&self.limits.header_seconds),
-            "/limits/header_seconds",
-            "a head takes between 1 and 3600 seconds",
-        );
-        demand(
-            (1..=3_600).contains(&self.limits.body_seconds),
-            "/limits/body_seconds",
-            "a body takes between 1 and 3600 seconds",
-        );
+        let parts = [
+            ("connections_per_peer", self.limits.connections_per_peer),
+            ("connections_per_token", self.limits.connections_per_token),
+            ("streams", self.limits.streams),
+            ("streams_per_token", self.limits.streams_per_token),
+        ];
+        for (field, most) in parts {
+            demand(most >= 1, &format!("/limits/{field}"), "there is at least one");
+        }
+        let times = [
+            ("header_seconds", "a head takes", self.limits.header_seconds),
+            ("body_seconds", "a body takes", self.limits.body_seconds),
+            ("write_seconds", "an answer stays untaken", self.limits.write_seconds),
+        ];
+        for (field, what, seconds) in times {
+            let detail = format!("{what} between 1 and 3600 seconds");
+            demand((1..=3_600).contains(&seconds), &format!("/limits/{field}"), &detail);
+        }
         let Retention { jobs_days, diagnoses_days, windows_days } = self.retention;
         // Diagnoses read five weeks of measurements, and comparisons look farther back.
         let days = [

@@ -3,6 +3,7 @@
 
 use indexmap::IndexMap;
 use serde::{Deserialize, Serialize};
+use std::borrow::Cow;
 
 use super::channel::{ChannelKind, KNOWN, canonical_unit, means_same_quantity};
 use crate::fault::{Fault, nearest};
@@ -75,7 +76,7 @@ impl ColumnHeader {
     /// A bracket is the last word: in `T_out_W[degC]` the `_W` belongs to the name. Without one a known
     /// suffix is the unit and no part of the name.
     pub fn parse(header: &str) -> Self {
-        let column = header.trim();
+        let column = unshielded(header.trim());
         let (channel, unit) = match column.strip_suffix(']').and_then(|open| open.rsplit_once('[')) {
             Some((name, unit)) => (name.trim(), ColumnUnit::Stated(canonical_unit(unit.trim()).to_owned())),
             None => match split_suffix(column) {
@@ -97,6 +98,28 @@ impl ColumnHeader {
             unit: ColumnUnit::Stated(canonical_unit(unit.trim()).to_owned()),
         }
     }
+}
+
+/// What spreadsheets take for the beginning of a formula.
+const FORMULA: [char; 4] = ['=', '+', '-', '@'];
+/// What keeps a text from being one.
+const SHIELD: char = '\'';
+
+/// A header as it may stand in a table that somebody opens in a spreadsheet: one that looks like a formula begins
+/// with an apostrophe, which [`ColumnHeader::parse`] takes away again.
+pub(super) fn shielded(header: &str) -> Cow<'_, str> {
+    if header.trim_start_matches(SHIELD).trim_start().starts_with(FORMULA) {
+        Cow::Owned(format!("{SHIELD}{header}"))
+    } else {
+        Cow::Borrowed(header)
+    }
+}
+
+fn unshielded(header: &str) -> &str {
+    header
+        .strip_prefix(SHIELD)
+        .filter(|rest| rest.trim_start_matches(SHIELD).trim_start().starts_with(FORMULA))
+        .unwrap_or(header)
 }
 
 fn split_suffix(column: &str) -> Option<(&str, &'static str)> {

@@ -2,6 +2,7 @@
 
 use std::fmt::Write;
 
+use super::header::shielded;
 use super::stamp::rfc3339;
 use super::thin::{Bucket, Thinned};
 
@@ -75,13 +76,14 @@ fn push_cells(text: &mut String, points: &Thinned, index: Option<usize>) -> bool
 
 /// Adds a header, quoted where it holds what would end it.
 fn push_header(text: &mut String, header: &str) {
+    let header = shielded(header);
     text.push(',');
     if header.contains([',', '"', ';', '\t', '\n', '\r']) {
         text.push('"');
         text.push_str(&header.replace('"', "\"\""));
         text.push('"');
     } else {
-        text.push_str(header);
+        text.push_str(&header);
     }
 }
 
@@ -118,6 +120,18 @@ mod tests {
             thinned,
             "time,T_room.min[degC],T_room.mean[degC],T_room.max[degC]\n1970-01-01T00:05:00Z,-0.5,6.6000000000000005,20\n"
         );
+    }
+
+    #[test]
+    fn no_header_is_a_formula_and_every_name_reads_back() {
+        for name in ["=1+1", "@x", "+a", "-b", "'=c", "''-d", "= e", "'plain", "a=b"] {
+            let series = Series::new(name, "degC", Hold::Linear, vec![0, 60], vec![20.0, 21.0]).unwrap();
+            let text = csv(&[series], usize::MAX);
+            let header = text.lines().next().unwrap().strip_prefix("time,").unwrap();
+            assert!(!header.trim_start_matches('"').starts_with(['=', '+', '-', '@']), "{text}");
+            let (window, _) = Window::parse_csv(&text, &ColumnBindings::none()).unwrap();
+            assert!(window.iter().any(|series| series.channel() == name), "{text}");
+        }
     }
 
     proptest! {

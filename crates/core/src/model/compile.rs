@@ -163,13 +163,11 @@ fn finish(
         .filter(|(_, keep)| **keep)
         .map(|(input, _)| input)
         .collect();
-    let parameters: Vec<Parameter> = builder
-        .parameters
-        .into_iter()
-        .zip(&keep_parameter)
-        .filter(|(_, keep)| **keep)
-        .map(|(parameter, _)| parameter)
-        .collect();
+    let mut unused = Vec::new();
+    let mut parameters: Vec<Parameter> = Vec::new();
+    for (parameter, keep) in builder.parameters.into_iter().zip(&keep_parameter) {
+        if *keep { parameters.push(parameter) } else { unused.push(parameter.name) }
+    }
     let delays = delays(&graph, &parameters);
     let too_long = delays
         .iter()
@@ -237,6 +235,7 @@ fn finish(
         states,
         inputs,
         parameters,
+        unused,
         outputs,
         effects: builder.applied,
         dropped: builder.lowering.dropped.into_iter().collect(),

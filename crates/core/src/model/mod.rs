@@ -51,6 +51,7 @@ pub struct Model {
     states: Vec<State>,
     inputs: Vec<Input>,
     parameters: Vec<Parameter>,
+    unused: Vec<String>,
     outputs: Vec<Output>,
     effects: Vec<String>,
     dropped: Vec<String>,
@@ -198,6 +199,11 @@ impl Model {
     /// The parameters that the equations use, in order; a parameter vector follows it.
     pub fn parameters(&self) -> &[Parameter] {
         &self.parameters
+    }
+
+    /// Names of parameters that no equation uses here, because the measured channels have chosen other variants.
+    pub fn unused(&self) -> &[String] {
+        &self.unused
     }
 
     /// The outputs, in order.

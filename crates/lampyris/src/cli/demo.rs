@@ -131,7 +131,7 @@ async fn demonstrate(arguments: &Arguments, folder: PathBuf) -> Result<(), Failu
     let mut submitted = Vec::new();
     for room in rooms() {
         let system: SystemId = room.system.parse().map_err(|error| Failure::Error(format!("{error}")))?;
-        systems::put(service, &system, room.document, LOCAL).await.map_err(failed)?;
+        systems::put(service, &system, room.document, LOCAL, |_| true).await.map_err(failed)?;
         windows::take(service, &system, Format::Csv, room.csv, None).await.map_err(failed)?;
         let request = room.request.as_object().cloned().unwrap_or_default();
         match submit::one(service, JobKind::Estimate, &system, false, Priority::Operator, &request, None)

@@ -33,7 +33,7 @@ pub fn run(arguments: Arguments) -> Result<(), Failure> {
     settings.database = arguments.database.unwrap_or(settings.database);
     let runtime = runtime()?;
     runtime
-        .block_on(app::serve(settings, |address| print(&format!("listening on http://{address}"))))
+        .block_on(app::serve(settings, |url| print(&format!("listening on {url}"))))
         .map_err(|error| Failure::Error(error.to_string()))
 }
 

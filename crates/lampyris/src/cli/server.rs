@@ -1,14 +1,24 @@
-//! Asks a running server: plain HTTP, one document per answer, faults as people read them.
+//! Asks a running server: one document per answer, faults as people read them.
 
 use super::output::{Failure, print};
 use serde_json::Value;
 use std::fmt::Write as _;
 use std::io::{BufRead, BufReader, Read};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::Duration;
+use ureq::config::ConfigBuilder;
 use ureq::http;
+use ureq::tls::{PemItem, RootCerts, TlsConfig, parse_pem};
+use ureq::typestate::AgentScope;
 
 /// Longest wait for an answer that is not a long poll.
 const PATIENCE: Duration = Duration::from_secs(60);
+/// How addresses begin that speak TLS.
+const SECURE: &str = "https://";
+/// Where systems keep the certificates that they trust: Debian, Fedora, Alpine and BSD.
+const SYSTEM_CERTIFICATES: [&str; 3] =
+    ["/etc/ssl/certs/ca-certificates.crt", "/etc/pki/tls/certs/ca-bundle.crt", "/etc/ssl/cert.pem"];
 /// Largest answer that is read.
 const LARGEST: u64 = 1 << 30;
 /// Answers that say: the thing is known, but there is nothing to give.
@@ -17,15 +27,18 @@ const NOTHING: [&str; 3] = ["no-validated-parameters", "no-fresh-parameters", "n
 /// Which server, and how its answers are printed.
 #[derive(Debug, clap::Args)]
 pub struct Server {
-    /// Address of the server; plain HTTP only, so reach another machine through a tunnel.
+    /// Address of the server.
     #[arg(
         long,
         global = true,
         env = "LAMPYRIS_URL",
         default_value = "http://127.0.0.1:8080",
-        value_parser = plain_http
+        value_parser = address
     )]
     url: String,
+    /// Certificates (PEM) that the server's own rests on, where this system does not know them.
+    #[arg(long, global = true, env = "LAMPYRIS_CA")]
+    ca: Option<PathBuf>,
     /// Token, where the server wants one.
     #[arg(long, global = true, env = "LAMPYRIS_TOKEN", hide_env_values = true)]
     token: Option<String>,
@@ -34,13 +47,31 @@ pub struct Server {
     json: bool,
 }
 
-fn plain_http(text: &str) -> Result<String, String> {
-    match text.strip_prefix("http://") {
+fn address(text: &str) -> Result<String, String> {
+    let host = text.strip_prefix("http://").or_else(|| text.strip_prefix(SECURE));
+    match host {
         Some(host) if !host.is_empty() => Ok(text.trim_end_matches('/').to_owned()),
         Some(_) => Err("the address names no host".to_owned()),
-        None => Err("this client speaks plain HTTP: write http://HOST:PORT, and reach another machine \
-            through a tunnel"
-            .to_owned()),
+        None => Err("write http://HOST:PORT or https://HOST:PORT".to_owned()),
+    }
+}
+
+/// The certificates of a file, or those that this system trusts.
+fn roots(file: Option<&Path>) -> Result<RootCerts, String> {
+    let known = || SYSTEM_CERTIFICATES.into_iter().map(Path::new).find(|file| file.exists());
+    let file = file.or_else(known).ok_or("this system has no list of certificates: name one with --ca")?;
+    let said = |error: &dyn std::fmt::Display| format!("{}: {error}", file.display());
+    let text = std::fs::read(file).map_err(|error| said(&error))?;
+    let certificates = parse_pem(&text).filter_map(|item| match item {
+        Ok(PemItem::Certificate(certificate)) => Some(Ok(certificate)),
+        Ok(_) => None,
+        Err(error) => Some(Err(error)),
+    });
+    let certificates = certificates.collect::<Result<Vec<_>, _>>().map_err(|error| said(&error))?;
+    if certificates.is_empty() {
+        Err(said(&"there is no certificate in it"))
+    } else {
+        Ok(certificates.into())
     }
 }
 
@@ -78,7 +109,7 @@ pub struct Answer {
 impl Server {
     /// A server that wants no token.
     pub fn at(url: String) -> Self {
-        Self { url, token: None, json: false }
+        Self { url, ca: None, token: None, json: false }
     }
 
     /// Whether documents are printed as they came.
@@ -96,9 +127,7 @@ impl Server {
     /// # Errors
     /// Where the server cannot be reached, or answers with a problem, which is shown with all its faults.
     pub fn call(&self, method: &str, path: &str, call: Call) -> Result<Answer, Failure> {
-        let config = ureq::Agent::config_builder()
-            .http_status_as_error(false)
-            .timeout_global(Some(PATIENCE + call.extra));
+        let config = self.config()?.timeout_global(Some(PATIENCE + call.extra));
         let (parts, mut body) = self.send(&config.build().into(), method, path, call)?.into_parts();
         let text =
             body.with_config().limit(LARGEST).read_to_string().map_err(|error| self.unreachable(&error))?;
@@ -113,8 +142,7 @@ impl Server {
     /// Opens a stream of events after the one with an id; nothing where the server says that there is no
     /// more.
     pub fn listen(&self, path: &str, last_id: &str) -> Result<Option<Events>, Failure> {
-        let config =
-            ureq::Agent::config_builder().http_status_as_error(false).timeout_recv_response(Some(PATIENCE));
+        let config = self.config()?.timeout_recv_response(Some(PATIENCE));
         let mut call = Call::default();
         if !last_id.is_empty() {
             call.headers.push(("last-event-id", last_id.to_owned()));
@@ -128,6 +156,17 @@ impl Server {
             })),
             status => Err(self.problem(status, &body.read_to_string().unwrap_or_default())),
         }
+    }
+
+    fn config(&self) -> Result<ConfigBuilder<AgentScope>, Failure> {
+        let config = ureq::Agent::config_builder().http_status_as_error(false);
+        if !self.url.starts_with(SECURE) {
+            return Ok(config);
+        }
+        let tls = TlsConfig::builder()
+            .root_certs(roots(self.ca.as_deref()).map_err(Failure::Error)?)
+            .unversioned_rustls_crypto_provider(Arc::new(rustls::crypto::ring::default_provider()));
+        Ok(config.tls_config(tls.build()))
     }
 
     fn send(
@@ -261,10 +300,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn only_plain_http_is_spoken() {
-        assert_eq!(plain_http("http://localhost:8080/").unwrap(), "http://localhost:8080");
-        for text in ["https://localhost", "localhost:8080", "http://"] {
-            assert!(plain_http(text).is_err(), "{text}");
+    fn an_address_names_scheme_and_host() {
+        assert_eq!(address("http://localhost:8080/").unwrap(), "http://localhost:8080");
+        assert_eq!(address("https://rooms.example.org").unwrap(), "https://rooms.example.org");
+        for text in ["ftp://localhost", "localhost:8080", "http://", "https://"] {
+            assert!(address(text).is_err(), "{text}");
         }
     }
 

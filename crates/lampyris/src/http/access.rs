@@ -1,6 +1,8 @@
 //! Who may do what. Every operation is declared here, once; the description takes its `security` from here,
 //! and the guard that lies around all operations decides by it.
 
+use super::origin;
+use super::places::Place;
 use super::problem::ApiError;
 use super::shared::Shared;
 use crate::service::Service;
@@ -184,10 +186,6 @@ impl FromRequestParts<Shared> for Caller {
     }
 }
 
-/// The address that a request came from.
-#[derive(Debug, Clone, Copy)]
-pub struct Peer(pub IpAddr);
-
 /// What the guard knows: the service, and every operation by path and method.
 #[derive(Debug, Clone)]
 pub struct Gate {
@@ -250,10 +248,22 @@ async fn admit(gate: &Gate, parts: &mut Parts) -> Result<Caller, ApiError> {
     // A method that a path does not know is refused further in, to those who may ask at all.
     let (needed, about) = found.copied().unwrap_or((Some(Read), Several));
     let Some(needed) = needed else { return Ok(Caller { token: None }) };
-    let peer = parts.extensions.get::<Peer>().map_or(IpAddr::V4(Ipv4Addr::UNSPECIFIED), |peer| peer.0);
+    let hosts = &service.settings.hosts;
+    origin::require_own_page(parts, hosts)?;
+    let place = parts.extensions.get::<Arc<Place>>();
+    let peer = place.map_or(IpAddr::V4(Ipv4Addr::UNSPECIFIED), |place| place.peer());
     let token = match service.tokens.judge(shown(&parts.headers), peer) {
-        TokenCheck::Open => return Ok(Caller { token: None }),
-        TokenCheck::Known(token) => token,
+        // A foreign page has no token to show; where none is needed, the name that it asks by gives it away.
+        TokenCheck::Open => {
+            origin::require_own_name(parts, hosts)?;
+            return Ok(Caller { token: None });
+        }
+        TokenCheck::Known(token) => {
+            if let Some(place) = place {
+                place.show(token.hash);
+            }
+            token
+        }
         TokenCheck::Missing => return Err(ApiError::Unauthorized("send a token: `Authorization: Bearer …`")),
         TokenCheck::Unknown => return Err(ApiError::Unauthorized("nobody knows this token")),
         TokenCheck::Ended("expired") => return Err(ApiError::Unauthorized("the token has expired")),

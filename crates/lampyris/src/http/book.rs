@@ -1,9 +1,10 @@
 //! `/docs/book/`: the book of `docs/`, part of the binary, so that it can be read where there is no other
 //! network. Its pages are Markdown in mdBook's layout, and have the addresses that mdBook gives them.
 
+use super::constant::Constant;
 use super::problem::ApiError;
 use super::shared::Shared;
-use super::web::sent;
+use super::web::{POLICY, embedded};
 use axum::Router;
 use axum::extract::Path;
 use axum::http::HeaderMap;
@@ -15,14 +16,18 @@ use std::borrow::Cow;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
 use std::sync::LazyLock;
-use tower_http::compression::CompressionLayer;
 
 const FIRST: &str = "index.html";
 const CONTENTS: &str = "SUMMARY.md";
 
-/// The pages by their addresses below `/docs/book/`. They are made once, together, because each shows the
-/// list of all.
-static PAGES: LazyLock<BTreeMap<String, String>> = LazyLock::new(pages);
+/// The pages by their addresses below `/docs/book/`, and the pictures and texts that they lead to. They are made
+/// once, together, because each page shows the list of all.
+static PAGES: LazyLock<BTreeMap<String, Constant>> = LazyLock::new(|| {
+    let file = |path: Cow<'static, str>| Some((path.to_string(), embedded(Files::get(&path)?.data)));
+    let files = Files::iter().filter_map(file);
+    let pages = pages().into_iter().map(|(path, page)| (path, page.into()));
+    files.chain(pages).map(|(path, bytes)| (path.clone(), Constant::new(&path, bytes))).collect()
+});
 
 #[derive(RustEmbed)]
 #[folder = "../../docs"]
@@ -44,17 +49,11 @@ pub fn router() -> Router<Shared> {
             "/docs/book/{*path}",
             get(async |Path(path): Path<String>, headers: HeaderMap| answer(&path, &headers)),
         )
-        .layer(CompressionLayer::new())
 }
 
-/// A page, or a picture or text that pages lead to.
 fn answer(path: &str, headers: &HeaderMap) -> Response {
-    let page = PAGES.get(path).map(|page| Cow::Borrowed(page.as_bytes()));
-    match page.or_else(|| Files::get(path).map(|file| file.data)) {
-        Some(bytes) => {
-            let hash = blake3::hash(&bytes);
-            sent(path, bytes, hash.as_bytes(), headers)
-        }
+    match PAGES.get(path) {
+        Some(page) => page.answer(Some(POLICY), headers),
         None => ApiError::NotFound("file", path.to_owned()).into_response(),
     }
 }

@@ -36,7 +36,8 @@ async fn promote_fit(
     Path(id): Path<String>,
     body: Json,
 ) -> Result<axum::Json<FitAnswer>, ApiError> {
-    decisions::decide(&service, &id, Decision::Promoted, body.value, caller.name()).await?;
+    decisions::decide(&service, &id, Decision::Promoted, body.value, body.key.as_ref(), caller.name())
+        .await?;
     answer(&service, &id).await
 }
 
@@ -68,6 +69,7 @@ async fn reject_fit(
     Path(id): Path<String>,
     body: Json,
 ) -> Result<axum::Json<FitAnswer>, ApiError> {
-    decisions::decide(&service, &id, Decision::Rejected, body.value, caller.name()).await?;
+    decisions::decide(&service, &id, Decision::Rejected, body.value, body.key.as_ref(), caller.name())
+        .await?;
     answer(&service, &id).await
 }

@@ -1,18 +1,30 @@
 //! `/docs`: the description of the surface, readable in a browser. The page is part of the binary and asks
 //! this service alone.
 
+use super::constant::Constant;
 use super::problem::{ApiError, Problems};
 use super::shared::Shared;
+use super::web::embedded;
 use axum::extract::Path;
-use axum::http::header;
-use axum::response::{IntoResponse, Response};
+use axum::http::HeaderMap;
+use axum::response::Response;
 use rust_embed::RustEmbed;
+use std::borrow::Cow;
+use std::collections::HashMap;
+use std::sync::LazyLock;
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
 /// Everything comes from this service, and nothing may frame the page.
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; img-src \
     data:; base-uri 'none'; form-action 'self'; frame-ancestors 'none'";
+
+static FILES: LazyLock<HashMap<String, Constant>> = LazyLock::new(|| {
+    let file = |name: Cow<'static, str>| {
+        Some((name.to_string(), Constant::new(&name, embedded(Files::get(&name)?.data))))
+    };
+    Files::iter().filter_map(file).collect()
+});
 
 #[derive(RustEmbed)]
 #[folder = "../../web/docs"]
@@ -30,8 +42,8 @@ pub fn router() -> OpenApiRouter<Shared> {
     tag = "service",
     responses((status = 200, body = String, content_type = "text/html"))
 )]
-async fn get_docs() -> Result<Response, ApiError> {
-    file("index.html")
+async fn get_docs(headers: HeaderMap) -> Result<Response, ApiError> {
+    file("index.html", &headers)
 }
 
 /// The parts of that page.
@@ -50,23 +62,11 @@ async fn get_docs() -> Result<Response, ApiError> {
         Problems
     )
 )]
-async fn get_docs_file(Path(name): Path<String>) -> Result<Response, ApiError> {
-    file(&name)
+async fn get_docs_file(Path(name): Path<String>, headers: HeaderMap) -> Result<Response, ApiError> {
+    file(&name, &headers)
 }
 
-fn file(name: &str) -> Result<Response, ApiError> {
-    let media_type = match name.rsplit_once('.') {
-        Some((_, "html")) => "text/html; charset=utf-8",
-        Some((_, "css")) => "text/css; charset=utf-8",
-        _ => "text/javascript; charset=utf-8",
-    };
-    let file = Files::get(name).ok_or_else(|| ApiError::NotFound("file", name.to_owned()))?;
-    let headers = [
-        (header::CONTENT_TYPE, media_type),
-        (header::CONTENT_SECURITY_POLICY, POLICY),
-        (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
-        (header::REFERRER_POLICY, "no-referrer"),
-        (header::CACHE_CONTROL, "no-cache"),
-    ];
-    Ok((headers, file.data).into_response())
+fn file(name: &str, headers: &HeaderMap) -> Result<Response, ApiError> {
+    let file = FILES.get(name).ok_or_else(|| ApiError::NotFound("file", name.to_owned()))?;
+    Ok(file.answer(Some(POLICY), headers))
 }

@@ -7,6 +7,7 @@
 use super::access::Caller;
 use super::extract::Asked;
 use super::jobs::{JobAnswer, require};
+use super::places::{Place, StreamPlace};
 use super::problem::{ApiError, PROBLEM_JSON, Problem, Problems};
 use super::shared::Shared;
 use crate::service::changes::events::{Event as Happening, EventName, JobChange, Position};
@@ -15,6 +16,7 @@ use crate::store;
 use crate::store::events::Missed;
 use crate::store::jobs::{JobRecord, JobStatus};
 use crate::store::reach::SystemScope;
+use axum::Extension;
 use axum::extract::{Path, State};
 use axum::http::{HeaderMap, StatusCode};
 use axum::response::sse::{Event, KeepAlive, Sse};
@@ -24,6 +26,7 @@ use lampyris_core::data::SystemId;
 use lampyris_core::fault::Fault;
 use serde::{Deserialize, Serialize};
 use std::convert::Infallible;
+use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::{mpsc, watch};
 use tokio_stream::wrappers::ReceiverStream;
@@ -82,6 +85,8 @@ struct Listener {
     reach: SystemScope,
     sender: mpsc::Sender<Result<Event, Infallible>>,
     stopping: watch::Receiver<bool>,
+    /// What it is counted by, until it leaves.
+    _place: Option<StreamPlace>,
 }
 
 /// The data of `progress`.
@@ -164,6 +169,7 @@ impl From<JobEvent> for Event {
 async fn get_job_events(
     State(service): State<Shared>,
     caller: Caller,
+    place: Option<Extension<Arc<Place>>>,
     Path(id): Path<String>,
     Asked(query): Asked<JobEventsQuery>,
     headers: HeaderMap,
@@ -173,7 +179,7 @@ async fn get_job_events(
     if last.zip(job.state.ended()).is_some_and(|(last, end)| last.sequence >= end.sequence.unwrap_or(0)) {
         return Ok(StatusCode::NO_CONTENT.into_response());
     }
-    Ok(stream(service, Whose::Job(id), &caller, last))
+    stream(service, Whose::Job(id), &caller, place, last)
 }
 
 /// The events of all jobs, or of those of one system, as they happen.
@@ -199,6 +205,7 @@ async fn get_job_events(
 async fn get_events(
     State(service): State<Shared>,
     caller: Caller,
+    place: Option<Extension<Arc<Place>>>,
     Asked(query): Asked<EventsQuery>,
     headers: HeaderMap,
 ) -> Result<Response, ApiError> {
@@ -217,7 +224,7 @@ async fn get_events(
         }
     };
     let last = last_event(&headers, query.last_event_id.as_deref());
-    Ok(stream(service, whose, &caller, last))
+    stream(service, whose, &caller, place, last)
 }
 
 /// Where a client left off. An id that this service did not write is none.
@@ -226,15 +233,25 @@ fn last_event(headers: &HeaderMap, query: Option<&str>) -> Option<Position> {
     header.or(query).and_then(Position::read)
 }
 
-fn stream(service: Shared, whose: Whose, caller: &Caller, last: Option<Position>) -> Response {
+fn stream(
+    service: Shared,
+    whose: Whose,
+    caller: &Caller,
+    place: Option<Extension<Arc<Place>>>,
+    last: Option<Position>,
+) -> Result<Response, ApiError> {
+    // Who is in this process has no connection.
+    let _place = place.map(|Extension(place)| place.stream().ok_or(ApiError::TooManyStreams)).transpose()?;
     let (sender, receiver) = mpsc::channel(AHEAD);
     let stopping = service.stopping.subscribe();
-    let mut listener = Listener { service, whose, reach: caller.reach().clone(), sender, stopping };
+    let reach = caller.reach().clone();
+    let mut listener = Listener { service, whose, reach, sender, stopping, _place };
     tokio::spawn(async move {
         // The client may go at any time; then there is nobody to tell.
         let _ = listener.listen(last).await;
     });
-    Sse::new(ReceiverStream::new(receiver)).keep_alive(KeepAlive::new().interval(KEEP_ALIVE)).into_response()
+    let events = Sse::new(ReceiverStream::new(receiver));
+    Ok(events.keep_alive(KeepAlive::new().interval(KEEP_ALIVE)).into_response())
 }
 
 /// Nobody listens any more, there is nothing left to say, or the service stops.

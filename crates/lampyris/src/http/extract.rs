@@ -1,7 +1,9 @@
 //! What handlers take out of a request. Every refusal is a problem document.
 
+use super::access::Caller;
 use super::problem::ApiError;
 use super::shared::Shared;
+use crate::service::access::tokens::LOCAL;
 use crate::service::blocking;
 use crate::service::decode::{self, Unread};
 use crate::store::idempotency::RequestKey;
@@ -228,7 +230,7 @@ fn unread(error: Unread) -> ApiError {
 }
 
 /// The media type of a body without its parameters.
-fn media_type(headers: &HeaderMap) -> String {
+pub(super) fn media_type(headers: &HeaderMap) -> String {
     let text = headers.get(header::CONTENT_TYPE).and_then(|value| value.to_str().ok()).unwrap_or_default();
     text.split(';').next().unwrap_or_default().trim().to_ascii_lowercase()
 }
@@ -293,7 +295,8 @@ async fn collect(body: Body, limit: usize) -> Result<Bytes, ApiError> {
     if length > limit { Err(ApiError::TooLarge(limit)) } else { Ok(kept.into()) }
 }
 
-/// The client's key with the hash of what it asks: the same key for anything else is refused.
+/// The client's key with the hash of what it asks: the same key for anything else is refused. Every token has
+/// keys of its own, so that nobody learns which ones others have used.
 fn key(parts: &Parts, body: &[u8]) -> Result<Option<RequestKey>, ApiError> {
     let Some(value) = parts.headers.get("idempotency-key") else {
         return Ok(None);
@@ -316,7 +319,11 @@ fn key(parts: &Parts, body: &[u8]) -> Result<Option<RequestKey>, ApiError> {
         .update(parts.uri.path().as_bytes())
         .update(b"\n")
         .update(body);
-    Ok(Some(RequestKey { key: key.to_owned(), fingerprint: hasher.finalize().to_hex().to_string() }))
+    let key = match parts.extensions.get::<Caller>().map(Caller::name) {
+        Some(name) if name != LOCAL => format!("{name}\t{key}"),
+        _ => key.to_owned(),
+    };
+    Ok(Some(RequestKey { key, fingerprint: hasher.finalize().to_hex().to_string() }))
 }
 
 /// Refuses a query where the description of the path knows none.

@@ -1,67 +1,77 @@
-//! The listener: who may stay connected, and for how long without saying anything.
+//! The listener: who may stay connected, and for how long without saying or taking anything.
 //!
-//! A client has a moment for the head of a request and another for its body (`extract`); whoever is slower is
-//! closed, and so is a connection that idles. There is a limit of connections: beyond it the system lets new
-//! ones wait.
+//! A client has a moment for the head of a request, another for its body (`extract`) and another for taking the
+//! answer (`patience`); whoever is slower is closed, and so is a connection that idles. There is a limit of
+//! connections, and whoever holds most of them makes room for those that come (`places`).
 
-use super::access::Peer;
 use super::extract::{SPARE, linger};
+use super::origin::authority;
+use super::patience::Patience;
+use super::places::{Place, Places};
 use super::shared::Shared;
 use super::surface::router;
+use super::tls::Tls;
 use axum::Router;
 use axum::body::{Body, Bytes};
 use axum::http::{HeaderValue, Request, StatusCode, header};
-use axum::response::Response;
+use axum::response::{IntoResponse, Response};
 use hyper::body::{Frame, Incoming, SizeHint};
 use hyper::server::conn::http1;
 use hyper::service::service_fn;
 use hyper_util::rt::{TokioIo, TokioTimer};
 use std::convert::Infallible;
 use std::io::{Error, ErrorKind};
-use std::net::IpAddr;
 use std::pin::Pin;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::task::{Context, Poll};
 use std::time::Duration;
+use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::{TcpListener, TcpStream};
-use tokio::sync::{Semaphore, watch};
+use tokio::sync::watch;
 use tokio::task::JoinSet;
 use tower::Service as _;
 
 /// A pause where the system gives no connection, such as for want of file descriptors: trying on would burn a
 /// core.
 const PAUSE: Duration = Duration::from_millis(200);
+/// Most bytes of a head, of requests that come before the answer to the last one was taken, and of an answer
+/// that waits to be taken, beside bodies that are shared.
+const BUFFER: usize = 64 << 10;
+
+/// Everything that a connection needs to be served.
+#[derive(Clone)]
+struct Server {
+    builder: http1::Builder,
+    router: Router,
+    service: Shared,
+    tls: Option<Arc<Tls>>,
+}
 
 /// Serves until the service is asked to stop, and then until the answers under way are sent.
 ///
 /// # Errors
 /// None today: what the system refuses is tried again.
-pub async fn listen(listener: TcpListener, service: Shared) -> std::io::Result<()> {
-    let limits = &service.settings.limits;
+pub async fn listen(listener: TcpListener, service: Shared, tls: Option<Arc<Tls>>) -> std::io::Result<()> {
+    let limits = service.settings.limits.clone();
     let mut builder = http1::Builder::new();
-    builder.timer(TokioTimer::new()).header_read_timeout(Duration::from_secs(limits.header_seconds));
-    let places = Arc::new(Semaphore::new(limits.connections));
+    builder
+        .timer(TokioTimer::new())
+        .header_read_timeout(Duration::from_secs(limits.header_seconds))
+        .max_buf_size(BUFFER);
+    let places = Places::new(limits);
     let router = router(service.clone());
     let mut stopping = service.stopping.subscribe();
+    let server = Server { builder, router, service, tls };
     let mut open = JoinSet::new();
     loop {
-        let next = async {
-            // The semaphore is never closed, so a place is a matter of time.
-            let place = places.clone().acquire_owned().await;
-            (place, listener.accept().await)
-        };
-        let (place, accepted) = tokio::select! {
-            next = next => next,
+        let accepted = tokio::select! {
+            accepted = listener.accept() => accepted,
             _ = stopping.wait_for(|stopping| *stopping) => break,
         };
         match accepted {
             Ok((stream, peer)) => {
-                let serving =
-                    serve(builder.clone(), stream, peer.ip(), router.clone(), service.stopping.subscribe());
-                open.spawn(async move {
-                    serving.await;
-                    drop(place);
-                });
+                let place = places.take(peer.ip(), server.service.tokens.is_open());
+                open.spawn(server.clone().greet(stream, place));
             }
             // The client has gone before it was heard.
             Err(error) if is_of_the_client(&error) => {}
@@ -77,28 +87,47 @@ pub async fn listen(listener: TcpListener, service: Shared) -> std::io::Result<(
     Ok(())
 }
 
-/// Serves one connection to its end.
-async fn serve(
-    builder: http1::Builder,
-    stream: TcpStream,
-    peer: IpAddr,
-    router: Router,
-    mut stopping: watch::Receiver<bool>,
-) {
-    let answer = service_fn(move |mut request: Request<Incoming>| {
-        request.extensions_mut().insert(Peer(peer));
-        answer(router.clone(), request)
-    });
-    let connection = builder.serve_connection(TokioIo::new(stream), answer);
-    tokio::pin!(connection);
-    // What goes wrong here is the client's: it is slow, it has gone, or it speaks something else.
-    let has_ended = tokio::select! {
-        _ = connection.as_mut() => true,
-        _ = stopping.wait_for(|stopping| *stopping) => false,
-    };
-    if !has_ended {
-        connection.as_mut().graceful_shutdown();
-        let _ = connection.await;
+impl Server {
+    /// Serves one connection to its end, or until others have its place.
+    async fn greet(self, stream: TcpStream, place: Arc<Place>) {
+        let limits = &self.service.settings.limits;
+        let patience = Duration::from_secs(limits.write_seconds);
+        let stream = Patience::new(stream, place.clone(), patience);
+        let greeting = Duration::from_secs(limits.header_seconds);
+        let served = async {
+            match self.tls.as_deref().map(Tls::acceptor) {
+                None => self.serve(stream, &place).await,
+                // Whoever does not get as far as a request is told nothing.
+                Some(acceptor) => {
+                    if let Ok(Ok(stream)) = tokio::time::timeout(greeting, acceptor.accept(stream)).await {
+                        self.serve(stream, &place).await;
+                    }
+                }
+            }
+        };
+        tokio::select! {
+            () = served => {}
+            () = place.lost() => {}
+        }
+    }
+
+    async fn serve(&self, stream: impl AsyncRead + AsyncWrite + Unpin, place: &Arc<Place>) {
+        let answer = service_fn(|mut request: Request<Incoming>| {
+            request.extensions_mut().insert(place.clone());
+            answer(self.router.clone(), request)
+        });
+        let connection = self.builder.serve_connection(TokioIo::new(stream), answer);
+        tokio::pin!(connection);
+        let mut stopping: watch::Receiver<bool> = self.service.stopping.subscribe();
+        // What goes wrong here is the client's: it is slow, it has gone, or it speaks something else.
+        let has_ended = tokio::select! {
+            _ = connection.as_mut() => true,
+            _ = stopping.wait_for(|stopping| *stopping) => false,
+        };
+        if !has_ended {
+            connection.as_mut().graceful_shutdown();
+            let _ = connection.await;
+        }
     }
 }
 
@@ -106,6 +135,11 @@ async fn serve(
 /// away, or else the client that sends it would find the connection closed before it has heard the answer, or
 /// at its next request.
 async fn answer(mut router: Router, request: Request<Incoming>) -> Result<Response, Infallible> {
+    let (parts, body) = request.into_parts();
+    if let Err(error) = authority(&parts) {
+        return Ok(error.into_response());
+    }
+    let request = Request::from_parts(parts, body);
     // A router is always ready.
     if hyper::body::Body::is_end_stream(request.body()) {
         return router.call(request.map(Body::new)).await;

@@ -1,11 +1,13 @@
 //! Figures for Prometheus: `/metrics`, and the layer that times the answers.
 
 use super::access::Caller;
+use super::places::{Crowd, Place};
 use super::problem::Problems;
 use super::shared::Shared;
 use crate::service::observe::metrics::Histogram;
 use crate::service::serving::body;
 use crate::store;
+use axum::Extension;
 use axum::extract::{MatchedPath, Request, State};
 use axum::http::{Method, header};
 use axum::middleware::Next;
@@ -14,6 +16,7 @@ use jiff::Timestamp;
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::fmt::Write;
+use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::Instant;
 use utoipa_axum::router::OpenApiRouter;
@@ -67,9 +70,16 @@ fn known(method: &Method) -> &'static str {
         Problems
     )
 )]
-async fn get_metrics(State(service): State<Shared>, caller: Caller) -> Response {
+async fn get_metrics(
+    State(service): State<Shared>,
+    caller: Caller,
+    place: Option<Extension<Arc<Place>>>,
+) -> Response {
     let mut text = Exposition::default();
     about_the_service(&service, &mut text).await;
+    if let Some(Extension(place)) = place {
+        about_connections(place.crowd(), &mut text);
+    }
     about_jobs(&service, &mut text).await;
     about_systems(&service, &caller, &mut text, service.now());
     about_requests(&service, &mut text);
@@ -115,6 +125,19 @@ async fn about_the_service(service: &Shared, text: &mut Exposition) {
         "gauge",
         "Open streams of events.",
         service.events.listeners() as f64,
+    );
+}
+
+fn about_connections(crowd: Crowd, text: &mut Exposition) {
+    let known = crowd.connections - crowd.strangers;
+    text.family("lampyris_connections", "gauge", "Open connections, by whether they have shown a token.");
+    text.sample("lampyris_connections", &[("of", "strangers")], crowd.strangers as f64);
+    text.sample("lampyris_connections", &[("of", "known")], known as f64);
+    text.plain(
+        "lampyris_connections_displaced_total",
+        "counter",
+        "Connections that lost their place to others because there were too many.",
+        crowd.displaced as f64,
     );
 }
 

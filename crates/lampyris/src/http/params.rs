@@ -4,6 +4,7 @@
 //! no time-out.
 
 use super::access::Caller;
+use super::conditions::is_known;
 use super::problem::{ApiError, Problems};
 use super::shared::{Shared, shared_body};
 use crate::service::serving::body::{Body as ParamsBody, Rendered};
@@ -13,6 +14,7 @@ use axum::extract::{Request, State};
 use axum::http::{HeaderMap, HeaderValue, StatusCode, Uri, header};
 use axum::response::{IntoResponse, Response};
 use lampyris_core::fault::Fault;
+use std::sync::Arc;
 use std::time::Duration;
 use utoipa::ToSchema;
 use utoipa_axum::router::OpenApiRouter;
@@ -97,15 +99,20 @@ async fn poll(service: &Shared, request: Request) -> Response {
     };
     let mut stopping = service.stopping.subscribe();
     let told = async {
-        // An event may leave this client's answer as it was, such as one job following another.
-        while news.changed().await.is_ok() && is_old(&slot.entry(), accept, headers) {}
+        // An event may leave this client's answer as it was, such as one job following another. A system that was
+        // deleted has its place no more, also where another one of its name has come.
+        let stands = || service.params.slot(system).is_some_and(|now| Arc::ptr_eq(&now, &slot));
+        while news.changed().await.is_ok() && stands() && is_old(&slot.entry(), accept, headers) {}
     };
     tokio::select! {
         () = told => {}
         () = tokio::time::sleep(*patience) => {}
         _ = stopping.wait_for(|stopping| *stopping) => {}
     }
-    answer(&slot.entry(), system, accept, headers)
+    match service.params.slot(system) {
+        Some(slot) => answer(&slot.entry(), system, accept, headers),
+        None => ApiError::NotFound("system", system.to_owned()).into_response(),
+    }
 }
 
 /// The parameters of all systems that have validated ones, in one poll.
@@ -143,7 +150,7 @@ async fn list_params(
     body.extend_from_slice(br#"],"next_page_token":null}"#);
     let etag = format!("\"{}\"", &blake3::hash(&body).to_hex()[..32]);
     let response =
-        if matches(&headers, &etag) { not_modified(&etag) } else { tagged(Body::from(body), &etag) };
+        if is_known(&headers, &etag) { not_modified(&etag) } else { tagged(Body::from(body), &etag) };
     service.metrics.all_polls.count(response.status().as_u16());
     response
 }
@@ -168,7 +175,7 @@ fn accept(query: Option<&str>) -> Result<Option<Accept>, ApiError> {
 /// The answer to a request for an entry.
 fn answer(entry: &Entry, system: &str, accept: Option<Accept>, headers: &HeaderMap) -> Response {
     match chosen(entry, accept) {
-        Some(rendered) if matches(headers, &rendered.etag) => not_modified(&rendered.etag),
+        Some(rendered) if is_known(headers, &rendered.etag) => not_modified(&rendered.etag),
         Some(rendered) => {
             let mut response = tagged(shared_body(rendered.body.clone()), &rendered.etag);
             response
@@ -199,28 +206,15 @@ fn chosen(entry: &Entry, accept: Option<Accept>) -> Option<&Rendered> {
 
 /// Whether an entry is no news to a client: what it has, or nothing at all.
 fn is_old(entry: &Entry, accept: Option<Accept>, headers: &HeaderMap) -> bool {
-    chosen(entry, accept).is_none_or(|rendered| matches(headers, &rendered.etag))
+    chosen(entry, accept).is_none_or(|rendered| is_known(headers, &rendered.etag))
 }
 
-/// Whether `If-None-Match` names a tag. The comparison is the weak one, as RFC 9110 wants it here.
-pub(super) fn matches(headers: &HeaderMap, etag: &str) -> bool {
-    let Some(value) = headers.get(header::IF_NONE_MATCH) else {
-        return false;
-    };
-    if value.as_bytes() == etag.as_bytes() {
-        return true;
-    }
-    let Ok(text) = value.to_str() else {
-        return false;
-    };
-    text.split(',').map(str::trim).any(|tag| tag == "*" || tag.strip_prefix("W/").unwrap_or(tag) == etag)
-}
-
-/// How long a client is ready to wait, in seconds, by its `Prefer` (RFC 7240).
+/// How long a client is ready to wait, in seconds, by its `Prefer` (RFC 7240): names are written as one likes,
+/// and values may be quoted.
 fn wait(prefer: &HeaderValue) -> Option<u64> {
-    let text = prefer.to_str().ok()?;
-    let seconds = text.split([',', ';']).find_map(|part| part.trim().strip_prefix("wait="))?;
-    seconds.trim().parse::<u64>().ok().map(|seconds| seconds.min(LONGEST_WAIT))
+    let pairs = prefer.to_str().ok()?.split([',', ';']).filter_map(|part| part.split_once('='));
+    let (_, seconds) = pairs.into_iter().find(|(name, _)| name.trim().eq_ignore_ascii_case("wait"))?;
+    seconds.trim().trim_matches('"').parse::<u64>().ok().map(|seconds| seconds.min(LONGEST_WAIT))
 }
 
 fn not_modified(etag: &str) -> Response {
@@ -249,17 +243,16 @@ mod tests {
     use super::*;
 
     #[test]
-    fn preferences_and_tags_are_read_as_the_standards_say() {
+    fn preferences_are_read_as_the_standard_says() {
         let wait_of = |text: &'static str| wait(&HeaderValue::from_static(text));
         assert_eq!(
             (wait_of("wait=30"), wait_of("respond-async, wait=5"), wait_of("wait=9999")),
             (Some(30), Some(5), Some(60))
         );
+        assert_eq!(
+            (wait_of("Wait=30"), wait_of("WAIT = \"5\""), wait_of("handling=strict; x=y, wait=7")),
+            (Some(30), Some(5), Some(7))
+        );
         assert_eq!((wait_of("wait=soon"), wait_of("respond-async")), (None, None));
-        let matching = |text: &'static str| {
-            matches(&HeaderMap::from_iter([(header::IF_NONE_MATCH, HeaderValue::from_static(text))]), "\"a\"")
-        };
-        assert!(matching("\"a\"") && matching("W/\"a\"") && matching("\"b\", \"a\"") && matching("*"));
-        assert!(!matching("\"b\"") && !matching("a"));
     }
 }

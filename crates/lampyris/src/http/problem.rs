@@ -79,6 +79,16 @@ pub enum ApiError {
     Unauthorized(&'static str),
     /// So many wrong tokens came from this address that no other one is judged for now.
     TooManyFailures,
+    /// A request does not say once by which name it asks.
+    NoHost,
+    /// The service does not go by this name.
+    UnknownHost(String),
+    /// A page of another origin has its browser change something.
+    ForeignPage,
+    /// Something is not, or is, as the client has said.
+    NotAsExpected(String),
+    /// As many streams of events are open as may be.
+    TooManyStreams,
     /// The token is not good for this.
     Forbidden {
         /// The scope that is needed.
@@ -120,6 +130,7 @@ impl From<ServiceError> for ApiError {
             ServiceError::NoSystem(system) => ApiError::NotFound("system", system.to_string()),
             ServiceError::NotFound(what, which) => ApiError::NotFound(what, which),
             ServiceError::Conflict(what, which) => ApiError::Conflict(what, which),
+            ServiceError::NotAsExpected(detail) => ApiError::NotAsExpected(detail),
             ServiceError::Refused(refusal) => ApiError::Refused(refusal),
             ServiceError::KeyReused => ApiError::KeyReused,
             ServiceError::NotFinished(job, state) => ApiError::NotFinished(job, state.as_str()),
@@ -270,6 +281,33 @@ impl ApiError {
                     .to_owned();
                 plain(StatusCode::TOO_MANY_REQUESTS, "too-many-failures", "Too many wrong tokens", detail)
             }
+            ApiError::NoHost => {
+                let detail = "a request of HTTP/1.1 has one Host".to_owned();
+                plain(StatusCode::BAD_REQUEST, "no-host", "No host", detail)
+            }
+            ApiError::UnknownHost(host) => {
+                let detail = format!(
+                    "the service does not go by the name `{}`: ask by its address, or name it in `hosts` of the \
+                    settings",
+                    shown(&host)
+                );
+                plain(StatusCode::MISDIRECTED_REQUEST, "unknown-host", "No name of this service", detail)
+            }
+            ApiError::ForeignPage => {
+                let detail =
+                    "the page of another origin changes nothing here; where a proxy gives the service \
+                    another name, `hosts` of the settings names it"
+                        .to_owned();
+                plain(StatusCode::FORBIDDEN, "foreign-page", "Another page has sent this", detail)
+            }
+            ApiError::NotAsExpected(detail) => {
+                plain(StatusCode::PRECONDITION_FAILED, "not-as-expected", "It is not as expected", detail)
+            }
+            ApiError::TooManyStreams => {
+                let detail =
+                    "as many streams of events are open as one token, or all together, may have".to_owned();
+                plain(StatusCode::TOO_MANY_REQUESTS, "too-many-streams", "Too many streams", detail)
+            }
             ApiError::Forbidden { needed, token, has } => {
                 let detail = format!(
                     "this needs the scope `{}`, and the token `{token}` has `{}`",
@@ -379,7 +417,9 @@ impl ApiError {
     fn retry_after(&self) -> Option<u32> {
         match self {
             ApiError::NeverValidated { pending: true, .. } | ApiError::Busy => Some(2),
-            ApiError::QueueFull(_) | ApiError::Storage(StoreError::Full(_)) => Some(10),
+            ApiError::QueueFull(_) | ApiError::TooManyStreams | ApiError::Storage(StoreError::Full(_)) => {
+                Some(10)
+            }
             ApiError::TooManyFailures | ApiError::Storage(StoreError::Broken(_)) => Some(60),
             ApiError::Storage(_) | ApiError::TimedOut => Some(5),
             _ => None,

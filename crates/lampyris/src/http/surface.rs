@@ -1,5 +1,6 @@
 //! The surface: every path with the layers around it, and the description of all of them.
 
+use super::constant::Constant;
 use super::problem::ApiError;
 use super::shared::Shared;
 use super::{
@@ -8,7 +9,7 @@ use super::{
     series, service, systems, web, windows,
 };
 use axum::Router;
-use axum::http::{StatusCode, header};
+use axum::http::{HeaderMap, StatusCode};
 use axum::response::{IntoResponse, Response};
 use std::any::Any;
 use std::sync::{Arc, LazyLock};
@@ -106,20 +107,15 @@ pub(super) fn described() -> utoipa::openapi::OpenApi {
     description::completed(lean().merge(layered()).into_openapi())
 }
 
-/// The description of the surface, as it is served and committed.
+/// The description of the surface, as it is committed.
 pub fn openapi_yaml() -> String {
-    static TEXT: LazyLock<String> = LazyLock::new(|| {
-        // The description is made of texts and numbers; a failure to print it shows in the test that compares
-        // it.
-        described().to_yaml().unwrap_or_default()
-    });
-    TEXT.clone()
+    // The description is made of texts and numbers; a failure to print it shows in the test that compares it.
+    described().to_yaml().unwrap_or_default()
 }
 
 /// The same as JSON, for the page that shows it.
 pub fn openapi_json() -> String {
-    static TEXT: LazyLock<String> = LazyLock::new(|| described().to_json().unwrap_or_default());
-    TEXT.clone()
+    described().to_json().unwrap_or_default()
 }
 
 /// This description of the surface.
@@ -129,14 +125,16 @@ pub fn openapi_json() -> String {
     tag = "service",
     responses((status = 200, body = String, content_type = "application/yaml"))
 )]
-async fn openapi() -> Response {
-    ([(header::CONTENT_TYPE, "application/yaml")], openapi_yaml()).into_response()
+async fn openapi(headers: HeaderMap) -> Response {
+    static TEXT: LazyLock<Constant> = LazyLock::new(|| Constant::new("openapi.yaml", openapi_yaml()));
+    TEXT.answer(None, &headers)
 }
 
 /// This description of the surface as JSON.
 #[utoipa::path(get, path = "/openapi.json", tag = "service", responses((status = 200, body = Object)))]
-async fn openapi_as_json() -> Response {
-    ([(header::CONTENT_TYPE, "application/json")], openapi_json()).into_response()
+async fn openapi_as_json(headers: HeaderMap) -> Response {
+    static TEXT: LazyLock<Constant> = LazyLock::new(|| Constant::new("openapi.json", openapi_json()));
+    TEXT.answer(None, &headers)
 }
 
 /// Every path with its methods in lower case, for the tests of the description.

@@ -1,6 +1,7 @@
 //! Rooms and plants.
 
 use super::access::Caller;
+use super::conditions::{self, is_known};
 use super::description::{Stored, With};
 use super::extract::{Asked, Json, Named};
 use super::page::{Page, PageQuery};
@@ -15,7 +16,7 @@ use crate::store;
 use crate::store::jobs::{JobRecord, JobStatus, Outcome};
 use crate::store::systems::SystemRecord;
 use axum::extract::State;
-use axum::http::{StatusCode, header};
+use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use indexmap::IndexMap;
 use jiff::Timestamp;
@@ -191,32 +192,62 @@ async fn list_systems(
     Ok(axum::Json(Page::of(records, size, |record| record.system.to_string(), row)))
 }
 
-/// One system.
+/// One system. Its tag says which document it has: with it in `If-Match` nobody else's change is overwritten.
 #[utoipa::path(
     get,
     path = "/systems/{kind}/{id}",
     tag = "systems",
     params(("kind" = String, Path), ("id" = String, Path)),
-    responses((status = 200, body = SystemAnswer), Problems)
+    responses(
+        (status = 200, body = SystemAnswer, headers(("ETag" = String))),
+        (status = 304, description = "It is as it was"),
+        Problems
+    )
 )]
 async fn get_system(
     State(service): State<Shared>,
     Named(system): Named,
-) -> Result<axum::Json<SystemAnswer>, ApiError> {
+    headers: HeaderMap,
+) -> Result<Response, ApiError> {
     let document = systems::require(&service, &system).await?;
-    Ok(axum::Json(With { own: SystemName { system }, document }))
+    let etag = etag_of(&document);
+    if is_known(&headers, &etag) {
+        return Ok((StatusCode::NOT_MODIFIED, [(header::ETAG, etag)]).into_response());
+    }
+    let answer = axum::Json(With { own: SystemName { system }, document });
+    Ok(([(header::ETAG, etag)], answer).into_response())
+}
+
+/// The tag of a document of a system.
+fn etag_of(document: &SystemDocument) -> String {
+    // A document that was read can be written.
+    let text = serde_json::to_vec(document).unwrap_or_default();
+    format!("\"{}\"", &blake3::hash(&text).to_hex()[..32])
 }
 
 /// Makes a system, or replaces its document.
+///
+/// With `If-None-Match: *` it is only made, with `If-Match` and the tag of a document only that one is replaced.
 #[utoipa::path(
     put,
     path = "/systems/{kind}/{id}",
     tag = "systems",
-    params(("kind" = String, Path), ("id" = String, Path)),
+    params(
+        ("kind" = String, Path),
+        ("id" = String, Path),
+        ("If-Match" = Option<String>, Header, description = "The tag of the document to be replaced"),
+        ("If-None-Match" = Option<String>, Header, description = "`*`: there must be no such system"),
+    ),
     request_body = SystemDocument,
     responses(
-        (status = 200, description = "Replaced", body = SystemAnswer),
-        (status = 201, description = "Made", body = SystemAnswer),
+        (status = 200, description = "Replaced", body = SystemAnswer, headers(("ETag" = String))),
+        (status = 201, description = "Made", body = SystemAnswer, headers(("ETag" = String))),
+        (
+            status = 412,
+            description = "`not-as-expected`: there is such a system, or its document is another one",
+            body = super::problem::Problem,
+            content_type = "application/problem+json"
+        ),
         Problems
     )
 )]
@@ -224,13 +255,14 @@ async fn put_system(
     State(service): State<Shared>,
     caller: Caller,
     Named(system): Named,
+    headers: HeaderMap,
     body: Json,
 ) -> Result<Response, ApiError> {
-    let (document, is_new) = systems::put(&service, &system, body.value, caller.name()).await?;
+    let allows = |known: Option<&SystemDocument>| conditions::allow(&headers, known.map(etag_of).as_deref());
+    let (document, is_new) = systems::put(&service, &system, body.value, caller.name(), allows).await?;
     let status = if is_new { StatusCode::CREATED } else { StatusCode::OK };
-    let location = format!("/systems/{system}");
-    Ok((status, [(header::LOCATION, location)], axum::Json(With { own: SystemName { system }, document }))
-        .into_response())
+    let fields = [(header::LOCATION, format!("/systems/{system}")), (header::ETAG, etag_of(&document))];
+    Ok((status, fields, axum::Json(With { own: SystemName { system }, document })).into_response())
 }
 
 /// Whether a deletion may take history along.

@@ -1,23 +1,31 @@
 //! `/ui/`: the page. It is part of the binary, asks this service alone, and carries what it shows in its
 //! address, so that every address under `/ui/` that names no file answers with the same document.
 
-use super::params::matches;
+use super::constant::Constant;
 use super::problem::ApiError;
 use super::shared::Shared;
 use axum::Router;
+use axum::body::Bytes;
 use axum::extract::Path;
-use axum::http::{HeaderMap, StatusCode, header};
+use axum::http::HeaderMap;
 use axum::response::{IntoResponse, Redirect, Response};
 use axum::routing::get;
-use rust_embed::{EmbeddedFile, RustEmbed};
+use rust_embed::RustEmbed;
 use std::borrow::Cow;
-use tower_http::compression::CompressionLayer;
+use std::collections::HashMap;
+use std::sync::LazyLock;
 
 /// Everything comes from this service, no text is ever a script or a style, and nothing may frame the page.
 /// Pictures and tables that it saves are made in the page itself (`blob:`).
-const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; img-src \
+pub(super) const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; img-src \
     'self' data: blob:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
 const DOCUMENT: &str = "index.html";
+
+/// The files by their paths below `/ui/`.
+static FILES: LazyLock<HashMap<String, Constant>> = LazyLock::new(|| {
+    let file = |path: Cow<'static, str>| Some((path.to_string(), Constant::new(&path, bytes(&path)?)));
+    Files::iter().filter_map(file).collect()
+});
 
 #[derive(RustEmbed)]
 #[folder = "../../web/ui"]
@@ -31,6 +39,18 @@ pub fn page_part(path: &str) -> Option<Cow<'static, str>> {
     }
 }
 
+fn bytes(path: &str) -> Option<Bytes> {
+    Files::get(path).map(|file| embedded(file.data))
+}
+
+/// Bytes of the binary, or of a file that a build for development reads; those of the binary are not copied.
+pub(super) fn embedded(data: Cow<'static, [u8]>) -> Bytes {
+    match data {
+        Cow::Borrowed(bytes) => Bytes::from_static(bytes),
+        Cow::Owned(bytes) => bytes.into(),
+    }
+}
+
 /// The page and its parts. They are no part of the described surface: their queries are the page's own.
 pub fn router() -> Router<Shared> {
     Router::new()
@@ -41,50 +61,14 @@ pub fn router() -> Router<Shared> {
             "/ui/{*path}",
             get(async |Path(path): Path<String>, headers: HeaderMap| answer(&path, &headers)),
         )
-        .layer(CompressionLayer::new())
 }
 
 /// A file, or the document where the last part of the path is no name of a file.
 fn answer(path: &str, headers: &HeaderMap) -> Response {
-    if let Some(file) = Files::get(path) {
-        return embedded(path, file, headers);
-    }
     let named = path.rsplit('/').next().is_some_and(|last| last.contains('.'));
-    match Files::get(DOCUMENT) {
-        Some(document) if !named => embedded(DOCUMENT, document, headers),
-        _ => ApiError::NotFound("file", path.to_owned()).into_response(),
+    let file = FILES.get(path).or_else(|| FILES.get(DOCUMENT).filter(|_| !named));
+    match file {
+        Some(file) => file.answer(Some(POLICY), headers),
+        None => ApiError::NotFound("file", path.to_owned()).into_response(),
     }
-}
-
-fn embedded(name: &str, file: EmbeddedFile, headers: &HeaderMap) -> Response {
-    let hash = file.metadata.sha256_hash();
-    sent(name, file.data, &hash, headers)
-}
-
-/// A part of a page under the policy of all pages; one that the browser has already is not sent again. The
-/// name says what it is, the hash which one.
-pub(super) fn sent(name: &str, bytes: Cow<'static, [u8]>, hash: &[u8], headers: &HeaderMap) -> Response {
-    let media_type = match name.rsplit_once('.') {
-        Some((_, "html")) => "text/html; charset=utf-8",
-        Some((_, "css")) => "text/css; charset=utf-8",
-        Some((_, "js" | "mjs")) => "text/javascript; charset=utf-8",
-        Some((_, "svg")) => "image/svg+xml",
-        Some((_, "png")) => "image/png",
-        Some((_, "json")) => "application/json",
-        _ => "text/plain; charset=utf-8",
-    };
-    let hash: String = hash.iter().take(16).map(|byte| format!("{byte:02x}")).collect();
-    let tag = format!("\"{hash}\"");
-    // Weak, because the same file may be sent compressed.
-    let fixed = [
-        (header::ETAG, format!("W/{tag}")),
-        (header::CACHE_CONTROL, "no-cache".to_owned()),
-        (header::CONTENT_SECURITY_POLICY, POLICY.to_owned()),
-        (header::X_CONTENT_TYPE_OPTIONS, "nosniff".to_owned()),
-        (header::REFERRER_POLICY, "no-referrer".to_owned()),
-    ];
-    if matches(headers, &tag) {
-        return (StatusCode::NOT_MODIFIED, fixed).into_response();
-    }
-    (fixed, [(header::CONTENT_TYPE, media_type)], bytes).into_response()
 }

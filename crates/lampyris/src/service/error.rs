@@ -19,6 +19,8 @@ pub enum ServiceError {
     NotFound(&'static str, String),
     /// Another document has this id: what, and which.
     Conflict(&'static str, String),
+    /// What a request said to be there is not, or what was not to be there is.
+    NotAsExpected(String),
     /// It cannot be done as things stand.
     Refused(Refusal),
     /// The idempotency key belongs to another request.
@@ -67,6 +69,7 @@ impl std::fmt::Display for ServiceError {
             ServiceError::NoSystem(system) => write!(f, "there is no system `{system}`"),
             ServiceError::NotFound(what, which) => write!(f, "there is no {what} `{which}`"),
             ServiceError::Conflict(what, which) => write!(f, "there is another {what} `{which}`"),
+            ServiceError::NotAsExpected(detail) => f.write_str(detail),
             ServiceError::Refused(refusal) => f.write_str(&refusal.detail),
             ServiceError::KeyReused => f.write_str("the idempotency key was used for another request"),
             ServiceError::NotFinished(job, state) => {

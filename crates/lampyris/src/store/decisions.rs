@@ -3,6 +3,7 @@
 use super::audit::{Action, AuditEntry, note};
 use super::database::Store;
 use super::error::StoreError;
+use super::idempotency::{KeyState, RequestKey, look_up, remember};
 use super::params;
 use super::revisions::{Cause, NewRevision, publish};
 use super::row::row;
@@ -41,6 +42,8 @@ pub enum Decided {
     Done(String, Option<i64>),
     /// It was made before; nothing changes.
     Already,
+    /// The idempotency key belongs to another request.
+    KeyReused,
     /// There is no such fit.
     NoFit,
     /// The fit does not wait for an operator; the gate's verdict on it.
@@ -94,10 +97,15 @@ pub async fn decide(
     fit: &str,
     decision: Decision,
     reason: &str,
-    who: &str,
-    now: Timestamp,
+    key: Option<&RequestKey>,
+    (who, now): (&str, Timestamp),
 ) -> Result<Decided, StoreError> {
     let mut tx = store.write().await?;
+    match look_up(&mut tx, key).await? {
+        KeyState::Reused => return Ok(Decided::KeyReused),
+        KeyState::Seen(_) => return Ok(Decided::Already),
+        KeyState::Fresh => remember(&mut tx, key, fit, 200, now).await?,
+    }
     let sql = "SELECT f.system, f.job, f.model, s.model AS own_model, f.document, f.verdict, f.created_at, \
         o.served, o.state, d.decision, \
         EXISTS (SELECT 1 FROM pins p WHERE p.system = f.system) AS pinned \
@@ -108,7 +116,12 @@ pub async fn decide(
     let Some(served) = &row.served else { return Ok(Decided::NotOffered(row.verdict)) };
     if let Some(earlier) = &row.decision {
         let earlier: Decision = parse("a decision", earlier)?;
-        return Ok(if earlier == decision { Decided::Already } else { Decided::Final(earlier) });
+        if earlier != decision {
+            return Ok(Decided::Final(earlier));
+        }
+        // The key belongs to this request from now on, although nothing else changes.
+        tx.commit().await?;
+        return Ok(Decided::Already);
     }
     if decision == Decision::Promoted && row.pinned {
         return Ok(Decided::Pinned);

@@ -114,6 +114,27 @@ impl Row {
     }
 }
 
+/// The newest revision that a system of this name ever had, 0 without any.
+async fn newest(tx: &mut SqliteConnection, system: &str) -> Result<i64, StoreError> {
+    let sql = "SELECT MAX(COALESCE((SELECT MAX(revision) FROM revisions WHERE system = $1), 0), \
+        COALESCE((SELECT revision FROM retired WHERE system = $1), 0))";
+    Ok(sqlx::query_scalar(sql).bind(system).fetch_one(tx).await?)
+}
+
+/// Remembers the newest revision of a system that is about to be deleted: a controller that has seen it takes
+/// nothing older for news, also from another system of the same name.
+pub(super) async fn retire(tx: &mut SqliteConnection, system: &str) -> Result<(), StoreError> {
+    let newest = newest(tx, system).await?;
+    if newest > 0 {
+        sqlx::query("INSERT OR REPLACE INTO retired (system, revision) VALUES ($1, $2)")
+            .bind(system)
+            .bind(newest)
+            .execute(tx)
+            .await?;
+    }
+    Ok(())
+}
+
 /// Makes a set of parameters the one that is served, under the next number. What was said of the revision
 /// before it, a fallback or a degradation, does not hold for it.
 pub(super) async fn publish(
@@ -121,11 +142,7 @@ pub(super) async fn publish(
     new: &NewRevision<'_>,
     now: Timestamp,
 ) -> Result<i64, StoreError> {
-    let newest: Option<i64> = sqlx::query_scalar("SELECT MAX(revision) FROM revisions WHERE system = $1")
-        .bind(new.system)
-        .fetch_one(&mut *tx)
-        .await?;
-    let revision = newest.unwrap_or(0) + 1;
+    let revision = newest(tx, new.system).await? + 1;
     for sql in [
         "UPDATE revisions SET current = FALSE WHERE system = $1 AND current",
         "DELETE FROM fallbacks WHERE system = $1",

@@ -4,6 +4,7 @@ use super::audit::{Action, AuditEntry, note};
 use super::database::Store;
 use super::error::StoreError;
 use super::reach::SystemScope;
+use super::revisions::retire;
 use super::row::row;
 use super::value::{instant, millis, parse};
 use super::windows::readers;
@@ -25,6 +26,20 @@ pub struct SystemRecord {
     pub created_at: Timestamp,
     /// When it was last changed.
     pub updated_at: Timestamp,
+}
+
+/// What became of a document of a system.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum SystemPut {
+    /// There is a system more.
+    Made,
+    /// The document before is gone.
+    Replaced,
+    /// What is there, or that nothing is, does not allow it.
+    Refused {
+        /// Whether there is such a system.
+        is_there: bool,
+    },
 }
 
 /// What became of a system that was to be deleted.
@@ -98,7 +113,7 @@ impl Row {
     }
 }
 
-/// Makes a system or replaces its document; says whether it is new.
+/// Makes a system or replaces its document, where what is there (`None` without any) allows it.
 ///
 /// # Errors
 /// Where the database fails.
@@ -107,14 +122,17 @@ pub async fn put(
     system: &SystemId,
     model: &ModelId,
     document: &str,
-    who: &str,
-    now: Timestamp,
-) -> Result<bool, StoreError> {
+    (who, now): (&str, Timestamp),
+    allows: impl FnOnce(Option<&str>) -> bool,
+) -> Result<SystemPut, StoreError> {
     let mut tx = store.write().await?;
-    let known: Option<i64> = sqlx::query_scalar("SELECT 1 FROM systems WHERE system = $1")
+    let known: Option<String> = sqlx::query_scalar("SELECT document FROM systems WHERE system = $1")
         .bind(system.to_string())
         .fetch_optional(&mut *tx)
         .await?;
+    if !allows(known.as_deref()) {
+        return Ok(SystemPut::Refused { is_there: known.is_some() });
+    }
     let sql = "INSERT INTO systems (system, model, document, created_at, updated_at) VALUES ($1, $2, $3, $4, $4) \
         ON CONFLICT (system) DO UPDATE SET model = excluded.model, document = excluded.document, updated_at \
         = excluded.updated_at";
@@ -133,7 +151,7 @@ pub async fn put(
     )
     .await?;
     tx.commit().await?;
-    Ok(known.is_none())
+    Ok(if known.is_none() { SystemPut::Made } else { SystemPut::Replaced })
 }
 
 /// Writes how the jobs of a system search into its document; which job found it, and why, is noted like an
@@ -225,6 +243,7 @@ pub async fn delete(
     if !force && needs != Needs::default() {
         return Ok(SystemDeletion::Needed(needs));
     }
+    retire(&mut tx, &name).await?;
     for sql in BELONGINGS {
         sqlx::query(sql).bind(&name).execute(&mut *tx).await?;
     }

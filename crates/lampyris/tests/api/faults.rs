@@ -191,7 +191,7 @@ fn an_endless_body_is_cut_off_at_the_limit() {
     let mut stream = std::net::TcpStream::connect(app.addr()).unwrap();
     stream
         .write_all(
-            b"POST /systems/room/1/windows HTTP/1.1\r\nhost: x\r\ncontent-type: \
+            b"POST /systems/room/1/windows HTTP/1.1\r\nhost: localhost\r\ncontent-type: \
             text/csv\r\ntransfer-encoding: chunked\r\n\r\n",
         )
         .unwrap();

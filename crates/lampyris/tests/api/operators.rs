@@ -36,8 +36,10 @@ fn a_suggested_fit_is_served_on_an_operators_word() {
     app.get("/params/room/1").problem(404, "no-validated-parameters");
     app.json("POST", "/fits/fit_none/promote", &json!({"reason": "x"})).problem(404, "fit-not-found");
 
+    let key = [("idempotency-key", "promote")];
     for _ in 0..2 {
-        let promoted = app.json("POST", &promote, &json!({"reason": "looks right"})).expect(200).json();
+        let reason = json!({"reason": "looks right"});
+        let promoted = app.json_with("POST", &promote, &key, &reason).expect(200).json();
         assert_eq!(
             (&promoted["decision"]["decision"], &promoted["waits_for_operator"]),
             (&json!("promoted"), &json!(false))
@@ -48,8 +50,9 @@ fn a_suggested_fit_is_served_on_an_operators_word() {
         (served["fit"].as_str(), served["revision"].as_i64(), served["status"].as_str()),
         (Some(fit), Some(1), Some("fresh"))
     );
-    app.json("POST", &format!("/fits/{fit}/reject"), &json!({"reason": "no"}))
-        .problem(409, "already-decided");
+    let reject = format!("/fits/{fit}/reject");
+    app.json("POST", &reject, &json!({"reason": "no"})).problem(409, "already-decided");
+    app.json_with("POST", &reject, &key, &json!({"reason": "no"})).problem(422, "idempotency-key-reused");
     let past = history(&app);
     assert_eq!(
         (past.len(), &past[0]["cause"], &past[0]["reason"]),

@@ -208,6 +208,24 @@ fn a_clock_that_was_set_back_makes_nothing_fresh_for_years() {
 }
 
 #[test]
+fn whoever_waits_for_a_system_that_is_deleted_hears_of_it() {
+    let app = TestApp::start();
+    app.room("1", 1);
+    let poll = {
+        let client = app.client.clone();
+        std::thread::spawn(move || {
+            let begun = Instant::now();
+            (client.get_with("/params/room/1", &[("prefer", "respond-async, Wait=\"60\"")]), begun.elapsed())
+        })
+    };
+    std::thread::sleep(Duration::from_millis(300));
+    app.send("DELETE", "/systems/room/1", &[], None).unwrap().expect(204);
+    let (answer, took) = poll.join().unwrap();
+    answer.problem(404, "system-not-found");
+    assert!((Duration::from_millis(250)..Duration::from_secs(30)).contains(&took), "{took:?}");
+}
+
+#[test]
 fn a_policy_that_suggests_publishes_nothing() {
     let app = TestApp::start();
     app.room("1", 1);

@@ -10,14 +10,14 @@ fn delete(app: &TestApp, path: &str) -> Answer {
 }
 
 /// What the database still knows of a system: tables with rows that name it, and broken references. That it
-/// was made and deleted, and by whom, is kept for good.
+/// was made and deleted, by whom, and how far its revisions came, is kept for good.
 fn remains(app: &TestApp, system: &str) -> Vec<String> {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
     runtime.block_on(async {
         let mut db =
             SqliteConnection::connect(&format!("sqlite://{}", app.database().display())).await.unwrap();
         let sql = "SELECT m.name FROM sqlite_master m JOIN pragma_table_info(m.name) c WHERE m.type = \
-            'table' AND m.name <> 'audit' AND c.name = 'system'";
+            'table' AND m.name NOT IN ('audit', 'retired') AND c.name = 'system'";
         let tables: Vec<String> = sqlx::query_scalar(sql).fetch_all(&mut db).await.unwrap();
         assert!(tables.len() >= 6, "{tables:?}");
         let mut remains: Vec<String> = sqlx::query_scalar("SELECT \"table\" FROM pragma_foreign_key_check")
@@ -105,7 +105,7 @@ fn history_goes_only_by_force_and_then_completely() {
     app.room("2", 2);
     app.get("/params/room/2").problem(404, "no-validated-parameters");
     app.ended(&app.estimate("room/2", json!({})));
-    assert_eq!(app.get("/params/room/2").expect(200).json()["revision"], 1, "a new system counts from one");
+    assert_eq!(app.get("/params/room/2").expect(200).json()["revision"], 2, "revisions never go back");
 }
 
 #[test]
@@ -249,4 +249,31 @@ fn a_row_tells_how_a_system_fares() {
     let fallen = row();
     assert_eq!((fallen["status"].as_str(), fallen["health"].as_str()), (Some("fallback"), Some("attention")));
     assert!(fallen["why"].as_str().unwrap().contains("the newest job failed"), "{fallen}");
+}
+
+#[test]
+fn a_document_is_overwritten_only_by_those_who_have_seen_it() {
+    let app = TestApp::start();
+    let put = |headers: &[(&str, &str)], label: &str| {
+        app.json_with("PUT", "/systems/room/1", headers, &json!({"model": "rc2", "label": label}))
+    };
+    let (only_new, any) = ([("if-none-match", "*")], [("if-match", "*")]);
+    put(&any, "nothing to replace").problem(412, "not-as-expected");
+    let made = put(&only_new, "first").expect(201);
+    put(&only_new, "by accident").problem(412, "not-as-expected");
+    let read = app.get("/systems/room/1").expect(200);
+    assert_eq!((read.json()["label"].as_str(), read.header("etag")), (Some("first"), made.header("etag")));
+    let first = read.header("etag").to_owned();
+    app.get_with("/systems/room/1", &[("if-none-match", &first)]).expect(304);
+
+    let second = put(&[("if-match", &first)], "second").expect(200).header("etag").to_owned();
+    assert_ne!(first, second);
+    put(&[("if-match", &first)], "late").problem(412, "not-as-expected");
+    put(&[("if-match", &format!("{first}, {second}"))], "third").expect(200);
+    put(&any, "fourth").expect(200);
+    put(&[], "unconditional").expect(200);
+    assert_eq!(app.get("/systems/room/1").json()["label"], "unconditional");
+    // A document with faults is told them, whatever its conditions.
+    app.json_with("PUT", "/systems/room/1", &only_new, &json!({"model": "none"}))
+        .problem(422, "invalid-request");
 }

@@ -412,3 +412,19 @@ fn a_visitor_needs_no_lock_and_a_second_service_does() {
     });
     app.room("1", 1);
 }
+
+#[test]
+fn nobody_learns_the_keys_of_others() {
+    let app = TestApp::start();
+    let (one, two) = (app.token("one", Scope::Admin, &[]), app.token("two", Scope::Admin, &[]));
+    one.room("1", 1);
+    let post = |client: &Client, body: &Value| {
+        client.json_with("POST", "/jobs", &[("idempotency-key", "monday")], body)
+    };
+    let (body, other) = (quick("room/1"), json!({"kind": "recalibrate", "systems": ["room/*"]}));
+    let first = post(&one, &body).expect(202).json();
+    assert_eq!(post(&one, &body).expect(202).json()["id"], first["id"]);
+    post(&one, &other).problem(422, "idempotency-key-reused");
+    // To somebody else the key is a new one.
+    assert_ne!(post(&two, &other).expect(202).json()["id"], first["id"]);
+}

@@ -16,8 +16,10 @@ mod queue;
 mod soak;
 mod stamps;
 mod stops;
+mod strangers;
 mod supply;
 #[path = "../support/mod.rs"]
 mod support;
+mod tls;
 mod traffic;
 mod upgrades;

@@ -84,6 +84,11 @@ impl Client {
         Self { base, agent: config.into(), token: None }
     }
 
+    /// The same client on connections of its own.
+    pub fn afresh(&self) -> Self {
+        Self { token: self.token.clone(), ..Self::new(self.base.clone()) }
+    }
+
     /// The same client with a token.
     pub fn with_token(&self, token: &str) -> Self {
         Self { token: Some(token.to_owned()), ..self.clone() }

@@ -110,10 +110,15 @@ impl Process {
         self.child.try_wait().unwrap().is_some()
     }
 
+    /// Sends a signal by its name, such as `HUP`.
+    pub fn signal(&self, name: &str) {
+        Command::new("kill").args([&format!("-{name}"), &self.child.id().to_string()]).status().unwrap();
+    }
+
     /// SIGTERM, as a supervisor would; gives the exit code and how long it took.
     pub fn terminate(mut self) -> (Option<i32>, Duration) {
         let start = Instant::now();
-        Command::new("kill").args(["-TERM", &self.child.id().to_string()]).status().unwrap();
+        self.signal("TERM");
         let status = self.child.wait().unwrap();
         (status.code(), start.elapsed())
     }

@@ -24,7 +24,8 @@ pub struct Choices {
 
 impl Choices {
     /// What makes no sense for this model: unknown parameters, and bounds that are no interval on their
-    /// scale.
+    /// scale. A parameter that only other variants of the model use is known, and what is asked of it waits for
+    /// their channels: which variant it is shows when the measurements are there.
     pub fn faults(&self, model: &Model) -> Vec<Fault> {
         let mut faults = Vec::new();
         let names = || model.parameters().iter().map(|parameter| parameter.name.as_str());
@@ -34,7 +35,7 @@ impl Choices {
             .map(|name| ("bounds", name))
             .chain(self.fixed.keys().map(|name| ("fixed", name)))
         {
-            if !names().any(|known| known == name) {
+            if !names().chain(model.unused().iter().map(String::as_str)).any(|known| known == name) {
                 let fault = Fault::new(
                     format!("/{field}/{name}"),
                     "unknown-parameter",
@@ -92,4 +93,33 @@ pub struct Source {
     pub quanta: Vec<Option<f64>>,
     /// What is needed to put the problem together again.
     pub basis: Basis,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::{Bindings, Catalogue, compile};
+
+    #[test]
+    fn what_another_variant_needs_may_be_bounded_and_what_none_has_may_not() {
+        let catalogue = Catalogue::builtin().unwrap();
+        let composition = catalogue.compose(&"room2".parse().unwrap()).unwrap();
+        let compiled = |channels: Option<&[&str]>| {
+            let channels = channels.map(|names| names.iter().map(|&name| name.to_owned()).collect());
+            compile(&composition, &Bindings { sets: Default::default(), channels }).unwrap()
+        };
+        let bare = compiled(Some(&["T_room", "T_out", "valve", "T_forward", "sun_south_W_m2", "occupied"]));
+        let other = compiled(None);
+        let unused: Vec<&String> = bare.unused().iter().chain(other.unused()).collect();
+        assert!(!unused.is_empty());
+        let with =
+            |name: &str| Choices { bounds: [(name.to_owned(), [0.1, 0.2])].into(), ..Choices::default() };
+        for name in unused {
+            for model in [&bare, &other] {
+                let faults = with(name).faults(model);
+                assert!(faults.iter().all(|fault| fault.code != "unknown-parameter"), "{faults:?}");
+            }
+        }
+        assert_eq!(with("nobody").faults(&bare)[0].code, "unknown-parameter");
+    }
 }

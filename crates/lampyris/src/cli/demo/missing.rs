@@ -101,7 +101,7 @@ pub async fn find(service: &Service, hidden: bool) -> Result<Vec<DiagnosedRoom>,
         let system = id(room)?;
         let mut document = room.document.clone();
         document["label"] = json!(room.label);
-        systems::put(service, &system, document, LOCAL).await.map_err(failed)?;
+        systems::put(service, &system, document, LOCAL, |_| true).await.map_err(failed)?;
         windows::take(service, &system, Format::Csv, room.csv.clone(), None).await.map_err(failed)?;
         let request = room.request.as_object().cloned().unwrap_or_default();
         for kind in [JobKind::Diagnose, JobKind::Ladder].into_iter().take(1 + usize::from(room.climbs)) {

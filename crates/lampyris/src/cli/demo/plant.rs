@@ -66,7 +66,7 @@ pub async fn fit(service: &Service, hidden: bool) -> Result<PlantFit, Failure> {
         made.await.map_err(|error| Failure::Error(error.to_string()))?.map_err(|found| faults(&found))?;
     let fixed = json!({ "Y_H": 0.67, "b_H": 0.62, "K_S": 20, "K_OA": 0.5, "K_NH": 1 });
     let document = json!({ "label": "synthetic treatment plant", "model": MODEL, "fixed": fixed });
-    systems::put(service, &system, document, LOCAL).await.map_err(failed)?;
+    systems::put(service, &system, document, LOCAL, |_| true).await.map_err(failed)?;
     windows::take(service, &system, Format::Csv, twin.csv, None).await.map_err(failed)?;
     let request = json!({ "split": { "train": "P6D", "validation": "P2D" }, "method": { "seed": 1 } });
     let request = request.as_object().cloned().unwrap_or_default();

@@ -277,7 +277,7 @@ async fn read(store: &Store) -> Result<HashMap<[u8; 32], Arc<TokenRecord>>, Stor
 }
 
 /// The part of an address that its owner cannot change at will: one line has 2^64 addresses of version 6.
-fn network(address: IpAddr) -> IpAddr {
+pub fn network(address: IpAddr) -> IpAddr {
     match address.to_canonical() {
         IpAddr::V6(address) => Ipv6Addr::from_bits(address.to_bits() & (u128::MAX << 64)).into(),
         address => address,

@@ -6,19 +6,21 @@ use crate::service::error::{Refusal, ServiceError};
 use crate::service::state::Service;
 use crate::service::threads::blocking;
 use crate::store;
-use crate::store::systems::{Needs, SystemDeletion};
+use crate::store::systems::{Needs, SystemDeletion, SystemPut};
 use lampyris_core::data::SystemId;
 use serde_json::json;
 
-/// Makes a system or replaces its document; says whether it is new.
+/// Makes a system or replaces its document, where what is there (`None` without any) allows it; says whether it
+/// is new.
 ///
 /// # Errors
-/// Every fault of the document, or where the database fails.
+/// Every fault of the document, where what is there does not allow it, or where the database fails.
 pub async fn put(
     service: &Service,
     system: &SystemId,
     body: serde_json::Value,
     who: &str,
+    allows: impl FnOnce(Option<&SystemDocument>) -> bool,
 ) -> Result<(SystemDocument, bool), ServiceError> {
     let catalogue = service.catalogue.current();
     let name = system.clone();
@@ -32,9 +34,24 @@ pub async fn put(
     });
     let document = checked.await?.map_err(ServiceError::Faults)?;
     let text = serde_json::to_string(&document).map_err(|error| ServiceError::Internal(error.to_string()))?;
-    let is_new =
-        store::systems::put(&service.store, system, &document.model, &text, who, service.now()).await?;
-    Ok((document, is_new))
+    let by = (who, service.now());
+    let put = store::systems::put(&service.store, system, &document.model, &text, by, |known| {
+        match known.map(self::document).transpose() {
+            Ok(known) => allows(known.as_ref()),
+            // What nobody can read any more may be replaced.
+            Err(_) => true,
+        }
+    });
+    match put.await? {
+        SystemPut::Made => Ok((document, true)),
+        SystemPut::Replaced => Ok((document, false)),
+        SystemPut::Refused { is_there: true } => Err(ServiceError::NotAsExpected(format!(
+            "`{system}` is there, and not as this request expects it"
+        ))),
+        SystemPut::Refused { is_there: false } => {
+            Err(ServiceError::NotAsExpected(format!("there is no system `{system}` to be replaced")))
+        }
+    }
 }
 
 /// Deletes a system with its measurements, jobs, fits and revisions; `/params` then does not know it any

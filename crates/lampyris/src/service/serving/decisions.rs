@@ -7,6 +7,7 @@ use crate::service::error::{Refusal, ServiceError};
 use crate::service::state::Service;
 use crate::store;
 use crate::store::decisions::{Decided, Decision};
+use crate::store::idempotency::RequestKey;
 use crate::store::pins::Pinned;
 use lampyris_core::data::SystemId;
 use lampyris_core::fault::Fault;
@@ -46,11 +47,13 @@ pub async fn decide(
     fit: &str,
     decision: Decision,
     body: Value,
+    key: Option<&RequestKey>,
     who: &str,
 ) -> Result<(), ServiceError> {
     let Reason { reason } = decode::decode(body).map_err(ServiceError::Faults)?;
     check_reason(&reason)?;
-    match store::decisions::decide(&service.store, fit, decision, &reason, who, service.now()).await? {
+    let by = (who, service.now());
+    match store::decisions::decide(&service.store, fit, decision, &reason, key, by).await? {
         Decided::Done(system, revision) => {
             tracing::info!(fit, system, revision, reason, who, "{} by an operator", decision.as_str());
             let system = system.parse().map_err(|error: lampyris_core::data::BadSystemId| {
@@ -60,6 +63,7 @@ pub async fn decide(
             Ok(())
         }
         Decided::Already => Ok(()),
+        Decided::KeyReused => Err(ServiceError::KeyReused),
         Decided::NoFit => Err(ServiceError::NotFound("fit", fit.to_owned())),
         Decided::NotOffered(verdict) => {
             let detail = match verdict.as_str() {

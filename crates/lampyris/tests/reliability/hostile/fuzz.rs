@@ -128,7 +128,7 @@ fn mutated(good: &Good, random: &mut Random) -> Vec<u8> {
         }
     };
     let head = format!(
-        "{} {path} HTTP/1.1\r\nhost: x\r\ncontent-type: {}\r\ncontent-length: {}\r\n\r\n",
+        "{} {path} HTTP/1.1\r\nhost: localhost\r\ncontent-type: {}\r\ncontent-length: {}\r\n\r\n",
         good.method,
         good.media_type,
         body.len()

@@ -1,0 +1,392 @@
+//! Who holds how many connections, and who loses one where there are too many.
+//!
+//! A connection is charged to the network that it comes from until it shows a token that is good; from then on
+//! to the token. Nobody waits in line: where all places are taken, whoever comes gets one, and of those that
+//! hold most somebody who has been quiet for long loses one. Strangers hold a part of the places only, so
+//! that the rest is there for those with a token.
+
+use crate::service::access::tokens::network;
+use crate::settings::Limits;
+use std::cmp::Reverse;
+use std::collections::HashMap;
+use std::net::IpAddr;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Instant;
+use tokio::sync::Notify;
+
+/// All places of a listener.
+#[derive(Debug)]
+pub struct Places {
+    limits: Limits,
+    began: Instant,
+    table: Mutex<Table>,
+}
+
+/// Who is charged.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+enum Holder {
+    /// A network that has shown no token.
+    Stranger(IpAddr),
+    /// A token, by its hash.
+    Token([u8; 32]),
+    /// Everybody, where there are no tokens.
+    Local,
+}
+
+#[derive(Debug, Default)]
+struct Table {
+    holders: HashMap<Holder, Held>,
+    all: usize,
+    strangers: usize,
+    streams: usize,
+    displaced: u64,
+}
+
+#[derive(Debug, Default)]
+struct Held {
+    seats: Vec<Arc<Seat>>,
+    streams: usize,
+}
+
+/// What a connection tells of itself.
+#[derive(Debug, Default)]
+pub struct Seat {
+    /// When it has last said or taken something, in milliseconds since the listener began.
+    heard_at: AtomicU64,
+    lost: Notify,
+}
+
+/// The place of one connection, until it is dropped.
+#[derive(Debug)]
+pub struct Place {
+    places: Arc<Places>,
+    peer: IpAddr,
+    seat: Arc<Seat>,
+    holder: Mutex<Holder>,
+}
+
+/// A stream of events that a connection carries, until it is dropped.
+#[derive(Debug)]
+pub struct StreamPlace {
+    place: Arc<Place>,
+    holder: Holder,
+}
+
+/// What is counted of all places.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Crowd {
+    /// Connections that are open.
+    pub connections: usize,
+    /// Those of them that have shown no token.
+    pub strangers: usize,
+    /// Streams of events that are open.
+    pub streams: usize,
+    /// Connections that lost their place to others, ever.
+    pub displaced: u64,
+}
+
+impl Places {
+    /// The places that the limits allow.
+    pub fn new(limits: Limits) -> Arc<Self> {
+        Arc::new(Self { limits, began: Instant::now(), table: Mutex::default() })
+    }
+
+    /// A place for a connection that has just come. Where there are no tokens (`is_open`) nobody is a stranger.
+    pub fn take(self: &Arc<Self>, peer: IpAddr, is_open: bool) -> Arc<Place> {
+        let holder = if is_open { Holder::Local } else { Holder::Stranger(network(peer)) };
+        let seat = Arc::new(Seat { heard_at: AtomicU64::new(self.milliseconds()), lost: Notify::new() });
+        let mut table = self.lock();
+        self.make_room(&mut table, holder);
+        table.add(holder, seat.clone());
+        drop(table);
+        Arc::new(Place { places: self.clone(), peer, seat, holder: Mutex::new(holder) })
+    }
+
+    fn crowd(&self) -> Crowd {
+        let Table { all, strangers, streams, displaced, .. } = *self.lock();
+        Crowd { connections: all, strangers, streams, displaced }
+    }
+
+    /// Frees a place for one more connection of a holder, where all that it may have are taken.
+    fn make_room(&self, table: &mut Table, holder: Holder) {
+        let held = table.holders.get(&holder).map_or(0, |held| held.seats.len());
+        let loser = if held >= self.most(holder) {
+            Some(holder)
+        } else if matches!(holder, Holder::Stranger(_)) && table.strangers >= self.most_strangers() {
+            table.largest(true)
+        } else if table.all >= self.limits.connections {
+            table.largest(true).or_else(|| table.largest(false))
+        } else {
+            None
+        };
+        if let Some(loser) = loser {
+            table.displace(loser);
+        }
+    }
+
+    fn most(&self, holder: Holder) -> usize {
+        match holder {
+            Holder::Stranger(_) => self.limits.connections_per_peer,
+            Holder::Token(_) => self.limits.connections_per_token,
+            Holder::Local => self.limits.connections,
+        }
+    }
+
+    /// Half of all places: the other half is for those with a token.
+    fn most_strangers(&self) -> usize {
+        self.limits.connections / 2
+    }
+
+    fn milliseconds(&self) -> u64 {
+        u64::try_from(self.began.elapsed().as_millis()).unwrap_or(u64::MAX)
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Table> {
+        // A panic while the lock was held can at most have lost a count.
+        self.table.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Table {
+    fn add(&mut self, holder: Holder, seat: Arc<Seat>) {
+        self.holders.entry(holder).or_default().seats.push(seat);
+        self.all += 1;
+        self.strangers += usize::from(matches!(holder, Holder::Stranger(_)));
+    }
+
+    /// Takes a seat out; `false` where it was lost before.
+    fn remove(&mut self, holder: Holder, seat: &Arc<Seat>) -> bool {
+        let Some(held) = self.holders.get_mut(&holder) else { return false };
+        let Some(at) = held.seats.iter().position(|one| Arc::ptr_eq(one, seat)) else { return false };
+        held.seats.swap_remove(at);
+        self.all -= 1;
+        self.strangers -= usize::from(matches!(holder, Holder::Stranger(_)));
+        self.forget(holder);
+        true
+    }
+
+    /// Forgets a holder of nothing.
+    fn forget(&mut self, holder: Holder) {
+        if self.holders.get(&holder).is_some_and(|held| held.seats.is_empty() && held.streams == 0) {
+            self.holders.remove(&holder);
+        }
+    }
+
+    /// Whoever holds most, of strangers or of all; of several, the one of the connection that has been quiet
+    /// longest.
+    fn largest(&self, only_strangers: bool) -> Option<Holder> {
+        let asked = self
+            .holders
+            .iter()
+            .filter(|(holder, _)| !only_strangers || matches!(holder, Holder::Stranger(_)));
+        let rank = |held: &Held| {
+            let quietest = held.seats.iter().map(|seat| seat.heard_at.load(Ordering::Relaxed)).min();
+            Some((held.seats.len(), Reverse(quietest?)))
+        };
+        let ranked = asked.filter_map(|(holder, held)| Some((*holder, rank(held)?)));
+        ranked.max_by_key(|(_, rank)| *rank).map(|(holder, _)| holder)
+    }
+
+    /// Takes the place of the connection of a holder that has been quiet longest.
+    fn displace(&mut self, holder: Holder) {
+        let seats = self.holders.get(&holder).map(|held| held.seats.as_slice()).unwrap_or_default();
+        let quietest = seats.iter().min_by_key(|seat| seat.heard_at.load(Ordering::Relaxed)).cloned();
+        if let Some(seat) = quietest {
+            self.remove(holder, &seat);
+            self.displaced += 1;
+            seat.lost.notify_one();
+        }
+    }
+}
+
+impl Place {
+    /// The address that it came from.
+    pub fn peer(&self) -> IpAddr {
+        self.peer
+    }
+
+    /// What is counted of all places now.
+    pub fn crowd(&self) -> Crowd {
+        self.places.crowd()
+    }
+
+    /// The connection has said or taken something.
+    pub fn heard(&self) {
+        self.seat.heard_at.store(self.places.milliseconds(), Ordering::Relaxed);
+    }
+
+    /// Waits until somebody else was given the place.
+    pub async fn lost(&self) {
+        self.seat.lost.notified().await;
+    }
+
+    /// Charges it to a token that is good, by the hash of the token.
+    pub fn show(&self, token: [u8; 32]) {
+        let mut holder = self.holder();
+        if *holder == Holder::Token(token) {
+            return;
+        }
+        let mut table = self.places.lock();
+        if table.remove(*holder, &self.seat) {
+            *holder = Holder::Token(token);
+            self.places.make_room(&mut table, *holder);
+            table.add(*holder, self.seat.clone());
+        }
+    }
+
+    /// A stream of events for this connection, `None` where its holder has, or all together have, as many as
+    /// they may.
+    pub fn stream(self: Arc<Self>) -> Option<StreamPlace> {
+        let holder = *self.holder();
+        let limits = &self.places.limits;
+        let most = if holder == Holder::Local { limits.streams } else { limits.streams_per_token };
+        let mut table = self.places.lock();
+        let held = table.holders.get(&holder).map_or(0, |held| held.streams);
+        if held >= most || table.streams >= limits.streams {
+            return None;
+        }
+        table.streams += 1;
+        table.holders.entry(holder).or_default().streams += 1;
+        drop(table);
+        Some(StreamPlace { place: self, holder })
+    }
+
+    fn holder(&self) -> MutexGuard<'_, Holder> {
+        self.holder.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Drop for Place {
+    fn drop(&mut self) {
+        let holder = *self.holder();
+        self.places.lock().remove(holder, &self.seat);
+    }
+}
+
+impl Drop for StreamPlace {
+    fn drop(&mut self) {
+        let mut table = self.place.places.lock();
+        table.streams -= 1;
+        if let Some(held) = table.holders.get_mut(&self.holder) {
+            held.streams -= 1;
+        }
+        table.forget(self.holder);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::net::Ipv4Addr;
+
+    fn places(connections: usize) -> Arc<Places> {
+        let limits = Limits {
+            connections,
+            connections_per_peer: 4,
+            connections_per_token: 6,
+            streams: 3,
+            streams_per_token: 2,
+            ..Limits::default()
+        };
+        Places::new(limits)
+    }
+
+    fn peer(last: u8) -> IpAddr {
+        Ipv4Addr::new(192, 0, 2, last).into()
+    }
+
+    fn stands(place: &Place) -> bool {
+        let holder = *place.holder();
+        let table = place.places.lock();
+        let held = table.holders.get(&holder);
+        held.is_some_and(|held| held.seats.iter().any(|seat| Arc::ptr_eq(seat, &place.seat)))
+    }
+
+    /// As if a connection had been heard so long after the beginning.
+    fn at(place: &Place, milliseconds: u64) {
+        place.seat.heard_at.store(milliseconds, Ordering::Relaxed);
+    }
+
+    #[test]
+    fn a_crowd_of_one_address_loses_its_own_places_and_the_quietest_first() {
+        let places = places(100);
+        let other = places.take(peer(9), false);
+        let crowd: Vec<_> = (0..4).map(|_| places.take(peer(1), false)).collect();
+        for (place, milliseconds) in crowd.iter().zip([7_000, 3_000, 9_000, 5_000]) {
+            at(place, milliseconds);
+        }
+        let newest = places.take(peer(1), false);
+        assert_eq!(crowd.iter().map(|place| stands(place)).collect::<Vec<_>>(), [true, false, true, true]);
+        assert!(stands(&newest) && stands(&other));
+        assert_eq!(places.crowd(), Crowd { connections: 5, strangers: 5, streams: 0, displaced: 1 });
+        drop((crowd, newest, other));
+        assert_eq!(places.crowd().connections, 0);
+        assert!(places.lock().holders.is_empty());
+    }
+
+    #[test]
+    fn strangers_from_everywhere_leave_half_of_the_places_to_those_with_a_token() {
+        let places = places(20);
+        let strangers: Vec<_> = (0..30)
+            .map(|from| {
+                let place = places.take(peer(from), false);
+                at(&place, u64::from(from));
+                place
+            })
+            .collect();
+        assert_eq!(places.crowd().connections, 10);
+        assert!(strangers[20..].iter().all(|place| stands(place)), "the quietest go first");
+        let known: Vec<_> = (0..18)
+            .map(|number| {
+                let place = places.take(peer(200), false);
+                place.show([number / 6; 32]);
+                place
+            })
+            .collect();
+        assert!(known.iter().all(|place| stands(place)));
+        assert_eq!(places.crowd().connections, 20);
+        assert_eq!(strangers.iter().filter(|place| stands(place)).count(), 2);
+        // Where there are no strangers left, whoever holds most loses one.
+        let more: Vec<_> = (0..3).map(|from| places.take(peer(from), false)).collect();
+        assert_eq!(places.crowd().connections, 20);
+        assert!(stands(&more[2]));
+    }
+
+    #[test]
+    fn a_token_has_a_cap_and_takes_no_place_from_another() {
+        let places = places(100);
+        let controller = places.take(peer(1), false);
+        controller.show([1; 32]);
+        let flood: Vec<_> = (0..50)
+            .map(|_| {
+                let place = places.take(peer(1), false);
+                place.show([2; 32]);
+                place
+            })
+            .collect();
+        assert!(stands(&controller));
+        assert_eq!(flood.iter().filter(|place| stands(place)).count(), 6);
+        // A connection that has lost its place gets none by showing another token.
+        flood[0].show([3; 32]);
+        assert!(!stands(&flood[0]));
+        assert_eq!(places.crowd().connections, 7);
+    }
+
+    #[test]
+    fn streams_are_counted_by_token_and_in_all() {
+        let places = places(100);
+        let stream = |token: u8| {
+            let place = places.take(peer(token), false);
+            place.show([token; 32]);
+            place.stream()
+        };
+        let mut open = vec![stream(1).unwrap(), stream(1).unwrap()];
+        assert!(stream(1).is_none(), "a token has two");
+        open.push(stream(2).unwrap());
+        assert!(stream(3).is_none(), "there are three in all");
+        open.clear();
+        assert_eq!(places.crowd(), Crowd { connections: 0, strangers: 0, streams: 0, displaced: 0 });
+        assert!(stream(3).is_some());
+    }
+}
