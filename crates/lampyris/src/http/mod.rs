@@ -35,6 +35,7 @@ mod schedules;
 mod series;
 mod service;
 mod shared;
+mod storage;
 mod surface;
 mod systems;
 mod web;
