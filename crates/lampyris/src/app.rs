@@ -16,6 +16,7 @@ use crate::service::work::worker;
 use crate::service::{Clock, Service, ServiceError, pool};
 use crate::settings::Settings;
 use crate::store::{self, Store, StoreError};
+use jiff::Timestamp;
 use lampyris_core::model::Catalogue;
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 use std::net::SocketAddr;
@@ -30,6 +31,10 @@ use tokio::task::{JoinHandle, JoinSet};
 /// How long jobs and answers under way may take after the service was asked to stop. Five seconds are
 /// promised.
 const GRACE: Duration = Duration::from_secs(4);
+/// How often the files of the database are looked at while nobody writes.
+const LOOK: Duration = Duration::from_secs(1);
+/// The number of a start on a disk that takes no writes: less than that of any other.
+const NO_BOOT: i64 = 0;
 /// Files beside those of connections: the database, the log, the runtime.
 const SPARE_FILES: u64 = 128;
 
@@ -139,19 +144,10 @@ impl App {
         if tokens.is_open() && !settings.bind.ip().is_loopback() {
             return Err(AppError::NotLoopback(settings.bind));
         }
-        let boot = store.next_boot().await?;
         // Taken before anything ends, so that the jobs that fail right now are told and counted like all
         // others.
         let newest = store::events::newest(&store).await?;
-        let recovered = store::queue::recover(&store, boot, clock.now()).await?;
-        if !recovered.requeued.is_empty() || !recovered.failed.is_empty() {
-            tracing::warn!(
-                requeued = recovered.requeued.len(),
-                failed = recovered.failed.len(),
-                "jobs of an earlier start were found running"
-            );
-        }
-        store::idempotency::forget_old(&store, clock.now()).await?;
+        let boot = if store.is_read_only() { NO_BOOT } else { begin(&store, clock.now()).await? };
         let service = Arc::new(Service {
             catalogue: SharedCatalogue::load(&store, builtin).await?,
             board: ProgressBoard::default(),
@@ -176,19 +172,22 @@ impl App {
         let changes = service.store.follow();
         params::load_all(&service).await?;
         tasks.spawn(params::follow(service.clone(), changes));
-        schedules::ensure_nightly(&service).await?;
         let bind = service.settings.bind;
         let listener =
             bound(bind, service.settings.limits.connections).map_err(|error| AppError::Bind(bind, error))?;
         let addr = listener.local_addr().map_err(AppError::Io)?;
-        for index in 0..service.settings.workers {
-            let pool = pool(threads(&service.settings), index).map_err(AppError::Threads)?;
-            tasks.spawn(worker::run(service.clone(), pool));
+        if !service.store.is_read_only() {
+            schedules::ensure_nightly(&service).await?;
+            for index in 0..service.settings.workers {
+                let pool = pool(threads(&service.settings), index).map_err(AppError::Threads)?;
+                tasks.spawn(worker::run(service.clone(), pool));
+            }
+            let spare = pool(1, service.settings.workers).map_err(AppError::Threads)?;
+            tasks.spawn(degradations::run(service.clone(), spare));
+            tasks.spawn(schedules::run(service.clone()));
+            tasks.spawn(watch_files(service.clone()));
         }
-        let spare = pool(1, service.settings.workers).map_err(AppError::Threads)?;
-        tasks.spawn(degradations::run(service.clone(), spare));
         tasks.spawn(follow::follow(service.clone()));
-        tasks.spawn(schedules::run(service.clone()));
         let following = service.clone();
         tasks.spawn(async move {
             tokens::follow(&following.tokens, &following.store, following.stopping.subscribe()).await
@@ -272,6 +271,36 @@ pub async fn serve(settings: Settings, ready: impl FnOnce(&str)) -> Result<(), A
     }
     tracing::info!("asked to stop");
     app.shutdown().await
+}
+
+/// Takes a number for this start, and clears up after the one before.
+async fn begin(store: &Store, now: Timestamp) -> Result<i64, StoreError> {
+    let boot = store.next_boot().await?;
+    let recovered = store::queue::recover(store, boot, now).await?;
+    if !recovered.requeued.is_empty() || !recovered.failed.is_empty() {
+        tracing::warn!(
+            requeued = recovered.requeued.len(),
+            failed = recovered.failed.len(),
+            "jobs of an earlier start were found running"
+        );
+    }
+    store::idempotency::forget_old(store, now).await?;
+    Ok(boot)
+}
+
+/// Looks at the files of the database until the service stops, also while nobody writes. What can be saved of
+/// them is saved once.
+async fn watch_files(service: Arc<Service>) {
+    let mut stopping = service.stopping.subscribe();
+    while service.store.require_files().is_ok() {
+        tokio::select! {
+            () = tokio::time::sleep(LOOK) => {}
+            _ = stopping.wait_for(|stopping| *stopping) => return,
+        }
+    }
+    if let Err(error) = service.store.save().await {
+        tracing::error!(%error, "the write-ahead log could not be saved");
+    }
 }
 
 /// Lets this process have as many files open as its connections need, as far as the system allows.

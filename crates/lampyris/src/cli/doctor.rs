@@ -191,11 +191,15 @@ fn disk(folder: &Path, database: u64) -> (Status, String) {
 /// SQLite makes files beside the database, so the folder must be writable as well.
 fn permissions(folder: &Path, database: &Path) -> (Status, String) {
     let probe = folder.join(".lampyris-doctor");
-    if let Err(error) = fs::write(&probe, b"").and_then(|()| fs::remove_file(&probe)) {
+    // A page, since a disk without room for one still takes an empty file.
+    if let Err(error) = fs::write(&probe, [0; 4096]).and_then(|()| fs::remove_file(&probe)) {
+        // A part of it may be there.
+        let _ = fs::remove_file(&probe);
         return (
             Fail,
             format!(
-                "{} cannot be written ({error}): give it to the user who runs the service",
+                "{} cannot be written ({error}): make room, or give it to the user who runs the service; \
+                until then a service only reads what is there",
                 folder.display()
             ),
         );

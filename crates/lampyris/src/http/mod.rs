@@ -40,6 +40,7 @@ mod schedules;
 mod series;
 mod service;
 mod shared;
+mod storage;
 mod surface;
 mod systems;
 mod tls;

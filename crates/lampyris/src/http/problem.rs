@@ -1,5 +1,6 @@
 //! Every answer that is an error, as a problem document (RFC 9457) with a stable slug and all faults at once.
 
+use super::storage;
 use crate::service::{Refusal, ServiceError};
 use crate::store::StoreError;
 use crate::store::tokens::Scope;
@@ -356,32 +357,9 @@ impl ApiError {
                 let detail = "too many answers are being computed already; nothing was started".into();
                 plain(StatusCode::SERVICE_UNAVAILABLE, "busy", "Too much is asked at once", detail)
             }
-            ApiError::Storage(StoreError::Full(_)) => {
-                let detail = "the database has no room for this: delete windows or make room on its disk, \
-                    and send it again; what is served stays served"
-                    .into();
-                plain(StatusCode::INSUFFICIENT_STORAGE, "storage-full", "The database is full", detail)
-            }
-            ApiError::Storage(StoreError::Broken(_)) => {
-                let detail =
-                    "a write has failed, and nothing is written until the service is started again; what is \
-                    served stays served"
-                        .into();
-                plain(
-                    StatusCode::SERVICE_UNAVAILABLE,
-                    "storage-read-only",
-                    "The database is read-only",
-                    detail,
-                )
-            }
-            ApiError::Storage(_) => {
-                let detail = "the database cannot do this now; what is served stays served".into();
-                plain(
-                    StatusCode::SERVICE_UNAVAILABLE,
-                    "storage-unavailable",
-                    "The database is unavailable",
-                    detail,
-                )
+            ApiError::Storage(error) => {
+                let (status, slug, title) = storage::problem(&error);
+                plain(status, slug, title, storage::detail(&error))
             }
             ApiError::TimedOut => plain(
                 StatusCode::SERVICE_UNAVAILABLE,
@@ -420,7 +398,8 @@ impl ApiError {
             ApiError::QueueFull(_) | ApiError::TooManyStreams | ApiError::Storage(StoreError::Full(_)) => {
                 Some(10)
             }
-            ApiError::TooManyFailures | ApiError::Storage(StoreError::Broken(_)) => Some(60),
+            ApiError::TooManyFailures => Some(60),
+            ApiError::Storage(error) if error.is_final() => Some(60),
             ApiError::Storage(_) | ApiError::TimedOut => Some(5),
             _ => None,
         }

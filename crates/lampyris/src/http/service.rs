@@ -2,6 +2,8 @@
 
 use super::problem::Problems;
 use super::shared::Shared;
+use super::storage;
+use crate::store::StoreError;
 use axum::extract::State;
 use axum::http::StatusCode;
 use axum::response::{IntoResponse, Response};
@@ -21,8 +23,11 @@ pub fn router() -> OpenApiRouter<Shared> {
 struct Readiness {
     /// Whether all of it works.
     ready: bool,
-    /// `writable`, or `unavailable`: then what is served stays served.
+    /// `writable`, `full` until there is room, `read-only` until the next start, or `unavailable`: what is
+    /// served stays served.
     database: &'static str,
+    /// Why the database cannot be written, where it cannot.
+    why: Option<String>,
     /// `alive`, or `stopped`: then no job is run.
     queue: &'static str,
     /// Workers that wait for jobs or run one.
@@ -57,19 +62,25 @@ async fn healthz() -> &'static str {
     responses((status = 200, body = Readiness), (status = 503, body = Readiness), Problems)
 )]
 async fn readyz(State(service): State<Shared>) -> Response {
-    let writable = match service.store.writable().await {
-        Ok(()) => true,
+    let (database, why) = match service.store.writable().await {
+        Ok(()) => ("writable", None),
         Err(error) => {
             tracing::error!(%error, "the database cannot be written");
-            false
+            let word = match &error {
+                StoreError::Full(_) => "full",
+                error if error.is_final() => "read-only",
+                _ => "unavailable",
+            };
+            (word, Some(storage::detail(&error)))
         }
     };
     let workers = service.workers_alive.load(Ordering::Relaxed);
     let alive = workers > 0 && !service.is_stopping();
-    let ready = writable && alive;
+    let ready = why.is_none() && alive;
     let body = Readiness {
         ready,
-        database: if writable { "writable" } else { "unavailable" },
+        database,
+        why,
         queue: if alive { "alive" } else { "stopped" },
         workers,
         parameters: "loaded",

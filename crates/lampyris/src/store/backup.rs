@@ -6,7 +6,8 @@
 
 use super::error::StoreError;
 use super::failpoint;
-use super::file::{beside, lock, options};
+use super::file::{beside, options, real};
+use super::lock::{in_use, lock};
 use super::schema::schema;
 use jiff::Timestamp;
 use sqlx::{ConnectOptions, Connection, SqliteConnection};
@@ -44,6 +45,9 @@ pub async fn backup(database: &Path, file: &Path) -> Result<Backup, StoreError> 
     if file.exists() {
         return Err(StoreError::Taken(file.to_owned()));
     }
+    let database = &real(database)?;
+    // Under another name of the file the log of its service would be missed.
+    in_use(database)?;
     let mut connection = options(database).connect().await?;
     let schema = schema(&mut connection, database).await?;
     copy(&mut connection, database, file).await?;
@@ -59,6 +63,7 @@ pub async fn backup(database: &Path, file: &Path) -> Result<Backup, StoreError> 
 /// Where a service has the database open, or the file is no sound backup of a schema that this program knows.
 /// Then nothing has changed.
 pub async fn restore(database: &Path, file: &Path, now: Timestamp) -> Result<Restored, StoreError> {
+    let database = &real(database)?;
     let _lock = lock(database)?;
     if !file.exists() {
         return Err(StoreError::NoFile(file.to_owned()));

@@ -2,14 +2,17 @@
 
 use super::changes::{Change, Changes, NOTES};
 use super::error::StoreError;
-use super::file::{lock, options};
+use super::file::{made, options, options_to_read, real};
+use super::files::Files;
+use super::lock::{Lock, lock};
 use super::migrate;
 use super::sequence::next;
 use super::write::{Quota, Write, Writing, is_clean};
 use sqlx::SqliteConnection;
 use sqlx::sqlite::{SqliteJournalMode, SqlitePool, SqlitePoolOptions, SqliteSynchronous};
-use std::fs::File;
+use std::mem;
 use std::path::Path;
+use std::sync::{Mutex, PoisonError};
 use tokio::sync::mpsc::UnboundedReceiver;
 
 /// Enough for the short reads of the handlers; SQLite readers do not wait for each other.
@@ -23,25 +26,25 @@ pub struct Store {
     writing: Writing,
     changes: Changes,
     quota: Option<Quota>,
-    /// Held as long as the store lives, so that no second service claims the same jobs. A visitor has none.
-    lock: Option<File>,
+    /// Held until the database is closed, so that no second service claims the same jobs. A visitor has none.
+    lock: Mutex<Option<Lock>>,
 }
 
 impl Store {
     /// Opens a database, makes it if it is not there, and brings its schema up to date. A quota limits its
-    /// size in bytes.
+    /// size in bytes. Where its disk takes no writes, it is only read.
     ///
     /// # Errors
     /// Where another service has it open, the file cannot be used, it is damaged, or the schema is not one
-    /// that this program knows.
+    /// that this program knows, or an older one on a disk that takes no writes.
     pub async fn open(path: &Path, quota: Option<u64>) -> Result<Self, StoreError> {
+        let path = &made(path)?;
         let lock = lock(path)?;
-        let migrated = migrate::bring_up_to_date(path).await?;
-        if let Some(backup) = &migrated.backup {
-            tracing::warn!(from = migrated.from, to = migrated.to, backup = %backup.display(), "the database \
-                has a new schema");
-        }
-        Self::connect(path, quota, Some(lock)).await
+        let store = match Self::open_to_write(path, quota, &lock).await {
+            Err(error) if error.is_unwritable() => Self::open_to_read(path, &error).await?,
+            opened => opened?,
+        };
+        Ok(Self { lock: Mutex::new(Some(lock)), ..store })
     }
 
     /// Opens a database as [`Store::open`] does, also where a service has it open: for short transactions
@@ -51,12 +54,37 @@ impl Store {
     /// Where the file cannot be used, or the schema is not one that this program knows.
     pub async fn visit(path: &Path) -> Result<Self, StoreError> {
         match Self::open(path, None).await {
-            Err(StoreError::InUse(_)) => Self::connect(path, None, None).await,
+            Err(StoreError::InUse(_)) => Self::connect(&real(path)?, None).await,
             opened => opened,
         }
     }
 
-    async fn connect(path: &Path, quota: Option<u64>, lock: Option<File>) -> Result<Self, StoreError> {
+    async fn open_to_write(path: &Path, quota: Option<u64>, lock: &Lock) -> Result<Self, StoreError> {
+        let migrated = migrate::bring_up_to_date(path).await?;
+        if let Some(backup) = &migrated.backup {
+            tracing::warn!(from = migrated.from, to = migrated.to, backup = %backup.display(), "the database \
+                has a new schema");
+        }
+        let store = Self::connect(path, quota).await?;
+        store.writing.watch(Files::of(path, lock)?);
+        // A disk without room, or one that can only be read, may show at no earlier moment.
+        store.writing.touch(&store.writer, &store.changes).await?;
+        Ok(store)
+    }
+
+    /// Opens a database whose disk takes no writes.
+    async fn open_to_read(path: &Path, unwritable: &StoreError) -> Result<Self, StoreError> {
+        let way = options_to_read(path).await?;
+        let reader = lasting().max_connections(1).connect_with(way).await?;
+        migrate::require_up_to_date(&mut *reader.acquire().await?, path, unwritable).await?;
+        let why = unwritable.cause();
+        tracing::warn!("the database cannot be written ({why}): it is only read until the next start");
+        let writing = Writing::refused(why);
+        let writer = reader.clone();
+        Ok(Self { writer, reader, writing, changes: Changes::default(), quota: None, lock: Mutex::default() })
+    }
+
+    async fn connect(path: &Path, quota: Option<u64>) -> Result<Self, StoreError> {
         let options = options(path).journal_mode(SqliteJournalMode::Wal).synchronous(SqliteSynchronous::Full);
         let quota = quota.map(Quota::of_bytes);
         // Whatever a transaction writes is written by its commit, so that the commit is what fails (`write`).
@@ -64,7 +92,7 @@ impl Store {
         if let Some(quota) = &quota {
             writing = writing.pragma("max_page_count", quota.pages.to_string());
         }
-        let writer = SqlitePoolOptions::new()
+        let writer = lasting()
             .max_connections(1)
             .after_connect(|connection, _| {
                 Box::pin(async { sqlx::raw_sql(NOTES).execute(connection).await.map(|_| ()) })
@@ -72,11 +100,15 @@ impl Store {
             .after_release(|connection, _| Box::pin(is_clean(connection)))
             .connect_with(writing)
             .await?;
-        let reader = SqlitePoolOptions::new()
-            .max_connections(READERS)
-            .connect_with(options.pragma("query_only", "on"))
-            .await?;
-        Ok(Self { writer, reader, writing: Writing::default(), changes: Changes::default(), quota, lock })
+        let reader =
+            lasting().max_connections(READERS).connect_with(options.pragma("query_only", "on")).await?;
+        let (writing, changes) = (Writing::default(), Changes::default());
+        Ok(Self { writer, reader, writing, changes, quota, lock: Mutex::default() })
+    }
+
+    /// Whether the disk took no writes when the database was opened, so that it is only read.
+    pub fn is_read_only(&self) -> bool {
+        self.writing.is_refused()
     }
 
     /// The number of this start of the service, which its leases carry. No clock and no chance is involved.
@@ -109,6 +141,32 @@ impl Store {
         self.writing.prove(&self.writer, &self.changes).await
     }
 
+    /// Whether the files are still those that were opened. What is read from others is not believed where it
+    /// decides who may ask, or what is served.
+    ///
+    /// # Errors
+    /// Where they are not.
+    pub fn require_files(&self) -> Result<(), StoreError> {
+        self.writing.require_files()
+    }
+
+    /// Folds the log, which is still open, into a database that is in its place: where a name of the log was
+    /// removed, that keeps what was acknowledged.
+    ///
+    /// # Errors
+    /// Where the database fails.
+    pub async fn save(&self) -> Result<(), StoreError> {
+        if self.writing.can_fold() {
+            let waits: i64 =
+                sqlx::query_scalar("PRAGMA wal_checkpoint(FULL)").fetch_one(&self.writer).await?;
+            match waits {
+                0 => tracing::warn!("what was in the write-ahead log is in the database now"),
+                _ => tracing::error!("somebody reads the database for long: not all of the log is in it"),
+            }
+        }
+        Ok(())
+    }
+
     /// Refuses a window of so many bytes where the database would use most of its quota.
     pub(super) async fn require_room(
         &self,
@@ -124,10 +182,24 @@ impl Store {
     /// Ends all connections, which also folds the write-ahead log into the database, and lets another service
     /// have it: a request that is still being answered may hold this store for a while.
     pub async fn close(&self) {
-        self.reader.close().await;
-        self.writer.close().await;
-        if let Some(Err(error)) = self.lock.as_ref().map(File::unlock) {
-            tracing::error!(%error, "the lock of the database stays until the end of the process");
+        if self.require_files().is_ok() {
+            self.reader.close().await;
+            self.writer.close().await;
+        } else {
+            if let Err(error) = self.save().await {
+                tracing::error!(%error, "the write-ahead log could not be saved");
+            }
+            // The last connection removes the log of its path, which belongs to another database by now, or
+            // may be put back beside its own.
+            mem::forget((self.reader.clone(), self.writer.clone()));
         }
+        self.writing.watch(None);
+        self.lock.lock().unwrap_or_else(PoisonError::into_inner).take();
     }
+}
+
+/// Connections that stay: a new one would open whatever is at the path by then, and as long as one is open
+/// nobody else takes the log away.
+fn lasting() -> SqlitePoolOptions {
+    SqlitePoolOptions::new().idle_timeout(None).max_lifetime(None)
 }

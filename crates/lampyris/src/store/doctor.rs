@@ -2,7 +2,8 @@
 
 use super::backup::require_whole;
 use super::error::StoreError;
-use super::file::{beside, lock, options};
+use super::file::{beside, options_to_read, real};
+use super::lock::in_use;
 use super::schema::{newest, schema};
 use super::value::instant;
 use jiff::Timestamp;
@@ -32,12 +33,9 @@ pub struct DatabaseState {
 /// Where there is no such file, or it cannot be opened at all.
 pub async fn look(path: &Path) -> Result<DatabaseState, StoreError> {
     let file = std::fs::metadata(path).map_err(|_| StoreError::NoFile(path.to_owned()))?;
-    let in_use = match lock(path) {
-        Ok(_) => false,
-        Err(StoreError::InUse(_)) => true,
-        Err(error) => return Err(error),
-    };
-    let mut connection = options(path).connect().await?;
+    let path = &real(path)?;
+    let in_use = in_use(path)?;
+    let mut connection = options_to_read(path).await?.connect().await?;
     let found = DatabaseState {
         schema: schema(&mut connection, path).await.map(|found| (found, newest())),
         soundness: require_whole(&mut connection).await,

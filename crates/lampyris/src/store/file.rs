@@ -1,28 +1,97 @@
-//! The file of a database: how it is opened, who holds it, and what lies beside it.
+//! The file of a database: its name, how it is opened, and what lies beside it.
 
 use super::error::StoreError;
-use sqlx::sqlite::SqliteConnectOptions;
-use std::fs::{File, TryLockError};
+use sqlx::sqlite::{SqliteConnectOptions, SqliteLockingMode};
+use sqlx::{ConnectOptions, Connection};
+use std::fs::{self, File};
+use std::io::ErrorKind;
+use std::os::unix::fs::OpenOptionsExt;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 /// How long a statement waits for another process that holds the database.
 const BUSY_TIMEOUT: Duration = Duration::from_secs(10);
+/// Who may do what with a new database, before the mask of the process: as SQLite makes it.
+const MODE: u32 = 0o644;
+
 /// How every connection is opened.
 pub(super) fn options(path: &Path) -> SqliteConnectOptions {
     SqliteConnectOptions::new().filename(path).busy_timeout(BUSY_TIMEOUT).foreign_keys(true)
 }
 
-/// Takes the lock file beside the database. The system frees it when the process ends, however it ends.
-pub(super) fn lock(path: &Path) -> Result<File, StoreError> {
-    let lock_path = beside(path, ".lock");
-    let failed = |error| StoreError::Open(lock_path.clone(), error);
-    let file = File::options().create(true).truncate(false).write(true).open(&lock_path).map_err(failed)?;
-    match file.try_lock() {
-        Ok(()) => Ok(file),
-        Err(TryLockError::WouldBlock) => Err(StoreError::InUse(path.to_owned())),
-        Err(TryLockError::Error(error)) => Err(failed(error)),
+/// How one connection reads a database whose disk may take no writes: the first way that works.
+///
+/// # Errors
+/// Where none does.
+pub(super) async fn options_to_read(path: &Path) -> Result<SqliteConnectOptions, StoreError> {
+    let mut failed = None;
+    for way in ways_to_read(path) {
+        match read(&way).await {
+            Err(error) if error.is_unreadable() => failed = Some(error),
+            Err(error) if error.is_busy() => return Err(error),
+            // What else is wrong with the database shows where it is read in earnest.
+            _ => return Ok(way),
+        }
     }
+    Err(failed.unwrap_or_else(|| StoreError::NoFile(path.to_owned())))
+}
+
+async fn read(way: &SqliteConnectOptions) -> Result<(), StoreError> {
+    let mut connection = way.connect().await?;
+    sqlx::query("SELECT COUNT(*) FROM sqlite_schema").execute(&mut connection).await?;
+    Ok(connection.close().await?)
+}
+
+fn ways_to_read(path: &Path) -> Vec<SqliteConnectOptions> {
+    let options = options(path).pragma("query_only", "on");
+    let mut ways = vec![
+        // As beside a service, through an index of the log in shared memory, which is a file.
+        options.clone().read_only(true),
+        // On a full disk, where that file finds no room: alone, with the index in memory.
+        options.clone().locking_mode(SqliteLockingMode::Exclusive),
+    ];
+    // On a read-only disk, where nobody can lock a file either, nothing changes the database. This way
+    // looks at no log, so it is none where writes wait in one.
+    if !has_log(path) {
+        ways.push(options.read_only(true).immutable(true));
+    }
+    ways
+}
+
+/// Whether writes may wait in the write-ahead log of a database.
+fn has_log(path: &Path) -> bool {
+    fs::metadata(beside(path, "-wal")).is_ok_and(|log| log.len() > 0)
+}
+
+/// The path of a database without symbolic links: SQLite keeps the log beside the real file.
+pub(super) fn real(path: &Path) -> Result<PathBuf, StoreError> {
+    let failed = |error| StoreError::Open(path.to_owned(), error);
+    match path.canonicalize() {
+        Err(error) if error.kind() == ErrorKind::NotFound => {
+            let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
+            let name = path.file_name().ok_or_else(|| failed(error))?;
+            Ok(folder.unwrap_or(Path::new(".")).canonicalize().map_err(failed)?.join(name))
+        }
+        found => found.map_err(failed),
+    }
+}
+
+/// The real path of a database, which is made empty where it is not there: what can be locked is a file.
+///
+/// SQLite takes a log beside an empty database away. It may be all that is left of what was acknowledged, so
+/// there nothing is made and nothing opened.
+pub(super) fn made(path: &Path) -> Result<PathBuf, StoreError> {
+    let found = real(path)?;
+    let is_empty = fs::metadata(&found).map_or(true, |file| file.len() == 0);
+    if is_empty && has_log(&found) {
+        return Err(StoreError::LogAlone(found));
+    }
+    if found.exists() {
+        return Ok(found);
+    }
+    let options = File::options().write(true).create(true).truncate(false).mode(MODE).open(&found);
+    options.map_err(|error| StoreError::Open(found, error))?;
+    real(path)
 }
 
 /// The path of a file beside a database: its name with an ending.

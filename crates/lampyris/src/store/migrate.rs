@@ -6,9 +6,10 @@
 use super::backup::{copy, require_sound};
 use super::error::StoreError;
 use super::failpoint;
-use super::file::{beside, lock, options};
+use super::file::{beside, options, real};
+use super::lock::lock;
 use super::schema::{MIGRATIONS, is_behind, newest, schema};
-use sqlx::{ConnectOptions, Connection};
+use sqlx::{ConnectOptions, Connection, SqliteConnection};
 use std::path::{Path, PathBuf};
 
 /// What it took to bring a database up to date.
@@ -30,8 +31,23 @@ pub async fn migrate(path: &Path) -> Result<Migrated, StoreError> {
     if !path.exists() {
         return Err(StoreError::NoFile(path.to_owned()));
     }
+    let path = &real(path)?;
     let _lock = lock(path)?;
     bring_up_to_date(path).await
+}
+
+/// Looks at a database that cannot be written: its schema must be the newest, since nobody can bring it up to
+/// date.
+pub(super) async fn require_up_to_date(
+    connection: &mut SqliteConnection,
+    path: &Path,
+    unwritable: &StoreError,
+) -> Result<(), StoreError> {
+    let found = schema(connection, path).await?;
+    if found == 0 || is_behind(connection).await? {
+        return Err(StoreError::Outdated { found, known: newest(), why: unwritable.cause() });
+    }
+    require_sound(connection, "PRAGMA quick_check(3)").await
 }
 
 /// Looks at a database, makes it if it is not there, and applies what is missing. The caller holds the lock.

@@ -29,7 +29,8 @@
 //! | `schedules` | when batches are submitted |
 //! | `tokens`, `reach` | who may ask, and about which systems |
 //! | `idempotency` | keys of requests that created something |
-//! | `database`, `file` | the writer and the readers of one service; how the file is opened, and who holds it |
+//! | `database`, `file` | the writer and the readers of one service; how the file is opened |
+//! | `lock`, `files` | who has a database, and whether its files are still those that were opened |
 //! | `schema`, `migrate` | which schema a database has, and how it is brought up to date |
 //! | `page` | pages of the lists that are cut by what a caller may see |
 //! | `sequence`, `value`, `words`, `row` | how ids are made, and how values stand in columns |
@@ -53,12 +54,14 @@ pub mod events;
 pub mod evidence;
 pub mod failpoint;
 mod file;
+mod files;
 pub mod finish;
 pub mod fits;
 pub mod idempotency;
 mod job;
 mod job_record;
 pub mod jobs;
+mod lock;
 pub mod metrics;
 pub mod migrate;
 pub mod models;

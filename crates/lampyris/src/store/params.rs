@@ -222,6 +222,7 @@ impl Row {
 pub async fn standing(store: &Store, system: &SystemId) -> Result<Option<ServedState>, StoreError> {
     let row: Option<Row> =
         sqlx::query_as(STANDING).bind(system.to_string()).fetch_optional(&store.reader).await?;
+    store.require_files()?;
     row.map(Row::standing).transpose()
 }
 
@@ -231,6 +232,7 @@ pub async fn standing(store: &Store, system: &SystemId) -> Result<Option<ServedS
 /// Where the database fails.
 pub async fn standings(store: &Store) -> Result<Vec<ServedState>, StoreError> {
     let rows: Vec<Row> = sqlx::query_as(STANDING).bind(None::<String>).fetch_all(&store.reader).await?;
+    store.require_files()?;
     rows.into_iter().map(Row::standing).collect()
 }
 

@@ -153,5 +153,6 @@ pub async fn revoke(store: &Store, name: &str, who: &str, now: Timestamp) -> Res
 pub async fn all(store: &Store) -> Result<Vec<TokenRecord>, StoreError> {
     let rows: Vec<Row> =
         sqlx::query_as("SELECT * FROM tokens ORDER BY name").fetch_all(&store.reader).await?;
+    store.require_files()?;
     rows.into_iter().map(Row::record).collect()
 }

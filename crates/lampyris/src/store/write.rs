@@ -2,14 +2,18 @@
 //!
 //! A full disk is a state that passes: every transaction is tried, and the first that is committed ends it. A
 //! failed write is none: after one the system may have dropped pages that it calls written, and only a new
-//! start, which reads the files anew, knows what is on the disk. From then on nothing is written.
+//! start, which reads the files anew, knows what is on the disk. From then on nothing is written. The same
+//! holds where the files are no longer those that were opened: what reaches them is found by nobody. They are
+//! looked at before every transaction and after its commit, before anybody hears of it.
 
 use super::changes::{Changes, touched};
 use super::error::StoreError;
+use super::files::Files;
 use sqlx::sqlite::SqlitePool;
 use sqlx::{Connection, Sqlite, SqliteConnection, Transaction};
 use std::ops::{Deref, DerefMut};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
 use tokio::sync::oneshot;
 
 /// A row that no request can make: keys of requests have no tabs.
@@ -17,6 +21,11 @@ const PROBE: &str = "\tprobe";
 
 /// The page size of every database that this program makes: SQLite's own.
 const PAGE: u64 = 4096;
+/// How long a commit proves that the disk takes writes: whoever asks more often makes no more writes.
+const PROVEN: Duration = Duration::from_secs(1);
+/// Bytes by which the log may grow before SQLite folds it: a thousand pages, with their headers. A disk with
+/// less room may take the next commit and refuse the one after.
+const LOG: u64 = 1000 * (PAGE + 24);
 /// Windows are refused beyond this part of a quota in per cent, so that results still fit.
 const FOR_WINDOWS: u64 = 90;
 
@@ -52,7 +61,7 @@ impl Quota {
 }
 
 /// What is known of the writing of a database. What is worse comes later.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Debug, Clone, Default, PartialEq, Eq, PartialOrd, Ord)]
 enum Health {
     /// The last transaction was committed.
     #[default]
@@ -63,11 +72,25 @@ enum Health {
     Full,
     /// A write has failed.
     Broken,
+    /// The files are no longer those that were opened, and how.
+    Gone(String),
+    /// Nothing could be written at the start, and why.
+    ReadOnly(String),
 }
 
-/// The health of a database, which its transactions share.
+/// What is known of a database while it is open.
+#[derive(Debug, Default)]
+struct Known {
+    health: Health,
+    /// The files, where somebody watches them.
+    files: Option<Files>,
+    /// When something was last committed.
+    committed: Option<Instant>,
+}
+
+/// What is known of a database, which its transactions share.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Writing(Arc<Mutex<Health>>);
+pub(super) struct Writing(Arc<Mutex<Known>>);
 
 /// A transaction that holds the write lock from its first statement. Without a commit nothing of it remains.
 pub(super) struct Write {
@@ -82,36 +105,109 @@ struct Open {
     is_known: bool,
 }
 
+impl Known {
+    /// Looks at the files, unless nothing is written any more.
+    fn look(&mut self) {
+        if self.health < Health::Broken
+            && let Some(Err(why)) = self.files.as_mut().map(Files::check)
+        {
+            tracing::error!("{why}: nothing is written until the next start");
+            self.health = Health::Gone(why);
+        }
+    }
+
+    /// After a failed write, and in files that are gone, there is no other.
+    fn require_writable(&mut self) -> Result<(), StoreError> {
+        self.look();
+        match &self.health {
+            Health::Broken => Err(StoreError::Broken("an earlier write failed".to_owned())),
+            Health::Gone(why) => Err(StoreError::Gone(why.clone())),
+            Health::ReadOnly(why) => Err(StoreError::ReadOnly(why.clone())),
+            Health::Well | Health::Doubtful | Health::Full => Ok(()),
+        }
+    }
+
+    /// What went wrong stays until a commit.
+    fn note(&mut self, news: Health) {
+        if news > self.health {
+            self.health = news;
+        }
+    }
+}
+
 impl Writing {
+    /// Of a database that takes no writes, and why.
+    pub(super) fn refused(why: String) -> Self {
+        Self(Arc::new(Mutex::new(Known { health: Health::ReadOnly(why), ..Known::default() })))
+    }
+
+    /// From now on these files are watched, or none any more.
+    pub(super) fn watch(&self, files: Option<Files>) {
+        self.known().files = files;
+    }
+
     /// A transaction that holds the write lock from its first statement.
     pub(super) async fn begin(&self, writer: &SqlitePool, changes: &Changes) -> Result<Write, StoreError> {
-        self.require_unbroken()?;
+        self.known().require_writable()?;
         let begun = writer.begin_with("BEGIN IMMEDIATE").await.map_err(StoreError::from);
         let tx = begun.inspect_err(|error| self.note_error(error))?;
         // The transaction that this one has waited for may have been the one that failed.
-        self.require_unbroken()?;
+        self.known().require_writable()?;
         let open = Open { writing: self.clone(), is_known: false };
         Ok(Write { tx, open, changes: changes.clone() })
+    }
+
+    /// Writes something, where that needs no room but in the log.
+    pub(super) async fn touch(&self, writer: &SqlitePool, changes: &Changes) -> Result<(), StoreError> {
+        let mut tx = self.begin(writer, changes).await?;
+        touch(&mut tx).await?;
+        tx.commit().await
     }
 
     /// Finds out whether the database can be written now.
     pub(super) async fn prove(&self, writer: &SqlitePool, changes: &Changes) -> Result<(), StoreError> {
         let mut tx = self.begin(writer, changes).await?;
-        // Rewrites a row as it is: a file that has become read-only shows here and not in a user's request.
-        sqlx::query("UPDATE counters SET value = value WHERE name = 'boot'").execute(&mut *tx).await?;
-        let is_well = *self.health() == Health::Well;
-        if is_well {
-            return tx.take_back().await;
+        touch(&mut tx).await?;
+        if self.is_proven() {
+            tx.take_back().await?;
+        } else {
+            // Only pages that reach the disk are a proof. A row that is left behind is forgotten as an old
+            // key.
+            let sql = "INSERT OR REPLACE INTO idempotency (key, fingerprint, resource, status, created_at) \
+                VALUES ($1, hex(zeroblob(8192)), '', 0, 0)";
+            sqlx::query(sql).bind(PROBE).execute(&mut *tx).await.map_err(|error| self.noted(error))?;
+            tx.commit().await?;
+            let mut tx = self.begin(writer, changes).await?;
+            sqlx::query("DELETE FROM idempotency WHERE key = $1").bind(PROBE).execute(&mut *tx).await?;
+            tx.commit().await?;
         }
-        // After a failure only pages that reach the disk are a proof. A row that is left behind is forgotten
-        // as an old key.
-        let sql = "INSERT OR REPLACE INTO idempotency (key, fingerprint, resource, status, created_at) \
-            VALUES ($1, hex(zeroblob(8192)), '', 0, 0)";
-        sqlx::query(sql).bind(PROBE).execute(&mut *tx).await.map_err(|error| self.noted(error))?;
-        tx.commit().await?;
-        let mut tx = self.begin(writer, changes).await?;
-        sqlx::query("DELETE FROM idempotency WHERE key = $1").bind(PROBE).execute(&mut *tx).await?;
-        tx.commit().await
+        match self.known().files.as_ref().and_then(Files::free) {
+            Some(free) if free < LOG => Err(StoreError::Full(format!("{free} bytes are free on its disk"))),
+            _ => Ok(()),
+        }
+    }
+
+    /// Whether the files are those that were opened.
+    pub(super) fn require_files(&self) -> Result<(), StoreError> {
+        match self.known().require_writable() {
+            Err(error @ StoreError::Gone(_)) => Err(error),
+            _ => Ok(()),
+        }
+    }
+
+    /// Whether nothing could be written at the start.
+    pub(super) fn is_refused(&self) -> bool {
+        matches!(self.known().health, Health::ReadOnly(_))
+    }
+
+    /// Whether the log can be folded into the database although one of the names is gone.
+    pub(super) fn can_fold(&self) -> bool {
+        self.known().files.as_mut().is_some_and(Files::can_fold)
+    }
+
+    fn is_proven(&self) -> bool {
+        let known = self.known();
+        known.health == Health::Well && known.committed.is_some_and(|at| at.elapsed() < PROVEN)
     }
 
     fn noted(&self, error: sqlx::Error) -> StoreError {
@@ -120,45 +216,42 @@ impl Writing {
         error
     }
 
-    fn health(&self) -> MutexGuard<'_, Health> {
+    fn known(&self) -> MutexGuard<'_, Known> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// After a failed write there is no other.
-    fn require_unbroken(&self) -> Result<(), StoreError> {
-        match *self.health() {
-            Health::Broken => Err(StoreError::Broken("an earlier write failed".to_owned())),
-            _ => Ok(()),
-        }
-    }
-
-    /// What went wrong stays until a commit.
-    fn note(&self, news: Health) {
-        let mut health = self.health();
-        *health = news.max(*health);
-    }
-
     fn note_error(&self, error: &StoreError) {
-        self.note(match error {
+        self.known().note(match error {
             StoreError::Full(_) => Health::Full,
             StoreError::Broken(_) => Health::Broken,
             _ => Health::Doubtful,
         });
     }
 
-    /// Nothing mends a disk that has failed but a new start.
-    fn note_success(&self) {
-        let mut health = self.health();
-        if *health != Health::Broken {
-            *health = Health::Well;
+    /// Notes how a commit ended, and says whether it counts: nothing mends a disk that has failed but a new
+    /// start, and what was committed to files that are gone is lost.
+    fn ended(&self, committed: Result<(), sqlx::Error>) -> Result<(), StoreError> {
+        self.require_files()?;
+        committed.map_err(|error| self.noted(error))?;
+        let mut known = self.known();
+        if known.health < Health::Broken {
+            known.health = Health::Well;
         }
+        known.committed = Some(Instant::now());
+        Ok(())
     }
+}
+
+/// Rewrites a row as it is: a file that has become read-only shows here and not in a user's request.
+async fn touch(tx: &mut Write) -> Result<(), StoreError> {
+    sqlx::query("UPDATE counters SET value = value WHERE name = 'boot'").execute(&mut **tx).await?;
+    Ok(())
 }
 
 impl Drop for Open {
     fn drop(&mut self) {
         if !self.is_known {
-            self.writing.note(Health::Doubtful);
+            self.writing.known().note(Health::Doubtful);
         }
     }
 }
@@ -195,17 +288,9 @@ impl Write {
     async fn end(mut self) -> Result<Option<oneshot::Receiver<()>>, StoreError> {
         let touched = touched(&mut self.tx).await.inspect_err(|error| self.open.writing.note_error(error))?;
         self.open.is_known = true;
-        match self.tx.commit().await {
-            Ok(()) => {
-                self.open.writing.note_success();
-                Ok(self.changes.tell(touched))
-            }
-            Err(error) => {
-                let error = StoreError::from(error);
-                self.open.writing.note_error(&error);
-                Err(error)
-            }
-        }
+        let committed = self.tx.commit().await;
+        self.open.writing.ended(committed)?;
+        Ok(self.changes.tell(touched))
     }
 
     /// Ends it without a trace, as planned.

@@ -143,7 +143,10 @@ fn readiness_names_what_it_rests_on() {
     let ready = app.get("/readyz").expect(200).json();
     assert_eq!(
         ready,
-        json!({"ready": true, "database": "writable", "queue": "alive", "workers": 2, "parameters": "loaded"})
+        json!({
+            "ready": true, "database": "writable", "why": null, "queue": "alive", "workers": 2,
+            "parameters": "loaded",
+        })
     );
     // Another hand takes a table away: the database can no longer be written as this service writes it.
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();

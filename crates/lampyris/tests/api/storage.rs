@@ -88,7 +88,7 @@ fn a_full_database_serves_refuses_and_goes_on_when_there_is_room() {
     assert_eq!(refused.header("retry-after"), "10");
     refused.problem(507, "storage-full");
     let ready = app.get("/readyz").expect(503).json();
-    assert_eq!((&ready["ready"], &ready["database"]), (&json!(false), &json!("unavailable")));
+    assert_eq!((&ready["ready"], &ready["database"]), (&json!(false), &json!("full")));
     let now = app.get("/params/room/1").expect(200);
     assert_eq!((now.header("etag"), &now.text), (served.header("etag"), &served.text));
     app.get("/jobs").expect(200);

@@ -7,6 +7,7 @@ use crate::support::process::{Process, program};
 use crate::support::rooms::room_csv;
 use crate::support::{Answer, Client, PATIENCE, endless, full, quick};
 use crate::traffic::{Oracle, Traffic, prepare};
+use crate::upgrades::golden;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::fs::{self, File};
@@ -244,6 +245,112 @@ fn when_the_power_goes_nothing_acknowledged_is_lost() {
         "CRASH-3: the power went {runs} times, {at_start} of them in a start, nothing lost of {}; {met:?}",
         oracle.told()
     );
+}
+
+/// What a service on a disk that takes no writes does: it serves, and says why nothing more.
+#[track_caller]
+fn only_reads(service: &Process, served: &str, why: &str) {
+    let client = &service.client;
+    assert_eq!(client.get("/params/room/1").expect(200).text, served);
+    let ready = client.get("/readyz").expect(503).json();
+    assert_eq!((&ready["database"], &ready["queue"]), (&json!("read-only"), &json!("stopped")), "{ready}");
+    assert!(ready["why"].as_str().unwrap().contains(why), "{ready}");
+    for refused in [
+        window(client, 100),
+        client.json("POST", "/jobs", &quick("room/1")),
+        client.json("PUT", "/systems/room/9", &json!({"model": "rc2"})),
+    ] {
+        refused.problem(503, "storage-read-only");
+    }
+    assert!(!client.get("/jobs").expect(200).json()["items"].as_array().unwrap().is_empty());
+}
+
+#[test]
+fn a_start_on_a_disk_that_takes_no_writes_serves_what_was_published() {
+    let dir = tempfile::tempdir().unwrap();
+    let Some(disk) = Disk::build(dir.path(), "IO-3") else { return };
+    let (sound, full_while) = (disk.folder.join("sound.db"), disk.folder.join("full"));
+    let service = Process::start(&sound);
+    prepare(&service.client);
+    assert_eq!(service.terminate().0, Some(0));
+    let full = [("DISK_FULL_WHILE", full_while.to_str().unwrap())];
+    let read_only = [("DISK_READ_ONLY", "1")];
+    for (number, (variables, why, was_killed)) in [
+        (full, "full", false),
+        (full, "full", true),
+        (read_only, "read-only, or", false),
+        (read_only, "read-only, or", true),
+    ]
+    .into_iter()
+    .enumerate()
+    {
+        let database = disk.folder.join(format!("{number}.db"));
+        fs::copy(&sound, &database).unwrap();
+        let service = Process::start(&database);
+        let taken = path_in("windows")(&window(&service.client, 1).expect(201).json());
+        let served = service.client.get("/params/room/1").expect(200).text;
+        if was_killed {
+            service.kill();
+        } else {
+            assert_eq!(service.terminate().0, Some(0));
+        }
+        File::create(&full_while).unwrap();
+        let service = disk.start(&database, &variables).unwrap_or_else(|| panic!("{}", disk.log()));
+        only_reads(&service, &served, why);
+        service.client.get(&taken).expect(200);
+        assert_eq!(disk.log().matches("it is only read until the next start").count(), 1, "{}", disk.log());
+        // Room alone is not enough: what is read is not looked at again.
+        fs::remove_file(&full_while).unwrap();
+        window(&service.client, 2).problem(503, "storage-read-only");
+        File::create(&full_while).unwrap();
+        assert_eq!(service.terminate().0, Some(0));
+        let mut doctor = program();
+        doctor.envs(variables).env("LD_PRELOAD", &disk.library).env("DISK_DATABASE", &disk.folder);
+        let told = doctor.args(["doctor", "--database"]).arg(&database).output().unwrap();
+        let told = String::from_utf8(told.stdout).unwrap();
+        assert!(told.contains("ok    database") && told.contains("ok    schema"), "{told}");
+        assert_eq!(told.contains("FAIL  folder"), variables == read_only, "{told}");
+        fs::remove_file(&full_while).unwrap();
+        let service = Process::start(&database);
+        service.client.get(&taken).expect(200);
+        assert_eq!(service.client.get("/params/room/1").expect(200).text, served);
+        window(&service.client, 2).expect(201);
+        service.client.get("/readyz").expect(200);
+        service.kill();
+        check_database(&copied(&database));
+    }
+}
+
+#[test]
+fn a_schema_that_cannot_be_brought_up_to_date_is_said_so() {
+    let dir = tempfile::tempdir().unwrap();
+    let Some(disk) = Disk::build(dir.path(), "IO-3") else { return };
+    let (database, _) = golden(&disk.folder, 1);
+    let full_while = disk.folder.join("full");
+    File::create(&full_while).unwrap();
+    for variable in [("DISK_FULL_WHILE", full_while.to_str().unwrap()), ("DISK_READ_ONLY", "1")] {
+        assert!(disk.start(&database, &[variable]).is_none());
+        let said = disk.log();
+        assert!(said.contains("the database has schema 1, this program needs"), "{said}");
+        assert!(said.contains("cannot be written"), "{said}");
+    }
+    fs::remove_file(&full_while).unwrap();
+    Process::start(&database).client.get("/readyz").expect(200);
+}
+
+#[test]
+fn a_disk_that_fills_while_nobody_writes_is_not_called_writable() {
+    let dir = tempfile::tempdir().unwrap();
+    let Some(disk) = Disk::build(dir.path(), "IO-2") else { return };
+    let (database, full_while) = (disk.folder.join("idle.db"), disk.folder.join("full"));
+    let service = disk.start(&database, &[("DISK_FULL_WHILE", full_while.to_str().unwrap())]).unwrap();
+    service.client.get("/readyz").expect(200);
+    File::create(&full_while).unwrap();
+    let ready = service.client.until("/readyz", |ready| ready["database"] != "writable");
+    assert_eq!((&ready["ready"], &ready["database"]), (&json!(false), &json!("full")), "{ready}");
+    assert!(ready["why"].as_str().unwrap().contains("make room"), "{ready}");
+    fs::remove_file(&full_while).unwrap();
+    assert_eq!(service.client.get("/readyz").expect(200).json()["why"], Value::Null);
 }
 
 #[test]

@@ -8,6 +8,7 @@ mod consistency;
 mod crashes;
 mod database;
 mod disks;
+mod files;
 mod gate;
 mod hostile;
 mod nights;

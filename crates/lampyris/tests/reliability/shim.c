@@ -6,6 +6,7 @@
  *   DISK_DIES_AT=n    the power goes at the nth: what was not synced is lost, or stays, sector by sector and by chance
  *                     (DISK_SEED), and the process is no more.
  *   DISK_FULL_WHILE=f answers ENOSPC to writes for as long as there is a file of this name.
+ *   DISK_READ_ONLY=1  answers EROFS to whoever opens one of them for writing, makes or removes one.
  * DISK_TOLD names a file that is told at which call of which file it happened. Not modelled: names, such as an
  * unlink that was not synced, and what reaches files through memory maps (SQLite's -shm, which it makes anew).
  */
@@ -15,6 +16,7 @@
 #include <limits.h>
 #include <pthread.h>
 #include <signal.h>
+#include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -42,13 +44,17 @@ static long number(const char *name) {
     return text ? atol(text) : 0;
 }
 
-static int is_ours(int fd, char path[PATH_MAX]) {
+static int is_in(const char *path) {
     const char *database = getenv("DISK_DATABASE");
+    return database && strncmp(path, database, strlen(database)) == 0;
+}
+
+static int is_ours(int fd, char path[PATH_MAX]) {
     char link[64];
     snprintf(link, sizeof link, "/proc/self/fd/%d", fd);
     ssize_t length = readlink(link, path, PATH_MAX - 1);
     path[length < 0 ? 0 : length] = 0;
-    return database && strncmp(path, database, strlen(database)) == 0;
+    return is_in(path);
 }
 
 static void tell(const char *call, const char *path) {
@@ -149,3 +155,34 @@ int fsync(int fd) { return change(fd, "fsync", SYS_fsync, 0, 0, 0); }
 int fdatasync(int fd) { return change(fd, "fdatasync", SYS_fdatasync, 0, 0, 0); }
 int ftruncate(int fd, off_t size) { return change(fd, "ftruncate", SYS_ftruncate, size, 0, 0); }
 int ftruncate64(int fd, off_t size) { return change(fd, "ftruncate", SYS_ftruncate, size, 0, 0); }
+
+static int is_refused(const char *path) {
+    if (!getenv("DISK_READ_ONLY") || !is_in(path)) return 0;
+    errno = EROFS;
+    return 1;
+}
+
+static int opened(const char *path, int flags, va_list rest) {
+    int makes = flags & O_CREAT, mode = makes ? va_arg(rest, int) : 0;
+    int writes = (flags & O_ACCMODE) != O_RDONLY || (makes && access(path, F_OK) != 0);
+    if (writes && is_refused(path)) return -1;
+    return (int)syscall(SYS_openat, AT_FDCWD, path, flags, mode);
+}
+
+int open(const char *path, int flags, ...) {
+    va_list rest;
+    va_start(rest, flags);
+    int fd = opened(path, flags, rest);
+    va_end(rest);
+    return fd;
+}
+
+int open64(const char *path, int flags, ...) {
+    va_list rest;
+    va_start(rest, flags);
+    int fd = opened(path, flags | O_LARGEFILE, rest);
+    va_end(rest);
+    return fd;
+}
+
+int unlink(const char *path) { return is_refused(path) ? -1 : (int)syscall(SYS_unlinkat, AT_FDCWD, path, 0); }

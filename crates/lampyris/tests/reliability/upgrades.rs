@@ -20,7 +20,7 @@ const STALE_AFTER: [&str; 2] = ["2126-10-28T12:39:21.254Z", "2125-12-17T23:00:00
 
 /// Makes a database of a released schema; gives its path, and the body that was served from it. Its age
 /// counts from the measurements by now.
-fn golden(dir: &Path, schema: i64) -> (PathBuf, String) {
+pub fn golden(dir: &Path, schema: i64) -> (PathBuf, String) {
     use sqlx::{Connection, SqliteConnection};
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden");
     let dump = std::fs::read_to_string(folder.join(format!("{schema}.sql"))).unwrap();

@@ -51,7 +51,7 @@ pub async fn run(service: Arc<Service>, pool: ThreadPool) {
             Ok(None) => SLOW_POLL,
             Err(error) => {
                 tracing::error!(%error, "no job could be claimed");
-                if matches!(error, StoreError::Broken(_)) { SLOW_POLL } else { AFTER_FAILURE }
+                if error.is_final() { SLOW_POLL } else { AFTER_FAILURE }
             }
         };
         tokio::select! {
@@ -228,7 +228,7 @@ async fn record(service: &Arc<Service>, job: &JobRecord, lease: &Lease, mut end:
                 break;
             }
             // A disk that has failed is not written to again by this process.
-            Err(error) if service.is_stopping() || matches!(error, StoreError::Broken(_)) => {
+            Err(error) if service.is_stopping() || error.is_final() => {
                 // The next start finds the job running under an old boot and queues it again.
                 tracing::error!(%error, job = %job.id, "the end of a job could not be written");
                 return;
