@@ -1,8 +1,8 @@
 //! How work is ended from outside, however deep it is in a filter or a simulation.
 //!
-//! A search asks its caller between batches and keeps what it has found. Whatever is computed once has nothing
-//! to keep: where its [`Brake`] is pulled, it unwinds to the [`Brake::guard`] around it, so that nothing which
-//! was cut short can be taken for a result.
+//! A search asks its caller between batches and keeps what it has found. Whatever is computed once has
+//! nothing to keep: where its [`Brake`] is pulled, it unwinds to the [`Brake::guard`] around it, so that
+//! nothing which was cut short can be taken for a result.
 
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::Arc;

@@ -160,6 +160,7 @@ impl App {
             wake_schedule: Notify::new(),
             stopping: watch::Sender::new(false),
             workers_alive: AtomicUsize::new(0),
+            abandoned: watch::Sender::new(0),
             settings,
             store,
             clock,
@@ -178,7 +179,7 @@ impl App {
         let addr = listener.local_addr().map_err(AppError::Io)?;
         for index in 0..service.settings.workers {
             let pool = pool(threads(&service.settings), index).map_err(AppError::Threads)?;
-            tasks.spawn(worker::run(service.clone(), pool));
+            tasks.spawn(worker::run(service.clone(), pool, index));
         }
         let spare = pool(1, service.settings.workers).map_err(AppError::Threads)?;
         tasks.spawn(degradations::run(service.clone(), spare));

@@ -80,6 +80,9 @@ fn pulled<T>(problem: &Problem, at: usize, work: impl Fn(&Problem) -> T) -> Hear
     Heard { questions, ended, longest: longest.max(last.elapsed()) }
 }
 
+/// What may be done on a problem.
+type Work<'a> = &'a dyn Fn(&Problem);
+
 /// Least squares from one point.
 fn asked(more: &str) -> EstimateRequest {
     let method: SeededMethod = serde_json::from_str(more).unwrap();
@@ -103,7 +106,7 @@ fn a_model_of_250_states_is_heard_wherever_it_is() {
     let ctsm = asked(r#"{"name": "ctsm", "seed": 1}"#);
     let likely = EstimateRequest { objective: Objective::Likelihood, ..ctsm };
     let by_likelihood = |problem: &Problem| drop(estimate(problem, &likely, None, &Control::NONE));
-    let works: [(&str, usize, &dyn Fn(&Problem)); 5] = [
+    let works: [(&str, usize, Work); 5] = [
         ("filter", 20, &filter),
         ("free run", 10, &free_run),
         ("gate", 300, &gate),

@@ -334,8 +334,8 @@ async fn get_job(
     Ok(axum::Json(JobAnswer::of(&service, job)))
 }
 
-/// Calls a job off. Where this answers 200 the job publishes nothing, whatever it has come to meanwhile; where
-/// it has come to its result before, this answers 409. Calling it off twice changes nothing.
+/// Calls a job off. Where this answers 200 the job publishes nothing, whatever it has come to meanwhile;
+/// where it has come to its result before, this answers 409. Calling it off twice changes nothing.
 #[utoipa::path(
     post,
     path = "/jobs/{id}/cancel",

@@ -23,7 +23,8 @@ struct Readiness {
     ready: bool,
     /// `writable`, or `unavailable`: then what is served stays served.
     database: &'static str,
-    /// `alive`, or `stopped`: then no job is run.
+    /// `alive`; `stopped`: then no job is run; or `stuck`: more jobs than there are workers were given up and
+    /// hold their threads, until one of them ends or the service is started again.
     queue: &'static str,
     /// Workers that wait for jobs or run one.
     workers: usize,
@@ -66,11 +67,15 @@ async fn readyz(State(service): State<Shared>) -> Response {
     };
     let workers = service.workers_alive.load(Ordering::Relaxed);
     let alive = workers > 0 && !service.is_stopping();
-    let ready = writable && alive;
+    let ready = writable && alive && !service.is_stuck();
     let body = Readiness {
         ready,
         database: if writable { "writable" } else { "unavailable" },
-        queue: if alive { "alive" } else { "stopped" },
+        queue: match (alive, service.is_stuck()) {
+            (false, _) => "stopped",
+            (true, true) => "stuck",
+            (true, false) => "alive",
+        },
         workers,
         parameters: "loaded",
     };

@@ -79,8 +79,8 @@ pub struct Replay {
 
 impl Replay {
     /// Runs a fit again, from the start of its window through its end, and on to `until` where that is later
-    /// and measured. `window` holds what was measured from the basis of the fit on. All that is asked of the run
-    /// unwinds to a [`Brake::guard`] where the brake is pulled.
+    /// and measured. `window` holds what was measured from the basis of the fit on. All that is asked of the
+    /// run unwinds to a [`Brake::guard`] where the brake is pulled.
     ///
     /// # Errors
     /// Faults where the fit does not say what it was made from, its model or its channels are gone, its

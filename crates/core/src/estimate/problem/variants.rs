@@ -7,8 +7,8 @@ use crate::optimise::Space;
 use std::ops::Range;
 
 impl Problem {
-    /// The same problem under a brake. Whatever is computed on it, or on what is derived from it, unwinds to a
-    /// [`Brake::guard`] where the brake is pulled.
+    /// The same problem under a brake. Whatever is computed on it, or on what is derived from it, unwinds to
+    /// a [`Brake::guard`] where the brake is pulled.
     #[must_use]
     pub fn with_brake(&self, brake: &Brake) -> Self {
         Self { simulator: self.simulator.clone().with_brake(brake), ..self.clone() }
