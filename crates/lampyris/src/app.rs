@@ -161,6 +161,7 @@ impl App {
             wake_schedule: Notify::new(),
             stopping: watch::Sender::new(false),
             workers_alive: AtomicUsize::new(0),
+            abandoned: watch::Sender::new(0),
             settings,
             store,
             clock,
@@ -180,7 +181,7 @@ impl App {
             schedules::ensure_nightly(&service).await?;
             for index in 0..service.settings.workers {
                 let pool = pool(threads(&service.settings), index).map_err(AppError::Threads)?;
-                tasks.spawn(worker::run(service.clone(), pool));
+                tasks.spawn(worker::run(service.clone(), pool, index));
             }
             let spare = pool(1, service.settings.workers).map_err(AppError::Threads)?;
             tasks.spawn(degradations::run(service.clone(), spare));

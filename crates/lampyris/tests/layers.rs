@@ -17,6 +17,7 @@ const CORE: &[(&str, &[&str])] = &[
     ("diagnose", &["model", "data", "simulate", "optimise", "estimate"]),
     ("twin", &["model", "data", "simulate"]),
     ("fault", &[]),
+    ("interrupt", &[]),
     ("schema", &[]),
     ("units", &[]),
 ];
@@ -27,7 +28,7 @@ const SERVICE: &[(&str, &[&str])] = &[
     ("http", &["model", "data", "estimate", "diagnose", "store", "service", "settings"]),
     ("settings", &[]),
 ];
-const LEAVES: [&str; 3] = ["fault", "schema", "units"];
+const LEAVES: [&str; 4] = ["fault", "interrupt", "schema", "units"];
 const IN_CORE: &str = "crates/core/src";
 const IN_SERVICE: &str = "crates/lampyris/src";
 const IN_STORE: &str = "crates/lampyris/src/store";

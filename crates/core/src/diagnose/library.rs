@@ -149,7 +149,9 @@ impl<'a> EffectSource<'a> {
     pub(super) fn lacking(&self, with: &Problem, name: &str) -> Result<Problem, Vec<Fault>> {
         let model = self.relative(&with.model().id().minus(name))?;
         let choices = choices_of(with, &model);
-        Problem::new(model, self.grid.clone(), with.split().clone(), &choices, with.source().clone())
+        let problem =
+            Problem::new(model, self.grid.clone(), with.split().clone(), &choices, with.source().clone())?;
+        Ok(problem.with_brake(with.brake()))
     }
 
     /// One candidate.
@@ -220,7 +222,8 @@ impl<'a> EffectSource<'a> {
         let conducts =
             rates && !spec.inputs.is_empty() && spec.inputs.values().all(|input| input.unit == "degC");
         let problem =
-            Problem::new(model, self.grid.clone(), base.split().clone(), &choices, base.source().clone())?;
+            Problem::new(model, self.grid.clone(), base.split().clone(), &choices, base.source().clone())?
+                .with_brake(base.brake());
         let off = |index: usize| {
             let [lower, upper] = problem.bounds()[index];
             match problem.model().parameters()[index].scale {

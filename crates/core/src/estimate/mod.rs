@@ -45,4 +45,6 @@ pub use problem::Problem;
 pub use problem::request::{EstimateRequest, Site, prepare};
 pub use problem::stop::EarlyStopping;
 pub use run::estimate;
-pub use search::control::{Control, EstimateError, Interrupt, Progress, Trials};
+pub use search::control::{Control, EstimateError, Progress, Trials};
+
+pub use crate::interrupt::Interrupt;

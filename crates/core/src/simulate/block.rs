@@ -10,6 +10,7 @@ use super::lanes::LaneFile;
 use super::rkc::{FLOOR, LaneClock, LaneEvent, TOLERANCE};
 use super::trajectory::{Halt, Simulator, Trajectory, diverged};
 use super::vectors::{Moves, Vectors};
+use crate::interrupt::Meter;
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -121,11 +122,13 @@ impl<'a, const W: usize> Block<'a, W> {
         let tolerance = TOLERANCE / 10f64.powi(self.simulator.substeps().ilog2() as i32);
         self.board(next);
         let mut evaluations = 0;
+        let mut meter = Meter::new(&self.simulator.brake);
         while self.runs.iter().any(Option::is_some) {
             if evaluations % PATROL == 0 && halt() {
                 return self.give_up(next);
             }
             evaluations += 1;
+            meter.add(W * self.simulator.step.step.len());
             self.file.step();
             let sums = self.vectors.measure(&self.file, &self.clocks.map(|clock| clock.step), FLOOR);
             let mut moves = Moves::to_start();

@@ -8,6 +8,7 @@ use super::lanes::{LANES, LaneFile};
 use super::stepper::linear_tape;
 use super::trajectory::{MeasuredOutput, Simulator};
 use super::transition::{Transition, propagate};
+use crate::interrupt::{Brake, Meter};
 use crate::model::tape::Tape;
 use crate::model::{Initial, Model};
 use rayon::prelude::*;
@@ -102,12 +103,16 @@ impl<'a> Kalman<'a> {
             step: None,
             scratch: vec![0.0; n * n],
         };
+        let mut meter = Meter::new(&self.simulator.brake);
+        // The covariance takes two products of matrices in a sub-step.
+        let work = 2 * n.pow(3) + self.linear.step.len() + step_tape.step.len();
         for k in 0..until.min(self.known.len()) {
             let started = k == 0 || !self.known[k - 1];
             if started {
                 self.start(k, theta, noise, &mut walk);
             } else {
                 for step in 0..substeps {
+                    meter.add(work);
                     self.linearise(&mut linear, &walk.x, k - 1, step);
                     (0..n * n).for_each(|place| walk.jacobian[place] = linear.root(place)[0]);
                     for state in 0..n {
@@ -118,7 +123,7 @@ impl<'a> Kalman<'a> {
                     for state in 0..n {
                         walk.x[state] = file.root(state)[0];
                     }
-                    walk.spread(hours);
+                    walk.spread(hours, &self.simulator.brake);
                 }
             }
             for output in 0..self.measured.len() {
@@ -302,7 +307,10 @@ impl<'a> Kalman<'a> {
         let (Some(first), Some(last)) = (origins.iter().min(), origins.iter().max()) else { return };
         let Some(longest) = leads.iter().max() else { return };
         let mut alive = vec![false; origins.len()];
+        let mut meter = Meter::new(&self.simulator.brake);
+        let work = LANES * (substeps * step_tape.step.len() + output_tape.step.len());
         for k in *first..=(last + longest).min(self.known.len() - 1) {
+            meter.add(work);
             if k > *first {
                 if self.known[k - 1] {
                     for step in 0..substeps {
@@ -343,9 +351,9 @@ impl<'a> Kalman<'a> {
 
 impl Walk {
     /// Takes the covariance over a sub-step of so many hours; none that no step can follow.
-    fn spread(&mut self, hours: f64) {
+    fn spread(&mut self, hours: f64, brake: &Brake) {
         if self.step.as_ref().is_none_or(|(jacobian, _)| *jacobian != self.jacobian) {
-            self.step = Transition::new(&self.jacobian, &self.q, hours, false)
+            self.step = Transition::new(&self.jacobian, &self.q, hours, false, brake)
                 .map(|step| (self.jacobian.clone(), step));
         }
         match &self.step {

@@ -19,6 +19,7 @@ use super::registers::Registers;
 use super::stepper::{field_tape, observation_tape};
 use super::trajectory::{MeasuredOutput, Simulator, diverged};
 use super::transition::{Transition, propagate};
+use crate::interrupt::Meter;
 use crate::model::expr::{Node, NodeId};
 use crate::model::tape::Tape;
 use crate::model::{Initial, InputHold, Model};
@@ -208,8 +209,12 @@ impl<'a> Likelihood<'a> {
         let mut step = (!self.linear).then(|| Registers::new(step_tape, theta, self.hours));
         let mut observation = Registers::new(&self.observation, theta, 0.0);
         let mut innovations = Vec::new();
+        let mut meter = Meter::new(self.simulator.brake());
+        let tapes = self.field.step.len() + step.as_ref().map_or(0, |_| step_tape.step.len());
+        let work = self.steps * (2 * n.pow(3) + tapes) * (size_of::<T>() / size_of::<f64>());
         for k in 0..until.min(self.known.len()) {
             let started = k == 0 || !self.known[k - 1];
+            meter.add(work);
             if started {
                 self.start(k, theta, &mut walk);
             } else {
@@ -287,8 +292,11 @@ impl<'a> Likelihood<'a> {
         let place = match walk.kept.iter().position(|(jacobian, _)| *jacobian == walk.jacobian) {
             Some(place) => place,
             None => {
-                let step =
-                    (walk.jacobian.clone(), Transition::new(&walk.jacobian, &walk.q, self.hours, true)?);
+                let brake = self.simulator.brake();
+                let step = (
+                    walk.jacobian.clone(),
+                    Transition::new(&walk.jacobian, &walk.q, self.hours, true, brake)?,
+                );
                 if walk.kept.len() < KEPT {
                     walk.kept.push(step);
                 } else {
@@ -325,7 +333,7 @@ impl<'a> Likelihood<'a> {
         self.field_drive.feed(field, k, part);
         field.step(&walk.x);
         walk.linearise(field);
-        let transition = Transition::new(&walk.jacobian, &walk.q, self.hours, false)?;
+        let transition = Transition::new(&walk.jacobian, &walk.q, self.hours, false, self.simulator.brake())?;
         let (_, drive, ..) = self.simulator.step_parts();
         drive.feed(step, k, part);
         step.step(&walk.x);

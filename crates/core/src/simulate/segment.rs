@@ -5,6 +5,7 @@
 
 use super::lanes::{LANES, LaneFile};
 use super::trajectory::Simulator;
+use crate::interrupt::Meter;
 use std::ops::Range;
 
 impl Simulator {
@@ -47,7 +48,9 @@ impl Simulator {
         }
         let mut values: Vec<Vec<Vec<f64>>> =
             vec![vec![Vec::with_capacity(samples.len()); output_tape.roots.len()]; thetas.len()];
+        let mut meter = Meter::new(&self.brake);
         for k in samples.clone() {
+            meter.add(W * (substeps * step_tape.step.len() + output_tape.step.len()));
             if k > samples.start {
                 for step in 0..substeps {
                     drive.load(&mut file, k - 1, step);

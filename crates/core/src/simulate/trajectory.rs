@@ -6,6 +6,7 @@
 use super::drive::{Drive, Inputs};
 use super::lanes::LaneFile;
 use super::stepper::{output_tape, step_tape};
+use crate::interrupt::{Brake, Meter};
 use crate::model::tape::Tape;
 use crate::model::{Initial, Model, Stepper};
 
@@ -30,6 +31,7 @@ pub struct Simulator {
     /// Hours of a step; of a whole interval where every candidate finds its own steps.
     pub(super) step_hours: f64,
     pub(super) warm_up: Option<WarmUpDrive>,
+    pub(super) brake: Brake,
 }
 
 /// What comes before the first sample.
@@ -89,7 +91,20 @@ impl Simulator {
             known: (0..inputs.samples()).map(|k| inputs.known(k)).collect(),
             substeps,
             step_hours: inputs.hours() / steps as f64,
+            brake: Brake::NONE,
         }
+    }
+
+    /// The same simulation under a brake, which its runs and the filters on it ask on their way: where it is
+    /// pulled they unwind to a [`Brake::guard`].
+    #[must_use]
+    pub fn with_brake(self, brake: &Brake) -> Self {
+        Self { brake: brake.clone(), ..self }
+    }
+
+    /// What ends its runs from outside.
+    pub fn brake(&self) -> &Brake {
+        &self.brake
     }
 
     /// The same simulation under other inputs of the same grid. What is known stays as it was.
@@ -164,8 +179,10 @@ impl Simulator {
                 file.state(state)[lane] = self.start(*initial, thetas[lane.min(thetas.len() - 1)]);
             }
         }
-        let mut steps = self.warm_up(&mut file, thetas);
+        let mut meter = Meter::new(&self.brake);
+        let mut steps = self.warm_up(&mut file, thetas, &mut meter);
         for k in 0..until {
+            meter.add(W * (self.substeps * self.step.step.len() + self.output.step.len()));
             if k > 0 && self.known[k - 1] {
                 for step in 0..self.substeps {
                     self.drive.load(&mut file, k - 1, step);
@@ -219,12 +236,13 @@ impl Simulator {
 
     /// Takes the states through the warm-up in steps that are no longer than those of the window. Says how
     /// many.
-    fn warm_up<const W: usize>(&self, file: &mut LaneFile<W>, thetas: &[&[f64]]) -> usize {
+    fn warm_up<const W: usize>(&self, file: &mut LaneFile<W>, thetas: &[&[f64]], meter: &mut Meter) -> usize {
         let Some(warm_up) = &self.warm_up else { return 0 };
         let steps = (warm_up.hours / self.step_hours - 1e-9).ceil().max(1.0) as usize;
         file.load(thetas, warm_up.hours / steps as f64);
         warm_up.drive.load(file, 0, 0);
         for _ in 0..steps {
+            meter.add(W * self.step.step.len());
             file.step();
             file.advance();
         }

@@ -6,6 +6,7 @@
 //! positive.
 
 use super::dual::Scalar;
+use crate::interrupt::{Brake, Meter};
 
 /// Terms of the series where the step is exact and kept.
 const EXACT: usize = 10;
@@ -34,8 +35,10 @@ impl<T: Scalar> Transition<T> {
     /// The step over `hours` of a system with Jacobian `a` and noise variances `q` per hour; an `exact` one
     /// has the integrals over the inputs as well. `None` where the Jacobian is not finite, or too large for
     /// any step.
-    pub fn new(a: &[T], q: &[T], hours: f64, exact: bool) -> Option<Self> {
+    pub fn new(a: &[T], q: &[T], hours: f64, exact: bool, brake: &Brake) -> Option<Self> {
         let n = q.len();
+        let mut meter = Meter::new(brake);
+        let product = n.pow(3) * (size_of::<T>() / size_of::<f64>());
         let terms = if exact { EXACT } else { LINEARISED };
         if a.iter().any(|slope| !slope.value().is_finite()) {
             return None;
@@ -52,6 +55,7 @@ impl<T: Scalar> Transition<T> {
         (0..n).for_each(|i| lyapunov[i * n + i] = q[i].scaled(time));
         let mut scratch = zero;
         for term in 1..=terms {
+            meter.add(2 * product);
             let k = term as f64;
             add(&mut step.noise, &lyapunov);
             if exact {
@@ -71,6 +75,7 @@ impl<T: Scalar> Transition<T> {
             }
         }
         for _ in 0..doublings {
+            meter.add(if exact { 5 } else { 3 } * product);
             step.double(&mut scratch, time, exact, n);
             time *= 2.0;
         }
@@ -139,7 +144,7 @@ mod tests {
         for (a, h, tolerance) in
             [(-0.6, 0.5, 1e-14), (-300.0, 2.0, 1e-11), (0.3, 1.0, 1e-14), (-1e-9, 1.0, 1e-14)]
         {
-            let step = Transition::new(&[a], &[0.04], h, true).unwrap();
+            let step = Transition::new(&[a], &[0.04], h, true, &Brake::NONE).unwrap();
             let z: f64 = a * h;
             let near = |ours: f64, closed: f64| {
                 assert!((ours - closed).abs() <= tolerance * closed.abs(), "{a}: {ours} {closed}")
@@ -157,7 +162,7 @@ mod tests {
     fn a_coupled_step_is_that_of_many_small_ones() {
         let a = [-2.0, 1.5, 0.0, 0.4, -0.9, 0.3, 0.1, 0.7, -6.0];
         let (n, h) = (3, 0.8);
-        let whole = Transition::new(&a, &[0.1, 0.2, 0.3], h, true).unwrap();
+        let whole = Transition::new(&a, &[0.1, 0.2, 0.3], h, true, &Brake::NONE).unwrap();
         // The mean under a drive b + b' t by classical Runge-Kutta steps, the covariance by its own equation.
         let (b, slope) = ([1.0, -2.0, 0.5], [0.3, 0.2, -1.0]);
         let rate = |x: &[f64], t: f64| {
@@ -209,7 +214,7 @@ mod tests {
 
     #[test]
     fn what_is_not_finite_has_no_step() {
-        assert!(Transition::new(&[f64::NAN], &[1.0], 1.0, false).is_none());
-        assert!(Transition::new(&[-1e300], &[1.0], 1.0, false).is_none());
+        assert!(Transition::new(&[f64::NAN], &[1.0], 1.0, false, &Brake::NONE).is_none());
+        assert!(Transition::new(&[-1e300], &[1.0], 1.0, false, &Brake::NONE).is_none());
     }
 }

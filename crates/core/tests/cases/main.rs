@@ -2,6 +2,7 @@
 
 #![allow(clippy::unwrap_used, reason = "a case that cannot go on has failed")]
 
+mod brakes;
 mod clock;
 mod delays;
 mod diagnoses;

@@ -13,6 +13,7 @@ use lampyris_core::data::{Duration, Window};
 use lampyris_core::diagnose::Diagnosis;
 use lampyris_core::diagnose::ladder::Ladder;
 use lampyris_core::estimate::{Fit, Judgement, Replay};
+use lampyris_core::interrupt::Brake;
 use lampyris_core::model::Catalogue;
 use serde::Serialize;
 use serde_json::{Map, Value, json};
@@ -53,7 +54,8 @@ pub fn write(file: &Path, found: &ReportSubject<'_>) -> Result<(), Failure> {
 /// All answers, by the paths at which the service would give them.
 fn data(found: &ReportSubject<'_>) -> Result<Value, Failure> {
     let fit = found.fit;
-    let replay = Replay::new(found.catalogue, fit, found.window, None).map_err(|found| faults(&found))?;
+    let replay = Replay::new(found.catalogue, fit, found.window, None, &Brake::NONE)
+        .map_err(|found| faults(&found))?;
     let named = NamedFit { id: ID, system: ID, fit };
     let made_at = Timestamp::now().to_string();
     let mut answers = Map::new();

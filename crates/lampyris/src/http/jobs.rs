@@ -334,7 +334,8 @@ async fn get_job(
     Ok(axum::Json(JobAnswer::of(&service, job)))
 }
 
-/// Calls a job off. Calling it off twice, or after its end, changes nothing.
+/// Calls a job off. Where this answers 200 the job publishes nothing, whatever it has come to meanwhile;
+/// where it has come to its result before, this answers 409. Calling it off twice changes nothing.
 #[utoipa::path(
     post,
     path = "/jobs/{id}/cancel",
@@ -345,6 +346,12 @@ async fn get_job(
             status = 200,
             description = "The job as it is now; one that runs stops within half a second",
             body = JobAnswer
+        ),
+        (
+            status = 409,
+            description = "The job has come to its result (`already-deciding`)",
+            body = Problem,
+            content_type = PROBLEM_JSON
         ),
         Problems
     )

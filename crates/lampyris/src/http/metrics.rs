@@ -121,6 +121,12 @@ async fn about_the_service(service: &Shared, text: &mut Exposition) {
     let workers = service.workers_alive.load(Ordering::Relaxed);
     text.plain("lampyris_workers", "gauge", "Workers that wait for jobs or run one.", workers as f64);
     text.plain(
+        "lampyris_jobs_abandoned",
+        "gauge",
+        "Jobs that were given up because they did not hear, and still hold their threads.",
+        *service.abandoned.borrow() as f64,
+    );
+    text.plain(
         "lampyris_event_listeners",
         "gauge",
         "Open streams of events.",

@@ -28,7 +28,8 @@ struct Readiness {
     database: &'static str,
     /// Why the database cannot be written, where it cannot.
     why: Option<String>,
-    /// `alive`, or `stopped`: then no job is run.
+    /// `alive`; `stopped`: then no job is run; or `stuck`: more jobs than there are workers were given up and
+    /// hold their threads, until one of them ends or the service is started again.
     queue: &'static str,
     /// Workers that wait for jobs or run one.
     workers: usize,
@@ -76,12 +77,16 @@ async fn readyz(State(service): State<Shared>) -> Response {
     };
     let workers = service.workers_alive.load(Ordering::Relaxed);
     let alive = workers > 0 && !service.is_stopping();
-    let ready = why.is_none() && alive;
+    let ready = why.is_none() && alive && !service.is_stuck();
     let body = Readiness {
         ready,
         database,
         why,
-        queue: if alive { "alive" } else { "stopped" },
+        queue: match (alive, service.is_stuck()) {
+            (false, _) => "stopped",
+            (true, true) => "stuck",
+            (true, false) => "alive",
+        },
         workers,
         parameters: "loaded",
     };

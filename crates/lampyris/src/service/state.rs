@@ -50,6 +50,8 @@ pub struct Service {
     pub stopping: watch::Sender<bool>,
     /// Workers whose loop is alive.
     pub workers_alive: AtomicUsize,
+    /// Jobs that were given up and still hold the threads they had.
+    pub abandoned: watch::Sender<usize>,
 }
 
 impl Service {
@@ -61,6 +63,11 @@ impl Service {
     /// Whether the service is asked to stop.
     pub fn is_stopping(&self) -> bool {
         *self.stopping.borrow()
+    }
+
+    /// Whether so many jobs were given up that some worker waits for its threads instead of replacing them.
+    pub fn is_stuck(&self) -> bool {
+        *self.abandoned.borrow() > self.settings.workers
     }
 
     /// Most jobs that wait.

@@ -1,7 +1,9 @@
 //! Threads for what must not hold up the handlers.
 
 use super::error::ServiceError;
+use lampyris_core::interrupt::{Brake, Interrupt};
 use rayon::{ThreadPool, ThreadPoolBuildError, ThreadPoolBuilder};
+use std::sync::Arc;
 
 /// The least urgent the system knows.
 const NICENESS: i32 = 19;
@@ -35,6 +37,21 @@ pub(super) fn nice_pool(
             let _ = rustix::process::nice(niceness);
         })
         .build()
+}
+
+/// Runs something short for somebody who may leave: the brake is pulled when nobody waits any more.
+///
+/// # Errors
+/// Where it panicked.
+pub async fn blocking_while_wanted<T: Send + 'static>(
+    work: impl FnOnce(&Brake) -> T + Send + 'static,
+) -> Result<T, ServiceError> {
+    let waits = Arc::new(());
+    let waiting = Arc::downgrade(&waits);
+    let brake = Brake::new(move || (waiting.strong_count() == 0).then_some(Interrupt::Cancelled));
+    let done = blocking(move || Brake::guard(|| work(&brake))).await?;
+    drop(waits);
+    done.map_err(|_| ServiceError::Internal("a short task that somebody waits for was given up".into()))
 }
 
 /// Runs something short that must not hold an async thread, such as unpacking a window. Jobs have pools of

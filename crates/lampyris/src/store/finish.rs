@@ -72,6 +72,8 @@ pub struct Finished {
     pub revision: Option<i64>,
     /// The id of the diagnosis.
     pub diagnosis: Option<String>,
+    /// Whether it was called off before, so that nothing of what it came to is kept.
+    pub cancelled: bool,
 }
 
 row! {
@@ -81,10 +83,11 @@ row! {
         experiment: bool,
         own_model: bool,
         pinned: bool,
+        cancelling: bool,
     }
 }
 
-/// Ends a job, if the lease still holds.
+/// Ends a job, if the lease still holds. A job that was called off ends so, whatever it came to meanwhile.
 ///
 /// # Errors
 /// [`StoreError::LeaseLost`] where somebody else has the job by now; otherwise where the database fails.
@@ -94,9 +97,10 @@ pub async fn finish(
     ending: &JobEnd<'_>,
     now: Timestamp,
 ) -> Result<Finished, StoreError> {
+    failpoint::reached("before_finish");
     let mut tx = store.write().await?;
     let sql = "SELECT j.system, j.experiment, j.model = s.model AS own_model,
-                   EXISTS (SELECT 1 FROM pins p WHERE p.system = j.system) AS pinned
+                   EXISTS (SELECT 1 FROM pins p WHERE p.system = j.system) AS pinned, j.cancelling
                FROM jobs j JOIN systems s ON s.system = j.system
                WHERE j.id = $1 AND j.state = 'running' AND j.boot = $2 AND j.attempt = $3";
     let leased: Option<Leased> = sqlx::query_as(sql)
@@ -110,6 +114,8 @@ pub async fn finish(
     };
     // An experiment, or a fit of another model than the system's, never alters what is served nor its status.
     let counts = leased.own_model && !leased.experiment;
+    // Whoever called it off was told so by a transaction before this one.
+    let ending = if leased.cancelling { &JobEnd::Cancelled } else { ending };
     let finished = match ending {
         JobEnd::Fitted(finding) => {
             let mut finished = keep_fit(&mut tx, lease, &leased, finding, counts, now).await?;
@@ -165,7 +171,7 @@ pub async fn finish(
                 .bind(millis(now))
                 .execute(&mut *tx)
                 .await?;
-            Finished::default()
+            Finished { cancelled: true, ..Finished::default() }
         }
     };
     failpoint::reached("before_commit");

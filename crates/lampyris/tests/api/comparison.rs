@@ -444,7 +444,7 @@ fn what_is_computed_delays_no_controller() {
             let mine = held.take();
             let app = &app;
             scope.spawn(move || {
-                let work = move || {
+                let work = move |_: &lampyris_core::interrupt::Brake| {
                     mine.iter().for_each(|held| held.recv().unwrap());
                     Ok(Vec::new())
                 };

@@ -201,8 +201,10 @@ impl<'a> Traffic<'a> {
         let mut seed = self.round + turn;
         let job = self.oracle().experiments.iter().rev().nth(random(&mut seed) as usize % 20).cloned();
         let Some(job) = job else { return Ok(()) };
-        let told = self.send("POST", &format!("/jobs/{job}/cancel"), &[], "")?.expect(200).json();
-        if told["state"] == "cancelled" {
+        let told = self.send("POST", &format!("/jobs/{job}/cancel"), &[], "")?;
+        if told.status == 409 {
+            told.problem(409, "already-deciding");
+        } else if told.expect(200).json()["state"] == "cancelled" {
             self.oracle().cancelled.push(job);
         }
         Ok(())

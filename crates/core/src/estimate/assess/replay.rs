@@ -13,6 +13,7 @@ use crate::estimate::problem::basis::Basis;
 use crate::estimate::problem::choices::Choices;
 use crate::estimate::problem::request::{Columns, bound, source, with_computed};
 use crate::fault::Fault;
+use crate::interrupt::Brake;
 use crate::model::Catalogue;
 use crate::model::id::NotAModelId;
 use crate::simulate::Trajectory;
@@ -78,7 +79,8 @@ pub struct Replay {
 
 impl Replay {
     /// Runs a fit again, from the start of its window through its end, and on to `until` where that is later
-    /// and measured. `window` holds what was measured from the basis of the fit on.
+    /// and measured. `window` holds what was measured from the basis of the fit on. All that is asked of the
+    /// run unwinds to a [`Brake::guard`] where the brake is pulled.
     ///
     /// # Errors
     /// Faults where the fit does not say what it was made from, its model or its channels are gone, its
@@ -88,6 +90,7 @@ impl Replay {
         fit: &Fit,
         window: &Window,
         until: Option<i64>,
+        brake: &Brake,
     ) -> Result<Self, Vec<Fault>> {
         let basis = basis(fit)?;
         let id = fit
@@ -126,8 +129,9 @@ impl Replay {
         let grid = with_computed(window.grid_on(frame, &columns.request())?, &model, basis)?;
         // Hash and resolution of the sensors are those of the fit's own window, whatever comes after it.
         let source = source(&model, &window, &grid.slice(0..own), basis.clone())?;
-        let problem =
-            Problem::new(model, grid, split, &Choices::default(), source)?.with_substeps(fit.substeps);
+        let problem = Problem::new(model, grid, split, &Choices::default(), source)?
+            .with_brake(brake)
+            .with_substeps(fit.substeps);
         let theta = fit.theta();
         let trajectory = problem.simulate(&theta);
         let provenance = provenance(&problem, fit, &trajectory, model_changed);

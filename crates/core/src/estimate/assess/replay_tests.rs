@@ -8,6 +8,7 @@ use super::skill::{Skill, by_horizon, by_part};
 use crate::data::{Duration, Hold, Series, SplitRequest, Window, rfc3339};
 use crate::estimate::problem::request::{EstimateRequest, Site, WindowRange};
 use crate::estimate::{Control, Fit, estimate, prepare};
+use crate::interrupt::Brake;
 use crate::model::{Catalogue, ModelId};
 
 const START: i64 = 1_767_225_600;
@@ -73,7 +74,7 @@ fn stored(window: &Window, range: WindowRange) -> Fit {
 }
 
 fn replay(fit: &Fit, window: &Window, until: Option<i64>) -> Replay {
-    Replay::new(&Catalogue::builtin().unwrap(), fit, window, until).unwrap()
+    Replay::new(&Catalogue::builtin().unwrap(), fit, window, until, &Brake::NONE).unwrap()
 }
 
 /// The window of the fit begins in the middle of the record, where no sample lies on a grid point.
@@ -183,15 +184,25 @@ fn what_has_changed_since_is_said() {
     assert_ne!(provenance.input_hash, provenance.fit_input_hash);
     // A channel that is gone, and a fit that does not say what it was made from.
     let catalogue = Catalogue::builtin().unwrap();
-    let gone =
-        Replay::new(&catalogue, &fit, &Window::from_series(series[..1].to_vec()).unwrap(), None).unwrap_err();
+    let gone = Replay::new(
+        &catalogue,
+        &fit,
+        &Window::from_series(series[..1].to_vec()).unwrap(),
+        None,
+        &Brake::NONE,
+    )
+    .unwrap_err();
     assert_eq!(gone[0].code, "missing-channel");
-    let old = Replay::new(&catalogue, &Fit { basis: None, ..fit.clone() }, &record, None).unwrap_err();
+    let old = Replay::new(&catalogue, &Fit { basis: None, ..fit.clone() }, &record, None, &Brake::NONE)
+        .unwrap_err();
     assert_eq!(old[0].code, "outdated-fit");
     let mut renamed = fit;
     let (_, value) = renamed.parameters.shift_remove_index(0).unwrap();
     renamed.parameters.shift_insert(0, "alpha_x".into(), value);
-    assert_eq!(Replay::new(&catalogue, &renamed, &record, None).unwrap_err()[0].code, "model-changed");
+    assert_eq!(
+        Replay::new(&catalogue, &renamed, &record, None, &Brake::NONE).unwrap_err()[0].code,
+        "model-changed"
+    );
 }
 
 #[test]

@@ -264,7 +264,7 @@ fn stress(problem: &Problem, theta: &[f64], kelvin: f64) -> Trajectory {
         columns.iter().map(|(values, valid)| (values.as_slice(), valid.as_slice())).collect();
     let simulator =
         Simulator::new(model, &inputs, &measured, model.stepper(), substeps(model.stepper(), 1.0));
-    simulator.run_with_states(theta)
+    simulator.with_brake(problem.brake()).run_with_states(theta)
 }
 
 /// Lowest and highest value; a series with a value that is no number has no range either.

@@ -9,6 +9,7 @@
 
 use crate::data::{CALENDAR, DROPS};
 use crate::estimate::problem::Problem;
+use crate::interrupt::Brake;
 use nalgebra::{DMatrix, DVector};
 use std::ops::Range;
 
@@ -61,6 +62,8 @@ pub struct Regression {
     drivers: Vec<Driver>,
     /// Samples of the grid in an hour of the regression.
     per_hour: usize,
+    /// Asked before every solution.
+    brake: Brake,
 }
 
 /// An input as it enters: hourly means over the grid, and its columns.
@@ -129,6 +132,7 @@ impl Regression {
             origins,
             drivers: Vec::new(),
             per_hour,
+            brake: problem.brake().clone(),
         };
         let driver = |input: usize| {
             let hourly = regression.hourly(&driving(problem, input, problem.inputs().values(input))?);
@@ -171,6 +175,7 @@ impl Regression {
         hours: &'a [i64],
     ) -> impl Iterator<Item = (i64, PairedComparison)> + 'a {
         let error = |shift: i64| {
+            self.brake.check();
             let columns = self.drivers.iter().flat_map(|driver| self.columns(&rolled(&driver.hourly, shift)));
             self.squares(
                 &Basis::of(self.own.iter().cloned().chain(columns).collect()).without(self.target.clone()),
@@ -209,6 +214,7 @@ impl Regression {
     }
 
     fn own_part(&self, others: &Basis, rest: &DVector<f64>, columns: &[DVector<f64>]) -> Option<Part> {
+        self.brake.check();
         let columns: Vec<DVector<f64>> =
             columns.iter().map(|column| others.without(column.clone())).collect();
         let x = DMatrix::from_columns(&columns);

@@ -21,7 +21,10 @@ impl CheckTable {
     pub fn of(problem: &Problem, fit: &Fit, past: &Past, policy: &GatePolicy, rules: &[Rule]) -> Self {
         let mut table = Self::default();
         match ValidationContext::new(problem, fit, past, policy) {
-            Ok(context) => rules.iter().for_each(|rule| (rule.look)(&context, &mut table)),
+            Ok(context) => rules.iter().for_each(|rule| {
+                problem.brake().check();
+                (rule.look)(&context, &mut table);
+            }),
             // There is nothing that any rule could look at.
             Err(comment) => table.plain("G1 finite", false, Severity::Reject, comment.to_owned()),
         }

@@ -24,6 +24,7 @@ pub mod widen;
 
 use crate::data::{Grid, Split};
 use crate::fault::Fault;
+use crate::interrupt::Brake;
 use crate::model::{Model, Nominal, Scale};
 use crate::optimise::{Candidate, Cost, Dimension, DimensionScale, Evaluation, Space, Theta};
 use crate::simulate::kalman::Kalman;
@@ -105,7 +106,7 @@ impl Problem {
             }
         };
         let steps = substeps(model.stepper(), inputs.hours());
-        let simulator = simulator_for(&model, &inputs, &measured, steps);
+        let simulator = simulator_for(&model, &inputs, &measured, steps, &Brake::NONE);
         let mut problem = Self {
             model,
             grid,
@@ -205,6 +206,11 @@ impl Problem {
     /// The simulator with the default stepper.
     pub fn simulator(&self) -> &Simulator {
         &self.simulator
+    }
+
+    /// What ends work on the problem from outside.
+    pub fn brake(&self) -> &Brake {
+        self.simulator.brake()
     }
 
     /// From which states the model predicts.
@@ -464,10 +470,11 @@ fn simulator_for(
     inputs: &Inputs,
     measured: &[(Vec<f64>, Vec<bool>)],
     substeps: usize,
+    brake: &Brake,
 ) -> Simulator {
     let measured: Vec<MeasuredOutput> =
         measured.iter().map(|(values, valid)| (values.as_slice(), valid.as_slice())).collect();
-    Simulator::new(model, inputs, &measured, model.stepper(), substeps)
+    Simulator::new(model, inputs, &measured, model.stepper(), substeps).with_brake(brake)
 }
 
 /// Mean of the squares; NaN for nothing.

@@ -306,7 +306,10 @@ pub fn days_before(
     let split = SplitRequest { train: BEFORE, validation: Duration::from_seconds(0), test: None };
     let asked = EstimateRequest { window: None, split, early_stopping: None, ..request.clone() };
     match problem.predictor() {
-        Predictor::Filtered => prepare(catalogue, problem.model().id(), &asked, &window, site).ok(),
+        Predictor::Filtered => {
+            let before = prepare(catalogue, problem.model().id(), &asked, &window, site).ok()?;
+            Some(before.with_brake(problem.brake()))
+        }
         // A free run of other days says nothing of this one.
         Predictor::FreeRun => None,
     }

@@ -2,22 +2,37 @@
 
 use super::{Problem, simulator_for};
 use crate::estimate::problem::prior::Prior;
+use crate::interrupt::Brake;
 use crate::optimise::Space;
 use std::ops::Range;
 
 impl Problem {
+    /// The same problem under a brake. Whatever is computed on it, or on what is derived from it, unwinds to
+    /// a [`Brake::guard`] where the brake is pulled.
+    #[must_use]
+    pub fn with_brake(&self, brake: &Brake) -> Self {
+        Self { simulator: self.simulator.clone().with_brake(brake), ..self.clone() }
+    }
+
     /// The same problem with so many internal steps per sample, whose simulation also stands still over the
     /// intervals at which `known` is false.
     #[must_use]
     pub fn aligned(&self, known: &[bool], steps: usize) -> Self {
         let inputs = self.inputs.masked(known);
-        Self { simulator: simulator_for(&self.model, &inputs, &self.measured, steps), inputs, ..self.clone() }
+        Self {
+            simulator: simulator_for(&self.model, &inputs, &self.measured, steps, self.brake()),
+            inputs,
+            ..self.clone()
+        }
     }
 
     /// The same problem with so many internal steps per sample.
     #[must_use]
     pub fn with_substeps(&self, steps: usize) -> Self {
-        Self { simulator: simulator_for(&self.model, &self.inputs, &self.measured, steps), ..self.clone() }
+        Self {
+            simulator: simulator_for(&self.model, &self.inputs, &self.measured, steps, self.brake()),
+            ..self.clone()
+        }
     }
 
     /// The same problem, whose warm-up goes over the mean of the inputs at these samples where it goes over
@@ -26,7 +41,13 @@ impl Problem {
     pub fn averaged_over(&self, samples: Range<usize>) -> Self {
         let inputs = self.inputs.clone().averaged_over(samples);
         Self {
-            simulator: simulator_for(&self.model, &inputs, &self.measured, self.simulator.substeps()),
+            simulator: simulator_for(
+                &self.model,
+                &inputs,
+                &self.measured,
+                self.simulator.substeps(),
+                self.brake(),
+            ),
             inputs,
             ..self.clone()
         }

@@ -1,6 +1,7 @@
 //! The caller's hands on a running search: how far it has come, whether it is to end, and why there is no
 //! fit.
 
+use crate::interrupt::Interrupt;
 use indexmap::IndexMap;
 use serde::Serialize;
 use std::sync::Arc;
@@ -22,15 +23,6 @@ impl Control<'_> {
     pub fn halts(&self) -> bool {
         (self.interrupt)().is_some()
     }
-}
-
-/// Why somebody outside stops a search.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Interrupt {
-    /// An operator or a shutdown.
-    Cancelled,
-    /// The wall time is used up.
-    Deadline,
 }
 
 /// How far a search has come, or the diagnosis behind it.

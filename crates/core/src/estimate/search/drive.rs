@@ -1,9 +1,10 @@
 //! The loop around an optimiser: ask, simulate, tell, until something says stop.
 
-use super::control::{Control, EstimateError, Interrupt, Progress};
+use super::control::{Control, EstimateError, Progress};
 use crate::estimate::fit::{Stop, TracePoint};
 use crate::estimate::problem::Problem;
 use crate::estimate::problem::stop::{EarlyStopping, Watch};
+use crate::interrupt::Interrupt;
 use crate::optimise::multistart::LmOptions;
 use crate::optimise::{Ask, Candidate, Cost, Evaluation, LocalRun, Method, Search, Termination};
 use crate::simulate::trajectory::Halt;

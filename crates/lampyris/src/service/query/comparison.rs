@@ -16,6 +16,7 @@ use lampyris_core::estimate::assess::metrics::lead;
 use lampyris_core::estimate::assess::replay::window_of;
 use lampyris_core::estimate::{Fit, Replay};
 use lampyris_core::fault::Fault;
+use lampyris_core::interrupt::Brake;
 use std::collections::BTreeSet;
 
 /// Most fits beside each other.
@@ -39,8 +40,8 @@ pub async fn one(
     }
     let asked = *asked;
     let subject = load(service, record, to).await?;
-    let work = move || {
-        let replay = subject.replay(&subject.window()?, Some(to))?;
+    let work = move |brake: &Brake| {
+        let replay = subject.replay(&subject.window()?, Some(to), brake)?;
         let system = subject.record().system.to_string();
         document(
             &subject.named(&system),
@@ -122,10 +123,10 @@ pub async fn several(
     for record in records {
         subjects.push(load(service, record, to).await?);
     }
-    let work = move || {
+    let work = move |brake: &Brake| {
         let replays = subjects
             .iter()
-            .map(|subject| subject.replay(&subject.window()?, Some(to)))
+            .map(|subject| subject.replay(&subject.window()?, Some(to), brake))
             .collect::<Result<Vec<_>, _>>()?;
         let contenders: Vec<Contender<'_>> = subjects
             .iter()

@@ -13,6 +13,7 @@ use lampyris_core::estimate::assess::skill::{HorizonSkill, PartSkill, by_horizon
 use lampyris_core::estimate::assess::summary::summary;
 use lampyris_core::estimate::{Fit, Replay};
 use lampyris_core::fault::{Fault, nearest};
+use lampyris_core::interrupt::Brake;
 use serde::Serialize;
 use utoipa::ToSchema;
 
@@ -65,10 +66,10 @@ pub async fn diagnostics(
         return Ok(answer);
     }
     let subject = subject::load(service, record, end).await?;
-    let work = move || {
+    let work = move |brake: &Brake| {
         let window = subject.window()?;
         let system = subject.record().system.to_string();
-        document(&subject.named(&system), &subject.replay(&window, None)?, &window, output.as_deref())
+        document(&subject.named(&system), &subject.replay(&window, None, brake)?, &window, output.as_deref())
     };
     service.interactive.answer(&key, work).await
 }

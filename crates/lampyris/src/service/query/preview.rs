@@ -6,7 +6,7 @@ use crate::service::decode;
 use crate::service::error::ServiceError;
 use crate::service::queue::submit;
 use crate::service::state::Service;
-use crate::service::threads::blocking;
+use crate::service::threads::blocking_while_wanted;
 use crate::service::work::input;
 use crate::store;
 use indexmap::IndexMap;
@@ -101,7 +101,7 @@ pub async fn run(service: &Service, body: Value) -> Result<Preview, ServiceError
         _ => None,
     };
     // Everything that takes time happens here: compiling, stitching, simulating.
-    blocking(move || {
+    blocking_while_wanted(move |brake| {
         let (catalogue, model) =
             assemble(&catalogue, &request, record.as_ref()).map_err(ServiceError::Faults)?;
         let (window, site) = match &input {
@@ -109,7 +109,8 @@ pub async fn run(service: &Service, body: Value) -> Result<Preview, ServiceError
             None => standard_days(&catalogue, &model).map_err(ServiceError::Faults)?,
         };
         let problem = prepare(&catalogue, &model, &asked(&request), &window, &site)
-            .map_err(|faults| ServiceError::Faults(named(faults)))?;
+            .map_err(|faults| ServiceError::Faults(named(faults)))?
+            .with_brake(brake);
         let most = request.max_points.unwrap_or(MOST_POINTS);
         preview(&problem, most, input.is_none()).map_err(|fault| ServiceError::Faults(vec![fault]))
     })

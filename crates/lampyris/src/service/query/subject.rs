@@ -11,6 +11,7 @@ use crate::store::fits::FitRecord;
 use lampyris_core::data::{Duration, SystemId, Window, read_time};
 use lampyris_core::estimate::assess::replay::basis;
 use lampyris_core::estimate::{Fit, Replay};
+use lampyris_core::interrupt::Brake;
 use lampyris_core::model::{Catalogue, ModelId};
 use std::sync::Arc;
 
@@ -124,7 +125,12 @@ impl Subject {
     }
 
     /// Runs the fit again. This is work for the CPU pool.
-    pub(super) fn replay(&self, window: &Window, until: Option<i64>) -> Result<Replay, ServiceError> {
-        Replay::new(&self.catalogue, self.fit(), window, until).map_err(ServiceError::Faults)
+    pub(super) fn replay(
+        &self,
+        window: &Window,
+        until: Option<i64>,
+        brake: &Brake,
+    ) -> Result<Replay, ServiceError> {
+        Replay::new(&self.catalogue, self.fit(), window, until, brake).map_err(ServiceError::Faults)
     }
 }

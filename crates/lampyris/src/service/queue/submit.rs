@@ -3,14 +3,14 @@
 
 use super::request::{self, BatchRequest};
 use crate::service::catalogue::system::{self, Mode, SystemDocument};
-use crate::service::error::ServiceError;
+use crate::service::error::{Refusal, ServiceError};
 use crate::service::state::Service;
 use crate::service::threads::blocking;
 use crate::service::work::input;
 use crate::store;
 use crate::store::batches::{BatchKind, NewBatch, Skipped, SubmittedBatch};
 use crate::store::idempotency::RequestKey;
-use crate::store::jobs::{JobKind, Origin, Priority};
+use crate::store::jobs::{JobKind, JobStatus, Origin, Priority};
 use crate::store::queue::{Cancelled, NewJob, Submitted};
 use crate::store::retry::Retried;
 use lampyris_core::data::{SplitRequest, SystemId};
@@ -280,14 +280,19 @@ pub fn entered(service: &Service) {
     service.events.hint();
 }
 
-/// Calls a job off.
+/// Calls a job off: what runs or waits now will publish nothing.
 ///
 /// # Errors
-/// Where the database fails.
+/// Where the job has come to a result already, or the database fails.
 pub async fn cancel(service: &Service, id: &str) -> Result<Option<Cancelled>, ServiceError> {
     let Some(cancelled) = store::queue::cancel(&service.store, id, service.now()).await? else {
         return Ok(None);
     };
+    if cancelled.job.state.status() == JobStatus::Succeeded {
+        let detail =
+            format!("the job `{id}` has come to its result already: it cannot be called off any more");
+        return Err(Refusal::new("already-deciding", detail).into());
+    }
     if cancelled.running {
         service.board.cancel(id);
         // The worker may have ended the job in between and forgotten its place; then nobody else will.

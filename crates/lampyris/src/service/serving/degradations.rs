@@ -6,6 +6,7 @@ use crate::service::catalogue::systems;
 use crate::service::error::ServiceError;
 use crate::service::queue::submit;
 use crate::service::state::Service;
+use crate::service::work::board::Live;
 use crate::service::work::input::{self, JobInput};
 use crate::store;
 use crate::store::fits::FitRecord;
@@ -14,10 +15,12 @@ use lampyris_core::estimate::EstimateRequest;
 use lampyris_core::estimate::assess::degradation::{Newer, as_fitted, goes_on, newer};
 use lampyris_core::estimate::assess::metrics::{CurrentState, filter_fit, newest_state};
 use lampyris_core::estimate::problem::request::WindowRange;
+use lampyris_core::interrupt::{Brake, Interrupt};
 use rayon::ThreadPool;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::pin::pin;
 use std::sync::Arc;
+use std::time::{self, Instant};
 use tokio::sync::oneshot;
 
 /// A record is looked at over at most this long, so that a look stays short however old the fit is.
@@ -36,7 +39,7 @@ pub async fn run(service: Arc<Service>, pool: ThreadPool) {
         told.as_mut().enable();
         let next = service.arrivals.systems().pop_first();
         if let Some(system) = next {
-            match look(&service, &pool, &system).await {
+            match look(&service, &pool, &system, || false).await {
                 Ok(false) => {}
                 Ok(true) => {
                     if let Err(error) = refit(&service, &system).await {
@@ -57,8 +60,14 @@ pub async fn run(service: Arc<Service>, pool: ThreadPool) {
 
 /// Looks at one system before a job that nobody has asked for replaces what it serves: measurements that came
 /// a moment ago may not have been looked at yet.
-pub(in crate::service) async fn look_first(service: &Service, pool: &ThreadPool, system: &SystemId) {
-    if let Err(error) = look(service, pool, system).await {
+pub(in crate::service) async fn look_first(
+    service: &Service,
+    pool: &ThreadPool,
+    system: &SystemId,
+    job: &Arc<Live>,
+) {
+    let job = job.clone();
+    if let Err(error) = look(service, pool, system, move || job.is_cancelled()).await {
         not_compared(system, &error);
     }
 }
@@ -78,7 +87,12 @@ async fn refit(service: &Service, system: &SystemId) -> Result<(), ServiceError>
 
 /// Compares what is served with the newest measurements, and keeps what that says. Says whether it has become
 /// degraded by that.
-async fn look(service: &Service, pool: &ThreadPool, system: &SystemId) -> Result<bool, ServiceError> {
+async fn look(
+    service: &Service,
+    pool: &ThreadPool,
+    system: &SystemId,
+    unwanted: impl Fn() -> bool + Send + Sync + 'static,
+) -> Result<bool, ServiceError> {
     let Some(standing) = store::params::standing(&service.store, system).await? else { return Ok(false) };
     let Some((revision, served)) = standing.revision.zip(store::fits::served(&service.store, system).await?)
     else {
@@ -92,14 +106,31 @@ async fn look(service: &Service, pool: &ThreadPool, system: &SystemId) -> Result
     let Some(model) = served.fit.model.parse().ok() else { return Ok(false) };
     let document = systems::require(service, system).await?;
     let input = input::collect(service, system, document, model, request(&served, newest), 0).await?;
+    let stopping = service.stopping.subscribe();
+    let deadline = Instant::now() + time::Duration::from_secs(service.settings.limits.job_seconds);
+    let brake = Brake::new(move || {
+        if unwanted() || *stopping.borrow() {
+            Some(Interrupt::Cancelled)
+        } else {
+            (Instant::now() >= deadline).then_some(Interrupt::Deadline)
+        }
+    });
     let (sender, receiver) = oneshot::channel();
     pool.spawn(move || {
-        let _ = sender.send(catch_unwind(AssertUnwindSafe(|| compare(&input, &served))));
+        let compared = || Brake::guard(|| compare(&input, &served, &brake));
+        let _ = sender.send(catch_unwind(AssertUnwindSafe(compared)));
     });
     let Ok(Ok(found)) = receiver.await else {
         return Err(ServiceError::Internal("the comparison ran into a fault of the program".to_owned()));
     };
-    let Some((newer, state)) = found? else { return Ok(false) };
+    let found = match found {
+        Ok(found) => found?,
+        Err(Interrupt::Cancelled) => return Ok(false),
+        Err(Interrupt::Deadline) => {
+            return Err(ServiceError::Internal("the comparison took longer than a job may".to_owned()));
+        }
+    };
+    let Some((newer, state)) = found else { return Ok(false) };
     if let Some((error, horizon)) = newer.error() {
         service.metrics.forecast(system, horizon, error);
     }
@@ -167,9 +198,10 @@ fn request(served: &FitRecord, newest: i64) -> EstimateRequest {
 fn compare(
     input: &JobInput,
     served: &FitRecord,
+    brake: &Brake,
 ) -> Result<Option<(Newer, Option<CurrentState>)>, ServiceError> {
     let window = input.window()?;
-    let problem = input.problem(&window)?;
+    let problem = input.problem(&window)?.with_brake(brake);
     let names = problem.model().parameters().iter().map(|parameter| &parameter.name);
     if !names.eq(served.fit.parameters.keys()) {
         // Channels have come or gone, so that the model is another one here.

@@ -80,7 +80,7 @@ impl ProgressBoard {
     /// Tells a running job to stop. The place is made if need be: the worker that has just claimed the job
     /// finds it there.
     pub fn cancel(&self, job: &str) {
-        self.place(job).cancelled.store(true, Ordering::Relaxed);
+        self.place(job).call_off();
     }
 
     /// Forgets a job that runs no more.
@@ -156,6 +156,11 @@ impl Live {
         }
         running.told_at = Instant::now();
         running.news()
+    }
+
+    /// Tells the job to stop.
+    pub fn call_off(&self) {
+        self.cancelled.store(true, Ordering::Relaxed);
     }
 
     /// Whether somebody called the job off.

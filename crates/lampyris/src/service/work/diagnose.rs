@@ -8,6 +8,7 @@ use crate::store::finish::JudgedFit;
 use lampyris_core::diagnose::{self, DiagnoseError};
 use lampyris_core::estimate::Control;
 use lampyris_core::estimate::problem::request::Criterion;
+use lampyris_core::interrupt::Brake;
 
 /// Most effects that a ladder adds.
 const STEPS: usize = 3;
@@ -16,8 +17,8 @@ const STEPS: usize = 3;
 ///
 /// # Errors
 /// Where there is no fit to start from, the window does not serve, or somebody stopped it.
-pub fn run(input: &JobInput, control: &Control<'_>) -> Result<JudgedFit, Stopped> {
-    let FirstFit { window, problem, finding } = fitted(input, control)?;
+pub fn run(input: &JobInput, control: &Control<'_>, brake: &Brake) -> Result<JudgedFit, Stopped> {
+    let FirstFit { window, problem, finding } = fitted(input, control, brake)?;
     let site = input.system.site();
     let rate = input.request.accusation_rate;
     let (theta, earlier) = (finding.fit.theta(), &input.evidence);
@@ -31,8 +32,8 @@ pub fn run(input: &JobInput, control: &Control<'_>) -> Result<JudgedFit, Stopped
 ///
 /// # Errors
 /// Where there is no fit to start from, the window does not serve, or somebody stopped it.
-pub fn ladder(input: &JobInput, control: &Control<'_>) -> Result<JudgedFit, Stopped> {
-    let FirstFit { window, problem, finding } = fitted(input, control)?;
+pub fn ladder(input: &JobInput, control: &Control<'_>, brake: &Brake) -> Result<JudgedFit, Stopped> {
+    let FirstFit { window, problem, finding } = fitted(input, control, brake)?;
     let site = input.system.site();
     let ladder = match input.request.criterion {
         Criterion::HeldOut => diagnose::ladder::ladder,

@@ -16,6 +16,7 @@ use lampyris_core::estimate::{
     Control, EstimateError, GatePolicy, Interrupt, Past, Problem, Verdict, estimate,
 };
 use lampyris_core::fault::Fault;
+use lampyris_core::interrupt::Brake;
 
 /// Why there is no finding.
 #[derive(Debug)]
@@ -30,8 +31,8 @@ pub enum Stopped {
 ///
 /// # Errors
 /// Where the data, the model or the search give no fit, or somebody stopped it.
-pub fn run(input: &JobInput, control: &Control<'_>) -> Result<JudgedFit, Stopped> {
-    fitted(input, control).map(|fitted| fitted.finding)
+pub fn run(input: &JobInput, control: &Control<'_>, brake: &Brake) -> Result<JudgedFit, Stopped> {
+    fitted(input, control, brake).map(|fitted| fitted.finding)
 }
 
 /// A finding with what it was found from, for those who go on from there.
@@ -44,14 +45,15 @@ pub struct FirstFit {
     pub finding: JudgedFit,
 }
 
-/// Estimates, judges and reads the states off, and keeps what that was done with.
+/// Estimates, judges and reads the states off, and keeps what that was done with. `control` ends the search,
+/// which keeps what it has found, and `brake` everything.
 ///
 /// # Errors
 /// Where the data, the model or the search give no fit, or somebody stopped it.
-pub fn fitted(input: &JobInput, control: &Control<'_>) -> Result<FirstFit, Stopped> {
+pub fn fitted(input: &JobInput, control: &Control<'_>, brake: &Brake) -> Result<FirstFit, Stopped> {
     let failed = |error| Stopped::Failed(describe(error));
     let window = input.window().map_err(failed)?;
-    let problem = input.problem(&window).map_err(failed)?;
+    let problem = input.problem(&window).map_err(failed)?.with_brake(brake);
     let past = Past {
         // They are for comparing with what is served.
         days_before: input.served.as_ref().and_then(|_| {

@@ -11,6 +11,7 @@ use crate::service::error::ServiceError;
 use crate::service::threads::nice_pool;
 use indexmap::IndexMap;
 use lampyris_core::fault::Fault;
+use lampyris_core::interrupt::{Brake, Interrupt};
 use rayon::{ThreadPool, ThreadPoolBuildError};
 use std::collections::HashMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -49,6 +50,8 @@ type Outcome = Result<RenderedAnswer, Failure>;
 #[derive(Debug, Clone)]
 enum Failure {
     Faults(Vec<Fault>),
+    /// Nobody waited for it any more when the work was given up.
+    Left,
     Internal(String),
 }
 
@@ -98,14 +101,15 @@ impl Interactive {
     }
 
     /// The answer to a request: kept, being computed for somebody else, or computed now while this task
-    /// sleeps. The key must name everything that the answer depends on.
+    /// sleeps. The key must name everything that the answer depends on. The brake is pulled when nobody waits
+    /// for it any more.
     ///
     /// # Errors
     /// Those of the work, and where too much is asked at once.
     pub async fn answer(
         &self,
         key: &str,
-        work: impl FnOnce() -> Result<Vec<u8>, ServiceError> + Send + 'static,
+        work: impl FnOnce(&Brake) -> Result<Vec<u8>, ServiceError> + Send + 'static,
     ) -> Result<RenderedAnswer, ServiceError> {
         let place = self.desk().place(key);
         let mut outcome = match place {
@@ -122,6 +126,7 @@ impl Interactive {
         match told {
             Ok(Some(Ok(answer))) => Ok(answer),
             Ok(Some(Err(Failure::Faults(faults)))) => Err(ServiceError::Faults(faults)),
+            Ok(Some(Err(Failure::Left))) => Err(ServiceError::Busy),
             Ok(Some(Err(Failure::Internal(detail)))) => Err(ServiceError::Internal(detail)),
             Ok(None) | Err(_) => Err(ServiceError::Internal("the thread of a short task is gone".into())),
         }
@@ -141,8 +146,8 @@ fn lock(desk: &Mutex<Desk>) -> MutexGuard<'_, Desk> {
 fn compute(
     desk: &Mutex<Desk>,
     key: &str,
-    sender: &watch::Sender<Option<Outcome>>,
-    work: impl FnOnce() -> Result<Vec<u8>, ServiceError>,
+    sender: &Arc<watch::Sender<Option<Outcome>>>,
+    work: impl FnOnce(&Brake) -> Result<Vec<u8>, ServiceError>,
 ) {
     {
         let mut desk = lock(desk);
@@ -154,10 +159,13 @@ fn compute(
         }
         desk.computed += 1;
     }
-    let outcome = match catch_unwind(AssertUnwindSafe(work)) {
-        Ok(Ok(bytes)) => Ok(RenderedAnswer::from(bytes)),
-        Ok(Err(ServiceError::Faults(faults))) => Err(Failure::Faults(faults)),
-        Ok(Err(error)) => Err(Failure::Internal(error.to_string())),
+    let asked = sender.clone();
+    let brake = Brake::new(move || (asked.receiver_count() == 0).then_some(Interrupt::Cancelled));
+    let outcome = match catch_unwind(AssertUnwindSafe(|| Brake::guard(|| work(&brake)))) {
+        Ok(Err(_)) => Err(Failure::Left),
+        Ok(Ok(Ok(bytes))) => Ok(RenderedAnswer::from(bytes)),
+        Ok(Ok(Err(ServiceError::Faults(faults)))) => Err(Failure::Faults(faults)),
+        Ok(Ok(Err(error))) => Err(Failure::Internal(error.to_string())),
         Err(_) => Err(Failure::Internal("a short task panicked".into())),
     };
     let mut desk = lock(desk);
@@ -224,7 +232,7 @@ mod tests {
         let first = tokio::spawn({
             let interactive = interactive.clone();
             async move {
-                let work = move || {
+                let work = move |_: &Brake| {
                     held.recv().unwrap();
                     bytes("one")
                 };
@@ -238,7 +246,7 @@ mod tests {
         let joined: Vec<_> = (0..5)
             .map(|_| {
                 let interactive = interactive.clone();
-                tokio::spawn(async move { interactive.answer("a", || bytes("never")).await.unwrap() })
+                tokio::spawn(async move { interactive.answer("a", |_| bytes("never")).await.unwrap() })
             })
             .collect();
         tokio::task::yield_now().await;
@@ -247,7 +255,7 @@ mod tests {
         for one in joined {
             assert_eq!(&*one.await.unwrap(), b"one");
         }
-        assert_eq!(&*interactive.answer("a", || bytes("never")).await.unwrap(), b"one");
+        assert_eq!(&*interactive.answer("a", |_| bytes("never")).await.unwrap(), b"one");
         assert_eq!(
             (interactive.computed(), interactive.known("a").is_some(), interactive.known("b").is_some()),
             (1, true, false)
@@ -263,7 +271,7 @@ mod tests {
         for index in 0..MOST_PENDING {
             let (interactive, held) = (interactive.clone(), held.take());
             asked.push(tokio::spawn(async move {
-                let work = move || {
+                let work = move |_: &Brake| {
                     held.iter().for_each(|held| held.recv().unwrap());
                     bytes("x")
                 };
@@ -274,7 +282,7 @@ mod tests {
         while interactive.computed() == 0 {
             tokio::task::yield_now().await;
         }
-        assert!(matches!(interactive.answer("more", || bytes("x")).await, Err(ServiceError::Busy)));
+        assert!(matches!(interactive.answer("more", |_| bytes("x")).await, Err(ServiceError::Busy)));
         // All but the one that runs give up.
         let first = asked.remove(0);
         asked.iter().for_each(tokio::task::JoinHandle::abort);
@@ -283,23 +291,47 @@ mod tests {
         }
         release.send(()).unwrap();
         first.await.unwrap().unwrap();
-        interactive.answer("more", || bytes("x")).await.unwrap();
+        interactive.answer("more", |_| bytes("x")).await.unwrap();
         assert_eq!(interactive.computed(), 2, "what nobody waited for was done");
+    }
+
+    #[tokio::test]
+    async fn work_that_is_under_way_ends_when_nobody_waits_for_it_any_more() {
+        let interactive = Arc::new(Interactive::new(1).unwrap());
+        let asked = tokio::spawn({
+            let interactive = interactive.clone();
+            // It comes to no end by itself.
+            let work = |brake: &Brake| {
+                loop {
+                    brake.check();
+                    std::thread::yield_now();
+                }
+            };
+            async move { interactive.answer("a", work).await }
+        });
+        while interactive.computed() == 0 {
+            tokio::task::yield_now().await;
+        }
+        asked.abort();
+        assert!(asked.await.unwrap_err().is_cancelled());
+        // There is one thread, and it is free again.
+        assert_eq!(&*interactive.answer("b", |_| bytes("next")).await.unwrap(), b"next");
+        assert_eq!((interactive.pending(), interactive.known("a")), (0, None));
     }
 
     #[tokio::test]
     async fn failures_are_told_and_not_kept() {
         let interactive = Interactive::new(1).unwrap();
-        let fault = || Err(ServiceError::Faults(vec![Fault::new("/x", "x", "x")]));
+        let fault = |_: &Brake| Err(ServiceError::Faults(vec![Fault::new("/x", "x", "x")]));
         assert!(matches!(
             interactive.answer("a", fault).await,
             Err(ServiceError::Faults(faults)) if faults.len() == 1
         ));
         assert!(matches!(
-            interactive.answer("a", || std::panic::resume_unwind(Box::new("expected by this test"))).await,
+            interactive.answer("a", |_| std::panic::resume_unwind(Box::new("expected by this test"))).await,
             Err(ServiceError::Internal(_))
         ));
-        assert_eq!(&*interactive.answer("a", || bytes("at last")).await.unwrap(), b"at last");
+        assert_eq!(&*interactive.answer("a", |_| bytes("at last")).await.unwrap(), b"at last");
     }
 
     #[test]

@@ -8,12 +8,16 @@
 //! |---|---|
 //! | `panic` | its objective panics |
 //! | `stall` | its objective comes to no end before somebody interrupts it |
+//! | `deaf` | its objective hears nobody for 12 s |
 //! | `abort` | it takes the process down, as a stack overflow or an allocation that is refused would |
 
 use lampyris_core::data::SystemId;
 use std::collections::HashMap;
 use std::sync::LazyLock;
 use std::time::Duration;
+
+/// How long a deaf job hears nobody.
+const DEAF: Duration = Duration::from_secs(12);
 
 static POISONED: LazyLock<HashMap<String, String>> = LazyLock::new(|| {
     let text = std::env::var("LAMPYRIS_POISON").unwrap_or_default();
@@ -31,6 +35,7 @@ pub fn strike(system: &SystemId, is_interrupted: impl Fn() -> bool) {
     match POISONED.get(&system.to_string()).map(String::as_str) {
         Some("panic") => panic!("the poison of {system}"),
         Some("abort") => std::process::abort(),
+        Some("deaf") => std::thread::sleep(DEAF),
         Some("stall") => {
             while !is_interrupted() {
                 std::thread::sleep(Duration::from_millis(10));

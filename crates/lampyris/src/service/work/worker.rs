@@ -12,11 +12,13 @@ use crate::service::changes::events::JobChange;
 use crate::service::changes::follow;
 use crate::service::serving::degradations;
 use crate::service::state::Service;
+use crate::service::threads;
 use crate::store::StoreError;
 use crate::store::finish::{JobEnd, JudgedFit, Tuned, finish};
 use crate::store::jobs::{JobFailure, JobKind, JobRecord, Lease, Origin};
 use crate::store::queue;
-use lampyris_core::estimate::{Control, Interrupt, Progress};
+use lampyris_core::estimate::{Control, Progress};
+use lampyris_core::interrupt::{Brake, Interrupt};
 use rayon::ThreadPool;
 use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -32,8 +34,11 @@ const SLOW_POLL: Duration = Duration::from_secs(5);
 const AFTER_FAILURE: Duration = Duration::from_secs(1);
 /// How often a result is offered to a database that is full, before the job fails for want of room.
 const TRIES: u32 = 5;
-/// Claims and runs jobs until the service stops.
-pub async fn run(service: Arc<Service>, pool: ThreadPool) {
+/// What is left behind a search for judging what it found: a quarter of the job's time, and at least this.
+const LEAST_GRACE: Duration = Duration::from_millis(1500);
+
+/// Claims and runs jobs on the threads of the numbered worker until the service stops.
+pub async fn run(service: Arc<Service>, mut pool: ThreadPool, worker: usize) {
     let _alive = Alive::new(&service.workers_alive);
     let mut stopping = service.stopping.subscribe();
     while !*stopping.borrow_and_update() {
@@ -45,7 +50,9 @@ pub async fn run(service: Arc<Service>, pool: ThreadPool) {
             Ok(Some(job)) => {
                 // There may be more: the next idle worker looks, and wakes the one after it.
                 service.wake.notify_one();
-                process(&service, &pool, job).await;
+                if let Some(deaf) = process(&service, &pool, job).await {
+                    pool = replaced(&service, pool, worker, deaf).await;
+                }
                 continue;
             }
             Ok(None) => SLOW_POLL,
@@ -78,6 +85,60 @@ impl Drop for Alive<'_> {
     }
 }
 
+/// How long a job may take, by the clock of this process.
+#[derive(Debug, Clone, Copy)]
+struct Times {
+    /// Then its search ends, and keeps what it has found.
+    search: Instant,
+    /// Then all of it ends, without a result.
+    end: Instant,
+    /// Then nobody waits for it any longer.
+    given_up: Instant,
+}
+
+impl Times {
+    fn of(input: &JobInput, most: Duration) -> Self {
+        let asked = input.request.budget.wall.map(|wall| Duration::from_secs(wall.seconds().unsigned_abs()));
+        let limit = asked.map_or(most, |asked| asked.min(most));
+        let grace = (limit / 4).max(LEAST_GRACE);
+        let search = Instant::now() + limit;
+        Self { search, end: search + grace, given_up: search + limit.max(2 * grace) }
+    }
+}
+
+/// What the threads of a job say when it has ended.
+type Ending = Result<Result<End, Stopped>, Box<dyn Any + Send>>;
+
+/// A job that was given up, for its threads.
+type Deaf = oneshot::Receiver<Ending>;
+
+/// Gives a worker other threads in the place of those that a job does not give back, as soon as no more such
+/// jobs than workers are left.
+async fn replaced(service: &Arc<Service>, lost: ThreadPool, worker: usize, deaf: Deaf) -> ThreadPool {
+    service.abandoned.send_modify(|abandoned| *abandoned += 1);
+    let counting = service.clone();
+    tokio::spawn(async move {
+        // What it says is nobody's news any more: its job has ended.
+        let _ = deaf.await;
+        counting.abandoned.send_modify(|abandoned| *abandoned -= 1);
+    });
+    if service.is_stuck() {
+        tracing::error!("a worker waits for threads that jobs which were given up still hold");
+    }
+    let (mut abandoned, mut stopping) = (service.abandoned.subscribe(), service.stopping.subscribe());
+    tokio::select! {
+        _ = abandoned.wait_for(|abandoned| *abandoned <= service.settings.workers) => {}
+        _ = stopping.wait_for(|stops| *stops) => return lost,
+    }
+    loop {
+        match threads::pool(lost.current_num_threads(), worker) {
+            Ok(others) => return others,
+            Err(error) => tracing::error!(%error, "no threads in the place of those of a job, trying again"),
+        }
+        tokio::time::sleep(AFTER_FAILURE).await;
+    }
+}
+
 /// How a job ended, before the database knows.
 enum End {
     Found(Box<JudgedFit>),
@@ -87,9 +148,9 @@ enum End {
     GivenBack,
 }
 
-/// Runs one job that was claimed.
-async fn process(service: &Arc<Service>, pool: &ThreadPool, job: JobRecord) {
-    let Some(lease) = job.lease() else { return };
+/// Runs one job that was claimed. Where it had to be given up, it still holds the threads.
+async fn process(service: &Arc<Service>, pool: &ThreadPool, job: JobRecord) -> Option<Deaf> {
+    let lease = job.lease()?;
     let live = service.board.place(&job.id);
     live.start(&job, lease.clone());
     followed(service).await;
@@ -104,31 +165,41 @@ async fn process(service: &Arc<Service>, pool: &ThreadPool, job: JobRecord) {
         job.system
     );
     if job.kind == JobKind::Estimate && job.origin == Origin::Scheduled {
-        degradations::look_first(service, pool, &job.system).await;
+        degradations::look_first(service, pool, &job.system, &live).await;
     }
-    let end = match input::load(service, &job).await {
+    let (end, deaf) = match input::load(service, &job).await {
         Ok(input) => compute(service, pool, &live, &job, input).await,
-        Err(error) => End::Failed(describe(error)),
+        Err(error) => (End::Failed(describe(error)), None),
     };
     record(service, &job, &lease, end).await;
+    deaf
 }
 
-/// Computes on the pool while this task sleeps.
+/// Computes on the threads while this task sleeps, and gives up what does not end.
 async fn compute(
     service: &Arc<Service>,
     pool: &ThreadPool,
     live: &Arc<Live>,
     job: &JobRecord,
     input: JobInput,
-) -> End {
-    let (sender, receiver) = oneshot::channel();
+) -> (End, Option<Deaf>) {
+    let times = Times::of(&input, Duration::from_secs(service.settings.limits.job_seconds));
+    let (sender, mut receiver) = oneshot::channel();
     let (shared, place, job) = (service.clone(), live.clone(), job.clone());
     pool.spawn(move || {
-        let result = catch_unwind(AssertUnwindSafe(|| guarded(&shared, &place, &job, &input)));
+        let result = catch_unwind(AssertUnwindSafe(|| guarded(&shared, &place, &job, &input, times)));
         // Nobody listens any more when the service has stopped; then the job was given back already.
         let _ = sender.send(result);
     });
-    match receiver.await {
+    let ending = tokio::select! {
+        ending = &mut receiver => ending,
+        () = tokio::time::sleep_until(times.given_up.into()) => {
+            // It may hear this one day, and tells nobody how far it has come until then.
+            live.call_off();
+            return (End::Failed(given_up()), Some(receiver));
+        }
+    };
+    let end = match ending {
         Ok(Ok(Ok(end))) => end,
         Ok(Ok(Err(Stopped::Failed(failure)))) => End::Failed(failure),
         Ok(Ok(Err(Stopped::Interrupted))) if live.is_cancelled() => End::Cancelled,
@@ -139,40 +210,64 @@ async fn compute(
             detail: "the job's thread is gone".into(),
             errors: Vec::new(),
         }),
-    }
+    };
+    (end, None)
 }
 
 /// The work with the caller's hands on it: cancellation, shutdown, deadline, progress.
-fn guarded(service: &Service, live: &Live, job: &JobRecord, input: &JobInput) -> Result<End, Stopped> {
-    let limit = Duration::from_secs(service.settings.limits.job_seconds);
-    let asked = input.request.budget.wall.map(|wall| Duration::from_secs(wall.seconds().unsigned_abs()));
-    let deadline = Instant::now() + asked.map_or(limit, |asked| asked.min(limit));
-    let interrupted = || {
-        if live.is_cancelled() || service.is_stopping() {
-            Some(Interrupt::Cancelled)
-        } else if Instant::now() >= deadline {
-            Some(Interrupt::Deadline)
-        } else {
-            None
+fn guarded(
+    service: &Arc<Service>,
+    live: &Arc<Live>,
+    job: &JobRecord,
+    input: &JobInput,
+    times: Times,
+) -> Result<End, Stopped> {
+    let until = |deadline: Instant| {
+        let (service, live) = (service.clone(), live.clone());
+        move || {
+            if live.is_cancelled() || service.is_stopping() {
+                Some(Interrupt::Cancelled)
+            } else {
+                (Instant::now() >= deadline).then_some(Interrupt::Deadline)
+            }
         }
     };
+    let (interrupted, brake) = (until(times.search), Brake::new(until(times.end)));
     let interrupt = || {
         poison::strike(&job.system, || interrupted().is_some());
         interrupted()
     };
     let progress = |progress: &Progress| {
-        if let Some(news) = live.report(progress) {
+        if let Some(news) = live.report(progress).filter(|_| !live.is_cancelled()) {
             service.events.publish(&job.id, &job.system, news);
         }
     };
     let control = Control { interrupt: &interrupt, progress: &progress };
-    let found = match job.kind {
-        JobKind::Estimate => estimate::run(input, &control),
-        JobKind::Diagnose => diagnose::run(input, &control),
-        JobKind::Ladder => diagnose::ladder(input, &control),
-        JobKind::Tune => return tune::run(input, &control).map(|tuned| End::Tuned(Box::new(tuned))),
+    let found = |finding| End::Found(Box::new(finding));
+    let work = || match job.kind {
+        JobKind::Estimate => estimate::run(input, &control, &brake).map(found),
+        JobKind::Diagnose => diagnose::run(input, &control, &brake).map(found),
+        JobKind::Ladder => diagnose::ladder(input, &control, &brake).map(found),
+        JobKind::Tune => tune::run(input, &control).map(|tuned| End::Tuned(Box::new(tuned))),
     };
-    found.map(|finding| End::Found(Box::new(finding)))
+    Brake::guard(work).unwrap_or_else(|interrupt| Err(unfinished(interrupt)))
+}
+
+/// What it means for a job that its work was cut short behind its search.
+fn unfinished(interrupt: Interrupt) -> Stopped {
+    match interrupt {
+        Interrupt::Cancelled => Stopped::Interrupted,
+        Interrupt::Deadline => {
+            let detail = "the wall time was used up before what was found could be judged".to_owned();
+            Stopped::Failed(JobFailure { code: "deadline".to_owned(), detail, errors: Vec::new() })
+        }
+    }
+}
+
+/// The failure of a job that does not end.
+fn given_up() -> JobFailure {
+    let detail = "the job did not end by twice its wall time, and was given up".to_owned();
+    JobFailure { code: "out_of_time".to_owned(), detail, errors: Vec::new() }
 }
 
 /// Writes the end of a job, and only then shows it. While the database fails the job keeps its lease.
@@ -196,10 +291,11 @@ async fn record(service: &Arc<Service>, job: &JobRecord, lease: &Lease, mut end:
         };
         match written {
             Ok(finished) => {
-                if let End::Found(finding) = &end {
+                let called_off = finished.as_ref().is_some_and(|finished| finished.cancelled);
+                if let (End::Found(finding), false) = (&end, called_off) {
                     service.metrics.checks_failed(&finding.judgement.failed());
                 }
-                match (&end, finished) {
+                match (&end, finished.filter(|finished| !finished.cancelled)) {
                     (End::Found(finding), Some(finished)) => tracing::info!(
                         job = %job.id, system = %job.system, fit = finished.fit, revision = finished.revision,
                         "{}: {}", finished.outcome.map_or("ended", |outcome| outcome.as_str()),
@@ -209,7 +305,7 @@ async fn record(service: &Arc<Service>, job: &JobRecord, lease: &Lease, mut end:
                         job = %job.id, system = %job.system, outcome = ?finished.outcome, "{}",
                         tuned.tuning.summary
                     ),
-                    (End::Failed(failure), _) => {
+                    (End::Failed(failure), Some(_)) => {
                         tracing::warn!(
                             job = %job.id,
                             system = %job.system,
