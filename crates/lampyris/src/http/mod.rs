@@ -46,6 +46,7 @@ mod systems;
 mod tls;
 mod web;
 mod windows;
+mod wording;
 
 pub use listen::listen;
 pub use models::document as model_document;
