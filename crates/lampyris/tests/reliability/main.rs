@@ -13,6 +13,7 @@ mod hostile;
 mod nights;
 mod poison;
 mod queue;
+mod rolling;
 mod soak;
 mod stamps;
 mod stops;
