@@ -78,7 +78,7 @@ pub use stamp::{read_time, rfc3339};
 pub use sun::{SunPosition, add_sun, sun_position};
 pub use system::{BadSystemId, SystemId, SystemPattern};
 pub use thin::{Bucket, Thinned};
-pub use view::{DAY_S, Layer, Replayed, Share, View, goes_on, lay, replay};
+pub use view::{ChannelView, DAY_S, Layer, Replayed, WindowShare, goes_on, lay, replay};
 pub use window::{RejectedRow, Window, WindowReport};
 pub use write::{CsvChannel, write_csv};
 

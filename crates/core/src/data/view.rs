@@ -1,8 +1,8 @@
-//! What counts of a channel where several windows have samples of it, and who gave it: the newest window wins,
-//! time by time.
+//! What counts of a channel where several windows have samples of it, and who gave it: the newest window
+//! wins, time by time.
 //!
 //! A window that only repeats what counts already gives nothing. What it gave, and where it repeated what lay
-//! below it, is its [`Share`]; the two together are all that it had.
+//! below it, is its [`WindowShare`]; the two together are all that it had.
 
 use super::channel::Hold;
 use super::series::Series;
@@ -16,7 +16,7 @@ pub const DAY_S: i64 = 86_400;
 /// The samples of one channel that count, each with the number of the window that gave it. A newer window has
 /// a larger number. Values stay in the units in which they came.
 #[derive(Debug, Clone, PartialEq)]
-pub struct View {
+pub struct ChannelView {
     channel: String,
     hold: Hold,
     units: Vec<String>,
@@ -43,7 +43,7 @@ pub struct Layer {
 
 /// What one window is to the view of a channel at the moment at which it comes.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct Share {
+pub struct WindowShare {
     /// The samples that it gives: new ones, and others than those that counted until then.
     pub own: Option<Series>,
     /// Stretches of time, both ends included, in which it had just what counted until then.
@@ -57,13 +57,13 @@ impl Layer {
     }
 }
 
-impl View {
+impl ChannelView {
     /// A channel of which there is nothing yet.
     pub fn empty(channel: &str) -> Self {
         Self { channel: channel.to_owned(), hold: Hold::Linear, units: Vec::new(), samples: Vec::new() }
     }
 
-    /// The view of a channel from what [`View::layers`] made of it, or of pieces of it.
+    /// The view of a channel from what [`ChannelView::layers`] made of it, or of pieces of it.
     ///
     /// # Errors
     /// A fault where a layer is of another channel, its owners are not as many as its samples, or two layers
@@ -158,7 +158,7 @@ impl View {
     ///
     /// # Errors
     /// A fault where the samples are no series.
-    pub fn share(&self, series: &Series) -> Result<Share, Fault> {
+    pub fn share(&self, series: &Series) -> Result<WindowShare, Fault> {
         let unit = self.units.iter().position(|unit| unit == series.unit());
         let mut below = self.samples[self.between(series.from(), series.to())].iter().peekable();
         let (mut times, mut values, mut repeats) = (Vec::new(), Vec::new(), Vec::<(i64, i64)>::new());
@@ -185,7 +185,7 @@ impl View {
             true => None,
             false => Some(Series::new(series.channel(), series.unit(), series.hold(), times, values)?),
         };
-        Ok(Share { own, repeats })
+        Ok(WindowShare { own, repeats })
     }
 
     /// Lays the samples that a window gives over the others.
@@ -211,7 +211,7 @@ impl View {
     ///
     /// # Errors
     /// A fault where the samples are no series.
-    pub fn content(&self, share: &Share) -> Result<Option<Series>, Fault> {
+    pub fn content(&self, share: &WindowShare) -> Result<Option<Series>, Fault> {
         let repeated = || {
             let stretch = |(from, to): &(i64, i64)| self.samples[self.between(*from, *to)].iter();
             share.repeats.iter().flat_map(stretch)
@@ -239,27 +239,27 @@ impl View {
     }
 }
 
-impl Share {
+impl WindowShare {
     /// The part between two instants, both included.
-    pub fn within(&self, from: i64, to: i64) -> Share {
+    pub fn within(&self, from: i64, to: i64) -> WindowShare {
         let own = self.own.as_ref().and_then(|own| own.slice(from, to));
         let cut = |(start, end): &(i64, i64)| {
             let (start, end) = ((*start).max(from), (*end).min(to));
             (start <= end).then_some((start, end))
         };
-        Share { own, repeats: self.repeats.iter().filter_map(cut).collect() }
+        WindowShare { own, repeats: self.repeats.iter().filter_map(cut).collect() }
     }
 
     /// This share with another part between two instants, both included.
     ///
     /// # Errors
     /// A fault where the parts do not fit together.
-    pub fn with_part(&self, (from, to): (i64, i64), part: &Share) -> Result<Share, Fault> {
+    pub fn with_part(&self, (from, to): (i64, i64), part: &WindowShare) -> Result<WindowShare, Fault> {
         let before = self.within(i64::MIN, from.saturating_sub(1));
         let after = self.within(to.saturating_add(1), i64::MAX);
         let own: Vec<&Series> =
             [&before.own, &after.own, &part.own].into_iter().filter_map(Option::as_ref).collect();
-        Ok(Share {
+        Ok(WindowShare {
             own: if own.is_empty() { None } else { Some(merge(&own)?) },
             repeats: [before.repeats, part.repeats.clone(), after.repeats].concat(),
         })
@@ -269,9 +269,9 @@ impl Share {
     ///
     /// # Errors
     /// A fault where the two do not fit together.
-    pub fn and(&self, newer: &Share) -> Result<Share, Fault> {
+    pub fn and(&self, newer: &WindowShare) -> Result<WindowShare, Fault> {
         let own: Vec<&Series> = [&self.own, &newer.own].into_iter().filter_map(Option::as_ref).collect();
-        Ok(Share {
+        Ok(WindowShare {
             own: if own.is_empty() { None } else { Some(merge(&own)?) },
             repeats: self.repeats.clone(),
         })
@@ -284,9 +284,14 @@ impl Share {
 ///
 /// # Errors
 /// A fault where a share is not of this view.
-pub fn goes_on(view: &View, newest: &Share, arriving: &Share, from: i64) -> Result<bool, Fault> {
+pub fn goes_on(
+    view: &ChannelView,
+    newest: &WindowShare,
+    arriving: &WindowShare,
+    from: i64,
+) -> Result<bool, Fault> {
     let had = view.content(newest)?;
-    let repeated = view.content(&Share { own: None, repeats: arriving.repeats.clone() })?;
+    let repeated = view.content(&WindowShare { own: None, repeats: arriving.repeats.clone() })?;
     let unit = arriving.own.as_ref().map(Series::unit);
     let same_unit = had.as_ref().zip(unit).is_none_or(|(had, unit)| had.unit() == unit);
     Ok(same_unit && repeated == had.and_then(|had| had.slice(from, i64::MAX)))
@@ -296,9 +301,9 @@ pub fn goes_on(view: &View, newest: &Share, arriving: &Share, from: i64) -> Resu
 #[derive(Debug, Clone, PartialEq)]
 pub struct Replayed {
     /// What counts now.
-    pub view: View,
+    pub view: ChannelView,
     /// The windows above the place that was left, with their shares now.
-    pub shares: Vec<(i64, Share)>,
+    pub shares: Vec<(i64, WindowShare)>,
 }
 
 /// Lays the windows of a channel one upon the other again, oldest first, without one of them or with that one
@@ -306,8 +311,13 @@ pub struct Replayed {
 ///
 /// # Errors
 /// A fault where the shares are not of this channel.
-pub fn replay(channel: &str, stack: &[(i64, Share)], moved: i64, to: Option<i64>) -> Result<Replayed, Fault> {
-    let (mut before, mut view) = (View::empty(channel), View::empty(channel));
+pub fn replay(
+    channel: &str,
+    stack: &[(i64, WindowShare)],
+    moved: i64,
+    to: Option<i64>,
+) -> Result<Replayed, Fault> {
+    let (mut before, mut view) = (ChannelView::empty(channel), ChannelView::empty(channel));
     let (mut shares, mut last) = (Vec::new(), None);
     for (number, share) in stack {
         let content = before.content(share)?;
@@ -336,7 +346,7 @@ pub fn replay(channel: &str, stack: &[(i64, Share)], moved: i64, to: Option<i64>
 ///
 /// # Errors
 /// A fault where the samples are no series.
-pub fn lay(view: &mut View, series: &Series, number: i64) -> Result<Share, Fault> {
+pub fn lay(view: &mut ChannelView, series: &Series, number: i64) -> Result<WindowShare, Fault> {
     let share = view.share(series)?;
     if let Some(own) = &share.own {
         view.put(own, number);

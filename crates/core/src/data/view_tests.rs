@@ -1,6 +1,6 @@
 //! Views and shares beside a naive model that keeps every window whole.
 
-use super::view::{Layer, Share, View, goes_on, lay, replay};
+use super::view::{ChannelView, Layer, WindowShare, goes_on, lay, replay};
 use super::{Hold, Series};
 use proptest::prelude::{Just, Strategy, any, prop_oneof, proptest};
 use proptest::test_runner::TestCaseResult;
@@ -15,8 +15,8 @@ fn series(unit: &str, samples: &[(i64, f64)]) -> Series {
     Series::new(CHANNEL, unit, Hold::Linear, times, values).unwrap()
 }
 
-fn view_of(windows: &[Series]) -> View {
-    let mut view = View::empty(CHANNEL);
+fn view_of(windows: &[Series]) -> ChannelView {
+    let mut view = ChannelView::empty(CHANNEL);
     for (number, window) in (1..).zip(windows) {
         lay(&mut view, window, number).unwrap();
     }
@@ -46,7 +46,7 @@ fn a_window_gives_what_is_new_and_repeats_the_rest() {
 fn a_rolling_upload_goes_on_with_the_one_before() {
     let first = series("kW", &[(0, 1.0), (10, 2.0), (20, 3.0)]);
     let mut view = view_of(&[series("kW", &[(5, 9.0)]), first.clone()]);
-    let newest = Share { own: Some(first), repeats: vec![] };
+    let newest = WindowShare { own: Some(first), repeats: vec![] };
     let goes = |samples: &[(i64, f64)]| {
         let arriving = view.share(&series("kW", samples)).unwrap();
         goes_on(&view, &newest, &arriving, samples[0].0).unwrap()
@@ -69,17 +69,17 @@ fn what_is_no_view_is_refused() {
         owners: owners.to_vec(),
     };
     let whole = layer(&[(0, 1.0), (1, 2.0)], &[(1, 1), (2, 1)]);
-    assert!(View::of_layers(CHANNEL, std::slice::from_ref(&whole)).is_ok());
-    assert!(View::of_layers("other", std::slice::from_ref(&whole)).is_err());
-    assert!(View::of_layers(CHANNEL, &[layer(&[(0, 1.0), (1, 2.0)], &[(1, 1)])]).is_err());
-    assert!(View::of_layers(CHANNEL, &[whole, layer(&[(1, 1.0)], &[(3, 1)])]).is_err());
+    assert!(ChannelView::of_layers(CHANNEL, std::slice::from_ref(&whole)).is_ok());
+    assert!(ChannelView::of_layers("other", std::slice::from_ref(&whole)).is_err());
+    assert!(ChannelView::of_layers(CHANNEL, &[layer(&[(0, 1.0), (1, 2.0)], &[(1, 1)])]).is_err());
+    assert!(ChannelView::of_layers(CHANNEL, &[whole, layer(&[(1, 1.0)], &[(3, 1)])]).is_err());
 }
 
 /// What the store keeps of a channel, and beside it every window as it came.
 #[derive(Default)]
 struct Both {
     next: i64,
-    stack: Vec<(i64, Share)>,
+    stack: Vec<(i64, WindowShare)>,
     layers: Vec<Layer>,
     whole: Vec<(i64, Series)>,
 }
@@ -102,12 +102,12 @@ enum Deed {
 }
 
 impl Both {
-    fn view(&self) -> View {
-        View::of_layers(CHANNEL, &self.layers).unwrap()
+    fn view(&self) -> ChannelView {
+        ChannelView::of_layers(CHANNEL, &self.layers).unwrap()
     }
 
     /// A view as the store keeps it.
-    fn by_days(view: &View) -> Vec<Layer> {
+    fn by_days(view: &ChannelView) -> Vec<Layer> {
         let day = |day: i64| view.layers(day * DAY, day * DAY + DAY - 1).unwrap();
         (-20..60).flat_map(day).collect()
     }
@@ -156,12 +156,12 @@ impl Both {
             self.next += 1;
             self.next
         });
-        let parts: Vec<(i64, Share)> =
+        let parts: Vec<(i64, WindowShare)> =
             self.stack.iter().map(|(number, share)| (*number, share.within(range.0, range.1))).collect();
         let replayed = replay(CHANNEL, &parts, moved, to).unwrap();
         self.stack.retain(|(number, _)| *number != moved);
         if let Some(to) = to {
-            self.stack.push((to, Share::default()));
+            self.stack.push((to, WindowShare::default()));
             self.whole.push((to, window));
         }
         for (number, part) in &replayed.shares {
@@ -193,7 +193,7 @@ impl Both {
             let shown = shown.first().and_then(|layer| at(&layer.series, time));
             prop_assert_eq!(shown, having.first().map(|(_, sample)| sample.clone()));
         }
-        let mut below = View::empty(CHANNEL);
+        let mut below = ChannelView::empty(CHANNEL);
         for ((number, share), (known, window)) in self.stack.iter().zip(&self.whole) {
             prop_assert_eq!(number, known);
             let content = below.content(share).unwrap();

@@ -45,8 +45,9 @@ pub struct RejectedRow {
 }
 
 impl WindowReport {
-    /// The report of a window that goes on with an earlier one: on the whole of both, `more_rows` later than the
-    /// earlier one alone. What was left out, and what else is to be known, is told of the newer.
+    /// The report of a window together with one that goes on with it: `whole` is both, and `more_rows` of the
+    /// newer are behind the last of the earlier. What was left out, and what else is to be known, is told of
+    /// the newer.
     pub fn going_on(&self, newer: WindowReport, whole: &Window, more_rows: usize) -> Self {
         let rows = self.rows + more_rows;
         let channels =

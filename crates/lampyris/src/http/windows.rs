@@ -72,8 +72,10 @@ fn shown(window: WindowRecord, again: bool) -> WindowAnswer {
     }
 }
 
-/// Takes measurements. The same content again is the same window, and the newest again where another has
-/// covered it; what repeats the newest window of the same day and adds to it is one window with it.
+/// Takes measurements. The same content again is the same window.
+///
+/// It becomes the newest again where another has covered it. What repeats the newest window of the same day
+/// and adds to it is one window with it.
 #[utoipa::path(
     post,
     path = "/systems/{kind}/{id}/windows",
@@ -143,8 +145,9 @@ async fn get_window(
     Ok(axum::Json(shown(window, false)))
 }
 
-/// Deletes a window that no fit cites, apart from fits that were rejected. The measurements that it covered
-/// show again.
+/// Deletes a window that no fit cites. The measurements that it covered show again.
+///
+/// Fits that were rejected cite nothing that has to stay.
 #[utoipa::path(
     delete,
     path = "/windows/{id}",

@@ -1,14 +1,13 @@
 //! What counts of a system's measurements, by channel and UTC day: what all its windows come to where the
 //! newest wins. It follows from the windows, is written with them, and is all that readers of samples read.
 
-use super::database::Store;
 use super::error::StoreError;
 use super::sequence::next;
 use super::value::{corrupt, from_json, to_json};
-use lampyris_core::data::{DAY_S, Layer, Series, Share, SystemId, View};
+use lampyris_core::data::{ChannelView, DAY_S, Layer, Series, WindowShare};
 use lampyris_core::fault::Fault;
 use sqlx::SqliteConnection;
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 
 /// Stands in owners for the window that is being written, whose number is not known yet. It is the newest.
 pub const ARRIVING: i64 = i64::MAX;
@@ -22,15 +21,6 @@ struct PackedDay {
     channel: String,
     block: Vec<u8>,
     owners: String,
-}
-
-/// Days with the names of the windows that gave their samples.
-#[derive(Debug, Clone, PartialEq)]
-pub struct OwnedDays {
-    /// The days.
-    pub days: Days,
-    /// The id of each window, by its number in the days.
-    pub windows: BTreeMap<i64, String>,
 }
 
 /// Days of a channel that take the place of those that were there.
@@ -58,11 +48,21 @@ impl Days {
         self.0.iter().map(|day| day.channel.as_str()).collect()
     }
 
+    /// The numbers of the windows that gave the samples.
+    pub(super) fn owners(&self) -> Result<BTreeSet<i64>, StoreError> {
+        let mut numbers = BTreeSet::new();
+        for day in &self.0 {
+            let owners: Vec<(i64, usize)> = from_json("the owners of a day", &day.owners)?;
+            numbers.extend(owners.into_iter().map(|(owner, _)| owner));
+        }
+        Ok(numbers)
+    }
+
     /// Unpacks what counts of a channel. This is work for a blocking thread or the CPU pool.
     ///
     /// # Errors
     /// Where a day is not what was written.
-    pub fn view(&self, channel: &str) -> Result<View, StoreError> {
+    pub fn view(&self, channel: &str) -> Result<ChannelView, StoreError> {
         let broken = |error: &dyn std::fmt::Display| corrupt(format!("a day of `{channel}`"), error);
         let mut layers = Vec::new();
         for day in self.0.iter().filter(|day| day.channel == channel) {
@@ -71,7 +71,7 @@ impl Days {
                 owners: from_json("the owners of a day", &day.owners)?,
             });
         }
-        View::of_layers(channel, &layers).map_err(|fault| broken(&fault))
+        ChannelView::of_layers(channel, &layers).map_err(|fault| broken(&fault))
     }
 
     /// Unpacks what counts of a channel as one series, `None` where there is nothing. This is work for a
@@ -89,7 +89,7 @@ impl DaysChange {
     ///
     /// # Errors
     /// Where the samples are no series.
-    pub fn touched(channel: &str, view: &View, share: &Share) -> Result<Vec<Self>, StoreError> {
+    pub fn touched(channel: &str, view: &ChannelView, share: &WindowShare) -> Result<Vec<Self>, StoreError> {
         let times = share.own.iter().flat_map(|own| own.times());
         let days: BTreeSet<i64> = times.map(|time| time.div_euclid(DAY_S)).collect();
         days.into_iter().map(|day| Self::pack(channel, view, (day, day))).collect()
@@ -100,11 +100,11 @@ impl DaysChange {
     ///
     /// # Errors
     /// Where the samples are no series.
-    pub fn between(channel: &str, view: &View, (from, to): (i64, i64)) -> Result<Self, StoreError> {
+    pub fn between(channel: &str, view: &ChannelView, (from, to): (i64, i64)) -> Result<Self, StoreError> {
         Self::pack(channel, view, (from.div_euclid(DAY_S), to.div_euclid(DAY_S)))
     }
 
-    fn pack(channel: &str, view: &View, span: (i64, i64)) -> Result<Self, StoreError> {
+    fn pack(channel: &str, view: &ChannelView, span: (i64, i64)) -> Result<Self, StoreError> {
         let layers = view.days(span).map_err(|fault| unfit(channel, &fault))?;
         let pack = |(day, layer): (i64, Layer)| NewDay {
             day,
@@ -133,18 +133,6 @@ pub(super) fn unfit(channel: &str, fault: &Fault) -> StoreError {
 }
 
 /// The days that touch a stretch of time; of some channels, or of all.
-///
-/// # Errors
-/// Where the database fails.
-pub async fn read(
-    store: &Store,
-    system: &SystemId,
-    span: (i64, i64),
-    channels: Option<&[String]>,
-) -> Result<Days, StoreError> {
-    read_in(&mut *store.reader.acquire().await?, &system.to_string(), span, channels).await
-}
-
 pub(super) async fn read_in(
     connection: &mut SqliteConnection,
     system: &str,
@@ -165,60 +153,7 @@ pub(super) async fn read_in(
     Ok(Days(rows.into_iter().map(packed).collect()))
 }
 
-/// The days that touch a stretch of time, of some channels or of all, with the names of the windows behind
-/// them.
-///
-/// # Errors
-/// Where the database fails.
-pub async fn read_owned(
-    store: &Store,
-    system: &SystemId,
-    span: (i64, i64),
-    channels: Option<&[String]>,
-) -> Result<OwnedDays, StoreError> {
-    // One moment for both: a window may get another number.
-    let mut tx = store.reader.begin().await?;
-    let days = read_in(&mut tx, &system.to_string(), span, channels).await?;
-    let mut numbers = BTreeSet::new();
-    for day in &days.0 {
-        let owners: Vec<(i64, usize)> = from_json("the owners of a day", &day.owners)?;
-        numbers.extend(owners.into_iter().map(|(owner, _)| owner));
-    }
-    let sql = "SELECT sequence, id FROM windows WHERE sequence IN (SELECT value FROM json_each($1))";
-    let names: Vec<(i64, String)> =
-        sqlx::query_as(sql).bind(to_json("windows", &numbers)?).fetch_all(&mut *tx).await?;
-    Ok(OwnedDays { days, windows: names.into_iter().collect() })
-}
-
-/// The first and the last sample time of a system, `None` without any measurement.
-///
-/// # Errors
-/// Where the database fails.
-pub async fn extent(store: &Store, system: &SystemId) -> Result<Option<(i64, i64)>, StoreError> {
-    let sql = "SELECT (SELECT MIN(from_s) FROM days WHERE system = $1), (SELECT MAX(to_s) FROM days WHERE \
-        system = $1)";
-    let (from, to): (Option<i64>, Option<i64>) =
-        sqlx::query_as(sql).bind(system.to_string()).fetch_one(&store.reader).await?;
-    Ok(from.zip(to))
-}
-
-/// The channels of a system, by name.
-///
-/// # Errors
-/// Where the database fails.
-pub async fn channels(store: &Store, system: &SystemId) -> Result<Vec<String>, StoreError> {
-    let sql = "SELECT DISTINCT channel FROM days WHERE system = $1 ORDER BY channel";
-    Ok(sqlx::query_scalar(sql).bind(system.to_string()).fetch_all(&store.reader).await?)
-}
-
 /// What tells one state of a system's measurements from another; 0 where there never were any.
-///
-/// # Errors
-/// Where the database fails.
-pub async fn version(store: &Store, system: &SystemId) -> Result<i64, StoreError> {
-    version_in(&mut *store.reader.acquire().await?, &system.to_string()).await
-}
-
 pub(super) async fn version_in(connection: &mut SqliteConnection, system: &str) -> Result<i64, StoreError> {
     let version: Option<i64> = sqlx::query_scalar("SELECT version FROM measured WHERE system = $1")
         .bind(system)

@@ -9,7 +9,7 @@
 //! | `systems` | documents of rooms and plants |
 //! | `windows` | uploaded measurements |
 //! | `shares` | what each of them gave to what counts, one block per channel |
-//! | `days` | what counts, by channel and day |
+//! | `days`, `measured` | what counts, by channel and day, and what readers ask of it |
 //! | `uploads` | how an upload is taken |
 //! | `models` | model and effect documents of users, versions made by adding effects |
 //! | `job`, `job_record` | what a job is: its words, and what its state implies |
@@ -63,6 +63,7 @@ pub mod idempotency;
 mod job;
 mod job_record;
 pub mod jobs;
+pub mod measured;
 pub mod metrics;
 pub mod migrate;
 pub mod models;

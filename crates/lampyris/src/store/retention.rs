@@ -50,9 +50,9 @@ const BELONGINGS: [&str; 8] = [
 const DISPENSABLE_WINDOWS: &str = "SELECT w.sequence, w.id FROM windows w \
     WHERE w.uploaded_at < $1 AND w.sequence > $3 \
     AND (w.to_s < (SELECT MAX(d.to_s) FROM days d WHERE d.system = w.system) - $2 \
-    OR NOT EXISTS (SELECT 1 FROM window_blocks b JOIN days d ON d.system = w.system AND d.channel = b.channel \
-    AND d.day BETWEEN w.from_s / 86400 - 1 AND w.to_s / 86400, json_each(d.owners) o WHERE b.window = w.id \
-    AND o.value ->> 0 = w.sequence)) \
+    OR NOT EXISTS (SELECT 1 FROM window_blocks b JOIN days d ON d.system = w.system \
+    AND d.channel = b.channel AND d.day BETWEEN w.from_s / 86400 - 1 AND w.to_s / 86400, \
+    json_each(d.owners) o WHERE b.window = w.id AND o.value ->> 0 = w.sequence)) \
     AND NOT EXISTS (SELECT 1 FROM fit_windows c JOIN fits f ON f.id = c.fit WHERE c.window = w.id \
     AND f.verdict <> 'rejected') ORDER BY w.sequence LIMIT $4";
 

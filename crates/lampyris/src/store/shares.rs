@@ -4,7 +4,7 @@
 use super::days::{self, DaysChange, unfit};
 use super::error::StoreError;
 use super::value::{corrupt, from_json, to_json};
-use lampyris_core::data::{Series, Share, lay};
+use lampyris_core::data::{Series, WindowShare, lay};
 use sqlx::{Connection, SqliteConnection};
 
 /// The share of a window in one channel, packed.
@@ -21,7 +21,7 @@ impl PackedShare {
     ///
     /// # Errors
     /// Where its stretches cannot be written.
-    pub fn new(channel: &str, share: &Share) -> Result<Self, StoreError> {
+    pub fn new(channel: &str, share: &WindowShare) -> Result<Self, StoreError> {
         Ok(Self {
             channel: channel.to_owned(),
             block: share.own.as_ref().map(Series::encode),
@@ -33,11 +33,11 @@ impl PackedShare {
     ///
     /// # Errors
     /// Where it is not what was written.
-    pub fn decode(&self) -> Result<Share, StoreError> {
+    pub fn decode(&self) -> Result<WindowShare, StoreError> {
         let unpack = |block: &Vec<u8>| {
             Series::decode(block).map_err(|error| corrupt(format!("a block of `{}`", self.channel), &error))
         };
-        Ok(Share {
+        Ok(WindowShare {
             own: self.block.as_ref().map(unpack).transpose()?,
             repeats: from_json("what a window repeats", &self.repeats)?,
         })

@@ -7,7 +7,7 @@ use super::idempotency::{KeyState, RequestKey, look_up, remember};
 use super::sequence::next;
 use super::shares::{self, PackedShare};
 use super::value::millis;
-use super::windows::{self, Rebuilt, Row, WindowRecord};
+use super::windows::{self, Rebuilt, WindowRecord, WindowRow};
 use jiff::Timestamp;
 use lampyris_core::data::SystemId;
 use sqlx::SqliteConnection;
@@ -35,7 +35,7 @@ pub struct Upload {
     /// The version of the measurements beside which it was looked at.
     pub version: i64,
     /// Where it belongs.
-    pub place: Place,
+    pub place: UploadPlace,
     /// What its window gives.
     pub shares: Vec<PackedShare>,
     /// What follows for others.
@@ -44,7 +44,7 @@ pub struct Upload {
 
 /// Where an upload belongs.
 #[derive(Debug)]
-pub enum Place {
+pub enum UploadPlace {
     /// It is a window.
     New {
         /// The first sample, in seconds.
@@ -93,8 +93,8 @@ pub async fn find(
     let mut tx = store.reader.begin().await?;
     let name = system.to_string();
     let sql = "SELECT * FROM windows WHERE system = $1 ORDER BY sequence DESC LIMIT 1";
-    let newest: Option<Row> = sqlx::query_as(sql).bind(&name).fetch_optional(&mut *tx).await?;
-    let newest = match newest.map(Row::record).transpose()? {
+    let newest: Option<WindowRow> = sqlx::query_as(sql).bind(&name).fetch_optional(&mut *tx).await?;
+    let newest = match newest.map(WindowRow::record).transpose()? {
         Some(newest) if may_go_on(&newest) => Some((shares_of(&mut tx, &newest.id).await?, newest)),
         _ => None,
     };
@@ -176,7 +176,7 @@ async fn place(
     now: Timestamp,
 ) -> Result<(String, i64), StoreError> {
     match &upload.place {
-        Place::New { from_s, to_s, report } => {
+        UploadPlace::New { from_s, to_s, report } => {
             let sequence = next(tx, "sequence").await?;
             // What went on with another window, and is a window of its own now.
             sqlx::query("DELETE FROM window_aliases WHERE id = $1")
@@ -197,7 +197,7 @@ async fn place(
                 .await?;
             Ok((upload.id.clone(), sequence))
         }
-        Place::GoesOn { window, to_s, report } => {
+        UploadPlace::GoesOn { window, to_s, report } => {
             let sql = "UPDATE windows SET to_s = $2, report = $3, uploaded_at = $4, uploads = uploads + 1 \
                 WHERE id = $1";
             sqlx::query(sql)
@@ -212,7 +212,7 @@ async fn place(
             sqlx::query(sql).bind(&upload.id).bind(window.sequence).execute(tx).await?;
             Ok((window.id.clone(), window.sequence))
         }
-        Place::Raised(window) => {
+        UploadPlace::Raised(window) => {
             let sequence = next(tx, "sequence").await?;
             sqlx::query("UPDATE windows SET sequence = $2, uploaded_at = $3 WHERE id = $1")
                 .bind(&window.id)
@@ -225,16 +225,16 @@ async fn place(
     }
 }
 
-impl Place {
+impl UploadPlace {
     /// The status that a request with a key gets again.
     fn status(&self) -> u16 {
-        if matches!(self, Place::Raised(_)) { 200 } else { 201 }
+        if matches!(self, UploadPlace::Raised(_)) { 200 } else { 201 }
     }
 
     fn bytes(&self) -> usize {
         match self {
-            Place::New { report, .. } | Place::GoesOn { report, .. } => report.len(),
-            Place::Raised(_) => 0,
+            UploadPlace::New { report, .. } | UploadPlace::GoesOn { report, .. } => report.len(),
+            UploadPlace::Raised(_) => 0,
         }
     }
 }

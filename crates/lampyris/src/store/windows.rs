@@ -78,7 +78,7 @@ pub enum WindowDeletion {
 
 row! {
     /// A window as its row has it.
-    pub(super) struct Row {
+    pub(super) struct WindowRow {
         id: String,
         system: String,
         sequence: i64,
@@ -90,7 +90,18 @@ row! {
     }
 }
 
-impl Row {
+row! {
+    /// A share, and whose it is.
+    struct ShareRow {
+        sequence: i64,
+        id: String,
+        channel: String,
+        block: Option<Vec<u8>>,
+        repeats: String,
+    }
+}
+
+impl WindowRow {
     pub(super) fn record(self) -> Result<WindowRecord, StoreError> {
         Ok(WindowRecord {
             system: parse("a system", &self.system)?,
@@ -119,8 +130,8 @@ pub(super) async fn get_in(
 ) -> Result<Option<WindowRecord>, StoreError> {
     let sql = "SELECT * FROM windows WHERE id = $1 OR sequence = (SELECT sequence FROM window_aliases WHERE \
         id = $1)";
-    let row: Option<Row> = sqlx::query_as(sql).bind(id).fetch_optional(connection).await?;
-    row.map(Row::record).transpose()
+    let row: Option<WindowRow> = sqlx::query_as(sql).bind(id).fetch_optional(connection).await?;
+    row.map(WindowRow::record).transpose()
 }
 
 /// Windows of a system uploaded before a sequence number, newest first: one page of a list.
@@ -135,13 +146,13 @@ pub async fn page(
 ) -> Result<Vec<WindowRecord>, StoreError> {
     let sql = "SELECT * FROM windows
                WHERE system = $1 AND sequence < $2 ORDER BY sequence DESC LIMIT $3";
-    let rows: Vec<Row> = sqlx::query_as(sql)
+    let rows: Vec<WindowRow> = sqlx::query_as(sql)
         .bind(system.to_string())
         .bind(before)
         .bind(limit)
         .fetch_all(&store.reader)
         .await?;
-    rows.into_iter().map(Row::record).collect()
+    rows.into_iter().map(WindowRow::record).collect()
 }
 
 /// The windows of a system that touch a stretch of time, with what they gave in the channels of one of them.
@@ -155,7 +166,7 @@ pub async fn stack(store: &Store, window: &WindowRecord, span: (i64, i64)) -> Re
     let sql = "SELECT w.sequence, w.id, b.channel, b.block, b.repeats FROM windows w JOIN window_blocks b ON \
         b.window = w.id WHERE w.system = $1 AND w.to_s >= $2 AND w.from_s <= $3 \
         AND b.channel IN (SELECT channel FROM window_blocks WHERE window = $4) ORDER BY w.sequence";
-    let rows: Vec<(i64, String, String, Option<Vec<u8>>, String)> = sqlx::query_as(sql)
+    let rows: Vec<ShareRow> = sqlx::query_as(sql)
         .bind(system)
         .bind(span.0)
         .bind(span.1)
@@ -163,11 +174,11 @@ pub async fn stack(store: &Store, window: &WindowRecord, span: (i64, i64)) -> Re
         .fetch_all(&mut *tx)
         .await?;
     let mut windows: Vec<Stacked> = Vec::new();
-    for (sequence, id, channel, block, repeats) in rows {
-        let share = PackedShare::from_row((channel, block, repeats));
+    for row in rows {
+        let share = PackedShare::from_row((row.channel, row.block, row.repeats));
         match windows.last_mut() {
-            Some(last) if last.sequence == sequence => last.shares.push(share),
-            _ => windows.push(Stacked { sequence, id, shares: vec![share] }),
+            Some(last) if last.sequence == row.sequence => last.shares.push(share),
+            _ => windows.push(Stacked { sequence: row.sequence, id: row.id, shares: vec![share] }),
         }
     }
     Ok(Stack { version, windows })

@@ -221,6 +221,33 @@ fn a_rejected_fit_keeps_no_window_and_others_do() {
     assert_eq!(delete(&record).problem(409, "window-cited")["fits"], json!([served["fit"]]));
 }
 
+#[test]
+fn uploads_at_the_same_time_lie_one_over_the_other() {
+    const SENDERS: usize = 6;
+    let app = TestApp::at("2026-12-01T00:00:00Z", |_| {});
+    room(&app);
+    let client = &app.client;
+    // Each sends parts of the record that overlap with those of the others, in an order of its own.
+    let part = |number: usize| csv(number * 40..number * 40 + 100);
+    let sent: std::collections::BTreeSet<String> = std::thread::scope(|scope| {
+        let send = |sender: usize| {
+            let parts = (0..12).map(move |step| part((step * 5 + sender * 7) % 12));
+            parts.map(|text| id(&client.csv(WINDOWS, &text).json())).collect::<Vec<String>>()
+        };
+        let senders: Vec<_> = (0..SENDERS).map(|sender| scope.spawn(move || send(sender))).collect();
+        senders.into_iter().flat_map(|sender| sender.join().unwrap()).collect()
+    });
+    let once = TestApp::at("2026-12-01T00:00:00Z", |_| {});
+    room(&once);
+    upload(&once, &csv(0..11 * 40 + 100)).expect(201);
+    assert_eq!(series(&app), series(&once));
+    assert_eq!(count(&app, "SELECT CAST(COUNT(*) AS TEXT) FROM windows"), sent.len());
+    for id in &sent {
+        app.send("DELETE", &format!("/windows/{id}"), &[], None).unwrap().expect(204);
+    }
+    assert_eq!(count(&app, "SELECT CAST(COUNT(*) AS TEXT) FROM days"), 0);
+}
+
 /// Windows over each other: parts of a record, another unit, a correction, a repetition.
 fn overlapping() -> Vec<String> {
     let meter = |from: usize, unit: &str| {
@@ -270,7 +297,7 @@ fn windows_of_an_earlier_program_are_taken_in_as_they_are() {
         let stitched = Window::stitch(&all).unwrap();
         let days = app.within(async |service| {
             let span = (stitched.from(), stitched.to());
-            lampyris::store::days::read(&service.store, &system, span, None).await.unwrap()
+            lampyris::store::measured::read(&service.store, &system, span, None).await.unwrap()
         });
         for series in stitched.iter() {
             assert_eq!(days.series(series.channel()).unwrap().as_ref(), Some(series));

@@ -4,10 +4,10 @@
 use crate::service::error::ServiceError;
 use crate::store::days::{ARRIVING, DaysChange, whole_days};
 use crate::store::shares::PackedShare;
-use crate::store::uploads::{Found, Place, Upload};
+use crate::store::uploads::{Found, Upload, UploadPlace};
 use crate::store::windows::{Rebuilt, Stack, WindowRecord};
 use jiff::Timestamp;
-use lampyris_core::data::{DAY_S, Series, Share, Window, WindowReport, goes_on, replay};
+use lampyris_core::data::{DAY_S, Series, Window, WindowReport, WindowShare, goes_on, replay};
 use lampyris_core::fault::Fault;
 use std::collections::BTreeSet;
 
@@ -30,7 +30,7 @@ pub struct Laid {
     /// The days in which it does.
     pub days: Vec<DaysChange>,
     /// Where it belongs, by its content alone.
-    pub place: Place,
+    pub place: UploadPlace,
     /// Whether it gives nothing: all that it has counts already.
     pub is_silent: bool,
 }
@@ -92,18 +92,22 @@ pub fn lay(arriving: &Arriving, found: &Found) -> Result<Laid, ServiceError> {
         Some((newest, _)) => (joined, go_on(newest, arriving, whole)?),
         None => (shares, new(arriving)?),
     };
-    let pack = |(channel, share): &(&str, Share)| PackedShare::new(channel, share);
+    let pack = |(channel, share): &(&str, WindowShare)| PackedShare::new(channel, share);
     let shares = shares.iter().map(pack).collect::<Result<_, _>>()?;
     Ok(Laid { shares, days, place, is_silent })
 }
 
-fn new(arriving: &Arriving) -> Result<Place, ServiceError> {
+fn new(arriving: &Arriving) -> Result<UploadPlace, ServiceError> {
     let report = text(&arriving.report)?;
-    Ok(Place::New { from_s: arriving.window.from(), to_s: arriving.window.to(), report })
+    Ok(UploadPlace::New { from_s: arriving.window.from(), to_s: arriving.window.to(), report })
 }
 
 /// The newest window and an upload that goes on with it as one; `whole` is all that the window had.
-fn go_on(newest: &WindowRecord, arriving: &Arriving, whole: Vec<Series>) -> Result<Place, ServiceError> {
+fn go_on(
+    newest: &WindowRecord,
+    arriving: &Arriving,
+    whole: Vec<Series>,
+) -> Result<UploadPlace, ServiceError> {
     let both = match whole.is_empty() {
         true => arriving.window.clone(),
         false => {
@@ -116,7 +120,7 @@ fn go_on(newest: &WindowRecord, arriving: &Arriving, whole: Vec<Series>) -> Resu
     let times = arriving.window.iter().flat_map(Series::times).filter(|time| **time > newest.to_s);
     let later: BTreeSet<&i64> = times.collect();
     let report = text(&earlier.going_on(arriving.report.clone(), &both, later.len()))?;
-    Ok(Place::GoesOn { window: newest.clone(), to_s: both.to(), report })
+    Ok(UploadPlace::GoesOn { window: newest.clone(), to_s: both.to(), report })
 }
 
 /// Takes a window out of its place among those that lie over each other, and lays it on top of them again
@@ -140,7 +144,7 @@ pub fn take_out(
                 shares.push((one.sequence, share.decode()?));
             }
         }
-        let parts: Vec<(i64, Share)> =
+        let parts: Vec<(i64, WindowShare)> =
             shares.iter().map(|(number, share)| (*number, share.within(span.0, span.1))).collect();
         let replayed = replay(channel, &parts, window.sequence, to).map_err(fault)?;
         for (number, part) in &replayed.shares {

@@ -9,7 +9,7 @@ use crate::service::threads::blocking;
 use crate::store::days;
 use crate::store::idempotency::{KeyState, RequestKey};
 use crate::store::shares::PackedShare;
-use crate::store::uploads::{self, Place, Upload, Written};
+use crate::store::uploads::{self, Upload, UploadPlace, Written};
 use crate::store::windows::{self, Rebuilt, WindowDeletion, WindowRecord};
 use jiff::Timestamp;
 use lampyris_core::data::{
@@ -86,7 +86,8 @@ struct Placed {
     again: bool,
 }
 
-/// Lays an upload over what counts now, and writes it; nothing where somebody else has changed that meanwhile.
+/// Lays an upload over what counts now, and writes it; nothing where somebody else has changed that
+/// meanwhile.
 async fn place(
     service: &Service,
     system: &SystemId,
@@ -118,7 +119,7 @@ async fn place(
         }
         Some(known) if known.uploads == 1 => {
             let (version, shares, rebuilt) = taken_out(service, &known, true).await?;
-            Upload { id: known.id.clone(), version, place: Place::Raised(known), shares, rebuilt }
+            Upload { id: known.id.clone(), version, place: UploadPlace::Raised(known), shares, rebuilt }
         }
         // One of several uploads that are one window: it comes again as a window of its own.
         Some(known) if known.id == arriving.id => {

@@ -69,13 +69,13 @@ pub async fn view<T: Send + 'static>(
     render: impl FnOnce(View) -> T + Send + 'static,
 ) -> Result<T, ServiceError> {
     systems::require(service, system).await?;
-    let known = store::days::channels(&service.store, system).await?;
+    let known = store::measured::channels(&service.store, system).await?;
     let wanted = read(asked, &known, default_points).map_err(ServiceError::Faults)?;
-    let Some((first, newest)) = store::days::extent(&service.store, system).await? else {
+    let Some((first, newest)) = store::measured::extent(&service.store, system).await? else {
         return blocking(|| render(View { span: None, channels: Vec::new() })).await;
     };
     let span = (wanted.from.unwrap_or(first), wanted.to.unwrap_or(newest));
-    let days = store::days::read(&service.store, system, span, Some(&wanted.channels)).await?;
+    let days = store::measured::read(&service.store, system, span, Some(&wanted.channels)).await?;
     let work = move || -> Result<T, ServiceError> {
         let mut channels = Vec::new();
         for name in &wanted.channels {

@@ -70,7 +70,7 @@ pub(super) async fn key(
         hasher.update(b"\n").update(system.document.as_bytes());
         let document = system::document(&system.document)?;
         for system in std::iter::once(record.system.clone()).chain(next_door(record, &document)) {
-            let version = store::days::version(&service.store, &system).await?;
+            let version = store::measured::version(&service.store, &system).await?;
             hasher.update(format!("\n{system} {version}").as_bytes());
         }
     }

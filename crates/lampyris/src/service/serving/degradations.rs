@@ -88,7 +88,7 @@ async fn look(service: &Service, pool: &ThreadPool, system: &SystemId) -> Result
         // Something was published in between, and its job has looked at the newest measurements itself.
         return Ok(false);
     }
-    let Some((_, newest)) = store::days::extent(&service.store, system).await? else { return Ok(false) };
+    let Some((_, newest)) = store::measured::extent(&service.store, system).await? else { return Ok(false) };
     let Some(model) = served.fit.model.parse().ok() else { return Ok(false) };
     let document = systems::require(service, system).await?;
     let input = input::collect(service, system, document, model, request(&served, newest), 0).await?;

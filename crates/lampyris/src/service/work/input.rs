@@ -5,11 +5,11 @@ use crate::service::catalogue::systems;
 use crate::service::error::ServiceError;
 use crate::service::state::Service;
 use crate::store;
-use crate::store::days::OwnedDays;
 use crate::store::fits::FitRecord;
 use crate::store::jobs::{JobKind, JobRecord, Origin};
+use crate::store::measured::OwnedDays;
 use jiff::{SignedDuration, Timestamp};
-use lampyris_core::data::{DAY_S, Series, SystemId, View, Window, read_time};
+use lampyris_core::data::{ChannelView, DAY_S, Series, SystemId, Window, read_time};
 use lampyris_core::diagnose::ledger::LedgerEntry;
 use lampyris_core::estimate::gate::past::NextDoor;
 use lampyris_core::estimate::problem::request::{BEFORE, WindowRange};
@@ -118,7 +118,7 @@ pub async fn collect(
     request: EstimateRequest,
     before: i64,
 ) -> Result<JobInput, ServiceError> {
-    let extent = store::days::extent(&service.store, name).await?;
+    let extent = store::measured::extent(&service.store, name).await?;
     let Some((first, newest)) = extent else {
         return Err(ServiceError::Faults(vec![Fault::new(
             "/window",
@@ -163,11 +163,11 @@ pub async fn measurements(
     let of_neighbours = [ROOM_TEMPERATURE, OUTDOOR_TEMPERATURE].map(str::to_owned);
     let mut neighbours = Vec::new();
     for neighbour in next_door {
-        let days = store::days::read_owned(&service.store, neighbour, span, Some(&of_neighbours)).await?;
+        let days = store::measured::read_owned(&service.store, neighbour, span, Some(&of_neighbours)).await?;
         neighbours.push((neighbour.clone(), days));
     }
     Ok(Measurements {
-        own: store::days::read_owned(&service.store, system, span, None).await?,
+        own: store::measured::read_owned(&service.store, system, span, None).await?,
         neighbours,
         exclude: exclude.to_vec(),
     })
@@ -223,8 +223,9 @@ impl Measurements {
                 }
             }
             for time in series.times() {
-                let gave =
-                    |(view, ids): &(View, &BTreeMap<i64, String>)| ids.get(&view.owner(*time)?).cloned();
+                let gave = |(view, ids): &(ChannelView, &BTreeMap<i64, String>)| {
+                    ids.get(&view.owner(*time)?).cloned()
+                };
                 ids.extend(sources.iter().find_map(gave));
             }
         }
