@@ -3,6 +3,7 @@
 use crate::http;
 use crate::service::access::tokens::{self, Tokens};
 use crate::service::catalogue::shared::SharedCatalogue;
+use crate::service::catalogue::turns::Turns;
 use crate::service::changes::events::Events;
 use crate::service::changes::follow;
 use crate::service::observe::metrics::Metrics;
@@ -157,6 +158,7 @@ impl App {
             metrics: Metrics::new(clock.now()),
             params: Snapshot::default(),
             arrivals: Arrivals::default(),
+            turns: Turns::default(),
             wake: Notify::new(),
             wake_schedule: Notify::new(),
             stopping: watch::Sender::new(false),

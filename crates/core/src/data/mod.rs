@@ -26,6 +26,7 @@
 //! | `duration` | ISO 8601 durations |
 //! | `influent` | what arrives at a plant in dry weather |
 //! | `layout` | rooms and neighbours from the correlations of many sensors |
+//! | `view` | what counts where several windows have samples of a channel, and who gave it |
 //! | `thin` | points for a chart: all samples, or an envelope that keeps every extreme |
 //! | `write` | columns as CSV that reads back to the same values |
 //! | `split` | training, validation and test parts |
@@ -55,6 +56,7 @@ mod sun;
 mod system;
 mod table;
 mod thin;
+mod view;
 mod window;
 mod write;
 
@@ -76,6 +78,7 @@ pub use stamp::{read_time, rfc3339};
 pub use sun::{SunPosition, add_sun, sun_position};
 pub use system::{BadSystemId, SystemId, SystemPattern};
 pub use thin::{Bucket, Thinned};
+pub use view::{ChannelView, DAY_S, Layer, Replayed, WindowShare, goes_on, lay, replay};
 pub use window::{RejectedRow, Window, WindowReport};
 pub use write::{CsvChannel, write_csv};
 
@@ -83,5 +86,7 @@ pub use write::{CsvChannel, write_csv};
 mod layout_tests;
 #[cfg(test)]
 mod resample_tests;
+#[cfg(test)]
+mod view_tests;
 #[cfg(test)]
 mod window_tests;

@@ -132,6 +132,11 @@ impl Series {
         &self.values
     }
 
+    /// The samples, in the order of time.
+    pub fn samples(&self) -> impl Iterator<Item = (i64, f64)> {
+        self.times.iter().copied().zip(self.values.iter().copied())
+    }
+
     /// The number of samples, at least one.
     #[expect(clippy::len_without_is_empty, reason = "a series is never empty")]
     pub fn len(&self) -> usize {

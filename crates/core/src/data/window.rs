@@ -45,6 +45,16 @@ pub struct RejectedRow {
 }
 
 impl WindowReport {
+    /// The report of a window together with one that goes on with it: `whole` is both, and `more_rows` of the
+    /// newer are behind the last of the earlier. What was left out, and what else is to be known, is told of
+    /// the newer.
+    pub fn going_on(&self, newer: WindowReport, whole: &Window, more_rows: usize) -> Self {
+        let rows = self.rows + more_rows;
+        let channels =
+            whole.series.iter().map(|(name, series)| (name.clone(), series.statistics(rows))).collect();
+        Self { rows, from: self.from.clone(), channels, ..newer }
+    }
+
     pub(super) fn new(
         window: &Window,
         rows: usize,
@@ -167,30 +177,6 @@ impl Window {
         if faults.is_empty() { Ok(Window { series }) } else { Err(faults) }
     }
 
-    /// Which of several windows, of which the last is the newest, gave a sample to `stitched`: to what
-    /// [`Window::stitch`] made of them, or to a part of it.
-    pub fn contributors(windows: &[Window], stitched: &Window) -> Vec<bool> {
-        let mut taken: IndexMap<&str, Vec<bool>> =
-            stitched.iter().map(|series| (series.channel(), vec![false; series.len()])).collect();
-        let mut gave = vec![false; windows.len()];
-        for (window, gave) in windows.iter().zip(&mut gave).rev() {
-            for series in window.iter() {
-                let (Some(whole), Some(taken)) =
-                    (stitched.series(series.channel()), taken.get_mut(series.channel()))
-                else {
-                    continue;
-                };
-                for time in series.times() {
-                    // A newer window has taken the sample already, or it is the newest that has one here.
-                    if let Ok(index) = whole.times().binary_search(time) {
-                        *gave |= !std::mem::replace(&mut taken[index], true);
-                    }
-                }
-            }
-        }
-        gave
-    }
-
     /// A hash of the content: channels with their units, holds and samples, whatever the order of the
     /// columns.
     ///
@@ -217,7 +203,7 @@ impl Window {
 }
 
 /// The samples of all series of one channel, of which the last is the newest and counts at equal times.
-fn merge(oldest_first: &[&Series]) -> Result<Series, Fault> {
+pub(super) fn merge(oldest_first: &[&Series]) -> Result<Series, Fault> {
     let (newest, older) = match oldest_first {
         [only] => return Ok((*only).clone()),
         [older @ .., newest] => (*newest, older),

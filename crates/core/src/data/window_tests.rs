@@ -245,20 +245,6 @@ fn the_newest_window_wins_per_channel_and_time() {
 }
 
 #[test]
-fn windows_that_are_covered_give_nothing() {
-    let window = |text: &str| parse(&format!("time,T_room,x\n{text}")).unwrap().0;
-    let covered = window("2016-01-11T16:00:00Z,20,\n2016-01-11T16:10:00Z,20,\n");
-    let corner = window("2016-01-11T16:00:00Z,21,1\n2016-01-11T16:20:00Z,21,1\n");
-    let newest = window("2016-01-11T16:00:00Z,22,\n2016-01-11T16:10:00Z,22,\n");
-    let all = [covered, corner, newest];
-    let stitched = Window::stitch(&all).unwrap();
-    assert_eq!(Window::contributors(&all, &stitched), [false, true, true]);
-    let late = stitched.slice(stitched.from() + 1_000, stitched.to()).unwrap();
-    assert_eq!(Window::contributors(&all, &late), [false, true, false]);
-    assert_eq!(Window::contributors(&all[..1], &stitched), [true]);
-}
-
-#[test]
 fn the_hash_is_that_of_the_content() {
     let first = parse("time,a,b\n2016-01-11T16:00:00Z,1,2\n2016-01-11T16:10:00Z,1,-0\n").unwrap().0;
     let swapped =

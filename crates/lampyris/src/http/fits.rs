@@ -47,7 +47,8 @@ pub struct FitVerdict {
     waits_for_operator: bool,
     /// What an operator has said.
     decision: Option<DecisionAnswer>,
-    /// The uploaded windows whose samples it has seen, in the order of upload. None of them can be deleted.
+    /// The uploaded windows whose samples it has seen, in the order of upload. None of them can be deleted
+    /// unless the fit was rejected.
     windows: Vec<String>,
     #[schema(value_type = String, format = DateTime)]
     created_at: Timestamp,

@@ -33,9 +33,15 @@ struct WindowName {
     id: String,
     /// The system.
     system: SystemId,
-    /// When it came.
+    /// When the newest of its uploads came.
     #[schema(value_type = String, format = DateTime)]
     uploaded_at: Timestamp,
+    /// How many uploads it is made of. Those that repeat the newest window of the same day and add to it are
+    /// one window with it.
+    uploads: i64,
+    /// Whether this upload is a window that was there already, and counts again where a newer one had covered
+    /// it. `false` wherever nothing was uploaded.
+    again: bool,
 }
 
 /// A window as it is shown: not its samples, but what was found in them.
@@ -53,14 +59,23 @@ pub fn format(raw: &Raw) -> Result<Format, ApiError> {
     }
 }
 
-fn shown(window: WindowRecord) -> WindowAnswer {
+fn shown(window: WindowRecord, again: bool) -> WindowAnswer {
     With {
-        own: WindowName { id: window.id, system: window.system, uploaded_at: window.uploaded_at },
+        own: WindowName {
+            id: window.id,
+            system: window.system,
+            uploaded_at: window.uploaded_at,
+            uploads: window.uploads,
+            again,
+        },
         document: Stored::of(window.report),
     }
 }
 
 /// Takes measurements. The same content again is the same window.
+///
+/// It becomes the newest again where another has covered it. What repeats the newest window of the same day
+/// and adds to it is one window with it.
 #[utoipa::path(
     post,
     path = "/systems/{kind}/{id}/windows",
@@ -87,7 +102,7 @@ async fn post_window(
     let taken = windows::take(&service, &system, format, raw.body, raw.key.as_ref()).await?;
     let status = if taken.is_new { StatusCode::CREATED } else { StatusCode::OK };
     let location = format!("/windows/{}", taken.window.id);
-    Ok((status, [(header::LOCATION, location)], axum::Json(shown(taken.window))).into_response())
+    Ok((status, [(header::LOCATION, location)], axum::Json(shown(taken.window, taken.again))).into_response())
 }
 
 /// The windows of a system, newest upload first.
@@ -106,7 +121,12 @@ async fn list_windows(
     systems::require(&service, &system).await?;
     let size = page.size()?;
     let records = store::windows::page(&service.store, &system, page.before()?, size + 1).await?;
-    Ok(axum::Json(Page::of(records, size, |record| record.sequence.to_string(), shown)))
+    Ok(axum::Json(Page::of(
+        records,
+        size,
+        |record| record.sequence.to_string(),
+        |window| shown(window, false),
+    )))
 }
 
 /// One window.
@@ -122,10 +142,12 @@ async fn get_window(
     Path(id): Path<String>,
 ) -> Result<axum::Json<WindowAnswer>, ApiError> {
     let window = store::windows::get(&service.store, &id).await?.ok_or(ApiError::NotFound("window", id))?;
-    Ok(axum::Json(shown(window)))
+    Ok(axum::Json(shown(window, false)))
 }
 
 /// Deletes a window that no fit cites. The measurements that it covered show again.
+///
+/// Fits that were rejected cite nothing that has to stay.
 #[utoipa::path(
     delete,
     path = "/windows/{id}",

@@ -2,6 +2,7 @@
 
 use super::access::tokens::Tokens;
 use super::catalogue::shared::SharedCatalogue;
+use super::catalogue::turns::Turns;
 use super::changes::events::Events;
 use super::clock::Clock;
 use super::observe::metrics::Metrics;
@@ -38,6 +39,8 @@ pub struct Service {
     pub params: Snapshot,
     /// Systems of which measurements have arrived.
     pub arrivals: Arrivals,
+    /// Whose turn it is to change measurements.
+    pub turns: Turns,
     /// What time it is.
     pub clock: Clock,
     /// The number of this start.

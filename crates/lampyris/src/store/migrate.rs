@@ -1,7 +1,7 @@
 //! How the schema of a database becomes the one of this program.
 //!
-//! Every migration is one transaction. Before the first of them touches a database that holds something, a
-//! backup is made beside it.
+//! Every migration is one transaction, and so is every window of an earlier program that is taken in behind
+//! them. Before the first of them touches a database that holds something, a backup is made beside it.
 
 use super::backup::{copy, require_sound};
 use super::error::StoreError;
@@ -9,6 +9,7 @@ use super::failpoint;
 use super::file::{beside, options, real};
 use super::lock::lock;
 use super::schema::{MIGRATIONS, is_behind, newest, schema};
+use super::shares;
 use sqlx::{ConnectOptions, Connection, SqliteConnection};
 use std::path::{Path, PathBuf};
 
@@ -72,6 +73,7 @@ pub(super) async fn bring_up_to_date(path: &Path) -> Result<Migrated, StoreError
         true
     });
     MIGRATIONS.run_direct(None, &mut connection, false).await.map_err(StoreError::Migration)?;
+    shares::take_in(&mut connection).await?;
     connection.close().await?;
     Ok(Migrated { from, to: newest(), backup })
 }

@@ -7,7 +7,10 @@
 //! | file | what it keeps |
 //! |---|---|
 //! | `systems` | documents of rooms and plants |
-//! | `windows` | uploaded measurements, one block per channel |
+//! | `windows` | uploaded measurements |
+//! | `shares` | what each of them gave to what counts, one block per channel |
+//! | `days`, `measured` | what counts, by channel and day, and what readers ask of it |
+//! | `uploads` | how an upload is taken |
 //! | `models` | model and effect documents of users, versions made by adding effects |
 //! | `job`, `job_record` | what a job is: its words, and what its state implies |
 //! | `jobs` | jobs as they are listed |
@@ -45,6 +48,7 @@ pub mod backup;
 pub mod batches;
 mod changes;
 mod database;
+pub mod days;
 pub mod decisions;
 pub mod degradations;
 pub mod diagnoses;
@@ -62,6 +66,7 @@ mod job;
 mod job_record;
 pub mod jobs;
 mod lock;
+pub mod measured;
 pub mod metrics;
 pub mod migrate;
 pub mod models;
@@ -77,8 +82,10 @@ mod row;
 pub mod schedules;
 mod schema;
 mod sequence;
+pub mod shares;
 pub mod systems;
 pub mod tokens;
+pub mod uploads;
 mod value;
 pub mod windows;
 mod words;

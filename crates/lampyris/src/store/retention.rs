@@ -5,7 +5,6 @@
 //! do the newest job, diagnosis and ladder of a system, whatever waits for an operator, and the newest batch
 //! of a schedule. What diagnoses saw of every effect (`evidence`) stays as long as its system.
 
-use super::audit::{Action, AuditEntry, note};
 use super::database::Store;
 use super::error::StoreError;
 use super::value::{millis, to_json};
@@ -46,14 +45,16 @@ const BELONGINGS: [&str; 8] = [
     "DELETE FROM jobs WHERE id IN (SELECT value FROM json_each($1))",
 ];
 
-/// Windows that came before `$1`, end before the newest sample of their system by `$2` seconds, are read by
-/// no running job and cited by no fit.
-const DISPENSABLE_WINDOWS: &str = "SELECT w.id, w.system FROM windows w \
-    WHERE w.uploaded_at < $1 AND w.to_s < (SELECT MAX(n.to_s) FROM windows n WHERE n.system = w.system) - $2 \
-    AND NOT EXISTS (SELECT 1 FROM fit_windows c WHERE c.window = w.id) \
-    AND NOT EXISTS (SELECT 1 FROM jobs j JOIN systems s ON s.system = j.system WHERE j.state = 'running' \
-    AND (s.system = w.system OR w.system IN (SELECT value FROM json_each(s.document, '$.neighbours')))) \
-    ORDER BY w.sequence LIMIT $3";
+/// Windows that came before `$1`, are cited by no fit that counts, and either end before the newest sample of
+/// their system by `$2` seconds or give nothing to what counts. Those up to `$3` have been looked at.
+const DISPENSABLE_WINDOWS: &str = "SELECT w.sequence, w.id FROM windows w \
+    WHERE w.uploaded_at < $1 AND w.sequence > $3 \
+    AND (w.to_s < (SELECT MAX(d.to_s) FROM days d WHERE d.system = w.system) - $2 \
+    OR NOT EXISTS (SELECT 1 FROM window_blocks b JOIN days d ON d.system = w.system \
+    AND d.channel = b.channel AND d.day BETWEEN w.from_s / 86400 - 1 AND w.to_s / 86400, \
+    json_each(d.owners) o WHERE b.window = w.id AND o.value ->> 0 = w.sequence)) \
+    AND NOT EXISTS (SELECT 1 FROM fit_windows c JOIN fits f ON f.id = c.fit WHERE c.window = w.id \
+    AND f.verdict <> 'rejected') ORDER BY w.sequence LIMIT $4";
 
 /// Removes jobs that ended before these instants (`None` keeps all of the kind), with their fits; says how
 /// many.
@@ -107,43 +108,21 @@ pub async fn forget_batches(store: &Store, before: Timestamp) -> Result<u64, Sto
     Ok(gone.rows_affected())
 }
 
-/// Removes windows that came before an instant and lie so many days before the newest sample of their system,
-/// each with a note of it; says how many.
+/// Windows that came before an instant, that no fit needs, and that lie so many days before the newest sample
+/// of their system or give nothing any more: a handful with numbers after `after`.
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn forget_windows(
+pub async fn dispensable_windows(
     store: &Store,
     before: Timestamp,
     days: u32,
-    who: &str,
-    now: Timestamp,
-) -> Result<u64, StoreError> {
-    let reason = format!("older than {days} days, and no fit that is kept has read it");
-    let mut gone = 0;
-    loop {
-        let mut tx = store.write().await?;
-        let find = sqlx::query_as(DISPENSABLE_WINDOWS)
-            .bind(millis(before))
-            .bind(i64::from(days) * 86_400)
-            .bind(HANDFUL);
-        let found: Vec<(String, String)> = find.fetch_all(&mut *tx).await?;
-        if found.is_empty() {
-            tx.take_back().await?;
-            return Ok(gone);
-        }
-        for (id, system) in &found {
-            sqlx::query("DELETE FROM windows WHERE id = $1").bind(id).execute(&mut *tx).await?;
-            let deed = AuditEntry {
-                who,
-                action: Action::DeleteWindow,
-                system: Some(system),
-                subject: id,
-                reason: Some(&reason),
-            };
-            note(&mut tx, &deed, now).await?;
-        }
-        tx.commit().await?;
-        gone += found.len() as u64;
-    }
+    after: i64,
+) -> Result<Vec<(i64, String)>, StoreError> {
+    let find = sqlx::query_as(DISPENSABLE_WINDOWS)
+        .bind(millis(before))
+        .bind(i64::from(days) * 86_400)
+        .bind(after)
+        .bind(HANDFUL);
+    Ok(find.fetch_all(&store.reader).await?)
 }

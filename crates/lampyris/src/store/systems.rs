@@ -188,7 +188,7 @@ pub(super) async fn take_method(
 
 /// Everything that belongs to a system, in an order that the keys allow. Fits of other systems lose what they
 /// cite of it; batches and schedules stay.
-const BELONGINGS: [&str; 18] = [
+const BELONGINGS: [&str; 20] = [
     "DELETE FROM idempotency WHERE resource IN (SELECT id FROM jobs WHERE system = $1 UNION SELECT id FROM \
     windows WHERE system = $1)",
     "DELETE FROM fallbacks WHERE system = $1",
@@ -206,6 +206,8 @@ const BELONGINGS: [&str; 18] = [
     "DELETE FROM fits WHERE system = $1",
     "DELETE FROM batch_jobs WHERE job IN (SELECT id FROM jobs WHERE system = $1)",
     "DELETE FROM jobs WHERE system = $1",
+    "DELETE FROM days WHERE system = $1",
+    "DELETE FROM measured WHERE system = $1",
     "DELETE FROM windows WHERE system = $1",
     "DELETE FROM systems WHERE system = $1",
 ];
@@ -289,7 +291,10 @@ pub async fn of(store: &Store, thing: Thing, id: &str) -> Result<Option<SystemId
         Thing::Job => "SELECT system FROM jobs WHERE id = $1",
         Thing::Fit => "SELECT system FROM fits WHERE id = $1",
         Thing::Diagnosis => "SELECT system FROM diagnoses WHERE id = $1",
-        Thing::Window => "SELECT system FROM windows WHERE id = $1",
+        Thing::Window => {
+            "SELECT system FROM windows WHERE id = $1 OR sequence = (SELECT sequence FROM window_aliases \
+            WHERE id = $1)"
+        }
     };
     let system: Option<String> = sqlx::query_scalar(sql).bind(id).fetch_optional(&store.reader).await?;
     system.map(|system| parse("a system", &system)).transpose()

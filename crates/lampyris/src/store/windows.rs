@@ -1,17 +1,17 @@
-//! Uploaded measurements: a report and one compressed block per channel.
+//! Uploaded measurements: a report, and in `shares` what they gave to what counts.
 
 use super::audit::{Action, AuditEntry, note};
 use super::database::Store;
+use super::days::{self, DaysChange};
 use super::error::StoreError;
-use super::idempotency::{KeyState, RequestKey, look_up, remember};
 use super::row::row;
-use super::sequence::next;
-use super::value::{corrupt, from_json, instant, millis, parse, to_json};
+use super::shares::{self, PackedShare};
+use super::value::{from_json, instant, parse};
 use jiff::Timestamp;
-use lampyris_core::data::{Series, SystemId};
+use lampyris_core::data::SystemId;
 use sqlx::SqliteConnection;
 
-/// A window as it is listed; its samples are in [`Blocks`].
+/// A window as it is listed.
 #[derive(Debug, Clone, PartialEq)]
 pub struct WindowRecord {
     /// `win_` and a hash of system and content.
@@ -26,46 +26,39 @@ pub struct WindowRecord {
     pub to_s: i64,
     /// What was said about it when it came.
     pub report: serde_json::Value,
-    /// When it came.
+    /// When the newest of its uploads came.
     pub uploaded_at: Timestamp,
+    /// How many uploads it is made of: those that went on with it on the same day are one window.
+    pub uploads: i64,
 }
 
-/// A window to be kept.
+/// Windows that lie over each other, the oldest first.
 #[derive(Debug)]
-pub struct NewWindow<'a> {
-    /// Its id, a hash of system and content.
-    pub id: &'a str,
-    /// The system.
-    pub system: &'a SystemId,
-    /// The first sample, in seconds.
-    pub from_s: i64,
-    /// The last sample.
-    pub to_s: i64,
-    /// The report, JSON.
-    pub report: &'a str,
-    /// A channel and its block each.
-    pub blocks: &'a [(String, Vec<u8>)],
+pub struct Stack {
+    /// The version of the measurements at that moment.
+    pub version: i64,
+    /// What each of them gave.
+    pub windows: Vec<Stacked>,
 }
 
-/// The compressed samples of one window.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Blocks {
-    /// The window.
-    pub window: String,
-    blocks: Vec<Vec<u8>>,
+/// A window of a [`Stack`].
+#[derive(Debug)]
+pub struct Stacked {
+    /// Its number.
+    pub sequence: i64,
+    /// Its id.
+    pub id: String,
+    /// What it gave, by channel.
+    pub shares: Vec<PackedShare>,
 }
 
-/// What became of a window that was to be kept.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum WindowInsertion {
-    /// It is new.
-    New,
-    /// The same content was there.
-    Known,
-    /// The idempotency key belongs to another request.
-    KeyReused,
-    /// The system was deleted meanwhile.
-    NoSystem,
+/// What follows for the others when a window leaves its place.
+#[derive(Debug, Default)]
+pub struct Rebuilt {
+    /// New shares of windows, by their ids.
+    pub shares: Vec<(String, PackedShare)>,
+    /// The days that it touched.
+    pub days: Vec<DaysChange>,
 }
 
 /// What became of a window that was to be deleted.
@@ -79,10 +72,13 @@ pub enum WindowDeletion {
     Cited(Vec<String>),
     /// These running jobs may be reading it.
     InUse(Vec<String>),
+    /// The measurements have changed since they were looked at.
+    Stale,
 }
 
 row! {
-    struct Row {
+    /// A window as its row has it.
+    pub(super) struct WindowRow {
         id: String,
         system: String,
         sequence: i64,
@@ -90,11 +86,23 @@ row! {
         to_s: i64,
         report: String,
         uploaded_at: i64,
+        uploads: i64,
     }
 }
 
-impl Row {
-    fn record(self) -> Result<WindowRecord, StoreError> {
+row! {
+    /// A share, and whose it is.
+    struct ShareRow {
+        sequence: i64,
+        id: String,
+        channel: String,
+        block: Option<Vec<u8>>,
+        repeats: String,
+    }
+}
+
+impl WindowRow {
+    pub(super) fn record(self) -> Result<WindowRecord, StoreError> {
         Ok(WindowRecord {
             system: parse("a system", &self.system)?,
             report: from_json("the report of a window", &self.report)?,
@@ -103,92 +111,27 @@ impl Row {
             sequence: self.sequence,
             from_s: self.from_s,
             to_s: self.to_s,
+            uploads: self.uploads,
         })
     }
 }
 
-impl Blocks {
-    /// Unpacks the samples. This is work for the CPU pool.
-    ///
-    /// # Errors
-    /// Where a block is not what was written.
-    pub fn decode(&self) -> Result<Vec<Series>, StoreError> {
-        let unpack = |block: &Vec<u8>| {
-            Series::decode(block).map_err(|error| corrupt(format!("a block of {}", self.window), &error))
-        };
-        self.blocks.iter().map(unpack).collect()
-    }
-}
-
-/// Keeps a window, unless the same content is there already.
-///
-/// # Errors
-/// Where the database fails.
-pub async fn insert(
-    store: &Store,
-    new: &NewWindow<'_>,
-    key: Option<&RequestKey>,
-    now: Timestamp,
-) -> Result<WindowInsertion, StoreError> {
-    let mut tx = store.write().await?;
-    let seen = match look_up(&mut tx, key).await? {
-        KeyState::Reused => return Ok(WindowInsertion::KeyReused),
-        KeyState::Seen(_) => true,
-        KeyState::Fresh => false,
-    };
-    let known: Option<i64> = sqlx::query_scalar("SELECT 1 FROM windows WHERE id = $1")
-        .bind(new.id)
-        .fetch_optional(&mut *tx)
-        .await?;
-    if !seen {
-        remember(&mut tx, key, new.id, if known.is_some() { 200 } else { 201 }, now).await?;
-    }
-    if known.is_none() {
-        // Between the first look at the system and this moment a large body was parsed.
-        if sqlx::query("SELECT 1 FROM systems WHERE system = $1")
-            .bind(new.system.to_string())
-            .fetch_optional(&mut *tx)
-            .await?
-            .is_none()
-        {
-            return Ok(WindowInsertion::NoSystem);
-        }
-        let bytes = new.blocks.iter().map(|(_, block)| block.len()).sum::<usize>() + new.report.len();
-        store.require_room(&mut tx, bytes).await?;
-        let sequence = next(&mut tx, "sequence").await?;
-        let sql = "INSERT INTO windows (id, system, sequence, from_s, to_s, report, uploaded_at) VALUES ($1, \
-            $2, $3, $4, $5, $6, $7)";
-        sqlx::query(sql)
-            .bind(new.id)
-            .bind(new.system.to_string())
-            .bind(sequence)
-            .bind(new.from_s)
-            .bind(new.to_s)
-            .bind(new.report)
-            .bind(millis(now))
-            .execute(&mut *tx)
-            .await?;
-        for (channel, block) in new.blocks {
-            sqlx::query("INSERT INTO window_blocks (window, channel, block) VALUES ($1, $2, $3)")
-                .bind(new.id)
-                .bind(channel)
-                .bind(block)
-                .execute(&mut *tx)
-                .await?;
-        }
-    }
-    tx.commit().await?;
-    Ok(if known.is_some() { WindowInsertion::Known } else { WindowInsertion::New })
-}
-
-/// One window.
+/// One window, by its id or that of an upload that went on with it.
 ///
 /// # Errors
 /// Where the database fails.
 pub async fn get(store: &Store, id: &str) -> Result<Option<WindowRecord>, StoreError> {
-    let sql = "SELECT * FROM windows WHERE id = $1";
-    let row: Option<Row> = sqlx::query_as(sql).bind(id).fetch_optional(&store.reader).await?;
-    row.map(Row::record).transpose()
+    get_in(&mut *store.reader.acquire().await?, id).await
+}
+
+pub(super) async fn get_in(
+    connection: &mut SqliteConnection,
+    id: &str,
+) -> Result<Option<WindowRecord>, StoreError> {
+    let sql = "SELECT * FROM windows WHERE id = $1 OR sequence = (SELECT sequence FROM window_aliases WHERE \
+        id = $1)";
+    let row: Option<WindowRow> = sqlx::query_as(sql).bind(id).fetch_optional(connection).await?;
+    row.map(WindowRow::record).transpose()
 }
 
 /// Windows of a system uploaded before a sequence number, newest first: one page of a list.
@@ -203,50 +146,123 @@ pub async fn page(
 ) -> Result<Vec<WindowRecord>, StoreError> {
     let sql = "SELECT * FROM windows
                WHERE system = $1 AND sequence < $2 ORDER BY sequence DESC LIMIT $3";
-    let rows: Vec<Row> = sqlx::query_as(sql)
+    let rows: Vec<WindowRow> = sqlx::query_as(sql)
         .bind(system.to_string())
         .bind(before)
         .bind(limit)
         .fetch_all(&store.reader)
         .await?;
-    rows.into_iter().map(Row::record).collect()
+    rows.into_iter().map(WindowRow::record).collect()
 }
 
-/// Deletes a window, unless a fit cites it or a running job may be reading it.
+/// The windows of a system that touch a stretch of time, with what they gave in the channels of one of them.
+///
+/// # Errors
+/// Where the database fails.
+pub async fn stack(store: &Store, window: &WindowRecord, span: (i64, i64)) -> Result<Stack, StoreError> {
+    let mut tx = store.reader.begin().await?;
+    let system = window.system.to_string();
+    let version = days::version_in(&mut tx, &system).await?;
+    let sql = "SELECT w.sequence, w.id, b.channel, b.block, b.repeats FROM windows w JOIN window_blocks b ON \
+        b.window = w.id WHERE w.system = $1 AND w.to_s >= $2 AND w.from_s <= $3 \
+        AND b.channel IN (SELECT channel FROM window_blocks WHERE window = $4) ORDER BY w.sequence";
+    let rows: Vec<ShareRow> = sqlx::query_as(sql)
+        .bind(system)
+        .bind(span.0)
+        .bind(span.1)
+        .bind(&window.id)
+        .fetch_all(&mut *tx)
+        .await?;
+    let mut windows: Vec<Stacked> = Vec::new();
+    for row in rows {
+        let share = PackedShare::from_row((row.channel, row.block, row.repeats));
+        match windows.last_mut() {
+            Some(last) if last.sequence == row.sequence => last.shares.push(share),
+            _ => windows.push(Stacked { sequence: row.sequence, id: row.id, shares: vec![share] }),
+        }
+    }
+    Ok(Stack { version, windows })
+}
+
+/// What keeps a window from being deleted, if anything does: fits that cite it, or running jobs that may be
+/// reading it.
+///
+/// # Errors
+/// Where the database fails.
+pub async fn obstacle(store: &Store, window: &WindowRecord) -> Result<Option<WindowDeletion>, StoreError> {
+    obstacle_in(&mut *store.reader.acquire().await?, &window.id, &window.system.to_string()).await
+}
+
+async fn obstacle_in(
+    connection: &mut SqliteConnection,
+    id: &str,
+    system: &str,
+) -> Result<Option<WindowDeletion>, StoreError> {
+    // What the gate or an operator has rejected was never served and never will be.
+    let sql = "SELECT f.id FROM fit_windows c JOIN fits f ON f.id = c.fit WHERE c.window = $1 AND f.verdict <> \
+        'rejected' AND NOT EXISTS (SELECT 1 FROM decisions d WHERE d.fit = f.id AND d.decision = 'rejected') \
+        ORDER BY f.created_at DESC";
+    let cited: Vec<String> = sqlx::query_scalar(sql).bind(id).fetch_all(&mut *connection).await?;
+    if !cited.is_empty() {
+        return Ok(Some(WindowDeletion::Cited(cited)));
+    }
+    let reading = readers(connection, system).await?;
+    Ok((!reading.is_empty()).then_some(WindowDeletion::InUse(reading)))
+}
+
+/// Deletes a window, unless something stands in the way, or the measurements have another version than the
+/// one that `rebuilt` was made from. Fits that were rejected cite it no more.
 ///
 /// # Errors
 /// Where the database fails.
 pub async fn delete(
     store: &Store,
-    id: &str,
-    who: &str,
+    window: &WindowRecord,
+    (version, rebuilt): (i64, &Rebuilt),
+    (who, reason): (&str, Option<&str>),
     now: Timestamp,
 ) -> Result<WindowDeletion, StoreError> {
     let mut tx = store.write().await?;
-    let system: Option<String> = sqlx::query_scalar("SELECT system FROM windows WHERE id = $1")
-        .bind(id)
-        .fetch_optional(&mut *tx)
-        .await?;
-    let Some(system) = system else { return Ok(WindowDeletion::NotThere) };
-    let sql = "SELECT f.id FROM fit_windows c JOIN fits f ON f.id = c.fit WHERE c.window = $1 ORDER BY \
-        f.created_at DESC";
-    let cited: Vec<String> = sqlx::query_scalar(sql).bind(id).fetch_all(&mut *tx).await?;
-    if !cited.is_empty() {
-        return Ok(WindowDeletion::Cited(cited));
+    let (id, system) = (window.id.as_str(), window.system.to_string());
+    let there = sqlx::query("SELECT 1 FROM windows WHERE id = $1").bind(id).fetch_optional(&mut *tx).await?;
+    if there.is_none() {
+        return Ok(WindowDeletion::NotThere);
     }
-    let reading = readers(&mut tx, &system).await?;
-    if !reading.is_empty() {
-        return Ok(WindowDeletion::InUse(reading));
+    if let Some(obstacle) = obstacle_in(&mut tx, id, &system).await? {
+        return Ok(obstacle);
     }
+    if days::version_in(&mut tx, &system).await? != version {
+        tx.take_back().await?;
+        return Ok(WindowDeletion::Stale);
+    }
+    sqlx::query("DELETE FROM fit_windows WHERE window = $1").bind(id).execute(&mut *tx).await?;
     sqlx::query("DELETE FROM windows WHERE id = $1").bind(id).execute(&mut *tx).await?;
-    note(
-        &mut tx,
-        &AuditEntry { who, action: Action::DeleteWindow, system: Some(&system), subject: id, reason: None },
-        now,
-    )
-    .await?;
+    rebuilt.write(&mut tx, &system, window.sequence).await?;
+    let deed = AuditEntry { who, action: Action::DeleteWindow, system: Some(&system), subject: id, reason };
+    note(&mut tx, &deed, now).await?;
     tx.commit().await?;
     Ok(WindowDeletion::Gone)
+}
+
+impl Rebuilt {
+    /// Writes it; `arriving` is the number of the window that has come on top, if one has.
+    pub(super) async fn write(
+        &self,
+        tx: &mut SqliteConnection,
+        system: &str,
+        arriving: i64,
+    ) -> Result<(), StoreError> {
+        for (window, share) in &self.shares {
+            shares::write(tx, window, std::iter::once(share)).await?;
+        }
+        days::write(tx, system, &self.days, arriving).await
+    }
+
+    /// How much room it takes, about.
+    pub(super) fn bytes(&self) -> usize {
+        let shares: usize = self.shares.iter().map(|(_, share)| share.bytes()).sum();
+        shares + self.days.iter().map(DaysChange::bytes).sum::<usize>()
+    }
 }
 
 /// The running jobs that may read the measurements of a system: its own, and those of systems that name it as
@@ -268,36 +284,6 @@ pub async fn cited(store: &Store, fit: &str) -> Result<Vec<String>, StoreError> 
     Ok(sqlx::query_scalar(sql).bind(fit).fetch_all(&store.reader).await?)
 }
 
-/// The first and the last sample time of a system, `None` without any window.
-///
-/// # Errors
-/// Where the database fails.
-pub async fn extent(store: &Store, system: &SystemId) -> Result<Option<(i64, i64)>, StoreError> {
-    let sql = "SELECT MIN(from_s), MAX(to_s) FROM windows WHERE system = $1";
-    let (from, to): (Option<i64>, Option<i64>) =
-        sqlx::query_as(sql).bind(system.to_string()).fetch_one(&store.reader).await?;
-    Ok(from.zip(to))
-}
-
-/// What tells one state of a system's measurements from another: how many windows there are, and the newest.
-///
-/// # Errors
-/// Where the database fails.
-pub async fn version(store: &Store, system: &SystemId) -> Result<(i64, i64), StoreError> {
-    let sql = "SELECT COUNT(*), COALESCE(MAX(sequence), 0) FROM windows WHERE system = $1";
-    Ok(sqlx::query_as(sql).bind(system.to_string()).fetch_one(&store.reader).await?)
-}
-
-/// The channels of all windows of a system, by name.
-///
-/// # Errors
-/// Where the database fails.
-pub async fn channels(store: &Store, system: &SystemId) -> Result<Vec<String>, StoreError> {
-    let sql = "SELECT DISTINCT b.channel FROM windows w JOIN window_blocks b ON b.window = w.id WHERE \
-        w.system = $1 ORDER BY b.channel";
-    Ok(sqlx::query_scalar(sql).bind(system.to_string()).fetch_all(&store.reader).await?)
-}
-
 /// The unit of a channel in the newest window that has it, `None` where no window has.
 ///
 /// # Errors
@@ -309,37 +295,4 @@ pub async fn unit(store: &Store, system: &SystemId, channel: &str) -> Result<Opt
     let unit: Option<Option<String>> =
         sqlx::query_scalar(sql).bind(system.to_string()).bind(channel).fetch_optional(&store.reader).await?;
     Ok(unit.flatten())
-}
-
-/// The samples of all windows of a system that touch a range of time, in the order of upload; of some
-/// channels, or of all.
-///
-/// # Errors
-/// Where the database fails.
-pub async fn blocks(
-    store: &Store,
-    system: &SystemId,
-    (from_s, to_s): (i64, i64),
-    channels: Option<&[String]>,
-) -> Result<Vec<Blocks>, StoreError> {
-    let sql = "SELECT w.id, b.block FROM windows w JOIN window_blocks b ON b.window = w.id \
-        WHERE w.system = $1 AND w.to_s >= $2 AND w.from_s <= $3 AND ($4 IS NULL OR b.channel IN (SELECT \
-        value FROM json_each($4))) \
-        ORDER BY w.sequence, b.channel";
-    let channels = channels.map(|channels| to_json("channels", channels)).transpose()?;
-    let rows: Vec<(String, Vec<u8>)> = sqlx::query_as(sql)
-        .bind(system.to_string())
-        .bind(from_s)
-        .bind(to_s)
-        .bind(channels)
-        .fetch_all(&store.reader)
-        .await?;
-    let mut windows: Vec<Blocks> = Vec::new();
-    for (window, block) in rows {
-        match windows.last_mut() {
-            Some(last) if last.window == window => last.blocks.push(block),
-            _ => windows.push(Blocks { window, blocks: vec![block] }),
-        }
-    }
-    Ok(windows)
 }

@@ -122,6 +122,25 @@ fn windows_go_only_where_that_is_asked_for_and_no_fit_has_read_them() {
 }
 
 #[test]
+fn windows_that_newer_ones_cover_go_when_they_are_old() {
+    let app = TestApp::at("2026-12-01T00:00:00Z", |settings| settings.retention.windows_days = 80);
+    app.json("PUT", "/systems/room/1", &json!({"model": "rc2"})).expect(201);
+    let upload = |text: &str| app.csv("/systems/room/1/windows", text).expect(201).json()["id"].clone();
+    let row = |day: u32, value: u32| format!("2026-11-{day:02}T00:00:00Z,{value}\n");
+    let windows = [
+        upload(&format!("time,T_room\n{}{}", row(1, 20), row(2, 20))),
+        upload(&format!("time,T_room\n{}{}", row(1, 21), row(2, 21))),
+        upload(&format!("time,T_room\n{}{}", row(2, 22), row(3, 22))),
+    ];
+    let values = || app.get("/systems/room/1/series").json()["channels"]["T_room"]["values"].clone();
+    assert_eq!(later(&app, 79).windows, 0);
+    let before = values();
+    assert_eq!(later(&app, 2).windows, 1, "nothing of the first counts any more");
+    let there = windows.map(|id| app.get(&format!("/windows/{}", id.as_str().unwrap())).status);
+    assert_eq!((there, values()), ([404, 200, 200], before));
+}
+
+#[test]
 fn batches_go_with_their_jobs_and_the_newest_one_of_a_schedule_stays() {
     let app = TestApp::at("2026-12-01T00:00:00Z", |settings| settings.retention.jobs_days = 30);
     app.room("1", 1);

@@ -378,7 +378,7 @@ fn the_doctor_tells_a_sound_database_from_others() {
             .1
             .contains("rows of windows")
     );
-    rows(&database, "DELETE FROM windows");
+    rows(&database, "DELETE FROM days; DELETE FROM measured; DELETE FROM windows");
     about(&database, &["doctor"]).expect(0);
     let config = dir.path().join("lampyris.toml");
     std::fs::write(&config, "zone = \"Mars/Olympus\"\nworkers = 0\n").unwrap();

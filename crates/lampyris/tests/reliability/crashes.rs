@@ -160,16 +160,13 @@ fn a_killed_service_with_many_windows_starts_again() {
     let database = dir.path().join("large.db");
     let body = served(&database);
     // Blocks that do not compress, in copies of the one window that is there.
-    let windows =
-        "INSERT INTO windows SELECT 'win_' || n, system, n, from_s, to_s, report, uploaded_at FROM \
-        windows,
-                       (WITH RECURSIVE counted (n) AS (SELECT 1000 UNION ALL SELECT n + 1 FROM counted
-                           WHERE n < (SELECT value FROM counters WHERE name = 'sequence')) SELECT n FROM \
-        counted)";
-    let blocks =
-        "INSERT INTO window_blocks SELECT id, channel, randomblob(5000) FROM windows, (SELECT 'T_room' AS \
-        channel UNION SELECT 'T_out')
-                  WHERE sequence >= 1000";
+    let windows = "INSERT INTO windows (id, system, sequence, from_s, to_s, report, uploaded_at) \
+        SELECT 'win_' || n, system, n, from_s, to_s, report, uploaded_at FROM windows, \
+        (WITH RECURSIVE counted (n) AS (SELECT 1000 UNION ALL SELECT n + 1 FROM counted \
+        WHERE n < (SELECT value FROM counters WHERE name = 'sequence')) SELECT n FROM counted)";
+    let blocks = "INSERT INTO window_blocks (window, channel, block, repeats) \
+        SELECT id, channel, randomblob(5000), '[]' FROM windows, (SELECT 'T_room' AS channel UNION SELECT \
+        'T_out') WHERE sequence >= 1000";
     let (count, sequence) = match full() {
         true => (100_000, "UPDATE counters SET value = 100999 WHERE name = 'sequence'"),
         false => (3_000, "UPDATE counters SET value = 3999 WHERE name = 'sequence'"),

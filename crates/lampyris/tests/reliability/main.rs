@@ -14,6 +14,7 @@ mod hostile;
 mod nights;
 mod poison;
 mod queue;
+mod rolling;
 mod soak;
 mod stamps;
 mod stops;

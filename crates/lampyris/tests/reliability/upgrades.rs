@@ -7,6 +7,7 @@
 use crate::database::{check_database, copied, random, rows};
 use crate::support::full;
 use crate::support::process::{Process, program, verb};
+use lampyris_core::data::Series;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::Duration;
@@ -42,6 +43,14 @@ fn schema(path: &Path) -> i64 {
     rows(path, "SELECT CAST(MAX(version) AS TEXT) FROM _sqlx_migrations")[0].parse().unwrap()
 }
 
+/// What the one window of a database of an earlier schema holds.
+fn blocks(path: &Path) -> Vec<Series> {
+    let hex = rows(path, "SELECT hex(block) FROM window_blocks");
+    let byte = |pair: &[u8]| u8::from_str_radix(std::str::from_utf8(pair).unwrap(), 16).unwrap();
+    let block = |hex: &String| hex.as_bytes().chunks(2).map(byte).collect::<Vec<u8>>();
+    hex.iter().map(|hex| Series::decode(&block(hex)).unwrap()).collect()
+}
+
 fn migrate(path: &Path) -> serde_json::Value {
     verb("http://127.0.0.1:1", &["migrate", "--json", "--database", path.to_str().unwrap()]).expect(0).json()
 }
@@ -51,6 +60,7 @@ fn what_a_released_program_served_is_served_after_the_upgrade() {
     let dir = tempfile::tempdir().unwrap();
     for (released, added) in RELEASED {
         let (database, body) = golden(dir.path(), released);
+        let measured = blocks(&database);
         let told = migrate(&database);
         let newest = told["to"].as_i64().unwrap();
         assert_eq!((told["from"].as_i64(), schema(&database)), (Some(released), newest), "{told}");
@@ -61,6 +71,12 @@ fn what_a_released_program_served_is_served_after_the_upgrade() {
         assert_eq!(service.client.get("/params/room/1").expect(200).text, expected);
         let history = service.client.get("/systems/room/1/windows").expect(200).json();
         assert_eq!(history["items"][0]["rows"], 240, "the measurements can be read");
+        let series = service.client.get("/systems/room/1/series?max_points=100000").expect(200).json();
+        assert_eq!(series["channels"].as_object().unwrap().len(), measured.len());
+        for one in measured {
+            let shown = serde_json::json!(one.values());
+            assert_eq!(series["channels"][one.channel()]["values"], shown, "{}", one.channel());
+        }
         assert_eq!(service.terminate().0, Some(0));
         // A second time there is nothing to do, and nothing to back up.
         assert_eq!(migrate(&database)["from"], newest);

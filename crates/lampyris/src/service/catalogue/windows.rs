@@ -1,12 +1,16 @@
-//! Takes measurements in: parsed, packed and kept, once per content.
+//! Takes measurements in: parsed, laid over what counts and kept, once per content.
 
+use super::lay::{self, Arriving};
 use super::systems;
 use crate::service::decode::{self, Read, Unread};
 use crate::service::error::{Refusal, ServiceError};
 use crate::service::state::Service;
 use crate::service::threads::blocking;
-use crate::store::idempotency::RequestKey;
-use crate::store::windows::{self, Blocks, NewWindow, WindowDeletion, WindowInsertion, WindowRecord};
+use crate::store::days;
+use crate::store::idempotency::{KeyState, RequestKey};
+use crate::store::shares::PackedShare;
+use crate::store::uploads::{self, Upload, UploadPlace, Written};
+use crate::store::windows::{self, Rebuilt, WindowDeletion, WindowRecord};
 use jiff::Timestamp;
 use lampyris_core::data::{
     ChannelKind, ColumnBindings, ColumnHeader, SystemId, Window, WindowDocument, WindowReport,
@@ -15,9 +19,12 @@ use lampyris_core::fault::Fault;
 use lampyris_core::units::Unit;
 use serde_json::Value;
 use std::str::Utf8Error;
+use std::sync::Arc;
 
 /// How far ahead of the service's clock measurements may be.
 const MOST_AHEAD_S: i64 = 86_400;
+/// How often a change of measurements is tried that others, outside of this process, come before.
+const TRIES: usize = 8;
 /// Most fits that a refusal names.
 const MOST_NAMED: usize = 20;
 
@@ -37,20 +44,12 @@ pub struct TakenWindow {
     pub window: WindowRecord,
     /// Whether it is new.
     pub is_new: bool,
+    /// Whether it was known, and is the newest again where something newer had covered it.
+    pub again: bool,
 }
 
-/// A window ready to be kept.
-struct Packed {
-    id: String,
-    from_s: i64,
-    to_s: i64,
-    report: String,
-    blocks: Vec<(String, Vec<u8>)>,
-    /// The units of channels whose name does not fix one.
-    free_units: Vec<(String, String)>,
-}
-
-/// Takes a window of a system. The same content again is the same window.
+/// Takes a window of a system. The same content again is the same window, and becomes the newest where
+/// something newer covers it.
 ///
 /// # Errors
 /// Every fault of the body, an unknown system, or where the database fails.
@@ -63,33 +62,95 @@ pub async fn take(
 ) -> Result<TakenWindow, ServiceError> {
     let bindings = systems::require(service, system).await?.channels;
     let name = system.clone();
-    let packed = blocking(move || pack(&name, format, body.as_ref(), &bindings)).await??;
-    let mut faults = conflicts(service, system, &packed).await?;
-    faults.extend(ahead_of_clock(packed.to_s, service.now()));
+    let arriving = Arc::new(blocking(move || arriving(&name, format, body.as_ref(), &bindings)).await??);
+    let mut faults = conflicts(service, system, &arriving.window).await?;
+    faults.extend(ahead_of_clock(arriving.window.to(), service.now()));
     if !faults.is_empty() {
         return Err(ServiceError::Faults(faults));
     }
-    let new = NewWindow {
-        id: &packed.id,
-        system,
-        from_s: packed.from_s,
-        to_s: packed.to_s,
-        report: &packed.report,
-        blocks: &packed.blocks,
-    };
-    let is_new = match windows::insert(&service.store, &new, key, service.now()).await? {
-        WindowInsertion::New => {
-            service.arrivals.note(system);
-            true
+    let _turn = service.turns.of(system).await;
+    for _ in 0..TRIES {
+        let Some(taken) = place(service, system, &arriving, key).await? else { continue };
+        let window = windows::get(&service.store, &taken.window).await?;
+        return window
+            .map(|window| TakenWindow { window, is_new: taken.is_new, again: taken.again })
+            .ok_or(ServiceError::NotFound("window", taken.window));
+    }
+    Err(ServiceError::Busy)
+}
+
+/// What became of an upload.
+struct Placed {
+    window: String,
+    is_new: bool,
+    again: bool,
+}
+
+/// Lays an upload over what counts now, and writes it; nothing where somebody else has changed that
+/// meanwhile.
+async fn place(
+    service: &Service,
+    system: &SystemId,
+    arriving: &Arc<Arriving>,
+    key: Option<&RequestKey>,
+) -> Result<Option<Placed>, ServiceError> {
+    let now = service.now();
+    let span = (arriving.window.from(), arriving.window.to());
+    let channels: Vec<String> = arriving.window.channels().map(str::to_owned).collect();
+    let may_go_on = |newest: &WindowRecord| lay::may_go_on(newest, span, now);
+    let found =
+        uploads::find(&service.store, system, (&arriving.id, span, &channels), key, may_go_on).await?;
+    if found.key == KeyState::Reused {
+        return Err(ServiceError::KeyReused);
+    }
+    let is_known = |window: String| Placed { window, is_new: false, again: false };
+    if let (KeyState::Seen(earlier), Some(_)) = (&found.key, &found.known) {
+        // The answer to the same request was lost; what has come since is newer.
+        return Ok(Some(is_known(earlier.resource.clone())));
+    }
+    let (content, key_state, version) = (arriving.clone(), found.key.clone(), found.version);
+    let known = found.known.clone();
+    let laid = blocking(move || lay::lay(&content, &found)).await??;
+    let again = known.is_some();
+    let upload = match known {
+        Some(known) if laid.is_silent => {
+            uploads::acknowledge(&service.store, key, &known.id, now).await?;
+            return Ok(Some(is_known(known.id)));
         }
-        WindowInsertion::Known => false,
-        WindowInsertion::KeyReused => return Err(ServiceError::KeyReused),
-        WindowInsertion::NoSystem => return Err(ServiceError::NoSystem(system.clone())),
+        Some(known) if known.uploads == 1 => {
+            let (version, shares, rebuilt) = taken_out(service, &known, true).await?;
+            Upload { id: known.id.clone(), version, place: UploadPlace::Raised(known), shares, rebuilt }
+        }
+        // One of several uploads that are one window: it comes again as a window of its own.
+        Some(known) if known.id == arriving.id => {
+            let id = window_id(&format!("{} {version}", arriving.id));
+            laid.upload(id, version)
+        }
+        _ => laid.upload(arriving.id.clone(), version),
     };
-    let window = windows::get(&service.store, &packed.id).await?;
-    window
-        .map(|window| TakenWindow { window, is_new })
-        .ok_or_else(|| ServiceError::NotFound("window", packed.id))
+    match uploads::write(&service.store, system, &upload, (key, &key_state), now).await? {
+        Written::Kept(window) => {
+            service.arrivals.note(system);
+            Ok(Some(Placed { window, is_new: !again, again }))
+        }
+        Written::Stale => Ok(None),
+        Written::NoSystem => Err(ServiceError::NoSystem(system.clone())),
+    }
+}
+
+/// Computes what follows where a window leaves its place, and of which version of the measurements.
+async fn taken_out(
+    service: &Service,
+    window: &WindowRecord,
+    to_the_top: bool,
+) -> Result<(i64, Vec<PackedShare>, Rebuilt), ServiceError> {
+    let stack =
+        windows::stack(&service.store, window, days::whole_days((window.from_s, window.to_s))).await?;
+    let window = window.clone();
+    let (version, (shares, rebuilt)) =
+        blocking(move || lay::take_out(&stack, &window, to_the_top).map(|out| (stack.version, out)))
+            .await??;
+    Ok((version, shares, rebuilt))
 }
 
 /// Channels in a unit that does not convert to the one that they have in earlier windows: the two could never
@@ -97,10 +158,12 @@ pub async fn take(
 async fn conflicts(
     service: &Service,
     system: &SystemId,
-    packed: &Packed,
+    window: &Window,
 ) -> Result<Vec<Fault>, ServiceError> {
     let mut faults = Vec::new();
-    for (channel, unit) in &packed.free_units {
+    // The names of the others fix their units.
+    for series in window.iter().filter(|series| ChannelKind::of_name(series.channel()).is_none()) {
+        let (channel, unit) = (series.channel(), series.unit());
         let Some(earlier) = windows::unit(&service.store, system, channel).await? else { continue };
         let converts = Unit::parse(unit)
             .ok()
@@ -132,14 +195,14 @@ fn ahead_of_clock(newest_s: i64, now: Timestamp) -> Option<Fault> {
     })
 }
 
-/// Deletes a window.
+/// Deletes a window; what it covered counts again.
 ///
 /// # Errors
 /// Where there is none, a fit cites it, a running job may be reading it, or the database fails.
 pub async fn delete(service: &Service, id: &str, who: &str) -> Result<(), ServiceError> {
     let refused =
         |slug, detail, because| Err(ServiceError::Refused(Refusal { slug, detail, because: Some(because) }));
-    match windows::delete(&service.store, id, who, service.now()).await? {
+    match remove(service, id, who, None).await? {
         WindowDeletion::Gone => Ok(()),
         WindowDeletion::NotThere => Err(ServiceError::NotFound("window", id.to_owned())),
         WindowDeletion::Cited(mut fits) => {
@@ -152,39 +215,54 @@ pub async fn delete(service: &Service, id: &str, who: &str) -> Result<(), Servic
                 "a job that may be reading the window runs: wait for its end, or cancel it".to_owned();
             refused("window-in-use", detail, ("jobs", jobs))
         }
+        WindowDeletion::Stale => Err(ServiceError::Busy),
     }
 }
 
-/// Parses and packs a body.
-fn pack(
+/// Deletes a window, if nothing stands in the way.
+///
+/// # Errors
+/// Where the database fails.
+pub async fn remove(
+    service: &Service,
+    id: &str,
+    who: &str,
+    reason: Option<&str>,
+) -> Result<WindowDeletion, ServiceError> {
+    let Some(window) = windows::get(&service.store, id).await? else { return Ok(WindowDeletion::NotThere) };
+    let _turn = service.turns.of(&window.system).await;
+    for _ in 0..TRIES {
+        // Within the turn: it may have changed while others had theirs.
+        let Some(window) = windows::get(&service.store, id).await? else {
+            return Ok(WindowDeletion::NotThere);
+        };
+        if let Some(obstacle) = windows::obstacle(&service.store, &window).await? {
+            return Ok(obstacle);
+        }
+        let (version, _, rebuilt) = taken_out(service, &window, false).await?;
+        let deleted =
+            windows::delete(&service.store, &window, (version, &rebuilt), (who, reason), service.now());
+        match deleted.await? {
+            WindowDeletion::Stale => {}
+            ended => return Ok(ended),
+        }
+    }
+    Ok(WindowDeletion::Stale)
+}
+
+/// Reads a body.
+fn arriving(
     system: &SystemId,
     format: Format,
     body: &[u8],
     bindings: &ColumnBindings,
-) -> Result<Packed, ServiceError> {
+) -> Result<Arriving, ServiceError> {
     let (window, report) = read(format, body, bindings)?;
-    let identity = format!("{system} {}", window.content_hash());
-    Ok(Packed {
-        id: format!("win_{}", &blake3::hash(identity.as_bytes()).to_hex()[..20]),
-        from_s: window.from(),
-        to_s: window.to(),
-        report: serde_json::to_string(&report).map_err(|error| ServiceError::Internal(error.to_string()))?,
-        blocks: window.iter().map(|series| (series.channel().to_owned(), series.encode())).collect(),
-        free_units: window
-            .iter()
-            .filter(|series| ChannelKind::of_name(series.channel()).is_none())
-            .map(|series| (series.channel().to_owned(), series.unit().to_owned()))
-            .collect(),
-    })
+    Ok(Arriving { id: window_id(&format!("{system} {}", window.content_hash())), window, report })
 }
 
-/// Unpacks the samples of windows, in their order; [`Window::stitch`] then makes one of them. This is work
-/// for a blocking thread or the CPU pool.
-///
-/// # Errors
-/// Where a block is not what was written.
-pub fn unpack(windows: &[Blocks]) -> Result<Vec<Window>, ServiceError> {
-    windows.iter().map(|blocks| Window::from_series(blocks.decode()?).map_err(ServiceError::Faults)).collect()
+fn window_id(identity: &str) -> String {
+    format!("win_{}", &blake3::hash(identity.as_bytes()).to_hex()[..20])
 }
 
 /// Parses a body. A column that the system binds may be absent: not every file has every channel. The report

@@ -1,12 +1,11 @@
 //! The stitched view of all windows of a system, as far as somebody wants to see it.
 
 use crate::service::catalogue::systems;
-use crate::service::catalogue::windows::unpack;
 use crate::service::error::ServiceError;
 use crate::service::state::Service;
 use crate::service::threads::blocking;
 use crate::store;
-use lampyris_core::data::{Series, SystemId, Thinned, Window, read_time};
+use lampyris_core::data::{Series, SystemId, Thinned, read_time};
 use lampyris_core::fault::{Fault, nearest};
 use std::ops::RangeInclusive;
 
@@ -70,22 +69,18 @@ pub async fn view<T: Send + 'static>(
     render: impl FnOnce(View) -> T + Send + 'static,
 ) -> Result<T, ServiceError> {
     systems::require(service, system).await?;
-    let known = store::windows::channels(&service.store, system).await?;
+    let known = store::measured::channels(&service.store, system).await?;
     let wanted = read(asked, &known, default_points).map_err(ServiceError::Faults)?;
-    let Some((first, newest)) = store::windows::extent(&service.store, system).await? else {
+    let Some((first, newest)) = store::measured::extent(&service.store, system).await? else {
         return blocking(|| render(View { span: None, channels: Vec::new() })).await;
     };
     let span = (wanted.from.unwrap_or(first), wanted.to.unwrap_or(newest));
-    let blocks = store::windows::blocks(&service.store, system, span, Some(&wanted.channels)).await?;
+    let days = store::measured::read(&service.store, system, span, Some(&wanted.channels)).await?;
     let work = move || -> Result<T, ServiceError> {
-        let windows = unpack(&blocks)?;
-        let stitched = if windows.is_empty() {
-            None
-        } else {
-            Some(Window::stitch(&windows).map_err(ServiceError::Faults)?)
-        };
-        let slice = |name: &String| stitched.as_ref()?.series(name)?.slice(span.0, span.1);
-        let channels: Vec<Series> = wanted.channels.iter().filter_map(slice).collect();
+        let mut channels = Vec::new();
+        for name in &wanted.channels {
+            channels.extend(days.series(name)?.and_then(|series| series.slice(span.0, span.1)));
+        }
         Ok(render(View { span: Some(span), channels: shown(channels, wanted.max_points)? }))
     };
     blocking(work).await?

@@ -71,8 +71,8 @@ pub(super) async fn key(
         hasher.update(b"\n").update(system.document.as_bytes());
         let document = system::document(&system.document)?;
         for system in std::iter::once(record.system.clone()).chain(next_door(record, &document)) {
-            let (windows, newest) = store::windows::version(&service.store, &system).await?;
-            hasher.update(format!("\n{system} {windows} {newest}").as_bytes());
+            let version = store::measured::version(&service.store, &system).await?;
+            hasher.update(format!("\n{system} {version}").as_bytes());
         }
     }
     Ok(hasher.finalize().to_hex().to_string())

@@ -1,10 +1,15 @@
 //! Forgets what is old, as far as the settings say so: after the tick of the nightly schedule.
 
 use crate::service::access::tokens::SERVICE;
+use crate::service::catalogue::windows;
 use crate::service::error::ServiceError;
 use crate::service::state::Service;
 use crate::store;
+use crate::store::windows::WindowDeletion;
 use jiff::{SignedDuration, Timestamp};
+
+/// How long an upload that went on with another window is known by its own id.
+const ALIASES_KEPT: SignedDuration = SignedDuration::from_hours(30 * 24);
 
 /// What was forgotten.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -41,9 +46,10 @@ pub async fn forget(service: &Service, now: Timestamp) -> Result<Forgotten, Serv
         forgotten.batches = store::retention::forget_batches(&service.store, before).await?;
     }
     if let Some(before) = before(kept.windows_days) {
-        forgotten.windows =
-            store::retention::forget_windows(&service.store, before, kept.windows_days, SERVICE, now).await?;
+        forgotten.windows = forget_windows(service, before, kept.windows_days).await?;
     }
+    let before = now.saturating_sub(ALIASES_KEPT).unwrap_or(Timestamp::MIN);
+    store::uploads::forget_aliases(&service.store, before).await?;
     store::idempotency::forget_old(&service.store, now).await?;
     if forgotten != Forgotten::default() {
         tracing::info!(
@@ -54,4 +60,20 @@ pub async fn forget(service: &Service, now: Timestamp) -> Result<Forgotten, Serv
         );
     }
     Ok(forgotten)
+}
+
+/// Removes windows, each with a note of it; says how many.
+async fn forget_windows(service: &Service, before: Timestamp, days: u32) -> Result<u64, ServiceError> {
+    let reason = format!("older than {days} days, and no fit that is kept has read it");
+    let (mut gone, mut after) = (0, 0);
+    loop {
+        let found = store::retention::dispensable_windows(&service.store, before, days, after).await?;
+        let Some((last, _)) = found.last() else { return Ok(gone) };
+        after = *last;
+        for (_, id) in found {
+            // What a running job may read stays until the next night.
+            let removed = windows::remove(service, &id, SERVICE, Some(&reason)).await?;
+            gone += u64::from(removed == WindowDeletion::Gone);
+        }
+    }
 }

@@ -162,7 +162,7 @@ async fn judge(
     // Bounds that are no interval on any scale were found before.
     let is_new = |fault: &Fault, faults: &[Fault]| !faults.iter().any(|known| known.pointer == fault.pointer);
     faults.extend(more.await?.into_iter().filter(|fault| is_new(fault, &faults)).collect::<Vec<_>>());
-    if store::windows::extent(&service.store, system).await?.is_none() {
+    if store::measured::extent(&service.store, system).await?.is_none() {
         let fault = Fault::new("/system", "no-data", format!("there are no measurements of {system}"));
         faults.push(fault.suggest(format!("post some to /systems/{system}/windows")));
     }
@@ -231,7 +231,7 @@ pub async fn batch(
         let mut skip = |why: String| batch.skipped.push(Skipped { system: system.clone(), why });
         if kind == JobKind::Estimate && document.policy.mode == Mode::Observe {
             skip("its policy is to observe only".to_owned());
-        } else if store::windows::extent(&service.store, system).await?.is_none() {
+        } else if store::measured::extent(&service.store, system).await?.is_none() {
             skip("there are no measurements".to_owned());
         } else {
             match request::complete(&settings, Some(&document)) {

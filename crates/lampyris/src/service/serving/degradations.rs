@@ -102,7 +102,7 @@ async fn look(
         // Something was published in between, and its job has looked at the newest measurements itself.
         return Ok(false);
     }
-    let Some((_, newest)) = store::windows::extent(&service.store, system).await? else { return Ok(false) };
+    let Some((_, newest)) = store::measured::extent(&service.store, system).await? else { return Ok(false) };
     let Some(model) = served.fit.model.parse().ok() else { return Ok(false) };
     let document = systems::require(service, system).await?;
     let input = input::collect(service, system, document, model, request(&served, newest), 0).await?;

@@ -2,21 +2,21 @@
 
 use crate::service::catalogue::system::{Exclusion, SystemDocument};
 use crate::service::catalogue::systems;
-use crate::service::catalogue::windows::unpack;
 use crate::service::error::ServiceError;
 use crate::service::state::Service;
 use crate::store;
 use crate::store::fits::FitRecord;
 use crate::store::jobs::{JobKind, JobRecord, Origin};
-use crate::store::windows::Blocks;
+use crate::store::measured::OwnedDays;
 use jiff::{SignedDuration, Timestamp};
-use lampyris_core::data::{Series, SystemId, Window, read_time};
+use lampyris_core::data::{ChannelView, DAY_S, Series, SystemId, Window, read_time};
 use lampyris_core::diagnose::ledger::LedgerEntry;
 use lampyris_core::estimate::gate::past::NextDoor;
 use lampyris_core::estimate::problem::request::{BEFORE, WindowRange};
 use lampyris_core::estimate::{EstimateRequest, Incumbent, Past, Problem, Reference, prepare};
 use lampyris_core::fault::Fault;
 use lampyris_core::model::{Catalogue, ModelId};
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 /// How old the parameters are that a fit is compared with beside those that are served now.
@@ -52,8 +52,8 @@ pub struct JobInput {
 /// What was measured of a system and its neighbours over a stretch of time, still packed.
 #[derive(Debug)]
 pub struct Measurements {
-    windows: Vec<Blocks>,
-    neighbours: Vec<(SystemId, Vec<Blocks>)>,
+    own: OwnedDays,
+    neighbours: Vec<(SystemId, OwnedDays)>,
     exclude: Vec<Exclusion>,
 }
 
@@ -118,7 +118,7 @@ pub async fn collect(
     request: EstimateRequest,
     before: i64,
 ) -> Result<JobInput, ServiceError> {
-    let extent = store::windows::extent(&service.store, name).await?;
+    let extent = store::measured::extent(&service.store, name).await?;
     let Some((first, newest)) = extent else {
         return Err(ServiceError::Faults(vec![Fault::new(
             "/window",
@@ -158,21 +158,22 @@ pub async fn measurements(
     exclude: &[Exclusion],
     (from, to): (i64, i64),
 ) -> Result<Measurements, ServiceError> {
+    // A sample at either end may stand between two of which one lies beyond it.
+    let span = (from.saturating_sub(DAY_S), to.saturating_add(DAY_S));
+    let of_neighbours = [ROOM_TEMPERATURE, OUTDOOR_TEMPERATURE].map(str::to_owned);
     let mut neighbours = Vec::new();
     for neighbour in next_door {
-        neighbours.push((
-            neighbour.clone(),
-            store::windows::blocks(&service.store, neighbour, (from, to), None).await?,
-        ));
+        let days = store::measured::read_owned(&service.store, neighbour, span, Some(&of_neighbours)).await?;
+        neighbours.push((neighbour.clone(), days));
     }
     Ok(Measurements {
-        windows: store::windows::blocks(&service.store, system, (from, to), None).await?,
+        own: store::measured::read_owned(&service.store, system, span, None).await?,
         neighbours,
         exclude: exclude.to_vec(),
     })
 }
 
-/// The stretch of time whose blocks are read; the core cuts it to the second.
+/// The stretch of time whose days are read; the core cuts it to the second.
 fn range(asked: Option<&WindowRange>, first: i64, newest: i64) -> Result<(i64, i64), Vec<Fault>> {
     let Some(asked) = asked else {
         return Ok((first, newest));
@@ -192,49 +193,53 @@ impl Measurements {
     /// # Errors
     /// Faults where there are none, or two windows do not fit together.
     pub fn window(&self, catalogue: &Catalogue, model: &ModelId) -> Result<Window, ServiceError> {
-        let (_, windows) = self.sources()?;
+        let mut windows = Vec::new();
+        for (neighbour, days) in &self.neighbours {
+            // A neighbour that is a system of its own is measured there; otherwise it is a column here.
+            if let Some(series) = days.days.series(ROOM_TEMPERATURE)? {
+                let renamed = vec![renamed(&series, &next_door(neighbour))?];
+                windows.push(Window::from_series(renamed).map_err(ServiceError::Faults)?);
+            }
+        }
+        let own =
+            self.own.days.channels().into_iter().filter_map(|name| self.own.days.series(name).transpose());
+        let own: Vec<Series> = own.collect::<Result<_, _>>()?;
+        if !own.is_empty() {
+            windows.push(Window::from_series(own).map_err(ServiceError::Faults)?);
+        }
         self.without_exclusions(Window::stitch(&windows).map_err(ServiceError::Faults)?, catalogue, model)
     }
 
     /// The ids of the uploaded windows that gave a sample to `joined`, which is [`Measurements::window`],
     /// between two instants.
     fn cited(&self, joined: &Window, from: i64, to: i64) -> Result<Vec<String>, ServiceError> {
-        let (ids, windows) = self.sources()?;
-        let used = joined.slice(from, to).map_err(ServiceError::Faults)?;
-        let gave = Window::contributors(&windows, &used);
-        Ok(ids.into_iter().zip(gave).filter(|(_, gave)| *gave).map(|(id, _)| id.to_owned()).collect())
-    }
-
-    /// All windows with their ids, those of the neighbours first, each in the order of upload.
-    fn sources(&self) -> Result<(Vec<&str>, Vec<Window>), ServiceError> {
-        let (mut ids, mut windows) = (Vec::new(), Vec::new());
-        for (neighbour, blocks) in &self.neighbours {
-            // A neighbour that is a system of its own is measured there; otherwise it is a column here.
-            for (blocks, window) in blocks.iter().zip(unpack(blocks)?) {
-                if let Some(series) = room_temperature(neighbour, &window)? {
-                    ids.push(blocks.window.as_str());
-                    windows.push(Window::from_series(vec![series]).map_err(ServiceError::Faults)?);
+        let mut ids = BTreeSet::new();
+        for series in joined.slice(from, to).map_err(ServiceError::Faults)?.iter() {
+            let own = self.own.days.view(series.channel())?;
+            let mut sources = vec![(own, &self.own.windows)];
+            for (neighbour, days) in self.neighbours.iter().rev() {
+                if next_door(neighbour) == series.channel() {
+                    sources.push((days.days.view(ROOM_TEMPERATURE)?, &days.windows));
                 }
             }
+            for time in series.times() {
+                let gave = |(view, ids): &(ChannelView, &BTreeMap<i64, String>)| {
+                    ids.get(&view.owner(*time)?).cloned()
+                };
+                ids.extend(sources.iter().find_map(gave));
+            }
         }
-        ids.extend(self.windows.iter().map(|blocks| blocks.window.as_str()));
-        windows.extend(unpack(&self.windows)?);
-        Ok((ids, windows))
+        Ok(ids.into_iter().collect())
     }
 
     /// The outdoor temperature of the neighbours that measure one.
     fn weather_next_door(&self) -> Result<Vec<NextDoor>, ServiceError> {
         let mut all = Vec::new();
-        for (neighbour, blocks) in &self.neighbours {
-            let with_weather =
-                unpack(blocks)?.into_iter().filter_map(|window| window.series(OUTDOOR_TEMPERATURE).cloned());
-            let windows: Result<Vec<Window>, _> =
-                with_weather.map(|series| Window::from_series(vec![series])).collect();
-            let windows = windows.map_err(ServiceError::Faults)?;
-            if !windows.is_empty() {
+        for (neighbour, days) in &self.neighbours {
+            if let Some(series) = days.days.series(OUTDOOR_TEMPERATURE)? {
                 all.push(NextDoor {
                     name: neighbour.to_string(),
-                    weather: Window::stitch(&windows).map_err(ServiceError::Faults)?,
+                    weather: Window::from_series(vec![series]).map_err(ServiceError::Faults)?,
                 });
             }
         }
@@ -344,13 +349,13 @@ impl JobInput {
     }
 }
 
-/// The air temperature of a neighbour, as the channel by which the models know it.
-fn room_temperature(neighbour: &SystemId, window: &Window) -> Result<Option<Series>, ServiceError> {
-    let Some(series) = window.series(ROOM_TEMPERATURE) else {
-        return Ok(None);
-    };
-    let name = format!("{ROOM_TEMPERATURE}_{}", neighbour.id());
-    let renamed =
-        Series::new(&name, series.unit(), series.hold(), series.times().to_vec(), series.values().to_vec());
-    renamed.map(Some).map_err(|fault| ServiceError::Faults(vec![fault]))
+/// The channel by which the models know the air temperature of a neighbour.
+fn next_door(neighbour: &SystemId) -> String {
+    format!("{ROOM_TEMPERATURE}_{}", neighbour.id())
+}
+
+fn renamed(series: &Series, name: &str) -> Result<Series, ServiceError> {
+    let (times, values) = series.samples().unzip();
+    Series::new(name, series.unit(), series.hold(), times, values)
+        .map_err(|fault| ServiceError::Faults(vec![fault]))
 }

@@ -1,0 +1,79 @@
+//! What readers ask of a system's measurements: where they begin and end, and what counts of them.
+
+use super::database::Store;
+use super::days::{self, Days};
+use super::error::StoreError;
+use super::value::to_json;
+use lampyris_core::data::SystemId;
+use std::collections::BTreeMap;
+
+/// Days with the names of the windows that gave their samples.
+#[derive(Debug, Clone, PartialEq)]
+pub struct OwnedDays {
+    /// The days.
+    pub days: Days,
+    /// The id of each window, by its number in the days.
+    pub windows: BTreeMap<i64, String>,
+}
+
+/// The days that touch a stretch of time; of some channels, or of all.
+///
+/// # Errors
+/// Where the database fails.
+pub async fn read(
+    store: &Store,
+    system: &SystemId,
+    span: (i64, i64),
+    channels: Option<&[String]>,
+) -> Result<Days, StoreError> {
+    days::read_in(&mut *store.reader.acquire().await?, &system.to_string(), span, channels).await
+}
+
+/// The days that touch a stretch of time, of some channels or of all, with the names of the windows behind
+/// them.
+///
+/// # Errors
+/// Where the database fails.
+pub async fn read_owned(
+    store: &Store,
+    system: &SystemId,
+    span: (i64, i64),
+    channels: Option<&[String]>,
+) -> Result<OwnedDays, StoreError> {
+    // One moment for both: a window may get another number.
+    let mut tx = store.reader.begin().await?;
+    let days = days::read_in(&mut tx, &system.to_string(), span, channels).await?;
+    let sql = "SELECT sequence, id FROM windows WHERE sequence IN (SELECT value FROM json_each($1))";
+    let names: Vec<(i64, String)> =
+        sqlx::query_as(sql).bind(to_json("windows", &days.owners()?)?).fetch_all(&mut *tx).await?;
+    Ok(OwnedDays { days, windows: names.into_iter().collect() })
+}
+
+/// The first and the last sample time of a system, `None` without any measurement.
+///
+/// # Errors
+/// Where the database fails.
+pub async fn extent(store: &Store, system: &SystemId) -> Result<Option<(i64, i64)>, StoreError> {
+    let sql = "SELECT (SELECT MIN(from_s) FROM days WHERE system = $1), (SELECT MAX(to_s) FROM days WHERE \
+        system = $1)";
+    let (from, to): (Option<i64>, Option<i64>) =
+        sqlx::query_as(sql).bind(system.to_string()).fetch_one(&store.reader).await?;
+    Ok(from.zip(to))
+}
+
+/// The channels of a system, by name.
+///
+/// # Errors
+/// Where the database fails.
+pub async fn channels(store: &Store, system: &SystemId) -> Result<Vec<String>, StoreError> {
+    let sql = "SELECT DISTINCT channel FROM days WHERE system = $1 ORDER BY channel";
+    Ok(sqlx::query_scalar(sql).bind(system.to_string()).fetch_all(&store.reader).await?)
+}
+
+/// What tells one state of a system's measurements from another; 0 where there never were any.
+///
+/// # Errors
+/// Where the database fails.
+pub async fn version(store: &Store, system: &SystemId) -> Result<i64, StoreError> {
+    days::version_in(&mut *store.reader.acquire().await?, &system.to_string()).await
+}

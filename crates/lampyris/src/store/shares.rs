@@ -1,0 +1,103 @@
+//! What every window gave to what counts, as its rows keep it, and windows of earlier programs, whose rows
+//! held all that they had.
+
+use super::days::{self, DaysChange, unfit};
+use super::error::StoreError;
+use super::value::{corrupt, from_json, to_json};
+use lampyris_core::data::{Series, WindowShare, lay};
+use sqlx::{Connection, SqliteConnection};
+
+/// The share of a window in one channel, packed.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PackedShare {
+    /// The channel.
+    pub channel: String,
+    block: Option<Vec<u8>>,
+    repeats: String,
+}
+
+impl PackedShare {
+    /// Packs a share. This is work for a blocking thread.
+    ///
+    /// # Errors
+    /// Where its stretches cannot be written.
+    pub fn new(channel: &str, share: &WindowShare) -> Result<Self, StoreError> {
+        Ok(Self {
+            channel: channel.to_owned(),
+            block: share.own.as_ref().map(Series::encode),
+            repeats: to_json("what a window repeats", &share.repeats)?,
+        })
+    }
+
+    /// Unpacks it. This is work for a blocking thread.
+    ///
+    /// # Errors
+    /// Where it is not what was written.
+    pub fn decode(&self) -> Result<WindowShare, StoreError> {
+        let unpack = |block: &Vec<u8>| {
+            Series::decode(block).map_err(|error| corrupt(format!("a block of `{}`", self.channel), &error))
+        };
+        Ok(WindowShare {
+            own: self.block.as_ref().map(unpack).transpose()?,
+            repeats: from_json("what a window repeats", &self.repeats)?,
+        })
+    }
+
+    /// How much room it takes, about.
+    pub(super) fn bytes(&self) -> usize {
+        self.block.as_ref().map_or(0, Vec::len) + self.repeats.len()
+    }
+
+    pub(super) fn from_row((channel, block, repeats): (String, Option<Vec<u8>>, String)) -> Self {
+        Self { channel, block, repeats }
+    }
+}
+
+/// Writes shares of a window in place of those that it had in their channels.
+pub(super) async fn write(
+    tx: &mut SqliteConnection,
+    window: &str,
+    shares: impl Iterator<Item = &PackedShare>,
+) -> Result<(), StoreError> {
+    for share in shares {
+        let sql = "INSERT INTO window_blocks (window, channel, block, repeats) VALUES ($1, $2, $3, $4) ON \
+            CONFLICT (window, channel) DO UPDATE SET block = excluded.block, repeats = excluded.repeats";
+        sqlx::query(sql)
+            .bind(window)
+            .bind(&share.channel)
+            .bind(&share.block)
+            .bind(&share.repeats)
+            .execute(&mut *tx)
+            .await?;
+    }
+    Ok(())
+}
+
+/// Takes the windows of earlier programs into the days, oldest first, each in a transaction of its own: what
+/// is held of them in memory is one window and its days.
+pub(super) async fn take_in(connection: &mut SqliteConnection) -> Result<(), StoreError> {
+    let sql = "SELECT w.id, w.system, w.sequence FROM windows w WHERE w.id IN (SELECT window FROM \
+        window_blocks WHERE repeats IS NULL) ORDER BY w.sequence";
+    let waiting: Vec<(String, String, i64)> = sqlx::query_as(sql).fetch_all(&mut *connection).await?;
+    for (window, system, sequence) in waiting {
+        let sql = "SELECT block FROM window_blocks WHERE window = $1 AND repeats IS NULL";
+        let blocks: Vec<Vec<u8>> = sqlx::query_scalar(sql).bind(&window).fetch_all(&mut *connection).await?;
+        let (mut shares, mut changes) = (Vec::new(), Vec::new());
+        for block in blocks {
+            let series =
+                Series::decode(&block).map_err(|error| corrupt(format!("a block of {window}"), &error))?;
+            let channel = series.channel();
+            let span = (series.from(), series.to());
+            let days = days::read_in(connection, &system, span, Some(&[channel.to_owned()])).await?;
+            let mut view = days.view(channel)?;
+            let share = lay(&mut view, &series, sequence).map_err(|fault| unfit(channel, &fault))?;
+            changes.extend(DaysChange::touched(channel, &view, &share)?);
+            shares.push(PackedShare::new(channel, &share)?);
+        }
+        let mut tx = connection.begin().await?;
+        write(&mut tx, &window, shares.iter()).await?;
+        days::write(&mut tx, &system, &changes, sequence).await?;
+        tx.commit().await?;
+    }
+    Ok(())
+}

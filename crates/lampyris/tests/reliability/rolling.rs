@@ -1,0 +1,313 @@
+//! Loggers that send the last fortnight every quarter of an hour: what is kept, and what an answer costs, goes
+//! by what was measured and not by how often it was sent.
+
+use crate::database::{check_database, rows};
+use crate::support::rooms::{room_csv, stuck_csv};
+use crate::support::{Answer, TestApp, endless, full};
+use jiff::{SignedDuration, Timestamp};
+use lampyris_core::data::{ColumnBindings, SystemId, Window};
+use serde_json::{Value, json};
+use sqlx::{Connection, SqliteConnection};
+use std::time::{Duration, Instant};
+
+const WINDOWS: &str = "/systems/room/1/windows";
+const SERIES: &str = "/systems/room/1/series?max_points=100000";
+/// Samples of a fortnight.
+const FORTNIGHT: usize = 14 * 96;
+const QUARTER: SignedDuration = SignedDuration::from_mins(15);
+const MOST_RESIDENT_KB: u64 = 150 << 10;
+const LONGEST_POST: Duration = Duration::from_millis(50);
+const LONGEST_SERIES: Duration = Duration::from_millis(20);
+/// The database beside one that got every sample once.
+const MOST_TIMES_LARGER: u64 = 3;
+
+fn start() -> Timestamp {
+    "2026-01-01T00:00:00Z".parse().unwrap()
+}
+
+/// Rows of a quarter of an hour each, as a sensor with a hundredth of a kelvin writes them.
+fn csv(rows: std::ops::Range<usize>) -> String {
+    let mut text = "time,T_room[degC],T_out[degC],P_heater[kW]\n".to_owned();
+    for row in rows {
+        let hour = row as f64 / 4.0;
+        let noise = (row as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 56;
+        let (room, out) = (20.0 + (hour / 5.0).sin(), 4.0 + 6.0 * (hour / 3.8).sin());
+        let time = start() + QUARTER * row as i32;
+        text += &format!("{time},{:.2},{out:.1},{:.1}\n", room + noise as f64 / 1000.0, noise as f64 / 100.0);
+    }
+    text
+}
+
+fn id(answer: &Value) -> String {
+    answer["id"].as_str().unwrap().to_owned()
+}
+
+fn upload(app: &TestApp, text: &str) -> Answer {
+    app.csv(WINDOWS, text)
+}
+
+fn room(app: &TestApp) {
+    app.json("PUT", "/systems/room/1", &json!({"model": "rc2"})).expect(201);
+}
+
+/// A service that got so many windows, one every quarter of an hour, and the ids that it gave them.
+fn rolled(windows: usize) -> (TestApp, Vec<String>) {
+    let app = TestApp::at("2026-01-15T00:00:00Z", |_| {});
+    room(&app);
+    let send = |index: usize| {
+        app.clock.set(start() + QUARTER * (FORTNIGHT + index) as i32);
+        id(&upload(&app, &csv(index..index + FORTNIGHT)).expect(201).json())
+    };
+    let ids = (0..windows).map(send).collect();
+    (app, ids)
+}
+
+fn series(app: &TestApp) -> Value {
+    app.get(SERIES).expect(200).json()
+}
+
+fn values(app: &TestApp) -> Value {
+    series(app)["channels"]["T_room"]["values"].clone()
+}
+
+fn count(app: &TestApp, sql: &'static str) -> usize {
+    rows(&app.database(), sql)[0].parse().unwrap()
+}
+
+/// The size of a database behind its last service.
+fn size(mut app: TestApp) -> u64 {
+    app.stop();
+    check_database(&app.database());
+    app.database().metadata().unwrap().len()
+}
+
+/// The longest of some requests.
+fn longest(mut request: impl FnMut(u64)) -> Duration {
+    let time = |round| {
+        let begun = Instant::now();
+        request(round);
+        begun.elapsed()
+    };
+    (0..9).map(time).max().unwrap()
+}
+
+fn resident_kb() -> u64 {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap();
+    let line = status.lines().find(|line| line.starts_with("VmRSS")).unwrap();
+    line.split_whitespace().nth(1).unwrap().parse().unwrap()
+}
+
+#[test]
+fn rolling_uploads_cost_what_is_new() {
+    let windows = if full() { 10_000 } else { 400 };
+    let (app, ids) = rolled(windows);
+    let days = windows / 96 + 2;
+    let known: std::collections::BTreeSet<&String> = ids.iter().collect();
+    let kept = count(&app, "SELECT CAST(COUNT(*) AS TEXT) FROM windows");
+    assert!(kept <= days && kept == known.len(), "{windows} uploads are {kept} windows");
+    assert_eq!(count(&app, "SELECT CAST(SUM(uploads) AS TEXT) FROM windows"), windows);
+    // Every sample that was sent is there, once.
+    let distinct = FORTNIGHT + windows - 1;
+    let all = TestApp::at("2026-12-01T00:00:00Z", |_| {});
+    room(&all);
+    upload(&all, &csv(0..distinct)).expect(201);
+    assert_eq!(series(&app), series(&all));
+    let newest = app.get(&format!("/windows/{}", ids[windows - 1])).expect(200).json();
+    let report = (&newest["channels"]["T_room"]["samples"], newest["rows"].as_u64().unwrap() as usize);
+    assert_eq!(report.0, report.1, "{newest}");
+    // What comes again is known, the oldest of the last days as well as the newest.
+    for index in [windows - 1, windows - 2, windows - 200] {
+        let again = upload(&app, &csv(index..index + FORTNIGHT)).expect(200).json();
+        assert_eq!((id(&again), &again["again"]), (ids[index].clone(), &json!(false)));
+    }
+    let mut jobs = Vec::new();
+    let job = longest(|seed| {
+        let mut body = endless("room/1");
+        body["method"]["seed"] = json!(seed);
+        jobs.push(app.post_job(&body));
+    });
+    for job in jobs {
+        app.post(&format!("/jobs/{job}/cancel")).expect(200);
+    }
+    let a_day = "/systems/room/1/series?from=2026-01-16T00:00:00Z&to=2026-01-17T00:00:00Z";
+    let shown = longest(|_| drop(app.get(a_day).expect(200)));
+    let resident = resident_kb();
+    app.within(async |service| {
+        lampyris::service::queue::retention::forget(service, service.now()).await.unwrap()
+    });
+    let (rolled, once) = (size(app), size(all));
+    println!(
+        "ROLLING: {windows} windows of a fortnight: {kept} kept, resident {} MB (target 150), POST /jobs \
+        {job:?} (target 50 ms), the series of a day {shown:?} (target 20 ms), database {} KiB, {} KiB \
+        where every sample came once (target 3 times)",
+        resident >> 10,
+        rolled >> 10,
+        once >> 10
+    );
+    assert!(rolled <= MOST_TIMES_LARGER * once, "{rolled} beside {once}");
+    if full() {
+        assert!(resident <= MOST_RESIDENT_KB, "{resident} KiB");
+        assert!(job <= LONGEST_POST && shown <= LONGEST_SERIES, "{job:?} {shown:?}");
+    }
+}
+
+#[test]
+fn what_comes_again_over_something_newer_counts_again() {
+    let app = TestApp::start();
+    room(&app);
+    let window =
+        |value: &str| format!("time,T_room\n2026-01-03T00:00:00Z,{value}\n2026-01-03T00:30:00Z,{value}\n");
+    let (good, bad) = (window("20"), window("30"));
+    let first = id(&upload(&app, &good).expect(201).json());
+    let second = id(&upload(&app, &bad).expect(201).json());
+    assert_eq!(values(&app), json!([30.0, 30.0]));
+    let again = upload(&app, &good).expect(200).json();
+    assert_eq!((id(&again), &again["again"]), (first.clone(), &json!(true)));
+    assert_eq!(values(&app), json!([20.0, 20.0]));
+    // A third time there is nothing to do; with a key that was seen, neither.
+    assert_eq!(upload(&app, &good).expect(200).json()["again"], false);
+    let keyed = |text: &str| {
+        let headers = [("content-type", "text/csv"), ("Idempotency-Key", "one")];
+        app.send("POST", WINDOWS, &headers, Some(text.as_bytes())).unwrap()
+    };
+    assert_eq!(keyed(&bad).expect(200).json()["again"], true);
+    assert_eq!(upload(&app, &good).expect(200).json()["again"], true);
+    assert_eq!(keyed(&bad).expect(200).json()["again"], false, "a repeated request changes nothing");
+    assert_eq!(values(&app), json!([20.0, 20.0]));
+    app.send("DELETE", &format!("/windows/{second}"), &[], None).unwrap().expect(204);
+    assert_eq!(values(&app), json!([20.0, 20.0]));
+    app.send("DELETE", &format!("/windows/{first}"), &[], None).unwrap().expect(204);
+    assert_eq!(count(&app, "SELECT CAST(COUNT(*) AS TEXT) FROM days"), 0);
+}
+
+#[test]
+fn one_of_several_uploads_that_are_one_window_counts_again() {
+    let (app, ids) = rolled(3);
+    assert_eq!(ids[0], ids[2]);
+    let whole = series(&app);
+    let bad = csv(0..FORTNIGHT + 2).replace(",20.", ",25.");
+    let bad = id(&upload(&app, &bad).expect(201).json());
+    assert_ne!(series(&app), whole);
+    // The one in the middle under its own id, the first, whose id is that of the window, under another one.
+    for index in [1, 0] {
+        let again = upload(&app, &csv(index..index + FORTNIGHT)).expect(200).json();
+        assert_eq!((&again["again"], &again["uploads"]), (&json!(true), &json!(1)), "{again}");
+        let again = upload(&app, &csv(index..index + FORTNIGHT)).expect(200).json();
+        assert_eq!(again["again"], false);
+    }
+    app.send("DELETE", &format!("/windows/{bad}"), &[], None).unwrap().expect(204);
+    assert_eq!(series(&app), whole);
+}
+
+#[test]
+fn a_rejected_fit_keeps_no_window_and_others_do() {
+    let app = TestApp::at("2026-01-16T00:00:00Z", |_| {});
+    app.room("1", 1);
+    let served = app.ended(&app.estimate("room/1", json!({})));
+    assert_eq!(served["outcome"], "accepted");
+    let record = id(&app.get(WINDOWS).json()["items"][0]);
+    let before = series(&app);
+    let bad = id(&upload(&app, &stuck_csv()).expect(201).json());
+    let rejected = app.ended(&app.estimate("room/1", json!({})));
+    assert_eq!(rejected["outcome"], "rejected");
+    let cited = |job: &Value| {
+        let fit = app.get(&format!("/fits/{}", job["fit"].as_str().unwrap())).expect(200).json();
+        fit["windows"].clone()
+    };
+    assert_eq!(cited(&rejected), json!([record, bad]));
+    let delete = |id: &str| app.send("DELETE", &format!("/windows/{id}"), &[], None).unwrap();
+    delete(&bad).expect(204);
+    assert_eq!((series(&app), cited(&rejected)), (before, json!([record])));
+    assert_eq!(delete(&record).problem(409, "window-cited")["fits"], json!([served["fit"]]));
+}
+
+#[test]
+fn uploads_at_the_same_time_lie_one_over_the_other() {
+    const SENDERS: usize = 6;
+    let app = TestApp::at("2026-12-01T00:00:00Z", |_| {});
+    room(&app);
+    let client = &app.client;
+    // Each sends parts of the record that overlap with those of the others, in an order of its own.
+    let part = |number: usize| csv(number * 40..number * 40 + 100);
+    let sent: std::collections::BTreeSet<String> = std::thread::scope(|scope| {
+        let send = |sender: usize| {
+            let parts = (0..12).map(move |step| part((step * 5 + sender * 7) % 12));
+            parts.map(|text| id(&client.csv(WINDOWS, &text).json())).collect::<Vec<String>>()
+        };
+        let senders: Vec<_> = (0..SENDERS).map(|sender| scope.spawn(move || send(sender))).collect();
+        senders.into_iter().flat_map(|sender| sender.join().unwrap()).collect()
+    });
+    let once = TestApp::at("2026-12-01T00:00:00Z", |_| {});
+    room(&once);
+    upload(&once, &csv(0..11 * 40 + 100)).expect(201);
+    assert_eq!(series(&app), series(&once));
+    assert_eq!(count(&app, "SELECT CAST(COUNT(*) AS TEXT) FROM windows"), sent.len());
+    for id in &sent {
+        app.send("DELETE", &format!("/windows/{id}"), &[], None).unwrap().expect(204);
+    }
+    assert_eq!(count(&app, "SELECT CAST(COUNT(*) AS TEXT) FROM days"), 0);
+}
+
+/// Windows over each other: parts of a record, another unit, a correction, a repetition.
+fn overlapping() -> Vec<String> {
+    let meter = |from: usize, unit: &str| {
+        let row = |row: usize| format!("{},{}\n", start() + QUARTER * row as i32, row % 7);
+        format!("time,meter[{unit}]\n{}", (from..from + 150).map(row).collect::<String>())
+    };
+    vec![
+        room_csv(1, 3),
+        meter(40, "kW"),
+        csv(0..200),
+        meter(100, "W"),
+        csv(50..120).replace(",20.", ",21."),
+        csv(30..260),
+        meter(20, "kW"),
+        room_csv(1, 2),
+    ]
+}
+
+#[test]
+fn windows_of_an_earlier_program_are_taken_in_as_they_are() {
+    let mut app = TestApp::at("2026-12-01T00:00:00Z", |_| {});
+    room(&app);
+    let mut windows = Vec::new();
+    for text in overlapping() {
+        let id = id(&upload(&app, &text).expect(201).json());
+        windows.push((id, Window::parse_csv(&text, &ColumnBindings::none()).unwrap().0));
+    }
+    app.stop();
+    // Before, every block held all that its window had, and there were no days.
+    app.block_on(async {
+        let path = format!("sqlite://{}", app.database().display());
+        let mut db = SqliteConnection::connect(&path).await.unwrap();
+        for sql in ["DELETE FROM days", "DELETE FROM measured", "DELETE FROM window_blocks"] {
+            sqlx::query(sql).execute(&mut db).await.unwrap();
+        }
+        for (id, series) in windows.iter().flat_map(|(id, window)| window.iter().map(move |one| (id, one))) {
+            let sql = "INSERT INTO window_blocks (window, channel, block) VALUES ($1, $2, $3)";
+            let query = sqlx::query(sql).bind(id).bind(series.channel()).bind(series.encode());
+            query.execute(&mut db).await.unwrap();
+        }
+        db.close().await.unwrap();
+    });
+    app.restart();
+    let system: SystemId = "room/1".parse().unwrap();
+    let is_stitched = |app: &TestApp, windows: &[(String, Window)]| {
+        let all: Vec<Window> = windows.iter().map(|(_, window)| window.clone()).collect();
+        let stitched = Window::stitch(&all).unwrap();
+        let days = app.within(async |service| {
+            let span = (stitched.from(), stitched.to());
+            lampyris::store::measured::read(&service.store, &system, span, None).await.unwrap()
+        });
+        for series in stitched.iter() {
+            assert_eq!(days.series(series.channel()).unwrap().as_ref(), Some(series));
+        }
+    };
+    is_stitched(&app, &windows);
+    // And every one of them can be taken out again.
+    while windows.len() > 1 {
+        let (id, _) = windows.remove(windows.len() / 2);
+        app.send("DELETE", &format!("/windows/{id}"), &[], None).unwrap().expect(204);
+        is_stitched(&app, &windows);
+    }
+}
