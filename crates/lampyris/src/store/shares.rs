@@ -82,10 +82,18 @@ pub(super) async fn take_in(connection: &mut SqliteConnection) -> Result<(), Sto
     for (window, system, sequence) in waiting {
         let sql = "SELECT block FROM window_blocks WHERE window = $1 AND repeats IS NULL";
         let blocks: Vec<Vec<u8>> = sqlx::query_scalar(sql).bind(&window).fetch_all(&mut *connection).await?;
-        let (mut shares, mut changes) = (Vec::new(), Vec::new());
+        let (mut shares, mut changes, mut damaged) = (Vec::new(), Vec::new(), Vec::new());
         for block in blocks {
-            let series =
-                Series::decode(&block).map_err(|error| corrupt(format!("a block of {window}"), &error))?;
+            let series = match Series::decode(&block) {
+                Ok(series) => series,
+                // What was lost of one window keeps no controller from being answered. The block is still in the
+                // backup that was made before.
+                Err(error) => {
+                    tracing::error!(%error, window, system, "a damaged block counts no more");
+                    damaged.push(block);
+                    continue;
+                }
+            };
             let channel = series.channel();
             let span = (series.from(), series.to());
             let days = days::read_in(connection, &system, span, Some(&[channel.to_owned()])).await?;
@@ -95,6 +103,10 @@ pub(super) async fn take_in(connection: &mut SqliteConnection) -> Result<(), Sto
             shares.push(PackedShare::new(channel, &share)?);
         }
         let mut tx = connection.begin().await?;
+        for block in damaged {
+            let sql = "DELETE FROM window_blocks WHERE window = $1 AND repeats IS NULL AND block = $2";
+            sqlx::query(sql).bind(&window).bind(block).execute(&mut *tx).await?;
+        }
         write(&mut tx, &window, shares.iter()).await?;
         days::write(&mut tx, &system, &changes, sequence).await?;
         tx.commit().await?;

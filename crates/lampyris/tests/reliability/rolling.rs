@@ -288,9 +288,13 @@ fn windows_of_an_earlier_program_are_taken_in_as_they_are() {
             let query = sqlx::query(sql).bind(id).bind(series.channel()).bind(series.encode());
             query.execute(&mut db).await.unwrap();
         }
+        // A damaged block costs what is in it, and not the start.
+        let sql = "INSERT INTO window_blocks (window, channel, block) VALUES ($1, 'lost', X'00')";
+        sqlx::query(sql).bind(&windows[0].0).execute(&mut db).await.unwrap();
         db.close().await.unwrap();
     });
     app.restart();
+    assert_eq!(count(&app, "SELECT COUNT(*) FROM window_blocks WHERE channel = 'lost'"), 0);
     let system: SystemId = "room/1".parse().unwrap();
     let is_stitched = |app: &TestApp, windows: &[(String, Window)]| {
         let all: Vec<Window> = windows.iter().map(|(_, window)| window.clone()).collect();
