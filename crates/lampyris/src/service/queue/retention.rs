@@ -64,7 +64,8 @@ pub async fn forget(service: &Service, now: Timestamp) -> Result<Forgotten, Serv
 
 /// Removes windows, each with a note of it; says how many.
 async fn forget_windows(service: &Service, before: Timestamp, days: u32) -> Result<u64, ServiceError> {
-    let reason = format!("older than {days} days, and no fit that is kept has read it");
+    let reason =
+        format!("older than {days} days or covered by newer windows, and no fit that counts has read it");
     let (mut gone, mut after) = (0, 0);
     loop {
         let found = store::retention::dispensable_windows(&service.store, before, days, after).await?;
