@@ -1,7 +1,7 @@
 //! What strangers' bytes are put through, each as a function that panics where something is wrong.
 //!
-//! The fuzzers of this folder run them on bytes that they make up; the tests of the service run them on `seeds`,
-//! so that they keep compiling and what was found once stays mended.
+//! The fuzzers of this folder run them on bytes that they make up; the tests of the service run them on
+//! `seeds`, so that they keep compiling and what was found once stays mended.
 
 use lampyris_core::data::{
     ColumnBindings, ColumnHeader, Duration, Series, SystemId, SystemPattern, Window, read_time,

@@ -249,8 +249,8 @@ impl App {
     }
 }
 
-/// Runs a service until SIGTERM or SIGINT. SIGHUP makes it look at its certificate; settings are read at a start
-/// alone.
+/// Runs a service until SIGTERM or SIGINT. SIGHUP makes it look at its certificate; settings are read at a
+/// start alone.
 ///
 /// # Errors
 /// Where it cannot start, or its listener fails.

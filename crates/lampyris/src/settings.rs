@@ -75,8 +75,8 @@ pub struct Limits {
     pub queue: usize,
     /// Longest a job may run, in seconds, whatever it asks for.
     pub job_seconds: u64,
-    /// Most connections at a time, half of them for those that have shown no token. Whoever comes when all are
-    /// taken gets the place of one that has been quiet for long.
+    /// Most connections at a time, half of them for those that have shown no token. Whoever comes when all
+    /// are taken gets the place of one that has been quiet for long.
     pub connections: usize,
     /// Most of those connections from one address.
     pub connections_per_peer: usize,
@@ -181,6 +181,9 @@ const VARIABLES: [(&str, &str); 25] = [
     ("LAMPYRIS_DIAGNOSE_ACCUSATION_RATE", "/diagnose/accusation_rate"),
 ];
 
+/// Variables of the same prefix that are no settings.
+const OTHERS: [&str; 6] = ["CA", "CONFIG", "LOG", "TESTS", "TOKEN", "URL"];
+
 impl Settings {
     /// Reads a file, if there is one, and then the environment.
     ///
@@ -219,7 +222,7 @@ impl Settings {
                 }
                 // Other variables may share the prefix; one that is nearly ours is a slip that must not go
                 // unnoticed.
-                None if name.starts_with("LAMPYRIS_") => {
+                None if name.starts_with("LAMPYRIS_") && !OTHERS.contains(&&name[9..]) => {
                     let close = nearest(&name[9..], VARIABLES.iter().map(|(known, _)| &known[9..]));
                     if let Some(known) = close {
                         faults.push(
@@ -382,7 +385,7 @@ mod tests {
         std::fs::write(&file, "workers = 3\nzone = \"Europe/Copenhagen\"\n[limits]\nqueue = 5\n").unwrap();
         let settings = Settings::load(
             Some(&file),
-            environment(&[("LAMPYRIS_WORKERS", "4"), ("PATH", "x"), ("LAMPYRIS_URL", "y")]),
+            environment(&[("LAMPYRIS_WORKERS", "4"), ("PATH", "x"), ("LAMPYRIS_TESTS", "y")]),
         )
         .unwrap();
         assert_eq!(

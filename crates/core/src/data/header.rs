@@ -105,8 +105,8 @@ const FORMULA: [char; 4] = ['=', '+', '-', '@'];
 /// What keeps a text from being one.
 const SHIELD: char = '\'';
 
-/// A header as it may stand in a table that somebody opens in a spreadsheet: one that looks like a formula begins
-/// with an apostrophe, which [`ColumnHeader::parse`] takes away again.
+/// A header as it may stand in a table that somebody opens in a spreadsheet: one that looks like a formula
+/// begins with an apostrophe, which [`ColumnHeader::parse`] takes away again.
 pub(super) fn shielded(header: &str) -> Cow<'_, str> {
     if header.trim_start_matches(SHIELD).trim_start().starts_with(FORMULA) {
         Cow::Owned(format!("{SHIELD}{header}"))

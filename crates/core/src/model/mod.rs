@@ -201,7 +201,8 @@ impl Model {
         &self.parameters
     }
 
-    /// Names of parameters that no equation uses here, because the measured channels have chosen other variants.
+    /// Names of parameters that no equation uses here, because the measured channels have chosen other
+    /// variants.
     pub fn unused(&self) -> &[String] {
         &self.unused
     }

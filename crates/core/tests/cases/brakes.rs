@@ -1,5 +1,5 @@
-//! A model as large as the language allows hears its caller wherever its work is: the filter, the simulations,
-//! the intervals, the gate and the likelihood.
+//! A model as large as the language allows hears its caller wherever its work is: the filter, the
+//! simulations, the intervals, the gate and the likelihood.
 
 use super::request;
 use lampyris_core::data::{ColumnBindings, Window};

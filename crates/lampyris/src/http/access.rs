@@ -2,7 +2,7 @@
 //! and the guard that lies around all operations decides by it.
 
 use super::origin;
-use super::places::Place;
+use super::places::Connection;
 use super::problem::ApiError;
 use super::shared::Shared;
 use crate::service::Service;
@@ -250,7 +250,7 @@ async fn admit(gate: &Gate, parts: &mut Parts) -> Result<Caller, ApiError> {
     let Some(needed) = needed else { return Ok(Caller { token: None }) };
     let hosts = &service.settings.hosts;
     origin::require_own_page(parts, hosts)?;
-    let place = parts.extensions.get::<Arc<Place>>();
+    let place = parts.extensions.get::<Arc<Connection>>();
     let peer = place.map_or(IpAddr::V4(Ipv4Addr::UNSPECIFIED), |place| place.peer());
     let token = match service.tokens.judge(shown(&parts.headers), peer) {
         // A foreign page has no token to show; where none is needed, the name that it asks by gives it away.

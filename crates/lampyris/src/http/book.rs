@@ -1,7 +1,7 @@
 //! `/docs/book/`: the book of `docs/`, part of the binary, so that it can be read where there is no other
 //! network. Its pages are Markdown in mdBook's layout, and have the addresses that mdBook gives them.
 
-use super::constant::Constant;
+use super::constant::ConstantBody;
 use super::problem::ApiError;
 use super::shared::Shared;
 use super::web::{POLICY, embedded};
@@ -20,13 +20,13 @@ use std::sync::LazyLock;
 const FIRST: &str = "index.html";
 const CONTENTS: &str = "SUMMARY.md";
 
-/// The pages by their addresses below `/docs/book/`, and the pictures and texts that they lead to. They are made
-/// once, together, because each page shows the list of all.
-static PAGES: LazyLock<BTreeMap<String, Constant>> = LazyLock::new(|| {
+/// The pages by their addresses below `/docs/book/`, and the pictures and texts that they lead to. They are
+/// made once, together, because each page shows the list of all.
+static PAGES: LazyLock<BTreeMap<String, ConstantBody>> = LazyLock::new(|| {
     let file = |path: Cow<'static, str>| Some((path.to_string(), embedded(Files::get(&path)?.data)));
     let files = Files::iter().filter_map(file);
     let pages = pages().into_iter().map(|(path, page)| (path, page.into()));
-    files.chain(pages).map(|(path, bytes)| (path.clone(), Constant::new(&path, bytes))).collect()
+    files.chain(pages).map(|(path, bytes)| (path.clone(), ConstantBody::new(&path, bytes))).collect()
 });
 
 #[derive(RustEmbed)]

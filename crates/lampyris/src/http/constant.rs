@@ -12,14 +12,14 @@ use std::sync::OnceLock;
 
 /// A file that is part of the binary, or is made once.
 #[derive(Debug)]
-pub struct Constant {
+pub struct ConstantBody {
     kind: &'static str,
     tag: String,
     plain: Bytes,
     packed: OnceLock<Bytes>,
 }
 
-impl Constant {
+impl ConstantBody {
     /// A body; the ending of its name says what it is.
     pub fn new(name: &str, plain: impl Into<Bytes>) -> Self {
         let kind = match name.rsplit_once('.') {
@@ -37,8 +37,8 @@ impl Constant {
         Self { kind, tag: format!("\"{}\"", &hash[..32]), plain, packed: OnceLock::new() }
     }
 
-    /// The answer with it, under a policy where it is a part of a page; one that the client has already is not
-    /// sent again.
+    /// The answer with it, under a policy where it is a part of a page; one that the client has already is
+    /// not sent again.
     pub fn answer(&self, policy: Option<&'static str>, headers: &HeaderMap) -> Response {
         let mut response = if is_known(headers, &self.tag) {
             StatusCode::NOT_MODIFIED.into_response()

@@ -1,7 +1,7 @@
 //! `/docs`: the description of the surface, readable in a browser. The page is part of the binary and asks
 //! this service alone.
 
-use super::constant::Constant;
+use super::constant::ConstantBody;
 use super::problem::{ApiError, Problems};
 use super::shared::Shared;
 use super::web::embedded;
@@ -19,9 +19,9 @@ use utoipa_axum::routes;
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; img-src \
     data:; base-uri 'none'; form-action 'self'; frame-ancestors 'none'";
 
-static FILES: LazyLock<HashMap<String, Constant>> = LazyLock::new(|| {
+static FILES: LazyLock<HashMap<String, ConstantBody>> = LazyLock::new(|| {
     let file = |name: Cow<'static, str>| {
-        Some((name.to_string(), Constant::new(&name, embedded(Files::get(&name)?.data))))
+        Some((name.to_string(), ConstantBody::new(&name, embedded(Files::get(&name)?.data))))
     };
     Files::iter().filter_map(file).collect()
 });

@@ -7,7 +7,7 @@
 use super::access::Caller;
 use super::extract::Asked;
 use super::jobs::{JobAnswer, require};
-use super::places::{Place, StreamPlace};
+use super::places::{Connection, StreamPlace};
 use super::problem::{ApiError, PROBLEM_JSON, Problem, Problems};
 use super::shared::Shared;
 use crate::service::changes::events::{Event as Happening, EventName, JobChange, Position};
@@ -169,7 +169,7 @@ impl From<JobEvent> for Event {
 async fn get_job_events(
     State(service): State<Shared>,
     caller: Caller,
-    place: Option<Extension<Arc<Place>>>,
+    place: Option<Extension<Arc<Connection>>>,
     Path(id): Path<String>,
     Asked(query): Asked<JobEventsQuery>,
     headers: HeaderMap,
@@ -205,7 +205,7 @@ async fn get_job_events(
 async fn get_events(
     State(service): State<Shared>,
     caller: Caller,
-    place: Option<Extension<Arc<Place>>>,
+    place: Option<Extension<Arc<Connection>>>,
     Asked(query): Asked<EventsQuery>,
     headers: HeaderMap,
 ) -> Result<Response, ApiError> {
@@ -237,7 +237,7 @@ fn stream(
     service: Shared,
     whose: Whose,
     caller: &Caller,
-    place: Option<Extension<Arc<Place>>>,
+    place: Option<Extension<Arc<Connection>>>,
     last: Option<Position>,
 ) -> Result<Response, ApiError> {
     // Who is in this process has no connection.

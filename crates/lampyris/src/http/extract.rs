@@ -1,6 +1,7 @@
 //! What handlers take out of a request. Every refusal is a problem document.
 
 use super::access::Caller;
+use super::origin::media_type;
 use super::problem::ApiError;
 use super::shared::Shared;
 use crate::service::access::tokens::LOCAL;
@@ -227,12 +228,6 @@ fn unread(error: Unread) -> ApiError {
         Unread::Malformed(fault) => ApiError::Malformed(fault),
         Unread::Repeated(faults) => ApiError::Invalid(faults),
     }
-}
-
-/// The media type of a body without its parameters.
-pub(super) fn media_type(headers: &HeaderMap) -> String {
-    let text = headers.get(header::CONTENT_TYPE).and_then(|value| value.to_str().ok()).unwrap_or_default();
-    text.split(';').next().unwrap_or_default().trim().to_ascii_lowercase()
 }
 
 /// Reads a body up to a limit of bytes, and of time.

@@ -1,13 +1,13 @@
 //! The listener: who may stay connected, and for how long without saying or taking anything.
 //!
-//! A client has a moment for the head of a request, another for its body (`extract`) and another for taking the
-//! answer (`patience`); whoever is slower is closed, and so is a connection that idles. There is a limit of
-//! connections, and whoever holds most of them makes room for those that come (`places`).
+//! A client has a moment for the head of a request, another for its body (`extract`) and another for taking
+//! the answer (`patience`); whoever is slower is closed, and so is a connection that idles. There is a limit
+//! of connections, and whoever holds most of them makes room for those that come (`places`).
 
 use super::extract::{SPARE, linger};
 use super::origin::authority;
 use super::patience::Patience;
-use super::places::{Place, Places};
+use super::places::{Connection, Places};
 use super::shared::Shared;
 use super::surface::router;
 use super::tls::Tls;
@@ -89,7 +89,7 @@ pub async fn listen(listener: TcpListener, service: Shared, tls: Option<Arc<Tls>
 
 impl Server {
     /// Serves one connection to its end, or until others have its place.
-    async fn greet(self, stream: TcpStream, place: Arc<Place>) {
+    async fn greet(self, stream: TcpStream, place: Arc<Connection>) {
         let limits = &self.service.settings.limits;
         let patience = Duration::from_secs(limits.write_seconds);
         let stream = Patience::new(stream, place.clone(), patience);
@@ -111,7 +111,7 @@ impl Server {
         }
     }
 
-    async fn serve(&self, stream: impl AsyncRead + AsyncWrite + Unpin, place: &Arc<Place>) {
+    async fn serve(&self, stream: impl AsyncRead + AsyncWrite + Unpin, place: &Arc<Connection>) {
         let answer = service_fn(|mut request: Request<Incoming>| {
             request.extensions_mut().insert(place.clone());
             answer(self.router.clone(), request)

@@ -1,7 +1,7 @@
 //! Figures for Prometheus: `/metrics`, and the layer that times the answers.
 
 use super::access::Caller;
-use super::places::{Crowd, Place};
+use super::places::{Connection, ConnectionCounts};
 use super::problem::Problems;
 use super::shared::Shared;
 use crate::service::observe::metrics::Histogram;
@@ -73,7 +73,7 @@ fn known(method: &Method) -> &'static str {
 async fn get_metrics(
     State(service): State<Shared>,
     caller: Caller,
-    place: Option<Extension<Arc<Place>>>,
+    place: Option<Extension<Arc<Connection>>>,
 ) -> Response {
     let mut text = Exposition::default();
     about_the_service(&service, &mut text).await;
@@ -134,7 +134,7 @@ async fn about_the_service(service: &Shared, text: &mut Exposition) {
     );
 }
 
-fn about_connections(crowd: Crowd, text: &mut Exposition) {
+fn about_connections(crowd: ConnectionCounts, text: &mut Exposition) {
     let known = crowd.connections - crowd.strangers;
     text.family("lampyris_connections", "gauge", "Open connections, by whether they have shown a token.");
     text.sample("lampyris_connections", &[("of", "strangers")], crowd.strangers as f64);

@@ -1,7 +1,6 @@
 //! Which pages of a browser may ask. A browser sends whatever a foreign page tells it to, also to services on
 //! its own machine; what it says of the page, in `Host`, `Origin` and `Sec-Fetch-Site`, no page can change.
 
-use super::extract::media_type;
 use super::problem::ApiError;
 use axum::http::request::Parts;
 use axum::http::{HeaderMap, Method, Version, header};
@@ -29,8 +28,8 @@ pub fn authority(parts: &Parts) -> Result<&str, ApiError> {
     }
 }
 
-/// Refuses a request by a name that is not the service's own: a page may give its own name the address of this
-/// machine (DNS rebinding), and is then of one origin with the service.
+/// Refuses a request by a name that is not the service's own: a page may give its own name the address of
+/// this machine (DNS rebinding), and is then of one origin with the service.
 ///
 /// # Errors
 /// 421, or 400 where there is no name at all.
@@ -69,13 +68,19 @@ pub fn require_own_page(parts: &Parts, hosts: &[String]) -> Result<(), ApiError>
     Ok(())
 }
 
+/// The media type of a body without its parameters.
+pub fn media_type(headers: &HeaderMap) -> String {
+    let text = headers.get(header::CONTENT_TYPE).and_then(|value| value.to_str().ok()).unwrap_or_default();
+    text.split(';').next().unwrap_or_default().trim().to_ascii_lowercase()
+}
+
 fn text<'a>(headers: &'a HeaderMap, name: &str) -> Option<&'a str> {
     // What is no text names no page of ours.
     headers.get(name).map(|value| value.to_str().unwrap_or_default())
 }
 
-/// Whether an origin is that of the service's own page. A proxy that ends TLS changes the scheme, and one that
-/// goes by another name is named in the settings.
+/// Whether an origin is that of the service's own page. A proxy that ends TLS changes the scheme, and one
+/// that goes by another name is named in the settings.
 fn is_same(origin: &str, authority: &str, hosts: &[String]) -> bool {
     let Some((scheme, own)) = origin.split_once("://") else { return false };
     let port = match scheme {

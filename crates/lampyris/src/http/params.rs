@@ -99,8 +99,8 @@ async fn poll(service: &Shared, request: Request) -> Response {
     };
     let mut stopping = service.stopping.subscribe();
     let told = async {
-        // An event may leave this client's answer as it was, such as one job following another. A system that was
-        // deleted has its place no more, also where another one of its name has come.
+        // An event may leave this client's answer as it was, such as one job following another. A system that
+        // was deleted has its place no more, also where another one of its name has come.
         let stands = || service.params.slot(system).is_some_and(|now| Arc::ptr_eq(&now, &slot));
         while news.changed().await.is_ok() && stands() && is_old(&slot.entry(), accept, headers) {}
     };
@@ -209,8 +209,8 @@ fn is_old(entry: &Entry, accept: Option<Accept>, headers: &HeaderMap) -> bool {
     chosen(entry, accept).is_none_or(|rendered| is_known(headers, &rendered.etag))
 }
 
-/// How long a client is ready to wait, in seconds, by its `Prefer` (RFC 7240): names are written as one likes,
-/// and values may be quoted.
+/// How long a client is ready to wait, in seconds, by its `Prefer` (RFC 7240): names are written as one
+/// likes, and values may be quoted.
 fn wait(prefer: &HeaderValue) -> Option<u64> {
     let pairs = prefer.to_str().ok()?.split([',', ';']).filter_map(|part| part.split_once('='));
     let (_, seconds) = pairs.into_iter().find(|(name, _)| name.trim().eq_ignore_ascii_case("wait"))?;

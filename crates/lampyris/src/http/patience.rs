@@ -1,6 +1,6 @@
 //! A connection whose other end must take what it is sent.
 
-use super::places::Place;
+use super::places::Connection;
 use std::io::{Error, ErrorKind, IoSlice, Result};
 use std::pin::Pin;
 use std::sync::Arc;
@@ -18,7 +18,7 @@ const PROGRESS: usize = 4096;
 #[derive(Debug)]
 pub struct Patience {
     stream: TcpStream,
-    place: Arc<Place>,
+    place: Arc<Connection>,
     limit: Duration,
     blocked: Option<Blocked>,
 }
@@ -32,7 +32,7 @@ struct Blocked {
 
 impl Patience {
     /// A stream whose other end may block it for so long.
-    pub fn new(stream: TcpStream, place: Arc<Place>, limit: Duration) -> Self {
+    pub fn new(stream: TcpStream, place: Arc<Connection>, limit: Duration) -> Self {
         Self { stream, place, limit, blocked: None }
     }
 

@@ -1,9 +1,9 @@
 //! Who holds how many connections, and who loses one where there are too many.
 //!
-//! A connection is charged to the network that it comes from until it shows a token that is good; from then on
-//! to the token. Nobody waits in line: where all places are taken, whoever comes gets one, and of those that
-//! hold most somebody who has been quiet for long loses one. Strangers hold a part of the places only, so
-//! that the rest is there for those with a token.
+//! A connection is charged to the network that it comes from until it shows a token that is good; from then
+//! on to the token. Nobody waits in line: where all places are taken, whoever comes gets one, and of those
+//! that hold most somebody who has been quiet for long loses one. Strangers hold a part of the places only,
+//! so that the rest is there for those with a token.
 
 use crate::service::access::tokens::network;
 use crate::settings::Limits;
@@ -59,7 +59,7 @@ pub struct Seat {
 
 /// The place of one connection, until it is dropped.
 #[derive(Debug)]
-pub struct Place {
+pub struct Connection {
     places: Arc<Places>,
     peer: IpAddr,
     seat: Arc<Seat>,
@@ -69,13 +69,13 @@ pub struct Place {
 /// A stream of events that a connection carries, until it is dropped.
 #[derive(Debug)]
 pub struct StreamPlace {
-    place: Arc<Place>,
+    place: Arc<Connection>,
     holder: Holder,
 }
 
 /// What is counted of all places.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Crowd {
+pub struct ConnectionCounts {
     /// Connections that are open.
     pub connections: usize,
     /// Those of them that have shown no token.
@@ -92,20 +92,21 @@ impl Places {
         Arc::new(Self { limits, began: Instant::now(), table: Mutex::default() })
     }
 
-    /// A place for a connection that has just come. Where there are no tokens (`is_open`) nobody is a stranger.
-    pub fn take(self: &Arc<Self>, peer: IpAddr, is_open: bool) -> Arc<Place> {
+    /// A place for a connection that has just come. Where there are no tokens (`is_open`) nobody is a
+    /// stranger.
+    pub fn take(self: &Arc<Self>, peer: IpAddr, is_open: bool) -> Arc<Connection> {
         let holder = if is_open { Holder::Local } else { Holder::Stranger(network(peer)) };
         let seat = Arc::new(Seat { heard_at: AtomicU64::new(self.milliseconds()), lost: Notify::new() });
         let mut table = self.lock();
         self.make_room(&mut table, holder);
         table.add(holder, seat.clone());
         drop(table);
-        Arc::new(Place { places: self.clone(), peer, seat, holder: Mutex::new(holder) })
+        Arc::new(Connection { places: self.clone(), peer, seat, holder: Mutex::new(holder) })
     }
 
-    fn crowd(&self) -> Crowd {
+    fn crowd(&self) -> ConnectionCounts {
         let Table { all, strangers, streams, displaced, .. } = *self.lock();
-        Crowd { connections: all, strangers, streams, displaced }
+        ConnectionCounts { connections: all, strangers, streams, displaced }
     }
 
     /// Frees a place for one more connection of a holder, where all that it may have are taken.
@@ -200,14 +201,14 @@ impl Table {
     }
 }
 
-impl Place {
+impl Connection {
     /// The address that it came from.
     pub fn peer(&self) -> IpAddr {
         self.peer
     }
 
     /// What is counted of all places now.
-    pub fn crowd(&self) -> Crowd {
+    pub fn crowd(&self) -> ConnectionCounts {
         self.places.crowd()
     }
 
@@ -257,7 +258,7 @@ impl Place {
     }
 }
 
-impl Drop for Place {
+impl Drop for Connection {
     fn drop(&mut self) {
         let holder = *self.holder();
         self.places.lock().remove(holder, &self.seat);
@@ -296,7 +297,7 @@ mod tests {
         Ipv4Addr::new(192, 0, 2, last).into()
     }
 
-    fn stands(place: &Place) -> bool {
+    fn stands(place: &Connection) -> bool {
         let holder = *place.holder();
         let table = place.places.lock();
         let held = table.holders.get(&holder);
@@ -304,7 +305,7 @@ mod tests {
     }
 
     /// As if a connection had been heard so long after the beginning.
-    fn at(place: &Place, milliseconds: u64) {
+    fn at(place: &Connection, milliseconds: u64) {
         place.seat.heard_at.store(milliseconds, Ordering::Relaxed);
     }
 
@@ -319,7 +320,10 @@ mod tests {
         let newest = places.take(peer(1), false);
         assert_eq!(crowd.iter().map(|place| stands(place)).collect::<Vec<_>>(), [true, false, true, true]);
         assert!(stands(&newest) && stands(&other));
-        assert_eq!(places.crowd(), Crowd { connections: 5, strangers: 5, streams: 0, displaced: 1 });
+        assert_eq!(
+            places.crowd(),
+            ConnectionCounts { connections: 5, strangers: 5, streams: 0, displaced: 1 }
+        );
         drop((crowd, newest, other));
         assert_eq!(places.crowd().connections, 0);
         assert!(places.lock().holders.is_empty());
@@ -386,7 +390,10 @@ mod tests {
         open.push(stream(2).unwrap());
         assert!(stream(3).is_none(), "there are three in all");
         open.clear();
-        assert_eq!(places.crowd(), Crowd { connections: 0, strangers: 0, streams: 0, displaced: 0 });
+        assert_eq!(
+            places.crowd(),
+            ConnectionCounts { connections: 0, strangers: 0, streams: 0, displaced: 0 }
+        );
         assert!(stream(3).is_some());
     }
 }

@@ -1,6 +1,6 @@
 //! The surface: every path with the layers around it, and the description of all of them.
 
-use super::constant::Constant;
+use super::constant::ConstantBody;
 use super::problem::ApiError;
 use super::shared::Shared;
 use super::{
@@ -126,14 +126,14 @@ pub fn openapi_json() -> String {
     responses((status = 200, body = String, content_type = "application/yaml"))
 )]
 async fn openapi(headers: HeaderMap) -> Response {
-    static TEXT: LazyLock<Constant> = LazyLock::new(|| Constant::new("openapi.yaml", openapi_yaml()));
+    static TEXT: LazyLock<ConstantBody> = LazyLock::new(|| ConstantBody::new("openapi.yaml", openapi_yaml()));
     TEXT.answer(None, &headers)
 }
 
 /// This description of the surface as JSON.
 #[utoipa::path(get, path = "/openapi.json", tag = "service", responses((status = 200, body = Object)))]
 async fn openapi_as_json(headers: HeaderMap) -> Response {
-    static TEXT: LazyLock<Constant> = LazyLock::new(|| Constant::new("openapi.json", openapi_json()));
+    static TEXT: LazyLock<ConstantBody> = LazyLock::new(|| ConstantBody::new("openapi.json", openapi_json()));
     TEXT.answer(None, &headers)
 }
 

@@ -227,7 +227,8 @@ fn etag_of(document: &SystemDocument) -> String {
 
 /// Makes a system, or replaces its document.
 ///
-/// With `If-None-Match: *` it is only made, with `If-Match` and the tag of a document only that one is replaced.
+/// With `If-None-Match: *` it is only made, with `If-Match` and the tag of a document only that one is
+/// replaced.
 #[utoipa::path(
     put,
     path = "/systems/{kind}/{id}",

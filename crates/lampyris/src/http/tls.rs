@@ -38,8 +38,8 @@ impl Tls {
         TlsAcceptor::from(self.config.load_full())
     }
 
-    /// Reads the files anew where they have changed. What cannot be used leaves what was used before: a key may
-    /// be written a moment after its certificate.
+    /// Reads the files anew where they have changed. What cannot be used leaves what was used before: a key
+    /// may be written a moment after its certificate.
     pub fn renew(&self) {
         let read = read(&self.files);
         let mut seen = self.seen.lock().unwrap_or_else(PoisonError::into_inner);

@@ -1,7 +1,7 @@
 //! `/ui/`: the page. It is part of the binary, asks this service alone, and carries what it shows in its
 //! address, so that every address under `/ui/` that names no file answers with the same document.
 
-use super::constant::Constant;
+use super::constant::ConstantBody;
 use super::problem::ApiError;
 use super::shared::Shared;
 use axum::Router;
@@ -22,8 +22,8 @@ pub(super) const POLICY: &str = "default-src 'none'; script-src 'self'; style-sr
 const DOCUMENT: &str = "index.html";
 
 /// The files by their paths below `/ui/`.
-static FILES: LazyLock<HashMap<String, Constant>> = LazyLock::new(|| {
-    let file = |path: Cow<'static, str>| Some((path.to_string(), Constant::new(&path, bytes(&path)?)));
+static FILES: LazyLock<HashMap<String, ConstantBody>> = LazyLock::new(|| {
+    let file = |path: Cow<'static, str>| Some((path.to_string(), ConstantBody::new(&path, bytes(&path)?)));
     Files::iter().filter_map(file).collect()
 });
 

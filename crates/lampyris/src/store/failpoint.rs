@@ -12,7 +12,8 @@
 //! | `before_commit`, `after_commit` | the transaction that ends a job |
 //! | `before_swap` | what is served is durable, and not yet in memory |
 //! | `in_recovery` | a start has given the jobs of a dead process back, uncommitted |
-//! | `in_migration` | a transaction of an upgrade, uncommitted: the migration, then the note of how long it took |
+//! | `in_migration` | a transaction of an upgrade, uncommitted: the migration, then the note of how long it
+//! took |
 //! | `in_backup` | a backup is written, and neither checked nor under its name |
 
 use std::sync::OnceLock;

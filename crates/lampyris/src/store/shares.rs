@@ -86,8 +86,8 @@ pub(super) async fn take_in(connection: &mut SqliteConnection) -> Result<(), Sto
         for block in blocks {
             let series = match Series::decode(&block) {
                 Ok(series) => series,
-                // What was lost of one window keeps no controller from being answered. The block is still in the
-                // backup that was made before.
+                // What was lost of one window keeps no controller from being answered. The block is still in
+                // the backup that was made before.
                 Err(error) => {
                     tracing::error!(%error, window, system, "a damaged block counts no more");
                     damaged.push(block);

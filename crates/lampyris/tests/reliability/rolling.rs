@@ -1,5 +1,5 @@
-//! Loggers that send the last fortnight every quarter of an hour: what is kept, and what an answer costs, goes
-//! by what was measured and not by how often it was sent.
+//! Loggers that send the last fortnight every quarter of an hour: what is kept, and what an answer costs,
+//! goes by what was measured and not by how often it was sent.
 
 use crate::database::{check_database, rows};
 use crate::support::rooms::{room_csv, stuck_csv};

@@ -24,8 +24,8 @@ pub struct Choices {
 
 impl Choices {
     /// What makes no sense for this model: unknown parameters, and bounds that are no interval on their
-    /// scale. A parameter that only other variants of the model use is known, and what is asked of it waits for
-    /// their channels: which variant it is shows when the measurements are there.
+    /// scale. A parameter that only other variants of the model use is known, and what is asked of it waits
+    /// for their channels: which variant it is shows when the measurements are there.
     pub fn faults(&self, model: &Model) -> Vec<Fault> {
         let mut faults = Vec::new();
         let names = || model.parameters().iter().map(|parameter| parameter.name.as_str());

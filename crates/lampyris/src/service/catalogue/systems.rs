@@ -10,8 +10,8 @@ use crate::store::systems::{Needs, SystemDeletion, SystemPut};
 use lampyris_core::data::SystemId;
 use serde_json::json;
 
-/// Makes a system or replaces its document, where what is there (`None` without any) allows it; says whether it
-/// is new.
+/// Makes a system or replaces its document, where what is there (`None` without any) allows it; says whether
+/// it is new.
 ///
 /// # Errors
 /// Every fault of the document, where what is there does not allow it, or where the database fails.
