@@ -77,7 +77,7 @@ async fn publish(app: &App) -> Result<String, Failure> {
     let service = app.service();
     let twin = twin::room(4, 0, 9, 30).map_err(|found| faults(&found))?;
     let system: SystemId = "room/4".parse().map_err(|error| Failure::Error(format!("{error}")))?;
-    systems::put(service, &system, json!({ "model": "room3" }), LOCAL).await.map_err(failed)?;
+    systems::put(service, &system, json!({ "model": "room3" }), LOCAL, |_| true).await.map_err(failed)?;
     windows::take(service, &system, Format::Csv, twin.csv, None).await.map_err(failed)?;
     let submitted = submit::one(
         service,
