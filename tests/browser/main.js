@@ -20,9 +20,9 @@ const stop = async () => {
 for (const signal of ['SIGINT', 'SIGTERM', 'SIGHUP']) process.once(signal, () => stop().then(() => process.exit(1)));
 try {
   chrome = await browser();
-  if (process.env.LAMPYRIS_PICTURES) {
+  if (process.env.BROWSER_PICTURES) {
     await service.ready();
-    await pictures(chrome, service, process.env.LAMPYRIS_PICTURES);
+    await pictures(chrome, service, process.env.BROWSER_PICTURES);
   } else {
     await reports(chrome, process.env.LAMPYRIS_BINARY);
     await tokens(chrome, process.env.LAMPYRIS_BINARY);

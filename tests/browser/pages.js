@@ -99,8 +99,8 @@ export async function pages(chrome, { base }) {
         await page.locator(ready).first().waitFor();
         await page.waitForLoadState('networkidle', { timeout: 1500 }).catch(() => {});
         for (const fault of [...(await faultsOf(page)), ...(await cutOff(page))]) faults.push(`${name}: ${fault}`);
-        if (process.env.LAMPYRIS_SHOTS)
-          await page.screenshot({ path: join(process.env.LAMPYRIS_SHOTS, `${name}-${scheme}.png`), fullPage: true });
+        if (process.env.BROWSER_SHOTS)
+          await page.screenshot({ path: join(process.env.BROWSER_SHOTS, `${name}-${scheme}.png`), fullPage: true });
       }
       holds(faults.length === 0, `${faults.length} faults\n  ${faults.join('\n  ')}`);
     });
@@ -114,8 +114,8 @@ export async function pages(chrome, { base }) {
         await page.locator(ready).first().waitFor();
         await page.waitForTimeout(200);
         for (const fault of await cutOff(page)) faults.push(`${name}: ${fault}`);
-        if (process.env.LAMPYRIS_SHOTS)
-          await page.screenshot({ path: join(process.env.LAMPYRIS_SHOTS, `${name}-${width}.png`), fullPage: true });
+        if (process.env.BROWSER_SHOTS)
+          await page.screenshot({ path: join(process.env.BROWSER_SHOTS, `${name}-${width}.png`), fullPage: true });
       }
       holds(faults.length === 0, `${faults.length} faults\n  ${faults.join('\n  ')}`);
     });
