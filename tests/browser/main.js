@@ -1,5 +1,6 @@
 // All browser tests, one after another, against one demo; those that need none while it fits and diagnoses its rooms.
 import { browser, demo, result } from './harness.js';
+import { changes } from './changes.js';
 import { evidence } from './evidence.js';
 import { ledger } from './ledger.js';
 import { story } from './story.js';
@@ -26,6 +27,7 @@ try {
   } else {
     await reports(chrome, process.env.LAMPYRIS_BINARY);
     await tokens(chrome, process.env.LAMPYRIS_BINARY);
+    await changes(chrome, process.env.LAMPYRIS_BINARY);
     const begun = Date.now();
     await service.ready();
     console.log(`  the demo was waited for ${((Date.now() - begun) / 1000).toFixed(1)} s`);
