@@ -121,8 +121,11 @@ export async function browser(args = []) {
 
 const counted = { passed: 0, failed: 0 };
 
-/** Opens a page at a width, with a scheme; what goes wrong in it is a fault of the test. */
-export async function open(chrome, { width = 1366, height = 768, scheme = 'light', motion = 'reduce' } = {}) {
+/** A refused request is part of some stories; a script, a style or a policy that fails never is. */
+const REFUSED = /^Failed to load resource/;
+
+/** Opens a page at a width, with a scheme; what goes wrong in it, other than what is `expected`, is a fault of the test. */
+export async function open(chrome, { width = 1366, height = 768, scheme = 'light', motion = 'reduce', expected = REFUSED } = {}) {
   const context = await chrome.newContext({
     viewport: { width, height },
     colorScheme: scheme,
@@ -133,11 +136,7 @@ export async function open(chrome, { width = 1366, height = 768, scheme = 'light
   const page = await context.newPage();
   const faults = [];
   page.on('pageerror', error => faults.push(`${error.message}\n${error.stack}`));
-  // A refused request is part of some stories; a script, a style or a policy that fails never is.
-  page.on(
-    'console',
-    message => message.type() === 'error' && !message.text().startsWith('Failed to load resource') && faults.push(message.text()),
-  );
+  page.on('console', message => message.type() === 'error' && !expected.test(message.text()) && faults.push(message.text()));
   return { page, faults, close: () => context.close() };
 }
 

@@ -5,6 +5,7 @@ import { evidence } from './evidence.js';
 import { ledger } from './ledger.js';
 import { story } from './story.js';
 import { edges } from './edges.js';
+import { foreign } from './foreign.js';
 import { pages } from './pages.js';
 import { pictures } from './pictures.js';
 import { plants } from './plants.js';
@@ -28,6 +29,7 @@ try {
     await reports(chrome, process.env.LAMPYRIS_BINARY);
     await tokens(chrome, process.env.LAMPYRIS_BINARY);
     await changes(chrome, process.env.LAMPYRIS_BINARY);
+    await foreign(chrome, process.env.LAMPYRIS_BINARY);
     const begun = Date.now();
     await service.ready();
     console.log(`  the demo was waited for ${((Date.now() - begun) / 1000).toFixed(1)} s`);
