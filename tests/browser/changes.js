@@ -1,5 +1,6 @@
 // Two who change one system: nobody's change is overwritten unseen, and nothing of a form is lost.
 import { ask, bare, holds, test } from './harness.js';
+import { cutOff, faultsOf } from './pages.js';
 
 const HOURS = 24 * 14;
 const at = hour => new Date(Date.UTC(2026, 0, 5, hour)).toISOString().replace('.000Z', 'Z');
@@ -91,6 +92,68 @@ export async function changes(chrome, binary) {
       await page.getByRole('cell', { name: 'guests' }).waitFor();
       const kept = await ask(base, '/systems/room/4');
       holds(kept.label === 'Pantry' && kept.exclude[0].reason === 'guests', JSON.stringify(kept));
+    });
+
+    await test(chrome, 'a_proposed_neighbour_is_taken_over_by_one_press_of_a_key', {}, async page => {
+      await page.goto(`${base}/ui/systems/room/5/settings`);
+      await page.getByRole('link', { name: 'See which rooms look like neighbours' }).click();
+      await page.getByText('Nothing is stored or bound').waitFor();
+      const row = page.getByRole('row', { name: /^room\/5/ });
+      await page.getByRole('row', { name: /^room\/4/ }).first().getByText('yes').waitFor();
+      const faults = [...(await faultsOf(page)), ...(await cutOff(page))];
+      holds(faults.length === 0, faults.join('\n  '));
+      const press = row.getByRole('button', { name: 'Add room/4 to the neighbours of room/5' });
+      await other(base, 'room/5', { label: 'Loft' });
+      await press.focus();
+      await page.keyboard.press('Enter');
+      await page.getByRole('alert').getByText('Somebody has changed room/5').waitFor();
+      holds((await ask(base, '/systems/room/5')).neighbours.length === 0, 'it went through');
+      await page.getByRole('button', { name: 'See what is there now' }).click();
+      await page.getByRole('alert').waitFor({ state: 'detached' });
+      await press.focus();
+      await page.keyboard.press('Enter');
+      await row.getByText('yes').waitFor();
+      const taken = await ask(base, '/systems/room/5');
+      holds(taken.neighbours.join() === 'room/4' && taken.label === 'Loft', JSON.stringify(taken));
+      await page.getByRole('button', { name: 'curl' }).click();
+      await page.getByText(/--data-binary '@temperatures.csv' .*\/systems\/layout'/).waitFor();
+      await ask(base, '/systems/room/6', { model: 'rc2' }, 'PUT');
+      await page.goto(`${base}/ui/neighbours?system=room/6`);
+      await page.getByText('room/6 has no measurements yet').waitFor();
+    });
+
+    await test(chrome, 'the_page_tells_who_did_what_to_which_system', {}, async page => {
+      await page.goto(`${base}/ui/`);
+      await page.locator('table.systems').waitFor();
+      await page.keyboard.press('g');
+      await page.keyboard.press('a');
+      await page.getByRole('heading', { name: 'Who did what' }).waitFor();
+      await page.getByRole('cell', { name: 'put system' }).first().waitFor();
+      const count = () => page.locator('tbody tr').count();
+      const all = (await ask(base, '/audit')).items;
+      holds((await count()) === all.length, `${await count()} of ${all.length} entries`);
+      await page.getByLabel('System').fill('room/5');
+      await page.keyboard.press('Enter');
+      const own = all.filter(deed => deed.system === 'room/5').length;
+      await page.waitForFunction(most => document.querySelectorAll('tbody tr').length === most, own);
+      holds(own < all.length && page.url().endsWith('?system=room%2F5'), page.url());
+      // Three screens: nothing, a fault, and page after page.
+      await page.goto(`${base}/ui/audit?system=room/77`);
+      await page.getByText('Nothing was done to room/77').waitFor();
+      await page.goto(`${base}/ui/audit?system=nonsense`);
+      await page.getByRole('alert').getByText('nonsense', { exact: false }).first().waitFor();
+      const deed = subject => ({ at: '2026-03-07T08:12:44.031Z', who: 'night', action: 'promote_fit', system: 'room/4', subject, reason: 'looks right' });
+      await page.route(/\/audit\?/, route => {
+        const isOlder = new URL(route.request().url()).searchParams.get('page_token') === '7';
+        return route.fulfill({ json: isOlder ? { items: [deed('fit_1')], next_page_token: null } : { items: [deed('fit_2')], next_page_token: '7' } });
+      });
+      await page.goto(`${base}/ui/audit`);
+      await page.getByRole('row', { name: /night promote fit room\/4 fit_2 looks right/ }).waitFor();
+      await page.getByRole('button', { name: 'Older' }).click();
+      await page.getByRole('link', { name: 'fit_1' }).waitFor();
+      holds((await page.getByRole('button', { name: 'Older' }).count()) === 0, 'the last page has one that is older');
+      await page.getByRole('button', { name: 'Newest' }).click();
+      await page.getByRole('link', { name: 'fit_2' }).waitFor();
     });
   } finally {
     await stop();

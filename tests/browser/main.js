@@ -11,6 +11,7 @@ import { pictures } from './pictures.js';
 import { plants } from './plants.js';
 import { reports } from './reports.js';
 import { schedules } from './schedules.js';
+import { states } from './states.js';
 import { tokens } from './tokens.js';
 
 const service = await demo(process.env.LAMPYRIS_BINARY);
@@ -34,6 +35,7 @@ try {
     await service.ready();
     console.log(`  the demo was waited for ${((Date.now() - begun) / 1000).toFixed(1)} s`);
     await plants(chrome, service);
+    await states(chrome, service);
     await evidence(chrome, service);
     await ledger(chrome, service);
     await story(chrome, service);

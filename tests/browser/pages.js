@@ -89,6 +89,9 @@ export async function pages(chrome, { base }) {
     'edit-model': ['/edit/model', '.strips canvas'],
     'edit-effect': ['/edit/effect?model=tite&system=room/5', '.strips canvas'],
     schedules: ['/schedules', 'tbody tr'],
+    audit: ['/audit', 'tbody tr'],
+    neighbours: ['/neighbours?system=room/1', 'figure.frame tbody tr'],
+    'neighbours-none': ['/neighbours?system=room/5', '.screen.empty'],
     new: ['/new', 'form'],
   };
   for (const scheme of ['light', 'dark']) {

@@ -96,7 +96,7 @@ export function Settings({ system, document, changed }) {
     <p class="row end"><button class="main">Save</button></p>
     ${Object.keys(draft.channels).length > 0 &&
       html`<${Table} caption="Channels and the columns that feed them" columns=${[['channel'], ['column']]} rows=${Object.entries(draft.channels)} />`}
-    <p>${draft.neighbours.length > 0 ? `Neighbours: ${draft.neighbours.join(', ')}.` : 'It has no neighbours.'}
+    <p>${draft.neighbours.length > 0 ? `Neighbours: ${draft.neighbours.join(', ')}. ` : 'It has no neighbours. '}
       <a href=${address(['neighbours'], { system })}>See which rooms look like neighbours</a></p>
   </form>`;
 }
