@@ -35,7 +35,8 @@ export function Settings({ system, document, changed }) {
       const saved = await put(`/systems/${system}`, body, { seen: base });
       say(`${system} is changed`);
       setBase(saved);
-      setDraft(saved);
+      // What was written while it was sent stays.
+      setDraft(written => onto(saved, draft, written));
       setOthers([]);
       changed(saved);
     } catch (fault) {
@@ -46,7 +47,7 @@ export function Settings({ system, document, changed }) {
     try {
       const now = await ask(`/systems/${system}`);
       setOthers(differences(base, now));
-      setDraft(onto(now, base, draft));
+      setDraft(written => onto(now, base, written));
       setBase(now);
       setError(null);
     } catch (fault) {
