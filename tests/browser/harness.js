@@ -11,7 +11,7 @@ const PATIENCE_MS = 240_000;
 /** The demo fits and diagnoses its rooms before it is done. */
 const START_MS = 900_000;
 
-export async function freePort() {
+async function freePort() {
   const server = net.createServer().listen(0, '127.0.0.1');
   await once(server, 'listening');
   const { port } = server.address();
@@ -54,6 +54,23 @@ export async function demo(binary) {
   return { base, port, ready, stop };
 }
 
+/** A service of its own, with nothing in it: `{base, database, stop}`. `prepare` gets the database before it starts. */
+export async function bare(binary, prepare = () => {}) {
+  const folder = mkdtempSync(join(tmpdir(), 'lampyris-browser-'));
+  const database = join(folder, 'test.db');
+  prepare(database);
+  const base = `http://127.0.0.1:${await freePort()}`;
+  const child = spawn(binary, ['serve', '--bind', base.slice('http://'.length), '--database', database], { stdio: ['ignore', 'pipe', 'ignore'] });
+  const ended = once(child, 'exit');
+  await once(child.stdout, 'data');
+  const stop = async () => {
+    child.kill('SIGTERM');
+    await ended;
+    rmSync(folder, { recursive: true, force: true });
+  };
+  return { base, database, stop };
+}
+
 /** A line to the service that can be cut: `cut()` ends every connection and refuses new ones, `mend()` lets them in again. */
 export async function wire(port) {
   const open = new Set();
@@ -94,18 +111,21 @@ export async function wire(port) {
   };
 }
 
-export async function browser() {
+export async function browser(args = []) {
   const path = [process.env.CHROMIUM, '/usr/bin/chromium', '/usr/bin/chromium-browser', '/usr/bin/google-chrome'].find(
     candidate => candidate && existsSync(candidate),
   );
   if (!path) throw new Error('no Chromium: apt-get install chromium');
-  return chromium.launch({ executablePath: path, args: ['--no-sandbox'] });
+  return chromium.launch({ executablePath: path, args: ['--no-sandbox', ...args] });
 }
 
 const counted = { passed: 0, failed: 0 };
 
-/** Opens a page at a width, with a scheme; what goes wrong in it is a fault of the test. */
-export async function open(chrome, { width = 1366, height = 768, scheme = 'light', motion = 'reduce' } = {}) {
+/** A refused request is part of some stories; a script, a style or a policy that fails never is. */
+const REFUSED = /^Failed to load resource/;
+
+/** Opens a page at a width, with a scheme; what goes wrong in it, other than what is `expected`, is a fault of the test. */
+export async function open(chrome, { width = 1366, height = 768, scheme = 'light', motion = 'reduce', expected = REFUSED } = {}) {
   const context = await chrome.newContext({
     viewport: { width, height },
     colorScheme: scheme,
@@ -116,11 +136,7 @@ export async function open(chrome, { width = 1366, height = 768, scheme = 'light
   const page = await context.newPage();
   const faults = [];
   page.on('pageerror', error => faults.push(`${error.message}\n${error.stack}`));
-  // A refused request is part of some stories; a script, a style or a policy that fails never is.
-  page.on(
-    'console',
-    message => message.type() === 'error' && !message.text().startsWith('Failed to load resource') && faults.push(message.text()),
-  );
+  page.on('console', message => message.type() === 'error' && !expected.test(message.text()) && faults.push(message.text()));
   return { page, faults, close: () => context.close() };
 }
 
@@ -137,8 +153,8 @@ export async function test(chrome, name, options, body) {
   } catch (error) {
     counted.failed += 1;
     console.log(`test ${name} ... FAILED ${took()}\n${error.stack ?? error}\n  at ${place.page.url()}`);
-    if (process.env.LAMPYRIS_SHOTS)
-      await place.page.screenshot({ path: join(process.env.LAMPYRIS_SHOTS, `FAILED ${name}.png`), fullPage: true }).catch(() => {});
+    if (process.env.BROWSER_SHOTS)
+      await place.page.screenshot({ path: join(process.env.BROWSER_SHOTS, `FAILED ${name}.png`), fullPage: true }).catch(() => {});
   } finally {
     await place.close();
   }
@@ -154,12 +170,13 @@ export function holds(condition, text) {
   if (!condition) throw new Error(text);
 }
 
-/** Asks the service beside the page. */
+/** Asks the service beside the page; a body is JSON, or CSV where it is a text. */
 export async function ask(base, path, body, method = body ? 'POST' : 'GET') {
+  const csv = typeof body === 'string';
   const response = await fetch(base + path, {
     method,
-    headers: body ? { 'content-type': 'application/json' } : {},
-    body: body && JSON.stringify(body),
+    headers: body ? { 'content-type': csv ? 'text/csv' : 'application/json' } : {},
+    body: csv ? body : body && JSON.stringify(body),
   });
   if (!response.ok) throw new Error(`${method} ${path}: ${response.status} ${await response.text()}`);
   return response.status === 204 ? null : response.json();

@@ -1,14 +1,17 @@
 // All browser tests, one after another, against one demo; those that need none while it fits and diagnoses its rooms.
 import { browser, demo, result } from './harness.js';
+import { changes } from './changes.js';
 import { evidence } from './evidence.js';
 import { ledger } from './ledger.js';
 import { story } from './story.js';
 import { edges } from './edges.js';
+import { foreign } from './foreign.js';
 import { pages } from './pages.js';
 import { pictures } from './pictures.js';
 import { plants } from './plants.js';
 import { reports } from './reports.js';
 import { schedules } from './schedules.js';
+import { states } from './states.js';
 import { tokens } from './tokens.js';
 
 const service = await demo(process.env.LAMPYRIS_BINARY);
@@ -20,16 +23,19 @@ const stop = async () => {
 for (const signal of ['SIGINT', 'SIGTERM', 'SIGHUP']) process.once(signal, () => stop().then(() => process.exit(1)));
 try {
   chrome = await browser();
-  if (process.env.LAMPYRIS_PICTURES) {
+  if (process.env.BROWSER_PICTURES) {
     await service.ready();
-    await pictures(chrome, service, process.env.LAMPYRIS_PICTURES);
+    await pictures(chrome, service, process.env.BROWSER_PICTURES);
   } else {
     await reports(chrome, process.env.LAMPYRIS_BINARY);
     await tokens(chrome, process.env.LAMPYRIS_BINARY);
+    await changes(chrome, process.env.LAMPYRIS_BINARY);
+    await foreign(chrome, process.env.LAMPYRIS_BINARY);
     const begun = Date.now();
     await service.ready();
     console.log(`  the demo was waited for ${((Date.now() - begun) / 1000).toFixed(1)} s`);
     await plants(chrome, service);
+    await states(chrome, service);
     await evidence(chrome, service);
     await ledger(chrome, service);
     await story(chrome, service);

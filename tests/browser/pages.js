@@ -89,6 +89,9 @@ export async function pages(chrome, { base }) {
     'edit-model': ['/edit/model', '.strips canvas'],
     'edit-effect': ['/edit/effect?model=tite&system=room/5', '.strips canvas'],
     schedules: ['/schedules', 'tbody tr'],
+    audit: ['/audit', 'tbody tr'],
+    neighbours: ['/neighbours?system=room/1', 'figure.frame tbody tr'],
+    'neighbours-none': ['/neighbours?system=room/5', '.screen.empty'],
     new: ['/new', 'form'],
   };
   for (const scheme of ['light', 'dark']) {
@@ -99,8 +102,8 @@ export async function pages(chrome, { base }) {
         await page.locator(ready).first().waitFor();
         await page.waitForLoadState('networkidle', { timeout: 1500 }).catch(() => {});
         for (const fault of [...(await faultsOf(page)), ...(await cutOff(page))]) faults.push(`${name}: ${fault}`);
-        if (process.env.LAMPYRIS_SHOTS)
-          await page.screenshot({ path: join(process.env.LAMPYRIS_SHOTS, `${name}-${scheme}.png`), fullPage: true });
+        if (process.env.BROWSER_SHOTS)
+          await page.screenshot({ path: join(process.env.BROWSER_SHOTS, `${name}-${scheme}.png`), fullPage: true });
       }
       holds(faults.length === 0, `${faults.length} faults\n  ${faults.join('\n  ')}`);
     });
@@ -114,8 +117,8 @@ export async function pages(chrome, { base }) {
         await page.locator(ready).first().waitFor();
         await page.waitForTimeout(200);
         for (const fault of await cutOff(page)) faults.push(`${name}: ${fault}`);
-        if (process.env.LAMPYRIS_SHOTS)
-          await page.screenshot({ path: join(process.env.LAMPYRIS_SHOTS, `${name}-${width}.png`), fullPage: true });
+        if (process.env.BROWSER_SHOTS)
+          await page.screenshot({ path: join(process.env.BROWSER_SHOTS, `${name}-${width}.png`), fullPage: true });
       }
       holds(faults.length === 0, `${faults.length} faults\n  ${faults.join('\n  ')}`);
     });

@@ -57,8 +57,8 @@ export async function reports(chrome, binary) {
           // The longest has every part of the others.
           const accessible = kind === 'diagnose' ? await faultsOf(page) : [];
           for (const fault of [...accessible, ...(await cutOff(page))]) faults.push(`${kind}: ${fault}`);
-          if (process.env.LAMPYRIS_SHOTS)
-            await page.screenshot({ path: join(process.env.LAMPYRIS_SHOTS, `report-${kind}-${scheme}.png`), fullPage: true });
+          if (process.env.BROWSER_SHOTS)
+            await page.screenshot({ path: join(process.env.BROWSER_SHOTS, `report-${kind}-${scheme}.png`), fullPage: true });
           if (kind === 'diagnose') {
             await page.getByRole('link', { name: 'wind_infiltration' }).first().click();
             await page.locator('.equation ins').first().waitFor();

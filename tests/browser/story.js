@@ -68,7 +68,16 @@ export async function story(chrome, { base }) {
     await page.reload();
     await page.getByText(/The error on unseen data fell by \d+ %/).waitFor();
 
-    await page.getByRole('button', { name: `Use ${grown} for the controller` }).click();
+    // Somebody else was first: theirs stays, and so does the step.
+    const { system: _, ...theirs } = await ask(base, `/systems/${HIDES_TWO}`);
+    await ask(base, `/systems/${HIDES_TWO}`, { ...theirs, label: `${theirs.label}, again` }, 'PUT');
+    const use = page.getByRole('button', { name: `Use ${grown} for the controller` });
+    await use.click();
+    await page.getByRole('alert').getByText(`Somebody has changed ${HIDES_TWO}`).waitFor();
+    holds((await ask(base, `/systems/${HIDES_TWO}`)).model === model, 'their change is overwritten');
+    await page.getByRole('button', { name: 'See what is there now' }).click();
+    await page.getByText(`${theirs.label}, again`).waitFor();
+    await use.click();
     const served = page.locator('section.card', { hasText: `Fit of ${grown} for the controller` });
     await served.locator('.status', { hasText: 'succeeded' }).waitFor();
     holds((await ask(base, `/systems/${HIDES_TWO}`)).model === grown, 'the model of the system is another');

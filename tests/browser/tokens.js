@@ -1,33 +1,21 @@
 // A service that wants a token: the page asks for it once, and works from then on.
-import { execFileSync, spawn } from 'node:child_process';
-import { once } from 'node:events';
-import { mkdtempSync, rmSync } from 'node:fs';
-import { tmpdir } from 'node:os';
-import { join } from 'node:path';
-import { freePort, holds, test } from './harness.js';
+import { execFileSync } from 'node:child_process';
+import { bare, holds, test } from './harness.js';
 
 /** A service with one system and one token: `{base, token, revoke, stop}`. */
 async function guarded(binary) {
-  const folder = mkdtempSync(join(tmpdir(), 'lampyris-tokens-'));
-  const database = join(folder, 'test.db');
-  const verb = (...words) => execFileSync(binary, ['token', ...words, '--database', database], { encoding: 'utf8' });
-  const { token } = JSON.parse(verb('create', '--name', 'page', '--scope', 'admin', '--json'));
-  const base = `http://127.0.0.1:${await freePort()}`;
-  const child = spawn(binary, ['serve', '--bind', base.slice('http://'.length), '--database', database], { stdio: ['ignore', 'pipe', 'ignore'] });
-  const ended = once(child, 'exit');
-  await once(child.stdout, 'data');
-  const made = await fetch(`${base}/systems/room/4`, {
+  const verb = (database, ...words) => execFileSync(binary, ['token', ...words, '--database', database], { encoding: 'utf8' });
+  let token;
+  const service = await bare(binary, database => {
+    ({ token } = JSON.parse(verb(database, 'create', '--name', 'page', '--scope', 'admin', '--json')));
+  });
+  const made = await fetch(`${service.base}/systems/room/4`, {
     method: 'PUT',
     headers: { authorization: `Bearer ${token}`, 'content-type': 'application/json' },
     body: '{"label":"Kitchen","model":"rc2"}',
   });
   holds(made.status === 201, `the system was not made: ${made.status}`);
-  const stop = async () => {
-    child.kill('SIGTERM');
-    await ended;
-    rmSync(folder, { recursive: true, force: true });
-  };
-  return { base, token, revoke: () => verb('revoke', 'page'), stop };
+  return { ...service, token, revoke: () => verb(service.database, 'revoke', 'page') };
 }
 
 export async function tokens(chrome, binary) {

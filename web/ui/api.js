@@ -61,20 +61,33 @@ export async function send(path, { headers = {}, patient = false, ...options } =
   }
 }
 
-/** Asks the service; JSON back, or text for `accept: 'text/csv'`. `body` may be an object, or `csv` a text. */
-export async function ask(path, { method = 'GET', body, csv, accept = 'application/json', signal } = {}) {
+/** The tags of the documents that were answered with one. */
+const tags = new WeakMap();
+
+/**
+ * Asks the service; JSON back, or text for `accept: 'text/csv'`. `body` may be an object, or `csv` a text. A change
+ * goes through where the place is as it is expected: `seen` is the document that was answered, `isNew` says that there
+ * is none. Otherwise the answer is the problem `not-as-expected`.
+ */
+export async function ask(path, { method = 'GET', body, csv, accept = 'application/json', signal, seen, isNew = false } = {}) {
   if (REPORT) return carried(path);
   const headers = { accept };
+  if (seen) headers['if-match'] = tags.get(seen);
+  if (isNew) headers['if-none-match'] = '*';
   if (body !== undefined) headers['content-type'] = 'application/json';
   if (csv !== undefined) headers['content-type'] = 'text/csv';
   const response = await send(path, { method, headers, signal, body: csv ?? (body === undefined ? undefined : JSON.stringify(body)) });
   if (!response.ok) throw await problemOf(response);
   if (response.status === 204) return null;
-  return accept === 'application/json' ? response.json() : response.text();
+  if (accept !== 'application/json') return response.text();
+  const answer = await response.json();
+  const tag = response.headers.get('etag');
+  if (tag !== null) tags.set(answer, tag);
+  return answer;
 }
 
 export const post = (path, body) => ask(path, { method: 'POST', body });
-export const put = (path, body) => ask(path, { method: 'PUT', body });
+export const put = (path, body, expected) => ask(path, { method: 'PUT', body, ...expected });
 export const remove = path => ask(path, { method: 'DELETE' });
 
 /** All items of a list, page by page. */
@@ -96,8 +109,8 @@ export const AGAIN = 'lampyris-again';
 const asItIs = (path, options) => ask(path, options);
 
 /**
- * What is at a path: `{data, error, loading, reload}`. What was there stays while it is asked again, so that a chart
- * keeps its zoom; `null` asks for nothing.
+ * What is at a path: `{data, error, loading, reload, replace}`. What was there stays while it is asked again, so that a
+ * chart keeps its zoom; `null` asks for nothing. `replace` takes what a change was answered with.
  */
 export function useResource(path, { read = asItIs } = {}) {
   const [state, setState] = useState({ path: null, data: null, error: null, loading: path !== null });
@@ -122,20 +135,27 @@ export function useResource(path, { read = asItIs } = {}) {
     );
     return () => abort.abort();
   }, [path, turn]);
-  return { ...state, reload: () => setTurn(before => before + 1) };
+  const reload = () => setTurn(before => before + 1);
+  const replace = data => {
+    setState(before => ({ ...before, data }));
+    // An answer that is still on its way may be older.
+    reload();
+  };
+  return { ...state, reload, replace };
 }
 
 /** The items of a list. */
 export const useList = path => useResource(path, { read: every });
 
-/** The command that asks the same. */
-export function curl(path, { method, body, accept } = {}) {
+/** The command that asks the same; `file` is a CSV file that is sent. */
+export function curl(path, { method, body, file, accept } = {}) {
   const quoted = text => `'${text.replaceAll("'", "'\\''")}'`;
   const words = ['curl -s'];
   if (token() !== null) words.push('-H "authorization: Bearer $LAMPYRIS_TOKEN"');
   if (method) words.push(`-X ${method}`);
   if (accept) words.push(`-H 'accept: ${accept}'`);
   if (body !== undefined) words.push(`-H 'content-type: application/json' -d ${quoted(JSON.stringify(body))}`);
+  if (file !== undefined) words.push(`-H 'content-type: text/csv' --data-binary ${quoted(`@${file}`)}`);
   words.push(quoted(location.origin + path));
   return words.join(' ');
 }

@@ -14,6 +14,8 @@ import { Models } from './pages/models.js';
 import { ModelPage, EffectPage } from './pages/model.js';
 import { Editor } from './pages/editor.js';
 import { Schedules } from './pages/schedules.js';
+import { Audit } from './pages/audit.js';
+import { Neighbours } from './pages/neighbours.js';
 
 function page(parts, query) {
   const [place, first, second, third] = parts;
@@ -29,8 +31,13 @@ function page(parts, query) {
   if (place === 'models') return first ? html`<${ModelPage} key=${first} id=${first} />` : html`<${Models} />`;
   if (place === 'effects' && first) return html`<${EffectPage} key=${first} id=${first} />`;
   if (place === 'schedules') return html`<${Schedules} />`;
+  if (place === 'audit') return html`<${Audit} query=${query} />`;
+  if (place === 'neighbours') return html`<${Neighbours} query=${query} />`;
   return html`<${Empty} title="There is no such page"><p><a href="/ui/">To the overview</a></p></${Empty}>`;
 }
+
+/** Under which place of the navigation a page is that has none of its own. */
+const BELOW = { edit: 'models', effects: 'models', batches: 'jobs', new: 'systems', neighbours: 'systems' };
 
 function App() {
   const { parts, query } = useHere();
@@ -43,8 +50,7 @@ function App() {
     first.current = false;
     document.title = parts.length ? `${parts.slice(0, 4).join(' ')} · Lampyris` : 'Lampyris';
   }, [path]);
-  const place =
-    parts[0] === 'edit' || parts[0] === 'effects' ? 'models' : parts[0] === 'batches' ? 'jobs' : parts[0] === 'new' ? 'systems' : parts[0];
+  const place = BELOW[parts[0]] ?? parts[0];
   return html`<${Shell} place=${place}>${page(parts, query)}</${Shell}>`;
 }
 

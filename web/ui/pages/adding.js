@@ -2,10 +2,10 @@
 import { html, useState, useEffect } from '../html.js';
 import { ask, useResource, post, put } from '../api.js';
 import { setQuery, here, systemAddress } from '../router.js';
-import { say, sayFault } from '../say.js';
+import { say } from '../say.js';
 import { number, fixed, horizon } from '../format.js';
 import { Frame } from '../parts/frame.js';
-import { Failed } from '../parts/screens.js';
+import { Failed, NotSaved } from '../parts/screens.js';
 import { JobWatch } from '../parts/watch.js';
 import { Equations } from '../parts/equations.js';
 import { Status } from '../parts/status.js';
@@ -38,10 +38,12 @@ function stepOf(fit, before, output) {
  * `effect` is what was asked for last, null for nothing; `grown` hears the model with all that was added; `steps` are the fits that the address carries, one per effect
  * that was added to the diagnosed model. Every step is judged on the split of the diagnosis, so that they compare.
  */
-export function Adding({ diagnosis, system, document, effect, steps, taken, grown }) {
+export function Adding({ diagnosis, system, document, effect, steps, taken, grown, reload, changed }) {
   const [change, setChange] = useState(null);
   const [error, setError] = useState(null);
   const [serving, setServing] = useState(null);
+  /** Why the model was not given to the controller. */
+  const [refused, setRefused] = useState(null);
   const job = useResource(`/jobs/${diagnosis.job}`);
   const known = [diagnosis.fit, ...steps].filter(Boolean);
   const fits = useResource(known.length ? known.join(',') : null, { read: all });
@@ -91,15 +93,20 @@ export function Adding({ diagnosis, system, document, effect, steps, taken, grow
     setQuery({ adding: null, steps: steps.slice(0, -1).join(',') || null });
   };
   const serve = async () => {
+    setRefused(null);
     try {
-      const { system: _, ...changed } = { ...document, model: current };
-      await put(`/systems/${system}`, changed);
+      const { system: _, ...body } = { ...document, model: current };
+      changed(await put(`/systems/${system}`, body, { seen: document }));
       const started = await post('/jobs', { kind: 'estimate', system });
       setServing(started.id);
       say(`${current} is now the model of ${system}; it is fitted to the newest data`);
     } catch (fault) {
-      sayFault(fault);
+      setRefused(fault);
     }
+  };
+  const again = () => {
+    setRefused(null);
+    reload();
   };
   if (!error && !effect && !adding && steps.length === 0) return null;
   const ladder = fits.data?.map((fit, at) => stepOf(fit, fits.data[at - 1], output)) ?? [];
@@ -109,6 +116,8 @@ export function Adding({ diagnosis, system, document, effect, steps, taken, grow
     ${adding && html`<${JobWatch} key=${adding} id=${adding} title="Refit with the effect" onEnd=${ended} />`}
     ${ladder.length > 1 && html`<${Outputs} outputs=${outputs} query=${here().query} />`}
     ${ladder.length > 1 && html`<${Outcome} ladder=${ladder} model=${current} undo=${undo} serve=${serve} />`}
+    ${refused && html`<${NotSaved} error=${refused} again=${again}><p>Somebody has changed ${system} since this page was opened. Look at its
+      settings, and press the button again if ${current} is still right.</p></${NotSaved}>`}
     ${
       serving &&
       html`<${JobWatch} key=${serving} id=${serving} title=${`Fit of ${current} for the controller`}

@@ -6,11 +6,11 @@ import { say, sayFault } from '../say.js';
 import { number, clock, length, seconds, instant, NONE } from '../format.js';
 import { Frame } from '../parts/frame.js';
 import { Table } from '../parts/table.js';
-import { Shown, Empty, Failed } from '../parts/screens.js';
+import { Shown, Empty, Failed, NotSaved } from '../parts/screens.js';
 import { Strips } from '../charts/strips.js';
 import { Upload } from './upload.js';
 
-export function Data({ system, document, query, reload }) {
+export function Data({ system, document, query, reload, changed }) {
   const windows = useList(`/systems/${system}/windows`);
   const path = withQuery(`/systems/${system}/series`, { max_points: 2000 });
   const series = useResource(windows.data?.length ? path : null);
@@ -26,7 +26,7 @@ export function Data({ system, document, query, reload }) {
       show=${list => html`
         ${series.error ? html`<${Failed} error=${series.error} retry=${series.reload} />` : series.data &&
           html`<${Series} all=${series.data} path=${path} query=${query} zone=${document.location?.zone ?? 'UTC'} />`}
-        <${Exclusions} system=${system} document=${document} query=${query} done=${done} />
+        <${Exclusions} system=${system} document=${document} query=${query} reload=${reload} changed=${changed} />
         <${Channels} list=${list} />
         <${Windows} list=${list} done=${done} />`} />`;
 }
@@ -117,20 +117,29 @@ function stretches(filled) {
 }
 
 /** Times that no fit may learn from, such as a holiday or a broken sensor. */
-function Exclusions({ system, document, query, done }) {
+function Exclusions({ system, document, query, reload, changed }) {
   const [draft, setDraft] = useState({ from: query.from ?? '', to: query.to ?? '', reason: '' });
-  const save = exclude => {
+  const [error, setError] = useState(null);
+  const save = async exclude => {
     const { system: _, ...rest } = document;
-    return put(`/systems/${system}`, { ...rest, exclude }).then(() => {
+    setError(null);
+    try {
+      changed(await put(`/systems/${system}`, { ...rest, exclude }, { seen: document }));
       say('Exclusions are saved');
-      done();
-    }, sayFault);
+      return true;
+    } catch (fault) {
+      setError(fault);
+      return false;
+    }
   };
-  const add = event => {
+  const add = async event => {
     event.preventDefault();
-    save([...document.exclude, { from: draft.from, to: draft.to, reason: draft.reason }]).then(() =>
-      setDraft({ from: '', to: '', reason: '' }),
-    );
+    const isKept = await save([...document.exclude, { from: draft.from, to: draft.to, reason: draft.reason }]);
+    if (isKept) setDraft({ from: '', to: '', reason: '' });
+  };
+  const again = () => {
+    setError(null);
+    reload();
   };
   const field = (name, title, placeholder) =>
     html`<label>${title}<input value=${draft[name]} required placeholder=${placeholder}
@@ -143,6 +152,8 @@ function Exclusions({ system, document, query, done }) {
       rows=${document.exclude.map((entry, at) => [clock(entry.from), clock(entry.to), entry.reason,
         html`<button class="plain" onClick=${() => save(document.exclude.filter((_, other) => other !== at))}>Use it again</button>`])} />`
     }
+    ${error && html`<${NotSaved} error=${error} again=${again}><p>Somebody has changed ${system} since this was read. What you wrote here
+      stays.</p></${NotSaved}>`}
     <form class="row" onSubmit=${add}>${field('from', 'From (UTC)', '2020-01-01T00:00:00Z')}${field('to', 'To (UTC)',
       '2020-01-02T00:00:00Z')}${field('reason', 'Reason', 'windows were open')}
       ${query.from && html`<button type="button"

@@ -23,7 +23,7 @@ const SAYS = {
   not_enough_data: 'These data cannot say what is missing.',
 };
 
-export function Missing({ system, document, metrics, query }) {
+export function Missing({ system, document, metrics, query, reload, changed }) {
   const diagnoses = useList(`/diagnoses?system=${encodeURIComponent(system)}`);
   const jobs = useList(`/jobs?system=${encodeURIComponent(system)}&kind=diagnose`);
   const id = query.diagnosis ?? diagnoses.data?.[0]?.id ?? null;
@@ -50,11 +50,11 @@ export function Missing({ system, document, metrics, query }) {
     ${diagnosis.error && html`<${Failed} error=${diagnosis.error} retry=${diagnosis.reload} />`}
     ${id && !diagnosis.data && !diagnosis.error && html`<${Loading} what="the diagnosis" />`}
     ${diagnosis.data && html`<${Diagnosis} key=${diagnosis.data.id} data=${diagnosis.data} system=${system} document=${document}
-      metrics=${metrics} query=${query} search=${running ? null : search} />
+      metrics=${metrics} query=${query} search=${running ? null : search} reload=${reload} changed=${changed} />
       <${Ledger} key=${`ledger of ${diagnosis.data.id}`} system=${system} model=${diagnosis.data.model} />`}`;
 }
 
-export function Diagnosis({ data, system, document, metrics, query, search }) {
+export function Diagnosis({ data, system, document, metrics, query, search, reload, changed }) {
   const path = `/diagnoses/${data.id}`;
   const [adding, setAdding] = useState(null);
   const [model, setModel] = useState(data.model);
@@ -75,7 +75,7 @@ export function Diagnosis({ data, system, document, metrics, query, search }) {
     ${several && weighed && html`<p class="note">Errors are those of all outputs together, each in the noise of its sensor; what is drawn over time is ${first[0]}.</p>`}
     ${data.warnings.map(warning => html`<p class="note">▲ ${warning}</p>`)}
     <${Adding} diagnosis=${data} system=${system} document=${document} effect=${adding} steps=${steps} taken=${() => setAdding(null)}
-      grown=${setModel} />
+      grown=${setModel} reload=${reload} changed=${changed} />
     ${data.findings.map(finding => html`<${Finding} key=${finding.effect} finding=${finding} data=${data} path=${path} added=${there(finding.effect)}
       zone=${document.location?.zone ?? 'UTC'}
       add=${REPORT ? null : () => setAdding({ effect: finding.effect, title: finding.title })} />`)}

@@ -3,7 +3,7 @@ import { html, useState } from '../html.js';
 import { useList, put } from '../api.js';
 import { go, systemAddress } from '../router.js';
 import { say } from '../say.js';
-import { Failed } from '../parts/screens.js';
+import { NotSaved } from '../parts/screens.js';
 
 export function NewSystem() {
   const models = useList('/models');
@@ -13,11 +13,11 @@ export function NewSystem() {
   const make = async event => {
     event.preventDefault();
     try {
-      await put(`/systems/${draft.system}`, { label: draft.label, model: draft.model });
+      await put(`/systems/${draft.system}`, { label: draft.label, model: draft.model }, { isNew: true });
       say(`${draft.system} is there`);
       go(systemAddress(draft.system, 'data'));
     } catch (fault) {
-      setError(fault);
+      setError(Object.assign(fault, { system: draft.system }));
     }
   };
   return html`<h1>Add a system</h1>
@@ -28,7 +28,8 @@ export function NewSystem() {
       <label>Model<select value=${draft.model} onChange=${set('model')}>
         ${(models.data ?? [{ id: 'room2', title: '' }]).map(model =>
           html`<option value=${model.id} selected=${model.id === draft.model}>${model.id}: ${model.title}</option>`)}</select></label>
-      ${error && html`<${Failed} error=${error} />`}
+      ${error && html`<${NotSaved} error=${error}><p>There is a system ${error.system} already, and nothing of it was changed. Choose another name,
+        or <a href=${systemAddress(error.system, 'settings')}>change the settings of ${error.system}</a>.</p></${NotSaved}>`}
       <p class="row end"><button class="main">Add it and upload measurements</button></p>
     </form>`;
 }

@@ -156,6 +156,7 @@ function Systems({ rows, running, query }) {
         <input ref=${search} type="search" placeholder="Search ( / )" aria-label="Search the systems" value=${query.search ?? ''}
           onInput=${event => setQuery({ search: event.target.value })} />
         <button class="main" disabled=${chosen.size === 0} onClick=${() => refit([...chosen])}>Refit ${chosen.size || ''} selected</button>
+        <a class="button" href=${address(['neighbours'])}>Neighbours</a>
         <a class="button" href=${address(['new'])}>Add a system</a>
       </span>
     </div>

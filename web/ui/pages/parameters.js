@@ -12,6 +12,7 @@ import { Reason } from '../parts/dialog.js';
 import { Rail } from '../charts/rail.js';
 import { Curve } from '../charts/curve.js';
 import { Likelihood } from './likelihood.js';
+import { States } from './states.js';
 
 /** Whether a remark is the sentence about a pair that these data cannot tell apart. */
 const isOf = (pair, remark) => remark.startsWith(`${pair.parameters.join(' and ')} `);
@@ -32,6 +33,7 @@ export function Parameters({ system, document, params, fit, reload }) {
       <${Values} fit=${data} history=${history.data ?? []} />
       <${Likelihood} fit=${data} />
       <${Judgement} fit=${data} ask=${setAsking} done=${done} />`} />
+    <${States} system=${system} model=${params?.model ?? null} zone=${document.location?.zone ?? 'UTC'} />
     <${Shown} of=${history} what="the history" show=${list => html`<${History} system=${system} list=${list} ask=${setAsking} done=${done} />`} />
     ${asking && html`<${Reason} ...${asking} close=${() => setAsking(null)} />`}`;
 }

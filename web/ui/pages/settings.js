@@ -1,9 +1,10 @@
 // What a system is: its model, where it stands, and what may happen to its parameters without a person.
 import { html, useState } from '../html.js';
-import { useList, put } from '../api.js';
+import { ask, useList, put } from '../api.js';
 import { address } from '../router.js';
+import { differences, onto } from '../merge.js';
 import { say } from '../say.js';
-import { Failed } from '../parts/screens.js';
+import { NotSaved } from '../parts/screens.js';
 import { Table } from '../parts/table.js';
 
 const MODES = {
@@ -12,10 +13,14 @@ const MODES = {
   observe: 'only watch',
 };
 
-export function Settings({ system, document, reload }) {
+export function Settings({ system, document, changed }) {
   const models = useList('/models');
+  // What the draft began as: it may be read anew meanwhile, which must not pass for having been seen.
+  const [base, setBase] = useState(document);
   const [draft, setDraft] = useState(document);
   const [error, setError] = useState(null);
+  /** The fields that somebody else changed, after they were taken over. */
+  const [others, setOthers] = useState([]);
   const set = change => setDraft({ ...draft, ...change });
   const policy = change => set({ policy: { ...draft.policy, ...change } });
   const place = change => {
@@ -27,9 +32,24 @@ export function Settings({ system, document, reload }) {
     setError(null);
     try {
       const { system: _, ...body } = draft;
-      await put(`/systems/${system}`, body);
+      const saved = await put(`/systems/${system}`, body, { seen: base });
       say(`${system} is changed`);
-      reload();
+      setBase(saved);
+      // What was written while it was sent stays.
+      setDraft(written => onto(saved, draft, written));
+      setOthers([]);
+      changed(saved);
+    } catch (fault) {
+      setError(fault);
+    }
+  };
+  const takeOver = async () => {
+    try {
+      const now = await ask(`/systems/${system}`);
+      setOthers(differences(base, now));
+      setDraft(written => onto(now, base, written));
+      setBase(now);
+      setError(null);
     } catch (fault) {
       setError(fault);
     }
@@ -70,10 +90,14 @@ export function Settings({ system, document, reload }) {
         <label>Time zone<input value=${zone} placeholder="Europe/Copenhagen" onChange=${event => place({ zone: event.target.value })} /></label>
       </div>
     </div>
-    ${error && html`<${Failed} error=${error} />`}
+    ${error && html`<${NotSaved} error=${error} word="Take over what has changed" again=${takeOver}><p>Somebody has changed ${system} since this form
+      was opened, and it would be overwritten. What you wrote here stays.</p></${NotSaved}>`}
+    ${others.length > 0 && html`<p role="status">▲ Changed by somebody else, and taken over where you had changed nothing: ${others.join(', ')}. Save
+      it if it is right so.</p>`}
     <p class="row end"><button class="main">Save</button></p>
     ${Object.keys(draft.channels).length > 0 &&
       html`<${Table} caption="Channels and the columns that feed them" columns=${[['channel'], ['column']]} rows=${Object.entries(draft.channels)} />`}
-    ${draft.neighbours.length > 0 && html`<p>Neighbours: ${draft.neighbours.join(', ')}.</p>`}
+    <p>${draft.neighbours.length > 0 ? `Neighbours: ${draft.neighbours.join(', ')}. ` : 'It has no neighbours. '}
+      <a href=${address(['neighbours'], { system })}>See which rooms look like neighbours</a></p>
   </form>`;
 }

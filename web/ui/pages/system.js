@@ -53,6 +53,11 @@ export function SystemPage({ system, tab, query }) {
     if (next) go(systemAddress(next, tab));
   };
   const refit = () => post('/jobs', { kind: 'estimate', system }).then(job => go(address(['jobs', job.id])), sayFault);
+  /** A change of the document was answered. */
+  const changed = answer => {
+    document.replace(answer);
+    rows.reload();
+  };
   const usable = (fits.data ?? []).filter(fit => fit.metrics && Object.keys(fit.metrics).length);
   const params = !served.data || served.data.missing ? null : served.data;
   const fit = query.fit ?? params?.fit ?? usable[0]?.id ?? null;
@@ -86,7 +91,7 @@ export function SystemPage({ system, tab, query }) {
     <div role="tabpanel" id="panel" aria-labelledby=${`tab-${tab}`}>
       <${Tab} key=${tab} system=${system} document=${document.data} params=${params} fits=${usable} fit=${fit}
         metrics=${chosen?.metrics ?? {}} query=${query}
-        reload=${() => [document, served, fits, rows].forEach(resource => resource.reload())} />
+        reload=${() => [document, served, fits, rows].forEach(resource => resource.reload())} changed=${changed} />
     </div>`;
 }
 

@@ -23,7 +23,8 @@ export function toggleTable() {
   requestAnimationFrame(() => (figure.querySelector('.numbers') ?? figure).scrollIntoView({ block: 'nearest' }));
 }
 
-function save(blob, name) {
+/** Has the browser keep something as a file of this name. */
+export function save(blob, name) {
   const url = URL.createObjectURL(blob);
   const link = document.createElement('a');
   link.href = url;
@@ -37,9 +38,10 @@ const csvOf = ({ columns, rows }) => [columns.map(([title]) => title), ...rows].
 
 /**
  * A chart with its title. `table()` gives `{columns, rows}` of plain values; `path` is where the numbers came from,
- * `csv` whether that path also speaks CSV; `drawn` whether there is more to see than a table.
+ * `csv` whether that path also speaks CSV, `command` asks for them where reading the path does not; `drawn` whether
+ * there is more to see than a table.
  */
-export function Frame({ title, summary, table, path, csv = false, drawn = true, note, children }) {
+export function Frame({ title, summary, table, path, command = path && curl(path), csv = false, drawn = true, note, children }) {
   const [open, setOpen] = useState(null);
   const id = useId();
   const figure = useRef(null);
@@ -66,11 +68,11 @@ export function Frame({ title, summary, table, path, csv = false, drawn = true, 
         <button class="plain" aria-expanded=${open === 'table'} onClick=${() => toggle('table')}>Table</button>
         <button class="plain" onClick=${download('csv', spreadsheet)}>CSV</button>
         ${drawn && html`<button class="plain" onClick=${download('png', () => picture(figure.current))}>PNG</button>`}
-        ${path && !REPORT && html`<button class="plain" aria-expanded=${open === 'curl'} onClick=${() => toggle('curl')}>curl</button>`}
+        ${command && !REPORT && html`<button class="plain" aria-expanded=${open === 'curl'} onClick=${() => toggle('curl')}>curl</button>`}
       </span>
     </figcaption>
     ${summary && html`<p class="unseen">${summary}</p>`}
-    ${open === 'curl' && html`<${Command} text=${curl(path)} />`}
+    ${open === 'curl' && html`<${Command} text=${command} />`}
     ${children}
     ${note && html`<p class="note">${note}</p>`}
     ${

@@ -24,6 +24,19 @@ export function Failed({ error, retry }) {
   </div>`;
 }
 
+/**
+ * Why something was not saved. Where somebody else was first, it says what to do, which are the children, and `again`
+ * looks at what is there now.
+ */
+export function NotSaved({ error, word = 'See what is there now', again, children }) {
+  if (error.type !== 'not-as-expected') return html`<${Failed} error=${error} />`;
+  return html`<div class="screen failed" role="alert">
+    <h3><span aria-hidden="true">■</span> Nothing was saved</h3>
+    ${children}
+    ${again && html`<button type="button" onClick=${again}>${word}</button>`}
+  </div>`;
+}
+
 export function Faults({ errors = [] }) {
   if (errors.length === 0) return null;
   return html`<ul class="faults">${errors.map(

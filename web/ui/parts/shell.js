@@ -17,6 +17,7 @@ const PLACES = REPORT ? [] : [
   ['Jobs', ['jobs'], 'j'],
   ['Models and effects', ['models'], 'm'],
   ['Schedules', ['schedules'], 's'],
+  ['Who did what', ['audit'], 'a'],
 ];
 const THEMES = { system: ['light', 'Theme: as the system'], light: ['dark', 'Theme: light'], dark: ['system', 'Theme: dark'] };
 const SHOWN_MS = 8000;
