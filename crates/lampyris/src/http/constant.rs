@@ -56,7 +56,6 @@ impl ConstantBody {
         fields.insert(header::CONTENT_TYPE, HeaderValue::from_static(self.kind));
         fields.insert(header::VARY, HeaderValue::from_static("accept-encoding"));
         fields.insert(header::CACHE_CONTROL, HeaderValue::from_static("no-cache"));
-        fields.insert(header::X_CONTENT_TYPE_OPTIONS, HeaderValue::from_static("nosniff"));
         fields.insert(header::REFERRER_POLICY, HeaderValue::from_static("no-referrer"));
         if let Some(policy) = policy {
             fields.insert(header::CONTENT_SECURITY_POLICY, HeaderValue::from_static(policy));

@@ -13,7 +13,7 @@ use super::surface::router;
 use super::tls::Tls;
 use axum::Router;
 use axum::body::{Body, Bytes};
-use axum::http::{HeaderValue, Request, StatusCode, header};
+use axum::http::{HeaderName, HeaderValue, Request, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use hyper::body::{Frame, Incoming, SizeHint};
 use hyper::server::conn::http1;
@@ -37,6 +37,9 @@ const PAUSE: Duration = Duration::from_millis(200);
 /// Most bytes of a head, of requests that come before the answer to the last one was taken, and of an answer
 /// that waits to be taken, beside bodies that are shared.
 const BUFFER: usize = 64 << 10;
+
+/// Says which pages may load an answer as a part of them.
+const OWN_PAGES: HeaderName = HeaderName::from_static("cross-origin-resource-policy");
 
 /// Everything that a connection needs to be served.
 #[derive(Clone)]
@@ -131,15 +134,24 @@ impl Server {
     }
 }
 
-/// Answers a request. A router may refuse one before its body has come: what is still under way is thrown
-/// away, or else the client that sends it would find the connection closed before it has heard the answer, or
-/// at its next request.
-async fn answer(mut router: Router, request: Request<Incoming>) -> Result<Response, Infallible> {
+/// Answers a request that says by which name it asks. Every answer is what it says it is, and no part of a
+/// page of another origin.
+async fn answer(router: Router, request: Request<Incoming>) -> Result<Response, Infallible> {
     let (parts, body) = request.into_parts();
-    if let Err(error) = authority(&parts) {
-        return Ok(error.into_response());
-    }
-    let request = Request::from_parts(parts, body);
+    let mut response = match authority(&parts) {
+        Ok(_) => routed(router, Request::from_parts(parts, body)).await?,
+        Err(error) => error.into_response(),
+    };
+    let fields = response.headers_mut();
+    fields.insert(header::X_CONTENT_TYPE_OPTIONS, HeaderValue::from_static("nosniff"));
+    fields.insert(OWN_PAGES, HeaderValue::from_static("same-origin"));
+    Ok(response)
+}
+
+/// Gives a request to the router. It may refuse one before its body has come: what is still under way is
+/// thrown away, or else the client that sends it would find the connection closed before it has heard the
+/// answer, or at its next request.
+async fn routed(mut router: Router, request: Request<Incoming>) -> Result<Response, Infallible> {
     // A router is always ready.
     if hyper::body::Body::is_end_stream(request.body()) {
         return router.call(request.map(Body::new)).await;

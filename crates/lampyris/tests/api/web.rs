@@ -55,6 +55,16 @@ fn the_page_and_all_its_parts_come_from_this_service() {
 }
 
 #[test]
+fn every_answer_is_what_it_says_and_no_part_of_foreign_pages() {
+    let app = TestApp::start();
+    for path in ["/ui/", "/healthz", "/systems", "/params/room/1", "/openapi.json", "/nothing"] {
+        let answer = app.get(path);
+        assert_eq!(answer.header("x-content-type-options"), "nosniff", "{path}");
+        assert_eq!(answer.header("cross-origin-resource-policy"), "same-origin", "{path}");
+    }
+}
+
+#[test]
 fn nothing_but_files_of_this_service_may_run() {
     let app = TestApp::start();
     for path in ["/ui/", "/ui/main.js"] {
