@@ -71,11 +71,15 @@ pub struct Limits {
     pub window_bytes: usize,
     /// Largest body of any other request in bytes.
     pub body_bytes: usize,
+    /// Most bytes of bodies that are read or worked on at a time; half of them for one token.
+    pub bodies_bytes: usize,
     /// Most jobs that wait.
     pub queue: usize,
+    /// Most of those jobs of one system.
+    pub queue_per_system: usize,
     /// Longest a job may run, in seconds, whatever it asks for.
     pub job_seconds: u64,
-    /// Most connections at a time, half of them for those that have shown no token. Whoever comes when all
+    /// Most connections at a time, a quarter of them for those that have shown no token. Whoever comes when all
     /// are taken gets the place of one that has been quiet for long.
     pub connections: usize,
     /// Most of those connections from one address.
@@ -125,7 +129,9 @@ impl Default for Limits {
         Self {
             window_bytes: 64 << 20,
             body_bytes: 1 << 20,
+            bodies_bytes: 128 << 20,
             queue: 10_000,
+            queue_per_system: 1_000,
             job_seconds: 3_600,
             connections: 4_096,
             connections_per_peer: 64,
@@ -153,7 +159,7 @@ impl Default for Retention {
 }
 
 /// The variables of the environment and the fields that they stand for.
-const VARIABLES: [(&str, &str); 25] = [
+const VARIABLES: [(&str, &str); 27] = [
     ("LAMPYRIS_BIND", "/bind"),
     ("LAMPYRIS_DATABASE", "/database"),
     ("LAMPYRIS_WORKERS", "/workers"),
@@ -164,7 +170,9 @@ const VARIABLES: [(&str, &str); 25] = [
     ("LAMPYRIS_TLS_KEY", "/tls/key"),
     ("LAMPYRIS_LIMITS_WINDOW_BYTES", "/limits/window_bytes"),
     ("LAMPYRIS_LIMITS_BODY_BYTES", "/limits/body_bytes"),
+    ("LAMPYRIS_LIMITS_BODIES_BYTES", "/limits/bodies_bytes"),
     ("LAMPYRIS_LIMITS_QUEUE", "/limits/queue"),
+    ("LAMPYRIS_LIMITS_QUEUE_PER_SYSTEM", "/limits/queue_per_system"),
     ("LAMPYRIS_LIMITS_JOB_SECONDS", "/limits/job_seconds"),
     ("LAMPYRIS_LIMITS_CONNECTIONS", "/limits/connections"),
     ("LAMPYRIS_LIMITS_CONNECTIONS_PER_PEER", "/limits/connections_per_peer"),
@@ -261,6 +269,8 @@ impl Settings {
             "/tls/key" => read(&mut self.tls.get_or_insert_default().key, text),
             "/limits/window_bytes" => read(&mut self.limits.window_bytes, text),
             "/limits/body_bytes" => read(&mut self.limits.body_bytes, text),
+            "/limits/bodies_bytes" => read(&mut self.limits.bodies_bytes, text),
+            "/limits/queue_per_system" => read(&mut self.limits.queue_per_system, text),
             "/limits/queue" => read(&mut self.limits.queue, text),
             "/limits/job_seconds" => read(&mut self.limits.job_seconds, text),
             "/limits/connections" => read(&mut self.limits.connections, text),
@@ -325,7 +335,13 @@ impl Settings {
             "/limits/connections",
             "there are between 16 and 1000000 connections",
         );
+        demand(
+            self.limits.bodies_bytes / 2 >= self.limits.window_bytes.max(self.limits.body_bytes),
+            "/limits/bodies_bytes",
+            "there is room for two of the largest bodies at least",
+        );
         let parts = [
+            ("queue_per_system", self.limits.queue_per_system),
             ("connections_per_peer", self.limits.connections_per_peer),
             ("connections_per_token", self.limits.connections_per_token),
             ("streams", self.limits.streams),

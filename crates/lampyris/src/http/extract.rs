@@ -2,6 +2,7 @@
 
 use super::access::Caller;
 use super::origin::media_type;
+use super::places::{BodyPlace, Connection};
 use super::problem::ApiError;
 use super::shared::Shared;
 use crate::service::access::tokens::LOCAL;
@@ -76,7 +77,7 @@ impl FromRequest<Shared> for Json {
             return Err(ApiError::MediaType("application/json"));
         }
         let (parts, body) = request.into_parts();
-        let body = read(&parts.headers, body, service.settings.limits.body_bytes, service).await?;
+        let body = read(&parts, body, service.settings.limits.body_bytes, service).await?;
         let key = key(&parts, &body)?;
         let value = if body.len() > LARGE {
             blocking(move || decode::parse(&body)).await?
@@ -93,7 +94,7 @@ impl FromRequest<Shared> for Raw {
     async fn from_request(request: Request, service: &Shared) -> Result<Self, ApiError> {
         let media_type = media_type(request.headers());
         let (parts, body) = request.into_parts();
-        let body = read(&parts.headers, body, service.settings.limits.window_bytes, service).await?;
+        let body = read(&parts, body, service.settings.limits.window_bytes, service).await?;
         let key = key(&parts, &body)?;
         Ok(Self { body, media_type, key })
     }
@@ -104,7 +105,7 @@ impl FromRequest<Shared> for Empty {
 
     async fn from_request(request: Request, service: &Shared) -> Result<Self, ApiError> {
         let (parts, body) = request.into_parts();
-        let body = read(&parts.headers, body, service.settings.limits.body_bytes, service).await?;
+        let body = read(&parts, body, service.settings.limits.body_bytes, service).await?;
         if !body.iter().all(u8::is_ascii_whitespace) && body.as_ref() != b"{}" {
             return Err(ApiError::Invalid(vec![Fault::new(
                 "",
@@ -231,7 +232,8 @@ fn unread(error: Unread) -> ApiError {
 }
 
 /// Reads a body up to a limit of bytes, and of time.
-async fn read(headers: &HeaderMap, body: Body, limit: usize, service: &Shared) -> Result<Bytes, ApiError> {
+async fn read(parts: &Parts, body: Body, limit: usize, service: &Shared) -> Result<Bytes, ApiError> {
+    let headers = &parts.headers;
     // What unpacks to a thousand times its size is refused before anything is unpacked.
     if headers
         .get(header::CONTENT_ENCODING)
@@ -250,7 +252,8 @@ async fn read(headers: &HeaderMap, body: Body, limit: usize, service: &Shared) -
         return Err(ApiError::TooLarge(limit));
     }
     let patience = Duration::from_secs(service.settings.limits.body_seconds);
-    tokio::time::timeout(patience, collect(body, limit))
+    let place = parts.extensions.get::<Arc<Connection>>().cloned().map(Connection::body);
+    tokio::time::timeout(patience, collect(body, limit, place))
         .await
         .unwrap_or(Err(ApiError::SlowBody(patience.as_secs())))
 }
@@ -271,8 +274,21 @@ pub(super) async fn linger(body: Body, most: usize) {
     let _ = tokio::time::timeout(LINGER, drain).await;
 }
 
-/// Reads a body to its end, or until it is clear that it is too large. No more than the limit is ever kept.
-async fn collect(body: Body, limit: usize) -> Result<Bytes, ApiError> {
+/// A body with the room that it takes, as long as somebody works on it.
+struct Housed {
+    bytes: Vec<u8>,
+    _place: Option<BodyPlace>,
+}
+
+impl AsRef<[u8]> for Housed {
+    fn as_ref(&self) -> &[u8] {
+        &self.bytes
+    }
+}
+
+/// Reads a body to its end, or until it is clear that it is too large, or that there is no room for it. No more
+/// than the limit is ever kept.
+async fn collect(body: Body, limit: usize, mut place: Option<BodyPlace>) -> Result<Bytes, ApiError> {
     let mut parts = body.into_data_stream();
     let mut kept = Vec::new();
     let mut length = 0;
@@ -280,6 +296,9 @@ async fn collect(body: Body, limit: usize) -> Result<Bytes, ApiError> {
         let part = part.map_err(|_| ApiError::BrokenBody)?;
         length += part.len();
         if length <= limit {
+            if place.as_mut().is_some_and(|place| !place.grow(part.len())) {
+                return Err(ApiError::TooMuchAtOnce);
+            }
             kept.extend_from_slice(&part);
         } else if length > limit.saturating_add(SPARE) {
             break;
@@ -287,7 +306,10 @@ async fn collect(body: Body, limit: usize) -> Result<Bytes, ApiError> {
             kept = Vec::new();
         }
     }
-    if length > limit { Err(ApiError::TooLarge(limit)) } else { Ok(kept.into()) }
+    if length > limit {
+        return Err(ApiError::TooLarge(limit));
+    }
+    Ok(Bytes::from_owner(Housed { bytes: kept, _place: place }))
 }
 
 /// The client's key with the hash of what it asks: the same key for anything else is refused. Every token has

@@ -36,7 +36,7 @@ use tower::Service as _;
 const PAUSE: Duration = Duration::from_millis(200);
 /// Most bytes of a head, of requests that come before the answer to the last one was taken, and of an answer
 /// that waits to be taken, beside bodies that are shared.
-const BUFFER: usize = 64 << 10;
+const BUFFER: usize = 16 << 10;
 
 /// Says which pages may load an answer as a part of them.
 const OWN_PAGES: HeaderName = HeaderName::from_static("cross-origin-resource-policy");

@@ -40,6 +40,8 @@ struct Table {
     all: usize,
     strangers: usize,
     streams: usize,
+    /// Bytes of bodies that are read or worked on.
+    bytes: usize,
     displaced: u64,
 }
 
@@ -47,6 +49,7 @@ struct Table {
 struct Held {
     seats: Vec<Arc<Seat>>,
     streams: usize,
+    bytes: usize,
 }
 
 /// What a connection tells of itself.
@@ -71,6 +74,14 @@ pub struct Connection {
 pub struct StreamPlace {
     place: Arc<Connection>,
     holder: Holder,
+}
+
+/// What a body takes of the room for all bodies, until it is dropped.
+#[derive(Debug)]
+pub struct BodyPlace {
+    place: Arc<Connection>,
+    holder: Holder,
+    bytes: usize,
 }
 
 /// What is counted of all places.
@@ -134,9 +145,9 @@ impl Places {
         }
     }
 
-    /// Half of all places: the other half is for those with a token.
+    /// A quarter of all places: the others are for those with a token.
     fn most_strangers(&self) -> usize {
-        self.limits.connections / 2
+        self.limits.connections / 4
     }
 
     fn milliseconds(&self) -> u64 {
@@ -169,7 +180,8 @@ impl Table {
 
     /// Forgets a holder of nothing.
     fn forget(&mut self, holder: Holder) {
-        if self.holders.get(&holder).is_some_and(|held| held.seats.is_empty() && held.streams == 0) {
+        let is_idle = |held: &Held| held.seats.is_empty() && held.streams == 0 && held.bytes == 0;
+        if self.holders.get(&holder).is_some_and(is_idle) {
             self.holders.remove(&holder);
         }
     }
@@ -253,8 +265,43 @@ impl Connection {
         Some(StreamPlace { place: self, holder })
     }
 
+    /// Room for the body of a request of this connection, which grows as it comes.
+    pub fn body(self: Arc<Self>) -> BodyPlace {
+        let holder = *self.holder();
+        BodyPlace { place: self, holder, bytes: 0 }
+    }
+
     fn holder(&self) -> MutexGuard<'_, Holder> {
         self.holder.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl BodyPlace {
+    /// Takes room for so many bytes more; `false` where there is none, or where its holder would have more than
+    /// half of all.
+    pub fn grow(&mut self, bytes: usize) -> bool {
+        let places = &self.place.places;
+        let mut table = places.lock();
+        let most = places.limits.bodies_bytes;
+        let held = table.holders.get(&self.holder).map_or(0, |held| held.bytes);
+        if table.bytes + bytes > most || (self.holder != Holder::Local && held + bytes > most / 2) {
+            return false;
+        }
+        table.bytes += bytes;
+        table.holders.entry(self.holder).or_default().bytes += bytes;
+        self.bytes += bytes;
+        true
+    }
+}
+
+impl Drop for BodyPlace {
+    fn drop(&mut self) {
+        let mut table = self.place.places.lock();
+        table.bytes -= self.bytes;
+        if let Some(held) = table.holders.get_mut(&self.holder) {
+            held.bytes -= self.bytes;
+        }
+        table.forget(self.holder);
     }
 }
 
@@ -288,6 +335,7 @@ mod tests {
             connections_per_token: 6,
             streams: 3,
             streams_per_token: 2,
+            bodies_bytes: 1000,
             ..Limits::default()
         };
         Places::new(limits)
@@ -330,8 +378,8 @@ mod tests {
     }
 
     #[test]
-    fn strangers_from_everywhere_leave_half_of_the_places_to_those_with_a_token() {
-        let places = places(20);
+    fn strangers_from_everywhere_leave_most_of_the_places_to_those_with_a_token() {
+        let places = places(40);
         let strangers: Vec<_> = (0..30)
             .map(|from| {
                 let place = places.take(peer(from), false);
@@ -341,19 +389,19 @@ mod tests {
             .collect();
         assert_eq!(places.crowd().connections, 10);
         assert!(strangers[20..].iter().all(|place| stands(place)), "the quietest go first");
-        let known: Vec<_> = (0..18)
+        let known: Vec<_> = (0..38)
             .map(|number| {
                 let place = places.take(peer(200), false);
-                place.show([number / 6; 32]);
+                place.show([number / 5; 32]);
                 place
             })
             .collect();
         assert!(known.iter().all(|place| stands(place)));
-        assert_eq!(places.crowd().connections, 20);
+        assert_eq!(places.crowd().connections, 40);
         assert_eq!(strangers.iter().filter(|place| stands(place)).count(), 2);
         // Where there are no strangers left, whoever holds most loses one.
         let more: Vec<_> = (0..3).map(|from| places.take(peer(from), false)).collect();
-        assert_eq!(places.crowd().connections, 20);
+        assert_eq!(places.crowd().connections, 40);
         assert!(stands(&more[2]));
     }
 
@@ -375,6 +423,23 @@ mod tests {
         flood[0].show([3; 32]);
         assert!(!stands(&flood[0]));
         assert_eq!(places.crowd().connections, 7);
+    }
+
+    #[test]
+    fn bodies_are_counted_by_token_and_in_all() {
+        let places = places(100);
+        let body = |token: u8| {
+            let place = places.take(peer(token), false);
+            place.show([token; 32]);
+            place.body()
+        };
+        let (mut one, mut same, mut two, mut three) = (body(1), body(1), body(2), body(3));
+        assert!(one.grow(300) && one.grow(100) && !same.grow(101), "a token has half of all");
+        assert!(same.grow(100) && two.grow(400) && !three.grow(101) && three.grow(100), "all have 1000");
+        drop(one);
+        assert!(three.grow(400) && !three.grow(1));
+        drop((same, two, three));
+        assert!(places.lock().holders.is_empty() && places.lock().bytes == 0);
     }
 
     #[test]

@@ -87,6 +87,8 @@ pub enum ApiError {
     ForeignPage,
     /// Something is not, or is, as the client has said.
     NotAsExpected(String),
+    /// The bodies of other requests take all the room that there is for them.
+    TooMuchAtOnce,
     /// As many streams of events are open as may be.
     TooManyStreams,
     /// The token is not good for this.
@@ -111,7 +113,7 @@ pub enum ApiError {
     /// The job waits or runs: which, and the word for it.
     NotFinished(String, &'static str),
     /// So many jobs wait already.
-    QueueFull(i64),
+    QueueFull(String),
     /// Too many answers are being computed already.
     Busy,
     /// The database cannot do it now.
@@ -167,7 +169,9 @@ impl ApiError {
     /// Seconds after which it may be worth asking again.
     fn retry_after(&self) -> Option<u32> {
         match self {
-            ApiError::NeverValidated { pending: true, .. } | ApiError::Busy => Some(2),
+            ApiError::NeverValidated { pending: true, .. } | ApiError::Busy | ApiError::TooMuchAtOnce => {
+                Some(2)
+            }
             ApiError::QueueFull(_) | ApiError::TooManyStreams | ApiError::Storage(StoreError::Full(_)) => {
                 Some(10)
             }

@@ -162,6 +162,12 @@ impl ApiError {
             ApiError::NotAsExpected(detail) => {
                 plain(StatusCode::PRECONDITION_FAILED, "not-as-expected", "It is not as expected", detail)
             }
+            ApiError::TooMuchAtOnce => {
+                let detail = "the bodies of other requests, of this token or of all, take all the room that \
+                    there is for them: send it again"
+                    .to_owned();
+                plain(StatusCode::SERVICE_UNAVAILABLE, "too-much-at-once", "Too much at once", detail)
+            }
             ApiError::TooManyStreams => {
                 let detail =
                     "as many streams of events are open as one token, or all together, may have".to_owned();
@@ -205,12 +211,9 @@ impl ApiError {
                     format!("the job `{}` is {state}: it can be done again when it has ended", shown(&job));
                 plain(StatusCode::CONFLICT, "job-not-finished", "The job has not ended", detail)
             }
-            ApiError::QueueFull(limit) => plain(
-                StatusCode::TOO_MANY_REQUESTS,
-                "queue-full",
-                "The queue is full",
-                format!("{limit} jobs wait already"),
-            ),
+            ApiError::QueueFull(detail) => {
+                plain(StatusCode::TOO_MANY_REQUESTS, "queue-full", "The queue is full", detail)
+            }
             ApiError::Busy => {
                 let detail = "too many answers are being computed already; nothing was started".into();
                 plain(StatusCode::SERVICE_UNAVAILABLE, "busy", "Too much is asked at once", detail)

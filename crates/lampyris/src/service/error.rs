@@ -27,8 +27,8 @@ pub enum ServiceError {
     KeyReused,
     /// The job waits or runs.
     NotFinished(String, JobStatus),
-    /// So many jobs wait already.
-    QueueFull(i64),
+    /// So many jobs wait already, in a sentence.
+    QueueFull(String),
     /// Too many answers are being computed already.
     Busy,
     /// The database failed.
@@ -75,7 +75,7 @@ impl std::fmt::Display for ServiceError {
             ServiceError::NotFinished(job, state) => {
                 write!(f, "the job `{job}` has not ended: it is {}", state.as_str())
             }
-            ServiceError::QueueFull(limit) => write!(f, "{limit} jobs wait already"),
+            ServiceError::QueueFull(detail) => f.write_str(detail),
             ServiceError::Busy => f.write_str("too many answers are being computed already"),
             ServiceError::Store(error) => error.fmt(f),
             ServiceError::Internal(detail) => f.write_str(detail),

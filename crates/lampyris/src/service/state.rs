@@ -73,6 +73,12 @@ impl Service {
         *self.abandoned.borrow() > self.settings.workers
     }
 
+    /// Most jobs that wait, and most of one system.
+    pub fn queue_limits(&self) -> (i64, i64) {
+        let of_system = i64::try_from(self.settings.limits.queue_per_system).unwrap_or(i64::MAX);
+        (self.queue_limit(), of_system)
+    }
+
     /// Most jobs that wait.
     pub fn queue_limit(&self) -> i64 {
         i64::try_from(self.settings.limits.queue).unwrap_or(i64::MAX)

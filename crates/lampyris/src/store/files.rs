@@ -32,6 +32,25 @@ pub(super) struct Files {
     /// The newest counter of changes and the largest size in bytes that were seen of the database file.
     counter: u32,
     bytes: u64,
+    /// What the index of the log said last.
+    standing: Option<Standing>,
+}
+
+/// How far a log has come: its index counts every commit, also from one log to the next.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Standing {
+    commits: u32,
+    frames: u32,
+    salt: [u8; 8],
+}
+
+impl Standing {
+    /// Whether this lies behind another. Where an index was lost with its process, SQLite counts anew over the
+    /// same log, which then holds no less.
+    fn is_behind(&self, other: &Standing) -> bool {
+        let fewer = self.commits.wrapping_sub(other.commits).cast_signed() < 0;
+        fewer && !(self.salt == other.salt && self.frames >= other.frames)
+    }
 }
 
 /// A file that is open under a name.
@@ -60,6 +79,7 @@ impl Files {
             index: Opened::named("index of the write-ahead log", beside(path, "-shm")).map_err(failed)?,
             counter: 0,
             bytes: 0,
+            standing: None,
         };
         files.check().map_err(StoreError::Gone)?;
         Ok(Some(files))
@@ -108,9 +128,14 @@ impl Files {
 
     /// The log holds the frames that its index counts. Another process may write meanwhile, so a
     /// contradiction counts only where the index stays the same around it.
-    fn require_log(&self) -> Result<(), String> {
+    fn require_log(&mut self) -> Result<(), String> {
         for _ in 0..TRIES {
             let Some(index) = self.index()? else { continue };
+            let standing = index.standing();
+            if self.standing.is_some_and(|before| standing.is_behind(&before)) {
+                return Err("the write-ahead log was overwritten by an older one".to_owned());
+            }
+            self.standing = Some(standing);
             let frames = u64::from(index.number(16));
             let mut header = [0; LOG_HEADER as usize];
             let bytes = match frames {
@@ -144,6 +169,12 @@ impl Index {
     /// A number in the order of bytes of this machine.
     fn number(&self, at: usize) -> u32 {
         u32::from_ne_bytes([self.0[at], self.0[at + 1], self.0[at + 2], self.0[at + 3]])
+    }
+
+    fn standing(&self) -> Standing {
+        let mut salt = [0; 8];
+        salt.copy_from_slice(&self.0[32..40]);
+        Standing { commits: self.number(8), frames: self.number(16), salt }
     }
 
     /// Bytes of a page.

@@ -69,8 +69,8 @@ pub enum Submitted {
 pub enum SubmitError {
     /// The database failed.
     Store(StoreError),
-    /// So many jobs wait already.
-    QueueFull(i64),
+    /// So many jobs wait already, in a sentence.
+    QueueFull(String),
     /// The idempotency key belongs to another request.
     KeyReused,
 }
@@ -99,7 +99,8 @@ pub struct Recovered {
     pub failed: Vec<String>,
 }
 
-/// Takes a job into the queue, unless an equal one waits or the request came before.
+/// Takes a job into the queue, unless an equal one waits or the request came before. There are limits of all
+/// jobs that wait, and of those of one system.
 ///
 /// # Errors
 /// Where the queue is full, the key belongs to another request, or the database fails.
@@ -107,7 +108,7 @@ pub async fn submit(
     store: &Store,
     new: &NewJob,
     key: Option<&RequestKey>,
-    limit: i64,
+    (limit, of_system): (i64, i64),
     now: Timestamp,
 ) -> Result<Submitted, SubmitError> {
     let mut tx = store.write().await?;
@@ -117,6 +118,15 @@ pub async fn submit(
         KeyState::Fresh => {}
     }
     let (job, is_new) = submit_in(&mut tx, new, limit, now).await?;
+    let waiting: i64 = sqlx::query_scalar("SELECT COUNT(*) FROM jobs WHERE state = 'queued' AND system = $1")
+        .bind(new.system.to_string())
+        .fetch_one(&mut *tx)
+        .await?;
+    // Whoever may ask for one system alone leaves the queue to the others.
+    if is_new && waiting > of_system {
+        let detail = format!("{of_system} jobs of {} wait already", new.system);
+        return Err(SubmitError::QueueFull(detail));
+    }
     remember(&mut tx, key, &job.id, if is_new { 202 } else { 200 }, now).await?;
     tx.commit().await?;
     Ok(if is_new { Submitted::New(job) } else { Submitted::Waiting(job) })
@@ -141,7 +151,7 @@ pub(super) async fn submit_in(
     let queued: i64 =
         sqlx::query_scalar("SELECT COUNT(*) FROM jobs WHERE state = 'queued'").fetch_one(&mut *tx).await?;
     if queued >= limit {
-        return Err(SubmitError::QueueFull(limit));
+        return Err(SubmitError::QueueFull(format!("{limit} jobs wait already")));
     }
     let sequence = next(tx, "sequence").await?;
     let turn = turn(tx, new).await?;

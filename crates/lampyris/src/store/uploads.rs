@@ -133,6 +133,17 @@ pub async fn acknowledge(
     Ok(())
 }
 
+/// Whether a newer window of its system overlaps a window.
+///
+/// # Errors
+/// Where the database fails.
+pub async fn is_below(store: &Store, window: &WindowRecord) -> Result<bool, StoreError> {
+    let sql = "SELECT EXISTS (SELECT 1 FROM windows WHERE system = $1 AND sequence > $2 AND from_s <= $4 AND \
+        to_s >= $3)";
+    let query = sqlx::query_scalar(sql).bind(window.system.to_string()).bind(window.sequence);
+    Ok(query.bind(window.from_s).bind(window.to_s).fetch_one(&store.reader).await?)
+}
+
 /// Writes an upload, unless the measurements have another version than the one that it was looked at beside.
 ///
 /// # Errors

@@ -36,7 +36,7 @@ fn look(app: &mut TestApp, template: &Value, windows: &[(&str, &str, [f64; 2])])
                 origin: Origin::Posted,
                 priority: Priority::Operator,
             };
-            queue::submit(&store, &new, None, 100, now).await.unwrap();
+            queue::submit(&store, &new, None, (100, 100), now).await.unwrap();
             let lease = queue::claim(&store, boot, now).await.unwrap().unwrap().lease().unwrap();
             let score = |effect: &str, size: f64| EffectScore {
                 effect: effect.to_owned(),

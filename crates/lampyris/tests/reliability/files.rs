@@ -34,7 +34,7 @@ fn sound(dir: &Path) -> PathBuf {
 /// What happens to files, as a sentence that `/readyz` then says.
 type Accident = (&'static str, fn(&Path));
 
-const ACCIDENTS: [Accident; 8] = [
+const ACCIDENTS: [Accident; 9] = [
     ("the database was removed", |path| fs::remove_file(path).unwrap()),
     ("the database was truncated", |path| drop(File::create(path).unwrap())),
     ("the database was truncated", |path| {
@@ -50,10 +50,19 @@ const ACCIDENTS: [Accident; 8] = [
         verb("http://127.0.0.1:1", &arguments).expect(0);
         fs::copy(backup, path).unwrap();
     }),
+    // A copy of all that was there a moment ago, such as a restore from a disk's snapshot.
+    ("overwritten by an older one", |path| {
+        for name in FILES {
+            fs::copy(beside(path, &format!("{name}.before")), beside(path, name)).unwrap();
+        }
+    }),
     ("write-ahead log was removed", |path| fs::remove_file(beside(path, "-wal")).unwrap()),
     ("write-ahead log was truncated", |path| drop(File::create(beside(path, "-wal")).unwrap())),
     ("index of the write-ahead log was removed", |path| fs::remove_file(beside(path, "-shm")).unwrap()),
 ];
+
+/// The files of a database, by what follows its name.
+const FILES: [&str; 3] = ["", "-wal", "-shm"];
 
 #[test]
 fn files_that_go_away_take_no_acknowledged_write_with_them() {
@@ -64,7 +73,11 @@ fn files_that_go_away_take_no_acknowledged_write_with_them() {
         fs::copy(&sound, &database).unwrap();
         let service = Process::start(&database);
         let client = &service.client;
-        windows(client, 100..105);
+        windows(client, 100..102);
+        for name in FILES {
+            fs::copy(beside(&database, name), beside(&database, &format!("{name}.before"))).unwrap();
+        }
+        windows(client, 102..105);
         client.get("/readyz").expect(200);
         let served = client.get("/params/room/1").expect(200).text;
         accident(&database);

@@ -49,6 +49,8 @@ fn guarded() -> Guarded {
             ("LAMPYRIS_LIMITS_CONNECTIONS_PER_TOKEN", "32"),
             ("LAMPYRIS_LIMITS_STREAMS_PER_TOKEN", "8"),
             ("LAMPYRIS_LIMITS_WRITE_SECONDS", "2"),
+            ("LAMPYRIS_LIMITS_WINDOW_BYTES", "1048576"),
+            ("LAMPYRIS_LIMITS_BODIES_BYTES", "2097152"),
         ]
     };
     let operator = token(&database, "operator", "admin");
@@ -221,6 +223,38 @@ fn one_token_holds_neither_all_streams_nor_all_places() {
         assert!(begun.elapsed() < PATIENCE, "no stream was given back");
         std::thread::sleep(Duration::from_millis(50));
     }
+}
+
+#[test]
+fn bodies_of_one_token_leave_room_for_those_of_others() {
+    let guarded = guarded();
+    let largest = if full() { 64 << 20 } else { 1 << 20 };
+    let head = format!(
+        "POST /systems/layout HTTP/1.1\r\nhost: localhost\r\nauthorization: Bearer {}\r\ncontent-type: \
+        text/csv\r\ncontent-length: {largest}\r\n\r\n",
+        guarded.other
+    );
+    let refused = guarded.polled("STRANGERS-5: bodies that do not end", || {
+        let part = vec![b'1'; largest * 9 / 10];
+        let mut open: Vec<TcpStream> = (0..8)
+            .filter_map(|_| {
+                let mut stream = guarded.connect(STRANGER, &head)?;
+                // The answer may come before all of it is sent.
+                let _ = stream.write_all(&part);
+                Some(stream)
+            })
+            .collect();
+        let answer =
+            guarded.controller.send("POST", "/systems/layout", &[("content-type", "text/csv")], Some(b"x"));
+        assert_ne!(answer.unwrap().status, 503, "another token has no room");
+        let said = open.iter_mut().skip(1).map(|stream| {
+            stream.set_read_timeout(Some(Duration::from_secs(5))).unwrap();
+            let mut status = [0; 12];
+            stream.read_exact(&mut status).is_ok() && &status[9..] == b"503"
+        });
+        said.filter(|refused| *refused).count()
+    });
+    assert!(refused >= 5, "{refused} of 8 bodies were refused");
 }
 
 #[test]

@@ -113,7 +113,11 @@ async fn place(
     let laid = blocking(move || lay::lay(&content, &found)).await??;
     let again = known.is_some();
     let upload = match known {
-        Some(known) if laid.is_silent => {
+        // It counts already, and nothing newer hides it where something else is taken away.
+        Some(known)
+            if laid.is_silent
+                && (known.uploads > 1 || !uploads::is_below(&service.store, &known).await?) =>
+        {
             uploads::acknowledge(&service.store, key, &known.id, now).await?;
             return Ok(Some(is_known(known.id)));
         }

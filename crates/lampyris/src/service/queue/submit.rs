@@ -52,7 +52,7 @@ pub async fn one(
     }
     let new = new_job(kind, system, model, experiment, &request, Origin::Posted, priority)?;
     let submitted =
-        store::queue::submit(&service.store, &new, key, service.queue_limit(), service.now()).await?;
+        store::queue::submit(&service.store, &new, key, service.queue_limits(), service.now()).await?;
     Ok(told(service, submitted))
 }
 
@@ -107,7 +107,7 @@ pub async fn refit(
         Origin::Scheduled,
         Priority::Nightly,
     )?;
-    store::queue::submit(&service.store, &new, None, service.queue_limit(), service.now()).await?;
+    store::queue::submit(&service.store, &new, None, service.queue_limits(), service.now()).await?;
     entered(service);
     Ok(())
 }
