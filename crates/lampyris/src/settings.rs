@@ -79,8 +79,8 @@ pub struct Limits {
     pub queue_per_system: usize,
     /// Longest a job may run, in seconds, whatever it asks for.
     pub job_seconds: u64,
-    /// Most connections at a time, a quarter of them for those that have shown no token. Whoever comes when all
-    /// are taken gets the place of one that has been quiet for long.
+    /// Most connections at a time, a quarter of them for those that have shown no token. Whoever comes when
+    /// all are taken gets the place of one that has been quiet for long.
     pub connections: usize,
     /// Most of those connections from one address.
     pub connections_per_peer: usize,

@@ -286,8 +286,8 @@ impl AsRef<[u8]> for Housed {
     }
 }
 
-/// Reads a body to its end, or until it is clear that it is too large, or that there is no room for it. No more
-/// than the limit is ever kept.
+/// Reads a body to its end, or until it is clear that it is too large, or that there is no room for it. No
+/// more than the limit is ever kept.
 async fn collect(body: Body, limit: usize, mut place: Option<BodyPlace>) -> Result<Bytes, ApiError> {
     let mut parts = body.into_data_stream();
     let mut kept = Vec::new();

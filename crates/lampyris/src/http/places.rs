@@ -277,8 +277,8 @@ impl Connection {
 }
 
 impl BodyPlace {
-    /// Takes room for so many bytes more; `false` where there is none, or where its holder would have more than
-    /// half of all.
+    /// Takes room for so many bytes more; `false` where there is none, or where its holder would have more
+    /// than half of all.
     pub fn grow(&mut self, bytes: usize) -> bool {
         let places = &self.place.places;
         let mut table = places.lock();

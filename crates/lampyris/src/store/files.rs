@@ -45,8 +45,8 @@ struct Standing {
 }
 
 impl Standing {
-    /// Whether this lies behind another. Where an index was lost with its process, SQLite counts anew over the
-    /// same log, which then holds no less.
+    /// Whether this lies behind another. Where an index was lost with its process, SQLite counts anew over
+    /// the same log, which then holds no less.
     fn is_behind(&self, other: &Standing) -> bool {
         let fewer = self.commits.wrapping_sub(other.commits).cast_signed() < 0;
         fewer && !(self.salt == other.salt && self.frames >= other.frames)

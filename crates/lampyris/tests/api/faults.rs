@@ -222,7 +222,12 @@ fn the_service_tells_about_itself() {
 
 #[test]
 fn an_address_that_others_can_reach_is_refused() {
-    let settings = lampyris::settings::Settings { bind: "0.0.0.0:0".parse().unwrap(), ..Default::default() };
+    let dir = tempfile::tempdir().unwrap();
+    let settings = lampyris::settings::Settings {
+        bind: "0.0.0.0:0".parse().unwrap(),
+        database: dir.path().join("test.db"),
+        ..Default::default()
+    };
     let runtime = tokio::runtime::Runtime::new().unwrap();
     let error = runtime.block_on(lampyris::app::App::start(settings)).err().unwrap();
     assert!(error.to_string().contains("127.0.0.1"), "{error}");

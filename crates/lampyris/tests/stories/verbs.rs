@@ -53,7 +53,7 @@ fn a_server_that_is_not_there_is_named() {
     // Nobody listens on port 1 of this machine.
     let said = verb("http://127.0.0.1:1", &["jobs", "list"]).expect(1);
     assert!(said.err.contains("http://127.0.0.1:1") && said.err.contains("lampyris serve"), "{}", said.err);
-    let said = verb("https://127.0.0.1:1", &["params", "list"]).expect(2);
+    let said = verb("ftp://127.0.0.1:1", &["params", "list"]).expect(2);
     assert!(said.err.contains("https://HOST:PORT"), "{}", said.err);
 }
 
