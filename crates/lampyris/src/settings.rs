@@ -71,7 +71,8 @@ pub struct Limits {
     pub window_bytes: usize,
     /// Largest body of any other request in bytes.
     pub body_bytes: usize,
-    /// Most bytes of bodies that are read or worked on at a time; half of them for one token.
+    /// Most bytes of bodies that are read or worked on at a time, half of them for one token; there is always
+    /// room for two of the largest.
     pub bodies_bytes: usize,
     /// Most jobs that wait.
     pub queue: usize,
@@ -101,6 +102,11 @@ pub struct Limits {
 }
 
 impl Limits {
+    /// What all bodies may take at a time, in bytes: one of the largest size fits into the half of its token.
+    pub fn all_bodies(&self) -> usize {
+        self.bodies_bytes.max(self.window_bytes.max(self.body_bytes).saturating_mul(2))
+    }
+
     /// The quota of the database, if there is one.
     pub fn quota(&self) -> Option<u64> {
         (self.database_bytes > 0).then_some(self.database_bytes)
@@ -335,12 +341,8 @@ impl Settings {
             "/limits/connections",
             "there are between 16 and 1000000 connections",
         );
-        demand(
-            self.limits.bodies_bytes / 2 >= self.limits.window_bytes.max(self.limits.body_bytes),
-            "/limits/bodies_bytes",
-            "there is room for two of the largest bodies at least",
-        );
         let parts = [
+            ("bodies_bytes", self.limits.bodies_bytes),
             ("queue_per_system", self.limits.queue_per_system),
             ("connections_per_peer", self.limits.connections_per_peer),
             ("connections_per_token", self.limits.connections_per_token),

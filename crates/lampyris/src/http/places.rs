@@ -282,7 +282,7 @@ impl BodyPlace {
     pub fn grow(&mut self, bytes: usize) -> bool {
         let places = &self.place.places;
         let mut table = places.lock();
-        let most = places.limits.bodies_bytes;
+        let most = places.limits.all_bodies();
         let held = table.holders.get(&self.holder).map_or(0, |held| held.bytes);
         if table.bytes + bytes > most || (self.holder != Holder::Local && held + bytes > most / 2) {
             return false;
@@ -336,6 +336,8 @@ mod tests {
             streams: 3,
             streams_per_token: 2,
             bodies_bytes: 1000,
+            window_bytes: 500,
+            body_bytes: 500,
             ..Limits::default()
         };
         Places::new(limits)
