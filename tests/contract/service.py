@@ -143,6 +143,11 @@ def seed(base):
         {"time": ["2026-01-01T00:00:00Z", "2026-01-01T01:00:00Z"], "values": {"T_room": [20, 21]}},
     )
     ask(base, "PUT", "/systems/room/spare", house)
+    # A job that has been called off may be called off again; one that has come to its result may not.
+    slow = {"method": {"name": "cfa_thesis", "generations": 100_000}, "budget": {"evaluations": 100_000_000}, "experiment": True}
+    called_off = ask(base, "POST", "/jobs", ESTIMATE | {"system": SYSTEM} | slow)
+    ask(base, "POST", f"/jobs/{called_off['id']}/cancel")
+    ended(base, called_off["id"])
     return {
         "batches": [batch["id"]],
         "diagnoses": [found[0]["diagnosis"]],
@@ -152,6 +157,7 @@ def seed(base):
         "models": [MODEL, version["id"]],
         "schedules": ["nightly"],
         "windows": [window["id"]],
+        "cancel_job": {"id": called_off["id"]},
         "delete_window": {"id": uncited["id"]},
         "promote_fit": {"id": asks[0]["fit"]},
         "reject_fit": {"id": asks[1]["fit"]},
