@@ -50,8 +50,9 @@ const ACCIDENTS: [Accident; 9] = [
         verb("http://127.0.0.1:1", &arguments).expect(0);
         fs::copy(backup, path).unwrap();
     }),
-    // A copy of all that was there a moment ago, such as a restore from a disk's snapshot.
-    ("overwritten by an older one", |path| {
+    // A copy of all that was there a moment ago, such as a restore from a snapshot. It may be seen between two of
+    // the files.
+    ("overwritten", |path| {
         for name in FILES {
             fs::copy(beside(path, &format!("{name}.before")), beside(path, name)).unwrap();
         }
