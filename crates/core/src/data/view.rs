@@ -257,10 +257,8 @@ impl WindowShare {
     pub fn with_part(&self, (from, to): (i64, i64), part: &WindowShare) -> Result<WindowShare, Fault> {
         let before = self.within(i64::MIN, from.saturating_sub(1));
         let after = self.within(to.saturating_add(1), i64::MAX);
-        let own: Vec<&Series> =
-            [&before.own, &after.own, &part.own].into_iter().filter_map(Option::as_ref).collect();
         Ok(WindowShare {
-            own: if own.is_empty() { None } else { Some(merge(&own)?) },
+            own: merged(&[&before.own, &after.own, &part.own])?,
             repeats: [before.repeats, part.repeats.clone(), after.repeats].concat(),
         })
     }
@@ -270,12 +268,14 @@ impl WindowShare {
     /// # Errors
     /// A fault where the two do not fit together.
     pub fn and(&self, newer: &WindowShare) -> Result<WindowShare, Fault> {
-        let own: Vec<&Series> = [&self.own, &newer.own].into_iter().filter_map(Option::as_ref).collect();
-        Ok(WindowShare {
-            own: if own.is_empty() { None } else { Some(merge(&own)?) },
-            repeats: self.repeats.clone(),
-        })
+        Ok(WindowShare { own: merged(&[&self.own, &newer.own])?, repeats: self.repeats.clone() })
     }
+}
+
+/// Those that are there as one, `None` where none is.
+fn merged(parts: &[&Option<Series>]) -> Result<Option<Series>, Fault> {
+    let parts: Vec<&Series> = parts.iter().copied().filter_map(Option::as_ref).collect();
+    if parts.is_empty() { Ok(None) } else { merge(&parts).map(Some) }
 }
 
 /// Whether an upload goes on with the newest window of a view: from `from` on it repeats every sample of that
@@ -307,7 +307,8 @@ pub struct Replayed {
 }
 
 /// Lays the windows of a channel one upon the other again, oldest first, without one of them or with that one
-/// as the newest, under another number. `stack` has their numbers and shares, `from` the first on.
+/// as the newest, under another number. `stack` has their numbers and shares; `to` is the other
+/// number.
 ///
 /// # Errors
 /// A fault where the shares are not of this channel.

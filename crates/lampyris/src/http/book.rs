@@ -1,10 +1,10 @@
 //! `/docs/book/`: the book of `docs/`, part of the binary, so that it can be read where there is no other
 //! network. Its pages are Markdown in mdBook's layout, and have the addresses that mdBook gives them.
 
-use super::constant::ConstantBody;
+use super::constant::{ConstantBody, constants};
 use super::problem::ApiError;
 use super::shared::Shared;
-use super::web::{POLICY, embedded};
+use super::web::POLICY;
 use axum::Router;
 use axum::extract::Path;
 use axum::http::HeaderMap;
@@ -12,8 +12,7 @@ use axum::response::{IntoResponse, Redirect, Response};
 use axum::routing::get;
 use pulldown_cmark::{CowStr, Event, Options, Parser, Tag, TagEnd, html};
 use rust_embed::RustEmbed;
-use std::borrow::Cow;
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::fmt::Write;
 use std::sync::LazyLock;
 
@@ -22,11 +21,10 @@ const CONTENTS: &str = "SUMMARY.md";
 
 /// The pages by their addresses below `/docs/book/`, and the pictures and texts that they lead to. They are
 /// made once, together, because each page shows the list of all.
-static PAGES: LazyLock<BTreeMap<String, ConstantBody>> = LazyLock::new(|| {
-    let file = |path: Cow<'static, str>| Some((path.to_string(), embedded(Files::get(&path)?.data)));
-    let files = Files::iter().filter_map(file);
-    let pages = pages().into_iter().map(|(path, page)| (path, page.into()));
-    files.chain(pages).map(|(path, bytes)| (path.clone(), ConstantBody::new(&path, bytes))).collect()
+static PAGES: LazyLock<HashMap<String, ConstantBody>> = LazyLock::new(|| {
+    let mut all = constants::<Files>();
+    all.extend(pages().into_iter().map(|(path, page)| (path.clone(), ConstantBody::new(&path, page))));
+    all
 });
 
 #[derive(RustEmbed)]

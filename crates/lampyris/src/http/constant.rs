@@ -2,11 +2,16 @@
 //! taken.
 
 use super::conditions::is_known;
+use super::extract::weighted;
+use crate::service::serving::body::tag_of;
 use axum::body::Bytes;
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use flate2::Compression;
 use flate2::write::GzEncoder;
+use rust_embed::RustEmbed;
+use std::borrow::Cow;
+use std::collections::HashMap;
 use std::io::Write;
 use std::sync::OnceLock;
 
@@ -33,8 +38,7 @@ impl ConstantBody {
             _ => "text/plain; charset=utf-8",
         };
         let plain = plain.into();
-        let hash = blake3::hash(&plain).to_hex();
-        Self { kind, tag: format!("\"{}\"", &hash[..32]), plain, packed: OnceLock::new() }
+        Self { kind, tag: tag_of(&plain), plain, packed: OnceLock::new() }
     }
 
     /// The answer with it, under a policy where it is a part of a page; one that the client has already is
@@ -64,6 +68,19 @@ impl ConstantBody {
     }
 }
 
+/// The files of a folder that is part of the binary, by their paths. They are not copied; a build for
+/// development reads them.
+pub fn constants<F: RustEmbed>() -> HashMap<String, ConstantBody> {
+    let body = |path: Cow<'static, str>| {
+        let bytes: Bytes = match F::get(&path)?.data {
+            Cow::Borrowed(bytes) => Bytes::from_static(bytes),
+            Cow::Owned(bytes) => bytes.into(),
+        };
+        Some((path.to_string(), ConstantBody::new(&path, bytes)))
+    };
+    F::iter().filter_map(body).collect()
+}
+
 fn packed(plain: &[u8]) -> Bytes {
     let mut encoder = GzEncoder::new(Vec::new(), Compression::default());
     // Writing to memory cannot fail.
@@ -75,11 +92,8 @@ fn packed(plain: &[u8]) -> Bytes {
 fn takes_gzip(headers: &HeaderMap) -> bool {
     let texts = headers.get_all(header::ACCEPT_ENCODING).iter().filter_map(|value| value.to_str().ok());
     let mut any = false;
-    for coding in texts.flat_map(|text| text.split(',')) {
-        let mut parts = coding.split(';').map(str::trim);
-        let name = parts.next().unwrap_or_default();
-        let weight = parts.find_map(|part| part.strip_prefix("q=")).unwrap_or("1");
-        let wanted = weight.parse::<f32>().is_ok_and(|weight| weight > 0.0);
+    for (name, weight) in texts.flat_map(|text| text.split(',')).map(weighted) {
+        let wanted = weight > 0.0;
         if name.eq_ignore_ascii_case("gzip") || name.eq_ignore_ascii_case("x-gzip") {
             return wanted;
         }

@@ -1,15 +1,13 @@
 //! `/docs`: the description of the surface, readable in a browser. The page is part of the binary and asks
 //! this service alone.
 
-use super::constant::ConstantBody;
+use super::constant::{ConstantBody, constants};
 use super::problem::{ApiError, Problems};
 use super::shared::Shared;
-use super::web::embedded;
 use axum::extract::Path;
 use axum::http::HeaderMap;
 use axum::response::Response;
 use rust_embed::RustEmbed;
-use std::borrow::Cow;
 use std::collections::HashMap;
 use std::sync::LazyLock;
 use utoipa_axum::router::OpenApiRouter;
@@ -19,12 +17,7 @@ use utoipa_axum::routes;
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; img-src \
     data:; base-uri 'none'; form-action 'self'; frame-ancestors 'none'";
 
-static FILES: LazyLock<HashMap<String, ConstantBody>> = LazyLock::new(|| {
-    let file = |name: Cow<'static, str>| {
-        Some((name.to_string(), ConstantBody::new(&name, embedded(Files::get(&name)?.data))))
-    };
-    Files::iter().filter_map(file).collect()
-});
+static FILES: LazyLock<HashMap<String, ConstantBody>> = LazyLock::new(constants::<Files>);
 
 #[derive(RustEmbed)]
 #[folder = "../../web/docs"]

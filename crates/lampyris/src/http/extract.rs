@@ -192,7 +192,7 @@ pub fn accepted(headers: &HeaderMap, forms: &'static [&'static str]) -> Result<&
     if texts.iter().all(|text| text.trim().is_empty()) {
         return forms.first().copied().ok_or(ApiError::NotAcceptable(forms));
     }
-    let ranges: Vec<(&str, f32)> = texts.iter().flat_map(|text| text.split(',')).map(media_range).collect();
+    let ranges: Vec<(&str, f32)> = texts.iter().flat_map(|text| text.split(',')).map(weighted).collect();
     // The most specific range that names a form decides on it.
     let weight = |form: &str| {
         let group = form.split('/').next().unwrap_or_default();
@@ -216,8 +216,8 @@ pub fn accepted(headers: &HeaderMap, forms: &'static [&'static str]) -> Result<&
     best.1.ok_or(ApiError::NotAcceptable(forms))
 }
 
-/// A media range with its weight: `text/csv;q=0.5`.
-fn media_range(text: &str) -> (&str, f32) {
+/// A word of a list with its weight (RFC 9110, 12.4.2): `text/csv;q=0.5`.
+pub(super) fn weighted(text: &str) -> (&str, f32) {
     let mut parts = text.split(';').map(str::trim);
     let range = parts.next().unwrap_or_default();
     let weight = parts.find_map(|part| part.strip_prefix("q=").or_else(|| part.strip_prefix("Q=")));

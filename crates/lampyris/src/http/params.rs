@@ -7,7 +7,7 @@ use super::access::Caller;
 use super::conditions::is_known;
 use super::problem::{ApiError, Problems};
 use super::shared::{Shared, shared_body};
-use crate::service::serving::body::{Body as ParamsBody, Rendered};
+use crate::service::serving::body::{Body as ParamsBody, Rendered, tag_of};
 use crate::service::serving::snapshot::{Answer, Entry};
 use axum::body::Body;
 use axum::extract::{Request, State};
@@ -148,7 +148,7 @@ async fn list_params(
         body.extend_from_slice(&rendered.body);
     }
     body.extend_from_slice(br#"],"next_page_token":null}"#);
-    let etag = format!("\"{}\"", &blake3::hash(&body).to_hex()[..32]);
+    let etag = tag_of(&body);
     let response =
         if is_known(&headers, &etag) { not_modified(&etag) } else { tagged(Body::from(body), &etag) };
     service.metrics.all_polls.count(response.status().as_u16());

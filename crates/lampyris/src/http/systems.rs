@@ -10,7 +10,7 @@ use super::shared::Shared;
 use crate::service::Service;
 use crate::service::catalogue::system::{SystemDocument, document};
 use crate::service::catalogue::systems;
-use crate::service::serving::body::Status;
+use crate::service::serving::body::{Status, tag_of};
 use crate::service::serving::health::{Health, Served, ahead, health};
 use crate::store;
 use crate::store::jobs::{JobRecord, JobStatus, Outcome};
@@ -221,8 +221,7 @@ async fn get_system(
 /// The tag of a document of a system.
 fn etag_of(document: &SystemDocument) -> String {
     // A document that was read can be written.
-    let text = serde_json::to_vec(document).unwrap_or_default();
-    format!("\"{}\"", &blake3::hash(&text).to_hex()[..32])
+    tag_of(&serde_json::to_vec(document).unwrap_or_default())
 }
 
 /// Makes a system, or replaces its document.

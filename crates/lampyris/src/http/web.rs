@@ -1,11 +1,10 @@
 //! `/ui/`: the page. It is part of the binary, asks this service alone, and carries what it shows in its
 //! address, so that every address under `/ui/` that names no file answers with the same document.
 
-use super::constant::ConstantBody;
+use super::constant::{ConstantBody, constants};
 use super::problem::ApiError;
 use super::shared::Shared;
 use axum::Router;
-use axum::body::Bytes;
 use axum::extract::Path;
 use axum::http::HeaderMap;
 use axum::response::{IntoResponse, Redirect, Response};
@@ -22,10 +21,7 @@ pub(super) const POLICY: &str = "default-src 'none'; script-src 'self'; style-sr
 const DOCUMENT: &str = "index.html";
 
 /// The files by their paths below `/ui/`.
-static FILES: LazyLock<HashMap<String, ConstantBody>> = LazyLock::new(|| {
-    let file = |path: Cow<'static, str>| Some((path.to_string(), ConstantBody::new(&path, bytes(&path)?)));
-    Files::iter().filter_map(file).collect()
-});
+static FILES: LazyLock<HashMap<String, ConstantBody>> = LazyLock::new(constants::<Files>);
 
 #[derive(RustEmbed)]
 #[folder = "../../web/ui"]
@@ -36,18 +32,6 @@ pub fn page_part(path: &str) -> Option<Cow<'static, str>> {
     match Files::get(path)?.data {
         Cow::Borrowed(bytes) => std::str::from_utf8(bytes).ok().map(Cow::Borrowed),
         Cow::Owned(bytes) => String::from_utf8(bytes).ok().map(Cow::Owned),
-    }
-}
-
-fn bytes(path: &str) -> Option<Bytes> {
-    Files::get(path).map(|file| embedded(file.data))
-}
-
-/// Bytes of the binary, or of a file that a build for development reads; those of the binary are not copied.
-pub(super) fn embedded(data: Cow<'static, [u8]>) -> Bytes {
-    match data {
-        Cow::Borrowed(bytes) => Bytes::from_static(bytes),
-        Cow::Owned(bytes) => bytes.into(),
     }
 }
 

@@ -296,6 +296,11 @@ pub(super) fn nominal(
 
 fn render(body: &Body, stale: bool) -> Result<Rendered, ServiceError> {
     let text = serde_json::to_vec(body).map_err(|error| ServiceError::Internal(error.to_string()))?;
-    let etag = format!("\"{}\"", &blake3::hash(&text).to_hex()[..32]);
+    let etag = tag_of(&text);
     Ok(Rendered { body: text.into(), etag: etag.into(), status: body.status, stale, revision: body.revision })
+}
+
+/// The tag of a body (RFC 9110, 8.8.3).
+pub fn tag_of(body: &[u8]) -> String {
+    format!("\"{}\"", &blake3::hash(body).to_hex()[..32])
 }
