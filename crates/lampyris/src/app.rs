@@ -318,14 +318,14 @@ fn allow_files(connections: usize) {
     }
 }
 
-/// A listener with a queue for as many connections as may be open: with the usual 128, a crowd that arrives
-/// at once waits a second for the system to try again.
+/// A listener with a queue for as many connections as may be open, and at least a thousand: with the usual
+/// 128, a crowd that arrives at once waits a second for the system to try again.
 fn bound(address: SocketAddr, connections: usize) -> std::io::Result<TcpListener> {
     let socket = if address.is_ipv4() { TcpSocket::new_v4()? } else { TcpSocket::new_v6()? };
     // As a restart finds connections of the last life that the system has not forgotten yet.
     socket.set_reuseaddr(true)?;
     socket.bind(address)?;
-    socket.listen(u32::try_from(connections).unwrap_or(u32::MAX).min(i32::MAX as u32))
+    socket.listen(u32::try_from(connections).unwrap_or(u32::MAX).clamp(1_024, i32::MAX as u32))
 }
 
 /// CPU threads of one worker.

@@ -73,7 +73,12 @@ pub async fn listen(listener: TcpListener, service: Shared, tls: Option<Arc<Tls>
         };
         match accepted {
             Ok((stream, peer)) => {
-                let place = places.take(peer.ip(), server.service.tokens.is_open());
+                let is_open = server.service.tokens.is_open();
+                let pause = places.pause(peer.ip(), is_open);
+                if !pause.is_zero() {
+                    tokio::time::sleep(pause).await;
+                }
+                let place = places.take(peer.ip(), is_open);
                 open.spawn(server.clone().greet(stream, place));
             }
             // The client has gone before it was heard.

@@ -44,7 +44,7 @@ fn guarded() -> Guarded {
         &[]
     } else {
         &[
-            ("LAMPYRIS_LIMITS_CONNECTIONS", "64"),
+            ("LAMPYRIS_LIMITS_CONNECTIONS", "256"),
             ("LAMPYRIS_LIMITS_CONNECTIONS_PER_PEER", "24"),
             ("LAMPYRIS_LIMITS_CONNECTIONS_PER_TOKEN", "32"),
             ("LAMPYRIS_LIMITS_STREAMS_PER_TOKEN", "8"),

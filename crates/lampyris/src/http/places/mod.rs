@@ -12,8 +12,13 @@ use std::collections::HashMap;
 use std::net::IpAddr;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 use tokio::sync::Notify;
+
+/// How long a stranger may take until its first word before its place is anybody's, in milliseconds: much
+/// longer than a client between its connection and its request, and short enough that a flood is accepted as
+/// fast as it comes.
+const MOMENT: u64 = 20;
 
 /// All places of a listener.
 #[derive(Debug)]
@@ -106,7 +111,7 @@ impl Places {
     /// A place for a connection that has just come. Where there are no tokens (`is_open`) nobody is a
     /// stranger.
     pub fn take(self: &Arc<Self>, peer: IpAddr, is_open: bool) -> Arc<Connection> {
-        let holder = if is_open { Holder::Local } else { Holder::Stranger(network(peer)) };
+        let holder = Holder::of(peer, is_open);
         let seat = Arc::new(Seat { heard_at: AtomicU64::new(self.milliseconds()), lost: Notify::new() });
         let mut table = self.lock();
         self.make_room(&mut table, holder);
@@ -120,20 +125,40 @@ impl Places {
         ConnectionCounts { connections: all, strangers, streams, displaced }
     }
 
+    /// How long to wait before whoever comes gets a place. Where all places of strangers are taken by those
+    /// who have come this moment, the quietest of them has time to speak first: or else a flood from many
+    /// addresses would throw out a client that is about to show its token.
+    pub fn pause(&self, peer: IpAddr, is_open: bool) -> Duration {
+        let holder = Holder::of(peer, is_open);
+        let table = self.lock();
+        let heard_at = match self.loser(&table, holder) {
+            // A crowd keeps nobody waiting but itself.
+            Some(loser) if loser != holder => table.quietest(loser).map(|seat| seat.heard_at()),
+            _ => None,
+        };
+        let speaks_until = heard_at.map_or(0, |heard_at| heard_at + MOMENT);
+        Duration::from_millis(speaks_until.saturating_sub(self.milliseconds()))
+    }
+
     /// Frees a place for one more connection of a holder, where all that it may have are taken.
     fn make_room(&self, table: &mut Table, holder: Holder) {
+        if let Some(loser) = self.loser(table, holder) {
+            table.displace(loser);
+        }
+    }
+
+    /// Who loses a place where a holder gets one more.
+    fn loser(&self, table: &Table, holder: Holder) -> Option<Holder> {
+        let now = self.milliseconds();
         let held = table.holders.get(&holder).map_or(0, |held| held.seats.len());
-        let loser = if held >= self.most(holder) {
+        if held >= self.most(holder) {
             Some(holder)
         } else if matches!(holder, Holder::Stranger(_)) && table.strangers >= self.most_strangers() {
-            table.largest(true)
+            table.largest(true, now)
         } else if table.all >= self.limits.connections {
-            table.largest(true).or_else(|| table.largest(false))
+            table.largest(true, now).or_else(|| table.largest(false, now))
         } else {
             None
-        };
-        if let Some(loser) = loser {
-            table.displace(loser);
         }
     }
 
@@ -157,6 +182,19 @@ impl Places {
     fn lock(&self) -> MutexGuard<'_, Table> {
         // A panic while the lock was held can at most have lost a count.
         self.table.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Holder {
+    /// Whom a connection is charged to that has just come.
+    fn of(peer: IpAddr, is_open: bool) -> Self {
+        if is_open { Self::Local } else { Self::Stranger(network(peer)) }
+    }
+}
+
+impl Seat {
+    fn heard_at(&self) -> u64 {
+        self.heard_at.load(Ordering::Relaxed)
     }
 }
 
@@ -186,26 +224,29 @@ impl Table {
         }
     }
 
-    /// Whoever holds most, of strangers or of all; of several, the one of the connection that has been quiet
-    /// longest.
-    fn largest(&self, only_strangers: bool) -> Option<Holder> {
+    /// Whoever holds most, of strangers or of all, and has a connection that had its moment by `now`; of
+    /// several, the one of the connection that has been quiet longest.
+    fn largest(&self, only_strangers: bool, now: u64) -> Option<Holder> {
         let asked = self
             .holders
             .iter()
             .filter(|(holder, _)| !only_strangers || matches!(holder, Holder::Stranger(_)));
         let rank = |held: &Held| {
-            let quietest = held.seats.iter().map(|seat| seat.heard_at.load(Ordering::Relaxed)).min();
-            Some((held.seats.len(), Reverse(quietest?)))
+            let quietest = held.seats.iter().map(|seat| seat.heard_at()).min()?;
+            Some((quietest + MOMENT <= now, held.seats.len(), Reverse(quietest)))
         };
         let ranked = asked.filter_map(|(holder, held)| Some((*holder, rank(held)?)));
         ranked.max_by_key(|(_, rank)| *rank).map(|(holder, _)| holder)
     }
 
+    /// The seat of a holder that has been quiet longest.
+    fn quietest(&self, holder: Holder) -> Option<&Arc<Seat>> {
+        self.holders.get(&holder)?.seats.iter().min_by_key(|seat| seat.heard_at())
+    }
+
     /// Takes the place of the connection of a holder that has been quiet longest.
     fn displace(&mut self, holder: Holder) {
-        let seats = self.holders.get(&holder).map(|held| held.seats.as_slice()).unwrap_or_default();
-        let quietest = seats.iter().min_by_key(|seat| seat.heard_at.load(Ordering::Relaxed)).cloned();
-        if let Some(seat) = quietest {
+        if let Some(seat) = self.quietest(holder).cloned() {
             self.remove(holder, &seat);
             self.displaced += 1;
             seat.lost.notify_one();
@@ -324,143 +365,4 @@ impl Drop for StreamPlace {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use std::net::Ipv4Addr;
-
-    fn places(connections: usize) -> Arc<Places> {
-        let limits = Limits {
-            connections,
-            connections_per_peer: 4,
-            connections_per_token: 6,
-            streams: 3,
-            streams_per_token: 2,
-            bodies_bytes: 1000,
-            window_bytes: 500,
-            body_bytes: 500,
-            ..Limits::default()
-        };
-        Places::new(limits)
-    }
-
-    fn peer(last: u8) -> IpAddr {
-        Ipv4Addr::new(192, 0, 2, last).into()
-    }
-
-    fn stands(place: &Connection) -> bool {
-        let holder = *place.holder();
-        let table = place.places.lock();
-        let held = table.holders.get(&holder);
-        held.is_some_and(|held| held.seats.iter().any(|seat| Arc::ptr_eq(seat, &place.seat)))
-    }
-
-    /// As if a connection had been heard so long after the beginning.
-    fn at(place: &Connection, milliseconds: u64) {
-        place.seat.heard_at.store(milliseconds, Ordering::Relaxed);
-    }
-
-    #[test]
-    fn a_crowd_of_one_address_loses_its_own_places_and_the_quietest_first() {
-        let places = places(100);
-        let other = places.take(peer(9), false);
-        let crowd: Vec<_> = (0..4).map(|_| places.take(peer(1), false)).collect();
-        for (place, milliseconds) in crowd.iter().zip([7_000, 3_000, 9_000, 5_000]) {
-            at(place, milliseconds);
-        }
-        let newest = places.take(peer(1), false);
-        assert_eq!(crowd.iter().map(|place| stands(place)).collect::<Vec<_>>(), [true, false, true, true]);
-        assert!(stands(&newest) && stands(&other));
-        assert_eq!(
-            places.crowd(),
-            ConnectionCounts { connections: 5, strangers: 5, streams: 0, displaced: 1 }
-        );
-        drop((crowd, newest, other));
-        assert_eq!(places.crowd().connections, 0);
-        assert!(places.lock().holders.is_empty());
-    }
-
-    #[test]
-    fn strangers_from_everywhere_leave_most_of_the_places_to_those_with_a_token() {
-        let places = places(40);
-        let strangers: Vec<_> = (0..30)
-            .map(|from| {
-                let place = places.take(peer(from), false);
-                at(&place, u64::from(from));
-                place
-            })
-            .collect();
-        assert_eq!(places.crowd().connections, 10);
-        assert!(strangers[20..].iter().all(|place| stands(place)), "the quietest go first");
-        let known: Vec<_> = (0..38)
-            .map(|number| {
-                let place = places.take(peer(200), false);
-                place.show([number / 5; 32]);
-                place
-            })
-            .collect();
-        assert!(known.iter().all(|place| stands(place)));
-        assert_eq!(places.crowd().connections, 40);
-        assert_eq!(strangers.iter().filter(|place| stands(place)).count(), 2);
-        // Where there are no strangers left, whoever holds most loses one.
-        let more: Vec<_> = (0..3).map(|from| places.take(peer(from), false)).collect();
-        assert_eq!(places.crowd().connections, 40);
-        assert!(stands(&more[2]));
-    }
-
-    #[test]
-    fn a_token_has_a_cap_and_takes_no_place_from_another() {
-        let places = places(100);
-        let controller = places.take(peer(1), false);
-        controller.show([1; 32]);
-        let flood: Vec<_> = (0..50)
-            .map(|_| {
-                let place = places.take(peer(1), false);
-                place.show([2; 32]);
-                place
-            })
-            .collect();
-        assert!(stands(&controller));
-        assert_eq!(flood.iter().filter(|place| stands(place)).count(), 6);
-        // A connection that has lost its place gets none by showing another token.
-        flood[0].show([3; 32]);
-        assert!(!stands(&flood[0]));
-        assert_eq!(places.crowd().connections, 7);
-    }
-
-    #[test]
-    fn bodies_are_counted_by_token_and_in_all() {
-        let places = places(100);
-        let body = |token: u8| {
-            let place = places.take(peer(token), false);
-            place.show([token; 32]);
-            place.body()
-        };
-        let (mut one, mut same, mut two, mut three) = (body(1), body(1), body(2), body(3));
-        assert!(one.grow(300) && one.grow(100) && !same.grow(101), "a token has half of all");
-        assert!(same.grow(100) && two.grow(400) && !three.grow(101) && three.grow(100), "all have 1000");
-        drop(one);
-        assert!(three.grow(400) && !three.grow(1));
-        drop((same, two, three));
-        assert!(places.lock().holders.is_empty() && places.lock().bytes == 0);
-    }
-
-    #[test]
-    fn streams_are_counted_by_token_and_in_all() {
-        let places = places(100);
-        let stream = |token: u8| {
-            let place = places.take(peer(token), false);
-            place.show([token; 32]);
-            place.stream()
-        };
-        let mut open = vec![stream(1).unwrap(), stream(1).unwrap()];
-        assert!(stream(1).is_none(), "a token has two");
-        open.push(stream(2).unwrap());
-        assert!(stream(3).is_none(), "there are three in all");
-        open.clear();
-        assert_eq!(
-            places.crowd(),
-            ConnectionCounts { connections: 0, strangers: 0, streams: 0, displaced: 0 }
-        );
-        assert!(stream(3).is_some());
-    }
-}
+mod tests;
