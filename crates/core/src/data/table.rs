@@ -226,14 +226,22 @@ impl Table {
         self.reasons.entry(reason).or_default().add(line, column, example);
     }
 
+    /// Rows that were taken, where a single one has a value that one alone: an empty one measures nothing.
+    fn measured_rows(&self) -> usize {
+        let first = self.columns.iter().filter_map(|column| column.rows.first()).min();
+        let last = self.columns.iter().filter_map(|column| column.rows.last()).max();
+        if first.is_some() && first == last { 1 } else { self.times.len() }
+    }
+
     /// The window of the rows that were taken, with its report.
     ///
     /// # Errors
     /// Every kind of fault that the rows and the channels show, behind those that the header has shown.
     pub fn finish(mut self, mut faults: Vec<Fault>) -> Result<(Window, WindowReport), Vec<Fault>> {
         faults.extend(self.row_faults());
-        if self.times.len() < 2 && faults.is_empty() {
-            let detail = format!("{} valid rows; a window has at least two", self.times.len());
+        let rows = self.measured_rows();
+        if rows < 2 && faults.is_empty() {
+            let detail = format!("{rows} valid rows; a window has at least two");
             faults.push(Fault::new("rows", "no-valid-rows", detail));
         }
         let mut series = Vec::new();

@@ -119,6 +119,9 @@ fn faults_of_a_whole_window() {
     assert_eq!(codes(parse("time,timestamp,T_room[x]\n")), ["duplicate-column", "unknown-unit"]);
     assert_eq!(codes(parse(&rows("time,T_room", 1, good))), ["no-valid-rows"]);
     assert_eq!(codes(parse(&rows("time,T_room", 9, |_| String::new()))), ["no-valid-rows"]);
+    // A row without a value measures nothing.
+    let single = |i: usize| if i == 4 { "20".to_owned() } else { String::new() };
+    assert_eq!(codes(parse(&rows("time,T_room", 9, single))), ["no-valid-rows"]);
     assert_eq!(codes(parse(&rows("time,T_room", 20, good).replace('Z', ""))), ["naive-time"]);
     assert_eq!(codes(parse("time,T_room\n1452528000000,20\n1452528600000,20\n")), ["numeric-time"]);
     assert_eq!(
