@@ -2,8 +2,9 @@
 //!
 //! A connection is charged to the network that it comes from until it shows a token that is good; from then
 //! on to the token. Nobody waits in line: where all places are taken, whoever comes gets one, and of those
-//! that hold most somebody who has been quiet for long loses one. Strangers hold a part of the places only,
-//! so that the rest is there for those with a token.
+//! that hold most somebody who has been quiet for long loses one. Only where all of those have come this
+//! moment is the next one kept waiting for the rest of it (`pause`). Strangers hold a part of the places
+//! only, so that the rest is there for those with a token.
 
 use crate::service::access::tokens::network;
 use crate::settings::Limits;
@@ -15,9 +16,9 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 use tokio::sync::Notify;
 
-/// How long a stranger may take until its first word before its place is anybody's, in milliseconds: much
-/// longer than a client between its connection and its request, and short enough that a flood is accepted as
-/// fast as it comes.
+/// How long after it came, or was last heard, a connection keeps its place before it is anybody's, in
+/// milliseconds: much longer than a client takes between its connection and its request, and short enough
+/// that a flood is accepted as fast as it comes.
 const MOMENT: u64 = 20;
 
 /// All places of a listener.

@@ -22,6 +22,13 @@ fn peer(last: u8) -> IpAddr {
     Ipv4Addr::new(192, 0, 2, last).into()
 }
 
+/// A place whose connection has shown a token.
+fn known(places: &Arc<Places>, from: u8, token: u8) -> Arc<Connection> {
+    let place = places.take(peer(from), false);
+    place.show([token; 32]);
+    place
+}
+
 fn stands(place: &Connection) -> bool {
     let holder = *place.holder();
     let table = place.places.lock();
@@ -63,14 +70,8 @@ fn strangers_from_everywhere_leave_most_of_the_places_to_those_with_a_token() {
         .collect();
     assert_eq!(places.crowd().connections, 10);
     assert!(strangers[20..].iter().all(|place| stands(place)), "the quietest go first");
-    let known: Vec<_> = (0..38)
-        .map(|number| {
-            let place = places.take(peer(200), false);
-            place.show([number / 5; 32]);
-            place
-        })
-        .collect();
-    assert!(known.iter().all(|place| stands(place)));
+    let trusted: Vec<_> = (0..38).map(|number| known(&places, 200, number / 5)).collect();
+    assert!(trusted.iter().all(|place| stands(place)));
     assert_eq!(places.crowd().connections, 40);
     assert_eq!(strangers.iter().filter(|place| stands(place)).count(), 2);
     // Where there are no strangers left, whoever holds most loses one.
@@ -101,15 +102,8 @@ fn whoever_has_just_come_may_speak_before_the_place_is_lost() {
 #[test]
 fn a_token_has_a_cap_and_takes_no_place_from_another() {
     let places = places(100);
-    let controller = places.take(peer(1), false);
-    controller.show([1; 32]);
-    let flood: Vec<_> = (0..50)
-        .map(|_| {
-            let place = places.take(peer(1), false);
-            place.show([2; 32]);
-            place
-        })
-        .collect();
+    let controller = known(&places, 1, 1);
+    let flood: Vec<_> = (0..50).map(|_| known(&places, 1, 2)).collect();
     assert!(stands(&controller));
     assert_eq!(flood.iter().filter(|place| stands(place)).count(), 6);
     // A connection that has lost its place gets none by showing another token.
@@ -121,11 +115,7 @@ fn a_token_has_a_cap_and_takes_no_place_from_another() {
 #[test]
 fn bodies_are_counted_by_token_and_in_all() {
     let places = places(100);
-    let body = |token: u8| {
-        let place = places.take(peer(token), false);
-        place.show([token; 32]);
-        place.body()
-    };
+    let body = |token: u8| known(&places, token, token).body();
     let (mut one, mut same, mut two, mut three) = (body(1), body(1), body(2), body(3));
     assert!(one.grow(300) && one.grow(100) && !same.grow(101), "a token has half of all");
     assert!(same.grow(100) && two.grow(400) && !three.grow(101) && three.grow(100), "all have 1000");
@@ -138,11 +128,7 @@ fn bodies_are_counted_by_token_and_in_all() {
 #[test]
 fn streams_are_counted_by_token_and_in_all() {
     let places = places(100);
-    let stream = |token: u8| {
-        let place = places.take(peer(token), false);
-        place.show([token; 32]);
-        place.stream()
-    };
+    let stream = |token: u8| known(&places, token, token).stream();
     let mut open = vec![stream(1).unwrap(), stream(1).unwrap()];
     assert!(stream(1).is_none(), "a token has two");
     open.push(stream(2).unwrap());
