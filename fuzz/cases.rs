@@ -4,7 +4,8 @@
 //! `seeds`, so that they keep compiling and what was found once stays mended.
 
 use lampyris_core::data::{
-    ColumnBindings, ColumnHeader, Duration, Series, SystemId, SystemPattern, Window, read_time,
+    ColumnBindings, ColumnHeader, Duration, FieldValue, Series, SystemId, SystemPattern, Window, line_points,
+    read_time,
 };
 use lampyris_core::model::document::ModelDocument;
 use lampyris_core::model::parse::parse;
@@ -39,6 +40,28 @@ pub fn window_json(data: &[u8]) {
     if let Ok((window, _)) = Window::parse_json(data, &ColumnBindings::none()) {
         is_sound(&window);
     }
+}
+
+/// Measurements in line protocol: every line is a point with finite numbers, or a fault that names it.
+pub fn lines(data: &[u8]) {
+    let Some(text) = text(data) else { return };
+    let most = text.lines().count();
+    let mut count = 0;
+    for read in line_points(text) {
+        count += 1;
+        match read {
+            Ok(point) => {
+                assert!(!point.fields.is_empty() && (1..=most).contains(&point.line), "{point:?}");
+                for (_, value) in &point.fields {
+                    assert!(!matches!(value, FieldValue::Number(number) if !number.is_finite()), "{point:?}");
+                }
+            }
+            Err(fault) => {
+                assert!(fault.pointer.starts_with("line ") && !fault.detail.is_empty(), "{fault:?}")
+            }
+        }
+    }
+    assert!(count <= most);
 }
 
 /// Times rise, values are numbers, and what is kept is what came.

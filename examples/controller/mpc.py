@@ -1,85 +1,65 @@
-"""Model predictive control with do-mpc whose parameters are the served ones, at every step.
+"""Model predictive control by the matrices that the service makes of the model in force. No line of it is physics.
 
-The model is TiTe. Its parameters enter as time-varying ones, so that a new revision takes effect at the next step and
-nothing is built again. It needs do-mpc and httpx.
+    controller = Controller("http://127.0.0.1:8080", "room/4", power="P_heater", largest=4.0)
+    power = controller.decide(time, {"T_out": [...]}, price, lowest)
+
+It needs casadi and httpx.
 """
 
-import do_mpc
+import casadi as ca
+import httpx
 
-# The parameters of TiTe that steer; the temperature at the start of a record is none of them.
-NAMES = ("alpha_e", "beta_e", "alpha_a", "c_P_heater", "c_solar")
-# What is told ahead of time: outdoor temperature in degC, irradiance in W/m2, price per unit of energy, lowest room
-# temperature in degC.
-FORECAST = ("T_out", "irradiance", "price", "lowest")
-HORIZON = 24
-# What a kelvin-hour below the lowest temperature costs, in the unit of the price.
-DISCOMFORT = 10.0
-# The lowest temperature is raised by this much, in K, while the parameters are not to be trusted.
-CAUTION_K = 0.5
+# What a kelvin below the lowest temperature costs in a step, in the unit of the price, and what a change of power does.
+DISCOMFORT, RESTLESS = 10.0, 1e-3
 
 
 class Controller:
-    """Decides about the heating power of one room, hour by hour.
+    """Decides about the power of one room, step by step. `power` is its channel, `largest` the most in its unit."""
 
-    `parameters` has `values` and `trusted()`, as `parameters.Parameters` has. `largest` is the largest power in the
-    unit of the heating channel.
-    """
+    def __init__(self, url, system, power, largest, token=None, minutes=15):
+        headers = {"Authorization": f"Bearer {token}"} if token else {}
+        self._client = httpx.Client(base_url=url, headers=headers, timeout=10)
+        self._path, self._power, self._largest, self._minutes = f"/systems/{system}/linearisation", power, largest, minutes
+        self._plan, self.follows, self.problem = [0.0], None, None
 
-    def __init__(self, parameters, largest):
-        self._parameters = parameters
-        self._forecast = None
-        model = do_mpc.model.Model("continuous")
-        room, envelope = (model.set_variable("_x", name) for name in ("T_r", "T_e"))
-        power = model.set_variable("_u", "power")
-        known = {name: model.set_variable("_tvp", name) for name in NAMES + FORECAST}
-        sun = known["irradiance"] / 1000
-        through = known["alpha_e"] * (envelope - room)
-        model.set_rhs("T_r", through + known["c_P_heater"] * power + known["c_solar"] * sun)
-        model.set_rhs("T_e", -through / known["beta_e"] + known["alpha_a"] * (known["T_out"] - envelope))
-        model.setup()
-        mpc = do_mpc.controller.MPC(model)
-        mpc.settings.n_horizon = HORIZON
-        mpc.settings.t_step = 1.0
-        mpc.settings.store_full_solution = False
-        mpc.settings.supress_ipopt_output()
-        mpc.set_objective(mterm=0 * room, lterm=known["price"] * power / largest)
-        mpc.set_rterm(power=1e-4 / largest**2)
-        mpc.bounds["lower", "_u", "power"] = 0.0
-        mpc.bounds["upper", "_u", "power"] = largest
-        mpc.scaling["_u", "power"] = largest
-        mpc.set_nl_cons("cold", known["lowest"] - room, ub=0.0, soft_constraint=True, penalty_term_cons=DISCOMFORT)
-        self._told = mpc.get_tvp_template()
-        mpc.set_tvp_fun(self._ahead)
-        mpc.setup()
-        self._mpc = mpc
-        self._started = False
+    def decide(self, time, inputs, price, lowest):
+        """The power of the next step. `time` has the instants ahead and `inputs` a value for each by channel; `price`
+        and `lowest`, a room temperature, are a value per step. Without an answer the last plan goes on."""
+        steps = len(time) - 1
+        self.goes_on()
+        self._plan = (self._plan + [self._plan[-1]] * (steps + 1))[: steps + 1]
+        asked = {"horizon": f"PT{steps * self._minutes}M", "step": f"PT{self._minutes}M"}
+        asked["inputs"] = {"time": time, "values": inputs | {self._power: self._plan}}
+        try:
+            answer = self._client.post(self._path, json=asked).raise_for_status().json()
+        except httpx.HTTPError as error:
+            self.problem = str(error)
+            return self._plan[0]
+        self.problem, self.follows = None, (answer["model"], answer["revision"])
+        self._plan = self._solved(answer, price, lowest)
+        return self._plan[0]
 
-    def decide(self, states, forecast):
-        """The power of the next hour, from the states `T_r` and `T_e` and a forecast by name, a value per hour."""
-        self._forecast = forecast
-        x0 = [[states["T_r"]], [states["T_e"]]]
-        if not self._started:
-            self._mpc.x0 = _column(x0)
-            self._mpc.set_initial_guess()
-            self._started = True
-        return float(self._mpc.make_step(_column(x0))[0, 0])
+    def goes_on(self):
+        """The power of the next step by the last plan."""
+        self._plan = self._plan[1:] or self._plan
+        return self._plan[0]
 
-    def _ahead(self, _now):
-        """What do-mpc asks for before every step: forecast and parameters over the horizon."""
-        if self._forecast is None:
-            # While it is built, do-mpc asks for the form of the answer alone.
-            return self._told
-        caution = 0.0 if self._parameters.trusted() else CAUTION_K
-        for hour in range(HORIZON + 1):
-            for name in NAMES:
-                self._told["_tvp", hour, name] = self._parameters.values[name]
-            for name in FORECAST:
-                series = self._forecast[name]
-                self._told["_tvp", hour, name] = series[min(hour, len(series) - 1)] + (caution if name == "lowest" else 0.0)
-        return self._told
-
-
-def _column(rows):
-    import numpy
-
-    return numpy.array(rows, dtype=float)
+    def _solved(self, model, price, lowest):
+        opti, steps = ca.Opti(), model["steps"]
+        place = [held["channel"] for held in model["held"]].index(self._power)
+        plan, cold = opti.variable(len(steps)), opti.variable(len(steps))
+        x, cost = ca.DM(steps[0]["states"]), 0
+        for k, step in enumerate(steps):
+            a, b, e, e_next, c, d, f, now, then = (
+                ca.DM(step[name]) for name in ("a", "b", "e", "e_next", "c", "d", "f", "moving", "moving_next")
+            )
+            held = ca.vertcat(*[plan[k] if i == place else value for i, value in enumerate(step["held"])])
+            room = (c @ x + d @ held + f @ now + ca.DM(step["output_offset"]))[0]
+            x = a @ x + b @ held + e @ now + e_next @ then + ca.DM(step["offset"])
+            if k > 0:  # The room is as it is now, whatever is decided.
+                opti.subject_to(cold[k] >= lowest[k] - room)
+            cost += price[k] * plan[k] / self._largest + DISCOMFORT * cold[k] + RESTLESS * (plan[k] - plan[max(k - 1, 0)]) ** 2
+        opti.subject_to([opti.bounded(0, plan, self._largest), cold >= 0])
+        opti.minimize(cost)
+        opti.solver("ipopt", {"print_time": False}, {"print_level": 0, "sb": "yes"})
+        return ca.DM(opti.solve().value(plan)).full().ravel().tolist()

@@ -28,7 +28,7 @@ export const cutOff = page =>
     if (document.documentElement.scrollWidth > innerWidth + 1) {
       const wide = [...document.querySelectorAll('main *')]
         .filter(
-          part => part.getBoundingClientRect().right > innerWidth + 1 && !part.closest('.scroll, svg, .uplot, .equation, .editor, pre'),
+          part => part.getBoundingClientRect().right > innerWidth + 1 && !part.closest('.scroll, svg, .uplot, .equation, .formula, .editor, pre'),
         )
         .slice(0, 3);
       found.push(

@@ -3,7 +3,7 @@ import { ask, holds, test } from './harness.js';
 
 export async function states(chrome, { base }) {
   await test(chrome, 'the_states_now_stand_beside_the_parameters_with_unit_and_deviation', {}, async page => {
-    const { at, sd, revision, ...values } = await ask(base, '/systems/room/5/state');
+    const { at, sd, revision, states: values } = await ask(base, '/systems/room/5/state');
     await page.goto(`${base}/ui/systems/room/5/parameters`);
     const frame = page.getByRole('figure', { name: 'States at the newest sample' });
     await frame.getByText(`by revision ${revision}.`).last().waitFor();

@@ -2,12 +2,15 @@
 
     controllers.py FOLDER
 
-Runs in an environment with httpx and do-mpc. Starts services of its own, one after the other, on one database.
+Runs in an environment with httpx and casadi. Starts services of its own, one after the other, on one database.
 """
 
 import contextlib
+import copy
 import http.server
 import json
+import math
+import random
 import subprocess
 import sys
 import threading
@@ -27,8 +30,9 @@ SYSTEM = "room/controlled"
 # Its measurements end in January 2020, and are to be fresh for three days whenever this runs.
 AGE = datetime.now(timezone.utc) - datetime(2020, 1, 24, 23, tzinfo=timezone.utc)
 HOUSE = {"model": service.MODEL, "channels": service.COLUMNS, "policy": {"stale_after": f"P{AGE.days + 3}D"}}
-# The largest power of the heating channel of the demo's house, in a unit that nobody knows.
-LARGEST = 150.0
+# The largest power of the house that is controlled, in kW, and the minutes between two samples.
+LARGEST_KW = 4.0
+QUARTER = 15
 
 
 @contextlib.contextmanager
@@ -155,62 +159,144 @@ def keeps(folder):
             expect(parameters.revision, revision, f"the set after {status} {body!r}")
 
 
+class House:
+    """The truth: room air, a heater and an envelope in steps of a minute, with noise of its own."""
+
+    def __init__(self, seed):
+        self._random = random.Random(seed)
+        self.room, self.heater, self.envelope = 20.5, 21.0, 16.0
+        self.minute = 0
+
+    def outdoors(self, minute):
+        day = minute / 1440
+        return 2.0 + 4.0 * math.sin(2 * math.pi * (day - 0.4)) + 2.5 * math.sin(2 * math.pi * day / 3.7)
+
+    def goes_on(self, power, minutes=QUARTER):
+        """The house under a power in kW; gives what the sensor shows then."""
+        for _ in range(minutes):
+            outdoors = self.outdoors(self.minute)
+            room = 1.5 * (self.heater - self.room) + 0.35 * (self.envelope - self.room) + self._random.gauss(0, 0.3)
+            heater = 10.0 * (self.room - self.heater) + 10.0 * power
+            envelope = 0.06 * (self.room - self.envelope) + 0.03 * (outdoors - self.envelope)
+            self.room, self.heater, self.envelope = self.room + room / 60, self.heater + heater / 60, self.envelope + envelope / 60
+            self.minute += 1
+        return self.room + self._random.gauss(0, 0.03)
+
+
+def stamp(minute):
+    return (datetime(2026, 1, 5, tzinfo=timezone.utc) + timedelta(minutes=minute)).strftime("%Y-%m-%dT%H:%M:%SZ")
+
+
+def comfort(minute):
+    """The lowest temperature: warm by day, cooler at night."""
+    return 21.0 if 6 * 60 <= minute % 1440 < 22 * 60 else 18.0
+
+
+def tariff(minute):
+    """The price of a step at the largest power: dear in the evening."""
+    return 0.6 if 16 * 60 <= minute % 1440 < 21 * 60 else 0.2
+
+
+def recorded(days):
+    """What a house shows under a thermostat that somebody tries other powers with: rows and the house as it is then."""
+    house, random_power = House(1), random.Random(2)
+    shown, rows = house.room, []
+    for _ in range(days * 96):
+        wanted = comfort(house.minute) + 0.5
+        power = LARGEST_KW * min(1.0, max(0.0, 0.4 * (wanted - shown) + random_power.choice([0.0, 0.1, 0.3])))
+        rows.append((stamp(house.minute), shown, house.outdoors(house.minute), power))
+        shown = house.goes_on(power)
+    return rows, house, shown
+
+
+def closed_loop(house, shown, decide):
+    """Two days under a controller: what was paid, and the kelvin-hours below the lowest temperature."""
+    house = copy.deepcopy(house)
+    paid, cold, end = 0.0, 0.0, house.minute + 2 * 1440
+    while house.minute < end:
+        power = decide(house, shown)
+        paid += tariff(house.minute) * power / LARGEST_KW
+        shown = house.goes_on(power)
+        cold += max(0.0, comfort(house.minute) - house.room) * QUARTER / 60
+    return paid, cold
+
+
+def thermostat(lead, band):
+    """On below a set point and off above it; it looks so many minutes ahead in the timetable."""
+    heats = False
+
+    def decide(house, shown):
+        nonlocal heats
+        wanted = max(comfort(house.minute), comfort(house.minute + lead))
+        heats = shown < wanted + (band if heats else 0.0)
+        return LARGEST_KW if heats else 0.0
+
+    return decide
+
+
 def controls(folder):
-    """do-mpc with live parameters: a new revision changes what is decided."""
-    from mpc import NAMES, Controller
+    """Two days of a house under MPC by the service's matrices, beside the best of many thermostats."""
+    import mpc
 
-    hours = 25
-    forecast = {"T_out": [3.0] * hours, "irradiance": [0.0] * hours, "price": [0.3] * hours, "lowest": [0.0] * hours}
+    system = "room/predicted"
+    rows, house, shown = recorded(14)
     with service.running(folder) as base:
-        service.ask(base, "PUT", f"/systems/{SYSTEM}", HOUSE)
-        service.ask(base, "POST", f"/systems/{SYSTEM}/windows", service.MEASUREMENTS.read_bytes(), "text/csv")
-        service.estimated(base, SYSTEM)
-        parameters = Parameters(base, SYSTEM, BASELINE)
-        parameters.poll()
-        live = Live(parameters)
-        state = service.ask(base, "GET", f"/systems/{SYSTEM}/state")
-        room = state["T_r"]
-        forecast["lowest"] = [room] * hours
-        controller = Controller(live, LARGEST)
-        first = controller.decide(state, forecast)
-        # Colder outside, more power; free to cool, next to none.
-        colder = controller.decide(state, forecast | {"T_out": [-7.0] * hours})
-        idle = controller.decide(state, forecast | {"lowest": [room - 8.0] * hours})
-        if not (0.0 <= first < colder <= LARGEST and idle < 0.1 * first):
-            raise AssertionError(f"{first} at 3 degC, {colder} at -7, {idle} where it may cool")
-        again = controller.decide(state, forecast)
-        expect(abs(again - first) < 2e-4 * first, True, f"the same question again: {again} beside {first}")
 
-        before = {name: live.values[name] for name in NAMES}
-        refitted(base, parameters, "alpha_a", 1.3)
-        expect(abs(controller.decide(state, forecast) - again) < 2e-4 * first, True, "before the poll")
-        expect((parameters.poll(), parameters.revision), ("new", 2), "another revision")
-        after = {name: live.values[name] for name in NAMES}
-        expect(abs(after["alpha_a"] / before["alpha_a"] - 1.3) < 1e-9, True, "the held parameter")
-        changed = controller.decide(state, forecast)
-        # The other parameters were fitted to the same measurements and make up for most of it.
-        if abs(changed - again) < 1e-3 * first:
-            raise AssertionError(f"revision 2 changed nothing: {again} and {changed}")
-        # Not to be trusted: warmer than was asked for.
-        live.is_trusted = False
-        if not controller.decide(state, forecast) > changed:
-            raise AssertionError("no caution")
-        print(f"do-mpc: {again:.2f} under revision 1, {changed:.2f} under revision 2")
+        def upload(rows):
+            time_of, room, outdoors, power = zip(*rows)
+            values = {"T_room": room, "T_out": outdoors, "P_heater": power}
+            service.ask(base, "POST", f"/systems/{system}/windows", {"time": time_of, "values": values})
 
+        service.ask(base, "PUT", f"/systems/{system}", {"model": "rc2_heater"})
+        upload(rows)
+        asked = {"kind": "estimate", "system": system, "method": {"name": "lm_multistart", "seed": 1}, "budget": {"evaluations": 8000}}
+        job = service.ended(base, service.ask(base, "POST", "/jobs", asked)["id"])
+        expect(job["outcome"], "accepted", f"the fit of the house: {job}")
+        controller = mpc.Controller(base, system, "P_heater", LARGEST_KW)
+        last, followed, spent = [rows[-1]], [], []
 
-class Live:
-    """The followed set; this house measures no sun, and its model has none."""
+        def decide(house, shown):
+            ahead = [house.minute + QUARTER * k for k in range(97)]
+            if house.minute % 60 == 0:
+                # The newest samples, and those before them, which the service has already.
+                upload([*last, (stamp(house.minute), shown, house.outdoors(house.minute), last[-1][3])])
+                begun = time.monotonic()
+                inputs = {"T_out": [house.outdoors(minute) for minute in ahead]}
+                power = controller.decide([stamp(minute) for minute in ahead], inputs, *zip(*((tariff(m), comfort(m) + 0.1) for m in ahead[:-1])))
+                spent.append(time.monotonic() - begun)
+                expect(controller.problem, None, "the answer of the service")
+                followed.append(controller.follows)
+                last.clear()
+            else:
+                power = controller.goes_on()
+            last.append((stamp(house.minute), shown, house.outdoors(house.minute), power))
+            return power
 
-    def __init__(self, parameters):
-        self._parameters = parameters
-        self.is_trusted = True
-
-    @property
-    def values(self):
-        return {"c_solar": 0.0} | self._parameters.values
-
-    def trusted(self):
-        return self.is_trusted and self._parameters.trusted()
+        paid, cold = closed_loop(house, shown, decide)
+        # Another revision, of the two days as well, is followed at the next decision.
+        upload(last)
+        again = service.ended(base, service.ask(base, "POST", "/jobs", asked | {"method": {"name": "lm_multistart", "seed": 2}})["id"])
+        expect(again["outcome"], "accepted", f"the fit after two days: {again}")
+        ahead = [house.minute + 2 * 1440 + QUARTER * k for k in range(97)]
+        arguments = [stamp(m) for m in ahead], {"T_out": [house.outdoors(m) for m in ahead]}, [0.2] * 96, [20.0] * 96
+        controller.decide(*arguments)
+        expect(controller.problem, None, "the answer of the service")
+        expect((followed[0], controller.follows), (("rc2_heater", 1), ("rc2_heater", 2)), "the revision")
+    # Nobody answers: the plan goes on.
+    plan = list(controller._plan)
+    expect(controller.decide(*arguments), plan[1], "the plan without a service")
+    expect(controller.problem is not None, True, "what the controller says of it")
+    tuned = {(lead, band): closed_loop(house, shown, thermostat(lead, band)) for lead in range(0, 241, 30) for band in (0.2, 0.4, 0.8)}
+    cost = {name: paid + mpc.DISCOMFORT * 4 * cold for name, (paid, cold) in tuned.items()}
+    best = min(cost, key=cost.get)
+    ours = paid + mpc.DISCOMFORT * 4 * cold
+    lines = sum(1 for line in (EXAMPLES / "mpc.py").read_text().splitlines() if line.strip())
+    print(
+        f"MPC: {paid:.2f} paid, {cold:.2f} Kh too cold; the best of {len(tuned)} thermostats {tuned[best][0]:.2f} and "
+        f"{tuned[best][1]:.2f}; {lines} lines, {1000 * max(spent):.0f} ms for the longest decision"
+    )
+    expect(ours < cost[best], True, f"{ours} beside {cost[best]}")
+    expect(lines <= 60, True, f"{lines} lines")
 
 
 def main():

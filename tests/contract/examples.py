@@ -22,12 +22,13 @@ PATHS = {
     "put_system": {"id": "spare"},
     "delete_system": {"id": "spare"},
     "post_window": {"id": "guest"},
+    "post_samples": {"id": "guest"},
     "put_schedule": {"name": "weekly"},
     "delete_schedule": {"name": "weekly"},
     "get_docs_file": {"name": "docs.js"},
     "post_model_effect": {"id": service.MODEL},
 }
-QUERIES = {"get_comparison": "max_points=2", "get_compare": "fits={fits}&max_points=2", "get_series": "max_points=10"}
+QUERIES = {"get_comparison": "max_points=2", "get_compare": "fits={fits}&max_points=2", "get_series": "max_points=10", "write_lines": "precision=s"}
 STREAM = "text/event-stream"
 
 

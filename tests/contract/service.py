@@ -126,6 +126,8 @@ def seed(base):
     measured = MEASUREMENTS.read_bytes()
     ask(base, "PUT", f"/systems/{SYSTEM}", house)
     window = ask(base, "POST", f"/systems/{SYSTEM}/windows", measured, "text/csv")
+    ahead = {"time": ["2020-01-24T23:00:00Z", "2020-01-26T00:00:00Z"], "values": {"T_out": [6.4, 4.8], "P_heater": [15, 15]}}
+    ask(base, "POST", f"/systems/{SYSTEM}/windows", ahead | {"roles": {name: "forecast" for name in ahead["values"]}})
     jobs = [estimated(base, SYSTEM), estimated(base, SYSTEM, method={"name": "lm_multistart", "seed": 2}, experiment=True)]
     found = [ended(base, ask(base, "POST", "/jobs", ESTIMATE | {"kind": kind})["id"]) for kind in ("diagnose", "ladder")]
     version = ask(base, "POST", f"/models/{MODEL}/effects", {"effect": "constant_gain"})

@@ -68,6 +68,38 @@ impl PartialSchema for Instant {
 
 impl ToSchema for Instant {}
 
+/// What the description calls measurements that are sent as CSV. A client sends it as it is, from a file.
+#[derive(Debug, Clone, Copy)]
+pub struct Csv;
+
+impl PartialSchema for Csv {
+    fn schema() -> RefOr<Schema> {
+        let text = ObjectBuilder::new()
+            .schema_type(SchemaType::Type(Type::String))
+            .format(Some(SchemaFormat::KnownFormat(KnownFormat::Binary)));
+        text.description(Some("A CSV file: a column `time`, and one for each channel.")).into()
+    }
+}
+
+impl ToSchema for Csv {}
+
+/// What the description calls the inputs of a check. They have a name of their own, because generators of
+/// clients lose maps that stand in one of several alternatives.
+#[derive(Debug, Clone, Copy)]
+pub struct CheckInputs;
+
+impl PartialSchema for CheckInputs {
+    fn schema() -> RefOr<Schema> {
+        let number = ObjectBuilder::new()
+            .schema_type(SchemaType::Type(Type::Number))
+            .format(Some(SchemaFormat::KnownFormat(KnownFormat::Double)));
+        let values = ObjectBuilder::new().additional_properties(Some(number));
+        values.description(Some("A value for each of these inputs, in its unit.")).into()
+    }
+}
+
+impl ToSchema for CheckInputs {}
+
 /// One object that has the fields of all of these, and no others if `closed`. `allOf` says the same of open
 /// objects only: each closed one forbids the fields of the others.
 pub fn joined(parts: impl IntoIterator<Item = RefOr<Schema>>, closed: bool) -> Object {

@@ -1,14 +1,17 @@
 //! Units of measurement: parsing, conversion, and the algebra that checks an equation.
 //!
-//! A unit is a vector of exponents over five base units, a scale to those bases and, for temperatures
-//! only, an offset. Base units: metre, kilogram, second, kelvin and mole. Angles, fractions, ppm and
-//! counts are pure numbers with a scale. Texts are products and quotients of known symbols with integer
-//! exponents: `W/m2`, `1/h`, `K/h per m/s`, `g/m3`, `-`.
+//! A unit is a vector of exponents over seven base units, a scale to those bases and, for temperatures
+//! only, an offset. Base units: metre, kilogram, second, kelvin, mole, ampere and euro. Angles, fractions,
+//! ppm and counts are pure numbers with a scale. Texts are products and quotients of known symbols with
+//! integer exponents: `W/m2`, `1/h`, `K/h per m/s`, `g/m3`, `-`.
 
-/// A unit, as the exponents of m, kg, s, K and mol with a scale and an offset to the base units.
+use serde::Serialize;
+use utoipa::ToSchema;
+
+/// A unit, as the exponents of m, kg, s, K, mol, A and EUR with a scale and an offset to the base units.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Unit {
-    dims: [i8; 5],
+    dims: Dimensions,
     scale: f64,
     offset: f64,
 }
@@ -23,19 +26,65 @@ impl std::fmt::Display for UnknownUnit {
     }
 }
 
-const fn unit(dims: [i8; 5], scale: f64, offset: f64) -> Unit {
+/// Largest exponent in a unit text.
+pub const MAX_EXPONENT: i8 = 9;
+
+/// The base units, in the order of the exponents.
+pub const BASE: [&str; 7] = ["m", "kg", "s", "K", "mol", "A", "EUR"];
+
+/// Exponents of the base units.
+type Dimensions = [i8; 7];
+
+/// A symbol that unit texts may use.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct UnitSymbol {
+    /// How it is written.
+    pub symbol: &'static str,
+    /// What it measures, in base units: `m2 kg s-3`; `-` for pure numbers.
+    pub dimension: String,
+    /// How many of the base units one of it is.
+    pub factor: f64,
+    /// What its zero is in base units, for temperatures that do not begin at absolute zero.
+    pub offset: f64,
+}
+
+/// Every symbol that a unit text may use.
+pub fn symbols() -> impl Iterator<Item = UnitSymbol> {
+    SYMBOLS.iter().map(|(symbol, unit)| UnitSymbol {
+        symbol,
+        dimension: dimension(&unit.dims),
+        factor: unit.scale,
+        offset: unit.offset,
+    })
+}
+
+/// Exponents as a unit text.
+fn dimension(dims: &Dimensions) -> String {
+    let powers = BASE.iter().zip(dims).filter(|(_, exponent)| **exponent != 0);
+    let texts: Vec<String> = powers
+        .map(|(base, exponent)| if *exponent == 1 { (*base).to_owned() } else { format!("{base}{exponent}") })
+        .collect();
+    if texts.is_empty() { "-".to_owned() } else { texts.join(" ") }
+}
+
+const fn unit(dims: Dimensions, scale: f64, offset: f64) -> Unit {
     Unit { dims, scale, offset }
 }
 
-const NUMBER: [i8; 5] = [0; 5];
-const TEMPERATURE: [i8; 5] = [0, 0, 0, 1, 0];
-const TIME: [i8; 5] = [0, 0, 1, 0, 0];
-const LENGTH: [i8; 5] = [1, 0, 0, 0, 0];
-const MASS: [i8; 5] = [0, 1, 0, 0, 0];
-const POWER: [i8; 5] = [2, 1, -3, 0, 0];
-const ENERGY: [i8; 5] = [2, 1, -2, 0, 0];
-const PRESSURE: [i8; 5] = [-1, 1, -2, 0, 0];
-const VOLUME: [i8; 5] = [3, 0, 0, 0, 0];
+const NUMBER: Dimensions = [0; 7];
+const TEMPERATURE: Dimensions = [0, 0, 0, 1, 0, 0, 0];
+const TIME: Dimensions = [0, 0, 1, 0, 0, 0, 0];
+const LENGTH: Dimensions = [1, 0, 0, 0, 0, 0, 0];
+const MASS: Dimensions = [0, 1, 0, 0, 0, 0, 0];
+const FORCE: Dimensions = [1, 1, -2, 0, 0, 0, 0];
+const POWER: Dimensions = [2, 1, -3, 0, 0, 0, 0];
+const ENERGY: Dimensions = [2, 1, -2, 0, 0, 0, 0];
+const PRESSURE: Dimensions = [-1, 1, -2, 0, 0, 0, 0];
+const VOLUME: Dimensions = [3, 0, 0, 0, 0, 0, 0];
+const CURRENT: Dimensions = [0, 0, 0, 0, 0, 1, 0];
+const VOLTAGE: Dimensions = [2, 1, -3, 0, 0, -1, 0];
+const RESISTANCE: Dimensions = [2, 1, -3, 0, 0, -2, 0];
+const MONEY: Dimensions = [0, 0, 0, 0, 0, 0, 1];
 
 /// Every symbol that a unit text may use.
 const SYMBOLS: &[(&str, Unit)] = &[
@@ -78,7 +127,17 @@ const SYMBOLS: &[(&str, Unit)] = &[
     ("mbar", unit(PRESSURE, 100.0, 0.0)),
     ("l", unit(VOLUME, 1e-3, 0.0)),
     ("L", unit(VOLUME, 1e-3, 0.0)),
-    ("mol", unit([0, 0, 0, 0, 1], 1.0, 0.0)),
+    ("mol", unit([0, 0, 0, 0, 1, 0, 0], 1.0, 0.0)),
+    ("N", unit(FORCE, 1.0, 0.0)),
+    ("kN", unit(FORCE, 1e3, 0.0)),
+    ("Nm", unit(ENERGY, 1.0, 0.0)),
+    ("A", unit(CURRENT, 1.0, 0.0)),
+    ("mA", unit(CURRENT, 1e-3, 0.0)),
+    ("V", unit(VOLTAGE, 1.0, 0.0)),
+    ("kV", unit(VOLTAGE, 1e3, 0.0)),
+    ("mV", unit(VOLTAGE, 1e-3, 0.0)),
+    ("Ohm", unit(RESISTANCE, 1.0, 0.0)),
+    ("EUR", unit(MONEY, 1.0, 0.0)),
 ];
 
 impl Unit {
@@ -196,7 +255,8 @@ impl std::fmt::Display for Unit {
             write!(f, "{scale:.4} ")?;
         }
         let mut first = true;
-        for (dim, name) in self.dims.iter().zip(["m", "kg", "h", "K", "mol"]) {
+        for (dim, base) in self.dims.iter().zip(BASE) {
+            let name = if base == "s" { "h" } else { base };
             if *dim != 0 {
                 write!(f, "{}{name}", if first { "" } else { " " })?;
                 if *dim != 1 {
@@ -233,7 +293,7 @@ fn parse_power(text: &str) -> Option<Unit> {
     let split = text.find(|c: char| c.is_ascii_digit() || c == '^' || c == '-')?;
     let base = symbol(&text[..split])?;
     let exponent: i8 = text[split..].trim_start_matches('^').parse().ok()?;
-    (-9..=9).contains(&exponent).then(|| base.power(exponent))
+    (-MAX_EXPONENT..=MAX_EXPONENT).contains(&exponent).then(|| base.power(exponent))
 }
 
 /// An error of a temperature in degC is in K.
@@ -258,6 +318,12 @@ mod tests {
         close(parse("km/h").convert(&parse("m/s"), 36.0), 10.0);
         close(parse("pct").convert(&parse("-"), 35.0), 0.35);
         close(parse("1/s").convert(&parse("1/h"), 1.0), 3600.0);
+        close(parse("V A").convert(&parse("kW"), 2300.0), 2.3);
+        close(parse("V/Ohm").convert(&parse("mA"), 0.5), 500.0);
+        close(parse("N m/s").convert(&parse("W"), 7.0), 7.0);
+        close(parse("Nm rad/s").convert(&parse("kW"), 1e3), 1.0);
+        close(parse("EUR/MW h").factor_to(&parse("EUR/kW h")), 1e-3);
+        assert!(parse("V").convert(&parse("A"), 1.0).is_none());
         assert_eq!(parse("W").convert(&parse("degC"), 1.0), None);
     }
 
@@ -271,5 +337,14 @@ mod tests {
         assert!(parse("W/m2").addable(&parse("W m^-2")));
         assert!(Unit::parse("furlong").is_err());
         assert!(Unit::parse("").is_err());
+    }
+
+    #[test]
+    fn the_dimension_of_a_symbol_is_a_unit_text_of_the_same_kind() {
+        for known in symbols() {
+            assert!(parse(&known.dimension).same_dimension(&parse(known.symbol)), "{known:?}");
+        }
+        let watt = symbols().find(|known| known.symbol == "kW").unwrap();
+        assert_eq!((watt.dimension.as_str(), watt.factor), ("m2 kg s-3", 1000.0));
     }
 }

@@ -2,15 +2,19 @@
 
 use crate::http;
 use crate::service::access::tokens::{self, Tokens};
+use crate::service::catalogue::open;
 use crate::service::catalogue::shared::SharedCatalogue;
 use crate::service::catalogue::turns::Turns;
 use crate::service::changes::events::Events;
 use crate::service::changes::follow;
+use crate::service::observe::lines::LineTally;
 use crate::service::observe::metrics::Metrics;
 use crate::service::queue::schedules;
 use crate::service::serving::arrivals::Arrivals;
+use crate::service::serving::kept::LiveSystems;
+use crate::service::serving::said::SaidForecasts;
 use crate::service::serving::snapshot::Snapshot;
-use crate::service::serving::{degradations, params};
+use crate::service::serving::{degradations, keeping, params};
 use crate::service::work::board::ProgressBoard;
 use crate::service::work::interactive::Interactive;
 use crate::service::work::worker;
@@ -21,6 +25,7 @@ use jiff::Timestamp;
 use lampyris_core::model::Catalogue;
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 use std::net::SocketAddr;
+use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::AtomicUsize;
 use std::time::Duration;
@@ -148,7 +153,7 @@ impl App {
         // Taken before anything ends, so that the jobs that fail right now are told and counted like all
         // others.
         let newest = store::events::newest(&store).await?;
-        let boot = if store.is_read_only() { NO_BOOT } else { begin(&store, clock.now()).await? };
+        let (store, boot) = begun(&settings.database, store, clock.now()).await?;
         let service = Arc::new(Service {
             catalogue: SharedCatalogue::load(&store, builtin).await?,
             board: ProgressBoard::default(),
@@ -156,8 +161,11 @@ impl App {
             events: Events::new(boot, newest),
             tokens,
             metrics: Metrics::new(clock.now()),
+            lines: LineTally::default(),
             params: Snapshot::default(),
             arrivals: Arrivals::default(),
+            live: LiveSystems::default(),
+            said: SaidForecasts::default(),
             turns: Turns::default(),
             wake: Notify::new(),
             wake_schedule: Notify::new(),
@@ -180,14 +188,21 @@ impl App {
             bound(bind, service.settings.limits.connections).map_err(|error| AppError::Bind(bind, error))?;
         let addr = listener.local_addr().map_err(AppError::Io)?;
         if !service.store.is_read_only() {
-            schedules::ensure_nightly(&service).await?;
+            match schedules::ensure_nightly(&service).await {
+                Err(ServiceError::Store(error)) if error.is_unwritable() => {
+                    tracing::warn!(%error, "there is no nightly schedule yet");
+                }
+                ensured => ensured?,
+            }
             for index in 0..service.settings.workers {
                 let pool = pool(threads(&service.settings), index).map_err(AppError::Threads)?;
                 tasks.spawn(worker::run(service.clone(), pool, index));
             }
             let spare = pool(1, service.settings.workers).map_err(AppError::Threads)?;
             tasks.spawn(degradations::run(service.clone(), spare));
+            tasks.spawn(keeping::run(service.clone()));
             tasks.spawn(schedules::run(service.clone()));
+            tasks.spawn(open::run(service.clone()));
             tasks.spawn(watch_files(service.clone()));
         }
         tasks.spawn(follow::follow(service.clone()));
@@ -276,6 +291,17 @@ pub async fn serve(settings: Settings, ready: impl FnOnce(&str)) -> Result<(), A
     app.shutdown().await
 }
 
+/// Begins to work, unless nothing can be written. The opening may have taken the last room that a disk had.
+async fn begun(path: &Path, store: Store, now: Timestamp) -> Result<(Store, i64), StoreError> {
+    if store.is_read_only() {
+        return Ok((store, NO_BOOT));
+    }
+    match begin(&store, now).await {
+        Err(error) if error.is_unwritable() => Ok((store.without_writing(path, &error).await?, NO_BOOT)),
+        boot => Ok((store, boot?)),
+    }
+}
+
 /// Takes a number for this start, and clears up after the one before.
 async fn begin(store: &Store, now: Timestamp) -> Result<i64, StoreError> {
     let boot = store.next_boot().await?;
@@ -318,12 +344,17 @@ fn allow_files(connections: usize) {
     }
 }
 
+/// Bytes of answers that wait in the system for one connection to take them.
+const SEND_BUFFER: u32 = 256 << 10;
+
 /// A listener with a queue for as many connections as may be open, and at least a thousand: with the usual
 /// 128, a crowd that arrives at once waits a second for the system to try again.
 fn bound(address: SocketAddr, connections: usize) -> std::io::Result<TcpListener> {
     let socket = if address.is_ipv4() { TcpSocket::new_v4()? } else { TcpSocket::new_v6()? };
     // As a restart finds connections of the last life that the system has not forgotten yet.
     socket.set_reuseaddr(true)?;
+    // Connections inherit it. Left to itself the system would keep up to 4 MiB for each that takes nothing.
+    socket.set_send_buffer_size(SEND_BUFFER)?;
     socket.bind(address)?;
     socket.listen(u32::try_from(connections).unwrap_or(u32::MAX).clamp(1_024, i32::MAX as u32))
 }

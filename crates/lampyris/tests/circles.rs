@@ -12,10 +12,11 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 /// The rooms of the estimation, in the order in which its data pass them.
-const ESTIMATE: [&str; 11] = [
+const ESTIMATE: [&str; 12] = [
     "problem",
     "fit",
     "assess",
+    "forecast",
     "search",
     "uncertainty",
     "report",

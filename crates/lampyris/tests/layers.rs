@@ -193,8 +193,6 @@ fn one_follower_shows_what_was_committed() {
     let expected = [
         (".store.follow()", "app.rs"),
         ("params.forget(", "params.rs"),
-        // At start and after the clock was set, and after a change.
-        ("params.swap(", "params.rs"),
         ("params.swap(", "params.rs"),
         ("params::follow(", "app.rs"),
         ("refresh(", "params.rs"),

@@ -76,19 +76,41 @@ impl Measured {
 }
 
 /// A service in a process of its own, as a controller meets it.
-struct Service {
+pub struct Service {
     child: Child,
     address: String,
 }
 
-impl Drop for Service {
-    fn drop(&mut self) {
-        let _ = self.child.kill();
+impl Service {
+    /// Where it listens.
+    pub fn address(&self) -> &str {
+        &self.address
+    }
+
+    /// The number of its process.
+    pub fn id(&self) -> u32 {
+        self.child.id()
+    }
+
+    /// Waits for its end.
+    pub fn wait(&mut self) {
         let _ = self.child.wait();
+    }
+
+    /// Ends it without a word.
+    pub fn kill(&mut self) {
+        let _ = self.child.kill();
+        self.wait();
     }
 }
 
-fn text(error: impl std::fmt::Display) -> Failure {
+impl Drop for Service {
+    fn drop(&mut self) {
+        self.kill();
+    }
+}
+
+pub fn text(error: impl std::fmt::Display) -> Failure {
     Failure::Error(error.to_string())
 }
 
@@ -96,7 +118,10 @@ fn text(error: impl std::fmt::Display) -> Failure {
 pub struct Arguments {
     /// How long the controller's path is polled beside fits; half as long beside fits and uploads.
     #[arg(long, default_value_t = 30)]
-    seconds: u64,
+    pub seconds: u64,
+    /// What live samples cost instead; a thousand systems send theirs for so long.
+    #[arg(long)]
+    pub samples: bool,
 }
 
 pub fn run(asked: &Arguments) -> Result<Vec<Row>, Failure> {
@@ -161,7 +186,7 @@ fn measure(folder: &Path, seconds: u64) -> Result<Vec<Row>, Failure> {
     Ok(rows)
 }
 
-fn start(folder: &Path) -> Result<Service, Failure> {
+pub fn start(folder: &Path) -> Result<Service, Failure> {
     let program = std::env::current_exe().map_err(text)?.with_file_name("lampyris");
     let mut child = Command::new(program)
         .args(["serve", "--bind", "127.0.0.1:0", "--database"])
@@ -211,7 +236,7 @@ fn saturate(server: &Server) -> Result<(), Failure> {
 }
 
 /// Asks until there is an answer that will do.
-fn until(server: &Server, path: &str, will_do: impl Fn(&Value) -> bool) -> Result<(), Failure> {
+pub fn until(server: &Server, path: &str, will_do: impl Fn(&Value) -> bool) -> Result<(), Failure> {
     let begun = Instant::now();
     while begun.elapsed() < Duration::from_secs(60) {
         if server.get(path).is_ok_and(|answer| will_do(&answer.document)) {

@@ -24,6 +24,7 @@ mod record;
 mod results;
 mod room;
 mod row;
+mod samples;
 mod search;
 mod verdicts;
 
@@ -142,6 +143,7 @@ fn measured(study: &Study, as_json: bool) -> Result<Vec<Row>, Failure> {
         Study::Ablation(asked) => ablation::run(asked),
         Study::Complexity(asked) => complexity::run(asked),
         Study::Likelihood(asked) => likelihood::run(asked)?,
+        Study::Load(asked) if asked.samples => samples::run(asked.seconds)?,
         Study::Load(asked) => load::run(asked)?,
         Study::Loop(asked) => return control::run(asked, as_json),
         Study::House(asked) => {

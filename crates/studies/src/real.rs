@@ -9,9 +9,9 @@ use super::page::{self, NONE, STYLE, Table, section};
 use super::row::Row;
 use super::verdicts::share;
 use lampyris::cli::{Failure, faults};
-use lampyris_core::data::{CALENDAR, Column, ColumnBindings, Grid, Window, rfc3339};
+use lampyris_core::data::{Column, ColumnBindings, Grid, Window, is_computed, rfc3339};
 use lampyris_core::diagnose::diagnose;
-use lampyris_core::diagnose::library::{COMPUTED, EffectSource, align};
+use lampyris_core::diagnose::library::{EffectSource, align};
 use lampyris_core::diagnose::null_model::NullModel;
 use lampyris_core::diagnose::report::Finding;
 use lampyris_core::diagnose::surrogates::{Heard, Tests, is_driven};
@@ -331,10 +331,7 @@ fn of_other_days(problem: &Problem, grid: &Grid, days: i64) -> Result<Grid, lamp
     let per_day = (DAY / grid.step()) as usize;
     let (whole, later) = (grid.len() / per_day * per_day, days as usize * per_day);
     let mut moved = grid.clone();
-    for (channel, column) in grid
-        .columns()
-        .filter(|(channel, _)| !used(channel) && !CALENDAR.contains(channel) && !COMPUTED.contains(channel))
-    {
+    for (channel, column) in grid.columns().filter(|(channel, _)| !used(channel) && !is_computed(channel)) {
         let value = |k: usize| column.values()[if k < whole { (k + later) % whole } else { k }];
         moved = moved.with_column(
             channel,

@@ -6,7 +6,7 @@ import { address } from '../router.js';
 import { number } from '../format.js';
 import { Table } from '../parts/table.js';
 import { Shown } from '../parts/screens.js';
-import { Equations } from '../parts/equations.js';
+import { Equations, Typeset } from '../parts/equations.js';
 import { Preview } from '../parts/preview.js';
 
 export function ModelPage({ id }) {
@@ -19,6 +19,7 @@ export function ModelPage({ id }) {
     ${data.parent && html`<p>Made from <a href=${address(['models', data.parent])}>${data.parent}
       </a> by adding ${data.diff?.title ?? data.diff?.effect}.</p>`}
     ${data.parent && data.diff ? html`<${Equations} model=${data.parent} diff=${data.diff} />` : html`<${Equations} model=${data.id} />`}
+    <${Typeset} path=${`/models/${encodeURIComponent(data.id)}/equations`} states=${data.states.length} />
     <${Table} caption="Parameters" columns=${[['name'], ['what it is'], ['unit'], ['lower', 'number'], ['upper', 'number'], ['nominal',
       'number'], ['scale']]}
       rows=${data.parameters.map(entry => [entry.name, entry.title, entry.unit, number(entry.bounds[0]), number(entry.bounds[1]),

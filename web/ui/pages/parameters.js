@@ -1,17 +1,20 @@
 // The values, how sure they are, where their bounds lie; and what may be decided about them.
 import { html, useState } from '../html.js';
 import { useResource, useList, post, put, remove } from '../api.js';
+import { REPORT } from '../carried.js';
 import { setQuery } from '../router.js';
 import { say, sayFault } from '../say.js';
 import { number, fixed, clock, words, NONE } from '../format.js';
 import { Status, Flags } from '../parts/status.js';
 import { Table } from '../parts/table.js';
 import { Frame } from '../parts/frame.js';
+import { Equations, Typeset } from '../parts/equations.js';
 import { Shown, Empty } from '../parts/screens.js';
 import { Reason } from '../parts/dialog.js';
 import { Rail } from '../charts/rail.js';
 import { Curve } from '../charts/curve.js';
 import { Likelihood } from './likelihood.js';
+import { Said } from './said.js';
 import { States } from './states.js';
 
 /** Whether a remark is the sentence about a pair that these data cannot tell apart. */
@@ -31,9 +34,11 @@ export function Parameters({ system, document, params, fit, reload }) {
     <${Served} params=${params} ask=${setAsking} system=${system} done=${done} />
     <${Shown} of=${chosen} what="the fit" show=${data => html`
       <${Values} fit=${data} history=${history.data ?? []} />
+      ${!REPORT && html`<${Mathematics} fit=${data} />`}
       <${Likelihood} fit=${data} />
       <${Judgement} fit=${data} ask=${setAsking} done=${done} />`} />
     <${States} system=${system} model=${params?.model ?? null} zone=${document.location?.zone ?? 'UTC'} />
+    <${Said} system=${system} zone=${document.location?.zone ?? 'UTC'} />
     <${Shown} of=${history} what="the history" show=${list => html`<${History} system=${system} list=${list} ask=${setAsking} done=${done} />`} />
     ${asking && html`<${Reason} ...${asking} close=${() => setAsking(null)} />`}`;
 }
@@ -103,6 +108,14 @@ export function Values({ fit, history }) {
         ${pair.ridge.length > 1 && html`<${AlongRidge} pair=${pair} fit=${fit} />`}</li>`)}</ul>`}
     ${fit.remarks.filter(remark => !fit.correlated.some(pair => isOf(pair, remark))).map(remark => html`<p class="note">${remark}</p>`)}
   </${Frame}>`;
+}
+
+/** What the parameters stand in: the documents' own words, and the equations as this fit has them. */
+function Mathematics({ fit }) {
+  const model = useResource(`/models/${encodeURIComponent(fit.model)}`);
+  return html`<section><h2>Equations of ${fit.model}</h2>
+    <${Equations} model=${fit.model} />
+    ${model.data && html`<${Typeset} path=${`/fits/${fit.id}/model`} states=${model.data.states.length} />`}</section>`;
 }
 
 /** Where the first of a pair is held and all else is fitted again: the least cost, and what the second becomes. */

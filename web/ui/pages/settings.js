@@ -61,12 +61,12 @@ export function Settings({ system, document, changed }) {
       <div>
         <label>What people call it<input value=${draft.label} onInput=${event => set({ label: event.target.value })} /></label>
         <label>Model whose fits are served
-          <select value=${draft.model} onChange=${event => set({ model: event.target.value })}>
-            ${[...new Set([draft.model, ...(models.data ?? []).map(model => model.id)])].map(
-              id => html`<option value=${id} selected=${id === draft.model}>${id}</option>`,
+          <select value=${draft.model ?? ''} onChange=${event => set({ model: event.target.value || undefined })}>
+            ${[...new Set([draft.model ?? '', ...(models.data ?? []).map(model => model.id)])].map(
+              id => html`<option value=${id} selected=${id === (draft.model ?? '')}>${id || 'none: others read its measurements'}</option>`,
             )}
           </select></label>
-        <p><a href=${address(['models', draft.model])}>See its equations</a></p>
+        ${draft.model && html`<p><a href=${address(['models', draft.model])}>See its equations</a></p>`}
         <label>Prior on the parameters
           <select value=${draft.prior} onChange=${event => set({ prior: event.target.value })}>
             ${['none', 'log_normal'].map(prior => html`<option value=${prior} selected=${prior === draft.prior}>${prior}</option>`)}

@@ -19,7 +19,7 @@ export function States({ system, model, zone }) {
   if (state.error?.type === 'no-state')
     return html`<h2>The states now</h2><${Empty} title="No states yet"><p>Nothing is served whose model could tell them. They come with the first
       fit that is accepted.</p></${Empty}>`;
-  return html`<h2>The states now</h2><${Shown} of=${state} what="the states" show=${({ at, sd, revision, free_run: isFree, ...values }) => {
+  return html`<h2>The states now</h2><${Shown} of=${state} what="the states" show=${({ at, states: values, sd, revision, free_run: isFree }) => {
     const unitOf = Object.fromEntries((spec.data?.states ?? []).map(entry => [entry.name, entry.unit]));
     const rows = Object.entries(values).map(([name, value]) => [name, number(value, 4), number(sd[name], 2), unitOf[name] ?? NONE]);
     const says = `${rows.length} states at ${clock(at, zone)} (${zone}), by revision ${revision}${isFree ? ', of a free run, which no measurement has corrected' : ''}`;

@@ -1,6 +1,12 @@
-// The equations of a model in plain mathematics, with what an effect adds marked.
-import { html } from '../html.js';
+// The equations of a model: as the texts of its documents, with what an effect adds marked, and typeset.
+import { html, useLayoutEffect, useRef, useState } from '../html.js';
 import { ask, useResource } from '../api.js';
+import { REPORT } from '../carried.js';
+import { sayFault } from '../say.js';
+import { copy } from './frame.js';
+
+/** A model with more states has more lines than anybody wants to see unasked. */
+const MOST_STATES = 20;
 
 /** The terms of a catalogue's effect for its argument: `metered_gain:P_heater` fills `{channel}` in. */
 function termsOf(document, argument) {
@@ -56,4 +62,29 @@ export function Equations({ model, diff = {} }) {
     ${fresh.map(([place, term]) => html`<ins>d${place}/dt = ${term}</ins>`)}
     ${Object.entries(diff.define ?? {}).map(([name, entry]) => html`<ins>${name} = ${definition(entry)}</ins>`)}
   </div>`;
+}
+
+const asText = (path, options) => ask(path, { ...options, accept: 'text/plain' });
+
+/**
+ * The equations as mathematics, which the browser draws by itself. `path` answers with them in the format it is asked
+ * for; `states` is how many there are.
+ */
+export function Typeset({ path, states }) {
+  const [open, setOpen] = useState(states <= MOST_STATES);
+  const place = useRef(null);
+  const drawn = useResource(open && !REPORT ? `${path}?format=mathml` : null, { read: asText });
+  useLayoutEffect(() => {
+    if (!drawn.data) return;
+    const { documentElement } = new DOMParser().parseFromString(drawn.data, 'application/xml');
+    place.current.replaceChildren(document.importNode(documentElement, true));
+  }, [drawn.data]);
+  if (REPORT) return null;
+  const latex = () => asText(`${path}?format=latex`).then(copy, sayFault);
+  return html`<details class="typeset" open=${open} onToggle=${event => setOpen(event.currentTarget.open)}>
+    <summary>As mathematics</summary>
+    <div class="formula" role="region" aria-label="The equations as mathematics" tabindex="0" ref=${place}></div>
+    ${drawn.error && html`<p class="note">${drawn.error.detail}</p>`}
+    <button class="plain" onClick=${latex}>Copy LaTeX</button>
+  </details>`;
 }

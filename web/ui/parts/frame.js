@@ -84,12 +84,17 @@ export function Frame({ title, summary, table, path, command = path && curl(path
   </figure>`;
 }
 
+/** Puts a text where it can be pasted from, and says whether that went well. */
+export const copy = async text => {
+  try {
+    await navigator.clipboard.writeText(text);
+    say('Copied');
+  } catch {
+    say('This browser does not let the page copy', { fault: true });
+  }
+};
+
 /** A command line that can be copied. */
 export function Command({ text }) {
-  const copy = () =>
-    navigator.clipboard.writeText(text).then(
-      () => say('Copied'),
-      () => say('This browser does not let the page copy', { fault: true }),
-    );
-  return html`<div class="command"><code>${text}</code><button class="plain" onClick=${copy}>Copy</button></div>`;
+  return html`<div class="command"><code>${text}</code><button class="plain" onClick=${() => copy(text)}>Copy</button></div>`;
 }

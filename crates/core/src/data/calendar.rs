@@ -6,21 +6,13 @@
 use jiff::Timestamp;
 use jiff::tz::{TimeZone, TimeZoneDatabase};
 
-use super::channel::Hold;
-use super::grid::{Column, Grid};
+use super::computed::{HOUR, WEEKDAY};
+use super::grid::Grid;
 use crate::fault::Fault;
-
-/// Hours since local midnight, from 0 to below 24.
-const HOUR: &str = "hour_of_day";
-/// 1 on Mondays to 7 on Sundays, as ISO 8601 counts.
-const WEEKDAY: &str = "weekday";
-
-/// The columns that [`add_calendar`] knows.
-pub const CALENDAR: [&str; 2] = [HOUR, WEEKDAY];
 
 /// The hour of the local day of a sample, 0 to 23; of the day in UTC where the grid has no calendar.
 pub fn hour_of_day(grid: &Grid, k: usize) -> usize {
-    match grid.column(HOUR) {
+    match grid.column(HOUR.channel) {
         Some(column) => column.values()[k] as usize % 24,
         None => (grid.time(k).rem_euclid(86_400) / 3600) as usize,
     }
@@ -43,9 +35,9 @@ pub fn add_calendar(mut grid: Grid, zone: &str) -> Result<Grid, Fault> {
         );
         weekdays.push(f64::from(local.weekday().to_monday_one_offset()));
     }
-    for (name, unit, values) in [(HOUR, "h", hours), (WEEKDAY, "-", weekdays)] {
-        if grid.column(name).is_none() {
-            grid = grid.with_column(name, Column::complete(unit, Hold::ZeroOrder, values)?)?;
+    for (computed, values) in [(HOUR, hours), (WEEKDAY, weekdays)] {
+        if grid.column(computed.channel).is_none() {
+            grid = grid.with_column(computed.channel, computed.column(values)?)?;
         }
     }
     Ok(grid)
@@ -70,11 +62,12 @@ pub fn local_zone(name: &str) -> Result<TimeZone, Fault> {
 mod tests {
     use super::*;
     use crate::data::read_time;
+    use crate::data::{Column, Hold};
 
     fn columns(from: &str, step: i64, len: usize, zone: &str) -> (Vec<f64>, Vec<f64>) {
         let grid = add_calendar(Grid::new(read_time("", from).unwrap(), step, len).unwrap(), zone).unwrap();
         let values = |name: &str| grid.column(name).unwrap().values().to_vec();
-        (values(HOUR), values(WEEKDAY))
+        (values(HOUR.channel), values(WEEKDAY.channel))
     }
 
     #[test]
@@ -110,10 +103,10 @@ mod tests {
     fn measured_columns_are_kept_and_unknown_zones_refused() {
         let grid = Grid::new(0, 3600, 2).unwrap();
         let own = Column::complete("h", Hold::ZeroOrder, vec![5.0, 6.0]).unwrap();
-        let grid = add_calendar(grid.with_column(HOUR, own).unwrap(), "UTC").unwrap();
-        assert_eq!(grid.column(HOUR).unwrap().values(), [5.0, 6.0]);
+        let grid = add_calendar(grid.with_column(HOUR.channel, own).unwrap(), "UTC").unwrap();
+        assert_eq!(grid.column(HOUR.channel).unwrap().values(), [5.0, 6.0]);
         // The first of January 1970 was a Thursday.
-        assert_eq!(grid.column(WEEKDAY).unwrap().values(), [4.0, 4.0]);
+        assert_eq!(grid.column(WEEKDAY.channel).unwrap().values(), [4.0, 4.0]);
         assert_eq!(add_calendar(grid, "Mars/Olympus").unwrap_err().code, "unknown-zone");
     }
 }

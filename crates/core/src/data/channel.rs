@@ -58,6 +58,10 @@ pub(super) const KNOWN: [&str; 19] = [
     "S_NH_e",
 ];
 
+/// Nothing that is measured in rooms and plants is larger in any unit. The squares of what is would leave the
+/// numbers, and with them whatever is computed from it.
+const LARGEST: f64 = 1e15;
+
 impl ChannelKind {
     /// The kind of a channel whose name is known, alone or by a pattern such as `T_room_<n>` and `P_<name>`.
     ///
@@ -100,13 +104,15 @@ impl ChannelKind {
         }
     }
 
-    /// The kind of a channel of which only the unit is known: linear, without limits of plausibility.
+    /// The kind of a channel of which only the unit is known: linear, and any number that counts something.
     pub fn of_unit(unit: &str) -> Self {
-        Self {
-            unit: canonical_unit(unit).to_owned(),
-            hold: Hold::Linear,
-            plausible: (f64::NEG_INFINITY, f64::INFINITY),
-        }
+        Self { unit: canonical_unit(unit).to_owned(), hold: Hold::Linear, plausible: (-LARGEST, LARGEST) }
+    }
+
+    /// The same kind where nobody knows the unit, so that no range says what a sensor gives.
+    #[must_use]
+    pub fn of_any_unit(self) -> Self {
+        Self { plausible: (-LARGEST, LARGEST), ..self }
     }
 
     /// Whether a value, in the channel's unit, is one that a working sensor gives.
@@ -213,7 +219,7 @@ mod tests {
     fn unknown_channels_follow_their_unit() {
         let kind = ChannelKind::of_unit("%");
         assert_eq!((kind.unit.as_str(), kind.hold), ("pct", Hold::Linear));
-        assert!(kind.is_plausible(1e300));
+        assert!(kind.is_plausible(-1e15) && !kind.is_plausible(1e16) && !kind.is_plausible(f64::NAN));
         assert_eq!(canonical_unit("°C"), "degC");
         assert_eq!(serde_json::to_string(&Hold::ZeroOrder).unwrap(), "\"zero_order\"");
     }

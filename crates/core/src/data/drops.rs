@@ -4,12 +4,10 @@
 //! opening. The column is made from the output itself, so whatever explains the output by it has to show more
 //! than usual.
 
-use super::channel::Hold;
-use super::grid::{Column, Grid};
+use super::computed::DROP;
+use super::grid::Grid;
 use crate::fault::Fault;
 
-/// The name of the computed column.
-pub const DROPS: &str = "window_drop";
 /// A drop within half an hour counts when it is steeper than this many robust deviations of such changes.
 const STEEP: f64 = 4.0;
 /// And when it is at least this many K.
@@ -44,13 +42,13 @@ pub fn add_drops(grid: Grid, output: &str) -> Result<Grid, Fault> {
             }
         }
     }
-    grid.with_column(DROPS, Column::complete("-", Hold::ZeroOrder, open)?)
+    grid.with_column(DROP.channel, DROP.column(open)?)
 }
 
 #[cfg(test)]
 mod tests {
-    use super::{DROPS, add_drops};
-    use crate::data::{Column, Grid, Hold};
+    use super::add_drops;
+    use crate::data::{Column, DROPS, Grid, Hold};
 
     #[test]
     fn a_sharp_drop_is_an_opening_and_a_slow_night_is_none() {

@@ -1,11 +1,12 @@
-//! From the columns of a file to channels: `T_room[degC]`, `P_heater_W`, and bindings such as
-//! `T_room=T_indoor_degC`.
+//! From the columns of a file to channels: `T_room[degC]`, `P_heater_W`, `T_out[degC](forecast)`, and
+//! bindings such as `T_room=T_indoor_degC`.
 
 use indexmap::IndexMap;
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 
 use super::channel::{ChannelKind, KNOWN, canonical_unit, means_same_quantity};
+use super::role::{ColumnRole, marked};
 use crate::fault::{Fault, nearest};
 use crate::units::Unit;
 use utoipa::ToSchema;
@@ -68,24 +69,32 @@ pub struct ColumnHeader {
     pub channel: String,
     /// What it says about its unit.
     pub unit: ColumnUnit,
+    /// What its values are, where they are no measurements.
+    pub role: Option<ColumnRole>,
 }
 
 impl ColumnHeader {
     /// Takes a header apart.
     ///
     /// A bracket is the last word: in `T_out_W[degC]` the `_W` belongs to the name. Without one a known
-    /// suffix is the unit and no part of the name.
+    /// suffix is the unit and no part of the name. Only a role stands behind both, in parentheses.
     pub fn parse(header: &str) -> Self {
         let column = unshielded(header.trim());
-        let (channel, unit) = match column.strip_suffix(']').and_then(|open| open.rsplit_once('[')) {
+        let (named, role) = marked(column);
+        let (channel, unit) = match named.strip_suffix(']').and_then(|open| open.rsplit_once('[')) {
             Some((name, unit)) => (name.trim(), ColumnUnit::Stated(canonical_unit(unit.trim()).to_owned())),
-            None => match split_suffix(column) {
+            None => match split_suffix(named) {
                 Some((name, unit)) => (name, ColumnUnit::Stated(unit.to_owned())),
-                None if column.len() > RAW.len() && column.ends_with(RAW) => (column, ColumnUnit::Raw),
-                None => (column, ColumnUnit::Unstated),
+                None if named.len() > RAW.len() && named.ends_with(RAW) => (named, ColumnUnit::Raw),
+                None => (named, ColumnUnit::Unstated),
             },
         };
-        Self { column: column.to_owned(), channel: channel.to_owned(), unit }
+        Self { column: column.to_owned(), channel: channel.to_owned(), unit, role }
+    }
+
+    /// Whether a binding to this name means this column: a role is no part of it.
+    pub fn is_named(&self, column: &str) -> bool {
+        self.column == column || marked(&self.column).0 == column || self.channel == column
     }
 
     /// A header whose unit is stated elsewhere (in the `channels` of a JSON window), so that the name stands
@@ -96,6 +105,7 @@ impl ColumnHeader {
             column: name.to_owned(),
             channel: name.to_owned(),
             unit: ColumnUnit::Stated(canonical_unit(unit.trim()).to_owned()),
+            role: None,
         }
     }
 }
@@ -204,8 +214,6 @@ pub(super) struct Target {
     pub from_text: String,
     /// The unit of the channel.
     pub to: Unit,
-    /// Whether the plausible range applies.
-    pub judged: bool,
     /// Whether the column says nothing of its unit, so that the channel's own was taken.
     pub assumed: bool,
 }
@@ -229,7 +237,7 @@ pub(super) fn resolve(
     let mut bound = vec![false; headers.len()];
     for (channel, column) in bindings.iter() {
         let exact = headers.iter().position(|header| header.column == column);
-        match exact.or_else(|| headers.iter().position(|header| header.channel == column)) {
+        match exact.or_else(|| headers.iter().position(|header| header.is_named(column))) {
             Some(index) => {
                 bound[index] = true;
                 match target(index, channel, &headers[index], pointer, warnings) {
@@ -281,7 +289,7 @@ pub(super) fn resolve(
 }
 
 /// The channel that one column feeds.
-fn target(
+pub(super) fn target(
     column: usize,
     channel: &str,
     header: &ColumnHeader,
@@ -331,9 +339,9 @@ fn target(
             kind.unit
         )));
     }
-    let judged = header.unit != ColumnUnit::Raw;
+    let kind = if header.unit == ColumnUnit::Raw { kind.of_any_unit() } else { kind };
     let assumed = header.unit == ColumnUnit::Unstated;
-    Ok(Target { column, channel: channel.to_owned(), kind, from, from_text, to, judged, assumed })
+    Ok(Target { column, channel: channel.to_owned(), kind, from, from_text, to, assumed })
 }
 
 fn bad_name(header: &ColumnHeader, pointer: &str) -> Option<Fault> {
@@ -343,6 +351,10 @@ fn bad_name(header: &ColumnHeader, pointer: &str) -> Option<Fault> {
             Fault::new(pointer, "unnamed-column", detail)
                 .suggest("name it, or remove it (a comma at the end of every line makes one)"),
         );
+    }
+    if header.channel.contains("](") {
+        let detail = "behind the unit stands a role, and `(forecast)` is the only one";
+        return Some(Fault::new(pointer, "unknown-role", detail).suggest("write T_out[degC](forecast)"));
     }
     let ends_up = header.channel.len() > MAX_NAME || header.channel.chars().any(char::is_control);
     ends_up.then(|| {
@@ -368,7 +380,7 @@ pub(super) fn shown(name: &str) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::{ColumnBindings, ColumnHeader, ColumnUnit, SUFFIXES, Target, resolve};
+    use super::{ColumnBindings, ColumnHeader, ColumnRole, ColumnUnit, SUFFIXES, Target, resolve};
     use crate::fault::Fault;
     use crate::units::Unit;
     use proptest::prelude::{any, proptest};
@@ -395,6 +407,15 @@ mod tests {
         assert_eq!(parts("T_room[degC]"), stated("T_room", "degC"));
         assert_eq!(parts(" T_room [ °C ] "), stated("T_room", "degC"));
         assert_eq!(parts("P_heater_W"), stated("P_heater", "W"));
+        assert_eq!(parts("T_out[degC](forecast)"), stated("T_out", "degC"));
+        assert_eq!(parts("P_heater_W (forecast)"), stated("P_heater", "W"));
+        let role = |text: &str| ColumnHeader::parse(text).role;
+        assert_eq!(
+            (role("T_out(forecast)"), role("T_out"), role("(forecast)")),
+            (Some(ColumnRole::Forecast), None, None)
+        );
+        assert!(ColumnHeader::parse("T_out_degC(forecast)").is_named("T_out_degC"));
+        assert_eq!(codes(channels(&["T_out[degC](forcast)"], &[])), ["unknown-role"]);
         assert_eq!(parts("P_heater_kW"), stated("P_heater", "kW"));
         assert_eq!(parts("ghi_W_m2"), stated("ghi", "W/m2"));
         assert_eq!(parts("wind_speed_m_s"), stated("wind_speed", "m/s"));
@@ -426,7 +447,7 @@ mod tests {
         let one_for_two = channels(&["T_a"], &["T_room=T_a", "T_forward=T_a"]).unwrap();
         assert_eq!(one_for_two.len(), 2);
         let raw = channels(&["heat_input_raw"], &["P_heater=heat_input_raw"]).unwrap();
-        assert!(!raw[0].judged);
+        assert!(raw[0].kind.is_plausible(1e9));
         assert_eq!(raw[0].kind.unit, "kW");
     }
 

@@ -12,7 +12,9 @@
 //! | `channel` | the known channels: unit, hold, plausible range |
 //! | `header` | column headers, bindings of columns to channels, the units of columns |
 //! | `stamp` | RFC 3339 time stamps |
+//! | `role`, `parts` | columns that are no measurements, but forecasts, and both in one body |
 //! | `parse` | the CSV and the JSON form of a window |
+//! | `json_cell` | what a JSON window may have in its lists |
 //! | `table` | the rules for rows and cells: what is rejected, what is a fault |
 //! | `series` | the samples of one channel and their statistics |
 //! | `block` | the binary form of a series |
@@ -24,7 +26,9 @@
 //! | `sun` | altitude and azimuth of the sun |
 //! | `calendar` | hour of the day and day of the week |
 //! | `duration` | ISO 8601 durations |
+//! | `intake` | single values on their way to a channel |
 //! | `influent` | what arrives at a plant in dry weather |
+//! | `line_protocol` | the line protocol of InfluxDB |
 //! | `layout` | rooms and neighbours from the correlations of many sensors |
 //! | `view` | what counts where several windows have samples of a channel, and who gave it |
 //! | `thin` | points for a chart: all samples, or an envelope that keeps every extreme |
@@ -40,15 +44,21 @@
 mod block;
 mod calendar;
 mod channel;
+mod computed;
 mod drops;
 mod duration;
 mod envelope;
 mod grid;
 mod header;
 mod influent;
+mod intake;
+mod json_cell;
 mod layout;
+mod line_protocol;
 mod parse;
+mod parts;
 mod resample;
+mod role;
 mod series;
 mod split;
 mod stamp;
@@ -61,24 +71,29 @@ mod window;
 mod write;
 
 pub use block::CorruptBlock;
-pub use calendar::{CALENDAR, add_calendar, hour_of_day, local_zone};
+pub use calendar::{add_calendar, hour_of_day, local_zone};
 pub use channel::{ChannelKind, Hold, is_compass};
-pub use drops::{DROPS, add_drops};
+pub use computed::{CALENDAR, COMPUTED, ComputedChannel, DROPS, SUN, is_computed};
+pub use drops::add_drops;
 pub use duration::{BadDuration, Duration, Length};
 pub use envelope::{Envelope, Thinning};
 pub use grid::{Column, Grid};
 pub use header::{ColumnBindings, ColumnHeader, ColumnUnit};
 pub use influent::DRY_INFLUENT;
+pub use intake::ChannelIntake;
 pub use layout::{Layout, LayoutPair, LeftOut, NEIGHBOUR, Room, SAME_ROOM, Sensor, propose_layout};
+pub use line_protocol::{FieldValue, LinePoint, LinePoints, TimePrecision, line_points};
 pub use parse::WindowDocument;
+pub use parts::WindowParts;
 pub use resample::{DEFAULT_MAX_GAP_STEPS, GridRequest};
+pub use role::ColumnRole;
 pub use series::{Series, SeriesStatistics};
 pub use split::{Split, SplitRequest};
 pub use stamp::{read_time, rfc3339};
 pub use sun::{SunPosition, add_sun, sun_position};
 pub use system::{BadSystemId, SystemId, SystemPattern};
 pub use thin::{Bucket, Thinned};
-pub use view::{ChannelView, DAY_S, Layer, Replayed, WindowShare, goes_on, lay, replay};
+pub use view::{ChannelView, DAY_S, Layer, Replayed, WindowShare, goes_on, lay, merged, replay};
 pub use window::{RejectedRow, Window, WindowReport};
 pub use write::{CsvChannel, write_csv};
 

@@ -3,10 +3,13 @@
 use std::fmt;
 use std::marker::PhantomData;
 
-use serde::de::{Deserialize, Deserializer, Error, IgnoredAny, MapAccess, SeqAccess, Visitor};
+use serde::de::{Deserialize, Deserializer, Error, MapAccess, SeqAccess, Visitor};
 
 use super::header::{ColumnBindings, ColumnHeader, MAX_COLUMNS, resolve, shown};
-use super::table::{Cell, Place, Stamp, Table};
+use super::json_cell::JsonCell;
+use super::parts::{ColumnPart, ReadPart, WindowParts};
+use super::role::ColumnRole;
+use super::table::{Cell, Place, Stamp, Table, is_no_value};
 use super::window::{Window, WindowReport};
 use crate::fault::Fault;
 use crate::schema::Instant;
@@ -30,17 +33,18 @@ fn is_time(column: &str) -> bool {
 impl Window {
     /// Reads a window from CSV: a header `time,T_room[degC],…`, then one row per time.
     ///
-    /// Times carry an offset or `Z`. An empty cell or `null` is a missing value. A row with anything else
-    /// that is no finite number, with a time that does not increase or with another number of cells is
-    /// rejected and listed in the report; a single value that no working sensor gives is left out with a
-    /// warning.
+    /// Times carry an offset or `Z`. A cell that is no finite number is a missing value: silently where it is
+    /// empty or says so (`null`, `NaN`, `-`, `n/a`, `unavailable`, `unknown`), with a warning else. A row
+    /// with a time that does not increase or with another number of cells is rejected and listed in the
+    /// report; a single value that no working sensor gives is left out with a warning. Columns of forecasts
+    /// are no measurements and are left out.
     ///
     /// # Errors
     /// All kinds of faults at once, at most 100: no or several columns of times, unknown or inconvertible
     /// units, duplicate columns, bindings to missing columns, no data, times without offset, more than a
-    /// tenth of the rows rejected, values that only another unit explains, fewer than two rows.
+    /// tenth of the rows rejected or of a column no numbers, values that only another unit explains.
     pub fn parse_csv(text: &str, bindings: &ColumnBindings) -> Result<(Window, WindowReport), Vec<Fault>> {
-        csv(text, bindings)
+        only_measured(csv(text, bindings, ColumnPart::Measured))
     }
 
     /// Reads a window from JSON:
@@ -52,7 +56,7 @@ impl Window {
     /// # Errors
     /// As for CSV, and where the body is no such document or lists have different lengths.
     pub fn parse_json(body: &[u8], bindings: &ColumnBindings) -> Result<(Window, WindowReport), Vec<Fault>> {
-        json(body, bindings)
+        Window::read(document_of(body)?, bindings)
     }
 
     /// Reads a window from a JSON document whose form is right, by the rules of [`Window::parse_json`].
@@ -63,14 +67,58 @@ impl Window {
         document: WindowDocument,
         bindings: &ColumnBindings,
     ) -> Result<(Window, WindowReport), Vec<Fault>> {
-        self::document(document, bindings)
+        only_measured(self::document(&document, bindings, ColumnPart::Measured))
     }
+}
+
+impl WindowParts {
+    /// Reads measurements and forecasts from CSV, by the rules of [`Window::parse_csv`]. Columns without a
+    /// role have `unmarked`.
+    ///
+    /// # Errors
+    /// All faults of both.
+    pub fn parse_csv(
+        text: &str,
+        bindings: &ColumnBindings,
+        unmarked: Option<ColumnRole>,
+    ) -> Result<Self, Vec<Fault>> {
+        Self::of(unmarked, |part| csv(text, bindings, part))
+    }
+
+    /// Reads measurements and forecasts from JSON, by the rules of [`Window::parse_json`].
+    ///
+    /// # Errors
+    /// All faults of both.
+    pub fn parse_json(
+        body: &[u8],
+        bindings: &ColumnBindings,
+        unmarked: Option<ColumnRole>,
+    ) -> Result<Self, Vec<Fault>> {
+        Self::read(&document_of(body)?, bindings, unmarked)
+    }
+
+    /// Reads measurements and forecasts from a document whose form is right.
+    ///
+    /// # Errors
+    /// All faults of both.
+    pub fn read(
+        document: &WindowDocument,
+        bindings: &ColumnBindings,
+        unmarked: Option<ColumnRole>,
+    ) -> Result<Self, Vec<Fault>> {
+        Self::of(unmarked, |part| self::document(document, bindings, part))
+    }
+}
+
+/// The measurements, which must be there.
+fn only_measured(read: ReadPart) -> Result<(Window, WindowReport), Vec<Fault>> {
+    read?.ok_or_else(|| vec![Fault::new("header", "no-data-column", "all columns are forecasts")])
 }
 
 /// Reads `time,T_room,…`: a header, then one row per time. Lines that start with `#` are comments.
 ///
 /// Commas separate; a header without any comma may use semicolons or tabs.
-fn csv(text: &str, bindings: &ColumnBindings) -> Result<(Window, WindowReport), Vec<Fault>> {
+fn csv(text: &str, bindings: &ColumnBindings, part: ColumnPart) -> ReadPart {
     let text = text.strip_prefix('\u{feff}').unwrap_or(text);
     let header_line =
         text.lines().find(|line| !line.trim().is_empty() && !line.starts_with('#')).unwrap_or_default();
@@ -104,7 +152,13 @@ fn csv(text: &str, bindings: &ColumnBindings) -> Result<(Window, WindowReport), 
                 .suggest("keep one column `time`"),
         ),
     }
-    let data: Vec<usize> = (0..headers.len()).filter(|index| !times.contains(index)).collect();
+    let (data, others): (Vec<usize>, Vec<usize>) = (0..headers.len())
+        .filter(|index| !times.contains(index))
+        .partition(|index| part.has(&headers[*index]));
+    if data.is_empty() && (part == ColumnPart::Forecast || !others.is_empty()) {
+        return Ok(None);
+    }
+    let bindings = &part.bindings(&headers, bindings);
     let data_headers: Vec<ColumnHeader> = data.iter().map(|index| headers[*index].clone()).collect();
     let mut warnings = Vec::new();
     let (targets, more) =
@@ -122,12 +176,12 @@ fn csv(text: &str, bindings: &ColumnBindings) -> Result<(Window, WindowReport), 
             Ok(true) => {
                 let line = record.position().map_or(0, csv::Position::line);
                 if record.len() == headers.len() {
+                    let cell = |index: &usize| Cell::of_text(record.get(*index).unwrap_or_default());
+                    if !others.is_empty() && data.iter().all(|index| cell(index).is_missing()) {
+                        continue;
+                    }
                     let stamp = Stamp::Text(record.get(time).unwrap_or_default());
-                    table.push(
-                        line,
-                        stamp,
-                        data.iter().map(|index| Cell::of_text(record.get(*index).unwrap_or_default())),
-                    );
+                    table.push(line, stamp, data.iter().map(cell));
                 } else {
                     table.reject(line, format!("not the {} cells of the header", headers.len()));
                 }
@@ -135,41 +189,52 @@ fn csv(text: &str, bindings: &ColumnBindings) -> Result<(Window, WindowReport), 
             Err(error) => return Err(unreadable(error)),
         }
     }
-    table.finish(faults).map_err(limited)
+    table.finish(faults).map(Some).map_err(limited)
 }
 
 /// Reads `{"channels":{"T_room":{"unit":"degC"}},"time":[…],"values":{"T_room":[21.1,null]}}`.
-fn json(body: &[u8], bindings: &ColumnBindings) -> Result<(Window, WindowReport), Vec<Fault>> {
-    let document = serde_json::from_slice(body).map_err(|error| {
+fn document_of(body: &[u8]) -> Result<WindowDocument, Vec<Fault>> {
+    serde_json::from_slice(body).map_err(|error| {
         // The parser's message may quote a name of the document, which may be of any length.
         let message: String = error.to_string().chars().take(200).collect();
         vec![Fault::new("", UNREADABLE, format!("the body is not a window: {message}"))]
-    })?;
-    self::document(document, bindings)
+    })
 }
 
-/// The window of a document whose form is right.
-fn document(
-    document: WindowDocument,
-    bindings: &ColumnBindings,
-) -> Result<(Window, WindowReport), Vec<Fault>> {
-    let WindowDocument { channels, time: Times(time), values } = document;
-    let (channels, values) = (channels.0, values.0);
+/// A part of a document whose form is right.
+fn document(document: &WindowDocument, bindings: &ColumnBindings, part: ColumnPart) -> ReadPart {
+    let WindowDocument { channels: Pairs(channels), roles: Pairs(roles), time: Times(time), values } =
+        document;
 
     let mut faults = Vec::new();
     let stated = |name: &str| {
         channels.iter().find(|(channel, _)| channel == name).and_then(|(_, entry)| entry.unit.as_deref())
     };
-    let headers: Vec<ColumnHeader> = values
-        .iter()
-        .map(|(name, _)| match stated(name) {
+    let role = |name: &str| roles.iter().find(|(channel, _)| channel == name).map(|(_, role)| *role);
+    let header = |name: &str| {
+        let header = match stated(name) {
             Some(unit) => ColumnHeader::with_unit(name, unit),
             None => ColumnHeader::parse(name),
-        })
-        .collect();
+        };
+        ColumnHeader { role: role(name).or(header.role), ..header }
+    };
+    let all_headers: Vec<ColumnHeader> = values.0.iter().map(|(name, _)| header(name)).collect();
+    let (own, others): (Vec<_>, Vec<_>) =
+        values.0.iter().zip(&all_headers).partition(|(_, header)| part.has(header));
+    if own.is_empty() && (part == ColumnPart::Forecast || !others.is_empty()) {
+        return Ok(None);
+    }
+    let bindings = &part.bindings(&all_headers, bindings);
+    let (values, headers): (Vec<&(String, JsonColumn)>, Vec<ColumnHeader>) =
+        own.into_iter().map(|(values, header)| (values, header.clone())).unzip();
+    let is_column = |name: &String| document.values.0.iter().any(|(column, _)| column == name);
+    for (name, _) in roles.iter().filter(|(name, _)| !is_column(name)) {
+        let detail = format!("`{}` has a role but no values", shown(name));
+        faults.push(Fault::new(pointer_in("roles", name), "no-values", detail));
+    }
     for (index, (name, _)) in channels.iter().enumerate() {
         let fault = |code, detail| Fault::new(channel_pointer(name), code, detail);
-        if !values.iter().any(|(column, _)| column == name) {
+        if !is_column(name) {
             faults.push(fault("no-values", format!("`{}` is described but has no values", shown(name))));
         }
         if channels[..index].iter().any(|(earlier, _)| earlier == name) {
@@ -202,14 +267,22 @@ fn document(
             JsonCell::Number(_) => Stamp::Number,
             JsonCell::Missing => Stamp::Missing,
         };
+        if !others.is_empty() && values.iter().all(|(_, cells)| cells.cell(row).is_missing()) {
+            continue;
+        }
         table.push(row as u64 + 1, stamp, values.iter().map(|(_, cells)| cells.cell(row)));
     }
-    table.finish(faults).map_err(limited)
+    table.finish(faults).map(Some).map_err(limited)
 }
 
 /// Where a channel is described.
 fn channel_pointer(name: &str) -> String {
-    Place::Json.column(name).replacen("values", "channels", 1)
+    pointer_in("channels", name)
+}
+
+/// Where something is said of a column beside its values.
+fn pointer_in(place: &str, name: &str) -> String {
+    Place::Json.column(name).replacen("values", place, 1)
 }
 
 /// At most a hundred faults: nobody reads more, and an answer stays small.
@@ -219,8 +292,9 @@ fn limited(mut faults: Vec<Fault>) -> Vec<Fault> {
     faults
 }
 
-/// Measurements as JSON; as CSV they are `time,T_room[degC],…`. A row that cannot be read is left out and
-/// listed; where more than a tenth of the rows cannot be read, the window is refused.
+/// Measurements as JSON; as CSV they are `time,T_room[degC],…`. A cell that is no number is a missing one. A
+/// row whose time cannot be read is left out and listed; where more than a tenth of the rows or of a column
+/// cannot be read, the window is refused.
 // The form is right as soon as there is such a document; what its cells hold is judged by `Window::read`.
 #[derive(serde::Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
@@ -230,8 +304,12 @@ pub struct WindowDocument {
     #[serde(default)]
     #[schema(value_type = HashMap<String, ChannelEntry>)]
     channels: Pairs<ChannelEntry>,
+    /// What columns are that are no measurements, by name.
+    #[serde(default)]
+    #[schema(value_type = HashMap<String, ColumnRole>)]
+    roles: Pairs<ColumnRole>,
     /// Increasing times with offset.
-    #[schema(value_type = Vec<Instant>, min_items = 2)]
+    #[schema(value_type = Vec<Instant>, min_items = 1)]
     time: Times,
     #[schema(schema_with = columns)]
     values: Pairs<JsonColumn>,
@@ -239,7 +317,7 @@ pub struct WindowDocument {
 
 fn columns() -> Object {
     let types = SchemaType::from_iter([Type::Number, Type::Null]);
-    let column = ArrayBuilder::new().items(ObjectBuilder::new().schema_type(types)).min_items(Some(2));
+    let column = ArrayBuilder::new().items(ObjectBuilder::new().schema_type(types)).min_items(Some(1));
     let columns = ObjectBuilder::new()
         .schema_type(Type::Object)
         .additional_properties(Some(column))
@@ -359,6 +437,7 @@ impl<'de> Deserialize<'de> for JsonColumn {
                     let number = match cell {
                         JsonCell::Missing => f64::NAN,
                         JsonCell::Number(number) => number,
+                        JsonCell::Text(text) if is_no_value(text.trim()) => f64::NAN,
                         JsonCell::Text(text) => {
                             if column.odd.len() < MAX_ODD {
                                 column.odd.push((column.numbers.len(), text));
@@ -372,61 +451,5 @@ impl<'de> Deserialize<'de> for JsonColumn {
             }
         }
         deserializer.deserialize_seq(Values)
-    }
-}
-
-/// A value of a list: a number, nothing, or something that rejects its row.
-enum JsonCell {
-    Missing,
-    Number(f64),
-    Text(Box<str>),
-}
-
-impl<'de> Deserialize<'de> for JsonCell {
-    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        struct Any;
-        impl<'de> Visitor<'de> for Any {
-            type Value = JsonCell;
-
-            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-                f.write_str("a number, a time or null")
-            }
-
-            fn visit_f64<E>(self, number: f64) -> Result<JsonCell, E> {
-                Ok(JsonCell::Number(number))
-            }
-
-            fn visit_u64<E>(self, number: u64) -> Result<JsonCell, E> {
-                Ok(JsonCell::Number(number as f64))
-            }
-
-            fn visit_i64<E>(self, number: i64) -> Result<JsonCell, E> {
-                Ok(JsonCell::Number(number as f64))
-            }
-
-            fn visit_unit<E>(self) -> Result<JsonCell, E> {
-                Ok(JsonCell::Missing)
-            }
-
-            fn visit_bool<E>(self, truth: bool) -> Result<JsonCell, E> {
-                Ok(JsonCell::Text(truth.to_string().into()))
-            }
-
-            fn visit_str<E>(self, text: &str) -> Result<JsonCell, E> {
-                // A stamp has at most 64 bytes; of anything longer the beginning says enough.
-                Ok(JsonCell::Text(text.chars().take(80).collect::<String>().into()))
-            }
-
-            fn visit_seq<A: SeqAccess<'de>>(self, mut seq: A) -> Result<JsonCell, A::Error> {
-                while seq.next_element::<IgnoredAny>()?.is_some() {}
-                Ok(JsonCell::Text("a list".into()))
-            }
-
-            fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<JsonCell, A::Error> {
-                while map.next_entry::<IgnoredAny, IgnoredAny>()?.is_some() {}
-                Ok(JsonCell::Text("an object".into()))
-            }
-        }
-        deserializer.deserialize_any(Any)
     }
 }

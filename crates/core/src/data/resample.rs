@@ -7,9 +7,9 @@
 //! | zero-order input, finer than the grid | time-weighted mean over `[t, t + step)` | at least half of the interval is covered |
 //! | zero-order input, as coarse or coarser | the value held at `t` | the value still holds |
 //!
-//! Two samples have a gap between them when they are more than `max_gap_steps` steps apart, the channel's own
-//! median step or the grid's, whichever is longer. A held value lasts until the next sample; before a gap,
-//! and at the end of the record, it lasts for one such step.
+//! Two samples have a gap between them when they are more than `max_gap_steps` steps apart, the channel's
+//! own median step or the grid's, whichever is longer. A held value lasts until the next sample; before a
+//! gap, and at the end of the record, it lasts for one such step.
 
 use super::channel::{Hold, is_compass};
 use super::grid::{Column, Grid};
@@ -28,8 +28,8 @@ const MAX_POINTS: i64 = 2_000_000;
 /// What a grid is to hold.
 #[derive(Debug, Clone, Copy)]
 pub struct GridRequest<'a> {
-    /// The measured output that sets the grid: its first sample in the range is index 0, its last sample ends
-    /// it.
+    /// The measured output that sets the grid: its first sample in the range is index 0, its last sample
+    /// ends it.
     pub output: &'a str,
     /// More outputs, for models that have several; like the first they are never interpolated.
     pub more_outputs: &'a [&'a str],
@@ -139,13 +139,13 @@ impl Window {
 }
 
 impl Window {
-    /// One more channel on a grid that is there, by the rules at the head of this file; `None` where it has
-    /// no value.
-    pub fn column_on(&self, grid: &Grid, channel: &str, hold: Hold) -> Option<Column> {
+    /// One more channel on a grid that is there, by the rules at the head of this file, where gaps longer
+    /// than so many steps stay gaps; `None` where it has no value.
+    pub fn column_on(&self, grid: &Grid, channel: &str, hold: Hold, max_gap_steps: u32) -> Option<Column> {
         let series = self.series(channel)?;
         let found = match hold {
-            Hold::Linear => interpolated(series, grid, DEFAULT_MAX_GAP_STEPS),
-            Hold::ZeroOrder => held(series, grid, DEFAULT_MAX_GAP_STEPS),
+            Hold::Linear => interpolated(series, grid, max_gap_steps),
+            Hold::ZeroOrder => held(series, grid, max_gap_steps),
         };
         Column::from_options(series.unit(), hold, &found)
     }
@@ -270,8 +270,8 @@ fn line(from: f64, to: f64, weight: f64) -> f64 {
     from * (1.0 - weight) + to * weight
 }
 
-/// The bearing at a share of the shorter way round, in the range of the ends: from 350 to 10 leads through 0,
-/// not 180.
+/// The bearing at a share of the shorter way round, in the range of the ends: from 350 to 10 leads through
+/// 0, not 180.
 fn turn(from: f64, to: f64, weight: f64) -> f64 {
     let way = (to - from + 180.0).rem_euclid(360.0) - 180.0;
     let bearing = from + way * weight;

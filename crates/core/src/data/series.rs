@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::channel::{Hold, canonical_unit};
+use super::channel::{ChannelKind, Hold, canonical_unit};
 use super::header::shown;
 use crate::fault::Fault;
 use crate::units::Unit;
@@ -105,6 +105,29 @@ impl Series {
         let values =
             values.into_iter().map(|value| if value.is_subnormal() { 0.0 } else { value + 0.0 }).collect();
         Ok(Self { channel: channel.to_owned(), unit: unit.to_owned(), hold, times, values })
+    }
+
+    /// The series of samples that came one by one, which are values of the kind of their channel. They may
+    /// be in any order; of several at one time the last one counts.
+    ///
+    /// # Errors
+    /// As of [`Series::new`].
+    pub fn of_samples(
+        channel: &str,
+        kind: &ChannelKind,
+        mut samples: Vec<(i64, f64)>,
+    ) -> Result<Self, Fault> {
+        samples.sort_by_key(|(time, _)| *time);
+        let (mut times, mut values): (Vec<i64>, Vec<f64>) = (Vec::new(), Vec::new());
+        for (time, value) in samples {
+            if times.last() == Some(&time) {
+                values.pop();
+            } else {
+                times.push(time);
+            }
+            values.push(value);
+        }
+        Self::new(channel, &kind.unit, kind.hold, times, values)
     }
 
     /// The name of the channel.
@@ -244,7 +267,7 @@ impl Series {
     }
 
     /// The same samples in another unit; `None` where it does not convert or a value would overflow.
-    pub(super) fn in_unit(&self, unit: &str) -> Option<Series> {
+    pub fn in_unit(&self, unit: &str) -> Option<Series> {
         if self.unit == unit {
             return Some(self.clone());
         }
@@ -269,7 +292,7 @@ pub(super) fn median_of(mut numbers: Vec<i64>) -> Option<i64> {
 #[cfg(test)]
 mod tests {
     use super::Series;
-    use crate::data::Hold;
+    use crate::data::{ChannelKind, Hold};
 
     fn series(times: Vec<i64>, values: Vec<f64>) -> Series {
         Series::new("T_room", "degC", Hold::Linear, times, values).unwrap()
@@ -289,6 +312,15 @@ mod tests {
             "unknown-unit"
         );
         assert_eq!(new(vec![0], vec![-0.0]).unwrap().values()[0].to_bits(), 0);
+    }
+
+    #[test]
+    fn samples_are_put_in_order_and_the_last_of_a_time_counts() {
+        let kind = ChannelKind::of_unit("kW");
+        let samples = vec![(20, 3.0), (10, 1.0), (20, 4.0), (10, 2.0)];
+        let series = Series::of_samples("power", &kind, samples).unwrap();
+        assert_eq!((series.times(), series.values(), series.unit()), (&[10, 20][..], &[2.0, 4.0][..], "kW"));
+        assert_eq!(Series::of_samples("power", &kind, Vec::new()).unwrap_err().code, "sample-count");
     }
 
     #[test]

@@ -6,12 +6,10 @@
 use solar_positioning::time::JulianDate;
 use solar_positioning::{Location, RefractionCorrection, SolarPositions, delta_t};
 
-use super::channel::Hold;
-use super::grid::{Column, Grid};
+use super::computed::{ALTITUDE, AZIMUTH, ComputedChannel};
+use super::grid::Grid;
 use crate::fault::Fault;
 
-const ALTITUDE: &str = "sun_altitude";
-const AZIMUTH: &str = "sun_azimuth";
 const UNIX_EPOCH_JULIAN: f64 = 2_440_587.5;
 const SECONDS_PER_YEAR: f64 = 365.242_5 * 86_400.0;
 
@@ -42,8 +40,8 @@ pub fn sun_position(time: i64, latitude: f64, longitude: f64) -> Result<SunPosit
 /// # Errors
 /// As [`sun_position`].
 pub fn add_sun(grid: Grid, latitude: f64, longitude: f64) -> Result<Grid, Fault> {
-    let absent: Vec<&str> =
-        [ALTITUDE, AZIMUTH].into_iter().filter(|name| grid.column(name).is_none()).collect();
+    let absent: Vec<ComputedChannel> =
+        [ALTITUDE, AZIMUTH].into_iter().filter(|sun| grid.column(sun.channel).is_none()).collect();
     if absent.is_empty() {
         return Ok(grid);
     }
@@ -55,9 +53,9 @@ pub fn add_sun(grid: Grid, latitude: f64, longitude: f64) -> Result<Grid, Fault>
         azimuths.push(sun.azimuth);
     }
     let mut grid = grid;
-    for name in absent {
-        let values = if name == ALTITUDE { altitudes.clone() } else { azimuths.clone() };
-        grid = grid.with_column(name, Column::complete("deg", Hold::Linear, values)?)?;
+    for sun in absent {
+        let values = if sun == ALTITUDE { altitudes.clone() } else { azimuths.clone() };
+        grid = grid.with_column(sun.channel, sun.column(values)?)?;
     }
     Ok(grid)
 }

@@ -1,9 +1,10 @@
 //! The rules for rows and cells: which row is rejected, what is only missing, and what makes a whole window a
 //! fault.
 //!
-//! CSV and JSON both end here, row by row. Rubbish in a row costs that row; rubbish that repeats (more than a
-//! tenth of the rows, a unit that cannot be meant, stamps without offset) means that the window as a whole
-//! was misunderstood, and then every kind of fault is reported at once.
+//! CSV and JSON both end here, row by row. A cell that is no number is a missing one; a row without a time of
+//! its own is left out. Rubbish that repeats (more than a tenth of the rows or of a column, a unit that
+//! cannot be meant, stamps without offset) means that the window as a whole was misunderstood, and then every
+//! kind of fault is reported at once.
 
 use indexmap::IndexMap;
 
@@ -17,8 +18,10 @@ use crate::units::Unit;
 
 /// Rejected rows that a report lists one by one.
 const MAX_LISTED: usize = 100;
-/// The share of rejected rows, or of implausible cells of a channel, that a window survives.
+/// The share of rejected rows, or of odd or implausible cells of a channel, that a window survives.
 const MAX_REJECTED_SHARE: f64 = 0.1;
+/// What loggers write where they have no value, in any case.
+const NO_VALUE: [&str; 9] = ["null", "nan", "n/a", "na", "none", "-", "--", "unavailable", "unknown"];
 
 /// What stands in a cell.
 pub(super) enum Cell<'a> {
@@ -34,11 +37,21 @@ impl<'a> Cell<'a> {
     /// Reads a cell of a text file.
     pub fn of_text(text: &'a str) -> Self {
         let trimmed = text.trim();
-        if trimmed.is_empty() || trimmed.eq_ignore_ascii_case("null") {
+        if is_no_value(trimmed) {
             return Cell::Missing;
         }
         trimmed.parse().map_or(Cell::Text(trimmed), Cell::Number)
     }
+
+    /// Whether nothing stands there.
+    pub fn is_missing(&self) -> bool {
+        matches!(self, Cell::Missing)
+    }
+}
+
+/// Whether a text says that there is no value.
+pub(super) fn is_no_value(text: &str) -> bool {
+    text.is_empty() || NO_VALUE.iter().any(|word| text.eq_ignore_ascii_case(word))
 }
 
 /// What stands in the time cell.
@@ -68,12 +81,11 @@ impl Place {
         }
     }
 
-    /// A row as a whole, or the cell of a column in it.
-    fn row(self, line: u64, column: Option<&str>) -> String {
-        match (self, column) {
-            (Place::Text, _) => format!("line {line}"),
-            (Place::Json, None) => format!("/time/{}", line - 1),
-            (Place::Json, Some(column)) => format!("{}/{}", self.column(column), line - 1),
+    /// A row as a whole.
+    fn row(self, line: u64) -> String {
+        match self {
+            Place::Text => format!("line {line}"),
+            Place::Json => format!("/time/{}", line - 1),
         }
     }
 
@@ -91,26 +103,32 @@ impl Place {
 struct Tally {
     count: usize,
     line: u64,
-    column: Option<usize>,
     example: String,
 }
 
 impl Tally {
-    fn add(&mut self, line: u64, column: Option<usize>, example: &str) {
+    fn add(&mut self, line: u64, example: &str) {
         if self.count == 0 {
             self.line = line;
-            self.column = column;
             self.example = shown(example);
         }
         self.count += 1;
     }
 }
 
-/// The present values of one column, as written, with the rows in which they stand.
+/// The present values of one column, as written, with the rows in which they stand, and the cells that are no
+/// numbers.
 #[derive(Default)]
 struct RawColumn {
     rows: Vec<u32>,
     values: Vec<f64>,
+    odd: Tally,
+}
+
+/// Whether so many cells of a column are a slip, and not another way of writing: one alone always is, also
+/// in a row that comes alone.
+fn is_slip(odd: usize, all: usize) -> bool {
+    odd <= 1 || odd as f64 <= MAX_REJECTED_SHARE * all as f64
 }
 
 /// Rows on their way to a window.
@@ -125,7 +143,6 @@ pub(super) struct Table {
     reasons: IndexMap<String, Tally>,
     naive: Tally,
     numeric: Tally,
-    scratch: Vec<Option<f64>>,
     place: Place,
     warnings: Vec<String>,
 }
@@ -145,7 +162,6 @@ impl Table {
             reasons: IndexMap::new(),
             naive: Tally::default(),
             numeric: Tally::default(),
-            scratch: Vec::new(),
             place,
             warnings,
         }
@@ -163,8 +179,8 @@ impl Table {
             Ok(time) => time,
             Err(bad) => {
                 match bad {
-                    BadStamp::Naive => self.naive.add(line, None, text),
-                    BadStamp::Number => self.numeric.add(line, None, text),
+                    BadStamp::Naive => self.naive.add(line, text),
+                    BadStamp::Number => self.numeric.add(line, text),
                     BadStamp::OutOfRange | BadStamp::Unreadable => {}
                 }
                 return self.note(line, bad.reason().to_owned());
@@ -179,27 +195,16 @@ impl Table {
             }
             _ => {}
         }
-        self.scratch.clear();
-        for (index, cell) in cells.enumerate() {
-            let value = match cell {
-                Cell::Missing => None,
-                Cell::Number(number) if number.is_finite() => Some(number),
-                Cell::Number(_) => {
-                    let reason = format!("column `{}`: not a finite number", shown(&self.names[index]));
-                    return self.note_cell(line, Some(index), reason, "");
-                }
-                Cell::Text(text) => {
-                    let reason = format!("column `{}`: not a number", shown(&self.names[index]));
-                    return self.note_cell(line, Some(index), reason, text);
-                }
-            };
-            self.scratch.push(value);
-        }
         let row = self.times.len() as u32;
-        for (column, value) in self.columns.iter_mut().zip(&self.scratch) {
-            if let Some(value) = value {
-                column.rows.push(row);
-                column.values.push(*value);
+        for (column, cell) in self.columns.iter_mut().zip(cells) {
+            match cell {
+                Cell::Missing => {}
+                Cell::Number(number) if number.is_finite() => {
+                    column.rows.push(row);
+                    column.values.push(number);
+                }
+                Cell::Number(number) => column.odd.add(line, &number.to_string()),
+                Cell::Text(text) => column.odd.add(line, text),
             }
         }
         self.times.push(time);
@@ -213,24 +218,30 @@ impl Table {
     }
 
     fn note(&mut self, line: u64, reason: String) {
-        self.note_cell(line, None, reason, "");
-    }
-
-    fn note_cell(&mut self, line: u64, column: Option<usize>, reason: String, example: &str) {
         if self.rejected.len() < MAX_LISTED {
-            let shown_example = shown(example);
-            let reason =
-                if example.is_empty() { reason.clone() } else { format!("{reason}: `{shown_example}`") };
-            self.rejected.push(RejectedRow { line, reason });
+            self.rejected.push(RejectedRow { line, reason: reason.clone() });
         }
-        self.reasons.entry(reason).or_default().add(line, column, example);
+        self.reasons.entry(reason).or_default().add(line, "");
     }
 
-    /// Rows that were taken, where a single one has a value that one alone: an empty one measures nothing.
-    fn measured_rows(&self) -> usize {
-        let first = self.columns.iter().filter_map(|column| column.rows.first()).min();
-        let last = self.columns.iter().filter_map(|column| column.rows.last()).max();
-        if first.is_some() && first == last { 1 } else { self.times.len() }
+    /// Cells that are no numbers: a few are missing values, and more mean another way of writing numbers.
+    fn odd_cells(&mut self, faults: &mut Vec<Fault>) {
+        for (name, column) in self.names.iter().zip(&self.columns).filter(|(_, column)| column.odd.count > 0)
+        {
+            let (odd, all) = (&column.odd, column.odd.count + column.values.len());
+            let place = format!("the first in {} {}: `{}`", self.place.as_str(), odd.line, odd.example);
+            if is_slip(odd.count, all) {
+                let what = format!("`{}`: {} cells that are no numbers left out", shown(name), odd.count);
+                self.warnings.push(format!("{what}, {place}"));
+                continue;
+            }
+            let detail = format!("{} of {all} cells of `{}` are no numbers, {place}", odd.count, shown(name));
+            let fault = Fault::new(self.place.column(name), "not-numbers", detail);
+            faults.push(match odd.example.replace(',', ".").parse::<f64>() {
+                Ok(_) => fault.suggest("write decimals with a point: 21.5"),
+                Err(_) => fault.suggest("leave cells empty where there is no value, or remove the column"),
+            });
+        }
     }
 
     /// The window of the rows that were taken, with its report.
@@ -239,10 +250,9 @@ impl Table {
     /// Every kind of fault that the rows and the channels show, behind those that the header has shown.
     pub fn finish(mut self, mut faults: Vec<Fault>) -> Result<(Window, WindowReport), Vec<Fault>> {
         faults.extend(self.row_faults());
-        let rows = self.measured_rows();
-        if rows < 2 && faults.is_empty() {
-            let detail = format!("{rows} valid rows; a window has at least two");
-            faults.push(Fault::new("rows", "no-valid-rows", detail));
+        self.odd_cells(&mut faults);
+        if self.times.is_empty() && faults.is_empty() {
+            faults.push(Fault::new("rows", "no-valid-rows", "there is no valid row"));
         }
         let mut series = Vec::new();
         for target in &self.targets {
@@ -289,8 +299,7 @@ impl Table {
     /// What the rows as a whole do wrong.
     fn row_faults(&self) -> Vec<Fault> {
         let mut faults = Vec::new();
-        let at =
-            |tally: &Tally| self.place.row(tally.line, tally.column.map(|index| self.names[index].as_str()));
+        let at = |tally: &Tally| self.place.row(tally.line);
         if self.naive.count > 0 {
             let detail = format!(
                 "{} times have no offset: `{}` could mean many instants",
@@ -319,9 +328,7 @@ impl Table {
                 ) {
                     continue;
                 }
-                let example =
-                    if tally.example.is_empty() { String::new() } else { format!(" (`{}`)", tally.example) };
-                let detail = format!("{} of {} rows rejected: {reason}{example}", tally.count, self.seen);
+                let detail = format!("{} of {} rows rejected: {reason}", tally.count, self.seen);
                 faults.push(Fault::new(at(tally), "rejected-rows", detail));
             }
         }
@@ -346,11 +353,11 @@ fn channel_series(
     let mut outside = Tally::default();
     for (row, raw) in column.rows.iter().zip(&column.values) {
         match convert(*raw) {
-            Some(value) if !target.judged || target.kind.is_plausible(value) => {
+            Some(value) if target.kind.is_plausible(value) => {
                 times.push(all_times[*row as usize]);
                 values.push(value);
             }
-            _ => outside.add(lines[*row as usize], None, &format!("{raw}")),
+            _ => outside.add(lines[*row as usize], &format!("{raw}")),
         }
     }
     if outside.count > 0 {
@@ -359,7 +366,7 @@ fn channel_series(
         // Zero is the same in watts and kilowatts: only the other values can tell which unit was meant.
         let telling = |value: &&f64| **value != 0.0;
         let told = column.values.iter().filter(telling).count().max(1);
-        if outside.count as f64 > MAX_REJECTED_SHARE * told as f64 {
+        if !is_slip(outside.count, told) {
             let detail = format!(
                 "{} of {} values of `{}` are outside {range}, such as {} in {word} {}",
                 outside.count,

@@ -258,7 +258,7 @@ impl WindowShare {
         let before = self.within(i64::MIN, from.saturating_sub(1));
         let after = self.within(to.saturating_add(1), i64::MAX);
         Ok(WindowShare {
-            own: merged(&[&before.own, &after.own, &part.own])?,
+            own: merged(&[before.own, after.own, part.own.clone()])?,
             repeats: [before.repeats, part.repeats.clone(), after.repeats].concat(),
         })
     }
@@ -268,13 +268,17 @@ impl WindowShare {
     /// # Errors
     /// A fault where the two do not fit together.
     pub fn and(&self, newer: &WindowShare) -> Result<WindowShare, Fault> {
-        Ok(WindowShare { own: merged(&[&self.own, &newer.own])?, repeats: self.repeats.clone() })
+        let own = merged(&[self.own.clone(), newer.own.clone()])?;
+        Ok(WindowShare { own, repeats: self.repeats.clone() })
     }
 }
 
-/// Those that are there as one, `None` where none is.
-fn merged(parts: &[&Option<Series>]) -> Result<Option<Series>, Fault> {
-    let parts: Vec<&Series> = parts.iter().copied().filter_map(Option::as_ref).collect();
+/// Those that are there as one, the last of which counts; `None` where none is.
+///
+/// # Errors
+/// A fault where a unit does not convert.
+pub fn merged(parts: &[Option<Series>]) -> Result<Option<Series>, Fault> {
+    let parts: Vec<&Series> = parts.iter().filter_map(Option::as_ref).collect();
     if parts.is_empty() { Ok(None) } else { merge(&parts).map(Some) }
 }
 

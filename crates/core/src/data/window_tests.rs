@@ -61,7 +61,7 @@ fn a_plain_window() {
 }
 
 #[test]
-fn rubbish_costs_its_row_only() {
+fn rubbish_costs_its_cell_or_its_row_only() {
     let text = rows("time,T_room,valve", 60, |i| match i {
         3 => "abc,0".to_owned(),
         4 => "20,NaN".to_owned(),
@@ -73,14 +73,17 @@ fn rubbish_costs_its_row_only() {
     });
     let (window, report) = parse(&text).unwrap();
     let lines: Vec<u64> = report.rejected_rows.iter().map(|row| row.line).collect();
-    assert_eq!(lines, [5, 6, 7, 9]);
-    assert_eq!(report.rejected_rows[0].reason, "column `T_room`: not a number: `abc`");
-    assert_eq!(report.rejected_rows[2].reason, "not the 3 cells of the header");
-    assert_eq!((report.rows, window.series("T_room").unwrap().len()), (56, 54));
-    assert_eq!(report.channels["T_room"].missing, 2);
+    assert_eq!(lines, [7]);
+    assert_eq!(report.rejected_rows[0].reason, "not the 3 cells of the header");
+    assert_eq!((report.rows, window.series("T_room").unwrap().len()), (59, 56));
+    assert_eq!([&report.channels["T_room"], &report.channels["valve"]].map(|found| found.missing), [3, 3]);
     assert_eq!(
         report.warnings,
-        ["`T_room`: 1 values outside -20 to 50 degC left out, the first in line 10: 85"]
+        [
+            "`T_room`: 1 cells that are no numbers left out, the first in line 5: `abc`",
+            "`valve`: 1 cells that are no numbers left out, the first in line 9: `-inf`",
+            "`T_room`: 1 values outside -20 to 50 degC left out, the first in line 10: 85"
+        ]
     );
 }
 
@@ -117,23 +120,17 @@ fn faults_of_a_whole_window() {
     assert_eq!(codes(parse("time,T_room\n")), ["no-valid-rows"]);
     assert_eq!(codes(parse("when,T_room\n2016-01-11T16:00:00Z,1\n")), ["no-time-column"]);
     assert_eq!(codes(parse("time,timestamp,T_room[x]\n")), ["duplicate-column", "unknown-unit"]);
-    assert_eq!(codes(parse(&rows("time,T_room", 1, good))), ["no-valid-rows"]);
+    assert_eq!(parse(&rows("time,T_room", 1, good)).unwrap().1.rows, 1);
+    // One sensor that is wrong or away takes nothing from the others of its row.
+    let (window, report) = parse(&rows("time,T_room,T_out,valve", 1, |_| "85,4,on".to_owned())).unwrap();
+    assert_eq!((window.channels().collect::<Vec<_>>(), report.warnings.len()), (vec!["T_out"], 4));
     assert_eq!(codes(parse(&rows("time,T_room", 9, |_| String::new()))), ["no-valid-rows"]);
-    // A row without a value measures nothing.
-    let single = |i: usize| if i == 4 { "20".to_owned() } else { String::new() };
-    assert_eq!(codes(parse(&rows("time,T_room", 9, single))), ["no-valid-rows"]);
     assert_eq!(codes(parse(&rows("time,T_room", 20, good).replace('Z', ""))), ["naive-time"]);
     assert_eq!(codes(parse("time,T_room\n1452528000000,20\n1452528600000,20\n")), ["numeric-time"]);
-    assert_eq!(
-        codes(parse(&rows("time,T_room,room", 20, |i| format!("{},east", good(i))))),
-        ["rejected-rows"]
-    );
+    assert_eq!(codes(parse(&rows("time,T_room,room", 20, |i| format!("{},east", good(i))))), ["not-numbers"]);
     let mixed =
         "time,T_room\n2016-01-11,20\n1452528000,20\n9998-01-01T00:00:00Z,20\nx,20\n2016-01-11T00:00:00Z,y\n";
-    assert_eq!(
-        codes(parse(mixed)),
-        ["naive-time", "numeric-time", "rejected-rows", "rejected-rows", "rejected-rows"]
-    );
+    assert_eq!(codes(parse(mixed)), ["naive-time", "numeric-time", "rejected-rows", "rejected-rows"]);
     let wide: String = (0..2_000).map(|i| format!(",c{i}")).collect();
     assert_eq!(codes(parse(&format!("time{wide}\n"))), ["too-many-columns"]);
     let many_faults: String = (0..500).map(|i| format!(",c{i}[furlong]")).collect();
@@ -224,7 +221,7 @@ fn json_faults_are_listed() {
     );
     assert_eq!(codes(r#"{"time":[1,2],"values":{"x":[1,2]}}"#), ["numeric-time"]);
     let cells = r#"{"time":["2016-01-11T16:00:00Z","2016-01-11T16:10:00Z","2016-01-11T16:20:00Z",null],"values":{"x":[[1],{"a":1},true,2]}}"#;
-    assert_eq!(codes(cells), ["rejected-rows", "rejected-rows"]);
+    assert_eq!(codes(cells), ["rejected-rows", "not-numbers"]);
 }
 
 #[test]

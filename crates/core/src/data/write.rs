@@ -144,10 +144,11 @@ mod tests {
             let (mut all, mut odd) = (Vec::new(), Vec::new());
             for (index, (step, a, b)) in samples.into_iter().enumerate() {
                 time += step;
-                if a.is_finite() {
+                // As far as a window takes them.
+                if a.abs() <= 1e15 {
                     all.push((time, a));
                 }
-                if b.is_finite() && index % 2 == 1 {
+                if b.abs() <= 1e15 && index % 2 == 1 {
                     odd.push((time, b));
                 }
             }
@@ -156,9 +157,7 @@ mod tests {
                 Series::new(name, "kW", Hold::Linear, times, values)
             };
             let name = if held { "load_W" } else { "a [b]" };
-            if let (Ok(all), Ok(odd)) = (series(name, all), series("time", odd))
-                && all.len() >= 2
-            {
+            if let (Ok(all), Ok(odd)) = (series(name, all), series("time", odd)) {
                 let window = Window::from_series(vec![all.clone(), odd.clone()]).unwrap();
                 let (read, report) = Window::parse_csv(
                     &csv(&[all, odd], usize::MAX),

@@ -1,7 +1,7 @@
 //! The library of what may be missing: every effect of the catalogue, compiled into the model and put on the
 //! data.
 
-use crate::data::{CALENDAR, ChannelKind, Column, Grid, Window};
+use crate::data::{CALENDAR, ChannelKind, Column, Grid, Window, is_computed};
 use crate::estimate::problem::choices::Choices;
 use crate::estimate::problem::widen::widen;
 use crate::estimate::{Problem, Site};
@@ -18,8 +18,6 @@ use utoipa::ToSchema;
 const LARGEST_RATE: f64 = 3.0;
 /// Water that heats a room is at times this much warmer than the room ever was, in K.
 const WARMER: f64 = 3.0;
-/// Columns that the program computes, or that set the clock: nothing that a room can go with.
-pub const COMPUTED: [&str; 5] = ["hour_of_day", "weekday", "sun_altitude", "sun_azimuth", "window_drop"];
 
 /// An effect that the model may be missing.
 #[derive(Debug, Clone)]
@@ -182,7 +180,7 @@ impl<'a> EffectSource<'a> {
             let (low, high) = values
                 .iter()
                 .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), x| (low.min(*x), high.max(*x)));
-            if high - low <= 0.0 && !COMPUTED.contains(&input.channel.as_str()) {
+            if high - low <= 0.0 && !is_computed(&input.channel) {
                 return Err(vec![Fault::new(
                     "/effect",
                     "constant",
@@ -344,7 +342,7 @@ fn is_member(effect: &EffectSpec, channel: &str, unit: &str, base: &Problem) -> 
     let output = base.model().outputs().iter().any(|output| output.channel == channel);
     let begins = |names: &[String]| names.iter().any(|name| channel.starts_with(name.as_str()));
     if output
-        || COMPUTED.contains(&channel)
+        || is_computed(channel)
         || begins(&effect.strangers)
         || !(effect.members.is_empty() || begins(&effect.members))
     {

@@ -12,9 +12,9 @@
 //! weeks drowns in what nobody logged. What goes with the clock is told apart by a free profile of the day,
 //! and what a logged channel drives by its own shifts (`surrogates`).
 
-use super::library::{COMPUTED, CandidateEffect, sign_allows};
+use super::library::{CandidateEffect, sign_allows};
 use super::screen::difference;
-use crate::data::{CALENDAR, hour_of_day};
+use crate::data::{hour_of_day, is_computed};
 use crate::estimate::Problem;
 use crate::estimate::segments::shooting::settle;
 use crate::estimate::segments::{Linear, REACH, Segments, dot};
@@ -308,10 +308,9 @@ fn regress(
 /// room or the clock.
 pub fn logged(candidate: &CandidateEffect, base: &Problem) -> Vec<usize> {
     let known = |channel: &str| base.model().inputs().iter().any(|input| input.channel == channel);
-    let computed = |channel: &str| CALENDAR.contains(&channel) || COMPUTED.contains(&channel);
     let inputs = candidate.problem.model().inputs().iter().enumerate();
     inputs
-        .filter(|(_, input)| !known(&input.channel) && !computed(&input.channel))
+        .filter(|(_, input)| !known(&input.channel) && !is_computed(&input.channel))
         .map(|(place, _)| place)
         .collect()
 }

@@ -19,6 +19,8 @@ pub mod fit;
 
 pub mod assess;
 
+pub mod forecast;
+
 pub mod search;
 
 pub mod uncertainty;

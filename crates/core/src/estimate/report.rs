@@ -1,5 +1,6 @@
 //! The document of a fit from what a search has found.
 
+use super::fit::covariance::Covariance;
 use super::fit::{Estimate, Fit, Parts, Span, Stop};
 use super::problem::Problem;
 use super::uncertainty::Uncertainty;
@@ -40,6 +41,7 @@ pub(super) fn report(
     }
     remarks.extend(problem.split().shortfall(problem.grid().step(), &request.split));
     remarks.extend(uncertainty.correlated.iter().map(|pair| sentence(pair, problem.model())));
+    remarks.extend(uncertainty.covariance.as_ref().and_then(Covariance::sentence));
     remarks.extend(problem.predictor().remark());
     if found.stop != Stop::Converged {
         remarks.push("the search ended before two of its restarts agreed".to_owned());
@@ -50,6 +52,7 @@ pub(super) fn report(
         dropped: problem.model().dropped().to_vec(),
         parameters,
         correlated: uncertainty.correlated.clone(),
+        covariance: uncertainty.covariance.clone(),
         method: request.method.method.name().to_owned(),
         objective: problem.objective().as_str().to_owned(),
         cost: found.cost,

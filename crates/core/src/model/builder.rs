@@ -12,7 +12,7 @@ use crate::units::Unit;
 use indexmap::IndexMap;
 
 /// Most states of a model.
-const MAX_STATES: usize = 256;
+pub(super) const MAX_STATES: usize = 256;
 /// Channels of the clock on the wall, which begin again.
 const CLOCK: [&str; 2] = ["hour_of_day", "weekday"];
 

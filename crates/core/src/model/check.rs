@@ -1,6 +1,7 @@
 //! What physics demands of any estimate, as documents say it.
 
 use crate::fault::Fault;
+use crate::schema::CheckInputs;
 use indexmap::IndexMap;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -32,6 +33,7 @@ pub enum Check {
         upto: Option<f64>,
         /// Inputs that are set to these values for the check, such as an open valve.
         #[serde(default, skip_serializing_if = "IndexMap::is_empty")]
+        #[schema(value_type = CheckInputs)]
         with: IndexMap<String, f64>,
     },
     /// Every state stays inside this interval in every simulation.

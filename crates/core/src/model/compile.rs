@@ -16,9 +16,9 @@ use crate::units::Unit;
 use indexmap::IndexMap;
 
 /// Most checks of a model: each is looked at over the whole window.
-const MAX_CHECKS: usize = 64;
+pub(super) const MAX_CHECKS: usize = 64;
 /// Most parameters, and most inputs.
-const MAX_PARAMETERS: usize = 128;
+pub(super) const MAX_PARAMETERS: usize = 128;
 
 /// Compiles a model.
 ///

@@ -1,5 +1,6 @@
 //! The functions of the model language: their arguments, their units, and which of them can be negative.
 
+use super::builtin::{Builtin, DELAY, FUNCTIONS, LanguageFunction, functions};
 use super::expr::{Binary, Graph, Node, NodeId, Unary};
 use super::lower::{Lowering, Value};
 use super::parse::Expr;
@@ -10,22 +11,6 @@ use crate::units::Unit;
 
 /// Longest delay of an input in hours: a week, which is the shortest window that is usually fitted.
 pub(super) const MAX_DELAY: f64 = 168.0;
-/// The functions of pure numbers and of like quantities, and the change of a unit; `delay` and `sum` read
-/// their arguments themselves.
-const FUNCTIONS: [(&str, usize); 11] = [
-    ("if", 3),
-    ("convert", 2),
-    ("min", 2),
-    ("max", 2),
-    ("abs", 1),
-    ("sqrt", 1),
-    ("exp", 1),
-    ("log", 1),
-    ("sin", 1),
-    ("cos", 1),
-    ("tanh", 1),
-];
-
 impl Lowering {
     /// `delay(input, hours)`: what an input was so many hours ago. The delay depends on parameters alone, is
     /// never negative, and has a known limit, because that much of the past has to be there.
@@ -37,13 +22,7 @@ impl Lowering {
         indices: &mut Vec<(String, String)>,
     ) -> Value {
         let [input, hours] = arguments else {
-            self.fault(
-                pointer,
-                at,
-                "arguments",
-                format!("`delay` takes 2 arguments, not {}", arguments.len()),
-            );
-            return self.zero();
+            return self.wrong_arguments(pointer, at, &DELAY, arguments.len());
         };
         let faults = self.faults.len();
         let delayed = self.expr(pointer, input, indices);
@@ -97,40 +76,33 @@ impl Lowering {
         Value { node, ..delayed }
     }
 
+    /// A function of the values of its arguments.
     pub(super) fn call(&mut self, pointer: &str, at: TextPosition, name: &str, x: &[Value]) -> Value {
-        let Some((_, wanted)) = FUNCTIONS.iter().find(|(known, _)| *known == name) else {
+        let Some((function, builtin)) = FUNCTIONS.iter().find(|(known, _)| known.name == name) else {
             self.fault(pointer, at, "unknown-function", format!("there is no function `{name}`"));
-            let known = FUNCTIONS.iter().map(|(known, _)| *known).chain(["delay", "sum"]);
-            if let Some(near) = nearest(name, known) {
+            if let Some(near) = nearest(name, functions().map(|known| known.name)) {
                 self.suggest(format!("did you mean `{near}`?"));
             }
             return self.zero();
         };
-        if x.len() != *wanted {
-            self.fault(
-                pointer,
-                at,
-                "arguments",
-                format!("`{name}` takes {wanted} arguments, not {}", x.len()),
-            );
-            return self.zero();
+        if x.len() != function.arguments.len() {
+            return self.wrong_arguments(pointer, at, function, x.len());
         }
         let unary = |lowering: &mut Self, op, unit, nonnegative| Value {
             node: lowering.graph.unary(op, x[0].node),
             unit,
             nonnegative,
         };
-        match name {
-            "if" => {
+        match *builtin {
+            Builtin::If => {
                 let unit = self.alike(pointer, at, Binary::Add, x[1], x[2]);
                 let nonnegative = x[1].nonnegative && x[2].nonnegative;
                 Value { node: self.graph.choose(x[0].node, x[1].node, x[2].node), unit, nonnegative }
             }
-            "convert" => self.convert(pointer, at, x[0], x[1]),
-            "min" => self.binary(pointer, at, Binary::Min, x[0], x[1], false),
-            "max" => self.binary(pointer, at, Binary::Max, x[0], x[1], false),
-            "abs" => unary(self, Unary::Abs, x[0].unit, true),
-            "sqrt" => {
+            Builtin::Convert => self.convert(pointer, at, x[0], x[1]),
+            Builtin::Alike(op) => self.binary(pointer, at, op, x[0], x[1], false),
+            Builtin::Abs => unary(self, Unary::Abs, x[0].unit, true),
+            Builtin::Sqrt => {
                 let unit = x[0].unit.and_then(Unit::square_root);
                 if x[0].unit.is_some() && unit.is_none() {
                     self.fault(pointer, at, "unit", "the root of this unit is no unit");
@@ -145,8 +117,20 @@ impl Lowering {
                 }
                 unary(self, Unary::Sqrt, unit, true)
             }
-            _ => self.transcendental(pointer, at, name, x[0]),
+            Builtin::Transcendental(op) => self.transcendental(pointer, at, name, op, x[0]),
         }
+    }
+
+    fn wrong_arguments(
+        &mut self,
+        pointer: &str,
+        at: TextPosition,
+        function: &LanguageFunction,
+        found: usize,
+    ) -> Value {
+        let (name, wanted) = (function.name, function.arguments.len());
+        self.fault(pointer, at, "arguments", format!("`{name}` takes {wanted} arguments, not {found}"));
+        self.zero()
     }
 
     /// `convert(Q, 1[m3/h])`: the same quantity counted in another unit, which a one with that unit names.
@@ -170,7 +154,7 @@ impl Lowering {
     }
 
     /// Functions of a pure number. Angles in degrees and fractions in percent are scaled first.
-    fn transcendental(&mut self, pointer: &str, at: TextPosition, name: &str, x: Value) -> Value {
+    fn transcendental(&mut self, pointer: &str, at: TextPosition, name: &str, op: Unary, x: Value) -> Value {
         let scale = x.unit.map_or(Some(1.0), |unit| unit.number_scale());
         let Some(scale) = scale else {
             self.fault(pointer, at, "unit", format!("`{name}` needs a pure number"));
@@ -178,13 +162,6 @@ impl Lowering {
         };
         let factor = self.graph.constant(scale);
         let argument = self.graph.mul(x.node, factor);
-        let op = match name {
-            "exp" => Unary::Exp,
-            "log" => Unary::Log,
-            "sin" => Unary::Sin,
-            "cos" => Unary::Cos,
-            _ => Unary::Tanh,
-        };
         Value { node: self.graph.unary(op, argument), unit: Some(Unit::ONE), nonnegative: op == Unary::Exp }
     }
 }

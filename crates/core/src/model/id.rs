@@ -4,7 +4,7 @@ use crate::schema;
 use serde::{Deserialize, Serialize};
 
 /// Most effects that an id names.
-const MAX_EFFECTS: usize = 32;
+pub(super) const MAX_EFFECTS: usize = 32;
 
 /// `room3+wind_infiltration`, `tite-solar_gain`: a base, effects added and effects removed, each sorted.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]

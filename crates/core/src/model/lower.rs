@@ -1,5 +1,6 @@
 //! Syntax tree to graph: names are resolved, families expanded, units checked, every fault collected.
 
+use super::builtin::{CONSTANTS, DELAY};
 use super::expr::{Binary, Graph, Node, NodeId, Unary};
 use super::parse::{Expr, ExprKind, parse};
 use super::spec::Definition;
@@ -11,8 +12,12 @@ use std::collections::{BTreeMap, BTreeSet};
 
 /// Most nodes of an expanded model.
 pub const MAX_NODES: usize = 50_000;
+/// Most levels of expressions in definitions in expressions: recursion takes up to 1.5 KiB of stack for each.
+pub(super) const MAX_NESTED: usize = 3_000;
+/// Most faults at which a name that was meant is looked for, among all that there are.
+const MAX_SUGGESTED: usize = 20;
 /// Largest integer exponent that becomes a chain of products.
-const MAX_INTEGER_POWER: f64 = 16.0;
+pub(super) const MAX_INTEGER_POWER: f64 = 16.0;
 
 /// Behind the name of something that an effect has replaced.
 const BEFORE: char = '~';
@@ -66,6 +71,8 @@ pub(super) struct Lowering {
     defines: IndexMap<String, Named>,
     /// Terms of sums expanded so far: nested sums multiply without adding a node.
     expanded: usize,
+    /// Expressions around the one that is walked now.
+    nested: usize,
 }
 
 impl Lowering {
@@ -80,6 +87,7 @@ impl Lowering {
             sets,
             defines: IndexMap::new(),
             expanded: 0,
+            nested: 0,
         }
     }
 
@@ -220,6 +228,18 @@ impl Lowering {
         if self.graph.nodes().len() > MAX_NODES || self.expanded > MAX_NODES {
             return self.zero();
         }
+        if self.nested >= MAX_NESTED {
+            let detail = format!("definitions stand in each other more than {MAX_NESTED} levels deep");
+            self.fault(pointer, expr.at, "too-deep", detail);
+            return self.zero();
+        }
+        self.nested += 1;
+        let value = self.kind(pointer, expr, indices);
+        self.nested -= 1;
+        value
+    }
+
+    fn kind(&mut self, pointer: &str, expr: &Expr, indices: &mut Vec<(String, String)>) -> Value {
         match &expr.kind {
             ExprKind::Number(value, unit) => self.number(pointer, expr.at, *value, unit.as_deref()),
             ExprKind::Name(name) => self.name(pointer, expr.at, name),
@@ -238,7 +258,7 @@ impl Lowering {
                 let right = self.expr(pointer, b, indices);
                 self.binary(pointer, expr.at, *op, left, right, a == b)
             }
-            ExprKind::Call(name, arguments) if name == "delay" => {
+            ExprKind::Call(name, arguments) if name == DELAY.name => {
                 self.delay(pointer, expr.at, arguments, indices)
             }
             ExprKind::Call(name, arguments) => {
@@ -358,12 +378,11 @@ impl Lowering {
                 self.fault(pointer, at, "cycle", format!("`{name}` is defined by itself"));
                 self.zero()
             }
-            None if name == "pi" => Value {
-                node: self.graph.constant(std::f64::consts::PI),
-                unit: Some(Unit::ONE),
-                nonnegative: true,
-            },
             None => {
+                if let Some(constant) = CONSTANTS.iter().find(|constant| constant.name == name) {
+                    let node = self.graph.constant(constant.value);
+                    return Value { node, unit: Some(Unit::ONE), nonnegative: constant.value >= 0.0 };
+                }
                 self.fault(
                     pointer,
                     at,
@@ -371,7 +390,9 @@ impl Lowering {
                     format!("`{name}` is not a state, input, parameter or definition"),
                 );
                 let known = self.symbols.keys().chain(self.defines.keys()).map(String::as_str);
-                if let Some(near) = nearest(name, known).map(str::to_owned) {
+                if self.faults.len() <= MAX_SUGGESTED
+                    && let Some(near) = nearest(name, known).map(str::to_owned)
+                {
                     self.suggest(format!("did you mean `{near}`?"));
                 }
                 self.zero()
@@ -443,21 +464,15 @@ impl Lowering {
         }
         match self.graph.constant_value(exponent.node) {
             Some(n) if n == n.trunc() && n.abs() <= MAX_INTEGER_POWER => {
-                let mut node = self.graph.constant(1.0);
-                // The loop runs at most sixteen times.
-                let mut count = n.abs();
-                while count > 0.0 {
+                let (mut node, mut unit) = (self.graph.constant(1.0), Some(Unit::ONE));
+                for _ in 0..n.abs() as i8 {
                     node = self.graph.mul(node, base.node);
-                    count -= 1.0;
+                    unit =
+                        unit.zip(base.unit).map(|(a, b)| if n < 0.0 { a.divided_by(b) } else { a.times(b) });
                 }
                 if n < 0.0 {
                     let one = self.graph.constant(1.0);
                     node = self.graph.div(one, node);
-                }
-                let mut unit = Some(Unit::ONE);
-                for _ in 0..n.abs() as i8 {
-                    unit =
-                        unit.zip(base.unit).map(|(a, b)| if n < 0.0 { a.divided_by(b) } else { a.times(b) });
                 }
                 Value { node, unit, nonnegative: base.nonnegative || n.rem_euclid(2.0) == 0.0 }
             }

@@ -12,14 +12,19 @@
 
 mod bindings;
 mod builder;
+pub mod builtin;
 pub mod catalogue;
 mod check;
 pub mod compile;
 pub mod derivative;
 pub mod document;
+pub mod entrance;
+pub mod export;
 pub mod expr;
 mod functions;
+pub mod grammar;
 pub mod id;
+pub mod language;
 mod lower;
 pub mod math;
 #[cfg(test)]

@@ -1,12 +1,9 @@
 //! Text to syntax tree: a Pratt parser with positions and a depth limit, for expressions that strangers send.
-//!
-//! ```text
-//! expression := comparison of sums of products of powers; `-a^2` is `-(a^2)`, `a^b^c` is `a^(b^c)`
-//! atom       := number | number [unit] | name | name[index] | name[member] | function(arguments) | sum(n in set: expression) | ( … )
-//! ```
+//! `grammar` says what it takes.
 
+use super::builtin::SUMMATION;
 use super::expr::Binary;
-use super::token::{Placed, SyntaxError, TextPosition, Token, describe, is_name, tokens};
+use super::token::{MAX_NAME, Placed, SyntaxError, TextPosition, Token, describe, is_name, tokens};
 
 /// A syntax tree with the place where each part stands.
 #[derive(Debug, Clone, PartialEq)]
@@ -83,7 +80,7 @@ pub const MAX_LENGTH: usize = 16 * 1024;
 /// Deepest nesting of parentheses, calls and signs.
 pub const MAX_DEPTH: usize = 64;
 /// Deepest tree: a chain of sums nests to the left without parentheses.
-const MAX_HEIGHT: usize = 512;
+pub(super) const MAX_HEIGHT: usize = 512;
 
 /// Parses one expression.
 ///
@@ -119,7 +116,9 @@ pub fn declaration(text: &str) -> Option<(&str, Option<(&str, &str)>)> {
 /// Whether a text is a name or a member of a family by name, `S_NH[aerobic]`.
 pub fn is_quantity(text: &str) -> bool {
     let member = |text: &str| {
-        text.len() <= 64 && !text.is_empty() && text.chars().all(|c| c.is_ascii_alphanumeric() || c == '_')
+        text.len() <= MAX_NAME
+            && !text.is_empty()
+            && text.chars().all(|c| c.is_ascii_alphanumeric() || c == '_')
     };
     match text.split_once('[') {
         Some((name, rest)) => is_name(name) && rest.strip_suffix(']').is_some_and(member),
@@ -133,20 +132,20 @@ struct Parser<'a> {
     text: &'a str,
 }
 
-/// Binding strength of an operator on its left, and its meaning.
-fn infix(symbol: &str) -> Option<(u8, Binary)> {
-    Some(match symbol {
-        "<" | ">" => (1, Binary::Less),
-        "<=" | ">=" => (1, Binary::LessEqual),
-        "==" => (1, Binary::Equal),
-        "+" => (3, Binary::Add),
-        "-" => (3, Binary::Sub),
-        "*" => (5, Binary::Mul),
-        "/" => (5, Binary::Div),
-        "^" => (9, Binary::Pow),
-        _ => return None,
-    })
-}
+/// The operators between two operands: how one is written, how strongly it binds on its left, and what it
+/// means.
+const OPERATORS: [(&str, u8, Binary); 10] = [
+    ("<", 1, Binary::Less),
+    (">", 1, Binary::Less),
+    ("<=", 1, Binary::LessEqual),
+    (">=", 1, Binary::LessEqual),
+    ("==", 1, Binary::Equal),
+    ("+", 3, Binary::Add),
+    ("-", 3, Binary::Sub),
+    ("*", 5, Binary::Mul),
+    ("/", 5, Binary::Div),
+    ("^", 9, Binary::Pow),
+];
 
 impl Parser<'_> {
     fn peek(&self) -> (Token, TextPosition) {
@@ -189,10 +188,10 @@ impl Parser<'_> {
     fn expression(&mut self, strength: u8, depth: usize) -> Result<Expr, SyntaxError> {
         let mut left = self.operand(depth)?;
         while let (Token::Symbol(symbol), at) = self.peek() {
-            let Some((left_strength, op)) = infix(symbol) else {
+            let Some((_, left_strength, op)) = OPERATORS.iter().find(|(known, ..)| *known == symbol) else {
                 break;
             };
-            if left_strength <= strength {
+            if *left_strength <= strength {
                 break;
             }
             // Whoever walks the tree recurses; its height must fit on a small stack.
@@ -201,11 +200,11 @@ impl Parser<'_> {
             }
             self.advance();
             // The power binds to the right: its right operand may hold another power.
-            let right = self
-                .expression(if op == Binary::Pow { left_strength - 1 } else { left_strength }, depth + 1)?;
+            let inner = if *op == Binary::Pow { left_strength - 1 } else { *left_strength };
+            let right = self.expression(inner, depth + 1)?;
             let swapped = matches!(symbol, ">" | ">=");
             let (a, b) = if swapped { (right, left) } else { (left, right) };
-            left = Expr::new(at, ExprKind::Binary(op, Box::new(a), Box::new(b)));
+            left = Expr::new(at, ExprKind::Binary(*op, Box::new(a), Box::new(b)));
         }
         Ok(left)
     }
@@ -265,7 +264,7 @@ impl Parser<'_> {
     }
 
     fn call(&mut self, name: String, depth: usize) -> Result<ExprKind, SyntaxError> {
-        if name == "sum" {
+        if name == SUMMATION.name {
             let variable = self.name("an index variable")?;
             let (word, at) = self.advance();
             if word != Token::Name("in".to_owned()) {

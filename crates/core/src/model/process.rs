@@ -12,12 +12,13 @@ use crate::units::Unit;
 use indexmap::IndexMap;
 use serde::Deserialize;
 use std::collections::{BTreeMap, BTreeSet};
+use utoipa::ToSchema;
 
 /// Largest amount of a conserved quantity that a process may make or destroy, per unit of its rate.
 const CONTINUITY: f64 = 1e-12;
 
 /// Components and processes, such as the Activated Sludge Model No. 1.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ReactionsSpec {
     /// The name by which plants ask for it.
@@ -40,7 +41,7 @@ pub struct ReactionsSpec {
 }
 
 /// A component.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Component {
     /// Its unit.
@@ -58,7 +59,7 @@ pub struct Component {
 }
 
 /// A number in rates and stoichiometry, with the interval that an estimate may search.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Constant {
     /// Its unit.
@@ -76,7 +77,7 @@ pub struct Constant {
 }
 
 /// A process: a row of the Gujer matrix.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Process {
     /// The name of its rate in the equations of a plant.

@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 /// Most layers.
-const MAX_LAYERS: usize = 20;
+pub(super) const MAX_LAYERS: usize = 20;
 
 /// A settler as a plant's document says it; quantities are texts with their units.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]

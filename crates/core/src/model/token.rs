@@ -68,7 +68,10 @@ pub(super) fn tokens(text: &str) -> Result<Vec<Placed>, SyntaxError> {
             if !is_name(&text[i..end]) {
                 return Err(SyntaxError {
                     at,
-                    message: format!("the name `{}…` is longer than 64 characters", clip(&text[i..end])),
+                    message: format!(
+                        "the name `{}…` is longer than {MAX_NAME} characters",
+                        clip(&text[i..end])
+                    ),
                 });
             }
             tokens.push((Token::Name(text[i..end].to_owned()), at, end));
@@ -124,10 +127,13 @@ pub(super) fn describe(token: &Token) -> String {
     }
 }
 
-/// Whether a text is a name: a letter or underscore, then letters, digits and underscores; at most 64 bytes.
+/// Longest name in bytes.
+pub(super) const MAX_NAME: usize = 64;
+
+/// Whether a text is a name: a letter or underscore, then letters, digits and underscores.
 pub fn is_name(text: &str) -> bool {
     let mut chars = text.chars();
-    text.len() <= 64
+    text.len() <= MAX_NAME
         && chars.next().is_some_and(|c| c.is_ascii_alphabetic() || c == '_')
         && chars.all(|c| c.is_ascii_alphanumeric() || c == '_')
 }

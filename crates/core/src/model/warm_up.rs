@@ -5,7 +5,7 @@ use super::{Delay, Held, Input, WarmUp};
 use crate::fault::{Fault, nearest};
 
 /// Longest warm-up in hours: a year.
-const MAX_HOURS: f64 = 8784.0;
+pub(super) const MAX_HOURS: f64 = 8784.0;
 
 /// The warm-up of a model with these inputs, and every fault of it and of its stepper.
 pub(super) fn warm_up(spec: &ModelSpec, inputs: &[Input], delays: &[Delay]) -> (Option<WarmUp>, Vec<Fault>) {

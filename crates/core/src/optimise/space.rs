@@ -45,6 +45,14 @@ impl Dimension {
         value.clamp(self.lower, self.upper)
     }
 
+    /// By how much the physical value grows with the coordinate, where it is `value`.
+    pub fn slope(&self, value: f64) -> f64 {
+        match self.scale {
+            DimensionScale::Linear => self.upper - self.lower,
+            DimensionScale::Log => value * (self.upper / self.lower).ln(),
+        }
+    }
+
     /// The coordinate of a physical value, clamped into the cube.
     pub fn unit(&self, value: f64) -> f64 {
         let value = value.clamp(self.lower, self.upper);

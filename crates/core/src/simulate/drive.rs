@@ -192,6 +192,12 @@ impl Inputs {
         values.iter().sum::<f64>() / values.len().max(1) as f64
     }
 
+    /// The value of an input at a position that is counted in samples, as a delayed one is looked up.
+    pub fn past(&self, input: usize, position: f64) -> f64 {
+        let (hold, values) = &self.columns[input];
+        value_at(*hold, values, position)
+    }
+
     fn slope(&self, input: usize, k: usize) -> f64 {
         let (hold, values) = &self.columns[input];
         match hold {
@@ -236,22 +242,10 @@ struct Past {
 }
 
 impl Past {
-    /// The value at a position counted in samples. Before the first sample it is the first value; a
-    /// zero-order input has the value of the interval that holds the position.
+    /// The value at a position counted in samples.
     #[inline(always)]
     fn at(&self, position: f64) -> f64 {
-        let last = self.values.len().saturating_sub(1);
-        match self.hold {
-            InputHold::Linear => {
-                let position = position.clamp(0.0, last as f64);
-                let k = (position as usize).min(last.saturating_sub(1));
-                let next = self.values[(k + 1).min(last)];
-                self.values[k] + (next - self.values[k]) * (position - k as f64)
-            }
-            // A delay of whole samples must not fall into the interval before by a rounding error. The cast
-            // ends at zero for whatever lies before the window.
-            InputHold::ZeroOrder => self.values[((position + 1e-9) as usize).min(last)],
-        }
+        value_at(self.hold, &self.values, position)
     }
 
     /// How the value changes with the position; a held one does not.
@@ -262,6 +256,24 @@ impl Past {
         }
         let k = (position as usize).min(last - 1);
         self.values[k + 1] - self.values[k]
+    }
+}
+
+/// The value at a position counted in samples. Before the first sample it is the first value; a zero-order
+/// input has the value of the interval that holds the position.
+#[inline(always)]
+fn value_at(hold: InputHold, values: &[f64], position: f64) -> f64 {
+    let last = values.len().saturating_sub(1);
+    match hold {
+        InputHold::Linear => {
+            let position = position.clamp(0.0, last as f64);
+            let k = (position as usize).min(last.saturating_sub(1));
+            let next = values[(k + 1).min(last)];
+            values[k] + (next - values[k]) * (position - k as f64)
+        }
+        // A delay of whole samples must not fall into the interval before by a rounding error. The cast
+        // ends at zero for whatever lies before the window.
+        InputHold::ZeroOrder => values[((position + 1e-9) as usize).min(last)],
     }
 }
 

@@ -36,6 +36,10 @@ pub struct Filtered {
     pub innovations: Vec<Vec<Option<f64>>>,
     /// Log-likelihood of the innovations, constants included.
     pub log_likelihood: f64,
+    /// Covariance of the states at the last sample, by rows.
+    pub covariance: Vec<f64>,
+    /// The last sample that the inputs lead to; behind it the states stay as they are there.
+    pub reached: usize,
 }
 
 /// A Kalman filter for one model on one window.
@@ -46,19 +50,22 @@ pub struct Kalman<'a> {
     linear_drive: Drive,
     initial: Vec<Initial>,
     measured: Vec<MeasuredOutput<'a>>,
-    known: Vec<bool>,
+    pub(super) known: Vec<bool>,
 }
 
 /// A filter on its way: mean and covariance by rows, and what it works with.
-struct Walk {
-    x: Vec<f64>,
-    p: Vec<f64>,
+pub(super) struct Walk<'a> {
+    pub(super) x: Vec<f64>,
+    pub(super) p: Vec<f64>,
     /// Variances of the process noise per hour.
     q: Vec<f64>,
     jacobian: Vec<f64>,
     /// The last sub-step with its Jacobian, kept while that stays the same.
     step: Option<(Vec<f64>, Transition<f64>)>,
     scratch: Vec<f64>,
+    file: LaneFile<'a, 1>,
+    linear: LaneFile<'a, 1>,
+    meter: Meter<'a>,
 }
 
 impl<'a> Kalman<'a> {
@@ -81,65 +88,99 @@ impl<'a> Kalman<'a> {
         }
     }
 
+    /// The last of samples `0..until` that the inputs lead to. An output may be ahead of an input, such as
+    /// the weather, and what is hidden is not thrown away for that.
+    pub fn reached(&self, until: usize) -> usize {
+        (1..until.min(self.known.len())).rev().find(|k| self.known[k - 1]).unwrap_or(0)
+    }
+
     /// Filters samples `0..until`.
     pub fn filter(&self, theta: &[f64], noise: &Noise, until: usize) -> Filtered {
         let n = self.initial.len();
-        let (step_tape, drive, substeps, hours) = self.simulator.step_parts();
-        let mut file = LaneFile::<1>::new(step_tape);
-        file.load(&[theta], hours);
-        let mut linear = LaneFile::<1>::new(&self.linear);
-        linear.load(&[theta], hours);
+        let reached = self.reached(until);
         let mut found = Filtered {
             states: Vec::with_capacity(until),
             deviations: Vec::with_capacity(until),
             innovations: vec![Vec::with_capacity(until); self.measured.len()],
             log_likelihood: 0.0,
+            covariance: Vec::new(),
+            reached,
         };
-        let mut walk = Walk {
+        let mut walk = self.walk(theta, noise);
+        for k in 0..until.min(self.known.len()) {
+            let started = k == 0 || !self.known[k - 1];
+            if started && k <= reached {
+                self.start(k, theta, noise, &mut walk);
+            } else if !started {
+                self.advance(k - 1, &mut walk);
+            }
+            for output in 0..self.measured.len() {
+                let innovation = self.update(output, k, started, noise, &mut walk, &mut found.log_likelihood);
+                found.innovations[output].push(innovation);
+            }
+            found.states.push(walk.x.clone());
+            found.deviations.push((0..n).map(|i| walk.p[i * n + i].max(0.0).sqrt()).collect());
+        }
+        found.covariance = walk.p;
+        found
+    }
+
+    /// A filter that has not begun.
+    pub(super) fn walk<'b>(&'b self, theta: &[f64], noise: &Noise) -> Walk<'b> {
+        let n = self.initial.len();
+        let (step_tape, _, _, hours) = self.simulator.step_parts();
+        let mut file = LaneFile::<1>::new(step_tape);
+        file.load(&[theta], hours);
+        let mut linear = LaneFile::<1>::new(&self.linear);
+        linear.load(&[theta], hours);
+        Walk {
             x: vec![0.0; n],
             p: vec![0.0; n * n],
             q: noise.process.iter().map(|sigma| sigma * sigma).collect(),
             jacobian: vec![0.0; n * n],
             step: None,
             scratch: vec![0.0; n * n],
-        };
-        let mut meter = Meter::new(&self.simulator.brake);
+            file,
+            linear,
+            meter: Meter::new(&self.simulator.brake),
+        }
+    }
+
+    /// Takes mean and covariance from sample `k` to the next one, as long as nothing is measured.
+    pub(super) fn advance(&self, k: usize, walk: &mut Walk<'_>) {
+        let n = self.initial.len();
+        let (step_tape, drive, substeps, hours) = self.simulator.step_parts();
         // The covariance takes two products of matrices in a sub-step.
         let work = 2 * n.pow(3) + self.linear.step.len() + step_tape.step.len();
-        for k in 0..until.min(self.known.len()) {
-            let started = k == 0 || !self.known[k - 1];
-            if started {
-                self.start(k, theta, noise, &mut walk);
-            } else {
-                for step in 0..substeps {
-                    meter.add(work);
-                    self.linearise(&mut linear, &walk.x, k - 1, step);
-                    (0..n * n).for_each(|place| walk.jacobian[place] = linear.root(place)[0]);
-                    for state in 0..n {
-                        file.state(state)[0] = walk.x[state];
-                    }
-                    drive.load(&mut file, k - 1, step);
-                    file.step();
-                    for state in 0..n {
-                        walk.x[state] = file.root(state)[0];
-                    }
-                    walk.spread(hours, &self.simulator.brake);
-                }
+        for step in 0..substeps {
+            walk.meter.add(work);
+            self.linearise(walk, k, step);
+            (0..n * n).for_each(|place| walk.jacobian[place] = walk.linear.root(place)[0]);
+            for state in 0..n {
+                walk.file.state(state)[0] = walk.x[state];
             }
-            for output in 0..self.measured.len() {
-                let innovation =
-                    self.update(output, k, started, noise, &mut linear, &mut walk, &mut found.log_likelihood);
-                found.innovations[output].push(innovation);
+            drive.load(&mut walk.file, k, step);
+            walk.file.step();
+            for state in 0..n {
+                walk.x[state] = walk.file.root(state)[0];
             }
-            found.states.push(walk.x.clone());
-            found.deviations.push((0..n).map(|i| walk.p[i * n + i].max(0.0).sqrt()).collect());
+            walk.spread(hours, &self.simulator.brake);
         }
-        found
+    }
+
+    /// An output at sample `k` by the states as they are, and its variance by theirs.
+    pub(super) fn output(&self, output: usize, k: usize, walk: &mut Walk<'_>) -> (f64, f64) {
+        self.linearise(walk, k, 0);
+        let n = self.initial.len();
+        let first = n * n + output * (n + 1);
+        let slope = |i: usize| walk.linear.root(first + 1 + i)[0];
+        let variance: f64 = (0..n * n).map(|place| slope(place / n) * walk.p[place] * slope(place % n)).sum();
+        (walk.linear.root(first)[0], variance)
     }
 
     /// State and covariance where the filter starts: measured states at their measurement, hidden ones at
     /// their parameter or, behind a gap, where they were.
-    fn start(&self, k: usize, theta: &[f64], noise: &Noise, walk: &mut Walk) {
+    fn start(&self, k: usize, theta: &[f64], noise: &Noise, walk: &mut Walk<'_>) {
         let Walk { x, p, .. } = walk;
         let n = x.len();
         p.fill(0.0);
@@ -165,33 +206,31 @@ impl<'a> Kalman<'a> {
         }
     }
 
-    fn linearise(&self, linear: &mut LaneFile<1>, x: &[f64], k: usize, step: usize) {
-        for (state, value) in x.iter().enumerate() {
-            linear.state(state)[0] = *value;
+    fn linearise(&self, walk: &mut Walk<'_>, k: usize, step: usize) {
+        for (state, value) in walk.x.iter().enumerate() {
+            walk.linear.state(state)[0] = *value;
         }
-        self.linear_drive.load(linear, k, step);
-        linear.step();
+        self.linear_drive.load(&mut walk.linear, k, step);
+        walk.linear.step();
     }
 
     /// Updates state and covariance with one output; the innovation counts unless the filter just started
     /// from this very measurement.
-    #[allow(clippy::too_many_arguments)]
-    fn update(
+    pub(super) fn update(
         &self,
         output: usize,
         k: usize,
         started: bool,
         noise: &Noise,
-        linear: &mut LaneFile<1>,
-        walk: &mut Walk,
+        walk: &mut Walk<'_>,
         log_likelihood: &mut f64,
     ) -> Option<f64> {
         let (values, valid) = self.measured[output];
         if started || !valid[k] {
             return None;
         }
-        self.linearise(linear, &walk.x, k, 0);
-        let Walk { x, p, scratch, .. } = walk;
+        self.linearise(walk, k, 0);
+        let Walk { x, p, scratch, linear, .. } = walk;
         let n = x.len();
         let first = n * n + output * (n + 1);
         let innovation = values[k] - linear.root(first)[0];
@@ -349,7 +388,7 @@ impl<'a> Kalman<'a> {
     }
 }
 
-impl Walk {
+impl Walk<'_> {
     /// Takes the covariance over a sub-step of so many hours; none that no step can follow.
     fn spread(&mut self, hours: f64, brake: &Brake) {
         if self.step.as_ref().is_none_or(|(jacobian, _)| *jacobian != self.jacobian) {

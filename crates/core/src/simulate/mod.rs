@@ -2,7 +2,8 @@
 //!
 //! `stepper` writes one step as an expression graph, `model::tape` stages it, `drive` evaluates what all
 //! candidates share, `lanes` evaluates the rest, `trajectory` walks the window and `run` says which way,
-//! `segment` walks stretches of it from states of their own, `kalman` filters it.
+//! `segment` walks stretches of it from states of their own, `kalman` filters it, `predict` goes on from
+//! there and `linearise` gives the matrices of every step.
 //!
 //! Large stiff models are stepped explicitly: `rkc` takes one lane through its stages with the coefficients
 //! of `chebyshev`, `vectors` does the arithmetic of all lanes, `block` gives lanes to candidates.
@@ -22,6 +23,10 @@ pub mod lanes;
 pub mod likelihood;
 #[cfg(test)]
 mod likelihood_tests;
+pub mod linearise;
+#[cfg(test)]
+mod linearise_tests;
+pub mod predict;
 mod registers;
 mod rkc;
 #[cfg(test)]

@@ -110,13 +110,13 @@ fn add_scaled<T: Scalar>(to: &mut [T], what: &[T], factor: f64) {
 }
 
 fn multiply<T: Scalar>(to: &mut [T], a: &[T], b: &[T], n: usize) {
+    // By rows of b: the same sums in the same order, and neighbours in memory one after the other.
     for i in 0..n {
-        for j in 0..n {
-            let mut sum = a[i * n] * b[j];
-            for k in 1..n {
-                sum = sum + a[i * n + k] * b[k * n + j];
-            }
-            to[i * n + j] = sum;
+        let row = &mut to[i * n..(i + 1) * n];
+        row.iter_mut().zip(b).for_each(|(to, b)| *to = a[i * n] * *b);
+        for k in 1..n {
+            let factor = a[i * n + k];
+            row.iter_mut().zip(&b[k * n..(k + 1) * n]).for_each(|(to, b)| *to = *to + factor * *b);
         }
     }
 }

@@ -9,6 +9,7 @@ mod diagnoses;
 mod family;
 mod fits;
 mod folders;
+mod forecasts;
 mod gate;
 mod houses;
 mod likelihood;

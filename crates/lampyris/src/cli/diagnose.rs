@@ -59,14 +59,13 @@ impl First {
 /// Reads the measurements and fits the model as it is.
 pub fn first_fit(measured: &MeasuredArguments, seed: u64, quiet: bool) -> Result<First, Failure> {
     let window = measured.read()?;
+    let (catalogue, model) = measured.model()?;
     let request = EstimateRequest {
         method: SeededMethod { seed, method: Method::default() },
-        ..measured.request(SplitRequest::DIAGNOSE)
+        ..measured.request(&model, SplitRequest::DIAGNOSE)
     };
     let site = measured.site();
-    let catalogue = Catalogue::builtin().map_err(|found| faults(&found))?;
-    let problem =
-        prepare(&catalogue, &measured.model(), &request, &window, &site).map_err(|found| faults(&found))?;
+    let problem = prepare(&catalogue, &model, &request, &window, &site).map_err(|found| faults(&found))?;
     let bar = progress_bar(request.budget.evaluations as u64, quiet);
     let progress = |progress: &Progress| bar.set_position(progress.evaluations as u64);
     let fit = estimate(&problem, &request, None, &Control { progress: &progress, ..Control::NONE });

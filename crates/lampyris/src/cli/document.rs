@@ -5,6 +5,11 @@ use serde_json::Value;
 use std::io::Read;
 use std::path::Path;
 
+/// Whether an argument is the name of a file with a document rather than the name of a thing.
+pub fn is_document(argument: &Path) -> bool {
+    argument.extension().is_some_and(|kind| kind == "toml" || kind == "json")
+}
+
 /// Reads a document: TOML where the name says so, otherwise JSON; `-` is standard input.
 pub fn read_document(file: &Path) -> Result<Value, Failure> {
     let shown = file.display();

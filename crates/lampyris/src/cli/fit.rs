@@ -12,7 +12,6 @@ use lampyris_core::estimate::problem::prior::Prior;
 use lampyris_core::estimate::problem::request::{Budget, SeededMethod, agreed};
 use lampyris_core::estimate::validate;
 use lampyris_core::estimate::{Control, EstimateRequest, Fit, GatePolicy, Past, Progress, estimate, prepare};
-use lampyris_core::model::Catalogue;
 use lampyris_core::optimise::Method;
 
 #[derive(Debug, clap::Args)]
@@ -63,7 +62,7 @@ fn method(text: &str) -> Result<Method, String> {
 
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let window = arguments.measured.read()?;
-    let model = arguments.measured.model();
+    let (catalogue, model) = arguments.measured.model()?;
     let (objective, method) =
         agreed(arguments.objective, arguments.method.clone()).map_err(|fault| faults(&[fault]))?;
     let request = EstimateRequest {
@@ -72,10 +71,9 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         method: SeededMethod { seed: arguments.seed, method },
         budget: Budget { evaluations: arguments.evaluations, wall: None },
         bounds: arguments.bounds.iter().cloned().collect(),
-        ..arguments.measured.request(SplitRequest::ESTIMATE)
+        ..arguments.measured.request(&model, SplitRequest::ESTIMATE)
     };
     let site = arguments.measured.site();
-    let catalogue = Catalogue::builtin().map_err(|found| faults(&found))?;
     let problem = prepare(&catalogue, &model, &request, &window, &site).map_err(|found| faults(&found))?;
     let bar = progress_bar(arguments.evaluations as u64, arguments.json);
     let progress = |progress: &Progress| {

@@ -1,11 +1,13 @@
 //! The arguments that every verb on a CSV of measurements shares, and how they become a window and a model.
 
-use super::output::{Failure, faults};
+use super::document::{is_document, read_document};
+use super::output::{Failure, document_faults, faults};
+use crate::service::catalogue::models::check_model;
 use jiff::civil::Date;
 use lampyris_core::data::{ColumnBindings, Duration, SplitRequest, Window};
 use lampyris_core::estimate::problem::request::WindowRange;
 use lampyris_core::estimate::{EstimateRequest, Site};
-use lampyris_core::model::ModelId;
+use lampyris_core::model::{Catalogue, ModelId};
 use std::path::{Path, PathBuf};
 
 /// Characters of a date without a time: `2016-02-23`.
@@ -15,9 +17,10 @@ const PLAIN_DATE: usize = 10;
 pub struct MeasuredArguments {
     /// The measurements: a CSV with a `time` column (RFC 3339).
     pub window: PathBuf,
-    /// The model, such as room3, room2 or tite.
-    #[arg(long, default_value = "room3")]
-    model: ModelId,
+    /// The model, such as room3, room2 or tite, or the file of a model document (.toml or .json), which is
+    /// known to this run alone.
+    #[arg(long, default_value = "room3", value_parser = model_argument, value_name = "MODEL|FILE")]
+    model: ModelArgument,
     /// An effect to add; may be given several times.
     #[arg(long, value_name = "EFFECT")]
     with: Vec<String>,
@@ -62,6 +65,24 @@ pub struct MeasuredArguments {
     report: Option<PathBuf>,
 }
 
+/// A model as the command line names it.
+#[derive(Debug, Clone)]
+enum ModelArgument {
+    /// One of the catalogue.
+    Known(ModelId),
+    /// A document.
+    File(PathBuf),
+}
+
+fn model_argument(text: &str) -> Result<ModelArgument, String> {
+    if is_document(Path::new(text)) {
+        return Ok(ModelArgument::File(PathBuf::from(text)));
+    }
+    text.parse()
+        .map(ModelArgument::Known)
+        .map_err(|error| format!("{error}, nor a file that ends in .toml or .json"))
+}
+
 impl MeasuredArguments {
     /// Reads the file; what it warns of goes to standard error.
     pub fn read(&self) -> Result<Window, Failure> {
@@ -80,18 +101,29 @@ impl MeasuredArguments {
         Ok(window)
     }
 
-    /// The model with the effects that are added and left out.
-    pub fn model(&self) -> ModelId {
-        let with = self.with.iter().fold(self.model.clone(), |model, effect| model.plus(effect));
-        self.without.iter().fold(with, |model, effect| model.minus(effect))
+    /// The model with the effects that are added and left out, and the catalogue that knows it: where it is a
+    /// file, with its document, which may stand for a built-in one of the same name.
+    pub fn model(&self) -> Result<(Catalogue, ModelId), Failure> {
+        let mut catalogue = Catalogue::builtin().map_err(|found| faults(&found))?;
+        let base = match &self.model {
+            ModelArgument::Known(id) => id.clone(),
+            ModelArgument::File(file) => {
+                let (document, model) = check_model(&catalogue, read_document(file)?)
+                    .map_err(|found| document_faults(file, &found))?;
+                catalogue.add_model(document);
+                model.id().clone()
+            }
+        };
+        let with = self.with.iter().fold(base, |model, effect| model.plus(effect));
+        Ok((catalogue, self.without.iter().fold(with, |model, effect| model.minus(effect))))
     }
 
-    /// What is asked for, with these parts where none are given. Who names lengths gets those and no test
-    /// part beside them.
-    pub fn request(&self, split: SplitRequest) -> EstimateRequest {
+    /// What is asked for of a model, with these parts where none are given. Who names lengths gets those and
+    /// no test part beside them.
+    pub fn request(&self, model: &ModelId, split: SplitRequest) -> EstimateRequest {
         let named = self.train.is_some() || self.validation.is_some();
         EstimateRequest {
-            model: Some(self.model()),
+            model: Some(model.clone()),
             window: Some(WindowRange {
                 last: None,
                 from: self.instant(self.from.as_deref()),
@@ -146,6 +178,7 @@ mod tests {
     use super::MeasuredArguments;
     use clap::Parser;
     use lampyris_core::data::SplitRequest;
+    use lampyris_core::model::ModelId;
 
     #[derive(Parser)]
     struct Verb {
@@ -157,7 +190,7 @@ mod tests {
     fn a_plain_date_is_midnight_in_the_zone() {
         let range = |words: &[&str]| {
             let verb = Verb::parse_from(["fit", "window.csv"].iter().chain(words));
-            verb.measured.request(SplitRequest::DIAGNOSE).window.unwrap()
+            verb.measured.request(&ModelId::unnamed(), SplitRequest::DIAGNOSE).window.unwrap()
         };
         let winter = range(&["--from", "2016-02-23", "--to", "2016-07-01", "--zone", "Europe/Copenhagen"]);
         assert_eq!(

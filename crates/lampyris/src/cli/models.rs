@@ -1,10 +1,11 @@
 //! `lampyris models`: documents of models and effects on a running server.
 
-use super::document::read_document;
+use super::document::{is_document, read_document};
 use super::output::{Failure, print};
 use super::pages::{self, Page};
 use super::server::{Answer, Call, Server, fault_line, segment};
 use super::table::{self, Column};
+use lampyris_core::model::export::ExportFormat;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
@@ -37,6 +38,14 @@ enum Verb {
         /// A TOML or JSON document; `-` for JSON on standard input.
         file: PathBuf,
     },
+    /// Write the model of a fit, or the model in force of a system, for other programs.
+    Export {
+        /// A fit, or a system such as room/4.
+        of: String,
+        /// How it is written.
+        #[arg(long, default_value = "json", value_parser = ExportFormat::ALL.map(ExportFormat::as_str))]
+        format: String,
+    },
     /// Make a model by adding an effect.
     AddEffect {
         /// The model to start from.
@@ -56,7 +65,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         }
         Verb::Validate { file } => {
             let answer = server.call("POST", "/models/validate", Call::json(&read_document(file)?))?;
-            server.show(&answer, check);
+            server.show(&answer, |document| check(server, document));
             if answer.document["valid"] == true { Ok(()) } else { Err(Failure::Rejected) }
         }
         Verb::Post { file } => {
@@ -64,10 +73,17 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
             taken(server, &answer, describe);
             Ok(())
         }
+        Verb::Export { of, format } => {
+            let path = match of.split_once('/') {
+                Some((kind, id)) => format!("/systems/{}/{}/model", segment(kind), segment(id)),
+                None => format!("/fits/{}/model", segment(of)),
+            };
+            print(server.get(&format!("{path}?format={format}"))?.text.trim_end());
+            Ok(())
+        }
         Verb::AddEffect { model, effect } => {
             let file = Path::new(effect);
-            let is_file = file.extension().is_some_and(|kind| kind == "toml" || kind == "json");
-            let body = if is_file { read_document(file)? } else { json!({"effect": effect}) };
+            let body = if is_document(file) { read_document(file)? } else { json!({"effect": effect}) };
             let answer =
                 server.call("POST", &format!("/models/{}/effects", segment(model)), Call::json(&body))?;
             taken(server, &answer, version);
@@ -83,10 +99,13 @@ fn taken(server: &Server, answer: &Answer, text: impl FnOnce(&Value) -> String) 
     }
 }
 
-fn check(check: &Value) -> String {
+fn check(server: &Server, check: &Value) -> String {
     match check["errors"].as_array().map(Vec::as_slice) {
         None | Some([]) => "valid".to_owned(),
-        Some(faults) => faults.iter().map(fault_line).collect::<Vec<_>>().join("\n"),
+        Some(faults) => {
+            let page = check["see"].as_str().map(|page| server.leads_to(page));
+            faults.iter().map(fault_line).chain(page).collect::<Vec<_>>().join("\n")
+        }
     }
 }
 

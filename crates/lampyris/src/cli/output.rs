@@ -2,6 +2,7 @@
 
 use lampyris_core::fault::Fault;
 use std::io::Write;
+use std::path::Path;
 use std::process::ExitCode;
 
 /// Why a verb ended without its result.
@@ -52,6 +53,17 @@ pub fn print(text: &str) {
 
 /// All faults as one message, a line each.
 pub fn faults(faults: &[Fault]) -> Failure {
-    let lines: Vec<String> = faults.iter().map(ToString::to_string).collect();
-    Failure::Error(lines.join("\n       "))
+    Failure::Error(lines(faults))
+}
+
+/// All faults of a document of a model, and where its language is documented.
+pub fn document_faults(file: &Path, faults: &[Fault]) -> Failure {
+    let shown = file.display();
+    let page =
+        "see docs/reference/model-language.md, or /docs/book/reference/model-language.html of a server";
+    Failure::Error(format!("{shown} is no model:\n       {}\n       {page}", lines(faults)))
+}
+
+fn lines(faults: &[Fault]) -> String {
+    faults.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n       ")
 }

@@ -37,10 +37,14 @@ pub fn run(arguments: Arguments) -> Result<(), Failure> {
         .map_err(|error| Failure::Error(error.to_string()))
 }
 
+/// Models are compiled by recursion in places.
+const STACK: usize = 8 << 20;
+
 /// The async runtime of the service: two threads are enough, because no computing happens on them.
 pub fn runtime() -> Result<tokio::runtime::Runtime, Failure> {
     tokio::runtime::Builder::new_multi_thread()
         .worker_threads(2)
+        .thread_stack_size(STACK)
         .enable_all()
         .build()
         .map_err(|error| Failure::Error(format!("cannot start the async runtime: {error}")))

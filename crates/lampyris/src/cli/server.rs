@@ -216,6 +216,9 @@ impl Server {
             }
             _ => faults.iter().for_each(|fault| message.push_str(&format!("\n  {}", fault_line(fault)))),
         }
+        if let Some(page) = problem["see"].as_str() {
+            let _ = write!(message, "\n  {}", self.leads_to(page));
+        }
         if let Some(job) = problem["latest_job"].as_str() {
             let _ = write!(message, "\n  the newest job is {job}");
         }
@@ -224,6 +227,11 @@ impl Server {
             404 => Failure::NotFound(message),
             _ => Failure::Error(message),
         }
+    }
+
+    /// Where a page of the book is read that an answer names.
+    pub fn leads_to(&self, page: &str) -> String {
+        format!("see {}{page}", self.url)
     }
 
     /// Prints an answer: as it came, or as a text for people.

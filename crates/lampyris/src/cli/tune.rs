@@ -8,7 +8,6 @@ use lampyris_core::estimate::problem::request::{Budget, SeededMethod};
 use lampyris_core::estimate::tune::Performance;
 use lampyris_core::estimate::tune::{SPLIT, TuneError, Tuning, tune};
 use lampyris_core::estimate::{Control, EstimateRequest, Progress};
-use lampyris_core::model::Catalogue;
 use lampyris_core::optimise::Method;
 
 #[derive(Debug, clap::Args)]
@@ -28,26 +27,19 @@ pub struct Arguments {
 
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let window = arguments.measured.read()?;
+    let (catalogue, model) = arguments.measured.model()?;
     let request = EstimateRequest {
         method: SeededMethod { seed: arguments.seed, method: Method::default() },
         budget: Budget { evaluations: arguments.evaluations, wall: None },
-        ..arguments.measured.request(SPLIT)
+        ..arguments.measured.request(&model, SPLIT)
     };
-    let catalogue = Catalogue::builtin().map_err(|found| faults(&found))?;
     let bar = progress_bar(0, arguments.json);
     let progress = |progress: &Progress| {
         bar.set_position(progress.evaluations as u64);
         bar.set_message(format!("{} searches", progress.generation));
     };
     let control = Control { progress: &progress, ..Control::NONE };
-    let found = tune(
-        &catalogue,
-        &arguments.measured.model(),
-        &request,
-        &window,
-        &arguments.measured.site(),
-        &control,
-    );
+    let found = tune(&catalogue, &model, &request, &window, &arguments.measured.site(), &control);
     bar.finish_and_clear();
     let tuning = found.map_err(|error| match error {
         TuneError::Faults(found) => faults(&found),

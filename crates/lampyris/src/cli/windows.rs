@@ -10,6 +10,9 @@ use std::path::PathBuf;
 
 const COLUMNS: &[Column] =
     &[("window", "/id"), ("rows", "/rows"), ("from", "/from"), ("to", "/to"), ("uploaded", "/uploaded_at")];
+/// What was forecast, of which there is no window.
+const ISSUE: &[Column] =
+    &[("forecast of", "/issued_at"), ("rows", "/rows"), ("from", "/from"), ("to", "/to")];
 const CHANNELS: [&str; 8] =
     ["unit", "missing", "min", "max", "median_step_s", "longest_gap_s", "stuck_s", "samples"];
 
@@ -23,7 +26,8 @@ pub struct Arguments {
 
 #[derive(Debug, clap::Subcommand)]
 enum Verb {
-    /// Send measurements. The same file again is the same window.
+    /// Send measurements, and forecasts in columns such as `T_out[degC](forecast)`. The same file again is
+    /// the same window.
     Upload {
         /// The system, such as room/4.
         system: SystemId,
@@ -61,7 +65,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
 }
 
 fn describe(window: &Value) -> String {
-    let mut text = table::fields(window, COLUMNS);
+    let mut text = table::fields(window, if window["issued_at"].is_null() { COLUMNS } else { ISSUE });
     let head: Vec<String> = std::iter::once("channel").chain(CHANNELS).map(str::to_owned).collect();
     let row = |(name, channel): (&String, &Value)| {
         let cells = CHANNELS.iter().map(|field| table::cell(channel, &format!("/{field}")));
@@ -79,6 +83,9 @@ fn describe(window: &Value) -> String {
             table::cell(rejected, "/line"),
             table::cell(rejected, "/reason")
         ));
+    }
+    if window["forecast"].is_object() {
+        text.push_str(&format!("\n\n{}", describe(&window["forecast"])));
     }
     text
 }

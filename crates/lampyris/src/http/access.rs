@@ -1,6 +1,7 @@
 //! Who may do what. Every operation is declared here, once; the description takes its `security` from here,
 //! and the guard that lies around all operations decides by it.
 
+use super::dialect::{self, InfluxRefusal};
 use super::origin;
 use super::places::Connection;
 use super::problem::ApiError;
@@ -20,6 +21,7 @@ use axum::response::{IntoResponse, Response};
 use lampyris_core::data::{SystemId, SystemPattern};
 use lampyris_core::fault::Fault;
 use serde_json::Value;
+use std::borrow::Cow;
 use std::collections::HashMap;
 use std::net::{IpAddr, Ipv4Addr};
 use std::pin::Pin;
@@ -32,6 +34,9 @@ use tokio_stream::Stream;
 pub enum About {
     /// Nothing that belongs to a system, or several: then the handler leaves out what its caller may not see.
     Several,
+    /// Several, told by a client of InfluxDB, which shows its token and writes its body in ways of its own,
+    /// and reads errors in another form.
+    Lines,
     /// A system, by kind and id.
     System,
     /// Something that belongs to one system.
@@ -42,7 +47,7 @@ pub enum About {
     Schedule,
 }
 
-use About::{Batch, Schedule, Several, System};
+use About::{Batch, Lines, Schedule, Several, System};
 use Scope::{Admin, Operate, Read};
 const JOB: About = About::Thing(Thing::Job);
 const FIT: About = About::Thing(Thing::Fit);
@@ -59,6 +64,7 @@ const OPERATIONS: &[(&str, Option<Scope>, About)] = &[
     ("openapi_as_json", None, Several),
     ("get_docs", None, Several),
     ("get_docs_file", None, Several),
+    ("get_language", None, Several),
     ("get_metrics", Some(Read), Several),
     ("list_params", Some(Read), Several),
     ("get_params", Some(Read), System),
@@ -70,16 +76,31 @@ const OPERATIONS: &[(&str, Option<Scope>, About)] = &[
     ("put_system", Some(Admin), System),
     ("delete_system", Some(Admin), System),
     ("get_state", Some(Read), System),
+    ("get_forecast", Some(Read), System),
+    ("post_forecast", Some(Read), System),
+    ("get_forecast_inputs", Some(Read), System),
+    ("get_forecast_scores", Some(Read), System),
+    ("get_model_in_force", Some(Read), System),
+    ("get_linearisation", Some(Read), System),
+    ("post_linearisation", Some(Read), System),
     ("get_ladder", Some(Read), System),
     ("get_evidence", Some(Read), System),
     ("get_series", Some(Read), System),
     ("list_windows", Some(Read), System),
     ("post_window", Some(Operate), System),
+    ("post_samples", Some(Operate), System),
+    ("post_many_samples", Some(Operate), Several),
     ("get_window", Some(Read), WINDOW),
     ("delete_window", Some(Admin), WINDOW),
+    ("write_lines", Some(Operate), Lines),
+    ("write_lines_v2", Some(Operate), Lines),
+    ("ping", None, Several),
+    ("get_influx", Some(Admin), Several),
+    ("put_influx", Some(Admin), Several),
     ("propose_layout", Some(Read), Several),
     ("list_models", Some(Read), Several),
     ("get_model", Some(Read), Several),
+    ("get_equations", Some(Read), Several),
     ("validate_model", Some(Read), Several),
     ("preview_model", Some(Read), Several),
     ("post_model", Some(Admin), Several),
@@ -98,6 +119,8 @@ const OPERATIONS: &[(&str, Option<Scope>, About)] = &[
     ("get_batch", Some(Read), Batch),
     ("list_fits", Some(Read), Several),
     ("get_fit", Some(Read), FIT),
+    ("get_covariance", Some(Read), FIT),
+    ("get_fit_model", Some(Read), FIT),
     ("get_comparison", Some(Read), FIT),
     ("get_compare", Some(Read), Several),
     ("get_diagnostics", Some(Read), FIT),
@@ -206,14 +229,25 @@ impl Gate {
         }
         Self { service, operations: Arc::new(known) }
     }
+
+    /// What the operation of a request needs, and what it is about.
+    fn asked(&self, parts: &Parts) -> Declared {
+        let path = parts.extensions.get::<MatchedPath>().map(MatchedPath::as_str).unwrap_or_default();
+        let method = if parts.method == Method::HEAD { "GET" } else { parts.method.as_str() };
+        let found = self.operations.get(path).and_then(|methods| methods.get(method));
+        // A method that a path does not know is refused further in, to those who may ask at all.
+        found.copied().unwrap_or((Some(Read), Several))
+    }
 }
 
 /// Lets a request through to its operation, or says why not. Whoever reads on and on hears no more when the
 /// token ends.
 pub async fn guard(State(gate): State<Gate>, request: Request, next: Next) -> Response {
     let (mut parts, body) = request.into_parts();
-    let caller = match admit(&gate, &mut parts).await {
+    let asked = gate.asked(&parts);
+    let caller = match admit(&gate.service, asked, &mut parts).await {
         Ok(caller) => caller,
+        Err(error) if asked.1 == Lines => return InfluxRefusal::from(error).into_response(),
         Err(error) => return error.into_response(),
     };
     let waits = parts.method == Method::GET;
@@ -240,19 +274,20 @@ pub async fn guard(State(gate): State<Gate>, request: Request, next: Next) -> Re
     })
 }
 
-async fn admit(gate: &Gate, parts: &mut Parts) -> Result<Caller, ApiError> {
-    let service = &gate.service;
-    let path = parts.extensions.get::<MatchedPath>().map(MatchedPath::as_str).unwrap_or_default();
-    let method = if parts.method == Method::HEAD { "GET" } else { parts.method.as_str() };
-    let found = gate.operations.get(path).and_then(|methods| methods.get(method));
-    // A method that a path does not know is refused further in, to those who may ask at all.
-    let (needed, about) = found.copied().unwrap_or((Some(Read), Several));
+async fn admit(service: &Shared, (needed, about): Declared, parts: &mut Parts) -> Result<Caller, ApiError> {
     let Some(needed) = needed else { return Ok(Caller { token: None }) };
     let hosts = &service.settings.hosts;
     origin::require_own_page(parts, hosts)?;
+    if about != Lines {
+        origin::require_own_body(parts)?;
+    }
     let place = parts.extensions.get::<Arc<Connection>>();
     let peer = place.map_or(IpAddr::V4(Ipv4Addr::UNSPECIFIED), |place| place.peer());
-    let token = match service.tokens.judge(shown(&parts.headers), peer) {
+    let shown = match about {
+        Lines => dialect::token(parts),
+        _ => shown(&parts.headers).map(Cow::Borrowed),
+    };
+    let token = match service.tokens.judge(shown.as_deref(), peer) {
         // A foreign page has no token to show; where none is needed, the name that it asks by gives it away.
         TokenCheck::Open => {
             origin::require_own_name(parts, hosts)?;
@@ -294,7 +329,7 @@ async fn reaches(
     about: About,
     parts: &mut Parts,
 ) -> Result<(), ApiError> {
-    if about == Several {
+    if about == Several || about == Lines {
         return Ok(());
     }
     let Ok(Path(names)) = Path::<HashMap<String, String>>::from_request_parts(parts, service).await else {
@@ -303,7 +338,7 @@ async fn reaches(
     let name = |field: &str| names.get(field).map(String::as_str).unwrap_or_default();
     let hidden = |what: &'static str, which: &str| Err(ApiError::NotFound(what, which.to_owned()));
     match about {
-        Several => Ok(()),
+        Several | Lines => Ok(()),
         System => match SystemId::new(name("kind"), name("id")) {
             Ok(system) if !reach.covers(&system) => hidden("system", &system.to_string()),
             _ => Ok(()),

@@ -1,6 +1,10 @@
 //! Conditions that a request sets: tags that its client knows (RFC 9110, 13.1).
 
-use axum::http::{HeaderMap, HeaderName, header};
+use super::shared::shared_body;
+use crate::service::serving::body::tag_of;
+use crate::service::work::interactive::RenderedAnswer;
+use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, header};
+use axum::response::{IntoResponse, Response};
 
 /// Whether the client has this body already. The tags may come in several lines.
 pub fn is_known(headers: &HeaderMap, etag: &str) -> bool {
@@ -34,6 +38,34 @@ fn names(headers: &HeaderMap, field: &HeaderName, etag: &str) -> Option<bool> {
         named |= text.split(',').map(str::trim).any(is_one);
     }
     Some(named)
+}
+
+/// What was rendered as this media type, with its tag; 304 where the client has it.
+pub fn unless_known(headers: &HeaderMap, kind: &'static str, answer: RenderedAnswer) -> Response {
+    let tag = tag_of(&answer);
+    if is_known(headers, &tag) {
+        return not_modified(&tag);
+    }
+    let mut response = Response::new(shared_body(answer));
+    response.headers_mut().insert(header::CONTENT_TYPE, HeaderValue::from_static(kind));
+    set_tag(&mut response, &tag);
+    response
+}
+
+/// Nothing new.
+pub fn not_modified(etag: &str) -> Response {
+    let mut response = StatusCode::NOT_MODIFIED.into_response();
+    set_tag(&mut response, etag);
+    response
+}
+
+/// Names what an answer holds.
+pub fn set_tag(response: &mut Response, etag: &str) {
+    if let Ok(value) = HeaderValue::from_str(etag) {
+        response.headers_mut().insert(header::ETAG, value);
+    }
+    // A cache may keep the body, but must ask whether it still holds.
+    response.headers_mut().insert(header::CACHE_CONTROL, HeaderValue::from_static("no-cache"));
 }
 
 #[cfg(test)]

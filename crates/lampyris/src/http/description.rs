@@ -12,7 +12,7 @@ use std::marker::PhantomData;
 use utoipa::openapi::path::{Operation, Parameter, ParameterIn, PathItem};
 use utoipa::openapi::schema::{AdditionalProperties, ArrayBuilder, OneOf, SchemaType, Type};
 use utoipa::openapi::security::{HttpAuthScheme, HttpBuilder, SecurityRequirement, SecurityScheme};
-use utoipa::openapi::{ContentBuilder, OpenApi, Ref, RefOr, ResponseBuilder, Schema};
+use utoipa::openapi::{ContentBuilder, OpenApi, Ref, RefOr, Required, ResponseBuilder, Schema};
 use utoipa::{PartialSchema, ToSchema};
 
 /// The refusals that the shape of an operation implies: status, name and description.
@@ -263,9 +263,15 @@ fn secure(operation: &mut Operation) {
     }
 }
 
-/// Puts the refusals that the shape of an operation implies in the place of `default`. Those that only some
-/// operations know, such as 409 and 429, are theirs to say.
+/// Says whether a body is needed, and puts the refusals that the shape of an operation implies in the place
+/// of `default`. Those that only some operations know, such as 409 and 429, are theirs to say.
 fn complete_responses(method: &str, operation: &mut Operation) {
+    // A body is needed, but for lines of text: without one there are none.
+    if let Some(RefOr::T(body)) = &mut operation.request_body
+        && !body.content.contains_key("text/plain")
+    {
+        body.required.get_or_insert(Required::True);
+    }
     // An answer that nothing more is said of is what the operation promises.
     for response in operation.responses.responses.values_mut() {
         if let RefOr::T(response) = response

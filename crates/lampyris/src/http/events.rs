@@ -1,8 +1,10 @@
-//! What happens to jobs, as server-sent events: `queued`, `started`, `progress`, `incumbent`, `finished`.
+//! What happens, as server-sent events: `queued`, `started`, `progress`, `incumbent` and `finished` of jobs,
+//! `params` and `state` of what is served.
 //!
 //! Every event has an id. A client that comes back with it (`Last-Event-ID`) is told what it has missed;
 //! where the log no longer knows, also after a restart of the service, it is told how things stand: which
-//! jobs wait and run, and every end since. No end is lost; around a return an event may come twice.
+//! jobs wait and run, every end since, and what every system serves. No end is lost; around a return an event
+//! may come twice.
 
 use super::access::Caller;
 use super::extract::Asked;
@@ -10,7 +12,8 @@ use super::jobs::{JobAnswer, require};
 use super::places::{Connection, StreamPlace};
 use super::problem::{ApiError, PROBLEM_JSON, Problem, Problems};
 use super::shared::Shared;
-use crate::service::changes::events::{Event as Happening, EventName, JobChange, Position};
+use crate::service::changes::events::{Event as Happening, EventName, JobChange, Position, SystemChange};
+use crate::service::serving::snapshot::{ParamsChange, StateChange};
 use crate::service::work::progress::ProgressReport;
 use crate::store;
 use crate::store::events::Missed;
@@ -62,7 +65,7 @@ struct JobEventsQuery {
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 struct EventsQuery {
-    /// Only the jobs of this system.
+    /// Only what happens to this system.
     #[param(value_type = Option<SystemId>)]
     system: Option<String>,
     /// As `Last-Event-ID`, which wins, for clients that cannot set a header.
@@ -106,18 +109,27 @@ struct IncumbentData<'a> {
     parameters: &'a IndexMap<String, f64>,
 }
 
-/// One event of a job.
+/// The data of `params` and `state`.
+#[derive(Debug, Serialize)]
+struct ServedData<'a, T> {
+    system: &'a SystemId,
+    #[serde(flatten)]
+    change: &'a T,
+}
+
+/// One event.
 #[derive(Debug, ToSchema)]
-struct JobEvent {
+struct StreamEvent {
     #[schema(inline)]
     event: EventName,
     /// `Last-Event-ID` with it leads on from there. What had happened before the stream began has none.
     id: Option<String>,
-    /// JSON: a `Progress` of `progress`, the best parameters of `incumbent`, a `Job` of all others.
+    /// JSON: a `Progress` of `progress`, the best parameters of `incumbent`, `system`, `revision` and
+    /// `status` of `params`, `system`, `revision` and `at` of `state`, a `Job` of all others.
     data: String,
 }
 
-impl JobEvent {
+impl StreamEvent {
     /// A document that cannot be written ends the stream; the client comes back.
     fn of(event: EventName, data: &impl Serialize) -> Result<Self, Over> {
         Ok(Self { event, id: None, data: serde_json::to_string(data).map_err(|_| Over)? })
@@ -132,8 +144,8 @@ impl JobEvent {
     }
 }
 
-impl From<JobEvent> for Event {
-    fn from(JobEvent { event, id, data }: JobEvent) -> Self {
+impl From<StreamEvent> for Event {
+    fn from(StreamEvent { event, id, data }: StreamEvent) -> Self {
         let told = Event::default().event(event.as_str()).data(data);
         match id {
             Some(id) => told.id(id),
@@ -159,7 +171,7 @@ impl From<JobEvent> for Event {
         (
             status = 200,
             description = "Server-sent events",
-            body = JobEvent,
+            body = StreamEvent,
             content_type = "text/event-stream"
         ),
         (status = 204, description = "The end was seen already: do not come back"),
@@ -182,9 +194,12 @@ async fn get_job_events(
     stream(service, Whose::Job(id), &caller, place, last)
 }
 
-/// The events of all jobs, or of those of one system, as they happen.
+/// What happens to all systems, or to one, as it happens.
 ///
-/// The events are those of `/jobs/{id}/events`. A first connection is told which jobs run.
+/// Of jobs, the events of `/jobs/{id}/events`. `params` says that `/params` answers something else than
+/// before: a set was published, or its status has turned. `state` says that `/state` does. A first connection
+/// is told which jobs run; one that has missed more than is kept is told `params` and `state` of every
+/// system.
 #[utoipa::path(
     get,
     path = "/events",
@@ -195,7 +210,7 @@ async fn get_job_events(
         (
             status = 200,
             description = "Server-sent events",
-            body = JobEvent,
+            body = StreamEvent,
             content_type = "text/event-stream"
         ),
         (status = 404, description = "There is no such system", body = Problem, content_type = PROBLEM_JSON),
@@ -288,7 +303,7 @@ impl Listener {
     fn wants(&self, event: &Happening) -> bool {
         self.reach.covers(&event.system)
             && match &self.whose {
-                Whose::Job(job) => event.job == *job,
+                Whose::Job(job) => event.what.job() == Some(job),
                 Whose::System(system) => event.system == *system,
                 Whose::All => true,
             }
@@ -318,6 +333,7 @@ impl Listener {
         }
         if let (Some(last), Whose::All | Whose::System(_)) = (last, &self.whose) {
             self.tell_ended(Missed { after: last.sequence, up_to: position.sequence }).await?;
+            self.tell_served().await?;
         }
         self.send(Event::default().id(position.to_string())).await?;
         Ok(position)
@@ -355,6 +371,25 @@ impl Listener {
         }
     }
 
+    /// Tells what every system serves that this listener asks for.
+    async fn tell_served(&mut self) -> Result<(), Over> {
+        for (name, entry) in self.service.params.all() {
+            let Ok(system) = name.parse::<SystemId>() else { continue };
+            if !self.reach.covers(&system) || self.system().is_some_and(|only| *only != system) {
+                continue;
+            }
+            if let Some(change) = ParamsChange::of(&entry) {
+                let data = ServedData { system: &system, change: &change };
+                self.send(StreamEvent::of(EventName::Params, &data)?.into()).await?;
+            }
+            if let Some(change) = StateChange::of(&entry) {
+                let data = ServedData { system: &system, change: &change };
+                self.send(StreamEvent::of(EventName::State, &data)?.into()).await?;
+            }
+        }
+        Ok(())
+    }
+
     fn system(&self) -> Option<&SystemId> {
         match &self.whose {
             Whose::System(system) => Some(system),
@@ -366,7 +401,7 @@ impl Listener {
     async fn tell(&mut self, event: &Happening) -> Result<(), Over> {
         self.send(told(event)?.at(event.position).into()).await?;
         match (&self.whose, &event.what) {
-            (Whose::Job(_), JobChange::Finished(_)) => Err(Over),
+            (Whose::Job(_), SystemChange::Job(_, JobChange::Finished(_))) => Err(Over),
             _ => Ok(()),
         }
     }
@@ -377,7 +412,7 @@ impl Listener {
         job: JobRecord,
         position: Option<Position>,
     ) -> Result<(), Over> {
-        let event = JobEvent::of_job(name, job)?;
+        let event = StreamEvent::of_job(name, job)?;
         let event = match position {
             Some(position) => event.at(position),
             None => event,
@@ -395,13 +430,19 @@ impl Listener {
 }
 
 /// An event of the log as it is told.
-fn told(event: &Happening) -> Result<JobEvent, Over> {
-    let (name, job, system) = (event.what.name(), event.job.as_str(), &event.system);
+fn told(event: &Happening) -> Result<StreamEvent, Over> {
+    let (name, system) = (event.what.name(), &event.system);
     match &event.what {
-        JobChange::Queued(record) | JobChange::Started(record) | JobChange::Finished(record) => {
-            JobEvent::of_job(name, JobRecord::clone(record))
-        }
-        JobChange::Progress(report) => JobEvent::of(name, &ProgressData { job, system, report }),
-        JobChange::Incumbent(parameters) => JobEvent::of(name, &IncumbentData { job, system, parameters }),
+        SystemChange::Job(job, change) => match change {
+            JobChange::Queued(record) | JobChange::Started(record) | JobChange::Finished(record) => {
+                StreamEvent::of_job(name, JobRecord::clone(record))
+            }
+            JobChange::Progress(report) => StreamEvent::of(name, &ProgressData { job, system, report }),
+            JobChange::Incumbent(parameters) => {
+                StreamEvent::of(name, &IncumbentData { job, system, parameters })
+            }
+        },
+        SystemChange::Params(change) => StreamEvent::of(name, &ServedData { system, change }),
+        SystemChange::State(change) => StreamEvent::of(name, &ServedData { system, change }),
     }
 }

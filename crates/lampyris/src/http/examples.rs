@@ -12,11 +12,12 @@ use utoipa::openapi::path::Operation;
 use utoipa::openapi::{Content, RefOr};
 
 /// One per group of paths.
-const DOCUMENTS: [&str; 9] = [
+const DOCUMENTS: [&str; 10] = [
     include_str!("examples/audit.json"),
     include_str!("examples/comparison.json"),
     include_str!("examples/diagnoses.json"),
     include_str!("examples/fits.json"),
+    include_str!("examples/influx.json"),
     include_str!("examples/jobs.json"),
     include_str!("examples/models.json"),
     include_str!("examples/params.json"),

@@ -5,6 +5,7 @@ use super::origin::media_type;
 use super::places::{BodyPlace, Connection};
 use super::problem::ApiError;
 use super::shared::Shared;
+use super::unpack::{self, Housed};
 use crate::service::access::tokens::LOCAL;
 use crate::service::blocking;
 use crate::service::decode::{self, Unread};
@@ -54,6 +55,10 @@ pub struct Raw {
     pub key: Option<RequestKey>,
 }
 
+/// A body that may be packed, unpacked.
+#[derive(Debug)]
+pub struct Packed(pub Bytes);
+
 /// No body, and the key of the request if it has one.
 #[derive(Debug)]
 pub struct Empty {
@@ -97,6 +102,24 @@ impl FromRequest<Shared> for Raw {
         let body = read(&parts, body, service.settings.limits.window_bytes, service).await?;
         let key = key(&parts, &body)?;
         Ok(Self { body, media_type, key })
+    }
+}
+
+impl FromRequest<Shared> for Packed {
+    type Rejection = ApiError;
+
+    async fn from_request(request: Request, service: &Shared) -> Result<Self, ApiError> {
+        let (parts, body) = request.into_parts();
+        let limit = service.settings.limits.window_bytes;
+        match encoding(&parts.headers) {
+            None => read(&parts, body, limit, service).await.map(Self),
+            Some(b"gzip" | b"x-gzip") => {
+                let body = read_packed(&parts, body, limit, service).await?;
+                let place = parts.extensions.get::<Arc<Connection>>().cloned().map(Connection::body);
+                blocking(move || unpack::gzip(&body, limit, place)).await?.map(Self)
+            }
+            Some(_) => Err(ApiError::Encoded),
+        }
     }
 }
 
@@ -224,7 +247,8 @@ pub(super) fn weighted(text: &str) -> (&str, f32) {
     (range, weight.map_or(1.0, |weight| weight.parse().unwrap_or(0.0)))
 }
 
-fn unread(error: Unread) -> ApiError {
+/// Why a body is no document.
+pub(super) fn unread(error: Unread) -> ApiError {
     match error {
         Unread::Malformed(fault) => ApiError::Malformed(fault),
         Unread::Repeated(faults) => ApiError::Invalid(faults),
@@ -233,14 +257,22 @@ fn unread(error: Unread) -> ApiError {
 
 /// Reads a body up to a limit of bytes, and of time.
 async fn read(parts: &Parts, body: Body, limit: usize, service: &Shared) -> Result<Bytes, ApiError> {
-    let headers = &parts.headers;
     // What unpacks to a thousand times its size is refused before anything is unpacked.
-    if headers
-        .get(header::CONTENT_ENCODING)
-        .is_some_and(|encoding| !encoding.as_bytes().eq_ignore_ascii_case(b"identity"))
-    {
+    if encoding(&parts.headers).is_some() {
         return Err(ApiError::Encoded);
     }
+    read_packed(parts, body, limit, service).await
+}
+
+/// How a body is packed, where it is.
+fn encoding(headers: &HeaderMap) -> Option<&[u8]> {
+    let encoding = headers.get(header::CONTENT_ENCODING)?.as_bytes();
+    (!encoding.eq_ignore_ascii_case(b"identity")).then_some(encoding)
+}
+
+/// Reads a body as it was sent, up to a limit of bytes, and of time.
+async fn read_packed(parts: &Parts, body: Body, limit: usize, service: &Shared) -> Result<Bytes, ApiError> {
+    let headers = &parts.headers;
     let declared =
         headers.get(header::CONTENT_LENGTH).and_then(|length| length.to_str().ok()?.parse::<usize>().ok());
     if declared.is_some_and(|length| length > limit) {
@@ -274,18 +306,6 @@ pub(super) async fn linger(body: Body, most: usize) {
     let _ = tokio::time::timeout(LINGER, drain).await;
 }
 
-/// A body with the room that it takes, as long as somebody works on it.
-struct Housed {
-    bytes: Vec<u8>,
-    _place: Option<BodyPlace>,
-}
-
-impl AsRef<[u8]> for Housed {
-    fn as_ref(&self) -> &[u8] {
-        &self.bytes
-    }
-}
-
 /// Reads a body to its end, or until it is clear that it is too large, or that there is no room for it. No
 /// more than the limit is ever kept.
 async fn collect(body: Body, limit: usize, mut place: Option<BodyPlace>) -> Result<Bytes, ApiError> {
@@ -309,7 +329,7 @@ async fn collect(body: Body, limit: usize, mut place: Option<BodyPlace>) -> Resu
     if length > limit {
         return Err(ApiError::TooLarge(limit));
     }
-    Ok(Bytes::from_owner(Housed { bytes: kept, _place: place }))
+    Ok(Housed::bytes(kept, place))
 }
 
 /// The client's key with the hash of what it asks: the same key for anything else is refused. Every token has

@@ -9,11 +9,12 @@ use super::shared::Shared;
 use crate::service::Service;
 use crate::store;
 use crate::store::decisions::Decision;
-use crate::store::fits::FitEntry;
+use crate::store::fits::{FitEntry, FitRecord};
 use axum::extract::{Path, State};
 use jiff::Timestamp;
 use lampyris_core::data::SystemId;
 use lampyris_core::estimate::Fit;
+use lampyris_core::estimate::fit::covariance::Covariance;
 use lampyris_core::estimate::fit::{OutputMetrics, Parts};
 use lampyris_core::estimate::gate::check::CheckResult;
 use serde::{Deserialize, Serialize};
@@ -24,7 +25,7 @@ use utoipa_axum::routes;
 
 /// The paths of this file.
 pub fn router() -> OpenApiRouter<Shared> {
-    OpenApiRouter::new().routes(routes!(list_fits)).routes(routes!(get_fit))
+    OpenApiRouter::new().routes(routes!(list_fits)).routes(routes!(get_fit)).routes(routes!(get_covariance))
 }
 
 /// A fit with its verdict.
@@ -157,11 +158,68 @@ async fn get_fit(
     answer(&service, &id).await
 }
 
+/// The values that a covariance is about, and what it says.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = FitCovarianceAnswer)]
+struct Spread {
+    /// The fit.
+    fit: String,
+    /// The system.
+    system: SystemId,
+    /// The estimates, in the order of the rows.
+    values: Vec<f64>,
+    /// Their units.
+    units: Vec<String>,
+    /// What the data leave open, in a sentence; `null` where they determine everything.
+    sentence: Option<String>,
+}
+
+type CovarianceAnswer = With<Spread, Covariance>;
+
+/// How the estimates of a fit err together: their covariance, and the combinations of parameters that the
+/// data do not determine.
+///
+/// It is that of the errors of measurement and of what the model lacks, as far as these show in the residuals
+/// of the fit's own window.
+#[utoipa::path(
+    get,
+    path = "/fits/{id}/covariance",
+    tag = "fits",
+    params(("id" = String, Path)),
+    responses(
+        (status = 200, body = CovarianceAnswer),
+        (
+            status = 404,
+            description = "`fit-not-found`; `no-covariance`: the data do not say, or an older version made \
+                the fit",
+            body = super::problem::Problem,
+            content_type = "application/problem+json"
+        ),
+        Problems
+    )
+)]
+async fn get_covariance(
+    State(service): State<Shared>,
+    Path(id): Path<String>,
+) -> Result<axum::Json<CovarianceAnswer>, ApiError> {
+    let record = require(&service, &id).await?;
+    let Some(document) = record.fit.covariance else {
+        return Err(ApiError::NoCovariance(id));
+    };
+    let estimates = document.parameters.iter().filter_map(|name| record.fit.parameters.get(name));
+    let (values, units) = estimates.map(|estimate| (estimate.value, estimate.unit.clone())).unzip();
+    let own = Spread { fit: record.id, system: record.system, values, units, sentence: document.sentence() };
+    Ok(axum::Json(With { own, document }))
+}
+
+/// The fit that must be there.
+async fn require(service: &Service, id: &str) -> Result<FitRecord, ApiError> {
+    store::fits::get(&service.store, id).await?.ok_or_else(|| ApiError::NotFound("fit", id.to_owned()))
+}
+
 /// A fit as it is shown.
 pub async fn answer(service: &Service, id: &str) -> Result<axum::Json<FitAnswer>, ApiError> {
-    let record = store::fits::get(&service.store, id)
-        .await?
-        .ok_or_else(|| ApiError::NotFound("fit", id.to_owned()))?;
+    let record = require(service, id).await?;
     let (waits_for_operator, decision) = store::decisions::of(&service.store, id).await?;
     let windows = store::windows::cited(&service.store, id).await?;
     let own = FitVerdict {

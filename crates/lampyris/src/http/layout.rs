@@ -8,6 +8,7 @@ use super::windows::format;
 use crate::service::catalogue::layout;
 use axum::extract::State;
 use lampyris_core::data::{Layout, NEIGHBOUR, SAME_ROOM, WindowDocument};
+use lampyris_core::schema::Csv;
 use serde::Serialize;
 use utoipa::ToSchema;
 use utoipa_axum::router::OpenApiRouter;
@@ -53,7 +54,7 @@ const SIGNAL: &str = "Each pair is judged twice, over the samples that both have
     post,
     path = "/systems/layout",
     tag = "systems",
-    request_body(content((WindowDocument = "application/json"), (String = "text/csv"))),
+    request_body(content((WindowDocument = "application/json"), (Csv = "text/csv"))),
     responses(
         (status = 200, description = "A proposal; nothing is stored or bound", body = LayoutAnswer),
         Problems

@@ -81,6 +81,7 @@ async fn get_metrics(
         about_connections(place.crowd(), &mut text);
     }
     about_jobs(&service, &mut text).await;
+    about_lines(&service, &mut text);
     about_systems(&service, &caller, &mut text, service.now());
     about_requests(&service, &mut text);
     ([(header::CONTENT_TYPE, "text/plain; version=0.0.4; charset=utf-8")], text.0).into_response()
@@ -204,6 +205,22 @@ async fn about_jobs(service: &Shared, text: &mut Exposition) {
     for (check, count) in &tallies.checks_failed {
         text.sample("lampyris_gate_failed_total", &[("check", check)], *count as f64);
     }
+}
+
+fn about_lines(service: &Shared, text: &mut Exposition) {
+    let (taken, untaken) = service.lines.counts();
+    text.plain(
+        "lampyris_influx_points_total",
+        "counter",
+        "Values that came by line protocol and were taken.",
+        taken as f64,
+    );
+    text.plain(
+        "lampyris_influx_unmapped_total",
+        "counter",
+        "Values that came by line protocol and have no place, of which GET /sources/influx tells the latest.",
+        untaken as f64,
+    );
 }
 
 /// What is served, read from the finished bodies: nothing has to be counted while they are served.

@@ -2,16 +2,21 @@
 
 use super::access::Caller;
 use super::extract::{Asked, Json};
+use super::language;
+use super::negotiate::rendered;
 use super::page::{Page, PageQuery};
 use super::problem::{ApiError, PROBLEM_JSON, Problem, Problems};
-use super::shared::Shared;
+use super::shared::{Shared, shared_body};
+use crate::service::ServiceError;
 use crate::service::blocking;
 use crate::service::catalogue::models::{self, AddedEffect, ModelDiff, ModelVersion};
+use crate::service::catalogue::windows::Format;
 use crate::store;
 use axum::extract::{Path, State};
 use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use lampyris_core::fault::Fault;
+use lampyris_core::interrupt::Brake;
 use lampyris_core::model::document::ModelDocument;
 use lampyris_core::model::spec::{EffectSpec, ModelSpec};
 use lampyris_core::model::{Input, InputHold, Model, ModelId, Nominal, Output, Parameter, Scale};
@@ -124,6 +129,9 @@ struct ModelCheck {
     valid: bool,
     /// Every fault.
     errors: Vec<Fault>,
+    /// The page about the language of models, where there are faults.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    see: Option<&'static str>,
 }
 
 /// All models: the built-in ones, those of users, and those made by adding effects.
@@ -201,7 +209,9 @@ fn paged<T: Serialize>(
     )
 )]
 async fn post_model(State(service): State<Shared>, caller: Caller, body: Json) -> Result<Response, ApiError> {
-    let taken = models::create(&service, body.value, caller.name(), body.key.as_ref()).await?;
+    let taken = models::create(&service, body.value, caller.name(), body.key.as_ref())
+        .await
+        .map_err(ApiError::of_document)?;
     let id = taken.thing.id().to_owned();
     let answer = describe(&service, parse_id(&id)?).await?;
     Ok((created(taken.is_new), [(header::LOCATION, format!("/models/{id}"))], axum::Json(answer))
@@ -216,17 +226,18 @@ async fn post_model(State(service): State<Shared>, caller: Caller, body: Json) -
     request_body(content = Object, description = "What is thought to be a model document"),
     responses((status = 200, body = ModelCheck), Problems)
 )]
-async fn validate_model(
-    State(service): State<Shared>,
-    body: Json,
-) -> Result<axum::Json<ModelCheck>, ApiError> {
+async fn validate_model(State(service): State<Shared>, body: Json) -> Result<Response, ApiError> {
     if !body.value.is_object() {
         return Err(ApiError::Invalid(vec![Fault::new("", "wrong-type", "a model document is an object")]));
     }
     let catalogue = service.catalogue.current();
-    let errors =
-        blocking(move || models::check_model(&catalogue, body.value).err().unwrap_or_default()).await?;
-    Ok(axum::Json(ModelCheck { valid: errors.is_empty(), errors }))
+    let work = move |_: &Brake| {
+        let errors = models::check_model(&catalogue, body.value).err().unwrap_or_default();
+        let see = (!errors.is_empty()).then_some(language::PAGE);
+        serde_json::to_vec(&ModelCheck { valid: errors.is_empty(), errors, see })
+            .map_err(|error| ServiceError::Internal(error.to_string()))
+    };
+    Ok(rendered(Format::Json, shared_body(service.interactive.once(work).await?)))
 }
 
 /// One model.
@@ -275,7 +286,9 @@ async fn post_model_effect(
     body: Json,
 ) -> Result<Response, ApiError> {
     let parent = parse_id(&id)?;
-    let taken = models::add_effect(&service, &parent, body.value, caller.name(), body.key.as_ref()).await?;
+    let taken = models::add_effect(&service, &parent, body.value, caller.name(), body.key.as_ref())
+        .await
+        .map_err(ApiError::of_document)?;
     let location = format!("/models/{}", taken.thing.id);
     Ok((created(taken.is_new), [(header::LOCATION, location)], axum::Json(taken.thing)).into_response())
 }
@@ -324,7 +337,9 @@ async fn post_effect(
     caller: Caller,
     body: Json,
 ) -> Result<Response, ApiError> {
-    let taken = models::create_effect(&service, body.value, caller.name(), body.key.as_ref()).await?;
+    let taken = models::create_effect(&service, body.value, caller.name(), body.key.as_ref())
+        .await
+        .map_err(ApiError::of_document)?;
     let location = format!("/effects/{}", taken.thing.id);
     Ok((created(taken.is_new), [(header::LOCATION, location)], axum::Json(taken.thing)).into_response())
 }

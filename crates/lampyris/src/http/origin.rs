@@ -4,7 +4,7 @@
 use super::problem::ApiError;
 use axum::http::request::Parts;
 use axum::http::{HeaderMap, Method, Version, header};
-use std::net::IpAddr;
+use std::net::{IpAddr, Ipv6Addr};
 
 /// What bodies of changes are. No form of a page can send them, and a script of a foreign one is asked about
 /// by its browser first, which then hears no consent.
@@ -42,10 +42,10 @@ pub fn require_own_name(parts: &Parts, hosts: &[String]) -> Result<(), ApiError>
     }
 }
 
-/// Refuses a change that a page of another origin has its browser send, and a body that a form could send.
+/// Refuses a change that a page of another origin has its browser send.
 ///
 /// # Errors
-/// 403, 415, or 400 where there is no host.
+/// 403, or 400 where there is no host.
 pub fn require_own_page(parts: &Parts, hosts: &[String]) -> Result<(), ApiError> {
     if [Method::GET, Method::HEAD, Method::OPTIONS].contains(&parts.method) {
         return Ok(());
@@ -57,10 +57,17 @@ pub fn require_own_page(parts: &Parts, hosts: &[String]) -> Result<(), ApiError>
         // No browser, or one that is older than both.
         (None, None) => true,
     };
-    if !is_own {
-        return Err(ApiError::ForeignPage);
-    }
-    if parts.headers.contains_key(header::CONTENT_TYPE)
+    if is_own { Ok(()) } else { Err(ApiError::ForeignPage) }
+}
+
+/// Refuses a body of a change that a form could send.
+///
+/// # Errors
+/// 415.
+pub fn require_own_body(parts: &Parts) -> Result<(), ApiError> {
+    let is_change = ![Method::GET, Method::HEAD, Method::OPTIONS].contains(&parts.method);
+    if is_change
+        && parts.headers.contains_key(header::CONTENT_TYPE)
         && !BODIES.contains(&media_type(&parts.headers).as_str())
     {
         return Err(ApiError::MediaType("application/json or text/csv"));
@@ -70,13 +77,15 @@ pub fn require_own_page(parts: &Parts, hosts: &[String]) -> Result<(), ApiError>
 
 /// The media type of a body without its parameters.
 pub fn media_type(headers: &HeaderMap) -> String {
-    let text = headers.get(header::CONTENT_TYPE).and_then(|value| value.to_str().ok()).unwrap_or_default();
+    let text = text(headers, header::CONTENT_TYPE.as_str()).unwrap_or_default();
     text.split(';').next().unwrap_or_default().trim().to_ascii_lowercase()
 }
 
 fn text<'a>(headers: &'a HeaderMap, name: &str) -> Option<&'a str> {
-    // What is no text names no page of ours.
-    headers.get(name).map(|value| value.to_str().unwrap_or_default())
+    let mut lines = headers.get_all(name).iter();
+    let first = lines.next()?;
+    // What is no text, or said twice, names no page of ours.
+    Some(if lines.next().is_none() { first.to_str().unwrap_or_default() } else { "" })
 }
 
 /// Whether an origin is that of the service's own page. A proxy that ends TLS changes the scheme, and one
@@ -95,13 +104,20 @@ fn is_same(origin: &str, authority: &str, hosts: &[String]) -> bool {
     same(own, authority) || is_one_of(host(own), hosts)
 }
 
-/// The host of an authority, without user and port.
+/// The host of an authority without its port (RFC 3986, 3.2.2). Of what is malformed, and where a user stands
+/// before it, all of it, which is no host.
 fn host(authority: &str) -> &str {
-    let place = authority.rsplit_once('@').map_or(authority, |(_, place)| place);
-    if let Some(rest) = place.strip_prefix('[') {
-        return rest.split_once(']').map_or(place, |(address, _)| address);
+    let is_port = |text: &str| text.bytes().all(|byte| byte.is_ascii_digit());
+    let named = match authority.strip_prefix('[').and_then(|rest| rest.split_once(']')) {
+        Some((address, _)) if address.parse::<Ipv6Addr>().is_err() => None,
+        Some((address, "")) => Some((address, "")),
+        Some((address, rest)) => rest.strip_prefix(':').map(|port| (address, port)),
+        None => Some(authority.split_once(':').unwrap_or((authority, ""))),
+    };
+    match named {
+        Some((host, port)) if is_port(port) => host,
+        _ => authority,
     }
-    place.split_once(':').map_or(place, |(host, _)| host)
 }
 
 fn is_address(host: &str) -> bool {
@@ -162,6 +178,11 @@ mod tests {
             "rooms.example.org.evil.example",
             "127.0.0.1@evil.example:80",
             "0x7f000001.example",
+            "[localhost]",
+            "[127.0.0.1]evil.example",
+            "[::1].evil.example",
+            "127.0.0.1:evil.example",
+            "x@127.0.0.1",
         ] {
             assert!(matches!(own(host), Err(ApiError::UnknownHost(_))), "{host}");
         }
@@ -182,7 +203,6 @@ mod tests {
             &[("origin", "https://rooms.example.org")],
             &[("sec-fetch-site", "same-origin"), ("origin", "https://whatever.the.proxy.is")],
             &[("sec-fetch-site", "none")],
-            &[("content-type", "text/csv; charset=utf-8")],
         ] {
             assert!(own(fields).is_ok(), "{fields:?}");
         }
@@ -194,16 +214,27 @@ mod tests {
             &[("origin", "http://rooms.example.org.evil.example")],
             &[("origin", "http://localhost:8080"), ("sec-fetch-site", "cross-site")],
             &[("sec-fetch-site", "same-site")],
+            &[("origin", "http://localhost:8080"), ("origin", "http://evil.example")],
+            &[("sec-fetch-site", "same-origin"), ("sec-fetch-site", "cross-site")],
         ] {
             assert!(matches!(own(fields), Err(ApiError::ForeignPage)), "{fields:?}");
-        }
-        for kind in ["text/plain", "application/x-www-form-urlencoded", "multipart/form-data; boundary=x", ""]
-        {
-            assert!(matches!(own(&[("content-type", kind)]), Err(ApiError::MediaType(_))), "{kind}");
         }
         // A port that the scheme implies may be left out.
         let fields = [("host", "rooms:443"), ("origin", "https://rooms")];
         assert!(require_own_page(&parts("PUT", &fields), &[]).is_ok());
         assert!(require_own_page(&parts("GET", &[("origin", "http://evil.example")]), &[]).is_ok());
+    }
+
+    #[test]
+    fn a_body_of_a_change_is_none_that_a_form_could_send() {
+        let own = |fields: &[(&str, &str)]| require_own_body(&parts("POST", fields));
+        assert!(own(&[]).is_ok() && own(&[("content-type", "text/csv; charset=utf-8")]).is_ok());
+        for kind in ["text/plain", "application/x-www-form-urlencoded", "multipart/form-data; boundary=x", ""]
+        {
+            assert!(matches!(own(&[("content-type", kind)]), Err(ApiError::MediaType(_))), "{kind}");
+        }
+        let two = [("content-type", "application/json"), ("content-type", "text/plain")];
+        assert!(matches!(own(&two), Err(ApiError::MediaType(_))));
+        assert!(require_own_body(&parts("GET", &[("content-type", "text/plain")])).is_ok());
     }
 }

@@ -4,24 +4,23 @@
 //! no time-out.
 
 use super::access::Caller;
-use super::conditions::is_known;
+use super::conditions::{is_known, not_modified, set_tag, unless_known};
 use super::problem::{ApiError, Problems};
 use super::shared::{Shared, shared_body};
+use super::waiting::newest;
 use crate::service::serving::body::{Body as ParamsBody, Rendered, tag_of};
 use crate::service::serving::snapshot::{Answer, Entry};
+use crate::store;
 use axum::body::Body;
 use axum::extract::{Request, State};
-use axum::http::{HeaderMap, HeaderValue, StatusCode, Uri, header};
+use axum::http::{HeaderMap, HeaderValue, Uri, header};
 use axum::response::{IntoResponse, Response};
 use lampyris_core::fault::Fault;
-use std::sync::Arc;
-use std::time::Duration;
+use serde_json::Value;
 use utoipa::ToSchema;
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
-/// The longest that a client may wait for news, in seconds.
-const LONGEST_WAIT: u64 = 60;
 /// Where the name of the system begins in the path.
 const PREFIX: &str = "/params/";
 
@@ -41,6 +40,15 @@ enum Accept {
     Fresh,
 }
 
+/// What a client wants beside the set itself.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ToSchema)]
+#[serde(rename_all = "lowercase")]
+#[schema(as = MoreParams)]
+enum More {
+    /// The covariance of the estimates.
+    Covariance,
+}
+
 /// The parameters of a system.
 ///
 /// The body changes at events only. `If-None-Match` with the tag of the last answer gives 304; with
@@ -54,6 +62,8 @@ enum Accept {
         ("id" = String, Path, description = "Id of the system", example = "4"),
         ("accept" = inline(Option<Accept>), Query, description = "`nominal`: the model's nominal values \
             where nothing was ever validated; `fresh`: 404 rather than a stale set"),
+        ("with" = inline(Option<More>), Query, description = "`covariance`: how the estimates err together \
+            as well, under a tag of its own and without waiting for news"),
         ("If-None-Match" = Option<String>, Header, description = "The tag of the last answer"),
         ("Prefer" = Option<String>, Header, description = "`wait=N`: wait up to N seconds for news"),
     ),
@@ -85,32 +95,17 @@ async fn poll(service: &Shared, request: Request) -> Response {
     let Some(slot) = service.params.slot(system) else {
         return ApiError::NotFound("system", system.to_owned()).into_response();
     };
-    let accept = match accept(request.uri().query()) {
-        Ok(accept) => accept,
+    let (accept, more) = match asked(request.uri().query()) {
+        Ok(asked) => asked,
         Err(error) => return error.into_response(),
     };
     let headers = request.headers();
-    let wait = headers.get("prefer").and_then(wait);
-    // Interest is registered before the entry is read, so that news that comes in between is not missed.
-    let mut news = wait.map(|seconds| (slot.watch(), Duration::from_secs(seconds)));
-    let entry = slot.entry();
-    let Some((news, patience)) = news.as_mut().filter(|_| is_old(&entry, accept, headers)) else {
-        return answer(&entry, system, accept, headers);
-    };
-    let mut stopping = service.stopping.subscribe();
-    let told = async {
-        // An event may leave this client's answer as it was, such as one job following another. A system that
-        // was deleted has its place no more, also where another one of its name has come.
-        let stands = || service.params.slot(system).is_some_and(|now| Arc::ptr_eq(&now, &slot));
-        while news.changed().await.is_ok() && stands() && is_old(&slot.entry(), accept, headers) {}
-    };
-    tokio::select! {
-        () = told => {}
-        () = tokio::time::sleep(*patience) => {}
-        _ = stopping.wait_for(|stopping| *stopping) => {}
+    if more.is_some() {
+        let answer = with_covariance(service, &slot.entry(), system, accept, headers).await;
+        return answer.unwrap_or_else(IntoResponse::into_response);
     }
-    match service.params.slot(system) {
-        Some(slot) => answer(&slot.entry(), system, accept, headers),
+    match newest(service, system, slot, headers, |entry| is_old(entry, accept, headers)).await {
+        Some(entry) => answer(&entry, system, accept, headers),
         None => ApiError::NotFound("system", system.to_owned()).into_response(),
     }
 }
@@ -155,21 +150,48 @@ async fn list_params(
     response
 }
 
-/// What the query accepts. It has one field, and this path is the busiest of all, so it is read by hand.
-fn accept(query: Option<&str>) -> Result<Option<Accept>, ApiError> {
-    match query {
-        None | Some("") => Ok(None),
-        Some("accept=nominal") => Ok(Some(Accept::Nominal)),
-        Some("accept=fresh") => Ok(Some(Accept::Fresh)),
-        Some(_) => {
-            let fault = Fault::new(
-                "query",
-                "invalid-query",
-                "the query is empty, `accept=nominal` or `accept=fresh`",
-            );
-            Err(ApiError::Invalid(vec![fault]))
+/// What the query accepts, and what more it wants. This path is the busiest of all, so it is read by hand.
+fn asked(query: Option<&str>) -> Result<(Option<Accept>, Option<More>), ApiError> {
+    let (mut accept, mut more) = (None, None);
+    for part in query.unwrap_or_default().split('&').filter(|part| !part.is_empty()) {
+        let known = match part {
+            "accept=nominal" => accept.replace(Accept::Nominal).is_none(),
+            "accept=fresh" => accept.replace(Accept::Fresh).is_none(),
+            "with=covariance" => more.replace(More::Covariance).is_none(),
+            _ => false,
+        };
+        if !known {
+            let detail = "the query has `accept=nominal` or `accept=fresh`, and `with=covariance`, each once";
+            return Err(ApiError::Invalid(vec![Fault::new("query", "invalid-query", detail)]));
         }
     }
+    Ok((accept, more))
+}
+
+/// A validated set with the covariance of its fit, under a tag of its own; without one where the fit has
+/// none.
+async fn with_covariance(
+    service: &Shared,
+    entry: &Entry,
+    system: &str,
+    accept: Option<Accept>,
+    headers: &HeaderMap,
+) -> Result<Response, ApiError> {
+    let Some(rendered) = chosen(entry, accept).filter(|rendered| rendered.revision.is_some()) else {
+        return Ok(answer(entry, system, accept, headers));
+    };
+    let internal = |error: serde_json::Error| ApiError::Internal(error.to_string());
+    let mut body: serde_json::Map<String, Value> =
+        serde_json::from_slice(&rendered.body).map_err(internal)?;
+    let fit = body.get("fit").and_then(Value::as_str).unwrap_or_default();
+    let record = store::fits::get(&service.store, fit).await?;
+    if let Some(covariance) = record.and_then(|record| record.fit.covariance) {
+        body.insert("covariance".to_owned(), serde_json::to_value(covariance).map_err(internal)?);
+    }
+    let body = serde_json::to_vec(&body).map_err(internal)?;
+    let mut response = unless_known(headers, "application/json", body.into());
+    response.headers_mut().insert("params-status", HeaderValue::from_static(rendered.status.as_str()));
+    Ok(response)
 }
 
 /// The answer to a request for an entry.
@@ -186,9 +208,7 @@ fn answer(entry: &Entry, system: &str, accept: Option<Accept>, headers: &HeaderM
         None => match &entry.answer {
             Answer::Validated(_) => ApiError::NotFresh(system.to_owned()).into_response(),
             Answer::NeverValidated { latest_job, .. } => {
-                let pending = latest_job.as_ref().is_some_and(|(_, state)| !state.is_final());
-                let latest_job = latest_job.as_ref().map(|(id, _)| id.clone());
-                ApiError::NeverValidated { system: system.to_owned(), latest_job, pending }.into_response()
+                ApiError::never_validated(system.to_owned(), latest_job.as_ref()).into_response()
             }
         },
     }
@@ -209,50 +229,9 @@ fn is_old(entry: &Entry, accept: Option<Accept>, headers: &HeaderMap) -> bool {
     chosen(entry, accept).is_none_or(|rendered| is_known(headers, &rendered.etag))
 }
 
-/// How long a client is ready to wait, in seconds, by its `Prefer` (RFC 7240): names are written as one
-/// likes, and values may be quoted.
-fn wait(prefer: &HeaderValue) -> Option<u64> {
-    let pairs = prefer.to_str().ok()?.split([',', ';']).filter_map(|part| part.split_once('='));
-    let (_, seconds) = pairs.into_iter().find(|(name, _)| name.trim().eq_ignore_ascii_case("wait"))?;
-    seconds.trim().trim_matches('"').parse::<u64>().ok().map(|seconds| seconds.min(LONGEST_WAIT))
-}
-
-fn not_modified(etag: &str) -> Response {
-    let mut response = StatusCode::NOT_MODIFIED.into_response();
-    set_tag(&mut response, etag);
-    response
-}
-
 fn tagged(body: Body, etag: &str) -> Response {
     let mut response = Response::new(body);
     response.headers_mut().insert(header::CONTENT_TYPE, HeaderValue::from_static("application/json"));
     set_tag(&mut response, etag);
     response
-}
-
-fn set_tag(response: &mut Response, etag: &str) {
-    if let Ok(value) = HeaderValue::from_str(etag) {
-        response.headers_mut().insert(header::ETAG, value);
-    }
-    // A cache may keep the body, but must ask whether it still holds.
-    response.headers_mut().insert(header::CACHE_CONTROL, HeaderValue::from_static("no-cache"));
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn preferences_are_read_as_the_standard_says() {
-        let wait_of = |text: &'static str| wait(&HeaderValue::from_static(text));
-        assert_eq!(
-            (wait_of("wait=30"), wait_of("respond-async, wait=5"), wait_of("wait=9999")),
-            (Some(30), Some(5), Some(60))
-        );
-        assert_eq!(
-            (wait_of("Wait=30"), wait_of("WAIT = \"5\""), wait_of("handling=strict; x=y, wait=7")),
-            (Some(30), Some(5), Some(7))
-        );
-        assert_eq!((wait_of("wait=soon"), wait_of("respond-async")), (None, None));
-    }
 }

@@ -57,6 +57,17 @@ impl Patience {
     }
 }
 
+impl Drop for Patience {
+    /// What nobody takes must not wait in the kernel either, which would keep it for minutes after the
+    /// connection is gone from here.
+    fn drop(&mut self) {
+        if self.blocked.is_some() || self.place.is_lost() {
+            // Where this fails there is no connection left.
+            let _ = self.stream.set_zero_linger();
+        }
+    }
+}
+
 impl AsyncRead for Patience {
     fn poll_read(
         mut self: Pin<&mut Self>,

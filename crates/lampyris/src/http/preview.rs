@@ -2,10 +2,13 @@
 
 use super::access::Caller;
 use super::extract::Json;
+use super::negotiate::rendered;
 use super::problem::{ApiError, Problems};
-use super::shared::Shared;
+use super::shared::{Shared, shared_body};
+use crate::service::catalogue::windows::Format;
 use crate::service::query::preview::{self, Request};
 use axum::extract::State;
+use axum::response::Response;
 use lampyris_core::estimate::assess::preview::Preview;
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
@@ -31,7 +34,8 @@ async fn preview_model(
     State(service): State<Shared>,
     caller: Caller,
     body: Json,
-) -> Result<axum::Json<Preview>, ApiError> {
+) -> Result<Response, ApiError> {
     caller.may_name(&service, &body.value)?;
-    Ok(axum::Json(preview::run(&service, body.value).await?))
+    let preview = preview::run(&service, body.value).await.map_err(ApiError::of_document)?;
+    Ok(rendered(Format::Json, shared_body(preview)))
 }

@@ -2,6 +2,7 @@
 
 use crate::service::{Refusal, ServiceError};
 use crate::store::StoreError;
+use crate::store::jobs::JobStatus;
 use crate::store::tokens::Scope;
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
@@ -46,6 +47,8 @@ pub enum ApiError {
     Malformed(Fault),
     /// The document has faults.
     Invalid(Vec<Fault>),
+    /// The document of a model or of an effect has faults: there is a page about the language of both.
+    InvalidDocument(Vec<Fault>),
     /// There is no such thing: what, and which.
     NotFound(&'static str, String),
     /// No path of the service.
@@ -65,6 +68,8 @@ pub enum ApiError {
     NotFresh(String),
     /// There are no states yet.
     NoState(String),
+    /// A fit has no covariance.
+    NoCovariance(String),
     /// Another document has this id: what, and which.
     Conflict(&'static str, String),
     /// It cannot be done as things stand.
@@ -131,6 +136,9 @@ impl From<ServiceError> for ApiError {
             ServiceError::Faults(faults) => ApiError::Invalid(faults),
             ServiceError::NoSystem(system) => ApiError::NotFound("system", system.to_string()),
             ServiceError::NotFound(what, which) => ApiError::NotFound(what, which),
+            ServiceError::NeverValidated(system, job) => {
+                ApiError::never_validated(system.to_string(), job.as_ref())
+            }
             ServiceError::Conflict(what, which) => ApiError::Conflict(what, which),
             ServiceError::NotAsExpected(detail) => ApiError::NotAsExpected(detail),
             ServiceError::Refused(refusal) => ApiError::Refused(refusal),
@@ -151,6 +159,23 @@ impl From<StoreError> for ApiError {
 }
 
 impl ApiError {
+    /// An error of work on a document of a model or of an effect.
+    pub fn of_document(error: ServiceError) -> Self {
+        match error {
+            ServiceError::Faults(faults) => ApiError::InvalidDocument(faults),
+            other => other.into(),
+        }
+    }
+
+    /// No fit of a system was ever accepted, and this is its newest job.
+    pub fn never_validated(system: String, latest_job: Option<&(String, JobStatus)>) -> Self {
+        ApiError::NeverValidated {
+            system,
+            pending: latest_job.is_some_and(|(_, state)| !state.is_final()),
+            latest_job: latest_job.map(|(id, _)| id.clone()),
+        }
+    }
+
     /// What would have been right, as RFC 6750 says it.
     fn challenge(&self) -> Option<&'static str> {
         match self {
@@ -183,8 +208,9 @@ impl ApiError {
     }
 }
 
-impl IntoResponse for ApiError {
-    fn into_response(self) -> Response {
+impl ApiError {
+    /// The answer of this error, in some form.
+    pub(super) fn answered(self, form: impl FnOnce(Problem) -> Response) -> Response {
         match &self {
             ApiError::Storage(error) => tracing::error!(%error, "the database failed"),
             ApiError::Internal(detail) => {
@@ -194,7 +220,7 @@ impl IntoResponse for ApiError {
         }
         let retry_after = self.retry_after();
         let challenge = self.challenge();
-        let mut response = self.problem().into_response();
+        let mut response = form(self.problem());
         if let Some(seconds) = retry_after {
             response.headers_mut().insert(header::RETRY_AFTER, HeaderValue::from(seconds));
         }
@@ -202,6 +228,12 @@ impl IntoResponse for ApiError {
             response.headers_mut().insert(header::WWW_AUTHENTICATE, HeaderValue::from_static(challenge));
         }
         response
+    }
+}
+
+impl IntoResponse for ApiError {
+    fn into_response(self) -> Response {
+        self.answered(Problem::into_response)
     }
 }
 

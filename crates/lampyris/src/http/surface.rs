@@ -5,10 +5,11 @@ use super::problem::ApiError;
 use super::shared::Shared;
 use super::{
     access, audit, batches, book, comparison, decisions, description, diagnoses, diagnostics, docs, events,
-    evidence, extract, fits, history, jobs, layout, metrics, models, params, preview, problem, schedules,
-    series, service, systems, web, windows,
+    evidence, export, extract, fits, forecast, history, influx, jobs, language, layout, metrics, models,
+    params, preview, problem, samples, schedules, series, service, state, systems, web, windows,
 };
 use axum::Router;
+use axum::extract::Request;
 use axum::http::{HeaderMap, StatusCode};
 use axum::response::{IntoResponse, Response};
 use std::any::Any;
@@ -43,14 +44,22 @@ fn lean() -> OpenApiRouter<Shared> {
     OpenApiRouter::with_openapi(Frame::openapi()).merge(params::router())
 }
 
+/// Those that wait for news longer than a request may take.
+fn patient() -> OpenApiRouter<Shared> {
+    OpenApiRouter::new().merge(state::router())
+}
+
 /// All others.
 fn layered() -> OpenApiRouter<Shared> {
     OpenApiRouter::new()
         .merge(systems::router())
         .merge(windows::router())
+        .merge(influx::router())
+        .merge(samples::router())
         .merge(series::router())
         .merge(layout::router())
         .merge(models::router())
+        .merge(language::router())
         .merge(preview::router())
         .merge(jobs::router())
         .merge(events::router())
@@ -61,6 +70,8 @@ fn layered() -> OpenApiRouter<Shared> {
         .merge(evidence::router())
         .merge(history::router())
         .merge(comparison::router())
+        .merge(forecast::router())
+        .merge(export::router())
         .merge(diagnostics::router())
         .merge(schedules::router())
         .merge(audit::router())
@@ -78,22 +89,30 @@ fn own() -> OpenApiRouter<Shared> {
 /// The whole surface.
 pub fn router(service: Shared) -> Router {
     let (layered, mut described) = layered().split_for_parts();
+    let (patient, mut awaited) = patient().split_for_parts();
     let (lean, mut polled) = lean().split_for_parts();
     let known: Vec<_> =
-        description::ids(&mut described).into_iter().chain(description::ids(&mut polled)).collect();
+        [&mut described, &mut awaited, &mut polled].into_iter().flat_map(description::ids).collect();
     let patience = REQUEST_TIMEOUT + Duration::from_secs(service.settings.limits.body_seconds);
     let guard =
         axum::middleware::from_fn_with_state(access::Gate::new(service.clone(), known), access::guard);
     let asking = Arc::new(description::queries(described));
     // The layer that is named last is the outermost.
-    layered
-        .layer(axum::middleware::from_fn_with_state(asking, extract::refuse_unknown))
-        .layer(guard.clone())
-        .layer(CatchPanicLayer::custom(panicked))
+    let guarded = |router: Router<Shared>| {
+        router
+            .layer(axum::middleware::from_fn_with_state(asking.clone(), extract::refuse_unknown))
+            .layer(guard.clone())
+            .layer(CatchPanicLayer::custom(panicked))
+    };
+    guarded(layered)
         .layer(TimeoutLayer::with_status_code(StatusCode::SERVICE_UNAVAILABLE, patience))
+        .merge(guarded(patient))
         .layer(axum::middleware::map_response(problem::as_problem))
         .layer(CompressionLayer::new())
-        .layer(TraceLayer::new_for_http())
+        // Without the query, in which clients of InfluxDB may show a token.
+        .layer(TraceLayer::new_for_http().make_span_with(|request: &Request| {
+            tracing::debug_span!("request", method = %request.method(), path = request.uri().path())
+        }))
         .layer(axum::middleware::from_fn_with_state(service.clone(), metrics::measure))
         .merge(lean.layer(guard))
         .merge(web::router())
@@ -104,7 +123,7 @@ pub fn router(service: Shared) -> Router {
 }
 
 pub(super) fn described() -> utoipa::openapi::OpenApi {
-    description::completed(lean().merge(layered()).into_openapi())
+    description::completed(lean().merge(patient()).merge(layered()).into_openapi())
 }
 
 /// The description of the surface, as it is committed.

@@ -2,7 +2,7 @@
 
 use super::access::Caller;
 use super::conditions::{self, is_known};
-use super::description::{Stored, With};
+use super::description::With;
 use super::extract::{Asked, Json, Named};
 use super::page::{Page, PageQuery};
 use super::problem::{ApiError, Problems};
@@ -21,7 +21,6 @@ use axum::response::{IntoResponse, Response};
 use indexmap::IndexMap;
 use jiff::Timestamp;
 use lampyris_core::data::SystemId;
-use lampyris_core::estimate::assess::metrics::CurrentState;
 use lampyris_core::estimate::gate::served::ServedError;
 use lampyris_core::model::ModelId;
 use serde::{Deserialize, Serialize};
@@ -31,10 +30,7 @@ use utoipa_axum::routes;
 
 /// The paths of this file.
 pub fn router() -> OpenApiRouter<Shared> {
-    OpenApiRouter::new()
-        .routes(routes!(get_system, put_system, delete_system))
-        .routes(routes!(list_systems))
-        .routes(routes!(get_state))
+    OpenApiRouter::new().routes(routes!(get_system, put_system, delete_system)).routes(routes!(list_systems))
 }
 
 /// A system with its name.
@@ -54,8 +50,8 @@ struct SystemRow {
     system: SystemId,
     /// A name for people.
     label: String,
-    /// The model whose fits are served.
-    model: ModelId,
+    /// The model whose fits are served; `null` of a site that only holds measurements.
+    model: Option<ModelId>,
     /// How it fares.
     health: Health,
     /// Why, in a sentence.
@@ -115,7 +111,10 @@ impl SystemRow {
         let entry = service.params.entry(&system);
         let rendered = entry.as_ref().and_then(|entry| entry.validated());
         let served = rendered.and_then(Served::of);
-        let (health, why) = health(served.as_ref(), newest.as_ref());
+        let (health, why) = match &record.model {
+            Some(_) => health(served.as_ref(), newest.as_ref()),
+            None => (Health::Ok, "Its measurements are shared; there is nothing to estimate.".to_owned()),
+        };
         let (label, horizon) = document(&record.document)
             .map(|document| (document.label, document.policy.horizon))
             .unwrap_or_default();
@@ -155,15 +154,6 @@ impl SystemRow {
         }
     }
 }
-
-/// By what the states were found.
-#[derive(Debug, Serialize, ToSchema)]
-struct StateRevision {
-    /// The revision by whose parameters they were found.
-    revision: i64,
-}
-
-type StateAnswer = With<Stored<CurrentState>, StateRevision>;
 
 /// All systems, one row each: health, error, status.
 #[utoipa::path(
@@ -300,32 +290,4 @@ async fn delete_system(
 ) -> Result<StatusCode, ApiError> {
     systems::delete(&service, &system, query.force, caller.name()).await?;
     Ok(StatusCode::NO_CONTENT)
-}
-
-/// The states at the newest sample that a job has seen: what a controller needs beside the parameters. They
-/// are filtered, or, of a model without a filter, those of a free run.
-#[utoipa::path(
-    get,
-    path = "/systems/{kind}/{id}/state",
-    tag = "systems",
-    params(("kind" = String, Path), ("id" = String, Path)),
-    responses(
-        (status = 200, description = "The states by name, beside these fields", body = StateAnswer),
-        Problems
-    )
-)]
-async fn get_state(
-    State(service): State<Shared>,
-    Named(system): Named,
-) -> Result<axum::Json<StateAnswer>, ApiError> {
-    match store::params::state(&service.store, &system).await? {
-        Some((revision, state)) if state.is_object() => {
-            Ok(axum::Json(With { own: Stored::of(state), document: StateRevision { revision } }))
-        }
-        Some(_) => Err(ApiError::Internal("a stored state is no object".into())),
-        None if service.params.entry(&system.to_string()).is_none() => {
-            Err(ApiError::NotFound("system", system.to_string()))
-        }
-        None => Err(ApiError::NoState(system.to_string())),
-    }
 }

@@ -69,12 +69,22 @@ impl Tls {
     }
 }
 
+/// Most bytes of a file: a chain of certificates that clients take is far shorter.
+const MOST_BYTES: u64 = 64 << 10;
+
 /// What the files make, and their hash.
 type Read = (Result<Arc<ServerConfig>, String>, blake3::Hash);
 
 fn read(files: &TlsFiles) -> Result<Read, String> {
-    let bytes =
-        |file: &std::path::Path| std::fs::read(file).map_err(|error| format!("{}: {error}", file.display()));
+    let bytes = |file: &std::path::Path| {
+        let said = |error: std::io::Error| format!("{}: {error}", file.display());
+        // Whoever opens a pipe waits for its other end.
+        let size = std::fs::metadata(file).map_err(said)?;
+        if !size.is_file() || size.len() > MOST_BYTES {
+            return Err(format!("{}: no file of at most {MOST_BYTES} bytes", file.display()));
+        }
+        std::fs::read(file).map_err(said)
+    };
     let (certificate, key) = (bytes(&files.certificate)?, bytes(&files.key)?);
     let hash = blake3::Hasher::new().update(&certificate).update(b"\0").update(&key).finalize();
     Ok((config(files, &certificate, &key), hash))

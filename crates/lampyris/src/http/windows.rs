@@ -6,6 +6,7 @@ use super::extract::{Asked, Named, Raw};
 use super::page::{Page, PageQuery};
 use super::problem::{ApiError, Problems};
 use super::shared::Shared;
+use crate::service::catalogue::forecasts::{self, TakenIssue, TakenParts};
 use crate::service::catalogue::systems;
 use crate::service::catalogue::windows::{self, Format};
 use crate::store;
@@ -14,9 +15,10 @@ use axum::extract::{Path, State};
 use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use jiff::Timestamp;
-use lampyris_core::data::{SystemId, WindowDocument, WindowReport};
-use serde::Serialize;
-use utoipa::ToSchema;
+use lampyris_core::data::{ColumnRole, SystemId, WindowDocument, WindowReport};
+use lampyris_core::schema::Csv;
+use serde::{Deserialize, Serialize};
+use utoipa::{IntoParams, ToSchema};
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
@@ -42,6 +44,33 @@ struct WindowName {
     /// Whether this upload is a window that was there already, and counts again where a newer one had covered
     /// it. `false` wherever nothing was uploaded.
     again: bool,
+    /// What this upload has forecast beside that.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    forecast: Option<IssueAnswer>,
+}
+
+/// Forecasts of inputs that were taken: not their samples, but what was found in them.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = ForecastIssue)]
+struct IssueName {
+    /// The system.
+    system: SystemId,
+    /// When they came. Where they overlap older ones, they count.
+    #[schema(value_type = String, format = DateTime)]
+    issued_at: Timestamp,
+}
+
+/// Forecasts as they are shown.
+type IssueAnswer = With<IssueName, WindowReport>;
+
+/// What was taken: a window, or forecasts alone.
+#[derive(Debug, Serialize, ToSchema)]
+#[serde(untagged)]
+enum TakenBody {
+    /// Measurements, and what was forecast beside them.
+    Window(Box<WindowAnswer>),
+    /// Forecasts of inputs.
+    Forecast(Box<IssueAnswer>),
 }
 
 /// A window as it is shown: not its samples, but what was found in them.
@@ -67,27 +96,46 @@ fn shown(window: WindowRecord, again: bool) -> WindowAnswer {
             uploaded_at: window.uploaded_at,
             uploads: window.uploads,
             again,
+            forecast: None,
         },
         document: Stored::of(window.report),
     }
+}
+
+/// What the columns of a body are.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+struct RoleQuery {
+    /// That of columns which say nothing of it: `forecast` takes the whole body as a forecast of inputs.
+    role: Option<ColumnRole>,
 }
 
 /// Takes measurements. The same content again is the same window.
 ///
 /// It becomes the newest again where another has covered it. What repeats the newest window of the same day
 /// and adds to it is one window with it.
+///
+/// Columns whose role is `forecast` (`roles` in JSON, `T_out[degC](forecast)` in the header of a CSV text, or
+/// `?role=forecast` for all) are forecasts of inputs, of up to ten days ahead. They are kept apart from
+/// measurements: no fit sees them. The newest issue counts from its first sample to its last.
 #[utoipa::path(
     post,
     path = "/systems/{kind}/{id}/windows",
     tag = "windows",
-    params(("kind" = String, Path), ("id" = String, Path), ("Idempotency-Key" = Option<String>, Header)),
-    request_body(content((WindowDocument = "application/json"), (String = "text/csv"))),
+    params(
+        ("kind" = String, Path),
+        ("id" = String, Path),
+        RoleQuery,
+        ("Idempotency-Key" = Option<String>, Header)
+    ),
+    request_body(content((WindowDocument = "application/json"), (Csv = "text/csv"))),
     responses(
         (status = 200, description = "It was there already", body = WindowAnswer),
         (
             status = 201,
             description = "Taken; `Location` leads to it",
-            body = WindowAnswer,
+            body = TakenBody,
             headers(("Location" = String))
         ),
         Problems
@@ -96,13 +144,29 @@ fn shown(window: WindowRecord, again: bool) -> WindowAnswer {
 async fn post_window(
     State(service): State<Shared>,
     Named(system): Named,
+    Asked(query): Asked<RoleQuery>,
     raw: Raw,
 ) -> Result<Response, ApiError> {
     let format = format(&raw)?;
-    let taken = windows::take(&service, &system, format, raw.body, raw.key.as_ref()).await?;
-    let status = if taken.is_new { StatusCode::CREATED } else { StatusCode::OK };
-    let location = format!("/windows/{}", taken.window.id);
-    Ok((status, [(header::LOCATION, location)], axum::Json(shown(taken.window, taken.again))).into_response())
+    let taken = forecasts::take(&service, &system, (format, query.role), raw.body, raw.key.as_ref()).await?;
+    let issue = |issue: TakenIssue| With {
+        own: IssueName { system: system.clone(), issued_at: issue.issued_at },
+        document: issue.report,
+    };
+    let (status, location, body) = match taken {
+        TakenParts::Window(taken, forecast) => {
+            let status = if taken.is_new { StatusCode::CREATED } else { StatusCode::OK };
+            let location = format!("/windows/{}", taken.window.id);
+            let mut answer = shown(taken.window, taken.again);
+            answer.own.forecast = forecast.map(issue);
+            (status, location, TakenBody::Window(Box::new(answer)))
+        }
+        TakenParts::Forecast(taken) => {
+            let location = format!("/systems/{system}/forecast/inputs");
+            (StatusCode::CREATED, location, TakenBody::Forecast(Box::new(issue(taken))))
+        }
+    };
+    Ok((status, [(header::LOCATION, location)], axum::Json(body)).into_response())
 }
 
 /// The windows of a system, newest upload first.

@@ -1,5 +1,6 @@
 //! What every error is called, and what is said of it.
 
+use super::language;
 use super::problem::{ApiError, Problem};
 use super::storage;
 use crate::service::Refusal;
@@ -40,6 +41,11 @@ impl ApiError {
                     )
                 }
             }
+            ApiError::InvalidDocument(faults) => {
+                let mut problem = ApiError::Invalid(faults).problem();
+                problem.more.insert("see".into(), language::PAGE.into());
+                problem
+            }
             ApiError::NotFound(what, which) => {
                 let (slug, title) = not_found(what);
                 plain(StatusCode::NOT_FOUND, slug, title, format!("there is no {what} `{}`", shown(&which)))
@@ -74,6 +80,14 @@ impl ApiError {
             ApiError::NoState(system) => {
                 let detail = format!("no states of {} are known: no revision is served", shown(&system));
                 plain(StatusCode::NOT_FOUND, "no-state", "No states", detail)
+            }
+            ApiError::NoCovariance(fit) => {
+                let detail = format!(
+                    "{} has no covariance: its data do not determine its parameters, or it was made by a \
+                    version that did not keep one",
+                    shown(&fit)
+                );
+                plain(StatusCode::NOT_FOUND, "no-covariance", "No covariance", detail)
             }
             ApiError::Conflict(what, which) => {
                 let detail = format!(

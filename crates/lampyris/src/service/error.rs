@@ -17,6 +17,8 @@ pub enum ServiceError {
     NoSystem(SystemId),
     /// There is no such thing: what, and which.
     NotFound(&'static str, String),
+    /// No fit of the system was ever accepted: its newest job, if it has any.
+    NeverValidated(SystemId, Option<(String, JobStatus)>),
     /// Another document has this id: what, and which.
     Conflict(&'static str, String),
     /// What a request said to be there is not, or what was not to be there is.
@@ -68,6 +70,7 @@ impl std::fmt::Display for ServiceError {
             ServiceError::Faults(faults) => write!(f, "{} faults", faults.len()),
             ServiceError::NoSystem(system) => write!(f, "there is no system `{system}`"),
             ServiceError::NotFound(what, which) => write!(f, "there is no {what} `{which}`"),
+            ServiceError::NeverValidated(system, _) => write!(f, "no fit of {system} was ever accepted"),
             ServiceError::Conflict(what, which) => write!(f, "there is another {what} `{which}`"),
             ServiceError::NotAsExpected(detail) => f.write_str(detail),
             ServiceError::Refused(refusal) => f.write_str(&refusal.detail),

@@ -5,8 +5,11 @@ use super::catalogue::shared::SharedCatalogue;
 use super::catalogue::turns::Turns;
 use super::changes::events::Events;
 use super::clock::Clock;
+use super::observe::lines::LineTally;
 use super::observe::metrics::Metrics;
 use super::serving::arrivals::Arrivals;
+use super::serving::kept::LiveSystems;
+use super::serving::said::SaidForecasts;
 use super::serving::snapshot::Snapshot;
 use super::work::board::ProgressBoard;
 use super::work::interactive::Interactive;
@@ -35,10 +38,16 @@ pub struct Service {
     pub tokens: Tokens,
     /// What is counted.
     pub metrics: Metrics,
+    /// What came by the line protocol.
+    pub lines: LineTally,
     /// What `/params` serves.
     pub params: Snapshot,
     /// Systems of which measurements have arrived.
     pub arrivals: Arrivals,
+    /// The states of systems that live samples come from.
+    pub live: LiveSystems,
+    /// What forecasts said and nobody has kept yet.
+    pub said: SaidForecasts,
     /// Whose turn it is to change measurements.
     pub turns: Turns,
     /// What time it is.

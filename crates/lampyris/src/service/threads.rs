@@ -1,12 +1,15 @@
 //! Threads for what must not hold up the handlers.
 
 use super::error::ServiceError;
-use lampyris_core::interrupt::{Brake, Interrupt};
 use rayon::{ThreadPool, ThreadPoolBuildError, ThreadPoolBuilder};
-use std::sync::Arc;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::OnceLock;
+use tokio::sync::oneshot;
 
 /// The least urgent the system knows.
 const NICENESS: i32 = 19;
+/// That of the threads for short tasks: after the handlers, and before whatever takes longer.
+const NICENESS_OF_SHORT_TASKS: i32 = 5;
 /// Deep expressions are evaluated by recursion in places; the depth limit of the parser fits into this.
 const STACK: usize = 8 << 20;
 
@@ -39,30 +42,30 @@ pub(super) fn nice_pool(
         .build()
 }
 
-/// Runs something short for somebody who may leave: the brake is pulled when nobody waits any more.
+/// Runs something short that must not hold an async thread, such as unpacking a window. There are as many
+/// threads for it as processors, so that a crowd of requests takes turns and leaves the CPU to the handlers.
+/// Jobs, and what answers a question by a simulation (`work::interactive`), have pools of their own.
 ///
 /// # Errors
-/// Where it panicked.
-pub async fn blocking_while_wanted<T: Send + 'static>(
-    work: impl FnOnce(&Brake) -> T + Send + 'static,
-) -> Result<T, ServiceError> {
-    let waits = Arc::new(());
-    let waiting = Arc::downgrade(&waits);
-    let brake = Brake::new(move || (waiting.strong_count() == 0).then_some(Interrupt::Cancelled));
-    let done = blocking(move || Brake::guard(|| work(&brake))).await?;
-    drop(waits);
-    done.map_err(|_| ServiceError::Internal("a short task that somebody waits for was given up".into()))
-}
-
-/// Runs something short that must not hold an async thread, such as unpacking a window. Jobs have pools of
-/// their own.
-///
-/// # Errors
-/// Where it panicked.
+/// Where it panicked, or the system gives no threads.
 pub async fn blocking<T: Send + 'static>(
     work: impl FnOnce() -> T + Send + 'static,
 ) -> Result<T, ServiceError> {
-    tokio::task::spawn_blocking(work)
-        .await
-        .map_err(|error| ServiceError::Internal(format!("a short task failed: {error}")))
+    static POOL: OnceLock<Result<ThreadPool, ThreadPoolBuildError>> = OnceLock::new();
+    let pool = POOL.get_or_init(|| {
+        let threads = std::thread::available_parallelism().map_or(2, usize::from);
+        nice_pool(threads, "short".to_owned(), NICENESS_OF_SHORT_TASKS)
+    });
+    let pool = pool.as_ref().map_err(|error| ServiceError::Internal(format!("no threads: {error}")))?;
+    let (sender, done) = oneshot::channel();
+    pool.spawn_fifo(move || {
+        // Whoever has left waits for nothing.
+        if !sender.is_closed() {
+            let _ = sender.send(catch_unwind(AssertUnwindSafe(work)));
+        }
+    });
+    match done.await {
+        Ok(Ok(done)) => Ok(done),
+        _ => Err(ServiceError::Internal("a short task panicked".into())),
+    }
 }

@@ -6,7 +6,7 @@
 
 use super::error::StoreError;
 use super::failpoint;
-use super::file::{beside, options, real};
+use super::file::{beside, options, options_to_read, real, require_no_log_alone};
 use super::lock::{in_use, lock};
 use super::schema::schema;
 use jiff::Timestamp;
@@ -48,6 +48,7 @@ pub async fn backup(database: &Path, file: &Path) -> Result<Backup, StoreError> 
     let database = &real(database)?;
     // Under another name of the file the log of its service would be missed.
     in_use(database)?;
+    require_own_log(database).await?;
     let mut connection = options(database).connect().await?;
     let schema = schema(&mut connection, database).await?;
     copy(&mut connection, database, file).await?;
@@ -96,7 +97,9 @@ async fn set_aside(database: &Path, now: Timestamp) -> Result<PathBuf, StoreErro
     }
     let (log, index) = (beside(database, "-wal"), beside(database, "-shm"));
     // A database in order takes its log in. One that is damaged may not; its log then goes along with it.
-    let _ = fold(database).await;
+    if require_no_log_alone(database).is_ok() {
+        let _ = fold(database).await;
+    }
     if log.exists() {
         fs::rename(&log, beside(&kept, "-wal")).map_err(failed(&log))?;
     }
@@ -107,6 +110,22 @@ async fn set_aside(database: &Path, now: Timestamp) -> Result<PathBuf, StoreErro
     // empty one.
     fs::hard_link(database, &kept).or_else(|_| fs::copy(database, &kept).map(drop)).map_err(failed(&kept))?;
     Ok(kept)
+}
+
+/// Refuses a database that is damaged with the log beside it, which may be that of another one. The look
+/// changes nothing: the last connection that can write would fold the log into the database, and remove it.
+pub(super) async fn require_own_log(database: &Path) -> Result<(), StoreError> {
+    require_no_log_alone(database)?;
+    if !fs::metadata(database).is_ok_and(|file| file.len() > 0) {
+        return Ok(());
+    }
+    let mut connection = options_to_read(database).await?.connect().await?;
+    let sound = match schema(&mut connection, database).await {
+        Ok(_) => require_sound(&mut connection, "PRAGMA quick_check(3)").await,
+        Err(error) => Err(error),
+    };
+    connection.close().await?;
+    sound
 }
 
 /// Folds the write-ahead log into its database; the last connection that closes removes it.

@@ -37,6 +37,11 @@ pub(super) const NOTES: &str = "
         BEGIN INSERT INTO touched VALUES (NEW.system); END;
     CREATE TEMP TRIGGER a_degradation_went AFTER DELETE ON main.degradations
         BEGIN INSERT INTO touched VALUES (OLD.system); END;
+    CREATE TEMP TRIGGER states_came AFTER INSERT ON main.states
+        BEGIN INSERT INTO touched VALUES (NEW.system); END;
+    CREATE TEMP TRIGGER states_changed AFTER UPDATE ON main.states
+        WHEN OLD.revision <> NEW.revision OR OLD.document <> NEW.document
+        BEGIN INSERT INTO touched VALUES (NEW.system); END;
     CREATE TEMP TRIGGER a_pin_came AFTER INSERT ON main.pins
         BEGIN INSERT INTO touched VALUES (NEW.system); END;
     CREATE TEMP TRIGGER a_pin_changed AFTER UPDATE ON main.pins

@@ -66,10 +66,40 @@ impl Store {
                 has a new schema");
         }
         let store = Self::connect(path, quota).await?;
-        store.writing.watch(Files::of(path, lock)?);
         // A disk without room, or one that can only be read, may show at no earlier moment.
-        store.writing.touch(&store.writer, &store.changes).await?;
-        Ok(store)
+        let touched = match Files::of(path, lock) {
+            Ok(files) => {
+                store.writing.watch(files);
+                store.writing.touch(&store.writer, &store.changes).await
+            }
+            Err(error) => Err(error),
+        };
+        match touched {
+            Ok(()) => Ok(store),
+            Err(error) => {
+                store.release().await;
+                Err(error)
+            }
+        }
+    }
+
+    /// Ends all connections. Whoever opens the database next must not find them half gone: the last one takes
+    /// the index of the log along. The files are let go behind them: to close one of them any earlier would
+    /// end the locks that SQLite has on it.
+    async fn release(&self) {
+        self.reader.close().await;
+        self.writer.close().await;
+        self.writing.watch(None);
+    }
+
+    /// The same database without writing: where its disk takes no more writes after all.
+    ///
+    /// # Errors
+    /// Where it cannot be read either.
+    pub async fn without_writing(self, path: &Path, unwritable: &StoreError) -> Result<Self, StoreError> {
+        self.release().await;
+        let store = Self::open_to_read(&real(path)?, unwritable).await?;
+        Ok(Self { lock: self.lock, ..store })
     }
 
     /// Opens a database whose disk takes no writes.
@@ -183,8 +213,7 @@ impl Store {
     /// have it: a request that is still being answered may hold this store for a while.
     pub async fn close(&self) {
         if self.require_files().is_ok() {
-            self.reader.close().await;
-            self.writer.close().await;
+            self.release().await;
         } else {
             if let Err(error) = self.save().await {
                 tracing::error!(%error, "the write-ahead log could not be saved");

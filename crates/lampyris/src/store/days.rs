@@ -2,6 +2,7 @@
 //! newest wins. It follows from the windows, is written with them, and is all that readers of samples read.
 
 use super::error::StoreError;
+use super::open_rows::{OpenRows, open_in};
 use super::sequence::next;
 use super::value::{corrupt, from_json, to_json};
 use lampyris_core::data::{ChannelView, DAY_S, Layer, Series, WindowShare};
@@ -12,9 +13,13 @@ use std::collections::BTreeSet;
 /// Stands in owners for the window that is being written, whose number is not known yet. It is the newest.
 pub const ARRIVING: i64 = i64::MAX;
 
-/// Days as they are kept, still packed, in the order of channels.
+/// Days as they are kept, still packed, in the order of channels, and the live samples that are not laid into
+/// them yet.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct Days(Vec<PackedDay>);
+pub struct Days {
+    packed: Vec<PackedDay>,
+    open: Vec<OpenRows>,
+}
 
 #[derive(Debug, Clone, PartialEq)]
 struct PackedDay {
@@ -45,13 +50,14 @@ struct NewDay {
 impl Days {
     /// The channels, by name.
     pub fn channels(&self) -> BTreeSet<&str> {
-        self.0.iter().map(|day| day.channel.as_str()).collect()
+        let packed = self.packed.iter().map(|day| day.channel.as_str());
+        packed.chain(self.open.iter().map(|rows| rows.series.channel())).collect()
     }
 
     /// The numbers of the windows that gave the samples.
     pub(super) fn owners(&self) -> Result<BTreeSet<i64>, StoreError> {
-        let mut numbers = BTreeSet::new();
-        for day in &self.0 {
+        let mut numbers: BTreeSet<i64> = self.open.iter().map(|rows| rows.owner).collect();
+        for day in &self.packed {
             let owners: Vec<(i64, usize)> = from_json("the owners of a day", &day.owners)?;
             numbers.extend(owners.into_iter().map(|(owner, _)| owner));
         }
@@ -65,13 +71,17 @@ impl Days {
     pub fn view(&self, channel: &str) -> Result<ChannelView, StoreError> {
         let broken = |error: &dyn std::fmt::Display| corrupt(format!("a day of `{channel}`"), error);
         let mut layers = Vec::new();
-        for day in self.0.iter().filter(|day| day.channel == channel) {
+        for day in self.packed.iter().filter(|day| day.channel == channel) {
             layers.push(Layer {
                 series: Series::decode(&day.block).map_err(|error| broken(&error))?,
                 owners: from_json("the owners of a day", &day.owners)?,
             });
         }
-        ChannelView::of_layers(channel, &layers).map_err(|fault| broken(&fault))
+        let mut view = ChannelView::of_layers(channel, &layers).map_err(|fault| broken(&fault))?;
+        for rows in self.open.iter().filter(|rows| rows.series.channel() == channel) {
+            view.put(&rows.series, rows.owner);
+        }
+        Ok(view)
     }
 
     /// Unpacks what counts of a channel as one series, `None` where there is nothing. This is work for a
@@ -132,8 +142,20 @@ pub(super) fn unfit(channel: &str, fault: &Fault) -> StoreError {
     corrupt(format!("the samples of `{channel}`"), fault)
 }
 
-/// The days that touch a stretch of time; of some channels, or of all.
+/// The days that touch a stretch of time, with the live samples that belong to them; of some channels, or of
+/// all.
 pub(super) async fn read_in(
+    connection: &mut SqliteConnection,
+    system: &str,
+    span: (i64, i64),
+    channels: Option<&[String]>,
+) -> Result<Days, StoreError> {
+    let open = open_in(connection, system, whole_days(span), channels).await?;
+    Ok(Days { open, ..laid_in(connection, system, span, channels).await? })
+}
+
+/// The days that touch a stretch of time, without the samples that are not laid into them yet.
+pub(super) async fn laid_in(
     connection: &mut SqliteConnection,
     system: &str,
     (from, to): (i64, i64),
@@ -150,7 +172,7 @@ pub(super) async fn read_in(
         .fetch_all(connection)
         .await?;
     let packed = |(channel, block, owners)| PackedDay { channel, block, owners };
-    Ok(Days(rows.into_iter().map(packed).collect()))
+    Ok(Days { packed: rows.into_iter().map(packed).collect(), open: Vec::new() })
 }
 
 /// What tells one state of a system's measurements from another; 0 where there never were any.
@@ -199,9 +221,15 @@ pub(super) async fn write(
                 .await?;
         }
     }
+    change_version(tx, system).await?;
+    Ok(())
+}
+
+/// Gives the measurements of a system a new version; says which.
+pub(super) async fn change_version(tx: &mut SqliteConnection, system: &str) -> Result<i64, StoreError> {
     let version = next(tx, "sequence").await?;
     let sql = "INSERT INTO measured (system, version) VALUES ($1, $2) ON CONFLICT (system) DO UPDATE SET \
         version = excluded.version";
     sqlx::query(sql).bind(system).bind(version).execute(tx).await?;
-    Ok(())
+    Ok(version)
 }

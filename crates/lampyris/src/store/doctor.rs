@@ -2,7 +2,7 @@
 
 use super::backup::require_whole;
 use super::error::StoreError;
-use super::file::{beside, options_to_read, real};
+use super::file::{beside, options_to_read, real, require_no_log_alone};
 use super::lock::in_use;
 use super::schema::{newest, schema};
 use super::value::instant;
@@ -34,6 +34,7 @@ pub struct DatabaseState {
 pub async fn look(path: &Path) -> Result<DatabaseState, StoreError> {
     let file = std::fs::metadata(path).map_err(|_| StoreError::NoFile(path.to_owned()))?;
     let path = &real(path)?;
+    require_no_log_alone(path)?;
     let in_use = in_use(path)?;
     let mut connection = options_to_read(path).await?.connect().await?;
     let found = DatabaseState {

@@ -195,7 +195,7 @@ impl StoreError {
     }
 
     /// Whether it was the disk that takes no writes, so that a database may still be read.
-    pub(super) fn is_unwritable(&self) -> bool {
+    pub fn is_unwritable(&self) -> bool {
         let refused = |error: &sqlx::Error| {
             matches!(primary_code(error), Some(READ_ONLY | CANNOT_OPEN | FULL))
                 || result_code(error) == Some(NO_ROOM_FOR_INDEX)

@@ -38,8 +38,10 @@ pub(super) async fn options_to_read(path: &Path) -> Result<SqliteConnectOptions,
 
 async fn read(way: &SqliteConnectOptions) -> Result<(), StoreError> {
     let mut connection = way.connect().await?;
-    sqlx::query("SELECT COUNT(*) FROM sqlite_schema").execute(&mut connection).await?;
-    Ok(connection.close().await?)
+    let read = sqlx::query("SELECT COUNT(*) FROM sqlite_schema").execute(&mut connection).await;
+    let closed = connection.close().await;
+    read?;
+    Ok(closed?)
 }
 
 fn ways_to_read(path: &Path) -> Vec<SqliteConnectOptions> {
@@ -76,16 +78,18 @@ pub(super) fn real(path: &Path) -> Result<PathBuf, StoreError> {
     }
 }
 
-/// The real path of a database, which is made empty where it is not there: what can be locked is a file.
-///
-/// SQLite takes a log beside an empty database away. It may be all that is left of what was acknowledged, so
-/// there nothing is made and nothing opened.
+/// Refuses an empty database beside a log. SQLite takes such a log away, and it may be all that is left of
+/// what was acknowledged.
+pub(super) fn require_no_log_alone(path: &Path) -> Result<(), StoreError> {
+    let is_empty = fs::metadata(path).map_or(true, |file| file.len() == 0);
+    if is_empty && has_log(path) { Err(StoreError::LogAlone(path.to_owned())) } else { Ok(()) }
+}
+
+/// The real path of a database, which is made empty where it is not there and no log lies beside it: what can
+/// be locked is a file.
 pub(super) fn made(path: &Path) -> Result<PathBuf, StoreError> {
     let found = real(path)?;
-    let is_empty = fs::metadata(&found).map_or(true, |file| file.len() == 0);
-    if is_empty && has_log(&found) {
-        return Err(StoreError::LogAlone(found));
-    }
+    require_no_log_alone(&found)?;
     if found.exists() {
         return Ok(found);
     }

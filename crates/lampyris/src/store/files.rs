@@ -29,8 +29,10 @@ pub(super) struct Files {
     database: Opened,
     log: Opened,
     index: Opened,
-    /// The newest counter of changes and the largest size in bytes that were seen of the database file.
+    /// The newest counts of changes and of commits (`write`), and the largest size in bytes, that were seen
+    /// of the database file.
     counter: u32,
+    commits: u32,
     bytes: u64,
     /// What the index of the log said last.
     standing: Option<Standing>,
@@ -51,6 +53,16 @@ impl Standing {
         let fewer = self.commits.wrapping_sub(other.commits).cast_signed() < 0;
         fewer && !(self.salt == other.salt && self.frames >= other.frames)
     }
+}
+
+/// What a database file says of itself: whether it is one, its counts of changes and of commits, how many
+/// bytes its pages take, and how many there are.
+struct Header {
+    is_one: bool,
+    counter: u32,
+    commits: u32,
+    needed: u64,
+    bytes: u64,
 }
 
 /// A file that is open under a name.
@@ -78,9 +90,11 @@ impl Files {
             log: Opened::named("write-ahead log", beside(path, "-wal")).map_err(failed)?,
             index: Opened::named("index of the write-ahead log", beside(path, "-shm")).map_err(failed)?,
             counter: 0,
+            commits: 0,
             bytes: 0,
             standing: None,
         };
+        files.commits = files.header().map_err(StoreError::Gone)?.commits;
         files.check().map_err(StoreError::Gone)?;
         Ok(Some(files))
     }
@@ -106,24 +120,36 @@ impl Files {
         Some(disk.f_bavail.saturating_mul(disk.f_frsize))
     }
 
-    /// The database file grows, its counter of changes goes forward. Only `VACUUM`, which says so in the
-    /// header, makes it smaller.
+    /// The database file grows, its counts go forward. Only `VACUUM`, which says so in the header, makes it
+    /// smaller.
     fn require_header(&mut self) -> Result<(), String> {
+        let header = self.header()?;
+        if !header.is_one || (header.bytes < self.bytes && header.bytes < header.needed) {
+            return Err("the database was truncated or overwritten".to_owned());
+        }
+        let fewer = header.commits.wrapping_sub(self.commits).cast_signed() < 0;
+        if header.counter < self.counter || fewer {
+            return Err("the database was overwritten by an older one".to_owned());
+        }
+        (self.counter, self.commits, self.bytes) = (header.counter, header.commits, header.bytes);
+        Ok(())
+    }
+
+    /// What the database file says of itself: <https://sqlite.org/fileformat2.html#the_database_header>.
+    fn header(&self) -> Result<Header, String> {
         let mut header = [0; 100];
         let bytes = self.database.read(&mut header)?;
-        let (counter, pages) = (number(&header, 24), u64::from(number(&header, 28)));
         let page = match u64::from(number(&header, 16) >> 16) {
             1 => 65_536,
             page => page,
         };
-        if !header.starts_with(MAGIC) || (bytes < self.bytes && bytes < pages * page) {
-            return Err("the database was truncated or overwritten".to_owned());
-        }
-        if counter < self.counter {
-            return Err("the database was overwritten by an older one".to_owned());
-        }
-        (self.counter, self.bytes) = (counter, bytes);
-        Ok(())
+        Ok(Header {
+            is_one: header.starts_with(MAGIC),
+            counter: number(&header, 24),
+            commits: number(&header, 60),
+            needed: u64::from(number(&header, 28)) * page,
+            bytes,
+        })
     }
 
     /// The log holds the frames that its index counts. Another process may write meanwhile, so a

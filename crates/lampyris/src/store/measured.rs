@@ -54,8 +54,9 @@ pub async fn read_owned(
 /// # Errors
 /// Where the database fails.
 pub async fn extent(store: &Store, system: &SystemId) -> Result<Option<(i64, i64)>, StoreError> {
-    let sql = "SELECT (SELECT MIN(from_s) FROM days WHERE system = $1), (SELECT MAX(to_s) FROM days WHERE \
-        system = $1)";
+    let sql = "SELECT MIN(first), MAX(last) FROM (SELECT (SELECT MIN(from_s) FROM days WHERE system = $1) AS \
+        first, (SELECT MAX(to_s) FROM days WHERE system = $1) AS last UNION ALL SELECT MIN(from_s), \
+        MAX(to_s) FROM samples WHERE system = $1)";
     let (from, to): (Option<i64>, Option<i64>) =
         sqlx::query_as(sql).bind(system.to_string()).fetch_one(&store.reader).await?;
     Ok(from.zip(to))
@@ -66,7 +67,8 @@ pub async fn extent(store: &Store, system: &SystemId) -> Result<Option<(i64, i64
 /// # Errors
 /// Where the database fails.
 pub async fn channels(store: &Store, system: &SystemId) -> Result<Vec<String>, StoreError> {
-    let sql = "SELECT DISTINCT channel FROM days WHERE system = $1 ORDER BY channel";
+    let sql = "SELECT channel FROM days WHERE system = $1 UNION SELECT r.value ->> 0 FROM samples s, \
+        json_each(s.rows) r WHERE s.system = $1 ORDER BY 1";
     Ok(sqlx::query_scalar(sql).bind(system.to_string()).fetch_all(&store.reader).await?)
 }
 

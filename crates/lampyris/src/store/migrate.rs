@@ -3,7 +3,7 @@
 //! Every migration is one transaction, and so is every window of an earlier program that is taken in behind
 //! them. Before the first of them touches a database that holds something, a backup is made beside it.
 
-use super::backup::{copy, require_sound};
+use super::backup::{copy, require_own_log, require_sound};
 use super::error::StoreError;
 use super::failpoint;
 use super::file::{beside, options, real};
@@ -55,25 +55,30 @@ pub(super) async fn require_up_to_date(
 ///
 /// Nothing is written before the look: a damaged, foreign or newer database stays as it is.
 pub(super) async fn bring_up_to_date(path: &Path) -> Result<Migrated, StoreError> {
+    require_own_log(path).await?;
     let mut connection = options(path).create_if_missing(true).connect().await?;
-    let from = schema(&mut connection, path).await?;
-    if from > 0 {
-        require_sound(&mut connection, "PRAGMA quick_check(3)").await?;
-    }
+    let migrated = bring(&mut connection, path).await;
+    let closed = connection.close().await;
+    let migrated = migrated?;
+    closed?;
+    Ok(migrated)
+}
+
+async fn bring(connection: &mut SqliteConnection, path: &Path) -> Result<Migrated, StoreError> {
+    let from = schema(connection, path).await?;
     let mut backup = None;
-    if from > 0 && is_behind(&mut connection).await? {
+    if from > 0 && is_behind(connection).await? {
         // One file per schema: a start that fails again and again must not fill the disk with backups.
         let file = beside(path, &format!(".schema-{from}.backup"));
-        copy(&mut connection, path, &file).await?;
+        copy(connection, path, &file).await?;
         backup = Some(file);
     }
-    sqlx::query("PRAGMA journal_mode = WAL").execute(&mut connection).await?;
+    sqlx::query("PRAGMA journal_mode = WAL").execute(&mut *connection).await?;
     connection.lock_handle().await?.set_commit_hook(|| {
         failpoint::reached("in_migration");
         true
     });
-    MIGRATIONS.run_direct(None, &mut connection, false).await.map_err(StoreError::Migration)?;
-    shares::take_in(&mut connection).await?;
-    connection.close().await?;
+    MIGRATIONS.run_direct(None, connection, false).await.map_err(StoreError::Migration)?;
+    shares::take_in(connection).await?;
     Ok(Migrated { from, to: newest(), backup })
 }

@@ -11,6 +11,10 @@
 //! | `shares` | what each of them gave to what counts, one block per channel |
 //! | `days`, `measured` | what counts, by channel and day, and what readers ask of it |
 //! | `uploads` | how an upload is taken |
+//! | `sources` | where measurements of other programs belong |
+//! | `samples`, `open_rows` | live samples, until they are laid into the days |
+//! | `forecast_inputs` | what was forecast of inputs, apart from measurements |
+//! | `said` | what forecasts said, until it is compared with what came |
 //! | `models` | model and effect documents of users, versions made by adding effects |
 //! | `job`, `job_record` | what a job is: its words, and what its state implies |
 //! | `jobs` | jobs as they are listed |
@@ -61,6 +65,7 @@ mod file;
 mod files;
 pub mod finish;
 pub mod fits;
+pub mod forecast_inputs;
 pub mod idempotency;
 mod job;
 mod job_record;
@@ -70,6 +75,7 @@ pub mod measured;
 pub mod metrics;
 pub mod migrate;
 pub mod models;
+mod open_rows;
 mod page;
 pub mod params;
 pub mod pins;
@@ -79,10 +85,13 @@ pub mod retention;
 pub mod retry;
 pub mod revisions;
 mod row;
+pub mod said;
+pub mod samples;
 pub mod schedules;
 mod schema;
 mod sequence;
 pub mod shares;
+pub mod sources;
 pub mod systems;
 pub mod tokens;
 pub mod uploads;

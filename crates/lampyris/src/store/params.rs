@@ -42,6 +42,9 @@ pub struct ServedState {
     pub pin: Option<PinRecord>,
     /// The newest job of any kind.
     pub latest_job: Option<(String, JobStatus)>,
+    /// The states at the newest sample that was looked at, JSON, and the revision by whose parameters they
+    /// were found.
+    pub state: Option<(i64, String)>,
 }
 
 /// A revision.
@@ -132,6 +135,8 @@ row! {
         pinned_at: Option<i64>,
         latest_job: Option<String>,
         latest_state: Option<String>,
+        state_revision: Option<i64>,
+        state: Option<String>,
     }
 }
 
@@ -141,12 +146,13 @@ const STANDING: &str = "SELECT s.system, s.model, s.document, \
     f.reason, f.job AS failed_job, f.fit AS refused_fit, f.failed_checks, f.since_at, \
     d.description AS degradation, d.since_at AS degraded_at, p.reason AS pin_reason, p.since_at AS \
     pinned_at, \
-    j.id AS latest_job, j.state AS latest_state \
+    j.id AS latest_job, j.state AS latest_state, n.revision AS state_revision, n.document AS state \
     FROM systems s \
     LEFT JOIN revisions r ON r.system = s.system AND r.current \
     LEFT JOIN fallbacks f ON f.system = s.system \
     LEFT JOIN degradations d ON d.system = s.system AND d.revision = r.revision \
     LEFT JOIN pins p ON p.system = s.system \
+    LEFT JOIN states n ON n.system = s.system \
     LEFT JOIN jobs j ON j.sequence = (SELECT MAX(sequence) FROM jobs WHERE jobs.system = s.system) \
     WHERE $1 IS NULL OR s.system = $1";
 
@@ -211,6 +217,7 @@ impl Row {
                 .map(|(reason, at)| Ok::<_, StoreError>(PinRecord { reason, since: instant(at)? }))
                 .transpose()?,
             latest_job,
+            state: self.state_revision.zip(self.state),
         })
     }
 }
@@ -234,19 +241,6 @@ pub async fn standings(store: &Store) -> Result<Vec<ServedState>, StoreError> {
     let rows: Vec<Row> = sqlx::query_as(STANDING).bind(None::<String>).fetch_all(&store.reader).await?;
     store.require_files()?;
     rows.into_iter().map(Row::standing).collect()
-}
-
-/// The filtered states of a system and the revision by whose parameters they were found.
-///
-/// # Errors
-/// Where the database fails.
-pub async fn state(store: &Store, system: &SystemId) -> Result<Option<(i64, serde_json::Value)>, StoreError> {
-    let row: Option<(i64, String)> =
-        sqlx::query_as("SELECT revision, document FROM states WHERE system = $1")
-            .bind(system.to_string())
-            .fetch_optional(&store.reader)
-            .await?;
-    row.map(|(revision, document)| Ok((revision, from_json("a state", &document)?))).transpose()
 }
 
 /// Notes why the newest attempt changed nothing. `since` stays that of the first attempt in a row.
@@ -289,6 +283,27 @@ pub(super) async fn keep_state(
                ON CONFLICT (system) DO UPDATE SET revision = excluded.revision, document = excluded.document";
     sqlx::query(sql).bind(system).bind(to_json("a state", state)?).execute(tx).await?;
     Ok(())
+}
+
+/// Keeps newer states of a revision, if it is in service still.
+///
+/// # Errors
+/// Where the database fails.
+pub async fn keep_newer_state(
+    store: &Store,
+    system: &SystemId,
+    revision: i64,
+    state: &CurrentState,
+) -> Result<(), StoreError> {
+    let mut tx = store.write().await?;
+    let sql = "UPDATE states SET document = $3 WHERE system = $1 AND revision = $2";
+    sqlx::query(sql)
+        .bind(system.to_string())
+        .bind(revision)
+        .bind(to_json("a state", state)?)
+        .execute(&mut *tx)
+        .await?;
+    tx.commit().await
 }
 
 #[cfg(test)]

@@ -2,8 +2,9 @@
 //! waits for long.
 //!
 //! What was ever served stays, with the fits and jobs behind it and the windows that those fits have read. So
-//! do the newest job, diagnosis and ladder of a system, whatever waits for an operator, and the newest batch
-//! of a schedule. What diagnoses saw of every effect (`evidence`) stays as long as its system.
+//! do the newest job, diagnosis and ladder of a system, its newest offer while that waits for an operator,
+//! and the newest batch of a schedule. What diagnoses saw of every effect (`evidence`) stays as long as its
+//! system.
 
 use super::database::Store;
 use super::error::StoreError;
@@ -21,8 +22,10 @@ const DISPENSABLE_JOBS: &str = "SELECT j.sequence, j.id FROM jobs j \
     AND NOT EXISTS (SELECT 1 FROM revisions r WHERE r.job = j.id) \
     AND NOT EXISTS (SELECT 1 FROM revisions r WHERE r.fit = j.fit) \
     AND NOT EXISTS (SELECT 1 FROM fallbacks f WHERE f.system = j.system AND (f.job = j.id OR f.fit = j.fit)) \
-    AND NOT EXISTS (SELECT 1 FROM offers o WHERE o.fit = j.fit AND o.fit NOT IN (SELECT d.fit FROM decisions \
-    d WHERE d.fit = o.fit)) \
+    AND NOT (EXISTS (SELECT 1 FROM offers o WHERE o.fit = j.fit) \
+    AND NOT EXISTS (SELECT 1 FROM decisions d WHERE d.fit = j.fit) \
+    AND NOT EXISTS (SELECT 1 FROM jobs n JOIN offers o ON o.fit = n.fit WHERE n.system = j.system AND \
+    n.sequence > j.sequence)) \
     AND NOT EXISTS (SELECT 1 FROM jobs again WHERE again.retry_of = j.id) \
     AND NOT EXISTS (SELECT 1 FROM batch_jobs b JOIN schedules s ON s.last_batch = b.batch WHERE b.job = \
     j.id) \
@@ -53,6 +56,7 @@ const DISPENSABLE_WINDOWS: &str = "SELECT w.sequence, w.id FROM windows w \
     OR NOT EXISTS (SELECT 1 FROM window_blocks b JOIN days d ON d.system = w.system \
     AND d.channel = b.channel AND d.day BETWEEN w.from_s / 86400 - 1 AND w.to_s / 86400, \
     json_each(d.owners) o WHERE b.window = w.id AND o.value ->> 0 = w.sequence)) \
+    AND NOT EXISTS (SELECT 1 FROM samples s WHERE s.window = w.id) \
     AND NOT EXISTS (SELECT 1 FROM fit_windows c JOIN fits f ON f.id = c.fit WHERE c.window = w.id \
     AND f.verdict <> 'rejected') ORDER BY w.sequence LIMIT $4";
 

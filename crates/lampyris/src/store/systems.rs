@@ -7,19 +7,22 @@ use super::reach::SystemScope;
 use super::revisions::retire;
 use super::row::row;
 use super::value::{instant, millis, parse};
-use super::windows::readers;
+use super::windows::{readers, reads};
 use jiff::Timestamp;
 use lampyris_core::data::SystemId;
 use lampyris_core::model::ModelId;
 use sqlx::SqliteConnection;
+
+/// Stands in the column of the model where a system has none; no model has this name.
+const NO_MODEL: &str = "";
 
 /// A system as it is kept.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SystemRecord {
     /// Its name.
     pub system: SystemId,
-    /// The model whose fits count.
-    pub model: ModelId,
+    /// The model whose fits count; `None` of a site that only holds measurements.
+    pub model: Option<ModelId>,
     /// The document, JSON.
     pub document: String,
     /// When it was made.
@@ -105,7 +108,10 @@ impl Row {
     fn record(self) -> Result<SystemRecord, StoreError> {
         Ok(SystemRecord {
             system: parse("a system", &self.system)?,
-            model: parse("a model", &self.model)?,
+            model: match self.model.as_str() {
+                NO_MODEL => None,
+                model => Some(parse("a model", model)?),
+            },
             document: self.document,
             created_at: instant(self.created_at)?,
             updated_at: instant(self.updated_at)?,
@@ -120,7 +126,7 @@ impl Row {
 pub async fn put(
     store: &Store,
     system: &SystemId,
-    model: &ModelId,
+    model: Option<&ModelId>,
     document: &str,
     (who, now): (&str, Timestamp),
     allows: impl FnOnce(Option<&str>) -> bool,
@@ -138,7 +144,7 @@ pub async fn put(
         = excluded.updated_at";
     sqlx::query(sql)
         .bind(system.to_string())
-        .bind(model.to_string())
+        .bind(model.map_or_else(|| NO_MODEL.to_owned(), ToString::to_string))
         .bind(document)
         .bind(millis(now))
         .execute(&mut *tx)
@@ -188,7 +194,7 @@ pub(super) async fn take_method(
 
 /// Everything that belongs to a system, in an order that the keys allow. Fits of other systems lose what they
 /// cite of it; batches and schedules stay.
-const BELONGINGS: [&str; 20] = [
+const BELONGINGS: [&str; 23] = [
     "DELETE FROM idempotency WHERE resource IN (SELECT id FROM jobs WHERE system = $1 UNION SELECT id FROM \
     windows WHERE system = $1)",
     "DELETE FROM fallbacks WHERE system = $1",
@@ -206,9 +212,12 @@ const BELONGINGS: [&str; 20] = [
     "DELETE FROM fits WHERE system = $1",
     "DELETE FROM batch_jobs WHERE job IN (SELECT id FROM jobs WHERE system = $1)",
     "DELETE FROM jobs WHERE system = $1",
+    "DELETE FROM samples WHERE system = $1",
     "DELETE FROM days WHERE system = $1",
     "DELETE FROM measured WHERE system = $1",
     "DELETE FROM windows WHERE system = $1",
+    "DELETE FROM forecast_inputs WHERE system = $1",
+    "DELETE FROM said_forecasts WHERE system = $1",
     "DELETE FROM systems WHERE system = $1",
 ];
 
@@ -263,11 +272,12 @@ async fn needs(tx: &mut SqliteConnection, system: &str) -> Result<Needs, StoreEr
     let count = "SELECT (SELECT COUNT(*) FROM fits WHERE system = $1), (SELECT COUNT(*) FROM revisions WHERE \
         system = $1)";
     let (fits, revisions) = sqlx::query_as(count).bind(system).fetch_one(&mut *tx).await?;
-    let sql = "SELECT s.system FROM systems s WHERE s.system <> $1 AND ( \
-        $1 IN (SELECT value FROM json_each(s.document, '$.neighbours')) \
-        OR EXISTS (SELECT 1 FROM fits f JOIN fit_windows c ON c.fit = f.id JOIN windows w ON w.id = c.window \
-        WHERE f.system = s.system AND w.system = $1)) \
-        ORDER BY s.system";
+    let sql = concat!(
+        "SELECT s.system FROM systems s WHERE s.system <> $1 AND (",
+        reads!(),
+        " OR EXISTS (SELECT 1 FROM fits f JOIN fit_windows c ON c.fit = f.id JOIN windows w ON w.id = c.window \
+        WHERE f.system = s.system AND w.system = $1)) ORDER BY s.system"
+    );
     let dependents = sqlx::query_scalar(sql).bind(system).fetch_all(tx).await?;
     Ok(Needs { fits, revisions, dependents })
 }

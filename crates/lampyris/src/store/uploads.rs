@@ -7,7 +7,7 @@ use super::idempotency::{KeyState, RequestKey, look_up, remember};
 use super::sequence::next;
 use super::shares::{self, PackedShare};
 use super::value::millis;
-use super::windows::{self, Rebuilt, WindowRecord, WindowRow};
+use super::windows::{self, Rebuilt, WindowRecord, WindowRow, shares_of};
 use jiff::Timestamp;
 use lampyris_core::data::SystemId;
 use sqlx::SqliteConnection;
@@ -106,12 +106,6 @@ pub async fn find(
         newest: newest.map(|(shares, newest)| (newest, shares)),
         days: days::read_in(&mut tx, &name, (from, span.1), Some(channels)).await?,
     })
-}
-
-async fn shares_of(tx: &mut SqliteConnection, window: &str) -> Result<Vec<PackedShare>, StoreError> {
-    let sql = "SELECT channel, block, repeats FROM window_blocks WHERE window = $1 ORDER BY channel";
-    let rows: Vec<(String, Option<Vec<u8>>, String)> = sqlx::query_as(sql).bind(window).fetch_all(tx).await?;
-    Ok(rows.into_iter().map(PackedShare::from_row).collect())
 }
 
 /// Remembers the key of an upload that changed nothing.

@@ -184,6 +184,16 @@ pub async fn stack(store: &Store, window: &WindowRecord, span: (i64, i64)) -> Re
     Ok(Stack { version, windows })
 }
 
+/// What a window gave, by channel.
+pub(super) async fn shares_of(
+    tx: &mut SqliteConnection,
+    window: &str,
+) -> Result<Vec<PackedShare>, StoreError> {
+    let sql = "SELECT channel, block, repeats FROM window_blocks WHERE window = $1 ORDER BY channel";
+    let rows: Vec<(String, Option<Vec<u8>>, String)> = sqlx::query_as(sql).bind(window).fetch_all(tx).await?;
+    Ok(rows.into_iter().map(PackedShare::from_row).collect())
+}
+
 /// What keeps a window from being deleted, if anything does: fits that cite it, or running jobs that may be
 /// reading it.
 ///
@@ -265,12 +275,23 @@ impl Rebuilt {
     }
 }
 
-/// The running jobs that may read the measurements of a system: its own, and those of systems that name it as
-/// a neighbour.
+/// Whether the system `s` reads measurements of `$1`: it names it as a neighbour, or binds a channel to it.
+macro_rules! reads {
+    () => {
+        "($1 IN (SELECT value FROM json_each(s.document, '$.neighbours')) OR EXISTS (SELECT 1 FROM \
+        json_each(s.document, '$.channels') c WHERE substr(c.value, 1, length($1) + 1) = $1 || ':'))"
+    };
+}
+pub(super) use reads;
+
+/// The running jobs that may read the measurements of a system: its own, and those of systems that read it.
 pub(super) async fn readers(tx: &mut SqliteConnection, system: &str) -> Result<Vec<String>, StoreError> {
-    let sql = "SELECT j.id FROM jobs j JOIN systems s ON s.system = j.system WHERE j.state = 'running' \
-        AND (s.system = $1 OR $1 IN (SELECT value FROM json_each(s.document, '$.neighbours'))) ORDER BY \
-        j.sequence";
+    let sql = concat!(
+        "SELECT j.id FROM jobs j JOIN systems s ON s.system = j.system WHERE j.state = 'running' AND (s.system \
+        = $1 OR ",
+        reads!(),
+        ") ORDER BY j.sequence"
+    );
     Ok(sqlx::query_scalar(sql).bind(system).fetch_all(tx).await?)
 }
 
@@ -284,15 +305,20 @@ pub async fn cited(store: &Store, fit: &str) -> Result<Vec<String>, StoreError> 
     Ok(sqlx::query_scalar(sql).bind(fit).fetch_all(&store.reader).await?)
 }
 
-/// The unit of a channel in the newest window that has it, `None` where no window has.
+/// A unit that a channel has in the measurements of a system, `None` where there are none of it.
 ///
 /// # Errors
 /// Where the database fails.
 pub async fn unit(store: &Store, system: &SystemId, channel: &str) -> Result<Option<String>, StoreError> {
-    let sql = "SELECT (SELECT value ->> '$.unit' FROM json_each(w.report, '$.channels') WHERE key = $2)
-               FROM windows w JOIN window_blocks b ON b.window = w.id AND b.channel = $2
-               WHERE w.system = $1 ORDER BY w.sequence DESC LIMIT 1";
-    let unit: Option<Option<String>> =
-        sqlx::query_scalar(sql).bind(system.to_string()).bind(channel).fetch_optional(&store.reader).await?;
-    Ok(unit.flatten())
+    unit_in(&mut *store.reader.acquire().await?, &system.to_string(), channel).await
+}
+
+pub(super) async fn unit_in(
+    connection: &mut SqliteConnection,
+    system: &str,
+    channel: &str,
+) -> Result<Option<String>, StoreError> {
+    let sql = "SELECT COALESCE((SELECT unit FROM days WHERE system = $1 AND channel = $2 LIMIT 1), (SELECT \
+        r.value ->> 1 FROM samples s, json_each(s.rows) r WHERE s.system = $1 AND r.value ->> 0 = $2 LIMIT 1))";
+    Ok(sqlx::query_scalar(sql).bind(system).bind(channel).fetch_one(connection).await?)
 }

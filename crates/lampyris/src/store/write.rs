@@ -10,7 +10,7 @@ use super::changes::{Changes, touched};
 use super::error::StoreError;
 use super::files::Files;
 use sqlx::sqlite::SqlitePool;
-use sqlx::{Connection, Sqlite, SqliteConnection, Transaction};
+use sqlx::{AssertSqlSafe, Connection, Sqlite, SqliteConnection, Transaction};
 use std::ops::{Deref, DerefMut};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
@@ -86,6 +86,8 @@ struct Known {
     files: Option<Files>,
     /// When something was last committed.
     committed: Option<Instant>,
+    /// How many rows the writer had changed by then.
+    changed: i64,
 }
 
 /// What is known of a database, which its transactions share.
@@ -286,11 +288,25 @@ impl Write {
 
     /// Commits, and tells of which systems. What comes back ends when that was followed.
     async fn end(mut self) -> Result<Option<oneshot::Receiver<()>>, StoreError> {
+        self.mark().await.inspect_err(|error| self.open.writing.note_error(error))?;
         let touched = touched(&mut self.tx).await.inspect_err(|error| self.open.writing.note_error(error))?;
         self.open.is_known = true;
         let committed = self.tx.commit().await;
         self.open.writing.ended(committed)?;
         Ok(self.changes.tell(touched))
+    }
+
+    /// Counts the commit in the header of the database, which SQLite does not while there is a log: by that
+    /// `files` tells an older copy of the file.
+    async fn mark(&mut self) -> Result<(), StoreError> {
+        let changed: i64 = sqlx::query_scalar("SELECT total_changes()").fetch_one(&mut *self.tx).await?;
+        let before = std::mem::replace(&mut self.open.writing.known().changed, changed);
+        if changed != before {
+            let count: i32 = sqlx::query_scalar("PRAGMA user_version").fetch_one(&mut *self.tx).await?;
+            let next = format!("PRAGMA user_version = {}", count.wrapping_add(1));
+            sqlx::query(AssertSqlSafe(next)).persistent(false).execute(&mut *self.tx).await?;
+        }
+        Ok(())
     }
 
     /// Ends it without a trace, as planned.

@@ -94,8 +94,12 @@ fn all_listeners_hear_the_same_and_a_filter_leaves_others_out() {
     let own: Vec<Told> = own.collect();
     assert!(own.len() > 4, "{:?}", names(&own));
     assert_eq!(said(&own), said(&slow.collect::<Vec<_>>()));
-    assert_eq!(said(&own), said(&one.until(is_end)));
-    assert_eq!(said(&own), said(&all.until(is_end)));
+    for stream in [&mut one, &mut all] {
+        let mut told = stream.until(is_end);
+        // What is served is no event of a job.
+        told.retain(|told| !["params", "state"].contains(&told.event.as_str()));
+        assert_eq!(said(&own), said(&told));
+    }
     let second = app.estimate("room/2", json!({}));
     assert!(other.until(is_end).iter().chain(&all.until(is_end)).all(|told| told.data["system"] == "room/2"));
     assert_eq!(app.ended(&second)["state"], "succeeded");

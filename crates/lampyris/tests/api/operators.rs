@@ -58,7 +58,7 @@ fn a_suggested_fit_is_served_on_an_operators_word() {
         (past.len(), &past[0]["cause"], &past[0]["reason"]),
         (1, &json!("promoted"), &json!("looks right"))
     );
-    assert!(app.get("/systems/room/1/state").expect(200).json()["T_e"].is_number());
+    assert!(app.get("/systems/room/1/state").expect(200).json()["states"]["T_e"].is_number());
 }
 
 #[test]

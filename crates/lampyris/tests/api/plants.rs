@@ -96,7 +96,7 @@ fn a_plant_is_estimated_judged_and_served_as_a_room_is() {
         (&json!(true), &json!({}), &json!(1)),
         "{state}"
     );
-    assert!(state["S_NH[aerobic]"].as_f64().unwrap() > 0.0);
+    assert!(state["states"]["S_NH[aerobic]"].as_f64().unwrap() > 0.0);
 
     // An analyser that hangs: the parameters stay, and it is said why.
     app.csv(windows, &hanging(&days(&plant, 0, 4))).expect(201);

@@ -38,11 +38,16 @@ fn what_is_old_and_named_by_nothing_goes_and_the_rest_stays() {
     let refused = app.ended(&app.estimate("room/1", json!({})));
     assert_eq!(refused["outcome"], "rejected");
     let newest = id(&experiment(4));
-    // Suggested: it waits for an operator.
+    // Suggested: the newest waits for an operator, who would not go back to an older one.
     app.room("2", 2);
     app.json("PUT", "/systems/room/2", &json!({"model": "rc2", "policy": {"mode": "suggest"}})).expect(200);
-    let suggested = app.ended(&app.estimate("room/2", json!({})));
-    assert_eq!(suggested["outcome"], "suggested");
+    let suggest = |seed: u64| {
+        let method = json!({"name": "lm_multistart", "seed": seed});
+        let ended = app.ended(&app.estimate("room/2", json!({"method": method})));
+        assert_eq!(ended["outcome"], "suggested");
+        ended
+    };
+    let (earlier, suggested) = (suggest(5), suggest(6));
     let after = id(&app.ended(&app.estimate("room/2", json!({"experiment": true}))));
     let params = app.get("/params/room/1").expect(200).text;
 
@@ -53,21 +58,22 @@ fn what_is_old_and_named_by_nothing_goes_and_the_rest_stays() {
         &again,
         &id(&refused),
         &newest,
+        &id(&earlier),
         &id(&suggested),
         &after,
     ];
     assert_eq!(later(&app, 29), Forgotten::default(), "nothing is old yet");
-    assert_eq!(statuses(&app, &jobs), [200; 8]);
-    assert_eq!(later(&app, 2).jobs, 2);
+    assert_eq!(statuses(&app, &jobs), [200; 9]);
+    assert_eq!(later(&app, 2).jobs, 3);
     assert_eq!(
         statuses(&app, &jobs),
-        [200, 404, 200, 404, 200, 200, 200, 200],
+        [200, 404, 200, 404, 200, 200, 404, 200, 200],
         "the one that was repeated waits for its repetition"
     );
     app.get(&format!("/fits/{}", idle["fit"].as_str().unwrap())).problem(404, "fit-not-found");
     assert_eq!(later(&app, 1).jobs, 1);
     assert_eq!(later(&app, 1), Forgotten::default());
-    assert_eq!(statuses(&app, &jobs), [200, 404, 404, 404, 200, 200, 200, 200]);
+    assert_eq!(statuses(&app, &jobs), [200, 404, 404, 404, 200, 200, 404, 200, 200]);
 
     // What is served is served, explained and decided as before.
     let now = app.get("/params/room/1").expect(200).json();

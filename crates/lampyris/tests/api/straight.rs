@@ -60,8 +60,8 @@ fn a_window_becomes_served_parameters() {
 
     let state = app.get("/systems/room/4/state").expect(200).json();
     assert!(
-        state["T_r"].is_f64()
-            && state["T_e"].is_f64()
+        state["states"]["T_r"].is_f64()
+            && state["states"]["T_e"].is_f64()
             && state["sd"]["T_r"].is_f64()
             && state["at"].is_string(),
         "{state}"

@@ -1,6 +1,8 @@
 //! Database files, asked without the service.
 
+use crate::support::PATIENCE;
 use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
 
 /// Asks the database itself, with the service down.
 #[track_caller]
@@ -23,6 +25,27 @@ pub fn rows(path: &Path, sql: &'static str) -> Vec<String> {
         connection.close().await.unwrap();
         rows
     })
+}
+
+/// Folds the log of a database that a service has open into it, all of it: it waits for whoever reads.
+pub fn fold(path: &Path) {
+    use sqlx::{Connection, SqliteConnection};
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+    runtime.block_on(async {
+        let mut connection =
+            SqliteConnection::connect(&format!("sqlite://{}", path.display())).await.unwrap();
+        let begun = Instant::now();
+        loop {
+            let (_, log, folded): (i64, i64, i64) =
+                sqlx::query_as("PRAGMA wal_checkpoint(PASSIVE)").fetch_one(&mut connection).await.unwrap();
+            if log == folded {
+                break;
+            }
+            assert!(begun.elapsed() < PATIENCE, "{folded} of {log} frames are folded");
+            std::thread::sleep(Duration::from_millis(10));
+        }
+        connection.close().await.unwrap();
+    });
 }
 
 /// Copies what a dead service has left, log and all, so that a look at the copy leaves the recovery to the

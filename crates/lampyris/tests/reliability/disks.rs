@@ -2,7 +2,7 @@
 //!
 //! `shim.c` is such a disk, preloaded into the built service.
 
-use crate::database::{check_database, copied, random, rows};
+use crate::database::{beside, check_database, copied, random, rows};
 use crate::support::process::{Process, program};
 use crate::support::rooms::room_csv;
 use crate::support::{Answer, Client, PATIENCE, endless, full, quick};
@@ -319,6 +319,40 @@ fn a_start_on_a_disk_that_takes_no_writes_serves_what_was_published() {
         service.kill();
         check_database(&copied(&database));
     }
+}
+
+#[test]
+fn whichever_write_of_a_start_finds_no_room_the_service_serves() {
+    let dir = tempfile::tempdir().unwrap();
+    let Some(disk) = Disk::build(dir.path(), "IO-4") else { return };
+    let sound = disk.folder.join("sound.db");
+    let service = Process::start(&sound);
+    prepare(&service.client);
+    // A job that runs at the end of its process is to be begun again, which is written too.
+    let job = service.client.post_job(&endless("room/1"));
+    service.client.until(&format!("/jobs/{job}"), |job| job["state"] == "running");
+    let served = service.client.get("/params/room/1").expect(200).text;
+    service.kill();
+    let mut read_only = 0;
+    for first in (1..).step_by(if full() { 1 } else { 4 }) {
+        let database = disk.folder.join(format!("{first}.db"));
+        for name in ["", "-wal"] {
+            fs::copy(beside(&sound, name), beside(&database, name)).unwrap();
+        }
+        let service = disk.start(&database, &[("DISK_FULL_FROM", &first.to_string())]);
+        let service = service.unwrap_or_else(|| panic!("no room from call {first} on: {}", disk.log()));
+        assert_eq!(service.client.get("/params/room/1").expect(200).text, served, "from call {first} on");
+        let ready = service.client.get("/readyz").json();
+        if ready["database"] != "read-only" {
+            // It had started by then.
+            println!("IO-4: of the first {first} calls of a start {read_only} were tried without room");
+            break;
+        }
+        read_only += 1;
+        service.kill();
+        fs::remove_file(&database).unwrap();
+    }
+    assert!(read_only >= 10, "{read_only} starts found no room");
 }
 
 #[test]

@@ -1,7 +1,7 @@
 //! Files that go away under a running service, and second services by whatever name: what is acknowledged is
 //! in the file that is at the path.
 
-use crate::database::{beside, check_database, rows};
+use crate::database::{beside, check_database, fold, rows};
 use crate::support::process::{Process, Said, program, serve, verb};
 use crate::support::rooms::room_csv;
 use crate::support::{Answer, Client, PATIENCE};
@@ -239,4 +239,74 @@ fn no_second_service_has_the_database_by_another_name() {
     let mut command = program();
     command.args(["migrate", "--database"]).arg(&link);
     assert!(command.status().unwrap().success());
+}
+
+#[test]
+fn an_older_copy_of_the_database_alone_is_not_taken_for_it() {
+    let dir = tempfile::tempdir().unwrap();
+    let database = sound(dir.path());
+    let before = beside(&database, ".before");
+    let service = Process::start(&database);
+    windows(&service.client, 100..110);
+    // What is copied and what comes after it is in the file, and the file has the same size.
+    fold(&database);
+    fs::copy(&database, &before).unwrap();
+    service.client.json("PUT", "/params/room/1/pin", &json!({"reason": "a visit"})).expect(200);
+    fold(&database);
+    // The service has seen that by its next look, once a second or here: it was not it that has folded.
+    service.client.get("/readyz").expect(200);
+    let served = service.client.get("/params/room/1").expect(200).text;
+    let older = fs::read(&before).unwrap();
+    assert_eq!(older.len() as u64, fs::metadata(&database).unwrap().len());
+    std::os::unix::fs::FileExt::write_all_at(
+        &File::options().write(true).open(&database).unwrap(),
+        &older,
+        0,
+    )
+    .unwrap();
+    let refused = service.client.json("PUT", "/systems/room/9", &json!({"model": "rc2"}));
+    refused.problem(503, "storage-read-only");
+    let ready = service.client.get("/readyz").expect(503).json();
+    assert!(ready["why"].as_str().unwrap().contains("overwritten by an older one"), "{ready}");
+    assert_eq!(service.client.get("/params/room/1").expect(200).text, served);
+}
+
+#[test]
+fn verbs_and_refused_starts_leave_the_log_of_another_database() {
+    let dir = tempfile::tempdir().unwrap();
+    let database = sound(dir.path());
+    let damaged = dir.path().join("damaged.db");
+    let mut bytes = fs::read(&database).unwrap();
+    let length = bytes.len();
+    // The roots of its tables.
+    bytes[4096..length / 2].fill(7);
+    fs::write(&damaged, bytes).unwrap();
+    let service = Process::start(&database);
+    let taken = windows(&service.client, 100..110);
+    service.kill();
+    let (log, kept) = (beside(&database, "-wal"), dir.path().join("kept.db"));
+    fs::copy(&database, &kept).unwrap();
+    let whole = fs::read(&log).unwrap();
+    for (what, other) in [("empty", Vec::new()), ("damaged", fs::read(&damaged).unwrap())] {
+        fs::write(&database, &other).unwrap();
+        for verb in ["serve", "doctor", "migrate", "backup", "token"] {
+            let mut command = program();
+            match verb {
+                "serve" => command.args(["serve", "--bind", "127.0.0.1:0", "--database"]).arg(&database),
+                "backup" => {
+                    command.arg("backup").arg(dir.path().join("no.db")).arg("--database").arg(&database)
+                }
+                "token" => command.args(["token", "list", "--database"]).arg(&database),
+                verb => command.args([verb, "--database"]).arg(&database),
+            };
+            let said = command.output().unwrap();
+            assert!(!said.status.success(), "{verb} of {what}: {said:?}");
+            assert!(fs::read(&log).is_ok_and(|now| now == whole), "{verb} of {what} took the log away");
+        }
+    }
+    fs::copy(&kept, &database).unwrap();
+    let service = Process::start(&database);
+    for id in &taken {
+        service.client.get(&format!("/windows/{id}")).expect(200);
+    }
 }

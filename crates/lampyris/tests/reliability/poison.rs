@@ -6,24 +6,22 @@ use crate::support::{Client, PATIENCE, endless, full, lasting, quick};
 use jiff::{SignedDuration, Timestamp};
 use serde_json::{Value, json};
 use std::collections::BTreeSet;
+use std::process::{Child, Command};
 use std::time::{Duration, Instant};
 
 /// The rooms that go wrong.
 const BAD: [&str; 7] = ["void", "divergent", "panic", "stiff", "stall", "huge", "flat"];
 
-/// What every room is asked for: little, but all the steps of an estimate.
-fn batch() -> Value {
-    let mut body = quick("room/*");
+/// What every room is asked for: little, but all the steps of an estimate. Where times are compared they
+/// take as long as they may in a night.
+fn asked(wall: Option<u64>) -> Value {
+    let mut body = quick("room/1");
     let fields = body.as_object_mut().unwrap();
-    fields.shift_remove("system");
-    fields.insert("kind".to_owned(), json!("recalibrate"));
-    fields.insert("systems".to_owned(), json!(["room/*"]));
-    // The wall time is what ends the job that comes to no end by itself. Where times are compared the others
-    // take as long as they may in a night: a good part of a second.
-    fields.insert(
-        "budget".to_owned(),
-        json!({"evaluations": if full() { 20_000 } else { 2_000 }, "wall": "PT2S"}),
-    );
+    let mut budget = json!({"evaluations": if full() { 20_000 } else { 2_000 }});
+    if let Some(seconds) = wall {
+        budget["wall"] = json!(format!("PT{seconds}S"));
+    }
+    fields.insert("budget".to_owned(), budget);
     if full() {
         fields
             .insert("method".to_owned(), json!({"name": "cfa_thesis", "seed": 1, "generations": 1_000_000}));
@@ -31,9 +29,34 @@ fn batch() -> Value {
     body
 }
 
+/// The wall time of the jobs of a night, which is what ends the one that comes to no end by itself, and no
+/// other: they have several times what one needs on this machine as busy as it is.
+fn wall(client: &Client) -> u64 {
+    if !full() {
+        return 2;
+    }
+    let mut body = asked(None);
+    body["experiment"] = json!(true);
+    let jobs = ["room/1", "room/2", "room/3", "room/4"].map(|system| {
+        body["system"] = json!(system);
+        client.post_job(&body)
+    });
+    let took = jobs.map(|job| {
+        let job = client.ended(&job);
+        let at = |field: &str| job[field].as_str().unwrap().parse::<Timestamp>().unwrap();
+        at("ended_at").duration_since(at("started_at")).as_secs_f64()
+    });
+    (8.0 * took.into_iter().fold(1.0, f64::max)).min(120.0) as u64
+}
+
 /// Runs a night to its end: the report, and the seconds from the first start to the last end.
 fn night(client: &Client) -> (Value, f64) {
-    let answer = client.json("POST", "/jobs", &batch()).expect(202);
+    let mut batch = asked(Some(wall(client)));
+    let fields = batch.as_object_mut().unwrap();
+    fields.shift_remove("system");
+    fields.insert("kind".to_owned(), json!("recalibrate"));
+    fields.insert("systems".to_owned(), json!(["room/*"]));
+    let answer = client.json("POST", "/jobs", &batch).expect(202);
     let begun = Instant::now();
     let report = loop {
         let report = client.get(answer.header("location")).expect(200).json();
@@ -51,6 +74,32 @@ fn night(client: &Client) -> (Value, f64) {
     let (first, last) =
         (instants("started_at").into_iter().min().unwrap(), instants("ended_at").into_iter().max().unwrap());
     (report, last.duration_since(first).as_secs_f64())
+}
+
+/// Somebody else who is as nice as the jobs and takes what he gets: how much a night has left him says how
+/// long it was, whatever else this machine did meanwhile.
+struct Fellow(Child);
+
+impl Fellow {
+    fn start() -> Self {
+        let mut command = Command::new("nice");
+        Self(command.args(["-n", "19", "sh", "-c", "while :; do :; done"]).spawn().unwrap())
+    }
+
+    /// The processor time that he has had, in seconds.
+    fn worked(&self) -> f64 {
+        let text = std::fs::read_to_string(format!("/proc/{}/stat", self.0.id())).unwrap();
+        // Behind the name, which may hold anything: the state is the third field, user time the fourteenth.
+        let (_, fields) = text.rsplit_once(')').unwrap();
+        fields.split_whitespace().nth(11).unwrap().parse::<f64>().unwrap() / 100.0
+    }
+}
+
+impl Drop for Fellow {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
 }
 
 fn job(client: &Client, id: &Value) -> Value {
@@ -116,12 +165,17 @@ fn figure(metrics: &str, sample: &str) -> Option<f64> {
 fn seven_rooms_that_go_wrong_cost_the_others_nothing() {
     let good = if full() { 93 } else { 13 };
     let dir = tempfile::tempdir().unwrap();
+    // In the time of a night that is not compared he would only be in the way.
+    let fellow = full().then(Fellow::start);
+    let worked = || fellow.as_ref().map_or(0.0, Fellow::worked);
     let alone = |name: &str| -> f64 {
         let service = Process::start(&dir.path().join(name));
         good_rooms(&service.client, good);
+        let begun = worked();
         let (report, seconds) = night(&service.client);
         assert_eq!(report["counts"], json!({"accepted": good}), "{report}");
-        seconds
+        println!("Q-3: {seconds:.2} s for {good} rooms alone");
+        worked() - begun
     };
     let before = alone("before.db");
 
@@ -140,7 +194,9 @@ fn seven_rooms_that_go_wrong_cost_the_others_nothing() {
 
     let service = Process::start_with(&database, &[("LAMPYRIS_POISON", "room/panic:panic,room/stall:stall")]);
     let client = &service.client;
-    let (report, beside) = night(client);
+    let begun = worked();
+    let (report, seconds) = night(client);
+    let beside = worked() - begun;
     let names = |list: &Value| -> BTreeSet<String> {
         let name = |row: &Value| row.as_str().or(row["system"].as_str()).unwrap().to_owned();
         list.as_array().unwrap().iter().map(name).collect()
@@ -190,16 +246,14 @@ fn seven_rooms_that_go_wrong_cost_the_others_nothing() {
         assert!(reasons.insert(counted), "{id}: {job} gives a reason that another room gave, too");
     }
     let bad = BAD.len();
-    println!(
-        "Q-3: {good} published beside {bad} bad ones, {before:.2} s without those, {beside:.2} s with them"
-    );
+    println!("Q-3: {good} published beside {bad} bad ones in {seconds:.2} s");
     if full() {
         drop(service);
-        // Before and after: what else this machine does changes the time of a night by more than seven jobs
-        // do.
         let after = alone("after.db");
         let ratio = beside / before.max(after);
-        println!("Q-3: {after:.2} s without them once more, ratio {ratio:.3}");
+        println!(
+            "Q-3: ratio {ratio:.3}, by what a fellow got done: {before:.1}, {beside:.1} and {after:.1} s"
+        );
         assert!(ratio <= 1.15, "the bad rooms have cost the others {ratio}");
     }
 }

@@ -14,12 +14,17 @@ use std::time::{Duration, Instant};
 /// Rooms whose jobs keep both workers from the crowd until it is complete.
 const BLOCKERS: [&str; 2] = ["blocker-1", "blocker-2"];
 
-/// A service whose workers are both held up, with these rooms of one parameter each.
-fn blocked(database: &Path, limit: u64, rooms: &[String]) -> (Process, Vec<String>) {
+/// A service whose workers are both held up, with these rooms of one parameter each. So many jobs may wait in
+/// all and of one system.
+fn blocked(database: &Path, (limit, of_system): (u64, u64), rooms: &[String]) -> (Process, Vec<String>) {
     let poison = BLOCKERS.map(|room| format!("room/{room}:stall")).join(",");
     let service = Process::start_with(
         database,
-        &[("LAMPYRIS_POISON", &poison), ("LAMPYRIS_LIMITS_QUEUE", &limit.to_string())],
+        &[
+            ("LAMPYRIS_POISON", &poison),
+            ("LAMPYRIS_LIMITS_QUEUE", &limit.to_string()),
+            ("LAMPYRIS_LIMITS_QUEUE_PER_SYSTEM", &of_system.to_string()),
+        ],
     );
     let client = &service.client;
     BLOCKERS.iter().for_each(|room| client.room(room, 1));
@@ -80,7 +85,7 @@ fn a_crowd_is_taken_up_to_the_limit_and_every_job_of_it_is_done_once_in_order() 
     let limit: u64 = if full() { 10_000 } else { 500 };
     let dir = tempfile::tempdir().unwrap();
     let rooms: Vec<String> = (0..ROOMS).map(|room| room.to_string()).collect();
-    let (service, blockers) = blocked(&dir.path().join("crowd.db"), limit, &rooms);
+    let (service, blockers) = blocked(&dir.path().join("crowd.db"), (limit, limit), &rooms);
     let client = &service.client;
     let empty = service.status("VmRSS") << 10;
 
@@ -184,7 +189,8 @@ fn a_crowd_is_taken_up_to_the_limit_and_every_job_of_it_is_done_once_in_order() 
 fn a_room_with_one_job_waits_for_no_crowd_of_another() {
     let crowd: u64 = if full() { 9_000 } else { 200 };
     let dir = tempfile::tempdir().unwrap();
-    let (service, blockers) = blocked(&dir.path().join("fair.db"), 10_000, &["a".to_owned(), "b".to_owned()]);
+    let rooms = ["a".to_owned(), "b".to_owned()];
+    let (service, blockers) = blocked(&dir.path().join("fair.db"), (10_000, crowd), &rooms);
     let client = &service.client;
     std::thread::scope(|scope| {
         for part in 0..4 {
@@ -195,6 +201,8 @@ fn a_room_with_one_job_waits_for_no_crowd_of_another() {
             });
         }
     });
+    client.json("POST", "/jobs", &small("a", crowd)).problem(429, "queue-full");
+    client.json("POST", "/jobs", &small("a", 0)).expect(200);
     let one = client.post_job(&small("b", 0));
     assert_eq!(
         client.json("POST", "/jobs", &small("b", 0)).expect(200).json()["id"],
@@ -208,6 +216,34 @@ fn a_room_with_one_job_waits_for_no_crowd_of_another() {
     let before = running.iter().chain(&done).filter(|job| started(job) < one).count();
     assert!(before <= 2, "{before} jobs of the crowd went first");
     println!("Q-2: {before} of {crowd} jobs of the other room went first");
+}
+
+#[test]
+fn an_idle_worker_hears_of_a_job_while_another_works() {
+    let dir = tempfile::tempdir().unwrap();
+    let service = Process::start_with(&dir.path().join("idle.db"), &[("LAMPYRIS_WORKERS", "2")]);
+    let client = &service.client;
+    ["long", "short"].iter().for_each(|room| client.room(room, 1));
+    let mut waited = Vec::new();
+    for round in 0..4 {
+        let mut long = endless("room/long");
+        long["method"]["seed"] = json!(round);
+        let long = client.post_job(&long);
+        client.until(&format!("/jobs/{long}"), |job| job["state"] == "running");
+        // Until the other worker, which was told of the first one, has gone to sleep again.
+        std::thread::sleep(Duration::from_millis(300));
+        let posted = Instant::now();
+        let mut short = quick("room/short");
+        short["method"]["seed"] = json!(round);
+        let short = client.post_job(&short);
+        client.until(&format!("/jobs/{short}"), |job| job["state"] != "queued");
+        waited.push(posted.elapsed());
+        client.ended(&short);
+        client.post(&format!("/jobs/{long}/cancel")).expect(200);
+        client.ended(&long);
+    }
+    println!("Q-5: the second of two workers began after {waited:?}");
+    assert!(waited.iter().all(|waited| *waited < Duration::from_secs(3)), "{waited:?}");
 }
 
 /// A fit without what tells one run from another.

@@ -6,6 +6,7 @@
  *   DISK_DIES_AT=n    the power goes at the nth: what was not synced is lost, or stays, sector by sector and by chance
  *                     (DISK_SEED), and the process is no more.
  *   DISK_FULL_WHILE=f answers ENOSPC to writes for as long as there is a file of this name.
+ *   DISK_FULL_FROM=n  answers ENOSPC to writes from the nth call on.
  *   DISK_READ_ONLY=1  answers EROFS to whoever opens one of them for writing, makes or removes one.
  * DISK_TOLD names a file that is told at which call of which file it happened. Not modelled: names, such as an
  * unlink that was not synced, and what reaches files through memory maps (SQLite's -shm, which it makes anew).
@@ -118,7 +119,8 @@ static int fails(int fd, const char *call, const char *path) {
     long n = ++calls;
     if (n == number("DISK_DIES_AT")) die(call, path);
     const char *full = getenv("DISK_FULL_WHILE");
-    if (full && strcmp(call, "pwrite") == 0 && access(full, F_OK) == 0) {
+    int is_full = (full && access(full, F_OK) == 0) || (number("DISK_FULL_FROM") && n >= number("DISK_FULL_FROM"));
+    if (is_full && strcmp(call, "pwrite") == 0) {
         errno = ENOSPC;
         return 1;
     }

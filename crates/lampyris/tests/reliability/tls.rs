@@ -72,6 +72,14 @@ fn tokens_travel_under_a_certificate_that_is_renewed_while_the_service_runs() {
         std::thread::sleep(Duration::from_millis(50));
     }
     assert!(ask(&service, &first).code != Some(NOTHING), "the old certificate is still shown");
+    // Whoever opened a pipe would wait for ever.
+    std::fs::remove_file(&shown).unwrap();
+    assert!(std::process::Command::new("mkfifo").arg(&shown).status().unwrap().success());
+    for _ in 0..3 {
+        service.signal("HUP");
+        std::thread::sleep(Duration::from_millis(50));
+        ask(&service, &second).expect(NOTHING);
+    }
     assert_eq!(service.terminate().0, Some(0));
 }
 

@@ -19,6 +19,12 @@ const RELEASED: [(i64, &str); 2] = [(1, r#","degraded":null,"pin":null"#), (5, "
 /// measurement.
 const STALE_AFTER: [&str; 2] = ["2126-10-28T12:39:21.254Z", "2125-12-17T23:00:00Z"];
 
+/// The states that those databases hold, as they are told by now.
+const STATES: [&str; 1] = [concat!(
+    r#"{"at":"2026-01-10T23:00:00Z","states":{"T_r":9.51753423733371,"T_e":8.045134243154257},"#,
+    r#""sd":{"T_r":0.031512115491294866,"T_e":0.02669343293028649}}"#
+)];
+
 /// Makes a database of a released schema; gives its path, and the body that was served from it. Its age
 /// counts from the measurements by now.
 pub fn golden(dir: &Path, schema: i64) -> (PathBuf, String) {
@@ -65,6 +71,8 @@ fn what_a_released_program_served_is_served_after_the_upgrade() {
         let newest = told["to"].as_i64().unwrap();
         assert_eq!((told["from"].as_i64(), schema(&database)), (Some(released), newest), "{told}");
         check_database(&database);
+        let states = rows(&database, "SELECT document FROM states");
+        assert!(released < 5 || states == STATES, "{states:?}");
         // Later programs say more of what they serve, and change nothing of what was said.
         let expected = format!("{}{added}}}", body.strip_suffix('}').unwrap());
         let service = Process::start(&database);

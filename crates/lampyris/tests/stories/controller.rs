@@ -39,7 +39,7 @@ fn the_controller_polls_and_is_never_without_an_answer() {
     let state = service.get("/systems/room/4/state").expect(200).json();
     for name in ["T_r", "T_h", "T_e"] {
         assert!(
-            (5.0..50.0).contains(&state[name].as_f64().unwrap())
+            (5.0..50.0).contains(&state["states"][name].as_f64().unwrap())
                 && state["sd"][name].as_f64().unwrap() >= 0.0,
             "{state}"
         );

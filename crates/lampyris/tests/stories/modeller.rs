@@ -1,6 +1,7 @@
 //! The modeller: a document with faults, a document without, an effect, and two fits to compare.
 
-use crate::{Scene, request, twin_csv};
+use crate::support::process::verb;
+use crate::{Scene, request, shown, twin_csv};
 use serde_json::{Value, json};
 
 /// A room with a heated floor and an envelope, but without the sun: written by hand, with three slips.
@@ -50,6 +51,47 @@ fn mended() -> String {
 
 fn error(fit: &Value, part: &str) -> f64 {
     fit["metrics"]["T_room"][part].as_f64().unwrap()
+}
+
+#[test]
+fn a_document_is_fitted_without_a_server() {
+    let folder = tempfile::tempdir().unwrap();
+    let written = |name: &str, text: &str| {
+        let path = folder.path().join(name);
+        std::fs::write(&path, text).unwrap();
+        shown(&path)
+    };
+    let (csv, file) = (written("house.csv", &twin_csv(423)), written("sunless.toml", WITH_SLIPS));
+    let verb = |name: &str, more: &str| {
+        let line = format!("{name} {csv} --model {file} --neighbours 1,2 {more}");
+        verb("http://127.0.0.1:1", &line.split_whitespace().collect::<Vec<_>>())
+    };
+    // Every verb on measurements names all slips with their places, and the page about the language.
+    for name in ["fit", "diagnose", "ladder", "tune"] {
+        let faults = verb(name, "").expect(1).err;
+        for place in
+            ["/parameters/a_w: ", "/equations/T_r: line 1, column 19: ", "/equations/T_e: line 1, column "]
+        {
+            assert!(faults.contains(place), "{name}: {place} in {faults}");
+        }
+        assert!(faults.contains("did you mean `a_e`?"), "{faults}");
+        assert!(faults.contains("docs/reference/model-language.md"), "{faults}");
+    }
+    // Mended, it is a model like those of the catalogue, also for the effects that are added to it.
+    written("sunless.toml", &mended());
+    let search = "--method lm_multistart --evaluations 2000 --json";
+    let base: Value = serde_json::from_str(&verb("fit", search).out).unwrap();
+    let sunny: Value =
+        serde_json::from_str(&verb("fit", &format!("{search} --with solar_gain")).out).unwrap();
+    assert_eq!(
+        (base["model"].as_str(), sunny["model"].as_str()),
+        (Some("sunless"), Some("sunless+solar_gain"))
+    );
+    assert!(
+        sunny["parameters"]["c_solar"].is_object() && base["parameters"]["a_n[2]"].is_object(),
+        "{sunny}"
+    );
+    assert!(error(&sunny, "train_rmse") < error(&base, "train_rmse"));
 }
 
 #[test]

@@ -94,6 +94,11 @@ impl Client {
         Self { token: Some(token.to_owned()), ..self.clone() }
     }
 
+    /// The token that it shows.
+    pub fn secret(&self) -> &str {
+        self.token.as_deref().unwrap_or_default()
+    }
+
     /// Sends a request and leaves the body of the answer unread.
     fn open(
         &self,

@@ -7,14 +7,15 @@ use crate::estimate::problem::Problem;
 use crate::estimate::problem::predictor::Predictor;
 use crate::estimate::problem::whiten::stride;
 use crate::units::error_unit;
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Deserializer, Serialize};
 use std::ops::Range;
 
 /// Newer forecasts may err by this many times what they did on the validation data.
 const RATIO: f64 = 2.0;
 /// Below this much newer time nothing is said: one odd evening contradicts no model.
 const LEAST: i64 = 86_400;
-/// What a free run that leaves the numbers is said to err by, in the noise of the sensors.
+/// What a forecast that leaves the numbers is said to err by, in its unit: that of a free run is the noise of
+/// the sensors.
 const LOST: f64 = 1e6;
 /// Older measurements say nothing about now.
 const MOST: i64 = 7 * 86_400;
@@ -23,6 +24,7 @@ const MOST: i64 = 7 * 86_400;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Degradation {
     /// Root mean square of the errors: of forecasts, or of the free run of a model without a filter.
+    #[serde(deserialize_with = "lost_where_null")]
     pub error: f64,
     /// Twice that on the validation data, or twice the sensor's noise where that is more.
     pub limit: f64,
@@ -34,6 +36,11 @@ pub struct Degradation {
     pub from: String,
     /// Last instant.
     pub to: String,
+}
+
+/// An error that an earlier version has written although it was no number.
+fn lost_where_null<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
+    Ok(Option::deserialize(deserializer)?.unwrap_or(LOST))
 }
 
 /// What newer measurements say of a fit.
@@ -98,7 +105,6 @@ pub fn newer(problem: &Problem, fit: &Fit, run: &FilterRun, horizon: Duration) -
                 Some((problem.free_run_error(&trajectory, range.clone())?, least_samples(problem, range)))
             };
             let then = error(part(problem, validation));
-            // A document cannot hold what is no number.
             let lost = trajectory.diverged.then(|| (LOST, least_samples(problem, newer.clone())));
             (
                 FREE_RUN.to_owned(),
@@ -113,6 +119,8 @@ pub fn newer(problem: &Problem, fit: &Fit, run: &FilterRun, horizon: Duration) -
     if (samples as i64) * step < LEAST / 2 {
         return Newer::Silent;
     }
+    // A document cannot hold what is no number.
+    let now = now.min(LOST);
     let limit = RATIO * then.max(noise);
     if now <= limit {
         return Newer::Agree { error: now, horizon: name };

@@ -5,6 +5,7 @@ use crate::estimate::fit::{AheadError, Fit, OutputMetrics};
 use crate::estimate::problem::predictor::Predictor;
 use crate::estimate::problem::whiten::Ar;
 use crate::estimate::problem::{Problem, mean_square};
+use crate::model::{Model, Output};
 use crate::simulate::Trajectory;
 use crate::simulate::kalman::{Filtered, Noise};
 use crate::units::error_unit;
@@ -74,6 +75,8 @@ fn unfiltered(problem: &Problem, theta: &[f64]) -> FilterRun {
         deviations: vec![Vec::new(); samples],
         innovations: vec![vec![None; samples]; problem.model().outputs().len()],
         log_likelihood: 0.0,
+        covariance: Vec::new(),
+        reached: samples.saturating_sub(1),
     };
     FilterRun { filtered, process_noise: 0.0 }
 }
@@ -259,7 +262,6 @@ fn rho(problem: &Problem, trajectory: &Trajectory, output: usize) -> Option<f64>
 
 /// The states at the newest sample that a job has seen.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
-#[schema(as = StateAnswer)]
 pub struct CurrentState {
     /// The instant of the sample.
     #[schema(format = DateTime)]
@@ -270,10 +272,16 @@ pub struct CurrentState {
     #[schema(value_type = Option<bool>)]
     pub free_run: bool,
     /// The states by name, in the units of the model.
-    #[serde(flatten)]
     pub states: IndexMap<String, f64>,
     /// Standard deviations by state; empty for a free run, which has none.
     pub sd: IndexMap<String, f64>,
+    /// Their covariance, a row for each state in the order of `states`; empty for a free run.
+    #[serde(default)]
+    pub covariance: Vec<Vec<f64>>,
+    /// By output, what was measured there minus what the filter had expected of it a sample before; without
+    /// those that were not measured.
+    #[serde(default)]
+    pub innovation: IndexMap<String, f64>,
 }
 
 /// Filters the window with a fit's parameters and noise up to its newest sample.
@@ -281,25 +289,46 @@ pub fn current_state(problem: &Problem, fit: &Fit) -> Option<CurrentState> {
     newest_state(problem, &filter_fit(problem, fit))
 }
 
-/// The states at the newest sample of a filter run.
+/// The states at the newest sample of a filter run that the inputs lead to.
 pub fn newest_state(problem: &Problem, run: &FilterRun) -> Option<CurrentState> {
-    let last = problem.grid().len().checked_sub(1)?;
-    let named = |values: &Vec<f64>| {
-        let pairs: IndexMap<String, f64> = problem
-            .model()
-            .states()
-            .iter()
-            .map(|state| state.name.clone())
-            .zip(values.iter().copied())
-            .collect();
-        pairs.values().all(|value| value.is_finite()).then_some(pairs)
-    };
-    Some(CurrentState {
-        at: rfc3339(problem.grid().time(last)),
-        free_run: problem.predictor() == Predictor::FreeRun,
-        states: named(run.filtered.states.get(last)?)?,
-        sd: named(run.filtered.deviations.get(last)?)?,
-    })
+    let filtered = &run.filtered;
+    let last = filtered.reached;
+    let innovations: Vec<Option<f64>> =
+        filtered.innovations.iter().map(|found| found.get(last).copied().flatten()).collect();
+    let state = CurrentState::of(
+        problem.model(),
+        problem.grid().time(last),
+        (filtered.states.get(last)?, filtered.deviations.get(last)?, &filtered.covariance),
+        &innovations,
+    )?;
+    Some(CurrentState { free_run: problem.predictor() == Predictor::FreeRun, ..state })
+}
+
+impl CurrentState {
+    /// Filtered states of a model at an instant, in seconds: values, deviations and covariance, and the
+    /// innovations by output. `None` where a state is no number.
+    pub(super) fn of(
+        model: &Model,
+        at: i64,
+        (states, deviations, covariance): (&[f64], &[f64], &[f64]),
+        innovations: &[Option<f64>],
+    ) -> Option<Self> {
+        let named = |values: &[f64]| {
+            let names = model.states().iter().map(|state| state.name.clone());
+            let pairs: IndexMap<String, f64> = names.zip(values.iter().copied()).collect();
+            pairs.values().all(|value| value.is_finite()).then_some(pairs)
+        };
+        let named_innovation =
+            |(output, innovation): (&Output, &Option<f64>)| Some((output.channel.clone(), (*innovation)?));
+        Some(Self {
+            at: rfc3339(at),
+            free_run: false,
+            states: named(states)?,
+            sd: named(deviations)?,
+            covariance: covariance.chunks(model.states().len().max(1)).map(<[f64]>::to_vec).collect(),
+            innovation: model.outputs().iter().zip(innovations).filter_map(named_innovation).collect(),
+        })
+    }
 }
 
 /// The name under which a horizon is reported.

@@ -6,6 +6,7 @@
 //!                    +-----skill, summary--> numbers and sentences
 //! Fit, Window --regimes--> in which circumstances it fails most
 //! served, newer measurements --degradation--> still true?
+//!                            --live--> the states, sample by sample
 //! ```
 //!
 //! `preview` simulates a model before there is a fit at all.
@@ -13,6 +14,7 @@
 pub mod compare;
 pub mod comparison;
 pub mod degradation;
+pub mod live;
 pub mod metrics;
 pub mod preview;
 pub mod regimes;

@@ -1,7 +1,7 @@
 //! A short simulation for an editor: what a model does with given values, over a window or a standard
 //! weekday.
 
-use crate::data::{CALENDAR, ChannelKind, DRY_INFLUENT, Hold, Series, Window, rfc3339};
+use crate::data::{CALENDAR, ChannelKind, DRY_INFLUENT, Hold, SUN, Series, Window, rfc3339};
 use crate::estimate::problem::Problem;
 use crate::estimate::problem::request::Site;
 use crate::fault::Fault;
@@ -174,7 +174,7 @@ pub fn standard_days(catalogue: &Catalogue, id: &ModelId) -> Result<(Window, Sit
     let plain = without_replacements(&full);
     let sparse = compile(&composition, &Bindings { sets: sets.clone(), channels: Some(plain) });
     let model = sparse.unwrap_or(full);
-    let computed: Vec<&str> = ["sun_altitude", "sun_azimuth"].into_iter().chain(CALENDAR).collect();
+    let computed: Vec<&str> = SUN.into_iter().chain(CALENDAR).collect();
     let times: Vec<i64> = (0..=HOURS * 3600 / STEP).map(|k| START + k * STEP).collect();
     let mut all = Vec::new();
     for output in model.outputs() {
@@ -213,10 +213,7 @@ fn without_replacements(full: &Model) -> BTreeSet<String> {
         .iter()
         .map(|input| input.channel.as_str())
         .filter(|channel| !REPLACEMENTS.contains(channel));
-    read.chain(["T_out", "T_forward", "sun_altitude", "sun_azimuth", "cloud_cover"])
-        .chain(CALENDAR)
-        .map(str::to_owned)
-        .collect()
+    read.chain(["T_out", "T_forward", "cloud_cover"]).chain(SUN).chain(CALENDAR).map(str::to_owned).collect()
 }
 
 /// What a channel does on the standard days, so many hours after their start.

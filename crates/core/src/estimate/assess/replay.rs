@@ -14,8 +14,8 @@ use crate::estimate::problem::choices::Choices;
 use crate::estimate::problem::request::{Columns, bound, source, with_computed};
 use crate::fault::Fault;
 use crate::interrupt::Brake;
-use crate::model::Catalogue;
 use crate::model::id::NotAModelId;
+use crate::model::{Catalogue, Model};
 use crate::simulate::Trajectory;
 use crate::simulate::kalman::Noise;
 use serde::Serialize;
@@ -92,18 +92,7 @@ impl Replay {
         until: Option<i64>,
         brake: &Brake,
     ) -> Result<Self, Vec<Fault>> {
-        let basis = basis(fit)?;
-        let id = fit
-            .model
-            .parse()
-            .map_err(|error: NotAModelId| one("/model", "unknown-model", error.to_string()))?;
-        let model = bound(catalogue, &id, basis)?;
-        let names = model.parameters().iter().map(|parameter| parameter.name.as_str());
-        if !names.eq(fit.parameters.keys().map(String::as_str)) {
-            let detail =
-                format!("`{id}` no longer has the parameters of this fit: its documents have changed");
-            return Err(one("/model", "model-changed", detail));
-        }
+        let (basis, model) = (basis(fit)?, model_of(catalogue, fit)?);
         let model_changed = model.hash() != fit.model_hash;
         let first = |output: &str| window.series(output).map_or(i64::MIN, |series| series.to());
         let newest = first(&model.outputs()[0].channel);
@@ -201,6 +190,23 @@ pub fn basis(fit: &Fit) -> Result<&Basis, Vec<Fault>> {
         let detail = "the fit was made by a version that did not keep what is needed to run it again";
         vec![Fault::new("/fit", "outdated-fit", detail).suggest("post the job again")]
     })
+}
+
+/// The model of a fit, with the variants and sets that it was made with.
+///
+/// # Errors
+/// Faults where the fit does not say what it was made from, its model is gone, or its parameters are no
+/// longer those of the model.
+pub fn model_of(catalogue: &Catalogue, fit: &Fit) -> Result<Model, Vec<Fault>> {
+    let id =
+        fit.model.parse().map_err(|error: NotAModelId| one("/model", "unknown-model", error.to_string()))?;
+    let model = bound(catalogue, &id, basis(fit)?)?;
+    let names = model.parameters().iter().map(|parameter| parameter.name.as_str());
+    if !names.eq(fit.parameters.keys().map(String::as_str)) {
+        let detail = format!("`{id}` no longer has the parameters of this fit: its documents have changed");
+        return Err(one("/model", "model-changed", detail));
+    }
+    Ok(model)
 }
 
 /// The first and the last instant of a fit's window, in seconds.

@@ -1,9 +1,11 @@
 //! What an estimation found, as the document that is stored, printed and compared.
 
+pub mod covariance;
 pub mod incumbent;
 pub mod levels;
 pub mod likelihood;
 
+use crate::estimate::fit::covariance::Covariance;
 use crate::estimate::fit::levels::ChannelLevel;
 use crate::estimate::fit::likelihood::LikelihoodReport;
 use crate::estimate::problem::basis::Basis;
@@ -146,6 +148,10 @@ pub struct Fit {
     pub parameters: IndexMap<String, Estimate>,
     /// Pairs with a correlation above 0.95.
     pub correlated: Vec<CorrelatedPair>,
+    /// How the estimates err together; `None` where the data do not say, or in fits of versions that did not
+    /// keep it.
+    #[serde(default)]
+    pub covariance: Option<Covariance>,
     /// The name of the optimiser.
     pub method: String,
     /// The objective: `mse`, `swmse`, `nmse` or `likelihood`.

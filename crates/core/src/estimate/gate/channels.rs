@@ -3,7 +3,7 @@
 
 use super::evidence::Role;
 use super::past::NextDoor;
-use crate::data::{Column, hour_of_day, sun_position};
+use crate::data::{Column, DEFAULT_MAX_GAP_STEPS, hour_of_day, sun_position};
 use crate::estimate::fit::levels::{ChannelLevel, known, level, mean, read};
 use crate::estimate::problem::Problem;
 use indexmap::IndexMap;
@@ -188,7 +188,7 @@ pub fn weather_elsewhere(problem: &Problem, next_door: &[NextDoor]) -> Option<Ch
     let differs = |other: &NextDoor| {
         let theirs = other
             .weather
-            .column_on(grid, "T_out", own.hold())
+            .column_on(grid, "T_out", own.hold(), DEFAULT_MAX_GAP_STEPS)
             .filter(|theirs| theirs.unit() == own.unit())?;
         let both: Vec<usize> = (0..grid.len()).filter(|k| own.valid()[*k] && theirs.valid()[*k]).collect();
         if (both.len() as i64) * grid.step() < ORDER_DAYS as i64 * DAY {

@@ -13,6 +13,7 @@ use super::opponents;
 use super::opponents::Match;
 use super::table::CheckTable;
 use crate::estimate::assess::metrics::horizon_name;
+use crate::estimate::fit::Estimate;
 use crate::estimate::fit::levels::levels;
 
 /// What moves a room unexplained, in deviations of its sensor's noise, where its heating must be seen: what
@@ -281,8 +282,12 @@ pub(super) fn channels(context: &ValidationContext, table: &mut CheckTable) {
     }
 }
 
-/// The check of the rule `G12`: models of a handful of parameters are judged by their errors alone.
+/// The check of the rule `G12`: models of a handful of parameters are judged by their errors alone. What the
+/// data leave open is flagged in all of them.
 pub(super) fn determined(context: &ValidationContext, table: &mut CheckTable) {
+    let is_open = |estimate: &Estimate| !estimate.fixed && !estimate.at_bound && estimate.ci95.is_none();
+    let open = context.fit.parameters.iter().filter(|(_, estimate)| is_open(estimate));
+    table.flags.extend(open.map(|(name, _)| format!("undetermined:{name}")));
     let free = || context.fit.parameters.values().filter(|estimate| !estimate.fixed);
     if free().count() < HANDFUL {
         return;

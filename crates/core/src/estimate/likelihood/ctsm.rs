@@ -65,6 +65,7 @@ pub(in crate::estimate) fn estimate(
     let known = Uncertainty {
         ci95: curvature.intervals[..own].to_vec(),
         correlated: curvature.correlated(&task, own),
+        covariance: curvature.of_estimates(&task, &found.place.0, own),
         evaluations: curvature.passes,
     };
     let point = task.point(&found.place.0);

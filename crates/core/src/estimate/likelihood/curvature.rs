@@ -2,10 +2,11 @@
 
 use super::objective::LikelihoodObjective;
 use crate::estimate::fit::CorrelatedPair;
+use crate::estimate::fit::covariance::Covariance;
 use crate::estimate::fit::likelihood::Profile;
 use crate::estimate::problem::bounds::AT_BOUND;
 use crate::estimate::search::control::Control;
-use crate::optimise::DimensionScale;
+use crate::estimate::uncertainty::covariance::{self, WIDTH};
 use crate::optimise::ctsm::CtsmOptions;
 use crate::optimise::scoring::ScoringOptions;
 use indexmap::IndexMap;
@@ -14,8 +15,6 @@ use rayon::prelude::*;
 
 /// Length of a difference of gradients, in standard errors of a coordinate whose companions stay.
 const DIFFERENCE: f64 = 0.05;
-/// Half the width of a 95 % interval, in standard errors.
-const WIDTH: f64 = 1.959_963_984_540_054;
 /// Correlations above this are reported.
 const CORRELATED: f64 = 0.95;
 /// How far a profile goes on either side, in standard errors.
@@ -94,16 +93,25 @@ impl Curvature {
             if high - low < f64::INFINITY && (low > 0.0 || high < 1.0) {
                 curvature.intervals[i] =
                     Some([dimension.value(low.max(0.0)), dimension.value(high.min(1.0))]);
-                let stretch = match dimension.scale {
-                    DimensionScale::Linear => dimension.upper - dimension.lower,
-                    DimensionScale::Log => {
-                        dimension.value(place[i]) * (dimension.upper / dimension.lower).ln()
-                    }
-                };
-                curvature.errors[i] = Some(curvature.deviation[i] * stretch);
+                let slope = dimension.slope(dimension.value(place[i]));
+                curvature.errors[i] = Some(curvature.deviation[i] * slope);
             }
         }
         curvature
+    }
+
+    /// The covariance of the first coordinates, which are parameters, as far as they sit on no bound.
+    pub fn of_estimates(
+        &self,
+        task: &LikelihoodObjective,
+        place: &[f64],
+        first: usize,
+    ) -> Option<Covariance> {
+        let inside: Vec<usize> = (0..first).filter(|i| self.deviation[*i] > 0.0).collect();
+        let cube = self.covariance.select_rows(&inside).select_columns(&inside);
+        let dimensions = &task.space().dimensions()[..first];
+        let theta: Vec<f64> = dimensions.iter().zip(place).map(|(one, unit)| one.value(*unit)).collect();
+        covariance::of_estimates(&cube, &inside, dimensions, &theta)
     }
 
     /// The pairs of the first coordinates that the data can hardly tell apart.

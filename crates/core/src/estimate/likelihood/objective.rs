@@ -168,15 +168,7 @@ impl<'a> LikelihoodObjective<'a> {
         // From physical units to the cube.
         let stretch: Vec<f64> = moving
             .iter()
-            .map(|coordinate| {
-                let dimension = &self.space.dimensions()[*coordinate];
-                match dimension.scale {
-                    DimensionScale::Linear => dimension.upper - dimension.lower,
-                    DimensionScale::Log => {
-                        point[self.places[*coordinate]] * (dimension.upper / dimension.lower).ln()
-                    }
-                }
-            })
+            .map(|coordinate| self.space.dimensions()[*coordinate].slope(point[self.places[*coordinate]]))
             .collect();
         let d = moving.len();
         let mut slope = Slope {

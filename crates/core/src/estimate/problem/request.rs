@@ -9,7 +9,7 @@ use super::prior::Prior;
 use super::stop::EarlyStopping;
 use super::whiten::common_divisor;
 use crate::data::{
-    CALENDAR, DROPS, Duration, Grid, GridRequest, Length, Split, SplitRequest, Window, add_calendar,
+    CALENDAR, DROPS, Duration, Grid, GridRequest, Length, SUN, Split, SplitRequest, Window, add_calendar,
     add_drops, add_sun, read_time, rfc3339,
 };
 use crate::estimate::problem::Problem;
@@ -321,7 +321,7 @@ fn channels(window: &Window, site: &Site) -> Vec<String> {
     let mut channels: BTreeSet<String> =
         window.channels().chain(CALENDAR).chain([DROPS]).map(str::to_owned).collect();
     if site.location.is_some() {
-        channels.extend(["sun_altitude".to_owned(), "sun_azimuth".to_owned()]);
+        channels.extend(SUN.map(str::to_owned));
     }
     channels.into_iter().collect()
 }

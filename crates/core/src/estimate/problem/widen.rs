@@ -2,7 +2,7 @@
 
 use super::Problem;
 use super::request::Site;
-use crate::data::{ChannelKind, Column, DROPS, Grid, Window, add_calendar, add_drops};
+use crate::data::{ChannelKind, Column, DEFAULT_MAX_GAP_STEPS, DROPS, Grid, Window, add_calendar, add_drops};
 use crate::fault::Fault;
 
 /// A channel of which more than a tenth is missing tells too little.
@@ -20,7 +20,7 @@ pub fn widen(problem: &Problem, window: &Window, site: &Site) -> Result<(Grid, V
             continue;
         }
         let hold = ChannelKind::of_name(channel).map_or(series.hold(), |kind| kind.hold);
-        match window.column_on(&grid, channel, hold) {
+        match window.column_on(&grid, channel, hold, DEFAULT_MAX_GAP_STEPS) {
             // Small holes hold the last value, so that every effect is judged on the same samples.
             Some(column) if column.valid_share() >= LEAST_VALID => {
                 grid = grid.with_column(

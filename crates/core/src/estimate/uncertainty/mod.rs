@@ -5,9 +5,13 @@
 //! that of their AR model (the "sandwich"; White 1982, Econometrica 50, 1-25). The inverse of `J' S^-1 J`,
 //! which is that of whitened least squares, would be too small.
 
+pub mod covariance;
+#[cfg(test)]
+mod covariance_tests;
 pub mod ridge;
 
 use super::fit::CorrelatedPair;
+use super::fit::covariance::Covariance;
 use super::problem::Problem;
 use crate::estimate::problem::whiten::{Ar, stride};
 use crate::optimise::Candidate;
@@ -26,6 +30,8 @@ pub struct Uncertainty {
     pub ci95: Vec<Option<[f64; 2]>>,
     /// Pairs that the data can hardly tell apart.
     pub correlated: Vec<CorrelatedPair>,
+    /// How they err together; `None` where that is not known.
+    pub covariance: Option<Covariance>,
     /// Simulations spent.
     pub evaluations: usize,
 }
@@ -76,12 +82,12 @@ pub fn uncertainty(problem: &Problem, theta: &[f64]) -> Uncertainty {
         }
     }
     let freedom = (rows - space.len()) as f64;
-    let Some(covariance) = covariance(jacobian, &blocks) else {
+    let Some(cube) = sandwich(jacobian, &blocks) else {
         return none;
     };
     let quantile = StudentsT::new(0.0, 1.0, freedom).map_or(1.96, |t| t.inverse_cdf(0.975));
-    let deviation = |i: usize| covariance[(i, i)].max(0.0).sqrt();
-    let ci95 = space
+    let deviation = |i: usize| cube[(i, i)].max(0.0).sqrt();
+    let ci95: Vec<Option<[f64; 2]>> = space
         .dimensions()
         .iter()
         .enumerate()
@@ -96,7 +102,7 @@ pub fn uncertainty(problem: &Problem, theta: &[f64]) -> Uncertainty {
     let mut correlated = Vec::new();
     for i in 0..space.len() {
         for j in 0..i {
-            let correlation = covariance[(i, j)] / (deviation(i) * deviation(j));
+            let correlation = cube[(i, j)] / (deviation(i) * deviation(j));
             if correlation.abs() > CORRELATED {
                 let name = |i: usize| space.dimensions()[i].name.clone();
                 correlated.push(CorrelatedPair {
@@ -107,7 +113,10 @@ pub fn uncertainty(problem: &Problem, theta: &[f64]) -> Uncertainty {
             }
         }
     }
-    Uncertainty { ci95, correlated, evaluations }
+    let inside: Vec<usize> = (0..space.len()).collect();
+    let values: Vec<f64> = problem.free().iter().map(|index| theta[*index]).collect();
+    let covariance = covariance::of_estimates(&cube, &inside, space.dimensions(), &values);
+    Uncertainty { ci95, correlated, covariance, evaluations }
 }
 
 /// The rows of one output: its usable samples, whose gaps interrupt the correlation of its errors, its weight
@@ -132,7 +141,7 @@ fn blocks(problem: &Problem, run: &Trajectory) -> Option<Vec<Block>> {
 
 /// The sandwich by singular values, J = U D V': `V D^-1 (U' S U) D^-1 V'`. Directions that the data do not
 /// see get a huge variance instead of none.
-fn covariance(jacobian: DMatrix<f64>, blocks: &[Block]) -> Option<DMatrix<f64>> {
+fn sandwich(jacobian: DMatrix<f64>, blocks: &[Block]) -> Option<DMatrix<f64>> {
     let d = jacobian.ncols();
     let svd = jacobian.svd(true, true);
     let (mut u, v_t) = (svd.u?, svd.v_t?);
@@ -212,7 +221,7 @@ mod tests {
         let series = &inverse * inverse.transpose() * 0.16;
         let bread = (jacobian.transpose() * &jacobian).try_inverse().unwrap();
         let expected = &bread * jacobian.transpose() * series * &jacobian * &bread;
-        let found = covariance(jacobian, &[Block { samples, weight: 1.0, ar }]).unwrap();
+        let found = sandwich(jacobian, &[Block { samples, weight: 1.0, ar }]).unwrap();
         assert!((&found - &expected).norm() < 1e-10 * expected.norm(), "{found} {expected}");
     }
 
@@ -238,7 +247,7 @@ mod tests {
             let residual = noise - &jacobian * &estimate;
             let ar = Ar::fit(&residual.iter().copied().map(Some).collect::<Vec<_>>()).unwrap();
             let covariance =
-                covariance(jacobian.clone(), &[Block { samples: samples.clone(), weight: 1.0, ar }]).unwrap();
+                sandwich(jacobian.clone(), &[Block { samples: samples.clone(), weight: 1.0, ar }]).unwrap();
             let white = &bread * (residual.norm_squared() / rows as f64);
             for i in 0..3 {
                 all += 1;

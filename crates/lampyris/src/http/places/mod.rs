@@ -11,7 +11,7 @@ use crate::settings::Limits;
 use std::cmp::Reverse;
 use std::collections::HashMap;
 use std::net::IpAddr;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 use tokio::sync::Notify;
@@ -63,6 +63,7 @@ struct Held {
 pub struct Seat {
     /// When it has last said or taken something, in milliseconds since the listener began.
     heard_at: AtomicU64,
+    is_lost: AtomicBool,
     lost: Notify,
 }
 
@@ -113,7 +114,7 @@ impl Places {
     /// stranger.
     pub fn take(self: &Arc<Self>, peer: IpAddr, is_open: bool) -> Arc<Connection> {
         let holder = Holder::of(peer, is_open);
-        let seat = Arc::new(Seat { heard_at: AtomicU64::new(self.milliseconds()), lost: Notify::new() });
+        let seat = Arc::new(Seat { heard_at: AtomicU64::new(self.milliseconds()), ..Seat::default() });
         let mut table = self.lock();
         self.make_room(&mut table, holder);
         table.add(holder, seat.clone());
@@ -250,6 +251,7 @@ impl Table {
         if let Some(seat) = self.quietest(holder).cloned() {
             self.remove(holder, &seat);
             self.displaced += 1;
+            seat.is_lost.store(true, Ordering::Relaxed);
             seat.lost.notify_one();
         }
     }
@@ -269,6 +271,11 @@ impl Connection {
     /// The connection has said or taken something.
     pub fn heard(&self) {
         self.seat.heard_at.store(self.places.milliseconds(), Ordering::Relaxed);
+    }
+
+    /// Whether somebody else was given the place.
+    pub fn is_lost(&self) -> bool {
+        self.seat.is_lost.load(Ordering::Relaxed)
     }
 
     /// Waits until somebody else was given the place.

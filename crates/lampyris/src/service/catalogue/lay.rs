@@ -3,13 +3,14 @@
 
 use crate::service::error::ServiceError;
 use crate::store::days::{ARRIVING, DaysChange, whole_days};
+use crate::store::samples::{LaidIn, Open};
 use crate::store::shares::PackedShare;
 use crate::store::uploads::{Found, Upload, UploadPlace};
 use crate::store::windows::{Rebuilt, Stack, WindowRecord};
 use jiff::Timestamp;
-use lampyris_core::data::{DAY_S, Series, Window, WindowReport, WindowShare, goes_on, replay};
+use lampyris_core::data::{DAY_S, Series, Window, WindowReport, WindowShare, goes_on, merged, replay};
 use lampyris_core::fault::Fault;
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// An upload, read.
 #[derive(Debug)]
@@ -123,6 +124,37 @@ fn go_on(
     Ok(UploadPlace::GoesOn { window: newest.clone(), to_s: both.to(), report })
 }
 
+/// Lays open posts of one window into the days, newest last.
+///
+/// # Errors
+/// Where something that was kept is not what was written.
+pub fn lay_open(open: &Open) -> Result<LaidIn, ServiceError> {
+    let mut arriving: BTreeMap<&str, Vec<&Series>> = BTreeMap::new();
+    for series in &open.rows {
+        arriving.entry(series.channel()).or_default().push(series);
+    }
+    let (mut shares, mut days, mut whole) = (Vec::new(), Vec::new(), Vec::new());
+    for share in open.shares.iter().filter(|share| !arriving.contains_key(share.channel.as_str())) {
+        whole.extend(share.decode()?.own);
+    }
+    for (channel, rows) in arriving {
+        let mut view = open.days.view(channel)?;
+        for series in &rows {
+            view.put(series, open.window.sequence);
+        }
+        let newer = merged(&rows.iter().map(|series| Some((*series).clone())).collect::<Vec<_>>());
+        let newer = WindowShare { own: newer.map_err(fault)?, repeats: Vec::new() };
+        days.extend(DaysChange::touched(channel, &view, &newer)?);
+        let earlier = open.shares.iter().find(|share| share.channel == channel);
+        let earlier = earlier.map(PackedShare::decode).transpose()?.unwrap_or_default();
+        let both = earlier.and(&newer).map_err(fault)?;
+        whole.extend(both.own.clone());
+        shares.push(PackedShare::new(channel, &both)?);
+    }
+    let whole = Window::from_series(whole).map_err(ServiceError::Faults)?;
+    Ok(LaidIn { shares, report: text(&WindowReport::of(&whole))?, days })
+}
+
 /// Takes a window out of its place among those that lie over each other, and lays it on top of them again
 /// where that is asked for. What it gives then comes apart from what follows for the others.
 ///
@@ -168,6 +200,10 @@ fn fault(fault: Fault) -> ServiceError {
     ServiceError::Faults(vec![fault])
 }
 
-fn text(report: &WindowReport) -> Result<String, ServiceError> {
+/// A report as it is kept.
+///
+/// # Errors
+/// Where it cannot be written.
+pub fn text(report: &WindowReport) -> Result<String, ServiceError> {
     serde_json::to_string(report).map_err(|error| ServiceError::Internal(error.to_string()))
 }

@@ -1,13 +1,21 @@
 //! What users tell the service: documents and measurements, checked here and kept by the store.
 //!
 //! `models` takes models and effects into the `shared` catalogue that everybody reads. `system` is the
-//! document of a room or a plant, `systems` keeps it. `windows` takes measurements in,
-//! in the `turns` of their system, and `lay` lays them over what counts; `layout` proposes rooms and
-//! neighbours from one window of many sensors.
+//! document of a room or a plant, `systems` keeps it. `windows` takes measurements in, in the `turns` of
+//! their system, and `lay` lays them over what counts; `samples` takes live ones, which stay `open` for a
+//! while, and `forecasts` what is forecast of inputs. `layout` proposes rooms and neighbours from one window
+//! of many sensors. `lines` takes lines of InfluxDB's protocol in, which the `line_rules` of an operator,
+//! made of `pattern`s, sort into systems and channels.
 
+pub mod forecasts;
 mod lay;
 pub mod layout;
+pub mod line_rules;
+pub mod lines;
 pub mod models;
+pub mod open;
+mod pattern;
+pub mod samples;
 pub mod shared;
 pub mod system;
 pub mod systems;

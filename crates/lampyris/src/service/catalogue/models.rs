@@ -20,6 +20,9 @@ use std::borrow::Cow;
 use std::cmp::Reverse;
 use utoipa::ToSchema;
 
+/// Most bytes of a document in JSON, which is wordier than TOML.
+pub const LONGEST_DOCUMENT: usize = 256 << 10;
+
 /// A document that was taken, and whether it is new.
 #[derive(Debug, Clone)]
 pub struct Taken<T> {
@@ -85,6 +88,7 @@ pub(crate) struct NamedEffect {
 /// Every fault of its form, and every fault of its meaning unless something that others may refer to could
 /// not be read.
 pub fn check_model(catalogue: &Catalogue, body: Value) -> Result<(ModelDocument, Model), Vec<Fault>> {
+    require_short(&body)?;
     if body.get("base").is_some() {
         return check_composition(catalogue, body);
     }
@@ -101,6 +105,16 @@ pub fn check_model(catalogue: &Catalogue, body: Value) -> Result<(ModelDocument,
     let mut extended = catalogue.clone();
     extended.add_model(document.clone());
     judged(compiled(&extended, &id), faults).map(|model| (document, model))
+}
+
+/// Refuses documents that are longer than any model needs, as they stand without spaces.
+fn require_short(body: &Value) -> Result<(), Vec<Fault>> {
+    let length = body.to_string().len();
+    if length > LONGEST_DOCUMENT {
+        let detail = format!("the document has {length} bytes, the limit is {LONGEST_DOCUMENT}");
+        return Err(vec![Fault::new("", "too-large", detail)]);
+    }
+    Ok(())
 }
 
 fn check_plant(catalogue: &Catalogue, body: Value) -> Result<(ModelDocument, Model), Vec<Fault>> {
@@ -244,6 +258,7 @@ pub(in crate::service) fn check_effect(
     parent: Option<&ModelId>,
     body: Value,
 ) -> Result<EffectSpec, Vec<Fault>> {
+    require_short(&body)?;
     let Read { document: effect, mut faults, .. } = decode::read::<EffectSpec>(body, &Value::Null);
     let Some(mut effect) = effect.filter(|_| is_whole(&faults)) else {
         return Err(faults);
@@ -268,7 +283,9 @@ pub(in crate::service) fn check_effect(
     }
     let mut extended = catalogue.clone();
     extended.add_effect(effect.clone());
-    let name = if effect.argument.is_some() { format!("{}:P_example", effect.id) } else { effect.id.clone() };
+    // Any channel, and the first choice, stand for all others.
+    let member = effect.choices.keys().next().map_or("P_example", String::as_str);
+    let name = if effect.argument.is_some() { format!("{}:{member}", effect.id) } else { effect.id.clone() };
     let tried = match parent {
         Some(parent) => compiled(&extended, &parent.plus(&name)).map(drop),
         None => try_on_any(&extended, &effect, &name),

@@ -32,9 +32,11 @@ pub struct SystemDocument {
     /// Where it is, for the position of the sun.
     #[serde(default)]
     pub location: Option<Location>,
-    /// The model whose fits are served.
-    pub model: ModelId,
-    /// Which column feeds which channel, where the names alone do not say it.
+    /// The model whose fits are served. Only a site, whose measurements others share, may have none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub model: Option<ModelId>,
+    /// Which column feeds which channel, where the names alone do not say it. `site/home:T_out` is the
+    /// channel `T_out` of the system `site/home`, which measures it for all that name it.
     #[serde(default)]
     #[schema(value_type = std::collections::HashMap<String, String>)]
     pub channels: ColumnBindings,
@@ -142,7 +144,36 @@ pub struct Exclusion {
     pub reason: String,
 }
 
+/// A channel that another system measures, such as the weather of a site.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct SharedChannel {
+    /// Its name here.
+    pub here: String,
+    /// The system that measures it.
+    pub system: SystemId,
+    /// Its name there.
+    pub there: String,
+}
+
 impl SystemDocument {
+    /// The channels that other systems share with it: bound to `site/home:T_out` instead of to a column.
+    pub fn shared(&self) -> Vec<SharedChannel> {
+        let shared = |(here, bound): (&str, &str)| {
+            let (system, there) = shared_name(bound)?;
+            Some(SharedChannel { here: here.to_owned(), system, there: there.to_owned() })
+        };
+        self.channels.iter().filter_map(shared).collect()
+    }
+
+    /// The columns that its channels are bound to.
+    pub fn columns(&self) -> ColumnBindings {
+        let mut columns = ColumnBindings::none();
+        for (channel, column) in self.channels.iter().filter(|(_, bound)| shared_name(bound).is_none()) {
+            columns.bind(channel, column);
+        }
+        columns
+    }
+
     /// What the model is told about the place.
     pub fn site(&self) -> Site {
         Site {
@@ -183,23 +214,39 @@ impl SystemDocument {
         compile(&composition, &Bindings { sets, channels: None })
     }
 
-    /// Every fault of a document whose form is right.
-    pub(super) fn faults(&self, system: &SystemId, catalogue: &Catalogue) -> Vec<Fault> {
-        let mut faults = Vec::new();
-        match self.bindings(catalogue, &self.model) {
+    /// The model, which there must be.
+    ///
+    /// # Errors
+    /// A fault where it is a site without one.
+    pub fn require_model(&self) -> Result<&ModelId, Vec<Fault>> {
+        self.model.as_ref().ok_or_else(|| {
+            let detail = "a site without a model only holds measurements that others share";
+            vec![Fault::new("/model", "no-model", detail)]
+        })
+    }
+
+    /// Faults of its model, and of what is said about the parameters of that.
+    fn model_faults(&self, catalogue: &Catalogue) -> Vec<Fault> {
+        let Some(model) = &self.model else { return Vec::new() };
+        match self.bindings(catalogue, model) {
             Ok(model) => {
                 let choices = Choices {
                     bounds: self.bounds.clone(),
                     fixed: self.fixed.clone(),
                     ..EstimateRequest::default().choices()
                 };
-                faults.extend(choices.faults(&model));
+                choices.faults(&model)
             }
-            Err(more) => faults.extend(
-                more.into_iter()
-                    .map(|fault| if fault.pointer == "/model" { fault } else { at("/model", fault) }),
-            ),
+            Err(faults) => faults
+                .into_iter()
+                .map(|fault| if fault.pointer == "/model" { fault } else { at("/model", fault) })
+                .collect(),
         }
+    }
+
+    /// Every fault of a document whose form is right.
+    pub(super) fn faults(&self, system: &SystemId, catalogue: &Catalogue) -> Vec<Fault> {
+        let mut faults = self.model_faults(catalogue);
         if let Some(place) = &self.location {
             let inside = |value: f64, limit: f64| value.is_finite() && value.abs() <= limit;
             if !inside(place.lat, 90.0) {
@@ -252,6 +299,11 @@ impl SystemDocument {
                 fault
             });
         }
+        for channel in self.shared().into_iter().filter(|channel| channel.system == *system) {
+            let detail = format!("`{}` is bound to a channel of the system itself", channel.here);
+            let fault = Fault::new(format!("/channels/{}", channel.here), "own-channel", detail);
+            faults.push(fault.suggest("bind it to the name of a column, or leave it out"));
+        }
         for (index, neighbour) in self.neighbours.iter().enumerate() {
             let pointer = format!("/neighbours/{index}");
             if neighbour == system {
@@ -302,8 +354,9 @@ impl SystemDocument {
     /// Sets that its model does not have, and members that cannot be part of a name.
     fn set_faults(&self, catalogue: &Catalogue) -> Vec<Fault> {
         let mut faults = Vec::new();
+        let Some(model) = &self.model else { return faults };
         let declared =
-            catalogue.compose(&self.model).map_or_else(|_| Vec::new(), |composition| composition.spec.sets);
+            catalogue.compose(model).map_or_else(|_| Vec::new(), |composition| composition.spec.sets);
         for (set, members) in &self.sets {
             let pointer = format!("/sets/{set}");
             let word = |text: &str| {
@@ -317,11 +370,8 @@ impl SystemDocument {
                         .suggest("write `neighbours`"),
                 );
             } else if !declared.contains(set) {
-                let fault = Fault::new(
-                    &pointer,
-                    "unknown-set",
-                    format!("the model `{}` has no set `{set}`", self.model),
-                );
+                let fault =
+                    Fault::new(&pointer, "unknown-set", format!("the model `{model}` has no set `{set}`"));
                 faults.push(match nearest(set, declared.iter().map(String::as_str)) {
                     Some(near) => fault.suggest(format!("did you mean `{near}`?")),
                     None => fault,
@@ -342,6 +392,12 @@ impl SystemDocument {
         }
         faults
     }
+}
+
+/// What a binding names of another system, `site/home:T_out`; `None` where it names a column.
+fn shared_name(bound: &str) -> Option<(SystemId, &str)> {
+    let (system, channel) = bound.split_once(':')?;
+    Some((system.parse().ok()?, channel)).filter(|(_, channel)| !channel.is_empty())
 }
 
 /// The fault, found inside something that the pointer names.

@@ -8,7 +8,11 @@ use crate::service::threads::blocking;
 use crate::store;
 use crate::store::systems::{Needs, SystemDeletion, SystemPut};
 use lampyris_core::data::SystemId;
+use lampyris_core::fault::Fault;
 use serde_json::json;
+
+/// The kind of systems that may have no model: their measurements are shared.
+const SITE: &str = "site";
 
 /// Makes a system or replaces its document, where what is there (`None` without any) allows it; says whether
 /// it is new.
@@ -24,18 +28,22 @@ pub async fn put(
 ) -> Result<(SystemDocument, bool), ServiceError> {
     let catalogue = service.catalogue.current();
     let name = system.clone();
+    let names_no_model = body.get("model").is_none_or(serde_json::Value::is_null);
     // Compiling a model of the largest size takes longer than an async thread may be held.
     let checked = blocking(move || {
         // The stand-in is a built-in model, of which no fault is found.
         let mut read = decode::read::<SystemDocument>(body, &json!({ "model": "rc2" }));
         let faults = read.document.as_ref().map(|document| document.faults(&name, &catalogue));
         read.add(faults.unwrap_or_default());
+        if names_no_model {
+            read.add(without_model(&name));
+        }
         read.finish()
     });
     let document = checked.await?.map_err(ServiceError::Faults)?;
     let text = serde_json::to_string(&document).map_err(|error| ServiceError::Internal(error.to_string()))?;
     let by = (who, service.now());
-    let put = store::systems::put(&service.store, system, &document.model, &text, by, |known| {
+    let put = store::systems::put(&service.store, system, document.model.as_ref(), &text, by, |known| {
         match known.map(self::document).transpose() {
             Ok(known) => allows(known.as_ref()),
             // What nobody can read any more may be replaced.
@@ -52,6 +60,15 @@ pub async fn put(
             Err(ServiceError::NotAsExpected(format!("there is no system `{system}` to be replaced")))
         }
     }
+}
+
+/// That a system has a model, unless it only holds measurements that others share.
+fn without_model(system: &SystemId) -> Vec<Fault> {
+    if system.kind() == SITE {
+        return Vec::new();
+    }
+    let fault = Fault::new("/model", "no-model", "a system has a model");
+    vec![fault.suggest(format!("only one of the kind `{SITE}` may have none"))]
 }
 
 /// Deletes a system with its measurements, jobs, fits and revisions; `/params` then does not know it any

@@ -1,6 +1,7 @@
 //! Takes measurements in: parsed, laid over what counts and kept, once per content.
 
 use super::lay::{self, Arriving};
+use super::open;
 use super::systems;
 use crate::service::decode::{self, Read, Unread};
 use crate::service::error::{Refusal, ServiceError};
@@ -13,7 +14,8 @@ use crate::store::uploads::{self, Upload, UploadPlace, Written};
 use crate::store::windows::{self, Rebuilt, WindowDeletion, WindowRecord};
 use jiff::Timestamp;
 use lampyris_core::data::{
-    ChannelKind, ColumnBindings, ColumnHeader, SystemId, Window, WindowDocument, WindowReport,
+    ChannelKind, ColumnBindings, ColumnHeader, ColumnRole, SystemId, Window, WindowDocument, WindowParts,
+    WindowReport,
 };
 use lampyris_core::fault::Fault;
 use lampyris_core::units::Unit;
@@ -60,14 +62,36 @@ pub async fn take(
     body: impl AsRef<[u8]> + Send + 'static,
     key: Option<&RequestKey>,
 ) -> Result<TakenWindow, ServiceError> {
-    let bindings = systems::require(service, system).await?.channels;
-    let name = system.clone();
-    let arriving = Arc::new(blocking(move || arriving(&name, format, body.as_ref(), &bindings)).await??);
-    let mut faults = conflicts(service, system, &arriving.window).await?;
-    faults.extend(ahead_of_clock(arriving.window.to(), service.now()));
+    let bindings = systems::require(service, system).await?.columns();
+    let read = blocking(move || read(format, body.as_ref(), &bindings)).await??;
+    let faults = faults(service, system, &read.0).await?;
     if !faults.is_empty() {
         return Err(ServiceError::Faults(faults));
     }
+    keep(service, system, read, key).await
+}
+
+/// What is wrong with measurements that were read, beside the clock and what was there before.
+pub(super) async fn faults(
+    service: &Service,
+    system: &SystemId,
+    window: &Window,
+) -> Result<Vec<Fault>, ServiceError> {
+    let mut faults = conflicts(service, system, window).await?;
+    faults.extend(ahead_of_clock(window.to(), service.now()));
+    Ok(faults)
+}
+
+/// Keeps measurements without faults.
+pub(super) async fn keep(
+    service: &Service,
+    system: &SystemId,
+    (window, report): (Window, WindowReport),
+    key: Option<&RequestKey>,
+) -> Result<TakenWindow, ServiceError> {
+    let name = system.clone();
+    let id = move |window: &Window| window_id(&format!("{name} {}", window.content_hash()));
+    let arriving = Arc::new(blocking(move || Arriving { id: id(&window), window, report }).await?);
     let _turn = service.turns.of(system).await;
     for _ in 0..TRIES {
         let Some(taken) = place(service, system, &arriving, key).await? else { continue };
@@ -95,6 +119,7 @@ async fn place(
     key: Option<&RequestKey>,
 ) -> Result<Option<Placed>, ServiceError> {
     let now = service.now();
+    open::lay_in(service, system).await?;
     let span = (arriving.window.from(), arriving.window.to());
     let channels: Vec<String> = arriving.window.channels().map(str::to_owned).collect();
     let may_go_on = |newest: &WindowRecord| lay::may_go_on(newest, span, now);
@@ -159,7 +184,7 @@ async fn taken_out(
 
 /// Channels in a unit that does not convert to the one that they have in earlier windows: the two could never
 /// be stitched, and every later job of the system would fail.
-async fn conflicts(
+pub(super) async fn conflicts(
     service: &Service,
     system: &SystemId,
     window: &Window,
@@ -169,25 +194,30 @@ async fn conflicts(
     for series in window.iter().filter(|series| ChannelKind::of_name(series.channel()).is_none()) {
         let (channel, unit) = (series.channel(), series.unit());
         let Some(earlier) = windows::unit(&service.store, system, channel).await? else { continue };
-        let converts = Unit::parse(unit)
-            .ok()
-            .zip(Unit::parse(&earlier).ok())
-            .is_some_and(|(unit, earlier)| unit.same_dimension(&earlier));
-        if !converts {
-            let detail = format!("`{channel}` is in {unit} here and in {earlier} in earlier windows");
-            let fault = Fault::new(format!("/values/{channel}"), "unit-conflict", detail);
-            faults.push(fault.suggest(format!(
-                "rename the column, state the unit, such as {channel}[{earlier}], or \
-                    delete the earlier windows"
-            )));
+        if !converts(unit, &earlier) {
+            faults.push(unit_conflict(channel, unit, &earlier));
         }
     }
     Ok(faults)
 }
 
+/// Whether one unit converts to another.
+pub(super) fn converts(unit: &str, other: &str) -> bool {
+    let [unit, other] = [unit, other].map(Unit::parse);
+    unit.ok().zip(other.ok()).is_some_and(|(unit, other)| unit.same_dimension(&other))
+}
+
+/// That a channel is in a unit here that does not convert to that of earlier measurements.
+pub(super) fn unit_conflict(channel: &str, unit: &str, earlier: &str) -> Fault {
+    let detail = format!("`{channel}` is in {unit} here and in {earlier} in earlier windows");
+    Fault::new(format!("/values/{channel}"), "unit-conflict", detail).suggest(format!(
+        "rename the column, state the unit, such as {channel}[{earlier}], or delete the earlier windows"
+    ))
+}
+
 /// Measurements of tomorrow are stamped by a clock that is wrong, or were never measured. They would be the
 /// newest for as long as it takes, and every default window would end with them.
-fn ahead_of_clock(newest_s: i64, now: Timestamp) -> Option<Fault> {
+pub(super) fn ahead_of_clock(newest_s: i64, now: Timestamp) -> Option<Fault> {
     (newest_s > now.as_second().saturating_add(MOST_AHEAD_S)).then(|| {
         let newest =
             Timestamp::from_second(newest_s).map_or_else(|_| newest_s.to_string(), |time| time.to_string());
@@ -243,6 +273,7 @@ pub async fn remove(
         if let Some(obstacle) = windows::obstacle(&service.store, &window).await? {
             return Ok(obstacle);
         }
+        open::lay_in(service, &window.system).await?;
         let (version, _, rebuilt) = taken_out(service, &window, false).await?;
         let deleted =
             windows::delete(&service.store, &window, (version, &rebuilt), (who, reason), service.now());
@@ -254,73 +285,79 @@ pub async fn remove(
     Ok(WindowDeletion::Stale)
 }
 
-/// Reads a body.
-fn arriving(
-    system: &SystemId,
-    format: Format,
-    body: &[u8],
-    bindings: &ColumnBindings,
-) -> Result<Arriving, ServiceError> {
-    let (window, report) = read(format, body, bindings)?;
-    Ok(Arriving { id: window_id(&format!("{system} {}", window.content_hash())), window, report })
-}
-
 fn window_id(identity: &str) -> String {
     format!("win_{}", &blake3::hash(identity.as_bytes()).to_hex()[..20])
 }
 
-/// Parses a body. A column that the system binds may be absent: not every file has every channel. The report
-/// says so, because a slip in a binding looks the same.
+/// Parses the measurements of a body.
 pub(super) fn read(
     format: Format,
     body: &[u8],
     bindings: &ColumnBindings,
 ) -> Result<(Window, WindowReport), ServiceError> {
-    let faults = match parse(format, body, bindings) {
+    let forecasts = || vec![Fault::new("header", "no-data-column", "all columns are forecasts")];
+    read_parts(format, body, bindings, None)?.measured.ok_or_else(|| ServiceError::Faults(forecasts()))
+}
+
+/// Parses a body, whose columns without a role have `unmarked`. A column that the system binds may be absent:
+/// not every file has every channel. The report says so, because a slip in a binding looks the same.
+pub(super) fn read_parts(
+    format: Format,
+    body: &[u8],
+    bindings: &ColumnBindings,
+    unmarked: Option<ColumnRole>,
+) -> Result<WindowParts, ServiceError> {
+    let faults = match parse(format, body, bindings, unmarked) {
         Err(ServiceError::Faults(faults)) if faults.iter().any(|fault| fault.code == "unknown-column") => {
             faults
         }
         other => return other,
     };
     let columns = columns(format, body);
-    let (there, absent): (Vec<_>, Vec<_>) = bindings.iter().partition(|(_, column)| {
-        columns.iter().any(|header| header.column == *column || header.channel == *column)
-    });
+    let (there, absent): (Vec<_>, Vec<_>) =
+        bindings.iter().partition(|(_, column)| columns.iter().any(|header| header.is_named(column)));
     if absent.is_empty() {
         return Err(ServiceError::Faults(faults));
     }
     let mut present = ColumnBindings::none();
     there.into_iter().for_each(|(channel, column)| present.bind(channel, column));
-    let (window, mut report) = parse(format, body, &present)?;
-    report.warnings.extend(absent.into_iter().map(|(channel, column)| {
-        format!("`{channel}` is bound to a column `{column}` that this window does not have")
-    }));
-    Ok((window, report))
+    let mut parts = parse(format, body, &present, unmarked)?;
+    if let Some((_, report)) = &mut parts.measured {
+        report.warnings.extend(absent.into_iter().map(|(channel, column)| {
+            format!("`{channel}` is bound to a column `{column}` that this window does not have")
+        }));
+    }
+    Ok(parts)
 }
 
 fn parse(
     format: Format,
     body: &[u8],
     bindings: &ColumnBindings,
-) -> Result<(Window, WindowReport), ServiceError> {
+    unmarked: Option<ColumnRole>,
+) -> Result<WindowParts, ServiceError> {
     match format {
-        Format::Json => {
-            Window::parse_json(body, bindings).map_err(|faults| unreadable(body, bindings, faults))
-        }
+        Format::Json => WindowParts::parse_json(body, bindings, unmarked)
+            .map_err(|faults| unreadable(body, bindings, unmarked, faults)),
         Format::Csv => {
             let not_text = |error: Utf8Error| {
                 vec![Fault::new("csv", "not-utf8", format!("byte {} is no UTF-8", error.valid_up_to()))]
             };
             std::str::from_utf8(body)
                 .map_err(not_text)
-                .and_then(|text| Window::parse_csv(text, bindings))
+                .and_then(|text| WindowParts::parse_csv(text, bindings, unmarked))
                 .map_err(ServiceError::Faults)
         }
     }
 }
 
 /// All that is wrong with a JSON window whose form is wrong: the parser of large bodies stops at the first.
-fn unreadable(body: &[u8], bindings: &ColumnBindings, faults: Vec<Fault>) -> ServiceError {
+fn unreadable(
+    body: &[u8],
+    bindings: &ColumnBindings,
+    unmarked: Option<ColumnRole>,
+    faults: Vec<Fault>,
+) -> ServiceError {
     if faults.iter().all(|fault| fault.code != "unreadable") {
         return ServiceError::Faults(faults);
     }
@@ -330,9 +367,8 @@ fn unreadable(body: &[u8], bindings: &ColumnBindings, faults: Vec<Fault>) -> Ser
         Ok(value) => {
             let Read { document, faults: mut found, .. } =
                 decode::read::<WindowDocument>(value, &Value::Null);
-            found.extend(
-                document.and_then(|document| Window::read(document, bindings).err()).into_iter().flatten(),
-            );
+            let more = document.and_then(|document| WindowParts::read(&document, bindings, unmarked).err());
+            found.extend(more.into_iter().flatten());
             ServiceError::Faults(if found.is_empty() { faults } else { found })
         }
     }

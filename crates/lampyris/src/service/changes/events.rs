@@ -1,11 +1,13 @@
-//! What happens to jobs, as a numbered log that any number of listeners follow, each at its own pace.
+//! What happens to jobs and to what is served, as a numbered log that any number of listeners follow, each at
+//! its own pace.
 //!
 //! Submissions and ends are read from the database in the order of their commits
 //! ([`catch_up`](super::follow::catch_up)), so none is lost and none is told twice, whoever caused it. Starts
-//! and progress live in memory alone. The log keeps the newest events; a listener that has fallen behind it,
-//! or comes from an earlier start of the service, is told how things stand now: its [`Position`] says which
-//! submissions and ends it has missed.
+//! and progress live in memory alone, and so does the news of parameters and states. The log keeps the newest
+//! events; a listener that has fallen behind it, or comes from an earlier start of the service, is told how
+//! things stand now: its [`Position`] says which submissions and ends it has missed.
 
+use crate::service::serving::snapshot::{ParamsChange, StateChange};
 use crate::service::work::progress::ProgressReport;
 use crate::store::jobs::JobRecord;
 use indexmap::IndexMap;
@@ -19,6 +21,7 @@ use utoipa::ToSchema;
 const KEPT: usize = 2048;
 /// Most events that a listener is handed at once.
 const HANDFUL: usize = 256;
+
 /// The log of one start of the service.
 #[derive(Debug)]
 pub struct Events {
@@ -53,17 +56,26 @@ pub struct Position {
     pub sequence: i64,
 }
 
-/// Something that happened to a job.
+/// Something that happened to a system.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Event {
     /// Its place.
     pub position: Position,
-    /// The job.
-    pub job: String,
-    /// The system of the job.
+    /// The system.
     pub system: SystemId,
     /// What happened.
-    pub what: JobChange,
+    pub what: SystemChange,
+}
+
+/// What happened to a system.
+#[derive(Debug, Clone, PartialEq)]
+pub enum SystemChange {
+    /// Something to one of its jobs.
+    Job(String, JobChange),
+    /// The parameters that are served are others, or what is said of them is.
+    Params(ParamsChange),
+    /// Its states are newer.
+    State(StateChange),
 }
 
 /// What happened to a job.
@@ -106,6 +118,10 @@ pub enum EventName {
     Incumbent,
     /// Nothing more will happen.
     Finished,
+    /// The parameters that are served are others, or what is said of them is.
+    Params,
+    /// The states of a system are newer.
+    State,
 }
 
 impl EventName {
@@ -117,6 +133,8 @@ impl EventName {
             EventName::Progress => "progress",
             EventName::Incumbent => "incumbent",
             EventName::Finished => "finished",
+            EventName::Params => "params",
+            EventName::State => "state",
         }
     }
 }
@@ -130,6 +148,25 @@ impl JobChange {
             JobChange::Progress(_) => EventName::Progress,
             JobChange::Incumbent(_) => EventName::Incumbent,
             JobChange::Finished(_) => EventName::Finished,
+        }
+    }
+}
+
+impl SystemChange {
+    /// The name of the event.
+    pub const fn name(&self) -> EventName {
+        match self {
+            SystemChange::Job(_, change) => change.name(),
+            SystemChange::Params(_) => EventName::Params,
+            SystemChange::State(_) => EventName::State,
+        }
+    }
+
+    /// The job that it happened to.
+    pub fn job(&self) -> Option<&str> {
+        match self {
+            SystemChange::Job(job, _) => Some(job),
+            SystemChange::Params(_) | SystemChange::State(_) => None,
         }
     }
 }
@@ -192,8 +229,8 @@ impl Events {
     }
 
     /// Adds an event that the database does not know of.
-    pub fn publish(&self, job: &str, system: &SystemId, what: JobChange) {
-        let number = self.log().push(self.boot, job, system, what);
+    pub fn publish(&self, system: &SystemId, what: SystemChange) {
+        let number = self.log().push(self.boot, system, what);
         self.newest.send_replace(number);
     }
 
@@ -221,7 +258,7 @@ impl Events {
             log.sequence = sequence;
             if let JobChange::Queued(job) | JobChange::Finished(job) = &what {
                 let (id, system) = (job.id.clone(), job.system.clone());
-                number = log.push(self.boot, &id, &system, what);
+                number = log.push(self.boot, &system, SystemChange::Job(id, what));
             }
         }
         drop(log);
@@ -261,8 +298,10 @@ impl Events {
     /// The place before a job entered the queue, as far as the log reaches back.
     pub fn before(&self, job: &str) -> Option<Position> {
         let log = self.log();
-        let entry =
-            log.kept.iter().find(|event| event.job == job && matches!(event.what, JobChange::Queued(_)))?;
+        let entry = log
+            .kept
+            .iter()
+            .find(|event| event.what.job() == Some(job) && event.what.name() == EventName::Queued)?;
         Some(Position {
             number: entry.position.number - 1,
             sequence: entry.position.sequence - 1,
@@ -276,27 +315,24 @@ impl Log {
         Position { boot, number: self.number, sequence: self.sequence }
     }
 
-    fn push(&mut self, boot: i64, job: &str, system: &SystemId, what: JobChange) -> u64 {
+    fn push(&mut self, boot: i64, system: &SystemId, what: SystemChange) -> u64 {
         self.number += 1;
-        let event = Arc::new(Event {
-            position: self.position(boot),
-            job: job.to_owned(),
-            system: system.clone(),
-            what,
-        });
-        match &event.what {
-            JobChange::Queued(_) => {}
-            JobChange::Started(_) => {
-                self.running.insert(event.job.clone(), vec![event.clone()]);
-            }
-            JobChange::Progress(_) | JobChange::Incumbent(_) => {
-                if let Some(told) = self.running.get_mut(job) {
-                    told.retain(|earlier| earlier.what.name() != event.what.name());
-                    told.push(event.clone());
+        let event = Arc::new(Event { position: self.position(boot), system: system.clone(), what });
+        if let SystemChange::Job(job, change) = &event.what {
+            match change {
+                JobChange::Queued(_) => {}
+                JobChange::Started(_) => {
+                    self.running.insert(job.clone(), vec![event.clone()]);
                 }
-            }
-            JobChange::Finished(_) => {
-                self.running.remove(job);
+                JobChange::Progress(_) | JobChange::Incumbent(_) => {
+                    if let Some(told) = self.running.get_mut(job) {
+                        told.retain(|earlier| earlier.what.name() != event.what.name());
+                        told.push(event.clone());
+                    }
+                }
+                JobChange::Finished(_) => {
+                    self.running.remove(job);
+                }
             }
         }
         if self.kept.len() == KEPT {
@@ -335,7 +371,11 @@ mod tests {
     }
 
     fn told(handful: &EventBatch) -> Vec<(&str, &str)> {
-        handful.events.iter().map(|event| (event.what.name().as_str(), event.job.as_str())).collect()
+        handful
+            .events
+            .iter()
+            .map(|event| (event.what.name().as_str(), event.what.job().unwrap_or_default()))
+            .collect()
     }
 
     #[test]
@@ -366,17 +406,18 @@ mod tests {
         let oldest = Position { number: 3, ..start };
         let mut handful = events.after(oldest, |_| true).unwrap();
         assert_eq!(
-            (handful.events[0].job.as_str(), handful.events.len(), handful.is_all),
-            ("job_4", HANDFUL, false)
+            (handful.events[0].what.job(), handful.events.len(), handful.is_all),
+            (Some("job_4"), HANDFUL, false)
         );
         let mut heard = handful.events.len();
         while !handful.is_all {
             handful = events.after(handful.position, |_| true).unwrap();
             heard += handful.events.len();
         }
-        assert_eq!((heard, handful.events.last().unwrap().job.clone()), (KEPT, format!("job_{count}")));
+        let last = format!("job_{count}");
+        assert_eq!((heard, handful.events.last().unwrap().what.job()), (KEPT, Some(last.as_str())));
         // Whoever wants one job only looks at all others, too.
-        let one = events.after(oldest, |event| event.job == "job_9").unwrap();
+        let one = events.after(oldest, |event| event.what.job() == Some("job_9")).unwrap();
         assert_eq!(
             (told(&one), one.position.number, one.is_all),
             (vec![("queued", "job_9")], KEPT as u64 + 3, true)
@@ -402,18 +443,19 @@ mod tests {
             eta_s: None,
             trials: None,
         };
-        events.publish("job_1", &system, JobChange::Progress(report(1)));
+        let publish = |change| events.publish(&system, SystemChange::Job("job_1".to_owned(), change));
+        publish(JobChange::Progress(report(1)));
         assert!(events.snapshot().1.is_empty(), "progress of a job that does not run is none");
-        events.publish("job_1", &system, JobChange::Started(Box::new(job(1, None))));
+        publish(JobChange::Started(Box::new(job(1, None))));
         for evaluations in [10, 20] {
-            events.publish("job_1", &system, JobChange::Progress(report(evaluations)));
-            events.publish("job_1", &system, JobChange::Incumbent(Arc::default()));
+            publish(JobChange::Progress(report(evaluations)));
+            publish(JobChange::Incumbent(Arc::default()));
         }
         let (_, running) = events.snapshot();
         let words: Vec<&str> = running.iter().map(|event| event.what.name().as_str()).collect();
         assert_eq!(words, ["started", "progress", "incumbent"]);
-        assert_eq!(running[1].what, JobChange::Progress(report(20)));
-        events.publish("job_1", &system, JobChange::Finished(Box::new(job(1, Some(2)))));
+        assert_eq!(running[1].what, SystemChange::Job("job_1".to_owned(), JobChange::Progress(report(20))));
+        publish(JobChange::Finished(Box::new(job(1, Some(2)))));
         assert!(events.snapshot().1.is_empty());
     }
 

@@ -1,4 +1,4 @@
-//! What happens to jobs, for those who listen.
+//! What happens to jobs and to what is served, for those who listen.
 //!
 //! `events` is the numbered log that any number of listeners follow; `follow` brings the submissions and ends
 //! of the database into it.

@@ -2,12 +2,16 @@
 //!
 //! `subject` is a stored fit with what is needed to run it again. `comparison` lays such fits beside the
 //! measurements and `chart` writes that as lines; `diagnostics` says the same in numbers and sentences.
-//! `series` is the stitched view of all windows of a system, and `preview` one simulation for whoever edits a
-//! model.
+//! `forecast` goes on from the newest measurement with the parameters in force, `scores` says how far off
+//! such forecasts were, and `export` writes their model for other programs. `series` is the stitched view of
+//! all windows of a system, and `preview` one simulation for whoever edits a model.
 
 pub mod chart;
 pub mod comparison;
 pub mod diagnostics;
+pub mod export;
+pub mod forecast;
 pub mod preview;
+pub mod scores;
 pub mod series;
 pub mod subject;

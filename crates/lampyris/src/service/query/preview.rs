@@ -6,15 +6,16 @@ use crate::service::decode;
 use crate::service::error::ServiceError;
 use crate::service::queue::submit;
 use crate::service::state::Service;
-use crate::service::threads::blocking_while_wanted;
 use crate::service::work::input;
+use crate::service::work::interactive::RenderedAnswer;
 use crate::store;
 use indexmap::IndexMap;
 use lampyris_core::data::{Duration, SplitRequest, SystemId, read_time, rfc3339};
-use lampyris_core::estimate::assess::preview::{Preview, preview, standard_days};
+use lampyris_core::estimate::assess::preview::{preview, standard_days};
 use lampyris_core::estimate::problem::request::WindowRange;
 use lampyris_core::estimate::{EstimateRequest, prepare};
 use lampyris_core::fault::Fault;
+use lampyris_core::interrupt::Brake;
 use lampyris_core::model::document::ModelDocument;
 use lampyris_core::model::spec::EffectSpec;
 use lampyris_core::model::{Bindings, Catalogue, ModelId, compile};
@@ -79,7 +80,7 @@ enum PreviewEffect {
 ///
 /// # Errors
 /// Every fault of the model, the values and the window, or where the database fails.
-pub async fn run(service: &Service, body: Value) -> Result<Preview, ServiceError> {
+pub async fn run(service: &Service, body: Value) -> Result<RenderedAnswer, ServiceError> {
     let request: Request = decode::decode(body).map_err(ServiceError::Faults)?;
     let faults = faults(&request);
     if !faults.is_empty() {
@@ -96,12 +97,13 @@ pub async fn run(service: &Service, body: Value) -> Result<Preview, ServiceError
     let input = match (&request.system, &record) {
         (Some(system), Some(document)) => {
             let asked = asked(&request);
-            Some(input::collect(service, system, document.clone(), document.model.clone(), asked, 0).await?)
+            let model = document.require_model().map_err(ServiceError::Faults)?.clone();
+            Some(input::collect(service, system, document.clone(), model, asked, 0).await?)
         }
         _ => None,
     };
     // Everything that takes time happens here: compiling, stitching, simulating.
-    blocking_while_wanted(move |brake| {
+    let work = move |brake: &Brake| {
         let (catalogue, model) =
             assemble(&catalogue, &request, record.as_ref()).map_err(ServiceError::Faults)?;
         let (window, site) = match &input {
@@ -112,9 +114,11 @@ pub async fn run(service: &Service, body: Value) -> Result<Preview, ServiceError
             .map_err(|faults| ServiceError::Faults(named(faults)))?
             .with_brake(brake);
         let most = request.max_points.unwrap_or(MOST_POINTS);
-        preview(&problem, most, input.is_none()).map_err(|fault| ServiceError::Faults(vec![fault]))
-    })
-    .await?
+        let preview =
+            preview(&problem, most, input.is_none()).map_err(|fault| ServiceError::Faults(vec![fault]))?;
+        serde_json::to_vec(&preview).map_err(|error| ServiceError::Internal(error.to_string()))
+    };
+    service.interactive.once(work).await
 }
 
 fn faults(request: &Request) -> Vec<Fault> {
@@ -195,7 +199,7 @@ fn assemble(
 ) -> Result<(Catalogue, ModelId), Vec<Fault>> {
     let mut catalogue = catalogue.clone();
     let mut model = match &request.model {
-        None => system.map(|system| system.model.clone()).ok_or_else(Vec::new)?,
+        None => system.ok_or_else(Vec::new)?.require_model()?.clone(),
         Some(PreviewModel::Named(id)) => {
             id.parse().map_err(|error| vec![Fault::new("/model", "invalid-id", format!("{error}"))])?
         }

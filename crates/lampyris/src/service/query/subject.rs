@@ -53,6 +53,17 @@ pub(super) async fn require(service: &Service, id: &str) -> Result<FitRecord, Se
     store::fits::get(&service.store, id).await?.ok_or_else(|| ServiceError::NotFound("fit", id.to_owned()))
 }
 
+/// The revision that is served of a system, and the fit behind it.
+pub(super) async fn in_force(service: &Service, system: &SystemId) -> Result<(i64, FitRecord), ServiceError> {
+    let standing = store::params::standing(&service.store, system)
+        .await?
+        .ok_or_else(|| ServiceError::NoSystem(system.clone()))?;
+    match standing.revision {
+        Some(revision) => Ok((revision.revision, require(service, &revision.fit).await?)),
+        None => Err(ServiceError::NeverValidated(system.clone(), standing.latest_job)),
+    }
+}
+
 /// A name for everything that an answer about fits depends on: they and the models do not change, but the
 /// measurements and the system do.
 pub(super) async fn key(
@@ -70,7 +81,9 @@ pub(super) async fn key(
             .ok_or_else(|| ServiceError::NoSystem(record.system.clone()))?;
         hasher.update(b"\n").update(system.document.as_bytes());
         let document = system::document(&system.document)?;
-        for system in std::iter::once(record.system.clone()).chain(next_door(record, &document)) {
+        let shared = document.shared().into_iter().map(|channel| channel.system);
+        let others = next_door(record, &document).into_iter().chain(shared);
+        for system in std::iter::once(record.system.clone()).chain(others) {
             let version = store::measured::version(&service.store, &system).await?;
             hasher.update(format!("\n{system} {version}").as_bytes());
         }
@@ -85,9 +98,8 @@ pub(super) async fn load(service: &Service, record: FitRecord, until: i64) -> Re
     let instant =
         |text: &str| read_time("/basis", text).map_err(|fault| ServiceError::Internal(fault.to_string()));
     let range = (instant(&basis.from)?, instant(&basis.to)?.max(until));
-    let next_door = next_door(&record, &document);
-    let measurements =
-        input::measurements(service, &record.system, &next_door, &document.exclude, range).await?;
+    let document = SystemDocument { neighbours: next_door(&record, &document), ..document };
+    let measurements = input::measurements(service, &record.system, &document, range).await?;
     Ok(Subject { record, measurements, catalogue: service.catalogue.current() })
 }
 

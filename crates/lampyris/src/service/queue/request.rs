@@ -19,6 +19,8 @@ use utoipa::openapi::{RefOr, Schema};
 
 /// The kinds that a request may name.
 const KINDS: [&str; 5] = ["estimate", "diagnose", "ladder", "recalibrate", "tune"];
+/// Most systems or patterns that a batch names.
+const MOST_PATTERNS: usize = 10_000;
 /// Most evaluations that a request may spend.
 const MOST_EVALUATIONS: usize = 100_000_000;
 
@@ -200,8 +202,15 @@ fn read_several(kind: BatchKind, mut fields: Map<String, Value>) -> Result<JobRe
 pub fn read_batch(kind: BatchKind, mut fields: Map<String, Value>) -> Result<BatchRequest, Vec<Fault>> {
     let mut faults = Vec::new();
     let systems = take::<Vec<SystemPattern>>(&mut fields, "systems", &mut faults);
-    if systems.as_ref().is_some_and(Vec::is_empty) {
-        faults.push(Fault::new("/systems", "empty", "no system is named").suggest("such as [\"room/*\"]"));
+    match systems.as_ref().map_or(1, Vec::len) {
+        0 => {
+            faults.push(Fault::new("/systems", "empty", "no system is named").suggest("such as [\"room/*\"]"))
+        }
+        1..=MOST_PATTERNS => {}
+        count => {
+            let detail = format!("{count} patterns are named, {MOST_PATTERNS} are the most");
+            faults.push(Fault::new("/systems", "too-many", detail).suggest("such as [\"room/*\"]"));
+        }
     }
     if fields.contains_key("criterion") {
         faults.push(Fault::new("/criterion", "unknown-field", "only a ladder has a criterion"));
@@ -311,7 +320,10 @@ pub fn read_settings(
             request.method = SeededMethod { seed, method: method.method.clone() };
         }
         // Bounds and fixed values of the system name parameters of its own model.
-        if request.model.get_or_insert_with(|| system.model.clone()) == &system.model {
+        if request.model.is_none() {
+            request.model.clone_from(&system.model);
+        }
+        if request.model == system.model {
             if !settings.contains_key("bounds") {
                 request.bounds.clone_from(&system.bounds);
             }

@@ -50,6 +50,7 @@ pub async fn forget(service: &Service, now: Timestamp) -> Result<Forgotten, Serv
     }
     let before = now.saturating_sub(ALIASES_KEPT).unwrap_or(Timestamp::MIN);
     store::uploads::forget_aliases(&service.store, before).await?;
+    store::said::forget_old(&service.store, now).await?;
     store::idempotency::forget_old(&service.store, now).await?;
     if forgotten != Forgotten::default() {
         tracing::info!(

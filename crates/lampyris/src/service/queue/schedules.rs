@@ -13,6 +13,7 @@ use crate::store::batches::BatchKind;
 use crate::store::jobs::Priority;
 use crate::store::schedules::{NewSchedule, ScheduleRecord, TickResult};
 use croner::Cron;
+use jiff::civil::date;
 use jiff::tz::TimeZone;
 use jiff::{Timestamp, Zoned};
 use lampyris_core::data::SystemPattern;
@@ -29,6 +30,10 @@ use utoipa::ToSchema;
 pub const NIGHTLY: &str = "nightly";
 /// Every night at half past two.
 const NIGHTLY_CRON: &str = "30 2 * * *";
+/// Most bytes of a pattern of cron: every minute of an hour by name has fewer.
+const LONGEST_CRON: usize = 256;
+/// In so many years every day of the year has been every day of the week.
+const YEARS: i64 = 28;
 /// The longest sleep: after a jump of the clock nothing is later than this.
 const LONGEST_SLEEP: Duration = Duration::from_secs(30);
 
@@ -77,10 +82,19 @@ impl Ticks {
     /// A fault for the pattern, the zone, or both.
     pub fn read(cron: &str, zone: &str) -> Result<Self, Vec<Fault>> {
         let shown = |text: &str| text.chars().take(60).collect::<String>().escape_debug().to_string();
-        let parsed = Cron::from_str(cron).map_err(|error| {
-            Fault::new("/cron", "invalid-cron", format!("`{}` is no cron pattern: {error}", shown(cron)))
+        let invalid = |why: &str| {
+            Fault::new("/cron", "invalid-cron", format!("`{}` is no cron pattern: {why}", shown(cron)))
                 .suggest("such as `30 2 * * *`")
-        });
+        };
+        let parsed = if cron.len() > LONGEST_CRON {
+            Err(invalid(&format!("it has more than {LONGEST_CRON} bytes")))
+        } else if !(5..=6).contains(&cron.split_whitespace().count()) {
+            Err(invalid("it has five fields, minute, hour, day, month, weekday, or seconds before them"))
+        } else {
+            Cron::from_str(cron).map_err(|error| invalid(&error.to_string())).and_then(|parsed| {
+                if comes(cron) { Ok(parsed) } else { Err(invalid("no year has such a day")) }
+            })
+        };
         let zone = TimeZone::get(zone).map_err(|_| {
             Fault::new("/zone", "unknown-zone", format!("`{}` is no IANA time zone", shown(zone)))
                 .suggest("such as `Europe/Copenhagen`")
@@ -115,6 +129,20 @@ impl Ticks {
         let newest = self.cron.find_previous_occurrence(&local, true).ok().map(|tick| tick.timestamp())?;
         (newest > after).then_some(newest)
     }
+}
+
+/// Whether a pattern ever comes. The search for the next time of one that never does goes on for thousands of
+/// years.
+fn comes(cron: &str) -> bool {
+    let fields: Vec<&str> = cron.split_whitespace().collect();
+    let days = fields[fields.len().saturating_sub(3)..].join(" ");
+    let Ok(midnights) = Cron::from_str(&format!("0 0 {days}")) else { return false };
+    let mut day = date(2000, 1, 1);
+    (0..YEARS * 366).any(|_| {
+        let midnight = day.to_zoned(TimeZone::UTC);
+        day = day.tomorrow().unwrap_or(day);
+        midnight.is_ok_and(|midnight| midnights.is_time_matching(&midnight).unwrap_or(false))
+    })
 }
 
 /// Reads a schedule and its request.

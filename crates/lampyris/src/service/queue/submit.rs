@@ -101,7 +101,7 @@ pub async fn refit(
     let new = new_job(
         JobKind::Estimate,
         system,
-        document.model.clone(),
+        document.require_model().map_err(ServiceError::Faults)?.clone(),
         false,
         &request,
         Origin::Scheduled,
@@ -152,7 +152,13 @@ async fn judge(
     };
     let document = system::document(&record.document)?;
     let (request, mut faults) = request::read_settings(settings, Some(&document));
-    let model = request.model.clone().unwrap_or_else(|| document.model.clone());
+    let model = match request.model.as_ref().ok_or(()).or_else(|()| document.require_model()) {
+        Ok(model) => model.clone(),
+        Err(more) => {
+            faults.extend(more);
+            return Ok((Some(document), request, faults));
+        }
+    };
     let (catalogue, choices) = (service.catalogue.current(), request.choices());
     let binding = document.clone();
     let more = blocking(move || match binding.bindings(&catalogue, &model) {
@@ -228,6 +234,7 @@ pub async fn batch(
             continue;
         }
         let document = system::document(&record.document)?;
+        let Some(model) = document.model.clone() else { continue };
         let mut skip = |why: String| batch.skipped.push(Skipped { system: system.clone(), why });
         if kind == JobKind::Estimate && document.policy.mode == Mode::Observe {
             skip("its policy is to observe only".to_owned());
@@ -240,7 +247,7 @@ pub async fn batch(
                     batch.jobs.push(new_job(
                         kind,
                         system,
-                        document.model,
+                        model,
                         kind != JobKind::Estimate,
                         &request,
                         origin,

@@ -6,6 +6,7 @@ use crate::store::params::{RevisionRecord, ServedState};
 use jiff::{SignedDuration, Timestamp};
 use lampyris_core::data::SystemId;
 use lampyris_core::estimate::assess::degradation::Degradation;
+use lampyris_core::estimate::fit::covariance::Covariance;
 use lampyris_core::estimate::gate::served::ServedError;
 use lampyris_core::model::{Catalogue, ModelId, Nominal};
 use serde::Serialize;
@@ -117,6 +118,9 @@ pub struct Body {
     degraded: Option<Degraded>,
     /// Why an operator keeps it in service.
     pin: Option<Pin>,
+    /// How the estimates err together, where that was asked for (`with=covariance`).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    covariance: Option<Covariance>,
 }
 
 /// A stretch of time.
@@ -237,6 +241,7 @@ pub(super) fn validated(
         }),
         degraded: standing.degradation.as_ref().map(|record| degraded(&record.degradation, record.since)),
         pin: standing.pin.as_ref().map(|pin| Pin { reason: pin.reason.clone(), since: pin.since }),
+        covariance: None,
     };
     render(&body, stale)
 }
@@ -259,9 +264,8 @@ pub(super) fn nominal(
     document: &SystemDocument,
     catalogue: &Catalogue,
 ) -> Result<Option<Rendered>, ServiceError> {
-    let Ok(model) = document.bindings(catalogue, &document.model) else {
-        return Ok(None);
-    };
+    let Some(id) = &document.model else { return Ok(None) };
+    let Ok(model) = document.bindings(catalogue, id) else { return Ok(None) };
     let value = |nominal: &Nominal| match nominal {
         Nominal::Value(value) => Value::from(*value),
         Nominal::Measured(_) => Value::Null,
@@ -276,7 +280,7 @@ pub(super) fn nominal(
         revision: None,
         fit: None,
         status: Status::Nominal,
-        model: Value::from(document.model.to_string()),
+        model: Value::from(id.to_string()),
         parameters: named(&|parameter| value(&parameter.nominal)),
         units: named(&|parameter| Value::from(parameter.unit.clone())),
         ci95: named(&|_| Value::Null),
@@ -290,6 +294,7 @@ pub(super) fn nominal(
         fallback: None,
         degraded: None,
         pin: None,
+        covariance: None,
     };
     render(&body, false).map(Some)
 }

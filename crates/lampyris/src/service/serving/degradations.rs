@@ -1,6 +1,8 @@
 //! Looks at what is served whenever measurements arrive: where the states are now, and whether the newer
 //! measurements contradict the parameters.
 
+use super::kept::KeptFilter;
+use super::live;
 use crate::service::catalogue::system::Mode;
 use crate::service::catalogue::systems;
 use crate::service::error::ServiceError;
@@ -13,6 +15,7 @@ use crate::store::fits::FitRecord;
 use lampyris_core::data::{Duration, SplitRequest, SystemId, rfc3339};
 use lampyris_core::estimate::EstimateRequest;
 use lampyris_core::estimate::assess::degradation::{Newer, as_fitted, goes_on, newer};
+use lampyris_core::estimate::assess::live::LiveStates;
 use lampyris_core::estimate::assess::metrics::{CurrentState, filter_fit, newest_state};
 use lampyris_core::estimate::problem::request::WindowRange;
 use lampyris_core::interrupt::{Brake, Interrupt};
@@ -124,13 +127,22 @@ async fn look(
         return Err(ServiceError::Internal("the comparison ran into a fault of the program".to_owned()));
     };
     let found = match found {
-        Ok(found) => found?,
+        Ok(found) => found,
         Err(Interrupt::Cancelled) => return Ok(false),
         Err(Interrupt::Deadline) => {
             return Err(ServiceError::Internal("the comparison took longer than a job may".to_owned()));
         }
     };
-    let Some((newer, state)) = found else { return Ok(false) };
+    let keep = |end, state| KeptFilter::new(revision.revision, service.now(), end, state);
+    let Looked { newer, state, end } = match found {
+        Ok(Some(looked)) => looked,
+        other => {
+            // The next samples are not to ask the same again.
+            service.live.put(system, keep(None, None));
+            return other.map(|_| false);
+        }
+    };
+    service.live.put(system, keep(end, state.clone()));
     if let Some((error, horizon)) = newer.error() {
         service.metrics.forecast(system, horizon, error);
     }
@@ -171,6 +183,10 @@ async fn look(
             .await?
         }
     };
+    // Samples may have come while the record was looked at.
+    if let Err(error) = live::go_on(service, system, i64::MAX).await {
+        not_compared(system, &error);
+    }
     if let Some(degraded) = turned {
         tracing::warn!(
             %system,
@@ -194,12 +210,18 @@ fn request(served: &FitRecord, newest: i64) -> EstimateRequest {
     }
 }
 
+/// What a look has found.
+struct Looked {
+    /// What newer measurements say of what is served.
+    newer: Newer,
+    /// The states at the end.
+    state: Option<CurrentState>,
+    /// The filter, to go on from there.
+    end: Option<LiveStates>,
+}
+
 /// This is work for a CPU pool.
-fn compare(
-    input: &JobInput,
-    served: &FitRecord,
-    brake: &Brake,
-) -> Result<Option<(Newer, Option<CurrentState>)>, ServiceError> {
+fn compare(input: &JobInput, served: &FitRecord, brake: &Brake) -> Result<Option<Looked>, ServiceError> {
     let window = input.window()?;
     let problem = input.problem(&window)?.with_brake(brake);
     let names = problem.model().parameters().iter().map(|parameter| &parameter.name);
@@ -213,5 +235,6 @@ fn compare(
     let problem = as_fitted(&problem, &served.fit);
     let run = filter_fit(&problem, &served.fit);
     let said = newer(&problem, &served.fit, &run, input.system.policy.horizon);
-    Ok(Some((said, newest_state(&problem, &run))))
+    let end = LiveStates::begin(&problem, &served.fit, &run, &window);
+    Ok(Some(Looked { newer: said, state: newest_state(&problem, &run), end }))
 }

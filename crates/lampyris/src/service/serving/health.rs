@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 /// A flag about single parameters that takes nothing from the forecasts.
-const HARMLESS: &str = "non_identifiable:";
+const HARMLESS: [&str; 2] = ["non_identifiable:", "undetermined:"];
 
 /// What is wrong with a system whose parameters are stale.
 const OLD: &str = "The parameters, or the measurements behind them, are older than the policy wants";
@@ -87,8 +87,8 @@ pub fn health(served: Option<&Served>, newest: Option<&JobRecord>) -> (Health, S
         "validation_failed" => "the newest fit was rejected",
         _ => "the newest job failed",
     });
-    let flags: Vec<&str> =
-        served.flags.iter().map(String::as_str).filter(|flag| !flag.starts_with(HARMLESS)).collect();
+    let asks = |flag: &&str| !HARMLESS.iter().any(|harmless| flag.starts_with(harmless));
+    let flags: Vec<&str> = served.flags.iter().map(String::as_str).filter(asks).collect();
     match (served.status.as_str(), failure) {
         ("degraded", _) => {
             (Health::Bad, "The error on new measurements is far above that of the validation.".to_owned())
@@ -179,7 +179,8 @@ mod tests {
         let word = |change: serde_json::Value| health(Some(&served(change)), None).0;
         let reason = |reason: &str| serde_json::json!({"reason": reason, "job": "job_2"});
         assert_eq!(word(serde_json::json!({})), Health::Ok);
-        assert_eq!(word(serde_json::json!({"flags": ["non_identifiable:beta_e"]})), Health::Ok);
+        let harmless = serde_json::json!({"flags": ["non_identifiable:beta_e", "undetermined:alpha_e"]});
+        assert_eq!(word(harmless), Health::Ok);
         assert_eq!(word(serde_json::json!({"flags": ["at_bound:alpha_e"]})), Health::Attention);
         assert_eq!(word(serde_json::json!({"status": "stale"})), Health::Attention);
         assert_eq!(word(serde_json::json!({"status": "pinned"})), Health::Attention);

@@ -1,12 +1,14 @@
-//! Keeps the snapshot behind `/params` true to the database.
+//! Keeps the snapshot behind `/params` and `/state` true to the database.
 //!
 //! One task, [`follow`], hears of every commit that changes what is served, or what is said of it, and makes
 //! the entries of its systems from the database, whatever the reason; whoever has written waits for it.
 //! Bodies therefore change at events only, and the turn to `stale` is an event of the same task.
 
 use super::body::{self, Status};
-use super::snapshot::{Answer, Entry};
+use super::snapshot::{Answer, Entry, ParamsChange, StateChange};
+use super::states;
 use crate::service::catalogue::system::document;
+use crate::service::changes::events::SystemChange;
 use crate::service::error::ServiceError;
 use crate::service::state::Service;
 use crate::service::threads::blocking;
@@ -34,9 +36,21 @@ pub async fn load_all(service: &Service) -> Result<(), ServiceError> {
     for standing in standings(&service.store).await? {
         let system = standing.system.clone();
         let entry = entry(service, standing).await?;
-        service.params.swap(&system, entry);
+        show(service, &system, entry);
     }
     Ok(())
+}
+
+/// Serves an entry, and tells those who listen what of it is news.
+fn show(service: &Service, system: &SystemId, entry: Entry) {
+    let (params, state) = (ParamsChange::of(&entry), StateChange::of(&entry));
+    let news = service.params.swap(system, entry);
+    if let Some(params) = params.filter(|_| news.params) {
+        service.events.publish(system, SystemChange::Params(params));
+    }
+    if let Some(state) = state.filter(|_| news.states) {
+        service.events.publish(system, SystemChange::State(state));
+    }
 }
 
 /// Shows what was committed, and publishes the turn to `stale` when its time has come, until the service
@@ -106,7 +120,7 @@ async fn refresh(service: &Service, system: &SystemId) -> Result<(), ServiceErro
                 service.metrics.fell_back();
             }
             failpoint::reached("before_swap");
-            service.params.swap(system, entry);
+            show(service, system, entry);
         }
         None => service.params.forget(system),
     }
@@ -115,13 +129,21 @@ async fn refresh(service: &Service, system: &SystemId) -> Result<(), ServiceErro
 
 async fn entry(service: &Service, standing: ServedState) -> Result<Entry, ServiceError> {
     let document = document(&standing.document)?;
+    let states = standing
+        .state
+        .as_ref()
+        .and_then(|(revision, document)| states::rendered(&standing.system.to_string(), *revision, document));
     match &standing.revision {
         Some(revision) => {
             let now = service.now();
             let stale_after = body::stale_after(revision, &document, now);
             let stale = now >= stale_after;
             let rendered = body::validated(&standing, revision, stale_after, stale)?;
-            Ok(Entry { answer: Answer::Validated(rendered), turns_stale: (!stale).then_some(stale_after) })
+            Ok(Entry {
+                answer: Answer::Validated(rendered),
+                states,
+                turns_stale: (!stale).then_some(stale_after),
+            })
         }
         None => {
             let catalogue = service.catalogue.current();
@@ -129,6 +151,7 @@ async fn entry(service: &Service, standing: ServedState) -> Result<Entry, Servic
             let nominal = blocking(move || body::nominal(system, &document, &catalogue)).await??;
             Ok(Entry {
                 answer: Answer::NeverValidated { latest_job: standing.latest_job, nominal },
+                states,
                 turns_stale: None,
             })
         }

@@ -1,21 +1,34 @@
-//! The snapshot behind `/params`: finished bodies with their tags, swapped in after the commit.
+//! The snapshot behind `/params` and `/state`: finished bodies with their tags, swapped in after the commit.
 //! One task alone makes entries (`params`), so that an older one never comes last.
 //!
 //! A handler takes the body that is there: no SQL, no lock, no encoding.
 
-use super::body::Rendered;
+use super::body::{Rendered, Status};
+use super::states::RenderedStates;
 use crate::store::jobs::JobStatus;
 use arc_swap::ArcSwap;
 use jiff::Timestamp;
 use lampyris_core::data::SystemId;
+use serde::Serialize;
 use std::collections::HashMap;
 use std::sync::Arc;
 use tokio::sync::watch;
 
-/// What `/params` serves, by the name of the system (`room/4`).
+/// What `/params` and `/state` serve, by the name of the system (`room/4`).
 #[derive(Debug, Default)]
 pub struct Snapshot {
     slots: ArcSwap<HashMap<String, Arc<Slot>>>,
+}
+
+/// The systems that are there at a moment.
+#[derive(Debug, Clone)]
+pub struct KnownSystems(Arc<HashMap<String, Arc<Slot>>>);
+
+impl KnownSystems {
+    /// Whether a system of this name is among them.
+    pub fn has(&self, system: &str) -> bool {
+        self.0.contains_key(system)
+    }
 }
 
 /// The place of one system. It stays; its entry is swapped.
@@ -30,8 +43,37 @@ pub struct Slot {
 pub struct Entry {
     /// The parameters, or why there are none.
     pub answer: Answer,
+    /// The states at the newest measurement, where there are any.
+    pub states: Option<RenderedStates>,
     /// When the status turns to `stale`.
     pub(super) turns_stale: Option<Timestamp>,
+}
+
+/// What is served now.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ParamsChange {
+    /// The revision.
+    pub revision: i64,
+    /// How much to trust it.
+    pub status: Status,
+}
+
+/// Which states there are now.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct StateChange {
+    /// The revision by whose parameters they were found.
+    pub revision: i64,
+    /// The instant of the sample, RFC 3339.
+    pub at: String,
+}
+
+/// What of an entry is another than it was.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(super) struct EntryNews {
+    /// The parameters, or what is said of them.
+    pub params: bool,
+    /// The states.
+    pub states: bool,
 }
 
 /// The parameters, or why there are none.
@@ -49,6 +91,11 @@ pub enum Answer {
 }
 
 impl Snapshot {
+    /// The systems that are there now.
+    pub fn known(&self) -> KnownSystems {
+        KnownSystems(self.slots.load_full())
+    }
+
     /// The slot of a system, if there is such a system.
     pub fn slot(&self, system: &str) -> Option<Arc<Slot>> {
         self.slots.load().get(system).cloned()
@@ -80,16 +127,18 @@ impl Snapshot {
         (turned, next)
     }
 
-    /// Swaps an entry in, and wakes those who wait for it if it is another one.
-    pub(super) fn swap(&self, system: &SystemId, entry: Entry) {
+    /// Swaps an entry in, wakes those who wait for it if it is another one, and says in what. There is no
+    /// news of a system that comes.
+    pub(super) fn swap(&self, system: &SystemId, entry: Entry) -> EntryNews {
         let name = system.to_string();
         match self.slot(&name) {
             Some(slot) => {
-                let is_news = !slot.entry.load().says_the_same(&entry);
+                let news = entry.news_after(&slot.entry.load());
                 slot.entry.store(Arc::new(entry));
-                if is_news {
+                if news != EntryNews::default() {
                     slot.changed.send_replace(());
                 }
+                news
             }
             None => {
                 let slot =
@@ -99,6 +148,7 @@ impl Snapshot {
                     more.insert(name.clone(), slot.clone());
                     more
                 });
+                EntryNews::default()
             }
         }
     }
@@ -113,7 +163,7 @@ impl Snapshot {
                 fewer
             });
             let answer = Answer::NeverValidated { latest_job: None, nominal: None };
-            slot.entry.store(Arc::new(Entry { answer, turns_stale: None }));
+            slot.entry.store(Arc::new(Entry { answer, states: None, turns_stale: None }));
             slot.changed.send_replace(());
         }
     }
@@ -131,7 +181,28 @@ impl Slot {
     }
 }
 
+impl ParamsChange {
+    /// What an entry tells of, unless nothing was ever validated.
+    pub fn of(entry: &Entry) -> Option<Self> {
+        let served = entry.validated()?;
+        Some(Self { revision: served.revision?, status: served.status })
+    }
+}
+
+impl StateChange {
+    /// What an entry tells of, where it has states.
+    pub fn of(entry: &Entry) -> Option<Self> {
+        entry.states.as_ref().map(|states| Self { revision: states.revision, at: states.at.clone() })
+    }
+}
+
 impl Entry {
+    fn news_after(&self, before: &Entry) -> EntryNews {
+        let tag = |entry: &Entry| entry.states.as_ref().map(|states| states.etag.clone());
+        EntryNews { params: !self.says_the_same(before), states: tag(self) != tag(before) }
+    }
+
+    /// Whether the parameters are the same, and what is said of them.
     fn says_the_same(&self, other: &Entry) -> bool {
         match (&self.answer, &other.answer) {
             (Answer::Validated(mine), Answer::Validated(theirs)) => mine.etag == theirs.etag,

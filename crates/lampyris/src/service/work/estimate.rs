@@ -13,7 +13,7 @@ use lampyris_core::estimate::problem::predictor::Predictor;
 use lampyris_core::estimate::problem::request::days_before;
 use lampyris_core::estimate::validate;
 use lampyris_core::estimate::{
-    Control, EstimateError, GatePolicy, Interrupt, Past, Problem, Verdict, estimate,
+    Control, EstimateError, Fit, GatePolicy, Interrupt, Past, Problem, Verdict, estimate,
 };
 use lampyris_core::fault::Fault;
 use lampyris_core::interrupt::Brake;
@@ -66,6 +66,14 @@ pub fn fitted(input: &JobInput, control: &Control<'_>, brake: &Brake) -> Result<
         .map_err(|error| stopped(&error))?;
     let fit =
         with_worst_regime(fit, &problem, &window).map_err(|fault| Stopped::Failed(invalid(vec![fault])))?;
+    if !can_be_kept(&fit) {
+        let detail = "errors or measures of the fit are no finite numbers: look at the measurements";
+        return Err(Stopped::Failed(JobFailure {
+            code: "diverged".to_owned(),
+            detail: detail.to_owned(),
+            errors: Vec::new(),
+        }));
+    }
     let policy = GatePolicy { horizon: input.system.policy.horizon, excluded: input.system.excluded() };
     let mut judgement = validate(&problem, &fit, &past, &policy);
     if let (Verdict::Accepted(_), true) = (&judgement.verdict, input.is_narrowed()) {
@@ -85,6 +93,11 @@ pub fn fitted(input: &JobInput, control: &Control<'_>, brake: &Brake) -> Result<
         report: None,
     };
     Ok(FirstFit { window, problem: problem.with_substeps(finding.fit.substeps), finding })
+}
+
+/// Whether the document of a fit can be read again: what is no finite number cannot be written.
+fn can_be_kept(fit: &Fit) -> bool {
+    serde_json::to_string(fit).is_ok_and(|text| serde_json::from_str::<Fit>(&text).is_ok())
 }
 
 /// The states by the parameters that are served now, where they are parameters of this model.

@@ -1,6 +1,6 @@
 //! Collects what an estimate needs: measurements of the system and its neighbours, and what is served now.
 
-use crate::service::catalogue::system::{Exclusion, SystemDocument};
+use crate::service::catalogue::system::{Exclusion, SharedChannel, SystemDocument};
 use crate::service::catalogue::systems;
 use crate::service::error::ServiceError;
 use crate::service::state::Service;
@@ -54,6 +54,7 @@ pub struct JobInput {
 pub struct Measurements {
     own: OwnedDays,
     neighbours: Vec<(SystemId, OwnedDays)>,
+    shared: Vec<(SharedChannel, OwnedDays)>,
     exclude: Vec<Exclusion>,
 }
 
@@ -130,14 +131,7 @@ pub async fn collect(
     Ok(JobInput {
         catalogue: service.catalogue.current(),
         model,
-        measurements: measurements(
-            service,
-            name,
-            &system.neighbours,
-            &system.exclude,
-            (from.saturating_sub(before), to),
-        )
-        .await?,
+        measurements: measurements(service, name, &system, (from.saturating_sub(before), to)).await?,
         served: store::fits::served(&service.store, name).await?,
         posted: false,
         past: Past::default(),
@@ -147,29 +141,36 @@ pub async fn collect(
     })
 }
 
-/// Collects what was measured of a system and its neighbours between two instants.
+/// Collects what was measured of a system, its neighbours and the others that share a channel with it,
+/// between two instants.
 ///
 /// # Errors
 /// Where the database fails.
 pub async fn measurements(
     service: &Service,
     system: &SystemId,
-    next_door: &[SystemId],
-    exclude: &[Exclusion],
+    document: &SystemDocument,
     (from, to): (i64, i64),
 ) -> Result<Measurements, ServiceError> {
     // A sample at either end may stand between two of which one lies beyond it.
     let span = (from.saturating_sub(DAY_S), to.saturating_add(DAY_S));
     let of_neighbours = [ROOM_TEMPERATURE, OUTDOOR_TEMPERATURE].map(str::to_owned);
     let mut neighbours = Vec::new();
-    for neighbour in next_door {
+    for neighbour in &document.neighbours {
         let days = store::measured::read_owned(&service.store, neighbour, span, Some(&of_neighbours)).await?;
         neighbours.push((neighbour.clone(), days));
+    }
+    let mut shared = Vec::new();
+    for channel in document.shared() {
+        let name = [channel.there.clone()];
+        let days = store::measured::read_owned(&service.store, &channel.system, span, Some(&name)).await?;
+        shared.push((channel, days));
     }
     Ok(Measurements {
         own: store::measured::read_owned(&service.store, system, span, None).await?,
         neighbours,
-        exclude: exclude.to_vec(),
+        shared,
+        exclude: document.exclude.clone(),
     })
 }
 
@@ -194,6 +195,13 @@ impl Measurements {
     /// Faults where there are none, or two windows do not fit together.
     pub fn window(&self, catalogue: &Catalogue, model: &ModelId) -> Result<Window, ServiceError> {
         let mut windows = Vec::new();
+        // What a system measures itself counts before what another one shares with it.
+        for (channel, days) in &self.shared {
+            if let Some(series) = days.days.series(&channel.there)? {
+                let renamed = vec![renamed(&series, &channel.here)?];
+                windows.push(Window::from_series(renamed).map_err(ServiceError::Faults)?);
+            }
+        }
         for (neighbour, days) in &self.neighbours {
             // A neighbour that is a system of its own is measured there; otherwise it is a column here.
             if let Some(series) = days.days.series(ROOM_TEMPERATURE)? {
@@ -221,6 +229,9 @@ impl Measurements {
                 if next_door(neighbour) == series.channel() {
                     sources.push((days.days.view(ROOM_TEMPERATURE)?, &days.windows));
                 }
+            }
+            for (channel, days) in self.shared.iter().rev().filter(|(one, _)| one.here == series.channel()) {
+                sources.push((days.days.view(&channel.there)?, &days.windows));
             }
             for time in series.times() {
                 let gave = |(view, ids): &(ChannelView, &BTreeMap<i64, String>)| {
@@ -257,11 +268,7 @@ impl Measurements {
         if self.exclude.is_empty() {
             return Ok(window);
         }
-        let spans: Vec<(i64, i64)> = self
-            .exclude
-            .iter()
-            .filter_map(|span| Some((read_time("", &span.from).ok()?, read_time("", &span.to).ok()?)))
-            .collect();
+        let spans = excluded(&self.exclude);
         let outputs = catalogue.compose(model).map_err(ServiceError::Faults)?.spec.outputs;
         let trusted = |time: i64| !spans.iter().any(|(from, to)| (*from..=*to).contains(&time));
         let mut all = Vec::new();
@@ -347,6 +354,12 @@ impl JobInput {
             levels: served.fit.levels.clone(),
         })
     }
+}
+
+/// The stretches that are not to be trusted, in seconds; both ends belong to them.
+pub fn excluded(exclude: &[Exclusion]) -> Vec<(i64, i64)> {
+    let span = |one: &Exclusion| Some((read_time("", &one.from).ok()?, read_time("", &one.to).ok()?));
+    exclude.iter().filter_map(span).collect()
 }
 
 /// The channel by which the models know the air temperature of a neighbour.

@@ -41,6 +41,8 @@ struct Desk {
     pending: HashMap<String, Arc<watch::Sender<Option<Outcome>>>>,
     kept: CachedAnswers,
     computed: u64,
+    /// Questions without a key of their own.
+    asked: u64,
 }
 
 /// What came of a piece of work, for everybody who waits for it.
@@ -78,7 +80,7 @@ impl Interactive {
     /// Where the system gives none.
     pub fn new(threads: usize) -> Result<Self, ThreadPoolBuildError> {
         let kept = CachedAnswers { answers: IndexMap::new(), bytes: 0, most: KEPT_BYTES };
-        let desk = Desk { pending: HashMap::new(), kept, computed: 0 };
+        let desk = Desk { pending: HashMap::new(), kept, computed: 0, asked: 0 };
         Ok(Self {
             pool: nice_pool(threads, "interactive".to_owned(), NICENESS)?,
             desk: Arc::new(Mutex::new(desk)),
@@ -132,6 +134,20 @@ impl Interactive {
         }
     }
 
+    /// The answer to a question that nobody asks twice, so that it is not kept.
+    ///
+    /// # Errors
+    /// As [`Interactive::answer`].
+    pub async fn once(
+        &self,
+        work: impl FnOnce(&Brake) -> Result<Vec<u8>, ServiceError> + Send + 'static,
+    ) -> Result<RenderedAnswer, ServiceError> {
+        let key = self.desk().unique();
+        let answer = self.answer(&key, work).await;
+        self.desk().kept.forget(&key);
+        answer
+    }
+
     fn desk(&self) -> MutexGuard<'_, Desk> {
         lock(&self.desk)
     }
@@ -178,6 +194,12 @@ fn compute(
 }
 
 impl Desk {
+    /// A key that no other question has.
+    fn unique(&mut self) -> String {
+        self.asked += 1;
+        format!("once {}", self.asked)
+    }
+
     fn place(&mut self, key: &str) -> Place {
         if let Some(answer) = self.kept.get(key) {
             return Place::Kept(answer);
@@ -201,6 +223,10 @@ impl CachedAnswers {
         let place = self.answers.get_index_of(key)?;
         self.answers.move_index(place, self.answers.len() - 1);
         self.answers.get(key).cloned()
+    }
+
+    fn forget(&mut self, key: &str) {
+        self.bytes -= self.answers.shift_remove(key).map_or(0, |answer| answer.len());
     }
 
     /// Keeps an answer and lets the oldest go until all fit.

@@ -8,7 +8,7 @@ use super::board::Live;
 use super::estimate::{self, Stopped, describe};
 use super::input::{self, JobInput};
 use super::{diagnose, poison, tune};
-use crate::service::changes::events::JobChange;
+use crate::service::changes::events::{JobChange, SystemChange};
 use crate::service::changes::follow;
 use crate::service::serving::degradations;
 use crate::service::state::Service;
@@ -22,7 +22,6 @@ use lampyris_core::interrupt::{Brake, Interrupt};
 use rayon::ThreadPool;
 use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::pin::pin;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
@@ -44,10 +43,12 @@ pub async fn run(service: Arc<Service>, mut pool: ThreadPool, worker: usize) {
     while !*stopping.borrow_and_update() {
         // Interest is registered before the queue is asked, so that a job that comes in between is not
         // missed.
-        let mut woken = pin!(service.wake.notified());
+        let mut woken = Box::pin(service.wake.notified());
         woken.as_mut().enable();
         let pause = match queue::claim(&service.store, service.boot, service.now()).await {
             Ok(Some(job)) => {
+                // Whoever works must not be told of what comes meanwhile: an idle worker has to hear it.
+                drop(woken);
                 // There may be more: the next idle worker looks, and wakes the one after it.
                 service.wake.notify_one();
                 if let Some(deaf) = process(&service, &pool, job).await {
@@ -155,7 +156,8 @@ async fn process(service: &Arc<Service>, pool: &ThreadPool, job: JobRecord) -> O
     live.start(&job, lease.clone());
     followed(service).await;
     service.metrics.job_started(&job);
-    service.events.publish(&job.id, &job.system, JobChange::Started(Box::new(job.clone())));
+    let started = SystemChange::Job(job.id.clone(), JobChange::Started(Box::new(job.clone())));
+    service.events.publish(&job.system, started);
     tracing::info!(
         job = %job.id,
         system = %job.system,
@@ -239,7 +241,7 @@ fn guarded(
     };
     let progress = |progress: &Progress| {
         if let Some(news) = live.report(progress).filter(|_| !live.is_cancelled()) {
-            service.events.publish(&job.id, &job.system, news);
+            service.events.publish(&job.system, SystemChange::Job(job.id.clone(), news));
         }
     };
     let control = Control { interrupt: &interrupt, progress: &progress };

@@ -158,7 +158,9 @@ fn doubts_are_published_with_their_flag() {
         );
         let silent: Vec<Rule> = ALL
             .iter()
-            .filter(|rule| !["G2 bounds", "G4 beats persistence", "G7 repeat"].contains(&rule.name))
+            .filter(|rule| {
+                !["G2 bounds", "G4 beats persistence", "G7 repeat", "G12 determined"].contains(&rule.name)
+            })
             .copied()
             .collect();
         assert!(candidate.table(&silent).flags.is_empty(), "{flags:?}");
@@ -178,7 +180,7 @@ fn a_search_that_was_cut_short_is_held() {
         judgement.summary
     );
     let Verdict::Held(holding) = &judgement.verdict else { panic!("{}", judgement.summary) };
-    assert_eq!(holding.flags(), ["low_confidence"]);
+    assert!(holding.flags().contains(&"low_confidence".to_owned()), "{:?}", holding.flags());
 }
 
 /// Fresh rooms whose structure is that of the model, or nearly: as the service estimates and judges them.

@@ -25,6 +25,7 @@ fn what_fuzzers_start_from_and_have_found_passes() {
     replay(&["fuzz/seeds/expression"], cases::expression);
     replay(&["fuzz/seeds/window_csv"], cases::window_csv);
     replay(&["fuzz/seeds/window_json"], cases::window_json);
+    replay(&["fuzz/seeds/lines"], cases::lines);
     replay(&["config/models", "config/plants", "config/effects"], cases::model);
     replay(&["fuzz/seeds/words"], cases::words);
 }

@@ -294,3 +294,67 @@ fn equations_that_explode_end_as_failed_or_refused_jobs() {
         "jobs on other models than the system's say nothing of it"
     );
 }
+
+/// Definitions that stand in each other, and documents of names that nobody knows: each is read or refused
+/// soon, and takes nothing down.
+#[test]
+fn documents_that_are_long_or_deep_are_refused() {
+    let dir = tempfile::tempdir().unwrap();
+    let service = serving(&dir);
+    let chained = |count: usize, definition: &dyn Fn(usize) -> String| {
+        let mut document = model("deep", &format!("k*tau*d{}", count - 1));
+        let define: serde_json::Map<String, Value> =
+            (0..count).map(|index| (format!("d{index}"), json!(definition(index)))).collect();
+        document["define"] = json!(define);
+        document
+    };
+    let before = |index: usize| match index {
+        0 => "(T_out - T_room)/tau".to_owned(),
+        _ => format!("d{}", index - 1),
+    };
+    let minus = |index: usize| format!("{}{}{}", "-(".repeat(10), before(index), ")".repeat(10));
+    let nested = |index: usize| format!("{}{}{}", "min(".repeat(8), before(index), ",d0)".repeat(8));
+    let unknown = |index: usize| format!("abcdefghik{index}*zzzzzzz{index}");
+    let validate = |document: &Value| {
+        let begun = Instant::now();
+        let check = service.client.json("POST", "/models/validate", document).expect(200).json();
+        (check, begun.elapsed())
+    };
+    let (short, _) = validate(&chained(20, &minus));
+    assert!(!short.to_string().contains("too-deep"), "{short}");
+    for (what, document, code) in [
+        ("many signs", chained(500, &minus), "too-deep"),
+        ("many choices", chained(700, &nested), "too-deep"),
+        ("long", chained(8_000, &unknown), "too-large"),
+        ("unknown names", chained(1_000, &unknown), "unknown-name"),
+    ] {
+        let (check, took) = validate(&document);
+        let codes = |check: &Value| check["errors"].to_string().contains(&format!("\"{code}\""));
+        assert!(check["valid"] == false && codes(&check), "{what}: {}", &check.to_string()[..300]);
+        println!("DOS-5: {what}: {took:?} (target 500 ms)");
+    }
+}
+
+/// Patterns of cron for which a search would not end, and lists without end, are refused at once.
+#[test]
+fn schedules_that_never_come_are_refused() {
+    let dir = tempfile::tempdir().unwrap();
+    let service = serving(&dir);
+    let long = format!("{} * * * *", vec!["0"; 200].join(","));
+    let preview = |cron: &str, systems: usize| {
+        let document = json!({"cron": cron, "systems": vec!["room/1"; systems], "zone": "America/New_York"});
+        service.client.json("POST", "/schedules/p/preview", &document)
+    };
+    for cron in ["0 0 31 2,4,6,9,11 *", "* * 30 2 *", "0 0 0 30 2 *", "0 0 2 * * * *", "@daily", "", &long] {
+        let faults = preview(cron, 1).problem(422, "invalid-request")["errors"].to_string();
+        assert!(faults.contains("invalid-cron"), "{cron}: {faults}");
+    }
+    for cron in ["0 3 29 2 1#5", "*/5 * * * *", "30 */5 * * * *", "0 0 31 1,2 *", "30 2 29 2 *", "0 0 L 2 *"]
+    {
+        let answer = preview(cron, 1).expect(200).json();
+        assert_eq!(answer["next_runs"].as_array().unwrap().len(), 5, "{cron}: {answer}");
+    }
+    preview("30 2 * * *", 10_000).expect(200);
+    let faults = preview("30 2 * * *", 10_001).problem(422, "invalid-request")["errors"].to_string();
+    assert!(faults.contains("too-many"), "{faults}");
+}

@@ -1,0 +1,255 @@
+//! Live samples: kept as they come, each post as one row, until they are laid into the days of their system.
+//!
+//! A post costs what it brings. It belongs to a window that takes all posts of its system and day, so that
+//! fits cite days. Readers (`days`) lay what is open over what is laid in.
+
+use super::database::Store;
+use super::days::{self, Days, DaysChange};
+use super::error::StoreError;
+use super::open_rows;
+use super::row::row;
+use super::sequence::{derive_id, next};
+use super::shares::{self, PackedShare};
+use super::value::{millis, parse};
+use super::windows::{WindowRecord, WindowRow, shares_of, unit_in};
+use jiff::Timestamp;
+use lampyris_core::data::{DAY_S, Series, SystemId, Window};
+use sqlx::SqliteConnection;
+
+/// A post of one system.
+#[derive(Debug)]
+pub struct Post {
+    /// The system.
+    pub system: SystemId,
+    /// What it brings.
+    pub window: Window,
+    /// What was said about it, JSON.
+    pub report: String,
+}
+
+/// What became of a post.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Appended {
+    /// It is kept, in the window of this id.
+    Kept(String),
+    /// There is no such system.
+    NoSystem,
+    /// These channels are in another unit in earlier measurements: name, unit here, unit there.
+    Conflicts(Vec<(String, String, String)>),
+}
+
+/// Posts of one window that are not laid in yet.
+#[derive(Debug)]
+pub struct Open {
+    /// The window, with the number under which it gives samples.
+    pub window: WindowRecord,
+    /// What it has given so far.
+    pub shares: Vec<PackedShare>,
+    /// The rows of the posts, in their order.
+    pub rows: Vec<Series>,
+    /// What counts of their channels on their days, without the rows themselves.
+    pub days: Days,
+    /// The number of the newest of them.
+    last: i64,
+    /// The newest window of the system.
+    newest: i64,
+}
+
+/// A window whose open posts are laid in.
+#[derive(Debug)]
+pub struct LaidIn {
+    /// What it has given by now.
+    pub shares: Vec<PackedShare>,
+    /// What is said about it by now, JSON.
+    pub report: String,
+    /// The days in which it has given something.
+    pub days: Vec<DaysChange>,
+}
+
+row! {
+    /// The posts of one window.
+    struct PostRow {
+        sequence: i64,
+        from_s: i64,
+        to_s: i64,
+        rows: String,
+    }
+}
+
+/// Keeps posts, in one transaction; says of each what became of it, in their order. `converts` says whether
+/// one unit converts to another.
+///
+/// # Errors
+/// Where the database fails; then none of them is kept.
+pub async fn append(
+    store: &Store,
+    posts: &[Post],
+    converts: impl Fn(&str, &str) -> bool,
+    now: Timestamp,
+) -> Result<Vec<Appended>, StoreError> {
+    let written = posts.iter().map(|post| open_rows::written(&post.window)).collect::<Result<Vec<_>, _>>()?;
+    let mut tx = store.write().await?;
+    store.require_room(&mut tx, written.iter().map(String::len).sum()).await?;
+    let mut appended = Vec::with_capacity(posts.len());
+    for (post, rows) in posts.iter().zip(&written) {
+        appended.push(append_one(&mut tx, post, rows, &converts, now).await?);
+    }
+    tx.commit().await?;
+    Ok(appended)
+}
+
+async fn append_one(
+    tx: &mut SqliteConnection,
+    post: &Post,
+    rows: &str,
+    converts: impl Fn(&str, &str) -> bool,
+    now: Timestamp,
+) -> Result<Appended, StoreError> {
+    let system = post.system.to_string();
+    let there = sqlx::query("SELECT 1 FROM systems WHERE system = $1").bind(&system);
+    if there.fetch_optional(&mut *tx).await?.is_none() {
+        return Ok(Appended::NoSystem);
+    }
+    let mut conflicts = Vec::new();
+    for series in post.window.iter() {
+        if let Some(earlier) = unit_in(tx, &system, series.channel()).await?
+            && !converts(series.unit(), &earlier)
+        {
+            conflicts.push((series.channel().to_owned(), series.unit().to_owned(), earlier));
+        }
+    }
+    if !conflicts.is_empty() {
+        return Ok(Appended::Conflicts(conflicts));
+    }
+    let window = window_of_today(tx, &system, post, now).await?;
+    let sequence = days::change_version(tx, &system).await?;
+    let sql = "INSERT INTO samples (sequence, system, window, from_s, to_s, rows, came_at) VALUES ($1, $2, $3, \
+        $4, $5, $6, $7)";
+    sqlx::query(sql)
+        .bind(sequence)
+        .bind(&system)
+        .bind(&window)
+        .bind(post.window.from())
+        .bind(post.window.to())
+        .bind(rows)
+        .bind(millis(now))
+        .execute(tx)
+        .await?;
+    Ok(Appended::Kept(window))
+}
+
+/// The window that takes the posts of a system today: its newest one, or else a new one, so that a post is
+/// newer than all that came before it.
+async fn window_of_today(
+    tx: &mut SqliteConnection,
+    system: &str,
+    post: &Post,
+    now: Timestamp,
+) -> Result<String, StoreError> {
+    let today = now.as_second().div_euclid(DAY_S);
+    let (from, to) = (post.window.from(), post.window.to());
+    let sql = "UPDATE windows SET from_s = MIN(from_s, $3), to_s = MAX(to_s, $4), uploaded_at = $5, uploads = \
+        uploads + 1 WHERE sequence = (SELECT MAX(sequence) FROM windows WHERE system = $1) AND day = $2 \
+        RETURNING id";
+    let goes_on: Option<String> = sqlx::query_scalar(sql)
+        .bind(system)
+        .bind(today)
+        .bind(from)
+        .bind(to)
+        .bind(millis(now))
+        .fetch_optional(&mut *tx)
+        .await?;
+    if let Some(id) = goes_on {
+        return Ok(id);
+    }
+    let sequence = next(tx, "sequence").await?;
+    let id = derive_id("win", sequence, now);
+    let sql = "INSERT INTO windows (id, system, sequence, from_s, to_s, report, uploaded_at, day) VALUES ($1, \
+        $2, $3, $4, $5, $6, $7, $8)";
+    sqlx::query(sql)
+        .bind(&id)
+        .bind(system)
+        .bind(sequence)
+        .bind(from)
+        .bind(to)
+        .bind(&post.report)
+        .bind(millis(now))
+        .bind(today)
+        .execute(tx)
+        .await?;
+    Ok(id)
+}
+
+/// The posts of a system that are not laid in yet, of the oldest window that has any; `None` without any.
+///
+/// # Errors
+/// Where the database fails.
+pub async fn open(store: &Store, system: &SystemId) -> Result<Option<Open>, StoreError> {
+    let mut tx = store.reader.begin().await?;
+    let name = system.to_string();
+    let sql = "SELECT w.* FROM windows w WHERE w.system = $1 AND EXISTS (SELECT 1 FROM samples s WHERE s.window \
+        = w.id) ORDER BY w.sequence LIMIT 1";
+    let window: Option<WindowRow> = sqlx::query_as(sql).bind(&name).fetch_optional(&mut *tx).await?;
+    let Some(window) = window.map(WindowRow::record).transpose()? else { return Ok(None) };
+    let sql = "SELECT sequence, from_s, to_s, rows FROM samples WHERE window = $1 ORDER BY sequence";
+    let posts: Vec<PostRow> = sqlx::query_as(sql).bind(&window.id).fetch_all(&mut *tx).await?;
+    let span = posts
+        .iter()
+        .fold((i64::MAX, i64::MIN), |(from, to), post| (from.min(post.from_s), to.max(post.to_s)));
+    let mut rows = Vec::new();
+    for post in &posts {
+        rows.extend(open_rows::read(&post.rows)?);
+    }
+    let mut channels: Vec<String> = rows.iter().map(|series| series.channel().to_owned()).collect();
+    channels.sort();
+    channels.dedup();
+    let sql = "SELECT MAX(sequence) FROM windows WHERE system = $1";
+    Ok(Some(Open {
+        shares: shares_of(&mut tx, &window.id).await?,
+        days: days::laid_in(&mut tx, &name, span, Some(&channels)).await?,
+        last: posts.last().map_or(0, |post| post.sequence),
+        newest: sqlx::query_scalar(sql).bind(&name).fetch_one(&mut *tx).await?,
+        window,
+        rows,
+    }))
+}
+
+/// Writes what open posts have become; `false` where a window has come or gone meanwhile.
+///
+/// # Errors
+/// Where the database fails.
+pub async fn lay_in(store: &Store, open: &Open, laid: &LaidIn) -> Result<bool, StoreError> {
+    let mut tx = store.write().await?;
+    let system = open.window.system.to_string();
+    let sql = "SELECT MAX(sequence) FROM windows WHERE system = $1";
+    let newest: Option<i64> = sqlx::query_scalar(sql).bind(&system).fetch_one(&mut *tx).await?;
+    if newest != Some(open.newest) {
+        tx.take_back().await?;
+        return Ok(false);
+    }
+    shares::write(&mut tx, &open.window.id, laid.shares.iter()).await?;
+    days::write(&mut tx, &system, &laid.days, open.window.sequence).await?;
+    sqlx::query("UPDATE windows SET report = $2 WHERE id = $1")
+        .bind(&open.window.id)
+        .bind(&laid.report)
+        .execute(&mut *tx)
+        .await?;
+    sqlx::query("DELETE FROM samples WHERE window = $1 AND sequence <= $2")
+        .bind(&open.window.id)
+        .bind(open.last)
+        .execute(&mut *tx)
+        .await?;
+    tx.commit().await?;
+    Ok(true)
+}
+
+/// Systems of which so many posts are open, or one that came before an instant.
+///
+/// # Errors
+/// Where the database fails.
+pub async fn due(store: &Store, posts: i64, before: Timestamp) -> Result<Vec<SystemId>, StoreError> {
+    let sql = "SELECT system FROM samples GROUP BY system HAVING COUNT(*) >= $1 OR MIN(came_at) < $2";
+    let names: Vec<String> =
+        sqlx::query_scalar(sql).bind(posts).bind(millis(before)).fetch_all(&store.reader).await?;
+    names.iter().map(|name| parse("a system", name)).collect()
+}

@@ -1,0 +1,16 @@
+-- Live samples: rows as they come, each post one row here, until they are laid into the days. A window takes those of
+-- one system and UTC day; `day` (since 1970) says which, and is NULL where a window was uploaded as one.
+ALTER TABLE windows ADD COLUMN day BIGINT;
+
+-- `rows`: [[channel, unit, hold, [time in seconds, …], [value, …]], …].
+CREATE TABLE samples (
+    sequence BIGINT PRIMARY KEY,
+    system   TEXT   NOT NULL REFERENCES systems (system),
+    window   TEXT   NOT NULL REFERENCES windows (id) ON DELETE CASCADE,
+    from_s   BIGINT NOT NULL,
+    to_s     BIGINT NOT NULL CHECK (to_s >= from_s),
+    rows     TEXT   NOT NULL,
+    came_at  BIGINT NOT NULL
+) WITHOUT ROWID;
+CREATE INDEX samples_of_system ON samples (system, sequence);
+CREATE INDEX samples_of_window ON samples (window);
