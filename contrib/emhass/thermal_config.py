@@ -93,7 +93,7 @@ def course(model, output, power, nominal, outdoor, shares, weather):
                 held[at] = first
             else:
                 now[at], then[at] = first, last
-        room.append(added(product(step["c"], x), product(step["d"], held), product(step["f"], now), step["output_offset"])[output])
+        room.append(added(product(step["c"], x), product(step["d_held"], held), product(step["d_moving"], now), step["output_offset"])[output])
         x = added(product(step["a"], x), product(step["b"], held), product(step["e"], now), product(step["e_next"], then), step["offset"])
     return room
 

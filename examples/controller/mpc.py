@@ -51,7 +51,7 @@ class Controller:
         x, cost = ca.DM(steps[0]["states"]), 0
         for k, step in enumerate(steps):
             a, b, e, e_next, c, d, f, now, then = (
-                ca.DM(step[name]) for name in ("a", "b", "e", "e_next", "c", "d", "f", "moving", "moving_next")
+                ca.DM(step[name]) for name in ("a", "b", "e", "e_next", "c", "d_held", "d_moving", "moving", "moving_next")
             )
             held = ca.vertcat(*[plan[k] if i == place else value for i, value in enumerate(step["held"])])
             room = (c @ x + d @ held + f @ now + ca.DM(step["output_offset"]))[0]

@@ -173,7 +173,7 @@ def emhass(base):
         "outputs": [{"channel": "T_room"}], "held": [{"channel": "P_heater"}], "moving": [{"channel": "T_out"}],
         "steps": [{
             "states": [20.0], "held": [0.0], "moving": [3.0], "moving_next": [3.0], "offset": [sun * grown], "output_offset": [0.0],
-            "a": [[kept]], "b": [[gain / 2 * grown]], "e": [[loss * grown]], "e_next": [[0.0]], "c": [[1.0]], "d": [[0.0]], "f": [[0.0]],
+            "a": [[kept]], "b": [[gain / 2 * grown]], "e": [[loss * grown]], "e_next": [[0.0]], "c": [[1.0]], "d_held": [[0.0]], "d_moving": [[0.0]],
         }],
     }
     made = script.reduced(model, "T_room", "P_heater", 2.0, "T_out", 30, 24)

@@ -57,7 +57,7 @@ fn single(folder: &Path) -> Result<Vec<Row>, Failure> {
     let newest = samples.last().map_or("", |(time, _)| time);
     let state = server.get("/systems/room/1/state")?.document;
     let behind = seconds_between(state["at"].as_str().unwrap_or_default(), newest)?;
-    let path = format!("/systems/room/1/series?from={}", &newest[..10]);
+    let path = format!("/systems/room/1/series?from={}T00:00:00Z", &newest[..10]);
     let mut answers: Vec<f64> = Vec::new();
     for _ in 0..20 {
         let begun = Instant::now();

@@ -13,7 +13,7 @@ use super::shares::{self, PackedShare};
 use super::value::{millis, parse};
 use super::windows::{WindowRecord, WindowRow, shares_of, unit_in};
 use jiff::Timestamp;
-use lampyris_core::data::{DAY_S, Series, SystemId, Window};
+use lampyris_core::data::{ChannelKind, DAY_S, Series, SystemId, Window};
 use sqlx::SqliteConnection;
 
 /// A post of one system.
@@ -111,7 +111,8 @@ async fn append_one(
         return Ok(Appended::NoSystem);
     }
     let mut conflicts = Vec::new();
-    for series in post.window.iter() {
+    // The others have the unit of their name, whoever measures them.
+    for series in post.window.iter().filter(|series| ChannelKind::of_name(series.channel()).is_none()) {
         if let Some(earlier) = unit_in(tx, &system, series.channel()).await?
             && !converts(series.unit(), &earlier)
         {

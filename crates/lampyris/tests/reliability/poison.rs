@@ -30,7 +30,8 @@ fn asked(wall: Option<u64>) -> Value {
 }
 
 /// The wall time of the jobs of a night, which is what ends the one that comes to no end by itself, and no
-/// other: they have several times what one needs on this machine as busy as it is.
+/// other: they have thrice what one needs on this machine as busy as it is. More would be what that one costs
+/// the others.
 fn wall(client: &Client) -> u64 {
     if !full() {
         return 2;
@@ -46,7 +47,7 @@ fn wall(client: &Client) -> u64 {
         let at = |field: &str| job[field].as_str().unwrap().parse::<Timestamp>().unwrap();
         at("ended_at").duration_since(at("started_at")).as_secs_f64()
     });
-    (8.0 * took.into_iter().fold(1.0, f64::max)).min(120.0) as u64
+    (3.0 * took.into_iter().fold(1.0, f64::max)).min(120.0) as u64
 }
 
 /// Runs a night to its end: the report, and the seconds from the first start to the last end.

@@ -43,7 +43,7 @@ pub struct LinearOutput {
 }
 
 /// One step: `x(k+1) = a x(k) + b u(k) + e w(k) + e_next w(k+1) + offset`, and at its start
-/// `y(k) = c x(k) + d u(k) + f w(k) + output_offset`. A matrix is a list of rows.
+/// `y(k) = c x(k) + d_held u(k) + d_moving w(k) + output_offset`. A matrix is a list of rows.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct MatricesStep {
     /// The start.
@@ -75,9 +75,9 @@ pub struct MatricesStep {
     /// Outputs by states.
     pub c: Vec<Vec<f64>>,
     /// Outputs by held inputs.
-    pub d: Vec<Vec<f64>>,
+    pub d_held: Vec<Vec<f64>>,
     /// Outputs by moving inputs.
-    pub f: Vec<Vec<f64>>,
+    pub d_moving: Vec<Vec<f64>>,
     /// What neither explains of the outputs.
     pub output_offset: Vec<f64>,
 }
@@ -245,8 +245,8 @@ fn shown(
         offset: step.offset.clone(),
         q: rows(&step.q, n),
         c: rows(&step.c, n),
-        d: columns(&step.d, outputs, held),
-        f: columns(&step.d, outputs, moving),
+        d_held: columns(&step.d, outputs, held),
+        d_moving: columns(&step.d, outputs, moving),
         output_offset: step.output_offset.clone(),
     }
 }

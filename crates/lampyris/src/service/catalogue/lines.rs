@@ -3,6 +3,7 @@
 
 use super::line_rules::{self, LineRouter};
 use super::samples;
+use super::windows::MOST_AHEAD_S;
 use crate::service::error::ServiceError;
 use crate::service::observe::lines::{LineName, LineTally, Untaken};
 use crate::service::serving::snapshot::KnownSystems;
@@ -21,8 +22,6 @@ use lampyris_core::fault::Fault;
 const MOST_FAULTS: usize = 20;
 /// Most channels of one system in one request.
 const MOST_CHANNELS: usize = 1_000;
-/// How far ahead of the service's clock measurements may be.
-const MOST_AHEAD_S: i64 = 86_400;
 /// The year 1980: what was measured before was counted in another precision than it is read in.
 const EARLIEST_S: i64 = 315_532_800;
 

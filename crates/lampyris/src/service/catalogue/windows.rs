@@ -24,7 +24,7 @@ use std::str::Utf8Error;
 use std::sync::Arc;
 
 /// How far ahead of the service's clock measurements may be.
-const MOST_AHEAD_S: i64 = 86_400;
+pub(super) const MOST_AHEAD_S: i64 = 86_400;
 /// How often a change of measurements is tried that others, outside of this process, come before.
 const TRIES: usize = 8;
 /// Most fits that a refusal names.
