@@ -2,13 +2,13 @@
 -- one system and UTC day; `day` (since 1970) says which, and is NULL where a window was uploaded as one.
 ALTER TABLE windows ADD COLUMN day BIGINT;
 
--- `rows`: [[channel, unit, hold, [time in seconds, …], [value, …]], …].
+-- `rows`: [[channel, unit, hold, [time in milliseconds, …], [value, …]], …].
 CREATE TABLE samples (
     sequence BIGINT PRIMARY KEY,
     system   TEXT   NOT NULL REFERENCES systems (system),
     window   TEXT   NOT NULL REFERENCES windows (id) ON DELETE CASCADE,
-    from_s   BIGINT NOT NULL,
-    to_s     BIGINT NOT NULL CHECK (to_s >= from_s),
+    from_ms  BIGINT NOT NULL,
+    to_ms    BIGINT NOT NULL CHECK (to_ms >= from_ms),
     rows     TEXT   NOT NULL,
     came_at  BIGINT NOT NULL
 ) WITHOUT ROWID;

@@ -20,6 +20,7 @@ use answer::Answer;
 use arm::{Arm, Before, Belief, Kind};
 use grey::Grey;
 use lampyris::cli::{Failure, print};
+use lampyris_core::data::DAY;
 use lampyris_core::model::Catalogue;
 use lampyris_core::twin::heated::{HeatedRoom, SAMPLES_PER_DAY};
 use outcome::{BEFORE_DAYS, Measured, Outcome, Plan, Spent};
@@ -108,7 +109,7 @@ fn controlled(plan: &Plan, folder: &Path) -> Result<Measured, Failure> {
     }
     let mut spent = Spent::default();
     for day in 0..plan.days() {
-        service.set_clock(start + 86_400 * day as i64)?;
+        service.set_clock(start + DAY * day as i64)?;
         night(&service, &catalogue, &mut houses, day, &mut spent)?;
         let control = Instant::now();
         houses

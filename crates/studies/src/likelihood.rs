@@ -5,7 +5,7 @@ use super::options::{Each, First, RoomCount};
 use super::row::Row;
 use indexmap::IndexMap;
 use lampyris::cli::{Failure, faults};
-use lampyris_core::data::{ColumnBindings, Window};
+use lampyris_core::data::{ColumnBindings, DAY, HOUR, Window};
 use lampyris_core::estimate::assess::metrics;
 use lampyris_core::estimate::fit::Stop;
 use lampyris_core::estimate::fit::likelihood::NoiseEstimate;
@@ -115,7 +115,7 @@ struct Beside {
 
 /// The horizons at which the hold-out is forecast, and how they are called.
 const AHEAD: [(&str, i64, &str); 3] =
-    [("step", 0, "one step"), ("PT1H", 3600, "an hour"), ("PT24H", 86_400, "a day")];
+    [("step", 0, "one step"), ("PT1H", HOUR, "an hour"), ("PT24H", DAY, "a day")];
 
 impl Beside {
     fn new(csv: &str, model: &'static str, room: u64, site: &Site) -> Result<Self, Failure> {

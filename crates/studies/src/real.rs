@@ -9,7 +9,7 @@ use super::page::{self, NONE, STYLE, Table, section};
 use super::row::Row;
 use super::verdicts::share;
 use lampyris::cli::{Failure, faults};
-use lampyris_core::data::{Column, ColumnBindings, Grid, Window, is_computed, rfc3339};
+use lampyris_core::data::{Column, ColumnBindings, DAY, Grid, HOUR, Window, is_computed, rfc3339};
 use lampyris_core::diagnose::diagnose;
 use lampyris_core::diagnose::library::{EffectSource, align};
 use lampyris_core::diagnose::null_model::NullModel;
@@ -24,20 +24,19 @@ use rooms::{BELGIAN, ROOMS, Room};
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-const DAY: i64 = 86_400;
 /// Days of a window, half of them to learn from.
 const DAYS: i64 = 14;
 /// Records of at most so many days are also looked at as a whole, two thirds of them to learn from: what is
 /// seen on few days, as people in a teaching room, is not seen in every window.
 const SHORT_DAYS: i64 = 35;
 /// Hours ahead of the forecasts of the days after.
-const AHEAD: [(&str, i64); 2] = [("PT6H", 6 * 3600), ("PT12H", 12 * 3600)];
+const AHEAD: [(&str, i64); 2] = [("PT6H", 6 * HOUR), ("PT12H", 12 * HOUR)];
 /// Shifts of the channels of every window, as true negatives.
 const SHIFTS: i64 = 6;
 /// Accusation rates at which the negatives are counted.
 const RATES: [f64; 3] = [0.001, 0.01, 0.05];
 
-/// A part of a room's record, in seconds since 1970 and hours.
+/// A part of a room's record, in milliseconds since 1970 and hours.
 #[derive(Clone, Copy)]
 struct Part {
     from: i64,
@@ -53,12 +52,12 @@ impl Part {
     }
 
     fn whole(from: i64, to: i64) -> Self {
-        let hours = (to - from) / 3600;
+        let hours = (to - from) / HOUR;
         Part { from, hours, train: 2 * hours / 3, whole: true }
     }
 
     fn to(&self) -> i64 {
-        self.from + 3600 * self.hours
+        self.from + HOUR * self.hours
     }
 }
 
@@ -119,12 +118,12 @@ pub fn run(asked: &Arguments) -> Result<(Vec<Row>, Table), Failure> {
         // The windows of the Belgian house are those of the reference figures, from a Monday on.
         let output = window.iter().find(|series| series.channel() == "T_room");
         let first = output.map(lampyris_core::data::Series::from).unwrap_or_default();
-        let mut from = first + (6 * DAY + 8 * 3600) * i64::from(room.file == BELGIAN);
+        let mut from = first + (6 * DAY + 8 * HOUR) * i64::from(room.file == BELGIAN);
         let mut parts = Vec::new();
         if window.to() - first <= SHORT_DAYS * DAY {
             parts.push(Part::whole(first, window.to()));
         }
-        while from + DAYS * DAY <= window.to() + 3600 {
+        while from + DAYS * DAY <= window.to() + HOUR {
             parts.push(Part::window(from));
             from += DAYS * DAY;
         }
@@ -263,7 +262,7 @@ fn after(
     with: &ModelId,
 ) -> Result<Option<[[f64; 2]; AHEAD.len()]>, Failure> {
     let next = Part::window(part.to());
-    if next.to() > window.to() + 3600 {
+    if next.to() > window.to() + HOUR {
         return Ok(None);
     }
     let site = Site { location: Some(room.place), ..Site::default() };

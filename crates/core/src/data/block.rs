@@ -1,8 +1,10 @@
 //! The binary form of a series: one compressed block per channel and window, as the store keeps it.
 //!
-//! `LYS1`, 32 bytes of blake3 over the payload, then the payload compressed with zlib. The payload is the
-//! channel and the unit (each with a length of two bytes), the hold, the number of samples, the first time,
-//! the distances of the times as variable-length integers, and the values. All integers are little-endian.
+//! `LYS1` or `LYS2`, 32 bytes of blake3 over the payload, then the payload compressed with zlib. The payload is
+//! the channel and the unit (each with a length of two bytes), the hold, the number of samples, the first time,
+//! the distances of the times as variable-length integers, and the values. All integers are little-endian. The
+//! times are whole seconds in the first form, and milliseconds in the second one, where some are not whole; the
+//! hash of the second form is over its name, too.
 //!
 //! Measurements change slowly, so a value is written as the difference in bits (exclusive or) from the one
 //! before, and the eight bytes of all values are laid out plane by plane: long runs of zeros compress well.
@@ -11,9 +13,11 @@ use std::fmt;
 use std::io::{Read, Write};
 
 use super::channel::Hold;
+use super::duration::SECOND;
 use super::series::{MAX_SAMPLES, Series};
 
-const MAGIC: &[u8; 4] = b"LYS1";
+/// What a block starts with, and what its times are counted in.
+const FORMS: [(&[u8; 4], i64); 2] = [(b"LYS1", SECOND), (b"LYS2", 1)];
 const HASH: usize = 32;
 /// A variable-length integer of 63 bits has at most nine bytes, a value eight.
 const MAX_PAYLOAD: usize = 2 * (2 + u16::MAX as usize) + 13 + MAX_SAMPLES * 17;
@@ -35,6 +39,7 @@ impl std::error::Error for CorruptBlock {}
 impl Series {
     /// The series as a compressed, self-checking block. Equal series give equal blocks.
     pub fn encode(&self) -> Vec<u8> {
+        let (magic, unit_of_time) = FORMS[usize::from(!self.has_whole_seconds())];
         let mut payload = Vec::with_capacity(64 + self.len() * 10);
         for text in [self.channel(), self.unit()] {
             // A series' names have at most 256 bytes.
@@ -46,17 +51,17 @@ impl Series {
             Hold::ZeroOrder => 1,
         });
         payload.extend((self.len() as u32).to_le_bytes());
-        payload.extend(self.from().to_le_bytes());
+        payload.extend((self.from() / unit_of_time).to_le_bytes());
         for pair in self.times().windows(2) {
-            write_varint(&mut payload, pair[1].abs_diff(pair[0]));
+            write_varint(&mut payload, pair[1].abs_diff(pair[0]) / unit_of_time.unsigned_abs());
         }
         let bits = differences(self.values());
         for plane in 0..8 {
             payload.extend(bits.iter().map(|word| word.to_le_bytes()[plane]));
         }
         let mut block = Vec::with_capacity(payload.len() / 3 + 64);
-        block.extend(MAGIC);
-        block.extend(blake3::hash(&payload).as_bytes());
+        block.extend(magic);
+        block.extend(hash(magic, &payload).as_bytes());
         let mut encoder = flate2::write::ZlibEncoder::new(block, flate2::Compression::new(6));
         encoder.write_all(&payload).and_then(|()| encoder.finish()).expect("writing to memory cannot fail")
     }
@@ -68,8 +73,10 @@ impl Series {
     /// # Errors
     /// [`CorruptBlock`] for anything that `encode` did not write.
     pub fn decode(block: &[u8]) -> Result<Series, CorruptBlock> {
-        let rest = block.strip_prefix(MAGIC).ok_or(CorruptBlock("it does not start as one"))?;
-        let (hash, compressed) = rest.split_at_checked(HASH).ok_or(CorruptBlock("it is cut short"))?;
+        let form = |(magic, unit): (&'static [u8; 4], i64)| Some((block.strip_prefix(magic)?, magic, unit));
+        let (rest, magic, unit_of_time) =
+            FORMS.into_iter().find_map(form).ok_or(CorruptBlock("it does not start as one"))?;
+        let (expected, compressed) = rest.split_at_checked(HASH).ok_or(CorruptBlock("it is cut short"))?;
         let limit = MAX_PAYLOAD.min(compressed.len().saturating_mul(MAX_RATIO));
         let mut payload = Vec::new();
         let mut decoder = flate2::read::ZlibDecoder::new(compressed).take(limit as u64 + 1);
@@ -77,14 +84,23 @@ impl Series {
         if payload.len() > limit {
             return Err(CorruptBlock("it is too large"));
         }
-        if blake3::hash(&payload).as_bytes().as_slice() != hash {
+        if hash(magic, &payload).as_bytes().as_slice() != expected {
             return Err(CorruptBlock("its hash does not match"));
         }
-        read_payload(&payload)
+        read_payload(&payload, unit_of_time)
     }
 }
 
-fn read_payload(payload: &[u8]) -> Result<Series, CorruptBlock> {
+/// The hash of a payload in the form of a name. That of the first form was there before the others.
+fn hash(magic: &[u8; 4], payload: &[u8]) -> blake3::Hash {
+    let mut hasher = blake3::Hasher::new();
+    if magic != FORMS[0].0 {
+        hasher.update(magic);
+    }
+    hasher.update(payload).finalize()
+}
+
+fn read_payload(payload: &[u8], unit_of_time: i64) -> Result<Series, CorruptBlock> {
     let mut rest = payload;
     let channel = take_text(&mut rest)?;
     let unit = take_text(&mut rest)?;
@@ -120,6 +136,8 @@ fn read_payload(payload: &[u8]) -> Result<Series, CorruptBlock> {
         previous ^= u64::from_le_bytes(word);
         f64::from_bits(previous)
     });
+    let in_millis = |time: i64| time.checked_mul(unit_of_time).ok_or(CorruptBlock("a time overflows"));
+    let times = times.into_iter().map(in_millis).collect::<Result<_, _>>()?;
     Series::new(channel, unit, hold, times, values.collect())
         .map_err(|_| CorruptBlock("its samples are not a series"))
 }
@@ -173,13 +191,13 @@ fn take_text<'a>(rest: &mut &'a [u8]) -> Result<&'a str, CorruptBlock> {
 
 #[cfg(test)]
 mod tests {
-    use super::{HASH, MAGIC, Series, read_payload};
-    use crate::data::Hold;
+    use super::{FORMS, HASH, Series, read_payload};
+    use crate::data::{Hold, SECOND};
     use proptest::prelude::{any, prop_assert, prop_assert_eq, proptest};
     use std::io::Write;
 
     fn series(samples: usize) -> Series {
-        let times = (0..samples as i64).map(|i| 1_452_528_000 + 600 * i).collect();
+        let times = (0..samples as i64).map(|i| (1_452_528_000 + 600 * i) * SECOND).collect();
         let values =
             (0..samples).map(|i| 20.0 + (i as f64 * 0.01).sin()).map(|v| (v * 10.0).round() / 10.0).collect();
         Series::new("T_room", "degC", Hold::Linear, times, values).unwrap()
@@ -196,7 +214,7 @@ mod tests {
     fn a_bomb_is_refused() {
         // Zeros compress a thousandfold; the declared hash cannot match, and nothing beyond the limit is
         // kept.
-        let mut block = MAGIC.to_vec();
+        let mut block = FORMS[0].0.to_vec();
         block.extend([0; HASH]);
         let mut encoder = flate2::write::ZlibEncoder::new(block, flate2::Compression::best());
         encoder.write_all(&vec![0; 50_000_000]).unwrap();
@@ -206,9 +224,9 @@ mod tests {
     #[test]
     fn any_flipped_byte_is_noticed() {
         let block = series(50).encode();
-        for index in 0..block.len() {
+        for (index, flip) in (0..block.len()).map(|index| (index, 0x10)).chain([(3, 3)]) {
             let mut broken = block.clone();
-            broken[index] ^= 0x10;
+            broken[index] ^= flip;
             // Header bits that do not matter to zlib may flip unseen, but never change a sample.
             assert!(Series::decode(&broken).map_or(true, |read| read == series(50)), "byte {index}");
             assert!(Series::decode(&block[..index]).is_err());
@@ -221,12 +239,14 @@ mod tests {
             name in "[A-Za-z_]{1,20}",
             steps in proptest::collection::vec((1i64..1_000_000, any::<f64>()), 1..200),
             held in any::<bool>(),
+            in_millis in any::<bool>(),
         ) {
             let mut time = -5_000;
+            let unit = if in_millis { 1 } else { SECOND };
             let mut times = Vec::new();
             let mut values = Vec::new();
             for (step, value) in steps {
-                time += step;
+                time += step * unit;
                 times.push(time);
                 values.push(if value.is_finite() { value } else { 0.0 });
             }
@@ -239,9 +259,9 @@ mod tests {
 
         #[test]
         fn no_bytes_panic(mut bytes in proptest::collection::vec(any::<u8>(), 0..400), magic in any::<bool>()) {
-            let _ = read_payload(&bytes);
+            let _ = read_payload(&bytes, SECOND);
             if magic {
-                bytes.splice(0..0, *MAGIC);
+                bytes.splice(0..0, *FORMS[0].0);
             }
             prop_assert!(Series::decode(&bytes).is_err());
         }

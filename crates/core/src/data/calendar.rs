@@ -3,6 +3,7 @@
 //! People, set-backs and ventilation follow the local clock, so both columns jump where summer time begins
 //! and ends. The zones come with the program: the same measurements give the same columns on every machine.
 
+use super::duration;
 use jiff::Timestamp;
 use jiff::tz::{TimeZone, TimeZoneDatabase};
 
@@ -14,7 +15,7 @@ use crate::fault::Fault;
 pub fn hour_of_day(grid: &Grid, k: usize) -> usize {
     match grid.column(HOUR.channel) {
         Some(column) => column.values()[k] as usize % 24,
-        None => (grid.time(k).rem_euclid(86_400) / 3600) as usize,
+        None => (grid.time(k).rem_euclid(duration::DAY) / duration::HOUR) as usize,
     }
 }
 
@@ -27,11 +28,13 @@ pub fn add_calendar(mut grid: Grid, zone: &str) -> Result<Grid, Fault> {
     let zone = local_zone(zone)?;
     let (mut hours, mut weekdays) = (Vec::with_capacity(grid.len()), Vec::with_capacity(grid.len()));
     for index in 0..grid.len() {
-        let time = Timestamp::from_second(grid.time(index))
+        let time = Timestamp::from_millisecond(grid.time(index))
             .map_err(|error| Fault::new("/time", "bad-time", error.to_string()))?;
         let local = zone.to_datetime(time);
         hours.push(
-            f64::from(local.hour()) + f64::from(local.minute()) / 60.0 + f64::from(local.second()) / 3600.0,
+            f64::from(local.hour())
+                + f64::from(local.minute()) / 60.0
+                + (f64::from(local.second()) + f64::from(local.subsec_nanosecond()) / 1e9) / 3600.0,
         );
         weekdays.push(f64::from(local.weekday().to_monday_one_offset()));
     }
@@ -65,7 +68,11 @@ mod tests {
     use crate::data::{Column, Hold};
 
     fn columns(from: &str, step: i64, len: usize, zone: &str) -> (Vec<f64>, Vec<f64>) {
-        let grid = add_calendar(Grid::new(read_time("", from).unwrap(), step, len).unwrap(), zone).unwrap();
+        let grid = add_calendar(
+            Grid::new(read_time("", from).unwrap(), step * duration::SECOND, len).unwrap(),
+            zone,
+        )
+        .unwrap();
         let values = |name: &str| grid.column(name).unwrap().values().to_vec();
         (values(HOUR.channel), values(WEEKDAY.channel))
     }
@@ -88,7 +95,7 @@ mod tests {
             let (hours, weekdays) = columns("2025-12-31T00:20:00Z", 3600, 366 * 24, zone);
             let start = read_time("", "2025-12-31T00:20:00Z").unwrap();
             for (k, (hour, weekday)) in hours.iter().zip(&weekdays).enumerate() {
-                let stamp = Timestamp::from_second(start + 3600 * k as i64).unwrap();
+                let stamp = Timestamp::from_millisecond(start + duration::HOUR * k as i64).unwrap();
                 let text = stamp.in_tz(zone).unwrap().strftime("%H %M %u").to_string();
                 let parts: Vec<f64> = text.split(' ').map(|part| part.parse().unwrap()).collect();
                 assert!(
@@ -101,7 +108,7 @@ mod tests {
 
     #[test]
     fn measured_columns_are_kept_and_unknown_zones_refused() {
-        let grid = Grid::new(0, 3600, 2).unwrap();
+        let grid = Grid::new(0, duration::HOUR, 2).unwrap();
         let own = Column::complete("h", Hold::ZeroOrder, vec![5.0, 6.0]).unwrap();
         let grid = add_calendar(grid.with_column(HOUR.channel, own).unwrap(), "UTC").unwrap();
         assert_eq!(grid.column(HOUR.channel).unwrap().values(), [5.0, 6.0]);

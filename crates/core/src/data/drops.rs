@@ -5,6 +5,7 @@
 //! than usual.
 
 use super::computed::DROP;
+use super::duration::MINUTE;
 use super::grid::Grid;
 use crate::fault::Fault;
 
@@ -12,8 +13,8 @@ use crate::fault::Fault;
 const STEEP: f64 = 4.0;
 /// And when it is at least this many K.
 const LEAST: f64 = 0.3;
-/// The span over which drops are looked for, in seconds.
-const SPAN: i64 = 1800;
+/// The span over which drops are looked for.
+const SPAN: i64 = 30 * MINUTE;
 
 /// The grid with the column `window_drop`: 1 while the temperature `output` falls sharply, else 0.
 ///
@@ -48,17 +49,17 @@ pub fn add_drops(grid: Grid, output: &str) -> Result<Grid, Fault> {
 #[cfg(test)]
 mod tests {
     use super::add_drops;
-    use crate::data::{Column, DROPS, Grid, Hold};
+    use crate::data::{Column, DROPS, Grid, Hold, MINUTE};
 
     #[test]
     fn a_sharp_drop_is_an_opening_and_a_slow_night_is_none() {
         let mut values: Vec<f64> = (0..96).map(|k| 21.0 - 0.02 * f64::from(k)).collect();
         values.iter_mut().skip(41).for_each(|value| *value -= 1.0);
         let column = Column::complete("degC", Hold::Linear, values).unwrap();
-        let grid = Grid::new(0, 900, 96).unwrap().with_column("T_room", column).unwrap();
+        let grid = Grid::new(0, 15 * MINUTE, 96).unwrap().with_column("T_room", column).unwrap();
         let grid = add_drops(grid, "T_room").unwrap();
         let open: Vec<usize> = (0..96).filter(|k| grid.column(DROPS).unwrap().values()[*k] > 0.0).collect();
         assert!(open.contains(&40) && open.iter().all(|k| (39..=41).contains(k)), "{open:?}");
-        assert!(add_drops(Grid::new(0, 900, 4).unwrap(), "T_room").is_err());
+        assert!(add_drops(Grid::new(0, 15 * MINUTE, 4).unwrap(), "T_room").is_err());
     }
 }

@@ -1,5 +1,6 @@
 //! Columns on a common time grid: what a simulation reads.
 
+use super::duration::HOUR;
 use std::ops::Range;
 
 use indexmap::IndexMap;
@@ -111,7 +112,7 @@ pub struct Grid {
 }
 
 impl Grid {
-    /// A grid without columns: `len` points from `start` (Unix seconds) every `step` seconds.
+    /// A grid without columns: `len` points from `start` (Unix milliseconds) every `step` milliseconds.
     ///
     /// # Errors
     /// A fault where the step is not positive or the grid leaves the range of times.
@@ -120,7 +121,7 @@ impl Grid {
             return Err(Fault::new(
                 "/step",
                 "bad-step",
-                format!("a grid needs a positive step, not {step} s"),
+                format!("a grid needs a positive step, not {step} ms"),
             ));
         }
         let end = i64::try_from(len)
@@ -137,19 +138,19 @@ impl Grid {
         Ok(Self { start, step, len, columns: IndexMap::new() })
     }
 
-    /// The time of index 0, in Unix seconds.
+    /// The time of index 0, in Unix milliseconds.
     pub fn start(&self) -> i64 {
         self.start
     }
 
-    /// The distance of two points, in seconds.
+    /// The distance of two points, in milliseconds.
     pub fn step(&self) -> i64 {
         self.step
     }
 
     /// The distance of two points, in hours.
     pub fn step_hours(&self) -> f64 {
-        self.step as f64 / 3600.0
+        self.step as f64 / HOUR as f64
     }
 
     /// The number of points.
@@ -162,7 +163,7 @@ impl Grid {
         self.len == 0
     }
 
-    /// The time of an index, in Unix seconds. An index behind the end gives the time that it would have.
+    /// The time of an index, in Unix milliseconds. An index behind the end gives the time that it would have.
     pub fn time(&self, index: usize) -> i64 {
         // `new` has checked this product for every index of the grid.
         self.start.saturating_add(self.step.saturating_mul(index as i64))

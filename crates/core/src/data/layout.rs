@@ -12,6 +12,8 @@
 //! A correlation proposes, it does not prove. Two sensors of one measured office correlate by no more than
 //! 0.75, as much as either does with the office next door: what is not proposed is not excluded.
 
+use super::duration::DAY;
+use super::seconds::Seconds;
 use serde::Serialize;
 use utoipa::ToSchema;
 
@@ -29,7 +31,6 @@ pub const SAME_ROOM: f64 = 0.96;
 /// Rooms that correlate by more are proposed as neighbours.
 pub const NEIGHBOUR: f64 = 0.5;
 
-const DAY: i64 = 86_400;
 /// Two sensors that have less time in common are not compared.
 const LEAST_COMMON: i64 = 3 * DAY;
 /// A shorter window has too little in common after the days at its ends are spent on their means.
@@ -62,7 +63,7 @@ pub struct Layout {
     /// Correlations of the temperatures without the mean of the surrounding day.
     pub daily: Vec<Vec<Option<f64>>>,
     /// The step of the samples that were compared, in seconds.
-    pub step_s: i64,
+    pub step_s: Seconds,
     /// The first sample, RFC 3339.
     #[schema(format = DateTime)]
     pub from: String,
@@ -206,7 +207,7 @@ pub fn propose_layout(window: &Window) -> Result<Layout, Vec<Fault>> {
         correlation,
         levels: by_level,
         daily: by_day,
-        step_s: grid.step(),
+        step_s: Seconds::of_millis(grid.step()),
         from: rfc3339(grid.start()),
         to: rfc3339(grid.time(grid.len().saturating_sub(1))),
         left_out,

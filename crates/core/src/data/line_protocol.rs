@@ -7,6 +7,7 @@
 //! A backslash takes their meaning from commas, blanks and equals signs of names, and from quotes and
 //! backslashes of texts; before anything else it is a backslash. Texts may go over several lines.
 
+use super::duration::{HOUR, MINUTE, SECOND};
 use std::borrow::Cow;
 
 use super::header::shown;
@@ -76,15 +77,15 @@ impl TimePrecision {
         })
     }
 
-    /// The second in which a time lies.
-    pub fn seconds(self, time: i64) -> i64 {
+    /// The millisecond in which a time lies.
+    pub fn millis(self, time: i64) -> i64 {
         match self {
-            Self::Nanoseconds => time.div_euclid(1_000_000_000),
-            Self::Microseconds => time.div_euclid(1_000_000),
-            Self::Milliseconds => time.div_euclid(1_000),
-            Self::Seconds => time,
-            Self::Minutes => time.saturating_mul(60),
-            Self::Hours => time.saturating_mul(3_600),
+            Self::Nanoseconds => time.div_euclid(1_000_000),
+            Self::Microseconds => time.div_euclid(1_000),
+            Self::Milliseconds => time,
+            Self::Seconds => time.saturating_mul(SECOND),
+            Self::Minutes => time.saturating_mul(MINUTE),
+            Self::Hours => time.saturating_mul(HOUR),
         }
     }
 }
@@ -381,14 +382,14 @@ mod tests {
     }
 
     #[test]
-    fn times_are_seconds_in_the_end() {
-        let seconds = |word: &str, time: i64| TimePrecision::of_word(word).unwrap().seconds(time);
-        assert_eq!((seconds("ns", -1), seconds("us", 2_999_999), seconds("u", 3_000_000)), (-1, 2, 3));
+    fn times_are_milliseconds_in_the_end() {
+        let millis = |word: &str, time: i64| TimePrecision::of_word(word).unwrap().millis(time);
+        assert_eq!((millis("ns", -1), millis("us", 2_999), millis("u", 3_000)), (-1, 2, 3));
         assert_eq!(
-            (seconds("ms", 1_999), seconds("s", 7), seconds("m", 2), seconds("h", 1)),
-            (1, 7, 120, 3_600)
+            (millis("ms", 1_999), millis("s", 7), millis("m", 2), millis("h", 1)),
+            (1_999, 7_000, 120_000, 3_600_000)
         );
-        assert_eq!((TimePrecision::of_word("d"), seconds("h", i64::MAX)), (None, i64::MAX));
+        assert_eq!((TimePrecision::of_word("d"), millis("h", i64::MAX)), (None, i64::MAX));
     }
 
     fn name() -> impl Strategy<Value = String> {

@@ -16,6 +16,7 @@
 //! | `parse` | the CSV and the JSON form of a window |
 //! | `json_cell` | what a JSON window may have in its lists |
 //! | `table` | the rules for rows and cells: what is rejected, what is a fault |
+//! | `seconds` | lengths of time that documents count in seconds |
 //! | `series` | the samples of one channel and their statistics |
 //! | `block` | the binary form of a series |
 //! | `window` | the measurements of one system over a stretch of time |
@@ -35,7 +36,8 @@
 //! | `write` | columns as CSV that reads back to the same values |
 //! | `split` | training, validation and test parts |
 //!
-//! Times are whole seconds since 1970-01-01T00:00:00Z everywhere behind the parsers. The folder reads no
+//! Times are whole milliseconds since 1970-01-01T00:00:00Z everywhere behind the parsers, and so are distances of
+//! times, but for those that a document names by their unit. The folder reads no
 //! file, no clock and no environment: the same input gives the same window, and hence the same content hash.
 //!
 //! Two invariants hold throughout. Times of a [`Series`] increase strictly and its values are finite; a
@@ -59,6 +61,7 @@ mod parse;
 mod parts;
 mod resample;
 mod role;
+mod seconds;
 mod series;
 mod split;
 mod stamp;
@@ -75,7 +78,7 @@ pub use calendar::{add_calendar, hour_of_day, local_zone};
 pub use channel::{ChannelKind, Hold, is_compass};
 pub use computed::{CALENDAR, COMPUTED, ComputedChannel, DROPS, SUN, is_computed};
 pub use drops::add_drops;
-pub use duration::{BadDuration, Duration, Length};
+pub use duration::{BadDuration, DAY, Duration, HOUR, Length, MINUTE, SECOND};
 pub use envelope::{Envelope, Thinning};
 pub use grid::{Column, Grid};
 pub use header::{ColumnBindings, ColumnHeader, ColumnUnit};
@@ -87,13 +90,14 @@ pub use parse::WindowDocument;
 pub use parts::WindowParts;
 pub use resample::{DEFAULT_MAX_GAP_STEPS, GridRequest};
 pub use role::ColumnRole;
+pub use seconds::Seconds;
 pub use series::{Series, SeriesStatistics};
 pub use split::{Split, SplitRequest};
 pub use stamp::{read_time, rfc3339};
 pub use sun::{SunPosition, add_sun, sun_position};
 pub use system::{BadSystemId, SystemId, SystemPattern};
 pub use thin::{Bucket, Thinned};
-pub use view::{ChannelView, DAY_S, Layer, Replayed, WindowShare, goes_on, lay, merged, replay};
+pub use view::{ChannelView, Layer, Replayed, WindowShare, goes_on, lay, merged, replay};
 pub use window::{RejectedRow, Window, WindowReport};
 pub use write::{CsvChannel, write_csv};
 

@@ -12,7 +12,9 @@
 //! gap, and at the end of the record, it lasts for one such step.
 
 use super::channel::{Hold, is_compass};
+use super::duration::{MINUTE, SECOND};
 use super::grid::{Column, Grid};
+use super::seconds::Seconds;
 use super::series::{Series, median_step};
 use super::stamp::rfc3339;
 use super::window::Window;
@@ -20,8 +22,8 @@ use crate::fault::Fault;
 
 /// Gaps longer than this many steps stay gaps.
 pub const DEFAULT_MAX_GAP_STEPS: u32 = 3;
-/// The shortest step that is chosen when none is asked for, in seconds.
-const MIN_STEP: i64 = 60;
+/// The shortest step that is chosen when none is asked for.
+const MIN_STEP: i64 = MINUTE;
 /// Nearly four years of one-minute data; a longer grid is a slip of the pen.
 const MAX_POINTS: i64 = 2_000_000;
 
@@ -35,11 +37,12 @@ pub struct GridRequest<'a> {
     pub more_outputs: &'a [&'a str],
     /// The inputs, each with its hold.
     pub channels: &'a [(&'a str, Hold)],
-    /// The step in seconds; the median step of the output, at least 60 s, where it is not given.
+    /// The step in milliseconds; the median step of the output in whole seconds, at least a minute, where it is
+    /// not given.
     pub step: Option<i64>,
-    /// The first time that may enter, in Unix seconds.
+    /// The first time that may enter, in Unix milliseconds.
     pub from: Option<i64>,
-    /// The last time that may enter, in Unix seconds, itself included.
+    /// The last time that may enter, in Unix milliseconds, itself included.
     pub to: Option<i64>,
     /// Gaps longer than this many steps stay gaps.
     pub max_gap_steps: u32,
@@ -162,18 +165,21 @@ fn frame(output: &Series, request: &GridRequest<'_>) -> Result<Grid, Fault> {
         let there = format!("it has samples from {} to {}", rfc3339(output.from()), rfc3339(output.to()));
         return Err(Fault::new("/window", "no-data-in-range", detail).suggest(there));
     };
-    let step = request.step.unwrap_or(own_step.max(MIN_STEP));
+    // A logger that polls every minute stamps some milliseconds late, now more, now less.
+    let step = request.step.unwrap_or(((own_step + SECOND / 2) / SECOND * SECOND).max(MIN_STEP));
     if step <= 0 {
-        return Err(Fault::new("/step", "bad-step", format!("a grid needs a positive step, not {step} s")));
+        return Err(Fault::new("/step", "bad-step", "a grid needs a positive step"));
     }
-    let points = (times[times.len() - 1] - times[0]) / step + 1;
+    let start = if step >= MIN_STEP { times[0].div_euclid(SECOND) * SECOND } else { times[0] };
+    let points = (times[times.len() - 1] - start) / step + 1;
     if points > MAX_POINTS {
-        let detail = format!("{points} points at a step of {step} s; {MAX_POINTS} are the most");
+        let step = Seconds::of_millis(step);
+        let detail = format!("{points} points at a step of {step}; {MAX_POINTS} are the most");
         return Err(
             Fault::new("/step", "grid-too-long", detail).suggest("ask for a longer step or a shorter range")
         );
     }
-    Grid::new(times[0], step, points as usize)
+    Grid::new(start, step, points as usize)
 }
 
 /// The samples nearest to the grid points, each within `[-step/2, step/2)` and hence used at most once.
@@ -259,7 +265,7 @@ fn points(grid: &Grid) -> impl Iterator<Item = i64> {
     (0..grid.len()).map(|index| grid.time(index))
 }
 
-/// The longest distance of two samples, in seconds, that is no gap.
+/// The longest distance of two samples, in milliseconds, that is no gap.
 fn gap_limit(series: &Series, grid: &Grid, max_gap_steps: u32) -> i64 {
     let step = series.median_step().unwrap_or(0).max(grid.step());
     step.saturating_mul(i64::from(max_gap_steps))

@@ -1,11 +1,12 @@
 //! The gap rules, on cases small enough to work out by hand.
 
-use super::{Grid, GridRequest, Hold, Series, Window};
+use super::{Grid, GridRequest, Hold, MINUTE, SECOND, Series, Window};
 use crate::fault::Fault;
 use proptest::prelude::{any, prop_assert, prop_assert_eq, proptest};
 
+/// Samples at these seconds.
 fn series(channel: &str, hold: Hold, samples: &[(i64, f64)]) -> Series {
-    let (times, values) = samples.iter().copied().unzip();
+    let (times, values) = samples.iter().map(|(time, value)| (time * SECOND, *value)).unzip();
     Series::new(channel, "-", hold, times, values).unwrap()
 }
 
@@ -35,7 +36,7 @@ fn an_output_is_its_nearest_sample_and_never_a_line() {
         &[(0, 0.0), (62, 1.0), (118, 2.0), (240, 4.0), (330, 5.0), (360, 6.0), (420, 7.0)],
     );
     let grid = Window::from_series(vec![output]).unwrap().grid(&GridRequest::new("y", &[])).unwrap();
-    assert_eq!((grid.start(), grid.step(), grid.len()), (0, 60, 8));
+    assert_eq!((grid.start(), grid.step(), grid.len()), (0, MINUTE, 8));
     assert_eq!(marks(&grid, "y"), "11101011");
     // The sample at 330 belongs to the point at 360, which has a nearer one; the point at 300 gets nothing.
     let y = grid.column("y").unwrap();
@@ -116,10 +117,26 @@ fn the_step_is_the_outputs_or_what_was_asked() {
     let output: Vec<(i64, f64)> = (0..100).map(|i| (5 * i, 0.0)).collect();
     let window = Window::from_series(vec![series("y", Hold::Linear, &output)]).unwrap();
     let request = GridRequest::new("y", &[]);
-    assert_eq!(window.grid(&request).unwrap().step(), 60, "no finer than a minute unless asked");
-    assert_eq!(window.grid(&GridRequest { step: Some(5), ..request }).unwrap().len(), 100);
-    let part = window.grid(&GridRequest { from: Some(101), to: Some(401), ..request }).unwrap();
-    assert_eq!((part.start(), part.len()), (105, 5));
+    assert_eq!(window.grid(&request).unwrap().step(), MINUTE, "no finer than a minute unless asked");
+    assert_eq!(window.grid(&GridRequest { step: Some(5 * SECOND), ..request }).unwrap().len(), 100);
+    let part = window.grid(&GridRequest { from: Some(101 * SECOND), to: Some(401 * SECOND), ..request }).unwrap();
+    assert_eq!((part.start(), part.len()), (105 * SECOND, 5));
+}
+
+#[test]
+fn stamps_that_are_milliseconds_late_do_not_move_the_grid() {
+    let late = [13, 420, 7, 90, 250, 3];
+    let times = late.iter().enumerate().map(|(i, late)| i as i64 * MINUTE + late).collect();
+    let output = Series::new("y", "-", Hold::Linear, times, vec![1.0; late.len()]).unwrap();
+    let window = Window::from_series(vec![output]).unwrap();
+    let grid = window.grid(&GridRequest::new("y", &[])).unwrap();
+    assert_eq!((grid.start(), grid.step(), marks(&grid, "y").as_str()), (0, MINUTE, "111111"));
+    // What is asked for in milliseconds is gridded in them.
+    let times = (0..100).map(|i| 7 + 10 * i).collect();
+    let fast = Series::new("y", "-", Hold::Linear, times, vec![1.0; 100]).unwrap();
+    let request = GridRequest { step: Some(10), ..GridRequest::new("y", &[]) };
+    let grid = Window::from_series(vec![fast]).unwrap().grid(&request).unwrap();
+    assert_eq!((grid.start(), grid.len(), grid.step_hours()), (7, 100, 0.01 / 3600.0));
 }
 
 #[test]
@@ -142,10 +159,10 @@ fn what_cannot_be_gridded_is_a_fault() {
         codes(window.grid(&GridRequest { channels: &[("late", Hold::Linear)], ..request })),
         ["no-data-in-range"]
     );
-    assert_eq!(codes(window.grid(&GridRequest { step: Some(60), ..request })), ["grid-too-long"]);
+    assert_eq!(codes(window.grid(&GridRequest { step: Some(MINUTE), ..request })), ["grid-too-long"]);
     assert_eq!(codes(window.grid(&GridRequest { step: Some(0), ..request })), ["bad-step"]);
     assert_eq!(
-        codes(window.grid(&GridRequest { from: Some(9), to: Some(1), ..request })),
+        codes(window.grid(&GridRequest { from: Some(9 * SECOND), to: Some(SECOND), ..request })),
         ["no-data-in-range"]
     );
 }
@@ -155,7 +172,7 @@ proptest! {
     fn no_grid_invents_or_loses_data(
         steps in proptest::collection::vec((1i64..400, any::<f64>()), 2..60),
         held in any::<bool>(),
-        step in 1i64..300,
+        step in 1i64..300_000,
         max_gap_steps in 0u32..5,
     ) {
         let mut time = 0;

@@ -1,5 +1,7 @@
 //! The samples of one channel, and what can be said about them without any model.
 
+use super::duration::SECOND;
+use super::seconds::Seconds;
 use serde::{Deserialize, Serialize};
 
 use super::channel::{ChannelKind, Hold, canonical_unit};
@@ -14,7 +16,7 @@ pub(super) const MAX_SAMPLES: usize = 1 << 24;
 /// The longest channel name and unit text, in bytes.
 const MAX_NAME: usize = 256;
 /// Times lie within some ten thousand years of 1970, so that no distance of times can overflow.
-const MAX_TIME: i64 = 1 << 38;
+const MAX_TIME: i64 = 1 << 48;
 
 /// Neighbours further apart than this many median steps have a gap between them.
 const GAP_STEPS: i64 = 3;
@@ -31,7 +33,7 @@ pub struct Series {
     values: Vec<f64>,
 }
 
-/// What a report says about one channel. All times are in seconds, all values in `unit`.
+/// What a report says about one channel. All values are in `unit`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct SeriesStatistics {
     /// The unit in which the channel is kept.
@@ -47,11 +49,11 @@ pub struct SeriesStatistics {
     /// The highest value.
     pub max: f64,
     /// The median time between two samples; `null` for a single sample.
-    pub median_step_s: Option<i64>,
+    pub median_step_s: Option<Seconds>,
     /// The longest time between two samples: the step itself where there is no gap.
-    pub longest_gap_s: i64,
+    pub longest_gap_s: Seconds,
     /// The longest time over which the value stayed exactly the same; a gap ends it.
-    pub stuck_s: i64,
+    pub stuck_s: Seconds,
     /// The step of the quantised values, where the values lie on such a grid; a sensor's resolution.
     pub quantum: Option<f64>,
 }
@@ -176,9 +178,14 @@ impl Series {
         self.times[self.times.len() - 1]
     }
 
-    /// The median time between two samples in seconds, at least 1; `None` for a single sample.
+    /// The median time between two samples in milliseconds, at least 1; `None` for a single sample.
     pub fn median_step(&self) -> Option<i64> {
         median_step(&self.times)
+    }
+
+    /// Whether all times are whole seconds.
+    pub(super) fn has_whole_seconds(&self) -> bool {
+        self.times.iter().all(|time| time % SECOND == 0)
     }
 
     /// The samples from `from` to `to`, both included; `None` where there are none.
@@ -204,9 +211,11 @@ impl Series {
             missing: rows.saturating_sub(self.len()),
             min: self.values.iter().copied().fold(f64::INFINITY, f64::min),
             max: self.values.iter().copied().fold(f64::NEG_INFINITY, f64::max),
-            median_step_s: self.median_step(),
-            longest_gap_s: self.times.windows(2).map(|pair| pair[1] - pair[0]).max().unwrap_or(0),
-            stuck_s: self.stuck(),
+            median_step_s: self.median_step().map(Seconds::of_millis),
+            longest_gap_s: Seconds::of_millis(
+                self.times.windows(2).map(|pair| pair[1] - pair[0]).max().unwrap_or(0),
+            ),
+            stuck_s: Seconds::of_millis(self.stuck()),
             quantum: self.quantum(),
         }
     }
@@ -220,12 +229,12 @@ impl Series {
             .collect()
     }
 
-    /// The longest distance of two samples, in seconds, that is no gap.
+    /// The longest distance of two samples, in milliseconds, that is no gap.
     fn gap_limit(&self) -> i64 {
         GAP_STEPS.saturating_mul(self.median_step().unwrap_or(0))
     }
 
-    /// The longest time, in seconds, over which the value stayed exactly the same without a gap.
+    /// The longest time, in milliseconds, over which the value stayed exactly the same without a gap.
     pub fn stuck(&self) -> i64 {
         let limit = self.gap_limit();
         let (mut longest, mut start) = (0, 0);
@@ -291,7 +300,7 @@ pub(super) fn median_of(mut numbers: Vec<i64>) -> Option<i64> {
 
 #[cfg(test)]
 mod tests {
-    use super::Series;
+    use super::{Seconds, Series};
     use crate::data::{ChannelKind, Hold};
 
     fn series(times: Vec<i64>, values: Vec<f64>) -> Series {
@@ -325,14 +334,14 @@ mod tests {
 
     #[test]
     fn statistics_count_what_they_say() {
-        // Ten-minute samples, one gap of an hour inside a run of equal values.
+        // Samples of one step, one gap of six inside a run of equal values.
         let times = vec![0, 600, 1_200, 1_800, 5_400, 6_000, 6_600];
         let statistics = series(times, vec![20.0, 20.5, 20.5, 20.5, 20.5, 20.5, 21.0]).statistics(9);
         assert_eq!((statistics.samples, statistics.missing), (7, 2));
         assert_eq!((statistics.min, statistics.max), (20.0, 21.0));
-        assert_eq!(statistics.median_step_s, Some(600));
-        assert_eq!(statistics.longest_gap_s, 3_600);
-        assert_eq!(statistics.stuck_s, 1_200);
+        assert_eq!(statistics.median_step_s.map(Seconds::millis), Some(600));
+        assert_eq!(statistics.longest_gap_s.millis(), 3_600);
+        assert_eq!(statistics.stuck_s.millis(), 1_200);
         assert_eq!(series(vec![5], vec![1.0]).statistics(1).median_step_s, None);
     }
 

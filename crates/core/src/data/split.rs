@@ -1,10 +1,12 @@
 //! Training, validation and test parts of a record.
 
+use super::duration::DAY;
 use std::ops::Range;
 
 use serde::{Deserialize, Serialize};
 
 use super::duration::{Duration, Length};
+use super::seconds::Seconds;
 use crate::fault::Fault;
 use utoipa::ToSchema;
 
@@ -42,7 +44,7 @@ impl SplitRequest {
     /// The length of all parts together.
     pub fn total(&self) -> Duration {
         let test = self.test.unwrap_or_default();
-        Duration::from_seconds(self.train.seconds() + self.validation.seconds() + test.seconds())
+        Duration::from_millis(self.train.millis() + self.validation.millis() + test.millis())
     }
 }
 
@@ -65,7 +67,7 @@ pub struct Split {
 }
 
 impl Split {
-    /// Splits a grid of `len` points every `step` seconds.
+    /// Splits a grid of `len` points every `step` milliseconds.
     ///
     /// A record that is longer than asked for gives its newest points. In a shorter one the parts shrink in
     /// proportion, in whole points; where less than three days of training would remain, the test part goes
@@ -78,23 +80,24 @@ impl Split {
             return Err(Fault::new(
                 "/split",
                 "bad-step",
-                format!("a grid needs a positive step, not {step} s"),
+                format!("a grid needs a positive step, not {step} ms"),
             ));
         }
         if request.train.is_zero() {
             return Err(Fault::new("/split/train", "no-training", "the training part has no length")
                 .suggest("such as P21D"));
         }
-        // Durations end below 2^34 s and grids below 2^21 points: no sum or product below comes near an
+        // Durations end below 2^44 ms and grids below 2^21 points: no sum or product below comes near an
         // overflow.
-        let points = |duration: Duration| (duration.seconds() as f64 / step as f64).round() as u64;
+        let points = |duration: Duration| (duration.millis() as f64 / step as f64).round() as u64;
         let test = request.test.unwrap_or_default();
         let wanted = [points(request.train).max(1), points(request.validation), points(test)];
         let [train, validation, test] =
             shrink(wanted, len as u64, points(ENOUGH_TRAINING), points(SHORT_VALIDATION))
                 .map(|part| part as usize);
         if train < 2 {
-            let detail = format!("{len} points every {step} s leave {train} for training; it needs two");
+            let step = Seconds::of_millis(step);
+            let detail = format!("{len} points every {step} leave {train} for training; it needs two");
             return Err(Fault::new("/split", "record-too-short", detail)
                 .suggest("upload a longer record, or ask for less validation"));
         }
@@ -110,8 +113,8 @@ impl Split {
     /// What the record was too short for, in a sentence; `None` where every part is as long as it was asked
     /// for.
     pub fn shortfall(&self, step: i64, request: &SplitRequest) -> Option<String> {
-        let days = |seconds: f64| {
-            let text = format!("{:.2}", seconds / 86_400.0);
+        let days = |millis: f64| {
+            let text = format!("{:.2}", millis / DAY as f64);
             text.trim_end_matches('0').trim_end_matches('.').to_owned()
         };
         let parts = [
@@ -121,7 +124,7 @@ impl Split {
         ];
         let short: Vec<String> = parts
             .iter()
-            .map(|(what, part, asked)| (what, (part.len() as i64 * step) as f64, asked.seconds() as f64))
+            .map(|(what, part, asked)| (what, (part.len() as i64 * step) as f64, asked.millis() as f64))
             // A duration that is no whole number of steps is rounded.
             .filter(|(_, has, asked)| has + 0.5 * (step as f64) < *asked)
             .map(|(what, has, asked)| format!("{} of {} days {what}", days(has), days(asked)))
@@ -174,10 +177,8 @@ fn in_proportion(wanted: [u64; 3], len: u64) -> [u64; 3] {
 #[cfg(test)]
 mod tests {
     use super::{Split, SplitRequest};
-    use crate::data::Duration;
+    use crate::data::{Duration, HOUR};
     use proptest::prelude::{prop_assert, prop_assert_eq, proptest};
-
-    const HOUR: i64 = 3_600;
 
     fn days(record: usize, request: &SplitRequest) -> [usize; 3] {
         let split = Split::new(record * 24, HOUR, request).unwrap();

@@ -1,9 +1,10 @@
-//! RFC 3339 time stamps as whole seconds since 1970-01-01T00:00:00Z.
+//! RFC 3339 time stamps as whole milliseconds since 1970-01-01T00:00:00Z.
 
+use super::duration::SECOND;
 use crate::fault::Fault;
 
 /// 2101-01-01T00:00:00Z: stamps beyond are slips of the pen.
-const END: i64 = 4_133_980_800;
+const END: i64 = 4_133_980_800 * SECOND;
 const MAX_LENGTH: usize = 64;
 
 /// Why a stamp was not taken.
@@ -31,7 +32,7 @@ impl BadStamp {
     }
 }
 
-/// Reads one stamp; fractions of a second are dropped.
+/// Reads one stamp; fractions of a millisecond are dropped.
 ///
 /// A leap second (`23:59:60`) counts as the second before it: UTC seconds have no number of its own for it.
 pub(super) fn read_stamp(text: &str) -> Result<i64, BadStamp> {
@@ -40,11 +41,11 @@ pub(super) fn read_stamp(text: &str) -> Result<i64, BadStamp> {
         return Err(BadStamp::Unreadable);
     }
     if let Ok(instant) = text.parse::<jiff::Timestamp>() {
-        // Rounds down, also below zero, so that nothing before 1970 slips in as second 0.
-        let seconds = instant.as_nanosecond().div_euclid(1_000_000_000);
-        return i64::try_from(seconds)
+        // Rounds down, also below zero, so that nothing before 1970 slips in as time 0.
+        let millis = instant.as_nanosecond().div_euclid(1_000_000);
+        return i64::try_from(millis)
             .ok()
-            .filter(|seconds| (0..END).contains(seconds))
+            .filter(|millis| (0..END).contains(millis))
             .ok_or(BadStamp::OutOfRange);
     }
     if text.parse::<f64>().is_ok_and(f64::is_finite) {
@@ -77,14 +78,16 @@ pub(super) fn in_utc(text: &str) -> String {
 }
 
 /// A time as text in UTC, such as `2016-01-11T16:00:00Z`; times that no calendar holds print as their
-/// seconds.
-pub fn rfc3339(seconds: i64) -> String {
-    jiff::Timestamp::from_second(seconds).map_or_else(|_| seconds.to_string(), |instant| instant.to_string())
+/// milliseconds.
+pub fn rfc3339(millis: i64) -> String {
+    jiff::Timestamp::from_millisecond(millis)
+        .map_or_else(|_| millis.to_string(), |instant| instant.to_string())
 }
 
 #[cfg(test)]
 mod tests {
     use super::{BadStamp, read_stamp, read_time, rfc3339};
+    use crate::data::HOUR;
     use proptest::prelude::{any, prop_assert_eq, proptest};
 
     #[test]
@@ -93,19 +96,20 @@ mod tests {
             "2016-01-11T16:00:00Z",
             "2016-01-11T17:00:00+01:00",
             "2016-01-11 16:00:00Z",
-            "2016-01-11T16:00:00.9Z",
+            "2016-01-11T16:00:00.0009Z",
             " 2016-01-11t16:00:00z ",
         ] {
-            assert_eq!(read_stamp(text), Ok(1_452_528_000), "{text}");
+            assert_eq!(read_stamp(text), Ok(1_452_528_000_000), "{text}");
         }
-        assert_eq!(rfc3339(1_452_528_000), "2016-01-11T16:00:00Z");
+        assert_eq!(rfc3339(1_452_528_000_000), "2016-01-11T16:00:00Z");
+        assert_eq!(rfc3339(read_stamp("2016-01-11T17:00:00.01+01:00").unwrap()), "2016-01-11T16:00:00.01Z");
     }
 
     #[test]
     fn both_sides_of_a_clock_change_keep_their_distance() {
         let before = read_stamp("2026-10-25T02:30:00+02:00").unwrap();
         let after = read_stamp("2026-10-25T02:30:00+01:00").unwrap();
-        assert_eq!(after - before, 3_600);
+        assert_eq!(after - before, HOUR);
     }
 
     #[test]
@@ -143,8 +147,8 @@ mod tests {
         }
 
         #[test]
-        fn every_instant_survives_its_text(seconds in 0i64..4_000_000_000) {
-            prop_assert_eq!(read_stamp(&rfc3339(seconds)), Ok(seconds));
+        fn every_instant_survives_its_text(millis in 0i64..4_000_000_000_000) {
+            prop_assert_eq!(read_stamp(&rfc3339(millis)), Ok(millis));
         }
     }
 }

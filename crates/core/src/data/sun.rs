@@ -3,6 +3,7 @@
 //! Positions are geometric, without refraction: near the horizon, where refraction lifts the sun by half a
 //! degree, no model of a room can tell the difference.
 
+use super::duration::DAY;
 use solar_positioning::time::JulianDate;
 use solar_positioning::{Location, RefractionCorrection, SolarPositions, delta_t};
 
@@ -11,7 +12,7 @@ use super::grid::Grid;
 use crate::fault::Fault;
 
 const UNIX_EPOCH_JULIAN: f64 = 2_440_587.5;
-const SECONDS_PER_YEAR: f64 = 365.242_5 * 86_400.0;
+const DAYS_PER_YEAR: f64 = 365.242_5;
 
 /// The direction to the sun in degrees.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -22,13 +23,13 @@ pub struct SunPosition {
     pub azimuth: f64,
 }
 
-/// Where the sun stands at a time (Unix seconds) and a place (degrees north, degrees east).
+/// Where the sun stands at a time (Unix milliseconds) and a place (degrees north, degrees east).
 ///
 /// # Errors
 /// A fault where the latitude is outside -90..90, the longitude outside -180..180, or the time thousands of
 /// years away.
 pub fn sun_position(time: i64, latitude: f64, longitude: f64) -> Result<SunPosition, Fault> {
-    let year = 1970.0 + time as f64 / SECONDS_PER_YEAR;
+    let year = 1970.0 + time as f64 / DAY as f64 / DAYS_PER_YEAR;
     let delta =
         delta_t::estimate(year).map_err(|error| Fault::new("/time", "bad-time", error.to_string()))?;
     position(time, delta, latitude, longitude, 0.0, None)
@@ -69,7 +70,7 @@ fn position(
     refraction: Option<RefractionCorrection>,
 ) -> Result<SunPosition, Fault> {
     let fault = |error: solar_positioning::Error| Fault::new("/location", "bad-location", error.to_string());
-    let julian = JulianDate::new(UNIX_EPOCH_JULIAN + time as f64 / 86_400.0, delta_t).map_err(fault)?;
+    let julian = JulianDate::new(UNIX_EPOCH_JULIAN + time as f64 / DAY as f64, delta_t).map_err(fault)?;
     let sun = SolarPositions::new()
         .at_from_julian(julian, Location { latitude, longitude }, height, refraction)
         .map_err(fault)?;
@@ -80,7 +81,7 @@ fn position(
 mod tests {
     use super::{RefractionCorrection, add_sun, position, sun_position};
     use crate::data::window_tests::real_file;
-    use crate::data::{Column, ColumnBindings, Grid, Hold, Window, read_time};
+    use crate::data::{Column, ColumnBindings, Grid, HOUR, Hold, Window, read_time};
 
     #[test]
     fn the_published_example_of_the_algorithm() {
@@ -113,7 +114,7 @@ mod tests {
 
     #[test]
     fn measured_columns_are_kept() {
-        let grid = Grid::new(1_466_510_400, 3_600, 3).unwrap();
+        let grid = Grid::new(1_466_510_400_000, HOUR, 3).unwrap();
         let measured = Column::complete("deg", Hold::Linear, vec![1.0, 2.0, 3.0]).unwrap();
         let grid = add_sun(grid.with_column("sun_altitude", measured).unwrap(), 50.51, 3.71).unwrap();
         assert_eq!(grid.column("sun_altitude").unwrap().values(), [1.0, 2.0, 3.0]);

@@ -5,6 +5,7 @@
 //! highest and its mean value instead, so that the drawn band touches every sample.
 
 use super::channel::is_compass;
+use super::duration::SECOND;
 use super::series::Series;
 
 /// What a chart draws of one channel. Where `None` stands, a line must break.
@@ -19,7 +20,7 @@ pub enum Thinned {
     },
     /// The envelope of buckets of equal width. A bucket without samples is left out.
     Envelope {
-        /// The width of a bucket in seconds.
+        /// The width of a bucket in milliseconds.
         bucket: i64,
         /// The middles of the buckets and the times of the marks, strictly increasing.
         times: Vec<i64>,
@@ -54,8 +55,12 @@ impl Thinned {
         }
         let count = i64::try_from(max_points / 2).unwrap_or(i64::MAX).max(1);
         let (from, to) = (from.min(series.from()), to.max(series.to()));
+        let bucket = (to - from) / count + 1;
+        // Widths of even seconds have their middles at whole ones.
+        let even = 2 * SECOND;
+        let bucket = if bucket > even { (bucket + even - 1) / even * even } else { bucket };
         // So many buckets of this width reach from the first instant beyond the last one.
-        envelope(series, &gaps, from, (to - from) / count + 1)
+        envelope(series, &gaps, from, bucket)
     }
 
     /// The times of all points.

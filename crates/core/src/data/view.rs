@@ -5,13 +5,11 @@
 //! below it, is its [`WindowShare`]; the two together are all that it had.
 
 use super::channel::Hold;
+use super::duration::DAY;
 use super::series::Series;
 use super::window::merge;
 use crate::fault::Fault;
 use std::ops::Range;
-
-/// A day in seconds.
-pub const DAY_S: i64 = 86_400;
 
 /// The samples of one channel that count, each with the number of the window that gave it. A newer window has
 /// a larger number. Values stay in the units in which they came.
@@ -125,11 +123,11 @@ impl ChannelView {
     /// A fault where the samples are no series.
     pub fn days(&self, (first, last): (i64, i64)) -> Result<Vec<(i64, Layer)>, Fault> {
         let mut all = Vec::new();
-        let mut rest = self.between(first * DAY_S, last * DAY_S + DAY_S - 1);
+        let mut rest = self.between(first * DAY, last * DAY + DAY - 1);
         while let Some(sample) = self.samples[rest.clone()].first() {
-            let day = sample.time.div_euclid(DAY_S);
-            let end = day * DAY_S + DAY_S - 1;
-            all.extend(self.layers(day * DAY_S, end)?.into_iter().map(|layer| (day, layer)));
+            let day = sample.time.div_euclid(DAY);
+            let end = day * DAY + DAY - 1;
+            all.extend(self.layers(day * DAY, end)?.into_iter().map(|layer| (day, layer)));
             rest.start = self.between(i64::MIN, end).end;
         }
         Ok(all)

@@ -1,5 +1,6 @@
 //! The measurements of one system over a stretch of time.
 
+use super::duration::SECOND;
 use indexmap::IndexMap;
 use serde::{Deserialize, Serialize};
 
@@ -198,8 +199,13 @@ impl Window {
                 hasher.update(&(text.len() as u64).to_le_bytes()).update(text.as_bytes());
             }
             hasher.update(&[series.hold() as u8]).update(&(series.len() as u64).to_le_bytes());
+            // Whole seconds have the hash that they had before there were others.
+            let unit_of_time = if series.has_whole_seconds() { SECOND } else { 1 };
+            if unit_of_time == 1 {
+                hasher.update(b"ms");
+            }
             for time in series.times() {
-                hasher.update(&time.to_le_bytes());
+                hasher.update(&(time / unit_of_time).to_le_bytes());
             }
             for value in series.values() {
                 hasher.update(&value.to_bits().to_le_bytes());

@@ -3,7 +3,7 @@
 use std::io::Read;
 use std::path::Path;
 
-use super::{ColumnBindings, GridRequest, Hold, Window, WindowReport};
+use super::{ColumnBindings, GridRequest, Hold, SECOND, Seconds, Window, WindowReport};
 use crate::fault::Fault;
 use proptest::prelude::{any, prop_assert, prop_assert_eq, proptest};
 
@@ -36,7 +36,7 @@ fn codes(result: Result<(Window, WindowReport), Vec<Fault>>) -> Vec<String> {
 fn rows(header: &str, count: usize, cell: impl Fn(usize) -> String) -> String {
     let mut text = format!("{header}\n");
     for i in 0..count {
-        text += &format!("{},{}\n", super::rfc3339(1_452_528_000 + 600 * i as i64), cell(i));
+        text += &format!("{},{}\n", super::rfc3339((1_452_528_000 + 600 * i as i64) * SECOND), cell(i));
     }
     text
 }
@@ -54,7 +54,7 @@ fn a_plain_window() {
         (report.rows, report.from.as_str(), report.to.as_str()),
         (20, "2016-01-11T16:00:00Z", "2016-01-11T19:10:00Z")
     );
-    assert_eq!(report.channels["T_room"].median_step_s, Some(600));
+    assert_eq!(report.channels["T_room"].median_step_s, Some(Seconds::of_millis(600_000)));
     assert_eq!(report.warnings, ["`note_pct` has no values and was left out".replace("_pct", "")]);
     let json = serde_json::to_string(&report).unwrap();
     assert_eq!(serde_json::from_str::<WindowReport>(&json).unwrap(), report);
@@ -355,7 +355,7 @@ proptest! {
 
     #[test]
     fn json_of_any_cells(cells in proptest::collection::vec(any::<(Option<f64>, bool)>(), 2..20)) {
-        let time: Vec<String> = (0..cells.len()).map(|i| super::rfc3339(600 * i as i64)).collect();
+        let time: Vec<String> = (0..cells.len()).map(|i| super::rfc3339(600 * SECOND * i as i64)).collect();
         let values: Vec<serde_json::Value> = cells.iter().map(|(value, odd)| if *odd { "?".into() } else { serde_json::json!(value) }).collect();
         let json = serde_json::json!({"time": time, "values": {"x": values}}).to_string();
         if let Ok((window, report)) = Window::parse_json(json.as_bytes(), &ColumnBindings::none()) {

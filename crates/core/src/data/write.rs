@@ -110,15 +110,15 @@ mod tests {
         let one = |name: &str, unit: &str, times: Vec<i64>, values: Vec<f64>| {
             Series::new(name, unit, Hold::Linear, times, values).unwrap()
         };
-        let a = one("T_room", "degC", vec![0, 60, 600], vec![20.0, 0.1 + 0.2, -0.5]);
-        let b = one("od,d \"name\"", "kW", vec![60, 120], vec![1e-7, 1e21]);
+        let a = one("T_room", "degC", vec![0, 60_000, 600_000], vec![20.0, 0.1 + 0.2, -0.5]);
+        let b = one("od,d \"name\"", "kW", vec![60_000, 120_000], vec![1e-7, 1e21]);
         let expected = "time,T_room[degC],\"od,d \"\"name\"\"[kW]\"\n1970-01-01T00:00:00Z,20,\n1970-01-01T00:01:00Z,0.30000000000000004,0.0000001\n\
                         1970-01-01T00:02:00Z,,1000000000000000000000\n1970-01-01T00:10:00Z,-0.5,\n";
         assert_eq!(csv(&[a.clone(), b], usize::MAX), expected);
         let thinned = csv(&[a], 2);
         assert_eq!(
             thinned,
-            "time,T_room.min[degC],T_room.mean[degC],T_room.max[degC]\n1970-01-01T00:05:00Z,-0.5,6.6000000000000005,20\n"
+            "time,T_room.min[degC],T_room.mean[degC],T_room.max[degC]\n1970-01-01T00:05:01Z,-0.5,6.6000000000000005,20\n"
         );
     }
 

@@ -4,6 +4,7 @@ use super::library::CandidateEffect;
 use super::null_model::NullModel;
 use super::score_test::{Look, RANKING_HOURS};
 use super::screen::Screen;
+use crate::data::Seconds;
 use crate::data::rfc3339;
 use crate::estimate::Problem;
 use crate::estimate::assess::regimes::interval;
@@ -30,7 +31,7 @@ pub struct Shape {
     #[schema(example = "K")]
     pub unit: String,
     /// Length of the stretches whose means the points of the lines are, in seconds.
-    pub mean_over_s: i64,
+    pub mean_over_s: Seconds,
     /// The middles of the stretches, RFC 3339.
     pub time: Vec<String>,
     /// Measured minus simulated in the free run of the model without the effect; `null` where less than half
@@ -91,7 +92,7 @@ pub fn shape(null: &NullModel, next: &NullModel, candidate: &CandidateEffect, si
     let middle = |first: usize| grid.time(first) + (span as i64 - 1) * grid.step() / 2;
     Shape {
         unit: problem.model().outputs().first().map_or("", |output| error_unit(&output.unit)).to_owned(),
-        mean_over_s: span as i64 * grid.step(),
+        mean_over_s: Seconds::of_millis(span as i64 * grid.step()),
         time: (0..grid.len()).step_by(span).map(|first| rfc3339(middle(first))).collect(),
         unexplained: means(&error, &usable, span),
         effect: means(&change, &usable, span),

@@ -122,7 +122,7 @@ fn hour_by_date(problem: &Problem, error: &[f64], usable: &[usize]) -> Result<Ve
     let zone = local_zone(problem.basis().zone.as_deref().unwrap_or("UTC"))?;
     let mut sums: IndexMap<Date, [(f64, usize); 24]> = IndexMap::new();
     for k in usable {
-        let time = Timestamp::from_second(problem.grid().time(*k))
+        let time = Timestamp::from_millisecond(problem.grid().time(*k))
             .map_err(|error| Fault::new("/time", "bad-time", error.to_string()))?;
         let local = zone.to_datetime(time);
         let hours = sums.entry(local.date()).or_insert([(0.0, 0); 24]);

@@ -65,7 +65,7 @@ pub struct EffectScore {
 /// The stretch of time that a window looked at.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LookedSpan {
-    /// Its first sample, seconds since 1970.
+    /// Its first sample, milliseconds since 1970.
     pub from: i64,
     /// The end of its last sample.
     pub to: i64,
@@ -443,11 +443,11 @@ fn counted(windows: usize) -> String {
     if windows == 1 { "one window".to_owned() } else { format!("{windows} windows") }
 }
 
-fn instant(seconds: i64) -> Option<Timestamp> {
-    Timestamp::from_second(seconds).ok()
+fn instant(millis: i64) -> Option<Timestamp> {
+    Timestamp::from_millisecond(millis).ok()
 }
 
 /// A day of the world's time, such as `12 January 2016`.
-fn day(seconds: i64) -> String {
-    instant(seconds).map(|at| at.strftime("%-d %B %Y").to_string()).unwrap_or_default()
+fn day(millis: i64) -> String {
+    instant(millis).map(|at| at.strftime("%-d %B %Y").to_string()).unwrap_or_default()
 }

@@ -5,10 +5,10 @@ use super::ledger::{
     Apart, EffectScore, LedgerEntry, Looked, LookedSpan, Pooled, beside, entries, ledgers, pooled_with,
 };
 use super::report::Diagnosis;
+use crate::data::{DAY, SECOND};
 
-const DAY: i64 = 86_400;
 /// 2016-01-12T00:00:00Z.
-const START: i64 = 1_452_556_800;
+const START: i64 = 1_452_556_800 * SECOND;
 
 /// Fourteen days beginning this many days after the start.
 fn entry(after: i64, size: f64, deviation: f64) -> LedgerEntry {

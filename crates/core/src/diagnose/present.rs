@@ -86,7 +86,7 @@ mod tests {
     use super::super::tests::{fitted, site, small_world};
     use super::super::{Diagnosis, diagnose};
     use super::*;
-    use crate::data::SplitRequest;
+    use crate::data::{SECOND, SplitRequest};
     use crate::estimate::problem::request::AccusationRate;
     use crate::estimate::{Control, EstimateRequest, prepare};
     use crate::model::Catalogue;
@@ -138,8 +138,8 @@ mod tests {
         // those of the other twin.
         let now = span(&problem).unwrap();
         let weeks = |number: i64| LookedSpan {
-            from: now.from - number * 3_000_000,
-            to: now.to - number * 3_000_000,
+            from: now.from - number * 3_000_000 * SECOND,
+            to: now.to - number * 3_000_000 * SECOND,
             hours: now.hours,
         };
         let before: Vec<LedgerEntry> =

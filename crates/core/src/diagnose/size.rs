@@ -9,6 +9,7 @@
 
 use super::library::CandidateEffect;
 use super::null_model::NullModel;
+use crate::data::HOUR;
 use crate::estimate::Problem;
 use crate::estimate::segments::shooting::{Settled, settle};
 use crate::estimate::segments::{Moved, Segments, moved};
@@ -95,8 +96,8 @@ fn by_days(model: &NullModel, candidate: &CandidateEffect, shown: bool, halt: Ha
 /// Where the first stretch begins: at midnight or noon, as those of others do. Who forecasts from the morning
 /// and from the evening finds another loss without the sun.
 fn first_stretch(problem: &Problem) -> usize {
-    let seconds = (AHEAD_HOURS * 3600.0) as i64;
-    let begins = |k: &usize| problem.inputs().known(*k) && problem.grid().time(*k) % seconds == 0;
+    let lead = (AHEAD_HOURS * HOUR as f64) as i64;
+    let begins = |k: &usize| problem.inputs().known(*k) && problem.grid().time(*k) % lead == 0;
     (0..problem.grid().len()).find(begins).unwrap_or(0)
 }
 
@@ -149,7 +150,7 @@ fn of_free_run(model: &NullModel, candidate: &CandidateEffect) -> Vec<Size> {
 mod tests {
     use super::super::tests::{site, small_world};
     use super::*;
-    use crate::data::{Series, SplitRequest, Window};
+    use crate::data::{DAY, Series, SplitRequest, Window};
     use crate::estimate::{EstimateRequest, Problem, prepare};
     use crate::model::Catalogue;
 
@@ -180,9 +181,9 @@ mod tests {
             .collect();
         let deviation = all.spread(&whole, &segments).unwrap().deviation(&gradient);
         let grid = whole.grid();
-        let days = (grid.time(whole.split().validation.end) - grid.start()) / 86_400;
+        let days = (grid.time(whole.split().validation.end) - grid.start()) / DAY;
         let without = |day: i64| {
-            let [from, to] = [day, day + 1].map(|day| grid.start() + day * 86_400);
+            let [from, to] = [day, day + 1].map(|day| grid.start() + day * DAY);
             let thinned = window.iter().map(|series| {
                 let kept = series
                     .times()

@@ -7,6 +7,7 @@ use super::ledger::{EffectScore, LedgerEntry, LookedSpan, pooled_with};
 use super::library::CandidateEffect;
 use super::report::SegmentEvidence;
 use super::score_test::{LENGTHS, Look, RANKING_HOURS, SegmentScore, logged};
+use crate::data::DAY;
 use crate::estimate::Problem;
 use crate::estimate::segments::dot;
 use crate::model::spec::Sign;
@@ -289,7 +290,7 @@ impl<'a> Tests<'a> {
         channels: &[usize],
     ) -> Vec<Option<SegmentScore>> {
         let inputs = candidate.problem.inputs();
-        let per_day = (86_400 / candidate.problem.grid().step()) as usize;
+        let per_day = (DAY / candidate.problem.grid().step()) as usize;
         let days = self.base.split().validation.end / per_day.max(1);
         let all = 1..days;
         let stride = all.len().div_ceil(SHIFTS).max(1);

@@ -2,6 +2,7 @@
 //! people of the house.
 
 use super::null_model::NullModel;
+use crate::data::DAY;
 use crate::data::hour_of_day;
 use crate::estimate::gate::physics::{jacobian, mean_inputs};
 use crate::model::Initial;
@@ -36,7 +37,7 @@ pub(super) fn profile(
             let hours = span as f64 * grid.step_hours();
             let level = pair.iter().map(|k| error[*k]).sum::<f64>() / pair.len() as f64;
             heat[hour_of_day(grid, first)].push((
-                grid.time(first).div_euclid(86_400),
+                grid.time(first).div_euclid(DAY),
                 (error[last] - error[first]) / hours + forget * level,
             ));
         }

@@ -104,7 +104,7 @@ fn falls(direct: &NullModel, way: &NullModel) -> bool {
 mod tests {
     use super::super::report::Diagnosis;
     use super::super::tests::{fitted, site, small_world};
-    use crate::data::{Hold, Series, SplitRequest, Window};
+    use crate::data::{DAY, HOUR, Hold, Series, SplitRequest, Window};
     use crate::estimate::problem::request::AccusationRate;
     use crate::estimate::{Control, EstimateRequest, Problem, prepare};
     use crate::model::Catalogue;
@@ -121,15 +121,15 @@ mod tests {
         let burns: Vec<(i64, i64, f64)> = (0..28)
             .map(|day| {
                 (
-                    times[0] + day * 86_400 + chance.random_range(14..20) * 3600,
-                    chance.random_range(1..5) * 3600,
+                    times[0] + day * DAY + chance.random_range(14..20) * HOUR,
+                    chance.random_range(1..5) * HOUR,
                     chance.random::<f64>(),
                 )
             })
             .filter(|(_, _, burns)| *burns < 0.6)
             .collect();
         let power = |time: &i64| {
-            if burns.iter().any(|(from, seconds, _)| (*from..from + seconds).contains(time)) {
+            if burns.iter().any(|(from, length, _)| (*from..from + length).contains(time)) {
                 1.5
             } else {
                 0.0

@@ -4,6 +4,7 @@ use super::fit::covariance::Covariance;
 use super::fit::{Estimate, Fit, Parts, Span, Stop};
 use super::problem::Problem;
 use super::uncertainty::Uncertainty;
+use crate::data::Seconds;
 use crate::data::rfc3339;
 use crate::estimate::assess::metrics::{filter, metrics};
 use crate::estimate::fit::levels::levels;
@@ -61,7 +62,7 @@ pub(super) fn report(
         evaluations: found.evaluations,
         trace: found.trace,
         metrics: metrics(problem, &found.theta, &run),
-        sample_s: problem.grid().step(),
+        sample_s: Seconds::of_millis(problem.grid().step()),
         substeps: problem.simulator().substeps(),
         // A document has no word for infinity, and one that held it could not be read again.
         discretisation_error: Some(discretisation_error).filter(|error| error.is_finite()),

@@ -4,7 +4,7 @@ use super::drive::{Inputs, samples_back};
 use super::kalman::{Kalman, Noise};
 use super::stepper::ros2;
 use super::trajectory::{MeasuredOutput, Simulator};
-use crate::data::{Column, Grid};
+use crate::data::{Column, Grid, HOUR};
 use crate::model::Stepper;
 use crate::model::document::ModelDocument;
 use crate::model::expr::{Graph, Node, Point};
@@ -159,7 +159,7 @@ fn the_past_must_be_known_as_far_back_as_the_longest_delay() {
     let mut valid = vec![true; 40];
     valid[20] = false;
     let column = Column::new("degC", crate::data::Hold::Linear, vec![1.0; 40], valid).unwrap();
-    let grid = Grid::new(0, 3600, 40).unwrap().with_column("u", column).unwrap();
+    let grid = Grid::new(0, HOUR, 40).unwrap().with_column("u", column).unwrap();
     let inputs = Inputs::new(&model, &grid).unwrap();
     // Six hours at the start, and six behind the two intervals that touch the missing sample.
     let unknown: Vec<usize> = (0..39).filter(|k| !inputs.known(*k)).collect();

@@ -2,6 +2,7 @@
 
 use super::dice::Dice;
 use crate::data::sun_position;
+use crate::data::{DAY, HOUR, MINUTE};
 use crate::fault::Fault;
 
 /// Minutes of a step of the truth.
@@ -20,7 +21,7 @@ pub const NEIGHBOURS: usize = 2;
 /// Series in steps of three minutes.
 #[derive(Debug)]
 pub struct Climate {
-    /// Unix seconds of the first step.
+    /// Unix milliseconds of the first step.
     pub start: i64,
     pub out: Vec<f64>,
     pub forward: Vec<f64>,
@@ -61,15 +62,17 @@ impl Climate {
         let mut altitude = Vec::with_capacity(nodes);
         let mut azimuth = Vec::with_capacity(nodes);
         for node in 0..nodes {
-            let sun = sun_position(start + (node * NODE * STEP_MINUTES * 60) as i64, LOCATION.0, LOCATION.1)?;
+            let sun =
+                sun_position(start + (node * NODE * STEP_MINUTES) as i64 * MINUTE, LOCATION.0, LOCATION.1)?;
             altitude.push(sun.altitude);
             azimuth.push(sun.azimuth);
         }
-        let local = |step: usize| start + (step * STEP_MINUTES * 60) as i64 + 3600 * ZONE_HOURS;
-        let hour: Vec<f64> = (0..steps).map(|step| local(step).rem_euclid(86_400) as f64 / 3600.0).collect();
+        let local = |step: usize| start + (step * STEP_MINUTES) as i64 * MINUTE + HOUR * ZONE_HOURS;
+        let hour: Vec<f64> =
+            (0..steps).map(|step| local(step).rem_euclid(DAY) as f64 / HOUR as f64).collect();
         // The first of January 1970 was a Thursday.
         let weekday =
-            (0..steps).map(|step| ((local(step).div_euclid(86_400) + 3).rem_euclid(7) + 1) as f64).collect();
+            (0..steps).map(|step| ((local(step).div_euclid(DAY) + 3).rem_euclid(7) + 1) as f64).collect();
         Ok(Self {
             start,
             out: between(&out, steps),

@@ -6,6 +6,7 @@
 use super::climate::{Climate, STEP_MINUTES, STEPS_PER_DAY};
 use super::dice::Dice;
 use super::price::day_ahead;
+use crate::data::{MINUTE, SECOND};
 use crate::fault::Fault;
 
 /// Minutes between two decisions, and between two samples.
@@ -19,7 +20,7 @@ const STEPS: usize = SAMPLE_MINUTES / STEP_MINUTES;
 /// Hours of a step.
 const HOURS: f64 = STEP_MINUTES as f64 / 60.0;
 /// Monday, 2026-01-12T00:00:00Z.
-const START: i64 = 1_768_176_000;
+const START: i64 = 1_768_176_000 * SECOND;
 /// Step of the sensor's display, and deviation of its noise, in K.
 const QUANTUM: f64 = 0.1;
 const SENSOR_NOISE: f64 = 0.05;
@@ -134,9 +135,9 @@ impl HeatedRoom {
         Ok(Self { climate, rates, household, noise, prices, leak, drifts_from: drifts_from * STEPS_PER_DAY })
     }
 
-    /// Unix seconds of a sample.
+    /// Unix milliseconds of a sample.
     pub fn time(&self, sample: usize) -> i64 {
-        self.climate.start + (sample * SAMPLE_MINUTES * 60) as i64
+        self.climate.start + (sample * SAMPLE_MINUTES) as i64 * MINUTE
     }
 
     /// The local time of day at a sample in hours, and the day of the week, Monday 1.

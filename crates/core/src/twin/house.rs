@@ -8,6 +8,7 @@
 use super::climate::{Climate, STEP_MINUTES, STEPS_PER_DAY};
 use super::dice::Dice;
 use crate::data::rfc3339;
+use crate::data::{self, DAY, MINUTE};
 use crate::fault::Fault;
 use serde::Serialize;
 use std::fmt::Write;
@@ -15,7 +16,7 @@ use std::fmt::Write;
 /// Days before the window in which the masses find their temperatures.
 const WARM_UP_DAYS: usize = 8;
 /// Monday, 2026-03-02T00:00:00Z.
-const START: i64 = 1_772_409_600;
+const START: i64 = 1_772_409_600 * data::SECOND;
 /// Deviation of the noise of every sensor in K.
 const SENSOR_NOISE: f64 = 0.05;
 /// Hours of a step.
@@ -122,7 +123,7 @@ pub fn house(request: &HouseRequest) -> Result<HouseTwin, Fault> {
         ));
     }
     let mut dice = Dice::new(request.seed);
-    let start = START - 86_400 * WARM_UP_DAYS as i64;
+    let start = START - DAY * WARM_UP_DAYS as i64;
     let steps = (request.days + WARM_UP_DAYS) * STEPS_PER_DAY + 1;
     let climate = Climate::new(&mut dice, start, steps)?;
     let mut truths = Vec::new();
@@ -279,7 +280,7 @@ fn write(
         let _ = write!(
             csv,
             "{},{:.2},{:.2}",
-            rfc3339(climate.start + (k * STEP_MINUTES * 60) as i64),
+            rfc3339(climate.start + (k * STEP_MINUTES) as i64 * MINUTE),
             climate.out[k],
             climate.forward[k]
         );

@@ -2,11 +2,12 @@
 //! known noise, for the question whether intervals hold what they promise.
 
 use super::dice::Dice;
+use crate::data::SECOND;
 use crate::data::rfc3339;
 use std::fmt::Write;
 
 /// Start of every window: 2026-01-12T00:00:00Z.
-const START: i64 = 1_768_176_000;
+const START: i64 = 1_768_176_000 * SECOND;
 /// Seconds of a step of the truth.
 const STEP: usize = 15;
 /// Seconds between samples.
@@ -63,7 +64,7 @@ pub fn noisy(seed: u64, days: usize) -> NoisyTwin {
     let mut csv = String::from("time,T_room,T_out,P_heater,irradiance\n");
     for k in 0..samples {
         let measured = room + NOISE[2] * dice.normal();
-        let time = rfc3339(START + (k * SAMPLE) as i64);
+        let time = rfc3339(START + (k * SAMPLE) as i64 * SECOND);
         let _ = writeln!(csv, "{time},{measured:.6},{:.6},{:.3},{:.6}", outdoors[k], heater[k], sun[k]);
         let next = (k + 1).min(samples - 1);
         let between = |values: &[f64], share: f64| values[k] + (values[next] - values[k]) * share;

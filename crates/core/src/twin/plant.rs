@@ -4,6 +4,7 @@
 
 use super::dice::Dice;
 use crate::data::{DRY_INFLUENT, rfc3339};
+use crate::data::{MINUTE, SECOND};
 use crate::fault::Fault;
 use crate::model::document::ModelDocument;
 use crate::model::spec::WarmUpSpec;
@@ -13,7 +14,7 @@ use std::f64::consts::TAU;
 use std::fmt::Write;
 
 /// Start of every record: 2026-01-12T00:00:00Z.
-const START: i64 = 1_768_176_000;
+const START: i64 = 1_768_176_000 * SECOND;
 /// Minutes between rows, between values of the influent, and between samples of the effluent (thesis 6.2.3).
 const ROW: usize = 5;
 const INFLUENT: usize = 15;
@@ -88,7 +89,7 @@ pub fn plant(catalogue: &Catalogue, request: &PlantRequest) -> Result<PlantTwin,
         });
     csv.push('\n');
     for k in 0..rows {
-        csv.push_str(&rfc3339(START + (k * ROW * 60) as i64));
+        csv.push_str(&rfc3339(START + (k * ROW) as i64 * MINUTE));
         for (output, values) in model.outputs().iter().zip(&run.outputs) {
             csv.push(',');
             if (k * ROW).is_multiple_of(EFFLUENT) {

@@ -1,6 +1,7 @@
 //! A room of the thesis's kind in a Danish winter: weather, neighbours, a heat pump, and a sensor.
 
 use crate::data::rfc3339;
+use crate::data::{MINUTE, SECOND};
 use crate::fault::Fault;
 use crate::model::{Bindings, Catalogue, Model, ModelId, compile};
 use crate::simulate::trajectory::MeasuredOutput;
@@ -13,7 +14,7 @@ const LATITUDE: f64 = 56.5;
 /// Days before the window in which floor and envelope find their temperatures.
 const WARM_UP_DAYS: usize = 5;
 /// Start of every window: 2026-01-12T00:00:00Z.
-const START: i64 = 1_768_176_000;
+const START: i64 = 1_768_176_000 * SECOND;
 
 /// A synthetic room.
 #[derive(Debug, Clone)]
@@ -66,7 +67,7 @@ pub fn room(seed: u64, neighbours: usize, days: usize, step_minutes: usize) -> R
     });
     csv.push('\n');
     for k in first..samples {
-        let time = START + ((k - first) * step_minutes * 60) as i64;
+        let time = START + ((k - first) * step_minutes) as i64 * MINUTE;
         let temperature = run.first().map_or(f64::NAN, |run| run.outputs[0][k]) + 0.05 * dice.normal();
         let _ = write!(csv, "{},{temperature:.4}", rfc3339(time));
         for (_, values) in &columns {

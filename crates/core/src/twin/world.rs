@@ -5,6 +5,7 @@ use super::climate::{Climate, NEIGHBOURS, STEP_MINUTES, STEPS_PER_DAY};
 use super::dice::Dice;
 use super::hidden::{Hidden, Kind};
 use crate::data::rfc3339;
+use crate::data::{DAY, MINUTE, SECOND};
 use crate::fault::Fault;
 use serde::Serialize;
 use std::fmt::Write;
@@ -12,7 +13,7 @@ use std::fmt::Write;
 /// Days before the window in which the masses find their temperatures.
 const WARM_UP_DAYS: usize = 6;
 /// Monday, 2026-01-12T00:00:00Z; a window starts up to five weeks later.
-const START: i64 = 1_768_176_000;
+const START: i64 = 1_768_176_000 * SECOND;
 /// Step of the sensor's display in K.
 const QUANTUM: f64 = 0.1;
 /// Deviation of the sensor's noise in K.
@@ -141,7 +142,7 @@ pub fn world(request: &WorldRequest) -> Result<World, Fault> {
         ));
     }
     let mut dice = Dice::new(request.seed);
-    let start = START + 86_400 * ((dice.uniform() * 35.0) as i64 - WARM_UP_DAYS as i64);
+    let start = START + DAY * ((dice.uniform() * 35.0) as i64 - WARM_UP_DAYS as i64);
     let steps = (request.days + WARM_UP_DAYS) * STEPS_PER_DAY + 1;
     let climate = Climate::new(&mut dice, start, steps)?;
     let household_heat = dice.between(0.02, 0.10);
@@ -380,7 +381,7 @@ fn write(
         let held = |series: &[f64]| {
             series[k..(k + per_sample).min(series.len())].iter().sum::<f64>() / per_sample as f64
         };
-        let _ = write!(csv, "{},", rfc3339(climate.start + (k * STEP_MINUTES * 60) as i64));
+        let _ = write!(csv, "{},", rfc3339(climate.start + (k * STEP_MINUTES) as i64 * MINUTE));
         if !lost[sample] {
             let _ = write!(csv, "{temperature:.1}");
         }

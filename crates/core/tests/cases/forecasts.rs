@@ -1,7 +1,7 @@
 //! Forecasts: they are the free run from the states that the filter found, and their bands hold the truth.
 
 use super::{fit, full, request};
-use lampyris_core::data::{ColumnBindings, Duration, Window};
+use lampyris_core::data::{ColumnBindings, DAY, Duration, HOUR, MINUTE, Window};
 use lampyris_core::estimate::assess::metrics::lead;
 use lampyris_core::estimate::forecast::{Forecast, ForecastAsked, InputsToCome, forecast};
 use lampyris_core::estimate::{EstimateRequest, Fit, Replay, Site, prepare};
@@ -10,8 +10,6 @@ use lampyris_core::model::Catalogue;
 use lampyris_core::optimise::Method;
 use lampyris_core::twin;
 use rayon::prelude::*;
-
-const DAY: i64 = 86_400;
 
 /// A room with nothing hidden: all that will be measured, and a fit to what was measured before an instant.
 struct Known {
@@ -49,7 +47,7 @@ impl Known {
         let measured = self.whole.slice(self.whole.from(), self.now).unwrap();
         let asked = ForecastAsked {
             horizon: Duration::from_hours(23),
-            step: Duration::from_seconds(step),
+            step: Duration::from_millis(step),
             until: None,
         };
         forecast(replay, &self.fit, &measured, &InputsToCome::given(&to_come), asked).unwrap()
@@ -66,7 +64,7 @@ fn quick(seed: u64) -> EstimateRequest {
 #[test]
 fn a_forecast_is_what_the_filter_says_of_the_day_when_it_has_come() {
     let known = known(501, 13, &quick(1));
-    let found = known.ahead(&known.replay(known.now), 900);
+    let found = known.ahead(&known.replay(known.now), 15 * MINUTE);
     assert_eq!(found.time.len(), 23 * 4 + 1);
     // The same day, once it was measured, as the stored errors forecast it: another way through the program.
     let replay = known.replay(known.whole.to());
@@ -109,12 +107,12 @@ fn the_bands_of_a_forecast_hold_what_is_measured_then() {
         .into_par_iter()
         .map(|seed| {
             let known = known(31_000 + seed, 13, &quick(seed));
-            let found = known.ahead(&known.replay(known.now), 900);
+            let found = known.ahead(&known.replay(known.now), 15 * MINUTE);
             let series = &found.outputs["T_room"];
             let measured = known.whole.series("T_room").unwrap();
             hours.map(|hour| {
-                let lead = lead(hour * 3600, 900).unwrap();
-                let at = measured.times().binary_search(&(known.now + hour * 3600)).unwrap();
+                let lead = lead(hour * HOUR, 15 * MINUTE).unwrap();
+                let at = measured.times().binary_search(&(known.now + hour * HOUR)).unwrap();
                 (measured.values()[at] - series.values[lead]) / series.sd[lead]
             })
         })

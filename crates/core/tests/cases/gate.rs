@@ -9,6 +9,7 @@ mod rooms;
 mod spoilt;
 
 use super::folders::{case, cases, names};
+use lampyris_core::data::{DAY, HOUR};
 use lampyris_core::estimate::assess::metrics::{ahead, filter};
 use lampyris_core::estimate::gate::check::{CheckResult, Severity};
 use lampyris_core::estimate::{Fit, GatePolicy, Judgement, Past, Problem, Verdict, validate};
@@ -195,7 +196,7 @@ fn errors(problem: &Problem, fit: &Fit) -> Vec<f64> {
     let problem = problem.with_substeps(fit.substeps);
     let run = filter(&problem, &fit.theta(), None);
     let range = problem.split().validation.clone();
-    ahead(&problem, &fit.theta(), &run, range, &[("PT6H", 21_600), ("PT24H", 86_400)])
+    ahead(&problem, &fit.theta(), &run, range, &[("PT6H", 6 * HOUR), ("PT24H", DAY)])
         .into_values()
         .map(|error| error.rmse)
         .collect()
@@ -264,9 +265,9 @@ fn spoil(known: &Known, case: &Case, automatic: bool) -> Option<[Option<Ended>; 
         judge(room.row(FIT_DAYS), &[Past::default(), Past::of(Some(served.clone()))])?.into_iter();
     let ways = [whole.next(), whole.next()];
     let grid = clean.grid();
-    let since = grid.time(grid.len() - 1) - FAULTY_DAYS * 86_400;
+    let since = grid.time(grid.len() - 1) - FAULTY_DAYS * DAY;
     // A day of the faulty measurements turns the room degraded, and the rest has come before anybody looks.
-    let past = Past { degraded: Some(since + 86_400), ..Past::of(Some(served)) };
+    let past = Past { degraded: Some(since + DAY), ..Past::of(Some(served)) };
     let third = if automatic { judge(room.row(FAULTY_DAYS), &[past])?.pop() } else { None };
     let [cold, kept] = ways;
     Some([cold, kept, third])

@@ -3,15 +3,13 @@
 
 use super::houses::beside;
 use super::{fit, request};
-use lampyris_core::data::{ColumnBindings, Window};
+use lampyris_core::data::{ColumnBindings, DAY, Window};
 use lampyris_core::diagnose::ladder::{Step, ladder};
 use lampyris_core::diagnose::{Diagnosis, diagnose};
 use lampyris_core::estimate::assess::metrics::{day_ahead_mse, filter};
 use lampyris_core::estimate::problem::request::{AccusationRate, WindowRange};
 use lampyris_core::estimate::{Control, EstimateRequest, Site, prepare};
 use lampyris_core::model::{Catalogue, ModelId};
-
-const DAY: usize = 86_400;
 
 /// The diagnosis of a model on a house.
 fn diagnosis(csv: &str, model: &str, binds: &[&str], site: &Site, asked: &EstimateRequest) -> Diagnosis {
@@ -145,9 +143,9 @@ fn of_other_days(room: &Room, days: usize) -> Room {
     };
     let place = head[0].split(',').position(|name| name.split('[').next() == Some(room.column)).unwrap();
     let time =
-        |row: &str| row.split(',').next().unwrap().parse::<jiff::Timestamp>().unwrap().as_second() as usize;
-    let later = days * DAY / (time(rows[1]) - time(rows[0]));
-    let whole = rows.len() - rows.len() % (DAY / (time(rows[1]) - time(rows[0])));
+        |row: &str| row.split(',').next().unwrap().parse::<jiff::Timestamp>().unwrap().as_millisecond();
+    let per_day = (DAY / (time(rows[1]) - time(rows[0]))) as usize;
+    let (later, whole) = (days * per_day, rows.len() - rows.len() % per_day);
     let moved = rows.iter().enumerate().map(|(k, row)| {
         let mut cells: Vec<&str> = row.split(',').collect();
         cells[place] = rows[(k + later) % whole].split(',').nth(place).unwrap();

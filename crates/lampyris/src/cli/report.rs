@@ -73,7 +73,7 @@ fn data(found: &ReportSubject<'_>) -> Result<Value, Failure> {
     );
     for name in HORIZONS {
         let horizon: Duration = name.parse().map_err(|error| Failure::Error(format!("{error}")))?;
-        if horizon.seconds() % fit.sample_s == 0 {
+        if horizon.millis() % fit.sample_s.millis() == 0 {
             let forecast = comparison::document(&named, &replay, &asked(Some(horizon), POINTS[1]));
             answers.insert(format!("/fits/{ID}/comparison?mode=ahead&horizon={name}"), read(forecast)?);
         }

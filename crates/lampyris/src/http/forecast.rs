@@ -121,8 +121,8 @@ async fn get_forecast_inputs(
 ) -> Result<axum::Json<Vec<InputForecast>>, ApiError> {
     systems::require(&service, &system).await?;
     let shown = |input: KeptInput| InputForecast {
-        from: rfc3339(input.from_s),
-        to: rfc3339(input.to_s),
+        from: rfc3339(input.from_ms),
+        to: rfc3339(input.to_ms),
         channel: input.channel,
         issued_at: input.issued_at,
     };

@@ -10,7 +10,7 @@ use axum::body::Body;
 use axum::extract::State;
 use axum::response::Response;
 use indexmap::IndexMap;
-use lampyris_core::data::{Bucket, CsvChannel, Hold, Thinned, rfc3339, write_csv};
+use lampyris_core::data::{Bucket, CsvChannel, Hold, Seconds, Thinned, rfc3339, write_csv};
 use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 use utoipa_axum::router::OpenApiRouter;
@@ -75,12 +75,12 @@ struct ChannelSeries {
     /// Samples behind the points.
     samples: usize,
     /// The median time between two samples, in seconds.
-    median_step_s: Option<i64>,
+    median_step_s: Option<Seconds>,
     /// Gaps between the samples, those within a bucket included.
     gaps: usize,
     /// The width of a bucket in seconds, where the channel is thinned.
     #[serde(skip_serializing_if = "Option::is_none")]
-    bucket_s: Option<i64>,
+    bucket_s: Option<Seconds>,
     /// The times of the samples, or the middles of the buckets.
     #[schema(value_type = Vec<String>)]
     time: Vec<String>,
@@ -110,7 +110,7 @@ impl ChannelSeries {
             unit: series.unit().to_owned(),
             hold: series.hold(),
             samples: series.len(),
-            median_step_s: series.median_step(),
+            median_step_s: series.median_step().map(Seconds::of_millis),
             gaps: series.gaps().len(),
             bucket_s: None,
             time: points.times().iter().map(|time| rfc3339(*time)).collect(),
@@ -125,7 +125,7 @@ impl ChannelSeries {
             Thinned::Envelope { bucket, buckets, .. } => {
                 let column =
                     |of: fn(Bucket) -> f64| Some(buckets.iter().map(|bucket| bucket.map(of)).collect());
-                channel.bucket_s = Some(bucket);
+                channel.bucket_s = Some(Seconds::of_millis(bucket));
                 channel.min = column(|bucket| bucket.min);
                 channel.max = column(|bucket| bucket.max);
                 channel.mean = column(|bucket| bucket.mean);

@@ -5,7 +5,7 @@ use super::error::StoreError;
 use super::open_rows::{OpenRows, open_in};
 use super::sequence::next;
 use super::value::{corrupt, from_json, to_json};
-use lampyris_core::data::{ChannelView, DAY_S, Layer, Series, WindowShare};
+use lampyris_core::data::{ChannelView, DAY, Layer, Series, WindowShare};
 use lampyris_core::fault::Fault;
 use sqlx::SqliteConnection;
 use std::collections::BTreeSet;
@@ -41,8 +41,8 @@ pub struct DaysChange {
 struct NewDay {
     day: i64,
     unit: String,
-    from_s: i64,
-    to_s: i64,
+    from_ms: i64,
+    to_ms: i64,
     block: Vec<u8>,
     owners: Vec<(i64, usize)>,
 }
@@ -101,7 +101,7 @@ impl DaysChange {
     /// Where the samples are no series.
     pub fn touched(channel: &str, view: &ChannelView, share: &WindowShare) -> Result<Vec<Self>, StoreError> {
         let times = share.own.iter().flat_map(|own| own.times());
-        let days: BTreeSet<i64> = times.map(|time| time.div_euclid(DAY_S)).collect();
+        let days: BTreeSet<i64> = times.map(|time| time.div_euclid(DAY)).collect();
         days.into_iter().map(|day| Self::pack(channel, view, (day, day))).collect()
     }
 
@@ -111,7 +111,7 @@ impl DaysChange {
     /// # Errors
     /// Where the samples are no series.
     pub fn between(channel: &str, view: &ChannelView, (from, to): (i64, i64)) -> Result<Self, StoreError> {
-        Self::pack(channel, view, (from.div_euclid(DAY_S), to.div_euclid(DAY_S)))
+        Self::pack(channel, view, (from.div_euclid(DAY), to.div_euclid(DAY)))
     }
 
     fn pack(channel: &str, view: &ChannelView, span: (i64, i64)) -> Result<Self, StoreError> {
@@ -119,8 +119,8 @@ impl DaysChange {
         let pack = |(day, layer): (i64, Layer)| NewDay {
             day,
             unit: layer.series.unit().to_owned(),
-            from_s: layer.series.from(),
-            to_s: layer.series.to(),
+            from_ms: layer.series.from(),
+            to_ms: layer.series.to(),
             block: layer.series.encode(),
             owners: layer.owners,
         };
@@ -135,7 +135,7 @@ impl DaysChange {
 
 /// The whole days that touch a stretch of time: their first and their last second.
 pub fn whole_days((from, to): (i64, i64)) -> (i64, i64) {
-    (from.div_euclid(DAY_S) * DAY_S, to.div_euclid(DAY_S) * DAY_S + DAY_S - 1)
+    (from.div_euclid(DAY) * DAY, to.div_euclid(DAY) * DAY + DAY - 1)
 }
 
 pub(super) fn unfit(channel: &str, fault: &Fault) -> StoreError {
@@ -166,8 +166,8 @@ pub(super) async fn laid_in(
         AND day BETWEEN $2 AND $3 ORDER BY channel, day";
     let rows: Vec<(String, Vec<u8>, String)> = sqlx::query_as(sql)
         .bind(system)
-        .bind(from.div_euclid(DAY_S))
-        .bind(to.div_euclid(DAY_S))
+        .bind(from.div_euclid(DAY))
+        .bind(to.div_euclid(DAY))
         .bind(channels.map(|channels| to_json("channels", channels)).transpose()?)
         .fetch_all(connection)
         .await?;
@@ -206,15 +206,15 @@ pub(super) async fn write(
                 owner => (owner, *count),
             };
             let owners: Vec<(i64, usize)> = day.owners.iter().map(number).collect();
-            let sql = "INSERT INTO days (system, channel, day, unit, from_s, to_s, block, owners) VALUES ($1, \
+            let sql = "INSERT INTO days (system, channel, day, unit, from_ms, to_ms, block, owners) VALUES ($1, \
                 $2, $3, $4, $5, $6, $7, $8)";
             sqlx::query(sql)
                 .bind(system)
                 .bind(&change.channel)
                 .bind(day.day)
                 .bind(&day.unit)
-                .bind(day.from_s)
-                .bind(day.to_s)
+                .bind(day.from_ms)
+                .bind(day.to_ms)
                 .bind(&day.block)
                 .bind(to_json("owners", &owners)?)
                 .execute(&mut *tx)

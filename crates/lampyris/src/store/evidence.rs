@@ -15,8 +15,8 @@ row! {
         effect: String,
         model: String,
         model_hash: Option<String>,
-        from_s: i64,
-        to_s: i64,
+        from_ms: i64,
+        to_ms: i64,
         hours: f64,
         size: f64,
         deviation: f64,
@@ -35,7 +35,7 @@ impl Row {
             diagnosis: self.diagnosis,
             model: self.model,
             model_hash: self.model_hash,
-            span: LookedSpan { from: self.from_s, to: self.to_s, hours: self.hours },
+            span: LookedSpan { from: self.from_ms, to: self.to_ms, hours: self.hours },
             score: EffectScore {
                 effect: self.effect,
                 size: self.size,
@@ -58,7 +58,7 @@ pub(super) async fn keep(
     sequence: i64,
     entries: &[LedgerEntry],
 ) -> Result<(), StoreError> {
-    let sql = "INSERT INTO evidence (diagnosis, effect, sequence, system, model, model_hash, from_s, to_s, \
+    let sql = "INSERT INTO evidence (diagnosis, effect, sequence, system, model, model_hash, from_ms, to_ms, \
         hours, size, deviation, unit, share, t, \
         beyond_clock, days, shift_p) \
         VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $12, $13, $14, $15, $16, $17)";

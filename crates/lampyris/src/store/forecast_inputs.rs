@@ -17,9 +17,9 @@ pub struct KeptInput {
     /// When its newest issue came.
     pub issued_at: Timestamp,
     /// The first sample, in seconds.
-    pub from_s: i64,
+    pub from_ms: i64,
     /// The last one.
-    pub to_s: i64,
+    pub to_ms: i64,
     block: Vec<u8>,
     version: i64,
 }
@@ -30,8 +30,8 @@ row! {
         channel: String,
         issued_at: i64,
         version: i64,
-        from_s: i64,
-        to_s: i64,
+        from_ms: i64,
+        to_ms: i64,
         block: Vec<u8>,
     }
 }
@@ -57,8 +57,8 @@ impl KeptInput {
         Self {
             channel: series.channel().to_owned(),
             issued_at,
-            from_s: series.from(),
-            to_s: series.to(),
+            from_ms: series.from(),
+            to_ms: series.to(),
             block: series.encode(),
             version: 0,
         }
@@ -84,7 +84,7 @@ pub fn version(inputs: &[KeptInput]) -> i64 {
 /// # Errors
 /// Where the database fails.
 pub async fn of(store: &Store, system: &SystemId) -> Result<Vec<KeptInput>, StoreError> {
-    let sql = "SELECT channel, issued_at, version, from_s, to_s, block FROM forecast_inputs \
+    let sql = "SELECT channel, issued_at, version, from_ms, to_ms, block FROM forecast_inputs \
         WHERE system = $1 ORDER BY channel";
     let query = sqlx::query_as(sql).bind(system.to_string());
     let rows: Vec<InputRow> = query.fetch_all(&store.reader).await?;
@@ -92,8 +92,8 @@ pub async fn of(store: &Store, system: &SystemId) -> Result<Vec<KeptInput>, Stor
         Ok(KeptInput {
             channel: row.channel,
             issued_at: instant(row.issued_at)?,
-            from_s: row.from_s,
-            to_s: row.to_s,
+            from_ms: row.from_ms,
+            to_ms: row.to_ms,
             block: row.block,
             version: row.version,
         })
@@ -132,17 +132,17 @@ pub async fn write(
     store.require_room(&mut tx, inputs.iter().map(|input| input.block.len()).sum()).await?;
     let version = next(&mut tx, "sequence").await?;
     for input in inputs {
-        let sql = "INSERT INTO forecast_inputs (system, channel, issued_at, version, from_s, to_s, block) \
+        let sql = "INSERT INTO forecast_inputs (system, channel, issued_at, version, from_ms, to_ms, block) \
             VALUES ($1, $2, $3, $4, $5, $6, $7) ON CONFLICT (system, channel) DO UPDATE SET \
-            issued_at = excluded.issued_at, version = excluded.version, from_s = excluded.from_s, \
-            to_s = excluded.to_s, block = excluded.block";
+            issued_at = excluded.issued_at, version = excluded.version, from_ms = excluded.from_ms, \
+            to_ms = excluded.to_ms, block = excluded.block";
         sqlx::query(sql)
             .bind(&name)
             .bind(&input.channel)
             .bind(millis(input.issued_at))
             .bind(version)
-            .bind(input.from_s)
-            .bind(input.to_s)
+            .bind(input.from_ms)
+            .bind(input.to_ms)
             .bind(&input.block)
             .execute(&mut *tx)
             .await?;

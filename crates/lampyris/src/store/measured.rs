@@ -54,9 +54,9 @@ pub async fn read_owned(
 /// # Errors
 /// Where the database fails.
 pub async fn extent(store: &Store, system: &SystemId) -> Result<Option<(i64, i64)>, StoreError> {
-    let sql = "SELECT MIN(first), MAX(last) FROM (SELECT (SELECT MIN(from_s) FROM days WHERE system = $1) AS \
-        first, (SELECT MAX(to_s) FROM days WHERE system = $1) AS last UNION ALL SELECT MIN(from_s), \
-        MAX(to_s) FROM samples WHERE system = $1)";
+    let sql = "SELECT MIN(first), MAX(last) FROM (SELECT (SELECT MIN(from_ms) FROM days WHERE system = $1) AS \
+        first, (SELECT MAX(to_ms) FROM days WHERE system = $1) AS last UNION ALL SELECT MIN(from_ms), \
+        MAX(to_ms) FROM samples WHERE system = $1)";
     let (from, to): (Option<i64>, Option<i64>) =
         sqlx::query_as(sql).bind(system.to_string()).fetch_one(&store.reader).await?;
     Ok(from.zip(to))

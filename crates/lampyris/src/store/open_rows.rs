@@ -35,7 +35,7 @@ pub(super) async fn open_in(
     channels: Option<&[String]>,
 ) -> Result<Vec<OpenRows>, StoreError> {
     let sql = "SELECT w.sequence, s.rows FROM samples s JOIN windows w ON w.id = s.window WHERE s.system = $1 \
-        AND s.to_s >= $2 AND s.from_s <= $3 ORDER BY s.sequence";
+        AND s.to_ms >= $2 AND s.from_ms <= $3 ORDER BY s.sequence";
     let posts: Vec<(i64, String)> =
         sqlx::query_as(sql).bind(system).bind(from).bind(to).fetch_all(connection).await?;
     let mut all = Vec::new();

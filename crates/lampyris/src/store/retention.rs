@@ -10,6 +10,7 @@ use super::database::Store;
 use super::error::StoreError;
 use super::value::{millis, to_json};
 use jiff::Timestamp;
+use lampyris_core::data::DAY;
 
 /// Most rows that one transaction removes.
 const HANDFUL: i64 = 200;
@@ -49,12 +50,12 @@ const BELONGINGS: [&str; 8] = [
 ];
 
 /// Windows that came before `$1`, are cited by no fit that counts, and either end before the newest sample of
-/// their system by `$2` seconds or give nothing to what counts. Those up to `$3` have been looked at.
+/// their system by `$2` milliseconds or give nothing to what counts. Those up to `$3` have been looked at.
 const DISPENSABLE_WINDOWS: &str = "SELECT w.sequence, w.id FROM windows w \
     WHERE w.uploaded_at < $1 AND w.sequence > $3 \
-    AND (w.to_s < (SELECT MAX(d.to_s) FROM days d WHERE d.system = w.system) - $2 \
+    AND (w.to_ms < (SELECT MAX(d.to_ms) FROM days d WHERE d.system = w.system) - $2 \
     OR NOT EXISTS (SELECT 1 FROM window_blocks b JOIN days d ON d.system = w.system \
-    AND d.channel = b.channel AND d.day BETWEEN w.from_s / 86400 - 1 AND w.to_s / 86400, \
+    AND d.channel = b.channel AND d.day BETWEEN w.from_ms / 86400000 - 1 AND w.to_ms / 86400000, \
     json_each(d.owners) o WHERE b.window = w.id AND o.value ->> 0 = w.sequence)) \
     AND NOT EXISTS (SELECT 1 FROM samples s WHERE s.window = w.id) \
     AND NOT EXISTS (SELECT 1 FROM fit_windows c JOIN fits f ON f.id = c.fit WHERE c.window = w.id \
@@ -125,7 +126,7 @@ pub async fn dispensable_windows(
 ) -> Result<Vec<(i64, String)>, StoreError> {
     let find = sqlx::query_as(DISPENSABLE_WINDOWS)
         .bind(millis(before))
-        .bind(i64::from(days) * 86_400)
+        .bind(i64::from(days) * DAY)
         .bind(after)
         .bind(HANDFUL);
     Ok(find.fetch_all(&store.reader).await?)

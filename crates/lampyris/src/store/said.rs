@@ -22,7 +22,7 @@ pub struct PackedSaid {
     pub made_at: Timestamp,
     /// The revision that made it.
     pub revision: i64,
-    at_s: i64,
+    at_ms: i64,
     said: Vec<u8>,
     sd: Vec<u8>,
 }
@@ -33,7 +33,7 @@ row! {
         output: String,
         made_at: i64,
         revision: i64,
-        at_s: i64,
+        at_ms: i64,
         said: Vec<u8>,
         sd: Vec<u8>,
     }
@@ -51,7 +51,7 @@ impl PackedSaid {
             output: said.values.channel().to_owned(),
             made_at,
             revision,
-            at_s: said.at,
+            at_ms: said.at,
             said: said.values.encode(),
             sd: said.sd.encode(),
         }
@@ -59,7 +59,7 @@ impl PackedSaid {
 
     /// The newest measurement that the forecast knew, in seconds.
     pub fn at(&self) -> i64 {
-        self.at_s
+        self.at_ms
     }
 
     fn bytes(&self) -> usize {
@@ -75,7 +75,7 @@ impl PackedSaid {
             Series::decode(block)
                 .map_err(|error| corrupt(format!("what was said of `{}`", self.output), &error))
         };
-        Ok(Said { at: self.at_s, values: series(&self.said)?, sd: series(&self.sd)? })
+        Ok(Said { at: self.at_ms, values: series(&self.said)?, sd: series(&self.sd)? })
     }
 }
 
@@ -88,7 +88,7 @@ pub async fn keep(store: &Store, said: &[(SystemId, Vec<PackedSaid>)]) -> Result
     let bytes: usize = said.iter().flat_map(|(_, outputs)| outputs).map(PackedSaid::bytes).sum();
     let mut tx = store.write().await?;
     store.require_room(&mut tx, bytes).await?;
-    let sql = "INSERT INTO said_forecasts (system, output, quarter, made_at, revision, at_s, said, sd) \
+    let sql = "INSERT INTO said_forecasts (system, output, quarter, made_at, revision, at_ms, said, sd) \
         SELECT $1, $2, $3, $4, $5, $6, $7, $8 WHERE EXISTS (SELECT 1 FROM systems WHERE system = $1) \
         ON CONFLICT DO NOTHING";
     for (system, outputs) in said {
@@ -99,7 +99,7 @@ pub async fn keep(store: &Store, said: &[(SystemId, Vec<PackedSaid>)]) -> Result
                 .bind(quarter(one.made_at))
                 .bind(millis(one.made_at))
                 .bind(one.revision)
-                .bind(one.at_s)
+                .bind(one.at_ms)
                 .bind(&one.said)
                 .bind(&one.sd)
                 .execute(&mut *tx)
@@ -114,7 +114,7 @@ pub async fn keep(store: &Store, said: &[(SystemId, Vec<PackedSaid>)]) -> Result
 /// # Errors
 /// Where the database fails.
 pub async fn since(store: &Store, system: &SystemId, from: Timestamp) -> Result<Vec<PackedSaid>, StoreError> {
-    let sql = "SELECT output, made_at, revision, at_s, said, sd FROM said_forecasts WHERE system = $1 AND \
+    let sql = "SELECT output, made_at, revision, at_ms, said, sd FROM said_forecasts WHERE system = $1 AND \
         made_at >= $2 ORDER BY output, quarter";
     let query = sqlx::query_as(sql).bind(system.to_string()).bind(millis(from));
     let rows: Vec<SaidRow> = query.fetch_all(&store.reader).await?;
@@ -123,7 +123,7 @@ pub async fn since(store: &Store, system: &SystemId, from: Timestamp) -> Result<
             output: row.output,
             made_at: instant(row.made_at)?,
             revision: row.revision,
-            at_s: row.at_s,
+            at_ms: row.at_ms,
             said: row.said,
             sd: row.sd,
         })

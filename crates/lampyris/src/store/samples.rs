@@ -13,7 +13,7 @@ use super::shares::{self, PackedShare};
 use super::value::{millis, parse};
 use super::windows::{WindowRecord, WindowRow, shares_of, unit_in};
 use jiff::Timestamp;
-use lampyris_core::data::{ChannelKind, DAY_S, Series, SystemId, Window};
+use lampyris_core::data::{ChannelKind, DAY, Series, SystemId, Window};
 use sqlx::SqliteConnection;
 
 /// A post of one system.
@@ -70,8 +70,8 @@ row! {
     /// The posts of one window.
     struct PostRow {
         sequence: i64,
-        from_s: i64,
-        to_s: i64,
+        from_ms: i64,
+        to_ms: i64,
         rows: String,
     }
 }
@@ -124,7 +124,7 @@ async fn append_one(
     }
     let window = window_of_today(tx, &system, post, now).await?;
     let sequence = days::change_version(tx, &system).await?;
-    let sql = "INSERT INTO samples (sequence, system, window, from_s, to_s, rows, came_at) VALUES ($1, $2, $3, \
+    let sql = "INSERT INTO samples (sequence, system, window, from_ms, to_ms, rows, came_at) VALUES ($1, $2, $3, \
         $4, $5, $6, $7)";
     sqlx::query(sql)
         .bind(sequence)
@@ -147,9 +147,9 @@ async fn window_of_today(
     post: &Post,
     now: Timestamp,
 ) -> Result<String, StoreError> {
-    let today = now.as_second().div_euclid(DAY_S);
+    let today = now.as_millisecond().div_euclid(DAY);
     let (from, to) = (post.window.from(), post.window.to());
-    let sql = "UPDATE windows SET from_s = MIN(from_s, $3), to_s = MAX(to_s, $4), uploaded_at = $5, uploads = \
+    let sql = "UPDATE windows SET from_ms = MIN(from_ms, $3), to_ms = MAX(to_ms, $4), uploaded_at = $5, uploads = \
         uploads + 1 WHERE sequence = (SELECT MAX(sequence) FROM windows WHERE system = $1) AND day = $2 \
         RETURNING id";
     let goes_on: Option<String> = sqlx::query_scalar(sql)
@@ -165,7 +165,7 @@ async fn window_of_today(
     }
     let sequence = next(tx, "sequence").await?;
     let id = derive_id("win", sequence, now);
-    let sql = "INSERT INTO windows (id, system, sequence, from_s, to_s, report, uploaded_at, day) VALUES ($1, \
+    let sql = "INSERT INTO windows (id, system, sequence, from_ms, to_ms, report, uploaded_at, day) VALUES ($1, \
         $2, $3, $4, $5, $6, $7, $8)";
     sqlx::query(sql)
         .bind(&id)
@@ -192,11 +192,11 @@ pub async fn open(store: &Store, system: &SystemId) -> Result<Option<Open>, Stor
         = w.id) ORDER BY w.sequence LIMIT 1";
     let window: Option<WindowRow> = sqlx::query_as(sql).bind(&name).fetch_optional(&mut *tx).await?;
     let Some(window) = window.map(WindowRow::record).transpose()? else { return Ok(None) };
-    let sql = "SELECT sequence, from_s, to_s, rows FROM samples WHERE window = $1 ORDER BY sequence";
+    let sql = "SELECT sequence, from_ms, to_ms, rows FROM samples WHERE window = $1 ORDER BY sequence";
     let posts: Vec<PostRow> = sqlx::query_as(sql).bind(&window.id).fetch_all(&mut *tx).await?;
     let span = posts
         .iter()
-        .fold((i64::MAX, i64::MIN), |(from, to), post| (from.min(post.from_s), to.max(post.to_s)));
+        .fold((i64::MAX, i64::MIN), |(from, to), post| (from.min(post.from_ms), to.max(post.to_ms)));
     let mut rows = Vec::new();
     for post in &posts {
         rows.extend(open_rows::read(&post.rows)?);

@@ -48,9 +48,9 @@ pub enum UploadPlace {
     /// It is a window.
     New {
         /// The first sample, in seconds.
-        from_s: i64,
+        from_ms: i64,
         /// The last sample.
-        to_s: i64,
+        to_ms: i64,
         /// The report, JSON.
         report: String,
     },
@@ -59,7 +59,7 @@ pub enum UploadPlace {
         /// The window.
         window: WindowRecord,
         /// The last sample of both.
-        to_s: i64,
+        to_ms: i64,
         /// The report on both, JSON.
         report: String,
     },
@@ -98,7 +98,7 @@ pub async fn find(
         Some(newest) if may_go_on(&newest) => Some((shares_of(&mut tx, &newest.id).await?, newest)),
         _ => None,
     };
-    let from = newest.as_ref().map_or(span.0, |(_, newest)| newest.from_s.min(span.0));
+    let from = newest.as_ref().map_or(span.0, |(_, newest)| newest.from_ms.min(span.0));
     Ok(Found {
         version: days::version_in(&mut tx, &name).await?,
         key: look_up(&mut tx, key).await?,
@@ -132,10 +132,10 @@ pub async fn acknowledge(
 /// # Errors
 /// Where the database fails.
 pub async fn is_below(store: &Store, window: &WindowRecord) -> Result<bool, StoreError> {
-    let sql = "SELECT EXISTS (SELECT 1 FROM windows WHERE system = $1 AND sequence > $2 AND from_s <= $4 AND \
-        to_s >= $3)";
+    let sql = "SELECT EXISTS (SELECT 1 FROM windows WHERE system = $1 AND sequence > $2 AND from_ms <= $4 AND \
+        to_ms >= $3)";
     let query = sqlx::query_scalar(sql).bind(window.system.to_string()).bind(window.sequence);
-    Ok(query.bind(window.from_s).bind(window.to_s).fetch_one(&store.reader).await?)
+    Ok(query.bind(window.from_ms).bind(window.to_ms).fetch_one(&store.reader).await?)
 }
 
 /// Writes an upload, unless the measurements have another version than the one that it was looked at beside.
@@ -181,33 +181,33 @@ async fn place(
     now: Timestamp,
 ) -> Result<(String, i64), StoreError> {
     match &upload.place {
-        UploadPlace::New { from_s, to_s, report } => {
+        UploadPlace::New { from_ms, to_ms, report } => {
             let sequence = next(tx, "sequence").await?;
             // What went on with another window, and is a window of its own now.
             sqlx::query("DELETE FROM window_aliases WHERE id = $1")
                 .bind(&upload.id)
                 .execute(&mut *tx)
                 .await?;
-            let sql = "INSERT INTO windows (id, system, sequence, from_s, to_s, report, uploaded_at) VALUES \
+            let sql = "INSERT INTO windows (id, system, sequence, from_ms, to_ms, report, uploaded_at) VALUES \
                 ($1, $2, $3, $4, $5, $6, $7)";
             sqlx::query(sql)
                 .bind(&upload.id)
                 .bind(system)
                 .bind(sequence)
-                .bind(from_s)
-                .bind(to_s)
+                .bind(from_ms)
+                .bind(to_ms)
                 .bind(report)
                 .bind(millis(now))
                 .execute(tx)
                 .await?;
             Ok((upload.id.clone(), sequence))
         }
-        UploadPlace::GoesOn { window, to_s, report } => {
-            let sql = "UPDATE windows SET to_s = $2, report = $3, uploaded_at = $4, uploads = uploads + 1 \
+        UploadPlace::GoesOn { window, to_ms, report } => {
+            let sql = "UPDATE windows SET to_ms = $2, report = $3, uploaded_at = $4, uploads = uploads + 1 \
                 WHERE id = $1";
             sqlx::query(sql)
                 .bind(&window.id)
-                .bind(to_s)
+                .bind(to_ms)
                 .bind(report)
                 .bind(millis(now))
                 .execute(&mut *tx)

@@ -21,9 +21,9 @@ pub struct WindowRecord {
     /// The order of upload.
     pub sequence: i64,
     /// The first sample, in seconds.
-    pub from_s: i64,
+    pub from_ms: i64,
     /// The last sample.
-    pub to_s: i64,
+    pub to_ms: i64,
     /// What was said about it when it came.
     pub report: serde_json::Value,
     /// When the newest of its uploads came.
@@ -82,8 +82,8 @@ row! {
         id: String,
         system: String,
         sequence: i64,
-        from_s: i64,
-        to_s: i64,
+        from_ms: i64,
+        to_ms: i64,
         report: String,
         uploaded_at: i64,
         uploads: i64,
@@ -109,8 +109,8 @@ impl WindowRow {
             uploaded_at: instant(self.uploaded_at)?,
             id: self.id,
             sequence: self.sequence,
-            from_s: self.from_s,
-            to_s: self.to_s,
+            from_ms: self.from_ms,
+            to_ms: self.to_ms,
             uploads: self.uploads,
         })
     }
@@ -164,7 +164,7 @@ pub async fn stack(store: &Store, window: &WindowRecord, span: (i64, i64)) -> Re
     let system = window.system.to_string();
     let version = days::version_in(&mut tx, &system).await?;
     let sql = "SELECT w.sequence, w.id, b.channel, b.block, b.repeats FROM windows w JOIN window_blocks b ON \
-        b.window = w.id WHERE w.system = $1 AND w.to_s >= $2 AND w.from_s <= $3 \
+        b.window = w.id WHERE w.system = $1 AND w.to_ms >= $2 AND w.from_ms <= $3 \
         AND b.channel IN (SELECT channel FROM window_blocks WHERE window = $4) ORDER BY w.sequence";
     let rows: Vec<ShareRow> = sqlx::query_as(sql)
         .bind(system)

@@ -45,7 +45,7 @@ impl Service {
             ..Settings::default()
         };
         let clock = Clock::default();
-        clock.set(Timestamp::from_second(now).map_err(text)?);
+        clock.set(Timestamp::from_millisecond(now).map_err(text)?);
         let runtime = runtime()?;
         let app = runtime.block_on(App::start_by(settings, clock.clone())).map_err(text)?;
         let server = Server::at(format!("http://{}", app.addr));
@@ -59,7 +59,7 @@ impl Service {
     }
 
     pub fn set_clock(&self, now: i64) -> Result<(), Failure> {
-        self.clock.set(Timestamp::from_second(now).map_err(text)?);
+        self.clock.set(Timestamp::from_millisecond(now).map_err(text)?);
         Ok(())
     }
 

@@ -2,7 +2,7 @@
 
 use super::super::search::path;
 use lampyris::cli::{Failure, faults};
-use lampyris_core::data::{ColumnBindings, Duration, SplitRequest, Window, rfc3339};
+use lampyris_core::data::{ColumnBindings, DAY, Duration, SplitRequest, Window, rfc3339};
 use lampyris_core::estimate::problem::objective::{ShapeDelta, swmse};
 use lampyris_core::estimate::problem::request::WindowRange;
 use lampyris_core::estimate::validate;
@@ -244,7 +244,7 @@ impl Place {
     /// The problem of the first part alone. It ends where the second one begins, and shares no sample with
     /// it.
     fn first(&self, request: &EstimateRequest) -> Result<Problem, Failure> {
-        let end = self.window.from() + 86_400 * self.part_days as i64 - 1;
+        let end = self.window.from() + DAY * self.part_days as i64 - 1;
         let window = Some(WindowRange { to: Some(rfc3339(end)), ..WindowRange::default() });
         self.problem(EstimateRequest { window, ..request.clone() }, 0)
     }

@@ -191,7 +191,7 @@ impl Fitted {
             .count();
         if each {
             let [at_truth, _] = errors(&self.problem, &self.truth());
-            eprintln!("{id}: error of eq. 6.6 at the truth {at_truth:.2e}; a point every {} s", fit.sample_s);
+            eprintln!("{id}: error of eq. 6.6 at the truth {at_truth:.2e}; a point every {}", fit.sample_s);
             for (name, truth) in &self.case.truth {
                 let mark = if self.on_a_ridge(name) { " (on a ridge)" } else { "" };
                 eprintln!("{id} {name}: {:.4}, truth {truth}{mark}", fit.parameters[name].value);

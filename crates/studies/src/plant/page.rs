@@ -6,7 +6,7 @@ use super::super::row::Row;
 use super::case::Fitted;
 use super::thesis;
 use lampyris::cli::Failure;
-use lampyris_core::data::rfc3339;
+use lampyris_core::data::{DAY, HOUR, rfc3339};
 
 /// Samples between the points of a chart of all days.
 const EVERY: usize = 3;
@@ -80,7 +80,7 @@ fn figures(clean: &Fitted, noisy: &Fitted) -> String {
             let step = problem.grid().step() * (samples[1] - samples[0]) as i64;
             let unseen = samples.iter().position(|k| *k >= train).unwrap_or(samples.len() - 1);
             let frame =
-                Frame { label: &caption, unseen, per_day: (86_400 / step) as usize, size: (440.0, 220.0) };
+                Frame { label: &caption, unseen, per_day: (DAY / step) as usize, size: (440.0, 220.0) };
             let entries: Vec<(&str, &str)> = all.iter().map(|line| (line.style, line.name)).collect();
             let head: Vec<String> =
                 std::iter::once("time").chain(all.iter().map(|line| line.name)).map(str::to_owned).collect();
@@ -92,7 +92,7 @@ fn figures(clean: &Fitted, noisy: &Fitted) -> String {
             };
             // An hour apart is enough to read.
             let rows: Vec<Vec<String>> =
-                samples.iter().enumerate().step_by((3600 / step).max(1) as usize).map(row).collect();
+                samples.iter().enumerate().step_by((HOUR / step).max(1) as usize).map(row).collect();
             figure(&caption, &line_legend(&entries), &lines(&frame, &all), &head, &rows)
         });
         text += &format!(

@@ -67,7 +67,7 @@ pub struct ComparedOutput {
 /// Several fits beside the measurements.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Compared {
-    /// The time of the first sample, in seconds.
+    /// The time of the first sample, in milliseconds.
     pub start: i64,
     /// Seconds between samples.
     pub step: i64,
@@ -108,14 +108,14 @@ pub fn compare(
     let range = samples(owner.replay, from, to)?;
     let axis = grid.slice(range);
     let mut horizons: Vec<(String, i64)> =
-        HORIZONS.iter().map(|(name, seconds)| ((*name).to_owned(), *seconds)).collect();
+        HORIZONS.iter().map(|(name, horizon)| ((*name).to_owned(), *horizon)).collect();
     if let Some(asked) =
-        horizon.filter(|asked| horizons.iter().all(|(_, seconds)| *seconds != asked.seconds()))
+        horizon.filter(|asked| horizons.iter().all(|(_, horizon)| *horizon != asked.millis()))
     {
-        horizons.push((asked.to_string(), asked.seconds()));
+        horizons.push((asked.to_string(), asked.millis()));
     }
     let shown = horizon
-        .and_then(|asked| horizons.iter().find(|(_, seconds)| *seconds == asked.seconds()))
+        .and_then(|asked| horizons.iter().find(|(_, horizon)| *horizon == asked.millis()))
         .map_or(FREE_RUN, |(name, _)| name);
     let lines: Vec<Lines> =
         contenders.iter().map(|contender| lines(contender.replay, &axis, &horizons)).collect();
@@ -174,11 +174,11 @@ pub fn compare(
 fn lines(replay: &Replay, axis: &Grid, horizons: &[(String, i64)]) -> Lines {
     let grid = replay.problem().grid();
     let mut leads: Vec<usize> =
-        horizons.iter().filter_map(|(_, seconds)| lead(*seconds, grid.step())).collect();
+        horizons.iter().filter_map(|(_, horizon)| lead(*horizon, grid.step())).collect();
     leads.sort_unstable();
     leads.dedup();
     // Origins before the range lead to targets inside it.
-    let longest = horizons.iter().map(|(_, seconds)| *seconds).max().unwrap_or(0);
+    let longest = horizons.iter().map(|(_, horizon)| *horizon).max().unwrap_or(0);
     let last = axis.time(axis.len().saturating_sub(1)) + axis.step();
     let origins = samples(replay, axis.start() - longest - axis.step(), last).unwrap_or(0..0);
     let ahead = replay.ahead(origins, &leads);
@@ -186,8 +186,8 @@ fn lines(replay: &Replay, axis: &Grid, horizons: &[(String, i64)]) -> Lines {
     for (index, output) in replay.problem().model().outputs().iter().enumerate() {
         let mut by_horizon =
             IndexMap::from([(FREE_RUN.to_owned(), at_axis(grid, &replay.free_run(index), axis, between))]);
-        for (name, seconds) in horizons {
-            if let Some(place) = lead(*seconds, grid.step()).and_then(|lead| leads.binary_search(&lead).ok())
+        for (name, horizon) in horizons {
+            if let Some(place) = lead(*horizon, grid.step()).and_then(|lead| leads.binary_search(&lead).ok())
             {
                 by_horizon.insert(name.clone(), at_axis(grid, &ahead[index][place], axis, between));
             }

@@ -81,7 +81,7 @@ pub struct OutputErrors {
 /// A fit beside the measurements over a range.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Comparison {
-    /// The time of the first sample, in seconds.
+    /// The time of the first sample, in milliseconds.
     pub start: i64,
     /// Seconds between samples.
     pub step: i64,

@@ -1,6 +1,7 @@
 //! Whether newer measurements contradict parameters that were validated on older ones.
 
 use super::metrics::{FREE_RUN, FilterRun, ahead, horizon_name, measurement_variance};
+use crate::data::DAY;
 use crate::data::{Duration, read_time, rfc3339};
 use crate::estimate::fit::{Fit, Span};
 use crate::estimate::problem::Problem;
@@ -13,12 +14,12 @@ use std::ops::Range;
 /// Newer forecasts may err by this many times what they did on the validation data.
 const RATIO: f64 = 2.0;
 /// Below this much newer time nothing is said: one odd evening contradicts no model.
-const LEAST: i64 = 86_400;
+const LEAST: i64 = DAY;
 /// What a forecast that leaves the numbers is said to err by, in its unit: that of a free run is the noise of
 /// the sensors.
 const LOST: f64 = 1e6;
 /// Older measurements say nothing about now.
-const MOST: i64 = 7 * 86_400;
+const MOST: i64 = 7 * DAY;
 
 /// Forecasts on newer measurements that err by more than they should.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -88,7 +89,7 @@ pub fn newer(problem: &Problem, fit: &Fit, run: &FilterRun, horizon: Duration) -
     let (name, errors, noise, unit) = match problem.predictor() {
         Predictor::Filtered => {
             let name = horizon_name(horizon);
-            let leads = [(name.as_str(), horizon.seconds())];
+            let leads = [(name.as_str(), horizon.millis())];
             let error = |range: Range<usize>| {
                 ahead(problem, &theta, run, range, &leads)
                     .into_values()

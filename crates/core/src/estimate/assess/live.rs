@@ -32,7 +32,7 @@ pub struct LiveStates {
     substeps: usize,
     /// How many samples back delayed inputs are looked at.
     past: usize,
-    /// How many seconds of measurements it reads before `at`.
+    /// How many milliseconds of measurements it reads before `at`.
     reach: i64,
     at: i64,
     belief: Belief,
@@ -72,17 +72,17 @@ impl LiveStates {
         })
     }
 
-    /// The instant of the states, in seconds.
+    /// The instant of the states, in milliseconds.
     pub fn at(&self) -> i64 {
         self.at
     }
 
-    /// The next instant at which there can be states, in seconds.
+    /// The next instant at which there can be states, in milliseconds.
     pub fn next(&self) -> i64 {
         self.at + self.step
     }
 
-    /// The first instant of the measurements that it reads to go on, in seconds.
+    /// The first instant of the measurements that it reads to go on, in milliseconds.
     pub fn needs_from(&self) -> i64 {
         self.at - self.reach
     }

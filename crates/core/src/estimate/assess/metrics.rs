@@ -1,5 +1,6 @@
 //! The measures of a fit: free-run errors, forecasts from re-estimated states, noise floor, rho.
 
+use crate::data::{DAY, HOUR};
 use crate::data::{Duration, rfc3339};
 use crate::estimate::fit::{AheadError, Fit, OutputMetrics};
 use crate::estimate::problem::predictor::Predictor;
@@ -15,13 +16,10 @@ use std::ops::Range;
 use utoipa::ToSchema;
 
 /// The horizons that every fit reports.
-pub const HORIZONS: [(&str, i64); 3] = [("PT1H", 3600), ("PT6H", 21_600), ("PT24H", 86_400)];
+pub const HORIZONS: [(&str, i64); 3] = [("PT1H", HOUR), ("PT6H", 6 * HOUR), ("PT24H", DAY)];
 
 /// The name of a horizon that has no end: the model is left to itself.
 pub const FREE_RUN: &str = "free_run";
-
-/// Seconds in a day.
-const DAY: i64 = 86_400;
 
 /// A filter run at a parameter vector, with the noise that it assumed.
 #[derive(Debug, Clone)]
@@ -134,7 +132,7 @@ pub fn ahead(
 ) -> IndexMap<String, AheadError> {
     let mut wanted: Vec<(&str, usize)> = horizons
         .iter()
-        .filter_map(|(name, seconds)| lead(*seconds, problem.grid().step()).map(|lead| (*name, lead)))
+        .filter_map(|(name, horizon)| lead(*horizon, problem.grid().step()).map(|lead| (*name, lead)))
         .collect();
     wanted.sort_by_key(|(_, lead)| *lead);
     let leads: Vec<usize> = wanted.iter().map(|(_, lead)| *lead).collect();
@@ -193,8 +191,8 @@ pub fn free_run_ahead(
 }
 
 /// A horizon in whole samples; `None` where it is shorter than one.
-pub fn lead(horizon_s: i64, step_s: i64) -> Option<usize> {
-    usize::try_from(horizon_s / step_s).ok().filter(|lead| *lead > 0)
+pub fn lead(horizon: i64, step: i64) -> Option<usize> {
+    usize::try_from(horizon / step).ok().filter(|lead| *lead > 0)
 }
 
 /// Mean square of all 24-hour forecasts from the midnights (UTC) of `range`, pooled.
@@ -305,7 +303,7 @@ pub fn newest_state(problem: &Problem, run: &FilterRun) -> Option<CurrentState> 
 }
 
 impl CurrentState {
-    /// Filtered states of a model at an instant, in seconds: values, deviations and covariance, and the
+    /// Filtered states of a model at an instant, in milliseconds: values, deviations and covariance, and the
     /// innovations by output. `None` where a state is no number.
     pub(super) fn of(
         model: &Model,
@@ -335,6 +333,6 @@ impl CurrentState {
 pub fn horizon_name(horizon: Duration) -> String {
     HORIZONS
         .iter()
-        .find(|(_, seconds)| *seconds == horizon.seconds())
+        .find(|(_, length)| *length == horizon.millis())
         .map_or_else(|| horizon.to_string(), |(name, _)| (*name).to_owned())
 }

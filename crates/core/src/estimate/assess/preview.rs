@@ -2,6 +2,7 @@
 //! weekday.
 
 use crate::data::{CALENDAR, ChannelKind, DRY_INFLUENT, Hold, SUN, Series, Window, rfc3339};
+use crate::data::{HOUR, MINUTE, SECOND};
 use crate::estimate::problem::Problem;
 use crate::estimate::problem::request::Site;
 use crate::fault::Fault;
@@ -17,8 +18,8 @@ const MOST_WORK: usize = 100_000_000;
 /// Evaluations to a sample of a stepper that finds its own steps.
 const OWN_STEPS: usize = 60;
 /// The standard days: Thursday 2026-03-19 and the Friday after it, in UTC.
-const START: i64 = 1_773_878_400;
-const STEP: i64 = 900;
+const START: i64 = 1_773_878_400 * SECOND;
+const STEP: i64 = 15 * MINUTE;
 const HOURS: i64 = 48;
 /// Where the standard days are: the sun of Denmark.
 const PLACE: (f64, f64) = (56.0, 10.0);
@@ -175,7 +176,7 @@ pub fn standard_days(catalogue: &Catalogue, id: &ModelId) -> Result<(Window, Sit
     let sparse = compile(&composition, &Bindings { sets: sets.clone(), channels: Some(plain) });
     let model = sparse.unwrap_or(full);
     let computed: Vec<&str> = SUN.into_iter().chain(CALENDAR).collect();
-    let times: Vec<i64> = (0..=HOURS * 3600 / STEP).map(|k| START + k * STEP).collect();
+    let times: Vec<i64> = (0..=HOURS * HOUR / STEP).map(|k| START + k * STEP).collect();
     let mut all = Vec::new();
     for output in model.outputs() {
         let start = if output.unit == "degC" { 20.0 } else { 0.0 };
@@ -197,7 +198,7 @@ pub fn standard_days(catalogue: &Catalogue, id: &ModelId) -> Result<(Window, Sit
         let kind = ChannelKind::of_name(&input.channel).unwrap_or_else(|| ChannelKind::of_unit(&input.unit));
         let values = times
             .iter()
-            .map(|time| standard(&input.channel, &kind.unit, (time - START) as f64 / 3600.0))
+            .map(|time| standard(&input.channel, &kind.unit, (time - START) as f64 / HOUR as f64))
             .collect();
         all.push(Series::new(&input.channel, &kind.unit, kind.hold, times.clone(), values));
     }

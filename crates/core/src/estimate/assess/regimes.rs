@@ -1,5 +1,6 @@
 //! In which circumstances a model errs: means over regimes with intervals that resample whole days.
 
+use crate::data::DAY;
 use crate::data::{Column, DROPS, Grid, Window, is_compass};
 use crate::estimate::fit::Fit;
 use crate::estimate::problem::Problem;
@@ -113,7 +114,7 @@ pub fn regimes(problem: &Problem, grid: &Grid, error: &[f64], usable: &[usize], 
 pub fn interval(problem: &Problem, error: &[f64], samples: &[usize], seed: u64) -> Option<[f64; 2]> {
     let mut days: BTreeMap<i64, (f64, f64)> = BTreeMap::new();
     for k in samples {
-        let entry = days.entry(problem.grid().time(*k).div_euclid(86_400)).or_default();
+        let entry = days.entry(problem.grid().time(*k).div_euclid(DAY)).or_default();
         *entry = (entry.0 + error[*k], entry.1 + 1.0);
     }
     let days: Vec<(f64, f64)> = days.into_values().collect();

@@ -96,12 +96,12 @@ impl Replay {
         let model_changed = model.hash() != fit.model_hash;
         let first = |output: &str| window.series(output).map_or(i64::MIN, |series| series.to());
         let newest = first(&model.outputs()[0].channel);
-        let split = split(&fit.parts, fit.sample_s, basis.lead)?;
-        let start = start(&fit.parts)? - i64::try_from(basis.lead).unwrap_or(0) * fit.sample_s;
+        let split = split(&fit.parts, fit.sample_s.millis(), basis.lead)?;
+        let start = start(&fit.parts)? - i64::try_from(basis.lead).unwrap_or(0) * fit.sample_s.millis();
         let window = offered(window, basis, until)?;
         let own = split.test.end;
         let last = until.unwrap_or(i64::MIN).min(newest);
-        let samples = usize::try_from((last.saturating_sub(start)).div_euclid(fit.sample_s))
+        let samples = usize::try_from((last.saturating_sub(start)).div_euclid(fit.sample_s.millis()))
             .map_or(own, |steps| own.max(steps + 1));
         if samples > MOST_SAMPLES {
             let detail = format!(
@@ -113,7 +113,7 @@ impl Replay {
                     .suggest("ask for an earlier end, or fit newer measurements"),
             ]);
         }
-        let frame = Grid::new(start, fit.sample_s, samples).map_err(|fault| vec![fault])?;
+        let frame = Grid::new(start, fit.sample_s.millis(), samples).map_err(|fault| vec![fault])?;
         let columns = Columns::of(&model, &window);
         let grid = with_computed(window.grid_on(frame, &columns.request())?, &model, basis)?;
         // Hash and resolution of the sensors are those of the fit's own window, whatever comes after it.
@@ -209,7 +209,7 @@ pub fn model_of(catalogue: &Catalogue, fit: &Fit) -> Result<Model, Vec<Fault>> {
     Ok(model)
 }
 
-/// The first and the last instant of a fit's window, in seconds.
+/// The first and the last instant of a fit's window, in milliseconds.
 ///
 /// # Errors
 /// A fault where the fit does not say.

@@ -5,15 +5,13 @@ use super::comparison::{ComparisonMode, comparison};
 use super::metrics::lead;
 use super::replay::{Part, Replay};
 use super::skill::{Skill, by_horizon, by_part};
-use crate::data::{Duration, Hold, Series, SplitRequest, Window, rfc3339};
+use crate::data::{DAY, Duration, HOUR, Hold, MINUTE, SECOND, Series, SplitRequest, Window, rfc3339};
 use crate::estimate::problem::request::{EstimateRequest, Site, WindowRange};
 use crate::estimate::{Control, Fit, estimate, prepare};
 use crate::interrupt::Brake;
 use crate::model::{Catalogue, ModelId};
 
-const START: i64 = 1_767_225_600;
-const HOUR: i64 = 3_600;
-const DAY: i64 = 86_400;
+const START: i64 = 1_767_225_600 * SECOND;
 
 /// A room without heating, measured every `step` seconds give or take half a minute; the weather comes every
 /// half hour at five past. Between `gap` days there is no weather.
@@ -24,21 +22,21 @@ fn window(days: i64, step: i64, gap: std::ops::Range<f64>) -> Window {
         (state >> 33) as f64 / (1u64 << 31) as f64 - 0.5
     };
     let outdoors = |time: i64| {
-        let hour = (time - START) as f64 / 3600.0;
+        let hour = (time - START) as f64 / HOUR as f64;
         5.0 + 6.0 * (hour * std::f64::consts::TAU / 24.0).sin() + 3.0 * (hour / 37.0).sin()
     };
     let (mut t_r, mut t_e) = (15.0, 14.0);
     let (mut times, mut values) = (Vec::new(), Vec::new());
-    for time in (START..START + days * DAY).step_by(60) {
-        if (time - START) % step == 0 {
-            times.push(time + (noise() * 50.0) as i64);
+    for time in (START..START + days * DAY).step_by(MINUTE as usize) {
+        if (time - START) % (step * SECOND) == 0 {
+            times.push(time + (noise() * 50.0) as i64 * SECOND);
             values.push(t_r + 0.1 * noise());
         }
         let rates = (0.8 * (t_e - t_r), 0.2 * (t_r - t_e) + 0.15 * (outdoors(time) - t_e));
         (t_r, t_e) = (t_r + rates.0 / 60.0, t_e + rates.1 / 60.0);
     }
-    let weather = (START + 300..START + days * DAY)
-        .step_by(1_800)
+    let weather = (START + 5 * MINUTE..START + days * DAY)
+        .step_by(30 * MINUTE as usize)
         .filter(|time| !gap.contains(&((time - START) as f64 / DAY as f64)));
     let weather: Vec<i64> = weather.collect();
     let outdoors: Vec<f64> = weather.iter().map(|time| outdoors(*time)).collect();
@@ -116,8 +114,8 @@ fn the_stored_errors_come_out_of_what_is_shown() {
             assert!((free_run.errors["T_room"].parts[&part].rmse / stored.unwrap() - 1.0).abs() < 1e-9);
         }
         for (name, stored) in &metrics.ahead {
-            let seconds = name.parse::<Duration>().unwrap().seconds();
-            let samples = lead(seconds, fit.sample_s).unwrap();
+            let seconds = name.parse::<Duration>().unwrap().millis();
+            let samples = lead(seconds, fit.sample_s.millis()).unwrap();
             let ahead =
                 comparison(&replay, ComparisonMode::Ahead(samples), i64::MIN / 2, i64::MAX / 2).unwrap();
             let residual = ahead.outputs["T_room"].residual();
@@ -149,7 +147,7 @@ fn a_run_goes_on_over_newer_measurements_from_where_it_was() {
     let piece = comparison(&longer, ComparisonMode::FreeRun, from, to).unwrap();
     let grid = longer.problem().grid();
     let place = (0..grid.len()).position(|k| grid.time(k) == piece.start).unwrap();
-    assert!(piece.start >= from && piece.start < from + 900);
+    assert!(piece.start >= from && piece.start < from + 15 * MINUTE);
     assert_eq!(piece.outputs["T_room"].simulated[..], all[place..place + 96]);
     assert_eq!(piece.parts.iter().map(|span| span.part).collect::<Vec<_>>(), [Part::Validation]);
     let nothing = comparison(&longer, ComparisonMode::FreeRun, START, START + DAY).unwrap_err();
@@ -241,7 +239,7 @@ fn fits_are_compared_on_the_samples_that_all_have() {
     let compared = compare(&contenders, None, from, to).unwrap();
     // The axis is the coarse one; the fine fit is read off between its samples, the errors by hand.
     let grid = b.problem().grid();
-    assert_eq!(compared.step, 1_800);
+    assert_eq!(compared.step, 30 * MINUTE);
     let output = &compared.outputs["T_room"];
     let mine = a.problem().grid();
     let axis: Vec<i64> =
@@ -249,8 +247,8 @@ fn fits_are_compared_on_the_samples_that_all_have() {
     assert_eq!((axis[0], axis.len()), (compared.start, output.measured.len()));
     let run = a.free_run(0);
     let read = |time: i64| {
-        let k = (time - mine.start()).div_euclid(900) as usize;
-        let way = (time - mine.time(k)) as f64 / 900.0;
+        let k = (time - mine.start()).div_euclid(15 * MINUTE) as usize;
+        let way = (time - mine.time(k)) as f64 / (15 * MINUTE) as f64;
         run[k].unwrap() * (1.0 - way) + run[k + 1].unwrap() * way
     };
     let train_end = |replay: &Replay| replay.problem().grid().time(replay.range(Part::Train).end - 1);

@@ -108,7 +108,7 @@ pub fn by_part(replay: &Replay) -> IndexMap<String, PartSkill> {
 pub fn by_horizon(replay: &Replay, part: Part) -> IndexMap<String, Vec<HorizonSkill>> {
     let (range, step) = (replay.range(part), replay.problem().grid().step());
     let leads: Vec<(&str, usize)> =
-        HORIZONS.iter().filter_map(|(name, seconds)| Some((*name, lead(*seconds, step)?))).collect();
+        HORIZONS.iter().filter_map(|(name, horizon)| Some((*name, lead(*horizon, step)?))).collect();
     let samples: Vec<usize> = leads.iter().map(|(_, lead)| *lead).collect();
     let ahead = replay.ahead(range.clone(), &samples);
     let mut found = IndexMap::new();

@@ -5,6 +5,7 @@ pub mod incumbent;
 pub mod levels;
 pub mod likelihood;
 
+use crate::data::Seconds;
 use crate::estimate::fit::covariance::Covariance;
 use crate::estimate::fit::levels::ChannelLevel;
 use crate::estimate::fit::likelihood::LikelihoodReport;
@@ -169,7 +170,7 @@ pub struct Fit {
     /// Errors by output channel.
     pub metrics: IndexMap<String, OutputMetrics>,
     /// Seconds between samples of the grid.
-    pub sample_s: i64,
+    pub sample_s: Seconds,
     /// Internal steps per sample.
     pub substeps: usize,
     /// Largest difference to a run with half the step, in the output's unit, or of several outputs in the

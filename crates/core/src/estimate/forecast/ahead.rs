@@ -1,6 +1,7 @@
 //! Where the hours to come begin, and what drives them.
 
 use super::inputs::{InputToCome, InputsToCome};
+use crate::data::HOUR;
 use crate::data::{Column, Duration, Grid, Series, Window, rfc3339};
 use crate::estimate::assess::metrics::noise_of;
 use crate::estimate::assess::replay::Replay;
@@ -26,7 +27,7 @@ pub struct ForecastAsked {
     pub horizon: Duration,
     /// The step between the instants of the forecast.
     pub step: Duration,
-    /// What was measured after this instant, in seconds, is not looked at.
+    /// What was measured after this instant, in milliseconds, is not looked at.
     pub until: Option<i64>,
 }
 
@@ -61,7 +62,7 @@ impl<'a> Onward<'a> {
         };
         let steps = steps(asked)?;
         let now = newest(problem, asked.until)?.min(filter.reached(problem.grid().len()));
-        let (at, step) = (problem.grid().time(now), asked.step.seconds());
+        let (at, step) = (problem.grid().time(now), asked.step.millis());
         let grid = grid(problem, measured, to_come, (at, step, steps))?;
         let past = grid.index_at(at).unwrap_or(0);
         let inputs = Inputs::new(problem.model(), &grid)?;
@@ -80,7 +81,7 @@ impl<'a> Onward<'a> {
     }
 }
 
-/// The newest measurement of a replay up to an instant, in seconds.
+/// The newest measurement of a replay up to an instant, in milliseconds.
 ///
 /// # Errors
 /// A fault where nothing was measured.
@@ -110,9 +111,9 @@ pub(super) fn standing_still(
 
 /// How many steps a forecast has.
 fn steps(asked: ForecastAsked) -> Result<usize, Vec<Fault>> {
-    let (horizon, step) = (asked.horizon.seconds(), asked.step.seconds());
+    let (horizon, step) = (asked.horizon.millis(), asked.step.millis());
     let mut faults = Vec::new();
-    if horizon <= 0 || horizon > LONGEST.seconds() {
+    if horizon <= 0 || horizon > LONGEST.millis() {
         let detail = format!("a forecast looks ahead by up to {LONGEST}, and by more than nothing");
         faults.push(Fault::new("/horizon", "out-of-range", detail));
     }
@@ -146,7 +147,7 @@ fn grid(
     (at, step, steps): (i64, i64, usize),
 ) -> Result<Grid, Vec<Fault>> {
     let model = problem.model();
-    let hours = step as f64 / 3600.0;
+    let hours = step as f64 / HOUR as f64;
     let past = (0..model.inputs().len())
         .map(|input| samples_back(model.longest_delay(input), hours))
         .max()

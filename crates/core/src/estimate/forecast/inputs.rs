@@ -11,7 +11,7 @@ pub struct InputsToCome(Vec<InputToCome>);
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct InputToCome {
     pub series: Series,
-    /// From this instant on it counts, in seconds; what was measured counts before.
+    /// From this instant on it counts, in milliseconds; what was measured counts before.
     pub since: i64,
 }
 

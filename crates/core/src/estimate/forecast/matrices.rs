@@ -115,7 +115,7 @@ pub struct Matrices {
     pub disturbance: Option<Disturbance>,
 }
 
-/// The linear model at the newest measurement of a replay until an instant (in seconds), with the inputs
+/// The linear model at the newest measurement of a replay until an instant (in milliseconds), with the inputs
 /// standing still for one step.
 ///
 /// # Errors
@@ -129,7 +129,7 @@ pub fn now(
 ) -> Result<Matrices, Vec<Fault>> {
     let at = newest_of(replay, until)?;
     // A step that is out of range is refused behind.
-    let end = at.saturating_add(step.seconds().max(1));
+    let end = at.saturating_add(step.millis().max(1));
     let still = standing_still(replay, measured, at, end)?;
     along(replay, fit, measured, &InputsToCome::given(&still), ForecastAsked { horizon: step, step, until })
 }

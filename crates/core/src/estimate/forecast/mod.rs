@@ -100,9 +100,9 @@ pub fn forecast(
     asked: ForecastAsked,
 ) -> Result<Forecast, Vec<Fault>> {
     let ahead = Onward::new(replay, fit, measured, to_come, asked)?;
-    let (problem, inputs, step) = (ahead.problem, &ahead.inputs, asked.step.seconds());
+    let (problem, inputs, step) = (ahead.problem, &ahead.inputs, asked.step.millis());
     let model = problem.model();
-    let fine = (fit.substeps as i64 * step + fit.sample_s - 1) / fit.sample_s.max(1);
+    let fine = (fit.substeps as i64 * step + fit.sample_s.millis() - 1) / fit.sample_s.millis().max(1);
     let fine = substeps(model.stepper(), inputs.hours()).max(usize::try_from(fine).unwrap_or(1));
     let simulator = Simulator::new(model, inputs, &[], model.stepper(), fine).with_brake(problem.brake());
     let onward = Kalman::new(model, &simulator, inputs, &[]);

@@ -16,7 +16,7 @@ const BAND: f64 = 1.96;
 /// What a forecast has said of one output.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Said {
-    /// The newest measurement that it knew, in seconds.
+    /// The newest measurement that it knew, in milliseconds.
     pub at: i64,
     /// What it said.
     pub values: Series,
@@ -54,7 +54,7 @@ impl Said {
         let kept = |channel: &str, unit: &str, values: &[f64]| {
             let instants = (0..values.len()).step_by(stride);
             let (times, values) =
-                instants.map(|k| (at + k as i64 * step.seconds(), f64::from(values[k] as f32))).unzip();
+                instants.map(|k| (at + k as i64 * step.millis(), f64::from(values[k] as f32))).unzip();
             Series::new(channel, unit, Hold::Linear, times, values)
         };
         let outputs = forecast.outputs.iter();
@@ -79,8 +79,7 @@ pub fn scores(said: &[Said], measured: &Series) -> Vec<LeadScore> {
 }
 
 fn score(said: &[&Said], truth: &Truth, lead: Duration) -> Option<LeadScore> {
-    let reaching: Vec<&&Said> =
-        said.iter().filter(|one| one.at + lead.seconds() <= one.values.to()).collect();
+    let reaching: Vec<&&Said> = said.iter().filter(|one| one.at + lead.millis() <= one.values.to()).collect();
     let compared: Vec<Compared> = reaching.iter().filter_map(|one| compared(one, truth, lead)).collect();
     let n = compared.len();
     let mean =
@@ -104,7 +103,7 @@ struct Compared {
 
 /// `None` where the truth, or the newest measurement of then, is not there.
 fn compared(said: &Said, truth: &Truth, lead: Duration) -> Option<Compared> {
-    let then = said.at + lead.seconds();
+    let then = said.at + lead.millis();
     let (came, held) = (truth.at(then)?, truth.at(said.at)?);
     Some(Compared {
         error: on_line(&said.values, then)? - came,
@@ -113,7 +112,7 @@ fn compared(said: &Said, truth: &Truth, lead: Duration) -> Option<Compared> {
     })
 }
 
-/// What was measured, and how far from an instant a sample stands for it: half a step, in seconds.
+/// What was measured, and how far from an instant a sample stands for it: half a step, in milliseconds.
 struct Truth {
     measured: Series,
     reach: i64,

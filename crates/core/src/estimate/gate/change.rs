@@ -5,6 +5,7 @@ use super::check::Severity;
 use super::context::ValidationContext;
 use super::limits::OutputScale;
 use super::table::CheckTable;
+use crate::data::DAY;
 use crate::data::rfc3339;
 use crate::estimate::problem::mean_square;
 use crate::estimate::problem::predictor::Predictor;
@@ -14,19 +15,19 @@ use crate::model::Scale;
 const JUMP_RMS: f64 = 1.0;
 const JUMP_FACTOR: f64 = 3.0;
 const JUMP_SHARE: f64 = 0.5;
-const WEEK: i64 = 7 * 86_400;
+const WEEK: i64 = 7 * DAY;
 /// How much more a fit may err than the incumbent on days before newer measurements began to contradict the
 /// incumbent. The incumbent has been fitted to most of these days and the fit to part of them, which alone is
 /// worth what the gate allows between two fits on days that neither has seen, and as much again is left to
 /// chance.
 const OLDER_RATIO: f64 = 1.25;
 /// Below this much older time nothing is said: one good day confirms no model.
-const LEAST_OLDER: i64 = 2 * 86_400;
+const LEAST_OLDER: i64 = 2 * DAY;
 
 /// How much more a fit may err than the incumbent on the days before its own, and how many of them there have
 /// to be.
 const BEFORE_RATIO: f64 = 1.25;
-const LEAST_BEFORE: i64 = 4 * 86_400;
+const LEAST_BEFORE: i64 = 4 * DAY;
 
 /// The checks of the rule `G6 jump`, and of older days where newer ones contradict them.
 pub(super) fn look(context: &ValidationContext, table: &mut CheckTable) {

@@ -3,13 +3,13 @@
 
 use super::evidence::Role;
 use super::past::NextDoor;
+use crate::data::DAY;
 use crate::data::{Column, DEFAULT_MAX_GAP_STEPS, hour_of_day, sun_position};
 use crate::estimate::fit::levels::{ChannelLevel, known, level, mean, read};
 use crate::estimate::problem::Problem;
 use indexmap::IndexMap;
 use std::ops::Range;
 
-const DAY: i64 = 86_400;
 /// A day of values is noise where successive ones differ as those of white noise do: half the mean square of
 /// the differences over the variance (von Neumann's ratio) is 1 for white noise and near 0 for what moves
 /// slowly.

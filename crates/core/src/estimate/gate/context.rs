@@ -146,9 +146,9 @@ impl<'a> ValidationContext<'a> {
         judged.max_by(|(_, one, limit), (_, other, their)| (one / limit).total_cmp(&(other / their)))
     }
 
-    /// The first sample of this many seconds before the end.
-    pub fn since(&self, seconds: i64) -> usize {
-        self.problem.grid().len().saturating_sub((seconds / self.problem.grid().step()) as usize)
+    /// The first sample of this many milliseconds before the end.
+    pub fn since(&self, millis: i64) -> usize {
+        self.problem.grid().len().saturating_sub((millis / self.problem.grid().step()) as usize)
     }
 }
 
@@ -162,10 +162,10 @@ fn forecast(
     samples: Range<usize>,
 ) -> Option<AheadError> {
     let name = horizon_name(horizon);
-    let error = ahead(problem, theta, run, samples.clone(), &[(name.as_str(), horizon.seconds())])
+    let error = ahead(problem, theta, run, samples.clone(), &[(name.as_str(), horizon.millis())])
         .into_values()
         .next()?;
-    let lead = lead(horizon.seconds(), problem.grid().step())?;
+    let lead = lead(horizon.millis(), problem.grid().step())?;
     let (_, valid) = problem.measured()[0];
     let known = problem.known();
     let possible = (samples.start + lead..samples.end)
@@ -180,7 +180,7 @@ fn free_run(
     horizon: Duration,
     samples: Range<usize>,
 ) -> Option<AheadError> {
-    let lead = lead(horizon.seconds(), problem.grid().step())?;
+    let lead = lead(horizon.millis(), problem.grid().step())?;
     free_run_ahead(problem, trajectory, samples, lead).filter(|_| !trajectory.diverged)
 }
 

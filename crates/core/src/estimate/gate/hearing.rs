@@ -185,7 +185,7 @@ pub(super) fn opponents(context: &ValidationContext, table: &mut CheckTable) {
     let unseen = evidence.names(|input| !input.is_seen());
     let unseen = if unseen.is_empty() { String::new() } else { format!("; not seen to drive it: {unseen}") };
     let name = horizon_name(context.policy.horizon);
-    let met = opponents::without_inputs(problem, &context.theta, run, context.policy.horizon.seconds());
+    let met = opponents::without_inputs(problem, &context.theta, run, context.policy.horizon.millis());
     let days = met.map_or(0.0, |met| met.days);
     let comment =
         format!("{days:.1} days of unseen measurements have a forecast {name} ahead; a day is one draw");

@@ -5,7 +5,7 @@ use super::channels::{faults, strangers};
 use super::evidence::{Evidence, Rival};
 use super::opponents;
 use super::regression::{PairedComparison, Regression};
-use crate::data::{ColumnBindings, Window};
+use crate::data::{ColumnBindings, HOUR, Window};
 use crate::estimate::assess::metrics::{filter, filter_fit};
 use crate::estimate::fit::levels::{ChannelLevel, levels};
 use crate::estimate::problem::Problem;
@@ -209,11 +209,11 @@ fn a_room_that_repeats_itself_is_forecast_by_its_profile() {
     let wave = |k: usize| 20.0 + 2.0 * (std::f64::consts::TAU * (k / 2) as f64 / 24.0).sin();
     let problem = problem(&rewritten(csv, "T_room", |k, _| wave(k)));
     let theta = problem.nominal().to_vec();
-    let met = opponents::without_inputs(&problem, &theta, &filter(&problem, &theta, None), 6 * 3600).unwrap();
+    let met = opponents::without_inputs(&problem, &theta, &filter(&problem, &theta, None), 6 * HOUR).unwrap();
     assert!(met.opponent < 1e-3 && met.fit > 0.1 && met.ratio() > 100.0, "{met:?}");
     let (_, good, fit) = &*ROOM;
     let run = filter_fit(good, fit);
-    let met = opponents::without_inputs(good, &fit.theta(), &run, 6 * 3600).unwrap();
+    let met = opponents::without_inputs(good, &fit.theta(), &run, 6 * HOUR).unwrap();
     assert!(met.ratio() < 0.8 && met.t > 1.0, "{met:?}");
     let beside =
         opponents::with_regression(good, &fit.theta(), &run, &Regression::new(good).unwrap()).unwrap();

@@ -4,6 +4,7 @@
 //! unit gets the same limits in the ratio of its own day to that one: so much of its day is as far for it as
 //! so many kelvin are for a room. A change of unit moves a value by far more than its own day does.
 
+use crate::data::DAY;
 use crate::estimate::problem::Problem;
 use crate::estimate::problem::whiten::stride;
 use crate::units::error_unit;
@@ -12,7 +13,6 @@ use crate::units::error_unit;
 const DAY_OF_A_ROOM: f64 = 5.0;
 /// An output that hardly moves is judged as if its day were so many deviations of its sensor's noise.
 const LEAST_DAY: f64 = 10.0;
-const DAY: i64 = 86_400;
 
 /// An output of a problem and the scale of its limits.
 #[derive(Debug, Clone, Copy)]

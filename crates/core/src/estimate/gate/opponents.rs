@@ -1,11 +1,10 @@
 //! What a fit has to beat beside the last measurement held: forecasters that know less, or no physics.
 
 use super::regression::{PairedComparison, Regression};
+use crate::data::{DAY, HOUR};
 use crate::estimate::assess::metrics::{FilterRun, forecast_series, lead};
 use crate::estimate::problem::Problem;
 
-const DAY: i64 = 86_400;
-const HOUR: i64 = 3600;
 const HOURS: usize = 24;
 
 /// A fit beside an opponent on the same unseen data, in pairs by days.
@@ -55,7 +54,7 @@ impl Match {
     }
 }
 
-/// Forecasts of the first output by nothing but its own past, so many seconds ahead on the validation part:
+/// Forecasts of the first output by nothing but its own past, so many milliseconds ahead on the validation part:
 /// the hourly profile of the training days, and what is left of the deviation from it. `None` where nothing
 /// can be compared.
 pub fn without_inputs(problem: &Problem, theta: &[f64], run: &FilterRun, horizon: i64) -> Option<Match> {

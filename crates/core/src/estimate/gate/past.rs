@@ -30,7 +30,7 @@ pub struct Past {
     pub incumbent: Option<Incumbent>,
     /// Older parameters, so that many small steps away from them are seen.
     pub references: Vec<Reference>,
-    /// Since when newer measurements contradict the incumbent, in seconds, where they do.
+    /// Since when newer measurements contradict the incumbent, in milliseconds, where they do.
     pub degraded: Option<i64>,
     /// The same model on the days right before those that the fit has seen, where there are any
     /// ([`crate::estimate::problem::request::days_before`]).

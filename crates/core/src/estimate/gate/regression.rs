@@ -8,6 +8,7 @@
 //! by days.
 
 use crate::data::{CALENDAR, DROPS};
+use crate::data::{DAY, HOUR};
 use crate::estimate::problem::Problem;
 use crate::interrupt::Brake;
 use nalgebra::{DMatrix, DVector};
@@ -24,8 +25,6 @@ const WINDOWS: [(i64, i64); 4] = [(3, 6), (0, 3), (-6, 0), (-24, -6)];
 const OWN: usize = 4;
 /// Fewest rows for each column.
 const ROWS_EACH: usize = 4;
-const HOUR: i64 = 3600;
-const DAY: i64 = 86_400;
 /// Keeps columns that say the same from dividing what they explain by nothing, as a share of their squares.
 const RIDGE: f64 = 1e-7;
 

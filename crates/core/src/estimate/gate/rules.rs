@@ -9,6 +9,7 @@ use super::hearing;
 use super::limits::{OutputScale, ticks};
 use super::physics;
 use super::table::{CheckTable, Rule};
+use crate::data::{DAY, HOUR};
 use crate::estimate::assess::metrics::horizon_name;
 use crate::estimate::fit::Stop;
 use crate::estimate::problem::predictor::Predictor;
@@ -31,7 +32,7 @@ const STUCK_HOURS: f64 = 24.0;
 const STUCK_HOURS_MOVING: f64 = 12.0;
 /// What a search may spend where nobody says anything else.
 const USUAL_BUDGET: usize = Budget::USUAL.evaluations;
-const FORTNIGHT: i64 = 14 * 86_400;
+const FORTNIGHT: i64 = 14 * DAY;
 
 /// Every rule, in the order in which an operator reads them.
 pub const ALL: &[Rule] = &[
@@ -310,7 +311,7 @@ fn longest_constant(values: &[f64], valid: &[bool], simulated: &[f64], step: i64
                 - run.iter().copied().fold(f64::INFINITY, f64::min);
         }
     }
-    (longest as f64 * step as f64 / 3600.0, moved)
+    (longest as f64 * step as f64 / HOUR as f64, moved)
 }
 
 /// A limit in words: three digits are enough.

@@ -8,6 +8,7 @@ use super::predictor::Predictor;
 use super::prior::Prior;
 use super::stop::EarlyStopping;
 use super::whiten::common_divisor;
+use crate::data::MINUTE;
 use crate::data::{
     CALENDAR, DROPS, Duration, Grid, GridRequest, Length, SUN, Split, SplitRequest, Window, add_calendar,
     add_drops, add_sun, read_time, rfc3339,
@@ -24,8 +25,8 @@ use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 use utoipa::ToSchema;
 
-/// The shortest step of a grid that is chosen for several channels, in seconds.
-const SHORTEST_STEP: i64 = 60;
+/// The shortest step of a grid that is chosen for several channels.
+const SHORTEST_STEP: i64 = MINUTE;
 /// How much of what came before the days of a fit is looked at: a season is not to pass meanwhile.
 pub const BEFORE: Duration = Duration::from_days(14);
 
@@ -302,7 +303,7 @@ pub fn days_before(
     problem: &Problem,
 ) -> Option<Problem> {
     let start = problem.grid().time(problem.split().train.start);
-    let window = window.slice(start - BEFORE.seconds(), start).ok()?;
+    let window = window.slice(start - BEFORE.millis(), start).ok()?;
     let split = SplitRequest { train: BEFORE, validation: Duration::from_seconds(0), test: None };
     let asked = EstimateRequest { window: None, split, early_stopping: None, ..request.clone() };
     match problem.predictor() {
@@ -432,7 +433,7 @@ pub(in crate::estimate) fn range(
         if from.is_some() {
             faults.push(Fault::new("/window", "contradiction", "`last` and `from` exclude each other"));
         }
-        from = Some(to.unwrap_or(window.to()) - last.seconds());
+        from = Some(to.unwrap_or(window.to()) - last.millis());
     }
     if faults.is_empty() { Ok((from, to)) } else { Err(faults) }
 }

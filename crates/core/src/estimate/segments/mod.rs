@@ -15,12 +15,12 @@ pub mod shooting;
 
 use super::problem::Problem;
 use super::problem::predictor::Predictor;
+use crate::data::DAY;
 use crate::model::Initial;
 use crate::simulate::Simulator;
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 use std::ops::Range;
 
-const DAY: i64 = 86_400;
 /// How far the states at a segment's start are moved to see what that does, in the unit of the states.
 const START_STEP: f64 = 0.1;
 /// A start whose response is this small beside the largest of its segment is none that the outputs could

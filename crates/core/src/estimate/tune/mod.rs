@@ -119,7 +119,7 @@ pub fn tune(
     for (from, to) in windows(request, window).map_err(TuneError::Faults)? {
         let (span, split) = (
             Span { from: rfc3339(from), to: rfc3339(to) },
-            SplitRequest { train: Duration::from_seconds(to - from), ..SPLIT },
+            SplitRequest { train: Duration::from_millis(to - from), ..SPLIT },
         );
         let range =
             Some(WindowRange { last: None, from: Some(span.from.clone()), to: Some(span.to.clone()) });
@@ -171,7 +171,7 @@ fn windows(request: &EstimateRequest, window: &Window) -> Result<Vec<(i64, i64)>
     let (from, to) =
         (from.unwrap_or(window.from()).max(window.from()), to.unwrap_or(window.to()).min(window.to()));
     let (record, least) = (to - from, LEAST_WINDOWS as i64);
-    let asked = request.split.train.seconds();
+    let asked = request.split.train.millis();
     let length = if asked <= 0 || record / asked < least { record / least } else { asked };
     if length <= 0 {
         return Err(vec![Fault::new(
@@ -399,7 +399,8 @@ mod tests {
         let tuning = tuned(1);
         assert_eq!(tuning, tuned(2));
         assert_eq!((tuning.windows.len(), tuning.unseen.len(), tuning.rounds.len()), (2, 2, 4));
-        assert!(tuning.windows[1].to < tuning.unseen[0].from, "{tuning:?}");
+        let at = |text: &str| crate::data::read_time("", text).unwrap();
+        assert!(at(&tuning.windows[1].to) < at(&tuning.unseen[0].from), "{tuning:?}");
         assert_eq!(tuning.judged.is_none(), tuning.changes.is_empty());
         // Only the default method has settings to choose.
         let other = EstimateRequest {

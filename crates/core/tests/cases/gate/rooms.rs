@@ -1,7 +1,7 @@
 //! The rooms whose measurements are spoilt, and what is known of them before that.
 
 use super::spoilt::{Table, weather_next_door};
-use lampyris_core::data::{ColumnBindings, Window};
+use lampyris_core::data::{ColumnBindings, DAY, Window};
 use lampyris_core::estimate::gate::past::NextDoor;
 use lampyris_core::estimate::problem::request::days_before;
 use lampyris_core::estimate::{Control, EstimateRequest, Fit, Incumbent, Problem, Site, estimate, prepare};
@@ -164,10 +164,10 @@ impl Room {
 
     /// The row from which on so many days are left.
     pub fn row(&self, days: i64) -> usize {
-        let second = |time: &String| time.parse::<jiff::Timestamp>().unwrap().as_second();
+        let millis = |time: &String| time.parse::<jiff::Timestamp>().unwrap().as_millisecond();
         let times = &self.table.times;
-        let since = second(&times[times.len() - 1]) - days * 86_400;
-        times.iter().position(|time| second(time) >= since).unwrap()
+        let since = millis(&times[times.len() - 1]) - days * DAY;
+        times.iter().position(|time| millis(time) >= since).unwrap()
     }
 
     /// The channel of the model that a column is.

@@ -1,5 +1,6 @@
 //! The ways to spoil measurements.
 
+use lampyris_core::data::DAY;
 use rand::{RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use serde::Deserialize;
@@ -69,8 +70,8 @@ impl Table {
     }
 
     fn per_day(&self) -> usize {
-        let second = |time: &String| time.parse::<jiff::Timestamp>().unwrap().as_second();
-        (86_400 / (second(&self.times[1]) - second(&self.times[0]))) as usize
+        let millis = |time: &String| time.parse::<jiff::Timestamp>().unwrap().as_millisecond();
+        (DAY / (millis(&self.times[1]) - millis(&self.times[0]))) as usize
     }
 }
 

@@ -205,7 +205,7 @@ pub async fn create(store: &Store, new: NewToken, who: &str) -> Result<Made, Ser
     let digits: String = random.iter().map(|byte| format!("{byte:02x}")).collect();
     let secret = format!("{PREFIX}{digits}");
     let created_at = now();
-    let end = |length: Length| created_at.checked_add(SignedDuration::from_secs(length.seconds()));
+    let end = |length: Length| created_at.checked_add(SignedDuration::from_millis(length.millis()));
     let expires_at =
         new.expires.map(end).transpose().map_err(|error| ServiceError::Faults(vec![too_long(&error)]))?;
     let record = TokenRecord {

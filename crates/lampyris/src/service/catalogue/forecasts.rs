@@ -10,7 +10,7 @@ use crate::store;
 use crate::store::forecast_inputs::{self, IssueWritten, KeptInput};
 use crate::store::idempotency::RequestKey;
 use jiff::Timestamp;
-use lampyris_core::data::{ColumnRole, Duration, Series, SystemId, Window, WindowReport};
+use lampyris_core::data::{ColumnRole, Duration, Series, SystemId, Window, WindowReport, rfc3339};
 use lampyris_core::estimate::forecast::LONGEST;
 use lampyris_core::fault::Fault;
 
@@ -88,10 +88,7 @@ async fn faults(service: &Service, system: &SystemId, window: &Window) -> Result
     let mut faults = windows::conflicts(service, system, window).await?;
     let now = service.now();
     let (oldest, latest) =
-        (oldest(service, system).await?, now.as_second().saturating_add(LONGEST.seconds()));
-    let told = |seconds: i64| {
-        Timestamp::from_second(seconds).map_or_else(|_| seconds.to_string(), |time| time.to_string())
-    };
+        (oldest(service, system).await?, now.as_millisecond().saturating_add(LONGEST.millis()));
     for series in window.iter() {
         let (channel, from, to) = (series.channel(), series.from(), series.to());
         let fault = |code, detail| Fault::new(format!("/values/{channel}"), code, detail);
@@ -99,7 +96,7 @@ async fn faults(service: &Service, system: &SystemId, window: &Window) -> Result
             let detail = format!(
                 "the forecast of `{channel}` reaches to {}, more than ten days ahead of the clock of this \
                 service, {now:.0}",
-                told(to)
+                rfc3339(to)
             );
             faults.push(fault("future-time", detail).suggest("leave out what is further ahead"));
         }
@@ -107,8 +104,8 @@ async fn faults(service: &Service, system: &SystemId, window: &Window) -> Result
             let detail = format!(
                 "the forecast of `{channel}` from {} to {} lies more than ten days behind the newest \
                 measurement, and drives nothing",
-                told(from),
-                told(to)
+                rfc3339(from),
+                rfc3339(to)
             );
             faults.push(fault("past-time", detail));
         }
@@ -118,9 +115,9 @@ async fn faults(service: &Service, system: &SystemId, window: &Window) -> Result
 
 /// What was forecast for before this instant drives no forecast any more.
 async fn oldest(service: &Service, system: &SystemId) -> Result<i64, ServiceError> {
-    let now = service.now().as_second();
+    let now = service.now().as_millisecond();
     let newest = store::measured::extent(&service.store, system).await?.map_or(now, |(_, newest)| newest);
-    Ok(newest.min(now) - KEPT.seconds())
+    Ok(newest.min(now) - KEPT.millis())
 }
 
 /// Lays an issue over what older ones have said, and keeps what counts.

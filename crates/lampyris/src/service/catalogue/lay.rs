@@ -8,7 +8,7 @@ use crate::store::shares::PackedShare;
 use crate::store::uploads::{Found, Upload, UploadPlace};
 use crate::store::windows::{Rebuilt, Stack, WindowRecord};
 use jiff::Timestamp;
-use lampyris_core::data::{DAY_S, Series, Window, WindowReport, WindowShare, goes_on, merged, replay};
+use lampyris_core::data::{DAY, Series, Window, WindowReport, WindowShare, goes_on, merged, replay};
 use lampyris_core::fault::Fault;
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -47,10 +47,10 @@ impl Laid {
 /// Whether an upload over a stretch of time may go on with the newest window: one that came on the same day,
 /// and does not begin much earlier.
 pub fn may_go_on(newest: &WindowRecord, (from, _): (i64, i64), now: Timestamp) -> bool {
-    let day = |time: Timestamp| time.as_second().div_euclid(DAY_S);
+    let day = |time: Timestamp| time.as_millisecond().div_euclid(DAY);
     day(newest.uploaded_at) == day(now)
-        && (newest.from_s..=newest.to_s).contains(&from)
-        && from - newest.from_s <= DAY_S
+        && (newest.from_ms..=newest.to_ms).contains(&from)
+        && from - newest.from_ms <= DAY
 }
 
 /// Lays an upload over what was found.
@@ -100,7 +100,7 @@ pub fn lay(arriving: &Arriving, found: &Found) -> Result<Laid, ServiceError> {
 
 fn new(arriving: &Arriving) -> Result<UploadPlace, ServiceError> {
     let report = text(&arriving.report)?;
-    Ok(UploadPlace::New { from_s: arriving.window.from(), to_s: arriving.window.to(), report })
+    Ok(UploadPlace::New { from_ms: arriving.window.from(), to_ms: arriving.window.to(), report })
 }
 
 /// The newest window and an upload that goes on with it as one; `whole` is all that the window had.
@@ -118,10 +118,10 @@ fn go_on(
     };
     let earlier: WindowReport = serde_json::from_value(newest.report.clone())
         .map_err(|error| ServiceError::Internal(error.to_string()))?;
-    let times = arriving.window.iter().flat_map(Series::times).filter(|time| **time > newest.to_s);
+    let times = arriving.window.iter().flat_map(Series::times).filter(|time| **time > newest.to_ms);
     let later: BTreeSet<&i64> = times.collect();
     let report = text(&earlier.going_on(arriving.report.clone(), &both, later.len()))?;
-    Ok(UploadPlace::GoesOn { window: newest.clone(), to_s: both.to(), report })
+    Ok(UploadPlace::GoesOn { window: newest.clone(), to_ms: both.to(), report })
 }
 
 /// Lays open posts of one window into the days, newest last.
@@ -165,7 +165,7 @@ pub fn take_out(
     window: &WindowRecord,
     to_the_top: bool,
 ) -> Result<(Vec<PackedShare>, Rebuilt), ServiceError> {
-    let span = whole_days((window.from_s, window.to_s));
+    let span = whole_days((window.from_ms, window.to_ms));
     let to = to_the_top.then_some(ARRIVING);
     let (mut own, mut rebuilt) = (Vec::new(), Rebuilt::default());
     let channels = stack.windows.iter().filter(|one| one.sequence == window.sequence);

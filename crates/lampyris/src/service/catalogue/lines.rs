@@ -3,7 +3,7 @@
 
 use super::line_rules::{self, LineRouter};
 use super::samples;
-use super::windows::MOST_AHEAD_S;
+use super::windows::MOST_AHEAD;
 use crate::service::error::ServiceError;
 use crate::service::observe::lines::{LineName, LineTally, Untaken};
 use crate::service::serving::snapshot::KnownSystems;
@@ -13,8 +13,8 @@ use crate::store::reach::SystemScope;
 use indexmap::IndexMap;
 use jiff::Timestamp;
 use lampyris_core::data::{
-    ChannelIntake, ChannelKind, FieldValue, LinePoint, Series, SystemId, TimePrecision, Window, WindowReport,
-    line_points, rfc3339,
+    ChannelIntake, ChannelKind, FieldValue, LinePoint, SECOND, Series, SystemId, TimePrecision, Window,
+    WindowReport, line_points, rfc3339,
 };
 use lampyris_core::fault::Fault;
 
@@ -23,7 +23,7 @@ const MOST_FAULTS: usize = 20;
 /// Most channels of one system in one request.
 const MOST_CHANNELS: usize = 1_000;
 /// The year 1980: what was measured before was counted in another precision than it is read in.
-const EARLIEST_S: i64 = 315_532_800;
+const EARLIEST: i64 = 315_532_800 * SECOND;
 
 /// Lines that were taken, and what was wrong with the others.
 #[derive(Debug)]
@@ -153,7 +153,7 @@ impl Sorter {
                     continue;
                 }
             };
-            let time = point.time.map_or(self.now.as_second(), |time| self.precision.seconds(time));
+            let time = point.time.map_or(self.now.as_second() * SECOND, |time| self.precision.millis(time));
             if let Some(fault) = misdated(&point, time, self.now) {
                 self.faults.push(fault);
                 continue;
@@ -222,8 +222,8 @@ impl Sorter {
 /// A time that cannot be meant. As the newest or the oldest of its system it would move whatever counts from
 /// there.
 fn misdated(point: &LinePoint<'_>, time: i64, now: Timestamp) -> Option<Fault> {
-    let is_early = time < EARLIEST_S;
-    if !is_early && time <= now.as_second().saturating_add(MOST_AHEAD_S) {
+    let is_early = time < EARLIEST;
+    if !is_early && time <= now.as_millisecond().saturating_add(MOST_AHEAD) {
         return None;
     }
     let (code, what) = match is_early {

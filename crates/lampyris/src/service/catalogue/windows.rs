@@ -14,8 +14,8 @@ use crate::store::uploads::{self, Upload, UploadPlace, Written};
 use crate::store::windows::{self, Rebuilt, WindowDeletion, WindowRecord};
 use jiff::Timestamp;
 use lampyris_core::data::{
-    ChannelKind, ColumnBindings, ColumnHeader, ColumnRole, SystemId, Window, WindowDocument, WindowParts,
-    WindowReport,
+    ChannelKind, ColumnBindings, ColumnHeader, ColumnRole, DAY, SystemId, Window, WindowDocument,
+    WindowParts, WindowReport, rfc3339,
 };
 use lampyris_core::fault::Fault;
 use lampyris_core::units::Unit;
@@ -24,7 +24,7 @@ use std::str::Utf8Error;
 use std::sync::Arc;
 
 /// How far ahead of the service's clock measurements may be.
-pub(super) const MOST_AHEAD_S: i64 = 86_400;
+pub(super) const MOST_AHEAD: i64 = DAY;
 /// How often a change of measurements is tried that others, outside of this process, come before.
 const TRIES: usize = 8;
 /// Most fits that a refusal names.
@@ -174,7 +174,7 @@ async fn taken_out(
     to_the_top: bool,
 ) -> Result<(i64, Vec<PackedShare>, Rebuilt), ServiceError> {
     let stack =
-        windows::stack(&service.store, window, days::whole_days((window.from_s, window.to_s))).await?;
+        windows::stack(&service.store, window, days::whole_days((window.from_ms, window.to_ms))).await?;
     let window = window.clone();
     let (version, (shares, rebuilt)) =
         blocking(move || lay::take_out(&stack, &window, to_the_top).map(|out| (stack.version, out)))
@@ -217,10 +217,9 @@ pub(super) fn unit_conflict(channel: &str, unit: &str, earlier: &str) -> Fault {
 
 /// Measurements of tomorrow are stamped by a clock that is wrong, or were never measured. They would be the
 /// newest for as long as it takes, and every default window would end with them.
-pub(super) fn ahead_of_clock(newest_s: i64, now: Timestamp) -> Option<Fault> {
-    (newest_s > now.as_second().saturating_add(MOST_AHEAD_S)).then(|| {
-        let newest =
-            Timestamp::from_second(newest_s).map_or_else(|_| newest_s.to_string(), |time| time.to_string());
+pub(super) fn ahead_of_clock(newest_ms: i64, now: Timestamp) -> Option<Fault> {
+    (newest_ms > now.as_millisecond().saturating_add(MOST_AHEAD)).then(|| {
+        let newest = rfc3339(newest_ms);
         let detail = format!(
             "the newest time is {newest}, more than a day ahead of the clock of this service, {now:.0}"
         );

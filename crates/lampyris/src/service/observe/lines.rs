@@ -142,7 +142,7 @@ mod tests {
             tags: BTreeMap::new(),
             field: field.to_string(),
         };
-        let at = |second| Timestamp::from_second(second).unwrap();
+        let at = |second| Timestamp::from_millisecond(second).unwrap();
         for field in 0..=MOST_NAMES {
             tally.left(name(field), Untaken::NoRule, 1, at(field as i64));
         }

@@ -4,7 +4,7 @@
 use super::subject::{ComparisonAsked, NamedFit, Subject};
 use crate::service::error::ServiceError;
 use indexmap::IndexMap;
-use lampyris_core::data::{Duration, Envelope, Thinning, rfc3339};
+use lampyris_core::data::{Duration, Envelope, Seconds, Thinning, rfc3339};
 use lampyris_core::estimate::Replay;
 use lampyris_core::estimate::assess::compare::{Compared, ErrorRow};
 use lampyris_core::estimate::assess::comparison::{Comparison, OutputErrors, PartSpan};
@@ -55,7 +55,7 @@ pub struct ComparisonDocument<'a> {
     #[schema(format = DateTime)]
     to: String,
     /// Seconds between samples.
-    step_s: i64,
+    step_s: Seconds,
     /// Samples in the range.
     #[schema(value_type = u64)]
     samples: usize,
@@ -116,7 +116,7 @@ pub struct ComparedDocument<'a> {
     #[schema(format = DateTime)]
     to: String,
     /// Seconds between samples: the longest step of a fit.
-    step_s: i64,
+    step_s: Seconds,
     /// Samples in the range.
     #[schema(value_type = u64)]
     samples: usize,
@@ -234,7 +234,7 @@ pub(super) fn comparison_json(
         horizon: asked.horizon,
         from: points.from(),
         to: points.to(),
-        step_s: points.step,
+        step_s: Seconds::of_millis(points.step),
         samples: points.samples,
         thinning: points.note(),
         provenance: replay.provenance(),
@@ -299,7 +299,7 @@ pub(super) fn compared_json(
         horizon: asked.horizon,
         from: points.from(),
         to: points.to(),
-        step_s: points.step,
+        step_s: Seconds::of_millis(points.step),
         samples: points.samples,
         thinning: points.note(),
         fits: fits.collect(),

@@ -9,7 +9,7 @@ use crate::service::state::Service;
 use crate::service::work::interactive::RenderedAnswer;
 use crate::store;
 use crate::store::reach::SystemScope;
-use lampyris_core::data::rfc3339;
+use lampyris_core::data::{Seconds, rfc3339};
 use lampyris_core::estimate::assess::compare::{Contender, compare};
 use lampyris_core::estimate::assess::comparison::{ComparisonMode, comparison};
 use lampyris_core::estimate::assess::metrics::lead;
@@ -63,7 +63,7 @@ pub fn document(
     asked: &ComparisonAsked,
 ) -> Result<Vec<u8>, ServiceError> {
     let (start, end) = window_of(named.fit).map_err(ServiceError::Faults)?;
-    let mode = match asked.horizon.and_then(|horizon| lead(horizon.seconds(), named.fit.sample_s)) {
+    let mode = match asked.horizon.and_then(|horizon| lead(horizon.millis(), named.fit.sample_s.millis())) {
         Some(lead) => ComparisonMode::Ahead(lead),
         None => ComparisonMode::FreeRun,
     };
@@ -166,9 +166,9 @@ fn checked(asked: &ComparisonAsked, fits: &[&Fit]) -> Result<(), ServiceError> {
         );
     }
     if let Some(horizon) = asked.horizon {
-        let steps: BTreeSet<i64> = fits.iter().map(|fit| fit.sample_s).collect();
-        for step in steps.into_iter().filter(|step| horizon.seconds() % step != 0) {
-            let detail = format!("{horizon} is no multiple of the {step} s between the samples of the fit");
+        let steps: BTreeSet<Seconds> = fits.iter().map(|fit| fit.sample_s).collect();
+        for step in steps.into_iter().filter(|step| horizon.millis() % step.millis() != 0) {
+            let detail = format!("{horizon} is no multiple of the {step} between the samples of the fit");
             faults.push(Fault::new("query horizon", "no-multiple", detail));
         }
     }

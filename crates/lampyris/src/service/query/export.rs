@@ -6,7 +6,7 @@ use crate::service::error::ServiceError;
 use crate::service::state::Service;
 use crate::service::work::interactive::RenderedAnswer;
 use crate::store::fits::FitRecord;
-use lampyris_core::data::SystemId;
+use lampyris_core::data::{HOUR, SystemId};
 use lampyris_core::estimate::assess::replay::model_of;
 use lampyris_core::fault::Fault;
 use lampyris_core::model::ModelId;
@@ -97,7 +97,7 @@ async fn answer(
             record.system, record.id, parts.train.from, parts.train.to
         );
         let longest_step_h =
-            LONGEST_STEP_HOURS.min(fit.sample_s as f64 / 3600.0 / fit.substeps.max(1) as f64);
+            LONGEST_STEP_HOURS.min(fit.sample_s.millis() as f64 / HOUR as f64 / fit.substeps.max(1) as f64);
         let source = ExportSource { line, longest_step_h };
         Ok(export::text(&model, &theta, &source, format).into_bytes())
     };

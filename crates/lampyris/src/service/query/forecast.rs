@@ -191,7 +191,7 @@ async fn answer<T: Serialize>(
     if let Some(answer) = service.interactive.known(&key) {
         return Ok(answer);
     }
-    let newest = service.now().as_second().saturating_add(LONGEST.seconds());
+    let newest = service.now().as_millisecond().saturating_add(LONGEST.millis());
     let until = until.unwrap_or(newest);
     let subject = subject::load(service, record, until).await?;
     let in_force = InForce { system: system.clone(), revision: number, fit: subject.record().id.clone() };

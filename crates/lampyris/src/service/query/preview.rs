@@ -158,7 +158,7 @@ fn faults(request: &Request) -> Vec<Fault> {
         })
     };
     if let (Some(from), Some(to)) = (instant("from", &window.from), instant("to", &window.to))
-        && !(0..=LONGEST.seconds()).contains(&to.saturating_sub(from))
+        && !(0..=LONGEST.millis()).contains(&to.saturating_sub(from))
     {
         faults.push(Fault::new(
             "/window",
@@ -174,7 +174,7 @@ fn asked(request: &Request) -> EstimateRequest {
     let whole = SplitRequest { train: LONGEST, validation: Duration::ZERO, test: None };
     let window = match &request.window {
         Some(window @ WindowRange { last: None, from: Some(from), to: None }) => {
-            let until = read_time("", from).ok().map(|from| rfc3339(from.saturating_add(LONGEST.seconds())));
+            let until = read_time("", from).ok().map(|from| rfc3339(from.saturating_add(LONGEST.millis())));
             WindowRange { to: until, ..window.clone() }
         }
         Some(window) if window.last.is_none() && window.from.is_none() => {

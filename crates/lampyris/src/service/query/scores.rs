@@ -78,7 +78,7 @@ pub async fn answer(service: &Service, system: &SystemId) -> Result<RenderedAnsw
 fn span(said: &[PackedSaid]) -> (i64, i64) {
     let starts = || said.iter().map(PackedSaid::at);
     let (from, to) = (starts().min().unwrap_or_default(), starts().max().unwrap_or_default());
-    (from, to.saturating_add(LONGEST.seconds()))
+    (from, to.saturating_add(LONGEST.millis()))
 }
 
 /// This is work for the CPU pool.
@@ -100,7 +100,7 @@ fn compare(
     }
     let made = || said.iter().map(|one| one.made_at);
     let instants: BTreeSet<Timestamp> = made().collect();
-    let shown = |instant: Option<&Timestamp>| instant.map(|instant| rfc3339(instant.as_second()));
+    let shown = |instant: Option<&Timestamp>| instant.map(|instant| rfc3339(instant.as_millisecond()));
     Ok(SystemScores {
         system,
         forecasts: instants.len(),

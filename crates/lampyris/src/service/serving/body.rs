@@ -185,7 +185,7 @@ pub struct Pin {
 /// What lies in the future was written by a clock that is wrong, or was right when that of the service is
 /// wrong now. It says nothing of the age, and what may be old is not called fresh.
 pub(super) fn stale_after(revision: &RevisionRecord, document: &SystemDocument, now: Timestamp) -> Timestamp {
-    let fresh_for = SignedDuration::from_secs(document.policy.stale_after.seconds());
+    let fresh_for = SignedDuration::from_millis(document.policy.stale_after.millis());
     let born = revision.measured_to.min(revision.validated_at);
     let latest = now.saturating_add(MOST_AHEAD).unwrap_or(Timestamp::MAX);
     if born > latest {

@@ -201,7 +201,7 @@ async fn look(
 
 /// The whole of the fit's window and what came behind it.
 fn request(served: &FitRecord, newest: i64) -> EstimateRequest {
-    let oldest = rfc3339(newest - LONGEST.seconds());
+    let oldest = rfc3339(newest - LONGEST.millis());
     let from = served.fit.window().0.to_owned().max(oldest);
     EstimateRequest {
         window: Some(WindowRange { last: None, from: Some(from), to: None }),

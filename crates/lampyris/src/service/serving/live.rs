@@ -47,7 +47,7 @@ pub async fn go_on(
         && store::measured::extent(&service.store, system).await?.is_some_and(|(_, newest)| newest >= next)
     {
         let document = systems::require(service, system).await?;
-        let span = (needs_from, service.now().as_second());
+        let span = (needs_from, service.now().as_millisecond());
         let measured = input::measurements(service, system, &document, span).await?;
         let (catalogue, going) = (service.catalogue.current(), live.clone());
         let advanced = blocking(move || -> Result<Option<CurrentState>, ServiceError> {

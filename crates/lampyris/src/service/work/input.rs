@@ -9,7 +9,7 @@ use crate::store::fits::FitRecord;
 use crate::store::jobs::{JobKind, JobRecord, Origin};
 use crate::store::measured::OwnedDays;
 use jiff::{SignedDuration, Timestamp};
-use lampyris_core::data::{ChannelView, DAY_S, Series, SystemId, Window, read_time};
+use lampyris_core::data::{ChannelView, DAY, Series, SystemId, Window, read_time};
 use lampyris_core::diagnose::ledger::LedgerEntry;
 use lampyris_core::estimate::gate::past::NextDoor;
 use lampyris_core::estimate::problem::request::{BEFORE, WindowRange};
@@ -67,7 +67,7 @@ pub async fn load(service: &Service, job: &JobRecord) -> Result<JobInput, Servic
     let request: EstimateRequest = serde_json::from_value(job.request.clone())
         .map_err(|error| ServiceError::Faults(vec![Fault::new("", "outdated-request", error.to_string())]))?;
     // A fit is judged on the days before its own as well.
-    let input = collect(service, &job.system, document, job.model.clone(), request, BEFORE.seconds()).await?;
+    let input = collect(service, &job.system, document, job.model.clone(), request, BEFORE.millis()).await?;
     let past = past(service, job, input.served.as_ref()).await?;
     let evidence = match job.kind {
         JobKind::Diagnose => store::evidence::of(&service.store, &job.system, None, None).await?,
@@ -153,7 +153,7 @@ pub async fn measurements(
     (from, to): (i64, i64),
 ) -> Result<Measurements, ServiceError> {
     // A sample at either end may stand between two of which one lies beyond it.
-    let span = (from.saturating_sub(DAY_S), to.saturating_add(DAY_S));
+    let span = (from.saturating_sub(DAY), to.saturating_add(DAY));
     let of_neighbours = [ROOM_TEMPERATURE, OUTDOOR_TEMPERATURE].map(str::to_owned);
     let mut neighbours = Vec::new();
     for neighbour in &document.neighbours {
@@ -184,7 +184,7 @@ fn range(asked: Option<&WindowRange>, first: i64, newest: i64) -> Result<(i64, i
     };
     let to = time("/window/to", &asked.to)?.unwrap_or(newest);
     let from =
-        time("/window/from", &asked.from)?.or(asked.last.map(|last| to - last.seconds())).unwrap_or(first);
+        time("/window/from", &asked.from)?.or(asked.last.map(|last| to - last.millis())).unwrap_or(first);
     Ok((from, to))
 }
 

@@ -99,7 +99,7 @@ struct Times {
 
 impl Times {
     fn of(input: &JobInput, most: Duration) -> Self {
-        let asked = input.request.budget.wall.map(|wall| Duration::from_secs(wall.seconds().unsigned_abs()));
+        let asked = input.request.budget.wall.map(|wall| Duration::from_millis(wall.millis().unsigned_abs()));
         let limit = asked.map_or(most, |asked| asked.min(most));
         let grace = (limit / 4).max(LEAST_GRACE);
         let search = Instant::now() + limit;
