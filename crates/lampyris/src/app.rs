@@ -2,6 +2,7 @@
 
 use crate::http;
 use crate::service::access::tokens::{self, Tokens};
+use crate::service::catalogue::kept_posts::KeptPosts;
 use crate::service::catalogue::open;
 use crate::service::catalogue::shared::SharedCatalogue;
 use crate::service::catalogue::turns::Turns;
@@ -167,6 +168,7 @@ impl App {
             live: LiveSystems::default(),
             said: SaidForecasts::default(),
             turns: Turns::default(),
+            kept_posts: KeptPosts::default(),
             wake: Notify::new(),
             wake_schedule: Notify::new(),
             stopping: watch::Sender::new(false),

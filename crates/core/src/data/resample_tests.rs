@@ -119,7 +119,8 @@ fn the_step_is_the_outputs_or_what_was_asked() {
     let request = GridRequest::new("y", &[]);
     assert_eq!(window.grid(&request).unwrap().step(), MINUTE, "no finer than a minute unless asked");
     assert_eq!(window.grid(&GridRequest { step: Some(5 * SECOND), ..request }).unwrap().len(), 100);
-    let part = window.grid(&GridRequest { from: Some(101 * SECOND), to: Some(401 * SECOND), ..request }).unwrap();
+    let part =
+        window.grid(&GridRequest { from: Some(101 * SECOND), to: Some(401 * SECOND), ..request }).unwrap();
     assert_eq!((part.start(), part.len()), (105 * SECOND, 5));
 }
 

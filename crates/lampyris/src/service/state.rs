@@ -1,6 +1,7 @@
 //! What handlers and workers share. Its parts know nothing of the whole.
 
 use super::access::tokens::Tokens;
+use super::catalogue::kept_posts::KeptPosts;
 use super::catalogue::shared::SharedCatalogue;
 use super::catalogue::turns::Turns;
 use super::changes::events::Events;
@@ -50,6 +51,8 @@ pub struct Service {
     pub said: SaidForecasts,
     /// Whose turn it is to change measurements.
     pub turns: Turns,
+    /// Live samples that may have to be laid in.
+    pub kept_posts: KeptPosts,
     /// What time it is.
     pub clock: Clock,
     /// The number of this start.

@@ -3,11 +3,12 @@
 //! `models` takes models and effects into the `shared` catalogue that everybody reads. `system` is the
 //! document of a room or a plant, `systems` keeps it. `windows` takes measurements in, in the `turns` of
 //! their system, and `lay` lays them over what counts; `samples` takes live ones, which stay `open` for a
-//! while, and `forecasts` what is forecast of inputs. `layout` proposes rooms and neighbours from one window
-//! of many sensors. `lines` takes lines of InfluxDB's protocol in, which the `line_rules` of an operator,
-//! made of `pattern`s, sort into systems and channels.
+//! while (`kept_posts` counts them), and `forecasts` what is forecast of inputs. `layout` proposes rooms and
+//! neighbours from one window of many sensors. `lines` takes lines of InfluxDB's protocol in, which the
+//! `line_rules` of an operator, made of `pattern`s, sort into systems and channels.
 
 pub mod forecasts;
+pub mod kept_posts;
 mod lay;
 pub mod layout;
 pub mod line_rules;

@@ -16,7 +16,7 @@ use std::time::Duration;
 const MOST_OPEN: i64 = 60;
 /// or when the oldest has waited for so long.
 const LONGEST_OPEN: SignedDuration = SignedDuration::from_hours(1);
-/// How often that is looked at.
+/// How often that is looked at, and sooner where many have come.
 const TICK: Duration = Duration::from_secs(60);
 /// How often it is tried where windows come in between.
 const TRIES: usize = 8;
@@ -25,6 +25,7 @@ const TRIES: usize = 8;
 pub async fn run(service: Arc<Service>) {
     let mut stopping = service.stopping.subscribe();
     while !*stopping.borrow_and_update() {
+        service.kept_posts.look();
         let before = service.now().saturating_sub(LONGEST_OPEN).unwrap_or(Timestamp::MIN);
         match store::samples::due(&service.store, MOST_OPEN, before).await {
             Ok(systems) => {
@@ -39,6 +40,7 @@ pub async fn run(service: Arc<Service>) {
         }
         tokio::select! {
             () = tokio::time::sleep(TICK) => {}
+            () = service.kept_posts.many() => {}
             _ = stopping.changed() => {}
         }
     }

@@ -107,12 +107,9 @@ pub async fn take(
     system: &SystemId,
     body: SamplesSent,
 ) -> Result<TakenSamples, ServiceError> {
-    let (window, report) = read(service, system, body).await?;
-    let from = window.from();
-    let post = post(system, window, &report)?;
-    let appended = store::samples::append(&service.store, &[post], windows::converts, service.now()).await?;
-    let window = kept(system, appended.into_iter().next().unwrap_or(Appended::NoSystem))?;
-    Ok(TakenSamples { window, report, from })
+    let read = read(service, system, body).await;
+    let taken = take_many(service, vec![(system.clone(), read)]).await?;
+    taken.into_iter().map(|(_, taken)| taken).next().unwrap_or(Err(ServiceError::NoSystem(system.clone())))
 }
 
 /// Takes samples of several systems, those that could be read, in one transaction; says of each in which
@@ -134,6 +131,7 @@ pub async fn take_many(
         outcomes.push((system, taken));
     }
     let appended = store::samples::append(&service.store, &posts, windows::converts, service.now()).await?;
+    service.kept_posts.add(appended.len());
     let mut appended = appended.into_iter();
     let settled = |(system, taken): (SystemId, Result<(WindowReport, i64), ServiceError>)| {
         let taken = taken.and_then(|(report, from)| {
