@@ -41,6 +41,7 @@ pub(super) fn report(
         );
     }
     remarks.extend(problem.split().shortfall(problem.grid().step(), &request.split));
+    remarks.extend(coarse(problem));
     remarks.extend(uncertainty.correlated.iter().map(|pair| sentence(pair, problem.model())));
     remarks.extend(uncertainty.covariance.as_ref().and_then(Covariance::sentence));
     remarks.extend(problem.predictor().remark());
@@ -91,4 +92,16 @@ fn parts(problem: &Problem) -> Parts {
         validation: span(&split.validation),
         test: span(&split.test),
     }
+}
+
+/// That most samples of the output are left out, where the fit goes by a longer step than they come by.
+fn coarse(problem: &Problem) -> Option<String> {
+    let (own, step) = (problem.source().step?, problem.grid().step());
+    (2 * own <= step).then(|| {
+        format!(
+            "the output comes every {}, and the fit goes by steps of {}: ask for `step` to use all of it",
+            Seconds::of_millis(own),
+            Seconds::of_millis(step)
+        )
+    })
 }

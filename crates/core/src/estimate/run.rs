@@ -11,7 +11,7 @@ use crate::estimate::problem::predictor::Predictor;
 use crate::estimate::problem::prior::Prior;
 use crate::estimate::problem::request::{EstimateRequest, StartFrom};
 use crate::estimate::search::control::{Control, EstimateError};
-use crate::estimate::search::discretisation::{fine_enough, step_error};
+use crate::estimate::search::discretisation::{StepError, step_error};
 use crate::estimate::search::drive::{SearchResult, drive, evaluate, polish};
 use crate::estimate::uncertainty::ridge::follow;
 use crate::optimise::Method;
@@ -126,9 +126,9 @@ fn refine_step(
     control: &Control,
 ) -> Result<(Problem, SearchResult, f64), EstimateError> {
     loop {
-        let (finer, difference) = step_error(&problem, &found.theta);
-        found.evaluations += 2;
-        if fine_enough(&problem, difference) {
+        let StepError { finer, difference, fine_enough, evaluations } = step_error(&problem, &found.theta);
+        found.evaluations += evaluations;
+        if fine_enough {
             return Ok((problem, found, difference));
         }
         if chosen {

@@ -9,6 +9,7 @@ use super::functions::{MAX_DELAY, delays};
 use super::lower::Value;
 use super::parse::is_quantity;
 use super::spec::Check;
+use super::waivers::waiver_faults;
 use super::warm_up::warm_up;
 use super::{Initial, Input, Model, Output, Parameter, State};
 use crate::fault::Fault;
@@ -98,6 +99,7 @@ pub fn compile(composition: &Composition, bindings: &Bindings) -> Result<Model, 
             ranges.push(builder.range(&format!("/check/{index}"), expr, unit));
         }
     }
+    builder.lowering.faults.extend(waiver_faults("/waive", &spec.waive));
     builder.lowering.judge_unused();
     for channel in std::mem::take(&mut builder.lowering.missing) {
         builder.fault(
@@ -240,6 +242,7 @@ fn finish(
         effects: builder.applied,
         dropped: builder.lowering.dropped.into_iter().collect(),
         checks: composition.spec.checks.clone(),
+        waivers: composition.spec.waive.clone(),
         ranges: ranges.to_vec(),
         graph,
         rhs,

@@ -37,6 +37,7 @@ mod settler;
 pub mod spec;
 pub mod tape;
 pub mod token;
+pub mod waivers;
 mod warm_up;
 
 pub use bindings::Bindings;
@@ -46,6 +47,7 @@ pub use id::ModelId;
 pub use spec::{Check, InputHold, Nominal, Scale, Stepper};
 
 use expr::{Graph, NodeId};
+use waivers::Waivers;
 
 /// A compiled model. It exists only through [`compile()`].
 #[derive(Debug, Clone)]
@@ -61,6 +63,7 @@ pub struct Model {
     effects: Vec<String>,
     dropped: Vec<String>,
     checks: Vec<Check>,
+    waivers: Waivers,
     ranges: Vec<NodeId>,
     graph: Graph,
     rhs: Vec<NodeId>,
@@ -230,6 +233,11 @@ impl Model {
     /// What physics demands of an estimate.
     pub fn checks(&self) -> &[Check] {
         &self.checks
+    }
+
+    /// Rules of the gate that do not hold for it, with reasons.
+    pub fn waivers(&self) -> &Waivers {
+        &self.waivers
     }
 
     /// The expressions of the checks of kind `range`, in their order.

@@ -7,6 +7,7 @@
 
 use super::process::{Constant, ReactionsSpec};
 use super::settler::state;
+use super::waivers::Waivers;
 
 use super::settler::Settler;
 use super::spec::{
@@ -58,6 +59,10 @@ pub struct PlantSpec {
     /// What physics demands of any estimate.
     #[serde(default, rename = "check")]
     pub checks: Vec<Check>,
+    /// Rules of the gate that do not hold for it, each with the reason.
+    #[serde(default, skip_serializing_if = "Waivers::is_empty")]
+    #[schema(value_type = IndexMap<String, String>)]
+    pub waive: Waivers,
     /// What every candidate goes through before the first sample.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub warm_up: Option<WarmUpSpec>,
@@ -196,6 +201,7 @@ impl PlantSpec {
             description: self.description.clone(),
             outputs: self.outputs.clone(),
             checks: self.checks.clone(),
+            waive: self.waive.clone(),
             stepper: Stepper::Rkc,
             warm_up: self.warm_up.clone(),
             ..ModelSpec::default()

@@ -5,6 +5,7 @@
 //! names a base and its effects. Unknown fields are refused. See `config/` for the built-in ones.
 
 pub use super::check::Check;
+use super::waivers::Waivers;
 use crate::fault::Fault;
 use indexmap::IndexMap;
 use serde::de::value::SeqAccessDeserializer;
@@ -48,6 +49,11 @@ pub struct ModelSpec {
     /// What physics demands of any estimate.
     #[serde(default, rename = "check")]
     pub checks: Vec<Check>,
+    /// Rules of the gate that do not hold for what it describes, by name (`G8 no unit jump`, or `G9` for all that
+    /// begin so), each with the reason. They flag a fit and do not stop it.
+    #[serde(default, skip_serializing_if = "Waivers::is_empty")]
+    #[schema(value_type = IndexMap<String, String>)]
+    pub waive: Waivers,
     /// How it is stepped.
     #[serde(default, skip_serializing_if = "Stepper::is_default")]
     pub stepper: Stepper,

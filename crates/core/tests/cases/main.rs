@@ -15,6 +15,7 @@ mod houses;
 mod likelihood;
 mod measured;
 mod oracles;
+mod own;
 mod plants;
 mod posted;
 mod ridges;

@@ -11,7 +11,7 @@ use lampyris_core::diagnose::{Adequacy, Diagnosis, diagnose};
 use lampyris_core::estimate::problem::request::{AccusationRate, SeededMethod};
 use lampyris_core::estimate::validate;
 use lampyris_core::estimate::{
-    Control, EstimateRequest, Fit, GatePolicy, Judgement, Past, Problem, Progress, Site, estimate, prepare,
+    Control, EstimateRequest, Fit, Judgement, Past, Problem, Progress, Site, estimate, prepare,
 };
 use lampyris_core::model::Catalogue;
 use lampyris_core::optimise::Method;
@@ -71,7 +71,7 @@ pub fn first_fit(measured: &MeasuredArguments, seed: u64, quiet: bool) -> Result
     let fit = estimate(&problem, &request, None, &Control { progress: &progress, ..Control::NONE });
     bar.finish_and_clear();
     let fit = fit.map_err(|error| Failure::Error(error.to_string()))?;
-    let judgement = validate(&problem, &fit, &Past::default(), &GatePolicy::default());
+    let judgement = validate(&problem, &fit, &Past::default(), &measured.policy());
     Ok(First { catalogue, window, site, problem: problem.with_substeps(fit.substeps), fit, judgement })
 }
 

@@ -11,7 +11,7 @@ use lampyris_core::estimate::problem::objective::Objective;
 use lampyris_core::estimate::problem::prior::Prior;
 use lampyris_core::estimate::problem::request::{Budget, SeededMethod, agreed};
 use lampyris_core::estimate::validate;
-use lampyris_core::estimate::{Control, EstimateRequest, Fit, GatePolicy, Past, Progress, estimate, prepare};
+use lampyris_core::estimate::{Control, EstimateRequest, Fit, Past, Progress, estimate, prepare};
 use lampyris_core::optimise::Method;
 
 #[derive(Debug, clap::Args)]
@@ -83,7 +83,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let fit = estimate(&problem, &request, None, &Control { progress: &progress, ..Control::NONE });
     bar.finish_and_clear();
     let fit = fit.map_err(|error| Failure::Error(error.to_string()))?;
-    let judgement = validate(&problem, &fit, &Past::default(), &GatePolicy::default());
+    let judgement = validate(&problem, &fit, &Past::default(), &arguments.measured.policy());
     if arguments.json {
         let document =
             report::fit_document(report::ID, &fit, &judgement, &jiff::Timestamp::now().to_string())?;

@@ -129,6 +129,9 @@ struct Post {
     /// Use measurements up to this instant.
     #[arg(long)]
     to: Option<String>,
+    /// Step of the fit, such as PT15M or PT0.01S.
+    #[arg(long)]
+    step: Option<String>,
     /// Length of the training part, such as P21D.
     #[arg(long)]
     train: Option<String>,
@@ -213,11 +216,12 @@ fn body(post: &Post) -> Result<Value, Failure> {
     } else if body.get("kind").is_none() {
         put(&mut body, &["kind"], json!(if several { "recalibrate" } else { "estimate" }));
     }
-    let texts: [(&[&str], &Option<String>); 9] = [
+    let texts: [(&[&str], &Option<String>); 10] = [
         (&["model"], &post.model),
         (&["window", "last"], &post.last),
         (&["window", "from"], &post.from),
         (&["window", "to"], &post.to),
+        (&["step"], &post.step),
         (&["split", "train"], &post.train),
         (&["split", "validation"], &post.validation),
         (&["method", "name"], &post.method),

@@ -6,7 +6,7 @@ use crate::service::catalogue::models::check_model;
 use jiff::civil::Date;
 use lampyris_core::data::{ColumnBindings, Duration, SplitRequest, Window};
 use lampyris_core::estimate::problem::request::WindowRange;
-use lampyris_core::estimate::{EstimateRequest, Site};
+use lampyris_core::estimate::{EstimateRequest, GatePolicy, Site};
 use lampyris_core::model::{Catalogue, ModelId};
 use std::path::{Path, PathBuf};
 
@@ -60,6 +60,12 @@ pub struct MeasuredArguments {
     /// IANA time zone, for models and effects that read the clock on the wall; UTC by default.
     #[arg(long)]
     zone: Option<String>,
+    /// Step of the fit, such as PT4S or PT0.01S; that of the first output by default, but at least a minute.
+    #[arg(long)]
+    step: Option<Duration>,
+    /// The forecast horizon that the fit is judged by.
+    #[arg(long, default_value = "PT6H")]
+    horizon: Duration,
     /// Write a report with charts: one HTML file that needs no network.
     #[arg(long, value_name = "FILE")]
     report: Option<PathBuf>,
@@ -129,6 +135,7 @@ impl MeasuredArguments {
                 from: self.instant(self.from.as_deref()),
                 to: self.instant(self.to.as_deref()),
             }),
+            step: self.step,
             split: SplitRequest {
                 train: self.train.unwrap_or(split.train),
                 validation: self.validation.unwrap_or(split.validation),
@@ -136,6 +143,11 @@ impl MeasuredArguments {
             },
             ..EstimateRequest::default()
         }
+    }
+
+    /// What the gate demands of the fit.
+    pub fn policy(&self) -> GatePolicy {
+        GatePolicy { horizon: self.horizon, ..GatePolicy::default() }
     }
 
     /// A plain date as its first moment in the zone; anything else as it was written, for whoever reads times

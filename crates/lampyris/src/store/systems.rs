@@ -119,7 +119,8 @@ impl Row {
     }
 }
 
-/// Makes a system or replaces its document, where what is there (`None` without any) allows it.
+/// Makes a system or replaces its document, where what is there (`None` without any) allows it; who does it, and
+/// why, is noted.
 ///
 /// # Errors
 /// Where the database fails.
@@ -128,7 +129,7 @@ pub async fn put(
     system: &SystemId,
     model: Option<&ModelId>,
     document: &str,
-    (who, now): (&str, Timestamp),
+    (who, reason, now): (&str, Option<&str>, Timestamp),
     allows: impl FnOnce(Option<&str>) -> bool,
 ) -> Result<SystemPut, StoreError> {
     let mut tx = store.write().await?;
@@ -152,7 +153,7 @@ pub async fn put(
     let name = system.to_string();
     note(
         &mut tx,
-        &AuditEntry { who, action: Action::PutSystem, system: Some(&name), subject: &name, reason: None },
+        &AuditEntry { who, action: Action::PutSystem, system: Some(&name), subject: &name, reason },
         now,
     )
     .await?;

@@ -13,6 +13,7 @@ mod diagnoses;
 mod events;
 mod evidence;
 mod export;
+mod fast;
 mod faults;
 mod fits;
 mod forecast;

@@ -27,6 +27,7 @@ use super::assess::replay::Replay;
 use super::fit::Fit;
 use super::fit::covariance::Covariance;
 use crate::data::{Window, rfc3339};
+use crate::estimate::decompose::symmetric;
 use crate::fault::Fault;
 use crate::simulate::kalman::Kalman;
 use crate::simulate::predict::{Belief, Prediction};
@@ -156,7 +157,7 @@ fn slopes(
         let scale = deviations[i] * deviations[j];
         if scale > 0.0 { covariance.matrix[i][j] / scale } else { 0.0 }
     });
-    let SymmetricEigen { eigenvalues, eigenvectors } = SymmetricEigen::new(correlation);
+    let SymmetricEigen { eigenvalues, eigenvectors } = symmetric(correlation)?;
     let runs: Vec<(Prediction, Vec<f64>)> = (0..d)
         .into_par_iter()
         .map(|axis| {

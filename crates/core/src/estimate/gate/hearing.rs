@@ -11,7 +11,9 @@ use super::context::ValidationContext;
 use super::evidence::{BELIEVED, Evidence, InputEvidence, Rival, Role};
 use super::opponents;
 use super::opponents::Match;
+use super::physics;
 use super::table::CheckTable;
+use crate::data::{HOUR, Seconds};
 use crate::estimate::assess::metrics::horizon_name;
 use crate::estimate::fit::Estimate;
 use crate::estimate::fit::levels::levels;
@@ -21,9 +23,11 @@ use crate::estimate::fit::levels::levels;
 const UNEXPLAINED: f64 = 2.5;
 /// What is left of the squared error where the clock of the room itself is put right.
 const CLOCK: f64 = 0.9;
-/// Days of unseen targets below which no forecast is compared: one day is one draw, and of two the first
-/// hours are no target.
-const LEAST_DAYS: f64 = 1.5;
+/// Draws of unseen targets below which no forecast is compared: of two the first part is no target.
+const LEAST_DRAWS: f64 = 1.5;
+/// Time constants after which a process has forgotten what it was.
+const FORGOTTEN: f64 = 4.0;
+const DAY_HOURS: f64 = 24.0;
 /// A fit that errs by this much more than the free regression on the same inputs, surely, lacks what the
 /// inputs say.
 const REGRESSION: f64 = 1.45;
@@ -177,6 +181,18 @@ fn heating(context: &ValidationContext, evidence: &Evidence, table: &mut CheckTa
     );
 }
 
+/// Hours of measurements that are one draw: what the weather drives repeats by days, and so may anything that
+/// remembers them; what forgets within minutes and has no weather has many draws in a day.
+fn draw(context: &ValidationContext) -> f64 {
+    let mut inputs = context.problem.model().inputs().iter();
+    let has_weather = inputs.any(|input| Role::of(&input.channel) == Role::Weather);
+    let slowest = physics::slowest(&context.problem, &context.theta, &context.trajectory);
+    match slowest.filter(|_| !has_weather) {
+        Some(hours) => (FORGOTTEN * hours).max(context.policy.horizon.hours()).min(DAY_HOURS),
+        None => DAY_HOURS,
+    }
+}
+
 /// The checks of the rule `G10`.
 pub(super) fn opponents(context: &ValidationContext, table: &mut CheckTable) {
     let (Some(run), Some(evidence)) = (context.run(), context.evidence()) else { return };
@@ -187,19 +203,29 @@ pub(super) fn opponents(context: &ValidationContext, table: &mut CheckTable) {
     let name = horizon_name(context.policy.horizon);
     let met = opponents::without_inputs(problem, &context.theta, run, context.policy.horizon.millis());
     let days = met.map_or(0.0, |met| met.days);
-    let comment =
-        format!("{days:.1} days of unseen measurements have a forecast {name} ahead; a day is one draw");
+    let draw = draw(context);
+    let draws = days * DAY_HOURS / draw;
+    let comment = if draw < DAY_HOURS {
+        format!(
+            "unseen measurements with a forecast {name} ahead are {draws:.1} times as long as the {} after which \
+            it has forgotten what it was; that is one draw",
+            Seconds::of_millis((draw * HOUR as f64).round() as i64)
+        )
+    } else {
+        format!("{days:.1} days of unseen measurements have a forecast {name} ahead; a day is one draw")
+    };
+    let (name_of_check, enough) = ("G10 unseen days", draws >= LEAST_DRAWS);
     table.check(
-        "G10 unseen days",
-        Some(days),
+        name_of_check,
+        Some(draws),
         ">=",
-        Some(LEAST_DAYS),
-        "d",
-        days >= LEAST_DAYS,
+        Some(LEAST_DRAWS),
+        "draws",
+        enough,
         Severity::Hold,
         comment,
     );
-    if let Some(met) = met.filter(|_| days >= LEAST_DAYS) {
+    if let Some(met) = met.filter(|_| enough) {
         let comment = match (met.ratio() < 1.0, evidence.anything_seen()) {
             (true, _) => format!(
                 "forecasts {name} ahead err by {:.2}, the room's own daily profile by {:.2}",
@@ -228,7 +254,7 @@ pub(super) fn opponents(context: &ValidationContext, table: &mut CheckTable) {
             comment,
         );
     }
-    if let Some(met) = evidence.beside_regression.filter(|met| met.days >= LEAST_DAYS) {
+    if let Some(met) = evidence.beside_regression.filter(|met| met.days >= LEAST_DRAWS) {
         regression(met, room, evidence, table);
     }
 }

@@ -4,6 +4,7 @@ use crate::data::{Duration, Window};
 use crate::estimate::fit::Fit;
 use crate::estimate::fit::incumbent::Incumbent;
 use crate::estimate::problem::Problem;
+use crate::model::waivers::Waivers;
 
 /// Parameters of the same system that were trusted at another time.
 #[derive(Debug, Clone, PartialEq)]
@@ -53,10 +54,12 @@ pub struct GatePolicy {
     pub horizon: Duration,
     /// Stretches of time, both ends included, that an operator has taken out: they are not missing.
     pub excluded: Vec<(i64, i64)>,
+    /// Rules that do not hold for it, beside those of its model.
+    pub waived: Waivers,
 }
 
 impl Default for GatePolicy {
     fn default() -> Self {
-        Self { horizon: Duration::from_seconds(21_600), excluded: Vec::new() }
+        Self { horizon: Duration::from_hours(6), excluded: Vec::new(), waived: Waivers::new() }
     }
 }

@@ -1,6 +1,7 @@
 //! G3: what physics demands of an estimate, from the `[[check]]` blocks of its model.
 
 use super::check::{CheckResult, Severity};
+use crate::estimate::decompose;
 use crate::estimate::problem::Problem;
 use crate::model::expr::{Graph, Node};
 use crate::model::{Check, InputHold};
@@ -194,6 +195,14 @@ pub fn mean_inputs(problem: &Problem) -> Vec<f64> {
     (0..problem.model().inputs().len()).map(|input| problem.inputs().mean(input)).collect()
 }
 
+/// The longest time constant in the middle of the trajectory, in hours; `None` where something grows.
+pub fn slowest(problem: &Problem, theta: &[f64], trajectory: &Trajectory) -> Option<f64> {
+    let slowest = eigenvalues(problem, theta, trajectory)
+        .into_iter()
+        .fold(f64::NEG_INFINITY, |worst, real| if real.is_nan() { f64::NAN } else { worst.max(real) });
+    (slowest < 0.0).then(|| -1.0 / slowest)
+}
+
 /// Real parts of the eigenvalues in the middle of the trajectory. Complex pairs are normal: a thermostat
 /// feeds back.
 fn eigenvalues(problem: &Problem, theta: &[f64], trajectory: &Trajectory) -> Vec<f64> {
@@ -203,7 +212,8 @@ fn eigenvalues(problem: &Problem, theta: &[f64], trajectory: &Trajectory) -> Vec
     if matrix.iter().any(|value| !value.is_finite()) {
         return vec![f64::NAN];
     }
-    matrix.complex_eigenvalues().iter().map(|value| value.re).collect()
+    // Where they are not found nothing is known of them, and the checks fail.
+    decompose::eigenvalues(&matrix).unwrap_or_else(|| vec![f64::NAN])
 }
 
 /// The steady change of a state per unit of an input, linearised in a cold room, where a thermostat is

@@ -6,6 +6,7 @@ use super::limits::OutputScale;
 use super::past::{GatePolicy, Past};
 use crate::estimate::fit::Fit;
 use crate::estimate::problem::Problem;
+use crate::model::waivers::{self, Waivers};
 
 /// What the rules wrote down. It says what is wrong and lets nothing out.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -28,7 +29,21 @@ impl CheckTable {
             // There is nothing that any rule could look at.
             Err(comment) => table.plain("G1 finite", false, Severity::Reject, comment.to_owned()),
         }
+        table.waive(&[&policy.waived, problem.model().waivers()]);
         table
+    }
+
+    /// Lets pass with a flag what failed and does not hold here.
+    fn waive(&mut self, waivers: &[&Waivers]) {
+        for check in self.checks.iter_mut().filter(|check| !check.pass && check.severity != Severity::Flag) {
+            let Some(reason) = waivers.iter().find_map(|waivers| waivers::reason(waivers, &check.name))
+            else {
+                continue;
+            };
+            check.severity = Severity::Flag;
+            check.comment += &format!(" (waived: {reason})");
+            self.flags.push(format!("waived:{}", check.name));
+        }
     }
 
     /// The first check of a severity that failed.

@@ -15,7 +15,7 @@ use crate::estimate::problem::objective::Objective;
 use crate::estimate::problem::request::EstimateRequest;
 use crate::estimate::report::report;
 use crate::estimate::search::control::{Control, EstimateError};
-use crate::estimate::search::discretisation::{fine_enough, step_error};
+use crate::estimate::search::discretisation::{StepError, step_error};
 use crate::estimate::search::drive::{SearchResult, drive};
 use crate::estimate::uncertainty::Uncertainty;
 use crate::interrupt::Interrupt;
@@ -163,9 +163,9 @@ fn peak(
 fn refine(problem: &Problem, found: &mut SearchResult, options: &CtsmOptions) -> (Problem, f64) {
     let mut problem = problem.clone();
     loop {
-        let (finer, difference) = step_error(&problem, &found.theta);
-        found.evaluations += 2;
-        if fine_enough(&problem, difference) {
+        let StepError { finer, difference, fine_enough, evaluations } = step_error(&problem, &found.theta);
+        found.evaluations += evaluations;
+        if fine_enough {
             return (problem, difference);
         }
         let task = LikelihoodObjective::new(&finer);

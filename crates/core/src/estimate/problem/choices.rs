@@ -91,6 +91,8 @@ pub struct Source {
     pub hash: String,
     /// The quantisation step of each output's sensor, where it has one.
     pub quanta: Vec<Option<f64>>,
+    /// The median step of the first output, in milliseconds.
+    pub step: Option<i64>,
     /// What is needed to put the problem together again.
     pub basis: Basis,
 }

@@ -8,10 +8,9 @@ use super::predictor::Predictor;
 use super::prior::Prior;
 use super::stop::EarlyStopping;
 use super::whiten::common_divisor;
-use crate::data::MINUTE;
 use crate::data::{
-    CALENDAR, DROPS, Duration, Grid, GridRequest, Length, SUN, Split, SplitRequest, Window, add_calendar,
-    add_drops, add_sun, read_time, rfc3339,
+    CALENDAR, DROPS, Duration, Grid, GridRequest, Length, MINUTE, SUN, Split, SplitRequest, Window,
+    add_calendar, add_drops, add_sun, read_time, rfc3339,
 };
 use crate::estimate::problem::Problem;
 use crate::fault::Fault;
@@ -152,6 +151,10 @@ pub struct EstimateRequest {
     pub model: Option<ModelId>,
     /// Which measurements; all by default.
     pub window: Option<WindowRange>,
+    /// The step of the fit; that of the first output in whole seconds by default, but at least a minute.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(value_type = Option<Length>)]
+    pub step: Option<Duration>,
     /// How they are parted.
     pub split: SplitRequest,
     /// What is minimised.
@@ -266,7 +269,8 @@ pub fn prepare(
     let model = bound(catalogue, model, &basis)?;
     let (from, to) = range(request.window.as_ref(), window)?;
     let columns = Columns::of(&model, window);
-    let grid = window.grid(&GridRequest { from, to, ..columns.request() })?;
+    let step = request.step.map(Duration::millis).or(columns.step);
+    let grid = window.grid(&GridRequest { from, to, step, ..columns.request() })?;
     let grid = with_computed(grid, &model, &basis)?;
     let split = Split::new(grid.len(), grid.step(), &request.split).map_err(|fault| vec![fault])?;
     if request.early_stopping.is_some_and(|rule| rule.validation) && split.validation.is_empty() {
@@ -411,7 +415,9 @@ pub(in crate::estimate) fn source(
     let used = window.slice(grid.start(), grid.time(grid.len().saturating_sub(1)))?;
     let quantum =
         |output: &crate::model::Output| used.series(&output.channel).and_then(crate::data::Series::quantum);
-    Ok(Source { hash: used.content_hash(), quanta: model.outputs().iter().map(quantum).collect(), basis })
+    let step = model.outputs().first().and_then(|output| used.series(&output.channel)?.median_step());
+    let quanta = model.outputs().iter().map(quantum).collect();
+    Ok(Source { hash: used.content_hash(), quanta, step, basis })
 }
 
 /// The instants between which measurements are used.

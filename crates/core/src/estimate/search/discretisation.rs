@@ -1,18 +1,36 @@
 //! Whether the step of a simulation is short enough.
 
 use crate::estimate::problem::Problem;
+use crate::estimate::uncertainty::shift;
 use crate::model::Stepper;
 
 /// Largest discretisation error in the noise of a sensor before the step is halved: 0.02 K for a thermometer
 /// of 0.05 K.
 const DISCRETISATION_LIMIT: f64 = 0.4;
 
+/// How far the difference may move an estimate, in its standard deviations: many samples determine a parameter
+/// better than the noise of one. Half of the step has a quarter of the error, so that what is left is a third of
+/// this at most.
+const SHIFT_LIMIT: f64 = 0.25;
+
 /// As fine as the tolerance of a stepper gets that finds its own steps: each doubling divides it by ten.
 const FINEST_TOLERANCE: usize = 2;
 
-/// The same problem with half the step, or a tenth of the tolerance, and the largest difference that it
-/// makes, in the unit of the output; of several outputs in the noise of their sensors.
-pub(in crate::estimate) fn step_error(problem: &Problem, theta: &[f64]) -> (Problem, f64) {
+/// What half the step, or a tenth of the tolerance, changes.
+pub(in crate::estimate) struct StepError {
+    /// The same problem with it.
+    pub finer: Problem,
+    /// The largest difference that it makes, in the unit of the output; of several outputs in the noise of their
+    /// sensors.
+    pub difference: f64,
+    /// Whether the step is short enough, or as short as a step gets.
+    pub fine_enough: bool,
+    /// Simulations spent.
+    pub evaluations: usize,
+}
+
+/// Compares with half the step, or a tenth of the tolerance.
+pub(in crate::estimate) fn step_error(problem: &Problem, theta: &[f64]) -> StepError {
     let finer = problem.with_substeps(2 * problem.simulator().substeps());
     let (coarse, fine) = (problem.simulate(theta), finer.simulate(theta));
     // A difference that is not a number is as large as can be.
@@ -21,11 +39,13 @@ pub(in crate::estimate) fn step_error(problem: &Problem, theta: &[f64]) -> (Prob
         coarse.iter().zip(fine).map(|(a, b)| (a - b).abs()).fold(0.0, largest) / problem.scale(output)
     };
     let difference = coarse.outputs.iter().zip(&fine.outputs).enumerate().map(of_output).fold(0.0, largest);
-    (finer, difference)
-}
-
-/// Whether a step is short enough, or as short as a step gets.
-pub(in crate::estimate) fn fine_enough(problem: &Problem, difference: f64) -> bool {
     let finest = if problem.model().stepper() == Stepper::Rkc { FINEST_TOLERANCE } else { 64 };
-    difference <= DISCRETISATION_LIMIT * problem.scaled_noise() || problem.simulator().substeps() >= finest
+    let mut evaluations = 2;
+    let small = difference <= DISCRETISATION_LIMIT * problem.scaled_noise();
+    let fine_enough = problem.simulator().substeps() >= finest
+        || small && {
+            evaluations += problem.space().len() + 1;
+            shift(problem, theta, &fine).is_none_or(|shift| shift <= SHIFT_LIMIT)
+        };
+    StepError { finer, difference, fine_enough, evaluations }
 }

@@ -1,5 +1,6 @@
 //! From the covariance in the unit cube to that of the estimates, and to what the data leave open.
 
+use crate::estimate::decompose::symmetric;
 use crate::estimate::fit::covariance::Covariance;
 use crate::optimise::Dimension;
 use nalgebra::{DMatrix, SymmetricEigen};
@@ -29,7 +30,7 @@ pub(in crate::estimate) fn of_estimates(
         return None;
     }
     let name = |row: usize| dimensions[inside[row]].name.clone();
-    let SymmetricEigen { eigenvalues, eigenvectors } = SymmetricEigen::new(cube.clone());
+    let SymmetricEigen { eigenvalues, eigenvectors } = symmetric(cube.clone())?;
     let variance = eigenvalues.map(|value| value.max(0.0));
     // The harmonic sum of both, direction by direction: nothing is cancelled, however far they are apart.
     let known = variance.map(|value| value * BOUNDS / (value + BOUNDS));

@@ -13,10 +13,11 @@ pub mod ridge;
 use super::fit::CorrelatedPair;
 use super::fit::covariance::Covariance;
 use super::problem::Problem;
+use crate::estimate::decompose::singular;
 use crate::estimate::problem::whiten::{Ar, stride};
 use crate::optimise::Candidate;
 use crate::simulate::Trajectory;
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
 /// Correlations above this are reported.
@@ -40,51 +41,15 @@ pub struct Uncertainty {
 /// independently.
 pub fn uncertainty(problem: &Problem, theta: &[f64]) -> Uncertainty {
     let space = problem.space();
-    let none = Uncertainty { ci95: vec![None; space.len()], ..Uncertainty::default() };
     // Where every parameter is fixed there is nothing to be uncertain about, and no matrix to decompose.
-    if space.is_empty() {
-        return none;
-    }
-    let centre = problem.candidate(theta);
-    let mut points = vec![centre.clone()];
-    let difference = problem.difference();
-    let mut steps = Vec::new();
-    for i in 0..space.len() {
-        let mut moved = centre.0.clone();
-        let step = if moved[i] + difference > 1.0 { -difference } else { difference };
-        moved[i] += step;
-        steps.push(step);
-        points.push(Candidate(moved));
-    }
-    let thetas: Vec<Vec<f64>> = points.iter().map(|point| problem.theta(point)).collect();
-    let slices: Vec<&[f64]> = thetas.iter().map(Vec::as_slice).collect();
-    let end = problem.split().train.end;
-    let runs = problem.simulator().run(&slices, end);
-    let evaluations = runs.len();
-    let none = Uncertainty { evaluations, ..none };
-    if runs.iter().any(|run| run.diverged) {
-        return none;
-    }
-    let Some(blocks) = blocks(problem, &runs[0]) else { return none };
-    let rows: usize = blocks.iter().map(|block| block.samples.len()).sum();
-    if rows <= space.len() + 1 {
-        return none;
-    }
-    let mut jacobian = DMatrix::zeros(rows, space.len());
-    let places = blocks
-        .iter()
-        .enumerate()
-        .flat_map(|(output, block)| block.samples.iter().map(move |k| (output, *k, block.weight)));
-    for (row, (output, k, weight)) in places.enumerate() {
-        for (i, step) in steps.iter().enumerate() {
-            jacobian[(row, i)] =
-                (runs[i + 1].outputs[output][k] - runs[0].outputs[output][k]) / step * weight;
-        }
-    }
-    let freedom = (rows - space.len()) as f64;
-    let Some(cube) = sandwich(jacobian, &blocks) else {
+    let evaluations = if space.is_empty() { 0 } else { space.len() + 1 };
+    let none = Uncertainty { ci95: vec![None; space.len()], evaluations, ..Uncertainty::default() };
+    let Some(sensitivity) = Sensitivity::new(problem, theta) else { return none };
+    let Some(cube) = sandwich(sensitivity.jacobian.clone(), &sensitivity.blocks) else {
         return none;
     };
+    let (centre, rows) = (problem.candidate(theta), sensitivity.jacobian.nrows());
+    let freedom = (rows - space.len()) as f64;
     let quantile = StudentsT::new(0.0, 1.0, freedom).map_or(1.96, |t| t.inverse_cdf(0.975));
     let deviation = |i: usize| cube[(i, i)].max(0.0).sqrt();
     let ci95: Vec<Option<[f64; 2]>> = space
@@ -119,6 +84,79 @@ pub fn uncertainty(problem: &Problem, theta: &[f64]) -> Uncertainty {
     Uncertainty { ci95, correlated, covariance, evaluations }
 }
 
+/// How far the estimates move where the outputs of a free run change to those of another one, in their standard
+/// deviations: the most that any does. `None` where nothing is determined.
+pub fn shift(problem: &Problem, theta: &[f64], other: &Trajectory) -> Option<f64> {
+    let Sensitivity { jacobian, blocks, run } = Sensitivity::new(problem, theta)?;
+    let cube = sandwich(jacobian.clone(), &blocks)?;
+    let change = |(output, k, weight): (usize, usize, f64)| {
+        (other.outputs[output][k] - run.outputs[output][k]) * weight
+    };
+    let change = DVector::from_vec(places(&blocks).map(change).collect());
+    let svd = singular(jacobian)?;
+    let least = 1e-9 * svd.singular_values.iter().copied().fold(0.0, f64::max);
+    let moved = svd.solve(&change, least).ok()?;
+    let deviations = |(i, moved): (usize, &f64)| moved.abs() / cube[(i, i)].max(f64::MIN_POSITIVE).sqrt();
+    moved.iter().enumerate().map(deviations).max_by(f64::total_cmp)
+}
+
+/// What the training part answers to the free parameters, in the coordinates of the search.
+struct Sensitivity {
+    /// Weighted outputs by parameters.
+    jacobian: DMatrix<f64>,
+    blocks: Vec<Block>,
+    /// The free run itself.
+    run: Trajectory,
+}
+
+impl Sensitivity {
+    /// `None` where nothing is free, a run diverges, or the errors say too little.
+    fn new(problem: &Problem, theta: &[f64]) -> Option<Self> {
+        let space = problem.space();
+        if space.is_empty() {
+            return None;
+        }
+        let centre = problem.candidate(theta);
+        let mut points = vec![centre.clone()];
+        let difference = problem.difference();
+        let mut steps = Vec::new();
+        for i in 0..space.len() {
+            let mut moved = centre.0.clone();
+            let step = if moved[i] + difference > 1.0 { -difference } else { difference };
+            moved[i] += step;
+            steps.push(step);
+            points.push(Candidate(moved));
+        }
+        let thetas: Vec<Vec<f64>> = points.iter().map(|point| problem.theta(point)).collect();
+        let slices: Vec<&[f64]> = thetas.iter().map(Vec::as_slice).collect();
+        let mut runs = problem.simulator().run(&slices, problem.split().train.end);
+        if runs.iter().any(|run| run.diverged) {
+            return None;
+        }
+        let blocks = blocks(problem, &runs[0])?;
+        let rows: usize = blocks.iter().map(|block| block.samples.len()).sum();
+        if rows <= space.len() + 1 {
+            return None;
+        }
+        let mut jacobian = DMatrix::zeros(rows, space.len());
+        for (row, (output, k, weight)) in places(&blocks).enumerate() {
+            for (i, step) in steps.iter().enumerate() {
+                jacobian[(row, i)] =
+                    (runs[i + 1].outputs[output][k] - runs[0].outputs[output][k]) / step * weight;
+            }
+        }
+        Some(Self { jacobian, blocks, run: runs.swap_remove(0) })
+    }
+}
+
+/// The output, the sample and the weight of every row.
+fn places(blocks: &[Block]) -> impl Iterator<Item = (usize, usize, f64)> {
+    blocks
+        .iter()
+        .enumerate()
+        .flat_map(|(output, block)| block.samples.iter().map(move |k| (output, *k, block.weight)))
+}
+
 /// The rows of one output: its usable samples, whose gaps interrupt the correlation of its errors, its weight
 /// in the cost and the autoregressive model of its weighted errors.
 struct Block {
@@ -143,7 +181,7 @@ fn blocks(problem: &Problem, run: &Trajectory) -> Option<Vec<Block>> {
 /// see get a huge variance instead of none.
 fn sandwich(jacobian: DMatrix<f64>, blocks: &[Block]) -> Option<DMatrix<f64>> {
     let d = jacobian.ncols();
-    let svd = jacobian.svd(true, true);
+    let svd = singular(jacobian)?;
     let (mut u, v_t) = (svd.u?, svd.v_t?);
     let largest = svd.singular_values.iter().copied().fold(0.0, f64::max);
     if largest <= 0.0 || !largest.is_finite() {

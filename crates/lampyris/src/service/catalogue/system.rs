@@ -8,6 +8,7 @@ use lampyris_core::estimate::problem::choices::Choices;
 use lampyris_core::estimate::problem::prior::Prior;
 use lampyris_core::estimate::problem::request::{SeededMethod, Site};
 use lampyris_core::fault::{Fault, nearest};
+use lampyris_core::model::waivers::{Waivers, waiver_faults};
 use lampyris_core::model::{Bindings, Catalogue, ModelId, compile};
 use lampyris_core::optimise::Method;
 use lampyris_core::schema::Interval;
@@ -102,6 +103,11 @@ pub struct Policy {
     pub horizon: Duration,
     /// Whether a job is submitted as soon as newer measurements contradict what is served.
     pub refit_when_degraded: bool,
+    /// Rules of the gate that do not hold for this system, by name (`G8 excited`, or `G9` for all that begin so),
+    /// each with the reason, which the log of deeds keeps. They flag a fit and do not stop it.
+    #[serde(skip_serializing_if = "Waivers::is_empty")]
+    #[schema(value_type = IndexMap<String, String>)]
+    pub checks: Waivers,
 }
 
 impl Default for Policy {
@@ -111,6 +117,7 @@ impl Default for Policy {
             stale_after: Duration::from_days(3),
             horizon: Duration::from_hours(6),
             refit_when_degraded: true,
+            checks: Waivers::new(),
         }
     }
 }
@@ -332,6 +339,7 @@ impl SystemDocument {
                 ));
             }
         }
+        faults.extend(waiver_faults("/policy/checks", &self.policy.checks));
         for (index, exclusion) in self.exclude.iter().enumerate() {
             let from = read_time(&format!("/exclude/{index}/from"), &exclusion.from);
             let to = read_time(&format!("/exclude/{index}/to"), &exclusion.to);

@@ -42,7 +42,10 @@ pub async fn put(
     });
     let document = checked.await?.map_err(ServiceError::Faults)?;
     let text = serde_json::to_string(&document).map_err(|error| ServiceError::Internal(error.to_string()))?;
-    let by = (who, service.now());
+    let waived: Vec<String> =
+        document.policy.checks.iter().map(|(rule, reason)| format!("{rule} waived: {reason}")).collect();
+    let why = (!waived.is_empty()).then(|| waived.join("; "));
+    let by = (who, why.as_deref(), service.now());
     let put = store::systems::put(&service.store, system, document.model.as_ref(), &text, by, |known| {
         match known.map(self::document).transpose() {
             Ok(known) => allows(known.as_ref()),

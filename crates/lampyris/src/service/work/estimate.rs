@@ -74,7 +74,11 @@ pub fn fitted(input: &JobInput, control: &Control<'_>, brake: &Brake) -> Result<
             errors: Vec::new(),
         }));
     }
-    let policy = GatePolicy { horizon: input.system.policy.horizon, excluded: input.system.excluded() };
+    let policy = GatePolicy {
+        horizon: input.system.policy.horizon,
+        excluded: input.system.excluded(),
+        waived: input.system.policy.checks.clone(),
+    };
     let mut judgement = validate(&problem, &fit, &past, &policy);
     if let (Verdict::Accepted(_), true) = (&judgement.verdict, input.is_narrowed()) {
         judgement.summary +=
