@@ -33,10 +33,10 @@ export const signed = (value, decimals = decimalsOf(value ?? 0)) =>
 
 export const percent = value => (value === null || value === undefined ? NONE : `${Math.round(value * 100)} %`);
 
-/** Seconds as `7 h`, `3 d`. */
+/** Seconds as `7 h`, `3 d`, `10 ms`. */
 export function length(seconds) {
   if (seconds === null || seconds === undefined) return NONE;
-  if (seconds < 1) return 'less than 1 s';
+  if (seconds < 1) return seconds >= 0.001 ? `${Math.round(1000 * seconds)} ms` : 'less than 1 ms';
   if (seconds < 90) return `${Math.round(seconds)} s`;
   if (seconds < 5400) return `${Math.round(seconds / 60)} min`;
   if (seconds < 48 * 3600) return `${Math.round(seconds / 3600)} h`;
@@ -47,6 +47,7 @@ export function length(seconds) {
 export function fromNow(instant) {
   if (!instant) return NONE;
   const seconds = (Date.now() - Date.parse(instant)) / 1000;
+  if (Math.abs(seconds) < 1) return 'now';
   return seconds >= 0 ? `${length(seconds)} ago` : `in ${length(-seconds)}`;
 }
 

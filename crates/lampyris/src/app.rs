@@ -10,12 +10,13 @@ use crate::service::changes::events::Events;
 use crate::service::changes::follow;
 use crate::service::observe::lines::LineTally;
 use crate::service::observe::metrics::Metrics;
+use crate::service::observe::pulls::Pulls;
 use crate::service::queue::schedules;
 use crate::service::serving::arrivals::Arrivals;
 use crate::service::serving::kept::LiveSystems;
 use crate::service::serving::said::SaidForecasts;
 use crate::service::serving::snapshot::Snapshot;
-use crate::service::serving::{degradations, keeping, params};
+use crate::service::serving::{degradations, keeping, params, pull};
 use crate::service::work::board::ProgressBoard;
 use crate::service::work::interactive::Interactive;
 use crate::service::work::worker;
@@ -169,6 +170,7 @@ impl App {
             said: SaidForecasts::default(),
             turns: Turns::default(),
             kept_posts: KeptPosts::default(),
+            pulls: Pulls::default(),
             wake: Notify::new(),
             wake_schedule: Notify::new(),
             stopping: watch::Sender::new(false),
@@ -205,6 +207,7 @@ impl App {
             tasks.spawn(keeping::run(service.clone()));
             tasks.spawn(schedules::run(service.clone()));
             tasks.spawn(open::run(service.clone()));
+            tasks.spawn(pull::run(service.clone()));
             tasks.spawn(watch_files(service.clone()));
         }
         tasks.spawn(follow::follow(service.clone()));

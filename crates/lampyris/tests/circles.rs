@@ -12,13 +12,15 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 /// The rooms of the estimation, in the order in which its data pass them.
-const ESTIMATE: [&str; 12] = [
+const ESTIMATE: [&str; 14] = [
+    "decompose",
     "problem",
     "fit",
     "assess",
     "forecast",
     "search",
     "uncertainty",
+    "discretisation",
     "report",
     "likelihood",
     "run",

@@ -61,8 +61,10 @@ enum Study {
     Diagnose(Worlds),
     /// The same on measured rooms with a known driver withheld, and with the channels of other days.
     Real(real::Arguments),
-    /// The same on synthetic treatment plants: of sixty worlds twenty hide nothing, eight an effect that no
-    /// catalogue has.
+    /// How often the bands of forecasts hold what was measured then, in measured rooms.
+    Bands(real::bands::Arguments),
+    /// What a diagnosis names on synthetic treatment plants: of sixty worlds twenty hide nothing, eight an
+    /// effect that no catalogue has.
     DiagnosePlant(Worlds),
     /// Chapter 5 of the thesis: the firefly family and its rivals on three functions.
     Functions(functions::Arguments),
@@ -94,6 +96,7 @@ impl Study {
             Self::Room(asked) => ("room", Some(asked.first.seed)),
             Self::Diagnose(asked) => ("diagnose", Some(asked.first.seed)),
             Self::Real(_) => ("real", None),
+            Self::Bands(_) => ("bands", None),
             Self::DiagnosePlant(asked) => ("diagnose-plant", Some(asked.first.seed)),
             Self::Functions(asked) => ("functions", Some(asked.seeds.first.seed)),
             Self::Ablation(asked) => ("ablation", Some(asked.first.seed)),
@@ -168,6 +171,7 @@ fn measured(study: &Study, as_json: bool) -> Result<Vec<Row>, Failure> {
             more = json!({ "windows": windows });
             rows
         }
+        Study::Bands(asked) => real::bands::run(asked)?,
         Study::Diagnose(asked) => diagnose::run(asked)?,
         Study::Results(asked) => return results::run(asked).map(|()| Vec::new()),
     };

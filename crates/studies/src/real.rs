@@ -1,6 +1,7 @@
 //! Real rooms with a known driver withheld: is it named, do forecasts of the two weeks after fall, and are
 //! the channels of other days accused?
 
+pub mod bands;
 mod rooms;
 
 use super::file::write;
@@ -115,19 +116,7 @@ pub fn run(asked: &Arguments) -> Result<(Vec<Row>, Table), Failure> {
         let bindings = ColumnBindings::parse(room.binds.iter().copied()).map_err(|found| faults(&found))?;
         let (window, _) =
             Window::parse_csv(&read(&folder.join(room.file))?, &bindings).map_err(|found| faults(&found))?;
-        // The windows of the Belgian house are those of the reference figures, from a Monday on.
-        let output = window.iter().find(|series| series.channel() == "T_room");
-        let first = output.map(lampyris_core::data::Series::from).unwrap_or_default();
-        let mut from = first + (6 * DAY + 8 * HOUR) * i64::from(room.file == BELGIAN);
-        let mut parts = Vec::new();
-        if window.to() - first <= SHORT_DAYS * DAY {
-            parts.push(Part::whole(first, window.to()));
-        }
-        while from + DAYS * DAY <= window.to() + HOUR {
-            parts.push(Part::window(from));
-            from += DAYS * DAY;
-        }
-        for part in parts {
+        for part in parts(room, &window) {
             judged.push(judge(room, &window, part)?);
             if let Some(one) = judged.last().filter(|_| each) {
                 eprintln!("{}", one.cells.join("  "));
@@ -151,6 +140,23 @@ pub fn run(asked: &Arguments) -> Result<(Vec<Row>, Table), Failure> {
         write(file, &document(&rows, &windows)?)?;
     }
     Ok((rows, windows))
+}
+
+/// The windows of a room, and a short record as a whole.
+fn parts(room: &Room, window: &Window) -> Vec<Part> {
+    // The windows of the Belgian house are those of the reference figures, from a Monday on.
+    let output = window.iter().find(|series| series.channel() == "T_room");
+    let first = output.map(lampyris_core::data::Series::from).unwrap_or_default();
+    let mut from = first + (6 * DAY + 8 * HOUR) * i64::from(room.file == BELGIAN);
+    let mut parts = Vec::new();
+    if window.to() - first <= SHORT_DAYS * DAY {
+        parts.push(Part::whole(first, window.to()));
+    }
+    while from + DAYS * DAY <= window.to() + HOUR {
+        parts.push(Part::window(from));
+        from += DAYS * DAY;
+    }
+    parts
 }
 
 fn document(rows: &[Row], windows: &Table) -> Result<String, Failure> {

@@ -1,10 +1,10 @@
 //! The binary form of a series: one compressed block per channel and window, as the store keeps it.
 //!
-//! `LYS1` or `LYS2`, 32 bytes of blake3 over the payload, then the payload compressed with zlib. The payload is
-//! the channel and the unit (each with a length of two bytes), the hold, the number of samples, the first time,
-//! the distances of the times as variable-length integers, and the values. All integers are little-endian. The
-//! times are whole seconds in the first form, and milliseconds in the second one, where some are not whole; the
-//! hash of the second form is over its name, too.
+//! `LYS1` or `LYS2`, 32 bytes of blake3 over the payload, then the payload compressed with zlib. The payload
+//! is the channel and the unit (each with a length of two bytes), the hold, the number of samples, the first
+//! time, the distances of the times as variable-length integers, and the values. All integers are
+//! little-endian. The times are whole seconds in the first form, and milliseconds in the second one, where
+//! some are not whole; the hash of the second form is over its name, too.
 //!
 //! Measurements change slowly, so a value is written as the difference in bits (exclusive or) from the one
 //! before, and the eight bytes of all values are laid out plane by plane: long runs of zeros compress well.

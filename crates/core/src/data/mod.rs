@@ -36,9 +36,9 @@
 //! | `write` | columns as CSV that reads back to the same values |
 //! | `split` | training, validation and test parts |
 //!
-//! Times are whole milliseconds since 1970-01-01T00:00:00Z everywhere behind the parsers, and so are distances of
-//! times, but for those that a document names by their unit. The folder reads no
-//! file, no clock and no environment: the same input gives the same window, and hence the same content hash.
+//! Times are whole milliseconds since 1970-01-01T00:00:00Z everywhere behind the parsers, and so are
+//! distances of times, but for those that a document names by their unit. The folder reads no file, no clock
+//! and no environment: the same input gives the same window, and hence the same content hash.
 //!
 //! Two invariants hold throughout. Times of a [`Series`] increase strictly and its values are finite; a
 //! [`Grid`] has a finite value at every index, and a mask that says which of them stand for a measurement.

@@ -37,8 +37,8 @@ pub struct GridRequest<'a> {
     pub more_outputs: &'a [&'a str],
     /// The inputs, each with its hold.
     pub channels: &'a [(&'a str, Hold)],
-    /// The step in milliseconds; the median step of the output in whole seconds, at least a minute, where it is
-    /// not given.
+    /// The step in milliseconds; the median step of the output in whole seconds, at least a minute, where it
+    /// is not given.
     pub step: Option<i64>,
     /// The first time that may enter, in Unix milliseconds.
     pub from: Option<i64>,

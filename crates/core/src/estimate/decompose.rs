@@ -1,19 +1,29 @@
 //! Decompositions that end: those of the library go on until they converge, and some matrices never let them.
 
-use nalgebra::{DMatrix, Dyn, SVD, Schur, SymmetricEigen};
+use nalgebra::{DMatrix, DVector, Dyn, SVD, Schur, SymmetricEigen};
 
 /// Most iterations of one decomposition; a healthy one takes a few for each row.
 const MOST: usize = 10_000;
 /// What counts as nothing beside the largest entry, in turn: some eigenvalues converge no further.
 const NOTHING: [f64; 4] = [f64::EPSILON, 1e-14, 1e-12, 1e-9];
 
+/// Turns of a matrix that are tried where its eigenvalues do not converge.
+const TURNS: usize = 8;
+
 /// Real parts of the eigenvalues; `None` where they are not found.
 pub fn eigenvalues(matrix: &DMatrix<f64>) -> Option<Vec<f64>> {
-    // Those of the transpose are the same, and the way to them is another one.
-    let tried =
-        NOTHING.iter().flat_map(|nothing| [(matrix.clone(), *nothing), (matrix.transpose(), *nothing)]);
-    let found = tried.into_iter().find_map(|(matrix, nothing)| Schur::try_new(matrix, nothing, MOST))?;
+    let turned = (0..TURNS).map(|turn| if turn == 0 { matrix.clone() } else { turned(matrix, turn) });
+    let found = turned.into_iter().find_map(|matrix| Schur::try_new(matrix, f64::EPSILON, MOST))?;
     Some(found.complex_eigenvalues().iter().map(|value| value.re).collect())
+}
+
+/// The same matrix in other coordinates, which have its eigenvalues and not the symmetry that keeps steps of
+/// the QR method going in a circle: mirrored at a plane that stands askew.
+fn turned(matrix: &DMatrix<f64>, turn: usize) -> DMatrix<f64> {
+    let n = matrix.nrows();
+    let normal = DVector::from_fn(n, |i, _| (1.0 + (turn * (i + 1)) as f64).sqrt()).normalize();
+    let mirror = DMatrix::identity(n, n) - 2.0 * &normal * normal.transpose();
+    &mirror * matrix * &mirror
 }
 
 /// Eigenvalues and vectors of a symmetric matrix.

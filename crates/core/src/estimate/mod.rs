@@ -8,10 +8,11 @@
 //!
 //! `problem` says what is asked and puts model and window together. `search` drives an optimiser through it,
 //! `likelihood` does so where the stochastic model is estimated, `uncertainty` says how well the data
-//! determine what was found (`decompose` takes its matrices apart), and `run` leads through all of it;
-//! `report` writes the document, which is a `fit`. `assess` tells in numbers and sentences how good it is.
-//! `segments` lays a model along stretches of hours, which the gate and a diagnosis ask. `gate` decides what
-//! may be served, and `tune` chooses the settings of a search. No room imports one that stands after it below.
+//! determine what was found (`decompose` takes its matrices apart), `discretisation` whether its step was
+//! short enough, and `run` leads through all of it; `report` writes the document, which is a `fit`. `assess`
+//! tells in numbers and sentences how good it is. `segments` lays a model along stretches of hours, which the
+//! gate and a diagnosis ask. `gate` decides what may be served, and `tune` chooses the settings of a search.
+//! No room imports one that stands after it below.
 
 mod decompose;
 
@@ -19,13 +20,15 @@ pub mod problem;
 
 pub mod fit;
 
-pub mod uncertainty;
-
 pub mod assess;
 
 pub mod forecast;
 
 pub mod search;
+
+pub mod uncertainty;
+
+mod discretisation;
 
 mod report;
 

@@ -49,8 +49,8 @@ pub struct ModelSpec {
     /// What physics demands of any estimate.
     #[serde(default, rename = "check")]
     pub checks: Vec<Check>,
-    /// Rules of the gate that do not hold for what it describes, by name (`G8 no unit jump`, or `G9` for all that
-    /// begin so), each with the reason. They flag a fit and do not stop it.
+    /// Rules of the gate that do not hold for what it describes, by name (`G8 no unit jump`, or `G9` for all
+    /// that begin so), each with the reason. They flag a fit and do not stop it.
     #[serde(default, skip_serializing_if = "Waivers::is_empty")]
     #[schema(value_type = IndexMap<String, String>)]
     pub waive: Waivers,

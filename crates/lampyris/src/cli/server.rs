@@ -1,24 +1,20 @@
 //! Asks a running server: one document per answer, faults as people read them.
 
 use super::output::{Failure, print};
+use crate::service::trust::trust;
 use serde_json::Value;
 use std::fmt::Write as _;
 use std::io::{BufRead, BufReader, Read};
-use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::path::PathBuf;
 use std::time::Duration;
 use ureq::config::ConfigBuilder;
 use ureq::http;
-use ureq::tls::{PemItem, RootCerts, TlsConfig, parse_pem};
 use ureq::typestate::AgentScope;
 
 /// Longest wait for an answer that is not a long poll.
 const PATIENCE: Duration = Duration::from_secs(60);
 /// How addresses begin that speak TLS.
 const SECURE: &str = "https://";
-/// Where systems keep the certificates that they trust: Debian, Fedora, Alpine and BSD.
-const SYSTEM_CERTIFICATES: [&str; 3] =
-    ["/etc/ssl/certs/ca-certificates.crt", "/etc/pki/tls/certs/ca-bundle.crt", "/etc/ssl/cert.pem"];
 /// Largest answer that is read.
 const LARGEST: u64 = 1 << 30;
 /// Answers that say: the thing is known, but there is nothing to give.
@@ -53,25 +49,6 @@ fn address(text: &str) -> Result<String, String> {
         Some(host) if !host.is_empty() => Ok(text.trim_end_matches('/').to_owned()),
         Some(_) => Err("the address names no host".to_owned()),
         None => Err("write http://HOST:PORT or https://HOST:PORT".to_owned()),
-    }
-}
-
-/// The certificates of a file, or those that this system trusts.
-fn roots(file: Option<&Path>) -> Result<RootCerts, String> {
-    let known = || SYSTEM_CERTIFICATES.into_iter().map(Path::new).find(|file| file.exists());
-    let file = file.or_else(known).ok_or("this system has no list of certificates: name one with --ca")?;
-    let said = |error: &dyn std::fmt::Display| format!("{}: {error}", file.display());
-    let text = std::fs::read(file).map_err(|error| said(&error))?;
-    let certificates = parse_pem(&text).filter_map(|item| match item {
-        Ok(PemItem::Certificate(certificate)) => Some(Ok(certificate)),
-        Ok(_) => None,
-        Err(error) => Some(Err(error)),
-    });
-    let certificates = certificates.collect::<Result<Vec<_>, _>>().map_err(|error| said(&error))?;
-    if certificates.is_empty() {
-        Err(said(&"there is no certificate in it"))
-    } else {
-        Ok(certificates.into())
     }
 }
 
@@ -163,10 +140,7 @@ impl Server {
         if !self.url.starts_with(SECURE) {
             return Ok(config);
         }
-        let tls = TlsConfig::builder()
-            .root_certs(roots(self.ca.as_deref()).map_err(Failure::Error)?)
-            .unversioned_rustls_crypto_provider(Arc::new(rustls::crypto::ring::default_provider()));
-        Ok(config.tls_config(tls.build()))
+        Ok(config.tls_config(trust(self.ca.as_deref()).map_err(Failure::Error)?))
     }
 
     fn send(

@@ -97,6 +97,8 @@ const OPERATIONS: &[(&str, Option<Scope>, About)] = &[
     ("ping", None, Several),
     ("get_influx", Some(Admin), Several),
     ("put_influx", Some(Admin), Several),
+    ("get_prometheus", Some(Admin), Several),
+    ("put_prometheus", Some(Admin), Several),
     ("propose_layout", Some(Read), Several),
     ("list_models", Some(Read), Several),
     ("get_model", Some(Read), Several),

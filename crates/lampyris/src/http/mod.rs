@@ -41,6 +41,7 @@ mod patience;
 mod places;
 mod preview;
 mod problem;
+mod prometheus;
 mod samples;
 mod schedules;
 mod series;

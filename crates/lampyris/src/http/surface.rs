@@ -6,7 +6,7 @@ use super::shared::Shared;
 use super::{
     access, audit, batches, book, comparison, decisions, description, diagnoses, diagnostics, docs, events,
     evidence, export, extract, fits, forecast, history, influx, jobs, language, layout, metrics, models,
-    params, preview, problem, samples, schedules, series, service, state, systems, web, windows,
+    params, preview, problem, prometheus, samples, schedules, series, service, state, systems, web, windows,
 };
 use axum::Router;
 use axum::extract::Request;
@@ -55,6 +55,7 @@ fn layered() -> OpenApiRouter<Shared> {
         .merge(systems::router())
         .merge(windows::router())
         .merge(influx::router())
+        .merge(prometheus::router())
         .merge(samples::router())
         .merge(series::router())
         .merge(layout::router())

@@ -32,6 +32,7 @@ pub mod serving;
 mod state;
 mod strict;
 mod threads;
+pub mod trust;
 pub mod work;
 
 pub use clock::{Clock, now};

@@ -8,6 +8,7 @@ use super::changes::events::Events;
 use super::clock::Clock;
 use super::observe::lines::LineTally;
 use super::observe::metrics::Metrics;
+use super::observe::pulls::Pulls;
 use super::serving::arrivals::Arrivals;
 use super::serving::kept::LiveSystems;
 use super::serving::said::SaidForecasts;
@@ -41,6 +42,8 @@ pub struct Service {
     pub metrics: Metrics,
     /// What came by the line protocol.
     pub lines: LineTally,
+    /// What came of asking others for measurements.
+    pub pulls: Pulls,
     /// What `/params` serves.
     pub params: Snapshot,
     /// Systems of which measurements have arrived.

@@ -16,7 +16,7 @@ pub struct KeptInput {
     pub channel: String,
     /// When its newest issue came.
     pub issued_at: Timestamp,
-    /// The first sample, in seconds.
+    /// The first sample, in milliseconds.
     pub from_ms: i64,
     /// The last one.
     pub to_ms: i64,

@@ -14,7 +14,7 @@ pub(super) struct OpenRows {
     pub owner: i64,
 }
 
-/// A channel of a post as it is written: name, unit, hold, times in seconds, values.
+/// A channel of a post as it is written: name, unit, hold, times in milliseconds, values.
 type Written = (String, String, Hold, Vec<i64>, Vec<f64>);
 
 /// The rows of a post as they are kept.

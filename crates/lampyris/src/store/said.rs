@@ -57,7 +57,7 @@ impl PackedSaid {
         }
     }
 
-    /// The newest measurement that the forecast knew, in seconds.
+    /// The newest measurement that the forecast knew, in milliseconds.
     pub fn at(&self) -> i64 {
         self.at_ms
     }

@@ -119,8 +119,8 @@ impl Row {
     }
 }
 
-/// Makes a system or replaces its document, where what is there (`None` without any) allows it; who does it, and
-/// why, is noted.
+/// Makes a system or replaces its document, where what is there (`None` without any) allows it; who does it,
+/// and why, is noted.
 ///
 /// # Errors
 /// Where the database fails.

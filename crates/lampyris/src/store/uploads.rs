@@ -47,7 +47,7 @@ pub struct Upload {
 pub enum UploadPlace {
     /// It is a window.
     New {
-        /// The first sample, in seconds.
+        /// The first sample, in milliseconds.
         from_ms: i64,
         /// The last sample.
         to_ms: i64,

@@ -20,7 +20,7 @@ pub struct WindowRecord {
     pub system: SystemId,
     /// The order of upload.
     pub sequence: i64,
-    /// The first sample, in seconds.
+    /// The first sample, in milliseconds.
     pub from_ms: i64,
     /// The last sample.
     pub to_ms: i64,

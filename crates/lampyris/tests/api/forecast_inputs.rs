@@ -2,6 +2,7 @@
 
 use crate::support::TestApp;
 use crate::support::rooms::{csv_of, room};
+use jiff::Timestamp;
 use serde_json::{Value, json};
 
 const WINDOWS: &str = "/systems/room/1/windows";
@@ -105,9 +106,11 @@ fn the_newest_issue_wins_and_a_body_may_have_both() {
     // The same request again changes nothing, although something newer has come.
     let (first, key) = (issue(4, 5, 20.0), [("content-type", "text/csv"), ("idempotency-key", "a")]);
     let sent = |body: &str| app.send("POST", WINDOWS, &key, Some(body.as_bytes())).unwrap();
-    let issued = sent(&first).expect(201).json()["issued_at"].clone();
+    let issue_of =
+        || -> Timestamp { sent(&first).expect(201).json()["issued_at"].as_str().unwrap().parse().unwrap() };
+    let issued = issue_of();
     app.csv(&format!("{WINDOWS}?role=forecast"), &issue(5, 6, 30.0).replace("(forecast)", "")).expect(201);
-    assert!(sent(&first).expect(201).json()["issued_at"].as_str() >= issued.as_str());
+    assert!(issue_of() >= issued);
     assert_eq!((hour(&ahead(), 4), hour(&ahead(), 5)), (20.0, 30.0));
     sent(&issue(4, 5, 40.0)).problem(422, "idempotency-key-reused");
 

@@ -94,7 +94,7 @@ fn every_document_of_the_page_compiles() {
         }
     }
     let expected =
-        ["lone", "between", "room2b", "draught", "shaded_gain", "oxidation", "pond", "exhaust_fan"];
+        ["lone", "between", "room2b", "oven", "draught", "shaded_gain", "oxidation", "pond", "exhaust_fan"];
     assert_eq!(ids, expected);
     app.json("POST", "/models/between/effects", &json!({"effect": "draught"})).expect(201);
     app.json("POST", "/models/between/effects", &json!({"effect": "shaded_gain:tinted"})).expect(201);

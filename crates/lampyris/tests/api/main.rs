@@ -31,6 +31,7 @@ mod operators;
 mod params;
 mod plants;
 mod preview;
+mod pull;
 mod retention;
 mod samples;
 mod schedules;

@@ -1,6 +1,7 @@
 //! Tuning: settings of the search, chosen on a system's own past, and what becomes of them.
 
 use crate::support::TestApp;
+use jiff::Timestamp;
 use serde_json::{Value, json};
 
 /// A tuning that takes seconds.
@@ -55,7 +56,8 @@ fn a_tuning_replaces_poor_settings_and_keeps_good_ones_with_a_reason() {
         (2, 2),
         "{tuning}"
     );
-    assert!(tuning["windows"][1]["to"].as_str() < tuning["unseen"][0]["from"].as_str(), "{tuning}");
+    let at = |span: &Value, end: &str| span[end].as_str().unwrap().parse::<Timestamp>().unwrap();
+    assert!(at(&tuning["windows"][1], "to") < at(&tuning["unseen"][0], "from"), "{tuning}");
     assert!(tuning["judged"]["ratio"].as_f64().unwrap() < 0.5, "{tuning}");
     assert_eq!(tuning["changes"]["swarm"][1], tuning["tuned"]["swarm"]);
 

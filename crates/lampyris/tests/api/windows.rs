@@ -108,8 +108,16 @@ fn fits_of_an_earlier_schema_cite_all_that_they_may_have_seen() {
     runtime.block_on(async {
         let mut db =
             SqliteConnection::connect(&format!("sqlite://{}", app.database().display())).await.unwrap();
-        for sql in ["DROP TABLE fit_windows", "DELETE FROM _sqlx_migrations WHERE version = 3"] {
-            sqlx::query(sql).execute(&mut db).await.unwrap();
+        // What the upgrade to milliseconds did is undone as well, because it comes behind.
+        let seconds = ["windows", "days", "evidence"].map(|table| {
+            format!(
+                "ALTER TABLE {table} RENAME COLUMN from_ms TO from_s; ALTER TABLE {table} RENAME COLUMN to_ms \
+                TO to_s; UPDATE {table} SET from_s = from_s / 1000, to_s = to_s / 1000"
+            )
+        });
+        let undone = "DROP TABLE fit_windows; DELETE FROM _sqlx_migrations WHERE version IN (3, 24)";
+        for sql in seconds.iter().map(String::as_str).chain([undone]) {
+            sqlx::raw_sql(sqlx::AssertSqlSafe(sql)).execute(&mut db).await.unwrap();
         }
         db.close().await.unwrap();
     });

@@ -160,8 +160,8 @@ fn a_killed_service_with_many_windows_starts_again() {
     let database = dir.path().join("large.db");
     let body = served(&database);
     // Blocks that do not compress, in copies of the one window that is there.
-    let windows = "INSERT INTO windows (id, system, sequence, from_s, to_s, report, uploaded_at) \
-        SELECT 'win_' || n, system, n, from_s, to_s, report, uploaded_at FROM windows, \
+    let windows = "INSERT INTO windows (id, system, sequence, from_ms, to_ms, report, uploaded_at) \
+        SELECT 'win_' || n, system, n, from_ms, to_ms, report, uploaded_at FROM windows, \
         (WITH RECURSIVE counted (n) AS (SELECT 1000 UNION ALL SELECT n + 1 FROM counted \
         WHERE n < (SELECT value FROM counters WHERE name = 'sequence')) SELECT n FROM counted)";
     let blocks = "INSERT INTO window_blocks (window, channel, block, repeats) \

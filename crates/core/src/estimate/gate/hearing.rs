@@ -186,8 +186,8 @@ fn heating(context: &ValidationContext, evidence: &Evidence, table: &mut CheckTa
 fn draw(context: &ValidationContext) -> f64 {
     let mut inputs = context.problem.model().inputs().iter();
     let has_weather = inputs.any(|input| Role::of(&input.channel) == Role::Weather);
-    let slowest = physics::slowest(&context.problem, &context.theta, &context.trajectory);
-    match slowest.filter(|_| !has_weather) {
+    let slowest = || physics::slowest(&context.problem, &context.theta, &context.trajectory);
+    match if has_weather { None } else { slowest() } {
         Some(hours) => (FORGOTTEN * hours).max(context.policy.horizon.hours()).min(DAY_HOURS),
         None => DAY_HOURS,
     }

@@ -62,8 +62,8 @@ impl<'a> OutputScale<'a> {
 }
 
 /// How far an output moves in a day, from its lowest to its highest measurement, on the quietest quarter of
-/// the days: not on one with a spike or a change of unit. A record of less than a day is taken as one: what goes
-/// by seconds moves as far in minutes.
+/// the days: not on one with a spike or a change of unit. A record of less than a day is taken as one: what
+/// goes by seconds moves as far in minutes.
 fn usual_day(problem: &Problem, output: usize) -> f64 {
     let (values, valid) = problem.measured()[output];
     let samples = ((DAY / problem.grid().step()).max(1) as usize).min(values.len().max(1));

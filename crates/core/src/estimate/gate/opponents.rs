@@ -54,9 +54,9 @@ impl Match {
     }
 }
 
-/// Forecasts of the first output by nothing but its own past, so many milliseconds ahead on the validation part:
-/// the hourly profile of the training days, and what is left of the deviation from it. `None` where nothing
-/// can be compared.
+/// Forecasts of the first output by nothing but its own past, so many milliseconds ahead on the validation
+/// part: the hourly profile of the training days, and what is left of the deviation from it. `None` where
+/// nothing can be compared.
 pub fn without_inputs(problem: &Problem, theta: &[f64], run: &FilterRun, horizon: i64) -> Option<Match> {
     let (grid, split) = (problem.grid(), problem.split());
     let lead = lead(horizon, grid.step())?;

@@ -9,6 +9,8 @@ use crate::simulate::trajectory::MeasuredOutput;
 use crate::simulate::{Inputs, Simulator, Trajectory, substeps};
 use indexmap::IndexMap;
 use nalgebra::DMatrix;
+use std::cell::LazyCell;
+use std::ops::Deref;
 
 /// Hours of a stress run.
 const STRESS_HOURS: usize = 14 * 24;
@@ -21,11 +23,12 @@ const NOWHERE: (f64, f64) = (f64::INFINITY, f64::NEG_INFINITY);
 pub fn checks(problem: &Problem, theta: &[f64], trajectory: &Trajectory) -> Vec<CheckResult> {
     let model = problem.model();
     let mut extents = extents(problem, theta, trajectory).into_iter();
+    let rates = LazyCell::new(|| eigenvalues(problem, theta, trajectory));
     let look = |check: &Check| match check {
         Check::Range { name, unit, lower, upper, .. } => {
             extents.next().map(|extent| inside(name, unit, (*lower, *upper), extent))
         }
-        other => one(problem, theta, trajectory, other),
+        other => one(problem, theta, trajectory, &rates, other),
     };
     model.checks().iter().filter_map(look).collect()
 }
@@ -82,7 +85,13 @@ fn extents(problem: &Problem, theta: &[f64], trajectory: &Trajectory) -> Vec<(f6
     extents
 }
 
-fn one(problem: &Problem, theta: &[f64], trajectory: &Trajectory, check: &Check) -> Option<CheckResult> {
+fn one(
+    problem: &Problem,
+    theta: &[f64],
+    trajectory: &Trajectory,
+    rates: &impl Deref<Target = Vec<f64>>,
+    check: &Check,
+) -> Option<CheckResult> {
     let result = |name: &str,
                   statistic: f64,
                   operator: &str,
@@ -105,8 +114,7 @@ fn one(problem: &Problem, theta: &[f64], trajectory: &Trajectory, check: &Check)
     };
     match check {
         Check::Stable => {
-            let fastest =
-                eigenvalues(problem, theta, trajectory).into_iter().fold(f64::NEG_INFINITY, f64::max);
+            let fastest = largest(rates);
             result(
                 "stable",
                 fastest,
@@ -118,13 +126,14 @@ fn one(problem: &Problem, theta: &[f64], trajectory: &Trajectory, check: &Check)
             )
         }
         Check::TimeConstants { lower, upper } => {
-            let constants: Vec<f64> =
-                eigenvalues(problem, theta, trajectory).into_iter().map(|rate| -1.0 / rate).collect();
+            let constants: Vec<f64> = rates.iter().map(|rate| -1.0 / rate).collect();
             let (shortest, longest) = (
                 constants.iter().copied().fold(f64::INFINITY, f64::min),
                 constants.iter().copied().fold(0.0, f64::max),
             );
-            let pass = shortest >= *lower && longest <= *upper;
+            // The lowest and the highest of what is not known are those of nothing.
+            let known = constants.iter().all(|constant| !constant.is_nan());
+            let pass = known && shortest >= *lower && longest <= *upper;
             let comment = format!(
                 "time constants from {shortest:.3} h to {longest:.1} h; physics allows {lower:.4} h to \
                 {upper:.0} h"
@@ -197,10 +206,16 @@ pub fn mean_inputs(problem: &Problem) -> Vec<f64> {
 
 /// The longest time constant in the middle of the trajectory, in hours; `None` where something grows.
 pub fn slowest(problem: &Problem, theta: &[f64], trajectory: &Trajectory) -> Option<f64> {
-    let slowest = eigenvalues(problem, theta, trajectory)
-        .into_iter()
-        .fold(f64::NEG_INFINITY, |worst, real| if real.is_nan() { f64::NAN } else { worst.max(real) });
+    let slowest = largest(&eigenvalues(problem, theta, trajectory));
     (slowest < 0.0).then(|| -1.0 / slowest)
+}
+
+/// The largest of some numbers; none where one is none.
+fn largest(numbers: &[f64]) -> f64 {
+    let larger = |largest: f64, number: &f64| {
+        if largest.is_nan() || number.is_nan() { f64::NAN } else { largest.max(*number) }
+    };
+    numbers.iter().fold(f64::NEG_INFINITY, larger)
 }
 
 /// Real parts of the eigenvalues in the middle of the trajectory. Complex pairs are normal: a thermostat

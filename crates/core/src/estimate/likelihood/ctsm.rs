@@ -7,6 +7,7 @@
 use super::curvature::{Curvature, profiles};
 use super::objective::LikelihoodObjective;
 use crate::estimate::assess::metrics::{filter_fit, metrics};
+use crate::estimate::discretisation::{StepError, step_error};
 use crate::estimate::fit::likelihood::{LikelihoodReport, NoiseEstimate, Profile, StartReport};
 use crate::estimate::fit::{Fit, Stop};
 use crate::estimate::problem::Problem;
@@ -15,7 +16,6 @@ use crate::estimate::problem::objective::Objective;
 use crate::estimate::problem::request::EstimateRequest;
 use crate::estimate::report::report;
 use crate::estimate::search::control::{Control, EstimateError};
-use crate::estimate::search::discretisation::{StepError, step_error};
 use crate::estimate::search::drive::{SearchResult, drive};
 use crate::estimate::uncertainty::Uncertainty;
 use crate::interrupt::Interrupt;

@@ -1,11 +1,10 @@
 //! A search from its first question to its end.
 //!
 //! ```text
-//! Problem, Method --drive: ask, simulate, tell--> SearchResult --discretisation--> is the step short enough?
+//! Problem, Method --drive: ask, simulate, tell--> SearchResult
 //! ```
 //!
 //! `control` is what a caller sees of it and how it is stopped.
 
 pub mod control;
-pub(super) mod discretisation;
 pub(super) mod drive;

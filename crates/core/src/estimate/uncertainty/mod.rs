@@ -84,8 +84,8 @@ pub fn uncertainty(problem: &Problem, theta: &[f64]) -> Uncertainty {
     Uncertainty { ci95, correlated, covariance, evaluations }
 }
 
-/// How far the estimates move where the outputs of a free run change to those of another one, in their standard
-/// deviations: the most that any does. `None` where nothing is determined.
+/// How far the estimates move where the outputs of a free run change to those of another one, in their
+/// standard deviations: the most that any does. `None` where nothing is determined.
 pub fn shift(problem: &Problem, theta: &[f64], other: &Trajectory) -> Option<f64> {
     let Sensitivity { jacobian, blocks, run } = Sensitivity::new(problem, theta)?;
     let cube = sandwich(jacobian.clone(), &blocks)?;

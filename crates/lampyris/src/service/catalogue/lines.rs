@@ -1,7 +1,7 @@
 //! Takes measurements in as lines of InfluxDB's protocol: read, sorted by the rules into systems and
 //! channels, and delivered.
 
-use super::line_rules::{self, LineRouter};
+use super::line_rules::{self, LineRouter, LineRules};
 use super::samples;
 use super::windows::MOST_AHEAD;
 use crate::service::error::ServiceError;
@@ -28,7 +28,7 @@ const EARLIEST: i64 = 315_532_800 * SECOND;
 /// Lines that were taken, and what was wrong with the others.
 #[derive(Debug)]
 pub struct TakenLines {
-    /// The systems that have got samples, each with the first instant of them, in seconds.
+    /// The systems that have got samples, each with the first instant of them, in milliseconds.
     pub systems: Vec<(SystemId, i64)>,
     /// What was wrong.
     pub faults: LineFaults,
@@ -72,30 +72,26 @@ pub async fn take(
     reach: &SystemScope,
 ) -> Result<TakenLines, ServiceError> {
     let (rules, _) = line_rules::get(service).await?;
-    let router = LineRouter::of(&rules).map_err(|faults| {
-        ServiceError::Internal(format!("{} faults in the rules that are kept", faults.len()))
-    })?;
-    let mut sorter = Sorter {
-        router,
-        precision,
-        known: service.params.known(),
-        reach: reach.clone(),
-        now: service.now(),
-        places: IndexMap::new(),
-        tally: LineTally::default(),
-        faults: LineFaults::default(),
-    };
-    let (windows, sorter) = blocking(move || {
+    let mut sorter = Sorter::new(service, &rules, precision, reach)?;
+    let sorted = blocking(move || {
         let text = std::str::from_utf8(body.as_ref()).map_err(|error| {
             let detail = format!("byte {} is no UTF-8", error.valid_up_to());
             ServiceError::Faults(vec![Fault::new("lines", "not-utf8", detail)])
         })?;
-        sorter.sort(text);
-        Ok::<_, ServiceError>((sorter.windows(), sorter))
+        sorter.sort(line_points(text));
+        Ok::<_, ServiceError>(sorter.sorted())
     })
     .await??;
-    service.lines.add(&sorter.tally);
-    let mut faults = sorter.faults;
+    keep(service, sorted, &service.lines).await
+}
+
+/// Keeps what was sorted, and counts it.
+///
+/// # Errors
+/// Where something that passes stands in the way.
+pub async fn keep(service: &Service, sorted: Sorted, tally: &LineTally) -> Result<TakenLines, ServiceError> {
+    tally.add(&sorted.tally);
+    let Sorted { windows, mut faults, .. } = sorted;
     let mut systems = Vec::new();
     if windows.is_empty() {
         return Ok(TakenLines { systems, faults });
@@ -109,7 +105,7 @@ pub async fn take(
     for ((system, taken), size) in taken.into_iter().zip(sizes) {
         match taken {
             Ok(taken) => {
-                service.lines.took(size);
+                tally.took(size);
                 systems.push((system, taken.from));
             }
             Err(ServiceError::Faults(found)) => faults.add(&system, found),
@@ -121,8 +117,17 @@ pub async fn take(
     Ok(TakenLines { systems, faults })
 }
 
+/// Values that were sorted into systems and channels.
+#[derive(Debug)]
+pub struct Sorted {
+    windows: Vec<(SystemId, Window)>,
+    tally: LineTally,
+    faults: LineFaults,
+}
+
 /// Sorts values into systems and channels. Its work is for a blocking thread.
-struct Sorter {
+#[derive(Debug)]
+pub struct Sorter {
     router: LineRouter,
     precision: TimePrecision,
     known: KnownSystems,
@@ -135,6 +140,7 @@ struct Sorter {
 }
 
 /// What belongs to one system.
+#[derive(Debug)]
 struct Place {
     system: SystemId,
     /// By channel and the unit of what is sent.
@@ -144,8 +150,34 @@ struct Place {
 }
 
 impl Sorter {
-    fn sort(&mut self, text: &str) {
-        for read in line_points(text) {
+    /// Sorts by rules, within a reach.
+    ///
+    /// # Errors
+    /// Where the rules that are kept are none.
+    pub fn new(
+        service: &Service,
+        rules: &LineRules,
+        precision: TimePrecision,
+        reach: &SystemScope,
+    ) -> Result<Self, ServiceError> {
+        let router = LineRouter::of(rules).map_err(|faults| {
+            ServiceError::Internal(format!("{} faults in the rules that are kept", faults.len()))
+        })?;
+        Ok(Self {
+            router,
+            precision,
+            known: service.params.known(),
+            reach: reach.clone(),
+            now: service.now(),
+            places: IndexMap::new(),
+            tally: LineTally::default(),
+            faults: LineFaults::default(),
+        })
+    }
+
+    /// Sorts points; what no rule takes is counted.
+    pub fn sort<'a>(&mut self, points: impl Iterator<Item = Result<LinePoint<'a>, Fault>>) {
+        for read in points {
             let point = match read {
                 Ok(point) => point,
                 Err(fault) => {
@@ -202,7 +234,12 @@ impl Sorter {
         Ok(())
     }
 
-    /// What was sorted, as measurements.
+    /// What was sorted.
+    pub fn sorted(mut self) -> Sorted {
+        Sorted { windows: self.windows(), tally: self.tally, faults: self.faults }
+    }
+
+    /// As measurements.
     fn windows(&mut self) -> Vec<(SystemId, Window)> {
         let mut windows = Vec::with_capacity(self.places.len());
         for place in std::mem::take(&mut self.places).into_values().filter(|place| !place.samples.is_empty())

@@ -5,7 +5,8 @@
 //! their system, and `lay` lays them over what counts; `samples` takes live ones, which stay `open` for a
 //! while (`kept_posts` counts them), and `forecasts` what is forecast of inputs. `layout` proposes rooms and
 //! neighbours from one window of many sensors. `lines` takes lines of InfluxDB's protocol in, which the
-//! `line_rules` of an operator, made of `pattern`s, sort into systems and channels.
+//! `line_rules` of an operator, made of `pattern`s, sort into systems and channels; `prometheus` says whom to
+//! ask for more.
 
 pub mod forecasts;
 pub mod kept_posts;
@@ -16,6 +17,7 @@ pub mod lines;
 pub mod models;
 pub mod open;
 mod pattern;
+pub mod prometheus;
 pub mod samples;
 pub mod shared;
 pub mod system;

@@ -70,7 +70,7 @@ pub struct TakenSamples {
     pub window: String,
     /// What was found in them.
     pub report: WindowReport,
-    /// The first instant, in seconds.
+    /// The first instant, in milliseconds.
     pub from: i64,
 }
 

@@ -103,8 +103,8 @@ pub struct Policy {
     pub horizon: Duration,
     /// Whether a job is submitted as soon as newer measurements contradict what is served.
     pub refit_when_degraded: bool,
-    /// Rules of the gate that do not hold for this system, by name (`G8 excited`, or `G9` for all that begin so),
-    /// each with the reason, which the log of deeds keeps. They flag a fit and do not stop it.
+    /// Rules of the gate that do not hold for this system, by name (`G8 excited`, or `G9` for all that begin
+    /// so), each with the reason, which the log of deeds keeps. They flag a fit and do not stop it.
     #[serde(skip_serializing_if = "Waivers::is_empty")]
     #[schema(value_type = IndexMap<String, String>)]
     pub checks: Waivers,
@@ -190,7 +190,7 @@ impl SystemDocument {
         }
     }
 
-    /// The stretches of time that are left out, in seconds, both ends included.
+    /// The stretches of time that are left out, in milliseconds, both ends included.
     pub fn excluded(&self) -> Vec<(i64, i64)> {
         self.exclude
             .iter()

@@ -123,7 +123,7 @@ pub async fn along(
     .await
 }
 
-/// The linear model of one step at the newest measurement, or at the newest until `at` (in seconds).
+/// The linear model of one step at the newest measurement, or at the newest until `at` (in milliseconds).
 ///
 /// # Errors
 /// Those of [`ahead`].

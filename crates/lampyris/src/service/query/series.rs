@@ -41,7 +41,7 @@ pub struct ShownChannel {
 /// The stitched measurements between two instants.
 #[derive(Debug)]
 pub struct View {
-    /// The instants, in seconds; nothing where nothing was ever measured.
+    /// The instants, in milliseconds; nothing where nothing was ever measured.
     pub span: Option<(i64, i64)>,
     /// The channels that have samples there, as they were asked for.
     pub channels: Vec<ShownChannel>,

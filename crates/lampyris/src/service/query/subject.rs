@@ -20,7 +20,7 @@ use std::sync::Arc;
 pub struct ComparisonAsked {
     /// How far ahead the model forecasts; `None` is the free run.
     pub horizon: Option<Duration>,
-    /// From this instant on, in seconds; by default from the start of the fit's window.
+    /// From this instant on, in milliseconds; by default from the start of the fit's window.
     pub from: Option<i64>,
     /// To this instant; by default to the end of the fit's window.
     pub to: Option<i64>,

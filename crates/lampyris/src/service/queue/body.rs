@@ -124,6 +124,7 @@ impl ToSchema for JobBody {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use lampyris_core::data::Duration;
     use lampyris_core::estimate::problem::request::Criterion;
     use std::collections::BTreeSet;
 
@@ -136,6 +137,7 @@ mod tests {
             delta,
             accusation_rate,
             criterion: Criterion::Lrt,
+            step: Some(Duration::from_hours(1)),
             ..EstimateRequest::default()
         };
         let read = serde_json::to_value(unusual).unwrap();

@@ -16,8 +16,8 @@ use std::sync::Arc;
 
 /// How long states go on by samples alone before the whole record is looked at again.
 const LOOKED: SignedDuration = SignedDuration::from_hours(1);
-/// Goes on over samples that came from an instant on, in seconds, and says by which revision and where the
-/// states are then; `None` where nothing is served, or its states are not known yet.
+/// Goes on over samples that came from an instant on, in milliseconds, and says by which revision and where
+/// the states are then; `None` where nothing is served, or its states are not known yet.
 ///
 /// # Errors
 /// Where the database fails.

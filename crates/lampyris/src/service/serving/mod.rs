@@ -4,8 +4,8 @@
 //! database, rendered once by `body` and `states`, and turns it stale when its time has come. Measurements
 //! that came (`arrivals`) are compared with what is served by `degradations`, from where the states go on
 //! sample by sample (`live`, by the filters that are `kept`); an operator's word comes by `decisions`. What
-//! forecasts said (`said`) is written down by `keeping`, to be compared with what comes. `health` reads off
-//! the finished body how a system fares.
+//! forecasts said (`said`) is written down by `keeping`, to be compared with what comes. `pull` asks
+//! others for measurements. `health` reads off the finished body how a system fares.
 
 pub mod arrivals;
 pub mod body;
@@ -16,6 +16,7 @@ pub mod keeping;
 pub mod kept;
 pub mod live;
 pub mod params;
+pub mod pull;
 pub mod said;
 pub mod snapshot;
 pub mod states;

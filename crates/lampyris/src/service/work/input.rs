@@ -106,8 +106,8 @@ async fn degraded(service: &Service, job: &JobRecord) -> Result<Option<i64>, Ser
     Ok(found.and_then(|found| read_time("", &found.from).ok()))
 }
 
-/// Collects the input of one computation on a system, with so many seconds of measurements before those that
-/// are asked for.
+/// Collects the input of one computation on a system, with so many milliseconds of measurements before those
+/// that are asked for.
 ///
 /// # Errors
 /// Where there are no measurements or the database fails.
@@ -356,7 +356,7 @@ impl JobInput {
     }
 }
 
-/// The stretches that are not to be trusted, in seconds; both ends belong to them.
+/// The stretches that are not to be trusted, in milliseconds; both ends belong to them.
 pub fn excluded(exclude: &[Exclusion]) -> Vec<(i64, i64)> {
     let span = |one: &Exclusion| Some((read_time("", &one.from).ok()?, read_time("", &one.to).ok()?));
     exclude.iter().filter_map(span).collect()

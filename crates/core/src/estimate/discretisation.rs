@@ -8,20 +8,20 @@ use crate::model::Stepper;
 /// of 0.05 K.
 const DISCRETISATION_LIMIT: f64 = 0.4;
 
-/// How far the difference may move an estimate, in its standard deviations: many samples determine a parameter
-/// better than the noise of one. Half of the step has a quarter of the error, so that what is left is a third of
-/// this at most.
+/// How far the difference may move an estimate, in its standard deviations: many samples determine a
+/// parameter better than the noise of one. Half of the step has a quarter of the error, so that what is left
+/// is a third of this at most.
 const SHIFT_LIMIT: f64 = 0.25;
 
 /// As fine as the tolerance of a stepper gets that finds its own steps: each doubling divides it by ten.
 const FINEST_TOLERANCE: usize = 2;
 
 /// What half the step, or a tenth of the tolerance, changes.
-pub(in crate::estimate) struct StepError {
+pub(super) struct StepError {
     /// The same problem with it.
     pub finer: Problem,
-    /// The largest difference that it makes, in the unit of the output; of several outputs in the noise of their
-    /// sensors.
+    /// The largest difference that it makes, in the unit of the output; of several outputs in the noise of
+    /// their sensors.
     pub difference: f64,
     /// Whether the step is short enough, or as short as a step gets.
     pub fine_enough: bool,
@@ -30,7 +30,7 @@ pub(in crate::estimate) struct StepError {
 }
 
 /// Compares with half the step, or a tenth of the tolerance.
-pub(in crate::estimate) fn step_error(problem: &Problem, theta: &[f64]) -> StepError {
+pub(super) fn step_error(problem: &Problem, theta: &[f64]) -> StepError {
     let finer = problem.with_substeps(2 * problem.simulator().substeps());
     let (coarse, fine) = (problem.simulate(theta), finer.simulate(theta));
     // A difference that is not a number is as large as can be.
