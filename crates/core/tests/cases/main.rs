@@ -26,6 +26,8 @@ use lampyris_core::data::{ColumnBindings, SplitRequest, Window};
 use lampyris_core::estimate::problem::request::SeededMethod;
 use lampyris_core::estimate::{Control, EstimateRequest, Fit, Problem, Site, estimate, prepare};
 use lampyris_core::model::{Catalogue, ModelId};
+use rand::RngExt;
+use rand_xoshiro::Xoshiro256PlusPlus;
 
 /// Whether the full figures are asked for.
 fn full() -> bool {
@@ -49,6 +51,12 @@ fn request(train: &str, validation: &str, test: &str, seed: u64) -> EstimateRequ
     };
     let method = SeededMethod { seed, ..SeededMethod::default() };
     EstimateRequest { split, method, ..EstimateRequest::default() }
+}
+
+/// Normally distributed by the polar method.
+fn normal(dice: &mut Xoshiro256PlusPlus) -> f64 {
+    let (u, v): (f64, f64) = (dice.random(), dice.random());
+    (-2.0 * (1.0 - u).ln()).sqrt() * (std::f64::consts::TAU * v).cos()
 }
 
 fn fit(problem: &Problem, request: &EstimateRequest) -> Fit {

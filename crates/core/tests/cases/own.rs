@@ -1,7 +1,7 @@
 //! Models that a user writes, of processes that are no rooms, from text to a fit that the gate accepts: their
 //! intervals hold the truth, which another solver has made.
 
-use super::full;
+use super::{full, normal};
 use lampyris_core::data::{ColumnBindings, SplitRequest, Window};
 use lampyris_core::estimate::problem::request::SeededMethod;
 use lampyris_core::estimate::{
@@ -35,11 +35,6 @@ struct Process {
     rate: Rates,
     outputs: &'static [(&'static str, f64)],
     measured: fn(&[f64]) -> Vec<f64>,
-}
-
-fn normal(dice: &mut Xoshiro256PlusPlus) -> f64 {
-    let (u, v): (f64, f64) = (1.0 - dice.random::<f64>(), dice.random());
-    (-2.0 * u.ln()).sqrt() * (std::f64::consts::TAU * v).cos()
 }
 
 /// A value that holds for some samples and then is another one.

@@ -207,9 +207,9 @@ struct LinearisationQuery {
 
 /// The model in force as a linear discrete one: its matrices at the newest measurement, for one step.
 ///
-/// `x(k+1) = a x(k) + b u(k) + e w(k) + e_next w(k+1) + offset`, `y(k) = c x(k) + d u(k) + f w(k) +
-/// output_offset`: `held` are the inputs u, which stay as they are over a step, and `moving` are w, which go
-/// in a straight line to their next value. Units are those of the lists, and `q` and `r` are the
+/// `x(k+1) = a x(k) + b u(k) + e w(k) + e_next w(k+1) + offset`, `y(k) = c x(k) + d_held u(k) + d_moving
+/// w(k) + output_offset`: `held` are the inputs u, which stay as they are over a step, and `moving` are w,
+/// which go in a straight line to their next value. Units are those of the lists, and `q` and `r` are the
 /// covariances of the process noise of a step and of the sensors. Inputs stand still where they were last
 /// measured, but for the sun and the clock. A model with constant coefficients is exact, any other one in
 /// small changes around `states`, `held` and `moving`. With the tag of the last answer in `If-None-Match`

@@ -17,7 +17,7 @@ use crate::estimate::decompose::singular;
 use crate::estimate::problem::whiten::{Ar, stride};
 use crate::optimise::Candidate;
 use crate::simulate::Trajectory;
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{DMatrix, DVector, Dyn, SVD};
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
 /// Correlations above this are reported.
@@ -45,10 +45,10 @@ pub fn uncertainty(problem: &Problem, theta: &[f64]) -> Uncertainty {
     let evaluations = if space.is_empty() { 0 } else { space.len() + 1 };
     let none = Uncertainty { ci95: vec![None; space.len()], evaluations, ..Uncertainty::default() };
     let Some(sensitivity) = Sensitivity::new(problem, theta) else { return none };
-    let Some(cube) = sandwich(sensitivity.jacobian.clone(), &sensitivity.blocks) else {
+    let (centre, rows) = (problem.candidate(theta), sensitivity.jacobian.nrows());
+    let Some(cube) = singular(sensitivity.jacobian).and_then(|svd| sandwich(svd, &sensitivity.blocks)) else {
         return none;
     };
-    let (centre, rows) = (problem.candidate(theta), sensitivity.jacobian.nrows());
     let freedom = (rows - space.len()) as f64;
     let quantile = StudentsT::new(0.0, 1.0, freedom).map_or(1.96, |t| t.inverse_cdf(0.975));
     let deviation = |i: usize| cube[(i, i)].max(0.0).sqrt();
@@ -88,7 +88,6 @@ pub fn uncertainty(problem: &Problem, theta: &[f64]) -> Uncertainty {
 /// standard deviations: the most that any does. `None` where nothing is determined.
 pub fn shift(problem: &Problem, theta: &[f64], other: &Trajectory) -> Option<f64> {
     let Sensitivity { jacobian, blocks, run } = Sensitivity::new(problem, theta)?;
-    let cube = sandwich(jacobian.clone(), &blocks)?;
     let change = |(output, k, weight): (usize, usize, f64)| {
         (other.outputs[output][k] - run.outputs[output][k]) * weight
     };
@@ -96,6 +95,7 @@ pub fn shift(problem: &Problem, theta: &[f64], other: &Trajectory) -> Option<f64
     let svd = singular(jacobian)?;
     let least = 1e-9 * svd.singular_values.iter().copied().fold(0.0, f64::max);
     let moved = svd.solve(&change, least).ok()?;
+    let cube = sandwich(svd, &blocks)?;
     let deviations = |(i, moved): (usize, &f64)| moved.abs() / cube[(i, i)].max(f64::MIN_POSITIVE).sqrt();
     moved.iter().enumerate().map(deviations).max_by(f64::total_cmp)
 }
@@ -179,10 +179,9 @@ fn blocks(problem: &Problem, run: &Trajectory) -> Option<Vec<Block>> {
 
 /// The sandwich by singular values, J = U D V': `V D^-1 (U' S U) D^-1 V'`. Directions that the data do not
 /// see get a huge variance instead of none.
-fn sandwich(jacobian: DMatrix<f64>, blocks: &[Block]) -> Option<DMatrix<f64>> {
-    let d = jacobian.ncols();
-    let svd = singular(jacobian)?;
+fn sandwich(svd: SVD<f64, Dyn, Dyn>, blocks: &[Block]) -> Option<DMatrix<f64>> {
     let (mut u, v_t) = (svd.u?, svd.v_t?);
+    let d = v_t.ncols();
     let largest = svd.singular_values.iter().copied().fold(0.0, f64::max);
     if largest <= 0.0 || !largest.is_finite() {
         return None;
@@ -259,7 +258,7 @@ mod tests {
         let series = &inverse * inverse.transpose() * 0.16;
         let bread = (jacobian.transpose() * &jacobian).try_inverse().unwrap();
         let expected = &bread * jacobian.transpose() * series * &jacobian * &bread;
-        let found = sandwich(jacobian, &[Block { samples, weight: 1.0, ar }]).unwrap();
+        let found = sandwich(singular(jacobian).unwrap(), &[Block { samples, weight: 1.0, ar }]).unwrap();
         assert!((&found - &expected).norm() < 1e-10 * expected.norm(), "{found} {expected}");
     }
 
@@ -284,8 +283,11 @@ mod tests {
             let estimate = &bread * jacobian.tr_mul(&noise);
             let residual = noise - &jacobian * &estimate;
             let ar = Ar::fit(&residual.iter().copied().map(Some).collect::<Vec<_>>()).unwrap();
-            let covariance =
-                sandwich(jacobian.clone(), &[Block { samples: samples.clone(), weight: 1.0, ar }]).unwrap();
+            let covariance = sandwich(
+                singular(jacobian.clone()).unwrap(),
+                &[Block { samples: samples.clone(), weight: 1.0, ar }],
+            )
+            .unwrap();
             let white = &bread * (residual.norm_squared() / rows as f64);
             for i in 0..3 {
                 all += 1;

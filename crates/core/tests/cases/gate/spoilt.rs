@@ -1,5 +1,6 @@
 //! The ways to spoil measurements.
 
+use super::super::normal;
 use lampyris_core::data::DAY;
 use rand::{RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
@@ -232,10 +233,4 @@ fn shuffle<T>(values: &mut [T], dice: &mut Xoshiro256PlusPlus) {
     for i in (1..values.len()).rev() {
         values.swap(i, (dice.random::<f64>() * (i + 1) as f64) as usize);
     }
-}
-
-/// Normally distributed by the polar method.
-fn normal(dice: &mut Xoshiro256PlusPlus) -> f64 {
-    let (u, v): (f64, f64) = (dice.random(), dice.random());
-    (-2.0 * (1.0 - u).ln()).sqrt() * (std::f64::consts::TAU * v).cos()
 }

@@ -13,7 +13,9 @@ use jiff::Timestamp;
 use lampyris_core::data::{SECOND, TimePrecision};
 use serde_json::Value;
 use std::sync::Arc;
+use std::thread;
 use std::time::Duration;
+use tokio::sync::oneshot;
 
 /// How often is looked for a source where there is none.
 const IDLE: Duration = Duration::from_secs(60);
@@ -43,7 +45,10 @@ pub async fn run(service: Arc<Service>) {
                 let now = service.now();
                 let told = known.take().filter(|(before, _)| *before == source).map(|(_, told)| told);
                 let from = told.unwrap_or_else(|| now.as_millisecond() - source.lookback.millis());
-                let pulled = pull(&service, &source, from, now).await;
+                let pulled = tokio::select! {
+                    pulled = pull(&service, &source, from, now) => pulled,
+                    _ = stopping.wait_for(|stops| *stops) => return,
+                };
                 let error = pulled.as_ref().err().cloned();
                 if let Some(error) = &error {
                     tracing::warn!(%error, url = source.url, "no measurements could be fetched");
@@ -82,8 +87,8 @@ async fn pull(
                 Sorter::new(service, &source.rules(), TimePrecision::Milliseconds, &SystemScope::ALL)
                     .map_err(said)?;
             let (asked, query) = (source.clone(), query.clone());
+            let answer = apart(move || fetch(&asked, &query, next * step, end * step)).await?;
             let sorted = blocking(move || {
-                let answer = fetch(&asked, &query, next * step, end * step)?;
                 sorter.sort(prometheus::points(&answer)?.into_iter().map(Ok));
                 Ok::<_, String>(sorter.sorted())
             });
@@ -97,6 +102,16 @@ async fn pull(
         next = end + 1;
     }
     Ok(last * step)
+}
+
+/// Waits for somebody else on a thread of its own: those for short work are few, and everybody needs them.
+async fn apart<T: Send + 'static>(
+    wait: impl FnOnce() -> Result<T, String> + Send + 'static,
+) -> Result<T, String> {
+    let (sender, done) = oneshot::channel();
+    let thread = thread::Builder::new().name("pull".to_owned());
+    thread.spawn(move || sender.send(wait())).map_err(|error| format!("no thread: {error}"))?;
+    done.await.unwrap_or_else(|_| Err("the question broke off".to_owned()))
 }
 
 /// Asks for a query from one instant to another, both in milliseconds, and reads the answer. It blocks.
