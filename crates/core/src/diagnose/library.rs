@@ -147,9 +147,7 @@ impl<'a> EffectSource<'a> {
     pub(super) fn lacking(&self, with: &Problem, name: &str) -> Result<Problem, Vec<Fault>> {
         let model = self.relative(&with.model().id().minus(name))?;
         let choices = choices_of(with, &model);
-        let problem =
-            Problem::new(model, self.grid.clone(), with.split().clone(), &choices, with.source().clone())?;
-        Ok(problem.with_brake(with.brake()))
+        with.with_model(model, self.grid.clone(), &choices)
     }
 
     /// One candidate.
@@ -219,9 +217,7 @@ impl<'a> EffectSource<'a> {
         let rates = own.iter().all(|index| model.parameters()[*index].unit == "1/h");
         let conducts =
             rates && !spec.inputs.is_empty() && spec.inputs.values().all(|input| input.unit == "degC");
-        let problem =
-            Problem::new(model, self.grid.clone(), base.split().clone(), &choices, base.source().clone())?
-                .with_brake(base.brake());
+        let problem = base.with_model(model, self.grid.clone(), &choices)?;
         let off = |index: usize| {
             let [lower, upper] = problem.bounds()[index];
             match problem.model().parameters()[index].scale {

@@ -1,7 +1,7 @@
 //! Whether the step of a simulation is short enough.
 
 use crate::estimate::problem::Problem;
-use crate::estimate::uncertainty::shift;
+use crate::estimate::uncertainty::{shift, simulations};
 use crate::model::Stepper;
 
 /// Largest discretisation error in the noise of a sensor before the step is halved: 0.02 K for a thermometer
@@ -44,7 +44,7 @@ pub(super) fn step_error(problem: &Problem, theta: &[f64]) -> StepError {
     let small = difference <= DISCRETISATION_LIMIT * problem.scaled_noise();
     let fine_enough = problem.simulator().substeps() >= finest
         || small && {
-            evaluations += problem.space().len() + 1;
+            evaluations += simulations(problem);
             shift(problem, theta, &fine).is_none_or(|shift| shift <= SHIFT_LIMIT)
         };
     StepError { finer, difference, fine_enough, evaluations }

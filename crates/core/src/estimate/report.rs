@@ -65,6 +65,7 @@ pub(super) fn report(
         metrics: metrics(problem, &found.theta, &run),
         sample_s: Seconds::of_millis(problem.grid().step()),
         substeps: problem.simulator().substeps(),
+        starts: uncertainty.starts.clone(),
         // A document has no word for infinity, and one that held it could not be read again.
         discretisation_error: Some(discretisation_error).filter(|error| error.is_finite()),
         process_noise: run.process_noise,

@@ -4,7 +4,7 @@ use super::fit::Fit;
 use super::likelihood;
 use super::problem::Problem;
 use super::report::report;
-use super::uncertainty::uncertainty;
+use super::uncertainty::{simulations, starts, uncertainty};
 use crate::estimate::discretisation::{StepError, step_error};
 use crate::estimate::fit::incumbent::Incumbent;
 use crate::estimate::problem::bounds::at_bound;
@@ -21,6 +21,12 @@ use crate::optimise::{Candidate, Cost, Search};
 const FIXED_MAY_BE_WORSE: f64 = 1.02;
 /// Evaluations for a polish by least squares from a known point.
 const POLISH_EVALUATIONS: usize = 1500;
+/// How often the starts of the measured states are looked for.
+const MOST_STARTS: usize = 5;
+/// A start that is farther from its estimate, in deviations of that, is hardly where it was taken to be.
+const HARDLY: f64 = 2.0;
+/// Starts that move by less, in the same deviations, are where they were.
+const SAME_START: f64 = 0.1;
 
 /// Estimates the parameters of a problem.
 ///
@@ -49,7 +55,8 @@ pub fn estimate(
     let mut found = search(&problem, request, &warm, control)?;
     found.evaluations += spent;
     let watched = request.early_stopping.is_some_and(|rule| rule.validation);
-    let (problem, mut found, discretisation_error) = refine_step(problem, found, watched, control)?;
+    let (problem, found, discretisation_error) = refine_step(problem, found, watched, control)?;
+    let (problem, mut found) = if watched { (problem, found) } else { refine_starts(problem, found) };
     let mut remarks: Vec<String> =
         problem.model().dropped().iter().map(|what| format!("left out: {what}")).collect();
     remarks.append(&mut found.remarks);
@@ -150,6 +157,30 @@ fn refine_step(
             ..found
         };
     }
+}
+
+/// Moves the starts of the measured states to where they most likely were, where they are hardly where the
+/// first measurements have them, and the parameters along. A start that makes the fit no better is not taken.
+fn refine_starts(mut problem: Problem, mut found: SearchResult) -> (Problem, SearchResult) {
+    let mut least = HARDLY;
+    for _ in 0..MOST_STARTS {
+        let Some(starts) = starts::estimate(&problem, &found.theta) else { break };
+        found.evaluations += simulations(&problem);
+        if starts.moved < least {
+            break;
+        }
+        let moved = problem.with_starts(starts.likely);
+        let answer = moved.evaluate(std::slice::from_ref(&starts.parameters), false);
+        found.evaluations += 1;
+        let cost = answer.first().map_or(Cost::Diverged, |evaluation| evaluation.cost);
+        let Cost::Finite(cost) = cost else { break };
+        if cost >= found.cost {
+            break;
+        }
+        let theta = moved.theta(&starts.parameters);
+        (problem, found, least) = (moved, SearchResult { theta, cost, ..found }, SAME_START);
+    }
+    (problem, found)
 }
 
 /// Fixes parameters on a bound at their nominal values where the hold-out is no worse for it.

@@ -119,7 +119,8 @@ pub struct State {
 /// Where a state starts.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Initial {
-    /// At the mean of the first three valid samples of this output.
+    /// Where this output was measured first: at the mean of its first three valid samples, or where an
+    /// estimate says.
     Measured(usize),
     /// At the value of this parameter.
     Parameter(usize),

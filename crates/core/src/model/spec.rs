@@ -138,7 +138,7 @@ impl FromIterator<(String, f64)> for WarmUpInputs {
 pub struct StateSpec {
     /// Its unit.
     pub unit: String,
-    /// Its value at the start: the name of an output channel (the mean of its first three valid samples)
+    /// Its value at the start: the name of an output channel (near the mean of its first three valid samples)
     /// or of a parameter, or a number.
     pub initial: String,
     /// A short title for people.

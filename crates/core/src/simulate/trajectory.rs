@@ -9,6 +9,7 @@ use super::stepper::{output_tape, step_tape};
 use crate::interrupt::{Brake, Meter};
 use crate::model::tape::Tape;
 use crate::model::{Initial, Model, Stepper};
+use std::ops::Range;
 
 /// A state farther from zero than this has left physics: the candidate has diverged.
 const RUNAWAY: f64 = 1e6;
@@ -24,7 +25,8 @@ pub struct Simulator {
     pub(super) drive: Drive,
     pub(super) output_drive: Drive,
     pub(super) initial: Vec<Initial>,
-    /// Measured starts per output: the mean of the first three valid samples from each sample on.
+    /// Measured starts per output: the mean of the first three valid samples from each sample on, unless the
+    /// first of them is known better.
     starts: Vec<Vec<Option<f64>>>,
     pub(super) known: Vec<bool>,
     substeps: usize,
@@ -102,6 +104,17 @@ impl Simulator {
         Self { brake: brake.clone(), ..self }
     }
 
+    /// The same simulation, whose measured states start at these values of the outputs where there are any.
+    #[must_use]
+    pub fn with_starts(mut self, starts: &[Option<f64>]) -> Self {
+        for (known, start) in self.starts.iter_mut().zip(starts) {
+            if let (Some(first), Some(start)) = (known.first_mut(), start) {
+                *first = Some(*start);
+            }
+        }
+        self
+    }
+
     /// What ends its runs from outside.
     pub fn brake(&self) -> &Brake {
         &self.brake
@@ -137,7 +150,7 @@ impl Simulator {
         k == 0 || self.known[k - 1]
     }
 
-    /// The measured start of an output: the mean of its first three valid samples.
+    /// The measured start of an output: the mean of its first three valid samples, unless it is known better.
     pub fn measured_start(&self, output: usize) -> Option<f64> {
         self.starts.get(output).and_then(|starts| starts.first().copied().flatten())
     }
@@ -280,10 +293,15 @@ fn measured_starts(values: &[f64], valid: &[bool]) -> Vec<Option<f64>> {
             // A record may begin in a gap of its sensor; then its first value, however late, is the best that
             // is known.
             let until = if k == 0 { values.len() } else { values.len().min(k + 12) };
-            let first: Vec<f64> = (k..until).filter(|i| valid[*i]).take(3).map(|i| values[i]).collect();
+            let first = first_values(values, valid, k..until);
             (!first.is_empty()).then(|| first.iter().sum::<f64>() / first.len() as f64)
         })
         .collect()
+}
+
+/// The first three valid samples of a range, or as many as there are.
+pub fn first_values(values: &[f64], valid: &[bool], range: Range<usize>) -> Vec<f64> {
+    range.filter(|k| valid[*k]).take(3).map(|k| values[k]).collect()
 }
 
 #[cfg(test)]

@@ -72,7 +72,7 @@ pub fn first_fit(measured: &MeasuredArguments, seed: u64, quiet: bool) -> Result
     bar.finish_and_clear();
     let fit = fit.map_err(|error| Failure::Error(error.to_string()))?;
     let judgement = validate(&problem, &fit, &Past::default(), &measured.policy());
-    Ok(First { catalogue, window, site, problem: problem.with_substeps(fit.substeps), fit, judgement })
+    Ok(First { catalogue, window, site, problem: fit.simulated(&problem), fit, judgement })
 }
 
 /// Does some work under a bar of its trials.

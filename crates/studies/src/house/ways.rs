@@ -320,8 +320,8 @@ pub fn run(csv: &str, room: &Room, way: &Way, asked: &Asked) -> Result<Run, Fail
 
 fn solution(both: &Problem, fit: &Fit, asked: &Asked) -> Solution {
     let judgement = validate(both, fit, &Past::default(), &GatePolicy::default());
-    // The fit may have needed shorter steps than the problem starts with.
-    let problem = both.with_substeps(fit.substeps);
+    // The fit may have needed shorter steps than the problem starts with, and other starts.
+    let problem = fit.simulated(both);
     let run = problem.simulate(&fit.theta());
     let (values, _) = problem.measured()[0];
     let pairs = |range: &Range<usize>| -> Vec<(f64, f64)> {

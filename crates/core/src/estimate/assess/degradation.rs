@@ -153,7 +153,7 @@ pub fn goes_on(problem: &Problem, fit: &Fit) -> bool {
 
 /// The problem of a longer window, stepped and led to its first sample as that of the fit was.
 pub fn as_fitted(problem: &Problem, fit: &Fit) -> Problem {
-    problem.averaged_over(part(problem, &fit.parts.train)).with_substeps(fit.substeps)
+    fit.simulated(&problem.averaged_over(part(problem, &fit.parts.train)))
 }
 
 /// The first sample behind an instant.

@@ -118,9 +118,8 @@ impl Replay {
         let grid = with_computed(window.grid_on(frame, &columns.request())?, &model, basis)?;
         // Hash and resolution of the sensors are those of the fit's own window, whatever comes after it.
         let source = source(&model, &window, &grid.slice(0..own), basis.clone())?;
-        let problem = Problem::new(model, grid, split, &Choices::default(), source)?
-            .with_brake(brake)
-            .with_substeps(fit.substeps);
+        let problem =
+            fit.simulated(&Problem::new(model, grid, split, &Choices::default(), source)?.with_brake(brake));
         let theta = fit.theta();
         let trajectory = problem.simulate(&theta);
         let provenance = provenance(&problem, fit, &trajectory, model_changed);
@@ -156,7 +155,7 @@ impl Replay {
         values.iter().zip(valid).map(|(value, valid)| valid.then_some(*value)).collect()
     }
 
-    /// The mean of the first three measurements of an output, where the run starts.
+    /// Where the run starts, of an output that a state starts from.
     pub fn measured_start(&self, output: usize) -> Option<f64> {
         self.problem.simulator().measured_start(output)
     }

@@ -5,10 +5,11 @@ pub mod incumbent;
 pub mod levels;
 pub mod likelihood;
 
-use crate::data::Seconds;
+use crate::data::{Seconds, rfc3339};
 use crate::estimate::fit::covariance::Covariance;
 use crate::estimate::fit::levels::ChannelLevel;
 use crate::estimate::fit::likelihood::LikelihoodReport;
+use crate::estimate::problem::Problem;
 use crate::estimate::problem::basis::Basis;
 use crate::schema::Interval;
 use indexmap::IndexMap;
@@ -50,6 +51,15 @@ pub struct Estimate {
     pub at_bound: bool,
     /// Whether it was held fixed.
     pub fixed: bool,
+}
+
+/// Where the states start that a sensor measures.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct StartEstimate {
+    /// The start, in the unit of the channel.
+    pub value: f64,
+    /// Its standard deviation, from the noise of the sensor and what the training part says beside it.
+    pub deviation: f64,
 }
 
 /// Two parameters that the data can hardly tell apart.
@@ -173,6 +183,10 @@ pub struct Fit {
     pub sample_s: Seconds,
     /// Internal steps per sample.
     pub substeps: usize,
+    /// Where the measured states of a free run start, by channel; none where a filter starts them, or in fits
+    /// of versions that took the mean of the first three measurements.
+    #[serde(default)]
+    pub starts: IndexMap<String, StartEstimate>,
     /// Largest difference to a run with half the step, in the output's unit, or of several outputs in the
     /// noise of their sensors; `None` where one of the two left the numbers.
     pub discretisation_error: Option<f64>,
@@ -206,6 +220,19 @@ impl Fit {
     /// The parameter vector in the model's order.
     pub fn theta(&self) -> Vec<f64> {
         self.parameters.values().map(|estimate| estimate.value).collect()
+    }
+
+    /// The problem that it answers, stepped as it was found, and started so where the window begins with that
+    /// of the fit.
+    #[must_use]
+    pub fn simulated(&self, problem: &Problem) -> Problem {
+        let stepped = problem.with_substeps(self.substeps);
+        let lead = self.basis.as_ref().map_or(0, |basis| basis.lead) as i64 * self.sample_s.millis();
+        if rfc3339(problem.grid().start() + lead) != self.parts.train.from {
+            return stepped;
+        }
+        let starts = self.starts.iter().map(|(channel, start)| (channel.clone(), start.value)).collect();
+        stepped.with_starts(starts)
     }
 
     /// First and last instant of the measurements that it rests on, RFC 3339.

@@ -46,8 +46,8 @@ impl<'a> ValidationContext<'a> {
         past: &'a Past,
         policy: &'a GatePolicy,
     ) -> Result<Self, &'static str> {
-        // The fit may have needed shorter steps than the problem started with.
-        let problem = problem.with_substeps(fit.substeps);
+        // The fit may have needed shorter steps than the problem started with, and other starts.
+        let problem = fit.simulated(problem);
         let theta = reread(fit);
         if theta.len() != problem.model().parameters().len() || theta.iter().any(|value| !value.is_finite()) {
             return Err("a parameter is missing or no finite number");

@@ -61,7 +61,7 @@ fn rewritten(csv: &str, name: &str, change: impl Fn(usize, &[f64]) -> f64) -> St
 }
 
 fn evidence(problem: &Problem, fit: &Fit) -> Evidence {
-    let problem = problem.with_substeps(fit.substeps);
+    let problem = fit.simulated(problem);
     Evidence::of(&problem, &fit.theta(), &filter_fit(&problem, fit))
 }
 

@@ -66,6 +66,8 @@ pub(in crate::estimate) fn estimate(
         ci95: curvature.intervals[..own].to_vec(),
         correlated: curvature.correlated(&task, own),
         covariance: curvature.of_estimates(&task, &found.place.0, own),
+        // The filter starts at the first measurement, with the variance of its noise.
+        starts: IndexMap::new(),
         evaluations: curvature.passes,
     };
     let point = task.point(&found.place.0);

@@ -4,10 +4,10 @@
 //! EstimateRequest, Window, Catalogue --request--> Problem (basis, objective) --> cost of a candidate
 //! ```
 //!
-//! `predictor` says from which states the model predicts, `prior` what is known before any data, `variants`
-//! makes the same problem with one thing changed, and `widen` gives its grid whatever else was measured.
-//! `method` names the search and `stop` says when it ends early; `bounds` asks whether a parameter sits on
-//! one, `whiten` has the autoregressive model of a residual.
+//! `starts` says where the measured states begin, `predictor` from which states the model predicts, `prior`
+//! what is known before any data, `variants` makes the same problem with one thing changed, and `widen`
+//! gives its grid whatever else was measured. `method` names the search and `stop` says when it ends early;
+//! `bounds` asks whether a parameter sits on one, `whiten` has the autoregressive model of a residual.
 
 pub mod basis;
 pub mod bounds;
@@ -17,6 +17,7 @@ pub mod objective;
 pub mod predictor;
 pub mod prior;
 pub mod request;
+pub mod starts;
 pub mod stop;
 mod variants;
 pub mod whiten;
@@ -33,6 +34,7 @@ use crate::simulate::{Inputs, Simulator, Stepper, Trajectory, substeps};
 use crate::units::error_unit;
 use basis::Basis;
 use choices::{Choices, Source};
+use indexmap::IndexMap;
 use objective::{Objective, ShapeDelta, Share, divisor};
 use predictor::Predictor;
 use prior::{Prior, pull};
@@ -55,6 +57,8 @@ pub struct Problem {
     /// Residual variance of the fit without a prior; the prior's weight.
     prior_variance: Option<f64>,
     measured: Vec<(Vec<f64>, Vec<bool>)>,
+    /// Estimated starts of the measured states, by channel.
+    starts: IndexMap<String, f64>,
     /// Indices of the free parameters.
     free: Vec<usize>,
     space: Space,
@@ -106,7 +110,11 @@ impl Problem {
             }
         };
         let steps = substeps(model.stepper(), inputs.hours());
-        let simulator = simulator_for(&model, &inputs, &measured, steps, &Brake::NONE);
+        let columns: Vec<MeasuredOutput> = measured
+            .iter()
+            .map(|(values, valid): &(Vec<f64>, Vec<bool>)| (&values[..], &valid[..]))
+            .collect();
+        let simulator = Simulator::new(&model, &inputs, &columns, model.stepper(), steps);
         let mut problem = Self {
             model,
             grid,
@@ -118,6 +126,7 @@ impl Problem {
             prior: choices.prior,
             prior_variance: None,
             measured,
+            starts: IndexMap::new(),
             free: Vec::new(),
             space: Space::new(Vec::new()),
             nominal: Vec::new(),
@@ -463,18 +472,6 @@ impl Problem {
             _ => "times the noise of the sensors",
         }
     }
-}
-
-fn simulator_for(
-    model: &Model,
-    inputs: &Inputs,
-    measured: &[(Vec<f64>, Vec<bool>)],
-    substeps: usize,
-    brake: &Brake,
-) -> Simulator {
-    let measured: Vec<MeasuredOutput> =
-        measured.iter().map(|(values, valid)| (values.as_slice(), valid.as_slice())).collect();
-    Simulator::new(model, inputs, &measured, model.stepper(), substeps).with_brake(brake)
 }
 
 /// Mean of the squares; NaN for nothing.

@@ -1,9 +1,15 @@
 //! The same problem, with one thing changed.
 
-use super::{Problem, simulator_for};
+use super::Problem;
+use super::choices::Choices;
+use crate::data::Grid;
 use crate::estimate::problem::prior::Prior;
+use crate::fault::Fault;
 use crate::interrupt::Brake;
+use crate::model::Model;
 use crate::optimise::Space;
+use crate::simulate::{Inputs, Simulator};
+use indexmap::IndexMap;
 use std::ops::Range;
 
 impl Problem {
@@ -19,20 +25,13 @@ impl Problem {
     #[must_use]
     pub fn aligned(&self, known: &[bool], steps: usize) -> Self {
         let inputs = self.inputs.masked(known);
-        Self {
-            simulator: simulator_for(&self.model, &inputs, &self.measured, steps, self.brake()),
-            inputs,
-            ..self.clone()
-        }
+        Self { simulator: self.simulator_over(&inputs, steps), inputs, ..self.clone() }
     }
 
     /// The same problem with so many internal steps per sample.
     #[must_use]
     pub fn with_substeps(&self, steps: usize) -> Self {
-        Self {
-            simulator: simulator_for(&self.model, &self.inputs, &self.measured, steps, self.brake()),
-            ..self.clone()
-        }
+        Self { simulator: self.simulator_over(&self.inputs, steps), ..self.clone() }
     }
 
     /// The same problem, whose warm-up goes over the mean of the inputs at these samples where it goes over
@@ -40,17 +39,33 @@ impl Problem {
     #[must_use]
     pub fn averaged_over(&self, samples: Range<usize>) -> Self {
         let inputs = self.inputs.clone().averaged_over(samples);
-        Self {
-            simulator: simulator_for(
-                &self.model,
-                &inputs,
-                &self.measured,
-                self.simulator.substeps(),
-                self.brake(),
-            ),
-            inputs,
-            ..self.clone()
-        }
+        Self { simulator: self.simulator_over(&inputs, self.simulator.substeps()), inputs, ..self.clone() }
+    }
+
+    /// The same problem, whose measured states start at these values of their channels; those that are not
+    /// named start at the mean of their first measurements.
+    #[must_use]
+    pub fn with_starts(&self, starts: IndexMap<String, f64>) -> Self {
+        let mut problem = Self { starts, ..self.clone() };
+        problem.simulator = problem.simulator_over(&problem.inputs, problem.simulator.substeps());
+        problem
+    }
+
+    /// The same question of another model, on a grid that has its inputs.
+    ///
+    /// # Errors
+    /// As [`Problem::new`].
+    pub fn with_model(&self, model: Model, grid: Grid, choices: &Choices) -> Result<Self, Vec<Fault>> {
+        let problem = Self::new(model, grid, self.split.clone(), choices, self.source.clone())?;
+        Ok(problem.with_brake(self.brake()).with_starts(self.starts.clone()))
+    }
+
+    fn simulator_over(&self, inputs: &Inputs, substeps: usize) -> Simulator {
+        let start = |output: &crate::model::Output| self.starts.get(&output.channel).copied();
+        let starts: Vec<Option<f64>> = self.model.outputs().iter().map(start).collect();
+        Simulator::new(&self.model, inputs, &self.measured(), self.model.stepper(), substeps)
+            .with_brake(self.brake())
+            .with_starts(&starts)
     }
 
     /// The same problem with some parameters fixed at values.

@@ -4,24 +4,32 @@
 //! covariance of the estimates is `(J'J)^-1 J' S J (J'J)^-1` with S the covariance of the residuals, here
 //! that of their AR model (the "sandwich"; White 1982, Econometrica 50, 1-25). The inverse of `J' S^-1 J`,
 //! which is that of whitened least squares, would be too small.
+//!
+//! The measured states start somewhere within the noise of their sensors; what is not known of the `starts`
+//! is not known of the parameters either.
 
 pub mod covariance;
 #[cfg(test)]
 mod covariance_tests;
 pub mod ridge;
+mod sensitivity;
+pub mod starts;
 
 use super::fit::CorrelatedPair;
+use super::fit::StartEstimate;
 use super::fit::covariance::Covariance;
 use super::problem::Problem;
 use crate::estimate::decompose::singular;
-use crate::estimate::problem::whiten::{Ar, stride};
-use crate::optimise::Candidate;
 use crate::simulate::Trajectory;
+use indexmap::IndexMap;
 use nalgebra::{DMatrix, DVector, Dyn, SVD};
+use sensitivity::{Block, Sensitivity, places};
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
 /// Correlations above this are reported.
 const CORRELATED: f64 = 0.95;
+/// What counts as no singular value, beside the largest.
+const LEAST: f64 = 1e-9;
 
 /// Intervals and correlations of the free parameters.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -33,6 +41,8 @@ pub struct Uncertainty {
     pub correlated: Vec<CorrelatedPair>,
     /// How they err together; `None` where that is not known.
     pub covariance: Option<Covariance>,
+    /// Where the measured states start, by the channels that measure them.
+    pub starts: IndexMap<String, StartEstimate>,
     /// Simulations spent.
     pub evaluations: usize,
 }
@@ -42,11 +52,14 @@ pub struct Uncertainty {
 pub fn uncertainty(problem: &Problem, theta: &[f64]) -> Uncertainty {
     let space = problem.space();
     // Where every parameter is fixed there is nothing to be uncertain about, and no matrix to decompose.
-    let evaluations = if space.is_empty() { 0 } else { space.len() + 1 };
+    let evaluations = simulations(problem);
     let none = Uncertainty { ci95: vec![None; space.len()], evaluations, ..Uncertainty::default() };
     let Some(sensitivity) = Sensitivity::new(problem, theta) else { return none };
     let (centre, rows) = (problem.candidate(theta), sensitivity.jacobian.nrows());
-    let Some(cube) = singular(sensitivity.jacobian).and_then(|svd| sandwich(svd, &sensitivity.blocks)) else {
+    let starts = starts::of(problem, theta, &sensitivity).map(|found| found.as_they_are).unwrap_or_default();
+    let Some(cube) =
+        singular(sensitivity.jacobian.clone()).and_then(|svd| cube(problem, theta, svd, &sensitivity))
+    else {
         return none;
     };
     let freedom = (rows - space.len()) as f64;
@@ -81,100 +94,51 @@ pub fn uncertainty(problem: &Problem, theta: &[f64]) -> Uncertainty {
     let inside: Vec<usize> = (0..space.len()).collect();
     let values: Vec<f64> = problem.free().iter().map(|index| theta[*index]).collect();
     let covariance = covariance::of_estimates(&cube, &inside, space.dimensions(), &values);
-    Uncertainty { ci95, correlated, covariance, evaluations }
+    Uncertainty { ci95, correlated, covariance, starts, evaluations }
+}
+
+/// How many simulations the sensitivities take.
+pub(in crate::estimate) fn simulations(problem: &Problem) -> usize {
+    match problem.space().len() {
+        0 => 0,
+        free => free + 1 + problem.measured_starts().len(),
+    }
+}
+
+/// The covariance of the estimates in the coordinates of the search: what the errors leave open where the
+/// starts are known, and what the starts do.
+fn cube(
+    problem: &Problem,
+    theta: &[f64],
+    svd: SVD<f64, Dyn, Dyn>,
+    sensitivity: &Sensitivity,
+) -> Option<DMatrix<f64>> {
+    let least = LEAST * svd.singular_values.iter().copied().fold(0.0, f64::max);
+    let carried = match starts::of(problem, theta, sensitivity) {
+        Some(starts) => Some((svd.solve(&sensitivity.to_starts, least).ok()?, starts.covariance)),
+        None => None,
+    };
+    let cube = sandwich(svd, &sensitivity.blocks)?;
+    Some(match carried {
+        Some((carried, covariance)) => cube + &carried * covariance * carried.transpose(),
+        None => cube,
+    })
 }
 
 /// How far the estimates move where the outputs of a free run change to those of another one, in their
 /// standard deviations: the most that any does. `None` where nothing is determined.
 pub fn shift(problem: &Problem, theta: &[f64], other: &Trajectory) -> Option<f64> {
-    let Sensitivity { jacobian, blocks, run } = Sensitivity::new(problem, theta)?;
+    let sensitivity = Sensitivity::new(problem, theta)?;
     let change = |(output, k, weight): (usize, usize, f64)| {
-        (other.outputs[output][k] - run.outputs[output][k]) * weight
+        (other.outputs[output][k] - sensitivity.run.outputs[output][k]) * weight
     };
-    let change = DVector::from_vec(places(&blocks).map(change).collect());
-    let svd = singular(jacobian)?;
-    let least = 1e-9 * svd.singular_values.iter().copied().fold(0.0, f64::max);
+    let change = DVector::from_vec(places(&sensitivity.blocks).map(change).collect());
+    let svd = singular(sensitivity.jacobian.clone())?;
+    let least = LEAST * svd.singular_values.iter().copied().fold(0.0, f64::max);
     let moved = svd.solve(&change, least).ok()?;
-    let cube = sandwich(svd, &blocks)?;
+    let cube = cube(problem, theta, svd, &sensitivity)?;
     let deviations = |(i, moved): (usize, &f64)| moved.abs() / cube[(i, i)].max(f64::MIN_POSITIVE).sqrt();
     moved.iter().enumerate().map(deviations).max_by(f64::total_cmp)
-}
-
-/// What the training part answers to the free parameters, in the coordinates of the search.
-struct Sensitivity {
-    /// Weighted outputs by parameters.
-    jacobian: DMatrix<f64>,
-    blocks: Vec<Block>,
-    /// The free run itself.
-    run: Trajectory,
-}
-
-impl Sensitivity {
-    /// `None` where nothing is free, a run diverges, or the errors say too little.
-    fn new(problem: &Problem, theta: &[f64]) -> Option<Self> {
-        let space = problem.space();
-        if space.is_empty() {
-            return None;
-        }
-        let centre = problem.candidate(theta);
-        let mut points = vec![centre.clone()];
-        let difference = problem.difference();
-        let mut steps = Vec::new();
-        for i in 0..space.len() {
-            let mut moved = centre.0.clone();
-            let step = if moved[i] + difference > 1.0 { -difference } else { difference };
-            moved[i] += step;
-            steps.push(step);
-            points.push(Candidate(moved));
-        }
-        let thetas: Vec<Vec<f64>> = points.iter().map(|point| problem.theta(point)).collect();
-        let slices: Vec<&[f64]> = thetas.iter().map(Vec::as_slice).collect();
-        let mut runs = problem.simulator().run(&slices, problem.split().train.end);
-        if runs.iter().any(|run| run.diverged) {
-            return None;
-        }
-        let blocks = blocks(problem, &runs[0])?;
-        let rows: usize = blocks.iter().map(|block| block.samples.len()).sum();
-        if rows <= space.len() + 1 {
-            return None;
-        }
-        let mut jacobian = DMatrix::zeros(rows, space.len());
-        for (row, (output, k, weight)) in places(&blocks).enumerate() {
-            for (i, step) in steps.iter().enumerate() {
-                jacobian[(row, i)] =
-                    (runs[i + 1].outputs[output][k] - runs[0].outputs[output][k]) / step * weight;
-            }
-        }
-        Some(Self { jacobian, blocks, run: runs.swap_remove(0) })
-    }
-}
-
-/// The output, the sample and the weight of every row.
-fn places(blocks: &[Block]) -> impl Iterator<Item = (usize, usize, f64)> {
-    blocks
-        .iter()
-        .enumerate()
-        .flat_map(|(output, block)| block.samples.iter().map(move |k| (output, *k, block.weight)))
-}
-
-/// The rows of one output: its usable samples, whose gaps interrupt the correlation of its errors, its weight
-/// in the cost and the autoregressive model of its weighted errors.
-struct Block {
-    samples: Vec<usize>,
-    weight: f64,
-    ar: Ar,
-}
-
-/// The rows of every output; `None` where the errors of one have no autoregressive model.
-fn blocks(problem: &Problem, run: &Trajectory) -> Option<Vec<Block>> {
-    let measured = problem.measured();
-    let weights = if measured.len() == 1 { vec![1.0] } else { problem.weights(run) };
-    let block = |(output, weight): (usize, f64)| {
-        let samples = problem.usable(output, problem.split().train.clone());
-        let ar = Ar::fit_samples(&samples, |k| (run.outputs[output][k] - measured[output].0[k]) * weight)?;
-        Some(Block { ar, samples, weight })
-    };
-    weights.into_iter().enumerate().map(block).collect()
 }
 
 /// The sandwich by singular values, J = U D V': `V D^-1 (U' S U) D^-1 V'`. Directions that the data do not
@@ -190,14 +154,13 @@ fn sandwich(svd: SVD<f64, Dyn, Dyn>, blocks: &[Block]) -> Option<DMatrix<f64>> {
     // A^-T U: a recursion backwards in time.
     let mut middle = DMatrix::zeros(d, d);
     let mut first = 0;
-    for Block { samples, ar, .. } in blocks {
+    for Block { samples, stride, ar, .. } in blocks {
         let mut part = u.rows_mut(first, samples.len());
-        let stride = stride(samples);
         for mut column in part.column_iter_mut() {
             for row in (0..samples.len()).rev() {
                 for (lag, coefficient) in ar.coefficients.iter().enumerate() {
                     let later = row + lag + 1;
-                    if later >= samples.len() || samples[later] != samples[row] + (lag + 1) * stride {
+                    if later >= samples.len() || samples[later] != samples[row] + (lag + 1) * *stride {
                         break;
                     }
                     column[row] += coefficient * column[later];
@@ -208,7 +171,7 @@ fn sandwich(svd: SVD<f64, Dyn, Dyn>, blocks: &[Block]) -> Option<DMatrix<f64>> {
         first += samples.len();
     }
     let scale: Vec<f64> =
-        svd.singular_values.iter().map(|singular| 1.0 / singular.max(1e-9 * largest)).collect();
+        svd.singular_values.iter().map(|singular| 1.0 / singular.max(LEAST * largest)).collect();
     for (i, a) in scale.iter().enumerate() {
         for (j, b) in scale.iter().enumerate() {
             middle[(i, j)] *= a * b;
@@ -220,6 +183,7 @@ fn sandwich(svd: SVD<f64, Dyn, Dyn>, blocks: &[Block]) -> Option<DMatrix<f64>> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::estimate::problem::whiten::Ar;
     use rand::{RngExt, SeedableRng};
     use rand_xoshiro::Xoshiro256PlusPlus;
 
@@ -258,7 +222,8 @@ mod tests {
         let series = &inverse * inverse.transpose() * 0.16;
         let bread = (jacobian.transpose() * &jacobian).try_inverse().unwrap();
         let expected = &bread * jacobian.transpose() * series * &jacobian * &bread;
-        let found = sandwich(singular(jacobian).unwrap(), &[Block { samples, weight: 1.0, ar }]).unwrap();
+        let found =
+            sandwich(singular(jacobian).unwrap(), &[Block { samples, stride: 1, weight: 1.0, ar }]).unwrap();
         assert!((&found - &expected).norm() < 1e-10 * expected.norm(), "{found} {expected}");
     }
 
@@ -285,7 +250,7 @@ mod tests {
             let ar = Ar::fit(&residual.iter().copied().map(Some).collect::<Vec<_>>()).unwrap();
             let covariance = sandwich(
                 singular(jacobian.clone()).unwrap(),
-                &[Block { samples: samples.clone(), weight: 1.0, ar }],
+                &[Block { samples: samples.clone(), stride: 1, weight: 1.0, ar }],
             )
             .unwrap();
             let white = &bread * (residual.norm_squared() / rows as f64);

@@ -41,8 +41,8 @@ def step(x, u, u_next, hours, p=PARAMETERS):
     return x + hours / 6.0 * (a + 2.0 * b + 2.0 * c + d)
 "#;
 
-/// A free run with the stepper above.
-const SIMULATE: &str = r#"
+/// What enters at any time.
+const ENTERING: &str = r#"
 
 def entering(inputs, k, fraction, hours, p=PARAMETERS):
     """What enters the equations, a fraction of the way from sample `k` of the inputs to the next."""
@@ -57,7 +57,10 @@ def entering(inputs, k, fraction, hours, p=PARAMETERS):
         last = min(first + 1, len(values) - 1)
         found.append(values[first] + (values[last] - values[first]) * (place - first) * linear)
     return np.array(found)
+"#;
 
+/// A free run with the stepper above.
+const SIMULATE: &str = r#"
 
 def simulate(x, inputs, hours, p=PARAMETERS, steps=None):
     """The states at every sample. `inputs` has a row per sample, so many hours apart, and a column per
@@ -107,6 +110,7 @@ pub fn text(model: &Model, theta: &[f64], source: &ExportSource) -> String {
         "\n\ndef outputs(x, u, p=PARAMETERS):\n    \"\"\"What the sensors should show.\"\"\"\n{}",
         body(&outputs, "xup", &array(&outputs.roots))
     );
+    text.push_str(ENTERING);
     match model.stepper() {
         Stepper::Ros2 => {
             let (n, m) = (model.states().len(), names.entrances.len());

@@ -96,7 +96,7 @@ pub fn fitted(input: &JobInput, control: &Control<'_>, brake: &Brake) -> Result<
         judgement,
         report: None,
     };
-    Ok(FirstFit { window, problem: problem.with_substeps(finding.fit.substeps), finding })
+    Ok(FirstFit { window, problem: finding.fit.simulated(&problem), finding })
 }
 
 /// Whether the document of a fit can be read again: what is no finite number cannot be written.
