@@ -185,8 +185,8 @@ impl App {
         // may be missed.
         let mut tasks = JoinSet::new();
         let changes = service.store.follow();
-        params::load_all(&service).await?;
-        tasks.spawn(params::follow(service.clone(), changes));
+        let ageing = params::load_all(&service).await?;
+        tasks.spawn(params::follow(service.clone(), changes, ageing));
         let bind = service.settings.bind;
         let listener =
             bound(bind, service.settings.limits.connections).map_err(|error| AppError::Bind(bind, error))?;

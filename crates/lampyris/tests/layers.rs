@@ -184,7 +184,7 @@ fn one_follower_shows_what_was_committed() {
     let mut callers = Vec::new();
     for (path, text) in sources(IN_SERVICE) {
         let code = code(&text);
-        for call in [".store.follow()", "params::follow(", "params.swap(", "params.forget(", "refresh("] {
+        for call in [".store.follow()", "params::follow(", "params.swap(", "params.forget(", "read_some("] {
             let calls = code.matches(call).count() - code.matches(&format!("fn {call}")).count();
             callers.extend((0..calls).map(|_| (call, path.file_name().unwrap().to_owned())));
         }
@@ -195,7 +195,8 @@ fn one_follower_shows_what_was_committed() {
         ("params.forget(", "params.rs"),
         ("params.swap(", "params.rs"),
         ("params::follow(", "app.rs"),
-        ("refresh(", "params.rs"),
+        ("read_some(", "params.rs"),
+        ("read_some(", "params.rs"),
     ];
     assert_eq!(callers, expected.map(|(call, file)| (call, file.into())));
 }

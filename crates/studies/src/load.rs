@@ -187,10 +187,16 @@ fn measure(folder: &Path, seconds: u64) -> Result<Vec<Row>, Failure> {
 }
 
 pub fn start(folder: &Path) -> Result<Service, Failure> {
+    start_with(folder, &[])
+}
+
+/// A service of the database in a folder, with these settings.
+pub fn start_with(folder: &Path, settings: &[(&str, &str)]) -> Result<Service, Failure> {
     let program = std::env::current_exe().map_err(text)?.with_file_name("lampyris");
     let mut child = Command::new(program)
         .args(["serve", "--bind", "127.0.0.1:0", "--database"])
         .arg(folder.join("load.db"))
+        .envs(settings.iter().copied())
         .stdout(Stdio::piped())
         .stderr(Stdio::null())
         .spawn()

@@ -7,6 +7,7 @@ mod control;
 mod diagnose;
 mod engine;
 mod file;
+mod fleet;
 mod functions;
 mod hand;
 mod house;
@@ -77,6 +78,8 @@ enum Study {
     Likelihood(likelihood::Arguments),
     /// How long a controller waits for its parameters while the service has all hands full.
     Load(load::Arguments),
+    /// What a night of very many rooms costs on one machine, by how many there are.
+    Fleet(fleet::Arguments),
     /// What fresh parameters are worth to a controller, in money and comfort.
     Loop(control::Arguments),
     /// Chapter 6 of the thesis on a twin plant: what one evaluation takes, seven parameters, eleven unseen
@@ -103,6 +106,7 @@ impl Study {
             Self::Complexity(asked) => ("complexity", Some(asked.first.seed)),
             Self::Likelihood(asked) => ("likelihood", Some(asked.first.seed)),
             Self::Load(_) => ("load", None),
+            Self::Fleet(_) => ("fleet", None),
             Self::Loop(asked) => ("loop", Some(asked.first.seed)),
             Self::Plant(asked) => ("plant", Some(asked.first.seed)),
             Self::House(asked) => ("house", Some(asked.first.seed)),
@@ -148,6 +152,7 @@ fn measured(study: &Study, as_json: bool) -> Result<Vec<Row>, Failure> {
         Study::Likelihood(asked) => likelihood::run(asked)?,
         Study::Load(asked) if asked.samples => samples::run(asked.seconds)?,
         Study::Load(asked) => load::run(asked)?,
+        Study::Fleet(asked) => fleet::run(asked)?,
         Study::Loop(asked) => return control::run(asked, as_json),
         Study::House(asked) => {
             let (rows, document) = house::run(asked, as_json)?;

@@ -16,7 +16,7 @@ struct Section {
     options: &'static str,
 }
 
-const SECTIONS: [Section; 14] = [
+const SECTIONS: [Section; 15] = [
     Section {
         study: "engine",
         title: "The engine and the controller's path",
@@ -32,6 +32,13 @@ const SECTIONS: [Section; 14] = [
             send megabytes of measurements. A poll has its time, whatever became of the one before, and its \
             latency counts from that time.",
         options: " --seconds 300",
+    },
+    Section {
+        study: "fleet",
+        title: "Nights of very many rooms",
+        about: "One room of four weeks, copied until there are so many: a start of the service, a batch of a \
+            job for each, and the fits that follow. What a fit costs may not depend on how many there are.",
+        options: " --rooms 1000,10000,100000",
     },
     Section {
         study: "room",

@@ -195,7 +195,7 @@ fn post(server: &Server, room: usize, (time, values): &Sample) -> Result<(), Fai
 }
 
 /// CPU seconds that the service has used, in its own code and in the system's for it.
-fn cpu(service: &Service) -> Result<f64, Failure> {
+pub fn cpu(service: &Service) -> Result<f64, Failure> {
     let stat = std::fs::read_to_string(format!("/proc/{}/stat", service.id())).map_err(text)?;
     let fields: Vec<&str> = stat.rsplit_once(')').map_or("", |(_, rest)| rest).split_whitespace().collect();
     let ticks = |place: usize| fields.get(place).and_then(|field| field.parse::<f64>().ok());
@@ -204,7 +204,7 @@ fn cpu(service: &Service) -> Result<f64, Failure> {
 }
 
 /// A number of the process's status, in kB.
-fn status(service: &Service, name: &str) -> Result<f64, Failure> {
+pub fn status(service: &Service, name: &str) -> Result<f64, Failure> {
     let status = std::fs::read_to_string(format!("/proc/{}/status", service.id())).map_err(text)?;
     let line = status.lines().find_map(|line| line.strip_prefix(name)).unwrap_or_default();
     line.split_whitespace().next().unwrap_or_default().parse().map_err(text)

@@ -349,8 +349,8 @@ async fn reaches(
             Some(system) if !reach.covers(&system) => hidden(thing.as_str(), name("id")),
             _ => Ok(()),
         },
-        Batch => match store::batches::get(&service.store, name("id")).await? {
-            Some(batch) if !within(reach, &batch.request) => hidden("batch", name("id")),
+        Batch => match store::batches::request(&service.store, name("id")).await? {
+            Some(request) if !within(reach, &request) => hidden("batch", name("id")),
             _ => Ok(()),
         },
         Schedule => match store::schedules::get(&service.store, name("name")).await? {

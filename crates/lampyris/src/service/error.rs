@@ -1,8 +1,8 @@
 //! Why something could not be done, in words that every surface can tell.
 
 use crate::store::StoreError;
+use crate::store::entry::SubmitError;
 use crate::store::jobs::JobStatus;
-use crate::store::queue::SubmitError;
 use lampyris_core::data::SystemId;
 use lampyris_core::fault::Fault;
 

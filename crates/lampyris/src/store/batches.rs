@@ -1,10 +1,10 @@
 //! Recalibrations and diagnoses of several systems: ordinary jobs under one name.
 
 use super::database::Store;
+use super::entry::{NewJob, SubmitError, enter};
 use super::error::StoreError;
 use super::idempotency::{Earlier, KeyState, RequestKey, look_up, remember};
 use super::job::{JobFailure, JobStatus, Outcome};
-use super::queue::{NewJob, SubmitError, submit_in};
 use super::reach::SystemScope;
 use super::row::row;
 use super::sequence::{derive_id, next};
@@ -16,6 +16,7 @@ use lampyris_core::diagnose::Adequacy;
 use lampyris_core::estimate::gate::validate::NO_WORSE_THAN_INCUMBENT;
 use serde::{Deserialize, Serialize};
 use sqlx::SqliteConnection;
+use std::collections::HashSet;
 use utoipa::ToSchema;
 
 words! {
@@ -230,42 +231,55 @@ pub(super) async fn submit_in_batch(
         .bind(millis(now))
         .execute(&mut *tx)
         .await?;
-    for job in &new.jobs {
-        // An equal job that waits already belongs to this batch, too.
-        let (job, _) = submit_in(tx, job, limit, now).await?;
-        sqlx::query("INSERT INTO batch_jobs (batch, job) VALUES ($1, $2) ON CONFLICT DO NOTHING")
-            .bind(&id)
-            .bind(&job.id)
-            .execute(&mut *tx)
-            .await?;
-    }
+    // An equal job that waits already belongs to this batch, too.
+    let jobs: Vec<String> = enter(tx, &new.jobs, limit, now).await?.into_iter().map(|job| job.id).collect();
+    let sql = "INSERT INTO batch_jobs (batch, job) SELECT $1, value FROM json_each($2) WHERE true ON CONFLICT DO \
+        NOTHING";
+    sqlx::query(sql).bind(&id).bind(to_json("jobs", &jobs)?).execute(tx).await?;
     Ok(id)
 }
 
-/// Whether an equal job has succeeded since measurements of its system came or went, and its settings
-/// changed.
+/// Those of some jobs, by their places, of which an equal one has succeeded since measurements of its system
+/// came or went, and its settings changed.
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn is_answered(store: &Store, job: &NewJob) -> Result<bool, StoreError> {
-    let sql = "SELECT EXISTS (SELECT 1 FROM jobs WHERE system = $1 AND state = 'succeeded' AND fingerprint = $2 \
-        AND started_at > (SELECT MAX(uploaded_at) FROM windows WHERE system = $1) \
-        AND started_at > (SELECT updated_at FROM systems WHERE system = $1) \
-        AND started_at > COALESCE((SELECT MAX(at) FROM audit WHERE system = $1 AND action = \
+pub async fn answered(store: &Store, jobs: &[NewJob]) -> Result<HashSet<usize>, StoreError> {
+    let asked: Vec<(usize, String, String)> = jobs
+        .iter()
+        .enumerate()
+        .map(|(place, job)| (place, job.system.to_string(), job.fingerprint()))
+        .collect();
+    let sql = "WITH asked AS (SELECT value ->> 0 AS place, value ->> 1 AS system, value ->> 2 AS fingerprint FROM \
+        json_each($1)) SELECT a.place FROM asked a WHERE EXISTS \
+        (SELECT 1 FROM jobs j WHERE j.system = a.system AND j.state = 'succeeded' \
+        AND j.fingerprint = a.fingerprint \
+        AND j.started_at > (SELECT MAX(uploaded_at) FROM windows WHERE system = a.system) \
+        AND j.started_at > (SELECT updated_at FROM systems WHERE system = a.system) \
+        AND j.started_at > COALESCE((SELECT MAX(at) FROM audit WHERE system = a.system AND action = \
         'delete_window'), 0))";
-    Ok(sqlx::query_scalar(sql)
-        .bind(job.system.to_string())
-        .bind(job.fingerprint())
-        .fetch_one(&store.reader)
-        .await?)
+    let places: Vec<i64> =
+        sqlx::query_scalar(sql).bind(to_json("jobs", &asked)?).fetch_all(&store.reader).await?;
+    Ok(places.into_iter().filter_map(|place| usize::try_from(place).ok()).collect())
 }
 
 /// Whether a batch has jobs that have not ended.
 pub(super) async fn is_unfinished(tx: &mut SqliteConnection, id: &str) -> Result<bool, StoreError> {
-    let sql = "SELECT COUNT(*) FROM batch_jobs b JOIN jobs j ON j.id = b.job WHERE b.batch = $1 AND j.state \
-        IN ('queued', 'running')";
-    let left: i64 = sqlx::query_scalar(sql).bind(id).fetch_one(tx).await?;
-    Ok(left > 0)
+    let sql = "SELECT EXISTS (SELECT 1 FROM batch_jobs b JOIN jobs j ON j.id = b.job WHERE b.batch = $1 AND \
+        j.state IN ('queued', 'running'))";
+    Ok(sqlx::query_scalar(sql).bind(id).fetch_one(tx).await?)
+}
+
+/// What a batch was asked for.
+///
+/// # Errors
+/// Where the database fails.
+pub async fn request(store: &Store, id: &str) -> Result<Option<serde_json::Value>, StoreError> {
+    let text: Option<String> = sqlx::query_scalar("SELECT request FROM batches WHERE id = $1")
+        .bind(id)
+        .fetch_optional(&store.reader)
+        .await?;
+    text.map(|text| from_json("a request", &text)).transpose()
 }
 
 /// One batch.

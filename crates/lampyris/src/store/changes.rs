@@ -14,7 +14,8 @@ use tokio::sync::mpsc::{self, UnboundedReceiver, UnboundedSender};
 use tokio::sync::oneshot;
 
 /// The notes of a transaction, which are taken back with it, and who makes them. What `params` reads is what
-/// they are about; of jobs, only which one is the newest and where it stands.
+/// they are about; of jobs, only which one is the newest and where it stands, which is told of systems that
+/// serve nothing yet.
 pub(super) const NOTES: &str = "
     CREATE TEMP TABLE touched (system TEXT NOT NULL);
     CREATE TEMP TRIGGER a_system_came AFTER INSERT ON main.systems
@@ -49,8 +50,10 @@ pub(super) const NOTES: &str = "
     CREATE TEMP TRIGGER a_pin_went AFTER DELETE ON main.pins
         BEGIN INSERT INTO touched VALUES (OLD.system); END;
     CREATE TEMP TRIGGER a_job_came AFTER INSERT ON main.jobs
+        WHEN NOT EXISTS (SELECT 1 FROM revisions WHERE system = NEW.system)
         BEGIN INSERT INTO touched VALUES (NEW.system); END;
     CREATE TEMP TRIGGER a_job_stands_elsewhere AFTER UPDATE OF state ON main.jobs
+        WHEN NOT EXISTS (SELECT 1 FROM revisions WHERE system = NEW.system)
         BEGIN INSERT INTO touched VALUES (NEW.system); END;";
 
 /// A commit that has changed what is served, or what is said of it.

@@ -17,6 +17,13 @@ pub struct Missed {
     pub up_to: i64,
 }
 
+impl Missed {
+    /// Whether a number is among them.
+    pub const fn has(self, number: i64) -> bool {
+        self.after < number && number <= self.up_to
+    }
+}
+
 /// The newest number.
 ///
 /// # Errors
@@ -27,13 +34,15 @@ pub async fn newest(store: &Store) -> Result<i64, StoreError> {
         .await?)
 }
 
-/// Jobs that were submitted or ended after a number, as they are now.
+/// Jobs that were submitted or ended between two numbers, as they are now.
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn news(store: &Store, after: i64) -> Result<Vec<JobRecord>, StoreError> {
-    let sql = "SELECT * FROM jobs WHERE sequence > $1 OR end_sequence > $1";
-    let rows: Vec<Row> = sqlx::query_as(sql).bind(after).fetch_all(&store.reader).await?;
+pub async fn news(store: &Store, missed: Missed) -> Result<Vec<JobRecord>, StoreError> {
+    let sql = "SELECT * FROM jobs WHERE (sequence > $1 AND sequence <= $2) OR (end_sequence > $1 AND \
+        end_sequence <= $2)";
+    let rows: Vec<Row> =
+        sqlx::query_as(sql).bind(missed.after).bind(missed.up_to).fetch_all(&store.reader).await?;
     rows.into_iter().map(Row::record).collect()
 }
 

@@ -166,12 +166,21 @@ pub async fn page(
     limit: i64,
 ) -> Result<Vec<FitEntry>, StoreError> {
     // The documents hold whole traces; the database reads the little that a list shows.
-    let sql = "SELECT f.id, f.rowid AS place, f.job, f.system, f.model, f.verdict, f.summary, f.created_at, \
-        json_extract(f.document, '$.metrics') AS metrics, json_extract(f.document, '$.parts') AS parts, \
-        EXISTS (SELECT 1 FROM revisions r WHERE r.fit = f.id AND r.current) AS served \
-        FROM fits f WHERE ($1 IS NULL OR f.system = $1) AND ($4 IS NULL OR EXISTS (SELECT 1 FROM \
-        json_each($4) WHERE f.system GLOB value)) \
-        AND f.rowid < $2 ORDER BY f.rowid DESC LIMIT $3";
+    macro_rules! listed {
+        ($whose:literal) => {
+            concat!(
+                "SELECT f.id, f.rowid AS place, f.job, f.system, f.model, f.verdict, f.summary, f.created_at, \
+                json_extract(f.document, '$.metrics') AS metrics, json_extract(f.document, '$.parts') AS \
+                parts, \
+                EXISTS (SELECT 1 FROM revisions r WHERE r.fit = f.id AND r.current) AS served FROM fits f WHERE ",
+                $whose,
+                " AND ($4 IS NULL OR EXISTS (SELECT 1 FROM json_each($4) WHERE f.system GLOB value)) \
+                AND f.rowid < $2 ORDER BY f.rowid DESC LIMIT $3"
+            )
+        };
+    }
+    // An index leads to the fits of one system.
+    let sql = if system.is_some() { listed!("f.system = $1") } else { listed!("$1 IS NULL") };
     let rows: Vec<EntryRow> = page::rows(store, sql, reach, system, before, limit).await?;
     rows.into_iter().map(EntryRow::entry).collect()
 }

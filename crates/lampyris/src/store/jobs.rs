@@ -59,18 +59,20 @@ pub async fn page(
     // Only what is asked for stands in the statement, and only the first of it may choose the index (`+`
     // hides a column): the jobs of one system are few among many, those in a state are fewer than those of a
     // kind.
-    let system = filter.system.as_ref().map(ToString::to_string);
-    let wanted = [
-        (system, "system"),
-        (filter.state.map(|state| state.as_str().to_owned()), "state"),
-        (filter.kind.map(|kind| kind.as_str().to_owned()), "kind"),
-    ];
     let mut query = QueryBuilder::<Sqlite>::new("SELECT * FROM jobs WHERE sequence < ");
     query.push_bind(before);
     let mut hide = "";
-    for (value, column) in wanted.into_iter().filter_map(|(value, column)| Some((value?, column))) {
-        query.push(" AND ").push(hide).push(column).push(" = ").push_bind(value);
+    if let Some(system) = &filter.system {
+        query.push(" AND system = ").push_bind(system.to_string());
         hide = "+";
+    }
+    if let Some(state) = filter.state {
+        // Each state has an index of its own, which is found by the word alone.
+        query.push(" AND ").push(hide).push("state = '").push(state.as_str()).push("'");
+        hide = "+";
+    }
+    if let Some(kind) = filter.kind {
+        query.push(" AND ").push(hide).push("kind = ").push_bind(kind.as_str());
     }
     if let Some(reach) = filter.reach.sql()? {
         query

@@ -5,7 +5,7 @@ use super::days::{self, Days};
 use super::error::StoreError;
 use super::value::to_json;
 use lampyris_core::data::SystemId;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashSet};
 
 /// Days with the names of the windows that gave their samples.
 #[derive(Debug, Clone, PartialEq)]
@@ -60,6 +60,16 @@ pub async fn extent(store: &Store, system: &SystemId) -> Result<Option<(i64, i64
     let (from, to): (Option<i64>, Option<i64>) =
         sqlx::query_as(sql).bind(system.to_string()).fetch_one(&store.reader).await?;
     Ok(from.zip(to))
+}
+
+/// The systems of which something was measured, by name.
+///
+/// # Errors
+/// Where the database fails.
+pub async fn systems(store: &Store) -> Result<HashSet<String>, StoreError> {
+    let sql = "SELECT system FROM systems s WHERE EXISTS (SELECT 1 FROM days WHERE system = s.system) OR EXISTS \
+        (SELECT 1 FROM samples WHERE system = s.system)";
+    Ok(sqlx::query_scalar(sql).fetch_all(&store.reader).await?.into_iter().collect())
 }
 
 /// The channels of a system, by name.

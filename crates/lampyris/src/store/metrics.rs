@@ -22,7 +22,10 @@ pub struct QueueCounts {
 /// # Errors
 /// Where the database fails.
 pub async fn queue(store: &Store) -> Result<Vec<QueueCounts>, StoreError> {
-    let sql = "SELECT 'queued', COUNT(*), MIN(created_at) FROM jobs WHERE state = 'queued'
+    // The one that waits longest came first: its row alone is read, however many wait.
+    let sql =
+        "SELECT 'queued', COUNT(*), (SELECT created_at FROM jobs WHERE state = 'queued' ORDER BY sequence \
+               LIMIT 1) FROM jobs WHERE state = 'queued'
                UNION ALL SELECT 'running', COUNT(*), MIN(started_at) FROM jobs WHERE state = 'running'";
     let rows: Vec<(String, i64, Option<i64>)> = sqlx::query_as(sql).fetch_all(&store.reader).await?;
     let standing = |(state, count, oldest): (String, i64, Option<i64>)| {

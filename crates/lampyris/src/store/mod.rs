@@ -18,6 +18,7 @@
 //! | `models` | model and effect documents of users, versions made by adding effects |
 //! | `job`, `job_record` | what a job is: its words, and what its state implies |
 //! | `jobs` | jobs as they are listed |
+//! | `entry` | how jobs enter the queue, one or very many |
 //! | `queue` | how jobs wait: submit, claim with a lease, cancel, recover |
 //! | `events` | jobs that came or ended after a number |
 //! | `finish` | the end of a job: job, fit, verdict and revision in one transaction |
@@ -57,6 +58,7 @@ pub mod decisions;
 pub mod degradations;
 pub mod diagnoses;
 pub mod doctor;
+pub mod entry;
 mod error;
 pub mod events;
 pub mod evidence;

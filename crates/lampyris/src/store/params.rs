@@ -140,7 +140,11 @@ row! {
     }
 }
 
-const STANDING: &str = "SELECT s.system, s.model, s.document, \
+/// Everything about the parameters of the systems that a condition selects.
+macro_rules! standing {
+    ($which:literal) => {
+        concat!(
+            "SELECT s.system, s.model, s.document, \
     r.revision, r.fit, r.job, r.served, r.served_hash, r.window_from, r.window_to, \
     COALESCE(r.measured_to, r.window_to) AS measured_to, r.fitted_at, r.validated_at, \
     f.reason, f.job AS failed_job, f.fit AS refused_fit, f.failed_checks, f.since_at, \
@@ -153,8 +157,11 @@ const STANDING: &str = "SELECT s.system, s.model, s.document, \
     LEFT JOIN degradations d ON d.system = s.system AND d.revision = r.revision \
     LEFT JOIN pins p ON p.system = s.system \
     LEFT JOIN states n ON n.system = s.system \
-    LEFT JOIN jobs j ON j.sequence = (SELECT MAX(sequence) FROM jobs WHERE jobs.system = s.system) \
-    WHERE $1 IS NULL OR s.system = $1";
+    LEFT JOIN jobs j ON j.sequence = (SELECT MAX(sequence) FROM jobs WHERE jobs.system = s.system) ",
+            $which
+        )
+    };
+}
 
 impl Row {
     fn standing(self) -> Result<ServedState, StoreError> {
@@ -227,18 +234,32 @@ impl Row {
 /// # Errors
 /// Where the database fails.
 pub async fn standing(store: &Store, system: &SystemId) -> Result<Option<ServedState>, StoreError> {
-    let row: Option<Row> =
-        sqlx::query_as(STANDING).bind(system.to_string()).fetch_optional(&store.reader).await?;
-    store.require_files()?;
-    row.map(Row::standing).transpose()
+    Ok(standings(store, &[system]).await?.pop())
 }
 
-/// What is known about the parameters of all systems.
+/// What is known about the parameters of some systems, of those that are there.
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn standings(store: &Store) -> Result<Vec<ServedState>, StoreError> {
-    let rows: Vec<Row> = sqlx::query_as(STANDING).bind(None::<String>).fetch_all(&store.reader).await?;
+pub async fn standings(store: &Store, systems: &[&SystemId]) -> Result<Vec<ServedState>, StoreError> {
+    let sql = standing!("WHERE s.system IN (SELECT value FROM json_each($1))");
+    let rows: Vec<Row> =
+        sqlx::query_as(sql).bind(to_json("systems", systems)?).fetch_all(&store.reader).await?;
+    store.require_files()?;
+    rows.into_iter().map(Row::standing).collect()
+}
+
+/// What is known about the parameters of the first systems after a name, in order.
+///
+/// # Errors
+/// Where the database fails.
+pub async fn standings_after(
+    store: &Store,
+    system: &str,
+    limit: i64,
+) -> Result<Vec<ServedState>, StoreError> {
+    let sql = standing!("WHERE s.system > $1 ORDER BY s.system LIMIT $2");
+    let rows: Vec<Row> = sqlx::query_as(sql).bind(system).bind(limit).fetch_all(&store.reader).await?;
     store.require_files()?;
     rows.into_iter().map(Row::standing).collect()
 }
@@ -308,12 +329,11 @@ pub async fn keep_newer_state(
 
 #[cfg(test)]
 mod tests {
-    use super::STANDING;
     use crate::store::changes::NOTES;
 
     #[test]
     fn whatever_is_read_is_noted_when_it_changes() {
-        let tables = STANDING.split("JOIN ").flat_map(|part| part.split("FROM ")).skip(1);
+        let tables = standing!("").split("JOIN ").flat_map(|part| part.split("FROM ")).skip(1);
         let tables: Vec<&str> = tables.filter_map(|part| part.split_whitespace().next()).collect();
         assert!(tables.contains(&"systems") && tables.contains(&"pins"), "{tables:?}");
         for table in tables {

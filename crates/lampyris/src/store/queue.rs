@@ -4,54 +4,18 @@
 //! and committed before the job starts, so a job that takes the process down is counted as well.
 
 use super::database::Store;
+use super::entry::{Entered, NewJob, SubmitError, enter};
 use super::error::StoreError;
 use super::idempotency::{Earlier, KeyState, RequestKey, look_up, remember};
-use super::job::{JobFailure, JobKind, JobStatus, Origin, Priority};
+use super::job::{JobFailure, JobStatus};
 use super::job_record::{JobRecord, Lease, Row};
-use super::sequence::{derive_id, next};
 use super::value::{millis, to_json};
 use super::{failpoint, params};
 use jiff::Timestamp;
-use lampyris_core::data::SystemId;
-use lampyris_core::model::ModelId;
 use sqlx::SqliteConnection;
 
 /// A job that was started this often without coming to an end takes no further boot with it.
 pub const MAX_ATTEMPTS: i64 = 3;
-
-/// A job to be submitted.
-#[derive(Debug, Clone, PartialEq)]
-pub struct NewJob {
-    /// What it does.
-    pub kind: JobKind,
-    /// To which system.
-    pub system: SystemId,
-    /// With which model.
-    pub model: ModelId,
-    /// The request with all defaults filled in, JSON.
-    pub request: String,
-    /// Whether it never alters what is served.
-    pub experiment: bool,
-    /// Who asked.
-    pub origin: Origin,
-    /// Who goes first.
-    pub priority: Priority,
-}
-
-impl NewJob {
-    /// Equal jobs have equal fingerprints, whoever asked.
-    pub(super) fn fingerprint(&self) -> String {
-        let text = format!(
-            "{} {} {} {} {}",
-            self.kind.as_str(),
-            self.system,
-            self.model,
-            self.experiment,
-            self.request
-        );
-        blake3::hash(text.as_bytes()).to_hex().to_string()
-    }
-}
 
 /// What became of a job that was submitted.
 #[derive(Debug, Clone, PartialEq)]
@@ -62,23 +26,6 @@ pub enum Submitted {
     Waiting(JobRecord),
     /// The same request came before.
     Earlier(Earlier),
-}
-
-/// Why a job was not taken.
-#[derive(Debug)]
-pub enum SubmitError {
-    /// The database failed.
-    Store(StoreError),
-    /// So many jobs wait already, in a sentence.
-    QueueFull(String),
-    /// The idempotency key belongs to another request.
-    KeyReused,
-}
-
-impl<E: Into<StoreError>> From<E> for SubmitError {
-    fn from(error: E) -> Self {
-        SubmitError::Store(error.into())
-    }
 }
 
 /// What a cancellation met.
@@ -139,94 +86,35 @@ pub(super) async fn submit_in(
     limit: i64,
     now: Timestamp,
 ) -> Result<(JobRecord, bool), SubmitError> {
-    let fingerprint = new.fingerprint();
-    let waiting: Option<Row> =
-        sqlx::query_as("SELECT * FROM jobs WHERE fingerprint = $1 AND state = 'queued' AND NOT requeued")
-            .bind(&fingerprint)
-            .fetch_optional(&mut *tx)
-            .await?;
-    if let Some(row) = waiting {
-        return Ok((raised(tx, row.record()?, new).await?, false));
-    }
-    let queued: i64 =
-        sqlx::query_scalar("SELECT COUNT(*) FROM jobs WHERE state = 'queued'").fetch_one(&mut *tx).await?;
-    if queued >= limit {
-        return Err(SubmitError::QueueFull(format!("{limit} jobs wait already")));
-    }
-    let sequence = next(tx, "sequence").await?;
-    let turn = turn(tx, new).await?;
-    let sql = "INSERT INTO jobs (id, sequence, kind, system, model, request, fingerprint, experiment, origin, \
-        priority, turn, state, created_at) \
-        VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, 'queued', $12) RETURNING *";
-    let row: Row = sqlx::query_as(sql)
-        .bind(derive_id("job", sequence, now))
-        .bind(sequence)
-        .bind(new.kind.as_str())
-        .bind(new.system.to_string())
-        .bind(new.model.to_string())
-        .bind(&new.request)
-        .bind(fingerprint)
-        .bind(new.experiment)
-        .bind(new.origin.as_str())
-        .bind(new.priority.rank())
-        .bind(turn)
-        .bind(millis(now))
-        .fetch_one(tx)
-        .await?;
-    Ok((row.record()?, true))
+    let mut entered = enter(tx, std::slice::from_ref(new), limit, now).await?;
+    let Entered { id, is_new } = entered.swap_remove(0);
+    let row: Row = sqlx::query_as("SELECT * FROM jobs WHERE id = $1").bind(id).fetch_one(tx).await?;
+    Ok((row.record()?, is_new))
 }
 
-/// The equal job that waits, moved up where the new one is more urgent.
-async fn raised(
-    tx: &mut SqliteConnection,
-    waiting: JobRecord,
-    new: &NewJob,
-) -> Result<JobRecord, StoreError> {
-    if new.priority.rank() >= waiting.priority.rank() {
-        return Ok(waiting);
-    }
-    let turn = turn(tx, new).await?;
-    let query = sqlx::query_as("UPDATE jobs SET priority = $2, turn = $3 WHERE id = $1 RETURNING *");
-    let row: Row = query.bind(&waiting.id).bind(new.priority.rank()).bind(turn).fetch_one(tx).await?;
-    row.record()
-}
-
-/// The place in a fair queue: behind the system's own jobs, but not before the round that is being served.
-/// A system with one job thus waits for one job of every other system, however many those have.
-async fn turn(tx: &mut SqliteConnection, new: &NewJob) -> Result<i64, StoreError> {
-    let own: Option<i64> = sqlx::query_scalar(
-        "SELECT MAX(turn) FROM jobs WHERE state = 'queued' AND system = $1 AND priority = $2",
-    )
-    .bind(new.system.to_string())
-    .bind(new.priority.rank())
-    .fetch_one(&mut *tx)
-    .await?;
-    let round: Option<i64> =
-        sqlx::query_scalar("SELECT MIN(turn) FROM jobs WHERE state = 'queued' AND priority = $1")
-            .bind(new.priority.rank())
-            .fetch_one(tx)
-            .await?;
-    Ok(own.map_or(0, |turn| turn + 1).max(round.unwrap_or(0)))
-}
+const CLAIM: &str = "UPDATE jobs SET state = 'running', boot = $1, attempt = attempt + 1, started_at = $2 \
+    WHERE id = ( \
+    SELECT j.id FROM jobs j WHERE j.state = 'queued' \
+    AND NOT EXISTS (SELECT 1 FROM jobs r WHERE r.state = 'running' AND r.system = j.system) \
+    ORDER BY j.priority, j.turn, j.sequence LIMIT 1) \
+    AND NOT EXISTS (SELECT 1 FROM jobs r WHERE r.state = 'running' AND r.boot = $1 AND (r.attempt >= $3 OR \
+    jobs.attempt + 1 >= $3)) \
+    RETURNING *";
 
 /// Claims the next job, and counts the attempt. Two jobs of one system never run at once: both would be
-/// judged against the same incumbent. The last attempt of a job is made alone: the jobs that ran beside it
-/// when the process went down were charged as well, and none may fail for good because of another.
+/// judged against the same incumbent. The last attempt of a job is made alone in its process: the jobs that
+/// ran beside it when that went down were charged as well, and none may fail for good because of another.
 ///
 /// # Errors
 /// Where the database fails.
 pub async fn claim(store: &Store, boot: i64, now: Timestamp) -> Result<Option<JobRecord>, StoreError> {
-    let sql = "UPDATE jobs SET state = 'running', boot = $1, attempt = attempt + 1, started_at = $2 \
-        WHERE id = ( \
-        SELECT j.id FROM jobs j WHERE j.state = 'queued' \
-        AND NOT EXISTS (SELECT 1 FROM jobs r WHERE r.state = 'running' AND r.system = j.system) \
-        ORDER BY j.priority, j.turn, j.sequence LIMIT 1) \
-        AND NOT EXISTS (SELECT 1 FROM jobs r WHERE r.state = 'running' AND (r.attempt >= $3 OR jobs.attempt \
-        + 1 >= $3)) \
-        RETURNING *";
     let mut tx = store.write().await?;
-    let row: Option<Row> =
-        sqlx::query_as(sql).bind(boot).bind(millis(now)).bind(MAX_ATTEMPTS).fetch_optional(&mut *tx).await?;
+    let row: Option<Row> = sqlx::query_as(CLAIM)
+        .bind(boot)
+        .bind(millis(now))
+        .bind(MAX_ATTEMPTS)
+        .fetch_optional(&mut *tx)
+        .await?;
     let Some(row) = row else {
         tx.take_back().await?;
         return Ok(None);
@@ -337,4 +225,23 @@ pub async fn cancel(store: &Store, id: &str, now: Timestamp) -> Result<Option<Ca
     let Some(row) = row else { return Ok(None) };
     let job = row.record()?;
     Ok(Some(Cancelled { running: job.state.status() == JobStatus::Running, job }))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::CLAIM;
+    use crate::store::schema::MIGRATIONS;
+    use sqlx::sqlite::SqliteConnectOptions;
+    use sqlx::{AssertSqlSafe, ConnectOptions, Row};
+
+    #[tokio::test]
+    async fn a_claim_reads_one_waiting_job_however_many_there_are() {
+        let mut connection = SqliteConnectOptions::new().in_memory(true).connect().await.unwrap();
+        MIGRATIONS.run_direct(None, &mut connection, false).await.unwrap();
+        let explained = AssertSqlSafe(format!("EXPLAIN QUERY PLAN {CLAIM}"));
+        let plan = sqlx::query(explained).fetch_all(&mut connection).await.unwrap();
+        let plan: Vec<String> = plan.iter().map(|row| row.get("detail")).collect();
+        assert!(plan.iter().any(|step| step.contains("jobs_waiting")), "{plan:#?}");
+        assert!(!plan.iter().any(|step| step.contains("TEMP B-TREE")), "{plan:#?}");
+    }
 }

@@ -1,10 +1,11 @@
 //! Jobs that are done again.
 
 use super::database::Store;
+use super::entry::{NewJob, SubmitError};
 use super::idempotency::{KeyState, RequestKey, look_up, remember};
 use super::job::{JobStatus, Origin, Priority};
 use super::job_record::{JobRecord, Row};
-use super::queue::{NewJob, SubmitError, Submitted, submit_in};
+use super::queue::{Submitted, submit_in};
 use super::value::to_json;
 use jiff::Timestamp;
 
@@ -47,7 +48,7 @@ pub async fn retry(
     }
     let new = NewJob {
         kind: ended.kind,
-        request: to_json("a request", &ended.request)?,
+        request: to_json("a request", &ended.request)?.into(),
         system: ended.system,
         model: ended.model,
         experiment: ended.experiment,

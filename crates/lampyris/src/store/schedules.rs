@@ -3,8 +3,8 @@
 use super::audit::{Action, AuditEntry, note};
 use super::batches::{NewBatch, is_unfinished, submit_in_batch};
 use super::database::Store;
+use super::entry::SubmitError;
 use super::error::StoreError;
-use super::queue::SubmitError;
 use super::row::row;
 use super::value::{from_json, instant, millis, parse};
 use super::words::words;

@@ -6,8 +6,17 @@ use sqlx::SqliteConnection;
 
 /// The next number of a counter.
 pub(super) async fn next(tx: &mut SqliteConnection, counter: &'static str) -> Result<i64, StoreError> {
-    let query = sqlx::query_scalar("UPDATE counters SET value = value + 1 WHERE name = $1 RETURNING value");
-    Ok(query.bind(counter).fetch_one(tx).await?)
+    next_of(tx, counter, 1).await
+}
+
+/// The first of so many numbers of a counter that nobody else has.
+pub(super) async fn next_of(
+    tx: &mut SqliteConnection,
+    counter: &'static str,
+    count: i64,
+) -> Result<i64, StoreError> {
+    let sql = "UPDATE counters SET value = value + $2 WHERE name = $1 RETURNING value - $2 + 1";
+    Ok(sqlx::query_scalar(sql).bind(counter).bind(count).fetch_one(tx).await?)
 }
 
 /// An id that nobody has: a sequence number and the time, hashed so that ids neither sort nor show how many

@@ -4,9 +4,10 @@ use crate::support::TestApp;
 use jiff::SignedDuration;
 use lampyris::service::queue::retention;
 use lampyris::store::diagnoses::Report;
+use lampyris::store::entry::NewJob;
 use lampyris::store::finish::{JobEnd, JudgedFit, finish};
 use lampyris::store::jobs::{JobKind, Origin, Priority};
-use lampyris::store::queue::{self, NewJob};
+use lampyris::store::queue;
 use lampyris::store::{Store, fits};
 use lampyris_core::diagnose::ledger::{EffectScore, Looked};
 use lampyris_core::diagnose::report::Diagnosis;
@@ -31,7 +32,7 @@ fn look(app: &mut TestApp, template: &Value, windows: &[(&str, &str, [f64; 2])])
                 kind: JobKind::Diagnose,
                 system: "room/1".parse().unwrap(),
                 model: "rc2".parse().unwrap(),
-                request: "{}".to_owned(),
+                request: "{}".into(),
                 experiment: true,
                 origin: Origin::Posted,
                 priority: Priority::Operator,

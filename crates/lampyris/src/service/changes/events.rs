@@ -9,6 +9,7 @@
 
 use crate::service::serving::snapshot::{ParamsChange, StateChange};
 use crate::service::work::progress::ProgressReport;
+use crate::store::events::Missed;
 use crate::store::jobs::JobRecord;
 use indexmap::IndexMap;
 use lampyris_core::data::SystemId;
@@ -239,16 +240,15 @@ impl Events {
         self.log().sequence
     }
 
-    /// Adds what the database says: submissions and ends after the last ones.
-    pub(super) fn publish_news(&self, jobs: Vec<JobRecord>) {
+    /// Adds what the database says between two numbers, of which the first is the last one that was added.
+    pub(super) fn publish_news(&self, jobs: Vec<JobRecord>, missed: Missed) {
         let mut log = self.log();
-        let seen = log.sequence;
         let mut news: Vec<(i64, JobChange)> = Vec::new();
         for job in jobs {
-            if job.sequence > seen {
+            if missed.has(job.sequence) {
                 news.push((job.sequence, JobChange::Queued(Box::new(job.clone()))));
             }
-            if let Some(end) = job.state.end_sequence().filter(|end| *end > seen) {
+            if let Some(end) = job.state.end_sequence().filter(|end| missed.has(*end)) {
                 news.push((end, JobChange::Finished(Box::new(job))));
             }
         }
@@ -261,6 +261,7 @@ impl Events {
                 number = log.push(self.boot, &system, SystemChange::Job(id, what));
             }
         }
+        log.sequence = missed.up_to;
         drop(log);
         self.newest.send_replace(number);
     }
@@ -382,7 +383,9 @@ mod tests {
     fn the_database_is_told_in_its_order_and_once() {
         let events = Events::new(7, 10);
         let start = events.snapshot().0;
-        events.publish_news(vec![job(12, None), job(5, Some(11)), job(13, Some(14)), job(9, Some(10))]);
+        let missed = Missed { after: 10, up_to: 14 };
+        events
+            .publish_news(vec![job(12, None), job(5, Some(11)), job(13, Some(14)), job(9, Some(10))], missed);
         let handful = events.after(start, |_| true).unwrap();
         assert_eq!(
             told(&handful),
@@ -390,7 +393,7 @@ mod tests {
         );
         assert_eq!(handful.position, Position { boot: 7, number: 4, sequence: 14 });
         // The rows are read again with the next news; what was told stays told.
-        events.publish_news(vec![job(12, Some(15)), job(13, Some(14))]);
+        events.publish_news(vec![job(12, Some(15)), job(13, Some(14))], Missed { after: 14, up_to: 15 });
         assert_eq!(told(&events.after(handful.position, |_| true).unwrap()), [("finished", "job_12")]);
         assert_eq!(events.before("job_13").unwrap(), Position { boot: 7, number: 2, sequence: 12 });
         assert_eq!(events.before("job_5"), None);
@@ -401,7 +404,8 @@ mod tests {
         let events = Events::new(2, 0);
         let start = events.snapshot().0;
         let count = KEPT as i64 + 3;
-        events.publish_news((1..=count).map(|sequence| job(sequence, None)).collect());
+        let missed = Missed { after: 0, up_to: count };
+        events.publish_news((1..=count).map(|sequence| job(sequence, None)).collect(), missed);
         assert_eq!(events.after(start, |_| true), None);
         let oldest = Position { number: 3, ..start };
         let mut handful = events.after(oldest, |_| true).unwrap();

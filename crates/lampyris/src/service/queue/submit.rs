@@ -9,15 +9,23 @@ use crate::service::threads::blocking;
 use crate::service::work::input;
 use crate::store;
 use crate::store::batches::{BatchKind, NewBatch, Skipped, SubmittedBatch};
+use crate::store::entry::NewJob;
 use crate::store::idempotency::RequestKey;
 use crate::store::jobs::{JobKind, JobStatus, Origin, Priority};
-use crate::store::queue::{Cancelled, NewJob, Submitted};
+use crate::store::queue::{Cancelled, Submitted};
+use crate::store::reach::SystemScope;
 use crate::store::retry::Retried;
+use crate::store::systems::SystemRecord;
 use lampyris_core::data::{SplitRequest, SystemId};
 use lampyris_core::estimate::{EstimateRequest, tune};
 use lampyris_core::fault::{Fault, nearest};
 use lampyris_core::model::ModelId;
 use serde_json::{Map, Value};
+use std::collections::HashSet;
+use std::sync::Arc;
+
+/// Systems whose documents are read at once.
+const AT_ONCE: i64 = 1000;
 
 /// Submits a job for one system.
 ///
@@ -221,6 +229,7 @@ pub async fn batch(
         BatchKind::Diagnose => JobKind::Diagnose,
     };
     let settings = with_defaults(service, kind, &request.settings);
+    let measured = store::measured::systems(&service.store).await?;
     let mut batch = NewBatch {
         kind: request.kind,
         schedule: schedule.map(str::to_owned),
@@ -228,37 +237,70 @@ pub async fn batch(
         jobs: Vec::new(),
         skipped: Vec::new(),
     };
-    for record in store::systems::all(&service.store).await? {
-        let system = &record.system;
-        if !request.systems.iter().any(|pattern| pattern.matches(system)) {
-            continue;
-        }
-        let document = system::document(&record.document)?;
-        let Some(model) = document.model.clone() else { continue };
-        let mut skip = |why: String| batch.skipped.push(Skipped { system: system.clone(), why });
-        if kind == JobKind::Estimate && document.policy.mode == Mode::Observe {
-            skip("its policy is to observe only".to_owned());
-        } else if store::measured::extent(&service.store, system).await?.is_none() {
-            skip("there are no measurements".to_owned());
-        } else {
-            match request::complete(&settings, Some(&document)) {
-                // Only an estimate alters what is served.
-                Ok(request) => {
-                    batch.jobs.push(new_job(
-                        kind,
-                        system,
-                        model,
-                        kind != JobKind::Estimate,
-                        &request,
-                        origin,
-                        priority,
-                    )?);
-                }
-                Err(faults) => skip(faults.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ")),
+    let mut draft = Draft { kind, settings, origin, priority, measured, requests: HashSet::new() };
+    let mut after = String::new();
+    loop {
+        let page = store::systems::page(&service.store, &SystemScope::ALL, &after, AT_ONCE).await?;
+        let Some(last) = page.last() else { break };
+        after = last.system.to_string();
+        let chosen = |record: &SystemRecord| request.systems.iter().any(|one| one.matches(&record.system));
+        let records: Vec<SystemRecord> = page.into_iter().filter(chosen).collect();
+        // A night of a hundred thousand documents is read on no thread that answers.
+        let (back, drafted) = blocking(move || {
+            let drafted = records.iter().map(|record| draft.job(record)).collect::<Result<Vec<_>, _>>();
+            (draft, drafted)
+        })
+        .await?;
+        draft = back;
+        for drafted in drafted?.into_iter().flatten() {
+            match drafted {
+                Ok(job) => batch.jobs.push(job),
+                Err(skipped) => batch.skipped.push(skipped),
             }
         }
     }
     Ok(batch)
+}
+
+/// What the jobs of a batch have in common.
+struct Draft {
+    kind: JobKind,
+    settings: Map<String, Value>,
+    origin: Origin,
+    priority: Priority,
+    /// The systems of which something was measured.
+    measured: HashSet<String>,
+    /// Requests so far: a text that a thousand jobs share is kept once.
+    requests: HashSet<Arc<str>>,
+}
+
+impl Draft {
+    /// The job of a system, or why it has none; nothing for a system that has no model.
+    fn job(&mut self, record: &SystemRecord) -> Result<Option<Result<NewJob, Skipped>>, ServiceError> {
+        let (kind, system) = (self.kind, &record.system);
+        let document = system::document(&record.document)?;
+        let Some(model) = document.model.clone() else { return Ok(None) };
+        let skipped = |why: String| Ok(Some(Err(Skipped { system: system.clone(), why })));
+        if kind == JobKind::Estimate && document.policy.mode == Mode::Observe {
+            return skipped("its policy is to observe only".to_owned());
+        }
+        if !self.measured.contains(&system.to_string()) {
+            return skipped("there are no measurements".to_owned());
+        }
+        match request::complete(&self.settings, Some(&document)) {
+            // Only an estimate alters what is served.
+            Ok(request) => {
+                let experiment = kind != JobKind::Estimate;
+                let mut job = new_job(kind, system, model, experiment, &request, self.origin, self.priority)?;
+                match self.requests.get(&job.request) {
+                    Some(known) => job.request = known.clone(),
+                    None => drop(self.requests.insert(job.request.clone())),
+                }
+                Ok(Some(Ok(job)))
+            }
+            Err(faults) => skipped(faults.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ")),
+        }
+    }
 }
 
 /// Leaves out the systems of which nothing has been measured since the same question was answered: the same
@@ -267,8 +309,9 @@ pub async fn batch(
 /// # Errors
 /// Where the database fails.
 pub async fn leave_out_answered(service: &Service, batch: &mut NewBatch) -> Result<(), ServiceError> {
-    for job in std::mem::take(&mut batch.jobs) {
-        if store::batches::is_answered(&service.store, &job).await? {
+    let answered = store::batches::answered(&service.store, &batch.jobs).await?;
+    for (place, job) in std::mem::take(&mut batch.jobs).into_iter().enumerate() {
+        if answered.contains(&place) {
             let what = if job.kind == JobKind::Diagnose { "diagnosis" } else { "estimate" };
             batch.skipped.push(Skipped {
                 system: job.system,
@@ -323,7 +366,7 @@ fn new_job(
 ) -> Result<NewJob, ServiceError> {
     let request =
         serde_json::to_string(request).map_err(|error| ServiceError::Internal(error.to_string()))?;
-    Ok(NewJob { kind, system: system.clone(), model, request, experiment, origin, priority })
+    Ok(NewJob { kind, system: system.clone(), model, request: request.into(), experiment, origin, priority })
 }
 
 pub(in crate::service) async fn unknown_system(

@@ -1,7 +1,8 @@
 //! The snapshot behind `/params` and `/state`: finished bodies with their tags, swapped in after the commit.
 //! One task alone makes entries (`params`), so that an older one never comes last.
 //!
-//! A handler takes the body that is there: no SQL, no lock, no encoding.
+//! A handler takes the body that is there: no SQL, no lock, no encoding. The map of systems takes a new one
+//! without being copied, however many there are.
 
 use super::body::{Rendered, Status};
 use super::states::RenderedStates;
@@ -9,25 +10,25 @@ use crate::store::jobs::JobStatus;
 use arc_swap::ArcSwap;
 use jiff::Timestamp;
 use lampyris_core::data::SystemId;
+use papaya::HashMap;
 use serde::Serialize;
-use std::collections::HashMap;
 use std::sync::Arc;
 use tokio::sync::watch;
 
 /// What `/params` and `/state` serve, by the name of the system (`room/4`).
 #[derive(Debug, Default)]
 pub struct Snapshot {
-    slots: ArcSwap<HashMap<String, Arc<Slot>>>,
+    slots: Arc<HashMap<String, Arc<Slot>>>,
 }
 
-/// The systems that are there at a moment.
+/// The systems that are there.
 #[derive(Debug, Clone)]
 pub struct KnownSystems(Arc<HashMap<String, Arc<Slot>>>);
 
 impl KnownSystems {
     /// Whether a system of this name is among them.
     pub fn has(&self, system: &str) -> bool {
-        self.0.contains_key(system)
+        self.0.pin().contains_key(system)
     }
 }
 
@@ -93,38 +94,25 @@ pub enum Answer {
 impl Snapshot {
     /// The systems that are there now.
     pub fn known(&self) -> KnownSystems {
-        KnownSystems(self.slots.load_full())
+        KnownSystems(self.slots.clone())
     }
 
     /// The slot of a system, if there is such a system.
     pub fn slot(&self, system: &str) -> Option<Arc<Slot>> {
-        self.slots.load().get(system).cloned()
+        self.slots.pin().get(system).cloned()
     }
 
     /// The entry of a system, if there is such a system.
     pub fn entry(&self, system: &str) -> Option<Arc<Entry>> {
-        self.slots.load().get(system).map(|slot| slot.entry.load_full())
+        self.slots.pin().get(system).map(|slot| slot.entry.load_full())
     }
 
     /// All systems with their entries, by name.
     pub fn all(&self) -> Vec<(String, Arc<Entry>)> {
         let mut all: Vec<_> =
-            self.slots.load().iter().map(|(system, slot)| (system.clone(), slot.entry.load_full())).collect();
+            self.slots.pin().iter().map(|(system, slot)| (system.clone(), slot.entry.load_full())).collect();
         all.sort_by(|a, b| a.0.cmp(&b.0));
         all
-    }
-
-    /// The systems whose turn to `stale` has come, and when the next of the others comes.
-    pub(super) fn turning(&self, now: Timestamp) -> (Vec<String>, Option<Timestamp>) {
-        let (mut turned, mut next) = (Vec::new(), None::<Timestamp>);
-        for (system, slot) in self.slots.load().iter() {
-            match slot.entry.load().turns_stale {
-                Some(turn) if turn <= now => turned.push(system.clone()),
-                Some(turn) => next = Some(next.map_or(turn, |next| next.min(turn))),
-                None => {}
-            }
-        }
-        (turned, next)
     }
 
     /// Swaps an entry in, wakes those who wait for it if it is another one, and says in what. There is no
@@ -143,11 +131,7 @@ impl Snapshot {
             None => {
                 let slot =
                     Arc::new(Slot { entry: ArcSwap::from_pointee(entry), changed: watch::Sender::new(()) });
-                self.slots.rcu(|slots| {
-                    let mut more = HashMap::clone(slots);
-                    more.insert(name.clone(), slot.clone());
-                    more
-                });
+                self.slots.pin().insert(name, slot);
                 EntryNews::default()
             }
         }
@@ -156,12 +140,7 @@ impl Snapshot {
     /// Takes a system out that is no longer there. Whoever still waits for it finds nothing to use.
     pub(super) fn forget(&self, system: &SystemId) {
         let name = system.to_string();
-        if let Some(slot) = self.slot(&name) {
-            self.slots.rcu(|slots| {
-                let mut fewer = HashMap::clone(slots);
-                fewer.remove(&name);
-                fewer
-            });
+        if let Some(slot) = self.slots.pin().remove(&name) {
             let answer = Answer::NeverValidated { latest_job: None, nominal: None };
             slot.entry.store(Arc::new(Entry { answer, states: None, turns_stale: None }));
             slot.changed.send_replace(());

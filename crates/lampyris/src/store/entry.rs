@@ -1,0 +1,197 @@
+//! How jobs enter the queue, one or a hundred thousand: a few statements for all of them.
+
+use super::error::StoreError;
+use super::job::{JobKind, Origin, Priority};
+use super::sequence::{derive_id, next_of};
+use super::value::{millis, to_json};
+use jiff::Timestamp;
+use lampyris_core::data::SystemId;
+use lampyris_core::model::ModelId;
+use sqlx::{QueryBuilder, Sqlite, SqliteConnection};
+use std::collections::HashMap;
+use std::sync::Arc;
+
+/// Jobs that one statement writes.
+const AT_ONCE: usize = 500;
+
+/// A job to be submitted.
+#[derive(Debug, Clone, PartialEq)]
+pub struct NewJob {
+    /// What it does.
+    pub kind: JobKind,
+    /// To which system.
+    pub system: SystemId,
+    /// With which model.
+    pub model: ModelId,
+    /// The request with all defaults filled in, JSON. Most jobs of a night have the same.
+    pub request: Arc<str>,
+    /// Whether it never alters what is served.
+    pub experiment: bool,
+    /// Who asked.
+    pub origin: Origin,
+    /// Who goes first.
+    pub priority: Priority,
+}
+
+impl NewJob {
+    /// Equal jobs have equal fingerprints, whoever asked.
+    pub(super) fn fingerprint(&self) -> String {
+        let text = format!(
+            "{} {} {} {} {}",
+            self.kind.as_str(),
+            self.system,
+            self.model,
+            self.experiment,
+            self.request
+        );
+        blake3::hash(text.as_bytes()).to_hex().to_string()
+    }
+}
+
+/// Why a job was not taken.
+#[derive(Debug)]
+pub enum SubmitError {
+    /// The database failed.
+    Store(StoreError),
+    /// So many jobs wait already, in a sentence.
+    QueueFull(String),
+    /// The idempotency key belongs to another request.
+    KeyReused,
+}
+
+impl<E: Into<StoreError>> From<E> for SubmitError {
+    fn from(error: E) -> Self {
+        SubmitError::Store(error.into())
+    }
+}
+
+/// A job that waits now.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct Entered {
+    /// Its id.
+    pub id: String,
+    /// Whether it is new; otherwise an equal one waited already.
+    pub is_new: bool,
+}
+
+/// A job that is to wait, with its place.
+struct Place<'a> {
+    job: &'a NewJob,
+    fingerprint: &'a str,
+    id: String,
+    sequence: i64,
+    turn: i64,
+}
+
+/// Takes jobs into the queue inside a transaction, all or none, and says what waits for each, in their order.
+/// An equal job that waits is moved up where the new one is more urgent.
+pub(super) async fn enter(
+    tx: &mut SqliteConnection,
+    jobs: &[NewJob],
+    limit: i64,
+    now: Timestamp,
+) -> Result<Vec<Entered>, SubmitError> {
+    let fingerprints: Vec<String> = jobs.iter().map(NewJob::fingerprint).collect();
+    let mut waiting = waiting(tx, &fingerprints).await?;
+    let mut turns = Turns::read(tx, jobs).await?;
+    let new = fingerprints.iter().filter(|fingerprint| !waiting.contains_key(*fingerprint)).count() as i64;
+    let queued: i64 =
+        sqlx::query_scalar("SELECT COUNT(*) FROM jobs WHERE state = 'queued'").fetch_one(&mut *tx).await?;
+    if new > 0 && queued + new > limit {
+        return Err(SubmitError::QueueFull(format!("{limit} jobs wait already")));
+    }
+    let mut sequence = next_of(tx, "sequence", new).await?;
+    let (mut entered, mut places) = (Vec::with_capacity(jobs.len()), Vec::new());
+    for (job, fingerprint) in jobs.iter().zip(&fingerprints) {
+        if let Some((id, rank)) = waiting.get_mut(fingerprint) {
+            if job.priority.rank() < *rank {
+                *rank = job.priority.rank();
+                sqlx::query("UPDATE jobs SET priority = $2, turn = $3 WHERE id = $1")
+                    .bind(id.as_str())
+                    .bind(*rank)
+                    .bind(turns.take(job))
+                    .execute(&mut *tx)
+                    .await?;
+            }
+            entered.push(Entered { id: id.clone(), is_new: false });
+            continue;
+        }
+        let id = derive_id("job", sequence, now);
+        waiting.insert(fingerprint.clone(), (id.clone(), job.priority.rank()));
+        entered.push(Entered { id: id.clone(), is_new: true });
+        places.push(Place { job, fingerprint, id, sequence, turn: turns.take(job) });
+        sequence += 1;
+    }
+    for places in places.chunks(AT_ONCE) {
+        insert(tx, places, now).await?;
+    }
+    Ok(entered)
+}
+
+async fn insert(tx: &mut SqliteConnection, places: &[Place<'_>], now: Timestamp) -> Result<(), StoreError> {
+    let mut query = QueryBuilder::<Sqlite>::new(
+        "INSERT INTO jobs (id, sequence, kind, system, model, request, fingerprint, experiment, origin, \
+        priority, turn, state, created_at) ",
+    );
+    query.push_values(places, |mut row, Place { job, fingerprint, id, sequence, turn }| {
+        row.push_bind(id)
+            .push_bind(sequence)
+            .push_bind(job.kind.as_str())
+            .push_bind(job.system.to_string())
+            .push_bind(job.model.to_string())
+            .push_bind(&*job.request)
+            .push_bind(fingerprint)
+            .push_bind(job.experiment)
+            .push_bind(job.origin.as_str())
+            .push_bind(job.priority.rank())
+            .push_bind(turn)
+            .push("'queued'")
+            .push_bind(millis(now));
+    });
+    query.build().execute(tx).await?;
+    Ok(())
+}
+
+/// The equal jobs that wait, by their fingerprint, with their id and their rank.
+async fn waiting(
+    tx: &mut SqliteConnection,
+    fingerprints: &[String],
+) -> Result<HashMap<String, (String, i64)>, StoreError> {
+    let sql = "SELECT fingerprint, id, priority FROM jobs WHERE state = 'queued' AND NOT requeued AND \
+        fingerprint IN (SELECT value FROM json_each($1))";
+    let rows: Vec<(String, String, i64)> =
+        sqlx::query_as(sql).bind(to_json("fingerprints", fingerprints)?).fetch_all(tx).await?;
+    Ok(rows.into_iter().map(|(fingerprint, id, rank)| (fingerprint, (id, rank))).collect())
+}
+
+/// The places in a fair queue: behind the system's own jobs, but not before the round that is being served. A
+/// system with one job thus waits for one job of every other system, however many those have.
+struct Turns {
+    /// The first free turn, by system and rank.
+    free: HashMap<(String, i64), i64>,
+    /// The round that is being served, by rank.
+    rounds: HashMap<i64, i64>,
+}
+
+impl Turns {
+    async fn read(tx: &mut SqliteConnection, jobs: &[NewJob]) -> Result<Self, StoreError> {
+        let systems: Vec<String> = jobs.iter().map(|job| job.system.to_string()).collect();
+        let sql = "SELECT system, priority, MAX(turn) FROM jobs WHERE state = 'queued' AND system IN (SELECT \
+            value FROM json_each($1)) GROUP BY system, priority";
+        let own: Vec<(String, i64, i64)> =
+            sqlx::query_as(sql).bind(to_json("systems", &systems)?).fetch_all(&mut *tx).await?;
+        let sql = "SELECT priority, MIN(turn) FROM jobs WHERE state = 'queued' GROUP BY priority";
+        let rounds: Vec<(i64, i64)> = sqlx::query_as(sql).fetch_all(tx).await?;
+        let free = own.into_iter().map(|(system, rank, turn)| ((system, rank), turn + 1)).collect();
+        Ok(Self { free, rounds: rounds.into_iter().collect() })
+    }
+
+    fn take(&mut self, job: &NewJob) -> i64 {
+        let rank = job.priority.rank();
+        let round = self.rounds.get(&rank).copied().unwrap_or(0);
+        let free = self.free.entry((job.system.to_string(), rank)).or_insert(0);
+        let turn = (*free).max(round);
+        *free = turn + 1;
+        turn
+    }
+}
