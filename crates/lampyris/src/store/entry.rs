@@ -8,7 +8,7 @@ use jiff::Timestamp;
 use lampyris_core::data::SystemId;
 use lampyris_core::model::ModelId;
 use sqlx::{QueryBuilder, Sqlite, SqliteConnection};
-use std::collections::HashMap;
+use std::collections::{BTreeSet, HashMap};
 use std::sync::Arc;
 
 /// Jobs that one statement writes.
@@ -93,7 +93,8 @@ pub(super) async fn enter(
 ) -> Result<Vec<Entered>, SubmitError> {
     let fingerprints: Vec<String> = jobs.iter().map(NewJob::fingerprint).collect();
     let mut waiting = waiting(tx, &fingerprints).await?;
-    let mut turns = Turns::read(tx, jobs).await?;
+    let tenants = tenants(tx, jobs).await?;
+    let mut turns = Turns::read(tx, jobs, &tenants).await?;
     let new = fingerprints.iter().filter(|fingerprint| !waiting.contains_key(*fingerprint)).count() as i64;
     let queued: i64 =
         sqlx::query_scalar("SELECT COUNT(*) FROM jobs WHERE state = 'queued'").fetch_one(&mut *tx).await?;
@@ -109,7 +110,7 @@ pub(super) async fn enter(
                 sqlx::query("UPDATE jobs SET priority = $2, turn = $3 WHERE id = $1")
                     .bind(id.as_str())
                     .bind(*rank)
-                    .bind(turns.take(job))
+                    .bind(turns.take(job, tenants.of(&job.system)))
                     .execute(&mut *tx)
                     .await?;
             }
@@ -119,19 +120,24 @@ pub(super) async fn enter(
         let id = derive_id("job", sequence, now);
         waiting.insert(fingerprint.clone(), (id.clone(), job.priority.rank()));
         entered.push(Entered { id: id.clone(), is_new: true });
-        places.push(Place { job, fingerprint, id, sequence, turn: turns.take(job) });
+        places.push(Place { job, fingerprint, id, sequence, turn: turns.take(job, tenants.of(&job.system)) });
         sequence += 1;
     }
     for places in places.chunks(AT_ONCE) {
-        insert(tx, places, now).await?;
+        insert(tx, places, &tenants, now).await?;
     }
     Ok(entered)
 }
 
-async fn insert(tx: &mut SqliteConnection, places: &[Place<'_>], now: Timestamp) -> Result<(), StoreError> {
+async fn insert(
+    tx: &mut SqliteConnection,
+    places: &[Place<'_>],
+    tenants: &Tenants,
+    now: Timestamp,
+) -> Result<(), StoreError> {
     let mut query = QueryBuilder::<Sqlite>::new(
         "INSERT INTO jobs (id, sequence, kind, system, model, request, fingerprint, experiment, origin, \
-        priority, turn, state, created_at) ",
+        priority, turn, state, created_at, tenant) ",
     );
     query.push_values(places, |mut row, Place { job, fingerprint, id, sequence, turn }| {
         row.push_bind(id)
@@ -146,7 +152,8 @@ async fn insert(tx: &mut SqliteConnection, places: &[Place<'_>], now: Timestamp)
             .push_bind(job.priority.rank())
             .push_bind(turn)
             .push("'queued'")
-            .push_bind(millis(now));
+            .push_bind(millis(now))
+            .push_bind(tenants.of(&job.system));
     });
     query.build().execute(tx).await?;
     Ok(())
@@ -164,31 +171,65 @@ async fn waiting(
     Ok(rows.into_iter().map(|(fingerprint, id, rank)| (fingerprint, (id, rank))).collect())
 }
 
-/// The places in a fair queue: behind the system's own jobs, but not before the round that is being served. A
-/// system with one job thus waits for one job of every other system, however many those have.
+/// Whose the systems of some jobs are.
+struct Tenants(HashMap<String, String>);
+
+impl Tenants {
+    fn of(&self, system: &SystemId) -> &str {
+        self.0.get(&system.to_string()).map_or("", String::as_str)
+    }
+}
+
+/// Reads them, and has each take turns from now on.
+async fn tenants(tx: &mut SqliteConnection, jobs: &[NewJob]) -> Result<Tenants, StoreError> {
+    let systems: Vec<String> = jobs.iter().map(|job| job.system.to_string()).collect();
+    let sql = "SELECT system, tenant FROM systems WHERE system IN (SELECT value FROM json_each($1))";
+    let rows: Vec<(String, String)> =
+        sqlx::query_as(sql).bind(to_json("systems", &systems)?).fetch_all(&mut *tx).await?;
+    let names: BTreeSet<&String> = rows.iter().map(|(_, tenant)| tenant).collect();
+    for name in names {
+        sqlx::query("INSERT INTO tenants (tenant, started, ended) VALUES ($1, 0, 0) ON CONFLICT DO NOTHING")
+            .bind(name)
+            .execute(&mut *tx)
+            .await?;
+    }
+    Ok(Tenants(rows.into_iter().collect()))
+}
+
+/// The places in the queue of a tenant: behind the system's own jobs, but not before the round that is being
+/// served. A system with one job thus waits for one job of every other system, however many those have.
 struct Turns {
     /// The first free turn, by system and rank.
     free: HashMap<(String, i64), i64>,
-    /// The round that is being served, by rank.
-    rounds: HashMap<i64, i64>,
+    /// The round that is being served, by tenant and rank.
+    rounds: HashMap<(String, i64), i64>,
 }
 
 impl Turns {
-    async fn read(tx: &mut SqliteConnection, jobs: &[NewJob]) -> Result<Self, StoreError> {
+    async fn read(tx: &mut SqliteConnection, jobs: &[NewJob], tenants: &Tenants) -> Result<Self, StoreError> {
         let systems: Vec<String> = jobs.iter().map(|job| job.system.to_string()).collect();
         let sql = "SELECT system, priority, MAX(turn) FROM jobs WHERE state = 'queued' AND system IN (SELECT \
             value FROM json_each($1)) GROUP BY system, priority";
         let own: Vec<(String, i64, i64)> =
             sqlx::query_as(sql).bind(to_json("systems", &systems)?).fetch_all(&mut *tx).await?;
-        let sql = "SELECT priority, MIN(turn) FROM jobs WHERE state = 'queued' GROUP BY priority";
-        let rounds: Vec<(i64, i64)> = sqlx::query_as(sql).fetch_all(tx).await?;
         let free = own.into_iter().map(|(system, rank, turn)| ((system, rank), turn + 1)).collect();
-        Ok(Self { free, rounds: rounds.into_iter().collect() })
+        let mut rounds: HashMap<(String, i64), i64> = HashMap::new();
+        for job in jobs {
+            let (tenant, rank) = (tenants.of(&job.system), job.priority.rank());
+            if rounds.contains_key(&(tenant.to_owned(), rank)) {
+                continue;
+            }
+            let sql = "SELECT MIN(turn) FROM jobs WHERE state = 'queued' AND tenant = $1 AND priority = $2";
+            let round: Option<i64> =
+                sqlx::query_scalar(sql).bind(tenant).bind(rank).fetch_one(&mut *tx).await?;
+            rounds.insert((tenant.to_owned(), rank), round.unwrap_or(0));
+        }
+        Ok(Self { free, rounds })
     }
 
-    fn take(&mut self, job: &NewJob) -> i64 {
+    fn take(&mut self, job: &NewJob, tenant: &str) -> i64 {
         let rank = job.priority.rank();
-        let round = self.rounds.get(&rank).copied().unwrap_or(0);
+        let round = self.rounds.get(&(tenant.to_owned(), rank)).copied().unwrap_or(0);
         let free = self.free.entry((job.system.to_string(), rank)).or_insert(0);
         let turn = (*free).max(round);
         *free = turn + 1;

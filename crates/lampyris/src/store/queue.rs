@@ -94,16 +94,25 @@ pub(super) async fn submit_in(
 
 const CLAIM: &str = "UPDATE jobs SET state = 'running', boot = $1, attempt = attempt + 1, started_at = $2 \
     WHERE id = ( \
-    SELECT j.id FROM jobs j WHERE j.state = 'queued' \
+    SELECT next FROM ( \
+    SELECT t.ended, t.tenant, ( \
+    SELECT j.id FROM jobs j WHERE j.state = 'queued' AND j.tenant = t.tenant \
     AND NOT EXISTS (SELECT 1 FROM jobs r WHERE r.state = 'running' AND r.system = j.system) \
-    ORDER BY j.priority, j.turn, j.sequence LIMIT 1) \
+    ORDER BY j.priority, j.turn, j.sequence LIMIT 1) AS next FROM tenants t) turns \
+    WHERE next IS NOT NULL ORDER BY ended, tenant LIMIT 1) \
     AND NOT EXISTS (SELECT 1 FROM jobs r WHERE r.state = 'running' AND r.boot = $1 AND (r.attempt >= $3 OR \
     jobs.attempt + 1 >= $3)) \
     RETURNING *";
 
-/// Claims the next job, and counts the attempt. Two jobs of one system never run at once: both would be
-/// judged against the same incumbent. The last attempt of a job is made alone in its process: the jobs that
-/// ran beside it when that went down were charged as well, and none may fail for good because of another.
+/// The turn of the tenant whose job was claimed is over.
+const SERVED: &str = "UPDATE tenants SET started = MAX(ended, (SELECT MAX(started) FROM tenants)), \
+    ended = 1 + MAX(ended, (SELECT MAX(started) FROM tenants)) \
+    WHERE tenant = (SELECT tenant FROM jobs WHERE id = $1)";
+
+/// Claims the next job of the tenant whose turn it is, and counts the attempt. Two jobs of one system never
+/// run at once: both would be judged against the same incumbent. The last attempt of a job is made alone in
+/// its process: the jobs that ran beside it when that went down were charged as well, and none may fail for
+/// good because of another.
 ///
 /// # Errors
 /// Where the database fails.
@@ -119,8 +128,23 @@ pub async fn claim(store: &Store, boot: i64, now: Timestamp) -> Result<Option<Jo
         tx.take_back().await?;
         return Ok(None);
     };
+    let job = row.record()?;
+    sqlx::query(SERVED).bind(&job.id).execute(&mut *tx).await?;
     tx.commit().await?;
-    row.record().map(Some)
+    Ok(Some(job))
+}
+
+/// Forgets tenants that have nothing to do, and no turn that would count against them when they are back.
+///
+/// # Errors
+/// Where the database fails.
+pub async fn forget_tenants(store: &Store) -> Result<(), StoreError> {
+    let sql = "DELETE FROM tenants WHERE ended <= (SELECT MAX(started) FROM tenants) \
+        AND NOT EXISTS (SELECT 1 FROM jobs j WHERE j.state = 'queued' AND j.tenant = tenants.tenant) \
+        AND NOT EXISTS (SELECT 1 FROM jobs j WHERE j.state = 'running' AND j.tenant = tenants.tenant)";
+    let mut tx = store.write().await?;
+    sqlx::query(sql).execute(&mut *tx).await?;
+    tx.commit().await
 }
 
 /// Gives a job back without charging the attempt, because the service stops and not the job.
@@ -229,19 +253,78 @@ pub async fn cancel(store: &Store, id: &str, now: Timestamp) -> Result<Option<Ca
 
 #[cfg(test)]
 mod tests {
-    use super::CLAIM;
+    use super::*;
+    use crate::store::entry::NewJob;
+    use crate::store::job::{JobKind, Origin, Priority};
     use crate::store::schema::MIGRATIONS;
+    use crate::store::systems;
+    use lampyris_core::data::SystemId;
     use sqlx::sqlite::SqliteConnectOptions;
-    use sqlx::{AssertSqlSafe, ConnectOptions, Row};
+    use sqlx::{AssertSqlSafe, ConnectOptions, Row as _};
+    use std::collections::BTreeMap;
 
     #[tokio::test]
-    async fn a_claim_reads_one_waiting_job_however_many_there_are() {
+    async fn a_claim_reads_one_waiting_job_of_a_tenant_however_many_there_are() {
         let mut connection = SqliteConnectOptions::new().in_memory(true).connect().await.unwrap();
         MIGRATIONS.run_direct(None, &mut connection, false).await.unwrap();
         let explained = AssertSqlSafe(format!("EXPLAIN QUERY PLAN {CLAIM}"));
         let plan = sqlx::query(explained).fetch_all(&mut connection).await.unwrap();
         let plan: Vec<String> = plan.iter().map(|row| row.get("detail")).collect();
-        assert!(plan.iter().any(|step| step.contains("jobs_waiting")), "{plan:#?}");
+        let asked = |step: &str| plan.iter().any(|known| known.starts_with(step));
+        assert!(asked("SEARCH j USING INDEX jobs_waiting (tenant=?)"), "{plan:#?}");
+        assert!(asked("SCAN t USING COVERING INDEX tenants_in_turn"), "{plan:#?}");
         assert!(!plan.iter().any(|step| step.contains("TEMP B-TREE")), "{plan:#?}");
+    }
+
+    /// A store in which these tenants submit so many jobs each, of as many rooms, one tenant after another;
+    /// everything that waits is then claimed. Gives the tenants in the order of their claims.
+    async fn claimed(crowds: &[(&str, usize, Priority)]) -> Vec<String> {
+        let folder = tempfile::tempdir().unwrap();
+        let store = Store::open(&folder.path().join("turns.db"), None).await.unwrap();
+        let (now, model) = (Timestamp::UNIX_EPOCH, "rc1".parse().unwrap());
+        let mut of = BTreeMap::new();
+        for (tenant, rooms, priority) in crowds {
+            let mut jobs = Vec::new();
+            for room in 0..*rooms {
+                let system: SystemId = format!("room/{tenant}-{room}").parse().unwrap();
+                let by = ("test", None, now);
+                systems::put(&store, &system, (Some(&model), tenant), "{}", by, |_| true).await.unwrap();
+                of.insert(system.clone(), (*tenant).to_owned());
+                jobs.push(NewJob {
+                    kind: JobKind::Estimate,
+                    system,
+                    model: model.clone(),
+                    request: "{}".into(),
+                    experiment: false,
+                    origin: Origin::Posted,
+                    priority: *priority,
+                });
+            }
+            let mut tx = store.write().await.unwrap();
+            enter(&mut tx, &jobs, 1_000_000, now).await.unwrap();
+            tx.commit().await.unwrap();
+        }
+        let mut order = Vec::new();
+        while let Some(job) = claim(&store, 1, now).await.unwrap() {
+            order.push(of[&job.system].clone());
+        }
+        assert_eq!(order.len(), of.len());
+        order
+    }
+
+    #[tokio::test]
+    async fn ten_equal_tenants_get_equal_shares_whoever_came_first() {
+        let names: Vec<String> = (0..10).map(|tenant| format!("t{tenant}")).collect();
+        let crowds: Vec<_> = names.iter().map(|name| (name.as_str(), 20, Priority::Operator)).collect();
+        let order = claimed(&crowds).await;
+        let share = |name: &String| order[..100].iter().filter(|tenant| *tenant == name).count();
+        assert!(names.iter().all(|name| share(name) == 10), "{order:?}");
+    }
+
+    #[tokio::test]
+    async fn a_tenant_of_few_jobs_waits_for_one_of_a_tenant_of_many() {
+        let order = claimed(&[("many", 200, Priority::Nightly), ("few", 10, Priority::Interactive)]).await;
+        let places: Vec<usize> = (0..order.len()).filter(|place| order[*place] == "few").collect();
+        assert!(places.iter().enumerate().all(|(nth, place)| *place <= 2 * nth + 1), "{places:?}");
     }
 }

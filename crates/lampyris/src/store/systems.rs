@@ -119,15 +119,15 @@ impl Row {
     }
 }
 
-/// Makes a system or replaces its document, where what is there (`None` without any) allows it; who does it,
-/// and why, is noted.
+/// Makes a system or replaces its document, with the model and the tenant that this names, where what is
+/// there (`None` without any) allows it; who does it, and why, is noted.
 ///
 /// # Errors
 /// Where the database fails.
 pub async fn put(
     store: &Store,
     system: &SystemId,
-    model: Option<&ModelId>,
+    (model, tenant): (Option<&ModelId>, &str),
     document: &str,
     (who, reason, now): (&str, Option<&str>, Timestamp),
     allows: impl FnOnce(Option<&str>) -> bool,
@@ -140,12 +140,14 @@ pub async fn put(
     if !allows(known.as_deref()) {
         return Ok(SystemPut::Refused { is_there: known.is_some() });
     }
-    let sql = "INSERT INTO systems (system, model, document, created_at, updated_at) VALUES ($1, $2, $3, $4, $4) \
-        ON CONFLICT (system) DO UPDATE SET model = excluded.model, document = excluded.document, updated_at \
-        = excluded.updated_at";
+    let sql = "INSERT INTO systems (system, model, tenant, document, created_at, updated_at) \
+        VALUES ($1, $2, $3, $4, $5, $5) \
+        ON CONFLICT (system) DO UPDATE SET model = excluded.model, tenant = excluded.tenant, \
+        document = excluded.document, updated_at = excluded.updated_at";
     sqlx::query(sql)
         .bind(system.to_string())
         .bind(model.map_or_else(|| NO_MODEL.to_owned(), ToString::to_string))
+        .bind(tenant)
         .bind(document)
         .bind(millis(now))
         .execute(&mut *tx)

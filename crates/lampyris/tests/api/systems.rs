@@ -118,6 +118,7 @@ fn every_field_of_a_document_is_kept_and_counts() {
         "channels": {"T_room": "T_indoor"}, "neighbours": ["room/2"],
         "policy": {"mode": "suggest", "stale_after": "P2D", "horizon": "PT12H", "refit_when_degraded": false},
         "prior": "log_normal",
+        "tenant": "north-estate",
         "exclude": [{
             "from": "2026-01-05T00:00:00Z", "to": "2026-01-07T00:00:00+01:00",
             "reason": "windows were cleaned"
@@ -140,7 +141,7 @@ fn every_field_of_a_document_is_kept_and_counts() {
     );
 
     let bad = json!({"model": "rc2", "label": "x".repeat(201), "channels": {"T_room": " ", "": "x"}, "prior": "normal", "policy": {"mode": "manual", "horizon": "P0D"},
-        "exclude": [{"from": "2026-01-05", "to": "later"}], "owner": "me"});
+        "exclude": [{"from": "2026-01-05", "to": "later"}], "owner": "me", "tenant": "a b"});
     let problem = app.json("PUT", "/systems/room/1", &bad).problem(422, "invalid-request");
     let mut pointers: Vec<&str> = problem["errors"]
         .as_array()
@@ -159,6 +160,7 @@ fn every_field_of_a_document_is_kept_and_counts() {
         "/policy/horizon",
         "/policy/mode",
         "/prior",
+        "/tenant",
     ];
     assert_eq!(pointers, expected, "{problem}");
 }

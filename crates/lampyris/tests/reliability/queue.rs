@@ -219,6 +219,33 @@ fn a_room_with_one_job_waits_for_no_crowd_of_another() {
 }
 
 #[test]
+fn a_tenant_of_few_jobs_waits_for_no_crowd_of_another() {
+    let crowd: usize = if full() { 2_000 } else { 40 };
+    let dir = tempfile::tempdir().unwrap();
+    let rooms: Vec<String> = (0..crowd).map(|room| format!("many-{room}")).collect();
+    let (service, blockers) = blocked(&dir.path().join("tenants.db"), (10_000, 10), &rooms);
+    let client = &service.client;
+    let few: Vec<String> = (0..5).map(|room| format!("few-{room}")).collect();
+    for room in &few {
+        let document = json!({"model": "rc1", "tenant": "few"});
+        client.json("PUT", &format!("/systems/room/{room}"), &document).expect(201);
+        client.csv(&format!("/systems/room/{room}/windows"), &room_csv(1, 4)).expect(201);
+    }
+    rooms.iter().for_each(|room| drop(client.json("POST", "/jobs", &small(room, 0)).expect(202)));
+    let own: Vec<String> = few.iter().map(|room| client.post_job(&small(room, 0))).collect();
+    release(client, &blockers);
+    let last = own.iter().map(|job| started(&client.ended(job))).max().unwrap();
+    let (done, _) = jobs(client, "&state=succeeded");
+    let before = done
+        .iter()
+        .filter(|job| started(job) < last && job["system"].as_str().unwrap().contains("many"))
+        .count();
+    // Both workers begin with one of either; then they take turns.
+    assert!(before <= few.len() + 2, "{before} jobs of the crowd went before the fifth of the few");
+    println!("Q-8: {before} of {crowd} jobs of the other tenant went before the last of {}", few.len());
+}
+
+#[test]
 fn an_idle_worker_hears_of_a_job_while_another_works() {
     let dir = tempfile::tempdir().unwrap();
     let service = Process::start_with(&dir.path().join("idle.db"), &[("LAMPYRIS_WORKERS", "2")]);

@@ -18,6 +18,8 @@ use utoipa::ToSchema;
 
 /// The longest name for people.
 const LONGEST_LABEL: usize = 200;
+/// Most letters of the name of a tenant.
+const LONGEST_TENANT: usize = 64;
 
 /// The set whose members are the neighbours of a room.
 pub const NEIGHBOURS: &str = "neighbours";
@@ -30,6 +32,11 @@ pub struct SystemDocument {
     /// A name for people.
     #[serde(default)]
     pub label: String,
+    /// Whose it is, where several share a service: tenants take turns in the queue, a job of one after a job
+    /// of the other, however many each has. 1 to 64 letters, digits, `_` and `-`.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    #[schema(max_length = 64, pattern = "^[A-Za-z0-9_-]*$", example = "north-estate")]
+    pub tenant: String,
     /// Where it is, for the position of the sun.
     #[serde(default)]
     pub location: Option<Location>,
@@ -281,6 +288,11 @@ impl SystemDocument {
                     .suggest("such as `Europe/Copenhagen`"),
                 );
             }
+        }
+        let in_name = |byte: u8| byte.is_ascii_alphanumeric() || byte == b'_' || byte == b'-';
+        if self.tenant.len() > LONGEST_TENANT || !self.tenant.bytes().all(in_name) {
+            let detail = format!("a tenant is 1 to {LONGEST_TENANT} letters, digits, `_` and `-`");
+            faults.push(Fault::new("/tenant", "invalid-name", detail));
         }
         if self.label.chars().count() > LONGEST_LABEL {
             faults.push(Fault::new(

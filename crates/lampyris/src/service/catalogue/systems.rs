@@ -46,7 +46,8 @@ pub async fn put(
         document.policy.checks.iter().map(|(rule, reason)| format!("{rule} waived: {reason}")).collect();
     let why = (!waived.is_empty()).then(|| waived.join("; "));
     let by = (who, why.as_deref(), service.now());
-    let put = store::systems::put(&service.store, system, document.model.as_ref(), &text, by, |known| {
+    let own = (document.model.as_ref(), document.tenant.as_str());
+    let put = store::systems::put(&service.store, system, own, &text, by, |known| {
         match known.map(self::document).transpose() {
             Ok(known) => allows(known.as_ref()),
             // What nobody can read any more may be replaced.

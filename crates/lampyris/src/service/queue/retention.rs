@@ -52,6 +52,7 @@ pub async fn forget(service: &Service, now: Timestamp) -> Result<Forgotten, Serv
     store::uploads::forget_aliases(&service.store, before).await?;
     store::said::forget_old(&service.store, now).await?;
     store::idempotency::forget_old(&service.store, now).await?;
+    store::queue::forget_tenants(&service.store).await?;
     if forgotten != Forgotten::default() {
         tracing::info!(
             jobs = forgotten.jobs,
