@@ -24,6 +24,7 @@ use crate::simulate::Trajectory;
 use indexmap::IndexMap;
 use nalgebra::{DMatrix, DVector, Dyn, SVD};
 use sensitivity::{Block, Sensitivity, places};
+use starts::Starts;
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
 /// Correlations above this are reported.
@@ -56,12 +57,13 @@ pub fn uncertainty(problem: &Problem, theta: &[f64]) -> Uncertainty {
     let none = Uncertainty { ci95: vec![None; space.len()], evaluations, ..Uncertainty::default() };
     let Some(sensitivity) = Sensitivity::new(problem, theta) else { return none };
     let (centre, rows) = (problem.candidate(theta), sensitivity.jacobian.nrows());
-    let starts = starts::of(problem, theta, &sensitivity).map(|found| found.as_they_are).unwrap_or_default();
+    let starts = starts::of(problem, theta, &sensitivity);
     let Some(cube) =
-        singular(sensitivity.jacobian.clone()).and_then(|svd| cube(problem, theta, svd, &sensitivity))
+        singular(sensitivity.jacobian.clone()).and_then(|svd| cube(svd, &sensitivity, starts.as_ref()))
     else {
         return none;
     };
+    let starts = starts.map(|found| found.as_they_are).unwrap_or_default();
     let freedom = (rows - space.len()) as f64;
     let quantile = StudentsT::new(0.0, 1.0, freedom).map_or(1.96, |t| t.inverse_cdf(0.975));
     let deviation = |i: usize| cube[(i, i)].max(0.0).sqrt();
@@ -107,15 +109,10 @@ pub(in crate::estimate) fn simulations(problem: &Problem) -> usize {
 
 /// The covariance of the estimates in the coordinates of the search: what the errors leave open where the
 /// starts are known, and what the starts do.
-fn cube(
-    problem: &Problem,
-    theta: &[f64],
-    svd: SVD<f64, Dyn, Dyn>,
-    sensitivity: &Sensitivity,
-) -> Option<DMatrix<f64>> {
+fn cube(svd: SVD<f64, Dyn, Dyn>, sensitivity: &Sensitivity, starts: Option<&Starts>) -> Option<DMatrix<f64>> {
     let least = LEAST * svd.singular_values.iter().copied().fold(0.0, f64::max);
-    let carried = match starts::of(problem, theta, sensitivity) {
-        Some(starts) => Some((svd.solve(&sensitivity.to_starts, least).ok()?, starts.covariance)),
+    let carried = match starts {
+        Some(starts) => Some((svd.solve(&sensitivity.to_starts, least).ok()?, &starts.covariance)),
         None => None,
     };
     let cube = sandwich(svd, &sensitivity.blocks)?;
@@ -136,7 +133,7 @@ pub fn shift(problem: &Problem, theta: &[f64], other: &Trajectory) -> Option<f64
     let svd = singular(sensitivity.jacobian.clone())?;
     let least = LEAST * svd.singular_values.iter().copied().fold(0.0, f64::max);
     let moved = svd.solve(&change, least).ok()?;
-    let cube = cube(problem, theta, svd, &sensitivity)?;
+    let cube = cube(svd, &sensitivity, starts::of(problem, theta, &sensitivity).as_ref())?;
     let deviations = |(i, moved): (usize, &f64)| moved.abs() / cube[(i, i)].max(f64::MIN_POSITIVE).sqrt();
     moved.iter().enumerate().map(deviations).max_by(f64::total_cmp)
 }
