@@ -93,13 +93,33 @@ const HEAD: [&str; 13] = [
     "accused of other days at .001, .01, .05",
 ];
 
+// A comment of the documentation would become the text of the command that has these options.
 #[derive(Debug, clap::Args)]
-pub struct Arguments {
+struct MeasuredRooms {
     /// The folder of measured rooms.
     #[arg(long, value_name = "FOLDER", default_value = "../shared/data/rooms")]
     data: PathBuf,
     #[command(flatten)]
     only: Only,
+}
+
+impl MeasuredRooms {
+    fn rooms(&self) -> impl Iterator<Item = &'static Room> {
+        ROOMS.iter().filter(|room| self.only.only.as_deref().is_none_or(|only| room.name.contains(only)))
+    }
+
+    /// All that was measured in a room.
+    fn window(&self, room: &Room) -> Result<Window, Failure> {
+        let bindings = ColumnBindings::parse(room.binds.iter().copied()).map_err(|found| faults(&found))?;
+        let text = read(&self.data.join(room.file))?;
+        Ok(Window::parse_csv(&text, &bindings).map_err(|found| faults(&found))?.0)
+    }
+}
+
+#[derive(Debug, clap::Args)]
+pub struct Arguments {
+    #[command(flatten)]
+    measured: MeasuredRooms,
     #[command(flatten)]
     each: Each,
     #[command(flatten)]
@@ -109,13 +129,10 @@ pub struct Arguments {
 /// Diagnoses every window of every room below a folder: the figures, and a line for every window, on a page
 /// where asked to.
 pub fn run(asked: &Arguments) -> Result<(Vec<Row>, Table), Failure> {
-    let (folder, only, each, html) =
-        (&asked.data, asked.only.only.as_deref(), asked.each.each, asked.html.html.as_deref());
+    let (each, html) = (asked.each.each, asked.html.html.as_deref());
     let mut judged = Vec::new();
-    for room in ROOMS.iter().filter(|room| only.is_none_or(|only| room.name.contains(only))) {
-        let bindings = ColumnBindings::parse(room.binds.iter().copied()).map_err(|found| faults(&found))?;
-        let (window, _) =
-            Window::parse_csv(&read(&folder.join(room.file))?, &bindings).map_err(|found| faults(&found))?;
+    for room in asked.measured.rooms() {
+        let window = asked.measured.window(room)?;
         for part in parts(room, &window) {
             judged.push(judge(room, &window, part)?);
             if let Some(one) = judged.last().filter(|_| each) {

@@ -1,17 +1,15 @@
 //! How often the 95 % bands of forecasts hold what was measured then, in rooms whose truth nobody knows.
 
-use super::super::options::Only;
 use super::super::row::Row;
-use super::rooms::{ROOMS, Room};
-use super::{Part, asked, parts, read};
+use super::rooms::Room;
+use super::{MeasuredRooms, Part, asked, parts};
 use lampyris::cli::{Failure, faults};
-use lampyris_core::data::{ColumnBindings, Duration, HOUR, Window};
+use lampyris_core::data::{Duration, HOUR, Window};
 use lampyris_core::estimate::forecast::{ForecastAsked, InputsToCome, forecast};
 use lampyris_core::estimate::{Control, Replay, Site, estimate, prepare};
 use lampyris_core::interrupt::Brake;
 use lampyris_core::model::{Catalogue, ModelId};
 use rayon::prelude::*;
-use std::path::PathBuf;
 
 /// Hours ahead.
 const LEADS: [i64; 3] = [1, 6, 24];
@@ -22,11 +20,8 @@ const BAND: f64 = 1.96;
 
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
-    /// The folder of measured rooms.
-    #[arg(long, value_name = "FOLDER", default_value = "../shared/data/rooms")]
-    data: PathBuf,
     #[command(flatten)]
-    only: Only,
+    measured: MeasuredRooms,
     /// Windows of each room, the first ones.
     #[arg(long, default_value_t = 3)]
     windows: usize,
@@ -34,13 +29,10 @@ pub struct Arguments {
 
 /// Forecasts of the two weeks after each window, by the parameters of the window, with the inputs that came.
 pub fn run(asked: &Arguments) -> Result<Vec<Row>, Failure> {
-    let only = asked.only.only.as_deref();
     let mut rows = Vec::new();
     let mut all = [(0, 0); LEADS.len()];
-    for room in ROOMS.iter().filter(|room| only.is_none_or(|only| room.name.contains(only))) {
-        let bindings = ColumnBindings::parse(room.binds.iter().copied()).map_err(|found| faults(&found))?;
-        let text = read(&asked.data.join(room.file))?;
-        let (window, _) = Window::parse_csv(&text, &bindings).map_err(|found| faults(&found))?;
+    for room in asked.measured.rooms() {
+        let window = asked.measured.window(room)?;
         let mut held = [(0, 0); LEADS.len()];
         let usual = parts(room, &window).into_iter().filter(|part| !part.whole).take(asked.windows);
         for part in usual {

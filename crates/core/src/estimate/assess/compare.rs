@@ -69,7 +69,7 @@ pub struct ComparedOutput {
 pub struct Compared {
     /// The time of the first sample, in milliseconds.
     pub start: i64,
-    /// Seconds between samples.
+    /// Milliseconds between samples.
     pub step: i64,
     /// Outputs by channel.
     pub outputs: IndexMap<String, ComparedOutput>,

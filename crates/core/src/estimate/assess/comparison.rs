@@ -83,7 +83,7 @@ pub struct OutputErrors {
 pub struct Comparison {
     /// The time of the first sample, in milliseconds.
     pub start: i64,
-    /// Seconds between samples.
+    /// Milliseconds between samples.
     pub step: i64,
     /// Outputs by channel.
     pub outputs: IndexMap<String, OutputLines>,

@@ -214,9 +214,9 @@ pub(super) fn opponents(context: &ValidationContext, table: &mut CheckTable) {
     } else {
         format!("{days:.1} days of unseen measurements have a forecast {name} ahead; a day is one draw")
     };
-    let (name_of_check, enough) = ("G10 unseen days", draws >= LEAST_DRAWS);
+    let enough = draws >= LEAST_DRAWS;
     table.check(
-        name_of_check,
+        "G10 unseen days",
         Some(draws),
         ">=",
         Some(LEAST_DRAWS),

@@ -110,11 +110,7 @@ impl Problem {
             }
         };
         let steps = substeps(model.stepper(), inputs.hours());
-        let columns: Vec<MeasuredOutput> = measured
-            .iter()
-            .map(|(values, valid): &(Vec<f64>, Vec<bool>)| (&values[..], &valid[..]))
-            .collect();
-        let simulator = Simulator::new(&model, &inputs, &columns, model.stepper(), steps);
+        let simulator = Simulator::new(&model, &inputs, &columns(&measured), model.stepper(), steps);
         let mut problem = Self {
             model,
             grid,
@@ -289,7 +285,7 @@ impl Problem {
 
     /// The measured outputs with their validity.
     pub fn measured(&self) -> Vec<MeasuredOutput<'_>> {
-        self.measured.iter().map(|(values, valid)| (values.as_slice(), valid.as_slice())).collect()
+        columns(&self.measured)
     }
 
     /// Over which intervals from one sample to the next all inputs are known.
@@ -472,6 +468,10 @@ impl Problem {
             _ => "times the noise of the sensors",
         }
     }
+}
+
+fn columns(measured: &[(Vec<f64>, Vec<bool>)]) -> Vec<MeasuredOutput<'_>> {
+    measured.iter().map(|(values, valid)| (values.as_slice(), valid.as_slice())).collect()
 }
 
 /// Mean of the squares; NaN for nothing.

@@ -43,11 +43,12 @@ impl Problem {
     }
 
     /// The same problem, whose measured states start at these values of their channels; those that are not
-    /// named start at the mean of their first measurements.
+    /// named start where they did.
     #[must_use]
     pub fn with_starts(&self, starts: IndexMap<String, f64>) -> Self {
-        let mut problem = Self { starts, ..self.clone() };
-        problem.simulator = problem.simulator_over(&problem.inputs, problem.simulator.substeps());
+        let mut problem = self.clone();
+        problem.starts.extend(starts);
+        problem.simulator = problem.simulator.clone().with_starts(&problem.starts_by_output());
         problem
     }
 
@@ -61,11 +62,13 @@ impl Problem {
     }
 
     fn simulator_over(&self, inputs: &Inputs, substeps: usize) -> Simulator {
-        let start = |output: &crate::model::Output| self.starts.get(&output.channel).copied();
-        let starts: Vec<Option<f64>> = self.model.outputs().iter().map(start).collect();
         Simulator::new(&self.model, inputs, &self.measured(), self.model.stepper(), substeps)
             .with_brake(self.brake())
-            .with_starts(&starts)
+            .with_starts(&self.starts_by_output())
+    }
+
+    fn starts_by_output(&self) -> Vec<Option<f64>> {
+        self.model.outputs().iter().map(|output| self.starts.get(&output.channel).copied()).collect()
     }
 
     /// The same problem with some parameters fixed at values.

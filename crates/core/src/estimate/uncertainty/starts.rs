@@ -22,10 +22,10 @@ pub(in crate::estimate) struct Starts {
     pub as_they_are: IndexMap<String, StartEstimate>,
     /// Where it should start, by channel.
     pub likely: IndexMap<String, f64>,
-    /// Where the free parameters go with that, in the coordinates of the search.
-    pub parameters: Candidate,
     /// The largest distance between the two, in deviations of the estimate.
     pub moved: f64,
+    /// Where the free parameters go with the likely ones, in the coordinates of the search.
+    pub parameters: Candidate,
     /// Covariance of the estimates, each counted in its deviation by the first measurements.
     pub(super) covariance: DMatrix<f64>,
 }

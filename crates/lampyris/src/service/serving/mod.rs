@@ -4,9 +4,8 @@
 //! database, rendered once by `body` and `states`, and turns it stale when its time has come (`ageing`).
 //! Measurements that came (`arrivals`) are compared with what is served by `degradations`, from where the
 //! states go on sample by sample (`live`, by the filters that are `kept`); an operator's word comes by
-//! `decisions`. What
-//! forecasts said (`said`) is written down by `keeping`, to be compared with what comes. `pull` asks
-//! others for measurements. `health` reads off the finished body how a system fares.
+//! `decisions`. What forecasts said (`said`) is written down by `keeping`, to be compared with what comes.
+//! `pull` asks others for measurements. `health` reads off the finished body how a system fares.
 
 pub mod ageing;
 pub mod arrivals;
