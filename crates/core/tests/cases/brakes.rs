@@ -12,11 +12,15 @@ use lampyris_core::estimate::{
 use lampyris_core::interrupt::{Brake, Interrupt};
 use lampyris_core::model::document::ModelDocument;
 use lampyris_core::model::{Catalogue, ModelId};
+use rustix::time::{ClockId, clock_gettime};
+use std::cell::Cell;
 use std::fmt::Write;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
-/// The longest that work may hear nobody: the promise of a job is 2 s, with its judgement.
+/// The longest that a thread may work and hear nobody, in its own time, which no other process takes from it:
+/// the promise of a job is 2 s, with its judgement.
 const LONGEST: Duration = Duration::from_secs(1);
 
 /// A wall in so many layers between the room and the outdoors.
@@ -62,22 +66,37 @@ fn problem(layers: usize, asked: &EstimateRequest) -> Problem {
 struct Heard<T> {
     questions: usize,
     ended: Result<T, Interrupt>,
-    /// The longest time without a question, up to the end of the work.
+    /// The longest that a thread worked without a question, up to the end of the work.
     longest: Duration,
+}
+
+/// How long this thread has worked.
+fn worked() -> Duration {
+    clock_gettime(ClockId::ThreadCPUTime).try_into().unwrap()
 }
 
 /// Does work whose brake is pulled at the question of this number.
 fn pulled<T>(problem: &Problem, at: usize, work: impl Fn(&Problem) -> T) -> Heard<T> {
-    let asked = Arc::new(Mutex::new((0, Instant::now(), Duration::ZERO)));
-    let noted = asked.clone();
+    thread_local! {
+        static ASKED: Cell<Option<Duration>> = const { Cell::new(None) };
+    }
+    let silence = || {
+        let now = worked();
+        ASKED.replace(Some(now)).map_or(Duration::ZERO, |before| now - before)
+    };
+    let questions = Arc::new(AtomicUsize::new(0));
+    let longest = Arc::new(Mutex::new(Duration::ZERO));
+    let (asked, noted) = (questions.clone(), longest.clone());
     let brake = Brake::new(move || {
+        let silent = silence();
         let mut noted = noted.lock().unwrap();
-        *noted = (noted.0 + 1, Instant::now(), noted.2.max(noted.1.elapsed()));
-        (noted.0 >= at).then_some(Interrupt::Deadline)
+        *noted = silent.max(*noted);
+        (asked.fetch_add(1, Ordering::Relaxed) + 1 >= at).then_some(Interrupt::Deadline)
     });
+    ASKED.set(Some(worked()));
     let ended = Brake::guard(|| work(&problem.with_brake(&brake)));
-    let (questions, last, longest) = *asked.lock().unwrap();
-    Heard { questions, ended, longest: longest.max(last.elapsed()) }
+    let longest = silence().max(*longest.lock().unwrap());
+    Heard { questions: questions.load(Ordering::Relaxed), ended, longest }
 }
 
 /// What may be done on a problem.

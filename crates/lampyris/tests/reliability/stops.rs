@@ -161,7 +161,11 @@ fn a_cancel_at_any_moment_is_heard_or_comes_too_late() {
         assert_eq!(client.ended(&post(1000))["outcome"], "accepted");
         let longest = begun.elapsed();
         let (mut heard, mut late) = (0, 0);
-        for round in 0..rounds {
+        // Where the jobs have become slower than the first one, the moments go on until all were met.
+        for round in 0..10 * rounds {
+            if round >= rounds && heard > 0 && late > 0 {
+                break;
+            }
             let served = client.get("/params/room/1").expect(200).json()["revision"].clone();
             let job = post(round);
             thread::sleep(longest * round / rounds);
@@ -186,7 +190,7 @@ fn a_cancel_at_any_moment_is_heard_or_comes_too_late() {
                 client.post(&format!("/jobs/{job}/cancel")).problem(409, "already-deciding");
             }
         }
-        println!("{point}: of {rounds} cancels {heard} were heard, {late} came too late");
+        println!("{point}: of {} cancels {heard} were heard, {late} came too late", heard + late);
         assert!(heard > 0 && late > 0, "{point}: {heard} and {late} are not all moments");
     }
 }
