@@ -7,7 +7,7 @@ use crate::service::catalogue::open;
 use crate::service::catalogue::shared::SharedCatalogue;
 use crate::service::catalogue::turns::Turns;
 use crate::service::changes::events::Events;
-use crate::service::changes::follow;
+use crate::service::changes::{fleet, follow};
 use crate::service::observe::lines::LineTally;
 use crate::service::observe::metrics::Metrics;
 use crate::service::observe::pulls::Pulls;
@@ -19,15 +19,15 @@ use crate::service::serving::snapshot::Snapshot;
 use crate::service::serving::{degradations, keeping, params, pull};
 use crate::service::work::board::ProgressBoard;
 use crate::service::work::interactive::Interactive;
+use crate::service::work::membership::{self, Membership};
 use crate::service::work::worker;
 use crate::service::{Clock, Service, ServiceError, pool};
-use crate::settings::Settings;
-use crate::store::{self, Store, StoreError};
+use crate::settings::{Role, Settings};
+use crate::store::{self, Store, StoreError, feed, workers};
 use jiff::Timestamp;
 use lampyris_core::model::Catalogue;
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 use std::net::SocketAddr;
-use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::AtomicUsize;
 use std::time::Duration;
@@ -41,8 +41,6 @@ use tokio::task::{JoinHandle, JoinSet};
 const GRACE: Duration = Duration::from_secs(4);
 /// How often the files of the database are looked at while nobody writes.
 const LOOK: Duration = Duration::from_secs(1);
-/// The number of a start on a disk that takes no writes: less than that of any other.
-const NO_BOOT: i64 = 0;
 /// Files beside those of connections: the database, the log, the runtime.
 const SPARE_FILES: u64 = 128;
 
@@ -155,7 +153,8 @@ impl App {
         // Taken before anything ends, so that the jobs that fail right now are told and counted like all
         // others.
         let newest = store::events::newest(&store).await?;
-        let (store, boot) = begun(&settings.database, store, clock.now()).await?;
+        let (store, membership) = begun(&settings, store, clock.now()).await?;
+        let boot = membership.worker();
         let service = Arc::new(Service {
             catalogue: SharedCatalogue::load(&store, builtin).await?,
             board: ProgressBoard::default(),
@@ -180,11 +179,13 @@ impl App {
             store,
             clock,
             boot,
+            membership,
         });
         // Nobody may ask before what is served is in memory, and nothing that is committed after it was read
         // may be missed.
         let mut tasks = JoinSet::new();
         let changes = service.store.follow();
+        let place = if service.store.is_shared() { feed::newest(&service.store).await? } else { 0 };
         let ageing = params::load_all(&service).await?;
         tasks.spawn(params::follow(service.clone(), changes, ageing));
         let bind = service.settings.bind;
@@ -198,17 +199,25 @@ impl App {
                 }
                 ensured => ensured?,
             }
-            for index in 0..service.settings.workers {
+            let workers = if service.settings.has(Role::Worker) { service.settings.workers } else { 0 };
+            for index in 0..workers {
                 let pool = pool(threads(&service.settings), index).map_err(AppError::Threads)?;
                 tasks.spawn(worker::run(service.clone(), pool, index));
             }
-            let spare = pool(1, service.settings.workers).map_err(AppError::Threads)?;
-            tasks.spawn(degradations::run(service.clone(), spare));
+            if service.settings.has(Role::Scheduler) {
+                let spare = pool(1, service.settings.workers).map_err(AppError::Threads)?;
+                tasks.spawn(degradations::run(service.clone(), spare));
+                tasks.spawn(schedules::run(service.clone()));
+                tasks.spawn(open::run(service.clone()));
+                tasks.spawn(pull::run(service.clone()));
+            }
             tasks.spawn(keeping::run(service.clone()));
-            tasks.spawn(schedules::run(service.clone()));
-            tasks.spawn(open::run(service.clone()));
-            tasks.spawn(pull::run(service.clone()));
-            tasks.spawn(watch_files(service.clone()));
+            if service.store.is_shared() {
+                tasks.spawn(membership::keep(service.clone()));
+                tasks.spawn(fleet::follow(service.clone(), place));
+            } else {
+                tasks.spawn(watch_files(service.clone()));
+            }
         }
         tasks.spawn(follow::follow(service.clone()));
         let following = service.clone();
@@ -257,6 +266,11 @@ impl App {
             }
             self.tasks.abort_all();
         }
+        if self.service.store.is_shared()
+            && let Err(error) = workers::dismiss(&self.service.store, self.service.membership.worker()).await
+        {
+            tracing::warn!(%error, "this process could not take its leave");
+        }
         self.service.store.close().await;
         match server_done {
             Ok(Ok(result)) => result.map_err(AppError::Io),
@@ -297,29 +311,24 @@ pub async fn serve(settings: Settings, ready: impl FnOnce(&str)) -> Result<(), A
 }
 
 /// Begins to work, unless nothing can be written. The opening may have taken the last room that a disk had.
-async fn begun(path: &Path, store: Store, now: Timestamp) -> Result<(Store, i64), StoreError> {
+async fn begun(settings: &Settings, store: Store, now: Timestamp) -> Result<(Store, Membership), StoreError> {
     if store.is_read_only() {
-        return Ok((store, NO_BOOT));
+        return Ok((store, Membership::none()));
     }
-    match begin(&store, now).await {
-        Err(error) if error.is_unwritable() => Ok((store.without_writing(path, &error).await?, NO_BOOT)),
-        boot => Ok((store, boot?)),
+    match (begin(&store, settings, now).await, settings.database.file()) {
+        (Err(error), Some(path)) if error.is_unwritable() => {
+            Ok((store.without_writing(path, &error).await?, Membership::none()))
+        }
+        (membership, _) => Ok((store, membership?)),
     }
 }
 
-/// Takes a number for this start, and clears up after the one before.
-async fn begin(store: &Store, now: Timestamp) -> Result<i64, StoreError> {
-    let boot = store.next_boot().await?;
-    let recovered = store::queue::recover(store, boot, now).await?;
-    if !recovered.requeued.is_empty() || !recovered.failed.is_empty() {
-        tracing::warn!(
-            requeued = recovered.requeued.len(),
-            failed = recovered.failed.len(),
-            "jobs of an earlier start were found running"
-        );
-    }
+/// Enters this process, and clears up after those that are gone.
+async fn begin(store: &Store, settings: &Settings, now: Timestamp) -> Result<Membership, StoreError> {
+    let membership = Membership::enter(store, settings, now).await?;
+    membership::recover(store, now).await?;
     store::idempotency::forget_old(store, now).await?;
-    Ok(boot)
+    Ok(membership)
 }
 
 /// Looks at the files of the database until the service stops, also while nobody writes. What can be saved of

@@ -1,9 +1,49 @@
 //! What an operator can set: a TOML file, and the environment, which wins.
 
+use crate::store::Place;
 use lampyris_core::fault::{Fault, nearest};
 use serde::{Deserialize, Serialize};
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+/// What a process does.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Role {
+    /// Answers requests.
+    Api,
+    /// Runs jobs.
+    Worker,
+    /// Submits what schedules say, asks sources, and looks at what has arrived; one of several does.
+    Scheduler,
+}
+
+impl Role {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Role::Api, Role::Worker, Role::Scheduler];
+
+    /// Its word.
+    pub const fn as_str(self) -> &'static str {
+        match self {
+            Role::Api => "api",
+            Role::Worker => "worker",
+            Role::Scheduler => "scheduler",
+        }
+    }
+}
+
+/// Reads roles that commas separate.
+///
+/// # Errors
+/// A word that is none.
+pub fn roles(text: &str) -> Result<Vec<Role>, String> {
+    let role = |word: &str| {
+        let known = Role::ALL.into_iter().find(|role| role.as_str() == word.trim());
+        known.ok_or_else(|| format!("`{word}` is none of api, worker, scheduler"))
+    };
+    text.split(',').map(role).collect()
+}
 
 /// The settings of a service. Every field has a default that serves.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -11,8 +51,13 @@ use std::path::{Path, PathBuf};
 pub struct Settings {
     /// Address and port to listen on; port 0 takes a free one.
     pub bind: SocketAddr,
-    /// The database file; it is made if it is not there.
-    pub database: PathBuf,
+    /// The database: a file, which is made if it is not there, or the URL of a PostgreSQL server.
+    pub database: Place,
+    /// What this process does; all of it by default.
+    pub roles: Vec<Role>,
+    /// How long this process may be silent before others that share its database take its jobs over, in
+    /// seconds.
+    pub lease_seconds: u64,
     /// Jobs that run at the same time.
     pub workers: usize,
     /// CPU threads of each job; 0 takes as many as there are cores.
@@ -117,7 +162,9 @@ impl Default for Settings {
     fn default() -> Self {
         Self {
             bind: SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), 8080),
-            database: PathBuf::from("lampyris.db"),
+            database: Place::File("lampyris.db".into()),
+            roles: Role::ALL.to_vec(),
+            lease_seconds: 30,
             workers: 2,
             threads: 0,
             zone: "UTC".to_owned(),
@@ -165,9 +212,11 @@ impl Default for Retention {
 }
 
 /// The variables of the environment and the fields that they stand for.
-const VARIABLES: [(&str, &str); 27] = [
+const VARIABLES: [(&str, &str); 29] = [
     ("LAMPYRIS_BIND", "/bind"),
     ("LAMPYRIS_DATABASE", "/database"),
+    ("LAMPYRIS_ROLES", "/roles"),
+    ("LAMPYRIS_LEASE_SECONDS", "/lease_seconds"),
     ("LAMPYRIS_WORKERS", "/workers"),
     ("LAMPYRIS_THREADS", "/threads"),
     ("LAMPYRIS_ZONE", "/zone"),
@@ -252,6 +301,16 @@ impl Settings {
         if faults.is_empty() { Ok(settings) } else { Err(faults) }
     }
 
+    /// How long this process may be silent.
+    pub fn lease(&self) -> Duration {
+        Duration::from_secs(self.lease_seconds)
+    }
+
+    /// Whether this process has a part.
+    pub fn has(&self, role: Role) -> bool {
+        self.roles.contains(&role)
+    }
+
     /// Sets one field from a text.
     fn set(&mut self, field: &str, text: &str) -> Result<(), String> {
         fn read<T: std::str::FromStr<Err: std::fmt::Display>>(
@@ -264,6 +323,11 @@ impl Settings {
         match field {
             "/bind" => read(&mut self.bind, text),
             "/database" => read(&mut self.database, text),
+            "/roles" => {
+                self.roles = roles(text)?;
+                Ok(())
+            }
+            "/lease_seconds" => read(&mut self.lease_seconds, text),
             "/workers" => read(&mut self.workers, text),
             "/threads" => read(&mut self.threads, text),
             "/zone" => read(&mut self.zone, text),
@@ -303,6 +367,8 @@ impl Settings {
                 faults.push(Fault::new(field, "invalid-settings", detail));
             }
         };
+        demand(!self.roles.is_empty(), "/roles", "a process has a part: api, worker or scheduler");
+        demand((3..=3600).contains(&self.lease_seconds), "/lease_seconds", "a lease lasts 3 s to an hour");
         demand((1..=64).contains(&self.workers), "/workers", "there are between 1 and 64 workers");
         demand(self.threads <= 1024, "/threads", "there are at most 1024 threads");
         demand(

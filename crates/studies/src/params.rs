@@ -39,7 +39,7 @@ async fn measure() -> Result<Vec<Row>, Failure> {
     std::fs::create_dir_all(&folder).map_err(text)?;
     let settings = Settings {
         bind: SocketAddr::from(([127, 0, 0, 1], 0)),
-        database: folder.join("bench.db"),
+        database: folder.join("bench.db").into(),
         ..Settings::default()
     };
     let app = App::start(settings).await.map_err(text)?;

@@ -3,7 +3,7 @@
 use super::output::{Failure, faults, print};
 use super::serve;
 use crate::settings::Settings;
-use crate::store::{StoreError, backup, migrate};
+use crate::store::{Place, StoreError, backup, migrate};
 use lampyris_core::fault::Fault;
 use serde_json::json;
 use std::path::{Path, PathBuf};
@@ -16,11 +16,15 @@ pub struct Database {
     config: Option<PathBuf>,
     /// The database file.
     #[arg(long)]
-    database: Option<PathBuf>,
+    database: Option<Place>,
     /// Print a JSON document.
     #[arg(long)]
     json: bool,
 }
+
+/// What to do with a database that a server has.
+const OF_A_SERVER: &str =
+    "the tools of its server make backups (pg_dump), and a start brings its schema up to date";
 
 #[derive(Debug, clap::Args)]
 pub struct BackupArguments {
@@ -47,7 +51,10 @@ impl Database {
     }
 
     fn path(&self) -> Result<PathBuf, Failure> {
-        self.settings().map(|settings| settings.database).map_err(|found| faults(&found))
+        let place = self.settings().map_err(|found| faults(&found))?.database;
+        let path =
+            place.file().ok_or_else(|| Failure::Error(format!("{place} is no file: {OF_A_SERVER}")))?;
+        Ok(path.to_owned())
     }
 
     /// Prints the document, or the sentences that say the same.

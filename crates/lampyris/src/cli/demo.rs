@@ -122,7 +122,7 @@ fn fresh_folder() -> Result<PathBuf, Failure> {
 async fn demonstrate(arguments: &Arguments, folder: PathBuf) -> Result<(), Failure> {
     let settings = Settings {
         bind: free_address(arguments.bind).await,
-        database: folder.join("lampyris.db"),
+        database: folder.join("lampyris.db").into(),
         ..Settings::default()
     };
     let app = App::start(settings).await.map_err(|error| Failure::Error(error.to_string()))?;

@@ -74,7 +74,9 @@ pub fn run(arguments: &Database) -> Result<(), Failure> {
             Settings::default()
         }
     };
-    let path = settings.database;
+    let Some(path) = settings.database.file().map(Path::to_owned) else {
+        return Err(Failure::Error(format!("{} is looked at by the tools of its server", settings.database)));
+    };
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let found = serve::runtime()?.block_on(look(&path));
     let bytes = found.as_ref().map_or(0, |found| found.bytes);

@@ -3,6 +3,7 @@
 use super::output::{Failure, faults, print};
 use crate::app;
 use crate::settings::Settings;
+use crate::store::Place;
 use std::path::PathBuf;
 use tracing_subscriber::filter::{LevelFilter, Targets};
 use tracing_subscriber::prelude::*;
@@ -16,9 +17,12 @@ pub struct Arguments {
     /// Address to listen on; port 0 takes any free one.
     #[arg(long)]
     bind: Option<std::net::SocketAddr>,
-    /// The database file; it is made where it does not exist.
+    /// What this process does, of `api`, `worker` and `scheduler`; all of it by default.
+    #[arg(long, value_name = "ROLE,…")]
+    roles: Option<String>,
+    /// The database: a file, which is made where it does not exist, or `postgres://…`.
     #[arg(long)]
-    database: Option<PathBuf>,
+    database: Option<Place>,
 }
 
 /// Serves until it is told to stop.
@@ -31,6 +35,9 @@ pub fn run(arguments: Arguments) -> Result<(), Failure> {
         Settings::load(arguments.config.as_deref(), std::env::vars()).map_err(|found| faults(&found))?;
     settings.bind = arguments.bind.unwrap_or(settings.bind);
     settings.database = arguments.database.unwrap_or(settings.database);
+    if let Some(text) = &arguments.roles {
+        settings.roles = crate::settings::roles(text).map_err(Failure::Usage)?;
+    }
     let runtime = runtime()?;
     runtime
         .block_on(app::serve(settings, |url| print(&format!("listening on {url}"))))

@@ -7,8 +7,8 @@ use super::table::{self, Column};
 use crate::service::access::tokens::{self, LOCAL, Made, NewToken};
 use crate::service::{ServiceError, now};
 use crate::settings::Settings;
-use crate::store::Store;
 use crate::store::tokens::{Scope, TokenRecord};
+use crate::store::{Place, Store};
 use jiff::Timestamp;
 use lampyris_core::data::{Duration, SystemPattern};
 use serde_json::{Value, json};
@@ -31,7 +31,7 @@ pub struct Arguments {
     config: Option<PathBuf>,
     /// The database file of the service.
     #[arg(long, global = true)]
-    database: Option<PathBuf>,
+    database: Option<Place>,
     /// Print a document.
     #[arg(long, global = true)]
     json: bool,
@@ -75,8 +75,8 @@ pub fn run(arguments: Arguments) -> Result<(), Failure> {
     let settings =
         Settings::load(arguments.config.as_deref(), std::env::vars()).map_err(|found| faults(&found))?;
     let database = arguments.database.unwrap_or(settings.database);
-    if !matches!(arguments.verb, Verb::Create { .. }) && !database.exists() {
-        return Err(Failure::NotFound(format!("there is no database {}", database.display())));
+    if !matches!(arguments.verb, Verb::Create { .. }) && database.file().is_some_and(|file| !file.exists()) {
+        return Err(Failure::NotFound(format!("there is no database {database}")));
     }
     serve::runtime()?.block_on(async {
         let store = Store::visit(&database).await.map_err(|error| Failure::Error(error.to_string()))?;

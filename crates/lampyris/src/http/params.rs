@@ -13,16 +13,21 @@ use crate::service::serving::snapshot::{Answer, Entry};
 use crate::store;
 use axum::body::Body;
 use axum::extract::{Request, State};
+use axum::http::header::IF_NONE_MATCH;
 use axum::http::{HeaderMap, HeaderValue, Uri, header};
 use axum::response::{IntoResponse, Response};
 use lampyris_core::fault::Fault;
 use serde_json::Value;
+use std::collections::BTreeSet;
+use std::time::Duration;
 use utoipa::ToSchema;
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
 /// Where the name of the system begins in the path.
 const PREFIX: &str = "/params/";
+/// How long an answer waits for the database at most.
+const READ_THROUGH: Duration = Duration::from_secs(1);
 
 /// The paths of this file.
 pub fn router() -> OpenApiRouter<Shared> {
@@ -92,6 +97,9 @@ async fn get_params(State(service): State<Shared>, request: Request) -> Response
 
 async fn poll(service: &Shared, request: Request) -> Response {
     let system = request.uri().path().get(PREFIX.len()..).unwrap_or_default();
+    if service.store.is_shared() {
+        read_through(service, system, request.headers()).await;
+    }
     let Some(slot) = service.params.slot(system) else {
         return ApiError::NotFound("system", system.to_owned()).into_response();
     };
@@ -108,6 +116,20 @@ async fn poll(service: &Shared, request: Request) -> Response {
         Some(entry) => answer(&entry, system, accept, headers),
         None => ApiError::NotFound("system", system.to_owned()).into_response(),
     }
+}
+
+/// Looks into the database where a caller shows another tag than ours, or asks for a system that is not known:
+/// another service, which the caller has asked before, may know more by now.
+async fn read_through(service: &Shared, system: &str, headers: &HeaderMap) {
+    let shows_other =
+        |rendered: &Rendered| headers.contains_key(IF_NONE_MATCH) && !is_known(headers, &rendered.etag);
+    let is_behind = match service.params.slot(system) {
+        Some(slot) => slot.entry().validated().is_none_or(shows_other),
+        None => true,
+    };
+    let Some(system) = system.parse().ok().filter(|_| is_behind) else { return };
+    // Where the database is away, what is known is the best that there is.
+    let _ = tokio::time::timeout(READ_THROUGH, service.store.read_anew(BTreeSet::from([system]))).await;
 }
 
 /// The parameters of all systems that have validated ones, in one poll.

@@ -15,6 +15,7 @@ use super::serving::said::SaidForecasts;
 use super::serving::snapshot::Snapshot;
 use super::work::board::ProgressBoard;
 use super::work::interactive::Interactive;
+use super::work::membership::Membership;
 use crate::settings::Settings;
 use crate::store::Store;
 use jiff::Timestamp;
@@ -60,6 +61,8 @@ pub struct Service {
     pub clock: Clock,
     /// The number of this start.
     pub boot: i64,
+    /// The right of this process to work.
+    pub membership: Membership,
     /// Told when a job may be claimed.
     pub wake: Notify,
     /// Told when a schedule has changed.

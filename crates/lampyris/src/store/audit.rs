@@ -1,15 +1,16 @@
 //! What operators did, when, and under which name. A row is written in the transaction that does it.
 
 use super::database::Store;
+use super::engine::Connection;
 use super::error::StoreError;
 use super::page;
 use super::reach::SystemScope;
 use super::row::row;
+use super::statement::query;
 use super::value::{instant, millis, parse};
 use super::words::words;
 use jiff::Timestamp;
 use lampyris_core::data::SystemId;
-use sqlx::SqliteConnection;
 
 words! {
     /// What was done.
@@ -105,21 +106,19 @@ impl Row {
 
 /// Notes a deed inside the transaction that does it.
 pub(super) async fn note(
-    tx: &mut SqliteConnection,
+    tx: &mut Connection,
     deed: &AuditEntry<'_>,
     now: Timestamp,
 ) -> Result<(), StoreError> {
-    sqlx::query(
-        "INSERT INTO audit (at, who, action, system, subject, reason) VALUES ($1, $2, $3, $4, $5, $6)",
-    )
-    .bind(millis(now))
-    .bind(deed.who)
-    .bind(deed.action.as_str())
-    .bind(deed.system)
-    .bind(deed.subject)
-    .bind(deed.reason)
-    .execute(tx)
-    .await?;
+    query("INSERT INTO audit (at, who, action, system, subject, reason) VALUES ($1, $2, $3, $4, $5, $6)")
+        .bind(millis(now))
+        .bind(deed.who)
+        .bind(deed.action.as_str())
+        .bind(deed.system)
+        .bind(deed.subject)
+        .bind(deed.reason)
+        .execute(tx)
+        .await?;
     Ok(())
 }
 
@@ -136,7 +135,7 @@ pub async fn page(
     limit: i64,
 ) -> Result<Vec<DeedRecord>, StoreError> {
     let sql = "SELECT * FROM audit WHERE ($1 IS NULL OR system = $1)
-               AND ($4 IS NULL OR EXISTS (SELECT 1 FROM json_each($4) WHERE system GLOB value))
+               AND ($4 IS NULL OR EXISTS (SELECT 1 FROM json_each($4) WHERE glob(value, system)))
                AND sequence < $2 ORDER BY sequence DESC LIMIT $3";
     let rows: Vec<Row> = page::rows(store, sql, reach, system, before, limit).await?;
     rows.into_iter().map(Row::record).collect()

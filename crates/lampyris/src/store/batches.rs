@@ -1,6 +1,7 @@
 //! Recalibrations and diagnoses of several systems: ordinary jobs under one name.
 
 use super::database::Store;
+use super::engine::Connection;
 use super::entry::{NewJob, SubmitError, enter};
 use super::error::StoreError;
 use super::idempotency::{Earlier, KeyState, RequestKey, look_up, remember};
@@ -8,6 +9,7 @@ use super::job::{JobFailure, JobStatus, Outcome};
 use super::reach::SystemScope;
 use super::row::row;
 use super::sequence::{derive_id, next};
+use super::statement::{query, query_as, query_scalar};
 use super::value::{from_json, instant, millis, parse, to_json};
 use super::words::words;
 use jiff::Timestamp;
@@ -15,7 +17,6 @@ use lampyris_core::data::SystemId;
 use lampyris_core::diagnose::Adequacy;
 use lampyris_core::estimate::gate::validate::NO_WORSE_THAN_INCUMBENT;
 use serde::{Deserialize, Serialize};
-use sqlx::SqliteConnection;
 use std::collections::HashSet;
 use utoipa::ToSchema;
 
@@ -151,28 +152,28 @@ row! {
         error_ratio: Option<f64>,
         error: Option<String>,
         diagnosis: Option<String>,
-        diagnosed: Option<String>,
+        verdict: Option<String>,
+        said: Option<String>,
+        findings: Option<String>,
     }
 }
 
-/// What is read of the document of a diagnosis.
+/// What is read of a finding of a diagnosis.
 #[derive(Deserialize)]
-struct Diagnosed {
-    verdict: Adequacy,
-    summary: String,
-    named: Vec<String>,
+struct Finding {
+    effect: String,
+    way_of: Option<String>,
 }
 
 impl JobRow {
     fn record(self) -> Result<BatchMember, StoreError> {
-        let diagnosed: Option<Diagnosed> =
-            self.diagnosed.as_deref().map(|text| from_json("a diagnosis", text)).transpose()?;
-        let (said, diagnosis) = match self.diagnosis.zip(diagnosed) {
-            Some((id, Diagnosed { verdict, summary, named })) => {
-                (Some(summary), Some(BatchDiagnosis { id, verdict, named }))
-            }
-            None => (self.summary, None),
+        let read = |((id, verdict), findings): ((String, String), String)| {
+            let findings: Vec<Finding> = from_json("the findings of a diagnosis", &findings)?;
+            let named = findings.into_iter().map(|found| found.way_of.unwrap_or(found.effect)).collect();
+            let verdict = from_json("a verdict", &to_json("a verdict", &verdict)?)?;
+            Ok::<_, StoreError>(BatchDiagnosis { id, verdict, named })
         };
+        let diagnosis = self.diagnosis.zip(self.verdict).zip(self.findings).map(read).transpose()?;
         Ok(BatchMember {
             system: parse("a system", &self.system)?,
             state: parse("a state", &self.state)?,
@@ -180,7 +181,7 @@ impl JobRow {
             error: self.error.as_deref().map(|text| from_json("a failure", text)).transpose()?,
             job: self.id,
             fit: self.fit,
-            summary: said,
+            summary: self.said.or(self.summary),
             error_ratio: self.error_ratio,
             diagnosis,
         })
@@ -212,7 +213,7 @@ pub async fn submit(
 
 /// Submits a batch inside a transaction.
 pub(super) async fn submit_in_batch(
-    tx: &mut SqliteConnection,
+    tx: &mut Connection,
     new: &NewBatch,
     limit: i64,
     now: Timestamp,
@@ -221,7 +222,7 @@ pub(super) async fn submit_in_batch(
     let id = derive_id("bat", sequence, now);
     let sql = "INSERT INTO batches (id, sequence, kind, schedule, request, skipped, created_at) VALUES ($1, \
         $2, $3, $4, $5, $6, $7)";
-    sqlx::query(sql)
+    query(sql)
         .bind(&id)
         .bind(sequence)
         .bind(new.kind.as_str())
@@ -235,7 +236,7 @@ pub(super) async fn submit_in_batch(
     let jobs: Vec<String> = enter(tx, &new.jobs, limit, now).await?.into_iter().map(|job| job.id).collect();
     let sql = "INSERT INTO batch_jobs (batch, job) SELECT $1, value FROM json_each($2) WHERE true ON CONFLICT DO \
         NOTHING";
-    sqlx::query(sql).bind(&id).bind(to_json("jobs", &jobs)?).execute(tx).await?;
+    query(sql).bind(&id).bind(to_json("jobs", &jobs)?).execute(tx).await?;
     Ok(id)
 }
 
@@ -250,24 +251,23 @@ pub async fn answered(store: &Store, jobs: &[NewJob]) -> Result<HashSet<usize>, 
         .enumerate()
         .map(|(place, job)| (place, job.system.to_string(), job.fingerprint()))
         .collect();
-    let sql = "WITH asked AS (SELECT value ->> 0 AS place, value ->> 1 AS system, value ->> 2 AS fingerprint FROM \
-        json_each($1)) SELECT a.place FROM asked a WHERE EXISTS \
+    let sql = "WITH asked AS (SELECT CAST(json_extract(value, '$[0]') AS BIGINT) AS place, \
+        json_extract(value, '$[1]') AS system, json_extract(value, '$[2]') AS fingerprint FROM json_each($1)) SELECT a.place FROM asked a WHERE EXISTS \
         (SELECT 1 FROM jobs j WHERE j.system = a.system AND j.state = 'succeeded' \
         AND j.fingerprint = a.fingerprint \
         AND j.started_at > (SELECT MAX(uploaded_at) FROM windows WHERE system = a.system) \
         AND j.started_at > (SELECT updated_at FROM systems WHERE system = a.system) \
         AND j.started_at > COALESCE((SELECT MAX(at) FROM audit WHERE system = a.system AND action = \
         'delete_window'), 0))";
-    let places: Vec<i64> =
-        sqlx::query_scalar(sql).bind(to_json("jobs", &asked)?).fetch_all(&store.reader).await?;
+    let places: Vec<i64> = query_scalar(sql).bind(to_json("jobs", &asked)?).fetch_all(&store.reader).await?;
     Ok(places.into_iter().filter_map(|place| usize::try_from(place).ok()).collect())
 }
 
 /// Whether a batch has jobs that have not ended.
-pub(super) async fn is_unfinished(tx: &mut SqliteConnection, id: &str) -> Result<bool, StoreError> {
+pub(super) async fn is_unfinished(tx: &mut Connection, id: &str) -> Result<bool, StoreError> {
     let sql = "SELECT EXISTS (SELECT 1 FROM batch_jobs b JOIN jobs j ON j.id = b.job WHERE b.batch = $1 AND \
         j.state IN ('queued', 'running'))";
-    Ok(sqlx::query_scalar(sql).bind(id).fetch_one(tx).await?)
+    Ok(query_scalar(sql).bind(id).fetch_one(tx).await?)
 }
 
 /// What a batch was asked for.
@@ -275,7 +275,7 @@ pub(super) async fn is_unfinished(tx: &mut SqliteConnection, id: &str) -> Result
 /// # Errors
 /// Where the database fails.
 pub async fn request(store: &Store, id: &str) -> Result<Option<serde_json::Value>, StoreError> {
-    let text: Option<String> = sqlx::query_scalar("SELECT request FROM batches WHERE id = $1")
+    let text: Option<String> = query_scalar("SELECT request FROM batches WHERE id = $1")
         .bind(id)
         .fetch_optional(&store.reader)
         .await?;
@@ -288,21 +288,19 @@ pub async fn request(store: &Store, id: &str) -> Result<Option<serde_json::Value
 /// Where the database fails.
 pub async fn get(store: &Store, id: &str) -> Result<Option<BatchRecord>, StoreError> {
     let sql = "SELECT id, kind, schedule, request, skipped, created_at FROM batches WHERE id = $1";
-    let Some(row) = sqlx::query_as::<_, Row>(sql).bind(id).fetch_optional(&store.reader).await? else {
+    let Some(row) = query_as::<Row>(sql).bind(id).fetch_optional(&store.reader).await? else {
         return Ok(None);
     };
     let sql = "SELECT j.id, j.system, j.state, j.outcome, j.fit, f.summary, j.error, j.diagnosis, \
-        (SELECT c.value ->> 'statistic' FROM json_each(f.checks) c WHERE c.value ->> 'name' = $2) AS \
-        error_ratio, \
-        CASE WHEN d.id IS NOT NULL THEN json_object('verdict', d.verdict, 'summary', d.document ->> \
-        'summary', 'named', \
-        (SELECT json_group_array(coalesce(n.value ->> 'way_of', n.value ->> 'effect')) FROM \
-        json_each(d.document, '$.findings') n)) END AS diagnosed \
+        (SELECT CAST(json_extract(c.value, '$.statistic') AS DOUBLE PRECISION) FROM json_each(f.checks) c \
+        WHERE json_extract(c.value, '$.name') = $2) AS error_ratio, \
+        d.verdict, json_extract(d.document, '$.summary') AS said, json_extract(d.document, '$.findings') AS \
+        findings \
         FROM batch_jobs b JOIN jobs j ON j.id = b.job LEFT JOIN fits f ON f.id = j.fit LEFT JOIN diagnoses d \
         ON d.id = j.diagnosis \
         WHERE b.batch = $1 ORDER BY j.sequence";
     let jobs: Vec<JobRow> =
-        sqlx::query_as(sql).bind(id).bind(NO_WORSE_THAN_INCUMBENT).fetch_all(&store.reader).await?;
+        query_as(sql).bind(id).bind(NO_WORSE_THAN_INCUMBENT).fetch_all(&store.reader).await?;
     Ok(Some(BatchRecord {
         kind: parse("a kind", &row.kind)?,
         id: row.id,
@@ -326,14 +324,14 @@ pub async fn page(
     limit: i64,
 ) -> Result<Vec<BatchSummary>, StoreError> {
     let sql = "SELECT b.id, b.sequence, b.kind, b.schedule, b.created_at, COUNT(j.id) AS jobs, \
-        COALESCE(SUM(j.state IN ('queued', 'running')), 0) AS unfinished \
+        COUNT(*) FILTER (WHERE j.state IN ('queued', 'running')) AS unfinished \
         FROM batches b LEFT JOIN batch_jobs l ON l.batch = b.id LEFT JOIN jobs j ON j.id = l.job \
         WHERE b.sequence < $1 AND ($3 IS NULL OR NOT EXISTS (SELECT 1 FROM json_each(b.request, '$.systems') \
         asked \
-        WHERE NOT EXISTS (SELECT 1 FROM json_each($3) pattern WHERE asked.value GLOB pattern.value))) \
+        WHERE NOT EXISTS (SELECT 1 FROM json_each($3) pattern WHERE glob(pattern.value, asked.value)))) \
         GROUP BY b.id ORDER BY b.sequence DESC LIMIT $2";
     let rows: Vec<SummaryRow> =
-        sqlx::query_as(sql).bind(before).bind(limit).bind(reach.sql()?).fetch_all(&store.reader).await?;
+        query_as(sql).bind(before).bind(limit).bind(reach.sql()?).fetch_all(&store.reader).await?;
     rows.into_iter().map(SummaryRow::record).collect()
 }
 

@@ -4,10 +4,11 @@
 //! Triggers of the writer note these systems, so no function that writes has to say so and none can forget
 //! it. The commit tells one follower, and whoever has written waits until that has followed.
 
+use super::engine::{Connection, Texts};
 use super::error::StoreError;
+use super::statement::query_scalar;
 use super::value::parse;
 use lampyris_core::data::SystemId;
-use sqlx::SqliteConnection;
 use std::collections::BTreeSet;
 use std::sync::{Arc, Mutex, PoisonError};
 use tokio::sync::mpsc::{self, UnboundedReceiver, UnboundedSender};
@@ -56,6 +57,12 @@ pub(super) const NOTES: &str = "
         WHEN NOT EXISTS (SELECT 1 FROM revisions WHERE system = NEW.system)
         BEGIN INSERT INTO touched VALUES (NEW.system); END;";
 
+/// What was noted. On PostgreSQL the notes stay, for the other services (`0001_initial.sql`).
+const TOUCHED: Texts = Texts {
+    sqlite: "DELETE FROM touched RETURNING system",
+    postgres: "SELECT name FROM changes WHERE xact = pg_current_xact_id_if_assigned() AND topic = 'system'",
+};
+
 /// A commit that has changed what is served, or what is said of it.
 #[derive(Debug)]
 pub struct Change {
@@ -97,7 +104,8 @@ impl Changes {
 }
 
 /// The systems that a transaction has touched so far.
-pub(super) async fn touched(tx: &mut SqliteConnection) -> Result<BTreeSet<SystemId>, StoreError> {
-    let names: Vec<String> = sqlx::query_scalar("DELETE FROM touched RETURNING system").fetch_all(tx).await?;
+pub(super) async fn touched(tx: &mut Connection) -> Result<BTreeSet<SystemId>, StoreError> {
+    let sql = tx.text(TOUCHED);
+    let names: Vec<String> = query_scalar(sql).fetch_all(tx).await?;
     names.iter().map(|name| parse("a system", name)).collect()
 }

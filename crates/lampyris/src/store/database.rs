@@ -1,15 +1,19 @@
 //! The database of one service: its lock, its writer and its readers.
 
 use super::changes::{Change, Changes, NOTES};
+use super::engine::{Connection, Pool};
 use super::error::StoreError;
 use super::file::{made, options, options_to_read, real};
 use super::files::Files;
 use super::lock::{Lock, lock};
 use super::migrate;
-use super::sequence::next;
+use super::place::Place;
+use super::postgres;
+use super::statement::query_scalar;
 use super::write::{Quota, Write, Writing, is_clean};
-use sqlx::SqliteConnection;
-use sqlx::sqlite::{SqliteJournalMode, SqlitePool, SqlitePoolOptions, SqliteSynchronous};
+use lampyris_core::data::SystemId;
+use sqlx::sqlite::{SqliteJournalMode, SqlitePoolOptions, SqliteSynchronous};
+use std::collections::BTreeSet;
 use std::mem;
 use std::path::Path;
 use std::sync::{Mutex, PoisonError};
@@ -21,8 +25,8 @@ const READERS: u32 = 4;
 /// The database of one service.
 #[derive(Debug)]
 pub struct Store {
-    writer: SqlitePool,
-    pub(super) reader: SqlitePool,
+    writer: Pool,
+    pub(super) reader: Pool,
     writing: Writing,
     changes: Changes,
     quota: Option<Quota>,
@@ -37,7 +41,23 @@ impl Store {
     /// # Errors
     /// Where another service has it open, the file cannot be used, it is damaged, or the schema is not one
     /// that this program knows, or an older one on a disk that takes no writes.
-    pub async fn open(path: &Path, quota: Option<u64>) -> Result<Self, StoreError> {
+    pub async fn open(place: &Place, quota: Option<u64>) -> Result<Self, StoreError> {
+        match place {
+            Place::File(path) => Self::open_file(path, quota).await,
+            Place::Server(url) => Self::open_server(url).await,
+        }
+    }
+
+    /// Connects to a database that other services may have open as well. Its room is its administrator's to
+    /// limit.
+    async fn open_server(url: &str) -> Result<Self, StoreError> {
+        let pool = Pool::Postgres(postgres::open(url).await?);
+        let (writing, changes) = (Writing::default(), Changes::default());
+        let (writer, reader) = (pool.clone(), pool);
+        Ok(Self { writer, reader, writing, changes, quota: None, lock: Mutex::default() })
+    }
+
+    async fn open_file(path: &Path, quota: Option<u64>) -> Result<Self, StoreError> {
         let path = &made(path)?;
         let lock = lock(path)?;
         let store = match Self::open_to_write(path, quota, &lock).await {
@@ -52,10 +72,10 @@ impl Store {
     ///
     /// # Errors
     /// Where the file cannot be used, or the schema is not one that this program knows.
-    pub async fn visit(path: &Path) -> Result<Self, StoreError> {
-        match Self::open(path, None).await {
-            Err(StoreError::InUse(_)) => Self::connect(&real(path)?, None).await,
-            opened => opened,
+    pub async fn visit(place: &Place) -> Result<Self, StoreError> {
+        match (Self::open(place, None).await, place) {
+            (Err(StoreError::InUse(_)), Place::File(path)) => Self::connect(&real(path)?, None).await,
+            (opened, _) => opened,
         }
     }
 
@@ -110,6 +130,7 @@ impl Store {
         let why = unwritable.cause();
         tracing::warn!("the database cannot be written ({why}): it is only read until the next start");
         let writing = Writing::refused(why);
+        let reader = Pool::Sqlite(reader);
         let writer = reader.clone();
         Ok(Self { writer, reader, writing, changes: Changes::default(), quota: None, lock: Mutex::default() })
     }
@@ -132,6 +153,7 @@ impl Store {
             .await?;
         let reader =
             lasting().max_connections(READERS).connect_with(options.pragma("query_only", "on")).await?;
+        let (writer, reader) = (Pool::Sqlite(writer), Pool::Sqlite(reader));
         let (writing, changes) = (Writing::default(), Changes::default());
         Ok(Self { writer, reader, writing, changes, quota, lock: Mutex::default() })
     }
@@ -139,17 +161,6 @@ impl Store {
     /// Whether the disk took no writes when the database was opened, so that it is only read.
     pub fn is_read_only(&self) -> bool {
         self.writing.is_refused()
-    }
-
-    /// The number of this start of the service, which its leases carry. No clock and no chance is involved.
-    ///
-    /// # Errors
-    /// Where the database fails.
-    pub async fn next_boot(&self) -> Result<i64, StoreError> {
-        let mut tx = self.write().await?;
-        let boot = next(&mut tx, "boot").await?;
-        tx.commit().await?;
-        Ok(boot)
     }
 
     /// The commits that change what is served, or what is said of it, from now on. Whoever writes one waits
@@ -161,6 +172,24 @@ impl Store {
     /// A transaction that holds the write lock from its first statement.
     pub(super) async fn write(&self) -> Result<Write, StoreError> {
         self.writing.begin(&self.writer, &self.changes).await
+    }
+
+    /// A transaction that writes beside others, of what those leave alone. On SQLite it is as any other.
+    pub(super) async fn write_beside(&self) -> Result<Write, StoreError> {
+        self.writing.begin_beside(&self.writer, &self.changes).await
+    }
+
+    /// Whether other services may have the database open, so that not all that happens happens here.
+    pub fn is_shared(&self) -> bool {
+        matches!(self.writer, Pool::Postgres(_))
+    }
+
+    /// Has the follower read some systems anew, as after a commit, and waits for it.
+    pub async fn read_anew(&self, systems: BTreeSet<SystemId>) {
+        if let Some(wait) = self.changes.tell(systems) {
+            // A follower that is gone has nothing to show any more.
+            let _ = wait.await;
+        }
     }
 
     /// Whether the database can be written now.
@@ -187,8 +216,7 @@ impl Store {
     /// Where the database fails.
     pub async fn save(&self) -> Result<(), StoreError> {
         if self.writing.can_fold() {
-            let waits: i64 =
-                sqlx::query_scalar("PRAGMA wal_checkpoint(FULL)").fetch_one(&self.writer).await?;
+            let waits: i64 = query_scalar("PRAGMA wal_checkpoint(FULL)").fetch_one(&self.writer).await?;
             match waits {
                 0 => tracing::warn!("what was in the write-ahead log is in the database now"),
                 _ => tracing::error!("somebody reads the database for long: not all of the log is in it"),
@@ -198,11 +226,7 @@ impl Store {
     }
 
     /// Refuses a window of so many bytes where the database would use most of its quota.
-    pub(super) async fn require_room(
-        &self,
-        tx: &mut SqliteConnection,
-        bytes: usize,
-    ) -> Result<(), StoreError> {
+    pub(super) async fn require_room(&self, tx: &mut Connection, bytes: usize) -> Result<(), StoreError> {
         match &self.quota {
             Some(quota) => quota.require_room(tx, bytes).await,
             None => Ok(()),

@@ -1,13 +1,14 @@
 //! What counts of a system's measurements, by channel and UTC day: what all its windows come to where the
 //! newest wins. It follows from the windows, is written with them, and is all that readers of samples read.
 
+use super::engine::Connection;
 use super::error::StoreError;
 use super::open_rows::{OpenRows, open_in};
 use super::sequence::next;
+use super::statement::{query, query_as, query_scalar};
 use super::value::{corrupt, from_json, to_json};
 use lampyris_core::data::{ChannelView, DAY, Layer, Series, WindowShare};
 use lampyris_core::fault::Fault;
-use sqlx::SqliteConnection;
 use std::collections::BTreeSet;
 
 /// Stands in owners for the window that is being written, whose number is not known yet. It is the newest.
@@ -145,7 +146,7 @@ pub(super) fn unfit(channel: &str, fault: &Fault) -> StoreError {
 /// The days that touch a stretch of time, with the live samples that belong to them; of some channels, or of
 /// all.
 pub(super) async fn read_in(
-    connection: &mut SqliteConnection,
+    connection: &mut Connection,
     system: &str,
     span: (i64, i64),
     channels: Option<&[String]>,
@@ -156,15 +157,26 @@ pub(super) async fn read_in(
 
 /// The days that touch a stretch of time, without the samples that are not laid into them yet.
 pub(super) async fn laid_in(
-    connection: &mut SqliteConnection,
+    connection: &mut Connection,
     system: &str,
     (from, to): (i64, i64),
     channels: Option<&[String]>,
 ) -> Result<Days, StoreError> {
-    let sql = "SELECT channel, block, owners FROM days WHERE system = $1 AND channel IN (SELECT value FROM \
-        json_each(COALESCE($4, (SELECT json_group_array(DISTINCT channel) FROM days WHERE system = $1)))) \
-        AND day BETWEEN $2 AND $3 ORDER BY channel, day";
-    let rows: Vec<(String, Vec<u8>, String)> = sqlx::query_as(sql)
+    macro_rules! laid {
+        ($which:literal) => {
+            concat!(
+                "SELECT channel, block, owners FROM days WHERE system = $1 AND channel IN (",
+                $which,
+                ") AND day BETWEEN $2 AND $3 ORDER BY channel, day"
+            )
+        };
+    }
+    // By name in either case: so the index leads to the days.
+    let sql = match channels {
+        Some(_) => laid!("SELECT value FROM json_each($4)"),
+        None => laid!("SELECT DISTINCT channel FROM days WHERE system = $1 AND $4 IS NULL"),
+    };
+    let rows: Vec<(String, Vec<u8>, String)> = query_as(sql)
         .bind(system)
         .bind(from.div_euclid(DAY))
         .bind(to.div_euclid(DAY))
@@ -176,8 +188,8 @@ pub(super) async fn laid_in(
 }
 
 /// What tells one state of a system's measurements from another; 0 where there never were any.
-pub(super) async fn version_in(connection: &mut SqliteConnection, system: &str) -> Result<i64, StoreError> {
-    let version: Option<i64> = sqlx::query_scalar("SELECT version FROM measured WHERE system = $1")
+pub(super) async fn version_in(connection: &mut Connection, system: &str) -> Result<i64, StoreError> {
+    let version: Option<i64> = query_scalar("SELECT version FROM measured WHERE system = $1")
         .bind(system)
         .fetch_optional(connection)
         .await?;
@@ -186,14 +198,14 @@ pub(super) async fn version_in(connection: &mut SqliteConnection, system: &str) 
 
 /// Writes days, in which [`ARRIVING`] stands for `arriving`, and gives the measurements a new version.
 pub(super) async fn write(
-    tx: &mut SqliteConnection,
+    tx: &mut Connection,
     system: &str,
     changes: &[DaysChange],
     arriving: i64,
 ) -> Result<(), StoreError> {
     for change in changes {
         let sql = "DELETE FROM days WHERE system = $1 AND channel = $2 AND day BETWEEN $3 AND $4";
-        sqlx::query(sql)
+        query(sql)
             .bind(system)
             .bind(&change.channel)
             .bind(change.span.0)
@@ -208,7 +220,7 @@ pub(super) async fn write(
             let owners: Vec<(i64, usize)> = day.owners.iter().map(number).collect();
             let sql = "INSERT INTO days (system, channel, day, unit, from_ms, to_ms, block, owners) VALUES ($1, \
                 $2, $3, $4, $5, $6, $7, $8)";
-            sqlx::query(sql)
+            query(sql)
                 .bind(system)
                 .bind(&change.channel)
                 .bind(day.day)
@@ -226,10 +238,10 @@ pub(super) async fn write(
 }
 
 /// Gives the measurements of a system a new version; says which.
-pub(super) async fn change_version(tx: &mut SqliteConnection, system: &str) -> Result<i64, StoreError> {
+pub(super) async fn change_version(tx: &mut Connection, system: &str) -> Result<i64, StoreError> {
     let version = next(tx, "sequence").await?;
     let sql = "INSERT INTO measured (system, version) VALUES ($1, $2) ON CONFLICT (system) DO UPDATE SET \
         version = excluded.version";
-    sqlx::query(sql).bind(system).bind(version).execute(tx).await?;
+    query(sql).bind(system).bind(version).execute(tx).await?;
     Ok(version)
 }

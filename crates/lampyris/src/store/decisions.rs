@@ -2,17 +2,18 @@
 
 use super::audit::{Action, AuditEntry, note};
 use super::database::Store;
+use super::engine::Connection;
 use super::error::StoreError;
 use super::idempotency::{KeyState, RequestKey, look_up, remember};
 use super::params;
 use super::revisions::{Cause, NewRevision, publish};
 use super::row::row;
+use super::statement::{query, query_as};
 use super::value::{from_json, instant, millis, parse, to_json};
 use super::words::words;
 use jiff::Timestamp;
 use lampyris_core::estimate::assess::metrics::CurrentState;
 use lampyris_core::estimate::{Fit, Offer};
-use sqlx::SqliteConnection;
 
 words! {
     /// An operator's word on an offer.
@@ -74,12 +75,12 @@ row! {
 
 /// Keeps what a fit would serve, until an operator decides.
 pub(super) async fn offer(
-    tx: &mut SqliteConnection,
+    tx: &mut Connection,
     fit: &str,
     offer: &Offer,
     state: Option<&CurrentState>,
 ) -> Result<(), StoreError> {
-    sqlx::query("INSERT INTO offers (fit, served, state) VALUES ($1, $2, $3)")
+    query("INSERT INTO offers (fit, served, state) VALUES ($1, $2, $3)")
         .bind(fit)
         .bind(to_json("an offer", offer)?)
         .bind(state.map(|state| to_json("a state", state)).transpose()?)
@@ -111,7 +112,7 @@ pub async fn decide(
         EXISTS (SELECT 1 FROM pins p WHERE p.system = f.system) AS pinned \
         FROM fits f JOIN systems s ON s.system = f.system \
         LEFT JOIN offers o ON o.fit = f.id LEFT JOIN decisions d ON d.fit = f.id WHERE f.id = $1";
-    let row: Option<OfferRow> = sqlx::query_as(sql).bind(fit).fetch_optional(&mut *tx).await?;
+    let row: Option<OfferRow> = query_as(sql).bind(fit).fetch_optional(&mut *tx).await?;
     let Some(row) = row else { return Ok(Decided::NoFit) };
     let Some(served) = &row.served else { return Ok(Decided::NotOffered(row.verdict)) };
     if let Some(earlier) = &row.decision {
@@ -129,7 +130,7 @@ pub async fn decide(
     if decision == Decision::Promoted && row.model != row.own_model {
         return Ok(Decided::OtherModel(row.own_model));
     }
-    sqlx::query("INSERT INTO decisions (fit, decision, reason, decided_at) VALUES ($1, $2, $3, $4)")
+    query("INSERT INTO decisions (fit, decision, reason, decided_at) VALUES ($1, $2, $3, $4)")
         .bind(fit)
         .bind(decision.as_str())
         .bind(reason)
@@ -180,7 +181,7 @@ pub async fn of(store: &Store, fit: &str) -> Result<(bool, Option<DecisionRecord
     let sql = "SELECT d.decision, d.reason, d.decided_at FROM offers o LEFT JOIN decisions d ON d.fit = \
         o.fit WHERE o.fit = $1";
     let row: Option<(Option<String>, Option<String>, Option<i64>)> =
-        sqlx::query_as(sql).bind(fit).fetch_optional(&store.reader).await?;
+        query_as(sql).bind(fit).fetch_optional(&store.reader).await?;
     Ok(match row {
         None => (false, None),
         Some((Some(decision), Some(reason), Some(decided_at))) => (

@@ -3,6 +3,7 @@
 use super::database::Store;
 use super::error::StoreError;
 use super::params;
+use super::statement::{query, query_scalar};
 use super::value::{millis, parse, to_json};
 use jiff::Timestamp;
 use lampyris_core::data::SystemId;
@@ -25,11 +26,10 @@ pub async fn keep(
 ) -> Result<Option<bool>, StoreError> {
     let mut tx = store.write().await?;
     let system = system.to_string();
-    let current: Option<i64> =
-        sqlx::query_scalar("SELECT revision FROM revisions WHERE system = $1 AND current")
-            .bind(&system)
-            .fetch_optional(&mut *tx)
-            .await?;
+    let current: Option<i64> = query_scalar("SELECT revision FROM revisions WHERE system = $1 AND current")
+        .bind(&system)
+        .fetch_optional(&mut *tx)
+        .await?;
     if current != Some(revision) {
         return Ok(None);
     }
@@ -40,20 +40,15 @@ pub async fn keep(
         Some(degradation) => {
             let sql = "INSERT INTO degradations (system, revision, description, since_at) VALUES ($1, $2, \
                 $3, $4) ON CONFLICT DO NOTHING";
-            let query = sqlx::query(sql)
+            let query = query(sql)
                 .bind(&system)
                 .bind(revision)
                 .bind(to_json("a degradation", degradation)?)
                 .bind(millis(now));
-            query.execute(&mut *tx).await?.rows_affected() > 0
+            query.execute(&mut *tx).await? > 0
         }
         None => {
-            sqlx::query("DELETE FROM degradations WHERE system = $1")
-                .bind(&system)
-                .execute(&mut *tx)
-                .await?
-                .rows_affected()
-                > 0
+            query("DELETE FROM degradations WHERE system = $1").bind(&system).execute(&mut *tx).await? > 0
         }
     };
     tx.commit().await?;
@@ -68,6 +63,6 @@ pub async fn outdated(store: &Store) -> Result<Vec<SystemId>, StoreError> {
     let sql = "SELECT r.system FROM revisions r WHERE r.current AND EXISTS \
         (SELECT 1 FROM windows w WHERE w.system = r.system AND w.uploaded_at > r.published_at) ORDER BY \
         r.system";
-    let names: Vec<String> = sqlx::query_scalar(sql).fetch_all(&store.reader).await?;
+    let names: Vec<String> = query_scalar(sql).fetch_all(&store.reader).await?;
     names.iter().map(|name| parse("a system", name)).collect()
 }

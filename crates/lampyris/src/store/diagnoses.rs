@@ -1,6 +1,7 @@
 //! Which effects models are missing, and the error ladders. A job writes one of them when it ends.
 
 use super::database::Store;
+use super::engine::Connection;
 use super::error::StoreError;
 use super::evidence;
 use super::job_record::Lease;
@@ -8,13 +9,13 @@ use super::page;
 use super::reach::SystemScope;
 use super::row::row;
 use super::sequence::{derive_id, next};
+use super::statement::{query, query_as};
 use super::value::{from_json, instant, millis, parse, to_json, word};
 use jiff::Timestamp;
 use lampyris_core::data::SystemId;
 use lampyris_core::diagnose::ladder::Ladder;
 use lampyris_core::diagnose::report::Diagnosis;
 use serde_json::Value;
-use sqlx::SqliteConnection;
 
 /// A diagnosis as it is kept.
 #[derive(Debug, Clone, PartialEq)]
@@ -90,7 +91,7 @@ pub enum Report {
 /// Keeps what a job found out from a fit, which is named with the hash of its model; gives the id of a
 /// diagnosis.
 pub(super) async fn keep(
-    tx: &mut SqliteConnection,
+    tx: &mut Connection,
     lease: &Lease,
     system: &str,
     (fit, model_hash): (&str, &str),
@@ -108,7 +109,7 @@ pub(super) async fn keep(
             };
             let sql = "INSERT INTO diagnoses (id, sequence, job, system, fit, verdict, document, created_at)
                        VALUES ($1, $2, $3, $4, $5, $6, $7, $8)";
-            sqlx::query(sql)
+            query(sql)
                 .bind(&id)
                 .bind(sequence)
                 .bind(&lease.job)
@@ -126,7 +127,7 @@ pub(super) async fn keep(
             let named = Ladder { system: Some(system.to_owned()), ..Ladder::clone(ladder) };
             let sql = "INSERT INTO ladders (job, sequence, system, fit, document, created_at) VALUES ($1, \
                 $2, $3, $4, $5, $6)";
-            sqlx::query(sql)
+            query(sql)
                 .bind(&lease.job)
                 .bind(sequence)
                 .bind(system)
@@ -145,10 +146,8 @@ pub(super) async fn keep(
 /// # Errors
 /// Where the database fails.
 pub async fn get(store: &Store, id: &str) -> Result<Option<DiagnosisRecord>, StoreError> {
-    let row: Option<Row> = sqlx::query_as("SELECT * FROM diagnoses WHERE id = $1")
-        .bind(id)
-        .fetch_optional(&store.reader)
-        .await?;
+    let row: Option<Row> =
+        query_as("SELECT * FROM diagnoses WHERE id = $1").bind(id).fetch_optional(&store.reader).await?;
     row.map(Row::record).transpose()
 }
 
@@ -164,7 +163,7 @@ pub async fn page(
     limit: i64,
 ) -> Result<Vec<DiagnosisRecord>, StoreError> {
     let sql = "SELECT * FROM diagnoses WHERE ($1 IS NULL OR system = $1) AND ($4 IS NULL OR EXISTS (SELECT 1 FROM \
-        json_each($4) WHERE system GLOB value)) \
+        json_each($4) WHERE glob(value, system))) \
         AND sequence < $2 ORDER BY sequence DESC LIMIT $3";
     let rows: Vec<Row> = page::rows(store, sql, reach, system, before, limit).await?;
     rows.into_iter().map(Row::record).collect()
@@ -178,7 +177,7 @@ pub async fn newest_ladder(store: &Store, system: &SystemId) -> Result<Option<La
     let sql =
         "SELECT job, fit, document, created_at FROM ladders WHERE system = $1 ORDER BY sequence DESC LIMIT 1";
     let row: Option<(String, String, String, i64)> =
-        sqlx::query_as(sql).bind(system.to_string()).fetch_optional(&store.reader).await?;
+        query_as(sql).bind(system.to_string()).fetch_optional(&store.reader).await?;
     row.map(|(job, fit, document, at)| {
         Ok(LadderRecord { job, fit, document: from_json("a ladder", &document)?, created_at: instant(at)? })
     })

@@ -1,16 +1,20 @@
 //! How jobs enter the queue, one or a hundred thousand: a few statements for all of them.
 
+use super::engine::Connection;
 use super::error::StoreError;
 use super::job::{JobKind, Origin, Priority};
 use super::sequence::{derive_id, next_of};
+use super::statement::{query, query_as, query_scalar};
 use super::value::{millis, to_json};
 use jiff::Timestamp;
 use lampyris_core::data::SystemId;
 use lampyris_core::model::ModelId;
-use sqlx::{QueryBuilder, Sqlite, SqliteConnection};
 use std::collections::{BTreeSet, HashMap};
 use std::sync::Arc;
 
+/// From so many jobs on the server's picture of the queue is made anew: with an old one it looks for the next job
+/// ten times as long.
+const MANY: usize = 1000;
 /// Jobs that one statement writes.
 const AT_ONCE: usize = 500;
 
@@ -86,7 +90,7 @@ struct Place<'a> {
 /// Takes jobs into the queue inside a transaction, all or none, and says what waits for each, in their order.
 /// An equal job that waits is moved up where the new one is more urgent.
 pub(super) async fn enter(
-    tx: &mut SqliteConnection,
+    tx: &mut Connection,
     jobs: &[NewJob],
     limit: i64,
     now: Timestamp,
@@ -97,7 +101,7 @@ pub(super) async fn enter(
     let mut turns = Turns::read(tx, jobs, &tenants).await?;
     let new = fingerprints.iter().filter(|fingerprint| !waiting.contains_key(*fingerprint)).count() as i64;
     let queued: i64 =
-        sqlx::query_scalar("SELECT COUNT(*) FROM jobs WHERE state = 'queued'").fetch_one(&mut *tx).await?;
+        query_scalar("SELECT COUNT(*) FROM jobs WHERE state = 'queued'").fetch_one(&mut *tx).await?;
     if new > 0 && queued + new > limit {
         return Err(SubmitError::QueueFull(format!("{limit} jobs wait already")));
     }
@@ -107,7 +111,7 @@ pub(super) async fn enter(
         if let Some((id, rank)) = waiting.get_mut(fingerprint) {
             if job.priority.rank() < *rank {
                 *rank = job.priority.rank();
-                sqlx::query("UPDATE jobs SET priority = $2, turn = $3 WHERE id = $1")
+                query("UPDATE jobs SET priority = $2, turn = $3 WHERE id = $1")
                     .bind(id.as_str())
                     .bind(*rank)
                     .bind(turns.take(job, tenants.of(&job.system)))
@@ -126,48 +130,59 @@ pub(super) async fn enter(
     for places in places.chunks(AT_ONCE) {
         insert(tx, places, &tenants, now).await?;
     }
+    if places.len() >= MANY && tx.is_postgres() {
+        query("ANALYZE jobs").execute(&mut *tx).await?;
+    }
     Ok(entered)
 }
 
+/// Writes the rows of a list.
+const INSERT: &str = "INSERT INTO jobs (id, sequence, kind, system, model, fingerprint, experiment, origin, \
+    priority, turn, tenant, request, state, created_at) \
+    SELECT json_extract(value, '$[0]'), CAST(json_extract(value, '$[1]') AS BIGINT), \
+    json_extract(value, '$[2]'), json_extract(value, '$[3]'), json_extract(value, '$[4]'), \
+    json_extract(value, '$[5]'), CAST(json_extract(value, '$[6]') AS BIGINT) = 1, \
+    json_extract(value, '$[7]'), CAST(json_extract(value, '$[8]') AS BIGINT), \
+    CAST(json_extract(value, '$[9]') AS BIGINT), json_extract(value, '$[10]'), \
+    json_extract(value, '$[11]'), 'queued', $2 FROM json_each($1)";
+
 async fn insert(
-    tx: &mut SqliteConnection,
+    tx: &mut Connection,
     places: &[Place<'_>],
     tenants: &Tenants,
     now: Timestamp,
 ) -> Result<(), StoreError> {
-    let mut query = QueryBuilder::<Sqlite>::new(
-        "INSERT INTO jobs (id, sequence, kind, system, model, request, fingerprint, experiment, origin, \
-        priority, turn, state, created_at, tenant) ",
-    );
-    query.push_values(places, |mut row, Place { job, fingerprint, id, sequence, turn }| {
-        row.push_bind(id)
-            .push_bind(sequence)
-            .push_bind(job.kind.as_str())
-            .push_bind(job.system.to_string())
-            .push_bind(job.model.to_string())
-            .push_bind(&*job.request)
-            .push_bind(fingerprint)
-            .push_bind(job.experiment)
-            .push_bind(job.origin.as_str())
-            .push_bind(job.priority.rank())
-            .push_bind(turn)
-            .push("'queued'")
-            .push_bind(millis(now))
-            .push_bind(tenants.of(&job.system));
-    });
-    query.build().execute(tx).await?;
+    let row = |place: &Place<'_>| {
+        let Place { job, fingerprint, id, sequence, turn } = place;
+        serde_json::json!([
+            id,
+            sequence,
+            job.kind.as_str(),
+            job.system,
+            job.model.to_string(),
+            fingerprint,
+            i64::from(job.experiment),
+            job.origin.as_str(),
+            job.priority.rank(),
+            turn,
+            tenants.of(&job.system),
+            &*job.request,
+        ])
+    };
+    let rows: Vec<serde_json::Value> = places.iter().map(row).collect();
+    query(INSERT).bind(to_json("jobs", &rows)?).bind(millis(now)).execute(tx).await?;
     Ok(())
 }
 
 /// The equal jobs that wait, by their fingerprint, with their id and their rank.
 async fn waiting(
-    tx: &mut SqliteConnection,
+    tx: &mut Connection,
     fingerprints: &[String],
 ) -> Result<HashMap<String, (String, i64)>, StoreError> {
     let sql = "SELECT fingerprint, id, priority FROM jobs WHERE state = 'queued' AND NOT requeued AND \
         fingerprint IN (SELECT value FROM json_each($1))";
     let rows: Vec<(String, String, i64)> =
-        sqlx::query_as(sql).bind(to_json("fingerprints", fingerprints)?).fetch_all(tx).await?;
+        query_as(sql).bind(to_json("fingerprints", fingerprints)?).fetch_all(tx).await?;
     Ok(rows.into_iter().map(|(fingerprint, id, rank)| (fingerprint, (id, rank))).collect())
 }
 
@@ -181,14 +196,14 @@ impl Tenants {
 }
 
 /// Reads them, and has each take turns from now on.
-async fn tenants(tx: &mut SqliteConnection, jobs: &[NewJob]) -> Result<Tenants, StoreError> {
+async fn tenants(tx: &mut Connection, jobs: &[NewJob]) -> Result<Tenants, StoreError> {
     let systems: Vec<String> = jobs.iter().map(|job| job.system.to_string()).collect();
     let sql = "SELECT system, tenant FROM systems WHERE system IN (SELECT value FROM json_each($1))";
     let rows: Vec<(String, String)> =
-        sqlx::query_as(sql).bind(to_json("systems", &systems)?).fetch_all(&mut *tx).await?;
+        query_as(sql).bind(to_json("systems", &systems)?).fetch_all(&mut *tx).await?;
     let names: BTreeSet<&String> = rows.iter().map(|(_, tenant)| tenant).collect();
     for name in names {
-        sqlx::query("INSERT INTO tenants (tenant, started, ended) VALUES ($1, 0, 0) ON CONFLICT DO NOTHING")
+        query("INSERT INTO tenants (tenant, started, ended) VALUES ($1, 0, 0) ON CONFLICT DO NOTHING")
             .bind(name)
             .execute(&mut *tx)
             .await?;
@@ -206,12 +221,12 @@ struct Turns {
 }
 
 impl Turns {
-    async fn read(tx: &mut SqliteConnection, jobs: &[NewJob], tenants: &Tenants) -> Result<Self, StoreError> {
+    async fn read(tx: &mut Connection, jobs: &[NewJob], tenants: &Tenants) -> Result<Self, StoreError> {
         let systems: Vec<String> = jobs.iter().map(|job| job.system.to_string()).collect();
         let sql = "SELECT system, priority, MAX(turn) FROM jobs WHERE state = 'queued' AND system IN (SELECT \
             value FROM json_each($1)) GROUP BY system, priority";
         let own: Vec<(String, i64, i64)> =
-            sqlx::query_as(sql).bind(to_json("systems", &systems)?).fetch_all(&mut *tx).await?;
+            query_as(sql).bind(to_json("systems", &systems)?).fetch_all(&mut *tx).await?;
         let free = own.into_iter().map(|(system, rank, turn)| ((system, rank), turn + 1)).collect();
         let mut rounds: HashMap<(String, i64), i64> = HashMap::new();
         for job in jobs {
@@ -220,8 +235,7 @@ impl Turns {
                 continue;
             }
             let sql = "SELECT MIN(turn) FROM jobs WHERE state = 'queued' AND tenant = $1 AND priority = $2";
-            let round: Option<i64> =
-                sqlx::query_scalar(sql).bind(tenant).bind(rank).fetch_one(&mut *tx).await?;
+            let round: Option<i64> = query_scalar(sql).bind(tenant).bind(rank).fetch_one(&mut *tx).await?;
             rounds.insert((tenant.to_owned(), rank), round.unwrap_or(0));
         }
         Ok(Self { free, rounds })

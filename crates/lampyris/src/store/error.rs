@@ -1,5 +1,7 @@
 //! Why the database could not do what was asked, with what to do about it.
 
+use sqlx::error::DatabaseError;
+use sqlx::sqlite::SqliteError;
 use std::io::{self, ErrorKind};
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -273,5 +275,5 @@ fn primary_code(error: &sqlx::Error) -> Option<i32> {
 
 /// SQLite's extended result code.
 fn result_code(error: &sqlx::Error) -> Option<i32> {
-    error.as_database_error()?.code()?.parse().ok()
+    error.as_database_error()?.try_downcast_ref::<SqliteError>()?.code()?.parse().ok()
 }

@@ -6,6 +6,7 @@
 use super::database::Store;
 use super::error::StoreError;
 use super::job_record::{JobRecord, Row};
+use super::statement::{query_as, query_scalar};
 use lampyris_core::data::SystemId;
 
 /// Numbers between which listeners have missed something.
@@ -29,9 +30,7 @@ impl Missed {
 /// # Errors
 /// Where the database fails.
 pub async fn newest(store: &Store) -> Result<i64, StoreError> {
-    Ok(sqlx::query_scalar("SELECT value FROM counters WHERE name = 'sequence'")
-        .fetch_one(&store.reader)
-        .await?)
+    Ok(query_scalar("SELECT value FROM counters WHERE name = 'sequence'").fetch_one(&store.reader).await?)
 }
 
 /// Jobs that were submitted or ended between two numbers, as they are now.
@@ -41,8 +40,7 @@ pub async fn newest(store: &Store) -> Result<i64, StoreError> {
 pub async fn news(store: &Store, missed: Missed) -> Result<Vec<JobRecord>, StoreError> {
     let sql = "SELECT * FROM jobs WHERE (sequence > $1 AND sequence <= $2) OR (end_sequence > $1 AND \
         end_sequence <= $2)";
-    let rows: Vec<Row> =
-        sqlx::query_as(sql).bind(missed.after).bind(missed.up_to).fetch_all(&store.reader).await?;
+    let rows: Vec<Row> = query_as(sql).bind(missed.after).bind(missed.up_to).fetch_all(&store.reader).await?;
     rows.into_iter().map(Row::record).collect()
 }
 
@@ -59,11 +57,8 @@ pub async fn ended(
     let sql =
         "SELECT * FROM jobs WHERE end_sequence > $1 AND end_sequence <= $2 AND ($3 IS NULL OR system = $3)
                ORDER BY end_sequence LIMIT $4";
-    let query = sqlx::query_as(sql)
-        .bind(missed.after)
-        .bind(missed.up_to)
-        .bind(system.map(ToString::to_string))
-        .bind(limit);
+    let query =
+        query_as(sql).bind(missed.after).bind(missed.up_to).bind(system.map(ToString::to_string)).bind(limit);
     let rows: Vec<Row> = query.fetch_all(&store.reader).await?;
     rows.into_iter().map(Row::record).collect()
 }
@@ -83,7 +78,7 @@ pub async fn waiting(
     let sql = "SELECT * FROM jobs WHERE state = 'queued' AND sequence > $4 AND sequence <= $2 AND (sequence \
         > $1 OR requeued) \
         AND ($3 IS NULL OR system = $3) ORDER BY sequence LIMIT $5";
-    let query = sqlx::query_as(sql)
+    let query = query_as(sql)
         .bind(missed.after)
         .bind(missed.up_to)
         .bind(system.map(ToString::to_string))

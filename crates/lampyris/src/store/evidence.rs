@@ -2,12 +2,13 @@
 //! system.
 
 use super::database::Store;
+use super::engine::Connection;
 use super::error::StoreError;
 use super::row::row;
+use super::statement::{query, query_as};
 use super::value::corrupt;
 use lampyris_core::data::SystemId;
 use lampyris_core::diagnose::ledger::{EffectScore, LedgerEntry, LookedSpan};
-use sqlx::SqliteConnection;
 
 row! {
     struct Row {
@@ -53,7 +54,7 @@ impl Row {
 
 /// Keeps what the window of a diagnosis showed. `sequence` is that of the diagnosis.
 pub(super) async fn keep(
-    tx: &mut SqliteConnection,
+    tx: &mut Connection,
     system: &str,
     sequence: i64,
     entries: &[LedgerEntry],
@@ -63,7 +64,7 @@ pub(super) async fn keep(
         beyond_clock, days, shift_p) \
         VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $12, $13, $14, $15, $16, $17)";
     for LedgerEntry { diagnosis, model, model_hash, span, score } in entries {
-        sqlx::query(sql)
+        query(sql)
             .bind(diagnosis)
             .bind(&score.effect)
             .bind(sequence)
@@ -100,11 +101,7 @@ pub async fn of(
 ) -> Result<Vec<LedgerEntry>, StoreError> {
     let sql = "SELECT * FROM evidence WHERE system = $1 AND ($2 IS NULL OR effect = $2) AND ($3 IS NULL OR \
         model = $3) ORDER BY sequence";
-    let rows: Vec<Row> = sqlx::query_as(sql)
-        .bind(system.to_string())
-        .bind(effect)
-        .bind(model)
-        .fetch_all(&store.reader)
-        .await?;
+    let rows: Vec<Row> =
+        query_as(sql).bind(system.to_string()).bind(effect).bind(model).fetch_all(&store.reader).await?;
     rows.into_iter().map(Row::entry).collect()
 }

@@ -5,20 +5,22 @@
 
 use super::database::Store;
 use super::diagnoses::{self, Report};
+use super::engine::Connection;
 use super::error::StoreError;
 use super::job::{JobFailure, Outcome};
 use super::job_record::Lease;
 use super::revisions::{self, Cause, NewRevision};
 use super::row::row;
-use super::sequence::{derive_id, next};
-use super::value::{corrupt, millis, to_json, word};
+use super::sequence::id_of;
+use super::statement::{query, query_as, query_scalar};
+use super::value::{corrupt, from_json, millis, to_json, word};
 use super::{decisions, failpoint, params, systems};
 use jiff::Timestamp;
 use lampyris_core::estimate::assess::metrics::CurrentState;
 use lampyris_core::estimate::problem::method::SeededMethod;
 use lampyris_core::estimate::tune::Tuning;
 use lampyris_core::estimate::{Fit, Judgement, Offer, ServedParameters, Verdict};
-use sqlx::SqliteConnection;
+use serde::Deserialize;
 
 /// How a job ended.
 #[derive(Debug)]
@@ -98,17 +100,15 @@ pub async fn finish(
     now: Timestamp,
 ) -> Result<Finished, StoreError> {
     failpoint::reached("before_finish");
-    let mut tx = store.write().await?;
+    // Whoever may take the job away, or touches what is said of its system, writes alone.
+    let mut tx = store.write_beside().await?;
     let sql = "SELECT j.system, j.experiment, j.model = s.model AS own_model,
                    EXISTS (SELECT 1 FROM pins p WHERE p.system = j.system) AS pinned, j.cancelling
                FROM jobs j JOIN systems s ON s.system = j.system
-               WHERE j.id = $1 AND j.state = 'running' AND j.boot = $2 AND j.attempt = $3";
-    let leased: Option<Leased> = sqlx::query_as(sql)
-        .bind(&lease.job)
-        .bind(lease.boot)
-        .bind(lease.attempt)
-        .fetch_optional(&mut *tx)
-        .await?;
+               WHERE j.id = $1 AND j.state = 'running' AND j.boot = $2 AND j.attempt = $3
+               AND EXISTS (SELECT 1 FROM workers w WHERE w.worker = $2)";
+    let leased: Option<Leased> =
+        query_as(sql).bind(&lease.job).bind(lease.boot).bind(lease.attempt).fetch_optional(&mut *tx).await?;
     let Some(leased) = leased else {
         return Err(StoreError::LeaseLost);
     };
@@ -133,7 +133,7 @@ pub async fn finish(
                 // job.
                 finished.outcome = None;
             }
-            sqlx::query(
+            query(
                 "UPDATE jobs SET state = 'succeeded', boot = NULL, outcome = $2, fit = $3, revision = $4, \
                 stopped_by = $5, evaluations = $6, \
                 ended_at = $7, diagnosis = $8 WHERE id = $1",
@@ -152,21 +152,19 @@ pub async fn finish(
         }
         JobEnd::Tuned(tuned) => keep_tuning(&mut tx, lease, &leased, tuned, now).await?,
         JobEnd::Failed(failure) => {
-            sqlx::query(
-                "UPDATE jobs SET state = 'failed', boot = NULL, error = $2, ended_at = $3 WHERE id = $1",
-            )
-            .bind(&lease.job)
-            .bind(to_json("a failure", failure)?)
-            .bind(millis(now))
-            .execute(&mut *tx)
-            .await?;
+            query("UPDATE jobs SET state = 'failed', boot = NULL, error = $2, ended_at = $3 WHERE id = $1")
+                .bind(&lease.job)
+                .bind(to_json("a failure", failure)?)
+                .bind(millis(now))
+                .execute(&mut *tx)
+                .await?;
             if counts {
                 params::fall_back(&mut tx, &leased.system, &lease.job, None, now).await?;
             }
             Finished::default()
         }
         JobEnd::Cancelled => {
-            sqlx::query("UPDATE jobs SET state = 'cancelled', boot = NULL, ended_at = $2 WHERE id = $1")
+            query("UPDATE jobs SET state = 'cancelled', boot = NULL, ended_at = $2 WHERE id = $1")
                 .bind(&lease.job)
                 .bind(millis(now))
                 .execute(&mut *tx)
@@ -183,7 +181,7 @@ pub async fn finish(
 /// Keeps what a tuning found; better settings become those of the system where its policy says so and the
 /// model is its own.
 async fn keep_tuning(
-    tx: &mut SqliteConnection,
+    tx: &mut Connection,
     lease: &Lease,
     leased: &Leased,
     Tuned { tuning, automatic }: &Tuned,
@@ -191,26 +189,26 @@ async fn keep_tuning(
 ) -> Result<Finished, StoreError> {
     // Better than what the job was asked to compare with is not better than what an operator has set
     // meanwhile.
-    let method: Option<String> =
-        sqlx::query_scalar("SELECT json_extract(document, '$.method') FROM systems WHERE system = $1")
-            .bind(&leased.system)
-            .fetch_one(&mut *tx)
-            .await?;
-    let set = method
-        .map(|text| serde_json::from_str::<SeededMethod>(&text))
-        .transpose()
-        .map_err(|error| corrupt("a method", &error))?;
-    let compared = set.unwrap_or_default().method == tuning.before.method;
+    let sql = "SELECT document FROM systems WHERE system = $1";
+    let document: String = query_scalar(sql).bind(&leased.system).fetch_one(&mut *tx).await?;
+    let mut document: serde_json::Value = from_json("a system", &document)?;
+    let set = match document.get("method") {
+        Some(method) => SeededMethod::deserialize(method).map_err(|error| corrupt("a method", &error))?,
+        None => SeededMethod::default(),
+    };
+    let compared = set.method == tuning.before.method;
     let outcome = match (tuning.better, *automatic && leased.own_model && compared) {
         (true, true) => Outcome::Accepted,
         (true, false) => Outcome::Suggested,
         (false, _) => Outcome::Unchanged,
     };
     if outcome == Outcome::Accepted {
-        let method = to_json("a method", &tuning.tuned)?;
-        systems::take_method(tx, &leased.system, &method, (&lease.job, &tuning.summary), now).await?;
+        document["method"] =
+            serde_json::to_value(&tuning.tuned).map_err(|error| corrupt("a method", &error))?;
+        let document = to_json("a system", &document)?;
+        systems::take_method(tx, &leased.system, &document, (&lease.job, &tuning.summary), now).await?;
     }
-    sqlx::query(
+    query(
         "UPDATE jobs SET state = 'succeeded', boot = NULL, outcome = $2, tuning = $3, evaluations = $4, \
         ended_at = $5 WHERE id = $1",
     )
@@ -226,7 +224,7 @@ async fn keep_tuning(
 
 /// Keeps a fit with its verdict, and draws the consequences for what is served.
 async fn keep_fit(
-    tx: &mut SqliteConnection,
+    tx: &mut Connection,
     lease: &Lease,
     leased: &Leased,
     finding: &JudgedFit,
@@ -235,11 +233,10 @@ async fn keep_fit(
 ) -> Result<Finished, StoreError> {
     let JudgedFit { fit, judgement, .. } = finding;
     let system = leased.system.as_str();
-    let sequence = next(tx, "sequence").await?;
-    let id = derive_id("fit", sequence, now);
+    let id = id_of("fit", &format!("{} {}", lease.job, lease.attempt));
     let sql = "INSERT INTO fits (id, job, system, model, document, verdict, checks, summary, created_at) \
         VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9)";
-    sqlx::query(sql)
+    query(sql)
         .bind(&id)
         .bind(&lease.job)
         .bind(system)
@@ -253,8 +250,8 @@ async fn keep_fit(
         .await?;
     // Windows that a running job may read cannot be deleted; should one be gone nevertheless, the fit still
     // counts.
-    sqlx::query(
-        "INSERT INTO fit_windows (fit, window) SELECT $1, id FROM windows WHERE id IN (SELECT value \
+    query(
+        "INSERT INTO fit_windows (fit, window_id) SELECT $1, id FROM windows WHERE id IN (SELECT value \
         FROM json_each($2))",
     )
     .bind(&id)

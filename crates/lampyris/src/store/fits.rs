@@ -5,6 +5,7 @@ use super::error::StoreError;
 use super::page;
 use super::reach::SystemScope;
 use super::row::row;
+use super::statement::query_as;
 use super::value::{from_json, instant, parse, to_json};
 use jiff::Timestamp;
 use lampyris_core::data::SystemId;
@@ -93,7 +94,7 @@ impl Row {
 /// Where the database fails.
 pub async fn get(store: &Store, id: &str) -> Result<Option<FitRecord>, StoreError> {
     let sql = "SELECT * FROM fits WHERE id = $1";
-    let row: Option<Row> = sqlx::query_as(sql).bind(id).fetch_optional(&store.reader).await?;
+    let row: Option<Row> = query_as(sql).bind(id).fetch_optional(&store.reader).await?;
     row.map(Row::record).transpose()
 }
 
@@ -103,7 +104,7 @@ pub async fn get(store: &Store, id: &str) -> Result<Option<FitRecord>, StoreErro
 /// Where the database fails.
 pub async fn served(store: &Store, system: &SystemId) -> Result<Option<FitRecord>, StoreError> {
     let sql = "SELECT f.* FROM fits f JOIN revisions r ON r.fit = f.id WHERE r.system = $1 AND r.current";
-    let row: Option<Row> = sqlx::query_as(sql).bind(system.to_string()).fetch_optional(&store.reader).await?;
+    let row: Option<Row> = query_as(sql).bind(system.to_string()).fetch_optional(&store.reader).await?;
     row.map(Row::record).transpose()
 }
 
@@ -112,11 +113,12 @@ pub async fn served(store: &Store, system: &SystemId) -> Result<Option<FitRecord
 /// # Errors
 /// Where the database fails.
 pub async fn worst_regimes(store: &Store, systems: &[String]) -> Result<HashMap<String, String>, StoreError> {
-    let sql = "SELECT r.system, f.document ->> '$.worst_regime' AS worst FROM revisions r JOIN fits f ON \
+    let sql = "SELECT r.system, json_extract(f.document, '$.worst_regime') FROM revisions r JOIN fits f ON \
         f.id = r.fit \
-        WHERE r.current AND r.system IN (SELECT value FROM json_each($1)) AND worst IS NOT NULL";
+        WHERE r.current AND r.system IN (SELECT value FROM json_each($1)) AND \
+        json_extract(f.document, '$.worst_regime') IS NOT NULL";
     let rows: Vec<(String, String)> =
-        sqlx::query_as(sql).bind(to_json("systems", systems)?).fetch_all(&store.reader).await?;
+        query_as(sql).bind(to_json("systems", systems)?).fetch_all(&store.reader).await?;
     Ok(rows.into_iter().collect())
 }
 
@@ -174,7 +176,7 @@ pub async fn page(
                 parts, \
                 EXISTS (SELECT 1 FROM revisions r WHERE r.fit = f.id AND r.current) AS served FROM fits f WHERE ",
                 $whose,
-                " AND ($4 IS NULL OR EXISTS (SELECT 1 FROM json_each($4) WHERE f.system GLOB value)) \
+                " AND ($4 IS NULL OR EXISTS (SELECT 1 FROM json_each($4) WHERE glob(value, f.system))) \
                 AND f.rowid < $2 ORDER BY f.rowid DESC LIMIT $3"
             )
         };

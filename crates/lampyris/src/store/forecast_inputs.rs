@@ -5,6 +5,7 @@ use super::error::StoreError;
 use super::idempotency::{KeyState, RequestKey, look_up, remember};
 use super::row::row;
 use super::sequence::next;
+use super::statement::{query, query_as, query_scalar};
 use super::value::{corrupt, instant, millis};
 use jiff::Timestamp;
 use lampyris_core::data::{Series, SystemId};
@@ -86,7 +87,7 @@ pub fn version(inputs: &[KeptInput]) -> i64 {
 pub async fn of(store: &Store, system: &SystemId) -> Result<Vec<KeptInput>, StoreError> {
     let sql = "SELECT channel, issued_at, version, from_ms, to_ms, block FROM forecast_inputs \
         WHERE system = $1 ORDER BY channel";
-    let query = sqlx::query_as(sql).bind(system.to_string());
+    let query = query_as(sql).bind(system.to_string());
     let rows: Vec<InputRow> = query.fetch_all(&store.reader).await?;
     let input = |row: InputRow| {
         Ok(KeptInput {
@@ -115,7 +116,7 @@ pub async fn write(
 ) -> Result<IssueWritten, StoreError> {
     let name = system.to_string();
     let mut tx = store.write().await?;
-    let there = sqlx::query("SELECT 1 FROM systems WHERE system = $1").bind(&name);
+    let there = query("SELECT 1 FROM systems WHERE system = $1").bind(&name);
     if there.fetch_optional(&mut *tx).await?.is_none() {
         return Ok(IssueWritten::NoSystem);
     }
@@ -125,7 +126,7 @@ pub async fn write(
         KeyState::Reused => return tx.take_back().await.map(|()| IssueWritten::KeyReused),
     }
     let sql = "SELECT COALESCE(MAX(version), 0) FROM forecast_inputs WHERE system = $1";
-    let standing: i64 = sqlx::query_scalar(sql).bind(&name).fetch_one(&mut *tx).await?;
+    let standing: i64 = query_scalar(sql).bind(&name).fetch_one(&mut *tx).await?;
     if standing != version {
         return tx.take_back().await.map(|()| IssueWritten::Stale);
     }
@@ -136,7 +137,7 @@ pub async fn write(
             VALUES ($1, $2, $3, $4, $5, $6, $7) ON CONFLICT (system, channel) DO UPDATE SET \
             issued_at = excluded.issued_at, version = excluded.version, from_ms = excluded.from_ms, \
             to_ms = excluded.to_ms, block = excluded.block";
-        sqlx::query(sql)
+        query(sql)
             .bind(&name)
             .bind(&input.channel)
             .bind(millis(input.issued_at))

@@ -2,10 +2,11 @@
 //! neither can survive a crash without the other.
 
 use super::database::Store;
+use super::engine::Connection;
 use super::error::StoreError;
+use super::statement::{query, query_as};
 use super::value::millis;
 use jiff::{SignedDuration, Timestamp};
-use sqlx::SqliteConnection;
 
 /// How long a key is remembered. Clients are promised a day.
 const KEPT: SignedDuration = SignedDuration::from_hours(48);
@@ -44,15 +45,12 @@ pub enum KeyState {
 }
 
 /// Looks a key up inside the transaction that may create something.
-pub(super) async fn look_up(
-    tx: &mut SqliteConnection,
-    key: Option<&RequestKey>,
-) -> Result<KeyState, StoreError> {
+pub(super) async fn look_up(tx: &mut Connection, key: Option<&RequestKey>) -> Result<KeyState, StoreError> {
     let Some(key) = key else {
         return Ok(KeyState::Fresh);
     };
     let row: Option<(String, String, i64)> =
-        sqlx::query_as("SELECT fingerprint, resource, status FROM idempotency WHERE key = $1")
+        query_as("SELECT fingerprint, resource, status FROM idempotency WHERE key = $1")
             .bind(&key.key)
             .fetch_optional(tx)
             .await?;
@@ -67,14 +65,14 @@ pub(super) async fn look_up(
 
 /// Remembers what a request created.
 pub(super) async fn remember(
-    tx: &mut SqliteConnection,
+    tx: &mut Connection,
     key: Option<&RequestKey>,
     resource: &str,
     status: u16,
     now: Timestamp,
 ) -> Result<(), StoreError> {
     let Some(key) = key else { return Ok(()) };
-    sqlx::query(
+    query(
         "INSERT INTO idempotency (key, fingerprint, resource, status, created_at) VALUES ($1, $2, \
         $3, $4, $5)",
     )
@@ -95,8 +93,7 @@ pub(super) async fn remember(
 pub async fn forget_old(store: &Store, now: Timestamp) -> Result<u64, StoreError> {
     let before = now.saturating_sub(KEPT).map_or(0, millis);
     let mut tx = store.write().await?;
-    let gone =
-        sqlx::query("DELETE FROM idempotency WHERE created_at < $1").bind(before).execute(&mut *tx).await?;
+    let gone = query("DELETE FROM idempotency WHERE created_at < $1").bind(before).execute(&mut *tx).await?;
     tx.commit().await?;
-    Ok(gone.rows_affected())
+    Ok(gone)
 }

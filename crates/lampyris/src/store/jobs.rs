@@ -4,9 +4,10 @@ use super::database::Store;
 use super::error::StoreError;
 use super::job_record::Row;
 use super::reach::SystemScope;
+use super::statement::query_as;
 use super::value::to_json;
 use lampyris_core::data::SystemId;
-use sqlx::{QueryBuilder, Sqlite};
+use sqlx::AssertSqlSafe;
 
 pub use super::job::{JobFailure, JobKind, JobStatus, Origin, Outcome, Priority};
 pub use super::job_record::{Ended, FoundFit, JobRecord, JobResult, JobState, Lease};
@@ -17,7 +18,7 @@ pub use super::job_record::{Ended, FoundFit, JobRecord, JobResult, JobState, Lea
 /// Where the database fails.
 pub async fn get(store: &Store, id: &str) -> Result<Option<JobRecord>, StoreError> {
     let row: Option<Row> =
-        sqlx::query_as("SELECT * FROM jobs WHERE id = $1").bind(id).fetch_optional(&store.reader).await?;
+        query_as("SELECT * FROM jobs WHERE id = $1").bind(id).fetch_optional(&store.reader).await?;
     row.map(Row::record).transpose()
 }
 
@@ -28,8 +29,7 @@ pub async fn get(store: &Store, id: &str) -> Result<Option<JobRecord>, StoreErro
 pub async fn newest(store: &Store, systems: &[String]) -> Result<Vec<JobRecord>, StoreError> {
     let sql = "SELECT * FROM jobs WHERE sequence IN (SELECT MAX(sequence) FROM jobs WHERE system IN (SELECT \
         value FROM json_each($1)) GROUP BY system)";
-    let rows: Vec<Row> =
-        sqlx::query_as(sql).bind(to_json("systems", systems)?).fetch_all(&store.reader).await?;
+    let rows: Vec<Row> = query_as(sql).bind(to_json("systems", systems)?).fetch_all(&store.reader).await?;
     rows.into_iter().map(Row::record).collect()
 }
 
@@ -57,30 +57,33 @@ pub async fn page(
     limit: i64,
 ) -> Result<Vec<JobRecord>, StoreError> {
     // Only what is asked for stands in the statement, and only the first of it may choose the index (`+`
-    // hides a column): the jobs of one system are few among many, those in a state are fewer than those of a
+    // hides a column from SQLite): the jobs of one system are few among many, those in a state are fewer than those of a
     // kind.
-    let mut query = QueryBuilder::<Sqlite>::new("SELECT * FROM jobs WHERE sequence < ");
-    query.push_bind(before);
+    let mut sql = "SELECT * FROM jobs WHERE sequence < $1".to_owned();
     let mut hide = "";
-    if let Some(system) = &filter.system {
-        query.push(" AND system = ").push_bind(system.to_string());
-        hide = "+";
+    let hidden = if store.reader.is_sqlite() { "+" } else { "" };
+    if filter.system.is_some() {
+        sql += " AND system = $3";
+        hide = hidden;
     }
     if let Some(state) = filter.state {
         // Each state has an index of its own, which is found by the word alone.
-        query.push(" AND ").push(hide).push("state = '").push(state.as_str()).push("'");
-        hide = "+";
+        sql += &format!(" AND {hide}state = '{}'", state.as_str());
+        hide = hidden;
     }
     if let Some(kind) = filter.kind {
-        query.push(" AND ").push(hide).push("kind = ").push_bind(kind.as_str());
+        sql += &format!(" AND {hide}kind = '{}'", kind.as_str());
     }
-    if let Some(reach) = filter.reach.sql()? {
-        query
-            .push(" AND EXISTS (SELECT 1 FROM json_each(")
-            .push_bind(reach)
-            .push(") WHERE system GLOB value)");
+    if !filter.reach.is_all() {
+        sql += " AND EXISTS (SELECT 1 FROM json_each($4) WHERE glob(value, system))";
     }
-    query.push(" ORDER BY sequence DESC LIMIT ").push_bind(limit);
-    let rows: Vec<Row> = query.build_query_as().fetch_all(&store.reader).await?;
+    sql += " ORDER BY sequence DESC LIMIT $2";
+    let rows: Vec<Row> = query_as(AssertSqlSafe(sql))
+        .bind(before)
+        .bind(limit)
+        .bind(filter.system.as_ref().map(ToString::to_string))
+        .bind(filter.reach.sql()?)
+        .fetch_all(&store.reader)
+        .await?;
     rows.into_iter().map(Row::record).collect()
 }

@@ -3,6 +3,7 @@
 use super::database::Store;
 use super::days::{self, Days};
 use super::error::StoreError;
+use super::statement::{query_as, query_scalar};
 use super::value::to_json;
 use lampyris_core::data::SystemId;
 use std::collections::{BTreeMap, HashSet};
@@ -26,7 +27,7 @@ pub async fn read(
     span: (i64, i64),
     channels: Option<&[String]>,
 ) -> Result<Days, StoreError> {
-    days::read_in(&mut *store.reader.acquire().await?, &system.to_string(), span, channels).await
+    days::read_in(&mut store.reader.begin().await?, &system.to_string(), span, channels).await
 }
 
 /// The days that touch a stretch of time, of some channels or of all, with the names of the windows behind
@@ -43,9 +44,10 @@ pub async fn read_owned(
     // One moment for both: a window may get another number.
     let mut tx = store.reader.begin().await?;
     let days = days::read_in(&mut tx, &system.to_string(), span, channels).await?;
-    let sql = "SELECT sequence, id FROM windows WHERE sequence IN (SELECT value FROM json_each($1))";
+    let sql = "SELECT sequence, id FROM windows WHERE sequence IN (SELECT CAST(value AS BIGINT) \
+        FROM json_each($1))";
     let names: Vec<(i64, String)> =
-        sqlx::query_as(sql).bind(to_json("windows", &days.owners()?)?).fetch_all(&mut *tx).await?;
+        query_as(sql).bind(to_json("windows", &days.owners()?)?).fetch_all(&mut tx).await?;
     Ok(OwnedDays { days, windows: names.into_iter().collect() })
 }
 
@@ -56,9 +58,9 @@ pub async fn read_owned(
 pub async fn extent(store: &Store, system: &SystemId) -> Result<Option<(i64, i64)>, StoreError> {
     let sql = "SELECT MIN(first), MAX(last) FROM (SELECT (SELECT MIN(from_ms) FROM days WHERE system = $1) AS \
         first, (SELECT MAX(to_ms) FROM days WHERE system = $1) AS last UNION ALL SELECT MIN(from_ms), \
-        MAX(to_ms) FROM samples WHERE system = $1)";
+        MAX(to_ms) FROM samples WHERE system = $1) spans";
     let (from, to): (Option<i64>, Option<i64>) =
-        sqlx::query_as(sql).bind(system.to_string()).fetch_one(&store.reader).await?;
+        query_as(sql).bind(system.to_string()).fetch_one(&store.reader).await?;
     Ok(from.zip(to))
 }
 
@@ -69,7 +71,7 @@ pub async fn extent(store: &Store, system: &SystemId) -> Result<Option<(i64, i64
 pub async fn systems(store: &Store) -> Result<HashSet<String>, StoreError> {
     let sql = "SELECT system FROM systems s WHERE EXISTS (SELECT 1 FROM days WHERE system = s.system) OR EXISTS \
         (SELECT 1 FROM samples WHERE system = s.system)";
-    Ok(sqlx::query_scalar(sql).fetch_all(&store.reader).await?.into_iter().collect())
+    Ok(query_scalar(sql).fetch_all(&store.reader).await?.into_iter().collect())
 }
 
 /// The channels of a system, by name.
@@ -77,9 +79,9 @@ pub async fn systems(store: &Store) -> Result<HashSet<String>, StoreError> {
 /// # Errors
 /// Where the database fails.
 pub async fn channels(store: &Store, system: &SystemId) -> Result<Vec<String>, StoreError> {
-    let sql = "SELECT channel FROM days WHERE system = $1 UNION SELECT r.value ->> 0 FROM samples s, \
+    let sql = "SELECT channel FROM days WHERE system = $1 UNION SELECT json_extract(r.value, '$[0]') FROM samples s, \
         json_each(s.rows) r WHERE s.system = $1 ORDER BY 1";
-    Ok(sqlx::query_scalar(sql).bind(system.to_string()).fetch_all(&store.reader).await?)
+    Ok(query_scalar(sql).bind(system.to_string()).fetch_all(&store.reader).await?)
 }
 
 /// What tells one state of a system's measurements from another; 0 where there never were any.
@@ -87,5 +89,5 @@ pub async fn channels(store: &Store, system: &SystemId) -> Result<Vec<String>, S
 /// # Errors
 /// Where the database fails.
 pub async fn version(store: &Store, system: &SystemId) -> Result<i64, StoreError> {
-    days::version_in(&mut *store.reader.acquire().await?, &system.to_string()).await
+    days::version_in(&mut store.reader.begin().await?, &system.to_string()).await
 }

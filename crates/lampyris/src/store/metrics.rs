@@ -3,6 +3,7 @@
 use super::database::Store;
 use super::error::StoreError;
 use super::job::JobStatus;
+use super::statement::query_as;
 use super::value::{instant, parse};
 use jiff::Timestamp;
 
@@ -27,7 +28,7 @@ pub async fn queue(store: &Store) -> Result<Vec<QueueCounts>, StoreError> {
         "SELECT 'queued', COUNT(*), (SELECT created_at FROM jobs WHERE state = 'queued' ORDER BY sequence \
                LIMIT 1) FROM jobs WHERE state = 'queued'
                UNION ALL SELECT 'running', COUNT(*), MIN(started_at) FROM jobs WHERE state = 'running'";
-    let rows: Vec<(String, i64, Option<i64>)> = sqlx::query_as(sql).fetch_all(&store.reader).await?;
+    let rows: Vec<(String, i64, Option<i64>)> = query_as(sql).fetch_all(&store.reader).await?;
     let standing = |(state, count, oldest): (String, i64, Option<i64>)| {
         Ok(QueueCounts { state: parse("a state", &state)?, count, oldest: oldest.map(instant).transpose()? })
     };

@@ -4,6 +4,7 @@
 //! them. Before the first of them touches a database that holds something, a backup is made beside it.
 
 use super::backup::{copy, require_own_log, require_sound};
+use super::engine;
 use super::error::StoreError;
 use super::failpoint;
 use super::file::{beside, options, real};
@@ -57,11 +58,18 @@ pub(super) async fn require_up_to_date(
 pub(super) async fn bring_up_to_date(path: &Path) -> Result<Migrated, StoreError> {
     require_own_log(path).await?;
     let mut connection = options(path).create_if_missing(true).connect().await?;
-    let migrated = bring(&mut connection, path).await;
-    let closed = connection.close().await;
-    let migrated = migrated?;
-    closed?;
-    Ok(migrated)
+    match bring(&mut connection, path).await {
+        Ok(migrated) => {
+            let mut alone = engine::Connection::Alone(Box::new(connection));
+            let taken_in = shares::take_in(&mut alone).await;
+            alone.close().await?;
+            taken_in.map(|()| migrated)
+        }
+        Err(error) => {
+            connection.close().await?;
+            Err(error)
+        }
+    }
 }
 
 async fn bring(connection: &mut SqliteConnection, path: &Path) -> Result<Migrated, StoreError> {
@@ -79,6 +87,5 @@ async fn bring(connection: &mut SqliteConnection, path: &Path) -> Result<Migrate
         true
     });
     MIGRATIONS.run_direct(None, connection, false).await.map_err(StoreError::Migration)?;
-    shares::take_in(connection).await?;
     Ok(Migrated { from, to: newest(), backup })
 }

@@ -2,14 +2,15 @@
 
 use super::audit::{Action, AuditEntry, note};
 use super::database::Store;
+use super::engine::Connection;
 use super::error::StoreError;
 use super::idempotency::{KeyState, RequestKey, look_up, remember};
+use super::statement::{query, query_as, query_scalar};
 use super::value::{corrupt, from_json, instant, millis, parse, to_json};
 use jiff::Timestamp;
 use lampyris_core::model::ModelId;
 use lampyris_core::model::document::ModelDocument;
 use lampyris_core::model::spec::EffectSpec;
-use sqlx::SqliteConnection;
 
 /// A model made by adding an effect.
 #[derive(Debug, Clone, PartialEq)]
@@ -45,7 +46,7 @@ pub enum DocumentInsertion {
 /// Where the database fails.
 pub async fn models(store: &Store) -> Result<Vec<ModelDocument>, StoreError> {
     let texts: Vec<String> =
-        sqlx::query_scalar("SELECT document FROM models ORDER BY id").fetch_all(&store.reader).await?;
+        query_scalar("SELECT document FROM models ORDER BY id").fetch_all(&store.reader).await?;
     let read = |text: &String| -> Result<ModelDocument, StoreError> {
         ModelDocument::from_json(&from_json("a model document", text)?)
             .map_err(|fault| corrupt("a model document", &fault))
@@ -59,7 +60,7 @@ pub async fn models(store: &Store) -> Result<Vec<ModelDocument>, StoreError> {
 /// Where the database fails.
 pub async fn effects(store: &Store) -> Result<Vec<EffectSpec>, StoreError> {
     let texts: Vec<String> =
-        sqlx::query_scalar("SELECT document FROM effects ORDER BY id").fetch_all(&store.reader).await?;
+        query_scalar("SELECT document FROM effects ORDER BY id").fetch_all(&store.reader).await?;
     texts.iter().map(|text| from_json("an effect document", text)).collect()
 }
 
@@ -69,8 +70,7 @@ pub async fn effects(store: &Store) -> Result<Vec<EffectSpec>, StoreError> {
 /// Where the database fails.
 pub async fn versions(store: &Store) -> Result<Vec<VersionRecord>, StoreError> {
     let sql = "SELECT id, parent, effect, document, created_at FROM model_versions ORDER BY id";
-    let rows: Vec<(String, String, String, String, i64)> =
-        sqlx::query_as(sql).fetch_all(&store.reader).await?;
+    let rows: Vec<(String, String, String, String, i64)> = query_as(sql).fetch_all(&store.reader).await?;
     rows.into_iter()
         .map(|(id, parent, effect, document, created_at)| {
             Ok(VersionRecord {
@@ -97,14 +97,14 @@ pub async fn insert_model(
 ) -> Result<DocumentInsertion, StoreError> {
     let document = to_json("a model document", model)?;
     let mut tx = store.write().await?;
-    let earlier = sqlx::query_scalar("SELECT document FROM models WHERE id = $1")
+    let earlier = query_scalar("SELECT document FROM models WHERE id = $1")
         .bind(model.id())
         .fetch_optional(&mut *tx)
         .await?;
     let kept = settle(&mut tx, earlier, &document, model.id(), key, now).await?;
     if kept == DocumentInsertion::New {
         let sql = "INSERT INTO models (id, document, created_at) VALUES ($1, $2, $3)";
-        sqlx::query(sql).bind(model.id()).bind(&document).bind(millis(now)).execute(&mut *tx).await?;
+        query(sql).bind(model.id()).bind(&document).bind(millis(now)).execute(&mut *tx).await?;
         note(
             &mut tx,
             &AuditEntry { who, action: Action::PostModel, system: None, subject: model.id(), reason: None },
@@ -129,14 +129,14 @@ pub async fn insert_effect(
 ) -> Result<DocumentInsertion, StoreError> {
     let document = to_json("an effect document", effect)?;
     let mut tx = store.write().await?;
-    let earlier = sqlx::query_scalar("SELECT document FROM effects WHERE id = $1")
+    let earlier = query_scalar("SELECT document FROM effects WHERE id = $1")
         .bind(&effect.id)
         .fetch_optional(&mut *tx)
         .await?;
     let kept = settle(&mut tx, earlier, &document, &effect.id, key, now).await?;
     if kept == DocumentInsertion::New {
         let sql = "INSERT INTO effects (id, document, created_at) VALUES ($1, $2, $3)";
-        sqlx::query(sql).bind(&effect.id).bind(&document).bind(millis(now)).execute(&mut *tx).await?;
+        query(sql).bind(&effect.id).bind(&document).bind(millis(now)).execute(&mut *tx).await?;
         note(
             &mut tx,
             &AuditEntry { who, action: Action::PostEffect, system: None, subject: &effect.id, reason: None },
@@ -162,7 +162,7 @@ pub async fn insert_version(
     let document = to_json("a model version", &version.document)?;
     let (id, now) = (version.id.to_string(), version.created_at);
     let mut tx = store.write().await?;
-    let earlier = sqlx::query_scalar("SELECT document FROM model_versions WHERE id = $1")
+    let earlier = query_scalar("SELECT document FROM model_versions WHERE id = $1")
         .bind(&id)
         .fetch_optional(&mut *tx)
         .await?;
@@ -172,9 +172,8 @@ pub async fn insert_version(
             let sql = "INSERT INTO effects (id, document, created_at) VALUES ($1, $2, $3) ON CONFLICT (id) \
                 DO NOTHING";
             let text = to_json("an effect document", effect)?;
-            let done =
-                sqlx::query(sql).bind(&effect.id).bind(text).bind(millis(now)).execute(&mut *tx).await?;
-            if done.rows_affected() > 0 {
+            let done = query(sql).bind(&effect.id).bind(text).bind(millis(now)).execute(&mut *tx).await?;
+            if done > 0 {
                 note(
                     &mut tx,
                     &AuditEntry {
@@ -189,7 +188,7 @@ pub async fn insert_version(
                 .await?;
             }
         }
-        sqlx::query(
+        query(
             "INSERT INTO model_versions (id, parent, effect, document, created_at) VALUES ($1, $2, \
             $3, $4, $5)",
         )
@@ -213,7 +212,7 @@ pub async fn insert_version(
 
 /// Decides about a document that may be there already, and remembers the request.
 async fn settle(
-    tx: &mut SqliteConnection,
+    tx: &mut Connection,
     earlier: Option<String>,
     document: &str,
     id: &str,

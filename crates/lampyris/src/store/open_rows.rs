@@ -1,9 +1,10 @@
 //! The rows of live samples that are not laid into the days yet, as they are written and read.
 
+use super::engine::Connection;
 use super::error::StoreError;
+use super::statement::query_as;
 use super::value::{corrupt, from_json, to_json};
 use lampyris_core::data::{Hold, Series, Window};
-use sqlx::SqliteConnection;
 
 /// Rows that are read beside the days.
 #[derive(Debug, Clone, PartialEq)]
@@ -29,15 +30,15 @@ pub(super) fn written(window: &Window) -> Result<String, StoreError> {
 
 /// The open rows of a system that touch a stretch of time, in their order; of some channels, or of all.
 pub(super) async fn open_in(
-    connection: &mut SqliteConnection,
+    connection: &mut Connection,
     system: &str,
     (from, to): (i64, i64),
     channels: Option<&[String]>,
 ) -> Result<Vec<OpenRows>, StoreError> {
-    let sql = "SELECT w.sequence, s.rows FROM samples s JOIN windows w ON w.id = s.window WHERE s.system = $1 \
+    let sql = "SELECT w.sequence, s.rows FROM samples s JOIN windows w ON w.id = s.window_id WHERE s.system = $1 \
         AND s.to_ms >= $2 AND s.from_ms <= $3 ORDER BY s.sequence";
     let posts: Vec<(i64, String)> =
-        sqlx::query_as(sql).bind(system).bind(from).bind(to).fetch_all(connection).await?;
+        query_as(sql).bind(system).bind(from).bind(to).fetch_all(connection).await?;
     let mut all = Vec::new();
     for (owner, rows) in posts {
         let wanted = |series: &Series| {

@@ -2,16 +2,17 @@
 //! the states.
 
 use super::database::Store;
+use super::engine::Connection;
 use super::error::StoreError;
 use super::job::JobStatus;
 use super::row::row;
+use super::statement::{query, query_as};
 use super::value::{from_json, instant, millis, parse, to_json};
 use super::words::words;
 use jiff::Timestamp;
 use lampyris_core::data::SystemId;
 use lampyris_core::estimate::assess::degradation::Degradation;
 use lampyris_core::estimate::assess::metrics::CurrentState;
-use sqlx::SqliteConnection;
 
 words! {
     /// Why the previous revision is served although there was a newer attempt.
@@ -243,8 +244,7 @@ pub async fn standing(store: &Store, system: &SystemId) -> Result<Option<ServedS
 /// Where the database fails.
 pub async fn standings(store: &Store, systems: &[&SystemId]) -> Result<Vec<ServedState>, StoreError> {
     let sql = standing!("WHERE s.system IN (SELECT value FROM json_each($1))");
-    let rows: Vec<Row> =
-        sqlx::query_as(sql).bind(to_json("systems", systems)?).fetch_all(&store.reader).await?;
+    let rows: Vec<Row> = query_as(sql).bind(to_json("systems", systems)?).fetch_all(&store.reader).await?;
     store.require_files()?;
     rows.into_iter().map(Row::standing).collect()
 }
@@ -259,14 +259,14 @@ pub async fn standings_after(
     limit: i64,
 ) -> Result<Vec<ServedState>, StoreError> {
     let sql = standing!("WHERE s.system > $1 ORDER BY s.system LIMIT $2");
-    let rows: Vec<Row> = sqlx::query_as(sql).bind(system).bind(limit).fetch_all(&store.reader).await?;
+    let rows: Vec<Row> = query_as(sql).bind(system).bind(limit).fetch_all(&store.reader).await?;
     store.require_files()?;
     rows.into_iter().map(Row::standing).collect()
 }
 
 /// Notes why the newest attempt changed nothing. `since` stays that of the first attempt in a row.
 pub(super) async fn fall_back(
-    tx: &mut SqliteConnection,
+    tx: &mut Connection,
     system: &str,
     job: &str,
     refused: Option<(&str, &[&str])>,
@@ -281,7 +281,7 @@ pub(super) async fn fall_back(
         ON CONFLICT (system) DO UPDATE SET \
         reason = excluded.reason, job = excluded.job, fit = excluded.fit, failed_checks = \
         excluded.failed_checks";
-    sqlx::query(sql)
+    query(sql)
         .bind(system)
         .bind(reason.as_str())
         .bind(job)
@@ -295,14 +295,14 @@ pub(super) async fn fall_back(
 
 /// Keeps the states of the revision in service; a system without one has none.
 pub(super) async fn keep_state(
-    tx: &mut SqliteConnection,
+    tx: &mut Connection,
     system: &str,
     state: &CurrentState,
 ) -> Result<(), StoreError> {
     let sql = "INSERT INTO states (system, revision, document)
                SELECT system, revision, $2 FROM revisions WHERE system = $1 AND current
                ON CONFLICT (system) DO UPDATE SET revision = excluded.revision, document = excluded.document";
-    sqlx::query(sql).bind(system).bind(to_json("a state", state)?).execute(tx).await?;
+    query(sql).bind(system).bind(to_json("a state", state)?).execute(tx).await?;
     Ok(())
 }
 
@@ -318,7 +318,7 @@ pub async fn keep_newer_state(
 ) -> Result<(), StoreError> {
     let mut tx = store.write().await?;
     let sql = "UPDATE states SET document = $3 WHERE system = $1 AND revision = $2";
-    sqlx::query(sql)
+    query(sql)
         .bind(system.to_string())
         .bind(revision)
         .bind(to_json("a state", state)?)

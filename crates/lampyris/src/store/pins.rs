@@ -5,6 +5,7 @@ use super::database::Store;
 use super::error::StoreError;
 use super::revisions::{Cause, NewRevision, publish};
 use super::row::row;
+use super::statement::{query, query_as};
 use super::value::millis;
 use jiff::Timestamp;
 use lampyris_core::data::SystemId;
@@ -54,7 +55,7 @@ pub async fn put(
         EXISTS (SELECT 1 FROM pins p WHERE p.system = r.system AND p.revision = r.revision) AS pinned \
         FROM revisions r WHERE r.system = $1 AND ($2 IS NULL AND r.current OR r.fit = $2) ORDER BY \
         r.revision DESC LIMIT 1";
-    let source: Option<Source> = sqlx::query_as(sql).bind(&system).bind(fit).fetch_optional(&mut *tx).await?;
+    let source: Option<Source> = query_as(sql).bind(&system).bind(fit).fetch_optional(&mut *tx).await?;
     let Some(source) = source else { return Ok(Pinned::NeverServed) };
     let revision = if source.pinned {
         source.revision
@@ -73,12 +74,12 @@ pub async fn put(
             reason: Some(reason),
         };
         // The pin leads to the revision, so the old one goes first.
-        sqlx::query("DELETE FROM pins WHERE system = $1").bind(&system).execute(&mut *tx).await?;
+        query("DELETE FROM pins WHERE system = $1").bind(&system).execute(&mut *tx).await?;
         publish(&mut tx, &new, now).await?
     };
     let sql = "INSERT INTO pins (system, revision, reason, since_at) VALUES ($1, $2, $3, $4)
                ON CONFLICT (system) DO UPDATE SET reason = excluded.reason";
-    sqlx::query(sql).bind(&system).bind(revision).bind(reason).bind(millis(now)).execute(&mut *tx).await?;
+    query(sql).bind(&system).bind(revision).bind(reason).bind(millis(now)).execute(&mut *tx).await?;
     note(
         &mut tx,
         &AuditEntry {
@@ -102,8 +103,8 @@ pub async fn put(
 pub async fn delete(store: &Store, system: &SystemId, who: &str, now: Timestamp) -> Result<(), StoreError> {
     let system = system.to_string();
     let mut tx = store.write().await?;
-    let gone = sqlx::query("DELETE FROM pins WHERE system = $1").bind(&system).execute(&mut *tx).await?;
-    if gone.rows_affected() > 0 {
+    let gone = query("DELETE FROM pins WHERE system = $1").bind(&system).execute(&mut *tx).await?;
+    if gone > 0 {
         note(
             &mut tx,
             &AuditEntry { who, action: Action::Unpin, system: Some(&system), subject: &system, reason: None },

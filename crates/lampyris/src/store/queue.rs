@@ -1,18 +1,19 @@
 //! The queue: a table, a claim that is one UPDATE, and a lease of boot number and attempt.
 //!
-//! A lease has no expiry and no clock: it is void as soon as another boot looks at it. The attempt is counted
+//! The right to end a job is void as soon as the row of its process is gone (`workers`). The attempt is counted
 //! and committed before the job starts, so a job that takes the process down is counted as well.
 
 use super::database::Store;
+use super::engine::Connection;
 use super::entry::{Entered, NewJob, SubmitError, enter};
 use super::error::StoreError;
 use super::idempotency::{Earlier, KeyState, RequestKey, look_up, remember};
 use super::job::{JobFailure, JobStatus};
 use super::job_record::{JobRecord, Lease, Row};
+use super::statement::{query, query_as, query_scalar};
 use super::value::{millis, to_json};
 use super::{failpoint, params};
 use jiff::Timestamp;
-use sqlx::SqliteConnection;
 
 /// A job that was started this often without coming to an end takes no further boot with it.
 pub const MAX_ATTEMPTS: i64 = 3;
@@ -65,7 +66,7 @@ pub async fn submit(
         KeyState::Fresh => {}
     }
     let (job, is_new) = submit_in(&mut tx, new, limit, now).await?;
-    let waiting: i64 = sqlx::query_scalar("SELECT COUNT(*) FROM jobs WHERE state = 'queued' AND system = $1")
+    let waiting: i64 = query_scalar("SELECT COUNT(*) FROM jobs WHERE state = 'queued' AND system = $1")
         .bind(new.system.to_string())
         .fetch_one(&mut *tx)
         .await?;
@@ -81,14 +82,14 @@ pub async fn submit(
 
 /// Takes a job into the queue inside a transaction; says whether it is new or an equal one waits.
 pub(super) async fn submit_in(
-    tx: &mut SqliteConnection,
+    tx: &mut Connection,
     new: &NewJob,
     limit: i64,
     now: Timestamp,
 ) -> Result<(JobRecord, bool), SubmitError> {
     let mut entered = enter(tx, std::slice::from_ref(new), limit, now).await?;
     let Entered { id, is_new } = entered.swap_remove(0);
-    let row: Row = sqlx::query_as("SELECT * FROM jobs WHERE id = $1").bind(id).fetch_one(tx).await?;
+    let row: Row = query_as("SELECT * FROM jobs WHERE id = $1").bind(id).fetch_one(tx).await?;
     Ok((row.record()?, is_new))
 }
 
@@ -100,9 +101,13 @@ const CLAIM: &str = "UPDATE jobs SET state = 'running', boot = $1, attempt = att
     AND NOT EXISTS (SELECT 1 FROM jobs r WHERE r.state = 'running' AND r.system = j.system) \
     ORDER BY j.priority, j.turn, j.sequence LIMIT 1) AS next FROM tenants t) turns \
     WHERE next IS NOT NULL ORDER BY ended, tenant LIMIT 1) \
+    AND EXISTS (SELECT 1 FROM workers w WHERE w.worker = $1) \
     AND NOT EXISTS (SELECT 1 FROM jobs r WHERE r.state = 'running' AND r.boot = $1 AND (r.attempt >= $3 OR \
     jobs.attempt + 1 >= $3)) \
     RETURNING *";
+
+/// Waits for the claim before, on PostgreSQL.
+const ONE_CLAIM_AT_A_TIME: &str = "SELECT value FROM counters WHERE name = 'claim' FOR UPDATE";
 
 /// The turn of the tenant whose job was claimed is over.
 const SERVED: &str = "UPDATE tenants SET started = MAX(ended, (SELECT MAX(started) FROM tenants)), \
@@ -117,19 +122,21 @@ const SERVED: &str = "UPDATE tenants SET started = MAX(ended, (SELECT MAX(starte
 /// # Errors
 /// Where the database fails.
 pub async fn claim(store: &Store, boot: i64, now: Timestamp) -> Result<Option<JobRecord>, StoreError> {
-    let mut tx = store.write().await?;
-    let row: Option<Row> = sqlx::query_as(CLAIM)
-        .bind(boot)
-        .bind(millis(now))
-        .bind(MAX_ATTEMPTS)
-        .fetch_optional(&mut *tx)
-        .await?;
+    let mut tx = store.write_beside().await?;
+    if store.is_shared() {
+        // Claims follow one another, each seeing the one before, and wait for no disk: a claim that a crash of
+        // the server takes back is of a job that waits again, and whoever has it ends it in vain.
+        query(ONE_CLAIM_AT_A_TIME).execute(&mut *tx).await?;
+        query("SET LOCAL synchronous_commit = off").execute(&mut *tx).await?;
+    }
+    let row: Option<Row> =
+        query_as(CLAIM).bind(boot).bind(millis(now)).bind(MAX_ATTEMPTS).fetch_optional(&mut *tx).await?;
     let Some(row) = row else {
         tx.take_back().await?;
         return Ok(None);
     };
     let job = row.record()?;
-    sqlx::query(SERVED).bind(&job.id).execute(&mut *tx).await?;
+    query(SERVED).bind(&job.id).execute(&mut *tx).await?;
     tx.commit().await?;
     Ok(Some(job))
 }
@@ -143,7 +150,7 @@ pub async fn forget_tenants(store: &Store) -> Result<(), StoreError> {
         AND NOT EXISTS (SELECT 1 FROM jobs j WHERE j.state = 'queued' AND j.tenant = tenants.tenant) \
         AND NOT EXISTS (SELECT 1 FROM jobs j WHERE j.state = 'running' AND j.tenant = tenants.tenant)";
     let mut tx = store.write().await?;
-    sqlx::query(sql).execute(&mut *tx).await?;
+    query(sql).execute(&mut *tx).await?;
     tx.commit().await
 }
 
@@ -156,8 +163,8 @@ pub async fn requeue(store: &Store, lease: &Lease, now: Timestamp) -> Result<(),
                    state = CASE WHEN cancelling THEN 'cancelled' ELSE 'queued' END,
                    ended_at = CASE WHEN cancelling THEN $4 ELSE NULL END
                WHERE id = $1 AND state = 'running' AND boot = $2 AND attempt = $3";
-    let mut tx = store.write().await?;
-    let done = sqlx::query(sql)
+    let mut tx = store.write_beside().await?;
+    let done = query(sql)
         .bind(&lease.job)
         .bind(lease.boot)
         .bind(lease.attempt)
@@ -165,32 +172,45 @@ pub async fn requeue(store: &Store, lease: &Lease, now: Timestamp) -> Result<(),
         .execute(&mut *tx)
         .await?;
     tx.commit().await?;
-    if done.rows_affected() == 1 { Ok(()) } else { Err(StoreError::LeaseLost) }
+    if done == 1 { Ok(()) } else { Err(StoreError::LeaseLost) }
 }
 
-/// Puts every job of an earlier boot back into the queue, or ends it where it has used up its attempts.
+/// A statement on the running jobs of processes that are gone.
+macro_rules! orphans {
+    ($what:literal, $which:literal) => {
+        concat!(
+            $what,
+            " WHERE state = 'running' AND NOT EXISTS (SELECT 1 FROM workers w WHERE w.worker = jobs.boot)",
+            $which
+        )
+    };
+}
+
+/// Takes the rows of silent processes away, and puts every job of a process that is gone back into the queue, or
+/// ends it where it has used up its attempts.
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn recover(store: &Store, boot: i64, now: Timestamp) -> Result<Recovered, StoreError> {
+pub async fn recover(store: &Store, now: Timestamp) -> Result<Recovered, StoreError> {
     let mut tx = store.write().await?;
+    if store.is_shared() {
+        let sql = "DELETE FROM workers WHERE until < (SELECT ms FROM clock)";
+        query(sql).execute(&mut *tx).await?;
+    }
     let failure = JobFailure {
         code: "interrupted".into(),
         detail: format!("the service went down {MAX_ATTEMPTS} times while this job ran"),
         errors: Vec::new(),
     };
-    sqlx::query(
-        "UPDATE jobs SET state = 'cancelled', boot = NULL, ended_at = $2 WHERE state = 'running' AND \
-        boot <> $1 AND cancelling",
-    )
-    .bind(boot)
-    .bind(millis(now))
-    .execute(&mut *tx)
-    .await?;
-    let sql = "UPDATE jobs SET state = 'failed', boot = NULL, error = $2, ended_at = $3
-               WHERE state = 'running' AND boot <> $1 AND attempt >= $4 RETURNING *";
-    let failed: Vec<Row> = sqlx::query_as(sql)
-        .bind(boot)
+    query(orphans!("UPDATE jobs SET state = 'cancelled', boot = NULL, ended_at = $1", " AND cancelling"))
+        .bind(millis(now))
+        .execute(&mut *tx)
+        .await?;
+    let sql = orphans!(
+        "UPDATE jobs SET state = 'failed', boot = NULL, error = $1, ended_at = $2",
+        " AND attempt >= $3 RETURNING *"
+    );
+    let failed: Vec<Row> = query_as(sql)
         .bind(to_json("a failure", &failure)?)
         .bind(millis(now))
         .bind(MAX_ATTEMPTS)
@@ -202,22 +222,26 @@ pub async fn recover(store: &Store, boot: i64, now: Timestamp) -> Result<Recover
         note_failed_job(&mut tx, &job, now).await?;
         recovered.failed.push(job.id);
     }
-    let sql = "UPDATE jobs SET state = 'queued', boot = NULL, requeued = TRUE WHERE state = 'running' AND \
-        boot <> $1 RETURNING id";
-    recovered.requeued = sqlx::query_scalar(sql).bind(boot).fetch_all(&mut *tx).await?;
+    let sql = orphans!("UPDATE jobs SET state = 'queued', boot = NULL, requeued = TRUE", " RETURNING id");
+    recovered.requeued = query_scalar(sql).fetch_all(&mut *tx).await?;
     failpoint::reached("in_recovery");
     tx.commit().await?;
     Ok(recovered)
 }
 
+/// The running jobs of a process that somebody has called off.
+///
+/// # Errors
+/// Where the database fails.
+pub async fn cancelling(store: &Store, worker: i64) -> Result<Vec<String>, StoreError> {
+    let sql = "SELECT id FROM jobs WHERE state = 'running' AND cancelling AND boot = $1";
+    Ok(query_scalar(sql).bind(worker).fetch_all(&store.reader).await?)
+}
+
 /// Notes a job that failed outside of a worker's hands, if it counts.
-async fn note_failed_job(
-    tx: &mut SqliteConnection,
-    job: &JobRecord,
-    now: Timestamp,
-) -> Result<(), StoreError> {
+async fn note_failed_job(tx: &mut Connection, job: &JobRecord, now: Timestamp) -> Result<(), StoreError> {
     let system = job.system.to_string();
-    let own: Option<String> = sqlx::query_scalar("SELECT model FROM systems WHERE system = $1")
+    let own: Option<String> = query_scalar("SELECT model FROM systems WHERE system = $1")
         .bind(&system)
         .fetch_optional(&mut *tx)
         .await?;
@@ -234,17 +258,17 @@ async fn note_failed_job(
 /// Where the database fails.
 pub async fn cancel(store: &Store, id: &str, now: Timestamp) -> Result<Option<Cancelled>, StoreError> {
     let mut tx = store.write().await?;
-    sqlx::query("UPDATE jobs SET state = 'cancelled', ended_at = $2 WHERE id = $1 AND state = 'queued'")
+    query("UPDATE jobs SET state = 'cancelled', ended_at = $2 WHERE id = $1 AND state = 'queued'")
         .bind(id)
         .bind(millis(now))
         .execute(&mut *tx)
         .await?;
-    sqlx::query("UPDATE jobs SET cancelling = TRUE WHERE id = $1 AND state = 'running'")
+    query("UPDATE jobs SET cancelling = TRUE WHERE id = $1 AND state = 'running'")
         .bind(id)
         .execute(&mut *tx)
         .await?;
     let row: Option<Row> =
-        sqlx::query_as("SELECT * FROM jobs WHERE id = $1").bind(id).fetch_optional(&mut *tx).await?;
+        query_as("SELECT * FROM jobs WHERE id = $1").bind(id).fetch_optional(&mut *tx).await?;
     tx.commit().await?;
     let Some(row) = row else { return Ok(None) };
     let job = row.record()?;
@@ -257,11 +281,12 @@ mod tests {
     use crate::store::entry::NewJob;
     use crate::store::job::{JobKind, Origin, Priority};
     use crate::store::schema::MIGRATIONS;
-    use crate::store::systems;
+    use crate::store::{systems, workers};
     use lampyris_core::data::SystemId;
     use sqlx::sqlite::SqliteConnectOptions;
     use sqlx::{AssertSqlSafe, ConnectOptions, Row as _};
     use std::collections::BTreeMap;
+    use std::time::Duration;
 
     #[tokio::test]
     async fn a_claim_reads_one_waiting_job_of_a_tenant_however_many_there_are() {
@@ -280,7 +305,7 @@ mod tests {
     /// everything that waits is then claimed. Gives the tenants in the order of their claims.
     async fn claimed(crowds: &[(&str, usize, Priority)]) -> Vec<String> {
         let folder = tempfile::tempdir().unwrap();
-        let store = Store::open(&folder.path().join("turns.db"), None).await.unwrap();
+        let store = Store::open(&folder.path().join("turns.db").into(), None).await.unwrap();
         let (now, model) = (Timestamp::UNIX_EPOCH, "rc1".parse().unwrap());
         let mut of = BTreeMap::new();
         for (tenant, rooms, priority) in crowds {
@@ -305,7 +330,8 @@ mod tests {
             tx.commit().await.unwrap();
         }
         let mut order = Vec::new();
-        while let Some(job) = claim(&store, 1, now).await.unwrap() {
+        let worker = workers::enlist(&store, ("test", "worker"), Duration::from_secs(30), now).await.unwrap();
+        while let Some(job) = claim(&store, worker, now).await.unwrap() {
             order.push(of[&job.system].clone());
         }
         assert_eq!(order.len(), of.len());

@@ -6,7 +6,7 @@ use lampyris_core::data::{SystemId, SystemPattern};
 
 /// The systems that a caller may see: all of them, or those that one of some patterns selects.
 ///
-/// Lists are cut in the database by `EXISTS (SELECT 1 FROM json_each($n) WHERE system GLOB value)`. Names and
+/// Lists are cut in the database by `EXISTS (SELECT 1 FROM json_each($n) WHERE glob(value, system))`. Names and
 /// patterns hold one `/` each and none of the other signs of GLOB, so that it means what [`SystemPattern`]
 /// means.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]

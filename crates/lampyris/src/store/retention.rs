@@ -8,6 +8,7 @@
 
 use super::database::Store;
 use super::error::StoreError;
+use super::statement::{query, query_as};
 use super::value::{millis, to_json};
 use jiff::Timestamp;
 use lampyris_core::data::DAY;
@@ -56,9 +57,10 @@ const DISPENSABLE_WINDOWS: &str = "SELECT w.sequence, w.id FROM windows w \
     AND (w.to_ms < (SELECT MAX(d.to_ms) FROM days d WHERE d.system = w.system) - $2 \
     OR NOT EXISTS (SELECT 1 FROM window_blocks b JOIN days d ON d.system = w.system \
     AND d.channel = b.channel AND d.day BETWEEN w.from_ms / 86400000 - 1 AND w.to_ms / 86400000, \
-    json_each(d.owners) o WHERE b.window = w.id AND o.value ->> 0 = w.sequence)) \
-    AND NOT EXISTS (SELECT 1 FROM samples s WHERE s.window = w.id) \
-    AND NOT EXISTS (SELECT 1 FROM fit_windows c JOIN fits f ON f.id = c.fit WHERE c.window = w.id \
+    json_each(d.owners) o WHERE b.window_id = w.id AND CAST(json_extract(o.value, '$[0]') AS BIGINT) = \
+    w.sequence)) \
+    AND NOT EXISTS (SELECT 1 FROM samples s WHERE s.window_id = w.id) \
+    AND NOT EXISTS (SELECT 1 FROM fit_windows c JOIN fits f ON f.id = c.fit WHERE c.window_id = w.id \
     AND f.verdict <> 'rejected') ORDER BY w.sequence LIMIT $4";
 
 /// Removes jobs that ended before these instants (`None` keeps all of the kind), with their fits; says how
@@ -75,7 +77,7 @@ pub async fn forget_jobs(
     let (mut gone, mut cursor) = (0, 0);
     loop {
         let find = |among: Option<String>, after: i64| {
-            sqlx::query_as::<_, (i64, String)>(DISPENSABLE_JOBS)
+            query_as::<(i64, String)>(DISPENSABLE_JOBS)
                 .bind(estimates)
                 .bind(diagnoses)
                 .bind(among)
@@ -92,7 +94,7 @@ pub async fn forget_jobs(
         let still = find(Some(to_json("jobs", &ids)?), 0).fetch_all(&mut *tx).await?;
         let ids = to_json("jobs", &still.iter().map(|(_, id)| id).collect::<Vec<_>>())?;
         for sql in BELONGINGS {
-            sqlx::query(sql).bind(&ids).execute(&mut *tx).await?;
+            query(sql).bind(&ids).execute(&mut *tx).await?;
         }
         tx.commit().await?;
         gone += still.len() as u64;
@@ -108,9 +110,9 @@ pub async fn forget_batches(store: &Store, before: Timestamp) -> Result<u64, Sto
         b.batch = batches.id) \
         AND NOT EXISTS (SELECT 1 FROM schedules s WHERE s.last_batch = batches.id)";
     let mut tx = store.write().await?;
-    let gone = sqlx::query(sql).bind(millis(before)).execute(&mut *tx).await?;
+    let gone = query(sql).bind(millis(before)).execute(&mut *tx).await?;
     tx.commit().await?;
-    Ok(gone.rows_affected())
+    Ok(gone)
 }
 
 /// Windows that came before an instant, that no fit needs, and that lie so many days before the newest sample
@@ -124,7 +126,7 @@ pub async fn dispensable_windows(
     days: u32,
     after: i64,
 ) -> Result<Vec<(i64, String)>, StoreError> {
-    let find = sqlx::query_as(DISPENSABLE_WINDOWS)
+    let find = query_as(DISPENSABLE_WINDOWS)
         .bind(millis(before))
         .bind(i64::from(days) * DAY)
         .bind(after)

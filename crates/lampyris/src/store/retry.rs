@@ -6,6 +6,7 @@ use super::idempotency::{KeyState, RequestKey, look_up, remember};
 use super::job::{JobStatus, Origin, Priority};
 use super::job_record::{JobRecord, Row};
 use super::queue::{Submitted, submit_in};
+use super::statement::{query, query_as};
 use super::value::to_json;
 use jiff::Timestamp;
 
@@ -38,7 +39,7 @@ pub async fn retry(
         KeyState::Fresh => {}
     }
     let row: Option<Row> =
-        sqlx::query_as("SELECT * FROM jobs WHERE id = $1").bind(id).fetch_optional(&mut *tx).await?;
+        query_as("SELECT * FROM jobs WHERE id = $1").bind(id).fetch_optional(&mut *tx).await?;
     let Some(row) = row else {
         return Ok(Retried::NoJob);
     };
@@ -57,11 +58,7 @@ pub async fn retry(
     };
     let (job, is_new) = submit_in(&mut tx, &new, limit, now).await?;
     let job = if is_new {
-        sqlx::query("UPDATE jobs SET retry_of = $2 WHERE id = $1")
-            .bind(&job.id)
-            .bind(id)
-            .execute(&mut *tx)
-            .await?;
+        query("UPDATE jobs SET retry_of = $2 WHERE id = $1").bind(&job.id).bind(id).execute(&mut *tx).await?;
         JobRecord { retry_of: Some(id.to_owned()), ..job }
     } else {
         job

@@ -1,14 +1,15 @@
 //! What was ever served: revisions count up by one and never go back, and exactly one of a system is current.
 
 use super::database::Store;
+use super::engine::Connection;
 use super::error::StoreError;
 use super::fits::{self, FitRecord};
 use super::row::row;
+use super::statement::{query, query_as, query_scalar};
 use super::value::{from_json, instant, millis, parse};
 use super::words::words;
 use jiff::Timestamp;
 use lampyris_core::data::SystemId;
-use sqlx::SqliteConnection;
 
 words! {
     /// How a revision came to be served.
@@ -115,18 +116,19 @@ impl Row {
 }
 
 /// The newest revision that a system of this name ever had, 0 without any.
-async fn newest(tx: &mut SqliteConnection, system: &str) -> Result<i64, StoreError> {
+async fn newest(tx: &mut Connection, system: &str) -> Result<i64, StoreError> {
     let sql = "SELECT MAX(COALESCE((SELECT MAX(revision) FROM revisions WHERE system = $1), 0), \
         COALESCE((SELECT revision FROM retired WHERE system = $1), 0))";
-    Ok(sqlx::query_scalar(sql).bind(system).fetch_one(tx).await?)
+    Ok(query_scalar(sql).bind(system).fetch_one(tx).await?)
 }
 
 /// Remembers the newest revision of a system that is about to be deleted: a controller that has seen it takes
 /// nothing older for news, also from another system of the same name.
-pub(super) async fn retire(tx: &mut SqliteConnection, system: &str) -> Result<(), StoreError> {
+pub(super) async fn retire(tx: &mut Connection, system: &str) -> Result<(), StoreError> {
     let newest = newest(tx, system).await?;
     if newest > 0 {
-        sqlx::query("INSERT OR REPLACE INTO retired (system, revision) VALUES ($1, $2)")
+        query("INSERT INTO retired (system, revision) VALUES ($1, $2) ON CONFLICT (system) DO UPDATE SET revision = \
+            excluded.revision")
             .bind(system)
             .bind(newest)
             .execute(tx)
@@ -138,7 +140,7 @@ pub(super) async fn retire(tx: &mut SqliteConnection, system: &str) -> Result<()
 /// Makes a set of parameters the one that is served, under the next number. What was said of the revision
 /// before it, a fallback or a degradation, does not hold for it.
 pub(super) async fn publish(
-    tx: &mut SqliteConnection,
+    tx: &mut Connection,
     new: &NewRevision<'_>,
     now: Timestamp,
 ) -> Result<i64, StoreError> {
@@ -149,13 +151,13 @@ pub(super) async fn publish(
         "DELETE FROM degradations WHERE system = $1",
         "DELETE FROM states WHERE system = $1",
     ] {
-        sqlx::query(sql).bind(new.system).execute(&mut *tx).await?;
+        query(sql).bind(new.system).execute(&mut *tx).await?;
     }
     let sql = "INSERT INTO revisions (system, revision, fit, job, served, served_hash, model_hash, \
         window_from, window_to, current, \
         fitted_at, validated_at, published_at, cause, reason, measured_to) \
         VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, TRUE, $10, $11, $12, $13, $14, $15)";
-    sqlx::query(sql)
+    query(sql)
         .bind(new.system)
         .bind(revision)
         .bind(new.fit)
@@ -179,7 +181,7 @@ pub(super) async fn publish(
 /// Notes that the revision in service has held its ground against a new fit on measurements up to an instant,
 /// and ends a fallback.
 pub(super) async fn confirm(
-    tx: &mut SqliteConnection,
+    tx: &mut Connection,
     system: &str,
     measured_to: &str,
     now: Timestamp,
@@ -187,8 +189,8 @@ pub(super) async fn confirm(
     // Instants of one form are in the order of their texts; a fit of older measurements makes none younger.
     let sql = "UPDATE revisions SET validated_at = $2, measured_to = MAX(COALESCE(measured_to, window_to), \
         $3) WHERE system = $1 AND current";
-    sqlx::query(sql).bind(system).bind(millis(now)).bind(measured_to).execute(&mut *tx).await?;
-    sqlx::query("DELETE FROM fallbacks WHERE system = $1").bind(system).execute(tx).await?;
+    query(sql).bind(system).bind(millis(now)).bind(measured_to).execute(&mut *tx).await?;
+    query("DELETE FROM fallbacks WHERE system = $1").bind(system).execute(tx).await?;
     Ok(())
 }
 
@@ -212,7 +214,7 @@ pub async fn trusted(store: &Store, system: &SystemId, then: Timestamp) -> Resul
         fitted_at) <= $2), \
         (SELECT MAX(revision) FROM revisions WHERE system = $1 AND cause IN ('promoted', 'pinned'))";
     let (then, confirmed): (Option<i64>, Option<i64>) =
-        sqlx::query_as(sql).bind(system.to_string()).bind(millis(then)).fetch_one(&store.reader).await?;
+        query_as(sql).bind(system.to_string()).bind(millis(then)).fetch_one(&store.reader).await?;
     let then = then.filter(|revision| confirmed.is_none_or(|confirmed| *revision > confirmed));
     Ok(Trusted {
         served_then: fit(store, system, then).await?,
@@ -228,7 +230,7 @@ async fn fit(
 ) -> Result<Option<FitRecord>, StoreError> {
     let sql = "SELECT fit FROM revisions WHERE system = $1 AND revision = $2";
     let id: Option<String> =
-        sqlx::query_scalar(sql).bind(system.to_string()).bind(revision).fetch_optional(&store.reader).await?;
+        query_scalar(sql).bind(system.to_string()).bind(revision).fetch_optional(&store.reader).await?;
     match id {
         Some(id) => fits::get(store, &id).await,
         None => Ok(None),
@@ -250,11 +252,7 @@ pub async fn page(
         r.fitted_at, r.validated_at, r.published_at \
         FROM revisions r JOIN fits f ON f.id = r.fit WHERE r.system = $1 AND r.revision < $2 ORDER BY \
         r.revision DESC LIMIT $3";
-    let rows: Vec<Row> = sqlx::query_as(sql)
-        .bind(system.to_string())
-        .bind(before)
-        .bind(limit)
-        .fetch_all(&store.reader)
-        .await?;
+    let rows: Vec<Row> =
+        query_as(sql).bind(system.to_string()).bind(before).bind(limit).fetch_all(&store.reader).await?;
     rows.into_iter().map(Row::record).collect()
 }

@@ -3,6 +3,7 @@
 use super::database::Store;
 use super::error::StoreError;
 use super::row::row;
+use super::statement::{query, query_as};
 use super::value::{corrupt, instant, millis};
 use jiff::{SignedDuration, Timestamp};
 use lampyris_core::data::{Series, SystemId};
@@ -93,7 +94,7 @@ pub async fn keep(store: &Store, said: &[(SystemId, Vec<PackedSaid>)]) -> Result
         ON CONFLICT DO NOTHING";
     for (system, outputs) in said {
         for one in outputs {
-            sqlx::query(sql)
+            query(sql)
                 .bind(system.to_string())
                 .bind(&one.output)
                 .bind(quarter(one.made_at))
@@ -116,7 +117,7 @@ pub async fn keep(store: &Store, said: &[(SystemId, Vec<PackedSaid>)]) -> Result
 pub async fn since(store: &Store, system: &SystemId, from: Timestamp) -> Result<Vec<PackedSaid>, StoreError> {
     let sql = "SELECT output, made_at, revision, at_ms, said, sd FROM said_forecasts WHERE system = $1 AND \
         made_at >= $2 ORDER BY output, quarter";
-    let query = sqlx::query_as(sql).bind(system.to_string()).bind(millis(from));
+    let query = query_as(sql).bind(system.to_string()).bind(millis(from));
     let rows: Vec<SaidRow> = query.fetch_all(&store.reader).await?;
     let packed = |row: SaidRow| {
         Ok(PackedSaid {
@@ -138,7 +139,7 @@ pub async fn since(store: &Store, system: &SystemId, from: Timestamp) -> Result<
 /// Where the database fails.
 pub async fn version(store: &Store, system: &SystemId) -> Result<(i64, i64), StoreError> {
     let sql = "SELECT COUNT(*), COALESCE(MAX(made_at), 0) FROM said_forecasts WHERE system = $1";
-    Ok(sqlx::query_as(sql).bind(system.to_string()).fetch_one(&store.reader).await?)
+    Ok(query_as(sql).bind(system.to_string()).fetch_one(&store.reader).await?)
 }
 
 /// Forgets what was said too long ago.
@@ -148,6 +149,6 @@ pub async fn version(store: &Store, system: &SystemId) -> Result<(i64, i64), Sto
 pub async fn forget_old(store: &Store, now: Timestamp) -> Result<(), StoreError> {
     let before = now.saturating_sub(KEPT).map_or(0, millis);
     let mut tx = store.write().await?;
-    sqlx::query("DELETE FROM said_forecasts WHERE made_at < $1").bind(before).execute(&mut *tx).await?;
+    query("DELETE FROM said_forecasts WHERE made_at < $1").bind(before).execute(&mut *tx).await?;
     tx.commit().await
 }

@@ -5,16 +5,17 @@
 
 use super::database::Store;
 use super::days::{self, Days, DaysChange};
+use super::engine::Connection;
 use super::error::StoreError;
 use super::open_rows;
 use super::row::row;
 use super::sequence::{derive_id, next};
 use super::shares::{self, PackedShare};
+use super::statement::{query, query_as, query_scalar};
 use super::value::{millis, parse};
 use super::windows::{WindowRecord, WindowRow, shares_of, unit_in};
 use jiff::Timestamp;
 use lampyris_core::data::{ChannelKind, DAY, Series, SystemId, Window};
-use sqlx::SqliteConnection;
 
 /// A post of one system.
 #[derive(Debug)]
@@ -99,14 +100,14 @@ pub async fn append(
 }
 
 async fn append_one(
-    tx: &mut SqliteConnection,
+    tx: &mut Connection,
     post: &Post,
     rows: &str,
     converts: impl Fn(&str, &str) -> bool,
     now: Timestamp,
 ) -> Result<Appended, StoreError> {
     let system = post.system.to_string();
-    let there = sqlx::query("SELECT 1 FROM systems WHERE system = $1").bind(&system);
+    let there = query("SELECT 1 FROM systems WHERE system = $1").bind(&system);
     if there.fetch_optional(&mut *tx).await?.is_none() {
         return Ok(Appended::NoSystem);
     }
@@ -124,9 +125,9 @@ async fn append_one(
     }
     let window = window_of_today(tx, &system, post, now).await?;
     let sequence = days::change_version(tx, &system).await?;
-    let sql = "INSERT INTO samples (sequence, system, window, from_ms, to_ms, rows, came_at) VALUES ($1, $2, $3, \
+    let sql = "INSERT INTO samples (sequence, system, window_id, from_ms, to_ms, rows, came_at) VALUES ($1, $2, $3, \
         $4, $5, $6, $7)";
-    sqlx::query(sql)
+    query(sql)
         .bind(sequence)
         .bind(&system)
         .bind(&window)
@@ -142,7 +143,7 @@ async fn append_one(
 /// The window that takes the posts of a system today: its newest one, or else a new one, so that a post is
 /// newer than all that came before it.
 async fn window_of_today(
-    tx: &mut SqliteConnection,
+    tx: &mut Connection,
     system: &str,
     post: &Post,
     now: Timestamp,
@@ -152,7 +153,7 @@ async fn window_of_today(
     let sql = "UPDATE windows SET from_ms = MIN(from_ms, $3), to_ms = MAX(to_ms, $4), uploaded_at = $5, uploads = \
         uploads + 1 WHERE sequence = (SELECT MAX(sequence) FROM windows WHERE system = $1) AND day = $2 \
         RETURNING id";
-    let goes_on: Option<String> = sqlx::query_scalar(sql)
+    let goes_on: Option<String> = query_scalar(sql)
         .bind(system)
         .bind(today)
         .bind(from)
@@ -167,7 +168,7 @@ async fn window_of_today(
     let id = derive_id("win", sequence, now);
     let sql = "INSERT INTO windows (id, system, sequence, from_ms, to_ms, report, uploaded_at, day) VALUES ($1, \
         $2, $3, $4, $5, $6, $7, $8)";
-    sqlx::query(sql)
+    query(sql)
         .bind(&id)
         .bind(system)
         .bind(sequence)
@@ -188,12 +189,12 @@ async fn window_of_today(
 pub async fn open(store: &Store, system: &SystemId) -> Result<Option<Open>, StoreError> {
     let mut tx = store.reader.begin().await?;
     let name = system.to_string();
-    let sql = "SELECT w.* FROM windows w WHERE w.system = $1 AND EXISTS (SELECT 1 FROM samples s WHERE s.window \
+    let sql = "SELECT w.* FROM windows w WHERE w.system = $1 AND EXISTS (SELECT 1 FROM samples s WHERE s.window_id \
         = w.id) ORDER BY w.sequence LIMIT 1";
-    let window: Option<WindowRow> = sqlx::query_as(sql).bind(&name).fetch_optional(&mut *tx).await?;
+    let window: Option<WindowRow> = query_as(sql).bind(&name).fetch_optional(&mut tx).await?;
     let Some(window) = window.map(WindowRow::record).transpose()? else { return Ok(None) };
-    let sql = "SELECT sequence, from_ms, to_ms, rows FROM samples WHERE window = $1 ORDER BY sequence";
-    let posts: Vec<PostRow> = sqlx::query_as(sql).bind(&window.id).fetch_all(&mut *tx).await?;
+    let sql = "SELECT sequence, from_ms, to_ms, rows FROM samples WHERE window_id = $1 ORDER BY sequence";
+    let posts: Vec<PostRow> = query_as(sql).bind(&window.id).fetch_all(&mut tx).await?;
     let span = posts
         .iter()
         .fold((i64::MAX, i64::MIN), |(from, to), post| (from.min(post.from_ms), to.max(post.to_ms)));
@@ -209,7 +210,7 @@ pub async fn open(store: &Store, system: &SystemId) -> Result<Option<Open>, Stor
         shares: shares_of(&mut tx, &window.id).await?,
         days: days::laid_in(&mut tx, &name, span, Some(&channels)).await?,
         last: posts.last().map_or(0, |post| post.sequence),
-        newest: sqlx::query_scalar(sql).bind(&name).fetch_one(&mut *tx).await?,
+        newest: query_scalar(sql).bind(&name).fetch_one(&mut tx).await?,
         window,
         rows,
     }))
@@ -223,19 +224,19 @@ pub async fn lay_in(store: &Store, open: &Open, laid: &LaidIn) -> Result<bool, S
     let mut tx = store.write().await?;
     let system = open.window.system.to_string();
     let sql = "SELECT MAX(sequence) FROM windows WHERE system = $1";
-    let newest: Option<i64> = sqlx::query_scalar(sql).bind(&system).fetch_one(&mut *tx).await?;
+    let newest: Option<i64> = query_scalar(sql).bind(&system).fetch_one(&mut *tx).await?;
     if newest != Some(open.newest) {
         tx.take_back().await?;
         return Ok(false);
     }
     shares::write(&mut tx, &open.window.id, laid.shares.iter()).await?;
     days::write(&mut tx, &system, &laid.days, open.window.sequence).await?;
-    sqlx::query("UPDATE windows SET report = $2 WHERE id = $1")
+    query("UPDATE windows SET report = $2 WHERE id = $1")
         .bind(&open.window.id)
         .bind(&laid.report)
         .execute(&mut *tx)
         .await?;
-    sqlx::query("DELETE FROM samples WHERE window = $1 AND sequence <= $2")
+    query("DELETE FROM samples WHERE window_id = $1 AND sequence <= $2")
         .bind(&open.window.id)
         .bind(open.last)
         .execute(&mut *tx)
@@ -251,6 +252,6 @@ pub async fn lay_in(store: &Store, open: &Open, laid: &LaidIn) -> Result<bool, S
 pub async fn due(store: &Store, posts: i64, before: Timestamp) -> Result<Vec<SystemId>, StoreError> {
     let sql = "SELECT system FROM samples GROUP BY system HAVING COUNT(*) >= $1 OR MIN(came_at) < $2";
     let names: Vec<String> =
-        sqlx::query_scalar(sql).bind(posts).bind(millis(before)).fetch_all(&store.reader).await?;
+        query_scalar(sql).bind(posts).bind(millis(before)).fetch_all(&store.reader).await?;
     names.iter().map(|name| parse("a system", name)).collect()
 }

@@ -3,9 +3,11 @@
 use super::audit::{Action, AuditEntry, note};
 use super::batches::{NewBatch, is_unfinished, submit_in_batch};
 use super::database::Store;
+use super::engine::Connection;
 use super::entry::SubmitError;
 use super::error::StoreError;
 use super::row::row;
+use super::statement::{query, query_as, query_scalar};
 use super::value::{from_json, instant, millis, parse};
 use super::words::words;
 use jiff::Timestamp;
@@ -101,16 +103,14 @@ pub async fn put(
     now: Timestamp,
 ) -> Result<bool, StoreError> {
     let mut tx = store.write().await?;
-    let known: Option<i64> = sqlx::query_scalar("SELECT 1 FROM schedules WHERE name = $1")
-        .bind(new.name)
-        .fetch_optional(&mut *tx)
-        .await?;
+    let known = query("SELECT 1 FROM schedules WHERE name = $1");
+    let known = known.bind(new.name).fetch_optional(&mut *tx).await?;
     let sql = "INSERT INTO schedules (name, cron, zone, request, enabled, last_tick_at, updated_at) VALUES \
         ($1, $2, $3, $4, $5, $6, $6) \
         ON CONFLICT (name) DO UPDATE SET cron = excluded.cron, zone = excluded.zone, request = \
         excluded.request, \
         enabled = excluded.enabled, last_tick_at = excluded.last_tick_at, updated_at = excluded.updated_at";
-    sqlx::query(sql)
+    query(sql)
         .bind(new.name)
         .bind(new.cron)
         .bind(new.zone)
@@ -135,8 +135,8 @@ pub async fn put(
 /// Where the database fails.
 pub async fn delete(store: &Store, name: &str, who: &str, now: Timestamp) -> Result<bool, StoreError> {
     let mut tx = store.write().await?;
-    let done = sqlx::query("DELETE FROM schedules WHERE name = $1").bind(name).execute(&mut *tx).await?;
-    let was_there = done.rows_affected() > 0;
+    let done = query("DELETE FROM schedules WHERE name = $1").bind(name).execute(&mut *tx).await?;
+    let was_there = done > 0;
     if was_there {
         note(
             &mut tx,
@@ -154,10 +154,8 @@ pub async fn delete(store: &Store, name: &str, who: &str, now: Timestamp) -> Res
 /// # Errors
 /// Where the database fails.
 pub async fn get(store: &Store, name: &str) -> Result<Option<ScheduleRecord>, StoreError> {
-    let row: Option<Row> = sqlx::query_as("SELECT * FROM schedules WHERE name = $1")
-        .bind(name)
-        .fetch_optional(&store.reader)
-        .await?;
+    let row: Option<Row> =
+        query_as("SELECT * FROM schedules WHERE name = $1").bind(name).fetch_optional(&store.reader).await?;
     row.map(Row::record).transpose()
 }
 
@@ -166,8 +164,7 @@ pub async fn get(store: &Store, name: &str) -> Result<Option<ScheduleRecord>, St
 /// # Errors
 /// Where the database fails.
 pub async fn all(store: &Store) -> Result<Vec<ScheduleRecord>, StoreError> {
-    let rows: Vec<Row> =
-        sqlx::query_as("SELECT * FROM schedules ORDER BY name").fetch_all(&store.reader).await?;
+    let rows: Vec<Row> = query_as("SELECT * FROM schedules ORDER BY name").fetch_all(&store.reader).await?;
     rows.into_iter().map(Row::record).collect()
 }
 
@@ -186,9 +183,8 @@ pub async fn tick(
     now: Timestamp,
 ) -> Result<Option<TickResult>, SubmitError> {
     let mut tx = store.write().await?;
-    let waiting = sqlx::query_scalar(
-        "SELECT last_batch FROM schedules WHERE name = $1 AND enabled AND last_tick_at < $2",
-    );
+    let waiting =
+        query_scalar("SELECT last_batch FROM schedules WHERE name = $1 AND enabled AND last_tick_at < $2");
     let waiting: Option<Option<String>> =
         waiting.bind(name).bind(millis(tick)).fetch_optional(&mut *tx).await?;
     let Some(last) = waiting else {
@@ -208,7 +204,7 @@ pub async fn tick(
         note_run_in(&mut tx, name, &id, now).await?;
         TickResult::Submitted
     };
-    sqlx::query("UPDATE schedules SET last_tick_at = $2, last_result = $3 WHERE name = $1")
+    query("UPDATE schedules SET last_tick_at = $2, last_result = $3 WHERE name = $1")
         .bind(name)
         .bind(millis(tick))
         .bind(result.as_str())
@@ -229,14 +225,9 @@ pub async fn note_run(store: &Store, name: &str, batch: &str, now: Timestamp) ->
     Ok(())
 }
 
-async fn note_run_in(
-    tx: &mut sqlx::SqliteConnection,
-    name: &str,
-    batch: &str,
-    now: Timestamp,
-) -> Result<(), StoreError> {
+async fn note_run_in(tx: &mut Connection, name: &str, batch: &str, now: Timestamp) -> Result<(), StoreError> {
     let sql =
         "UPDATE schedules SET last_batch = $2, last_run_at = $3, last_result = 'submitted' WHERE name = $1";
-    sqlx::query(sql).bind(name).bind(batch).bind(millis(now)).execute(tx).await?;
+    query(sql).bind(name).bind(batch).bind(millis(now)).execute(tx).await?;
     Ok(())
 }

@@ -1,6 +1,7 @@
 //! Which schema a database has, and whether it is one that this program knows.
 
 use super::error::StoreError;
+use rust_embed::RustEmbed;
 use sqlx::migrate::{Migration, MigrationType, Migrator};
 use sqlx::sqlite::SqliteConnectOptions;
 use sqlx::{AssertSqlSafe, ConnectOptions, SqlSafeStr, SqliteConnection};
@@ -9,18 +10,22 @@ use std::path::Path;
 use std::sync::LazyLock;
 
 /// The texts of all migrations, by the names of their files: `0016_evidence.sql`.
-#[derive(rust_embed::RustEmbed)]
-#[folder = "../../migrations"]
+#[derive(RustEmbed)]
+#[folder = "../../migrations/sqlite"]
 struct Files;
 
-pub(super) static MIGRATIONS: LazyLock<Migrator> =
-    LazyLock::new(|| Migrator::with_migrations(Files::iter().filter_map(|name| migration(&name)).collect()));
+pub(super) static MIGRATIONS: LazyLock<Migrator> = LazyLock::new(migrator::<Files>);
+
+/// All migrations of a folder.
+pub(super) fn migrator<F: RustEmbed>() -> Migrator {
+    Migrator::with_migrations(F::iter().filter_map(|name| migration::<F>(&name)).collect())
+}
 
 /// The migration in a file. What a database remembers of it, version, description and checksum, follows from
 /// name and text as it does where the driver's own macro reads them.
-fn migration(name: &str) -> Option<Migration> {
+fn migration<F: RustEmbed>(name: &str) -> Option<Migration> {
     let (version, description) = name.strip_suffix(".sql")?.split_once('_')?;
-    let text = String::from_utf8(Files::get(name)?.data.into_owned()).ok()?;
+    let text = String::from_utf8(F::get(name)?.data.into_owned()).ok()?;
     let sql = AssertSqlSafe(text).into_sql_str();
     Some(Migration::new(
         version.parse().ok()?,
@@ -33,7 +38,12 @@ fn migration(name: &str) -> Option<Migration> {
 
 /// The newest schema that this program knows.
 pub(super) fn newest() -> i64 {
-    MIGRATIONS.iter().map(|migration| migration.version).max().unwrap_or_default()
+    newest_of(&MIGRATIONS)
+}
+
+/// The newest of some migrations.
+pub(super) fn newest_of(migrations: &Migrator) -> i64 {
+    migrations.iter().map(|migration| migration.version).max().unwrap_or_default()
 }
 
 /// The schema of a database, which must be one that this program can read; 0 where the database is empty.

@@ -2,10 +2,11 @@
 //! held all that they had.
 
 use super::days::{self, DaysChange, unfit};
+use super::engine::Connection;
 use super::error::StoreError;
+use super::statement::{query, query_as, query_scalar};
 use super::value::{corrupt, from_json, to_json};
 use lampyris_core::data::{Series, WindowShare, lay};
-use sqlx::{Connection, SqliteConnection};
 
 /// The share of a window in one channel, packed.
 #[derive(Debug, Clone, PartialEq)]
@@ -55,17 +56,17 @@ impl PackedShare {
 
 /// Writes shares of a window in place of those that it had in their channels.
 pub(super) async fn write(
-    tx: &mut SqliteConnection,
+    tx: &mut Connection,
     window: &str,
     shares: impl Iterator<Item = &PackedShare>,
 ) -> Result<(), StoreError> {
     for share in shares {
-        let sql = "INSERT INTO window_blocks (window, channel, block, repeats) VALUES ($1, $2, $3, $4) ON \
-            CONFLICT (window, channel) DO UPDATE SET block = excluded.block, repeats = excluded.repeats";
-        sqlx::query(sql)
+        let sql = "INSERT INTO window_blocks (window_id, channel, block, repeats) VALUES ($1, $2, $3, $4) ON \
+            CONFLICT (window_id, channel) DO UPDATE SET block = excluded.block, repeats = excluded.repeats";
+        query(sql)
             .bind(window)
             .bind(&share.channel)
-            .bind(&share.block)
+            .bind(share.block.as_deref())
             .bind(&share.repeats)
             .execute(&mut *tx)
             .await?;
@@ -75,13 +76,13 @@ pub(super) async fn write(
 
 /// Takes the windows of earlier programs into the days, oldest first, each in a transaction of its own: what
 /// is held of them in memory is one window and its days.
-pub(super) async fn take_in(connection: &mut SqliteConnection) -> Result<(), StoreError> {
-    let sql = "SELECT w.id, w.system, w.sequence FROM windows w WHERE w.id IN (SELECT window FROM \
+pub(super) async fn take_in(connection: &mut Connection) -> Result<(), StoreError> {
+    let sql = "SELECT w.id, w.system, w.sequence FROM windows w WHERE w.id IN (SELECT window_id FROM \
         window_blocks WHERE repeats IS NULL) ORDER BY w.sequence";
-    let waiting: Vec<(String, String, i64)> = sqlx::query_as(sql).fetch_all(&mut *connection).await?;
+    let waiting: Vec<(String, String, i64)> = query_as(sql).fetch_all(&mut *connection).await?;
     for (window, system, sequence) in waiting {
-        let sql = "SELECT block FROM window_blocks WHERE window = $1 AND repeats IS NULL";
-        let blocks: Vec<Vec<u8>> = sqlx::query_scalar(sql).bind(&window).fetch_all(&mut *connection).await?;
+        let sql = "SELECT block FROM window_blocks WHERE window_id = $1 AND repeats IS NULL";
+        let blocks: Vec<Vec<u8>> = query_scalar(sql).bind(&window).fetch_all(&mut *connection).await?;
         let (mut shares, mut changes, mut damaged) = (Vec::new(), Vec::new(), Vec::new());
         for block in blocks {
             let series = match Series::decode(&block) {
@@ -102,14 +103,14 @@ pub(super) async fn take_in(connection: &mut SqliteConnection) -> Result<(), Sto
             changes.extend(DaysChange::touched(channel, &view, &share)?);
             shares.push(PackedShare::new(channel, &share)?);
         }
-        let mut tx = connection.begin().await?;
+        query("BEGIN").execute(&mut *connection).await?;
         for block in damaged {
-            let sql = "DELETE FROM window_blocks WHERE window = $1 AND repeats IS NULL AND block = $2";
-            sqlx::query(sql).bind(&window).bind(block).execute(&mut *tx).await?;
+            let sql = "DELETE FROM window_blocks WHERE window_id = $1 AND repeats IS NULL AND block = $2";
+            query(sql).bind(&window).bind(&block).execute(&mut *connection).await?;
         }
-        write(&mut tx, &window, shares.iter()).await?;
-        days::write(&mut tx, &system, &changes, sequence).await?;
-        tx.commit().await?;
+        write(connection, &window, shares.iter()).await?;
+        days::write(connection, &system, &changes, sequence).await?;
+        query("COMMIT").execute(&mut *connection).await?;
     }
     Ok(())
 }

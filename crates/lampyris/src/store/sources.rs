@@ -3,6 +3,7 @@
 use super::database::Store;
 use super::error::StoreError;
 use super::row::row;
+use super::statement::{query, query_as};
 use super::value::{from_json, instant, millis};
 use jiff::Timestamp;
 use serde_json::Value;
@@ -32,7 +33,7 @@ row! {
 /// Where the database fails.
 pub async fn get(store: &Store, name: &str) -> Result<Option<SourceRecord>, StoreError> {
     let sql = "SELECT document, changed_by, changed_at FROM sources WHERE name = $1";
-    let row: Option<Row> = sqlx::query_as(sql).bind(name).fetch_optional(&store.reader).await?;
+    let row: Option<Row> = query_as(sql).bind(name).fetch_optional(&store.reader).await?;
     let record = |row: Row| {
         Ok(SourceRecord {
             document: from_json("a source", &row.document)?,
@@ -58,7 +59,7 @@ pub async fn put(
     let sql = "INSERT INTO sources (name, document, changed_by, changed_at) VALUES ($1, $2, $3, $4) \
         ON CONFLICT (name) DO UPDATE SET document = excluded.document, changed_by = excluded.changed_by, \
         changed_at = excluded.changed_at";
-    sqlx::query(sql).bind(name).bind(document).bind(who).bind(millis(now)).execute(&mut *tx).await?;
+    query(sql).bind(name).bind(document).bind(who).bind(millis(now)).execute(&mut *tx).await?;
     tx.commit().await?;
     Ok(())
 }

@@ -2,16 +2,17 @@
 
 use super::audit::{Action, AuditEntry, note};
 use super::database::Store;
+use super::engine::Connection;
 use super::error::StoreError;
 use super::reach::SystemScope;
 use super::revisions::retire;
 use super::row::row;
+use super::statement::{query, query_as, query_scalar};
 use super::value::{instant, millis, parse};
 use super::windows::{readers, reads};
 use jiff::Timestamp;
 use lampyris_core::data::SystemId;
 use lampyris_core::model::ModelId;
-use sqlx::SqliteConnection;
 
 /// Stands in the column of the model where a system has none; no model has this name.
 const NO_MODEL: &str = "";
@@ -133,7 +134,7 @@ pub async fn put(
     allows: impl FnOnce(Option<&str>) -> bool,
 ) -> Result<SystemPut, StoreError> {
     let mut tx = store.write().await?;
-    let known: Option<String> = sqlx::query_scalar("SELECT document FROM systems WHERE system = $1")
+    let known: Option<String> = query_scalar("SELECT document FROM systems WHERE system = $1")
         .bind(system.to_string())
         .fetch_optional(&mut *tx)
         .await?;
@@ -144,7 +145,7 @@ pub async fn put(
         VALUES ($1, $2, $3, $4, $5, $5) \
         ON CONFLICT (system) DO UPDATE SET model = excluded.model, tenant = excluded.tenant, \
         document = excluded.document, updated_at = excluded.updated_at";
-    sqlx::query(sql)
+    query(sql)
         .bind(system.to_string())
         .bind(model.map_or_else(|| NO_MODEL.to_owned(), ToString::to_string))
         .bind(tenant)
@@ -166,21 +167,18 @@ pub async fn put(
 /// Writes how the jobs of a system search into its document; which job found it, and why, is noted like an
 /// operator's deed.
 pub(super) async fn take_method(
-    tx: &mut SqliteConnection,
+    tx: &mut Connection,
     system: &str,
-    method: &str,
+    document: &str,
     (job, reason): (&str, &str),
     now: Timestamp,
 ) -> Result<(), StoreError> {
-    sqlx::query(
-        "UPDATE systems SET document = json_set(document, '$.method', json($2)), updated_at = $3 \
-        WHERE system = $1",
-    )
-    .bind(system)
-    .bind(method)
-    .bind(millis(now))
-    .execute(&mut *tx)
-    .await?;
+    query("UPDATE systems SET document = $2, updated_at = $3 WHERE system = $1")
+        .bind(system)
+        .bind(document)
+        .bind(millis(now))
+        .execute(&mut *tx)
+        .await?;
     note(
         tx,
         &AuditEntry {
@@ -205,7 +203,7 @@ const BELONGINGS: [&str; 23] = [
     "DELETE FROM pins WHERE system = $1",
     "DELETE FROM degradations WHERE system = $1",
     "DELETE FROM revisions WHERE system = $1",
-    "DELETE FROM fit_windows WHERE window IN (SELECT id FROM windows WHERE system = $1)",
+    "DELETE FROM fit_windows WHERE window_id IN (SELECT id FROM windows WHERE system = $1)",
     "UPDATE jobs SET diagnosis = NULL WHERE system = $1",
     "DELETE FROM diagnoses WHERE system = $1",
     "DELETE FROM ladders WHERE system = $1",
@@ -238,16 +236,12 @@ pub async fn delete(
 ) -> Result<SystemDeletion, StoreError> {
     let name = system.to_string();
     let mut tx = store.write().await?;
-    if sqlx::query("SELECT 1 FROM systems WHERE system = $1")
-        .bind(&name)
-        .fetch_optional(&mut *tx)
-        .await?
-        .is_none()
+    if query("SELECT 1 FROM systems WHERE system = $1").bind(&name).fetch_optional(&mut *tx).await?.is_none()
     {
         return Ok(SystemDeletion::NotThere);
     }
     let sql = "SELECT id FROM jobs WHERE system = $1 AND state IN ('queued', 'running') ORDER BY sequence";
-    let mut busy: Vec<String> = sqlx::query_scalar(sql).bind(&name).fetch_all(&mut *tx).await?;
+    let mut busy: Vec<String> = query_scalar(sql).bind(&name).fetch_all(&mut *tx).await?;
     busy.extend(readers(&mut tx, &name).await?);
     busy.dedup();
     if !busy.is_empty() {
@@ -259,7 +253,7 @@ pub async fn delete(
     }
     retire(&mut tx, &name).await?;
     for sql in BELONGINGS {
-        sqlx::query(sql).bind(&name).execute(&mut *tx).await?;
+        query(sql).bind(&name).execute(&mut *tx).await?;
     }
     note(
         &mut tx,
@@ -271,17 +265,17 @@ pub async fn delete(
     Ok(SystemDeletion::Gone)
 }
 
-async fn needs(tx: &mut SqliteConnection, system: &str) -> Result<Needs, StoreError> {
+async fn needs(tx: &mut Connection, system: &str) -> Result<Needs, StoreError> {
     let count = "SELECT (SELECT COUNT(*) FROM fits WHERE system = $1), (SELECT COUNT(*) FROM revisions WHERE \
         system = $1)";
-    let (fits, revisions) = sqlx::query_as(count).bind(system).fetch_one(&mut *tx).await?;
+    let (fits, revisions) = query_as(count).bind(system).fetch_one(&mut *tx).await?;
     let sql = concat!(
         "SELECT s.system FROM systems s WHERE s.system <> $1 AND (",
         reads!(),
-        " OR EXISTS (SELECT 1 FROM fits f JOIN fit_windows c ON c.fit = f.id JOIN windows w ON w.id = c.window \
+        " OR EXISTS (SELECT 1 FROM fits f JOIN fit_windows c ON c.fit = f.id JOIN windows w ON w.id = c.window_id \
         WHERE f.system = s.system AND w.system = $1)) ORDER BY s.system"
     );
-    let dependents = sqlx::query_scalar(sql).bind(system).fetch_all(tx).await?;
+    let dependents = query_scalar(sql).bind(system).fetch_all(tx).await?;
     Ok(Needs { fits, revisions, dependents })
 }
 
@@ -291,7 +285,7 @@ async fn needs(tx: &mut SqliteConnection, system: &str) -> Result<Needs, StoreEr
 /// Where the database fails.
 pub async fn get(store: &Store, system: &SystemId) -> Result<Option<SystemRecord>, StoreError> {
     let sql = "SELECT * FROM systems WHERE system = $1";
-    let row: Option<Row> = sqlx::query_as(sql).bind(system.to_string()).fetch_optional(&store.reader).await?;
+    let row: Option<Row> = query_as(sql).bind(system.to_string()).fetch_optional(&store.reader).await?;
     row.map(Row::record).transpose()
 }
 
@@ -309,7 +303,7 @@ pub async fn of(store: &Store, thing: Thing, id: &str) -> Result<Option<SystemId
             WHERE id = $1)"
         }
     };
-    let system: Option<String> = sqlx::query_scalar(sql).bind(id).fetch_optional(&store.reader).await?;
+    let system: Option<String> = query_scalar(sql).bind(id).fetch_optional(&store.reader).await?;
     system.map(|system| parse("a system", &system)).transpose()
 }
 
@@ -319,7 +313,7 @@ pub async fn of(store: &Store, thing: Thing, id: &str) -> Result<Option<SystemId
 /// Where the database fails.
 pub async fn all(store: &Store) -> Result<Vec<SystemRecord>, StoreError> {
     let sql = "SELECT * FROM systems ORDER BY system";
-    let rows: Vec<Row> = sqlx::query_as(sql).fetch_all(&store.reader).await?;
+    let rows: Vec<Row> = query_as(sql).fetch_all(&store.reader).await?;
     rows.into_iter().map(Row::record).collect()
 }
 
@@ -334,9 +328,9 @@ pub async fn page(
     limit: i64,
 ) -> Result<Vec<SystemRecord>, StoreError> {
     let sql = "SELECT * FROM systems WHERE system > $1 \
-        AND ($3 IS NULL OR EXISTS (SELECT 1 FROM json_each($3) WHERE system GLOB value)) ORDER BY system \
+        AND ($3 IS NULL OR EXISTS (SELECT 1 FROM json_each($3) WHERE glob(value, system))) ORDER BY system \
         LIMIT $2";
     let rows: Vec<Row> =
-        sqlx::query_as(sql).bind(after).bind(limit).bind(reach.sql()?).fetch_all(&store.reader).await?;
+        query_as(sql).bind(after).bind(limit).bind(reach.sql()?).fetch_all(&store.reader).await?;
     rows.into_iter().map(Row::record).collect()
 }

@@ -5,6 +5,7 @@ use super::database::Store;
 use super::error::StoreError;
 use super::reach::SystemScope;
 use super::row::row;
+use super::statement::{query, query_as, query_scalar};
 use super::value::{corrupt, from_json, instant, millis, parse};
 use super::words::words;
 use jiff::Timestamp;
@@ -97,7 +98,7 @@ pub async fn insert(store: &Store, token: &TokenRecord, who: &str) -> Result<boo
         $4, $5, $6) \
         ON CONFLICT (name) DO NOTHING";
     let mut tx = store.write().await?;
-    let done = sqlx::query(sql)
+    let done = query(sql)
         .bind(&token.name)
         .bind(token.hash.as_slice())
         .bind(token.scope.as_str())
@@ -106,7 +107,7 @@ pub async fn insert(store: &Store, token: &TokenRecord, who: &str) -> Result<boo
         .bind(token.expires_at.map(millis))
         .execute(&mut *tx)
         .await?;
-    let is_free = done.rows_affected() > 0;
+    let is_free = done > 0;
     if is_free {
         let deed =
             AuditEntry { who, action: Action::CreateToken, system: None, subject: &token.name, reason: None };
@@ -122,7 +123,7 @@ pub async fn insert(store: &Store, token: &TokenRecord, who: &str) -> Result<boo
 /// Where the database fails.
 pub async fn revoke(store: &Store, name: &str, who: &str, now: Timestamp) -> Result<Revoked, StoreError> {
     let mut tx = store.write().await?;
-    let known: Option<Option<i64>> = sqlx::query_scalar("SELECT revoked_at FROM tokens WHERE name = $1")
+    let known: Option<Option<i64>> = query_scalar("SELECT revoked_at FROM tokens WHERE name = $1")
         .bind(name)
         .fetch_optional(&mut *tx)
         .await?;
@@ -131,7 +132,7 @@ pub async fn revoke(store: &Store, name: &str, who: &str, now: Timestamp) -> Res
         Some(Some(_)) => return Ok(Revoked::Already),
         Some(None) => {}
     }
-    sqlx::query("UPDATE tokens SET revoked_at = $2 WHERE name = $1")
+    query("UPDATE tokens SET revoked_at = $2 WHERE name = $1")
         .bind(name)
         .bind(millis(now))
         .execute(&mut *tx)
@@ -151,8 +152,7 @@ pub async fn revoke(store: &Store, name: &str, who: &str, now: Timestamp) -> Res
 /// # Errors
 /// Where the database fails.
 pub async fn all(store: &Store) -> Result<Vec<TokenRecord>, StoreError> {
-    let rows: Vec<Row> =
-        sqlx::query_as("SELECT * FROM tokens ORDER BY name").fetch_all(&store.reader).await?;
+    let rows: Vec<Row> = query_as("SELECT * FROM tokens ORDER BY name").fetch_all(&store.reader).await?;
     store.require_files()?;
     rows.into_iter().map(Row::record).collect()
 }

@@ -2,15 +2,16 @@
 
 use super::database::Store;
 use super::days::{self, Days};
+use super::engine::Connection;
 use super::error::StoreError;
 use super::idempotency::{KeyState, RequestKey, look_up, remember};
 use super::sequence::next;
 use super::shares::{self, PackedShare};
+use super::statement::{query, query_as, query_scalar};
 use super::value::millis;
 use super::windows::{self, Rebuilt, WindowRecord, WindowRow, shares_of};
 use jiff::Timestamp;
 use lampyris_core::data::SystemId;
-use sqlx::SqliteConnection;
 
 /// What an upload finds.
 #[derive(Debug)]
@@ -93,7 +94,7 @@ pub async fn find(
     let mut tx = store.reader.begin().await?;
     let name = system.to_string();
     let sql = "SELECT * FROM windows WHERE system = $1 ORDER BY sequence DESC LIMIT 1";
-    let newest: Option<WindowRow> = sqlx::query_as(sql).bind(&name).fetch_optional(&mut *tx).await?;
+    let newest: Option<WindowRow> = query_as(sql).bind(&name).fetch_optional(&mut tx).await?;
     let newest = match newest.map(WindowRow::record).transpose()? {
         Some(newest) if may_go_on(&newest) => Some((shares_of(&mut tx, &newest.id).await?, newest)),
         _ => None,
@@ -134,7 +135,7 @@ pub async fn acknowledge(
 pub async fn is_below(store: &Store, window: &WindowRecord) -> Result<bool, StoreError> {
     let sql = "SELECT EXISTS (SELECT 1 FROM windows WHERE system = $1 AND sequence > $2 AND from_ms <= $4 AND \
         to_ms >= $3)";
-    let query = sqlx::query_scalar(sql).bind(window.system.to_string()).bind(window.sequence);
+    let query = query_scalar(sql).bind(window.system.to_string()).bind(window.sequence);
     Ok(query.bind(window.from_ms).bind(window.to_ms).fetch_one(&store.reader).await?)
 }
 
@@ -152,7 +153,7 @@ pub async fn write(
     let mut tx = store.write().await?;
     let name = system.to_string();
     // Between the first look at the system and this moment a large body was parsed.
-    let there = sqlx::query("SELECT 1 FROM systems WHERE system = $1").bind(&name);
+    let there = query("SELECT 1 FROM systems WHERE system = $1").bind(&name);
     if there.fetch_optional(&mut *tx).await?.is_none() {
         return Ok(Written::NoSystem);
     }
@@ -175,7 +176,7 @@ pub async fn write(
 
 /// Writes the row of an upload's window; gives its id and its number.
 async fn place(
-    tx: &mut SqliteConnection,
+    tx: &mut Connection,
     system: &str,
     upload: &Upload,
     now: Timestamp,
@@ -184,13 +185,10 @@ async fn place(
         UploadPlace::New { from_ms, to_ms, report } => {
             let sequence = next(tx, "sequence").await?;
             // What went on with another window, and is a window of its own now.
-            sqlx::query("DELETE FROM window_aliases WHERE id = $1")
-                .bind(&upload.id)
-                .execute(&mut *tx)
-                .await?;
+            query("DELETE FROM window_aliases WHERE id = $1").bind(&upload.id).execute(&mut *tx).await?;
             let sql = "INSERT INTO windows (id, system, sequence, from_ms, to_ms, report, uploaded_at) VALUES \
                 ($1, $2, $3, $4, $5, $6, $7)";
-            sqlx::query(sql)
+            query(sql)
                 .bind(&upload.id)
                 .bind(system)
                 .bind(sequence)
@@ -205,21 +203,15 @@ async fn place(
         UploadPlace::GoesOn { window, to_ms, report } => {
             let sql = "UPDATE windows SET to_ms = $2, report = $3, uploaded_at = $4, uploads = uploads + 1 \
                 WHERE id = $1";
-            sqlx::query(sql)
-                .bind(&window.id)
-                .bind(to_ms)
-                .bind(report)
-                .bind(millis(now))
-                .execute(&mut *tx)
-                .await?;
+            query(sql).bind(&window.id).bind(to_ms).bind(report).bind(millis(now)).execute(&mut *tx).await?;
             let sql = "INSERT INTO window_aliases (id, sequence) VALUES ($1, $2) ON CONFLICT (id) DO UPDATE \
                 SET sequence = excluded.sequence";
-            sqlx::query(sql).bind(&upload.id).bind(window.sequence).execute(tx).await?;
+            query(sql).bind(&upload.id).bind(window.sequence).execute(tx).await?;
             Ok((window.id.clone(), window.sequence))
         }
         UploadPlace::Raised(window) => {
             let sequence = next(tx, "sequence").await?;
-            sqlx::query("UPDATE windows SET sequence = $2, uploaded_at = $3 WHERE id = $1")
+            query("UPDATE windows SET sequence = $2, uploaded_at = $3 WHERE id = $1")
                 .bind(&window.id)
                 .bind(sequence)
                 .bind(millis(now))
@@ -252,6 +244,6 @@ pub async fn forget_aliases(store: &Store, before: Timestamp) -> Result<(), Stor
     let sql = "DELETE FROM window_aliases WHERE sequence IN (SELECT sequence FROM windows WHERE uploaded_at < \
         $1 AND uploads > 1)";
     let mut tx = store.write().await?;
-    sqlx::query(sql).bind(millis(before)).execute(&mut *tx).await?;
+    query(sql).bind(millis(before)).execute(&mut *tx).await?;
     tx.commit().await
 }

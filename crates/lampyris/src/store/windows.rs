@@ -3,13 +3,14 @@
 use super::audit::{Action, AuditEntry, note};
 use super::database::Store;
 use super::days::{self, DaysChange};
+use super::engine::Connection;
 use super::error::StoreError;
 use super::row::row;
 use super::shares::{self, PackedShare};
+use super::statement::{query, query_as, query_scalar};
 use super::value::{from_json, instant, parse};
 use jiff::Timestamp;
 use lampyris_core::data::SystemId;
-use sqlx::SqliteConnection;
 
 /// A window as it is listed.
 #[derive(Debug, Clone, PartialEq)]
@@ -121,16 +122,16 @@ impl WindowRow {
 /// # Errors
 /// Where the database fails.
 pub async fn get(store: &Store, id: &str) -> Result<Option<WindowRecord>, StoreError> {
-    get_in(&mut *store.reader.acquire().await?, id).await
+    get_in(&mut store.reader.begin().await?, id).await
 }
 
 pub(super) async fn get_in(
-    connection: &mut SqliteConnection,
+    connection: &mut Connection,
     id: &str,
 ) -> Result<Option<WindowRecord>, StoreError> {
     let sql = "SELECT * FROM windows WHERE id = $1 OR sequence = (SELECT sequence FROM window_aliases WHERE \
         id = $1)";
-    let row: Option<WindowRow> = sqlx::query_as(sql).bind(id).fetch_optional(connection).await?;
+    let row: Option<WindowRow> = query_as(sql).bind(id).fetch_optional(connection).await?;
     row.map(WindowRow::record).transpose()
 }
 
@@ -146,12 +147,8 @@ pub async fn page(
 ) -> Result<Vec<WindowRecord>, StoreError> {
     let sql = "SELECT * FROM windows
                WHERE system = $1 AND sequence < $2 ORDER BY sequence DESC LIMIT $3";
-    let rows: Vec<WindowRow> = sqlx::query_as(sql)
-        .bind(system.to_string())
-        .bind(before)
-        .bind(limit)
-        .fetch_all(&store.reader)
-        .await?;
+    let rows: Vec<WindowRow> =
+        query_as(sql).bind(system.to_string()).bind(before).bind(limit).fetch_all(&store.reader).await?;
     rows.into_iter().map(WindowRow::record).collect()
 }
 
@@ -164,15 +161,10 @@ pub async fn stack(store: &Store, window: &WindowRecord, span: (i64, i64)) -> Re
     let system = window.system.to_string();
     let version = days::version_in(&mut tx, &system).await?;
     let sql = "SELECT w.sequence, w.id, b.channel, b.block, b.repeats FROM windows w JOIN window_blocks b ON \
-        b.window = w.id WHERE w.system = $1 AND w.to_ms >= $2 AND w.from_ms <= $3 \
-        AND b.channel IN (SELECT channel FROM window_blocks WHERE window = $4) ORDER BY w.sequence";
-    let rows: Vec<ShareRow> = sqlx::query_as(sql)
-        .bind(system)
-        .bind(span.0)
-        .bind(span.1)
-        .bind(&window.id)
-        .fetch_all(&mut *tx)
-        .await?;
+        b.window_id = w.id WHERE w.system = $1 AND w.to_ms >= $2 AND w.from_ms <= $3 \
+        AND b.channel IN (SELECT channel FROM window_blocks WHERE window_id = $4) ORDER BY w.sequence";
+    let rows: Vec<ShareRow> =
+        query_as(sql).bind(system).bind(span.0).bind(span.1).bind(&window.id).fetch_all(&mut tx).await?;
     let mut windows: Vec<Stacked> = Vec::new();
     for row in rows {
         let share = PackedShare::from_row((row.channel, row.block, row.repeats));
@@ -185,12 +177,9 @@ pub async fn stack(store: &Store, window: &WindowRecord, span: (i64, i64)) -> Re
 }
 
 /// What a window gave, by channel.
-pub(super) async fn shares_of(
-    tx: &mut SqliteConnection,
-    window: &str,
-) -> Result<Vec<PackedShare>, StoreError> {
-    let sql = "SELECT channel, block, repeats FROM window_blocks WHERE window = $1 ORDER BY channel";
-    let rows: Vec<(String, Option<Vec<u8>>, String)> = sqlx::query_as(sql).bind(window).fetch_all(tx).await?;
+pub(super) async fn shares_of(tx: &mut Connection, window: &str) -> Result<Vec<PackedShare>, StoreError> {
+    let sql = "SELECT channel, block, repeats FROM window_blocks WHERE window_id = $1 ORDER BY channel";
+    let rows: Vec<(String, Option<Vec<u8>>, String)> = query_as(sql).bind(window).fetch_all(tx).await?;
     Ok(rows.into_iter().map(PackedShare::from_row).collect())
 }
 
@@ -200,19 +189,19 @@ pub(super) async fn shares_of(
 /// # Errors
 /// Where the database fails.
 pub async fn obstacle(store: &Store, window: &WindowRecord) -> Result<Option<WindowDeletion>, StoreError> {
-    obstacle_in(&mut *store.reader.acquire().await?, &window.id, &window.system.to_string()).await
+    obstacle_in(&mut store.reader.begin().await?, &window.id, &window.system.to_string()).await
 }
 
 async fn obstacle_in(
-    connection: &mut SqliteConnection,
+    connection: &mut Connection,
     id: &str,
     system: &str,
 ) -> Result<Option<WindowDeletion>, StoreError> {
     // What the gate or an operator has rejected was never served and never will be.
-    let sql = "SELECT f.id FROM fit_windows c JOIN fits f ON f.id = c.fit WHERE c.window = $1 AND f.verdict <> \
+    let sql = "SELECT f.id FROM fit_windows c JOIN fits f ON f.id = c.fit WHERE c.window_id = $1 AND f.verdict <> \
         'rejected' AND NOT EXISTS (SELECT 1 FROM decisions d WHERE d.fit = f.id AND d.decision = 'rejected') \
         ORDER BY f.created_at DESC";
-    let cited: Vec<String> = sqlx::query_scalar(sql).bind(id).fetch_all(&mut *connection).await?;
+    let cited: Vec<String> = query_scalar(sql).bind(id).fetch_all(&mut *connection).await?;
     if !cited.is_empty() {
         return Ok(Some(WindowDeletion::Cited(cited)));
     }
@@ -234,7 +223,7 @@ pub async fn delete(
 ) -> Result<WindowDeletion, StoreError> {
     let mut tx = store.write().await?;
     let (id, system) = (window.id.as_str(), window.system.to_string());
-    let there = sqlx::query("SELECT 1 FROM windows WHERE id = $1").bind(id).fetch_optional(&mut *tx).await?;
+    let there = query("SELECT 1 FROM windows WHERE id = $1").bind(id).fetch_optional(&mut *tx).await?;
     if there.is_none() {
         return Ok(WindowDeletion::NotThere);
     }
@@ -245,8 +234,8 @@ pub async fn delete(
         tx.take_back().await?;
         return Ok(WindowDeletion::Stale);
     }
-    sqlx::query("DELETE FROM fit_windows WHERE window = $1").bind(id).execute(&mut *tx).await?;
-    sqlx::query("DELETE FROM windows WHERE id = $1").bind(id).execute(&mut *tx).await?;
+    query("DELETE FROM fit_windows WHERE window_id = $1").bind(id).execute(&mut *tx).await?;
+    query("DELETE FROM windows WHERE id = $1").bind(id).execute(&mut *tx).await?;
     rebuilt.write(&mut tx, &system, window.sequence).await?;
     let deed = AuditEntry { who, action: Action::DeleteWindow, system: Some(&system), subject: id, reason };
     note(&mut tx, &deed, now).await?;
@@ -258,7 +247,7 @@ impl Rebuilt {
     /// Writes it; `arriving` is the number of the window that has come on top, if one has.
     pub(super) async fn write(
         &self,
-        tx: &mut SqliteConnection,
+        tx: &mut Connection,
         system: &str,
         arriving: i64,
     ) -> Result<(), StoreError> {
@@ -285,14 +274,14 @@ macro_rules! reads {
 pub(super) use reads;
 
 /// The running jobs that may read the measurements of a system: its own, and those of systems that read it.
-pub(super) async fn readers(tx: &mut SqliteConnection, system: &str) -> Result<Vec<String>, StoreError> {
+pub(super) async fn readers(tx: &mut Connection, system: &str) -> Result<Vec<String>, StoreError> {
     let sql = concat!(
         "SELECT j.id FROM jobs j JOIN systems s ON s.system = j.system WHERE j.state = 'running' AND (s.system \
         = $1 OR ",
         reads!(),
         ") ORDER BY j.sequence"
     );
-    Ok(sqlx::query_scalar(sql).bind(system).fetch_all(tx).await?)
+    Ok(query_scalar(sql).bind(system).fetch_all(tx).await?)
 }
 
 /// The windows that a fit cites, in the order of upload.
@@ -300,9 +289,9 @@ pub(super) async fn readers(tx: &mut SqliteConnection, system: &str) -> Result<V
 /// # Errors
 /// Where the database fails.
 pub async fn cited(store: &Store, fit: &str) -> Result<Vec<String>, StoreError> {
-    let sql = "SELECT w.id FROM fit_windows c JOIN windows w ON w.id = c.window WHERE c.fit = $1 ORDER BY \
+    let sql = "SELECT w.id FROM fit_windows c JOIN windows w ON w.id = c.window_id WHERE c.fit = $1 ORDER BY \
         w.sequence";
-    Ok(sqlx::query_scalar(sql).bind(fit).fetch_all(&store.reader).await?)
+    Ok(query_scalar(sql).bind(fit).fetch_all(&store.reader).await?)
 }
 
 /// A unit that a channel has in the measurements of a system, `None` where there are none of it.
@@ -310,15 +299,16 @@ pub async fn cited(store: &Store, fit: &str) -> Result<Vec<String>, StoreError> 
 /// # Errors
 /// Where the database fails.
 pub async fn unit(store: &Store, system: &SystemId, channel: &str) -> Result<Option<String>, StoreError> {
-    unit_in(&mut *store.reader.acquire().await?, &system.to_string(), channel).await
+    unit_in(&mut store.reader.begin().await?, &system.to_string(), channel).await
 }
 
 pub(super) async fn unit_in(
-    connection: &mut SqliteConnection,
+    connection: &mut Connection,
     system: &str,
     channel: &str,
 ) -> Result<Option<String>, StoreError> {
     let sql = "SELECT COALESCE((SELECT unit FROM days WHERE system = $1 AND channel = $2 LIMIT 1), (SELECT \
-        r.value ->> 1 FROM samples s, json_each(s.rows) r WHERE s.system = $1 AND r.value ->> 0 = $2 LIMIT 1))";
-    Ok(sqlx::query_scalar(sql).bind(system).bind(channel).fetch_one(connection).await?)
+        json_extract(r.value, '$[1]') FROM samples s, json_each(s.rows) r WHERE s.system = $1 AND \
+        json_extract(r.value, '$[0]') = $2 LIMIT 1))";
+    Ok(query_scalar(sql).bind(system).bind(channel).fetch_one(connection).await?)
 }

@@ -7,10 +7,12 @@
 //! looked at before every transaction and after its commit, before anybody hears of it.
 
 use super::changes::{Changes, touched};
+use super::engine::{Connection, Pool};
 use super::error::StoreError;
 use super::files::Files;
-use sqlx::sqlite::SqlitePool;
-use sqlx::{AssertSqlSafe, Connection, Sqlite, SqliteConnection, Transaction};
+use super::postgres;
+use super::statement::{query, query_scalar, within};
+use sqlx::{AssertSqlSafe, Connection as _, SqliteConnection};
 use std::ops::{Deref, DerefMut};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
@@ -42,13 +44,9 @@ impl Quota {
     }
 
     /// Refuses a window of so many bytes where the database would use most of its quota.
-    pub(super) async fn require_room(
-        &self,
-        tx: &mut SqliteConnection,
-        bytes: usize,
-    ) -> Result<(), StoreError> {
+    pub(super) async fn require_room(&self, tx: &mut Connection, bytes: usize) -> Result<(), StoreError> {
         let sql = "SELECT page_count - freelist_count FROM pragma_page_count, pragma_freelist_count";
-        let pages: i64 = sqlx::query_scalar(sql).fetch_one(tx).await?;
+        let pages: i64 = query_scalar(sql).fetch_one(tx).await?;
         let used = pages.unsigned_abs() * PAGE + bytes as u64;
         if used > self.bytes / 100 * FOR_WINDOWS {
             return Err(StoreError::Full(format!(
@@ -96,7 +94,7 @@ pub(super) struct Writing(Arc<Mutex<Known>>);
 
 /// A transaction that holds the write lock from its first statement. Without a commit nothing of it remains.
 pub(super) struct Write {
-    tx: Transaction<'static, Sqlite>,
+    tx: Connection,
     open: Open,
     changes: Changes,
 }
@@ -149,9 +147,27 @@ impl Writing {
     }
 
     /// A transaction that holds the write lock from its first statement.
-    pub(super) async fn begin(&self, writer: &SqlitePool, changes: &Changes) -> Result<Write, StoreError> {
+    pub(super) async fn begin(&self, writer: &Pool, changes: &Changes) -> Result<Write, StoreError> {
+        self.begin_by(writer, postgres::BEGIN_ALONE, changes).await
+    }
+
+    /// A transaction beside others, where the engine has any.
+    pub(super) async fn begin_beside(&self, writer: &Pool, changes: &Changes) -> Result<Write, StoreError> {
+        self.begin_by(writer, postgres::BEGIN_BESIDE, changes).await
+    }
+
+    async fn begin_by(
+        &self,
+        writer: &Pool,
+        on_postgres: &'static str,
+        changes: &Changes,
+    ) -> Result<Write, StoreError> {
         self.known().require_writable()?;
-        let begun = writer.begin_with("BEGIN IMMEDIATE").await.map_err(StoreError::from);
+        let begun = match writer {
+            Pool::Sqlite(pool) => pool.begin_with("BEGIN IMMEDIATE").await.map(Connection::Sqlite),
+            Pool::Postgres(pool) => within(pool.begin_with(on_postgres)).await.map(Connection::Postgres),
+        };
+        let begun = begun.map_err(StoreError::from);
         let tx = begun.inspect_err(|error| self.note_error(error))?;
         // The transaction that this one has waited for may have been the one that failed.
         self.known().require_writable()?;
@@ -160,16 +176,19 @@ impl Writing {
     }
 
     /// Writes something, where that needs no room but in the log.
-    pub(super) async fn touch(&self, writer: &SqlitePool, changes: &Changes) -> Result<(), StoreError> {
+    pub(super) async fn touch(&self, writer: &Pool, changes: &Changes) -> Result<(), StoreError> {
         let mut tx = self.begin(writer, changes).await?;
         touch(&mut tx).await?;
         tx.commit().await
     }
 
     /// Finds out whether the database can be written now.
-    pub(super) async fn prove(&self, writer: &SqlitePool, changes: &Changes) -> Result<(), StoreError> {
+    pub(super) async fn prove(&self, writer: &Pool, changes: &Changes) -> Result<(), StoreError> {
         let mut tx = self.begin(writer, changes).await?;
         touch(&mut tx).await?;
+        if matches!(writer, Pool::Postgres(_)) {
+            return tx.take_back().await;
+        }
         if self.is_proven() {
             tx.take_back().await?;
         } else {
@@ -177,10 +196,10 @@ impl Writing {
             // key.
             let sql = "INSERT OR REPLACE INTO idempotency (key, fingerprint, resource, status, created_at) \
                 VALUES ($1, hex(zeroblob(8192)), '', 0, 0)";
-            sqlx::query(sql).bind(PROBE).execute(&mut *tx).await.map_err(|error| self.noted(error))?;
+            query(sql).bind(PROBE).execute(&mut *tx).await.map_err(|error| self.noted(error))?;
             tx.commit().await?;
             let mut tx = self.begin(writer, changes).await?;
-            sqlx::query("DELETE FROM idempotency WHERE key = $1").bind(PROBE).execute(&mut *tx).await?;
+            query("DELETE FROM idempotency WHERE key = $1").bind(PROBE).execute(&mut *tx).await?;
             tx.commit().await?;
         }
         match self.known().files.as_ref().and_then(Files::free) {
@@ -246,7 +265,7 @@ impl Writing {
 
 /// Rewrites a row as it is: a file that has become read-only shows here and not in a user's request.
 async fn touch(tx: &mut Write) -> Result<(), StoreError> {
-    sqlx::query("UPDATE counters SET value = value WHERE name = 'boot'").execute(&mut **tx).await?;
+    query("UPDATE counters SET value = value WHERE name = 'boot'").execute(&mut **tx).await?;
     Ok(())
 }
 
@@ -259,15 +278,15 @@ impl Drop for Open {
 }
 
 impl Deref for Write {
-    type Target = SqliteConnection;
+    type Target = Connection;
 
-    fn deref(&self) -> &SqliteConnection {
+    fn deref(&self) -> &Connection {
         &self.tx
     }
 }
 
 impl DerefMut for Write {
-    fn deref_mut(&mut self) -> &mut SqliteConnection {
+    fn deref_mut(&mut self) -> &mut Connection {
         &mut self.tx
     }
 }
@@ -299,12 +318,15 @@ impl Write {
     /// Counts the commit in the header of the database, which SQLite does not while there is a log: by that
     /// `files` tells an older copy of the file.
     async fn mark(&mut self) -> Result<(), StoreError> {
-        let changed: i64 = sqlx::query_scalar("SELECT total_changes()").fetch_one(&mut *self.tx).await?;
+        if matches!(self.tx, Connection::Postgres(_)) {
+            return Ok(());
+        }
+        let changed: i64 = query_scalar("SELECT total_changes()").fetch_one(&mut self.tx).await?;
         let before = std::mem::replace(&mut self.open.writing.known().changed, changed);
         if changed != before {
-            let count: i32 = sqlx::query_scalar("PRAGMA user_version").fetch_one(&mut *self.tx).await?;
+            let count: i32 = query_scalar("PRAGMA user_version").fetch_one(&mut self.tx).await?;
             let next = format!("PRAGMA user_version = {}", count.wrapping_add(1));
-            sqlx::query(AssertSqlSafe(next)).persistent(false).execute(&mut *self.tx).await?;
+            query(AssertSqlSafe(next)).once().execute(&mut self.tx).await?;
         }
         Ok(())
     }

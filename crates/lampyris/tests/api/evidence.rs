@@ -8,11 +8,12 @@ use lampyris::store::entry::NewJob;
 use lampyris::store::finish::{JobEnd, JudgedFit, finish};
 use lampyris::store::jobs::{JobKind, Origin, Priority};
 use lampyris::store::queue;
-use lampyris::store::{Store, fits};
+use lampyris::store::{Store, fits, workers};
 use lampyris_core::diagnose::ledger::{EffectScore, Looked};
 use lampyris_core::diagnose::report::Diagnosis;
 use lampyris_core::estimate::{Judgement, Verdict};
 use serde_json::{Value, json};
+use std::time::Duration;
 
 /// Lets jobs of a system end with diagnoses that looked at the fortnights beginning at these days of 2026,
 /// each with the size that it saw of a meter and of the wind. The fit and the rest of the document are those
@@ -23,8 +24,8 @@ fn look(app: &mut TestApp, template: &Value, windows: &[(&str, &str, [f64; 2])])
     let document: Diagnosis = serde_json::from_value(template.clone()).unwrap();
     let now = app.clock.now();
     let made = app.block_on(async {
-        let store = Store::open(&app.database(), None).await.unwrap();
-        let boot = store.next_boot().await.unwrap();
+        let store = Store::open(&app.place(), None).await.unwrap();
+        let boot = workers::enlist(&store, ("test", "worker"), Duration::from_secs(30), now).await.unwrap();
         let fit = fits::get(&store, fit).await.unwrap().unwrap().fit;
         let mut made = Vec::new();
         for (from, to, sizes) in windows {

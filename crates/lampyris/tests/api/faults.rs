@@ -1,6 +1,7 @@
 //! Every refusal is a problem document that lists all faults at once.
 
 use crate::support::TestApp;
+use crate::support::cluster;
 use serde_json::{Value, json};
 use std::io::{Read, Write};
 
@@ -225,7 +226,7 @@ fn an_address_that_others_can_reach_is_refused() {
     let dir = tempfile::tempdir().unwrap();
     let settings = lampyris::settings::Settings {
         bind: "0.0.0.0:0".parse().unwrap(),
-        database: dir.path().join("test.db"),
+        database: dir.path().join("test.db").into(),
         ..Default::default()
     };
     let runtime = tokio::runtime::Runtime::new().unwrap();
@@ -235,10 +236,13 @@ fn an_address_that_others_can_reach_is_refused() {
 
 #[test]
 fn a_database_serves_one_service() {
+    if cluster::is_on() {
+        return;
+    }
     let app = TestApp::start();
     let settings = lampyris::settings::Settings {
         bind: "127.0.0.1:0".parse().unwrap(),
-        database: app.database(),
+        database: app.database().into(),
         ..Default::default()
     };
     let runtime = tokio::runtime::Runtime::new().unwrap();

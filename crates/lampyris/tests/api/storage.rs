@@ -1,6 +1,7 @@
 //! A database that is full, or whose disk has failed: nothing is acknowledged and lost, and controllers
 //! notice nothing.
 
+use crate::support::cluster;
 use crate::support::process::Process;
 use crate::support::rooms::room_csv;
 use crate::support::{Answer, Client, PATIENCE, TestApp, quick};
@@ -44,6 +45,9 @@ fn model(client: &Client, number: u64) -> Answer {
 
 #[test]
 fn windows_are_refused_while_results_still_fit() {
+    if cluster::is_on() {
+        return;
+    }
     let app = TestApp::with(|settings| settings.limits.database_bytes = 1 << 20);
     app.room("1", 1);
     assert_eq!(app.ended(&app.post_job(&quick("room/1")))["outcome"], "accepted");
@@ -68,6 +72,9 @@ fn windows_are_refused_while_results_still_fit() {
 
 #[test]
 fn a_full_database_serves_refuses_and_goes_on_when_there_is_room() {
+    if cluster::is_on() {
+        return;
+    }
     let app = TestApp::with(|settings| settings.limits.database_bytes = 1 << 20);
     app.room("1", 1);
     assert_eq!(app.ended(&app.post_job(&quick("room/1")))["outcome"], "accepted");

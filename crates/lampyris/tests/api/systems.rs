@@ -1,9 +1,9 @@
 //! Rooms and plants: their documents, their rows in the list, and their end.
 
+use crate::support::cluster;
 use crate::support::rooms::room;
 use crate::support::{Answer, TestApp, endless};
 use serde_json::{Value, json};
-use sqlx::{AssertSqlSafe, Connection, SqliteConnection};
 
 fn delete(app: &TestApp, path: &str) -> Answer {
     app.send("DELETE", path, &[], None).unwrap()
@@ -12,29 +12,26 @@ fn delete(app: &TestApp, path: &str) -> Answer {
 /// What the database still knows of a system: tables with rows that name it, and broken references. That it
 /// was made and deleted, by whom, and how far its revisions came, is kept for good.
 fn remains(app: &TestApp, system: &str) -> Vec<String> {
-    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
-    runtime.block_on(async {
-        let mut db =
-            SqliteConnection::connect(&format!("sqlite://{}", app.database().display())).await.unwrap();
-        let sql = "SELECT m.name FROM sqlite_master m JOIN pragma_table_info(m.name) c WHERE m.type = \
-            'table' AND m.name NOT IN ('audit', 'retired') AND c.name = 'system'";
-        let tables: Vec<String> = sqlx::query_scalar(sql).fetch_all(&mut db).await.unwrap();
-        assert!(tables.len() >= 6, "{tables:?}");
-        let mut remains: Vec<String> = sqlx::query_scalar("SELECT \"table\" FROM pragma_foreign_key_check")
-            .fetch_all(&mut db)
-            .await
-            .unwrap();
-        for table in tables {
-            let sql = format!("SELECT COUNT(*) FROM {table} WHERE system = $1");
-            let rows: i64 =
-                sqlx::query_scalar(AssertSqlSafe(sql)).bind(system).fetch_one(&mut db).await.unwrap();
-            if rows > 0 {
-                remains.push(table);
-            }
+    let tables = if cluster::is_on() {
+        "SELECT table_name::TEXT FROM information_schema.columns WHERE column_name = 'system' AND \
+        table_name NOT IN ('audit', 'retired', 'changes')"
+    } else {
+        "SELECT m.name FROM sqlite_master m JOIN pragma_table_info(m.name) c WHERE m.type = 'table' AND \
+        m.name NOT IN ('audit', 'retired') AND c.name = 'system'"
+    };
+    let tables = app.behind(tables).unwrap();
+    assert!(tables.len() >= 6, "{tables:?}");
+    // PostgreSQL lets no reference break.
+    let broken = "SELECT \"table\" FROM pragma_foreign_key_check";
+    let mut remains = if cluster::is_on() { Vec::new() } else { app.behind(broken).unwrap() };
+    for table in tables {
+        let rows =
+            app.behind(&format!("SELECT CAST(COUNT(*) AS TEXT) FROM {table} WHERE system = '{system}'"));
+        if rows.unwrap() != ["0"] {
+            remains.push(table);
         }
-        db.close().await.unwrap();
-        remains
-    })
+    }
+    remains
 }
 
 #[test]

@@ -1,5 +1,6 @@
 //! Uploaded windows: what a fit cites, and what can be deleted.
 
+use crate::support::cluster;
 use crate::support::rooms::{room, room_csv};
 use crate::support::{TestApp, endless};
 use serde_json::{Value, json};
@@ -93,6 +94,9 @@ fn a_running_job_keeps_its_windows_and_those_of_its_neighbours() {
 
 #[test]
 fn fits_of_an_earlier_schema_cite_all_that_they_may_have_seen() {
+    if cluster::is_on() {
+        return;
+    }
     let mut app = TestApp::at("2026-12-01T00:00:00Z", |_| {});
     app.room("1", 1);
     app.room("2", 2);
@@ -115,7 +119,10 @@ fn fits_of_an_earlier_schema_cite_all_that_they_may_have_seen() {
                 TO to_s; UPDATE {table} SET from_s = from_s / 1000, to_s = to_s / 1000"
             )
         });
-        let undone = "DROP TABLE fit_windows; DELETE FROM _sqlx_migrations WHERE version IN (3, 24)";
+        let undone = "DROP TABLE fit_windows; DROP TABLE workers; DROP VIEW clock; \
+            DROP INDEX jobs_cancelling; ALTER TABLE window_blocks RENAME COLUMN window_id TO window; \
+            ALTER TABLE samples RENAME COLUMN window_id TO window; \
+            DELETE FROM _sqlx_migrations WHERE version IN (3, 24, 27)";
         for sql in seconds.iter().map(String::as_str).chain([undone]) {
             sqlx::raw_sql(sqlx::AssertSqlSafe(sql)).execute(&mut db).await.unwrap();
         }

@@ -47,7 +47,7 @@ fn open(database: &Path) -> Result<(tokio::runtime::Runtime, App), String> {
     let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build().unwrap();
     let settings = Settings {
         bind: "127.0.0.1:0".parse().unwrap(),
-        database: database.to_owned(),
+        database: database.into(),
         threads: 1,
         ..Settings::default()
     };

@@ -2,6 +2,7 @@
 //! room.
 #![allow(dead_code, reason = "each test binary uses its part")]
 
+pub mod cluster;
 pub mod events;
 pub mod process;
 pub mod rooms;
@@ -11,6 +12,7 @@ use lampyris::app::App;
 use lampyris::service::Clock;
 use lampyris::service::access::tokens::{self, LOCAL, NewToken};
 use lampyris::settings::Settings;
+use lampyris::store::Place;
 use lampyris::store::tokens::Scope;
 use rooms::room_csv;
 use serde_json::Value;
@@ -325,7 +327,7 @@ impl TestApp {
         let dir = tempfile::tempdir().unwrap();
         let mut settings = Settings {
             bind: "127.0.0.1:0".parse().unwrap(),
-            database: dir.path().join("test.db"),
+            database: cluster::database().unwrap_or_else(|| dir.path().join("test.db").into()),
             threads: 1,
             ..Settings::default()
         };
@@ -363,7 +365,17 @@ impl TestApp {
     }
 
     pub fn database(&self) -> PathBuf {
-        self.dir.path().join("test.db")
+        self.settings.database.file().expect("a file").to_owned()
+    }
+
+    /// Where its data are.
+    pub fn place(&self) -> Place {
+        self.settings.database.clone()
+    }
+
+    /// The first column of what a statement gives on the database, behind the surface, or how it failed.
+    pub fn behind(&self, sql: &str) -> Result<Vec<String>, String> {
+        cluster::behind(&self.settings.database, sql)
     }
 
     /// What handlers and workers share, for tests that look behind the surface.
@@ -404,6 +416,7 @@ impl TestApp {
 impl Drop for TestApp {
     fn drop(&mut self) {
         self.stop();
+        cluster::drop_database(&self.settings.database);
     }
 }
 

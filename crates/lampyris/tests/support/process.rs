@@ -45,12 +45,12 @@ impl Process {
         Self::attempt(command, database, Stdio::null())
     }
 
-    /// A service none of whose files may grow beyond a megabyte.
+    /// A service none of whose files may grow beyond two megabytes.
     pub fn start_with_small_files(database: &Path) -> Self {
         let mut command = Command::new("bash");
         command.args([
             "-c",
-            "trap '' XFSZ; ulimit -f 1024; exec \"$@\"",
+            "trap '' XFSZ; ulimit -f 2048; exec \"$@\"",
             "bash",
             env!("CARGO_BIN_EXE_lampyris"),
         ]);

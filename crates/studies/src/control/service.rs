@@ -38,7 +38,7 @@ impl Service {
     pub fn start(folder: &Path, now: i64) -> Result<Self, Failure> {
         let settings = Settings {
             bind: SocketAddr::from(([127, 0, 0, 1], 0)),
-            database: folder.join("loop.db"),
+            database: folder.join("loop.db").into(),
             // Fits of one room gain little from a second core, and many wait every night.
             threads: 1,
             workers: std::thread::available_parallelism().map_or(1, std::num::NonZero::get).min(64),

@@ -16,7 +16,7 @@ pub struct KeptPosts {
 
 impl KeptPosts {
     /// Counts posts that were kept.
-    pub(super) fn add(&self, posts: usize) {
+    pub(in crate::service) fn add(&self, posts: usize) {
         if self.since_last_look.fetch_add(posts, Ordering::Relaxed) + posts >= MANY {
             self.many.notify_one();
         }

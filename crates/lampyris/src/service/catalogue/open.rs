@@ -26,22 +26,28 @@ pub async fn run(service: Arc<Service>) {
     let mut stopping = service.stopping.subscribe();
     while !*stopping.borrow_and_update() {
         service.kept_posts.look();
-        let before = service.now().saturating_sub(LONGEST_OPEN).unwrap_or(Timestamp::MIN);
-        match store::samples::due(&service.store, MOST_OPEN, before).await {
-            Ok(systems) => {
-                for system in systems {
-                    let _turn = service.turns.of(&system).await;
-                    if let Err(error) = lay_in(&service, &system).await {
-                        tracing::warn!(%error, %system, "samples could not be laid into the days");
-                    }
-                }
-            }
-            Err(error) => tracing::warn!(%error, "systems with open samples could not be listed"),
+        if service.membership.leads() {
+            lay_due(&service).await;
         }
         tokio::select! {
             () = tokio::time::sleep(TICK) => {}
             () = service.kept_posts.many() => {}
             _ = stopping.changed() => {}
+        }
+    }
+}
+
+/// Lays in the open posts of all systems of which they are many, or old.
+async fn lay_due(service: &Service) {
+    let before = service.now().saturating_sub(LONGEST_OPEN).unwrap_or(Timestamp::MIN);
+    let systems = match store::samples::due(&service.store, MOST_OPEN, before).await {
+        Ok(systems) => systems,
+        Err(error) => return tracing::warn!(%error, "systems with open samples could not be listed"),
+    };
+    for system in systems {
+        let _turn = service.turns.of(&system).await;
+        if let Err(error) = lay_in(service, &system).await {
+            tracing::warn!(%error, %system, "samples could not be laid into the days");
         }
     }
 }

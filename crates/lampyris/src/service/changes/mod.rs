@@ -1,7 +1,8 @@
 //! What happens to jobs and to what is served, for those who listen.
 //!
 //! `events` is the numbered log that any number of listeners follow; `follow` brings the submissions and ends
-//! of the database into it.
+//! of the database into it, and `fleet` follows what other services do on the same database.
 
 pub mod events;
+pub mod fleet;
 pub mod follow;

@@ -276,7 +276,7 @@ pub async fn run(service: Arc<Service>) {
     while !*stopping.borrow_and_update() {
         let mut woken = pin!(service.wake_schedule.notified());
         woken.as_mut().enable();
-        let pause = match due(&service, service.now()).await {
+        let pause = match due_here(&service).await {
             Ok(pause) => pause,
             Err(error) => {
                 tracing::error!(%error, "the schedules could not be run");
@@ -289,6 +289,10 @@ pub async fn run(service: Arc<Service>) {
             _ = stopping.changed() => {}
         }
     }
+}
+
+async fn due_here(service: &Service) -> Result<Duration, ServiceError> {
+    if service.membership.leads() { due(service, service.now()).await } else { Ok(LONGEST_SLEEP) }
 }
 
 /// Runs what is due, and says how long nothing will be.

@@ -343,7 +343,9 @@ pub async fn cancel(service: &Service, id: &str) -> Result<Option<Cancelled>, Se
             format!("the job `{id}` has come to its result already: it cannot be called off any more");
         return Err(Refusal::new("already-deciding", detail).into());
     }
-    if cancelled.running {
+    // A job in other hands is called off by its row.
+    let own = matches!(cancelled.job.state, store::jobs::JobState::Running { boot, .. } if boot == service.membership.worker());
+    if cancelled.running && own {
         service.board.cancel(id);
         // The worker may have ended the job in between and forgotten its place; then nobody else will.
         if store::jobs::get(&service.store, id).await?.is_some_and(|job| job.state.is_final()) {

@@ -61,6 +61,17 @@ fn show(service: &Service, system: &SystemId, entry: Entry, ageing: &mut Ageing)
     }
 }
 
+/// Has everything read anew, in turns.
+///
+/// # Errors
+/// Where the database fails.
+pub async fn read_all_anew(service: &Service) -> Result<(), ServiceError> {
+    for record in crate::store::systems::all(&service.store).await?.chunks(AT_ONCE) {
+        service.store.read_anew(record.iter().map(|record| record.system.clone()).collect()).await;
+    }
+    Ok(())
+}
+
 /// Shows what was committed, and publishes the turn to `stale` when its time has come, until the service
 /// stops. What cannot be read stays as it is and is tried again. A clock that was set makes every age another
 /// one.

@@ -33,6 +33,7 @@ pub async fn run(service: Arc<Service>) {
     let mut known: Option<(PrometheusSource, i64)> = None;
     while !*stopping.borrow_and_update() {
         let source = match prometheus::get(&service).await {
+            _ if !service.membership.leads() => None,
             Ok(source) => source.map(|(source, _)| source).filter(|source| !source.queries.is_empty()),
             Err(error) => {
                 tracing::warn!(%error, "the source of measurements could not be read");

@@ -4,6 +4,8 @@
 //! worker writes its end. `board` knows who runs now, with the `progress` that watchers are told and the
 //! switch that calls a job off.
 //!
+//! `membership` is the right of this process to work, which others can see.
+//!
 //! `interactive` is short work that somebody waits for: first in line, bounded, kept. `poison` is a hook for
 //! tests: jobs that go wrong on purpose.
 
@@ -12,6 +14,7 @@ pub mod diagnose;
 pub mod estimate;
 pub mod input;
 pub mod interactive;
+pub mod membership;
 mod poison;
 pub mod progress;
 mod tune;

@@ -45,7 +45,11 @@ pub async fn run(service: Arc<Service>, mut pool: ThreadPool, worker: usize) {
         // missed.
         let mut woken = Box::pin(service.wake.notified());
         woken.as_mut().enable();
-        let pause = match queue::claim(&service.store, service.boot, service.now()).await {
+        let claimed = match service.membership.is_in_doubt() {
+            true => Ok(None),
+            false => queue::claim(&service.store, service.membership.worker(), service.now()).await,
+        };
+        let pause = match claimed {
             Ok(Some(job)) => {
                 // Whoever works must not be told of what comes meanwhile: an idle worker has to hear it.
                 drop(woken);
@@ -226,8 +230,9 @@ fn guarded(
 ) -> Result<End, Stopped> {
     let until = |deadline: Instant| {
         let (service, live) = (service.clone(), live.clone());
+        let worker = live.worker().unwrap_or_default();
         move || {
-            if live.is_cancelled() || service.is_stopping() {
+            if live.is_cancelled() || service.is_stopping() || service.membership.has_lost(worker) {
                 Some(Interrupt::Cancelled)
             } else {
                 (Instant::now() >= deadline).then_some(Interrupt::Deadline)
@@ -327,7 +332,7 @@ async fn record(service: &Arc<Service>, job: &JobRecord, lease: &Lease, mut end:
             }
             // A disk that has failed is not written to again by this process.
             Err(error) if service.is_stopping() || error.is_final() => {
-                // The next start finds the job running under an old boot and queues it again.
+                // Whoever finds this process gone queues the job again.
                 tracing::error!(%error, job = %job.id, "the end of a job could not be written");
                 return;
             }

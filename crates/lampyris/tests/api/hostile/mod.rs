@@ -7,12 +7,12 @@ mod plants;
 mod raw;
 mod windows;
 
+use crate::support::cluster;
 use crate::support::{Answer, TestApp};
 use rand::seq::SliceRandom;
 use rand::{RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use serde_json::{Value, json};
-use sqlx::{Connection, Row, SqliteConnection};
 use std::collections::BTreeSet;
 
 /// What is wrong with a document afterwards.
@@ -123,32 +123,30 @@ fn named(errors: &Value) -> BTreeSet<(String, String)> {
 
 /// Everything in the database, as one hash.
 fn contents(app: &TestApp) -> String {
-    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
-    runtime.block_on(async {
-        let mut db = SqliteConnection::connect(&format!("sqlite://{}?mode=ro", app.database().display()))
-            .await
-            .unwrap();
-        let tables = "SELECT name FROM sqlite_master WHERE type = 'table' ORDER BY name";
-        let tables: Vec<String> = sqlx::query_scalar(tables).fetch_all(&mut db).await.unwrap();
-        assert!(tables.len() > 8, "{tables:?}");
-        let mut hasher = blake3::Hasher::new();
-        for table in tables {
-            let columns: Vec<String> = sqlx::query_scalar("SELECT quote(name) FROM pragma_table_info(?)")
-                .bind(&table)
-                .fetch_all(&mut db)
-                .await
-                .unwrap();
+    let tables = if cluster::is_on() {
+        "SELECT table_name::TEXT FROM information_schema.tables WHERE table_schema = 'public' ORDER BY 1"
+    } else {
+        "SELECT name FROM sqlite_master WHERE type = 'table' ORDER BY name"
+    };
+    let tables = app.behind(tables).unwrap();
+    assert!(tables.len() > 8, "{tables:?}");
+    let mut hasher = blake3::Hasher::new();
+    for table in tables {
+        let rows = if cluster::is_on() {
+            format!("SELECT t::TEXT FROM \"{table}\" t ORDER BY 1")
+        } else {
+            let columns =
+                app.behind(&format!("SELECT quote(name) FROM pragma_table_info('{table}')")).unwrap();
             let cells: Vec<String> =
                 columns.iter().map(|name| format!("quote(\"{}\")", name.trim_matches('\''))).collect();
-            let rows = format!("SELECT {} AS cells FROM \"{table}\" ORDER BY 1", cells.join(" || ',' || "));
-            hasher.update(table.as_bytes());
-            for row in sqlx::query(sqlx::AssertSqlSafe(rows)).fetch_all(&mut db).await.unwrap() {
-                hasher.update(row.get::<String, _>("cells").as_bytes()).update(b"\n");
-            }
+            format!("SELECT {} AS cells FROM \"{table}\" ORDER BY 1", cells.join(" || ',' || "))
+        };
+        hasher.update(table.as_bytes());
+        for row in app.behind(&rows).unwrap() {
+            hasher.update(row.as_bytes()).update(b"\n");
         }
-        db.close().await.unwrap();
-        hasher.finalize().to_hex().to_string()
-    })
+    }
+    hasher.finalize().to_hex().to_string()
 }
 
 /// A service with a room that has parameters, one that has three measurements, and one that has none.

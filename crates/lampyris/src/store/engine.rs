@@ -1,0 +1,133 @@
+//! The two engines: SQLite in a file, which is the default, and PostgreSQL, which several machines share.
+//!
+//! Everything else in this folder speaks to a [`Pool`] or a [`Connection`] and does not know which one it is,
+//! but for the files of SQLite (`file`, `files`, `lock`, `backup`, `migrate`) and `postgres`.
+
+use sqlx::postgres::{PgConnection, PgPool};
+use sqlx::sqlite::SqlitePool;
+use sqlx::{Connection as _, Postgres, Sqlite, SqliteConnection, Transaction};
+
+/// Connections that are lent for a statement or for a transaction.
+#[derive(Debug, Clone)]
+pub(super) enum Pool {
+    /// Of the file of one service.
+    Sqlite(SqlitePool),
+    /// Of a database that services share.
+    Postgres(PgPool),
+}
+
+/// One transaction, or one connection without any.
+#[derive(Debug)]
+pub(super) enum Connection {
+    /// A transaction on SQLite.
+    Sqlite(Transaction<'static, Sqlite>),
+    /// A transaction on PostgreSQL.
+    Postgres(Transaction<'static, Postgres>),
+    /// A connection to SQLite that is nobody else's, as an upgrade has it.
+    Alone(Box<SqliteConnection>),
+}
+
+/// By which way a statement goes.
+#[derive(Debug)]
+pub(super) enum Via<'a> {
+    /// By any connection to SQLite.
+    SqlitePool(&'a SqlitePool),
+    /// By this one.
+    Sqlite(&'a mut SqliteConnection),
+    /// By any connection to PostgreSQL.
+    PostgresPool(&'a PgPool),
+    /// By this one.
+    Postgres(&'a mut PgConnection),
+}
+
+impl Pool {
+    /// A transaction that reads, all of it from one moment.
+    pub(super) async fn begin(&self) -> Result<Connection, sqlx::Error> {
+        Ok(match self {
+            Pool::Sqlite(pool) => Connection::Sqlite(pool.begin().await?),
+            Pool::Postgres(pool) => Connection::Postgres(
+                pool.begin_with("BEGIN ISOLATION LEVEL REPEATABLE READ, READ ONLY").await?,
+            ),
+        })
+    }
+
+    /// Whether it is a file.
+    pub(super) fn is_sqlite(&self) -> bool {
+        matches!(self, Pool::Sqlite(_))
+    }
+
+    /// Ends all connections.
+    pub(super) async fn close(&self) {
+        match self {
+            Pool::Sqlite(pool) => pool.close().await,
+            Pool::Postgres(pool) => pool.close().await,
+        }
+    }
+}
+
+impl Connection {
+    /// Whether it is one to a server.
+    pub(super) fn is_postgres(&self) -> bool {
+        matches!(self, Connection::Postgres(_))
+    }
+
+    /// Of a text for either engine, the one for this.
+    pub(super) fn text(&self, texts: Texts) -> &'static str {
+        match self {
+            Connection::Sqlite(_) | Connection::Alone(_) => texts.sqlite,
+            Connection::Postgres(_) => texts.postgres,
+        }
+    }
+
+    /// Ends a connection that is nobody else's.
+    pub(super) async fn close(self) -> Result<(), sqlx::Error> {
+        match self {
+            Connection::Alone(connection) => connection.close().await,
+            transaction => transaction.rollback().await,
+        }
+    }
+
+    /// Ends the transaction so that it counts.
+    pub(super) async fn commit(self) -> Result<(), sqlx::Error> {
+        match self {
+            Connection::Sqlite(tx) => tx.commit().await,
+            Connection::Postgres(tx) => tx.commit().await,
+            Connection::Alone(_) => Ok(()),
+        }
+    }
+
+    /// Ends the transaction without a trace.
+    pub(super) async fn rollback(self) -> Result<(), sqlx::Error> {
+        match self {
+            Connection::Sqlite(tx) => tx.rollback().await,
+            Connection::Postgres(tx) => tx.rollback().await,
+            Connection::Alone(_) => Ok(()),
+        }
+    }
+}
+
+/// A statement that the engines spell differently.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Texts {
+    pub(super) sqlite: &'static str,
+    pub(super) postgres: &'static str,
+}
+
+impl<'a> From<&'a Pool> for Via<'a> {
+    fn from(pool: &'a Pool) -> Self {
+        match pool {
+            Pool::Sqlite(pool) => Via::SqlitePool(pool),
+            Pool::Postgres(pool) => Via::PostgresPool(pool),
+        }
+    }
+}
+
+impl<'a> From<&'a mut Connection> for Via<'a> {
+    fn from(connection: &'a mut Connection) -> Self {
+        match connection {
+            Connection::Sqlite(tx) => Via::Sqlite(tx),
+            Connection::Postgres(tx) => Via::Postgres(tx),
+            Connection::Alone(connection) => Via::Sqlite(connection),
+        }
+    }
+}

@@ -1,0 +1,65 @@
+//! PostgreSQL: how it is reached, and how its schema is made.
+
+use super::error::StoreError;
+use super::schema;
+use rust_embed::RustEmbed;
+use sqlx::PgConnection;
+use sqlx::migrate::Migrator;
+use sqlx::postgres::{PgConnectOptions, PgPool, PgPoolOptions};
+use std::str::FromStr;
+use std::sync::LazyLock;
+use std::time::Duration;
+
+/// Begins a transaction that writes and is alone in that, as on SQLite. The table is empty and never written.
+/// Nothing outlives the transaction, so that connections may be shared behind a pooler.
+pub(super) const BEGIN_ALONE: &str =
+    "BEGIN; SET LOCAL statement_timeout = '60s'; LOCK TABLE writing IN EXCLUSIVE MODE";
+
+/// Begins a transaction that writes beside others of its kind, of rows that those leave alone.
+pub(super) const BEGIN_BESIDE: &str =
+    "BEGIN; SET LOCAL statement_timeout = '60s'; LOCK TABLE writing IN ROW SHARE MODE";
+
+/// Connections of one service at most.
+const CONNECTIONS: u32 = 12;
+/// How long a statement waits for one of them.
+const PATIENCE: Duration = Duration::from_secs(5);
+
+/// The texts of all migrations, by the names of their files.
+#[derive(RustEmbed)]
+#[folder = "../../migrations/postgres"]
+struct Files;
+
+static MIGRATIONS: LazyLock<Migrator> = LazyLock::new(schema::migrator::<Files>);
+
+/// Connects to a database and brings its schema up to date; one service at a time does that.
+///
+/// # Errors
+/// Where the server cannot be reached, or the schema is none that this program knows.
+pub(super) async fn open(url: &str) -> Result<PgPool, StoreError> {
+    let options = PgConnectOptions::from_str(url)?.application_name("lampyris");
+    let pool = PgPoolOptions::new()
+        .max_connections(CONNECTIONS)
+        .acquire_timeout(PATIENCE)
+        .connect_with(options)
+        .await?;
+    let mut connection = pool.acquire().await?;
+    require_known(&mut connection).await?;
+    MIGRATIONS.run_direct(None, &mut *connection, false).await.map_err(StoreError::Migration)?;
+    drop(connection);
+    Ok(pool)
+}
+
+/// The schema must be one that this program knows, or none at all.
+async fn require_known(connection: &mut PgConnection) -> Result<(), StoreError> {
+    let made: bool = sqlx::query_scalar("SELECT to_regclass('_sqlx_migrations') IS NOT NULL")
+        .fetch_one(&mut *connection)
+        .await?;
+    if !made {
+        return Ok(());
+    }
+    let found: i64 = sqlx::query_scalar("SELECT COALESCE(MAX(version), 0) FROM _sqlx_migrations")
+        .fetch_one(connection)
+        .await?;
+    let known = schema::newest_of(&MIGRATIONS);
+    if found > known { Err(StoreError::Newer { found, known }) } else { Ok(()) }
+}

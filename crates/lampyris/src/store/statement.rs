@@ -1,0 +1,216 @@
+//! Statements: one text with its values, for either engine.
+//!
+//! SQL that both engines read alike is written once. Where SQLite has a function that PostgreSQL has not, as
+//! `json_each`, `glob` or the larger of two numbers, the schema of PostgreSQL defines one of that name.
+
+use super::engine::Via;
+use sqlx::postgres::PgRow;
+use sqlx::sqlite::SqliteRow;
+use sqlx::{FromRow, SqlSafeStr, SqlStr};
+use std::borrow::Cow;
+use std::marker::PhantomData;
+use std::time::Duration;
+
+/// Longer than any statement may take on the server (`postgres`).
+const LONGEST: Duration = Duration::from_secs(65);
+
+/// A value of a statement.
+#[derive(Debug)]
+pub(super) enum Value<'q> {
+    Whole(Option<i64>),
+    Real(Option<f64>),
+    Flag(bool),
+    Text(Option<Cow<'q, str>>),
+    Bytes(Option<&'q [u8]>),
+}
+
+/// A row that either engine gives.
+pub(super) trait FromEither:
+    for<'r> FromRow<'r, SqliteRow> + for<'r> FromRow<'r, PgRow> + Send + Unpin
+{
+}
+
+impl<T> FromEither for T where T: for<'r> FromRow<'r, SqliteRow> + for<'r> FromRow<'r, PgRow> + Send + Unpin {}
+
+/// A statement with its values, whose rows are read as `T`.
+#[derive(Debug)]
+#[must_use]
+pub(super) struct Statement<'q, T> {
+    sql: SqlStr,
+    values: Vec<Value<'q>>,
+    /// Whether it will be asked again, so that the engine keeps what it has made of the text.
+    lasts: bool,
+    rows: PhantomData<fn() -> T>,
+}
+
+/// A statement whose rows have one column each.
+#[derive(Debug)]
+#[must_use]
+pub(super) struct Scalars<'q, T>(Statement<'q, (T,)>);
+
+/// A statement whose rows nobody reads; but whether there are any may be asked.
+pub(super) fn query<'q>(sql: impl SqlSafeStr) -> Statement<'q, Nothing> {
+    query_as(sql)
+}
+
+/// A statement with rows.
+pub(super) fn query_as<'q, T>(sql: impl SqlSafeStr) -> Statement<'q, T> {
+    Statement { sql: sql.into_sql_str(), values: Vec::new(), lasts: true, rows: PhantomData }
+}
+
+/// A statement with rows of one column.
+pub(super) fn query_scalar<'q, T>(sql: impl SqlSafeStr) -> Scalars<'q, T> {
+    Scalars(query_as(sql))
+}
+
+/// Ends a wait for a server that does not answer: the driver itself waits for ever.
+pub(super) async fn within<T>(work: impl Future<Output = Result<T, sqlx::Error>>) -> Result<T, sqlx::Error> {
+    let silent = |_| sqlx::Error::Io(std::io::ErrorKind::TimedOut.into());
+    tokio::time::timeout(LONGEST, work).await.unwrap_or_else(|elapsed| Err(silent(elapsed)))
+}
+
+/// A row of which nothing is read.
+#[derive(Debug)]
+pub(super) struct Nothing;
+
+impl<R: sqlx::Row> FromRow<'_, R> for Nothing {
+    fn from_row(_: &R) -> Result<Self, sqlx::Error> {
+        Ok(Self)
+    }
+}
+
+/// Binds all values, each with the type that both engines have for it.
+macro_rules! bound {
+    ($statement:expr, $values:expr) => {{
+        let mut statement = $statement;
+        for value in $values {
+            statement = match value {
+                Value::Whole(value) => statement.bind(value),
+                Value::Real(value) => statement.bind(value),
+                Value::Flag(value) => statement.bind(value),
+                Value::Text(value) => statement.bind(value.map(Cow::into_owned)),
+                Value::Bytes(value) => statement.bind(value.map(<[u8]>::to_vec)),
+            };
+        }
+        statement
+    }};
+}
+
+impl<'q, T> Statement<'q, T> {
+    /// Gives the next value.
+    pub(super) fn bind(mut self, value: impl Into<Value<'q>>) -> Self {
+        self.values.push(value.into());
+        self
+    }
+
+    /// A text that comes once.
+    pub(super) fn once(self) -> Self {
+        Self { lasts: false, ..self }
+    }
+
+    /// Runs it, and counts the rows that it has changed.
+    pub(super) async fn execute(self, via: impl Into<Via<'_>>) -> Result<u64, sqlx::Error> {
+        let Self { sql, values, lasts, .. } = self;
+        Ok(match via.into() {
+            Via::SqlitePool(pool) => {
+                bound!(sqlx::query(sql).persistent(lasts), values).execute(pool).await?.rows_affected()
+            }
+            Via::Sqlite(one) => {
+                bound!(sqlx::query(sql).persistent(lasts), values).execute(one).await?.rows_affected()
+            }
+            Via::PostgresPool(pool) => {
+                let statement = bound!(sqlx::query(sql).persistent(lasts), values);
+                within(statement.execute(pool)).await?.rows_affected()
+            }
+            Via::Postgres(one) => {
+                let statement = bound!(sqlx::query(sql).persistent(lasts), values);
+                within(statement.execute(one)).await?.rows_affected()
+            }
+        })
+    }
+}
+
+impl<T: FromEither> Statement<'_, T> {
+    /// All its rows.
+    pub(super) async fn fetch_all(self, via: impl Into<Via<'_>>) -> Result<Vec<T>, sqlx::Error> {
+        let Self { sql, values, lasts, .. } = self;
+        match via.into() {
+            Via::SqlitePool(pool) => {
+                bound!(sqlx::query_as(sql).persistent(lasts), values).fetch_all(pool).await
+            }
+            Via::Sqlite(one) => bound!(sqlx::query_as(sql).persistent(lasts), values).fetch_all(one).await,
+            Via::PostgresPool(pool) => {
+                within(bound!(sqlx::query_as(sql).persistent(lasts), values).fetch_all(pool)).await
+            }
+            Via::Postgres(one) => {
+                within(bound!(sqlx::query_as(sql).persistent(lasts), values).fetch_all(one)).await
+            }
+        }
+    }
+
+    /// Its first row, if it has one.
+    pub(super) async fn fetch_optional(self, via: impl Into<Via<'_>>) -> Result<Option<T>, sqlx::Error> {
+        Ok(self.fetch_all(via).await?.into_iter().next())
+    }
+
+    /// Its first row.
+    pub(super) async fn fetch_one(self, via: impl Into<Via<'_>>) -> Result<T, sqlx::Error> {
+        self.fetch_optional(via).await?.ok_or(sqlx::Error::RowNotFound)
+    }
+}
+
+impl<'q, T> Scalars<'q, T>
+where
+    (T,): FromEither,
+{
+    /// Gives the next value.
+    pub(super) fn bind(self, value: impl Into<Value<'q>>) -> Self {
+        Self(self.0.bind(value))
+    }
+
+    /// The column of all its rows.
+    pub(super) async fn fetch_all(self, via: impl Into<Via<'_>>) -> Result<Vec<T>, sqlx::Error> {
+        Ok(self.0.fetch_all(via).await?.into_iter().map(|(value,)| value).collect())
+    }
+
+    /// The column of its first row, if it has one.
+    pub(super) async fn fetch_optional(self, via: impl Into<Via<'_>>) -> Result<Option<T>, sqlx::Error> {
+        Ok(self.0.fetch_optional(via).await?.map(|(value,)| value))
+    }
+
+    /// The column of its first row.
+    pub(super) async fn fetch_one(self, via: impl Into<Via<'_>>) -> Result<T, sqlx::Error> {
+        Ok(self.0.fetch_one(via).await?.0)
+    }
+}
+
+/// Which types are which values.
+macro_rules! values {
+    ($($type:ty => |$from:ident| $value:expr;)*) => {
+        $(impl<'q> From<$type> for Value<'q> {
+            fn from($from: $type) -> Self {
+                $value
+            }
+        })*
+    };
+}
+
+values! {
+    i64 => |whole| Value::Whole(Some(whole));
+    &'q i64 => |whole| Value::Whole(Some(*whole));
+    Option<i64> => |whole| Value::Whole(whole);
+    f64 => |real| Value::Real(Some(real));
+    Option<f64> => |real| Value::Real(real);
+    bool => |flag| Value::Flag(flag);
+    &'q str => |text| Value::Text(Some(Cow::Borrowed(text)));
+    &'q &'q str => |text| Value::Text(Some(Cow::Borrowed(text)));
+    &'q String => |text| Value::Text(Some(Cow::Borrowed(text)));
+    String => |text| Value::Text(Some(Cow::Owned(text)));
+    Option<&'q str> => |text| Value::Text(text.map(Cow::Borrowed));
+    Option<&'q String> => |text| Value::Text(text.map(|text| Cow::Borrowed(text.as_str())));
+    &'q Option<String> => |text| Value::Text(text.as_deref().map(Cow::Borrowed));
+    Option<String> => |text| Value::Text(text.map(Cow::Owned));
+    &'q [u8] => |bytes| Value::Bytes(Some(bytes));
+    &'q Vec<u8> => |bytes| Value::Bytes(Some(bytes));
+    Option<&'q [u8]> => |bytes| Value::Bytes(bytes);
+}

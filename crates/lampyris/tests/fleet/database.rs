@@ -1,0 +1,168 @@
+//! A database that goes away, and what many workers do to it.
+
+use super::Fleet;
+use super::support::{full, quick};
+use lampyris::store::batches::{BatchKind, NewBatch};
+use lampyris::store::entry::NewJob;
+use lampyris::store::finish::JobEnd;
+use lampyris::store::jobs::{JobFailure, JobKind, Origin, Priority};
+use lampyris::store::{self, Place, Store};
+use lampyris_core::data::SystemId;
+use serde_json::json;
+use std::process::Command;
+use std::sync::Arc;
+use std::thread::sleep;
+use std::time::{Duration, Instant};
+
+#[test]
+fn what_is_served_is_served_while_the_database_is_away_and_jobs_go_on_behind() {
+    let Some(fleet) = Fleet::new() else { return };
+    let api = fleet.node("api", &[]);
+    let worker = fleet.node("worker,scheduler", &[]);
+    api.client.lasting_room("1", 1);
+    api.client.ended(&api.client.post_job(&quick("room/1")));
+    while api.client.get("/params/room/1").status != 200 {
+        sleep(Duration::from_millis(10));
+    }
+    let data = std::env::var("LAMPYRIS_TEST_CLUSTER").unwrap();
+    let mut slowest = Duration::ZERO;
+    for round in 0..if full() { 20 } else { 2 } {
+        let pid = std::fs::read_to_string(format!("{data}/postmaster.pid")).unwrap();
+        Command::new("kill").args(["-QUIT", pid.lines().next().unwrap()]).status().unwrap();
+        let stopped = Instant::now();
+        let mut back = None;
+        let mut body = quick("room/1");
+        body["method"]["seed"] = json!(round);
+        let job = loop {
+            api.client.get("/params/room/1").expect(200);
+            if back.is_none()
+                && api.client.get("/systems").status == 200
+                && stopped.elapsed().as_millis() > 500
+            {
+                back = Some(Instant::now());
+            }
+            let posted = api.client.json("POST", "/jobs", &body);
+            if matches!(posted.status, 200 | 202) && back.is_some() {
+                break posted.json()["id"].as_str().unwrap().to_owned();
+            }
+            assert!(stopped.elapsed() < Duration::from_secs(120), "{}", posted.text);
+            sleep(Duration::from_millis(20));
+        };
+        api.client.until(&format!("/jobs/{job}"), |job| job["state"] != "queued");
+        slowest = slowest.max(back.unwrap().elapsed());
+        api.client.ended(&job);
+    }
+    println!("FLEET: claims go on within {slowest:?} of the database (target 10 s)");
+    assert!(slowest < Duration::from_secs(30), "{slowest:?}");
+    drop(worker);
+}
+
+#[test]
+fn many_workers_end_every_job_once() {
+    let Some(fleet) = Fleet::new() else { return };
+    let api = fleet.node("api,scheduler", &[]);
+    let systems = if full() { 100 } else { 20 };
+    let mut jobs = Vec::new();
+    for system in 0..systems {
+        api.client.lasting_room(&system.to_string(), system);
+        for seed in 0..3 {
+            let mut body = quick(&format!("room/{system}"));
+            body["method"]["seed"] = json!(seed);
+            jobs.push(api.client.post_job(&body));
+        }
+    }
+    let begun = Instant::now();
+    let workers: Vec<_> = (0..4).map(|_| fleet.node("worker", &[])).collect();
+    for job in &jobs {
+        assert_eq!(api.client.ended(job)["state"], "succeeded");
+    }
+    let took = begun.elapsed();
+    println!("FLEET: {} fits by 4 workers in {took:?}", jobs.len());
+    let fits = fleet.rows("SELECT COUNT(*)::TEXT FROM fits");
+    assert_eq!(fits, [jobs.len().to_string()]);
+    assert_eq!(fleet.rows("SELECT MAX(attempt)::TEXT FROM jobs"), ["1"]);
+    drop(workers);
+}
+
+/// Jobs that are claimed and ended without any work in between, as fast as the database allows.
+#[test]
+fn the_queue_ends_every_job_once_and_never_runs_two_of_a_system() {
+    let Some(fleet) = Fleet::new() else { return };
+    let (jobs, systems) = if full() { (20_000, 5_000) } else { (2_000, 500) };
+    let runtime = tokio::runtime::Runtime::new().unwrap();
+    let rate = runtime.block_on(drained(&fleet.0, jobs, systems));
+    println!("FLEET: {jobs} jobs of {systems} systems, {rate:.0} a second (target 500)");
+    let ends = fleet.rows("SELECT state || ' ' || COUNT(*) || ' ' || MAX(attempt) FROM jobs GROUP BY state");
+    assert_eq!(ends, [format!("failed {jobs} 1")]);
+    let numbers = "SELECT COUNT(DISTINCT end_sequence)::TEXT FROM jobs";
+    assert_eq!(fleet.rows(numbers), [jobs.to_string()]);
+}
+
+/// Submits jobs of systems, and has four processes of four threads each claim and end them; jobs a second.
+async fn drained(place: &Place, jobs: usize, systems: usize) -> f64 {
+    let now = jiff::Timestamp::now();
+    let store = Store::open(place, None).await.unwrap();
+    let model = "rc2".parse().unwrap();
+    let names: Vec<SystemId> = (0..systems).map(|system| format!("room/{system}").parse().unwrap()).collect();
+    for name in &names {
+        let by = ("test", None, now);
+        store::systems::put(&store, name, (Some(&model), ""), "{}", by, |_| true).await.unwrap();
+    }
+    let new = |number: usize| NewJob {
+        kind: JobKind::Estimate,
+        system: names[number % systems].clone(),
+        model: model.clone(),
+        request: format!("{{\"seed\":{number}}}").into(),
+        experiment: false,
+        origin: Origin::Posted,
+        priority: Priority::Operator,
+    };
+    let batch = NewBatch {
+        kind: BatchKind::Recalibrate,
+        schedule: None,
+        request: "{}".into(),
+        jobs: (0..jobs).map(new).collect(),
+        skipped: Vec::new(),
+    };
+    let begun = Instant::now();
+    store::batches::submit(&store, &batch, None, jobs as i64, now).await.unwrap();
+    println!("FLEET: {jobs} jobs submitted in {:?} (limit 5 s)", begun.elapsed());
+    let begun = Instant::now();
+    let mut workers = Vec::new();
+    for process in 0..4 {
+        let store = Arc::new(Store::open(place, None).await.unwrap());
+        let name = (format!("process {process}"), "worker");
+        let worker =
+            store::workers::enlist(&store, (&name.0, name.1), Duration::from_secs(600), now).await.unwrap();
+        for _ in 0..4 {
+            workers.push(tokio::spawn(claim_and_end(store.clone(), worker)));
+        }
+    }
+    let mut ended = 0;
+    for worker in workers {
+        ended += worker.await.unwrap();
+    }
+    assert_eq!(ended, jobs);
+    store.close().await;
+    jobs as f64 / begun.elapsed().as_secs_f64()
+}
+
+async fn claim_and_end(store: Arc<Store>, worker: i64) -> usize {
+    let failure = JobFailure { code: "stub".into(), detail: "no work".into(), errors: Vec::new() };
+    let mut ended = 0;
+    loop {
+        let now = jiff::Timestamp::now();
+        let Some(job) = store::queue::claim(&store, worker, now).await.unwrap() else {
+            // The jobs that are left are of systems of which one runs.
+            let left = store::metrics::queue(&store).await.unwrap();
+            if left.iter().all(|standing| standing.count == 0) {
+                return ended;
+            }
+            tokio::time::sleep(Duration::from_millis(2)).await;
+            continue;
+        };
+        let lease = job.lease().unwrap();
+        store::finish::finish(&store, &lease, &JobEnd::Failed(&failure), now).await.unwrap();
+        ended += 1;
+    }
+}

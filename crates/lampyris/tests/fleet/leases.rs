@@ -1,0 +1,105 @@
+//! Workers that die, and workers that come back.
+
+use super::support::{endless, full, quick};
+use super::{Fleet, LEASE};
+use serde_json::json;
+use std::thread::sleep;
+use std::time::{Duration, Instant};
+
+/// A job is taken over within a lease and what it takes to look.
+const TAKEN_OVER: Duration = Duration::from_secs(LEASE + 5);
+
+#[test]
+fn a_job_of_a_killed_worker_is_taken_over_and_ends_once() {
+    let Some(fleet) = Fleet::new() else { return };
+    let api = fleet.node("api,scheduler", &[]);
+    api.client.lasting_room("1", 1);
+    let mut longest = Duration::ZERO;
+    for _ in 0..if full() { 30 } else { 2 } {
+        let doomed = fleet.node("worker", &[("LAMPYRIS_PAUSE_AT", "before_finish:60000")]);
+        let job = api.client.post_job(&quick("room/1"));
+        api.client.until(&format!("/jobs/{job}"), |job| job["state"] == "running");
+        let heir = fleet.node("worker", &[]);
+        doomed.kill();
+        let killed = Instant::now();
+        let ended = api.client.ended(&job);
+        longest = longest.max(killed.elapsed());
+        assert_eq!((&ended["state"], &ended["attempt"]), (&json!("succeeded"), &json!(2)), "{ended}");
+        let fits = fleet.rows(&format!("SELECT COUNT(*)::TEXT FROM fits WHERE job = '{job}'"));
+        assert_eq!(fits, ["1"]);
+        drop(heir);
+    }
+    println!("FLEET: taken over within {longest:?} (lease {LEASE} s)");
+    assert!(longest < TAKEN_OVER, "{longest:?}");
+}
+
+#[test]
+fn a_job_that_takes_three_workers_down_fails() {
+    let Some(fleet) = Fleet::new() else { return };
+    let api = fleet.node("api,scheduler", &[]);
+    api.client.lasting_room("1", 1);
+    let job = api.client.post_job(&quick("room/1"));
+    for _ in 0..3 {
+        fleet.node("worker", &[("LAMPYRIS_ABORT_AT", "before_finish")]).gone();
+    }
+    let ended = api.client.ended(&job);
+    assert_eq!(
+        (&ended["state"], &ended["error"]["code"]),
+        (&json!("failed"), &json!("interrupted")),
+        "{ended}"
+    );
+    assert_ne!(api.client.get("/params/room/1").status, 200, "nothing is served of it");
+}
+
+#[test]
+fn a_worker_that_was_stopped_for_two_leases_publishes_nothing_and_goes_on_as_another() {
+    let Some(fleet) = Fleet::new() else { return };
+    let api = fleet.node("api,scheduler", &[]);
+    api.client.lasting_room("1", 1);
+    // It has its result, and is stopped before it writes it.
+    let frozen = fleet.node("worker", &[("LAMPYRIS_PAUSE_AT", "before_finish:1500")]);
+    let job = api.client.post_job(&quick("room/1"));
+    api.client.until(&format!("/jobs/{job}"), |job| job["state"] == "running");
+    sleep(Duration::from_millis(500));
+    frozen.signal("STOP");
+    let heir = fleet.node("worker", &[]);
+    let ended = api.client.ended(&job);
+    assert_eq!((&ended["outcome"], &ended["attempt"]), (&json!("accepted"), &json!(2)), "{ended}");
+    let served = api.client.get("/params/room/1").expect(200).text;
+    sleep(Duration::from_secs(LEASE));
+    frozen.signal("CONT");
+    sleep(Duration::from_secs(5));
+    assert_eq!(api.client.get("/params/room/1").expect(200).text, served, "the late end was refused");
+    assert_eq!(fleet.rows(&format!("SELECT COUNT(*)::TEXT FROM fits WHERE job = '{job}'")), ["1"]);
+    assert_eq!(fleet.rows("SELECT COUNT(*)::TEXT FROM revisions"), ["1"]);
+    // It has another number by now, and works on.
+    drop(heir);
+    let again = json!({"experiment": true, "method": {"name": "cfa", "seed": 7}});
+    let next = api.client.estimate("room/1", again);
+    assert_eq!(api.client.ended(&next)["state"], "succeeded");
+}
+
+#[test]
+fn a_running_job_is_called_off_by_another_node() {
+    let Some(fleet) = Fleet::new() else { return };
+    let api = fleet.node("api", &[]);
+    let worker = fleet.node("worker,scheduler", &[]);
+    api.client.lasting_room("1", 1);
+    let mut waits = Vec::new();
+    for _ in 0..if full() { 200 } else { 10 } {
+        let job = api.client.post_job(&endless("room/1"));
+        api.client.until(&format!("/jobs/{job}"), |job| job["state"] == "running");
+        let asked = Instant::now();
+        api.client.post(&format!("/jobs/{job}/cancel")).expect(200);
+        while api.client.get(&format!("/jobs/{job}")).json()["state"] == "running" {
+            sleep(Duration::from_millis(5));
+        }
+        waits.push(asked.elapsed());
+        assert_eq!(api.client.get(&format!("/jobs/{job}")).json()["state"], "cancelled");
+    }
+    drop(worker);
+    waits.sort();
+    let p99 = waits[(waits.len() * 99).div_ceil(100) - 1];
+    println!("FLEET: {} cancels by another node, p99 {p99:?} (target 0.5 s)", waits.len());
+    assert!(p99 < Duration::from_secs(2), "{p99:?}");
+}

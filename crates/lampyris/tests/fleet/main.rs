@@ -1,0 +1,49 @@
+//! Several services on one PostgreSQL, under what may happen to each of them and to the database.
+//!
+//! `tests/cluster` starts the server; without one there is nothing to test. Everyday figures are small;
+//! `LAMPYRIS_TESTS=full` asks for the full ones.
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
+
+mod database;
+mod feed;
+mod leases;
+mod nodes;
+#[path = "../support/mod.rs"]
+mod support;
+
+use lampyris::store::Place;
+use std::path::PathBuf;
+use support::cluster;
+use support::process::Process;
+
+/// Seconds of a lease in these tests.
+const LEASE: u64 = 6;
+
+/// A database for the services of one test; none where there is no server.
+struct Fleet(Place);
+
+impl Fleet {
+    fn new() -> Option<Self> {
+        cluster::database().map(Self)
+    }
+
+    /// A service with these roles, and more variables in its environment.
+    fn node(&self, roles: &str, environment: &[(&str, &str)]) -> Process {
+        let lease = LEASE.to_string();
+        let mut all = vec![("LAMPYRIS_ROLES", roles), ("LAMPYRIS_LEASE_SECONDS", lease.as_str())];
+        all.push(("LAMPYRIS_WORKERS", "1"));
+        all.extend(environment);
+        Process::start_with(&PathBuf::from(String::from(self.0.clone())), &all)
+    }
+
+    /// The first column of what a statement gives.
+    fn rows(&self, sql: &str) -> Vec<String> {
+        cluster::behind(&self.0, sql).unwrap()
+    }
+}
+
+impl Drop for Fleet {
+    fn drop(&mut self) {
+        cluster::drop_database(&self.0);
+    }
+}

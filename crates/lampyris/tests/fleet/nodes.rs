@@ -1,0 +1,128 @@
+//! What one node does is seen by the others.
+
+use super::Fleet;
+use super::support::events::Stream;
+use super::support::{Client, full, quick};
+use serde_json::json;
+use std::collections::BTreeSet;
+use std::thread::sleep;
+use std::time::{Duration, Instant};
+
+/// How soon every node shows what one was told.
+const SOON: Duration = Duration::from_secs(2);
+
+/// Asks until an answer is as it should be; says how long that took.
+fn seen(client: &Client, path: &str, wanted: impl Fn(u16, &str) -> bool) -> Duration {
+    let asked = Instant::now();
+    loop {
+        let answer = client.get(path);
+        if wanted(answer.status, &answer.text) {
+            return asked.elapsed();
+        }
+        assert!(asked.elapsed() < 10 * SOON, "{path}: {}", answer.text);
+        sleep(Duration::from_millis(10));
+    }
+}
+
+#[test]
+fn what_one_node_is_told_the_other_one_serves() {
+    let Some(fleet) = Fleet::new() else { return };
+    let (one, two) = (fleet.node("api", &[]), fleet.node("api", &[]));
+    let worker = fleet.node("worker,scheduler", &[]);
+    one.client.lasting_room("1", 1);
+    // A system that it has not heard of yet is looked for.
+    two.client.get("/params/room/1").problem(404, "no-validated-parameters");
+    let mut slowest = Duration::ZERO;
+    for seed in 0..if full() { 20 } else { 4 } {
+        let mut body = quick("room/1");
+        body["method"]["seed"] = json!(seed);
+        let ended = one.client.ended(&one.client.post_job(&body));
+        if ended["outcome"] != "accepted" {
+            continue;
+        }
+        let revision = format!("\"revision\":{}", ended["revision"]);
+        slowest = slowest.max(seen(&two.client, "/params/room/1", |_, text| text.contains(&revision)));
+    }
+    println!("FLEET: a revision is served by another node within {slowest:?} (target 2 s)");
+    assert!(slowest < SOON, "{slowest:?}");
+    let model = json!({
+        "id": "own", "title": "A room of its own", "states": {"T_room": {"unit": "degC", "initial": "T_room"}},
+        "equations": {"T_room": "-k * (T_room - T_out)"}, "inputs": {"T_out": {"unit": "degC"}},
+        "parameters": {"k": {"unit": "1/h", "lower": 0.001, "upper": 1.0, "nominal": 0.1, "scale": "log"}},
+        "outputs": {"T_room": {"expr": "T_room", "unit": "degC", "noise_sd": 0.05}},
+    });
+    let posted = two.client.json("POST", "/models", &model);
+    assert!(matches!(posted.status, 200 | 201), "{}", posted.text);
+    seen(&one.client, "/models/own", |status, _| status == 200);
+    drop(worker);
+}
+
+/// Polls two nodes in turns, each with the tag that the other gave.
+#[test]
+fn a_controller_that_changes_its_node_never_goes_back() {
+    let Some(fleet) = Fleet::new() else { return };
+    let (one, two) = (fleet.node("api", &[]), fleet.node("api", &[]));
+    let worker = fleet.node("worker,scheduler", &[]);
+    one.client.lasting_room("1", 1);
+    one.client.ended(&one.client.post_job(&quick("room/1")));
+    let (mut newest, mut tag, mut polls) = (0, String::new(), 0);
+    let mut job = String::new();
+    let most = if full() { 100_000 } else { 3_000 };
+    while polls < most {
+        if polls % 500 == 0 {
+            let mut body = quick("room/1");
+            body["method"]["seed"] = json!(polls);
+            job = one.client.post_job(&body);
+        }
+        let node = if polls % 2 == 0 { &one } else { &two };
+        let answer = node.client.get_with("/params/room/1", &[("if-none-match", &tag)]);
+        polls += 1;
+        if answer.status == 304 {
+            continue;
+        }
+        let revision = answer.expect(200).json()["revision"].as_i64().unwrap();
+        assert!(revision >= newest, "{revision} behind {newest}");
+        newest = revision;
+        tag = node.client.get("/params/room/1").header("etag").to_owned();
+    }
+    one.client.ended(&job);
+    println!("FLEET: {polls} polls in turns, up to revision {newest}, none went back");
+    drop(worker);
+}
+
+#[test]
+fn a_listener_goes_on_at_another_node_without_a_gap() {
+    let Some(fleet) = Fleet::new() else { return };
+    let (one, two) = (fleet.node("api", &[]), fleet.node("api", &[]));
+    let worker = fleet.node("worker,scheduler", &[]);
+    one.client.lasting_room("1", 1);
+    let post = |count: i64, from: i64| -> BTreeSet<String> {
+        let job = |seed| {
+            let mut body = quick("room/1");
+            body["method"]["seed"] = json!(seed);
+            two.client.post_job(&body)
+        };
+        (from..from + count).map(job).collect()
+    };
+    let mut heard = BTreeSet::new();
+    let mut listen = |stream: &mut Stream, ends: usize| {
+        for _ in 0..ends {
+            let told = stream.until(|told| told.event == "finished").pop().unwrap();
+            assert!(
+                heard.insert(told.data["job"].as_str().or(told.data["id"].as_str()).unwrap().to_owned()),
+                "{told:?}"
+            );
+        }
+    };
+    let mut stream = one.client.listen("/events", "");
+    let mut posted = post(3, 0);
+    listen(&mut stream, 2);
+    let last = stream.last_id.clone();
+    drop(stream);
+    one.kill();
+    posted.extend(post(3, 10));
+    let mut stream = two.client.listen("/events", &last);
+    listen(&mut stream, 4);
+    assert_eq!(heard, posted);
+    drop(worker);
+}
