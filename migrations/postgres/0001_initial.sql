@@ -120,7 +120,7 @@ CREATE TABLE jobs (
     created_at BIGINT NOT NULL,
     started_at BIGINT,
     ended_at BIGINT,
-    retry_of TEXT COLLATE "C" REFERENCES jobs (id),
+    retry_of TEXT COLLATE "C" REFERENCES jobs (id) DEFERRABLE,
     end_sequence BIGINT,
     diagnosis TEXT COLLATE "C",
     tuning TEXT COLLATE "C",
@@ -387,7 +387,7 @@ CREATE TABLE tenants (
     started BIGINT NOT NULL,
     ended BIGINT NOT NULL CHECK (ended >= started)
 );
-ALTER TABLE jobs ADD FOREIGN KEY (diagnosis) REFERENCES diagnoses (id);
+ALTER TABLE jobs ADD FOREIGN KEY (diagnosis) REFERENCES diagnoses (id) DEFERRABLE;
 INSERT INTO counters (name, value) VALUES ('boot', 0), ('sequence', 0), ('change', 0), ('claim', 0);
 
 CREATE INDEX aliases_of_window ON window_aliases (sequence);

@@ -3,7 +3,7 @@
 use super::output::{Failure, faults, print};
 use super::serve;
 use crate::settings::Settings;
-use crate::store::{Place, StoreError, backup, migrate};
+use crate::store::{Place, StoreError, backup, migrate, moving};
 use lampyris_core::fault::Fault;
 use serde_json::json;
 use std::path::{Path, PathBuf};
@@ -25,6 +25,18 @@ pub struct Database {
 /// What to do with a database that a server has.
 const OF_A_SERVER: &str =
     "the tools of its server make backups (pg_dump), and a start brings its schema up to date";
+
+#[derive(Debug, clap::Args)]
+pub struct MigrateArguments {
+    #[command(flatten)]
+    database: Database,
+    /// A file whose data move to a server; no service may have it open.
+    #[arg(long, requires = "to", conflicts_with = "database")]
+    from: Option<PathBuf>,
+    /// The empty database that they move into: `postgres://…`.
+    #[arg(long, requires = "from")]
+    to: Option<Place>,
+}
 
 #[derive(Debug, clap::Args)]
 pub struct BackupArguments {
@@ -63,8 +75,12 @@ impl Database {
     }
 }
 
-/// Brings the schema up to date.
-pub fn migrate(database: &Database) -> Result<(), Failure> {
+/// Brings the schema up to date, or moves a database to a server.
+pub fn migrate(arguments: &MigrateArguments) -> Result<(), Failure> {
+    let database = &arguments.database;
+    if let (Some(from), Some(to)) = (&arguments.from, &arguments.to) {
+        return moved(database, from, to);
+    }
     let path = database.path()?;
     let done = serve::runtime()?.block_on(migrate::migrate(&path)).map_err(failure)?;
     let backup = done.backup.as_deref().map(shown);
@@ -79,6 +95,26 @@ pub fn migrate(database: &Database) -> Result<(), Failure> {
         &json!({"database": shown(&path), "from": done.from, "to": done.to, "backup": backup}),
         &sentence,
     );
+    Ok(())
+}
+
+fn moved(database: &Database, from: &Path, to: &Place) -> Result<(), Failure> {
+    let Place::Server(url) = to else {
+        return Err(Failure::Usage(format!("{to} is no server: a file moves by `lampyris backup`")));
+    };
+    let moved = serve::runtime()?.block_on(moving::move_to(from, url)).map_err(failure)?;
+    let rows: i64 = moved.rows.iter().map(|(_, rows)| rows).sum();
+    let sentence = format!(
+        "{} -> {to}: {rows} rows of {} tables, and {} revisions are what they were",
+        shown(from),
+        moved.rows.len(),
+        moved.revisions
+    );
+    let tables: serde_json::Map<String, serde_json::Value> =
+        moved.rows.iter().map(|(table, rows)| ((*table).to_owned(), json!(rows))).collect();
+    let document =
+        json!({"from": shown(from), "to": to.to_string(), "rows": tables, "revisions": moved.revisions});
+    database.show(&document, &sentence);
     Ok(())
 }
 

@@ -77,7 +77,7 @@ enum Verb {
     /// Who may ask a service: make, list and revoke tokens, in its database, also while it runs.
     Token(tokens::Arguments),
     /// Bring the schema of the database up to date. A backup is made beside it first. `serve` does the same.
-    Migrate(database::Database),
+    Migrate(database::MigrateArguments),
     /// Copy the database into one file, also beside a running server.
     ///
     /// The file holds everything that was acknowledged before the verb began; it is checked and on the disk

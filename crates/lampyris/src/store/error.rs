@@ -65,6 +65,8 @@ pub enum StoreError {
         /// Why nothing can be written.
         why: String,
     },
+    /// A database that another is to move into has so many systems already.
+    NotEmpty(i64),
     /// Another service has this database open.
     InUse(PathBuf),
     /// Another service has this database open, perhaps under another of its names.
@@ -145,6 +147,9 @@ impl std::fmt::Display for StoreError {
                 "the database has schema {found}, this program needs {known}, and the database cannot be \
                 written ({why}): make room on its disk or make it writable, and start again"
             ),
+            StoreError::NotEmpty(systems) => {
+                write!(f, "the database there has {systems} systems already: move into an empty one")
+            }
             StoreError::InUse(path) => write!(f, "another service has the database {} open", path.display()),
             StoreError::OtherName(path) => write!(
                 f,

@@ -79,6 +79,7 @@ pub mod measured;
 pub mod metrics;
 pub mod migrate;
 pub mod models;
+pub mod moving;
 mod open_rows;
 mod page;
 pub mod params;

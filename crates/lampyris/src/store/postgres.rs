@@ -19,6 +19,10 @@ pub(super) const BEGIN_ALONE: &str =
 pub(super) const BEGIN_BESIDE: &str =
     "BEGIN; SET LOCAL statement_timeout = '60s'; LOCK TABLE writing IN ROW SHARE MODE";
 
+/// Begins the transaction that brings a whole database along: alone, and for as long as it takes.
+pub(super) const BEGIN_TO_MOVE: &str =
+    "BEGIN; SET CONSTRAINTS ALL DEFERRED; LOCK TABLE writing IN EXCLUSIVE MODE";
+
 /// Connections of one service at most.
 const CONNECTIONS: u32 = 12;
 /// How long a statement waits for one of them.

@@ -155,6 +155,9 @@ fn windows_add_up_and_outlive_their_diagnoses() {
         meter
     );
 
+    // What newer measurements have contradicted may be fitted anew just now.
+    app.until("/jobs?state=queued", |waiting| waiting["items"] == json!([]));
+    app.until("/jobs?state=running", |running| running["items"] == json!([]));
     app.send("DELETE", "/systems/room/1?force=true", &[], None).unwrap().expect(204);
     app.room("1", 1);
     assert_eq!(app.get("/systems/room/1/evidence").expect(200).json()["effects"], json!([]));

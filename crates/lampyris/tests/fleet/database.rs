@@ -1,7 +1,8 @@
 //! A database that goes away, and what many workers do to it.
 
 use super::Fleet;
-use super::support::{full, quick};
+use super::support::process::{Process, verb};
+use super::support::{Client, full, quick};
 use lampyris::store::batches::{BatchKind, NewBatch};
 use lampyris::store::entry::NewJob;
 use lampyris::store::finish::JobEnd;
@@ -90,7 +91,7 @@ fn the_queue_ends_every_job_once_and_never_runs_two_of_a_system() {
     let Some(fleet) = Fleet::new() else { return };
     let (jobs, systems) = if full() { (20_000, 5_000) } else { (2_000, 500) };
     let runtime = tokio::runtime::Runtime::new().unwrap();
-    let rate = runtime.block_on(drained(&fleet.0, jobs, systems));
+    let rate = runtime.block_on(drained(&fleet.place, jobs, systems));
     println!("FLEET: {jobs} jobs of {systems} systems, {rate:.0} a second (target 500)");
     let ends = fleet.rows("SELECT state || ' ' || COUNT(*) || ' ' || MAX(attempt) FROM jobs GROUP BY state");
     assert_eq!(ends, [format!("failed {jobs} 1")]);
@@ -165,4 +166,35 @@ async fn claim_and_end(store: Arc<Store>, worker: i64) -> usize {
         store::finish::finish(&store, &lease, &JobEnd::Failed(&failure), now).await.unwrap();
         ended += 1;
     }
+}
+
+#[test]
+fn a_house_moves_to_a_server_with_everything_that_it_served() {
+    let Some(fleet) = Fleet::new() else { return };
+    let dir = tempfile::tempdir().unwrap();
+    let file = dir.path().join("house.db");
+    let service = Process::start(&file);
+    for room in ["1", "2"] {
+        service.client.lasting_room(room, room.parse().unwrap());
+        service.client.ended(&service.client.estimate(&format!("room/{room}"), json!({})));
+    }
+    let diagnosis = service.client.post_job(&json!({
+        "kind": "diagnose", "system": "room/1", "split": {"train": "P9D", "validation": "P5D"}
+    }));
+    service.client.ended(&diagnosis);
+    let paths = ["/params/room/1", "/params/room/2", "/fits", "/jobs", "/systems/room/1/windows", "/audit"];
+    let body = |client: &Client, path: &str| client.get(path).expect(200).text;
+    let before = paths.map(|path| body(&service.client, path));
+    let tag = service.client.get("/params/room/1").header("etag").to_owned();
+    service.terminate();
+    let (from, to) = (file.to_str().unwrap(), String::from(fleet.place.clone()));
+    let said = verb("", &["migrate", "--from", from, "--to", &to]).expect(0).out;
+    assert!(said.contains("2 revisions are what they were"), "{said}");
+    assert_ne!(verb("", &["migrate", "--from", from, "--to", &to]).code, Some(0), "into an empty one alone");
+    let node = fleet.node("api,worker,scheduler", &[]);
+    assert_eq!(paths.map(|path| body(&node.client, path)), before);
+    assert_eq!(node.client.get("/params/room/1").header("etag"), tag);
+    // Numbers go on where they were.
+    let next = node.client.estimate("room/1", json!({"method": {"name": "cfa", "seed": 5}}));
+    assert_eq!(node.client.ended(&next)["state"], "succeeded");
 }

@@ -14,11 +14,11 @@ fn the_feed_sees_all_that_was_committed_in_any_order() {
     let Some(fleet) = Fleet::new() else { return };
     let each = if full() { 6250 } else { 60 };
     let runtime = tokio::runtime::Runtime::new().unwrap();
-    let store = runtime.block_on(Store::open(&fleet.0, None)).unwrap();
+    let store = runtime.block_on(Store::open(&fleet.place, None)).unwrap();
     let start = runtime.block_on(feed::newest(&store)).unwrap();
     let writers: Vec<_> = (0..WRITERS)
         .map(|writer| {
-            let place: Place = fleet.0.clone();
+            let place: Place = fleet.place.clone();
             std::thread::spawn(move || {
                 for number in (0..each).step_by(10) {
                     // Ten notes, and a pause between their numbers and the commit.

@@ -13,18 +13,25 @@ mod support;
 
 use lampyris::store::Place;
 use std::path::PathBuf;
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use support::cluster;
 use support::process::Process;
 
 /// Seconds of a lease in these tests.
 const LEASE: u64 = 6;
 
-/// A database for the services of one test; none where there is no server.
-struct Fleet(Place);
+/// A database for the services of one test, which has the server to itself, since some stop it; none where
+/// there is no server.
+struct Fleet {
+    place: Place,
+    _alone: MutexGuard<'static, ()>,
+}
 
 impl Fleet {
     fn new() -> Option<Self> {
-        cluster::database().map(Self)
+        static ALONE: Mutex<()> = Mutex::new(());
+        let alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
+        cluster::database().map(|place| Self { place, _alone: alone })
     }
 
     /// A service with these roles, and more variables in its environment.
@@ -33,17 +40,17 @@ impl Fleet {
         let mut all = vec![("LAMPYRIS_ROLES", roles), ("LAMPYRIS_LEASE_SECONDS", lease.as_str())];
         all.push(("LAMPYRIS_WORKERS", "1"));
         all.extend(environment);
-        Process::start_with(&PathBuf::from(String::from(self.0.clone())), &all)
+        Process::start_with(&PathBuf::from(String::from(self.place.clone())), &all)
     }
 
     /// The first column of what a statement gives.
     fn rows(&self, sql: &str) -> Vec<String> {
-        cluster::behind(&self.0, sql).unwrap()
+        cluster::behind(&self.place, sql).unwrap()
     }
 }
 
 impl Drop for Fleet {
     fn drop(&mut self) {
-        cluster::drop_database(&self.0);
+        cluster::drop_database(&self.place);
     }
 }
