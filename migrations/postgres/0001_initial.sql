@@ -439,12 +439,12 @@ CREATE INDEX jobs_cancelling ON jobs (boot) WHERE state = 'running' AND cancelli
 
 -- What every service follows: of which systems something has changed that is served, or is said of what is served
 -- (`system`), what else was measured of them (`measured`), that there are other documents (`catalogue`) or schedules
--- (`schedule`). Commits overtake one another, so a row has its place in their order when somebody gives it one
+-- (`schedule`), that a job has come back to the queue (`queue`). Commits overtake one another, so a row has its place in their order when somebody gives it one
 -- behind its commit (`feed`).
 CREATE TABLE changes (
     id BIGINT GENERATED ALWAYS AS IDENTITY PRIMARY KEY,
     xact XID8 NOT NULL DEFAULT pg_current_xact_id(),
-    topic TEXT COLLATE "C" NOT NULL CHECK (topic IN ('system', 'measured', 'catalogue', 'schedule')),
+    topic TEXT COLLATE "C" NOT NULL CHECK (topic IN ('system', 'measured', 'catalogue', 'schedule', 'queue')),
     name TEXT COLLATE "C" NOT NULL,
     position BIGINT UNIQUE
 );
@@ -506,6 +506,13 @@ BEGIN
     END IF;
     RETURN NULL;
 END $$;
+CREATE FUNCTION note_return() RETURNS TRIGGER LANGUAGE plpgsql AS $$
+BEGIN
+    PERFORM note('queue', NEW.system);
+    RETURN NULL;
+END $$;
+CREATE TRIGGER a_job_came_back AFTER UPDATE OF state ON jobs FOR EACH ROW
+    WHEN (NEW.state = 'queued' AND OLD.state = 'running') EXECUTE FUNCTION note_return();
 CREATE TRIGGER a_job_came AFTER INSERT ON jobs FOR EACH ROW EXECUTE FUNCTION note_job();
 CREATE TRIGGER a_job_stands_elsewhere AFTER UPDATE OF state ON jobs
     FOR EACH ROW EXECUTE FUNCTION note_job();

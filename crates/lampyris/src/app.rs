@@ -19,10 +19,12 @@ use crate::service::serving::snapshot::Snapshot;
 use crate::service::serving::{degradations, keeping, params, pull};
 use crate::service::work::board::ProgressBoard;
 use crate::service::work::interactive::Interactive;
-use crate::service::work::membership::{self, Membership};
+use crate::service::work::membership::Membership;
+use crate::service::work::renewal;
 use crate::service::work::worker;
 use crate::service::{Clock, Service, ServiceError, pool};
-use crate::settings::{Role, Settings};
+use crate::settings::Settings;
+use crate::store::workers::ProcessRole;
 use crate::store::{self, Store, StoreError, feed, workers};
 use jiff::Timestamp;
 use lampyris_core::model::Catalogue;
@@ -199,12 +201,13 @@ impl App {
                 }
                 ensured => ensured?,
             }
-            let workers = if service.settings.has(Role::Worker) { service.settings.workers } else { 0 };
+            let workers =
+                if service.settings.has(ProcessRole::Worker) { service.settings.workers } else { 0 };
             for index in 0..workers {
                 let pool = pool(threads(&service.settings), index).map_err(AppError::Threads)?;
                 tasks.spawn(worker::run(service.clone(), pool, index));
             }
-            if service.settings.has(Role::Scheduler) {
+            if service.settings.has(ProcessRole::Scheduler) {
                 let spare = pool(1, service.settings.workers).map_err(AppError::Threads)?;
                 tasks.spawn(degradations::run(service.clone(), spare));
                 tasks.spawn(schedules::run(service.clone()));
@@ -213,7 +216,7 @@ impl App {
             }
             tasks.spawn(keeping::run(service.clone()));
             if service.store.is_shared() {
-                tasks.spawn(membership::keep(service.clone()));
+                tasks.spawn(renewal::keep(service.clone()));
                 tasks.spawn(fleet::follow(service.clone(), place));
             } else {
                 tasks.spawn(watch_files(service.clone()));
@@ -326,7 +329,7 @@ async fn begun(settings: &Settings, store: Store, now: Timestamp) -> Result<(Sto
 /// Enters this process, and clears up after those that are gone.
 async fn begin(store: &Store, settings: &Settings, now: Timestamp) -> Result<Membership, StoreError> {
     let membership = Membership::enter(store, settings, now).await?;
-    membership::recover(store, now).await?;
+    renewal::recover(store, now).await?;
     store::idempotency::forget_old(store, now).await?;
     Ok(membership)
 }

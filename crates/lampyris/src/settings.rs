@@ -1,49 +1,12 @@
 //! What an operator can set: a TOML file, and the environment, which wins.
 
-use crate::store::Place;
+use crate::store::DatabasePlace;
+use crate::store::workers::ProcessRole;
 use lampyris_core::fault::{Fault, nearest};
 use serde::{Deserialize, Serialize};
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
-
-/// What a process does.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Role {
-    /// Answers requests.
-    Api,
-    /// Runs jobs.
-    Worker,
-    /// Submits what schedules say, asks sources, and looks at what has arrived; one of several does.
-    Scheduler,
-}
-
-impl Role {
-    /// All of them.
-    pub const ALL: [Self; 3] = [Role::Api, Role::Worker, Role::Scheduler];
-
-    /// Its word.
-    pub const fn as_str(self) -> &'static str {
-        match self {
-            Role::Api => "api",
-            Role::Worker => "worker",
-            Role::Scheduler => "scheduler",
-        }
-    }
-}
-
-/// Reads roles that commas separate.
-///
-/// # Errors
-/// A word that is none.
-pub fn roles(text: &str) -> Result<Vec<Role>, String> {
-    let role = |word: &str| {
-        let known = Role::ALL.into_iter().find(|role| role.as_str() == word.trim());
-        known.ok_or_else(|| format!("`{word}` is none of api, worker, scheduler"))
-    };
-    text.split(',').map(role).collect()
-}
 
 /// The settings of a service. Every field has a default that serves.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -52,9 +15,9 @@ pub struct Settings {
     /// Address and port to listen on; port 0 takes a free one.
     pub bind: SocketAddr,
     /// The database: a file, which is made if it is not there, or the URL of a PostgreSQL server.
-    pub database: Place,
+    pub database: DatabasePlace,
     /// What this process does; all of it by default.
-    pub roles: Vec<Role>,
+    pub roles: Vec<ProcessRole>,
     /// How long this process may be silent before others that share its database take its jobs over, in
     /// seconds.
     pub lease_seconds: u64,
@@ -162,8 +125,8 @@ impl Default for Settings {
     fn default() -> Self {
         Self {
             bind: SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), 8080),
-            database: Place::File("lampyris.db".into()),
-            roles: Role::ALL.to_vec(),
+            database: DatabasePlace::File("lampyris.db".into()),
+            roles: ProcessRole::ALL.to_vec(),
             lease_seconds: 30,
             workers: 2,
             threads: 0,
@@ -307,7 +270,7 @@ impl Settings {
     }
 
     /// Whether this process has a part.
-    pub fn has(&self, role: Role) -> bool {
+    pub fn has(&self, role: ProcessRole) -> bool {
         self.roles.contains(&role)
     }
 
@@ -324,7 +287,7 @@ impl Settings {
             "/bind" => read(&mut self.bind, text),
             "/database" => read(&mut self.database, text),
             "/roles" => {
-                self.roles = roles(text)?;
+                self.roles = ProcessRole::list(text).map_err(|error| error.to_string())?;
                 Ok(())
             }
             "/lease_seconds" => read(&mut self.lease_seconds, text),

@@ -26,7 +26,7 @@ const SERVICE: &[(&str, &[&str])] = &[
     ("store", &["model", "data", "simulate", "optimise", "estimate", "diagnose"]),
     ("service", &["model", "data", "simulate", "optimise", "estimate", "diagnose", "store", "settings"]),
     ("http", &["model", "data", "estimate", "diagnose", "store", "service", "settings"]),
-    ("settings", &[]),
+    ("settings", &["store"]),
 ];
 const LEAVES: [&str; 4] = ["fault", "interrupt", "schema", "units"];
 const IN_CORE: &str = "crates/core/src";

@@ -5,35 +5,20 @@
 //! there in a minute. Its model is the smallest, whose fit takes a hundredth of a second: what the database
 //! and the queue cost shows beside it. The gate says of all what it says of the first.
 
-use super::load::{Service, start_with, text};
+mod house;
+mod shared;
+
+use super::load::text;
 use super::row::Row;
 use super::samples::{cpu, status};
+use house::{DAYS, MODEL, READ, furnished, multiply, on_database, serve};
+use lampyris::cli::Failure;
 use lampyris::cli::server::{Call, Server};
-use lampyris::cli::{Failure, faults};
-use lampyris_core::twin;
 use serde_json::json;
-use sqlx::sqlite::SqliteConnectOptions;
-use sqlx::{AssertSqlSafe, ConnectOptions, SqliteConnection};
 use std::path::Path;
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// Days of the room, and minutes between two of its samples.
-const DAYS: usize = 28;
-const STEP: usize = 30;
-const MODEL: &str = "rc1";
-/// The columns of a synthetic room that the model reads, behind the time.
-const READ: [&str; 2] = ["T_room", "T_out"];
-/// The tables that hold something of a room that was measured, with what makes a copy its own.
-const TABLES: [(&str, &[(&str, &str)]); 4] = [
-    ("systems", &[("system", "copy.system")]),
-    (
-        "windows",
-        &[("system", "copy.system"), ("id", "'win_' || copy.number"), ("sequence", "1000 + copy.number")],
-    ),
-    ("days", &[("system", "copy.system")]),
-    ("measured", &[("system", "copy.system")]),
-];
 /// Changes of a system beside the fits.
 const CHANGES: usize = 50;
 
@@ -42,6 +27,12 @@ pub struct Arguments {
     /// How many rooms, one night after another.
     #[arg(long, value_delimiter = ',', default_values_t = [1_000, 10_000])]
     pub rooms: Vec<usize>,
+    /// A PostgreSQL on which the same nights are run by several processes: `postgres://user@host:port`.
+    #[arg(long)]
+    pub server: Option<String>,
+    /// How many processes that fit, one night after another.
+    #[arg(long, value_delimiter = ',', default_values_t = [1, 2, 4])]
+    pub processes: Vec<usize>,
     /// For how many seconds each night is looked at.
     #[arg(long, default_value_t = 20)]
     pub seconds: u64,
@@ -61,9 +52,13 @@ struct Night {
 
 pub fn run(asked: &Arguments) -> Result<Vec<Row>, Failure> {
     let folder = std::env::temp_dir().join(format!("lampyris-fleet-{}", std::process::id()));
+    let length = Duration::from_secs(asked.seconds.max(1));
+    if let Some(server) = &asked.server {
+        return shared::run(&folder, server, &asked.rooms, &asked.processes, length);
+    }
     let nights = asked.rooms.iter().map(|rooms| {
         std::fs::create_dir_all(&folder).map_err(text)?;
-        let night = night(&folder, *rooms, Duration::from_secs(asked.seconds.max(1)));
+        let night = night(&folder, *rooms, length);
         std::fs::remove_dir_all(&folder).map_err(text)?;
         night
     });
@@ -123,80 +118,11 @@ fn night(folder: &Path, rooms: usize, length: Duration) -> Result<Night, Failure
     })
 }
 
-fn serve(folder: &Path) -> Result<Service, Failure> {
-    start_with(folder, &[("LAMPYRIS_LIMITS_QUEUE", "10000000")])
-}
-
-/// A service with one room that was measured.
-fn furnished(folder: &Path) -> Result<Service, Failure> {
-    let service = serve(folder)?;
-    let server = Server::at(format!("http://{}", service.address()));
-    let twin = twin::room(1, 0, DAYS, STEP).map_err(|found| faults(&found))?;
-    server.call("PUT", "/systems/room/0", Call::json(&json!({ "model": MODEL })))?;
-    let body = Some(("text/csv", read(&twin.csv).into_bytes()));
-    server.call("POST", "/systems/room/0/windows", Call { body, ..Call::default() })?;
-    Ok(service)
-}
-
-/// The columns that the model reads.
-fn read(csv: &str) -> String {
-    let names: Vec<&str> = csv.lines().next().unwrap_or_default().split(',').collect();
-    let places: Vec<usize> = std::iter::once("time")
-        .chain(READ)
-        .filter_map(|name| names.iter().position(|column| column.starts_with(name)))
-        .collect();
-    let line = |line: &str| {
-        let cells: Vec<&str> = line.split(',').collect();
-        places.iter().filter_map(|place| cells.get(*place).copied()).collect::<Vec<_>>().join(",") + "\n"
-    };
-    csv.lines().map(line).collect()
-}
-
-/// Copies the one room until there are so many.
-fn multiply(database: &Path, rooms: usize) -> Result<(), Failure> {
-    on_database(database, async |connection| {
-        sqlx::query("PRAGMA synchronous = OFF").execute(&mut *connection).await?;
-        let copies = "CREATE TEMP TABLE copy AS WITH RECURSIVE n (number) AS (SELECT 1 UNION ALL SELECT number + 1 \
-            FROM n WHERE number < $1) SELECT number, 'room/' || number AS system FROM n";
-        sqlx::query(copies).bind(rooms.saturating_sub(1) as i64).execute(&mut *connection).await?;
-        for (table, own) in TABLES {
-            let names: Vec<String> = sqlx::query_scalar("SELECT name FROM pragma_table_info($1)")
-                .bind(table)
-                .fetch_all(&mut *connection)
-                .await?;
-            let value = |name: &String| match own.iter().find(|(column, _)| column == name) {
-                Some((_, value)) => (*value).to_owned(),
-                None => format!("one.{name}"),
-            };
-            let values: Vec<String> = names.iter().map(value).collect();
-            let sql = format!(
-                "INSERT INTO {table} ({}) SELECT {} FROM copy, {table} one WHERE one.system = 'room/0'",
-                names.join(", "),
-                values.join(", ")
-            );
-            sqlx::query(AssertSqlSafe(sql)).execute(&mut *connection).await?;
-        }
-        Ok(())
-    })
-}
-
 /// How many jobs have ended.
 fn ended(database: &Path) -> Result<f64, Failure> {
     on_database(database, async |connection| {
         let sql = "SELECT COUNT(*) FROM jobs WHERE ended_at IS NOT NULL";
         let count: i64 = sqlx::query_scalar(sql).fetch_one(connection).await?;
         Ok(count as f64)
-    })
-}
-
-fn on_database<T>(
-    database: &Path,
-    work: impl AsyncFnOnce(&mut SqliteConnection) -> Result<T, sqlx::Error>,
-) -> Result<T, Failure> {
-    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().map_err(text)?;
-    runtime.block_on(async {
-        let options = SqliteConnectOptions::new().filename(database);
-        let mut connection = options.connect().await.map_err(text)?;
-        work(&mut connection).await.map_err(text)
     })
 }

@@ -9,6 +9,7 @@ use lampyris::cli::server::{Call, Server};
 use lampyris::cli::{Failure, faults};
 use lampyris_core::twin;
 use serde_json::{Value, json};
+use std::ffi::OsStr;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
 use std::path::Path;
@@ -192,10 +193,15 @@ pub fn start(folder: &Path) -> Result<Service, Failure> {
 
 /// A service of the database in a folder, with these settings.
 pub fn start_with(folder: &Path, settings: &[(&str, &str)]) -> Result<Service, Failure> {
+    start_on(folder.join("load.db").as_os_str(), settings)
+}
+
+/// Starts a service on a database, wherever that is.
+pub fn start_on(database: &OsStr, settings: &[(&str, &str)]) -> Result<Service, Failure> {
     let program = std::env::current_exe().map_err(text)?.with_file_name("lampyris");
     let mut child = Command::new(program)
         .args(["serve", "--bind", "127.0.0.1:0", "--database"])
-        .arg(folder.join("load.db"))
+        .arg(database)
         .envs(settings.iter().copied())
         .stdout(Stdio::piped())
         .stderr(Stdio::null())

@@ -3,7 +3,7 @@
 use super::output::{Failure, faults, print};
 use super::serve;
 use crate::settings::Settings;
-use crate::store::{Place, StoreError, backup, migrate, moving};
+use crate::store::{DatabasePlace, StoreError, backup, migrate, moving};
 use lampyris_core::fault::Fault;
 use serde_json::json;
 use std::path::{Path, PathBuf};
@@ -16,7 +16,7 @@ pub struct Database {
     config: Option<PathBuf>,
     /// The database file.
     #[arg(long)]
-    database: Option<Place>,
+    database: Option<DatabasePlace>,
     /// Print a JSON document.
     #[arg(long)]
     json: bool,
@@ -35,7 +35,7 @@ pub struct MigrateArguments {
     from: Option<PathBuf>,
     /// The empty database that they move into: `postgres://…`.
     #[arg(long, requires = "from")]
-    to: Option<Place>,
+    to: Option<DatabasePlace>,
 }
 
 #[derive(Debug, clap::Args)]
@@ -98,8 +98,8 @@ pub fn migrate(arguments: &MigrateArguments) -> Result<(), Failure> {
     Ok(())
 }
 
-fn moved(database: &Database, from: &Path, to: &Place) -> Result<(), Failure> {
-    let Place::Server(url) = to else {
+fn moved(database: &Database, from: &Path, to: &DatabasePlace) -> Result<(), Failure> {
+    let DatabasePlace::Server(url) = to else {
         return Err(Failure::Usage(format!("{to} is no server: a file moves by `lampyris backup`")));
     };
     let moved = serve::runtime()?.block_on(moving::move_to(from, url)).map_err(failure)?;

@@ -3,7 +3,8 @@
 use super::output::{Failure, faults, print};
 use crate::app;
 use crate::settings::Settings;
-use crate::store::Place;
+use crate::store::DatabasePlace;
+use crate::store::workers::ProcessRole;
 use std::path::PathBuf;
 use tracing_subscriber::filter::{LevelFilter, Targets};
 use tracing_subscriber::prelude::*;
@@ -22,7 +23,7 @@ pub struct Arguments {
     roles: Option<String>,
     /// The database: a file, which is made where it does not exist, or `postgres://…`.
     #[arg(long)]
-    database: Option<Place>,
+    database: Option<DatabasePlace>,
 }
 
 /// Serves until it is told to stop.
@@ -36,7 +37,7 @@ pub fn run(arguments: Arguments) -> Result<(), Failure> {
     settings.bind = arguments.bind.unwrap_or(settings.bind);
     settings.database = arguments.database.unwrap_or(settings.database);
     if let Some(text) = &arguments.roles {
-        settings.roles = crate::settings::roles(text).map_err(Failure::Usage)?;
+        settings.roles = ProcessRole::list(text).map_err(|error| Failure::Usage(error.to_string()))?;
     }
     let runtime = runtime()?;
     runtime

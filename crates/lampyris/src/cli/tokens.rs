@@ -8,7 +8,7 @@ use crate::service::access::tokens::{self, LOCAL, Made, NewToken};
 use crate::service::{ServiceError, now};
 use crate::settings::Settings;
 use crate::store::tokens::{Scope, TokenRecord};
-use crate::store::{Place, Store};
+use crate::store::{DatabasePlace, Store};
 use jiff::Timestamp;
 use lampyris_core::data::{Duration, SystemPattern};
 use serde_json::{Value, json};
@@ -31,7 +31,7 @@ pub struct Arguments {
     config: Option<PathBuf>,
     /// The database file of the service.
     #[arg(long, global = true)]
-    database: Option<Place>,
+    database: Option<DatabasePlace>,
     /// Print a document.
     #[arg(long, global = true)]
     json: bool,

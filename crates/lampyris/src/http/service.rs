@@ -3,8 +3,8 @@
 use super::problem::Problems;
 use super::shared::Shared;
 use super::storage;
-use crate::settings::Role;
 use crate::store::StoreError;
+use crate::store::workers::ProcessRole;
 use axum::extract::State;
 use axum::http::StatusCode;
 use axum::response::{IntoResponse, Response};
@@ -77,7 +77,7 @@ async fn readyz(State(service): State<Shared>) -> Response {
         }
     };
     let workers = service.workers_alive.load(Ordering::Relaxed);
-    let alive = (workers > 0 || !service.settings.has(Role::Worker)) && !service.is_stopping();
+    let alive = (workers > 0 || !service.settings.has(ProcessRole::Worker)) && !service.is_stopping();
     let ready = why.is_none() && alive && !service.is_stuck();
     let body = Readiness {
         ready,

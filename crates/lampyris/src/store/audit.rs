@@ -1,7 +1,7 @@
 //! What operators did, when, and under which name. A row is written in the transaction that does it.
 
 use super::database::Store;
-use super::engine::Connection;
+use super::engine::Session;
 use super::error::StoreError;
 use super::page;
 use super::reach::SystemScope;
@@ -105,11 +105,7 @@ impl Row {
 }
 
 /// Notes a deed inside the transaction that does it.
-pub(super) async fn note(
-    tx: &mut Connection,
-    deed: &AuditEntry<'_>,
-    now: Timestamp,
-) -> Result<(), StoreError> {
+pub(super) async fn note(tx: &mut Session, deed: &AuditEntry<'_>, now: Timestamp) -> Result<(), StoreError> {
     query("INSERT INTO audit (at, who, action, system, subject, reason) VALUES ($1, $2, $3, $4, $5, $6)")
         .bind(millis(now))
         .bind(deed.who)

@@ -1,7 +1,7 @@
 //! Recalibrations and diagnoses of several systems: ordinary jobs under one name.
 
 use super::database::Store;
-use super::engine::Connection;
+use super::engine::Session;
 use super::entry::{NewJob, SubmitError, enter};
 use super::error::StoreError;
 use super::idempotency::{Earlier, KeyState, RequestKey, look_up, remember};
@@ -213,7 +213,7 @@ pub async fn submit(
 
 /// Submits a batch inside a transaction.
 pub(super) async fn submit_in_batch(
-    tx: &mut Connection,
+    tx: &mut Session,
     new: &NewBatch,
     limit: i64,
     now: Timestamp,
@@ -252,7 +252,8 @@ pub async fn answered(store: &Store, jobs: &[NewJob]) -> Result<HashSet<usize>, 
         .map(|(place, job)| (place, job.system.to_string(), job.fingerprint()))
         .collect();
     let sql = "WITH asked AS (SELECT CAST(json_extract(value, '$[0]') AS BIGINT) AS place, \
-        json_extract(value, '$[1]') AS system, json_extract(value, '$[2]') AS fingerprint FROM json_each($1)) SELECT a.place FROM asked a WHERE EXISTS \
+        json_extract(value, '$[1]') AS system, json_extract(value, '$[2]') AS fingerprint \
+        FROM json_each($1)) SELECT a.place FROM asked a WHERE EXISTS \
         (SELECT 1 FROM jobs j WHERE j.system = a.system AND j.state = 'succeeded' \
         AND j.fingerprint = a.fingerprint \
         AND j.started_at > (SELECT MAX(uploaded_at) FROM windows WHERE system = a.system) \
@@ -264,7 +265,7 @@ pub async fn answered(store: &Store, jobs: &[NewJob]) -> Result<HashSet<usize>, 
 }
 
 /// Whether a batch has jobs that have not ended.
-pub(super) async fn is_unfinished(tx: &mut Connection, id: &str) -> Result<bool, StoreError> {
+pub(super) async fn is_unfinished(tx: &mut Session, id: &str) -> Result<bool, StoreError> {
     let sql = "SELECT EXISTS (SELECT 1 FROM batch_jobs b JOIN jobs j ON j.id = b.job WHERE b.batch = $1 AND \
         j.state IN ('queued', 'running'))";
     Ok(query_scalar(sql).bind(id).fetch_one(tx).await?)

@@ -4,7 +4,7 @@
 //! Triggers of the writer note these systems, so no function that writes has to say so and none can forget
 //! it. The commit tells one follower, and whoever has written waits until that has followed.
 
-use super::engine::{Connection, Texts};
+use super::engine::{Session, Texts};
 use super::error::StoreError;
 use super::statement::query_scalar;
 use super::value::parse;
@@ -104,7 +104,7 @@ impl Changes {
 }
 
 /// The systems that a transaction has touched so far.
-pub(super) async fn touched(tx: &mut Connection) -> Result<BTreeSet<SystemId>, StoreError> {
+pub(super) async fn touched(tx: &mut Session) -> Result<BTreeSet<SystemId>, StoreError> {
     let sql = tx.text(TOUCHED);
     let names: Vec<String> = query_scalar(sql).fetch_all(tx).await?;
     names.iter().map(|name| parse("a system", name)).collect()

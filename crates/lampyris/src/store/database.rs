@@ -1,13 +1,13 @@
 //! The database of one service: its lock, its writer and its readers.
 
 use super::changes::{Change, Changes, NOTES};
-use super::engine::{Connection, Pool};
+use super::engine::{Pool, Session};
 use super::error::StoreError;
 use super::file::{made, options, options_to_read, real};
 use super::files::Files;
 use super::lock::{Lock, lock};
 use super::migrate;
-use super::place::Place;
+use super::place::DatabasePlace;
 use super::postgres;
 use super::statement::query_scalar;
 use super::write::{Quota, Write, Writing, is_clean};
@@ -17,10 +17,14 @@ use std::collections::BTreeSet;
 use std::mem;
 use std::path::Path;
 use std::sync::{Mutex, PoisonError};
+use std::time::Duration;
 use tokio::sync::mpsc::UnboundedReceiver;
 
 /// Enough for the short reads of the handlers; SQLite readers do not wait for each other.
 const READERS: u32 = 4;
+
+/// How long a server may take to show that it can be written.
+const LONGEST_PROOF: Duration = Duration::from_secs(5);
 
 /// The database of one service.
 #[derive(Debug)]
@@ -41,10 +45,10 @@ impl Store {
     /// # Errors
     /// Where another service has it open, the file cannot be used, it is damaged, or the schema is not one
     /// that this program knows, or an older one on a disk that takes no writes.
-    pub async fn open(place: &Place, quota: Option<u64>) -> Result<Self, StoreError> {
+    pub async fn open(place: &DatabasePlace, quota: Option<u64>) -> Result<Self, StoreError> {
         match place {
-            Place::File(path) => Self::open_file(path, quota).await,
-            Place::Server(url) => Self::open_server(url).await,
+            DatabasePlace::File(path) => Self::open_file(path, quota).await,
+            DatabasePlace::Server(url) => Self::open_server(url).await,
         }
     }
 
@@ -72,9 +76,9 @@ impl Store {
     ///
     /// # Errors
     /// Where the file cannot be used, or the schema is not one that this program knows.
-    pub async fn visit(place: &Place) -> Result<Self, StoreError> {
+    pub async fn visit(place: &DatabasePlace) -> Result<Self, StoreError> {
         match (Self::open(place, None).await, place) {
-            (Err(StoreError::InUse(_)), Place::File(path)) => Self::connect(&real(path)?, None).await,
+            (Err(StoreError::InUse(_)), DatabasePlace::File(path)) => Self::connect(&real(path)?, None).await,
             (opened, _) => opened,
         }
     }
@@ -197,7 +201,12 @@ impl Store {
     /// # Errors
     /// Where it cannot.
     pub async fn writable(&self) -> Result<(), StoreError> {
-        self.writing.prove(&self.writer, &self.changes).await
+        let proof = self.writing.prove(&self.writer, &self.changes);
+        if !self.is_shared() {
+            return proof.await;
+        }
+        let silent = |_| StoreError::Sql(sqlx::Error::PoolTimedOut);
+        tokio::time::timeout(LONGEST_PROOF, proof).await.unwrap_or_else(|elapsed| Err(silent(elapsed)))
     }
 
     /// Whether the files are still those that were opened. What is read from others is not believed where it
@@ -226,7 +235,7 @@ impl Store {
     }
 
     /// Refuses a window of so many bytes where the database would use most of its quota.
-    pub(super) async fn require_room(&self, tx: &mut Connection, bytes: usize) -> Result<(), StoreError> {
+    pub(super) async fn require_room(&self, tx: &mut Session, bytes: usize) -> Result<(), StoreError> {
         match &self.quota {
             Some(quota) => quota.require_room(tx, bytes).await,
             None => Ok(()),

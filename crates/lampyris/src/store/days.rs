@@ -1,7 +1,7 @@
 //! What counts of a system's measurements, by channel and UTC day: what all its windows come to where the
 //! newest wins. It follows from the windows, is written with them, and is all that readers of samples read.
 
-use super::engine::Connection;
+use super::engine::Session;
 use super::error::StoreError;
 use super::open_rows::{OpenRows, open_in};
 use super::sequence::next;
@@ -146,7 +146,7 @@ pub(super) fn unfit(channel: &str, fault: &Fault) -> StoreError {
 /// The days that touch a stretch of time, with the live samples that belong to them; of some channels, or of
 /// all.
 pub(super) async fn read_in(
-    connection: &mut Connection,
+    connection: &mut Session,
     system: &str,
     span: (i64, i64),
     channels: Option<&[String]>,
@@ -157,7 +157,7 @@ pub(super) async fn read_in(
 
 /// The days that touch a stretch of time, without the samples that are not laid into them yet.
 pub(super) async fn laid_in(
-    connection: &mut Connection,
+    connection: &mut Session,
     system: &str,
     (from, to): (i64, i64),
     channels: Option<&[String]>,
@@ -188,7 +188,7 @@ pub(super) async fn laid_in(
 }
 
 /// What tells one state of a system's measurements from another; 0 where there never were any.
-pub(super) async fn version_in(connection: &mut Connection, system: &str) -> Result<i64, StoreError> {
+pub(super) async fn version_in(connection: &mut Session, system: &str) -> Result<i64, StoreError> {
     let version: Option<i64> = query_scalar("SELECT version FROM measured WHERE system = $1")
         .bind(system)
         .fetch_optional(connection)
@@ -198,7 +198,7 @@ pub(super) async fn version_in(connection: &mut Connection, system: &str) -> Res
 
 /// Writes days, in which [`ARRIVING`] stands for `arriving`, and gives the measurements a new version.
 pub(super) async fn write(
-    tx: &mut Connection,
+    tx: &mut Session,
     system: &str,
     changes: &[DaysChange],
     arriving: i64,
@@ -238,7 +238,7 @@ pub(super) async fn write(
 }
 
 /// Gives the measurements of a system a new version; says which.
-pub(super) async fn change_version(tx: &mut Connection, system: &str) -> Result<i64, StoreError> {
+pub(super) async fn change_version(tx: &mut Session, system: &str) -> Result<i64, StoreError> {
     let version = next(tx, "sequence").await?;
     let sql = "INSERT INTO measured (system, version) VALUES ($1, $2) ON CONFLICT (system) DO UPDATE SET \
         version = excluded.version";

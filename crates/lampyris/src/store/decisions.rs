@@ -2,7 +2,7 @@
 
 use super::audit::{Action, AuditEntry, note};
 use super::database::Store;
-use super::engine::Connection;
+use super::engine::Session;
 use super::error::StoreError;
 use super::idempotency::{KeyState, RequestKey, look_up, remember};
 use super::params;
@@ -75,7 +75,7 @@ row! {
 
 /// Keeps what a fit would serve, until an operator decides.
 pub(super) async fn offer(
-    tx: &mut Connection,
+    tx: &mut Session,
     fit: &str,
     offer: &Offer,
     state: Option<&CurrentState>,

@@ -1,7 +1,7 @@
 //! Which effects models are missing, and the error ladders. A job writes one of them when it ends.
 
 use super::database::Store;
-use super::engine::Connection;
+use super::engine::Session;
 use super::error::StoreError;
 use super::evidence;
 use super::job_record::Lease;
@@ -91,7 +91,7 @@ pub enum Report {
 /// Keeps what a job found out from a fit, which is named with the hash of its model; gives the id of a
 /// diagnosis.
 pub(super) async fn keep(
-    tx: &mut Connection,
+    tx: &mut Session,
     lease: &Lease,
     system: &str,
     (fit, model_hash): (&str, &str),

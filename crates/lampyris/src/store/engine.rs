@@ -1,6 +1,6 @@
 //! The two engines: SQLite in a file, which is the default, and PostgreSQL, which several machines share.
 //!
-//! Everything else in this folder speaks to a [`Pool`] or a [`Connection`] and does not know which one it is,
+//! Everything else in this folder speaks to a [`Pool`] or a [`Session`] and does not know which one it is,
 //! but for the files of SQLite (`file`, `files`, `lock`, `backup`, `migrate`) and `postgres`.
 
 use sqlx::postgres::{PgConnection, PgPool};
@@ -18,7 +18,7 @@ pub(super) enum Pool {
 
 /// One transaction, or one connection without any.
 #[derive(Debug)]
-pub(super) enum Connection {
+pub(super) enum Session {
     /// A transaction on SQLite.
     Sqlite(Transaction<'static, Sqlite>),
     /// A transaction on PostgreSQL.
@@ -42,12 +42,12 @@ pub(super) enum Via<'a> {
 
 impl Pool {
     /// A transaction that reads, all of it from one moment.
-    pub(super) async fn begin(&self) -> Result<Connection, sqlx::Error> {
+    pub(super) async fn begin(&self) -> Result<Session, sqlx::Error> {
         Ok(match self {
-            Pool::Sqlite(pool) => Connection::Sqlite(pool.begin().await?),
-            Pool::Postgres(pool) => Connection::Postgres(
-                pool.begin_with("BEGIN ISOLATION LEVEL REPEATABLE READ, READ ONLY").await?,
-            ),
+            Pool::Sqlite(pool) => Session::Sqlite(pool.begin().await?),
+            Pool::Postgres(pool) => {
+                Session::Postgres(pool.begin_with("BEGIN ISOLATION LEVEL REPEATABLE READ, READ ONLY").await?)
+            }
         })
     }
 
@@ -65,24 +65,24 @@ impl Pool {
     }
 }
 
-impl Connection {
+impl Session {
     /// Whether it is one to a server.
     pub(super) fn is_postgres(&self) -> bool {
-        matches!(self, Connection::Postgres(_))
+        matches!(self, Session::Postgres(_))
     }
 
     /// Of a text for either engine, the one for this.
     pub(super) fn text(&self, texts: Texts) -> &'static str {
         match self {
-            Connection::Sqlite(_) | Connection::Alone(_) => texts.sqlite,
-            Connection::Postgres(_) => texts.postgres,
+            Session::Sqlite(_) | Session::Alone(_) => texts.sqlite,
+            Session::Postgres(_) => texts.postgres,
         }
     }
 
     /// Ends a connection that is nobody else's.
     pub(super) async fn close(self) -> Result<(), sqlx::Error> {
         match self {
-            Connection::Alone(connection) => connection.close().await,
+            Session::Alone(connection) => connection.close().await,
             transaction => transaction.rollback().await,
         }
     }
@@ -90,18 +90,18 @@ impl Connection {
     /// Ends the transaction so that it counts.
     pub(super) async fn commit(self) -> Result<(), sqlx::Error> {
         match self {
-            Connection::Sqlite(tx) => tx.commit().await,
-            Connection::Postgres(tx) => tx.commit().await,
-            Connection::Alone(_) => Ok(()),
+            Session::Sqlite(tx) => tx.commit().await,
+            Session::Postgres(tx) => tx.commit().await,
+            Session::Alone(_) => Ok(()),
         }
     }
 
     /// Ends the transaction without a trace.
     pub(super) async fn rollback(self) -> Result<(), sqlx::Error> {
         match self {
-            Connection::Sqlite(tx) => tx.rollback().await,
-            Connection::Postgres(tx) => tx.rollback().await,
-            Connection::Alone(_) => Ok(()),
+            Session::Sqlite(tx) => tx.rollback().await,
+            Session::Postgres(tx) => tx.rollback().await,
+            Session::Alone(_) => Ok(()),
         }
     }
 }
@@ -122,12 +122,12 @@ impl<'a> From<&'a Pool> for Via<'a> {
     }
 }
 
-impl<'a> From<&'a mut Connection> for Via<'a> {
-    fn from(connection: &'a mut Connection) -> Self {
+impl<'a> From<&'a mut Session> for Via<'a> {
+    fn from(connection: &'a mut Session) -> Self {
         match connection {
-            Connection::Sqlite(tx) => Via::Sqlite(tx),
-            Connection::Postgres(tx) => Via::Postgres(tx),
-            Connection::Alone(connection) => Via::Sqlite(connection),
+            Session::Sqlite(tx) => Via::Sqlite(tx),
+            Session::Postgres(tx) => Via::Postgres(tx),
+            Session::Alone(connection) => Via::Sqlite(connection),
         }
     }
 }

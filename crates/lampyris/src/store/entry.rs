@@ -1,6 +1,6 @@
 //! How jobs enter the queue, one or a hundred thousand: a few statements for all of them.
 
-use super::engine::Connection;
+use super::engine::Session;
 use super::error::StoreError;
 use super::job::{JobKind, Origin, Priority};
 use super::sequence::{derive_id, next_of};
@@ -12,8 +12,8 @@ use lampyris_core::model::ModelId;
 use std::collections::{BTreeSet, HashMap};
 use std::sync::Arc;
 
-/// From so many jobs on the server's picture of the queue is made anew: with an old one it looks for the next job
-/// ten times as long.
+/// From so many jobs on the server's picture of the queue is made anew: with an old one it looks for the next
+/// job ten times as long.
 const MANY: usize = 1000;
 /// Jobs that one statement writes.
 const AT_ONCE: usize = 500;
@@ -90,7 +90,7 @@ struct Place<'a> {
 /// Takes jobs into the queue inside a transaction, all or none, and says what waits for each, in their order.
 /// An equal job that waits is moved up where the new one is more urgent.
 pub(super) async fn enter(
-    tx: &mut Connection,
+    tx: &mut Session,
     jobs: &[NewJob],
     limit: i64,
     now: Timestamp,
@@ -147,7 +147,7 @@ const INSERT: &str = "INSERT INTO jobs (id, sequence, kind, system, model, finge
     json_extract(value, '$[11]'), 'queued', $2 FROM json_each($1)";
 
 async fn insert(
-    tx: &mut Connection,
+    tx: &mut Session,
     places: &[Place<'_>],
     tenants: &Tenants,
     now: Timestamp,
@@ -176,7 +176,7 @@ async fn insert(
 
 /// The equal jobs that wait, by their fingerprint, with their id and their rank.
 async fn waiting(
-    tx: &mut Connection,
+    tx: &mut Session,
     fingerprints: &[String],
 ) -> Result<HashMap<String, (String, i64)>, StoreError> {
     let sql = "SELECT fingerprint, id, priority FROM jobs WHERE state = 'queued' AND NOT requeued AND \
@@ -196,7 +196,7 @@ impl Tenants {
 }
 
 /// Reads them, and has each take turns from now on.
-async fn tenants(tx: &mut Connection, jobs: &[NewJob]) -> Result<Tenants, StoreError> {
+async fn tenants(tx: &mut Session, jobs: &[NewJob]) -> Result<Tenants, StoreError> {
     let systems: Vec<String> = jobs.iter().map(|job| job.system.to_string()).collect();
     let sql = "SELECT system, tenant FROM systems WHERE system IN (SELECT value FROM json_each($1))";
     let rows: Vec<(String, String)> =
@@ -221,7 +221,7 @@ struct Turns {
 }
 
 impl Turns {
-    async fn read(tx: &mut Connection, jobs: &[NewJob], tenants: &Tenants) -> Result<Self, StoreError> {
+    async fn read(tx: &mut Session, jobs: &[NewJob], tenants: &Tenants) -> Result<Self, StoreError> {
         let systems: Vec<String> = jobs.iter().map(|job| job.system.to_string()).collect();
         let sql = "SELECT system, priority, MAX(turn) FROM jobs WHERE state = 'queued' AND system IN (SELECT \
             value FROM json_each($1)) GROUP BY system, priority";

@@ -2,7 +2,7 @@
 //! system.
 
 use super::database::Store;
-use super::engine::Connection;
+use super::engine::Session;
 use super::error::StoreError;
 use super::row::row;
 use super::statement::{query, query_as};
@@ -54,7 +54,7 @@ impl Row {
 
 /// Keeps what the window of a diagnosis showed. `sequence` is that of the diagnosis.
 pub(super) async fn keep(
-    tx: &mut Connection,
+    tx: &mut Session,
     system: &str,
     sequence: i64,
     entries: &[LedgerEntry],

@@ -1,8 +1,8 @@
 //! What has changed in a database that several services share, in an order in which nothing is missed.
 //!
 //! A transaction notes what it changes, and commits overtake one another: a number that is given inside of a
-//! transaction may show after a larger one. So whoever looks gives the committed notes their places first, one
-//! after another under a lock: whoever has seen a place has seen all smaller ones.
+//! transaction may show after a larger one. So whoever looks gives the committed notes their places first,
+//! one after another under a lock: whoever has seen a place has seen all smaller ones.
 
 use super::database::Store;
 use super::error::StoreError;
@@ -28,6 +28,8 @@ words! {
         Catalogue = "catalogue",
         /// Schedules.
         Schedule = "schedule",
+        /// Jobs that came back to the queue.
+        Queue = "queue",
     }
 }
 
@@ -44,6 +46,8 @@ pub struct News {
     pub catalogue: bool,
     /// Whether there are other schedules.
     pub schedules: bool,
+    /// Whether jobs came back to the queue.
+    pub queue: bool,
     /// Whether notes before these are gone: everything has to be read anew.
     pub missed: bool,
 }
@@ -96,6 +100,7 @@ pub async fn after(store: &Store, position: i64) -> Result<News, StoreError> {
             Topic::Measured => drop(news.measured.insert(parse("a system", &name)?)),
             Topic::Catalogue => news.catalogue = true,
             Topic::Schedule => news.schedules = true,
+            Topic::Queue => news.queue = true,
         }
     }
     Ok(news)

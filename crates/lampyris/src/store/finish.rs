@@ -5,7 +5,7 @@
 
 use super::database::Store;
 use super::diagnoses::{self, Report};
-use super::engine::Connection;
+use super::engine::Session;
 use super::error::StoreError;
 use super::job::{JobFailure, Outcome};
 use super::job_record::Lease;
@@ -181,7 +181,7 @@ pub async fn finish(
 /// Keeps what a tuning found; better settings become those of the system where its policy says so and the
 /// model is its own.
 async fn keep_tuning(
-    tx: &mut Connection,
+    tx: &mut Session,
     lease: &Lease,
     leased: &Leased,
     Tuned { tuning, automatic }: &Tuned,
@@ -224,7 +224,7 @@ async fn keep_tuning(
 
 /// Keeps a fit with its verdict, and draws the consequences for what is served.
 async fn keep_fit(
-    tx: &mut Connection,
+    tx: &mut Session,
     lease: &Lease,
     leased: &Leased,
     finding: &JudgedFit,

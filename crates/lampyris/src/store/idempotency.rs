@@ -2,7 +2,7 @@
 //! neither can survive a crash without the other.
 
 use super::database::Store;
-use super::engine::Connection;
+use super::engine::Session;
 use super::error::StoreError;
 use super::statement::{query, query_as};
 use super::value::millis;
@@ -45,7 +45,7 @@ pub enum KeyState {
 }
 
 /// Looks a key up inside the transaction that may create something.
-pub(super) async fn look_up(tx: &mut Connection, key: Option<&RequestKey>) -> Result<KeyState, StoreError> {
+pub(super) async fn look_up(tx: &mut Session, key: Option<&RequestKey>) -> Result<KeyState, StoreError> {
     let Some(key) = key else {
         return Ok(KeyState::Fresh);
     };
@@ -65,7 +65,7 @@ pub(super) async fn look_up(tx: &mut Connection, key: Option<&RequestKey>) -> Re
 
 /// Remembers what a request created.
 pub(super) async fn remember(
-    tx: &mut Connection,
+    tx: &mut Session,
     key: Option<&RequestKey>,
     resource: &str,
     status: u16,

@@ -57,8 +57,8 @@ pub async fn page(
     limit: i64,
 ) -> Result<Vec<JobRecord>, StoreError> {
     // Only what is asked for stands in the statement, and only the first of it may choose the index (`+`
-    // hides a column from SQLite): the jobs of one system are few among many, those in a state are fewer than those of a
-    // kind.
+    // hides a column from SQLite): the jobs of one system are few among many, those in a state are fewer than
+    // those of a kind.
     let mut sql = "SELECT * FROM jobs WHERE sequence < $1".to_owned();
     let mut hide = "";
     let hidden = if store.reader.is_sqlite() { "+" } else { "" };

@@ -60,7 +60,7 @@ pub(super) async fn bring_up_to_date(path: &Path) -> Result<Migrated, StoreError
     let mut connection = options(path).create_if_missing(true).connect().await?;
     match bring(&mut connection, path).await {
         Ok(migrated) => {
-            let mut alone = engine::Connection::Alone(Box::new(connection));
+            let mut alone = engine::Session::Alone(Box::new(connection));
             let taken_in = shares::take_in(&mut alone).await;
             alone.close().await?;
             taken_in.map(|()| migrated)

@@ -112,5 +112,5 @@ mod write;
 pub use changes::Change;
 pub use database::Store;
 pub use error::{StoreError, busy};
-pub use place::Place;
+pub use place::DatabasePlace;
 pub use words::UnknownWord;

@@ -2,7 +2,7 @@
 
 use super::audit::{Action, AuditEntry, note};
 use super::database::Store;
-use super::engine::Connection;
+use super::engine::Session;
 use super::error::StoreError;
 use super::idempotency::{KeyState, RequestKey, look_up, remember};
 use super::statement::{query, query_as, query_scalar};
@@ -212,7 +212,7 @@ pub async fn insert_version(
 
 /// Decides about a document that may be there already, and remembers the request.
 async fn settle(
-    tx: &mut Connection,
+    tx: &mut Session,
     earlier: Option<String>,
     document: &str,
     id: &str,

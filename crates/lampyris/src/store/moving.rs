@@ -55,7 +55,7 @@ const TABLES: [&str; 34] = [
 
 /// What has moved.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Moved {
+pub struct MoveReport {
     /// How many rows of each table.
     pub rows: Vec<(&'static str, i64)>,
     /// How many revisions were compared, each by the hash of what it serves.
@@ -67,7 +67,7 @@ pub struct Moved {
 /// # Errors
 /// Where a service has the file open, the server's database has systems already, or what is there is not what
 /// was here.
-pub async fn move_to(path: &Path, url: &str) -> Result<Moved, StoreError> {
+pub async fn move_to(path: &Path, url: &str) -> Result<MoveReport, StoreError> {
     if !path.exists() {
         return Err(StoreError::NoFile(path.to_owned()));
     }
@@ -103,7 +103,7 @@ pub async fn move_to(path: &Path, url: &str) -> Result<Moved, StoreError> {
     tx.commit().await?;
     pool.close().await;
     from.close().await?;
-    Ok(Moved { rows, revisions })
+    Ok(MoveReport { rows, revisions })
 }
 
 /// Copies a table, and says how many rows it has.

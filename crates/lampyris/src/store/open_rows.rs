@@ -1,6 +1,6 @@
 //! The rows of live samples that are not laid into the days yet, as they are written and read.
 
-use super::engine::Connection;
+use super::engine::Session;
 use super::error::StoreError;
 use super::statement::query_as;
 use super::value::{corrupt, from_json, to_json};
@@ -30,7 +30,7 @@ pub(super) fn written(window: &Window) -> Result<String, StoreError> {
 
 /// The open rows of a system that touch a stretch of time, in their order; of some channels, or of all.
 pub(super) async fn open_in(
-    connection: &mut Connection,
+    connection: &mut Session,
     system: &str,
     (from, to): (i64, i64),
     channels: Option<&[String]>,

@@ -2,7 +2,7 @@
 //! the states.
 
 use super::database::Store;
-use super::engine::Connection;
+use super::engine::Session;
 use super::error::StoreError;
 use super::job::JobStatus;
 use super::row::row;
@@ -266,7 +266,7 @@ pub async fn standings_after(
 
 /// Notes why the newest attempt changed nothing. `since` stays that of the first attempt in a row.
 pub(super) async fn fall_back(
-    tx: &mut Connection,
+    tx: &mut Session,
     system: &str,
     job: &str,
     refused: Option<(&str, &[&str])>,
@@ -295,7 +295,7 @@ pub(super) async fn fall_back(
 
 /// Keeps the states of the revision in service; a system without one has none.
 pub(super) async fn keep_state(
-    tx: &mut Connection,
+    tx: &mut Session,
     system: &str,
     state: &CurrentState,
 ) -> Result<(), StoreError> {
@@ -336,8 +336,17 @@ mod tests {
         let tables = standing!("").split("JOIN ").flat_map(|part| part.split("FROM ")).skip(1);
         let tables: Vec<&str> = tables.filter_map(|part| part.split_whitespace().next()).collect();
         assert!(tables.contains(&"systems") && tables.contains(&"pins"), "{tables:?}");
+        let schema = include_str!("../../../../migrations/postgres/0001_initial.sql");
+        let on_postgres: Vec<String> = schema
+            .split("CREATE TRIGGER ")
+            .filter_map(|trigger| trigger.split(" FOR EACH ROW").next())
+            .map(|head| head.split_whitespace().collect::<Vec<_>>().join(" "))
+            .filter(|head| head.contains(" AFTER "))
+            .collect();
         for table in tables {
             assert!(NOTES.contains(&format!(" ON main.{table}\n")), "{table}");
+            let notes = on_postgres.iter().any(|trigger| trigger.ends_with(&format!(" ON {table}")));
+            assert!(notes, "{table} on PostgreSQL");
         }
     }
 }

@@ -8,33 +8,33 @@ use std::str::FromStr;
 /// Where a database is.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(from = "String", into = "String")]
-pub enum Place {
+pub enum DatabasePlace {
     /// A file of SQLite, of one service. It is made if it is not there.
     File(PathBuf),
     /// A database of PostgreSQL, by its URL: `postgres://user:password@host/name`.
     Server(String),
 }
 
-impl Place {
+impl DatabasePlace {
     /// The file, if it is one.
     pub fn file(&self) -> Option<&Path> {
         match self {
-            Place::File(path) => Some(path),
-            Place::Server(_) => None,
+            DatabasePlace::File(path) => Some(path),
+            DatabasePlace::Server(_) => None,
         }
     }
 }
 
-impl From<String> for Place {
+impl From<String> for DatabasePlace {
     fn from(text: String) -> Self {
         if text.starts_with("postgres://") || text.starts_with("postgresql://") {
-            return Place::Server(text);
+            return DatabasePlace::Server(text);
         }
-        Place::File(text.strip_prefix("sqlite:").unwrap_or(&text).into())
+        DatabasePlace::File(text.strip_prefix("sqlite:").unwrap_or(&text).into())
     }
 }
 
-impl FromStr for Place {
+impl FromStr for DatabasePlace {
     type Err = Infallible;
 
     fn from_str(text: &str) -> Result<Self, Infallible> {
@@ -42,33 +42,33 @@ impl FromStr for Place {
     }
 }
 
-impl From<PathBuf> for Place {
+impl From<PathBuf> for DatabasePlace {
     fn from(path: PathBuf) -> Self {
-        Place::File(path)
+        DatabasePlace::File(path)
     }
 }
 
-impl From<&Path> for Place {
+impl From<&Path> for DatabasePlace {
     fn from(path: &Path) -> Self {
-        Place::File(path.to_owned())
+        DatabasePlace::File(path.to_owned())
     }
 }
 
-impl From<Place> for String {
-    fn from(place: Place) -> Self {
+impl From<DatabasePlace> for String {
+    fn from(place: DatabasePlace) -> Self {
         match place {
-            Place::File(path) => path.display().to_string(),
-            Place::Server(url) => url,
+            DatabasePlace::File(path) => path.display().to_string(),
+            DatabasePlace::Server(url) => url,
         }
     }
 }
 
 /// For people: without the password.
-impl std::fmt::Display for Place {
+impl std::fmt::Display for DatabasePlace {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
-            Place::File(path) => path.display().fmt(f),
-            Place::Server(url) => match (url.split_once("://"), url.rsplit_once('@')) {
+            DatabasePlace::File(path) => path.display().fmt(f),
+            DatabasePlace::Server(url) => match (url.split_once("://"), url.rsplit_once('@')) {
                 (Some((scheme, _)), Some((_, host))) => write!(f, "{scheme}://…@{host}"),
                 _ => f.write_str(url),
             },
@@ -82,7 +82,7 @@ mod tests {
 
     #[test]
     fn a_place_is_a_file_or_a_server_and_tells_no_password() {
-        let place = |text: &str| Place::from(text.to_owned());
+        let place = |text: &str| DatabasePlace::from(text.to_owned());
         assert_eq!(place("sqlite:a/b.db"), place("a/b.db"));
         assert_eq!(place("a/b.db").file(), Some(Path::new("a/b.db")));
         let server = place("postgres://lampyris:secret@db.local:5432/rooms");

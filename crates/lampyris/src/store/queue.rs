@@ -1,10 +1,10 @@
 //! The queue: a table, a claim that is one UPDATE, and a lease of boot number and attempt.
 //!
-//! The right to end a job is void as soon as the row of its process is gone (`workers`). The attempt is counted
-//! and committed before the job starts, so a job that takes the process down is counted as well.
+//! The right to end a job is void as soon as the row of its process is gone (`workers`). The attempt is
+//! counted and committed before the job starts, so a job that takes the process down is counted as well.
 
 use super::database::Store;
-use super::engine::Connection;
+use super::engine::Session;
 use super::entry::{Entered, NewJob, SubmitError, enter};
 use super::error::StoreError;
 use super::idempotency::{Earlier, KeyState, RequestKey, look_up, remember};
@@ -82,7 +82,7 @@ pub async fn submit(
 
 /// Takes a job into the queue inside a transaction; says whether it is new or an equal one waits.
 pub(super) async fn submit_in(
-    tx: &mut Connection,
+    tx: &mut Session,
     new: &NewJob,
     limit: i64,
     now: Timestamp,
@@ -124,8 +124,8 @@ const SERVED: &str = "UPDATE tenants SET started = MAX(ended, (SELECT MAX(starte
 pub async fn claim(store: &Store, boot: i64, now: Timestamp) -> Result<Option<JobRecord>, StoreError> {
     let mut tx = store.write_beside().await?;
     if store.is_shared() {
-        // Claims follow one another, each seeing the one before, and wait for no disk: a claim that a crash of
-        // the server takes back is of a job that waits again, and whoever has it ends it in vain.
+        // Claims follow one another, each seeing the one before, and wait for no disk: a claim that a crash
+        // of the server takes back is of a job that waits again, and whoever has it ends it in vain.
         query(ONE_CLAIM_AT_A_TIME).execute(&mut *tx).await?;
         query("SET LOCAL synchronous_commit = off").execute(&mut *tx).await?;
     }
@@ -186,8 +186,8 @@ macro_rules! orphans {
     };
 }
 
-/// Takes the rows of silent processes away, and puts every job of a process that is gone back into the queue, or
-/// ends it where it has used up its attempts.
+/// Takes the rows of silent processes away, and puts every job of a process that is gone back into the queue,
+/// or ends it where it has used up its attempts.
 ///
 /// # Errors
 /// Where the database fails.
@@ -239,7 +239,7 @@ pub async fn cancelling(store: &Store, worker: i64) -> Result<Vec<String>, Store
 }
 
 /// Notes a job that failed outside of a worker's hands, if it counts.
-async fn note_failed_job(tx: &mut Connection, job: &JobRecord, now: Timestamp) -> Result<(), StoreError> {
+async fn note_failed_job(tx: &mut Session, job: &JobRecord, now: Timestamp) -> Result<(), StoreError> {
     let system = job.system.to_string();
     let own: Option<String> = query_scalar("SELECT model FROM systems WHERE system = $1")
         .bind(&system)

@@ -6,9 +6,9 @@ use lampyris_core::data::{SystemId, SystemPattern};
 
 /// The systems that a caller may see: all of them, or those that one of some patterns selects.
 ///
-/// Lists are cut in the database by `EXISTS (SELECT 1 FROM json_each($n) WHERE glob(value, system))`. Names and
-/// patterns hold one `/` each and none of the other signs of GLOB, so that it means what [`SystemPattern`]
-/// means.
+/// Lists are cut in the database by `EXISTS (SELECT 1 FROM json_each($n) WHERE glob(value, system))`. Names
+/// and patterns hold one `/` each and none of the other signs of `glob`, so that it means what
+/// [`SystemPattern`] means.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct SystemScope(Option<Vec<SystemPattern>>);
 

@@ -1,7 +1,7 @@
 //! What was ever served: revisions count up by one and never go back, and exactly one of a system is current.
 
 use super::database::Store;
-use super::engine::Connection;
+use super::engine::Session;
 use super::error::StoreError;
 use super::fits::{self, FitRecord};
 use super::row::row;
@@ -116,7 +116,7 @@ impl Row {
 }
 
 /// The newest revision that a system of this name ever had, 0 without any.
-async fn newest(tx: &mut Connection, system: &str) -> Result<i64, StoreError> {
+async fn newest(tx: &mut Session, system: &str) -> Result<i64, StoreError> {
     let sql = "SELECT MAX(COALESCE((SELECT MAX(revision) FROM revisions WHERE system = $1), 0), \
         COALESCE((SELECT revision FROM retired WHERE system = $1), 0))";
     Ok(query_scalar(sql).bind(system).fetch_one(tx).await?)
@@ -124,7 +124,7 @@ async fn newest(tx: &mut Connection, system: &str) -> Result<i64, StoreError> {
 
 /// Remembers the newest revision of a system that is about to be deleted: a controller that has seen it takes
 /// nothing older for news, also from another system of the same name.
-pub(super) async fn retire(tx: &mut Connection, system: &str) -> Result<(), StoreError> {
+pub(super) async fn retire(tx: &mut Session, system: &str) -> Result<(), StoreError> {
     let newest = newest(tx, system).await?;
     if newest > 0 {
         query("INSERT INTO retired (system, revision) VALUES ($1, $2) ON CONFLICT (system) DO UPDATE SET revision = \
@@ -140,7 +140,7 @@ pub(super) async fn retire(tx: &mut Connection, system: &str) -> Result<(), Stor
 /// Makes a set of parameters the one that is served, under the next number. What was said of the revision
 /// before it, a fallback or a degradation, does not hold for it.
 pub(super) async fn publish(
-    tx: &mut Connection,
+    tx: &mut Session,
     new: &NewRevision<'_>,
     now: Timestamp,
 ) -> Result<i64, StoreError> {
@@ -181,7 +181,7 @@ pub(super) async fn publish(
 /// Notes that the revision in service has held its ground against a new fit on measurements up to an instant,
 /// and ends a fallback.
 pub(super) async fn confirm(
-    tx: &mut Connection,
+    tx: &mut Session,
     system: &str,
     measured_to: &str,
     now: Timestamp,

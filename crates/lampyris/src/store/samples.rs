@@ -5,7 +5,7 @@
 
 use super::database::Store;
 use super::days::{self, Days, DaysChange};
-use super::engine::Connection;
+use super::engine::Session;
 use super::error::StoreError;
 use super::open_rows;
 use super::row::row;
@@ -100,7 +100,7 @@ pub async fn append(
 }
 
 async fn append_one(
-    tx: &mut Connection,
+    tx: &mut Session,
     post: &Post,
     rows: &str,
     converts: impl Fn(&str, &str) -> bool,
@@ -143,7 +143,7 @@ async fn append_one(
 /// The window that takes the posts of a system today: its newest one, or else a new one, so that a post is
 /// newer than all that came before it.
 async fn window_of_today(
-    tx: &mut Connection,
+    tx: &mut Session,
     system: &str,
     post: &Post,
     now: Timestamp,

@@ -3,7 +3,7 @@
 use super::audit::{Action, AuditEntry, note};
 use super::batches::{NewBatch, is_unfinished, submit_in_batch};
 use super::database::Store;
-use super::engine::Connection;
+use super::engine::Session;
 use super::entry::SubmitError;
 use super::error::StoreError;
 use super::row::row;
@@ -225,7 +225,7 @@ pub async fn note_run(store: &Store, name: &str, batch: &str, now: Timestamp) ->
     Ok(())
 }
 
-async fn note_run_in(tx: &mut Connection, name: &str, batch: &str, now: Timestamp) -> Result<(), StoreError> {
+async fn note_run_in(tx: &mut Session, name: &str, batch: &str, now: Timestamp) -> Result<(), StoreError> {
     let sql =
         "UPDATE schedules SET last_batch = $2, last_run_at = $3, last_result = 'submitted' WHERE name = $1";
     query(sql).bind(name).bind(batch).bind(millis(now)).execute(tx).await?;

@@ -1,21 +1,17 @@
 //! Numbers that nothing else has, and the ids that are made of them.
 
-use super::engine::Connection;
+use super::engine::Session;
 use super::error::StoreError;
 use super::statement::query_scalar;
 use jiff::Timestamp;
 
 /// The next number of a counter.
-pub(super) async fn next(tx: &mut Connection, counter: &'static str) -> Result<i64, StoreError> {
+pub(super) async fn next(tx: &mut Session, counter: &'static str) -> Result<i64, StoreError> {
     next_of(tx, counter, 1).await
 }
 
 /// The first of so many numbers of a counter that nobody else has.
-pub(super) async fn next_of(
-    tx: &mut Connection,
-    counter: &'static str,
-    count: i64,
-) -> Result<i64, StoreError> {
+pub(super) async fn next_of(tx: &mut Session, counter: &'static str, count: i64) -> Result<i64, StoreError> {
     let sql = "UPDATE counters SET value = value + $2 WHERE name = $1 RETURNING value - $2 + 1";
     Ok(query_scalar(sql).bind(counter).bind(count).fetch_one(tx).await?)
 }

@@ -2,7 +2,7 @@
 //! held all that they had.
 
 use super::days::{self, DaysChange, unfit};
-use super::engine::Connection;
+use super::engine::Session;
 use super::error::StoreError;
 use super::statement::{query, query_as, query_scalar};
 use super::value::{corrupt, from_json, to_json};
@@ -56,7 +56,7 @@ impl PackedShare {
 
 /// Writes shares of a window in place of those that it had in their channels.
 pub(super) async fn write(
-    tx: &mut Connection,
+    tx: &mut Session,
     window: &str,
     shares: impl Iterator<Item = &PackedShare>,
 ) -> Result<(), StoreError> {
@@ -76,7 +76,7 @@ pub(super) async fn write(
 
 /// Takes the windows of earlier programs into the days, oldest first, each in a transaction of its own: what
 /// is held of them in memory is one window and its days.
-pub(super) async fn take_in(connection: &mut Connection) -> Result<(), StoreError> {
+pub(super) async fn take_in(connection: &mut Session) -> Result<(), StoreError> {
     let sql = "SELECT w.id, w.system, w.sequence FROM windows w WHERE w.id IN (SELECT window_id FROM \
         window_blocks WHERE repeats IS NULL) ORDER BY w.sequence";
     let waiting: Vec<(String, String, i64)> = query_as(sql).fetch_all(&mut *connection).await?;

@@ -16,7 +16,7 @@ const LONGEST: Duration = Duration::from_secs(65);
 
 /// A value of a statement.
 #[derive(Debug)]
-pub(super) enum Value<'q> {
+pub(super) enum SqlValue<'q> {
     Whole(Option<i64>),
     Real(Option<f64>),
     Flag(bool),
@@ -25,19 +25,26 @@ pub(super) enum Value<'q> {
 }
 
 /// A row that either engine gives.
-pub(super) trait FromEither:
-    for<'r> FromRow<'r, SqliteRow> + for<'r> FromRow<'r, PgRow> + Send + Unpin
-{
-}
+pub(super) trait FromEither: FromSqlite + FromPostgres + Send + Unpin {}
 
-impl<T> FromEither for T where T: for<'r> FromRow<'r, SqliteRow> + for<'r> FromRow<'r, PgRow> + Send + Unpin {}
+impl<T: FromSqlite + FromPostgres + Send + Unpin> FromEither for T {}
+
+/// A row that SQLite gives.
+pub(super) trait FromSqlite: for<'r> FromRow<'r, SqliteRow> {}
+
+impl<T: for<'r> FromRow<'r, SqliteRow>> FromSqlite for T {}
+
+/// A row that PostgreSQL gives.
+pub(super) trait FromPostgres: for<'r> FromRow<'r, PgRow> {}
+
+impl<T: for<'r> FromRow<'r, PgRow>> FromPostgres for T {}
 
 /// A statement with its values, whose rows are read as `T`.
 #[derive(Debug)]
 #[must_use]
 pub(super) struct Statement<'q, T> {
     sql: SqlStr,
-    values: Vec<Value<'q>>,
+    values: Vec<SqlValue<'q>>,
     /// Whether it will be asked again, so that the engine keeps what it has made of the text.
     lasts: bool,
     rows: PhantomData<fn() -> T>,
@@ -85,11 +92,11 @@ macro_rules! bound {
         let mut statement = $statement;
         for value in $values {
             statement = match value {
-                Value::Whole(value) => statement.bind(value),
-                Value::Real(value) => statement.bind(value),
-                Value::Flag(value) => statement.bind(value),
-                Value::Text(value) => statement.bind(value.map(Cow::into_owned)),
-                Value::Bytes(value) => statement.bind(value.map(<[u8]>::to_vec)),
+                SqlValue::Whole(value) => statement.bind(value),
+                SqlValue::Real(value) => statement.bind(value),
+                SqlValue::Flag(value) => statement.bind(value),
+                SqlValue::Text(value) => statement.bind(value.map(Cow::into_owned)),
+                SqlValue::Bytes(value) => statement.bind(value.map(<[u8]>::to_vec)),
             };
         }
         statement
@@ -98,7 +105,7 @@ macro_rules! bound {
 
 impl<'q, T> Statement<'q, T> {
     /// Gives the next value.
-    pub(super) fn bind(mut self, value: impl Into<Value<'q>>) -> Self {
+    pub(super) fn bind(mut self, value: impl Into<SqlValue<'q>>) -> Self {
         self.values.push(value.into());
         self
     }
@@ -164,7 +171,7 @@ where
     (T,): FromEither,
 {
     /// Gives the next value.
-    pub(super) fn bind(self, value: impl Into<Value<'q>>) -> Self {
+    pub(super) fn bind(self, value: impl Into<SqlValue<'q>>) -> Self {
         Self(self.0.bind(value))
     }
 
@@ -187,7 +194,7 @@ where
 /// Which types are which values.
 macro_rules! values {
     ($($type:ty => |$from:ident| $value:expr;)*) => {
-        $(impl<'q> From<$type> for Value<'q> {
+        $(impl<'q> From<$type> for SqlValue<'q> {
             fn from($from: $type) -> Self {
                 $value
             }
@@ -196,21 +203,21 @@ macro_rules! values {
 }
 
 values! {
-    i64 => |whole| Value::Whole(Some(whole));
-    &'q i64 => |whole| Value::Whole(Some(*whole));
-    Option<i64> => |whole| Value::Whole(whole);
-    f64 => |real| Value::Real(Some(real));
-    Option<f64> => |real| Value::Real(real);
-    bool => |flag| Value::Flag(flag);
-    &'q str => |text| Value::Text(Some(Cow::Borrowed(text)));
-    &'q &'q str => |text| Value::Text(Some(Cow::Borrowed(text)));
-    &'q String => |text| Value::Text(Some(Cow::Borrowed(text)));
-    String => |text| Value::Text(Some(Cow::Owned(text)));
-    Option<&'q str> => |text| Value::Text(text.map(Cow::Borrowed));
-    Option<&'q String> => |text| Value::Text(text.map(|text| Cow::Borrowed(text.as_str())));
-    &'q Option<String> => |text| Value::Text(text.as_deref().map(Cow::Borrowed));
-    Option<String> => |text| Value::Text(text.map(Cow::Owned));
-    &'q [u8] => |bytes| Value::Bytes(Some(bytes));
-    &'q Vec<u8> => |bytes| Value::Bytes(Some(bytes));
-    Option<&'q [u8]> => |bytes| Value::Bytes(bytes);
+    i64 => |whole| SqlValue::Whole(Some(whole));
+    &'q i64 => |whole| SqlValue::Whole(Some(*whole));
+    Option<i64> => |whole| SqlValue::Whole(whole);
+    f64 => |real| SqlValue::Real(Some(real));
+    Option<f64> => |real| SqlValue::Real(real);
+    bool => |flag| SqlValue::Flag(flag);
+    &'q str => |text| SqlValue::Text(Some(Cow::Borrowed(text)));
+    &'q &'q str => |text| SqlValue::Text(Some(Cow::Borrowed(text)));
+    &'q String => |text| SqlValue::Text(Some(Cow::Borrowed(text)));
+    String => |text| SqlValue::Text(Some(Cow::Owned(text)));
+    Option<&'q str> => |text| SqlValue::Text(text.map(Cow::Borrowed));
+    Option<&'q String> => |text| SqlValue::Text(text.map(|text| Cow::Borrowed(text.as_str())));
+    &'q Option<String> => |text| SqlValue::Text(text.as_deref().map(Cow::Borrowed));
+    Option<String> => |text| SqlValue::Text(text.map(Cow::Owned));
+    &'q [u8] => |bytes| SqlValue::Bytes(Some(bytes));
+    &'q Vec<u8> => |bytes| SqlValue::Bytes(Some(bytes));
+    Option<&'q [u8]> => |bytes| SqlValue::Bytes(bytes);
 }

@@ -2,7 +2,7 @@
 
 use super::audit::{Action, AuditEntry, note};
 use super::database::Store;
-use super::engine::Connection;
+use super::engine::Session;
 use super::error::StoreError;
 use super::reach::SystemScope;
 use super::revisions::retire;
@@ -167,7 +167,7 @@ pub async fn put(
 /// Writes how the jobs of a system search into its document; which job found it, and why, is noted like an
 /// operator's deed.
 pub(super) async fn take_method(
-    tx: &mut Connection,
+    tx: &mut Session,
     system: &str,
     document: &str,
     (job, reason): (&str, &str),
@@ -265,7 +265,7 @@ pub async fn delete(
     Ok(SystemDeletion::Gone)
 }
 
-async fn needs(tx: &mut Connection, system: &str) -> Result<Needs, StoreError> {
+async fn needs(tx: &mut Session, system: &str) -> Result<Needs, StoreError> {
     let count = "SELECT (SELECT COUNT(*) FROM fits WHERE system = $1), (SELECT COUNT(*) FROM revisions WHERE \
         system = $1)";
     let (fits, revisions) = query_as(count).bind(system).fetch_one(&mut *tx).await?;

@@ -2,7 +2,7 @@
 
 use super::database::Store;
 use super::days::{self, Days};
-use super::engine::Connection;
+use super::engine::Session;
 use super::error::StoreError;
 use super::idempotency::{KeyState, RequestKey, look_up, remember};
 use super::sequence::next;
@@ -176,7 +176,7 @@ pub async fn write(
 
 /// Writes the row of an upload's window; gives its id and its number.
 async fn place(
-    tx: &mut Connection,
+    tx: &mut Session,
     system: &str,
     upload: &Upload,
     now: Timestamp,

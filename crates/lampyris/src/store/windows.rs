@@ -3,7 +3,7 @@
 use super::audit::{Action, AuditEntry, note};
 use super::database::Store;
 use super::days::{self, DaysChange};
-use super::engine::Connection;
+use super::engine::Session;
 use super::error::StoreError;
 use super::row::row;
 use super::shares::{self, PackedShare};
@@ -125,10 +125,7 @@ pub async fn get(store: &Store, id: &str) -> Result<Option<WindowRecord>, StoreE
     get_in(&mut store.reader.begin().await?, id).await
 }
 
-pub(super) async fn get_in(
-    connection: &mut Connection,
-    id: &str,
-) -> Result<Option<WindowRecord>, StoreError> {
+pub(super) async fn get_in(connection: &mut Session, id: &str) -> Result<Option<WindowRecord>, StoreError> {
     let sql = "SELECT * FROM windows WHERE id = $1 OR sequence = (SELECT sequence FROM window_aliases WHERE \
         id = $1)";
     let row: Option<WindowRow> = query_as(sql).bind(id).fetch_optional(connection).await?;
@@ -177,7 +174,7 @@ pub async fn stack(store: &Store, window: &WindowRecord, span: (i64, i64)) -> Re
 }
 
 /// What a window gave, by channel.
-pub(super) async fn shares_of(tx: &mut Connection, window: &str) -> Result<Vec<PackedShare>, StoreError> {
+pub(super) async fn shares_of(tx: &mut Session, window: &str) -> Result<Vec<PackedShare>, StoreError> {
     let sql = "SELECT channel, block, repeats FROM window_blocks WHERE window_id = $1 ORDER BY channel";
     let rows: Vec<(String, Option<Vec<u8>>, String)> = query_as(sql).bind(window).fetch_all(tx).await?;
     Ok(rows.into_iter().map(PackedShare::from_row).collect())
@@ -193,7 +190,7 @@ pub async fn obstacle(store: &Store, window: &WindowRecord) -> Result<Option<Win
 }
 
 async fn obstacle_in(
-    connection: &mut Connection,
+    connection: &mut Session,
     id: &str,
     system: &str,
 ) -> Result<Option<WindowDeletion>, StoreError> {
@@ -247,7 +244,7 @@ impl Rebuilt {
     /// Writes it; `arriving` is the number of the window that has come on top, if one has.
     pub(super) async fn write(
         &self,
-        tx: &mut Connection,
+        tx: &mut Session,
         system: &str,
         arriving: i64,
     ) -> Result<(), StoreError> {
@@ -274,7 +271,7 @@ macro_rules! reads {
 pub(super) use reads;
 
 /// The running jobs that may read the measurements of a system: its own, and those of systems that read it.
-pub(super) async fn readers(tx: &mut Connection, system: &str) -> Result<Vec<String>, StoreError> {
+pub(super) async fn readers(tx: &mut Session, system: &str) -> Result<Vec<String>, StoreError> {
     let sql = concat!(
         "SELECT j.id FROM jobs j JOIN systems s ON s.system = j.system WHERE j.state = 'running' AND (s.system \
         = $1 OR ",
@@ -303,7 +300,7 @@ pub async fn unit(store: &Store, system: &SystemId, channel: &str) -> Result<Opt
 }
 
 pub(super) async fn unit_in(
-    connection: &mut Connection,
+    connection: &mut Session,
     system: &str,
     channel: &str,
 ) -> Result<Option<String>, StoreError> {

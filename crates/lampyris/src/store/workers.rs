@@ -2,16 +2,39 @@
 //!
 //! A process that several machines may outlive holds a lease by the clock of the database and renews it.
 //! Whoever finds a lease that has ended takes the row away, and with it every right to end a job
-//! ([`super::queue::recover`]); a process that comes back later is another one. On a file there is one process,
-//! which the lock keeps alone, and a start takes the rows of all earlier ones away.
+//! ([`super::queue::recover`]); a process that comes back later is another one. On a file there is one, which
+//! the lock keeps alone, and a start takes the rows of all earlier ones away.
 
 use super::database::Store;
 use super::error::StoreError;
 use super::sequence::next;
 use super::statement::{query, query_scalar};
 use super::value::millis;
+use super::words::{UnknownWord, words};
 use jiff::Timestamp;
 use std::time::Duration;
+
+words! {
+    /// What a process does.
+    ProcessRole {
+        /// Answers requests.
+        Api = "api",
+        /// Runs jobs.
+        Worker = "worker",
+        /// Submits what schedules say, asks sources, and looks at what has arrived; one of several does.
+        Scheduler = "scheduler",
+    }
+}
+
+impl ProcessRole {
+    /// Reads roles that commas separate.
+    ///
+    /// # Errors
+    /// A word that is none.
+    pub fn list(text: &str) -> Result<Vec<Self>, UnknownWord> {
+        text.split(',').map(|word| word.trim().parse()).collect()
+    }
+}
 
 /// Enters a start of a process, which has a number that no other has, with its first lease.
 ///

@@ -7,7 +7,7 @@
 //! looked at before every transaction and after its commit, before anybody hears of it.
 
 use super::changes::{Changes, touched};
-use super::engine::{Connection, Pool};
+use super::engine::{Pool, Session};
 use super::error::StoreError;
 use super::files::Files;
 use super::postgres;
@@ -44,7 +44,7 @@ impl Quota {
     }
 
     /// Refuses a window of so many bytes where the database would use most of its quota.
-    pub(super) async fn require_room(&self, tx: &mut Connection, bytes: usize) -> Result<(), StoreError> {
+    pub(super) async fn require_room(&self, tx: &mut Session, bytes: usize) -> Result<(), StoreError> {
         let sql = "SELECT page_count - freelist_count FROM pragma_page_count, pragma_freelist_count";
         let pages: i64 = query_scalar(sql).fetch_one(tx).await?;
         let used = pages.unsigned_abs() * PAGE + bytes as u64;
@@ -94,7 +94,7 @@ pub(super) struct Writing(Arc<Mutex<Known>>);
 
 /// A transaction that holds the write lock from its first statement. Without a commit nothing of it remains.
 pub(super) struct Write {
-    tx: Connection,
+    tx: Session,
     open: Open,
     changes: Changes,
 }
@@ -164,8 +164,8 @@ impl Writing {
     ) -> Result<Write, StoreError> {
         self.known().require_writable()?;
         let begun = match writer {
-            Pool::Sqlite(pool) => pool.begin_with("BEGIN IMMEDIATE").await.map(Connection::Sqlite),
-            Pool::Postgres(pool) => within(pool.begin_with(on_postgres)).await.map(Connection::Postgres),
+            Pool::Sqlite(pool) => pool.begin_with("BEGIN IMMEDIATE").await.map(Session::Sqlite),
+            Pool::Postgres(pool) => within(pool.begin_with(on_postgres)).await.map(Session::Postgres),
         };
         let begun = begun.map_err(StoreError::from);
         let tx = begun.inspect_err(|error| self.note_error(error))?;
@@ -278,15 +278,15 @@ impl Drop for Open {
 }
 
 impl Deref for Write {
-    type Target = Connection;
+    type Target = Session;
 
-    fn deref(&self) -> &Connection {
+    fn deref(&self) -> &Session {
         &self.tx
     }
 }
 
 impl DerefMut for Write {
-    fn deref_mut(&mut self) -> &mut Connection {
+    fn deref_mut(&mut self) -> &mut Session {
         &mut self.tx
     }
 }
@@ -318,7 +318,7 @@ impl Write {
     /// Counts the commit in the header of the database, which SQLite does not while there is a log: by that
     /// `files` tells an older copy of the file.
     async fn mark(&mut self) -> Result<(), StoreError> {
-        if matches!(self.tx, Connection::Postgres(_)) {
+        if matches!(self.tx, Session::Postgres(_)) {
             return Ok(());
         }
         let changed: i64 = query_scalar("SELECT total_changes()").fetch_one(&mut self.tx).await?;

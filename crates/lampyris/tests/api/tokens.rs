@@ -4,7 +4,7 @@ use crate::support::cluster;
 use crate::support::{Answer, Client, PATIENCE, TestApp, process, quick};
 use lampyris::app::{App, AppError};
 use lampyris::settings::Settings;
-use lampyris::store::Place;
+use lampyris::store::DatabasePlace;
 use lampyris::store::Store;
 use lampyris::store::tokens::Scope;
 use serde_json::{Value, json};
@@ -266,7 +266,7 @@ fn a_long_poll_ends_with_its_token() {
     waiting.join().unwrap().problem(401, "unauthorized");
 }
 
-fn revoke(database: &Place, name: &str) {
+fn revoke(database: &DatabasePlace, name: &str) {
     let database = String::from(database.clone());
     process::verb("", &["token", "revoke", name, "--database", &database]).expect(0);
 }

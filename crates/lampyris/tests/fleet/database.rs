@@ -7,7 +7,7 @@ use lampyris::store::batches::{BatchKind, NewBatch};
 use lampyris::store::entry::NewJob;
 use lampyris::store::finish::JobEnd;
 use lampyris::store::jobs::{JobFailure, JobKind, Origin, Priority};
-use lampyris::store::{self, Place, Store};
+use lampyris::store::{self, DatabasePlace, Store};
 use lampyris_core::data::SystemId;
 use serde_json::json;
 use std::process::Command;
@@ -100,7 +100,7 @@ fn the_queue_ends_every_job_once_and_never_runs_two_of_a_system() {
 }
 
 /// Submits jobs of systems, and has four processes of four threads each claim and end them; jobs a second.
-async fn drained(place: &Place, jobs: usize, systems: usize) -> f64 {
+async fn drained(place: &DatabasePlace, jobs: usize, systems: usize) -> f64 {
     let now = jiff::Timestamp::now();
     let store = Store::open(place, None).await.unwrap();
     let model = "rc2".parse().unwrap();

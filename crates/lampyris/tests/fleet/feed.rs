@@ -2,7 +2,7 @@
 
 use super::Fleet;
 use super::support::{cluster, full};
-use lampyris::store::{Place, Store, feed};
+use lampyris::store::{DatabasePlace, Store, feed};
 use std::collections::BTreeSet;
 use std::time::{Duration, Instant};
 
@@ -18,7 +18,7 @@ fn the_feed_sees_all_that_was_committed_in_any_order() {
     let start = runtime.block_on(feed::newest(&store)).unwrap();
     let writers: Vec<_> = (0..WRITERS)
         .map(|writer| {
-            let place: Place = fleet.place.clone();
+            let place: DatabasePlace = fleet.place.clone();
             std::thread::spawn(move || {
                 for number in (0..each).step_by(10) {
                     // Ten notes, and a pause between their numbers and the commit.

@@ -1,5 +1,6 @@
 //! Workers that die, and workers that come back.
 
+use super::cut::Way;
 use super::support::{endless, full, quick};
 use super::{Fleet, LEASE};
 use serde_json::json;
@@ -102,4 +103,32 @@ fn a_running_job_is_called_off_by_another_node() {
     let p99 = waits[(waits.len() * 99).div_ceil(100) - 1];
     println!("FLEET: {} cancels by another node, p99 {p99:?} (target 0.5 s)", waits.len());
     assert!(p99 < Duration::from_secs(2), "{p99:?}");
+}
+
+#[test]
+fn a_worker_that_is_cut_off_stops_itself_and_publishes_nothing() {
+    let Some(fleet) = Fleet::new() else { return };
+    let way = Way::to(&fleet.server());
+    let api = fleet.node("api,scheduler", &[]);
+    api.client.lasting_room("1", 1);
+    let cut = fleet.node_by(&way, "worker", &[]);
+    let job = api.client.post_job(&endless("room/1"));
+    api.client.until(&format!("/jobs/{job}"), |job| job["state"] == "running");
+    way.cut(true);
+    // Nobody is there to take it over: it stops by itself before its lease has ended.
+    sleep(Duration::from_secs(LEASE));
+    let before = cut.cpu();
+    sleep(Duration::from_secs(2));
+    let idle = cut.cpu() - before;
+    println!("FLEET: cut off for a lease, a worker computes {idle:.2} s in 2 s (target 0)");
+    assert!(idle < 0.5, "it goes on: {idle}");
+    let heir = fleet.node("worker", &[]);
+    api.client.until(&format!("/jobs/{job}"), |job| job["state"] == "running" && job["attempt"] == 2);
+    way.cut(false);
+    sleep(Duration::from_secs(3));
+    let now = api.client.get(&format!("/jobs/{job}")).json();
+    assert_eq!((&now["state"], &now["attempt"]), (&json!("running"), &json!(2)), "{now}");
+    api.client.post(&format!("/jobs/{job}/cancel")).expect(200);
+    assert_eq!(api.client.ended(&job)["state"], "cancelled");
+    drop(heir);
 }

@@ -1,6 +1,7 @@
 //! What one node does is seen by the others.
 
 use super::Fleet;
+use super::cut::Way;
 use super::support::events::Stream;
 use super::support::{Client, full, quick};
 use serde_json::json;
@@ -124,5 +125,39 @@ fn a_listener_goes_on_at_another_node_without_a_gap() {
     let mut stream = two.client.listen("/events", &last);
     listen(&mut stream, 4);
     assert_eq!(heard, posted);
+    drop(worker);
+}
+
+#[test]
+fn a_node_that_is_cut_off_says_so_serves_what_it_knows_and_catches_up() {
+    let Some(fleet) = Fleet::new() else { return };
+    let way = Way::to(&fleet.server());
+    let (one, cut) = (fleet.node("api", &[]), fleet.node_by(&way, "api", &[]));
+    let worker = fleet.node("worker,scheduler", &[]);
+    one.client.lasting_room("1", 1);
+    one.client.ended(&one.client.post_job(&quick("room/1")));
+    seen(&cut.client, "/params/room/1", |status, _| status == 200);
+    way.cut(true);
+    let told = seen(&cut.client, "/readyz", |status, _| status == 503);
+    let mut revision = 1;
+    for seed in 1..20 {
+        cut.client.get("/params/room/1").expect(200);
+        let mut body = quick("room/1");
+        body["method"]["seed"] = json!(seed);
+        let ended = one.client.ended(&one.client.post_job(&body));
+        if let Some(published) = ended["revision"].as_i64() {
+            revision = published;
+            break;
+        }
+    }
+    way.cut(false);
+    let wanted = format!("\"revision\":{revision}");
+    let caught_up = seen(&cut.client, "/params/room/1", |_, text| text.contains(&wanted));
+    seen(&cut.client, "/readyz", |status, _| status == 200);
+    println!(
+        "FLEET: a node that was cut off says so within {told:?} (target 10 s), catches up within {caught_up:?} \
+        (target 2 s)"
+    );
+    assert!(told < Duration::from_secs(10) && caught_up < 5 * SOON);
     drop(worker);
 }

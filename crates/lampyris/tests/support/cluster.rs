@@ -1,6 +1,6 @@
 //! Databases of a throwaway PostgreSQL, where `tests/cluster` has started one.
 
-use lampyris::store::Place;
+use lampyris::store::DatabasePlace;
 use sqlx::{AssertSqlSafe, Connection, PgConnection, SqliteConnection};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -15,16 +15,16 @@ pub fn is_on() -> bool {
 }
 
 /// A database that nobody else has, where there is a server.
-pub fn database() -> Option<Place> {
+pub fn database() -> Option<DatabasePlace> {
     static MADE: AtomicUsize = AtomicUsize::new(0);
     let name = format!("t{}_{}", std::process::id(), MADE.fetch_add(1, Ordering::Relaxed));
     on_server(format!("CREATE DATABASE {name}"));
-    Some(Place::from(format!("{}/{name}", server()?)))
+    Some(DatabasePlace::from(format!("{}/{name}", server()?)))
 }
 
 /// Takes a database away, whoever is still connected.
-pub fn drop_database(place: &Place) {
-    if let Place::Server(url) = place {
+pub fn drop_database(place: &DatabasePlace) {
+    if let DatabasePlace::Server(url) = place {
         let name = url.rsplit('/').next().unwrap();
         on_server(format!("DROP DATABASE {name} WITH (FORCE)"));
     }
@@ -40,18 +40,18 @@ fn on_server(sql: String) {
 }
 
 /// The first column of what a statement gives on a database, or how it failed.
-pub fn behind(place: &Place, sql: &str) -> Result<Vec<String>, String> {
+pub fn behind(place: &DatabasePlace, sql: &str) -> Result<Vec<String>, String> {
     let sql = AssertSqlSafe(sql.to_owned());
     let work = async {
         match place {
-            Place::File(path) => {
+            DatabasePlace::File(path) => {
                 let mut connection =
                     SqliteConnection::connect(&format!("sqlite://{}", path.display())).await?;
                 let rows = sqlx::query_scalar(sql).fetch_all(&mut connection).await;
                 connection.close().await?;
                 rows
             }
-            Place::Server(url) => {
+            DatabasePlace::Server(url) => {
                 let mut connection = PgConnection::connect(url).await?;
                 let rows = sqlx::query_scalar(sql).fetch_all(&mut connection).await;
                 connection.close().await?;

@@ -12,7 +12,7 @@ use lampyris::app::App;
 use lampyris::service::Clock;
 use lampyris::service::access::tokens::{self, LOCAL, NewToken};
 use lampyris::settings::Settings;
-use lampyris::store::Place;
+use lampyris::store::DatabasePlace;
 use lampyris::store::tokens::Scope;
 use rooms::room_csv;
 use serde_json::Value;
@@ -369,7 +369,7 @@ impl TestApp {
     }
 
     /// Where its data are.
-    pub fn place(&self) -> Place {
+    pub fn place(&self) -> DatabasePlace {
         self.settings.database.clone()
     }
 

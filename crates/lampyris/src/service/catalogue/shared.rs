@@ -1,7 +1,5 @@
 //! The catalogue that everybody reads: built-in documents and those of users.
 
-use crate::service::error::ServiceError;
-use crate::service::state::Service;
 use crate::store::{Store, StoreError, models};
 use arc_swap::ArcSwap;
 use lampyris_core::model::Catalogue;
@@ -22,7 +20,8 @@ impl SharedCatalogue {
         Ok(Self(ArcSwap::from_pointee(builtin)))
     }
 
-    fn replace(&self, catalogue: Self) {
+    /// Puts another in its place.
+    pub(in crate::service) fn replace(&self, catalogue: Self) {
         self.0.store(catalogue.0.into_inner());
     }
 
@@ -38,14 +37,4 @@ impl SharedCatalogue {
             changed
         });
     }
-}
-
-/// Reads the documents of users anew, which another service may have added.
-///
-/// # Errors
-/// Where the database fails or holds unreadable documents.
-pub async fn reload(service: &Service) -> Result<(), ServiceError> {
-    let builtin = Catalogue::builtin().map_err(|faults| ServiceError::Internal(format!("{faults:?}")))?;
-    service.catalogue.replace(SharedCatalogue::load(&service.store, builtin).await?);
-    Ok(())
 }

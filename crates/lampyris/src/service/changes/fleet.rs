@@ -2,11 +2,12 @@
 //! depends on being told.
 
 use super::follow;
-use crate::service::catalogue::shared;
+use crate::service::catalogue::shared::SharedCatalogue;
 use crate::service::error::ServiceError;
 use crate::service::serving::params;
 use crate::service::state::Service;
 use crate::store::{self, feed, queue};
+use lampyris_core::model::Catalogue;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -54,7 +55,10 @@ async fn look(service: &Arc<Service>, position: &mut i64, newest: &mut i64) -> R
     }
     let news = feed::after(store, *position).await?;
     if news.catalogue || news.missed {
-        shared::reload(service).await?;
+        reload(service).await?;
+    }
+    if news.queue {
+        service.wake.notify_one();
     }
     if news.schedules || news.missed {
         service.wake_schedule.notify_one();
@@ -68,5 +72,12 @@ async fn look(service: &Arc<Service>, position: &mut i64, newest: &mut i64) -> R
     }
     store.read_anew(news.systems).await;
     *position = news.position;
+    Ok(())
+}
+
+/// Reads the documents of users anew, which another service may have added.
+async fn reload(service: &Service) -> Result<(), ServiceError> {
+    let builtin = Catalogue::builtin().map_err(|faults| ServiceError::Internal(format!("{faults:?}")))?;
+    service.catalogue.replace(SharedCatalogue::load(&service.store, builtin).await?);
     Ok(())
 }

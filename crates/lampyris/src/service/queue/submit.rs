@@ -344,7 +344,8 @@ pub async fn cancel(service: &Service, id: &str) -> Result<Option<Cancelled>, Se
         return Err(Refusal::new("already-deciding", detail).into());
     }
     // A job in other hands is called off by its row.
-    let own = matches!(cancelled.job.state, store::jobs::JobState::Running { boot, .. } if boot == service.membership.worker());
+    let worker = cancelled.job.lease().map(|lease| lease.boot);
+    let own = worker == Some(service.membership.worker());
     if cancelled.running && own {
         service.board.cancel(id);
         // The worker may have ended the job in between and forgotten its place; then nobody else will.

@@ -4,7 +4,8 @@
 //! worker writes its end. `board` knows who runs now, with the `progress` that watchers are told and the
 //! switch that calls a job off.
 //!
-//! `membership` is the right of this process to work, which others can see.
+//! `membership` is the right of this process to work, which others can see; `renewal`
+//! keeps it.
 //!
 //! `interactive` is short work that somebody waits for: first in line, bounded, kept. `poison` is a hook for
 //! tests: jobs that go wrong on purpose.
@@ -17,5 +18,6 @@ pub mod interactive;
 pub mod membership;
 mod poison;
 pub mod progress;
+pub mod renewal;
 mod tune;
 pub mod worker;
