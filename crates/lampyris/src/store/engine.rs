@@ -3,6 +3,7 @@
 //! Everything else in this folder speaks to a [`Pool`] or a [`Session`] and does not know which one it is,
 //! but for the files of SQLite (`file`, `files`, `lock`, `backup`, `migrate`) and `postgres`.
 
+use super::postgres;
 use sqlx::postgres::{PgConnection, PgPool};
 use sqlx::sqlite::SqlitePool;
 use sqlx::{Connection as _, Postgres, Sqlite, SqliteConnection, Transaction};
@@ -45,9 +46,7 @@ impl Pool {
     pub(super) async fn begin(&self) -> Result<Session, sqlx::Error> {
         Ok(match self {
             Pool::Sqlite(pool) => Session::Sqlite(pool.begin().await?),
-            Pool::Postgres(pool) => {
-                Session::Postgres(pool.begin_with("BEGIN ISOLATION LEVEL REPEATABLE READ, READ ONLY").await?)
-            }
+            Pool::Postgres(pool) => Session::Postgres(pool.begin_with(postgres::BEGIN_TO_READ).await?),
         })
     }
 

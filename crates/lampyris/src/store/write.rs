@@ -184,7 +184,7 @@ impl Writing {
 
     /// Finds out whether the database can be written now.
     pub(super) async fn prove(&self, writer: &Pool, changes: &Changes) -> Result<(), StoreError> {
-        let mut tx = self.begin(writer, changes).await?;
+        let mut tx = self.begin_beside(writer, changes).await?;
         touch(&mut tx).await?;
         if matches!(writer, Pool::Postgres(_)) {
             return tx.take_back().await;
