@@ -3,7 +3,7 @@
 use super::super::load::{Service, start_on, text};
 use super::super::row::Row;
 use super::super::samples::cpu;
-use super::house::{MODEL, furnished, multiply};
+use super::house::{furnished, multiply};
 use lampyris::cli::Failure;
 use lampyris::cli::server::{Call, Server};
 use lampyris::store::moving;
@@ -94,7 +94,7 @@ fn night(
     let api = node("api,scheduler")?;
     let workers = (0..processes).map(|_| node("worker")).collect::<Result<Vec<_>, _>>()?;
     let begun = Instant::now();
-    let all = json!({"kind": "recalibrate", "systems": ["room/*"], "model": MODEL});
+    let all = json!({"kind": "recalibrate", "systems": ["room/*"]});
     Server::at(format!("http://{}", api.address())).call("POST", "/jobs", Call::json(&all))?;
     let submission = begun.elapsed().as_secs_f64();
     let count = |sql: &str| asked(server, name, sql).map(|found| found.unwrap_or_default());
