@@ -71,10 +71,14 @@ async fn give_places(store: &Store) -> Result<(), StoreError> {
     let Some(last) = query_scalar::<i64>(sql).fetch_optional(&mut *tx).await? else {
         return tx.take_back().await;
     };
-    let sql = "UPDATE changes SET position = $1 + n.place FROM (SELECT id, row_number() OVER (ORDER BY id) AS \
-        place FROM changes WHERE position IS NULL ORDER BY id LIMIT $2) n WHERE n.id = changes.id";
-    let given = query(sql).bind(last).bind(AT_ONCE).execute(&mut *tx).await?;
-    let newest = last + given as i64;
+    let sql = "SELECT MIN(id), MAX(id) FROM (SELECT id FROM changes WHERE position IS NULL ORDER BY id \
+        LIMIT $1) notes";
+    let (first, end): (Option<i64>, Option<i64>) = query_as(sql).bind(AT_ONCE).fetch_one(&mut *tx).await?;
+    let Some((first, end)) = first.zip(end) else { return tx.take_back().await };
+    // What is committed meanwhile with a smaller id comes next time, and so behind these.
+    let sql = "UPDATE changes SET position = $1 + id - $2 WHERE position IS NULL AND id BETWEEN $2 AND $3";
+    query(sql).bind(last + 1).bind(first).bind(end).execute(&mut *tx).await?;
+    let newest = last + 1 + end - first;
     query("UPDATE counters SET value = $1 WHERE name = 'change'").bind(newest).execute(&mut *tx).await?;
     if newest / AT_ONCE > last / AT_ONCE {
         query("DELETE FROM changes WHERE position <= $1").bind(newest - KEPT).execute(&mut *tx).await?;
@@ -88,11 +92,14 @@ async fn give_places(store: &Store) -> Result<(), StoreError> {
 /// Where the database fails.
 pub async fn after(store: &Store, position: i64) -> Result<News, StoreError> {
     give_places(store).await?;
+    let newest = newest(store).await?;
+    let mut news = News { position, missed: position < newest - KEPT, ..News::default() };
+    if newest == position {
+        return Ok(news);
+    }
     let sql = "SELECT position, topic, name FROM changes WHERE position > $1 ORDER BY position LIMIT $2";
     let rows: Vec<(i64, String, String)> =
         query_as(sql).bind(position).bind(AT_ONCE).fetch_all(&store.reader).await?;
-    let mut news = News { position, ..News::default() };
-    news.missed = rows.first().is_some_and(|(first, _, _)| *first > position + 1);
     for (position, topic, name) in rows {
         news.position = position;
         match parse("a topic", &topic)? {

@@ -18,7 +18,7 @@ pub fn is_on() -> bool {
 pub fn database() -> Option<DatabasePlace> {
     static MADE: AtomicUsize = AtomicUsize::new(0);
     let name = format!("t{}_{}", std::process::id(), MADE.fetch_add(1, Ordering::Relaxed));
-    on_server(format!("CREATE DATABASE {name}"));
+    on_server(format!("CREATE DATABASE {name} TEMPLATE template0"));
     Some(DatabasePlace::from(format!("{}/{name}", server()?)))
 }
 
