@@ -4,8 +4,9 @@ use super::database::Database;
 use super::output::Failure;
 use super::serve;
 use crate::settings::Settings;
-use crate::store::StoreError;
 use crate::store::doctor::{DatabaseState, look};
+use crate::store::server::{self, ServerState};
+use crate::store::{DatabasePlace, StoreError};
 use Status::{Fail, Fine, Warn};
 use jiff::tz::TimeZone;
 use lampyris_core::simulate::lanes::Cpu;
@@ -74,26 +75,35 @@ pub fn run(arguments: &Database) -> Result<(), Failure> {
             Settings::default()
         }
     };
-    let Some(path) = settings.database.file().map(Path::to_owned) else {
-        return Err(Failure::Error(format!("{} is looked at by the tools of its server", settings.database)));
-    };
-    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let found = serve::runtime()?.block_on(look(&path));
-    let bytes = found.as_ref().map_or(0, |found| found.bytes);
-    match found {
-        Ok(found) => {
-            say("database", database(&found));
-            say("schema", schema(&found));
-            say("log", log(&found));
-            say("clock", clock(&found, &settings.zone));
+    match &settings.database {
+        DatabasePlace::Server(url) => match serve::runtime()?.block_on(server::look(url)) {
+            Ok(found) => server_state(&found, &mut say),
+            Err(error) => say("database", (Fail, error.to_string())),
+        },
+        DatabasePlace::File(path) => {
+            let folder =
+                path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+            let found = serve::runtime()?.block_on(look(path));
+            let bytes = found.as_ref().map_or(0, |found| found.bytes);
+            match found {
+                Ok(found) => {
+                    say("database", database(&found));
+                    say("schema", schema(&found));
+                    say("log", log(&found));
+                    say("clock", clock(&found, &settings.zone));
+                }
+                Err(StoreError::NoFile(file)) => {
+                    say(
+                        "database",
+                        (Warn, format!("there is no {}: `lampyris serve` makes it", file.display())),
+                    );
+                }
+                Err(error) => say("database", (Fail, error.to_string())),
+            }
+            say("disk", disk(folder, bytes));
+            say("folder", permissions(folder, path));
         }
-        Err(StoreError::NoFile(file)) => {
-            say("database", (Warn, format!("there is no {}: `lampyris serve` makes it", file.display())));
-        }
-        Err(error) => say("database", (Fail, error.to_string())),
     }
-    say("disk", disk(folder, bytes));
-    say("folder", permissions(folder, &path));
     say("files", open_files());
     say("cpu", cpu());
     let failed = checks.iter().filter(|check| check.status == Fail).count();
@@ -104,6 +114,48 @@ pub fn run(arguments: &Database) -> Result<(), Failure> {
     } else {
         Err(Failure::Error(format!("{failed} of {} checks failed", checks.len())))
     }
+}
+
+/// What there is to say of a database on a server.
+fn server_state(found: &ServerState, say: &mut impl FnMut(&'static str, (Status, String))) {
+    let megabytes = found.bytes >> 20;
+    say("database", (Fine, format!("PostgreSQL {}, {megabytes} MiB", found.release)));
+    let (alive, silent) = found.processes;
+    let status = if silent == 0 { Fine } else { Warn };
+    say("processes", (status, format!("{alive} have a lease, {silent} are silent")));
+    say(
+        "transactions",
+        match found.idle {
+            0 => (Fine, "none is idle".to_owned()),
+            idle => {
+                (Warn, format!("{idle} are idle for a minute: nothing old can be cleared away behind them"))
+            }
+        },
+    );
+    say(
+        "tables",
+        match found.bloated.join(", ") {
+            none if none.is_empty() => (Fine, "few rows are dead".to_owned()),
+            bloated => (Warn, format!("most rows of {bloated} are dead: let autovacuum go there more often")),
+        },
+    );
+    say(
+        "statistics",
+        match found.unknown.join(", ") {
+            none if none.is_empty() => (Fine, "the server knows what the tables hold".to_owned()),
+            unknown => (Warn, format!("there are none of {unknown}: run ANALYZE")),
+        },
+    );
+    say(
+        "standby",
+        match found.standbys {
+            (0, _) => (Warn, "there is none that this role can see".to_owned()),
+            (all, 0) => {
+                (Warn, format!("no commit waits for any of {all}: a failover may lose what was acknowledged"))
+            }
+            (all, waits) => (Fine, format!("commits wait for {waits} of {all}")),
+        },
+    );
 }
 
 fn database(found: &DatabaseState) -> (Status, String) {

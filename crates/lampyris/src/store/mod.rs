@@ -45,7 +45,7 @@
 //! | `write` | write transactions, and what they tell of the disk |
 //! | `changes` | which systems a commit was about, for the one who follows what is served |
 //! | `backup` | copies of a database, and their way back |
-//! | `doctor` | how a database fares |
+//! | `doctor`, `server` | how a database fares, in a file and on a server |
 //! | `failpoint` | where tests let the process die |
 
 pub mod audit;
@@ -97,6 +97,7 @@ pub mod samples;
 pub mod schedules;
 mod schema;
 mod sequence;
+pub mod server;
 pub mod shares;
 pub mod sources;
 mod statement;

@@ -3,16 +3,16 @@
 use super::error::StoreError;
 use super::schema;
 use rust_embed::RustEmbed;
-use sqlx::PgConnection;
 use sqlx::migrate::Migrator;
 use sqlx::postgres::{PgConnectOptions, PgPool, PgPoolOptions};
+use sqlx::{ConnectOptions, PgConnection};
 use std::str::FromStr;
 use std::sync::LazyLock;
 use std::time::Duration;
 
-/// What every transaction that writes begins with. Nothing of it outlives the transaction, so that connections
-/// may be shared behind a pooler. Whoever is cut off with a lock in hand holds the others up for the second
-/// time and no longer: between two statements of ours there is next to nothing.
+/// What every transaction that writes begins with. Nothing of it outlives the transaction, so that
+/// connections may be shared behind a pooler. Whoever is cut off with a lock in hand holds the others up for
+/// the second time and no longer: between two statements of ours there is next to nothing.
 macro_rules! begin {
     ($lock:literal) => {
         concat!(
@@ -66,8 +66,13 @@ pub(super) async fn open(url: &str) -> Result<PgPool, StoreError> {
     Ok(pool)
 }
 
+/// One connection to a database as it is.
+pub(super) async fn connect(url: &str) -> Result<PgConnection, StoreError> {
+    Ok(PgConnectOptions::from_str(url)?.application_name("lampyris").connect().await?)
+}
+
 /// The schema must be one that this program knows, or none at all.
-async fn require_known(connection: &mut PgConnection) -> Result<(), StoreError> {
+pub(super) async fn require_known(connection: &mut PgConnection) -> Result<(), StoreError> {
     let made: bool = sqlx::query_scalar("SELECT to_regclass('_sqlx_migrations') IS NOT NULL")
         .fetch_one(&mut *connection)
         .await?;

@@ -194,6 +194,8 @@ fn a_house_moves_to_a_server_with_everything_that_it_served() {
     let node = fleet.node("api,worker,scheduler", &[]);
     assert_eq!(paths.map(|path| body(&node.client, path)), before);
     assert_eq!(node.client.get("/params/room/1").header("etag"), tag);
+    let health = verb("", &["doctor", "--database", &to]).expect(0).out;
+    assert!(health.contains("1 have a lease, 0 are silent") && !health.contains("FAIL"), "{health}");
     // Numbers go on where they were.
     let next = node.client.estimate("room/1", json!({"method": {"name": "cfa", "seed": 5}}));
     assert_eq!(node.client.ended(&next)["state"], "succeeded");

@@ -164,7 +164,7 @@ fn a_killed_service_with_many_windows_starts_again() {
         SELECT 'win_' || n, system, n, from_ms, to_ms, report, uploaded_at FROM windows, \
         (WITH RECURSIVE counted (n) AS (SELECT 1000 UNION ALL SELECT n + 1 FROM counted \
         WHERE n < (SELECT value FROM counters WHERE name = 'sequence')) SELECT n FROM counted)";
-    let blocks = "INSERT INTO window_blocks (window, channel, block, repeats) \
+    let blocks = "INSERT INTO window_blocks (window_id, channel, block, repeats) \
         SELECT id, channel, randomblob(5000), '[]' FROM windows, (SELECT 'T_room' AS channel UNION SELECT \
         'T_out') WHERE sequence >= 1000";
     let (count, sequence) = match full() {

@@ -327,12 +327,12 @@ fn windows_of_an_earlier_program_are_taken_in_as_they_are() {
             sqlx::query(sql).execute(&mut db).await.unwrap();
         }
         for (id, series) in windows.iter().flat_map(|(id, window)| window.iter().map(move |one| (id, one))) {
-            let sql = "INSERT INTO window_blocks (window, channel, block) VALUES ($1, $2, $3)";
+            let sql = "INSERT INTO window_blocks (window_id, channel, block) VALUES ($1, $2, $3)";
             let query = sqlx::query(sql).bind(id).bind(series.channel()).bind(series.encode());
             query.execute(&mut db).await.unwrap();
         }
         // A damaged block costs what is in it, and not the start.
-        let sql = "INSERT INTO window_blocks (window, channel, block) VALUES ($1, 'lost', X'00')";
+        let sql = "INSERT INTO window_blocks (window_id, channel, block) VALUES ($1, 'lost', X'00')";
         sqlx::query(sql).bind(&windows[0].0).execute(&mut db).await.unwrap();
         db.close().await.unwrap();
     });

@@ -7,8 +7,16 @@ use std::path::Path;
 use std::process::Command;
 
 /// Licences of which each package offers one, or needs no more than several.
-const LICENCES: [&str; 7] =
-    ["MIT", "Apache-2.0", "Apache-2.0 WITH LLVM-exception", "BSD-3-Clause", "ISC", "Unicode-3.0", "Zlib"];
+const LICENCES: [&str; 8] = [
+    "MIT",
+    "Apache-2.0",
+    "Apache-2.0 WITH LLVM-exception",
+    "BSD-3-Clause",
+    "ISC",
+    "Unicode-3.0",
+    "Zlib",
+    "CDLA-Permissive-2.0",
+];
 /// The project's own packages.
 const OWN: [&str; 3] = ["lampyris", "lampyris-core", "lampyris-studies"];
 /// Packages that run code of their own while the project is built. Whoever adds one has looked at it.
