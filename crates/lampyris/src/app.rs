@@ -180,7 +180,6 @@ impl App {
             settings,
             store,
             clock,
-            boot,
             membership,
         });
         // Nobody may ask before what is served is in memory, and nothing that is committed after it was read

@@ -197,10 +197,13 @@ fn post(server: &Server, room: usize, (time, values): &Sample) -> Result<(), Fai
 /// CPU seconds that the service has used, in its own code and in the system's for it.
 pub fn cpu(service: &Service) -> Result<f64, Failure> {
     let stat = std::fs::read_to_string(format!("/proc/{}/stat", service.id())).map_err(text)?;
-    let fields: Vec<&str> = stat.rsplit_once(')').map_or("", |(_, rest)| rest).split_whitespace().collect();
-    let ticks = |place: usize| fields.get(place).and_then(|field| field.parse::<f64>().ok());
-    let ticks = ticks(11).zip(ticks(12)).ok_or_else(|| Failure::Error("no CPU time".to_owned()))?;
-    Ok((ticks.0 + ticks.1) / 100.0)
+    cpu_of(&stat).ok_or_else(|| Failure::Error("no CPU time".to_owned()))
+}
+
+/// The same of any process, by what the system says in its `stat`.
+pub fn cpu_of(stat: &str) -> Option<f64> {
+    let mut fields = stat.rsplit_once(')')?.1.split_whitespace().skip(11).map(str::parse::<f64>);
+    Some((fields.next()?.ok()? + fields.next()?.ok()?) / 100.0)
 }
 
 /// A number of the process's status, in kB.

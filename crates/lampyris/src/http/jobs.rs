@@ -361,8 +361,8 @@ async fn cancel_job(
     Path(id): Path<String>,
     _body: Empty,
 ) -> Result<axum::Json<JobAnswer>, ApiError> {
-    let cancelled = submit::cancel(&service, &id).await?.ok_or(ApiError::NotFound("job", id))?;
-    Ok(axum::Json(JobAnswer::of(&service, cancelled.job)))
+    let job = submit::cancel(&service, &id).await?.ok_or(ApiError::NotFound("job", id))?;
+    Ok(axum::Json(JobAnswer::of(&service, job)))
 }
 
 /// Does a job that has ended once more: a new job with the same request, which names it in `retry_of`.

@@ -94,7 +94,7 @@ async fn about_the_service(service: &Shared, text: &mut Exposition) {
         "lampyris_boot",
         "gauge",
         "How often the service was started on this database.",
-        service.boot as f64,
+        service.membership.worker() as f64,
     );
     let started = service.metrics.started_at.as_millisecond() as f64 / 1000.0;
     text.plain(

@@ -118,8 +118,8 @@ async fn poll(service: &Shared, request: Request) -> Response {
     }
 }
 
-/// Looks into the database where a caller shows another tag than ours, or asks for a system that is not
-/// known: another service, which the caller has asked before, may know more by now.
+/// Looks into the database where a caller shows another tag than ours, or where there is nothing to answer
+/// with yet: another service, which the caller has asked before, may know more by now.
 async fn read_through(service: &Shared, system: &str, headers: &HeaderMap) {
     let shows_other =
         |rendered: &Rendered| headers.contains_key(IF_NONE_MATCH) && !is_known(headers, &rendered.etag);

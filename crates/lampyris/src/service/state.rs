@@ -59,8 +59,6 @@ pub struct Service {
     pub kept_posts: KeptPosts,
     /// What time it is.
     pub clock: Clock,
-    /// The number of this start.
-    pub boot: i64,
     /// The right of this process to work.
     pub membership: Membership,
     /// Told when a job may be claimed.

@@ -10,7 +10,7 @@ use super::reach::SystemScope;
 use super::row::row;
 use super::sequence::{derive_id, next};
 use super::statement::{query, query_as, query_scalar};
-use super::value::{from_json, instant, millis, parse, to_json};
+use super::value::{corrupt, from_json, instant, millis, parse, to_json};
 use super::words::words;
 use jiff::Timestamp;
 use lampyris_core::data::SystemId;
@@ -170,7 +170,8 @@ impl JobRow {
         let read = |((id, verdict), findings): ((String, String), String)| {
             let findings: Vec<Finding> = from_json("the findings of a diagnosis", &findings)?;
             let named = findings.into_iter().map(|found| found.way_of.unwrap_or(found.effect)).collect();
-            let verdict = from_json("a verdict", &to_json("a verdict", &verdict)?)?;
+            let verdict =
+                serde_json::from_value(verdict.into()).map_err(|error| corrupt("a verdict", &error))?;
             Ok::<_, StoreError>(BatchDiagnosis { id, verdict, named })
         };
         let diagnosis = self.diagnosis.zip(self.verdict).zip(self.findings).map(read).transpose()?;

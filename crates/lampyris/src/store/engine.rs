@@ -3,7 +3,7 @@
 //! Everything else in this folder speaks to a [`Pool`] or a [`Session`] and does not know which one it is,
 //! but for the files of SQLite (`file`, `files`, `lock`, `backup`, `migrate`) and `postgres`.
 
-use super::postgres;
+use super::postgres::{self, within};
 use sqlx::postgres::{PgConnection, PgPool};
 use sqlx::sqlite::SqlitePool;
 use sqlx::{Connection as _, Postgres, Sqlite, SqliteConnection, Transaction};
@@ -46,13 +46,10 @@ impl Pool {
     pub(super) async fn begin(&self) -> Result<Session, sqlx::Error> {
         Ok(match self {
             Pool::Sqlite(pool) => Session::Sqlite(pool.begin().await?),
-            Pool::Postgres(pool) => Session::Postgres(pool.begin_with(postgres::BEGIN_TO_READ).await?),
+            Pool::Postgres(pool) => {
+                Session::Postgres(within(pool.begin_with(postgres::BEGIN_TO_READ)).await?)
+            }
         })
-    }
-
-    /// Whether it is a file.
-    pub(super) fn is_sqlite(&self) -> bool {
-        matches!(self, Pool::Sqlite(_))
     }
 
     /// Ends all connections.
@@ -90,7 +87,7 @@ impl Session {
     pub(super) async fn commit(self) -> Result<(), sqlx::Error> {
         match self {
             Session::Sqlite(tx) => tx.commit().await,
-            Session::Postgres(tx) => tx.commit().await,
+            Session::Postgres(tx) => within(tx.commit()).await,
             Session::Alone(_) => Ok(()),
         }
     }
@@ -99,7 +96,7 @@ impl Session {
     pub(super) async fn rollback(self) -> Result<(), sqlx::Error> {
         match self {
             Session::Sqlite(tx) => tx.rollback().await,
-            Session::Postgres(tx) => tx.rollback().await,
+            Session::Postgres(tx) => within(tx.rollback()).await,
             Session::Alone(_) => Ok(()),
         }
     }

@@ -192,7 +192,7 @@ async fn keep_tuning(
     let sql = "SELECT document FROM systems WHERE system = $1";
     let document: String = query_scalar(sql).bind(&leased.system).fetch_one(&mut *tx).await?;
     let mut document: serde_json::Value = from_json("a system", &document)?;
-    let set = match document.get("method") {
+    let set = match document.get("method").filter(|method| !method.is_null()) {
         Some(method) => SeededMethod::deserialize(method).map_err(|error| corrupt("a method", &error))?,
         None => SeededMethod::default(),
     };

@@ -61,7 +61,7 @@ pub async fn page(
     // those of a kind.
     let mut sql = "SELECT * FROM jobs WHERE sequence < $1".to_owned();
     let mut hide = "";
-    let hidden = if store.reader.is_sqlite() { "+" } else { "" };
+    let hidden = if store.is_shared() { "" } else { "+" };
     if filter.system.is_some() {
         sql += " AND system = $3";
         hide = hidden;

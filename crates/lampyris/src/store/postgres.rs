@@ -41,6 +41,9 @@ const CONNECTIONS: u32 = 12;
 /// How long a statement waits for one of them.
 const PATIENCE: Duration = Duration::from_secs(5);
 
+/// How long a call waits for the server: longer than any statement may take there.
+const LONGEST: Duration = Duration::from_secs(65);
+
 /// The texts of all migrations, by the names of their files.
 #[derive(RustEmbed)]
 #[folder = "../../migrations/postgres"]
@@ -48,16 +51,26 @@ struct Files;
 
 static MIGRATIONS: LazyLock<Migrator> = LazyLock::new(schema::migrator::<Files>);
 
+/// Ends a wait for a server that does not answer: the driver itself waits for ever.
+pub(super) async fn within<T>(work: impl Future<Output = Result<T, sqlx::Error>>) -> Result<T, sqlx::Error> {
+    let silent = |_| sqlx::Error::Io(std::io::ErrorKind::TimedOut.into());
+    tokio::time::timeout(LONGEST, work).await.unwrap_or_else(|elapsed| Err(silent(elapsed)))
+}
+
+/// How a database is reached.
+fn options(url: &str) -> Result<PgConnectOptions, StoreError> {
+    Ok(PgConnectOptions::from_str(url)?.application_name("lampyris"))
+}
+
 /// Connects to a database and brings its schema up to date; one service at a time does that.
 ///
 /// # Errors
 /// Where the server cannot be reached, or the schema is none that this program knows.
 pub(super) async fn open(url: &str) -> Result<PgPool, StoreError> {
-    let options = PgConnectOptions::from_str(url)?.application_name("lampyris");
     let pool = PgPoolOptions::new()
         .max_connections(CONNECTIONS)
         .acquire_timeout(PATIENCE)
-        .connect_with(options)
+        .connect_with(options(url)?)
         .await?;
     let mut connection = pool.acquire().await?;
     require_known(&mut connection).await?;
@@ -68,7 +81,7 @@ pub(super) async fn open(url: &str) -> Result<PgPool, StoreError> {
 
 /// One connection to a database as it is.
 pub(super) async fn connect(url: &str) -> Result<PgConnection, StoreError> {
-    Ok(PgConnectOptions::from_str(url)?.application_name("lampyris").connect().await?)
+    Ok(options(url)?.connect().await?)
 }
 
 /// The schema must be one that this program knows, or none at all.

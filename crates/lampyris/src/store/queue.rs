@@ -8,7 +8,7 @@ use super::engine::Session;
 use super::entry::{Entered, NewJob, SubmitError, enter};
 use super::error::StoreError;
 use super::idempotency::{Earlier, KeyState, RequestKey, look_up, remember};
-use super::job::{JobFailure, JobStatus};
+use super::job::JobFailure;
 use super::job_record::{JobRecord, Lease, Row};
 use super::statement::{query, query_as, query_scalar};
 use super::value::{millis, to_json};
@@ -27,15 +27,6 @@ pub enum Submitted {
     Waiting(JobRecord),
     /// The same request came before.
     Earlier(Earlier),
-}
-
-/// What a cancellation met.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Cancelled {
-    /// The job as it is now.
-    pub job: JobRecord,
-    /// Whether a worker has it and must be told.
-    pub running: bool,
 }
 
 /// What a boot found.
@@ -256,7 +247,7 @@ async fn note_failed_job(tx: &mut Session, job: &JobRecord, now: Timestamp) -> R
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn cancel(store: &Store, id: &str, now: Timestamp) -> Result<Option<Cancelled>, StoreError> {
+pub async fn cancel(store: &Store, id: &str, now: Timestamp) -> Result<Option<JobRecord>, StoreError> {
     let mut tx = store.write().await?;
     query("UPDATE jobs SET state = 'cancelled', ended_at = $2 WHERE id = $1 AND state = 'queued'")
         .bind(id)
@@ -270,9 +261,7 @@ pub async fn cancel(store: &Store, id: &str, now: Timestamp) -> Result<Option<Ca
     let row: Option<Row> =
         query_as("SELECT * FROM jobs WHERE id = $1").bind(id).fetch_optional(&mut *tx).await?;
     tx.commit().await?;
-    let Some(row) = row else { return Ok(None) };
-    let job = row.record()?;
-    Ok(Some(Cancelled { running: job.state.status() == JobStatus::Running, job }))
+    row.map(Row::record).transpose()
 }
 
 #[cfg(test)]

@@ -4,15 +4,12 @@
 //! `json_each`, `glob` or the larger of two numbers, the schema of PostgreSQL defines one of that name.
 
 use super::engine::Via;
+use super::postgres::within;
 use sqlx::postgres::PgRow;
 use sqlx::sqlite::SqliteRow;
 use sqlx::{FromRow, SqlSafeStr, SqlStr};
 use std::borrow::Cow;
 use std::marker::PhantomData;
-use std::time::Duration;
-
-/// Longer than any statement may take on the server (`postgres`).
-const LONGEST: Duration = Duration::from_secs(65);
 
 /// A value of a statement.
 #[derive(Debug)]
@@ -68,12 +65,6 @@ pub(super) fn query_as<'q, T>(sql: impl SqlSafeStr) -> Statement<'q, T> {
 /// A statement with rows of one column.
 pub(super) fn query_scalar<'q, T>(sql: impl SqlSafeStr) -> Scalars<'q, T> {
     Scalars(query_as(sql))
-}
-
-/// Ends a wait for a server that does not answer: the driver itself waits for ever.
-pub(super) async fn within<T>(work: impl Future<Output = Result<T, sqlx::Error>>) -> Result<T, sqlx::Error> {
-    let silent = |_| sqlx::Error::Io(std::io::ErrorKind::TimedOut.into());
-    tokio::time::timeout(LONGEST, work).await.unwrap_or_else(|elapsed| Err(silent(elapsed)))
 }
 
 /// A row of which nothing is read.

@@ -1,7 +1,7 @@
 //! What holds for every path: pages, compression, keys.
 
 use crate::support::rooms::{room_csv, stuck_csv};
-use crate::support::{TestApp, quick};
+use crate::support::{TestApp, quick, seeded};
 use serde_json::{Value, json};
 
 /// All items of a list, in pages of this size.
@@ -125,11 +125,7 @@ fn a_key_makes_one_thing_of_two_requests_wherever_something_is_made() {
             "kind": "recalibrate", "systems": ["room/1"], "budget": {"evaluations": evaluations}
         })
     };
-    let other_job = {
-        let mut body = quick("room/1");
-        body["method"]["seed"] = json!(9);
-        body
-    };
+    let other_job = seeded(quick("room/1"), 9);
     let as_csv = |text: String| ("text/csv", text);
     let as_json = |body: Value| ("application/json", body.to_string());
     let cases = [

@@ -1,6 +1,6 @@
 //! The queue as a client sees it.
 
-use crate::support::{TestApp, endless, quick};
+use crate::support::{TestApp, endless, quick, seeded};
 use serde_json::{Value, json};
 use std::time::Instant;
 
@@ -15,8 +15,7 @@ fn equal_jobs_wait_once() {
     let first = app.json("POST", "/jobs", &quick("room/2")).expect(202).json();
     let second = app.json("POST", "/jobs", &quick("room/2")).expect(200).json();
     assert_eq!(first["id"], second["id"]);
-    let mut other = quick("room/2");
-    other["method"]["seed"] = json!(2);
+    let other = seeded(quick("room/2"), 2);
     assert_ne!(app.json("POST", "/jobs", &other).expect(202).json()["id"], first["id"]);
     // The running one is no longer waiting: an equal job may be posted beside it.
     let beside = app.json("POST", "/jobs", &endless("room/1")).expect(202).json();
@@ -88,8 +87,7 @@ fn a_key_makes_one_job_of_two_requests() {
         (again.json()["id"].as_str(), again.header("idempotency-replayed")),
         (Some(id.as_str()), "true")
     );
-    let mut other = quick("room/1");
-    other["method"]["seed"] = json!(7);
+    let other = seeded(quick("room/1"), 7);
     post("a", &other).problem(422, "idempotency-key-reused");
     assert_ne!(post("b", &quick("room/1")).expect(202).json()["id"], id.as_str());
 
@@ -157,8 +155,7 @@ fn a_full_queue_says_so() {
     });
     app.room("1", 1);
     let post = |seed: u64| {
-        let mut body = endless("room/1");
-        body["method"]["seed"] = json!(seed);
+        let body = seeded(endless("room/1"), seed);
         app.json("POST", "/jobs", &body)
     };
     let first = post(0).expect(202).json()["id"].as_str().unwrap().to_owned();

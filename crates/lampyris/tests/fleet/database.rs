@@ -2,7 +2,7 @@
 
 use super::Fleet;
 use super::support::process::{Process, verb};
-use super::support::{Client, full, quick};
+use super::support::{Client, full, quick, seeded};
 use lampyris::store::batches::{BatchKind, NewBatch};
 use lampyris::store::entry::NewJob;
 use lampyris::store::finish::JobEnd;
@@ -32,8 +32,7 @@ fn what_is_served_is_served_while_the_database_is_away_and_jobs_go_on_behind() {
         Command::new("kill").args(["-QUIT", pid.lines().next().unwrap()]).status().unwrap();
         let stopped = Instant::now();
         let mut back = None;
-        let mut body = quick("room/1");
-        body["method"]["seed"] = json!(round);
+        let body = seeded(quick("room/1"), round);
         let job = loop {
             api.client.get("/params/room/1").expect(200);
             if back.is_none()
@@ -67,8 +66,7 @@ fn many_workers_end_every_job_once() {
     for system in 0..systems {
         api.client.lasting_room(&system.to_string(), system);
         for seed in 0..3 {
-            let mut body = quick(&format!("room/{system}"));
-            body["method"]["seed"] = json!(seed);
+            let body = seeded(quick(&format!("room/{system}")), seed);
             jobs.push(api.client.post_job(&body));
         }
     }

@@ -3,7 +3,7 @@
 use super::Fleet;
 use super::cut::Way;
 use super::support::events::Stream;
-use super::support::{Client, full, quick};
+use super::support::{Client, full, quick, seeded};
 use serde_json::json;
 use std::collections::BTreeSet;
 use std::thread::sleep;
@@ -35,8 +35,7 @@ fn what_one_node_is_told_the_other_one_serves() {
     two.client.get("/params/room/1").problem(404, "no-validated-parameters");
     let mut slowest = Duration::ZERO;
     for seed in 0..if full() { 20 } else { 4 } {
-        let mut body = quick("room/1");
-        body["method"]["seed"] = json!(seed);
+        let body = seeded(quick("room/1"), seed);
         let ended = one.client.ended(&one.client.post_job(&body));
         if ended["outcome"] != "accepted" {
             continue;
@@ -71,8 +70,7 @@ fn a_controller_that_changes_its_node_never_goes_back() {
     let most = if full() { 100_000 } else { 3_000 };
     while polls < most {
         if polls % 500 == 0 {
-            let mut body = quick("room/1");
-            body["method"]["seed"] = json!(polls);
+            let body = seeded(quick("room/1"), polls);
             job = one.client.post_job(&body);
         }
         let node = if polls % 2 == 0 { &one } else { &two };
@@ -99,8 +97,7 @@ fn a_listener_goes_on_at_another_node_without_a_gap() {
     one.client.lasting_room("1", 1);
     let post = |count: i64, from: i64| -> BTreeSet<String> {
         let job = |seed| {
-            let mut body = quick("room/1");
-            body["method"]["seed"] = json!(seed);
+            let body = seeded(quick("room/1"), seed);
             two.client.post_job(&body)
         };
         (from..from + count).map(job).collect()
@@ -142,8 +139,7 @@ fn a_node_that_is_cut_off_says_so_serves_what_it_knows_and_catches_up() {
     let mut revision = 1;
     for seed in 1..20 {
         cut.client.get("/params/room/1").expect(200);
-        let mut body = quick("room/1");
-        body["method"]["seed"] = json!(seed);
+        let body = seeded(quick("room/1"), seed);
         let ended = one.client.ended(&one.client.post_job(&body));
         if let Some(published) = ended["revision"].as_i64() {
             revision = published;

@@ -5,7 +5,7 @@
 use crate::database::{beside, check_database, copied, random, rows};
 use crate::support::process::{Process, program};
 use crate::support::rooms::room_csv;
-use crate::support::{Answer, Client, PATIENCE, endless, full, quick};
+use crate::support::{Answer, Client, PATIENCE, endless, full, quick, seeded};
 use crate::traffic::{Oracle, Traffic, prepare};
 use crate::upgrades::golden;
 use serde_json::{Value, json};
@@ -107,8 +107,7 @@ fn write_all(client: &Client, kept: &mut Kept) {
     for number in 100..103 {
         kept.write(window(client, number), path_in("windows"));
     }
-    let mut job = quick("room/1");
-    job["method"]["seed"] = json!(2);
+    let job = seeded(quick("room/1"), 2);
     let answer = client.json_with("POST", "/jobs", &[("idempotency-key", "job")], &job);
     if kept.write(answer.clone(), path_in("jobs")) {
         // The job ends, or its end cannot be written.

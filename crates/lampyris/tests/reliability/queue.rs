@@ -3,7 +3,7 @@
 
 use crate::support::process::Process;
 use crate::support::rooms::room_csv;
-use crate::support::{Answer, Client, PATIENCE, endless, full, quick};
+use crate::support::{Answer, Client, PATIENCE, endless, full, quick, seeded};
 use jiff::Timestamp;
 use serde_json::{Value, json};
 use std::collections::{BTreeMap, BTreeSet};
@@ -253,15 +253,13 @@ fn an_idle_worker_hears_of_a_job_while_another_works() {
     ["long", "short"].iter().for_each(|room| client.room(room, 1));
     let mut waited = Vec::new();
     for round in 0..4 {
-        let mut long = endless("room/long");
-        long["method"]["seed"] = json!(round);
+        let long = seeded(endless("room/long"), round);
         let long = client.post_job(&long);
         client.until(&format!("/jobs/{long}"), |job| job["state"] == "running");
         // Until the other worker, which was told of the first one, has gone to sleep again.
         std::thread::sleep(Duration::from_millis(300));
         let posted = Instant::now();
-        let mut short = quick("room/short");
-        short["method"]["seed"] = json!(round);
+        let short = seeded(quick("room/short"), round);
         let short = client.post_job(&short);
         client.until(&format!("/jobs/{short}"), |job| job["state"] != "queued");
         waited.push(posted.elapsed());
@@ -286,8 +284,7 @@ fn result(client: &Client, job: &Value) -> Value {
 fn a_job_that_is_killed_half_way_ends_as_if_it_had_not_been() {
     let evaluations = if full() { 100_000 } else { 12_000 };
     let dir = tempfile::tempdir().unwrap();
-    let mut body = endless("room/1");
-    body["method"]["seed"] = json!(7);
+    let mut body = seeded(endless("room/1"), 7);
     body["method"]["generations"] = json!(1_000_000);
     body["budget"]["evaluations"] = json!(evaluations);
     let begin = |name: &str, threads: &str| {

@@ -3,7 +3,7 @@
 
 use crate::database::{check_database, rows};
 use crate::support::rooms::{room_csv, stuck_csv};
-use crate::support::{Answer, TestApp, endless, full};
+use crate::support::{Answer, TestApp, endless, full, seeded};
 use jiff::{SignedDuration, Timestamp};
 use lampyris_core::data::{ColumnBindings, SystemId, Window};
 use serde_json::{Value, json};
@@ -143,8 +143,7 @@ fn rolling_uploads_cost_what_is_new() {
         assert_eq!((id(&again), &again["again"]), (ids[index].clone(), &json!(false)));
     }
     let (job, jobs) = beside(&app, &all, |app, seed| {
-        let mut body = endless("room/1");
-        body["method"]["seed"] = json!(seed);
+        let body = seeded(endless("room/1"), seed);
         app.post_job(&body);
     });
     for app in [&app, &all] {

@@ -3,7 +3,7 @@
 use crate::database::{beside, check_database, rows};
 use crate::support::process::Process;
 use crate::support::rooms::room_csv;
-use crate::support::{Client, PATIENCE, endless, full, quick};
+use crate::support::{Client, PATIENCE, endless, full, quick, seeded};
 use serde_json::{Map, json};
 use std::thread;
 use std::time::{Duration, Instant};
@@ -19,8 +19,7 @@ fn fifty_running_fits_are_called_off_while_they_run() {
     let mut took: Vec<Duration> = (0..50)
         .map(|round| {
             // A fortnight and a hundred days: a generation of the second takes seven times as long.
-            let mut body = endless(if round % 2 == 0 { "room/1" } else { "room/2" });
-            body["method"]["seed"] = json!(round);
+            let body = seeded(endless(if round % 2 == 0 { "room/1" } else { "room/2" }), round);
             let job = client.post_job(&body);
             client.until(&format!("/jobs/{job}"), |job| {
                 job["progress"]["evaluations"].as_u64().unwrap_or(0) > 0
@@ -54,8 +53,7 @@ fn a_stop_gives_running_jobs_back_and_leaves_nothing_in_the_log() {
         })
         .collect();
     for seed in 0..queued {
-        let mut body = endless("room/1");
-        body["method"]["seed"] = json!(1000 + seed);
+        let body = seeded(endless("room/1"), 1000 + seed);
         client.post_job(&body);
     }
     let poll = {
@@ -153,8 +151,7 @@ fn a_cancel_at_any_moment_is_heard_or_comes_too_late() {
         let client = &service.client;
         client.lasting_room("1", 1);
         let post = |round: u32| {
-            let mut body = quick("room/1");
-            body["method"]["seed"] = json!(round);
+            let body = seeded(quick("room/1"), round);
             client.post_job(&body)
         };
         let begun = Instant::now();

@@ -36,7 +36,12 @@ fn on_server(sql: String) {
         let mut connection = PgConnection::connect(&format!("{server}/postgres")).await.unwrap();
         sqlx::raw_sql(AssertSqlSafe(sql)).execute(&mut connection).await.unwrap();
     };
-    tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap().block_on(work);
+    waited(work);
+}
+
+/// Waits for a database.
+fn waited<T>(work: impl Future<Output = T>) -> T {
+    tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap().block_on(work)
 }
 
 /// The first column of what a statement gives on a database, or how it failed.
@@ -59,6 +64,5 @@ pub fn behind(place: &DatabasePlace, sql: &str) -> Result<Vec<String>, String> {
             }
         }
     };
-    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
-    runtime.block_on(work).map_err(|error: sqlx::Error| error.to_string())
+    waited(work).map_err(|error: sqlx::Error| error.to_string())
 }

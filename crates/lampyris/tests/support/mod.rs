@@ -272,6 +272,12 @@ pub fn quick(system: &str) -> Value {
     })
 }
 
+/// A request whose search has another seed, so that it is no other's equal.
+pub fn seeded(mut request: Value, seed: impl Into<Value>) -> Value {
+    request["method"]["seed"] = seed.into();
+    request
+}
+
 /// A request that does not end by itself within the time of a test.
 pub fn endless(system: &str) -> Value {
     let method = serde_json::json!({"name": "cfa_thesis", "generations": 100_000});

@@ -88,10 +88,14 @@ pub fn on_database<T>(
     database: &Path,
     work: impl AsyncFnOnce(&mut SqliteConnection) -> Result<T, sqlx::Error>,
 ) -> Result<T, Failure> {
-    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().map_err(text)?;
-    runtime.block_on(async {
+    runtime()?.block_on(async {
         let options = SqliteConnectOptions::new().filename(database);
         let mut connection = options.connect().await.map_err(text)?;
         work(&mut connection).await.map_err(text)
     })
+}
+
+/// What waits for a database.
+pub fn runtime() -> Result<tokio::runtime::Runtime, Failure> {
+    tokio::runtime::Builder::new_current_thread().enable_all().build().map_err(text)
 }

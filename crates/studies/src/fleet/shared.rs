@@ -2,8 +2,8 @@
 
 use super::super::load::{Service, start_on, text};
 use super::super::row::Row;
-use super::super::samples::cpu;
-use super::house::{furnished, multiply};
+use super::super::samples::{cpu, cpu_of};
+use super::house::{furnished, multiply, runtime};
 use lampyris::cli::Failure;
 use lampyris::cli::server::{Call, Server};
 use lampyris::store::moving;
@@ -131,20 +131,9 @@ fn asked(server: &str, name: &str, sql: &str) -> Result<Option<i64>, Failure> {
     })
 }
 
-fn runtime() -> Result<tokio::runtime::Runtime, Failure> {
-    tokio::runtime::Builder::new_current_thread().enable_all().build().map_err(text)
-}
-
 /// CPU seconds of all processes of PostgreSQL on this machine.
 fn servers_cpu() -> Result<f64, Failure> {
-    let mut ticks = 0.0;
-    for entry in std::fs::read_dir("/proc").map_err(text)?.flatten() {
-        let Ok(stat) = std::fs::read_to_string(entry.path().join("stat")) else { continue };
-        let Some((name, rest)) = stat.rsplit_once(')') else { continue };
-        if name.ends_with("(postgres") {
-            let fields = rest.split_whitespace().skip(11).take(2);
-            ticks += fields.filter_map(|field| field.parse::<f64>().ok()).sum::<f64>();
-        }
-    }
-    Ok(ticks / 100.0)
+    let processes = std::fs::read_dir("/proc").map_err(text)?.flatten();
+    let stats = processes.filter_map(|entry| std::fs::read_to_string(entry.path().join("stat")).ok());
+    Ok(stats.filter(|stat| stat.contains("(postgres)")).filter_map(|stat| cpu_of(&stat)).sum())
 }

@@ -11,8 +11,8 @@ use crate::store;
 use crate::store::batches::{BatchKind, NewBatch, Skipped, SubmittedBatch};
 use crate::store::entry::NewJob;
 use crate::store::idempotency::RequestKey;
-use crate::store::jobs::{JobKind, JobStatus, Origin, Priority};
-use crate::store::queue::{Cancelled, Submitted};
+use crate::store::jobs::{JobKind, JobRecord, JobStatus, Origin, Priority};
+use crate::store::queue::Submitted;
 use crate::store::reach::SystemScope;
 use crate::store::retry::Retried;
 use crate::store::systems::SystemRecord;
@@ -334,19 +334,18 @@ pub fn entered(service: &Service) {
 ///
 /// # Errors
 /// Where the job has come to a result already, or the database fails.
-pub async fn cancel(service: &Service, id: &str) -> Result<Option<Cancelled>, ServiceError> {
-    let Some(cancelled) = store::queue::cancel(&service.store, id, service.now()).await? else {
+pub async fn cancel(service: &Service, id: &str) -> Result<Option<JobRecord>, ServiceError> {
+    let Some(job) = store::queue::cancel(&service.store, id, service.now()).await? else {
         return Ok(None);
     };
-    if cancelled.job.state.status() == JobStatus::Succeeded {
+    if job.state.status() == JobStatus::Succeeded {
         let detail =
             format!("the job `{id}` has come to its result already: it cannot be called off any more");
         return Err(Refusal::new("already-deciding", detail).into());
     }
     // A job in other hands is called off by its row.
-    let worker = cancelled.job.lease().map(|lease| lease.boot);
-    let own = worker == Some(service.membership.worker());
-    if cancelled.running && own {
+    let worker = job.lease().map(|lease| lease.boot);
+    if worker == Some(service.membership.worker()) {
         service.board.cancel(id);
         // The worker may have ended the job in between and forgotten its place; then nobody else will.
         if store::jobs::get(&service.store, id).await?.is_some_and(|job| job.state.is_final()) {
@@ -355,7 +354,7 @@ pub async fn cancel(service: &Service, id: &str) -> Result<Option<Cancelled>, Se
     } else {
         service.events.hint();
     }
-    Ok(Some(cancelled))
+    Ok(Some(job))
 }
 
 fn new_job(

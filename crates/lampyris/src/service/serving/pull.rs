@@ -32,8 +32,8 @@ pub async fn run(service: Arc<Service>) {
     // The source that is asked, and until when it has told everything.
     let mut known: Option<(PrometheusSource, i64)> = None;
     while !*stopping.borrow_and_update() {
-        let source = match prometheus::get(&service).await {
-            _ if !service.membership.leads() => None,
+        let asked = if service.membership.leads() { prometheus::get(&service).await } else { Ok(None) };
+        let source = match asked {
             Ok(source) => source.map(|(source, _)| source).filter(|source| !source.queries.is_empty()),
             Err(error) => {
                 tracing::warn!(%error, "the source of measurements could not be read");

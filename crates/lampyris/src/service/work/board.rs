@@ -114,11 +114,6 @@ impl ProgressBoard {
 }
 
 impl Live {
-    /// The process that claimed the job.
-    pub fn worker(&self) -> Option<i64> {
-        held(&self.running).as_ref().map(|running| running.lease.boot)
-    }
-
     /// Notes that a worker has the job.
     pub fn start(&self, job: &JobRecord, lease: Lease) {
         let now = Instant::now();

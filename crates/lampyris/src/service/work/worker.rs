@@ -45,9 +45,10 @@ pub async fn run(service: Arc<Service>, mut pool: ThreadPool, worker: usize) {
         // missed.
         let mut woken = Box::pin(service.wake.notified());
         woken.as_mut().enable();
-        let claimed = match service.membership.is_in_doubt() {
-            true => Ok(None),
-            false => queue::claim(&service.store, service.membership.worker(), service.now()).await,
+        let claimed = if service.membership.is_in_doubt() {
+            Ok(None)
+        } else {
+            queue::claim(&service.store, service.membership.worker(), service.now()).await
         };
         let pause = match claimed {
             Ok(Some(job)) => {
@@ -228,9 +229,9 @@ fn guarded(
     input: &JobInput,
     times: Times,
 ) -> Result<End, Stopped> {
+    let worker = job.lease().map(|lease| lease.boot).unwrap_or_default();
     let until = |deadline: Instant| {
         let (service, live) = (service.clone(), live.clone());
-        let worker = live.worker().unwrap_or_default();
         move || {
             if live.is_cancelled() || service.is_stopping() || service.membership.has_lost(worker) {
                 Some(Interrupt::Cancelled)
